@@ -293,7 +293,10 @@ impl<V: Vector> Kernel for Sample<V> {
                 }
                 listed = match &sample {
                     Some(sample) if V::IS_MACHINES && !sample.has_more => {
-                        let mut same = 1;
+                        let mut same = match plan.image.is_uniform() && plan.sampler.is_uniform() {
+                            true => listed.len(),
+                            false => 1,
+                        };
                         while let Some(&next) = listed.get(same)
                             && both(m, plan, next) == Some(descriptors)
                         {

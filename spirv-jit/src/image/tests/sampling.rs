@@ -239,12 +239,13 @@ proptest! {
         }
     }
 
-    /// Coordinates that change evenly over a block of pixels, whose texels lie together: the same bits as the general way's.
+    /// Coordinates that change evenly over a block of pixels, whose texels lie together, or of which each is a pixel's own: the same bits as the
+    /// general way's.
     #[test]
     fn blocks_of_pixels_sample_the_same(
         number in prop::sample::select(vec![37u32, 44, 43, 100, 126]), s in any_sampler(), size in prop::array::uniform2(1u32..40), seed: u32,
         component in 0u8..4, swizzle in prop_oneof![Just([0, 1, 2, 3]), prop::array::uniform4(0u8..6)],
-        from in prop::array::uniform2(-1.5f32..1.5), steps in prop::array::uniform4(-0.1f32..0.1), mask in 1u16.., all: bool, offset in prop::option::of(-9i32..9),
+        from in prop::array::uniform2(-1.5f32..1.5), steps in prop::array::uniform4(-0.1f32..0.1), mask in 1u16.., all: bool, offset in prop::option::of(-9i32..9), own: bool,
     ) {
         let mut s = s;
         s.unnormalized_coordinates = false;
@@ -268,6 +269,10 @@ proptest! {
             lod,
             has_offset: offset.is_some(),
             ..ImageOp::plain(kind, Dim::D2)
+        };
+        let steps = match own {
+            true => [1.0 / size[0] as f32, 0.0, 0.0, 1.0 / size[1] as f32],
+            false => steps,
         };
         let mut rows: Vec<Row> = (0..2)
             .map(|axis| {

@@ -243,6 +243,12 @@ pub trait Vector: Copy {
     }
 }
 
+/// Columns and rows of lanes that are four 2×2 quads, as [`Vector::load_quads`] loads them.
+pub(super) const QUADS: [Row; 2] = [
+    [0, 1, 0, 1, 2, 3, 2, 3, 0, 1, 0, 1, 2, 3, 2, 3],
+    [0, 0, 1, 1, 0, 0, 1, 1, 2, 2, 3, 3, 2, 2, 3, 3],
+];
+
 /// [`Vector::linear_of_srgb`] by gathers.
 #[inline(always)]
 fn gathered_srgb<V: Vector, const N: usize>(v: V, words: [V::I; N]) -> [[V::F; 3]; N] {
