@@ -96,6 +96,10 @@ pub(in crate::interp) fn elementwise(
     match tier {
         TierKind::Portable => in_tier::<Portable>(op, from, to),
         #[cfg(target_arch = "x86_64")]
+        tier if *op == Op::FConvert && (from, to) == (Type::F16, Type::F32) => {
+            Some(super::half::widen(tier))
+        }
+        #[cfg(target_arch = "x86_64")]
         TierKind::Avx2 => in_tier::<crate::interp::tier::Avx2>(op, from, to),
         #[cfg(target_arch = "x86_64")]
         TierKind::Avx512 => in_tier::<crate::interp::tier::Avx512>(op, from, to),

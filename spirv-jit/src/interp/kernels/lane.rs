@@ -179,6 +179,23 @@ impl<O: Ternary<A, B, C, R>, A: Lane, B: Lane, C: Lane, R: Lane> Kernel for Map3
 }
 
 /// The lanes' sign bits.
+#[cfg(target_arch = "x86_64")]
+#[inline(always)]
+pub(in crate::interp) fn sign_bits(lanes: &[u32; SUBGROUP_SIZE]) -> LaneMask {
+    use std::arch::x86_64::*;
+    // SAFETY: every x86-64 processor has SSE2; the lanes are four registers.
+    unsafe {
+        let at = lanes.as_ptr().cast::<__m128i>();
+        let quarter = |k: usize| _mm_loadu_si128(at.add(k));
+        // Saturated, so that signs stay.
+        let low = _mm_packs_epi32(quarter(0), quarter(1));
+        let high = _mm_packs_epi32(quarter(2), quarter(3));
+        LaneMask::from_bits(_mm_movemask_epi8(_mm_packs_epi16(low, high)) as u16)
+    }
+}
+
+/// The lanes' sign bits.
+#[cfg(not(target_arch = "x86_64"))]
 #[inline(always)]
 pub(in crate::interp) fn sign_bits(lanes: &[u32; SUBGROUP_SIZE]) -> LaneMask {
     let mut bits = [0u32; SUBGROUP_SIZE];

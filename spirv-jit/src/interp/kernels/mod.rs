@@ -4,6 +4,8 @@
 
 mod elementwise;
 mod fused;
+#[cfg(target_arch = "x86_64")]
+mod half;
 mod lane;
 mod ops;
 mod quad;
