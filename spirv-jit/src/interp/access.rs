@@ -8,6 +8,7 @@ use std::marker::PhantomData;
 use lanes::{LaneMask, Tier as TierKind};
 
 use super::code::AccessPlan;
+use super::copies::{self, Rows};
 use super::kernels::Lane;
 use super::machine::{Handler, Instr, Machine};
 use super::operand::Operand;
@@ -93,12 +94,12 @@ unsafe fn places(
 /// Whether the addresses of active lanes are at most `last` past `first`.
 #[inline(always)]
 fn all_within(addresses: &[u64; SUBGROUP_SIZE], active: LaneMask, first: u64, last: u64) -> bool {
-    let mut outside = 0;
+    let mut outside = [0u32; SUBGROUP_SIZE];
     for k in 0..SUBGROUP_SIZE {
-        let is_active = active.contains(k);
-        outside |= (is_active & (addresses[k].wrapping_sub(first) > last)) as u64;
+        let is_outside = addresses[k].wrapping_sub(first) > last;
+        outside[k] = if is_outside { 1 << k } else { 0 };
     }
-    outside == 0
+    outside.iter().fold(0, |all, bit| all | bit) as u16 & active.bits() == 0
 }
 
 /// Where the active lanes of a load have their scalars, if all of them have the same.
@@ -259,6 +260,85 @@ unsafe fn copy_inside<C: Copying, T: Lane, const N: usize>(
     }
 }
 
+/// A load of a subgroup all of whose lanes are active, in vectors; whether it was done: all of it is inside memory that they share, or near.
+///
+/// # Safety
+/// As [`access_block`]; the rows are those of results.
+#[inline(always)]
+unsafe fn load_all<T: Lane, const N: usize>(
+    m: &Machine<'_>,
+    (space, shared, address, offset): (Space, &Option<Region>, &[Operand], u16),
+    rows: Rows<N>,
+) -> bool {
+    let total = (N * size_of::<T>()) as u64;
+    // SAFETY: as the caller promises; addresses are checked.
+    unsafe {
+        let broadcast = |at: *const u8| {
+            for (k, row) in rows.into_iter().enumerate() {
+                let scalar = at.cast::<T>().add(k).read_unaligned().write();
+                *row.cast::<[T::Slot; SUBGROUP_SIZE]>() = [scalar; SUBGROUP_SIZE];
+            }
+        };
+        if let Some(region) = shared {
+            // Offsets are 32 bits wide: what lies behind those would wrap.
+            let Some(last) = region.size_bytes.min(1 << 32).checked_sub(total) else {
+                return false;
+            };
+            let operand = address[address.len() - 1];
+            let offsets = &*m.block::<u32>(operand, offset);
+            if copies::are_same(offsets, offsets[0]) {
+                let is_inside = offsets[0] as u64 <= last;
+                if is_inside {
+                    broadcast(region.base.add(offsets[0] as usize));
+                }
+                return is_inside;
+            }
+            if copies::are_consecutive(offsets, total as u32) {
+                let is_inside = offsets[SUBGROUP_SIZE - 1] as u64 <= last;
+                if is_inside {
+                    copies::load_run::<T, N>(region.base.add(offsets[0] as usize), rows);
+                }
+                return is_inside;
+            }
+            if copies::highest(offsets) as u64 > last {
+                return false;
+            }
+            // Hidden: single offsets would be taken out of the vectors that were compared, which costs more than to load them again.
+            let offsets = std::hint::black_box(offsets as *const [u32; SUBGROUP_SIZE]);
+            for lane in (0..SUBGROUP_SIZE).step_by(copies::TOGETHER) {
+                let place = |k: usize| region.base.add((*offsets)[lane + k] as usize).cast_const();
+                copies::load_together::<T, N>(std::array::from_fn(place), rows, lane);
+            }
+            return true;
+        }
+        if space != Space::Global {
+            return false;
+        }
+        let addresses = &*m.block::<u64>(address[0], offset);
+        let near = m.near.get();
+        let first = addresses[0];
+        if addresses[SUBGROUP_SIZE - 1] == first && are_equal(addresses, first, LaneMask::ALL) {
+            let is_inside = near.bytes_from(first) >= total;
+            if is_inside {
+                broadcast(first as *const u8);
+            }
+            return is_inside;
+        }
+        let Some(last) = near.size_bytes.checked_sub(total) else {
+            return false;
+        };
+        if !all_within(addresses, LaneMask::ALL, near.start, last) {
+            return false;
+        }
+        let addresses = std::hint::black_box(addresses as *const [u64; SUBGROUP_SIZE]);
+        for lane in (0..SUBGROUP_SIZE).step_by(copies::TOGETHER) {
+            let place = |k: usize| (*addresses)[lane + k] as *const u8;
+            copies::load_together::<T, N>(std::array::from_fn(place), rows, lane);
+        }
+        true
+    }
+}
+
 /// One subgroup's part of an access.
 ///
 /// # Safety
@@ -277,6 +357,20 @@ unsafe fn access_block<C: Copying, T: Lane>(
     unsafe {
         let total = size * scalars.len() as u64;
         let row = |k: usize| m.block::<T::Slot>(scalars[k], offset);
+        if C::LOADS && active == LaneMask::ALL {
+            let bytes = |k: usize| row(k).cast::<u8>();
+            let from = (plan.space, shared, address, offset);
+            let is_done = match scalars.len() {
+                1 => load_all::<T, 1>(m, from, [bytes(0)]),
+                2 => load_all::<T, 2>(m, from, [bytes(0), bytes(1)]),
+                3 => load_all::<T, 3>(m, from, [bytes(0), bytes(1), bytes(2)]),
+                4 => load_all::<T, 4>(m, from, [bytes(0), bytes(1), bytes(2), bytes(3)]),
+                _ => false,
+            };
+            if is_done {
+                return;
+            }
+        }
         if C::LOADS
             && let Some(at) = shared_place(m, plan.space, shared, address, offset, active, total)
         {

@@ -11,6 +11,7 @@ mod access;
 mod atomics;
 mod code;
 mod control;
+mod copies;
 mod descriptors;
 mod emit;
 mod fusion;

@@ -1,7 +1,10 @@
 //! Buffers, private and workgroup memory, atomics, subgroups.
 
+use std::sync::Arc;
+
 use super::{Bench, on_tiers, outputs};
 use crate::environment::{Descriptor, DescriptorSet};
+use crate::reach::{Range, Reach};
 use crate::state::{Event, SiteKind};
 
 fn descriptor(data: &mut [u32], size_bytes: u64) -> Descriptor {
@@ -283,4 +286,156 @@ fn push_constants_are_uniform() {
             assert_eq!(word, 1000 + 55 + 56 + lane as u32);
         }
     });
+}
+
+/// Offsets of sixteen lanes, the kinds that have code of their own first: the same, one behind another, any.
+fn offsets(kind: usize, size_bytes: u32) -> [u32; 16] {
+    std::array::from_fn(|lane| {
+        let lane = lane as u32;
+        match kind {
+            0 => 24,
+            1 => 8 + lane * size_bytes,
+            2 => 8 + lane * size_bytes + lane / 15,
+            3 => 500 - 29 * lane,
+            4 => lane * 37 % 16 * 3,
+            5 => 520 + lane * size_bytes,
+            6 => u32::MAX - 20 + lane * size_bytes,
+            7 => 8 + (lane % 8) * size_bytes,
+            _ => lane * 31 * (lane % 2),
+        }
+    })
+}
+
+#[test]
+fn loads_are_the_same_however_lanes_lie() {
+    for (ty, size, slot) in [("i8", 1, 1), ("i16", 2, 1), ("i32", 4, 1), ("i64", 8, 2)] {
+        for count in 1..=5 {
+            for kind in 0..9 {
+                for (space, exits) in [("buffer", false), ("global", false), ("buffer", true)] {
+                    on_tiers(|tier| check_load(tier, (ty, size, slot), count, kind, space, exits));
+                }
+            }
+        }
+    }
+}
+
+/// Loads `count` scalars a lane; where `exits`, in every third lane only. Scalars of 64 bits come out in halves.
+fn check_load(
+    tier: lanes::Tier,
+    (ty, size, slot): (&str, u32, usize),
+    count: usize,
+    kind: usize,
+    space: &str,
+    exits: bool,
+) {
+    let mut bytes: Vec<u32> = (0..150u32)
+        .map(|k| k.wrapping_mul(0x9e37_79b9) ^ 0x1234)
+        .collect();
+    let size_bytes = 4 * bytes.len() as u64 - 3;
+    let mut target = vec![7u32; 16 * 10];
+    let base = bytes.as_ptr() as u64;
+    let names: Vec<String> = (0..count).map(|k| format!("v{}", 100 + k)).collect();
+    let results: Vec<String> = names.iter().map(|name| format!("{name}: {ty}")).collect();
+    let mut stores = String::new();
+    let mut value = 200;
+    for (k, name) in names.iter().enumerate() {
+        let words: Vec<String> = match (slot, ty) {
+            (2, _) => {
+                stores += &format!("v{value}: i32, v{}: i32 = unpack64 {name}\n", value + 1);
+                vec![format!("v{value}"), format!("v{}", value + 1)]
+            }
+            (_, "i32") => vec![name.clone()],
+            _ => {
+                stores += &format!("v{value}: i32 = uconvert {name}\n");
+                vec![format!("v{value}")]
+            }
+        };
+        value += 2;
+        for (part, word) in words.iter().enumerate() {
+            let row = k * slot + part;
+            stores += &format!(
+                "v{value}: i32 = const {}\nv{}: i32 = iadd v6, v{value}\nstore.buffer v2, v{}, {word}\n",
+                row * 64,
+                value + 1,
+                value + 1
+            );
+            value += 2;
+        }
+    }
+    let address = match space {
+        "buffer" => "v1, v3",
+        _ => "v9",
+    };
+    let leave = match exits {
+        true => "v20: i32 = urem v4, v21\nv22: i1 = ieq v20, v0\nif v22, L0 { br L0 } else { end }",
+        false => "",
+    };
+    let text = format!(
+        "module compute
+        inputs local_invocation_index.0, local_invocation_id.0
+        output_rows 0
+        func f0 {{
+            v0: i32 = const 0
+            v1: descriptor = descriptor[set 0, first 0, count 1] v0
+            v2: descriptor = descriptor[set 0, first 1, count 1] v0
+            v3: i32 = input[0]
+            v4: i32 = input[1]
+            v5: i32 = const 2
+            v6: i32 = shl v4, v5
+            v7: i64 = uconvert v3
+            v8: i64 = const {base}
+            v9: i64 = iadd v7, v8
+            v21: i32 = const 3
+            {leave}
+            {} = load.{space} {address}
+            {stores}
+            end
+        }}",
+        results.join(", ")
+    );
+    let entries = [
+        descriptor(&mut bytes, size_bytes),
+        descriptor(&mut target, 4 * 160),
+    ];
+    let mut bench = Bench::new(&text, tier, 1);
+    bench.environment.sets[0] = DescriptorSet {
+        entries: entries.as_ptr(),
+        count: 2,
+        ..DescriptorSet::NONE
+    };
+    bench.environment.reach = Arc::new(Reach::new(vec![Range {
+        start: base,
+        size_bytes,
+    }]));
+    let places = offsets(kind, size * count as u32);
+    bench.input(0, |lane| places[lane]);
+    bench.input(1, |lane| lane as u32);
+    bench.run_to_end();
+    let memory: Vec<u8> = bytes.iter().flat_map(|word| word.to_le_bytes()).collect();
+    for lane in 0..16 {
+        for k in 0..count {
+            let first = match space {
+                "buffer" => places[lane].wrapping_add(k as u32 * size) as u64,
+                _ => places[lane] as u64 + k as u64 * size as u64,
+            };
+            let is_inside = first + size as u64 <= size_bytes;
+            for part in 0..slot {
+                let mut word = [0; 4];
+                let used = (size as usize).min(4);
+                if is_inside {
+                    let at = first as usize + part * 4;
+                    word[..used].copy_from_slice(&memory[at..at + used]);
+                }
+                let expected = match exits && lane % 3 != 0 {
+                    true => 7,
+                    false => u32::from_le_bytes(word),
+                };
+                let found = target[(k * slot + part) * 16 + lane];
+                assert_eq!(
+                    found, expected,
+                    "{tier:?} {ty} {count} {kind} {space} lane {lane}"
+                );
+            }
+        }
+    }
 }
