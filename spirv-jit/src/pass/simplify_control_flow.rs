@@ -1,5 +1,6 @@
 //! Constructs that are not needed: conditions that are constant, blocks that are left in one way at their end, loops without a back-edge, what
-//! follows a construct that nothing comes out of; and `if`s so small that both sides cost less than the branch.
+//! follows a construct that nothing comes out of, blocks around an `if` that decides who leaves them; and `if`s so small that both sides
+//! cost less than the branch.
 
 use smallvec::smallvec;
 
@@ -171,6 +172,10 @@ impl Simplifier {
             out.append(&mut body.nodes);
             return Flow::Ends(body.end);
         }
+        if self.is_decided_by_if(label, &body) {
+            self.become_if(label, results, *body, out);
+            return Flow::On;
+        }
         match &mut body.end {
             Terminator::Br(target, args)
                 if *target == label && self.branches[label.index()] == 1 =>
@@ -187,6 +192,54 @@ impl Simplifier {
             }),
         }
         Flow::On
+    }
+
+    /// Whether a block ends in an `if` of which one side leaves the block for what comes behind it, and the other goes on to the block's
+    /// end, which leads elsewhere. Nothing else leads to either label.
+    fn is_decided_by_if(&self, own: Label, body: &Body) -> bool {
+        let Some(Node::If {
+            label,
+            then_body,
+            else_body,
+            ..
+        }) = body.nodes.last()
+        else {
+            return false;
+        };
+        let leads =
+            |side: &Body, to: Label| matches!(side.end, Terminator::Br(label, _) if label == to);
+        let decides = leads(then_body, own) && leads(else_body, *label)
+            || leads(then_body, *label) && leads(else_body, own);
+        decides && self.branches[own.index()] == 1 && self.branches[label.index()] == 1
+    }
+
+    /// Puts the `if` in the place of a block that [it decides](Self::is_decided_by_if): what came behind it belongs to the side that goes on.
+    fn become_if(&mut self, own: Label, own_results: Vec<Value>, body: Body, out: &mut Vec<Node>) {
+        let Body { mut nodes, mut end } = body;
+        if let Some(Node::If {
+            label,
+            results,
+            then_body,
+            else_body,
+            ..
+        }) = nodes.last_mut()
+        {
+            let side = match &then_body.end {
+                Terminator::Br(target, _) if target == label => then_body,
+                _ => else_body,
+            };
+            if let Terminator::Br(_, args) = &side.end {
+                for (&result, &arg) in results.iter().zip(args) {
+                    self.substitution.replace(result, arg);
+                }
+            }
+            self.branches[label.index()] -= 1;
+            self.substitution.resolve_terminator(&mut end);
+            side.end = end;
+            *label = own;
+            *results = own_results;
+        }
+        out.append(&mut nodes);
     }
 
     /// Replaces an `if` by both sides and choices, where that is cheaper; whether it did.
