@@ -178,10 +178,11 @@ impl<'f> Finder<'f> {
             let ty = self.function.ty(*arg);
             let side = if k == 0 { Side::Left } else { Side::Right };
             let result_ty = self.function.ty(result);
-            let types_fit = result_ty == ty || second.op == Op::UToF && result_ty == Type::F32;
+            let gives_float = matches!(second.op, Op::UToF | Op::SToF);
+            let types_fit = result_ty == ty || gives_float && result_ty == Type::F32;
+            let takes_words = matches!(first.op, Op::UToF | Op::UConvert);
             let from_fits = (first.args.iter()).all(|&v| {
-                self.function.ty(v) == ty
-                    || first.op == Op::UToF && self.function.ty(v) == Type::I32
+                self.function.ty(v) == ty || takes_words && self.function.ty(v) == Type::I32
             });
             if at - first_at > REACH
                 || !types_fit

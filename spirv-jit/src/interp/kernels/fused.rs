@@ -70,6 +70,11 @@ fn in_tier<T: Tier>(first: &Op, second: &Op, side: Side, ty: Type) -> Option<Han
         (Op::UToF, Type::F32) if *second == Op::FMul => {
             T::handler::<UnaryBinary<ops::uto_f, ops::fmul>>()
         }
+        (Op::UConvert, Type::I8) => match second {
+            Op::UToF => T::handler::<ByteToFloat<ops::uto_f>>(),
+            Op::SToF => T::handler::<ByteToFloat<ops::sto_f>>(),
+            _ => return None,
+        },
         _ => return None,
     })
 }
@@ -92,6 +97,8 @@ struct PairRight<O1, O2, X>(PhantomData<(O1, O2, X)>);
 struct BinaryUnary<O1, O2>(PhantomData<(O1, O2)>);
 /// `second(first(a), c)`.
 struct UnaryBinary<O1, O2>(PhantomData<(O1, O2)>);
+/// `second(uconvert(a))` by way of a byte.
+struct ByteToFloat<O>(PhantomData<O>);
 
 /// A function of three words over the lanes of each subgroup: of `a`, `b` and `c`, or of two of them twice.
 macro_rules! kernel {
@@ -127,4 +134,5 @@ macro_rules! kernel {
 kernel!([O1: Binary<X, X, X>, O2: Binary<X, X, X>, X: Lane] Pair<O1, O2, X>, X, a x: X, b y: X, c z: X; O2::call(O1::call(x, y), z));
 kernel!([O1: Binary<X, X, X>, O2: Binary<X, X, X>, X: Lane] PairRight<O1, O2, X>, X, a x: X, b y: X, c z: X; O2::call(z, O1::call(x, y)));
 kernel!([O1: Binary<u32, u32, u32>, O2: Unary<u32, f32>] BinaryUnary<O1, O2>, f32, a x: u32, b y: u32; O2::call(O1::call(x, y)));
+kernel!([O: Unary<u8, f32>] ByteToFloat<O>, f32, a x: u32; O::call(<ops::uconvert as Unary<u32, u8>>::call(x)));
 kernel!([O1: Unary<u32, f32>, O2: Binary<f32, f32, f32>] UnaryBinary<O1, O2>, f32, a x: u32, c z: f32; O2::call(O1::call(x), z));
