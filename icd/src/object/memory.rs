@@ -9,7 +9,7 @@ use ash::vk;
 use parking_lot::Mutex;
 
 use super::live_memory::LiveMemory;
-use super::pages::{GRANULE, map_pages, map_zero_pages, page_bytes};
+use super::pages::{GRANULE, map_aligned_zero_pages, map_pages, map_zero_pages, page_bytes};
 use super::ranges::{Ranges, Taken};
 use crate::VkResult;
 use crate::table::limits::max_allocations;
@@ -88,24 +88,20 @@ impl AddressWindow {
     fn reserve_counted(budget_bytes: u64, used_bytes: &'static AtomicU64) -> VkResult<Arc<Self>> {
         let mut size_bytes = LARGEST_WINDOW;
         while size_bytes >= SMALLEST_WINDOW {
-            let fixed = (0..PREFERRED_SLOTS).map(|slot| {
-                (
-                    PREFERRED_BASE + slot * LARGEST_WINDOW,
-                    libc::MAP_FIXED_NOREPLACE,
-                )
-            });
-            for (address, flags) in fixed.chain([(0, 0)]) {
-                if let Some(base) = map_zero_pages(address, size_bytes, flags) {
-                    return Ok(Arc::new(Self {
-                        base,
-                        size_bytes,
-                        budget_bytes,
-                        used_bytes,
-                        allocations: AtomicU32::new(0),
-                        ranges: Mutex::new(Ranges::new(base, size_bytes)),
-                        live: Arc::default(),
-                    }));
-                }
+            let mut slots = (0..PREFERRED_SLOTS).map(|slot| PREFERRED_BASE + slot * LARGEST_WINDOW);
+            let base = slots
+                .find_map(|slot| map_zero_pages(slot, size_bytes, libc::MAP_FIXED_NOREPLACE))
+                .or_else(|| map_aligned_zero_pages(size_bytes));
+            if let Some(base) = base {
+                return Ok(Arc::new(Self {
+                    base,
+                    size_bytes,
+                    budget_bytes,
+                    used_bytes,
+                    allocations: AtomicU32::new(0),
+                    ranges: Mutex::new(Ranges::new(base, size_bytes)),
+                    live: Arc::default(),
+                }));
             }
             size_bytes /= 2;
         }
