@@ -2,6 +2,7 @@
 #![forbid(unsafe_code)]
 
 use super::address::{Floats, Ints};
+use super::bounds;
 use super::cube;
 use super::format::block::map;
 use super::operands::Operands;
@@ -161,7 +162,7 @@ pub(super) fn lod(
             LodMode::Bias => sampler.mip_lod_bias + f32::from_bits(operands.lod[0][lane]),
             _ => sampler.mip_lod_bias,
         };
-        lod.lambda[lane] += bias.max(-MAX_LOD_BIAS).min(MAX_LOD_BIAS);
+        lod.lambda[lane] += bounds::min(bounds::max(bias, -MAX_LOD_BIAS), MAX_LOD_BIAS);
     }
     lod
 }
@@ -172,10 +173,10 @@ pub(super) fn clamp(lambda: &Floats, sampler: &SamplerDescriptor, min_lod: Optio
     let mut clamped = [0.0; SUBGROUP_SIZE];
     for lane in 0..SUBGROUP_SIZE {
         let least = match min_lod {
-            Some(row) => sampler.min_lod.max(f32::from_bits(row[lane])),
+            Some(row) => bounds::max(sampler.min_lod, f32::from_bits(row[lane])),
             None => sampler.min_lod,
         };
-        clamped[lane] = lambda[lane].min(sampler.max_lod).max(least);
+        clamped[lane] = bounds::max(bounds::min(lambda[lane], sampler.max_lod), least);
     }
     clamped
 }
@@ -185,7 +186,8 @@ pub(super) fn clamp(lambda: &Floats, sampler: &SamplerDescriptor, min_lod: Optio
 pub(super) fn levels(lambda: &Floats, image: &ImageDescriptor) -> Floats {
     let last = (image.level_count - 1) as f32;
     map(lambda, |lambda| {
-        lambda.max(0.0).max(image.min_lod).min(last)
+        let least = bounds::max(bounds::max(lambda, 0.0), image.min_lod);
+        bounds::min(least, last)
     })
 }
 

@@ -6,6 +6,7 @@
 mod access;
 mod address;
 mod block;
+mod bounds;
 pub mod compressed;
 mod cube;
 pub mod execute;

@@ -9,7 +9,7 @@ use super::lod::{self, LevelLanes, floats};
 use super::operands::{Operands, put_texels, swizzle};
 use super::{
     AddressMode, CompareOp, Dim, Filter, ImageDescriptor, ImageOp, ImageOpKind, Reduction,
-    SamplerDescriptor, cube, fast::Fast,
+    SamplerDescriptor, bounds, cube, fast::Fast,
 };
 use crate::SUBGROUP_SIZE;
 use crate::row::Row;
@@ -90,7 +90,7 @@ fn place(
         let is_fixed = info.numeric == super::format::Numeric::Unorm;
         place.depth_reference = Some(map(&floats(row), |reference| {
             if is_fixed {
-                reference.max(0.0).min(1.0)
+                bounds::min(bounds::max(reference, 0.0), 1.0)
             } else {
                 reference
             }
@@ -322,8 +322,8 @@ fn accumulate(value: &mut Texels, texels: &Texels, sample_index: i32, count: &In
         for lane in 0..SUBGROUP_SIZE {
             let (x, y) = (f32::from_bits(value[lane]), f32::from_bits(texel[lane]));
             let summed = match sum {
-                Sum::Min => x.min(y),
-                Sum::Max => x.max(y),
+                Sum::Min => bounds::min(x, y),
+                Sum::Max => bounds::max(x, y),
                 _ => x + y,
             };
             if sample_index < count[lane] {
@@ -557,7 +557,8 @@ pub(super) fn border_units(sampler: &SamplerDescriptor, info: &FormatInfo) -> [u
             word
         } else {
             // What a normalised format can hold ("Texel Replacement").
-            (f32::from_bits(word).max(0.0).min(1.0) * scale).to_bits()
+            let number = bounds::min(bounds::max(f32::from_bits(word), 0.0), 1.0);
+            (number * scale).to_bits()
         }
     })
 }

@@ -2,6 +2,7 @@
 
 use super::{Task, Vector};
 use crate::SUBGROUP_SIZE;
+use crate::image::bounds::choose;
 use crate::image::format::block::map;
 use crate::image::format::small_float;
 use crate::row::Row;
@@ -108,11 +109,11 @@ impl Vector for Portable {
     }
     #[inline(always)]
     fn min(self, a: F, b: F) -> F {
-        zip(&a, &b, |x, y| if x < y { x } else { y })
+        zip(&a, &b, |x, y| choose(x < y, x, y))
     }
     #[inline(always)]
     fn max(self, a: F, b: F) -> F {
-        zip(&a, &b, |x, y| if x > y { x } else { y })
+        zip(&a, &b, |x, y| choose(x > y, x, y))
     }
     #[inline(always)]
     fn to_i(self, a: F) -> I {

@@ -1,0 +1,60 @@
+//! The lesser and the greater of two numbers, with the same bits on every processor.
+//!
+//! A choice between numbers by their order, and `f32::min` and `f32::max`, become single instructions on ARM, which answer a
+//! signalling NaN by a NaN; x86 never does where the other is a number. So numbers are chosen by masks of bits.
+#![forbid(unsafe_code)]
+
+/// `x` if `first`, else `y`.
+#[inline(always)]
+pub(super) fn choose(first: bool, x: f32, y: f32) -> f32 {
+    let mask = 0u32.wrapping_sub(u32::from(first));
+    f32::from_bits(x.to_bits() & mask | y.to_bits() & !mask)
+}
+
+/// The lesser; `x` if they are equal, the number if one is NaN.
+#[inline(always)]
+pub(super) fn min(x: f32, y: f32) -> f32 {
+    choose(y < x || x.is_nan(), y, x)
+}
+
+/// The greater; `x` if they are equal, the number if one is NaN.
+#[inline(always)]
+pub(super) fn max(x: f32, y: f32) -> f32 {
+    choose(y > x || x.is_nan(), y, x)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image::vector::{Portable, Vector};
+
+    /// Of both kinds and signs; the first two are signalling.
+    const NANS: [u32; 4] = [0x7fb8_c2b3, 0xff80_0001, 0x7fc0_0000, 0xffff_ff32];
+
+    #[test]
+    fn a_nan_is_no_bound() {
+        for bits in NANS {
+            let nan = f32::from_bits(std::hint::black_box(bits));
+            // With constants, which compilers know not to be NaN.
+            assert_eq!(min(max(nan, 0.0), 1.0), 0.0, "{bits:x}");
+            assert_eq!(max(min(nan, 1.0), 0.0), 1.0, "{bits:x}");
+            assert_eq!(max(min(2.0, nan), 0.0), 2.0, "{bits:x}");
+            let v = Portable;
+            let row = v.splat(nan);
+            let clamped = v.min(v.max(row, v.splat(0.0)), v.splat(1.0));
+            assert_eq!(clamped, [0.0; 16], "{bits:x}");
+            let clamped = v.max(v.min(row, v.splat(1.0)), v.splat(0.0));
+            assert_eq!(clamped, [1.0; 16], "{bits:x}");
+        }
+    }
+
+    #[test]
+    fn of_equal_numbers_the_first_is_taken() {
+        for x in [0.0f32, -0.0] {
+            assert_eq!(min(x, -x).to_bits(), x.to_bits());
+            assert_eq!(max(x, -x).to_bits(), x.to_bits());
+        }
+        assert_eq!((min(1.0, 2.0), max(1.0, 2.0)), (1.0, 2.0));
+        assert_eq!((min(2.0, 1.0), max(2.0, 1.0)), (1.0, 2.0));
+    }
+}
