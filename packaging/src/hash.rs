@@ -1,5 +1,6 @@
 //! SHA-256 sums: of packages, and of the files in a wheel.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
@@ -28,23 +29,29 @@ pub fn base64(bytes: &[u8]) -> String {
     bytes.chunks(3).map(digits).collect()
 }
 
-/// Writes `SHA256SUMS`, which `sha256sum --check` reads.
+/// Writes `SHA256SUMS`, which `sha256sum --check` reads. Packages that it named before, of another architecture, stay in it as long as
+/// they lie there.
 ///
 /// # Errors
 /// A file cannot be read or written.
 pub fn write_sums(packages: &[PathBuf], out: &Path) -> Result<PathBuf> {
-    let mut text = String::new();
+    let sums = out.join("SHA256SUMS");
+    let mut by_name = BTreeMap::new();
+    let before = std::fs::read_to_string(&sums).unwrap_or_default();
+    for (sum, name) in before.lines().filter_map(|line| line.split_once("  ")) {
+        if out.join(name).is_file() {
+            by_name.insert(name.to_owned(), sum.to_owned());
+        }
+    }
     for package in packages {
         let bytes =
             std::fs::read(package).with_context(|| format!("reading {}", package.display()))?;
-        let name = package
-            .file_name()
-            .context("a package has a name")?
-            .display();
-        text += &format!("{}  {name}\n", hexadecimal(&sha256(&bytes)));
+        let name = package.file_name().context("a package has a name")?;
+        by_name.insert(name.display().to_string(), hexadecimal(&sha256(&bytes)));
     }
-    let sums = out.join("SHA256SUMS");
-    std::fs::write(&sums, text).with_context(|| format!("writing {}", sums.display()))?;
+    let lines = by_name.iter().map(|(name, sum)| format!("{sum}  {name}\n"));
+    std::fs::write(&sums, lines.collect::<String>())
+        .with_context(|| format!("writing {}", sums.display()))?;
     Ok(sums)
 }
 
@@ -70,5 +77,31 @@ mod tests {
             assert_eq!(base64(text.as_bytes()), expected);
         }
         assert_eq!(base64(&[0xfb, 0xff]), "-_8");
+    }
+    #[test]
+    fn packages_that_lie_there_keep_their_sums() {
+        let out = std::env::temp_dir().join(format!("tuff-sums-{}", std::process::id()));
+        std::fs::create_dir_all(&out).unwrap();
+        let write = |name: &str, text: &str| {
+            let file = out.join(name);
+            std::fs::write(&file, text).unwrap();
+            file
+        };
+        let names = |sums: &Path| -> Vec<String> {
+            let text = std::fs::read_to_string(sums).unwrap();
+            text.lines()
+                .map(|line| line.split_once("  ").unwrap().1.to_owned())
+                .collect()
+        };
+        let [a, b] = [write("a.deb", "abc"), write("b.deb", "abc")];
+        write_sums(std::slice::from_ref(&b), &out).unwrap();
+        let sums = write_sums(std::slice::from_ref(&a), &out).unwrap();
+        assert_eq!(names(&sums), ["a.deb", "b.deb"]);
+        std::fs::remove_file(b).unwrap();
+        write("a.deb", "another");
+        write_sums(std::slice::from_ref(&a), &out).unwrap();
+        let text = std::fs::read_to_string(&sums).unwrap();
+        assert_eq!(text, format!("{}  a.deb\n", hexadecimal(&sha256(b"another"))));
+        std::fs::remove_dir_all(&out).unwrap();
     }
 }
