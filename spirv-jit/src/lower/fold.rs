@@ -9,7 +9,7 @@ use super::types::Types;
 use crate::Error;
 use crate::eval;
 use crate::ir::Type;
-use crate::parse::{Id, Instruction};
+use crate::parse::{Id, Instruction, opcode_name};
 
 /// Evaluates an operation over constants to the bits of its scalars.
 pub(super) fn fold_operation(
@@ -78,8 +78,10 @@ pub(super) fn fold_operation(
                     let a = lane(&first, index);
                     let b = rest.first().map_or(0, |bits| lane(bits, index));
                     let c = rest.get(1).map_or(0, |bits| lane(bits, index));
-                    fold_scalar(opcode, from, result, [a, b, c])
-                        .ok_or_else(|| Error::invalid(at, format!("Op{opcode:?} cannot be folded")))
+                    fold_scalar(opcode, from, result, [a, b, c]).ok_or_else(|| {
+                        let name = opcode_name(opcode);
+                        Error::invalid(at, format!("Op{name} cannot be folded"))
+                    })
                 })
                 .collect()
         }

@@ -13,7 +13,7 @@ use super::{Lowerer, budget};
 use crate::Error;
 use crate::ir::stage::Stage;
 use crate::ir::{self, Label, Node, Terminator, Type, Value, VariableId};
-use crate::parse::{Block, Function, Id};
+use crate::parse::{Block, Function, Id, opcode_name};
 
 /// Rows of private memory that one invocation may have.
 const MAX_ROWS: u64 = 1 << 18;
@@ -354,7 +354,7 @@ impl<'a> Lowerer<'a> {
             }
             other => Err(Error::unsupported(
                 terminator.offset,
-                format!("Op{other:?} is not supported"),
+                format!("Op{} is not supported", opcode_name(other)),
             )),
         }
     }

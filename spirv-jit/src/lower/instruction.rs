@@ -7,7 +7,7 @@ use super::types::TypeKind;
 use crate::Error;
 use crate::ir;
 use crate::ir::stage::Stage;
-use crate::parse::Instruction;
+use crate::parse::{Instruction, opcode_name};
 
 impl Lowerer<'_> {
     /// Lowers an instruction that is neither a phi nor a terminator.
@@ -156,7 +156,7 @@ impl Lowerer<'_> {
 
     /// An opcode that no group lowers.
     pub(super) fn unsupported(&self, instruction: &Instruction) -> Error {
-        let message = format!("Op{:?} is not supported", instruction.opcode);
+        let message = format!("Op{} is not supported", opcode_name(instruction.opcode));
         Error::unsupported(instruction.offset, message)
     }
 }

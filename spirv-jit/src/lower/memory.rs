@@ -10,7 +10,7 @@ use super::values::{Place, Pointer, Scalars, Val, Values};
 use crate::Error;
 use crate::ir::op::Access;
 use crate::ir::{self, Space, Type, Value};
-use crate::parse::{Id, Instruction};
+use crate::parse::{Id, Instruction, opcode_name};
 
 /// Scalars that one load or store moves at most.
 const MAX_RUN: usize = 16;
@@ -300,7 +300,7 @@ impl Lowerer<'_> {
             }
             other => Err(self
                 .b
-                .invalid(format!("Op{other:?} is no memory operation"))),
+                .invalid(format!("Op{} is no memory operation", opcode_name(other)))),
         }
     }
 
@@ -333,7 +333,8 @@ impl Lowerer<'_> {
                 .zip(values)
                 .all(|(&ty, &value)| self.b.ty(value) == ty);
         if !fits {
-            let message = format!("the result of Op{:?} has another type", instruction.opcode);
+            let name = opcode_name(instruction.opcode);
+            let message = format!("the result of Op{name} has another type");
             return Err(self.b.invalid(message));
         }
         self.define(instruction.result, Val::Scalars(values.into()))

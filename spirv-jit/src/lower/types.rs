@@ -8,7 +8,7 @@ use super::id_table::IdTable;
 use crate::Error;
 use crate::hit_object::word;
 use crate::ir::Type;
-use crate::parse::{Id, Instruction, ParsedModule};
+use crate::parse::{Id, Instruction, ParsedModule, opcode_name};
 
 /// Scalars that one value may have; larger aggregates can exist in memory but not be loaded at once.
 pub(super) const MAX_LEAVES: u64 = 1 << 14;
@@ -316,7 +316,7 @@ impl Types {
             other => {
                 return Err(Error::unsupported(
                     at,
-                    format!("Op{other:?} is not supported"),
+                    format!("Op{} is not supported", opcode_name(other)),
                 ));
             }
         };

@@ -40,6 +40,12 @@ pub(super) fn entry(opcode: u32) -> Option<&'static Entry<'static>> {
         .copied()
 }
 
+/// What the specification calls an opcode, without the `Op` in front. The grammar has the names; those of `Op`'s `Debug` are code of 18 KB
+/// for each crate and unit that asks.
+pub(crate) fn opcode_name(opcode: Op) -> &'static str {
+    entry(opcode as u32).map_or("?", |entry| entry.opname)
+}
+
 /// Why a walk ended early.
 pub(super) enum Stop {
     /// The operands are not what the grammar says.
@@ -292,5 +298,18 @@ impl<'a> Walk<'a> {
         }
         self.rest = rest;
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn opcodes_have_their_names() {
+        for entry in INSTRUCTION_TABLE.iter() {
+            let name = opcode_name(entry.opcode);
+            assert_eq!(name, format!("{:?}", entry.opcode));
+        }
     }
 }

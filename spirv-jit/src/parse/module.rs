@@ -6,6 +6,7 @@ use rspirv::spirv::{Capability, ExecutionModel, Op};
 
 use super::annotations::Annotations;
 use super::framing;
+use super::grammar::opcode_name;
 use super::instruction::{Id, Instruction, InstructionTable, decode_string};
 use crate::Error;
 
@@ -260,7 +261,10 @@ fn sort_functions(module: &mut ParsedModule, first: usize) -> Result<(), Error> 
         let instruction = module.table.instructions[index];
         let offset = instruction.offset;
         end = offset;
-        let misplaced = || Error::invalid(offset, format!("misplaced {:?}", instruction.opcode));
+        let misplaced = || {
+            let name = opcode_name(instruction.opcode);
+            Error::invalid(offset, format!("misplaced {name}"))
+        };
         let operands = instruction.operands(&module.words);
         is_dead &= !matches!(instruction.opcode, Op::Label | Op::FunctionEnd);
         if is_dead {
