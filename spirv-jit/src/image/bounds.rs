@@ -1,26 +1,33 @@
-//! The lesser and the greater of two numbers, with the same bits on every processor.
+//! The lesser and the greater of two numbers, with the same bits on every processor, NaN payloads aside.
 //!
-//! A choice between numbers by their order, and `f32::min` and `f32::max`, become single instructions on ARM, which answer a
-//! signalling NaN by a NaN; x86 never does where the other is a number. So numbers are chosen by masks of bits.
+//! LLVM makes a choice of numbers by their order, and `f32::min` and `f32::max`, single instructions on ARM, which answer a signalling NaN
+//! by a NaN, where x86 and the language's own order answer by the other number. They and all others agree about quiet NaNs.
 #![forbid(unsafe_code)]
 
-/// `x` if `first`, else `y`.
+/// The number; a quiet NaN for a signalling one where LLVM would tell them apart.
 #[inline(always)]
-pub(super) fn choose(first: bool, x: f32, y: f32) -> f32 {
-    let mask = 0u32.wrapping_sub(u32::from(first));
-    f32::from_bits(x.to_bits() & mask | y.to_bits() & !mask)
+pub(super) fn quiet(x: f32) -> f32 {
+    if cfg!(target_arch = "x86_64") {
+        return x;
+    }
+    let bits = x.to_bits();
+    // In integers: arithmetic that changes nothing else is folded away.
+    let is_nan = bits & 0x7fff_ffff > f32::INFINITY.to_bits();
+    f32::from_bits(bits | u32::from(is_nan) << 22)
 }
 
 /// The lesser; `x` if they are equal, the number if one is NaN.
 #[inline(always)]
 pub(super) fn min(x: f32, y: f32) -> f32 {
-    choose(y < x || x.is_nan(), y, x)
+    let (x, y) = (quiet(x), quiet(y));
+    if y < x || x.is_nan() { y } else { x }
 }
 
 /// The greater; `x` if they are equal, the number if one is NaN.
 #[inline(always)]
 pub(super) fn max(x: f32, y: f32) -> f32 {
-    choose(y > x || x.is_nan(), y, x)
+    let (x, y) = (quiet(x), quiet(y));
+    if y > x || x.is_nan() { y } else { x }
 }
 
 #[cfg(test)]

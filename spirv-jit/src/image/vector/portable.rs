@@ -2,7 +2,7 @@
 
 use super::{Task, Vector};
 use crate::SUBGROUP_SIZE;
-use crate::image::bounds::choose;
+use crate::image::bounds::quiet;
 use crate::image::format::block::map;
 use crate::image::format::small_float;
 use crate::row::Row;
@@ -109,11 +109,17 @@ impl Vector for Portable {
     }
     #[inline(always)]
     fn min(self, a: F, b: F) -> F {
-        zip(&a, &b, |x, y| choose(x < y, x, y))
+        zip(&a, &b, |x, y| {
+            let x = quiet(x);
+            if x < y { x } else { y }
+        })
     }
     #[inline(always)]
     fn max(self, a: F, b: F) -> F {
-        zip(&a, &b, |x, y| choose(x > y, x, y))
+        zip(&a, &b, |x, y| {
+            let x = quiet(x);
+            if x > y { x } else { y }
+        })
     }
     #[inline(always)]
     fn to_i(self, a: F) -> I {
