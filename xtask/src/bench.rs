@@ -1,11 +1,12 @@
 //! `cargo xtask bench`: builds the benches in release mode and runs one.
 
+use std::path::Path;
 use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::Args;
 
-use crate::driver::Driver;
+use crate::driver::{Driver, existing};
 use crate::workspace;
 
 #[derive(Args)]
@@ -17,6 +18,10 @@ pub struct Options {
 }
 
 pub fn bench(options: &Options) -> Result<ExitCode> {
+    // Before minutes of building.
+    for manifest in manifests(&options.arguments) {
+        existing(Path::new(manifest))?;
+    }
     let mut bench = match options.arguments.first().map(String::as_str) {
         Some("traversal" | "shader") => {
             workspace::build_release(&["bench"])?;
@@ -35,4 +40,29 @@ pub fn bench(options: &Options) -> Result<ExitCode> {
     };
     bench.args(&options.arguments);
     workspace::run(bench)
+}
+
+/// Manifests of other drivers that a bench is to open.
+fn manifests(arguments: &[String]) -> impl Iterator<Item = &str> {
+    let before = std::iter::once("").chain(arguments.iter().map(String::as_str));
+    before.zip(arguments).filter_map(|(before, argument)| {
+        let separate = (before == "--icd").then_some(argument.as_str());
+        separate.or_else(|| argument.strip_prefix("--icd="))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn manifests_are_found_before_anything_is_built() {
+        let arguments = ["--tiers", "--icd", "a.json", "--icd=b.json", "c.json"];
+        let arguments = arguments.map(String::from);
+        let found: Vec<_> = manifests(&arguments).collect();
+        assert_eq!(found, ["a.json", "b.json"]);
+        let arguments = vec!["--icd".into(), "no/such.json".into()];
+        let error = bench(&Options { arguments }).unwrap_err();
+        assert_eq!(error.to_string(), "there is no manifest no/such.json");
+    }
 }
