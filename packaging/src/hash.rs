@@ -101,7 +101,10 @@ mod tests {
         write("a.deb", "another");
         write_sums(std::slice::from_ref(&a), &out).unwrap();
         let text = std::fs::read_to_string(&sums).unwrap();
-        assert_eq!(text, format!("{}  a.deb\n", hexadecimal(&sha256(b"another"))));
+        assert_eq!(
+            text,
+            format!("{}  a.deb\n", hexadecimal(&sha256(b"another")))
+        );
         std::fs::remove_dir_all(&out).unwrap();
     }
 }
