@@ -184,13 +184,14 @@ impl Fast<'_> {
             return None;
         }
         let mut apart = 0;
-        if !self.is_nearest {
+        if self.is_nearest {
+            // SAFETY: the caller's promise.
+            if let Some(word) = unsafe { self.square(v, [x, y], level, mask) } {
+                return Some([word; 4]);
+            }
+        } else {
             apart |= v.ne_i(v.sub_i(x.second, x.first), texel_bytes);
             apart |= v.ne_i(v.sub_i(y.second, y.first), levels.row_stride);
-        }
-        // SAFETY: the caller's promise; texels are next to each other.
-        if let Some(words) = unsafe { self.square(v, [x, y], level, apart, mask) } {
-            return Some(words);
         }
         // Where coordinates change evenly, the least are at a corner of a block, or at an end of a row.
         let left = least_of_corners(v, x.index).min(level.width - 8);
@@ -210,8 +211,8 @@ impl Fast<'_> {
         }
     }
 
-    /// [`Self::window`] where lanes are a square of quads and sample one texel each, next to each other, as they do where an image is drawn in its
-    /// own size.
+    /// The nearest texels where lanes are a square of quads and sample one texel each, next to each other, as they do where an image is drawn in
+    /// its own size.
     ///
     /// # Safety
     /// As [`Self::window`].
@@ -221,37 +222,22 @@ impl Fast<'_> {
         v: V,
         [x, y]: [&Axis<V>; 2],
         level: &Level,
-        apart: u16,
         mask: u16,
-    ) -> Option<[V::I; 4]> {
+    ) -> Option<V::I> {
         let [mut columns, mut rows] = [[0; SUBGROUP_SIZE]; 2];
         v.store_i(x.index, &mut columns);
         v.store_i(y.index, &mut rows);
         let (left, top) = (columns[0], rows[0]);
         let columns = v.add_i(v.splat_i(left as i32), v.load_i(&QUADS[0]));
         let rows = v.add_i(v.splat_i(top as i32), v.load_i(&QUADS[1]));
-        let others = apart | v.ne_i(x.index, columns) | v.ne_i(y.index, rows);
-        let reach = 4 + !self.is_nearest as u32;
-        if others & mask != 0 || left + reach > level.width || top + reach > level.height {
+        let others = v.ne_i(x.index, columns) | v.ne_i(y.index, rows);
+        if others & mask != 0 || left + 4 > level.width || top + 4 > level.height {
             return None;
         }
         let stride = level.row_stride_bytes as usize;
         let first = level.offset_bytes as usize + top as usize * stride + left as usize * 4;
-        // SAFETY: so many texels of so many rows are of the level.
-        unsafe {
-            let at = self.image.data.cast_const().add(first);
-            let upper = v.load_quads(at, stride);
-            if self.is_nearest {
-                return Some([upper; 4]);
-            }
-            let below = at.add(stride);
-            Some([
-                upper,
-                v.load_quads(at.add(4), stride),
-                v.load_quads(below, stride),
-                v.load_quads(below.add(4), stride),
-            ])
-        }
+        // SAFETY: four texels of each of four rows are of the level.
+        unsafe { Some(v.load_quads(self.image.data.cast_const().add(first), stride)) }
     }
 
     /// The four texels around each lane, of four bytes each.
