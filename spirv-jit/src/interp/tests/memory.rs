@@ -299,7 +299,7 @@ fn offsets(kind: usize, size_bytes: u32) -> [u32; 16] {
             3 => 500 - 29 * lane,
             4 => lane * 37 % 16 * 3,
             5 => 520 + lane * size_bytes,
-            6 => u32::MAX - 20 + lane * size_bytes,
+            6 => (u32::MAX - 20).wrapping_add(lane * size_bytes),
             7 => 8 + (lane % 8) * size_bytes,
             _ => lane * 31 * (lane % 2),
         }
