@@ -264,7 +264,8 @@ unsafe fn copy_inside<C: Copying, T: Lane, const N: usize>(
 ///
 /// # Safety
 /// As [`access_block`]; the rows are those of results.
-#[inline(always)]
+// Not inlined: one function for all tiers, of which each would be 40 to 90 KB larger.
+#[inline(never)]
 unsafe fn load_all<T: Lane, const N: usize>(
     m: &Machine<'_>,
     (space, shared, address, offset): (Space, &Option<Region>, &[Operand], u16),
