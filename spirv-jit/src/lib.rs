@@ -18,6 +18,7 @@ pub mod image;
 pub mod interp;
 pub mod ir;
 pub mod lower;
+pub mod native;
 pub mod origin;
 pub mod parse;
 pub mod pass;

@@ -52,21 +52,21 @@ pub(super) fn operands<'c>(m: &Machine<'c>, plan: &AccessPlan) -> (&'c [Operand]
 /// Where the lanes of a subgroup have their scalars, if all of those that access memory have them all.
 ///
 /// # Safety
-/// As [`Kernel::run`]; the offset is one of the wave's, and `shared` is what [`shared_region`] gave.
+/// As [`Kernel::run`]; the subgroup is one of the wave's, and `shared` is what [`shared_region`] gave.
 #[inline(always)]
 unsafe fn places(
     m: &Machine<'_>,
     space: Space,
     shared: &Option<Region>,
     address: &[Operand],
-    offset: u16,
+    subgroup: u16,
     active: LaneMask,
     size_bytes: u64,
 ) -> Option<[u64; SUBGROUP_SIZE]> {
     // SAFETY: as the caller promises.
     unsafe {
         if let Some(region) = shared {
-            let offsets = &*m.block::<u32>(address[address.len() - 1], offset);
+            let offsets = &*m.block::<u32>(address[address.len() - 1], subgroup);
             let base = region.base as u64;
             let mut addresses = [0; SUBGROUP_SIZE];
             for k in 0..SUBGROUP_SIZE {
@@ -78,13 +78,13 @@ unsafe fn places(
         }
         if space == Space::Global {
             let near = m.near.get();
-            let addresses = *m.block::<u64>(address[0], offset);
+            let addresses = *m.block::<u64>(address[0], subgroup);
             let last = near.size_bytes.checked_sub(size_bytes)?;
             return all_within(&addresses, active, near.start, last).then_some(addresses);
         }
         let mut addresses = [0; SUBGROUP_SIZE];
         for lane in active {
-            let region = region(m, space, address, offset, lane);
+            let region = region(m, space, address, subgroup, lane);
             addresses[lane] = region.run_at(0, size_bytes)? as u64;
         }
         Some(addresses)
@@ -112,7 +112,7 @@ unsafe fn shared_place(
     space: Space,
     shared: &Option<Region>,
     address: &[Operand],
-    offset: u16,
+    subgroup: u16,
     active: LaneMask,
     size_bytes: u64,
 ) -> Option<u64> {
@@ -120,7 +120,7 @@ unsafe fn shared_place(
     // SAFETY: as the caller promises.
     unsafe {
         if let Some(region) = shared {
-            let offsets = &*m.block::<u32>(address[address.len() - 1], offset);
+            let offsets = &*m.block::<u32>(address[address.len() - 1], subgroup);
             let at = offsets[first] as u64;
             let is_inside = at + size_bytes <= region.size_bytes.min(1 << 32);
             let is_one = is_inside && are_equal(offsets, offsets[first], active);
@@ -129,7 +129,7 @@ unsafe fn shared_place(
         if space != Space::Global {
             return None;
         }
-        let addresses = &*m.block::<u64>(address[0], offset);
+        let addresses = &*m.block::<u64>(address[0], subgroup);
         let near = m.near.get();
         let at = addresses[first];
         let is_inside = near.bytes_from(at) >= size_bytes;
@@ -168,7 +168,7 @@ trait Copying {
     /// From memory to rows.
     const LOADS: bool;
     /// The lanes of a subgroup that access memory.
-    fn lanes(m: &Machine<'_>, offset: u16) -> LaneMask;
+    fn lanes(m: &Machine<'_>, subgroup: u16) -> LaneMask;
     /// # Safety
     /// As for [`Kernel::run`]: the address is of a scalar, and the row one of the frame's.
     unsafe fn copy<T: Lane>(at: *mut T, row: *mut [T::Slot; SUBGROUP_SIZE], lane: usize);
@@ -186,8 +186,8 @@ impl Copying for In {
     const LOADS: bool = true;
 
     #[inline(always)]
-    fn lanes(m: &Machine<'_>, offset: u16) -> LaneMask {
-        m.active[offset as usize / 64]
+    fn lanes(m: &Machine<'_>, subgroup: u16) -> LaneMask {
+        m.active[subgroup as usize]
     }
 
     #[inline(always)]
@@ -206,8 +206,8 @@ impl Copying for Out {
     const LOADS: bool = false;
 
     #[inline(always)]
-    fn lanes(m: &Machine<'_>, offset: u16) -> LaneMask {
-        m.effective(offset)
+    fn lanes(m: &Machine<'_>, subgroup: u16) -> LaneMask {
+        m.effective(subgroup)
     }
 
     #[inline(always)]
@@ -268,7 +268,7 @@ unsafe fn copy_inside<C: Copying, T: Lane, const N: usize>(
 #[inline(never)]
 unsafe fn load_all<T: Lane, const N: usize>(
     m: &Machine<'_>,
-    (space, shared, address, offset): (Space, &Option<Region>, &[Operand], u16),
+    (space, shared, address, subgroup): (Space, &Option<Region>, &[Operand], u16),
     rows: Rows<N>,
 ) -> bool {
     let total = (N * size_of::<T>()) as u64;
@@ -286,7 +286,7 @@ unsafe fn load_all<T: Lane, const N: usize>(
                 return false;
             };
             let operand = address[address.len() - 1];
-            let offsets = &*m.block::<u32>(operand, offset);
+            let offsets = &*m.block::<u32>(operand, subgroup);
             if copies::are_same(offsets, offsets[0]) {
                 let is_inside = offsets[0] as u64 <= last;
                 if is_inside {
@@ -315,7 +315,7 @@ unsafe fn load_all<T: Lane, const N: usize>(
         if space != Space::Global {
             return false;
         }
-        let addresses = &*m.block::<u64>(address[0], offset);
+        let addresses = &*m.block::<u64>(address[0], subgroup);
         let near = m.near.get();
         let first = addresses[0];
         if addresses[SUBGROUP_SIZE - 1] == first && are_equal(addresses, first, LaneMask::ALL) {
@@ -343,24 +343,24 @@ unsafe fn load_all<T: Lane, const N: usize>(
 /// One subgroup's part of an access.
 ///
 /// # Safety
-/// As [`Kernel::run`]; the offset is one of the wave's, and `shared` is what [`shared_region`] gave.
+/// As [`Kernel::run`]; the subgroup is one of the wave's, and `shared` is what [`shared_region`] gave.
 #[inline(always)]
 unsafe fn access_block<C: Copying, T: Lane>(
     m: &Machine<'_>,
     plan: &AccessPlan,
     shared: &Option<Region>,
     (address, scalars): (&[Operand], &[Operand]),
-    offset: u16,
+    subgroup: u16,
 ) {
-    let active = C::lanes(m, offset);
+    let active = C::lanes(m, subgroup);
     let size = size_of::<T>() as u64;
     // SAFETY: as the caller promises; addresses are checked, and rows of results are apart from those of addresses.
     unsafe {
         let total = size * scalars.len() as u64;
-        let row = |k: usize| m.block::<T::Slot>(scalars[k], offset);
+        let row = |k: usize| m.block::<T::Slot>(scalars[k], subgroup);
         if C::LOADS && active == LaneMask::ALL {
             let bytes = |k: usize| row(k).cast::<u8>();
-            let from = (plan.space, shared, address, offset);
+            let from = (plan.space, shared, address, subgroup);
             let is_done = match scalars.len() {
                 1 => load_all::<T, 1>(m, from, [bytes(0)]),
                 2 => load_all::<T, 2>(m, from, [bytes(0), bytes(1)]),
@@ -373,7 +373,7 @@ unsafe fn access_block<C: Copying, T: Lane>(
             }
         }
         if C::LOADS
-            && let Some(at) = shared_place(m, plan.space, shared, address, offset, active, total)
+            && let Some(at) = shared_place(m, plan.space, shared, address, subgroup, active, total)
         {
             for k in 0..scalars.len() {
                 let scalar = (at as *const T).add(k).read_unaligned().write();
@@ -381,8 +381,8 @@ unsafe fn access_block<C: Copying, T: Lane>(
             }
             return;
         }
-        let Some(at) = &places(m, plan.space, shared, address, offset, active, total) else {
-            return access_scalars::<C, T>(m, plan.space, (address, scalars), offset);
+        let Some(at) = &places(m, plan.space, shared, address, subgroup, active, total) else {
+            return access_scalars::<C, T>(m, plan.space, (address, scalars), subgroup);
         };
         match scalars.len() {
             1 => copy_inside::<C, T, 1>(at, [row(0)], active),
@@ -410,15 +410,15 @@ unsafe fn access_scalars<C: Copying, T: Lane>(
     m: &Machine<'_>,
     space: Space,
     (address, scalars): (&[Operand], &[Operand]),
-    offset: u16,
+    subgroup: u16,
 ) {
     let size = size_of::<T>() as u64;
-    for lane in C::lanes(m, offset) {
+    for lane in C::lanes(m, subgroup) {
         // SAFETY: as the caller promises; addresses are checked.
         unsafe {
-            let region = region(m, space, address, offset, lane);
+            let region = region(m, space, address, subgroup, lane);
             for (k, &scalar) in scalars.iter().enumerate() {
-                let row = m.block::<T::Slot>(scalar, offset);
+                let row = m.block::<T::Slot>(scalar, subgroup);
                 match region.at(k as u64 * size, size) {
                     Some(at) => C::copy(at.cast::<T>(), row, lane),
                     None => C::miss::<T>(row, lane),
@@ -439,10 +439,10 @@ unsafe fn check_alignment(m: &Machine<'_>, plan: &AccessPlan, address: &[Operand
         return;
     };
     let alignment = 1u64 << plan.alignment.min(63);
-    for &offset in m.listed() {
-        for lane in m.active[offset as usize / 64] {
+    for &subgroup in m.listed() {
+        for lane in m.active[subgroup as usize] {
             // SAFETY: as the caller promises.
-            let address = unsafe { m.lane(address[0], offset, lane, true) };
+            let address = unsafe { m.lane(address[0], subgroup, lane, true) };
             if !address.is_multiple_of(alignment) {
                 strays.count(m.program, m.pc, address, alignment);
             }
@@ -467,8 +467,8 @@ impl<T: Lane> Kernel for Load<T> {
                 return load_once(m, &plan, address, results);
             }
             let shared = shared_region(m, &plan, address);
-            for &offset in m.listed() {
-                access_block::<In, T>(m, &plan, &shared, (address, results), offset);
+            for &subgroup in m.listed() {
+                access_block::<In, T>(m, &plan, &shared, (address, results), subgroup);
             }
         }
     }
@@ -488,8 +488,8 @@ impl<T: Lane> Kernel for Store<T> {
                 check_alignment(m, &plan, address);
             }
             let shared = shared_region(m, &plan, address);
-            for &offset in m.listed() {
-                access_block::<Out, T>(m, &plan, &shared, (address, values), offset);
+            for &subgroup in m.listed() {
+                access_block::<Out, T>(m, &plan, &shared, (address, values), subgroup);
             }
         }
     }
@@ -501,17 +501,17 @@ impl<T: Lane> Kernel for Store<T> {
 /// As [`Kernel::run`].
 unsafe fn load_once(m: &Machine<'_>, plan: &AccessPlan, address: &[Operand], results: &[Operand]) {
     let size = plan.ty.size_bytes();
-    // SAFETY: as the caller promises; uniform operands have no offset.
+    // SAFETY: as the caller promises; uniform rows serve every subgroup.
     unsafe {
         let region = region(m, plan.space, address, 0, 0);
         for (k, &result) in results.iter().enumerate() {
             let at = region.at(k as u64 * size as u64, size as u64);
             let value = at.map_or(0, |at| read_scalar(at, size));
-            for &offset in m.listed() {
+            for &subgroup in m.listed() {
                 if plan.ty.rows() == 2 {
-                    *m.block::<u64>(result, offset) = [value; SUBGROUP_SIZE];
+                    *m.block::<u64>(result, subgroup) = [value; SUBGROUP_SIZE];
                 } else {
-                    *m.block::<u32>(result, offset) = [value as u32; SUBGROUP_SIZE];
+                    *m.block::<u32>(result, subgroup) = [value as u32; SUBGROUP_SIZE];
                 }
             }
         }

@@ -22,29 +22,29 @@ pub(super) unsafe fn atomic(m: &mut Machine<'_>, i: &Instr) {
     let (address, values) = operands.split_at(plan.space.address_operands());
     let wide = plan.ty.rows() == 2;
     let size = plan.ty.size_bytes() as u64;
-    for &offset in m.listed() {
-        let active = m.active[offset as usize / 64];
+    for &subgroup in m.listed() {
+        let active = m.active[subgroup as usize];
         let lanes = match plan.op {
             AtomicOp::Load => active,
-            _ => m.effective(offset),
+            _ => m.effective(subgroup),
         };
         if plan.op != AtomicOp::Store {
             for lane in active - lanes {
                 // SAFETY: as the caller promises.
-                unsafe { m.set_lane(i.d, offset, lane, wide, 0) };
+                unsafe { m.set_lane(i.d, subgroup, lane, wide, 0) };
             }
         }
         for lane in lanes {
             // SAFETY: as the caller promises; the region is checked, and its memory is only shared with other shader threads.
             unsafe {
-                let at = region(m, plan.space, address, offset, lane).at(0, size);
+                let at = region(m, plan.space, address, subgroup, lane).at(0, size);
                 let at = at.filter(|at| (*at as u64).is_multiple_of(size));
                 let value = match value_count(plan.op) {
                     0 => 0,
-                    _ => m.lane(values[0], offset, lane, wide),
+                    _ => m.lane(values[0], subgroup, lane, wide),
                 };
                 let comparator = match value_count(plan.op) {
-                    2 => m.lane(values[1], offset, lane, wide),
+                    2 => m.lane(values[1], subgroup, lane, wide),
                     _ => 0,
                 };
                 let old = match at {
@@ -63,7 +63,7 @@ pub(super) unsafe fn atomic(m: &mut Machine<'_>, i: &Instr) {
                     }
                 };
                 if plan.op != AtomicOp::Store {
-                    m.set_lane(i.d, offset, lane, wide, old);
+                    m.set_lane(i.d, subgroup, lane, wide, old);
                 }
             }
         }

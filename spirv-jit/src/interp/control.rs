@@ -67,9 +67,9 @@ impl Kernel for Branch {
             let mut occupied = 0;
             // In place: whole masks, read right after their parts were written, would have to wait for those.
             for k in 0..m.list_len {
-                let offset = m.listed()[k];
-                let s = offset as usize / 64;
-                let holds = sign_bits(&*m.block::<u32>(i.a, offset));
+                let subgroup = m.listed()[k];
+                let s = subgroup as usize;
+                let holds = sign_bits(&*m.block::<u32>(i.a, subgroup));
                 let active = m.active[s];
                 pending[s] = active - holds;
                 m.active[s] = active & holds;
@@ -184,12 +184,12 @@ pub(super) unsafe fn demote(m: &mut Machine<'_>, _: &Instr) {
 /// # Safety
 /// As [`enter`].
 pub(super) unsafe fn is_helper(m: &mut Machine<'_>, i: &Instr) {
-    for &offset in m.listed() {
-        let helpers = m.helpers[offset as usize / 64];
+    for &subgroup in m.listed() {
+        let helpers = m.helpers[subgroup as usize];
         for k in 0..SUBGROUP_SIZE {
             let word = if helpers.contains(k) { u32::MAX } else { 0 };
             // SAFETY: as the caller promises.
-            unsafe { m.set_lane(i.d, offset, k, false, word.into()) };
+            unsafe { m.set_lane(i.d, subgroup, k, false, word.into()) };
         }
     }
 }

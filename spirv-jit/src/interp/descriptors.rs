@@ -102,17 +102,17 @@ fn follow(environment: &Environment, number: u64) -> u64 {
     }
 }
 
-/// Makes descriptors in row `d`, in the subgroups at `offsets`, of what row `from` holds.
+/// Makes descriptors in row `d`, in some subgroups, of what row `from` holds.
 ///
 /// # Safety
-/// Operands are the program's, with the widths of the source and of descriptors; offsets are the wave's.
+/// Operands are the program's, with the widths of the source and of descriptors; subgroups are the wave's.
 #[inline(always)]
 unsafe fn make(
     m: &Machine<'_>,
     source: DescriptorSource,
     d: Operand,
     from: Operand,
-    offsets: &[u16],
+    subgroups: &[u16],
 ) {
     // SAFETY: as the caller promises.
     unsafe {
@@ -120,15 +120,16 @@ unsafe fn make(
             DescriptorSource::Binding(index) => {
                 let binding = &m.code.bindings[index as usize];
                 let entries = Entries::of(m.environment, binding);
-                for &offset in offsets {
-                    let index = *m.block::<u32>(from, offset);
-                    *m.block::<u64>(d, offset) = index.map(|index| entries.address(index));
+                for &subgroup in subgroups {
+                    let index = *m.block::<u32>(from, subgroup);
+                    *m.block::<u64>(d, subgroup) = index.map(|index| entries.address(index));
                 }
             }
             DescriptorSource::Reference => {
-                for &offset in offsets {
-                    let number = *m.block::<u64>(from, offset);
-                    *m.block::<u64>(d, offset) = number.map(|number| follow(m.environment, number));
+                for &subgroup in subgroups {
+                    let number = *m.block::<u64>(from, subgroup);
+                    *m.block::<u64>(d, subgroup) =
+                        number.map(|number| follow(m.environment, number));
                 }
             }
         }
@@ -140,10 +141,10 @@ unsafe fn make(
 /// # Safety
 /// As for every handler; what they are made of stands in its rows.
 pub(super) unsafe fn make_again(m: &Machine<'_>, remade: &[Remade]) {
-    let offsets: [u16; MAX_SUBGROUPS] = std::array::from_fn(|s| (s * 64) as u16);
+    let subgroups: [u16; MAX_SUBGROUPS] = std::array::from_fn(|s| s as u16);
     for one in remade {
         // SAFETY: as the caller promises.
-        unsafe { make(m, one.source, one.to, one.from, &offsets[..m.subgroups]) };
+        unsafe { make(m, one.source, one.to, one.from, &subgroups[..m.subgroups]) };
     }
 }
 
@@ -172,11 +173,11 @@ pub(super) unsafe fn descriptor_at(m: &mut Machine<'_>, i: &Instr) {
 pub(super) unsafe fn descriptor_reference(m: &mut Machine<'_>, i: &Instr) {
     let binding = &m.code.bindings[i.x as usize];
     let entries = Entries::of(m.environment, binding);
-    for &offset in m.listed() {
+    for &subgroup in m.listed() {
         // SAFETY: as the caller promises.
         unsafe {
-            let index: [u32; SUBGROUP_SIZE] = *m.block::<u32>(i.a, offset);
-            *m.block::<u64>(i.d, offset) = index.map(|index| entries.reference(index));
+            let index: [u32; SUBGROUP_SIZE] = *m.block::<u32>(i.a, subgroup);
+            *m.block::<u64>(i.d, subgroup) = index.map(|index| entries.reference(index));
         }
     }
 }
@@ -187,9 +188,9 @@ pub(super) unsafe fn descriptor_reference(m: &mut Machine<'_>, i: &Instr) {
 /// As [`descriptor`].
 pub(super) unsafe fn push_constants(m: &mut Machine<'_>, i: &Instr) {
     let address = &raw const m.environment.push_constants as u64;
-    for &offset in m.listed() {
+    for &subgroup in m.listed() {
         // SAFETY: as the caller promises.
-        unsafe { *m.block::<u64>(i.d, offset) = [address; SUBGROUP_SIZE] };
+        unsafe { *m.block::<u64>(i.d, subgroup) = [address; SUBGROUP_SIZE] };
     }
 }
 
@@ -198,12 +199,12 @@ pub(super) unsafe fn push_constants(m: &mut Machine<'_>, i: &Instr) {
 /// # Safety
 /// As [`descriptor`].
 pub(super) unsafe fn descriptor_address(m: &mut Machine<'_>, i: &Instr) {
-    for &offset in m.listed() {
-        for lane in m.active[offset as usize / 64] {
+    for &subgroup in m.listed() {
+        for lane in m.active[subgroup as usize] {
             // SAFETY: as the caller promises; active lanes hold addresses of descriptors.
             unsafe {
-                let descriptor = m.environment.descriptor(m.lane(i.a, offset, lane, true));
-                m.set_lane(i.d, offset, lane, true, descriptor.address);
+                let descriptor = m.environment.descriptor(m.lane(i.a, subgroup, lane, true));
+                m.set_lane(i.d, subgroup, lane, true, descriptor.address);
             }
         }
     }
@@ -214,13 +215,13 @@ pub(super) unsafe fn descriptor_address(m: &mut Machine<'_>, i: &Instr) {
 /// # Safety
 /// As [`descriptor`].
 pub(super) unsafe fn buffer_size(m: &mut Machine<'_>, i: &Instr) {
-    for &offset in m.listed() {
-        for lane in m.active[offset as usize / 64] {
+    for &subgroup in m.listed() {
+        for lane in m.active[subgroup as usize] {
             // SAFETY: as the caller promises; active lanes hold addresses of descriptors.
             unsafe {
-                let descriptor = m.environment.descriptor(m.lane(i.a, offset, lane, true));
+                let descriptor = m.environment.descriptor(m.lane(i.a, subgroup, lane, true));
                 let size = descriptor.size_bytes.min(u32::MAX as u64);
-                m.set_lane(i.d, offset, lane, false, size);
+                m.set_lane(i.d, subgroup, lane, false, size);
             }
         }
     }

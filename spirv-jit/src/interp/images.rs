@@ -61,9 +61,9 @@ pub(super) unsafe fn image(m: &mut Machine<'_>, i: &Instr) {
         // SAFETY: as the caller promises.
         others = unsafe { query_once(m, plan, others) };
     }
-    for &offset in others {
+    for &subgroup in others {
         // SAFETY: as the caller promises.
-        unsafe { block(m, plan, offset) };
+        unsafe { block(m, plan, subgroup) };
     }
 }
 
@@ -93,8 +93,8 @@ unsafe fn query_once<'o>(m: &Machine<'_>, plan: &ImagePlan, listed: &'o [u16]) -
         block(m, plan, first);
         for &(result, _) in &plan.results {
             let answer = (*m.block::<u32>(result, first))[lane];
-            for &offset in others {
-                *m.block::<u32>(result, offset) = [answer; SUBGROUP_SIZE];
+            for &subgroup in others {
+                *m.block::<u32>(result, subgroup) = [answer; SUBGROUP_SIZE];
             }
         }
     }
@@ -103,11 +103,11 @@ unsafe fn query_once<'o>(m: &Machine<'_>, plan: &ImagePlan, listed: &'o [u16]) -
 
 /// The lanes of a subgroup that perform an operation: helper invocations change no texels.
 #[inline(always)]
-fn lanes(m: &Machine<'_>, plan: &ImagePlan, offset: u16) -> u16 {
+fn lanes(m: &Machine<'_>, plan: &ImagePlan, subgroup: u16) -> u16 {
     let lanes = match plan.op.kind {
-        ImageOpKind::Atomic(AtomicOp::Load) => m.active[offset as usize / 64],
-        ImageOpKind::Write | ImageOpKind::Atomic(_) => m.effective(offset),
-        _ => m.active[offset as usize / 64],
+        ImageOpKind::Atomic(AtomicOp::Load) => m.active[subgroup as usize],
+        ImageOpKind::Write | ImageOpKind::Atomic(_) => m.effective(subgroup),
+        _ => m.active[subgroup as usize],
     };
     lanes.bits()
 }
@@ -172,9 +172,9 @@ pub(crate) unsafe fn execute(
 /// One subgroup's operation.
 ///
 /// # Safety
-/// As [`image`]; the offset is one of the wave's.
-unsafe fn block(m: &Machine<'_>, plan: &ImagePlan, offset: u16) {
-    let mask = lanes(m, plan, offset);
+/// As [`image`]; the subgroup is one of the wave's.
+unsafe fn block(m: &Machine<'_>, plan: &ImagePlan, subgroup: u16) {
+    let mask = lanes(m, plan, subgroup);
     let mut halves = [[0u32; SUBGROUP_SIZE]; MAX_RESULT_ROWS];
     let mut results = [[0u32; SUBGROUP_SIZE]; MAX_RESULT_ROWS];
     // SAFETY: as the caller promises; active lanes hold addresses of descriptors, and rows of results are apart from those of operands.
@@ -187,28 +187,28 @@ unsafe fn block(m: &Machine<'_>, plan: &ImagePlan, offset: u16) {
                 let [low, high] = wide_rows.next().expect("at most four wide operands") else {
                     unreachable!()
                 };
-                (*low, *high) = split(&*m.block::<u64>(operand, offset));
+                (*low, *high) = split(&*m.block::<u64>(operand, subgroup));
                 (rows[count], rows[count + 1]) = (low, high);
                 count += 2;
             } else {
-                rows[count] = &*m.block::<u32>(operand, offset);
+                rows[count] = &*m.block::<u32>(operand, subgroup);
                 count += 1;
             }
         }
-        let images = &*m.block::<u64>(plan.image, offset);
+        let images = &*m.block::<u64>(plan.image, subgroup);
         let derived;
         if plan.derives {
             derived = derivatives(
                 vector::Portable,
                 &plan.op,
                 &rows,
-                m.active[offset as usize / 64].bits(),
+                m.active[subgroup as usize].bits(),
             );
             put_derivatives(&plan.op, &derived, &mut rows);
         }
         let samplers = match plan.sampler == Operand::NONE {
             true => &[0; SUBGROUP_SIZE],
-            false => &*m.block::<u64>(plan.sampler, offset),
+            false => &*m.block::<u64>(plan.sampler, subgroup),
         };
         execute(
             &plan.op,
@@ -222,10 +222,10 @@ unsafe fn block(m: &Machine<'_>, plan: &ImagePlan, offset: u16) {
         let mut row = 0;
         for &(result, wide) in &plan.results {
             if wide {
-                *m.block::<u64>(result, offset) = join(&results[row], &results[row + 1]);
+                *m.block::<u64>(result, subgroup) = join(&results[row], &results[row + 1]);
                 row += 2;
             } else {
-                *m.block::<u32>(result, offset) = results[row];
+                *m.block::<u32>(result, subgroup) = results[row];
                 row += 1;
             }
         }
@@ -281,9 +281,9 @@ impl<V: Vector> Kernel for Sample<V> {
             let mut known = (0, 0);
             let mut sample = None;
             let mut listed = m.listed();
-            while let Some((&offset, rest)) = listed.split_first() {
-                let Some(descriptors) = both(m, plan, offset) else {
-                    block(m, plan, offset);
+            while let Some((&subgroup, rest)) = listed.split_first() {
+                let Some(descriptors) = both(m, plan, subgroup) else {
+                    block(m, plan, subgroup);
                     listed = rest;
                     continue;
                 };
@@ -302,17 +302,17 @@ impl<V: Vector> Kernel for Sample<V> {
                         {
                             same += 1;
                         }
-                        let (offsets, others) = listed.split_at(same);
-                        let wave = OfWave { m, plan, offsets };
+                        let (numbers, others) = listed.split_at(same);
+                        let wave = OfWave { m, plan, numbers };
                         sample.planes(V::new(), wave);
                         others
                     }
                     Some(sample) => {
-                        whole_block(V::new(), sample, m, plan, offset);
+                        whole_block(V::new(), sample, m, plan, subgroup);
                         rest
                     }
                     None => {
-                        block(m, plan, offset);
+                        block(m, plan, subgroup);
                         rest
                     }
                 };
@@ -325,8 +325,8 @@ impl<V: Vector> Kernel for Sample<V> {
 struct OfWave<'a, 'p> {
     m: &'a Machine<'p>,
     plan: &'a ImagePlan,
-    /// Block offsets.
-    offsets: &'a [u16],
+    /// Their numbers in the wave.
+    numbers: &'a [u16],
 }
 
 impl OfWave<'_, '_> {
@@ -336,8 +336,8 @@ impl OfWave<'_, '_> {
     unsafe fn row(&self, subgroup: usize, operand: usize) -> &Row {
         // SAFETY: as the caller promises.
         unsafe {
-            let offset = *self.offsets.get_unchecked(subgroup);
-            &*self.m.block::<u32>(self.plan.operands[operand].0, offset)
+            let subgroup = *self.numbers.get_unchecked(subgroup);
+            &*self.m.block::<u32>(self.plan.operands[operand].0, subgroup)
         }
     }
 }
@@ -347,7 +347,7 @@ impl<V: Vector> fast::Subgroups<V> for OfWave<'_, '_> {
 
     #[inline(always)]
     fn count(&self) -> usize {
-        self.offsets.len()
+        self.numbers.len()
     }
 
     #[inline(always)]
@@ -357,7 +357,7 @@ impl<V: Vector> fast::Subgroups<V> for OfWave<'_, '_> {
 
     #[inline(always)]
     unsafe fn mask(&self, subgroup: usize) -> u16 {
-        self.m.active[self.offsets[subgroup] as usize / 64].bits()
+        self.m.active[self.numbers[subgroup] as usize].bits()
     }
 
     #[inline(always)]
@@ -388,8 +388,8 @@ impl<V: Vector> fast::Subgroups<V> for OfWave<'_, '_> {
     unsafe fn put(&mut self, v: V, subgroup: usize, values: [V::F; 4]) {
         // SAFETY: as for `block`.
         unsafe {
-            let offset = *self.offsets.get_unchecked(subgroup);
-            put_all(v, self.m, self.plan, offset, values);
+            let subgroup = *self.numbers.get_unchecked(subgroup);
+            put_all(v, self.m, self.plan, subgroup, values);
         }
     }
 }
@@ -399,10 +399,10 @@ impl<V: Vector> fast::Subgroups<V> for OfWave<'_, '_> {
 /// # Safety
 /// As [`shared`].
 #[inline(always)]
-unsafe fn both(m: &Machine<'_>, plan: &ImagePlan, offset: u16) -> Option<(u64, u64)> {
-    let mask = m.active[offset as usize / 64].bits();
+unsafe fn both(m: &Machine<'_>, plan: &ImagePlan, subgroup: u16) -> Option<(u64, u64)> {
+    let mask = m.active[subgroup as usize].bits();
     // SAFETY: as the caller promises.
-    unsafe { shared(m, plan.image, offset, mask).zip(shared(m, plan.sampler, offset, mask)) }
+    unsafe { shared(m, plan.image, subgroup, mask).zip(shared(m, plan.sampler, subgroup, mask)) }
 }
 
 /// The descriptor address that all lanes of a subgroup have.
@@ -410,9 +410,9 @@ unsafe fn both(m: &Machine<'_>, plan: &ImagePlan, offset: u16) -> Option<(u64, u
 /// # Safety
 /// As [`block`]; the mask is not empty.
 #[inline(always)]
-unsafe fn shared(m: &Machine<'_>, operand: Operand, offset: u16, mask: u16) -> Option<u64> {
+unsafe fn shared(m: &Machine<'_>, operand: Operand, subgroup: u16, mask: u16) -> Option<u64> {
     // SAFETY: as the caller promises.
-    let lanes = unsafe { &*m.block::<u64>(operand, offset) };
+    let lanes = unsafe { &*m.block::<u64>(operand, subgroup) };
     let first = lanes[mask.trailing_zeros() as usize & 15];
     if operand.is_uniform() {
         return Some(first);
@@ -454,14 +454,14 @@ unsafe fn whole_block<V: Vector>(
     sample: &Fast<'_>,
     m: &Machine<'_>,
     plan: &ImagePlan,
-    offset: u16,
+    subgroup: u16,
 ) {
-    let mask = m.active[offset as usize / 64].bits();
+    let mask = m.active[subgroup as usize].bits();
     let mut rows = [&[0; SUBGROUP_SIZE]; fast::MAX_OPERANDS];
     // SAFETY: as for `block`; all operands of such a sample are of 32 bits.
     unsafe {
         for (row, &(operand, _)) in rows.iter_mut().zip(&plan.operands) {
-            *row = &*m.block::<u32>(operand, offset);
+            *row = &*m.block::<u32>(operand, subgroup);
         }
         let derived;
         if plan.derives && sample.takes_derivatives() {
@@ -470,7 +470,7 @@ unsafe fn whole_block<V: Vector>(
         }
         let count = plan.operands.len().min(fast::MAX_OPERANDS);
         let operands = Operands::new(&plan.op, &rows[..count]);
-        put_all(v, m, plan, offset, sample.whole(v, &operands, mask));
+        put_all(v, m, plan, subgroup, sample.whole(v, &operands, mask));
     }
 }
 
@@ -483,15 +483,15 @@ unsafe fn put_all<V: Vector>(
     v: V,
     m: &Machine<'_>,
     plan: &ImagePlan,
-    offset: u16,
+    subgroup: u16,
     values: [V::F; 4],
 ) {
     // SAFETY: as the caller promises. One by one: a loop would keep them in memory.
     unsafe {
-        put(v, m, plan, offset, 0, v.bits_of(values[0]));
-        put(v, m, plan, offset, 1, v.bits_of(values[1]));
-        put(v, m, plan, offset, 2, v.bits_of(values[2]));
-        put(v, m, plan, offset, 3, v.bits_of(values[3]));
+        put(v, m, plan, subgroup, 0, v.bits_of(values[0]));
+        put(v, m, plan, subgroup, 1, v.bits_of(values[1]));
+        put(v, m, plan, subgroup, 2, v.bits_of(values[2]));
+        put(v, m, plan, subgroup, 3, v.bits_of(values[3]));
     }
 }
 
@@ -504,13 +504,13 @@ unsafe fn put<V: Vector>(
     v: V,
     m: &Machine<'_>,
     plan: &ImagePlan,
-    offset: u16,
+    subgroup: u16,
     row: usize,
     value: V::I,
 ) {
     if let (Some(&(result, _)), 1) = (plan.results.get(row), plan.wanted >> row & 1) {
         // SAFETY: as the caller promises.
-        unsafe { v.store_i(value, &mut *m.block::<u32>(result, offset)) };
+        unsafe { v.store_i(value, &mut *m.block::<u32>(result, subgroup)) };
     }
 }
 
@@ -526,13 +526,13 @@ impl<V: Vector> Kernel for Access<V> {
             let mut known = None;
             let (mut held, mut viewed): (Option<ImageDescriptor>, *const ImageDescriptor) =
                 (None, std::ptr::null());
-            for &offset in m.listed() {
-                let mask = lanes(m, plan, offset);
+            for &subgroup in m.listed() {
+                let mask = lanes(m, plan, subgroup);
                 if mask == 0 {
                     continue;
                 }
-                let Some(address) = shared(m, plan.image, offset, mask) else {
-                    block(m, plan, offset);
+                let Some(address) = shared(m, plan.image, subgroup, mask) else {
+                    block(m, plan, subgroup);
                     continue;
                 };
                 if known != Some(address) {
@@ -548,11 +548,11 @@ impl<V: Vector> Kernel for Access<V> {
                     usable(image).and_then(|(image, info)| Plain::new(&plan.op, image, info));
                 // No closure: it would not be compiled for the tier.
                 let done = match &access {
-                    Some(access) => access_block(V::new(), access, m, plan, offset, mask),
+                    Some(access) => access_block(V::new(), access, m, plan, subgroup, mask),
                     None => false,
                 };
                 if !done {
-                    block(m, plan, offset);
+                    block(m, plan, subgroup);
                 }
             }
         }
@@ -567,14 +567,14 @@ unsafe fn access_block<V: Vector>(
     access: &Plain<'_>,
     m: &Machine<'_>,
     plan: &ImagePlan,
-    offset: u16,
+    subgroup: u16,
     mask: u16,
 ) -> bool {
     let mut rows = [&[0; SUBGROUP_SIZE]; MAX_OPERAND_ROWS];
     // SAFETY: as for `block`. All operands are of 32 bits, since texels are.
     unsafe {
         for (row, &(operand, _)) in rows.iter_mut().zip(&plan.operands) {
-            *row = &*m.block::<u32>(operand, offset);
+            *row = &*m.block::<u32>(operand, subgroup);
         }
         let operands = Operands::new(&plan.op, &rows[..plan.operands.len()]);
         if plan.op.kind == ImageOpKind::Write {
@@ -584,10 +584,10 @@ unsafe fn access_block<V: Vector>(
             return false;
         };
         // One by one: a loop would keep the components in memory.
-        put(v, m, plan, offset, 0, texel[0]);
-        put(v, m, plan, offset, 1, texel[1]);
-        put(v, m, plan, offset, 2, texel[2]);
-        put(v, m, plan, offset, 3, texel[3]);
+        put(v, m, plan, subgroup, 0, texel[0]);
+        put(v, m, plan, subgroup, 1, texel[1]);
+        put(v, m, plan, subgroup, 2, texel[2]);
+        put(v, m, plan, subgroup, 3, texel[3]);
         true
     }
 }

@@ -1,8 +1,9 @@
 //! The running state of a wave, and how an instruction's operands become pointers.
 //!
 //! A value of 32 bits or less is a *row* of lanes of 32 bits (narrow integers zero-extended, booleans 0 or all ones), 64-bit values take two
-//! consecutive rows holding lanes of 64 bits. Vector rows are as long as the wave; *uniform* rows have 16 equal lanes and are read with
-//! stride 0, so that every kernel takes either kind for each operand.
+//! consecutive rows holding lanes of 64 bits. Each subgroup of the wave has a frame of *vector* rows of its own, one frame behind another;
+//! *uniform* rows have 16 equal lanes and serve all subgroups: from one to the next it is 0 bytes, so that every kernel takes either kind for
+//! each operand.
 
 use std::cell::Cell;
 
@@ -13,6 +14,7 @@ use super::operand::Operand;
 use crate::SUBGROUP_SIZE;
 use crate::environment::Environment;
 use crate::ir::op::DescriptorBinding;
+use crate::native::Executable;
 use crate::plan::Plan;
 use crate::reach::Range;
 use crate::row::AlignedRow;
@@ -56,13 +58,15 @@ pub(crate) struct Code {
     pub(super) calls: Vec<Return>,
     /// Ascending by `pc`.
     pub(super) physical: Vec<PhysicalAccess>,
+    /// What stretches of native code are in.
+    pub(super) native: Option<Executable>,
     /// Constants: the first uniform rows.
     pub(super) constants: Vec<AlignedRow>,
     /// Behind the instructions that compute uniform rows.
     pub(super) prologue_end: usize,
     /// Uniform rows.
     pub(super) uniform_rows: usize,
-    /// Vector rows.
+    /// Vector rows of a subgroup: an odd number.
     pub(super) vector_rows: usize,
 }
 
@@ -76,10 +80,10 @@ pub(super) struct Machine<'p> {
     pub environment: &'p Environment,
     /// Rows of 64 bytes.
     pub uniforms: *mut u8,
-    /// Rows of `row_bytes`.
+    /// A frame of `frame_bytes` for each subgroup.
     pub vectors: *mut u8,
-    pub row_bytes: usize,
-    /// Byte offsets in a 32-bit row of the subgroups that have active lanes, ascending.
+    pub frame_bytes: usize,
+    /// The subgroups that have active lanes, ascending.
     pub list: [u16; MAX_SUBGROUPS],
     pub list_len: usize,
     /// The same subgroups, a bit each.
@@ -121,7 +125,7 @@ impl Machine<'_> {
             self.occupied = occupied;
             let (mut len, mut rest) = (0, occupied);
             while rest != 0 {
-                self.list[len] = rest.trailing_zeros() as u16 * 64;
+                self.list[len] = rest.trailing_zeros() as u16;
                 rest &= rest - 1;
                 len += 1;
             }
@@ -143,21 +147,21 @@ impl Machine<'_> {
     pub fn runs(&self) -> (&[u16], usize) {
         let listed = self.listed();
         match listed {
-            [first, .., last] if (last - first) as usize == (listed.len() - 1) * 64 => {
+            [first, .., last] if (last - first) as usize == listed.len() - 1 => {
                 (&listed[..1], listed.len())
             }
             _ => (listed, 1),
         }
     }
 
-    /// The active lanes of the subgroup at a block offset that may change memory: all but helper invocations.
+    /// The active lanes of a subgroup that may change memory: all but helper invocations.
     #[inline(always)]
-    pub fn effective(&self, offset: u16) -> LaneMask {
-        let s = offset as usize / 64;
+    pub fn effective(&self, subgroup: u16) -> LaneMask {
+        let s = subgroup as usize;
         self.active[s] - self.helpers[s]
     }
 
-    /// A row's first byte, and the mask to apply to block offsets: 0 for uniform rows.
+    /// A row's first byte, in the first subgroup's frame, and how many bytes it is from one subgroup to the next: 0 for uniform rows.
     ///
     /// # Safety
     /// `operand` is one of the running program's.
@@ -168,22 +172,21 @@ impl Machine<'_> {
             if operand.is_uniform() {
                 (self.uniforms.add(operand.index() * 64), 0)
             } else {
-                (self.vectors.add(operand.index() * self.row_bytes), !0)
+                (self.vectors.add(operand.index() * 64), self.frame_bytes)
             }
         }
     }
 
-    /// Lanes of type `S` (4 or 8 bytes) of a row, for the subgroup whose 32-bit rows' offset is `offset`.
+    /// Lanes of type `S` (4 or 8 bytes) of a row of a subgroup.
     ///
     /// # Safety
     /// As [`Self::row`]; `S` has the width that the program gave the operand.
     #[inline(always)]
-    pub unsafe fn block<S>(&self, operand: Operand, offset: u16) -> *mut [S; SUBGROUP_SIZE] {
-        // SAFETY: as for `row`; offsets are of subgroups that the wave has.
+    pub unsafe fn block<S>(&self, operand: Operand, subgroup: u16) -> *mut [S; SUBGROUP_SIZE] {
+        // SAFETY: as for `row`; the subgroup is one that the wave has.
         unsafe {
-            let (base, stride) = self.row(operand);
-            base.add((offset as usize * (size_of::<S>() / 4)) & stride)
-                .cast()
+            let (base, step) = self.row(operand);
+            base.add(subgroup as usize * step).cast()
         }
     }
 
@@ -192,13 +195,13 @@ impl Machine<'_> {
     /// # Safety
     /// As [`Self::block`]; `wide` tells 64-bit operands.
     #[inline(always)]
-    pub unsafe fn lane(&self, operand: Operand, offset: u16, lane: usize, wide: bool) -> u64 {
+    pub unsafe fn lane(&self, operand: Operand, subgroup: u16, lane: usize, wide: bool) -> u64 {
         // SAFETY: as the caller promises.
         unsafe {
             if wide {
-                (*self.block::<u64>(operand, offset))[lane]
+                (*self.block::<u64>(operand, subgroup))[lane]
             } else {
-                (*self.block::<u32>(operand, offset))[lane] as u64
+                (*self.block::<u32>(operand, subgroup))[lane] as u64
             }
         }
     }
@@ -211,7 +214,7 @@ impl Machine<'_> {
     pub unsafe fn set_lane(
         &self,
         operand: Operand,
-        offset: u16,
+        subgroup: u16,
         lane: usize,
         wide: bool,
         value: u64,
@@ -219,9 +222,9 @@ impl Machine<'_> {
         // SAFETY: as the caller promises.
         unsafe {
             if wide {
-                (*self.block::<u64>(operand, offset))[lane] = value;
+                (*self.block::<u64>(operand, subgroup))[lane] = value;
             } else {
-                (*self.block::<u32>(operand, offset))[lane] = value as u32;
+                (*self.block::<u32>(operand, subgroup))[lane] = value as u32;
             }
         }
     }

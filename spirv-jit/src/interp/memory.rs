@@ -17,11 +17,11 @@ impl Kernel for LoadPrivate {
         let plan = m.code.accesses[i.x as usize];
         let (address, results) = operands(m, &plan);
         let rows = plan.ty.rows() as u64;
-        for &offset in m.listed() {
-            let s = offset as usize / 64;
+        for &subgroup in m.listed() {
+            let s = subgroup as usize;
             let common = match rows {
                 // SAFETY: as the caller promises.
-                1 => unsafe { common_row(m, address[0], offset) },
+                1 => unsafe { common_row(m, address[0], subgroup) },
                 _ => None,
             };
             if let Some(first) = common {
@@ -29,7 +29,7 @@ impl Kernel for LoadPrivate {
                     let row = first.wrapping_add(k as u32) as usize;
                     // SAFETY: as above.
                     unsafe {
-                        *m.block::<u32>(result, offset) = match row < m.plan.private_rows {
+                        *m.block::<u32>(result, subgroup) = match row < m.plan.private_rows {
                             true => *m.state_row(s, m.plan.private + row),
                             false => [0; SUBGROUP_SIZE],
                         };
@@ -40,7 +40,7 @@ impl Kernel for LoadPrivate {
             for lane in m.active[s] {
                 // SAFETY: as the caller promises; rows are checked.
                 unsafe {
-                    let first = m.lane(address[0], offset, lane, false);
+                    let first = m.lane(address[0], subgroup, lane, false);
                     for (k, &result) in results.iter().enumerate() {
                         let value = read_private(
                             m,
@@ -49,7 +49,7 @@ impl Kernel for LoadPrivate {
                             lane,
                             plan.ty,
                         );
-                        m.set_lane(result, offset, lane, rows == 2, value);
+                        m.set_lane(result, subgroup, lane, rows == 2, value);
                     }
                 }
             }
@@ -60,12 +60,12 @@ impl Kernel for LoadPrivate {
 /// The private row that an access of all active lanes is to, where it is one: an index that counts a loop, say.
 ///
 /// # Safety
-/// The operand is the program's, the offset one of a subgroup that has active lanes.
+/// The operand is the program's, the subgroup one that has active lanes.
 #[inline(always)]
-unsafe fn common_row(m: &Machine<'_>, row: Operand, offset: u16) -> Option<u32> {
-    let active = m.active[offset as usize / 64];
+unsafe fn common_row(m: &Machine<'_>, row: Operand, subgroup: u16) -> Option<u32> {
+    let active = m.active[subgroup as usize];
     // SAFETY: as the caller promises.
-    let rows = unsafe { &*m.block::<u32>(row, offset) };
+    let rows = unsafe { &*m.block::<u32>(row, subgroup) };
     let first = rows[active.first()];
     let mut others = 0;
     for (lane, &row) in rows.iter().enumerate() {
@@ -127,11 +127,11 @@ impl Kernel for StorePrivate {
         let plan = m.code.accesses[i.x as usize];
         let (address, values) = operands(m, &plan);
         let rows = plan.ty.rows() as u64;
-        for &offset in m.listed() {
-            let s = offset as usize / 64;
+        for &subgroup in m.listed() {
+            let s = subgroup as usize;
             let common = match rows {
                 // SAFETY: as the caller promises.
-                1 => unsafe { common_row(m, address[0], offset) },
+                1 => unsafe { common_row(m, address[0], subgroup) },
                 _ => None,
             };
             if let Some(first) = common {
@@ -141,7 +141,7 @@ impl Kernel for StorePrivate {
                         // SAFETY: as above.
                         unsafe {
                             let to = &mut *m.state_row(s, m.plan.private + row);
-                            blend(to, &*m.block::<u32>(value, offset), m.active[s]);
+                            blend(to, &*m.block::<u32>(value, subgroup), m.active[s]);
                         }
                     }
                 }
@@ -150,9 +150,9 @@ impl Kernel for StorePrivate {
             for lane in m.active[s] {
                 // SAFETY: as the caller promises; rows are checked.
                 unsafe {
-                    let first = m.lane(address[0], offset, lane, false);
+                    let first = m.lane(address[0], subgroup, lane, false);
                     for (k, &value) in values.iter().enumerate() {
-                        let value = m.lane(value, offset, lane, rows == 2);
+                        let value = m.lane(value, subgroup, lane, rows == 2);
                         write_private(
                             m,
                             s,
@@ -175,16 +175,16 @@ impl Kernel for VariableLoad {
     #[inline(always)]
     unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
         let row = m.plan.private + i.x as usize;
-        for &offset in m.listed() {
-            let s = offset as usize / 64;
+        for &subgroup in m.listed() {
+            let s = subgroup as usize;
             // SAFETY: as the caller promises; the emitter checked the row.
             unsafe {
                 let low = *m.state_row(s, row);
                 if i.y == 0 {
-                    *m.block::<u32>(i.d, offset) = low;
+                    *m.block::<u32>(i.d, subgroup) = low;
                 } else {
                     let high = *m.state_row(s, row + 1);
-                    let d = &mut *m.block::<u64>(i.d, offset);
+                    let d = &mut *m.block::<u64>(i.d, subgroup);
                     for k in 0..SUBGROUP_SIZE {
                         d[k] = low[k] as u64 | (high[k] as u64) << 32;
                     }
@@ -201,17 +201,17 @@ impl Kernel for VariableStore {
     #[inline(always)]
     unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
         let row = m.plan.private + i.x as usize;
-        for &offset in m.listed() {
-            let s = offset as usize / 64;
+        for &subgroup in m.listed() {
+            let s = subgroup as usize;
             let mask = m.active[s];
             // SAFETY: as the caller promises; the emitter checked the row.
             unsafe {
                 let low = &mut *m.state_row(s, row);
                 if i.y == 0 {
-                    blend(low, &*m.block::<u32>(i.a, offset), mask);
+                    blend(low, &*m.block::<u32>(i.a, subgroup), mask);
                 } else {
                     let high = &mut *m.state_row(s, row + 1);
-                    let a = &*m.block::<u64>(i.a, offset);
+                    let a = &*m.block::<u64>(i.a, subgroup);
                     for k in 0..SUBGROUP_SIZE {
                         if mask.contains(k) {
                             low[k] = a[k] as u32;
@@ -230,8 +230,8 @@ impl Kernel for VariableStore {
 /// As [`load_private`].
 pub(super) unsafe fn zero_private(m: &mut Machine<'_>, i: &Instr) {
     for row in i.x..i.y {
-        for &offset in m.listed() {
-            let s = offset as usize / 64;
+        for &subgroup in m.listed() {
+            let s = subgroup as usize;
             // SAFETY: as the caller promises; the emitter checked the rows.
             let words = unsafe { &mut *m.state_row(s, m.plan.private + row as usize) };
             for (k, word) in words.iter_mut().enumerate() {
@@ -248,9 +248,9 @@ pub(super) unsafe fn zero_private(m: &mut Machine<'_>, i: &Instr) {
 pub(super) unsafe fn uniform(m: &mut Machine<'_>, i: &Instr) {
     let uniforms = &m.environment.uniforms;
     let word = uniforms.get(i.x as usize).copied().unwrap_or(0);
-    for &offset in m.listed() {
+    for &subgroup in m.listed() {
         // SAFETY: as the caller promises.
-        unsafe { *m.block::<u32>(i.d, offset) = [word; SUBGROUP_SIZE] };
+        unsafe { *m.block::<u32>(i.d, subgroup) = [word; SUBGROUP_SIZE] };
     }
 }
 
@@ -259,9 +259,9 @@ pub(super) unsafe fn uniform(m: &mut Machine<'_>, i: &Instr) {
 /// # Safety
 /// As [`load_private`].
 pub(super) unsafe fn lane_index(m: &mut Machine<'_>, i: &Instr) {
-    for &offset in m.listed() {
+    for &subgroup in m.listed() {
         // SAFETY: as the caller promises.
-        unsafe { *m.block::<u32>(i.d, offset) = std::array::from_fn(|k| k as u32) };
+        unsafe { *m.block::<u32>(i.d, subgroup) = std::array::from_fn(|k| k as u32) };
     }
 }
 
@@ -274,9 +274,9 @@ pub(super) unsafe fn read_clock(m: &mut Machine<'_>, i: &Instr) {
     use std::time::Instant;
     static START: OnceLock<Instant> = OnceLock::new();
     let now = START.get_or_init(Instant::now).elapsed().as_nanos() as u64;
-    for &offset in m.listed() {
+    for &subgroup in m.listed() {
         // SAFETY: as the caller promises.
-        unsafe { *m.block::<u64>(i.d, offset) = [now; SUBGROUP_SIZE] };
+        unsafe { *m.block::<u64>(i.d, subgroup) = [now; SUBGROUP_SIZE] };
     }
 }
 

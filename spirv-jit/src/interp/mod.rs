@@ -19,6 +19,7 @@ pub(crate) mod images;
 mod kernels;
 mod machine;
 mod memory;
+mod native;
 mod operand;
 mod region;
 mod slots;
@@ -35,7 +36,6 @@ use std::collections::TryReserveError;
 
 use lanes::LaneMask;
 
-use crate::SUBGROUP_SIZE;
 use crate::plan::Plan;
 use crate::row::AlignedRow;
 use crate::state::{Event, Wave};
@@ -74,7 +74,7 @@ const KEPT_ROWS: usize = 256;
 impl Code {
     /// Subgroups that one run may take: follows from the frame's size.
     pub fn max_wave_subgroups(&self) -> usize {
-        let subgroup_bytes = self.vector_rows.max(1) * size_of::<AlignedRow>();
+        let subgroup_bytes = self.vector_rows * size_of::<AlignedRow>();
         (FRAME_BYTES / subgroup_bytes).clamp(4, MAX_SUBGROUPS)
     }
 
@@ -120,7 +120,7 @@ impl Code {
             environment: wave.environment,
             uniforms: uniforms.cast(),
             vectors: frame.vectors.as_mut_ptr().cast(),
-            row_bytes: subgroups * size_of::<[u32; SUBGROUP_SIZE]>(),
+            frame_bytes: self.vector_rows * size_of::<AlignedRow>(),
             list: [0; MAX_SUBGROUPS],
             list_len: 0,
             occupied: 0,

@@ -25,7 +25,9 @@ pub(super) fn allocate(function: &Function, liveness: &Liveness) -> Slots {
     let ranges: Vec<(Value, u32, u32)> = (liveness.by_start.iter())
         .filter_map(|&value| liveness.ranges[value.index()].map(|(start, end)| (value, start, end)))
         .collect();
-    let mut free = FreeRows::default();
+    // Rows of 32-bit lanes and pairs of rows lie apart, so that native code may compute one half of the lanes after the other: neither
+    // then overwrites what the other's half reads.
+    let mut free = [FreeRows::default(), FreeRows::default()];
     let mut ending = Ending::new(&ranges);
     for (index, &(value, start, end)) in ranges.iter().enumerate() {
         if into[value.index()].is_some() {
@@ -33,10 +35,18 @@ pub(super) fn allocate(function: &Function, liveness: &Liveness) -> Slots {
         }
         ending.take_before(start, |index| {
             let (value, ..) = ranges[index];
-            free.release(slots.row[value.index()], rows_of(function, value));
+            let rows = rows_of(function, value);
+            free[rows as usize - 1].release(slots.row[value.index()], rows);
         });
-        slots.row[value.index()] = free.take(rows_of(function, value));
+        let rows = rows_of(function, value);
+        slots.row[value.index()] = free[rows as usize - 1].take(rows);
         ending.push(index, end);
+    }
+    let [single, double] = free.map(|free| free.taken.len() as u32);
+    for &(value, ..) in &ranges {
+        if into[value.index()].is_none() && rows_of(function, value) == 2 {
+            slots.row[value.index()] += single;
+        }
     }
     for &(value, ..) in &ranges {
         let mut owner = value;
@@ -45,7 +55,7 @@ pub(super) fn allocate(function: &Function, liveness: &Liveness) -> Slots {
         }
         slots.row[value.index()] = slots.row[owner.index()];
     }
-    slots.rows = free.taken.len() as u32;
+    slots.rows = single + double;
     slots
 }
 

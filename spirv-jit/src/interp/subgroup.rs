@@ -22,13 +22,13 @@ pub(super) unsafe fn subgroup(m: &mut Machine<'_>, i: &Instr) {
     let plan = m.code.subgroups[i.x as usize];
     let wide_operand = plan.ty.rows() == 2;
     let (has_a, has_b, wide_result) = shape(&plan);
-    for &offset in m.listed() {
-        let mask = lanes(m, &plan, offset);
+    for &subgroup in m.listed() {
+        let mask = lanes(m, &plan, subgroup);
         // SAFETY: as the caller promises.
         unsafe {
             let read = |has: bool, operand, wide| -> Lanes {
                 std::array::from_fn(|k| match has {
-                    true => m.lane(operand, offset, k, wide),
+                    true => m.lane(operand, subgroup, k, wide),
                     false => 0,
                 })
             };
@@ -36,7 +36,7 @@ pub(super) unsafe fn subgroup(m: &mut Machine<'_>, i: &Instr) {
             let b = read(has_b, i.b, false);
             let result = perform(&plan, &a, &b, mask);
             for (k, &value) in result.iter().enumerate() {
-                m.set_lane(i.d, offset, k, wide_result, value);
+                m.set_lane(i.d, subgroup, k, wide_result, value);
             }
         }
     }
@@ -44,11 +44,11 @@ pub(super) unsafe fn subgroup(m: &mut Machine<'_>, i: &Instr) {
 
 /// The lanes that take part.
 #[inline(always)]
-fn lanes(m: &Machine<'_>, plan: &SubgroupPlan, offset: u16) -> LaneMask {
+fn lanes(m: &Machine<'_>, plan: &SubgroupPlan, subgroup: u16) -> LaneMask {
     // Where all are helpers they are by themselves: a loop that waits to be elected ends.
-    match m.effective(offset) {
+    match m.effective(subgroup) {
         others if !others.is_empty() && !plan.with_helpers => others,
-        _ => m.active[offset as usize / 64],
+        _ => m.active[subgroup as usize],
     }
 }
 
@@ -75,12 +75,12 @@ impl Kernel for Word {
     #[inline(always)]
     unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
         let plan = m.code.subgroups[i.x as usize];
-        for &offset in m.listed() {
-            let mask = lanes(m, &plan, offset);
+        for &subgroup in m.listed() {
+            let mask = lanes(m, &plan, subgroup);
             // SAFETY: as the caller promises; such an operation has one operand, of 32 bits as its result.
             unsafe {
-                let word = word(&plan, &*m.block::<u32>(i.a, offset), mask);
-                *m.block::<u32>(i.d, offset) = [word; SUBGROUP_SIZE];
+                let word = word(&plan, &*m.block::<u32>(i.a, subgroup), mask);
+                *m.block::<u32>(i.d, subgroup) = [word; SUBGROUP_SIZE];
             }
         }
     }

@@ -59,15 +59,15 @@ unsafe fn save(m: &Machine<'_>, saved: &[Saved]) {
     for value in saved.iter().filter(|value| !value.input) {
         // SAFETY: as the caller promises.
         unsafe {
-            let (base, stride) = m.row(value.operand);
+            let (base, step) = m.row(value.operand);
             let row = value.row as usize;
             for s in 0..m.subgroups {
                 let to = m.state_row(s, row);
                 if value.wide {
-                    let from = base.add((s * 128) & stride);
+                    let from = base.add(s * step);
                     *to.cast::<[u64; SUBGROUP_SIZE]>() = *from.cast();
                 } else {
-                    *to = *base.add((s * 64) & stride).cast();
+                    *to = *base.add(s * step).cast();
                 }
             }
         }
@@ -81,15 +81,15 @@ unsafe fn restore_values(m: &Machine<'_>, live: &Live) {
     for value in &live.saved {
         // SAFETY: as the caller promises.
         unsafe {
-            let (base, stride) = m.row(value.operand);
+            let (base, step) = m.row(value.operand);
             let row = value.row as usize;
             for s in 0..m.subgroups {
                 let from = m.state_row(s, row);
                 if value.wide {
-                    let to = base.add((s * 128) & stride).cast();
+                    let to = base.add(s * step).cast();
                     *to = *from.cast::<[u64; SUBGROUP_SIZE]>();
                 } else {
-                    *base.add((s * 64) & stride).cast() = *from;
+                    *base.add(s * step).cast() = *from;
                 }
             }
         }
@@ -141,11 +141,11 @@ impl Kernel for Resume {
 unsafe fn write_io(m: &Machine<'_>, operand: Operand, row: usize) {
     // SAFETY: as the caller promises.
     unsafe {
-        let (base, stride) = m.row(operand);
+        let (base, step) = m.row(operand);
         let row = m.plan.layout.io + row;
-        for &offset in m.listed() {
-            let s = offset as usize / 64;
-            let from = &*base.add(offset as usize & stride).cast::<Row>();
+        for &subgroup in m.listed() {
+            let s = subgroup as usize;
+            let from = &*base.add(subgroup as usize * step).cast::<Row>();
             blend(&mut *m.state_row(s, row), from, m.active[s]);
         }
     }
@@ -209,11 +209,11 @@ impl Kernel for ReadIo {
         for (k, &operand) in m.code.operands[first..first + count].iter().enumerate() {
             // SAFETY: as the caller promises.
             unsafe {
-                let (base, stride) = m.row(operand);
+                let (base, step) = m.row(operand);
                 let row = m.plan.layout.io + i.c.raw() as usize + k;
-                for &offset in m.listed() {
-                    let to = base.add(offset as usize & stride).cast::<Row>();
-                    *to = *m.state_row(offset as usize / 64, row);
+                for &subgroup in m.listed() {
+                    let to = base.add(subgroup as usize * step).cast::<Row>();
+                    *to = *m.state_row(subgroup as usize, row);
                 }
             }
         }
@@ -228,12 +228,12 @@ impl Kernel for ReadVerdict {
     #[inline(always)]
     unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
         let mut active = m.active;
-        for &offset in m.listed() {
+        for &subgroup in m.listed() {
             // SAFETY: as the caller promises.
             unsafe {
-                let s = offset as usize / 64;
+                let s = subgroup as usize;
                 let verdict = &*m.state_row(s, m.plan.layout.io);
-                let accepted = &mut *m.block::<u32>(i.d, offset);
+                let accepted = &mut *m.block::<u32>(i.d, subgroup);
                 for k in 0..SUBGROUP_SIZE {
                     accepted[k] = if verdict[k] != 0 { !0 } else { 0 };
                     if verdict[k] == 2 {
@@ -260,8 +260,8 @@ impl Kernel for WriteOutputs {
                 write_io(m, operand, row);
             }
             for row in count..i.c.raw() as usize {
-                for &offset in m.listed() {
-                    let s = offset as usize / 64;
+                for &subgroup in m.listed() {
+                    let s = subgroup as usize;
                     let to = &mut *m.state_row(s, m.plan.layout.io + row);
                     blend(to, &[0; SUBGROUP_SIZE], m.active[s]);
                 }
@@ -278,11 +278,11 @@ impl Kernel for Input {
     unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
         // SAFETY: as the caller promises.
         unsafe {
-            let (base, stride) = m.row(i.d);
+            let (base, step) = m.row(i.d);
             let row = m.plan.layout.inputs + i.x as usize;
-            for &offset in m.listed() {
-                let to = base.add(offset as usize & stride).cast::<Row>();
-                *to = *m.state_row(offset as usize / 64, row);
+            for &subgroup in m.listed() {
+                let to = base.add(subgroup as usize * step).cast::<Row>();
+                *to = *m.state_row(subgroup as usize, row);
             }
         }
     }

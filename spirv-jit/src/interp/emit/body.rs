@@ -24,7 +24,7 @@ struct Move {
     wide: bool,
 }
 
-impl Emitter<'_> {
+impl<'m> Emitter<'m> {
     pub(super) fn emit_function(&mut self, f: usize) -> Result<(), Error> {
         self.function = f;
         self.labels.clear();
@@ -110,13 +110,14 @@ impl Emitter<'_> {
         });
     }
 
-    fn emit_body(&mut self, body: &Body, exit: Target) -> Result<(), Error> {
+    fn emit_body(&mut self, body: &'m Body, exit: Target) -> Result<(), Error> {
         for node in &body.nodes {
             self.emit_node(node, exit)?;
             if matches!(node, Node::Loop { .. }) {
                 return Ok(());
             }
         }
+        self.end_stretch()?;
         match &body.end {
             Terminator::Br(label, args) => {
                 let (mask, to) = self.labels[label].clone();
@@ -159,7 +160,10 @@ impl Emitter<'_> {
         self.jump(control::kill, exit);
     }
 
-    fn emit_node(&mut self, node: &Node, exit: Target) -> Result<(), Error> {
+    fn emit_node(&mut self, node: &'m Node, exit: Target) -> Result<(), Error> {
+        if !matches!(node, Node::Inst(_)) {
+            self.end_stretch()?;
+        }
         match node {
             Node::Inst(inst) => self.emit_inst(inst, exit),
             Node::Block {
@@ -237,7 +241,7 @@ impl Emitter<'_> {
         label: Label,
         params: &[Value],
         init: &[Value],
-        body: &Body,
+        body: &'m Body,
         exit: Target,
     ) -> Result<(), Error> {
         let moves = self.moves(params, init);
@@ -355,13 +359,15 @@ impl Emitter<'_> {
         });
     }
 
-    fn emit_inst(&mut self, inst: &Inst, exit: Target) -> Result<(), Error> {
+    fn emit_inst(&mut self, inst: &'m Inst, exit: Target) -> Result<(), Error> {
         match inst.op {
             Op::Call(callee) => {
+                self.end_stretch()?;
                 self.emit_call(callee.index(), inst, exit);
                 Ok(())
             }
             ref op if op.is_yield() => {
+                self.end_stretch()?;
                 self.emit_yield(inst, exit);
                 Ok(())
             }
@@ -374,14 +380,23 @@ impl Emitter<'_> {
                 if self.placed().fusion.absorbs(inst) {
                     return Ok(());
                 }
-                if let Some(pair) = self.placed().fusion.of(inst) {
-                    let pair = self.fused(inst, pair);
-                    self.push(pair);
+                if self.extend_stretch(inst) {
                     return Ok(());
                 }
-                self.emit_operation(inst)
+                self.end_stretch()?;
+                self.interpret(inst)
             }
         }
+    }
+
+    /// Emits an instruction that neither branches nor suspends for the interpreter.
+    pub(super) fn interpret(&mut self, inst: &Inst) -> Result<(), Error> {
+        if let Some(pair) = self.placed().fusion.of(inst) {
+            let pair = self.fused(inst, pair);
+            self.push(pair);
+            return Ok(());
+        }
+        self.emit_operation(inst)
     }
 
     /// Operands of what lives at a place that the plan found.

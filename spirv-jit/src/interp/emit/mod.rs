@@ -8,6 +8,7 @@ use lanes::Tier as TierKind;
 
 mod body;
 mod inst;
+mod native;
 mod prologue;
 
 use super::fusion::Fusion;
@@ -18,6 +19,7 @@ use super::slots::{Slots, allocate};
 use super::tier::{Kernel, Portable, Tier};
 use crate::Error;
 use crate::ir::{Function, Label, Module, Value};
+use crate::native::Encoding;
 use crate::plan::{FunctionPlan, Planned, budget, callees};
 
 /// A code address that is not known yet.
@@ -28,6 +30,8 @@ struct Target(usize);
 struct Placed {
     slots: Slots,
     fusion: Fusion,
+    /// By value, with pairs: as [`Liveness`](crate::plan::Liveness) has them.
+    ranges: Vec<Option<(u32, u32)>>,
     /// Vector rows of results, after the values'.
     results: Vec<Operand>,
     /// Two vector rows for breaking cycles of copies.
@@ -40,6 +44,8 @@ struct Emitter<'m> {
     tier: TierKind,
     code: Code,
     placed: Vec<Option<Placed>>,
+    /// `None` where all is interpreted.
+    native: Option<native::Native<'m>>,
     /// Operand of each value, by function.
     operands: Vec<Vec<Operand>>,
     targets: Vec<u32>,
@@ -61,6 +67,20 @@ struct Emitter<'m> {
 /// # Errors
 /// Budget; operations on types that have none.
 pub(crate) fn emit(planned: &Planned<'_>, tier: TierKind) -> Result<Code, Error> {
+    if let Some(encoding) = crate::native::encoding(tier)
+        && let Some(code) = emit_as(planned, tier, Some(encoding))?
+    {
+        return Ok(code);
+    }
+    emit_as(planned, tier, None).map(|code| code.expect("needs no executable memory"))
+}
+
+/// Emits a module with native code, or without. `None`: the system refused memory for native code.
+fn emit_as(
+    planned: &Planned<'_>,
+    tier: TierKind,
+    encoding: Option<Encoding>,
+) -> Result<Option<Code>, Error> {
     let module = planned.module;
     let count = module.functions.len();
     let mut e = Emitter {
@@ -69,6 +89,7 @@ pub(crate) fn emit(planned: &Planned<'_>, tier: TierKind) -> Result<Code, Error>
         tier,
         code: Code::default(),
         placed: (0..count).map(|_| None).collect(),
+        native: encoding.map(native::Native::new),
         operands: vec![Vec::new(); count],
         targets: Vec::new(),
         jumps: Vec::new(),
@@ -83,8 +104,10 @@ pub(crate) fn emit(planned: &Planned<'_>, tier: TierKind) -> Result<Code, Error>
     for &f in &planned.order {
         e.emit_function(f)?;
     }
+    // Odd, so that a row's places in the frames of a wave fall to different sets of the cache.
+    e.code.vector_rows |= 1;
     e.patch();
-    Ok(e.code)
+    Ok(e.finish_native().then_some(e.code))
 }
 
 impl<'m> Emitter<'m> {
@@ -134,6 +157,7 @@ impl<'m> Emitter<'m> {
             self.placed[f] = Some(Placed {
                 slots,
                 fusion,
+                ranges: liveness.ranges,
                 results,
                 scratch,
             });

@@ -300,11 +300,11 @@ impl<T: Lane + Int> Kernel for BitfieldInsert<T> {
     unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
         // SAFETY: operands are the program's.
         unsafe {
-            for &offset in m.listed() {
-                let base = *m.block::<T::Slot>(i.a, offset);
-                let insert = *m.block::<T::Slot>(i.b, offset);
-                let first = *m.block::<u32>(i.c, offset);
-                let count = *m.block::<u32>(m.code.operands[i.x as usize], offset);
+            for &subgroup in m.listed() {
+                let base = *m.block::<T::Slot>(i.a, subgroup);
+                let insert = *m.block::<T::Slot>(i.b, subgroup);
+                let first = *m.block::<u32>(i.c, subgroup);
+                let count = *m.block::<u32>(m.code.operands[i.x as usize], subgroup);
                 let mut r = [T::Slot::default(); SUBGROUP_SIZE];
                 for k in 0..SUBGROUP_SIZE {
                     r[k] = eval::bitfield_insert(
@@ -315,7 +315,7 @@ impl<T: Lane + Int> Kernel for BitfieldInsert<T> {
                     )
                     .write();
                 }
-                *m.block::<T::Slot>(i.d, offset) = r;
+                *m.block::<T::Slot>(i.d, subgroup) = r;
             }
         }
     }
@@ -329,10 +329,10 @@ impl<S: Lane<Slot = S> + Default> Kernel for MaskedCopy<S> {
     unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
         // SAFETY: operands are the program's.
         unsafe {
-            for &offset in m.listed() {
-                let mask = m.active[offset as usize / 64];
-                let new = *m.block::<S>(i.a, offset);
-                let d = m.block::<S>(i.d, offset);
+            for &subgroup in m.listed() {
+                let mask = m.active[subgroup as usize];
+                let new = *m.block::<S>(i.a, subgroup);
+                let d = m.block::<S>(i.d, subgroup);
                 if mask == LaneMask::ALL {
                     *d = new;
                     continue;

@@ -111,9 +111,9 @@ macro_rules! kernel {
                     let d = m.row(i.d);
                     $(let $operand = m.row(i.$operand);)*
                     let (runs, count) = m.runs();
-                    for &offset in runs {
-                        $(let mut $operand = Blocks::<<$slot as Lane>::Slot>::new($operand, offset);)*
-                        let mut d = Blocks::<<$x as Lane>::Slot>::new(d, offset);
+                    for &subgroup in runs {
+                        $(let mut $operand = Blocks::<<$slot as Lane>::Slot>::new($operand, subgroup);)*
+                        let mut d = Blocks::<<$x as Lane>::Slot>::new(d, subgroup);
                         for _ in 0..count {
                             $(let $var = *$operand.at;)*
                             let mut r = [<$x as Lane>::Slot::default(); SUBGROUP_SIZE];

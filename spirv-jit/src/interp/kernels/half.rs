@@ -28,9 +28,9 @@ impl Kernel for Widen {
         unsafe {
             let (a, d) = (m.row(i.a), m.row(i.d));
             let (runs, count) = m.runs();
-            for &offset in runs {
-                let mut a = Blocks::<u32>::new(a, offset);
-                let mut d = Blocks::<f32>::new(d, offset);
+            for &subgroup in runs {
+                let mut a = Blocks::<u32>::new(a, subgroup);
+                let mut d = Blocks::<f32>::new(d, subgroup);
                 for _ in 0..count {
                     widen_lanes(a.at, d.at);
                     a.go_on();

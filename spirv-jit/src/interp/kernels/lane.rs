@@ -59,17 +59,14 @@ pub(in crate::interp) struct Map3<O, A, B, C, R>(PhantomData<(O, A, B, C, R)>);
 /// Sixteen lanes of a row.
 ///
 /// # Safety
-/// `base` is the row's start and `offset` one of the wave's subgroups'.
+/// The row is a frame's, as `Machine::row` gives it, and `subgroup` one of the wave's.
 #[inline(always)]
 pub(super) unsafe fn at<S>(
-    (base, stride): (*mut u8, usize),
-    offset: u16,
+    (base, step): (*mut u8, usize),
+    subgroup: u16,
 ) -> *mut [S; SUBGROUP_SIZE] {
     // SAFETY: as the caller promises.
-    unsafe {
-        base.add((offset as usize * (size_of::<S>() / 4)) & stride)
-            .cast()
-    }
+    unsafe { base.add(subgroup as usize * step).cast() }
 }
 
 /// Sixteen lanes of a row, and how far it is to those of the next subgroup: 0 in uniform rows.
@@ -82,11 +79,11 @@ impl<S> Blocks<S> {
     /// # Safety
     /// As [`at`].
     #[inline(always)]
-    pub unsafe fn new(row: (*mut u8, usize), offset: u16) -> Self {
+    pub unsafe fn new(row: (*mut u8, usize), subgroup: u16) -> Self {
         Self {
             // SAFETY: as the caller promises.
-            at: unsafe { at(row, offset) },
-            step: size_of::<[S; SUBGROUP_SIZE]>() & row.1,
+            at: unsafe { at(row, subgroup) },
+            step: row.1,
         }
     }
 
@@ -104,9 +101,9 @@ impl<O: Unary<A, R>, A: Lane, R: Lane> Kernel for Map1<O, A, R> {
         unsafe {
             let (a, d) = (m.row(i.a), m.row(i.d));
             let (runs, count) = m.runs();
-            for &offset in runs {
-                let mut a = Blocks::<A::Slot>::new(a, offset);
-                let mut d = Blocks::<R::Slot>::new(d, offset);
+            for &subgroup in runs {
+                let mut a = Blocks::<A::Slot>::new(a, subgroup);
+                let mut d = Blocks::<R::Slot>::new(d, subgroup);
                 for _ in 0..count {
                     let x = *a.at;
                     let mut r = [R::Slot::default(); SUBGROUP_SIZE];
@@ -129,10 +126,10 @@ impl<O: Binary<A, B, R>, A: Lane, B: Lane, R: Lane> Kernel for Map2<O, A, B, R> 
         unsafe {
             let (a, b, d) = (m.row(i.a), m.row(i.b), m.row(i.d));
             let (runs, count) = m.runs();
-            for &offset in runs {
-                let mut a = Blocks::<A::Slot>::new(a, offset);
-                let mut b = Blocks::<B::Slot>::new(b, offset);
-                let mut d = Blocks::<R::Slot>::new(d, offset);
+            for &subgroup in runs {
+                let mut a = Blocks::<A::Slot>::new(a, subgroup);
+                let mut b = Blocks::<B::Slot>::new(b, subgroup);
+                let mut d = Blocks::<R::Slot>::new(d, subgroup);
                 for _ in 0..count {
                     let (x, y) = (*a.at, *b.at);
                     let mut r = [R::Slot::default(); SUBGROUP_SIZE];
@@ -156,11 +153,11 @@ impl<O: Ternary<A, B, C, R>, A: Lane, B: Lane, C: Lane, R: Lane> Kernel for Map3
         unsafe {
             let (a, b, c, d) = (m.row(i.a), m.row(i.b), m.row(i.c), m.row(i.d));
             let (runs, count) = m.runs();
-            for &offset in runs {
-                let mut a = Blocks::<A::Slot>::new(a, offset);
-                let mut b = Blocks::<B::Slot>::new(b, offset);
-                let mut c = Blocks::<C::Slot>::new(c, offset);
-                let mut d = Blocks::<R::Slot>::new(d, offset);
+            for &subgroup in runs {
+                let mut a = Blocks::<A::Slot>::new(a, subgroup);
+                let mut b = Blocks::<B::Slot>::new(b, subgroup);
+                let mut c = Blocks::<C::Slot>::new(c, subgroup);
+                let mut d = Blocks::<R::Slot>::new(d, subgroup);
                 for _ in 0..count {
                     let (x, y, z) = (*a.at, *b.at, *c.at);
                     let mut r = [R::Slot::default(); SUBGROUP_SIZE];

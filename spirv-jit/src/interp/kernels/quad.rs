@@ -45,10 +45,10 @@ impl<V: Vector, const AXIS: usize> Kernel for Slope<V, AXIS> {
         unsafe {
             let v = V::new();
             let (a, d) = (m.row(i.a), m.row(i.d));
-            for &offset in m.listed() {
-                let active = m.active[offset as usize / 64].bits();
-                let slope = v.derivative::<AXIS>(v.load(&*at::<u32>(a, offset)), active);
-                v.store(slope, &mut *at::<u32>(d, offset));
+            for &subgroup in m.listed() {
+                let active = m.active[subgroup as usize].bits();
+                let slope = v.derivative::<AXIS>(v.load(&*at::<u32>(a, subgroup)), active);
+                v.store(slope, &mut *at::<u32>(d, subgroup));
             }
         }
     }
@@ -62,19 +62,19 @@ impl<F: Lane + Float, const AXIS: usize> Kernel for Derivative<F, AXIS> {
         // SAFETY: rows are the program's; a block is read before it is written.
         unsafe {
             let (a, d) = (m.row(i.a), m.row(i.d));
-            for &offset in m.listed() {
-                let x = *at::<F::Slot>(a, offset);
+            for &subgroup in m.listed() {
+                let x = *at::<F::Slot>(a, subgroup);
                 let mut values = [F::read(F::Slot::default()); SUBGROUP_SIZE];
                 for k in 0..SUBGROUP_SIZE {
                     values[k] = F::read(x[k]);
                 }
-                let active = m.active[offset as usize / 64].bits();
+                let active = m.active[subgroup as usize].bits();
                 let results = quad::derivative::<F, AXIS>(&values, active);
                 let mut r = [F::Slot::default(); SUBGROUP_SIZE];
                 for k in 0..SUBGROUP_SIZE {
                     r[k] = results[k].write();
                 }
-                *at::<F::Slot>(d, offset) = r;
+                *at::<F::Slot>(d, subgroup) = r;
             }
         }
     }

@@ -45,9 +45,9 @@ impl<O: Sign + Binary<f32, f32, f32>> Kernel for Remainder<O> {
         unsafe {
             // First only a question, because the result may lie where an operand does.
             let mut moderate = true;
-            for &offset in m.listed() {
-                let x = *m.block::<f32>(i.a, offset);
-                let y = *m.block::<f32>(i.b, offset);
+            for &subgroup in m.listed() {
+                let x = *m.block::<f32>(i.a, subgroup);
+                let y = *m.block::<f32>(i.b, subgroup);
                 let mut outside = 0u32;
                 for k in 0..SUBGROUP_SIZE {
                     let quotient = x[k] as f64 / y[k] as f64;
@@ -59,9 +59,9 @@ impl<O: Sign + Binary<f32, f32, f32>> Kernel for Remainder<O> {
             if !moderate {
                 return <Map2<O, f32, f32, f32> as Kernel>::run(m, i);
             }
-            for &offset in m.listed() {
-                let x = *m.block::<f32>(i.a, offset);
-                let y = *m.block::<f32>(i.b, offset);
+            for &subgroup in m.listed() {
+                let x = *m.block::<f32>(i.a, subgroup);
+                let y = *m.block::<f32>(i.b, subgroup);
                 let mut r = [0.0; SUBGROUP_SIZE];
                 for k in 0..SUBGROUP_SIZE {
                     let (x, y) = (x[k] as f64, y[k] as f64);
@@ -69,7 +69,7 @@ impl<O: Sign + Binary<f32, f32, f32>> Kernel for Remainder<O> {
                     let remainder = (-quotient).mul_add(y, x) as f32;
                     r[k] = O::fix(remainder.copysign(x as f32), y as f32);
                 }
-                *m.block::<f32>(i.d, offset) = r;
+                *m.block::<f32>(i.d, subgroup) = r;
             }
         }
     }

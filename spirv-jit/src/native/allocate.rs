@@ -1,0 +1,416 @@
+//! Registers for a straight stretch of code: each value is loaded where it is first used, and leaves its register when it is used no more
+//! or when another is needed sooner (Belady 1966).
+
+use super::encode::{Assembler, Encoding, Memory, Opcode, Operand, Register, opcode};
+
+/// A value of the stretch: one register's worth.
+pub(super) type Virtual = u32;
+
+/// In which registers a value is kept.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Class {
+    Vector,
+    /// A bit for each lane; in memory, all zeros or all ones in each. AVX-512 only.
+    Mask,
+}
+
+pub(super) struct Info {
+    pub class: Class,
+    /// Where it is in memory, or may be put.
+    pub home: Option<Memory>,
+    /// Whether it is there.
+    pub is_home: bool,
+    /// Whether code behind the stretch looks for it there.
+    pub keep: bool,
+}
+
+/// How an instruction takes its operands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Form {
+    /// `reg = op(vvvv, rm)`.
+    Binary,
+    /// As [`Form::Binary`], in either order.
+    Commutative,
+    /// `reg = op(rm)`.
+    Unary,
+    /// `reg = op(vvvv, rm)` and [`Form::Unary`] between registers alone: those whose operand in memory would be shorter or is none.
+    Registers,
+    /// `rm = op(reg)`.
+    Reverse,
+    /// `vvvv = op(rm)`, with this number in `reg`.
+    Extended(u8),
+    /// `a * b + c`.
+    MultiplyAdd,
+    /// `condition ? a : b`.
+    Blend,
+    /// On mask registers; of two operands, or of one.
+    OfMasks,
+}
+
+/// An instruction of the stretch.
+pub(super) struct Step {
+    pub op: Opcode,
+    pub form: Form,
+    pub to: Virtual,
+    pub from: [Virtual; 3],
+    pub count: usize,
+    pub immediate: Option<u8>,
+    /// The last of its operation: results that are kept are stored behind it, and no sooner, since their rows may be operands'.
+    pub ends: bool,
+}
+
+const LOAD: Opcode = opcode(1, 0, 0, 0x10);
+const STORE: Opcode = opcode(1, 0, 0, 0x11);
+const MOVE: Opcode = opcode(1, 0, 0, 0x28);
+const MULTIPLY_ADD_213: Opcode = opcode(2, 1, 0, 0xa8);
+const MULTIPLY_ADD_231: Opcode = opcode(2, 1, 0, 0xb8);
+const MASK_TO_VECTOR: Opcode = opcode(2, 2, 0, 0x38);
+const VECTOR_TO_MASK: Opcode = opcode(2, 2, 0, 0x39);
+
+/// With AVX-512, where masks pass through on their way to and from memory.
+const SCRATCH: Register = 31;
+
+const NEVER: u32 = u32::MAX;
+
+/// No register could be freed.
+#[derive(Debug)]
+pub(super) struct TooManyLive;
+
+/// Writes the steps.
+pub(super) fn allocate(
+    steps: &[Step],
+    values: Vec<Info>,
+    assembler: &mut Assembler,
+) -> Result<(), TooManyLive> {
+    let (after, first) = next_uses(steps, values.len());
+    let mut a = Allocation {
+        assembler,
+        registers: vec![None; values.len()],
+        next: first,
+        values,
+        vectors: Vec::new(),
+        masks: Vec::new(),
+        held: Vec::new(),
+        results: Vec::new(),
+    };
+    a.vectors = match a.assembler.encoding {
+        Encoding::Vex => (0..16).rev().collect(),
+        Encoding::Evex => (0..SCRATCH).rev().collect(),
+    };
+    // `k0` means no mask.
+    a.masks = (1..8).rev().collect();
+    for (step, after) in steps.iter().zip(after) {
+        a.step(step, after)?;
+        if step.ends {
+            a.end_operation()?;
+        }
+    }
+    Ok(())
+}
+
+/// By step, when its operands are used again; by value, when it is first used.
+fn next_uses(steps: &[Step], values: usize) -> (Vec<[u32; 3]>, Vec<u32>) {
+    let mut next = vec![NEVER; values];
+    let mut after = vec![[NEVER; 3]; steps.len()];
+    for (index, step) in steps.iter().enumerate().rev() {
+        let from = &step.from[..step.count];
+        for (k, &value) in from.iter().enumerate() {
+            after[index][k] = next[value as usize];
+        }
+        for &value in from {
+            next[value as usize] = index as u32;
+        }
+    }
+    (after, next)
+}
+
+struct Allocation<'a> {
+    assembler: &'a mut Assembler,
+    values: Vec<Info>,
+    /// By value.
+    registers: Vec<Option<Register>>,
+    /// By value: its next use.
+    next: Vec<u32>,
+    /// Free registers.
+    vectors: Vec<Register>,
+    masks: Vec<Register>,
+    /// Values in registers.
+    held: Vec<Virtual>,
+    /// Of the operation that is being written.
+    results: Vec<Virtual>,
+}
+
+impl Allocation<'_> {
+    fn step(&mut self, step: &Step, after: [u32; 3]) -> Result<(), TooManyLive> {
+        let from = &step.from[..step.count];
+        // Which operand stays in memory: the last, if nothing else will want it in a register.
+        let in_memory = |a: &Self, k: usize| {
+            let info = &a.values[from[k] as usize];
+            a.registers[from[k] as usize].is_none()
+                && info.is_home
+                && info.class == Class::Vector
+                && after[k] == NEVER
+                && from.iter().filter(|&&value| value == from[k]).count() == 1
+        };
+        let memory = match step.form {
+            Form::Binary | Form::Unary => step.count - 1,
+            Form::Commutative if !in_memory(self, 1) && in_memory(self, 0) => 0,
+            Form::Commutative => 1,
+            Form::MultiplyAdd => match (in_memory(self, 2), in_memory(self, 1)) {
+                (true, _) => 2,
+                (_, true) => 1,
+                _ => 0,
+            },
+            Form::Blend => 1,
+            _ => usize::MAX,
+        };
+        let memory = (memory != usize::MAX && in_memory(self, memory)).then_some(memory);
+        let mut operands = [Operand::Register(0); 3];
+        for (k, &value) in from.iter().enumerate() {
+            operands[k] = match memory {
+                Some(m) if m == k => {
+                    let home = self.values[value as usize].home;
+                    Operand::Memory(home.expect("it is home"))
+                }
+                _ => Operand::Register(self.bring(value, from)?),
+            };
+        }
+        for (k, &value) in from.iter().enumerate() {
+            self.next[value as usize] = after[k];
+        }
+        let dies = |a: &Self, k: usize| {
+            let value = from[k];
+            a.next[value as usize] == NEVER && !a.is_to_be_stored(value)
+        };
+        if step.form == Form::MultiplyAdd {
+            let dying = [0, 1, 2].map(|k| memory != Some(k) && dies(self, k));
+            self.multiply_add(step, operands, memory, dying)?;
+        } else {
+            for k in 0..from.len() {
+                if dies(self, k) {
+                    self.release(from[k]);
+                }
+            }
+            let to = self.take(step.to, from)?;
+            self.write(step, to, operands, memory);
+        }
+        self.results.push(step.to);
+        Ok(())
+    }
+
+    fn write(&mut self, step: &Step, to: Register, operands: [Operand; 3], memory: Option<usize>) {
+        let register = |operand: Operand| match operand {
+            Operand::Register(register) => register,
+            Operand::Memory(_) => unreachable!("in a register"),
+        };
+        let encoding = self.assembler.encoding;
+        let [a, b, c] = operands;
+        let mut vector = |operands: (Register, Register, Operand), mask, immediate| {
+            self.assembler.vector(step.op, operands, mask, immediate);
+        };
+        match step.form {
+            Form::Commutative if memory == Some(0) => {
+                vector((to, register(b), a), 0, step.immediate);
+            }
+            Form::Binary | Form::Commutative => vector((to, register(a), b), 0, step.immediate),
+            Form::Registers if step.count == 2 => vector((to, register(a), b), 0, step.immediate),
+            Form::Unary | Form::Registers => vector((to, 0, a), 0, step.immediate),
+            Form::Reverse => vector((register(a), 0, Operand::Register(to)), 0, step.immediate),
+            Form::Extended(number) => vector((number, to, a), 0, step.immediate),
+            Form::Blend if encoding == Encoding::Evex => {
+                vector((to, register(c), b), register(a), step.immediate);
+            }
+            Form::Blend => vector((to, register(c), b), 0, Some(register(a) << 4)),
+            Form::OfMasks => {
+                let (second, rm) = match step.count {
+                    2 => (register(a), register(b)),
+                    _ => (0, register(a)),
+                };
+                self.assembler
+                    .mask(step.op, to, second, rm, step.count == 2);
+            }
+            Form::MultiplyAdd => unreachable!("has its own function"),
+        }
+    }
+
+    /// `a * b + c` in the place of an operand that is used no more, or of a copy.
+    fn multiply_add(
+        &mut self,
+        step: &Step,
+        [a, b, c]: [Operand; 3],
+        memory: Option<usize>,
+        dying: [bool; 3],
+    ) -> Result<(), TooManyLive> {
+        let from = step.from;
+        // The one to be overwritten, and whether it is the sum's.
+        let (place, is_sum) = match (memory, dying) {
+            (Some(2), [true, ..]) => (0, false),
+            (Some(2), [_, true, _]) => (1, false),
+            (Some(2), _) => (0, false),
+            (_, [_, _, true]) | (Some(_), _) => (2, true),
+            (None, [true, ..]) => (0, false),
+            (None, [_, true, _]) => (1, false),
+            _ => (2, true),
+        };
+        let operands = [a, b, c];
+        let register = |k: usize| match operands[k] {
+            Operand::Register(register) => register,
+            Operand::Memory(_) => unreachable!("in a register"),
+        };
+        let at = register(place);
+        let overwrites = dying[place];
+        for k in 0..3 {
+            // One that is overwritten changes hands below.
+            if dying[k] && from[k] != from[place] {
+                self.release(from[k]);
+            }
+        }
+        let to = match overwrites {
+            true => {
+                self.registers[from[place] as usize] = None;
+                self.held.retain(|&held| held != from[place]);
+                self.put(step.to, at);
+                at
+            }
+            false => {
+                // None of the operands' registers, even of those that die: they are read behind the copy.
+                let free = self.take_apart(step.to, &from, &operands)?;
+                let moved = (free, 0, Operand::Register(at));
+                self.assembler.vector(MOVE, moved, 0, None);
+                free
+            }
+        };
+        let (op, second, rm) = match is_sum {
+            true if memory == Some(0) => (MULTIPLY_ADD_231, 1, 0),
+            true => (MULTIPLY_ADD_231, 0, 1),
+            false => (MULTIPLY_ADD_213, 1 - place, 2),
+        };
+        let op = Opcode { w: step.op.w, ..op };
+        let written = (to, register(second), operands[rm]);
+        self.assembler.vector(op, written, 0, None);
+        Ok(())
+    }
+
+    /// A register for a result that is none of the operands'.
+    fn take_apart(
+        &mut self,
+        value: Virtual,
+        from: &[Virtual],
+        operands: &[Operand; 3],
+    ) -> Result<Register, TooManyLive> {
+        let is_operand = |r: Register| {
+            (operands.iter()).any(|&o| matches!(o, Operand::Register(other) if other == r))
+        };
+        let set_aside: Vec<Register> = (self.vectors.iter().copied())
+            .filter(|&r| is_operand(r))
+            .collect();
+        self.vectors.retain(|&r| !is_operand(r));
+        let taken = self.take(value, from);
+        self.vectors.extend(set_aside);
+        taken
+    }
+
+    fn is_to_be_stored(&self, value: Virtual) -> bool {
+        self.values[value as usize].keep && self.results.contains(&value)
+    }
+
+    /// Behind an operation: stores what is kept of it, and forgets what nobody uses.
+    fn end_operation(&mut self) -> Result<(), TooManyLive> {
+        for value in std::mem::take(&mut self.results) {
+            if self.values[value as usize].keep {
+                self.store(value)?;
+            }
+            if self.next[value as usize] == NEVER {
+                self.release(value);
+            }
+        }
+        Ok(())
+    }
+
+    /// The register of a value, which is loaded if it has none.
+    fn bring(&mut self, value: Virtual, from: &[Virtual]) -> Result<Register, TooManyLive> {
+        if let Some(register) = self.registers[value as usize] {
+            return Ok(register);
+        }
+        let register = self.take(value, from)?;
+        let home = self.values[value as usize].home.ok_or(TooManyLive)?;
+        let home = Operand::Memory(home);
+        match self.values[value as usize].class {
+            Class::Vector => self.assembler.vector(LOAD, (register, 0, home), 0, None),
+            Class::Mask => {
+                self.assembler.vector(LOAD, (SCRATCH, 0, home), 0, None);
+                let scratch = Operand::Register(SCRATCH);
+                self.assembler
+                    .vector(VECTOR_TO_MASK, (register, 0, scratch), 0, None);
+            }
+        }
+        Ok(register)
+    }
+
+    /// A register for a value; operands of the step, `from`, stay where they are.
+    fn take(&mut self, value: Virtual, from: &[Virtual]) -> Result<Register, TooManyLive> {
+        let class = self.values[value as usize].class;
+        let free = match class {
+            Class::Vector => &mut self.vectors,
+            Class::Mask => &mut self.masks,
+        };
+        let register = match free.pop() {
+            Some(register) => register,
+            None => {
+                let can_leave = |&&other: &&Virtual| {
+                    self.values[other as usize].class == class
+                        && !from.contains(&other)
+                        && !self.results.contains(&other)
+                };
+                let last = (self.held.iter())
+                    .filter(can_leave)
+                    .max_by_key(|&&other| self.next[other as usize]);
+                let &last = last.ok_or(TooManyLive)?;
+                if !self.values[last as usize].is_home {
+                    self.store(last)?;
+                }
+                let register = self.registers[last as usize].take().ok_or(TooManyLive)?;
+                self.held.retain(|&held| held != last);
+                register
+            }
+        };
+        self.put(value, register);
+        Ok(register)
+    }
+
+    fn put(&mut self, value: Virtual, register: Register) {
+        self.registers[value as usize] = Some(register);
+        self.held.push(value);
+    }
+
+    /// Frees a value's register.
+    fn release(&mut self, value: Virtual) {
+        let Some(register) = self.registers[value as usize].take() else {
+            return;
+        };
+        self.held.retain(|&held| held != value);
+        match self.values[value as usize].class {
+            Class::Vector => self.vectors.push(register),
+            Class::Mask => self.masks.push(register),
+        }
+    }
+
+    fn store(&mut self, value: Virtual) -> Result<(), TooManyLive> {
+        let info = &mut self.values[value as usize];
+        let register = self.registers[value as usize].ok_or(TooManyLive)?;
+        let home = info.home.ok_or(TooManyLive)?;
+        info.is_home = true;
+        let from = match info.class {
+            Class::Vector => register,
+            Class::Mask => {
+                let mask = Operand::Register(register);
+                self.assembler
+                    .vector(MASK_TO_VECTOR, (SCRATCH, 0, mask), 0, None);
+                SCRATCH
+            }
+        };
+        self.assembler
+            .vector(STORE, (from, 0, Operand::Memory(home)), 0, None);
+        Ok(())
+    }
+}

@@ -1,0 +1,219 @@
+//! Bytes of vector instructions: VEX for AVX2, EVEX for AVX-512 ("Intel 64 and IA-32 Architectures Software Developer's Manual", volume 2,
+//! sections 2.3 and 2.7).
+
+/// A vector register, or a mask register of AVX-512.
+pub(super) type Register = u8;
+
+/// How registers and instructions are written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Encoding {
+    /// 256 bits, sixteen registers.
+    Vex,
+    /// 512 bits, thirty-two registers.
+    Evex,
+}
+
+impl Encoding {
+    pub const fn vector_bytes(self) -> i32 {
+        match self {
+            Encoding::Vex => 32,
+            Encoding::Evex => 64,
+        }
+    }
+}
+
+/// The pointers that code has, by the number of their register.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Base {
+    /// `rdi`: the subgroup's frame.
+    Frame = 7,
+    /// `rsi`: uniform rows.
+    Uniforms = 6,
+    /// `r8`: with [`Encoding::Vex`], the half of the frame's 32-bit lanes that is computed.
+    Half = 8,
+    /// `r9`: the same of 64-bit lanes.
+    WideHalf = 9,
+}
+
+/// A place in memory of as many bytes as a register has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Memory {
+    At(Base, i32),
+    /// A vector behind the code, by its number.
+    Pool(u32),
+}
+
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Operand {
+    Register(Register),
+    Memory(Memory),
+}
+
+/// An instruction's name: opcode map (1: 0F, 2: 0F38, 3: 0F3A), prefix (1: 66, 2: F3, 3: F2), `W`, opcode.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Opcode {
+    pub map: u8,
+    pub prefix: u8,
+    pub w: bool,
+    pub byte: u8,
+}
+
+/// `map prefix W byte`.
+pub(super) const fn opcode(map: u8, prefix: u8, w: u8, byte: u8) -> Opcode {
+    Opcode {
+        map,
+        prefix,
+        w: w != 0,
+        byte,
+    }
+}
+
+/// Code that is being written.
+pub(super) struct Assembler {
+    pub encoding: Encoding,
+    pub bytes: Vec<u8>,
+    /// Displacements that are to lead into the pool: where they stand, which vector they mean.
+    pool_uses: Vec<(usize, u32)>,
+}
+
+impl Assembler {
+    pub fn new(encoding: Encoding) -> Assembler {
+        Assembler {
+            encoding,
+            bytes: Vec::new(),
+            pool_uses: Vec::new(),
+        }
+    }
+
+    /// An instruction with operands `reg`, `vvvv` and `rm`, under `mask` (0: in all lanes; only EVEX has others).
+    pub fn vector(
+        &mut self,
+        op: Opcode,
+        (reg, second, rm): (Register, Register, Operand),
+        mask: u8,
+        immediate: Option<u8>,
+    ) {
+        match self.encoding {
+            Encoding::Vex => self.vex(op, (reg, second, rm), true, immediate),
+            Encoding::Evex => self.evex(op, (reg, second, rm), mask, immediate),
+        }
+    }
+
+    /// An instruction on mask registers.
+    pub fn mask(&mut self, op: Opcode, reg: Register, second: Register, rm: Register, long: bool) {
+        self.vex(op, (reg, second, Operand::Register(rm)), long, None);
+    }
+
+    fn vex(
+        &mut self,
+        op: Opcode,
+        (reg, second, rm): (Register, Register, Operand),
+        long: bool,
+        immediate: Option<u8>,
+    ) {
+        let base = high_bit(rm, 8);
+        self.bytes.extend([
+            0xc4,
+            not_if(reg >= 8) << 7 | 1 << 6 | not_if(base) << 5 | op.map,
+            (op.w as u8) << 7 | (!second & 15) << 3 | (long as u8) << 2 | op.prefix,
+            op.byte,
+        ]);
+        self.operand(reg & 7, rm, 1, immediate);
+    }
+
+    fn evex(
+        &mut self,
+        op: Opcode,
+        (reg, second, rm): (Register, Register, Operand),
+        mask: u8,
+        immediate: Option<u8>,
+    ) {
+        let index = match rm {
+            Operand::Register(r) => r >= 16,
+            Operand::Memory(_) => false,
+        };
+        self.bytes.extend([
+            0x62,
+            not_if(reg & 8 != 0) << 7
+                | not_if(index) << 6
+                | not_if(high_bit(rm, 8)) << 5
+                | not_if(reg & 16 != 0) << 4
+                | op.map,
+            (op.w as u8) << 7 | (!second & 15) << 3 | 1 << 2 | op.prefix,
+            // 512 bits.
+            0b10 << 5 | not_if(second & 16 != 0) << 3 | mask,
+            op.byte,
+        ]);
+        self.operand(reg & 7, rm, 64, immediate);
+    }
+
+    /// The bytes behind the opcode; short displacements count units of `scale` bytes.
+    fn operand(&mut self, reg: u8, rm: Operand, scale: i32, immediate: Option<u8>) {
+        match rm {
+            Operand::Register(r) => self.bytes.push(0xc0 | reg << 3 | r & 7),
+            Operand::Memory(Memory::At(base, displacement)) => {
+                let base = base as u8 & 7;
+                let short = i8::try_from(displacement / scale);
+                match short {
+                    Ok(short) if displacement % scale == 0 => {
+                        self.bytes.extend([0x40 | reg << 3 | base, short as u8]);
+                    }
+                    _ => {
+                        self.bytes.push(0x80 | reg << 3 | base);
+                        self.bytes.extend(displacement.to_le_bytes());
+                    }
+                }
+            }
+            Operand::Memory(Memory::Pool(index)) => {
+                // Relative to the instruction's end.
+                self.bytes.push(reg << 3 | 5);
+                self.pool_uses.push((self.bytes.len(), index));
+                let behind = 4 + immediate.is_some() as i32;
+                self.bytes.extend(behind.to_le_bytes());
+            }
+        }
+        self.bytes.extend(immediate);
+    }
+
+    /// `jnz` to a place before this one.
+    pub fn jump_if_not_zero(&mut self, target: usize) {
+        self.bytes.extend([0x0f, 0x85]);
+        let behind = self.bytes.len() + 4;
+        self.bytes
+            .extend((target as i32 - behind as i32).to_le_bytes());
+    }
+
+    /// Appends the pool, a vector for each of its words, and lets its users find it.
+    pub fn finish(mut self, pool: &[u32]) -> Vec<u8> {
+        let size = self.encoding.vector_bytes() as usize;
+        if !pool.is_empty() {
+            self.bytes
+                .resize(self.bytes.len().next_multiple_of(size), 0);
+        }
+        let start = self.bytes.len();
+        for (at, index) in self.pool_uses {
+            let place: [u8; 4] = self.bytes[at..at + 4].try_into().expect("four bytes");
+            let end = at as i32 + i32::from_le_bytes(place);
+            let target = (start + index as usize * size) as i32;
+            self.bytes[at..at + 4].copy_from_slice(&(target - end).to_le_bytes());
+        }
+        for word in pool {
+            self.bytes.extend(word.to_le_bytes().repeat(size / 4));
+        }
+        self.bytes
+    }
+}
+
+/// Prefixes hold some bits inverted.
+fn not_if(bit: bool) -> u8 {
+    !bit as u8
+}
+
+/// Whether the number of the operand's register has this bit.
+fn high_bit(rm: Operand, bit: u8) -> bool {
+    match rm {
+        Operand::Register(r) => r & bit != 0,
+        Operand::Memory(Memory::At(base, _)) => base as u8 & bit != 0,
+        Operand::Memory(Memory::Pool(_)) => false,
+    }
+}
