@@ -12,6 +12,7 @@ use crate::interp;
 use crate::ir::tinted::{Tinted, tinted};
 use crate::ir::{self, passed::passed, workgroups::may_share_subgroups};
 use crate::origin::{Origin, Place, line_at};
+use crate::native;
 use crate::plan::{self, Plan};
 use crate::query::QueryWord;
 
@@ -94,6 +95,13 @@ impl Program {
     pub fn with_tier(module: &ir::Module, tier: Tier) -> Result<Program, Error> {
         assert!(Tier::available().contains(&tier), "not on this machine");
         static NUMBER: AtomicU64 = AtomicU64::new(1);
+        let mut grouped;
+        let mut module = module;
+        if let Some(encoding) = native::encoding(tier) {
+            grouped = module.clone();
+            native::group(&mut grouped, encoding);
+            module = &grouped;
+        }
         let planned = plan::plan(module)?;
         Ok(Program {
             number: NUMBER.fetch_add(1, Ordering::Relaxed),

@@ -295,12 +295,27 @@ fn column_major(matrices: &Matrices, component: usize) -> Row {
 }
 
 /// Points (`w` is 1) or directions (0) in instances' spaces, by their world-to-object matrices.
-fn to_object(matrices: &Matrices, [x, y, z]: &[Lanes<f32>; 3], w: f32) -> [Row; 3] {
-    [0, 4, 8].map(|at| {
-        let [row_x, row_y, row_z, row_w] = [0, 1, 2, 3].map(|axis| matrices.row(at + axis));
-        std::array::from_fn(|lane| {
-            let sum = row_x[lane] * x[lane] + row_y[lane] * y[lane] + row_z[lane] * z[lane];
-            (sum + row_w[lane] * w).to_bits()
-        })
-    })
+fn to_object(matrices: &Matrices, vectors: &[Lanes<f32>; 3], w: f32) -> [Row; 3] {
+    match matrices {
+        Matrices::Same(matrix) => times(|element, _| matrix[element], vectors, w),
+        Matrices::Each(rows) => times(|element, lane| rows[element][lane], vectors, w),
+    }
+}
+
+/// Matrices times vectors, lane by lane.
+#[inline(always)]
+fn times(
+    matrix: impl Fn(usize, usize) -> f32,
+    [x, y, z]: &[Lanes<f32>; 3],
+    w: f32,
+) -> [Row; 3] {
+    let mut rows = [[0; SUBGROUP_SIZE]; 3];
+    for (row, at) in rows.iter_mut().zip([0usize, 4, 8]) {
+        for lane in 0..SUBGROUP_SIZE {
+            let element = |k| matrix(at + k, lane);
+            let sum = element(0) * x[lane] + element(1) * y[lane] + element(2) * z[lane];
+            row[lane] = (sum + element(3) * w).to_bits();
+        }
+    }
+    rows
 }

@@ -12,6 +12,7 @@
 
 mod allocate;
 mod encode;
+mod group;
 mod memory;
 mod stretch;
 #[cfg(test)]
@@ -22,6 +23,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use lanes::Tier;
 
 pub(crate) use encode::Encoding;
+pub(crate) use group::group;
 pub(crate) use memory::Executable;
 pub(crate) use stretch::{Place, Row, Stretch};
 
