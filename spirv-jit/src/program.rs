@@ -11,8 +11,8 @@ use crate::error::Error;
 use crate::interp;
 use crate::ir::tinted::{Tinted, tinted};
 use crate::ir::{self, passed::passed, workgroups::may_share_subgroups};
-use crate::origin::{Origin, Place, line_at};
 use crate::native;
+use crate::origin::{Origin, Place, line_at};
 use crate::plan::{self, Plan};
 use crate::query::QueryWord;
 

@@ -304,11 +304,7 @@ fn to_object(matrices: &Matrices, vectors: &[Lanes<f32>; 3], w: f32) -> [Row; 3]
 
 /// Matrices times vectors, lane by lane.
 #[inline(always)]
-fn times(
-    matrix: impl Fn(usize, usize) -> f32,
-    [x, y, z]: &[Lanes<f32>; 3],
-    w: f32,
-) -> [Row; 3] {
+fn times(matrix: impl Fn(usize, usize) -> f32, [x, y, z]: &[Lanes<f32>; 3], w: f32) -> [Row; 3] {
     let mut rows = [[0; SUBGROUP_SIZE]; 3];
     for (row, at) in rows.iter_mut().zip([0usize, 4, 8]) {
         for lane in 0..SUBGROUP_SIZE {

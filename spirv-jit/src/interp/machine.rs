@@ -58,6 +58,8 @@ pub(crate) struct Code {
     pub(super) calls: Vec<Return>,
     /// Ascending by `pc`.
     pub(super) physical: Vec<PhysicalAccess>,
+    /// Words of tables, and zeros behind them.
+    pub(super) tables: Vec<Vec<u32>>,
     /// What stretches of native code are in.
     pub(super) native: Option<Executable>,
     /// Constants: the first uniform rows.

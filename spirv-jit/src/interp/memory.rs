@@ -7,6 +7,7 @@ use super::tier::Kernel;
 use super::yields::blend;
 use crate::SUBGROUP_SIZE;
 use crate::ir::Type;
+use crate::ir::op::MAX_TABLE_RESULTS;
 
 /// A load from private memory by plan `x`: row numbers count from the first private row; past the end they read zero.
 pub(super) struct LoadPrivate;
@@ -236,6 +237,29 @@ pub(super) unsafe fn zero_private(m: &mut Machine<'_>, i: &Instr) {
             let words = unsafe { &mut *m.state_row(s, m.plan.private + row as usize) };
             for (k, word) in words.iter_mut().enumerate() {
                 *word = if m.active[s].contains(k) { 0 } else { *word };
+            }
+        }
+    }
+}
+
+/// Words of table `y` from index `a` on, to operands `x..` (count in `b`).
+pub(super) struct LoadTable;
+
+impl Kernel for LoadTable {
+    #[inline(always)]
+    unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
+        let words = m.code.tables[i.y as usize].as_slice();
+        let end = (words.len() - MAX_TABLE_RESULTS) as u32;
+        let (first, count) = (i.x as usize, i.b.raw() as usize);
+        let results = &m.code.operands[first..first + count];
+        for &subgroup in m.listed() {
+            // SAFETY: operands are the program's; zeros stand behind the table for as many results as there may be.
+            unsafe {
+                let index = (*m.block::<u32>(i.a, subgroup)).map(|index| index.min(end) as usize);
+                for (k, &result) in results.iter().enumerate() {
+                    let row = index.map(|index| *words.get_unchecked(index + k));
+                    *m.block::<u32>(result, subgroup) = row;
+                }
             }
         }
     }

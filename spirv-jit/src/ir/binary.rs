@@ -105,6 +105,11 @@ impl Encoder {
             self.number(variable.rows.into());
             self.number(variable.zero.into());
         }
+        self.number(function.tables.len() as u64);
+        for table in &function.tables {
+            self.number(table.len() as u64);
+            table.iter().for_each(|&word| self.number(word.into()));
+        }
         self.body(&function.body);
     }
 
@@ -306,6 +311,8 @@ impl<'a> Decoder<'a> {
             })
         });
         let variables = variables.collect::<Decoded<_>>()?;
+        let tables = (0..self.count()?).map(|_| (0..self.count()?).map(|_| self.small()).collect());
+        let tables = tables.collect::<Decoded<_>>()?;
         let body = self.body()?;
         Ok(Function {
             name,
@@ -314,6 +321,7 @@ impl<'a> Decoder<'a> {
             value_types,
             labels,
             variables,
+            tables,
             body,
         })
     }

@@ -81,6 +81,8 @@ pub struct Function {
     pub value_types: Vec<Type>,
     pub labels: u32,
     pub variables: Vec<Variable>,
+    /// Words that never change, by [`Op::Table`] index.
+    pub tables: Vec<Vec<u32>>,
     pub body: Body,
 }
 

@@ -24,6 +24,9 @@ impl Space {
     }
 }
 
+/// Words that one [`Op::Table`] gives.
+pub const MAX_TABLE_RESULTS: usize = 16;
+
 /// The shape of a pure operation's operands and result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Signature {
@@ -265,6 +268,9 @@ macro_rules! define_ops {
             VarStore(VariableId, u32) "var.store" Change;
             /// `() -> i32`: the variable's first row in private memory.
             VarAddress(VariableId) "var.address" Pure;
+            /// `(index: i32) -> (i32 | f32, …)`: consecutive words, at most [`MAX_TABLE_RESULTS`], of one of the function's
+            /// [tables](super::Function::tables); zeros from its end on.
+            Table(u32) "table" Pure;
             /// `(address…) -> (T, …)`: consecutive scalars of the results' type.
             Load(Access) "load" Read;
             /// `(address…, T, …) -> ()`.

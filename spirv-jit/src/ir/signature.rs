@@ -1,6 +1,6 @@
 //! Operand and result types of every operation, as the verifier checks them.
 
-use super::op::{Access, AtomicOp, Signature, Space, SubgroupOp};
+use super::op::{Access, AtomicOp, MAX_TABLE_RESULTS, Signature, Space, SubgroupOp};
 use super::{Function, Inst, Module, Op, Type, VariableId};
 use crate::hit_object::{IDENTITY, TRACED, word};
 use crate::image::{Dim, ImageOp, ImageOpKind, LodMode};
@@ -161,6 +161,15 @@ fn check_other(
             )?;
             takes(&[])?;
             gives(&[I32])
+        }
+        Op::Table(index) => {
+            require((*index as usize) < function.tables.len(), "no such table")?;
+            takes(&[I32])?;
+            let some = (1..=MAX_TABLE_RESULTS).contains(&results.len());
+            require(
+                some && results.iter().all(|&ty| is_word(ty)),
+                "a table holds words",
+            )
         }
         Op::Load(access) => {
             takes(address_types(access.space))?;

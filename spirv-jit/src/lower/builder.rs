@@ -41,6 +41,7 @@ impl Builder {
                 value_types: Vec::new(),
                 labels: 0,
                 variables: Vec::new(),
+                tables: Vec::new(),
                 body: Body {
                     nodes: Vec::new(),
                     end: Terminator::Unreachable,

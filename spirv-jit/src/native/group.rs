@@ -23,7 +23,9 @@ pub(crate) fn group(module: &mut Module, encoding: Encoding) {
             constants,
             encoding,
         };
-        function.body.visit_bodies_mut(&mut |body| known.group_body(body));
+        function
+            .body
+            .visit_bodies_mut(&mut |body| known.group_body(body));
     }
 }
 
@@ -60,8 +62,10 @@ impl Known<'_> {
     /// whose operands are not.
     fn schedule(&self, window: &mut Vec<Inst>, nodes: &mut Vec<Node>) {
         let mut scratch = Stretch::new(self.encoding);
-        let mut kinds: Vec<bool> =
-            window.iter().map(|inst| self.is_native(&mut scratch, inst)).collect();
+        let mut kinds: Vec<bool> = window
+            .iter()
+            .map(|inst| self.is_native(&mut scratch, inst))
+            .collect();
         if !kinds.contains(&false) || !kinds.contains(&true) {
             nodes.extend(window.drain(..).map(Node::Inst));
             return;

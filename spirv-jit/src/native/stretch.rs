@@ -638,6 +638,7 @@ impl Stretch {
     }
 
     fn lower_unary(&mut self, op: &Op, from: Type, to: Type, a: Virtual) -> Option<Held> {
+        let before = self.steps.len();
         let one = match (op, from, to) {
             (Op::Not, Type::I1, _) if self.encoding == Encoding::Evex => self.masks(KNOT, &[a]),
             (Op::Not, Type::I1 | Type::I32, _) => self.not(a),
@@ -699,8 +700,8 @@ impl Stretch {
             _ => return None,
         };
         // A conversion between equal types is a copy.
-        let made = self.steps.last().is_some_and(|step| step.to == one);
-        Some(Held::One(if made { one } else { self.copy(one) }))
+        let is_same = self.steps.len() == before;
+        Some(Held::One(if is_same { self.copy(one) } else { one }))
     }
 
     /// In a register of its own: its row differs.
@@ -725,9 +726,9 @@ impl Stretch {
             .map(|count| count as u32 & (from.bits().max(1) - 1));
         let one = match op {
             _ if from == Type::I1 => self.logic(op, a, b)?,
-            Op::FAdd if is_float => self.commutative(ADDPS, a, b),
+            Op::FAdd if is_float => self.binary(ADDPS, a, b),
             Op::FSub if is_float => self.binary(SUBPS, a, b),
-            Op::FMul if is_float => self.commutative(MULPS, a, b),
+            Op::FMul if is_float => self.binary(MULPS, a, b),
             Op::FDiv if is_float => self.binary(DIVPS, a, b),
             Op::FMin | Op::FMax if is_float => self.extreme(op, places, a, b),
             Op::FOEq if is_float => self.compare(a, b, float::EQ),

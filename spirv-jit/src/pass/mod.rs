@@ -21,6 +21,7 @@ mod row_index;
 pub mod simplify;
 pub mod simplify_control_flow;
 mod substitution;
+pub mod tabulate_variables;
 mod trim_outputs;
 pub mod unroll_loops;
 
@@ -75,6 +76,7 @@ pub const PASSES: &[Pass] = &[
     },
     pass!(Function, eliminate_dead_code, eliminate_dead_code),
     pass!(Module, eliminate_dead_code, eliminate_unused_tables),
+    pass!(Function, tabulate_variables, tabulate_variables),
 ];
 
 /// What runs last, once, whatever is left out: what they find, others rely on.
@@ -133,10 +135,13 @@ const ROUND: Stages = &[
 ];
 
 /// What runs after that.
-const AFTER: Stages = &[(
-    When::Always,
-    &["eliminate_dead_code", "eliminate_unused_tables"],
-)];
+const AFTER: Stages = &[
+    (When::Addresses, &["tabulate_variables"]),
+    (
+        When::Always,
+        &["eliminate_dead_code", "eliminate_unused_tables"],
+    ),
+];
 
 /// When passes run: if there is, somewhere in the module, ...
 #[derive(Clone, Copy, PartialEq)]

@@ -81,6 +81,7 @@ fn generate(random: &mut Random, index: usize, stage: Stage, callees: &[Function
         results: Vec::new(),
         value_types: Vec::new(),
         labels: 0,
+        tables: Vec::new(),
         variables: Vec::new(),
         body: Body {
             nodes: Vec::new(),

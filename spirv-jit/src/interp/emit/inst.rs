@@ -8,7 +8,7 @@ use crate::interp::kernels::{self, Unpack64, elementwise, fused};
 use crate::interp::machine::{Handler, Instr};
 use crate::interp::operand::Operand;
 use crate::interp::{access, atomics, control, descriptors, images, memory, subgroup, yields};
-use crate::ir::op::{Access, AtomicOp};
+use crate::ir::op::{Access, AtomicOp, MAX_TABLE_RESULTS};
 use crate::ir::{Inst, Op, Space, Type, Value, VariableId};
 use crate::plan::takes_helpers;
 
@@ -50,6 +50,15 @@ impl Emitter<'_> {
                 Instr {
                     y: (ty.rows() == 2) as u32,
                     ..plain(self.kernel::<memory::VariableStore>(), row)
+                }
+            }
+            Op::Table(index) => {
+                let load = plain(self.kernel::<memory::LoadTable>(), 0);
+                Instr {
+                    x: self.list(&inst.results),
+                    b: Operand::number(inst.results.len() as u32),
+                    y: self.table(*index),
+                    ..load
                 }
             }
             Op::Load(access) => return self.emit_access(*access, inst, false),
@@ -140,6 +149,18 @@ impl Emitter<'_> {
             c,
             ..instr(kernel.expect("found by `Fusion`"))
         }
+    }
+
+    /// The number of one of the function's tables.
+    fn table(&mut self, index: u32) -> u32 {
+        let next = self.code.tables.len() as u32;
+        let number = *self.tables.entry((self.function, index)).or_insert(next);
+        if number == next {
+            let mut words = self.body_function().tables[index as usize].clone();
+            words.resize(words.len() + MAX_TABLE_RESULTS, 0);
+            self.code.tables.push(words);
+        }
+        number
     }
 
     /// First private row of a variable of function `f`.

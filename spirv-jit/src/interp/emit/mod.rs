@@ -54,6 +54,8 @@ struct Emitter<'m> {
     /// Entry of each function.
     entries: Vec<Target>,
     constants: HashMap<(u64, bool), Operand>,
+    /// Number in the code of each function's tables.
+    tables: HashMap<(usize, u32), u32>,
     // The function that is being emitted.
     function: usize,
     /// The next mask.
@@ -95,6 +97,7 @@ fn emit_as(
         jumps: Vec::new(),
         entries: Vec::new(),
         constants: HashMap::default(),
+        tables: HashMap::default(),
         function: 0,
         masks: 0,
         labels: HashMap::default(),

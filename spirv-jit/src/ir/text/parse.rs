@@ -361,6 +361,7 @@ impl<'a> Parser<'a> {
         let name = self.quoted().unwrap_or_default();
         self.expect('{')?;
         let variables = self.variables()?;
+        let tables = self.tables()?;
         if self.accept_word("unused") {
             self.definitions()?;
         }
@@ -381,6 +382,7 @@ impl<'a> Parser<'a> {
                 .collect(),
             labels: labels.max(self.labels),
             variables,
+            tables,
             body,
         })
     }
@@ -405,6 +407,19 @@ impl<'a> Parser<'a> {
             variables.push(Variable { name, rows, zero });
         }
         Ok(variables)
+    }
+
+    fn tables(&mut self) -> Parsed<Vec<Vec<u32>>> {
+        let mut tables: Vec<Vec<u32>> = Vec::new();
+        while self.accept_word(&format!("table{}", tables.len())) {
+            self.expect(':')?;
+            let mut words = vec![self.number()?];
+            while self.accept(',') {
+                words.push(self.number()?);
+            }
+            tables.push(words);
+        }
+        Ok(tables)
     }
 
     /// The nodes and the terminator, up to and with the closing brace.
@@ -546,6 +561,7 @@ impl<'a> Parser<'a> {
             }),
             "descriptor" => binding_from_text(&words).map(Op::Descriptor),
             "descriptor_reference" => binding_from_text(&words).map(Op::DescriptorReference),
+            "table" => index_from_text("", &words).map(Op::Table),
             "input" => index_from_text("", &words).map(Op::Input),
             "uniform" => index_from_text("", &words).map(Op::Uniform),
             "call" => index_from_text("f", &words).map(|id| Op::Call(FunctionId(id))),

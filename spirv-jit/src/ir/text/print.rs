@@ -128,6 +128,10 @@ impl Printer<'_> {
             }
             self.text.push('\n');
         }
+        for (index, table) in function.tables.iter().enumerate() {
+            let words: Vec<String> = table.iter().map(u32::to_string).collect();
+            let _ = writeln!(self.text, "  table{index}: {}", words.join(", "));
+        }
         let head = self.text.len();
         self.print_body(&function.body);
         *self.text += "}\n";
@@ -350,7 +354,7 @@ pub fn print_op(op: &Op) -> String {
         Op::Descriptor(binding) | Op::DescriptorReference(binding) => {
             format!("{name}[{}]", binding_text(binding))
         }
-        Op::Input(index) | Op::Uniform(index) => format!("{name}[{index}]"),
+        Op::Input(index) | Op::Uniform(index) | Op::Table(index) => format!("{name}[{index}]"),
         Op::Call(callee) => format!("{name}[{callee}]"),
         Op::Image(image) => image_text(image),
         Op::Subgroup(kind) => match subgroup_text(*kind) {

@@ -1,0 +1,187 @@
+//! Variables that hold constants, made tables: `const vec2 disk[64] = vec2[](…)`, which shaders write out at each invocation's start and then
+//! only read by an index.
+
+use smallvec::smallvec;
+
+use super::edit::edit_nodes;
+use crate::ir::op::MAX_TABLE_RESULTS;
+use crate::ir::{Body, Function, Inst, Node, Op, Space, Type, Value, VariableId};
+
+/// Larger variables stay what they are.
+const MAX_ROWS: u32 = 1 << 14;
+
+/// Makes tables of the variables that qualify, and takes their stores away.
+pub fn tabulate_variables(function: &mut Function) {
+    let contents = find(function);
+    let mut tables = vec![None; contents.len()];
+    for (table, words) in tables.iter_mut().zip(contents) {
+        if let Some(words) = words {
+            *table = Some(function.tables.len() as u32);
+            function.tables.push(words);
+        }
+    }
+    if tables.iter().all(Option::is_none) {
+        return;
+    }
+    Rewriter {
+        tables: &tables,
+        indices: vec![None; function.value_types.len()],
+    }
+    .body(&mut function.body);
+}
+
+/// What each variable holds from its last store on, if that is the same in all invocations and every other use is a load behind it.
+fn find(function: &Function) -> Vec<Option<Vec<u32>>> {
+    let mut finder = Finder {
+        function,
+        constants: vec![None; function.value_types.len()],
+        places: vec![None; function.value_types.len()],
+        contents: (function.variables.iter())
+            .map(|v| (v.rows <= MAX_ROWS).then(|| vec![0; v.rows as usize]))
+            .collect(),
+        is_read: vec![false; function.variables.len()],
+    };
+    finder.body(&function.body, true);
+    let mut contents = finder.contents;
+    for (words, is_read) in contents.iter_mut().zip(finder.is_read) {
+        if !is_read {
+            *words = None;
+        }
+    }
+    contents
+}
+
+struct Finder<'f> {
+    function: &'f Function,
+    constants: Vec<Option<u32>>,
+    /// By value: the variable of which it is an address, at whatever row.
+    places: Vec<Option<VariableId>>,
+    /// By variable: its rows; `None` if it is no table.
+    contents: Vec<Option<Vec<u32>>>,
+    /// By variable: there was a load by an address.
+    is_read: Vec<bool>,
+}
+
+impl Finder<'_> {
+    /// `outermost`: every invocation comes here, once.
+    fn body(&mut self, body: &Body, outermost: bool) {
+        for node in &body.nodes {
+            match node {
+                Node::Inst(inst) => self.inst(inst, outermost),
+                node => {
+                    node.operands()
+                        .iter()
+                        .for_each(|&value| self.give_up(value));
+                    node.bodies().for_each(|body| self.body(body, false));
+                }
+            }
+        }
+        body.end
+            .operands()
+            .iter()
+            .for_each(|&value| self.give_up(value));
+    }
+
+    /// The value goes where it is not followed.
+    fn give_up(&mut self, value: Value) {
+        if let Some(variable) = self.places[value.index()] {
+            self.contents[variable.index()] = None;
+        }
+    }
+
+    fn inst(&mut self, inst: &Inst, outermost: bool) {
+        match inst.op {
+            Op::Const(bits) if self.function.ty(inst.results[0]).bits() == 32 => {
+                self.constants[inst.results[0].index()] = Some(bits as u32);
+            }
+            Op::VarAddress(variable) => self.places[inst.results[0].index()] = Some(variable),
+            Op::IAdd => {
+                let [a, b] = [0, 1].map(|k| self.places[inst.args[k].index()]);
+                if a.is_some() && b.is_some() {
+                    inst.args.iter().for_each(|&value| self.give_up(value));
+                }
+                self.places[inst.results[0].index()] = a.or(b);
+            }
+            Op::VarStore(variable, row) => {
+                self.give_up(inst.args[0]);
+                let constant = self.constants[inst.args[0].index()];
+                let is_read = self.is_read[variable.index()];
+                let contents = &mut self.contents[variable.index()];
+                let word = contents
+                    .as_mut()
+                    .and_then(|words| words.get_mut(row as usize));
+                match (constant, word) {
+                    (Some(constant), Some(word)) if outermost && !is_read => *word = constant,
+                    _ => *contents = None,
+                }
+            }
+            // Promotion has taken those that could be known.
+            Op::VarLoad(variable, _) => self.contents[variable.index()] = None,
+            Op::Load(access) if access.space == Space::Private => {
+                let word =
+                    |&value: &Value| matches!(self.function.ty(value), Type::I32 | Type::F32);
+                let fits = inst.results.len() <= MAX_TABLE_RESULTS && inst.results.iter().all(word);
+                match self.places[inst.args[0].index()] {
+                    Some(variable) if fits && !access.volatile => {
+                        self.is_read[variable.index()] = true;
+                    }
+                    _ => self.give_up(inst.args[0]),
+                }
+            }
+            _ => inst.args.iter().for_each(|&value| self.give_up(value)),
+        }
+    }
+}
+
+struct Rewriter<'f> {
+    /// By variable.
+    tables: &'f [Option<u32>],
+    /// By value: the table that it is an index of.
+    indices: Vec<Option<u32>>,
+}
+
+impl Rewriter<'_> {
+    fn body(&mut self, body: &mut Body) {
+        edit_nodes(&mut body.nodes, |node, before| {
+            if let Node::Inst(inst) = node {
+                return self.inst(inst, before);
+            }
+            node.bodies_mut().for_each(|body| self.body(body));
+            true
+        });
+    }
+
+    /// Whether the instruction stays.
+    fn inst(&mut self, inst: &mut Inst, before: &mut Vec<Node>) -> bool {
+        match inst.op {
+            Op::VarStore(variable, _) => return self.tables[variable.index()].is_none(),
+            Op::VarAddress(variable) => {
+                if let Some(table) = self.tables[variable.index()] {
+                    // Its table's first word.
+                    inst.op = Op::Const(0);
+                    self.indices[inst.results[0].index()] = Some(table);
+                }
+            }
+            Op::IAdd => {
+                let table = inst
+                    .args
+                    .iter()
+                    .find_map(|&value| self.indices[value.index()]);
+                self.indices[inst.results[0].index()] = table;
+            }
+            Op::Load(access) if access.space == Space::Private => {
+                if let Some(table) = self.indices[inst.args[0].index()] {
+                    before.push(Node::Inst(Inst {
+                        op: Op::Table(table),
+                        args: smallvec![inst.args[0]],
+                        results: std::mem::take(&mut inst.results),
+                        source: inst.source,
+                    }));
+                    return false;
+                }
+            }
+            _ => {}
+        }
+        true
+    }
+}
