@@ -170,7 +170,13 @@ fn run(tier: Tier, module: &Module, lanes: LaneMask, offsets: &[u32; LANES]) -> 
     assert!(events.unwrap().iter().all(|event| event == Event::End));
     let io = program.layout().io;
     let row = |row: usize| -> [u32; LANES] {
-        std::array::from_fn(|k| if lanes.contains(k) { state[io + row].0[k] } else { 0 })
+        std::array::from_fn(|k| {
+            if lanes.contains(k) {
+                state[io + row].0[k]
+            } else {
+                0
+            }
+        })
     };
     (0..program.output_rows() as usize).map(row).collect()
 }

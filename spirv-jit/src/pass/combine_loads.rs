@@ -150,7 +150,10 @@ impl Combiner<'_> {
         for result in &inst.results {
             self.known[result.index()].place = self.instructions;
         }
-        if matches!(inst.op, Op::Const(_) | Op::IAdd | Op::ISub | Op::IMul | Op::Shl) {
+        if matches!(
+            inst.op,
+            Op::Const(_) | Op::IAdd | Op::ISub | Op::IMul | Op::Shl
+        ) {
             let result = inst.results[0];
             let ty = self.function.ty(result);
             if matches!(ty, Type::I32 | Type::I64) {
@@ -234,7 +237,7 @@ impl Combiner<'_> {
             Type::I32 => apart as u32 as i32 as i64,
             _ => apart as i64,
         };
-        // So far apart that nothing is near both; sums of distances and sizes must not overflow.
+        // Nothing that far away is near the first one, and distances must not overflow.
         if distance.unsigned_abs() > i32::MAX as u64 {
             return;
         }
@@ -273,8 +276,8 @@ impl Combiner<'_> {
             Node::Inst(inst) => inst,
             _ => unreachable!("only loads are combined"),
         };
-        let first = group.first();
-        let mut inst = load(first.node).clone();
+        let first = group.first().node;
+        let mut inst = load(first).clone();
         let mut emitted = Vec::new();
         let address = self.lowest_address(group, load, &mut emitted);
         *inst.args.last_mut().expect("a load has an address") = address;
@@ -282,39 +285,21 @@ impl Combiner<'_> {
             let alignments = group.loads.iter().map(|load| load.alignment);
             access.alignment = alignments.max().unwrap_or(0);
         }
-        let size = group.ty.size_bytes() as i64;
-        let index_of = |candidate: &Candidate, result: usize| {
-            let begin = candidate.distance - group.loads[0].distance;
-            let at = begin + result as i64 * candidate.ty.size_bytes() as i64;
-            (at / size) as usize
-        };
-        let count = group.loads.iter().map(Candidate::end).max().unwrap_or(0);
-        let count = (count - group.loads[0].distance) / size;
-        let mut scalars: Vec<Option<Value>> = vec![None; count as usize];
-        for candidate in &group.loads {
-            for (k, &result) in load(candidate.node).results.iter().enumerate() {
-                if candidate.ty == group.ty {
-                    scalars[index_of(candidate, k)].get_or_insert(result);
-                }
-            }
-        }
-        let scalars: SmallVec<[Value; 2]> = (scalars.into_iter())
-            .map(|scalar| scalar.unwrap_or_else(|| self.function.new_value(group.ty)))
-            .collect();
+        let scalars = self.scalars(group, load);
         inst.results = scalars.clone();
         let source = inst.source;
         emitted.push(Node::Inst(inst));
         for candidate in &group.loads {
             let parts = replacements.entry(candidate.node).or_default();
-            if candidate.node == first.node {
+            if candidate.node == first {
                 parts.append(&mut emitted);
             }
             for (k, &result) in load(candidate.node).results.iter().enumerate() {
-                let scalar = index_of(candidate, k);
+                let at = group.index(candidate, k);
                 let (op, args) = match candidate.ty.bits() > group.ty.bits() {
-                    true => (Op::Pack64, smallvec![scalars[scalar], scalars[scalar + 1]]),
-                    false if scalars[scalar] == result => continue,
-                    false => (Op::Bitcast, smallvec![scalars[scalar]]),
+                    true => (Op::Pack64, smallvec![scalars[at], scalars[at + 1]]),
+                    false if scalars[at] == result => continue,
+                    false => (Op::Bitcast, smallvec![scalars[at]]),
                 };
                 parts.push(Node::Inst(Inst {
                     op,
@@ -324,6 +309,23 @@ impl Combiner<'_> {
                 }));
             }
         }
+    }
+
+    /// The combined load's results: those of its loads where their type is the same.
+    fn scalars<'n>(
+        &mut self,
+        group: &Group,
+        load: impl Fn(usize) -> &'n Inst,
+    ) -> SmallVec<[Value; 2]> {
+        let mut scalars = vec![None; group.count()];
+        for candidate in group.loads.iter().filter(|load| load.ty == group.ty) {
+            for (k, &result) in load(candidate.node).results.iter().enumerate() {
+                scalars[group.index(candidate, k)].get_or_insert(result);
+            }
+        }
+        (scalars.into_iter())
+            .map(|scalar| scalar.unwrap_or_else(|| self.function.new_value(group.ty)))
+            .collect()
     }
 
     /// The address of a group's lowest load, as a value that is there where the first one stands.
@@ -367,6 +369,20 @@ impl Group {
     fn first(&self) -> &Candidate {
         let first = self.loads.iter().min_by_key(|load| load.node);
         first.expect("a group has loads")
+    }
+
+    /// Which scalar of the combined load a load's result is, or begins with.
+    fn index(&self, load: &Candidate, result: usize) -> usize {
+        let begin = load.distance - self.loads[0].distance;
+        let at = begin + result as i64 * load.ty.size_bytes() as i64;
+        (at / self.ty.size_bytes() as i64) as usize
+    }
+
+    /// Scalars of the combined load.
+    fn count(&self) -> usize {
+        let end = self.loads.iter().map(Candidate::end).max();
+        let bytes = end.expect("a group has loads") - self.loads[0].distance;
+        (bytes / self.ty.size_bytes() as i64) as usize
     }
 }
 
@@ -455,7 +471,8 @@ mod tests {
     use super::*;
     use crate::ir::text::parse_module;
 
-    /// Address operands and result types of the loads from device addresses in a program of such loads.
+    /// The loads that become of some, from `v1` and from 4 and 8 bytes behind it, `v3` and `v5`: with the types of their results, and which
+    /// instruction they name as their source.
     fn combined(lines: &str) -> Vec<(Access, Vec<Type>, u32)> {
         let text = format!(
             "module compute
