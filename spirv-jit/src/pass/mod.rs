@@ -5,6 +5,7 @@
 
 #![forbid(unsafe_code)]
 
+pub mod combine_loads;
 mod cost;
 mod edit;
 mod effects;
@@ -75,6 +76,12 @@ pub const PASSES: &[Pass] = &[
         }),
     },
     pass!(Function, eliminate_dead_code, eliminate_dead_code),
+    Pass {
+        name: COMBINE,
+        run: Run::Function(|function| {
+            combine_loads::combine_loads(function);
+        }),
+    },
     pass!(Module, eliminate_dead_code, eliminate_unused_tables),
     pass!(Function, tabulate_variables, tabulate_variables),
 ];
@@ -134,13 +141,19 @@ const ROUND: Stages = &[
     ),
 ];
 
-/// What runs after that.
+/// What runs after that. Loads whose results nobody uses are gone before others are combined.
 const AFTER: Stages = &[
     (When::Addresses, &["tabulate_variables"]),
+    (When::Always, &["eliminate_dead_code", COMBINE]),
     (
-        When::Always,
-        &["eliminate_dead_code", "eliminate_unused_tables"],
+        When::Combined,
+        &[
+            "simplify",
+            "eliminate_common_subexpressions",
+            "eliminate_dead_code",
+        ],
     ),
+    (When::Always, &["eliminate_unused_tables"]),
 ];
 
 /// When passes run: if there is, somewhere in the module, ...
@@ -157,11 +170,14 @@ enum When {
     Unrolled,
     /// ... such a loop and an address;
     UnrolledAddresses,
-    /// ... such a loop and an access to a variable.
+    /// ... such a loop and an access to a variable;
     UnrolledVariables,
+    /// ... a load that others were combined with.
+    Combined,
 }
 
 const UNROLL: &str = "unroll_loops";
+const COMBINE: &str = "combine_loads";
 
 /// Addresses made rows, and what is left of them removed, so that the variables can be promoted.
 const ADDRESSES: &[&str] = &["resolve_variable_addresses", "eliminate_dead_code"];
@@ -211,6 +227,7 @@ fn run_passes(module: &mut Module) {
 /// Whether there was a loop to unroll.
 fn run_stages(stages: Stages, module: &mut Module) -> bool {
     let mut unrolled = false;
+    let mut combined = false;
     for &(when, names) in stages {
         let features = || Features::of(module);
         let runs = match when {
@@ -221,33 +238,34 @@ fn run_stages(stages: Stages, module: &mut Module) -> bool {
             When::Unrolled => unrolled,
             When::UnrolledAddresses => unrolled && features().addresses,
             When::UnrolledVariables => unrolled && features().variables,
+            When::Combined => combined,
         };
         if !runs {
             continue;
         }
         for name in names {
-            if *name == UNROLL {
-                unrolled = unroll(module);
-            } else if !disabled(name) {
-                run_pass(name, module);
+            match *name {
+                _ if disabled(name) => {}
+                UNROLL => unrolled = run_telling(UNROLL, unroll_loops::unroll_loops, module),
+                COMBINE => combined = run_telling(COMBINE, combine_loads::combine_loads, module),
+                _ => {
+                    run_pass(name, module);
+                }
             }
         }
     }
     unrolled
 }
 
-/// Runs the pass that unrolls; whether there was a loop to unroll in any function.
-fn unroll(module: &mut Module) -> bool {
-    if disabled(UNROLL) {
-        return false;
-    }
-    let mut unrolled = false;
+/// Runs a pass that tells whether it found something to do; whether it did in any function.
+fn run_telling(name: &str, run: fn(&mut ir::Function) -> bool, module: &mut Module) -> bool {
+    let mut did = false;
     for function in &mut module.functions {
-        unrolled |= unroll_loops::unroll_loops(function);
+        did |= run(function);
     }
-    print_if(UNROLL, UNROLL, module);
-    check(UNROLL, module);
-    unrolled
+    print_if(name, name, module);
+    check(name, module);
+    did
 }
 
 /// Whether a name in `TUFF_DISABLE` is that of a pass, or `passes`: all of them.

@@ -1,9 +1,12 @@
 //! Runs a module on made-up inputs, and keeps what can be seen of it: outputs, what it wrote, what it yielded, by lane.
 
+use std::sync::Arc;
+
 use spirv_jit::environment::{Descriptor, DescriptorSet, Environment, uniform};
 use spirv_jit::interp::Frame;
 use spirv_jit::ir::{InputRow, Module};
 use spirv_jit::program::{AlignedRow, Event, IO_DATA_ROW, SiteKind, Stage, Wave};
+use spirv_jit::reach::{Range, Reach};
 use spirv_jit::{LaneMask, Program, Tier};
 
 const LANES: usize = 16;
@@ -134,6 +137,11 @@ pub fn execute_on(tier: Tier, module: &Module, seed: u64, inputs: Option<&[u32]>
         descriptor(writable.as_mut_ptr(), writable.len()),
     ];
     let mut environment = Environment {
+        // What device addresses lead to.
+        reach: Arc::new(Reach::new(vec![Range {
+            start: readable.as_ptr() as u64,
+            size_bytes: 4 * readable.len() as u64,
+        }])),
         push_constants: descriptor(pushed.as_ptr(), pushed.len()),
         uniforms: std::array::from_fn::<_, { uniform::COUNT }, _>(|k| 5 + k as u32),
         ..Environment::unbound()

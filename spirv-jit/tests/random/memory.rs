@@ -134,8 +134,8 @@ impl Generator<'_> {
         } else {
             self.pick(Type::I32, nodes)
         };
-        // Few places to write, so that they are read again.
-        let places = if which == 1 { 2 } else { words / 2 };
+        // Few places to write, so that they are read again; the last of the others have neighbours outside.
+        let places = if which == 1 { 2 } else { words };
         let mask = self.constant(places as u64 - 1, Type::I32, nodes);
         let index = self.emit_one(Op::And, &[index, mask], Type::I32, nodes);
         let mut offset = {
@@ -156,13 +156,54 @@ impl Generator<'_> {
             self.emit(Op::Store(access), &[descriptor, offset, value], &[], nodes);
             return;
         }
-        // Neighbours, in any order, to be merged; before the beginning, to wrap.
-        for _ in 0..1 + self.random.below(3) {
-            let apart = self.random.below(4) as i32 - (which != 1) as i32;
+        // Neighbours, in any order, to be combined; before the beginning, to wrap.
+        for _ in 0..1 + self.random.below(4) {
+            let apart = self.random.below(5) as i32 - (which != 1) as i32;
             let distance = self.constant((4 * apart) as u32 as u64, Type::I32, nodes);
             let at = self.emit_one(Op::IAdd, &[offset, distance], Type::I32, nodes);
-            let value = self.emit_one(Op::Load(access), &[descriptor, at], Type::I32, nodes);
-            self.visible.push(value);
+            self.load(access, &[descriptor, at], nodes);
+        }
+    }
+
+    /// Neighbours at device addresses in the buffer that is only read, or nowhere. All of them are inside: what is partly outside may be
+    /// read as zero or not.
+    pub fn global_access(&mut self, nodes: &mut Vec<Node>) {
+        let descriptor = self.descriptor(0, nodes);
+        let base = self.emit_one(Op::DescriptorAddress, &[descriptor], Type::I64, nodes);
+        let index = self.pick(Type::I32, nodes);
+        let mask = self.constant(READABLE_WORDS as u64 / 2 - 1, Type::I32, nodes);
+        let index = self.emit_one(Op::And, &[index, mask], Type::I32, nodes);
+        let index = self.emit_one(Op::UConvert, &[index], Type::I64, nodes);
+        let scale = self.constant(4, Type::I64, nodes);
+        let offset = self.emit_one(Op::IMul, &[index, scale], Type::I64, nodes);
+        let address = self.emit_one(Op::IAdd, &[base, offset], Type::I64, nodes);
+        for _ in 0..2 + self.random.below(4) {
+            let distance = 4 * self.random.below(6) as u64;
+            let distance = self.constant(distance, Type::I64, nodes);
+            let at = self.emit_one(Op::IAdd, &[address, distance], Type::I64, nodes);
+            self.load(Access::plain(Space::Global), &[at], nodes);
+        }
+    }
+
+    /// A load of one scalar or two, of some type.
+    fn load(&mut self, access: Access, address: &[Value], nodes: &mut Vec<Node>) {
+        const TYPES: [Type; 6] = [
+            Type::I32,
+            Type::I32,
+            Type::F32,
+            Type::F32,
+            Type::I64,
+            Type::I16,
+        ];
+        let ty = TYPES[self.random.below(TYPES.len())];
+        let types = [ty; 2];
+        let count = 1 + self.random.below(2);
+        for value in self.emit(Op::Load(access), address, &types[..count], nodes) {
+            let shown = match ty {
+                Type::I16 => self.emit_one(Op::UConvert, &[value], Type::I32, nodes),
+                _ => value,
+            };
+            self.show(shown);
         }
     }
 }

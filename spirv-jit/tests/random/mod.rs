@@ -172,7 +172,7 @@ impl Generator<'_> {
     }
 
     fn step(&mut self, depth: usize, nodes: &mut Vec<Node>) {
-        match self.random.below(28) {
+        match self.random.below(29) {
             0..11 => self.operation(nodes),
             11..15 => self.variable_access(nodes),
             15 | 16 => self.buffer_access(nodes),
@@ -187,6 +187,7 @@ impl Generator<'_> {
             // Where all lanes that have not ended are together.
             25 if self.index == 0 && self.stage == Stage::Compute => self.barrier(nodes),
             26 if self.index == 0 && self.stage == Stage::Compute => self.shared_access(nodes),
+            27 => self.global_access(nodes),
             _ => self.operation(nodes),
         }
     }
