@@ -156,11 +156,16 @@ impl Generator<'_> {
             self.emit(Op::Store(access), &[descriptor, offset, value], &[], nodes);
             return;
         }
-        // Neighbours, in any order, to be combined; before the beginning, to wrap.
+        // Neighbours, in any order, to be combined, if nothing is written between them; before the beginning, to wrap.
         for _ in 0..1 + self.random.below(4) {
             let apart = self.random.below(5) as i32 - (which != 1) as i32;
             let distance = self.constant((4 * apart) as u32 as u64, Type::I32, nodes);
             let at = self.emit_one(Op::IAdd, &[offset, distance], Type::I32, nodes);
+            if which == 1 && self.random.one_in(4) {
+                let value = self.word(nodes);
+                self.emit(Op::Store(access), &[descriptor, at, value], &[], nodes);
+                continue;
+            }
             self.load(access, &[descriptor, at], nodes);
         }
     }
