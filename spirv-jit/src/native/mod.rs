@@ -14,8 +14,6 @@ mod allocate;
 mod encode;
 mod memory;
 mod stretch;
-#[cfg(test)]
-mod tests;
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
