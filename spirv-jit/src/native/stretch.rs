@@ -641,6 +641,7 @@ impl Stretch {
     }
 
     fn lower_unary(&mut self, op: &Op, from: Type, to: Type, a: Virtual) -> Option<Held> {
+        let before = self.steps.len();
         let one = match (op, from, to) {
             (Op::Not, Type::I1, _) if self.encoding == Encoding::Evex => self.masks(KNOT, &[a]),
             (Op::Not, Type::I1 | Type::I32, _) => self.not(a),
@@ -702,7 +703,7 @@ impl Stretch {
             _ => return None,
         };
         // A conversion between equal types is a copy.
-        let made = self.steps.last().is_some_and(|step| step.to == one);
+        let made = self.steps.len() > before;
         Some(Held::One(if made { one } else { self.copy(one) }))
     }
 

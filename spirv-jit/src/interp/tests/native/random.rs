@@ -152,9 +152,8 @@ impl Maker {
             0 | 1 => {
                 let to = self.choose(&INTEGERS);
                 let name = self.choose(&["uconvert", "sconvert"]);
-                if to != int {
-                    self.emit(to, name, &[int]);
-                }
+                // Between equal types, too: a copy.
+                self.emit(to, name, &[int]);
             }
             2 => {
                 let name = self.choose(&["sto_f", "uto_f"]);
