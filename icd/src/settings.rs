@@ -18,6 +18,8 @@ pub struct Settings {
     /// Of shaders' functions.
     pub accuracy: Accuracy,
     walks: Options,
+    /// Whether shaders may have native code (`TUFF_NATIVE`).
+    pub native: bool,
     /// Subgroups of a wave, at most (`TUFF_WAVE`).
     pub wave: usize,
     /// Whether all geometry is opaque to pipelines without any-hit shaders.
@@ -79,6 +81,7 @@ impl Settings {
         let read = Read { value: &value };
         Ok(Settings {
             accuracy,
+            native: read.parsed("TUFF_NATIVE", "0 or 1", switch)? != Some(false),
             wave: (read.parsed("TUFF_WAVE", "a number of subgroups", subgroups)?)
                 .unwrap_or(usize::MAX),
             opaque_without_any_hit,
@@ -212,6 +215,7 @@ pub fn checked() -> Result<&'static Settings, &'static str> {
         pass::configure(&list("TUFF_DISABLE"), &list("TUFF_PRINT"));
         // One limit for all: programs and samplers, walks and builds.
         settings.walks.tier.limit();
+        spirv_jit::native::allow(settings.native);
         Ok(settings)
     });
     settings.as_ref().map_err(String::as_str)
@@ -241,12 +245,14 @@ mod tests {
         assert_eq!((plain.wave, plain.threads), (usize::MAX, None));
         assert_eq!((plain.log, plain.timeout), (LevelFilter::Error, None));
         assert_eq!((plain.validate, plain.stats), (false, false));
+        assert!(plain.native);
         assert!(plain.opaque_without_any_hit);
         let zeros = [plain.conformance.major, plain.conformance.subminor];
         assert_eq!(zeros, [0, 0]);
         let set = parse(&[
             ("TUFF_ACCURACY", "exact"),
             ("TUFF_TIER", "portable"),
+            ("TUFF_NATIVE", "0"),
             ("TUFF_DISABLE", "packets, simplify"),
             ("TUFF_WAVE", "4"),
             ("TUFF_THREADS", "3"),
@@ -267,6 +273,7 @@ mod tests {
         assert_eq!(set.log, LevelFilter::Info);
         assert_eq!(set.timeout, Some(Duration::from_millis(500)));
         assert_eq!((set.validate, set.stats), (true, true));
+        assert!(!set.native);
         let version = set.conformance;
         let numbers = [
             version.major,
@@ -298,6 +305,7 @@ mod tests {
                 "is not one of fast, spec and exact",
             ),
             ("TUFF_TIER", "sse9", "is not one of portable, avx2, avx512"),
+            ("TUFF_NATIVE", "off", "is not 0 or 1"),
             ("TUFF_DISABLE", "pakets", "is not one of packets,"),
             ("TUFF_WAVE", "0", "is not a number of subgroups"),
             ("TUFF_THREADS", "0", "is not a number of threads, 1 to 1024"),

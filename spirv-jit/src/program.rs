@@ -93,6 +93,22 @@ impl Program {
     /// # Errors
     /// As [`Self::new`].
     pub fn with_tier(module: &ir::Module, tier: Tier) -> Result<Program, Error> {
+        Self::emitted(module, tier, native::encoding(tier))
+    }
+
+    /// As [`Self::with_tier`], without native code.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn with_tier_interpreted(module: &ir::Module, tier: Tier) -> Result<Program, Error> {
+        Self::emitted(module, tier, None)
+    }
+
+    fn emitted(
+        module: &ir::Module,
+        tier: Tier,
+        native: Option<native::Encoding>,
+    ) -> Result<Program, Error> {
         assert!(Tier::available().contains(&tier), "not on this machine");
         static NUMBER: AtomicU64 = AtomicU64::new(1);
         let mut grouped;
@@ -105,7 +121,7 @@ impl Program {
         let planned = plan::plan(module)?;
         Ok(Program {
             number: NUMBER.fetch_add(1, Ordering::Relaxed),
-            code: interp::emit(&planned, tier)?,
+            code: interp::emit(&planned, tier, native)?,
             plan: planned.plan,
             stage: module.stage,
             inputs: module.inputs.clone(),
@@ -252,6 +268,11 @@ impl Program {
     #[inline]
     pub fn event_mask(&self, state: &[AlignedRow]) -> LaneMask {
         LaneMask::from_bits(state[0].0[1] as u16)
+    }
+
+    /// Whether stretches of it are native code.
+    pub fn has_native_code(&self) -> bool {
+        self.code.has_native_code()
     }
 
     /// Differs from every other program's in the process.

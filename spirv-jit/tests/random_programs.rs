@@ -1,11 +1,12 @@
-//! Random structured programs: what the passes make of one must do the same on every tier as it did before, in every lane and bit.
+//! Random structured programs: what the passes make of one must do the same on every tier as it did before, in every lane and bit, with
+//! native code and without.
 //!
 //! `TUFF_SEED=N` runs one program and prints it; `TUFF_CASES=N` sets how many are made, from the first or, with both, from that seed.
 
 mod observe;
 mod random;
 
-use observe::{Outcome, execute, execute_on};
+use observe::{Outcome, execute, execute_interpreted_on, execute_on};
 use spirv_jit::Tier;
 use spirv_jit::ir::Module;
 use spirv_jit::ir::text::{parse_module, print_module};
@@ -41,6 +42,8 @@ fn check(seed: u64) {
     let mut optimised = original.clone();
     optimize(&mut optimised).unwrap();
     for &tier in Tier::available() {
+        let interpreted = execute_interpreted_on(tier, &optimised, seed);
+        assert_eq!(interpreted, expected, "seed {seed} interpreted on {tier:?}");
         let actual = execute_on(tier, &optimised, seed, None);
         if actual != expected {
             let culprit = find_culprit(&original, seed, &expected);

@@ -75,6 +75,7 @@ fn nonsense_is_refused_by_name() {
     let cases = [
         ("TUFF_ACCURACY", "best"),
         ("TUFF_TIER", "sse9"),
+        ("TUFF_NATIVE", "yes"),
         ("TUFF_DISABLE", "pakets"),
         ("TUFF_WAVE", "none"),
         ("TUFF_THREADS", "0"),

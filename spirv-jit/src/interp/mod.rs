@@ -78,6 +78,11 @@ impl Code {
         (FRAME_BYTES / subgroup_bytes).clamp(4, MAX_SUBGROUPS)
     }
 
+    /// Whether stretches of it are native code.
+    pub fn has_native_code(&self) -> bool {
+        self.native.is_some()
+    }
+
     /// The SPIR-V instruction, by its word offset, of an access through a physical pointer, and
     /// whether it writes. Accesses are known by the instruction behind them.
     pub fn physical_access(&self, behind: usize) -> Option<(u32, bool)> {

@@ -59,13 +59,13 @@ pub(super) struct Step {
     pub ends: bool,
 }
 
-const LOAD: Opcode = opcode(1, 0, 0, 0x10);
-const STORE: Opcode = opcode(1, 0, 0, 0x11);
-const MOVE: Opcode = opcode(1, 0, 0, 0x28);
-const MULTIPLY_ADD_213: Opcode = opcode(2, 1, 0, 0xa8);
-const MULTIPLY_ADD_231: Opcode = opcode(2, 1, 0, 0xb8);
-const MASK_TO_VECTOR: Opcode = opcode(2, 2, 0, 0x38);
-const VECTOR_TO_MASK: Opcode = opcode(2, 2, 0, 0x39);
+pub(super) const LOAD: Opcode = opcode(1, 0, 0, 0x10);
+pub(super) const STORE: Opcode = opcode(1, 0, 0, 0x11);
+pub(super) const MOVE: Opcode = opcode(1, 0, 0, 0x28);
+pub(super) const MULTIPLY_ADD_213: Opcode = opcode(2, 1, 0, 0xa8);
+pub(super) const MULTIPLY_ADD_231: Opcode = opcode(2, 1, 0, 0xb8);
+pub(super) const MASK_TO_VECTOR: Opcode = opcode(2, 2, 0, 0x38);
+pub(super) const VECTOR_TO_MASK: Opcode = opcode(2, 2, 0, 0x39);
 
 /// With AVX-512, where masks pass through on their way to and from memory.
 const SCRATCH: Register = 31;

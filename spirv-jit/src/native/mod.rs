@@ -15,8 +15,6 @@ mod encode;
 mod group;
 mod memory;
 mod stretch;
-#[cfg(test)]
-mod tests;
 
 use std::sync::atomic::{AtomicBool, Ordering};
 

@@ -6,6 +6,9 @@ use super::allocate::{Class, Form, Info, Step, Virtual, allocate};
 use super::encode::{Assembler, Base, Encoding, Memory, Opcode, opcode};
 use crate::ir::{Op, Type, Value};
 
+#[cfg(test)]
+mod tests;
+
 /// The row of a value in a frame, or among uniform rows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Row {

@@ -118,6 +118,24 @@ pub fn execute(module: &Module, seed: u64, inputs: Option<&[u32]>) -> Outcome {
 /// As [`execute`], on a tier that the machine has.
 pub fn execute_on(tier: Tier, module: &Module, seed: u64, inputs: Option<&[u32]>) -> Outcome {
     let program = Program::with_tier(module, tier).unwrap_or_else(|error| panic!("{error}"));
+    execute_program(&program, module, seed, inputs)
+}
+
+/// As [`execute_on`], without native code.
+#[allow(dead_code)]
+pub fn execute_interpreted_on(tier: Tier, module: &Module, seed: u64) -> Outcome {
+    let program = Program::with_tier_interpreted(module, tier);
+    let program = program.unwrap_or_else(|error| panic!("{error}"));
+    execute_program(&program, module, seed, None)
+}
+
+/// As [`execute`], with what was compiled from the module.
+fn execute_program(
+    program: &Program,
+    module: &Module,
+    seed: u64,
+    inputs: Option<&[u32]>,
+) -> Outcome {
     let subgroups = program.max_wave_subgroups().min(2);
     let lanes = 2 * LANES;
     let readable: Vec<u32> = (0..READABLE_WORDS as u64)
@@ -198,7 +216,7 @@ pub fn execute_on(tier: Tier, module: &Module, seed: u64, inputs: Option<&[u32]>
                     let kind = program.sites()[site.0 as usize];
                     for (s, state) in wave_states.iter_mut().enumerate() {
                         let lanes = &mut yields[(first + s) * LANES..][..LANES];
-                        answer(&program, kind, state, lanes);
+                        answer(program, kind, state, lanes);
                     }
                 }
             }

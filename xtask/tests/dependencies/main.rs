@@ -56,6 +56,7 @@ const HOUSES: [House; 3] = [
         order: &[
             "program",
             "interp",
+            "native",
             "plan",
             "pass",
             "lower",

@@ -1,5 +1,5 @@
-//! The same input gives the same bits: for any number of threads, on every instruction set, in waves of any length, in hosts that flush
-//! denormals, and again.
+//! The same input gives the same bits: for any number of threads, on every instruction set, with native code and without, in waves of any
+//! length, in hosts that flush denormals, and again.
 
 use std::process::Command;
 
@@ -8,6 +8,7 @@ use std::process::Command;
 struct Way {
     threads: u32,
     tier: &'static str,
+    native: &'static str,
     /// Subgroups of a wave, at most.
     wave: &'static str,
     accuracy: &'static str,
@@ -18,6 +19,7 @@ struct Way {
 const USUAL: Way = Way {
     threads: 1,
     tier: "",
+    native: "",
     wave: "",
     accuracy: "",
     flushes: false,
@@ -29,6 +31,7 @@ fn run(arguments: &[&str], way: Way) -> Vec<String> {
         .args(arguments)
         .env("TUFF_THREADS", way.threads.to_string())
         .env("TUFF_TIER", way.tier)
+        .env("TUFF_NATIVE", way.native)
         .env("TUFF_WAVE", way.wave)
         .env("TUFF_ACCURACY", way.accuracy)
         .env("LP_NUM_THREADS", way.threads.to_string())
@@ -68,10 +71,11 @@ fn pictures_depend_on_their_input_alone() {
         let way = Way { threads, ..USUAL };
         assert_eq!(pictures(way), one, "{way:?}");
     }
-    for (tier, wave) in [("avx2", "4"), ("portable", "1")] {
+    for (tier, native, wave) in [("avx2", "", "4"), ("portable", "", "1"), ("", "0", "")] {
         let way = Way {
             threads: 2,
             tier,
+            native,
             wave,
             ..USUAL
         };

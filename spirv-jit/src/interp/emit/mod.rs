@@ -64,13 +64,17 @@ struct Emitter<'m> {
     labels: HashMap<Label, (u32, Vec<Value>)>,
 }
 
-/// Emits a module for a tier.
+/// Emits a module for a tier, whose native code is in this encoding; `None`: all is interpreted.
 ///
 /// # Errors
 /// Budget; operations on types that have none.
-pub(crate) fn emit(planned: &Planned<'_>, tier: TierKind) -> Result<Code, Error> {
-    if let Some(encoding) = crate::native::encoding(tier)
-        && let Some(code) = emit_as(planned, tier, Some(encoding))?
+pub(crate) fn emit(
+    planned: &Planned<'_>,
+    tier: TierKind,
+    encoding: Option<Encoding>,
+) -> Result<Code, Error> {
+    if encoding.is_some()
+        && let Some(code) = emit_as(planned, tier, encoding)?
     {
         return Ok(code);
     }

@@ -3,6 +3,7 @@
 mod control;
 mod kernels;
 mod memory;
+mod native;
 mod pairs;
 mod yields;
 
@@ -30,7 +31,11 @@ impl Bench {
     pub fn new(text: &str, tier: TierKind, subgroups: usize) -> Bench {
         let module = parse_module(text).unwrap();
         verify(&module).unwrap();
-        let program = Program::with_tier(&module, tier).unwrap();
+        Bench::of(Program::with_tier(&module, tier).unwrap(), subgroups)
+    }
+
+    /// As [`Self::new`], of a program that is there.
+    pub fn of(program: Program, subgroups: usize) -> Bench {
         let rows = program.layout().rows;
         // Garbage, which `start` must clear.
         let mut states = vec![vec![AlignedRow([0xdead_beef; 16]); rows]; subgroups];

@@ -1,0 +1,343 @@
+//! Random straight programs, of operations that have native code and of some that have none.
+//!
+//! `TUFF_CASES=N` sets how many are made, `TUFF_SEED=N` the first one's seed.
+
+use fastrand::Rng;
+
+use super::{Writer, agrees};
+use crate::ir::{Module, Type};
+
+use Type::{F16, F32, I1, I8, I16, I32, I64};
+
+const INTEGERS: [Type; 4] = [I8, I16, I32, I64];
+const ALL: [Type; 7] = [I1, I8, I16, I32, I64, F16, F32];
+
+/// Of integers. The last ones of each list have no native code for any type.
+const INT_UNARY: &[&str] = &["not", "ineg", "iabs", "bit_count", "isign"];
+const INT_BINARY: &[&str] = &[
+    "iadd", "isub", "imul", "and", "or", "xor", "shl", "lshr", "ashr", "smin", "smax", "umin",
+    "umax", "umul_hi", "udiv",
+];
+const INT_COMPARE: &[&str] = &["ieq", "ine", "ult", "ule", "slt", "sle"];
+const LOGIC: &[&str] = &["and", "or", "xor", "ieq", "ine"];
+/// Without `fsign`: of a NaN it is a zero with the NaN's sign, which tiers choose as they like.
+const FLOAT_UNARY: &[&str] = &[
+    "fneg",
+    "fabs",
+    "fsqrt",
+    "finverse_sqrt",
+    "fround_even",
+    "ffloor",
+    "fceil",
+    "ftrunc",
+    "ffract",
+    "fround",
+];
+const FLOAT_BINARY: &[&str] = &["fadd", "fsub", "fmul", "fdiv", "fmin", "fmax"];
+const FLOAT_COMPARE: &[&str] = &[
+    "foeq", "fone", "folt", "fole", "fueq", "fune", "fult", "fule",
+];
+const FLOAT_TEST: &[&str] = &["fis_nan", "fis_inf"];
+
+const INPUTS: usize = 7;
+const OUTPUTS: usize = 8;
+
+struct Maker {
+    random: Rng,
+    w: Writer,
+    values: Vec<(Type, String)>,
+    /// How far back operands come from, at most: few values live at once, or many.
+    reach: usize,
+}
+
+impl Maker {
+    fn choose<T: Copy>(&mut self, list: &[T]) -> T {
+        list[self.random.usize(..list.len())]
+    }
+
+    fn show(&mut self, ty: Type, name: String) {
+        self.values.push((ty, name));
+    }
+
+    /// An operand: a value, now and then a constant.
+    fn pick(&mut self, ty: Type) -> String {
+        let first = self.values.len().saturating_sub(self.reach);
+        let near: Vec<&String> = (self.values[first..].iter())
+            .filter(|(other, _)| *other == ty)
+            .map(|(_, name)| name)
+            .collect();
+        if !near.is_empty() && self.random.u32(..5) != 0 {
+            return near[self.random.usize(..near.len())].clone();
+        }
+        let any = self.values.iter().rev().find(|(other, _)| *other == ty);
+        match any {
+            Some((_, name)) if self.random.u32(..3) == 0 => name.clone(),
+            _ => self.constant(ty),
+        }
+    }
+
+    fn constant(&mut self, ty: Type) -> String {
+        let any = self.random.u64(..);
+        let mask = u64::MAX >> (64 - ty.bits());
+        let bits = match (ty, self.random.u32(..4)) {
+            (F32, 0) => self.choose(&[0, 1 << 31, 0x7f80_0000, 0xff80_0000, 0x7fc0_0000, 1]),
+            (F32, 1..3) => ((any % 1000) as f32 / 8.0 - 60.0).to_bits() as u64,
+            (F16, 0..3) => self.choose(&[0, 0x8000, 0x3c00, 0xbc00, 0x7c00, 0x7e00, 1, 0x4900]),
+            (_, 0) => any % 70,
+            (_, 1) => mask >> (any % 3),
+            _ => any,
+        };
+        self.w.constant(ty, bits & mask)
+    }
+
+    fn emit(&mut self, to: Type, name: &str, from: &[Type]) {
+        let operands: Vec<String> = from.iter().map(|&ty| self.pick(ty)).collect();
+        let operands: Vec<&String> = operands.iter().collect();
+        let result = self.w.op(to, name, &operands);
+        self.show(to, result);
+    }
+
+    fn operation(&mut self) {
+        // Half of them are of the types that have most native code.
+        let int = match self.random.bool() {
+            true => I32,
+            false => self.choose(&INTEGERS),
+        };
+        let float = if self.random.u32(..5) == 0 { F16 } else { F32 };
+        match self.random.u32(..20) {
+            0..5 => {
+                let name = self.choose(INT_BINARY);
+                self.emit(int, name, &[int; 2]);
+            }
+            5 => {
+                let name = self.choose(INT_UNARY);
+                self.emit(int, name, &[int]);
+            }
+            6 | 7 => {
+                let name = self.choose(INT_COMPARE);
+                self.emit(I1, name, &[int; 2]);
+            }
+            8 => {
+                let name = self.choose(LOGIC);
+                self.emit(I1, name, &[I1; 2]);
+            }
+            9 if self.random.bool() => self.emit(I1, "not", &[I1]),
+            9 => {
+                let name = self.choose(FLOAT_TEST);
+                self.emit(I1, name, &[float]);
+            }
+            10..13 => {
+                let name = self.choose(FLOAT_BINARY);
+                self.emit(float, name, &[float; 2]);
+            }
+            13 => {
+                let name = self.choose(FLOAT_UNARY);
+                self.emit(float, name, &[float]);
+            }
+            14 => self.emit(float, "ffma", &[float; 3]),
+            15 => {
+                let name = self.choose(FLOAT_COMPARE);
+                self.emit(I1, name, &[float; 2]);
+            }
+            16 | 17 => {
+                let ty = self.choose(&ALL);
+                self.emit(ty, "select", &[I1, ty, ty]);
+            }
+            _ => self.conversion(int, float),
+        }
+    }
+
+    fn conversion(&mut self, int: Type, float: Type) {
+        match self.random.u32(..8) {
+            0 | 1 => {
+                let to = self.choose(&INTEGERS);
+                let name = self.choose(&["uconvert", "sconvert"]);
+                // Between equal types, too: a copy.
+                self.emit(to, name, &[int]);
+            }
+            2 => {
+                let name = self.choose(&["sto_f", "uto_f"]);
+                self.emit(float, name, &[int]);
+            }
+            3 => {
+                let name = self.choose(&["fto_s", "fto_u"]);
+                self.emit(int, name, &[float]);
+            }
+            4 => {
+                let (from, to) = self.choose(&[(F16, F32), (F32, F16)]);
+                self.emit(to, "fconvert", &[from]);
+            }
+            5 if self.random.bool() => self.emit(float, "bitcast", &[float.as_integer()]),
+            5 => {
+                let value = self.pick(float);
+                let bits = self.w.bits(float, &value);
+                self.show(float.as_integer(), bits);
+            }
+            6 => self.emit(I64, "pack64", &[I32; 2]),
+            _ => {
+                let wide = self.pick(I64);
+                let [low, high] = self.w.words(&wide);
+                self.show(I32, low);
+                self.show(I32, high);
+            }
+        }
+    }
+
+    /// Values of all types, from words of the input.
+    fn inputs(&mut self) {
+        let w = &mut self.w;
+        let words: Vec<String> = (0..INPUTS - 2)
+            .map(|k| w.line(I32, &format!("input[{k}]")))
+            .collect();
+        let floats = [INPUTS - 2, INPUTS - 1].map(|k| w.line(F32, &format!("input[{k}]")));
+        let byte = w.op(I8, "uconvert", &[&words[0]]);
+        let short = w.op(I16, "uconvert", &[&words[1]]);
+        let half = w.op(I16, "uconvert", &[&words[2]]);
+        let half = w.op(F16, "bitcast", &[&half]);
+        let wide = w.op(I64, "pack64", &[&words[3], &words[4]]);
+        let one = w.constant(I32, 1);
+        let bit = w.op(I32, "and", &[&words[4], &one]);
+        let condition = w.op(I1, "ieq", &[&bit, &one]);
+        let made = [
+            (I8, byte),
+            (I16, short),
+            (F16, half),
+            (I64, wide),
+            (I1, condition),
+        ];
+        self.values.extend(made);
+        self.values
+            .extend(words.into_iter().map(|word| (I32, word)));
+        self.values.extend(floats.map(|float| (F32, float)));
+    }
+
+    /// A value as a word of the output, and whether that is a float's.
+    fn output(&mut self, ty: Type, value: &String) -> (String, bool) {
+        let w = &mut self.w;
+        let word = match ty {
+            I32 => value.clone(),
+            F32 => return (value.clone(), true),
+            I1 => {
+                let (one, zero) = (w.constant(I32, 1), w.constant(I32, 0));
+                w.op(I32, "select", &[value, &one, &zero])
+            }
+            I64 => {
+                let [low, high] = w.words(value);
+                w.op(I32, "xor", &[&low, &high])
+            }
+            F16 => {
+                let bits = w.bits(F16, value);
+                w.op(I32, "uconvert", &[&bits])
+            }
+            _ => w.op(I32, "uconvert", &[value]),
+        };
+        (word, false)
+    }
+
+    /// The outputs' words: of the newest values, or of any.
+    fn outputs(&mut self) -> (Vec<String>, Vec<bool>) {
+        if self.random.bool() {
+            // Values of all types cross the end of a stretch.
+            self.emit(I32, "bit_count", &[I32]);
+        }
+        let mut outputs = Vec::new();
+        let newest = self.random.bool();
+        for k in 0..OUTPUTS {
+            let at = match newest {
+                true => self.values.len().saturating_sub(1 + k),
+                false => self.random.usize(..self.values.len()),
+            };
+            let (ty, value) = self.values[at].clone();
+            outputs.push(self.output(ty, &value));
+        }
+        outputs.into_iter().unzip()
+    }
+}
+
+/// A program, its text, and which of its outputs are floats.
+fn program(seed: u64) -> (Module, String, Vec<bool>) {
+    let mut random = Rng::with_seed(seed);
+    let reach = [4, 12, 1000][random.usize(..3)];
+    let mut m = Maker {
+        random,
+        w: Writer::new(INPUTS, OUTPUTS),
+        values: Vec::new(),
+        reach,
+    };
+    m.inputs();
+    let count = m.random.usize(2..=60);
+    match m.random.u32(..3) {
+        0 => {
+            for _ in 0..count {
+                m.operation();
+            }
+            let (outputs, floats) = m.outputs();
+            let (module, text) = m.w.end(&outputs);
+            (module, text, floats)
+        }
+        // In some lanes, or in lanes of some subgroups, alone.
+        how => {
+            let before = m.random.usize(..count);
+            for _ in 0..before {
+                m.operation();
+            }
+            let (lanes, tested) = (how == 1, m.values.iter().find(|(ty, _)| *ty == I1));
+            let mut condition = tested.expect("an input is").1.clone();
+            if !lanes {
+                // What all lanes of a subgroup agree on.
+                condition = m.w.line(I1, &format!("subgroup.any {condition}"));
+                let same = m.w.line(I32, "input[0]");
+                let first = m.w.line(I32, &format!("subgroup.broadcast_first {same}"));
+                let (one, four) = (m.w.constant(I32, 1), m.w.constant(I32, 4));
+                let bits = m.w.op(I32, "and", &[&first, &four]);
+                let other = m.w.op(I1, "ult", &[&bits, &one]);
+                condition = m.w.op(I1, "and", &[&condition, &other]);
+            }
+            let names: Vec<String> = (0..OUTPUTS)
+                .map(|k| format!("v{}", m.w.next + k as u32))
+                .collect();
+            m.w.next += OUTPUTS as u32;
+            let params: Vec<String> = names.iter().map(|name| format!("{name}: i32")).collect();
+            m.w.text += &format!("if {condition}, L0 -> ({}) {{\n", params.join(", "));
+            let outside = m.values.len();
+            for _ in before..count {
+                m.operation();
+            }
+            for k in 0..2 {
+                let (outputs, floats) = m.outputs();
+                let mut words = Vec::new();
+                for (word, is_float) in outputs.iter().zip(floats) {
+                    words.push(match is_float {
+                        true => m.w.bits(F32, word),
+                        false => word.clone(),
+                    });
+                }
+                m.w.text += &format!("br L0({})\n", words.join(", "));
+                m.w.text += ["} else {\n", "}\n"][k];
+                m.values.truncate(outside);
+            }
+            let (module, text) = m.w.end(&names);
+            (module, text, vec![false; OUTPUTS])
+        }
+    }
+}
+
+#[test]
+fn native_code_gives_what_the_interpreter_gives() {
+    let number = |name: &str| std::env::var(name).ok().and_then(|text| text.parse().ok());
+    let (first, cases) = (
+        number("TUFF_SEED").unwrap_or(0),
+        number("TUFF_CASES").unwrap_or(400),
+    );
+    let mut native = 0;
+    for seed in first..first + cases {
+        let (module, text, floats) = program(seed);
+        native += agrees(&module, &floats, seed, &text) as u64;
+    }
+    if lanes::Tier::available().len() > 1 {
+        assert!(
+            native * 10 > cases * 9 || cases < 100,
+            "{native} of {cases} have native code"
+        );
+    }
+}
