@@ -113,7 +113,7 @@ impl Program {
         static NUMBER: AtomicU64 = AtomicU64::new(1);
         let mut grouped;
         let mut module = module;
-        if let Some(encoding) = native::encoding(tier) {
+        if let Some(encoding) = native {
             grouped = module.clone();
             native::group(&mut grouped, encoding);
             module = &grouped;
