@@ -385,7 +385,7 @@ pub fn fabs<T: Float>(a: T) -> T {
     T::from_bits(a.bits().and(sign_bit::<T>().not()))
 }
 
-/// −1, ±0 or 1; ±0 for NaN, too (`GLSL.std.450`, `FSign`: the result is one of these).
+/// −1, ±0 or 1 (`GLSL.std.450`, `FSign`: the result is one of these); +0 for NaN, whose sign is not the same on all machines.
 #[inline(always)]
 pub fn fsign<T: Float>(a: T) -> T {
     let x = a.widen();
@@ -395,7 +395,8 @@ pub fn fsign<T: Float>(a: T) -> T {
     } else {
         T::Native::ZERO
     };
-    T::narrow(size.copysign(x))
+    let sign = if fis_nan(a) { T::Native::ONE } else { x };
+    T::narrow(size.copysign(sign))
 }
 
 /// `x - floor(x)`.

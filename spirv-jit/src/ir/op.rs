@@ -110,7 +110,7 @@ macro_rules! elementwise_ops {
             (SLt, slt, IntCompare)
             (SLe, sle, IntCompare)
             // Floats. `frem` has the dividend's sign, `fmod` the divisor's; `fround` goes half away from zero; `ffract` is x - floor(x);
-            // `fsign` is -1, ±0 or 1; ordered comparisons are false with a NaN, unordered ones true.
+            // `fsign` is -1, ±0 or 1, +0 for NaN; ordered comparisons are false with a NaN, unordered ones true.
             (FAdd, fadd, FloatBinary)
             (FSub, fsub, FloatBinary)
             (FMul, fmul, FloatBinary)

@@ -79,8 +79,9 @@ impl<'m> Emitter<'m> {
 
     /// What a turn through the code since a place takes.
     fn fuel_since(&self, start: Target) -> Operand {
-        let length = self.code.instrs.len() as u32 - self.targets[start.0];
-        Operand::number(1 + length / INSTRS_PER_FUEL)
+        let start = self.targets[start.0] as usize;
+        let length = self.code.instrs.len() - start + self.native_operations_since(start);
+        Operand::number(1 + length as u32 / INSTRS_PER_FUEL)
     }
 
     /// The entry's variables are zero from `Program::start` on.

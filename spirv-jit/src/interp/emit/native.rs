@@ -20,8 +20,8 @@ pub(super) struct Native<'m> {
     /// The stretch that may go on, and what it is made of.
     open: Option<(Stretch, Vec<&'m Inst>)>,
     bytes: Vec<u8>,
-    /// Instructions that run a stretch; their `x` is where its code begins.
-    calls: Vec<usize>,
+    /// Instructions that run a stretch, whose `x` is where its code begins, and how many operations it has.
+    calls: Vec<(usize, usize)>,
 }
 
 impl Native<'_> {
@@ -116,7 +116,8 @@ impl<'m> Emitter<'m> {
             .map(|(start, _)| start)
             .max();
         let is_kept = |value| range(value).is_some_and(|(_, end)| Some(end) > last);
-        let code = match stretch.operations() {
+        let operations = stretch.operations();
+        let code = match operations {
             LEAST_OPERATIONS.. => stretch.assemble(is_kept),
             _ => None,
         };
@@ -126,12 +127,22 @@ impl<'m> Emitter<'m> {
         let start = native.bytes.len().next_multiple_of(ALIGNMENT);
         native.bytes.resize(start, 0);
         native.bytes.extend(code);
-        native.calls.push(self.code.instrs.len());
+        native.calls.push((self.code.instrs.len(), operations));
         self.push(Instr {
             x: start as u32,
             ..instr(native::run)
         });
         Ok(())
+    }
+
+    /// Operations of stretches from an instruction on, each stretch's first left out: it counts as the instruction that runs it.
+    pub(super) fn native_operations_since(&self, instr: usize) -> usize {
+        let calls = self
+            .native
+            .iter()
+            .flat_map(|native| native.calls.iter().rev());
+        let later = calls.take_while(|&&(call, _)| call >= instr);
+        later.map(|&(_, operations)| operations - 1).sum()
     }
 
     /// Puts the code where it can be run; false if the system refuses that.
@@ -142,7 +153,7 @@ impl<'m> Emitter<'m> {
         let Some(executable) = Executable::new(&native.bytes) else {
             return false;
         };
-        for call in native.calls {
+        for (call, _) in native.calls {
             let i = &mut self.code.instrs[call];
             let address = executable.start() as u64 + i.x as u64;
             (i.x, i.y) = native::words(address);

@@ -20,7 +20,6 @@ const INT_BINARY: &[&str] = &[
 ];
 const INT_COMPARE: &[&str] = &["ieq", "ine", "ult", "ule", "slt", "sle"];
 const LOGIC: &[&str] = &["and", "or", "xor", "ieq", "ine"];
-/// Without `fsign`: of a NaN it is a zero with the NaN's sign, which tiers choose as they like.
 const FLOAT_UNARY: &[&str] = &[
     "fneg",
     "fabs",
@@ -31,6 +30,7 @@ const FLOAT_UNARY: &[&str] = &[
     "fceil",
     "ftrunc",
     "ffract",
+    "fsign",
     "fround",
 ];
 const FLOAT_BINARY: &[&str] = &["fadd", "fsub", "fmul", "fdiv", "fmin", "fmax"];
