@@ -118,3 +118,70 @@ fn information_refers_to_what_comes_later() {
     }
     expect_results(&module);
 }
+
+/// The null pointer is no variable's (`OpConstantNull`; "PhysicalStorageBuffer and logical pointers" of the specification compare unequal).
+#[test]
+fn null_is_no_place_in_workgroup_memory() {
+    use rspirv::binary::Assemble;
+    use rspirv::spirv::{
+        AddressingModel, Decoration, ExecutionMode, ExecutionModel, FunctionControl, MemoryModel,
+        StorageClass,
+    };
+    let mut b = rspirv::dr::Builder::new();
+    b.set_version(1, 4);
+    b.capability(Capability::Shader);
+    b.capability(Capability::VariablePointersStorageBuffer);
+    b.capability(Capability::VariablePointers);
+    b.memory_model(AddressingModel::Logical, MemoryModel::GLSL450);
+    let (void, boolean, word) = (b.type_void(), b.type_bool(), b.type_int(32, 0));
+    let [zero, one, two] = [0, 1, 2].map(|n| b.constant_bit32(word, n));
+    let words = b.type_runtime_array(word);
+    b.decorate(
+        words,
+        Decoration::ArrayStride,
+        [rspirv::dr::Operand::LiteralBit32(4)],
+    );
+    let block = b.type_struct([words]);
+    b.decorate(block, Decoration::Block, []);
+    b.member_decorate(
+        block,
+        0,
+        Decoration::Offset,
+        [rspirv::dr::Operand::LiteralBit32(0)],
+    );
+    let block = b.type_pointer(None, StorageClass::StorageBuffer, block);
+    let place = b.type_pointer(None, StorageClass::StorageBuffer, word);
+    let shared = b.type_pointer(None, StorageClass::Workgroup, word);
+    let buffer = b.variable(block, None, StorageClass::StorageBuffer, None);
+    for (decoration, number) in [(Decoration::DescriptorSet, 0), (Decoration::Binding, 0)] {
+        b.decorate(
+            buffer,
+            decoration,
+            [rspirv::dr::Operand::LiteralBit32(number)],
+        );
+    }
+    let variable = b.variable(shared, None, StorageClass::Workgroup, None);
+    let null = b.constant_null(shared);
+    let signature = b.type_function(void, []);
+    let main = b
+        .begin_function(void, None, FunctionControl::NONE, signature)
+        .unwrap();
+    b.begin_block(None).unwrap();
+    let pairs = [(variable, null), (null, null), (variable, variable)];
+    for (at, (x, y)) in pairs.into_iter().enumerate() {
+        let index = [zero, one, two][at];
+        let same = b.ptr_equal(boolean, None, x, y).unwrap();
+        let result = b.select(word, None, same, one, two).unwrap();
+        let to = b.access_chain(place, None, buffer, [zero, index]).unwrap();
+        b.store(to, result, None, []).unwrap();
+    }
+    b.ret().unwrap();
+    b.end_function().unwrap();
+    b.entry_point(ExecutionModel::GLCompute, main, "main", [buffer, variable]);
+    b.execution_mode(main, ExecutionMode::LocalSize, [1, 1, 1]);
+    let program = compile(&b.module().assemble());
+    let mut memory = Memory::default();
+    memory.buffers = vec![(0, vec![0; 3])];
+    dispatch(&program, 1, &mut memory);
+    assert_eq!(memory.buffers[0].1, [2, 1, 1]);
+}

@@ -4,7 +4,7 @@
 
 use std::rc::Rc;
 
-use rspirv::spirv::{Decoration, Op};
+use rspirv::spirv::{Decoration, Op, StorageClass};
 
 use super::constants::{Constant, Constants, truncate};
 use super::fold::fold_operation;
@@ -12,6 +12,10 @@ use super::types::{MAX_LEAVES, TypeKind, Types};
 use crate::Error;
 use crate::ir::Type;
 use crate::parse::{Id, Instruction, ParsedModule};
+
+fn is_of_workgroup(pointer: Result<(StorageClass, Id), Error>) -> bool {
+    matches!(pointer, Ok((StorageClass::Workgroup, _)))
+}
 
 impl Constants {
     /// Evaluates the constant that an instruction defines; false if the instruction defines none.
@@ -24,6 +28,10 @@ impl Constants {
     ) -> Result<bool, Error> {
         let operands = module.operands(instruction);
         let bits = match instruction.opcode {
+            // Zero is where a variable of the workgroup lies.
+            Op::ConstantNull if is_of_workgroup(types.pointer(instruction.result_type)) => {
+                Some(vec![u32::MAX.into()])
+            }
             Op::ConstantNull | Op::Undef => None,
             Op::ConstantTrue | Op::ConstantFalse => {
                 Some(vec![(instruction.opcode == Op::ConstantTrue) as u64])
