@@ -180,8 +180,10 @@ fn null_is_no_place_in_workgroup_memory() {
     b.entry_point(ExecutionModel::GLCompute, main, "main", [buffer, variable]);
     b.execution_mode(main, ExecutionMode::LocalSize, [1, 1, 1]);
     let program = compile(&b.module().assemble());
-    let mut memory = Memory::default();
-    memory.buffers = vec![(0, vec![0; 3])];
+    let mut memory = Memory {
+        buffers: vec![(0, vec![0; 3])],
+        ..Default::default()
+    };
     dispatch(&program, 1, &mut memory);
     assert_eq!(memory.buffers[0].1, [2, 1, 1]);
 }
