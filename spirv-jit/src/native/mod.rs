@@ -14,6 +14,7 @@ mod allocate;
 mod encode;
 mod group;
 mod memory;
+mod opcodes;
 mod stretch;
 
 use std::sync::atomic::{AtomicBool, Ordering};

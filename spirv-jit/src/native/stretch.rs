@@ -2,8 +2,9 @@
 
 use foldhash::HashMap;
 
-use super::allocate::{Class, Form, Info, Step, Virtual, allocate};
-use super::encode::{Assembler, Base, Encoding, Memory, Opcode, opcode};
+use super::allocate::{Class, Form, Info, MOVE, Step, Virtual, allocate};
+use super::encode::{Assembler, Base, Encoding, Memory, Opcode};
+use super::opcodes::*;
 use crate::ir::{Op, Type, Value};
 
 #[cfg(test)]
@@ -53,73 +54,6 @@ pub(crate) struct Mark {
     results: usize,
     operations: usize,
 }
-
-const F: u8 = 1;
-const F38: u8 = 2;
-const F3A: u8 = 3;
-/// Prefixes.
-const NONE: u8 = 0;
-const X66: u8 = 1;
-const XF3: u8 = 2;
-const XF2: u8 = 3;
-
-const ADDPS: Opcode = opcode(F, NONE, 0, 0x58);
-const SUBPS: Opcode = opcode(F, NONE, 0, 0x5c);
-const MULPS: Opcode = opcode(F, NONE, 0, 0x59);
-const DIVPS: Opcode = opcode(F, NONE, 0, 0x5e);
-const MINPS: Opcode = opcode(F, NONE, 0, 0x5d);
-const MAXPS: Opcode = opcode(F, NONE, 0, 0x5f);
-const SQRTPS: Opcode = opcode(F, NONE, 0, 0x51);
-const ROUNDPS: Opcode = opcode(F3A, X66, 0, 0x08);
-const CMPPS: Opcode = opcode(F, NONE, 0, 0xc2);
-const FMAPS: Opcode = opcode(F38, X66, 0, 0xa8);
-const CVTDQ2PS: Opcode = opcode(F, NONE, 0, 0x5b);
-const CVTUDQ2PS: Opcode = opcode(F, XF2, 0, 0x7a);
-const CVTTPS2DQ: Opcode = opcode(F, XF3, 0, 0x5b);
-const CVTTPS2UDQ: Opcode = opcode(F, NONE, 0, 0x78);
-const CVTPH2PS: Opcode = opcode(F38, X66, 0, 0x13);
-const CVTPS2PH: Opcode = opcode(F3A, X66, 0, 0x1d);
-const PADDD: Opcode = opcode(F, X66, 0, 0xfe);
-const PADDQ: Opcode = opcode(F, X66, 1, 0xd4);
-const PSUBD: Opcode = opcode(F, X66, 0, 0xfa);
-const PSUBQ: Opcode = opcode(F, X66, 1, 0xfb);
-const PMULLD: Opcode = opcode(F38, X66, 0, 0x40);
-const PMULLQ: Opcode = opcode(F38, X66, 1, 0x40);
-const PAND: Opcode = opcode(F, X66, 0, 0xdb);
-const POR: Opcode = opcode(F, X66, 0, 0xeb);
-const PXOR: Opcode = opcode(F, X66, 0, 0xef);
-const PMINSD: Opcode = opcode(F38, X66, 0, 0x39);
-const PMAXSD: Opcode = opcode(F38, X66, 0, 0x3d);
-const PMINUD: Opcode = opcode(F38, X66, 0, 0x3b);
-const PMAXUD: Opcode = opcode(F38, X66, 0, 0x3f);
-const PABSD: Opcode = opcode(F38, X66, 0, 0x1e);
-const PSHIFTD: Opcode = opcode(F, X66, 0, 0x72);
-const PSHIFTQ: Opcode = opcode(F, X66, 1, 0x73);
-const PSLLVD: Opcode = opcode(F38, X66, 0, 0x47);
-const PSRLVD: Opcode = opcode(F38, X66, 0, 0x45);
-const PSRAVD: Opcode = opcode(F38, X66, 0, 0x46);
-const PCMPEQD: Opcode = opcode(F, X66, 0, 0x76);
-const PCMPGTD: Opcode = opcode(F, X66, 0, 0x66);
-const PCMPD: Opcode = opcode(F3A, X66, 0, 0x1f);
-const PCMPUD: Opcode = opcode(F3A, X66, 0, 0x1e);
-const PBLENDMD: Opcode = opcode(F38, X66, 0, 0x64);
-const BLENDVPS: Opcode = opcode(F3A, X66, 0, 0x4a);
-const PMOVZXDQ: Opcode = opcode(F38, X66, 0, 0x35);
-const PMOVSXDQ: Opcode = opcode(F38, X66, 0, 0x25);
-const PMOVZXWD: Opcode = opcode(F38, X66, 0, 0x33);
-const PMOVDW: Opcode = opcode(F38, XF3, 0, 0x33);
-const PMOVQD: Opcode = opcode(F38, XF3, 0, 0x35);
-const EXTRACT_HALF: Opcode = opcode(F3A, X66, 1, 0x3b);
-const INSERT_HALF: Opcode = opcode(F3A, X66, 1, 0x3a);
-const EXTRACT_128: Opcode = opcode(F3A, X66, 0, 0x39);
-const PACKUSDW: Opcode = opcode(F38, X66, 0, 0x2b);
-const PERMQ: Opcode = opcode(F3A, X66, 1, 0x00);
-const SHUFPS: Opcode = opcode(F, NONE, 0, 0xc6);
-const KAND: Opcode = opcode(F, NONE, 0, 0x41);
-const KNOT: Opcode = opcode(F, NONE, 0, 0x44);
-const KOR: Opcode = opcode(F, NONE, 0, 0x45);
-const KXNOR: Opcode = opcode(F, NONE, 0, 0x46);
-const KXOR: Opcode = opcode(F, NONE, 0, 0x47);
 
 /// Numbers of shifts by one count for all lanes.
 const RIGHT: u8 = 2;
@@ -709,7 +643,7 @@ impl Stretch {
 
     /// In a register of its own: its row differs.
     fn copy(&mut self, a: Virtual) -> Virtual {
-        self.unary(opcode(F, NONE, 0, 0x28), a)
+        self.unary(MOVE, a)
     }
 
     fn lower_binary(

@@ -479,6 +479,7 @@ fn every_opcode_is_listed() {
         .map(|listed| listed.constant)
         .collect();
     let sources = [
+        include_str!("../opcodes.rs"),
         include_str!("../stretch.rs"),
         include_str!("../allocate.rs"),
     ];
