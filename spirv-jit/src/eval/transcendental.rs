@@ -228,13 +228,11 @@ fn log_split(x: f32) -> (f32, f32) {
 /// What a logarithm gives where its argument has none.
 #[inline(always)]
 fn log_special(x: f32, value: f32) -> f32 {
-    let value = if x == f32::INFINITY { x } else { value };
-    let value = if x == 0.0 { f32::NEG_INFINITY } else { value };
-    if x < 0.0 || x.is_nan() {
-        f32::NAN
-    } else {
-        value
-    }
+    // Positive and finite.
+    let is_common = x.to_bits().wrapping_sub(1) < f32::INFINITY.to_bits() - 1;
+    let special = if x > 0.0 { x } else { f32::NAN };
+    let special = if x == 0.0 { f32::NEG_INFINITY } else { special };
+    if is_common { value } else { special }
 }
 
 /// log(1 + f) = f − (f²/2 − s (f²/2 + R)), s = f/(2 + f), R = z (2/3 + 2/5 z + …), z = s²: returns (f²/2, s (f²/2 + R)).
