@@ -6,6 +6,7 @@ use rayon::ThreadPool;
 use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::image::execute::execute_block;
 use spirv_jit::image::format::block::Texels;
+use spirv_jit::image::halve::Halving;
 use spirv_jit::image::operands::MAX_RESULT_ROWS;
 use spirv_jit::image::texels::store_block;
 use spirv_jit::image::{
@@ -40,7 +41,7 @@ pub fn blit_image(
             let format = format.unwrap_or(Format::UNDEFINED);
             let size = [level.width, level.height];
             let reader = Reader::new(source, &from, size, format, filter);
-            blit_surface(workers, source, &reader, destination, &to, blit);
+            blit_surface(workers, source, (&from, &reader), destination, &to, blit);
         }
     }
 }
@@ -84,7 +85,7 @@ impl Side {
 fn blit_surface(
     workers: &ThreadPool,
     source: &Image,
-    reader: &Reader,
+    (from, reader): (&Surface, &Reader),
     destination: &Image,
     to: &Surface,
     blit: &vk::ImageBlit,
@@ -129,6 +130,7 @@ fn blit_surface(
     const COST: u64 = 32;
     let row_bytes = x_side.count as u64 * to.texel_size_bytes as u64;
     let rows = z_side.count as u64 * y_side.count as u64;
+    let halved = Halved::new(from, to, reader, [&x_side, &y_side, &z_side]);
     for_rows(workers, rows, row_bytes * COST, |rows| {
         for row in rows {
             let y = y_side.first + (row % y_side.count as u64) as i64;
@@ -136,6 +138,10 @@ fn blit_surface(
             // SAFETY: source and destination are bound to memory that the application keeps for the time of execution; sides are clipped to the
             // destination's size.
             unsafe {
+                if let Some(halved) = &halved {
+                    halved.row(y, z);
+                    continue;
+                }
                 blit_row(
                     reader,
                     to,
@@ -146,6 +152,65 @@ fn blit_surface(
             };
         }
     });
+}
+
+/// A blit whose destination's texels each cover two by two of the source's.
+struct Halved<'a> {
+    halving: Halving,
+    from: &'a Surface,
+    to: &'a Surface,
+    /// First texels, and how many of the destination are in a row.
+    source: [u32; 3],
+    destination: [u32; 3],
+    count: usize,
+}
+
+impl<'a> Halved<'a> {
+    /// `None` for other blits, and where texels beyond the source's edge count.
+    fn new(
+        from: &'a Surface,
+        to: &'a Surface,
+        reader: &Reader,
+        [x, y, z]: [&Side; 3],
+    ) -> Option<Self> {
+        let is_half = reader.sampler.mag_filter == Filter::Linear
+            && !reader.is_volume
+            && from.format.name == to.format.name
+            && [x.scale, y.scale, z.scale] == [2.0, 2.0, 1.0];
+        let halving = Halving::new(to.format).filter(|_| is_half)?;
+        let first = |side: &Side, size: u32| {
+            let first = side.origin + side.first as f64 * side.scale;
+            let end = first + side.count as f64 * side.scale;
+            (first >= 0.0 && end <= f64::from(size)).then_some(first as u32)
+        };
+        Some(Self {
+            halving,
+            from,
+            to,
+            source: [
+                first(x, from.width)?,
+                first(y, from.height)?,
+                first(z, from.slices)?,
+            ],
+            destination: [x, y, z].map(|side| side.first as u32),
+            count: x.count as usize,
+        })
+    }
+
+    /// A row of the destination.
+    ///
+    /// # Safety
+    /// The row is one of the blit's, and the memory of both images stays allocated during the call.
+    unsafe fn row(&self, y: i64, z: i64) {
+        let ([x, first_y, first_z], [to_x, to_y, to_z]) = (self.source, self.destination);
+        let (to_row, slice) = (y as u32, z as u32);
+        let row = first_y + 2 * (to_row - to_y);
+        let from_slice = first_z + (slice - to_z);
+        let rows = [row, row + 1].map(|row| self.from.texel(x, row, from_slice, 0).cast_const());
+        let to = self.to.texel(to_x, to_row, slice, 0);
+        // SAFETY: the caller's promise; `new` found all of the rows inside of the source.
+        unsafe { self.halving.row(rows, to, self.count) };
+    }
 }
 
 /// A row of the destination, with its source coordinates.

@@ -466,6 +466,111 @@ fn blits_scale_and_mirror() {
     }
 }
 
+/// The sRGB transfer function of the Khronos Data Format specification, and its inverse.
+fn linear_of_srgb(code: f64) -> f64 {
+    match code <= 0.04045 {
+        true => code / 12.92,
+        false => ((code + 0.055) / 1.055).powf(2.4),
+    }
+}
+
+fn srgb_of_linear(linear: f64) -> f64 {
+    match linear <= 0.003_130_8 {
+        true => linear * 12.92,
+        false => 1.055 * linear.powf(1.0 / 2.4) - 0.055,
+    }
+}
+
+#[test]
+fn blits_to_half_the_size_give_the_means_of_four_texels() {
+    let code = |x: i32, y: i32, layer: u32, k: usize| {
+        let number = (x * 37 + y * 101 + layer as i32 * 59 + k as i32 * 83) as u32;
+        (number.wrapping_mul(2_654_435_761) >> 24) as u8
+    };
+    let size = [71, 43];
+    for format in [
+        vk::Format::R8G8B8A8_UNORM,
+        vk::Format::B8G8R8A8_UNORM,
+        vk::Format::R8G8B8A8_SRGB,
+        vk::Format::B8G8R8A8_SRGB,
+    ] {
+        let is_srgb = [vk::Format::R8G8B8A8_SRGB, vk::Format::B8G8R8A8_SRGB].contains(&format);
+        let linear = |k: usize, code: u8| match is_srgb && k < 3 {
+            true => linear_of_srgb(f64::from(code) / 255.0),
+            false => f64::from(code) / 255.0,
+        };
+        let code_of = |k: usize, linear: f64| match is_srgb && k < 3 {
+            true => srgb_of_linear(linear) * 255.0,
+            false => linear * 255.0,
+        };
+        let of_layers = |format, [width, height]: [u32; 2]| Kind {
+            layers: 3,
+            ..kind(format, width, height)
+        };
+        let from = image(of_layers(format, size));
+        for (x, y) in (0..size[0] as i32).flat_map(|x| (0..size[1] as i32).map(move |y| (x, y))) {
+            for layer in 0..3 {
+                let texel = [0, 1, 2, 3].map(|k| linear(k, code(x, y, layer, k)));
+                put(
+                    &from,
+                    COLOR,
+                    0,
+                    layer,
+                    [x, y, 0],
+                    texel.map(|number| (number as f32).to_bits()),
+                );
+            }
+        }
+        // Of the source, from where; of the destination, to where. The last is cut off by the destination's edges.
+        for (first, count, to_first) in [
+            ([0, 0], [35, 21], [0, 0]),
+            ([3, 2], [17, 20], [5, 1]),
+            ([1, 1], [35, 21], [-4, -3]),
+        ] {
+            let to = image(of_layers(format, [36, 24]));
+            let end = |k: usize| (first[k] + 2 * count[k], to_first[k] + count[k]);
+            let region = vk::ImageBlit {
+                src_subresource: layers(COLOR, 0, 1, 2),
+                src_offsets: [
+                    offset([first[0], first[1], 0]),
+                    offset([end(0).0, end(1).0, 1]),
+                ],
+                dst_subresource: layers(COLOR, 0, 0, 2),
+                dst_offsets: [
+                    offset([to_first[0], to_first[1], 0]),
+                    offset([end(0).1, end(1).1, 1]),
+                ],
+            };
+            blit::blit_image(workers(), &from, &to, &region, vk::Filter::LINEAR);
+            for (x, y) in (0..36).flat_map(|x| (0..24).map(move |y| (x, y))) {
+                let at = [x - to_first[0], y - to_first[1]];
+                let is_inside = (0..2).all(|k| (0..count[k]).contains(&at[k]));
+                for layer in 0..3 {
+                    let got = get(&to, COLOR, 0, layer, [x, y, 0]);
+                    for (k, got) in got.map(f32::from_bits).into_iter().enumerate() {
+                        let got = code_of(k, got.into());
+                        assert!((got - got.round()).abs() < 1e-3);
+                        if !is_inside || layer == 2 {
+                            assert_eq!(got.round(), 205.0, "{format:?} {x} {y} {layer}");
+                            continue;
+                        }
+                        let four = [[0, 0], [1, 0], [0, 1], [1, 1]].map(|[i, j]| {
+                            let (x, y) = (first[0] + 2 * at[0] + i, first[1] + 2 * at[1] + j);
+                            linear(k, code(x, y, layer + 1, k))
+                        });
+                        let expected = code_of(k, four.iter().sum::<f64>() / 4.0);
+                        let error = got.round() - expected;
+                        assert!(
+                            error.abs() < 0.5 + 1e-3,
+                            "{format:?} {x} {y} {layer}: {error}"
+                        );
+                    }
+                }
+            }
+        }
+    }
+}
+
 #[test]
 fn blits_convert_formats_and_pair_layers() {
     let from = image(Kind {

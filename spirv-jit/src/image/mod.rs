@@ -12,6 +12,7 @@ mod cube;
 pub mod execute;
 pub(crate) mod fast;
 pub mod format;
+pub mod halve;
 pub mod lod;
 pub mod operands;
 pub(crate) mod plain;

@@ -106,3 +106,13 @@ pub(in crate::image) static PIECE: [u32; PIECES] = {
     }
     pieces
 };
+
+/// [`encode`] of a number from 0 to 1, without branches.
+#[inline(always)]
+pub(in crate::image) fn encode_by_piece(linear: f32) -> u32 {
+    // Positive floats order like their bits.
+    let bits = linear.to_bits().clamp(FIRST, 1f32.to_bits());
+    let entry = PIECE[((bits - FIRST) >> REST_BITS) as usize];
+    let open = (1 << REST_BITS) - 1;
+    (entry >> (REST_BITS + 1)) + u32::from(bits & open >= entry & (2 * open + 1))
+}
