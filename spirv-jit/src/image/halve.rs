@@ -85,7 +85,7 @@ fn linear_mean(texels: [[u32; 2]; 2]) -> u32 {
     let linear = |texel: u32, shift: u32| srgb::decode((texel >> shift) as u8);
     let code = |shift: u32| {
         let sum = (linear(a, shift) + linear(b, shift)) + (linear(c, shift) + linear(d, shift));
-        srgb::encode_by_piece(0.25 * sum) << shift
+        u32::from(srgb::encode(0.25 * sum)) << shift
     };
     code(0) | code(8) | code(16) | mean(texels) & 0xff00_0000
 }

@@ -68,15 +68,6 @@ pub fn decode(code: u8) -> f32 {
     f32::from_bits(LINEAR[code as usize])
 }
 
-/// The code nearest to a linear value; NaN and negative values give 0.
-pub fn encode(linear: f32) -> u8 {
-    if linear.is_nan() || linear <= 0.0 {
-        return 0;
-    }
-    // Positive floats order like their bits.
-    THRESHOLDS.partition_point(|&threshold| threshold <= linear.to_bits()) as u8
-}
-
 /// Numbers below this, 2^-13, have code 0.
 pub(in crate::image) const FIRST: u32 = 114 << 23;
 /// Bits of a number that do not choose its piece.
@@ -107,12 +98,17 @@ pub(in crate::image) static PIECE: [u32; PIECES] = {
     pieces
 };
 
-/// [`encode`] of a number from 0 to 1, without branches.
+/// The code nearest to a linear value; NaN and negative values give 0.
 #[inline(always)]
-pub(in crate::image) fn encode_by_piece(linear: f32) -> u32 {
+pub fn encode(linear: f32) -> u8 {
+    let least = f32::from_bits(FIRST);
+    // So phrased that NaN becomes the least.
+    let linear = if linear > least { linear } else { least };
+    let linear = if linear < 1.0 { linear } else { 1.0 };
     // Positive floats order like their bits.
-    let bits = linear.to_bits().clamp(FIRST, 1f32.to_bits());
+    let bits = linear.to_bits();
     let entry = PIECE[((bits - FIRST) >> REST_BITS) as usize];
     let open = (1 << REST_BITS) - 1;
-    (entry >> (REST_BITS + 1)) + u32::from(bits & open >= entry & (2 * open + 1))
+    let code = entry >> (REST_BITS + 1);
+    (code + u32::from(bits & open >= entry & (2 * open + 1))) as u8
 }
