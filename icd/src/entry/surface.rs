@@ -14,7 +14,7 @@ use crate::object::PhysicalDevice;
 use crate::present::wayland::WaylandWindow;
 use crate::present::x11::{self, X11Window};
 use crate::present::{
-    COLOR_SPACES, FORMATS, IMAGE_USAGE, MODES, SURFACELESS_MODES, Scaling, Surface,
+    DEEP_FORMATS, FORMATS, IMAGE_USAGE, MODES, SURFACELESS_MODES, Scaling, Surface,
     compatible_modes,
 };
 use crate::table::extensions::Extension;
@@ -24,7 +24,7 @@ use crate::table::limits::MAX_IMAGE_DIMENSION;
 fn formats(device: &PhysicalDevice) -> Vec<vk::SurfaceFormatKHR> {
     let plain = FORMATS.map(|format| (format, vk::ColorSpaceKHR::SRGB_NONLINEAR));
     let has_spaces = (device.instance_extensions).contains(Extension::EXT_SWAPCHAIN_COLORSPACE);
-    let more = COLOR_SPACES.into_iter().filter(|_| has_spaces);
+    let more = DEEP_FORMATS.into_iter().filter(|_| has_spaces);
     (plain.into_iter().chain(more))
         .map(|(format, color_space)| vk::SurfaceFormatKHR {
             format,

@@ -32,7 +32,7 @@ use std::time::Instant;
 use ash::vk;
 
 pub use bell::Bell;
-pub use offer::{COLOR_SPACES, FORMATS, IMAGE_USAGE, MODES, SURFACELESS_MODES, compatible_modes};
+pub use offer::{DEEP_FORMATS, FORMATS, IMAGE_USAGE, MODES, SURFACELESS_MODES, compatible_modes};
 pub use placement::Scaling;
 pub use surface::Surface;
 pub use swapchain::{Creation, Request, Swapchain};

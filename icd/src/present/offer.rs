@@ -12,20 +12,29 @@ pub const MIN_IMAGES: u32 = 2;
 pub const MAX_IMAGES: u32 = 16;
 
 /// The formats that can be presented; windows get them converted where they show another one.
-pub const FORMATS: [vk::Format; 6] = [
+pub const FORMATS: [vk::Format; 4] = [
     vk::Format::B8G8R8A8_UNORM,
     vk::Format::B8G8R8A8_SRGB,
     vk::Format::R8G8B8A8_UNORM,
     vk::Format::R8G8B8A8_SRGB,
-    vk::Format::A2B10G10R10_UNORM_PACK32,
-    vk::Format::R16G16B16A16_SFLOAT,
 ];
 
-/// The color spaces of `VK_EXT_swapchain_colorspace` that a format can be presented in.
-pub const COLOR_SPACES: [(vk::Format, vk::ColorSpaceKHR); 1] = [(
-    vk::Format::R16G16B16A16_SFLOAT,
-    vk::ColorSpaceKHR::EXTENDED_SRGB_LINEAR_EXT,
-)];
+/// Formats of more than eight bits, and the color spaces that they can be presented in: for applications that ask for color spaces
+/// (`VK_EXT_swapchain_colorspace`). Others choose the format of most bits and would pay for bits that their windows do not show.
+pub const DEEP_FORMATS: [(vk::Format, vk::ColorSpaceKHR); 3] = [
+    (
+        vk::Format::A2B10G10R10_UNORM_PACK32,
+        vk::ColorSpaceKHR::SRGB_NONLINEAR,
+    ),
+    (
+        vk::Format::R16G16B16A16_SFLOAT,
+        vk::ColorSpaceKHR::SRGB_NONLINEAR,
+    ),
+    (
+        vk::Format::R16G16B16A16_SFLOAT,
+        vk::ColorSpaceKHR::EXTENDED_SRGB_LINEAR_EXT,
+    ),
+];
 
 /// The modes that can be asked for, and whether an extension has to be enabled for one.
 pub const MODES: [vk::PresentModeKHR; 7] = [

@@ -30,7 +30,7 @@ pub(super) struct Anisotropy {
 }
 
 impl Anisotropy {
-    /// How many samples some lane of the mask takes.
+    /// The most samples that some lane of the mask takes.
     #[inline(always)]
     pub(super) fn passes(&self, mask: u16) -> i32 {
         let mut most = 1;
@@ -41,31 +41,24 @@ impl Anisotropy {
         }
         most
     }
-
-    /// The lanes' numbers of samples as the bits of floats.
-    #[inline(always)]
-    pub(super) fn counts(&self) -> Row {
-        let mut row = [0; SUBGROUP_SIZE];
-        for lane in 0..SUBGROUP_SIZE {
-            row[lane] = (self.count[lane] as f32).to_bits();
-        }
-        row
-    }
 }
+
+/// √½ as a float's bits.
+pub(super) const SQRT_HALF: u32 = 0x3f35_04f3;
+/// 2 / ln 2 times the series of the inverse hyperbolic tangent, by even powers.
+pub(super) const SERIES: [f32; 5] = [2.885_39, 0.961_796_7, 0.577_078, 0.412_198_6, 0.320_598_9];
 
 /// Binary logarithm to about 1e-7 absolute, from additions, products and one quotient, so that it is the same everywhere. For 0 and infinity: very small and very large.
 #[inline(always)]
 fn log2(x: f32) -> f32 {
     // Mantissa in [√½, √2), exponent to match.
-    const SQRT_HALF: u32 = 0x3f35_04f3;
     let bits = x.to_bits().wrapping_sub(SQRT_HALF);
     let exponent = (bits as i32) >> 23;
     let m = f32::from_bits((bits & 0x007f_ffff).wrapping_add(SQRT_HALF));
     let t = (m - 1.0) / (m + 1.0);
     let t2 = t * t;
-    // 2 / ln 2 times the series of the inverse hyperbolic tangent.
-    let series =
-        2.885_39 + t2 * (0.961_796_7 + t2 * (0.577_078 + t2 * (0.412_198_6 + t2 * 0.320_598_9)));
+    let [a, b, c, d, e] = SERIES;
+    let series = a + t2 * (b + t2 * (c + t2 * (d + t2 * e)));
     exponent as f32 + t * series
 }
 
@@ -75,22 +68,16 @@ pub(super) fn is_anisotropic(sampler: &SamplerDescriptor) -> bool {
     most_samples(sampler) > 1.0
 }
 
+/// `maxAnisotropy`, as far as the device goes.
 #[inline(always)]
-fn most_samples(sampler: &SamplerDescriptor) -> f32 {
+pub(super) fn most_samples(sampler: &SamplerDescriptor) -> f32 {
     sampler.max_anisotropy.min(MAX_ANISOTROPY)
 }
 
-/// λ' from the derivatives of a 2D image's coordinates, without bias: what [`lod`] computes.
+/// The second one, if either is no number: as vectors have it.
 #[inline(always)]
-pub(super) fn of_plane(derivatives: &[&Row], size: [u32; 2], sampler: &SamplerDescriptor) -> Lod {
-    let mut axes = [[[0.0; SUBGROUP_SIZE]; 3]; 2];
-    for (screen, axes) in axes.iter_mut().enumerate() {
-        for (axis, row) in axes.iter_mut().enumerate().take(2) {
-            *row = floats(derivatives[2 * screen + axis]);
-        }
-    }
-    let size = [size[0] as f32, size[1] as f32, 0.0];
-    of_footprint(&axes, size, most_samples(sampler))
+fn longer(x: f32, y: f32) -> f32 {
+    if x > y { x } else { y }
 }
 
 /// λ' of a footprint, by derivatives for each axis of the screen and of an image of this size, and
@@ -109,7 +96,7 @@ fn of_footprint(derivatives: &[[Floats; 3]; 2], size: [f32; 3], most: f32) -> Lo
     let mut lambda = [0.0; SUBGROUP_SIZE];
     // The half of the logarithm of a square saves the root.
     for lane in 0..SUBGROUP_SIZE {
-        lambda[lane] = 0.5 * log2(squares[0][lane].max(squares[1][lane]));
+        lambda[lane] = 0.5 * log2(longer(squares[0][lane], squares[1][lane]));
     }
     if most.is_nan() || most <= 1.0 {
         return Lod {
@@ -121,9 +108,11 @@ fn of_footprint(derivatives: &[[Floats; 3]; 2], size: [f32; 3], most: f32) -> Lo
     let mut axis = [[0.0; SUBGROUP_SIZE]; 3];
     for lane in 0..SUBGROUP_SIZE {
         let (x, y) = (squares[0][lane], squares[1][lane]);
-        let ratio = (x.max(y) / x.min(y)).sqrt();
-        // A NaN of 0 / 0 becomes 1.
-        let samples = ratio.ceil().max(1.0).min(most.ceil());
+        let most_squared = longer(x, y);
+        let ratio = (most_squared / if x < y { x } else { y }).sqrt();
+        // A NaN of 0 / 0 becomes 1. One for each texel along the axis is enough.
+        let texels = most_squared.sqrt().ceil().max(1.0);
+        let samples = ratio.ceil().max(1.0).min(most.ceil()).min(texels);
         count[lane] = samples as i32;
         // λ of the footprint divided among the samples.
         lambda[lane] -= log2(ratio.max(1.0).min(most));

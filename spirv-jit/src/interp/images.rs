@@ -523,36 +523,43 @@ impl<V: Vector> Kernel for Access<V> {
         let plan = &m.code.images[i.x as usize];
         // SAFETY: the tier is the token's; for the rest, as for `image`; what descriptors point to outlives the dispatch.
         unsafe {
-            let mut known = None;
-            let (mut held, mut viewed): (Option<ImageDescriptor>, *const ImageDescriptor) =
-                (None, std::ptr::null());
-            for &subgroup in m.listed() {
+            let mut listed = m.listed();
+            while let Some((&subgroup, rest)) = listed.split_first() {
                 let mask = lanes(m, plan, subgroup);
                 if mask == 0 {
+                    listed = rest;
                     continue;
                 }
                 let Some(address) = shared(m, plan.image, subgroup, mask) else {
                     block(m, plan, subgroup);
+                    listed = rest;
                     continue;
                 };
-                if known != Some(address) {
-                    known = Some(address);
-                    let descriptor = m.environment.descriptor(address);
-                    (held, viewed) = (descriptor.held_image(), descriptor.viewed_image());
-                }
+                let descriptor = m.environment.descriptor(address);
+                let held = descriptor.held_image();
                 let image = match &held {
                     Some(image) => Some(image),
-                    None => viewed.as_ref(),
+                    None => descriptor.viewed_image().as_ref(),
                 };
                 let access =
                     usable(image).and_then(|(image, info)| Plain::new(&plan.op, image, info));
-                // No closure: it would not be compiled for the tier.
-                let done = match &access {
-                    Some(access) => access_block(V::new(), access, m, plan, subgroup, mask),
-                    None => false,
-                };
-                if !done {
-                    block(m, plan, subgroup);
+                // This subgroup, and those behind it that share the image.
+                while let Some((&subgroup, rest)) = listed.split_first() {
+                    let mask = lanes(m, plan, subgroup);
+                    if mask != 0 {
+                        if shared(m, plan.image, subgroup, mask) != Some(address) {
+                            break;
+                        }
+                        // No closure: it would not be compiled for the tier.
+                        let done = match &access {
+                            Some(access) => access_block(V::new(), access, m, plan, subgroup, mask),
+                            None => false,
+                        };
+                        if !done {
+                            block(m, plan, subgroup);
+                        }
+                    }
+                    listed = rest;
                 }
             }
         }

@@ -265,6 +265,13 @@ pub unsafe fn load<V: Vector>(
             let none = v.splat_i(0);
             return [words, none, none, none];
         }
+        if size == 8 && places.pattern == Pattern::Block {
+            let stride = target.surface.row_stride_bytes as usize;
+            let first = quad(target, places, 0, sample);
+            let (first, second) = v.load_quads_of_pairs(first, stride);
+            let none = v.splat_i(0);
+            return [first, second, none, none];
+        }
         load_words(v, &load_rows(target, places, sample, mask))
     }
 }
@@ -325,7 +332,19 @@ pub unsafe fn store<V: Vector>(
 ) {
     // SAFETY: the caller's promise.
     unsafe {
-        if target.surface.texel_size_bytes != 4 {
+        let size = target.surface.texel_size_bytes;
+        if size == 8 && places.pattern == Pattern::Block {
+            let [mut first, mut second, ..] = *words;
+            if mask != u16::MAX {
+                let old = load(v, target, places, sample, mask);
+                first = v.select(mask, first, old[0]);
+                second = v.select(mask, second, old[1]);
+            }
+            let stride = target.surface.row_stride_bytes as usize;
+            let at = quad(target, places, 0, sample);
+            return v.store_quads_of_pairs(first, second, at, stride);
+        }
+        if size != 4 {
             return store_rows(target, places, sample, mask, &rows_of(v, words));
         }
         store_word(v, target, places, sample, mask, words[0]);

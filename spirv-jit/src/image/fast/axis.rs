@@ -69,6 +69,33 @@ fn modulo<V: Vector>(v: V, i: V::I, size: V::I) -> V::I {
 }
 
 impl Fast<'_> {
+    /// The index of the nearest texel, inside the level: [`Axis::index`] of a sample that takes one texel, not moved by an offset.
+    #[inline(always)]
+    pub(super) fn nearest<V: Vector>(
+        &self,
+        v: V,
+        mode: AddressMode,
+        coordinate: V::F,
+        size: V::I,
+    ) -> V::I {
+        let size_f = v.to_f(size);
+        let last = v.sub_i(size, v.splat_i(1));
+        let zero = v.splat(0.0);
+        match mode {
+            AddressMode::Repeat => {
+                let fraction = v.sub(coordinate, v.floor(coordinate));
+                // From 0 to `size`, to which a fraction just below 1 is rounded; or of no number.
+                let i = v.max_i(v.to_i(v.mul(fraction, size_f)), v.splat_i(0));
+                v.sub_i(i, v.and_i(size, v.sign_i(v.sub_i(last, i))))
+            }
+            AddressMode::ClampToEdge if !self.sampler.unnormalized_coordinates => {
+                let texel = v.max(v.mul(coordinate, size_f), zero);
+                v.to_i(v.min(texel, v.to_f(last)))
+            }
+            _ => self.axis(v, mode, (coordinate, None), size, size).index,
+        }
+    }
+
     /// `offset`, in texels, comes from an operation that has one.
     #[inline(always)]
     pub(super) fn axis<V: Vector>(

@@ -2,7 +2,7 @@
 
 use std::mem::offset_of;
 
-use super::super::lod::{self, Lod};
+use super::super::lod;
 use super::super::vector::Vector;
 use super::super::{Filter, Level, LodMode};
 use super::Fast;
@@ -19,6 +19,64 @@ pub(super) struct Levels<'a, V: Vector> {
     pub offset: V::I,
 }
 
+/// What derivatives say of the lanes' samples: as [`lod`] has it.
+pub(super) struct Footprint<V: Vector> {
+    /// λ', without bias.
+    pub lambda: V::F,
+    pub anisotropy: Option<Anisotropy<V>>,
+}
+
+/// Sampling along the longer axis of a footprint.
+pub(super) struct Anisotropy<V: Vector> {
+    /// Samples to take, 1 to 16.
+    pub count: V::F,
+    /// The axis, in normalised coordinates.
+    pub axis: [V::F; 2],
+}
+
+impl<V: Vector> Anisotropy<V> {
+    /// Where sample `pass` of each lane is, or its last one, from the middle: samples i = 1..=N at i / (N + 1) - 1/2 along the axis.
+    #[inline(always)]
+    pub(super) fn place(&self, v: V, pass: u32) -> [V::F; 2] {
+        let one = v.splat(1.0);
+        let i = v.min(v.splat((pass + 1) as f32), self.count);
+        let along = v.sub(v.div(i, v.add(self.count, one)), v.splat(0.5));
+        [v.mul(along, self.axis[0]), v.mul(along, self.axis[1])]
+    }
+
+    /// Whether lanes of the mask take a sample `pass`.
+    #[inline(always)]
+    pub(super) fn goes_on(&self, v: V, pass: u32, mask: u16) -> bool {
+        v.gt(self.count, v.splat(pass as f32)) & mask != 0
+    }
+
+    /// The sum with sample `pass`, of lanes that take it.
+    #[inline(always)]
+    pub(super) fn sum(&self, v: V, pass: u32, total: V::F, sample: V::F) -> V::F {
+        let takes_part = v.gt(self.count, v.splat(pass as f32));
+        let sum = v.bits_of(v.add(total, sample));
+        v.bits_to_f(v.select(takes_part, sum, v.bits_of(total)))
+    }
+}
+
+/// Binary logarithm, as [`lod`]'s.
+#[inline(always)]
+fn log2<V: Vector>(v: V, x: V::F) -> V::F {
+    let least = v.splat_i(lod::SQRT_HALF as i32);
+    let bits = v.sub_i(v.bits_of(x), least);
+    let exponent = v.to_f(v.right_i(bits, 23));
+    let mantissa = v.and_i(bits, v.splat_i(0x007f_ffff));
+    let mantissa = v.bits_to_f(v.add_i(mantissa, least));
+    let one = v.splat(1.0);
+    let t = v.div(v.sub(mantissa, one), v.add(mantissa, one));
+    let square = v.mul(t, t);
+    let mut series = v.splat(lod::SERIES[4]);
+    for power in [3, 2, 1, 0] {
+        series = v.add(v.splat(lod::SERIES[power]), v.mul(square, series));
+    }
+    v.add(exponent, v.mul(t, series))
+}
+
 /// One level for all lanes.
 #[inline(always)]
 pub(super) fn levels_of<V: Vector>(v: V, level: &Level) -> Levels<'_, V> {
@@ -31,16 +89,56 @@ pub(super) fn levels_of<V: Vector>(v: V, level: &Level) -> Levels<'_, V> {
     }
 }
 
+#[inline(always)]
+fn square_length<V: Vector>(v: V, x: V::F, y: V::F) -> V::F {
+    v.add(v.mul(x, x), v.mul(y, y))
+}
+
 impl Fast<'_> {
-    /// The first of the levels that lanes sample, and the weight of the next. `lod` is bias or level, if the operation has one.
+    /// The footprints of derivatives in x, then in y, of both coordinates of a plane.
+    #[inline(always)]
+    pub(super) fn footprint<V: Vector>(&self, v: V, derivatives: [V::F; 4]) -> Footprint<V> {
+        let base = &self.image.levels[0];
+        let (width, height) = (v.splat(base.width as f32), v.splat(base.height as f32));
+        let [sx, tx, sy, ty] = derivatives;
+        let x = square_length(v, v.mul(sx, width), v.mul(tx, height));
+        let y = square_length(v, v.mul(sy, width), v.mul(ty, height));
+        let longer = v.max(x, y);
+        let lambda = v.mul(v.splat(0.5), log2(v, longer));
+        if !self.is_anisotropic {
+            return Footprint {
+                lambda,
+                anisotropy: None,
+            };
+        }
+        let one = v.splat(1.0);
+        let most = lod::most_samples(self.sampler);
+        let ratio = v.sqrt(v.div(longer, v.min(x, y)));
+        let texels = v.max(v.ceil(v.sqrt(longer)), one);
+        let count = v.min(v.max(v.ceil(ratio), one), v.splat(most.ceil()));
+        let clamped = v.min(v.max(ratio, one), v.splat(most));
+        let is_y = v.gt(y, x);
+        let axis_s = v.select(is_y, v.bits_of(sy), v.bits_of(sx));
+        let axis_t = v.select(is_y, v.bits_of(ty), v.bits_of(tx));
+        Footprint {
+            lambda: v.sub(lambda, log2(v, clamped)),
+            anisotropy: Some(Anisotropy {
+                count: v.min(count, texels),
+                axis: [v.bits_to_f(axis_s), v.bits_to_f(axis_t)],
+            }),
+        }
+    }
+
+    /// The first of the levels that lanes sample, and the weight of the next. `lod` is bias or level, if the operation has one; `lambda` is that of a
+    /// footprint.
     #[inline(always)]
     pub(super) fn chosen_levels<V: Vector>(
         &self,
         v: V,
         lod: Option<&Row>,
-        footprint: Option<&Lod>,
+        lambda: Option<V::F>,
     ) -> (V::I, V::F) {
-        let levels = self.levels_of_detail(v, lod, footprint);
+        let levels = self.levels_of_detail(v, lod, lambda);
         match self.sampler.mipmap_mode {
             // ⌈d' + 0.5⌉ - 1.
             Filter::Nearest => {
@@ -64,12 +162,7 @@ impl Fast<'_> {
 
     /// λ' to d', as in [`lod`].
     #[inline(always)]
-    fn levels_of_detail<V: Vector>(
-        &self,
-        v: V,
-        lod: Option<&Row>,
-        footprint: Option<&Lod>,
-    ) -> V::F {
+    fn levels_of_detail<V: Vector>(&self, v: V, lod: Option<&Row>, lambda: Option<V::F>) -> V::F {
         if !self.has_levels() {
             return v.splat(0.0);
         }
@@ -80,9 +173,9 @@ impl Fast<'_> {
         };
         let bias = v.max(bias, v.splat(-lod::MAX_LOD_BIAS));
         let bias = v.min(bias, v.splat(lod::MAX_LOD_BIAS));
-        let lambda = match (self.op.lod, lod, footprint) {
+        let lambda = match (self.op.lod, lod, lambda) {
             (LodMode::Lod, Some(row), _) => v.add(v.load(row), bias),
-            (_, _, Some(lod)) => v.add(v.load(&lod::words(&lod.lambda)), bias),
+            (_, _, Some(lambda)) => v.add(lambda, bias),
             _ => bias,
         };
         let lambda = v.min(lambda, v.splat(self.sampler.max_lod));

@@ -14,7 +14,8 @@ use super::lod;
 use super::operands::Operands;
 use super::vector::Vector;
 use super::{
-    AddressMode, Dim, Filter, ImageDescriptor, ImageOp, ImageOpKind, Reduction, SamplerDescriptor,
+    AddressMode, Dim, Filter, ImageDescriptor, ImageOp, ImageOpKind, LodMode, Reduction,
+    SamplerDescriptor,
 };
 use crate::SUBGROUP_SIZE;
 use crate::row::Row;
@@ -50,6 +51,8 @@ pub(crate) struct Fast<'a> {
     is_nearest: bool,
     is_cube: bool,
     has_border: bool,
+    /// Several samples along a footprint, by derivatives.
+    is_anisotropic: bool,
     /// A gather of words from a plane.
     gathers_words: bool,
     /// There is more to do than [`planes`] has code for: see [`Whole`].
@@ -94,6 +97,7 @@ impl<'a> Fast<'a> {
         let in_order = image.swizzle == [0, 1, 2, 3];
         let has_border =
             !is_cube && sampler.address_mode[..2].contains(&AddressMode::ClampToBorder);
+        let is_anisotropic = !is_cube && op.lod == LodMode::Grad && lod::is_anisotropic(sampler);
         let gathers_words = is_gather
             && !is_cube
             && !op.depth_compare
@@ -103,8 +107,7 @@ impl<'a> Fast<'a> {
             && (is_gather
                 || is_cube
                 || has_border
-                || op.depth_compare && image.level_count != 1
-                || lod::is_anisotropic(sampler));
+                || op.depth_compare && (image.level_count != 1 || is_anisotropic));
         applies.then_some(Fast {
             op,
             image,
@@ -126,6 +129,7 @@ impl<'a> Fast<'a> {
             is_nearest: !is_gather && sampler.mag_filter == Filter::Nearest,
             is_cube,
             has_border,
+            is_anisotropic,
             gathers_words,
             has_more,
         })
@@ -144,7 +148,7 @@ impl<'a> Fast<'a> {
     /// Whether derivatives are looked at, where the operation has them.
     #[inline(always)]
     pub(crate) fn takes_derivatives(&self) -> bool {
-        self.has_levels() || !self.is_cube && lod::is_anisotropic(self.sampler)
+        self.has_levels() || self.is_anisotropic
     }
 }
 

@@ -6,12 +6,11 @@
 use std::hint::assert_unchecked;
 
 use super::super::vector::{Task, Vector};
-use super::super::{AddressMode, LodMode, lod};
+use super::super::{AddressMode, LodMode};
 use super::axis::Axis;
-use super::levels::{Levels, levels_of};
+use super::levels::{Anisotropy, Levels, levels_of};
 use super::texels::blend_bytes;
 use super::{Components, Fast};
-use crate::SUBGROUP_SIZE;
 use crate::eval::quad;
 use crate::row::Row;
 
@@ -52,6 +51,14 @@ mod mode {
     pub const ANY: u8 = 2;
 }
 
+/// Levels that may be sampled.
+mod levels {
+    pub const ONE: u8 = 0;
+    pub const MANY: u8 = 1;
+    /// One or many, at several places along a footprint.
+    pub const ANISOTROPIC: u8 = 2;
+}
+
 /// What texels are.
 mod texels {
     /// Four bytes, as [`Fast::straight`](super::Fast::straight) has it, linear between them.
@@ -72,9 +79,9 @@ mod texels {
     pub const NEAREST_SRGB: u8 = 8;
 }
 
-struct Planes<'a, 'b, S, const LEVELS: bool, const MODE: u8, const TEXELS: u8>(&'b Fast<'a>, S);
+struct Planes<'a, 'b, S, const LEVELS: u8, const MODE: u8, const TEXELS: u8>(&'b Fast<'a>, S);
 
-impl<V: Vector, S: Subgroups<V>, const LEVELS: bool, const MODE: u8, const TEXELS: u8> Task<V>
+impl<V: Vector, S: Subgroups<V>, const LEVELS: u8, const MODE: u8, const TEXELS: u8> Task<V>
     for Planes<'_, '_, S, LEVELS, MODE, TEXELS>
 {
     type Output = S;
@@ -90,7 +97,10 @@ impl<V: Vector, S: Subgroups<V>, const LEVELS: bool, const MODE: u8, const TEXEL
             assert_unchecked(!fast.is_cube && fast.gathers_words == (TEXELS == texels::GATHERED));
             assert_unchecked(fast.is_gather() == (TEXELS == texels::GATHERED));
             assert_unchecked(fast.op.depth_compare == (TEXELS == texels::COMPARED));
-            assert_unchecked(LEVELS || TEXELS == texels::GATHERED || !fast.has_levels());
+            if LEVELS == levels::ONE {
+                assert_unchecked(TEXELS == texels::GATHERED || !fast.has_levels());
+            }
+            assert_unchecked(fast.is_anisotropic == (LEVELS == levels::ANISOTROPIC));
             match TEXELS {
                 texels::BYTES | texels::SRGB => {
                     assert_unchecked(!fast.is_nearest && fast.bytes);
@@ -159,32 +169,101 @@ impl<V: Vector, S: Subgroups<V>, const LEVELS: bool, const MODE: u8, const TEXEL
                     subgroups.put(v, subgroup, fast.gathered_values(v, gathered));
                     continue;
                 }
-                if !LEVELS {
+                if LEVELS == levels::ONE {
                     let sampled = of_level::<V, MODE, TEXELS>(fast, v, &first, layer, places, mask);
                     subgroups.put(v, subgroup, fast.finish(v, sampled));
                     continue;
                 }
-                let (level, weight) = levels_of_detail(fast, v, &subgroups, subgroup, mask);
+                let (level, weight, anisotropy) =
+                    levels_of_detail(fast, v, &subgroups, subgroup, mask);
                 let near = fast.levels(v, level, mask);
-                let mut sampled = of_level::<V, MODE, TEXELS>(fast, v, &near, layer, places, mask);
-                if v.gt(weight, v.splat(0.0)) & mask != 0 {
-                    let far = fast.levels(v, fast.next_level(v, level), mask);
-                    let behind = of_level::<V, MODE, TEXELS>(fast, v, &far, layer, places, mask);
-                    sampled = [
-                        v.lerp(sampled[0], behind[0], weight),
-                        v.lerp(sampled[1], behind[1], weight),
-                        v.lerp(sampled[2], behind[2], weight),
-                        v.lerp(sampled[3], behind[3], weight),
-                    ];
+                let far = match v.gt(weight, v.splat(0.0)) & mask != 0 {
+                    true => Some(fast.levels(v, fast.next_level(v, level), mask)),
+                    false => None,
+                };
+                let of_levels = OfLevels::<V> {
+                    near,
+                    far,
+                    weight,
+                    layer,
+                };
+                let Some(along) = anisotropy else {
+                    let sampled = of_levels.sample::<MODE, TEXELS>(fast, v, places, mask);
+                    subgroups.put(v, subgroup, fast.finish(v, sampled));
+                    continue;
+                };
+                let mut total = [v.splat(0.0); 4];
+                let mut pass = 0;
+                loop {
+                    let [ds, dt] = along.place(v, pass);
+                    let places = [(v.add(s, ds), offsets[0]), (v.add(t, dt), offsets[1])];
+                    let sampled = of_levels.sample::<MODE, TEXELS>(fast, v, places, mask);
+                    total = match pass {
+                        0 => sampled,
+                        _ => [
+                            along.sum(v, pass, total[0], sampled[0]),
+                            along.sum(v, pass, total[1], sampled[1]),
+                            along.sum(v, pass, total[2], sampled[2]),
+                            along.sum(v, pass, total[3], sampled[3]),
+                        ],
+                    };
+                    pass += 1;
+                    if !along.goes_on(v, pass, mask) {
+                        break;
+                    }
                 }
-                subgroups.put(v, subgroup, fast.finish(v, sampled));
+                let mean = [
+                    v.div(total[0], along.count),
+                    v.div(total[1], along.count),
+                    v.div(total[2], along.count),
+                    v.div(total[3], along.count),
+                ];
+                subgroups.put(v, subgroup, fast.finish(v, mean));
             }
         }
         subgroups
     }
 }
 
-/// The level of each lane, and the weight of the next.
+/// The levels that lanes sample.
+struct OfLevels<'l, V: Vector> {
+    near: Levels<'l, V>,
+    /// Those behind them, where some lane samples one.
+    far: Option<Levels<'l, V>>,
+    /// The weight of those.
+    weight: V::F,
+    layer: V::I,
+}
+
+impl<V: Vector> OfLevels<'_, V> {
+    /// # Safety
+    /// As [`Fast::weighted`].
+    #[inline(always)]
+    unsafe fn sample<const MODE: u8, const TEXELS: u8>(
+        &self,
+        fast: &Fast<'_>,
+        v: V,
+        places: [Place<V>; 2],
+        mask: u16,
+    ) -> Components<V> {
+        // SAFETY: the caller's promise.
+        unsafe {
+            let near = of_level::<V, MODE, TEXELS>(fast, v, &self.near, self.layer, places, mask);
+            let Some(far) = &self.far else {
+                return near;
+            };
+            let far = of_level::<V, MODE, TEXELS>(fast, v, far, self.layer, places, mask);
+            [
+                v.lerp(near[0], far[0], self.weight),
+                v.lerp(near[1], far[1], self.weight),
+                v.lerp(near[2], far[2], self.weight),
+                v.lerp(near[3], far[3], self.weight),
+            ]
+        }
+    }
+}
+
+/// The level of each lane, the weight of the next, and where samples are, if there may be several.
 ///
 /// # Safety
 /// As [`Subgroups::mask`].
@@ -195,45 +274,56 @@ unsafe fn levels_of_detail<V: Vector, S: Subgroups<V>>(
     subgroups: &S,
     subgroup: usize,
     active: u16,
-) -> (V::I, V::F) {
-    let base = &fast.image.levels[0];
-    let size = [base.width, base.height];
+) -> (V::I, V::F, Option<Anisotropy<V>>) {
     // SAFETY: the caller's promise.
-    unsafe {
+    let footprint = unsafe {
         match fast.op.lod {
             LodMode::Grad if subgroups.derives() => {
-                let mut derived = [[0; SUBGROUP_SIZE]; 4];
-                for axis in 0..2 {
-                    let coordinate = v.load(subgroups.coordinate(subgroup, axis));
-                    let x = v.derivative::<{ quad::X }>(coordinate, active);
-                    let y = v.derivative::<{ quad::Y }>(coordinate, active);
-                    v.store(x, &mut derived[axis]);
-                    v.store(y, &mut derived[2 + axis]);
-                }
-                let [sx, tx, sy, ty] = &derived;
-                let lod = lod::of_plane(&[sx, tx, sy, ty], size, fast.sampler);
-                fast.chosen_levels(v, None, Some(&lod))
+                let s = v.load(subgroups.coordinate(subgroup, 0));
+                let t = v.load(subgroups.coordinate(subgroup, 1));
+                let derivatives = [
+                    v.derivative::<{ quad::X }>(s, active),
+                    v.derivative::<{ quad::X }>(t, active),
+                    v.derivative::<{ quad::Y }>(s, active),
+                    v.derivative::<{ quad::Y }>(t, active),
+                ];
+                fast.footprint(v, derivatives)
             }
             LodMode::Grad => {
-                let rows = [
-                    subgroups.lod(subgroup, 0),
-                    subgroups.lod(subgroup, 1),
-                    subgroups.lod(subgroup, 2),
-                    subgroups.lod(subgroup, 3),
+                let derivatives = [
+                    v.load(subgroups.lod(subgroup, 0)),
+                    v.load(subgroups.lod(subgroup, 1)),
+                    v.load(subgroups.lod(subgroup, 2)),
+                    v.load(subgroups.lod(subgroup, 3)),
                 ];
-                let lod = lod::of_plane(&rows, size, fast.sampler);
-                fast.chosen_levels(v, None, Some(&lod))
+                fast.footprint(v, derivatives)
             }
             LodMode::Bias | LodMode::Lod => {
-                fast.chosen_levels(v, Some(subgroups.lod(subgroup, 0)), None)
+                let lod = Some(subgroups.lod(subgroup, 0));
+                let (level, weight) = fast.chosen_levels(v, lod, None);
+                return (level, weight, None);
             }
-            LodMode::Implicit => fast.chosen_levels(v, None, None),
+            LodMode::Implicit => {
+                let (level, weight) = fast.chosen_levels(v, None, None);
+                return (level, weight, None);
+            }
         }
-    }
+    };
+    let (level, weight) = fast.chosen_levels(v, None, Some(footprint.lambda));
+    (level, weight, footprint.anisotropy)
 }
 
 /// A coordinate, and an offset in texels.
 type Place<V> = (<V as Vector>::F, Option<<V as Vector>::I>);
+
+#[inline(always)]
+fn modes<const MODE: u8>(fast: &Fast<'_>) -> [AddressMode; 2] {
+    match MODE {
+        mode::CLAMP => [AddressMode::ClampToEdge; 2],
+        mode::REPEAT => [AddressMode::Repeat; 2],
+        _ => [fast.sampler.address_mode[0], fast.sampler.address_mode[1]],
+    }
+}
 
 /// The footprints at levels.
 #[inline(always)]
@@ -243,11 +333,7 @@ fn axes<V: Vector, const MODE: u8, const TEXELS: u8>(
     levels: &Levels<'_, V>,
     [s, t]: [Place<V>; 2],
 ) -> [Axis<V>; 2] {
-    let [mode_s, mode_t] = match MODE {
-        mode::CLAMP => [AddressMode::ClampToEdge; 2],
-        mode::REPEAT => [AddressMode::Repeat; 2],
-        _ => [fast.sampler.address_mode[0], fast.sampler.address_mode[1]],
-    };
+    let [mode_s, mode_t] = modes::<MODE>(fast);
     let texel_bytes = v.splat_i(match TEXELS {
         texels::NEAREST | texels::LINEAR | texels::COMPARED | texels::ANY => {
             fast.info.size_bytes as i32
@@ -271,6 +357,14 @@ unsafe fn of_level<V: Vector, const MODE: u8, const TEXELS: u8>(
     places: [Place<V>; 2],
     mask: u16,
 ) -> Components<V> {
+    if let (texels::NEAREST_BYTES | texels::NEAREST_SRGB, [(s, None), (t, None)]) = (TEXELS, places)
+    {
+        let [mode_s, mode_t] = modes::<MODE>(fast);
+        let column = fast.nearest(v, mode_s, s, levels.width);
+        let row = fast.nearest(v, mode_t, t, levels.height);
+        // SAFETY: the caller's promise.
+        return unsafe { fast.nearest_bytes(v, levels, layer, [column, row], mask) };
+    }
     let [x, y] = axes::<V, MODE, TEXELS>(fast, v, levels, places);
     // SAFETY: the caller's promise.
     unsafe {
@@ -297,8 +391,11 @@ impl Fast<'_> {
     /// Whether [`Self::planes`] is for these samples. Where operations are no instructions, only the most common ones are worth their code.
     #[inline(always)]
     pub(super) fn is_of_planes<V: Vector>(&self) -> bool {
-        let is_common =
-            V::IS_MACHINES || !self.has_levels() && !self.op.depth_compare && !self.gathers_words;
+        let is_common = V::IS_MACHINES
+            || !self.has_levels()
+                && !self.op.depth_compare
+                && !self.gathers_words
+                && !self.is_anisotropic;
         is_common && !self.has_more
     }
 
@@ -319,7 +416,7 @@ impl Fast<'_> {
         };
         let mode = match self.sampler.address_mode[..2] {
             _ if self.sampler.unnormalized_coordinates => mode::ANY,
-            _ if self.has_levels() => mode::ANY,
+            _ if self.takes_derivatives() => mode::ANY,
             [ClampToEdge, ClampToEdge] => mode::CLAMP,
             [Repeat, Repeat] => mode::REPEAT,
             _ => mode::ANY,
@@ -327,41 +424,55 @@ impl Fast<'_> {
         // SAFETY: as the caller promises; each is for the samples that it says.
         unsafe {
             macro_rules! run {
-                ($levels:literal $texels:ident $mode:ident) => {
-                    v.apart(Planes::<S, $levels, { mode::$mode }, { texels::$texels }>(
-                        self, subgroups,
-                    ))
+                ($levels:ident $texels:ident $mode:ident) => {
+                    v.apart(Planes::<
+                        S,
+                        { levels::$levels },
+                        { mode::$mode },
+                        { texels::$texels },
+                    >(self, subgroups))
                 };
             }
             if !V::IS_MACHINES {
-                return run!(false ANY ANY);
+                return run!(ONE ANY ANY);
             }
             if self.gathers_words {
-                return run!(false GATHERED ANY);
+                return run!(ONE GATHERED ANY);
             }
             if self.op.depth_compare {
-                return run!(false COMPARED ANY);
+                return run!(ONE COMPARED ANY);
             }
+            let levels = match self.has_levels() {
+                _ if self.is_anisotropic => levels::ANISOTROPIC,
+                true => levels::MANY,
+                false => levels::ONE,
+            };
             if !S::IS_WAVE {
-                return match (self.has_levels(), self.is_nearest) {
-                    (false, true) => run!(false NEAREST ANY),
-                    (false, false) => run!(false LINEAR ANY),
-                    (true, _) => run!(true ANY ANY),
+                return match (levels, self.is_nearest) {
+                    (levels::ONE, true) => run!(ONE NEAREST ANY),
+                    (levels::ONE, false) => run!(ONE LINEAR ANY),
+                    (levels::MANY, _) => run!(MANY ANY ANY),
+                    _ => run!(ANISOTROPIC ANY ANY),
                 };
             }
-            match (self.has_levels(), texels, mode) {
-                (false, texels::BYTES, mode::CLAMP) => run!(false BYTES CLAMP),
-                (false, texels::BYTES, mode::REPEAT) => run!(false BYTES REPEAT),
-                (false, texels::SRGB, mode::CLAMP) => run!(false SRGB CLAMP),
-                (false, texels::SRGB, mode::REPEAT) => run!(false SRGB REPEAT),
-                (false, texels::NEAREST_BYTES, mode::CLAMP) => run!(false NEAREST_BYTES CLAMP),
-                (false, texels::NEAREST_BYTES, mode::REPEAT) => run!(false NEAREST_BYTES REPEAT),
-                (false, texels::NEAREST_SRGB, mode::CLAMP) => run!(false NEAREST_SRGB CLAMP),
-                (false, texels::NEAREST_SRGB, mode::REPEAT) => run!(false NEAREST_SRGB REPEAT),
-                (false, ..) => run!(false ANY ANY),
-                (true, texels::BYTES, _) => run!(true BYTES ANY),
-                (true, texels::SRGB, _) => run!(true SRGB ANY),
-                (true, ..) => run!(true ANY ANY),
+            match (levels, texels, mode) {
+                (levels::ONE, texels::BYTES, mode::CLAMP) => run!(ONE BYTES CLAMP),
+                (levels::ONE, texels::BYTES, mode::REPEAT) => run!(ONE BYTES REPEAT),
+                (levels::ONE, texels::SRGB, mode::CLAMP) => run!(ONE SRGB CLAMP),
+                (levels::ONE, texels::SRGB, mode::REPEAT) => run!(ONE SRGB REPEAT),
+                (levels::ONE, texels::NEAREST_BYTES, mode::CLAMP) => run!(ONE NEAREST_BYTES CLAMP),
+                (levels::ONE, texels::NEAREST_BYTES, mode::REPEAT) => {
+                    run!(ONE NEAREST_BYTES REPEAT)
+                }
+                (levels::ONE, texels::NEAREST_SRGB, mode::CLAMP) => run!(ONE NEAREST_SRGB CLAMP),
+                (levels::ONE, texels::NEAREST_SRGB, mode::REPEAT) => run!(ONE NEAREST_SRGB REPEAT),
+                (levels::ONE, ..) => run!(ONE ANY ANY),
+                (levels::MANY, texels::BYTES, _) => run!(MANY BYTES ANY),
+                (levels::MANY, texels::SRGB, _) => run!(MANY SRGB ANY),
+                (levels::MANY, ..) => run!(MANY ANY ANY),
+                (_, texels::BYTES, _) => run!(ANISOTROPIC BYTES ANY),
+                (_, texels::SRGB, _) => run!(ANISOTROPIC SRGB ANY),
+                _ => run!(ANISOTROPIC ANY ANY),
             }
         }
     }

@@ -50,20 +50,15 @@ impl Fast<'_> {
         [x, y]: [&Axis<V>; 2],
         mask: u16,
     ) -> Components<V> {
-        let texel_bytes = v.splat_i(self.info.size_bytes as i32);
         let offset = v.add_i(levels.offset, layer);
         let upper = v.add_i(offset, y.first);
         let lower = v.add_i(offset, y.second);
         // SAFETY: the caller's promise.
         unsafe {
             if self.is_nearest {
-                let window = match self.bytes {
-                    true => self.window(v, [x, y], texel_bytes, levels, mask),
-                    false => None,
-                };
-                return match window {
-                    Some([word, ..]) => self.texel_of(v, word),
-                    None => self.texel(v, v.add_i(upper, x.first)),
+                return match self.bytes {
+                    true => self.nearest_bytes(v, levels, layer, [x.index, y.index], mask),
+                    false => self.load(v, v.add_i(upper, x.first)),
                 };
             }
             if self.info.codec == Codec::Half(4) {
@@ -102,6 +97,34 @@ impl Fast<'_> {
             ];
             self.blend(v, taps, x, y)
         }
+    }
+
+    /// The texels at columns and rows, of four bytes each.
+    ///
+    /// # Safety
+    /// As [`Self::weighted`]: the indices are of texels of the levels.
+    #[inline(always)]
+    pub(super) unsafe fn nearest_bytes<V: Vector>(
+        &self,
+        v: V,
+        levels: &Levels<'_, V>,
+        layer: V::I,
+        indices: [V::I; 2],
+        mask: u16,
+    ) -> Components<V> {
+        // SAFETY: the caller's promise.
+        let word = unsafe {
+            match self.nearest_word(v, levels, indices, mask) {
+                Some(word) => word,
+                None => {
+                    let row = v.mul_i(indices[1], levels.row_stride);
+                    let texel = v.add_i(row, v.left_i(indices[0], 2));
+                    let at = v.add_i(v.add_i(levels.offset, layer), texel);
+                    v.gather(self.image.data, at)
+                }
+            }
+        };
+        self.texel_of(v, word)
     }
 
     /// The four texels around each lane, of four bytes each.
@@ -179,25 +202,63 @@ impl Fast<'_> {
         levels: &Levels<'_, V>,
         mask: u16,
     ) -> Option<[V::I; 4]> {
-        let level = levels.one?;
-        if self.op.arrayed || self.is_cube || level.width < 8 || level.height < 5 {
-            return None;
-        }
-        let mut apart = 0;
-        if self.is_nearest {
-            // SAFETY: the caller's promise.
-            if let Some(word) = unsafe { self.square(v, [x, y], level, mask) } {
-                return Some([word; 4]);
+        let mut apart = v.ne_i(v.sub_i(x.second, x.first), texel_bytes);
+        apart |= v.ne_i(v.sub_i(y.second, y.first), levels.row_stride);
+        let level = self.one_level(levels)?;
+        // SAFETY: the caller's promise.
+        unsafe { self.window_of(v, level, [x.index, y.index], apart, mask) }
+    }
+
+    /// The words at the lanes' indices, where a window has all of them.
+    ///
+    /// # Safety
+    /// As [`Self::window`].
+    #[inline(always)]
+    unsafe fn nearest_word<V: Vector>(
+        &self,
+        v: V,
+        levels: &Levels<'_, V>,
+        indices: [V::I; 2],
+        mask: u16,
+    ) -> Option<V::I> {
+        let level = self.one_level(levels)?;
+        // SAFETY: the caller's promise.
+        unsafe {
+            if let Some(word) = self.square(v, indices, level, mask) {
+                return Some(word);
             }
-        } else {
-            apart |= v.ne_i(v.sub_i(x.second, x.first), texel_bytes);
-            apart |= v.ne_i(v.sub_i(y.second, y.first), levels.row_stride);
+            let [word, ..] = self.window_of(v, level, indices, 0, mask)?;
+            Some(word)
         }
+    }
+
+    /// The level of all lanes, if windows serve for it.
+    #[inline(always)]
+    fn one_level<'l, V: Vector>(&self, levels: &Levels<'l, V>) -> Option<&'l Level> {
+        let level = levels.one?;
+        let serves = !self.op.arrayed && !self.is_cube && level.width >= 8 && level.height >= 5;
+        serves.then_some(level)
+    }
+
+    /// The words at the lanes' indices in a level, those on their right, those below, and those below on the right, if a window has them. The
+    /// neighbours of lanes in `apart` are none.
+    ///
+    /// # Safety
+    /// As [`Self::window`]; the level serves for windows.
+    #[inline(always)]
+    unsafe fn window_of<V: Vector>(
+        &self,
+        v: V,
+        level: &Level,
+        [x, y]: [V::I; 2],
+        apart: u16,
+        mask: u16,
+    ) -> Option<[V::I; 4]> {
         // Where coordinates change evenly, the least are at a corner of a block, or at an end of a row.
-        let left = least_of_corners(v, x.index).min(level.width - 8);
-        let top = least_of_corners(v, y.index).min(level.height - 5);
-        let columns = v.sub_i(x.index, v.splat_i(left as i32));
-        let rows = v.sub_i(y.index, v.splat_i(top as i32));
+        let left = least_of_corners(v, x).min(level.width - 8);
+        let top = least_of_corners(v, y).min(level.height - 5);
+        let columns = v.sub_i(x, v.splat_i(left as i32));
+        let rows = v.sub_i(y, v.splat_i(top as i32));
         let inside = v.lt_u(columns, v.splat_i(7)) & v.lt_u(rows, v.splat_i(4));
         if mask & (apart | !inside) != 0 {
             return None;
@@ -220,17 +281,17 @@ impl Fast<'_> {
     unsafe fn square<V: Vector>(
         &self,
         v: V,
-        [x, y]: [&Axis<V>; 2],
+        [x, y]: [V::I; 2],
         level: &Level,
         mask: u16,
     ) -> Option<V::I> {
         let [mut columns, mut rows] = [[0; SUBGROUP_SIZE]; 2];
-        v.store_i(x.index, &mut columns);
-        v.store_i(y.index, &mut rows);
+        v.store_i(x, &mut columns);
+        v.store_i(y, &mut rows);
         let (left, top) = (columns[0], rows[0]);
         let columns = v.add_i(v.splat_i(left as i32), v.load_i(&QUADS[0]));
         let rows = v.add_i(v.splat_i(top as i32), v.load_i(&QUADS[1]));
-        let others = v.ne_i(x.index, columns) | v.ne_i(y.index, rows);
+        let others = v.ne_i(x, columns) | v.ne_i(y, rows);
         if others & mask != 0 || left + 4 > level.width || top + 4 > level.height {
             return None;
         }

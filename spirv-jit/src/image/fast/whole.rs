@@ -82,43 +82,38 @@ impl Fast<'_> {
     ) -> Components<V> {
         let offsets = self.offsets(v, operands);
         let mut place = self.place(v, operands);
-        let footprint = match self.op.lod {
-            LodMode::Grad if self.takes_derivatives() => Some(lod::from_gradients(
-                self.op,
-                operands,
-                self.image,
-                self.sampler,
-            )),
-            _ => None,
-        };
+        let (mut lambda, mut anisotropy) = (None, None);
+        if self.op.lod == LodMode::Grad && self.takes_derivatives() {
+            if self.is_cube {
+                let lod = lod::from_gradients(self.op, operands, self.image, self.sampler);
+                lambda = Some(v.load(&lod::words(&lod.lambda)));
+            } else {
+                let rows = operands.lod;
+                let derivatives = [
+                    v.load(rows[0]),
+                    v.load(rows[1]),
+                    v.load(rows[2]),
+                    v.load(rows[3]),
+                ];
+                let footprint = self.footprint(v, derivatives);
+                (lambda, anisotropy) = (Some(footprint.lambda), footprint.anisotropy);
+            }
+        }
         #[expect(clippy::manual_map, reason = "closures are not compiled for the tier")]
         let reference = match operands.depth_reference {
             Some(row) => Some(self.reference(v, row)),
             None => None,
         };
-        let (level, weight) =
-            self.chosen_levels(v, operands.lod.first().copied(), footprint.as_ref());
+        let (level, weight) = self.chosen_levels(v, operands.lod.first().copied(), lambda);
         let blends = self.has_levels() && v.gt(weight, v.splat(0.0)) & mask != 0;
         let levels = [level, self.next_level(v, level)];
-        let anisotropy = match &footprint {
-            Some(lod) => lod.anisotropy.as_ref(),
-            None => None,
-        };
-        let (passes, count) = match anisotropy {
-            Some(anisotropy) => (anisotropy.passes(mask), v.load(&anisotropy.counts())),
-            None => (1, v.splat(1.0)),
-        };
         let (centre_s, centre_t) = (place.s, place.t);
         let mut total = [v.splat(0.0); 4];
-        for pass in 0..passes {
-            if let Some(anisotropy) = anisotropy {
-                // Samples i = 1..=N at i / (N + 1) - 1/2 along the axis.
-                let i = v.min(v.splat((pass + 1) as f32), count);
-                let along = v.sub(v.div(i, v.add(count, v.splat(1.0))), v.splat(0.5));
-                let axis_s = v.load(&lod::words(&anisotropy.axis[0]));
-                let axis_t = v.load(&lod::words(&anisotropy.axis[1]));
-                place.s = v.add(centre_s, v.mul(along, axis_s));
-                place.t = v.add(centre_t, v.mul(along, axis_t));
+        let mut pass = 0;
+        loop {
+            if let Some(anisotropy) = &anisotropy {
+                let [s, t] = anisotropy.place(v, pass);
+                (place.s, place.t) = (v.add(centre_s, s), v.add(centre_t, t));
             }
             let mut components = [v.splat(0.0); 4];
             for (i, level) in levels.into_iter().enumerate().take(1 + blends as usize) {
@@ -132,22 +127,23 @@ impl Fast<'_> {
                     *a = if i == 0 { b } else { v.lerp(*a, b, weight) };
                 }
             }
-            if pass == 0 {
-                total = components;
-                continue;
-            }
-            let takes_part = v.gt(count, v.splat(pass as f32));
+            let Some(anisotropy) = &anisotropy else {
+                return components;
+            };
             for (total, component) in total.iter_mut().zip(components) {
-                let sum = v.bits_of(v.add(*total, component));
-                *total = v.bits_to_f(v.select(takes_part, sum, v.bits_of(*total)));
+                *total = match pass {
+                    0 => component,
+                    _ => anisotropy.sum(v, pass, *total, component),
+                };
+            }
+            pass += 1;
+            if !anisotropy.goes_on(v, pass, mask) {
+                for total in &mut total {
+                    *total = v.div(*total, anisotropy.count);
+                }
+                return total;
             }
         }
-        if anisotropy.is_some() {
-            for total in &mut total {
-                *total = v.div(*total, count);
-            }
-        }
-        total
     }
 
     /// [`Fast::components`] of a gather: the component, or the comparison, of the four texels.

@@ -502,3 +502,31 @@ fn anisotropy_averages_along_the_longer_axis() {
         / 4.0;
     assert!((f32::from_bits(results[0][0]) as f64 - mean).abs() < 1e-4);
 }
+
+/// A texel is enough for a footprint that is no longer than one, however thin it is.
+#[test]
+fn short_footprints_are_sampled_once() {
+    let image = Image::new(Format::R32_SFLOAT, Dim::D2, [64, 64, 1], 1, 1, 3);
+    let s = SamplerDescriptor {
+        max_anisotropy: 16.0,
+        ..sampler()
+    };
+    let op = ImageOp {
+        lod: LodMode::Grad,
+        ..ImageOp::plain(ImageOpKind::Sample, Dim::D2)
+    };
+    let sampled = |along: f32, across: f32| {
+        let rows = [
+            row(0.4),
+            row(0.3),
+            row(0.0),
+            row(across / 64.0),
+            row(along / 64.0),
+            row(0.0),
+        ];
+        run(&op, &image.descriptor, Some(&s), 1, &rows)[0][0]
+    };
+    assert_eq!(sampled(1.0, 0.1), sampled(1.0, 1.0));
+    // Two of them two texels apart.
+    assert_ne!(sampled(2.0, 0.1), sampled(1.0, 1.0));
+}

@@ -425,3 +425,45 @@ fn windows_hold_their_words() {
         });
     }
 }
+
+/// Loads pairs of words as quads, and stores them elsewhere.
+struct Pairs {
+    stride: usize,
+}
+
+impl Case for Pairs {
+    #[inline(always)]
+    unsafe fn run<V: Vector>(&mut self, v: V) {
+        let from: Vec<u8> = (0..3 * self.stride + 32)
+            .map(|i| (i * 7 % 251) as u8)
+            .collect();
+        let mut to = vec![0; from.len()];
+        let (mut first, mut second) = ([0; 16], [0; 16]);
+        // SAFETY: four rows of 32 bytes are in the memory.
+        unsafe {
+            let (a, b) = v.load_quads_of_pairs(from.as_ptr(), self.stride);
+            v.store_i(a, &mut first);
+            v.store_i(b, &mut second);
+            v.store_quads_of_pairs(a, b, to.as_mut_ptr(), self.stride);
+        }
+        for lane in 0..16 {
+            // Quads of two by two: columns and rows by the bits of the lane's number.
+            let column = lane & 1 | lane >> 1 & 2;
+            let row = lane >> 1 & 1 | lane >> 2 & 2;
+            let at = row * self.stride + 8 * column;
+            let word = |at: usize| u32::from_le_bytes(from[at..at + 4].try_into().unwrap());
+            assert_eq!([first[lane], second[lane]], [word(at), word(at + 4)]);
+        }
+        for row in 0..4 {
+            let row = row * self.stride..row * self.stride + 32;
+            assert_eq!(from[row.clone()], to[row]);
+        }
+    }
+}
+
+#[test]
+fn pairs_of_words_are_quads_of_four_rows() {
+    for stride in [32, 40, 129] {
+        in_every_tier(&mut Pairs { stride });
+    }
+}

@@ -102,6 +102,7 @@ impl Vector for Avx2 {
         fn sub(a: F, b: F) -> F = _mm256_sub_ps(a, b);
         fn mul(a: F, b: F) -> F = _mm256_mul_ps(a, b);
         fn div(a: F, b: F) -> F = _mm256_div_ps(a, b);
+        fn sqrt(a: F) -> F = _mm256_sqrt_ps(a);
         fn floor(a: F) -> F = _mm256_floor_ps(a);
         fn ceil(a: F) -> F = _mm256_ceil_ps(a);
         fn round_ties_even(a: F) -> F =
@@ -322,6 +323,28 @@ impl Vector for Avx2 {
         }
     }
     #[inline(always)]
+    unsafe fn load_quads_of_pairs(self, at: *const u8, stride_bytes: usize) -> (I, I) {
+        // SAFETY: the token, and the caller's promise.
+        unsafe {
+            let (a0, b0) = half_of_pairs(at, stride_bytes);
+            let (a1, b1) = half_of_pairs(at.add(2 * stride_bytes), stride_bytes);
+            ([a0, a1], [b0, b1])
+        }
+    }
+    #[inline(always)]
+    unsafe fn store_quads_of_pairs(self, a: I, b: I, at: *mut u8, stride_bytes: usize) {
+        for half in 0..2 {
+            // SAFETY: the token, and the caller's promise.
+            unsafe {
+                let upper = at.add(2 * half * stride_bytes);
+                let lower = upper.add(stride_bytes);
+                let (a, b) = (a[half], b[half]);
+                _mm256_storeu_si256(upper.cast(), _mm256_unpacklo_epi32(a, b));
+                _mm256_storeu_si256(lower.cast(), _mm256_unpackhi_epi32(a, b));
+            }
+        }
+    }
+    #[inline(always)]
     unsafe fn window(self, at: *const u8, stride_bytes: usize, columns: I, rows: I) -> [I; 4] {
         // SAFETY: the token, and the caller's promise.
         unsafe {
@@ -385,6 +408,23 @@ impl Vector for Avx2 {
         }
         // SAFETY: the token says that the machine has the features; for the rest, the caller's promise.
         unsafe { run(self, task) }
+    }
+}
+
+/// Two rows of four pairs of words as two quads: the first words, and the second ones.
+///
+/// # Safety
+/// The machine has AVX2, and 32 bytes are readable at `at` and a stride behind it.
+#[inline(always)]
+pub(super) unsafe fn half_of_pairs(at: *const u8, stride_bytes: usize) -> (__m256i, __m256i) {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let upper = _mm256_loadu_ps(at.cast());
+        let lower = _mm256_loadu_ps(at.add(stride_bytes).cast());
+        (
+            _mm256_castps_si256(_mm256_shuffle_ps::<0b10_00_10_00>(upper, lower)),
+            _mm256_castps_si256(_mm256_shuffle_ps::<0b11_01_11_01>(upper, lower)),
+        )
     }
 }
 

@@ -4,6 +4,7 @@ use std::arch::x86_64::*;
 
 use lanes::has_byte_permutes;
 
+use super::avx2::half_of_pairs;
 use super::{Task, Vector, gathered_srgb};
 use crate::eval::quad;
 use crate::image::format::srgb::LINEAR;
@@ -54,6 +55,7 @@ impl Vector for Avx512 {
             _mm512_fmadd_ps(_mm512_fnmadd_ps(quotient, d, a), r, quotient)
         };
         fn div(a: F, b: F) -> F = _mm512_div_ps(a, b);
+        fn sqrt(a: F) -> F = _mm512_sqrt_ps(a);
         fn scaled(a: F, scale: f32) -> I = {
             let sum = _mm512_fmadd_ps(a, _mm512_set1_ps(scale), _mm512_set1_ps(super::ROUNDER));
             let rounder = _mm512_set1_epi32(super::ROUNDER.to_bits() as i32);
@@ -155,6 +157,33 @@ impl Vector for Avx512 {
             _mm_storeu_si128(second.cast(), _mm512_extracti32x4_epi32::<1>(rows));
             _mm_storeu_si128(third.cast(), _mm512_extracti32x4_epi32::<2>(rows));
             _mm_storeu_si128(fourth.cast(), _mm512_extracti32x4_epi32::<3>(rows));
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn load_quads_of_pairs(self, at: *const u8, stride_bytes: usize) -> (I, I) {
+        // SAFETY: the token, and the caller's promise.
+        unsafe {
+            let (a0, b0) = half_of_pairs(at, stride_bytes);
+            let (a1, b1) = half_of_pairs(at.add(2 * stride_bytes), stride_bytes);
+            (
+                _mm512_inserti64x4::<1>(_mm512_castsi256_si512(a0), a1),
+                _mm512_inserti64x4::<1>(_mm512_castsi256_si512(b0), b1),
+            )
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn store_quads_of_pairs(self, a: I, b: I, at: *mut u8, stride_bytes: usize) {
+        // SAFETY: the token, and the caller's promise.
+        unsafe {
+            let (upper, lower) = (_mm512_unpacklo_epi32(a, b), _mm512_unpackhi_epi32(a, b));
+            let (second, third) = (at.add(stride_bytes), at.add(2 * stride_bytes));
+            let fourth = at.add(3 * stride_bytes);
+            _mm256_storeu_si256(at.cast(), _mm512_castsi512_si256(upper));
+            _mm256_storeu_si256(second.cast(), _mm512_castsi512_si256(lower));
+            _mm256_storeu_si256(third.cast(), _mm512_extracti64x4_epi64::<1>(upper));
+            _mm256_storeu_si256(fourth.cast(), _mm512_extracti64x4_epi64::<1>(lower));
         }
     }
 

@@ -107,6 +107,8 @@ pub trait Vector: Copy {
     /// are fused multiply-adds: that was checked for every such `a`.
     fn div_units(self, a: Self::F, divisor: f32) -> Self::F;
     fn div(self, a: Self::F, b: Self::F) -> Self::F;
+    /// Correctly rounded.
+    fn sqrt(self, a: Self::F) -> Self::F;
     /// `a * scale` to the nearest integer, ties to even, rounded once; it lies between -2^22 and 2^22.
     fn scaled(self, a: Self::F, scale: f32) -> Self::I;
     fn floor(self, a: Self::F) -> Self::F;
@@ -183,6 +185,24 @@ pub trait Vector: Copy {
     /// # Safety
     /// Sixteen bytes are writable at `at` and 1 to 3 strides behind it.
     unsafe fn store_quads(self, a: Self::I, at: *mut u8, stride_bytes: usize);
+
+    /// As [`Self::load_quads`], of pairs of words: the first ones, and the second ones.
+    ///
+    /// # Safety
+    /// 32 bytes are readable at `at` and 1 to 3 strides behind it.
+    unsafe fn load_quads_of_pairs(self, at: *const u8, stride_bytes: usize) -> (Self::I, Self::I);
+
+    /// Stores pairs of words where [`Self::load_quads_of_pairs`] loads them.
+    ///
+    /// # Safety
+    /// 32 bytes are writable at `at` and 1 to 3 strides behind it.
+    unsafe fn store_quads_of_pairs(
+        self,
+        first: Self::I,
+        second: Self::I,
+        at: *mut u8,
+        stride_bytes: usize,
+    );
 
     /// Words of a window of five rows of eight: those at the lanes' columns and rows, those on their right, those below, and those below on the right.
     /// Columns are 0 to 6, rows 0 to 3.

@@ -1,6 +1,6 @@
 //! Arrays and loops.
 
-use super::{Task, Vector};
+use super::{QUADS, Task, Vector};
 use crate::SUBGROUP_SIZE;
 use crate::image::bounds::quiet;
 use crate::image::format::block::map;
@@ -88,6 +88,10 @@ impl Vector for Portable {
     #[inline(always)]
     fn div(self, a: F, b: F) -> F {
         zip(&a, &b, |x, y| x / y)
+    }
+    #[inline(always)]
+    fn sqrt(self, a: F) -> F {
+        map(&a, f32::sqrt)
     }
     #[inline(always)]
     fn scaled(self, a: F, scale: f32) -> I {
@@ -269,6 +273,31 @@ impl Vector for Portable {
             unsafe {
                 let row = at.add(row * stride_bytes);
                 row.cast::<[i32; 4]>().write_unaligned(words);
+            }
+        }
+    }
+    #[inline(always)]
+    unsafe fn load_quads_of_pairs(self, at: *const u8, stride_bytes: usize) -> (I, I) {
+        let (mut a, mut b) = ([0; SUBGROUP_SIZE], [0; SUBGROUP_SIZE]);
+        for lane in 0..SUBGROUP_SIZE {
+            let (column, row) = (QUADS[0][lane] as usize, QUADS[1][lane] as usize);
+            // SAFETY: the caller's promise.
+            let pair = unsafe {
+                let row = at.add(row * stride_bytes).cast::<[i32; 2]>();
+                row.add(column).read_unaligned()
+            };
+            [a[lane], b[lane]] = pair;
+        }
+        (a, b)
+    }
+    #[inline(always)]
+    unsafe fn store_quads_of_pairs(self, a: I, b: I, at: *mut u8, stride_bytes: usize) {
+        for lane in 0..SUBGROUP_SIZE {
+            let (column, row) = (QUADS[0][lane] as usize, QUADS[1][lane] as usize);
+            // SAFETY: the caller's promise.
+            unsafe {
+                let row = at.add(row * stride_bytes).cast::<[i32; 2]>();
+                row.add(column).write_unaligned([a[lane], b[lane]]);
             }
         }
     }
