@@ -82,13 +82,19 @@ impl<'a> Fast<'a> {
                     && sampler.reduction == Reduction::WeightedAverage
             }
         };
+        // One texel of one level, which nothing is computed with.
+        let takes_integers = !is_gather
+            && !info.is_wide()
+            && sampler.mag_filter == Filter::Nearest
+            && (sampler.mipmap_mode == Filter::Nearest || image.level_count == 1)
+            && !lod::is_anisotropic(sampler);
         let applies = may_apply(op)
             && modes_fit
             // Those are clamped, by valid usage.
             && (!sampler.unnormalized_coordinates
                 || sampler.address_mode[..2] == [AddressMode::ClampToEdge; 2])
             && kind_fits
-            && !info.numeric.is_integer()
+            && (!info.numeric.is_integer() || takes_integers)
             && info.blocks().is_none()
             && image.conversion.is_none()
             && image.size_bytes <= i32::MAX as u64;

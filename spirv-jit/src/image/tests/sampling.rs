@@ -167,8 +167,14 @@ proptest! {
         lods in prop::array::uniform16(-1.0f32..4.0), uniform_lod: bool, mode in prop::sample::select(vec![LodMode::Bias, LodMode::Lod, LodMode::Grad]), mask in 1u16.., unnormalized: bool,
         offsets in prop::option::of(prop::array::uniform2(prop_oneof![-9i32..9, any::<i32>()])), is_cube: bool, compare in prop::option::of((any_compare(), 0.0f32..1.0)), anisotropy in prop_oneof![Just(1.0f32), 1.0f32..17.0],
         gather in prop::option::of(0u8..4), swizzle in prop_oneof![Just([0, 1, 2, 3]), prop::array::uniform4(0u8..6)],
+        integer in prop::option::weighted(0.2, prop::sample::select(vec![41u32, 68, 75, 99, 104, 107])),
     ) {
         let mut s = s;
+        let (mut compare, mut gather, mut anisotropy) = (compare, gather, anisotropy);
+        if integer.is_some() {
+            (s.mag_filter, s.mipmap_mode) = (Filter::Nearest, Filter::Nearest);
+            (compare, gather, anisotropy) = (None, None, 1.0);
+        }
         s.unnormalized_coordinates = unnormalized && !is_cube;
         s.non_seamless = false;
         s.compare = compare.map(|(op, _)| op);
@@ -180,7 +186,11 @@ proptest! {
                 *mode = AddressMode::ClampToEdge;
             }
         }
-        let format = if compare.is_some() { Format::D16_UNORM } else { format };
+        let format = match integer {
+            Some(number) => Format(number),
+            None if compare.is_some() => Format::D16_UNORM,
+            None => format,
+        };
         let (dim, size, faces) = match is_cube {
             true => (Dim::Cube, [size[0]; 2], 6),
             false => (Dim::D2, size, 1),
@@ -231,7 +241,7 @@ proptest! {
         for lane in (0..16).filter(|lane| mask >> lane & 1 == 1) {
             for component in 0..op.result_rows() {
                 let (a, b) = (fast[component][lane], general[component][lane]);
-                let both_nan = f32::from_bits(a).is_nan() && f32::from_bits(b).is_nan();
+                let both_nan = integer.is_none() && f32::from_bits(a).is_nan() && f32::from_bits(b).is_nan();
                 prop_assert!(a == b || both_nan, "{lane} {component} {a:x} {b:x}");
                 let c = portable[component][lane];
                 prop_assert!(c == b || both_nan, "{lane} {component} {c:x} {b:x}");
