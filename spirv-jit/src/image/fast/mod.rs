@@ -103,7 +103,8 @@ impl<'a> Fast<'a> {
         let in_order = image.swizzle == [0, 1, 2, 3];
         let has_border =
             !is_cube && sampler.address_mode[..2].contains(&AddressMode::ClampToBorder);
-        let is_anisotropic = !is_cube && op.lod == LodMode::Grad && lod::is_anisotropic(sampler);
+        let is_anisotropic =
+            !is_gather && !is_cube && op.lod == LodMode::Grad && lod::is_anisotropic(sampler);
         let gathers_words = is_gather
             && !is_cube
             && !op.depth_compare
