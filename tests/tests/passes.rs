@@ -307,6 +307,103 @@ fn subpasses_read_what_was_drawn_before() {
     }
 }
 
+/// A draw reads a uniform block, another one stores there, and the first reads again: one pixel, with a barrier between fragments each time,
+/// and the same bindings for all.
+#[test]
+fn fragments_read_uniform_blocks_anew_behind_barriers() {
+    let Some(gpu) = Gpu::new().drawing() else {
+        return;
+    };
+    if !has(
+        "fragmentStoresAndAtomics",
+        gpu.features.fragment_stores_and_atomics == vk::TRUE,
+    ) {
+        return;
+    }
+    let canvas = gpu.canvas(RGBA, 1, 1);
+    let layout = vk::ImageLayout::GENERAL;
+    let attachments = [vk::AttachmentDescription2::default()
+        .format(RGBA)
+        .samples(vk::SampleCountFlags::TYPE_1)
+        .load_op(vk::AttachmentLoadOp::CLEAR)
+        .store_op(vk::AttachmentStoreOp::STORE)
+        .initial_layout(layout)
+        .final_layout(layout)];
+    let color = [vk::AttachmentReference2::default()
+        .attachment(0)
+        .layout(layout)];
+    let subpasses = [vk::SubpassDescription2::default().color_attachments(&color)];
+    let fragments = vk::PipelineStageFlags::FRAGMENT_SHADER;
+    let stored = vk::AccessFlags::SHADER_WRITE;
+    let read = vk::AccessFlags::UNIFORM_READ;
+    let dependencies = [vk::SubpassDependency2::default()
+        .src_subpass(0)
+        .dst_subpass(0)
+        .src_stage_mask(fragments)
+        .dst_stage_mask(fragments)
+        .src_access_mask(stored)
+        .dst_access_mask(read | stored)
+        .dependency_flags(vk::DependencyFlags::BY_REGION)];
+    let info = vk::RenderPassCreateInfo2::default()
+        .attachments(&attachments)
+        .subpasses(&subpasses)
+        .dependencies(&dependencies);
+    let pass = gpu.render_pass(&info);
+    let framebuffer = gpu.framebuffer(pass, &[canvas]);
+    let buffer = gpu.buffer_with(&[[0.2f32, 0.4, 0.6, 0.8]]);
+    let set = gpu.set_of(&[Bound::Storage(buffer), Bound::Uniform(buffer)]);
+    let show = "
+        layout(set = 0, binding = 1) uniform Block { vec4 kept; };
+        layout(location = 0) out vec4 color;
+        void main() { color = kept; }";
+    let store = "
+        layout(set = 0, binding = 0) buffer Stored { vec4 stored; };
+        layout(location = 0) out vec4 color;
+        void main() { stored += vec4(0.2, 0.0, -0.2, 0.0); color = vec4(0.0); }";
+    let mut painting = Painting::new(&gpu, COVER, show, RGBA);
+    painting.layout = gpu.layout(&[set.layout]);
+    painting.render_pass = Some((pass, 0));
+    let shows = gpu.painting(&painting);
+    painting.fragment = Some(store);
+    let stores = gpu.painting(&painting);
+    gpu.run(|commands| {
+        let clears = [vk::ClearValue {
+            color: vk::ClearColorValue { float32: BLACK },
+        }];
+        let begin = vk::RenderPassBeginInfo::default()
+            .render_pass(pass)
+            .framebuffer(framebuffer)
+            .render_area(canvas.area())
+            .clear_values(&clears);
+        let barrier = [vk::MemoryBarrier::default()
+            .src_access_mask(stored)
+            .dst_access_mask(read | stored)];
+        let device = &gpu.device;
+        // SAFETY: the command buffer is being recorded.
+        unsafe {
+            device.cmd_begin_render_pass(commands, &begin, vk::SubpassContents::INLINE);
+            gpu.look_at(commands, &canvas);
+            gpu.bind_set(commands, painting.layout, set.handle);
+            for pipeline in [shows, stores, shows, stores, shows] {
+                gpu.bind(commands, pipeline);
+                gpu.draw_vertices(commands, 3);
+                let by_region = vk::DependencyFlags::BY_REGION;
+                device.cmd_pipeline_barrier(
+                    commands,
+                    fragments,
+                    fragments,
+                    by_region,
+                    &barrier,
+                    &[],
+                    &[],
+                );
+            }
+            device.cmd_end_render_pass(commands);
+        }
+    });
+    assert_eq!(gpu.colors(&canvas), [[153, 102, 51, 204]]);
+}
+
 #[test]
 fn views_are_layers_that_know_their_number() {
     let Some(gpu) = Gpu::new().drawing() else {

@@ -18,6 +18,8 @@ pub enum GraphicsCommand {
     EndPass,
     /// A barrier inside a pass whose destination includes a vertex stage.
     VertexBarrier,
+    /// A barrier inside a pass whose destination includes the fragment shader, and no vertex stage.
+    FragmentBarrier,
     ClearAttachments(Box<AttachmentClears>),
     Set(Setting),
     /// `vkCmdBindShadersEXT`.

@@ -13,9 +13,9 @@ use crate::ffi;
 use crate::handle;
 use crate::object::{Buffer, DescriptorSet, Event};
 
-/// Records a barrier that vertex stages wait for, or what reads their parameters: inside a pass, they run ahead of the fragments of
-/// earlier draws.
-fn vertex_barrier(commands: &mut Recording, destination: vk::PipelineStageFlags2) -> VkResult {
+/// Records a barrier that shaders of draws wait for. Inside a pass, vertex stages and what reads their parameters run ahead of the
+/// fragments of earlier draws, and fragment shaders keep what they read of uniform blocks.
+fn barrier(commands: &mut Recording, destination: vk::PipelineStageFlags2) -> VkResult {
     use vk::PipelineStageFlags2 as Stage;
     let stages = Stage::DRAW_INDIRECT
         | Stage::VERTEX_INPUT
@@ -27,6 +27,9 @@ fn vertex_barrier(commands: &mut Recording, destination: vk::PipelineStageFlags2
         | Stage::ALL_COMMANDS;
     if destination.intersects(stages) {
         return commands.push(Command::Graphics(GraphicsCommand::VertexBarrier));
+    }
+    if destination.contains(Stage::FRAGMENT_SHADER) {
+        return commands.push(Command::Graphics(GraphicsCommand::FragmentBarrier));
     }
     Ok(())
 }
@@ -196,7 +199,7 @@ commands! {
         _images: *const vk::ImageMemoryBarrier,
     ) {
         let stages = vk::PipelineStageFlags2::from_raw(u64::from(destination_stages.as_raw()));
-        vertex_barrier(commands, stages)
+        barrier(commands, stages)
     }
 
     /// As above.
@@ -213,7 +216,7 @@ commands! {
             true => vk::PipelineStageFlags2::NONE,
             false => vk::PipelineStageFlags2::ALL_COMMANDS,
         };
-        vertex_barrier(commands, stages.fold(chained, |all, it| all | it))
+        barrier(commands, stages.fold(chained, |all, it| all | it))
     }
 
     fn vkCmdSetEvent(commands, event: vk::Event, _stages: vk::PipelineStageFlags) {
@@ -246,12 +249,14 @@ commands! {
         _images: *const vk::ImageMemoryBarrier,
     ) {
         let events = copied(ffi::slice(events, event_count), |&event| handle::retain::<Event>(event))?;
-        commands.push(Command::WaitEvents(events))
+        commands.push(Command::WaitEvents(events))?;
+        barrier(commands, vk::PipelineStageFlags2::ALL_COMMANDS)
     }
 
     fn vkCmdWaitEvents2(commands, event_count: u32, events: *const vk::Event, _infos: *const vk::DependencyInfo) {
         let events = copied(ffi::slice(events, event_count), |&event| handle::retain::<Event>(event))?;
-        commands.push(Command::WaitEvents(events))
+        commands.push(Command::WaitEvents(events))?;
+        barrier(commands, vk::PipelineStageFlags2::ALL_COMMANDS)
     }
 
     /// Labels are for tools between the application and the driver; the driver keeps none.

@@ -68,8 +68,8 @@ pub struct Bindings<'a> {
     ray_tracing: BindPoint<'a>,
     graphics: BindPoint<'a>,
     push_constants: Box<PushConstants>,
-    /// What draws see, as long as nothing of it changes.
-    snapshot: Option<Snapshot>,
+    /// What draws see, as long as nothing of it changes, and in which epoch.
+    snapshot: Option<(u64, Snapshot)>,
     /// `vkCmdBindInvocationMaskHUAWEI`.
     pub invocation_mask: Option<InvocationMask>,
     /// `vkCmdSetRayTracingPipelineStackSizeKHR`.
@@ -214,9 +214,15 @@ impl<'a> Bindings<'a> {
         Some((pipeline, environment))
     }
 
-    /// What the next draw sees.
-    pub fn snapshot(&mut self, surroundings: impl FnOnce() -> Surroundings) -> Snapshot {
-        if let Some(snapshot) = &self.snapshot {
+    /// What the next draw sees. Memory may be another in another epoch: what is kept by the environment's number is computed anew.
+    pub fn snapshot(
+        &mut self,
+        epoch: u64,
+        surroundings: impl FnOnce() -> Surroundings,
+    ) -> Snapshot {
+        if let Some((seen, snapshot)) = &self.snapshot
+            && *seen == epoch
+        {
             return snapshot.clone();
         }
         let surroundings = surroundings();
@@ -253,12 +259,9 @@ impl<'a> Bindings<'a> {
             views: surroundings.views,
         };
         let environment = Arc::new(environment);
-        self.snapshot.insert(Snapshot { environment, keep }).clone()
-    }
-
-    /// The memory that draws read may be another by now: what is kept by the environment's number is computed anew.
-    pub fn forget_snapshot(&mut self) {
-        self.snapshot = None;
+        let snapshot = Snapshot { environment, keep };
+        self.snapshot = Some((epoch, snapshot.clone()));
+        snapshot
     }
 }
 

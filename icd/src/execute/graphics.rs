@@ -151,8 +151,8 @@ pub struct Drawing<'a> {
     batch: Batch,
     /// Calls in the batch.
     calls: usize,
-    /// Everything in the batch was drawn: programs look at memory anew.
-    flushed: bool,
+    /// Changes where programs must look at memory anew: behind barriers, and when everything in the batch was drawn.
+    epoch: u64,
     pub queries: Vec<ActiveQuery<'a>>,
     /// A condition does not hold: draws, dispatches and clears inside of passes are left out.
     pub skips: bool,
@@ -168,7 +168,7 @@ impl<'a> Drawing<'a> {
         if self.batch.work.is_empty() {
             return Ok(());
         }
-        self.flushed = true;
+        self.epoch += 1;
         let Some(active) = &self.active else {
             self.batch.work.clear();
             return Ok(());
@@ -308,6 +308,11 @@ impl<'a> Painter<'_, 'a> {
             GraphicsCommand::BeginPass(pass) => self.drawing.begin_pass(self.engine, pass),
             GraphicsCommand::EndPass => self.drawing.end_pass(self.engine),
             GraphicsCommand::VertexBarrier => self.drawing.flush(self.engine),
+            GraphicsCommand::FragmentBarrier => {
+                // Tiles draw in order: only what is kept of memory by the environment's number is out of date.
+                self.drawing.epoch += 1;
+                Ok(())
+            }
             GraphicsCommand::ClearAttachments(clears) => {
                 if !self.drawing.skips {
                     self.drawing.clear(clears);
@@ -460,11 +465,9 @@ impl<'a> Painter<'_, 'a> {
         if let Some(active) = &mut drawing.active {
             active.set_samples(samples);
         }
-        if std::mem::take(&mut drawing.flushed) {
-            self.bindings.forget_snapshot();
-        }
         let engine = self.engine;
-        let Snapshot { environment, keep } = self.bindings.snapshot(|| engine.surroundings());
+        let Snapshot { environment, keep } =
+            (self.bindings).snapshot(drawing.epoch, || engine.surroundings());
         let indices = indexed.then_some(current.indices);
         drawing.calls += 1;
         if let Some(Work::Draw(last)) = drawing.batch.work.last_mut()

@@ -1,6 +1,6 @@
 //! Performs recorded commands, in order, on a queue's thread. What is worth it fans out over the device's workers.
 //!
-//! **Barriers, pipeline stages and access masks are not recorded,** but for barriers inside passes that vertex stages wait for. A queue performs one command after the other, and each is complete, its
+//! **Barriers, pipeline stages and access masks are not recorded,** but for barriers inside passes that shaders wait for. A queue performs one command after the other, and each is complete, its
 //! writes visible to every thread, before the next begins: workers join at the end of a command, and memory is the host's own coherent
 //! memory. That is more than any `vkCmdPipelineBarrier` asks for. Image layouts mean nothing, since images are stored one way only, and with
 //! one queue family there is no ownership to transfer. What is left of the synchronization commands are events, which can be waited for

@@ -27,7 +27,6 @@ pub(crate) use state::CONTROL_WORDS;
 use crate::Error;
 use crate::error::ErrorKind;
 use crate::ir::op::SubgroupOp;
-use crate::ir::stage::Stage;
 use crate::ir::{Body, Function, Module, Node, Op};
 use crate::state::{SiteKind, StateLayout};
 
@@ -139,9 +138,10 @@ impl Planned<'_> {
         let (mut private, mut masks) = (vec![0; count], vec![0; count]);
         for &f in &self.order {
             let function = &self.module.functions[f];
-            // Draws of one batch share an environment, and a fragment shader may write what a later draw's, behind a barrier between
-            // fragments, reads as a uniform block.
-            let starts = f == 0 && self.module.stage != Stage::Fragment;
+            // Draws share an environment up to the next barrier. An interlock orders fragments without one.
+            let fragment = self.module.fragment;
+            let interlock = fragment.and_then(|fragment| fragment.interlock);
+            let starts = f == 0 && interlock.is_none();
             let uniform = uniformity::find_uniform_values(function, starts);
             let mut private_next: usize = private[f];
             let mut variables = Vec::new();

@@ -66,11 +66,11 @@ fn a_tier_that_keeps_other_values_disagrees() {
     assert!(!planned.agrees(0, &liveness));
 }
 
-/// A uniform block is read once for a dispatch where every invocation reads it: not where some may have
-/// left.
+/// A uniform block is read once for a dispatch where every invocation reads it: not where some may have left, unless they read the same
+/// block before. Loads behind branches are of descriptor `behind`.
 #[test]
 fn uniform_blocks_are_read_once_where_all_invocations_read_them() {
-    let uniform = |stage: &str, access: &str| -> Vec<u32> {
+    let uniform = |stage: &str, access: &str, behind: u32| -> Vec<u32> {
         let module = parse_module(&format!(
             "module {stage}
     inputs local_invocation_index.0
@@ -79,10 +79,12 @@ fn uniform_blocks_are_read_once_where_all_invocations_read_them() {
         v1: i32 = const 4
         v2: i1 = ult v0, v1
         v3: descriptor = descriptor[set 0, first 0, count 1] v1
+        v13: descriptor = descriptor[set 0, first 1, count 1] v1
+        v14: descriptor = descriptor[set 0, first 0, count 1] v1
         v4: i32 = load.buffer{access} v3, v1
         v5: i32 = load.buffer{access} v3, v0
         if v2, L0 {{
-            v6: i32 = load.buffer{access} v3, v1
+            v6: i32 = load.buffer{access} v{behind}, v1
             br L0
         }} else {{
             br L0
@@ -95,7 +97,7 @@ fn uniform_blocks_are_read_once_where_all_invocations_read_them() {
             }} else {{
                 br L2
             }}
-            v9: i32 = load.buffer{access} v3, v1
+            v9: i32 = load.buffer{access} v{behind}, v1
             br L1
         }}
         v10: i32 = load.buffer{access} v3, v1
@@ -105,7 +107,7 @@ fn uniform_blocks_are_read_once_where_all_invocations_read_them() {
         }} else {{
             br L3
         }}
-        v12: i32 = load.buffer{access} v3, v1
+        v12: i32 = load.buffer{access} v{behind}, v1
         end
     }}"
         ))
@@ -114,6 +116,9 @@ fn uniform_blocks_are_read_once_where_all_invocations_read_them() {
         let uniform = &plan(&module).unwrap().function(0).uniform.clone();
         (4..13).filter(|&v| uniform[v as usize]).collect()
     };
-    assert_eq!(uniform("compute", ".constant"), [4, 7, 8, 10, 11]);
-    assert!(uniform("compute", "").is_empty(), "a storage buffer");
+    assert_eq!(uniform("compute", ".constant", 13), [4, 7, 8, 10, 11]);
+    let all = [4, 6, 7, 8, 9, 10, 11, 12];
+    assert_eq!(uniform("compute", ".constant", 3), all);
+    assert_eq!(uniform("compute", ".constant", 14), all, "the same by name");
+    assert!(uniform("compute", "", 3).is_empty(), "a storage buffer");
 }

@@ -2,10 +2,16 @@
 //! nothing.
 //!
 //! Constants, dispatch words, descriptors, and pure operations on such. Loads count from what nothing can write meanwhile: push
-//! constants, and uniform blocks where every invocation comes that starts. Elsewhere a descriptor that no invocation comes to use may be
-//! one whose memory is gone (`descriptorBindingPartiallyBound`).
+//! constants, and uniform blocks that every invocation reads which starts. A block that no invocation comes to read may be one whose
+//! memory is gone (`descriptorBindingPartiallyBound`).
 
-use crate::ir::{Body, Function, Inst, Node, Op, Space, Terminator};
+use foldhash::{HashMap, HashSet};
+
+use crate::ir::op::DescriptorBinding;
+use crate::ir::{Body, Function, Inst, Node, Op, Space, Terminator, Value};
+
+/// Loads of scalars from uniform blocks, at most, that not every invocation performs, but the prologue does.
+const MAX_EARLY_SCALARS: usize = 256;
 
 /// Per value of a function: the same in the whole dispatch. `starts`: each invocation starts with the function, and uniform blocks are
 /// not written while such invocations run.
@@ -14,27 +20,64 @@ pub(super) fn find_uniform_values(function: &Function, starts: bool) -> Vec<bool
     let mut finder = Finder {
         uniform: vec![false; values],
         push_constants: vec![false; values],
+        blocks: HashMap::default(),
         certain: vec![false; if starts { values } else { 0 }],
+        read: HashSet::default(),
+        early_scalars: 0,
         depths: vec![0; function.labels as usize],
     };
     if starts {
+        let mut constants = HashMap::default();
+        (function.body).visit_insts(&mut |inst| finder.note_block(inst, &mut constants));
         finder.find_certain(&function.body, 1, true);
     }
     function.body.visit_insts(&mut |inst| finder.visit(inst));
     finder.uniform
 }
 
+/// A descriptor of a binding: one of a constant number, or of a value.
+#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+struct Block {
+    binding: DescriptorBinding,
+    index: Result<u64, Value>,
+}
+
 struct Finder {
     uniform: Vec<bool>,
     /// The value is the descriptor of the push constants.
     push_constants: Vec<bool>,
+    /// Which descriptor a value is.
+    blocks: HashMap<Value, Block>,
     /// The value is the first of a load from a uniform block that every invocation performs.
     certain: Vec<bool>,
+    /// Uniform blocks that every invocation reads.
+    read: HashSet<Block>,
+    early_scalars: usize,
     /// By label: how deep its construct is nested, from 1 on.
     depths: Vec<usize>,
 }
 
 impl Finder {
+    fn note_block(&mut self, inst: &Inst, constants: &mut HashMap<Value, u64>) {
+        match inst.op {
+            Op::Const(bits) => {
+                constants.insert(inst.results[0], bits);
+            }
+            Op::Descriptor(binding) => {
+                let index = inst.args[0];
+                let index = constants.get(&index).copied().ok_or(index);
+                (self.blocks).insert(inst.results[0], Block { binding, index });
+            }
+            _ => {}
+        }
+    }
+
+    /// Whether every invocation reads the uniform block that a load reads.
+    fn is_read(&self, load: &Inst) -> bool {
+        let block = self.blocks.get(&load.args[0]);
+        block.is_some_and(|block| self.read.contains(block))
+    }
+
     /// Marks loads that every invocation performs, in a body that all of them enter or not. Returns the depth of the outermost construct
     /// that lanes leave from inside; 0 is the function.
     fn find_certain(&mut self, body: &Body, depth: usize, entered: bool) -> usize {
@@ -45,6 +88,7 @@ impl Finder {
                 Node::Inst(inst) => {
                     if certain && matches!(inst.op, Op::Load(access) if access.constant) {
                         self.certain[inst.results[0].index()] = true;
+                        self.read.extend(self.blocks.get(&inst.args[0]));
                     }
                     // An intersection that is accepted may end the search, and a function may end the invocation.
                     match inst.op {
@@ -86,11 +130,18 @@ impl Finder {
             && match &inst.op {
                 Op::Input(_) => false,
                 Op::DescriptorAddress | Op::BufferSize => true,
+                Op::Load(access) if access.space != Space::Buffer || access.volatile => false,
                 Op::Load(access) => {
-                    let certain = inst.results.first().map(|result| result.index());
-                    let constant = self.push_constants[inst.args[0].index()]
-                        || certain.is_some_and(|at| self.certain.get(at) == Some(&true));
-                    access.space == Space::Buffer && !access.volatile && constant
+                    let first = inst.results.first().map(|result| result.index());
+                    let certain = first.is_some_and(|at| self.certain.get(at) == Some(&true));
+                    let early = !certain
+                        && access.constant
+                        && self.is_read(inst)
+                        && self.early_scalars + inst.results.len() <= MAX_EARLY_SCALARS;
+                    if early {
+                        self.early_scalars += inst.results.len();
+                    }
+                    self.push_constants[inst.args[0].index()] || certain || early
                 }
                 op => op.is_pure(),
             };
