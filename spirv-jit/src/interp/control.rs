@@ -2,8 +2,12 @@
 //!
 //! In `x` or `y` an instruction has the index of a mask or a code address, as each says.
 
+#[cfg(not(target_arch = "x86_64"))]
+use lanes::LaneMask;
+
 use super::kernels::sign_bits;
-use super::machine::{Instr, Machine, Mask, NO_LANES};
+use super::machine::{Instr, MAX_SUBGROUPS, Machine, Mask, NO_LANES, occupied};
+use super::operand::Operand;
 use super::tier::Kernel;
 use crate::SUBGROUP_SIZE;
 use crate::state::Event;
@@ -63,22 +67,63 @@ impl Kernel for Branch {
         unsafe {
             *mask(m, i.x) = NO_LANES;
             let pending = mask(m, i.x + 1);
-            *pending = NO_LANES;
-            let mut occupied = 0;
-            // In place: whole masks, read right after their parts were written, would have to wait for those.
-            for k in 0..m.list_len {
-                let subgroup = m.listed()[k];
-                let s = subgroup as usize;
-                let holds = sign_bits(&*m.block::<u32>(i.a, subgroup));
-                let active = m.active[s];
-                pending[s] = active - holds;
-                m.active[s] = active & holds;
-                occupied |= (!(active & holds).is_empty() as u16) << s;
-            }
-            if !m.list_occupied(occupied) {
+            let words = sign_words(m, i.a);
+            split(&mut m.active, pending, words);
+            if !m.list_occupied(occupied(&m.active)) {
                 m.pc = i.y as usize;
             }
         }
+    }
+}
+
+/// The sign bits of a row, of subgroups with active lanes: those of four subgroups to a word.
+///
+/// # Safety
+/// As [`Machine::block`]; the lanes are words.
+#[inline(always)]
+unsafe fn sign_words(m: &Machine<'_>, row: Operand) -> [u64; MAX_SUBGROUPS / 4] {
+    let mut words = [0; MAX_SUBGROUPS / 4];
+    for (four, word) in words.iter_mut().enumerate() {
+        for k in 0..4 {
+            let subgroup = 4 * four + k;
+            if m.occupied >> subgroup & 1 != 0 {
+                // SAFETY: as the caller promises.
+                let signs = unsafe { sign_bits(&*m.block::<u32>(row, subgroup as u16)) };
+                *word |= u64::from(signs.bits()) << (16 * k);
+            }
+        }
+    }
+    words
+}
+
+/// Leaves those of the active lanes active that are in `words`; the others become pending.
+///
+/// Half a mask at a time: one that is read right after smaller parts of it were written would have to wait for those.
+#[cfg(target_arch = "x86_64")]
+#[inline(always)]
+fn split(active: &mut Mask, pending: &mut Mask, words: [u64; MAX_SUBGROUPS / 4]) {
+    use std::arch::x86_64::*;
+    let active = active.as_mut_ptr().cast::<__m128i>();
+    let pending = pending.as_mut_ptr().cast::<__m128i>();
+    for half in 0..2 {
+        // SAFETY: every x86-64 processor has SSE2; a mask is two registers long.
+        unsafe {
+            let holds = _mm_set_epi64x(words[2 * half + 1] as i64, words[2 * half] as i64);
+            let before = _mm_loadu_si128(active.add(half));
+            _mm_storeu_si128(pending.add(half), _mm_andnot_si128(holds, before));
+            _mm_storeu_si128(active.add(half), _mm_and_si128(holds, before));
+        }
+    }
+}
+
+/// Leaves those of the active lanes active that are in `words`; the others become pending.
+#[cfg(not(target_arch = "x86_64"))]
+#[inline(always)]
+fn split(active: &mut Mask, pending: &mut Mask, words: [u64; MAX_SUBGROUPS / 4]) {
+    for s in 0..MAX_SUBGROUPS {
+        let holds = LaneMask::from_bits((words[s / 4] >> (16 * (s % 4))) as u16);
+        pending[s] = active[s] - holds;
+        active[s] = active[s] & holds;
     }
 }
 

@@ -261,7 +261,7 @@ impl Machine<'_> {
 /// The subgroups that have lanes in a mask, a bit each.
 #[cfg(target_arch = "x86_64")]
 #[inline(always)]
-fn occupied(mask: &Mask) -> u16 {
+pub(super) fn occupied(mask: &Mask) -> u16 {
     use std::arch::x86_64::*;
     // SAFETY: every x86-64 processor has SSE2; a mask is two registers long.
     unsafe {
@@ -275,6 +275,6 @@ fn occupied(mask: &Mask) -> u16 {
 
 /// The subgroups that have lanes in a mask, a bit each.
 #[cfg(not(target_arch = "x86_64"))]
-fn occupied(mask: &Mask) -> u16 {
+pub(super) fn occupied(mask: &Mask) -> u16 {
     (0..MAX_SUBGROUPS).fold(0, |bits, s| bits | (!mask[s].is_empty() as u16) << s)
 }
