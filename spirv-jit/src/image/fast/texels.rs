@@ -202,9 +202,9 @@ impl Fast<'_> {
         levels: &Levels<'_, V>,
         mask: u16,
     ) -> Option<[V::I; 4]> {
+        let level = self.one_level(levels)?;
         let mut apart = v.ne_i(v.sub_i(x.second, x.first), texel_bytes);
         apart |= v.ne_i(v.sub_i(y.second, y.first), levels.row_stride);
-        let level = self.one_level(levels)?;
         // SAFETY: the caller's promise.
         unsafe { self.window_of(v, level, [x.index, y.index], apart, mask) }
     }
