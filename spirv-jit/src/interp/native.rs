@@ -20,7 +20,8 @@ pub(super) unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
         let code = std::mem::transmute::<usize, Code>(address);
         for &subgroup in runs {
             let frame = m.vectors.add(subgroup as usize * m.frame_bytes);
-            code(frame, m.uniforms, count, m.frame_bytes);
+            let lanes = m.active.as_ptr().add(subgroup as usize);
+            code(frame, m.uniforms, count, m.frame_bytes, lanes);
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Registers for a straight stretch of code: each value is loaded where it is first used, and leaves its register when it is used no more
 //! or when another is needed sooner (Belady 1966).
 
-use super::encode::{Assembler, Encoding, Memory, Opcode, Operand, Register, opcode};
+use super::encode::{Assembler, Base, Encoding, Memory, Opcode, Operand, Register, opcode};
 
 /// A value of the stretch: one register's worth.
 pub(super) type Virtual = u32;
@@ -45,6 +45,8 @@ pub(super) enum Form {
     Blend,
     /// On mask registers; of two operands, or of one.
     OfMasks,
+    /// `reg = op(the mask of active lanes)`, into a vector or a mask register.
+    OfLanes,
 }
 
 /// An instruction of the stretch.
@@ -223,11 +225,18 @@ impl Allocation<'_> {
             Form::Blend => vector((to, register(c), b), 0, Some(register(a) << 4)),
             Form::OfMasks => {
                 let (second, rm) = match step.count {
-                    2 => (register(a), register(b)),
-                    _ => (0, register(a)),
+                    2 => (register(a), b),
+                    _ => (0, a),
                 };
                 self.assembler
                     .mask(step.op, to, second, rm, step.count == 2);
+            }
+            Form::OfLanes => {
+                let lanes = Operand::Memory(Memory::At(Base::Lanes, 0));
+                match encoding {
+                    Encoding::Vex => vector((to, 0, lanes), 0, None),
+                    Encoding::Evex => self.assembler.mask(step.op, to, 0, lanes, false),
+                }
             }
             Form::MultiplyAdd => unreachable!("has its own function"),
         }

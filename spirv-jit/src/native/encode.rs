@@ -33,6 +33,8 @@ pub(super) enum Base {
     Half = 8,
     /// `r9`: the same of 64-bit lanes.
     WideHalf = 9,
+    /// `r10`: the mask of the subgroup's active lanes, 16 bits; with [`Encoding::Vex`] the half's, 8 bits.
+    Lanes = 10,
 }
 
 /// A place in memory of as many bytes as a register has.
@@ -41,6 +43,15 @@ pub(super) enum Memory {
     At(Base, i32),
     /// A vector behind the code, by its number.
     Pool(u32),
+}
+
+/// A vector behind the code.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Constant {
+    /// In all lanes the same word.
+    Word(u32),
+    /// In each lane the bit that it has in masks.
+    LaneBits,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -100,8 +111,8 @@ impl Assembler {
     }
 
     /// An instruction on mask registers.
-    pub fn mask(&mut self, op: Opcode, reg: Register, second: Register, rm: Register, long: bool) {
-        self.vex(op, (reg, second, Operand::Register(rm)), long, None);
+    pub fn mask(&mut self, op: Opcode, reg: Register, second: Register, rm: Operand, long: bool) {
+        self.vex(op, (reg, second, rm), long, None);
     }
 
     fn vex(
@@ -183,8 +194,8 @@ impl Assembler {
             .extend((target as i32 - behind as i32).to_le_bytes());
     }
 
-    /// Appends the pool, a vector for each of its words, and lets its users find it.
-    pub fn finish(mut self, pool: &[u32]) -> Vec<u8> {
+    /// Appends the pool, and lets its users find it.
+    pub fn finish(mut self, pool: &[Constant]) -> Vec<u8> {
         let size = self.encoding.vector_bytes() as usize;
         if !pool.is_empty() {
             self.bytes
@@ -197,8 +208,14 @@ impl Assembler {
             let target = (start + index as usize * size) as i32;
             self.bytes[at..at + 4].copy_from_slice(&(target - end).to_le_bytes());
         }
-        for word in pool {
-            self.bytes.extend(word.to_le_bytes().repeat(size / 4));
+        for constant in pool {
+            for lane in 0..size / 4 {
+                let word: u32 = match constant {
+                    Constant::Word(word) => *word,
+                    Constant::LaneBits => 1 << lane,
+                };
+                self.bytes.extend(word.to_le_bytes());
+            }
         }
         self.bytes
     }

@@ -2,13 +2,15 @@
 //!
 //! A stretch is a run of operations without branches, suspensions and memory of the shader's. The interpreter performs it as one
 //! instruction: what goes from one operation to the next stays in registers, and only results that are used behind the stretch are stored
-//! to their rows. Everything else is the interpreter's; operations without native code end a stretch.
+//! to their rows. The copies at a branch may end a stretch: they change active lanes alone. Everything else is the interpreter's;
+//! operations without native code end a stretch.
 //!
 //! ```text
 //! operations ──> [`stretch`]: instructions on values ──> [`allocate`]: registers ──> [`encode`]: bytes ──> [`memory`]: executable pages
 //! ```
 //!
-//! Code reads and writes rows of the frame at distances that are known when it is written, and nothing else: no address comes from a shader.
+//! Code reads masks of lanes, and reads and writes rows of the frame at distances that are known when it is written, and nothing else: no
+//! address comes from a shader.
 
 mod allocate;
 mod encode;
@@ -19,19 +21,20 @@ mod stretch;
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use lanes::Tier;
+use lanes::{LaneMask, Tier};
 
 pub(crate) use encode::Encoding;
 pub(crate) use group::group;
 pub(crate) use memory::Executable;
 pub(crate) use stretch::{Place, Row, Stretch};
 
-/// A stretch: the first subgroup's frame, the uniform rows, how many subgroups follow one another, how many bytes their frames are apart.
+/// A stretch: the first subgroup's frame, the uniform rows, how many subgroups follow one another, how many bytes their frames are apart,
+/// and the subgroups' masks of active lanes.
 #[cfg(target_arch = "x86_64")]
-pub(crate) type Code = unsafe extern "sysv64" fn(*mut u8, *const u8, usize, usize);
+pub(crate) type Code = unsafe extern "sysv64" fn(*mut u8, *const u8, usize, usize, *const LaneMask);
 /// No tier of this machine's has native code.
 #[cfg(not(target_arch = "x86_64"))]
-pub(crate) type Code = unsafe extern "C" fn(*mut u8, *const u8, usize, usize);
+pub(crate) type Code = unsafe extern "C" fn(*mut u8, *const u8, usize, usize, *const LaneMask);
 
 static IS_ALLOWED: AtomicBool = AtomicBool::new(true);
 

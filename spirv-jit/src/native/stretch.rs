@@ -3,7 +3,7 @@
 use foldhash::HashMap;
 
 use super::allocate::{Class, Form, Info, MOVE, Step, Virtual, allocate};
-use super::encode::{Assembler, Base, Encoding, Memory, Opcode};
+use super::encode::{Assembler, Base, Constant, Encoding, Memory, Opcode};
 use super::opcodes::*;
 use crate::ir::{Op, Type, Value};
 
@@ -41,10 +41,12 @@ pub(crate) struct Stretch {
     encoding: Encoding,
     steps: Vec<Step>,
     infos: Vec<Info>,
-    pool: Vec<u32>,
+    pool: Vec<Constant>,
     held: HashMap<Value, Held>,
     /// Results that have rows.
     results: Vec<(Value, Held)>,
+    /// The active lanes, once they were asked for.
+    lanes: Option<Virtual>,
     operations: usize,
 }
 
@@ -91,6 +93,7 @@ impl Stretch {
             pool: Vec::new(),
             held: HashMap::default(),
             results: Vec::new(),
+            lanes: None,
             operations: 0,
         }
     }
@@ -135,8 +138,54 @@ impl Stretch {
         }
     }
 
-    /// The code: a function of the first subgroup's frame, the uniform rows, the number of subgroups, and how far their frames are apart. `is_kept`
-    /// tells the results that are used behind the stretch. `None`: more values live at once than there are registers for.
+    /// Copies a value of 32-bit lanes to a row; where `is_masked`, in active lanes alone.
+    pub fn copy_to(&mut self, from: &Place, row: Row, is_masked: bool) {
+        let Held::One(new) = self.operand(from) else {
+            unreachable!("lanes of 64 bits are left to the interpreter");
+        };
+        let class = self.class_of(from.ty);
+        let home = self.home(&Place { row, ..*from }, 0);
+        let to = match (is_masked, class) {
+            (true, _) => {
+                let lanes = self.active_lanes();
+                let old = self.value(class, home, true);
+                match class {
+                    Class::Vector => self.select(lanes, new, old),
+                    Class::Mask => {
+                        let new = self.masks(KAND, &[lanes, new]);
+                        let old = self.masks(KANDN, &[lanes, old]);
+                        self.masks(KOR, &[new, old])
+                    }
+                }
+            }
+            (false, Class::Vector) => self.copy(new),
+            (false, Class::Mask) => self.masks(KAND, &[new, new]),
+        };
+        let info = &mut self.infos[to as usize];
+        (info.home, info.keep) = (home, true);
+        self.operations += 1;
+        self.end_operation();
+    }
+
+    /// The mask of active lanes, as conditions are held.
+    fn active_lanes(&mut self) -> Virtual {
+        if let Some(lanes) = self.lanes {
+            return lanes;
+        }
+        let lanes = match self.encoding {
+            Encoding::Evex => self.step(Class::Mask, KMOV, Form::OfLanes, &[]),
+            Encoding::Vex => {
+                let mask = self.step(Class::Vector, PBROADCASTB, Form::OfLanes, &[]);
+                let bits = self.constant(Constant::LaneBits);
+                let mask = self.commutative(PAND, mask, bits);
+                self.commutative(PCMPEQD, mask, bits)
+            }
+        };
+        *self.lanes.insert(lanes)
+    }
+
+    /// The code: a function of the first subgroup's frame, the uniform rows, the number of subgroups, how far their frames are apart, and the
+    /// first subgroup's mask of active lanes, behind which the others' stand. `is_kept` tells the results that are used behind the stretch. `None`: more values live at once than there are registers for.
     pub fn assemble(mut self, is_kept: impl Fn(Value) -> bool) -> Option<Vec<u8>> {
         for &(value, held) in &self.results {
             if is_kept(value) {
@@ -147,6 +196,11 @@ impl Stretch {
         }
         let mut a = Assembler::new(self.encoding);
         let halves = self.encoding == Encoding::Vex;
+        let has_lanes = self.lanes.is_some();
+        if has_lanes {
+            // mov r10, r8
+            a.bytes.extend([0x4d, 0x89, 0xc2]);
+        }
         let start = a.bytes.len();
         if halves {
             // mov r8, rdi; mov r9, rdi; mov eax, 2
@@ -155,6 +209,11 @@ impl Stretch {
         }
         let half = a.bytes.len();
         allocate(&self.steps, self.infos, &mut a).ok()?;
+        if has_lanes {
+            // add r10, a byte for each eight lanes
+            let step = self.encoding.vector_bytes() as u8 / 32;
+            a.bytes.extend([0x49, 0x83, 0xc2, step]);
+        }
         if halves {
             // add r8, 32; add r9, 64; dec eax
             a.bytes
@@ -257,9 +316,13 @@ impl Stretch {
 
     /// A vector of equal words.
     fn words(&mut self, word: u32) -> Virtual {
-        let known = self.pool.iter().position(|&w| w == word);
+        self.constant(Constant::Word(word))
+    }
+
+    fn constant(&mut self, constant: Constant) -> Virtual {
+        let known = self.pool.iter().position(|&other| other == constant);
         let index = known.unwrap_or_else(|| {
-            self.pool.push(word);
+            self.pool.push(constant);
             self.pool.len() - 1
         });
         self.value(Class::Vector, Some(Memory::Pool(index as u32)), true)

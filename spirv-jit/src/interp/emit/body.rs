@@ -3,7 +3,7 @@
 use foldhash::HashMap;
 use smallvec::SmallVec;
 
-use super::{Emitter, Target, instr};
+use super::{Emitter, Move, Target, instr};
 use crate::Error;
 use crate::interp::code::{DescriptorSource, Live, Place, Remade, Return, Saved};
 use crate::interp::kernels::{Copy, MaskedCopy};
@@ -15,14 +15,6 @@ use crate::plan;
 
 /// Long code takes more fuel than short code: as much as this many instructions together.
 const INSTRS_PER_FUEL: u32 = 256;
-
-/// A copy of one row, or of the two of a 64-bit value.
-#[derive(Clone, Copy)]
-struct Move {
-    to: Operand,
-    from: Operand,
-    wide: bool,
-}
 
 impl<'m> Emitter<'m> {
     pub(super) fn emit_function(&mut self, f: usize) -> Result<(), Error> {
@@ -118,12 +110,11 @@ impl<'m> Emitter<'m> {
                 return Ok(());
             }
         }
-        self.end_stretch()?;
         match &body.end {
             Terminator::Br(label, args) => {
                 let (mask, to) = self.labels[label].clone();
-                let moves = self.moves(&to, args);
-                self.emit_moves(moves, true);
+                let moves = self.moves(&to, args, true);
+                self.emit_moves(moves)?;
                 let park = Instr {
                     x: mask,
                     ..instr(control::park)
@@ -135,17 +126,23 @@ impl<'m> Emitter<'m> {
                 let moves = results
                     .into_iter()
                     .zip(args)
-                    .map(|(to, &arg)| self.move_to(to, arg))
+                    .map(|(to, &arg)| self.move_to(to, arg, true))
                     .collect();
-                self.emit_moves(moves, true);
+                self.emit_moves(moves)?;
                 let park = Instr {
                     x: self.plan().mask_base as u32,
                     ..instr(control::park)
                 };
                 self.push_jump(park, exit);
             }
-            Terminator::End(args) => self.emit_end(args, exit),
-            Terminator::Return(_) | Terminator::Unreachable => self.emit_end(&[], exit),
+            Terminator::End(args) => {
+                self.end_stretch()?;
+                self.emit_end(args, exit);
+            }
+            Terminator::Return(_) | Terminator::Unreachable => {
+                self.end_stretch()?;
+                self.emit_end(&[], exit);
+            }
         }
         Ok(())
     }
@@ -162,7 +159,7 @@ impl<'m> Emitter<'m> {
     }
 
     fn emit_node(&mut self, node: &'m Node, exit: Target) -> Result<(), Error> {
-        if !matches!(node, Node::Inst(_)) {
+        if !matches!(node, Node::Inst(_) | Node::Loop { .. }) {
             self.end_stretch()?;
         }
         match node {
@@ -245,8 +242,8 @@ impl<'m> Emitter<'m> {
         body: &'m Body,
         exit: Target,
     ) -> Result<(), Error> {
-        let moves = self.moves(params, init);
-        self.emit_moves(moves, false);
+        let moves = self.moves(params, init, false);
+        self.emit_moves(moves)?;
         let mask = self.open(label, params, 1);
         let (head, end, resumed) = (self.new_target(), self.new_target(), self.new_target());
         self.bind(head);
@@ -273,27 +270,42 @@ impl<'m> Emitter<'m> {
         Ok(())
     }
 
-    fn move_to(&self, to: Operand, value: Value) -> Move {
+    fn move_to(&self, to: Operand, value: Value, masked: bool) -> Move {
         Move {
             to,
             from: self.operand(value),
+            value: Some(value),
             wide: self.body_function().ty(value).rows() == 2,
+            masked,
         }
     }
 
-    fn moves(&self, to: &[Value], from: &[Value]) -> Vec<Move> {
+    fn moves(&self, to: &[Value], from: &[Value], masked: bool) -> Vec<Move> {
         to.iter()
             .zip(from)
-            .map(|(&to, &from)| self.move_to(self.operand(to), from))
+            .map(|(&to, &from)| self.move_to(self.operand(to), from, masked))
             .collect()
     }
 
-    /// Copies as if all at once.
-    fn emit_moves(&mut self, mut moves: Vec<Move>, masked: bool) {
-        moves.retain(|m| m.to != m.from);
-        if let [only] = &moves[..] {
-            return self.emit_move(only, masked);
+    /// Copies as if all at once, behind the stretch that is open, or in it.
+    fn emit_moves(&mut self, moves: Vec<Move>) -> Result<(), Error> {
+        let (in_place, moves): (Vec<_>, Vec<_>) = moves.iter().partition(|m| m.to == m.from);
+        let moves = self.in_order(moves);
+        if !self.extend_stretch_by_moves(&moves, &in_place) {
+            self.end_stretch()?;
+            for m in &moves {
+                self.emit_move(m);
+            }
         }
+        self.end_stretch()
+    }
+
+    /// Copies whose effect, one after the other, is as if all were done at once.
+    fn in_order(&self, mut moves: Vec<Move>) -> Vec<Move> {
+        if moves.len() < 2 {
+            return moves;
+        }
+        let mut ordered = Vec::with_capacity(moves.len());
         // Who reads a row, how many of them still will, and who writes it: what nobody reads any more can be overwritten.
         let mut readers: HashMap<Operand, (u32, SmallVec<[u32; 2]>)> = HashMap::default();
         let mut writers: HashMap<Operand, u32> = HashMap::default();
@@ -310,15 +322,15 @@ impl<'m> Emitter<'m> {
         let mut done = vec![false; moves.len()];
         for first in 0..moves.len() {
             while let Some(index) = ready.pop() {
-                let Move { to, from, wide } = moves[index as usize];
                 if std::mem::replace(&mut done[index as usize], true) {
                     continue;
                 }
-                self.emit_move(&Move { to, from, wide }, masked);
-                if let Some((count, _)) = readers.get_mut(&from) {
+                let next = moves[index as usize];
+                ordered.push(next);
+                if let Some((count, _)) = readers.get_mut(&next.from) {
                     *count -= 1;
                     if *count == 0 {
-                        ready.extend(writers.get(&from));
+                        ready.extend(writers.get(&next.from));
                     }
                 }
             }
@@ -328,26 +340,29 @@ impl<'m> Emitter<'m> {
             // Only cycles are left: save one destination's old value.
             let Move { to, wide, .. } = moves[first];
             let scratch = self.placed().scratch;
-            let saved = Move {
+            ordered.push(Move {
                 to: scratch,
                 from: to,
+                value: None,
                 wide,
-            };
-            self.emit_move(&saved, false);
+                masked: false,
+            });
             for reader in readers.remove(&to).unwrap_or_default().1 {
-                moves[reader as usize].from = scratch;
+                let reader = &mut moves[reader as usize];
+                (reader.from, reader.value) = (scratch, None);
             }
             ready.push(first as u32);
         }
         while let Some(index) = ready.pop() {
             if !std::mem::replace(&mut done[index as usize], true) {
-                self.emit_move(&moves[index as usize], masked);
+                ordered.push(moves[index as usize]);
             }
         }
+        ordered
     }
 
-    fn emit_move(&mut self, m: &Move, masked: bool) {
-        let handler = match (masked, m.wide) {
+    pub(super) fn emit_move(&mut self, m: &Move) {
+        let handler = match (m.masked, m.wide) {
             (true, false) => self.kernel::<MaskedCopy<u32>>(),
             (true, true) => self.kernel::<MaskedCopy<u64>>(),
             (false, false) => self.kernel::<Copy<u32>>(),
@@ -374,11 +389,9 @@ impl<'m> Emitter<'m> {
             }
             _ => {
                 let uniform = &self.plan().uniform;
-                if inst.results.first().is_some_and(|r| uniform[r.index()]) {
-                    // In the prologue.
-                    return Ok(());
-                }
-                if self.placed().fusion.absorbs(inst) {
+                let in_prologue = inst.results.first().is_some_and(|r| uniform[r.index()]);
+                if in_prologue || self.placed().fusion.absorbs(inst) {
+                    self.pass_over();
                     return Ok(());
                 }
                 if self.extend_stretch(inst) {
@@ -456,9 +469,12 @@ impl<'m> Emitter<'m> {
         let moves = to
             .into_iter()
             .zip(&inst.args)
-            .map(|(to, &arg)| self.move_to(to, arg))
+            .map(|(to, &arg)| self.move_to(to, arg, false))
+            .filter(|m| m.to != m.from)
             .collect();
-        self.emit_moves(moves, false);
+        for m in self.in_order(moves) {
+            self.emit_move(&m);
+        }
 
         let results = self.placed[callee]
             .as_ref()
@@ -479,12 +495,13 @@ impl<'m> Emitter<'m> {
         self.bind(after);
         self.jump(control::jump_if_empty, exit);
         for (&result, from) in inst.results.iter().zip(results) {
-            let m = Move {
+            self.emit_move(&Move {
                 to: self.operand(result),
                 from,
+                value: None,
                 wide: self.body_function().ty(result).rows() == 2,
-            };
-            self.emit_move(&m, false);
+                masked: false,
+            });
         }
     }
 

@@ -235,6 +235,18 @@ impl<'m> Emitter<'m> {
     }
 }
 
+/// A copy of one row, or of the two of a 64-bit value.
+#[derive(Clone, Copy)]
+struct Move {
+    to: Operand,
+    from: Operand,
+    /// What is copied; `None` for copies from and to the scratch row.
+    value: Option<Value>,
+    wide: bool,
+    /// In active lanes alone.
+    masked: bool,
+}
+
 /// An instruction with nothing but its handler.
 fn instr(handler: Handler) -> Instr {
     Instr {

@@ -1,6 +1,6 @@
 //! Stretches of operations as native code.
 
-use super::{Emitter, instr};
+use super::{Emitter, Move, instr};
 use crate::Error;
 use crate::interp::machine::Instr;
 use crate::interp::native;
@@ -17,11 +17,23 @@ const ALIGNMENT: usize = 64;
 /// A program's native code while it is emitted.
 pub(super) struct Native<'m> {
     encoding: Encoding,
-    /// The stretch that may go on, and what it is made of.
-    open: Option<(Stretch, Vec<&'m Inst>)>,
+    /// The stretch that may go on.
+    open: Option<Open<'m>>,
     bytes: Vec<u8>,
     /// Instructions that run a stretch, whose `x` is where its code begins, and how many operations it has.
     calls: Vec<(usize, usize)>,
+}
+
+/// A stretch, and what it is made of.
+struct Open<'m> {
+    stretch: Stretch,
+    insts: Vec<&'m Inst>,
+    /// Instructions behind those, which need no code.
+    behind: u32,
+    /// Copies at the stretch's end.
+    moves: Vec<Move>,
+    /// Values that are where those would copy them to.
+    in_place: Vec<Value>,
 }
 
 impl Native<'_> {
@@ -35,23 +47,64 @@ impl Native<'_> {
     }
 }
 
+impl<'m> Native<'m> {
+    /// The stretch that may go on, or a new one.
+    fn take_open(&mut self) -> Open<'m> {
+        self.open.take().unwrap_or_else(|| Open {
+            stretch: Stretch::new(self.encoding),
+            insts: Vec::new(),
+            behind: 0,
+            moves: Vec::new(),
+            in_place: Vec::new(),
+        })
+    }
+}
+
 impl<'m> Emitter<'m> {
     /// Takes an instruction into a stretch; false if it has no native code.
     pub(super) fn extend_stretch(&mut self, inst: &'m Inst) -> bool {
         let Some(native) = &mut self.native else {
             return false;
         };
-        let encoding = native.encoding;
-        let open = native.open.take();
-        let (mut stretch, mut insts) = open.unwrap_or_else(|| (Stretch::new(encoding), Vec::new()));
-        let performed = self.perform(&mut stretch, inst);
+        let mut open = native.take_open();
+        let performed = self.perform(&mut open.stretch, inst);
         if performed {
-            insts.push(inst);
+            open.insts.push(inst);
+            open.behind = 0;
         }
         if let Some(native) = &mut self.native {
-            native.open = (!insts.is_empty()).then_some((stretch, insts));
+            native.open = (!open.insts.is_empty()).then_some(open);
         }
         performed
+    }
+
+    /// An instruction needs no code: a stretch goes on behind it.
+    pub(super) fn pass_over(&mut self) {
+        if let Some(open) = self.native.as_mut().and_then(|native| native.open.as_mut()) {
+            open.behind += 1;
+        }
+    }
+
+    /// Takes copies into a stretch, behind which it ends; false if they have no native code. Those `in_place` are of a row to itself.
+    pub(super) fn extend_stretch_by_moves(&mut self, moves: &[Move], in_place: &[Move]) -> bool {
+        let has_code = |m: &Move| m.value.is_some() && !m.wide;
+        if moves.is_empty() || !moves.iter().all(has_code) {
+            return false;
+        }
+        let Some(native) = &mut self.native else {
+            return false;
+        };
+        let mut open = native.take_open();
+        for m in moves {
+            let from = self.place(m.value.expect("has code"));
+            (open.stretch).copy_to(&from, Row::Frame(m.to.index()), m.masked);
+        }
+        open.moves = moves.to_vec();
+        open.in_place = in_place.iter().filter_map(|m| m.value).collect();
+        if let Some(native) = &mut self.native {
+            native.open = Some(open);
+        }
+        true
     }
 
     fn perform(&self, stretch: &mut Stretch, inst: &Inst) -> bool {
@@ -104,25 +157,25 @@ impl<'m> Emitter<'m> {
 
     /// Emits the stretch that is open, if one is.
     pub(super) fn end_stretch(&mut self) -> Result<(), Error> {
-        let Some((stretch, insts)) = self.native.as_mut().and_then(|native| native.open.take())
-        else {
+        let open = self.native.as_mut().and_then(|native| native.open.take());
+        let Some(open) = open else {
             return Ok(());
         };
+        let last = self.last_use(&open);
         let ranges = &self.placed().ranges;
-        let range = |value: Value| ranges[value.index()];
-        let results = insts.iter().flat_map(|inst| &inst.results);
-        let last = results
-            .filter_map(|&value| range(value))
-            .map(|(start, _)| start)
-            .max();
-        let is_kept = |value| range(value).is_some_and(|(_, end)| Some(end) > last);
-        let operations = stretch.operations();
+        let is_kept = |value: Value| {
+            open.in_place.contains(&value)
+                || ranges[value.index()].is_some_and(|(_, end)| Some(end) > last)
+        };
+        let operations = open.stretch.operations();
         let code = match operations {
-            LEAST_OPERATIONS.. => stretch.assemble(is_kept),
+            LEAST_OPERATIONS.. => open.stretch.assemble(is_kept),
             _ => None,
         };
         let (Some(code), Some(native)) = (code, &mut self.native) else {
-            return insts.into_iter().try_for_each(|inst| self.interpret(inst));
+            (open.insts.into_iter()).try_for_each(|inst| self.interpret(inst))?;
+            open.moves.iter().for_each(|m| self.emit_move(m));
+            return Ok(());
         };
         let start = native.bytes.len().next_multiple_of(ALIGNMENT);
         native.bytes.resize(start, 0);
@@ -133,6 +186,23 @@ impl<'m> Emitter<'m> {
             ..instr(native::run)
         });
         Ok(())
+    }
+
+    /// The half-step of the last use in a stretch: values that are used behind it are used later.
+    fn last_use(&self, open: &Open<'_>) -> Option<u32> {
+        let ranges = &self.placed().ranges;
+        let start = |value: &Value| ranges[value.index()].map(|(start, _)| start);
+        let results = open.insts.iter().flat_map(|inst| &inst.results);
+        let last = results.filter_map(start).max();
+        // Copies have the position behind all instructions (see `plan::liveness`).
+        let end = open
+            .insts
+            .last()
+            .and_then(|inst| start(inst.results.first()?));
+        match (end, &open.moves[..]) {
+            (Some(end), [_, ..]) => last.max(Some(end + 2 * (open.behind + 1))),
+            _ => last,
+        }
     }
 
     /// Operations of stretches from an instruction on, each stretch's first left out: it counts as the instruction that runs it.

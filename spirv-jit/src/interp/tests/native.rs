@@ -340,6 +340,64 @@ fn more_wide_values_than_registers() {
     check(w, &[a, b, c, d], &[false; 4]);
 }
 
+/// Copies at branches change active lanes alone: words, conditions and floats out of both sides of an `if`, some of them where the other side
+/// has them; parameters of a loop that change places, and one that follows another; an early way out of a block.
+#[test]
+fn branches_copy_in_active_lanes() {
+    let text = "module closest_hit
+        inputs payload.0, payload.1, payload.2
+        output_rows 6
+        func f0 {
+            v0: i32 = input[0]
+            v1: i32 = input[1]
+            v2: f32 = input[2]
+            v3: i32 = const 7
+            v4: i32 = and v0, v3
+            v5: i1 = ult v4, v1
+            v6: i32 = const 1
+            v7: i32 = const 0
+            if v5, L0 -> (v8: i32, v9: f32, v10: i1, v11: i32) {
+                v12: i32 = iadd v0, v1
+                v13: f32 = fadd v2, v2
+                v14: i1 = ult v12, v0
+                br L0(v12, v13, v14, v3)
+            } else {
+                v15: i32 = isub v1, v0
+                v16: f32 = fneg v2
+                v17: i1 = ule v15, v0
+                br L0(v15, v16, v17, v1)
+            }
+            block L1 -> (v18: i32, v19: i32, v20: i32, v21: i1) {
+                loop L2 (v22: i32, v23: i32, v24: i32, v25: i32, v26: i1) = (v8, v11, v0, v7, v10) {
+                    v27: i32 = iadd v25, v6
+                    v28: i1 = ult v4, v27
+                    if v28, L3 {
+                        br L1(v22, v23, v24, v26)
+                    } else {
+                        br L3
+                    }
+                    v29: i32 = xor v22, v25
+                    v30: i1 = ult v29, v23
+                    br L2(v23, v22, v29, v27, v30)
+                }
+                unreachable
+            }
+            v31: i32 = const 4
+            v32: i32 = select v21, v31, v20
+            v33: i1 = fis_nan v9
+            v34: i32 = bitcast v9
+            v35: i32 = select v33, v7, v34
+            v36: i32 = select v10, v6, v7
+            end(v18, v19, v32, v35, v36, v11)
+        }";
+    let module = parse_module(text).unwrap();
+    verify(&module).unwrap();
+    for seed in 0..16 {
+        let is_native = agrees(&module, &[false; 6], seed, text);
+        assert!(is_native || TierKind::available().len() == 1);
+    }
+}
+
 /// Of one operation nothing becomes native code: the interpreter's is as good.
 #[test]
 fn one_operation_is_interpreted() {

@@ -162,6 +162,7 @@ fn in_evex() -> Vec<Listed> {
 fn of_masks() -> Vec<Listed> {
     vec![
         listed!(KAND, "kandw", "rk vk mk"),
+        listed!(KANDN, "kandnw", "rk vk mk"),
         listed!(KOR, "korw", "rk vk mk"),
         listed!(KXNOR, "kxnorw", "rk vk mk"),
         listed!(KXOR, "kxorw", "rk vk mk"),
@@ -200,6 +201,7 @@ fn memory_text(base: Base, displacement: i32) -> String {
         Base::Uniforms => "rsi",
         Base::Half => "r8",
         Base::WideHalf => "r9",
+        Base::Lanes => "r10",
     };
     match displacement {
         0 => format!("[{base}]"),
@@ -410,9 +412,9 @@ fn logic_of_masks_is_decoded_as_it_was_encoded() {
             for second in if is_binary { 0..8 } else { 0..1 } {
                 for rm in 0..8 {
                     let mut a = Assembler::new(Encoding::Evex);
-                    a.mask(listed.op, reg, second, rm, is_binary);
-                    let all = decoded(&a.bytes);
                     let operands = (reg, second, Operand::Register(rm));
+                    a.mask(listed.op, reg, second, operands.2, is_binary);
+                    let all = decoded(&a.bytes);
                     let text = expected(&listed, Encoding::Evex, operands, 0);
                     assert_eq!(all.len(), 1);
                     assert_eq!(all[0].1, text);
@@ -425,7 +427,9 @@ fn logic_of_masks_is_decoded_as_it_was_encoded() {
 /// Constants behind the code: wherever an instruction is, with an immediate behind the displacement or without.
 #[test]
 fn constants_are_found_behind_the_code() {
-    let pool = [1, 0x8000_0000, 3, u32::MAX];
+    let words = [1, 0x8000_0000, 3, u32::MAX];
+    let mut pool = words.map(Constant::Word).to_vec();
+    pool.push(Constant::LaneBits);
     for encoding in BOTH {
         let list: Vec<Listed> = listed(encoding)
             .into_iter()
@@ -455,10 +459,12 @@ fn constants_are_found_behind_the_code() {
             let at = start + k % pool.len() * size;
             assert_eq!(instruction.ip_rel_memory_address(), at as u64, "{text}");
         }
-        for (k, word) in pool.iter().enumerate() {
+        for (k, word) in words.iter().enumerate() {
             let vector = &bytes[start + k * size..][..size];
             assert_eq!(vector, word.to_le_bytes().repeat(size / 4));
         }
+        let bits = (0..size / 4).flat_map(|lane| (1u32 << lane).to_le_bytes());
+        assert!(bits.eq(bytes[start + words.len() * size..].iter().copied()));
     }
 }
 
@@ -472,7 +478,11 @@ fn opcodes(source: &str) -> impl Iterator<Item = &str> {
 
 #[test]
 fn every_opcode_is_listed() {
-    let lists = [in_vex(), in_evex(), of_masks()];
+    let of_lanes = vec![
+        listed!(PBROADCASTB, "vpbroadcastb", "r m"),
+        listed!(KMOV, "kmovw", "rk m"),
+    ];
+    let lists = [in_vex(), in_evex(), of_masks(), of_lanes];
     let names: Vec<&str> = lists
         .iter()
         .flatten()
@@ -540,6 +550,48 @@ fn functions_walk_over_frames() {
          vmovups ymm0,[r8+40h]; vmulps ymm0,ymm0,[r8+4B00h]; vaddps ymm0,ymm0,[rsi+140h]; vmovups [r8+80h],ymm0; \
          add r8,20h; add r9,40h; dec eax; jne 0Bh; \
          add rdi,rcx; dec rdx; jne 0; vzeroupper; ret"
+    );
+}
+
+/// Copies of `a + b` and of a condition, in active lanes, and of a row as it is: the mask is read for each subgroup, with AVX2 for each half.
+#[test]
+fn copies_change_active_lanes() {
+    let text = |encoding| {
+        let mut stretch = Stretch::new(encoding);
+        let i32 = |value, row| place(value, Type::I32, Row::Frame(row));
+        let (a, b, sum) = (i32(0, 1), i32(1, 2), i32(2, 3));
+        let holds = place(3, Type::I1, Row::Frame(4));
+        assert!(stretch.perform(&Op::IAdd, &[a, b], &[sum]));
+        stretch.end_operation();
+        stretch.copy_to(&sum, Row::Frame(5), true);
+        stretch.copy_to(&holds, Row::Frame(6), true);
+        stretch.copy_to(&a, Row::Frame(7), false);
+        assert_eq!(stretch.operations(), 4);
+        let code = stretch.assemble(|_| false).unwrap();
+        let text: Vec<String> = function(&code).into_iter().map(|(_, text)| text).collect();
+        text.join("; ").replace("yword ", "").replace("zword ", "")
+    };
+    assert_eq!(
+        text(Encoding::Evex),
+        "mov r10,r8; \
+         vmovups zmm0,[rdi+40h]; vpaddd zmm1,zmm0,[rdi+80h]; \
+         kmovw k1,word [r10]; vmovups zmm2,[rdi+140h]; vpblendmd zmm2{k1},zmm2,zmm1; vmovups [rdi+140h],zmm2; \
+         vmovups zmm31,[rdi+100h]; vpmovd2m k2,zmm31; kandw k2,k1,k2; \
+         vmovups zmm31,[rdi+180h]; vpmovd2m k3,zmm31; kandnw k3,k1,k3; korw k3,k2,k3; \
+         vpmovm2d zmm31,k3; vmovups [rdi+180h],zmm31; \
+         vmovaps zmm0,zmm0; vmovups [rdi+1C0h],zmm0; \
+         add r10,2; add rdi,rcx; dec rdx; jne 3; vzeroupper; ret"
+    );
+    assert_eq!(
+        text(Encoding::Vex),
+        "mov r10,r8; mov r8,rdi; mov r9,rdi; mov eax,2; \
+         vmovups ymm0,[r8+40h]; vpaddd ymm1,ymm0,[r8+80h]; \
+         vpbroadcastb ymm2,byte [r10]; vmovups ymm3,[rel 0A0h]; vpand ymm2,ymm2,ymm3; vpcmpeqd ymm3,ymm2,ymm3; \
+         vmovups ymm2,[r8+140h]; vblendvps ymm2,ymm2,ymm1,ymm3; vmovups [r8+140h],ymm2; \
+         vmovups ymm2,[r8+180h]; vblendvps ymm2,ymm2,[r8+100h],ymm3; vmovups [r8+180h],ymm2; \
+         vmovaps ymm0,ymm0; vmovups [r8+1C0h],ymm0; \
+         add r10,1; add r8,20h; add r9,40h; dec eax; jne 0Eh; \
+         add rdi,rcx; dec rdx; jne 3; vzeroupper; ret"
     );
 }
 
