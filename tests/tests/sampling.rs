@@ -221,6 +221,29 @@ fn levels_of_detail() {
     assert!((got[0][0] - 20.0).abs() < 0.2, "{got:?}");
 }
 
+/// Of a workgroup, only the last half asks, and of each sixteen invocations of that only some.
+#[test]
+fn sizes_are_told_to_some_of_the_invocations() {
+    let gpu = Gpu::new();
+    let picture = gpu.picture(Shape::flat(F::R8G8B8A8_UNORM, 24, 10), SAMPLED);
+    let sampler = gpu.sampler(&vk::SamplerCreateInfo::default());
+    let places: Vec<[f32; 4]> = (0u8..=255)
+        .map(|i| {
+            let asks = i % 64 >= 32 && i % 16 >= 5;
+            [f32::from(u8::from(asks)), f32::from(i), 0.0, 0.0]
+        })
+        .collect();
+    let source = "p.x == 0.0 ? vec4(-p.y) : vec4(textureSize(t, 0), p.xy)";
+    let got = sample(&gpu, "sampler2D", &picture, sampler, source, &places);
+    for (place, got) in places.iter().zip(got) {
+        let expected = match place[0] == 0.0 {
+            true => [-place[1]; 4],
+            false => [24.0, 10.0, 1.0, place[1]],
+        };
+        assert_eq!(got, expected, "{place:?}");
+    }
+}
+
 #[test]
 fn cubes_arrays_volumes_and_gathers() {
     let gpu = Gpu::new();

@@ -87,7 +87,7 @@ unsafe fn query_once<'o>(m: &Machine<'_>, plan: &ImagePlan, listed: &'o [u16]) -
     let Some((&first, others)) = listed.split_first() else {
         return listed;
     };
-    let lane = m.active[first as usize / 64].first();
+    let lane = m.active[first as usize].first();
     // SAFETY: as the caller promises; such an operation's results are of 32 bits.
     unsafe {
         block(m, plan, first);
