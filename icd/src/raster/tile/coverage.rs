@@ -10,7 +10,7 @@ use smallvec::SmallVec;
 use spirv_jit::image::vector::Vector;
 
 use super::lanes::{COLUMNS, IN_BLOCK, LANE_X, LANE_Y, ROWS, negative};
-use super::samples::{MAX_SAMPLES, fixed_point, locations};
+use super::samples::{MAX_SAMPLES, fixed_point, locations, masks_of};
 use crate::raster::primitive::{Bounds, Edge};
 
 /// A 4×4 block of pixels with covered samples.
@@ -41,19 +41,13 @@ pub struct Covered {
 }
 
 impl Block {
-    /// With the masks of its samples, the first in the lowest bits: they are stored at once, since they are loaded so, and a load waits for
-    /// several stores that it spans.
+    /// With the masks of its samples, the first in the lowest bits.
     #[inline(always)]
     fn new(x: i32, y: i32, masks: u128) -> Self {
-        let masks = masks.to_le_bytes();
-        let mut words = [0; MAX_SAMPLES];
-        for (word, bytes) in words.iter_mut().zip(masks.chunks_exact(2)) {
-            *word = u16::from_le_bytes([bytes[0], bytes[1]]);
-        }
         Self {
             x: x as u8,
             y: y as u8,
-            masks: words,
+            masks: masks_of(masks),
         }
     }
 

@@ -170,7 +170,7 @@ impl Depth {
     }
 }
 
-/// A depth test of 32-bit floats, and no other test.
+/// A depth test of 32-bit floats or of 16 bits, and no other test.
 #[derive(Clone, Copy)]
 pub struct Plain<'a>(&'a Depth);
 
@@ -186,9 +186,10 @@ impl Plain<'_> {
         // SAFETY: the caller's promise.
         unsafe {
             let old = load(v, &depth.target, places, 0, mask)[0];
-            let passed = mask & compare_depths(v, depth.compare, new, v.bits_to_f(old));
+            let (codes, new) = depth.codes(v, new);
+            let passed = mask & compare_depths(v, depth.compare, new, depth.numbers(v, old));
             if depth.write && passed != 0 {
-                let words = v.select(passed, v.bits_of(new), old);
+                let words = v.select(passed, codes, old);
                 let words = [words, none, none, none];
                 store(v, &depth.target, places, 0, u16::MAX, &words);
             }
@@ -201,9 +202,9 @@ impl Tests {
     /// The depth test, if it is [`Plain`].
     pub fn plain(&self) -> Option<Plain<'_>> {
         let depth = self.depth.as_ref()?;
+        let layout = (depth.coding, depth.target.surface.texel_size_bytes);
         let is_plain = self.stencil.is_none()
-            && depth.coding == Coding::Float
-            && depth.target.surface.texel_size_bytes == 4
+            && matches!(layout, (Coding::Float, 4) | (Coding::Unorm(0xffff), 2))
             && depth.test
             && depth.bounds.is_none();
         is_plain.then_some(Plain(depth))

@@ -3,7 +3,7 @@
 
 use super::lanes::{lanes_of, quads_of};
 use super::samples::{MAX_SAMPLES, any};
-use super::texels::Places;
+use super::texels::{Pattern, Places};
 use crate::raster::primitive::Bounds;
 
 /// Quads along a tile's side, and blocks.
@@ -198,7 +198,7 @@ impl Packs {
         });
         self.open = Some(index);
         self.quads[cell(at)] = self.note(index);
-        let [x, y] = at;
+        let ([x, y], area) = (at, found.area);
         let pack = &mut self.packs[index];
         let place = pack.quads.trailing_ones() as usize;
         if place == 0 {
@@ -208,6 +208,10 @@ impl Packs {
             pack.places.x = [x; 4];
             pack.places.y = [y; 4];
             pack.sample = [found.sample; 4];
+            pack.places.pattern = Pattern::Inside;
+        }
+        if x < area.left || y < area.top || x + 2 > area.right || y + 2 > area.bottom {
+            pack.places.pattern = Pattern::Quads;
         }
         pack.is_uniform &= pack.origins[0] == found.origin;
         pack.origins[place] = found.origin;

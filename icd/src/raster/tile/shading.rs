@@ -12,7 +12,7 @@ use super::interpolation::{clamp, depths};
 use super::lanes::{IN_BLOCK, LANE_X, LANE_Y, Row, lanes_of};
 use super::pack::Pack;
 use super::plan::{Fragment, Order, Plan};
-use super::samples::{Counts, MAX_SAMPLES, any, count, from_center, locations};
+use super::samples::{Counts, MAX_SAMPLES, any, count, from_center, locations, masks_of};
 use super::texels::{Pattern, Places};
 use crate::compute::waves::Runner;
 use crate::raster::Chunk;
@@ -40,10 +40,10 @@ spirv_jit::vectors! {
             let place = block.place(corner);
             let places = Places::block(place, record.layer, area);
             if let (Some(plain), Pattern::Block) = (plain, places.pattern) {
-                let mask = &mut block.masks[0];
                 let depths = depths(v, record, place, &IN_BLOCK, locations[0], range);
                 // SAFETY: the caller's promise; the block lies in the render area.
-                *mask = unsafe { plain.run(v, &places, depths, *mask) };
+                let passed = unsafe { plain.run(v, &places, depths, block.masks[0]) };
+                block.masks = masks_of(passed.into());
                 continue;
             }
             for (sample, mask) in block.masks.iter_mut().enumerate().take(plan.samples as usize) {

@@ -1,6 +1,6 @@
 //! Texels of sixteen pixels, as words: loaded from an attachment and stored to it.
 
-use spirv_jit::image::vector::Vector;
+use spirv_jit::image::vector::{Task, Vector};
 
 use super::lanes::{BY_ROWS, Row, load_words, row_of, rows_of};
 use crate::raster::Target;
@@ -14,6 +14,8 @@ pub enum Pattern {
     /// A 4×4 block: quads row by row.
     Block,
     /// Quads anywhere.
+    Inside,
+    /// Quads anywhere, of which some are outside in part.
     #[default]
     Quads,
 }
@@ -272,6 +274,12 @@ pub unsafe fn load<V: Vector>(
             let none = v.splat_i(0);
             return [first, second, none, none];
         }
+        if size == 2 && places.pattern == Pattern::Block {
+            let stride = target.surface.row_stride_bytes as usize;
+            let words = v.load_quads_of_shorts(quad(target, places, 0, sample), stride);
+            let none = v.splat_i(0);
+            return [words, none, none, none];
+        }
         load_words(v, &load_rows(target, places, sample, mask))
     }
 }
@@ -294,6 +302,17 @@ pub unsafe fn load_word<V: Vector>(
         match places.pattern {
             Pattern::Row => v.load_i(&first.cast::<Row>().read_unaligned()),
             Pattern::Block => v.load_quads(first, target.surface.row_stride_bytes as usize),
+            Pattern::Inside => {
+                let (at, stride) = quads(target, places, sample);
+                let [a, b, c, d] = at;
+                let at = [
+                    a.cast_const(),
+                    b.cast_const(),
+                    c.cast_const(),
+                    d.cast_const(),
+                ];
+                v.load_each_quad(at, stride)
+            }
             Pattern::Quads => v.load_i(&load_rows(target, places, sample, mask)[0]),
         }
     }
@@ -344,10 +363,24 @@ pub unsafe fn store<V: Vector>(
             let at = quad(target, places, 0, sample);
             return v.store_quads_of_pairs(first, second, at, stride);
         }
-        if size != 4 {
-            return store_rows(target, places, sample, mask, &rows_of(v, words));
+        if size == 2 && places.pattern == Pattern::Block {
+            let mut new = words[0];
+            if mask != u16::MAX {
+                new = v.select(mask, new, load(v, target, places, sample, mask)[0]);
+            }
+            let stride = target.surface.row_stride_bytes as usize;
+            return v.store_quads_of_shorts(new, quad(target, places, 0, sample), stride);
         }
-        store_word(v, target, places, sample, mask, words[0]);
+        if size == 4 {
+            return store_word(v, target, places, sample, mask, words[0]);
+        }
+        v.apart(Storing {
+            target,
+            places,
+            sample,
+            mask,
+            words: *words,
+        });
     }
 }
 
@@ -366,8 +399,14 @@ pub unsafe fn store_word<V: Vector>(
 ) {
     // SAFETY: the caller's promise.
     unsafe {
-        if places.pattern == Pattern::Quads {
-            return store_quads(target, places, sample, mask, &row_of(v, texels));
+        if matches!(places.pattern, Pattern::Inside | Pattern::Quads) {
+            return v.apart(Storing {
+                target,
+                places,
+                sample,
+                mask,
+                words: [texels; 4],
+            });
         }
         let mut new = texels;
         if mask != u16::MAX {
@@ -382,114 +421,68 @@ pub unsafe fn store_word<V: Vector>(
     }
 }
 
-/// Where the first two lanes of a quad are, and the other two.
+/// Where four lanes each begin, and bytes from two of them to the other two. Not of [`Pattern::Quads`].
 #[inline(always)]
-fn halves_of(target: &Target, places: &Places, quad_index: usize, sample: u32) -> [*mut u8; 2] {
+fn quads(target: &Target, places: &Places, sample: u32) -> ([*mut u8; 4], usize) {
     let surface = &target.surface;
-    let stride = surface.row_stride_bytes as usize;
-    let texel = surface.texel_size_bytes;
     if places.pattern == Pattern::Row {
-        let first = quad(target, places, 0, sample).wrapping_add(4 * quad_index * texel);
-        return [first, first.wrapping_add(2 * texel)];
+        let first = quad(target, places, 0, sample);
+        let half = 2 * surface.texel_size_bytes;
+        let at = [
+            first,
+            first.wrapping_add(2 * half),
+            first.wrapping_add(4 * half),
+            first.wrapping_add(6 * half),
+        ];
+        return (at, half);
     }
-    let first = quad(target, places, quad_index, sample);
-    [first, first.wrapping_add(stride)]
+    let at = [
+        quad(target, places, 0, sample),
+        quad(target, places, 1, sample),
+        quad(target, places, 2, sample),
+        quad(target, places, 3, sample),
+    ];
+    (at, surface.row_stride_bytes as usize)
 }
 
-/// A quad's words of a row.
-#[inline(always)]
-fn of_quad(row: &Row, index: usize) -> [u32; 4] {
-    let at = 4 * index;
-    [row[at], row[at + 1], row[at + 2], row[at + 3]]
+/// Texels to store, quad by quad.
+struct Storing<'a, V: Vector> {
+    target: &'a Target,
+    places: &'a Places,
+    sample: u32,
+    mask: u16,
+    words: [V::I; 4],
 }
 
-/// Words of two lists in turn.
-#[inline(always)]
-fn interleaved(a: [u32; 4], b: [u32; 4]) -> [[u32; 4]; 2] {
-    #[cfg(target_arch = "x86_64")]
-    {
-        use std::arch::x86_64::*;
-        // SAFETY: every processor of this architecture has SSE2; four words are as long as its registers.
+impl<V: Vector> Task<V> for Storing<'_, V> {
+    type Output = ();
+
+    /// # Safety
+    /// As [`load`].
+    #[inline(always)]
+    unsafe fn run(self, v: V) {
+        let Self {
+            target,
+            places,
+            sample,
+            mask,
+            words,
+        } = self;
+        let size = target.surface.texel_size_bytes;
+        // SAFETY: the caller's promise: of quads that may be outside in part, texels of the mask's pixels are stored alone.
         unsafe {
-            let (a, b) = (
-                _mm_loadu_si128(a.as_ptr().cast()),
-                _mm_loadu_si128(b.as_ptr().cast()),
-            );
-            let mut both = [[0; 4]; 2];
-            _mm_storeu_si128(both[0].as_mut_ptr().cast(), _mm_unpacklo_epi32(a, b));
-            _mm_storeu_si128(both[1].as_mut_ptr().cast(), _mm_unpackhi_epi32(a, b));
-            both
-        }
-    }
-    #[cfg(not(target_arch = "x86_64"))]
-    [[a[0], b[0], a[1], b[1]], [a[2], b[2], a[3], b[3]]]
-}
-
-/// Texels of two words, two at a time.
-///
-/// # Safety
-/// As [`store`].
-#[inline(always)]
-unsafe fn store_pairs(target: &Target, places: &Places, sample: u32, mask: u16, words: &Words) {
-    for index in 0..4 {
-        let lanes = mask >> (4 * index) & 0xf;
-        if lanes == 0 {
-            continue;
-        }
-        let pairs = interleaved(of_quad(&words[0], index), of_quad(&words[1], index));
-        let halves = halves_of(target, places, index, sample);
-        for half in 0..2 {
-            let [a, b, c, d] = pairs[half];
-            let to = halves[half].cast::<[u32; 2]>();
-            // SAFETY: texels of lanes of the mask, which are in the attachment; `wrapping_add` reaches no others.
-            unsafe {
-                match lanes >> (2 * half) & 3 {
-                    0 => {}
-                    1 => to.write_unaligned([a, b]),
-                    2 => to.wrapping_add(1).write_unaligned([c, d]),
-                    _ => to.cast::<[u32; 4]>().write_unaligned([a, b, c, d]),
-                }
+            if places.pattern == Pattern::Quads || !matches!(size, 4 | 8 | 16) {
+                return store_rows(target, places, sample, mask, &rows_of(v, &words));
+            }
+            let (at, stride) = quads(target, places, sample);
+            let [a, b, ..] = words;
+            match size {
+                4 => v.put_each_quad(a, mask, at, stride),
+                8 => v.put_each_quad_of_pairs([a, b], mask, at, stride),
+                _ => v.put_each_quad_of_fours(words, mask, at, stride),
             }
         }
     }
-}
-
-/// Texels of four words.
-///
-/// # Safety
-/// As [`store`].
-#[inline(always)]
-unsafe fn store_fours(target: &Target, places: &Places, sample: u32, mask: u16, words: &Words) {
-    for index in 0..4 {
-        let lanes = mask >> (4 * index) & 0xf;
-        if lanes == 0 {
-            continue;
-        }
-        // Two steps: the first words with the third ones, the second with the fourth.
-        let [a, b] = interleaved(of_quad(&words[0], index), of_quad(&words[2], index));
-        let [c, d] = interleaved(of_quad(&words[1], index), of_quad(&words[3], index));
-        let ([first, second], [third, fourth]) = (interleaved(a, c), interleaved(b, d));
-        let texels = [first, second, third, fourth];
-        let halves = halves_of(target, places, index, sample);
-        for lane in 0..4 {
-            let to = halves[lane / 2].cast::<[u32; 4]>();
-            if lanes >> lane & 1 != 0 {
-                // SAFETY: as for pairs.
-                unsafe { to.wrapping_add(lane % 2).write_unaligned(texels[lane]) };
-            }
-        }
-    }
-}
-
-/// Texels of one word of quads that lie anywhere. Not compiled for the vectors, whose lanes would be taken apart ahead of loops that seldom come here.
-///
-/// # Safety
-/// As [`load`].
-#[inline(never)]
-unsafe fn store_quads(target: &Target, places: &Places, sample: u32, mask: u16, words: &Row) {
-    let words = [*words, [0; 16], [0; 16], [0; 16]];
-    // SAFETY: the caller's promise.
-    unsafe { store_as::<u32>(target, places, sample, mask, &words) };
 }
 
 /// # Safety
@@ -501,9 +494,10 @@ unsafe fn store_rows(target: &Target, places: &Places, sample: u32, mask: u16, w
         match target.surface.texel_size_bytes {
             1 => store_as::<u8>(target, places, sample, mask, words),
             2 => store_as::<u16>(target, places, sample, mask, words),
-            8 => store_pairs(target, places, sample, mask, words),
+            4 => store_as::<u32>(target, places, sample, mask, words),
+            8 => store_as::<[u32; 2]>(target, places, sample, mask, words),
             12 => store_as::<[u32; 3]>(target, places, sample, mask, words),
-            16 => store_fours(target, places, sample, mask, words),
+            16 => store_as::<[u32; 4]>(target, places, sample, mask, words),
             _ => {}
         }
     }

@@ -467,3 +467,102 @@ fn pairs_of_words_are_quads_of_four_rows() {
         in_every_tier(&mut Pairs { stride });
     }
 }
+
+/// Loads numbers of 16 bits as quads, and stores them elsewhere.
+struct Shorts {
+    stride: usize,
+}
+
+impl Case for Shorts {
+    #[inline(always)]
+    unsafe fn run<V: Vector>(&mut self, v: V) {
+        let from: Vec<u8> = (0..3 * self.stride + 8)
+            .map(|i| (255 - i * 7 % 251) as u8)
+            .collect();
+        let mut to = vec![0; from.len()];
+        let mut shorts = [0; 16];
+        // SAFETY: four rows of eight bytes are in the memory.
+        unsafe {
+            let words = v.load_quads_of_shorts(from.as_ptr(), self.stride);
+            v.store_i(words, &mut shorts);
+            // What the upper halves hold is not stored.
+            let words = v.or_i(words, v.splat_i(-0x10000));
+            v.store_quads_of_shorts(words, to.as_mut_ptr(), self.stride);
+        }
+        for lane in 0..16 {
+            let column = lane & 1 | lane >> 1 & 2;
+            let row = lane >> 1 & 1 | lane >> 2 & 2;
+            let at = row * self.stride + 2 * column;
+            let short = u16::from_le_bytes(from[at..at + 2].try_into().unwrap());
+            assert_eq!(shorts[lane], u32::from(short));
+        }
+        for row in 0..4 {
+            let row = row * self.stride..row * self.stride + 8;
+            assert_eq!(from[row.clone()], to[row]);
+        }
+    }
+}
+
+#[test]
+fn shorts_are_quads_of_four_rows() {
+    for stride in [8, 10, 129] {
+        in_every_tier(&mut Shorts { stride });
+    }
+}
+
+/// Puts texels of so many words to quads anywhere.
+struct EachQuad {
+    words: usize,
+    mask: u16,
+}
+
+impl Case for EachQuad {
+    #[inline(always)]
+    unsafe fn run<V: Vector>(&mut self, v: V) {
+        let (stride, size) = (149, 4 * self.words);
+        let before: Vec<u8> = (0..4 * stride).map(|i| (i * 7 % 251) as u8).collect();
+        let starts = [5, 2 * stride + 70, 71, 2 * stride + 1];
+        let mut after = before.clone();
+        let rows: [[u32; 16]; 4] = std::array::from_fn(|index| {
+            std::array::from_fn(|lane| 0x8765_0000 + 0x100 * index as u32 + lane as u32)
+        });
+        let texels = [0, 1, 2, 3].map(|index| v.load_i(&rows[index]));
+        let mut loaded = [0; 16];
+        // SAFETY: from all four places on two rows of 32 bytes are in the memory.
+        unsafe {
+            let at = starts.map(|start| after.as_mut_ptr().add(start));
+            match self.words {
+                1 => v.put_each_quad(texels[0], self.mask, at, stride),
+                2 => v.put_each_quad_of_pairs([texels[0], texels[1]], self.mask, at, stride),
+                _ => v.put_each_quad_of_fours(texels, self.mask, at, stride),
+            }
+            let at = at.map(|at| at.cast_const());
+            v.store_i(v.load_each_quad(at, stride), &mut loaded);
+        }
+        let mut expected = before;
+        for lane in 0..16 {
+            let at = starts[lane / 4] + lane / 2 % 2 * stride + lane % 2 * size;
+            if self.mask >> lane & 1 != 0 {
+                for index in 0..self.words {
+                    let place = at + 4 * index..at + 4 * index + 4;
+                    expected[place].copy_from_slice(&rows[index][lane].to_le_bytes());
+                }
+            }
+        }
+        assert_eq!(after, expected);
+        for lane in 0..16 {
+            let at = starts[lane / 4] + lane / 2 % 2 * stride + lane % 2 * 4;
+            let word = u32::from_le_bytes(expected[at..at + 4].try_into().unwrap());
+            assert_eq!(loaded[lane], word);
+        }
+    }
+}
+
+#[test]
+fn texels_of_masks_are_put_to_quads_anywhere() {
+    for words in [1, 2, 4] {
+        for mask in [0, 0xffff, 0x8421, 0x1248, 0x7bde, 0xf00f, 0x0550] {
+            in_every_tier(&mut EachQuad { words, mask });
+        }
+    }
+}

@@ -323,6 +323,86 @@ impl Vector for Avx2 {
         }
     }
     #[inline(always)]
+    unsafe fn load_quads_of_shorts(self, at: *const u8, stride_bytes: usize) -> I {
+        // SAFETY: the token, and the caller's promise.
+        unsafe {
+            let [upper, lower] = quads_of_shorts(at, stride_bytes);
+            [_mm256_cvtepu16_epi32(upper), _mm256_cvtepu16_epi32(lower)]
+        }
+    }
+    #[inline(always)]
+    unsafe fn store_quads_of_shorts(self, a: I, at: *mut u8, stride_bytes: usize) {
+        for half in 0..2 {
+            // SAFETY: the token, and the caller's promise.
+            unsafe {
+                let words = _mm256_and_si256(a[half], _mm256_set1_epi32(0xffff));
+                let (first, second) = (
+                    _mm256_castsi256_si128(words),
+                    _mm256_extracti128_si256::<1>(words),
+                );
+                let shorts = _mm_packus_epi32(first, second);
+                put_quads_of_shorts(shorts, at.add(2 * half * stride_bytes), stride_bytes);
+            }
+        }
+    }
+    #[inline(always)]
+    unsafe fn load_each_quad(self, at: [*const u8; 4], stride_bytes: usize) -> I {
+        // SAFETY: the token, and the caller's promise.
+        unsafe {
+            let [a, b, c, d] = [
+                quad_at(at[0], stride_bytes),
+                quad_at(at[1], stride_bytes),
+                quad_at(at[2], stride_bytes),
+                quad_at(at[3], stride_bytes),
+            ];
+            [_mm256_set_m128i(b, a), _mm256_set_m128i(d, c)]
+        }
+    }
+    #[inline(always)]
+    unsafe fn put_each_quad(self, a: I, mask: u16, at: [*mut u8; 4], stride_bytes: usize) {
+        // SAFETY: the token, and the caller's promise.
+        unsafe {
+            let parts = parts(a);
+            for quad in 0..4 {
+                put_quad(parts[quad], mask >> (4 * quad), at[quad], stride_bytes);
+            }
+        }
+    }
+    #[inline(always)]
+    unsafe fn put_each_quad_of_pairs(
+        self,
+        [a, b]: [I; 2],
+        mask: u16,
+        at: [*mut u8; 4],
+        stride_bytes: usize,
+    ) {
+        // SAFETY: the token, and the caller's promise.
+        unsafe {
+            let (a, b) = (parts(a), parts(b));
+            for quad in 0..4 {
+                let pairs = [a[quad], b[quad]];
+                put_quad_of_pairs(pairs, mask >> (4 * quad), at[quad], stride_bytes);
+            }
+        }
+    }
+    #[inline(always)]
+    unsafe fn put_each_quad_of_fours(
+        self,
+        [a, b, c, d]: [I; 4],
+        mask: u16,
+        at: [*mut u8; 4],
+        stride_bytes: usize,
+    ) {
+        // SAFETY: the token, and the caller's promise.
+        unsafe {
+            let (a, b, c, d) = (parts(a), parts(b), parts(c), parts(d));
+            for quad in 0..4 {
+                let fours = [a[quad], b[quad], c[quad], d[quad]];
+                put_quad_of_fours(fours, mask >> (4 * quad), at[quad], stride_bytes);
+            }
+        }
+    }
+    #[inline(always)]
     unsafe fn load_quads_of_pairs(self, at: *const u8, stride_bytes: usize) -> (I, I) {
         // SAFETY: the token, and the caller's promise.
         unsafe {
@@ -408,6 +488,164 @@ impl Vector for Avx2 {
         }
         // SAFETY: the token says that the machine has the features; for the rest, the caller's promise.
         unsafe { run(self, task) }
+    }
+}
+
+/// Four rows of four numbers of 16 bits as two quads and two more.
+///
+/// # Safety
+/// The machine has AVX2, and eight bytes are readable at `at` and 1 to 3 strides behind it.
+#[inline(always)]
+pub(super) unsafe fn quads_of_shorts(at: *const u8, stride_bytes: usize) -> [__m128i; 2] {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let (second, third) = (at.add(stride_bytes), at.add(2 * stride_bytes));
+        let fourth = at.add(3 * stride_bytes);
+        [
+            _mm_unpacklo_epi32(_mm_loadl_epi64(at.cast()), _mm_loadl_epi64(second.cast())),
+            _mm_unpacklo_epi32(
+                _mm_loadl_epi64(third.cast()),
+                _mm_loadl_epi64(fourth.cast()),
+            ),
+        ]
+    }
+}
+
+/// Stores two quads of numbers of 16 bits as two rows of four.
+///
+/// # Safety
+/// The machine has AVX2, and eight bytes are writable at `at` and a stride behind it.
+#[inline(always)]
+pub(super) unsafe fn put_quads_of_shorts(quads: __m128i, at: *mut u8, stride_bytes: usize) {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let rows = _mm_shuffle_epi32::<0b11_01_10_00>(quads);
+        _mm_storel_epi64(at.cast(), rows);
+        _mm_storel_epi64(at.add(stride_bytes).cast(), _mm_unpackhi_epi64(rows, rows));
+    }
+}
+
+/// The words of a quad whose rows lie apart.
+///
+/// # Safety
+/// The machine has AVX2, and eight bytes are readable at `at` and a stride behind it.
+#[inline(always)]
+pub(super) unsafe fn quad_at(at: *const u8, stride_bytes: usize) -> __m128i {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let lower = _mm_loadl_epi64(at.add(stride_bytes).cast());
+        _mm_unpacklo_epi64(_mm_loadl_epi64(at.cast()), lower)
+    }
+}
+
+/// By lanes of a quad: ones in their words.
+static LANES: [[u32; 4]; 16] = {
+    let mut lanes = [[0; 4]; 16];
+    let mut bits = 0;
+    while bits < 64 {
+        if (bits / 4) >> (bits % 4) & 1 != 0 {
+            lanes[bits / 4][bits % 4] = u32::MAX;
+        }
+        bits += 1;
+    }
+    lanes
+};
+
+/// Stores words of the lanes in the lowest bits of a mask to a quad whose rows lie apart.
+///
+/// # Safety
+/// The machine has AVX2, and eight bytes are writable at `at` and a stride behind it.
+#[inline(always)]
+pub(super) unsafe fn put_quad(words: __m128i, lanes: u16, at: *mut u8, stride_bytes: usize) {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let lanes = _mm_loadu_si128(LANES[usize::from(lanes & 0xf)].as_ptr().cast());
+        let new = _mm_blendv_epi8(quad_at(at, stride_bytes), words, lanes);
+        _mm_storel_epi64(at.cast(), new);
+        _mm_storel_epi64(at.add(stride_bytes).cast(), _mm_unpackhi_epi64(new, new));
+    }
+}
+
+/// As [`put_quad`], of pairs of words.
+///
+/// # Safety
+/// The machine has AVX2, and sixteen bytes are writable at `at` and a stride behind it.
+#[inline(always)]
+pub(super) unsafe fn put_quad_of_pairs(
+    [a, b]: [__m128i; 2],
+    lanes: u16,
+    at: *mut u8,
+    stride_bytes: usize,
+) {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let lanes = _mm_loadu_si128(LANES[usize::from(lanes & 0xf)].as_ptr().cast());
+        let (first, second) = (at.cast(), at.add(stride_bytes).cast());
+        let upper = _mm_blendv_epi8(
+            _mm_loadu_si128(first),
+            _mm_unpacklo_epi32(a, b),
+            _mm_unpacklo_epi32(lanes, lanes),
+        );
+        let lower = _mm_blendv_epi8(
+            _mm_loadu_si128(second),
+            _mm_unpackhi_epi32(a, b),
+            _mm_unpackhi_epi32(lanes, lanes),
+        );
+        _mm_storeu_si128(first, upper);
+        _mm_storeu_si128(second, lower);
+    }
+}
+
+/// As [`put_quad`], of four words.
+///
+/// # Safety
+/// The machine has AVX2, and 32 bytes are writable at `at` and a stride behind it.
+#[inline(always)]
+pub(super) unsafe fn put_quad_of_fours(
+    [a, b, c, d]: [__m128i; 4],
+    lanes: u16,
+    at: *mut u8,
+    stride_bytes: usize,
+) {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let lanes = _mm_loadu_si128(LANES[usize::from(lanes & 0xf)].as_ptr().cast());
+        let (first, second) = (at.cast::<__m256i>(), at.add(stride_bytes).cast::<__m256i>());
+        let ((ac, bd), (ac_high, bd_high)) = (
+            (_mm_unpacklo_epi32(a, c), _mm_unpacklo_epi32(b, d)),
+            (_mm_unpackhi_epi32(a, c), _mm_unpackhi_epi32(b, d)),
+        );
+        let upper = _mm256_set_m128i(_mm_unpackhi_epi32(ac, bd), _mm_unpacklo_epi32(ac, bd));
+        let lower = _mm256_set_m128i(
+            _mm_unpackhi_epi32(ac_high, bd_high),
+            _mm_unpacklo_epi32(ac_high, bd_high),
+        );
+        let lanes = _mm256_castsi128_si256(lanes);
+        let in_upper =
+            _mm256_permutevar8x32_epi32(lanes, _mm256_setr_epi32(0, 0, 0, 0, 1, 1, 1, 1));
+        let in_lower =
+            _mm256_permutevar8x32_epi32(lanes, _mm256_setr_epi32(2, 2, 2, 2, 3, 3, 3, 3));
+        let upper = _mm256_blendv_epi8(_mm256_loadu_si256(first), upper, in_upper);
+        let lower = _mm256_blendv_epi8(_mm256_loadu_si256(second), lower, in_lower);
+        _mm256_storeu_si256(first, upper);
+        _mm256_storeu_si256(second, lower);
+    }
+}
+
+/// The quarters of sixteen words.
+///
+/// # Safety
+/// The machine has AVX2.
+#[inline(always)]
+unsafe fn parts([upper, lower]: I) -> [__m128i; 4] {
+    // SAFETY: the caller's promise.
+    unsafe {
+        [
+            _mm256_castsi256_si128(upper),
+            _mm256_extracti128_si256::<1>(upper),
+            _mm256_castsi256_si128(lower),
+            _mm256_extracti128_si256::<1>(lower),
+        ]
     }
 }
 

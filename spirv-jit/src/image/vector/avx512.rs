@@ -4,7 +4,10 @@ use std::arch::x86_64::*;
 
 use lanes::has_byte_permutes;
 
-use super::avx2::half_of_pairs;
+use super::avx2::{
+    half_of_pairs, put_quad, put_quad_of_fours, put_quad_of_pairs, put_quads_of_shorts, quad_at,
+    quads_of_shorts,
+};
 use super::{Task, Vector, gathered_srgb};
 use crate::eval::quad;
 use crate::image::format::srgb::LINEAR;
@@ -157,6 +160,87 @@ impl Vector for Avx512 {
             _mm_storeu_si128(second.cast(), _mm512_extracti32x4_epi32::<1>(rows));
             _mm_storeu_si128(third.cast(), _mm512_extracti32x4_epi32::<2>(rows));
             _mm_storeu_si128(fourth.cast(), _mm512_extracti32x4_epi32::<3>(rows));
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn load_quads_of_shorts(self, at: *const u8, stride_bytes: usize) -> I {
+        // SAFETY: the token, and the caller's promise.
+        unsafe {
+            let [upper, lower] = quads_of_shorts(at, stride_bytes);
+            _mm512_cvtepu16_epi32(_mm256_set_m128i(lower, upper))
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn store_quads_of_shorts(self, a: I, at: *mut u8, stride_bytes: usize) {
+        // SAFETY: the token, and the caller's promise.
+        unsafe {
+            let shorts = _mm512_cvtepi32_epi16(a);
+            let (upper, lower) = (
+                _mm256_castsi256_si128(shorts),
+                _mm256_extracti128_si256::<1>(shorts),
+            );
+            put_quads_of_shorts(upper, at, stride_bytes);
+            put_quads_of_shorts(lower, at.add(2 * stride_bytes), stride_bytes);
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn load_each_quad(self, at: [*const u8; 4], stride_bytes: usize) -> I {
+        // SAFETY: the token, and the caller's promise.
+        unsafe {
+            let rows = _mm512_castsi128_si512(quad_at(at[0], stride_bytes));
+            let rows = _mm512_inserti32x4::<1>(rows, quad_at(at[1], stride_bytes));
+            let rows = _mm512_inserti32x4::<2>(rows, quad_at(at[2], stride_bytes));
+            _mm512_inserti32x4::<3>(rows, quad_at(at[3], stride_bytes))
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn put_each_quad(self, a: I, mask: u16, at: [*mut u8; 4], stride_bytes: usize) {
+        // SAFETY: the token, and the caller's promise.
+        unsafe {
+            let parts = parts(a);
+            for quad in 0..4 {
+                put_quad(parts[quad], mask >> (4 * quad), at[quad], stride_bytes);
+            }
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn put_each_quad_of_pairs(
+        self,
+        [a, b]: [I; 2],
+        mask: u16,
+        at: [*mut u8; 4],
+        stride_bytes: usize,
+    ) {
+        // SAFETY: the token, and the caller's promise.
+        unsafe {
+            let (a, b) = (parts(a), parts(b));
+            for quad in 0..4 {
+                let pairs = [a[quad], b[quad]];
+                put_quad_of_pairs(pairs, mask >> (4 * quad), at[quad], stride_bytes);
+            }
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn put_each_quad_of_fours(
+        self,
+        [a, b, c, d]: [I; 4],
+        mask: u16,
+        at: [*mut u8; 4],
+        stride_bytes: usize,
+    ) {
+        // SAFETY: the token, and the caller's promise.
+        unsafe {
+            let (a, b, c, d) = (parts(a), parts(b), parts(c), parts(d));
+            for quad in 0..4 {
+                let fours = [a[quad], b[quad], c[quad], d[quad]];
+                put_quad_of_fours(fours, mask >> (4 * quad), at[quad], stride_bytes);
+            }
         }
     }
 
@@ -359,5 +443,22 @@ unsafe fn every_fourth(base: *const u8, places: &Row, lane: usize) -> I {
         let low = _mm256_inserti128_si256::<1>(_mm256_castsi128_si256(first), second);
         let high = _mm256_inserti128_si256::<1>(_mm256_castsi128_si256(third), fourth);
         _mm512_inserti64x4::<1>(_mm512_castsi256_si512(low), high)
+    }
+}
+
+/// The quarters of a register.
+///
+/// # Safety
+/// The machine has AVX-512.
+#[inline(always)]
+unsafe fn parts(a: I) -> [__m128i; 4] {
+    // SAFETY: the caller's promise.
+    unsafe {
+        [
+            _mm512_castsi512_si128(a),
+            _mm512_extracti32x4_epi32::<1>(a),
+            _mm512_extracti32x4_epi32::<2>(a),
+            _mm512_extracti32x4_epi32::<3>(a),
+        ]
     }
 }

@@ -186,6 +186,55 @@ pub trait Vector: Copy {
     /// Sixteen bytes are writable at `at` and 1 to 3 strides behind it.
     unsafe fn store_quads(self, a: Self::I, at: *mut u8, stride_bytes: usize);
 
+    /// As [`Self::load_quads`], of numbers of 16 bits.
+    ///
+    /// # Safety
+    /// Eight bytes are readable at `at` and 1 to 3 strides behind it.
+    unsafe fn load_quads_of_shorts(self, at: *const u8, stride_bytes: usize) -> Self::I;
+
+    /// Stores the low 16 bits of words where [`Self::load_quads_of_shorts`] loads them.
+    ///
+    /// # Safety
+    /// Eight bytes are writable at `at` and 1 to 3 strides behind it.
+    unsafe fn store_quads_of_shorts(self, a: Self::I, at: *mut u8, stride_bytes: usize);
+
+    /// The words of four quads, from the first bytes of their first rows on.
+    ///
+    /// # Safety
+    /// Eight bytes are readable at each place and a stride behind it.
+    unsafe fn load_each_quad(self, at: [*const u8; 4], stride_bytes: usize) -> Self::I;
+
+    /// Stores the words of the mask's lanes where [`Self::load_each_quad`] loads them, and what is there in the other lanes' places: without
+    /// branches, which would be foretold wrong.
+    ///
+    /// # Safety
+    /// Eight bytes are readable and writable at each place and a stride behind it.
+    unsafe fn put_each_quad(self, a: Self::I, mask: u16, at: [*mut u8; 4], stride_bytes: usize);
+
+    /// As [`Self::put_each_quad`], of pairs of words.
+    ///
+    /// # Safety
+    /// Sixteen bytes are readable and writable at each place and a stride behind it.
+    unsafe fn put_each_quad_of_pairs(
+        self,
+        pairs: [Self::I; 2],
+        mask: u16,
+        at: [*mut u8; 4],
+        stride_bytes: usize,
+    );
+
+    /// As [`Self::put_each_quad`], of four words.
+    ///
+    /// # Safety
+    /// 32 bytes are readable and writable at each place and a stride behind it.
+    unsafe fn put_each_quad_of_fours(
+        self,
+        fours: [Self::I; 4],
+        mask: u16,
+        at: [*mut u8; 4],
+        stride_bytes: usize,
+    );
+
     /// As [`Self::load_quads`], of pairs of words: the first ones, and the second ones.
     ///
     /// # Safety

@@ -277,6 +277,68 @@ impl Vector for Portable {
         }
     }
     #[inline(always)]
+    unsafe fn load_quads_of_shorts(self, at: *const u8, stride_bytes: usize) -> I {
+        let mut out = [0; SUBGROUP_SIZE];
+        for lane in 0..SUBGROUP_SIZE {
+            let (column, row) = (QUADS[0][lane] as usize, QUADS[1][lane] as usize);
+            // SAFETY: the caller's promise.
+            let short = unsafe {
+                let row = at.add(row * stride_bytes).cast::<u16>();
+                row.add(column).read_unaligned()
+            };
+            out[lane] = short.into();
+        }
+        out
+    }
+    #[inline(always)]
+    unsafe fn store_quads_of_shorts(self, a: I, at: *mut u8, stride_bytes: usize) {
+        for lane in 0..SUBGROUP_SIZE {
+            let (column, row) = (QUADS[0][lane] as usize, QUADS[1][lane] as usize);
+            // SAFETY: the caller's promise.
+            unsafe {
+                let row = at.add(row * stride_bytes).cast::<u16>();
+                row.add(column).write_unaligned(a[lane] as u16);
+            }
+        }
+    }
+    #[inline(always)]
+    unsafe fn load_each_quad(self, at: [*const u8; 4], stride_bytes: usize) -> I {
+        let mut out = [0; SUBGROUP_SIZE];
+        for lane in 0..SUBGROUP_SIZE {
+            let row = at[lane / 4].wrapping_add(lane / 2 % 2 * stride_bytes);
+            // SAFETY: the caller's promise.
+            out[lane] = unsafe { row.cast::<i32>().add(lane % 2).read_unaligned() };
+        }
+        out
+    }
+    #[inline(always)]
+    unsafe fn put_each_quad(self, a: I, mask: u16, at: [*mut u8; 4], stride_bytes: usize) {
+        // SAFETY: the caller's promise.
+        unsafe { put_each(&[a], mask, at, stride_bytes) };
+    }
+    #[inline(always)]
+    unsafe fn put_each_quad_of_pairs(
+        self,
+        pairs: [I; 2],
+        mask: u16,
+        at: [*mut u8; 4],
+        stride_bytes: usize,
+    ) {
+        // SAFETY: the caller's promise.
+        unsafe { put_each(&pairs, mask, at, stride_bytes) };
+    }
+    #[inline(always)]
+    unsafe fn put_each_quad_of_fours(
+        self,
+        fours: [I; 4],
+        mask: u16,
+        at: [*mut u8; 4],
+        stride_bytes: usize,
+    ) {
+        // SAFETY: the caller's promise.
+        unsafe { put_each(&fours, mask, at, stride_bytes) };
+    }
+    #[inline(always)]
     unsafe fn load_quads_of_pairs(self, at: *const u8, stride_bytes: usize) -> (I, I) {
         let (mut a, mut b) = ([0; SUBGROUP_SIZE], [0; SUBGROUP_SIZE]);
         for lane in 0..SUBGROUP_SIZE {
@@ -349,5 +411,23 @@ impl Vector for Portable {
     unsafe fn apart<T: Task<Self>>(self, task: T) -> T::Output {
         // SAFETY: the caller's promise.
         unsafe { task.run(self) }
+    }
+}
+
+/// Stores texels of so many words of a mask's lanes to quads anywhere.
+///
+/// # Safety
+/// Two texels are writable at each place and a stride behind it.
+unsafe fn put_each(words: &[I], mask: u16, at: [*mut u8; 4], stride_bytes: usize) {
+    for lane in 0..SUBGROUP_SIZE {
+        if mask >> lane & 1 == 0 {
+            continue;
+        }
+        let row = at[lane / 4].wrapping_add(lane / 2 % 2 * stride_bytes);
+        for (index, word) in words.iter().enumerate() {
+            let place = lane % 2 * words.len() + index;
+            // SAFETY: the caller's promise.
+            unsafe { row.cast::<i32>().add(place).write_unaligned(word[lane]) };
+        }
     }
 }
