@@ -110,6 +110,17 @@ fn slope(fill: &Fill) -> Option<Slope> {
     })
 }
 
+/// Whether coverage decides what a row is.
+fn sees_coverage(fill: &Fill) -> bool {
+    match fill {
+        Fill::Varying(_, weights) | Fill::Barycentric(_, weights) => {
+            weights.position == Position::Centroid
+        }
+        Fill::SampleMask => true,
+        _ => false,
+    }
+}
+
 /// By row of inputs, of a varying: its value at a primitive's first vertex, and the differences of the others.
 pub type Steps = SmallVec<[[f32; 3]; 16]>;
 
@@ -184,6 +195,11 @@ impl Inputs {
             fills,
             ..*self
         }
+    }
+
+    /// Whether coverage decides what rows are.
+    pub fn see_coverage(&self) -> bool {
+        self.fills.iter().any(sees_coverage)
     }
 
     /// What the rows are for the fragments of one primitive; none where that depends on more than pixels' centres.

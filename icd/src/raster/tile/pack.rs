@@ -30,7 +30,7 @@ pub struct Pack {
     pub sample: [u8; 4],
     /// By sample: lanes whose sample is covered, and passed the tests if those were early.
     pub masks: [u16; MAX_SAMPLES],
-    /// The same before the tests, of all samples: what the program sees (`SampleMask`, `Centroid`).
+    /// Of all samples, what the program sees of them, if it does: before the tests (`SampleMask`, `Centroid`).
     pub coverage: [u16; MAX_SAMPLES],
     /// A bit a quad that is there.
     pub quads: u32,

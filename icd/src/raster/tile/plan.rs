@@ -49,8 +49,8 @@ pub struct Fragment<'a> {
     pub per_sample: bool,
     /// A fragment sees what earlier ones at its pixel left: they never run side by side.
     pub is_serial: bool,
-    /// It sees coverage as the early tests left it (`PostDepthCoverage`).
-    pub sees_tests: bool,
+    /// It sees coverage as it was before the early tests (without `PostDepthCoverage`).
+    pub sees_coverage: bool,
     /// Subgroups of a wave.
     pub subgroups: usize,
 }
@@ -99,10 +99,10 @@ impl<'a> Plan<'a> {
             .and_then(|(tinted, inputs)| Sampled::new(tinted, inputs, &output));
         let program = fragment.zip(inputs).map(|(program, inputs)| Fragment {
             program,
-            inputs,
             per_sample: per_sample && samples > 1,
             is_serial: facts.reads_attachments || facts.interlock.is_some(),
-            sees_tests: facts.post_depth_coverage,
+            sees_coverage: inputs.see_coverage() && !facts.post_depth_coverage,
+            inputs,
             subgroups: program.max_wave_subgroups().clamp(1, 32),
         });
         Self {

@@ -370,7 +370,9 @@ impl<'a> Visit<'a> {
         let mut coverage = std::mem::take(&mut self.worker.coverage);
         coverage.clear();
         if plan.order != Order::Late && !plan.tests.is_empty() {
-            coverage.extend(blocks.iter().map(|block| block.masks));
+            if fragment.sees_coverage {
+                coverage.extend(blocks.iter().map(|block| block.masks));
+            }
             let (corner, area) = ([self.bounds.left, self.bounds.top], &self.round.area);
             // SAFETY: as for direct fragments.
             unsafe { test_blocks(self.round.tier, plan, record, corner, area, blocks) };
@@ -385,10 +387,7 @@ impl<'a> Visit<'a> {
                 continue;
             }
             // Before the tests, if there were any.
-            let coverage = match coverage.get(index) {
-                Some(before) if !fragment.sees_tests => before,
-                _ => &block.masks,
-            };
+            let coverage = coverage.get(index).unwrap_or(&block.masks);
             let found = Found {
                 origin,
                 place: block.place([self.bounds.left, self.bounds.top]),
