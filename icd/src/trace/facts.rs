@@ -167,6 +167,7 @@ impl Told {
 
     /// Writes a word of a fact that structures tell, of the same subjects each time; zeros of any
     /// other.
+    #[inline(always)]
     pub fn write_row(
         &self,
         subjects: &impl Subjects,

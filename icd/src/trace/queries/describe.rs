@@ -1,6 +1,6 @@
 //! What getters read: words about a candidate or a committed hit.
 
-use lanes::LaneMask;
+use lanes::{LaneMask, Tier};
 use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::facts::Fact;
 use spirv_jit::program::{AlignedRow, Row};
@@ -8,12 +8,13 @@ use spirv_jit::query::{QueryWord, row};
 use traversal::{Hit, HitRows};
 
 use super::super::facts::{Lanes, Subjects, Take, Told, take};
-use super::super::lanes::copy_lanes;
+use super::super::lanes::put_lanes;
 use super::{floats, structures};
 use crate::wave::Limits;
 
 /// Writes what getters read of the candidates of lanes.
 pub(super) fn describe_candidates(
+    tier: Tier,
     candidates: &HitRows,
     lanes: LaneMask,
     object: &mut [AlignedRow],
@@ -21,11 +22,14 @@ pub(super) fn describe_candidates(
     limits: &Limits,
 ) {
     let (words, _) = split(words);
-    describe(candidates, lanes, object, (words, 0), limits);
+    if !lanes.is_empty() && !words.is_empty() {
+        describe(tier, candidates, lanes, object, words, 0, limits);
+    }
 }
 
 /// Writes what getters read of the hits that lanes have committed, those that have.
 pub(super) fn describe_committed(
+    tier: Tier,
     hits: &HitRows,
     lanes: LaneMask,
     object: &mut [AlignedRow],
@@ -33,38 +37,48 @@ pub(super) fn describe_committed(
     limits: &Limits,
 ) {
     let (before, words) = split(words);
-    let words = (words, before.len());
-    describe(hits, lanes & hits.found, object, words, limits);
+    let lanes = lanes & hits.found;
+    if !lanes.is_empty() && !words.is_empty() {
+        describe(tier, hits, lanes, object, words, before.len(), limits);
+    }
 }
 
-/// Writes words of an object, which begin at `at`, a row at a time.
-fn describe(
-    hits: &HitRows,
-    lanes: LaneMask,
-    object: &mut [AlignedRow],
-    (words, at): (&[QueryWord], usize),
-    limits: &Limits,
-) {
-    if lanes.is_empty() || words.is_empty() {
-        return;
-    }
-    let (rays, to) = object.split_at_mut(row::WORDS);
-    let (rows, told) = (Rows { rays, hits, lanes }, Told::default());
-    for (to, word) in to[at..].iter_mut().zip(words) {
-        let (fact, component) = (word.fact, word.component as usize);
-        let from = match fact {
-            Fact::IntersectionType => type_of(hits, word.committed),
-            _ => take(fact, component, &rows)
-                .unwrap_or_else(|| told.row(&rows, limits, fact, component)),
-        };
-        copy_lanes(&mut to.0, &from, lanes);
+spirv_jit::vectors! {
+    /// Writes words of an object, which begin at `at`, a row at a time.
+    fn describe<V>(
+        v,
+        hits: &HitRows,
+        lanes: LaneMask,
+        object: &mut [AlignedRow],
+        words: &[QueryWord],
+        at: usize,
+        limits: &Limits,
+    ) {
+        let (rays, to) = object.split_at_mut(row::WORDS);
+        let (rows, told) = (Rows { rays, hits, lanes }, Told::default());
+        for (to, word) in to[at..].iter_mut().zip(words) {
+            let (fact, component) = (word.fact, word.component as usize);
+            let mut from = [0; SUBGROUP_SIZE];
+            if fact == Fact::IntersectionType {
+                from = type_of(hits, word.committed);
+            } else if let Some(row) = take(fact, component, &rows) {
+                from = row;
+            } else {
+                told.write_row(&rows, limits, fact, component, &mut from);
+            }
+            put_lanes(v, &mut to.0, &from, lanes);
+        }
     }
 }
 
 /// `OpRayQueryGetIntersectionTypeKHR`: of candidates 0 for triangles and 1 for boxes; of committed hits, one more.
+#[inline(always)]
 fn type_of(hits: &HitRows, committed: bool) -> Row {
-    let types = |lane| u32::from(!hits.is_built_in(lane)) + u32::from(committed);
-    std::array::from_fn(types)
+    let mut row = [u32::from(committed); SUBGROUP_SIZE];
+    for lane in 0..SUBGROUP_SIZE {
+        row[lane] += u32::from(!hits.is_built_in(lane));
+    }
+    row
 }
 
 /// The words about candidates, and those about committed hits.
@@ -88,8 +102,13 @@ struct Rows<'a> {
 impl Take for &Rows<'_> {
     type Taken = Row;
 
+    #[inline(always)]
     fn take(self, rows: impl Fn(&HitRows, usize) -> u32, _: impl Fn(&Hit) -> u32) -> Row {
-        std::array::from_fn(|lane| rows(self.hits, lane))
+        let mut row = [0; SUBGROUP_SIZE];
+        for lane in 0..SUBGROUP_SIZE {
+            row[lane] = rows(self.hits, lane);
+        }
+        row
     }
 }
 

@@ -7,27 +7,37 @@
 mod describe;
 mod waiting;
 
-use lanes::LaneMask;
+use lanes::{LaneMask, Tier};
 use spirv_jit::Program;
 use spirv_jit::program::AlignedRow;
 use spirv_jit::query::{row, state};
 use traversal::{Flight, Flights, RayRows, Start, Walker, ray_flags};
 
 use super::facts::Lanes;
-use super::lanes::copy_lanes;
+use super::lanes::{holding, put_word};
 use crate::wave::{Limits, Stopped};
 use describe::{describe_candidates, describe_committed, shows_committed};
 pub use waiting::Owned;
 use waiting::Waiting;
 
 /// The ray queries of a worker.
-#[derive(Default)]
 pub struct Queries {
+    tier: Tier,
     waiting: Waiting,
+}
+
+impl Default for Queries {
+    fn default() -> Self {
+        Self {
+            tier: Tier::best(),
+            waiting: Waiting::default(),
+        }
+    }
 }
 
 /// What queries are answered with.
 struct Context<'a> {
+    tier: Tier,
     walker: &'a mut Walker,
     program: &'a Program,
     limits: &'a Limits,
@@ -60,7 +70,9 @@ impl Queries {
         let mask = program.event_mask(rows);
         let first = rows[io].0;
         let private = program.private_rows(rows);
+        let tier = self.tier;
         let mut context = Context {
+            tier,
             walker,
             program,
             limits,
@@ -70,7 +82,7 @@ impl Queries {
         let (mut rest, mut stand) = (mask, LaneMask::NONE);
         while !rest.is_empty() {
             let place = first[rest.first()];
-            let lanes: LaneMask = (rest.iter()).filter(|&lane| first[lane] == place).collect();
+            let lanes = rest & holding(tier, &first, place);
             rest -= lanes;
             let size = row::WORDS + program.query_words().len();
             if let Some(rows) = private.get_mut(place as usize..place as usize + size) {
@@ -78,9 +90,8 @@ impl Queries {
                 stand |= self.proceed_together(&mut context, &mut object, lanes)?;
             }
         }
-        for lane in mask {
-            rows[io].0[lane] = u32::from(stand.contains(lane));
-        }
+        put_word(tier, &mut rows[io].0, 0, mask);
+        put_word(tier, &mut rows[io].0, 1, mask & stand);
         Ok(())
     }
 
@@ -91,7 +102,7 @@ impl Queries {
         object: &mut Object<'_>,
         lanes: LaneMask,
     ) -> Result<LaneMask, Stopped> {
-        let ready = lanes & object.lanes_at(state::READY);
+        let ready = lanes & object.lanes_at(context.tier, state::READY);
         let mut stand = LaneMask::NONE;
         if !ready.is_empty() {
             stand = self.start(context, object, ready)?;
@@ -131,7 +142,7 @@ impl Queries {
         };
         // SAFETY: the memory where the walker looks is there until the dispatch is complete.
         unsafe { context.walker.trace(&[0], &mut one)? };
-        let stand = settle((context.program, context.limits), object, flight, lanes);
+        let stand = settle((context.tier, context.program, context.limits), object, flight, lanes);
         self.waiting.keep(object.first, context.owned)?;
         Ok(stand)
     }
@@ -146,17 +157,17 @@ impl Queries {
         let asked = [state::CANDIDATE, state::CONFIRMED, state::GENERATED];
         let asked = asked
             .iter()
-            .fold(LaneMask::NONE, |asked, &at| asked | object.lanes_at(at));
+            .fold(LaneMask::NONE, |asked, &at| asked | object.lanes_at(context.tier, at));
         let going = lanes & asked;
         let Some(flight) = context.owned.find(object.first) else {
-            object.set_state(going, state::OVER);
+            object.set_state(context.tier, going, state::OVER);
             return Ok(LaneMask::NONE);
         };
         let waiting = flight.candidates().found;
-        object.set_state(going - waiting, state::OVER);
+        object.set_state(context.tier, going - waiting, state::OVER);
         let going = going & waiting;
         flight.hold(waiting - going);
-        decide(flight, object, going);
+        decide(context.tier, flight, object, going);
         let mut one = One {
             flight: &mut *flight,
             rows: object.rows,
@@ -169,7 +180,7 @@ impl Queries {
         };
         // SAFETY: as for their start.
         unsafe { context.walker.resume(&[0], &mut one)? };
-        let stand = settle((context.program, context.limits), object, flight, going);
+        let stand = settle((context.tier, context.program, context.limits), object, flight, going);
         // Also of lanes that are over, which the shader may have ended.
         let over = lanes - stand;
         self.waiting.forget(object.first, over, context.owned);
@@ -202,31 +213,31 @@ impl Queries {
 
 /// Puts down what has become of the rays of queries. Returns which of them stand at a candidate.
 fn settle(
-    (program, limits): (&Program, &Limits),
+    (tier, program, limits): (Tier, &Program, &Limits),
     object: &mut Object<'_>,
     flight: &mut Flight,
     lanes: LaneMask,
 ) -> LaneMask {
     let words = program.query_words();
     flight.update_hits();
-    describe_committed(&flight.hits, lanes, object.rows, words, limits);
+    describe_committed(tier, &flight.hits, lanes, object.rows, words, limits);
     let stand = flight.candidates().found & lanes;
-    describe_candidates(flight.candidates(), stand, object.rows, words, limits);
-    object.set_state(lanes, state::OVER);
+    describe_candidates(tier, flight.candidates(), stand, object.rows, words, limits);
+    object.set_state(tier, lanes, state::OVER);
     if !stand.is_empty() {
-        object.set_state(stand, state::CANDIDATE);
+        object.set_state(tier, stand, state::CANDIDATE);
     }
     stand
 }
 
 /// Applies what the shader has decided about candidates; nonsense counts as nothing.
-fn decide(flight: &mut Flight, object: &Object<'_>, lanes: LaneMask) {
+fn decide(tier: Tier, flight: &mut Flight, object: &Object<'_>, lanes: LaneMask) {
     let built_in = flight.candidates().built_in();
-    let confirmed = object.lanes_at(state::CONFIRMED) & lanes & built_in;
+    let confirmed = object.lanes_at(tier, state::CONFIRMED) & lanes & built_in;
     if !confirmed.is_empty() {
         flight.accept(confirmed);
     }
-    let generated = object.lanes_at(state::GENERATED) & (lanes - built_in);
+    let generated = object.lanes_at(tier, state::GENERATED) & (lanes - built_in);
     if !generated.is_empty() {
         let t = floats(object.rows, row::GENERATED_T);
         let counts = flight.counts(generated, &t);
@@ -304,14 +315,13 @@ fn structures(object: &[AlignedRow]) -> Lanes<u64> {
 impl Object<'_> {
     /// Lanes whose query stands at a state.
     #[inline]
-    fn lanes_at(&self, state: u32) -> LaneMask {
-        let states = &self.rows[row::STATE].0;
-        LaneMask::from_fn(|lane| states[lane] == state)
+    fn lanes_at(&self, tier: Tier, state: u32) -> LaneMask {
+        holding(tier, &self.rows[row::STATE].0, state)
     }
 
     #[inline]
-    fn set_state(&mut self, lanes: LaneMask, state: u32) {
-        copy_lanes(&mut self.rows[row::STATE].0, &[state; _], lanes);
+    fn set_state(&mut self, tier: Tier, lanes: LaneMask, state: u32) {
+        put_word(tier, &mut self.rows[row::STATE].0, state, lanes);
     }
 }
 
