@@ -142,7 +142,12 @@ impl Queries {
         };
         // SAFETY: the memory where the walker looks is there until the dispatch is complete.
         unsafe { context.walker.trace(&[0], &mut one)? };
-        let stand = settle((context.tier, context.program, context.limits), object, flight, lanes);
+        let stand = settle(
+            (context.tier, context.program, context.limits),
+            object,
+            flight,
+            lanes,
+        );
         self.waiting.keep(object.first, context.owned)?;
         Ok(stand)
     }
@@ -155,9 +160,9 @@ impl Queries {
         lanes: LaneMask,
     ) -> Result<LaneMask, Stopped> {
         let asked = [state::CANDIDATE, state::CONFIRMED, state::GENERATED];
-        let asked = asked
-            .iter()
-            .fold(LaneMask::NONE, |asked, &at| asked | object.lanes_at(context.tier, at));
+        let asked = asked.iter().fold(LaneMask::NONE, |asked, &at| {
+            asked | object.lanes_at(context.tier, at)
+        });
         let going = lanes & asked;
         let Some(flight) = context.owned.find(object.first) else {
             object.set_state(context.tier, going, state::OVER);
@@ -180,7 +185,12 @@ impl Queries {
         };
         // SAFETY: as for their start.
         unsafe { context.walker.resume(&[0], &mut one)? };
-        let stand = settle((context.tier, context.program, context.limits), object, flight, going);
+        let stand = settle(
+            (context.tier, context.program, context.limits),
+            object,
+            flight,
+            going,
+        );
         // Also of lanes that are over, which the shader may have ended.
         let over = lanes - stand;
         self.waiting.forget(object.first, over, context.owned);

@@ -55,9 +55,8 @@ pub(super) fn chosen(words: __m256i, mask: u8) -> __m256i {
 /// Puts the words of a mask's lanes down; returns how many those are.
 ///
 /// # Safety
-/// There is room for sixteen. `WIDE`: the machine has AVX-512, and so does the function that this becomes part of.
-#[inline]
-#[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
+/// There is room for sixteen. The machine has AVX2, `WIDE`: AVX-512, and so does the function that this becomes part of.
+#[inline(always)]
 pub(super) unsafe fn put_chosen<const WIDE: bool>(
     place: *mut u32,
     words: [__m256i; 2],
@@ -76,7 +75,7 @@ pub(super) unsafe fn put_chosen<const WIDE: bool>(
         return mask.count_ones();
     }
     let [low, high] = [mask as u8, (mask >> 8) as u8];
-    // SAFETY: the second half begins eight words on at most.
+    // SAFETY: the caller's promise; the second half begins eight words on at most.
     unsafe {
         _mm256_storeu_si256(place.cast(), chosen(words[0], low));
         let place = place.add(low.count_ones() as usize);
@@ -93,7 +92,12 @@ pub(super) unsafe fn put_chosen<const WIDE: bool>(
 #[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
 unsafe fn sixteen(words: *const u32) -> [__m256i; 2] {
     // SAFETY: the caller's promise.
-    unsafe { [0, 8].map(|i| _mm256_loadu_si256(words.add(i).cast())) }
+    unsafe {
+        [
+            _mm256_loadu_si256(words.cast()),
+            _mm256_loadu_si256(words.add(8).cast()),
+        ]
+    }
 }
 
 /// A node's planes, with the opposite sign: near ones and far ones.
@@ -148,90 +152,117 @@ impl Planes {
     }
 }
 
-/// Tests the rays of a list against the children of a node, and makes lists of those that meet each.
+/// [`meet_with`] AVX2.
 ///
 /// # Safety
-/// The machine has the instruction set. There is room for eight lists.
-#[inline]
+/// As there.
 #[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
-pub(super) unsafe fn meet<const ANY: bool, const WIDE: bool>(
+pub(super) unsafe fn meet<const ANY: bool>(
     stream: &mut Stream,
     octant_stack: &mut OctantStack,
     list: &List,
     node: NodeAt<'_>,
 ) {
-    let rows = [0, 1, 2].map(|axis: usize| 2 * axis + (octant_stack.octant >> axis & 1));
-    let planes = Planes::new(node, rows);
-    let all_rays = stream.rays.as_ptr();
-    let count = list.count as usize;
-    // SAFETY: the list is among the words.
-    let here = unsafe { stream.words.as_mut_ptr().add(list.first as usize) };
-    let copy = stream.here.as_mut_ptr();
-    let masks = stream.masks.as_mut_ptr();
+    // SAFETY: the caller's promise.
+    unsafe { meet_with::<ANY, false>(stream, octant_stack, list, node) }
+}
 
-    // Least distances at which children are entered, and which are entered at all.
-    let mut least = _mm256_set1_epi32(-1);
-    let mut all = 0u8;
-    let mut bytes = _mm_setzero_si128();
-    let mut ids = [_mm256_setzero_si256(); 2];
-    let mut block = 0;
-    while block < count {
-        let mut halves = [0u64; 2];
-        let mut at = block;
-        for half in &mut halves {
-            let end = (at + 8).min(count);
-            if at >= end {
-                break;
-            }
-            let shift = 8 * (8 - (end - at)) as u32;
-            let mut eight = 0u64;
-            while at < end {
-                // SAFETY: words of lists are offsets of rays.
-                let ray = unsafe { &*all_rays.byte_add(*here.add(at) as usize) };
-                let (mask, near) = planes.meet(ray);
-                if !ANY {
-                    least = _mm256_min_epu32(least, near);
+/// [`meet_with`] the 32 registers and the masks of AVX-512.
+///
+/// # Safety
+/// As there.
+#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+pub(super) unsafe fn meet_wide<const ANY: bool>(
+    stream: &mut Stream,
+    octant_stack: &mut OctantStack,
+    list: &List,
+    node: NodeAt<'_>,
+) {
+    // SAFETY: the caller's promise.
+    unsafe { meet_with::<ANY, true>(stream, octant_stack, list, node) }
+}
+
+/// Tests the rays of a list against the children of a node, and makes lists of those that meet each.
+///
+/// # Safety
+/// The machine has the instruction set. There is room for eight lists.
+#[inline(always)]
+unsafe fn meet_with<const ANY: bool, const WIDE: bool>(
+    stream: &mut Stream,
+    octant_stack: &mut OctantStack,
+    list: &List,
+    node: NodeAt<'_>,
+) {
+    // SAFETY: the caller's promise; for the rest, see the comments.
+    unsafe {
+        let rows = [0, 1, 2].map(|axis: usize| 2 * axis + (octant_stack.octant >> axis & 1));
+        let planes = Planes::new(node, rows);
+        let all_rays = stream.rays.as_ptr();
+        let count = list.count as usize;
+        // The list is among the words.
+        let here = stream.words.as_mut_ptr().add(list.first as usize);
+        let copy = stream.here.as_mut_ptr();
+        let masks = stream.masks.as_mut_ptr();
+
+        // Least distances at which children are entered, and which are entered at all.
+        let mut least = _mm256_set1_epi32(-1);
+        let mut all = 0u8;
+        let mut bytes = _mm_setzero_si128();
+        let mut ids = [_mm256_setzero_si256(); 2];
+        let mut block = 0;
+        while block < count {
+            let mut halves = [0u64; 2];
+            let mut at = block;
+            for half in &mut halves {
+                let end = (at + 8).min(count);
+                if at >= end {
+                    break;
                 }
-                all |= mask;
-                eight = eight >> 8 | u64::from(mask) << 56;
-                at += 1;
+                let shift = 8 * (8 - (end - at)) as u32;
+                let mut eight = 0u64;
+                while at < end {
+                    // Words of lists are offsets of rays.
+                    let ray = &*all_rays.byte_add(*here.add(at) as usize);
+                    let (mask, near) = planes.meet(ray);
+                    if !ANY {
+                        least = _mm256_min_epu32(least, near);
+                    }
+                    all |= mask;
+                    eight = eight >> 8 | u64::from(mask) << 56;
+                    at += 1;
+                }
+                *half = eight >> shift;
             }
-            *half = eight >> shift;
-        }
-        bytes = _mm_set_epi64x(halves[1] as i64, halves[0] as i64);
-        // SAFETY: there is slack behind the lists, and in the space as many places as in the longest.
-        unsafe {
+            bytes = _mm_set_epi64x(halves[1] as i64, halves[0] as i64);
+            // There is slack behind the lists, and in the space as many places as in the longest.
             ids = sixteen(here.add(block));
             if count > PACKET {
                 _mm_storeu_si128(masks.add(block).cast(), bytes);
                 _mm256_storeu_si256(copy.add(block).cast(), ids[0]);
                 _mm256_storeu_si256(copy.add(block + 8).cast(), ids[1]);
             }
+            block += PACKET;
         }
-        block += PACKET;
-    }
-    if all == 0 {
-        return;
-    }
+        if all == 0 {
+            return;
+        }
 
-    let mut order = [0u32; WIDTH];
-    let columns = _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7);
-    let in_order = if ANY {
-        // The last one first.
-        let last_first = _mm256_setr_epi32(7, 6, 5, 4, 3, 2, 1, 0);
-        chosen(last_first, all.reverse_bits())
-    } else {
-        sorted(_mm256_or_si256(
-            _mm256_andnot_si256(_mm256_set1_epi32(7), least),
-            columns,
-        ))
-    };
-    // SAFETY: eight words.
-    unsafe { _mm256_storeu_si256(order.as_mut_ptr().cast(), in_order) };
-    let mut top = list.first;
-    octant_stack.lists.reserve(WIDTH);
-    // SAFETY: the words of all lists made here are eight times as many as of this one at most, for which there is room, and slack.
-    unsafe {
+        let mut order = [0u32; WIDTH];
+        let columns = _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7);
+        let in_order = if ANY {
+            // The last one first.
+            let last_first = _mm256_setr_epi32(7, 6, 5, 4, 3, 2, 1, 0);
+            chosen(last_first, all.reverse_bits())
+        } else {
+            sorted(_mm256_or_si256(
+                _mm256_andnot_si256(_mm256_set1_epi32(7), least),
+                columns,
+            ))
+        };
+        _mm256_storeu_si256(order.as_mut_ptr().cast(), in_order);
+        let mut top = list.first;
+        octant_stack.lists.reserve(WIDTH);
+        // The words of all lists made here are eight times as many as of this one at most, for which there is room, and slack.
         let words = stream.words.as_mut_ptr();
         for &column in order[..all.count_ones() as usize].iter().rev() {
             let column = column as usize % WIDTH;

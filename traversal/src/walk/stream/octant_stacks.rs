@@ -6,7 +6,7 @@ use std::mem::MaybeUninit;
 use lanes::LaneMask;
 
 use super::lists::{List, Stream};
-use super::nodes::{meet, put_chosen};
+use super::nodes::{meet, meet_wide, put_chosen};
 use super::rays::{self, SINGLE, StreamRay};
 use crate::layout::{WIDTH, child};
 use crate::structure::Structure;
@@ -273,7 +273,11 @@ unsafe fn run_with<P: Place, const ANY: bool, const WIDE: bool>(
             } else {
                 *fuel = left;
                 let node = place.structure().node_at(list.word);
-                meet::<ANY, WIDE>(stream, octant_stack, &list, node);
+                if WIDE {
+                    meet_wide::<ANY>(stream, octant_stack, &list, node);
+                } else {
+                    meet::<ANY>(stream, octant_stack, &list, node);
+                }
             }
         }
         if place.fetches_ahead()
