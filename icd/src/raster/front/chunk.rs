@@ -255,6 +255,8 @@ impl Worker {
         let is_projected = !places.chooses_viewports() && !facts.views.is_empty();
         let mut last = None;
         for assembled in &self.primitives {
+            // Arrays are written out here and in what is called: closures of `map` would be called, too.
+            let [a, b, c] = assembled.vertices;
             let provoking = assembled.vertices[usize::from(assembled.provoking)];
             let common = &self.commons[assembled.common as usize];
             let (layer, layers) = match has_views {
@@ -268,9 +270,11 @@ impl Worker {
                 layer,
                 view_index: common.view,
                 viewport,
-                vertices: assembled
-                    .vertices
-                    .map(|vertex| first_word + vertex * places.words as u32),
+                vertices: [
+                    first_word + a * places.words as u32,
+                    first_word + b * places.words as u32,
+                    first_word + c * places.words as u32,
+                ],
                 provoking: assembled.provoking,
             };
             if layer >= layers {
@@ -285,9 +289,11 @@ impl Worker {
             let own: [ScreenVertex; 3];
             let view = facts.views.get(viewport as usize);
             let on_screen: [&ScreenVertex; 3] = match (is_projected, view) {
-                (true, _) => assembled
-                    .vertices
-                    .map(|vertex| &self.on_screen[vertex as usize]),
+                (true, _) => [
+                    &self.on_screen[a as usize],
+                    &self.on_screen[b as usize],
+                    &self.on_screen[c as usize],
+                ],
                 (false, Some(view)) => {
                     own = assembled
                         .vertices
@@ -296,9 +302,9 @@ impl Worker {
                 }
                 (false, None) => continue,
             };
-            let codes = on_screen.map(|vertex| vertex.code);
-            let all = codes[0] | codes[1] | codes[2];
-            if codes[0] & codes[1] & codes[2] & code::REJECT != 0 {
+            let [first, second, third] = [on_screen[0].code, on_screen[1].code, on_screen[2].code];
+            let all = first | second | third;
+            if first & second & third & code::REJECT != 0 {
                 continue;
             }
             if harmful.is_some_and(|harmful| all & harmful == 0) {

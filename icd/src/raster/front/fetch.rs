@@ -263,8 +263,16 @@ impl Attribute {
         unsafe {
             match (is_shared, self.info.size_bytes) {
                 (true, size) => {
-                    let texel = load(texels[0], size);
-                    words = texel.map(|word| [word; SUBGROUP_SIZE]);
+                    let texel = match size {
+                        4 => load_texel::<1>(texels[0]),
+                        8 => load_texel::<2>(texels[0]),
+                        12 => load_texel::<3>(texels[0]),
+                        16 => load_texel::<4>(texels[0]),
+                        _ => load(texels[0], size),
+                    };
+                    for (row, word) in words.iter_mut().zip(texel) {
+                        *row = [word; SUBGROUP_SIZE];
+                    }
                 }
                 (false, 4) => load_all::<1>(&texels, &mut words),
                 (false, 8) => load_all::<2>(&texels, &mut words),
@@ -346,11 +354,54 @@ unsafe fn load_all<const WORDS: usize>(
     texels: &[*const u8; SUBGROUP_SIZE],
     words: &mut [[u32; SUBGROUP_SIZE]; 4],
 ) {
-    for (lane, texel) in texels.iter().enumerate() {
+    for first in (0..SUBGROUP_SIZE).step_by(4) {
         // SAFETY: the caller's promise.
-        let loaded = unsafe { texel.cast::<[u32; WORDS]>().read_unaligned() };
-        for (row, word) in words.iter_mut().zip(loaded) {
-            row[lane] = word;
+        let [a, b, c, d] = unsafe {
+            [
+                load_texel::<WORDS>(texels[first]),
+                load_texel::<WORDS>(texels[first + 1]),
+                load_texel::<WORDS>(texels[first + 2]),
+                load_texel::<WORDS>(texels[first + 3]),
+            ]
+        };
+        // Two steps: the first texel with the third one, the second with the fourth.
+        let ([ac, ac_upper], [bd, bd_upper]) = (interleaved(a, c), interleaved(b, d));
+        let ([x, y], [z, w]) = (interleaved(ac, bd), interleaved(ac_upper, bd_upper));
+        for (row, four) in words.iter_mut().zip([x, y, z, w]).take(WORDS) {
+            row[first..first + 4].copy_from_slice(&four);
         }
     }
+}
+
+/// A texel of `WORDS` words, and anything behind them.
+///
+/// # Safety
+/// So many can be read.
+#[inline(always)]
+unsafe fn load_texel<const WORDS: usize>(texel: *const u8) -> [u32; 4] {
+    let mut words = [0; 4];
+    // SAFETY: the caller's promise.
+    let loaded = unsafe { texel.cast::<[u32; WORDS]>().read_unaligned() };
+    words[..WORDS].copy_from_slice(&loaded);
+    words
+}
+
+/// Words of two lists in turn.
+#[inline(always)]
+fn interleaved(a: [u32; 4], b: [u32; 4]) -> [[u32; 4]; 2] {
+    #[cfg(target_arch = "x86_64")]
+    {
+        use std::arch::x86_64::*;
+        use std::mem::transmute;
+        // SAFETY: every processor of this architecture has SSE2; four words are as long as its registers.
+        unsafe {
+            let (a, b): (__m128i, __m128i) = (transmute(a), transmute(b));
+            [
+                transmute::<__m128i, [u32; 4]>(_mm_unpacklo_epi32(a, b)),
+                transmute::<__m128i, [u32; 4]>(_mm_unpackhi_epi32(a, b)),
+            ]
+        }
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    [[a[0], b[0], a[1], b[1]], [a[2], b[2], a[3], b[3]]]
 }

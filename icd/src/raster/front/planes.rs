@@ -64,7 +64,8 @@ pub struct Planes {
 /// twice its area in fixed-point units, with its sign, not 0.
 #[inline(always)]
 pub fn of_triangle(vertices: &[&ScreenVertex; 3], area: i64, origin: [i32; 2]) -> Planes {
-    let [x, y] = origin.map(|pixel| i64::from(pixel) * i64::from(PIXEL) + i64::from(PIXEL / 2));
+    let center = |pixel: i32| i64::from(pixel) * i64::from(PIXEL) + i64::from(PIXEL / 2);
+    let (x, y) = (center(origin[0]), center(origin[1]));
     let inverse = 1.0 / area as f64;
     let step = inverse * f64::from(PIXEL);
     let lambda = |from: &ScreenVertex, to: &ScreenVertex| {

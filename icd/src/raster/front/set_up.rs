@@ -4,9 +4,9 @@
 
 use super::clip::{self, MAX_CLIP_DISTANCES};
 use super::facts::Facts;
-use super::planes::Planes;
+use super::planes::{Planes, Wide};
 use super::screen::{Clip, ScreenVertex};
-use crate::raster::primitive::{Bounds, Chunk, Edge, Record};
+use crate::raster::primitive::{Bounds, Chunk, Edge, Plane, Record};
 
 /// What set-up needs to know of a primitive besides where its vertices are.
 #[derive(Clone, Copy, Debug, Default)]
@@ -68,6 +68,11 @@ pub fn is_empty(bounds: &Bounds) -> bool {
     bounds.left >= bounds.right || bounds.top >= bounds.bottom
 }
 
+#[inline(always)]
+fn narrow([a, b, c]: &[Wide; 3]) -> [Plane; 3] {
+    [a.narrow(), b.narrow(), c.narrow()]
+}
+
 impl SetUp<'_> {
     /// Adds a record, for shapes to name.
     #[inline(always)]
@@ -98,9 +103,9 @@ impl SetUp<'_> {
             } else {
                 [f32::NEG_INFINITY, f32::INFINITY]
             },
-            perspective: planes.perspective.map(|plane| plane.narrow()),
+            perspective: narrow(&planes.perspective),
             is_affine: planes.perspective == planes.linear,
-            linear: planes.linear.map(|plane| plane.narrow()),
+            linear: narrow(&planes.linear),
             point_coord: Default::default(),
         });
         index

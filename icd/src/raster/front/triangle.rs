@@ -74,7 +74,8 @@ impl SetUp<'_> {
         let Some(view) = self.facts.views.get(primitive.viewport as usize) else {
             return;
         };
-        let places = vertices.map(|vertex| [vertex.x, vertex.y]);
+        let [a, b, c] = vertices;
+        let places = [[a.x, a.y], [b.x, b.y], [c.x, c.y]];
         let around = around(places, self.facts.centers_only);
         let bounds = intersect(around, view.clipped);
         let area = area(places[0], places[1], places[2]);
