@@ -184,20 +184,23 @@ pub struct Side<V: Vector> {
     in_block: V::I,
 }
 
+/// What an edge's value changes by from the first pixel to the others.
+#[inline(always)]
+fn steps<V: Vector>(v: V, edge: &Edge, lanes: &[[u32; 16]; 2]) -> V::I {
+    let x = v.mul_i(v.splat_i(edge.a), v.load_i(&lanes[0]));
+    v.add_i(x, v.mul_i(v.splat_i(edge.b), v.load_i(&lanes[1])))
+}
+
 impl<V: Vector> Side<V> {
     /// Of an edge of at most [`NARROW`] units.
     #[inline(always)]
     pub fn new(v: V, edge: &Edge) -> Self {
-        let steps = |lanes: &[[u32; 16]; 2]| {
-            let x = v.mul_i(v.splat_i(edge.a), v.load_i(&lanes[0]));
-            v.add_i(x, v.mul_i(v.splat_i(edge.b), v.load_i(&lanes[1])))
-        };
         let half = i64::from(PIXEL / 2);
         Self {
             edge: *edge,
             at_origin: (half * (i64::from(edge.a) + i64::from(edge.b)) + edge.c) >> 8,
-            in_row: steps(&IN_ROW),
-            in_block: steps(&IN_BLOCK),
+            in_row: steps(v, edge, &IN_ROW),
+            in_block: steps(v, edge, &IN_BLOCK),
         }
     }
 
