@@ -373,7 +373,7 @@ unsafe fn load_all<const WORDS: usize>(
     }
 }
 
-/// A texel of `WORDS` words, and anything behind them.
+/// A texel of `WORDS` words, and zeros behind them.
 ///
 /// # Safety
 /// So many can be read.
@@ -395,7 +395,10 @@ fn interleaved(a: [u32; 4], b: [u32; 4]) -> [[u32; 4]; 2] {
         use std::mem::transmute;
         // SAFETY: every processor of this architecture has SSE2; four words are as long as its registers.
         unsafe {
-            let (a, b): (__m128i, __m128i) = (transmute(a), transmute(b));
+            let (a, b) = (
+                _mm_loadu_si128(a.as_ptr().cast()),
+                _mm_loadu_si128(b.as_ptr().cast()),
+            );
             [
                 transmute::<__m128i, [u32; 4]>(_mm_unpacklo_epi32(a, b)),
                 transmute::<__m128i, [u32; 4]>(_mm_unpackhi_epi32(a, b)),

@@ -250,7 +250,7 @@ unsafe fn store_as<T: Texel>(
 /// Loads the texels of a sample of the pixels of a mask; other lanes hold anything.
 ///
 /// # Safety
-/// The pixels of the mask lie in the attachment, as do the layers and the sample; a row and a block do as a whole. Nobody else writes there.
+/// The pixels of the mask lie in the attachment, as do the layers and the sample; what is not [`Pattern::Quads`] does as a whole. Nobody else writes there.
 #[inline(always)]
 pub unsafe fn load<V: Vector>(
     v: V,
@@ -477,9 +477,9 @@ impl<V: Vector> Task<V> for Storing<'_, V> {
             let (at, stride) = quads(target, places, sample);
             let [a, b, ..] = words;
             match size {
-                4 => v.put_each_quad(a, mask, at, stride),
-                8 => v.put_each_quad_of_pairs([a, b], mask, at, stride),
-                _ => v.put_each_quad_of_fours(words, mask, at, stride),
+                4 => v.put_each_quad([a], mask, at, stride),
+                8 => v.put_each_quad([a, b], mask, at, stride),
+                _ => v.put_each_quad(words, mask, at, stride),
             }
         }
     }

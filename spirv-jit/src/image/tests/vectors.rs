@@ -532,9 +532,9 @@ impl Case for EachQuad {
         unsafe {
             let at = starts.map(|start| after.as_mut_ptr().add(start));
             match self.words {
-                1 => v.put_each_quad(texels[0], self.mask, at, stride),
-                2 => v.put_each_quad_of_pairs([texels[0], texels[1]], self.mask, at, stride),
-                _ => v.put_each_quad_of_fours(texels, self.mask, at, stride),
+                1 => v.put_each_quad([texels[0]], self.mask, at, stride),
+                2 => v.put_each_quad([texels[0], texels[1]], self.mask, at, stride),
+                _ => v.put_each_quad(texels, self.mask, at, stride),
             }
             let at = at.map(|at| at.cast_const());
             v.store_i(v.load_each_quad(at, stride), &mut loaded);

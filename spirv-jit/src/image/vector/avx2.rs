@@ -359,47 +359,20 @@ impl Vector for Avx2 {
         }
     }
     #[inline(always)]
-    unsafe fn put_each_quad(self, a: I, mask: u16, at: [*mut u8; 4], stride_bytes: usize) {
-        // SAFETY: the token, and the caller's promise.
-        unsafe {
-            let parts = parts(a);
-            for quad in 0..4 {
-                put_quad(parts[quad], mask >> (4 * quad), at[quad], stride_bytes);
-            }
-        }
-    }
-    #[inline(always)]
-    unsafe fn put_each_quad_of_pairs(
+    unsafe fn put_each_quad<const WORDS: usize>(
         self,
-        [a, b]: [I; 2],
+        words: [I; WORDS],
         mask: u16,
         at: [*mut u8; 4],
         stride_bytes: usize,
     ) {
         // SAFETY: the token, and the caller's promise.
         unsafe {
-            let (a, b) = (parts(a), parts(b));
-            for quad in 0..4 {
-                let pairs = [a[quad], b[quad]];
-                put_quad_of_pairs(pairs, mask >> (4 * quad), at[quad], stride_bytes);
+            let mut quarters = [[_mm_setzero_si128(); 4]; WORDS];
+            for (quarters, words) in quarters.iter_mut().zip(words) {
+                *quarters = parts(words);
             }
-        }
-    }
-    #[inline(always)]
-    unsafe fn put_each_quad_of_fours(
-        self,
-        [a, b, c, d]: [I; 4],
-        mask: u16,
-        at: [*mut u8; 4],
-        stride_bytes: usize,
-    ) {
-        // SAFETY: the token, and the caller's promise.
-        unsafe {
-            let (a, b, c, d) = (parts(a), parts(b), parts(c), parts(d));
-            for quad in 0..4 {
-                let fours = [a[quad], b[quad], c[quad], d[quad]];
-                put_quad_of_fours(fours, mask >> (4 * quad), at[quad], stride_bytes);
-            }
+            put_quads(&quarters, mask, at, stride_bytes);
         }
     }
     #[inline(always)]
@@ -556,7 +529,7 @@ static LANES: [[u32; 4]; 16] = {
 /// # Safety
 /// The machine has AVX2, and eight bytes are writable at `at` and a stride behind it.
 #[inline(always)]
-pub(super) unsafe fn put_quad(words: __m128i, lanes: u16, at: *mut u8, stride_bytes: usize) {
+unsafe fn put_quad(words: __m128i, lanes: u16, at: *mut u8, stride_bytes: usize) {
     // SAFETY: the caller's promise.
     unsafe {
         let lanes = _mm_loadu_si128(LANES[usize::from(lanes & 0xf)].as_ptr().cast());
@@ -571,12 +544,7 @@ pub(super) unsafe fn put_quad(words: __m128i, lanes: u16, at: *mut u8, stride_by
 /// # Safety
 /// The machine has AVX2, and sixteen bytes are writable at `at` and a stride behind it.
 #[inline(always)]
-pub(super) unsafe fn put_quad_of_pairs(
-    [a, b]: [__m128i; 2],
-    lanes: u16,
-    at: *mut u8,
-    stride_bytes: usize,
-) {
+unsafe fn put_quad_of_pairs([a, b]: [__m128i; 2], lanes: u16, at: *mut u8, stride_bytes: usize) {
     // SAFETY: the caller's promise.
     unsafe {
         let lanes = _mm_loadu_si128(LANES[usize::from(lanes & 0xf)].as_ptr().cast());
@@ -601,7 +569,7 @@ pub(super) unsafe fn put_quad_of_pairs(
 /// # Safety
 /// The machine has AVX2, and 32 bytes are writable at `at` and a stride behind it.
 #[inline(always)]
-pub(super) unsafe fn put_quad_of_fours(
+unsafe fn put_quad_of_fours(
     [a, b, c, d]: [__m128i; 4],
     lanes: u16,
     at: *mut u8,
@@ -629,6 +597,34 @@ pub(super) unsafe fn put_quad_of_fours(
         let lower = _mm256_blendv_epi8(_mm256_loadu_si256(second), lower, in_lower);
         _mm256_storeu_si256(first, upper);
         _mm256_storeu_si256(second, lower);
+    }
+}
+
+/// [`Vector::put_each_quad`], by the quarters of each word's register.
+///
+/// # Safety
+/// As there; the machine has AVX2.
+#[inline(always)]
+pub(super) unsafe fn put_quads<const WORDS: usize>(
+    words: &[[__m128i; 4]; WORDS],
+    mask: u16,
+    at: [*mut u8; 4],
+    stride_bytes: usize,
+) {
+    for quad in 0..4 {
+        let (lanes, at) = (mask >> (4 * quad), at[quad]);
+        // SAFETY: the caller's promise.
+        unsafe {
+            match &words[..] {
+                [a] => put_quad(a[quad], lanes, at, stride_bytes),
+                [a, b] => put_quad_of_pairs([a[quad], b[quad]], lanes, at, stride_bytes),
+                [a, b, c, d] => {
+                    let fours = [a[quad], b[quad], c[quad], d[quad]];
+                    put_quad_of_fours(fours, lanes, at, stride_bytes);
+                }
+                _ => unreachable!("texels have one, two or four words"),
+            }
+        }
     }
 }
 

@@ -4,10 +4,7 @@ use std::arch::x86_64::*;
 
 use lanes::has_byte_permutes;
 
-use super::avx2::{
-    half_of_pairs, put_quad, put_quad_of_fours, put_quad_of_pairs, put_quads_of_shorts, quad_at,
-    quads_of_shorts,
-};
+use super::avx2::{half_of_pairs, put_quads, put_quads_of_shorts, quad_at, quads_of_shorts};
 use super::{Task, Vector, gathered_srgb};
 use crate::eval::quad;
 use crate::image::format::srgb::LINEAR;
@@ -198,49 +195,20 @@ impl Vector for Avx512 {
     }
 
     #[inline(always)]
-    unsafe fn put_each_quad(self, a: I, mask: u16, at: [*mut u8; 4], stride_bytes: usize) {
-        // SAFETY: the token, and the caller's promise.
-        unsafe {
-            let parts = parts(a);
-            for quad in 0..4 {
-                put_quad(parts[quad], mask >> (4 * quad), at[quad], stride_bytes);
-            }
-        }
-    }
-
-    #[inline(always)]
-    unsafe fn put_each_quad_of_pairs(
+    unsafe fn put_each_quad<const WORDS: usize>(
         self,
-        [a, b]: [I; 2],
+        words: [I; WORDS],
         mask: u16,
         at: [*mut u8; 4],
         stride_bytes: usize,
     ) {
         // SAFETY: the token, and the caller's promise.
         unsafe {
-            let (a, b) = (parts(a), parts(b));
-            for quad in 0..4 {
-                let pairs = [a[quad], b[quad]];
-                put_quad_of_pairs(pairs, mask >> (4 * quad), at[quad], stride_bytes);
+            let mut quarters = [[_mm_setzero_si128(); 4]; WORDS];
+            for (quarters, words) in quarters.iter_mut().zip(words) {
+                *quarters = parts(words);
             }
-        }
-    }
-
-    #[inline(always)]
-    unsafe fn put_each_quad_of_fours(
-        self,
-        [a, b, c, d]: [I; 4],
-        mask: u16,
-        at: [*mut u8; 4],
-        stride_bytes: usize,
-    ) {
-        // SAFETY: the token, and the caller's promise.
-        unsafe {
-            let (a, b, c, d) = (parts(a), parts(b), parts(c), parts(d));
-            for quad in 0..4 {
-                let fours = [a[quad], b[quad], c[quad], d[quad]];
-                put_quad_of_fours(fours, mask >> (4 * quad), at[quad], stride_bytes);
-            }
+            put_quads(&quarters, mask, at, stride_bytes);
         }
     }
 

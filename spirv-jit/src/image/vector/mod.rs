@@ -204,32 +204,14 @@ pub trait Vector: Copy {
     /// Eight bytes are readable at each place and a stride behind it.
     unsafe fn load_each_quad(self, at: [*const u8; 4], stride_bytes: usize) -> Self::I;
 
-    /// Stores the words of the mask's lanes where [`Self::load_each_quad`] loads them, and what is there in the other lanes' places: without
+    /// Stores texels of one, two or four words of the mask's lanes to four quads, and what is there already in the places of other lanes: without
     /// branches, which would be foretold wrong.
     ///
     /// # Safety
-    /// Eight bytes are readable and writable at each place and a stride behind it.
-    unsafe fn put_each_quad(self, a: Self::I, mask: u16, at: [*mut u8; 4], stride_bytes: usize);
-
-    /// As [`Self::put_each_quad`], of pairs of words.
-    ///
-    /// # Safety
-    /// Sixteen bytes are readable and writable at each place and a stride behind it.
-    unsafe fn put_each_quad_of_pairs(
+    /// Two texels are readable and writable at each place and a stride behind it.
+    unsafe fn put_each_quad<const WORDS: usize>(
         self,
-        pairs: [Self::I; 2],
-        mask: u16,
-        at: [*mut u8; 4],
-        stride_bytes: usize,
-    );
-
-    /// As [`Self::put_each_quad`], of four words.
-    ///
-    /// # Safety
-    /// 32 bytes are readable and writable at each place and a stride behind it.
-    unsafe fn put_each_quad_of_fours(
-        self,
-        fours: [Self::I; 4],
+        words: [Self::I; WORDS],
         mask: u16,
         at: [*mut u8; 4],
         stride_bytes: usize,

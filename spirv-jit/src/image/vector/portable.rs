@@ -312,31 +312,24 @@ impl Vector for Portable {
         out
     }
     #[inline(always)]
-    unsafe fn put_each_quad(self, a: I, mask: u16, at: [*mut u8; 4], stride_bytes: usize) {
-        // SAFETY: the caller's promise.
-        unsafe { put_each(&[a], mask, at, stride_bytes) };
-    }
-    #[inline(always)]
-    unsafe fn put_each_quad_of_pairs(
+    unsafe fn put_each_quad<const WORDS: usize>(
         self,
-        pairs: [I; 2],
+        words: [I; WORDS],
         mask: u16,
         at: [*mut u8; 4],
         stride_bytes: usize,
     ) {
-        // SAFETY: the caller's promise.
-        unsafe { put_each(&pairs, mask, at, stride_bytes) };
-    }
-    #[inline(always)]
-    unsafe fn put_each_quad_of_fours(
-        self,
-        fours: [I; 4],
-        mask: u16,
-        at: [*mut u8; 4],
-        stride_bytes: usize,
-    ) {
-        // SAFETY: the caller's promise.
-        unsafe { put_each(&fours, mask, at, stride_bytes) };
+        for lane in 0..SUBGROUP_SIZE {
+            if mask >> lane & 1 == 0 {
+                continue;
+            }
+            let row = at[lane / 4].wrapping_add(lane / 2 % 2 * stride_bytes);
+            for (index, word) in words.iter().enumerate() {
+                let place = lane % 2 * WORDS + index;
+                // SAFETY: the caller's promise.
+                unsafe { row.cast::<i32>().add(place).write_unaligned(word[lane]) };
+            }
+        }
     }
     #[inline(always)]
     unsafe fn load_quads_of_pairs(self, at: *const u8, stride_bytes: usize) -> (I, I) {
@@ -411,23 +404,5 @@ impl Vector for Portable {
     unsafe fn apart<T: Task<Self>>(self, task: T) -> T::Output {
         // SAFETY: the caller's promise.
         unsafe { task.run(self) }
-    }
-}
-
-/// Stores texels of so many words of a mask's lanes to quads anywhere.
-///
-/// # Safety
-/// Two texels are writable at each place and a stride behind it.
-unsafe fn put_each(words: &[I], mask: u16, at: [*mut u8; 4], stride_bytes: usize) {
-    for lane in 0..SUBGROUP_SIZE {
-        if mask >> lane & 1 == 0 {
-            continue;
-        }
-        let row = at[lane / 4].wrapping_add(lane / 2 % 2 * stride_bytes);
-        for (index, word) in words.iter().enumerate() {
-            let place = lane % 2 * words.len() + index;
-            // SAFETY: the caller's promise.
-            unsafe { row.cast::<i32>().add(place).write_unaligned(word[lane]) };
-        }
     }
 }
