@@ -6,6 +6,7 @@ use iced_x86::{
 
 use super::super::allocate::*;
 use super::super::encode::{Operand, Register};
+use super::lower::*;
 use super::*;
 
 /// Text of an instruction's operands, in the manual's order: which field each is in (`r`: reg, `v`: vvvv, `m`: rm, `i`: the immediate, `s`:

@@ -1,0 +1,519 @@
+//! From operations to instructions. What each must give, to the bit (NaN payloads aside), `eval` says.
+
+use super::{Held, Place, Stretch};
+use crate::ir::{Op, Type};
+use crate::native::allocate::{Class, Form, MOVE, Virtual};
+use crate::native::encode::{Encoding, Opcode};
+use crate::native::opcodes::*;
+
+/// Numbers of shifts by one count for all lanes.
+pub(super) const RIGHT: u8 = 2;
+pub(super) const RIGHT_SIGNED: u8 = 4;
+pub(super) const LEFT: u8 = 6;
+
+/// Comparisons of [`CMPPS`], none of which signals.
+pub(super) mod float {
+    pub const EQ: u8 = 0;
+    pub const UNORDERED: u8 = 3;
+    pub const NE_OR_UNORDERED: u8 = 4;
+    pub const EQ_OR_UNORDERED: u8 = 8;
+    pub const NE: u8 = 12;
+    pub const LT: u8 = 0x11;
+    pub const LE: u8 = 0x12;
+    pub const LT_OR_UNORDERED: u8 = 0x19;
+    pub const LE_OR_UNORDERED: u8 = 0x1a;
+    pub const GE: u8 = 0x1d;
+}
+
+/// Comparisons of [`PCMPD`].
+pub(super) mod int {
+    pub const EQ: u8 = 0;
+    pub const LT: u8 = 1;
+    pub const LE: u8 = 2;
+    pub const NE: u8 = 4;
+}
+
+impl Stretch {
+    /// A condition: a comparison of floats.
+    fn compare(&mut self, a: Virtual, b: Virtual, how: u8) -> Virtual {
+        self.condition(CMPPS, a, b, how)
+    }
+
+    fn condition(&mut self, op: Opcode, a: Virtual, b: Virtual, how: u8) -> Virtual {
+        let class = self.class_of(Type::I1);
+        let to = self.step(class, op, Form::Binary, &[a, b]);
+        self.steps.last_mut().expect("pushed").immediate = Some(how);
+        to
+    }
+
+    /// A condition: a comparison of integers.
+    fn compare_words(&mut self, a: Virtual, b: Virtual, how: u8, signed: bool) -> Virtual {
+        if self.encoding == Encoding::Evex {
+            let op = if signed { PCMPD } else { PCMPUD };
+            return self.condition(op, a, b, how);
+        }
+        match (how, signed) {
+            (int::EQ, _) => self.commutative(PCMPEQD, a, b),
+            (int::NE, _) => {
+                let equal = self.commutative(PCMPEQD, a, b);
+                self.not(equal)
+            }
+            (int::LT, true) => self.binary(PCMPGTD, b, a),
+            (_, true) => {
+                let above = self.binary(PCMPGTD, a, b);
+                self.not(above)
+            }
+            (int::LT, false) => {
+                let least = self.commutative(PMINUD, a, b);
+                let not_below = self.commutative(PCMPEQD, least, b);
+                self.not(not_below)
+            }
+            (_, false) => {
+                let least = self.commutative(PMINUD, a, b);
+                self.commutative(PCMPEQD, least, a)
+            }
+        }
+    }
+
+    pub(super) fn select(&mut self, condition: Virtual, a: Virtual, b: Virtual) -> Virtual {
+        let op = match self.encoding {
+            Encoding::Evex => PBLENDMD,
+            Encoding::Vex => BLENDVPS,
+        };
+        self.step(Class::Vector, op, Form::Blend, &[condition, a, b])
+    }
+
+    pub(super) fn masks(&mut self, op: Opcode, from: &[Virtual]) -> Virtual {
+        self.step(Class::Mask, op, Form::OfMasks, from)
+    }
+
+    /// Both operands are conditions: mask registers with AVX-512.
+    fn logic(&mut self, op: &Op, a: Virtual, b: Virtual) -> Option<Virtual> {
+        let evex = self.encoding == Encoding::Evex;
+        Some(match op {
+            Op::And if evex => self.masks(KAND, &[a, b]),
+            Op::Or if evex => self.masks(KOR, &[a, b]),
+            Op::Xor | Op::INe if evex => self.masks(KXOR, &[a, b]),
+            Op::IEq if evex => self.masks(KXNOR, &[a, b]),
+            Op::And => self.commutative(PAND, a, b),
+            Op::Or => self.commutative(POR, a, b),
+            Op::Xor | Op::INe => self.commutative(PXOR, a, b),
+            Op::IEq => {
+                let differ = self.commutative(PXOR, a, b);
+                self.not(differ)
+            }
+            _ => return None,
+        })
+    }
+
+    /// `fmin` (`fmax`): with a NaN the other operand; of zeros of both signs the one with (without) a sign.
+    fn least(&mut self, op: Opcode, zeros: Opcode, a: Virtual, b: Virtual) -> Virtual {
+        // `a` where it is the least, else `b`: so with a NaN in `a`, too.
+        let least = self.binary(op, a, b);
+        let both = self.commutative(zeros, a, b);
+        let equal = self.compare(a, b, float::EQ);
+        let least = self.select(equal, both, least);
+        let is_nan = self.compare(b, b, float::UNORDERED);
+        self.select(is_nan, a, least)
+    }
+
+    fn extreme(&mut self, op: &Op, [x, y]: [&Place; 2], a: Virtual, b: Virtual) -> Virtual {
+        let (op, zeros) = match op {
+            Op::FMin => (MINPS, POR),
+            _ => (MAXPS, PAND),
+        };
+        // The instruction gives its second operand if the two are equal or one of them is a NaN: as it must with a number but zero there.
+        let is_plain = |place: &Place| {
+            let number = place.constant.map(|bits| f32::from_bits(bits as u32));
+            number.is_some_and(|number| {
+                let gives_itself = op == MAXPS && number.to_bits() == 0;
+                !number.is_nan() && (number != 0.0 || gives_itself)
+            })
+        };
+        match (is_plain(x), is_plain(y)) {
+            (_, true) => self.binary(op, a, b),
+            (true, _) => self.binary(op, b, a),
+            _ => self.least(op, zeros, a, b),
+        }
+    }
+
+    /// Zero above a narrow integer's bits.
+    fn narrow(&mut self, ty: Type, a: Virtual) -> Virtual {
+        match ty.bits() {
+            8 => self.and(a, 0xff),
+            16 => self.and(a, 0xffff),
+            _ => a,
+        }
+    }
+
+    /// A narrow integer with its sign in the bits above.
+    fn extend(&mut self, ty: Type, a: Virtual) -> Virtual {
+        let above = 32 - ty.bits();
+        match above {
+            0 => a,
+            _ => {
+                let up = self.shift(PSHIFTD, LEFT, a, above);
+                self.shift(PSHIFTD, RIGHT_SIGNED, up, above)
+            }
+        }
+    }
+
+    fn unsigned_to_float(&mut self, a: Virtual) -> Virtual {
+        if self.encoding == Encoding::Evex {
+            return self.unary(CVTUDQ2PS, a);
+        }
+        // 2^23 + low half, 2^39 + high half: exact. Their difference from what was added is, too, so that one sum rounds.
+        let low = self.and(a, 0xffff);
+        let (two_23, two_39) = (self.words(0x4b00_0000), self.words(0x5300_0000));
+        let low = self.commutative(POR, low, two_23);
+        let high = self.shift(PSHIFTD, RIGHT, a, 16);
+        let high = self.commutative(POR, high, two_39);
+        let both = self.words(0x5300_0080);
+        let high = self.binary(SUBPS, high, both);
+        self.commutative(ADDPS, high, low)
+    }
+
+    /// Truncates and saturates; NaN gives 0.
+    fn float_to_signed(&mut self, a: Virtual) -> Virtual {
+        // Least where it does not fit.
+        let whole = self.unary(CVTTPS2DQ, a);
+        let limit = self.words(0x4f00_0000);
+        let above = self.compare(a, limit, float::GE);
+        let greatest = self.words(i32::MAX as u32);
+        let whole = self.select(above, greatest, whole);
+        let is_nan = self.compare(a, a, float::UNORDERED);
+        let zero = self.words(0);
+        self.select(is_nan, zero, whole)
+    }
+
+    /// Truncates and saturates; NaN gives 0.
+    fn float_to_unsigned(&mut self, a: Virtual) -> Virtual {
+        let zero = self.words(0);
+        let a = self.binary(MAXPS, a, zero);
+        if self.encoding == Encoding::Evex {
+            return self.unary(CVTTPS2UDQ, a);
+        }
+        // Half of the numbers are beyond a signed one: 2^31 is taken from those, and put back as their highest bit.
+        let low = self.unary(CVTTPS2DQ, a);
+        let (half, all) = (self.words(0x4f00_0000), self.words(0x4f80_0000));
+        let rest = self.binary(SUBPS, a, half);
+        let rest = self.unary(CVTTPS2DQ, rest);
+        let top = self.words(1 << 31);
+        let high = self.commutative(PXOR, rest, top);
+        let is_high = self.compare(a, half, float::GE);
+        let number = self.select(is_high, high, low);
+        let is_above = self.compare(a, all, float::GE);
+        let ones = self.words(u32::MAX);
+        self.select(is_above, ones, number)
+    }
+
+    /// The upper half of a vector's lanes, in the lower.
+    fn upper(&mut self, a: Virtual) -> Virtual {
+        match self.encoding {
+            Encoding::Evex => self.step_with(EXTRACT_HALF, Form::Reverse, &[a], 1),
+            Encoding::Vex => self.step_with(EXTRACT_128, Form::Reverse, &[a], 1),
+        }
+    }
+
+    /// Lanes of 32 bits as lanes of 64.
+    fn widen(&mut self, op: Opcode, a: Virtual) -> Held {
+        let low = self.step(Class::Vector, op, Form::Registers, &[a]);
+        let upper = self.upper(a);
+        Held::Two(low, self.step(Class::Vector, op, Form::Registers, &[upper]))
+    }
+
+    /// The lower words of lanes of 64 bits.
+    fn low_words(&mut self, a: Virtual, b: Virtual) -> Virtual {
+        match self.encoding {
+            Encoding::Evex => {
+                let a = self.step(Class::Vector, PMOVQD, Form::Reverse, &[a]);
+                let b = self.step(Class::Vector, PMOVQD, Form::Reverse, &[b]);
+                self.step_with(INSERT_HALF, Form::Registers, &[a, b], 1)
+            }
+            Encoding::Vex => {
+                // By quarters: the middle ones change places.
+                let mixed = self.step_with(SHUFPS, Form::Registers, &[a, b], 0b10_00_10_00);
+                self.step_with(PERMQ, Form::Registers, &[mixed], 0b11_01_10_00)
+            }
+        }
+    }
+
+    fn half_to_float(&mut self, a: Virtual) -> Virtual {
+        let halves = match self.encoding {
+            Encoding::Evex => self.step(Class::Vector, PMOVDW, Form::Reverse, &[a]),
+            Encoding::Vex => {
+                let mixed = self.step(Class::Vector, PACKUSDW, Form::Registers, &[a, a]);
+                self.step_with(PERMQ, Form::Registers, &[mixed], 0b11_01_10_00)
+            }
+        };
+        self.step(Class::Vector, CVTPH2PS, Form::Registers, &[halves])
+    }
+
+    fn float_to_half(&mut self, a: Virtual) -> Virtual {
+        // 0: to nearest even.
+        let halves = self.step_with(CVTPS2PH, Form::Reverse, &[a], 0);
+        self.step(Class::Vector, PMOVZXWD, Form::Registers, &[halves])
+    }
+
+    pub(super) fn lower(&mut self, op: &Op, operands: &[Place], results: &[Place]) -> Option<()> {
+        if *op == Op::Unpack64 {
+            let Held::Two(a, b) = self.operand(&operands[0]) else {
+                return None;
+            };
+            let low = self.low_words(a, b);
+            let [a, b] = [a, b].map(|part| self.shift(PSHIFTQ, RIGHT, part, 32));
+            let high = self.low_words(a, b);
+            self.give(&results[0], Held::One(low));
+            self.give(&results[1], Held::One(high));
+            return Some(());
+        }
+        let [result] = results else {
+            return None;
+        };
+        let held: Vec<Held> = operands.iter().map(|place| self.operand(place)).collect();
+        let held = self.lower_one(op, operands, result.ty, &held)?;
+        self.give(result, held);
+        Some(())
+    }
+
+    /// Notes where a result is. It is made in the last steps, so that no row of an operand is lost before.
+    fn give(&mut self, place: &Place, held: Held) {
+        for (k, part) in held.parts().enumerate() {
+            self.infos[part as usize].home = self.home(place, k as i32);
+        }
+        self.held.insert(place.value, held);
+        self.results.push((place.value, held));
+    }
+
+    fn lower_one(&mut self, op: &Op, places: &[Place], to: Type, held: &[Held]) -> Option<Held> {
+        let from = places.last()?.ty;
+        match (op, held) {
+            (Op::Select, &[Held::One(condition), Held::One(a), Held::One(b)]) => {
+                if to == Type::I1 && self.encoding == Encoding::Evex {
+                    let chosen = self.masks(KAND, &[condition, a]);
+                    let not = self.masks(KNOT, &[condition]);
+                    let other = self.masks(KAND, &[not, b]);
+                    return Some(Held::One(self.masks(KOR, &[chosen, other])));
+                }
+                Some(Held::One(self.select(condition, a, b)))
+            }
+            (Op::Pack64, &[Held::One(low), Held::One(high)]) => {
+                let (Held::Two(a, b), Held::Two(x, y)) =
+                    (self.widen(PMOVZXDQ, low), self.widen(PMOVZXDQ, high))
+                else {
+                    return None;
+                };
+                let [x, y] = [x, y].map(|part| self.shift(PSHIFTQ, LEFT, part, 32));
+                Some(Held::Two(
+                    self.commutative(POR, a, x),
+                    self.commutative(POR, b, y),
+                ))
+            }
+            (_, &[Held::One(a)]) => self.lower_unary(op, from, to, a),
+            (_, &[Held::One(a), Held::One(b)]) => {
+                self.lower_binary(op, from, to, [&places[0], &places[1]], a, b)
+            }
+            (Op::FFma, &[Held::One(a), Held::One(b), Held::One(c)]) if to == Type::F32 => {
+                let from = [a, b, c];
+                Some(Held::One(self.step(
+                    Class::Vector,
+                    FMAPS,
+                    Form::MultiplyAdd,
+                    &from,
+                )))
+            }
+            (_, &[Held::Two(a, b)]) => self.lower_wide_unary(op, to, a, b),
+            (_, &[Held::Two(..), Held::Two(..)]) => self.lower_wide(op, from, to, places, held),
+            _ => None,
+        }
+    }
+
+    fn lower_unary(&mut self, op: &Op, from: Type, to: Type, a: Virtual) -> Option<Held> {
+        let before = self.steps.len();
+        let one = match (op, from, to) {
+            (Op::Not, Type::I1, _) if self.encoding == Encoding::Evex => self.masks(KNOT, &[a]),
+            (Op::Not, Type::I1 | Type::I32, _) => self.not(a),
+            (Op::INeg, Type::I32, _) => {
+                let zero = self.words(0);
+                self.binary(PSUBD, zero, a)
+            }
+            (Op::IAbs, Type::I32, _) => self.unary(PABSD, a),
+            (Op::FNeg, Type::F32, _) => {
+                let sign = self.words(1 << 31);
+                self.commutative(PXOR, a, sign)
+            }
+            (Op::FAbs, Type::F32, _) => self.and(a, !(1 << 31)),
+            (Op::FSqrt, Type::F32, _) => self.unary(SQRTPS, a),
+            (Op::FInverseSqrt, Type::F32, _) => {
+                let root = self.unary(SQRTPS, a);
+                let one = self.words(1f32.to_bits());
+                self.binary(DIVPS, one, root)
+            }
+            (Op::FRoundEven, Type::F32, _) => self.round(a, 0),
+            (Op::FFloor, Type::F32, _) => self.round(a, 1),
+            (Op::FCeil, Type::F32, _) => self.round(a, 2),
+            (Op::FTrunc, Type::F32, _) => self.round(a, 3),
+            (Op::FFract, Type::F32, _) => {
+                let floor = self.round(a, 1);
+                self.binary(SUBPS, a, floor)
+            }
+            (Op::FIsNan, Type::F32, _) => self.compare(a, a, float::UNORDERED),
+            (Op::FIsInf, Type::F32, _) => {
+                let size = self.and(a, !(1 << 31));
+                let infinity = self.words(f32::INFINITY.to_bits());
+                self.compare(size, infinity, float::EQ)
+            }
+            (Op::SToF, Type::I8 | Type::I16 | Type::I32, Type::F32) => {
+                let a = self.extend(from, a);
+                self.unary(CVTDQ2PS, a)
+            }
+            (Op::UToF, Type::I8 | Type::I16, Type::F32) => self.unary(CVTDQ2PS, a),
+            (Op::UToF, Type::I32, Type::F32) => self.unsigned_to_float(a),
+            (Op::FToS, Type::F32, Type::I32) => self.float_to_signed(a),
+            (Op::FToU, Type::F32, Type::I32) => self.float_to_unsigned(a),
+            (Op::FConvert, Type::F16, Type::F32) => self.half_to_float(a),
+            (Op::FConvert, Type::F32, Type::F16) => self.float_to_half(a),
+            (Op::UConvert, Type::I32, Type::I64) => return Some(self.widen(PMOVZXDQ, a)),
+            (Op::SConvert, Type::I32, Type::I64) => return Some(self.widen(PMOVSXDQ, a)),
+            (Op::UConvert | Op::SConvert, _, _) if to.bits() > 32 => return None,
+            (Op::UConvert, _, _) => match to.bits() < from.bits() {
+                true => self.narrow(to, a),
+                false => self.copy(a),
+            },
+            (Op::SConvert, _, _) => {
+                let a = self.extend(from, a);
+                match to.bits() {
+                    32 => a,
+                    _ => self.narrow(to, a),
+                }
+            }
+            (Op::Bitcast, _, _) => self.copy(a),
+            _ => return None,
+        };
+        // A conversion between equal types is a copy.
+        let is_same = self.steps.len() == before;
+        Some(Held::One(if is_same { self.copy(one) } else { one }))
+    }
+
+    /// In a register of its own: its row differs.
+    pub(super) fn copy(&mut self, a: Virtual) -> Virtual {
+        self.unary(MOVE, a)
+    }
+
+    fn lower_binary(
+        &mut self,
+        op: &Op,
+        from: Type,
+        to: Type,
+        places: [&Place; 2],
+        a: Virtual,
+        b: Virtual,
+    ) -> Option<Held> {
+        let is_word = from == Type::I32;
+        let is_float = from == Type::F32;
+        let is_narrow = matches!(from, Type::I8 | Type::I16);
+        let count = places[1]
+            .constant
+            .map(|count| count as u32 & (from.bits().max(1) - 1));
+        let one = match op {
+            _ if from == Type::I1 => self.logic(op, a, b)?,
+            Op::FAdd if is_float => self.binary(ADDPS, a, b),
+            Op::FSub if is_float => self.binary(SUBPS, a, b),
+            Op::FMul if is_float => self.binary(MULPS, a, b),
+            Op::FDiv if is_float => self.binary(DIVPS, a, b),
+            Op::FMin | Op::FMax if is_float => self.extreme(op, places, a, b),
+            Op::FOEq if is_float => self.compare(a, b, float::EQ),
+            Op::FONe if is_float => self.compare(a, b, float::NE),
+            Op::FOLt if is_float => self.compare(a, b, float::LT),
+            Op::FOLe if is_float => self.compare(a, b, float::LE),
+            Op::FUEq if is_float => self.compare(a, b, float::EQ_OR_UNORDERED),
+            Op::FUNe if is_float => self.compare(a, b, float::NE_OR_UNORDERED),
+            Op::FULt if is_float => self.compare(a, b, float::LT_OR_UNORDERED),
+            Op::FULe if is_float => self.compare(a, b, float::LE_OR_UNORDERED),
+            Op::And if is_word || is_narrow => self.commutative(PAND, a, b),
+            Op::Or if is_word || is_narrow => self.commutative(POR, a, b),
+            Op::Xor if is_word || is_narrow => self.commutative(PXOR, a, b),
+            Op::IEq if is_word || is_narrow => self.compare_words(a, b, int::EQ, true),
+            Op::INe if is_word || is_narrow => self.compare_words(a, b, int::NE, true),
+            Op::IAdd | Op::ISub | Op::IMul if is_word || is_narrow => {
+                let number = match op {
+                    Op::IAdd => self.commutative(PADDD, a, b),
+                    Op::ISub => self.binary(PSUBD, a, b),
+                    _ => self.commutative(PMULLD, a, b),
+                };
+                self.narrow(to, number)
+            }
+            Op::Shl if is_narrow || is_word && count.is_some() => {
+                let shifted = self.shift(PSHIFTD, LEFT, a, count?);
+                self.narrow(to, shifted)
+            }
+            Op::LShr if is_narrow => self.shift(PSHIFTD, RIGHT, a, count?),
+            _ if !is_word => return None,
+            Op::LShr if count.is_some() => self.shift(PSHIFTD, RIGHT, a, count?),
+            Op::AShr if count.is_some() => self.shift(PSHIFTD, RIGHT_SIGNED, a, count?),
+            Op::Shl | Op::LShr | Op::AShr => {
+                let op = match op {
+                    Op::Shl => PSLLVD,
+                    Op::LShr => PSRLVD,
+                    _ => PSRAVD,
+                };
+                let count = self.and(b, 31);
+                self.binary(op, a, count)
+            }
+            Op::SMin => self.commutative(PMINSD, a, b),
+            Op::SMax => self.commutative(PMAXSD, a, b),
+            Op::UMin => self.commutative(PMINUD, a, b),
+            Op::UMax => self.commutative(PMAXUD, a, b),
+            Op::ULt => self.compare_words(a, b, int::LT, false),
+            Op::ULe => self.compare_words(a, b, int::LE, false),
+            Op::SLt => self.compare_words(a, b, int::LT, true),
+            Op::SLe => self.compare_words(a, b, int::LE, true),
+            _ => return None,
+        };
+        Some(Held::One(one))
+    }
+
+    fn lower_wide_unary(&mut self, op: &Op, to: Type, a: Virtual, b: Virtual) -> Option<Held> {
+        match (op, to) {
+            (Op::UConvert | Op::SConvert, Type::I32) => Some(Held::One(self.low_words(a, b))),
+            (Op::Bitcast, _) => Some(Held::Two(self.copy(a), self.copy(b))),
+            _ => None,
+        }
+    }
+
+    fn lower_wide(
+        &mut self,
+        op: &Op,
+        from: Type,
+        to: Type,
+        places: &[Place],
+        held: &[Held],
+    ) -> Option<Held> {
+        let &[Held::Two(a0, a1), Held::Two(b0, b1)] = held else {
+            return None;
+        };
+        if (from, to) != (Type::I64, Type::I64) {
+            return None;
+        }
+        let (op, form) = match op {
+            Op::IAdd => (PADDQ, Form::Commutative),
+            Op::ISub => (PSUBQ, Form::Binary),
+            Op::And => (PAND, Form::Commutative),
+            Op::Or => (POR, Form::Commutative),
+            Op::Xor => (PXOR, Form::Commutative),
+            Op::IMul if self.encoding == Encoding::Evex => (PMULLQ, Form::Commutative),
+            Op::Shl | Op::LShr => {
+                let count = places[1].constant? as u32 & 63;
+                let number = if *op == Op::Shl { LEFT } else { RIGHT };
+                let [a0, a1] = [a0, a1].map(|part| self.shift(PSHIFTQ, number, part, count));
+                return Some(Held::Two(a0, a1));
+            }
+            _ => return None,
+        };
+        let low = self.step(Class::Vector, op, form, &[a0, b0]);
+        Some(Held::Two(
+            low,
+            self.step(Class::Vector, op, form, &[a1, b1]),
+        ))
+    }
+}
