@@ -7,7 +7,8 @@ use anyhow::Result;
 use clap::Args;
 
 use crate::driver::{Driver, existing};
-use crate::{loader, workspace};
+use crate::system::{self, LOADER};
+use crate::workspace;
 
 #[derive(Args)]
 pub struct Options {
@@ -21,7 +22,7 @@ pub struct Options {
 }
 
 pub fn chart(options: &Options) -> Result<ExitCode> {
-    loader::require()?;
+    system::require(&LOADER)?;
     let icds = options.icds.iter().map(|icd| existing(icd));
     let icds = icds.collect::<Result<Vec<_>>>()?;
     let driver = Driver::build(&["chart", "workloads"])?;

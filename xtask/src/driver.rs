@@ -7,7 +7,8 @@ use std::process::Command;
 use anyhow::{Context, Result, ensure};
 
 use crate::architecture::{Architecture, Emulation};
-use crate::{loader, workspace};
+use crate::system::{self, LOADER};
+use crate::workspace;
 
 /// The file name of the driver's library.
 pub const LIBRARY: &str = "libvulkan_tuff.so";
@@ -57,7 +58,7 @@ impl Driver {
 
     /// Builds the driver and a program of the workspace that needs the Vulkan loader.
     pub fn with(program: &str) -> Result<(Driver, Command)> {
-        loader::require()?;
+        system::require(&LOADER)?;
         let driver = Driver::build(&[program])?;
         Ok((driver, workspace::program(program)?))
     }

@@ -7,7 +7,8 @@ use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 
 use crate::driver::{Driver, LIBRARY, write_manifest};
-use crate::{loader, workspace};
+use crate::system::{self, LOADER};
+use crate::workspace;
 
 #[derive(Args)]
 pub struct Options {
@@ -97,7 +98,7 @@ fn with_address_sanitizer() -> Result<Command> {
             "building with AddressSanitizer failed; `rustup toolchain install nightly` brings a compiler that is made for it"
         );
     }
-    loader::require()?;
+    system::require(&LOADER)?;
     let manifest = target.join("tuff_icd.json");
     let built = target.join(PLATFORM).join("release");
     write_manifest(&manifest, &built.join(LIBRARY))?;

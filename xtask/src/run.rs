@@ -9,7 +9,8 @@ use anyhow::{Context, Result, bail};
 use clap::Args;
 
 use crate::driver::{self, Driver};
-use crate::{loader, workspace};
+use crate::system::{self, LOADER};
+use crate::workspace;
 
 #[derive(Args)]
 pub struct Options {
@@ -23,7 +24,7 @@ pub fn run(options: &Options) -> Result<ExitCode> {
     let (name, arguments) = options.program.split_first().context("no program given")?;
     // Before minutes of building.
     require_program(name, std::env::var_os("PATH").as_deref())?;
-    loader::require()?;
+    system::require(&LOADER)?;
     let driver = Driver::build(&[])?;
     let mut program = Command::new(name);
     driver.select_for(&mut program);
@@ -67,7 +68,7 @@ pub fn print_environment() -> Result<ExitCode> {
         let quoted = value.display().to_string().replace('\'', r"'\''");
         println!("export {name}='{quoted}'");
     }
-    if let Err(missing) = loader::require() {
+    if let Err(missing) = system::require(&LOADER) {
         eprintln!("note: {missing:#}");
     }
     Ok(ExitCode::SUCCESS)

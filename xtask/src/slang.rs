@@ -7,7 +7,8 @@ use anyhow::{Context, Result, ensure};
 use clap::Args;
 
 use crate::driver::Driver;
-use crate::{loader, workspace};
+use crate::system::{self, LOADER};
+use crate::workspace;
 
 /// The version of slangpy whose compiler and examples are taken.
 const VERSION: &str = "0.43.0";
@@ -24,7 +25,7 @@ pub struct Options {
 }
 
 pub fn slang(options: &Options) -> Result<ExitCode> {
-    loader::require()?;
+    system::require(&LOADER)?;
     let place = workspace::target()?.join("slang");
     let compiler = match &options.compiler {
         Some(library) => library.clone(),

@@ -9,7 +9,8 @@ use clap::Args;
 use crate::architecture::{Architecture, Emulation};
 use crate::driver::{Driver, select_other};
 use crate::skips::Skips;
-use crate::{fuzz, loader, workspace};
+use crate::system::{self, LOADER, XVFB};
+use crate::{fuzz, workspace};
 
 #[derive(Args)]
 pub struct Options {
@@ -30,7 +31,7 @@ pub fn test(options: &Options) -> Result<ExitCode> {
     }
     match &options.icd {
         Some(manifest) => {
-            loader::require()?;
+            system::require(&LOADER)?;
             let skips = Skips::new()?;
             let mut tests = black_box_tests(options, &skips);
             select_other(&mut tests, manifest)?;
@@ -39,7 +40,8 @@ pub fn test(options: &Options) -> Result<ExitCode> {
             Ok(passed)
         }
         None => {
-            loader::require()?;
+            system::require(&LOADER)?;
+            system::require(&XVFB)?;
             let driver = Driver::build(&[])?;
             let mut inner = workspace::cargo();
             inner.args(["test", "--workspace", "--exclude", "tuff-tests"]);
