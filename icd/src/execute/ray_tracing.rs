@@ -1,6 +1,7 @@
 //! Performing the commands of the ray tracing extensions.
 
 use ash::vk;
+use lanes::Tier;
 use spirv_jit::environment::{Environment, uniform};
 
 use super::engine::Engine;
@@ -155,6 +156,7 @@ fn trace_rays(
     environment.uniforms[launch..launch + 3].copy_from_slice(&extent);
     let dispatch = Dispatch {
         shaders: &pipeline.shaders,
+        tier: Tier::best(),
         // SAFETY: the application keeps its memory until the dispatch is over; what it frees before stays mapped.
         tables: unsafe { tables.live(&surroundings.reach) },
         extent,

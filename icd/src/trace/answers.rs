@@ -6,8 +6,9 @@ use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::program::{AlignedRow, IO_DATA_ROW, Row, SiteKind, Trace};
 
 use super::batch::{Batch, Worker};
+use super::lanes::{copy_lanes, copy_row, floats, put_word};
 use super::rays::{Report, alike, record_indices};
-use super::subgroup::{LaneRef, Role, SubgroupIndex, by_index, copy_lanes, in_place, lanes_named};
+use super::subgroup::{LaneRef, Role, SubgroupIndex, by_index, in_place, lanes_named};
 use crate::validate::{Instruction, Need};
 use crate::wave::Stopped;
 
@@ -160,7 +161,7 @@ impl Batch<'_> {
         (reporters, of): (LaneMask, Option<&[LaneRef; SUBGROUP_SIZE]>),
         attribute_words: usize,
     ) -> Result<(), Stopped> {
-        let shaders = self.dispatch.shaders;
+        let (shaders, tier) = (self.dispatch.shaders, self.dispatch.tier);
         let Worker {
             subgroups,
             ray_groups,
@@ -180,15 +181,15 @@ impl Batch<'_> {
                 spread(&numbers[1].0, reporters, of),
             ),
         };
-        let t = t.map(f32::from_bits);
+        let t = floats(&t);
         let group = &mut ray_groups[group_index];
         let counts = group.flight.counts(lanes, &t);
         let candidates = group.flight.candidates();
-        let mut undecided = LaneMask::from_fn(|lane| !candidates.is_opaque(lane)) & counts;
+        let mut undecided = counts - candidates.opaque();
         let mut asked = LaneMask::NONE;
         let mut callees: SmallVec<[_; 1]> = SmallVec::new();
         if !undecided.is_empty() {
-            let hit_records = record_indices(candidates, group.operands(subgroups));
+            let hit_records = record_indices(tier, candidates, group.operands(subgroups));
             while !undecided.is_empty() {
                 let record = hit_records[undecided.first()];
                 let alike = alike(&hit_records, undecided);
@@ -209,9 +210,9 @@ impl Batch<'_> {
                 let attributes = &mut group.procedural_mut().attributes;
                 for (attribute, row) in attributes.iter_mut().zip(words) {
                     match of {
-                        None => copy_lanes(attribute, &row.0, committed),
+                        None => copy_row(tier, attribute, &row.0, committed),
                         Some(of) => {
-                            copy_lanes(attribute, &spread(&row.0, reporters, of), committed)
+                            copy_row(tier, attribute, &spread(&row.0, reporters, of), committed)
                         }
                     }
                 }
@@ -220,9 +221,8 @@ impl Batch<'_> {
         }
         let ray_of = |lane: usize| of.map_or(lane, |of| of[lane].lane());
         let mut verdicts = [0; SUBGROUP_SIZE];
-        for (lane, verdict) in verdicts.iter_mut().enumerate() {
-            *verdict = u32::from(committed.contains(lane)) + u32::from(over.contains(lane));
-        }
+        put_word(tier, &mut verdicts, 1, committed);
+        put_word(tier, &mut verdicts, 2, over);
         let mut answered = lanes - asked;
         if let Some(of) = of {
             let by_rays = verdicts;
@@ -246,7 +246,7 @@ impl Batch<'_> {
             }
             group.procedural_mut().reports[ray] = report;
         }
-        copy_lanes(&mut subgroups[index].rows[io].0, &verdicts, answered);
+        copy_row(tier, &mut subgroups[index].rows[io].0, &verdicts, answered);
         self.answered(index, answered);
         for (callee, lanes) in callees {
             self.call(callee, group_index, lanes)?;
@@ -367,10 +367,9 @@ impl Batch<'_> {
     /// The same for rays of a group, each in its own lane.
     fn decide_together(&mut self, index: u32, lanes: LaneMask, decisions: &Row) {
         let group = &mut self.worker.ray_groups[index];
-        let accepted = LaneMask::from_fn(|lane| decisions[lane] != 1);
-        let over = LaneMask::from_fn(|lane| decisions[lane] > 1);
-        group.flight.accept(accepted & lanes);
-        group.flight.end(over & lanes);
+        let over = LaneMask::with_any(decisions, !1) & lanes;
+        group.flight.accept(lanes - LaneMask::holding(decisions, 1));
+        group.flight.end(over);
         self.decided(index, lanes);
     }
 
@@ -385,14 +384,11 @@ impl Batch<'_> {
         let target = &mut self.worker.subgroups[caller];
         let program = &self.dispatch.shaders.programs[target.program as usize];
         let data = &mut target.rows[program.layout().io + IO_DATA_ROW..];
-        let words = data
-            .iter_mut()
-            .zip(outputs)
-            .take(target.data_words as usize);
+        let words = outputs.len().min(target.data_words as usize);
         match of.filter(|of| !in_place(lanes, of)) {
-            None => words.for_each(|(to, from)| copy_lanes(&mut to.0, &from.0, lanes)),
+            None => copy_lanes(self.dispatch.tier, data, &outputs[..words], lanes),
             Some(of) => {
-                for (to, from) in words {
+                for (to, from) in data.iter_mut().zip(&outputs[..words]) {
                     for lane in lanes {
                         to.0[of[lane].lane()] = from.0[lane];
                     }

@@ -16,7 +16,7 @@ use traversal::Walker;
 use super::Dispatch;
 use super::calls::{Calls, Records};
 use super::grid::Grid;
-use super::inputs::Sources;
+use super::inputs::{Sources, fill};
 use super::queries::Queries;
 use super::rays::RayGroup;
 use super::slab::Slab;
@@ -246,7 +246,14 @@ impl<'a> Batch<'a> {
             subgroups: &self.worker.subgroups,
             ray_groups: &self.worker.ray_groups,
         };
-        sources.fill(program, subgroup, records, &mut rows);
+        fill(
+            self.dispatch.tier,
+            &sources,
+            program,
+            subgroup,
+            records,
+            &mut rows,
+        );
         self.worker.subgroups[index].rows = rows;
         self.make_ready(index);
     }

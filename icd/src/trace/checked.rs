@@ -5,7 +5,7 @@ use spirv_jit::SUBGROUP_SIZE;
 use traversal::{Hit, Ray, RayRows};
 
 use super::batch::Batch;
-use super::rays::{operand, record_indices, structure_in};
+use super::rays::{load_rays, operand, record_indices, structure_in};
 use super::subgroup::{LaneRef, Role, SubgroupIndex};
 use crate::validate::{Instruction, Lookup, Need, Traced};
 use crate::wave::table::{Live, ProgramIndex};
@@ -17,7 +17,13 @@ impl Batch<'_> {
         let group = &self.worker.ray_groups[index];
         let operands = group.operands(&self.worker.subgroups);
         let mut rays = RayRows::NONE;
-        group.load(operands, self.dispatch, &mut rays);
+        load_rays(
+            self.dispatch.tier,
+            group,
+            operands,
+            self.dispatch,
+            &mut rays,
+        );
         for lane in group.in_flight {
             let as_given = Ray {
                 flags: operands[operand::FLAGS].0[lane],
@@ -42,8 +48,12 @@ impl Batch<'_> {
         let candidates = group.flight.candidates();
         let t = [f32::from_bits(subgroup.io(program, 0, lane)); SUBGROUP_SIZE];
         let counts = group.flight.counts(LaneMask::of(ray.lane()), &t);
-        if !counts.is_empty() && !candidates.is_opaque(ray.lane()) {
-            let records = record_indices(candidates, group.operands(&worker.subgroups));
+        if !counts.is_empty() && !candidates.opaque().contains(ray.lane()) {
+            let records = record_indices(
+                self.dispatch.tier,
+                candidates,
+                group.operands(&worker.subgroups),
+            );
             let (record, candidate) = (records[ray.lane()], candidates.hit(ray.lane()));
             self.check_hit_record(traced, Need::AnyHit, record, &candidate);
         }

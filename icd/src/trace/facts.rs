@@ -3,7 +3,7 @@
 
 use std::cell::OnceCell;
 
-use lanes::LaneMask;
+use lanes::{LaneMask, by_lane};
 use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::facts::Fact;
 use spirv_jit::hit_object::primitive;
@@ -11,6 +11,7 @@ use spirv_jit::program::Row;
 use traversal::ray::HIT_KIND_FRONT_FACING_TRIANGLE;
 use traversal::{Hit, HitRows, Structure, Swept};
 
+use super::lanes::bits_of;
 use crate::wave::Limits;
 
 /// One of each lane.
@@ -109,8 +110,8 @@ impl Take for OfHit<'_> {
 pub trait Subjects {
     /// Lanes that have one.
     fn lanes(&self) -> LaneMask;
-    /// Addresses of the top levels.
-    fn structures(&self) -> Lanes<u64>;
+    /// Addresses of the top levels: their lower and upper words.
+    fn structures(&self) -> [Row; 2];
     /// When the rays are cast.
     fn times(&self) -> Lanes<f32>;
     /// Indices of the instances that were hit.
@@ -214,30 +215,35 @@ impl Told {
                     })
                 });
                 let coordinate = |v: &[[f32; 3]; 3]| v[component / 3][component % 3].to_bits();
-                std::array::from_fn(|lane| coordinate(&vertices[lane]))
+                by_lane(|lane| coordinate(&vertices[lane]))
             }
             Fact::SweptPositions => {
                 let ends = ends();
-                std::array::from_fn(|lane| ends[lane].0.as_flattened()[component].to_bits())
+                by_lane(|lane| ends[lane].0.as_flattened()[component].to_bits())
             }
             Fact::SweptRadii => {
                 let ends = ends();
-                std::array::from_fn(|lane| ends[lane].1[component].to_bits())
+                by_lane(|lane| ends[lane].1[component].to_bits())
             }
             _ => [0; SUBGROUP_SIZE],
         };
     }
 }
 
+/// Addresses by lane, of their lower and upper words.
+pub fn addresses([low, high]: &[Row; 2]) -> Lanes<u64> {
+    by_lane(|lane| u64::from(low[lane]) | u64::from(high[lane]) << 32)
+}
+
 /// What structures say of hits at the rays' times.
-fn of_structures<T: Default>(
+fn of_structures<T: Copy + Default>(
     subjects: &impl Subjects,
     limits: &Limits,
     read: impl Fn(Structure, &Hit, f32) -> T,
 ) -> Lanes<T> {
-    let (structures, times) = (subjects.structures(), subjects.times());
+    let (structures, times) = (addresses(&subjects.structures()), subjects.times());
     let mut last = (0, None);
-    std::array::from_fn(|lane| {
+    by_lane(|lane| {
         if !subjects.lanes().contains(lane) {
             return T::default();
         }
@@ -259,18 +265,15 @@ fn of_instances(
     read: impl Fn(Structure, u32, f32) -> [f32; 12],
 ) -> Matrices {
     let lanes = subjects.lanes();
-    let (structures, instances, times) = (
-        subjects.structures(),
-        subjects.instances(),
-        subjects.times(),
-    );
+    let (named, instances) = (subjects.structures(), subjects.instances());
+    let times = subjects.times();
+    let telling = [named[0], named[1], instances, bits_of(&times)];
+    let structures = addresses(&named);
     let mut matrices: Option<Box<[Lanes<f32>; 12]>> = None;
     let mut rest = lanes;
     while let Some(first) = rest.iter().next() {
-        let same = LaneMask::from_fn(|lane| {
-            structures[lane] == structures[first]
-                && instances[lane] == instances[first]
-                && times[lane].to_bits() == times[first].to_bits()
+        let same = (telling.iter()).fold(LaneMask::ALL, |same, row| {
+            same & LaneMask::holding(row, row[first])
         });
         let structure = limits.structure(structures[first]);
         let matrix = structure.map_or([0.0; 12], |structure| {
@@ -292,7 +295,7 @@ fn of_instances(
 
 /// A component of 4 × 3 column-major shader matrices.
 fn column_major(matrices: &Matrices, component: usize) -> Row {
-    (matrices.row(component % 3 * 4 + component / 3)).map(f32::to_bits)
+    bits_of(&matrices.row(component % 3 * 4 + component / 3))
 }
 
 /// Points (`w` is 1) or directions (0) in instances' spaces, by their world-to-object matrices.

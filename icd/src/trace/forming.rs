@@ -3,7 +3,7 @@
 //! Lanes of one subgroup that call one record of one shader by one instruction stay together, each in its own lane, if they are [`MANY`].
 //! The others form full subgroups at the end of the step, whatever subgroups they come from: in the order of their records and launches.
 
-use lanes::LaneMask;
+use lanes::{LaneMask, by_lane};
 use spirv_jit::SUBGROUP_SIZE;
 
 use super::batch::Batch;
@@ -57,7 +57,7 @@ impl Batch<'_> {
         caller: u32,
         lanes: LaneMask,
     ) -> Result<(), Stopped> {
-        let of = std::array::from_fn(|lane| LaneRef::new(caller, lane));
+        let of = by_lane(|lane| LaneRef::new(caller, lane));
         if let Some(traced) = self.dispatch.checks {
             for lane in lanes {
                 self.check_call(traced, program, role, of[lane]);

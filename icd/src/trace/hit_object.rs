@@ -23,8 +23,10 @@ impl Batch<'_> {
             ..
         } = &mut *self.worker;
         let group = &ray_groups[index];
+        let operands = group.operands(subgroups);
+        let records = record_indices(self.dispatch.tier, &group.flight.hits, operands);
         for lane in lanes {
-            let object = found_by(group, group.operands(subgroups), lane);
+            let object = found_by(group, group.operands(subgroups), records[lane], lane);
             let subgroup = &mut subgroups[group.caller];
             for (row, &word) in TRACED.iter().enumerate() {
                 subgroup.rows[group.io + row].0[lane] = object[word];
@@ -141,9 +143,9 @@ impl Batch<'_> {
 }
 
 /// The words of the hit object that a trace fills.
-fn found_by(group: &RayGroup, operands: &Operands, lane: usize) -> [u32; word::COUNT] {
+fn found_by(group: &RayGroup, operands: &Operands, record: u32, lane: usize) -> [u32; word::COUNT] {
     let mut object = [0; word::COUNT];
-    object[word::RECORD_INDEX] = record_indices(&group.flight.hits, operands)[lane];
+    object[word::RECORD_INDEX] = record;
     let state = match group.flight.hits.get(lane) {
         Some(hit) => {
             object[word::T_MAX] = hit.t.to_bits();
@@ -240,8 +242,9 @@ impl Subjects for Known<'_> {
         LaneMask::of(0)
     }
 
-    fn structures(&self) -> Lanes<u64> {
-        [self.object.structure(); SUBGROUP_SIZE]
+    fn structures(&self) -> [Row; 2] {
+        let address = self.object.structure();
+        [address as u32, (address >> 32) as u32].map(|word| [word; SUBGROUP_SIZE])
     }
 
     fn times(&self) -> Lanes<f32> {

@@ -1,12 +1,13 @@
 //! Filling the input records of new invocations: only the rows that their program reads, a row at a time.
 
-use lanes::LaneMask;
+use lanes::{LaneMask, by_lane};
 use spirv_jit::program::{AlignedRow, Builtin, IO_DATA_ROW, InputRow, Row};
 use spirv_jit::{Program, SUBGROUP_SIZE};
 use traversal::{Hit, HitRows};
 
 use super::Dispatch;
 use super::facts::{Lanes, Subjects, Take, Told, take};
+use super::lanes::{bits_of, floats};
 use super::rays::{Operands, RayGroup, Report, operand};
 use super::slab::Slab;
 use super::subgroup::{LaneRef, Role, Subgroup, SubgroupIndex, Turn};
@@ -21,9 +22,23 @@ pub struct Sources<'a> {
     pub ray_groups: &'a Slab<RayGroup>,
 }
 
-impl Sources<'_> {
+spirv_jit::vectors! {
     /// Fills the inputs of a new subgroup into `rows`, its state. `records` has a record address per lane.
-    pub fn fill(
+    pub fn fill<V>(
+        _v,
+        sources: &Sources<'_>,
+        program: &Program,
+        subgroup: &Subgroup,
+        records: &Lanes<u64>,
+        rows: &mut [AlignedRow],
+    ) {
+        sources.fill(program, subgroup, records, rows);
+    }
+}
+
+impl Sources<'_> {
+    #[inline(always)]
+    fn fill(
         &self,
         program: &Program,
         subgroup: &Subgroup,
@@ -95,7 +110,7 @@ impl Sources<'_> {
                 _ => [self.layer; SUBGROUP_SIZE],
             },
             InputRow::Builtin(Builtin::ShaderRecordAddress, component) => {
-                records.map(|record| ((record + HANDLE_SIZE as u64) >> (32 * component)) as u32)
+                by_lane(|lane| ((records[lane] + HANDLE_SIZE as u64) >> (32 * component)) as u32)
             }
             _ => [0; SUBGROUP_SIZE],
         }
@@ -113,9 +128,11 @@ impl Sources<'_> {
     fn callers(&self, callers: &Lanes<LaneRef>) -> Callers<'_> {
         let first = callers[0].index();
         if callers.iter().all(|caller| caller.index() == first) {
-            return Callers::One(self.data_of(first), callers.map(LaneRef::lane));
+            return Callers::One(self.data_of(first), by_lane(|lane| callers[lane].lane()));
         }
-        Callers::Many(callers.map(|caller| (self.data_of(caller.index()), caller.lane())))
+        Callers::Many(by_lane(|lane| {
+            (self.data_of(callers[lane].index()), callers[lane].lane())
+        }))
     }
 }
 
@@ -135,10 +152,12 @@ impl Callers<'_> {
         match self {
             Callers::InPlace(data) => data.get(word).map_or([0; SUBGROUP_SIZE], |row| row.0),
             Callers::One(data, lanes) => data.get(word).map_or([0; SUBGROUP_SIZE], |row| {
-                lanes.map(|lane| row.0[lane % SUBGROUP_SIZE])
+                by_lane(|lane| row.0[lanes[lane] % SUBGROUP_SIZE])
             }),
-            Callers::Many(callers) => callers
-                .map(|(data, lane)| data.get(word).map_or(0, |row| row.0[lane % SUBGROUP_SIZE])),
+            Callers::Many(callers) => by_lane(|lane| {
+                let (data, lane) = callers[lane];
+                data.get(word).map_or(0, |row| row.0[lane % SUBGROUP_SIZE])
+            }),
         }
     }
 }
@@ -151,6 +170,7 @@ enum Rays<'a> {
 }
 
 impl<'a> Rays<'a> {
+    #[inline(always)]
     fn new(sources: &Sources<'a>, subgroup: &Subgroup) -> Self {
         let of = &subgroup.of;
         let (ray_groups, subgroups) = (sources.ray_groups, sources.subgroups);
@@ -158,14 +178,15 @@ impl<'a> Rays<'a> {
         if subgroup.is_in_place {
             return Self::InPlace(last.1, last.1.operands(subgroups));
         }
-        let groups = of.map(|ray| {
+        let groups = by_lane(|lane| {
+            let ray = of[lane];
             if ray.index() != last.0 {
                 last = (ray.index(), &ray_groups[ray.index()]);
             }
             last.1
         });
         let mut last = (of[0].index(), groups[0].operands(subgroups));
-        let operands = std::array::from_fn(|lane| {
+        let operands = by_lane(|lane| {
             if of[lane].index() != last.0 {
                 last = (of[lane].index(), groups[lane].operands(subgroups));
             }
@@ -205,7 +226,7 @@ impl<'a> HitLanes<'a> {
 
     /// Who waits for the rays.
     fn callers(&self) -> Lanes<LaneRef> {
-        std::array::from_fn(|lane| LaneRef::new(self.rays.group(lane).caller, self.lane(lane)))
+        by_lane(|lane| LaneRef::new(self.rays.group(lane).caller, self.lane(lane)))
     }
 
     /// The hits of a group that this is about.
@@ -223,10 +244,10 @@ impl<'a> HitLanes<'a> {
         match self.rays {
             Rays::InPlace(group, _) => {
                 let hits = self.hits_of(group);
-                std::array::from_fn(|lane| rows(hits, lane))
+                by_lane(|lane| rows(hits, lane))
             }
             Rays::Spread(groups, _) => {
-                std::array::from_fn(|lane| rows(self.hits_of(groups[lane]), self.lane(lane)))
+                by_lane(|lane| rows(self.hits_of(groups[lane]), self.lane(lane)))
             }
         }
     }
@@ -236,28 +257,29 @@ impl<'a> HitLanes<'a> {
     fn of_rays(&self, row: usize) -> Row {
         match self.rays {
             Rays::InPlace(_, operands) => operands[row].0,
-            Rays::Spread(_, operands) => {
-                std::array::from_fn(|lane| operands[lane][row].0[self.lane(lane)])
-            }
+            Rays::Spread(_, operands) => by_lane(|lane| operands[lane][row].0[self.lane(lane)]),
         }
     }
 
     fn of_reports(&self, word: impl Fn(&Report) -> u32) -> Row {
-        std::array::from_fn(|lane| {
+        by_lane(|lane| {
             let procedural = self.rays.group(lane).procedural();
             procedural.map_or(0, |rays| word(&rays.reports[self.lane(lane)]))
         })
     }
 
+    #[inline(always)]
     fn attribute_row(&self, word: usize) -> Row {
         if let Rays::InPlace(group, _) = self.rays {
             let hits = self.hits_of(group);
             if (self.started - hits.built_in()).is_empty() {
                 let weights = hits.barycentrics.get(word);
-                return weights.map_or([0; SUBGROUP_SIZE], |row| row.map(f32::to_bits));
+                return weights.map_or([0; SUBGROUP_SIZE], |row| {
+                    by_lane(|lane| row[lane].to_bits())
+                });
             }
         }
-        std::array::from_fn(|lane| {
+        by_lane(|lane| {
             let (group, from) = (self.rays.group(lane), self.lane(lane));
             let hits = self.hits_of(group);
             if hits.is_built_in(from) {
@@ -285,8 +307,11 @@ impl<'a> HitLanes<'a> {
             (Builtin::WorldRayDirection, _) => self.of_rays(operand::DIRECTION + component),
             (Builtin::RayTmin, _) => self.of_rays(operand::T_MIN),
             (Builtin::IncomingRayFlags, _) => self.of_rays(operand::FLAGS),
-            (Builtin::CullMask, _) => self.of_rays(operand::CULL_MASK).map(|mask| mask & 0xff),
-            (Builtin::CurrentRayTime, _) => self.times().map(f32::to_bits),
+            (Builtin::CullMask, _) => {
+                let masks = self.of_rays(operand::CULL_MASK);
+                by_lane(|lane| masks[lane] & 0xff)
+            }
+            (Builtin::CurrentRayTime, _) => bits_of(&self.times()),
             _ => {
                 let Some(fact) = builtin.fact() else {
                     return false;
@@ -304,9 +329,9 @@ impl<'a> HitLanes<'a> {
     fn t_max_row(&self) -> Row {
         match self.role {
             Role::AnyHitOfReport => self.of_reports(|report| report.t.to_bits()),
-            Role::Intersection => std::array::from_fn(|lane| {
-                self.rays.group(lane).flight.t_max()[self.lane(lane)].to_bits()
-            }),
+            Role::Intersection => {
+                by_lane(|lane| self.rays.group(lane).flight.t_max()[self.lane(lane)].to_bits())
+            }
             _ => self.row_of(|hits, lane| hits.t[lane].to_bits()),
         }
     }
@@ -326,14 +351,13 @@ impl Subjects for HitLanes<'_> {
         self.started
     }
 
-    fn structures(&self) -> Lanes<u64> {
-        let [low, high] = [0, 1].map(|word| self.of_rays(operand::STRUCTURE + word));
-        std::array::from_fn(|lane| low[lane] as u64 | (high[lane] as u64) << 32)
+    fn structures(&self) -> [Row; 2] {
+        [0, 1].map(|word| self.of_rays(operand::STRUCTURE + word))
     }
 
     fn times(&self) -> Lanes<f32> {
         let times = self.of_rays(operand::TIME);
-        std::array::from_fn(|lane| match self.rays.group(lane).has_time {
+        by_lane(|lane| match self.rays.group(lane).has_time {
             true => f32::from_bits(times[lane]),
             false => 0.0,
         })
@@ -350,10 +374,10 @@ impl Subjects for HitLanes<'_> {
     }
 
     fn origins(&self) -> [Lanes<f32>; 3] {
-        [0, 1, 2].map(|axis| self.of_rays(operand::ORIGIN + axis).map(f32::from_bits))
+        [0, 1, 2].map(|axis| floats(&self.of_rays(operand::ORIGIN + axis)))
     }
 
     fn directions(&self) -> [Lanes<f32>; 3] {
-        [0, 1, 2].map(|axis| self.of_rays(operand::DIRECTION + axis).map(f32::from_bits))
+        [0, 1, 2].map(|axis| floats(&self.of_rays(operand::DIRECTION + axis)))
     }
 }

@@ -34,6 +34,7 @@ mod walks;
 
 use std::sync::Mutex;
 
+use ::lanes::Tier;
 use rayon::prelude::*;
 use spirv_jit::environment::Environment;
 use spirv_jit::program::SiteKind;
@@ -48,6 +49,8 @@ pub use queries::{Owned, Queries};
 /// One `vkCmdTraceRays*`, whatever command it came from.
 pub struct Dispatch<'a> {
     pub shaders: &'a Shaders,
+    /// The instruction set for work on rows.
+    pub tier: Tier,
     pub tables: Tables<Live>,
     /// Width, height, depth.
     pub extent: [u32; 3],

@@ -1,11 +1,12 @@
 //! Rays in flight, sixteen at a time: those that the lanes of one subgroup have traced with one instruction.
 
-use lanes::LaneMask;
+use lanes::{LaneMask, by_lane};
 use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::program::{AlignedRow, IO_DATA_ROW, Row};
 use traversal::{Flight, HitRows, RayRows, ray_flags};
 
 use super::Dispatch;
+use super::lanes::floats;
 use super::slab::Slab;
 use super::subgroup::{LaneRef, Subgroup, SubgroupIndex};
 
@@ -119,8 +120,9 @@ impl RayGroup {
     }
 
     /// Reads the rays of a trace.
-    pub fn load(&self, operands: &Operands, dispatch: &Dispatch<'_>, rays: &mut RayRows) {
-        let floats = |row: usize| operands[row].0.map(f32::from_bits);
+    #[inline(always)]
+    fn load_here(&self, operands: &Operands, dispatch: &Dispatch<'_>, rays: &mut RayRows) {
+        let floats = |row: usize| floats(&operands[row].0);
         for axis in 0..3 {
             rays.origin[axis] = floats(operand::ORIGIN + axis);
             rays.direction[axis] = floats(operand::DIRECTION + axis);
@@ -132,11 +134,12 @@ impl RayGroup {
             false => [0.0; SUBGROUP_SIZE],
         };
         let (flags, all) = (dispatch.pipeline_ray_flags, dispatch.takes_all_hits);
-        rays.flags = operands[operand::FLAGS].0.map(|given| {
+        rays.flags = by_lane(|lane| {
+            let given = operands[operand::FLAGS].0[lane];
             let opaque = all && given & ray_flags::OPACITY == 0;
             given | flags | if opaque { ray_flags::OPAQUE } else { 0 }
         });
-        rays.cull_mask = operands[operand::CULL_MASK].0.map(|mask| mask & 0xff);
+        rays.cull_mask = by_lane(|lane| operands[operand::CULL_MASK].0[lane] & 0xff);
         let [low, high] = [operand::STRUCTURE, operand::STRUCTURE + 1].map(|row| &operands[row].0);
         if alike(low, self.in_flight) & alike(high, self.in_flight) == self.in_flight {
             let first = self.in_flight.first();
@@ -149,43 +152,45 @@ impl RayGroup {
     }
 }
 
-/// Indices of the hit group records for hits (chapter Ray Tracing, "Hit Shaders"), and of the miss records where there is none.
-pub fn record_indices(hits: &HitRows, operands: &Operands) -> Row {
-    let [offset, stride, miss] = [
-        &operands[operand::SBT_OFFSET].0,
-        &operands[operand::SBT_STRIDE].0,
-        &operands[operand::MISS_INDEX].0,
-    ];
-    std::array::from_fn(|lane| {
-        let hit = hits.instance_sbt_offset[lane]
-            .wrapping_add(hits.geometry_index[lane].wrapping_mul(stride[lane]))
-            .wrapping_add(offset[lane]);
-        match hits.found.contains(lane) {
-            true => hit,
-            false => miss[lane],
-        }
-    })
+spirv_jit::vectors! {
+    /// Reads the rays of a trace.
+    pub fn load_rays<V>(
+        _v,
+        group: &RayGroup,
+        operands: &Operands,
+        dispatch: &Dispatch<'_>,
+        rays: &mut RayRows,
+    ) {
+        group.load_here(operands, dispatch, rays);
+    }
+}
+
+spirv_jit::vectors! {
+    /// Indices of the hit group records for hits (chapter Ray Tracing, "Hit Shaders"), and of the miss records where there is none.
+    pub fn record_indices<V>(v, hits: &HitRows, operands: &Operands) -> Row {
+        let load = |row: usize| v.load_i(&operands[row].0);
+        let geometry = v.load_i(&hits.geometry_index);
+        let in_instance = v.add_i(v.mul_i(geometry, load(operand::SBT_STRIDE)), load(operand::SBT_OFFSET));
+        let hit = v.add_i(v.load_i(&hits.instance_sbt_offset), in_instance);
+        let mut row = [0; SUBGROUP_SIZE];
+        v.store_i(v.select(hits.found.bits(), hit, load(operand::MISS_INDEX)), &mut row);
+        row
+    }
 }
 
 /// Which of some lanes have the number of the first of them in a row.
 pub fn alike(row: &Row, lanes: LaneMask) -> LaneMask {
-    let number = row[lanes.first()];
-    // Not as a comparison of arrays, which would be a call.
-    if row.iter().fold(0, |bits, other| bits | (other ^ number)) == 0 {
-        return lanes;
-    }
-    LaneMask::from_fn(|lane| row[lane] == number) & lanes
+    LaneMask::holding(row, row[lanes.first()]) & lanes
 }
 
 /// Whether which hit rays find first can be seen, where their first hit ends them.
 pub fn shows_first_hit(operands: &Operands, lanes: LaneMask, fills_hit_object: bool) -> bool {
     let flags = &operands[operand::FLAGS].0;
-    let shows = LaneMask::from_fn(|lane| {
-        let ends = flags[lane] & ray_flags::TERMINATE_ON_FIRST_HIT != 0;
-        let calls = flags[lane] & ray_flags::SKIP_CLOSEST_HIT_SHADER == 0;
-        ends & (calls | fills_hit_object)
-    });
-    !(shows & lanes).is_empty()
+    let ends = LaneMask::with_any(flags, ray_flags::TERMINATE_ON_FIRST_HIT) & lanes;
+    match fills_hit_object {
+        true => !ends.is_empty(),
+        false => !(ends - skips_closest_hit(operands)).is_empty(),
+    }
 }
 
 /// The address that a lane names for its top level.
@@ -197,6 +202,8 @@ pub fn structure_in(operands: &Operands, lane: usize) -> u64 {
 
 /// Lanes whose hits no closest-hit shader is to see.
 pub fn skips_closest_hit(operands: &Operands) -> LaneMask {
-    let flags = &operands[operand::FLAGS].0;
-    LaneMask::from_fn(|lane| flags[lane] & ray_flags::SKIP_CLOSEST_HIT_SHADER != 0)
+    LaneMask::with_any(
+        &operands[operand::FLAGS].0,
+        ray_flags::SKIP_CLOSEST_HIT_SHADER,
+    )
 }

@@ -1,12 +1,11 @@
 //! A subgroup of invocations in flight: its program's state, and whom each lane answers.
 #![forbid(unsafe_code)]
 
-use lanes::LaneMask;
+use lanes::{LaneMask, by_lane};
 use spirv_jit::program::AlignedRow;
 use spirv_jit::{Program, SUBGROUP_SIZE};
 
 use super::grid::Launches;
-pub use super::lanes::copy_lanes;
 use super::queries::Owned;
 use crate::wave::Stopped;
 use crate::wave::table::ProgramIndex;
@@ -156,7 +155,7 @@ pub fn by_index(
     let mut rest = lanes;
     std::iter::from_fn(move || {
         let index = of[rest.iter().next()?].index();
-        let same = LaneMask::from_fn(|lane| of[lane].index() == index) & rest;
+        let same = LaneMask::holding(&by_lane(|lane| of[lane].index()), index) & rest;
         rest -= same;
         Some((index, same))
     })
@@ -174,6 +173,6 @@ pub fn lanes_named(lanes: LaneMask, of: &[LaneRef; SUBGROUP_SIZE]) -> LaneMask {
 /// Whether each of these lanes refers to the lane of its own number.
 #[inline]
 pub fn in_place(lanes: LaneMask, of: &[LaneRef; SUBGROUP_SIZE]) -> bool {
-    let elsewhere = LaneMask::from_fn(|lane| of[lane].lane() != lane);
-    (elsewhere & lanes).is_empty()
+    let distances = by_lane(|lane| (of[lane].lane() ^ lane) as u32);
+    (lanes - LaneMask::holding(&distances, 0)).is_empty()
 }

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use lanes::Tier;
 use scenes::{Bytes, IDENTITY, InstanceRecord, Mesh, build_boxes, build_instances, build_meshes};
 use spirv_jit::Program;
 use spirv_jit::environment::{Descriptor, DescriptorSet, Environment, MAX_SETS, uniform};
@@ -348,6 +349,7 @@ fn every_kind_of_shader_call_returns_to_its_caller() {
     ];
     let dispatch = Dispatch {
         shaders: &shaders,
+        tier: Tier::best(),
         tables: live(&Tables {
             raygen: region(&handles, 0, 1),
             miss: region(&handles, 1, 1),
@@ -427,6 +429,7 @@ fn is_stopped(text: &str) {
     };
     let dispatch = Dispatch {
         shaders: &shaders,
+        tier: Tier::best(),
         tables: live(&Tables {
             raygen: region(&handles, 0, 1),
             ..Tables::default()

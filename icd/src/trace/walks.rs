@@ -5,7 +5,7 @@ use smallvec::SmallVec;
 use traversal::{Flight, Flights, RayRows, Start};
 
 use super::batch::Batch;
-use super::rays::{alike, record_indices, shows_first_hit, skips_closest_hit};
+use super::rays::{alike, load_rays, record_indices, shows_first_hit, skips_closest_hit};
 use super::subgroup::Role;
 use crate::validate::Need;
 use crate::wave::Stopped;
@@ -17,7 +17,7 @@ impl Flights for Batch<'_> {
     fn rays(&self, index: u32, rays: &mut RayRows) -> Start {
         let group = &self.worker.ray_groups[index];
         let operands = group.operands(&self.worker.subgroups);
-        group.load(operands, self.dispatch, rays);
+        load_rays(self.dispatch.tier, group, operands, self.dispatch, rays);
         Start {
             lanes: group.in_flight,
             shows_first_hit: shows_first_hit(operands, group.in_flight, group.fills_hit_object),
@@ -71,7 +71,11 @@ impl Batch<'_> {
         let worker = &*self.worker;
         let group = &worker.ray_groups[index];
         let candidates = group.flight.candidates();
-        let records = record_indices(candidates, group.operands(&worker.subgroups));
+        let records = record_indices(
+            self.dispatch.tier,
+            candidates,
+            group.operands(&worker.subgroups),
+        );
         let triangles = candidates.built_in();
         if let Some(traced) = self.dispatch.checks {
             for lane in lanes {
@@ -139,7 +143,7 @@ impl Batch<'_> {
             return Ok(());
         }
         let operands = group.operands(&worker.subgroups);
-        let records = record_indices(&group.flight.hits, operands);
+        let records = record_indices(self.dispatch.tier, &group.flight.hits, operands);
         let hits = group.flight.hits.found & lanes;
         let mut silent = hits & skips_closest_hit(operands);
         if let Some(traced) = self.dispatch.checks {

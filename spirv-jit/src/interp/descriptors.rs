@@ -3,6 +3,8 @@
 //! A value of type `descriptor` is such an address in every lane that was active when it was made. It lives in the frame alone: a state
 //! keeps what it was made of, and it is made again when the wave goes on ([`make_again`]).
 
+use lanes::by_lane;
+
 use super::code::{DescriptorSource, Remade};
 use super::machine::{Instr, MAX_SUBGROUPS, Machine};
 use super::operand::Operand;
@@ -122,14 +124,14 @@ unsafe fn make(
                 let entries = Entries::of(m.environment, binding);
                 for &subgroup in subgroups {
                     let index = *m.block::<u32>(from, subgroup);
-                    *m.block::<u64>(d, subgroup) = index.map(|index| entries.address(index));
+                    *m.block::<u64>(d, subgroup) = by_lane(|lane| entries.address(index[lane]));
                 }
             }
             DescriptorSource::Reference => {
                 for &subgroup in subgroups {
                     let number = *m.block::<u64>(from, subgroup);
                     *m.block::<u64>(d, subgroup) =
-                        number.map(|number| follow(m.environment, number));
+                        by_lane(|lane| follow(m.environment, number[lane]));
                 }
             }
         }
@@ -177,7 +179,7 @@ pub(super) unsafe fn descriptor_reference(m: &mut Machine<'_>, i: &Instr) {
         // SAFETY: as the caller promises.
         unsafe {
             let index: [u32; SUBGROUP_SIZE] = *m.block::<u32>(i.a, subgroup);
-            *m.block::<u64>(i.d, subgroup) = index.map(|index| entries.reference(index));
+            *m.block::<u64>(i.d, subgroup) = by_lane(|lane| entries.reference(index[lane]));
         }
     }
 }

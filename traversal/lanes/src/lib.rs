@@ -1,6 +1,6 @@
 //! What shaders and structures both know of lanes: which instruction set computes them, and which of them take part.
 
-#![forbid(unsafe_code)]
+#![deny(unsafe_code)]
 
 mod mask;
 mod tier;
@@ -9,3 +9,13 @@ pub use mask::LaneMask;
 pub use tier::Tier;
 #[cfg(target_arch = "x86_64")]
 pub use tier::has_byte_permutes;
+
+/// A row: what a function gives for each of sixteen lanes. As [`std::array::from_fn`], which compilers leave out of line at this size.
+#[inline(always)]
+pub fn by_lane<T: Copy>(mut number: impl FnMut(usize) -> T) -> [T; LaneMask::LANES] {
+    let mut row = [number(0); LaneMask::LANES];
+    for (lane, word) in row.iter_mut().enumerate().skip(1) {
+        *word = number(lane);
+    }
+    row
+}

@@ -28,6 +28,18 @@ impl LaneMask {
         LaneMask(bits)
     }
 
+    /// The lanes of a row that hold a word.
+    #[inline]
+    pub fn holding(row: &[u32; LaneMask::LANES], word: u32) -> LaneMask {
+        LaneMask(alike(row, word, u32::MAX))
+    }
+
+    /// The lanes of a row that have any of some bits.
+    #[inline]
+    pub fn with_any(row: &[u32; LaneMask::LANES], bits: u32) -> LaneMask {
+        LaneMask(!alike(row, 0, bits))
+    }
+
     /// One lane.
     #[inline]
     pub const fn of(lane: usize) -> LaneMask {
@@ -86,6 +98,32 @@ impl LaneMask {
     pub const fn iter(self) -> Iter {
         Iter(self.0)
     }
+}
+
+/// A bit for each word of a row that is the same as another in some bits.
+#[cfg(target_arch = "x86_64")]
+#[inline(always)]
+#[allow(unsafe_code)]
+fn alike(row: &[u32; LaneMask::LANES], other: u32, bits: u32) -> u16 {
+    use std::arch::x86_64::*;
+    // SAFETY: these processors have SSE2, and four words are read at a time.
+    unsafe {
+        let (other, bits) = (_mm_set1_epi32(other as i32), _mm_set1_epi32(bits as i32));
+        let quarter = |i: usize| {
+            let words = _mm_loadu_si128(row[4 * i..][..4].as_ptr().cast());
+            let differences = _mm_and_si128(_mm_xor_si128(words, other), bits);
+            _mm_cmpeq_epi32(differences, _mm_setzero_si128())
+        };
+        let low = _mm_packs_epi32(quarter(0), quarter(1));
+        let high = _mm_packs_epi32(quarter(2), quarter(3));
+        _mm_movemask_epi8(_mm_packs_epi16(low, high)) as u16
+    }
+}
+
+#[cfg(not(target_arch = "x86_64"))]
+#[inline(always)]
+fn alike(row: &[u32; LaneMask::LANES], other: u32, bits: u32) -> u16 {
+    LaneMask::from_fn(|lane| (row[lane] ^ other) & bits == 0).0
 }
 
 /// The lanes of a mask, lowest first.
@@ -196,6 +234,18 @@ mod tests {
         }
         for count in 0..=16 {
             assert_eq!(LaneMask::full(count), (0..count).collect());
+        }
+    }
+
+    /// Against one lane after the other.
+    #[test]
+    fn rows_are_compared_with_a_word() {
+        let row = std::array::from_fn(|lane| [0, 1, 2, u32::MAX, 1 << 31][lane * 7 % 5]);
+        for word in [0, 1, 2, 3, u32::MAX, 1 << 31, 0x8000_0001] {
+            let holding = LaneMask::from_fn(|lane| row[lane] == word);
+            assert_eq!(LaneMask::holding(&row, word), holding, "{word:#x}");
+            let with_any = LaneMask::from_fn(|lane| row[lane] & word != 0);
+            assert_eq!(LaneMask::with_any(&row, word), with_any, "{word:#x}");
         }
     }
 }

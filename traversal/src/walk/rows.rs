@@ -173,22 +173,30 @@ impl HitRows {
         blend(&mut self.kind, &[kind; PACKET], lanes);
     }
 
-    /// Puts a triangle that is not opaque into lanes as their candidate: where each meets it, and the kind of hit that is.
+    /// Puts a triangle that is not opaque into lanes as their candidate: where each meets it. `front`: those that see its front, whose
+    /// kind of hit is the second.
     pub(crate) fn set_triangle(
         &mut self,
-        lanes: LaneMask,
+        (lanes, front): (LaneMask, LaneMask),
         hit: &Hit,
         t: &Lanes,
         barycentrics: &[Lanes; 2],
-        kinds: &[u8; PACKET],
+        hit_kinds: [u8; 2],
     ) {
         blend(&mut self.t, t, lanes);
         for (weights, found) in self.barycentrics.iter_mut().zip(barycentrics) {
             blend(weights, found, lanes);
         }
         self.set_place(lanes, hit);
-        let kinds = kinds.map(|kind| u32::from(kind) | TRIANGLE);
-        blend(&mut self.kind, &kinds, lanes);
+        self.set_kinds(lanes, front, hit_kinds, TRIANGLE);
+    }
+
+    /// Puts a kind of hit into the lanes that see a triangle's front, the second, and another into those that do not.
+    #[inline(always)]
+    fn set_kinds(&mut self, lanes: LaneMask, front: LaneMask, hit_kinds: [u8; 2], bits: u32) {
+        for (lanes, kind) in [(lanes - front, hit_kinds[0]), (lanes & front, hit_kinds[1])] {
+            blend(&mut self.kind, &[u32::from(kind) | bits; PACKET], lanes);
+        }
     }
 
     /// Puts what and where a primitive is into lanes.
@@ -238,16 +246,16 @@ impl HitRows {
         }
     }
 
-    /// Whether the geometry of a lane's candidate is opaque.
+    /// Lanes whose candidate is of an opaque geometry.
     #[inline]
-    pub fn is_opaque(&self, lane: usize) -> bool {
-        self.kind[lane % PACKET] & OPAQUE != 0
+    pub fn opaque(&self) -> LaneMask {
+        LaneMask::with_any(&self.kind, OPAQUE)
     }
 
     /// Which lanes have a hit that [`Hit::is_built_in`].
     #[inline]
     pub fn built_in(&self) -> LaneMask {
-        LaneMask::from_fn(|lane| self.is_built_in(lane)) & self.found
+        LaneMask::with_any(&self.kind, TRIANGLE | SPHERE | LINEAR_SWEPT_SPHERE) & self.found
     }
 
     /// The hit of a lane that has one.
@@ -348,10 +356,7 @@ impl HitRows {
     ) {
         blend(&mut self.geometry_index, &[geometry; PACKET], lanes);
         blend(&mut self.primitive_index, &[primitive; PACKET], lanes);
-        for (lanes, kind) in [(lanes - front, hit_kinds[0]), (lanes & front, hit_kinds[1])] {
-            let kind = u32::from(kind) | OPAQUE | TRIANGLE;
-            blend(&mut self.kind, &[kind; PACKET], lanes);
-        }
+        self.set_kinds(lanes, front, hit_kinds, OPAQUE | TRIANGLE);
     }
 }
 

@@ -9,7 +9,7 @@ use traversal::{Hit, HitRows};
 
 use super::super::facts::{Lanes, Subjects, Take, Told, take};
 use super::super::lanes::put_lanes;
-use super::{floats, structures};
+use super::floats;
 use crate::wave::Limits;
 
 /// Writes what getters read of the candidates of lanes.
@@ -117,8 +117,8 @@ impl Subjects for Rows<'_> {
         self.lanes
     }
 
-    fn structures(&self) -> Lanes<u64> {
-        structures(self.rays)
+    fn structures(&self) -> [Row; 2] {
+        [0, 1].map(|word| self.rays[row::STRUCTURE + word].0)
     }
 
     fn times(&self) -> Lanes<f32> {

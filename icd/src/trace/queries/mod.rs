@@ -13,8 +13,8 @@ use spirv_jit::program::AlignedRow;
 use spirv_jit::query::{row, state};
 use traversal::{Flight, Flights, RayRows, Start, Walker, ray_flags};
 
-use super::facts::Lanes;
-use super::lanes::{holding, put_word};
+use super::facts::{Lanes, addresses};
+use super::lanes::put_word;
 use crate::wave::{Limits, Stopped};
 use describe::{describe_candidates, describe_committed, shows_committed};
 pub use waiting::Owned;
@@ -82,7 +82,7 @@ impl Queries {
         let (mut rest, mut stand) = (mask, LaneMask::NONE);
         while !rest.is_empty() {
             let place = first[rest.first()];
-            let lanes = rest & holding(tier, &first, place);
+            let lanes = rest & LaneMask::holding(&first, place);
             rest -= lanes;
             let size = row::WORDS + program.query_words().len();
             if let Some(rows) = private.get_mut(place as usize..place as usize + size) {
@@ -102,7 +102,7 @@ impl Queries {
         object: &mut Object<'_>,
         lanes: LaneMask,
     ) -> Result<LaneMask, Stopped> {
-        let ready = lanes & object.lanes_at(context.tier, state::READY);
+        let ready = lanes & object.lanes_at(state::READY);
         let mut stand = LaneMask::NONE;
         if !ready.is_empty() {
             stand = self.start(context, object, ready)?;
@@ -160,9 +160,9 @@ impl Queries {
         lanes: LaneMask,
     ) -> Result<LaneMask, Stopped> {
         let asked = [state::CANDIDATE, state::CONFIRMED, state::GENERATED];
-        let asked = asked.iter().fold(LaneMask::NONE, |asked, &at| {
-            asked | object.lanes_at(context.tier, at)
-        });
+        let asked = asked
+            .iter()
+            .fold(LaneMask::NONE, |asked, &at| asked | object.lanes_at(at));
         let going = lanes & asked;
         let Some(flight) = context.owned.find(object.first) else {
             object.set_state(context.tier, going, state::OVER);
@@ -172,7 +172,7 @@ impl Queries {
         object.set_state(context.tier, going - waiting, state::OVER);
         let going = going & waiting;
         flight.hold(waiting - going);
-        decide(context.tier, flight, object, going);
+        decide(flight, object, going);
         let mut one = One {
             flight: &mut *flight,
             rows: object.rows,
@@ -241,13 +241,13 @@ fn settle(
 }
 
 /// Applies what the shader has decided about candidates; nonsense counts as nothing.
-fn decide(tier: Tier, flight: &mut Flight, object: &Object<'_>, lanes: LaneMask) {
+fn decide(flight: &mut Flight, object: &Object<'_>, lanes: LaneMask) {
     let built_in = flight.candidates().built_in();
-    let confirmed = object.lanes_at(tier, state::CONFIRMED) & lanes & built_in;
+    let confirmed = object.lanes_at(state::CONFIRMED) & lanes & built_in;
     if !confirmed.is_empty() {
         flight.accept(confirmed);
     }
-    let generated = object.lanes_at(tier, state::GENERATED) & (lanes - built_in);
+    let generated = object.lanes_at(state::GENERATED) & (lanes - built_in);
     if !generated.is_empty() {
         let t = floats(object.rows, row::GENERATED_T);
         let counts = flight.counts(generated, &t);
@@ -308,25 +308,19 @@ fn load(object: &[AlignedRow], rays: &mut RayRows) {
     rays.t_max = floats(object, row::T_MAX);
     rays.flags = object[row::FLAGS].0;
     rays.cull_mask = object[row::CULL_MASK].0;
-    rays.top_level = structures(object);
+    rays.top_level = addresses(&[0, 1].map(|word| object[row::STRUCTURE + word].0));
 }
 
 /// A row of an object as floats.
 fn floats(object: &[AlignedRow], row: usize) -> Lanes<f32> {
-    object[row].0.map(f32::from_bits)
-}
-
-/// The addresses that lanes name for their top levels.
-fn structures(object: &[AlignedRow]) -> Lanes<u64> {
-    let word = |row: usize, lane: usize| u64::from(object[row].0[lane]);
-    std::array::from_fn(|lane| word(row::STRUCTURE, lane) | word(row::STRUCTURE + 1, lane) << 32)
+    super::lanes::floats(&object[row].0)
 }
 
 impl Object<'_> {
     /// Lanes whose query stands at a state.
     #[inline]
-    fn lanes_at(&self, tier: Tier, state: u32) -> LaneMask {
-        holding(tier, &self.rows[row::STATE].0, state)
+    fn lanes_at(&self, state: u32) -> LaneMask {
+        LaneMask::holding(&self.rows[row::STATE].0, state)
     }
 
     #[inline]

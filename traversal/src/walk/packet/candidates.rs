@@ -132,8 +132,8 @@ pub(super) fn next_candidates(
             met |= exactly.0;
             front = (front - meeting.undecided) | exactly.1;
         }
-        let kinds = std::array::from_fn(|lane| facts.hit_kind(front.contains(lane)));
-        candidates.set_triangle(met, &hit, &place.t, &place.barycentrics, &kinds);
+        let kinds = [false, true].map(|front| facts.hit_kind(front));
+        candidates.set_triangle((met, front), &hit, &place.t, &place.barycentrics, kinds);
     }
 }
 

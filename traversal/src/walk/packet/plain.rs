@@ -343,8 +343,8 @@ unsafe fn next_candidates<K: Kernel>(
             slot: first_slot + i as u32,
             ..facts.hit()
         };
-        let kinds = std::array::from_fn(|lane| facts.hit_kind(front.contains(lane)));
-        candidates.set_triangle(met, &hit, &place.t, &place.barycentrics, &kinds);
+        let kinds = [false, true].map(|front| facts.hit_kind(front));
+        candidates.set_triangle((met, front), &hit, &place.t, &place.barycentrics, kinds);
     }
 }
 

@@ -30,7 +30,7 @@ pub(super) fn sixteen_not_greater(numbers: &Lanes, others: &Lanes) -> LaneMask {
 /// Lanes with this word.
 #[inline(always)]
 pub(super) fn equal(row: &Words, word: u32) -> LaneMask {
-    LaneMask::from_fn(|lane| row[lane] == word)
+    LaneMask::holding(row, word)
 }
 
 /// The numbers of some lanes, and something else in the others.
