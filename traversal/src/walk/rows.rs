@@ -360,22 +360,47 @@ impl HitRows {
     }
 }
 
-/// Takes over some lanes.
+/// Takes over some lanes. `T` has 32 bits.
 #[inline(always)]
 pub(crate) fn blend<T: Copy>(to: &mut [T; PACKET], from: &[T; PACKET], lanes: LaneMask) {
+    const { assert!(size_of::<T>() == size_of::<u32>()) };
     match lanes {
         LaneMask::NONE => {}
         LaneMask::ALL => *to = *from,
-        _ => {
-            // Copies: of a choice between places in memory, compilers make a choice between addresses.
-            let (kept, taken) = (*to, *from);
-            for lane in 0..PACKET {
-                to[lane] = if u32::from(lanes.bits()) & 1 << lane != 0 {
-                    taken[lane]
-                } else {
-                    kept[lane]
-                };
-            }
+        _ => blend_some(to, from, lanes),
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[inline(always)]
+fn blend_some<T: Copy>(to: &mut [T; PACKET], from: &[T; PACKET], lanes: LaneMask) {
+    use std::arch::x86_64::*;
+    // SAFETY: these processors have SSE2, and rows are sixteen words.
+    unsafe {
+        let (to, from) = (to.as_mut_ptr(), from.as_ptr());
+        let given = _mm_set1_epi32(i32::from(lanes.bits()));
+        for first in (0..PACKET).step_by(4) {
+            let bit = |lane: usize| 1 << (first + lane);
+            let bits = _mm_setr_epi32(bit(0), bit(1), bit(2), bit(3));
+            let mask = _mm_cmpeq_epi32(_mm_and_si128(given, bits), bits);
+            let to = to.add(first).cast::<__m128i>();
+            let taken = _mm_and_si128(mask, _mm_loadu_si128(from.add(first).cast()));
+            let kept = _mm_andnot_si128(mask, _mm_loadu_si128(to));
+            _mm_storeu_si128(to, _mm_or_si128(kept, taken));
         }
+    }
+}
+
+#[cfg(not(target_arch = "x86_64"))]
+#[inline(always)]
+fn blend_some<T: Copy>(to: &mut [T; PACKET], from: &[T; PACKET], lanes: LaneMask) {
+    // Copies: of a choice between places in memory, compilers make a choice between addresses.
+    let (kept, taken) = (*to, *from);
+    for lane in 0..PACKET {
+        to[lane] = if lanes.contains(lane) {
+            taken[lane]
+        } else {
+            kept[lane]
+        };
     }
 }
