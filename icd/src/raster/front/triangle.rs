@@ -7,7 +7,7 @@ use ash::vk;
 use super::clip;
 use super::facts::intersect;
 use super::planes::{self, Planes};
-use super::screen::{Screen, ScreenVertex, code, pixels};
+use super::screen::{PIXEL, Screen, ScreenVertex, code, pixels};
 use super::set_up::{Corners, Primitive, SetUp, edge, is_empty};
 use crate::raster::primitive::{Bounds, Coverage, Edge, Shape};
 
@@ -52,6 +52,29 @@ fn edges(places: [Place; 3], is_positive: bool) -> [Edge; 4] {
     [side(p, q), side(q, r), side(r, p), Edge::default()]
 }
 
+/// Whether a triangle covers none of the centres of pixels that it is near. Only asked of a few, which leaves most small triangles with
+/// something to draw.
+#[inline(always)]
+fn passes_between([p, q, r, _]: &[Edge; 4], bounds: &Bounds) -> bool {
+    const FEW: i32 = 2;
+    let (width, height) = (bounds.right - bounds.left, bounds.bottom - bounds.top);
+    if width > FEW || height > FEW || width * height > FEW {
+        return false;
+    }
+    let center = |pixel: i32| i64::from(pixel) * i64::from(PIXEL) + i64::from(PIXEL / 2);
+    for y in bounds.top..bounds.bottom {
+        for x in bounds.left..bounds.right {
+            let (x, y) = (center(x), center(y));
+            let at = |edge: &Edge| i64::from(edge.a) * x + i64::from(edge.b) * y + edge.c;
+            // Not negative is what a sample inside an edge is.
+            if at(p) | at(q) | at(r) >= 0 {
+                return false;
+            }
+        }
+    }
+    true
+}
+
 /// The pixel that planes start at: near the primitive, and the same whatever the scissor and the render area are.
 #[inline(always)]
 fn origin(around: Bounds, screen: &Screen) -> [i32; 2] {
@@ -82,6 +105,10 @@ impl SetUp<'_> {
         if is_empty(&bounds) | self.is_culled(area) {
             return;
         }
+        let edges = edges(places, area > 0);
+        if self.facts.centers_only && passes_between(&edges, &bounds) {
+            return;
+        }
         let origin = origin(around, &view.screen);
         let planes = planes::of_triangle(&vertices, area, origin);
         let offset = self.depth_offset(&planes, &vertices);
@@ -89,10 +116,7 @@ impl SetUp<'_> {
         let record = self.push_record(primitive, front, &planes, offset);
         self.chunk.shapes.push(Shape {
             record,
-            coverage: Coverage::Convex {
-                edges: edges(places, area > 0),
-                count: 3,
-            },
+            coverage: Coverage::Convex { edges, count: 3 },
             bounds,
         });
     }
