@@ -264,7 +264,8 @@ impl Worker {
                 false => (shaded.layer(provoking), facts.layers.max(1)),
             };
             let viewport = shaded.viewport(provoking);
-            let primitive = Primitive {
+            // Made where it is needed: one place in memory for all would be written and read again in pieces of other sizes.
+            let primitive = || Primitive {
                 draw: draw_index,
                 primitive_id: assembled.primitive_id,
                 layer,
@@ -309,7 +310,7 @@ impl Worker {
             }
             if harmful.is_some_and(|harmful| all & harmful == 0) {
                 set_up.clipped += 1;
-                set_up.whole_triangle(&primitive, on_screen);
+                set_up.whole_triangle(&primitive(), on_screen);
                 continue;
             }
             let corners = Corners {
@@ -320,6 +321,7 @@ impl Worker {
                     .map(|vertex| shaded.clip_distances(vertex)),
                 point_sizes: assembled.vertices.map(|vertex| shaded.point_size(vertex)),
             };
+            let primitive = primitive();
             match kind {
                 Some(Kind::Triangle) => set_up.triangle(&primitive, &corners),
                 Some(Kind::Line) => set_up.line(&primitive, &corners, [0, 1], true, 0.0),
