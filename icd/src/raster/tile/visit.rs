@@ -56,8 +56,6 @@ struct Current<'a> {
     plan: &'a Plan<'a>,
     /// Queries count its samples.
     is_counted: bool,
-    /// What its program samples, if it does little else.
-    sampling: Option<Sampling<'a>>,
 }
 
 /// A visit.
@@ -66,6 +64,8 @@ pub struct Visit<'a> {
     worker: &'a mut Worker,
     bounds: Bounds,
     current: Option<Current<'a>>,
+    /// What the draw's program samples, if it does little else.
+    sampling: Option<Sampling<'a>>,
     counts: Counts,
 }
 
@@ -81,6 +81,7 @@ impl Worker {
             worker: self,
             bounds: round.grid.bounds(tile),
             current: None,
+            sampling: None,
             counts: Counts::default(),
         };
         for (index, chunk) in (0..).zip(round.chunks) {
@@ -120,23 +121,29 @@ impl<'a> Visit<'a> {
     }
 
     /// Goes on with a draw, after all that the one before has left to do.
+    #[inline(always)]
     fn take_draw(&mut self, index: u32) -> Result<Option<Current<'a>>, Stopped> {
-        if let Some(current) = self.current.filter(|current| current.index == index) {
-            return Ok(Some(current));
+        match self.current {
+            Some(current) if current.index == index => Ok(Some(current)),
+            _ => self.start_draw(index),
         }
+    }
+
+    #[inline(never)]
+    fn start_draw(&mut self, index: u32) -> Result<Option<Current<'a>>, Stopped> {
         self.finish_draw()?;
         if let (Some(Work::Draw(draw)), Some(plan)) = (
             self.round.work.get(index as usize),
             self.round.plans.of_draw(index),
         ) {
             let tinted = plan.sampled.as_ref().map(|sampled| sampled.tinted);
+            // SAFETY: the draw keeps what its environment points to.
+            self.sampling = tinted.and_then(|it| unsafe { Sampling::new(it, &draw.environment) });
             self.current = Some(Current {
                 index,
                 draw,
                 plan,
                 is_counted: !draw.counters.is_empty(),
-                // SAFETY: the draw keeps what its environment points to.
-                sampling: tinted.and_then(|it| unsafe { Sampling::new(it, &draw.environment) }),
             });
         }
         Ok(self.current)
@@ -180,7 +187,7 @@ impl<'a> Visit<'a> {
             corner: [self.bounds.left, self.bounds.top],
             area: &self.round.area,
         };
-        let sampled = current.plan.sampled.as_ref().zip(current.sampling.as_ref());
+        let sampled = current.plan.sampled.as_ref().zip(self.sampling.as_ref());
         let result = match (&current.plan.passed, sampled) {
             (Some(passed), _) => {
                 let (tier, plan) = (self.round.tier, current.plan);
@@ -189,7 +196,16 @@ impl<'a> Visit<'a> {
                 Ok(())
             }
             (None, Some((sampled, sampling))) => {
-                self.sample(current, sampled, sampling, &part, &mut covered);
+                let (tier, counts) = (self.round.tier, &mut self.counts);
+                sample(
+                    tier,
+                    current,
+                    sampled,
+                    sampling,
+                    &part,
+                    &mut covered,
+                    counts,
+                );
                 Ok(())
             }
             (None, None) => self.fragments(current, origin, record, &mut covered),
@@ -205,7 +221,7 @@ impl<'a> Visit<'a> {
         let Some(current) = self.take_draw(records[0].draw)? else {
             return Ok(false);
         };
-        let (Some(sampled), Some(sampling)) = (&current.plan.sampled, &current.sampling) else {
+        let (Some(sampled), Some(sampling)) = (&current.plan.sampled, &self.sampling) else {
             return Ok(false);
         };
         let plan = current.plan;
@@ -271,50 +287,6 @@ impl<'a> Visit<'a> {
                 let list = &list[..count.min(list.len())];
                 listed(list, &self.bounds, clip, samples, &mut covered.blocks);
             }
-        }
-    }
-
-    /// Tests the fragments of a program that samples and multiplies, and writes them.
-    fn sample(
-        &mut self,
-        Current {
-            plan, is_counted, ..
-        }: Current<'a>,
-        sampled: &Sampled<'_>,
-        sampling: &Sampling<'_>,
-        part: &Part<'_>,
-        covered: &mut Covered,
-    ) {
-        if plan.sample_mask & 1 == 0 {
-            return;
-        }
-        let is_tested = !plan.tests.is_empty();
-        if is_tested || sampling.takes_derivatives() {
-            covered.split(1);
-        }
-        let (tier, counts) = (self.round.tier, &mut self.counts);
-        // SAFETY: as for direct fragments; the draw keeps what its environment points to.
-        unsafe {
-            if is_tested {
-                let (corner, blocks) = (part.corner, &mut covered.blocks);
-                test_blocks(tier, plan, part.record, corner, part.area, blocks);
-            }
-            if is_counted {
-                let pixels = |square: &Square| u64::from(square.size) * u64::from(square.size);
-                counts.samples += covered.squares.iter().map(pixels).sum::<u64>();
-                let blocks = covered.blocks.iter();
-                counts.samples += blocks.map(|block| count(&block.masks)).sum::<u64>();
-            }
-            tinted::draw(
-                tier,
-                tier,
-                &plan.output,
-                sampled,
-                sampling,
-                part,
-                covered,
-                counts,
-            );
         }
     }
 
@@ -471,5 +443,49 @@ impl<'a> Visit<'a> {
             finish(tier, chunks, plan, program, runner, packs, &mut self.counts);
         }
         Ok(())
+    }
+}
+
+/// Tests the fragments of a program that samples and multiplies, and writes them.
+fn sample(
+    tier: Tier,
+    Current {
+        plan, is_counted, ..
+    }: Current<'_>,
+    sampled: &Sampled<'_>,
+    sampling: &Sampling<'_>,
+    part: &Part<'_>,
+    covered: &mut Covered,
+    counts: &mut Counts,
+) {
+    if plan.sample_mask & 1 == 0 {
+        return;
+    }
+    let is_tested = !plan.tests.is_empty();
+    if is_tested || sampling.takes_derivatives() {
+        covered.split(1);
+    }
+    // SAFETY: as for direct fragments; the draw keeps what its environment points to.
+    unsafe {
+        if is_tested {
+            let (corner, blocks) = (part.corner, &mut covered.blocks);
+            test_blocks(tier, plan, part.record, corner, part.area, blocks);
+        }
+        if is_counted {
+            let pixels = |square: &Square| u64::from(square.size) * u64::from(square.size);
+            counts.samples += covered.squares.iter().map(pixels).sum::<u64>();
+            let blocks = covered.blocks.iter();
+            counts.samples += blocks.map(|block| count(&block.masks)).sum::<u64>();
+        }
+        tinted::draw(
+            tier,
+            tier,
+            &plan.output,
+            sampled,
+            sampling,
+            part,
+            covered,
+            counts,
+        );
     }
 }
