@@ -46,14 +46,14 @@ impl Opaque<'_> {
     }
 
     /// Whether a triangle at the distance of the nearest one, or of what was found before, or at the end of the ray, comes
-    /// before that.
+    /// before that. By value: the walk keeps its nearest in registers.
     #[cold]
     #[inline(never)]
-    pub fn wins_tie(&self, nearest: &Nearest, slot: u32) -> bool {
+    pub fn wins_tie(&self, nearest: Nearest, slot: u32) -> bool {
         if nearest.slot != Hit::UNKNOWN_SLOT {
             return self.structure.identity(slot) < self.structure.identity(nearest.slot);
         }
-        let hit = self.hit(&Nearest { slot, ..*nearest });
+        let hit = self.hit(&Nearest { slot, ..nearest });
         (hit.zip(self.committed)).is_some_and(|(hit, committed)| hit.wins_tie(committed))
     }
 }

@@ -122,7 +122,7 @@ impl Opaque<'_> {
                 mask &= mask - 1;
                 let t = found.t[i];
                 let slot = self.structure.first_slot(word & child::INDEX) + i as u32;
-                if t > nearest.t || t == nearest.t && !self.wins_tie(&nearest, slot) {
+                if t > nearest.t || t == nearest.t && !self.wins_tie(nearest, slot) {
                     continue;
                 }
                 let [second, third] = &found.barycentrics;
