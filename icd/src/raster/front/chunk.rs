@@ -2,6 +2,7 @@
 
 use std::sync::atomic::Ordering;
 
+use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::image::format::Numeric;
 use spirv_jit::reach::Reach;
 
@@ -111,7 +112,10 @@ impl Worker {
                 places: &places,
             });
         self.on_screen.clear();
-        (self.on_screen.try_reserve(self.vertices.len())).map_err(|_| Stopped::OutOfMemory)?;
+        (self
+            .on_screen
+            .try_reserve(self.vertices.len() + SUBGROUP_SIZE))
+        .map_err(|_| Stopped::OutOfMemory)?;
         let first_word = chunk.outputs.len() as u32;
         shade(
             &mut self.runner,

@@ -22,7 +22,7 @@ spirv_jit::vectors! {
     /// Puts the vertices of a subgroup on the screen, by their positions' rows.
     ///
     /// The loop becomes vectors by itself; all of them compute the same bits, for nothing is fused and nothing is reordered.
-    pub fn project_lanes<V>(_v, screen: &Screen, volume: &Volume, rows: &[Row; 4], vertices: &mut [ScreenVertex; SUBGROUP_SIZE]) {
+    pub fn project_lanes<V>(_v, screen: &Screen, volume: &Volume, rows: [&Row; 4], vertices: &mut [ScreenVertex; SUBGROUP_SIZE]) {
         let mut x = [0; SUBGROUP_SIZE];
         let mut y = [0; SUBGROUP_SIZE];
         let mut code = [0; SUBGROUP_SIZE];
@@ -53,14 +53,16 @@ spirv_jit::vectors! {
 impl Projection<'_> {
     /// Adds the first `count` vertices of a subgroup, by its output rows.
     pub fn add(&self, outputs: &[AlignedRow], count: usize, on_screen: &mut Vec<ScreenVertex>) {
-        let row = |place: Option<u16>| match place {
-            Some(place) => outputs[usize::from(place)].0,
-            None => [0; SUBGROUP_SIZE],
+        let row = |component: usize| match self.places.position[component] {
+            Some(place) => &outputs[usize::from(place)].0,
+            None => &[0; SUBGROUP_SIZE],
         };
-        let rows = self.places.position.map(row);
-        let mut vertices = [ScreenVertex::default(); SUBGROUP_SIZE];
-        let tier = Tier::best();
-        project_lanes(tier, self.screen, self.volume, &rows, &mut vertices);
+        let rows = [row(0), row(1), row(2), row(3)];
+        // In their place at once: words just written cannot be read in vectors without a stall.
+        let first = on_screen.len();
+        on_screen.resize(first + SUBGROUP_SIZE, ScreenVertex::default());
+        let vertices = on_screen[first..].as_mut_array().expect("sixteen");
+        project_lanes(Tier::best(), self.screen, self.volume, rows, vertices);
         if self.places.has_distances {
             for (lane, vertex) in vertices[..count].iter_mut().enumerate() {
                 vertex.code |= self
@@ -68,6 +70,6 @@ impl Projection<'_> {
                     .distance_codes(|place| outputs[usize::from(place)].0[lane]);
             }
         }
-        on_screen.extend_from_slice(&vertices[..count]);
+        on_screen.truncate(first + count);
     }
 }
