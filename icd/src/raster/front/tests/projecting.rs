@@ -38,7 +38,7 @@ fn subgroups_are_projected_as_single_vertices_are() {
             std::array::from_fn(|_| std::array::from_fn(|_| word(&mut random)));
         for &tier in Tier::available() {
             let mut vertices = [ScreenVertex::default(); SUBGROUP_SIZE];
-            project_lanes(tier, &screen, &volume, &rows, &mut vertices);
+            project_lanes(tier, &screen, &volume, rows.each_ref(), &mut vertices);
             for (lane, vertex) in vertices.iter().enumerate() {
                 let position = rows.map(|row| f64::from(f32::from_bits(row[lane])));
                 let alone = project(&screen, &volume, &position);
