@@ -52,8 +52,8 @@ fn edges(places: [Place; 3], is_positive: bool) -> [Edge; 4] {
     [side(p, q), side(q, r), side(r, p), Edge::default()]
 }
 
-/// Whether a triangle covers none of the centres of pixels that it is near. Only asked of a few, which leaves most small triangles with
-/// something to draw.
+/// Whether a triangle has none of the centres of its pixels; false without a look where those are more than two, of which it mostly has
+/// one.
 #[inline(always)]
 fn passes_between([p, q, r, _]: &[Edge; 4], bounds: &Bounds) -> bool {
     const FEW: i32 = 2;

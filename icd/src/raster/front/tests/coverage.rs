@@ -60,6 +60,45 @@ fn a_triangle_covers_what_is_inside_and_nothing_outside() {
     }
 }
 
+/// With one sample a pixel, a triangle by one or two centres is a shape exactly if it covers one of them.
+#[test]
+fn small_triangles_are_shapes_if_they_cover_a_center() {
+    let mut random = Random::with_seed(31);
+    let facts = facts(&state(), 1);
+    let [mut shapes, mut dropped] = [0, 0];
+    for round in 0..20_000 {
+        // On a coarse grid edges and corners meet centres.
+        let grid = if round % 2 == 0 { 64 } else { 1 };
+        let corner = [0, 1].map(|_| random.i64(0..i64::from(SIDE) - 2) * 256);
+        let p: [[i64; 2]; 3] =
+            std::array::from_fn(|_| corner.map(|from| from + random.i64(0..=400 / grid) * grid));
+        let chunk = triangle(&facts, p.map(|[x, y]| at(x as f64, y as f64, 0.5, 1.0)));
+        let centers =
+            (0..4).map(|k| [corner[0] + 128 + k % 2 * 256, corner[1] + 128 + k / 2 * 256]);
+        let whole = area_of(p[0], p[1], p[2]);
+        let is_inside = |center: [i64; 2]| {
+            (0..3).all(|k| area_of(p[k], p[(k + 1) % 3], center) * whole.signum() > 0)
+        };
+        if whole != 0 && centers.clone().any(is_inside) {
+            assert_eq!(chunk.shapes.len(), 1, "{p:?}");
+        }
+        let few = |shape: &Shape| {
+            let bounds = shape.bounds;
+            (bounds.right - bounds.left) * (bounds.bottom - bounds.top) <= 2
+        };
+        for shape in chunk.shapes.iter().filter(|shape| few(shape)) {
+            let mut covered = centers.clone();
+            assert!(
+                covered.any(|it| coverage(&chunk, it[0], it[1]) == 1),
+                "{p:?} {shape:?}"
+            );
+            shapes += 1;
+        }
+        dropped += usize::from(whole != 0 && chunk.shapes.is_empty());
+    }
+    assert!(shapes > 1000 && dropped > 1000, "{shapes} {dropped}");
+}
+
 /// Draws a net of triangles over the screen, whose corners `place` gives for each node, and counts how often each sample is covered.
 fn covered_by_net(
     nodes: i64,
