@@ -29,24 +29,6 @@ macro_rules! halves {
     )*};
 }
 
-/// Two halves' words, of which the even go to one result and the odd to the other.
-///
-/// # Safety
-/// The machine has AVX2.
-#[inline(always)]
-unsafe fn split_pairs(low: __m256i, high: __m256i) -> (__m256i, __m256i) {
-    // SAFETY: the caller's promise.
-    unsafe {
-        let (low, high) = (_mm256_castsi256_ps(low), _mm256_castsi256_ps(high));
-        let even = _mm256_castps_si256(_mm256_shuffle_ps::<0b10_00_10_00>(low, high));
-        let odd = _mm256_castps_si256(_mm256_shuffle_ps::<0b11_01_11_01>(low, high));
-        (
-            _mm256_permute4x64_epi64::<0b11_01_10_00>(even),
-            _mm256_permute4x64_epi64::<0b11_01_10_00>(odd),
-        )
-    }
-}
-
 impl Vector for Avx2 {
     type F = F;
     type I = I;
@@ -429,13 +411,12 @@ impl Vector for Avx2 {
         }
     }
     #[inline(always)]
-    unsafe fn gather_pairs(self, base: *const u8, [a, b]: I) -> (I, I) {
+    unsafe fn gather_pairs(self, base: *const u8, offsets: I) -> (I, I) {
+        let mut places = [0; 16];
+        self.store_i(offsets, &mut places);
         // SAFETY: the token, and the caller's promise.
-        unsafe {
-            let (a0, b0) = gather_halves(base, a);
-            let (a1, b1) = gather_halves(base, b);
-            ([a0, a1], [b0, b1])
-        }
+        let (low, high) = unsafe { (eight_pairs(base, &places, 0), eight_pairs(base, &places, 8)) };
+        ([low.0, high.0], [low.1, high.1])
     }
     #[inline(always)]
     unsafe fn gather_quads(self, base: *const u8, offsets: I) -> [I; 4] {
@@ -758,19 +739,22 @@ unsafe fn two_rows(texels: &[__m256i; 5], columns: __m256i, is_in: &[__m256i; 3]
     }
 }
 
-/// The words at eight offsets, and those behind them.
+/// Eight bytes each at the places of eight lanes from `lane` on: their first and second words. Loads one by one, as with AVX-512:
+/// gathers of pairs take longer.
 ///
 /// # Safety
-/// The machine has AVX2, and eight bytes are readable at each offset.
+/// The machine has AVX2, and eight bytes are readable at each place.
 #[inline(always)]
-unsafe fn gather_halves(base: *const u8, offsets: __m256i) -> (__m256i, __m256i) {
+unsafe fn eight_pairs(base: *const u8, places: &Row, lane: usize) -> (__m256i, __m256i) {
     // SAFETY: the caller's promise.
     unsafe {
-        let low = _mm256_castsi256_si128(offsets);
-        let high = _mm256_extracti128_si256::<1>(offsets);
-        split_pairs(
-            _mm256_i32gather_epi64::<1>(base.cast(), low),
-            _mm256_i32gather_epi64::<1>(base.cast(), high),
+        let load = |lane: usize| _mm_loadl_epi64(base.add(places[lane] as usize).cast());
+        let pair = |lane: usize| _mm_unpacklo_epi64(load(lane), load(lane + 1));
+        let first = _mm256_castsi256_ps(_mm256_set_m128i(pair(lane + 4), pair(lane)));
+        let second = _mm256_castsi256_ps(_mm256_set_m128i(pair(lane + 6), pair(lane + 2)));
+        (
+            _mm256_castps_si256(_mm256_shuffle_ps::<0x88>(first, second)),
+            _mm256_castps_si256(_mm256_shuffle_ps::<0xdd>(first, second)),
         )
     }
 }

@@ -266,17 +266,15 @@ impl Vector for Avx512 {
 
     #[inline(always)]
     unsafe fn gather_pairs(self, base: *const u8, offsets: I) -> (I, I) {
+        let mut places = [0; 16];
+        self.store_i(offsets, &mut places);
         // SAFETY: the token, and the caller's promise.
         unsafe {
-            let low = _mm512_castsi512_si256(offsets);
-            let high = _mm512_extracti64x4_epi64::<1>(offsets);
-            let low = _mm512_i32gather_epi64::<1>(low, base.cast());
-            let high = _mm512_i32gather_epi64::<1>(high, base.cast());
-            let even = _mm512_setr_epi32(0, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 22, 24, 26, 28, 30);
-            let odd = _mm512_add_epi32(even, _mm512_set1_epi32(1));
+            let (first, second) = (four_pairs(base, &places, 0), four_pairs(base, &places, 2));
+            let (first, second) = (_mm512_castsi512_ps(first), _mm512_castsi512_ps(second));
             (
-                _mm512_permutex2var_epi32(low, even, high),
-                _mm512_permutex2var_epi32(low, odd, high),
+                _mm512_castps_si512(_mm512_shuffle_ps::<0x88>(first, second)),
+                _mm512_castps_si512(_mm512_shuffle_ps::<0xdd>(first, second)),
             )
         }
     }
@@ -393,6 +391,22 @@ unsafe fn two_rows(first: *const u8, second: *const u8) -> I {
     unsafe {
         let first = _mm512_castsi256_si512(_mm256_loadu_si256(first.cast()));
         _mm512_inserti64x4::<1>(first, _mm256_loadu_si256(second.cast()))
+    }
+}
+
+/// Eight bytes each at the places of `lane` and the one behind it, and of every fourth pair of lanes after these.
+///
+/// # Safety
+/// The machine has AVX-512, and eight bytes are readable at each place.
+#[inline(always)]
+unsafe fn four_pairs(base: *const u8, places: &Row, lane: usize) -> I {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let load = |lane: usize| _mm_loadl_epi64(base.add(places[lane] as usize).cast());
+        let pair = |lane: usize| _mm_unpacklo_epi64(load(lane), load(lane + 1));
+        let low = _mm256_set_m128i(pair(lane + 4), pair(lane));
+        let high = _mm256_set_m128i(pair(lane + 12), pair(lane + 8));
+        _mm512_inserti64x4::<1>(_mm512_castsi256_si512(low), high)
     }
 }
 
