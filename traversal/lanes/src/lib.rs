@@ -8,7 +8,7 @@ mod tier;
 pub use mask::LaneMask;
 pub use tier::Tier;
 #[cfg(target_arch = "x86_64")]
-pub use tier::has_byte_permutes;
+pub use tier::{gathers_slowly, has_byte_permutes};
 
 /// A row: what a function gives for each of sixteen lanes. As [`std::array::from_fn`], which compilers leave out of line at this size.
 #[inline(always)]

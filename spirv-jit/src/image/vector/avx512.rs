@@ -2,7 +2,7 @@
 
 use std::arch::x86_64::*;
 
-use lanes::has_byte_permutes;
+use lanes::{gathers_slowly, has_byte_permutes};
 
 use super::avx2::{half_of_pairs, put_quads, put_quads_of_shorts, quad_at, quads_of_shorts};
 use super::{Task, Vector, gathered_srgb};
@@ -266,9 +266,13 @@ impl Vector for Avx512 {
 
     #[inline(always)]
     unsafe fn gather_pairs(self, base: *const u8, offsets: I) -> (I, I) {
+        if !gathers_slowly() {
+            // SAFETY: the token, and the caller's promise.
+            return unsafe { gathered_pairs(base, offsets) };
+        }
         let mut places = [0; 16];
         self.store_i(offsets, &mut places);
-        // SAFETY: the token, and the caller's promise.
+        // SAFETY: as above.
         unsafe {
             let (first, second) = (four_pairs(base, &places, 0), four_pairs(base, &places, 2));
             let (first, second) = (_mm512_castsi512_ps(first), _mm512_castsi512_ps(second));
@@ -391,6 +395,27 @@ unsafe fn two_rows(first: *const u8, second: *const u8) -> I {
     unsafe {
         let first = _mm512_castsi256_si512(_mm256_loadu_si256(first.cast()));
         _mm512_inserti64x4::<1>(first, _mm256_loadu_si256(second.cast()))
+    }
+}
+
+/// Two words at each offset.
+///
+/// # Safety
+/// The machine has AVX-512, and eight bytes are readable at each offset.
+#[inline(always)]
+unsafe fn gathered_pairs(base: *const u8, offsets: I) -> (I, I) {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let low = _mm512_castsi512_si256(offsets);
+        let high = _mm512_extracti64x4_epi64::<1>(offsets);
+        let low = _mm512_i32gather_epi64::<1>(low, base.cast());
+        let high = _mm512_i32gather_epi64::<1>(high, base.cast());
+        let even = _mm512_setr_epi32(0, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 22, 24, 26, 28, 30);
+        let odd = _mm512_add_epi32(even, _mm512_set1_epi32(1));
+        (
+            _mm512_permutex2var_epi32(low, even, high),
+            _mm512_permutex2var_epi32(low, odd, high),
+        )
     }
 }
 
