@@ -266,20 +266,12 @@ impl Vector for Avx512 {
 
     #[inline(always)]
     unsafe fn gather_pairs(self, base: *const u8, offsets: I) -> (I, I) {
-        if !gathers_slowly() {
-            // SAFETY: the token, and the caller's promise.
-            return unsafe { gathered_pairs(base, offsets) };
-        }
-        let mut places = [0; 16];
-        self.store_i(offsets, &mut places);
-        // SAFETY: as above.
+        // SAFETY: the token, and the caller's promise.
         unsafe {
-            let (first, second) = (four_pairs(base, &places, 0), four_pairs(base, &places, 2));
-            let (first, second) = (_mm512_castsi512_ps(first), _mm512_castsi512_ps(second));
-            (
-                _mm512_castps_si512(_mm512_shuffle_ps::<0x88>(first, second)),
-                _mm512_castps_si512(_mm512_shuffle_ps::<0xdd>(first, second)),
-            )
+            match gathers_slowly() {
+                true => loaded_pairs(self, base, offsets),
+                false => gathered_pairs(base, offsets),
+            }
         }
     }
     #[inline(always)]
@@ -398,7 +390,26 @@ unsafe fn two_rows(first: *const u8, second: *const u8) -> I {
     }
 }
 
-/// Two words at each offset.
+/// Two words at each offset, loaded one by one.
+///
+/// # Safety
+/// Eight bytes are readable at each offset.
+#[inline(always)]
+unsafe fn loaded_pairs(v: Avx512, base: *const u8, offsets: I) -> (I, I) {
+    let mut places = [0; 16];
+    v.store_i(offsets, &mut places);
+    // SAFETY: the token, and the caller's promise.
+    unsafe {
+        let (first, second) = (four_pairs(base, &places, 0), four_pairs(base, &places, 2));
+        let (first, second) = (_mm512_castsi512_ps(first), _mm512_castsi512_ps(second));
+        (
+            _mm512_castps_si512(_mm512_shuffle_ps::<0x88>(first, second)),
+            _mm512_castps_si512(_mm512_shuffle_ps::<0xdd>(first, second)),
+        )
+    }
+}
+
+/// Two words at each offset, gathered.
 ///
 /// # Safety
 /// The machine has AVX-512, and eight bytes are readable at each offset.
@@ -467,5 +478,45 @@ unsafe fn parts(a: I) -> [__m128i; 4] {
             _mm512_extracti32x4_epi32::<2>(a),
             _mm512_extracti32x4_epi32::<3>(a),
         ]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use lanes::Tier;
+
+    use super::*;
+
+    /// Of the two ways a machine takes one; both read the words that are there.
+    #[test]
+    fn pairs_are_the_same_loaded_and_gathered() {
+        if !Tier::available().contains(&Tier::Avx512) {
+            return;
+        }
+        let mut random = fastrand::Rng::with_seed(5);
+        let bytes: Vec<u8> = (0..1024).map(|_| random.u8(..)).collect();
+        for _ in 0..200 {
+            let places: Row = std::array::from_fn(|_| random.u32(..bytes.len() as u32 - 8));
+            let mut found = [[[0; 16]; 2]; 2];
+            // SAFETY: the machine has AVX-512, and eight bytes are readable at each place.
+            unsafe {
+                let v = Avx512::new();
+                let (base, offsets) = (bytes.as_ptr(), v.load_i(&places));
+                let ways = [
+                    loaded_pairs(v, base, offsets),
+                    gathered_pairs(base, offsets),
+                ];
+                for (rows, (first, second)) in found.iter_mut().zip(ways) {
+                    v.store_i(first, &mut rows[0]);
+                    v.store_i(second, &mut rows[1]);
+                }
+            }
+            let word = |at: u32, k: usize| {
+                let at = at as usize + 4 * k;
+                u32::from_ne_bytes(bytes[at..at + 4].try_into().unwrap())
+            };
+            let wanted = [0, 1].map(|k| places.map(|at| word(at, k)));
+            assert_eq!(found, [wanted; 2]);
+        }
     }
 }
