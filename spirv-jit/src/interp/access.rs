@@ -8,36 +8,46 @@ use std::marker::PhantomData;
 use lanes::{LaneMask, Tier as TierKind};
 
 use super::code::AccessPlan;
-use super::copies::{self, Rows};
+use super::gather::{self, Gather};
 use super::kernels::Lane;
 use super::machine::{Handler, Instr, Machine};
 use super::operand::Operand;
 use super::region::{Region, read_scalar, region};
-use super::tier::{Kernel, Portable, Tier};
+use super::tier::{Kernel, Portable};
 use crate::SUBGROUP_SIZE;
 use crate::ir::{Space, Type};
 
-/// What loads scalars of a type, or stores them, in a tier. Not for private memory.
-pub(super) fn handler(tier: TierKind, ty: Type, store: bool) -> Handler {
+/// What loads scalars of a type, or stores them, so many of them, in a tier. Not for private memory.
+pub(super) fn handler(tier: TierKind, ty: Type, count: usize, store: bool) -> Handler {
     match tier {
         #[cfg(target_arch = "x86_64")]
-        TierKind::Avx2 => in_tier::<super::tier::Avx2>(ty, store),
+        TierKind::Avx2 => in_tier::<super::tier::Avx2>(ty, count, store),
         #[cfg(target_arch = "x86_64")]
-        TierKind::Avx512 => in_tier::<super::tier::Avx512>(ty, store),
-        _ => in_tier::<Portable>(ty, store),
+        TierKind::Avx512 => in_tier::<super::tier::Avx512>(ty, count, store),
+        _ => in_tier::<Portable>(ty, count, store),
     }
 }
 
-fn in_tier<T: Tier>(ty: Type, store: bool) -> Handler {
+fn in_tier<T: Gather>(ty: Type, count: usize, store: bool) -> Handler {
     match (ty.size_bytes(), store) {
-        (1, false) => T::handler::<Load<u8>>(),
-        (2, false) => T::handler::<Load<u16>>(),
-        (4, false) => T::handler::<Load<u32>>(),
-        (_, false) => T::handler::<Load<u64>>(),
+        (1, false) => load::<T, u8>(count),
+        (2, false) => load::<T, u16>(count),
+        (4, false) => load::<T, u32>(count),
+        (_, false) => load::<T, u64>(count),
         (1, true) => T::handler::<Store<u8>>(),
         (2, true) => T::handler::<Store<u16>>(),
         (4, true) => T::handler::<Store<u32>>(),
         (_, true) => T::handler::<Store<u64>>(),
+    }
+}
+
+fn load<T: Gather, S: Lane>(count: usize) -> Handler {
+    match count {
+        1 => T::handler::<Load<T, S, 1>>(),
+        2 => T::handler::<Load<T, S, 2>>(),
+        3 => T::handler::<Load<T, S, 3>>(),
+        4 => T::handler::<Load<T, S, 4>>(),
+        _ => T::handler::<Load<T, S, 0>>(),
     }
 }
 
@@ -102,55 +112,6 @@ fn all_within(addresses: &[u64; SUBGROUP_SIZE], active: LaneMask, first: u64, la
     outside.iter().fold(0, |all, bit| all | bit) as u16 & active.bits() == 0
 }
 
-/// Where the active lanes of a load have their scalars, if all of them have the same.
-///
-/// # Safety
-/// As [`places`]; some lane is active.
-#[inline(always)]
-unsafe fn shared_place(
-    m: &Machine<'_>,
-    space: Space,
-    shared: &Option<Region>,
-    address: &[Operand],
-    subgroup: u16,
-    active: LaneMask,
-    size_bytes: u64,
-) -> Option<u64> {
-    let first = active.first();
-    // SAFETY: as the caller promises.
-    unsafe {
-        if let Some(region) = shared {
-            let offsets = &*m.block::<u32>(address[address.len() - 1], subgroup);
-            let at = offsets[first] as u64;
-            let is_inside = at + size_bytes <= region.size_bytes.min(1 << 32);
-            let is_one = is_inside && are_equal(offsets, offsets[first], active);
-            return is_one.then_some(region.base as u64 + at);
-        }
-        if space != Space::Global {
-            return None;
-        }
-        let addresses = &*m.block::<u64>(address[0], subgroup);
-        let near = m.near.get();
-        let at = addresses[first];
-        let is_inside = near.bytes_from(at) >= size_bytes;
-        (is_inside && are_equal(addresses, at, active)).then_some(at)
-    }
-}
-
-/// Whether active lanes have this number.
-#[inline(always)]
-fn are_equal<S: Copy + PartialEq>(lanes: &[S; SUBGROUP_SIZE], number: S, active: LaneMask) -> bool {
-    // Mostly those that differ do so at the ends.
-    if active == LaneMask::ALL && lanes[SUBGROUP_SIZE - 1] != number {
-        return false;
-    }
-    let mut others = [0u32; SUBGROUP_SIZE];
-    for k in 0..SUBGROUP_SIZE {
-        others[k] = if lanes[k] != number { 1 << k } else { 0 };
-    }
-    others.iter().fold(0, |all, bit| all | bit) as u16 & active.bits() == 0
-}
-
 /// The memory that all lanes of an access share, if they do.
 ///
 /// # Safety
@@ -165,8 +126,6 @@ unsafe fn shared_region(m: &Machine<'_>, plan: &AccessPlan, address: &[Operand])
 
 /// Copies scalars between memory and rows.
 trait Copying {
-    /// From memory to rows.
-    const LOADS: bool;
     /// The lanes of a subgroup that access memory.
     fn lanes(m: &Machine<'_>, subgroup: u16) -> LaneMask;
     /// # Safety
@@ -183,8 +142,6 @@ struct In;
 struct Out;
 
 impl Copying for In {
-    const LOADS: bool = true;
-
     #[inline(always)]
     fn lanes(m: &Machine<'_>, subgroup: u16) -> LaneMask {
         m.active[subgroup as usize]
@@ -203,8 +160,6 @@ impl Copying for In {
 }
 
 impl Copying for Out {
-    const LOADS: bool = false;
-
     #[inline(always)]
     fn lanes(m: &Machine<'_>, subgroup: u16) -> LaneMask {
         m.effective(subgroup)
@@ -260,86 +215,6 @@ unsafe fn copy_inside<C: Copying, T: Lane, const N: usize>(
     }
 }
 
-/// A load of a subgroup all of whose lanes are active, in vectors; whether it was done: all of it is inside memory that they share, or near.
-///
-/// # Safety
-/// As [`access_block`]; the rows are those of results.
-// Not inlined: one function for all tiers, of which each would be 40 to 90 KB larger.
-#[inline(never)]
-unsafe fn load_all<T: Lane, const N: usize>(
-    m: &Machine<'_>,
-    (space, shared, address, subgroup): (Space, &Option<Region>, &[Operand], u16),
-    rows: Rows<N>,
-) -> bool {
-    let total = (N * size_of::<T>()) as u64;
-    // SAFETY: as the caller promises; addresses are checked.
-    unsafe {
-        let broadcast = |at: *const u8| {
-            for (k, row) in rows.into_iter().enumerate() {
-                let scalar = at.cast::<T>().add(k).read_unaligned().write();
-                *row.cast::<[T::Slot; SUBGROUP_SIZE]>() = [scalar; SUBGROUP_SIZE];
-            }
-        };
-        if let Some(region) = shared {
-            // Offsets are 32 bits wide: what lies behind those would wrap.
-            let Some(last) = region.size_bytes.min(1 << 32).checked_sub(total) else {
-                return false;
-            };
-            let operand = address[address.len() - 1];
-            let offsets = &*m.block::<u32>(operand, subgroup);
-            if copies::are_same(offsets, offsets[0]) {
-                let is_inside = offsets[0] as u64 <= last;
-                if is_inside {
-                    broadcast(region.base.add(offsets[0] as usize));
-                }
-                return is_inside;
-            }
-            if copies::are_consecutive(offsets, total as u32) {
-                let is_inside = offsets[SUBGROUP_SIZE - 1] as u64 <= last;
-                if is_inside {
-                    copies::load_run::<T, N>(region.base.add(offsets[0] as usize), rows);
-                }
-                return is_inside;
-            }
-            if copies::highest(offsets) as u64 > last {
-                return false;
-            }
-            // Hidden: single offsets would be taken out of the vectors that were compared, which costs more than to load them again.
-            let offsets = std::hint::black_box(offsets as *const [u32; SUBGROUP_SIZE]);
-            for lane in (0..SUBGROUP_SIZE).step_by(copies::TOGETHER) {
-                let place = |k: usize| region.base.add((*offsets)[lane + k] as usize).cast_const();
-                copies::load_together::<T, N>(std::array::from_fn(place), rows, lane);
-            }
-            return true;
-        }
-        if space != Space::Global {
-            return false;
-        }
-        let addresses = &*m.block::<u64>(address[0], subgroup);
-        let near = m.near.get();
-        let first = addresses[0];
-        if addresses[SUBGROUP_SIZE - 1] == first && are_equal(addresses, first, LaneMask::ALL) {
-            let is_inside = near.bytes_from(first) >= total;
-            if is_inside {
-                broadcast(first as *const u8);
-            }
-            return is_inside;
-        }
-        let Some(last) = near.size_bytes.checked_sub(total) else {
-            return false;
-        };
-        if !all_within(addresses, LaneMask::ALL, near.start, last) {
-            return false;
-        }
-        let addresses = std::hint::black_box(addresses as *const [u64; SUBGROUP_SIZE]);
-        for lane in (0..SUBGROUP_SIZE).step_by(copies::TOGETHER) {
-            let place = |k: usize| (*addresses)[lane + k] as *const u8;
-            copies::load_together::<T, N>(std::array::from_fn(place), rows, lane);
-        }
-        true
-    }
-}
-
 /// One subgroup's part of an access.
 ///
 /// # Safety
@@ -358,29 +233,6 @@ unsafe fn access_block<C: Copying, T: Lane>(
     unsafe {
         let total = size * scalars.len() as u64;
         let row = |k: usize| m.block::<T::Slot>(scalars[k], subgroup);
-        if C::LOADS && active == LaneMask::ALL {
-            let bytes = |k: usize| row(k).cast::<u8>();
-            let from = (plan.space, shared, address, subgroup);
-            let is_done = match scalars.len() {
-                1 => load_all::<T, 1>(m, from, [bytes(0)]),
-                2 => load_all::<T, 2>(m, from, [bytes(0), bytes(1)]),
-                3 => load_all::<T, 3>(m, from, [bytes(0), bytes(1), bytes(2)]),
-                4 => load_all::<T, 4>(m, from, [bytes(0), bytes(1), bytes(2), bytes(3)]),
-                _ => false,
-            };
-            if is_done {
-                return;
-            }
-        }
-        if C::LOADS
-            && let Some(at) = shared_place(m, plan.space, shared, address, subgroup, active, total)
-        {
-            for k in 0..scalars.len() {
-                let scalar = (at as *const T).add(k).read_unaligned().write();
-                *row(k) = [scalar; SUBGROUP_SIZE];
-            }
-            return;
-        }
         let Some(at) = &places(m, plan.space, shared, address, subgroup, active, total) else {
             return access_scalars::<C, T>(m, plan.space, (address, scalars), subgroup);
         };
@@ -450,28 +302,67 @@ unsafe fn check_alignment(m: &Machine<'_>, plan: &AccessPlan, address: &[Operand
     }
 }
 
-/// A load by plan `x`, of scalars of `T`'s size.
-struct Load<T>(PhantomData<T>);
+/// A load by plan `x`, of `N` scalars of `T`'s size; 0: of any number.
+struct Load<G, T, const N: usize>(PhantomData<(G, T)>);
 
-impl<T: Lane> Kernel for Load<T> {
+impl<G: Gather, T: Lane, const N: usize> Kernel for Load<G, T, N> {
     #[inline(always)]
     unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
-        let plan = m.code.accesses[i.x as usize];
-        let (address, results) = operands(m, &plan);
-        // SAFETY: as the caller promises.
+        let plan = &m.code.accesses[i.x as usize];
+        let (address, results) = operands(m, plan);
+        // SAFETY: as the caller promises; rows of results are apart from those of addresses.
         unsafe {
             if plan.alignment != 0 {
-                check_alignment(m, &plan, address);
+                check_alignment(m, plan, address);
             }
             if address.iter().all(|operand| operand.is_uniform()) {
-                return load_once(m, &plan, address, results);
+                return load_once(m, plan, address, results);
             }
-            let shared = shared_region(m, &plan, address);
+            let shared = shared_region(m, plan, address);
+            let from = m.row(address[address.len() - 1]);
+            let rows: [_; N] = std::array::from_fn(|k| m.row(results[k]));
             for &subgroup in m.listed() {
-                access_block::<In, T>(m, &plan, &shared, (address, results), subgroup);
+                let s = subgroup as usize;
+                let active = m.active[s];
+                let from = from.0.add(s * from.1);
+                let to = rows.map(|(row, step)| row.add(s * step));
+                let is_done = match (&shared, plan.space) {
+                    _ if N == 0 => false,
+                    (Some(region), _) => {
+                        let memory = (region.base.cast_const(), region.size_bytes);
+                        gather::load::<G, T, N>(memory, &*from.cast(), active, to)
+                    }
+                    (None, Space::Global) => {
+                        let near = m.near.get();
+                        G::distances(&*from.cast(), near.start, active).is_some_and(|distances| {
+                            let memory = (near.start as *const u8, near.size_bytes);
+                            gather::load::<G, T, N>(memory, &distances, LaneMask::ALL, to)
+                        })
+                    }
+                    _ => false,
+                };
+                if !is_done {
+                    load_slowly::<T>(m, plan, &shared, (address, results), subgroup);
+                }
             }
         }
     }
+}
+
+/// A subgroup's part of a load, some of which is outside, or whose lanes share no memory.
+///
+/// # Safety
+/// As [`access_block`].
+#[inline(never)]
+unsafe fn load_slowly<T: Lane>(
+    m: &Machine<'_>,
+    plan: &AccessPlan,
+    shared: &Option<Region>,
+    operands: (&[Operand], &[Operand]),
+    subgroup: u16,
+) {
+    // SAFETY: as the caller promises.
+    unsafe { access_block::<In, T>(m, plan, shared, operands, subgroup) };
 }
 
 /// A store by plan `x`, of scalars of `T`'s size.

@@ -214,7 +214,7 @@ impl Emitter<'_> {
         let handler: Handler = match (place.space, store) {
             (Space::Private, false) => self.kernel::<memory::LoadPrivate>(),
             (Space::Private, true) => self.kernel::<memory::StorePrivate>(),
-            (_, store) => access::handler(self.tier, ty, store),
+            (_, store) => access::handler(self.tier, ty, scalars.len(), store),
         };
         self.push(Instr {
             x: plan,

@@ -1,6 +1,7 @@
 //! Programs in the IR's text form, run on every tier that the machine has. Expectations are computed by plain Rust beside them.
 
 mod control;
+mod gather;
 mod kernels;
 mod memory;
 mod native;

@@ -1,0 +1,161 @@
+//! Loads of whole subgroups, in every tier, against loads of single bytes.
+
+use lanes::{LaneMask, Tier as TierKind};
+
+use crate::SUBGROUP_SIZE;
+use crate::interp::gather::{self, Gather};
+use crate::interp::kernels::Lane;
+use crate::interp::tier::Portable;
+#[cfg(target_arch = "x86_64")]
+use crate::interp::tier::{Avx2, Avx512};
+use crate::row::Row;
+
+/// Bytes that lanes load from.
+const SIZE_BYTES: usize = 203;
+
+/// What rows hold before.
+const BEFORE: u8 = 0xa5;
+
+/// Numbers that look random (Steele, Lea, Flood 2014).
+struct Random(u64);
+
+impl Random {
+    fn below(&mut self, bound: u64) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let x = (self.0 ^ self.0 >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let x = (x ^ x >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
+        (x ^ x >> 31) % bound
+    }
+
+    /// Offsets of lanes that load so many bytes: of all layouts, mostly inside.
+    fn offsets(&mut self, total: usize) -> Row {
+        let last = (SIZE_BYTES - total) as u64;
+        let mut offsets = [0; SUBGROUP_SIZE];
+        let first = self.below(last + 1) as u32;
+        match self.below(4) {
+            0 => offsets.fill(first),
+            1 => {
+                // The last of them ends with the memory, or wraps.
+                let length = (total * SUBGROUP_SIZE) as u32;
+                let start = (SIZE_BYTES as u32).wrapping_sub(length);
+                for (k, offset) in offsets.iter_mut().enumerate() {
+                    *offset = start.wrapping_add((k * total) as u32);
+                }
+            }
+            _ => {
+                for offset in &mut offsets {
+                    *offset = self.below(last + 1) as u32;
+                }
+            }
+        }
+        if self.below(3) == 0 {
+            let lane = self.below(SUBGROUP_SIZE as u64) as usize;
+            offsets[lane] = [last as u32 + 1, SIZE_BYTES as u32, u32::MAX][self.below(3) as usize];
+        }
+        offsets
+    }
+
+    fn active(&mut self) -> LaneMask {
+        match self.below(2) {
+            0 => LaneMask::ALL,
+            _ => LaneMask::from_bits(1 + self.below(u16::MAX as u64) as u16),
+        }
+    }
+}
+
+fn loads_of<G: Gather, T: Lane, const N: usize>(random: &mut Random) {
+    let memory: Vec<u8> = (0..SIZE_BYTES).map(|_| random.below(256) as u8).collect();
+    let (size, slot) = (size_of::<T>(), size_of::<T::Slot>());
+    for _ in 0..400 {
+        let (offsets, active) = (random.offsets(N * size), random.active());
+        let mut rows = [[BEFORE; 8 * SUBGROUP_SIZE]; N];
+        let to = rows.each_mut().map(|row| row.as_mut_ptr());
+        let from = (memory.as_ptr(), SIZE_BYTES as u64);
+        // SAFETY: the machine has the tier; rows are as long as those of 64-bit lanes.
+        let is_done = unsafe { gather::load::<G, T, N>(from, &offsets, active, to) };
+        let end = |lane: usize| offsets[lane] as usize + N * size;
+        let is_inside = active.iter().all(|lane| end(lane) <= SIZE_BYTES);
+        assert_eq!(is_done, is_inside, "{offsets:?}, {active:?}");
+        for (k, row) in rows.iter().enumerate() {
+            for lane in active {
+                let given = &row[lane * slot..][..slot];
+                let mut expected = vec![BEFORE; slot];
+                if is_inside {
+                    expected.fill(0);
+                    let at = offsets[lane] as usize + k * size;
+                    expected[..size].copy_from_slice(&memory[at..at + size]);
+                }
+                assert_eq!(
+                    given, expected,
+                    "scalar {k} of {N}, lane {lane}, {size} bytes"
+                );
+            }
+        }
+    }
+}
+
+fn loads<G: Gather>() {
+    let random = &mut Random(7);
+    macro_rules! of_all_counts {
+        ($($scalar:ty)*) => {$(
+            loads_of::<G, $scalar, 1>(random);
+            loads_of::<G, $scalar, 2>(random);
+            loads_of::<G, $scalar, 3>(random);
+            loads_of::<G, $scalar, 4>(random);
+        )*};
+    }
+    of_all_counts!(u8 u16 u32 u64);
+}
+
+fn distances<G: Gather>() {
+    let random = &mut Random(11);
+    for _ in 0..2000 {
+        let start = random.below(u64::MAX);
+        let active = random.active();
+        let mut addresses = [start; SUBGROUP_SIZE];
+        for address in &mut addresses {
+            *address = start.wrapping_add(random.below(1 << 32));
+        }
+        if random.below(2) == 0 {
+            let lane = random.below(SUBGROUP_SIZE as u64) as usize;
+            let far = [1 << 32, 1 << 63, u64::MAX, u64::MAX << 32];
+            addresses[lane] = start.wrapping_add(far[random.below(4) as usize]);
+        }
+        let distance = |lane: usize| match active.contains(lane) {
+            true => addresses[lane].wrapping_sub(start),
+            false => 0,
+        };
+        let is_near = (0..SUBGROUP_SIZE).all(|lane| distance(lane) < 1 << 32);
+        // SAFETY: the machine has the tier.
+        let given = unsafe { G::distances(&addresses, start, active) };
+        let expected: Vec<u32> = (0..SUBGROUP_SIZE).map(|k| distance(k) as u32).collect();
+        assert_eq!(given.map(Vec::from), is_near.then_some(expected));
+    }
+}
+
+/// Runs a function in all tiers that the machine has.
+macro_rules! in_all_tiers {
+    ($function:ident) => {
+        for &tier in TierKind::available() {
+            match tier {
+                TierKind::Portable => $function::<Portable>(),
+                #[cfg(target_arch = "x86_64")]
+                TierKind::Avx2 => $function::<Avx2>(),
+                #[cfg(target_arch = "x86_64")]
+                TierKind::Avx512 => $function::<Avx512>(),
+                #[cfg(not(target_arch = "x86_64"))]
+                _ => unreachable!("other processors have no such tier"),
+            }
+        }
+    };
+}
+
+#[test]
+fn loads_are_of_the_bytes_at_each_offset() {
+    in_all_tiers!(loads);
+}
+
+#[test]
+fn distances_are_less_than_32_bits_long_or_none() {
+    in_all_tiers!(distances);
+}
