@@ -16,6 +16,7 @@ use super::region::{Region, read_scalar, region};
 use super::tier::{Kernel, Portable};
 use crate::SUBGROUP_SIZE;
 use crate::ir::{Space, Type};
+use crate::row::Row;
 
 /// What loads scalars of a type, or stores them, so many of them, in a tier. Not for private memory.
 pub(super) fn handler(tier: TierKind, ty: Type, count: usize, store: bool) -> Handler {
@@ -326,18 +327,24 @@ impl<G: Gather, T: Lane, const N: usize> Kernel for Load<G, T, N> {
                 let active = m.active[s];
                 let from = from.0.add(s * from.1);
                 let to = rows.map(|(row, step)| row.add(s * step));
+                let many = (results.len(), |k: usize| {
+                    m.block::<T::Slot>(results[k], subgroup).cast()
+                });
                 let is_done = match (&shared, plan.space) {
-                    _ if N == 0 => false,
                     (Some(region), _) => {
                         let memory = (region.base.cast_const(), region.size_bytes);
-                        gather::load::<G, T, N>(memory, &*from.cast(), active, to)
+                        load_block::<G, T, N>(memory, &*from.cast(), active, to, many)
                     }
                     (None, Space::Global) => {
                         let near = m.near.get();
-                        G::distances(&*from.cast(), near.start, active).is_some_and(|distances| {
-                            let memory = (near.start as *const u8, near.size_bytes);
-                            gather::load::<G, T, N>(memory, &distances, LaneMask::ALL, to)
-                        })
+                        let memory = (near.start as *const u8, near.size_bytes);
+                        match G::distances(&*from.cast(), near.start, active) {
+                            Some(distances) => {
+                                let all = LaneMask::ALL;
+                                load_block::<G, T, N>(memory, &distances, all, to, many)
+                            }
+                            None => false,
+                        }
                     }
                     _ => false,
                 };
@@ -345,6 +352,28 @@ impl<G: Gather, T: Lane, const N: usize> Kernel for Load<G, T, N> {
                     load_slowly::<T>(m, plan, &shared, (address, results), subgroup);
                 }
             }
+        }
+    }
+}
+
+/// A subgroup's part of a load from memory that its lanes share: `N` scalars, if that is 0 as many as it says behind; false if one is not
+/// inside.
+///
+/// # Safety
+/// As [`gather::load`].
+#[inline(always)]
+unsafe fn load_block<G: Gather, T: Lane, const N: usize>(
+    memory: (*const u8, u64),
+    offsets: &Row,
+    active: LaneMask,
+    rows: gather::Rows<N>,
+    many: (usize, impl Fn(usize) -> *mut u8),
+) -> bool {
+    // SAFETY: as the caller promises.
+    unsafe {
+        match N {
+            0 => gather::load_many::<G, T>(memory, offsets, active, many),
+            _ => gather::load::<G, T, N>(memory, offsets, active, rows),
         }
     }
 }

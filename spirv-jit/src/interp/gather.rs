@@ -103,6 +103,48 @@ pub(super) unsafe fn load<G: Gather, T: Lane, const N: usize>(
     true
 }
 
+/// [`load`] of any number of scalars, whose rows are given by their numbers.
+///
+/// # Safety
+/// As there. Where a scalar is not inside, rows of others may have been written.
+#[inline(always)]
+pub(super) unsafe fn load_many<G: Gather, T: Lane>(
+    (base, size_bytes): (*const u8, u64),
+    offsets: &Row,
+    active: LaneMask,
+    (count, row): (usize, impl Fn(usize) -> *mut u8),
+) -> bool {
+    // What lies behind 32 bits would wrap.
+    let size_bytes = size_bytes.min(1 << 32);
+    // A loop without closures: those have no tier, and its instructions would be calls in them.
+    for k in (0..count).step_by(4) {
+        let skip = k * size_of::<T>();
+        let Some(rest) = size_bytes.checked_sub(skip as u64) else {
+            return false;
+        };
+        // SAFETY: as the caller promises.
+        let is_done = unsafe {
+            let memory = (base.add(skip), rest);
+            match count - k {
+                1 => load::<G, T, 1>(memory, offsets, active, [row(k)]),
+                2 => load::<G, T, 2>(memory, offsets, active, [row(k), row(k + 1)]),
+                3 => {
+                    let rows = [row(k), row(k + 1), row(k + 2)];
+                    load::<G, T, 3>(memory, offsets, active, rows)
+                }
+                _ => {
+                    let rows = [row(k), row(k + 1), row(k + 2), row(k + 3)];
+                    load::<G, T, 4>(memory, offsets, active, rows)
+                }
+            }
+        };
+        if !is_done {
+            return false;
+        }
+    }
+    true
+}
+
 /// Loads `N` scalars for each lane, one lane's behind another's: a single one, or as many as fill 32 bits.
 ///
 /// # Safety

@@ -49,43 +49,52 @@ macro_rules! register {
             $join
             #[inline(always)]
             unsafe fn splat(word: u32) -> Self {
-                // SAFETY: as the caller promises; so below.
+                // SAFETY: as the caller promises.
                 unsafe { $splat(word as i32) }
             }
             #[inline(always)]
             unsafe fn and(self, other: Self) -> Self {
+                // SAFETY: as the caller promises.
                 unsafe { $and(self, other) }
             }
             #[inline(always)]
             unsafe fn shift_right(self, bits: u32) -> Self {
+                // SAFETY: as the caller promises.
                 unsafe { $shift_right(self, _mm_cvtsi32_si128(bits as i32)) }
             }
             #[inline(always)]
             unsafe fn low_words(self, other: Self) -> Self {
+                // SAFETY: as the caller promises.
                 unsafe { $low_words(self, other) }
             }
             #[inline(always)]
             unsafe fn high_words(self, other: Self) -> Self {
+                // SAFETY: as the caller promises.
                 unsafe { $high_words(self, other) }
             }
             #[inline(always)]
             unsafe fn low_pair(self, other: Self) -> Self {
+                // SAFETY: as the caller promises.
                 unsafe { $low_pair(self, other) }
             }
             #[inline(always)]
             unsafe fn high_pair(self, other: Self) -> Self {
+                // SAFETY: as the caller promises.
                 unsafe { $high_pair(self, other) }
             }
             #[inline(always)]
             unsafe fn even_words(self, other: Self) -> Self {
+                // SAFETY: as the caller promises.
                 unsafe { $to_integers($shuffle::<0x88>($to_floats(self), $to_floats(other))) }
             }
             #[inline(always)]
             unsafe fn odd_words(self, other: Self) -> Self {
+                // SAFETY: as the caller promises.
                 unsafe { $to_integers($shuffle::<0xdd>($to_floats(self), $to_floats(other))) }
             }
             #[inline(always)]
             unsafe fn store(self, to: *mut u8) {
+                // SAFETY: as the caller promises.
                 unsafe { $store(to.cast(), self) }
             }
         }
@@ -181,7 +190,12 @@ unsafe fn load_quarters<R: Register, T: Lane, const N: usize>(
         let size = size_of::<T>();
         let at =
             |quarter: usize, k: usize| base.add(offsets[TOGETHER * (first + quarter) + k] as usize);
-        let put = |row: usize, lanes: R| lanes.store(rows[row].add(16 * first));
+        // Macros: in closures, which have no tier, its instructions would be calls.
+        macro_rules! put {
+            ($row:expr, $lanes:expr) => {
+                R::store($lanes, rows[$row].add(16 * first))
+            };
+        }
         macro_rules! words {
             ($scalar:ty, $skip:expr) => {
                 join!(R, q => {
@@ -200,39 +214,48 @@ unsafe fn load_quarters<R: Register, T: Lane, const N: usize>(
             }};
         }
         // The scalars in words, from some row on.
-        let split = |row: usize, count: usize, word: R| {
-            let bits = 8 * size as u32;
-            let mask = R::splat(((1u64 << bits) - 1) as u32);
-            for k in 0..count {
-                put(row + k, word.shift_right(k as u32 * bits).and(mask));
-            }
-        };
+        macro_rules! split {
+            ($row:expr, $count:expr, $words:expr) => {
+                let words = $words;
+                let bits = 8 * size as u32;
+                let mask = R::splat(((1u64 << bits) - 1) as u32);
+                for k in 0..$count {
+                    put!($row + k, words.shift_right(k as u32 * bits).and(mask));
+                }
+            };
+        }
         match (size, N) {
-            (1, 1) => put(0, words!(u8, 0)),
-            (2, 1) => put(0, words!(u16, 0)),
-            (4, 1) => put(0, words!(u32, 0)),
-            (1, 2) => split(0, 2, words!(u16, 0)),
-            (1, 3) => {
-                split(0, 2, words!(u16, 0));
-                put(2, words!(u8, 2));
+            (1, 1) => put!(0, words!(u8, 0)),
+            (2, 1) => put!(0, words!(u16, 0)),
+            (4, 1) => put!(0, words!(u32, 0)),
+            (1, 2) => {
+                split!(0, 2, words!(u16, 0));
             }
-            (1, 4) => split(0, 4, words!(u32, 0)),
-            (2, 2) => split(0, 2, words!(u32, 0)),
+            (1, 3) => {
+                split!(0, 2, words!(u16, 0));
+                put!(2, words!(u8, 2));
+            }
+            (1, 4) => {
+                split!(0, 4, words!(u32, 0));
+            }
+            (2, 2) => {
+                split!(0, 2, words!(u32, 0));
+            }
             (2, 3) => {
-                split(0, 2, words!(u32, 0));
-                put(2, words!(u16, 4));
+                split!(0, 2, words!(u32, 0));
+                put!(2, words!(u16, 4));
             }
             (2, 4) => {
                 let [low, high] = pairs!();
-                split(0, 2, low);
-                split(2, 2, high);
+                split!(0, 2, low);
+                split!(2, 2, high);
             }
             (4, 2 | 3) => {
                 let [low, high] = pairs!();
-                put(0, low);
-                put(1, high);
+                put!(0, low);
+                put!(1, high);
                 if N == 3 {
-                    put(2, words!(u32, 8));
+                    put!(2, words!(u32, 8));
                 }
             }
             _ => {
@@ -242,11 +265,11 @@ unsafe fn load_quarters<R: Register, T: Lane, const N: usize>(
                 let c = join!(R, q => whole(q, 2));
                 let d = join!(R, q => whole(q, 3));
                 let (ab, cd) = (a.low_words(b), c.low_words(d));
-                put(0, ab.low_pair(cd));
-                put(1, ab.high_pair(cd));
+                put!(0, ab.low_pair(cd));
+                put!(1, ab.high_pair(cd));
                 let (ab, cd) = (a.high_words(b), c.high_words(d));
-                put(2, ab.low_pair(cd));
-                put(3, ab.high_pair(cd));
+                put!(2, ab.low_pair(cd));
+                put!(3, ab.high_pair(cd));
             }
         }
     }
@@ -266,20 +289,24 @@ unsafe fn load_pairs<R: Register, const N: usize>(
     // SAFETY: as the caller promises.
     unsafe {
         let at = |pair: usize, k: usize| base.add(offsets[2 * (first + pair) + k] as usize);
-        let put = |row: usize, lanes: R| lanes.store(rows[row].add(16 * first));
+        macro_rules! put {
+            ($row:expr, $lanes:expr) => {
+                R::store($lanes, rows[$row].add(16 * first))
+            };
+        }
         if N == 1 {
             let scalar = |p, k| _mm_loadl_epi64(at(p, k).cast());
-            put(
+            put!(
                 0,
-                join!(R, p => _mm_unpacklo_epi64(scalar(p, 0), scalar(p, 1))),
+                join!(R, p => _mm_unpacklo_epi64(scalar(p, 0), scalar(p, 1)))
             );
             return;
         }
         let whole = |p, k| _mm_loadu_si128(at(p, k).cast());
         let a = join!(R, p => whole(p, 0));
         let b = join!(R, p => whole(p, 1));
-        put(0, a.low_pair(b));
-        put(1, a.high_pair(b));
+        put!(0, a.low_pair(b));
+        put!(1, a.high_pair(b));
     }
 }
 

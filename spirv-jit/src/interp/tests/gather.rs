@@ -63,17 +63,26 @@ impl Random {
     }
 }
 
-fn loads_of<G: Gather, T: Lane, const N: usize>(random: &mut Random) {
+/// Loads of `count` scalars: `N`, or if that is 0 any number.
+fn loads_of<G: Gather, T: Lane, const N: usize>(random: &mut Random, count: usize) {
     let memory: Vec<u8> = (0..SIZE_BYTES).map(|_| random.below(256) as u8).collect();
     let (size, slot) = (size_of::<T>(), size_of::<T::Slot>());
     for _ in 0..400 {
-        let (offsets, active) = (random.offsets(N * size), random.active());
-        let mut rows = [[BEFORE; 8 * SUBGROUP_SIZE]; N];
-        let to = rows.each_mut().map(|row| row.as_mut_ptr());
+        let (offsets, active) = (random.offsets(count * size), random.active());
+        let mut rows = vec![[BEFORE; 8 * SUBGROUP_SIZE]; count];
+        let to: Vec<*mut u8> = rows.iter_mut().map(|row| row.as_mut_ptr()).collect();
         let from = (memory.as_ptr(), SIZE_BYTES as u64);
         // SAFETY: the machine has the tier; rows are as long as those of 64-bit lanes.
-        let is_done = unsafe { gather::load::<G, T, N>(from, &offsets, active, to) };
-        let end = |lane: usize| offsets[lane] as usize + N * size;
+        let is_done = unsafe {
+            match <[_; N]>::try_from(&to[..]) {
+                Ok(to) => gather::load::<G, T, N>(from, &offsets, active, to),
+                Err(_) => {
+                    let rows = (count, |k: usize| to[k]);
+                    gather::load_many::<G, T>(from, &offsets, active, rows)
+                }
+            }
+        };
+        let end = |lane: usize| offsets[lane] as usize + count * size;
         let is_inside = active.iter().all(|lane| end(lane) <= SIZE_BYTES);
         assert_eq!(is_done, is_inside, "{offsets:?}, {active:?}");
         for (k, row) in rows.iter().enumerate() {
@@ -84,10 +93,12 @@ fn loads_of<G: Gather, T: Lane, const N: usize>(random: &mut Random) {
                     expected.fill(0);
                     let at = offsets[lane] as usize + k * size;
                     expected[..size].copy_from_slice(&memory[at..at + size]);
+                } else if N == 0 {
+                    continue;
                 }
                 assert_eq!(
                     given, expected,
-                    "scalar {k} of {N}, lane {lane}, {size} bytes"
+                    "scalar {k} of {count}, lane {lane}, {size} bytes"
                 );
             }
         }
@@ -98,10 +109,13 @@ fn loads<G: Gather>() {
     let random = &mut Random(7);
     macro_rules! of_all_counts {
         ($($scalar:ty)*) => {$(
-            loads_of::<G, $scalar, 1>(random);
-            loads_of::<G, $scalar, 2>(random);
-            loads_of::<G, $scalar, 3>(random);
-            loads_of::<G, $scalar, 4>(random);
+            loads_of::<G, $scalar, 1>(random, 1);
+            loads_of::<G, $scalar, 2>(random, 2);
+            loads_of::<G, $scalar, 3>(random, 3);
+            loads_of::<G, $scalar, 4>(random, 4);
+            for count in [5, 7, 12, 16] {
+                loads_of::<G, $scalar, 0>(random, count);
+            }
         )*};
     }
     of_all_counts!(u8 u16 u32 u64);
