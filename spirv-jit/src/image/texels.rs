@@ -355,37 +355,36 @@ pub(crate) unsafe fn load<V: Vector>(
     let mut words = [v.splat_i(0); 4];
     let mut places = [0; SUBGROUP_SIZE];
     let size = info.size_bytes;
-    if size <= 4 || size == 6 {
+    let is_row = matches!(size, 1 | 2 | 4) && {
         v.store_i(offsets, &mut places);
-    }
+        is_row(v, offsets, places[0], size as u32)
+    };
     // SAFETY: the caller's promise; each access lies inside the texel.
     unsafe {
+        let row = base.add(places[0] as usize);
         match size {
-            1 => words[0] = v.load_i(&map(&block::gather::<u8, u32>(base, &places, 0), u32::from)),
-            2 => {
-                words[0] = v.load_i(&map(
-                    &block::gather::<u16, u32>(base, &places, 0),
-                    u32::from,
-                ))
+            1 if is_row => {
+                let codes = row.cast::<[u8; SUBGROUP_SIZE]>().read_unaligned();
+                words[0] = v.load_i(&map(&codes, u32::from));
             }
+            1 => words[0] = v.gather_scalars::<u8>(base, offsets),
+            2 if is_row => {
+                let codes = row.cast::<[u16; SUBGROUP_SIZE]>().read_unaligned();
+                words[0] = v.load_i(&map(&codes, u32::from));
+            }
+            2 => words[0] = v.gather_scalars::<u16>(base, offsets),
             3 => {
-                let low = map(&block::gather::<u16, u32>(base, &places, 0), u32::from);
-                let high = map(&block::gather::<u8, u32>(base, &places, 2), u32::from);
-                words[0] = v.or_i(v.load_i(&low), v.left_i(v.load_i(&high), 16));
+                let low = v.gather_scalars::<u16>(base, offsets);
+                let high = v.gather_scalars::<u8>(base.add(2), offsets);
+                words[0] = v.or_i(low, v.left_i(high, 16));
             }
-            4 if is_row(v, offsets, places[0], 4) => {
-                words[0] = v.load_i(
-                    &base
-                        .add(places[0] as usize)
-                        .cast::<[u32; 16]>()
-                        .read_unaligned(),
-                );
+            4 if is_row => {
+                words[0] = v.load_i(&row.cast::<[u32; SUBGROUP_SIZE]>().read_unaligned());
             }
             4 => words[0] = v.gather(base, offsets),
             6 => {
-                words[0] = v.load_i(&block::gather::<u32, u32>(base, &places, 0));
-                let high = map(&block::gather::<u16, u32>(base, &places, 4), u32::from);
-                words[1] = v.load_i(&high);
+                words[0] = v.gather(base, offsets);
+                words[1] = v.gather_scalars::<u16>(base.add(4), offsets);
             }
             8 => (words[0], words[1]) = v.gather_pairs(base, offsets),
             12 => {

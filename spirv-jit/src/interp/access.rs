@@ -29,26 +29,26 @@ pub(super) fn handler(tier: TierKind, ty: Type, count: usize, store: bool) -> Ha
     }
 }
 
-fn in_tier<T: Gather>(ty: Type, count: usize, store: bool) -> Handler {
+fn in_tier<G: Gather>(ty: Type, count: usize, store: bool) -> Handler {
     match (ty.size_bytes(), store) {
-        (1, false) => load::<T, u8>(count),
-        (2, false) => load::<T, u16>(count),
-        (4, false) => load::<T, u32>(count),
-        (_, false) => load::<T, u64>(count),
-        (1, true) => T::handler::<Store<u8>>(),
-        (2, true) => T::handler::<Store<u16>>(),
-        (4, true) => T::handler::<Store<u32>>(),
-        (_, true) => T::handler::<Store<u64>>(),
+        (1, false) => of_count::<In, G, u8>(count),
+        (2, false) => of_count::<In, G, u16>(count),
+        (4, false) => of_count::<In, G, u32>(count),
+        (_, false) => of_count::<In, G, u64>(count),
+        (1, true) => of_count::<Out, G, u8>(count),
+        (2, true) => of_count::<Out, G, u16>(count),
+        (4, true) => of_count::<Out, G, u32>(count),
+        (_, true) => of_count::<Out, G, u64>(count),
     }
 }
 
-fn load<T: Gather, S: Lane>(count: usize) -> Handler {
+fn of_count<C: Copying, G: Gather, T: Lane>(count: usize) -> Handler {
     match count {
-        1 => T::handler::<Load<T, S, 1>>(),
-        2 => T::handler::<Load<T, S, 2>>(),
-        3 => T::handler::<Load<T, S, 3>>(),
-        4 => T::handler::<Load<T, S, 4>>(),
-        _ => T::handler::<Load<T, S, 0>>(),
+        1 => G::handler::<Accessing<C, G, T, 1>>(),
+        2 => G::handler::<Accessing<C, G, T, 2>>(),
+        3 => G::handler::<Accessing<C, G, T, 3>>(),
+        4 => G::handler::<Accessing<C, G, T, 4>>(),
+        _ => G::handler::<Accessing<C, G, T, 0>>(),
     }
 }
 
@@ -58,59 +58,6 @@ pub(super) fn operands<'c>(m: &Machine<'c>, plan: &AccessPlan) -> (&'c [Operand]
     let all = &m.code.operands[plan.operands as usize..];
     let (address, rest) = all.split_at(plan.space.address_operands());
     (address, &rest[..plan.scalars as usize])
-}
-
-/// Where the lanes of a subgroup have their scalars, if all of those that access memory have them all.
-///
-/// # Safety
-/// As [`Kernel::run`]; the subgroup is one of the wave's, and `shared` is what [`shared_region`] gave.
-#[inline(always)]
-unsafe fn places(
-    m: &Machine<'_>,
-    space: Space,
-    shared: &Option<Region>,
-    address: &[Operand],
-    subgroup: u16,
-    active: LaneMask,
-    size_bytes: u64,
-) -> Option<[u64; SUBGROUP_SIZE]> {
-    // SAFETY: as the caller promises.
-    unsafe {
-        if let Some(region) = shared {
-            let offsets = &*m.block::<u32>(address[address.len() - 1], subgroup);
-            let base = region.base as u64;
-            let mut addresses = [0; SUBGROUP_SIZE];
-            for k in 0..SUBGROUP_SIZE {
-                addresses[k] = base.wrapping_add(offsets[k] as u64);
-            }
-            // Offsets are 32 bits wide: what lies behind those would wrap.
-            let last = region.size_bytes.min(1 << 32).checked_sub(size_bytes)?;
-            return all_within(&addresses, active, base, last).then_some(addresses);
-        }
-        if space == Space::Global {
-            let near = m.near.get();
-            let addresses = *m.block::<u64>(address[0], subgroup);
-            let last = near.size_bytes.checked_sub(size_bytes)?;
-            return all_within(&addresses, active, near.start, last).then_some(addresses);
-        }
-        let mut addresses = [0; SUBGROUP_SIZE];
-        for lane in active {
-            let region = region(m, space, address, subgroup, lane);
-            addresses[lane] = region.run_at(0, size_bytes)? as u64;
-        }
-        Some(addresses)
-    }
-}
-
-/// Whether the addresses of active lanes are at most `last` past `first`.
-#[inline(always)]
-fn all_within(addresses: &[u64; SUBGROUP_SIZE], active: LaneMask, first: u64, last: u64) -> bool {
-    let mut outside = [0u32; SUBGROUP_SIZE];
-    for k in 0..SUBGROUP_SIZE {
-        let is_outside = addresses[k].wrapping_sub(first) > last;
-        outside[k] = if is_outside { 1 << k } else { 0 };
-    }
-    outside.iter().fold(0, |all, bit| all | bit) as u16 & active.bits() == 0
 }
 
 /// The memory that all lanes of an access share, if they do.
@@ -126,9 +73,21 @@ unsafe fn shared_region(m: &Machine<'_>, plan: &AccessPlan, address: &[Operand])
 }
 
 /// Copies scalars between memory and rows.
-trait Copying {
+trait Copying: 'static {
+    /// From memory to rows.
+    const LOADS: bool;
     /// The lanes of a subgroup that access memory.
     fn lanes(m: &Machine<'_>, subgroup: u16) -> LaneMask;
+    /// [`gather::load`] or [`gather::store`].
+    ///
+    /// # Safety
+    /// As there.
+    unsafe fn copy_all<G: Gather, T: Lane, const N: usize>(
+        memory: (*mut u8, u64),
+        offsets: &Row,
+        active: LaneMask,
+        rows: gather::Rows<N>,
+    ) -> bool;
     /// # Safety
     /// As for [`Kernel::run`]: the address is of a scalar, and the row one of the frame's.
     unsafe fn copy<T: Lane>(at: *mut T, row: *mut [T::Slot; SUBGROUP_SIZE], lane: usize);
@@ -143,9 +102,22 @@ struct In;
 struct Out;
 
 impl Copying for In {
+    const LOADS: bool = true;
+
     #[inline(always)]
     fn lanes(m: &Machine<'_>, subgroup: u16) -> LaneMask {
         m.active[subgroup as usize]
+    }
+
+    #[inline(always)]
+    unsafe fn copy_all<G: Gather, T: Lane, const N: usize>(
+        (base, size_bytes): (*mut u8, u64),
+        offsets: &Row,
+        active: LaneMask,
+        rows: gather::Rows<N>,
+    ) -> bool {
+        // SAFETY: as the caller promises.
+        unsafe { gather::load::<G, T, N>((base, size_bytes), offsets, active, rows) }
     }
 
     #[inline(always)]
@@ -161,9 +133,22 @@ impl Copying for In {
 }
 
 impl Copying for Out {
+    const LOADS: bool = false;
+
     #[inline(always)]
     fn lanes(m: &Machine<'_>, subgroup: u16) -> LaneMask {
         m.effective(subgroup)
+    }
+
+    #[inline(always)]
+    unsafe fn copy_all<G: Gather, T: Lane, const N: usize>(
+        memory: (*mut u8, u64),
+        offsets: &Row,
+        active: LaneMask,
+        rows: gather::Rows<N>,
+    ) -> bool {
+        // SAFETY: as the caller promises.
+        unsafe { gather::store::<G, T, N>(memory, offsets, active, rows) }
     }
 
     #[inline(always)]
@@ -175,91 +160,126 @@ impl Copying for Out {
     unsafe fn miss<T: Lane>(_: *mut [T::Slot; SUBGROUP_SIZE], _: usize) {}
 }
 
-/// One lane's scalars.
-///
-/// # Safety
-/// As [`copy_inside`].
-#[inline(always)]
-unsafe fn copy_lane<C: Copying, T: Lane, const N: usize>(
-    addresses: &[u64; SUBGROUP_SIZE],
-    rows: &[*mut [T::Slot; SUBGROUP_SIZE]; N],
-    lane: usize,
-) {
-    for k in 0..N {
-        // SAFETY: as the caller promises.
-        unsafe { C::copy((addresses[lane] as *mut T).add(k), rows[k], lane) };
-    }
-}
+/// A load or store by plan `x`, of `N` scalars of `T`'s size; 0: of any number.
+struct Accessing<C, G, T, const N: usize>(PhantomData<(C, G, T)>);
 
-/// The scalars of an access, all of whose active lanes are inside: lane by lane, so that the order of stores is that of the lanes.
-///
-/// # Safety
-/// The addresses of active lanes are of as many scalars as there are rows, and the rows are the frame's.
-// Not inlined: the addresses would be taken apart into more registers than there are.
-#[inline(never)]
-unsafe fn copy_inside<C: Copying, T: Lane, const N: usize>(
-    addresses: &[u64; SUBGROUP_SIZE],
-    rows: [*mut [T::Slot; SUBGROUP_SIZE]; N],
-    active: LaneMask,
-) {
-    // SAFETY: as the caller promises.
-    unsafe {
-        if active == LaneMask::ALL {
-            for lane in 0..SUBGROUP_SIZE {
-                copy_lane::<C, T, N>(addresses, &rows, lane);
+impl<C: Copying, G: Gather, T: Lane, const N: usize> Kernel for Accessing<C, G, T, N> {
+    #[inline(always)]
+    unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
+        let plan = &m.code.accesses[i.x as usize];
+        let (address, scalars) = operands(m, plan);
+        // SAFETY: as the caller promises; rows of results are apart from those of addresses.
+        unsafe {
+            if plan.alignment != 0 {
+                check_alignment(m, plan, address);
             }
-        } else {
-            for lane in active {
-                copy_lane::<C, T, N>(addresses, &rows, lane);
+            if C::LOADS && address.iter().all(|operand| operand.is_uniform()) {
+                return load_once(m, plan, address, scalars);
             }
-        }
-    }
-}
-
-/// One subgroup's part of an access.
-///
-/// # Safety
-/// As [`Kernel::run`]; the subgroup is one of the wave's, and `shared` is what [`shared_region`] gave.
-#[inline(always)]
-unsafe fn access_block<C: Copying, T: Lane>(
-    m: &Machine<'_>,
-    plan: &AccessPlan,
-    shared: &Option<Region>,
-    (address, scalars): (&[Operand], &[Operand]),
-    subgroup: u16,
-) {
-    let active = C::lanes(m, subgroup);
-    let size = size_of::<T>() as u64;
-    // SAFETY: as the caller promises; addresses are checked, and rows of results are apart from those of addresses.
-    unsafe {
-        let total = size * scalars.len() as u64;
-        let row = |k: usize| m.block::<T::Slot>(scalars[k], subgroup);
-        let Some(at) = &places(m, plan.space, shared, address, subgroup, active, total) else {
-            return access_scalars::<C, T>(m, plan.space, (address, scalars), subgroup);
-        };
-        match scalars.len() {
-            1 => copy_inside::<C, T, 1>(at, [row(0)], active),
-            2 => copy_inside::<C, T, 2>(at, [row(0), row(1)], active),
-            3 => copy_inside::<C, T, 3>(at, [row(0), row(1), row(2)], active),
-            4 => copy_inside::<C, T, 4>(at, [row(0), row(1), row(2), row(3)], active),
-            count => {
-                for lane in active {
-                    for k in 0..count {
-                        C::copy((at[lane] as *mut T).add(k), row(k), lane);
+            let shared = shared_region(m, plan, address);
+            let from = m.row(address[address.len() - 1]);
+            let rows: [_; N] = std::array::from_fn(|k| m.row(scalars[k]));
+            for &subgroup in m.listed() {
+                let s = subgroup as usize;
+                let active = C::lanes(m, subgroup);
+                if !C::LOADS && active.is_empty() {
+                    continue;
+                }
+                let from = from.0.add(s * from.1);
+                let rows = rows.map(|(row, step)| row.add(s * step));
+                let all = (scalars.len(), |k: usize| {
+                    m.block::<T::Slot>(scalars[k], subgroup).cast()
+                });
+                let is_done = match (&shared, plan.space) {
+                    (Some(region), _) => {
+                        let memory = (region.base, region.size_bytes);
+                        copy_block::<C, G, T, N>(memory, &*from.cast(), active, rows, all)
                     }
+                    (None, Space::Global) => {
+                        let near = m.near.get();
+                        let memory = (near.start as *mut u8, near.size_bytes);
+                        match G::distances(&*from.cast(), near.start, active) {
+                            Some(distances) => {
+                                // Where lanes that load nothing have distance 0, they may as well.
+                                let active = if C::LOADS { LaneMask::ALL } else { active };
+                                copy_block::<C, G, T, N>(memory, &distances, active, rows, all)
+                            }
+                            None => false,
+                        }
+                    }
+                    // Descriptors that lanes may differ in, but mostly do not.
+                    (None, Space::Buffer) => match m.common(address[0], subgroup, active) {
+                        Some(descriptor) => {
+                            let descriptor = m.environment.descriptor(descriptor);
+                            let memory = (descriptor.address as *mut u8, descriptor.size_bytes);
+                            copy_block::<C, G, T, N>(memory, &*from.cast(), active, rows, all)
+                        }
+                        None => false,
+                    },
+                    _ => false,
+                };
+                if !is_done {
+                    copy_scalars::<C, T>(m, plan.space, (address, scalars), subgroup);
                 }
             }
         }
     }
 }
 
-/// As [`access_block`], for any addresses: every scalar is checked.
+/// A subgroup's part of an access to memory that its lanes share: of `N` scalars, whose rows are `rows`, or if that is 0 of as many as `all`
+/// says. False if one is not inside.
 ///
 /// # Safety
-/// As [`access_block`].
-#[cold]
+/// As [`gather::load`].
+#[inline(always)]
+unsafe fn copy_block<C: Copying, G: Gather, T: Lane, const N: usize>(
+    (base, size_bytes): (*mut u8, u64),
+    offsets: &Row,
+    active: LaneMask,
+    rows: gather::Rows<N>,
+    (count, row): (usize, impl Fn(usize) -> *mut u8),
+) -> bool {
+    if N != 0 {
+        // SAFETY: as the caller promises.
+        return unsafe { C::copy_all::<G, T, N>((base, size_bytes), offsets, active, rows) };
+    }
+    // What lies behind 32 bits would wrap.
+    let size_bytes = size_bytes.min(1 << 32);
+    // A loop without closures: those have no tier, and its instructions would be calls in them.
+    for k in (0..count).step_by(4) {
+        let skip = k * size_of::<T>();
+        let Some(rest) = size_bytes.checked_sub(skip as u64) else {
+            return false;
+        };
+        // SAFETY: as the caller promises.
+        let is_done = unsafe {
+            let memory = (base.add(skip), rest);
+            match count - k {
+                1 => C::copy_all::<G, T, 1>(memory, offsets, active, [row(k)]),
+                2 => C::copy_all::<G, T, 2>(memory, offsets, active, [row(k), row(k + 1)]),
+                3 => {
+                    let rows = [row(k), row(k + 1), row(k + 2)];
+                    C::copy_all::<G, T, 3>(memory, offsets, active, rows)
+                }
+                _ => {
+                    let rows = [row(k), row(k + 1), row(k + 2), row(k + 3)];
+                    C::copy_all::<G, T, 4>(memory, offsets, active, rows)
+                }
+            }
+        };
+        if !is_done {
+            return false;
+        }
+    }
+    true
+}
+
+/// A subgroup's part of an access, some of which is outside, or whose lanes share no memory: every scalar is checked.
+///
+/// # Safety
+/// As [`Kernel::run`]; the subgroup is one of the wave's.
 #[inline(never)]
-unsafe fn access_scalars<C: Copying, T: Lane>(
+unsafe fn copy_scalars<C: Copying, T: Lane>(
     m: &Machine<'_>,
     space: Space,
     (address, scalars): (&[Operand], &[Operand]),
@@ -298,118 +318,6 @@ unsafe fn check_alignment(m: &Machine<'_>, plan: &AccessPlan, address: &[Operand
             let address = unsafe { m.lane(address[0], subgroup, lane, true) };
             if !address.is_multiple_of(alignment) {
                 strays.count(m.program, m.pc, address, alignment);
-            }
-        }
-    }
-}
-
-/// A load by plan `x`, of `N` scalars of `T`'s size; 0: of any number.
-struct Load<G, T, const N: usize>(PhantomData<(G, T)>);
-
-impl<G: Gather, T: Lane, const N: usize> Kernel for Load<G, T, N> {
-    #[inline(always)]
-    unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
-        let plan = &m.code.accesses[i.x as usize];
-        let (address, results) = operands(m, plan);
-        // SAFETY: as the caller promises; rows of results are apart from those of addresses.
-        unsafe {
-            if plan.alignment != 0 {
-                check_alignment(m, plan, address);
-            }
-            if address.iter().all(|operand| operand.is_uniform()) {
-                return load_once(m, plan, address, results);
-            }
-            let shared = shared_region(m, plan, address);
-            let from = m.row(address[address.len() - 1]);
-            let rows: [_; N] = std::array::from_fn(|k| m.row(results[k]));
-            for &subgroup in m.listed() {
-                let s = subgroup as usize;
-                let active = m.active[s];
-                let from = from.0.add(s * from.1);
-                let to = rows.map(|(row, step)| row.add(s * step));
-                let many = (results.len(), |k: usize| {
-                    m.block::<T::Slot>(results[k], subgroup).cast()
-                });
-                let is_done = match (&shared, plan.space) {
-                    (Some(region), _) => {
-                        let memory = (region.base.cast_const(), region.size_bytes);
-                        load_block::<G, T, N>(memory, &*from.cast(), active, to, many)
-                    }
-                    (None, Space::Global) => {
-                        let near = m.near.get();
-                        let memory = (near.start as *const u8, near.size_bytes);
-                        match G::distances(&*from.cast(), near.start, active) {
-                            Some(distances) => {
-                                let all = LaneMask::ALL;
-                                load_block::<G, T, N>(memory, &distances, all, to, many)
-                            }
-                            None => false,
-                        }
-                    }
-                    _ => false,
-                };
-                if !is_done {
-                    load_slowly::<T>(m, plan, &shared, (address, results), subgroup);
-                }
-            }
-        }
-    }
-}
-
-/// A subgroup's part of a load from memory that its lanes share: `N` scalars, if that is 0 as many as it says behind; false if one is not
-/// inside.
-///
-/// # Safety
-/// As [`gather::load`].
-#[inline(always)]
-unsafe fn load_block<G: Gather, T: Lane, const N: usize>(
-    memory: (*const u8, u64),
-    offsets: &Row,
-    active: LaneMask,
-    rows: gather::Rows<N>,
-    many: (usize, impl Fn(usize) -> *mut u8),
-) -> bool {
-    // SAFETY: as the caller promises.
-    unsafe {
-        match N {
-            0 => gather::load_many::<G, T>(memory, offsets, active, many),
-            _ => gather::load::<G, T, N>(memory, offsets, active, rows),
-        }
-    }
-}
-
-/// A subgroup's part of a load, some of which is outside, or whose lanes share no memory.
-///
-/// # Safety
-/// As [`access_block`].
-#[inline(never)]
-unsafe fn load_slowly<T: Lane>(
-    m: &Machine<'_>,
-    plan: &AccessPlan,
-    shared: &Option<Region>,
-    operands: (&[Operand], &[Operand]),
-    subgroup: u16,
-) {
-    // SAFETY: as the caller promises.
-    unsafe { access_block::<In, T>(m, plan, shared, operands, subgroup) };
-}
-
-/// A store by plan `x`, of scalars of `T`'s size.
-struct Store<T>(PhantomData<T>);
-
-impl<T: Lane> Kernel for Store<T> {
-    #[inline(always)]
-    unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
-        let plan = m.code.accesses[i.x as usize];
-        let (address, values) = operands(m, &plan);
-        // SAFETY: as the caller promises.
-        unsafe {
-            if plan.alignment != 0 {
-                check_alignment(m, &plan, address);
-            }
-            let shared = shared_region(m, &plan, address);
-            for &subgroup in m.listed() {
-                access_block::<Out, T>(m, &plan, &shared, (address, values), subgroup);
             }
         }
     }

@@ -3,7 +3,7 @@
 //! A value of type `descriptor` is such an address in every lane that was active when it was made. It lives in the frame alone: a state
 //! keeps what it was made of, and it is made again when the wave goes on ([`make_again`]).
 
-use lanes::by_lane;
+use lanes::{LaneMask, by_lane};
 
 use super::code::{DescriptorSource, Remade};
 use super::machine::{Instr, MAX_SUBGROUPS, Machine};
@@ -124,7 +124,12 @@ unsafe fn make(
                 let entries = Entries::of(m.environment, binding);
                 for &subgroup in subgroups {
                     let index = *m.block::<u32>(from, subgroup);
-                    *m.block::<u64>(d, subgroup) = by_lane(|lane| entries.address(index[lane]));
+                    // Mostly all lanes name the same: where a loop counts, say.
+                    let is_one = LaneMask::holding(&index, index[0]) == LaneMask::ALL;
+                    *m.block::<u64>(d, subgroup) = match is_one {
+                        true => [entries.address(index[0]); SUBGROUP_SIZE],
+                        false => by_lane(|lane| entries.address(index[lane])),
+                    };
                 }
             }
             DescriptorSource::Reference => {

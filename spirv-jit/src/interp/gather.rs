@@ -1,7 +1,7 @@
-//! Loads of scalars for a whole subgroup, from memory that its lanes share, in each instruction set.
+//! Loads and stores of scalars for a whole subgroup, in memory that its lanes share, in each instruction set.
 //!
-//! All lanes are looked at together: whether what they load is inside, and how it lies. Lanes that load the same, and lanes whose scalars lie
-//! one behind another, load once; else words of four lanes at a time are put together, and stored in registers as wide as the tier has:
+//! All lanes are looked at together: whether what they access is inside, and how it lies. Lanes that load the same, and lanes whose scalars
+//! lie one behind another, load once; else words of four lanes at a time are put together, and stored in registers as wide as the tier has:
 //! whoever reads the rows next need not wait for sixteen single stores.
 
 use lanes::LaneMask;
@@ -29,7 +29,7 @@ pub(super) enum Layout {
     Apart,
 }
 
-/// Loads of a whole subgroup in a tier.
+/// Loads and stores of a whole subgroup in a tier.
 ///
 /// # Safety
 /// Of all functions: the machine has the tier.
@@ -52,6 +52,20 @@ pub(super) trait Gather: Tier {
     /// # Safety
     /// There are as many scalars at each place, and the rows are a frame's.
     unsafe fn load_apart<T: Lane, const N: usize>(base: *const u8, offsets: &Row, rows: Rows<N>);
+
+    /// Stores `N` scalars of each lane, one behind another at the lane's offset from `base`, in the lanes' order.
+    ///
+    /// # Safety
+    /// As [`Self::load_apart`].
+    unsafe fn store_apart<T: Lane, const N: usize>(base: *mut u8, offsets: &Row, rows: Rows<N>);
+}
+
+/// The highest offset that scalars of `total` bytes together may have in `size_bytes` bytes.
+#[inline(always)]
+fn last(size_bytes: u64, total: u32) -> Option<u32> {
+    // Offsets are 32 bits wide: what lies behind those would wrap.
+    let last = size_bytes.min(1 << 32).checked_sub(total.into())?;
+    Some(last as u32)
 }
 
 /// Loads `N` scalars of the active lanes of a subgroup, one behind another at each lane's offset in `size_bytes` bytes from `base`; false,
@@ -67,8 +81,7 @@ pub(super) unsafe fn load<G: Gather, T: Lane, const N: usize>(
     rows: Rows<N>,
 ) -> bool {
     let total = (N * size_of::<T>()) as u32;
-    // Offsets are 32 bits wide: what lies behind those would wrap.
-    let Some(last) = size_bytes.min(1 << 32).checked_sub(total.into()) else {
+    let Some(last) = last(size_bytes, total) else {
         return false;
     };
     // SAFETY: as the caller promises; offsets are checked.
@@ -81,7 +94,7 @@ pub(super) unsafe fn load<G: Gather, T: Lane, const N: usize>(
                 &filled
             }
         };
-        match G::layout(offsets, last as u32, total) {
+        match G::layout(offsets, last, total) {
             Layout::Outside => return false,
             Layout::Same => {
                 let at = base.add(offsets[0] as usize).cast::<T>();
@@ -103,43 +116,48 @@ pub(super) unsafe fn load<G: Gather, T: Lane, const N: usize>(
     true
 }
 
-/// [`load`] of any number of scalars, whose rows are given by their numbers.
+/// Stores `N` scalars of the active lanes of a subgroup, one behind another at each lane's offset in `size_bytes` bytes from `base`, in the
+/// lanes' order; false, and nothing is done, if one is not inside.
 ///
 /// # Safety
-/// As there. Where a scalar is not inside, rows of others may have been written.
+/// As [`load`]; as many bytes may be written at `base`.
 #[inline(always)]
-pub(super) unsafe fn load_many<G: Gather, T: Lane>(
-    (base, size_bytes): (*const u8, u64),
+pub(super) unsafe fn store<G: Gather, T: Lane, const N: usize>(
+    (base, size_bytes): (*mut u8, u64),
     offsets: &Row,
     active: LaneMask,
-    (count, row): (usize, impl Fn(usize) -> *mut u8),
+    rows: Rows<N>,
 ) -> bool {
-    // What lies behind 32 bits would wrap.
-    let size_bytes = size_bytes.min(1 << 32);
-    // A loop without closures: those have no tier, and its instructions would be calls in them.
-    for k in (0..count).step_by(4) {
-        let skip = k * size_of::<T>();
-        let Some(rest) = size_bytes.checked_sub(skip as u64) else {
-            return false;
-        };
-        // SAFETY: as the caller promises.
-        let is_done = unsafe {
-            let memory = (base.add(skip), rest);
-            match count - k {
-                1 => load::<G, T, 1>(memory, offsets, active, [row(k)]),
-                2 => load::<G, T, 2>(memory, offsets, active, [row(k), row(k + 1)]),
-                3 => {
-                    let rows = [row(k), row(k + 1), row(k + 2)];
-                    load::<G, T, 3>(memory, offsets, active, rows)
-                }
-                _ => {
-                    let rows = [row(k), row(k + 1), row(k + 2), row(k + 3)];
-                    load::<G, T, 4>(memory, offsets, active, rows)
-                }
+    let total = (N * size_of::<T>()) as u32;
+    let Some(last) = last(size_bytes, total) else {
+        return false;
+    };
+    // SAFETY: as the caller promises; offsets are checked.
+    unsafe {
+        if active != LaneMask::ALL {
+            let filled = G::fill(offsets, active);
+            let is_inside = G::layout(&filled, last, total) != Layout::Outside;
+            if is_inside {
+                store_singly::<T, N>(base, offsets, rows, active);
             }
-        };
-        if !is_done {
-            return false;
+            return is_inside;
+        }
+        match G::layout(offsets, last, total) {
+            Layout::Outside => return false,
+            Layout::Run if N == 1 => {
+                let from = &*rows[0].cast::<[T::Slot; SUBGROUP_SIZE]>();
+                let to = base.add(offsets[0] as usize);
+                let mut scalars = [T::read(from[0]); SUBGROUP_SIZE];
+                for k in 0..SUBGROUP_SIZE {
+                    scalars[k] = T::read(from[k]);
+                }
+                to.cast::<[T; SUBGROUP_SIZE]>().write_unaligned(scalars);
+            }
+            _ => {
+                // As in `load`.
+                let offsets = std::hint::black_box(offsets as *const Row);
+                G::store_apart::<T, N>(base, &*offsets, rows);
+            }
         }
     }
     true
@@ -236,6 +254,42 @@ impl Gather for Portable {
         unsafe {
             load_singly::<T, N>(base, offsets, rows)
         };
+    }
+
+    #[inline(always)]
+    unsafe fn store_apart<T: Lane, const N: usize>(base: *mut u8, offsets: &Row, rows: Rows<N>) {
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: as the caller promises; every x86-64 processor has SSE2.
+        unsafe {
+            x86::store_apart::<std::arch::x86_64::__m128i, T, N>(base, offsets, rows)
+        };
+        #[cfg(not(target_arch = "x86_64"))]
+        // SAFETY: as the caller promises.
+        unsafe {
+            store_singly::<T, N>(base, offsets, rows, LaneMask::ALL)
+        };
+    }
+}
+
+/// [`Gather::store_apart`], scalar by scalar, of active lanes.
+///
+/// # Safety
+/// As there.
+#[inline(always)]
+unsafe fn store_singly<T: Lane, const N: usize>(
+    base: *mut u8,
+    offsets: &Row,
+    rows: Rows<N>,
+    active: LaneMask,
+) {
+    for lane in active {
+        for (scalar, row) in rows.into_iter().enumerate() {
+            // SAFETY: as the caller promises.
+            unsafe {
+                let at = base.add(offsets[lane] as usize).cast::<T>().add(scalar);
+                at.write_unaligned(T::read(*row.cast::<T::Slot>().add(lane)));
+            }
+        }
     }
 }
 

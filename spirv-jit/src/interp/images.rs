@@ -2,7 +2,7 @@
 
 use std::marker::PhantomData;
 
-use lanes::Tier as TierKind;
+use lanes::{LaneMask, Tier as TierKind};
 
 use super::code::ImagePlan;
 use super::machine::{Handler, Instr, Machine};
@@ -45,6 +45,8 @@ fn in_tier<T: Tier, V: Vector + 'static>(op: &ImageOp) -> Handler {
         T::handler::<Sample<V>>()
     } else if plain::may_apply(op) {
         T::handler::<Access<V>>()
+    } else if op.is_size_query() {
+        query
     } else {
         image
     }
@@ -56,49 +58,39 @@ fn in_tier<T: Tier, V: Vector + 'static>(op: &ImageOp) -> Handler {
 /// The instruction was emitted for the program that the machine runs.
 pub(super) unsafe fn image(m: &mut Machine<'_>, i: &Instr) {
     let plan = &m.code.images[i.x as usize];
-    let mut others = m.listed();
-    if plan.is_uniform_query() {
-        // SAFETY: as the caller promises.
-        others = unsafe { query_once(m, plan, others) };
-    }
-    for &subgroup in others {
+    for &subgroup in m.listed() {
         // SAFETY: as the caller promises.
         unsafe { block(m, plan, subgroup) };
     }
 }
 
-impl ImagePlan {
-    /// Whether all lanes ask an image for the same size.
-    fn is_uniform_query(&self) -> bool {
-        self.op.is_size_query()
-            && self.image.is_uniform()
-            && self
-                .operands
-                .iter()
-                .all(|(operand, _)| operand.is_uniform())
-    }
-}
-
-/// Performs such a query once; returns the subgroups that are left.
+/// The query of an image's size by plan `x`: once for subgroups all of whose lanes ask for the same.
 ///
 /// # Safety
 /// As [`image`].
-unsafe fn query_once<'o>(m: &Machine<'_>, plan: &ImagePlan, listed: &'o [u16]) -> &'o [u16] {
-    let Some((&first, others)) = listed.split_first() else {
-        return listed;
-    };
-    let lane = m.active[first as usize].first();
-    // SAFETY: as the caller promises; such an operation's results are of 32 bits.
-    unsafe {
-        block(m, plan, first);
-        for &(result, _) in &plan.results {
-            let answer = (*m.block::<u32>(result, first))[lane];
-            for &subgroup in others {
-                *m.block::<u32>(result, subgroup) = [answer; SUBGROUP_SIZE];
+unsafe fn query(m: &mut Machine<'_>, i: &Instr) {
+    let plan = &m.code.images[i.x as usize];
+    let is_uniform = (plan.operands.iter()).all(|(operand, _)| operand.is_uniform());
+    let mut known = None;
+    for &subgroup in m.listed() {
+        let mask = m.active[subgroup as usize];
+        // SAFETY: as the caller promises; such an operation's results are of 32 bits.
+        unsafe {
+            let asked = (m.common(plan.image, subgroup, mask)).filter(|_| is_uniform);
+            match known {
+                Some((image, from, lane)) if asked == Some(image) => {
+                    for &(result, _) in &plan.results {
+                        let answer = (*m.block::<u32>(result, from))[lane];
+                        *m.block::<u32>(result, subgroup) = [answer; SUBGROUP_SIZE];
+                    }
+                }
+                _ => {
+                    block(m, plan, subgroup);
+                    known = asked.map(|image| (image, subgroup, mask.first()));
+                }
             }
         }
     }
-    &[]
 }
 
 /// The lanes of a subgroup that perform an operation: helper invocations change no texels.
@@ -397,31 +389,15 @@ impl<V: Vector> fast::Subgroups<V> for OfWave<'_, '_> {
 /// The image's and the sampler's descriptor that all lanes of a subgroup have.
 ///
 /// # Safety
-/// As [`shared`].
+/// As [`block`].
 #[inline(always)]
 unsafe fn both(m: &Machine<'_>, plan: &ImagePlan, subgroup: u16) -> Option<(u64, u64)> {
-    let mask = m.active[subgroup as usize].bits();
+    let mask = m.active[subgroup as usize];
     // SAFETY: as the caller promises.
-    unsafe { shared(m, plan.image, subgroup, mask).zip(shared(m, plan.sampler, subgroup, mask)) }
-}
-
-/// The descriptor address that all lanes of a subgroup have.
-///
-/// # Safety
-/// As [`block`]; the mask is not empty.
-#[inline(always)]
-unsafe fn shared(m: &Machine<'_>, operand: Operand, subgroup: u16, mask: u16) -> Option<u64> {
-    // SAFETY: as the caller promises.
-    let lanes = unsafe { &*m.block::<u64>(operand, subgroup) };
-    let first = lanes[mask.trailing_zeros() as usize & 15];
-    if operand.is_uniform() {
-        return Some(first);
+    unsafe {
+        let image = m.common(plan.image, subgroup, mask);
+        image.zip(m.common(plan.sampler, subgroup, mask))
     }
-    let mut same = 0u16;
-    for (lane, &address) in lanes.iter().enumerate() {
-        same |= ((address == first) as u16) << lane;
-    }
-    (mask & !same == 0).then_some(first)
 }
 
 /// What two descriptors are to a sample, if the short way serves.
@@ -530,7 +506,8 @@ impl<V: Vector> Kernel for Access<V> {
                     listed = rest;
                     continue;
                 }
-                let Some(address) = shared(m, plan.image, subgroup, mask) else {
+                let Some(address) = m.common(plan.image, subgroup, LaneMask::from_bits(mask))
+                else {
                     block(m, plan, subgroup);
                     listed = rest;
                     continue;
@@ -547,7 +524,9 @@ impl<V: Vector> Kernel for Access<V> {
                 while let Some((&subgroup, rest)) = listed.split_first() {
                     let mask = lanes(m, plan, subgroup);
                     if mask != 0 {
-                        if shared(m, plan.image, subgroup, mask) != Some(address) {
+                        if m.common(plan.image, subgroup, LaneMask::from_bits(mask))
+                            != Some(address)
+                        {
                             break;
                         }
                         // No closure: it would not be compiled for the tier.

@@ -231,6 +231,27 @@ impl Machine<'_> {
         }
     }
 
+    /// The 64-bit number that all lanes of a subgroup's mask have, if they do: the address of a descriptor, say. The mask is not empty.
+    ///
+    /// # Safety
+    /// As [`Self::block`].
+    #[inline(always)]
+    pub unsafe fn common(&self, operand: Operand, subgroup: u16, mask: LaneMask) -> Option<u64> {
+        // SAFETY: as the caller promises.
+        let lanes = unsafe { &*self.block::<u64>(operand, subgroup) };
+        let first = lanes[mask.first() & (SUBGROUP_SIZE - 1)];
+        if operand.is_uniform() {
+            return Some(first);
+        }
+        let mut same = 0u16;
+        for (lane, &number) in lanes.iter().enumerate() {
+            same |= ((number == first) as u16) << lane;
+        }
+        (mask - LaneMask::from_bits(same))
+            .is_empty()
+            .then_some(first)
+    }
+
     /// A row of a subgroup's state.
     ///
     /// # Safety

@@ -29,15 +29,6 @@ impl Region {
         // SAFETY: the access is inside the region.
         (first + size_bytes <= self.size_bytes).then(|| unsafe { self.base.add(first as usize) })
     }
-
-    /// The address of a run of scalars of `size_bytes` in all, if it is inside and does not wrap.
-    #[inline(always)]
-    pub(super) fn run_at(&self, skip: u64, size_bytes: u64) -> Option<*mut u8> {
-        let first = (self.offset + skip) as u32 as u64;
-        let inside = first + size_bytes <= self.size_bytes.min(1 << 32);
-        // SAFETY: the access is inside the region.
-        inside.then(|| unsafe { self.base.add(first as usize) })
-    }
 }
 
 /// The memory that one lane's address operands mean; not for private memory.

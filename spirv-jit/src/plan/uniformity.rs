@@ -2,8 +2,8 @@
 //! nothing.
 //!
 //! Constants, dispatch words, descriptors, and pure operations on such. Loads count from what nothing can write meanwhile: push
-//! constants, and uniform blocks that every invocation reads which starts. A block that no invocation comes to read may be one whose
-//! memory is gone (`descriptorBindingPartiallyBound`).
+//! constants, and uniform blocks that every invocation reads which starts, as do queries of the size of an image that every invocation
+//! asks for. A block or image that no invocation comes to may be one that is gone (`descriptorBindingPartiallyBound`).
 
 use foldhash::{HashMap, HashSet};
 
@@ -48,7 +48,7 @@ struct Finder {
     push_constants: Vec<bool>,
     /// Which descriptor a value is.
     blocks: HashMap<Value, Block>,
-    /// The value is the first of a load from a uniform block that every invocation performs.
+    /// The value is the first of a load from a uniform block, or of a query of an image's size, that every invocation performs.
     certain: Vec<bool>,
     /// Uniform blocks that every invocation reads.
     read: HashSet<Block>,
@@ -78,7 +78,13 @@ impl Finder {
         block.is_some_and(|block| self.read.contains(block))
     }
 
-    /// Marks loads that every invocation performs, in a body that all of them enter or not. Returns the depth of the outermost construct
+    /// Whether an instruction was marked by [`Self::find_certain`].
+    fn is_certain(&self, inst: &Inst) -> bool {
+        let first = inst.results.first().map(|result| result.index());
+        first.is_some_and(|at| self.certain.get(at) == Some(&true))
+    }
+
+    /// Marks loads and queries of images' sizes that every invocation performs, in a body that all of them enter or not. Returns the depth of the outermost construct
     /// that lanes leave from inside; 0 is the function.
     fn find_certain(&mut self, body: &Body, depth: usize, entered: bool) -> usize {
         let mut left = usize::MAX;
@@ -86,9 +92,15 @@ impl Finder {
             let certain = entered && left == usize::MAX;
             let inside = match node {
                 Node::Inst(inst) => {
-                    if certain && matches!(inst.op, Op::Load(access) if access.constant) {
-                        self.certain[inst.results[0].index()] = true;
-                        self.read.extend(self.blocks.get(&inst.args[0]));
+                    match inst.op {
+                        Op::Load(access) if certain && access.constant => {
+                            self.certain[inst.results[0].index()] = true;
+                            self.read.extend(self.blocks.get(&inst.args[0]));
+                        }
+                        Op::Image(op) if certain && op.is_size_query() => {
+                            self.certain[inst.results[0].index()] = true;
+                        }
+                        _ => {}
                     }
                     // An intersection that is accepted may end the search, and a function may end the invocation.
                     match inst.op {
@@ -130,10 +142,10 @@ impl Finder {
             && match &inst.op {
                 Op::Input(_) => false,
                 Op::DescriptorAddress | Op::BufferSize => true,
+                Op::Image(_) => self.is_certain(inst),
                 Op::Load(access) if access.space != Space::Buffer || access.volatile => false,
                 Op::Load(access) => {
-                    let first = inst.results.first().map(|result| result.index());
-                    let certain = first.is_some_and(|at| self.certain.get(at) == Some(&true));
+                    let certain = self.is_certain(inst);
                     let early = !certain
                         && access.constant
                         && self.is_read(inst)

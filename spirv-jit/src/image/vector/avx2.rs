@@ -411,6 +411,23 @@ impl Vector for Avx2 {
         }
     }
     #[inline(always)]
+    unsafe fn gather_scalars<T: Copy + Into<u32>>(self, base: *const u8, offsets: I) -> I {
+        let mut places = [0; 16];
+        self.store_i(offsets, &mut places);
+        let places = std::hint::black_box(&places);
+        // SAFETY: the token, and the caller's promise.
+        unsafe {
+            let first = four_scalars::<T>(base, places, 0);
+            let second = four_scalars::<T>(base, places, 4);
+            let third = four_scalars::<T>(base, places, 8);
+            let fourth = four_scalars::<T>(base, places, 12);
+            [
+                _mm256_set_m128i(second, first),
+                _mm256_set_m128i(fourth, third),
+            ]
+        }
+    }
+    #[inline(always)]
     unsafe fn gather_pairs(self, base: *const u8, offsets: I) -> (I, I) {
         let mut places = [0; 16];
         self.store_i(offsets, &mut places);
@@ -736,6 +753,26 @@ unsafe fn two_rows(texels: &[__m256i; 5], columns: __m256i, is_in: &[__m256i; 3]
             lower = _mm256_blendv_epi8(lower, next, is_in[row]);
         }
         [upper, lower]
+    }
+}
+
+/// The scalars at the places of four lanes from `lane` on, as words.
+///
+/// # Safety
+/// A scalar is readable at each place.
+#[inline(always)]
+pub(super) unsafe fn four_scalars<T: Copy + Into<u32>>(
+    base: *const u8,
+    places: &Row,
+    lane: usize,
+) -> __m128i {
+    // SAFETY: the caller's promise; every x86-64 processor has SSE2.
+    unsafe {
+        let word = |lane: usize| {
+            let at = base.add(places[lane] as usize).cast::<T>();
+            at.read_unaligned().into() as i32
+        };
+        _mm_set_epi32(word(lane + 3), word(lane + 2), word(lane + 1), word(lane))
     }
 }
 

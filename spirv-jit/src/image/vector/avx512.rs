@@ -4,6 +4,7 @@ use std::arch::x86_64::*;
 
 use lanes::{gathers_slowly, has_byte_permutes};
 
+use super::avx2::four_scalars;
 use super::avx2::{half_of_pairs, put_quads, put_quads_of_shorts, quad_at, quads_of_shorts};
 use super::{Task, Vector, gathered_srgb};
 use crate::eval::quad;
@@ -262,6 +263,23 @@ impl Vector for Avx512 {
     unsafe fn gather(self, base: *const u8, offsets: I) -> I {
         // SAFETY: the token, and the caller's promise.
         unsafe { _mm512_i32gather_epi32::<1>(offsets, base.cast()) }
+    }
+
+    #[inline(always)]
+    unsafe fn gather_scalars<T: Copy + Into<u32>>(self, base: *const u8, offsets: I) -> I {
+        let mut places = [0; 16];
+        self.store_i(offsets, &mut places);
+        let places = std::hint::black_box(&places);
+        // SAFETY: the token, and the caller's promise.
+        unsafe {
+            let first = four_scalars::<T>(base, places, 0);
+            let second = four_scalars::<T>(base, places, 4);
+            let third = four_scalars::<T>(base, places, 8);
+            let fourth = four_scalars::<T>(base, places, 12);
+            let low = _mm256_set_m128i(second, first);
+            let high = _mm256_set_m128i(fourth, third);
+            _mm512_inserti64x4::<1>(_mm512_castsi256_si512(low), high)
+        }
     }
 
     #[inline(always)]

@@ -254,6 +254,16 @@ pub trait Vector: Copy {
     /// Four bytes are readable at each.
     unsafe fn gather(self, base: *const u8, offsets: Self::I) -> Self::I;
 
+    /// Bytes or shorts at byte offsets, which are unsigned up to `i32::MAX`, as words.
+    ///
+    /// # Safety
+    /// A scalar is readable at each.
+    unsafe fn gather_scalars<T: Copy + Into<u32>>(
+        self,
+        base: *const u8,
+        offsets: Self::I,
+    ) -> Self::I;
+
     /// Words at byte offsets, and those right behind them.
     ///
     /// # Safety

@@ -378,6 +378,14 @@ impl Vector for Portable {
         })
     }
     #[inline(always)]
+    unsafe fn gather_scalars<T: Copy + Into<u32>>(self, base: *const u8, offsets: I) -> I {
+        // SAFETY: the caller's promise.
+        map(&offsets, |offset| unsafe {
+            let at = base.add(offset as u32 as usize);
+            at.cast::<T>().read_unaligned().into() as i32
+        })
+    }
+    #[inline(always)]
     unsafe fn gather_pairs(self, base: *const u8, offsets: I) -> (I, I) {
         // SAFETY: the caller's promise.
         unsafe {

@@ -4,7 +4,7 @@ use std::arch::x86_64::*;
 
 use lanes::LaneMask;
 
-use super::{Gather, Layout, Rows, load_singly};
+use super::{Gather, Layout, Rows, load_singly, store_singly};
 use crate::SUBGROUP_SIZE;
 use crate::interp::kernels::Lane;
 use crate::interp::tier::{Avx2, Avx512};
@@ -21,6 +21,9 @@ pub(super) trait Register: Copy {
     const QUARTERS: usize;
     /// Of the first [`Self::QUARTERS`].
     unsafe fn join(quarters: [__m128i; 4]) -> Self;
+    /// The quarters, and zeros behind them.
+    unsafe fn quarters(self) -> [__m128i; 4];
+    unsafe fn load(from: *const u8) -> Self;
     unsafe fn splat(word: u32) -> Self;
     unsafe fn and(self, other: Self) -> Self;
     unsafe fn shift_right(self, bits: u32) -> Self;
@@ -39,14 +42,21 @@ pub(super) trait Register: Copy {
 macro_rules! register {
     (
         $register:ty, $quarters:literal,
-        $join:item
-        $splat:ident $and:ident $shift_right:ident $low_words:ident $high_words:ident $low_pair:ident $high_pair:ident $store:ident
+        $join:item $quarters_of:item
+        $load:ident $splat:ident $and:ident $shift_right:ident $low_words:ident $high_words:ident $low_pair:ident $high_pair:ident $store:ident
         $shuffle:ident $to_floats:ident $to_integers:ident
     ) => {
         impl Register for $register {
             const QUARTERS: usize = $quarters;
             #[inline(always)]
             $join
+            #[inline(always)]
+            $quarters_of
+            #[inline(always)]
+            unsafe fn load(from: *const u8) -> Self {
+                // SAFETY: as the caller promises.
+                unsafe { $load(from.cast()) }
+            }
             #[inline(always)]
             unsafe fn splat(word: u32) -> Self {
                 // SAFETY: as the caller promises.
@@ -106,7 +116,12 @@ register! {
     unsafe fn join([quarter, ..]: [__m128i; 4]) -> Self {
         quarter
     }
-    _mm_set1_epi32 _mm_and_si128 _mm_srl_epi32 _mm_unpacklo_epi32 _mm_unpackhi_epi32
+    unsafe fn quarters(self) -> [__m128i; 4] {
+        // SAFETY: every x86-64 processor has SSE2.
+        let zero = unsafe { _mm_setzero_si128() };
+        [self, zero, zero, zero]
+    }
+    _mm_loadu_si128 _mm_set1_epi32 _mm_and_si128 _mm_srl_epi32 _mm_unpacklo_epi32 _mm_unpackhi_epi32
     _mm_unpacklo_epi64 _mm_unpackhi_epi64 _mm_storeu_si128
     _mm_shuffle_ps _mm_castsi128_ps _mm_castps_si128
 }
@@ -116,7 +131,14 @@ register! {
         // SAFETY: as the caller promises.
         unsafe { _mm256_inserti128_si256::<1>(_mm256_castsi128_si256(a), b) }
     }
-    _mm256_set1_epi32 _mm256_and_si256 _mm256_srl_epi32 _mm256_unpacklo_epi32 _mm256_unpackhi_epi32
+    unsafe fn quarters(self) -> [__m128i; 4] {
+        // SAFETY: as the caller promises.
+        unsafe {
+            let (low, high) = (_mm256_castsi256_si128(self), _mm256_extracti128_si256::<1>(self));
+            [low, high, _mm_setzero_si128(), _mm_setzero_si128()]
+        }
+    }
+    _mm256_loadu_si256 _mm256_set1_epi32 _mm256_and_si256 _mm256_srl_epi32 _mm256_unpacklo_epi32 _mm256_unpackhi_epi32
     _mm256_unpacklo_epi64 _mm256_unpackhi_epi64 _mm256_storeu_si256
     _mm256_shuffle_ps _mm256_castsi256_ps _mm256_castps_si256
 }
@@ -130,7 +152,18 @@ register! {
             _mm512_inserti64x4::<1>(_mm512_castsi256_si512(low), high)
         }
     }
-    _mm512_set1_epi32 _mm512_and_si512 _mm512_srl_epi32 _mm512_unpacklo_epi32 _mm512_unpackhi_epi32
+    unsafe fn quarters(self) -> [__m128i; 4] {
+        // SAFETY: as the caller promises.
+        unsafe {
+            [
+                _mm512_castsi512_si128(self),
+                _mm512_extracti32x4_epi32::<1>(self),
+                _mm512_extracti32x4_epi32::<2>(self),
+                _mm512_extracti32x4_epi32::<3>(self),
+            ]
+        }
+    }
+    _mm512_loadu_si512 _mm512_set1_epi32 _mm512_and_si512 _mm512_srl_epi32 _mm512_unpacklo_epi32 _mm512_unpackhi_epi32
     _mm512_unpacklo_epi64 _mm512_unpackhi_epi64 _mm512_storeu_si512
     _mm512_shuffle_ps _mm512_castsi512_ps _mm512_castps_si512
 }
@@ -310,6 +343,78 @@ unsafe fn load_pairs<R: Register, const N: usize>(
     }
 }
 
+/// [`Gather::store_apart`] in registers of some width.
+///
+/// # Safety
+/// As there.
+#[inline(always)]
+pub(super) unsafe fn store_apart<R: Register, T: Lane, const N: usize>(
+    base: *mut u8,
+    offsets: &Row,
+    rows: Rows<N>,
+) {
+    // SAFETY: as the caller promises.
+    unsafe {
+        match (size_of::<T>(), N) {
+            (4, 2 | 4) => {
+                for quarter in (0..SUBGROUP_SIZE / TOGETHER).step_by(R::QUARTERS) {
+                    store_quarters::<R, N>(base, offsets, rows, quarter);
+                }
+            }
+            _ => store_singly::<T, N>(base, offsets, rows, LaneMask::ALL),
+        }
+    }
+}
+
+/// Two or four words, of as many lanes as a register has words.
+///
+/// # Safety
+/// As [`Gather::store_apart`].
+#[inline(always)]
+unsafe fn store_quarters<R: Register, const N: usize>(
+    base: *mut u8,
+    offsets: &Row,
+    rows: Rows<N>,
+    first: usize,
+) {
+    // SAFETY: as the caller promises.
+    unsafe {
+        let at =
+            |quarter: usize, k: usize| base.add(offsets[TOGETHER * (first + quarter) + k] as usize);
+        macro_rules! row {
+            ($row:expr) => {
+                R::load(rows[$row].add(16 * first))
+            };
+        }
+        if N == 2 {
+            let (a, b) = (row!(0), row!(1));
+            let (low, high) = (a.low_words(b).quarters(), a.high_words(b).quarters());
+            for quarter in 0..R::QUARTERS {
+                for (k, pairs) in [low, high].into_iter().enumerate() {
+                    let (to, next) = (at(quarter, 2 * k), at(quarter, 2 * k + 1));
+                    _mm_storel_epi64(to.cast(), pairs[quarter]);
+                    _mm_storeh_pd(next.cast(), _mm_castsi128_pd(pairs[quarter]));
+                }
+            }
+            return;
+        }
+        let (a, b, c, d) = (row!(0), row!(1), row!(2), row!(3));
+        let low = (a.low_words(b), c.low_words(d));
+        let high = (a.high_words(b), c.high_words(d));
+        let lanes = [
+            low.0.low_pair(low.1).quarters(),
+            low.0.high_pair(low.1).quarters(),
+            high.0.low_pair(high.1).quarters(),
+            high.0.high_pair(high.1).quarters(),
+        ];
+        for quarter in 0..R::QUARTERS {
+            for (k, lane) in lanes.into_iter().enumerate() {
+                _mm_storeu_si128(at(quarter, k).cast(), lane[quarter]);
+            }
+        }
+    }
+}
+
 /// How far each lane is behind the first in a run.
 #[inline(always)]
 fn steps(size_bytes: u32) -> Row {
@@ -386,6 +491,12 @@ impl Gather for Avx512 {
     unsafe fn load_apart<T: Lane, const N: usize>(base: *const u8, offsets: &Row, rows: Rows<N>) {
         // SAFETY: as the caller promises.
         unsafe { load_apart::<__m512i, T, N>(base, offsets, rows) }
+    }
+
+    #[inline(always)]
+    unsafe fn store_apart<T: Lane, const N: usize>(base: *mut u8, offsets: &Row, rows: Rows<N>) {
+        // SAFETY: as the caller promises.
+        unsafe { store_apart::<__m512i, T, N>(base, offsets, rows) }
     }
 }
 
@@ -484,5 +595,11 @@ impl Gather for Avx2 {
     unsafe fn load_apart<T: Lane, const N: usize>(base: *const u8, offsets: &Row, rows: Rows<N>) {
         // SAFETY: as the caller promises.
         unsafe { load_apart::<__m256i, T, N>(base, offsets, rows) }
+    }
+
+    #[inline(always)]
+    unsafe fn store_apart<T: Lane, const N: usize>(base: *mut u8, offsets: &Row, rows: Rows<N>) {
+        // SAFETY: as the caller promises.
+        unsafe { store_apart::<__m256i, T, N>(base, offsets, rows) }
     }
 }
