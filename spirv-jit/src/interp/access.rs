@@ -1,7 +1,7 @@
 //! Loads and stores in buffers, in workgroup memory and through physical pointers.
 //!
-//! The addresses of a subgroup's lanes are found and checked together. Where one of them is not inside, that subgroup's scalars are
-//! checked one by one, as robustness has it.
+//! Where the lanes of a subgroup share memory, their addresses are checked together ([`gather`]). Where they do not, or one of them is not
+//! inside, that subgroup's scalars are checked one by one, as robustness has it.
 
 use std::marker::PhantomData;
 

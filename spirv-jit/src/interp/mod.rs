@@ -4,8 +4,8 @@
 //! plan ──> fusion, slots (rows by live ranges) ──> emit ──> code: instructions that point at their kernels
 //! ```
 //!
-//! * [`machine`]: a running wave; [`tier`]: instruction sets; [`kernels`]: pure operations; [`access`], [`memory`], [`descriptors`], [`atomics`],
-//!   [`subgroup`], [`images`]: the others; [`control`]: masks and jumps; [`yields`]: suspending and resuming.
+//! * [`machine`]: a running wave; [`tier`]: instruction sets; [`kernels`]: pure operations; [`access`] by [`gather`], [`memory`],
+//!   [`descriptors`], [`atomics`], [`subgroup`], [`images`]: the others; [`control`]: masks and jumps; [`yields`]: suspending and resuming.
 
 mod access;
 mod atomics;

@@ -122,3 +122,35 @@ fn uniform_blocks_are_read_once_where_all_invocations_read_them() {
     assert_eq!(uniform("compute", ".constant", 14), all, "the same by name");
     assert!(uniform("compute", "", 3).is_empty(), "a storage buffer");
 }
+
+/// The size of an image is asked for once for a dispatch where every invocation asks: behind a branch the image may be none.
+#[test]
+fn sizes_are_asked_for_once_where_all_invocations_ask() {
+    let query = "image.query_size[2d, i32, implicit, format 0]";
+    let module = parse_module(&format!(
+        "module compute
+    inputs local_invocation_index.0
+    func f0 {{
+        v0: i32 = input[0]
+        v1: i32 = const 4
+        v2: i1 = ult v0, v1
+        v3: descriptor = descriptor[set 0, first 0, count 8] v1
+        v4: descriptor = descriptor[set 0, first 0, count 8] v0
+        v5: i32, v6: i32 = {query} v3
+        v7: i32, v8: i32 = {query} v4
+        if v2, L0 {{
+            v9: i32, v10: i32 = {query} v3
+            br L0
+        }} else {{
+            br L0
+        }}
+        v11: i32 = imul v5, v6
+        end
+    }}"
+    ))
+    .unwrap();
+    verify(&module).unwrap();
+    let uniform = &plan(&module).unwrap().function(0).uniform.clone();
+    let found: Vec<u32> = (5..12).filter(|&v| uniform[v as usize]).collect();
+    assert_eq!(found, [5, 6, 11]);
+}
