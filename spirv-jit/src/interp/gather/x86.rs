@@ -43,7 +43,8 @@ macro_rules! register {
     (
         $register:ty, $quarters:literal,
         $join:item $quarters_of:item
-        $load:ident $splat:ident $and:ident $shift_right:ident $low_words:ident $high_words:ident $low_pair:ident $high_pair:ident $store:ident
+        $load:ident $store:ident $splat:ident $shift_right:ident
+        $($name:ident: $instruction:ident),*;
         $shuffle:ident $to_floats:ident $to_integers:ident
     ) => {
         impl Register for $register {
@@ -58,40 +59,27 @@ macro_rules! register {
                 unsafe { $load(from.cast()) }
             }
             #[inline(always)]
+            unsafe fn store(self, to: *mut u8) {
+                // SAFETY: as the caller promises.
+                unsafe { $store(to.cast(), self) }
+            }
+            #[inline(always)]
             unsafe fn splat(word: u32) -> Self {
                 // SAFETY: as the caller promises.
                 unsafe { $splat(word as i32) }
-            }
-            #[inline(always)]
-            unsafe fn and(self, other: Self) -> Self {
-                // SAFETY: as the caller promises.
-                unsafe { $and(self, other) }
             }
             #[inline(always)]
             unsafe fn shift_right(self, bits: u32) -> Self {
                 // SAFETY: as the caller promises.
                 unsafe { $shift_right(self, _mm_cvtsi32_si128(bits as i32)) }
             }
-            #[inline(always)]
-            unsafe fn low_words(self, other: Self) -> Self {
-                // SAFETY: as the caller promises.
-                unsafe { $low_words(self, other) }
-            }
-            #[inline(always)]
-            unsafe fn high_words(self, other: Self) -> Self {
-                // SAFETY: as the caller promises.
-                unsafe { $high_words(self, other) }
-            }
-            #[inline(always)]
-            unsafe fn low_pair(self, other: Self) -> Self {
-                // SAFETY: as the caller promises.
-                unsafe { $low_pair(self, other) }
-            }
-            #[inline(always)]
-            unsafe fn high_pair(self, other: Self) -> Self {
-                // SAFETY: as the caller promises.
-                unsafe { $high_pair(self, other) }
-            }
+            $(
+                #[inline(always)]
+                unsafe fn $name(self, other: Self) -> Self {
+                    // SAFETY: as the caller promises.
+                    unsafe { $instruction(self, other) }
+                }
+            )*
             #[inline(always)]
             unsafe fn even_words(self, other: Self) -> Self {
                 // SAFETY: as the caller promises.
@@ -101,11 +89,6 @@ macro_rules! register {
             unsafe fn odd_words(self, other: Self) -> Self {
                 // SAFETY: as the caller promises.
                 unsafe { $to_integers($shuffle::<0xdd>($to_floats(self), $to_floats(other))) }
-            }
-            #[inline(always)]
-            unsafe fn store(self, to: *mut u8) {
-                // SAFETY: as the caller promises.
-                unsafe { $store(to.cast(), self) }
             }
         }
     };
@@ -121,8 +104,9 @@ register! {
         let zero = unsafe { _mm_setzero_si128() };
         [self, zero, zero, zero]
     }
-    _mm_loadu_si128 _mm_set1_epi32 _mm_and_si128 _mm_srl_epi32 _mm_unpacklo_epi32 _mm_unpackhi_epi32
-    _mm_unpacklo_epi64 _mm_unpackhi_epi64 _mm_storeu_si128
+    _mm_loadu_si128 _mm_storeu_si128 _mm_set1_epi32 _mm_srl_epi32
+    and: _mm_and_si128, low_words: _mm_unpacklo_epi32, high_words: _mm_unpackhi_epi32,
+    low_pair: _mm_unpacklo_epi64, high_pair: _mm_unpackhi_epi64;
     _mm_shuffle_ps _mm_castsi128_ps _mm_castps_si128
 }
 register! {
@@ -138,8 +122,9 @@ register! {
             [low, high, _mm_setzero_si128(), _mm_setzero_si128()]
         }
     }
-    _mm256_loadu_si256 _mm256_set1_epi32 _mm256_and_si256 _mm256_srl_epi32 _mm256_unpacklo_epi32 _mm256_unpackhi_epi32
-    _mm256_unpacklo_epi64 _mm256_unpackhi_epi64 _mm256_storeu_si256
+    _mm256_loadu_si256 _mm256_storeu_si256 _mm256_set1_epi32 _mm256_srl_epi32
+    and: _mm256_and_si256, low_words: _mm256_unpacklo_epi32, high_words: _mm256_unpackhi_epi32,
+    low_pair: _mm256_unpacklo_epi64, high_pair: _mm256_unpackhi_epi64;
     _mm256_shuffle_ps _mm256_castsi256_ps _mm256_castps_si256
 }
 register! {
@@ -163,8 +148,9 @@ register! {
             ]
         }
     }
-    _mm512_loadu_si512 _mm512_set1_epi32 _mm512_and_si512 _mm512_srl_epi32 _mm512_unpacklo_epi32 _mm512_unpackhi_epi32
-    _mm512_unpacklo_epi64 _mm512_unpackhi_epi64 _mm512_storeu_si512
+    _mm512_loadu_si512 _mm512_storeu_si512 _mm512_set1_epi32 _mm512_srl_epi32
+    and: _mm512_and_si512, low_words: _mm512_unpacklo_epi32, high_words: _mm512_unpackhi_epi32,
+    low_pair: _mm512_unpacklo_epi64, high_pair: _mm512_unpackhi_epi64;
     _mm512_shuffle_ps _mm512_castsi512_ps _mm512_castps_si512
 }
 
@@ -181,7 +167,7 @@ pub(super) unsafe fn load_apart<R: Register, T: Lane, const N: usize>(
     // SAFETY: as the caller promises.
     unsafe {
         match (size_of::<T>(), N) {
-            (1 | 2, 1..=4) | (4, 2..=4) | (4, 1) => {
+            (1 | 2 | 4, 1..=4) => {
                 for quarter in (0..SUBGROUP_SIZE / TOGETHER).step_by(R::QUARTERS) {
                     load_quarters::<R, T, N>(base, offsets, rows, quarter);
                 }
