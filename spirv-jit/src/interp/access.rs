@@ -200,7 +200,7 @@ impl<C: Copying, G: Gather, T: Lane, const N: usize> Kernel for Accessing<C, G, 
                         let memory = (near.start as *mut u8, near.size_bytes);
                         match G::distances(&*from.cast(), near.start, active) {
                             Some(distances) => {
-                                // Where lanes that load nothing have distance 0, they may as well.
+                                // Other lanes have distance 0, which is inside: they may load, too.
                                 let active = if C::LOADS { LaneMask::ALL } else { active };
                                 copy_block::<C, G, T, N>(memory, &distances, active, rows, all)
                             }

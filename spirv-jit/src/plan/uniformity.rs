@@ -84,8 +84,8 @@ impl Finder {
         first.is_some_and(|at| self.certain.get(at) == Some(&true))
     }
 
-    /// Marks loads and queries of images' sizes that every invocation performs, in a body that all of them enter or not. Returns the depth of the outermost construct
-    /// that lanes leave from inside; 0 is the function.
+    /// Marks loads and queries of images' sizes that every invocation performs, in a body that all of them enter or not. Returns the depth
+    /// of the outermost construct that lanes leave from inside; 0 is the function.
     fn find_certain(&mut self, body: &Body, depth: usize, entered: bool) -> usize {
         let mut left = usize::MAX;
         for node in &body.nodes {
