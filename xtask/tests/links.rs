@@ -24,8 +24,10 @@ fn is_elsewhere(target: &str) -> bool {
 #[test]
 fn links_lead_to_files() {
     let mut pages = vec![root().join("README.md")];
-    let docs = fs::read_dir(root().join("docs")).expect("the folder of pages");
-    pages.extend(docs.map(|entry| entry.expect("a page").path()));
+    for folder in ["docs", "docs/measurements"] {
+        let docs = fs::read_dir(root().join(folder)).expect("a folder of pages");
+        pages.extend(docs.map(|entry| entry.expect("a page").path()));
+    }
     pages.retain(|page| page.extension().is_some_and(|extension| extension == "md"));
     assert!(pages.len() > 10, "the pages are found");
     let (mut links, mut lost) = (0, Vec::new());
