@@ -30,9 +30,10 @@ pub struct Device {
     /// Of the device and of its instance.
     pub extensions: ExtensionSet,
     pub messengers: Arc<Messengers>,
-    /// What shader modules may declare.
+    /// Capabilities that shader modules may declare.
     pub capabilities: Vec<Capability>,
-    /// What executes commands, on the device and on the host: workers, waiting, device loss. Shared with the queues' threads.
+    /// Executes commands on the device and on the host: workers, waiting, device loss. Shared with
+    /// the queues' threads.
     pub engine: Arc<Engine>,
     pub window: Arc<AddressWindow>,
     /// The feature `sparseBinding` is enabled: memory must be fit for it.
@@ -53,7 +54,7 @@ pub struct Enabled {
 }
 
 impl Device {
-    /// What shaders are compiled with.
+    /// The settings that shaders are compiled with.
     pub fn compiler(&self) -> Compiler<'_> {
         Compiler {
             capabilities: &self.capabilities,

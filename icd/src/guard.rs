@@ -10,7 +10,7 @@ use log::Level;
 use crate::VkResult;
 use crate::float_environment::DefaultEnvironment;
 
-/// What an entry point gives its caller when it panicked.
+/// The value that an entry point returns after a panic.
 pub trait OnPanic {
     fn on_panic() -> Self;
 }

@@ -1,5 +1,5 @@
-//! What the environment asks for: every variable `TUFF_…` is read here, once, and nowhere else. A value that a variable cannot have is
-//! refused: no device comes to be.
+//! Settings from the environment: every variable `TUFF_…` is read here, once, and nowhere else. An
+//! invalid value is refused: no device is created.
 
 #![forbid(unsafe_code)]
 
@@ -34,7 +34,8 @@ pub struct Settings {
     pub validate: bool,
     /// Whether the table of how full waves were is printed (`TUFF_STATS`).
     pub stats: bool,
-    /// What `VkPhysicalDeviceDriverProperties::conformanceVersion` says (`TUFF_CONFORMANCE`). Zeros, the default, claim nothing.
+    /// The value of `VkPhysicalDeviceDriverProperties::conformanceVersion` (`TUFF_CONFORMANCE`).
+    /// Zeros, the default, claim nothing.
     pub conformance: ConformanceVersion,
 }
 
@@ -98,7 +99,7 @@ impl Settings {
             conformance: (read.parsed("TUFF_CONFORMANCE", CONFORMANCE, conformance)?)
                 .unwrap_or_default(),
             walks: Options {
-                // What is cheaper than the default gains nothing in walks: docs/accuracy.md.
+                // Less accuracy than the default gains nothing in walks: docs/accuracy.md.
                 accuracy: match accuracy {
                     Accuracy::Fast | Accuracy::Spec => traversal::Accuracy::Spec,
                     Accuracy::Exact => traversal::Accuracy::Exact,

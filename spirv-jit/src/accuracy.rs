@@ -14,7 +14,8 @@ pub enum Accuracy {
     /// A few units in the last place at most: inside what Vulkan asks for.
     #[default]
     Spec,
-    /// Functions of `f32` are computed in `f64` and rounded once: correctly rounded but for about one result in 2^29.
+    /// Functions of `f32` are computed in `f64` and rounded once: correctly rounded except for
+    /// about one result in 2^29.
     Exact,
 }
 

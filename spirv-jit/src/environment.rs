@@ -1,6 +1,6 @@
-//! What a program sees of the world outside: descriptor sets, push constants, the dispatch.
+//! The environment of a program: descriptor sets, push constants, the dispatch.
 //!
-//! All of it is plain data at stable addresses; whoever runs a program keeps it alive for that long.
+//! All of it is plain data at stable addresses; the caller that runs a program keeps it alive.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -83,7 +83,8 @@ unsafe impl Sync for Descriptor {}
 /// A descriptor in memory that applications and shaders write (`VK_EXT_descriptor_buffer`). Whatever its bytes are, using it reaches live
 /// memory and objects of the device alone: [`Environment::descriptor`] sees to that, at each use.
 ///
-/// All zeros is the null descriptor. Fields are as in [`Descriptor`], but for views and samplers, which are named by keys.
+/// All zeros is the null descriptor. Fields are as in [`Descriptor`], except views and samplers,
+/// which are named by keys.
 #[repr(C, align(8))]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct StoredDescriptor {
@@ -135,8 +136,9 @@ pub struct DescriptorSet {
 
 /// Numbers that name descriptors, for what a descriptor cannot be: a value that is kept, passed on or compared.
 ///
-/// The low half is the entry, the high half the table: 0 for none, so that 0 is the null descriptor; then the sets, the dynamic descriptors,
-/// and the push constants. Whoever follows a reference checks both, so any number may be one.
+/// The low half is the entry, the high half the table: 0 for none, so that 0 is the null
+/// descriptor; then the sets, the dynamic descriptors, and the push constants. Every use of a
+/// reference checks both halves, so any number may be one.
 pub mod reference {
     use super::MAX_SETS;
 
@@ -237,7 +239,7 @@ pub struct Environment {
     pub reach: Arc<Reach>,
     /// Counts the pointers that lead nowhere, if anyone wants to know.
     pub strays: Option<Arc<Strays>>,
-    /// What the keys in stored descriptors name.
+    /// The views that keys in stored descriptors name.
     pub views: Arc<Views>,
 }
 
@@ -280,7 +282,7 @@ impl Environment {
         unsafe { *(address as *const Descriptor) }
     }
 
-    /// What a stored descriptor means: it is read once, and then held against what is alive.
+    /// Resolves a stored descriptor: it is read once, and then checked against the live objects.
     ///
     /// # Safety
     /// As [`Self::descriptor`].

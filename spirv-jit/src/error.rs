@@ -5,7 +5,7 @@ use std::fmt;
 /// A SPIR-V module that cannot be compiled, and where it went wrong.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Error {
-    /// What kind of refusal this is: decides the `VkResult`.
+    /// The kind of refusal, which determines the `VkResult`.
     pub kind: ErrorKind,
     /// Offset of the offending instruction from the module's first word, in words, where known.
     pub word_offset: Option<u32>,

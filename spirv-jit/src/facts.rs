@@ -1,5 +1,5 @@
-//! What shaders may ask of a hit: the one table of it, for built-ins of hit shaders, getters of ray
-//! queries and of hit objects. Three maps lead here:
+//! Facts that shaders may query of a hit: the only table of them, for built-ins of hit shaders,
+//! getters of ray queries and of hit objects. Three maps lead here:
 //! [`Builtin::fact`](crate::ir::stage::Builtin::fact), and those of the instructions in
 //! `lower/facts.rs`.
 #![forbid(unsafe_code)]
@@ -91,7 +91,7 @@ facts! {
     SweptPositions "swept_positions" 6 F32;
     /// At both ends.
     SweptRadii "swept_radii" 2 F32;
-    /// What the intersection shader reported, or which side of a triangle.
+    /// The kind that the intersection shader reported, or the side of a triangle.
     HitKind "hit_kind" 1 I32;
     /// As a hit object has it: see [`word::HIT_KIND`](crate::hit_object::word::HIT_KIND).
     HitWord "hit_word" 1 I32;

@@ -1,4 +1,5 @@
-//! What a hit object is (`OpTypeHitObjectEXT`, `OpTypeHitObjectNV`): a list of 32-bit words in per-lane memory, so that the passes see into it.
+//! The layout of a hit object (`OpTypeHitObjectEXT`, `OpTypeHitObjectNV`): a list of 32-bit words
+//! in per-lane memory, so that the passes see into it.
 #![forbid(unsafe_code)]
 
 /// The words.
@@ -43,7 +44,7 @@ pub mod word {
     }
 }
 
-/// What a hit object stands for.
+/// The kind of a hit object.
 pub mod kind {
     pub const EMPTY: u32 = 0;
     pub const MISS: u32 = 1;
@@ -52,7 +53,7 @@ pub mod kind {
     pub const MASK: u32 = 0xff;
 }
 
-/// What was hit.
+/// The kind of primitive that was hit.
 pub mod primitive {
     pub const BOX: u32 = 0;
     pub const TRIANGLE: u32 = 1;

@@ -4,9 +4,10 @@
 //! SPIR-V words ──> parse (rspirv) ──> lower ──> ir ──> pass ──> plan ──> Program ──> interp
 //! ```
 //!
-//! This crate knows no Vulkan handle and no acceleration structure. Whoever runs a [`Program`] hands it an
-//! [`Environment`](environment::Environment) (descriptor sets, push constants, dispatch size) and the states of
-//! up to a wave of subgroups; the program runs until the wave *yields* and the caller answers the event.
+//! This crate knows no Vulkan handle and no acceleration structure. The caller that runs a
+//! [`Program`] passes an [`Environment`](environment::Environment) (descriptor sets, push
+//! constants, dispatch size) and the states of up to a wave of subgroups; the program runs until
+//! the wave *yields* and the caller answers the event.
 
 mod accuracy;
 pub mod environment;

@@ -27,7 +27,7 @@ impl Name {
     }
 }
 
-/// What a program was compiled from.
+/// The origin of a program.
 #[derive(Debug)]
 pub struct Origin {
     pub entry_point: String,

@@ -181,13 +181,13 @@ impl Program {
         self.code.max_wave_subgroups()
     }
 
-    /// What yields ask for, by `SiteId`.
+    /// The requests of yields, by `SiteId`.
     #[inline]
     pub fn sites(&self) -> &[SiteKind] {
         &self.plan.sites
     }
 
-    /// What the objects of its ray queries hold behind their fixed rows.
+    /// The contents of its ray query objects after their fixed rows.
     pub fn query_words(&self) -> &[QueryWord] {
         &self.query_words
     }
@@ -286,7 +286,7 @@ impl Program {
         let _ = self.origin.set(origin);
     }
 
-    /// What the program was compiled from, as far as somebody said so.
+    /// The origin of the program, as far as it is known.
     pub fn origin(&self) -> Option<&Origin> {
         self.origin.get()
     }
@@ -319,7 +319,7 @@ impl Program {
         }
     }
 
-    /// What was asked for where a state stands; `None` at the entry and where fuel ran out.
+    /// The request at a state's position; `None` at the entry and where fuel ran out.
     pub fn site_of(&self, point: ResumePoint) -> Option<SiteKind> {
         let (point, _) = self.plan.point_of(point.0);
         (self.plan.points[point].site).map(|site| self.plan.sites[site.0 as usize])
@@ -385,7 +385,7 @@ impl Program {
     }
 }
 
-/// What subgroups of a run came to, by their index in the wave.
+/// The events of a run's subgroups, by their index in the wave.
 #[derive(Clone, Copy, Debug)]
 pub struct Events {
     all: Event,

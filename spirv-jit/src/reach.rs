@@ -41,7 +41,8 @@ impl Reach {
         Self { ranges }
     }
 
-    /// All that a process can have mapped, but for the lowest addresses, which never are: for memory that is not the device's.
+    /// All memory that a process can have mapped, except the lowest addresses, which never are: for
+    /// memory that does not belong to the device.
     pub fn everywhere() -> Self {
         const LOWEST: u64 = 1 << 16;
         Self::new(vec![Range {
@@ -88,7 +89,7 @@ pub struct Stray {
     pub site: usize,
     /// The first pointer.
     pub address: u64,
-    /// What it is not a multiple of; 0 where it leads nowhere.
+    /// The alignment that the address lacks; 0 if it leads nowhere.
     pub alignment: u64,
     pub count: u64,
 }
@@ -119,7 +120,7 @@ impl Strays {
         }
     }
 
-    /// What was counted so far, once.
+    /// Takes the counts so far and resets them.
     pub fn take(&self) -> Vec<Stray> {
         std::mem::take(
             &mut *self

@@ -1,11 +1,11 @@
-//! What is to be compiled.
+//! The description of a compilation.
 
 #![forbid(unsafe_code)]
 
 use crate::accuracy::Accuracy;
 use crate::ir;
 
-/// What is needed to turn a module's entry point into a program.
+/// The inputs for compiling a module's entry point into a program.
 pub struct CompileRequest<'a> {
     pub words: &'a [u32],
     pub entry_point: &'a str,
@@ -14,7 +14,7 @@ pub struct CompileRequest<'a> {
     pub specialization: &'a [(u32, &'a [u8])],
     /// Where each (set, binding) lies in the pipeline layout; a pair that gives `None` is a null descriptor.
     pub bindings: &'a dyn Fn(u32, u32) -> Option<ir::op::DescriptorBinding>,
-    /// What the device has enabled; anything a module declares beyond it is refused.
+    /// Capabilities that the device has enabled; a module that declares others is refused.
     pub capabilities: &'a [rspirv::spirv::Capability],
     pub accuracy: Accuracy,
     /// Whether accesses through physical pointers say when those are less aligned than the module promises.

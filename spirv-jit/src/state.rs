@@ -20,7 +20,7 @@ use crate::types::Trace;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct ResumePoint(pub u32);
 
-/// What a subgroup's run came to. Lanes that take part in the event are those of
+/// The event of a subgroup's run. Lanes that take part in the event are those of
 /// [`Program::event_mask`](crate::Program::event_mask).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Event {
@@ -36,7 +36,7 @@ pub enum Event {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct SiteId(pub u32);
 
-/// What a yield asks for. Rows count from the start of the `io` rows.
+/// The request of a yield. Rows count from the start of the `io` rows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SiteKind {
     /// Rows 0..15: the ray (see `Op::TraceRay`); row 15: its time, if it has one; rows 16..16+n: payload, in and out.

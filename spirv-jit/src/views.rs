@@ -41,7 +41,8 @@ const GROUPS: u32 = 1 << 9;
 /// Slots that a table can have.
 const NUMBERS: u32 = GROUPS << (SLOTS_BITS + CHUNKS_BITS);
 
-/// Slots wait for so many others to be freed before they are used again: whoever still reads one, against the rules, reads what was there.
+/// Slots wait for so many other frees before they are reused: a reader that still holds one,
+/// against the rules, reads the old contents.
 const QUARANTINE: usize = 64;
 
 struct Slot<T> {
@@ -56,7 +57,7 @@ type Chunk<T> = OnceLock<Box<[Slot<T>]>>;
 pub struct Table<T> {
     groups: Box<[OnceLock<Box<[Chunk<T>]>>]>,
     state: Mutex<State>,
-    /// What free slots hold.
+    /// The contents of free slots.
     null: T,
     /// Makes a slot's contents harmless to those that read it meanwhile.
     nullify: fn(&mut T),
@@ -90,7 +91,7 @@ fn filled<U>(
     item: impl Fn() -> U,
 ) -> Result<&[U], StoreError> {
     if place.get().is_none() {
-        // Whoever comes first wins: all fill it alike.
+        // The first thread wins: all compute the same value.
         let _ = place.set(allocate(count, item)?);
     }
     place.get().map(|it| &**it).ok_or(StoreError::OutOfMemory)
@@ -227,7 +228,7 @@ impl<T: Copy> Table<T> {
     }
 }
 
-/// What descriptors of a device can name.
+/// The objects that descriptors of a device can name.
 pub struct Views {
     pub images: Table<ImageDescriptor>,
     pub samplers: Table<SamplerDescriptor>,

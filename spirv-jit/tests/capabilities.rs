@@ -8,7 +8,7 @@ use spirv_jit::program::Stage;
 
 const PAGE: &str = include_str!("../../docs/capabilities.md");
 
-/// What the SPIR-V registry has and Vulkan does not.
+/// Capabilities in the SPIR-V registry that Vulkan lacks.
 fn is_outside_vulkan(name: &str) -> bool {
     const OTHERS: [&str; 32] = [
         "Addresses",

@@ -24,7 +24,7 @@ struct Case {
     combined: usize,
     /// 32-bit results.
     results: &'static [&'static str],
-    /// What offsets are multiples of: 64-bit scalars at device addresses are inside or outside as a whole.
+    /// The unit of offsets: 64-bit scalars at device addresses are inside or outside as a whole.
     unit: u32,
 }
 

@@ -350,7 +350,8 @@ fn an_inactive_neighbour_counts_as_equal() {
     assert_eq!(color(5), [10.0, 20.0, 40.0, 70.0]);
 }
 
-/// Operations across the subgroup leave helpers out, but for those of quads; helpers among themselves are a subgroup, so that waterfall loops end.
+/// Operations across the subgroup exclude helpers, except those of quads; helpers among themselves
+/// are a subgroup, so waterfall loops end.
 #[test]
 fn subgroups_leave_helpers_out() {
     let program = program(

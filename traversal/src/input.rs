@@ -1,4 +1,4 @@
-//! What a structure is built from: geometries in the caller's memory.
+//! The input of a build: geometries in the caller's memory.
 
 use crate::live::Live;
 use crate::memory::{IndexType, Memory};
@@ -97,7 +97,7 @@ pub struct TriangleGeometry {
     pub primitive_count: u32,
     /// Opaque, no duplicate any-hits.
     pub flags: GeometryFlags,
-    /// What decides opacity instead of the flag.
+    /// The micromap that determines opacity instead of the flag.
     pub micromap: Option<GeometryMicromap>,
 }
 
@@ -109,7 +109,7 @@ pub enum RadiusFormat {
     F16,
 }
 
-/// What primitive `i` of a list of swept spheres is.
+/// The vertices of primitive `i` of a list of swept spheres.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Indexing {
     /// A sphere: number `i`.
@@ -152,7 +152,7 @@ pub struct SweptGeometry {
     pub indices: Memory,
     /// Bytes from one index to the next.
     pub index_stride_bytes: u64,
-    /// What the numbers mean.
+    /// The meaning of the indices.
     pub indexing: Indexing,
     /// Means nothing for spheres.
     pub end_caps: EndCaps,
@@ -220,7 +220,7 @@ impl InstanceArray {
 pub struct InstanceSource<'a> {
     /// Records or pointers (`primitiveOffset` already added).
     pub memory: Memory,
-    /// What lies in `memory`.
+    /// The array in `memory`.
     pub array: InstanceArray,
     /// Number of instances.
     pub count: u32,
@@ -260,8 +260,8 @@ impl<'a> Geometries<'a> {
 /// A build: what and how.
 #[derive(Clone, Copy, Debug)]
 pub struct BuildInput<'a> {
-    /// What the structure is for.
+    /// The build flags.
     pub flags: BuildFlags,
-    /// What it holds.
+    /// The geometries of the structure.
     pub geometries: Geometries<'a>,
 }

@@ -48,7 +48,7 @@ pub(crate) const LEAF_TRIANGLES: usize = 8;
 /// Triangles of a group.
 pub(crate) const GROUP: usize = 4;
 
-/// What a blob begins with; it takes [`HEADER_BYTES`].
+/// The head of a blob; it takes [`HEADER_BYTES`].
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 pub(crate) struct Header {
@@ -83,7 +83,8 @@ pub(crate) struct Header {
     pub features: u32,
     /// Levels of nodes.
     pub depth: u32,
-    /// What a ray through the bounds was expected to cost when this was built, if it may be updated; else 0.
+    /// The expected cost of a ray through the bounds at build time, for updatable structures; else
+    /// 0.
     pub cost: f32,
 }
 
@@ -136,7 +137,7 @@ impl Form {
     }
 }
 
-/// What a bottom level holds; saves the walk from looking.
+/// The contents of a bottom level, which spare the walk some checks.
 pub(crate) mod features {
     /// A geometry that is opaque.
     pub const OPAQUE: u32 = 1;
@@ -144,7 +145,7 @@ pub(crate) mod features {
     pub const NOT_OPAQUE: u32 = 2;
 }
 
-/// What is remembered of a geometry.
+/// The stored data of a geometry.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub(crate) struct GeometryEntry {
@@ -285,7 +286,7 @@ pub(crate) struct SweptEntry {
     pub reserved: [u32; 5],
 }
 
-/// What a [`SweptEntry`] is.
+/// Flags of a [`SweptEntry`].
 pub(crate) mod swept_flags {
     pub const SPHERE: u32 = 1;
     /// The first end is round.
@@ -354,7 +355,7 @@ pub(crate) struct InstanceRecord {
     pub reserved: [u32; 4],
 }
 
-/// What an instance is besides its transform.
+/// The data of an instance besides its transform.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(16))]
 pub(crate) struct InstanceWords {
@@ -367,7 +368,7 @@ pub(crate) struct InstanceWords {
     pub reserved: u32,
 }
 
-/// What a build found out about an instance.
+/// Facts that a build found out about an instance.
 pub(crate) mod instance_state {
     /// Without it the instance is never entered, whatever the reference.
     pub const ACTIVE: u32 = 1;

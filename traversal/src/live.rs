@@ -1,7 +1,7 @@
 //! Where structures may lie: the memory that is there while they are in use.
 //!
-//! What lies in a structure can be written by shaders, and by other threads at any time. So an address is held against this memory,
-//! with the length of what lies there, each time that it is followed.
+//! Shaders and other threads can write into a structure at any time. So each followed address, with
+//! the length of the data there, is checked against this memory.
 
 use std::sync::Arc;
 
@@ -35,7 +35,7 @@ pub struct Live {
     ranges: Option<Arc<[Range]>>,
 }
 
-/// All addresses that a process can have, but for the lowest, which it never has.
+/// All addresses that a process can have, except the lowest, which it never has.
 ///
 /// To follow addresses there, the caller must know that each leads to a structure of ours or is 0.
 pub static EVERYWHERE: Live = Live::EVERYWHERE;

@@ -31,7 +31,7 @@ pub(crate) const ALIGNMENT: u64 = 256;
 /// Subdivision levels, at most: coordinates of parts have this many bits.
 pub const MAX_LEVEL: u32 = 12;
 
-/// What a part of a triangle is; the values of the four-state format.
+/// The opacity of a part of a triangle; the values of the four-state format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Opacity {
@@ -103,7 +103,7 @@ pub struct MicromapUsage {
     pub format: MicromapFormat,
 }
 
-/// What a micromap is built from.
+/// The input of a micromap build.
 #[derive(Clone, Copy, Debug)]
 pub struct MicromapInput {
     /// `VkMicromapTriangleEXT`s: offset into `data` (32 bits), level and format (16 bits each).

@@ -105,8 +105,8 @@ fn srt(parameters: &[f64; 16]) -> [[f64; 12]; 2] {
     [product, translation]
 }
 
-/// What a transform by scale, rotation and translation can reach of a box between times 0 and 1: a rotation keeps the distance from the pivot,
-/// and without it everything moves on lines.
+/// The reach of a box under a transform by scale, rotation and translation between times 0 and 1: a
+/// rotation keeps the distance from the pivot, and everything else moves on lines.
 pub(crate) fn srt_bounds(motion: &Motion, object: &Bounds) -> Bounds {
     let mut reach = 0f64;
     let (mut min, mut max) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);

@@ -109,7 +109,7 @@ pub struct Hit {
     pub opaque: bool,
     /// A triangle.
     pub triangle: bool,
-    /// What it is if neither a triangle nor a box.
+    /// The swept primitive, if it is neither a triangle nor a box.
     pub swept: Swept,
 }
 
@@ -117,7 +117,7 @@ impl Hit {
     /// The `slot` of a hit that no walk found.
     pub const UNKNOWN_SLOT: u32 = u32::MAX;
 
-    /// What stands for a hit where there is none: all zero.
+    /// The placeholder of a missing hit: all zero.
     pub const NONE: Hit = Hit {
         t: 0.0,
         barycentrics: [0.0; 2],

@@ -154,7 +154,7 @@ impl Structure {
         Ok((structure, header))
     }
 
-    /// What it holds.
+    /// The kind of the structure.
     pub fn kind(&self) -> Kind {
         self.kind
     }
@@ -385,7 +385,7 @@ impl Structure {
         (self.instance_at(index)).map(|record| unsafe { record.read() })
     }
 
-    /// What the record of an instance says besides its transform.
+    /// The data of an instance's record besides its transform.
     #[inline(always)]
     pub(crate) fn instance_words(&self, index: u32) -> Option<InstanceWords> {
         // SAFETY: as above.

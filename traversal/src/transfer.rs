@@ -87,9 +87,9 @@ impl Serialized {
     }
 }
 
-/// What serialized data of a structure consists of, after the head: the references, then the blob
-/// without its reference table, then the micromaps that it refers to: nothing else may be alive where
-/// it is deserialized.
+/// The parts of a structure's serialized data after the head: the references, the blob without its
+/// reference table, and the micromaps that it refers to. Deserialization needs no other live
+/// object.
 struct Split {
     size: usize,
     references_start: usize,
@@ -235,7 +235,7 @@ unsafe fn enclose(structure: &Structure, split: &Split, blob: &mut [u8]) {
         let found =
             (split.micromaps).binary_search_by_key(&address, |enclosed| Some(enclosed.address));
         let outside = address.is_none_or(|address| !structure.addresses().contains(&address));
-        // What is no micromap is not referred to elsewhere.
+        // Only micromaps are referred to elsewhere.
         let reference = match found {
             Ok(index) => offsets[index] | micromap_reference::INSIDE,
             Err(_) if outside => 0,
@@ -314,7 +314,7 @@ pub fn deserialize(
             .ok_or(StructureError::Corrupt)
     });
     if let Err(error) = checked {
-        // What is not sound must not be walked.
+        // A corrupt structure must not be walked.
         out[..size_of::<Header>().min(size)].fill(0);
         return Err(error);
     }

@@ -63,7 +63,7 @@ fn rays(meshes: &[Mesh]) -> Vec<Ray> {
         .collect()
 }
 
-/// But for where the primitive lies.
+/// Clears the location of the primitive.
 fn told(hit: Hit) -> Hit {
     Hit { slot: 0, ..hit }
 }

@@ -1,4 +1,4 @@
-//! What counts as a hit where rays touch no more than a triangle's rim, its plane or its start.
+//! The definition of a hit if rays only touch a triangle's rim, its plane or its start.
 
 use scenes::exact;
 use scenes::ways::all_ways;

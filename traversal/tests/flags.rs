@@ -392,8 +392,8 @@ fn check(world: &World, ray: &Ray, walker: &mut Walker) -> Result<bool, TestCase
             }
             other => prop_assert!(false, "{other:?}"),
         }
-        // What was asked: each candidate at most once, only what may be asked, and everything that
-        // is nearer than the hit.
+        // The candidates asked about: each at most once, only permitted ones, and all that are
+        // nearer than the hit.
         let mut keys: Vec<Key> = asked.iter().map(key).collect();
         keys.sort();
         keys.dedup();
@@ -435,7 +435,7 @@ proptest! {
         }
         let world = random_world(&mut random);
         let mut flags = flag_bits & some_flags;
-        // What the specification forbids together.
+        // Combinations that the specification forbids.
         if flags & 0x300 == 0x300 { flags &= !0x100; }
         for bits in [0x3u32, 0xC1, 0xC2, 0x30] {
             if (flags & bits).count_ones() > 1 { flags &= !bits; }

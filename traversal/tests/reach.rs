@@ -51,7 +51,7 @@ fn other_meshes_are_closed() {
     assert_closed(FAMILIES.iter().skip(8));
 }
 
-/// What the checks above ask is quick, as f64 answers where it is certain. Whole numbers agree.
+/// The checks above are quick, as f64 answers if it is certain. Integer arithmetic agrees.
 #[test]
 fn quick_answers_are_exact() {
     for family in FAMILIES {

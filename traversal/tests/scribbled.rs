@@ -1,4 +1,5 @@
-//! Structures into which other threads write while rays walk through them: whatever is read, nobody leaves the live memory, and all ends.
+//! Other threads write into structures while rays walk through them: whatever a walk reads, it
+//! stays inside the live memory, and every walk ends.
 
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::time::{Duration, Instant};
@@ -170,7 +171,7 @@ impl Arena {
         }
     }
 
-    /// What is live: no more than the structures.
+    /// The live memory: only the structures.
     fn live(&self) -> Live {
         // SAFETY: the arena outlives its users.
         unsafe { Live::new([(self.memory.address(), 4 * self.pristine.len() as u64)]) }

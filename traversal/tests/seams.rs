@@ -12,7 +12,8 @@ fn count() -> usize {
 /// 2⁻²⁴.
 const UNIT: f64 = 1.0 / (1 << 24) as f64;
 
-/// Rigid but for a factor, of whole numbers, with inverses that are none in f32: rows.
+/// Rigid transforms, except for a factor, of integers, with inverses that are not exact in f32:
+/// rows.
 const TURNS: [DMat3; 2] = [
     DMat3::from_cols_array_2d(&[[2.0, 1.0, 2.0], [-2.0, 2.0, 1.0], [-1.0, -2.0, 2.0]]),
     DMat3::from_cols_array_2d(&[[2.0, 3.0, 6.0], [3.0, -6.0, 2.0], [6.0, 2.0, -3.0]]),

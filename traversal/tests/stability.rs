@@ -1,4 +1,4 @@
-//! What hard scenes are promised: every hit is found, none is invented, and distances are right.
+//! The promises about hard scenes: every hit is found, none is invented, and distances are right.
 
 use scenes::hard::{self, CASES, fault};
 use scenes::*;

@@ -67,7 +67,7 @@ fn hits(top: &Bytes) -> Vec<Option<Hit>> {
         .collect()
 }
 
-/// What does not depend on where in the blob a primitive lies.
+/// The parts of hits that do not depend on where in the blob a primitive lies.
 fn without_slots(hits: &[Option<Hit>]) -> Vec<Option<Hit>> {
     hits.iter()
         .map(|hit| hit.map(|hit| Hit { slot: 0, ..hit }))
@@ -446,7 +446,7 @@ fn corrupt_data_is_refused_and_corrupt_structures_are_walked_safely() {
         let mut blob = Bytes::new(size);
         let _ = deserialize(&bad, &mut blob, &EVERYWHERE);
 
-        // In place, behind the back of everyone, but for the header.
+        // In place, without the driver's knowledge, except for the header.
         let mut blob = Bytes::new(size);
         compact_into(&bottom, &mut blob).unwrap();
         let body = 256;

@@ -4,7 +4,7 @@ use scenes::groups::Groups;
 use scenes::*;
 use traversal::*;
 
-/// What shaders are taken to decide: a number for each candidate.
+/// The decision that shaders make in this test: a number for each candidate.
 fn lot(hit: &Hit) -> u32 {
     let word = hit.primitive_index * 31 + hit.geometry_index * 7 + hit.instance_index * 3;
     (word ^ word >> 7).wrapping_mul(0x7FEB_352D) >> 8
@@ -83,7 +83,7 @@ struct Tally {
     asked: usize,
     done: usize,
     split: usize,
-    /// What was asked about, in its order.
+    /// The candidates asked about, in order.
     seen: u64,
 }
 

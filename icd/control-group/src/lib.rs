@@ -1,4 +1,5 @@
-//! What the process's control group lets it use of memory: containers and CI jobs have less than the machine.
+//! Memory limit of the process's control group. Containers and CI jobs have less memory than the
+//! machine.
 //!
 //! cgroups(7); the files are those of Documentation/admin-guide/cgroup-v2.rst and cgroup-v1/memory.rst of Linux.
 

@@ -30,14 +30,16 @@ impl CommandBuffer {
     }
 }
 
-/// What a command buffer holds. The states of the specification (chapter Command Buffers, "Command Buffer Lifecycle") follow from it:
-/// *executable* with a list that is finished, *initial* or *recording* without. *Pending* is the application's to know.
+/// Contents of a command buffer. They determine the state that the specification describes (chapter
+/// Command Buffers, "Command Buffer Lifecycle"): *executable* with a finished list, *initial* or
+/// *recording* without. The application tracks *pending*.
 #[derive(Default)]
 pub struct Recording {
     commands: Vec<Command>,
-    /// What `vkEndCommandBuffer` left. Submissions and primary command buffers hold further counts.
+    /// The list that `vkEndCommandBuffer` finished. Submissions and primary command buffers hold
+    /// further references.
     finished: Option<Arc<Vec<Command>>>,
-    /// What went wrong while recording: `vkEndCommandBuffer` returns it.
+    /// The first error during recording; `vkEndCommandBuffer` returns it.
     failure: Option<vk::Result>,
     /// The last push descriptor set of each bind point and set number: the next push changes a copy.
     pushed: Vec<((vk::PipelineBindPoint, u32), Ref<DescriptorSet>)>,

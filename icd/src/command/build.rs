@@ -99,7 +99,7 @@ impl BuildGeometries {
         }
     }
 
-    /// What a structure of these holds.
+    /// The kind of structure that holds these geometries.
     pub fn kind(&self) -> Kind {
         match self {
             Self::Triangles(_) => Kind::Triangles,

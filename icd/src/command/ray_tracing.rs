@@ -60,7 +60,7 @@ pub struct IndirectBuild {
     pub max_primitive_counts: Vec<u32>,
 }
 
-/// What was built.
+/// A structure or micromap that a build writes.
 #[derive(Clone, Copy)]
 pub enum Built {
     Structure,
@@ -82,7 +82,7 @@ pub enum BuiltCopy {
     Deserialize { source: u64, destination: Storage },
 }
 
-/// What a copy between two of them does.
+/// The mode of a copy between two structures or micromaps.
 #[derive(Clone, Copy)]
 pub enum CopyMode {
     Clone,

@@ -107,7 +107,7 @@ struct Plan<'a> {
     /// Lanes of a workgroup's last subgroup.
     last_lanes: LaneMask,
     first_input: usize,
-    /// What each input row is made of.
+    /// The source of each input row.
     inputs: Vec<Input>,
     /// Input rows of each subgroup of the workgroup with id 0.
     local_rows: Vec<Row>,

@@ -1,7 +1,8 @@
 //! Subgroups of one program, run to their end: waves of those that stand at one resume point, in turns.
 //!
-//! Whoever runs a program's invocations side by side without rays of its own (dispatches, vertices, fragments) owns a [`Runner`]:
-//! [`Runner::begin`], then start each of [`Runner::states`] and fill its inputs, then [`Runner::run`], then read the outputs there.
+//! Runs a program's invocations without rays of their own: dispatches, vertices, fragments. The
+//! caller owns a [`Runner`], calls [`Runner::begin`], starts each of [`Runner::states`] and fills
+//! its inputs, calls [`Runner::run`], and reads the outputs there.
 
 use smallvec::SmallVec;
 use spirv_jit::Program;
@@ -20,7 +21,8 @@ const FUEL: u64 = 1 << 16;
 /// Fuel of each subgroup of a wave that ran dry, alone: a subgroup that spins until another one of its wave has gone on sees it go on.
 const FUEL_ALONE: u64 = 64;
 
-/// What a wave costs at the least between two looks at the limits, in fuel: one that always yields burns none.
+/// Minimum fuel that a wave costs between two checks of the limits: a wave that always yields burns
+/// none.
 const WAVE_FUEL: u64 = FUEL / 1024;
 
 /// Subgroups of a wave, at most.
@@ -278,7 +280,7 @@ impl Runner {
     }
 }
 
-/// What subgroups run, and with what.
+/// The program, states and environment of one run.
 struct Run<'a> {
     program: &'a Program,
     environment: &'a Environment,

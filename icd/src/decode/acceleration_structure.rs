@@ -47,7 +47,8 @@ pub unsafe fn geometries<'a>(
     }
 }
 
-/// What a structure of these geometries holds; an empty one is of triangles, or of instances if it is a top level.
+/// The kind of structure that holds these geometries. Without geometries it is triangles, or
+/// instances for a top level.
 ///
 /// # Safety
 /// The info and its geometries are valid.

@@ -423,7 +423,7 @@ pub unsafe fn color_locations(
     locations
 }
 
-/// What `vkCmdSetVertexInputEXT` is given.
+/// The vertex input state of `vkCmdSetVertexInputEXT`.
 pub fn dynamic_vertex_input(
     bindings: &[vk::VertexInputBindingDescription2EXT<'_>],
     attributes: &[vk::VertexInputAttributeDescription2EXT<'_>],

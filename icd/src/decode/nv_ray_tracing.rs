@@ -56,10 +56,11 @@ pub unsafe fn region(buffer: vk::Buffer, offset: u64, stride_bytes: u64) -> Regi
     }
 }
 
-/// What a structure of this info is to hold, and how much. Of the geometries only counts are read.
+/// The kind of structure that this info describes, and its counts. Of the geometries only counts
+/// are read.
 ///
 /// # Safety
-/// The info is valid but for the buffers that it names.
+/// The info is valid, except for the buffers that it names.
 pub unsafe fn kind_and_counts(info: &vk::AccelerationStructureInfoNV<'_>) -> (Kind, Vec<u32>) {
     if is_top(info) {
         return (Kind::Instances, vec![info.instance_count]);

@@ -105,7 +105,7 @@ pub unsafe fn create_pipeline(
     }
 }
 
-/// What `VkPipelineCreationFeedback` reports.
+/// The value that `VkPipelineCreationFeedback` reports.
 pub fn creation_feedback(duration: Duration, cache_hit: bool) -> vk::PipelineCreationFeedback {
     let mut flags = vk::PipelineCreationFeedbackFlags::VALID;
     if cache_hit {

@@ -21,7 +21,7 @@ destroy! {
     vkDestroyBufferView: BufferView, BufferView;
 }
 
-/// What memory a resource needs.
+/// Memory requirements of a resource.
 pub fn requirements(size_bytes: u64, alignment: u64) -> vk::MemoryRequirements {
     vk::MemoryRequirements {
         size: size_bytes.next_multiple_of(alignment),

@@ -1,4 +1,4 @@
-//! What the entry points of acceleration structures and of micromaps have in common: copies, and queries of properties.
+//! Copies and property queries, which acceleration structures and micromaps share.
 
 use ash::vk;
 use spirv_jit::reach::Reach;

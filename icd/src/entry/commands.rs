@@ -6,7 +6,7 @@ use std::sync::OnceLock;
 use crate::ffi::vk;
 use crate::table::extensions::{Extension, ExtensionSet, Kind};
 
-/// What a command's first argument belongs to.
+/// The object of a command's first argument.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Level {
     Global,
@@ -16,7 +16,7 @@ pub enum Level {
     Device,
 }
 
-/// What makes a command available.
+/// The condition under which a command is available.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Availability {
     /// A version of Vulkan, or a later one.

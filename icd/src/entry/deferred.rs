@@ -48,7 +48,7 @@ pub unsafe fn defer_parallel(
     work: impl FnOnce() + Send + 'static,
 ) -> VkResult {
     let workers = &device.engine.workers;
-    // Without workers, or for a device that does nothing any more, there is nobody to do it.
+    // Without workers, or on a lost device, no thread can do the work.
     device.engine.waiting.lost.check()?;
     if operation == vk::DeferredOperationKHR::null() {
         workers.install(work);

@@ -60,7 +60,7 @@ unsafe fn sampler_key(sampler: vk::Sampler) -> u64 {
     unsafe { optional::<Sampler>(sampler) }.map_or(0, |sampler| sampler.descriptor.key.0)
 }
 
-/// What is not the null descriptor.
+/// The range that a descriptor other than the null descriptor names.
 ///
 /// # Safety
 /// `info` is null or valid.

@@ -52,7 +52,7 @@ unsafe fn write_entry(
     // SAFETY: the caller's promise.
     unsafe {
         if binding.ty == Ty::MUTABLE_EXT {
-            // What it was before may have used other parts.
+            // The entry's old descriptor may have used other fields.
             *entry = Descriptor::NULL;
         }
         match ty {

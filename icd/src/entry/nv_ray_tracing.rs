@@ -34,7 +34,7 @@ use crate::wave::table::Tables;
 /// A structure that has no memory yet.
 ///
 /// # Safety
-/// The info is valid but for the buffers that it names.
+/// The info is valid, except for the buffers that it names.
 unsafe fn create(info: &vk::AccelerationStructureCreateInfoNV<'_>) -> AccelerationStructureNv {
     // SAFETY: the caller's promise.
     let (kind, counts) = unsafe { kind_and_counts(&info.info) };

@@ -1,4 +1,4 @@
-//! What can be asked of the physical device.
+//! Queries of the physical device.
 
 use std::ffi::c_char;
 

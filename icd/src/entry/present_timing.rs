@@ -7,7 +7,7 @@ use crate::handle::from_handle;
 use crate::present::Swapchain;
 use crate::present::timing::{DOMAINS, Report, Target, Timing};
 
-/// What is asked of a presentation's times.
+/// The timing request of a presentation.
 pub fn timing(info: &vk::PresentTimingInfoEXT<'_>) -> Timing {
     let has = |flag| info.flags & flag != 0;
     Timing {

@@ -110,7 +110,7 @@ entry! {
             pipelines: slice_mut(pipelines, count),
         };
         let threads = creation.concurrency();
-        // What the arguments point to stays there until the operation is complete.
+        // The data that the arguments point to stays valid until the operation is complete.
         defer(operation, threads, move || creation.run())
     }
 

@@ -20,7 +20,7 @@ use crate::present::{
 use crate::table::extensions::Extension;
 use crate::table::limits::MAX_IMAGE_DIMENSION;
 
-/// What a surface can show.
+/// Formats that a surface can show.
 fn formats(device: &PhysicalDevice) -> Vec<vk::SurfaceFormatKHR> {
     let plain = FORMATS.map(|format| (format, vk::ColorSpaceKHR::SRGB_NONLINEAR));
     let has_spaces = (device.instance_extensions).contains(Extension::EXT_SWAPCHAIN_COLORSPACE);

@@ -42,7 +42,7 @@ fn image_info<'a>(info: &vk::SwapchainCreateInfoKHR<'_>) -> vk::ImageCreateInfo<
         .usage(info.image_usage)
 }
 
-/// What a swapchain is made of.
+/// The creation parameters of a swapchain.
 ///
 /// # Safety
 /// `info` is valid usage of `vkCreateSwapchainKHR`.
@@ -73,7 +73,7 @@ unsafe fn element<T: Copy>(data: *const T, count: u32, index: usize) -> Option<T
     unsafe { slice(data, count) }.get(index).copied()
 }
 
-/// What is asked for one swapchain of a presentation.
+/// The request of a presentation for one swapchain.
 ///
 /// # Safety
 /// `info` is valid usage of `vkQueuePresentKHR`, and has a swapchain `index`.

@@ -1,4 +1,4 @@
-//! What is bound while a command buffer is performed, and the environment that programs see of it.
+//! Bindings during the replay of a command buffer, and the environment that programs see.
 
 use std::sync::Arc;
 
@@ -17,7 +17,7 @@ use crate::wave::mask::InvocationMask;
 /// `maxPushConstantsSize`.
 const PUSH_CONSTANT_BYTES: usize = 256;
 
-/// What a set holds of a dynamic buffer, whose offset is not known yet.
+/// A dynamic buffer in a set, whose offset is not known yet.
 pub struct DynamicBuffer {
     pub address: u64,
     /// `VK_WHOLE_SIZE`: to the end of the buffer.
@@ -46,7 +46,8 @@ impl DynamicBuffer {
         }
     }
 
-    /// What programs see. Past the end of the buffer, and of no buffer, it is the null descriptor.
+    /// The descriptor that programs see. Past the end of the buffer, or without a buffer, it is the
+    /// null descriptor.
     fn at(&self, offset: u32) -> Descriptor {
         let offset = u64::from(offset);
         let size_bytes = self.range.min(self.rest.saturating_sub(offset));
@@ -68,7 +69,7 @@ pub struct Bindings<'a> {
     ray_tracing: BindPoint<'a>,
     graphics: BindPoint<'a>,
     push_constants: Box<PushConstants>,
-    /// What draws see, as long as nothing of it changes, and in which epoch.
+    /// The bindings that draws see until the next change, and their epoch.
     snapshot: Option<(u64, Snapshot)>,
     /// `vkCmdBindInvocationMaskHUAWEI`.
     pub invocation_mask: Option<InvocationMask>,
@@ -76,15 +77,16 @@ pub struct Bindings<'a> {
     pub stack_bytes: Option<u32>,
 }
 
-/// What draws see of bindings, which may change before they are drawn.
+/// The bindings that a draw sees; they may change before the draw executes.
 #[derive(Clone)]
 pub struct Snapshot {
     pub environment: Arc<Environment>,
-    /// What the environment points to.
+    /// Owns the data that the environment points to.
     pub keep: Arc<Kept>,
 }
 
-/// Copies of what an environment points to, but for the sets, which the recorded commands hold.
+/// Copies of the data that an environment points to, except the sets, which the recorded commands
+/// hold.
 pub struct Kept {
     push_constants: PushConstants,
     dynamic: Vec<Descriptor>,
@@ -214,7 +216,8 @@ impl<'a> Bindings<'a> {
         Some((pipeline, environment))
     }
 
-    /// What the next draw sees. Memory may be another in another epoch: what is kept by the environment's number is computed anew.
+    /// The bindings that the next draw sees. Memory contents may differ in another epoch, so data
+    /// that is cached by the environment's number is computed anew.
     pub fn snapshot(
         &mut self,
         epoch: u64,

@@ -1,4 +1,4 @@
-//! What a device executes with, shared by its queues and by commands of the host.
+//! The resources with which a device executes, shared by its queues and by host commands.
 
 #![forbid(unsafe_code)]
 
@@ -29,11 +29,11 @@ pub struct Engine {
     pub dispatcher: Dispatcher,
     pub tracer: Tracer,
     pub rasterizer: Rasterizer,
-    /// What addresses may lead to.
+    /// The memory that addresses may point into.
     pub memory: Arc<LiveMemory>,
     /// Image views and samplers.
     pub views: Arc<Views>,
-    /// What invocations in flight may take, on all workers together.
+    /// The memory budget of invocations in flight, for all workers together.
     budget: Arc<Budget>,
     /// Validation, where it is on.
     pub validator: Option<Arc<Validator>>,
@@ -48,7 +48,7 @@ pub struct Engine {
     fault: OnceLock<Fault>,
 }
 
-/// What an engine looks out for while it executes.
+/// The conditions that an engine watches during execution.
 pub struct Watch {
     /// Validation, where it is on.
     pub validator: Option<Arc<Validator>>,
@@ -98,7 +98,7 @@ impl Engine {
         }))
     }
 
-    /// What the next dispatch must stay within.
+    /// The limits of the next dispatch.
     pub fn limits(&self) -> Limits {
         Limits {
             cancelled: Arc::clone(&self.cancelled),
@@ -120,7 +120,7 @@ impl Engine {
         timeout.map_or(u64::MAX, |ns| u64::try_from(ns).unwrap_or(u64::MAX))
     }
 
-    /// What the next command may reach.
+    /// The memory and objects that the next command may reach.
     pub fn surroundings(&self) -> Surroundings {
         let (reach, live) = (self.memory.reach(), self.memory.structures());
         match &self.validator {

@@ -31,7 +31,7 @@ use crate::wave::reachable;
 /// Calls of a batch, at most: what they take of memory is bounded.
 const BATCH_CALLS: usize = 1 << 16;
 
-/// What a command buffer has set and bound, besides descriptors.
+/// The state of a command buffer other than descriptors.
 pub struct Current {
     state: Arc<GraphicsState>,
     stages: Option<Arc<Stages>>,
@@ -144,7 +144,7 @@ impl Current {
     }
 }
 
-/// What a submission draws: the pass it is in, work that waits, and queries.
+/// The drawing state of a submission: its pass, pending work and queries.
 #[derive(Default)]
 pub struct Drawing<'a> {
     active: Option<Active<'a>>,
@@ -352,7 +352,7 @@ impl<'a> Painter<'_, 'a> {
             GraphicsCommand::DrawMulti(draws) => self.draw_multi(draws),
             GraphicsCommand::DrawIndirect(draws) => self.draw_indirect(draws),
             &GraphicsCommand::BeginConditional { address, inverted } => {
-                // What is drawn may have written the condition.
+                // Pending draws may write the condition.
                 self.drawing.flush(self.engine)?;
                 // SAFETY: nothing writes the word while the queue's command is performed.
                 let word = unsafe { reachable::read::<u32>(&self.engine.memory.reach(), address) };

@@ -1,10 +1,12 @@
 //! Performs recorded commands, in order, on a queue's thread. What is worth it fans out over the device's workers.
 //!
-//! **Barriers, pipeline stages and access masks are not recorded,** but for barriers inside passes that shaders wait for. A queue performs one command after the other, and each is complete, its
-//! writes visible to every thread, before the next begins: workers join at the end of a command, and memory is the host's own coherent
-//! memory. That is more than any `vkCmdPipelineBarrier` asks for. Image layouts mean nothing, since images are stored one way only, and with
-//! one queue family there is no ownership to transfer. What is left of the synchronization commands are events, which can be waited for
-//! across queues and from the host.
+//! **Barriers, pipeline stages and access masks are not recorded,** except barriers inside passes
+//! that shaders wait for. A queue performs one command after the other. Each command is complete,
+//! and its writes are visible to every thread, before the next begins: workers join at the end of a
+//! command, and memory is the host's own coherent memory. That is more than any
+//! `vkCmdPipelineBarrier` requires. Image layouts have no meaning, since images have one storage
+//! layout, and one queue family needs no ownership transfers. Of the synchronization commands only
+//! events remain, which queues and the host can wait for.
 //!
 //! Each kind of work is a function of what the command holds. Those on images take the objects and the regions as recorded:
 //!
@@ -346,7 +348,7 @@ fn copy_to_image_indirect(
     destination: &Image,
     layers: &[vk::ImageSubresourceLayers],
 ) {
-    /// What is in memory, whatever it is there for.
+    /// A copy within memory, for any purpose.
     #[repr(C)]
     #[derive(Clone, Copy)]
     struct Copy {

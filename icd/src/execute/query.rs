@@ -31,7 +31,7 @@ pub fn clock_ns(clock: libc::clockid_t) -> u64 {
 pub struct ActiveQuery<'a> {
     pub pool: &'a QueryPool,
     pub query: u32,
-    /// What draws count.
+    /// The counters of draws.
     pub counters: Arc<Counters>,
     pub compute_invocations: u64,
 }

@@ -18,7 +18,7 @@ use crate::wave::reachable::read;
 use crate::wave::table::{Region, Tables};
 use crate::wave::{Limits, Stopped};
 
-/// What is bound at the ray tracing bind point.
+/// The bindings of the ray tracing bind point.
 pub struct Bound<'a> {
     pub pipeline: Option<&'a RayTracingPipeline>,
     pub environment: Environment,
@@ -27,7 +27,8 @@ pub struct Bound<'a> {
     pub stack_bytes: Option<u32>,
 }
 
-/// What a command's addresses may lead to, and who wants to know where they lead elsewhere.
+/// The memory that a command's addresses may point into, and the reporter of addresses that point
+/// elsewhere.
 pub struct Access<'a> {
     pub surroundings: &'a Surroundings,
     /// Validation, where it is on.

@@ -23,7 +23,7 @@ fn is_drawn(format: vk::Format, info: &FormatInfo) -> bool {
         && !no_colors
 }
 
-/// What a format is as an attachment.
+/// Attachment features of a format.
 pub fn image_features(format: vk::Format, info: &FormatInfo) -> vk::FormatFeatureFlags2 {
     use vk::FormatFeatureFlags2 as Feature;
     if info.has_depth || info.has_stencil {
@@ -39,7 +39,8 @@ pub fn image_features(format: vk::Format, info: &FormatInfo) -> vk::FormatFeatur
     }
 }
 
-/// Whether vertices come in a format: all uncompressed ones that are colours, but for sRGB and those that may be converted from Y′CbCr.
+/// Whether vertex attributes can have a format: all uncompressed colour formats, except sRGB and
+/// formats with Y′CbCr conversion.
 pub fn is_vertex(format: vk::Format) -> bool {
     let texel = texel_format(format);
     texel.info().is_some_and(|info| {

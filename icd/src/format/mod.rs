@@ -1,4 +1,4 @@
-//! What each format can be used for: derived from what is known of its texels, `spirv_jit::image::format`.
+//! The uses of each format, derived from its texel description in `spirv_jit::image::format`.
 
 #![forbid(unsafe_code)]
 
@@ -109,7 +109,7 @@ fn aspect_planes(format: vk::Format) -> Vec<(vk::ImageAspectFlags, vk::Format)> 
         .collect()
 }
 
-/// What a format can be used for.
+/// The uses of a format.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Features {
     /// Images, of either tiling: they are stored the same way.

@@ -29,7 +29,7 @@ unsafe impl<T: Send> Send for Object<T> {}
 unsafe impl<T: Sync> Sync for Object<T> {}
 
 impl<T> Drop for Object<T> {
-    /// Whoever uses the handle once more finds no tag, while the memory has no other use.
+    /// A later use of the handle finds no tag, while the memory has no other use.
     fn drop(&mut self) {
         // SAFETY: the field is the object's own. The compiler takes the last write to memory that goes away for useless, unless it is volatile.
         unsafe { (&raw mut self.tag).write_volatile(0) };

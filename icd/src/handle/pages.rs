@@ -58,7 +58,7 @@ pub fn note(address: usize) {
         ))
         .is_err();
         if raced && !new.is_null() {
-            // SAFETY: it was allocated so above, and nobody else has seen it.
+            // SAFETY: allocated above, and no other thread has seen it.
             unsafe { dealloc(new.cast(), layout) };
         }
     }

@@ -75,7 +75,7 @@ impl Addressed for Micromap {
     }
 }
 
-/// What happens to an object's addresses.
+/// An event of an object's addresses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AddressEvent {
     /// The object has them from its creation, before the application has its handle.

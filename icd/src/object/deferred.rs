@@ -73,7 +73,7 @@ impl DeferredOperation {
         }
     }
 
-    /// What the deferred command returns.
+    /// The result of the deferred command.
     ///
     /// # Errors
     /// Its own, or `VK_NOT_READY`.

@@ -319,7 +319,7 @@ pub struct DescriptorPool {
     pub state: Mutex<PoolState>,
 }
 
-/// What of a pool is in use.
+/// The parts of a pool that are in use.
 #[derive(Default)]
 pub struct PoolState {
     /// Handles of the living sets.
@@ -327,7 +327,7 @@ pub struct PoolState {
     pub used_bytes: u64,
 }
 
-/// What descriptors (bytes, of inline uniform blocks) take of a pool.
+/// Pool space that descriptors take; bytes for inline uniform blocks.
 pub fn pool_bytes(ty: vk::DescriptorType, count: u32) -> u64 {
     match ty {
         vk::DescriptorType::INLINE_UNIFORM_BLOCK => u64::from(count),
@@ -336,7 +336,7 @@ pub fn pool_bytes(ty: vk::DescriptorType, count: u32) -> u64 {
 }
 
 impl DescriptorSet {
-    /// What the set takes of its pool.
+    /// Pool space that the set takes.
     pub fn pool_bytes(&self) -> u64 {
         let bytes = |binding: &Binding| match binding.is_variable() {
             true => pool_bytes(binding.ty, self.variable_count),

@@ -20,7 +20,7 @@ pub struct External(Mutex<Payloads>);
 #[derive(Default)]
 struct Payloads {
     permanent: Option<File>,
-    /// What was imported for one wait. It stands before the others.
+    /// The payload imported for one wait. It takes precedence over the others.
     temporary: Option<Temporary>,
 }
 
@@ -31,7 +31,7 @@ enum Temporary {
     Signaled,
 }
 
-/// What is imported.
+/// An imported payload.
 pub enum Import {
     Opaque {
         file: OwnedFd,
@@ -54,7 +54,7 @@ impl External {
         })))
     }
 
-    /// Whether there is a payload in a file: nobody tells when it changes.
+    /// Whether a payload is in a file. Changes of a file cause no notification.
     pub fn is_there(&self) -> bool {
         let payloads = self.0.lock();
         payloads.permanent.is_some() || payloads.temporary.is_some()
@@ -112,7 +112,8 @@ impl External {
         true
     }
 
-    /// What a finished wait leaves: a temporary payload is gone, a permanent one unsignaled. False if there was none of either.
+    /// Consumes the payload after a finished wait: a temporary payload is removed, a permanent one
+    /// becomes unsignaled. Returns false if there was neither.
     pub fn consume(&self) -> bool {
         let payloads = &mut *self.0.lock();
         match (payloads.temporary.take(), &payloads.permanent) {

@@ -10,7 +10,7 @@ use spirv_jit::program::Stage;
 use super::dynamic_state::{DynamicStates, Parts};
 use super::graphics_state::GraphicsState;
 
-/// What a bound graphics pipeline, or bound shader objects, run.
+/// The programs of a bound graphics pipeline or of bound shader objects.
 pub struct Stages {
     pub vertex: Arc<Program>,
     /// None: depth and stencil alone, coverage without colour.
@@ -25,7 +25,7 @@ pub struct GraphicsPipeline {
     pub dynamic: DynamicStates,
     pub vertex: Option<Arc<Program>>,
     pub fragment: Option<Arc<Program>>,
-    /// What a draw runs; none of a library without a vertex shader.
+    /// The programs of a draw; none for a library without a vertex shader.
     pub stages: Option<Arc<Stages>>,
 }
 

@@ -169,7 +169,7 @@ pub struct GraphicsState {
     pub blend: ColorBlend,
     /// By location of a fragment output: its colour attachment, or `VK_ATTACHMENT_UNUSED` (`VkRenderingAttachmentLocationInfo`).
     pub color_locations: [u32; MAX_COLOR_ATTACHMENTS],
-    /// All but for pipelines of dynamic rendering.
+    /// Complete except for pipelines of dynamic rendering.
     pub used_attachments: UsedAttachments,
 }
 

@@ -53,7 +53,7 @@ pub struct Image {
     pub planes: Vec<Plane>,
     /// Of the first binding.
     pub size_bytes: u64,
-    /// What is bound to memory: the image, or each plane of a disjoint one.
+    /// The memory of the image, or of each plane of a disjoint image.
     bindings: Vec<Binding>,
     /// Of a sparse image.
     pub reservation: Option<Arc<Reservation>>,
@@ -118,7 +118,7 @@ impl Image {
         })
     }
 
-    /// What it is bound in multiples of, and where in memory.
+    /// The alignment of memory bindings, and of the place in memory.
     pub fn alignment(flags: vk::ImageCreateFlags) -> u64 {
         match flags {
             flags if flags.contains(vk::ImageCreateFlags::SPARSE_RESIDENCY) => page_bytes(),
@@ -281,7 +281,7 @@ fn lay_out_plane(
     })
 }
 
-/// What an image of this kind can be (`vkGetPhysicalDeviceImageFormatProperties`).
+/// The capabilities of an image of this kind (`vkGetPhysicalDeviceImageFormatProperties`).
 ///
 /// # Errors
 /// `VK_ERROR_FORMAT_NOT_SUPPORTED`.
@@ -343,7 +343,8 @@ pub fn supported_image(
         None if flags.contains(vk::ImageCreateFlags::BLOCK_TEXEL_VIEW_COMPATIBLE) => {
             return Err(UNSUPPORTED);
         }
-        // What textureCompressionETC2 and textureCompressionASTC_LDR are about is 2D, textureCompressionBC 3D, too.
+        // textureCompressionETC2 and textureCompressionASTC_LDR cover 2D images,
+        // textureCompressionBC also 3D.
         Some(blocks)
             if ty == vk::ImageType::TYPE_1D
                 || (ty != vk::ImageType::TYPE_2D && !blocks.is_bc()) =>

@@ -21,7 +21,7 @@ pub struct ViewEntry<T: Copy + 'static> {
     table: fn(&Views) -> &Table<T>,
 }
 
-/// What Vulkan calls the failure.
+/// Vulkan's code for the failure.
 pub fn store_failure(error: StoreError) -> vk::Result {
     match error {
         StoreError::OutOfMemory => vk::Result::ERROR_OUT_OF_HOST_MEMORY,
@@ -51,7 +51,7 @@ impl<T: Copy> ViewEntry<T> {
         })
     }
 
-    /// What descriptor sets store.
+    /// The pointer that descriptor sets store.
     pub fn as_ptr(&self) -> *const T {
         (self.table)(&self.views).get(self.key)
     }
@@ -111,7 +111,7 @@ impl ImageView {
     }
 }
 
-/// What shaders read through a view.
+/// The descriptor through which shaders read a view.
 ///
 /// # Errors
 /// `VK_ERROR_UNKNOWN` for a range outside the image, and for a format whose texels are of another size.
@@ -220,7 +220,7 @@ pub fn view_descriptor(
             return Err(OUTSIDE);
         }
     }
-    // What is stored as pairs is accessed as pairs by all but samples.
+    // Texels stored as pairs are accessed as pairs, except by samples.
     if plane.block_extent == [2, 1] && conversion.is_none() {
         for level in &mut levels {
             level.width = level.width.div_ceil(2);

@@ -59,7 +59,7 @@ impl LiveMemory {
         }
     }
 
-    /// What is live now.
+    /// The current live memory.
     pub fn reach(&self) -> Arc<Reach> {
         Arc::clone(&self.0.lock().reach().0)
     }

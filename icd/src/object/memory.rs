@@ -46,7 +46,7 @@ impl<'a> Place<'a> {
             .map_err(|_| vk::Result::ERROR_TOO_MANY_OBJECTS)
     }
 
-    /// Keeps it; whoever does gives it back.
+    /// Forgets the guard; the caller must release it.
     fn keep(mut self) {
         self.0 = None;
     }
@@ -71,7 +71,7 @@ pub struct AddressWindow {
     /// How many allocations there are.
     allocations: AtomicU32,
     ranges: Mutex<Ranges>,
-    /// What is taken, and imported host memory.
+    /// Taken ranges and imported host memory.
     pub live: Arc<LiveMemory>,
 }
 
@@ -132,8 +132,8 @@ impl AddressWindow {
             None => vk::Result::ERROR_OUT_OF_DEVICE_MEMORY,
         })?;
         if was_used {
-            // Whoever wrote there after it was freed wrote for nobody.
-            // SAFETY: inside the window, and taken by nobody else.
+            // Writes after free are discarded.
+            // SAFETY: inside the window, and not taken by any other allocation.
             unsafe {
                 libc::madvise(address as *mut _, size_bytes as usize, libc::MADV_DONTNEED);
             }
@@ -243,7 +243,8 @@ impl DeviceMemory {
             Source::Fresh | Source::Shared => None,
             Source::Exportable => Some(new_file(size_bytes)?),
             Source::File(file) => {
-                // Nobody makes it shorter after its size has been looked at: an access past the end of a file is a fault.
+                // The seal keeps the file's size after this check: an access past the end of a file
+                // is a fault.
                 if !seal(&file, libc::F_SEAL_SHRINK) || file_size(&file) < size_bytes {
                     return Err(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE);
                 }
@@ -475,7 +476,7 @@ mod tests {
             let address = memory.address;
             addresses.insert(address);
             drop(memory);
-            // Against the rules, but harmless: nobody has it.
+            // Breaks the rules but is harmless: the range has no owner.
             write(address, 8);
         }
         assert!(addresses.len() < 20_000);

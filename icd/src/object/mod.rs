@@ -1,4 +1,4 @@
-//! What lies behind the handles.
+//! The objects behind the handles.
 
 pub mod acceleration_structure;
 pub mod addressed;

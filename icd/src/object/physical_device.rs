@@ -45,7 +45,7 @@ impl PhysicalDevice {
         (memory::used_bytes() + free).min(self.heap_bytes)
     }
 
-    /// What its properties say of this machine.
+    /// Facts about this machine that the properties report.
     pub fn machine(&self) -> Machine {
         Machine {
             device_name: self.name(),

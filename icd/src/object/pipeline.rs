@@ -27,7 +27,7 @@ pub struct Pipeline {
     pub kind: PipelineKind,
 }
 
-/// What a pipeline runs.
+/// The programs of a pipeline, by bind point.
 pub enum PipelineKind {
     Compute(Arc<Program>),
     Graphics(Box<GraphicsPipeline>),

@@ -46,7 +46,7 @@ impl Ranges {
         }
     }
 
-    /// What is mapped outside the window.
+    /// Memory mapped outside the window.
     pub fn outside(&self) -> &[(u64, u64)] {
         &self.outside
     }

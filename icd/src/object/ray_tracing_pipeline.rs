@@ -12,17 +12,17 @@ use xxhash_rust::xxh3::xxh3_128_with_seed;
 use super::stage_program::{ProgramKey, StageProgram};
 use crate::wave::table::{Group, GroupKind, HANDLE_SIZE, Handle, ProgramIndex, Shaders};
 
-/// What a ray tracing pipeline, or a library to make one of, consists of.
+/// A ray tracing pipeline, or a library to link into one.
 pub struct RayTracingPipeline {
     pub shaders: Shaders,
-    /// What each program was compiled from, by program index.
+    /// The key of the source of each program, by program index.
     pub keys: Vec<ProgramKey>,
     /// Ray flags that every trace gets (`SKIP_TRIANGLES`, `SKIP_AABBS`).
     pub ray_flags: u32,
     pub facts: PipelineFacts,
 }
 
-/// What a pipeline promises of its execution.
+/// Guarantees of a pipeline about its execution.
 #[derive(Clone, Copy, Debug)]
 pub struct PipelineFacts {
     pub flags: vk::PipelineCreateFlags,

@@ -9,7 +9,7 @@ use super::graphics_state::{
     BlendAttachment, GraphicsState, MAX_COLOR_ATTACHMENTS, MAX_VIEWPORTS, StencilFace, VertexInput,
 };
 
-/// What a command sets.
+/// The state that a command sets.
 #[derive(Clone, Debug)]
 pub enum Setting {
     /// From an index on.

@@ -20,9 +20,9 @@ use super::{PipelineCache, PipelineLayout};
 use crate::VkResult;
 use crate::settings::settings;
 
-/// What the device says of all shaders that are compiled for it.
+/// Compiler settings that all shaders of a device share.
 pub struct Compiler<'a> {
-    /// What modules may declare.
+    /// Capabilities that modules may declare.
     pub capabilities: &'a [Capability],
     pub messengers: &'a Messengers,
     /// Programs count misaligned pointers, for validation.
@@ -48,8 +48,8 @@ pub struct Compiled {
 }
 
 impl ShaderStage {
-    /// What makes two compilations the same: the module, its entry point and stage, the specialization, where its descriptors are, and how
-    /// exact its functions are.
+    /// The identity of a compilation: module, entry point, stage, specialization, descriptor
+    /// locations and accuracy of functions.
     pub fn key(&self, layout: &PipelineLayout) -> ProgramKey {
         let mut hash = Xxh3::new();
         for word in self.words.iter() {
@@ -82,7 +82,7 @@ impl ShaderStage {
         hash.digest128().to_le_bytes()
     }
 
-    /// What reports say that its program comes from. Words that tell lines are kept for that.
+    /// The origin that reports name for the program. Words with line numbers are kept for it.
     fn origin(&self) -> Origin {
         Origin {
             entry_point: self.entry_point.clone(),
@@ -107,7 +107,7 @@ impl ShaderStage {
     ) -> VkResult<Compiled> {
         let key = self.key(layout);
         let cached = cache.and_then(|cache| cache.find(&key));
-        // What comes as data may say anything.
+        // Data from the application may be arbitrary.
         if let Some(program) = cached.filter(|program| program.stage() == self.stage) {
             program.set_origin(self.origin());
             let program = StageProgram { program, key };

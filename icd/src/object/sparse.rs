@@ -96,8 +96,9 @@ impl SparseBind {
 
 /// Maps the pages at `source` at `address` too, in place of what is there; the address, unless the system refuses.
 fn show_at(source: u64, size_bytes: u64, address: u64) -> Option<u64> {
-    // SAFETY: the source is a shared mapping of an allocation (of no length, which makes a second one of it), and the
-    // destination a part of a reservation, whose contents nobody relies on while it is bound.
+    // SAFETY: the source is a shared mapping of an allocation (of no length, which makes a second
+    // mapping of it). The destination is a part of a reservation, whose contents are undefined
+    // while it is being bound.
     let mapped = unsafe {
         libc::mremap(
             source as *mut _,

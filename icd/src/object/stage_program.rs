@@ -6,7 +6,8 @@ use std::sync::Arc;
 
 use spirv_jit::Program;
 
-/// What makes two compilations the same: the module, its entry point and stage, the specialization and where its descriptors are.
+/// The identity of a compilation: module, entry point, stage, specialization and descriptor
+/// locations.
 pub type ProgramKey = [u8; 16];
 
 /// A compiled stage of a pipeline or library.

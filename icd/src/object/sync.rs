@@ -54,7 +54,8 @@ impl Lost {
     }
 }
 
-/// What all waiting of a device goes through: one lock and one condition, so that waiting for any of several things is simple.
+/// The one lock and condition variable of all waits of a device, which makes waiting for any of
+/// several objects simple.
 #[derive(Default)]
 pub struct Waiting {
     changed_lock: Mutex<()>,
@@ -65,7 +66,7 @@ pub struct Waiting {
 impl Waiting {
     /// Tells everyone who waits that something has changed.
     pub fn notify(&self) {
-        // Whoever is between its look and its sleep holds the lock: it hears this.
+        // A waiter holds the lock from its check until it sleeps, so this notification is not lost.
         drop(self.changed_lock.lock());
         self.changed.notify_all();
     }
@@ -78,7 +79,7 @@ impl Waiting {
         self.wait(timeout_ns, false, done)
     }
 
-    /// The same; where it is for something `in_files`, nobody notifies.
+    /// The same for a wait on something `in_files`, which causes no notification.
     ///
     /// # Errors
     /// As [`Self::wait_until`].
@@ -215,7 +216,7 @@ impl Semaphore {
         external.unwrap_or_else(|| self.value() >= if self.is_binary() { 1 } else { value })
     }
 
-    /// What a finished queue wait leaves: a binary semaphore is unsignaled again.
+    /// Consumes the signal after a finished queue wait: a binary semaphore becomes unsignaled.
     pub fn consume(&self) {
         if !self.external.consume() && self.is_binary() {
             self.value.store(0, Ordering::Release);

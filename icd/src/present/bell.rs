@@ -1,5 +1,4 @@
-//! What a swapchain's thread sleeps by: others ring, and the thread wakes, by a file that can be
-//! polled beside a window's connection.
+//! The wake-up of a swapchain's thread: a file that can be polled beside a window's connection.
 
 use std::os::fd::{AsRawFd, BorrowedFd, FromRawFd, OwnedFd};
 use std::time::{Duration, Instant};
@@ -12,7 +11,7 @@ use crate::VkResult;
 pub struct Bell(OwnedFd);
 
 impl Bell {
-    /// A bell that nobody has rung.
+    /// A bell that has not rung yet.
     ///
     /// # Errors
     /// `VK_ERROR_OUT_OF_HOST_MEMORY` if the system gives no file.
@@ -27,7 +26,7 @@ impl Bell {
         }
     }
 
-    /// Wakes whoever waits, or who waits next.
+    /// Wakes the current waiter, or the next one.
     pub fn ring(&self) {
         let one = 1u64;
         // SAFETY: eight bytes, as an `eventfd` wants. It only refuses when it is at its largest,
@@ -61,7 +60,7 @@ impl Bell {
     }
 }
 
-/// Rounded up, so that nobody wakes before the time.
+/// Rounded up, so that the wait does not end early.
 fn milliseconds(time: Duration) -> i32 {
     i32::try_from(time.as_micros().div_ceil(1000)).unwrap_or(i32::MAX)
 }

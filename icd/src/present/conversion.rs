@@ -254,7 +254,7 @@ unsafe fn eight_bits(texels: Texels, is_blue_first: bool, alpha: u32, row: &mut 
         |x: i32| (3 + 4 * x) << 24 | (4 * x + 2 - first) << 16 | (4 * x + 1) << 8 | (4 * x + first);
     let places = _mm_set_epi32(word(3), word(2), word(1), word(0));
     let places = _mm256_broadcastsi128_si256(places);
-    // What is packed twice from four vectors of two texels each lies by halves.
+    // Four vectors of two texels each, packed twice, lie by halves.
     let order = _mm256_set_epi32(7, 3, 6, 2, 5, 1, 4, 0);
     let two = |texel: *const u8| {
         // SAFETY: two texels from here on (the loop below).
@@ -280,7 +280,7 @@ unsafe fn eight_bits(texels: Texels, is_blue_first: bool, alpha: u32, row: &mut 
     done
 }
 
-/// What each 16-bit float is in so many bits, clamped to what a window can show.
+/// The value of each 16-bit float in so many bits, clamped to the range of a window.
 fn float_table(is_linear: bool, bits: u32) -> &'static [u16; 1 << 16] {
     // By whether light is linear, and by the bits.
     static TABLES: [[OnceLock<Box<[u16; 1 << 16]>>; 11]; 2] =

@@ -48,7 +48,7 @@ crate::handle::handled!(Surface => SurfaceKHR, Swapchain => SwapchainKHR);
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Gone;
 
-/// What a surface stands for.
+/// The window of a surface.
 pub trait Window: Send + Sync {
     /// The window's extent, unless it takes that of the swapchain.
     ///
@@ -76,7 +76,7 @@ pub trait Window: Send + Sync {
 #[derive(Clone)]
 pub struct Pictures {
     pub images: Vec<Ref<Image>>,
-    /// What the images lie in, one after the other.
+    /// The memory that holds the images, one after the other.
     pub memory: Arc<DeviceMemory>,
     pub is_linear: bool,
     pub composite_alpha: vk::CompositeAlphaFlagsKHR,
@@ -100,7 +100,7 @@ impl Pictures {
         self.images[index as usize].data() as u64 - self.memory.address
     }
 
-    /// What is read of an image.
+    /// The pixels of an image that presentation reads.
     fn picture(&self, index: u32) -> pixels::Picture {
         let image = &self.images[index as usize];
         let level = &image.planes[0].levels[0];
@@ -130,11 +130,11 @@ pub struct Frame<'a> {
     pub index: u32,
     pub serial: u32,
     pub when: When,
-    /// What has changed since the last one; empty if all may have.
+    /// The region that changed since the last image; empty means all of it.
     pub damage: &'a [vk::Rect2D],
 }
 
-/// What a screen tells.
+/// An event of a screen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Event {
     /// A frame's turn has come: it is on the screen, or another one instead.

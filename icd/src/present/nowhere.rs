@@ -1,4 +1,4 @@
-//! Images that nobody sees, where it matters when they would be.
+//! Headless presentation that keeps presentation timing.
 
 #![forbid(unsafe_code)]
 
@@ -7,7 +7,7 @@ use std::time::Instant;
 
 use super::{Bell, Event, Frame, Gone, Screen};
 
-/// The way of a swapchain's images to nobody, who is done with each at once.
+/// A headless presentation target, which is done with each image at once.
 pub struct Nowhere {
     bell: Arc<Bell>,
     news: Vec<Event>,

@@ -1,4 +1,4 @@
-//! What surfaces offer: formats, color spaces, modes, and how many images.
+//! Formats, color spaces, modes and image counts that surfaces offer.
 
 #![forbid(unsafe_code)]
 
@@ -54,7 +54,7 @@ pub const SURFACELESS_MODES: [vk::PresentModeKHR; 3] = [
     vk::PresentModeKHR::SHARED_CONTINUOUS_REFRESH,
 ];
 
-/// What images of swapchains can be used for.
+/// Usages of swapchain images.
 pub const IMAGE_USAGE: vk::ImageUsageFlags = vk::ImageUsageFlags::from_raw(
     vk::ImageUsageFlags::TRANSFER_SRC.as_raw()
         | vk::ImageUsageFlags::TRANSFER_DST.as_raw()

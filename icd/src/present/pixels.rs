@@ -16,7 +16,7 @@ pub struct Picture {
     pub is_linear: bool,
 }
 
-// SAFETY: whoever makes one keeps what it points to; it is only read.
+// SAFETY: the creator keeps the memory that it points to alive; it is only read.
 unsafe impl Send for Picture {}
 
 /// Where a picture is on a window: a part of the picture, stretched over a part of the window.

@@ -109,7 +109,8 @@ impl SharedMemory {
         }
     }
 
-    /// The server has attached the segment, or will not: nobody else shall find it.
+    /// Removes the name: the server has attached the segment or never will, and no other process
+    /// must find it.
     pub fn unname(&self) {
         if let Kind::Segment(id) = self.kind {
             // SAFETY: a plain system call. The segment lives on while it is attached.

@@ -18,7 +18,7 @@ use crate::table::limits::{MAX_IMAGE_ARRAY_LAYERS, MAX_IMAGE_DIMENSION};
 
 /// `VkSurfaceKHR`.
 pub struct Surface {
-    /// None is a headless surface: what is presented to it is seen by nobody.
+    /// None is a headless surface, which shows nothing.
     window: Mutex<Option<Arc<dyn Window>>>,
     is_headless: bool,
     /// Made for it, and not yet gone.

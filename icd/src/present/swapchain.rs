@@ -32,7 +32,7 @@ use crate::object::sync::Waiting;
 use crate::object::{DeviceMemory, Image};
 use crate::table::limits::MEMORY_ALIGNMENT;
 
-/// What a swapchain is made of.
+/// The creation parameters of a swapchain.
 pub struct Creation<'a> {
     pub images: vk::ImageCreateInfo<'a>,
     pub count: u32,
@@ -73,7 +73,7 @@ impl Request {
     }
 }
 
-/// What a swapchain, its thread and its surface have in common.
+/// State that a swapchain shares with its thread and its surface.
 pub struct Shared {
     state: Mutex<State>,
     /// Where there is a thread.
@@ -360,7 +360,7 @@ impl State {
         self.timings.reached(ticket, stage, timestamp_ns());
     }
 
-    /// Nobody shows this.
+    /// Finishes a request without showing it.
     fn finish(&mut self, request: &Request) {
         self.shown_id = self.shown_id.max(request.id);
         self.release(request.index);
@@ -411,7 +411,7 @@ impl Shared {
         }
     }
 
-    /// What [`Swapchain::close`] does.
+    /// Implements [`Swapchain::close`].
     pub fn close(&self) {
         self.state.lock().is_closed = true;
         if let Some(bell) = &self.bell {
@@ -441,7 +441,7 @@ impl Shared {
             let target = request.timing.target;
             target.map_or(0, |target| target.due_ns(seen_ns, refresh))
         };
-        // What counts from another one's time waits until that has been seen.
+        // A time relative to that of another image waits until that image has been seen.
         let is_free = |request: &Request| request.timing.target.is_none_or(|it| !it.is_relative);
         let now = timestamp_ns();
         let mut state = self.state.lock();
@@ -524,7 +524,7 @@ impl Shared {
     }
 }
 
-/// What a swapchain's thread does next.
+/// The next action of a swapchain's thread.
 pub(super) enum Next {
     Show(Request),
     /// There is one whose time comes in so many nanoseconds.

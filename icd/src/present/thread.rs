@@ -48,7 +48,7 @@ impl Shared {
         let mut timed = Timed::default();
         let mut events = Vec::new();
         loop {
-            // What was presented last before the end is handed over whatever is under way.
+            // The last image presented before the end is handed over, whatever is pending.
             let mut waits = None;
             if under_way.is_none() || self.is_ending() {
                 let next = match (self.next(timed.seen_ns, screen.refresh()), &continuous) {
@@ -117,7 +117,7 @@ impl Shared {
     }
 }
 
-/// What the thread knows of times.
+/// The thread's knowledge of times.
 #[derive(Default)]
 struct Timed {
     /// When the last presentation was seen, and which one that was.

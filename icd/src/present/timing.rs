@@ -22,7 +22,8 @@ pub const DOMAINS: [(vk::TimeDomainKHR, u64); 4] = [
     (vk::TimeDomainKHR::DEVICE, 4),
 ];
 
-/// What is known of every presentation: when it was this swapchain's to show, and when it was handed on.
+/// The stages known for every presentation: when this swapchain could show it, and when it was
+/// handed on.
 pub const OWN_STAGES: Stages =
     newer::PRESENT_STAGE_QUEUE_OPERATIONS_END_EXT | newer::PRESENT_STAGE_REQUEST_DEQUEUED_EXT;
 
@@ -71,7 +72,7 @@ impl Target {
     }
 }
 
-/// What is to be told of a presentation, and when it is to be seen.
+/// The timing to report for a presentation, and the time when it should be visible.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Timing {
     pub target: Option<Target>,
@@ -122,7 +123,7 @@ impl Rhythm {
         }
     }
 
-    /// What is known of it.
+    /// The refresh cycle, if it is known.
     pub fn refresh(&self) -> Option<Refresh> {
         (self.period_ns != 0).then_some(Refresh {
             at_ns: self.last.0,
@@ -139,7 +140,7 @@ pub fn told_ns(at_ns: u64, sent_ns: u64, now_ns: u64) -> Option<u64> {
     near.contains(&at_ns).then_some(at_ns.max(sent_ns))
 }
 
-/// What is known of one presentation.
+/// The recorded times of one presentation.
 pub struct Report {
     /// 0 is none.
     pub ticket: u64,
@@ -149,7 +150,7 @@ pub struct Report {
     stages: Stages,
     /// The stages of which all is known that ever will be.
     known: Stages,
-    /// By a stage's bit; 0 if it was not reached, or nobody knows when.
+    /// By a stage's bit; 0 if the stage was not reached or its time is unknown.
     times: [u64; 4],
     since: Option<Instant>,
 }
@@ -339,7 +340,7 @@ mod tests {
         assert_eq!(target.due_ns(None, refresh), 1525);
         target.is_nearest = true;
         assert_eq!(target.due_ns(None, refresh), 1425);
-        // What is late is due.
+        // A late image is due.
         target.time_ns = 3;
         assert!(target.due_ns(None, refresh) < 1000);
         target.time_ns = u64::MAX;

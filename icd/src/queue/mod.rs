@@ -59,7 +59,7 @@ pub struct Queue {
     thread: Mutex<Option<JoinHandle<()>>>,
 }
 
-/// What a queue and its thread share.
+/// State shared by a queue and its thread.
 struct Line {
     engine: Arc<Engine>,
     state: Mutex<State>,
@@ -212,7 +212,7 @@ impl Line {
                 return self.engine.lose(Fault::new(cause));
             }
         }
-        // Whoever sees a signal may reset the command buffers: they are let go of first.
+        // An observer of the signal may reset the command buffers, so they are released first.
         drop(commands);
         for (swapchain, request) in presents {
             swapchain.enqueue(request);

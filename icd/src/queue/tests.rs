@@ -164,7 +164,8 @@ fn dispatch(body: &str) -> Arc<Vec<Command>> {
     ])
 }
 
-/// What comes of work that goes wrong on the device: the fence is not signaled, and everyone hears of the loss.
+/// Asserts the effects of a failure on the device: the fence is not signaled, and every caller
+/// receives the loss.
 fn assert_lost(engine: &Arc<Engine>, commands: Arc<Vec<Command>>) {
     let queue = Queue::new(0, Arc::clone(engine));
     let fence = handle::new(Fence::new(false));

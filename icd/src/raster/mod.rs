@@ -54,7 +54,8 @@ pub struct Target {
     pub layers: u32,
 }
 
-/// What a pass draws into. All that are there have the same number of samples (but resolves, which are the caller's business).
+/// The attachments of a pass. All have the same number of samples, except resolve attachments,
+/// which the caller handles.
 pub struct Targets {
     /// Drawing stays inside; already within all attachments.
     pub area: vk::Rect2D,
@@ -117,7 +118,7 @@ pub struct DrawCall {
     pub draw_index: u32,
 }
 
-/// What queries count while they are active: shared by all draws of it.
+/// The counters of active queries, shared by all draws of a pass.
 #[derive(Default)]
 pub struct Counters {
     /// Samples that passed all tests.
@@ -136,7 +137,7 @@ pub struct Draw {
     pub state: Arc<GraphicsState>,
     /// Sets, dynamic buffers and push constants, kept by `keep`.
     pub environment: Arc<Environment>,
-    /// What the environment points to.
+    /// Owns the data that the environment points to.
     pub keep: Arc<dyn std::any::Any + Send + Sync>,
     pub vertex_buffers: Arc<[VertexBuffer; MAX_VERTEX_INPUTS]>,
     /// Of an indexed draw.
@@ -189,7 +190,7 @@ impl Batch {
     }
 }
 
-/// What a flush runs on and with.
+/// The engine and state that a flush uses.
 #[derive(Clone, Copy)]
 pub struct Context<'a> {
     pub workers: &'a Workers,

@@ -1,4 +1,4 @@
-//! What the front end hands to the tiles: the seam between the two.
+//! The interface between the front end and the tiles.
 //!
 //! Positions on the screen are fixed point with 8 fractional bits (`subPixelPrecisionBits`): 256 units a pixel, pixel centres at 128.
 //! A *shape* is coverage; a *record* is what fragments of a primitive are made of. Clipping changes coverage only: the shapes of a clipped
@@ -51,7 +51,7 @@ pub struct Plane {
     pub dy: f32,
 }
 
-/// What a primitive's fragments are made of.
+/// The data from which a primitive's fragments are computed.
 #[derive(Clone, Copy, Debug)]
 pub struct Record {
     /// Index of the draw in the batch's work.
@@ -66,7 +66,7 @@ pub struct Record {
     pub front: bool,
     /// Index of each vertex's first word in [`Chunk::outputs`]. A line has its second vertex twice, a point one vertex three times.
     pub vertices: [u32; 3],
-    /// Which of them flat varyings come from.
+    /// The vertex that provides flat varyings.
     pub provoking: u8,
     /// The pixel that planes start at: its centre has coordinates 0, 0.
     pub origin: [i32; 2],

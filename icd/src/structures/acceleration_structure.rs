@@ -99,7 +99,7 @@ pub unsafe fn deserialize(source: u64, destination: Storage, reach: &Reach, live
     }
 }
 
-/// What failed leaves the destination undefined, and a line in the log.
+/// Logs a failure, which leaves the destination undefined.
 pub(super) fn report<T, E: std::fmt::Display>(result: Result<T, E>, what: &str) {
     if let Err(error) = result {
         log::error!("{what}: {error}");

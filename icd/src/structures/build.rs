@@ -67,7 +67,7 @@ impl Build {
                     self.run(Geometries::Motion(&list), destination, (reach, live))
                 }
                 BuildGeometries::Instances(instances) => {
-                    // What will be refused for its size is not looked at before.
+                    // An array that will be refused for its size is not read first.
                     if u64::from(instances.count) > traversal::MAX_GEOMETRIES {
                         return Err(BuildError::TooLarge);
                     }

@@ -28,7 +28,8 @@ impl Instances {
         }
     }
 
-    /// What each instance refers to; `None` for one that is not where the array says.
+    /// The structure that each instance refers to; `None` for an instance that does not lie where
+    /// the array says.
     ///
     /// # Safety
     /// Nothing writes the instances meanwhile.

@@ -41,7 +41,7 @@ macro_rules! extensions {
     };
 }
 
-/// What enables an extension.
+/// The way in which an extension is enabled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     Instance,
@@ -262,7 +262,7 @@ impl ExtensionSet {
         self.0[bit / 64] |= 1 << (bit % 64);
     }
 
-    /// What is in either.
+    /// Union of both.
     pub fn union(&self, other: &Self) -> Self {
         Self(std::array::from_fn(|word| self.0[word] | other.0[word]))
     }

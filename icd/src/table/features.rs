@@ -50,7 +50,7 @@ macro_rules! features {
             }
         }
 
-        /// What shader modules may declare because of a feature.
+        /// Capabilities that shader modules may declare because of a feature.
         const FEATURE_CAPABILITIES: &[Capability] = &[
             $($(Capability::$core_capability,)*)*
             $($($(Capability::$capability,)+)?)*

@@ -189,7 +189,7 @@ pub fn max_allocations() -> u32 {
     *MAX.get_or_init(|| {
         let mappings = std::fs::read_to_string("/proc/sys/vm/max_map_count");
         let mappings = mappings.ok().and_then(|text| text.trim().parse().ok());
-        // What Linux has by default; and what Vulkan demands at the least.
+        // Linux's default, and at least the minimum that Vulkan requires.
         (mappings.unwrap_or(65530u32) / 4).max(4096)
     })
 }

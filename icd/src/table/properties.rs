@@ -41,7 +41,7 @@ pub fn pipeline_cache_uuid() -> [u8; vk::UUID_SIZE] {
 pub const VENDOR_ID: u32 = 0;
 pub const DEVICE_ID: u32 = 1;
 
-/// What differs from one machine, and one environment, to the next.
+/// Values that differ between machines and environments.
 pub struct Machine {
     pub device_name: String,
     /// Size of the memory heap.
@@ -233,7 +233,7 @@ fn ray_tracing_pipeline() -> vk::PhysicalDeviceRayTracingPipelinePropertiesKHR<'
     }
 }
 
-/// What the KHR structures say.
+/// The same values as in the KHR structures.
 fn ray_tracing_nv() -> vk::PhysicalDeviceRayTracingPropertiesNV<'static> {
     let (structures, pipelines) = (acceleration_structure(), ray_tracing_pipeline());
     vk::PhysicalDeviceRayTracingPropertiesNV {
@@ -325,8 +325,8 @@ const COPY_LAYOUTS: [vk::ImageLayout; 20] = [
     vk::ImageLayout::SHARED_PRESENT_KHR,
 ];
 
-/// What [`vulkan14`] and `VkPhysicalDeviceHostImageCopyProperties` say of copies by the host: counted arrays of layouts, each filled if
-/// there is one.
+/// The host copy layouts of [`vulkan14`] and `VkPhysicalDeviceHostImageCopyProperties`: counted
+/// arrays of layouts, each filled if there is one.
 macro_rules! copy_layouts {
     ($out:expr) => {{
         let out = $out;

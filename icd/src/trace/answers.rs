@@ -1,4 +1,5 @@
-//! What a yield asks for and what an end leaves: traces, calls and reports begin here, and are answered here.
+//! Requests of yields and results of ends: traces, calls and reports begin here, and are answered
+//! here.
 
 use lanes::LaneMask;
 use smallvec::SmallVec;
@@ -354,7 +355,8 @@ impl Batch<'_> {
         self.worker.subgroups.remove(index);
     }
 
-    /// What an any-hit shader says of its ray's candidate: 0 accepts it, 1 ignores it, all else accepts and terminates.
+    /// The decision of an any-hit shader about its ray's candidate: 0 accepts it, 1 ignores it,
+    /// other values accept it and terminate the ray.
     fn decide(&mut self, role: Role, ray: LaneRef, decision: u32) {
         if role == Role::AnyHitOfReport {
             return self.decide_report(ray, decision != 1, decision > 1);

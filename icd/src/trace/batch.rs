@@ -35,7 +35,8 @@ const PATIENCE: u32 = 256;
 /// Bytes that a batch takes of the budget of its device at once.
 const BUDGET_STEP: usize = 1 << 20;
 
-/// What a worker may keep of memory from batch to batch, in bytes of subgroup states; after a deep recursion it is given back.
+/// Memory that a worker may keep between batches, in bytes of subgroup states; memory beyond that
+/// is released after a deep recursion.
 const KEPT_BYTES: usize = 64 << 20;
 
 /// A worker's memory, kept warm from batch to batch.
@@ -97,7 +98,7 @@ pub struct Batch<'a> {
     pub(super) reordering: Vec<SubgroupIndex>,
     /// Of subgroup states in flight.
     pub(super) state_bytes: usize,
-    /// What is taken of the device's budget for them.
+    /// Their share of the device's budget.
     budget_bytes: usize,
     /// Waves until the next look at the limits: a shader that always yields never runs out of fuel.
     patience: u32,

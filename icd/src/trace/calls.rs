@@ -11,7 +11,7 @@ pub struct Call {
     pub record: u64,
     /// Where its launch stands in the batch: [`Grid::place`](super::grid::Grid::place).
     pub place: u32,
-    /// What it is about. See [`Subgroup::of`](super::subgroup::Subgroup).
+    /// The subject of the invocation. See [`Subgroup::of`](super::subgroup::Subgroup).
     pub of: LaneRef,
 }
 

@@ -1,4 +1,4 @@
-//! What validation looks at while a batch is turned. Nothing of this runs where it is off.
+//! Checks of validation during a batch. Nothing here runs while validation is off.
 
 use lanes::LaneMask;
 use spirv_jit::SUBGROUP_SIZE;

@@ -1,5 +1,5 @@
-//! What is known of hits ([`Fact`]), whoever asks: built-ins of hit shaders, ray queries, hit
-//! objects. Hits hold most of it ([`take`]); the rest is in the structures ([`Told`]).
+//! Facts about hits ([`Fact`]) for built-ins of hit shaders, ray queries and hit objects. Hits hold
+//! most of them ([`take`]); the rest is in the structures ([`Told`]).
 
 use std::cell::OnceCell;
 
@@ -140,7 +140,7 @@ impl Matrices {
     }
 }
 
-/// What structures tell of the hits of some lanes: looked up once, if asked for.
+/// Facts from structures about the hits of some lanes, looked up once, on demand.
 #[derive(Default)]
 pub struct Told {
     object_to_world: OnceCell<Matrices>,
@@ -235,7 +235,7 @@ pub fn addresses([low, high]: &[Row; 2]) -> Lanes<u64> {
     by_lane(|lane| u64::from(low[lane]) | u64::from(high[lane]) << 32)
 }
 
-/// What structures say of hits at the rays' times.
+/// Facts from structures about hits at the rays' times.
 fn of_structures<T: Copy + Default>(
     subjects: &impl Subjects,
     limits: &Limits,
@@ -257,8 +257,8 @@ fn of_structures<T: Copy + Default>(
     })
 }
 
-/// What structures say of the instances that were hit: asked once for lanes that met the same one
-/// at the same time.
+/// Facts from structures about the instances that were hit, looked up once for lanes that hit the
+/// same instance at the same time.
 fn of_instances(
     subjects: &impl Subjects,
     limits: &Limits,

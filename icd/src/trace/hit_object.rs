@@ -231,7 +231,7 @@ impl Object {
     }
 }
 
-/// What a hit object says, as lane 0.
+/// The contents of a hit object, as lane 0.
 struct Known<'a> {
     hit: Hit,
     object: &'a Object,

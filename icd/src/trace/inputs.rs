@@ -13,7 +13,7 @@ use super::slab::Slab;
 use super::subgroup::{LaneRef, Role, Subgroup, SubgroupIndex, Turn};
 use crate::wave::table::HANDLE_SIZE;
 
-/// What inputs are read from.
+/// The sources of inputs.
 pub struct Sources<'a> {
     pub dispatch: &'a Dispatch<'a>,
     /// The layer of all launches.

@@ -57,8 +57,8 @@ pub struct Dispatch<'a> {
     pub environment: &'a Environment,
     /// Ray flags that the pipeline adds to every ray (`SKIP_TRIANGLES`, `SKIP_AABBS`).
     pub pipeline_ray_flags: u32,
-    /// What is not opaque counts as opaque where no flag tells them apart: there is no any-hit shader. Rays through an edge may name
-    /// the other triangle there.
+    /// Non-opaque geometry counts as opaque if no flag distinguishes them: there is no any-hit
+    /// shader. Rays through an edge may then name the other triangle.
     pub takes_all_hits: bool,
     pub mask: Option<LiveMask>,
     pub limits: &'a Limits,

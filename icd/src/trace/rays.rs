@@ -43,7 +43,7 @@ pub struct Report {
     pub reporter: LaneRef,
 }
 
-/// What rays have that meet boxes.
+/// The attributes of rays that meet boxes.
 #[derive(Default)]
 pub struct Procedural {
     /// The hit attributes of committed hits.
@@ -65,7 +65,7 @@ pub struct RayGroup {
     pub flight: Flight,
     /// Lanes about whose candidates shaders have not decided yet.
     pub undecided: LaneMask,
-    /// What is found goes into hit objects.
+    /// Stores hits in hit objects.
     pub fills_hit_object: bool,
     /// The instruction says when rays are cast.
     pub has_time: bool,
@@ -109,7 +109,8 @@ impl RayGroup {
         }
     }
 
-    /// What rays have that meet boxes; anything where nothing was written since the lane began.
+    /// The attributes of rays that meet boxes; arbitrary if nothing was written since the lane
+    /// began.
     pub fn procedural_mut(&mut self) -> &mut Procedural {
         self.procedural.get_or_insert_default()
     }

@@ -14,7 +14,8 @@ use super::subgroup::{LaneRef, Subgroup, SubgroupIndex};
 use crate::wave::Stopped;
 use crate::wave::table::ProgramIndex;
 
-/// What lanes are sorted by, first things first: the shader that the hit object names, the hint's bits, the shader's record.
+/// The sort key of lanes, most significant first: the shader that the hit object names, the hint's
+/// bits, the shader's record.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Key {
     /// Program index + 1; 0 without one.

@@ -11,7 +11,7 @@ use spirv_jit::{Program, SUBGROUP_SIZE};
 use crate::settings::settings;
 use crate::wave::table::ProgramIndex;
 
-/// What one shader's runs amount to.
+/// The counts of one shader's runs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Counts {
     /// Runs of a wave from one event to the next.
@@ -21,7 +21,7 @@ struct Counts {
     lanes: u64,
 }
 
-/// The counts of one batch, by program; nothing is counted where nobody asked.
+/// The counts of one batch, by program; present only if statistics are on.
 #[derive(Default)]
 pub struct Tally(Vec<Counts>);
 
@@ -29,7 +29,7 @@ pub struct Tally(Vec<Counts>);
 static TOTAL: Mutex<BTreeMap<(&'static str, u64), Counts>> = Mutex::new(BTreeMap::new());
 
 impl Tally {
-    /// For a batch of a dispatch with so many programs; `None` where nobody asked.
+    /// Counts for a batch of a dispatch with so many programs; `None` if statistics are off.
     pub fn new(programs: usize) -> Option<Tally> {
         settings()
             .stats

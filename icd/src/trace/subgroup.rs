@@ -1,4 +1,4 @@
-//! A subgroup of invocations in flight: its program's state, and whom each lane answers.
+//! A subgroup of invocations in flight: its program's state, and the caller of each lane.
 #![forbid(unsafe_code)]
 
 use lanes::{LaneMask, by_lane};
@@ -38,7 +38,7 @@ impl LaneRef {
 
 const _: () = assert!(SUBGROUP_SIZE == 16);
 
-/// Why an invocation was created: whom its end answers.
+/// The reason for an invocation, which determines the callers that wait for it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Role {
     #[default]
@@ -126,7 +126,7 @@ impl Subgroup {
         let rows = program.layout().rows;
         let room = self.rows.try_reserve(rows.saturating_sub(self.rows.len()));
         room.map_err(|_| Stopped::OutOfMemory)?;
-        // As long as what was here before: rows behind the program's are nobody's.
+        // Keeps the length of the previous use: rows past the program's frame are unused.
         if self.rows.len() < rows {
             self.rows.resize(rows, AlignedRow::default());
         }

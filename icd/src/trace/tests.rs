@@ -187,7 +187,7 @@ func f0 {
 }
 ";
 
-/// What the shaders above leave for a launch.
+/// The results of the shaders above for a launch index.
 fn expected(x: u32, y: u32) -> u32 {
     let mut payload = y * SIZE + x;
     if x >= 16 || y >= 16 {

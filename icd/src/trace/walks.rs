@@ -1,4 +1,4 @@
-//! What becomes of a batch's rays: the shaders that decide on their candidates, and those that hear of their ends.
+//! The shaders that decide on candidates of a batch's rays, and the callers that wait for the rays.
 
 use lanes::LaneMask;
 use smallvec::SmallVec;

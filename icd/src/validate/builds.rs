@@ -1,4 +1,4 @@
-//! What builds read on the device.
+//! Checks of the memory that builds read on the device.
 
 use spirv_jit::reach::Reach;
 use traversal::{IndexType, Indexing};

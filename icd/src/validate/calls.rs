@@ -6,7 +6,7 @@ use ash::vk;
 use super::{Rule, Traced};
 use crate::wave::table::{Group, GroupKind, HANDLE_SIZE, Handle, Region};
 
-/// What a record is looked up for.
+/// The purpose of a record look-up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Need {
     AnyHit,
@@ -21,7 +21,7 @@ pub struct Lookup<'a> {
     pub need: Need,
     pub region: &'a Region,
     pub index: u32,
-    /// What is there, if the index lies in the table.
+    /// The record, if the index lies in the table.
     pub record: Option<(Handle, Option<&'a Group>)>,
     /// Of a hit: whether it is on a box. Spheres count as triangles.
     pub is_box: bool,

@@ -1,4 +1,4 @@
-//! What builds of micromaps read, and what geometries say of theirs.
+//! Checks of the memory that micromap builds read, and of the geometries that use micromaps.
 
 use spirv_jit::reach::Reach;
 use traversal::{Micromap, MicromapFormat};

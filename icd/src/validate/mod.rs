@@ -68,7 +68,7 @@ impl Validator {
         }
     }
 
-    /// Tells whoever listens; standard error if nobody does.
+    /// Sends a message to debug messengers, or to standard error if there are none.
     fn send(&self, name: &str, message: &str) {
         let id = CString::new(name).unwrap_or_default();
         let heard = self.messengers.send(
@@ -83,7 +83,7 @@ impl Validator {
     }
 }
 
-/// What one command's execution does wrong.
+/// The broken rules of one command's execution.
 pub struct Checks {
     pub validator: Arc<Validator>,
     caller: Caller,
@@ -92,7 +92,7 @@ pub struct Checks {
 
 struct Found {
     count: u64,
-    /// What it was the first time.
+    /// The details of the first occurrence.
     detail: String,
 }
 

@@ -47,7 +47,7 @@ struct FlagRules {
     skips: Rule,
     culls: Rule,
     opacity: Rule,
-    /// What the pipeline skips and the ray does: queries know no pipeline.
+    /// Rules about flags that the pipeline and the ray combine; ray queries have no pipeline.
     with_pipeline: Option<(Rule, Rule)>,
 }
 
@@ -244,7 +244,7 @@ impl Traced {
         }
     }
 
-    /// What neither the ray nor its pipeline skips.
+    /// Requires that the ray or its pipeline skips neither kind.
     fn skips(&self, flags: u32, (triangles, boxes): (Rule, Rule), require: impl Fn(bool, Rule)) {
         use vk::PipelineCreateFlags as Pipeline;
         let skips = |bit: u32| flags & bit != 0;

@@ -11,7 +11,7 @@ use spirv_jit::reach::{Range, Reach};
 use crate::handle::Ref;
 use crate::object::AccelerationStructure;
 
-/// What is alive on a device.
+/// The live objects of a device.
 #[derive(Default)]
 pub struct Registry {
     /// By address and handle: more than one buffer may lie at an address.
@@ -26,7 +26,7 @@ struct Buffer {
     usage: vk::BufferUsageFlags,
 }
 
-/// What is known of a range of addresses.
+/// The state of a range of addresses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Known {
     /// It lies in a buffer as a whole; of the usages, all that one of these buffers has.
@@ -76,7 +76,7 @@ impl Registry {
             .collect()
     }
 
-    /// What is known of a range of addresses.
+    /// The state of a range of addresses.
     pub fn find(&self, address: u64, size_bytes: u64) -> Known {
         let last = address.saturating_add(size_bytes.max(1));
         let buffers = self.buffers.lock();

@@ -22,7 +22,7 @@ impl Caller {
     ];
 }
 
-/// What a rule's name begins with.
+/// The prefix of a rule's name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Of {
     /// The command that traces.
@@ -91,7 +91,7 @@ macro_rules! rules {
                 }
             }
 
-            /// What must hold.
+            /// The requirement of the rule.
             pub fn text(self) -> &'static str {
                 match self {
                     $(Rule::$rule => $text,)*
@@ -203,7 +203,7 @@ rules! {
 }
 
 impl Rule {
-    /// What `vkCmdTraceRaysNV` calls it, where that has another name for the rule.
+    /// The name of the rule for `vkCmdTraceRaysNV`, if it differs.
     fn name_in_nv(self) -> Option<&'static str> {
         Some(match self {
             Rule::RaygenAlignment => "raygenShaderBindingOffset-02456",

@@ -1,4 +1,4 @@
-//! What a dispatch is given: binding tables, the size of the launch, parameters in memory.
+//! Checks of a dispatch's arguments: binding tables, the size of the launch, parameters in memory.
 #![forbid(unsafe_code)]
 
 use ash::vk;

@@ -1,4 +1,5 @@
-//! What all invocations in flight on a device may take of memory: recursion without an end is a lost device, not a machine that swaps.
+//! The memory budget of all invocations in flight on a device: endless recursion loses the device
+//! instead of exhausting the machine's memory.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 

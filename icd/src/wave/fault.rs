@@ -27,7 +27,7 @@ impl fmt::Display for Stopped {
     }
 }
 
-/// What loses a device.
+/// The cause of a device loss.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Cause {
     /// A command was given up.
@@ -83,7 +83,7 @@ pub struct WildAddress {
 /// Wild addresses that are kept, the latest ones.
 const KEPT_ADDRESSES: usize = 64;
 
-/// What shaders did so far, one an instruction.
+/// Wild accesses of shaders so far, one for each instruction.
 #[derive(Debug, Default)]
 pub struct WildAddresses(Mutex<Vec<WildAddress>>);
 

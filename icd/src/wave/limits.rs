@@ -1,4 +1,4 @@
-//! What ends a dispatch that does not end by itself, and what keeps it from going astray.
+//! Limits that end a dispatch which does not end by itself, and that bound its memory accesses.
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::Instant;
@@ -10,7 +10,7 @@ use traversal::{EVERYWHERE, Kind, Live, Ray, Structure};
 use super::budget::Budget;
 use super::fault::{Fault, Stopped, StoppedAt};
 
-/// What a command's addresses may lead to.
+/// The memory and objects that a command's addresses may reach.
 pub struct Surroundings {
     pub reach: Arc<Reach>,
     /// The same, for what structures refer to.
@@ -19,7 +19,7 @@ pub struct Surroundings {
     pub shader_reach: Arc<Reach>,
     /// Counts what shaders do wrong, where there is validation.
     pub strays: Option<Arc<Strays>>,
-    /// What descriptors in buffers can name.
+    /// The views that descriptors in buffers can name.
     pub views: Arc<Views>,
 }
 
@@ -29,7 +29,7 @@ pub trait QueryObserver: Send + Sync {
     fn ray(&self, place: u64, ray: &Ray, structure: u64, kind: Option<Kind>);
 }
 
-/// What ends a dispatch that does not end by itself, and what keeps it from going astray.
+/// Limits that end a dispatch which does not end by itself, and that bound its memory accesses.
 pub struct Limits {
     /// Set from outside to make every worker stop at its next budget check.
     pub cancelled: Arc<AtomicBool>,
@@ -37,7 +37,7 @@ pub struct Limits {
     pub deadline: Option<Instant>,
     /// Where structures may lie.
     pub live: Live,
-    /// What invocations in flight may take of memory, with those of other dispatches.
+    /// The memory budget of invocations in flight, shared with other dispatches.
     pub memory: Arc<Budget>,
     /// Validation of ray queries, where it is on.
     pub queried: Option<Arc<dyn QueryObserver>>,

@@ -41,7 +41,8 @@ impl LiveMask {
             return false;
         }
         let offset = u64::from(y) * mask.row_stride_bytes + u64::from(x);
-        // SAFETY: a texel of a mask all of which is memory. Whoever writes it meanwhile decides what it is.
+        // SAFETY: a texel of a mask that lies entirely in live memory. A concurrent write decides
+        // the value, which may be any.
         unsafe { ((mask.address + offset) as *const u8).read_volatile() == 0 }
     }
 }

@@ -1,4 +1,4 @@
-//! What running waves of a program takes, whoever runs them: workers, limits, what addresses may lead to, shader tables.
+//! Shared infrastructure of running waves: workers, limits, reachable memory, shader tables.
 
 mod budget;
 mod fault;

@@ -36,7 +36,7 @@ pub struct Group {
     pub intersection: Option<ProgramIndex>,
 }
 
-/// What a ray tracing pipeline can run.
+/// The shaders of a ray tracing pipeline.
 pub struct Shaders {
     pub programs: Vec<Arc<Program>>,
     pub groups: Vec<Group>,

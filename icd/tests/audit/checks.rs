@@ -39,13 +39,13 @@ const CONDITIONAL: [&str; 15] = [
     "vkCmdSetViewportWScalingEnableNV",
 ];
 
-/// What was found.
+/// The findings of the audit.
 #[derive(Default)]
 pub struct Report {
     pub summary: String,
-    /// What this registry cannot tell.
+    /// Questions that this registry cannot answer.
     pub notes: Vec<String>,
-    /// What is wrong.
+    /// The errors found.
     pub findings: Vec<String>,
 }
 
@@ -131,7 +131,8 @@ impl Audit<'_> {
         }
     }
 
-    /// What brings what: commands, types and mandatory features of the versions and extensions that are advertised, with who asks.
+    /// The commands, types and mandatory features that the advertised versions and extensions
+    /// require, with the reason.
     fn required(&self) -> Vec<(String, Availability, &Require)> {
         let versions = self
             .registry
@@ -328,7 +329,7 @@ fn core_feature(member: &str) -> Option<bool> {
     Some(value == vk::TRUE)
 }
 
-/// What the driver's answer is made of where it wrote nothing.
+/// The byte that fills the driver's answer beforehand.
 const UNTOUCHED: u8 = 0xAA;
 
 /// A structure, after `sType` and `pNext`, as the driver fills it; `None` if it is neither of features nor of properties, or has

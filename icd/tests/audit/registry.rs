@@ -1,4 +1,4 @@
-//! What `vk.xml` says, as far as the audit asks.
+//! The parts of `vk.xml` that the audit reads.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -22,7 +22,7 @@ pub struct Version {
     pub requires: Vec<Require>,
 }
 
-/// What a version or extension brings, if `depends` holds.
+/// The contents of a version or extension, if `depends` holds.
 #[derive(Default)]
 pub struct Require {
     pub depends: String,

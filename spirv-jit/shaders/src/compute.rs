@@ -18,7 +18,7 @@ pub fn compile_as(request: &CompileRequest<'_>) -> Arc<Program> {
     spirv_jit::compile(request).unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// What a dispatch sees.
+/// The memory that a dispatch accesses.
 #[derive(Default)]
 pub struct Memory {
     /// Buffers of set 0: descriptor index (16 × binding + array index) and contents.

@@ -23,7 +23,7 @@ pub fn program_of_words(stage: Stage, words: &[u32]) -> Arc<Program> {
     from_bytes(&bytes).unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// What an ended subgroup left.
+/// The results of an ended subgroup.
 pub struct Ended {
     pub outputs: Vec<(OutputRow, Row)>,
     pub helpers: LaneMask,

@@ -1,4 +1,4 @@
-//! Floating-point operations: IEEE 754, one rounding each, but for the transcendental ones.
+//! Floating-point operations: IEEE 754, one rounding each, except the transcendental ones.
 
 // Comparisons are phrased so that NaN falls on the side that the operation's name says.
 #![allow(clippy::double_comparisons)]

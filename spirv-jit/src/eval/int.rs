@@ -151,7 +151,7 @@ impl_int!(u16, i16, u32, i32);
 impl_int!(u32, i32, u64, i64);
 impl_int!(u64, i64, u128, i128);
 
-/// What booleans and integers share.
+/// Operations that booleans and integers share.
 pub trait Bits: Copy + PartialEq {
     fn bit_and(self, b: Self) -> Self;
     fn bit_or(self, b: Self) -> Self;

@@ -8,7 +8,7 @@ use half::f16;
 #[inline(always)]
 pub(super) fn f32_from_f16(value: f16) -> f32 {
     const QUIET: u32 = 0x0040_0000;
-    /// What the exponents' biases differ by.
+    /// The difference of the exponents' biases.
     const BIAS: u32 = (127 - 15) << 23;
     let bits = value.to_bits() as u32;
     let magnitude = (bits & 0x7fff) << 13;

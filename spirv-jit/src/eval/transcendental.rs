@@ -225,7 +225,7 @@ fn log_split(x: f32) -> (f32, f32) {
     (n, m - 1.0)
 }
 
-/// What a logarithm gives where its argument has none.
+/// The value of a logarithm outside its domain.
 #[inline(always)]
 fn log_special(x: f32, value: f32) -> f32 {
     // Positive and finite.

@@ -88,7 +88,8 @@ pub struct ImageDescriptor {
     pub min_lod: f32,
     /// With a conversion of several planes: the planes, of which there is one level.
     pub levels: [Level; MAX_LEVELS],
-    /// What samples are converted by. The format is that of the first plane, and of other accesses than samples.
+    /// The conversion of samples. The format is that of the first plane, and of accesses other than
+    /// samples.
     pub conversion: Option<ycbcr::Conversion>,
 }
 
@@ -213,7 +214,7 @@ pub struct SamplerDescriptor {
 }
 
 impl SamplerDescriptor {
-    /// What is all zeros in `VkSamplerCreateInfo`.
+    /// The sampler of an all-zero `VkSamplerCreateInfo`.
     pub const DEFAULT: SamplerDescriptor = SamplerDescriptor {
         mag_filter: Filter::Nearest,
         min_filter: Filter::Nearest,
@@ -244,7 +245,7 @@ pub enum LodMode {
     Grad,
 }
 
-/// What an image operation does.
+/// The kind of an image operation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum ImageOpKind {
     /// Filtered sampling: 4 results, 1 with a depth comparison.

@@ -556,7 +556,7 @@ pub(super) fn border_units(sampler: &SamplerDescriptor, info: &FormatInfo) -> [u
         if scale == 1.0 {
             word
         } else {
-            // What a normalised format can hold ("Texel Replacement").
+            // The range of a normalised format ("Texel Replacement").
             let number = bounds::min(bounds::max(f32::from_bits(word), 0.0), 1.0);
             (number * scale).to_bits()
         }

@@ -18,7 +18,7 @@ use crate::SUBGROUP_SIZE;
 use crate::ir::{Space, Type};
 use crate::row::Row;
 
-/// What loads scalars of a type, or stores them, so many of them, in a tier. Not for private memory.
+/// The handler that loads or stores so many scalars of a type in a tier. Not for private memory.
 pub(super) fn handler(tier: TierKind, ty: Type, count: usize, store: bool) -> Handler {
     match tier {
         #[cfg(target_arch = "x86_64")]
@@ -91,7 +91,7 @@ trait Copying: 'static {
     /// # Safety
     /// As for [`Kernel::run`]: the address is of a scalar, and the row one of the frame's.
     unsafe fn copy<T: Lane>(at: *mut T, row: *mut [T::Slot; SUBGROUP_SIZE], lane: usize);
-    /// What becomes of a scalar that is not there.
+    /// The result for a scalar outside the memory.
     ///
     /// # Safety
     /// As [`Self::copy`].
@@ -243,7 +243,7 @@ unsafe fn copy_block<C: Copying, G: Gather, T: Lane, const N: usize>(
         // SAFETY: as the caller promises.
         return unsafe { C::copy_all::<G, T, N>((base, size_bytes), offsets, active, rows) };
     }
-    // What lies behind 32 bits would wrap.
+    // Offsets past 32 bits would wrap.
     let size_bytes = size_bytes.min(1 << 32);
     // A loop without closures: those have no tier, and its instructions would be calls in them.
     for k in (0..count).step_by(4) {

@@ -50,7 +50,7 @@ pub(super) struct ImagePlan {
     pub wanted: u8,
 }
 
-/// What descriptors are made of.
+/// The origin of descriptors.
 #[derive(Clone, Copy)]
 pub(super) enum DescriptorSource {
     /// Of an index, in a binding of the program's.
@@ -80,7 +80,7 @@ pub(super) struct Saved {
     pub input: bool,
 }
 
-/// What lives across a place where a wave can be suspended.
+/// The values that live across a place where a wave can be suspended.
 #[derive(Default)]
 pub(super) struct Live {
     pub saved: Vec<Saved>,

@@ -22,7 +22,7 @@ unsafe fn mask<'m>(m: &Machine<'_>, index: u32) -> &'m mut Mask {
     unsafe { &mut *m.masks.add(index as usize) }
 }
 
-/// Enters a construct: nobody is parked at label `x`.
+/// Enters a construct: no lane is parked at label `x`.
 ///
 /// # Safety
 /// As for every handler: the instruction was emitted for the program that the machine runs.

@@ -16,7 +16,7 @@ static NULL: Descriptor = Descriptor::NULL;
 
 /// A binding's entries in the set that is bound.
 pub(super) struct Entries {
-    /// What the entries are counted from.
+    /// The base that entries are counted from.
     table: DescriptorSet,
     first: u64,
     /// One past the last entry.

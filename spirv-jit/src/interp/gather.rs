@@ -1,8 +1,9 @@
 //! Loads and stores of scalars for a whole subgroup, in memory that its lanes share, in each instruction set.
 //!
-//! All lanes are looked at together: whether what they access is inside, and how it lies. Lanes that load the same, and lanes whose scalars
-//! lie one behind another, load once; else words of four lanes at a time are put together, and stored in registers as wide as the tier has:
-//! whoever reads the rows next need not wait for sixteen single stores.
+//! All lanes are checked together: whether their accesses are inside, and how they lie. Lanes that
+//! load the same address, and lanes with consecutive scalars, load once. Otherwise words are
+//! assembled four lanes at a time and stored in registers as wide as the tier's, so the next reader
+//! of the rows need not wait for sixteen single stores.
 
 use lanes::LaneMask;
 

@@ -29,7 +29,7 @@ pub(super) fn fits(operand_rows: usize, result_rows: usize) -> bool {
     operand_rows <= MAX_OPERAND_ROWS && result_rows <= MAX_RESULT_ROWS
 }
 
-/// What performs an operation in a tier.
+/// The handler of an operation in a tier.
 pub(super) fn handler(tier: TierKind, op: &ImageOp) -> Handler {
     match tier {
         #[cfg(target_arch = "x86_64")]
@@ -400,7 +400,7 @@ unsafe fn both(m: &Machine<'_>, plan: &ImagePlan, subgroup: u16) -> Option<(u64,
     }
 }
 
-/// What two descriptors are to a sample, if the short way serves.
+/// The combined description of two descriptors for a sample, if the fast path applies.
 ///
 /// # Safety
 /// As [`block`]: the addresses are an active lane's.

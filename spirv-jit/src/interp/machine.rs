@@ -60,7 +60,7 @@ pub(crate) struct Code {
     pub(super) physical: Vec<PhysicalAccess>,
     /// Words of tables, and zeros behind them.
     pub(super) tables: Vec<Vec<u32>>,
-    /// What stretches of native code are in.
+    /// The pages of native stretches.
     pub(super) native: Option<Executable>,
     /// Constants: the first uniform rows.
     pub(super) constants: Vec<AlignedRow>,

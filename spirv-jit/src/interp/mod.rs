@@ -44,7 +44,7 @@ pub(crate) use machine::Code;
 pub use machine::MAX_SUBGROUPS;
 use machine::{Machine, Mask, NO_LANES};
 
-/// What a frame's rows may take, in bytes, before they leave the nearest cache.
+/// The size of a frame's rows, in bytes, that fits the nearest cache.
 const FRAME_BYTES: usize = 40 << 10;
 
 /// A worker's hot memory: slots of the program that is running. One per thread, reused for every program.

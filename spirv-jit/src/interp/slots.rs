@@ -100,7 +100,7 @@ struct Ending {
     newest: Vec<u32>,
     /// By range: the one before it in its half-step, plus one.
     before: Vec<u32>,
-    /// What ends before this half-step has been taken.
+    /// Intervals that end before this half-step have been taken.
     taken: u32,
 }
 

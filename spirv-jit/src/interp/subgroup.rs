@@ -86,7 +86,7 @@ impl Kernel for Word {
     }
 }
 
-/// What [`perform`] gives to every lane.
+/// The word that [`perform`] gives to every lane.
 #[inline(always)]
 fn word(plan: &SubgroupPlan, a: &Row, mask: LaneMask) -> u32 {
     match plan.op {
@@ -286,7 +286,7 @@ fn combine(op: ReduceOp, ty: Type, x: u64, y: u64) -> u64 {
     }
 }
 
-/// What changes nothing when combined.
+/// The identity element of the operation.
 fn identity(op: ReduceOp, ty: Type) -> u64 {
     let ones = match ty.bits() {
         1 => u32::MAX as u64,

@@ -1,4 +1,5 @@
-//! The sample of a program that does little else ([`Tinted`]), for whoever has its inputs: the same bits as the program's.
+//! The sample of a program that does little else ([`Tinted`]), computed from the program's inputs:
+//! the same bits as the program's.
 
 use super::descriptors::Entries;
 use super::images::{derivatives, put_derivatives, resolve};
@@ -17,7 +18,7 @@ pub struct Sampling<'a> {
 }
 
 impl<'a> Sampling<'a> {
-    /// What a program samples in an environment; none where it takes the program.
+    /// The sample of a program in an environment; none if the program has to run.
     ///
     /// # Safety
     /// What the environment points to stays there for the lifetime, as [`Program::run`](crate::Program::run) has it.

@@ -6,7 +6,7 @@
 //! functions: numbers of seven bits a byte; bodies by the tags below
 //! ```
 //!
-//! What is decoded is well formed, not yet valid: see [`verify`](super::verify::verify).
+//! Decoded modules are well formed but not yet valid: see [`verify`](super::verify::verify).
 
 use foldhash::HashMap;
 
@@ -31,7 +31,7 @@ const TYPES: [Type; 9] = [
     Type::Descriptor,
 ];
 
-/// What comes next in a body. The terminators end it.
+/// The tag of the next item in a body. Terminators end the body.
 const INST: u8 = 0;
 const BLOCK: u8 = 1;
 const IF: u8 = 2;

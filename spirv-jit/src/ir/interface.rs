@@ -1,4 +1,5 @@
-//! What vertex and fragment stages hand each other and the rasterizer: rows of inputs and outputs, and facts of a fragment shader.
+//! The interface between vertex stage, fragment stage and rasterizer: rows of inputs and outputs,
+//! and facts of a fragment shader.
 //!
 //! The text form of each is one word with points in it; [`fmt::Display`] and [`std::str::FromStr`] are inverse to each other.
 
@@ -95,7 +96,7 @@ pub enum OutputRow {
     SampleMask,
 }
 
-/// What a shader promises of the depth that it writes (`DepthGreater` and its kin).
+/// The promise of a shader about the depth that it writes (`DepthGreater` and others).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum DepthMode {
     Any,
@@ -113,7 +114,7 @@ pub enum Interlock {
     SampleUnordered,
 }
 
-/// What the rasterizer must know of a fragment shader.
+/// The facts of a fragment shader that the rasterizer needs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FragmentFacts {
     /// `EarlyFragmentTests`.

@@ -41,7 +41,7 @@ pub enum Node {
     },
 }
 
-/// What ends a body.
+/// The end of a body.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Terminator {
     /// Leave the labelled block or `if`, or start the labelled loop's next iteration.
@@ -86,8 +86,9 @@ pub struct Function {
     pub body: Body,
 }
 
-/// What one 32-bit row of an invocation's input record holds. `Builtin` components are counted in 32-bit words: component `2 * i + 1` of a
-/// 64-bit builtin is the high half of its `i`th element; matrix builtins count column-major.
+/// The contents of one 32-bit row of an invocation's input record. `Builtin` components are counted
+/// in 32-bit words: component `2 * i + 1` of a 64-bit builtin is the high half of its `i`th
+/// element; matrix builtins count column-major.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum InputRow {
     Builtin(Builtin, u8),
@@ -117,7 +118,7 @@ pub struct Module {
     pub functions: Vec<Function>,
     /// Rows of the input record that the module reads, by [`Op::Input`] index.
     pub inputs: Vec<InputRow>,
-    /// What ray queries' objects hold behind their fixed rows (see [`crate::query`]).
+    /// The contents of ray query objects after their fixed rows (see [`crate::query`]).
     pub query_words: Vec<QueryWord>,
     /// Words that `end` takes. By stage: any-hit: verdict (0 accept, 1 ignore, 2 accept and terminate the ray), then payload words; closest
     /// hit and miss: payload words; callable: callable data words; intersection, ray generation and compute: none.

@@ -189,7 +189,7 @@ macro_rules! elementwise_ops {
     };
 }
 
-/// What an operation does besides giving results.
+/// The effect of an operation besides its results.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Effect {
     /// Nothing, and the same operands give the same results anywhere in the invocation.
@@ -296,7 +296,8 @@ macro_rules! define_ops {
             /// payload…) -> (payload…)`; each word i32 or f32. To a hit object no closest-hit or miss shader runs, and the results begin with
             /// the words that [`TRACED`](crate::hit_object::TRACED) lists.
             TraceRay(Trace) "" Yield;
-            /// What the scheduler knows of a hit: `(9 words) -> (words…)`, see [`Fact`](crate::facts::Fact).
+            /// A fact that the scheduler has about a hit: `(9 words) -> (words…)`, see
+            /// [`Fact`](crate::facts::Fact).
             HitObjectGet(Fact) "hit_object_get" Yield;
             }
         }
@@ -373,7 +374,7 @@ pub struct Access {
 }
 
 impl Access {
-    /// That nobody else looks at, and that needs no alignment.
+    /// An access to memory that no other invocation uses, and that needs no alignment.
     pub fn plain(space: Space) -> Self {
         Self {
             space,

@@ -1,4 +1,5 @@
-//! Programs that compute nothing: each of their outputs is a constant or a row of their inputs. Whoever has the inputs has the outputs, too.
+//! Programs that compute nothing: each of their outputs is a constant or a row of their inputs. The
+//! outputs can be computed without running the program.
 
 #![forbid(unsafe_code)]
 
@@ -7,7 +8,7 @@ use std::collections::HashMap;
 use super::module::{Module, Node, Terminator};
 use super::{Op, Value};
 
-/// What an output is that is not computed.
+/// The source of an output that is not computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Passed {
     Constant(u32),

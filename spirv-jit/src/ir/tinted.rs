@@ -1,5 +1,6 @@
-//! Programs that do no more than sample one image, once, and multiply what they find: textured triangles and the boxes of interfaces.
-//! Whoever has the inputs and samples has the outputs, too.
+//! Programs that only sample one image, once, and multiply the texel: textured triangles and the
+//! boxes of user interfaces. The outputs can be computed from the inputs and the sample without
+//! running the program.
 
 #![forbid(unsafe_code)]
 
@@ -18,7 +19,7 @@ pub struct Bound {
     pub index: u32,
 }
 
-/// What such a program does.
+/// The description of such a program.
 #[derive(Clone, Debug)]
 pub struct Tinted {
     /// A sample of a 2D image at the derivatives of its coordinates.
@@ -42,7 +43,7 @@ pub enum Tint {
     Product(u8, Passed),
 }
 
-/// What a value is.
+/// The origin of a value.
 #[derive(Clone, Copy)]
 enum Known {
     Output(Tint),
@@ -51,7 +52,7 @@ enum Known {
     Slope(usize, Value),
 }
 
-/// What a module does, if that is all.
+/// The description of a module, if it does nothing else.
 pub fn tinted(module: &Module) -> Option<Tinted> {
     let body = &module.functions.first()?.body;
     let mut finder = Finder::default();

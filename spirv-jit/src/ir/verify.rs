@@ -65,7 +65,7 @@ pub fn verify(module: &Module) -> Result<(), String> {
     check_call_graph(module)
 }
 
-/// What a `br` to a label may find.
+/// The expectation of a `br` to a label.
 #[derive(Clone)]
 enum Target<'a> {
     Unused,
@@ -316,7 +316,8 @@ fn check_inputs(module: &Module) -> Result<(), String> {
     Err("an input row that the stage does not have".into())
 }
 
-/// What the schedulers of a stage's programs can answer, and the memory that those have.
+/// Checks that the scheduler of the stage's programs can answer the operation, and that they have
+/// its memory.
 fn check_stage(stage: Stage, op: &Op) -> Result<(), String> {
     let traces = matches!(
         stage,

@@ -32,7 +32,7 @@ impl Node {
         first.into_iter().chain(second).map(|body| &mut **body)
     }
 
-    /// What the node itself uses: operands, a condition, or a loop's first parameters.
+    /// The values that the node itself uses: operands, a condition, or a loop's first parameters.
     pub fn operands(&self) -> &[Value] {
         match self {
             Node::Inst(inst) => &inst.args,
@@ -92,7 +92,7 @@ impl Node {
 }
 
 impl Terminator {
-    /// What it takes along.
+    /// The values that it passes on.
     pub fn operands(&self) -> &[Value] {
         match self {
             Terminator::Br(_, args) | Terminator::Return(args) | Terminator::End(args) => args,

@@ -1,5 +1,5 @@
-//! Compute shaders whose invocations cannot tell which others are in their subgroup. Whoever runs
-//! those may fill subgroups with several small workgroups.
+//! Compute shaders whose invocations cannot observe their subgroup partners. Their subgroups may be
+//! filled with several small workgroups.
 
 #![forbid(unsafe_code)]
 

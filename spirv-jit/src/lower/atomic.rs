@@ -80,7 +80,7 @@ impl Lowerer<'_> {
             Place::Shared { .. } => Space::Shared,
             Place::Buffer { .. } => Space::Buffer,
             Place::Global { .. } => Space::Global,
-            // Memory of one lane: nobody is in between.
+            // Memory of one lane: no other lane can intervene.
             Place::Local { .. } | Place::Private { .. } => {
                 return self.private_atomic(pointer, op, arguments).map(Some);
             }

@@ -18,7 +18,7 @@ pub(super) struct Builder {
     nodes: Vec<Node>,
     constants: HashMap<(Type, u64), Value>,
     references: HashMap<(DescriptorBinding, u32), Value>,
-    /// What references name, where that is known: visible wherever the reference is.
+    /// The descriptors that references name, if known: visible wherever the reference is.
     named: HashMap<Value, Value>,
     /// Visible everywhere: constants, and descriptors at constant indices with their references.
     head: Vec<Node>,

@@ -28,7 +28,7 @@ const LARGE: usize = 400;
 /// Scalars that a call may take or give.
 const MAX_CARRIED: u64 = 128;
 
-/// What a function and its callees do.
+/// The effects of a function and its callees.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Summary {
     /// Instructions if lowered in place.
@@ -126,7 +126,7 @@ impl Lowerer<'_> {
         })
     }
 
-    /// What a function and its callees do. The call graph has no cycles and bounded depth.
+    /// The effects of a function and its callees. The call graph has no cycles and bounded depth.
     fn summary(&mut self, function: Id) -> Result<Rc<Summary>, Error> {
         if let Some(summary) = self.summaries.get(&function) {
             return Ok(summary.clone());

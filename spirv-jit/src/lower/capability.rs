@@ -1,4 +1,4 @@
-//! What a module may ask for: what the device has enabled, and what lowering can express.
+//! Capabilities that a module may declare: those of enabled features that lowering can express.
 
 use rspirv::spirv::Capability;
 
@@ -9,7 +9,7 @@ use crate::request::CompileRequest;
 /// Implied by every shader; applications do not enable them.
 const ALWAYS: &[Capability] = &[Capability::Shader, Capability::Matrix];
 
-/// What this front end lowers.
+/// Capabilities that this front end lowers.
 const SUPPORTED: &[Capability] = &[
     Capability::Matrix,
     Capability::Shader,

@@ -4,7 +4,7 @@ use rspirv::spirv::Op;
 
 use crate::facts::Fact;
 
-/// What a getter of a ray query's intersection reads.
+/// The fact that a getter of a ray query's intersection reads.
 pub(super) fn of_query(opcode: Op) -> Option<Fact> {
     Some(match opcode {
         Op::RayQueryGetIntersectionTypeKHR => Fact::IntersectionType,
@@ -37,7 +37,7 @@ pub(super) fn of_query(opcode: Op) -> Option<Fact> {
     })
 }
 
-/// What a getter of a hit object asks the scheduler for: the first words of it, as many as its result has.
+/// The fact that a getter of a hit object queries: its first words, as many as the result has.
 pub(super) fn of_hit_object(opcode: Op) -> Option<Fact> {
     Some(match opcode {
         Op::HitObjectGetSpherePositionNV | Op::HitObjectGetLSSPositionsNV => Fact::SweptPositions,

@@ -1,4 +1,4 @@
-//! What is kept of a function while it is lowered.
+//! The state of a function during lowering.
 
 #![forbid(unsafe_code)]
 
@@ -11,7 +11,7 @@ use super::values::{Pointer, Val};
 use crate::ir::{Label, VariableId};
 use crate::parse::Id;
 
-/// What a function of the IR gives back behind its result.
+/// The values that a function of the IR returns after its result.
 pub(super) struct GivenBack {
     pub(super) pointers: Vec<Pointer>,
     pub(super) carried: Rc<[Id]>,

@@ -341,7 +341,7 @@ impl<'a> Lowerer<'a> {
             Op::Kill | Op::TerminateInvocation => {
                 if self.request.stage == Stage::Fragment {
                     self.b.emit_effect(ir::Op::Demote, &[])?;
-                    // Nobody looks at the outputs of a helper.
+                    // The outputs of a helper are unused.
                     return Ok(Terminator::Unreachable);
                 }
                 self.end_invocation(super::interface::Verdict::Accept)

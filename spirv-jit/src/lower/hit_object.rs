@@ -13,7 +13,7 @@ use crate::ir::stage::Stage;
 use crate::ir::{self, Type, Value};
 use crate::parse::{Id, Instruction};
 
-/// What an instruction does to a hit object.
+/// The effect of an instruction on a hit object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Action {
     Trace {

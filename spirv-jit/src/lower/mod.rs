@@ -123,12 +123,12 @@ struct Lowerer<'a> {
     b: Builder,
     /// Functions that are being lowered, innermost last.
     frames: Vec<Frame>,
-    /// What ids are, of all frames, innermost last.
+    /// The values of ids, of all frames, innermost last.
     values: IdTable<Val>,
     locals: Vec<Local>,
     /// Per-lane memory of module variables, made at their first use.
     module_locals: HashMap<Id, usize>,
-    /// What each row of an input or output variable is.
+    /// The contents of each row of an input or output variable.
     interfaces: HashMap<Id, Rc<[InterfaceWord]>>,
     /// Copies of inputs in per-lane memory, for computed indices.
     input_locals: HashMap<(Id, Evaluation), usize>,
@@ -145,7 +145,7 @@ struct Lowerer<'a> {
     output_variables: Vec<Id>,
     /// Input attachments are read.
     reads_attachments: bool,
-    /// What ray queries' objects hold behind their fixed rows, in order.
+    /// The contents of ray query objects after their fixed rows, in order.
     query_words: Vec<QueryWord>,
     /// `RayTmaxKHR` of an intersection shader that reads it.
     ray_tmax: Option<ir::VariableId>,

@@ -17,7 +17,7 @@ use crate::query::{QueryWord, row, state};
 pub(super) const COMMITTED_TRIANGLE: u32 = 1;
 pub(super) const COMMITTED_GENERATED: u32 = 2;
 
-/// What a hit object takes from the committed intersection.
+/// The fields that a hit object takes from the committed intersection.
 const RECORDED: [Fact; 8] = [
     Fact::IntersectionType,
     Fact::T,
@@ -44,7 +44,7 @@ pub(super) fn is_ray_query(opcode: Op) -> bool {
     ) || facts::of_query(opcode).is_some()
 }
 
-/// What a candidate becomes when it is committed: all that there is twice, but for what the shader decides.
+/// The candidate fields copied to the committed hit, except those the shader supplies.
 fn is_copied(word: QueryWord, of_triangles: bool) -> bool {
     match word.fact {
         Fact::IntersectionType | Fact::AabbOpaque => false,

@@ -43,7 +43,7 @@ enum WordPlace {
     BuiltIn(BuiltIn, u32),
 }
 
-/// What decorations say of a varying, and of a colour's index.
+/// Decorations of a varying, and of a colour's index.
 #[derive(Clone, Copy, Debug)]
 struct Interpolation {
     flat: bool,
@@ -142,7 +142,7 @@ impl Lowerer<'_> {
         matches!(self.request.stage, Stage::Vertex | Stage::Fragment)
     }
 
-    /// What each row of a variable's value is.
+    /// The contents of each row of a variable's value.
     pub(super) fn interface_words(&mut self, id: Id) -> Result<Rc<[InterfaceWord]>, Error> {
         if let Some(words) = self.interfaces.get(&id) {
             return Ok(words.clone());
@@ -610,7 +610,7 @@ impl Lowerer<'_> {
         Ok(())
     }
 
-    /// What execution modes and outputs say of a fragment shader.
+    /// The facts of a fragment shader from execution modes and outputs.
     pub(super) fn fragment_facts(&self) -> Option<FragmentFacts> {
         if self.request.stage != Stage::Fragment {
             return None;

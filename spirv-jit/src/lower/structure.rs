@@ -21,7 +21,7 @@ pub(super) type LabelIndex = usize;
 /// A block of the SPIR-V function.
 pub(super) type BlockIndex = usize;
 
-/// What an `if` of the plan tests.
+/// The condition of an `if` of the plan.
 #[derive(Clone, Debug)]
 pub(super) enum Condition {
     /// A boolean id.
@@ -34,7 +34,7 @@ pub(super) enum Condition {
 pub(super) enum Step {
     /// The instructions of a block, without its terminator.
     Code(BlockIndex),
-    /// What phis of the second block take when coming from the first.
+    /// The arguments of the second block's phis for an edge from the first.
     Edge(BlockIndex, BlockIndex),
     Block {
         label: LabelIndex,

@@ -140,7 +140,7 @@ impl Types {
         }
     }
 
-    /// What an index selects from a composite; structures need to know which member.
+    /// The element type that an index selects from a composite; structures need the member.
     pub fn element(&self, id: Id, member: Option<u32>) -> Result<Id, Error> {
         match self.kind(id)? {
             TypeKind::Vector { component, .. } => Ok(*component),
@@ -425,7 +425,7 @@ impl Types {
     }
 }
 
-/// What a logical pointer is when it must be a value: in a phi, a selection, or a call that is not inlined.
+/// The value form of a logical pointer: in a phi, a selection, or a call that is not inlined.
 pub(super) fn pointer_leaves(class: StorageClass) -> &'static [Type] {
     match class {
         StorageClass::PhysicalStorageBuffer | StorageClass::ShaderRecordBufferKHR => &[Type::I64],

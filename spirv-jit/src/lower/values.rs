@@ -1,4 +1,5 @@
-//! What a SPIR-V id is while lowering: scalars, or a pointer whose place is known at compile time.
+//! The meaning of a SPIR-V id during lowering: scalars, or a pointer whose location is known at
+//! compile time.
 
 use std::rc::Rc;
 
@@ -88,7 +89,7 @@ pub(super) enum Place {
         offset: Option<Value>,
         constant: u32,
     },
-    /// What a buffer descriptor covers.
+    /// The range of a buffer descriptor.
     Buffer {
         reference: Value,
         offset: Option<Value>,

@@ -323,7 +323,7 @@ impl Allocation<'_> {
         self.values[value as usize].keep && self.results.contains(&value)
     }
 
-    /// Behind an operation: stores what is kept of it, and forgets what nobody uses.
+    /// After an operation: stores kept values and forgets unused ones.
     fn end_operation(&mut self) -> Result<(), TooManyLive> {
         for value in std::mem::take(&mut self.results) {
             if self.values[value as usize].keep {

@@ -29,7 +29,7 @@ pub(crate) fn group(module: &mut Module, encoding: Encoding) {
     }
 }
 
-/// What is known of a function.
+/// The facts about a function's values.
 struct Known<'f> {
     types: &'f [Type],
     constants: HashMap<Value, u64>,

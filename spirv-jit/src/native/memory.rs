@@ -17,7 +17,7 @@ impl Executable {
     /// `None` where the system gives no such memory: too little of it, or a policy (SELinux, seccomp) against executable pages.
     pub fn new(code: &[u8]) -> Option<Executable> {
         let length = code.len().max(1);
-        // SAFETY: new pages, of which nobody knows yet; they are as long as what is copied there.
+        // SAFETY: new pages, which no other code knows yet; they are as long as the copied code.
         unsafe {
             let start = libc::mmap(
                 std::ptr::null_mut(),
@@ -50,7 +50,7 @@ impl Executable {
 
 impl Drop for Executable {
     fn drop(&mut self) {
-        // SAFETY: mapped by `new`; whoever runs the code holds the program that owns it.
+        // SAFETY: mapped by `new`; the caller that runs the code holds the program that owns it.
         unsafe { libc::munmap(self.start.as_ptr(), self.length) };
     }
 }

@@ -26,7 +26,7 @@ pub(crate) struct Place {
     pub value: Value,
     pub ty: Type,
     pub row: Row,
-    /// What it always is.
+    /// Its constant value.
     pub constant: Option<u64>,
 }
 

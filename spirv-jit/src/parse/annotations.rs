@@ -10,7 +10,7 @@ use crate::Error;
 /// A decoration's enumerant and its first literal (0 where it has none).
 type Note = (u32, u32);
 
-/// What `OpName`, `OpDecorate` and their kin say about ids and members.
+/// Decorations and names of ids and members (`OpName`, `OpDecorate` and others).
 #[derive(Default)]
 pub struct Annotations {
     names: HashMap<Id, String>,

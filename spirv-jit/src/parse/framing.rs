@@ -1,4 +1,4 @@
-//! What must hold before the grammar is looked at: header, word counts, and the operations of specialization constants.
+//! Checks before the grammar: header, word counts, and the operations of specialization constants.
 
 use rspirv::spirv::{self, Op};
 

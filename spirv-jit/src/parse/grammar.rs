@@ -1,6 +1,7 @@
 //! Instructions held against the grammar: `rspirv`'s tables, walked in place.
 //!
-//! What a walk cannot judge (operand kinds that shaders hardly have) or does not like goes to `rspirv`'s parser, instruction by instruction.
+//! Operand kinds that a walk does not handle, and instructions that it rejects, go to `rspirv`'s
+//! parser, instruction by instruction.
 
 use std::sync::OnceLock;
 
@@ -40,8 +41,8 @@ pub(super) fn entry(opcode: u32) -> Option<&'static Entry<'static>> {
         .copied()
 }
 
-/// What the specification calls an opcode, without the `Op` in front. The grammar has the names; those of `Op`'s `Debug` are code of 18 KB
-/// for each crate and unit that asks.
+/// The specification's name of an opcode, without `Op` in front. The grammar has the names; those
+/// of `Op`'s `Debug` are code of 18 KB for each crate and unit that uses them.
 pub(crate) fn opcode_name(opcode: Op) -> &'static str {
     entry(opcode as u32).map_or("?", |entry| entry.opname)
 }
@@ -63,7 +64,7 @@ pub(super) struct Head {
     pub words: u32,
 }
 
-/// What literals depend on: how many bits the type has that an id is, or is of.
+/// The bit widths on which literals depend: those of types and of the types of ids.
 #[derive(Default)]
 pub(super) struct Widths {
     types: HashMap<Id, u32>,
@@ -127,7 +128,7 @@ impl<'a> Walk<'a> {
 
     /// An instruction as it stands.
     pub fn instruction(mut self, entry: &Entry<'_>) -> Result<Head, Stop> {
-        // What only people read may be in any encoding.
+        // Text for people may have any encoding.
         self.readable = matches!(
             entry.opcode,
             Op::Name

@@ -47,7 +47,7 @@ struct Linear {
     constant: u64,
 }
 
-/// What is known about a value.
+/// Facts about a value.
 #[derive(Clone, Copy, Default)]
 struct Known {
     /// How many instructions stand before the one that gives it; 0 for results and parameters of constructs.
@@ -56,7 +56,7 @@ struct Known {
     linear: Option<Linear>,
 }
 
-/// What loads share that may be combined.
+/// The properties that loads must share to be combined.
 #[derive(PartialEq, Eq, Hash)]
 struct Family {
     space: Space,

@@ -1,4 +1,5 @@
-//! What an operation costs in all lanes, in units of a simple one. Only comparisons between such sums mean anything.
+//! The cost of an operation in all lanes, in units of a simple one. Only comparisons between such
+//! sums are meaningful.
 
 use crate::ir::Op;
 

@@ -1,8 +1,8 @@
-//! What operations and constructs may do to memory.
+//! Memory effects of operations and constructs.
 
 use crate::ir::{Body, Node, Op, Space};
 
-/// What may have changed after something ran.
+/// The memory that may have changed.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Effects {
     /// Per-lane memory.

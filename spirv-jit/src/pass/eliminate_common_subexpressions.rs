@@ -75,7 +75,7 @@ struct Eliminator<'a> {
     entries: Vec<Entry>,
     /// Operands and results of the entries.
     values: Vec<Value>,
-    /// What moves to the head of the function.
+    /// Nodes that move to the head of the function.
     head: Vec<Node>,
     dispatch_wide: HashMap<(Op, Type), Value>,
     memory: Epochs,

@@ -1,5 +1,5 @@
-//! What no effect depends on: instructions, results and parameters of constructs, stores to rows that nobody reads, functions
-//! that nobody calls, variables and input rows without a use.
+//! Removes code without effect: instructions, results and parameters of constructs, stores to rows
+//! that are never read, functions that are never called, unused variables and input rows.
 
 use super::row_index::RowIndex;
 use super::substitution::{Substitution, rewrite_function};
@@ -79,7 +79,7 @@ impl ReadRows {
     }
 }
 
-/// Who needs whom: per value, the list of values that it is made from.
+/// The use graph: for each value, the values that it is computed from.
 struct UseGraph {
     /// First entry in `edges`, plus one.
     first: Vec<u32>,

@@ -1,8 +1,8 @@
-//! What a module has, by which passes are left out that would find nothing to do.
+//! The features of a module, by which passes without work are skipped.
 
 use crate::ir::{Module, Node, Op};
 
-/// What occurs in some function.
+/// The features that occur in some function.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Features {
     /// `var_address`.

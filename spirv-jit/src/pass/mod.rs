@@ -38,7 +38,7 @@ pub struct Pass {
     run: Run,
 }
 
-/// What a pass looks at.
+/// The scope of a pass.
 enum Run {
     Module(fn(&mut Module)),
     Function(fn(&mut ir::Function)),
@@ -86,7 +86,7 @@ pub const PASSES: &[Pass] = &[
     pass!(Function, tabulate_variables, tabulate_variables),
 ];
 
-/// What runs last, once, whatever is left out: what they find, others rely on.
+/// Passes that always run last, once: later stages rely on their results.
 const LAST: &[Pass] = &[
     pass!(Module, trim_outputs, trim_outputs),
     pass!(Module, note_effects, note_effects),
@@ -97,10 +97,10 @@ pub fn names() -> impl Iterator<Item = &'static str> {
     PASSES.iter().chain(LAST).map(|pass| pass.name)
 }
 
-/// What runs when.
+/// Passes and their conditions.
 type Stages = &'static [(When, &'static [&'static str])];
 
-/// What runs before loops are unrolled.
+/// Passes before loops are unrolled.
 const BEFORE: Stages = &[
     (When::Addresses, &["simplify"]),
     (When::Addresses, ADDRESSES),
@@ -141,7 +141,7 @@ const ROUND: Stages = &[
     ),
 ];
 
-/// What runs after that. Loads whose results nobody uses are gone before others are combined.
+/// Passes after that. Loads with unused results are removed before others are combined.
 const AFTER: Stages = &[
     (When::Addresses, &["tabulate_variables"]),
     (When::Always, &["eliminate_dead_code", COMBINE]),
@@ -273,7 +273,8 @@ pub fn is_switch(name: &str) -> bool {
     name == "passes" || PASSES.iter().any(|pass| pass.name == name)
 }
 
-/// What the process wants of passes: names of those that are left out, and of those after which modules are printed.
+/// Requests of the process about passes: names of passes to skip, and of passes after which modules
+/// are printed.
 #[derive(Default)]
 struct Wishes {
     disabled: Vec<String>,

@@ -1,4 +1,5 @@
-//! What an optimised fragment shader does to the world: the rasterizer tests early where it may, and masks what it must.
+//! Effects of an optimised fragment shader, which allow early tests or require masks in the
+//! rasterizer.
 
 use crate::ir::{Module, Op, Space};
 

@@ -34,7 +34,7 @@ pub fn prune_parameters(function: &mut Function) {
     );
 }
 
-/// What has been passed to a construct for one of its values.
+/// The arguments passed to a construct for one of its values.
 #[derive(Clone, Copy, PartialEq)]
 enum Incoming {
     None,

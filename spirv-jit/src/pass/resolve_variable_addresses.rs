@@ -15,7 +15,7 @@ pub fn resolve_variable_addresses(function: &mut Function) {
     resolver.walk(&mut function.body);
 }
 
-/// What is known about an i32.
+/// Facts about an i32.
 #[derive(Clone, Copy)]
 enum Known {
     Nothing,

@@ -60,7 +60,7 @@ impl Simplifier {
     }
 
     fn simplify_body(&mut self, body: &mut Body) {
-        // What comes before the first construct stays where it is.
+        // Nodes before the first construct stay in place.
         let is_construct = |node: &Node| !matches!(node, Node::Inst(_));
         let first = body.nodes.iter().position(is_construct);
         let nodes = body.nodes.split_off(first.unwrap_or(body.nodes.len()));
@@ -287,7 +287,7 @@ impl Simplifier {
     }
 }
 
-/// What a body of pure operations gives its own construct.
+/// The values that a body of pure operations passes to its own construct.
 fn flat_exit(body: &Body, own: Label) -> Option<Vec<Value>> {
     let pure = |node: &Node| matches!(node, Node::Inst(inst) if inst.op.is_pure());
     match &body.end {

@@ -1,4 +1,4 @@
-//! What passes share that replace values and drop constructs' parameters.
+//! Shared by passes that replace values and drop constructs' parameters.
 
 use crate::ir::{Body, Function, Inst, Node, Terminator, Value};
 

@@ -30,7 +30,8 @@ pub fn tabulate_variables(function: &mut Function) {
     .body(&mut function.body);
 }
 
-/// What each variable holds from its last store on, if that is the same in all invocations and every other use is a load behind it.
+/// The contents of each variable from its last store on, if they are the same in all invocations
+/// and every other use is a later load.
 fn find(function: &Function) -> Vec<Option<Vec<u32>>> {
     let mut finder = Finder {
         function,

@@ -132,7 +132,8 @@ impl Unroller<'_> {
         self.constants.get(value.index()).copied().flatten()
     }
 
-    /// What the counter is in each iteration, the last being the one that leaves; `None` if that is not a few constants.
+    /// The counter's value in each iteration, the last being the one that leaves; `None` unless
+    /// these are a few constants.
     fn find_counts(
         &mut self,
         label: Label,

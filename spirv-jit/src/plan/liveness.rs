@@ -6,7 +6,8 @@
 //! loop's end; results of a construct live from the construct's start, since lanes write them while
 //! others are still inside; parameters of a loop live through all of it.
 //!
-//! What a descriptor that is live where a wave can be suspended was made of is live there, too.
+//! Values from which a descriptor is made live wherever the descriptor does, if a wave can be
+//! suspended there.
 //!
 //! Position `p` has two half-steps: operands that may share a row with the result are used at `2p`,
 //! others at `2p + 1`; results are defined at `2p + 1`.

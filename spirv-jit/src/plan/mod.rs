@@ -1,4 +1,4 @@
-//! What every tier needs to know of a program, from the IR alone.
+//! Facts about a program that every tier needs, from the IR alone.
 //!
 //! ```text
 //! ir ──> uniformity ──> liveness ──> state layout ──> save points
@@ -30,7 +30,7 @@ use crate::ir::op::SubgroupOp;
 use crate::ir::{Body, Function, Module, Node, Op};
 use crate::state::{SiteKind, StateLayout};
 
-/// What a running program needs, whichever tier runs it.
+/// The plan of a program, for every tier.
 #[derive(Debug, PartialEq)]
 pub(crate) struct Plan {
     pub layout: StateLayout,
@@ -56,7 +56,7 @@ pub(crate) struct Plan {
     end_of_points: u32,
 }
 
-/// What an emitter needs of a function.
+/// The plan of a function, for emitters.
 #[derive(Debug, PartialEq)]
 pub(crate) struct FunctionPlan {
     /// By value: the same in the whole dispatch.

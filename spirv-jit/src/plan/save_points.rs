@@ -21,7 +21,7 @@ pub(crate) struct Saved {
     pub input: bool,
 }
 
-/// What descriptors are made of.
+/// The origin of descriptors.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum DescriptorSource {
     /// Of an index, in a binding of the program's.
@@ -39,7 +39,7 @@ pub(crate) struct Remade {
     pub from: Value,
 }
 
-/// What lives across a place where a wave can be suspended.
+/// The values that live across a place where a wave can be suspended.
 #[derive(Debug, Default, PartialEq)]
 pub(crate) struct Live {
     pub saved: Vec<Saved>,
@@ -171,7 +171,7 @@ pub(super) fn find(planned: &mut Planned<'_>) -> Result<(), Error> {
             sources: HashMap::default(),
             inputs: HashMap::default(),
         };
-        // Fuel is burnt where a function begins, but for the entry, where states begin.
+        // Fuel is burnt at the start of each function, except the entry, where states begin.
         let live = match f {
             0 => Live::default(),
             _ => finder.live(

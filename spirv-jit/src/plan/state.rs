@@ -46,8 +46,9 @@ impl Plan {
     pub fn start(&self, state: &mut [AlignedRow], active: LaneMask, helpers: LaneMask) {
         let state = &mut state[..self.layout.rows];
         state[..self.layout.inputs].fill(AlignedRow::default());
-        // What a program may read or leave without having written it is the same on every run. Of operands and answers
-        // of yields only the columns of their lanes are read, which are written first.
+        // Rows that a program may read or return without writing them have the same contents on
+        // every run. Of operands and answers of yields only the columns of their lanes are read,
+        // which are written first.
         state[self.layout.io..][..self.output_rows].fill(AlignedRow::default());
         state[self.private..][..self.private_rows].fill(AlignedRow::default());
         state[0].0[1] = active.bits().into();

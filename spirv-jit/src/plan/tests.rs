@@ -10,8 +10,8 @@ fn plan_of(text: &str) -> Plan {
     plan(&module).unwrap().plan
 }
 
-/// What lives across the yield and the back-edge comes of operations that the interpreter performs
-/// in pairs.
+/// Operations that the interpreter performs in pairs compute the values that live across the yield
+/// and the back-edge.
 const PAIRS: &str = "module compute
     inputs local_invocation_index.0, subgroup_id.0
     func f0 {

@@ -11,7 +11,7 @@ use spirv_jit::{LaneMask, Program, Tier};
 
 const LANES: usize = 16;
 
-/// What one run may burn.
+/// The fuel of one run.
 const FUEL: u64 = 7;
 
 /// Words of the buffer that a program may write, per lane.
@@ -20,7 +20,7 @@ pub const WRITABLE_WORDS: usize = 16;
 /// Words of the buffer that it may only read, and of the push constants.
 pub const READABLE_WORDS: usize = 64;
 
-/// What a run shows.
+/// The observable outcome of a run.
 #[derive(Debug, PartialEq)]
 pub enum Outcome {
     Ended(Box<Seen>),
@@ -155,7 +155,7 @@ fn execute_program(
         descriptor(writable.as_mut_ptr(), writable.len()),
     ];
     let mut environment = Environment {
-        // What device addresses lead to.
+        // The memory that device addresses reach.
         reach: Arc::new(Reach::new(vec![Range {
             start: readable.as_ptr() as u64,
             size_bytes: 4 * readable.len() as u64,

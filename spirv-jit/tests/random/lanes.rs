@@ -1,4 +1,4 @@
-//! What lanes do with one another, and atomics.
+//! Operations across lanes, and atomics.
 
 use spirv_jit::ir::op::{Access, AtomicOp, ReduceOp, SubgroupOp};
 use spirv_jit::ir::{Node, Op, Type, Value};

@@ -285,7 +285,7 @@ impl Generator<'_> {
         self.labels.len()
     }
 
-    /// What is visible now, for [`Self::leave_scope`].
+    /// The values visible now, for [`Self::leave_scope`].
     fn scope(&self) -> usize {
         self.visible.len()
     }

@@ -120,7 +120,7 @@ impl Generator<'_> {
             _ => (int, other),
         };
         let value = self.pick(from, nodes);
-        // What the exponent of infinity or NaN is, nothing says.
+        // The exponent of infinity or NaN is unspecified.
         let value = match op {
             Op::FFrexpExponent => self.emit_one(Op::FFract, &[value], from, nodes),
             _ => value,

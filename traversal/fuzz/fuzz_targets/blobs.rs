@@ -47,7 +47,7 @@ fuzz_target!(|given: Given| {
     let walker = &mut walker(given.tier);
     given.writes.truncate(64);
     let rays: Vec<Ray> = given.rays.iter().map(|ray| ray.ray(ray.flags())).collect();
-    // What may be updated has no blocks.
+    // Updatable structures have no blocks.
     let flags = match given.kind / 4 % 2 {
         0 => BuildFlags::ALLOW_UPDATE,
         _ => BuildFlags::LOW_MEMORY,
@@ -98,7 +98,7 @@ fuzz_target!(|given: Given| {
         let _ = validate(&place);
     }
 
-    // The bottom level but for its header, and the top level's nodes but not its references.
+    // The bottom level without its header, and the top level's nodes without its references.
     let mut place = Bytes::new(compacted_size(&bottom).unwrap());
     compact_into(&bottom, &mut place).unwrap();
     corrupt(&mut place, HEADER, &given.writes);

@@ -1,4 +1,4 @@
-//! What both targets need: geometries from bytes, and walks to the end.
+//! Shared by both targets: geometries from bytes, and complete walks.
 
 use arbitrary::Arbitrary;
 use scenes::groups::Groups;

@@ -1,4 +1,5 @@
-//! What shaders and structures both know of lanes: which instruction set computes them, and which of them take part.
+//! Knowledge about lanes that shaders and structures share: the instruction set, and masks of
+//! active lanes.
 
 #![deny(unsafe_code)]
 

@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicU8, Ordering};
 /// An instruction set to compute with. The results are the same bits in each.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Tier {
-    /// What every machine has.
+    /// The baseline that every machine has.
     Portable,
     Avx2,
     /// AVX-512 with what came with it on servers: F, VL, DQ and BW.

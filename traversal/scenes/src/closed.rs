@@ -19,7 +19,7 @@ pub struct Family {
     shape: Shape,
 }
 
-/// What can be said about crossings whatever the ray.
+/// Statements about crossings that hold for any ray.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Shape {
     /// A ray from inside crosses it once and one from outside twice at most. What has slanted faces
@@ -301,7 +301,7 @@ pub const PLACEMENTS: [Placement; 4] = [
     },
 ];
 
-/// What went wrong with some rays.
+/// Errors of some rays.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Faults {
     pub rays: u64,
@@ -340,8 +340,8 @@ impl std::ops::AddAssign for Faults {
 /// Every how many rays whole numbers are asked about all triangles, too.
 const SAMPLE: usize = 1021;
 
-/// Sends rays from inside or outside at a family's mesh of this length, placed; in every way. None
-/// where nobody would know what they meet.
+/// Sends rays from inside or outside at a family's mesh of this length, placed, in every way of
+/// walking. Returns none if the right hits are unknown.
 pub fn faults(
     family: &Family,
     length: f64,
@@ -406,7 +406,7 @@ pub fn faults(
                 (Shape::Closed, inside) => found.len() % 2 == usize::from(inside),
                 (Shape::Open, _) => true,
             } && met.is_none_or(|met| met.crossings == found.len());
-            // What owns no part of a ray may be touched by it.
+            // A mesh that owns no part of a ray may still touch it.
             let some = start.closed && inside
                 || !found.is_empty()
                 || met.is_some_and(|met| met.nearest.is_some());

@@ -6,7 +6,7 @@ use traversal::*;
 /// Groups of rays, what became of them, and who decides on their candidates.
 pub struct Groups<D> {
     pub rows: Vec<RayRows>,
-    /// What starts in each group.
+    /// The rays of each group.
     pub starts: Vec<Start>,
     pub flights: Vec<Flight>,
     /// Decides on the candidates of a group; what it says nothing about is ignored.

@@ -15,7 +15,7 @@ pub struct Hard {
 pub struct Case {
     pub name: &'static str,
     pub title: &'static str,
-    /// What the columns are.
+    /// The meaning of the columns.
     pub across: &'static str,
     pub columns: &'static [f64],
     make: fn(f64, &mut Random, usize) -> Hard,
@@ -432,7 +432,7 @@ fn nested(count_of_triangles: f64, random: &mut Random, count: usize) -> Hard {
     })
 }
 
-/// What is wrong with an answer.
+/// The error of an answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fault {
     Missed,

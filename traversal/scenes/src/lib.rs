@@ -128,7 +128,7 @@ pub const QUALITIES: [u32; 4] = [
     BuildFlags::LOW_MEMORY,
 ];
 
-/// What memory a build takes, and a later update.
+/// The memory that a build and a later update need.
 pub fn sizes(input: &BuildInput<'_>) -> BuildSizes {
     fn counts<T>(list: &[T], count: impl Fn(&T) -> u32) -> Vec<u32> {
         list.iter().map(count).collect()

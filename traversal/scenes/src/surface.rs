@@ -22,7 +22,7 @@ const CERTAIN: f64 = 2.1e-15;
 /// Distances that are certain to this part of themselves need no whole numbers.
 const NEAR_ENOUGH: f64 = 1e-9;
 
-/// What a ray meets.
+/// The hits of a ray.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Met {
     /// Triangles that it crosses after its origin: [`exact::crossings`].
@@ -80,7 +80,7 @@ enum Sides {
     Unsure,
 }
 
-/// What f64 says about a point being inside.
+/// The position of a point by f64: inside, outside or uncertain.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Place {
     Inside,
@@ -142,7 +142,7 @@ impl<'a> Surface<'a> {
         self.mesh.indices[index].map(|i| self.seen[i as usize])
     }
 
-    /// What a ray of finite numbers meets from its origin on, whatever its interval.
+    /// The hits of a finite ray from its origin on, for any interval.
     pub fn meet(&mut self, ray: &Ray) -> Met {
         let direction = wide(ray.direction);
         self.look(wide(ray.origin), direction);

@@ -10,7 +10,7 @@ use super::tree::{BinaryNode, children, children_mut};
 use crate::layout::WIDTH;
 use crate::pool::in_pool;
 
-/// What a step of the walk costs.
+/// The cost of a step of the walk.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Costs {
     /// Testing the children of a node.
@@ -214,7 +214,7 @@ fn measure(
     1 + depth
 }
 
-/// What a child of a wide node takes.
+/// The sizes of a wide node's children.
 #[derive(Clone, Copy)]
 struct Sizes {
     nodes: u32,

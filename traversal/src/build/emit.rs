@@ -68,7 +68,7 @@ impl Target<'_> {
     /// Fills the units from `start` to `end`, which are there to be read after the last block.
     ///
     /// # Safety
-    /// They are inside the part, and nobody else writes or reads them.
+    /// They are inside the part, and no other thread reads or writes them.
     pub unsafe fn end_blocks(&self, start: u32, end: u32) {
         if self.form == Form::Blocks {
             let first = self.leaf_at::<[u8; BLOCK_UNIT]>(start);

@@ -1,11 +1,11 @@
-//! What stands before nodes and leaves: the header and the geometry table.
+//! The parts before nodes and leaves: the header and the geometry table.
 
 use super::Shape;
 use super::target::Target;
 use crate::input::{BuildInput, Geometries, GeometryFlags};
 use crate::layout::{Bounds, GeometryEntry, Header, MAGIC, VERSION, features, leaf_bytes};
 
-/// What was written of a structure.
+/// The written parts of a structure.
 pub(super) struct Written {
     pub node_count: u32,
     pub leaf_count: u32,

@@ -273,7 +273,7 @@ fn grow(
         Kind::Triangles => (GROUP as u32, LEAF_TRIANGLES as u32),
         _ => (1, 1),
     };
-    // What is tested at once stays together.
+    // Primitives that are tested at once stay together.
     let leaf_forced = if flags.contains(BuildFlags::LOW_MEMORY) {
         leaf_max
     } else {
@@ -302,10 +302,10 @@ fn grow(
     }
 }
 
-/// What it costs to test the children of a node.
+/// The cost of testing the children of a node.
 const NODE_COST: f32 = 1.0;
 
-/// What it costs to test a block of what a leaf holds.
+/// The cost of testing a block of a leaf.
 fn block_cost(kind: Kind) -> f32 {
     match kind {
         // Cheap blocks make fuller leaves; between 0.5 and 2 the walk does not feel the difference.

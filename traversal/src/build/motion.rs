@@ -20,7 +20,7 @@ impl MotionGeometry {
         unsafe { Some([self.start.triangle(index)?, end.triangle(index)?]) }
     }
 
-    /// What a structure keeps of a triangle; one that is inactive is nowhere.
+    /// The structure's entry for a triangle; an inactive triangle lies nowhere.
     ///
     /// # Safety
     /// As [`Self::triangles`].

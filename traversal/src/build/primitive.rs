@@ -1,4 +1,4 @@
-//! What the builders sort: a box around each active primitive, and which one it is.
+//! The builders' input: a box around each active primitive, and the primitive's index.
 
 use super::motion::motion_bounds;
 use super::swept::swept_bounds;
@@ -85,7 +85,7 @@ const COORDINATES: [u32; 8] = [!0, !0, !0, 0, !0, !0, !0, 0];
 /// Primitives handled by one task.
 pub(crate) const CHUNK: usize = 4096;
 
-/// What [`collect`] found.
+/// The result of [`collect`].
 pub(crate) struct Collected {
     /// Number of active primitives.
     pub count: usize,

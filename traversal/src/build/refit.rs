@@ -202,7 +202,7 @@ unsafe fn leaf_bounds(target: &Target<'_>, index: u32, groups: u32) -> Bounds {
     }
 }
 
-/// What a structure is like after its boxes were refitted.
+/// Facts about a structure whose boxes were refitted.
 #[derive(Clone, Copy)]
 pub(crate) struct Refitted {
     pub bounds: Bounds,
@@ -213,7 +213,8 @@ pub(crate) struct Refitted {
 /// Recomputes every box, children before parents.
 ///
 /// # Safety
-/// The target has so many nodes and leaves, nobody else has them, and the geometries' memory is readable.
+/// The target has so many nodes and leaves, no other thread uses them, and the geometries' memory
+/// is readable.
 pub(crate) unsafe fn refit(target: &Target<'_>, nodes: u32, leaves: u32) -> Refitted {
     // SAFETY: the caller's promise.
     unsafe { visit::<true>(target, nodes, leaves) }

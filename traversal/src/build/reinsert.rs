@@ -19,7 +19,7 @@ pub(crate) struct Piece {
     corners: Corners,
     area: f32,
     parent: u32,
-    /// The root's index, which is nobody's child, if there are none.
+    /// The root's index, which is never a child, if there are no children.
     children: [u32; 2],
     /// Of a subtree that hangs there: where its nodes are.
     nodes: u32,
@@ -41,7 +41,7 @@ const MOST: u64 = 16384;
 const ROUNDS: usize = 3;
 /// From one look at the tree's top for what is large to the next.
 const FINER: f32 = 0.7;
-/// What is no smaller part of the cost of the tree's top is worth another round, and laying the tree out anew.
+/// Minimum share of the tree top's cost that is worth another round and a new tree layout.
 const WORTHWHILE: f32 = 0.01;
 /// Levels of the top, at most.
 const DEEPEST: usize = 128;
@@ -389,8 +389,9 @@ impl Piece {
     }
 }
 
-/// Pieces lie in the application's memory: whoever writes there during a build can make a ring of them, which must end in an error before the
-/// stack does. [`Top::is_too_deep`] has looked at all of them before.
+/// Pieces lie in the application's memory: a write there during a build can make a ring of them,
+/// which must end in an error before the stack overflows. [`Top::is_too_deep`] has checked all of
+/// them before.
 fn check_depth(level: usize) {
     assert!(level <= DEEPEST, "{WRITTEN}");
 }

@@ -1,11 +1,11 @@
-//! What a structure is like before it is built.
+//! The shape of a structure before it is built.
 
 use super::{BuildError, MAX_GEOMETRIES, MAX_PRIMITIVES};
 use crate::input::Geometries;
 use crate::layout::micromap_part_bytes;
 use crate::structure::Kind;
 
-/// What kind of structure an input makes, and how large.
+/// The kind and size of an input's structure.
 pub(crate) struct Shape {
     pub kind: Kind,
     pub geometries: u64,

@@ -74,7 +74,7 @@ impl Places {
     }
 }
 
-/// What a structure takes beyond [`build_sizes`] if a geometry has a micromap.
+/// Memory that a structure needs beyond [`build_sizes`] if a geometry has a micromap.
 pub fn micromap_bytes(max_primitive_counts: &[u32]) -> u64 {
     let count = max_primitive_counts.iter().map(|&c| u64::from(c)).sum();
     micromap_part_bytes(max_primitive_counts.len() as u64, count)
@@ -93,7 +93,7 @@ pub(super) fn structure_bytes(kind: Kind, geometries: u64, primitives: u64) -> u
     };
     let sparse = primitives * (leaf + node);
     let dense = primitives * each + extra;
-    // What is there without nodes and leaves, with the reference table of all instances.
+    // The size without nodes and leaves, with the reference table of all instances.
     let fixed = match kind {
         kind if kind.is_top() => {
             Parts::new(kind, Form::Groups, geometries, 0, primitives).leaves_offset
@@ -154,6 +154,6 @@ unsafe fn take<'a, T>(memory: &mut &'a mut [u8], count: u64) -> Option<&'a mut [
     let (taken, rest) = std::mem::take(memory).split_at_mut_checked(count * size_of::<T>())?;
     *memory = rest;
     debug_assert!(taken.is_empty() || taken.as_ptr().cast::<T>().is_aligned());
-    // SAFETY: long enough and nobody else's; every size before is a multiple of the alignment.
+    // SAFETY: long enough and exclusive; every size before is a multiple of the alignment.
     Some(unsafe { std::slice::from_raw_parts_mut(taken.as_mut_ptr().cast(), count) })
 }

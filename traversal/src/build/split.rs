@@ -109,7 +109,7 @@ impl Binning {
     }
 }
 
-/// What falls into each bin of each axis.
+/// The contents of each bin of each axis.
 struct Bins<const BINS: usize> {
     boxes: [[Corners; 3]; BINS],
     counts: [[u32; 4]; BINS],
@@ -193,7 +193,7 @@ pub(crate) fn choose<V: Vector, const BINS: usize>(
             bins.add::<V>(&binning, primitive);
         }
     }
-    // What the right side of each plane costs, on each axis; then both sides.
+    // The cost of the right side of each plane, on each axis; then of both sides.
     let mut right_cost = [V::four(0.0); BINS];
     let mut side = Side::<V>::new();
     for i in (1..BINS).rev() {
@@ -307,7 +307,7 @@ pub(crate) fn choose_quickly<V: Vector, const BINS: usize>(
     })
 }
 
-/// What one side of a plane costs.
+/// The cost of one side of a plane.
 #[inline(always)]
 fn cost(side: &Corners, count: u32, rules: &SplitRules) -> f32 {
     let blocks = (count + rules.block - 1) >> rules.shift();

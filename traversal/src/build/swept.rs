@@ -102,7 +102,7 @@ impl SweptGeometry {
 }
 
 impl SweptPrimitive {
-    /// What no ray meets.
+    /// A primitive that no ray hits.
     pub const NOTHING: SweptPrimitive = SweptPrimitive {
         positions: [[0.0; 3]; 2],
         radii: [0.0; 2],
@@ -136,7 +136,7 @@ impl SweptPrimitive {
         numbers.all(|c| c.is_finite())
     }
 
-    /// What the structure keeps of it.
+    /// The structure's entry for it.
     pub fn entry(&self, primitive: u32, geometry: u32, of: &SweptGeometry) -> SweptEntry {
         SweptEntry {
             positions: self.positions,

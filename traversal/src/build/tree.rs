@@ -29,7 +29,7 @@ pub(crate) struct BinaryNode {
     pub wide_nodes: u32,
     /// Leaves of the blob below, once planned.
     pub wide_leaves: u32,
-    /// What [`super::collapse`] decided.
+    /// The decisions of [`super::collapse`].
     pub decisions: [u8; 7],
     reserved: u8,
     /// How far away the right child is; 0 without children.
@@ -125,7 +125,7 @@ pub(crate) fn build_portable(
     subtree_portable(primitives, nodes, rules, extent, 0);
 }
 
-/// What all primitives extend over.
+/// The extent of all primitives.
 pub(crate) fn extent(primitives: &[Primitive]) -> Extent {
     #[cfg(target_arch = "x86_64")]
     if Tier::best() >= Tier::Avx2 {

@@ -140,7 +140,7 @@ unsafe impl Vector for Portable {
     }
 }
 
-/// What [`Vector::only_if`] raises numbers to: infinity makes a box nothing.
+/// The identity of [`Vector::only_if`]: infinity makes a box empty.
 const LEAST: [f32; 2] = [f32::INFINITY, f32::NEG_INFINITY];
 
 /// Where there is AVX2.

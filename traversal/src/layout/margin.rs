@@ -35,7 +35,7 @@ pub(crate) struct Margin {
 /// 2⁻²⁴.
 const UNIT: f32 = f32::EPSILON / 2.0;
 
-/// What is added to the slope for each unit of distance.
+/// The addition to the slope for each unit of distance.
 pub(crate) const MARGIN_RISE: f32 = 256.0 * UNIT * UNIT;
 
 impl Margin {

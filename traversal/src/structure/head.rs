@@ -35,7 +35,7 @@ pub(super) unsafe fn is_still(base: *const u8, header: &Header) -> bool {
     }
 }
 
-// What is not compared.
+// The fields that are not compared.
 const _: () = assert!(
     std::mem::offset_of!(Header, bounds) <= 96 && std::mem::offset_of!(Header, origin_error) == 112
 );

@@ -1,4 +1,4 @@
-//! What a structure knows of a hit.
+//! A structure's facts about a hit.
 
 use super::{Kind, Structure};
 use crate::layout::{Form, GROUP, LEAF_TRIANGLES, geometry_word};

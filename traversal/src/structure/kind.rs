@@ -1,6 +1,6 @@
 //! Kinds of structures.
 
-/// What a structure holds.
+/// The kind of a structure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u16)]
 pub enum Kind {

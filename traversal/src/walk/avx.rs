@@ -20,7 +20,7 @@ use crate::layout::{Block, GROUP, MARGIN_RISE, NodeAt, TriangleGroup, WIDTH};
 /// Eight boxes or four triangles in one vector. `WIDE`: with AVX-512.
 pub(crate) struct Avx<const WIDE: bool>;
 
-/// What triangle tests need of a ray, in every lane.
+/// The values of a ray that triangle tests need, in every lane.
 #[derive(Clone, Copy)]
 pub(crate) struct AvxShear {
     origin: [__m128; 3],
@@ -31,7 +31,7 @@ pub(crate) struct AvxShear {
     t_min: __m128,
 }
 
-/// What box tests need of a ray, in every lane; see [`Beams`].
+/// The values of a ray that box tests need, in every lane; see [`Beams`].
 #[derive(Clone, Copy)]
 pub(crate) struct AvxBeam {
     origin: [__m256; 3],

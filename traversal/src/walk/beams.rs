@@ -1,7 +1,7 @@
 //! The rays of a list in a bottom level, set up at once: an array of sixteen for each number.
 //!
-//! What [`Space`] is for one ray, but for rays of ordinary length and for structures whose distances are not
-//! scaled. Loops over lanes are written so that compilers turn them into vectors.
+//! The counterpart of [`Space`] for sixteen rays of ordinary length, in structures whose distances
+//! are not scaled. Loops over lanes are written so that compilers vectorize them.
 
 use lanes::LaneMask;
 
@@ -11,7 +11,7 @@ use super::rows::{Lanes, RayRows, Words, blend};
 use super::space::{MARGIN, MODEST, Space, max};
 use crate::layout::{GROUP, InstanceRecord, WIDTH, instance_state};
 
-/// Bits of numbers that are not finite, but for the sign: from here on.
+/// Bits of infinity without the sign: larger values are not finite.
 const INFINITE: u32 = f32::INFINITY.to_bits();
 
 /// The bits of a number without its sign: in the order of sizes.
@@ -46,7 +46,7 @@ pub(crate) const AXIS: u32 = size_of::<[f32; GROUP]>() as u32;
 /// Bytes of a row of a node.
 pub(crate) const ROW: u32 = size_of::<[f32; WIDTH]>() as u32;
 
-/// What box tests need of a ray along an axis; see [`Beams`].
+/// The values of a ray that box tests need along an axis; see [`Beams`].
 struct Terms {
     far_origin: f32,
     near_inverse: f32,
@@ -84,7 +84,7 @@ fn longest(x: f32, y: f32, z: f32) -> (bool, bool) {
     ((x > y) & (x > z), (y >= x) & (y > z))
 }
 
-/// What box tests need of rays, by the axes of space.
+/// The values of rays that box tests need, by the axes of space.
 #[cfg(target_arch = "x86_64")]
 #[repr(C, align(64))]
 pub(crate) struct Boxes {
@@ -393,7 +393,8 @@ impl Beams {
         directions
     }
 
-    /// What box tests need, by the axes of space, of rays that were set up together. `origin_error`: as for [`Self::set_up_top`].
+    /// The values that box tests need, by the axes of space, for rays that were set up together.
+    /// `origin_error`: as for [`Self::set_up_top`].
     #[cfg(target_arch = "x86_64")]
     #[inline(always)]
     pub fn by_axes(&self, origin_error: Option<f32>) -> Boxes {

@@ -29,8 +29,9 @@ pub(super) fn fetch(mask: u32, node: NodeAt<'_>, structure: &Structure) {
     let _ = (mask, node, structure);
 }
 
-/// Puts the children of a node in `mask` down from `places` on, farthest first, but for the nearest. Returns that one's word, and how
-/// many were put down. With `ANY`, the last one is taken for the nearest: an order that does not depend on the ray.
+/// Pushes the children of a node in `mask` down from `places` on, farthest first, except the
+/// nearest. Returns the nearest child's word and the number of pushed children. With `ANY`, the
+/// last child counts as the nearest: an order that does not depend on the ray.
 ///
 /// # Safety
 /// `mask` is not 0, and there is room for eight entries.

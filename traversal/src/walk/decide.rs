@@ -19,8 +19,9 @@ use super::expansion::{Expansion, two_sum};
 /// Half a unit in the last place of f64, relative.
 const HALF_UNIT: f64 = f64::EPSILON / 2.0;
 
-/// What a determinant with one row that is exact may be off, relative to the sum of its products' sizes: two rounded
-/// differences, four operations on each product, and two sums, and as much again for the bound's own rounding.
+/// The error bound of a determinant with one exact row, relative to the sum of its products' sizes:
+/// two rounded differences, four operations on each product, and two sums, and as much again for
+/// the bound's own rounding.
 const ERROR: f64 = 16.0 * HALF_UNIT;
 
 /// The edges of a triangle, opposite to each vertex.
@@ -176,7 +177,7 @@ fn sides(scene: &Scene<'_>, triangle: &[[f32; 3]; 3], rim: Rim) -> Option<[Estim
         return None;
     }
     for (edge, vertices) in edges.iter_mut().zip(EDGES) {
-        // What is not a number neither.
+        // NaN is not certain either.
         if !edge.is_certain() {
             *edge = scene.edge_exactly(vertices);
             front |= edge.value > 0.0;
@@ -241,7 +242,7 @@ fn moved_sign(scene: &Scene<'_>, p: &[f32; 3], q: &[f32; 3]) -> i32 {
     0
 }
 
-/// What happens on a triangle's edges.
+/// The treatment of a triangle's edges.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Rim {
     /// They belong to the triangle.

@@ -1,4 +1,4 @@
-//! What is still to be visited.
+//! Entries that are still to be visited.
 #![forbid(unsafe_code)]
 
 use crate::layout::{MAX_DEPTH, WIDTH};

@@ -1,8 +1,9 @@
 //! Sums and products of f64 numbers without rounding (Shewchuk 1997, "Adaptive Precision Floating-Point Arithmetic and Fast
 //! Robust Geometric Predicates").
 //!
-//! What is put in here comes from f32 numbers: differences of two, and products of at most three such. All of those are whole
-//! multiples of 2⁻⁴⁴⁷ and below 2³⁹⁰, and so is what rounding leaves of them, so nothing under- or overflows.
+//! The inputs here come from f32 numbers: differences of two, and products of at most three of
+//! those. All are whole multiples of 2⁻⁴⁴⁷ and below 2³⁹⁰, and so are rounding residues, so nothing
+//! under- or overflows.
 #![forbid(unsafe_code)]
 
 /// A sum and what rounding took from it.

@@ -1,4 +1,4 @@
-//! What an instance's record and the ray's flags say about candidates.
+//! Facts from an instance's record and the ray's flags about candidates.
 
 use crate::layout::{InstanceWords, features, geometry_word, instance_flags};
 use crate::micromap::Opacity;
@@ -155,7 +155,7 @@ impl InstanceFacts {
         self.flags & instance_flags::TRIANGLE_FLIP_FACING != 0
     }
 
-    /// What a triangle whose winding has this front is called, culled or not.
+    /// The hit kind of a triangle whose winding has this front, culled or not.
     #[inline(always)]
     pub fn hit_kind(&self, front: bool) -> u8 {
         if front != self.flips_facing() {

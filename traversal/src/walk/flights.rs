@@ -105,7 +105,7 @@ impl Flight {
     }
 }
 
-/// What starts in a group.
+/// The rays of a group.
 #[derive(Clone, Copy)]
 pub struct Start {
     /// Lanes with a ray.
@@ -147,8 +147,9 @@ impl Walker {
         self.clear_streams();
     }
 
-    /// Takes the rays of groups to their ends or to candidates on which something outside has to decide. The hits are those of each
-    /// ray by itself, bit for bit, but for rays that end with their first hit where that does not show.
+    /// Takes the rays of groups to their ends or to candidates that need a decision from outside.
+    /// The hits are those of each ray alone, bit for bit, except any-hit rays, whose hit is
+    /// unspecified.
     ///
     /// # Errors
     /// Those of [`Flights`].

@@ -21,7 +21,7 @@ pub(crate) struct Found {
     pub front: LaneMask,
     /// Lanes with an opaque triangle.
     pub hit: LaneMask,
-    /// Lanes with what was decided on outside: but for `t`, that hit is in the rows of hits.
+    /// Lanes with a hit that was decided outside: except for `t`, that hit is in the rows of hits.
     pub outside: LaneMask,
 }
 

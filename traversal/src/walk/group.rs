@@ -60,7 +60,7 @@ pub(crate) unsafe fn intersect<S: Sight>(
         if inside == 0 {
             return 0;
         }
-        // What is known goes where it is wanted: there are few registers.
+        // Known values go straight to their destination: there are few registers.
         place.store(found);
         let boxes = Boxes::new(ray, &sides);
         let [weight_error, z_error] = place.rough_errors(ray, &boxes);

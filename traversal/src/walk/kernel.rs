@@ -58,8 +58,9 @@ pub(crate) trait Kernel {
     /// The machine has the instruction set.
     unsafe fn meet<const CLOSED: bool>(beam: &Self::Beam, node: NodeAt<'_>) -> (u32, Self::Near);
 
-    /// Puts the children of a node in `mask`, of which there are two or more, down from `place` on, farthest first, but for the
-    /// nearest. Returns that one's word, and how many were put down. With `ANY`, in an order that does not depend on the ray.
+    /// Pushes the two or more children of a node in `mask` down from `place` on, farthest first,
+    /// except the nearest. Returns the nearest child's word and the number of pushed children. With
+    /// `ANY`, in an order that does not depend on the ray.
     ///
     /// # Safety
     /// The machine has the instruction set; there is room for eight entries.

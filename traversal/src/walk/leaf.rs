@@ -5,7 +5,7 @@ use super::Event;
 use super::facts::InstanceFacts;
 use super::level::Level;
 
-/// What became of a leaf.
+/// The outcome of a leaf.
 pub(crate) enum Leaf {
     /// All of it is done.
     Finished,

@@ -7,7 +7,7 @@ use crate::live::{Live, Range};
 use crate::ray::{Ray, ray_flags};
 use crate::structure::{Kind, Structure};
 
-/// What the walk before entered, while nobody can have changed it.
+/// The structure that the previous walk entered, while it cannot have changed.
 #[derive(Clone, Copy)]
 pub(crate) struct Entered {
     top_level: u64,

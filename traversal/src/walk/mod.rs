@@ -76,7 +76,7 @@ pub use walker::{Counts, Walker};
 /// Rays that [`Walker::trace`] takes, at most.
 pub const PACKET: usize = 16;
 
-/// What the caller decided about the last event.
+/// The caller's decision about the last event.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Verdict {
     /// Go on; a triangle candidate is ignored.
@@ -262,7 +262,7 @@ impl Walk {
         self.hit.t
     }
 
-    /// What the last event is about.
+    /// The subject of the last event.
     #[inline]
     pub fn candidate(&self) -> &Hit {
         &self.candidate

@@ -17,7 +17,7 @@ pub(crate) enum End {
     OutOfFuel,
 }
 
-/// What is still to be visited: entries from `floor` on are of this bottom level.
+/// Entries that are still to be visited: those from `floor` on belong to this bottom level.
 pub(crate) struct Pending<'a> {
     pub stack: &'a mut [Entry; STACK],
     pub floor: usize,
@@ -30,13 +30,13 @@ pub(crate) struct Opaque<'a> {
     pub instance: &'a InstanceFacts,
     pub beams: &'a Beams,
     pub lane: usize,
-    /// What was found before.
+    /// The hit so far.
     pub committed: Option<&'a Hit>,
     pub fetches_ahead: bool,
 }
 
 impl Opaque<'_> {
-    /// What was found, as a hit; `None` if nothing was.
+    /// The hit; `None` if there is none.
     #[inline(always)]
     pub fn hit(&self, nearest: &Nearest) -> Option<Hit> {
         if nearest.slot == Hit::UNKNOWN_SLOT {

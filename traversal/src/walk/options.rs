@@ -23,7 +23,7 @@ impl Accuracy {
     }
 }
 
-/// What is done for scenes that need no more. Each can be left out, to see what it brings; hits stay
+/// Shortcuts for scenes that need no more. Each can be disabled to measure its effect; hits stay
 /// the same.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
@@ -68,7 +68,7 @@ impl FromIterator<Specialisation> for Switches {
     }
 }
 
-/// What a [`Walker`](super::Walker) is made with.
+/// The options of a [`Walker`](super::Walker).
 #[derive(Clone, Copy, Debug)]
 pub struct Options {
     pub tier: Tier,

@@ -17,8 +17,8 @@ use crate::layout::Bounds;
 /// Relative widening of box distances, sixteen roundings.
 pub(crate) const MARGIN: f32 = 1.0 / (1 << 20) as f32;
 
-/// A ray in the space of one level. Arrays of four have a component nobody looks at: they are
-/// computed as one vector.
+/// A ray in the space of one level. Arrays of four have an unused component: they are computed as
+/// one vector.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 pub(crate) struct Space {

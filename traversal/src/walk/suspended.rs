@@ -36,7 +36,7 @@ pub(crate) struct Suspended {
     pub(crate) patience: u32,
     pub(crate) found: Found,
     pub(crate) candidates: HitRows,
-    /// What is to be visited yet in the top level, and in the instance.
+    /// Pending entries of the top level and of the instance.
     pub(crate) top: Ahead,
     pub(crate) bottom: Ahead,
     /// The instance they are in, and those that entered it.
@@ -256,7 +256,7 @@ impl Suspended {
         self.note(lane, event);
     }
 
-    /// Notes why the walk of a ray stopped, but for its end.
+    /// Records the reason why the walk of a ray stopped, except its end.
     pub(crate) fn note(&mut self, lane: usize, event: Event) {
         if event == Event::OutOfFuel {
             self.out_of_fuel.insert(lane);

@@ -219,7 +219,7 @@ fn intersect_exactly(
     if !(one_sign && ordinary) {
         return meet_exactly(space, triangle, rim);
     }
-    // What a test of several triangles does that has decided by its bounds.
+    // The work of a test of several triangles after its bounds have decided.
     match place(space, flat, edges) {
         Place::At(t, barycentrics) => {
             let front = decide::faces(first(space.origin), first(space.direction), triangle, rim)?;

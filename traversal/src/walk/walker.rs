@@ -15,9 +15,8 @@ use super::suspended::Suspended;
 use crate::live::Live;
 use crate::ray::Ray;
 
-/// What a thread needs to run walks: the stack and the set-up of the ray being walked. Large
-/// (some kilobytes), reused for every walk of the thread; holds nothing between calls that a
-/// suspended walk needs.
+/// The stack and ray set-up that a thread needs to run walks. Large (some kilobytes), reused for
+/// every walk of the thread; holds nothing between calls that a suspended walk needs.
 pub struct Walker {
     pub(crate) stack: [Entry; STACK],
     pub(crate) top: Level,
@@ -101,7 +100,7 @@ impl Walker {
         self.bottom.set_live(live);
     }
 
-    /// What is left out.
+    /// The disabled specialisations.
     #[inline(always)]
     pub(crate) fn without(&self) -> Switches {
         self.options.without

@@ -1,5 +1,6 @@
-//! The barrier between pictures of a surface (`wp_fifo_v1`): the compositor takes the next one up when the last was there for a refresh. Where
-//! nobody sees the surface, it keeps a pace of its own, and frame callbacks do not come.
+//! The barrier between images of a surface (`wp_fifo_v1`): the compositor takes an image up after
+//! the last one was shown for a refresh. For a hidden surface it keeps a pace of its own, and frame
+//! callbacks do not come.
 
 use std::ffi::c_void;
 

@@ -39,7 +39,7 @@ unsafe impl Send for WaylandWindow {}
 // SAFETY: as above.
 unsafe impl Sync for WaylandWindow {}
 
-/// What the compositor has for pictures, bound once: `wl_shm` cannot be given back.
+/// The compositor's globals for images, bound once: `wl_shm` cannot be released.
 struct Globals {
     named: Named,
     _queue: EventQueue<Told>,
@@ -55,7 +55,7 @@ struct Named {
     fifo: Option<ObjectId>,
 }
 
-/// What is told of them.
+/// Pending events of the globals.
 #[derive(Default)]
 struct Told {
     presentation_clock: Option<u32>,

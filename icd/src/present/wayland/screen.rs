@@ -53,7 +53,7 @@ struct Sent {
     sent_ns: u64,
 }
 
-/// What the compositor has told, until it is passed on.
+/// Events of the compositor that are not passed on yet.
 #[derive(Default)]
 struct Told {
     events: VecDeque<Event>,
@@ -82,7 +82,7 @@ impl Told {
         Some(frame.since + patience)
     }
 
-    /// A frame that was taken up, and that nobody sees, has had its turn.
+    /// Counts a hidden frame as presented once it is committed.
     fn do_without_callback(&mut self) {
         let is_over = self
             .callback_deadline()

@@ -34,7 +34,7 @@ pub struct Sharing {
     pub pixmaps: bool,
 }
 
-/// What a window's pixels are.
+/// The pixel format of a window.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Pixels {
     pub depth: u8,
@@ -45,7 +45,7 @@ pub struct Pixels {
     pub has_alpha: bool,
 }
 
-/// What is asked of a window once.
+/// Facts about a window that are queried once.
 pub struct Facts {
     pub root: u32,
     pub pixels: Option<Pixels>,
@@ -73,7 +73,7 @@ impl Connection {
         }
     }
 
-    /// What a window is.
+    /// Queries the facts of a window.
     pub fn facts(&self, window: u32) -> Result<Facts, Gone> {
         let attributes = self.x.get_window_attributes(window).map_err(|_| Gone)?;
         let geometry = self.x.get_geometry(window).map_err(|_| Gone)?;
@@ -169,9 +169,9 @@ impl Connection {
 
     /// Makes the connection's socket readable once.
     ///
-    /// Whoever reads an answer from the socket also takes the application's events from it, into
-    /// libxcb's queue. An application that sleeps in `poll` does not see them there. It wakes by
-    /// the answer to this request, which nobody here waits for, and then looks into the queue.
+    /// A reader of the socket also moves the application's events into libxcb's queue, where an
+    /// application that sleeps in `poll` does not see them. The answer to this request wakes the
+    /// application, which then looks into the queue. Nothing here waits for the answer.
     pub fn wake_pollers(&self) -> Result<(), Gone> {
         // Dropped, the cookie has libxcb throw the answer away when somebody reads it.
         drop(self.x.get_input_focus().map_err(|_| Gone)?);

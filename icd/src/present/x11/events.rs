@@ -41,14 +41,14 @@ pub struct Completed {
     pub msc: u64,
 }
 
-/// What is told of a window, and the thread that waits for it.
+/// Events of a window, and the thread that waits for them.
 pub struct Events {
     line: Arc<Line>,
     thread: Mutex<Option<JoinHandle<()>>>,
     process: u32,
 }
 
-/// What is shared with the thread.
+/// State shared with the thread.
 struct Line {
     connection: Arc<Connection>,
     window: u32,
@@ -224,8 +224,8 @@ impl Line {
     fn has_frames(&self) -> bool {
         let mut state = self.state.lock();
         if std::mem::take(&mut state.is_interrupted) {
-            // Nobody is told, so nobody else does it. A broken connection is found out by who
-            // presents.
+            // If the wake-up fails, nothing retries it. The next present reports the lost
+            // connection.
             let _ = self.connection.wake_pollers();
         }
         state.is_reading = false;
@@ -274,7 +274,7 @@ impl Line {
 impl Drop for Line {
     fn drop(&mut self) {
         if let Some(xcb) = library::xcb() {
-            // SAFETY: registered on this connection, once; nobody waits any more.
+            // SAFETY: registered on this connection, once; no thread waits any more.
             unsafe { (xcb.unregister_for_special_event)(self.connection.raw, self.special) };
         }
         let nothing = EventMask::NO_EVENT;
@@ -286,7 +286,7 @@ impl Drop for Line {
     }
 }
 
-/// What a `PresentCompleteNotify` of a pixmap says (presentproto.txt, section 8; libxcb puts a word
+/// Decodes a `PresentCompleteNotify` of a pixmap (presentproto.txt, section 8; libxcb puts a word
 /// behind the first 32 bytes).
 ///
 /// # Safety

@@ -33,7 +33,7 @@ struct Inner {
     server: Mutex<Option<Server>>,
 }
 
-/// What the server can do for pictures, asked for by the first swapchain.
+/// The server's capabilities for images, queried by the first swapchain.
 #[derive(Clone)]
 struct Server {
     /// Where Present is there.

@@ -125,7 +125,7 @@ impl X11Screen {
         })
     }
 
-    /// What pixmaps are as large as.
+    /// The extent of pixmaps.
     fn buffer_extent(&self) -> vk::Extent2D {
         match self.pictures.scaling.is_asked_for() {
             true => self.extent,
@@ -147,7 +147,7 @@ impl X11Screen {
         Ok(())
     }
 
-    /// What the server has told.
+    /// Collects pending events of the server.
     fn collect(&mut self) -> Result<(), Gone> {
         let Timing::Present {
             events,

@@ -43,7 +43,7 @@ pub struct Worker {
     on_screen: Vec<ScreenVertex>,
 }
 
-/// What all jobs of a round have in common.
+/// The state that all jobs of a round share.
 #[derive(Clone, Copy)]
 pub struct Round<'a> {
     pub work: &'a [Work],

@@ -117,7 +117,7 @@ pub fn polygon(
         let mut before = distance(previous);
         for vertex in &source {
             let here = distance(vertex);
-            // What is no number counts as outside.
+            // NaN counts as outside.
             let (was_in, is_in) = (before >= 0.0, here >= 0.0);
             if was_in != is_in {
                 polygon.push(if is_in {

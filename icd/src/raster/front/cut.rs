@@ -14,7 +14,7 @@ use crate::object::graphics_state::GraphicsState;
 use crate::raster::{CHUNK_PRIMITIVES, Counters, Draw, DrawCall, Work};
 use crate::wave::{Limits, Stopped};
 
-/// What a span costs besides its primitives, in primitives: states to look at, waves that are not full.
+/// The cost of a span besides its primitives, in primitives: state checks and partly filled waves.
 const SPAN_COST: u32 = 4;
 
 /// Primitives of Bresenham lines in a job: each has a list of its pixels.
@@ -44,7 +44,7 @@ pub struct Span {
     pub first_id: u32,
 }
 
-/// What becomes a chunk.
+/// Input of a chunk.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Job {
     /// A clear: its index in the batch's work.
@@ -70,7 +70,7 @@ pub struct Cursor {
     id: u32,
 }
 
-/// What all cuts of a batch have in common.
+/// The state that all divisions of a batch share.
 pub struct Cutter<'a> {
     pub work: &'a [Work],
     pub view_mask: u32,

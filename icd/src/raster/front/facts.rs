@@ -1,4 +1,4 @@
-//! What set-up needs to know of a draw, worked out once for a run of its primitives.
+//! The facts of a draw that set-up needs, computed once for a run of its primitives.
 
 #![forbid(unsafe_code)]
 
@@ -28,7 +28,7 @@ pub struct Bias {
     pub unit: BiasUnit,
 }
 
-/// What the constant factor of a depth bias is multiplied with.
+/// The unit of a depth bias's constant factor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum BiasUnit {
     /// The same for all primitives.
@@ -56,7 +56,7 @@ pub struct Lines {
     pub stipple: Option<(u16, u32)>,
 }
 
-/// What set-up needs to know.
+/// The facts of a draw that set-up needs.
 #[derive(Clone, Debug)]
 pub struct Facts {
     pub views: SmallVec<[View; 1]>,
@@ -78,7 +78,7 @@ pub struct Facts {
     pub discard: bool,
 }
 
-/// What two have in common.
+/// Intersection of two bounds.
 pub fn intersect(a: Bounds, b: Bounds) -> Bounds {
     Bounds {
         left: a.left.max(b.left),
@@ -198,7 +198,7 @@ fn bias(state: &GraphicsState, depth: DepthFormat) -> Option<Bias> {
 }
 
 impl Bias {
-    /// What is added to all depths of a primitive with that slope and that greatest depth.
+    /// The bias of all depths of a primitive with that slope and that greatest depth.
     pub fn of(&self, slope: f64, greatest: f64) -> f64 {
         let unit = match self.unit {
             BiasUnit::Constant(unit) => unit,

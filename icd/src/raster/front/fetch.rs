@@ -19,7 +19,7 @@ const MAX_BYTES: usize = 32;
 /// Bytes of the largest texel without components of 64 bits.
 const MAX_NARROW_BYTES: usize = 16;
 
-/// What all vertices of an instance of a call, for a view, have in common.
+/// The values that all vertices of an instance of a call, for a view, share.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Common {
     pub first_instance: u32,
@@ -213,7 +213,8 @@ fn attribute(
     })
 }
 
-/// What texels that are not there read: zeros; components that the format lacks are as ever (spec, "Robust Buffer Access").
+/// The value of missing texels: zeros; components that the format lacks keep their defaults (spec,
+/// "Robust Buffer Access").
 static ZEROS: [u8; MAX_BYTES] = [0; MAX_BYTES];
 
 impl Attribute {

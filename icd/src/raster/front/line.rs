@@ -175,7 +175,7 @@ impl SetUp<'_> {
             return;
         }
         let width = f64::from(facts.lines.width.max(0.0).min(1024.0)) * f64::from(PIXEL);
-        // What a wide line reaches past its ends' places.
+        // The reach of a wide line past its end points.
         let reach = if facts.lines.bresenham {
             width.max(f64::from(PIXEL))
         } else {

@@ -62,7 +62,7 @@ impl OutputPlaces {
         let mut codes = 0;
         for (places, first) in [(&self.clip, code::CLIP), (&self.cull, code::CULL)] {
             for (bit, place) in (first..).zip(places) {
-                // What is no number counts as outside.
+                // NaN counts as outside.
                 let is_outside = |place: u16| !(f32::from_bits(word(place)) >= 0.0);
                 if place.is_some_and(is_outside) {
                     codes |= 1 << bit;

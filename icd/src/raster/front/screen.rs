@@ -92,7 +92,8 @@ impl Screen {
     }
 }
 
-/// What is the matter with a vertex: a bit a plane of the view volume that it is outside of, and more.
+/// Classification of a vertex: a bit for each plane of the view volume that it is outside of, and
+/// others.
 pub mod code {
     pub const LEFT: u32 = 1;
     pub const RIGHT: u32 = 1 << 1;
@@ -110,9 +111,9 @@ pub mod code {
     pub const CULL: u32 = 16;
     /// Outside of the view volume's sides.
     pub const SIDES: u32 = LEFT | RIGHT | TOP | BOTTOM;
-    /// What has all its vertices outside of one of these is not there.
+    /// A primitive with all vertices outside one of these is dropped.
     pub const REJECT: u32 = SIDES | NEAR | FAR | 0xFF << CLIP | 0xFF << CULL;
-    /// What has a vertex outside of one of these is clipped.
+    /// A primitive with a vertex outside one of these is clipped.
     pub const CLIPPED: u32 = NEAR | FAR | NOWHERE | 0xFF << CLIP;
 }
 

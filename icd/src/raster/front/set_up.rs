@@ -8,7 +8,7 @@ use super::planes::{Planes, Wide};
 use super::screen::{Clip, ScreenVertex};
 use crate::raster::primitive::{Bounds, Chunk, Edge, Plane, Record};
 
-/// What set-up needs to know of a primitive besides where its vertices are.
+/// The facts of a primitive that set-up needs besides its vertices.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Primitive {
     /// Index of the draw in the batch's work.
@@ -47,7 +47,7 @@ pub struct SetUp<'a> {
     pub chunk: &'a mut Chunk,
     /// Fragments of stippled lines since the last restart of the pattern.
     pub stippled: f64,
-    /// What was cut up by clipping counts once a piece (`CLIPPING_PRIMITIVES`).
+    /// Primitives after clipping; each piece counts (`CLIPPING_PRIMITIVES`).
     pub clipped: u64,
 }
 

@@ -6,7 +6,7 @@ use std::ops::Range;
 
 use ash::vk::PrimitiveTopology as Topology;
 
-/// What a primitive is made of.
+/// The kind of a primitive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     Point,
@@ -14,7 +14,7 @@ pub enum Kind {
     Triangle,
 }
 
-/// What a topology's primitives are made of; none for topologies of stages that do not exist.
+/// The kind of a topology's primitives; none for topologies of unsupported stages.
 pub fn kind(topology: Topology) -> Option<Kind> {
     match topology {
         Topology::POINT_LIST => Some(Kind::Point),

@@ -40,7 +40,7 @@ impl Range {
     }
 }
 
-/// What factors are made of.
+/// The inputs of blend factors.
 struct Sources<'a, V: Vector> {
     v: V,
     source: [V::F; 4],

@@ -51,7 +51,7 @@ fn inside(rect: &vk::ClearRect, area: &vk::Rect2D, bounds: Option<&Bounds>) -> O
     (inside.left < inside.right && inside.top < inside.bottom).then_some(inside)
 }
 
-/// What two bounds have in common.
+/// Intersection of two bounds.
 pub fn meet(a: &Bounds, b: &Bounds) -> Bounds {
     Bounds {
         left: a.left.max(b.left),
@@ -64,7 +64,7 @@ pub fn meet(a: &Bounds, b: &Bounds) -> Bounds {
 /// Fills rows of one sample of one layer.
 ///
 /// # Safety
-/// The bounds, the layer and the sample lie in the attachment, and nobody else writes there.
+/// The bounds, the layer and the sample lie in the attachment, and no other thread writes there.
 unsafe fn fill(target: &Target, pattern: &Pattern, bounds: &Bounds, slice: u32, sample: u32) {
     let surface = &target.surface;
     let (left, top) = (bounds.left as u32, bounds.top as u32);

@@ -218,9 +218,9 @@ fn to_bytes<V: Vector>(v: V, numbers: [V::F; 4]) -> V::I {
 /// Sixteen colours that are laid over what is there, in the order of their bytes.
 #[derive(Clone, Copy)]
 pub struct SourceOver<V: Vector> {
-    /// What is added.
+    /// The addends.
     parts: [V::F; 4],
-    /// What is there is multiplied with it first.
+    /// The factor of the stored colour.
     rest: V::F,
 }
 
@@ -413,7 +413,8 @@ impl Color {
         }
     }
 
-    /// What one colour lays over the attachment, if it does: components of a colour.
+    /// The blend of one colour over the attachment, if blending is of that kind: components of a
+    /// colour.
     #[inline(always)]
     pub fn source_over<V: Vector>(&self, v: V, source: [V::I; 4]) -> Option<SourceOver<V>> {
         let bytes = self.bytes?;
@@ -480,7 +481,7 @@ impl Color {
         }
     }
 
-    /// Writes texels that do not depend on what is there, but for masks and logical operations.
+    /// Writes texels that do not depend on the stored ones, except by masks and logic operations.
     ///
     /// # Safety
     /// As [`load`].

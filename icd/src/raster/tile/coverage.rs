@@ -33,7 +33,7 @@ pub struct Square {
     pub size: u8,
 }
 
-/// What a shape covers of a tile, nothing twice.
+/// Coverage of a tile by a shape, without overlaps.
 #[derive(Default)]
 pub struct Covered {
     pub squares: Vec<Square>,

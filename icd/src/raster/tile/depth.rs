@@ -45,7 +45,7 @@ pub struct Tests {
     stencil: Option<Stencil>,
 }
 
-/// What the tests need of sixteen fragments.
+/// Inputs of the tests of sixteen fragments.
 pub struct Tested<'a, V: Vector> {
     pub places: &'a Places,
     /// Lanes of primitives that face front.
@@ -137,7 +137,7 @@ impl Depth {
         }
     }
 
-    /// What the attachment holds, as numbers to compare.
+    /// The attachment's depths as numbers to compare.
     #[inline(always)]
     fn numbers<V: Vector>(&self, v: V, words: V::I) -> V::F {
         match self.coding {
@@ -345,7 +345,7 @@ fn stencil_passes(stencil: &Stencil, front: u16, references: Option<&Row>, old: 
     passed
 }
 
-/// What the stencil attachment holds after the tests.
+/// The stencil values after the tests.
 #[inline(never)]
 fn stencil_writes(
     stencil: &Stencil,

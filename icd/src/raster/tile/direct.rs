@@ -20,8 +20,8 @@ spirv_jit::vectors! {
     /// Tests a primitive's fragments and writes what they leave.
     ///
     /// # Safety
-    /// What is covered lies in the render area but for blocks at its edge, and with it in all attachments, as does the layer; the tile belongs to
-    /// the caller.
+    /// The covered area lies in the render area, except for blocks at its edge, and so in all
+    /// attachments, as does the layer; the tile belongs to the caller.
     pub unsafe fn draw<V>(
         v,
         plan: &Plan<'_>,
@@ -58,7 +58,7 @@ spirv_jit::vectors! {
     }
 }
 
-/// What a primitive of one colour lays over the only attachment, if it is laid over.
+/// The blend of a primitive of one colour over the only attachment, if blending is of that kind.
 #[inline(always)]
 fn glaze_of<V: Vector>(v: V, plan: &Plan<'_>, values: &[Value]) -> Option<SourceOver<V>> {
     let ([color], 1) = (&plan.output.colors[..], plan.samples) else {
@@ -96,7 +96,7 @@ struct Painter<'a, V: Vector> {
     values: &'a [Value],
     /// The texel of each attachment, where they are the same everywhere in the primitive.
     solid: Option<&'a Texels>,
-    /// What is laid over the only attachment, where that is one colour.
+    /// The blend over the only attachment, if the colour is uniform.
     glaze: Option<SourceOver<V>>,
 }
 
@@ -225,7 +225,7 @@ impl<V: Vector> Painter<'_, V> {
         }
     }
 
-    /// What the depths of a column of rows of sixteen pixels have in common: see [`depths`].
+    /// The part of the depths that a column of rows of sixteen pixels shares: see [`depths`].
     #[inline(always)]
     fn column(&self, x: i32) -> V::F {
         let (v, record) = (self.v, self.part.record);

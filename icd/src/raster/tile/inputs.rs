@@ -124,7 +124,7 @@ fn sees_coverage(fill: &Fill) -> bool {
 /// By row of inputs, of a varying: its value at a primitive's first vertex, and the differences of the others.
 pub type Steps = SmallVec<[[f32; 3]; 16]>;
 
-/// What sixteen fragments are: four quads of one or several primitives.
+/// Sixteen fragments: four quads of one or several primitives.
 pub struct Fragments<'a> {
     pub records: [&'a Record; 4],
     /// Outputs of the vertices of each quad's chunk.
@@ -202,12 +202,13 @@ impl Inputs {
         self.fills.iter().any(sees_coverage)
     }
 
-    /// What the rows are for the fragments of one primitive; none where that depends on more than pixels' centres.
+    /// The slopes of the rows for the fragments of one primitive; none if they depend on more than
+    /// pixel centres.
     pub fn slopes(&self) -> Option<Vec<Slope>> {
         self.fills.iter().map(slope).collect()
     }
 
-    /// What the varyings of one primitive's fragments are made of.
+    /// The steps from which the varyings of one primitive's fragments are computed.
     pub fn steps(&self, fragments: &Fragments<'_>, steps: &mut Steps) {
         let (record, outputs) = (fragments.records[0], fragments.outputs[0]);
         steps.clear();

@@ -70,7 +70,7 @@ impl Tiles {
         if grid.is_empty() {
             return Ok(());
         }
-        // What comes first and is the same for all tiles needs none.
+        // Leading commands that are the same for all tiles need none.
         let clears = chunks.iter().take_while(|chunk| chunk.clear.is_some());
         let clears: Vec<u32> = clears.filter_map(|chunk| chunk.clear).collect();
         for &clear in &clears {

@@ -1,4 +1,5 @@
-//! What fragments write into the colour attachments: samples that are dropped, colours that are blended, sixteen pixels at a time.
+//! Writes of fragments into the colour attachments: dropped samples and blended colours, sixteen
+//! pixels at a time.
 
 use lanes::Tier;
 use spirv_jit::Program;
@@ -13,7 +14,7 @@ use super::texels::{Places, load};
 use crate::object::graphics_state::{GraphicsState, MAX_COLOR_ATTACHMENTS};
 use crate::raster::Targets;
 
-/// What a program's outputs become.
+/// The destination of a program's outputs.
 pub struct Output {
     samples: u32,
     pub colors: Vec<Color>,

@@ -146,7 +146,7 @@ impl Packs {
         quad.max(of_wave(self.blocks[block(place)])) as usize
     }
 
-    /// What is noted of a pack.
+    /// Records the last use of a pack.
     fn note(&self, pack: usize) -> Last {
         Last {
             wave: self.wave,

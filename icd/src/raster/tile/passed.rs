@@ -1,4 +1,5 @@
-//! What fragments leave that no program runs for: those of draws without one, and of programs that only pass varyings and constants on.
+//! Results of fragments that need no program run: draws without a program, and programs that only
+//! pass on varyings and constants.
 
 use lanes::Tier;
 use smallvec::SmallVec;
@@ -9,11 +10,11 @@ use super::lanes::rows_of;
 use super::output::Output;
 use crate::raster::primitive::{Bounds, Record};
 
-/// What fragments leave without a program that runs.
+/// The result of fragments without a program run.
 pub struct Passed {
     /// The outputs; none of a draw without a program.
     pub slopes: Option<Vec<Slope>>,
-    /// What is there already does not matter to the colours.
+    /// The stored colours do not affect the result.
     pub replaces: bool,
     /// The texels of all primitives, where those are the same.
     pub constant: Option<Texels>,

@@ -1,4 +1,4 @@
-//! What draws of one state and one set of programs have in common, made ready for tiles.
+//! Data that draws of one state and one set of programs share, prepared for tiles.
 
 use std::sync::Arc;
 
@@ -119,11 +119,12 @@ impl<'a> Plan<'a> {
     }
 }
 
-/// Tests come after a program whose effects or outputs depend on their order (spec, "Early Fragment Test"); what nobody can tell apart comes before.
+/// Tests run after a program whose effects or outputs depend on their order (spec, "Early Fragment
+/// Test"); they run early when the order is unobservable.
 fn order(facts: &FragmentFacts, output: &Output, tests: &Tests) -> Order {
     let replaces = facts.depth.is_some() || facts.writes_stencil_ref;
     let drops = facts.discards || output.drops_samples();
-    // What it reads of depth and stencil is what earlier fragments left.
+    // The depth and stencil values that it reads are results of earlier fragments.
     let looks = facts.reads_attachments;
     if facts.early_tests || !(replaces || drops || looks || facts.writes_memory) {
         Order::Early

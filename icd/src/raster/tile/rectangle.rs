@@ -132,7 +132,7 @@ pub struct Cells {
 }
 
 impl Iterator for Cells {
-    /// Where sixteen pixels are, and which of them are the rectangle's.
+    /// The places of sixteen pixels, and the mask of those inside the rectangle.
     type Item = (Places, u16);
 
     #[inline(always)]
@@ -184,7 +184,7 @@ pub struct Side<V: Vector> {
     in_block: V::I,
 }
 
-/// What an edge's value changes by from the first pixel to the others.
+/// The steps of an edge's value from the first pixel to the others.
 #[inline(always)]
 fn steps<V: Vector>(v: V, edge: &Edge, lanes: &[[u32; 16]; 2]) -> V::I {
     let x = v.mul_i(v.splat_i(edge.a), v.load_i(&lanes[0]));

@@ -46,7 +46,7 @@ pub fn count(masks: &[u16; MAX_SAMPLES]) -> u64 {
     masks.iter().map(|mask| u64::from(mask.count_ones())).sum()
 }
 
-/// What a draw's queries count in a tile.
+/// Query counts of a draw in a tile.
 #[derive(Default)]
 pub struct Counts {
     pub samples: u64,

@@ -187,7 +187,7 @@ unsafe fn test_late<V: Vector>(
     }
 }
 
-/// What the fragments of a subgroup are made of.
+/// The fragments of a subgroup.
 fn fragments_of<'a>(chunks: &'a [Chunk], pack: &'a Pack) -> Fragments<'a> {
     let chunk = |quad: usize| &chunks[pack.origins[quad].chunk as usize];
     let is_uniform = pack.is_uniform;

@@ -27,7 +27,7 @@ pub struct Places {
     pub x: [i32; 4],
     pub y: [i32; 4],
     pub layer: [u32; 4],
-    /// What is not [`Pattern::Quads`] lies in the render area as a whole.
+    /// Other patterns than [`Pattern::Quads`] lie entirely in the render area.
     pub pattern: Pattern,
 }
 
@@ -60,7 +60,7 @@ impl Places {
     }
 }
 
-/// What an attachment's texels are made of, up to four words.
+/// The texels of an attachment, up to four words each.
 pub type Words = [Row; 4];
 
 /// The first byte of a quad's texels.
@@ -250,7 +250,8 @@ unsafe fn store_as<T: Texel>(
 /// Loads the texels of a sample of the pixels of a mask; other lanes hold anything.
 ///
 /// # Safety
-/// The pixels of the mask lie in the attachment, as do the layers and the sample; what is not [`Pattern::Quads`] does as a whole. Nobody else writes there.
+/// The pixels of the mask lie in the attachment, as do the layers and the sample; patterns other
+/// than [`Pattern::Quads`] lie there entirely. No other thread writes there.
 #[inline(always)]
 pub unsafe fn load<V: Vector>(
     v: V,
@@ -506,7 +507,8 @@ unsafe fn store_rows(target: &Target, places: &Places, sample: u32, mask: u16, w
 /// Fills the texels of a sample of a square of pixels with one texel's words.
 ///
 /// # Safety
-/// The square lies in the attachment, as do the layer and the sample, and nobody else writes there.
+/// The square lies in the attachment, as do the layer and the sample, and no other thread writes
+/// there.
 #[inline(always)]
 pub unsafe fn fill(
     target: &Target,

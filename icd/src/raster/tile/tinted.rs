@@ -23,7 +23,7 @@ use crate::raster::primitive::{Bounds, Edge, Record};
 /// How a program's fragments are worked off that way.
 pub struct Sampled<'a> {
     pub tinted: &'a Tinted,
-    /// What texels are multiplied with, by row of outputs, then both coordinates.
+    /// The slopes of the factors of texels, by row of outputs, then both coordinates.
     slopes: Vec<Slope>,
     /// Varyings are perspective-correct.
     perspective: bool,
@@ -58,8 +58,9 @@ spirv_jit::vectors! {
     /// Writes what a primitive's fragments leave; those of blocks have been tested.
     ///
     /// # Safety
-    /// What is covered lies in the render area but for blocks at its edge, and with it in all attachments, as does the layer; the tile belongs to
-    /// the caller. There are no squares if the image has several levels. What is sampled is there.
+    /// The covered area lies in the render area, except for blocks at its edge, and so in all
+    /// attachments, as does the layer; the tile belongs to the caller. There are no squares if the
+    /// image has several levels. The sampled image exists.
     pub unsafe fn draw<V>(
         v,
         kind: Tier,
@@ -147,10 +148,10 @@ spirv_jit::vectors! {
     }
 }
 
-/// What a primitive's fragments are made of.
+/// The data from which a primitive's fragments are computed.
 struct Primitive<'a> {
     record: &'a Record,
-    /// What texels are multiplied with, by row of outputs, then both coordinates.
+    /// The slopes of the factors of texels, by row of outputs, then both coordinates.
     values: SmallVec<[Value; 8]>,
     perspective: bool,
 }

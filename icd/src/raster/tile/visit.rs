@@ -26,7 +26,7 @@ const SHAPES: usize = 1024;
 /// A bit a sample.
 const ALL_SAMPLES: u32 = (1 << MAX_SAMPLES) - 1;
 
-/// What all tiles of a round share.
+/// State that all tiles of a round share.
 pub struct Round<'a> {
     pub tier: Tier,
     pub context: Context<'a>,
@@ -64,7 +64,7 @@ pub struct Visit<'a> {
     worker: &'a mut Worker,
     bounds: Bounds,
     current: Option<Current<'a>>,
-    /// What the draw's program samples, if it does little else.
+    /// The sample of the draw's program, if the program does little else.
     sampling: Option<Sampling<'a>>,
     counts: Counts,
 }

@@ -1,4 +1,4 @@
-//! What getters read: words about a candidate or a committed hit.
+//! The words that getters read about a candidate or a committed hit.
 
 use lanes::{LaneMask, Tier};
 use spirv_jit::SUBGROUP_SIZE;

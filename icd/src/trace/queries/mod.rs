@@ -35,7 +35,7 @@ impl Default for Queries {
     }
 }
 
-/// What queries are answered with.
+/// The resources for answering queries.
 struct Context<'a> {
     tier: Tier,
     walker: &'a mut Walker,
@@ -95,7 +95,8 @@ impl Queries {
         Ok(())
     }
 
-    /// The queries of lanes that lie in the same rows; returns which of them stand at a candidate now.
+    /// Advances the queries of lanes that lie in the same rows; returns the lanes that now stand at
+    /// a candidate.
     fn proceed_together(
         &mut self,
         context: &mut Context<'_>,
@@ -113,7 +114,7 @@ impl Queries {
         Ok(stand)
     }
 
-    /// Starts the rays of queries; returns which of them stand at a candidate.
+    /// Starts the rays of queries; returns the lanes that stand at a candidate.
     fn start(
         &mut self,
         context: &mut Context<'_>,
@@ -152,7 +153,8 @@ impl Queries {
         Ok(stand)
     }
 
-    /// Goes on with the rays of queries that the shader has decided about; returns which of them stand at a candidate now.
+    /// Resumes the rays of queries that the shader has decided about; returns the lanes that now
+    /// stand at a candidate.
     fn advance(
         &mut self,
         context: &mut Context<'_>,
@@ -221,7 +223,7 @@ impl Queries {
     }
 }
 
-/// Puts down what has become of the rays of queries. Returns which of them stand at a candidate.
+/// Records the results of queries' rays; returns the lanes that stand at a candidate.
 fn settle(
     (tier, program, limits): (Tier, &Program, &Limits),
     object: &mut Object<'_>,

@@ -68,7 +68,8 @@ impl Waiting {
         }
         self.count += 1;
         let mut room = self.spare.pop().unwrap_or_default();
-        // Rays that waited when their subgroup was released are nobody's: their structures may be gone.
+        // Rays that waited when their subgroup was released have no owner: their structures may be
+        // gone.
         room.forget(LaneMask::ALL);
         Ok(room)
     }

@@ -12,13 +12,13 @@ use super::word;
 /// Words of the buffer that is bound everywhere.
 const WORDS: usize = 256;
 
-/// What stands before and after it.
+/// The guard words before and after it.
 const PATTERN: u32 = 0x5AFE_C0DE;
 
 /// `VK_FORMAT_R8G8B8A8_UNORM`.
 const RGBA8: Format = Format(37);
 
-/// What a run may burn, and how often it may yield.
+/// The fuel of a run, and its maximum number of yields.
 const FUEL: u64 = 20_000;
 const YIELDS: u32 = 200;
 

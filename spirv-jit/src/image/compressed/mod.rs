@@ -1,8 +1,8 @@
 //! Block-compressed formats: BC1 to BC7, ETC2 and EAC, ASTC of the LDR profile (Khronos Data Format specification, the chapters "Compressed Texture
 //! Image Formats").
 //!
-//! A block is decoded as a whole, and kept for the next texel that is asked for: each thread remembers a few blocks by their *contents*, so that
-//! what it remembers is right whoever writes the image meanwhile.
+//! A block is decoded as a whole and kept for the next texel: each thread keeps a few blocks by
+//! their *contents*, so cached blocks stay right while other threads write the image.
 #![forbid(unsafe_code)]
 
 mod astc;

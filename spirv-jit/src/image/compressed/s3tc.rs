@@ -5,7 +5,7 @@
 use super::{ONE, Texel};
 use crate::image::format::srgb;
 
-/// What the fourth colour of a block with three is.
+/// The fourth colour of a block with three.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Black {
     Opaque,

@@ -19,7 +19,7 @@ pub(super) struct Levels<'a, V: Vector> {
     pub offset: V::I,
 }
 
-/// What derivatives say of the lanes' samples: as [`lod`] has it.
+/// The footprints of the lanes' samples from their derivatives, as in [`lod`].
 pub(super) struct Footprint<V: Vector> {
     /// λ', without bias.
     pub lambda: V::F,

@@ -159,7 +159,8 @@ impl<'a> Fast<'a> {
     }
 }
 
-/// What a lane samples: numbers between 0 and 255 for 8-bit formats, in memory's order where they are sampled so, else values.
+/// The sample of a lane: numbers between 0 and 255 for 8-bit formats, in memory's order if they are
+/// sampled so, else values.
 pub(crate) type Components<V> = [<V as Vector>::F; 4];
 
 /// Offsets of an operation that has some, in texels along both axes.

@@ -59,7 +59,7 @@ mod levels {
     pub const ANISOTROPIC: u8 = 2;
 }
 
-/// What texels are.
+/// The kinds of texels.
 mod texels {
     /// Four bytes, as [`Fast::straight`](super::Fast::straight) has it, linear between them.
     pub const BYTES: u8 = 0;

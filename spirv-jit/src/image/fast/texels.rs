@@ -380,7 +380,7 @@ impl Fast<'_> {
         texel[0]
     }
 
-    /// The components of 8 bits each, but for those that [`Self::put_linear`] puts.
+    /// The components of 8 bits each, except those that [`Self::put_linear`] writes.
     #[inline(always)]
     fn unpack<V: Vector>(&self, v: V, word: V::I) -> Components<V> {
         if self.straight {

@@ -233,7 +233,7 @@ impl Fast<'_> {
         ]
     }
 
-    /// What is sampled at a level.
+    /// Samples a level.
     ///
     /// # Safety
     /// As [`Fast::weighted`].
@@ -421,7 +421,8 @@ impl Fast<'_> {
         for (tap, texel) in taps.iter_mut().enumerate() {
             let x = v.add_i(x.at, if tap & 1 == 0 { zero } else { one });
             let y = v.add_i(y.at, if tap >> 1 == 0 { zero } else { one });
-            // Places are on their faces, so that a footprint reaches over an edge by one texel; not so those that are no numbers.
+            // Coordinates lie on their faces, so a footprint crosses an edge by one texel; NaN
+            // excepted.
             let x = v.max_i(v.min_i(x, levels.width), v.splat_i(-1));
             let y = v.max_i(v.min_i(y, levels.width), v.splat_i(-1));
             let ([x, y, face], past) = cube::wrap_edges_in_vectors(v, [x, y, face], levels.width);
@@ -496,7 +497,8 @@ impl Fast<'_> {
         }
     }
 
-    /// What depths are compared with: fixed-point ones lie in 0..1, so it must.
+    /// The reference of depth comparisons: fixed-point depths lie in 0..1, so the reference must,
+    /// too.
     #[inline(always)]
     pub(super) fn reference<V: Vector>(&self, v: V, row: &Row) -> V::F {
         let reference = v.load(row);

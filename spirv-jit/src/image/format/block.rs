@@ -75,7 +75,7 @@ fn byte_units(words: &Lanes, shift: u32) -> Lanes {
     })
 }
 
-/// What one unit of `component` is worth: 1 unless the format is loaded in units of 1/scale.
+/// The value of one unit of `component`: 1 unless the format is loaded in units of 1/scale.
 #[inline(always)]
 pub(crate) fn unit_scale(info: &FormatInfo) -> f32 {
     match info.codec {

@@ -115,7 +115,7 @@ impl FormatInfo {
             for (i, word) in words.iter().enumerate() {
                 bytes[4 * i..4 * i + 4].copy_from_slice(&word.to_le_bytes());
             }
-            // What the format does not have lies past its size.
+            // Components that the format lacks lie past its size.
             return bytes;
         }
         if self.numeric == Numeric::Ufloat && self.channels[0].bits == 9 {

@@ -1,4 +1,5 @@
-//! What a format's name says: which bits of a texel hold which component, and how they are read as numbers.
+//! The meaning of a format's name: the bits of a texel for each component, and their numeric
+//! interpretation.
 
 use crate::image::compressed::{Blocks, Scheme};
 
@@ -25,7 +26,7 @@ impl Numeric {
     }
 }
 
-/// What a format, or a copy or view of it, is about (`VkImageAspectFlags`).
+/// The aspect of a format, or of a copy or view of it (`VkImageAspectFlags`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Aspect {
     Color,

@@ -31,7 +31,7 @@ const CORE_COUNT: u32 = 184;
 impl Format {
     pub const UNDEFINED: Format = Format(0);
 
-    /// What is known of the format; `None` for `UNDEFINED` and formats that do not exist here.
+    /// The description of the format; `None` for `UNDEFINED` and unsupported formats.
     pub fn info(self) -> Option<&'static FormatInfo> {
         if self.0.wrapping_sub(1) < CORE_COUNT {
             return Some(&table::FORMATS[self.0 as usize - 1].1);

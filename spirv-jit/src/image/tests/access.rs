@@ -41,7 +41,8 @@ proptest! {
         }
     }
 
-    /// What is written is read back, in every format that can hold it; writes outside are dropped.
+    /// Written texels are read back, in every format that can hold the value; writes outside are
+    /// dropped.
     #[test]
     fn writes_are_read_back(
         seed: u32, words in prop::array::uniform4(prop::array::uniform16(any::<u32>())), mask: u16,

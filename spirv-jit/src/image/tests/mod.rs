@@ -151,7 +151,7 @@ fn wrap(mode: AddressMode, i: i64, size: i64) -> Option<i64> {
     }
 }
 
-/// What a sample reads.
+/// The arguments of a sample.
 #[derive(Clone, Debug)]
 struct Query {
     coordinates: [f64; 3],

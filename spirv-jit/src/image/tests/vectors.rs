@@ -10,7 +10,7 @@ use super::super::vector::{self, Vector};
 use super::*;
 use crate::eval::quad;
 
-/// What is done with each instruction set.
+/// The test body for each instruction set.
 trait Case {
     /// # Safety
     /// The machine has the instruction set.
@@ -485,7 +485,7 @@ impl Case for Shorts {
         unsafe {
             let words = v.load_quads_of_shorts(from.as_ptr(), self.stride);
             v.store_i(words, &mut shorts);
-            // What the upper halves hold is not stored.
+            // The upper halves are not stored.
             let words = v.or_i(words, v.splat_i(-0x10000));
             v.store_quads_of_shorts(words, to.as_mut_ptr(), self.stride);
         }

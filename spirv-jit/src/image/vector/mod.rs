@@ -77,7 +77,8 @@ pub trait Task<V: Vector> {
     unsafe fn run(self, v: V) -> Self::Output;
 }
 
-/// An instruction set, as a token: whoever makes one knows that the machine has it. Where code is compiled for the set too, all of this is inlined.
+/// An instruction set, as a token: its creator knows that the machine has the set. In code that is
+/// compiled for the set, all of this is inlined.
 pub trait Vector: Copy {
     /// Numbers and words of sixteen lanes.
     type F: Copy;

@@ -69,7 +69,7 @@ impl<'m> Emitter<'m> {
         at
     }
 
-    /// What a turn through the code since a place takes.
+    /// The fuel of a pass through the code since a place.
     fn fuel_since(&self, start: Target) -> Operand {
         let start = self.targets[start.0] as usize;
         let length = self.code.instrs.len() - start + self.native_operations_since(start);
@@ -306,7 +306,8 @@ impl<'m> Emitter<'m> {
             return moves;
         }
         let mut ordered = Vec::with_capacity(moves.len());
-        // Who reads a row, how many of them still will, and who writes it: what nobody reads any more can be overwritten.
+        // The reader, the remaining number of readers, and the writer of each row; a row with no
+        // readers left can be reused.
         let mut readers: HashMap<Operand, (u32, SmallVec<[u32; 2]>)> = HashMap::default();
         let mut writers: HashMap<Operand, u32> = HashMap::default();
         for (index, m) in moves.iter().enumerate() {

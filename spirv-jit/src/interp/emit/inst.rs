@@ -248,7 +248,7 @@ impl Emitter<'_> {
             ));
         }
         let operands = self.list(&inst.args);
-        // A result that nobody took still needs a row to go to.
+        // An unused result still needs a row.
         let d = match inst.results.first() {
             Some(&result) => self.operand(result),
             None => self.placed().scratch,

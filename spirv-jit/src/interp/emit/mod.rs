@@ -240,7 +240,7 @@ impl<'m> Emitter<'m> {
 struct Move {
     to: Operand,
     from: Operand,
-    /// What is copied; `None` for copies from and to the scratch row.
+    /// The copied value; `None` for copies from and to the scratch row.
     value: Option<Value>,
     wide: bool,
     /// In active lanes alone.

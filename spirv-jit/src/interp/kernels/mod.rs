@@ -1,6 +1,7 @@
 //! Kernels of the pure operations: a function of `eval` over the lanes of each subgroup that has any active.
 //!
-//! They compute inactive lanes of those subgroups too; slots are allocated so that this harms nobody.
+//! They also compute inactive lanes of those subgroups; slots are allocated so that this is
+//! harmless.
 
 mod elementwise;
 mod fused;

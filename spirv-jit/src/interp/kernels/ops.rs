@@ -10,7 +10,7 @@ macro_rules! operation {
     };
 }
 
-/// What an operation of the table is, by its signature.
+/// Implements an operation of the table by its signature.
 macro_rules! implement {
     ($name:ident [$($generics:tt)*] $trait:ty, ($($arg:ident: $ty:ty),*) -> $result:ty) => {
         impl<$($generics)*> $trait for $name {

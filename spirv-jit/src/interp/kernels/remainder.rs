@@ -13,7 +13,7 @@ use crate::interp::tier::Kernel;
 /// 2^-24 away from one, and its product with the divisor is exact.
 const MODERATE: f64 = 268_435_456.0;
 
-/// What is added to the remainder towards zero.
+/// The correction of the remainder towards zero.
 pub(super) trait Sign {
     fn fix(remainder: f32, divisor: f32) -> f32;
 }

@@ -13,7 +13,7 @@ use crate::row::Row;
 /// Bytes that lanes load from.
 const SIZE_BYTES: usize = 203;
 
-/// What rows hold before.
+/// The byte that fills rows beforehand.
 const BEFORE: u8 = 0xa5;
 
 /// Numbers that look random (Steele, Lea, Flood 2014).

@@ -66,7 +66,7 @@ fn word(seed: u64, row: usize, lane: usize) -> u32 {
     }
 }
 
-/// What a program leaves in each lane, by output row.
+/// The results of a program in each lane, by output row.
 type Outputs = Vec<Vec<u32>>;
 
 fn run(program: Program, seed: u64, subgroups: usize) -> Outputs {

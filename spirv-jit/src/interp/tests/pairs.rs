@@ -1,4 +1,5 @@
-//! What the emitter makes of several instructions at once: fused pairs, values computed where a branch would copy them to.
+//! Combined instructions of the emitter: fused pairs, and values computed where a branch would copy
+//! them to.
 
 use lanes::Tier as TierKind;
 

@@ -21,8 +21,9 @@
 //! func f1 (v0: i32) -> (i32) { return(v0) }
 //! ```
 //!
-//! What is not an operand stands in brackets after the operation's name; floats are constants in hexadecimal bits. A `;` starts a comment.
-//! Values or labels that are in a function's tables but in none of its instructions are listed at its head (`unused v7: f32`, `labels 3`).
+//! Data that is not an operand stands in brackets after the operation's name; floats are constants
+//! in hexadecimal bits. A `;` starts a comment. Values or labels that are in a function's tables
+//! but in none of its instructions are listed at its head (`unused v7: f32`, `labels 3`).
 
 mod names;
 mod parse;

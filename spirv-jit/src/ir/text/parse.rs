@@ -574,7 +574,7 @@ impl<'a> Parser<'a> {
         op.ok_or_else(|| format!("`{name}` with [{}] is no operation", words.join(", ")))
     }
 
-    /// What stands in brackets: at each comma a word, or two with a space.
+    /// The contents of brackets: at each comma a word, or two with a space.
     fn bracketed(&mut self) -> Parsed<Vec<&'a str>> {
         let mut words = Vec::new();
         if self.accept('[') {

@@ -10,7 +10,7 @@ use crate::ir::op::{Access, DescriptorBinding};
 use crate::ir::{Body, Function, InputRow, Inst, Label, Module, Node, Op, Terminator, Type, Value};
 use crate::query::QueryWord;
 
-/// What stands before the functions in a module's text form: all that is not a function.
+/// The text form of a module before its functions.
 pub fn print_head(module: &Module) -> String {
     let mut text = format!("module {}\n", stage_text(module.stage));
     if !module.inputs.is_empty() {

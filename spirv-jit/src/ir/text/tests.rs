@@ -215,7 +215,8 @@ fn verifier_refuses_forged_descriptors() {
     verdict(&entry(&followed)).unwrap();
 }
 
-/// What a stage's scheduler cannot answer, and memory that its programs do not have.
+/// Operations that a stage's scheduler cannot answer, and memory that its programs lack, are
+/// refused.
 #[test]
 fn verifier_refuses_what_a_stage_lacks() {
     let shared = "v0: i32 = const 0\nstore.shared v0, v0\nend";

@@ -211,7 +211,7 @@ fn memory_text(base: Base, displacement: i32) -> String {
     }
 }
 
-/// What the decoder must print.
+/// The text that the decoder must print.
 fn expected(
     listed: &Listed,
     encoding: Encoding,
@@ -511,7 +511,7 @@ fn place(value: u32, ty: Type, row: Row) -> Place {
     }
 }
 
-/// What the decoder says of a function; its last instruction returns.
+/// The decoder's output for a function; its last instruction returns.
 fn function(bytes: &[u8]) -> Vec<(Instruction, String)> {
     let mut decoder = Decoder::with_ip(64, bytes, 0, DecoderOptions::NONE);
     while decoder.can_decode() {

@@ -13,7 +13,7 @@ struct RowAccess {
     is_pinned: bool,
 }
 
-/// What becomes of one access.
+/// The outcome of one access.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Promotion {
     /// Stays an access to memory.
@@ -33,7 +33,7 @@ pub struct Cells {
     pub promotions: Vec<Promotion>,
 }
 
-/// What is accessed at one row.
+/// The accesses at one row.
 #[derive(Clone, Copy, Default)]
 struct RowUse {
     /// Types of up to 32 bits, as a set of `1 << Type`.

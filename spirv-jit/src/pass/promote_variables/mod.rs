@@ -1,5 +1,6 @@
-//! Variables to values: fixed rows of variables whose address nobody takes live in SSA, handed on by the arguments of `br` and by loop
-//! parameters. What was never stored reads as zero.
+//! Variables to values: fixed rows of variables whose address is never taken become SSA values,
+//! passed on by the arguments of `br` and by loop parameters. A row that was never stored reads as
+//! zero.
 
 mod cells;
 mod liveness;
@@ -51,7 +52,7 @@ struct Promoter<'a> {
     cells: Cells,
     candidates: Vec<Candidates>,
     substitution: Substitution,
-    /// What each cell holds here; `None` is zero.
+    /// The current value of each cell; `None` is zero.
     current: Vec<Option<Value>>,
     /// Former contents of `current`, to go back to at the end of a construct.
     log: Vec<(u32, Option<Value>)>,

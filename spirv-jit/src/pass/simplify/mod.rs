@@ -48,7 +48,7 @@ enum Definition {
     },
 }
 
-/// What a rule makes of an operation.
+/// The outcome of a rule for an operation.
 enum Outcome {
     /// The result is this value.
     Is(Value),

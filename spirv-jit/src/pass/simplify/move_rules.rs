@@ -31,7 +31,7 @@ impl Simplifier<'_> {
         }
     }
 
-    /// What a reference names, where it is known.
+    /// The descriptor that a reference names, if known.
     fn descriptor_rules(&mut self, reference: Value) -> Option<Outcome> {
         const PUSH_CONSTANTS: u64 = reference::of(reference::PUSH_CONSTANTS, 0);
         if self.constant(reference) == Some(PUSH_CONSTANTS) {

@@ -202,8 +202,8 @@ fn divisor(x: i128, y: i128) -> [i128; 3] {
     [first[1], first[2], first[0]]
 }
 
-/// A ray from the origin with a determinant of 1 or little more, though its products are of 70 bits: a direction that is in the plane of two
-/// vertices but for less than any of its digits.
+/// A ray from the origin with a determinant of 1 or little more, though its products have 70 bits:
+/// a direction that differs from the plane of two vertices by less than any of its digits.
 fn least(random: &mut Random) -> Option<Case> {
     let mut point = || [0; 3].map(|_| (random.signed() * f64::from(1 << 22)) as i128);
     let (p, q, r) = (point(), point(), point());

@@ -12,7 +12,7 @@ use crate::walk::facts::InstanceFacts;
 use crate::walk::rows::HitRows;
 use crate::walk::suspended::{Progress, Standing};
 
-/// What becomes of an instance.
+/// The outcome of entering an instance.
 pub(super) enum Entering {
     /// There is nothing for these rays.
     Nothing,
@@ -23,7 +23,7 @@ pub(super) enum Entering {
     Unusual,
 }
 
-/// What a bottom level holds.
+/// The contents of a bottom level.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Way {
     /// Triangles that all count.

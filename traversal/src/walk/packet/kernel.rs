@@ -1,4 +1,5 @@
-//! What packets compute, one set for each instruction set. All give the same bits, and visit the same things in the same order.
+//! The arithmetic of packets, one implementation for each instruction set. All give the same bits
+//! and visit the same nodes in the same order.
 
 use lanes::LaneMask;
 

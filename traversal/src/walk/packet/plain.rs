@@ -25,7 +25,7 @@ use crate::walk::suspended::{Progress, Standing, Suspended};
 use crate::walk::triangle::Intersection;
 use crate::walk::{PACKET, Walker};
 
-/// What every machine has.
+/// The baseline that every machine has.
 pub(super) struct Portable;
 
 /// AVX2.

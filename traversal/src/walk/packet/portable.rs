@@ -1,4 +1,4 @@
-//! What becomes of rows in packets, in plain Rust.
+//! Operations on rows in packets, in plain Rust.
 
 use lanes::LaneMask;
 

@@ -50,7 +50,7 @@ pub(crate) struct Rays {
     pub(super) hits_of: u32,
 }
 
-/// What all rays have in common, for a test of eight boxes: lower and upper ends.
+/// The interval of all rays, for a test of eight boxes: lower and upper ends.
 pub(super) struct Interval {
     /// The origin for near planes and for far planes.
     pub near_origin: [f32; 3],

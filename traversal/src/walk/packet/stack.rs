@@ -1,4 +1,4 @@
-//! What packets keep in a walker: what is still to be visited, and the rays set up.
+//! Packet data in a walker: entries to visit, and the rays' set-up.
 #![forbid(unsafe_code)]
 
 use lanes::LaneMask;
@@ -45,7 +45,7 @@ impl Stack {
     }
 }
 
-/// What a packet needs of a walker beyond what walks need.
+/// Walker data that packets need beyond that of walks.
 pub(crate) struct PacketSpace {
     pub(super) top: Stack,
     pub(super) bottom: Stack,

@@ -1,4 +1,5 @@
-//! What becomes of rows in packets, with AVX2: [`portable`](super::portable) in vectors, which compilers do not make of loops with masks.
+//! Operations on rows in packets with AVX2: [`portable`](super::portable) in vectors, which
+//! compilers do not make of loops with masks.
 
 use std::arch::x86_64::*;
 

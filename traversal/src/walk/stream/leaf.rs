@@ -179,7 +179,8 @@ impl Place for Bottom<'_> {
     }
 }
 
-/// What a ray has found in an instance, as far as it counts for ties there: nothing and the first instance come to the same.
+/// The hit of a ray in an instance, as far as it counts for ties there: no hit and the first
+/// instance have the same effect.
 fn committed(t: f32, instance_index: u32) -> Hit {
     Hit {
         t,

@@ -9,7 +9,7 @@ use crate::walk::opaque::Nearest;
 #[derive(Default)]
 pub(super) struct Stream {
     pub rays: Vec<StreamRay>,
-    /// What they have found here.
+    /// Their nearest hits here.
     pub best: Vec<Nearest>,
     /// The instance of what they have found before; 0 as well if that is nothing.
     pub before: Vec<u32>,

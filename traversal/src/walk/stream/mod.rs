@@ -8,7 +8,8 @@
 //! Each ray is tested as by itself, with the same operations. The hit does not depend on the order of the walk; and rays that end
 //! with their first hit visit children in the same order as by themselves. So the hits are the same bits.
 //!
-//! What a stream does not do (triangles that are not opaque, boxes, motion, rays of odd lengths, an end of fuel) is left to walks that start anew.
+//! Cases that a stream does not handle (non-opaque triangles, boxes, motion, rays of unusual
+//! length, an end of fuel) go to single walks that start anew.
 
 mod instances;
 mod leaf;

@@ -100,7 +100,7 @@ impl Stream {
         unsafe { self.rays.set_len(first + count) };
     }
 
-    /// Leaves the rays of a list to walks by themselves, but for those that are over.
+    /// Leaves the rays of a list to single walks, except finished ones.
     #[cold]
     pub fn split(&mut self, list: &List) {
         for i in 0..list.count as usize {

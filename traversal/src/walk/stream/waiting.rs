@@ -11,7 +11,7 @@ pub(crate) const STREAM_RAYS: usize = 4096;
 
 /// Rays that wait to be traced together, and memory to do so.
 pub(crate) struct Streams {
-    /// What all have in common.
+    /// Values that all rays share.
     pub(super) address: u64,
     pub(super) ray: Ray,
     /// The only instance: the rays are in its space. Else they are in that of the top level.

@@ -1,4 +1,4 @@
-//! What triangles cover: every sample of a surface once, and what the vertices say.
+//! Coverage of triangles: every sample of a surface once, and the values of the vertices.
 
 use ash::vk;
 

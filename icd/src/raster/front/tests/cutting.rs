@@ -142,7 +142,8 @@ fn chunks(
     Ok(all)
 }
 
-/// What a primitive came to be made of: its number, its vertices' indices, instance, view, and which of them provokes.
+/// The contents of a primitive: its number, its vertices' indices, instance, view, and its
+/// provoking vertex.
 type Made = (u32, [u32; 3], u32, u32, u8);
 
 fn made(chunks: &[Chunk]) -> Vec<Made> {
@@ -167,7 +168,7 @@ fn made(chunks: &[Chunk]) -> Vec<Made> {
         .collect()
 }
 
-/// What the specification says: segment after segment of the index stream.
+/// The primitives that the specification requires, segment after segment of the index stream.
 fn expected(
     topology: Topology,
     indices: &[u32],

@@ -44,7 +44,7 @@ const OPS: [BlendOp; 5] = [
     BlendOp::MAX,
 ];
 
-/// What the table "Blend Factors" says.
+/// The table "Blend Factors" of the specification.
 fn factor(factor: BlendFactor, component: usize, [s, s1, d, c]: [[f64; 4]; 4]) -> f64 {
     match factor {
         BlendFactor::ZERO => 0.0,

@@ -1,5 +1,5 @@
-//! What programs that only pass varyings on, and such as compute the same, leave, pixel by pixel, against a renderer of loops over samples: all sizes, areas, formats and
-//! states that come together by chance, in every tier.
+//! Compares programs that only pass on varyings, and programs that compute the same, pixel by pixel
+//! with a renderer of loops over samples: random sizes, areas, formats and states, in every tier.
 
 use ash::vk;
 use ash::vk::{BlendFactor, BlendOp, CompareOp};
@@ -315,7 +315,7 @@ fn check(random: &mut Random, runs: bool) {
             (it.edges, it.depth, it.linear, it.origin, colors)
         });
         let chunk = chunk_of(0, &targets, shapes);
-        // The same numbers, but for a program that has to run.
+        // The same numbers, from a program that has to run.
         let fragment = match runs {
             true => halve_and_double("linear.center"),
             false => pass_on("linear.center"),

@@ -1,4 +1,5 @@
-//! What programs that sample and multiply leave, against such as multiply once more by a half and by two and have to run: all bits, in every tier.
+//! Compares programs that sample and multiply with programs that multiply once more by a half and
+//! by two, and so have to run: all bits, in every tier.
 
 use ash::vk;
 use lanes::Tier;

@@ -65,7 +65,7 @@ impl Range {
     /// The values of a sequence in the low bits of `data`, as their bits and their digit.
     pub fn read(self, data: u128, values: &mut [(u32, u32)]) {
         let size = self.sequence_bits(values.len() as u32);
-        // What is not stored is zero.
+        // Bits that are not stored are zero.
         let mut rest = data & (1u128 << size.min(127)).wrapping_sub(1);
         let mut take = |bits: u32| {
             let taken = rest as u32 & ((1 << bits) - 1);

@@ -284,7 +284,7 @@ fn program(seed: u64) -> (Module, String, Vec<bool>) {
             let (lanes, tested) = (how == 1, m.values.iter().find(|(ty, _)| *ty == I1));
             let mut condition = tested.expect("an input is").1.clone();
             if !lanes {
-                // What all lanes of a subgroup agree on.
+                // Values that all lanes of a subgroup agree on.
                 condition = m.w.line(I1, &format!("subgroup.any {condition}"));
                 let same = m.w.line(I32, "input[0]");
                 let first = m.w.line(I32, &format!("subgroup.broadcast_first {same}"));
