@@ -38,7 +38,7 @@ fn third_party(root: &Path, packages: &[&str]) -> Result<String> {
     for package in crates {
         let field = |name: &str| package[name].as_str().unwrap_or_default();
         let (name, version) = (field("name"), field("version"));
-        // What has no source is the project's own.
+        // A package without a source belongs to the project.
         if package["source"].is_null() || !linked.contains(&format!("{name} v{version}")) {
             continue;
         }

@@ -39,7 +39,7 @@ struct Arguments {
     /// A Vulkan loader for systems that have none: libvulkan.so.1, with its licence beside it as LICENSE.txt
     #[arg(long, value_name = "FILE")]
     loader: Option<PathBuf>,
-    /// What the binaries run on, by Rust's name
+    /// The binaries' architecture, by Rust's name
     #[arg(long, value_name = "NAME", default_value = std::env::consts::ARCH)]
     architecture: String,
     /// The newest glibc that the binaries may need
@@ -56,12 +56,12 @@ struct Arguments {
 /// The most bytes that a stripped driver may have.
 const MAX_DRIVER_BYTES: usize = 10_000_000;
 
-/// What all packages are called by.
+/// The common name of all packages.
 pub struct Release {
     pub version: String,
     /// By Rust's name.
     pub architecture: String,
-    /// What the binaries need.
+    /// The glibc version that the binaries need.
     pub glibc: GlibcVersion,
     /// Whether they are linked with the compiler's library for unwinding.
     pub needs_libgcc: bool,

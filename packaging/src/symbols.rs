@@ -20,7 +20,7 @@ pub struct Separated {
 
 /// The tools that change binaries of an architecture.
 pub struct Tools {
-    /// What their names start with.
+    /// The prefix of their names.
     prefix: String,
 }
 

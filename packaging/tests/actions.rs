@@ -51,7 +51,7 @@ fn steps_parse() {
         for script in found {
             let mut plain = script.clone();
             for inside in expressions(&script) {
-                // What users can write reaches a shell by variables alone.
+                // User input reaches a shell only through variables.
                 assert!(
                     inside.starts_with("matrix."),
                     "{file}: {inside} inside a script"
@@ -93,7 +93,7 @@ impl Runner {
             std::env::temp_dir().join(format!("tuff-action-{}-{name}", std::process::id()));
         let runner = Runner(folder);
         fs::create_dir_all(runner.0.join("temp")).expect("a folder can be made");
-        // What the tarball of a release holds, as far as the step uses it.
+        // The tarball of a release, as far as the step uses it.
         runner.write("tuff-0/share/vulkan/icd.d/tuff_icd.json", "{}");
         let program = "#!/bin/sh\nhere=$(cd \"$(dirname \"$0\")/..\" && pwd)\n\
             echo \"export VK_DRIVER_FILES='$here/m.json'\"\n\

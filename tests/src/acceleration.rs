@@ -30,7 +30,7 @@ pub enum Geometry {
     },
 }
 
-/// What a list of round primitives is.
+/// The kind of a list of round primitives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sweep {
     Spheres,
@@ -307,7 +307,7 @@ impl Gpu {
         structure
     }
 
-    /// What a build of so many primitives takes, on the device or on the host.
+    /// The sizes of a build of so many primitives, on the device or on the host.
     pub fn build_sizes(
         &self,
         on: vk::AccelerationStructureBuildTypeKHR,

@@ -37,7 +37,7 @@ const REFRESH: Duration = Duration::from_micros(16_667);
 /// How the compositor misbehaves, and what it has seen.
 #[derive(Default)]
 pub struct Manners {
-    /// Nobody is told that a frame has been shown, as for a hidden window.
+    /// Shown frames are not reported, as for a hidden window.
     pub hides: AtomicBool,
     /// Buffers are given back this many commits later than they could be.
     pub late_releases: AtomicUsize,
@@ -53,7 +53,7 @@ pub struct Manners {
     pub presented: Mutex<Vec<u64>>,
 }
 
-/// What is on the screen: rows of blue, green, red, alpha.
+/// The contents of the screen: rows of blue, green, red, alpha.
 #[derive(Clone, Default)]
 pub struct Shown {
     pub width: usize,
@@ -86,7 +86,7 @@ struct Part {
     has_alpha: bool,
 }
 
-/// What a commit changes.
+/// The changes of a commit.
 #[derive(Default)]
 struct Update {
     attached: Option<WlBuffer>,
@@ -96,7 +96,7 @@ struct Update {
     sets: bool,
 }
 
-/// What a compositor has beside the core.
+/// The optional interfaces of a compositor.
 #[derive(Clone, Copy, Default)]
 pub struct Offers {
     /// It can tell when frames are shown.
@@ -107,9 +107,9 @@ pub struct Offers {
 
 struct State {
     manners: Arc<Manners>,
-    /// What is not yet committed.
+    /// The uncommitted changes.
     pending: Update,
-    /// What waits for the barrier, the oldest first.
+    /// The changes that wait for the barrier, the oldest first.
     queued: VecDeque<Update>,
     has_barrier: bool,
     /// Callbacks of what was committed.
@@ -355,7 +355,7 @@ macro_rules! global {
     };
 }
 
-/// What a global says of itself.
+/// The description of a global.
 fn announce<R: Resource + 'static>(resource: &R) {
     if let Some(shm) = (resource as &dyn std::any::Any).downcast_ref::<WlShm>() {
         shm.format(wl_shm::Format::Argb8888);

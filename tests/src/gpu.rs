@@ -44,7 +44,7 @@ pub struct Gpu {
     pub has_host_commands: bool,
     debug: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
     complaints: Arc<Mutex<Vec<String>>>,
-    /// What to destroy, oldest first.
+    /// The objects to destroy, oldest first.
     pub(crate) made: RefCell<Vec<Made>>,
     _watchdog: Sender<()>,
 }
@@ -101,7 +101,7 @@ impl Gpu {
         Gpu::open(false, false)
     }
 
-    /// What the device calls itself.
+    /// The device's name.
     pub fn name(&self) -> String {
         // SAFETY: the physical device is of this instance.
         let properties = unsafe { self.instance.get_physical_device_properties(self.physical) };
@@ -160,7 +160,7 @@ impl Gpu {
                 .push_next(&mut structure)
                 .push_next(&mut pipeline);
             instance.get_physical_device_features2(physical, &mut all);
-            // What changes addresses or is only for tools stays off.
+            // Features that change addresses or serve only tools stay off.
             let features = all.features;
             features12.buffer_device_address_capture_replay = 0;
             features12.buffer_device_address_multi_device = 0;
@@ -378,7 +378,7 @@ impl Gpu {
         named.expect("vkSetDebugUtilsObjectNameEXT");
     }
 
-    /// What the validation layer has said so far; the list is empty afterwards.
+    /// The messages of the validation layer so far; the list is empty afterwards.
     pub fn take_complaints(&self) -> Vec<String> {
         std::mem::take(
             &mut *self

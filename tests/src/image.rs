@@ -6,7 +6,7 @@ use bytemuck::Pod;
 use crate::gpu::Made;
 use crate::{Buffer, Gpu};
 
-/// What an image is to be.
+/// The parameters of an image.
 #[derive(Clone, Copy, Debug)]
 pub struct Shape {
     pub kind: vk::ImageViewType,

@@ -32,7 +32,7 @@ const ANY_USE: vk::BufferUsageFlags = vk::BufferUsageFlags::from_raw(
 );
 
 impl Gpu {
-    /// What buffers are made for.
+    /// The usage of buffers.
     pub fn usual_uses(&self) -> vk::BufferUsageFlags {
         let mut usage = ANY_USE;
         if self.has_graphics() {

@@ -44,7 +44,7 @@ pub struct Micromap {
     pub usages: Vec<vk::MicromapUsageEXT>,
 }
 
-/// What a micromap is built from, in buffers.
+/// The inputs of a micromap build, in buffers.
 pub struct MicromapParts {
     pub data: Buffer,
     pub triangles: Buffer,
@@ -58,7 +58,7 @@ impl Gpu {
         let mut info = parts.build_info();
         let device = self.device.handle();
         let mut sizes = vk::MicromapBuildSizesInfoEXT::default();
-        // SAFETY: the info is complete but for the destination, which sizes do not depend on.
+        // SAFETY: the info is complete except for the destination, which sizes do not depend on.
         unsafe {
             (self.micromaps.fp().get_micromap_build_sizes_ext)(
                 device,

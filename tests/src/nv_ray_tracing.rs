@@ -15,7 +15,7 @@ type Needs = vk::AccelerationStructureMemoryRequirementsTypeNV;
 #[derive(Clone, Copy, Debug)]
 pub struct StructureNv {
     pub handle: vk::AccelerationStructureNV,
-    /// What instances name it by.
+    /// The reference that instances use.
     pub reference: u64,
 }
 
@@ -31,7 +31,7 @@ impl StructureNv {
     }
 }
 
-/// What a structure is to hold.
+/// The description of a structure.
 pub struct DescribedNv {
     level: vk::AccelerationStructureTypeNV,
     flags: BuildFlags,

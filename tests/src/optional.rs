@@ -18,7 +18,7 @@ macro_rules! optional {
         }
 
         impl Optional {
-            /// What the device offers, less what is only for tools.
+            /// The device's features, except those that serve only tools.
             ///
             /// # Safety
             /// The physical device is of the instance.

@@ -47,7 +47,7 @@ impl Stages {
     pub const ALL: u32 = 15;
 }
 
-/// What is told of a presentation.
+/// The times of a presentation.
 #[derive(Clone, Debug)]
 pub struct Told {
     pub id: u64,
@@ -190,7 +190,7 @@ impl<'a> PresentTimes<'a> {
             .0[0]
     }
 
-    /// What is known of so many presentations at most, and whether that is all.
+    /// The times of at most so many presentations, and whether these are all.
     pub fn past(&self, swapchain: vk::SwapchainKHR, flags: u32, most: u32) -> (Vec<Told>, bool) {
         let info = vk::PastPresentationTimingInfoEXT {
             flags,

@@ -33,7 +33,7 @@ pub struct Presenter {
 /// Bytes of the largest frame.
 const FRAME_BYTES: u64 = 16 << 20;
 
-/// What a swapchain is to be.
+/// The parameters of a swapchain.
 #[derive(Clone, Copy)]
 pub struct Chain {
     pub extent: vk::Extent2D,
@@ -65,7 +65,7 @@ impl Chain {
     }
 }
 
-/// What a presentation is named, and what is asked of its times.
+/// The id of a presentation, and its timing request.
 #[derive(Clone, Copy, Default)]
 pub struct Asked {
     /// 0 is no name.
@@ -228,7 +228,7 @@ impl Presenter {
         )
     }
 
-    /// What the surface can do.
+    /// The capabilities of the surface.
     pub fn capabilities(&self) -> Result<vk::SurfaceCapabilitiesKHR, vk::Result> {
         // SAFETY: handles of this instance.
         unsafe {

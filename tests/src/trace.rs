@@ -110,7 +110,7 @@ impl Gpu {
         self.rays_of(pipeline, layout, set, groups.len())
     }
 
-    /// What is needed to trace with a pipeline that was made elsewhere.
+    /// The arguments for tracing with a pipeline that was made elsewhere.
     pub fn rays_of(
         &self,
         pipeline: vk::Pipeline,

@@ -59,8 +59,8 @@ impl Xvfb {
         })
     }
 
-    /// Starts one with a messenger before it, who loses descriptors (as the way into a container
-    /// may), and to whom clients that ask for the extension Present ask for one that there is not.
+    /// Starts a server behind a proxy that drops descriptors (as the way into a container may) and
+    /// that hides the Present extension from clients on request.
     #[track_caller]
     pub fn start_afar(hides_present: bool) -> Option<Xvfb> {
         let mut server = Self::start(&[])?;
@@ -172,8 +172,7 @@ impl Window {
         self.x.sync().unwrap();
     }
 
-    /// What the screen shows in the corner where the window is: blue, green, red and nothing of
-    /// each pixel.
+    /// The pixels of the screen in the window's corner: blue, green, red and an unused byte each.
     pub fn screenshot(&self, width: u16, height: u16) -> Vec<u8> {
         let format = ImageFormat::Z_PIXMAP;
         let image = self

@@ -47,7 +47,7 @@ impl Listener {
         }
     }
 
-    /// What was told so far; the list is empty afterwards.
+    /// Takes the reports so far; the list is empty afterwards.
     fn take(&self) -> Vec<Told> {
         std::mem::take(&mut *self.told.lock().unwrap())
     }

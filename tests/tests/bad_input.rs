@@ -201,8 +201,8 @@ fn an_unsupported_capability_is_refused() {
         return;
     };
     let words = glsl(Stage::Compute, COMPUTE);
-    // OpCapability is opcode 17 of two words; the first follows the header. Kernel is 6, and
-    // 5000 and 0xffff are nobody's.
+    // OpCapability is opcode 17 of two words; the first follows the header. Kernel is 6; 5000 and
+    // 0xffff are not assigned.
     assert_eq!(words[5], 2 << 16 | 17);
     for capability in [6, 5000, 0xffff] {
         let mut words = words.clone();

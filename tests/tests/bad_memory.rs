@@ -16,7 +16,7 @@ unsafe extern "C" {
     fn ftruncate(file: i32, length: i64) -> i32;
 }
 
-/// A second device, with extensions that tests have no other use for; destroyed by whoever asked for it.
+/// A second device, with extensions that other tests do not use; the caller destroys it.
 fn device_with(gpu: &Gpu, extensions: &[&CStr], sparse_binding: bool) -> ash::Device {
     let names: Vec<_> = extensions.iter().map(|name| name.as_ptr()).collect();
     let queues = [vk::DeviceQueueCreateInfo::default()
@@ -95,7 +95,7 @@ fn exported_memory_keeps_its_size() {
         mapped.cast::<u32>().write_volatile(5);
         let again = import(files.get_memory_fd(&info).unwrap()).expect("ours can be imported");
         device.free_memory(again, None);
-        // A file on a disk can be made shorter by whoever can open it.
+        // A process that can open a file on a disk can shorten it.
         let path = std::env::temp_dir().join(format!("tuff-import-{}", std::process::id()));
         let plain = std::fs::File::create_new(&path).unwrap();
         plain.set_len(1 << 20).unwrap();
@@ -542,7 +542,7 @@ fn a_command_buffer_does_not_execute_itself() {
     }
 }
 
-/// What a command waits for may never come: an event that nobody sets, a query that nobody begins.
+/// A command may wait for an event that is never set, or for a query that never begins.
 #[test]
 fn waits_of_commands_end_by_their_time_limit() {
     let test = "waits_of_commands_end_by_their_time_limit";

@@ -1,5 +1,6 @@
-//! Structures that somebody has written into: a shader by their addresses, or the host in the memory that they lie in. Vulkan leaves the
-//! effect open, so these tests look only at Tuff, which promises that rays through them end, and that nobody is harmed.
+//! Structures that a shader overwrites through their addresses, or the host in their memory. Vulkan
+//! leaves the effect open, so these tests look only at Tuff, which promises that rays through them
+//! end and do no harm.
 
 use ash::vk::AccelerationStructureTypeKHR as Level;
 use tuff_tests::*;
@@ -168,7 +169,7 @@ impl World {
     }
 }
 
-/// What the memory of a structure holds.
+/// The words of a structure's memory.
 fn words(structure: Structure) -> Vec<u32> {
     structure.storage.expect("it is known").read()
 }
@@ -178,7 +179,7 @@ fn goes_on(test: &str) -> bool {
     alone(test, &[("TUFF_TIMEOUT", "0.1")])
 }
 
-/// What counts and offsets are replaced with.
+/// The values that replace counts and offsets.
 const WILD: [u64; 7] = [
     0,
     1,

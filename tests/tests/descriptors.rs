@@ -105,7 +105,7 @@ fn a_descriptor_is_what_was_written_last() {
     unsafe { gpu.device.update_descriptor_sets(&[], &[copy]) };
     run(sets[1], 1, 2);
     run(sets[1], 2, 3);
-    // What was a structure becomes a buffer.
+    // A structure's descriptor becomes a buffer's.
     let world = gpu.scene(&[Geometry::opaque(&[
         [0.0; 3],
         [0.0, 1.0, 0.0],

@@ -64,7 +64,7 @@ fn ray_tracing_brings_the_features_it_needs() {
     assert_eq!(gpu.features12.buffer_device_address, vk::TRUE);
     assert_eq!(gpu.features12.descriptor_indexing, vk::TRUE);
     assert_eq!(gpu.features.robust_buffer_access, vk::TRUE);
-    // What every device of version 1.3 must have.
+    // Required of every device of version 1.3.
     assert_eq!(gpu.features12.timeline_semaphore, vk::TRUE);
     assert_eq!(gpu.features12.host_query_reset, vk::TRUE);
     assert_eq!(gpu.features12.vulkan_memory_model, vk::TRUE);

@@ -26,7 +26,7 @@ fn has_faults(gpu: &Gpu) -> bool {
     gpu.optional.fault.device_fault == vk::TRUE
 }
 
-/// What a device tells of its fault.
+/// A device's fault report.
 struct Report {
     description: String,
     addresses: Vec<vk::DeviceFaultAddressInfoEXT>,

@@ -169,7 +169,7 @@ impl Side {
     /// Fails unless the buffer is full of this word.
     #[track_caller]
     fn holds(&self, word: u32) {
-        // SAFETY: the memory is as long, seen by the host, and nobody writes to it now.
+        // SAFETY: the memory is as long, visible to the host, and not written now.
         unsafe {
             self.device.device_wait_idle().unwrap();
             let flags = vk::MemoryMapFlags::empty();

@@ -102,7 +102,7 @@ struct Ids {
     entry_label: u32,
 }
 
-/// What is looked up in.
+/// The kind of look-up.
 #[derive(Clone, Copy, PartialEq)]
 enum Lookup {
     Fetch,
@@ -188,7 +188,7 @@ fn looking_up(lookup: Lookup, forge: impl FnOnce(&mut Assembly, &Ids) -> u32) ->
     a.words()
 }
 
-/// What a shader leaves, or nothing if it is refused.
+/// The results of a shader, or none if it is refused.
 fn run(gpu: &Gpu, words: &[u32]) -> Option<[u32; 4]> {
     let buffer = gpu.buffer_with(&[7u32; 16]);
     let set = gpu.set_of(&[buffer.into()]);
@@ -208,7 +208,7 @@ fn run(gpu: &Gpu, words: &[u32]) -> Option<[u32; 4]> {
     Some([words[0], words[1], words[2], words[3]])
 }
 
-/// What is no image, no sampler and no pointer is not taken for one, by whatever way it comes.
+/// Values that are no image, no sampler and no pointer are refused as such, whatever their origin.
 #[test]
 fn forged_descriptors_are_refused() {
     let Some(gpu) = Gpu::surviving() else { return };

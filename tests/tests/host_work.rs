@@ -1,4 +1,5 @@
-//! What applications leave to their own threads, and keep from one run to the next: deferred operations and pipeline caches.
+//! Work that applications leave to their own threads, and data that they keep between runs:
+//! deferred operations and pipeline caches.
 
 use std::sync::Mutex;
 use std::thread;
@@ -70,7 +71,7 @@ fn callable(number: u32) -> String {
     )
 }
 
-/// What pipelines are made of: a ray generation shader and three callables.
+/// The parts of pipelines: a ray generation shader and three callables.
 struct Parts {
     modules: Vec<(Stage, vk::ShaderModule)>,
     set: Set,
@@ -294,7 +295,7 @@ fn caches_carry_programs_from_one_to_the_next() {
         let merged = cache_of(&gpu, &[]);
         gpu.device.merge_pipeline_caches(merged, &[second]).unwrap();
         for cache in [second, merged] {
-            // What is in a cache need not be compiled; drivers may keep less, but this one keeps all.
+            // A cached program need not be compiled; drivers may keep less, but Tuff keeps all.
             let flags = if can_require && gpu.is_tuff() {
                 only_cached
             } else {

@@ -148,7 +148,7 @@ fn probe() {
     );
 }
 
-/// What a child sees with a tier.
+/// The results of a child process with a tier.
 fn seen(tier: &str) -> [u32; 3] {
     let program = std::env::current_exe().expect("this program");
     let mut child = Command::new(program);

@@ -36,7 +36,7 @@ struct Litmus<'a> {
     callable: Option<&'a str>,
     recursion: u32,
     expected: &'a dyn Fn(u32) -> u32,
-    /// What lavapipe does wrong here, where it does.
+    /// The known fault of lavapipe, if there is one.
     lavapipe: Option<&'a str>,
 }
 
@@ -180,7 +180,7 @@ fn payloads_need_no_barrier() {
         any_hit: Some("payload = payload * 2 + 1; if ((me() & 3u) == 0u) ignoreIntersectionEXT;"),
         hit: "payload += 1000;",
         miss: "payload += 5000;",
-        // What an any-hit shader writes stays, even if it ignores the hit.
+        // Writes of an any-hit shader stay, even if it ignores the hit.
         expected: &|i| 2 * i + 1 + if i % 4 == 0 { 5000 } else { 1000 },
         ..Litmus::default()
     });

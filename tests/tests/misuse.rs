@@ -12,7 +12,7 @@ const RAYGEN: &str =
 
 /// A trace that is right as it stands; each test spoils a part.
 struct Parts<'a> {
-    /// What the ray generation shader does with `payload`, `world`, `words` and `numbers`.
+    /// The ray generation shader's use of `payload`, `world`, `words` and `numbers`.
     raygen: &'a str,
     hit: &'a str,
     callable: Option<&'a str>,
@@ -33,7 +33,7 @@ const RIGHT: Parts = Parts {
     numbers: [0.0; 8],
 };
 
-/// What is traced.
+/// The inputs of a trace.
 struct Trace<'a> {
     gpu: &'a Gpu,
     rays: Rays,
@@ -56,7 +56,7 @@ fn shader(body: &str, storage: &str) -> String {
 }
 
 impl<'a> Trace<'a> {
-    /// What this ray generation shader traces.
+    /// The trace of this ray generation shader.
     fn by(gpu: &'a Gpu, raygen: &str) -> Self {
         Self::new(gpu, &Parts { raygen, ..RIGHT })
     }

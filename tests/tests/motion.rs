@@ -93,7 +93,7 @@ layout(set = 0, binding = 1, std430) buffer Results { float results[]; };
 layout(set = 0, binding = 2, scalar) buffer Rays { float rays[]; };
 ";
 
-/// What a ray found: distance (or -1), time, custom index, three numbers of the transform.
+/// The result of a ray: distance (or -1), time, custom index, three numbers of the transform.
 type Found = [f32; 6];
 
 /// Traces rays: origin, direction, time. A negative time traces without motion.

@@ -148,7 +148,7 @@ fn watch(gpu: &Gpu) {
     DRIVER[0].store(ranges[0][0], Ordering::Relaxed);
 }
 
-/// What a step may fail with.
+/// The permitted errors of a step.
 const ANSWERS: [&str; 5] = [
     "OUT_OF_HOST_MEMORY",
     "OUT_OF_DEVICE_MEMORY",

@@ -91,7 +91,7 @@ fn results_are_queued_until_they_are_asked_for() {
     for id in 1..=4 {
         show(&presenter, swapchain, asked(id * 3, 0, 0, local.1));
     }
-    // What is refused stays acquired, and can be presented without being asked about.
+    // A refused image stays acquired, and can be presented without a timing request.
     let pixels = screen_picture(SIDE, SIDE, 0);
     let refused = presenter.timed_frame(swapchain, chain.extent, &pixels, asked(15, 0, 0, local.1));
     assert_eq!(refused.unwrap_err().as_raw(), QUEUE_FULL);
@@ -110,7 +110,7 @@ fn results_are_queued_until_they_are_asked_for() {
         assert!(told.is_complete && told.domain == local && told.target == 0);
         assert_eq!(told.times.len(), 4, "all that was asked for");
         assert!(told.at(Stages::QUEUE_END) <= told.at(Stages::DEQUEUED));
-        // Nobody sees it.
+        // The image is not visible.
         assert_eq!(told.at(Stages::OUT), 0);
     }
     assert_eq!(times.count(swapchain, ANY_ORDER), 0);
@@ -211,7 +211,7 @@ fn presentations_wait_for_their_times() {
     );
     assert!(told[1].at(Stages::DEQUEUED) >= at && told[1].target == at);
     assert!(told[2].at(Stages::DEQUEUED) > told[1].at(Stages::DEQUEUED));
-    // One that would never be seen holds up nobody who ends the swapchain.
+    // An image that would never be seen does not delay the end of the swapchain.
     show(&presenter, swapchain, asked(5, 0, u64::MAX, local.1));
     let start = Instant::now();
     presenter.destroy(swapchain);

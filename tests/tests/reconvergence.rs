@@ -147,7 +147,7 @@ fn write_list(list: &[Statement], loops: u32, text: &mut String) {
     }
 }
 
-/// What each lane of a subgroup notes.
+/// The notes of each lane of a subgroup.
 struct Machine {
     lanes: u32,
     notes: Vec<Vec<u32>>,

@@ -59,7 +59,7 @@ fn probe() {
     }
 }
 
-/// What a child says behind a word.
+/// The text after a word in a child's output.
 fn said(child: &Output, word: &str) -> String {
     let text = String::from_utf8_lossy(&child.stdout);
     let line = text.lines().find_map(|line| line.split_once(word));

@@ -1,5 +1,6 @@
-//! What the Slang compiler makes of the ray tracing examples of slangpy. `cargo xtask slang` fetches both, and builds and runs this
-//! program, which the feature `slang` stands for. Expectations are by geometry: barycentric weights, and a plane in a white furnace.
+//! The Slang compiler's output for the ray tracing examples of slangpy. `cargo xtask slang` fetches
+//! both, and builds and runs this program, which needs the feature `slang`. Expectations are by
+//! geometry: barycentric weights, and a plane in a white furnace.
 
 use std::ffi::{CStr, CString, c_char, c_int, c_void};
 use std::path::PathBuf;

@@ -17,7 +17,8 @@ layout(set = 0, binding = 1, std430) buffer Results { float results[]; };
 layout(set = 0, binding = 2, scalar) buffer Rays { vec3 rays[]; };
 ";
 
-/// What a ray found: distance (or -1), primitive, attribute, sphere or swept, first position, first and second radius.
+/// The result of a ray: distance (or -1), primitive, attribute, sphere or swept, first position,
+/// first and second radius.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Found {
     t: f32,

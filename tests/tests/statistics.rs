@@ -60,6 +60,6 @@ fn calls_fill_their_waves() {
     assert_eq!(column("miss", 3), 256.0, "{said}");
     // The 64 hits are of twenty subgroups.
     assert!(column("closest hit", 4) >= 80.0, "{said}");
-    // What is left of each, twelve or thirteen lanes, is as full.
+    // The rest of each, twelve or thirteen lanes, is as full.
     assert!(column("miss", 4) >= 80.0, "{said}");
 }

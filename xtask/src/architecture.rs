@@ -33,13 +33,13 @@ impl Architecture {
         self.name() == std::env::consts::ARCH
     }
 
-    /// What Rust calls a Linux system of it.
+    /// Rust's name of a Linux system of this architecture.
     pub fn platform(self) -> String {
         format!("{}-unknown-linux-gnu", self.name())
     }
 }
 
-/// What compiles and runs programs of another architecture here.
+/// The tools that compile and run programs of another architecture here.
 pub struct Emulation {
     architecture: Architecture,
     /// The folder of the architecture's Vulkan loader.

@@ -15,7 +15,7 @@ pub struct Options {
     /// How long, in minutes, all targets together
     #[arg(long, default_value_t = 10.0)]
     minutes: f64,
-    /// What cases follow from
+    /// The seed of all cases
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// With AddressSanitizer in the driver and in the program
@@ -131,7 +131,7 @@ fn address_runtime() -> Result<PathBuf> {
         .with_context(|| format!("no runtime of AddressSanitizer in {}", folder.display()))
 }
 
-/// What cargo-fuzz would pass.
+/// The options that cargo-fuzz would pass.
 const COVERAGE: &str = "-Zsanitizer=address -Cpasses=sancov-module -Cllvm-args=-sanitizer-coverage-level=4 \
     -Cllvm-args=-sanitizer-coverage-inline-8bit-counters -Cllvm-args=-sanitizer-coverage-pc-table \
     -Cllvm-args=-sanitizer-coverage-trace-compares --cfg fuzzing -Ccodegen-units=1";

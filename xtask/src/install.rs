@@ -114,7 +114,7 @@ fn strip(library: &Path) {
     }
 }
 
-/// What keeps the loader from finding the manifest, each with what mends it.
+/// Problems that keep the loader from finding the manifest, each with its fix.
 fn notes(places: &Places, variable: &dyn Fn(&str) -> Option<OsString>) -> Vec<String> {
     let manifest = places.manifest.display();
     let set = |name: &str| variable(name).filter(|value| !value.is_empty());
@@ -137,7 +137,8 @@ fn notes(places: &Places, variable: &dyn Fn(&str) -> Option<OsString>) -> Vec<St
     notes
 }
 
-/// Folders in whose `vulkan/icd.d` the loader looks for manifests (Khronos' LoaderDriverInterface.md, "Driver Discovery on Linux").
+/// Folders in whose `vulkan/icd.d` the loader looks for manifests (Khronos'
+/// LoaderDriverInterface.md, "Driver Discovery on Linux").
 fn searched(set: &dyn Fn(&str) -> Option<OsString>) -> Vec<PathBuf> {
     let mut folders: Vec<PathBuf> = ["/etc", "/usr/local/etc"].map(PathBuf::from).into();
     let mut list = |name: &str, otherwise: &str| {

@@ -12,7 +12,7 @@ use crate::workspace;
 
 /// Where the library lies, seen from the manifest's folder.
 const LIBRARY_FROM_MANIFEST: &str = "../../../lib/tuff/libvulkan_tuff.so";
-/// What cross-compiles against an old glibc.
+/// The tool that cross-compiles against an old glibc.
 const ZIGBUILD: &str = "cargo-zigbuild";
 
 #[derive(Args)]

@@ -1,4 +1,4 @@
-//! What commands need of the system, and the packages that bring it.
+//! The system packages that commands need.
 
 use std::process::{Command, Stdio};
 
@@ -25,7 +25,7 @@ pub const LOADER: Need = Need {
     ],
 };
 
-/// A display server whose windows nobody sees, for tests of presentation.
+/// A virtual display server, for tests of presentation.
 pub const XVFB: Need = Need {
     name: "Xvfb, which shows the windows of tests,",
     is_there: || is_program("Xvfb"),
@@ -81,7 +81,7 @@ fn install(need: &Need) -> bool {
     apt(&install) || (apt(&["update"]) && apt(&install))
 }
 
-/// What a person would type to install it here.
+/// The command that installs it here.
 fn install_command(need: &Need) -> String {
     let [apt, dnf, pacman, zypper] = need.packages;
     if is_program("dnf") {

@@ -64,11 +64,12 @@ pub fn run(mut program: Command) -> Result<ExitCode> {
     Ok(exit_code(status))
 }
 
-/// What a child's end means for this program's own.
+/// The exit code of this program for a child's end.
 fn exit_code(status: ExitStatus) -> ExitCode {
     match (status.code(), status.signal()) {
         (Some(code), _) => ExitCode::from(u8::try_from(code).unwrap_or(1)),
-        // Whoever read its output has seen enough: no error of anybody's, and what a shell returns for it.
+        // The reader of its output has seen enough: no error, and the exit code that a shell
+        // returns for it.
         (None, Some(libc::SIGPIPE)) => ExitCode::from(128 + libc::SIGPIPE as u8),
         (None, _) => {
             eprintln!("error: {status}");
@@ -90,7 +91,7 @@ pub fn shown(path: &Path) -> PathBuf {
 mod tests {
     use super::*;
 
-    /// What the driver is made of may not depend on what else a command needs.
+    /// The driver's dependencies must not depend on those of another command.
     #[test]
     fn packages_are_built_one_at_a_time() {
         let command = build_command("icd");

@@ -1,4 +1,4 @@
-//! Output that nobody reads to its end: `cargo xtask --help | head`.
+//! Output that is not read to its end: `cargo xtask --help | head`.
 
 use std::os::unix::process::ExitStatusExt;
 use std::process::Command;

@@ -46,7 +46,7 @@ fn each_variable_is_documented() {
     assert!(names.len() > 9, "{names:?}");
     for name in names {
         let in_table = readme.contains(&format!("| `{name}` | "));
-        // What only developers need stands elsewhere.
+        // Variables that only developers need are documented elsewhere.
         let for_developers = adding.contains(&format!("`{name}="));
         assert!(in_table || for_developers, "{name} is not documented");
     }

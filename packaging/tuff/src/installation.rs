@@ -13,7 +13,7 @@ const MANIFEST: &str = "share/vulkan/icd.d/tuff_icd.json";
 /// The loader that some packages bring, for systems without one.
 const LOADER_FOLDER: &str = "lib/tuff/loader";
 
-/// What one package put somewhere.
+/// The files of one package.
 pub struct Installation {
     /// The manifest; it may not be there.
     pub manifest: PathBuf,

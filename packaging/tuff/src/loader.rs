@@ -37,7 +37,7 @@ fn file_of(function: *const c_void) -> Option<PathBuf> {
     }
 }
 
-/// What a person would type to install the loader here.
+/// The command that installs the loader on this system.
 pub fn install_command() -> &'static str {
     let has = |program: &str| Path::new("/usr/bin").join(program).exists();
     if has("dnf") {

@@ -12,7 +12,7 @@ use anyhow::{Context, Result};
 use crate::installation::Installation;
 use crate::loader;
 
-/// What shells return for a program that is not there, and for one that cannot be started.
+/// The exit codes of shells for a missing program, and for one that cannot be started.
 const NOT_FOUND: u8 = 127;
 const NOT_EXECUTABLE: u8 = 126;
 
@@ -49,7 +49,7 @@ pub fn run(installation: &Installation, words: &[OsString]) -> Result<ExitCode> 
     Err(program.exec()).with_context(|| format!("starting {}", path.display()))
 }
 
-/// What is wrong with the installed driver, and what mends it.
+/// Adds the problem of the installed driver, and its fix, to an error.
 pub fn with_what_mends(error: anyhow::Error) -> anyhow::Error {
     anyhow::anyhow!(
         "{error:#}: install Tuff again, or name its manifest by --manifest FILE; `tuff info` tells more"

@@ -1,4 +1,4 @@
-//! Output that nobody reads to its end: `tuff info | head`.
+//! Output that is not read to its end: `tuff info | head`.
 
 use std::os::unix::process::ExitStatusExt;
 use std::process::Command;

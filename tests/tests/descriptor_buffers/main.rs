@@ -13,13 +13,13 @@ struct Buffers<'a> {
     properties: vk::PhysicalDeviceDescriptorBufferPropertiesEXT<'static>,
 }
 
-/// What the buffers of descriptors are for, besides the usual.
+/// The usage of descriptor buffers, besides the usual one.
 const USES: vk::BufferUsageFlags = vk::BufferUsageFlags::from_raw(
     vk::BufferUsageFlags::RESOURCE_DESCRIPTOR_BUFFER_EXT.as_raw()
         | vk::BufferUsageFlags::SAMPLER_DESCRIPTOR_BUFFER_EXT.as_raw(),
 );
 
-/// What to put into a descriptor.
+/// The source of a descriptor.
 enum Source {
     Sampler(vk::Sampler),
     Combined(vk::DescriptorImageInfo),

@@ -16,7 +16,7 @@ fn a_set_may_be_written_between_its_binding_and_the_dispatch() {
     ]);
     let results = gpu.buffer(64);
     let (staging, set) = (it.buffer(layout), it.buffer(layout));
-    // What is not a binding's is the application's, too: it may hold anything.
+    // Memory outside the bindings belongs to the application, too, and may hold anything.
     staging.write(0, &vec![0xa5u8; staging.size_bytes as usize]);
     staging.write(it.offset(layout, 0), &[1u32, 2, 3, 4]);
     it.put(

@@ -20,7 +20,7 @@ fn motley(gpu: &Gpu) -> (Micromap, Vec<u32>) {
     (micromap, (0..16).map(|part| outcome(state(part))).collect())
 }
 
-/// What rays find if a structure uses this micromap.
+/// The results of rays if a structure uses this micromap.
 fn found_with(gpu: &Gpu, micromap: &Micromap) -> Vec<u32> {
     let bottom = bottom(gpu, 1, &Use::of(micromap), Flags::empty());
     let world = gpu.top(&[Instance::of(bottom)]);

@@ -10,7 +10,7 @@ use vk::GeometryInstanceFlagsKHR as InstanceFlags;
 const TWO_STATES: u16 = 1;
 const FOUR_STATES: u16 = 2;
 
-/// What became of a ray.
+/// The outcome of a ray.
 const MISSED: u32 = 0;
 const ASKED: u32 = 1;
 const HIT: u32 = 2;
@@ -124,7 +124,7 @@ fn shoot(gpu: &Gpu, world: Structure, points: &[[f32; 2]], ray_flags: u32) -> Ve
     output.read()
 }
 
-/// What the specification's tables make of a four-state value.
+/// The outcome of a four-state value by the specification's tables.
 fn outcome(state: u8) -> u32 {
     [MISSED, HIT, ASKED, ASKED][usize::from(state)]
 }

@@ -202,7 +202,7 @@ fn intersection_shaders_find_spheres_in_boxes() {
         if (d >= 0.0) {
             float t = -b - sqrt(d);
             normal = (o + t * gl_ObjectRayDirectionNV) / 0.5;
-            // What lies past the ray's end is not accepted.
+            // A hit past the ray's end is not accepted.
             bool far = reportIntersectionNV(1e6, 7u);
             if (!far) reportIntersectionNV(t, 3u + uint(gl_PrimitiveID));
         }
@@ -402,7 +402,8 @@ fn shaders_that_are_hit_trace_by_location() {
         .bind(results);
     let rays = gpu.rays_nv(&case);
     gpu.trace_nv(&rays, &Table::of(0, &[1, 1], &[2]), [8, 1, 1]);
-    // What is seen from layer z on, so many layers deep: z + 10 (z + 1) + 100 (z + 2) …, and 7 past the last.
+    // The value seen from layer z on, so many layers deep: z + 10 (z + 1) + 100 (z + 2) …, and 7
+    // past the last.
     fn seen(z: u32, depth: u32) -> f32 {
         match (z, depth) {
             (7, _) => 7.0,

@@ -76,7 +76,7 @@ fn random_blend(random: &mut Rng) -> vk::PipelineColorBlendAttachmentState {
     }
 }
 
-/// What a device may leave out.
+/// Optional features of a device.
 #[derive(Clone, Copy)]
 pub struct Able {
     pub logic: bool,

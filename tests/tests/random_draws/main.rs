@@ -31,7 +31,7 @@ const VERTEX: &str = "
         shade = shift.w == 1.0 ? other : color;
     }";
 
-/// What fragment shaders have in common; the body of `main` follows.
+/// The common part of fragment shaders; the body of `main` follows.
 const FRAGMENT: &str = "
     layout(location = 0) flat in vec4 shade;
     layout(location = 0) out vec4 first;

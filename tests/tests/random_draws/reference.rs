@@ -38,7 +38,7 @@ pub struct Primitive {
     pub color: [u8; 4],
 }
 
-/// What a fragment shader does beside passing the colour on.
+/// The work of a fragment shader besides passing the colour on.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Fragment {
     Plain,

@@ -1,4 +1,4 @@
-//! What rays hit: triangles, boxes, instances, against computations on the host.
+//! Hits of rays on triangles, boxes and instances, against computations on the host.
 
 mod instances;
 mod reference;

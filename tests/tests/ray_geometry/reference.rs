@@ -1,4 +1,4 @@
-//! What rays hit, by brute force in double precision.
+//! Hits of rays by brute force in double precision.
 
 use super::*;
 

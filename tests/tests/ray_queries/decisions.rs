@@ -1,4 +1,4 @@
-//! What the shader decides, and what flags and masks decide before it.
+//! The shader's decisions, and those of flags and masks before it.
 
 use super::*;
 
@@ -156,7 +156,7 @@ fn flags_and_masks_choose_candidates() {
     const CULL_NO_OPAQUE: u32 = 0x80;
     const SKIP_TRIANGLES: u32 = 0x100;
     const SKIP_AABBS: u32 = 0x200;
-    // What is asked for beyond an opaque triangle depends on the order, so there is none where there are candidates.
+    // Queries after an opaque triangle depend on the order, so there is none with candidates.
     let cases: [(u32, u32, u32, u32); 9] = [
         (NO_OPAQUE, 0xff, 0b111111, 99),
         (NO_OPAQUE | CULL_BACK, 0xff, 0b001111, 99),

@@ -364,7 +364,8 @@ fn every_ray_tracing_stage_asks() {
     let Some(gpu) = open() else { return };
     let heights: Vec<f32> = (1..=64).map(|z| z as f32).collect();
     let floor = gpu.bottom(&[Geometry::opaque(&layers(&heights))]);
-    // What the pipeline's rays hit, and queries do not see: a triangle that asks, and a box beside it.
+    // Geometry that the pipeline's rays hit and queries do not see: a non-opaque triangle, and a
+    // box beside it.
     let wall = gpu.bottom(&[Geometry::triangles(
         &[[100.0, -9.0, 5.0], [109.0, -9.0, 5.0], [100.0, 9.0, 5.0]],
         ASKS,

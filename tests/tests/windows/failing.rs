@@ -1,4 +1,4 @@
-//! Windows that nobody sees, windows and servers that die, and programs that do what they may not.
+//! Hidden windows, windows and servers that die, and programs that break rules.
 
 use std::ffi::c_void;
 use std::time::{Duration, Instant};
@@ -176,7 +176,7 @@ fn images_that_are_never_presented_hold_nobody_up() {
     presenter.destroy(next);
 }
 
-/// What no program may do: it presents images that it has not acquired, the same one over and over.
+/// Breaks a rule: presents images that were not acquired, the same one over and over.
 #[test]
 fn more_presents_than_images_hang_nobody() {
     let Some((_server, window, presenter)) = on_screen(64, 64) else {

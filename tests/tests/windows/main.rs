@@ -213,7 +213,8 @@ fn shared_images_are_shown_again() {
         let swapchain = presenter.swapchain(&chain).unwrap();
         let index = acquire(&presenter, swapchain, PATIENCE_NS).unwrap();
         let device = &presenter.device;
-        // SAFETY: handles of this device, idle before each recording and when they are destroyed; nobody else draws to the image.
+        // SAFETY: handles of this device, idle before each recording and when they are destroyed;
+        // no other work draws to the image.
         unsafe {
             let images = presenter.swapchains.get_swapchain_images(swapchain);
             let image = images.unwrap()[index as usize];

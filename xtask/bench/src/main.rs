@@ -19,7 +19,7 @@ struct Arguments {
 enum Bench {
     /// Builds and walks of acceleration structures, against Embree where it is found
     Traversal(traversal::Options),
-    /// What reordering gains a path tracer with divergent materials
+    /// The gain of reordering in a path tracer with divergent materials
     Reorder(reorder::Options),
     /// The interpreter of shaders, as a share of what the compiler makes of the same operations
     Shader(shader::Options),

@@ -1,4 +1,5 @@
-//! What reordering gains a path tracer whose materials are in its ray generation shader: the same picture with and without, in turn.
+//! The gain of reordering in a path tracer whose materials are in its ray generation shader: the
+//! same picture with and without, alternating.
 
 use std::time::Instant;
 

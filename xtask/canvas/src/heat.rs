@@ -11,7 +11,7 @@ use crate::{Drawing, FONT, failed};
 #[derive(Clone, Debug, Default)]
 pub struct HeatMap {
     pub title: String,
-    /// What the columns are.
+    /// The meaning of the columns.
     pub across: String,
     pub columns: Vec<String>,
     pub rows: Vec<(String, Vec<Option<Cell>>)>,

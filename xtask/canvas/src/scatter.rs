@@ -1,4 +1,4 @@
-//! Points between cost and error: which of them lie on the frontier, and where the default is.
+//! Points of cost and error, with the frontier and the default.
 
 use anyhow::Result;
 use plotters::coord::Shift;
@@ -10,11 +10,11 @@ use crate::{Drawing, FONT, failed, short};
 /// How a point is drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mark {
-    /// What Tuff does unless told otherwise.
+    /// Tuff's default.
     Default,
-    /// What Tuff does if told so.
+    /// Tuff's other settings.
     Ours,
-    /// What others do.
+    /// Other methods.
     Other,
 }
 

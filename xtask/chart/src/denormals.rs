@@ -1,4 +1,4 @@
-//! What denormal numbers cost where they are kept, and what is lost where they are flushed.
+//! The cost of keeping denormal numbers, and the loss from flushing them.
 
 use anyhow::Result;
 use canvas::{Axis, Mark, Point, Scatter, save};

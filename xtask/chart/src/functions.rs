@@ -228,7 +228,7 @@ fn errors(function: &Function, accuracy: Accuracy, samples: u32) -> (f64, f64) {
     (worst, sum / f64::from(samples))
 }
 
-/// What is measured of one function.
+/// The measurements of one function.
 struct Row {
     accuracy: Accuracy,
     name: &'static str,

@@ -1,4 +1,4 @@
-//! What was measured: for programs as JSON and CSV, for people as charts and tables.
+//! The measurements: for programs as JSON and CSV, for people as charts and tables.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -36,12 +36,12 @@ pub struct Report {
     pub date: String,
     pub methods: Vec<Method>,
     pub numbers: Vec<Number>,
-    /// What was printed, in Markdown.
+    /// The printed text, in Markdown.
     #[serde(skip)]
     tables: String,
 }
 
-/// What a chart of methods shows.
+/// The contents of a chart of methods.
 pub struct Chart<'a> {
     pub name: &'a str,
     pub title: &'a str,

@@ -35,7 +35,7 @@ fn cell(wrong: usize, all: usize) -> Option<Cell> {
     (all > 0).then_some((label, badness))
 }
 
-/// What answers rays.
+/// The method that answers rays.
 enum Method {
     /// Every triangle is tested.
     Tests(Test),

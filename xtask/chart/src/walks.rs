@@ -108,7 +108,7 @@ fn obvhs_ray(ray: &Ray) -> obvhs::ray::Ray {
     obvhs::ray::Ray::new(origin, direction, ray.t_min, ray.t_max)
 }
 
-/// What is compared.
+/// The methods under comparison.
 #[derive(Clone, Copy)]
 pub struct Contestant {
     pub name: &'static str,

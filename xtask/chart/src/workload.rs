@@ -19,7 +19,7 @@ pub struct Scale {
     pub no_any_hit: bool,
 }
 
-/// What a process tells; `workloads` has more.
+/// The output of a process; `workloads` has more.
 #[derive(Debug, Deserialize)]
 pub struct Sample {
     pub driver: String,
@@ -74,7 +74,7 @@ pub fn measure(
         .env("VK_DRIVER_FILES", &icd)
         .env("VK_ICD_FILENAMES", &icd)
         .env_remove("VK_ADD_DRIVER_FILES")
-        // What is compared is processor time: threads that wait for work would add to it.
+        // Processor time is compared: threads that wait for work would add to it.
         .env("TUFF_THREADS", "1")
         .env("LP_NUM_THREADS", "1")
         .envs(settings.iter().copied());

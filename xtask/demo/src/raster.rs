@@ -89,7 +89,7 @@ pub struct Drawing<'r, 'a> {
     set: vk::DescriptorSet,
 }
 
-/// What the second set's bindings are.
+/// The second set's bindings.
 const KINDS: [(DescriptorType, Stage); 3] = [
     (
         DescriptorType::STORAGE_BUFFER,

@@ -68,7 +68,7 @@ struct ProceduralRecord {
     unused: [u32; 3],
 }
 
-/// What the picture is to be.
+/// The parameters of the picture.
 #[derive(Clone, Copy, Debug)]
 pub struct Settings {
     pub width: u32,
@@ -164,7 +164,7 @@ pub fn set_layout(context: &Context, textures: u32) -> Result<vk::DescriptorSetL
     Ok(unsafe { context.device.create_descriptor_set_layout(&info, None) }?)
 }
 
-/// The pipeline, which is the same for every scene but for the number of textures.
+/// The pipeline, which differs between scenes only in the number of textures.
 pub fn pipeline<'a>(
     context: &'a Context,
     set_layout: vk::DescriptorSetLayout,
@@ -180,7 +180,8 @@ pub fn pipeline<'a>(
     Pipeline::new(context, &input, cache)
 }
 
-/// The pipeline that tells whom pixels' centres see; its groups are those of [`pipeline`], but for the shaders that color.
+/// The pipeline that writes the object at each pixel's centre; its groups are those of
+/// [`pipeline`], except the shaders that color.
 #[cfg(test)]
 pub fn seen_pipeline<'a>(
     context: &'a Context,

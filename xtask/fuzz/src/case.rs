@@ -1,4 +1,4 @@
-//! What a case does: steps that follow from numbers.
+//! The steps of a case, which follow from numbers.
 
 use anyhow::{Context, Result, bail};
 use fastrand::Rng;

@@ -15,8 +15,8 @@ use crate::world::World;
 /// Cases on one device: what they make is destroyed with it.
 const ON_ONE_DEVICE: u64 = 64;
 
-/// What the file of progress holds. It is as long for every number, and written over: a file that is written anew is empty for a moment, and for
-/// good where the process ends just then.
+/// The contents of the progress file. It is as long for every number, and overwritten in place: a
+/// file that is written anew is empty for a moment, and for good if the process ends just then.
 pub fn progress_text(number: u64) -> String {
     format!("{number:020}")
 }
@@ -24,7 +24,7 @@ pub fn progress_text(number: u64) -> String {
 /// Runs `count` cases from one on; says in a file which one it is at.
 pub fn run(first: &Which, count: u64, progress: Option<&Path>) -> Result<ExitCode> {
     if progress.is_some() {
-        // Of this program's panics nobody is to hear; the driver has its own.
+        // Panics of this program are silent; the driver has its own hook.
         std::panic::set_hook(Box::new(|_| {}));
     }
     let progress = progress.map(|path| File::options().write(true).open(path));

@@ -37,7 +37,7 @@ struct Arguments {
     /// How long, in minutes, all targets together
     #[arg(long, default_value_t = 1.0)]
     minutes: f64,
-    /// What cases follow from
+    /// The seed of all cases
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Where what is found is kept

@@ -26,7 +26,7 @@ pub struct World {
     pub regions: [vk::StridedDeviceAddressRegionKHR; 4],
 }
 
-/// What all shaders may name.
+/// The declarations that all shaders share.
 pub const HEAD: &str = r"
     #extension GL_EXT_ray_query : require
     layout(set = 0, binding = 0, std430) buffer B { uint b[]; };
@@ -204,7 +204,7 @@ impl World {
         });
     }
 
-    /// What a case must have left alone.
+    /// Checks the memory that a case must not change.
     pub fn check(&self) {
         self.guarded.iter().for_each(Guarded::check);
     }

@@ -1,6 +1,6 @@
 //! The functions, their references, and what Vulkan's "Precision of Individual Operations" allows each.
 
-/// What the specification allows.
+/// The allowance of the specification.
 #[derive(Clone, Copy, Debug)]
 pub enum Allowance {
     /// "Correctly rounded" or "correct result".
@@ -19,7 +19,7 @@ pub enum Allowance {
     Inherited(&'static str, f64),
 }
 
-/// What inputs a row of the table is about.
+/// The inputs of a row of the table.
 #[derive(Clone, Copy, Debug)]
 pub enum Domain {
     All,
@@ -52,7 +52,8 @@ pub struct Unary {
     pub exact: fn(f64) -> f64,
     pub allowance: Allowance,
     pub domain: Domain,
-    /// What 32-bit results are held to, in units of the last place; 16-bit ones to half a unit and a little.
+    /// The bound of 32-bit results, in units of the last place; 16-bit ones must be within half a
+    /// unit and a little.
     pub bound: f64,
 }
 
@@ -60,7 +61,8 @@ use Allowance::{ArcTangent, Circular, Correct, Exponential, Inherited, Logarithm
 use Domain::{All, Between, UpTo};
 
 impl Unary {
-    /// What is a few instructions of the processor, or outside what Vulkan promises, is not worth all inputs.
+    /// A function of a few processor instructions, or outside Vulkan's promises, is not worth all
+    /// inputs.
     pub fn sampling(&self) -> Sampling {
         match (self.allowance, self.domain) {
             (Correct, _) | (_, Between(..)) => Sampling::Every(31),

@@ -80,7 +80,7 @@ impl Format {
         }
     }
 
-    /// What is allowed at an input, in the same units.
+    /// The allowance at an input, in the same units.
     fn allowed(self, allowance: Allowance, x: f64, exact: f64) -> f64 {
         let half = matches!(self.ty, Type::F16);
         let absolute = |exponent: i32| power_of_two(exponent) / self.unit(exact);

@@ -41,7 +41,7 @@ pub struct Options {
     /// A command that starts the applications: a container's, say. It is given the program and its arguments
     #[arg(long, value_name = "COMMAND")]
     through: Option<String>,
-    /// What applications are started with, where there is no `apps.txt`
+    /// The arguments of applications, if there is no `apps.txt`
     #[arg(last = true, value_name = "ARGUMENT")]
     arguments: Vec<String>,
 }
@@ -86,7 +86,7 @@ pub fn apps(options: &Options) -> Result<ExitCode> {
     })
 }
 
-/// What each driver's runs came to.
+/// The outcomes of each driver's runs.
 type Runs = [Vec<Outcome>; 2];
 
 fn in_turn(application: &Application, drivers: &[PathBuf; 2], options: &Options) -> Result<Runs> {

@@ -21,7 +21,7 @@ pub struct Application {
     command: Vec<String>,
 }
 
-/// What one run came to.
+/// The outcome of one run.
 #[derive(Default)]
 pub struct Outcome {
     /// Why it did not come to its end.
@@ -30,7 +30,7 @@ pub struct Outcome {
     pub frames: Option<f64>,
     pub wall_seconds: f64,
     pub processor_seconds: f64,
-    /// What it wrote into its folder.
+    /// The pictures that it wrote into its folder.
     pub pictures: Vec<Picture>,
 }
 
@@ -90,7 +90,7 @@ impl Application {
         let mut pipe = child.stdout.take().context("the output")?;
         let reader = std::thread::spawn(move || {
             let mut text = Vec::new();
-            // What was printed until something broke counts.
+            // Output up to an error counts.
             let _ = pipe.read_to_end(&mut text);
             text
         });

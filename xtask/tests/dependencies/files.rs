@@ -18,13 +18,13 @@ use crate::{collect, module_of};
 /// A module's path from the crate's root.
 type Module = Vec<String>;
 
-/// What a module defines and imports.
+/// The definitions and imports of a module.
 #[derive(Default)]
 struct Scope {
     /// The file it stands in, by its number.
     file: usize,
     items: BTreeSet<String>,
-    /// What a name stands for, as written.
+    /// The path of a name, as written.
     imports: BTreeMap<String, Vec<String>>,
     globs: Vec<Vec<String>>,
     /// The paths that its code names.

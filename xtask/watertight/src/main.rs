@@ -43,7 +43,7 @@ struct Options {
 
 /// A piece of work.
 struct Job {
-    /// What its outcome is added up under.
+    /// The name under which its outcome is summed.
     name: String,
     /// How many pieces of that name come before it.
     earlier: usize,

@@ -78,7 +78,7 @@ fn case(kind: usize, random: &mut Random) -> Case {
         direction[(random.unit() * 3.0) as usize] = 0.0;
     }
     if kind == 3 {
-        // In the plane of the ray and the edge, but for how they are rounded.
+        // In the plane of the ray and the edge, except for rounding.
         let way = end - start;
         for vertex in [&mut c, &mut d] {
             let [along, across] = [random.signed(), random.signed()];

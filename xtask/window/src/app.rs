@@ -22,7 +22,7 @@ use open::Open;
 /// A window whose frames are counted shows one at least in this time.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// What was asked for on the command line.
+/// The options of the command line.
 #[derive(Clone, Copy, Debug)]
 pub struct Order {
     pub size: (u32, u32),
@@ -50,7 +50,7 @@ pub struct App<'a> {
     /// Whether the surface was lost, and nothing presented since.
     was_lost: bool,
     has_told: bool,
-    /// What ended it too early.
+    /// The error that ended it early.
     pub failure: Option<anyhow::Error>,
 }
 
@@ -106,7 +106,7 @@ impl<'a> App<'a> {
         }
     }
 
-    /// What became of it.
+    /// The outcome of the program.
     ///
     /// # Errors
     /// It failed, or was closed before it had presented all that was asked for.

@@ -110,7 +110,7 @@ mod tests {
     #[test]
     fn the_picture_follows_the_mouse_and_never_turns_over() {
         let mut seen = camera();
-        // What is seen goes to the right with the mouse: the camera turns to the left.
+        // The picture moves to the right with the mouse: the camera turns to the left.
         turn(&mut seen, (100.0, 0.0), 200);
         assert!(seen.forward.x < -0.4 && seen.forward.y.abs() < 1e-6);
         for _ in 0..100 {

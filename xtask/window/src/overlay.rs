@@ -28,7 +28,7 @@ struct Part {
     first_vertex: i32,
 }
 
-/// What it takes to draw over a picture.
+/// The resources for drawing over a picture.
 pub struct Overlay<'a> {
     context: &'a Context,
     set_layout: vk::DescriptorSetLayout,

@@ -3,7 +3,7 @@
 
 use egui::{Context, Frame, Rect, Shadow, Slider, Window};
 
-/// What a person sets.
+/// The settings of the person.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Choices {
     /// Stops of exposure above the scene's own.
@@ -20,7 +20,7 @@ impl Choices {
     }
 }
 
-/// What it tells.
+/// The values that the panel shows.
 pub struct News {
     pub device: String,
     pub samples: u32,

@@ -15,7 +15,7 @@ const BAND: Duration = Duration::from_millis(30);
 /// The sides of the small picture that is shown at once are this part of the window's.
 const SMALLER: u32 = 4;
 
-/// What every picture of a scene is made with.
+/// The resources of every picture of a scene.
 pub struct Studio<'a> {
     pub context: &'a Context,
     pub scene: &'a Scene,
@@ -26,7 +26,7 @@ pub struct Studio<'a> {
     pub frame: u16,
 }
 
-/// What a change of starts the picture anew.
+/// The parameters whose change restarts the picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sight {
     pub camera: Camera,
@@ -116,7 +116,7 @@ pub struct Progress<'a> {
     next_row: u32,
     drawing_pace: Pace,
     tracing_pace: Pace,
-    /// What the samples took.
+    /// The time that the samples took.
     tracing_seconds: f64,
     /// Rays a second, of the last whole sample of every pixel; 0 before it.
     pub rays_per_second: f64,
@@ -241,7 +241,7 @@ impl<'a> Progress<'a> {
         [&self.whole, &self.small].map(|layer| layer.renderer.radiance.handle)
     }
 
-    /// What is drawn, likewise.
+    /// The drawn views, likewise.
     pub fn drawn(&self) -> [vk::ImageView; 2] {
         [&self.whole, &self.small].map(|layer| layer.drawing.color.view)
     }

@@ -29,7 +29,7 @@ pub struct Shown {
     drawn: vk::Semaphore,
 }
 
-/// What became of a picture.
+/// The outcome of a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outcome {
     Presented,

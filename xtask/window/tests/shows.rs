@@ -1,5 +1,6 @@
-//! What the window shows is what the demo computes off screen: the rasterized picture left of the
-//! split, the traced one right of it; resized and hidden, too, and closing it ends the program.
+//! Compares the window with the demo's pictures computed off screen: the rasterized picture left of
+//! the split, the traced one right of it; resized and hidden, too. Closing the window ends the
+//! program.
 
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, ExitStatus, Stdio};
@@ -239,7 +240,7 @@ fn the_window_shows_what_is_computed_off_screen() {
     let panel = Panel::told(&mut lines, smaller);
     panel.comes_before(&screen, smaller, &pictures[1]);
 
-    // What is hidden comes back as it was.
+    // A hidden window returns unchanged.
     let shot = || screen.screenshot(smaller.0 as u16, smaller.1 as u16);
     let before = shot();
     screen.x.unmap_window(shown).unwrap();
@@ -285,7 +286,7 @@ fn without_a_display_it_says_so() {
             "{said}"
         );
         assert_eq!(said.lines().count(), 1, "{said}");
-        // No place in the source of a library, which helps nobody who wants a window.
+        // No place in a library's source, which does not help a person who wants a window.
         assert!(!said.contains(".rs"), "{said}");
     }
 }

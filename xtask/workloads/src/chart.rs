@@ -120,7 +120,7 @@ fn curve<B: DrawingBackend>(
     let right = all().fold(1.0f64, |right, point| right.max(point.0)) * 1.3;
     let left = all().fold(right, |left, point| left.min(point.0)) / 1.3;
     let top = all().fold(0.0f64, |top, point| top.max(point.1)) * 1.5;
-    // What is doubled has its ticks at powers of two.
+    // A doubling axis has its ticks at powers of two.
     let base = if right > 5_000.0 { 10.0 } else { 2.0 };
     let low = all().fold(top, |low, point| low.min(point.1)) / 1.5;
     let mut chart = ChartBuilder::on(area)

@@ -51,7 +51,8 @@ pub struct Options {
 pub struct Measurement {
     pub name: String,
     pub unit: String,
-    /// What bounds it: `traversal`, `shading`, `launching`, `building`, `programs`, `drawing` or `driver`.
+    /// The group of its speed: `traversal`, `shading`, `launching`, `building`, `programs`,
+    /// `drawing` or `driver`.
     pub bounds: String,
     pub scale: Scale,
     pub threads: Option<u32>,
@@ -83,7 +84,7 @@ struct Task {
 }
 
 impl Task {
-    /// What `--only` calls it.
+    /// The name for `--only`.
     fn title(&self) -> &'static str {
         self.curve.unwrap_or(self.name)
     }

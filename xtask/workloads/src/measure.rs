@@ -11,7 +11,7 @@ use crate::shader;
 use crate::workload::{self, Prepared, Workload, path_parts};
 use crate::world::Scale;
 
-/// What one process found out; it goes to the parent as a line of JSON.
+/// The result of one process; it goes to the parent as a line of JSON.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Sample {
     pub driver: String,
@@ -140,7 +140,7 @@ fn path_salted(salt: usize) -> Parts {
     (shaders, groups)
 }
 
-/// The path tracer's, but for a ray generation shader of about 10,000 instructions.
+/// The path tracer's parts, with a ray generation shader of about 10,000 instructions.
 fn large_salted(salt: usize) -> Parts {
     let (mut shaders, groups) = path_parts();
     shaders[0].1 = shader::large(salt);

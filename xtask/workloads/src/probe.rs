@@ -1,5 +1,6 @@
-//! What shaders can see of how they are run: who shares their subgroups, in which order candidates are asked about, what functions and
-//! denormals give. As digests, one for each kind of thing: the same input is to give the same ones, however it is run.
+//! The observable execution of shaders: partners in subgroups, order of candidates, results of
+//! functions and denormals. One digest for each kind: the same input must give the same digests,
+//! however it is run.
 
 use std::hash::{DefaultHasher, Hasher};
 
@@ -30,7 +31,7 @@ const NAMES: [&str; 11] = [
 
 const SIZE: [u32; 3] = [45, 31, 1];
 
-/// What all shaders begin with.
+/// The beginning of all shaders.
 const COMMON: &str = r"
 #extension GL_KHR_shader_subgroup_basic : enable
 #extension GL_KHR_shader_subgroup_ballot : enable

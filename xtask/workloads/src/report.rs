@@ -1,4 +1,4 @@
-//! What was measured, as a table for people and for programs.
+//! The measurements, as a table for people and for programs.
 
 use std::fmt::Write as _;
 

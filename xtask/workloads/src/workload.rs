@@ -9,7 +9,7 @@ use crate::programs;
 use crate::shader;
 use crate::world::{Scale, World};
 
-/// What bounds a workload's speed, in the main.
+/// The main bound of a workload's speed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Bounds {
     Traversal,

@@ -31,7 +31,7 @@ impl Scale {
     }
 }
 
-/// What the shaders' common bindings need.
+/// The resources of the shaders' common bindings.
 pub struct World {
     pub top: Structure,
     pub out: Buffer,

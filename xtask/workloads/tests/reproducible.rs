@@ -15,7 +15,7 @@ struct Way {
     flushes: bool,
 }
 
-/// As it is by default, but for the number of threads.
+/// The default, except for the number of threads.
 const USUAL: Way = Way {
     threads: 1,
     tier: "",
@@ -25,7 +25,7 @@ const USUAL: Way = Way {
     flushes: false,
 };
 
-/// What the workloads print; digests of two turns are equal.
+/// The output of the workloads; digests of two turns are equal.
 fn run(arguments: &[&str], way: Way) -> Vec<String> {
     let output = Command::new(env!("CARGO_BIN_EXE_workloads"))
         .args(arguments)

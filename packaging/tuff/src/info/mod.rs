@@ -9,7 +9,7 @@ use crate::installation::Installation;
 use crate::loader;
 use problems::Problem;
 
-/// What was seen.
+/// The observations.
 pub struct Seen {
     /// The driver's library, or what is wrong with it.
     pub library: Result<std::path::PathBuf, String>,

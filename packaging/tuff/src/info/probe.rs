@@ -1,4 +1,5 @@
-//! What a process finds through Vulkan: asked in a process of its own, as drivers may fail in any way.
+//! The Vulkan devices and errors that a process finds. A child process asks, as drivers may fail in
+//! any way.
 
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -24,13 +25,13 @@ impl Device {
     }
 }
 
-/// What a process found.
+/// The findings of a process.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Found {
     /// The highest version of Vulkan that the loader knows; none where there is no loader.
     pub loader_version: Option<String>,
     pub devices: Vec<Device>,
-    /// What loader and drivers said on standard error, and how the process ended if not well.
+    /// Messages of loader and drivers on standard error, and the process's end if it failed.
     pub said: Vec<String>,
 }
 
@@ -61,7 +62,7 @@ pub fn ask(variables: &[(&'static str, std::ffi::OsString)]) -> Found {
     }
 }
 
-/// What [`print`] printed.
+/// Parses the output of [`print`].
 fn read(text: &str) -> Found {
     let mut found = Found::default();
     for line in text.lines() {

@@ -1,4 +1,4 @@
-//! What keeps programs from Tuff, in plain words, with the line that mends it.
+//! Problems that keep programs from using Tuff, in plain words, with the command that fixes each.
 
 use super::Seen;
 use crate::loader;

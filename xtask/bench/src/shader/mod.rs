@@ -33,7 +33,7 @@ macro_rules! compiled {
             }
             use spirv_jit::Tier;
             match tier {
-                // SAFETY: whoever asks for a tier has seen that the machine has it.
+                // SAFETY: the caller has checked that the machine has the tier.
                 Tier::Avx512 => Some(|inputs, out| unsafe { avx512(inputs, out) }),
                 // SAFETY: as above.
                 Tier::Avx2 => Some(|inputs, out| unsafe { avx2(inputs, out) }),

@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 
 use super::rays::Kind;
 
-/// What one engine does in one scene. Rates, one a turn.
+/// The rates of one engine in one scene, one a turn.
 pub struct Row {
     pub scene: &'static str,
     pub counts: bool,

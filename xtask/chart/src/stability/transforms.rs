@@ -82,7 +82,7 @@ fn inverse(m: &[f32; 12]) -> [DVec3; 3] {
     [0, 1, 2].map(|i| DVec3::from(columns.map(|column| column[i])) / determinant)
 }
 
-/// What a simple tracer does: the ray through the rounded inverse, in f32.
+/// The way of a simple tracer: the ray through the rounded inverse, in f32.
 fn into_object(m: &[f32; 12], ray: &Ray) -> Ray {
     let inverse = inverse(m).map(narrow);
     let turn = |v: [f32; 3]| -> [f32; 3] {

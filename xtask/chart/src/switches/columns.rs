@@ -1,4 +1,4 @@
-//! What switches are measured on.
+//! The workloads that switches are measured on.
 
 use crate::workload::Scale;
 
@@ -14,7 +14,7 @@ pub struct Column {
     size: Size,
 }
 
-/// What differs from the usual scene.
+/// The difference from the usual scene.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Size {
     Usual,

@@ -1,4 +1,5 @@
-//! What each specialisation of walks and each pass of the compiler brings: workloads with it and without, in turn.
+//! The gain of each specialisation of walks and each pass of the compiler: workloads with it and
+//! without, alternating.
 
 mod columns;
 mod pinned;
@@ -16,7 +17,7 @@ use crate::workload;
 use columns::{COLUMNS, Column};
 use table::{Gain, Table};
 
-/// What `TUFF_DISABLE` takes, by what it belongs to.
+/// The names that `TUFF_DISABLE` accepts, by group.
 fn switches() -> [(&'static str, Vec<&'static str>); 3] {
     let walks = Specialisation::ALL.iter().map(|(name, _)| *name);
     let passes = PASSES.iter().map(|pass| pass.name);

@@ -1,10 +1,10 @@
-//! Gains of switches by workload, and which of them are too small.
+//! Gains of switches by workload, and the gains that are too small.
 
 use std::fmt::Write as _;
 
 use super::columns::Column;
 
-/// What has less than this on every workload is not worth its code.
+/// A switch with smaller gains on every workload is not worth its code.
 const WORTH: f64 = 0.02;
 
 /// How much more time it takes without.
@@ -88,7 +88,7 @@ impl Table<'_> {
     }
 }
 
-/// Percent with a sign, but for zero.
+/// Percent with a sign, zero excepted.
 fn signed(share: f64) -> String {
     match (100.0 * share).round() {
         0.0 => "0".into(),

@@ -1,5 +1,5 @@
-//! What can be asked of the demo, and what is wrong with the rest: checked before anything is built or rendered, by the demo
-//! and by the commands that build it.
+//! The demo's options, and the errors in invalid ones: checked before anything is built or
+//! rendered, by the demo and by the commands that build it.
 
 use std::fs::{self, OpenOptions};
 use std::path::{Path, PathBuf};
@@ -88,7 +88,7 @@ pub fn try_out(path: &Path) -> Result<(), String> {
         .open(path);
     opened.map_err(|error| wrong(path, error))?;
     if !existed {
-        // What rendering may yet fail to fill is not left behind.
+        // A file that rendering may fail to fill is removed.
         let _ = fs::remove_file(path);
     }
     Ok(())

@@ -20,8 +20,8 @@ const SNAPPING: f64 = 1.0 / 256.0;
 /// pixel, if it is moved that far; most are moved less, and most pixels have none.
 const MAX_SHARE: f64 = 0.003;
 
-/// What a pixel's centre sees: an instance's number and one more, a geometry or procedural primitive, a primitive; and the bits of a depth
-/// (rasterized) or of a distance (traced).
+/// The object at a pixel's centre: an instance's number plus one, a geometry or procedural
+/// primitive, a primitive; and the bits of a depth (rasterized) or of a distance (traced).
 type Seen = [u32; 4];
 
 /// The camera that the shaders have.

@@ -330,7 +330,8 @@ impl Import<'_> {
         match material.alpha_mode() {
             AlphaMode::Opaque => {}
             AlphaMode::Mask => made.alpha_cutoff = material.alpha_cutoff().unwrap_or(0.5),
-            // What is faint all over is glass; otherwise rays pass by chance, as often as it is clear.
+            // A uniformly faint material is glass; otherwise rays pass at random, as often as it is
+            // clear.
             AlphaMode::Blend if surface.base_color_texture().is_none() && a < 0.6 => clear = true,
             AlphaMode::Blend => made.alpha_cutoff = BY_CHANCE,
         }
@@ -343,7 +344,7 @@ impl Import<'_> {
             let [r, g, b, _] = glossy.diffuse_factor();
             let specular = Vec3::from(glossy.specular_factor());
             made.roughness = (1.0 - glossy.glossiness_factor()).max(0.02);
-            // What mirrors in colour and scatters nothing is a metal.
+            // A material with coloured reflection and no scattering is a metal.
             let is_metal = specular.max_element() > 0.5 && Vec3::new(r, g, b).max_element() < 0.2;
             made.metallic = if is_metal { 1.0 } else { 0.0 };
             made.base_color = if is_metal {

@@ -68,7 +68,7 @@ pub fn landscape() -> Scene {
     scene
 }
 
-/// What takes time to make, made in parallel.
+/// Parts that take long to make, made in parallel.
 struct Parts {
     terrain: Part,
     knot: Part,

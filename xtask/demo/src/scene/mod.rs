@@ -99,7 +99,7 @@ pub struct Geometry {
     pub material: u32,
 }
 
-/// What becomes one bottom-level acceleration structure: consecutive geometries.
+/// The geometries of one bottom-level acceleration structure, consecutive.
 #[derive(Clone, Copy, Debug)]
 pub struct Mesh {
     pub first_geometry: u32,
@@ -122,7 +122,7 @@ pub struct Procedural {
     pub material: u32,
 }
 
-/// What an instance is one of.
+/// The model of an instance.
 #[derive(Clone, Copy, Debug)]
 pub enum Model {
     Mesh(u32),

@@ -215,7 +215,7 @@ pub fn clouds() -> Texture {
         opaque([0.5 + 0.8 * large; 3])
     });
     texture.srgb = false;
-    // What was encoded as a colour is to be read as it is.
+    // Data that was encoded as a colour is to be read unchanged.
     let decode = super::texture::srgb_table();
     for level in &mut texture.levels {
         for texel in level {

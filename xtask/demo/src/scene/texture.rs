@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-/// What lies beyond a texture's edge.
+/// The extension of a texture beyond its edge.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Wrap {
     Repeat,

@@ -13,7 +13,7 @@ pub struct AccelerationStructure<'a> {
 }
 
 impl AccelerationStructure<'_> {
-    /// What instances refer to it by.
+    /// The address that instances refer to.
     pub fn address(&self) -> u64 {
         let info = vk::AccelerationStructureDeviceAddressInfoKHR::default()
             .acceleration_structure(self.handle);

@@ -18,7 +18,7 @@ pub struct Context {
     pub acceleration: khr::acceleration_structure::Device,
     pub ray_tracing: khr::ray_tracing_pipeline::Device,
     pub memory: vk::PhysicalDeviceMemoryProperties,
-    /// What the device calls itself.
+    /// The device's name.
     pub name: String,
     pub group_handle_size: u32,
     pub group_handle_alignment: u32,
@@ -30,7 +30,7 @@ pub struct Context {
     pub entry: ash::Entry,
 }
 
-/// What a program wants beyond tracing rays.
+/// The features that a program needs besides ray tracing.
 #[derive(Clone, Copy, Default)]
 pub struct Wish<'w> {
     /// A queue that draws, and ray queries.

@@ -59,7 +59,7 @@ impl<'a> Target<'a> {
         }
     }
 
-    /// What an attachment of a pass is, cleared when the pass begins.
+    /// An attachment of a pass, cleared when the pass begins.
     pub fn attachment(&self, clear: vk::ClearValue) -> vk::RenderingAttachmentInfo<'static> {
         let layout = match self.aspect {
             vk::ImageAspectFlags::DEPTH => vk::ImageLayout::DEPTH_STENCIL_ATTACHMENT_OPTIMAL,
@@ -122,7 +122,7 @@ pub fn change_layout(
     }
 }
 
-/// What tells one pipeline from another.
+/// The differences between pipelines.
 pub struct DrawInput<'i> {
     pub vertex: &'i [u8],
     pub fragment: &'i [u8],

@@ -17,7 +17,7 @@ pub struct Buffer<'a> {
 }
 
 impl<'a> Buffer<'a> {
-    /// A buffer of `size_bytes`, zeroed by nobody, with a device address.
+    /// A buffer of `size_bytes`, not zeroed, with a device address.
     pub fn new(
         context: &'a Context,
         size_bytes: u64,
@@ -61,7 +61,7 @@ impl<'a> Buffer<'a> {
     /// Copies bytes in; the device must not be using them.
     pub fn write(&mut self, offset: usize, bytes: &[u8]) {
         assert!(offset + bytes.len() <= self.size_bytes as usize);
-        // SAFETY: the range lies inside the mapping, which nobody else refers to.
+        // SAFETY: the range lies inside the mapping, and no other reference to it exists.
         unsafe {
             self.mapped
                 .add(offset)

@@ -12,7 +12,7 @@ pub struct HitGroup {
     pub intersection: Option<u32>,
 }
 
-/// What a pipeline is made of. The first shader is the ray generation shader.
+/// The parts of a pipeline. The first shader is the ray generation shader.
 pub struct PipelineInput<'i> {
     pub shaders: &'i [(vk::ShaderStageFlags, &'i [u8])],
     pub miss: &'i [u32],

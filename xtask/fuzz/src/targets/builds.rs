@@ -87,7 +87,7 @@ fn geometry(world: &World, rng: &mut Rng) -> vk::AccelerationStructureGeometryKH
 pub fn run(world: &World, case: &Case) {
     let gpu = &world.gpu;
     let mut rng = case.common();
-    // What is read: numbers of all kinds, some of which are addresses.
+    // The memory that builds read: numbers of all kinds, some of which are addresses.
     let buffer = world.guarded[0].buffer;
     let words: Vec<u64> = (0..world.guarded[0].size_bytes / 8)
         .map(|_| match rng.u32(0..4) {

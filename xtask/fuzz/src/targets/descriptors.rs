@@ -157,7 +157,7 @@ pub fn run(world: &World, case: &Case) {
     });
     // SAFETY: nothing uses it any more.
     unsafe { gpu.device.destroy_pipeline(pipeline, None) };
-    // What was written may have been where a descriptor said.
+    // A descriptor may have pointed to the written memory.
     world.guarded.iter().for_each(crate::guard::Guarded::renew);
 }
 

@@ -1,4 +1,4 @@
-//! Draws of nonsense: shaders with instructions changed, counts, indices, viewports and states that nobody means.
+//! Random draws: shaders with changed instructions, random counts, indices, viewports and states.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::OnceLock;
@@ -169,7 +169,7 @@ fn counted(rng: &mut Rng) -> u32 {
     }
 }
 
-/// What is drawn to: a pass's attachments, all of one number of samples.
+/// The attachments of a pass, all with one number of samples.
 struct Target {
     colors: Vec<Attachment>,
     depth: Option<Attachment>,
@@ -308,7 +308,7 @@ pub fn run(world: &World, case: &Case) {
     let none = vk::PipelineCreateFlags::empty();
     let made = (world.gpu).try_painting(&painting, &stages, none, std::ptr::null());
     if let Ok(pipeline) = made {
-        // What vertices, indices and counts are read from.
+        // The memory of vertices, indices and counts.
         let words: Vec<u32> = (0..BYTES / 4)
             .map(|_| match rng.u32(0..4) {
                 0 => wild(&mut rng) as u32,
@@ -318,7 +318,7 @@ pub fn run(world: &World, case: &Case) {
             })
             .collect();
         world.guarded[0].buffer.write(MARGIN as usize, &words);
-        // What draws are made from: few of them too long to end.
+        // The memory of draw parameters: few of them are too long to end.
         let words: Vec<u32> = (0..256).map(|_| counted(&mut rng)).collect();
         world.guarded[1].buffer.write(MARGIN as usize, &words);
         let done = catch_unwind(AssertUnwindSafe(|| {

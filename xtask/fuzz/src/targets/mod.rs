@@ -1,4 +1,4 @@
-//! What is fed with nonsense.
+//! The parts of the driver that the fuzzer feeds.
 
 mod builds;
 mod caches;

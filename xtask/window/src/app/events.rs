@@ -1,4 +1,4 @@
-//! What the window's events do: close, resize, look around and move.
+//! The effects of the window's events: close, resize, look around and move.
 
 use anyhow::Result;
 use winit::event::{ElementState, MouseButton, WindowEvent};

@@ -41,7 +41,7 @@ const TONE_MAP: &str = "
         color = vec4(pow(clamp(film, 0.0, 1.0), vec3(1.0 / 2.2)), 1.0);
     }";
 
-/// What the flat shader gives.
+/// The colour of the flat shader.
 const COLOR: [f32; 4] = [1.0, 0.6, 0.2, 0.4];
 
 /// Layers drawn over each other by what a pass has; the pixels of all of them are its work.

@@ -20,7 +20,7 @@ const SHADE: &str = "
     layout(location = 0) out vec4 color;
     void main() { color = shade; }";
 
-/// What each object pushes.
+/// The push constants of each object.
 #[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 struct Push {

@@ -131,7 +131,7 @@ fn turn(gpu: &Gpu, pass: &Pass<'_>, record: impl Fn(vk::CommandBuffer)) -> vk::C
     })
 }
 
-/// What is drawn, as the picture that drivers are compared by: the sum of what the attachments hold.
+/// The picture by which drivers are compared: the sum of the attachments' contents.
 fn look(gpu: &Gpu, canvases: &[Canvas]) -> (vk::CommandBuffer, Buffer) {
     let (width, height) = (canvases[0].width, canvases[0].height);
     let picture = gpu.buffer(u64::from(width) * u64::from(height) * 16);

@@ -41,7 +41,7 @@ pub fn profile(options: &Options) -> Result<()> {
     let prepared = (workload.prepare)(&gpu, &options.scale);
     let prepared = prepared.context("the driver lacks what the workload needs")?;
     prepared.run(&gpu).context("the warm-up")?;
-    // What unwinds must not be interrupted by what unwinds.
+    // A signal must not interrupt an unwinder by another.
     let guard = ProfilerGuardBuilder::default()
         .frequency(options.frequency)
         .blocklist(&["libgcc"])

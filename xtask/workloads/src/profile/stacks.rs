@@ -60,7 +60,7 @@ const PARTS: &[(&str, &[&str])] = &[
     ),
 ];
 
-/// What belongs to no part.
+/// The label of frames that belong to no part.
 const ELSEWHERE: &str = "elsewhere";
 
 /// A function as samples name it.
@@ -97,7 +97,7 @@ impl Stacks {
         *self.parts.entry(part).or_default() += count;
         let mut labels: Vec<String> = Vec::new();
         for frame in frames {
-            // What others' libraries do for a function is its own time.
+            // A library's work for a function counts as the function's own time.
             if frame.is_ours() || frame.file.is_none() && labels.is_empty() {
                 labels.push(frame.label());
             }
