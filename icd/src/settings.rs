@@ -49,7 +49,7 @@ impl Settings {
     /// From the variables' values; an empty one is as good as none.
     ///
     /// # Errors
-    /// What is wrong with one of them, in one line that names it.
+    /// The error of one setting, in one line that names it.
     fn parse(lookup: &Lookup) -> Result<Settings, String> {
         let value = |name: &str| lookup(name).filter(|text| !text.is_empty());
         let accuracy: Accuracy = match value("TUFF_ACCURACY") {

@@ -355,7 +355,7 @@ impl Program {
     /// # Safety
     /// Until it returns, `wave.shared` points to [`Self::shared_size_bytes`] bytes, and in `wave.environment` every table has as many
     /// descriptors as it says, each of them as [`Descriptor`](crate::environment::Descriptor) has it, with memory, images and samplers
-    /// that are there; `reach` holds memory that may be read and written. Other threads may write all that meanwhile, but for descriptors.
+    /// that are there; `reach` holds memory that may be read and written. Other threads may write all that meanwhile, except descriptors.
     /// States hold what [`Self::start`] and earlier runs of this program left there, besides inputs and answers.
     ///
     /// # Errors

@@ -377,7 +377,7 @@ pub(crate) unsafe fn opacity_of_word(
 /// Checks everything that a lookup relies on.
 ///
 /// # Errors
-/// What is wrong with it.
+/// The error in a micromap.
 pub fn validate_micromap(blob: &[u8]) -> Result<u64, StructureError> {
     if blob.len() < size_of::<MicromapHeader>() {
         return Err(StructureError::Truncated);

@@ -134,7 +134,7 @@ impl Structure {
     /// The structure that `blob` starts with, with the copy of its header that it is made from.
     ///
     /// # Errors
-    /// What is wrong with the header.
+    /// The error in the header.
     pub(crate) fn of(blob: &[u8]) -> Result<(Structure, Header), StructureError> {
         if blob.len() < HEADER_BYTES as usize {
             return Err(StructureError::Truncated);

@@ -137,7 +137,7 @@ fn notes(places: &Places, variable: &dyn Fn(&str) -> Option<OsString>) -> Vec<St
     notes
 }
 
-/// Folders in whose `vulkan/icd.d` the loader looks for manifests (Khronos'
+/// Folders that have the loader's manifests in `vulkan/icd.d` (Khronos'
 /// LoaderDriverInterface.md, "Driver Discovery on Linux").
 fn searched(set: &dyn Fn(&str) -> Option<OsString>) -> Vec<PathBuf> {
     let mut folders: Vec<PathBuf> = ["/etc", "/usr/local/etc"].map(PathBuf::from).into();

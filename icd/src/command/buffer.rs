@@ -111,7 +111,7 @@ impl Recording {
     /// `vkEndCommandBuffer`.
     ///
     /// # Errors
-    /// What went wrong while recording; the buffer cannot be executed then.
+    /// The first error during recording; the buffer cannot be executed then.
     pub fn finish(&mut self) -> VkResult {
         let commands = std::mem::take(&mut self.commands);
         if let Some(code) = self.failure {

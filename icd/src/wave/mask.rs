@@ -27,7 +27,7 @@ impl LiveMask {
     /// The mask, if all of it is in reach.
     ///
     /// # Safety
-    /// What is in reach stays readable for as long as the mask is used.
+    /// The memory in reach stays readable while the mask is used.
     pub unsafe fn new(mask: InvocationMask, reach: &Reach) -> Option<Self> {
         reach
             .contains(mask.address, mask.size_bytes())

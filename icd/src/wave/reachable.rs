@@ -38,7 +38,7 @@ pub unsafe fn bytes<'a>(reach: &Reach, address: u64, size_bytes: u64) -> &'a [u8
 /// The memory around an address, for what lies there to be found in.
 ///
 /// # Safety
-/// What is reachable stays so as long as it is looked for there.
+/// Reachable memory stays reachable during the look-up.
 pub unsafe fn around(reach: &Reach, address: u64) -> Live {
     let range = reach.find(address);
     // SAFETY: the caller's promise.

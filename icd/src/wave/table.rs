@@ -136,7 +136,8 @@ impl Live {
     /// The region as far as there is memory.
     ///
     /// # Safety
-    /// What is in reach stays readable for as long as the region is used. Others may write there meanwhile: a handle is then any bytes.
+    /// The memory in reach stays readable while the region is used. Other threads may write there
+    /// meanwhile: a handle is then any bytes.
     pub unsafe fn new(region: Region, reach: &Reach) -> Self {
         Self(Region {
             size_bytes: reach.clip(region.address, region.size_bytes),

@@ -21,7 +21,8 @@ impl<'a> Sampling<'a> {
     /// The sample of a program in an environment; none if the program has to run.
     ///
     /// # Safety
-    /// What the environment points to stays there for the lifetime, as [`Program::run`](crate::Program::run) has it.
+    /// The data that the environment points to stays valid for the lifetime, as
+    /// [`Program::run`](crate::Program::run) requires.
     pub unsafe fn new(tinted: &'a Tinted, environment: &'a Environment) -> Option<Self> {
         let address = |bound: &Bound| Entries::of(environment, &bound.binding).address(bound.index);
         let descriptors = (address(&tinted.image), address(&tinted.sampler));

@@ -47,8 +47,8 @@
 //!
 //! A lane of the fragment stage may be a *helper invocation*, from its start or since it executed `demote`, which cannot be taken back. A helper
 //! executes everything: it computes, loads, walks, suspends, and has neighbours. But its stores (other than to `private` memory and variables), its atomics and its
-//! writes to images change nothing, its atomics give 0 (but for atomic loads), and operations across the subgroup other than `quad_shuffle` leave
-//! it out, unless the module requires full quads or all active lanes of the subgroup are helpers. Its outputs are nobody's. A lane
+//! writes to images change nothing, its atomics give 0 (except atomic loads), and operations across the subgroup other than `quad_shuffle` leave
+//! it out, unless the module requires full quads or all active lanes of the subgroup are helpers. Its outputs are unused. A lane
 //! that is killed executes `demote`, then `unreachable`.
 //!
 //! ## Arithmetic

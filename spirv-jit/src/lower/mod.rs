@@ -78,7 +78,7 @@ use crate::{Error, ir};
 /// Lowers what the entry point reaches.
 ///
 /// # Errors
-/// What the module asks for and the IR cannot express, or an ill-typed module.
+/// A request of the module that the IR cannot express, or an ill-typed module.
 pub fn lower_module(
     parsed: &ParsedModule,
     request: &CompileRequest<'_>,

@@ -11,7 +11,7 @@ use crate::pool::in_pool;
 /// child is inside the blob, above its parent, in a tree no deeper than the walk's stack.
 ///
 /// # Errors
-/// What is wrong first.
+/// The first error.
 pub fn validate(blob: &[u8]) -> Result<(), StructureError> {
     let (structure, header) = Structure::of(blob)?;
     let check = |good: bool| good.then_some(()).ok_or(StructureError::Corrupt);

@@ -52,10 +52,10 @@ const UNIT: f32 = f32::EPSILON / 2.0;
 /// most f + |s_x| D + a with a = 4.4 u |s_x| N for what rounds, and G at most g + |s_y| D + b with b = 4.4 u |s_y| N. The bounds with
 /// f + |s_x| D, g + |s_y| D and N in their places, a and b left out, and all factors larger by 1/64 ([`ROUGH`](rounding::ROUGH)) are
 /// no less than those above: where edge functions exceed their bound, A is more than 768 u² (T + 2.5 W)², and so than 30 a b; where the larger
-/// bound of weights is less than 1/256, a G + b F is less than A / 250. So F G is A but for a twentieth, a b F G less than (A / 500)², and
+/// bound of weights is less than 1/256, a G + b F is less than A / 250. So F G is A within a twentieth, a b F G less than (A / 500)², and
 /// what is left out, twice a b among the shears' a G + b F, less than a 400th of that.
 ///
-/// What underflows is rounded by 2⁻¹⁵⁰ instead: s, products with z, z's own products. [`LEAST`](rounding::LEAST) for each covers that. Products
+/// Underflow rounds by 2⁻¹⁵⁰ instead: s, products with z, z's own products. [`LEAST`](rounding::LEAST) for each covers that. Products
 /// that edge functions are made of are not changed by as little, where the sum is of [ordinary](ORDINARY) size.
 pub(crate) mod rounding {
     use super::UNIT;

@@ -27,7 +27,7 @@ pub trait Drawing {
     fn size(&self) -> (u32, u32);
 
     /// # Errors
-    /// What the backend says.
+    /// The backend's message.
     fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Result<()>;
 }
 

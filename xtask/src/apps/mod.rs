@@ -2,7 +2,7 @@
 //!
 //! Nothing is fetched. A folder is a set of applications: its file `apps.txt` names one a line, as a shell would start it from that folder
 //! (`name: command and arguments`, `#` before remarks); without the file, every program in it is one, started with the arguments behind `--`.
-//! What an application prints as frames a second is its speed, else the time it takes is.
+//! An application's speed is the frame rate that it prints, else the time that it takes.
 
 mod once;
 mod picture;

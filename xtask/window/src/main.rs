@@ -126,7 +126,7 @@ fn run() -> Result<()> {
 /// A connection to the display.
 ///
 /// # Errors
-/// What is missing, in one line: winit tells of some of it by a panic.
+/// The missing requirement, in one line: winit reports some by a panic.
 fn event_loop() -> Result<EventLoop<()>> {
     let hook = panic::take_hook();
     panic::set_hook(Box::new(|_| ()));

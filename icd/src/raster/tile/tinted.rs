@@ -135,7 +135,7 @@ spirv_jit::vectors! {
     /// Texels at sixteen coordinates.
     ///
     /// # Safety
-    /// What is sampled is there.
+    /// The sampled image exists.
     unsafe fn sample<V>(v, sampling: &Sampling<'_>, at: &[Row; 2], active: u16) -> [Row; 4] {
         let mut texels = [[0; 16]; 4];
         // SAFETY: the caller's promise.
@@ -345,7 +345,7 @@ impl<'a, V: Vector> Painter<'a, V> {
     }
 
     /// # Safety
-    /// What is sampled is there; `active` is not empty.
+    /// The sampled image exists; `active` is not empty.
     #[inline(always)]
     unsafe fn sample(&self, coordinates: [V::F; 2], active: u16) -> [Row; 4] {
         let mut at = [[0; 16]; 2];

@@ -12,7 +12,7 @@ const MAX_SPP: u32 = 65536;
 /// A picture's width and height, from `WIDTHxHEIGHT`.
 ///
 /// # Errors
-/// What a size is.
+/// The form of a size.
 pub fn parse_size(text: &str) -> Result<(u32, u32), String> {
     let (width, height) = text.split_once('x').ok_or("a size is like 1280x720")?;
     let side = |text: &str| match text.parse() {
@@ -25,7 +25,7 @@ pub fn parse_size(text: &str) -> Result<(u32, u32), String> {
 /// A number of samples per pixel.
 ///
 /// # Errors
-/// What such a number is.
+/// The form of such a number.
 pub fn parse_spp(text: &str) -> Result<u32, String> {
     match text.parse() {
         Ok(spp @ 1..=MAX_SPP) => Ok(spp),
@@ -43,7 +43,7 @@ pub struct Tile {
 /// A tile, from `INDEX/COUNT`.
 ///
 /// # Errors
-/// What a tile is.
+/// The form of a tile.
 pub fn parse_tile(text: &str) -> Result<Tile, String> {
     let numbers = text.split_once('/').and_then(|(index, count)| {
         let (index, count) = (index.parse().ok()?, count.parse().ok()?);
