@@ -1,4 +1,5 @@
-//! `cargo xtask audit`: the driver's tables against the Vulkan registry.
+//! `cargo xtask audit`: the driver's tables against the Vulkan registry, and the house style of
+//! comments and pages.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -6,7 +7,7 @@ use std::process::ExitCode;
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 
-use crate::workspace;
+use crate::{prose, workspace};
 
 /// Where packages put the registry.
 const USUAL: &str = "/usr/share/vulkan/registry/vk.xml";
@@ -18,8 +19,14 @@ pub struct Options {
     registry: Option<PathBuf>,
 }
 
-/// Runs the test that compares them, on a registry that must be there.
+/// Checks the style, then runs the test that compares the tables with a registry, which must exist.
 pub fn audit(options: &Options) -> Result<ExitCode> {
+    let findings = prose::findings()?;
+    ensure!(
+        findings.is_empty(),
+        "comments and pages against the house style:\n{}",
+        findings.join("\n")
+    );
     let registry = match &options.registry {
         Some(path) => std::path::absolute(path).context("the registry's path")?,
         None => installed(),

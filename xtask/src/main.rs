@@ -13,6 +13,7 @@ mod install;
 mod package;
 mod precision;
 mod profile;
+mod prose;
 mod run;
 mod skips;
 mod slang;

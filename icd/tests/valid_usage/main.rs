@@ -68,11 +68,11 @@ fn table(rows: &[Row]) -> String {
         "# Valid usage\n\n\
         Who looks after each of the {} valid-usage statements of the ray tracing chapter: the driver's own validation reports {}\n\
         (`TUFF_VALIDATE=1`, or the feature `rayTracingValidation` of `VK_NV_ray_tracing_validation`), the Khronos validation layers\n\
-        report {} (1.4.360; not those that only execution can see), and for {} there is a reason why nobody does.\n\
+        report {} (1.4.360; not those that only execution can see), and for {} there is a reason why neither does.\n\
         `cargo xtask vuids` writes this file from the table of rules in `icd/src/validate/rules.rs` and the lists in `docs/valid-usage`.\n\n\
         What the driver reports it survives, with validation and without; so it does most of what the layers report. An\n\
         application that is not valid otherwise (a handle that is none, a pointer of the host that leads nowhere) may still crash.\n\n\
-        | statement | driver | layers | why nobody |\n| --- | --- | --- | --- |\n",
+        | statement | driver | layers | why neither |\n| --- | --- | --- | --- |\n",
         rows.len(),
         count(&|row| row.tuff.is_some()),
         count(&|row| row.layers),
