@@ -1,19 +1,9 @@
 //! Rays that walk together and stop for candidates find what each finds by itself.
 
+use scenes::decisions::{counts, inside};
 use scenes::groups::Groups;
 use scenes::*;
 use traversal::*;
-
-/// The decision that shaders make in this test: a number for each candidate.
-fn lot(hit: &Hit) -> u32 {
-    let word = hit.primitive_index * 31 + hit.geometry_index * 7 + hit.instance_index * 3;
-    (word ^ word >> 7).wrapping_mul(0x7FEB_352D) >> 8
-}
-
-/// Whether a triangle counts.
-fn counts(hit: &Hit) -> bool {
-    lot(hit).is_multiple_of(3)
-}
 
 /// A top level, and the boxes of its instances that hold boxes.
 struct World {
@@ -24,28 +14,11 @@ struct World {
 }
 
 impl World {
-    /// Where a ray is taken to meet what is in a box, if it does: after it has entered the box, so that no walk may lose it.
+    /// Where a ray is taken to meet what is in a box, if it does.
     fn reported(&self, ray: &Ray, hit: &Hit) -> Option<f32> {
-        // SAFETY: the structures are alive.
-        let top = unsafe { Structure::at(self.top.address(), &EVERYWHERE) }.expect("it was built");
-        let m = top.world_to_object_at(hit.instance_index, 0.0);
-        let (o, d) = (
-            apply(&m, wide(ray.origin), 1.0),
-            apply(&m, wide(ray.direction), 0.0),
-        );
-        let bounds = self.boxes[hit.primitive_index as usize].map(f64::from);
-        let (mut near, mut far) = (0f64, f64::INFINITY);
-        for axis in 0..3 {
-            let [a, b] = [bounds[axis], bounds[axis + 3]].map(|plane| (plane - o[axis]) / d[axis]);
-            (near, far) = (near.max(a.min(b)), far.min(a.max(b)));
-        }
-        if !hit.primitive_index.is_multiple_of(self.one_in) {
-            return None;
-        }
-        // Far from edges, where a wider test would find it as well.
-        let part = (f64::from(lot(hit) % 65_536) + 0.5) / 65_536.0;
-        (far - near > 1e-3 && !lot(hit).is_multiple_of(4))
-            .then_some((near + part * (far - near)) as f32)
+        let bounds = &self.boxes[hit.primitive_index as usize];
+        let holds = hit.primitive_index.is_multiple_of(self.one_in);
+        holds.then(|| inside(&self.top, bounds, ray, 0.0, hit))?
     }
 }
 

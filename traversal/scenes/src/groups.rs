@@ -3,12 +3,14 @@
 use crate::Bytes;
 use traversal::*;
 
-/// Groups of rays, what became of them, and who decides on their candidates.
+/// Groups of rays, the results, and the function that decides on their candidates.
 pub struct Groups<D> {
     pub rows: Vec<RayRows>,
     /// The rays of each group.
     pub starts: Vec<Start>,
     pub flights: Vec<Flight>,
+    /// By group and lane: candidates at which the ray waited.
+    pub met: Vec<[Vec<Hit>; PACKET]>,
     /// Decides on the candidates of a group; what it says nothing about is ignored.
     decide: D,
     waiting: Vec<u32>,
@@ -49,6 +51,7 @@ impl<D: FnMut(&RayRows, &mut Flight)> Groups<D> {
         };
         Groups {
             flights: rows.iter().map(|_| Flight::default()).collect(),
+            met: rows.iter().map(|_| Default::default()).collect(),
             rows,
             starts: lanes.into_iter().map(start).collect(),
             decide,
@@ -112,6 +115,9 @@ impl<D: FnMut(&RayRows, &mut Flight)> Flights for Groups<D> {
     fn settled(&mut self, group: u32) -> Result<(), OutOfFuel> {
         let flight = &mut self.flights[group as usize];
         if !flight.candidates().found.is_empty() {
+            for lane in flight.candidates().found {
+                self.met[group as usize][lane].push(flight.candidates().hit(lane));
+            }
             (self.decide)(&self.rows[group as usize], flight);
             self.waiting.push(group);
         }

@@ -1,6 +1,7 @@
 //! Scenes for tests: aligned memory, meshes, instances, and walking them to the end.
 
 pub mod closed;
+pub mod decisions;
 pub mod exact;
 pub mod groups;
 pub mod hard;
@@ -138,6 +139,9 @@ pub fn sizes(input: &BuildInput<'_>) -> BuildSizes {
         Geometries::Aabbs(list) => (Kind::Aabbs, counts(list, |g| g.primitive_count)),
         Geometries::Swept(list) => (Kind::Swept, counts(list, |g| g.primitive_count)),
         Geometries::Motion(list) => (Kind::Motion, counts(list, |g| g.start.primitive_count)),
+        Geometries::Instances(source) if source.array.is_motion() => {
+            (Kind::MotionInstances, vec![source.count])
+        }
         Geometries::Instances(source) => (Kind::Instances, vec![source.count]),
     };
     build_sizes(kind, input.flags, &counts)
@@ -203,6 +207,49 @@ pub fn build_instances(instances: &[InstanceRecord], flags: u32) -> Bytes {
         geometries: Geometries::Instances(InstanceSource {
             memory: memory(instances),
             array: InstanceArray::Records,
+            count: instances.len() as u32,
+            flags: GeometryFlags(0),
+            live: &EVERYWHERE,
+        }),
+    })
+}
+
+/// An instance whose transform is one matrix at time 0 and another at time 1: `VkAccelerationStructureMotionInstanceNV`.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub struct MotionRecord {
+    ty: u32,
+    flags: u32,
+    transforms: [[f32; 12]; 2],
+    custom_index_and_mask: u32,
+    sbt_offset_and_flags: u32,
+    reference: u64,
+    rest: [u64; 5],
+}
+
+const _: () = assert!(size_of::<MotionRecord>() == 160);
+
+impl MotionRecord {
+    pub fn new(blob: &Bytes, transforms: [[f32; 12]; 2]) -> MotionRecord {
+        MotionRecord {
+            // VK_ACCELERATION_STRUCTURE_MOTION_INSTANCE_TYPE_MATRIX_MOTION_NV
+            ty: 1,
+            flags: 0,
+            transforms,
+            custom_index_and_mask: 0xFF00_0000,
+            sbt_offset_and_flags: 0,
+            reference: blob.address(),
+            rest: [0; 5],
+        }
+    }
+}
+
+pub fn build_moving_instances(instances: &[MotionRecord], flags: u32) -> Bytes {
+    build_blob(&BuildInput {
+        flags: BuildFlags(flags),
+        geometries: Geometries::Instances(InstanceSource {
+            memory: memory(instances),
+            array: InstanceArray::MotionRecords,
             count: instances.len() as u32,
             flags: GeometryFlags(0),
             live: &EVERYWHERE,

@@ -48,7 +48,7 @@ pub(crate) use stack::{PacketSpace, Stack};
 /// Fewer rays are not worth it.
 const ENOUGH: u32 = 6;
 
-/// Steps after which an attempt is given up, or rays part: few structures that are not corrupt take so many.
+/// Steps after which an attempt is given up, or rays part, if fuel lasts as long: few structures that are not corrupt take so many.
 const PATIENCE: u32 = 1 << 16;
 
 /// Directions differ by at most this, relative to the longest component.
@@ -107,6 +107,12 @@ pub(crate) unsafe fn resume(
         // SAFETY: likewise.
         _ => unsafe { plain::Portable::resume_packet(rays, hits, walker, suspended) },
     }
+}
+
+/// Steps that a packet may take: no more than single rays take before they look at whether they may go on.
+fn patience(walker: &Walker) -> u32 {
+    let fuel = u32::try_from(walker.options.fuel);
+    fuel.map_or(PATIENCE, |fuel| fuel.min(PATIENCE))
 }
 
 /// Whether rays are enough, have structure, flags and mask in common, and the first and the last go the same way.
@@ -183,7 +189,7 @@ unsafe fn trace_packet<K: PacketKernel>(
     let packet = Packet {
         lanes,
         any: first.flags & ray_flags::TERMINATE_ON_FIRST_HIT != 0,
-        patience: PATIENCE,
+        patience: patience(walker),
         found: Found::new(rays),
         given,
         first,
@@ -388,7 +394,7 @@ impl Packet<'_> {
             (walk.state, walk.instance) = (State::OutOfFuel, index);
             walk.pending.push(Entry::ROOT);
             // A corrupt structure may lead in circles: then the walk that starts anew runs out of its fuel.
-            let mut fuel = PATIENCE.into();
+            let mut fuel = patience(walker).into();
             if walk.resume(walker, Verdict::Continue, &mut fuel) != Event::Done {
                 return false;
             }

@@ -5,7 +5,7 @@ use lanes::LaneMask;
 use super::leaf::{Bottom, comes_to};
 use super::lists::{List, Stream};
 use super::octant_stacks::Place;
-use super::rays::{self, OVER, SINGLE};
+use super::rays;
 use crate::layout::{child, instance_state};
 use crate::ray::{Hit, Ray};
 use crate::structure::{Kind, Structure};
@@ -80,7 +80,7 @@ impl Place for Top<'_> {
                 let is_on_its_way = comes_to(ray, list.planes());
                 going.set(lane, is_on_its_way);
                 if is_on_its_way && !sound.contains(lane) {
-                    ray.t_far = SINGLE;
+                    ray.leave();
                 }
             }
             let put = |places: &mut _| rays::put(self.beams, &t_far, &names, places);
@@ -116,15 +116,10 @@ impl Place for Top<'_> {
         }
         for (ray, best) in inner.rays.iter().zip(&inner.best) {
             let place = rays::index(ray.name);
-            if ray.t_far == SINGLE || ray.t_far == OVER {
-                stream.rays[place].t_far = ray.t_far;
-            }
+            stream.rays[place].follow(ray);
             if best.slot != Hit::UNKNOWN_SLOT {
                 stream.best[place] = *best;
                 self.instances[place] = index;
-                if !ANY {
-                    stream.rays[place].t_far = best.t;
-                }
             }
         }
     }

@@ -4,7 +4,7 @@ use std::arch::x86_64::*;
 
 use super::lists::{List, Stream};
 use super::octant_stacks::Place;
-use super::rays::{self, OVER, SINGLE, StreamRay, View};
+use super::rays::{self, StreamRay, View};
 use crate::layout::{LEAF_TRIANGLES, MARGIN_RISE, Margin, TriangleGroup, child};
 use crate::ray::Hit;
 use crate::structure::Structure;
@@ -129,10 +129,10 @@ impl Place for Bottom<'_> {
                     front: found.front >> i & 1 != 0,
                 };
                 if ANY {
-                    ray.t_far = OVER;
+                    ray.end();
                     break;
                 }
-                ray.t_far = t;
+                ray.shorten(t);
             }
         }
     }
@@ -147,7 +147,7 @@ impl Place for Bottom<'_> {
         for i in 0..list.count as usize {
             let index = rays::index(stream.words[list.first as usize + i]);
             let (ray, best) = (&mut stream.rays[index], &mut stream.best[index]);
-            if ray.t_far < 0.0 {
+            if !ray.is_on_its_way() {
                 continue;
             }
             ray.put(self.beams, 0);
@@ -170,11 +170,11 @@ impl Place for Bottom<'_> {
             let end = unsafe {
                 Avx::<WIDE>::walk_opaque::<ANY>(&way, best, &mut pending, self.hits, fuel)
             };
-            ray.t_far = match end {
-                End::OutOfFuel => SINGLE,
-                End::Over => OVER,
-                End::Finished => best.t,
-            };
+            match end {
+                End::OutOfFuel => ray.leave(),
+                End::Over => ray.end(),
+                End::Finished => ray.shorten(best.t),
+            }
         }
     }
 }
@@ -246,9 +246,9 @@ pub(super) fn comes_to(ray: &StreamRay, planes: __m128) -> bool {
         let inverse = _mm_loadu_ps(ray.near_inverse.as_ptr());
         _mm_mul_ps(_mm_sub_ps(planes, minus_origin), inverse)
     };
-    let t_far = _mm_castps_si128(_mm_set1_ps(ray.t_far));
+    let t_far = _mm_castps_si128(_mm_set1_ps(ray.t_far()));
     let beyond = _mm_cmpgt_epi32(_mm_castps_si128(near), t_far);
-    _mm_movemask_ps(_mm_castsi128_ps(beyond)) & 7 == 0 && ray.t_far >= 0.0
+    _mm_movemask_ps(_mm_castsi128_ps(beyond)) & 7 == 0 && ray.is_on_its_way()
 }
 
 /// Both groups in one.

@@ -220,7 +220,7 @@ impl Walker {
         let outer = &streams.outer;
         for (i, (ray, best)) in outer.rays.iter().zip(&outer.best).enumerate() {
             let (group, lane) = ray.lane();
-            if ray.t_far == rays::SINGLE {
+            if ray.goes_singly() {
                 match streams.singles.last_mut() {
                     Some((last, lanes)) if *last == group => lanes.insert(lane),
                     _ => streams.singles.push((group, LaneMask::of(lane))),

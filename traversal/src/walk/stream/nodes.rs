@@ -141,7 +141,7 @@ impl Planes {
             _mm256_max_epi32(meets!(n, o, i, 2), t_min),
         );
         let (f, o, i) = (&self.far, &ray.minus_far_origin, &ray.far_inverse);
-        let t_far = _mm256_castps_si256(_mm256_set1_ps(ray.t_far));
+        let t_far = _mm256_castps_si256(_mm256_set1_ps(ray.t_far()));
         let far = _mm256_min_epi32(
             _mm256_min_epi32(meets!(f, o, i, 0), meets!(f, o, i, 1)),
             _mm256_min_epi32(meets!(f, o, i, 2), t_far),

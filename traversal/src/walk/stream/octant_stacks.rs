@@ -7,7 +7,7 @@ use lanes::LaneMask;
 
 use super::lists::{List, Stream};
 use super::nodes::{meet, meet_wide, put_chosen};
-use super::rays::{self, SINGLE, StreamRay};
+use super::rays::{self, StreamRay};
 use crate::layout::{WIDTH, child};
 use crate::structure::Structure;
 use crate::walk::PACKET;
@@ -104,10 +104,7 @@ impl Stream {
     #[cold]
     pub fn split(&mut self, list: &List) {
         for i in 0..list.count as usize {
-            let ray = &mut self.rays[rays::index(self.words[list.first as usize + i])];
-            if ray.t_far >= 0.0 {
-                ray.t_far = SINGLE;
-            }
+            self.rays[rays::index(self.words[list.first as usize + i])].leave();
         }
     }
 

@@ -7,6 +7,7 @@ use crate::walk::PACKET;
 use crate::walk::beams::{AXIS, Beams, Boxes, Given, ROW};
 use crate::walk::rows::{Lanes, Words};
 use crate::walk::sight::Sight;
+use crate::walk::space::min;
 
 /// A ray in its bottom level: a line for boxes, by the axes of space, and a line for triangles, by its own; see [`Beams`].
 #[derive(Clone, Copy)]
@@ -15,8 +16,8 @@ pub(super) struct StreamRay {
     pub minus_origin: [f32; 3],
     pub t_min: f32,
     pub near_inverse: [f32; 3],
-    /// The end of the interval; [`OVER`] or [`SINGLE`].
-    pub t_far: f32,
+    /// The end of the interval, or one of the marks below: so one comparison sees both. Only what is here writes it.
+    t_far: f32,
     pub minus_far_origin: [f32; 3],
     pub far_inverse: [f32; 3],
     octant: u32,
@@ -46,11 +47,12 @@ pub(super) const fn index(offset: u32) -> usize {
     offset as usize / size_of::<StreamRay>()
 }
 
-/// For [`StreamRay::t_far`], so that it meets nothing more: the ray has ended with its first hit.
-pub(super) const OVER: f32 = -1.0;
+/// A mark in [`StreamRay::t_far`]: the ray has ended with its first hit. Marks are below every distance, so a ray that has one meets
+/// nothing more.
+const OVER: f32 = -1.0;
 
-/// The same: the ray is to be traced by itself.
-pub(super) const SINGLE: f32 = -2.0;
+/// Another mark: what the stream has found of the ray is not all, and it is to be traced by itself, from its start.
+const SINGLE: f32 = -2.0;
 
 /// The name of a lane's ray.
 pub(super) fn name(group: u32, lane: usize) -> u32 {
@@ -61,6 +63,58 @@ impl StreamRay {
     /// Group and lane.
     pub fn lane(&self) -> (u32, usize) {
         (self.name / PACKET as u32, self.name as usize % PACKET)
+    }
+
+    /// The end of the interval; below 0 for a ray that has a mark.
+    #[inline(always)]
+    pub fn t_far(&self) -> f32 {
+        self.t_far
+    }
+
+    /// Whether the stream takes the ray on.
+    #[inline(always)]
+    pub fn is_on_its_way(&self) -> bool {
+        self.t_far >= 0.0
+    }
+
+    /// Whether the ray is to be traced by itself.
+    pub fn goes_singly(&self) -> bool {
+        self.t_far == SINGLE
+    }
+
+    /// Ends the interval at a hit. A mark is less than `t`, so it stays.
+    #[inline(always)]
+    pub fn shorten(&mut self, t: f32) {
+        self.t_far = min(t, self.t_far);
+    }
+
+    /// Ends the ray with its first hit.
+    #[inline(always)]
+    pub fn end(&mut self) {
+        self.mark(OVER);
+    }
+
+    /// Leaves the ray to a walk by itself, unless it is over.
+    #[inline(always)]
+    pub fn leave(&mut self) {
+        self.mark(SINGLE);
+    }
+
+    /// Takes a mark. The first one stays.
+    #[inline(always)]
+    fn mark(&mut self, mark: f32) {
+        if self.is_on_its_way() {
+            self.t_far = mark;
+        }
+    }
+
+    /// Takes over what has become of the same ray in an instance: its mark, or the end of its interval. Distances are the same in both
+    /// spaces.
+    #[inline(always)]
+    pub fn follow(&mut self, inner: &StreamRay) {
+        if self.is_on_its_way() {
+            self.t_far = inner.t_far;
+        }
     }
 
     /// Sets a lane up as this ray is.
