@@ -61,5 +61,5 @@ fn passes_keep_what_programs_do() {
         return check(seed);
     }
     let first = seed.unwrap_or(0);
-    (first..first + cases.unwrap_or(2_000)).for_each(check);
+    (first..first + cases.unwrap_or(u64::from(effort::rounds(2_000)))).for_each(check);
 }

@@ -18,7 +18,7 @@ fn number(name: &str) -> Option<u64> {
 fn corrupted_modules_are_refused_or_compiled() {
     let samples = samples();
     let mut random = Rng::with_seed(number("TUFF_SEED").unwrap_or(0x1234_5678_9abc_def1));
-    let rounds = number("TUFF_CORRUPTIONS").unwrap_or(1500);
+    let rounds = number("TUFF_CORRUPTIONS").unwrap_or(u64::from(effort::rounds(1500)));
     for _ in 0..rounds {
         let (stage, words) = &samples[random.usize(..samples.len())];
         let mut words = words.clone();
@@ -32,7 +32,7 @@ fn corrupted_modules_are_refused_or_compiled() {
 fn swapped_operands_are_refused_or_compiled() {
     let samples = samples();
     let mut random = Rng::with_seed(99);
-    for _ in 0..1500 {
+    for _ in 0..effort::rounds(1500) {
         let (stage, words) = &samples[random.usize(..samples.len())];
         let mut words = words.clone();
         let [a, b] = [(); 2].map(|()| random.usize(5..words.len()));
@@ -45,6 +45,8 @@ fn swapped_operands_are_refused_or_compiled() {
 }
 
 proptest! {
+    #![proptest_config(ProptestConfig::with_cases(effort::rounds(256)))]
+
     #[test]
     fn arbitrary_words_are_refused(mut words in prop::collection::vec(any::<u32>(), 0..200)) {
         for (word, start) in words.iter_mut().zip([0x0723_0203, 0x0001_0600, 0, 100, 0]) {

@@ -29,7 +29,7 @@ use wayland_server::{
     Client, DataInit, Dispatch, Display, DisplayHandle, GlobalDispatch, New, Resource,
 };
 
-use crate::Presenter;
+use crate::{Presenter, comes};
 
 /// Between refreshes.
 const REFRESH: Duration = Duration::from_micros(16_667);
@@ -175,24 +175,12 @@ impl Compositor {
 
     /// Whether the screen comes to show these pixels (blue, green, red, anything).
     pub fn shows(&self, width: usize, height: usize, pixels: &[u8]) -> bool {
-        let start = Instant::now();
-        loop {
+        let same = |(shown, wanted): (&[u8], &[u8])| shown[..3] == wanted[..3];
+        comes(|| {
             let shown = self.manners.shown.lock().unwrap().clone();
-            let same = |(shown, wanted): (&[u8], &[u8])| shown[..3] == wanted[..3];
-            if (shown.width, shown.height) == (width, height)
-                && shown
-                    .pixels
-                    .chunks_exact(4)
-                    .zip(pixels.chunks_exact(4))
-                    .all(same)
-            {
-                return true;
-            }
-            if start.elapsed() > Duration::from_secs(5) {
-                return false;
-            }
-            std::thread::sleep(Duration::from_millis(5));
-        }
+            let mut both = shown.pixels.chunks_exact(4).zip(pixels.chunks_exact(4));
+            (shown.width, shown.height) == (width, height) && both.all(same)
+        })
     }
 }
 

@@ -9,11 +9,10 @@ use std::time::Duration;
 use ash::{ext, khr, nv, vk};
 
 use crate::optional::Optional;
+use crate::patience::PATIENCE_NS;
 
-/// How long any one wait may take before the process is given up.
-pub const PATIENCE_NS: u64 = 60_000_000_000;
-/// How long any one test may take.
-const TEST_PATIENCE: Duration = Duration::from_secs(240);
+/// How long any one test may take before the process is given up.
+const TEST_PATIENCE: Duration = Duration::from_secs(1800);
 
 const VALIDATION: &CStr = c"VK_LAYER_KHRONOS_validation";
 

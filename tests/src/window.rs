@@ -5,7 +5,6 @@ use std::os::fd::{AsRawFd, FromRawFd, OwnedFd};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
-use std::time::{Duration, Instant};
 
 use ash::khr;
 use ash::vk;
@@ -16,7 +15,7 @@ use x11rb::protocol::xproto::{
 use x11rb::wrapper::ConnectionExt as _;
 use x11rb::xcb_ffi::XCBConnection;
 
-use crate::{Presenter, has};
+use crate::{Presenter, comes, has};
 
 /// An Xvfb with one screen of 640 by 480 pixels, 24 bits deep.
 pub struct Xvfb {
@@ -183,17 +182,10 @@ impl Window {
 
     /// Whether the screen comes to show these pixels (blue, green, red, anything).
     pub fn shows(&self, width: u16, height: u16, pixels: &[u8]) -> bool {
-        let start = Instant::now();
-        loop {
+        let same = |(shown, wanted): (&[u8], &[u8])| shown[..3] == wanted[..3];
+        comes(|| {
             let shown = self.screenshot(width, height);
-            let same = |(shown, wanted): (&[u8], &[u8])| shown[..3] == wanted[..3];
-            if shown.chunks_exact(4).zip(pixels.chunks_exact(4)).all(same) {
-                return true;
-            }
-            if start.elapsed() > Duration::from_secs(5) {
-                return false;
-            }
-            std::thread::sleep(Duration::from_millis(5));
-        }
+            shown.chunks_exact(4).zip(pixels.chunks_exact(4)).all(same)
+        })
     }
 }

@@ -546,7 +546,7 @@ fn a_command_buffer_does_not_execute_itself() {
 #[test]
 fn waits_of_commands_end_by_their_time_limit() {
     let test = "waits_of_commands_end_by_their_time_limit";
-    if !alone(test, &[("TUFF_TIMEOUT", "0.3")]) {
+    if !alone(test, &[("TUFF_TIMEOUT", "1")]) {
         return;
     }
     for what in 0..2 {

@@ -176,7 +176,7 @@ fn words(structure: Structure) -> Vec<u32> {
 
 /// Whether this process is to go on with a test: one in which nothing runs for long, as corrupt structures lead in circles.
 fn goes_on(test: &str) -> bool {
-    alone(test, &[("TUFF_TIMEOUT", "0.1")])
+    alone(test, &[("TUFF_TIMEOUT", "0.5")])
 }
 
 /// The values that replace counts and offsets.

@@ -221,7 +221,7 @@ fn dispatch(gpu: &Gpu, kernel: Kernel, set: Set) -> Result<(), vk::Result> {
 #[test]
 fn a_hang_is_told_with_its_names_and_line() {
     let test = "a_hang_is_told_with_its_names_and_line";
-    if !alone(test, &[("TUFF_TIMEOUT", "0.3")]) {
+    if !alone(test, &[("TUFF_TIMEOUT", "1")]) {
         return;
     }
     let Some(gpu) = open() else { return };
@@ -253,7 +253,7 @@ fn a_hang_is_told_with_its_names_and_line() {
 #[test]
 fn a_messenger_hears_the_same() {
     let test = "a_messenger_hears_the_same";
-    if !alone(test, &[("TUFF_TIMEOUT", "0.3")]) {
+    if !alone(test, &[("TUFF_TIMEOUT", "1")]) {
         return;
     }
     let Some(gpu) = Gpu::validated_by_driver() else {
@@ -282,7 +282,7 @@ fn a_messenger_hears_the_same() {
 #[test]
 fn a_fragment_shader_that_hangs_is_told() {
     let test = "a_fragment_shader_that_hangs_is_told";
-    if !alone(test, &[("TUFF_TIMEOUT", "0.3")]) {
+    if !alone(test, &[("TUFF_TIMEOUT", "1")]) {
         return;
     }
     let Some(gpu) = open() else { return };
@@ -370,7 +370,7 @@ fn recursion_without_an_end_is_told_with_its_depth() {
 #[test]
 fn wild_addresses_are_told() {
     let test = "wild_addresses_are_told";
-    if !alone(test, &[("TUFF_TIMEOUT", "0.3")]) {
+    if !alone(test, &[("TUFF_TIMEOUT", "1")]) {
         return;
     }
     let Some(gpu) = open() else { return };
@@ -414,7 +414,7 @@ fn wild_addresses_are_told() {
 #[test]
 fn earlier_wild_addresses_are_told() {
     let test = "earlier_wild_addresses_are_told";
-    if !alone(test, &[("TUFF_TIMEOUT", "0.3")]) {
+    if !alone(test, &[("TUFF_TIMEOUT", "1")]) {
         return;
     }
     let Some(gpu) = open() else { return };
@@ -463,7 +463,7 @@ fn a_device_that_is_not_lost_tells_nothing() {
 #[test]
 fn names_in_chains_are_told() {
     let test = "names_in_chains_are_told";
-    if !alone(test, &[("TUFF_TIMEOUT", "0.3")]) {
+    if !alone(test, &[("TUFF_TIMEOUT", "1")]) {
         return;
     }
     let Some(gpu) = open() else { return };

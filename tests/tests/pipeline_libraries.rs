@@ -158,12 +158,13 @@ fn thousands_of_groups_are_linked() {
         second,
         pipeline_of_general_groups(&parts, &shaders, &groups),
     ];
-    let linked = (0..5).map(|_| parts.link(&[], &[], &all, Flags::empty()).1);
-    let fastest = linked.min().expect("five links");
+    let mut fastest = Duration::MAX;
+    let is_fast = enough(1, 100, || {
+        fastest = fastest.min(parts.link(&[], &[], &all, Flags::empty()).1);
+        fastest < Duration::from_millis(10)
+    });
     println!("{} groups are linked in {fastest:?}", 2 * count + 2);
-    if gpu.is_tuff() {
-        assert!(fastest < Duration::from_millis(10), "{fastest:?}");
-    }
+    assert!(is_fast || !gpu.is_tuff(), "{fastest:?}");
 }
 
 fn pipeline_of_general_groups(

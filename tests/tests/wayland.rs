@@ -97,7 +97,7 @@ fn fifo_waits_for_the_compositor_and_goes_on_when_hidden() {
     }
     // SAFETY: as above.
     unsafe { waits.wait_for_present(swapchain, 34, PATIENCE_NS).unwrap() };
-    assert!(start.elapsed() < Duration::from_secs(20));
+    assert!(start.elapsed() < PATIENCE);
     presenter.destroy(swapchain);
 }
 
@@ -131,11 +131,15 @@ fn fifo_keeps_the_pace_of_barriers_where_nobody_looks() {
             manners.hides.store(is_hidden, Ordering::Release);
             let before = manners.waited.load(Ordering::Acquire);
             let start = Instant::now();
+            let mut last_frame = start;
+            let mut quick = 0;
             for id in first..first + 30 {
                 let pixels = screen_picture(16, 16, id as u32);
                 presenter
                     .frame(swapchain, chain.extent, &pixels, id)
                     .unwrap();
+                quick += u32::from(last_frame.elapsed() < Duration::from_millis(90));
+                last_frame = Instant::now();
             }
             let last = first + 29;
             // SAFETY: the swapchain is alive, and the id has been presented.
@@ -145,9 +149,12 @@ fn fifo_keeps_the_pace_of_barriers_where_nobody_looks() {
                     .unwrap()
             };
             let took = start.elapsed().as_secs_f64();
+            // A tenth of a second or a whole one passes before a driver gives up waiting for a
+            // window that is not seen, so that all frames but those with free images take that
+            // long. A busy machine delays some.
             assert!(
-                took > 27.0 / 60.0 && took < 3.0,
-                "hidden: {is_hidden}: {took} s"
+                took > 27.0 / 60.0 && quick > 10,
+                "hidden: {is_hidden}: {took} s, {quick} of 30 frames in time"
             );
             assert!(compositor.shows(16, 16, &screen_picture(16, 16, last as u32)));
             assert_eq!(manners.waited.load(Ordering::Acquire) - before, 30);

@@ -418,7 +418,7 @@ fn check(world: &World, ray: &Ray, walker: &mut Walker) -> Result<bool, TestCase
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(400))]
+    #![proptest_config(ProptestConfig::with_cases(effort::rounds(400)))]
 
     #[test]
     fn walks_agree_with_brute_force(

@@ -71,7 +71,7 @@ fn packets(scene: &Scene, mesh: &Mesh, place: impl Fn(DVec3) -> DVec3) -> usize 
     let mut random = Random(0x1357_9BDF_0246_8ACE);
     let mut walker = Walker::new();
     let mut done = 0;
-    for round in 0..600 {
+    for round in 0..effort::rounds(600) as usize {
         let from = 4.0 * random.direction();
         let at = random.direction();
         let spread = 0.3 * random.unit();
@@ -153,7 +153,7 @@ fn packets_go_through_many_instances() {
     let top = build_instances(&instances, 0);
     let mut walker = Walker::new();
     let (mut done, mut hits) = (0, 0);
-    for round in 0..500 {
+    for round in 0..effort::rounds(500) as usize {
         let from = 9.0 * random.direction();
         let at = 5.0 * random.vector();
         let spread = 0.5 * random.unit();

@@ -1,15 +1,18 @@
 //! Other threads write into structures while rays walk through them: whatever a walk reads, it
 //! stays inside the live memory, and every walk ends.
 
-use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
-use std::time::{Duration, Instant};
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 
 use scenes::groups::Groups;
 use scenes::*;
 use traversal::*;
 
-/// How long a thread writes.
-const TIME: Duration = Duration::from_millis(1500);
+/// How many rounds of walks and copies there are, while other threads write.
+const ROUNDS: u32 = 100;
+
+/// How many times the writers write at least meanwhile: where processors are few they take turns
+/// with the walks.
+const WRITES: u64 = 100;
 
 /// Steps of a walk that may go in circles.
 const FUEL: u64 = 5_000;
@@ -190,7 +193,7 @@ impl Arena {
     }
 
     /// Writes until it is told to stop: nonsense, and now and then what was there.
-    fn scribble(&self, seed: u64, stop: &AtomicBool) {
+    fn scribble(&self, seed: u64, writes: &AtomicU64, stop: &AtomicBool) {
         let mut random = Random(seed);
         let words = self.words();
         let mut below = |count: usize| (random.unit() * count as f64) as usize;
@@ -214,6 +217,7 @@ impl Arena {
             for at in start..start + length {
                 words[at].store(self.pristine[at], Ordering::Relaxed);
             }
+            writes.fetch_add(1, Ordering::Relaxed);
         }
     }
 }
@@ -291,16 +295,17 @@ fn scribbled(tier: Tier, seed: u64) {
     let (arena, live) = (&arena, &arena.live());
     // SAFETY: the arena is alive.
     unsafe { walker.set_live(live) };
-    let stop = AtomicBool::new(false);
+    let (writes, stop) = (AtomicU64::new(0), AtomicBool::new(false));
     std::thread::scope(|scope| {
         for writer in 0..2 {
-            let stop = &stop;
-            scope.spawn(move || arena.scribble(seed + writer, stop));
+            let (writes, stop) = (&writes, &stop);
+            scope.spawn(move || arena.scribble(seed + writer, writes, stop));
         }
         let mut random = Random(seed + 9);
         let mut room = Bytes::new(1 << 20);
-        let until = Instant::now() + TIME;
-        while Instant::now() < until {
+        let mut round = 0;
+        while round < effort::rounds(ROUNDS) || writes.load(Ordering::Relaxed) < WRITES {
+            round += 1;
             for top in arena.tops() {
                 for _ in 0..4 {
                     let rays = rays(&mut random, top);

@@ -6,7 +6,8 @@ use scenes::*;
 
 fn count() -> usize {
     let given = std::env::var("RAYS").ok();
-    given.map_or(20_000, |count| count.parse().expect("RAYS is a number"))
+    let usual = || effort::rounds(20_000) as usize;
+    given.map_or_else(usual, |count| count.parse().expect("RAYS is a number"))
 }
 
 /// 2⁻²⁴.

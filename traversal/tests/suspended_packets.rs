@@ -185,7 +185,7 @@ fn check_with(world: &World, mut walker: Box<Walker>, parts: bool) -> u64 {
     let mut random = Random(0x0BAD_5EED_1357_2468);
     let vertices = sphere(1.0, true).vertices;
     let mut tally = Tally::default();
-    for round in 0..600 {
+    for round in 0..effort::rounds(600) as usize {
         let flags = [
             0,
             ray_flags::TERMINATE_ON_FIRST_HIT,

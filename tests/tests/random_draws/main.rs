@@ -551,11 +551,11 @@ fn sequences(count: u32, clips: bool) {
 
 #[test]
 fn random_sequences_of_draws_are_exact() {
-    sequences(100, false);
+    sequences(effort::rounds(100), false);
 }
 
 /// The vertices that clipping adds need not lie on the grid of sub-pixels, so drivers may move edges there. This one does not.
 #[test]
 fn clipping_moves_no_edge() {
-    sequences(100, true);
+    sequences(effort::rounds(100), true);
 }

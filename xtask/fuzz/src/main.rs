@@ -24,7 +24,7 @@ use anyhow::Result;
 use clap::{Parser, Subcommand};
 
 use case::Which;
-use parent::Parent;
+use parent::{Amount, Parent};
 
 #[derive(Parser)]
 #[command(
@@ -37,7 +37,10 @@ struct Arguments {
     /// How long, in minutes, all targets together
     #[arg(long, default_value_t = 1.0)]
     minutes: f64,
-    /// The seed of all cases
+    /// How many cases of each target, however long they take
+    #[arg(long, conflicts_with = "minutes")]
+    cases: Option<u64>,
+    /// What cases follow from
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Where what is found is kept
@@ -81,8 +84,11 @@ fn run(arguments: &Arguments) -> Result<ExitCode> {
         Some(Command::Again { case }) => child::run(&Which::parse(case)?, 1, None),
         None => {
             let targets = targets::named(&arguments.targets)?;
-            let time = Duration::from_secs_f64(60.0 * arguments.minutes);
-            Parent::new(&arguments.out)?.run(&targets, arguments.seed, time)
+            let amount = match arguments.cases {
+                Some(cases) => Amount::Cases(cases),
+                None => Amount::Time(Duration::from_secs_f64(60.0 * arguments.minutes)),
+            };
+            Parent::new(&arguments.out)?.run(&targets, arguments.seed, amount)
         }
     }
 }

@@ -19,8 +19,11 @@ const SLICE: Duration = Duration::from_secs(5);
 /// How long the parent looks away.
 const NAP: Duration = Duration::from_millis(20);
 
-/// How long one case may take: longer than a dispatch until the device is lost.
+/// How much processor time one case may take: far more than a dispatch until the device is lost.
 const PATIENCE: Duration = Duration::from_secs(20);
+
+/// How long a case may take that waits for something, whatever else the machine does.
+const LONG_PATIENCE: Duration = Duration::from_secs(240);
 
 /// How long a case is made smaller.
 const MINIMISING: Duration = Duration::from_secs(60);
@@ -30,6 +33,15 @@ const MANY: u64 = 1 << 40;
 
 /// Seconds after which a dispatch of the driver under test is given up.
 const TIMEOUT: &str = "0.5";
+
+/// How much a run does.
+#[derive(Clone, Copy, Debug)]
+pub enum Amount {
+    /// All targets in turn, for so long.
+    Time(Duration),
+    /// So many cases of each target.
+    Cases(u64),
+}
 
 /// How a child ended.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -52,33 +64,49 @@ impl Parent {
     }
 
     /// Runs targets in turn. Fails if anything was found.
-    pub fn run(&self, targets: &[&'static Target], seed: u64, time: Duration) -> Result<ExitCode> {
+    pub fn run(&self, targets: &[&'static Target], seed: u64, amount: Amount) -> Result<ExitCode> {
         // Panics, and says why, where no device is to be had. To a child any panic of the harness is an answer: without a driver no case
         // would fail.
         drop(World::open());
-        let end = Instant::now() + time;
-        let slice = SLICE.min(time / targets.len().max(1) as u32);
         let mut next: BTreeMap<&str, u64> = BTreeMap::new();
         let mut findings = 0;
-        while Instant::now() < end {
-            for &target in targets {
-                let number = next.entry(target.name).or_default();
-                let first = Which {
-                    target,
-                    seed,
-                    number: *number,
-                    kept: None,
+        // Runs cases of a target in a child, which ends by itself or by its time.
+        let mut some = |target: &'static Target, most: Option<u64>, time| -> Result<u64> {
+            let number = next.entry(target.name).or_default();
+            let first = Which {
+                target,
+                seed,
+                number: *number,
+                kept: None,
+            };
+            let count = most.map_or(MANY, |most| most - *number);
+            let (reached, ended) = self.child(&first, count, time)?;
+            if let End::Badly(how) = ended {
+                let which = Which {
+                    number: reached,
+                    ..first
                 };
-                let (reached, ended) = self.child(&first, MANY, slice)?;
-                if let End::Badly(how) = ended {
-                    let which = Which {
-                        number: reached,
-                        ..first
-                    };
-                    self.keep(which, &how)?;
-                    findings += 1;
+                self.keep(which, &how)?;
+                findings += 1;
+            }
+            *number = reached + 1;
+            Ok(*number)
+        };
+        match amount {
+            Amount::Time(time) => {
+                let end = Instant::now() + time;
+                let slice = SLICE.min(time / targets.len().max(1) as u32);
+                while Instant::now() < end {
+                    for &target in targets {
+                        some(target, None, Some(slice))?;
+                    }
                 }
-                *number = reached + 1;
+            }
+            Amount::Cases(cases) => {
+                for &target in targets {
+                    // A child that died is followed by one that goes on behind its last case.
+                    while cases > 0 && some(target, Some(cases), None)? < cases {}
+                }
             }
         }
         for (name, count) in next {
@@ -91,8 +119,8 @@ impl Parent {
         })
     }
 
-    /// Runs cases in a child for some time; returns at which one it was, and how it ended.
-    fn child(&self, first: &Which, count: u64, time: Duration) -> Result<(u64, End)> {
+    /// Runs cases in a child, for some time at most; returns at which one it was, and how it ended.
+    fn child(&self, first: &Which, count: u64, time: Option<Duration>) -> Result<(u64, End)> {
         let progress = self.out.join(format!("{}.progress", first.target.name));
         let log = self.log(first.target);
         std::fs::write(&progress, progress_text(first.number))?;
@@ -113,6 +141,7 @@ impl Parent {
         // In naps, not by the clock: who is stopped for a while, child and parent alike, does not hang.
         let most = |time: Duration| (time.as_millis() / NAP.as_millis()) as u32;
         let (mut at, mut naps, mut naps_at_case) = (first.number, 0, 0);
+        let mut used_before = Duration::ZERO;
         let ended = loop {
             if let Some(status) = child.try_wait()? {
                 break match status.success() {
@@ -123,13 +152,16 @@ impl Parent {
             let case = reached();
             if case != at {
                 (at, naps_at_case) = (case, 0);
+                used_before = processor_time(&child);
             }
-            if naps_at_case > most(PATIENCE) {
+            let used = processor_time(&child).saturating_sub(used_before);
+            if used > PATIENCE || naps_at_case > most(LONG_PATIENCE) {
                 stop(&mut child)?;
                 break End::Badly("it hangs".into());
             }
             // One that has run for long is given the time to show that it hangs.
-            if naps > most(time) && naps_at_case < most(Duration::from_secs(1)) {
+            let is_over = time.is_some_and(|time| naps > most(time));
+            if is_over && naps_at_case < most(Duration::from_secs(1)) {
                 stop(&mut child)?;
                 break End::Well;
             }
@@ -183,7 +215,7 @@ impl Parent {
                 kept: Some(kept.to_vec()),
                 ..which.clone()
             };
-            Ok(self.child(&some, 1, PATIENCE)?.1 != End::Well)
+            Ok(self.child(&some, 1, None)?.1 != End::Well)
         };
         let mut kept: Vec<u32> = (0..which.step_count()).collect();
         if !dies(&kept)? {
@@ -208,6 +240,17 @@ impl Parent {
             ..which.clone()
         }))
     }
+}
+
+/// Processor time of a child so far (proc(5), `/proc/PID/stat`: fields 14 and 15, in hundredths of
+/// a second).
+fn processor_time(child: &Child) -> Duration {
+    let stat = std::fs::read_to_string(format!("/proc/{}/stat", child.id())).unwrap_or_default();
+    // The second field is a name in parentheses, which may have blanks.
+    let rest = stat.rsplit(')').next().unwrap_or_default();
+    let fields = rest.split_whitespace().skip(11).take(2);
+    let ticks: u64 = fields.filter_map(|field| field.parse::<u64>().ok()).sum();
+    Duration::from_millis(10 * ticks)
 }
 
 fn stop(child: &mut Child) -> Result<()> {

@@ -4,7 +4,7 @@
 
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, ExitStatus, Stdio};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use ash::vk;
 use demo::picture::encoded;
@@ -12,7 +12,7 @@ use demo::raster::{Drawing, Rasterizer};
 use demo::render::{self, BOUNCES, Renderer, Settings, World};
 use demo::scene::Scene;
 use demo::vulkan::{Context, PipelineCache, Wish};
-use tuff_tests::{Window, Xvfb};
+use tuff_tests::{Window, Xvfb, comes};
 use x11rb::connection::Connection;
 use x11rb::protocol::xproto::{
     AtomEnum, ClientMessageEvent, ConfigureWindowAux, ConnectionExt, EventMask,
@@ -136,8 +136,8 @@ impl Panel {
 
     /// Waits until the screen shows a picture with the panel before it.
     fn comes_before(&self, screen: &Window, (width, height): (u32, u32), picture: &[u8]) {
-        let started = Instant::now();
-        loop {
+        let mut differs = String::new();
+        let is_there = comes(|| {
             let shown = screen.screenshot(width as u16, height as u16);
             let mut worst = [0; 2];
             let mut over_the_panel = 0;
@@ -157,22 +157,19 @@ impl Panel {
                 }
             }
             // Most of the panel is something else than the picture.
-            let is_there = over_the_panel > self.width * self.height / 2;
-            if is_there && worst.iter().all(|worst| *worst <= TOLERANCE) {
-                println!("codes off: {worst:?}; {over_the_panel} pixels of the panel differ");
-                return;
-            }
-            assert!(
-                started.elapsed() < Duration::from_secs(10),
+            let has_panel = over_the_panel > self.width * self.height / 2;
+            differs = format!(
                 "codes off, left and right of the split: {worst:?}; of the panel: {over_the_panel}"
             );
-            std::thread::sleep(Duration::from_millis(20));
-        }
+            has_panel && worst.iter().all(|worst| *worst <= TOLERANCE)
+        });
+        println!("{differs}");
+        assert!(is_there, "{differs}");
     }
 }
 
-/// The program's window: the screen's only one of that name.
-fn named_tuff(screen: &Window) -> u32 {
+/// The program's windows, by their name.
+fn all_named_tuff(screen: &Window) -> Vec<u32> {
     let (name, text) = (AtomEnum::WM_NAME, AtomEnum::ANY);
     let root = screen.x.setup().roots[0].root;
     let children = screen.x.query_tree(root).unwrap().reply().unwrap().children;
@@ -180,24 +177,27 @@ fn named_tuff(screen: &Window) -> u32 {
         let property = screen.x.get_property(false, *window, name, text, 0, 16);
         (property.unwrap().reply()).is_ok_and(|property| property.value == b"Tuff")
     };
-    let found: Vec<u32> = children.into_iter().filter(is_it).collect();
+    children.into_iter().filter(is_it).collect()
+}
+
+/// The program's window, which is the only one.
+fn named_tuff(screen: &Window) -> u32 {
+    let found = all_named_tuff(screen);
     assert_eq!(found.len(), 1, "{found:?}");
     found[0]
 }
 
 /// How a program ends that has been asked to.
 fn end_of(program: &mut Child) -> ExitStatus {
-    let started = Instant::now();
-    loop {
-        if let Some(status) = program.try_wait().unwrap() {
-            return status;
-        }
-        if started.elapsed() > Duration::from_secs(20) {
-            program.kill().unwrap();
-            panic!("it goes on");
-        }
-        std::thread::sleep(Duration::from_millis(20));
-    }
+    let mut ended = None;
+    comes(|| {
+        ended = program.try_wait().unwrap();
+        ended.is_some()
+    });
+    ended.unwrap_or_else(|| {
+        program.kill().unwrap();
+        panic!("it goes on")
+    })
 }
 
 /// Asks a window to close, as a window manager does when its cross is clicked.
@@ -302,7 +302,9 @@ fn a_window_that_cannot_show_its_frames_fails() {
         .stdout(Stdio::null())
         .spawn()
         .unwrap();
-    std::thread::sleep(Duration::from_secs(3));
+    let screen = server.window(1, 1);
+    assert!(comes(|| !all_named_tuff(&screen).is_empty()));
+    drop(screen);
     drop(server);
     assert!(!window.wait().unwrap().success());
 }

@@ -4,7 +4,7 @@ use super::*;
 use crate::environment::Environment;
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(2000))]
+    #![proptest_config(ProptestConfig::with_cases(effort::rounds(2000)))]
 
     /// Fetches, with levels, layers, offsets; what is outside is zero, with the missing components filled.
     #[test]

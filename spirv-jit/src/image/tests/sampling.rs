@@ -5,7 +5,7 @@ use lanes::Tier;
 use super::*;
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(2000))]
+    #![proptest_config(ProptestConfig::with_cases(effort::rounds(2000)))]
 
     /// 1D, 2D and 3D sampling with every addressing, filter, level selection, reduction, offset and comparison, 16 different lanes.
     #[test]

@@ -167,7 +167,7 @@ fn any_places() -> impl Strategy<Value = [u32; 16]> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(1000))]
+    #![proptest_config(ProptestConfig::with_cases(effort::rounds(1000)))]
 
     #[test]
     fn stores_encode_as_texels_alone(
@@ -295,7 +295,7 @@ impl Case for Operation<'_> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(200))]
+    #![proptest_config(ProptestConfig::with_cases(effort::rounds(200)))]
 
     /// Reads, writes and fetches with layers, levels and offsets, inside and outside.
     #[test]

@@ -13,7 +13,8 @@ use crate::walk::triangle::{Flat, intersect, rounding};
 
 pub(in crate::walk) fn count() -> usize {
     let given = std::env::var("TRIPLES").ok();
-    given.map_or(20_000, |count| count.parse().expect("TRIPLES is a number"))
+    let usual = || effort::rounds(20_000) as usize;
+    given.map_or_else(usual, |count| count.parse().expect("TRIPLES is a number"))
 }
 
 /// A number in units of 2⁻¹⁴⁹.

@@ -476,6 +476,7 @@ fn a_draw_of_all_vertices_is_stopped() {
             }
         };
         assert_eq!(stopped, Stopped::TimedOut);
-        assert!(start.elapsed() < Duration::from_secs(20));
+        // Far less than all vertices take.
+        assert!(start.elapsed() < Duration::from_secs(300));
     }
 }

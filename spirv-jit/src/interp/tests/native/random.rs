@@ -327,7 +327,7 @@ fn native_code_gives_what_the_interpreter_gives() {
     let number = |name: &str| std::env::var(name).ok().and_then(|text| text.parse().ok());
     let (first, cases) = (
         number("TUFF_SEED").unwrap_or(0),
-        number("TUFF_CASES").unwrap_or(400),
+        number("TUFF_CASES").unwrap_or(u64::from(effort::rounds(400))),
     );
     let mut native = 0;
     for seed in first..first + cases {
