@@ -8,7 +8,7 @@ use clap::Args;
 
 use crate::driver::{Driver, LIBRARY, write_manifest};
 use crate::system::{self, LOADER};
-use crate::workspace;
+use crate::{environment, workspace};
 
 #[derive(Args)]
 pub struct Options {
@@ -119,6 +119,7 @@ fn with_address_sanitizer() -> Result<Command> {
 /// The sanitizer's runtime, which lies with the standard library.
 fn address_runtime() -> Result<PathBuf> {
     let mut rustc = Command::new("rustc");
+    environment::give_back(&mut rustc);
     let said = rustc.args(["--print", "target-libdir"]).output();
     let said = said.context("starting rustc")?.stdout;
     let folder = PathBuf::from(String::from_utf8_lossy(&said).trim());

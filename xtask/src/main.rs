@@ -7,6 +7,7 @@ mod bench;
 mod chart;
 mod demo;
 mod driver;
+mod environment;
 mod fuzz;
 mod info;
 mod install;
@@ -82,6 +83,8 @@ enum Command {
 
 fn main() -> ExitCode {
     end_with_the_reader();
+    // SAFETY: no other thread runs yet.
+    unsafe { environment::restore() };
     let done: Result<ExitCode> = match Arguments::parse().command {
         Command::Demo(options) => demo::demo(&options),
         Command::Test(options) => test::test(&options),

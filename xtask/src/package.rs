@@ -8,7 +8,7 @@ use clap::{Args, ValueEnum};
 
 use crate::architecture::{Architecture, built_loader};
 use crate::driver::{LIBRARY, manifest_text};
-use crate::workspace;
+use crate::{environment, workspace};
 
 /// Where the library lies, seen from the manifest's folder.
 const LIBRARY_FROM_MANIFEST: &str = "../../../lib/tuff/libvulkan_tuff.so";
@@ -78,6 +78,7 @@ pub fn package(options: &Options) -> Result<ExitCode> {
         .context("writing the manifest")?;
     workspace::build_release(&["packaging"])?;
     let mut packaging = workspace::program("packaging")?;
+    environment::give_back(&mut packaging);
     packaging.arg("--driver").arg(built.join(LIBRARY));
     packaging.arg("--program").arg(built.join("tuff"));
     packaging.arg("--manifest").arg(&manifest);

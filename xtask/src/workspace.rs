@@ -6,6 +6,8 @@ use std::process::{Command, ExitCode, ExitStatus};
 
 use anyhow::{Context, Result, ensure};
 
+use crate::environment;
+
 /// The root of the repository.
 pub fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -21,9 +23,12 @@ pub fn target() -> Result<PathBuf> {
     Ok(target.context("xtask lies in a target directory")?.into())
 }
 
-/// Cargo, called at the root of the workspace.
+/// Cargo, called at the root of the workspace, in the environment that cargo itself made for this
+/// program.
 pub fn cargo() -> Command {
-    let mut cargo = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+    let program = environment::of_cargo("CARGO").unwrap_or("cargo".as_ref());
+    let mut cargo = Command::new(program);
+    environment::give_back(&mut cargo);
     cargo.current_dir(root());
     cargo
 }
