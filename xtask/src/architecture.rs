@@ -6,7 +6,7 @@ use std::process::Command;
 use anyhow::{Result, ensure};
 use clap::ValueEnum;
 
-use crate::workspace;
+use crate::{system, workspace};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Architecture {
@@ -55,7 +55,7 @@ impl Emulation {
         let name = architecture.name();
         for program in [format!("{name}-linux-gnu-g++"), format!("qemu-{name}")] {
             ensure!(
-                workspace::is_there(&program),
+                system::is_program(&program),
                 "{program} is needed; install it with `sudo apt-get install g++-{name}-linux-gnu qemu-user`"
             );
         }

@@ -7,6 +7,7 @@ use anyhow::Result;
 use clap::Args;
 
 use crate::driver::{Driver, existing};
+use crate::system::{self, COMPILER};
 use crate::workspace;
 
 #[derive(Args)]
@@ -24,6 +25,7 @@ pub fn bench(options: &Options) -> Result<ExitCode> {
     }
     let mut bench = match options.arguments.first().map(String::as_str) {
         Some("traversal" | "shader") => {
+            system::require(&[&COMPILER])?;
             workspace::build_release(&["bench"])?;
             workspace::program("bench")?
         }

@@ -7,7 +7,7 @@ use anyhow::Result;
 use clap::Args;
 
 use crate::driver::{Driver, existing};
-use crate::system::{self, LOADER};
+use crate::system::{self, COMPILER, LOADER};
 use crate::workspace;
 
 #[derive(Args)]
@@ -22,7 +22,7 @@ pub struct Options {
 }
 
 pub fn chart(options: &Options) -> Result<ExitCode> {
-    system::require(&LOADER)?;
+    system::require(&[&COMPILER, &LOADER])?;
     let icds = options.icds.iter().map(|icd| existing(icd));
     let icds = icds.collect::<Result<Vec<_>>>()?;
     let driver = Driver::build(&["chart", "workloads"])?;

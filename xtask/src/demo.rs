@@ -8,6 +8,7 @@ use clap::Args;
 use demo_limits as limits;
 
 use crate::driver::{Driver, select_other};
+use crate::system::{self, COMPILER, LOADER};
 use crate::workspace;
 
 /// Samples per pixel of a picture that is not told otherwise.
@@ -98,6 +99,7 @@ pub fn demo(options: &Options) -> Result<ExitCode> {
 
 /// Builds one of the two programs, which will see the driver that was asked for, with what both understand.
 fn program(name: &str, options: &Options) -> Result<Command> {
+    system::require(&[&COMPILER, &LOADER])?;
     let mut program = workspace::program(name)?;
     match &options.icd {
         Some(manifest) => {

@@ -7,7 +7,7 @@ use std::process::Command;
 use anyhow::{Context, Result, ensure};
 
 use crate::architecture::{Architecture, Emulation};
-use crate::system::{self, LOADER};
+use crate::system::{self, COMPILER, LOADER};
 use crate::workspace;
 
 /// The file name of the driver's library.
@@ -56,9 +56,10 @@ impl Driver {
         Ok(Driver { library, manifest })
     }
 
-    /// Builds the driver and a program of the workspace that needs the Vulkan loader.
+    /// Builds the driver and a program of the workspace that needs the Vulkan loader and, to be
+    /// built, a C++ compiler.
     pub fn with(program: &str) -> Result<(Driver, Command)> {
-        system::require(&LOADER)?;
+        system::require(&[&COMPILER, &LOADER])?;
         let driver = Driver::build(&[program])?;
         Ok((driver, workspace::program(program)?))
     }

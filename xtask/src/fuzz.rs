@@ -7,7 +7,7 @@ use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 
 use crate::driver::{Driver, LIBRARY, write_manifest};
-use crate::system::{self, LOADER};
+use crate::system::{self, COMPILER, LOADER};
 use crate::{environment, workspace};
 
 #[derive(Args)]
@@ -98,7 +98,7 @@ fn with_address_sanitizer() -> Result<Command> {
             "building with AddressSanitizer failed; `rustup toolchain install nightly` brings a compiler that is made for it"
         );
     }
-    system::require(&LOADER)?;
+    system::require(&[&COMPILER, &LOADER])?;
     let manifest = target.join("tuff_icd.json");
     let built = target.join(PLATFORM).join("release");
     write_manifest(&manifest, &built.join(LIBRARY))?;

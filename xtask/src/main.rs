@@ -37,6 +37,9 @@ use clap::{Parser, Subcommand};
     about = "What one does with Tuff"
 )]
 struct Arguments {
+    /// Install no packages of the system: say which are missing instead
+    #[arg(long, global = true)]
+    no_install: bool,
     #[command(subcommand)]
     command: Command,
 }
@@ -85,7 +88,11 @@ fn main() -> ExitCode {
     end_with_the_reader();
     // SAFETY: no other thread runs yet.
     unsafe { environment::restore() };
-    let done: Result<ExitCode> = match Arguments::parse().command {
+    let arguments = Arguments::parse();
+    if arguments.no_install {
+        system::install_nothing();
+    }
+    let done: Result<ExitCode> = match arguments.command {
         Command::Demo(options) => demo::demo(&options),
         Command::Test(options) => test::test(&options),
         Command::Fuzz(options) => fuzz::fuzz(&options),

@@ -8,7 +8,7 @@ use clap::{Args, ValueEnum};
 
 use crate::architecture::{Architecture, built_loader};
 use crate::driver::{LIBRARY, manifest_text};
-use crate::{environment, workspace};
+use crate::{environment, system, workspace};
 
 /// Where the library lies, seen from the manifest's folder.
 const LIBRARY_FROM_MANIFEST: &str = "../../../lib/tuff/libvulkan_tuff.so";
@@ -41,7 +41,7 @@ pub fn package(options: &Options) -> Result<ExitCode> {
     };
     let old = (options.glibc != "here").then_some(options.glibc.as_str());
     ensure!(
-        old.is_none() || workspace::is_there(ZIGBUILD),
+        old.is_none() || system::is_program(ZIGBUILD),
         "{ZIGBUILD} is needed to link against glibc {}: pip install {ZIGBUILD} ziglang, or say --glibc here",
         options.glibc
     );
@@ -52,7 +52,7 @@ pub fn package(options: &Options) -> Result<ExitCode> {
     );
     let strip = format!("{}-linux-gnu-strip", architecture.name());
     ensure!(
-        architecture.is_here() || workspace::is_there(&strip),
+        architecture.is_here() || system::is_program(&strip),
         "{strip} is needed: install binutils-{}-linux-gnu",
         architecture.name()
     );

@@ -24,7 +24,7 @@ pub fn run(options: &Options) -> Result<ExitCode> {
     let (name, arguments) = options.program.split_first().context("no program given")?;
     // Before minutes of building.
     require_program(name, std::env::var_os("PATH").as_deref())?;
-    system::require(&LOADER)?;
+    system::require(&[&LOADER])?;
     let driver = Driver::build(&[])?;
     let mut program = Command::new(name);
     driver.select_for(&mut program);
@@ -68,7 +68,7 @@ pub fn print_environment() -> Result<ExitCode> {
         let quoted = value.display().to_string().replace('\'', r"'\''");
         println!("export {name}='{quoted}'");
     }
-    if let Err(missing) = system::require(&LOADER) {
+    if let Err(missing) = system::require(&[&LOADER]) {
         eprintln!("note: {missing:#}");
     }
     Ok(ExitCode::SUCCESS)

@@ -7,7 +7,7 @@ use anyhow::{Context, Result, ensure};
 use clap::Args;
 
 use crate::driver::Driver;
-use crate::system::{self, LOADER};
+use crate::system::{self, COMPILER, LOADER};
 use crate::workspace;
 
 /// The version of slangpy whose compiler and examples are taken.
@@ -25,7 +25,7 @@ pub struct Options {
 }
 
 pub fn slang(options: &Options) -> Result<ExitCode> {
-    system::require(&LOADER)?;
+    system::require(&[&COMPILER, &LOADER])?;
     let place = workspace::target()?.join("slang");
     let compiler = match &options.compiler {
         Some(library) => library.clone(),

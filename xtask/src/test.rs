@@ -9,7 +9,7 @@ use clap::Args;
 use crate::architecture::{Architecture, Emulation};
 use crate::driver::{Driver, select_other};
 use crate::skips::Skips;
-use crate::system::{self, LOADER, XVFB};
+use crate::system::{self, COMPILER, LOADER, PYTHON, XVFB};
 use crate::{fuzz, workspace};
 
 #[derive(Args)]
@@ -31,7 +31,7 @@ pub fn test(options: &Options) -> Result<ExitCode> {
     }
     match &options.icd {
         Some(manifest) => {
-            system::require(&LOADER)?;
+            system::require(&[&COMPILER, &LOADER, &XVFB])?;
             let skips = Skips::new()?;
             let mut tests = black_box_tests(options, &skips);
             select_other(&mut tests, manifest)?;
@@ -40,8 +40,7 @@ pub fn test(options: &Options) -> Result<ExitCode> {
             Ok(passed)
         }
         None => {
-            system::require(&LOADER)?;
-            system::require(&XVFB)?;
+            system::require(&[&COMPILER, &LOADER, &XVFB, &PYTHON])?;
             let driver = Driver::build(&[])?;
             let mut inner = workspace::cargo();
             inner.args(["test", "--workspace", "--exclude", "tuff-tests"]);

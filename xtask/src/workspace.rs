@@ -50,12 +50,6 @@ fn build_command(package: &str) -> Command {
     cargo
 }
 
-/// Whether a program lies in the folders of PATH.
-pub fn is_there(program: &str) -> bool {
-    let folders = std::env::var_os("PATH").unwrap_or_default();
-    std::env::split_paths(&folders).any(|folder| folder.join(program).is_file())
-}
-
 /// A program that was built in release mode.
 pub fn program(name: &str) -> Result<Command> {
     Ok(Command::new(target()?.join("release").join(name)))
