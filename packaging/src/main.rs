@@ -36,13 +36,16 @@ struct Arguments {
     /// The program `tuff`
     #[arg(long, value_name = "FILE")]
     program: PathBuf,
-    /// A Vulkan loader for systems that have none: libvulkan.so.1, with its licence beside it as LICENSE.txt
-    #[arg(long, value_name = "FILE")]
+    /// A Vulkan loader for systems that have none, a distribution's: it is taken as it is
+    #[arg(long, value_name = "FILE", requires = "loader_licence")]
     loader: Option<PathBuf>,
-    /// The binaries' architecture, by Rust's name
+    /// The loader's licence
+    #[arg(long, value_name = "FILE")]
+    loader_licence: Option<PathBuf>,
+    /// What the binaries run on, by Rust's name
     #[arg(long, value_name = "NAME", default_value = std::env::consts::ARCH)]
     architecture: String,
-    /// The newest glibc that the binaries may need
+    /// The newest glibc that driver and program may need
     #[arg(long, value_name = "VERSION")]
     glibc: GlibcVersion,
     /// The repository
@@ -54,7 +57,7 @@ struct Arguments {
 }
 
 /// The most bytes that a stripped driver may have.
-const MAX_DRIVER_BYTES: usize = 10_000_000;
+const MAX_DRIVER_BYTES: usize = 14_000_000;
 
 /// The common name of all packages.
 pub struct Release {
@@ -108,25 +111,29 @@ fn package(arguments: &Arguments) -> Result<()> {
             Entry::file(text.into_bytes()),
         );
     }
-    let mut with_loader = tree.clone();
-    if let Some(loader) = &arguments.loader {
-        let licence = loader.with_file_name("LICENSE.txt");
-        let stripped = tools.separate(loader, &scratch)?.stripped;
-        with_loader.add("lib/tuff/loader/libvulkan.so.1", Entry::file(stripped));
-        let name = "share/doc/tuff-vulkan/LICENSE-vulkan-loader.txt";
-        with_loader.add(name, Entry::file(read(&licence)?));
-    }
-    let glibc = symbols::newest_glibc(&with_loader, &scratch)?;
+    let glibc = symbols::newest_glibc(&tree, &scratch)?;
     ensure!(
         glibc <= arguments.glibc,
         "the binaries need glibc {glibc}, more than {}",
         arguments.glibc
     );
+    let mut with_loader = tree.clone();
+    // A system that is older than the loader has to have one: `tuff info` says so there.
+    let mut loaders_glibc = None;
+    if let (Some(loader), Some(licence)) = (&arguments.loader, &arguments.loader_licence) {
+        let mut alone = Tree::default();
+        let bytes = read(loader)?;
+        alone.add("libvulkan.so.1", Entry::file(bytes.clone()));
+        loaders_glibc = Some(symbols::newest_glibc(&alone, &scratch)?);
+        with_loader.add("lib/tuff/loader/libvulkan.so.1", Entry::file(bytes));
+        let name = "share/doc/tuff-vulkan/LICENSE-vulkan-loader.txt";
+        with_loader.add(name, Entry::file(read(licence)?));
+    }
     let release = Release {
         version: env!("CARGO_PKG_VERSION").into(),
         architecture: arguments.architecture.clone(),
         glibc: arguments.glibc,
-        needs_libgcc: symbols::is_linked_with(&with_loader, "libgcc_s.so.1", &scratch)?,
+        needs_libgcc: symbols::is_linked_with(&tree, "libgcc_s.so.1", &scratch)?,
         time: time(std::env::var("SOURCE_DATE_EPOCH").ok().as_deref())?,
     };
     std::fs::remove_dir_all(&scratch).context("removing what was stripped")?;
@@ -151,6 +158,9 @@ fn package(arguments: &Arguments) -> Result<()> {
         sums.display(),
         size as f64 / 1e6
     );
+    if let Some(glibc) = loaders_glibc {
+        println!("loader: the distribution's; needs glibc {glibc}");
+    }
     Ok(())
 }
 

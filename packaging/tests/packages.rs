@@ -41,6 +41,7 @@ fn pack(scratch: &Path, out: &Path, glibc: &str) -> Output {
         .env_remove("SOURCE_DATE_EPOCH");
     packaging.args(["--driver", "libvulkan_tuff.so", "--program", "tuff"]);
     packaging.args(["--loader", "libvulkan.so.1", "--manifest", "tuff_icd.json"]);
+    packaging.args(["--loader-licence", "LICENSE.txt"]);
     packaging.args(["--glibc", glibc, "--root"]);
     packaging
         .arg(Path::new(env!("CARGO_MANIFEST_DIR")).join(".."))

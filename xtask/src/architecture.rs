@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use anyhow::{Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use clap::ValueEnum;
 
 use crate::{system, workspace};
@@ -33,7 +33,15 @@ impl Architecture {
         self.name() == std::env::consts::ARCH
     }
 
-    /// Rust's name of a Linux system of this architecture.
+    /// By Debian's name.
+    fn debian_name(self) -> &'static str {
+        match self {
+            Architecture::X86_64 => "amd64",
+            Architecture::Aarch64 => "arm64",
+        }
+    }
+
+    /// What Rust calls a Linux system of it.
     pub fn platform(self) -> String {
         format!("{}-unknown-linux-gnu", self.name())
     }
@@ -47,10 +55,10 @@ pub struct Emulation {
 }
 
 impl Emulation {
-    /// Looks for the tools, and builds the loader.
+    /// Looks for the tools and for the loader.
     ///
     /// # Errors
-    /// A tool is not there, or the loader cannot be built: the message says what to install.
+    /// One of them is not there: the message says what to install.
     pub fn new(architecture: Architecture) -> Result<Emulation> {
         let name = architecture.name();
         for program in [format!("{name}-linux-gnu-g++"), format!("qemu-{name}")] {
@@ -62,11 +70,15 @@ impl Emulation {
         let folder = workspace::target()?
             .join(architecture.platform())
             .join("loader");
-        let loader = built_loader(&folder, None, architecture)?;
-        let loader = loader.parent().unwrap_or(Path::new("/")).to_path_buf();
+        // In a folder of its own, without the distribution's other libraries: the emulated C
+        // library is the cross compiler's.
+        let loader = Loader::of(architecture)?;
+        std::fs::create_dir_all(&folder)
+            .and_then(|()| std::fs::copy(&loader.library, folder.join(LOADER)))
+            .with_context(|| format!("copying the loader to {}", folder.display()))?;
         Ok(Emulation {
             architecture,
-            loader,
+            loader: folder,
         })
     }
 
@@ -96,23 +108,73 @@ impl Emulation {
     }
 }
 
-/// The loader of `packaging/loader.sh`, in `folder`; for `glibc` or newer, or for the compiler's own.
-///
-/// # Errors
-/// It cannot be built.
-pub fn built_loader(
-    folder: &Path,
-    glibc: Option<&str>,
-    architecture: Architecture,
-) -> Result<PathBuf> {
-    let mut script = Command::new(workspace::root().join("packaging/loader.sh"));
-    script.arg(folder).arg(glibc.unwrap_or("here"));
-    let status = script.arg(architecture.name()).status()?;
-    ensure!(
-        status.success(),
-        "the Vulkan loader could not be built: packaging/loader.sh says what it needs"
-    );
-    Ok(folder.join("libvulkan.so.1"))
+/// The file name of the Vulkan loader.
+const LOADER: &str = "libvulkan.so.1";
+
+/// The distribution's Vulkan loader, and its licence.
+#[derive(Debug, PartialEq, Eq)]
+pub struct Loader {
+    pub library: PathBuf,
+    pub licence: PathBuf,
+}
+
+impl Loader {
+    /// The one that is installed for an architecture.
+    ///
+    /// # Errors
+    /// There is none, or it comes without a licence: the message says what to install.
+    pub fn of(architecture: Architecture) -> Result<Loader> {
+        Self::below(Path::new("/"), architecture)
+    }
+
+    fn below(root: &Path, architecture: Architecture) -> Result<Loader> {
+        let mut folders = vec![format!("usr/lib/{}-linux-gnu", architecture.name())];
+        if architecture.is_here() {
+            folders.extend(["usr/lib64", "usr/lib"].map(str::to_owned));
+        }
+        let debian = architecture.debian_name();
+        let mut libraries = (folders.iter()).map(|folder| root.join(folder).join(LOADER));
+        let Some(library) = libraries.find(|file| file.is_file()) else {
+            let name = architecture.name();
+            bail!(
+                "there is no Vulkan loader for {name} here; on Debian `sudo dpkg --add-architecture {debian} && sudo apt-get update && \
+                 sudo apt-get install libvulkan1:{debian}` brings it"
+            );
+        };
+        // Debian and what follows it, Fedora, Arch.
+        let licences = [
+            "usr/share/doc/libvulkan1/copyright",
+            "usr/share/licenses/vulkan-loader/LICENSE.txt",
+            "usr/share/licenses/vulkan-icd-loader/LICENSE.txt",
+        ];
+        let mut licences = licences.iter().map(|file| root.join(file));
+        let licence = licences.find(|file| file.is_file()).with_context(|| {
+            format!(
+                "{} came without a licence: give both by --loader",
+                library.display()
+            )
+        })?;
+        Ok(Loader { library, licence })
+    }
+
+    /// A library that the user names, with its licence beside it.
+    ///
+    /// # Errors
+    /// One of them is not there.
+    pub fn named(library: &Path) -> Result<Loader> {
+        let library = std::path::absolute(library).context("the loader's path")?;
+        ensure!(library.is_file(), "there is no {}", library.display());
+        let mut licences = ["LICENSE.txt", "copyright"]
+            .iter()
+            .map(|name| library.with_file_name(name));
+        let licence = licences.find(|file| file.is_file()).with_context(|| {
+            format!(
+                "{} has no licence beside it, LICENSE.txt or copyright",
+                library.display()
+            )
+        })?;
+        Ok(Loader { library, licence })
+    }
 }
 
 #[cfg(test)]
@@ -149,5 +211,46 @@ mod tests {
                 "{name}"
             );
         }
+    }
+
+    #[test]
+    fn loaders_come_with_their_licences() {
+        let root = std::env::temp_dir().join(format!("tuff-loader-{}", std::process::id()));
+        let missing = Loader::below(&root, Architecture::Aarch64).unwrap_err();
+        assert!(
+            missing.to_string().contains("libvulkan1:arm64"),
+            "{missing}"
+        );
+        let put = |path: &str| {
+            let path = root.join(path);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(&path, "").unwrap();
+            path
+        };
+        let library = put("usr/lib/aarch64-linux-gnu/libvulkan.so.1");
+        let bare = Loader::below(&root, Architecture::Aarch64).unwrap_err();
+        let named = Loader::named(&library).unwrap_err();
+        let licence = put("usr/share/doc/libvulkan1/copyright");
+        let found = Loader::below(&root, Architecture::Aarch64).unwrap();
+        let beside = put("usr/lib/aarch64-linux-gnu/LICENSE.txt");
+        let by_name = Loader::named(&library).unwrap();
+        std::fs::remove_dir_all(&root).unwrap();
+        assert!(bare.to_string().contains("without a licence"), "{bare}");
+        assert!(named.to_string().contains("no licence beside"), "{named}");
+        let library = || library.clone();
+        assert_eq!(
+            found,
+            Loader {
+                library: library(),
+                licence
+            }
+        );
+        assert_eq!(
+            by_name,
+            Loader {
+                library: library(),
+                licence: beside
+            }
+        );
     }
 }

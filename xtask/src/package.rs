@@ -6,9 +6,9 @@ use std::process::{Command, ExitCode};
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use clap::{Args, ValueEnum};
 
-use crate::architecture::{Architecture, built_loader};
-use crate::driver::{LIBRARY, manifest_text};
-use crate::{environment, system, workspace};
+use crate::architecture::{Architecture, Loader};
+use crate::driver::{LIBRARY, MANIFEST, manifest_text};
+use crate::{system, workspace};
 
 /// Where the library lies, seen from the manifest's folder.
 const LIBRARY_FROM_MANIFEST: &str = "../../../lib/tuff/libvulkan_tuff.so";
@@ -21,7 +21,8 @@ pub struct Options {
     /// machine's, by its own linker
     #[arg(long, value_name = "VERSION", default_value = "2.28")]
     glibc: String,
-    /// A Vulkan loader to bring along, with LICENSE.txt beside it, or `none` [default: built from Khronos' sources by packaging/loader.sh]
+    /// A Vulkan loader to bring along, with LICENSE.txt or copyright beside it, or `none` [default:
+    /// the distribution's, of the package libvulkan1]
     #[arg(long, value_name = "FILE")]
     loader: Option<PathBuf>,
     /// Where packages go [default: package in the target directory]
@@ -59,33 +60,38 @@ pub fn package(options: &Options) -> Result<ExitCode> {
     // Before minutes of building.
     let loader = match &options.loader {
         Some(none) if none.as_os_str() == "none" => None,
-        Some(file) => Some(std::path::absolute(file).context("the loader's path")?),
+        Some(file) => Some(Loader::named(file)?),
         None => {
-            let folder = target.join(format!("loader-{}", architecture.name()));
+            if architecture.is_here() {
+                system::require(&[&system::LOADER])?;
+            }
             let hint = "give one by --loader FILE, or do without by --loader none";
-            Some(built_loader(&folder, old, architecture).context(hint)?)
+            Some(Loader::of(architecture).context(hint)?)
         }
     };
-    for file in loader
-        .iter()
-        .flat_map(|file| [file.clone(), file.with_file_name("LICENSE.txt")])
-    {
-        ensure!(file.exists(), "there is no {}", file.display());
-    }
-    let built = build(&target.join("build"), old, architecture)?;
-    let manifest = built.join("tuff_icd.json");
+    let built = match old {
+        Some(old) => build(&target.join("build"), old, architecture)?,
+        None => {
+            workspace::build_release(&["icd", "tuff"])?;
+            workspace::target()?.join("release")
+        }
+    };
+    std::fs::create_dir_all(&target).with_context(|| format!("making {}", target.display()))?;
+    let manifest = target.join(MANIFEST);
     std::fs::write(&manifest, manifest_text(LIBRARY_FROM_MANIFEST))
         .context("writing the manifest")?;
-    workspace::build_release(&["packaging"])?;
-    let mut packaging = workspace::program("packaging")?;
-    environment::give_back(&mut packaging);
+    // Of the tests' profile, as they build it: packing takes seconds.
+    let mut packaging = workspace::cargo();
+    packaging.args(["run", "--quiet", "--package", "packaging", "--"]);
     packaging.arg("--driver").arg(built.join(LIBRARY));
     packaging.arg("--program").arg(built.join("tuff"));
     packaging.arg("--manifest").arg(&manifest);
     if let Some(loader) = loader {
-        packaging.arg("--loader").arg(loader);
+        packaging.arg("--loader").arg(loader.library);
+        packaging.arg("--loader-licence").arg(loader.licence);
     }
     let here = || glibc_here();
+    let out = options.out.as_deref().unwrap_or(&target);
     packaging
         .arg("--glibc")
         .arg(old.map_or_else(here, |old| Ok(old.into()))?);
@@ -93,20 +99,17 @@ pub fn package(options: &Options) -> Result<ExitCode> {
     packaging.arg("--root").arg(workspace::root());
     packaging
         .arg("--out")
-        .arg(options.out.as_deref().unwrap_or(&target));
+        .arg(std::path::absolute(out).context("the packages' folder")?);
     workspace::run(packaging)
 }
 
-/// Driver and program, each built alone; the folder that they lie in.
-fn build(folder: &Path, old: Option<&str>, architecture: Architecture) -> Result<PathBuf> {
+/// Driver and program for an old glibc, each built alone; the folder that they lie in.
+fn build(folder: &Path, old: &str, architecture: Architecture) -> Result<PathBuf> {
     let platform = architecture.platform();
     for package in ["icd", "tuff"] {
         let mut cargo = workspace::cargo();
-        match old {
-            Some(old) => cargo.args(["zigbuild", "--target", &format!("{platform}.{old}")]),
-            None => cargo.args(["build", "--target", &platform]),
-        };
         cargo
+            .args(["zigbuild", "--target", &format!("{platform}.{old}")])
             .args(["--release", "--package", package, "--target-dir"])
             .arg(folder);
         let status = cargo.status().context("starting cargo")?;

@@ -77,7 +77,7 @@ def activate() -> None:
     Call it before anything creates a Vulkan instance: the loader reads its variables then. A system's loader wins; where there is
     none, the one that came along is opened, so that whoever asks for ``libvulkan.so.1`` later gets it.
 
-    Raises ``RuntimeError`` where there is no loader at all, or where the process has more rights than its user: the loader would
+    Raises ``RuntimeError`` where there is no loader that can be loaded, or where the process has more rights than its user: the loader would
     ignore the variables.
     """
     global _opened
@@ -93,7 +93,14 @@ def activate() -> None:
                 "tuff: there is no Vulkan loader (libvulkan.so.1): install it with `apt-get install libvulkan1`, or as your "
                 "distribution names it"
             )
-        _opened = ctypes.CDLL(str(own), mode=ctypes.RTLD_GLOBAL)
+        try:
+            _opened = ctypes.CDLL(str(own), mode=ctypes.RTLD_GLOBAL)
+        except OSError as error:
+            # It is a distribution's, and may need a newer C library than this system has.
+            raise RuntimeError(
+                f"tuff: there is no Vulkan loader (libvulkan.so.1; the one that came along does not load: {error}): install it "
+                "with `apt-get install libvulkan1`, or as your distribution names it"
+            ) from error
     os.environ.update(environment())
     os.environ.pop("VK_ADD_DRIVER_FILES", None)
 
