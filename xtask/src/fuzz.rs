@@ -54,16 +54,20 @@ pub fn fuzz(options: &Options) -> Result<ExitCode> {
     workspace::run(fuzz)
 }
 
-/// A run of all targets that takes no longer than a minute; part of the tests, and built as they are: the shader compiler that both need, in C++,
-/// is not built a second time.
-pub fn shortly(driver: &Driver) -> Result<ExitCode> {
-    let mut fuzz = workspace::cargo();
+/// A run of so many cases of each target, as a part of the tests; built as they are: the shader
+/// compiler that both need, in C++, is not built a second time.
+pub fn of_tests(driver: &Driver, cases: u64) -> Result<Command> {
+    let mut build = workspace::cargo();
+    build.args(["build", "--package", "fuzz"]);
+    let status = build.status().context("starting cargo")?;
+    ensure!(status.success(), "building fuzz failed");
+    let target = workspace::target()?;
+    let mut fuzz = Command::new(target.join("debug/fuzz"));
     driver.select_for(&mut fuzz);
-    fuzz.args(["run", "--package", "fuzz", "--bin", "fuzz", "--"])
-        .args(["--minutes", "0.9"])
+    fuzz.args(["--cases", &cases.to_string()])
         .arg("--out")
-        .arg(workspace::target()?.join("fuzz"));
-    workspace::run(fuzz)
+        .arg(target.join("fuzz"));
+    Ok(fuzz)
 }
 
 /// Cargo with a compiler that takes flags of nightly ones, and the flags.

@@ -1,0 +1,190 @@
+//! `cargo xtask test`: everything that shows the driver right.
+
+mod programs;
+mod run;
+mod times;
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, ExitCode};
+
+use anyhow::Result;
+use clap::Args;
+
+use crate::architecture::{Architecture, Emulation};
+use crate::driver::{Driver, select_other};
+use crate::skips::Skips;
+use crate::system::{self, COMPILER, LOADER, PYTHON, XVFB};
+use crate::{fuzz, workspace};
+use programs::{Program, Stack};
+use run::Order;
+use times::Times;
+
+#[derive(Args)]
+pub struct Options {
+    /// Run only the black-box tests, on another driver, given by its manifest
+    #[arg(long, value_name = "MANIFEST")]
+    icd: Option<PathBuf>,
+    /// Run what the driver is made of, and the black-box tests, for another architecture: by its
+    /// cross compiler and QEMU. Takes hours
+    #[arg(long, value_name = "ARCHITECTURE", conflicts_with = "icd")]
+    target: Option<Architecture>,
+    /// Also what takes hours: twenty times as many rounds of the property tests, a hundred times as
+    /// many cases of the fuzzer
+    #[arg(long, conflicts_with_all = ["icd", "target"])]
+    deep: bool,
+    /// Arguments for the test programs, such as a test's name
+    #[arg(last = true)]
+    arguments: Vec<String>,
+}
+
+/// Most programs that run at a time, however many processors there are: some take a gigabyte.
+const MOST_AT_A_TIME: usize = 4;
+
+/// How many times as many rounds property tests make with `--deep`.
+const DEEP_ROUNDS: &str = "20";
+
+/// Cases of each target of the fuzzer, and with `--deep`.
+const FUZZ_CASES: [u64; 2] = [500, 50_000];
+
+pub fn test(options: &Options) -> Result<ExitCode> {
+    if let Some(architecture) = options.target.filter(|target| !target.is_here()) {
+        return emulated(options, architecture);
+    }
+    match &options.icd {
+        Some(manifest) => on_another_driver(options, manifest),
+        None => everything(options),
+    }
+}
+
+/// The black-box tests on another driver, which may lack what some of them need.
+fn on_another_driver(options: &Options, manifest: &Path) -> Result<ExitCode> {
+    system::require(&[&COMPILER, &LOADER, &XVFB])?;
+    let skips = Skips::new()?;
+    let mut tests = black_box_tests(&skips);
+    select_other(&mut tests, manifest)?;
+    let programs = programs::build(tests, &options.arguments, Stack::Usual)?;
+    let passed = run_all(options, programs)?;
+    skips.print()?;
+    Ok(code(passed))
+}
+
+/// All tests on Tuff.
+fn everything(options: &Options) -> Result<ExitCode> {
+    system::require(&[&COMPILER, &LOADER, &XVFB, &PYTHON])?;
+    println!("Building the driver");
+    let driver = Driver::build(&[])?;
+    println!("Building the tests");
+    let inner = inner_tests();
+    let skips = Skips::new()?;
+    let mut outer = black_box_tests(&skips);
+    driver.select_for(&mut outer);
+    outer.env("TUFF_UNDER_TEST", "1");
+    // A dispatch that hangs loses its device, not the evening. No dispatch of the tests takes long,
+    // even on a loaded machine.
+    if std::env::var_os("TUFF_TIMEOUT").is_none() {
+        outer.env("TUFF_TIMEOUT", "300");
+    }
+    let mut all = Vec::new();
+    for (mut tests, stack) in [(inner, Stack::Small), (outer, Stack::Usual)] {
+        if options.deep {
+            tests.env("TUFF_DEEP", DEEP_ROUNDS);
+        }
+        all.extend(programs::build(tests, &options.arguments, stack)?);
+    }
+    // A name of a test asks for that test alone.
+    if options.arguments.iter().all(|word| word.starts_with('-')) {
+        let fuzz = fuzz::of_tests(&driver, FUZZ_CASES[usize::from(options.deep)])?;
+        all.push(Program::alone("fuzz", &fuzz));
+        // Cargo alone knows the examples of documentation.
+        let mut examples = inner_tests();
+        examples.args(["--doc", "--quiet"]);
+        all.push(Program::alone("documentation", &examples));
+    }
+    let passed = run_all(options, all)?;
+    // Tuff has all that there are tests of.
+    let all_ran = skips.print()? == 0;
+    Ok(code(passed && all_ran))
+}
+
+/// Runs programs and prints what came of them; whether all succeeded.
+fn run_all(options: &Options, programs: Vec<Program>) -> Result<bool> {
+    let processors = std::thread::available_parallelism().map_or(1, usize::from);
+    let target = workspace::target()?;
+    let times = Times::read(&target.join("test-times.txt"));
+    let is_loud = ["--nocapture", "--no-capture", "--show-output"];
+    let order = Order {
+        at_a_time: processors.min(MOST_AT_A_TIME),
+        is_loud: (options.arguments.iter()).any(|word| is_loud.contains(&&**word)),
+        folder: target.join("tests"),
+    };
+    let outcome = run::run(programs, times, &order)?;
+    let passed = outcome.failed.is_empty();
+    println!("{}", outcome.text());
+    Ok(passed)
+}
+
+fn code(passed: bool) -> ExitCode {
+    match passed {
+        true => ExitCode::SUCCESS,
+        false => ExitCode::FAILURE,
+    }
+}
+
+/// The same for another architecture: without tools of this machine and without nonsense. What its
+/// loader has no layer for is skipped.
+fn emulated(options: &Options, architecture: Architecture) -> Result<ExitCode> {
+    let emulation = Emulation::new(architecture)?;
+    let driver = Driver::build_for(architecture, &emulation)?;
+    let mut inner = workspace::cargo();
+    inner.arg("test");
+    for package in ["traversal", "spirv-jit", "icd"] {
+        inner.args(["--package", package]);
+    }
+    inner.arg("--no-fail-fast");
+    emulation.select_for(&mut inner);
+    let inner = workspace::run(with_arguments(inner, options))?;
+    let skips = Skips::new()?;
+    let mut tests = black_box_packages();
+    tests.arg("--no-fail-fast");
+    emulation.select_for(&mut tests);
+    let mut tests = with_arguments(tests, options);
+    skips.tell(&mut tests);
+    driver.select_for(&mut tests);
+    tests.env("TUFF_UNDER_TEST", "1");
+    tests.env("RUST_TEST_THREADS", "1");
+    let outer = workspace::run(tests)?;
+    skips.print()?;
+    Ok(code(
+        [inner, outer].iter().all(|it| *it == ExitCode::SUCCESS),
+    ))
+}
+
+/// The tests of what the driver and all around it is made of.
+fn inner_tests() -> Command {
+    let mut tests = workspace::cargo();
+    tests.args(["test", "--workspace"]);
+    for other in ["tuff-tests", "workloads", "demo", "window", "by-hand"] {
+        tests.args(["--exclude", other]);
+    }
+    tests
+}
+
+/// The tests that see nothing but Vulkan.
+fn black_box_tests(skips: &Skips) -> Command {
+    let mut tests = black_box_packages();
+    tests.args(["--package", "window"]);
+    skips.tell(&mut tests);
+    tests
+}
+
+fn black_box_packages() -> Command {
+    let mut tests = workspace::cargo();
+    tests.args(["test", "--package", "tuff-tests", "--package", "workloads"]);
+    tests.args(["--package", "demo"]);
+    tests
+}
+
+fn with_arguments(mut tests: Command, options: &Options) -> Command {
+    tests.arg("--").args(&options.arguments);
+    tests
+}
