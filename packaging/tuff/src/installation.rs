@@ -17,8 +17,8 @@ const LOADER_FOLDER: &str = "lib/tuff/loader";
 pub struct Installation {
     /// The manifest; it may not be there.
     pub manifest: PathBuf,
-    /// The folder of the loader that came along.
-    pub own_loader: Option<PathBuf>,
+    /// The folder of the loader that came along; or why it does not serve.
+    pub own_loader: Result<PathBuf, String>,
 }
 
 impl Installation {
@@ -39,7 +39,7 @@ impl Installation {
                 Some(manifest) => std::path::absolute(manifest).context("the manifest's path")?,
                 None => prefix.join(MANIFEST),
             },
-            own_loader: loader.join(loader::LIBRARY).exists().then_some(loader),
+            own_loader: loader::usable(&loader).map(|()| loader),
         })
     }
 
@@ -47,7 +47,7 @@ impl Installation {
     pub fn brought(&self, found: &loader::System) -> bool {
         let real = |path: &Path| std::fs::canonicalize(path).ok();
         let own =
-            (self.own_loader.as_deref()).and_then(|folder| real(&folder.join(loader::LIBRARY)));
+            (self.own_loader.as_ref().ok()).and_then(|folder| real(&folder.join(loader::LIBRARY)));
         own.is_some() && own == found.path.as_deref().and_then(real)
     }
 
@@ -84,11 +84,8 @@ impl Installation {
             ("VK_DRIVER_FILES", manifest.clone()),
             ("VK_ICD_FILENAMES", manifest),
         ];
-        if let Some(folder) = self
-            .own_loader
-            .as_ref()
-            .filter(|_| loader::System::find().is_none())
-        {
+        let own = self.own_loader.as_ref().ok();
+        if let Some(folder) = own.filter(|_| loader::System::find().is_none()) {
             let path = std::env::var_os("LD_LIBRARY_PATH").filter(|path| !path.is_empty());
             let with_own = match path {
                 Some(mut path) => {
@@ -161,7 +158,7 @@ mod tests {
         std::fs::write(&own, "").unwrap();
         std::fs::write(folder.join("other"), "").unwrap();
         assert!(!installation.brought(&found(&own)));
-        installation.own_loader = Some(folder.clone());
+        installation.own_loader = Ok(folder.clone());
         let brought = ["libvulkan.so.1", "./libvulkan.so.1", "other", "none"]
             .map(|name| installation.brought(&found(&folder.join(name))));
         std::fs::remove_dir_all(&folder).unwrap();

@@ -24,6 +24,31 @@ impl System {
     }
 }
 
+/// Whether the loader in a folder serves here. It is a distribution's, and may need a newer C
+/// library than this system has; one that the system's own makes needless is not tried.
+///
+/// # Errors
+/// It is not there or cannot be loaded, and why.
+pub fn usable(folder: &Path) -> Result<(), String> {
+    let file = folder.join(LIBRARY);
+    if !file.exists() {
+        return Err("none came along".into());
+    }
+    match System::find() {
+        Some(_) => Ok(()),
+        None => loads(&file),
+    }
+}
+
+/// Whether a library can be loaded.
+fn loads(file: &Path) -> Result<(), String> {
+    // SAFETY: the loader's initialisers only set up its own state, and it is closed again at once.
+    match unsafe { libloading::Library::new(file) } {
+        Ok(_) => Ok(()),
+        Err(error) => Err(format!("the one that came along does not load: {error}")),
+    }
+}
+
 /// The file that a function was loaded from.
 fn file_of(function: *const c_void) -> Option<PathBuf> {
     let mut found = std::mem::MaybeUninit::<libc::Dl_info>::zeroed();
@@ -48,5 +73,22 @@ pub fn install_command() -> &'static str {
         "sudo zypper install libvulkan1"
     } else {
         "sudo apt-get install libvulkan1"
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_loader_that_does_not_load_is_none() {
+        let folder = std::env::temp_dir().join(format!("tuff-loader-{}", std::process::id()));
+        assert_eq!(usable(&folder), Err("none came along".into()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let file = folder.join(LIBRARY);
+        std::fs::write(&file, "of another system").unwrap();
+        let why = loads(&file).unwrap_err();
+        std::fs::remove_dir_all(&folder).unwrap();
+        assert!(why.starts_with("the one that came along does not load: "));
     }
 }

@@ -6,6 +6,7 @@ mod info;
 mod installation;
 mod loader;
 mod program;
+mod refusals;
 
 use std::ffi::OsString;
 use std::path::PathBuf;
@@ -34,6 +35,11 @@ struct Arguments {
 enum Command {
     /// Run a program on Tuff
     Run {
+        /// Have the driver report a conformance version to this program, which refuses a driver
+        /// without one: 1.4.0.0, or another. Tuff has not been certified: it repeats what you say
+        #[arg(long, value_name = "VERSION", num_args = 0..=1, require_equals = true, default_missing_value = "1.4.0.0",
+            value_parser = refusals::conformance_version)]
+        conformance: Option<String>,
         /// The program and its arguments
         #[arg(required = true, trailing_var_arg = true, value_name = "PROGRAM")]
         program: Vec<OsString>,
@@ -70,7 +76,10 @@ fn done(arguments: &Arguments) -> Result<ExitCode> {
     }
     let installation = Installation::find(arguments.manifest.as_deref())?;
     match &arguments.command {
-        Command::Run { program } => program::run(&installation, program),
+        Command::Run {
+            program,
+            conformance,
+        } => program::run(&installation, program, conformance.as_deref()),
         Command::Env => {
             // A shell that evaluates nothing is better off than one that is pointed nowhere.
             installation.library().map_err(program::with_what_mends)?;

@@ -10,17 +10,22 @@ use std::process::{Command, ExitCode};
 use anyhow::{Context, Result};
 
 use crate::installation::Installation;
-use crate::loader;
+use crate::{loader, refusals};
 
 /// The exit codes of shells for a missing program, and for one that cannot be started.
 const NOT_FOUND: u8 = 127;
 const NOT_EXECUTABLE: u8 = 126;
 
-/// Becomes the program; returns only where that is not possible.
+/// Becomes the program, to which the driver reports the conformance version if one is given;
+/// returns only where that is not possible.
 ///
 /// # Errors
 /// The driver or a loader is not there: the program would not find Vulkan.
-pub fn run(installation: &Installation, words: &[OsString]) -> Result<ExitCode> {
+pub fn run(
+    installation: &Installation,
+    words: &[OsString],
+    conformance: Option<&str>,
+) -> Result<ExitCode> {
     installation.library().map_err(with_what_mends)?;
     let (name, arguments) = words.split_first().context("no program given")?;
     let path = match find(name, std::env::var_os("PATH").as_deref()) {
@@ -30,12 +35,13 @@ pub fn run(installation: &Installation, words: &[OsString]) -> Result<ExitCode> 
             return Ok(ExitCode::from(code));
         }
     };
-    anyhow::ensure!(
-        loader::System::find().is_some() || installation.own_loader.is_some(),
-        "there is no Vulkan loader ({}): install it with `{}`",
-        loader::LIBRARY,
-        loader::install_command()
-    );
+    if let (Err(why), None) = (&installation.own_loader, loader::System::find()) {
+        anyhow::bail!(
+            "there is no Vulkan loader ({}; {why}): install it with `{}`",
+            loader::LIBRARY,
+            loader::install_command()
+        );
+    }
     if has_more_rights(&path) {
         eprintln!(
             "tuff: note: {} runs with more rights than its user: the loader then ignores VK_DRIVER_FILES, and finds only installed drivers",
@@ -46,6 +52,9 @@ pub fn run(installation: &Installation, words: &[OsString]) -> Result<ExitCode> 
     program.arg0(name).args(arguments);
     program.env_remove("VK_ADD_DRIVER_FILES");
     program.envs(installation.variables());
+    if let Some(version) = conformance {
+        program.env(refusals::CONFORMANCE, version);
+    }
     Err(program.exec()).with_context(|| format!("starting {}", path.display()))
 }
 

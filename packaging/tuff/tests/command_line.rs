@@ -76,12 +76,41 @@ fn programs_that_cannot_run_have_a_shells_codes() {
     expect(&missing, 127, "no-such-program: no such program");
     let folder = installed.0.display().to_string();
     expect(&installed.tuff(&["run", &folder]), 126, "is a folder");
+    let wrong = installed.tuff(&["run", "--conformance=1.4", "true"]);
+    let errors = String::from_utf8_lossy(&wrong.stderr);
+    assert_eq!(wrong.status.code(), Some(2), "{errors}");
+    assert!(errors.contains("is like 1.4.0.0"), "{errors}");
     let library = installed.0.join("lib.so").display().to_string();
     expect(
         &installed.tuff(&["run", &library]),
         126,
         "is not executable",
     );
+}
+
+#[test]
+fn a_conformance_version_is_for_one_program() {
+    let installed = Installed::new("conformance");
+    let code = "printf %s \"$TUFF_CONFORMANCE\"";
+    for (words, expected) in [
+        (
+            vec!["run", "--conformance", "--", "sh", "-c", code],
+            "1.4.0.0",
+        ),
+        (
+            vec!["run", "--conformance=1.3.8.0", "sh", "-c", code],
+            "1.3.8.0",
+        ),
+        (vec!["run", "--", "sh", "-c", code], ""),
+    ] {
+        let output = installed.tuff(&words);
+        // Where there is no loader at all, nothing is run.
+        if output.status.success() {
+            assert_eq!(String::from_utf8_lossy(&output.stdout), expected);
+        } else {
+            expect(&output, 1, "there is no Vulkan loader");
+        }
+    }
 }
 
 #[test]

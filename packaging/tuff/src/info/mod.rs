@@ -6,7 +6,7 @@ mod problems;
 use std::process::ExitCode;
 
 use crate::installation::Installation;
-use crate::loader;
+use crate::{loader, refusals};
 use problems::Problem;
 
 /// The observations.
@@ -14,8 +14,8 @@ pub struct Seen {
     /// The driver's library, or what is wrong with it.
     pub library: Result<std::path::PathBuf, String>,
     pub system_loader: Option<loader::System>,
-    /// Whether the package brought a loader.
-    pub own_loader: bool,
+    /// Whether the package brought a loader that serves here; or why not.
+    pub own_loader: Result<(), String>,
     /// With `tuff run`.
     pub selected: probe::Found,
     /// Without it.
@@ -31,7 +31,7 @@ pub fn print(installation: &Installation) -> ExitCode {
     let seen = Seen {
         library: installation.library().map_err(|error| format!("{error:#}")),
         system_loader: loader::System::find().filter(|found| !installation.brought(found)),
-        own_loader: installation.own_loader.is_some(),
+        own_loader: installation.own_loader.clone().map(|_| ()),
         selected: probe::ask(&installation.variables()),
         unselected: probe::ask(&[]),
         group: control_group::memory(),
@@ -127,6 +127,11 @@ fn text(installation: &Installation, seen: &Seen) -> String {
         let set = seen.variables.iter();
         lines.extend(set.map(|(name, value)| format!("  {name}={value}")));
     }
+    let conformance = seen.variables.iter();
+    let conformance = conformance
+        .filter(|(name, value)| name == refusals::CONFORMANCE && !value.is_empty())
+        .map(|(_, value)| value.as_str());
+    lines.extend(refusals::lines(conformance.last()));
     lines.push(
         "Programs with more rights than their user (setuid, file capabilities) ignore VK_DRIVER_FILES and\n\
          VK_ICD_FILENAMES: they find only drivers that are installed for the whole system."
@@ -149,7 +154,9 @@ fn loader_text(seen: &Seen) -> String {
                 .map_or(String::new(), |path| format!(", {}", path.display()));
             format!("{version}, the system's{path}")
         }
-        None if seen.own_loader => format!("{version}, the package's own: the system has none"),
+        None if seen.own_loader.is_ok() => {
+            format!("{version}, the package's own: the system has none")
+        }
         None => "none".into(),
     }
 }

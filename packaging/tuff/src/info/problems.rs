@@ -25,9 +25,9 @@ pub fn find(seen: &Seen) -> Vec<Problem> {
             "install Tuff again, or name its manifest: tuff --manifest FILE info".into(),
         );
     }
-    if seen.system_loader.is_none() && !seen.own_loader {
+    if let (None, Err(why)) = (&seen.system_loader, &seen.own_loader) {
         add(
-            format!("there is no Vulkan loader ({})", loader::LIBRARY),
+            format!("there is no Vulkan loader ({}; {why})", loader::LIBRARY),
             loader::install_command().into(),
         );
     }
@@ -41,13 +41,17 @@ pub fn find(seen: &Seen) -> Vec<Problem> {
     }
     let tuff = seen.selected.devices.iter().find(|device| device.is_tuff());
     match tuff {
-        None if seen.library.is_ok() && (seen.system_loader.is_some() || seen.own_loader) => add(
-            format!(
-                "the loader does not load the driver: {}",
-                seen.selected.said.join("; ")
-            ),
-            "VK_LOADER_DEBUG=all tuff run -- vulkaninfo --summary tells every step".into(),
-        ),
+        None if seen.library.is_ok()
+            && (seen.system_loader.is_some() || seen.own_loader.is_ok()) =>
+        {
+            add(
+                format!(
+                    "the loader does not load the driver: {}",
+                    seen.selected.said.join("; ")
+                ),
+                "VK_LOADER_DEBUG=all tuff run -- vulkaninfo --summary tells every step".into(),
+            )
+        }
         Some(device) if device.created != "yes" && refused.is_empty() => add(
             format!(
                 "no device can be created: {}; {}",
@@ -152,7 +156,7 @@ mod tests {
         Seen {
             library: Ok("/lib.so".into()),
             system_loader: Some(System { path: None }),
-            own_loader: false,
+            own_loader: Err("none came along".into()),
             selected: found.clone(),
             unselected: found,
             group: None,
@@ -175,7 +179,7 @@ mod tests {
         // The package's loader serves where the system has none.
         let slim = Seen {
             system_loader: None,
-            own_loader: true,
+            own_loader: Ok(()),
             ..well()
         };
         assert_eq!(find(&slim), []);
@@ -190,7 +194,11 @@ mod tests {
             system_loader: None,
             ..well()
         };
-        expect(&seen, "no Vulkan loader", "install");
+        expect(
+            &seen,
+            "no Vulkan loader (libvulkan.so.1; none came along)",
+            "install",
+        );
         let mut seen = well();
         seen.selected.devices.clear();
         seen.selected.said.push("libgcc_s.so.1: cannot open".into());
