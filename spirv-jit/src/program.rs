@@ -181,7 +181,12 @@ impl Program {
         self.code.max_wave_subgroups()
     }
 
-    /// The requests of yields, by `SiteId`.
+    /// Bytes of rows that a [`Frame`] needs to run a wave of that many subgroups.
+    pub fn frame_bytes(&self, subgroups: usize) -> usize {
+        self.code.frame_bytes(subgroups)
+    }
+
+    /// What yields ask for, by `SiteId`.
     #[inline]
     pub fn sites(&self) -> &[SiteKind] {
         &self.plan.sites

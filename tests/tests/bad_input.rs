@@ -283,3 +283,45 @@ fn a_dispatch_of_too_many_rays_ends_by_its_time_limit() {
         "{ended:?}"
     );
 }
+
+/// The size of a workgroup is held to the device's limits, also where specialization constants make it.
+#[test]
+fn a_workgroup_that_is_too_large_is_refused() {
+    let Some(gpu) = Gpu::surviving() else { return };
+    let source = "
+    layout(local_size_x_id = 0, local_size_y_id = 1) in;
+    layout(set = 0, binding = 0) buffer O { uint o[]; };
+    void main() { atomicAdd(o[0], 1u); }";
+    let count = gpu.buffer_with(&[0u32]);
+    let set = gpu.set_of(&[count.into()]);
+    let words = glsl(Stage::Compute, source);
+    let layout = gpu.layout(&[set.layout]);
+    let most = gpu.limits.max_compute_work_group_invocations;
+    let mut invocations = 0;
+    for [x, y] in [
+        [most, 1],
+        [128, most / 128],
+        [128, 128],
+        [most + 1, 1],
+        [most, most],
+        [0, 1],
+    ] {
+        let data = [x, y].map(u32::to_le_bytes).concat();
+        let entries = [0, 1].map(|id| vk::SpecializationMapEntry {
+            constant_id: id,
+            offset: 4 * id,
+            size: 4,
+        });
+        let constants = vk::SpecializationInfo::default()
+            .map_entries(&entries)
+            .data(&data);
+        let made = gpu.try_kernel(&words, c"main", layout, &constants);
+        let is_possible = (1..=most).contains(&x.saturating_mul(y));
+        assert_eq!(made.is_ok(), is_possible, "{x} by {y}: {made:?}");
+        if let Ok(pipeline) = made {
+            gpu.dispatch::<u32>(Kernel { pipeline, layout }, &[set], &[], [1, 1, 1]);
+            invocations += x * y;
+            assert_eq!(count.read::<u32>(), [invocations]);
+        }
+    }
+}

@@ -480,10 +480,15 @@ fn a_forked_child_waits_for_nothing() {
     assert_eq!(target.read::<u32>(), [3; 16]);
 }
 
-/// Kilobytes of memory of this process.
+/// Kilobytes of memory that this process has now.
 fn resident_kilobytes() -> u64 {
+    status_kilobytes("VmRSS:")
+}
+
+/// A line of the process's status.
+fn status_kilobytes(name: &str) -> u64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap();
-    let line = status.lines().find(|line| line.starts_with("VmRSS:"));
+    let line = status.lines().find(|line| line.starts_with(name));
     let mut words = line.unwrap().split_whitespace();
     words.nth(1).unwrap().parse().unwrap()
 }
@@ -501,6 +506,40 @@ fn endless_recursion_gives_its_memory_back() {
     let kept = resident_kilobytes().saturating_sub(before);
     println!("{kept} kB are kept");
     assert!(kept < 200_000, "{kept} kB");
+}
+
+/// Workgroups in flight are within the budget of docs/security.md. Eight of these need 3 GiB.
+#[test]
+fn large_private_memory_is_within_the_budget() {
+    const INVOCATIONS: usize = 384;
+    const BUDGET_KILOBYTES: u64 = 2 << 20;
+    let test = "large_private_memory_is_within_the_budget";
+    if !alone(test, &[("TUFF_THREADS", "8"), ("TUFF_TIMEOUT", "300")]) {
+        return;
+    }
+    let Some(gpu) = Gpu::surviving() else { return };
+    let source = format!(
+        "layout(local_size_x = {INVOCATIONS}) in;
+        layout(set = 0, binding = 0) buffer A {{ uint a[]; }};
+        void main() {{
+            uint i = gl_GlobalInvocationID.x, sum = 0u, q[260000];
+            for (uint k = 0u; k < 20u; k++) q[(k * 12345u + i * 7u) % 260000u] = k + i;
+            for (uint k = 0u; k < 20u; k++) sum += q[(k * 12345u + i * 7u) % 260000u];
+            a[i] = sum;
+        }}"
+    );
+    let sums = gpu.buffer(8 * INVOCATIONS as u64 * 4);
+    let before = resident_kilobytes();
+    gpu.compute(&source, &[sums], [8, 1, 1]);
+    let used = status_kilobytes("VmHWM:").saturating_sub(before);
+    println!("{used} kB were used");
+    // What is not of invocations is small.
+    assert!(used < BUDGET_KILOBYTES + (128 << 10), "{used} kB");
+    let kept = resident_kilobytes().saturating_sub(before);
+    assert!(kept < 200_000, "{kept} kB are kept");
+    for (i, sum) in sums.read::<u32>().into_iter().enumerate() {
+        assert_eq!(sum, 190 + 20 * i as u32, "invocation {i}");
+    }
 }
 
 #[test]

@@ -24,7 +24,7 @@ use spirv_jit::program::{AlignedRow, Builtin, InputRow, Row, SiteKind};
 use spirv_jit::{Program, SUBGROUP_SIZE};
 use waves::Runner;
 
-use crate::wave::{Limits, Stopped};
+use crate::wave::{Limits, Stopped, StoppedAt};
 
 /// Steps that a worker takes at once, at most.
 const MAX_CHUNK_STEPS: u64 = 64;
@@ -53,7 +53,8 @@ pub struct Dispatcher {
 }
 
 impl Dispatcher {
-    /// Executes a dispatch and returns when it is complete. What a single worker would do anyway is done on this thread.
+    /// Executes a dispatch and returns when it is complete. What a single worker would do anyway is done on this thread. A worker for whose
+    /// step the device's budget has no room leaves the work to the others.
     ///
     /// # Errors
     /// When a limit stopped it; what it wrote so far stays written.
@@ -66,6 +67,10 @@ impl Dispatcher {
         let next_chunk = AtomicU64::new(0);
         let work = || {
             let mut runner = self.idle.lock().pop().unwrap_or_default();
+            match plan.reserve(&mut runner) {
+                Err(Stopped::OutOfMemory) => return Ok(()),
+                reserved => reserved?,
+            }
             loop {
                 let chunk = next_chunk.fetch_add(1, Ordering::Relaxed);
                 if chunk >= chunks {
@@ -77,6 +82,7 @@ impl Dispatcher {
                         .inspect_err(|_| next_chunk.store(chunks, Ordering::Relaxed))?;
                 }
             }
+            runner.rest();
             self.idle.lock().push(runner);
             Ok(())
         };
@@ -88,6 +94,17 @@ impl Dispatcher {
                     .with_max_len(1)
                     .try_for_each(|_| work())
             }),
+        }?;
+        match next_chunk.into_inner() >= chunks {
+            true => Ok(()),
+            // There was room for no worker.
+            false => {
+                dispatch.limits.note(|| StoppedAt {
+                    place: dispatch.program.place_of(&[]),
+                    depth: 0,
+                });
+                Err(Stopped::OutOfMemory)
+            }
         }
     }
 }
@@ -207,6 +224,15 @@ impl<'a> Plan<'a> {
         }
     }
 
+    /// Takes memory for the largest step.
+    fn reserve(&self, runner: &mut Runner) -> Result<(), Stopped> {
+        let workgroups = self.workgroups_per_step.min(self.workgroups) as usize;
+        let Dispatch {
+            program, limits, ..
+        } = self.dispatch;
+        runner.reserve(program, self.subgroups(workgroups), limits)
+    }
+
     /// Executes the workgroups of a step to their end.
     fn run_step(&self, runner: &mut Runner, step: u64) -> Result<(), Stopped> {
         let Dispatch {
@@ -217,7 +243,7 @@ impl<'a> Plan<'a> {
         } = self.dispatch;
         let first = step * self.workgroups_per_step;
         let last = (first + self.workgroups_per_step).min(self.workgroups);
-        runner.begin(program, self.subgroups((last - first) as usize))?;
+        runner.begin(program, self.subgroups((last - first) as usize), limits)?;
         let mut states = runner.states();
         if self.packed {
             let mut next = Invocation {

@@ -13,7 +13,7 @@ use traversal::Walker;
 
 use crate::settings::settings;
 use crate::trace::{Owned, Queries};
-use crate::wave::{Limits, Stopped, StoppedAt};
+use crate::wave::{Limits, Share, Stopped, StoppedAt, trim_heap};
 
 /// Fuel of a wave between two looks at the limits.
 const FUEL: u64 = 1 << 16;
@@ -27,6 +27,18 @@ const WAVE_FUEL: u64 = FUEL / 1024;
 
 /// Subgroups of a wave, at most.
 const MAX_WAVE: usize = 32;
+
+/// Rows that are cleared in the time of one unit of fuel.
+const ROWS_PER_FUEL: usize = 16;
+
+/// Rows that states grow by between two looks at the limits.
+const ROWS_BETWEEN_LOOKS: usize = FUEL as usize * ROWS_PER_FUEL;
+
+/// Bytes of states that a caller runs together where it may choose, at most.
+const BYTES_AT_ONCE: usize = 4 << 20;
+
+/// Bytes that a runner may keep while it rests.
+const KEPT_BYTES: usize = 16 << 20;
 
 /// Where a subgroup stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -57,18 +69,61 @@ pub struct Runner {
     waiting: Vec<Owned>,
     /// Fuel since the last look at the limits.
     burnt: u64,
+    /// What it holds of the device's budget.
+    share: Share,
+}
+
+/// Subgroups of a program that a caller best runs together where it may choose: a wave, or fewer where states are large.
+pub fn subgroups_at_once(program: &Program) -> usize {
+    let state_bytes = program.layout().rows * size_of::<AlignedRow>();
+    (BYTES_AT_ONCE / state_bytes.max(1)).clamp(1, wave_length(program))
+}
+
+/// Subgroups that a wave of a program takes.
+fn wave_length(program: &Program) -> usize {
+    let most = program.max_wave_subgroups().min(settings().wave);
+    most.clamp(1, MAX_WAVE)
 }
 
 impl Runner {
+    /// Takes memory for that many subgroups of a program from the device's budget.
+    ///
+    /// # Errors
+    /// When there is none, or a limit was reached.
+    pub fn reserve(
+        &mut self,
+        program: &Program,
+        subgroups: usize,
+        limits: &Limits,
+    ) -> Result<(), Stopped> {
+        let row_bytes = size_of::<AlignedRow>();
+        let state_rows = subgroups * program.layout().rows;
+        let shared_rows = (program.shared_size_bytes() as usize).div_ceil(row_bytes);
+        let frame_bytes = program.frame_bytes(subgroups.min(wave_length(program)));
+        let rows = state_rows.max(self.states.capacity()) + shared_rows.max(self.shared.capacity());
+        let bytes = rows * row_bytes + frame_bytes.max(self.frame.bytes());
+        self.share.grow_to(bytes, &limits.memory)?;
+        resize(&mut self.states, state_rows, limits)?;
+        resize(&mut self.shared, shared_rows, limits)
+    }
+
     /// Makes room for that many subgroups of a program, which share what a workgroup shares. Their states hold what earlier ones left there
     /// until [`Program::start`].
     ///
     /// # Errors
-    /// When there is no memory for them.
-    pub fn begin(&mut self, program: &Program, subgroups: usize) -> Result<(), Stopped> {
+    /// When there is no memory for them, or a limit was reached.
+    pub fn begin(
+        &mut self,
+        program: &Program,
+        subgroups: usize,
+        limits: &Limits,
+    ) -> Result<(), Stopped> {
+        self.reserve(program, subgroups, limits)?;
         self.program = program.number();
         self.rows = program.layout().rows;
-        resize(&mut self.states, subgroups * self.rows)?;
+        // The caller starts as many states, and each clears its own.
+        let cleared = (self.states.len() + self.shared.len()) / ROWS_PER_FUEL;
+        self.burn(cleared as u64, limits)?;
         self.status.clear();
         self.status.resize(subgroups, Status::Ready);
         for left in &mut self.waiting {
@@ -76,12 +131,27 @@ impl Runner {
         }
         self.waiting.resize_with(subgroups, Owned::default);
         // Undefined by the specification; zeros, so that even a faulty shader gives the same result twice.
-        self.shared.clear();
-        let shared_bytes = program.shared_size_bytes() as usize;
-        resize(
-            &mut self.shared,
-            shared_bytes.div_ceil(size_of::<AlignedRow>()),
-        )
+        self.shared.fill(AlignedRow::default());
+        Ok(())
+    }
+
+    /// Ends a turn of work: the budget's bytes go back, and so does memory that is too much to keep.
+    pub fn rest(&mut self) {
+        if self.share.bytes() > KEPT_BYTES {
+            *self = Self::default();
+            trim_heap();
+        }
+        self.share.give_back();
+    }
+
+    /// Counts fuel, and looks at the limits when that much is burnt.
+    fn burn(&mut self, fuel: u64, limits: &Limits) -> Result<(), Stopped> {
+        self.burnt += fuel;
+        if self.burnt >= FUEL {
+            self.burnt = 0;
+            limits.check()?;
+        }
+        Ok(())
     }
 
     /// The states of all subgroups.
@@ -137,8 +207,7 @@ impl Runner {
     /// Runs all subgroups, which stand at the entry, as one wave, if they are few enough for one and it never yields. False where there is more to do.
     fn run_at_once(&mut self, run: &Run<'_>) -> Result<bool, Stopped> {
         let program = run.program;
-        let room = program.max_wave_subgroups().min(settings().wave);
-        if self.status.len() > room.min(MAX_WAVE) || !program.sites().is_empty() {
+        if self.status.len() > wave_length(program) || !program.sites().is_empty() {
             return Ok(false);
         }
         self.status.fill(Status::InWave);
@@ -151,8 +220,7 @@ impl Runner {
     /// Takes `leader` and the ready subgroups that stand where it stands.
     fn form_wave(&mut self, program: &Program, leader: usize) {
         let point = self.resume_point(program, leader);
-        let room = program.max_wave_subgroups().min(settings().wave);
-        let mut room = room.clamp(1, MAX_WAVE);
+        let mut room = wave_length(program);
         for index in (leader..self.status.len()).chain(0..leader) {
             if room == 0 {
                 break;
@@ -183,11 +251,7 @@ impl Runner {
         let mut fuel = FUEL;
         let events = self.run_members(run, &mut fuel)?;
         if !events.contains(Event::OutOfFuel) {
-            self.burnt += FUEL - fuel + WAVE_FUEL;
-            if self.burnt >= FUEL {
-                self.burnt = 0;
-                run.limits.check()?;
-            }
+            self.burn(FUEL - fuel + WAVE_FUEL, run.limits)?;
             return self.settle(run, events);
         }
         run.limits.check()?;
@@ -287,10 +351,15 @@ struct Run<'a> {
     limits: &'a Limits,
 }
 
-/// Resizes, keeping what is there.
-fn resize(rows: &mut Vec<AlignedRow>, len: usize) -> Result<(), Stopped> {
-    rows.try_reserve(len.saturating_sub(rows.len()))
+/// Resizes, keeping what is there. Looks at the limits on the way: new memory costs time that no fuel counts.
+fn resize(rows: &mut Vec<AlignedRow>, len: usize, limits: &Limits) -> Result<(), Stopped> {
+    rows.truncate(len);
+    rows.try_reserve_exact(len - rows.len())
         .map_err(|_| Stopped::OutOfMemory)?;
+    while len - rows.len() > ROWS_BETWEEN_LOOKS {
+        rows.resize(rows.len() + ROWS_BETWEEN_LOOKS, AlignedRow::default());
+        limits.check()?;
+    }
     rows.resize(len, AlignedRow::default());
     Ok(())
 }

@@ -16,7 +16,7 @@ pub const MAX_DESCRIPTORS: u32 = 1 << 20;
 pub const MAX_DYNAMIC_BUFFERS: u32 = 32;
 pub const MAX_INLINE_UNIFORM_BYTES: u32 = 4096;
 pub const MAX_PUSH_DESCRIPTORS: u32 = 32;
-pub const MAX_WORKGROUP_INVOCATIONS: u32 = 1024;
+pub const MAX_WORKGROUP_INVOCATIONS: u32 = spirv_jit::ir::MAX_INVOCATIONS as u32;
 pub const MAX_SHARED_BYTES: u32 = 64 << 10;
 pub const MAX_BUFFER_BYTES: u64 = 1 << 40;
 /// Alignment of buffers, images and host pointers in memory.

@@ -24,7 +24,7 @@ use super::stats::Tally;
 use super::subgroup::{Role, Subgroup, SubgroupIndex, Turn};
 use crate::settings::settings;
 use crate::wave::table::ProgramIndex;
-use crate::wave::{Stopped, trim_heap};
+use crate::wave::{Share, Stopped, trim_heap};
 
 /// Fuel of one run between two looks at the limits.
 const FUEL: u64 = 1 << 16;
@@ -32,8 +32,8 @@ const FUEL: u64 = 1 << 16;
 /// Waves between two looks at the limits.
 const PATIENCE: u32 = 256;
 
-/// Bytes that a batch takes of the budget of its device at once.
-const BUDGET_STEP: usize = 1 << 20;
+/// Bytes of new subgroup states between two looks at the limits: clearing them burns no fuel.
+const STATE_BYTES: usize = 64 << 20;
 
 /// Memory that a worker may keep between batches, in bytes of subgroup states; memory beyond that
 /// is released after a deep recursion.
@@ -98,8 +98,12 @@ pub struct Batch<'a> {
     pub(super) reordering: Vec<SubgroupIndex>,
     /// Of subgroup states in flight.
     pub(super) state_bytes: usize,
-    /// Their share of the device's budget.
-    budget_bytes: usize,
+    /// Of the longest frame of a wave so far.
+    frame_bytes: usize,
+    /// What is taken of the device's budget for both.
+    share: Share,
+    /// Bytes of states made since the last look at the limits.
+    unchecked_bytes: usize,
     /// Waves until the next look at the limits: a shader that always yields never runs out of fuel.
     patience: u32,
     tally: Option<Tally>,
@@ -107,11 +111,10 @@ pub struct Batch<'a> {
 
 impl Drop for Batch<'_> {
     fn drop(&mut self) {
-        if self.budget_bytes > KEPT_BYTES {
+        if self.share.bytes() > KEPT_BYTES {
             *self.worker = Worker::default();
             trim_heap();
         }
-        self.dispatch.limits.memory.give_back(self.budget_bytes);
     }
 }
 
@@ -140,7 +143,9 @@ impl<'a> Batch<'a> {
             calls: Calls::default(),
             reordering: Vec::new(),
             state_bytes: 0,
-            budget_bytes: 0,
+            frame_bytes: 0,
+            share: Share::default(),
+            unchecked_bytes: 0,
             patience: PATIENCE,
             tally: Tally::new(dispatch.shaders.programs.len()),
         }
@@ -222,17 +227,22 @@ impl<'a> Batch<'a> {
         Ok(index)
     }
 
-    /// Counts a subgroup's state.
+    /// Counts a subgroup's state, and looks at the limits now and then.
     pub(super) fn take_state_bytes(&mut self, bytes: usize) -> Result<(), Stopped> {
         self.state_bytes += bytes;
-        if self.state_bytes > self.budget_bytes {
-            let more = (self.state_bytes - self.budget_bytes).next_multiple_of(BUDGET_STEP);
-            if !self.dispatch.limits.memory.take(more) {
-                return Err(Stopped::OutOfMemory);
-            }
-            self.budget_bytes += more;
+        self.take_bytes()?;
+        self.unchecked_bytes += bytes;
+        if self.unchecked_bytes > STATE_BYTES {
+            self.unchecked_bytes = 0;
+            self.dispatch.limits.check()?;
         }
         Ok(())
+    }
+
+    /// Takes bytes of the device's budget for states and frame.
+    fn take_bytes(&mut self) -> Result<(), Stopped> {
+        let bytes = self.state_bytes + self.frame_bytes;
+        self.share.grow_to(bytes, &self.dispatch.limits.memory)
     }
 
     /// Fills a new subgroup's inputs and makes it ready.
@@ -326,6 +336,11 @@ impl<'a> Batch<'a> {
 
     fn run_wave(&mut self, program: ProgramIndex, wave: &[SubgroupIndex]) -> Result<(), Stopped> {
         let compiled = &self.dispatch.shaders.programs[program as usize];
+        let frame_bytes = compiled.frame_bytes(wave.len());
+        if frame_bytes > self.frame_bytes {
+            self.frame_bytes = frame_bytes;
+            self.take_bytes().inspect_err(|_| self.note_stop(wave[0]))?;
+        }
         debug_assert!(wave.is_sorted_by(|a, b| a < b), "a subgroup twice");
         let subgroups = &mut self.worker.subgroups;
         let mut states: [&mut [AlignedRow]; MAX_SUBGROUPS] =

@@ -78,6 +78,11 @@ impl Code {
         (FRAME_BYTES / subgroup_bytes).clamp(4, MAX_SUBGROUPS)
     }
 
+    /// Bytes of rows that a frame needs for a wave of that many subgroups.
+    pub fn frame_bytes(&self, subgroups: usize) -> usize {
+        (self.vector_rows * subgroups + self.uniform_rows) * size_of::<AlignedRow>()
+    }
+
     /// Whether stretches of it are native code.
     pub fn has_native_code(&self) -> bool {
         self.native.is_some()
@@ -158,6 +163,13 @@ impl Code {
 }
 
 impl Frame {
+    /// Bytes of the rows that it holds, besides the uniform rows of small programs.
+    pub fn bytes(&self) -> usize {
+        let large = self.uniforms.get(KEPT_PROGRAMS);
+        let rows = self.vectors.capacity() + large.map_or(0, |uniforms| uniforms.rows.capacity());
+        rows * size_of::<AlignedRow>()
+    }
+
     /// Makes room for a program and a wave length, and gives the program's uniform rows, with its constants in them.
     fn prepare(
         &mut self,
@@ -187,7 +199,7 @@ impl Frame {
 
 fn grow<T: Default>(rows: &mut Vec<T>, len: usize) -> Result<(), TryReserveError> {
     if rows.len() < len {
-        rows.try_reserve(len - rows.len())?;
+        rows.try_reserve_exact(len - rows.len())?;
         rows.resize_with(len, T::default);
     }
     Ok(())

@@ -8,8 +8,8 @@ use super::{
 };
 use crate::ir::stage::Stage;
 
-/// Invocations of a workgroup, beyond any device's limit.
-pub const MAX_INVOCATIONS: u64 = 1 << 16;
+/// Invocations of a workgroup, at most.
+pub const MAX_INVOCATIONS: u64 = 1 << 10;
 
 /// Workgroup memory in bytes; devices' limits are below.
 pub const MAX_SHARED_BYTES: u32 = 1 << 24;

@@ -2,9 +2,10 @@
 
 use rspirv::spirv::{BuiltIn, Decoration, ExecutionMode, ExecutionModel};
 
-use super::{Lowerer, budget};
+use super::Lowerer;
 use crate::Error;
 use crate::error::ErrorKind;
+use crate::ir::MAX_INVOCATIONS;
 use crate::ir::stage::Stage;
 use crate::parse::{EntryPoint, ParsedModule};
 use crate::request::CompileRequest;
@@ -72,8 +73,12 @@ impl Lowerer<'_> {
         }
         let invocations = size.iter().map(|&size| size as u64);
         let invocations = invocations.fold(1u64, |product, size| product.saturating_mul(size));
-        if invocations == 0 || invocations > crate::ir::MAX_INVOCATIONS {
-            return Err(budget("the workgroup's size is out of range"));
+        if invocations == 0 || invocations > MAX_INVOCATIONS {
+            let [x, y, z] = size;
+            let message = format!(
+                "a workgroup of {x} × {y} × {z} has {invocations} invocations: 1 to {MAX_INVOCATIONS} are possible"
+            );
+            return Err(Error::invalid(0, message));
         }
         Ok(size)
     }

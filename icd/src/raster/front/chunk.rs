@@ -71,6 +71,11 @@ impl Round<'_> {
 }
 
 impl Worker {
+    /// Ends its part of a round.
+    pub fn rest(&mut self) {
+        self.runner.rest();
+    }
+
     /// Makes a chunk of a job.
     ///
     /// # Errors

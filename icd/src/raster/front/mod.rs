@@ -119,6 +119,7 @@ impl FrontEnd {
             let mut worker = self.idle.lock().pop().unwrap_or_default();
             let mut chunk = self.spare.lock().pop().unwrap_or_default();
             worker.run(&round, job, &mut chunk)?;
+            worker.rest();
             self.idle.lock().push(worker);
             Ok(chunk)
         };

@@ -107,6 +107,7 @@ impl Tiles {
                     .visit(&round, tile)
                     .inspect_err(|_| next.store(busy.len(), Ordering::Relaxed))?;
             }
+            worker.rest();
             self.idle.lock().push(worker);
             Ok(())
         };

@@ -11,6 +11,7 @@ use super::inputs::Inputs;
 use super::output::Output;
 use super::passed::Passed;
 use super::tinted::Sampled;
+use crate::compute::waves::subgroups_at_once;
 use crate::raster::{Chunk, Draw, Targets, Work};
 
 /// When the tests are done.
@@ -51,7 +52,7 @@ pub struct Fragment<'a> {
     pub is_serial: bool,
     /// It sees coverage as it was before the early tests (without `PostDepthCoverage`).
     pub sees_coverage: bool,
-    /// Subgroups of a wave.
+    /// Subgroups that run together.
     pub subgroups: usize,
 }
 
@@ -103,7 +104,7 @@ impl<'a> Plan<'a> {
             is_serial: facts.reads_attachments || facts.interlock.is_some(),
             sees_coverage: inputs.see_coverage() && !facts.post_depth_coverage,
             inputs,
-            subgroups: program.max_wave_subgroups().clamp(1, 32),
+            subgroups: subgroups_at_once(program),
         });
         Self {
             program,

@@ -48,6 +48,13 @@ pub struct Worker {
     packs: Packs,
 }
 
+impl Worker {
+    /// Ends its part of a round.
+    pub fn rest(&mut self) {
+        self.runner.rest();
+    }
+}
+
 /// The draw whose shapes are worked off.
 #[derive(Clone, Copy)]
 struct Current<'a> {
@@ -430,7 +437,7 @@ impl<'a> Visit<'a> {
         let program = fragment.program;
         let (tier, chunks) = (self.round.tier, self.round.chunks);
         let runner = &mut self.worker.runner;
-        runner.begin(program, packs.len())?;
+        runner.begin(program, packs.len(), self.round.context.limits)?;
         start(tier, chunks, fragment, packs, runner, &mut self.counts);
         runner.run(
             program,

@@ -16,7 +16,7 @@ use super::*;
 use crate::object::graphics_state::{MAX_VERTEX_INPUTS, VertexAttribute, VertexBinding};
 use crate::raster::front::{FrontEnd, Rounds};
 use crate::raster::{Context, Draw, DrawCall, IndexBuffer, Stages, Targets, VertexBuffer, Work};
-use crate::wave::{Limits, Stopped, Workers};
+use crate::wave::{Budget, Limits, Stopped, Workers};
 
 /// Passes an attribute on as the position, then `VertexIndex`, `InstanceIndex`, `DrawIndex`, `ViewIndex`, and an attribute's word.
 const PASS_ON: &str = "
@@ -478,5 +478,26 @@ fn a_draw_of_all_vertices_is_stopped() {
         assert_eq!(stopped, Stopped::TimedOut);
         // Far less than all vertices take.
         assert!(start.elapsed() < Duration::from_secs(300));
+    }
+}
+
+#[test]
+fn vertices_are_within_the_budget_of_memory() {
+    const BYTES: usize = 64 << 20;
+    let positions = positions(3);
+    let work = [Work::Draw(draw(state(), &positions, &[call(3, 1)]))];
+    for bytes in [0, BYTES] {
+        let limits = Limits {
+            memory: Arc::new(Budget::new(bytes)),
+            ..Limits::default()
+        };
+        let made = chunks(&work, &targets(0), &Reach::everywhere(), 1, &limits);
+        let result = made.map(|chunks| chunks.len());
+        let expected = match bytes {
+            0 => Err(Stopped::OutOfMemory),
+            _ => Ok(1),
+        };
+        assert_eq!(result, expected);
+        assert!(limits.memory.take(bytes), "not all was given back");
     }
 }

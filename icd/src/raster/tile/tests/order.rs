@@ -1,10 +1,15 @@
 //! The order of primitives, whatever the number of threads.
 
+use std::sync::Arc;
+
 use ash::vk;
 
-use super::support::{Canvas, Random, Triangle, chunk, draw, pass_on, run, targets};
+use super::support::{
+    Canvas, Random, Triangle, chunk, draw, halve_and_double, pass_on, run, run_within, targets,
+};
 use crate::object::graphics_state::GraphicsState;
 use crate::raster::Work;
+use crate::wave::{Budget, Limits, Stopped};
 
 const COLOR: vk::ImageAspectFlags = vk::ImageAspectFlags::COLOR;
 
@@ -92,4 +97,24 @@ fn threads_change_nothing() {
         .collect();
     assert!(pictures[0].iter().any(|&byte| byte != 0));
     assert!(pictures[1..].iter().all(|picture| *picture == pictures[0]));
+}
+
+#[test]
+fn fragments_are_within_the_budget_of_memory() {
+    const BYTES: usize = 64 << 20;
+    let canvas = Canvas::new(vk::Format::R32G32B32A32_SFLOAT, 64, 64, 1, 1);
+    let targets = targets(Some(&canvas), None);
+    let program = halve_and_double("flat");
+    let work = [Work::Draw(draw(GraphicsState::default(), Some(program)))];
+    let color = [1.5f32, -2.0, 0.25, 7.0].map(f32::to_bits);
+    let chunks = [chunk(0, &targets, &[Triangle::everywhere(0.0, color)])];
+    for (bytes, result) in [(0, Err(Stopped::OutOfMemory)), (BYTES, Ok(()))] {
+        let limits = Limits {
+            memory: Arc::new(Budget::new(bytes)),
+            ..Limits::default()
+        };
+        assert_eq!(run_within(&limits, 2, &targets, &work, &chunks), result);
+        assert!(limits.memory.take(bytes), "not all was given back");
+    }
+    assert_eq!(canvas.texel(COLOR, [63, 63, 0, 0]), color);
 }

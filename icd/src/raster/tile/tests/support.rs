@@ -15,7 +15,7 @@ use crate::raster::primitive::{Bins, Bounds, Coverage, Edge, Grid, Plane, Record
 use crate::raster::tile::Tiles;
 use crate::raster::{Chunk, Context, Counters, Draw, Stages, Target, Targets, VertexBuffer, Work};
 use crate::transfer::surface::Surface;
-use crate::wave::{Limits, Workers};
+use crate::wave::{Limits, Stopped, Workers};
 pub use fastrand::Rng as Random;
 
 pub const COMPARE: [vk::CompareOp; 8] = [
@@ -335,13 +335,23 @@ pub fn bins(targets: &Targets, shapes: usize) -> Bins {
 
 /// Works chunks off.
 pub fn run(threads: usize, targets: &Targets, work: &[Work], chunks: &[Chunk]) {
+    let result = run_within(&Limits::default(), threads, targets, work, chunks);
+    assert_eq!(result, Ok(()));
+}
+
+/// Works chunks off as far as limits allow.
+pub fn run_within(
+    limits: &Limits,
+    threads: usize,
+    targets: &Targets,
+    work: &[Work],
+    chunks: &[Chunk],
+) -> Result<(), Stopped> {
     let workers = Workers::start(threads).expect("threads start");
-    let (limits, reach) = (Limits::default(), Reach::default());
     let context = Context {
         workers: &workers,
-        limits: &limits,
-        reach: &reach,
+        limits,
+        reach: &Reach::default(),
     };
-    let result = Tiles::default().run(context, targets, work, chunks);
-    assert_eq!(result, Ok(()));
+    Tiles::default().run(context, targets, work, chunks)
 }

@@ -1,3 +1,5 @@
+mod budget;
+
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
