@@ -24,6 +24,7 @@ pub mod simplify_control_flow;
 mod substitution;
 pub mod tabulate_variables;
 mod trim_outputs;
+mod trim_workgroup_memory;
 pub mod unroll_loops;
 
 use std::sync::OnceLock;
@@ -89,6 +90,7 @@ pub const PASSES: &[Pass] = &[
 /// Passes that always run last, once: later stages rely on their results.
 const LAST: &[Pass] = &[
     pass!(Module, trim_outputs, trim_outputs),
+    pass!(Module, trim_workgroup_memory, trim_workgroup_memory),
     pass!(Module, note_effects, note_effects),
 ];
 
