@@ -10,7 +10,8 @@ use crate::SUBGROUP_SIZE;
 use crate::error::Error;
 use crate::interp;
 use crate::ir::tinted::{Tinted, tinted};
-use crate::ir::{self, passed::passed, workgroups::may_share_subgroups};
+use crate::ir::workgroups::{may_share_subgroups, may_wait_for_workgroups};
+use crate::ir::{self, passed::passed};
 use crate::native;
 use crate::origin::{Origin, Place, line_at};
 use crate::plan::{self, Plan};
@@ -71,6 +72,7 @@ pub struct Program {
     quads: bool,
     shared_size_bytes: u32,
     workgroups_may_share_subgroups: bool,
+    workgroups_may_wait: bool,
     output_rows: u32,
     outputs: Vec<OutputRow>,
     passed: Option<Vec<Passed>>,
@@ -130,6 +132,7 @@ impl Program {
             quads: module.quads,
             shared_size_bytes: module.shared_size_bytes,
             workgroups_may_share_subgroups: may_share_subgroups(module),
+            workgroups_may_wait: may_wait_for_workgroups(module),
             output_rows: module.output_rows,
             outputs: module.outputs.clone(),
             passed: passed(module),
@@ -168,6 +171,11 @@ impl Program {
     /// can tell.
     pub fn workgroups_may_share_subgroups(&self) -> bool {
         self.workgroups_may_share_subgroups
+    }
+
+    /// Compute: a workgroup may wait in a loop for what another one does.
+    pub fn workgroups_may_wait(&self) -> bool {
+        self.workgroups_may_wait
     }
 
     /// Rows of a subgroup's state.
@@ -358,7 +366,7 @@ impl Program {
     /// length of the code and for the whole wave.
     ///
     /// # Safety
-    /// Until it returns, `wave.shared` points to [`Self::shared_size_bytes`] bytes, and in `wave.environment` every table has as many
+    /// Until it returns, each of `wave.shared` points to [`Self::shared_size_bytes`] bytes, and in `wave.environment` every table has as many
     /// descriptors as it says, each of them as [`Descriptor`](crate::environment::Descriptor) has it, with memory, images and samplers
     /// that are there; `reach` holds memory that may be read and written. Other threads may write all that meanwhile, except descriptors.
     /// States hold what [`Self::start`] and earlier runs of this program left there, besides inputs and answers.
@@ -367,7 +375,8 @@ impl Program {
     /// The frame's memory was refused; nothing was run.
     ///
     /// # Panics
-    /// The wave is empty or longer than [`Self::max_wave_subgroups`], or a state is too small or stands elsewhere.
+    /// The wave is empty or longer than [`Self::max_wave_subgroups`], a state is too small or stands elsewhere, or a subgroup has no workgroup
+    /// memory and the program has.
     pub unsafe fn run(
         &self,
         frame: &mut Frame,
@@ -376,6 +385,10 @@ impl Program {
     ) -> Result<Events, TryReserveError> {
         let count = wave.states.len();
         assert!((1..=MAX_SUBGROUPS).contains(&count), "wave length");
+        assert!(
+            self.shared_size_bytes == 0 || wave.shared.len() >= count,
+            "no workgroup memory"
+        );
         let point = wave.states[0][0].0[0];
         for state in wave.states.iter() {
             assert!(state.len() >= self.plan.layout.rows, "state too small");

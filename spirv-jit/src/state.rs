@@ -74,11 +74,12 @@ pub struct StateLayout {
     pub rows: usize,
 }
 
-/// A wave to run: the states of its subgroups, and what its workgroup shares.
+/// A wave to run: the states of its subgroups, and what their workgroups share.
 pub struct Wave<'a> {
     /// Each has [`StateLayout::rows`] rows. At most [`Program::max_wave_subgroups`](crate::Program::max_wave_subgroups).
     pub states: &'a mut [&'a mut [AlignedRow]],
-    /// Compute: workgroup memory.
-    pub shared: *mut u8,
+    /// Compute: the first byte of each subgroup's workgroup memory; subgroups of one workgroup have the same. Empty for programs without
+    /// workgroup memory.
+    pub shared: &'a [*mut u8],
     pub environment: &'a Environment,
 }

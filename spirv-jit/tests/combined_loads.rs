@@ -162,7 +162,7 @@ fn run(tier: Tier, module: &Module, lanes: LaneMask, offsets: &[u32; LANES]) -> 
     state[program.layout().inputs].0 = *offsets;
     let mut wave = Wave {
         states: &mut [&mut state[..]],
-        shared: shared.as_mut_ptr().cast(),
+        shared: &[shared.as_mut_ptr().cast()],
         environment: &environment,
     };
     // SAFETY: what the environment and `shared` name are the vectors above.

@@ -123,7 +123,7 @@ fn calls_burn_fuel() {
         let mut states = [&mut state[..]];
         let mut wave = Wave {
             states: &mut states,
-            shared: std::ptr::null_mut(),
+            shared: &[],
             environment: &environment,
         };
         // SAFETY: nothing is bound, and the program shares no memory.

@@ -1,9 +1,13 @@
 //! Compute dispatches: workgroups in order, handed to workers in chunks; in each, subgroups in waves.
 //!
 //! ```text
-//! dispatch ──> chunks (to whichever worker is free) ──> steps: one workgroup, or several that share nothing
+//! dispatch ──> chunks (to whichever worker is free) ──> steps: one workgroup, or several that fill a wave
 //!                                                          └─> waves: subgroups of the step at one resume point
 //! ```
+//!
+//! Workgroups of a step have memory of their own each, and wait at barriers each for itself. Those that may wait for each other in loops
+//! ([`Program::workgroups_may_wait`]) are in a step each, where they have memory or barriers: in a wave, the one that waits would hold up
+//! the one that it waits for, until its fuel is out.
 //!
 //! Which invocations share a subgroup follows from the dispatch alone: sixteen consecutive ones by
 //! `LocalInvocationIndex`, and where workgroups would leave lanes empty and no invocation can tell,
@@ -22,7 +26,7 @@ use rayon::prelude::*;
 use spirv_jit::environment::Environment;
 use spirv_jit::program::{AlignedRow, Builtin, InputRow, Row, SiteKind};
 use spirv_jit::{Program, SUBGROUP_SIZE};
-use waves::Runner;
+use waves::{Runner, Subgroups};
 
 use crate::wave::{Limits, Stopped, StoppedAt};
 
@@ -34,6 +38,9 @@ const CHUNKS_PER_WORKER: u64 = 8;
 
 /// Invocations that workgroups may need to fill subgroups together, at most: those of the largest workgroup.
 const PACKED_INVOCATIONS: usize = 1024;
+
+/// Bytes of workgroup memory of a step, at most, where it has several workgroups: they stay in a cache.
+const STEP_SHARED_BYTES: usize = 256 << 10;
 
 /// One `vkCmdDispatch*`, whatever command it came from.
 pub struct Dispatch<'a> {
@@ -59,8 +66,8 @@ impl Dispatcher {
     /// # Errors
     /// When a limit stopped it; what it wrote so far stays written.
     pub fn run(&self, workers: &rayon::ThreadPool, dispatch: &Dispatch<'_>) -> Result<(), Stopped> {
-        let plan = Plan::new(dispatch);
         let workers_count = workers.current_num_threads();
+        let plan = Plan::new(dispatch, workers_count);
         let chunk_steps =
             (plan.steps / (workers_count as u64 * CHUNKS_PER_WORKER)).clamp(1, MAX_CHUNK_STEPS);
         let chunks = plan.steps.div_ceil(chunk_steps);
@@ -118,7 +125,7 @@ struct Plan<'a> {
     subgroups_per_workgroup: usize,
     /// Invocations of a step's workgroups follow each other without gaps: workgroups share subgroups.
     packed: bool,
-    /// Workgroups that are executed together. More than one only where they share nothing that a wave has one of.
+    /// Workgroups that are executed together.
     workgroups_per_step: u64,
     steps: u64,
     /// Lanes of a workgroup's last subgroup.
@@ -150,28 +157,38 @@ struct Invocation {
 }
 
 impl<'a> Plan<'a> {
-    fn new(dispatch: &'a Dispatch<'a>) -> Self {
+    fn new(dispatch: &'a Dispatch<'a>, workers: usize) -> Self {
         let program = dispatch.program;
         let local_size = program.local_size();
         let invocations = local_size.iter().map(|&n| n as usize).product::<usize>();
         let subgroups_per_workgroup = invocations.div_ceil(SUBGROUP_SIZE).max(1);
-        let alone = program.shared_size_bytes() > 0 || program.sites().contains(&SiteKind::Barrier);
+        let shared_bytes = program.shared_size_bytes() as usize;
+        let meets = shared_bytes > 0 || program.sites().contains(&SiteKind::Barrier);
         // So many workgroups fill subgroups without an empty lane.
         let filling = SUBGROUP_SIZE >> invocations.trailing_zeros().min(SUBGROUP_SIZE.ilog2());
         let packed = filling > 1
             && filling * invocations <= PACKED_INVOCATIONS
             && program.workgroups_may_share_subgroups();
-        let wave = program.max_wave_subgroups();
-        let workgroups_per_step = match () {
-            () if alone => 1,
-            // Steps end where subgroups do, so that they do not decide who shares one.
-            () if packed => (wave * SUBGROUP_SIZE / (filling * invocations)).max(1) * filling,
-            () => (wave / subgroups_per_workgroup).max(1),
-        } as u64;
         let workgroups = dispatch
             .count
             .iter()
             .fold(1u64, |product, &n| product.saturating_mul(n.into()));
+        let wave = program.max_wave_subgroups();
+        let in_wave = (wave / subgroups_per_workgroup).max(1);
+        let workgroups_per_step = match () {
+            () if meets && program.workgroups_may_wait() => 1,
+            () if meets => {
+                let in_cache = (STEP_SHARED_BYTES / shared_bytes.max(1)).max(1);
+                // Enough steps for all workers.
+                let of_worker = workgroups.div_ceil(workers as u64).max(1);
+                (in_wave.min(in_cache) as u64).min(of_worker)
+            }
+            // Steps end where subgroups do, so that they do not decide who shares one.
+            () if packed => {
+                ((wave * SUBGROUP_SIZE / (filling * invocations)).max(1) * filling) as u64
+            }
+            () => in_wave as u64,
+        };
         let last = invocations - (subgroups_per_workgroup - 1) * SUBGROUP_SIZE;
         let inputs = program.inputs();
         let local_rows = (0..subgroups_per_workgroup)
@@ -217,10 +234,10 @@ impl<'a> Plan<'a> {
     }
 
     /// Subgroups that workgroups of a step fill.
-    fn subgroups(&self, workgroups: usize) -> usize {
+    fn subgroups(&self, workgroups: usize) -> Subgroups {
         match self.packed {
-            true => (workgroups * self.invocations).div_ceil(SUBGROUP_SIZE),
-            false => workgroups * self.subgroups_per_workgroup,
+            true => Subgroups::apart((workgroups * self.invocations).div_ceil(SUBGROUP_SIZE)),
+            false => Subgroups::of_workgroups(workgroups, self.subgroups_per_workgroup),
         }
     }
 

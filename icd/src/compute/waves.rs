@@ -44,10 +44,39 @@ const KEPT_BYTES: usize = 16 << 20;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Status {
     Ready,
+    /// Ready at a barrier that none of its lanes has come to: all have gone past it, or have ended. It runs apart from those that have come,
+    /// which may come back to the barrier for ever: other workgroups may be what they wait for.
+    Past,
     /// Part of the wave that runs.
     InWave,
     AtBarrier,
     Ended,
+}
+
+/// Subgroups that run side by side.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Subgroups {
+    pub count: usize,
+    /// Subgroups of a workgroup, which share memory and wait for each other at barriers: consecutive ones.
+    pub of_workgroup: usize,
+}
+
+impl Subgroups {
+    /// Subgroups of a program without workgroup memory and barriers.
+    pub fn apart(count: usize) -> Self {
+        Self {
+            count,
+            of_workgroup: count.max(1),
+        }
+    }
+
+    /// Those of workgroups that have the same number of them each.
+    pub fn of_workgroups(workgroups: usize, of_workgroup: usize) -> Self {
+        Self {
+            count: workgroups * of_workgroup,
+            of_workgroup,
+        }
+    }
 }
 
 /// One worker's memory for running a program's subgroups, kept from one set of them to the next: nothing is allocated for each.
@@ -61,7 +90,14 @@ pub struct Runner {
     /// States of the subgroups, one after the other.
     states: Vec<AlignedRow>,
     status: Vec<Status>,
+    /// Subgroups of a workgroup.
+    of_workgroup: usize,
+    /// Workgroup memory, one workgroup behind the other.
     shared: Vec<AlignedRow>,
+    /// Rows of one workgroup's memory.
+    shared_rows: usize,
+    /// The program has barriers.
+    has_barriers: bool,
     /// Made by the first shader with a ray query.
     walker: Option<Box<Walker>>,
     queries: Queries,
@@ -86,20 +122,21 @@ fn wave_length(program: &Program) -> usize {
 }
 
 impl Runner {
-    /// Takes memory for that many subgroups of a program from the device's budget.
+    /// Takes memory for subgroups of a program from the device's budget.
     ///
     /// # Errors
     /// When there is none, or a limit was reached.
     pub fn reserve(
         &mut self,
         program: &Program,
-        subgroups: usize,
+        subgroups: Subgroups,
         limits: &Limits,
     ) -> Result<(), Stopped> {
         let row_bytes = size_of::<AlignedRow>();
-        let state_rows = subgroups * program.layout().rows;
-        let shared_rows = (program.shared_size_bytes() as usize).div_ceil(row_bytes);
-        let frame_bytes = program.frame_bytes(subgroups.min(wave_length(program)));
+        let state_rows = subgroups.count * program.layout().rows;
+        let workgroups = subgroups.count.div_ceil(subgroups.of_workgroup);
+        let shared_rows = workgroups * shared_rows(program);
+        let frame_bytes = program.frame_bytes(subgroups.count.min(wave_length(program)));
         let rows = state_rows.max(self.states.capacity()) + shared_rows.max(self.shared.capacity());
         let bytes = rows * row_bytes + frame_bytes.max(self.frame.bytes());
         self.share.grow_to(bytes, &limits.memory)?;
@@ -107,29 +144,31 @@ impl Runner {
         resize(&mut self.shared, shared_rows, limits)
     }
 
-    /// Makes room for that many subgroups of a program, which share what a workgroup shares. Their states hold what earlier ones left there
-    /// until [`Program::start`].
+    /// Makes room for subgroups of a program. Their states hold what earlier ones left there until [`Program::start`].
     ///
     /// # Errors
     /// When there is no memory for them, or a limit was reached.
     pub fn begin(
         &mut self,
         program: &Program,
-        subgroups: usize,
+        subgroups: Subgroups,
         limits: &Limits,
     ) -> Result<(), Stopped> {
         self.reserve(program, subgroups, limits)?;
         self.program = program.number();
         self.rows = program.layout().rows;
+        self.of_workgroup = subgroups.of_workgroup;
+        self.shared_rows = shared_rows(program);
+        self.has_barriers = program.sites().contains(&SiteKind::Barrier);
         // The caller starts as many states, and each clears its own.
         let cleared = (self.states.len() + self.shared.len()) / ROWS_PER_FUEL;
         self.burn(cleared as u64, limits)?;
         self.status.clear();
-        self.status.resize(subgroups, Status::Ready);
+        self.status.resize(subgroups.count, Status::Ready);
         for left in &mut self.waiting {
             self.queries.release(left);
         }
-        self.waiting.resize_with(subgroups, Owned::default);
+        self.waiting.resize_with(subgroups.count, Owned::default);
         // Undefined by the specification; zeros, so that even a faulty shader gives the same result twice.
         self.shared.fill(AlignedRow::default());
         Ok(())
@@ -189,7 +228,7 @@ impl Runner {
         let mut from = 0;
         loop {
             // Taking turns: a subgroup that spins must not keep the others from running.
-            let ready = |index: &usize| self.status[*index] == Status::Ready;
+            let ready = |index: &usize| matches!(self.status[*index], Status::Ready | Status::Past);
             let next = (from..self.status.len()).chain(0..from).find(ready);
             match next {
                 Some(leader) => {
@@ -198,8 +237,7 @@ impl Runner {
                     ran.inspect_err(|_| self.note_stop(&run, leader))?;
                     from = leader + 1;
                 }
-                None if !self.pass_barrier() => return Ok(()),
-                None => from = 0,
+                None => return Ok(()),
             }
         }
     }
@@ -219,13 +257,13 @@ impl Runner {
 
     /// Takes `leader` and the ready subgroups that stand where it stands.
     fn form_wave(&mut self, program: &Program, leader: usize) {
-        let point = self.resume_point(program, leader);
+        let (status, point) = (self.status[leader], self.resume_point(program, leader));
         let mut room = wave_length(program);
         for index in (leader..self.status.len()).chain(0..leader) {
             if room == 0 {
                 break;
             }
-            if self.status[index] == Status::Ready && self.resume_point(program, index) == point {
+            if self.status[index] == status && self.resume_point(program, index) == point {
                 self.status[index] = Status::InWave;
                 room -= 1;
             }
@@ -255,7 +293,7 @@ impl Runner {
             return self.settle(run, events);
         }
         run.limits.check()?;
-        let members: SmallVec<[usize; 16]> = self.in_wave().collect();
+        let members: SmallVec<[usize; 16]> = in_wave(&self.status).collect();
         self.settle(run, events)?;
         if members.len() > 1 {
             for member in members {
@@ -266,10 +304,6 @@ impl Runner {
             }
         }
         Ok(())
-    }
-
-    fn in_wave(&self) -> impl Iterator<Item = usize> {
-        (0..self.status.len()).filter(|&index| self.status[index] == Status::InWave)
     }
 
     fn run_members(&mut self, run: &Run<'_>, fuel: &mut u64) -> Result<Events, Stopped> {
@@ -284,14 +318,26 @@ impl Runner {
             *place = state;
             count += 1;
         }
-        // SAFETY: the commands' bindings keep what the environment names, and the application keeps what those name; `shared` has the
-        // program's size; the states are the program's.
+        let mut shared = [std::ptr::null_mut(); MAX_WAVE];
+        if self.shared_rows > 0 {
+            let base = self.shared.as_mut_ptr();
+            for (place, member) in shared.iter_mut().zip(in_wave(&self.status)) {
+                // SAFETY: `begin` made room for the memory of each workgroup.
+                *place = unsafe { base.add(member / self.of_workgroup * self.shared_rows) }.cast();
+            }
+        }
+        let shared: &[*mut u8] = match self.shared_rows {
+            0 => &[],
+            _ => &shared[..count],
+        };
+        // SAFETY: the commands' bindings keep what the environment names, and the application keeps what those name; each workgroup's memory
+        // has the program's size; the states are the program's.
         let events = unsafe {
             run.program.run(
                 &mut self.frame,
                 &mut Wave {
                     states: &mut states[..count],
-                    shared: self.shared.as_mut_ptr().cast(),
+                    shared,
                     environment: run.environment,
                 },
                 fuel,
@@ -311,8 +357,7 @@ impl Runner {
                 Event::End => Status::Ended,
                 Event::OutOfFuel => Status::Ready,
                 Event::Yield(site) => match program.sites()[site.0 as usize] {
-                    // A subgroup none of whose lanes has come to the barrier does not wait there.
-                    SiteKind::Barrier if program.event_mask(state).is_empty() => Status::Ready,
+                    SiteKind::Barrier if program.event_mask(state).is_empty() => Status::Past,
                     SiteKind::Barrier => Status::AtBarrier,
                     SiteKind::RayQueryProceed => {
                         self.queries.proceed(
@@ -328,23 +373,40 @@ impl Runner {
                 },
             };
         }
+        if self.has_barriers {
+            self.pass_barriers();
+        }
         Ok(())
     }
 
-    /// When no subgroup can run: lets all go on from the barrier. False if none is there, because all have ended.
-    fn pass_barrier(&mut self) -> bool {
-        let mut any = false;
-        for status in &mut self.status {
-            if *status == Status::AtBarrier {
-                *status = Status::Ready;
-                any = true;
+    /// Lets the subgroups of each workgroup go on from a barrier that all have come to, but for those that have ended. A workgroup waits for
+    /// its own subgroups alone: another one may wait for it.
+    fn pass_barriers(&mut self) {
+        for workgroup in self.status.chunks_mut(self.of_workgroup) {
+            let waits = |status: &Status| matches!(status, Status::AtBarrier | Status::Ended);
+            if workgroup.iter().all(waits) {
+                for status in workgroup {
+                    if *status == Status::AtBarrier {
+                        *status = Status::Ready;
+                    }
+                }
             }
         }
-        any
     }
 }
 
-/// The program, states and environment of one run.
+/// The subgroups that are part of the wave.
+fn in_wave(status: &[Status]) -> impl Iterator<Item = usize> {
+    let members = status.iter().enumerate();
+    members.filter_map(|(index, status)| (*status == Status::InWave).then_some(index))
+}
+
+/// Rows of a workgroup's memory.
+fn shared_rows(program: &Program) -> usize {
+    (program.shared_size_bytes() as usize).div_ceil(size_of::<AlignedRow>())
+}
+
+/// What subgroups run, and with what.
 struct Run<'a> {
     program: &'a Program,
     environment: &'a Environment,

@@ -364,7 +364,7 @@ impl<'a> Batch<'a> {
                 &mut self.worker.frame,
                 &mut Wave {
                     states,
-                    shared: std::ptr::null_mut(),
+                    shared: &[],
                     environment: self.dispatch.environment,
                 },
                 &mut fuel,

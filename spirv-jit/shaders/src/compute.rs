@@ -105,7 +105,7 @@ fn run_group(program: &Program, group: u32, environment: &Environment) {
             let mut one = [&mut states[index][..]];
             let mut wave = Wave {
                 states: &mut one,
-                shared: shared.as_mut_ptr().cast(),
+                shared: &[shared.as_mut_ptr().cast()],
                 environment,
             };
             // SAFETY: the environment is of memory that outlives it, `shared` is large enough.

@@ -92,7 +92,7 @@ pub fn run(
         let mut fuel = 3;
         let mut wave = Wave {
             states: &mut [&mut state[..]],
-            shared: std::ptr::null_mut(),
+            shared: &[],
             environment: &environment,
         };
         // SAFETY: the environment is of memory that outlives it, and there is no workgroup memory.

@@ -12,7 +12,7 @@ use super::gather::{self, Gather};
 use super::kernels::Lane;
 use super::machine::{Handler, Instr, Machine};
 use super::operand::Operand;
-use super::region::{Region, read_scalar, region};
+use super::region::{read_scalar, region};
 use super::tier::{Kernel, Portable};
 use crate::SUBGROUP_SIZE;
 use crate::ir::{Space, Type};
@@ -60,16 +60,22 @@ pub(super) fn operands<'c>(m: &Machine<'c>, plan: &AccessPlan) -> (&'c [Operand]
     (address, &rest[..plan.scalars as usize])
 }
 
-/// The memory that all lanes of an access share, if they do.
+/// The buffer that all lanes of an access share, if they do: first byte and size.
 ///
 /// # Safety
 /// As [`Kernel::run`].
 #[inline(always)]
-unsafe fn shared_region(m: &Machine<'_>, plan: &AccessPlan, address: &[Operand]) -> Option<Region> {
-    let uniform_buffer = plan.space == Space::Buffer && address[0].is_uniform();
-    // SAFETY: as the caller promises; a uniform operand is the same in the first lane.
-    (uniform_buffer || plan.space == Space::Shared)
-        .then(|| unsafe { region(m, plan.space, address, m.list[0], 0) })
+unsafe fn uniform_buffer(
+    m: &Machine<'_>,
+    plan: &AccessPlan,
+    address: &[Operand],
+) -> Option<(*mut u8, u64)> {
+    let is_uniform = plan.space == Space::Buffer && address[0].is_uniform();
+    is_uniform.then(|| {
+        // SAFETY: as the caller promises; a uniform operand is the same in the first lane.
+        let region = unsafe { region(m, plan.space, address, m.list[0], 0) };
+        (region.base, region.size_bytes)
+    })
 }
 
 /// Copies scalars between memory and rows.
@@ -176,7 +182,7 @@ impl<C: Copying, G: Gather, T: Lane, const N: usize> Kernel for Accessing<C, G, 
             if C::LOADS && address.iter().all(|operand| operand.is_uniform()) {
                 return load_once(m, plan, address, scalars);
             }
-            let shared = shared_region(m, plan, address);
+            let buffer = uniform_buffer(m, plan, address);
             let from = m.row(address[address.len() - 1]);
             let rows: [_; N] = std::array::from_fn(|k| m.row(scalars[k]));
             for &subgroup in m.listed() {
@@ -190,9 +196,12 @@ impl<C: Copying, G: Gather, T: Lane, const N: usize> Kernel for Accessing<C, G, 
                 let all = (scalars.len(), |k: usize| {
                     m.block::<T::Slot>(scalars[k], subgroup).cast()
                 });
-                let is_done = match (&shared, plan.space) {
-                    (Some(region), _) => {
-                        let memory = (region.base, region.size_bytes);
+                let memory = match plan.space {
+                    Space::Shared => Some(m.workgroup_memory(subgroup)),
+                    _ => buffer,
+                };
+                let is_done = match (memory, plan.space) {
+                    (Some(memory), _) => {
                         copy_block::<C, G, T, N>(memory, &*from.cast(), active, rows, all)
                     }
                     (None, Space::Global) => {
@@ -328,14 +337,35 @@ unsafe fn check_alignment(m: &Machine<'_>, plan: &AccessPlan, address: &[Operand
 /// # Safety
 /// As [`Kernel::run`].
 unsafe fn load_once(m: &Machine<'_>, plan: &AccessPlan, address: &[Operand], results: &[Operand]) {
+    // Subgroups may be of several workgroups, each of which has its memory.
+    let together = match plan.space {
+        Space::Shared => 1,
+        _ => m.list_len.max(1),
+    };
+    for subgroups in m.listed().chunks(together) {
+        // SAFETY: as the caller promises.
+        unsafe { load_for(m, plan, (address, results), subgroups) };
+    }
+}
+
+/// [`load_once`] for subgroups that share the memory.
+///
+/// # Safety
+/// As [`Kernel::run`]; the subgroups are some of the wave's, at least one.
+unsafe fn load_for(
+    m: &Machine<'_>,
+    plan: &AccessPlan,
+    (address, results): (&[Operand], &[Operand]),
+    subgroups: &[u16],
+) {
     let size = plan.ty.size_bytes();
     // SAFETY: as the caller promises; uniform rows serve every subgroup.
     unsafe {
-        let region = region(m, plan.space, address, 0, 0);
+        let region = region(m, plan.space, address, subgroups[0], 0);
         for (k, &result) in results.iter().enumerate() {
             let at = region.at(k as u64 * size as u64, size as u64);
             let value = at.map_or(0, |at| read_scalar(at, size));
-            for &subgroup in m.listed() {
+            for &subgroup in subgroups {
                 if plan.ty.rows() == 2 {
                     *m.block::<u64>(result, subgroup) = [value; SUBGROUP_SIZE];
                 } else {

@@ -106,7 +106,8 @@ pub(super) struct Machine<'p> {
     /// First words of the states.
     pub states: [*mut u32; MAX_SUBGROUPS],
     pub subgroups: usize,
-    pub shared: *mut u8,
+    /// Workgroup memory by subgroup, if there is any.
+    pub shared: &'p [*mut u8],
     /// Where the last physical pointer led that was looked up.
     pub near: Cell<Range>,
 }
@@ -161,6 +162,14 @@ impl Machine<'_> {
     pub fn effective(&self, subgroup: u16) -> LaneMask {
         let s = subgroup as usize;
         self.active[s] - self.helpers[s]
+    }
+
+    /// The workgroup memory of a subgroup: first byte and size.
+    #[inline(always)]
+    pub fn workgroup_memory(&self, subgroup: u16) -> (*mut u8, u64) {
+        let memory = self.shared.get(subgroup as usize).copied();
+        let size_bytes = self.shared_size_bytes.into();
+        (memory.unwrap_or(std::ptr::null_mut()), size_bytes)
     }
 
     /// A row's first byte, in the first subgroup's frame, and how many bytes it is from one subgroup to the next: 0 for uniform rows.

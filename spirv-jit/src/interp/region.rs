@@ -47,11 +47,14 @@ pub(super) unsafe fn region(
     unsafe {
         match space {
             Space::Private => Region::NOWHERE,
-            Space::Shared => Region {
-                base: m.shared,
-                size_bytes: m.shared_size_bytes as u64,
-                offset: m.lane(address[0], offset, lane, false),
-            },
+            Space::Shared => {
+                let (base, size_bytes) = m.workgroup_memory(offset);
+                Region {
+                    base,
+                    size_bytes,
+                    offset: m.lane(address[0], offset, lane, false),
+                }
+            }
             Space::Buffer => {
                 let descriptor = m
                     .environment

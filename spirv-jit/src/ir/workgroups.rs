@@ -1,12 +1,13 @@
-//! Compute shaders whose invocations cannot observe their subgroup partners. Their subgroups may be
-//! filled with several small workgroups.
+//! Compute shaders whose invocations cannot tell which others are in their subgroup: their subgroups
+//! may be filled with several small workgroups. And compute shaders whose workgroups may wait for
+//! each other: each of their workgroups runs by itself.
 
 #![forbid(unsafe_code)]
 
 use super::module::{InputRow, Module, Node};
-use super::op::AtomicOp;
+use super::op::{AtomicOp, Space};
 use super::stage::{Builtin, Stage};
-use super::{Body, Inst, Op};
+use super::{Body, Function, Inst, Op};
 use crate::image::ImageOpKind;
 
 /// Whether invocations of different workgroups may share a subgroup: they look at no other lane,
@@ -65,13 +66,77 @@ fn sees_changes(inst: &Inst) -> bool {
     }
 }
 
+/// Whether a workgroup may wait in a loop until another one has done something. A loop sees that by atomics whose results are used, by
+/// volatile loads, by loads from images that shaders write, or by any load where memory barriers are that belong to no barrier of the
+/// workgroup.
+pub fn may_wait_for_workgroups(module: &Module) -> bool {
+    let writes_images = (module.functions.iter()).any(|function| has(&function.body, writes_image));
+    (module.functions.iter().enumerate()).any(|(index, function)| {
+        // Others than the entry may be called from loops.
+        waits_in_loop(function, index != 0, writes_images)
+    })
+}
+
+fn writes_image(inst: &Inst) -> bool {
+    matches!(inst.op, Op::Image(op) if !op.is_read())
+}
+
+fn waits_in_loop(function: &Function, in_loop: bool, writes_images: bool) -> bool {
+    let mut used = vec![false; function.value_types.len()];
+    function
+        .body
+        .visit_operands(&mut |value| used[value.index()] = true);
+    let mut rest = vec![(&function.body, in_loop)];
+    while let Some((body, in_loop)) = rest.pop() {
+        // Nothing but memory barriers comes before a barrier of the workgroup.
+        let mut leads_to_barrier = false;
+        for node in body.nodes.iter().rev() {
+            match node {
+                Node::Inst(inst) => {
+                    let is_used = inst.results.iter().any(|result| used[result.index()]);
+                    let sees = match inst.op {
+                        Op::Load(access) => access.volatile && is_between(access.space),
+                        Op::Atomic(op, access) => {
+                            is_used && op != AtomicOp::Store && is_between(access.space)
+                        }
+                        Op::Image(op) => match op.kind {
+                            ImageOpKind::Read => is_used && writes_images,
+                            ImageOpKind::Atomic(op) => is_used && op != AtomicOp::Store,
+                            _ => false,
+                        },
+                        Op::MemoryBarrier => !leads_to_barrier,
+                        _ => false,
+                    };
+                    leads_to_barrier &= inst.op == Op::MemoryBarrier;
+                    leads_to_barrier |= inst.op == Op::Barrier;
+                    if in_loop && sees {
+                        return true;
+                    }
+                }
+                node => {
+                    leads_to_barrier = false;
+                    let in_loop = in_loop || matches!(node, Node::Loop { .. });
+                    rest.extend(node.bodies().map(|body| (body, in_loop)));
+                }
+            }
+        }
+    }
+    false
+}
+
+/// Whether several workgroups have this memory in common.
+fn is_between(space: Space) -> bool {
+    matches!(space, Space::Buffer | Space::Global)
+}
+
 #[cfg(test)]
 mod tests {
-    use super::may_share_subgroups;
+    use super::{may_share_subgroups, may_wait_for_workgroups};
     use crate::ir::text::parse_module;
-    use crate::ir::verify;
+    use crate::ir::{Module, verify};
 
-    fn may(head: &str, before: &str, in_loop: &str) -> bool {
+    /// A shader with a loop.
+    fn module(head: &str, before: &str, in_loop: &str) -> Module {
         let text = format!(
             "module compute
             inputs global_invocation_id.0{head}
@@ -97,6 +162,8 @@ mod tests {
                 v0: i32 = const 0
                 v1: descriptor = descriptor[set 0, first 0, count 1] v0
                 v2: i32 = atomic.iadd.buffer v1, v0, v0
+                v3: i32 = iadd v2, v2
+                store.buffer v1, v0, v3
                 return
             }}"
         );
@@ -106,7 +173,49 @@ mod tests {
         };
         let module = parse_module(&text).unwrap();
         verify(&module).unwrap();
-        may_share_subgroups(&module)
+        module
+    }
+
+    fn may(head: &str, before: &str, in_loop: &str) -> bool {
+        may_share_subgroups(&module(head, before, in_loop))
+    }
+
+    #[test]
+    fn loops_that_see_other_workgroups_wait_for_them() {
+        let head = "\nshared 64";
+        let waits =
+            |before: &str, in_loop: &str| may_wait_for_workgroups(&module(head, before, in_loop));
+        let used = "v11: i32 = iadd v10, v0\nstore.buffer v2, v0, v11";
+        let seen = [
+            format!("v10: i32 = atomic.iadd.buffer v2, v0, v0\n{used}"),
+            format!("v10: i32 = atomic.load.buffer v2, v0\n{used}"),
+            "v10: i32 = load.buffer.volatile v2, v0".to_owned(),
+            "memory_barrier".to_owned(),
+            "memory_barrier\nv10: i32 = load.buffer v2, v0\nbarrier".to_owned(),
+            "call[f1]".to_owned(),
+        ];
+        for text in &seen {
+            assert!(waits("", text), "{text}");
+            assert!(text == "call[f1]" || !waits(text, ""), "{text}");
+        }
+        let not_seen = [
+            "".to_owned(),
+            "v10: i32 = load.buffer v2, v0".to_owned(),
+            "v10: i32 = atomic.iadd.buffer v2, v0, v0".to_owned(),
+            "atomic.store.buffer v2, v0, v0".to_owned(),
+            format!("v10: i32 = atomic.iadd.shared v0, v0\n{used}"),
+            format!("v10: i32 = load.shared.volatile v0\n{used}"),
+            "barrier".to_owned(),
+            "memory_barrier\nmemory_barrier\nbarrier".to_owned(),
+        ];
+        for text in &not_seen {
+            assert!(!waits("", text), "{text}");
+        }
+        let image = "v10: f32, v11: f32, v12: f32, v13: f32 = image.read[1d, f32, implicit, format 0] v3, v0
+            v14: f32 = fadd v10, v11";
+        let write = "v20: f32 = const 0\nimage.write[1d, f32, implicit, format 0] v3, v0, v20, v20, v20, v20";
+        assert!(!waits("", image));
+        assert!(waits(write, image));
     }
 
     #[test]

@@ -201,7 +201,7 @@ fn execute_program(
                 wave_states.iter_mut().map(|s| &mut s[..]).collect();
             let mut wave = Wave {
                 states: &mut slices,
-                shared: shared.as_mut_ptr().cast(),
+                shared: &[shared.as_mut_ptr().cast(); 2],
                 environment: &environment,
             };
             // SAFETY: what the environment and `shared` name are the vectors above.

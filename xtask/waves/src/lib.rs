@@ -72,7 +72,7 @@ impl Waves {
                 wave.iter_mut().map(|state| &mut state[..]).collect();
             let mut wave = Wave {
                 states: &mut states,
-                shared: std::ptr::null_mut(),
+                shared: &[],
                 environment: &environment,
             };
             // SAFETY: nothing is bound, and programs that are measured follow no pointers and share no memory.

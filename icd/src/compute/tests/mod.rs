@@ -1,4 +1,5 @@
 mod budget;
+mod workgroups;
 
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
@@ -270,8 +271,8 @@ fn small_workgroups_share_subgroups() {
             environment: &environment,
             limits: &no_limits(),
         };
-        let plan = super::Plan::new(&dispatch);
-        assert_eq!(plan.subgroups(workgroups as usize), subgroups);
+        let plan = super::Plan::new(&dispatch, 1);
+        assert_eq!(plan.subgroups(workgroups as usize).count, subgroups);
         // However many subgroups run together, the same ones are filled.
         let in_step = plan.workgroups_per_step as usize * plan.invocations;
         assert!(!plan.packed || in_step.is_multiple_of(SUBGROUP_SIZE));

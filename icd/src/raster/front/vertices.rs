@@ -8,7 +8,7 @@ use super::fetch::{Common, Fetch, Vertex};
 use super::outputs::OutputPlaces;
 use super::project::Projection;
 use super::screen::{Clip, Screen, ScreenVertex, Volume, project};
-use crate::compute::waves::{Runner, subgroups_at_once};
+use crate::compute::waves::{Runner, Subgroups, subgroups_at_once};
 use crate::raster::Draw;
 use crate::wave::{Limits, Stopped};
 
@@ -166,7 +166,8 @@ pub fn shade(
     let io = program.layout().io;
     let subgroups = subgroups_at_once(program).min(SUBGROUPS);
     for wave in vertices.chunks(subgroups * SUBGROUP_SIZE) {
-        runner.begin(program, wave.len().div_ceil(SUBGROUP_SIZE), limits)?;
+        let subgroups = Subgroups::apart(wave.len().div_ceil(SUBGROUP_SIZE));
+        runner.begin(program, subgroups, limits)?;
         for (state, lanes) in runner.states().zip(wave.chunks(SUBGROUP_SIZE)) {
             program.start(state, LaneMask::full(lanes.len()));
             fetch.fill(state, lanes, commons);

@@ -15,7 +15,7 @@ use super::rectangle::Rectangle;
 use super::samples::{Counts, MAX_SAMPLES, any, count};
 use super::shading::{finish, start, test_blocks};
 use super::tinted::{self, Sampled};
-use crate::compute::waves::Runner;
+use crate::compute::waves::{Runner, Subgroups};
 use crate::raster::primitive::{Bounds, Coverage, Grid, Record, Shape};
 use crate::raster::{Chunk, Context, Counters, Draw, Targets, Work};
 use crate::wave::Stopped;
@@ -437,13 +437,10 @@ impl<'a> Visit<'a> {
         let program = fragment.program;
         let (tier, chunks) = (self.round.tier, self.round.chunks);
         let runner = &mut self.worker.runner;
-        runner.begin(program, packs.len(), self.round.context.limits)?;
+        let limits = self.round.context.limits;
+        runner.begin(program, Subgroups::apart(packs.len()), limits)?;
         start(tier, chunks, fragment, packs, runner, &mut self.counts);
-        runner.run(
-            program,
-            &current.draw.environment,
-            self.round.context.limits,
-        )?;
+        runner.run(program, &current.draw.environment, limits)?;
         // SAFETY: as for direct fragments: these come from blocks, too.
         unsafe {
             let plan = current.plan;

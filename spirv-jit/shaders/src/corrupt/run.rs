@@ -122,7 +122,7 @@ pub fn run(program: &Program, random: &mut Rng, margin: usize) {
         let mut slices: Vec<&mut [AlignedRow]> = states.iter_mut().map(|s| &mut s[..]).collect();
         let mut wave = Wave {
             states: &mut slices,
-            shared: shared.as_mut_ptr().cast(),
+            shared: &[shared.as_mut_ptr().cast(); 2],
             environment: &environment,
         };
         // SAFETY: what the environment and `shared` name is alive, and as large as they say.

@@ -78,7 +78,7 @@ impl Bench {
             .collect();
         let mut wave = Wave {
             states: &mut states,
-            shared: self.shared.as_mut_ptr().cast(),
+            shared: &vec![self.shared.as_mut_ptr().cast(); which.len()],
             environment: &self.environment,
         };
         // SAFETY: what the environment names is the bench's.
