@@ -163,6 +163,7 @@ fn run(tier: Tier, module: &Module, lanes: LaneMask, offsets: &[u32; LANES]) -> 
     let mut wave = Wave {
         states: &mut [&mut state[..]],
         shared: &[shared.as_mut_ptr().cast()],
+        is_whole: false,
         environment: &environment,
     };
     // SAFETY: what the environment and `shared` name are the vectors above.

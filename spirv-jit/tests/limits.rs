@@ -124,6 +124,7 @@ fn calls_burn_fuel() {
         let mut wave = Wave {
             states: &mut states,
             shared: &[],
+            is_whole: false,
             environment: &environment,
         };
         // SAFETY: nothing is bound, and the program shares no memory.

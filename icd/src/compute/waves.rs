@@ -307,6 +307,7 @@ impl Runner {
     }
 
     fn run_members(&mut self, run: &Run<'_>, fuel: &mut u64) -> Result<Events, Stopped> {
+        let is_whole = self.has_barriers && self.is_wave_whole();
         let mut states: [&mut [AlignedRow]; MAX_WAVE] = std::array::from_fn(|_| &mut [][..]);
         let members = self
             .states
@@ -338,6 +339,7 @@ impl Runner {
                 &mut Wave {
                     states: &mut states[..count],
                     shared,
+                    is_whole,
                     environment: run.environment,
                 },
                 fuel,
@@ -377,6 +379,14 @@ impl Runner {
             self.pass_barriers();
         }
         Ok(())
+    }
+
+    /// Whether all subgroups of the wave's workgroups that have not ended are in the wave.
+    fn is_wave_whole(&self) -> bool {
+        self.status.chunks(self.of_workgroup).all(|workgroup| {
+            let outside = |status: &Status| !matches!(status, Status::InWave | Status::Ended);
+            !workgroup.contains(&Status::InWave) || !workgroup.iter().any(outside)
+        })
     }
 
     /// Lets the subgroups of each workgroup go on from a barrier that all have come to, but for those that have ended. A workgroup waits for

@@ -365,6 +365,7 @@ impl<'a> Batch<'a> {
                 &mut Wave {
                     states,
                     shared: &[],
+                    is_whole: false,
                     environment: self.dispatch.environment,
                 },
                 &mut fuel,

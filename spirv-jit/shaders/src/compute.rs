@@ -106,6 +106,7 @@ fn run_group(program: &Program, group: u32, environment: &Environment) {
             let mut wave = Wave {
                 states: &mut one,
                 shared: &[shared.as_mut_ptr().cast()],
+                is_whole: false,
                 environment,
             };
             // SAFETY: the environment is of memory that outlives it, `shared` is large enough.

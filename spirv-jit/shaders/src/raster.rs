@@ -93,6 +93,7 @@ pub fn run(
         let mut wave = Wave {
             states: &mut [&mut state[..]],
             shared: &[],
+            is_whole: false,
             environment: &environment,
         };
         // SAFETY: the environment is of memory that outlives it, and there is no workgroup memory.

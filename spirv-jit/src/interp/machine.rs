@@ -108,6 +108,8 @@ pub(super) struct Machine<'p> {
     pub subgroups: usize,
     /// Workgroup memory by subgroup, if there is any.
     pub shared: &'p [*mut u8],
+    /// See [`Wave::is_whole`](crate::state::Wave::is_whole).
+    pub is_whole: bool,
     /// Where the last physical pointer led that was looked up.
     pub near: Cell<Range>,
 }

@@ -146,6 +146,7 @@ impl Code {
             states,
             subgroups,
             shared: wave.shared,
+            is_whole: wave.is_whole,
             near: Cell::new(wave.environment.reach.likely()),
         };
         // SAFETY: the frame and the states have the sizes that the program asks for, and stay put during the run; what

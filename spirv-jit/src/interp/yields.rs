@@ -198,6 +198,20 @@ impl Kernel for Yield {
     }
 }
 
+/// A barrier of the workgroup, in the place of a [`Yield`] without operands. If all subgroups of the wave's workgroups that have not ended
+/// are in the wave and have come to it, all have met: they go on without an event.
+pub(super) struct Barrier;
+
+impl Kernel for Barrier {
+    #[inline(always)]
+    unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
+        if !(m.is_whole && m.list_len == m.subgroups) {
+            // SAFETY: as the caller promises.
+            unsafe { Yield::run(m, i) };
+        }
+    }
+}
+
 /// After a yield: operands `x..` (count in `b`) are read from the io rows, from row `c` on.
 pub(super) struct ReadIo;
 

@@ -202,6 +202,7 @@ fn execute_program(
             let mut wave = Wave {
                 states: &mut slices,
                 shared: &[shared.as_mut_ptr().cast(); 2],
+                is_whole: false,
                 environment: &environment,
             };
             // SAFETY: what the environment and `shared` name are the vectors above.

@@ -73,6 +73,7 @@ impl Waves {
             let mut wave = Wave {
                 states: &mut states,
                 shared: &[],
+                is_whole: false,
                 environment: &environment,
             };
             // SAFETY: nothing is bound, and programs that are measured follow no pointers and share no memory.

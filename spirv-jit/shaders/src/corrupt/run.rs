@@ -123,6 +123,7 @@ pub fn run(program: &Program, random: &mut Rng, margin: usize) {
         let mut wave = Wave {
             states: &mut slices,
             shared: &[shared.as_mut_ptr().cast(); 2],
+            is_whole: false,
             environment: &environment,
         };
         // SAFETY: what the environment and `shared` name is alive, and as large as they say.

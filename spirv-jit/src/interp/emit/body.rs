@@ -12,6 +12,7 @@ use crate::interp::operand::Operand;
 use crate::interp::{control, memory, yields};
 use crate::ir::{Body, Inst, Label, Node, Op, Terminator, Value};
 use crate::plan;
+use crate::state::SiteKind;
 
 /// Long code takes more fuel than short code: as much as this many instructions together.
 const INSTRS_PER_FUEL: u32 = 256;
@@ -511,12 +512,16 @@ impl<'m> Emitter<'m> {
         let after = self.new_target();
         let point = self.new_point(after);
         let first = self.list(&inst.args);
+        let handler = match site.kind {
+            SiteKind::Barrier => self.kernel::<yields::Barrier>(),
+            _ => self.kernel::<yields::Yield>(),
+        };
         self.push(Instr {
             x: first,
             y: point,
             b: Operand::number(inst.args.len() as u32),
             c: Operand::number(site.fixed as u32),
-            ..instr(self.kernel::<yields::Yield>())
+            ..instr(handler)
         });
         self.bind(after);
         self.jump(control::jump_if_empty, exit);

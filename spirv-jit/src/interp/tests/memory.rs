@@ -2,7 +2,9 @@
 
 use std::sync::Arc;
 
-use super::{Bench, on_tiers, outputs};
+use lanes::LaneMask;
+
+use super::{Bench, TierKind, on_tiers, outputs};
 use crate::environment::{Descriptor, DescriptorSet};
 use crate::reach::{Range, Reach};
 use crate::state::{Event, SiteKind};
@@ -147,6 +149,85 @@ fn workgroup_memory_and_barrier() {
             let other = 63 - lane as u32;
             assert_eq!(word, other * other + lane as u32, "{tier:?} lane {lane}");
         }
+    });
+}
+
+/// Two workgroups of two subgroups in one wave: stores, loads at one address for all, atomics and loads at an address for each lane.
+const TWO_WORKGROUPS: &str = "module compute
+    inputs local_invocation_index.0, workgroup_id.0
+    output_rows 3
+    local_size 32, 1, 1
+    shared 136
+    func f0 {
+        v0: i32 = input[0]
+        v1: i32 = input[1]
+        v2: i32 = const 2
+        v3: i32 = shl v0, v2
+        v4: i32 = const 1000
+        v5: i32 = imul v1, v4
+        v6: i32 = iadd v5, v0
+        store.shared v3, v6
+        barrier
+        v7: i32 = const 124
+        v8: i32 = load.shared v7
+        v9: i32 = isub v7, v3
+        v10: i32 = load.shared v9
+        v11: i32 = const 128
+        v12: i32 = const 1
+        v13: i32 = atomic.iadd.shared v11, v12
+        barrier
+        v14: i32 = load.shared v11
+        end(v8, v10, v14)
+    }";
+
+fn check_two_workgroups(bench: &Bench) {
+    let [last, reversed, counts] = [0, 1, 2].map(|row| bench.io(row));
+    for lane in 0..64 {
+        let (workgroup, index) = (lane as u32 / 32, lane as u32 % 32);
+        assert_eq!(last[lane], workgroup * 1000 + 31);
+        assert_eq!(reversed[lane], workgroup * 1000 + 31 - index);
+        assert_eq!(counts[lane], 32);
+    }
+}
+
+fn two_workgroups(tier: TierKind) -> Bench {
+    let mut bench = Bench::new(TWO_WORKGROUPS, tier, 4);
+    bench.of_workgroup = 2;
+    bench.input(0, |lane| lane as u32 % 32);
+    bench.input(1, |lane| lane as u32 / 32);
+    bench
+}
+
+#[test]
+fn each_subgroup_has_its_workgroups_memory() {
+    on_tiers(|tier| {
+        let mut bench = two_workgroups(tier);
+        for _ in 0..2 {
+            let event = bench.run(&mut 0);
+            assert_eq!(bench.site(event), SiteKind::Barrier);
+        }
+        assert_eq!(bench.run(&mut 0), Event::End);
+        check_two_workgroups(&bench);
+    });
+}
+
+#[test]
+fn a_whole_wave_passes_barriers_in_place() {
+    on_tiers(|tier| {
+        let mut bench = two_workgroups(tier);
+        bench.is_whole = true;
+        assert_eq!(bench.run(&mut 0), Event::End);
+        check_two_workgroups(&bench);
+        // A subgroup without lanes does not come to the barrier.
+        let mut bench = two_workgroups(tier);
+        bench.is_whole = true;
+        (bench.program).start(&mut bench.states[3], LaneMask::NONE);
+        for _ in 0..2 {
+            let event = bench.run(&mut 0);
+            assert_eq!(bench.site(event), SiteKind::Barrier);
+            assert!(bench.event_masks()[3].is_empty());
+        }
+        assert_eq!(bench.run(&mut 0), Event::End);
     });
 }
 

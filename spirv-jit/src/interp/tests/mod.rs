@@ -23,7 +23,12 @@ pub(super) struct Bench {
     pub program: Program,
     pub states: Vec<Vec<AlignedRow>>,
     pub environment: Environment,
+    /// Memory of as many workgroups as there are subgroups.
     pub shared: Vec<u64>,
+    /// Subgroups of a workgroup.
+    pub of_workgroup: usize,
+    /// Waves are said to be whole.
+    pub is_whole: bool,
     pub frame: Frame,
 }
 
@@ -43,12 +48,14 @@ impl Bench {
         for state in &mut states {
             program.start(state, LaneMask::ALL);
         }
-        let shared = vec![0; program.shared_size_bytes().div_ceil(8) as usize];
+        let shared = vec![0; subgroups * program.shared_size_bytes().div_ceil(8) as usize];
         Bench {
             program,
             states,
             environment: Environment::unbound(),
             shared,
+            of_workgroup: subgroups,
+            is_whole: false,
             frame: Frame::default(),
         }
     }
@@ -76,9 +83,14 @@ impl Bench {
             .filter(|(s, _)| which.contains(s))
             .map(|(_, state)| &mut state[..])
             .collect();
+        let words = self.program.shared_size_bytes().div_ceil(8) as usize;
+        let memory = self.shared.as_mut_ptr();
+        let of = |s: &usize| memory.wrapping_add(s / self.of_workgroup * words).cast();
+        let shared: Vec<*mut u8> = which.iter().map(of).collect();
         let mut wave = Wave {
             states: &mut states,
-            shared: &vec![self.shared.as_mut_ptr().cast(); which.len()],
+            shared: &shared,
+            is_whole: self.is_whole,
             environment: &self.environment,
         };
         // SAFETY: what the environment names is the bench's.
