@@ -5,7 +5,9 @@
 
 #![forbid(unsafe_code)]
 
-use std::path::{Path, PathBuf};
+use std::fs::File;
+use std::os::unix::fs::FileExt;
+use std::path::Path;
 
 /// The names that one version of control groups gives its files.
 struct Files {
@@ -40,61 +42,112 @@ pub struct Memory {
     pub free_bytes: u64,
 }
 
+/// The groups that limit the process. Their files stay open, so that a sandbox entered later can refuse to open any.
+#[derive(Debug, Default)]
+pub struct Groups(Vec<Group>);
+
+impl Groups {
+    /// The process's group and the groups around it, those with a limit.
+    pub fn open() -> Self {
+        Self::below(Path::new("/"))
+    }
+
+    /// As [`Self::open`], with the files below `root`.
+    fn below(root: &Path) -> Self {
+        let groups = std::fs::read_to_string(root.join("proc/self/cgroup")).unwrap_or_default();
+        let groups = groups.lines().filter_map(|line| of_line(root, line));
+        Self(groups.flatten().collect())
+    }
+
+    /// The tightest limits now; `None` where there are none.
+    pub fn memory(&self) -> Option<Memory> {
+        self.0.iter().filter_map(Group::memory).reduce(tighter)
+    }
+}
+
 /// Limits of the process's group and of the groups around it; `None` where there are none.
 pub fn memory() -> Option<Memory> {
-    memory_below(Path::new("/"))
+    Groups::open().memory()
 }
 
-/// As [`memory`], with the files below `root`.
-fn memory_below(root: &Path) -> Option<Memory> {
-    let groups = std::fs::read_to_string(root.join("proc/self/cgroup")).ok()?;
-    groups
-        .lines()
-        .filter_map(|line| of_line(root, line))
-        .reduce(tighter)
-}
-
-/// The limits by one line of `/proc/self/cgroup`: `hierarchy:controllers:path`.
-fn of_line(root: &Path, line: &str) -> Option<Memory> {
+/// The groups of one line of `/proc/self/cgroup`: `hierarchy:controllers:path`.
+fn of_line(root: &Path, line: &str) -> Option<Vec<Group>> {
     let mut fields = line.splitn(3, ':');
     let (hierarchy, controllers, path) = (fields.next()?, fields.next()?, fields.next()?);
     let files = match (hierarchy, controllers) {
-        ("0", "") => UNIFIED,
-        (_, controllers) if controllers.split(',').any(|name| name == "memory") => LEGACY,
+        ("0", "") => &UNIFIED,
+        (_, controllers) if controllers.split(',').any(|name| name == "memory") => &LEGACY,
         _ => return None,
     };
     let mount = root.join(files.mount);
     // A container may see its own group as the mount's root, by a path that is the host's: groups that are not there say nothing.
     let own = mount.join(path.trim_start_matches('/'));
-    (own.ancestors())
+    let groups = own
+        .ancestors()
         .take_while(|group| group.starts_with(&mount))
-        .filter_map(|group| of_group(group, &files))
-        .reduce(tighter)
+        .filter_map(|group| Group::open(group, files));
+    Some(groups.collect())
 }
 
-fn of_group(group: &Path, files: &Files) -> Option<Memory> {
-    let number = |name: &str| -> Option<u64> {
-        let text = std::fs::read_to_string(group.join(name)).ok()?;
-        text.trim().parse().ok()
-    };
-    // "max", and in the older version a number near 2^63, mean that there is none.
-    let limit_bytes = number(files.limit).filter(|&limit| limit < 1 << 60)?;
-    let used = number(files.used).unwrap_or(0);
-    let used = used.saturating_sub(reclaimable(group.join("memory.stat"), files.reclaimable));
-    Some(Memory {
-        limit_bytes,
-        free_bytes: limit_bytes.saturating_sub(used),
-    })
+/// The files of a group that has a limit.
+#[derive(Debug)]
+struct Group {
+    limit: File,
+    used: Option<File>,
+    stat: Option<File>,
+    reclaimable: &'static str,
 }
 
-fn reclaimable(stat: PathBuf, name: &str) -> u64 {
-    let text = std::fs::read_to_string(stat).unwrap_or_default();
-    let value = (text.lines())
-        .filter_map(|line| line.split_once(' '))
-        .find(|(key, _)| *key == name);
-    value
-        .and_then(|(_, bytes)| bytes.trim().parse().ok())
-        .unwrap_or(0)
+impl Group {
+    fn open(group: &Path, files: &'static Files) -> Option<Self> {
+        let open = |name: &str| File::open(group.join(name)).ok();
+        let limit = open(files.limit)?;
+        limit_bytes(&limit)?;
+        Some(Self {
+            limit,
+            used: open(files.used),
+            stat: open("memory.stat"),
+            reclaimable: files.reclaimable,
+        })
+    }
+
+    fn memory(&self) -> Option<Memory> {
+        let limit_bytes = limit_bytes(&self.limit)?;
+        let used = self.used.as_ref().and_then(number).unwrap_or(0);
+        let used = used.saturating_sub(self.reclaimable_bytes().unwrap_or(0));
+        Some(Memory {
+            limit_bytes,
+            free_bytes: limit_bytes.saturating_sub(used),
+        })
+    }
+
+    fn reclaimable_bytes(&self) -> Option<u64> {
+        let text = text(self.stat.as_ref()?)?;
+        let mut lines = text.lines().filter_map(|line| line.split_once(' '));
+        let (_, bytes) = lines.find(|(key, _)| *key == self.reclaimable)?;
+        bytes.trim().parse().ok()
+    }
+}
+
+/// A limit; "max", and in the older version a number near 2^63, mean that there is none.
+fn limit_bytes(file: &File) -> Option<u64> {
+    number(file).filter(|&limit| limit < 1 << 60)
+}
+
+fn number(file: &File) -> Option<u64> {
+    text(file)?.trim().parse().ok()
+}
+
+/// What a file says now, from its start.
+fn text(file: &File) -> Option<String> {
+    let mut text = Vec::new();
+    loop {
+        let mut part = [0; 4096];
+        match file.read_at(&mut part, text.len() as u64).ok()? {
+            0 => return String::from_utf8(text).ok(),
+            length => text.extend_from_slice(&part[..length]),
+        }
+    }
 }
 
 fn tighter(a: Memory, b: Memory) -> Memory {
@@ -107,6 +160,7 @@ fn tighter(a: Memory, b: Memory) -> Memory {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::path::PathBuf;
 
     /// A folder with the files that a kernel would show.
     struct Root(PathBuf);
@@ -124,7 +178,7 @@ mod tests {
         }
 
         fn memory(&self) -> Option<Memory> {
-            memory_below(&self.0)
+            Groups::below(&self.0).memory()
         }
     }
 
@@ -176,6 +230,24 @@ mod tests {
             free_bytes: 500_000_000,
         };
         assert_eq!(root.memory(), Some(expected));
+    }
+
+    #[test]
+    fn what_is_used_is_read_anew() {
+        let current = "sys/fs/cgroup/memory.current";
+        let files = [
+            ("proc/self/cgroup", "0::/\n"),
+            ("sys/fs/cgroup/memory.max", "1000000\n"),
+            (current, "700000\n"),
+        ];
+        let root = Root::new("anew", &files);
+        let groups = Groups::below(&root.0);
+        let free = |groups: &Groups| groups.memory().map(|memory| memory.free_bytes);
+        assert_eq!(free(&groups), Some(300_000));
+        // Nothing is opened again: the file that names the groups may be gone.
+        std::fs::write(root.0.join(current), "900000\n").expect("written");
+        std::fs::remove_file(root.0.join("proc/self/cgroup")).expect("removed");
+        assert_eq!(free(&groups), Some(100_000));
     }
 
     #[test]

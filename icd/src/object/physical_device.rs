@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use control_group::Groups;
 use lanes::Tier;
 
 use super::memory;
@@ -20,28 +21,35 @@ pub struct PhysicalDevice {
     pub thread_count: usize,
     /// Size of the memory heap.
     pub heap_bytes: u64,
+    /// What limits the process's memory.
+    groups: Groups,
 }
 
 impl PhysicalDevice {
-    /// Looks at the machine.
+    /// Looks at the machine. After this and the creation of a device, no file is opened any more: a sandbox may refuse it.
     pub fn new(
         api_version: u32,
         messengers: Arc<Messengers>,
         instance_extensions: ExtensionSet,
     ) -> Self {
+        let groups = Groups::open();
         Self {
             api_version,
             messengers,
             instance_extensions,
             thread_count: thread_count(),
-            heap_bytes: heap_bytes(),
+            heap_bytes: heap_bytes(&groups),
+            groups,
         }
     }
 
     /// Bytes of the heap that this process can use: what it uses, and what the system and its control group have free, up to the heap's size.
     pub fn budget_bytes(&self) -> u64 {
         let free = pages_bytes(libc::_SC_AVPHYS_PAGES);
-        let free = control_group::memory().map_or(free, |group| free.min(group.free_bytes));
+        let free = self
+            .groups
+            .memory()
+            .map_or(free, |group| free.min(group.free_bytes));
         (memory::used_bytes() + free).min(self.heap_bytes)
     }
 
@@ -76,9 +84,11 @@ fn thread_count() -> usize {
 }
 
 /// Three quarters of the memory that the process may use: the machine's, or its control group's where that has less.
-fn heap_bytes() -> u64 {
+fn heap_bytes(groups: &Groups) -> u64 {
     let total = pages_bytes(libc::_SC_PHYS_PAGES);
-    let total = control_group::memory().map_or(total, |group| total.min(group.limit_bytes));
+    let total = groups
+        .memory()
+        .map_or(total, |group| total.min(group.limit_bytes));
     (total / 4 * 3).max(1 << 20) & !((1 << 20) - 1)
 }
 
