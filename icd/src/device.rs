@@ -19,6 +19,7 @@ use crate::queue::Queue;
 use crate::settings;
 use crate::table::extensions::ExtensionSet;
 use crate::table::features;
+use crate::table::limits::max_allocations;
 use crate::validate::Validator;
 
 crate::handle::handled!(Device => Device);
@@ -69,10 +70,10 @@ impl Device {
         self.engine.validator.as_deref()
     }
 
-    /// A device with its workers and `queue_count` queues.
+    /// A device with `queue_count` queues. It starts no thread: queues and workers start theirs with the first work that needs them.
     ///
     /// # Errors
-    /// Memory or threads that the system does not give; `VK_ERROR_INITIALIZATION_FAILED` where the environment asks for what there is not.
+    /// Address space that the system does not give; `VK_ERROR_INITIALIZATION_FAILED` where the environment asks for what there is not.
     pub fn new(
         physical: &PhysicalDevice,
         extensions: ExtensionSet,
@@ -89,6 +90,8 @@ impl Device {
             env!("CARGO_PKG_VERSION"),
             physical.heap_bytes >> 20
         );
+        // Read now: a sandbox that is entered after this may refuse to open files.
+        max_allocations();
         let window = AddressWindow::reserve(physical.heap_bytes)?;
         let validates = enabled.ray_tracing_validation || settings.validate;
         let validator =
@@ -102,7 +105,7 @@ impl Device {
                 wild_addresses: enabled.device_fault,
                 ..Watch::default()
             },
-        )?;
+        );
         let queue = |index| handle::new(Queue::new(index, Arc::clone(&engine)));
         Ok(Self {
             api_version: physical.api_version,

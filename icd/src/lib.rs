@@ -9,6 +9,7 @@
 //!
 //! [`entry::loader`] has the three symbols that the shared library exports; [`entry::commands`] names every entry point.
 
+mod affinity;
 pub mod command;
 pub mod compute;
 mod decode;

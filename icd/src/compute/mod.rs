@@ -28,7 +28,7 @@ use spirv_jit::program::{AlignedRow, Builtin, InputRow, Row, SiteKind};
 use spirv_jit::{Program, SUBGROUP_SIZE};
 use waves::{Runner, Subgroups};
 
-use crate::wave::{Limits, Stopped, StoppedAt};
+use crate::wave::{Limits, Stopped, StoppedAt, Workers};
 
 /// Steps that a worker takes at once, at most.
 const MAX_CHUNK_STEPS: u64 = 64;
@@ -65,7 +65,7 @@ impl Dispatcher {
     ///
     /// # Errors
     /// When a limit stopped it; what it wrote so far stays written.
-    pub fn run(&self, workers: &rayon::ThreadPool, dispatch: &Dispatch<'_>) -> Result<(), Stopped> {
+    pub fn run(&self, workers: &Workers, dispatch: &Dispatch<'_>) -> Result<(), Stopped> {
         let workers_count = workers.current_num_threads();
         let plan = Plan::new(dispatch, workers_count);
         let chunk_steps =

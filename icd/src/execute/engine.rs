@@ -9,7 +9,6 @@ use std::time::{Duration, Instant};
 
 use spirv_jit::views::Views;
 
-use crate::VkResult;
 use crate::compute::Dispatcher;
 use crate::object::live_memory::LiveMemory;
 use crate::object::messenger::Messengers;
@@ -70,18 +69,15 @@ impl Default for Watch {
 }
 
 impl Engine {
-    /// Starts `thread_count` workers.
-    ///
-    /// # Errors
-    /// `VK_ERROR_OUT_OF_HOST_MEMORY` if they cannot be started.
+    /// An engine whose workers are `thread_count` threads. None runs yet.
     pub fn new(
         thread_count: usize,
         messengers: Arc<Messengers>,
         memory: Arc<LiveMemory>,
         watch: Watch,
-    ) -> VkResult<Arc<Self>> {
-        Ok(Arc::new(Self {
-            workers: Workers::start(thread_count)?,
+    ) -> Arc<Self> {
+        Arc::new(Self {
+            workers: Workers::new(thread_count),
             waiting: Arc::default(),
             dispatcher: Dispatcher::default(),
             tracer: Tracer::default(),
@@ -95,7 +91,7 @@ impl Engine {
             timeout: watch.timeout,
             wild: watch.wild_addresses.then(WildAddresses::default),
             fault: OnceLock::new(),
-        }))
+        })
     }
 
     /// The limits of the next dispatch.

@@ -11,10 +11,10 @@
 //! Each kind of work is a function of what the command holds. Those on images take the objects and the regions as recorded:
 //!
 //! ```text
-//! copy::copy_image(workers: &ThreadPool, source: &Image, destination: &Image, region: &vk::ImageCopy)
-//! copy::copy_buffer_to_image(workers: &ThreadPool, source: u64, destination: &Image, region: &vk::BufferImageCopy)
-//! copy::copy_image_to_buffer(workers: &ThreadPool, source: &Image, destination: u64, region: &vk::BufferImageCopy)
-//! blit::blit_image(workers: &ThreadPool, source: &Image, destination: &Image, region: &vk::ImageBlit, filter: vk::Filter)
+//! copy::copy_image(workers: &Workers, source: &Image, destination: &Image, region: &vk::ImageCopy)
+//! copy::copy_buffer_to_image(workers: &Workers, source: u64, destination: &Image, region: &vk::BufferImageCopy)
+//! copy::copy_image_to_buffer(workers: &Workers, source: &Image, destination: u64, region: &vk::BufferImageCopy)
+//! blit::blit_image(workers: &Workers, source: &Image, destination: &Image, region: &vk::ImageBlit, filter: vk::Filter)
 //! resolve::resolve_image(source: &Image, destination: &Image, region: &vk::ImageResolve)
 //! clear::clear_color_image(image: &Image, value: &vk::ClearColorValue, range: &vk::ImageSubresourceRange)
 //! clear::clear_depth_stencil_image(image: &Image, value: &vk::ClearDepthStencilValue, range: &vk::ImageSubresourceRange)

@@ -17,8 +17,6 @@ use crate::object::{Event, Fence, Pipeline, PipelineLayout, QueryPool, Semaphore
 fn engine() -> Arc<Engine> {
     let memory = LiveMemory::everywhere();
     Engine::new(2, Arc::default(), memory, Watch::default())
-        .ok()
-        .unwrap()
 }
 
 fn semaphore(engine: &Engine, ty: vk::SemaphoreType) -> Ref<Semaphore> {
@@ -189,7 +187,6 @@ fn a_hanging_shader_loses_the_device() {
         ..Watch::default()
     };
     let engine = Engine::new(2, Arc::default(), LiveMemory::everywhere(), watch);
-    let engine = engine.ok().unwrap();
     assert_lost(&engine, dispatch("loop L0 {\nbr L0\n}\nunreachable"));
 }
 

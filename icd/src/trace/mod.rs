@@ -42,7 +42,7 @@ use spirv_jit::program::SiteKind;
 use crate::validate::Traced;
 use crate::wave::mask::LiveMask;
 use crate::wave::table::{self, Live, Shaders, Tables};
-use crate::wave::{Limits, Stopped};
+use crate::wave::{Limits, Stopped, Workers};
 pub use grid::Grid;
 pub use queries::{Owned, Queries};
 
@@ -77,11 +77,7 @@ impl Tracer {
     ///
     /// # Errors
     /// When a limit stopped it; what it wrote so far stays written.
-    pub fn trace_rays(
-        &self,
-        dispatch: &Dispatch<'_>,
-        workers: &rayon::ThreadPool,
-    ) -> Result<(), Stopped> {
+    pub fn trace_rays(&self, dispatch: &Dispatch<'_>, workers: &Workers) -> Result<(), Stopped> {
         let Some((raygen, record)) = dispatch.raygen() else {
             return Ok(());
         };

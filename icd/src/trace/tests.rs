@@ -11,7 +11,7 @@ use spirv_jit::reach::Reach;
 
 use super::{Dispatch, Tracer};
 use crate::wave::table::{Group, HANDLE_SIZE, Handle, Live, Region, Shaders, Tables};
-use crate::wave::{Limits, Stopped};
+use crate::wave::{Limits, Stopped, Workers};
 
 const SIZE: u32 = 20;
 
@@ -277,9 +277,8 @@ fn live(tables: &Tables) -> Tables<Live> {
     unsafe { tables.live(&Reach::everywhere()) }
 }
 
-fn workers() -> rayon::ThreadPool {
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(2);
-    pool.build().expect("threads can be started")
+fn workers() -> Arc<Workers> {
+    Workers::new(2)
 }
 
 fn environment(descriptors: &[Descriptor]) -> Environment {

@@ -2,7 +2,6 @@
 //! 16 texels, and encoded into the destination, rows of it by all workers.
 
 use ash::vk;
-use rayon::ThreadPool;
 use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::image::execute::execute_block;
 use spirv_jit::image::format::block::Texels;
@@ -19,10 +18,11 @@ use super::rows::for_rows;
 use super::surface::{Surface, aspects, slice_count};
 use crate::format::texel_format;
 use crate::object::Image;
+use crate::wave::Workers;
 
 /// `vkCmdBlitImage`, one region. Mirrored where the corners of one side are swapped.
 pub fn blit_image(
-    workers: &ThreadPool,
+    workers: &Workers,
     source: &Image,
     destination: &Image,
     blit: &vk::ImageBlit,
@@ -83,7 +83,7 @@ impl Side {
 }
 
 fn blit_surface(
-    workers: &ThreadPool,
+    workers: &Workers,
     source: &Image,
     (from, reader): (&Surface, &Reader),
     destination: &Image,

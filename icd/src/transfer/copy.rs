@@ -1,14 +1,14 @@
 //! Copies between images and buffers: bytes as they are (spec, chapter Copy Commands). Regions outside their image are not copied.
 
 use ash::vk;
-use rayon::ThreadPool;
 
 use super::rows::for_rows;
 use super::surface::{Region, Surface, aspects, blocks, region, slice_count};
 use crate::object::Image;
+use crate::wave::Workers;
 
 /// `vkCmdCopyImage`, one region: all samples of all its aspects.
-pub fn copy_image(workers: &ThreadPool, source: &Image, destination: &Image, copy: &vk::ImageCopy) {
+pub fn copy_image(workers: &Workers, source: &Image, destination: &Image, copy: &vk::ImageCopy) {
     let from_slices = slice_count(source, &copy.src_subresource, copy.extent.depth);
     let to_slices = slice_count(destination, &copy.dst_subresource, copy.extent.depth);
     let slices = from_slices.min(to_slices);
@@ -50,7 +50,7 @@ pub fn copy_image(workers: &ThreadPool, source: &Image, destination: &Image, cop
 }
 
 fn copy_surface(
-    workers: &ThreadPool,
+    workers: &Workers,
     from: &Surface,
     from_region: Region,
     to: &Surface,
@@ -128,7 +128,7 @@ pub fn buffer_size_bytes(image: &Image, copy: &vk::BufferImageCopy) -> Option<u6
 
 /// `vkCmdCopyBufferToImage`, one region. `source` is the address of the buffer's first byte.
 pub fn copy_buffer_to_image(
-    workers: &ThreadPool,
+    workers: &Workers,
     source: u64,
     destination: &Image,
     copy: &vk::BufferImageCopy,
@@ -148,7 +148,7 @@ pub fn copy_buffer_to_image(
 
 /// `vkCmdCopyImageToBuffer`, one region. `destination` is the address of the buffer's first byte.
 pub fn copy_image_to_buffer(
-    workers: &ThreadPool,
+    workers: &Workers,
     source: &Image,
     destination: u64,
     copy: &vk::BufferImageCopy,
@@ -167,7 +167,7 @@ pub fn copy_image_to_buffer(
 
 /// Calls `transfer(buffer row, image row, bytes)` for the rows of a region.
 fn for_each_row(
-    workers: &ThreadPool,
+    workers: &Workers,
     buffer: u64,
     image: &Image,
     copy: &vk::BufferImageCopy,

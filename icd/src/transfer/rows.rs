@@ -2,8 +2,9 @@
 
 use std::ops::Range;
 
-use rayon::ThreadPool;
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
+
+use crate::wave::Workers;
 
 /// Work of fewer bytes than this is done by the queue's own thread.
 const LEAST_BYTES: u64 = 1 << 17;
@@ -11,12 +12,7 @@ const LEAST_BYTES: u64 = 1 << 17;
 const PIECES_PER_WORKER: u64 = 4;
 
 /// Does `work` for rows `0..count` of so many bytes each, in any order and by any thread; all of it is done on return.
-pub fn for_rows(
-    workers: &ThreadPool,
-    count: u64,
-    row_bytes: u64,
-    work: impl Fn(Range<u64>) + Sync,
-) {
+pub fn for_rows(workers: &Workers, count: u64, row_bytes: u64, work: impl Fn(Range<u64>) + Sync) {
     let threads = workers.current_num_threads() as u64;
     if threads < 2 || count < 2 || count.saturating_mul(row_bytes) < LEAST_BYTES {
         return work(0..count);
@@ -37,8 +33,7 @@ mod tests {
 
     #[test]
     fn every_row_is_done_once() {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(3);
-        let pool = pool.build().expect("threads can be started");
+        let workers = Workers::new(3);
         for (count, row_bytes) in [
             (0, 1 << 20),
             (1, 1 << 20),
@@ -47,7 +42,7 @@ mod tests {
             (7, 1),
         ] {
             let done: Vec<AtomicU32> = (0..count).map(|_| AtomicU32::new(0)).collect();
-            for_rows(&pool, count, row_bytes, |rows| {
+            for_rows(&workers, count, row_bytes, |rows| {
                 for row in rows {
                     done[row as usize].fetch_add(1, Ordering::Relaxed);
                 }

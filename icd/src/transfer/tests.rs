@@ -1,11 +1,14 @@
 //! Transfers against loops that know no strides: images are written and read texel by texel through buffers.
 
+use std::sync::{Arc, OnceLock};
+
 use ash::vk;
 use spirv_jit::image::format::MAX_TEXEL_BYTES;
 
 use super::{blit, clear, copy, resolve};
 use crate::format::texel_format;
 use crate::object::Image;
+use crate::wave::Workers;
 
 const COLOR: vk::ImageAspectFlags = vk::ImageAspectFlags::COLOR;
 
@@ -34,12 +37,9 @@ struct Kind {
 }
 
 /// Two threads, so that rows are dealt out.
-fn workers() -> &'static rayon::ThreadPool {
-    static WORKERS: std::sync::OnceLock<rayon::ThreadPool> = std::sync::OnceLock::new();
-    WORKERS.get_or_init(|| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(2);
-        pool.build().expect("threads can be started")
-    })
+fn workers() -> &'static Workers {
+    static WORKERS: OnceLock<Arc<Workers>> = OnceLock::new();
+    WORKERS.get_or_init(|| Workers::new(2))
 }
 
 fn kind(format: vk::Format, width: u32, height: u32) -> Kind {

@@ -2,6 +2,7 @@
 
 mod budget;
 mod fault;
+mod lent_thread;
 mod limits;
 pub mod mask;
 pub mod reachable;

@@ -1,82 +1,136 @@
-//! The threads that commands fan out over: a rayon pool of the device's own, whose threads are joined when it goes.
+//! The threads that commands fan out over: a rayon pool of the device's own. Its threads start with the first work that is shared out,
+//! and are joined when the device goes.
 
 #![forbid(unsafe_code)]
 
-use std::ops::Deref;
-use std::sync::Arc;
+use std::io;
+use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
 
-use ash::vk;
-use parking_lot::Mutex;
+use rayon::{ThreadBuilder, ThreadPool, ThreadPoolBuilder};
 
-use crate::VkResult;
+use super::lent_thread::run_on_this_thread;
+use crate::affinity::Affinity;
 use crate::float_environment::DefaultEnvironment;
 
 /// A device's workers. Dropping them waits for their threads to end, so no code of this library runs after the device is gone.
 pub struct Workers {
-    /// `None` once shut down.
-    pool: Option<rayon::ThreadPool>,
-    threads: Arc<Mutex<Vec<JoinHandle<()>>>>,
+    count: usize,
+    /// Of the thread that made the device. Threads inherit that of the thread that starts them, which may be tied to one processor.
+    affinity: Affinity,
+    /// Filled by the first work. `None` inside if the system gave no thread.
+    pool: OnceLock<Option<Pool>>,
     process: u32,
 }
 
 impl Workers {
-    /// Starts `count` threads.
-    ///
-    /// # Errors
-    /// `VK_ERROR_OUT_OF_HOST_MEMORY` if they cannot be started.
-    pub fn start(count: usize) -> VkResult<Arc<Self>> {
-        let threads = Arc::new(Mutex::new(Vec::new()));
-        let handles = Arc::clone(&threads);
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(count)
-            .spawn_handler(move |worker| {
-                let handle = std::thread::Builder::new()
-                    .name(format!("tuff-worker-{}", worker.index()))
-                    .spawn(move || {
-                        let _environment = DefaultEnvironment::enter();
-                        worker.run();
-                    })?;
-                handles.lock().push(handle);
-                Ok(())
-            })
-            .build()
-            .map_err(|_| vk::Result::ERROR_OUT_OF_HOST_MEMORY)?;
-        Ok(Arc::new(Self {
-            pool: Some(pool),
-            threads,
+    /// Workers that need `count` threads. None is started yet.
+    pub fn new(count: usize) -> Arc<Self> {
+        Arc::new(Self {
+            count: count.max(1),
+            affinity: Affinity::of_this_thread(),
+            pool: OnceLock::new(),
             process: std::process::id(),
-        }))
+        })
     }
-}
 
-impl Deref for Workers {
-    type Target = rayon::ThreadPool;
+    /// Threads that work is cut up for. If the system gives fewer, those do all of it.
+    pub fn current_num_threads(&self) -> usize {
+        self.count
+    }
 
-    fn deref(&self) -> &rayon::ThreadPool {
-        self.pool.as_ref().expect("there until dropped")
+    /// Performs work inside the pool, and starts its threads if this is the first. If the system gives no thread, the calling thread does
+    /// all of the work.
+    pub fn install<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
+        // A fork takes no threads along. Its copy of the cell may be locked for ever, so it is not looked at.
+        let pool = match self.is_inherited() {
+            true => None,
+            false => (self.pool)
+                .get_or_init(|| Pool::start(self.count, self.affinity))
+                .as_ref(),
+        };
+        match pool {
+            Some(pool) => pool.rayon.install(work),
+            None => run_on_this_thread(work),
+        }
+    }
+
+    /// Whether this is a child of the process that made the workers.
+    fn is_inherited(&self) -> bool {
+        std::process::id() != self.process
     }
 }
 
 impl Drop for Workers {
     fn drop(&mut self) {
-        if std::process::id() != self.process {
-            // A child of the process that started them has no such threads to wait for.
-            std::mem::forget(self.pool.take());
-            std::mem::forget(std::mem::take(&mut self.threads));
+        let is_inherited = self.is_inherited();
+        let Some(pool) = self.pool.take().flatten() else {
             return;
+        };
+        if is_inherited {
+            // There are no such threads here to wait for.
+            return std::mem::forget(pool);
         }
-        drop(self.pool.take());
-        for thread in self.threads.lock().drain(..) {
+        drop(pool.rayon);
+        for thread in pool.threads {
             // Rayon's workers catch what their jobs panic with.
             let _ = thread.join();
         }
     }
 }
 
+/// The threads, once they run.
+struct Pool {
+    rayon: ThreadPool,
+    threads: Vec<JoinHandle<()>>,
+}
+
+impl Pool {
+    /// Starts `count` threads, or as many as the system gives; `None` if it gives none.
+    fn start(count: usize, affinity: Affinity) -> Option<Self> {
+        Self::start_by(count, |worker| {
+            std::thread::Builder::new()
+                .name(format!("tuff-worker-{}", worker.index()))
+                .spawn(move || {
+                    affinity.apply();
+                    let _environment = DefaultEnvironment::enter();
+                    worker.run();
+                })
+        })
+    }
+
+    /// As [`Self::start`], each thread by `spawn`. The first failure is the last attempt.
+    fn start_by(
+        count: usize,
+        mut spawn: impl FnMut(ThreadBuilder) -> io::Result<JoinHandle<()>>,
+    ) -> Option<Self> {
+        let mut threads = Vec::new();
+        let mut refusal = None;
+        let pool = ThreadPoolBuilder::new()
+            .num_threads(count)
+            .spawn_handler(|worker| {
+                // Rayon's threads take work from wherever it is: those that run do the work of the others, too.
+                if refusal.is_none() {
+                    match spawn(worker) {
+                        Ok(thread) => threads.push(thread),
+                        Err(why) => refusal = Some(why),
+                    }
+                }
+                Ok(())
+            })
+            .build();
+        if let Some(why) = refusal {
+            log::warn!("{} of {count} workers start: {why}", threads.len());
+        }
+        let rayon = pool.ok()?;
+        (!threads.is_empty()).then_some(Self { rayon, threads })
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use rayon::prelude::*;
     use std::sync::atomic::{AtomicUsize, Ordering};
 
     #[test]
@@ -89,11 +143,65 @@ mod tests {
             }
         }
         thread_local!(static COUNT: Count = { ALIVE.fetch_add(1, Ordering::SeqCst); Count });
-        let workers = Workers::start(3).ok().unwrap();
-        workers.broadcast(|_| COUNT.with(|_| ()));
+        let workers = Workers::new(3);
+        workers.install(|| rayon::broadcast(|_| COUNT.with(|_| ())));
         assert_eq!(ALIVE.load(Ordering::SeqCst), 3);
         drop(workers);
         assert_eq!(ALIVE.load(Ordering::SeqCst), 0);
+    }
+
+    #[test]
+    fn the_threads_that_start_do_all_of_the_work() {
+        let mut count = 0;
+        let pool = Pool::start_by(4, |worker| {
+            count += 1;
+            match count {
+                1..3 => Ok(std::thread::spawn(|| worker.run())),
+                _ => Err(io::ErrorKind::WouldBlock.into()),
+            }
+        });
+        assert_eq!(count, 3);
+        let Pool { rayon, threads } = pool.expect("two threads");
+        let numbers = || (0..10_000u32).into_par_iter().with_max_len(1);
+        let sum: u32 = rayon.install(|| numbers().sum());
+        assert_eq!(sum, 49_995_000);
+        drop(rayon);
+        assert_eq!(threads.len(), 2);
+        threads
+            .into_iter()
+            .for_each(|thread| thread.join().unwrap());
+    }
+
+    #[test]
+    fn without_any_thread_the_caller_does_the_work() {
+        let refuse = |_| Err(io::ErrorKind::WouldBlock.into());
+        let workers = Workers {
+            count: 3,
+            affinity: Affinity::of_this_thread(),
+            pool: OnceLock::from(Pool::start_by(3, refuse)),
+            process: std::process::id(),
+        };
+        let here = std::thread::current().id();
+        let found = workers.install(|| {
+            let threads = (0..100)
+                .into_par_iter()
+                .map(|_| std::thread::current().id());
+            threads.all(|thread| thread == here)
+        });
+        assert!(found);
+    }
+
+    #[test]
+    fn workers_run_where_the_device_was_made() {
+        let workers = Workers::new(2);
+        let expected = workers.affinity;
+        // A thread of its own, tied to one processor, performs the first work.
+        let run = move || {
+            expected.first().apply();
+            workers.install(|| rayon::broadcast(|_| Affinity::of_this_thread()))
+        };
+        let found = std::thread::spawn(run).join().expect("nothing panics");
+        assert_eq!(found, [expected; 2]);
     }
 
     /// Half of the least normal number, as the processor computes it here and now: a call, or compilers move it.
@@ -120,7 +228,7 @@ mod tests {
             float_environment::set(flushing);
             let outside = halved();
             let inside = guard("test", halved);
-            let workers = Workers::start(1).expect("a thread starts");
+            let workers = Workers::new(1);
             let on_worker = workers.install(halved);
             let after = float_environment::control();
             float_environment::set(usual);

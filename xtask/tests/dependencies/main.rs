@@ -45,6 +45,7 @@ const HOUSES: [House; 3] = [
             "settings",
             "guard",
             "float_environment",
+            "affinity",
             "handle",
             "logger",
             "ffi",

@@ -43,7 +43,7 @@ fn run(
         sets,
         ..Environment::unbound()
     };
-    let workers = Workers::start(threads).ok().unwrap();
+    let workers = Workers::new(threads);
     Dispatcher::default().run(
         &workers,
         &Dispatch {

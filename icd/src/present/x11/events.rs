@@ -82,7 +82,7 @@ unsafe impl Send for Line {}
 unsafe impl Sync for Line {}
 
 impl Events {
-    /// The events of a window on the screen of `root`, and their thread.
+    /// The events of a window on the screen of `root`. Their thread starts with the first frame.
     ///
     /// # Errors
     /// The connection is broken, or the server refuses.
@@ -117,27 +117,40 @@ impl Events {
         let mask = EventMask::COMPLETE_NOTIFY;
         let selected = connection.x.present_select_input(event, window, mask);
         selected.map_err(|_| Gone)?.check().map_err(|_| Gone)?;
-        let shared = Arc::clone(&line);
-        let thread = std::thread::Builder::new()
-            .name("tuff-x11".to_owned())
-            .spawn(move || shared.run())
-            .map_err(|_| Gone)?;
         Ok(Self {
             line,
-            thread: Mutex::new(Some(thread)),
+            thread: Mutex::new(None),
             process: std::process::id(),
         })
     }
 
-    /// A number for a frame, which no other one of the surface has. From now on its turn is waited
-    /// for.
-    pub fn begin(&self) -> u32 {
+    /// Returns a number for a frame, unique within the surface. From now on the thread waits for the
+    /// frame's turn.
+    ///
+    /// # Errors
+    /// The thread cannot be started.
+    pub fn begin(&self) -> Result<u32, Gone> {
+        self.start_thread()?;
         let mut state = self.line.state.lock();
         state.serial = state.serial.wrapping_add(1);
         let serial = state.serial;
         state.under_way.push(serial);
         self.line.changed.notify_one();
-        serial
+        Ok(serial)
+    }
+
+    /// Starts the thread, unless it runs.
+    fn start_thread(&self) -> Result<(), Gone> {
+        let mut thread = self.thread.lock();
+        if thread.is_none() {
+            let shared = Arc::clone(&self.line);
+            let started = std::thread::Builder::new()
+                .name("tuff-x11".to_owned())
+                .spawn(move || shared.run())
+                .map_err(|_| Gone)?;
+            *thread = Some(started);
+        }
+        Ok(())
     }
 
     /// No longer waits for a frame.

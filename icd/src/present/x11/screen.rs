@@ -210,7 +210,7 @@ impl Screen for X11Screen {
                 last_msc,
                 ..
             } => {
-                let number = events.begin();
+                let number = events.begin()?;
                 let sent_ns = timestamp_ns();
                 let (options, target_msc) = match frame.when {
                     When::NextRefresh | When::Replaceable => (PresentOption::COPY, 0),

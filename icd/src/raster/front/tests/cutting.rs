@@ -127,7 +127,7 @@ fn chunks(
     threads: usize,
     limits: &Limits,
 ) -> Result<Vec<Chunk>, Stopped> {
-    let workers = Workers::start(threads).ok().unwrap();
+    let workers = Workers::new(threads);
     let context = Context {
         workers: &workers,
         limits,
@@ -460,7 +460,7 @@ fn a_draw_of_all_vertices_is_stopped() {
         let draw = draw(state(), &positions, &[call]);
         let start = Instant::now();
         let work = [Work::Draw(draw)];
-        let workers = Workers::start(2).ok().unwrap();
+        let workers = Workers::new(2);
         let (front, targets) = (FrontEnd::default(), targets(0));
         let mut rounds = Rounds::new(&work, &targets);
         let context = Context {

@@ -347,7 +347,7 @@ pub fn run_within(
     work: &[Work],
     chunks: &[Chunk],
 ) -> Result<(), Stopped> {
-    let workers = Workers::start(threads).expect("threads start");
+    let workers = Workers::new(threads);
     let context = Context {
         workers: &workers,
         limits,
