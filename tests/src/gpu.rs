@@ -41,6 +41,8 @@ pub struct Gpu {
     pub structure_properties: vk::PhysicalDeviceAccelerationStructurePropertiesKHR<'static>,
     /// `accelerationStructureHostCommands`.
     pub has_host_commands: bool,
+    /// `accelerationStructureCaptureReplay`, enabled.
+    pub replays_structures: bool,
     debug: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
     complaints: Arc<Mutex<Vec<String>>>,
     /// The objects to destroy, oldest first.
@@ -71,18 +73,49 @@ pub(crate) enum Made {
     Shader(vk::ShaderEXT),
 }
 
+/// How a device is opened.
+#[derive(Clone, Copy, Default)]
+struct Opening {
+    /// With the validation layer, where it is installed.
+    validate: bool,
+    /// With the driver's own validation.
+    by_driver: bool,
+    /// With capture and replay of addresses.
+    replays: bool,
+}
+
 impl Gpu {
     /// The first device, with validation where it is installed.
     #[expect(clippy::new_without_default, reason = "opening a device is no default")]
     pub fn new() -> Gpu {
-        Gpu::open(true, false)
+        Gpu::open(Opening {
+            validate: true,
+            ..Opening::default()
+        })
+    }
+
+    /// The same, with the features of tools that capture addresses and replay them.
+    #[track_caller]
+    pub fn replaying() -> Option<Gpu> {
+        let gpu = Gpu::open(Opening {
+            validate: true,
+            replays: true,
+            ..Opening::default()
+        });
+        gpu.with("bufferDeviceAddressCaptureReplay", |gpu| {
+            gpu.features12.buffer_device_address_capture_replay == vk::TRUE
+        })
     }
 
     /// Without the layer, and with the driver's own ray tracing validation (`VK_NV_ray_tracing_validation`): what that says is in
     /// [`Gpu::take_complaints`].
     #[track_caller]
     pub fn validated_by_driver() -> Option<Gpu> {
-        Gpu::open(false, true).with("VK_NV_ray_tracing_validation", |gpu| {
+        let opening = Opening {
+            by_driver: true,
+            ..Opening::default()
+        };
+        Gpu::open(opening).with("VK_NV_ray_tracing_validation", |gpu| {
             gpu.optional.driver_validation.ray_tracing_validation == vk::TRUE
         })
     }
@@ -92,12 +125,15 @@ impl Gpu {
         // SAFETY: the loader's initialisers only set up its own state.
         let entry = unsafe { ash::Entry::load() }.expect("there is a Vulkan loader");
         let is_new = validation_version(&entry).is_some_and(|found| found >= version);
-        Gpu::open(is_new, false)
+        Gpu::open(Opening {
+            validate: is_new,
+            ..Opening::default()
+        })
     }
 
     /// The same for tests that break rules on purpose.
     pub fn without_validation() -> Gpu {
-        Gpu::open(false, false)
+        Gpu::open(Opening::default())
     }
 
     /// The device's name.
@@ -125,7 +161,12 @@ impl Gpu {
             .contains(vk::QueueFlags::GRAPHICS)
     }
 
-    fn open(validate: bool, by_driver: bool) -> Gpu {
+    fn open(opening: Opening) -> Gpu {
+        let Opening {
+            validate,
+            by_driver,
+            replays,
+        } = opening;
         // SAFETY: the loader's initialisers only set up its own state.
         let entry = unsafe { ash::Entry::load() }.expect("there is a Vulkan loader");
         let complaints = Arc::new(Mutex::new(Vec::new()));
@@ -161,9 +202,11 @@ impl Gpu {
             instance.get_physical_device_features2(physical, &mut all);
             // Features that change addresses or serve only tools stay off.
             let features = all.features;
-            features12.buffer_device_address_capture_replay = 0;
             features12.buffer_device_address_multi_device = 0;
-            structure.acceleration_structure_capture_replay = 0;
+            if !replays {
+                features12.buffer_device_address_capture_replay = 0;
+                structure.acceleration_structure_capture_replay = 0;
+            }
             pipeline.ray_tracing_pipeline_shader_group_handle_capture_replay = 0;
             pipeline.ray_tracing_pipeline_shader_group_handle_capture_replay_mixed = 0;
 
@@ -260,6 +303,7 @@ impl Gpu {
                 pipeline_properties,
                 structure_properties,
                 has_host_commands: structure.acceleration_structure_host_commands == vk::TRUE,
+                replays_structures: structure.acceleration_structure_capture_replay == vk::TRUE,
                 entry,
                 instance,
                 physical,

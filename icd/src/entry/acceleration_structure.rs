@@ -64,6 +64,10 @@ entry! {
             size_bytes: info.size,
             replayable: None,
         };
+        // A structure is where its buffer is: replaying the buffer's address replays it.
+        if info.device_address != 0 && info.device_address != made.address() {
+            return Err(vk::Result::ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS);
+        }
         if info.create_flags.contains(vk::AccelerationStructureCreateFlagsKHR::DESCRIPTOR_BUFFER_CAPTURE_REPLAY_EXT) {
             made.replayable = Some(ReplayableStructure::new(
                 &device.engine.views,

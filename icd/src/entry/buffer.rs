@@ -5,11 +5,13 @@ use spirv_jit::image::{Format, ImageDescriptor};
 
 use super::address_report::report;
 use super::define::entry;
+use super::descriptor_buffer::captured;
 use super::destroy;
 use crate::VkResult;
 use crate::device::Device;
 use crate::ffi::{self, chain};
 use crate::handle::{self, from_handle};
+use crate::object::address_space::Placement;
 use crate::object::addressed::AddressEvent;
 use crate::object::image_view::ViewEntry;
 use crate::object::pages::GRANULE;
@@ -32,6 +34,23 @@ pub fn requirements(size_bytes: u64, alignment: u64) -> vk::MemoryRequirements {
 
 fn is_sparse(flags: vk::BufferCreateFlags) -> bool {
     flags.contains(vk::BufferCreateFlags::SPARSE_BINDING)
+}
+
+/// Where a sparse buffer shall lie. Its capture for descriptor buffers is its address, too.
+///
+/// # Safety
+/// `info` is valid usage of `vkCreateBuffer`.
+unsafe fn sparse_placement(info: &vk::BufferCreateInfo<'_>) -> Placement {
+    let replayable = vk::BufferCreateFlags::DEVICE_ADDRESS_CAPTURE_REPLAY
+        | vk::BufferCreateFlags::DESCRIPTOR_BUFFER_CAPTURE_REPLAY_EXT;
+    // SAFETY: the caller's promise.
+    let address = unsafe {
+        chain::find::<vk::BufferOpaqueCaptureAddressCreateInfo>(info.p_next)
+            .map(|captured| captured.opaque_capture_address)
+            .filter(|&address| address != 0)
+            .or_else(|| captured(info.p_next))
+    };
+    Placement::new(info.flags.intersects(replayable), address)
 }
 
 fn alignment(flags: vk::BufferCreateFlags) -> u64 {
@@ -122,10 +141,8 @@ entry! {
         let mut buffer = Buffer::new(info.size, usage, info.flags);
         let is_sparse = is_sparse(info.flags);
         if is_sparse {
-            let wanted = chain::find::<vk::BufferOpaqueCaptureAddressCreateInfo>(info.p_next)
-                .map(|capture| capture.opaque_capture_address);
             let window = &from_handle::<Device>(device).window;
-            buffer = buffer.reserved(Reservation::new(window, info.size, wanted)?);
+            buffer = buffer.reserved(Reservation::new(window, info.size, sparse_placement(info))?);
         }
         *out = handle::create(buffer);
         if is_sparse {

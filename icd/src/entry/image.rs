@@ -15,6 +15,7 @@ use crate::device::Device;
 use crate::ffi::enumerate::enumerate_with;
 use crate::ffi::{self, chain, enumerate};
 use crate::handle::{self, from_handle};
+use crate::object::address_space::Placement;
 use crate::object::addressed::AddressEvent;
 use crate::object::image_view::{ViewEntry, view_descriptor};
 use crate::object::resident;
@@ -165,7 +166,7 @@ entry! {
         let mut image = Image::new(&*info)?;
         if is_sparse(image.flags) {
             let window = &from_handle::<Device>(device).window;
-            let reservation = Reservation::new(window, image.size_bytes, None)?;
+            let reservation = Reservation::new(window, image.size_bytes, Placement::Ordinary)?;
             image = image.reserved(reservation);
         }
         *out = handle::create(image);

@@ -12,6 +12,7 @@ use crate::device::Device;
 use crate::ffi::chain;
 use crate::handle::{self, from_handle};
 use crate::object::DeviceMemory;
+use crate::object::address_space::Placement;
 use crate::object::addressed::AddressEvent;
 use crate::object::memory::{Source, file_size, seal};
 use crate::table::limits::PAGE_BYTES;
@@ -63,6 +64,23 @@ unsafe fn source(
     }
 }
 
+/// Where an allocation shall lie.
+///
+/// # Safety
+/// `info` is valid usage of `vkAllocateMemory`.
+unsafe fn placement(info: &vk::MemoryAllocateInfo<'_>) -> Placement {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let flags = chain::find::<vk::MemoryAllocateFlagsInfo>(info.p_next).map(|it| it.flags);
+        let replayable = vk::MemoryAllocateFlags::DEVICE_ADDRESS_CAPTURE_REPLAY;
+        let captured = chain::find::<vk::MemoryOpaqueCaptureAddressAllocateInfo>(info.p_next);
+        Placement::new(
+            flags.is_some_and(|flags| flags.contains(replayable)),
+            captured.map(|it| it.opaque_capture_address),
+        )
+    }
+}
+
 /// Where memory is mapped from an offset on. A size that is too large is left to the application: it sees no less.
 ///
 /// # Errors
@@ -89,9 +107,7 @@ entry! {
         let owner = from_handle::<Device>(device);
         let info = &*info;
         let (source, imported) = source(owner, info)?;
-        let wanted = chain::find::<vk::MemoryOpaqueCaptureAddressAllocateInfo>(info.p_next)
-            .map(|capture| capture.opaque_capture_address);
-        let memory = DeviceMemory::allocate(&owner.window, info.allocation_size, source, wanted)?;
+        let memory = DeviceMemory::allocate(&owner.window, info.allocation_size, source, placement(info))?;
         if let Some(imported) = imported {
             libc::close(imported);
         }

@@ -8,19 +8,12 @@ use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use ash::vk;
 use parking_lot::Mutex;
 
+use super::address_space::{AddressSpace, Placement};
 use super::live_memory::LiveMemory;
-use super::pages::{GRANULE, map_aligned_zero_pages, map_pages, map_zero_pages, page_bytes};
-use super::ranges::{Ranges, Taken};
+use super::pages::{GRANULE, map_pages, map_zero_pages, page_bytes};
+use super::ranges::Taken;
 use crate::VkResult;
 use crate::table::limits::max_allocations;
-
-/// Where the first device's window is tried, so that captured addresses can be given again.
-const PREFERRED_BASE: u64 = 0x1000_0000_0000;
-/// Windows that are tried at fixed places before any place will do.
-const PREFERRED_SLOTS: u64 = 16;
-/// Address space of a window; halved while the system refuses.
-const LARGEST_WINDOW: u64 = 1 << 40;
-const SMALLEST_WINDOW: u64 = 1 << 30;
 
 /// Bytes in use by all devices of the process: they share the machine.
 static USED_BYTES: AtomicU64 = AtomicU64::new(0);
@@ -60,17 +53,15 @@ impl Drop for Place<'_> {
     }
 }
 
-/// A device's range of address space, and what of it is in use.
+/// A device's address space, and what of it is in use.
 pub struct AddressWindow {
-    base: u64,
-    size_bytes: u64,
     /// Bytes that allocations may take together.
     budget_bytes: u64,
     /// Bytes in use, counted with those of other windows.
     used_bytes: &'static AtomicU64,
     /// How many allocations there are.
     allocations: AtomicU32,
-    ranges: Mutex<Ranges>,
+    space: Mutex<AddressSpace>,
     /// Taken ranges and imported host memory.
     pub live: Arc<LiveMemory>,
 }
@@ -86,37 +77,25 @@ impl AddressWindow {
 
     /// As [`Self::reserve`], with the budget shared by the windows that count in `used_bytes`.
     fn reserve_counted(budget_bytes: u64, used_bytes: &'static AtomicU64) -> VkResult<Arc<Self>> {
-        let mut size_bytes = LARGEST_WINDOW;
-        while size_bytes >= SMALLEST_WINDOW {
-            let mut slots = (0..PREFERRED_SLOTS).map(|slot| PREFERRED_BASE + slot * LARGEST_WINDOW);
-            let base = slots
-                .find_map(|slot| map_zero_pages(slot, size_bytes, libc::MAP_FIXED_NOREPLACE))
-                .or_else(|| map_aligned_zero_pages(size_bytes));
-            if let Some(base) = base {
-                return Ok(Arc::new(Self {
-                    base,
-                    size_bytes,
-                    budget_bytes,
-                    used_bytes,
-                    allocations: AtomicU32::new(0),
-                    ranges: Mutex::new(Ranges::new(base, size_bytes)),
-                    live: Arc::default(),
-                }));
-            }
-            size_bytes /= 2;
-        }
-        Err(vk::Result::ERROR_OUT_OF_HOST_MEMORY)
+        let space = AddressSpace::reserve().ok_or(vk::Result::ERROR_OUT_OF_HOST_MEMORY)?;
+        Ok(Arc::new(Self {
+            budget_bytes,
+            used_bytes,
+            allocations: AtomicU32::new(0),
+            space: Mutex::new(space),
+            live: Arc::default(),
+        }))
     }
 
     /// Takes a range of zero pages.
-    fn take(&self, size_bytes: u64, wanted: Option<u64>) -> VkResult<u64> {
+    fn take(&self, size_bytes: u64, placement: Placement) -> VkResult<u64> {
         self.used_bytes
             .fetch_update(Ordering::Relaxed, Ordering::Relaxed, |used| {
                 used.checked_add(size_bytes)
                     .filter(|&sum| sum <= self.budget_bytes)
             })
             .map_err(|_| vk::Result::ERROR_OUT_OF_DEVICE_MEMORY)?;
-        self.take_range(size_bytes, wanted).inspect_err(|_| {
+        self.take_range(size_bytes, placement).inspect_err(|_| {
             self.used_bytes.fetch_sub(size_bytes, Ordering::Relaxed);
         })
     }
@@ -125,11 +104,11 @@ impl AddressWindow {
     ///
     /// # Errors
     /// `VK_ERROR_OUT_OF_DEVICE_MEMORY`, `VK_ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS`.
-    pub fn take_range(&self, size_bytes: u64, wanted: Option<u64>) -> VkResult<u64> {
-        let taken = self.ranges.lock().take(size_bytes, wanted);
-        let Taken { address, was_used } = taken.ok_or(match wanted {
-            Some(_) => vk::Result::ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS,
-            None => vk::Result::ERROR_OUT_OF_DEVICE_MEMORY,
+    pub fn take_range(&self, size_bytes: u64, placement: Placement) -> VkResult<u64> {
+        let taken = self.space.lock().take(size_bytes, placement);
+        let Taken { address, was_used } = taken.ok_or(match placement {
+            Placement::At(_) => vk::Result::ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS,
+            _ => vk::Result::ERROR_OUT_OF_DEVICE_MEMORY,
         })?;
         if was_used {
             // Writes after free are discarded.
@@ -152,17 +131,7 @@ impl AddressWindow {
     pub fn give_back_range(&self, address: u64, size_bytes: u64) {
         self.live.remove(address, size_bytes);
         map_zero_pages(address, size_bytes, libc::MAP_FIXED);
-        self.ranges.lock().give_back(address, size_bytes);
-    }
-}
-
-impl Drop for AddressWindow {
-    fn drop(&mut self) {
-        let outside = self.ranges.get_mut().outside();
-        for &(address, size_bytes) in outside.iter().chain([&(self.base, self.size_bytes)]) {
-            // SAFETY: these are this object's own mappings, and the device that used them is gone.
-            unsafe { libc::munmap(address as *mut _, size_bytes as usize) };
-        }
+        self.space.lock().give_back(address, size_bytes);
     }
 }
 
@@ -216,13 +185,13 @@ impl DeviceMemory {
     ///
     /// # Errors
     /// `VK_ERROR_OUT_OF_DEVICE_MEMORY` past the heap's budget; `VK_ERROR_INVALID_EXTERNAL_HANDLE` for a file that is too short, can be made
-    /// shorter or cannot be mapped, and for a host pointer to what is not there; `VK_ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS` if `wanted` is
-    /// taken; `VK_ERROR_TOO_MANY_OBJECTS` past [`max_allocations`].
+    /// shorter or cannot be mapped, and for a host pointer to what is not there; `VK_ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS` if an
+    /// address that is asked for is taken; `VK_ERROR_TOO_MANY_OBJECTS` past [`max_allocations`].
     pub fn allocate(
         window: &Arc<AddressWindow>,
         size_bytes: u64,
         source: Source,
-        wanted: Option<u64>,
+        placement: Placement,
     ) -> VkResult<Self> {
         let wants_sharing = matches!(source, Source::Shared);
         let file = match source {
@@ -258,7 +227,7 @@ impl DeviceMemory {
         let place = Place::take(&window.allocations)?;
         let has_mapping = wants_sharing || file.is_some();
         let mapping = has_mapping.then(|| Place::take(&MAPPED)).transpose()?;
-        let address = window.take(mapped_bytes, wanted.filter(|&address| address != 0))?;
+        let address = window.take(mapped_bytes, placement)?;
         place.keep();
         if let Some(mapping) = mapping {
             mapping.keep();
@@ -446,7 +415,7 @@ mod tests {
     }
 
     fn allocate(window: &Arc<AddressWindow>, size: u64) -> VkResult<DeviceMemory> {
-        DeviceMemory::allocate(window, size, Source::Fresh, None)
+        DeviceMemory::allocate(window, size, Source::Fresh, Placement::Ordinary)
     }
 
     #[test]
@@ -503,15 +472,17 @@ mod tests {
                 &window,
                 bytes,
                 Source::HostPointer(pointer as *mut u8),
-                None,
+                Placement::Ordinary,
             )
         };
-        assert!(import(own.base, 1 << 20).is_ok());
+        // The first allocation is where the window starts.
+        let base = allocate(&own, 1).ok().unwrap().address;
+        assert!(import(base, 1 << 20).is_ok());
         for (pointer, bytes) in [
-            (own.base, u64::MAX),
+            (base, u64::MAX),
             (0, 4096),
             (1 << 46, 4096),
-            (own.base, 1 << 46),
+            (base, 1 << 46),
         ] {
             let refused = import(pointer, bytes).err();
             assert_eq!(refused, Some(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE));
@@ -522,7 +493,8 @@ mod tests {
     fn an_address_can_be_had_again() {
         let window = AddressWindow::reserve(1 << 30).ok().unwrap();
         let first = allocate(&window, 1).ok().unwrap();
-        let again = |address| DeviceMemory::allocate(&window, 1, Source::Fresh, Some(address));
+        let again =
+            |address| DeviceMemory::allocate(&window, 1, Source::Fresh, Placement::At(address));
         assert!(again(first.address).is_err());
         let address = first.address + 8 * GRANULE;
         drop(first);
@@ -537,7 +509,8 @@ mod tests {
         for _ in 0..20 {
             let [first, second] = [0; 2].map(|_| AddressWindow::reserve(1 << 30).ok().unwrap());
             let address = allocate(&second, 1).ok().unwrap().address;
-            let again = || DeviceMemory::allocate(&first, 1, Source::Fresh, Some(address));
+            let placement = Placement::At(address);
+            let again = || DeviceMemory::allocate(&first, 1, Source::Fresh, placement);
             assert!(again().is_err());
             drop(second);
             let Ok(memory) = again() else { continue };
@@ -554,16 +527,15 @@ mod tests {
     #[test]
     fn exported_memory_is_shared() {
         let window = AddressWindow::reserve(1 << 30).ok().unwrap();
-        let a = DeviceMemory::allocate(&window, 4096, Source::Exportable, None)
-            .ok()
-            .unwrap();
-        let b = DeviceMemory::allocate(&window, 4096, Source::File(a.export().ok().unwrap()), None)
-            .ok()
-            .unwrap();
+        let allocate =
+            |size, source| DeviceMemory::allocate(&window, size, source, Placement::Ordinary);
+        let a = allocate(4096, Source::Exportable).ok().unwrap();
+        let file = Source::File(a.export().ok().unwrap());
+        let b = allocate(4096, file).ok().unwrap();
         write(a.address, 99);
         assert_eq!(read(b.address), 99);
         let too_long = Source::File(a.export().ok().unwrap());
-        assert!(DeviceMemory::allocate(&window, 1 << 20, too_long, None).is_err());
+        assert!(allocate(1 << 20, too_long).is_err());
         let file = a.export().ok().unwrap();
         // SAFETY: plain system calls.
         let shrunk = unsafe { libc::ftruncate(file.as_raw_fd(), 0) };

@@ -1,6 +1,7 @@
 //! The objects behind the handles.
 
 pub mod acceleration_structure;
+pub mod address_space;
 pub mod addressed;
 pub mod buffer;
 pub mod deferred;

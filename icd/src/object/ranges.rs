@@ -4,14 +4,14 @@
 //! quarantine is bounded: what is touched over and over costs page tables.
 
 use std::collections::{BTreeMap, VecDeque};
-
-use super::pages::{GRANULE, map_zero_pages};
+use std::ops::Range;
 
 /// Bytes that may rest. The last few ranges always do, whatever their size.
 const QUARANTINE_BYTES: u64 = 1 << 30;
 const QUARANTINE_LEAST: usize = 4;
 
 /// A range that was taken.
+#[derive(Debug)]
 pub struct Taken {
     pub address: u64,
     /// It was freed before.
@@ -19,6 +19,7 @@ pub struct Taken {
 }
 
 /// Free are all addresses from `next` to `end`, and what was freed.
+#[derive(Default)]
 pub struct Ranges {
     base: u64,
     next: u64,
@@ -28,8 +29,6 @@ pub struct Ranges {
     /// Oldest first.
     resting: VecDeque<(u64, u64)>,
     resting_bytes: u64,
-    /// Mapped outside the window, to give captured addresses again: the device that captured them had another one.
-    outside: Vec<(u64, u64)>,
 }
 
 impl Ranges {
@@ -39,23 +38,17 @@ impl Ranges {
             base,
             next: base,
             end: base + size_bytes,
-            free: BTreeMap::new(),
-            resting: VecDeque::new(),
-            resting_bytes: 0,
-            outside: Vec::new(),
+            ..Self::default()
         }
     }
 
-    /// Memory mapped outside the window.
-    pub fn outside(&self) -> &[(u64, u64)] {
-        &self.outside
+    /// Whether the window has some of the addresses.
+    pub fn overlaps(&self, addresses: &Range<u64>) -> bool {
+        self.base < addresses.end && addresses.start < self.end
     }
 
-    /// Takes a range, at a certain place if it is `wanted` there.
-    pub fn take(&mut self, size_bytes: u64, wanted: Option<u64>) -> Option<Taken> {
-        if let Some(address) = wanted {
-            return self.take_at(address, size_bytes);
-        }
+    /// Takes a range.
+    pub fn take(&mut self, size_bytes: u64) -> Option<Taken> {
         self.take_free(size_bytes).or_else(|| {
             if self.end - self.next >= size_bytes {
                 let address = self.next;
@@ -83,55 +76,45 @@ impl Ranges {
         })
     }
 
-    fn take_at(&mut self, address: u64, size_bytes: u64) -> Option<Taken> {
-        let last = address.checked_add(size_bytes)?;
-        if !address.is_multiple_of(GRANULE) {
-            return None;
+    /// Takes certain addresses: of the window, or of what was given back.
+    pub fn take_at(&mut self, addresses: &Range<u64>) -> Option<Taken> {
+        let is_fresh = self.next <= addresses.start && addresses.end <= self.end;
+        if self.next < addresses.end && addresses.end <= self.end {
+            self.add_free(self.next, addresses.end - self.next);
+            self.next = addresses.end;
         }
-        if self.next <= address && last <= self.end {
-            if address > self.next {
-                self.add_free(self.next, address - self.next);
-            }
-            self.next = last;
-            return Some(Taken {
-                address,
-                was_used: false,
-            });
-        }
-        self.wake(0, 0);
-        self.take_free_at(address, last).or_else(|| {
-            if self.base < last && address < self.end {
+        if !self.take_free_at(addresses) {
+            self.wake(0, 0);
+            if !self.take_free_at(addresses) {
                 return None;
             }
-            map_zero_pages(address, size_bytes, libc::MAP_FIXED_NOREPLACE)?;
-            self.outside.push((address, size_bytes));
-            Some(Taken {
-                address,
-                was_used: false,
-            })
-        })
-    }
-
-    fn take_free_at(&mut self, address: u64, last: u64) -> Option<Taken> {
-        let (&start, &free) = self.free.range(..=address).next_back()?;
-        let end = start + free;
-        if last > end {
-            return None;
-        }
-        self.free.remove(&start);
-        if address > start {
-            self.free.insert(start, address - start);
-        }
-        if end > last {
-            self.free.insert(last, end - last);
         }
         Some(Taken {
-            address,
-            was_used: true,
+            address: addresses.start,
+            was_used: !is_fresh,
         })
     }
 
-    /// Frees a range.
+    /// Takes certain addresses, if they are free.
+    fn take_free_at(&mut self, addresses: &Range<u64>) -> bool {
+        let before = self.free.range(..=addresses.start).next_back();
+        let Some((start, end)) = before.map(|(&start, &free)| (start, start + free)) else {
+            return false;
+        };
+        if addresses.end > end {
+            return false;
+        }
+        self.free.remove(&start);
+        if addresses.start > start {
+            self.free.insert(start, addresses.start - start);
+        }
+        if end > addresses.end {
+            self.free.insert(addresses.end, end - addresses.end);
+        }
+        true
+    }
+
+    /// Frees a range, which may lie outside the window.
     pub fn give_back(&mut self, address: u64, size_bytes: u64) {
         self.resting.push_back((address, size_bytes));
         self.resting_bytes += size_bytes;
@@ -166,12 +149,13 @@ impl Ranges {
 
 #[cfg(test)]
 mod tests {
+    use super::super::pages::GRANULE;
     use super::*;
 
     #[test]
     fn ranges_rest_join_and_split() {
         let mut ranges = Ranges::new(GRANULE, 1 << 31);
-        let take = |ranges: &mut Ranges, size| ranges.take(size, None).unwrap().address;
+        let take = |ranges: &mut Ranges, size| ranges.take(size).unwrap().address;
         let half = QUARANTINE_BYTES / 2;
         let first: Vec<u64> = (0..4).map(|_| take(&mut ranges, half / 2)).collect();
         for &address in &first {
@@ -184,8 +168,27 @@ mod tests {
         assert_eq!(take(&mut ranges, GRANULE), GRANULE);
         assert_eq!(take(&mut ranges, half / 2), GRANULE + 2 * half + GRANULE);
         // A certain one is given though it rests.
-        assert!(ranges.take(GRANULE, Some(first[2])).unwrap().was_used);
-        assert!(ranges.take(GRANULE, Some(first[2])).is_none());
+        let third = first[2]..first[2] + GRANULE;
+        assert!(ranges.take_at(&third).unwrap().was_used);
+        assert!(ranges.take_at(&third).is_none());
         assert_eq!(take(&mut ranges, GRANULE), 2 * GRANULE);
+    }
+    #[test]
+    fn certain_ranges_are_had_in_any_order() {
+        let mut ranges = Ranges::new(0, 100 * GRANULE);
+        let part = |from: u64, to: u64| from * GRANULE..to * GRANULE;
+        // The first two granules were used for something else before.
+        let other = ranges.take(2 * GRANULE).unwrap().address;
+        assert!(ranges.take_at(&part(1, 5)).is_none());
+        ranges.give_back(other, 2 * GRANULE);
+        for (from, to) in [(20, 30), (1, 5), (30, 31), (0, 1), (5, 20), (99, 100)] {
+            let taken = ranges.take_at(&part(from, to)).expect("it is free");
+            assert_eq!(taken.address, from * GRANULE);
+            for (from, to) in [(from, to), (from, from + 1), (to - 1, to)] {
+                assert!(ranges.take_at(&part(from, to)).is_none());
+            }
+        }
+        assert!(ranges.take_at(&part(99, 101)).is_none());
+        assert_eq!(ranges.take(GRANULE).unwrap().address, 31 * GRANULE);
     }
 }

@@ -8,6 +8,7 @@ use std::sync::Arc;
 use ash::vk;
 
 use super::DeviceMemory;
+use super::address_space::Placement;
 use super::memory::AddressWindow;
 use super::pages::{GRANULE, map_zero_pages, page_bytes};
 use crate::VkResult;
@@ -21,22 +22,22 @@ pub struct Reservation {
 }
 
 impl Reservation {
-    /// Takes address space, at a certain place if it is `wanted` there.
+    /// Takes address space.
     ///
     /// # Errors
-    /// `VK_ERROR_OUT_OF_DEVICE_MEMORY` if there is not so much; `VK_ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS` if it is taken.
+    /// `VK_ERROR_OUT_OF_DEVICE_MEMORY` if there is not so much; `VK_ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS` if an address that is asked for
+    /// is taken.
     pub fn new(
         window: &Arc<AddressWindow>,
         size_bytes: u64,
-        wanted: Option<u64>,
+        placement: Placement,
     ) -> VkResult<Arc<Self>> {
         let size_bytes = size_bytes
             .max(1)
             .checked_next_multiple_of(GRANULE)
             .ok_or(vk::Result::ERROR_OUT_OF_DEVICE_MEMORY)?;
-        let wanted = wanted.filter(|&address| address != 0);
         Ok(Arc::new(Self {
-            address: window.take_range(size_bytes, wanted)?,
+            address: window.take_range(size_bytes, placement)?,
             window: Arc::clone(window),
             size_bytes,
         }))
@@ -125,9 +126,11 @@ mod tests {
     #[test]
     fn memory_shows_up_where_it_is_bound() {
         let window = AddressWindow::reserve(1 << 30).ok().unwrap();
-        let allocate = |source| DeviceMemory::allocate(&window, 4 * GRANULE, source, None);
+        let allocate =
+            |source| DeviceMemory::allocate(&window, 4 * GRANULE, source, Placement::Ordinary);
         let memory = handle::new(allocate(Source::Shared).ok().unwrap());
-        let resource = Reservation::new(&window, 3 * GRANULE, None).ok().unwrap();
+        let resource = Reservation::new(&window, 3 * GRANULE, Placement::Ordinary);
+        let resource = resource.ok().unwrap();
         let bind = |offset: u64, size_bytes: u64, memory: Option<(Ref<DeviceMemory>, u64)>| {
             SparseBind {
                 resource: Arc::clone(&resource),

@@ -27,6 +27,7 @@ use crate::ffi::vk::{
     PRESENT_STAGE_QUEUE_OPERATIONS_END_EXT, PRESENT_STAGE_REQUEST_DEQUEUED_EXT,
 };
 use crate::handle::{self, Ref};
+use crate::object::address_space::Placement;
 use crate::object::memory::{AddressWindow, Source};
 use crate::object::sync::Waiting;
 use crate::object::{DeviceMemory, Image};
@@ -139,13 +140,13 @@ impl Swapchain {
         let size_bytes = stride
             .checked_mul(u64::from(count))
             .ok_or(vk::Result::ERROR_OUT_OF_DEVICE_MEMORY)?;
+        let allocate =
+            |source| DeviceMemory::allocate(addresses, size_bytes, source, Placement::Ordinary);
         // A window's server reads the images where they are, if it can.
-        let shareable = window
-            .is_some()
-            .then(|| DeviceMemory::allocate(addresses, size_bytes, Source::Exportable, None));
+        let shareable = window.is_some().then(|| allocate(Source::Exportable));
         let memory = match shareable {
             Some(Ok(memory)) => memory,
-            _ => DeviceMemory::allocate(addresses, size_bytes, Source::Fresh, None)?,
+            _ => allocate(Source::Fresh)?,
         };
         for (index, image) in (0..).zip(&images) {
             image.bind(memory.address + index * stride);
