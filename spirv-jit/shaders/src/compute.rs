@@ -28,7 +28,20 @@ pub struct Memory {
 
 /// Runs `groups` workgroups along x, one after the other.
 pub fn dispatch(program: &Program, groups: u32, memory: &mut Memory) {
+    dispatch_over(program, groups, memory, &[]);
+}
+
+/// The same, with descriptors of other memory, by their index.
+pub fn dispatch_over(
+    program: &Program,
+    groups: u32,
+    memory: &mut Memory,
+    others: &[(usize, Descriptor)],
+) {
     let mut entries = vec![Descriptor::NULL; 256];
+    for &(index, descriptor) in others {
+        entries[index] = descriptor;
+    }
     for (index, words) in &mut memory.buffers {
         entries[*index] = descriptor(words);
     }

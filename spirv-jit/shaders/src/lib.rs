@@ -10,6 +10,7 @@ mod glsl;
 pub mod raster;
 #[cfg(feature = "glsl")]
 pub mod samples;
+pub mod sparse;
 
 use std::sync::LazyLock;
 

@@ -1,9 +1,9 @@
 //! Arithmetic, logic and comparison, component by component.
 
-use rspirv::spirv::Op;
+use rspirv::spirv::{Op, StorageClass};
 
 use super::Lowerer;
-use super::types::TypeKind;
+use super::types::{TypeKind, pointer_leaves};
 use super::values::Values;
 use crate::Error;
 use crate::ir::{self, Type, Value};
@@ -295,20 +295,7 @@ impl Lowerer<'_> {
             return Err(self.b.invalid("these pointers cannot be compared"));
         }
         if instruction.opcode == Op::PtrDiff {
-            let ty = self.type_of(operands[0])?;
-            let (_, pointee) = self.types.pointer(ty)?;
-            let stride = self.layout().natural(pointee)?.0.max(1);
-            let difference = self
-                .b
-                .binary(ir::Op::ISub, a[a.len() - 1], b[b.len() - 1])?;
-            let stride = self.b.constant(self.b.ty(difference), stride);
-            let difference = self.b.binary(ir::Op::SDiv, difference, stride)?;
-            let ty = self.types.scalar(instruction.result_type)?;
-            let difference = match self.b.ty(difference) {
-                from if from == ty => difference,
-                _ => self.b.emit(ir::Op::SConvert, &[difference], ty)?,
-            };
-            return self.define_typed(instruction, vec![difference]);
+            return self.lower_pointer_difference(instruction, a[a.len() - 1], b[b.len() - 1]);
         }
         let mut equal = self.b.bool(true);
         for (&a, &b) in a.iter().zip(b.iter()) {
@@ -319,6 +306,33 @@ impl Lowerer<'_> {
             equal = self.b.unary(ir::Op::Not, equal)?;
         }
         self.define_typed(instruction, vec![equal])
+    }
+
+    /// `OpPtrDiff`: elements between two addresses or offsets.
+    fn lower_pointer_difference(
+        &mut self,
+        instruction: &Instruction,
+        a: Value,
+        b: Value,
+    ) -> Result<(), Error> {
+        let pointer = self.type_of(self.module.operands(instruction)[0])?;
+        let (class, pointee) = self.types.pointer(pointer)?;
+        let stride = match class {
+            StorageClass::Workgroup => self.shared_layout().pointer_stride(pointer)?,
+            _ if *pointer_leaves(class) == [Type::I32] => self.types.info(pointee)?.rows,
+            _ => self.layout().pointer_stride(pointer)?,
+        };
+        // Offsets into a buffer may be more than 2³¹ apart.
+        let [a, b] = [self.b.i64_of(a, false)?, self.b.i64_of(b, false)?];
+        let bytes = self.b.binary(ir::Op::ISub, a, b)?;
+        let stride = self.b.i64(stride.max(1));
+        let elements = self.b.binary(ir::Op::SDiv, bytes, stride)?;
+        let ty = self.types.scalar(instruction.result_type)?;
+        let elements = match ty {
+            Type::I64 => elements,
+            _ => self.b.emit(ir::Op::SConvert, &[elements], ty)?,
+        };
+        self.define_typed(instruction, vec![elements])
     }
 
     /// `OpSDot` and its kin: integer products, widened, summed, and in the `AccSat` forms added with saturation.

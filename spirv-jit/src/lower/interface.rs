@@ -221,19 +221,18 @@ impl Lowerer<'_> {
         }
         let mut ids: Vec<Id> = self.variables.keys().copied().collect();
         ids.sort_unstable();
+        ids.retain(|&id| {
+            self.variables[&id].class == StorageClass::Workgroup && self.is_listed(id)
+        });
+        let annotations = &self.module.annotations;
+        let is_block = |pointee| annotations.id(pointee, Decoration::Block).is_some();
+        self.lays_out_shared = (ids.iter()).any(|id| is_block(self.variables[id].pointee));
         let mut end = 0u64;
         let mut blocks = 0u64;
         for id in ids {
-            let variable = self.variables[&id];
-            if variable.class != StorageClass::Workgroup || !self.is_listed(id) {
-                continue;
-            }
-            let (size, align) = self.layout().natural(variable.pointee)?;
-            let block = self
-                .module
-                .annotations
-                .id(variable.pointee, Decoration::Block);
-            if block.is_some() {
+            let pointee = self.variables[&id].pointee;
+            let (size, align) = self.shared_layout().natural(pointee)?;
+            if is_block(pointee) {
                 self.shared.insert(id, 0);
                 blocks = blocks.max(size);
             } else {

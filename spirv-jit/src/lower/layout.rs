@@ -14,17 +14,34 @@ use crate::parse::{Annotations, Id};
 pub(super) struct Layout<'a> {
     pub types: &'a Types,
     pub annotations: &'a Annotations,
+    /// `ArrayStride` counts: not in workgroup memory that the compiler lays out.
+    pub has_strides: bool,
 }
 
 impl Layout<'_> {
-    /// Bytes between the elements of an array.
-    pub fn array_stride(&self, array: Id) -> Result<u64, Error> {
-        if let Some(stride) = self.annotations.id(array, Decoration::ArrayStride) {
-            return Ok(stride as u64);
+    /// What the decoration of an array, or of a pointer into one, says of its elements.
+    fn given_stride(&self, id: Id) -> Option<u64> {
+        let given = self.annotations.id(id, Decoration::ArrayStride);
+        given.filter(|_| self.has_strides).map(u64::from)
+    }
+
+    /// Bytes between elements of a type in an array.
+    fn stride(&self, given_by: Id, element: Id) -> Result<u64, Error> {
+        if let Some(stride) = self.given_stride(given_by) {
+            return Ok(stride);
         }
-        let element = self.types.element(array, None)?;
         let (size, align) = self.natural(element)?;
         Ok(size.next_multiple_of(align))
+    }
+
+    /// Bytes between the elements of an array.
+    pub fn array_stride(&self, array: Id) -> Result<u64, Error> {
+        self.stride(array, self.types.element(array, None)?)
+    }
+
+    /// Bytes between the elements of the array that pointers of a type lead into.
+    pub fn pointer_stride(&self, pointer: Id) -> Result<u64, Error> {
+        self.stride(pointer, self.types.pointer(pointer)?.1)
     }
 
     /// Bytes before a member.
@@ -86,8 +103,8 @@ impl Layout<'_> {
             }
             | TypeKind::Array { element, count } => {
                 let (size, align) = self.natural(*element)?;
-                let stride = match self.annotations.id(id, Decoration::ArrayStride) {
-                    Some(stride) => stride as u64,
+                let stride = match self.given_stride(id) {
+                    Some(stride) => stride,
                     None => size.next_multiple_of(align),
                 };
                 (stride.saturating_mul(*count as u64), align)

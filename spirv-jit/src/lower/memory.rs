@@ -96,7 +96,7 @@ impl Lowerer<'_> {
                 self.load_runs(pointer, &leaves, |ty| ty.rows() as u64)
             }
             Place::Shared { .. } | Place::Buffer { .. } | Place::Global { .. } => {
-                let leaves = self.layout().leaves(ty, pointer.shape)?;
+                let leaves = self.layout_in(&pointer.place).leaves(ty, pointer.shape)?;
                 self.load_runs(pointer, &leaves, |ty| ty.size_bytes() as u64)
             }
         }
@@ -160,7 +160,7 @@ impl Lowerer<'_> {
                 self.store_runs(pointer, &leaves, values, |ty| ty.rows() as u64)
             }
             Place::Shared { .. } | Place::Buffer { .. } | Place::Global { .. } => {
-                let leaves = self.layout().leaves(ty, pointer.shape)?;
+                let leaves = self.layout_in(&pointer.place).leaves(ty, pointer.shape)?;
                 self.store_runs(pointer, &leaves, values, |ty| ty.size_bytes() as u64)
             }
             _ => Err(self.b.invalid("this memory cannot be written")),

@@ -65,7 +65,7 @@ use self::layout::Layout;
 use self::stage_interface::{Evaluation, InterfaceWord};
 use self::structure::Plan;
 use self::types::Types;
-use self::values::{Local, Val};
+use self::values::{Local, Place, Val};
 use crate::error::ErrorKind;
 use crate::ir::InputRow;
 use crate::ir::interface::OutputRow;
@@ -139,6 +139,9 @@ struct Lowerer<'a> {
     /// Byte offset of each variable of workgroup memory.
     shared: HashMap<Id, u32>,
     shared_size_bytes: u32,
+    /// The module gives its layout: its variables are blocks
+    /// (`SPV_KHR_workgroup_memory_explicit_layout`).
+    lays_out_shared: bool,
     output_rows: u32,
     /// Of vertex and fragment stages: what each output word is, and the variables that they are of, in order.
     outputs: Vec<OutputRow>,
@@ -190,6 +193,7 @@ impl<'a> Lowerer<'a> {
             input_index: HashMap::default(),
             shared: HashMap::default(),
             shared_size_bytes: 0,
+            lays_out_shared: false,
             output_rows: 0,
             outputs: Vec::new(),
             output_variables: Vec::new(),
@@ -211,6 +215,23 @@ impl<'a> Lowerer<'a> {
         Layout {
             types: &self.types,
             annotations: &self.module.annotations,
+            has_strides: true,
+        }
+    }
+
+    /// The layout of workgroup memory.
+    fn shared_layout(&self) -> Layout<'_> {
+        Layout {
+            has_strides: self.lays_out_shared,
+            ..self.layout()
+        }
+    }
+
+    /// The layout of the memory that a place is in.
+    fn layout_in(&self, place: &Place) -> Layout<'_> {
+        match place {
+            Place::Shared { .. } => self.shared_layout(),
+            _ => self.layout(),
         }
     }
 

@@ -19,12 +19,70 @@ const NO_BINDING: DescriptorBinding = DescriptorBinding {
     dynamic: false,
 };
 
+/// Offsets into a buffer have 32 bits, and `maxStorageBufferRange` is 2³²−1 bytes.
+const OFFSETS: u64 = 1 << 32;
+
 /// An index of an access chain.
 #[derive(Clone, Copy)]
 enum Index {
     Constant(i64),
-    /// i32 or i64, with its type's sign.
-    Value(Value, bool),
+    /// i32 or i64; narrower ones were extended.
+    Value(Value),
+}
+
+/// The elements that an index selects from.
+#[derive(Clone, Copy)]
+enum Elements {
+    /// The elements of an array, a vector or a matrix of this many.
+    Counted(u32),
+    /// The elements of a runtime array.
+    Open,
+    /// Elements before and behind a pointer: `OpPtrAccessChain` steps both ways.
+    Around,
+}
+
+/// Upper bounds that keep an offset from wrapping: a wrapped offset would be inside the buffer.
+#[derive(Default)]
+struct Limits {
+    index: Option<u64>,
+    /// Of the computed part of the offset.
+    offset: Option<u32>,
+}
+
+impl Limits {
+    /// Returns the limits of an index into elements of `size` bytes, `stride` bytes apart. The
+    /// elements start at `constant`, or `constant` bytes behind a computed offset.
+    fn of(
+        is_computed: bool,
+        constant: u32,
+        (stride, size): (u64, u64),
+        elements: Elements,
+    ) -> Self {
+        if stride == 0 {
+            return Self::default();
+        }
+        // The start of the last element that ends at 2³² or below. A larger index is this one, which
+        // is outside of every buffer, except one that ends in the last `size` bytes below 2³².
+        let end = OFFSETS.saturating_sub(size.saturating_add(constant.into()));
+        match elements {
+            // Two steps may lead out of the buffer and back.
+            Elements::Around => Self::default(),
+            Elements::Open => Self {
+                index: Some(end / stride),
+                offset: is_computed.then_some(end as u32),
+            },
+            // A valid index stays inside the enclosing element. Any other is undefined; this limit
+            // leads it out of buffers of up to 2³¹ bytes.
+            Elements::Counted(count) if is_computed => Self {
+                index: Some(u64::from(count.saturating_sub(1)).max((OFFSETS / 2).div_ceil(stride))),
+                offset: None,
+            },
+            Elements::Counted(_) => Self {
+                index: Some(end / stride),
+                offset: None,
+            },
+        }
+    }
 }
 
 impl Lowerer<'_> {
@@ -175,57 +233,42 @@ impl Lowerer<'_> {
         Ok(a.kind == b.kind)
     }
 
-    fn index(&mut self, id: Id) -> Result<Index, Error> {
+    /// Returns an index, extended as its type says, or as a signed one if `is_signed`.
+    fn index(&mut self, id: Id, is_signed: bool) -> Result<Index, Error> {
         if self.constants.find(id).is_some() {
-            return Ok(Index::Constant(self.constants.integer(&self.types, id)?));
+            let index = self.constants.integer(&self.types, id)?;
+            let unused = match is_signed {
+                true => 64 - self.types.scalar(self.type_of(id)?)?.bits(),
+                false => 0,
+            };
+            return Ok(Index::Constant(index << unused >> unused));
         }
-        let signed = self.types.is_signed(self.type_of(id)?);
+        let is_signed = is_signed || self.types.is_signed(self.type_of(id)?);
         let value = self.scalar(id)?;
-        let value = match self.b.ty(value) {
+        Ok(Index::Value(match self.b.ty(value) {
             Type::I32 | Type::I64 => value,
-            _ => self.b.i32_of(value, signed)?,
-        };
-        Ok(Index::Value(value, signed))
+            _ => self.b.i32_of(value, is_signed)?,
+        }))
     }
 
-    /// Workgroup memory has explicit layouts: its variables are blocks (`SPV_KHR_workgroup_memory_explicit_layout`).
-    fn lays_out_shared(&self) -> bool {
-        let block = |pointee| self.module.annotations.id(pointee, Decoration::Block);
-        (self.variables.values()).any(|variable| {
-            variable.class == StorageClass::Workgroup && block(variable.pointee).is_some()
-        })
-    }
-
-    /// The element operand of `OpPtrAccessChain`: the pointer is one into an array.
+    /// Applies the element operand of `OpPtrAccessChain`, a signed count of elements.
     fn step_element(&mut self, pointer: Pointer, base: Id, index: Id) -> Result<Pointer, Error> {
-        let index = self.index(index)?;
-        let given = self.module.annotations.id(base, Decoration::ArrayStride);
-        let is_shared = matches!(pointer.place, Place::Shared { .. });
-        // Workgroup memory is laid out by the compiler, unless the module says that it does so itself.
-        let given = given.filter(|_| !is_shared || self.lays_out_shared());
-        let pointee = pointer.pointee;
-        match &pointer.place {
+        let index = self.index(index, true)?;
+        let stride = match &pointer.place {
             Place::Shared { .. } | Place::Buffer { .. } | Place::Global { .. } => {
-                let stride = match given {
-                    Some(stride) => stride as u64,
-                    None => {
-                        let (size, align) = self.layout().natural(pointee)?;
-                        size.next_multiple_of(align)
-                    }
-                };
-                self.advance(pointer, index, stride, None)
+                self.layout_in(&pointer.place).pointer_stride(base)?
             }
-            Place::Local { .. } | Place::Private { .. } => {
-                let rows = self.types.info(pointee)?.rows;
-                self.advance(pointer, index, rows, None)
-            }
-            _ => Err(self.b.invalid("this pointer cannot be moved")),
-        }
+            Place::Local { .. } | Place::Private { .. } => self.types.info(pointer.pointee)?.rows,
+            _ => return Err(self.b.invalid("this pointer cannot be moved")),
+        };
+        self.advance(pointer, index, stride, Elements::Around)
     }
 
     /// One index of an access chain.
     fn step(&mut self, mut pointer: Pointer, index: Id) -> Result<Pointer, Error> {
-        let index = self.index(index)?;
+        // SPIR-V: each index "is treated as signed". Logical pointers have no valid index below 0:
+        // there a narrow unsigned index keeps its value.
+        let index = self.index(index, matches!(pointer.place, Place::Global { .. }))?;
         let ty = pointer.pointee;
         let kind = self.types.kind(ty)?.clone();
         let member = match (&kind, index) {
@@ -241,11 +284,13 @@ impl Lowerer<'_> {
         };
         let element = self.types.element(ty, member)?;
         pointer.pointee = element;
-        let count = match kind {
+        let elements = match kind {
             TypeKind::Vector { count, .. }
             | TypeKind::Matrix { count, .. }
-            | TypeKind::Array { count, .. } => Some(count),
-            _ => None,
+            | TypeKind::Array { count, .. } => Elements::Counted(count),
+            TypeKind::RuntimeArray { .. } => Elements::Open,
+            // A member is one step of its offset.
+            _ => Elements::Around,
         };
         match &mut pointer.place {
             Place::Handle {
@@ -259,13 +304,10 @@ impl Lowerer<'_> {
                     Index::Constant(index) => {
                         *constant = constant.wrapping_add((index as u32).wrapping_mul(width));
                     }
-                    Index::Value(value, signed) => {
-                        let value = self.b.i32_of(value, signed)?;
+                    Index::Value(value) => {
+                        let value = self.b.i32_of(value, false)?;
                         let value = self.b.scale(value, width as u64)?;
-                        *at = Some(match *at {
-                            Some(at) => self.b.binary(ir::Op::IAdd, at, value)?,
-                            None => value,
-                        });
+                        *at = Some(self.add(*at, value)?);
                     }
                 }
                 self.enter_block(pointer)
@@ -278,18 +320,18 @@ impl Lowerer<'_> {
                     }
                     None => (index, self.types.info(element)?.rows),
                 };
-                let count = if member.is_some() { None } else { count };
-                self.advance(pointer, index, stride, count)
+                self.advance(pointer, index, stride, elements)
             }
             Place::Shared { .. } | Place::Buffer { .. } | Place::Global { .. } => {
                 let shape = pointer.shape;
                 let (stride, index) = match (&kind, member) {
                     (_, Some(member)) => {
-                        pointer.shape = self.layout().member_shape(ty, member);
                         let annotations = &self.module.annotations;
                         let volatile = annotations.member(ty, member, Decoration::Volatile);
                         pointer.volatile |= volatile.is_some();
-                        let offset = self.layout().member_offset(ty, member)?;
+                        let layout = self.layout_in(&pointer.place);
+                        let offset = layout.member_offset(ty, member)?;
+                        pointer.shape = layout.member_shape(ty, member);
                         (offset, Index::Constant(1))
                     }
                     (TypeKind::Vector { .. }, _) => {
@@ -310,9 +352,9 @@ impl Lowerer<'_> {
                             (stride, index)
                         }
                     }
-                    _ => (self.layout().array_stride(ty)?, index),
+                    _ => (self.layout_in(&pointer.place).array_stride(ty)?, index),
                 };
-                self.advance(pointer, index, stride, None)
+                self.advance(pointer, index, stride, elements)
             }
             Place::Descriptor(_) | Place::Texel { .. } => {
                 Err(self.b.invalid("this pointer has no elements"))
@@ -330,80 +372,127 @@ impl Lowerer<'_> {
         }
     }
 
-    /// The pointer `index * stride` further on; per-lane memory counts rows and stays inside `count` elements.
+    /// Moves a pointer by `index * stride` bytes, or rows of per-lane memory.
     fn advance(
         &mut self,
         mut pointer: Pointer,
         index: Index,
         stride: u64,
-        count: Option<u32>,
+        elements: Elements,
     ) -> Result<Pointer, Error> {
-        let in_rows = matches!(
-            pointer.place,
-            Place::Local { .. } | Place::Private { .. } | Place::Input { .. }
-        );
-        match index {
-            Index::Constant(index) => {
-                let index = match count {
-                    // Outside, the access is undefined; inside, it is harmless.
-                    Some(count) if in_rows => index.clamp(0, count as i64 - 1),
-                    _ => index,
-                };
-                let step = (index as u64).wrapping_mul(stride);
-                match &mut pointer.place {
-                    Place::Local { row, .. } | Place::Input { row, .. } => {
-                        *row = row.wrapping_add(step as u32);
-                    }
-                    Place::Private { constant, .. }
-                    | Place::Shared { constant, .. }
-                    | Place::Buffer { constant, .. } => {
-                        *constant = constant.wrapping_add(step as u32);
-                    }
-                    Place::Global { constant, .. } => *constant = constant.wrapping_add(step),
-                    _ => return Err(self.b.invalid("this pointer cannot be moved")),
-                }
+        match &mut pointer.place {
+            Place::Local { .. } | Place::Private { .. } | Place::Input { .. } => {
+                return self.advance_rows(pointer, index, stride, elements);
             }
-            Index::Value(value, signed) => {
-                if let Place::Global { address, .. } = &mut pointer.place {
-                    let wide = self.b.i64_of(value, signed)?;
-                    let step = self.b.scale(wide, stride)?;
+            Place::Global { address, constant } => match index {
+                Index::Constant(index) => {
+                    *constant = constant.wrapping_add((index as u64).wrapping_mul(stride));
+                }
+                Index::Value(index) => {
+                    let index = self.b.i64_of(index, true)?;
+                    let step = self.b.scale(index, stride)?;
                     *address = self.b.binary(ir::Op::IAdd, *address, step)?;
-                    return Ok(pointer);
                 }
-                let mut value = self.b.i32_of(value, signed)?;
-                if in_rows {
-                    if !matches!(pointer.place, Place::Input { .. }) {
-                        pointer = self.materialize(pointer)?;
-                    }
-                    if let Some(count) = count {
-                        let last = self.b.i32(count - 1);
-                        value = self.b.binary(ir::Op::UMin, value, last)?;
-                    }
-                }
-                if matches!(pointer.place, Place::Buffer { .. }) && count.is_none() && stride > 1 {
-                    // An offset that wrapped would come back into the buffer; none reaches past
-                    // `maxStorageBufferRange`, 2³¹ bytes, and an index there is out of bounds.
-                    let last = self.b.i32((1u64 << 31).div_ceil(stride) as u32);
-                    value = self.b.binary(ir::Op::UMin, value, last)?;
-                }
-                let step = self.b.scale(value, stride)?;
-                match &mut pointer.place {
-                    Place::Private { row, .. } => {
-                        *row = self.b.binary(ir::Op::IAdd, *row, step)?;
-                    }
-                    Place::Shared { offset, .. }
-                    | Place::Buffer { offset, .. }
-                    | Place::Input { index: offset, .. } => {
-                        *offset = Some(match *offset {
-                            Some(offset) => self.b.binary(ir::Op::IAdd, offset, step)?,
-                            None => step,
-                        });
-                    }
-                    _ => return Err(self.b.invalid("this pointer cannot be moved")),
-                }
+            },
+            Place::Shared { offset, constant } => {
+                self.move_offset((offset, constant), index, stride, &Limits::default())?;
             }
+            Place::Buffer {
+                offset, constant, ..
+            } => {
+                // In a row-major matrix the components of a column are apart.
+                let size = stride + 3 * u64::from(pointer.shape.component_stride);
+                let limits = Limits::of(offset.is_some(), *constant, (stride, size), elements);
+                self.move_offset((offset, constant), index, stride, &limits)?;
+            }
+            _ => return Err(self.b.invalid("this pointer cannot be moved")),
         }
         Ok(pointer)
+    }
+
+    /// [`Self::advance`] in per-lane memory. An access outside of the array is undefined; an index
+    /// inside makes it harmless.
+    fn advance_rows(
+        &mut self,
+        mut pointer: Pointer,
+        index: Index,
+        stride: u64,
+        elements: Elements,
+    ) -> Result<Pointer, Error> {
+        let last = match elements {
+            Elements::Counted(count) => Some(u64::from(count.saturating_sub(1))),
+            _ => None,
+        };
+        let index = match index {
+            Index::Constant(index) => {
+                let index = last.map_or(index, |last| index.clamp(0, last as i64));
+                let step = (index as u64).wrapping_mul(stride) as u32;
+                match &mut pointer.place {
+                    Place::Local { row, .. } | Place::Input { row, .. } => {
+                        *row = row.wrapping_add(step);
+                    }
+                    Place::Private { constant, .. } => *constant = constant.wrapping_add(step),
+                    _ => return Err(self.b.invalid("this pointer cannot be moved")),
+                }
+                return Ok(pointer);
+            }
+            Index::Value(index) => index,
+        };
+        if !matches!(pointer.place, Place::Input { .. }) {
+            pointer = self.materialize(pointer)?;
+        }
+        let index = self.at_most(index, last)?;
+        let step = self.b.scale(index, stride)?;
+        match &mut pointer.place {
+            Place::Private { row, .. } => *row = self.b.binary(ir::Op::IAdd, *row, step)?,
+            Place::Input { index, .. } => *index = Some(self.add(*index, step)?),
+            _ => return Err(self.b.invalid("this pointer cannot be moved")),
+        }
+        Ok(pointer)
+    }
+
+    /// Adds `index * stride` to an offset and its constant part, modulo 2³².
+    fn move_offset(
+        &mut self,
+        (offset, constant): (&mut Option<Value>, &mut u32),
+        index: Index,
+        stride: u64,
+        limits: &Limits,
+    ) -> Result<(), Error> {
+        let index = match index {
+            Index::Constant(index) => {
+                let index = limits.index.unwrap_or(u64::MAX).min(index as u64);
+                *constant = constant.wrapping_add(index.wrapping_mul(stride) as u32);
+                return Ok(());
+            }
+            Index::Value(index) => index,
+        };
+        let index = self.at_most(index, limits.index)?;
+        let mut step = self.b.scale(index, stride)?;
+        if let (Some(end), Some(offset)) = (limits.offset, *offset) {
+            let end = self.b.i32(end);
+            let room = self.b.binary(ir::Op::ISub, end, offset)?;
+            step = self.b.binary(ir::Op::UMin, step, room)?;
+        }
+        *offset = Some(self.add(*offset, step)?);
+        Ok(())
+    }
+
+    /// Returns the lesser of an index and `last`, as an i32.
+    fn at_most(&mut self, mut index: Value, last: Option<u64>) -> Result<Value, Error> {
+        let ty = self.b.ty(index);
+        if let Some(last) = last.filter(|&last| last < u64::MAX >> (64 - ty.bits())) {
+            let last = self.b.constant(ty, last);
+            index = self.b.binary(ir::Op::UMin, index, last)?;
+        }
+        self.b.i32_of(index, false)
+    }
+
+    fn add(&mut self, sum: Option<Value>, term: Value) -> Result<Value, Error> {
+        match sum {
+            Some(sum) => self.b.binary(ir::Op::IAdd, sum, term),
+            None => Ok(term),
+        }
     }
 
     /// A pointer to per-lane memory as a computed row: what a computed index needs.

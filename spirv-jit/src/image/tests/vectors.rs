@@ -9,6 +9,7 @@ use super::super::texels;
 use super::super::vector::{self, Vector};
 use super::*;
 use crate::eval::quad;
+use shaders::sparse::Sparse;
 
 /// The test body for each instruction set.
 trait Case {
@@ -332,6 +333,108 @@ proptest! {
                 image
             };
             in_every_tier(&mut Operation { op, images: [&image(), &image()], rows, mask });
+        }
+    }
+}
+
+/// Reads and writes sixteen texels of a large buffer.
+struct Far<'m> {
+    memory: &'m Sparse,
+    format: Format,
+    /// Of the buffer, whose last texels these are.
+    size_bytes: u64,
+}
+
+impl Case for Far<'_> {
+    #[inline(always)]
+    unsafe fn run<V: Vector>(&mut self, v: V) {
+        let info = self.format.info().unwrap();
+        let (data, texel_bytes) = (self.memory.as_mut_ptr(), u64::from(info.size_bytes));
+        let image = ImageDescriptor::texel_buffer(data, self.size_bytes, self.format);
+        let texels = self.size_bytes / texel_bytes;
+        // Apart, and the last one last.
+        let index = |lane: u64| texels - 1 - 3 * (15 - lane);
+        let words: Texels = std::array::from_fn(|component| {
+            std::array::from_fn(|lane| (component as u32 + 1) * (16 + lane as u32))
+        });
+        let op = |kind| ImageOp {
+            texel: Type::I32,
+            ..ImageOp::plain(kind, Dim::Buffer)
+        };
+        let (write, read) = (op(ImageOpKind::Write), op(ImageOpKind::Read));
+        let place: Row = std::array::from_fn(|lane| index(lane as u64) as u32);
+        let rows = [&place, &words[0], &words[1], &words[2], &words[3]];
+        let plain = |op| Plain::new(op, &image, info);
+        // Offsets in vectors have a sign.
+        let is_small = self.size_bytes <= i32::MAX as u64;
+        assert_eq!(plain(&read).is_some(), is_small);
+        let mut results = [[0; 16]; 8];
+        // SAFETY: the memory is there; as the trait says.
+        unsafe {
+            match plain(&write) {
+                Some(plain) => assert!(plain.write(v, &Operands::new(&write, &rows), u16::MAX)),
+                None => execute_block(&write, Some(&image), None, u16::MAX, &rows, &mut results),
+            }
+            match plain(&read) {
+                Some(plain) => {
+                    let texel = plain.read(v, &Operands::new(&read, &rows[..1]), u16::MAX);
+                    for (component, row) in texel.unwrap().into_iter().zip(&mut results) {
+                        v.store_i(component, row);
+                    }
+                }
+                None => {
+                    let rows = &rows[..1];
+                    execute_block(&read, Some(&image), None, u16::MAX, rows, &mut results);
+                }
+            }
+        }
+        for lane in 0..16 {
+            let mut texel = [0; 32];
+            info.encode(words.map(|row| row[lane]), &mut texel);
+            let stored: [u8; 16] = match texel_bytes {
+                16 => self.memory.read(index(lane as u64) * texel_bytes),
+                _ => {
+                    let first = index(lane as u64) * texel_bytes;
+                    std::array::from_fn(|k| match (k as u64) < texel_bytes {
+                        true => self.memory.read::<1>(first + k as u64)[0],
+                        false => 0,
+                    })
+                }
+            };
+            assert_eq!(stored, texel[..16], "{} {}", info.name, self.size_bytes);
+            let read: [u32; 4] = std::array::from_fn(|component| results[component][lane]);
+            assert_eq!(
+                read,
+                info.decode(&texel[..texel_bytes as usize]),
+                "{}",
+                info.name
+            );
+        }
+    }
+}
+
+/// Texels at offsets of 31 and of 32 bits, and beyond.
+#[test]
+fn texels_of_large_buffers() {
+    let memory = Sparse::new(5 << 30);
+    for format in [
+        Format::R8_UINT,
+        Format::R16G16_UINT,
+        Format::R32_UINT,
+        Format::R32G32B32A32_UINT,
+    ] {
+        let texel_bytes = format.size_bytes() as u64;
+        // Coordinates have 32 bits.
+        let sizes = [(1 << 31) - 16, 1 << 31, (1 << 31) + 64, 4 << 30, 5 << 30];
+        for size_bytes in sizes
+            .into_iter()
+            .filter(|size| size / texel_bytes < 1 << 32)
+        {
+            in_every_tier(&mut Far {
+                memory: &memory,
+                format,
+                size_bytes,
+            });
         }
     }
 }

@@ -1,6 +1,7 @@
 //! Loads and stores of whole subgroups, in every tier, against copies of single bytes.
 
 use lanes::{LaneMask, Tier as TierKind};
+use shaders::sparse::Sparse;
 
 use crate::SUBGROUP_SIZE;
 use crate::interp::gather::{self, Gather};
@@ -127,6 +128,81 @@ fn accesses<G: Gather>() {
     of_all_counts!(u8 u16 u32 u64);
 }
 
+/// `N` scalars a lane in 4 GiB, at offsets of all 32 bits.
+fn far_accesses_of<G: Gather, T: Lane, const N: usize>(memory: &Sparse, random: &mut Random) {
+    let (size, slot) = (size_of::<T>(), size_of::<T::Slot>());
+    let total = (N * size) as u32;
+    let last = (memory.size_bytes() - u64::from(total)) as u32;
+    let run = |first: u32| std::array::from_fn(|k| first + k as u32 * total);
+    let apart = |k: usize| (k as u32 % 4) * (1 << 30) + (last % (1 << 30)) / 16 * k as u32;
+    let layouts: [Row; 5] = [
+        [last; SUBGROUP_SIZE],
+        [1 << 31; SUBGROUP_SIZE],
+        run((1 << 31) - 8 * total),
+        run(last - 15 * total),
+        std::array::from_fn(apart),
+    ];
+    for offsets in layouts {
+        for active in [LaneMask::ALL, random.active()] {
+            let mut rows = [[0; 8 * SUBGROUP_SIZE]; N];
+            for byte in rows.as_flattened_mut() {
+                *byte = random.below(256) as u8;
+            }
+            let at = (memory.as_mut_ptr(), memory.size_bytes());
+            let from = rows.each_mut().map(|row| row.as_mut_ptr());
+            // SAFETY: the machine has the tier; rows are as long as those of 64-bit lanes.
+            let is_done = unsafe { gather::store::<G, T, N>(at, &offsets, active, from) };
+            assert!(is_done, "{offsets:x?}");
+            let mut loaded = [[BEFORE; 8 * SUBGROUP_SIZE]; N];
+            let to = loaded.each_mut().map(|row| row.as_mut_ptr());
+            let from = (at.0.cast_const(), at.1);
+            // SAFETY: as above.
+            let is_done = unsafe { gather::load::<G, T, N>(from, &offsets, active, to) };
+            assert!(is_done, "{offsets:x?}");
+            for lane in active {
+                // Of lanes at one place the last one's stays.
+                let same = active
+                    .iter()
+                    .filter(|&other| offsets[other] == offsets[lane]);
+                let writer = same.last().expect("the lane itself");
+                for k in 0..N {
+                    let stored = &rows[k][writer * slot..][..size];
+                    for (byte, &stored) in stored.iter().enumerate() {
+                        let place = u64::from(offsets[lane]) + (k * size + byte) as u64;
+                        assert_eq!(memory.read(place), [stored], "{offsets:x?} {lane}");
+                    }
+                    assert_eq!(
+                        &loaded[k][lane * slot..][..size],
+                        stored,
+                        "{offsets:x?} {lane}"
+                    );
+                }
+            }
+            let mut outside = offsets;
+            outside[active.first()] = last.wrapping_add(1);
+            let from = rows.each_mut().map(|row| row.as_mut_ptr());
+            // SAFETY: as above.
+            let is_done = unsafe { gather::store::<G, T, N>(at, &outside, active, from) };
+            // One byte is inside up to the last offset.
+            assert_eq!(is_done, last == u32::MAX, "{offsets:x?}");
+        }
+    }
+}
+
+fn far_accesses<G: Gather>() {
+    let memory = &Sparse::new(1 << 32);
+    let random = &mut Random(13);
+    macro_rules! of_all_counts {
+        ($($scalar:ty)*) => {$(
+            far_accesses_of::<G, $scalar, 1>(memory, random);
+            far_accesses_of::<G, $scalar, 2>(memory, random);
+            far_accesses_of::<G, $scalar, 3>(memory, random);
+            far_accesses_of::<G, $scalar, 4>(memory, random);
+        )*};
+    }
+    of_all_counts!(u8 u16 u32 u64);
+}
+
 fn distances<G: Gather>() {
     let random = &mut Random(11);
     for _ in 0..2000 {
@@ -173,6 +249,11 @@ macro_rules! in_all_tiers {
 #[test]
 fn accesses_are_to_the_bytes_at_each_offset() {
     in_all_tiers!(accesses);
+}
+
+#[test]
+fn offsets_have_all_32_bits() {
+    in_all_tiers!(far_accesses);
 }
 
 #[test]

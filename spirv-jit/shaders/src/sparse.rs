@@ -1,0 +1,68 @@
+//! Memory of gigabytes, of which only the pages that are touched take room.
+
+/// Zeroed memory.
+pub struct Sparse {
+    start: *mut u8,
+    size_bytes: usize,
+}
+
+impl Sparse {
+    /// Reserves addresses.
+    pub fn new(size_bytes: u64) -> Self {
+        let size_bytes = usize::try_from(size_bytes).expect("addresses have 64 bits");
+        // SAFETY: a new mapping, of which nothing else knows.
+        let start = unsafe {
+            libc::mmap(
+                std::ptr::null_mut(),
+                size_bytes,
+                libc::PROT_READ | libc::PROT_WRITE,
+                libc::MAP_PRIVATE | libc::MAP_ANONYMOUS | libc::MAP_NORESERVE,
+                -1,
+                0,
+            )
+        };
+        assert_ne!(start, libc::MAP_FAILED, "{size_bytes} bytes of addresses");
+        Self {
+            start: start.cast(),
+            size_bytes,
+        }
+    }
+
+    pub fn as_mut_ptr(&self) -> *mut u8 {
+        self.start
+    }
+
+    pub fn size_bytes(&self) -> u64 {
+        self.size_bytes as u64
+    }
+
+    fn place(&self, at: u64, size_bytes: usize) -> *mut u8 {
+        let end = at.checked_add(size_bytes as u64);
+        assert!(end.is_some_and(|end| end <= self.size_bytes()), "at {at}");
+        self.start.wrapping_add(at as usize)
+    }
+
+    /// The bytes from `at` on.
+    pub fn read<const N: usize>(&self, at: u64) -> [u8; N] {
+        // SAFETY: the place has as many bytes, and programs run on this thread.
+        unsafe { self.place(at, N).cast::<[u8; N]>().read() }
+    }
+
+    pub fn word(&self, at: u64) -> u32 {
+        u32::from_ne_bytes(self.read(at))
+    }
+
+    /// Writes bytes from `at` on.
+    pub fn write(&self, at: u64, bytes: &[u8]) {
+        let place = self.place(at, bytes.len());
+        // SAFETY: as for `read`.
+        unsafe { place.copy_from_nonoverlapping(bytes.as_ptr(), bytes.len()) };
+    }
+}
+
+impl Drop for Sparse {
+    fn drop(&mut self) {
+        // SAFETY: the mapping of `new`, which nothing uses any more.
+        unsafe { libc::munmap(self.start.cast(), self.size_bytes) };
+    }
+}
