@@ -306,14 +306,102 @@ struct IndirectImageCopyInfo {
     layers: *const vk::ImageSubresourceLayers,
 }
 
+/// The words of a `VkCopyMemoryToImageIndirectCommandKHR` into layers from a first one on (first,
+/// count), one slice deep.
+fn region(
+    source: u64,
+    row_length: u32,
+    [layer, layers]: [u32; 2],
+    [x, y]: [u32; 2],
+    [width, height]: [u32; 2],
+) -> [u32; 14] {
+    let (low, high) = (source as u32, (source >> 32) as u32);
+    [
+        low, high, row_length, 0, 1, 0, layer, layers, x, y, 0, width, height, 1,
+    ]
+}
+
+/// A device that copies what memory says.
+#[track_caller]
+fn gpu_with_indirect_copies() -> Option<Gpu> {
+    let gpu = Gpu::validated_since(vk::make_api_version(0, 1, 4, 330));
+    gpu.with("VK_KHR_copy_memory_indirect", |gpu| {
+        let features = gpu.optional.indirect_copies;
+        features.indirect_memory_copy != 0 && features.indirect_memory_to_image_copy != 0
+    })
+}
+
+/// The slices of a 3D image are named by the layers, as the command is recorded with them: "the
+/// starting slice and number of slices to copy are specified in
+/// `pImageSubresources->baseArrayLayer` and `pImageSubresources->layerCount`"
+/// (`vkCmdCopyMemoryToImageIndirectKHR`).
+#[test]
+fn indirect_copies_to_volumes_take_slices_from_layers() {
+    let Some(gpu) = gpu_with_indirect_copies() else {
+        return;
+    };
+    let words: Vec<u32> = (1..=64).collect();
+    let source = gpu.buffer_with(&words);
+    let shape = Shape {
+        kind: vk::ImageViewType::TYPE_3D,
+        extent: [4, 2, 8],
+        ..Shape::flat(vk::Format::R32_UINT, 4, 2)
+    };
+    let usage = vk::ImageUsageFlags::TRANSFER_SRC | vk::ImageUsageFlags::TRANSFER_DST;
+    let picture = gpu.picture(shape, usage);
+    gpu.upload(&picture, 0, &[0u32; 64]);
+    // Slices 0 to 2 from the first words on, two texels of slice 5 from the fortieth, slices 6 and
+    // 7 in part.
+    let copies = [
+        (0, [0, 3], [0, 0], [4, 2]),
+        (39, [5, 1], [1, 1], [2, 1]),
+        (48, [6, 2], [3, 0], [1, 2]),
+    ];
+    let regions = copies.map(|(word, layers, offset, extent)| {
+        region(source.address + 4 * word, 0, layers, offset, extent)
+    });
+    let regions = gpu.buffer_with(regions.as_flattened());
+    let layers = copies.map(|(_, [first, count], ..)| {
+        vk::ImageSubresourceLayers::default()
+            .aspect_mask(vk::ImageAspectFlags::COLOR)
+            .base_array_layer(first)
+            .layer_count(count)
+    });
+    let info = IndirectImageCopyInfo {
+        s_type: vk::StructureType::from_raw(1_000_549_003),
+        p_next: std::ptr::null(),
+        source_flags: 0,
+        count: copies.len() as u32,
+        parameters: [regions.address, 56 * copies.len() as u64, 56],
+        image: picture.handle,
+        layout: vk::ImageLayout::GENERAL,
+        layers: layers.as_ptr(),
+    };
+    let copy: WithInfo<IndirectImageCopyInfo> =
+        function(&gpu, c"vkCmdCopyMemoryToImageIndirectKHR");
+    gpu.run(|commands| {
+        // SAFETY: the structures outlive the call, and the buffers and the image the execution.
+        unsafe { copy(commands, &info) };
+    });
+    let mut expected = [0u32; 64];
+    for (word, [first, count], [x, y], [width, height]) in copies {
+        let mut next = word as usize;
+        for slice in first..first + count {
+            for row in y..y + height {
+                for column in x..x + width {
+                    expected[(slice * 8 + row * 4 + column) as usize] = words[next];
+                    next += 1;
+                }
+            }
+        }
+    }
+    assert_eq!(gpu.download(&picture, 0, 4).read::<u32>(), expected);
+}
+
 /// `VK_KHR_copy_memory_indirect`: what is copied where is read when the copies are performed.
 #[test]
 fn copies_are_read_from_memory() {
-    let gpu = Gpu::validated_since(vk::make_api_version(0, 1, 4, 330));
-    let Some(gpu) = gpu.with("VK_KHR_copy_memory_indirect", |gpu| {
-        let features = gpu.optional.indirect_copies;
-        features.indirect_memory_copy != 0 && features.indirect_memory_to_image_copy != 0
-    }) else {
+    let Some(gpu) = gpu_with_indirect_copies() else {
         return;
     };
     let words: Vec<u32> = (0..64).collect();
@@ -347,18 +435,10 @@ fn copies_are_read_from_memory() {
         .aspect_mask(vk::ImageAspectFlags::COLOR)
         .layer_count(1);
     // All of the image from rows of ten words, and then a part of it.
-    let low = |address: u64| [address as u32, (address >> 32) as u32];
-    let region = |address: u64, row_length: u32, offset: [u32; 2], extent: [u32; 2]| {
-        let [low, high] = low(address);
-        let ([x, y], [width, height]) = (offset, extent);
-        [
-            low, high, row_length, 0, 1, 0, 0, 1, x, y, 0, width, height, 1,
-        ]
-    };
     let regions = gpu.buffer_with(
         [
-            region(source.address, 10, [0, 0], [8, 4]),
-            region(source.address + 200, 0, [2, 1], [3, 2]),
+            region(source.address, 10, [0, 1], [0, 0], [8, 4]),
+            region(source.address + 200, 0, [0, 1], [2, 1], [3, 2]),
         ]
         .as_flattened(),
     );

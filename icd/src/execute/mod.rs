@@ -341,7 +341,9 @@ fn copy_indirect(engine: &Engine, parameters: Parameters, count: u32) -> Result<
     Ok(())
 }
 
-/// The same, to an image (`VkCopyMemoryToImageIndirectCommandKHR`).
+/// The same, to an image (`VkCopyMemoryToImageIndirectCommandKHR`). The recorded layers name the
+/// slices of a 3D image, in place of the offset and extent in memory
+/// (`vkCmdCopyMemoryToImageIndirectKHR`).
 fn copy_to_image_indirect(
     engine: &Engine,
     parameters: Parameters,
@@ -363,7 +365,11 @@ fn copy_to_image_indirect(
         // SAFETY: as above.
         let copy = unsafe { reachable::read::<Copy>(&engine.memory.reach(), parameters.of(index)) };
         let Some(copy) = copy else { continue };
-        let ([x, y, z], [width, height, depth]) = (copy.offset, copy.extent);
+        let ([x, y, mut z], [width, height, mut depth]) = (copy.offset, copy.extent);
+        if destination.image_type == vk::ImageType::TYPE_3D {
+            z = layers.base_array_layer as i32;
+            depth = destination.slice_count(&layers);
+        }
         let region = vk::BufferImageCopy {
             buffer_offset: 0,
             buffer_row_length: copy.row_length,

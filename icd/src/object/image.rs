@@ -204,6 +204,18 @@ impl Image {
         }
     }
 
+    /// Slices of a 3D image's level that its layers name, `VK_REMAINING_ARRAY_LAYERS` resolved.
+    pub fn slice_count(&self, layers: &vk::ImageSubresourceLayers) -> u32 {
+        let level = |plane: &Plane| plane.levels.get(layers.mip_level as usize).copied();
+        match layers.layer_count {
+            vk::REMAINING_ARRAY_LAYERS => (self.plane(layers.aspect_mask).and_then(level))
+                .map_or(0, |level| {
+                    level.depth.saturating_sub(layers.base_array_layer)
+                }),
+            count => count,
+        }
+    }
+
     /// Levels of a subresource range, `VK_REMAINING_MIP_LEVELS` resolved.
     pub fn level_count(&self, base: u32, count: u32) -> u32 {
         let remaining = self.mip_levels.saturating_sub(base);
