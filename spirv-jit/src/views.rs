@@ -25,6 +25,11 @@ impl Key {
     fn check(self) -> u32 {
         (self.0 >> 32) as u32
     }
+
+    /// Whether it can be asked for again ([`Table::store_replayable`]).
+    pub fn is_replayable(self) -> bool {
+        !self.number().is_multiple_of(2)
+    }
 }
 
 /// Why contents cannot be stored.
@@ -155,7 +160,7 @@ impl<T: Copy> Table<T> {
                 let in_use = self
                     .slot(key.number())
                     .is_some_and(|slot| slot.check.load(Ordering::Relaxed) != 0);
-                if key.number().is_multiple_of(2)
+                if !key.is_replayable()
                     || key.number() >= NUMBERS
                     || !(1..1 << 31).contains(&key.check())
                     || key.0 & 1 != 0
@@ -214,6 +219,13 @@ impl<T: Copy> Table<T> {
         if free.try_reserve(1).is_ok() {
             free.push_back(key.number());
         }
+    }
+
+    /// The slot that a key named when it was given out, whether or not the key still finds it; null
+    /// for a number that was never used. It stays readable as long as the table.
+    #[inline]
+    pub fn slot_of(&self, key: Key) -> *const T {
+        (self.slot(key.number())).map_or(std::ptr::null(), |slot| slot.contents.get().cast_const())
     }
 
     /// The contents that a key names, or null. They stay readable as long as the table.

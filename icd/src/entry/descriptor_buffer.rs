@@ -157,7 +157,8 @@ entry! {
         info: *const vk::BufferCaptureDescriptorDataInfoEXT,
         data: *mut c_void,
     ) -> vk::Result {
-        // Its address follows from that of its memory, which is captured by itself.
+        // The address follows from that of the memory, which is captured by itself; a sparse buffer
+        // has its own.
         data.cast::<u64>().write_unaligned(from_handle::<Buffer>((*info).buffer).address());
         Ok(())
     }

@@ -28,8 +28,6 @@ destroy_addressed! {
 }
 
 destroy! {
-    vkDestroyImageView: ImageView, ImageView;
-    vkDestroySampler: Sampler, Sampler;
     vkDestroySamplerYcbcrConversion: YcbcrConversion, SamplerYcbcrConversion;
 }
 
@@ -157,6 +155,18 @@ fn is_sparse(flags: vk::ImageCreateFlags) -> bool {
 }
 
 entry! {
+    fn vkDestroyImageView(_device: vk::Device, view: vk::ImageView, _allocator: *const vk::AllocationCallbacks) {
+        if let Some(view) = handle::take::<ImageView>(view) {
+            view.descriptor.release();
+        }
+    }
+
+    fn vkDestroySampler(_device: vk::Device, sampler: vk::Sampler, _allocator: *const vk::AllocationCallbacks) {
+        if let Some(sampler) = handle::take::<Sampler>(sampler) {
+            sampler.descriptor.release();
+        }
+    }
+
     fn vkCreateImage(
         device: vk::Device,
         info: *const vk::ImageCreateInfo,

@@ -1,6 +1,7 @@
 //! Image views, and the tables of what shaders read through views.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use ash::vk;
 use spirv_jit::image::ycbcr::Conversion;
@@ -19,6 +20,8 @@ pub struct ViewEntry<T: Copy + 'static> {
     pub key: Key,
     views: Arc<Views>,
     table: fn(&Views) -> &Table<T>,
+    /// The table no longer holds the contents under the key for this object.
+    removed: AtomicBool,
 }
 
 /// Vulkan's code for the failure.
@@ -48,7 +51,23 @@ impl<T: Copy> ViewEntry<T> {
             key: key.map_err(store_failure)?,
             views: Arc::clone(views),
             table,
+            removed: AtomicBool::new(false),
         })
+    }
+
+    /// Frees a key that can be asked for again, at the object's destruction: framebuffers, recorded
+    /// passes and set layouts may hold the object longer, but a replayed object may have its key
+    /// from now on.
+    pub fn release(&self) {
+        if self.key.is_replayable() {
+            self.remove();
+        }
+    }
+
+    fn remove(&self) {
+        if !self.removed.swap(true, Ordering::Relaxed) {
+            (self.table)(&self.views).remove(self.key);
+        }
     }
 
     /// The pointer that descriptor sets store.
@@ -61,14 +80,17 @@ impl<T: Copy> std::ops::Deref for ViewEntry<T> {
     type Target = T;
 
     fn deref(&self) -> &T {
-        // SAFETY: present until dropped, and never written while it is.
-        unsafe { self.as_ptr().as_ref() }.expect("present until dropped")
+        let slot = (self.table)(&self.views).slot_of(self.key);
+        // SAFETY: the slot was filled by `store` and lives as long as the table. It is written
+        // again only after the object's destruction, whose valid usage is that nothing uses the
+        // object any more.
+        unsafe { slot.as_ref() }.expect("filled when the object was made")
     }
 }
 
 impl<T: Copy> Drop for ViewEntry<T> {
     fn drop(&mut self) {
-        (self.table)(&self.views).remove(self.key);
+        self.remove();
     }
 }
 
@@ -260,6 +282,8 @@ pub fn swizzle(mapping: vk::ComponentMapping) -> [u8; 4] {
 
 #[cfg(test)]
 mod tests {
+    use spirv_jit::image::SamplerDescriptor;
+
     use super::super::image::tests::image;
     use super::*;
 
@@ -320,5 +344,28 @@ mod tests {
             level.offset_bytes + level.slice_stride_bytes
         );
         assert_eq!(view.levels[0].depth, 1);
+    }
+
+    #[test]
+    fn keys_of_destroyed_objects_are_free_though_others_hold_them() {
+        let views = Arc::new(Views::default());
+        let store = |replay| {
+            let contents = SamplerDescriptor::DEFAULT;
+            ViewEntry::store(&views, |it| &it.samplers, contents, replay)
+        };
+        let first = store(Some(None)).unwrap();
+        let key = first.key;
+        let taken = vk::Result::ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS;
+        assert_eq!(store(Some(Some(key))).err(), Some(taken));
+        first.release();
+        assert!(first.as_ptr().is_null());
+        let second = store(Some(Some(key))).unwrap();
+        drop(first);
+        assert!(!second.as_ptr().is_null());
+        assert_eq!(store(Some(Some(key))).err(), Some(taken));
+        // All other keys are an object's until its end.
+        let plain = store(None).unwrap();
+        plain.release();
+        assert!(!plain.as_ptr().is_null());
     }
 }

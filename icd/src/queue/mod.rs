@@ -212,8 +212,10 @@ impl Line {
                 return self.engine.lose(Fault::new(cause));
             }
         }
-        // An observer of the signal may reset the command buffers, so they are released first.
-        drop(commands);
+        // An application that sees a signal may reset the command buffers, destroy sparse resources
+        // and free their memory, and take the addresses again: the queue drops its references
+        // first.
+        drop((commands, binds));
         for (swapchain, request) in presents {
             swapchain.enqueue(request);
         }
