@@ -54,6 +54,7 @@ fn compile_entries(path: &str, words: &[u32], capabilities: &[Capability]) {
             capabilities,
             accuracy: spirv_jit::Accuracy::Spec,
             checks_alignment: false,
+            view_index_is_device_index: false,
         };
         let start = Instant::now();
         let lowered = spirv_jit::lower::lower_module(&parsed, &request);

@@ -19,4 +19,7 @@ pub struct CompileRequest<'a> {
     pub accuracy: Accuracy,
     /// Whether accesses through physical pointers say when those are less aligned than the module promises.
     pub checks_alignment: bool,
+    /// Whether inputs decorated as `ViewIndex` hold the device index
+    /// (`VK_PIPELINE_CREATE_VIEW_INDEX_FROM_DEVICE_INDEX_BIT`).
+    pub view_index_is_device_index: bool,
 }

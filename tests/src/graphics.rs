@@ -315,6 +315,16 @@ impl Gpu {
         painting: &Painting<'_>,
         parts: vk::GraphicsPipelineLibraryFlagsEXT,
     ) -> vk::Pipeline {
+        self.painting_part_with(painting, parts, vk::PipelineCreateFlags::LIBRARY_KHR)
+    }
+
+    /// The same with creation flags, `VK_PIPELINE_CREATE_LIBRARY_BIT_KHR` among them.
+    pub fn painting_part_with(
+        &self,
+        painting: &Painting<'_>,
+        parts: vk::GraphicsPipelineLibraryFlagsEXT,
+        flags: vk::PipelineCreateFlags,
+    ) -> vk::Pipeline {
         use vk::GraphicsPipelineLibraryFlagsEXT as Part;
         let mut painting = painting.clone();
         if !parts.contains(Part::PRE_RASTERIZATION_SHADERS) {
@@ -324,14 +334,24 @@ impl Gpu {
             painting.fragment = None;
         }
         let info = vk::GraphicsPipelineLibraryCreateInfoEXT::default().flags(parts);
-        let flags = vk::PipelineCreateFlags::LIBRARY_KHR;
         self.painting_with(&painting, flags, (&raw const info).cast())
     }
 
     /// A pipeline of libraries.
     pub fn linked(&self, libraries: &[vk::Pipeline], layout: vk::PipelineLayout) -> vk::Pipeline {
+        self.linked_with(libraries, layout, vk::PipelineCreateFlags::empty())
+    }
+
+    /// The same with creation flags.
+    pub fn linked_with(
+        &self,
+        libraries: &[vk::Pipeline],
+        layout: vk::PipelineLayout,
+        flags: vk::PipelineCreateFlags,
+    ) -> vk::Pipeline {
         let mut linked = vk::PipelineLibraryCreateInfoKHR::default().libraries(libraries);
         let info = vk::GraphicsPipelineCreateInfo::default()
+            .flags(flags)
             .layout(layout)
             .push_next(&mut linked);
         let cache = vk::PipelineCache::null();

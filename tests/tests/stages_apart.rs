@@ -146,6 +146,77 @@ fn shader_objects_draw_from_source_and_binary() {
     }
 }
 
+/// `VK_PIPELINE_CREATE_VIEW_INDEX_FROM_DEVICE_INDEX_BIT`: of a device by itself the device index is
+/// 0. In libraries the flag is that of the library that a shader comes with, however they are
+/// linked.
+#[test]
+fn view_indices_are_device_indices_where_pipelines_say_so() {
+    use vk::GraphicsPipelineLibraryFlagsEXT as Part;
+    let gpu = Gpu::validated_since(vk::make_api_version(0, 1, 3, 260));
+    let Some(gpu) = gpu.drawing() else { return };
+    let views = gpu.features11.multiview == vk::TRUE;
+    let parts = gpu.optional.pipeline_parts.graphics_pipeline_library == vk::TRUE;
+    if !has("multiview", views) || !has("VK_EXT_graphics_pipeline_library", parts) {
+        return;
+    }
+    let vertex = "
+        layout(location = 0) flat out int view;
+        void main() {
+            view = gl_ViewIndex;
+            gl_Position = vec4(gl_VertexIndex == 1 ? 3.0 : -1.0, gl_VertexIndex == 2 ? 3.0 : -1.0, 0.5, 1.0);
+        }";
+    let fragment = "
+        layout(location = 0) flat in int view;
+        layout(location = 0) out vec4 color;
+        void main() { color = vec4(view, gl_ViewIndex, 7, 9) / 255.0; }";
+    let mut painting = Painting::new(&gpu, vertex, fragment, RGBA);
+    painting.view_mask = 0b111;
+    let canvas = gpu.canvas_of(RGBA, 2, 2, 3, 1);
+    let pass = Pass {
+        view_mask: 0b111,
+        ..Pass::black(&canvas)
+    };
+    let colors = |pipeline| {
+        gpu.draw(&pass, |commands| {
+            gpu.bind(commands, pipeline);
+            gpu.draw_vertices(commands, 3);
+        });
+        let colors = gpu.colors(&canvas);
+        [0, 4, 8].map(|texel| [colors[texel][0], colors[texel][1]])
+    };
+    let from_device = vk::PipelineCreateFlags::VIEW_INDEX_FROM_DEVICE_INDEX;
+    let none = vk::PipelineCreateFlags::empty();
+    let whole = |flags| gpu.painting_with(&painting, flags, std::ptr::null());
+    assert_eq!(colors(whole(none)), [[0, 0], [1, 1], [2, 2]]);
+    assert_eq!(colors(whole(from_device)), [[0, 0]; 3]);
+
+    let library = |parts, flags, keeps| {
+        let mut flags = flags | vk::PipelineCreateFlags::LIBRARY_KHR;
+        if keeps {
+            flags |= vk::PipelineCreateFlags::RETAIN_LINK_TIME_OPTIMIZATION_INFO_EXT;
+        }
+        gpu.painting_part_with(&painting, parts, flags)
+    };
+    for optimized in [false, true] {
+        let linked = |before, fragment| {
+            let first = Part::VERTEX_INPUT_INTERFACE | Part::PRE_RASTERIZATION_SHADERS;
+            let second = Part::FRAGMENT_SHADER | Part::FRAGMENT_OUTPUT_INTERFACE;
+            let libraries = [
+                library(first, before, optimized),
+                library(second, fragment, optimized),
+            ];
+            let flags = match optimized {
+                true => vk::PipelineCreateFlags::LINK_TIME_OPTIMIZATION_EXT,
+                false => none,
+            };
+            colors(gpu.linked_with(&libraries, painting.layout, flags))
+        };
+        assert_eq!(linked(from_device, from_device), [[0, 0]; 3]);
+        assert_eq!(linked(from_device, none), [[0, 0], [0, 1], [0, 2]]);
+        assert_eq!(linked(none, from_device), [[0, 0], [1, 0], [2, 0]]);
+    }
+}
+
 #[test]
 fn draws_wait_for_a_condition() {
     let Some(gpu) = Gpu::new().drawing() else {

@@ -104,6 +104,8 @@ pub unsafe fn decode<'a>(info: &vk::GraphicsPipelineCreateInfo<'_>) -> VkResult<
                 state.color_locations = color_locations(locations);
             }
         }
+        let view_index_is_device_index = create_flags(info.flags, info.p_next)
+            .contains(vk::PipelineCreateFlags::VIEW_INDEX_FROM_DEVICE_INDEX);
         let mut stages = SmallVec::new();
         for (index, info) in slice(info.p_stages, info.stage_count).iter().enumerate() {
             let wanted = match info.stage {
@@ -111,7 +113,11 @@ pub unsafe fn decode<'a>(info: &vk::GraphicsPipelineCreateInfo<'_>) -> VkResult<
                 _ => has(Parts::PRE_RASTERIZATION_SHADERS),
             };
             if wanted {
-                stages.push((index, decode_stage(info)?));
+                let stage = ShaderStage {
+                    view_index_is_device_index,
+                    ..decode_stage(info)?
+                };
+                stages.push((index, stage));
             }
         }
         let mut own = GraphicsPipeline::empty();

@@ -55,6 +55,7 @@ pub unsafe fn decode_stage(info: &vk::PipelineShaderStageCreateInfo<'_>) -> VkRe
             entry_point: entry_point(info.p_name)?,
             stage: stage(info.stage).ok_or(vk::Result::ERROR_UNKNOWN)?,
             specialization: specialization(info.p_specialization_info),
+            view_index_is_device_index: false,
         })
     }
 }
@@ -101,6 +102,7 @@ pub unsafe fn decode_shader(info: &vk::ShaderCreateInfoEXT<'_>) -> VkResult<Shad
             entry_point: entry_point(info.p_name)?,
             stage: stage(info.stage).ok_or(vk::Result::ERROR_UNKNOWN)?,
             specialization: specialization(info.p_specialization_info),
+            view_index_is_device_index: false,
         })
     }
 }

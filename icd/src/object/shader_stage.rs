@@ -39,6 +39,9 @@ pub struct ShaderStage {
     pub stage: Stage,
     /// `SpecId` and bytes.
     pub specialization: Vec<(u32, Vec<u8>)>,
+    /// `VK_PIPELINE_CREATE_VIEW_INDEX_FROM_DEVICE_INDEX_BIT` of the pipeline, or of the library
+    /// that the stage comes with.
+    pub view_index_is_device_index: bool,
 }
 
 /// A program, and whether it was in the cache.
@@ -49,7 +52,7 @@ pub struct Compiled {
 
 impl ShaderStage {
     /// The identity of a compilation: module, entry point, stage, specialization, descriptor
-    /// locations and accuracy of functions.
+    /// locations, accuracy of functions, and the meaning of its view index.
     pub fn key(&self, layout: &PipelineLayout) -> ProgramKey {
         let mut hash = Xxh3::new();
         for word in self.words.iter() {
@@ -57,7 +60,8 @@ impl ShaderStage {
         }
         hash.update(&(self.words.len() as u64).to_le_bytes());
         hash.update(self.entry_point.as_bytes());
-        hash.update(&[0, self.stage as u8, settings().accuracy as u8]);
+        let view_index = u8::from(self.view_index_is_device_index);
+        hash.update(&[0, self.stage as u8, settings().accuracy as u8, view_index]);
         for (id, bytes) in &self.specialization {
             hash.update(&id.to_le_bytes());
             hash.update(&(bytes.len() as u64).to_le_bytes());
@@ -133,6 +137,7 @@ impl ShaderStage {
             capabilities: compiler.capabilities,
             accuracy: settings().accuracy,
             checks_alignment: compiler.checks_alignment,
+            view_index_is_device_index: self.view_index_is_device_index,
         };
         let start = Instant::now();
         let compiled = spirv_jit::program::compile_module(&request)

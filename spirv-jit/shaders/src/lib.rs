@@ -46,6 +46,7 @@ pub fn request(stage: Stage, words: &[u32]) -> CompileRequest<'_> {
         capabilities: &CAPABILITIES,
         accuracy: Accuracy::Spec,
         checks_alignment: false,
+        view_index_is_device_index: false,
     }
 }
 

@@ -113,6 +113,10 @@ impl Lowerer<'_> {
         word: u32,
         ty: Type,
     ) -> Result<Value, Error> {
+        let built_in = match built_in {
+            BuiltIn::ViewIndex if self.request.view_index_is_device_index => BuiltIn::DeviceIndex,
+            other => other,
+        };
         let Some(source) = source(built_in) else {
             let message = format!("built-in {built_in:?} is not supported");
             return Err(Error::unsupported(self.b.source, message));
