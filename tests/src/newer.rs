@@ -40,6 +40,10 @@ pub const NEWER: &[(&CStr, u32)] = &[
         make_api_version(0, 1, 3, 246),
     ),
     (
+        ash::khr::dynamic_rendering_local_read::NAME,
+        make_api_version(0, 1, 3, 277),
+    ),
+    (
         ash::ext::dynamic_rendering_unused_attachments::NAME,
         make_api_version(0, 1, 3, 252),
     ),

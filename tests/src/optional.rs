@@ -61,6 +61,7 @@ optional! {
     pipeline_parts: ext::graphics_pipeline_library::NAME, PhysicalDeviceGraphicsPipelineLibraryFeaturesEXT {};
     unused_attachments: ext::dynamic_rendering_unused_attachments::NAME, PhysicalDeviceDynamicRenderingUnusedAttachmentsFeaturesEXT {};
     shader_object: ext::shader_object::NAME, PhysicalDeviceShaderObjectFeaturesEXT {};
+    local_read: khr::dynamic_rendering_local_read::NAME, PhysicalDeviceDynamicRenderingLocalReadFeaturesKHR {};
     host_image_copy: ext::host_image_copy::NAME, PhysicalDeviceHostImageCopyFeaturesEXT {};
     conditional_rendering: ext::conditional_rendering::NAME, PhysicalDeviceConditionalRenderingFeaturesEXT {};
     ray_query: khr::ray_query::NAME, PhysicalDeviceRayQueryFeaturesKHR {};

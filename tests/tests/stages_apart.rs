@@ -1,6 +1,6 @@
 //! Stages that are not compiled together: parts of pipelines, and shader objects; and draws on a condition.
 
-use ash::ext;
+use ash::{ext, khr};
 use tuff_tests::*;
 
 /// A varying of each kind, by location and component alone.
@@ -59,6 +59,72 @@ fn parts_are_linked() {
     assert_eq!(gpu.colors(&canvas), expected());
 }
 
+/// Binds a vertex and a fragment shader, and sets all state that draws with shader objects need.
+fn bind_shaders(
+    gpu: &Gpu,
+    commands: vk::CommandBuffer,
+    [vertex, fragment]: [vk::ShaderEXT; 2],
+    canvas: &Canvas,
+    attachments: usize,
+) {
+    let objects = ext::shader_object::Device::new(&gpu.instance, &gpu.device);
+    let mut flags = vec![vk::ShaderStageFlags::VERTEX, vk::ShaderStageFlags::FRAGMENT];
+    // Stages that a device has are bound to nothing, if to no shader.
+    if gpu.features.geometry_shader == vk::TRUE {
+        flags.push(vk::ShaderStageFlags::GEOMETRY);
+    }
+    if gpu.features.tessellation_shader == vk::TRUE {
+        flags.push(vk::ShaderStageFlags::TESSELLATION_CONTROL);
+        flags.push(vk::ShaderStageFlags::TESSELLATION_EVALUATION);
+    }
+    let mut shaders = vec![vertex, fragment];
+    shaders.resize(flags.len(), vk::ShaderEXT::null());
+    let device = &gpu.device;
+    let viewport = vk::Viewport {
+        width: canvas.width as f32,
+        height: canvas.height as f32,
+        max_depth: 1.0,
+        ..Default::default()
+    };
+    // SAFETY: the command buffer is being recorded.
+    unsafe {
+        objects.cmd_bind_shaders(commands, &flags, &shaders);
+        device.cmd_set_viewport_with_count(commands, &[viewport]);
+        device.cmd_set_scissor_with_count(commands, &[canvas.area()]);
+        device.cmd_set_rasterizer_discard_enable(commands, false);
+        objects.cmd_set_vertex_input(commands, &[], &[]);
+        let topology = vk::PrimitiveTopology::TRIANGLE_LIST;
+        device.cmd_set_primitive_topology(commands, topology);
+        device.cmd_set_primitive_restart_enable(commands, false);
+        objects.cmd_set_rasterization_samples(commands, vk::SampleCountFlags::TYPE_1);
+        objects.cmd_set_sample_mask(commands, vk::SampleCountFlags::TYPE_1, &[u32::MAX]);
+        objects.cmd_set_alpha_to_coverage_enable(commands, false);
+        if gpu.features.alpha_to_one == vk::TRUE {
+            objects.cmd_set_alpha_to_one_enable(commands, false);
+        }
+        objects.cmd_set_polygon_mode(commands, vk::PolygonMode::FILL);
+        device.cmd_set_cull_mode(commands, vk::CullModeFlags::NONE);
+        device.cmd_set_front_face(commands, vk::FrontFace::CLOCKWISE);
+        if gpu.features.depth_clamp == vk::TRUE {
+            objects.cmd_set_depth_clamp_enable(commands, false);
+        }
+        device.cmd_set_depth_bias_enable(commands, false);
+        device.cmd_set_depth_test_enable(commands, false);
+        device.cmd_set_depth_write_enable(commands, false);
+        device.cmd_set_depth_bounds_test_enable(commands, false);
+        device.cmd_set_stencil_test_enable(commands, false);
+        if gpu.features.logic_op == vk::TRUE {
+            objects.cmd_set_logic_op_enable(commands, false);
+        }
+        let disabled = vec![vk::FALSE; attachments];
+        objects.cmd_set_color_blend_enable(commands, 0, &disabled);
+        let equations = vec![vk::ColorBlendEquationEXT::default(); attachments];
+        objects.cmd_set_color_blend_equation(commands, 0, &equations);
+        let all = vec![vk::ColorComponentFlags::RGBA; attachments];
+        objects.cmd_set_color_write_mask(commands, 0, &all);
+    }
+}
+
 #[test]
 fn shader_objects_draw_from_source_and_binary() {
     let gpu = Gpu::validated_since(vk::make_api_version(0, 1, 3, 246));
@@ -83,67 +149,109 @@ fn shader_objects_draw_from_source_and_binary() {
         let binary = vk::ShaderCodeTypeEXT::BINARY;
         gpu.shader_object(stages[index].0, binary, &binaries[index])
     });
-    let mut flags = stages.map(|(stage, _)| stage.flag()).to_vec();
-    // Stages that a device has are bound to nothing, if to no shader.
-    if gpu.features.geometry_shader == vk::TRUE {
-        flags.push(vk::ShaderStageFlags::GEOMETRY);
-    }
-    if gpu.features.tessellation_shader == vk::TRUE {
-        flags.push(vk::ShaderStageFlags::TESSELLATION_CONTROL);
-        flags.push(vk::ShaderStageFlags::TESSELLATION_EVALUATION);
-    }
     for shaders in [compiled, again] {
-        let mut shaders = shaders.to_vec();
-        shaders.resize(flags.len(), vk::ShaderEXT::null());
         let pass = Pass::black(&canvas);
         gpu.draw(&pass, |commands| {
-            let device = &gpu.device;
-            let viewport = vk::Viewport {
-                width: 16.0,
-                height: 16.0,
-                max_depth: 1.0,
-                ..Default::default()
-            };
-            // SAFETY: the command buffer is being recorded.
-            unsafe {
-                objects.cmd_bind_shaders(commands, &flags, &shaders);
-                device.cmd_set_viewport_with_count(commands, &[viewport]);
-                device.cmd_set_scissor_with_count(commands, &[canvas.area()]);
-                device.cmd_set_rasterizer_discard_enable(commands, false);
-                objects.cmd_set_vertex_input(commands, &[], &[]);
-                let topology = vk::PrimitiveTopology::TRIANGLE_LIST;
-                device.cmd_set_primitive_topology(commands, topology);
-                device.cmd_set_primitive_restart_enable(commands, false);
-                objects.cmd_set_rasterization_samples(commands, vk::SampleCountFlags::TYPE_1);
-                objects.cmd_set_sample_mask(commands, vk::SampleCountFlags::TYPE_1, &[u32::MAX]);
-                objects.cmd_set_alpha_to_coverage_enable(commands, false);
-                if gpu.features.alpha_to_one == vk::TRUE {
-                    objects.cmd_set_alpha_to_one_enable(commands, false);
-                }
-                objects.cmd_set_polygon_mode(commands, vk::PolygonMode::FILL);
-                device.cmd_set_cull_mode(commands, vk::CullModeFlags::NONE);
-                device.cmd_set_front_face(commands, vk::FrontFace::CLOCKWISE);
-                if gpu.features.depth_clamp == vk::TRUE {
-                    objects.cmd_set_depth_clamp_enable(commands, false);
-                }
-                device.cmd_set_depth_bias_enable(commands, false);
-                device.cmd_set_depth_test_enable(commands, false);
-                device.cmd_set_depth_write_enable(commands, false);
-                device.cmd_set_depth_bounds_test_enable(commands, false);
-                device.cmd_set_stencil_test_enable(commands, false);
-                if gpu.features.logic_op == vk::TRUE {
-                    objects.cmd_set_logic_op_enable(commands, false);
-                }
-                objects.cmd_set_color_blend_enable(commands, 0, &[vk::FALSE]);
-                let equation = vk::ColorBlendEquationEXT::default();
-                objects.cmd_set_color_blend_equation(commands, 0, &[equation]);
-                let all = vk::ColorComponentFlags::RGBA;
-                objects.cmd_set_color_write_mask(commands, 0, &[all]);
-            }
+            bind_shaders(&gpu, commands, shaders, &canvas, 1);
             draw(&gpu, commands, layout);
         });
         assert_eq!(gpu.colors(&canvas), expected());
     }
+}
+
+/// The locations of attachments belong to the pass (`vkCmdSetRenderingAttachmentLocations`): each
+/// pass begins with the attachments' own numbers, and a secondary command buffer with what its
+/// inheritance says.
+#[test]
+fn shader_objects_write_to_the_locations_of_the_pass() {
+    let gpu = Gpu::validated_since(vk::make_api_version(0, 1, 3, 277));
+    let Some(gpu) = gpu.drawing() else { return };
+    let objects = gpu.optional.shader_object.shader_object == vk::TRUE;
+    let moves = gpu.optional.local_read.dynamic_rendering_local_read == vk::TRUE;
+    if !has("VK_EXT_shader_object", objects) || !has("locations of attachments", moves) {
+        return;
+    }
+    let locations = khr::dynamic_rendering_local_read::Device::new(&gpu.instance, &gpu.device);
+    let fragment = "
+        layout(location = 0) out vec4 first;
+        layout(location = 1) out vec4 second;
+        void main() { first = vec4(1.0, 0.0, 0.0, 1.0); second = vec4(0.0, 1.0, 0.0, 1.0); }";
+    let spirv = vk::ShaderCodeTypeEXT::SPIRV;
+    let shaders = [(Stage::Vertex, COVER), (Stage::Fragment, fragment)].map(|(stage, source)| {
+        gpu.shader_object(stage, spirv, bytemuck::cast_slice(&glsl(stage, source)))
+    });
+    let canvases = [gpu.canvas(RGBA, 2, 2), gpu.canvas(RGBA, 2, 2)];
+    let pass = Pass {
+        colors: &canvases,
+        clears: &[BLACK; 2],
+        ..Pass::default()
+    };
+    let swapped =
+        vk::RenderingAttachmentLocationInfoKHR::default().color_attachment_locations(&[1, 0]);
+    const RED: [u8; 4] = [255, 0, 0, 255];
+    const GREEN: [u8; 4] = [0, 255, 0, 255];
+    let seen = || canvases.each_ref().map(|canvas| gpu.colors(canvas)[3]);
+
+    // Locations are set, shaders bound, and a pass later all is as at the start.
+    gpu.run(|commands| {
+        gpu.record_pass(commands, &pass, |commands| {
+            // SAFETY: the command buffer is being recorded.
+            unsafe { locations.cmd_set_rendering_attachment_locations(commands, &swapped) };
+            bind_shaders(&gpu, commands, shaders, &canvases[0], 2);
+            gpu.draw_vertices(commands, 3);
+        });
+    });
+    assert_eq!(seen(), [GREEN, RED]);
+    gpu.run(|commands| {
+        gpu.record_pass(commands, &pass, |commands| {
+            bind_shaders(&gpu, commands, shaders, &canvases[0], 2);
+            // SAFETY: as above.
+            unsafe { locations.cmd_set_rendering_attachment_locations(commands, &swapped) };
+            gpu.draw_vertices(commands, 3);
+        });
+        gpu.record_pass(commands, &pass, |commands| {
+            gpu.draw_vertices(commands, 3);
+        });
+    });
+    assert_eq!(seen(), [RED, GREEN]);
+
+    // A secondary command buffer that sets no locations has those of its inheritance.
+    let formats = [RGBA; 2];
+    let mut inherited = swapped;
+    let mut rendering = vk::CommandBufferInheritanceRenderingInfo::default()
+        .color_attachment_formats(&formats)
+        .rasterization_samples(vk::SampleCountFlags::TYPE_1);
+    let inheritance = vk::CommandBufferInheritanceInfo::default()
+        .push_next(&mut rendering)
+        .push_next(&mut inherited);
+    let begin = vk::CommandBufferBeginInfo::default()
+        .flags(vk::CommandBufferUsageFlags::RENDER_PASS_CONTINUE)
+        .inheritance_info(&inheritance);
+    let info = vk::CommandBufferAllocateInfo::default()
+        .command_pool(gpu.pool)
+        .level(vk::CommandBufferLevel::SECONDARY)
+        .command_buffer_count(1);
+    // SAFETY: the pool is of this device; the structures outlive the calls.
+    let secondary = unsafe {
+        let secondary = gpu.device.allocate_command_buffers(&info).unwrap()[0];
+        gpu.device.begin_command_buffer(secondary, &begin).unwrap();
+        bind_shaders(&gpu, secondary, shaders, &canvases[0], 2);
+        gpu.draw_vertices(secondary, 3);
+        gpu.device.end_command_buffer(secondary).unwrap();
+        secondary
+    };
+    let contents = Pass {
+        flags: vk::RenderingFlags::CONTENTS_SECONDARY_COMMAND_BUFFERS,
+        ..pass
+    };
+    gpu.draw(&contents, |commands| {
+        // SAFETY: the command buffer is being recorded.
+        unsafe {
+            locations.cmd_set_rendering_attachment_locations(commands, &swapped);
+            gpu.device.cmd_execute_commands(commands, &[secondary]);
+        }
+    });
+    assert_eq!(seen(), [GREEN, RED]);
 }
 
 /// `VK_PIPELINE_CREATE_VIEW_INDEX_FROM_DEVICE_INDEX_BIT`: of a device by itself the device index is

@@ -13,9 +13,9 @@ use crate::handle::{from_handle, optional};
 use crate::object::dynamic_state::{DynamicStates, Parts};
 use crate::object::graphics_pipeline::GraphicsPipeline;
 use crate::object::graphics_state::{
-    BlendAttachment, ColorBlend, DepthStencil, GraphicsState, MAX_COLOR_ATTACHMENTS, MAX_VIEWPORTS,
-    Multisample, Rasterization, StencilFace, UsedAttachments, VertexAttribute, VertexBinding,
-    VertexInput, Viewports,
+    BlendAttachment, ColorBlend, ColorLocations, DepthStencil, GraphicsState,
+    MAX_COLOR_ATTACHMENTS, MAX_VIEWPORTS, Multisample, Rasterization, StencilFace, UsedAttachments,
+    VertexAttribute, VertexBinding, VertexInput, Viewports, own_locations,
 };
 use crate::object::pipeline::PipelineKind;
 use crate::object::shader_stage::ShaderStage;
@@ -409,14 +409,12 @@ pub fn color_write_enables(enables: &[vk::Bool32]) -> u32 {
 ///
 /// # Safety
 /// The info is valid.
-pub unsafe fn color_locations(
-    info: &vk::RenderingAttachmentLocationInfoKHR<'_>,
-) -> [u32; MAX_COLOR_ATTACHMENTS] {
+pub unsafe fn color_locations(info: &vk::RenderingAttachmentLocationInfoKHR<'_>) -> ColorLocations {
     let count = info
         .color_attachment_count
         .min(MAX_COLOR_ATTACHMENTS as u32);
     if info.p_color_attachment_locations.is_null() {
-        return GraphicsState::default().color_locations;
+        return own_locations();
     }
     // SAFETY: the caller's promise.
     let given = unsafe { slice(info.p_color_attachment_locations, count) };

@@ -9,8 +9,10 @@ use crate::VkResult;
 use crate::command::{
     BindDescriptorSets, Command, CommandBuffer, CommandPool, GraphicsCommand, Recording, copied,
 };
+use crate::decode::graphics::color_locations;
 use crate::ffi;
 use crate::handle;
+use crate::object::setting::Setting;
 use crate::object::{Buffer, DescriptorSet, Event};
 
 /// Records a barrier that shaders of draws wait for. Inside a pass, vertex stages and what reads their parameters run ahead of the
@@ -32,6 +34,26 @@ fn barrier(commands: &mut Recording, destination: vk::PipelineStageFlags2) -> Vk
         return commands.push(Command::Graphics(GraphicsCommand::FragmentBarrier));
     }
     Ok(())
+}
+
+/// Starts a secondary command buffer with the locations of colour attachments that it inherits. All
+/// else is a promise that nothing here needs: lists are shared by count, and a secondary command
+/// buffer inherits no other state.
+///
+/// # Safety `info` is valid usage of `vkBeginCommandBuffer` for a secondary command buffer.
+unsafe fn inherit(commands: &mut Recording, info: &vk::CommandBufferBeginInfo<'_>) -> VkResult {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let inherited = info.p_inheritance_info.as_ref();
+        let chained = inherited.and_then(|inherited| {
+            ffi::chain::find::<vk::RenderingAttachmentLocationInfoKHR<'_>>(inherited.p_next)
+        });
+        let Some(locations) = chained else {
+            return Ok(());
+        };
+        let setting = Setting::ColorLocations(color_locations(locations));
+        commands.push(Command::Graphics(GraphicsCommand::Set(setting)))
+    }
 }
 
 entry! {
@@ -77,10 +99,14 @@ entry! {
         }
     }
 
-    fn vkBeginCommandBuffer(buffer: vk::CommandBuffer, _info: *const vk::CommandBufferBeginInfo) -> vk::Result {
-        // Usage and inheritance are promises that nothing here needs: lists are shared by count, and secondary ones inherit nothing.
-        handle::from_handle::<CommandBuffer>(buffer).recording.lock().reset(true);
-        Ok(())
+    fn vkBeginCommandBuffer(buffer: vk::CommandBuffer, info: *const vk::CommandBufferBeginInfo) -> vk::Result {
+        let buffer = handle::from_handle::<CommandBuffer>(buffer);
+        let mut recording = buffer.recording.lock();
+        recording.reset(true);
+        match buffer.level {
+            vk::CommandBufferLevel::SECONDARY => inherit(&mut recording, &*info),
+            _ => Ok(()),
+        }
     }
 
     fn vkEndCommandBuffer(buffer: vk::CommandBuffer) -> vk::Result {

@@ -19,7 +19,9 @@ use crate::command::GraphicsCommand;
 use crate::command::graphics::{BindVertexBuffers, Draw, DrawIndirect, DrawMulti, IndexBinding};
 use crate::command::pass::{AttachmentClears, Pass};
 use crate::object::graphics_pipeline::{GraphicsPipeline, Stages};
-use crate::object::graphics_state::{GraphicsState, MAX_VERTEX_INPUTS, UsedAttachments};
+use crate::object::graphics_state::{
+    ColorLocations, GraphicsState, MAX_VERTEX_INPUTS, UsedAttachments, own_locations,
+};
 use crate::object::setting::Setting;
 use crate::object::{QueryPool, ShaderObject};
 use crate::raster::{
@@ -38,6 +40,11 @@ pub struct Current {
     /// Bound shader objects; none while a pipeline is bound.
     vertex: Option<Arc<Program>>,
     fragment: Option<Arc<Program>>,
+    /// Shader objects were bound last, not a pipeline.
+    has_shaders: bool,
+    /// What commands set since the pass began. Shader objects obey it; a pipeline has locations of
+    /// its own, which equal these in valid usage.
+    locations: ColorLocations,
     vertex_buffers: Arc<[VertexBuffer; MAX_VERTEX_INPUTS]>,
     /// Strides of vertex buffers are those that they were bound with.
     has_dynamic_strides: bool,
@@ -52,6 +59,8 @@ impl Default for Current {
             stages: None,
             vertex: None,
             fragment: None,
+            has_shaders: false,
+            locations: own_locations(),
             vertex_buffers: Arc::new([VertexBuffer::default(); MAX_VERTEX_INPUTS]),
             has_dynamic_strides: false,
             strides: [None; MAX_VERTEX_INPUTS],
@@ -70,6 +79,7 @@ impl Current {
         use vk::DynamicState as State;
         self.stages.clone_from(&pipeline.stages);
         (self.vertex, self.fragment) = (None, None);
+        self.has_shaders = false;
         Arc::make_mut(&mut self.state).take_static(&pipeline.state, pipeline.dynamic);
         let states = [State::VERTEX_INPUT_BINDING_STRIDE, State::VERTEX_INPUT_EXT];
         let is_dynamic = states.iter().any(|&state| pipeline.dynamic.contains(state));
@@ -86,7 +96,12 @@ impl Current {
             Stage::Fragment => self.fragment = program,
             _ => self.vertex = program,
         }
-        Arc::make_mut(&mut self.state).used_attachments = UsedAttachments::default();
+        if !self.has_shaders {
+            self.has_shaders = true;
+            let state = Arc::make_mut(&mut self.state);
+            state.used_attachments = UsedAttachments::default();
+            state.color_locations = self.locations;
+        }
         self.stages = self.vertex.as_ref().map(|vertex| {
             Arc::new(Stages {
                 vertex: Arc::clone(vertex),
@@ -99,8 +114,20 @@ impl Current {
         }
     }
 
+    /// Takes the locations back to the attachments' own numbers
+    /// (`vkCmdSetRenderingAttachmentLocations`).
+    fn reset_locations(&mut self) {
+        self.locations = own_locations();
+        if self.has_shaders && self.state.color_locations != self.locations {
+            Arc::make_mut(&mut self.state).color_locations = self.locations;
+        }
+    }
+
     fn set(&mut self, setting: &Setting) {
         Arc::make_mut(&mut self.state).set(setting);
+        if let &Setting::ColorLocations(locations) = setting {
+            self.locations = locations;
+        }
         if let Setting::VertexInput(input) = setting {
             // It has strides of its own, until buffers are bound with others.
             for binding in &input.bindings {
@@ -305,7 +332,10 @@ impl<'a> Painter<'_, 'a> {
     /// When a limit stopped it.
     pub fn perform(&mut self, command: &'a GraphicsCommand) -> Result<(), Failure> {
         match command {
-            GraphicsCommand::BeginPass(pass) => self.drawing.begin_pass(self.engine, pass),
+            GraphicsCommand::BeginPass(pass) => {
+                self.current.reset_locations();
+                self.drawing.begin_pass(self.engine, pass)
+            }
             GraphicsCommand::EndPass => self.drawing.end_pass(self.engine),
             GraphicsCommand::VertexBarrier => self.drawing.flush(self.engine),
             GraphicsCommand::FragmentBarrier => {

@@ -156,6 +156,15 @@ pub struct UsedAttachments {
     pub stencil: bool,
 }
 
+/// By location of a fragment output: its colour attachment, or `VK_ATTACHMENT_UNUSED`
+/// (`VkRenderingAttachmentLocationInfo`).
+pub type ColorLocations = [u32; MAX_COLOR_ATTACHMENTS];
+
+/// The locations at the start of a pass: those of the attachments' own numbers.
+pub fn own_locations() -> ColorLocations {
+    std::array::from_fn(|location| location as u32)
+}
+
 /// All of it.
 #[derive(Clone, Debug)]
 pub struct GraphicsState {
@@ -167,8 +176,7 @@ pub struct GraphicsState {
     pub multisample: Multisample,
     pub depth_stencil: DepthStencil,
     pub blend: ColorBlend,
-    /// By location of a fragment output: its colour attachment, or `VK_ATTACHMENT_UNUSED` (`VkRenderingAttachmentLocationInfo`).
-    pub color_locations: [u32; MAX_COLOR_ATTACHMENTS],
+    pub color_locations: ColorLocations,
     /// Complete except for pipelines of dynamic rendering.
     pub used_attachments: UsedAttachments,
 }
@@ -290,7 +298,7 @@ impl Default for GraphicsState {
             multisample: Multisample::default(),
             depth_stencil: DepthStencil::default(),
             blend: ColorBlend::default(),
-            color_locations: std::array::from_fn(|location| location as u32),
+            color_locations: own_locations(),
             used_attachments: UsedAttachments::default(),
         }
     }

@@ -6,7 +6,7 @@ use ash::vk;
 use smallvec::SmallVec;
 
 use super::graphics_state::{
-    BlendAttachment, GraphicsState, MAX_COLOR_ATTACHMENTS, MAX_VIEWPORTS, StencilFace, VertexInput,
+    BlendAttachment, ColorLocations, GraphicsState, MAX_VIEWPORTS, StencilFace, VertexInput,
 };
 
 /// The state that a command sets.
@@ -65,7 +65,7 @@ pub enum Setting {
     BlendEnable(u32, SmallVec<[bool; 8]>),
     BlendEquations(u32, Box<[vk::ColorBlendEquationEXT]>),
     WriteMasks(u32, SmallVec<[vk::ColorComponentFlags; 4]>),
-    ColorLocations([u32; MAX_COLOR_ATTACHMENTS]),
+    ColorLocations(ColorLocations),
 }
 
 /// Writes values into a list from an index on; it grows where it is too short.
