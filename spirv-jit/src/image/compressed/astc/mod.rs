@@ -31,15 +31,24 @@ pub(super) fn decode(block: u128, footprint: [u8; 2], is_srgb: bool, texels: &mu
     }
 }
 
-/// A component of 16 bits: of sRGB, the upper half is the code.
+/// A component of 16 bits: of sRGB, the upper half is the code. All else is decoded in the mode
+/// `decode_float16`, which Vulkan's chapter "ASTC Compressed Image Formats" asks for: divided by
+/// 65536, and rounded to zero in a float of 16 bits ("Weight Application").
 fn words(color: [u32; 4], is_srgb: bool) -> Texel {
     match is_srgb {
         true => bytes(color.map(|value| (value >> 8) as u8), true),
         false => color.map(|value| match value {
             65535 => ONE,
-            value => (value as f32 / 65536.0).to_bits(),
+            value => (leading_bits(value) as f32 / 65536.0).to_bits(),
         }),
     }
+}
+
+/// A number without the bits below its eleven highest: those that a float of 16 bits has no room
+/// for.
+fn leading_bits(value: u32) -> u32 {
+    let dropped = (u32::BITS - value.leading_zeros()).saturating_sub(11);
+    value >> dropped << dropped
 }
 
 /// A block of one colour; its extent only says how far it reaches beyond the block.
