@@ -147,9 +147,14 @@ impl<'a> Bindings<'a> {
         }
     }
 
-    /// `vkCmdBindPipeline`.
+    /// `vkCmdBindPipeline`. What draws see of bindings does not depend on it.
     pub fn bind_pipeline(&mut self, pipeline: &'a Pipeline) {
-        self.bind_point(pipeline.bind_point()).pipeline = Some(pipeline);
+        let bound = match pipeline.bind_point() {
+            vk::PipelineBindPoint::RAY_TRACING_KHR => &mut self.ray_tracing,
+            vk::PipelineBindPoint::GRAPHICS => &mut self.graphics,
+            _ => &mut self.compute,
+        };
+        bound.pipeline = Some(pipeline);
     }
 
     /// `vkCmdBindDescriptorSets`, and pushed descriptors.

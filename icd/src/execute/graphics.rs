@@ -162,6 +162,24 @@ impl Current {
         }
     }
 
+    /// Takes over what the last draw was drawn with where the current is the same: whatever was
+    /// bound and set again in between, the draws become one.
+    fn share(&mut self, last: &Batched) {
+        if let Some(stages) = &mut self.stages
+            && !Arc::ptr_eq(stages, &last.stages)
+            && stages.is_same(&last.stages)
+        {
+            stages.clone_from(&last.stages);
+        }
+        if !Arc::ptr_eq(&self.state, &last.state) && self.state.is_same(&last.state) {
+            self.state.clone_from(&last.state);
+        }
+        let (buffers, others) = (&mut self.vertex_buffers, &last.vertex_buffers);
+        if !Arc::ptr_eq(buffers, others) && buffers == others {
+            buffers.clone_from(others);
+        }
+    }
+
     fn bind_index_buffer(&mut self, binding: &IndexBinding) {
         self.indices = IndexBuffer {
             address: binding.address,
@@ -480,6 +498,9 @@ impl<'a> Painter<'_, 'a> {
     /// Adds a call to the batch: to the last draw, if all else is the same.
     fn call(&mut self, indexed: bool, call: DrawCall) -> Result<(), Failure> {
         let (current, drawing) = (&mut *self.current, &mut *self.drawing);
+        if let Some(Work::Draw(last)) = drawing.batch.work.last() {
+            current.share(last);
+        }
         let (Some(stages), Some(active)) = (&current.stages, &mut drawing.active) else {
             return Ok(());
         };

@@ -17,6 +17,18 @@ pub struct Stages {
     pub fragment: Option<Arc<Program>>,
 }
 
+impl Stages {
+    /// Whether both run the same programs.
+    pub fn is_same(&self, other: &Self) -> bool {
+        let fragments = (self.fragment.as_ref(), other.fragment.as_ref());
+        let same_fragment = match fragments {
+            (Some(one), Some(other)) => Arc::ptr_eq(one, other),
+            (one, other) => one.is_none() && other.is_none(),
+        };
+        same_fragment && Arc::ptr_eq(&self.vertex, &other.vertex)
+    }
+}
+
 /// A graphics pipeline, or a library with some of its parts (`VK_EXT_graphics_pipeline_library`).
 pub struct GraphicsPipeline {
     pub parts: Parts,

@@ -181,6 +181,67 @@ pub struct GraphicsState {
     pub used_attachments: UsedAttachments,
 }
 
+impl GraphicsState {
+    /// Whether draws in either state are the same. Floats are compared by their bits: the sign of a
+    /// zero can reach an attachment.
+    pub fn is_same(&self, other: &Self) -> bool {
+        let Self {
+            vertex_input,
+            topology,
+            primitive_restart,
+            viewports,
+            rasterization,
+            multisample,
+            depth_stencil,
+            blend,
+            color_locations,
+            used_attachments,
+        } = self;
+        // What is most often different comes first.
+        viewports.is_same(&other.viewports)
+            && *depth_stencil == other.depth_stencil
+            && *rasterization == other.rasterization
+            && *blend == other.blend
+            && *topology == other.topology
+            && *primitive_restart == other.primitive_restart
+            && *multisample == other.multisample
+            && *color_locations == other.color_locations
+            && *used_attachments == other.used_attachments
+            && *vertex_input == other.vertex_input
+            && self.float_bits() == other.float_bits()
+    }
+
+    /// The bits of all floats, viewports excepted.
+    fn float_bits(&self) -> [u32; 11] {
+        let (raster, [low, high]) = (&self.rasterization, self.depth_stencil.depth_bounds);
+        let [red, green, blue, alpha] = self.blend.constants;
+        [
+            raster.depth_bias_constant,
+            raster.depth_bias_clamp,
+            raster.depth_bias_slope,
+            raster.line_width,
+            self.multisample.min_sample_shading,
+            low,
+            high,
+            red,
+            green,
+            blue,
+            alpha,
+        ]
+        .map(f32::to_bits)
+    }
+}
+
+impl Viewports {
+    fn is_same(&self, other: &Self) -> bool {
+        let bits = |it: &vk::Viewport| {
+            [it.x, it.y, it.width, it.height, it.min_depth, it.max_depth].map(f32::to_bits)
+        };
+        self.scissors == other.scissors
+            && (self.viewports.iter().map(bits)).eq(other.viewports.iter().map(bits))
+    }
+}
+
 impl Default for UsedAttachments {
     fn default() -> Self {
         Self {
@@ -301,5 +362,33 @@ impl Default for GraphicsState {
             color_locations: own_locations(),
             used_attachments: UsedAttachments::default(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn states_are_the_same_to_the_last_bit() {
+        let state = GraphicsState::default();
+        let differs = |change: fn(&mut GraphicsState)| {
+            let mut other = state.clone();
+            assert!(state.is_same(&other));
+            change(&mut other);
+            !state.is_same(&other)
+        };
+        assert!(differs(|it| it.blend.constants[3] = -0.0));
+        assert!(differs(|it| it.rasterization.depth_bias_slope = -0.0));
+        assert!(differs(|it| it.depth_stencil.stencil[1].reference = 1));
+        assert!(differs(|it| it.multisample.sample_mask = 1));
+        assert!(differs(|it| it.topology = vk::PrimitiveTopology::POINT_LIST));
+        assert!(differs(|it| it.color_locations[7] = vk::ATTACHMENT_UNUSED));
+        assert!(differs(
+            |it| it.viewports.viewports = [vk::Viewport::default()].into()
+        ));
+        assert!(differs(
+            |it| it.viewports.scissors = [vk::Rect2D::default()].into()
+        ));
     }
 }

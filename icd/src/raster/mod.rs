@@ -84,7 +84,7 @@ impl Targets {
 }
 
 /// A bound vertex buffer.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct VertexBuffer {
     /// Device address of its first byte at its offset; 0: null, reads give zeros.
     pub address: u64,
