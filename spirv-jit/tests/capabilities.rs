@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 
 use rspirv::spirv::Capability;
 use shaders::request;
+use spirv_jit::CompileRequest;
 use spirv_jit::program::Stage;
 
 const PAGE: &str = include_str!("../../docs/capabilities.md");
@@ -72,6 +73,63 @@ fn is_refused(capability: Capability) -> bool {
     error
         .to_string()
         .contains(&format!("capability {capability:?} is not supported"))
+}
+
+/// A module of one empty entry point, whose execution model is that of the stage.
+fn empty_module(stage: Stage, capability: Capability) -> Vec<u32> {
+    const NAME: [u32; 2] = [u32::from_le_bytes(*b"main"), 0];
+    let (model, mode) = match stage {
+        // OriginUpperLeft.
+        Stage::Fragment => (4, vec![3 << 16 | 16, 1, 7]),
+        _ => (0, vec![]),
+    };
+    let mut words = vec![0x0723_0203, 0x0001_0300, 0, 10, 0];
+    for capability in [Capability::Shader, capability] {
+        words.extend([2 << 16 | 17, capability as u32]);
+    }
+    words.extend([3 << 16 | 14, 0, 1]);
+    words.extend([5 << 16 | 15, model, 1, NAME[0], NAME[1]]);
+    words.extend(mode);
+    // %2 = void, %3 = void(), %1 is the function, %4 its block.
+    words.extend([2 << 16 | 19, 2, 3 << 16 | 33, 3, 2]);
+    words.extend([
+        5 << 16 | 54,
+        2,
+        1,
+        0,
+        3,
+        2 << 16 | 248,
+        4,
+        1 << 16 | 253,
+        1 << 16 | 56,
+    ]);
+    words
+}
+
+/// Whether a module of a stage may declare a capability whose feature is off.
+fn takes(stage: Stage, capability: Capability) -> bool {
+    let words = empty_module(stage, capability);
+    let request = CompileRequest {
+        capabilities: &[Capability::Shader],
+        ..request(stage, &words)
+    };
+    match spirv_jit::compile(&request) {
+        Ok(_) => true,
+        Err(error) => {
+            let message = error.to_string();
+            assert!(message.contains("is not enabled"), "{message}");
+            false
+        }
+    }
+}
+
+/// The inputs `PrimitiveId`, `Layer` and `ViewportIndex` of fragment shaders come with `Geometry`,
+/// which the other stages do not need.
+#[test]
+fn fragment_shaders_may_declare_geometry_for_their_inputs() {
+    assert!(takes(Stage::Fragment, Capability::Geometry));
+    assert!(!takes(Stage::Vertex, Capability::Geometry));
+    assert!(!takes(Stage::Fragment, Capability::MultiView));
 }
 
 #[test]

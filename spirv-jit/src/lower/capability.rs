@@ -1,6 +1,6 @@
 //! Capabilities that a module may declare: those of enabled features that lowering can express.
 
-use rspirv::spirv::Capability;
+use rspirv::spirv::{Capability, ExecutionModel};
 
 use crate::Error;
 use crate::parse::ParsedModule;
@@ -134,6 +134,14 @@ const SUPPORTED: &[Capability] = &[
     Capability::ReplicatedCompositesEXT,
 ];
 
+/// Whether a capability is taken although its feature is off. For the inputs `PrimitiveId`, `Layer`
+/// and `ViewportIndex` of fragment shaders, compilers declare `Geometry` (each needs one of several
+/// capabilities); it enables nothing else in the stages that exist here.
+fn serves_inputs(capability: Capability, parsed: &ParsedModule) -> bool {
+    let mut entries = parsed.entry_points.iter();
+    capability == Capability::Geometry && entries.any(|it| it.model == ExecutionModel::Fragment)
+}
+
 /// Refuses a module that asks for what the device has not enabled, or what cannot be lowered.
 pub(super) fn check_capabilities(
     parsed: &ParsedModule,
@@ -144,7 +152,8 @@ pub(super) fn check_capabilities(
             let message = format!("capability {capability:?} is not supported");
             return Err(Error::unsupported(offset, message));
         }
-        if !ALWAYS.contains(&capability) && !request.capabilities.contains(&capability) {
+        let is_enabled = ALWAYS.contains(&capability) || request.capabilities.contains(&capability);
+        if !is_enabled && !serves_inputs(capability, parsed) {
             let message = format!("capability {capability:?} is not enabled");
             return Err(Error::unsupported(offset, message));
         }
