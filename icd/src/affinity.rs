@@ -3,7 +3,8 @@
 /// A bit for each processor: as many as `cpu_set_t` has room for.
 type Processors = [u64; size_of::<libc::cpu_set_t>() / 8];
 
-/// The processors that a thread may run on. Nothing on machines that have more of them than the system's type has bits.
+/// The processors that a thread may run on. Nothing on machines that have more of them than the
+/// system's type has bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Affinity(Option<Processors>);
 
@@ -11,7 +12,8 @@ impl Affinity {
     /// That of the calling thread.
     pub fn of_this_thread() -> Self {
         let mut processors: Processors = Default::default();
-        // SAFETY: the call writes no more bytes than it is told that there are, and any bits are a number.
+        // SAFETY: the call writes no more bytes than it is told that there are, and any bits are a
+        // number.
         let found = unsafe {
             let set = (&raw mut processors).cast();
             libc::sched_getaffinity(0, size_of::<Processors>(), set)
@@ -19,7 +21,8 @@ impl Affinity {
         Self((found == 0).then_some(processors))
     }
 
-    /// Gives it to the calling thread, if that has another one. A thread stays where it is if the system refuses.
+    /// Gives it to the calling thread, if that has another one. A thread stays where it is if the
+    /// system refuses.
     pub fn apply(&self) {
         let Some(processors) = &self.0 else { return };
         if *self != Self::of_this_thread() {

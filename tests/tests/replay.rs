@@ -1,4 +1,5 @@
-//! Capture and replay: objects that are made again get the addresses that were captured, whatever else was allocated before.
+//! Capture and replay: objects that are made again get the addresses that were captured, whatever
+//! else was allocated before.
 
 use tuff_tests::*;
 
@@ -147,7 +148,8 @@ fn has_sparse(gpu: &Gpu) -> bool {
 /// Where the structure lies: the buffer is large enough.
 const OF_STRUCTURE: usize = 4;
 
-/// All captured addresses: of the buffers, of the sparse one and of the structure; zero for what the device lacks.
+/// All captured addresses: of the buffers, of the sparse one and of the structure; zero for what
+/// the device lacks.
 struct Capture {
     buffers: Vec<Captured>,
     sparse: u64,

@@ -1,7 +1,9 @@
-//! Sandboxes: a device starts no thread before there is work, opens no file afterwards, and bears it when threads are refused.
+//! Sandboxes: a device starts no thread before there is work, opens no file afterwards, and bears
+//! it when threads are refused.
 //!
-//! System calls are filtered by seccomp(2), each test in a process of its own. Vulkan leaves open what a driver asks the system for, so the
-//! filters look only at Tuff: they allow what docs/security.md lists.
+//! System calls are filtered by seccomp(2), each test in a process of its own. Vulkan leaves open
+//! what a driver asks the system for, so the filters look only at Tuff: they allow what
+//! docs/security.md lists.
 #![cfg(all(
     target_os = "linux",
     any(target_arch = "x86_64", target_arch = "aarch64")
@@ -76,8 +78,8 @@ const REFUSE: u32 = libc::SECCOMP_RET_ERRNO | libc::EPERM as u32;
 /// A signal, which ends the process.
 const END: u32 = libc::SECCOMP_RET_TRAP;
 
-/// Filters the system calls of all threads of the process from now on: the listed ones get `answer`, all others get `otherwise`. False if
-/// the system has no such filters.
+/// Filters the system calls of all threads of the process from now on: the listed ones get
+/// `answer`, all others get `otherwise`. False if the system has no such filters.
 fn filter(calls: &[c_long], answer: u32, otherwise: u32) -> bool {
     const SET_MODE_FILTER: c_long = 1;
     const ALL_THREADS: c_long = 1;
@@ -109,7 +111,8 @@ fn filter(calls: &[c_long], answer: u32, otherwise: u32) -> bool {
     }
 }
 
-/// An instruction of a filter: one that compares skips `skipped` instructions if its operand differs.
+/// An instruction of a filter: one that compares skips `skipped` instructions if its operand
+/// differs.
 fn step(code: u16, operand: u32, skipped: u8) -> libc::sock_filter {
     libc::sock_filter {
         code,
@@ -121,8 +124,8 @@ fn step(code: u16, operand: u32, skipped: u8) -> libc::sock_filter {
 
 /// Says which system call was not allowed, and ends the process.
 extern "C" fn tell(_: c_int, info: *mut libc::siginfo_t, _: *mut c_void) {
-    // SAFETY: of a filter's signal, the number stands behind the address of the call (sigaction(2), `si_syscall`); `write` and `_exit` may
-    // be called by handlers.
+    // SAFETY: of a filter's signal, the number stands behind the address of the call (sigaction(2),
+    // `si_syscall`); `write` and `_exit` may be called by handlers.
     unsafe {
         let number = *info.cast::<u8>().add(24).cast::<c_int>();
         let mut text = *b"system call    0 is not allowed\n";
@@ -136,7 +139,8 @@ extern "C" fn tell(_: c_int, info: *mut libc::siginfo_t, _: *mut c_void) {
     }
 }
 
-/// Allows what the rows of the page list, and nothing else. False if the system has no such filters.
+/// Allows what the rows of the page list, and nothing else. False if the system has no such
+/// filters.
 fn enter(rows: &[&str]) -> bool {
     // SAFETY: the handler does what handlers may.
     unsafe {

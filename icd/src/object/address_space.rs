@@ -1,7 +1,9 @@
-//! A device's address space, in two parts: one for ordinary memory, one for memory whose addresses can be captured and replayed.
+//! A device's address space, in two parts: one for ordinary memory, one for memory whose addresses
+//! can be captured and replayed.
 //!
-//! What replays a capture also allocates memory of its own, such as a swapchain's images. In one part with captured memory, that memory
-//! could take addresses that are asked for later (the note to `VkBufferOpaqueCaptureAddressCreateInfo` asks drivers to keep them apart).
+//! What replays a capture also allocates memory of its own, such as a swapchain's images. In one
+//! part with captured memory, that memory could take addresses that are asked for later (the note
+//! to `VkBufferOpaqueCaptureAddressCreateInfo` asks drivers to keep them apart).
 
 use std::ops::Range;
 
@@ -30,7 +32,8 @@ pub enum Placement {
 }
 
 impl Placement {
-    /// That of an object: replayable if it has a flag of capture and replay, and at the address that was captured, if there is one.
+    /// That of an object: replayable if it has a flag of capture and replay, and at the address
+    /// that was captured, if there is one.
     pub fn new(is_replayable: bool, captured: Option<u64>) -> Self {
         match captured {
             Some(address) if address != 0 => Self::At(address),
@@ -60,7 +63,8 @@ impl AddressSpace {
         })
     }
 
-    /// Takes a range of zero pages; `None` if there is none, or if an address that is asked for is taken.
+    /// Takes a range of zero pages; `None` if there is none, or if an address that is asked for is
+    /// taken.
     pub fn take(&mut self, size_bytes: u64, placement: Placement) -> Option<Taken> {
         match placement {
             Placement::Ordinary => self.ordinary.take(size_bytes),
@@ -96,7 +100,8 @@ impl AddressSpace {
         })
     }
 
-    /// The part for replayable memory. The first call reserves it, where `captured` lies if it can be there.
+    /// The part for replayable memory. The first call reserves it, where `captured` lies if it can
+    /// be there.
     fn replayable(&mut self, captured: Option<u64>) -> &mut Ranges {
         self.replayable.get_or_insert_with(|| {
             let captured = captured.and_then(|address| {
@@ -138,7 +143,8 @@ fn slots() -> impl Iterator<Item = u64> + Clone {
     (0..PREFERRED_SLOTS).map(|slot| PREFERRED_BASE + slot * SLOT_BYTES)
 }
 
-/// Reserves a part of an address space, at the first of `places` that is free, or elsewhere: its address and its size.
+/// Reserves a part of an address space, at the first of `places` that is free, or elsewhere: its
+/// address and its size.
 fn reserve_part(places: impl Iterator<Item = u64> + Clone) -> Option<(u64, u64)> {
     let mut size_bytes = LARGEST_PART;
     while size_bytes >= SMALLEST_PART {

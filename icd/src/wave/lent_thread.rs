@@ -1,9 +1,11 @@
-//! A pool whose one thread is the calling one, for work that is written for a pool where the system gives no threads.
+//! A pool whose one thread is the calling one, for work that is written for a pool where the system
+//! gives no threads.
 
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 
-/// Runs `work` on the calling thread, which is a rayon pool of its own meanwhile: what `work` shares out, the same thread does. Without a
-/// pool around it, rayon would start one for the whole process.
+/// Runs `work` on the calling thread, which is a rayon pool of its own meanwhile: what `work`
+/// shares out, the same thread does. Without a pool around it, rayon would start one for the whole
+/// process.
 pub(super) fn run_on_this_thread<R: Send>(work: impl FnOnce() -> R + Send) -> R {
     if rayon::current_thread_index().is_some() {
         // The thread is in a pool already.
@@ -23,9 +25,10 @@ pub(super) fn run_on_this_thread<R: Send>(work: impl FnOnce() -> R + Send) -> R 
     let mut result = None;
     let job: Box<dyn FnOnce() + Send + '_> =
         Box::new(|| result = Some(catch_unwind(AssertUnwindSafe(work))));
-    // SAFETY: only the lifetime changes, and the job is gone before this function returns: the pool's only thread is this one, and a
-    // pool that is dropped ends its threads after they have done what was spawned (rayon's documentation of `ThreadPool` and of
-    // `ThreadBuilder::run`). `run` does not unwind: the job catches its panics.
+    // SAFETY: only the lifetime changes, and the job is gone before this function returns: the
+    // pool's only thread is this one, and a pool that is dropped ends its threads after they have
+    // done what was spawned (rayon's documentation of `ThreadPool` and of `ThreadBuilder::run`).
+    // `run` does not unwind: the job catches its panics.
     let job: Box<dyn FnOnce() + Send> = unsafe { std::mem::transmute(job) };
     pool.spawn(job);
     drop(pool);

@@ -1,5 +1,5 @@
-//! The threads that commands fan out over: a rayon pool of the device's own. Its threads start with the first work that is shared out,
-//! and are joined when the device goes.
+//! The threads that commands fan out over: a rayon pool of the device's own. Its threads start with
+//! the first work that is shared out, and are joined when the device goes.
 
 #![forbid(unsafe_code)]
 
@@ -13,10 +13,12 @@ use super::lent_thread::run_on_this_thread;
 use crate::affinity::Affinity;
 use crate::float_environment::DefaultEnvironment;
 
-/// A device's workers. Dropping them waits for their threads to end, so no code of this library runs after the device is gone.
+/// A device's workers. Dropping them waits for their threads to end, so no code of this library
+/// runs after the device is gone.
 pub struct Workers {
     count: usize,
-    /// Of the thread that made the device. Threads inherit that of the thread that starts them, which may be tied to one processor.
+    /// Of the thread that made the device. Threads inherit that of the thread that starts them,
+    /// which may be tied to one processor.
     affinity: Affinity,
     /// Filled by the first work. `None` inside if the system gave no thread.
     pool: OnceLock<Option<Pool>>,
@@ -39,10 +41,11 @@ impl Workers {
         self.count
     }
 
-    /// Performs work inside the pool, and starts its threads if this is the first. If the system gives no thread, the calling thread does
-    /// all of the work.
+    /// Performs work inside the pool, and starts its threads if this is the first. If the system
+    /// gives no thread, the calling thread does all of the work.
     pub fn install<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
-        // A fork takes no threads along. Its copy of the cell may be locked for ever, so it is not looked at.
+        // A fork takes no threads along. Its copy of the cell may be locked for ever, so it is not
+        // looked at.
         let pool = match self.is_inherited() {
             true => None,
             false => (self.pool)
@@ -109,7 +112,8 @@ impl Pool {
         let pool = ThreadPoolBuilder::new()
             .num_threads(count)
             .spawn_handler(|worker| {
-                // Rayon's threads take work from wherever it is: those that run do the work of the others, too.
+                // Rayon's threads take work from wherever it is: those that run do the work of the
+                // others, too.
                 if refusal.is_none() {
                     match spawn(worker) {
                         Ok(thread) => threads.push(thread),
@@ -204,7 +208,8 @@ mod tests {
         assert_eq!(found, [expected; 2]);
     }
 
-    /// Half of the least normal number, as the processor computes it here and now: a call, or compilers move it.
+    /// Half of the least normal number, as the processor computes it here and now: a call, or
+    /// compilers move it.
     #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
     #[inline(never)]
     fn halved() -> u32 {
@@ -217,10 +222,12 @@ mod tests {
     fn a_flushing_host_gets_its_environment_back_and_denormals_are_kept_meanwhile() {
         use crate::float_environment;
         use crate::guard::guard;
-        // MXCSR: all exceptions masked; with it, results flushed to zero, and denormals read as zero.
+        // MXCSR: all exceptions masked; with it, results flushed to zero, and denormals read as
+        // zero.
         #[cfg(target_arch = "x86_64")]
         let (usual, flushing) = (0x1F80, 0x1F80 | 1 << 15 | 1 << 6);
-        // FPCR: nothing; FZ, which does both (Arm Architecture Reference Manual for A-profile, "FPCR").
+        // FPCR: nothing; FZ, which does both (Arm Architecture Reference Manual for A-profile,
+        // "FPCR").
         #[cfg(target_arch = "aarch64")]
         let (usual, flushing) = (0, 1 << 24);
         // A thread of its own: it ends with what it set.
