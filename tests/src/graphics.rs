@@ -65,6 +65,7 @@ pub struct Painting<'a> {
     pub restart: bool,
     pub rasterization: vk::PipelineRasterizationStateCreateInfo<'a>,
     pub samples: u32,
+    pub alpha_to_coverage: bool,
     pub depth_stencil: vk::PipelineDepthStencilStateCreateInfo<'a>,
     /// One a colour attachment.
     pub blend: Vec<vk::PipelineColorBlendAttachmentState>,
@@ -92,6 +93,7 @@ impl<'a> Painting<'a> {
             restart: false,
             rasterization,
             samples: 1,
+            alpha_to_coverage: false,
             depth_stencil: vk::PipelineDepthStencilStateCreateInfo::default(),
             blend: vec![opaque()],
             logic: None,
@@ -271,7 +273,8 @@ impl Gpu {
             .viewport_count(1)
             .scissor_count(1);
         let multisample = vk::PipelineMultisampleStateCreateInfo::default()
-            .rasterization_samples(vk::SampleCountFlags::from_raw(painting.samples));
+            .rasterization_samples(vk::SampleCountFlags::from_raw(painting.samples))
+            .alpha_to_coverage_enable(painting.alpha_to_coverage);
         let blend = vk::PipelineColorBlendStateCreateInfo::default()
             .logic_op_enable(painting.logic.is_some())
             .logic_op(painting.logic.unwrap_or_default())

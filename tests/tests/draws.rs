@@ -521,3 +521,42 @@ fn fragments_write_buffers() {
     assert_eq!(words[0], 361);
     assert!(words[1..].iter().all(|&it| it == 1));
 }
+
+/// With one sample, alpha to coverage covers no pixels for alpha 0, all for 1, and no fewer for a
+/// larger alpha. The number between is the driver's choice; Tuff covers alpha's share of the pixels.
+#[test]
+fn alpha_becomes_coverage() {
+    let Some(gpu) = Gpu::new().drawing() else {
+        return;
+    };
+    // A varying alpha, of nine columns, and constant ones.
+    let alphas = ["floor(gl_FragCoord.x / 8.0) / 8.0", "0.25", "0.0", "1.0"];
+    for alpha in alphas {
+        let canvas = gpu.canvas(RGBA, 72, 16);
+        let fragment = format!(
+            "layout(location = 0) out vec4 color;
+            void main() {{ color = vec4(1.0, 0.0, 0.0, {alpha}); }}"
+        );
+        let mut painting = Painting::new(&gpu, COVER, &fragment, RGBA);
+        painting.alpha_to_coverage = true;
+        let pipeline = gpu.painting(&painting);
+        gpu.paint(&canvas, pipeline, |commands| gpu.draw_vertices(commands, 3));
+        let mut counts = [0; 9];
+        for (index, color) in gpu.colors(&canvas).into_iter().enumerate() {
+            counts[index % 72 / 8] += usize::from(color[0] == 255);
+        }
+        let steps: [usize; 9] = match alpha.parse::<f32>() {
+            Ok(alpha) => [(alpha * 8.0) as usize; 9],
+            Err(_) => std::array::from_fn(|column| column),
+        };
+        for (count, step) in counts.into_iter().zip(steps) {
+            match step {
+                0 => assert_eq!(count, 0, "{alpha}"),
+                8 => assert_eq!(count, 128, "{alpha}"),
+                _ if gpu.is_tuff() => assert_eq!(count, 16 * step, "{alpha}"),
+                _ => {}
+            }
+        }
+        assert!(counts.is_sorted(), "{alpha}: {counts:?}");
+    }
+}

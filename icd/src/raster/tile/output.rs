@@ -8,11 +8,46 @@ use spirv_jit::program::{AlignedRow, OutputRow};
 
 use super::blend::blend;
 use super::color::{Color, color};
-use super::lanes::{floats_of, lanes_where, numbers, words};
+use super::lanes::{Floats, LANE_X, LANE_Y, floats_of, lanes_where, numbers, words};
 use super::samples::MAX_SAMPLES;
 use super::texels::{Places, load};
 use crate::object::graphics_state::{GraphicsState, MAX_COLOR_ATTACHMENTS};
 use crate::raster::Targets;
+
+/// Pixels along the side of the pattern of [`THRESHOLDS`].
+const SIDE: usize = 8;
+
+/// The least alpha that covers a pixel of one sample, by row and column modulo [`SIDE`]. Each of 64
+/// steps occurs once, and neighbours differ by large steps (Bayer 1973). So the share of covered
+/// pixels in an area is about alpha, and the same pixels are covered in every run.
+static THRESHOLDS: [[f32; SIDE]; SIDE] = thresholds();
+
+const fn thresholds() -> [[f32; SIDE]; SIDE] {
+    let mut thresholds = [[0.0; SIDE]; SIDE];
+    let mut pixel = 0;
+    while pixel < SIDE * SIDE {
+        let (x, y) = (pixel % SIDE, pixel / SIDE);
+        // Interleaves the bits of x ^ y and y, the lowest ones first.
+        let (mut step, mut bit) = (0, 0);
+        while bit < 3 {
+            step = step << 2 | ((x ^ y) >> bit & 1) << 1 | y >> bit & 1;
+            bit += 1;
+        }
+        thresholds[y][x] = (step as f32 + 0.5) / (SIDE * SIDE) as f32;
+        pixel += 1;
+    }
+    thresholds
+}
+
+/// [`THRESHOLDS`] of sixteen pixels.
+fn dithered(places: &Places) -> Floats {
+    std::array::from_fn(|lane| {
+        let quad = lane / 4;
+        let x = places.x[quad] + (LANE_X[lane] & 1);
+        let y = places.y[quad] + (LANE_Y[lane] & 1);
+        THRESHOLDS[y as usize % SIDE][x as usize % SIDE]
+    })
+}
 
 /// The destination of a program's outputs.
 pub struct Output {
@@ -71,7 +106,12 @@ impl Output {
     }
 
     /// Takes from the masks the samples that the program's sample mask and alpha leave out. `rows`: the program's outputs.
-    pub fn drop_samples(&self, rows: &[AlignedRow], masks: &mut [u16; MAX_SAMPLES]) {
+    pub fn drop_samples(
+        &self,
+        rows: &[AlignedRow],
+        places: &Places,
+        masks: &mut [u16; MAX_SAMPLES],
+    ) {
         let samples = self.samples;
         if let Some(row) = self.sample_mask {
             let row = &rows[row].0;
@@ -81,6 +121,11 @@ impl Output {
         }
         if let Some(row) = self.alpha {
             let alpha = floats_of(&rows[row].0);
+            if samples == 1 {
+                let least = dithered(places);
+                masks[0] &= lanes_where(|lane| alpha[lane] >= least[lane]);
+                return;
+            }
             for (sample, mask) in (0..samples).zip(masks.iter_mut()) {
                 // So many samples as alpha times their number, rounded, the first ones first. A NaN covers none.
                 let least = (sample as f32 + 0.5) / samples as f32;

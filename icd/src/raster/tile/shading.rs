@@ -138,7 +138,7 @@ spirv_jit::vectors! {
                 *mask &= live;
             }
             let rows = &state[io..];
-            plan.output.drop_samples(rows, &mut masks);
+            plan.output.drop_samples(rows, &pack.places, &mut masks);
             if any(&masks) == 0 {
                 continue;
             }

@@ -258,7 +258,7 @@ fn logical_operations_are_their_truth_tables() {
 
 #[test]
 fn samples_follow_mask_and_alpha() {
-    for samples in [1, 2, 4, 8u32] {
+    for samples in [2, 4, 8u32] {
         for alpha in [0.0f32, 0.3, 0.5, 1.0] {
             let canvas = Canvas::new(vk::Format::R32G32B32A32_SFLOAT, 6, 6, 1, samples);
             let mut state = GraphicsState::default();
@@ -282,5 +282,50 @@ fn samples_follow_mask_and_alpha() {
             }
             assert_eq!(counted, expected);
         }
+    }
+}
+
+/// With one sample alpha is the share of covered pixels: in 64ths of each 8×8 pixels. A larger alpha
+/// covers all pixels that a smaller one covers.
+#[test]
+fn pixels_of_one_sample_follow_alpha() {
+    let covered = |[width, height]: [u32; 2], alpha: f32| -> Vec<bool> {
+        let canvas = Canvas::new(vk::Format::R32G32B32A32_SFLOAT, width, height, 1, 1);
+        let mut state = GraphicsState::default();
+        state.multisample.alpha_to_coverage = true;
+        let counted = paint(&canvas, state, [1.0, 2.0, 3.0, alpha].map(f32::to_bits));
+        let pixels = (0..width * height).map(|at| [at % width, at / width, 0, 0]);
+        let is_covered = |pixel| canvas.texel(COLOR, pixel)[0] == 1.0f32.to_bits();
+        let covered: Vec<bool> = pixels.map(is_covered).collect();
+        assert_eq!(covered.iter().filter(|it| **it).count() as u64, counted);
+        covered
+    };
+    let (width, height) = (80, 24);
+    let mut before = vec![false; width * height];
+    for step in 0..=64 {
+        let alpha = step as f32 / 64.0;
+        let found = covered([width as u32, height as u32], alpha);
+        for square in 0..width * height / 64 {
+            let (left, top) = (square * 8 % width, square * 8 / width * 8);
+            let pixel = |at: usize| found[(top + at / 8) * width + left + at % 8];
+            assert_eq!(
+                (0..64).filter(|&at| pixel(at)).count(),
+                step,
+                "{left}, {top}"
+            );
+        }
+        assert!(before.iter().zip(&found).all(|(before, now)| now | !before));
+        // Neither the size of the picture nor the edge of a primitive matters.
+        let part = covered([13, 11], alpha);
+        assert!((0..13 * 11).all(|at| part[at] == found[at / 13 * width + at % 13]));
+        before = found;
+    }
+    for (alpha, all) in [
+        (f32::NAN, false),
+        (-1.0, false),
+        (2.0, true),
+        (f32::MIN_POSITIVE, false),
+    ] {
+        assert_eq!(covered([9, 9], alpha), [all; 81], "{alpha}");
     }
 }
