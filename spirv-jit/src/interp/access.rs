@@ -1,7 +1,8 @@
 //! Loads and stores in buffers, in workgroup memory and through physical pointers.
 //!
-//! Where the lanes of a subgroup share memory, their addresses are checked together ([`gather`]). Where they do not, or one of them is not
-//! inside, that subgroup's scalars are checked one by one, as robustness has it.
+//! Lanes of a subgroup that share memory have their addresses checked together ([`gather`]); lanes
+//! outside are masked. Scalars are checked one by one only for lanes that share no memory with
+//! others, and for lanes whose access straddles the end of the memory.
 
 use std::marker::PhantomData;
 
@@ -93,7 +94,7 @@ trait Copying: 'static {
         offsets: &Row,
         active: LaneMask,
         rows: gather::Rows<N>,
-    ) -> bool;
+    ) -> LaneMask;
     /// # Safety
     /// As for [`Kernel::run`]: the address is of a scalar, and the row one of the frame's.
     unsafe fn copy<T: Lane>(at: *mut T, row: *mut [T::Slot; SUBGROUP_SIZE], lane: usize);
@@ -121,7 +122,7 @@ impl Copying for In {
         offsets: &Row,
         active: LaneMask,
         rows: gather::Rows<N>,
-    ) -> bool {
+    ) -> LaneMask {
         // SAFETY: as the caller promises.
         unsafe { gather::load::<G, T, N>((base, size_bytes), offsets, active, rows) }
     }
@@ -152,7 +153,7 @@ impl Copying for Out {
         offsets: &Row,
         active: LaneMask,
         rows: gather::Rows<N>,
-    ) -> bool {
+    ) -> LaneMask {
         // SAFETY: as the caller promises.
         unsafe { gather::store::<G, T, N>(memory, offsets, active, rows) }
     }
@@ -200,43 +201,52 @@ impl<C: Copying, G: Gather, T: Lane, const N: usize> Kernel for Accessing<C, G, 
                     Space::Shared => Some(m.workgroup_memory(subgroup)),
                     _ => buffer,
                 };
-                let is_done = match (memory, plan.space) {
-                    (Some(memory), _) => {
-                        copy_block::<C, G, T, N>(memory, &*from.cast(), active, rows, all)
-                    }
+                let distances;
+                let (memory, offsets) = match (memory, plan.space) {
+                    (Some(memory), _) => (memory, &*from.cast()),
                     (None, Space::Global) => {
                         let near = m.near.get();
-                        let memory = (near.start as *mut u8, near.size_bytes);
-                        match G::distances(&*from.cast(), near.start, active) {
-                            Some(distances) => {
-                                // Other lanes have distance 0, which is inside: they may load, too.
-                                let active = if C::LOADS { LaneMask::ALL } else { active };
-                                copy_block::<C, G, T, N>(memory, &distances, active, rows, all)
-                            }
-                            None => false,
-                        }
+                        distances = G::distances(&*from.cast(), near.start);
+                        // `u32::MAX` stands for all larger distances, so it must be outside.
+                        let size_bytes = near.size_bytes.min(u32::MAX.into());
+                        ((near.start as *mut u8, size_bytes), &distances)
                     }
                     // Descriptors that lanes may differ in, but mostly do not.
-                    (None, Space::Buffer) => match m.common(address[0], subgroup, active) {
+                    _ => match m.common(address[0], subgroup, active) {
                         Some(descriptor) => {
                             let descriptor = m.environment.descriptor(descriptor);
                             let memory = (descriptor.address as *mut u8, descriptor.size_bytes);
-                            copy_block::<C, G, T, N>(memory, &*from.cast(), active, rows, all)
+                            (memory, &*from.cast())
                         }
-                        None => false,
+                        None => {
+                            copy_scalars::<C, T>(
+                                m,
+                                plan.space,
+                                (address, scalars),
+                                subgroup,
+                                active,
+                            );
+                            continue;
+                        }
                     },
-                    _ => false,
                 };
-                if !is_done {
-                    copy_scalars::<C, T>(m, plan.space, (address, scalars), subgroup);
+                let mut left = copy_block::<C, G, T, N>(memory, offsets, active, rows, all);
+                if plan.space != Space::Global && !left.is_empty() {
+                    // Outside this memory there is none. Scalars may still be inside one by one.
+                    let total = (scalars.len() * size_of::<T>()) as u64;
+                    left = gather::straddling::<G>(offsets, left, (memory.1, total));
+                }
+                if !left.is_empty() {
+                    copy_scalars::<C, T>(m, plan.space, (address, scalars), subgroup, left);
                 }
             }
         }
     }
 }
 
-/// A subgroup's part of an access to memory that its lanes share: of `N` scalars, whose rows are `rows`, or if that is 0 of as many as `all`
-/// says. False if one is not inside.
+/// A subgroup's part of an access to memory that its lanes share: of `N` scalars, whose rows are
+/// `rows`, or if `N` is 0 of the count and rows that the last argument gives. Returns the active
+/// lanes that have a scalar outside. Loads give zeros there.
 ///
 /// # Safety
 /// As [`gather::load`].
@@ -247,22 +257,21 @@ unsafe fn copy_block<C: Copying, G: Gather, T: Lane, const N: usize>(
     active: LaneMask,
     rows: gather::Rows<N>,
     (count, row): (usize, impl Fn(usize) -> *mut u8),
-) -> bool {
+) -> LaneMask {
     if N != 0 {
         // SAFETY: as the caller promises.
         return unsafe { C::copy_all::<G, T, N>((base, size_bytes), offsets, active, rows) };
     }
     // Offsets past 32 bits would wrap.
     let size_bytes = size_bytes.min(1 << 32);
+    let mut outside = LaneMask::NONE;
     // A loop without closures: those have no tier, and its instructions would be calls in them.
     for k in (0..count).step_by(4) {
         let skip = k * size_of::<T>();
-        let Some(rest) = size_bytes.checked_sub(skip as u64) else {
-            return false;
-        };
         // SAFETY: as the caller promises.
-        let is_done = unsafe {
-            let memory = (base.add(skip), rest);
+        outside |= unsafe {
+            let rest = size_bytes.saturating_sub(skip as u64);
+            let memory = (base.wrapping_add(skip), rest);
             match count - k {
                 1 => C::copy_all::<G, T, 1>(memory, offsets, active, [row(k)]),
                 2 => C::copy_all::<G, T, 2>(memory, offsets, active, [row(k), row(k + 1)]),
@@ -276,14 +285,12 @@ unsafe fn copy_block<C: Copying, G: Gather, T: Lane, const N: usize>(
                 }
             }
         };
-        if !is_done {
-            return false;
-        }
     }
-    true
+    outside
 }
 
-/// A subgroup's part of an access, some of which is outside, or whose lanes share no memory: every scalar is checked.
+/// An access of some lanes with a check of each scalar: lanes that straddle the end of the memory,
+/// or share no memory with others.
 ///
 /// # Safety
 /// As [`Kernel::run`]; the subgroup is one of the wave's.
@@ -293,9 +300,10 @@ unsafe fn copy_scalars<C: Copying, T: Lane>(
     space: Space,
     (address, scalars): (&[Operand], &[Operand]),
     subgroup: u16,
+    lanes: LaneMask,
 ) {
     let size = size_of::<T>() as u64;
-    for lane in C::lanes(m, subgroup) {
+    for lane in lanes {
         // SAFETY: as the caller promises; addresses are checked.
         unsafe {
             let region = region(m, space, address, subgroup, lane);

@@ -1,9 +1,10 @@
 //! Loads and stores of scalars for a whole subgroup, in memory that its lanes share, in each instruction set.
 //!
-//! All lanes are checked together: whether their accesses are inside, and how they lie. Lanes that
+//! All lanes are checked together: which of their accesses are inside, and how they lie. Lanes that
 //! load the same address, and lanes with consecutive scalars, load once. Otherwise words are
 //! assembled four lanes at a time and stored in registers as wide as the tier's, so the next reader
-//! of the rows need not wait for sixteen single stores.
+//! of the rows need not wait for sixteen single stores. Lanes outside are masked, so
+//! they do not slow the other lanes.
 
 use lanes::LaneMask;
 
@@ -21,8 +22,8 @@ pub(super) type Rows<const N: usize> = [*mut u8; N];
 /// How the offsets of a subgroup's lanes lie.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Layout {
-    /// Some of them are beyond the last that may be.
-    Outside,
+    /// Some offsets are above the limit. The mask has the lanes whose offsets are not.
+    Outside(LaneMask),
     /// All are equal.
     Same,
     /// Each is as far behind the one before as the scalars are long.
@@ -41,12 +42,9 @@ pub(super) trait Gather: Tier {
     /// The offsets of active lanes, of which there are some; in other lanes the first active one's.
     unsafe fn fill(offsets: &Row, active: LaneMask) -> Row;
 
-    /// How far active lanes' addresses are behind `start`, if that is less than 2³² in all of them; in other lanes 0.
-    unsafe fn distances(
-        addresses: &[u64; SUBGROUP_SIZE],
-        start: u64,
-        active: LaneMask,
-    ) -> Option<Row>;
+    /// The distances of addresses from `start`; `u32::MAX` for larger ones and for addresses before
+    /// `start`.
+    unsafe fn distances(addresses: &[u64; SUBGROUP_SIZE], start: u64) -> Row;
 
     /// Loads `N` scalars for each lane, which lie one behind another at the lane's offset from `base`.
     ///
@@ -69,8 +67,9 @@ fn last(size_bytes: u64, total: u32) -> Option<u32> {
     Some(last as u32)
 }
 
-/// Loads `N` scalars of the active lanes of a subgroup, one behind another at each lane's offset in `size_bytes` bytes from `base`; false,
-/// and nothing is done, if one is not inside.
+/// Loads `N` consecutive scalars for each active lane of a subgroup, at the lane's offset in
+/// `size_bytes` bytes from `base`. Lanes with a scalar outside load zeros; returns those that are
+/// active.
 ///
 /// # Safety
 /// As for [`Gather`]; as many bytes may be read at `base`, some lane is active, and the rows are a frame's.
@@ -80,13 +79,14 @@ pub(super) unsafe fn load<G: Gather, T: Lane, const N: usize>(
     offsets: &Row,
     active: LaneMask,
     rows: Rows<N>,
-) -> bool {
+) -> LaneMask {
     let total = (N * size_of::<T>()) as u32;
-    let Some(last) = last(size_bytes, total) else {
-        return false;
-    };
     // SAFETY: as the caller promises; offsets are checked.
     unsafe {
+        let Some(last) = last(size_bytes, total) else {
+            clear::<T, N>(rows, LaneMask::NONE);
+            return active;
+        };
         let filled;
         let offsets = match active {
             LaneMask::ALL => offsets,
@@ -96,7 +96,16 @@ pub(super) unsafe fn load<G: Gather, T: Lane, const N: usize>(
             }
         };
         match G::layout(offsets, last, total) {
-            Layout::Outside => return false,
+            Layout::Outside(inside) => {
+                if !inside.is_empty() {
+                    let filled = G::fill(offsets, inside);
+                    // As below.
+                    let offsets = std::hint::black_box(&raw const filled);
+                    G::load_apart::<T, N>(base, &*offsets, rows);
+                }
+                clear::<T, N>(rows, inside);
+                return active - inside;
+            }
             Layout::Same => {
                 let at = base.add(offsets[0] as usize).cast::<T>();
                 for (k, row) in rows.into_iter().enumerate() {
@@ -114,11 +123,11 @@ pub(super) unsafe fn load<G: Gather, T: Lane, const N: usize>(
             }
         }
     }
-    true
+    LaneMask::NONE
 }
 
 /// Stores `N` scalars of the active lanes of a subgroup, one behind another at each lane's offset in `size_bytes` bytes from `base`, in the
-/// lanes' order; false, and nothing is done, if one is not inside.
+/// lanes' order. Returns the active lanes whose scalars are not all inside: none of them is stored.
 ///
 /// # Safety
 /// As [`load`]; as many bytes may be written at `base`.
@@ -128,23 +137,30 @@ pub(super) unsafe fn store<G: Gather, T: Lane, const N: usize>(
     offsets: &Row,
     active: LaneMask,
     rows: Rows<N>,
-) -> bool {
+) -> LaneMask {
     let total = (N * size_of::<T>()) as u32;
     let Some(last) = last(size_bytes, total) else {
-        return false;
+        return active;
     };
     // SAFETY: as the caller promises; offsets are checked.
     unsafe {
-        if active != LaneMask::ALL {
-            let filled = G::fill(offsets, active);
-            let is_inside = G::layout(&filled, last, total) != Layout::Outside;
-            if is_inside {
-                store_singly::<T, N>(base, offsets, rows, active);
+        let filled;
+        let offsets = match active {
+            LaneMask::ALL => offsets,
+            _ => {
+                filled = G::fill(offsets, active);
+                &filled
             }
-            return is_inside;
-        }
-        match G::layout(offsets, last, total) {
-            Layout::Outside => return false,
+        };
+        let layout = G::layout(offsets, last, total);
+        let inside = match layout {
+            Layout::Outside(lanes) => active & lanes,
+            _ => active,
+        };
+        match layout {
+            _ if inside != LaneMask::ALL => {
+                store_singly::<T, N>(base, offsets, rows, inside);
+            }
             Layout::Run if N == 1 => {
                 let from = &*rows[0].cast::<[T::Slot; SUBGROUP_SIZE]>();
                 let to = base.add(offsets[0] as usize);
@@ -160,8 +176,54 @@ pub(super) unsafe fn store<G: Gather, T: Lane, const N: usize>(
                 G::store_apart::<T, N>(base, &*offsets, rows);
             }
         }
+        active - inside
     }
-    true
+}
+
+/// The lanes of `outside` that may still have a scalar inside `size_bytes` bytes: their access of
+/// `total` bytes begins inside, or wraps, since each scalar's offset is modulo 2³².
+///
+/// # Safety
+/// As for [`Gather`].
+#[inline(always)]
+pub(super) unsafe fn straddling<G: Gather>(
+    offsets: &Row,
+    outside: LaneMask,
+    (size_bytes, total): (u64, u64),
+) -> LaneMask {
+    // If the first scalar is past the end and the last does not wrap, no scalar is inside.
+    let Some(span) = (1u64 << 32).checked_sub(size_bytes.saturating_add(total)) else {
+        return outside;
+    };
+    let mut behind = *offsets;
+    for offset in &mut behind {
+        *offset = offset.wrapping_sub(size_bytes as u32);
+    }
+    // SAFETY: as the caller promises.
+    match unsafe { G::layout(&behind, span as u32, 0) } {
+        Layout::Outside(behind) => outside - behind,
+        _ => LaneMask::NONE,
+    }
+}
+
+/// Zeroes the rows except in the kept lanes.
+///
+/// # Safety
+/// The rows are a frame's.
+#[inline(always)]
+unsafe fn clear<T: Lane, const N: usize>(rows: Rows<N>, kept: LaneMask) {
+    for row in rows {
+        // SAFETY: as the caller promises.
+        let row = unsafe { &mut *row.cast::<[T::Slot; SUBGROUP_SIZE]>() };
+        let mut cleared = [T::Slot::default(); SUBGROUP_SIZE];
+        for k in 0..SUBGROUP_SIZE {
+            cleared[k] = match kept.contains(k) {
+                true => row[k],
+                false => T::Slot::default(),
+            };
+        }
+        *row = cleared;
+    }
 }
 
 /// Loads `N` scalars for each lane, one lane's behind another's: a single one, or as many as fill 32 bits.
@@ -206,7 +268,9 @@ impl Gather for Portable {
             }
         }
         match () {
-            _ if highest[0] > last => Layout::Outside,
+            _ if highest[0] > last => {
+                Layout::Outside(LaneMask::from_fn(|lane| offsets[lane] <= last))
+            }
             _ if others == 0 => Layout::Same,
             _ if apart == 0 && first < offsets[SUBGROUP_SIZE - 1] => Layout::Run,
             _ => Layout::Apart,
@@ -228,19 +292,14 @@ impl Gather for Portable {
     }
 
     #[inline(always)]
-    unsafe fn distances(
-        addresses: &[u64; SUBGROUP_SIZE],
-        start: u64,
-        active: LaneMask,
-    ) -> Option<Row> {
-        let (mut distances, mut far) = ([0; SUBGROUP_SIZE], 0);
+    unsafe fn distances(addresses: &[u64; SUBGROUP_SIZE], start: u64) -> Row {
+        let mut distances = [0; SUBGROUP_SIZE];
         for k in 0..SUBGROUP_SIZE {
             let distance = addresses[k].wrapping_sub(start);
-            let distance = if active.contains(k) { distance } else { 0 };
-            far |= distance >> 32;
-            distances[k] = distance as u32;
+            let is_near = distance >> 32 == 0;
+            distances[k] = if is_near { distance as u32 } else { u32::MAX };
         }
-        (far == 0).then_some(distances)
+        distances
     }
 
     #[inline(always)]

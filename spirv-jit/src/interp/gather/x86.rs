@@ -413,9 +413,9 @@ fn steps(size_bytes: u32) -> Row {
 
 /// The layout of offsets, by the lanes that have each.
 #[inline(always)]
-fn layout(offsets: &Row, are_outside: bool, same: u16, run: u16) -> Layout {
+fn layout(offsets: &Row, inside: u16, same: u16, run: u16) -> Layout {
     match () {
-        _ if are_outside => Layout::Outside,
+        _ if inside != u16::MAX => Layout::Outside(LaneMask::from_bits(inside)),
         _ if same == u16::MAX => Layout::Same,
         // One that wraps is none.
         _ if run == u16::MAX && offsets[0] < offsets[SUBGROUP_SIZE - 1] => Layout::Run,
@@ -430,11 +430,11 @@ impl Gather for Avx512 {
         unsafe {
             let lanes = _mm512_loadu_si512(offsets.as_ptr().cast());
             let first = _mm512_set1_epi32(offsets[0] as i32);
-            let outside = _mm512_cmpgt_epu32_mask(lanes, _mm512_set1_epi32(last as i32));
+            let inside = _mm512_cmple_epu32_mask(lanes, _mm512_set1_epi32(last as i32));
             let steps = _mm512_loadu_si512(steps(size_bytes).as_ptr().cast());
             let same = _mm512_cmpeq_epi32_mask(lanes, first);
             let run = _mm512_cmpeq_epi32_mask(lanes, _mm512_add_epi32(first, steps));
-            layout(offsets, outside != 0, same, run)
+            layout(offsets, inside, same, run)
         }
     }
 
@@ -450,26 +450,16 @@ impl Gather for Avx512 {
     }
 
     #[inline(always)]
-    unsafe fn distances(
-        addresses: &[u64; SUBGROUP_SIZE],
-        start: u64,
-        active: LaneMask,
-    ) -> Option<Row> {
+    unsafe fn distances(addresses: &[u64; SUBGROUP_SIZE], start: u64) -> Row {
         // SAFETY: as the caller promises; addresses are two registers long.
         unsafe {
             let start = _mm512_set1_epi64(start as i64);
-            let active = active.bits();
-            let masks = [active as u8, (active >> 8) as u8];
-            let mut low = [_mm256_setzero_si256(); 2];
-            let mut far = 0;
+            let mut near = [_mm256_setzero_si256(); 2];
             for k in 0..2 {
                 let lanes = _mm512_loadu_si512(addresses.as_ptr().add(8 * k).cast());
-                let distance = _mm512_maskz_sub_epi64(masks[k], lanes, start);
-                far |= _mm512_test_epi64_mask(distance, _mm512_set1_epi64(-1 << 32));
-                low[k] = _mm512_cvtepi64_epi32(distance);
+                near[k] = _mm512_cvtusepi64_epi32(_mm512_sub_epi64(lanes, start));
             }
-            let row = _mm512_inserti64x4::<1>(_mm512_castsi256_si512(low[0]), low[1]);
-            (far == 0).then_some(std::mem::transmute::<__m512i, Row>(row))
+            std::mem::transmute::<[__m256i; 2], Row>(near)
         }
     }
 
@@ -532,7 +522,7 @@ impl Gather for Avx2 {
                 same[k] = _mm256_cmpeq_epi32(lanes, first);
                 run[k] = _mm256_cmpeq_epi32(lanes, _mm256_add_epi32(first, steps));
             }
-            layout(offsets, bits(inside) != u16::MAX, bits(same), bits(run))
+            layout(offsets, bits(inside), bits(same), bits(run))
         }
     }
 
@@ -551,29 +541,24 @@ impl Gather for Avx2 {
     }
 
     #[inline(always)]
-    unsafe fn distances(
-        addresses: &[u64; SUBGROUP_SIZE],
-        start: u64,
-        active: LaneMask,
-    ) -> Option<Row> {
+    unsafe fn distances(addresses: &[u64; SUBGROUP_SIZE], start: u64) -> Row {
         // SAFETY: as the caller promises; addresses are four registers long.
         unsafe {
             let start = _mm256_set1_epi64x(start as i64);
-            let mut low = spread(active);
-            let mut far = _mm256_setzero_si256();
+            let zero = _mm256_setzero_si256();
+            let mut near = [zero; 2];
             for k in 0..2 {
                 let at = addresses.as_ptr().add(8 * k).cast::<__m256i>();
                 let a = _mm256_sub_epi64(_mm256_loadu_si256(at), start);
                 let b = _mm256_sub_epi64(_mm256_loadu_si256(at.add(1)), start);
+                let is_near = _mm256_cmpeq_epi32(a.odd_words(b), zero);
+                // All ones if the high word is not zero.
+                let is_far = _mm256_xor_si256(is_near, _mm256_cmpeq_epi32(zero, zero));
+                let words = _mm256_or_si256(a.even_words(b), is_far);
                 // By quarters: the middle ones change places.
-                let words = a.even_words(b);
-                let high = a.odd_words(b);
-                let order = |words| _mm256_permute4x64_epi64::<0b11_01_10_00>(words);
-                far = _mm256_or_si256(far, _mm256_and_si256(order(high), low[k]));
-                low[k] = _mm256_and_si256(order(words), low[k]);
+                near[k] = _mm256_permute4x64_epi64::<0b11_01_10_00>(words);
             }
-            let is_near = _mm256_testz_si256(far, far) == 1;
-            is_near.then_some(std::mem::transmute::<[__m256i; 2], Row>(low))
+            std::mem::transmute::<[__m256i; 2], Row>(near)
         }
     }
 

@@ -49,7 +49,7 @@ impl Random {
                 }
             }
         }
-        if self.below(3) == 0 {
+        for _ in 0..self.below(3) * self.below(9) {
             let lane = self.below(SUBGROUP_SIZE as u64) as usize;
             offsets[lane] = [last as u32 + 1, SIZE_BYTES as u32, u32::MAX][self.below(3) as usize];
         }
@@ -69,21 +69,25 @@ fn accesses_of<G: Gather, T: Lane, const N: usize>(random: &mut Random) {
     let (size, slot) = (size_of::<T>(), size_of::<T::Slot>());
     for _ in 0..400 {
         let (offsets, active) = (random.offsets(N * size), random.active());
-        let end = |lane: usize| offsets[lane] as usize + N * size;
-        let is_inside = active.iter().all(|lane| end(lane) <= SIZE_BYTES);
+        // Some memory is smaller than one lane's access.
+        let size_bytes = match random.below(8) {
+            0 => random.below((N * size) as u64) as usize,
+            _ => SIZE_BYTES,
+        };
+        let is_inside = |lane: usize| offsets[lane] as usize + N * size <= size_bytes;
+        let outside = active - LaneMask::from_fn(is_inside);
 
         let mut rows = [[BEFORE; 8 * SUBGROUP_SIZE]; N];
         let to = rows.each_mut().map(|row| row.as_mut_ptr());
-        let from = (memory.as_ptr(), SIZE_BYTES as u64);
+        let from = (memory.as_ptr(), size_bytes as u64);
         // SAFETY: the machine has the tier; rows are as long as those of 64-bit lanes.
-        let is_done = unsafe { gather::load::<G, T, N>(from, &offsets, active, to) };
-        assert_eq!(is_done, is_inside, "{offsets:?}, {active:?}");
+        let left = unsafe { gather::load::<G, T, N>(from, &offsets, active, to) };
+        assert_eq!(left, outside, "{offsets:?}, {active:?}");
         for (k, row) in rows.iter().enumerate() {
             for lane in active {
                 let given = &row[lane * slot..][..slot];
-                let mut expected = vec![BEFORE; slot];
-                if is_inside {
-                    expected.fill(0);
+                let mut expected = vec![0; slot];
+                if is_inside(lane) {
                     let at = offsets[lane] as usize + k * size;
                     expected[..size].copy_from_slice(&memory[at..at + size]);
                 }
@@ -99,16 +103,14 @@ fn accesses_of<G: Gather, T: Lane, const N: usize>(random: &mut Random) {
         }
         let from = rows.each_mut().map(|row| row.as_mut_ptr());
         let (mut given, mut expected) = (memory.clone(), memory.clone());
-        let to = (given.as_mut_ptr(), SIZE_BYTES as u64);
+        let to = (given.as_mut_ptr(), size_bytes as u64);
         // SAFETY: as above.
-        let is_done = unsafe { gather::store::<G, T, N>(to, &offsets, active, from) };
-        assert_eq!(is_done, is_inside, "{offsets:?}, {active:?}");
-        if is_inside {
-            for lane in active {
-                for (k, row) in rows.iter().enumerate() {
-                    let at = offsets[lane] as usize + k * size;
-                    expected[at..at + size].copy_from_slice(&row[lane * slot..][..size]);
-                }
+        let left = unsafe { gather::store::<G, T, N>(to, &offsets, active, from) };
+        assert_eq!(left, outside, "{offsets:?}, {active:?}");
+        for lane in active - outside {
+            for (k, row) in rows.iter().enumerate() {
+                let at = offsets[lane] as usize + k * size;
+                expected[at..at + size].copy_from_slice(&row[lane * slot..][..size]);
             }
         }
         assert_eq!(given, expected, "{N} of {size} bytes, {active:?}");
@@ -151,14 +153,14 @@ fn far_accesses_of<G: Gather, T: Lane, const N: usize>(memory: &Sparse, random: 
             let at = (memory.as_mut_ptr(), memory.size_bytes());
             let from = rows.each_mut().map(|row| row.as_mut_ptr());
             // SAFETY: the machine has the tier; rows are as long as those of 64-bit lanes.
-            let is_done = unsafe { gather::store::<G, T, N>(at, &offsets, active, from) };
-            assert!(is_done, "{offsets:x?}");
+            let left = unsafe { gather::store::<G, T, N>(at, &offsets, active, from) };
+            assert!(left.is_empty(), "{offsets:x?}");
             let mut loaded = [[BEFORE; 8 * SUBGROUP_SIZE]; N];
             let to = loaded.each_mut().map(|row| row.as_mut_ptr());
             let from = (at.0.cast_const(), at.1);
             // SAFETY: as above.
-            let is_done = unsafe { gather::load::<G, T, N>(from, &offsets, active, to) };
-            assert!(is_done, "{offsets:x?}");
+            let left = unsafe { gather::load::<G, T, N>(from, &offsets, active, to) };
+            assert!(left.is_empty(), "{offsets:x?}");
             for lane in active {
                 // Of lanes at one place the last one's stays.
                 let same = active
@@ -182,9 +184,10 @@ fn far_accesses_of<G: Gather, T: Lane, const N: usize>(memory: &Sparse, random: 
             outside[active.first()] = last.wrapping_add(1);
             let from = rows.each_mut().map(|row| row.as_mut_ptr());
             // SAFETY: as above.
-            let is_done = unsafe { gather::store::<G, T, N>(at, &outside, active, from) };
+            let left = unsafe { gather::store::<G, T, N>(at, &outside, active, from) };
             // One byte is inside up to the last offset.
-            assert_eq!(is_done, last == u32::MAX, "{offsets:x?}");
+            let all_inside = last == u32::MAX;
+            assert_eq!(left.is_empty(), all_inside, "{offsets:x?}");
         }
     }
 }
@@ -203,29 +206,67 @@ fn far_accesses<G: Gather>() {
     of_all_counts!(u8 u16 u32 u64);
 }
 
+fn straddling<G: Gather>() {
+    let random = &mut Random(5);
+    for _ in 0..2000 {
+        let sizes = [
+            0,
+            1,
+            3,
+            4,
+            15,
+            16,
+            200,
+            203,
+            (1 << 32) - 3,
+            1 << 32,
+            1 << 40,
+        ];
+        let size_bytes: u64 = sizes[random.below(sizes.len() as u64) as usize];
+        let size = 1 << random.below(4);
+        let count = 1 + random.below(6);
+        let mut offsets = [0u32; SUBGROUP_SIZE];
+        for offset in &mut offsets {
+            let near = [0, size_bytes as u32, u32::MAX][random.below(3) as usize];
+            *offset = near.wrapping_add(random.below(65) as u32).wrapping_sub(32);
+        }
+        let is_inside = |lane: usize, k: u64| {
+            let first = (offsets[lane] as u64 + k * size) as u32 as u64;
+            first + size <= size_bytes
+        };
+        let all = |lane: usize| (0..count).all(|k| is_inside(lane, k));
+        let any = |lane: usize| (0..count).any(|k| is_inside(lane, k));
+        let outside = random.active() - LaneMask::from_fn(all);
+        // SAFETY: the machine has the tier.
+        let given =
+            unsafe { gather::straddling::<G>(&offsets, outside, (size_bytes, count * size)) };
+        assert_eq!(given - outside, LaneMask::NONE);
+        assert_eq!((outside & LaneMask::from_fn(any)) - given, LaneMask::NONE);
+        // Lanes past the end that do not wrap are never left.
+        let ends = |lane: usize| offsets[lane] as u64 + count * size;
+        let is_behind = |lane: usize| offsets[lane] as u64 >= size_bytes && ends(lane) <= 1 << 32;
+        assert_eq!(given & LaneMask::from_fn(is_behind), LaneMask::NONE);
+    }
+}
+
 fn distances<G: Gather>() {
     let random = &mut Random(11);
     for _ in 0..2000 {
         let start = random.below(u64::MAX);
-        let active = random.active();
         let mut addresses = [start; SUBGROUP_SIZE];
         for address in &mut addresses {
             *address = start.wrapping_add(random.below(1 << 32));
         }
-        if random.below(2) == 0 {
+        for _ in 0..random.below(4) {
             let lane = random.below(SUBGROUP_SIZE as u64) as usize;
             let far = [1 << 32, 1 << 63, u64::MAX, u64::MAX << 32];
             addresses[lane] = start.wrapping_add(far[random.below(4) as usize]);
         }
-        let distance = |lane: usize| match active.contains(lane) {
-            true => addresses[lane].wrapping_sub(start),
-            false => 0,
-        };
-        let is_near = (0..SUBGROUP_SIZE).all(|lane| distance(lane) < 1 << 32);
         // SAFETY: the machine has the tier.
-        let given = unsafe { G::distances(&addresses, start, active) };
-        let expected: Vec<u32> = (0..SUBGROUP_SIZE).map(|k| distance(k) as u32).collect();
-        assert_eq!(given.map(Vec::from), is_near.then_some(expected));
+        let given = unsafe { G::distances(&addresses, start) };
+        let distance = |lane: usize| addresses[lane].wrapping_sub(start);
+        let expected = |lane| u32::try_from(distance(lane)).unwrap_or(u32::MAX);
+        assert_eq!(given, std::array::from_fn(expected));
     }
 }
 
@@ -257,6 +298,11 @@ fn offsets_have_all_32_bits() {
 }
 
 #[test]
-fn distances_are_less_than_32_bits_long_or_none() {
+fn distances_end_with_32_bits() {
     in_all_tiers!(distances);
+}
+
+#[test]
+fn scalars_that_straddle_the_end_are_left() {
+    in_all_tiers!(straddling);
 }

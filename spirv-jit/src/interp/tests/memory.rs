@@ -520,3 +520,137 @@ fn check_load(
         }
     }
 }
+
+/// Offsets of sixteen lanes that store `bytes` bytes each without overlap: inside, across the end,
+/// across 2³², descending, and every second one outside.
+fn places_apart(kind: usize, bytes: u32, size_bytes: u32) -> [u32; 16] {
+    std::array::from_fn(|lane| {
+        let lane = lane as u32;
+        match kind {
+            0 => 8 + lane * bytes,
+            1 => size_bytes - 7 * bytes - 3 + lane * bytes,
+            2 => (u32::MAX - 5 * bytes).wrapping_add(lane * bytes),
+            3 => (15 - lane) * (bytes + 1),
+            _ => lane * bytes + lane % 2 * 5000,
+        }
+    })
+}
+
+#[test]
+fn stores_are_the_same_however_lanes_lie() {
+    for (ty, size) in [("i8", 1), ("i16", 2), ("i32", 4), ("i64", 8)] {
+        for count in 1..=5 {
+            for kind in 0..5 {
+                for (space, exits) in [("buffer", false), ("global", false), ("buffer", true)] {
+                    on_tiers(|tier| check_store(tier, (ty, size), count, kind, space, exits));
+                }
+            }
+        }
+    }
+}
+
+/// Stores `count` scalars a lane: the lane's number times 16, plus the scalar's number. With
+/// `exits`, only every third lane stores. Some device addresses lead to a second range, or nowhere.
+fn check_store(
+    tier: lanes::Tier,
+    (ty, size): (&str, usize),
+    count: usize,
+    kind: usize,
+    space: &str,
+    exits: bool,
+) {
+    let (mut near, far) = (vec![0xaaaa_aaaau32; 200], vec![0xaaaa_aaaau32; 200]);
+    let size_bytes = 4 * near.len() as u64 - 3;
+    let mut values = String::new();
+    let names: Vec<String> = (0..count).map(|k| format!("v{}", 100 + 4 * k)).collect();
+    for (k, name) in names.iter().enumerate() {
+        let at = 100 + 4 * k;
+        values += &format!(
+            "v{}: i32 = const {k}\nv{}: i32 = iadd v6, v{}\n",
+            at + 1,
+            at + 2,
+            at + 1
+        );
+        values += &match ty {
+            "i32" => format!("{name}: i32 = or v{}, v0\n", at + 2),
+            _ => format!("{name}: {ty} = uconvert v{}\n", at + 2),
+        };
+    }
+    let address = match space {
+        "buffer" => "v1, v3",
+        _ => "v9",
+    };
+    let leave = match exits {
+        true => "v20: i32 = urem v4, v21\nv22: i1 = ieq v20, v0\nif v22, L0 { br L0 } else { end }",
+        false => "",
+    };
+    let text = format!(
+        "module compute
+        inputs local_invocation_index.0, local_invocation_id.0, local_invocation_id.1
+        output_rows 0
+        func f0 {{
+            v0: i32 = const 0
+            v1: descriptor = descriptor[set 0, first 0, count 1] v0
+            v3: i32 = input[0]
+            v4: i32 = input[1]
+            v5: i32 = const 4
+            v6: i32 = shl v4, v5
+            v8: i32 = input[2]
+            v9: i64 = pack64 v3, v8
+            v21: i32 = const 3
+            {values}
+            {leave}
+            store.{space} {address}, {}
+            end
+        }}",
+        names.join(", ")
+    );
+    let entry = descriptor(&mut near, size_bytes);
+    let mut bench = Bench::new(&text, tier, 1);
+    bench.environment.sets[0] = DescriptorSet {
+        entries: &raw const entry,
+        count: 1,
+        ..DescriptorSet::NONE
+    };
+    let starts = [near.as_ptr() as u64, far.as_ptr() as u64];
+    bench.environment.reach = Arc::new(Reach::new(
+        starts
+            .map(|start| Range { start, size_bytes })
+            .into_iter()
+            .collect(),
+    ));
+    let places = places_apart(kind, (size * count) as u32, size_bytes as u32);
+    let addresses: Vec<u64> = (0..16)
+        .map(|lane| match (space, lane % 5) {
+            ("buffer", _) => places[lane] as u64,
+            (_, 4) => starts[1] + places[lane] as u64,
+            (_, 3) => places[lane] as u64 % 4096,
+            _ => starts[0] + places[lane] as u64,
+        })
+        .collect();
+    bench.input(0, |lane| addresses[lane] as u32);
+    bench.input(1, |lane| lane as u32);
+    bench.input(2, |lane| (addresses[lane] >> 32) as u32);
+    bench.run_to_end();
+
+    let mut expected = [vec![0xaa; 800], vec![0xaa; 800]];
+    for lane in (0..16).filter(|lane| !exits || lane % 3 == 0) {
+        for k in 0..count {
+            let which = (space == "global" && lane % 5 == 4) as usize;
+            let first = match space {
+                "buffer" => places[lane].wrapping_add((k * size) as u32) as u64,
+                _ if lane % 5 == 3 => continue,
+                _ => places[lane] as u64 + (k * size) as u64,
+            };
+            if first + size as u64 <= size_bytes {
+                let scalar = (lane * 16 + k) as u64;
+                expected[which][first as usize..][..size]
+                    .copy_from_slice(&scalar.to_le_bytes()[..size]);
+            }
+        }
+    }
+    for (given, expected) in [near, far].iter().zip(&expected) {
+        let given: Vec<u8> = given.iter().flat_map(|word| word.to_le_bytes()).collect();
+        assert_eq!(given, *expected, "{tier:?} {ty} {count} {kind} {space}");
+    }
+}
