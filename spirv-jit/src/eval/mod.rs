@@ -12,6 +12,7 @@ mod float;
 mod int;
 pub(crate) mod narrow;
 pub mod quad;
+pub mod subgroup;
 mod transcendental;
 mod wide;
 

@@ -27,11 +27,10 @@ pub(super) struct AtomicPlan {
     pub operands: u32,
 }
 
-/// A subgroup operation on values of one type.
+/// A subgroup operation.
 #[derive(Clone, Copy)]
 pub(super) struct SubgroupPlan {
     pub op: SubgroupOp,
-    pub ty: Type,
     /// Helper invocations take part like all others.
     pub with_helpers: bool,
 }

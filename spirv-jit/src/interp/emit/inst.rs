@@ -93,13 +93,9 @@ impl Emitter<'_> {
                 let ty = inst.args.first().map_or(Type::I32, |&v| self.ty(v));
                 let plan = SubgroupPlan {
                     op: *op,
-                    ty,
                     with_helpers: takes_helpers(self.module, *op),
                 };
-                let handler = match subgroup::is_word(&plan) {
-                    true => self.kernel::<subgroup::Word>(),
-                    false => subgroup::subgroup,
-                };
+                let handler = subgroup::handler(self.tier, *op, ty);
                 let i = plain(handler, self.code.subgroups.len() as u32);
                 self.code.subgroups.push(plan);
                 i

@@ -8,11 +8,11 @@ mod fused;
 #[cfg(target_arch = "x86_64")]
 mod half;
 mod lane;
-mod ops;
+pub(super) mod ops;
 mod quad;
 mod remainder;
 
 pub(super) use elementwise::{Copy, MaskedCopy, Unpack64, elementwise};
 pub(super) use fused::{Side, fused};
-pub(super) use lane::{Lane, sign_bits};
+pub(super) use lane::{Binary, Lane, sign_bits};
 pub(super) use quad::derivative;

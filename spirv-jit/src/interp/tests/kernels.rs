@@ -7,7 +7,7 @@ use crate::eval::{self, Float, Int, f16};
 use crate::ir::Type;
 
 /// A scalar type of `eval` with its IR type.
-trait Scalar: Copy {
+pub(super) trait Scalar: Copy {
     const TYPE: Type;
     fn of(bits: u64) -> Self;
     fn bits(self) -> u64;
@@ -75,7 +75,7 @@ fn samples(seed: u64) -> Vec<u64> {
 }
 
 /// Text that makes a value of type `ty` named `to` from input rows `row` and `row + 1`.
-fn make(text: &mut String, next: &mut u32, ty: Type, row: usize) -> u32 {
+pub(super) fn make(text: &mut String, next: &mut u32, ty: Type, row: usize) -> u32 {
     let mut line = |ty: &str, op: String| {
         let v = *next;
         *next += 1;

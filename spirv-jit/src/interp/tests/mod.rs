@@ -6,6 +6,7 @@ mod kernels;
 mod memory;
 mod native;
 mod pairs;
+mod subgroups;
 mod yields;
 
 use lanes::{LaneMask, Tier as TierKind};
