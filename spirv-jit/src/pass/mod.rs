@@ -14,6 +14,7 @@ pub mod eliminate_dead_code;
 mod features;
 mod fold_constants;
 mod note_effects;
+pub mod promote_in_loops;
 pub mod promote_variables;
 pub mod prune_parameters;
 mod renaming;
@@ -62,6 +63,12 @@ pub const PASSES: &[Pass] = &[
         resolve_variable_addresses,
         resolve_variable_addresses
     ),
+    Pass {
+        name: PROMOTE_IN_LOOPS,
+        run: Run::Function(|function| {
+            promote_in_loops::promote_in_loops(function);
+        }),
+    },
     pass!(Function, promote_variables, promote_variables),
     pass!(Function, prune_parameters, prune_parameters),
     pass!(Function, simplify_control_flow, simplify_control_flow),
@@ -143,8 +150,19 @@ const ROUND: Stages = &[
     ),
 ];
 
-/// Passes after that. Loads with unused results are removed before others are combined.
+/// Passes after that, with every fixed row known. Loads with unused results are removed before
+/// others are combined.
 const AFTER: Stages = &[
+    (When::LoopsAndAddresses, &[PROMOTE_IN_LOOPS]),
+    (
+        When::InLoops,
+        &[
+            "promote_variables",
+            "prune_parameters",
+            "simplify",
+            "eliminate_common_subexpressions",
+        ],
+    ),
     (When::Addresses, &["tabulate_variables"]),
     (When::Always, &["eliminate_dead_code", COMBINE]),
     (
@@ -168,6 +186,10 @@ enum When {
     Variables,
     /// ... a loop;
     Loops,
+    /// ... a loop and an address of a variable;
+    LoopsAndAddresses,
+    /// ... a loop that got variables of its own;
+    InLoops,
     /// ... a loop that was unrolled;
     Unrolled,
     /// ... such a loop and an address;
@@ -179,6 +201,7 @@ enum When {
 }
 
 const UNROLL: &str = "unroll_loops";
+const PROMOTE_IN_LOOPS: &str = "promote_in_loops";
 const COMBINE: &str = "combine_loads";
 
 /// Addresses made rows, and what is left of them removed, so that the variables can be promoted.
@@ -229,7 +252,7 @@ fn run_passes(module: &mut Module) {
 /// Whether there was a loop to unroll.
 fn run_stages(stages: Stages, module: &mut Module) -> bool {
     let mut unrolled = false;
-    let mut combined = false;
+    let (mut in_loops, mut combined) = (false, false);
     for &(when, names) in stages {
         let features = || Features::of(module);
         let runs = match when {
@@ -237,6 +260,8 @@ fn run_stages(stages: Stages, module: &mut Module) -> bool {
             When::Addresses => features().addresses,
             When::Variables => features().variables,
             When::Loops => features().loops,
+            When::LoopsAndAddresses => features().loops && features().addresses,
+            When::InLoops => in_loops,
             When::Unrolled => unrolled,
             When::UnrolledAddresses => unrolled && features().addresses,
             When::UnrolledVariables => unrolled && features().variables,
@@ -249,6 +274,10 @@ fn run_stages(stages: Stages, module: &mut Module) -> bool {
             match *name {
                 _ if disabled(name) => {}
                 UNROLL => unrolled = run_telling(UNROLL, unroll_loops::unroll_loops, module),
+                PROMOTE_IN_LOOPS => {
+                    in_loops =
+                        run_telling(PROMOTE_IN_LOOPS, promote_in_loops::promote_in_loops, module)
+                }
                 COMBINE => combined = run_telling(COMBINE, combine_loads::combine_loads, module),
                 _ => {
                     run_pass(name, module);

@@ -178,7 +178,7 @@ impl Unroller<'_> {
             // The last one is no more than the exit: a single iteration takes the loop's place.
             let iterations = counts.len() - 1;
             let fits = iterations == 1 || counts.len() * size <= most;
-            if counts.len() > MAX_ITERATIONS || !fits || iterations * size > self.budget {
+            if iterations > MAX_ITERATIONS || !fits || iterations * size > self.budget {
                 return None;
             }
         }
@@ -454,6 +454,12 @@ mod tests {
         assert!(by_counter.functions[0].variables.is_empty(), "promoted");
         assert!(has_loop(&summed(20, 60, BY_COUNTER)));
         assert!(has_loop(&summed(20, 30, BY_OTHER)));
+    }
+
+    #[test]
+    fn the_limit_counts_turns() {
+        assert!(!has_loop(&summed(32, 1, COUNTER)));
+        assert!(has_loop(&summed(33, 1, COUNTER)));
     }
 
     #[test]

@@ -141,8 +141,9 @@ fn place_group(group: &[RowUse], types: &mut Vec<Type>, placed: &mut [Promotion]
     }
 }
 
-/// The type for a cell that is accessed with all types of a set: the only one, or the integer of their common width.
-fn one_type(set: u8) -> Option<Type> {
+/// The type of a row that is accessed with all types of a set: the only one, or the integer of
+/// their common width.
+pub fn one_type(set: u8) -> Option<Type> {
     let mut types = [
         Type::I1,
         Type::I8,

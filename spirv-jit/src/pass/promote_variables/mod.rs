@@ -5,6 +5,8 @@
 mod cells;
 mod liveness;
 
+pub(super) use self::cells::one_type;
+
 use smallvec::{SmallVec, smallvec};
 
 use self::cells::{Cells, Promotion, find_cells};
