@@ -1,71 +1,415 @@
-//! Atomics on real memory, in lane order.
+//! Atomics on real memory, in lane order: a kernel for each operation and width.
+//!
+//! If all lanes of a subgroup access one address, the operations run in registers, and one
+//! compare-and-swap writes the last result. Workgroup memory belongs to the worker that runs the
+//! workgroup, so accesses to it need no lock.
 
+use std::marker::PhantomData;
 use std::sync::atomic::{AtomicU16, AtomicU32, AtomicU64, Ordering};
 
 use half::f16;
+use lanes::LaneMask;
 
 use super::code::AtomicPlan;
-use super::machine::{Instr, Machine};
+use super::gather::{Gather, Layout};
+use super::kernels::{Binary, Lane, ops};
+use super::machine::{Handler, Instr, Machine};
+use super::operand::Operand;
 use super::region::region;
-use crate::eval;
-use crate::ir::Type;
+use super::tier::{Kernel, Portable, Tier};
+use crate::SUBGROUP_SIZE;
+use crate::eval::{Float, Int};
 use crate::ir::op::AtomicOp;
+use crate::ir::{Space, Type};
+use crate::row::Row;
 
-/// The atomic by plan `x`, its result in `d`. What lies outside its memory or is misaligned reads zero and changes nothing, and so does a helper
-/// invocation.
-///
-/// # Safety
-/// The instruction was emitted for the program that the machine runs.
-pub(super) unsafe fn atomic(m: &mut Machine<'_>, i: &Instr) {
-    let plan: AtomicPlan = m.code.atomics[i.x as usize];
-    let operands = &m.code.operands[plan.operands as usize..];
-    let (address, values) = operands.split_at(plan.space.address_operands());
-    let wide = plan.ty.rows() == 2;
-    let size = plan.ty.size_bytes() as u64;
-    for &subgroup in m.listed() {
-        let active = m.active[subgroup as usize];
-        let lanes = match plan.op {
-            AtomicOp::Load => active,
-            _ => m.effective(subgroup),
-        };
-        if plan.op != AtomicOp::Store {
-            for lane in active - lanes {
+const ORDER: Ordering = Ordering::SeqCst;
+
+/// The kernel of an atomic on values of a type; `None` if the type has no such operation. The
+/// instruction names the plan in `x` and the result in `d`. Accesses that are outside the memory or
+/// misaligned read zero and change nothing; so do helper invocations.
+pub(super) fn handler(op: AtomicOp, ty: Type) -> Option<Handler> {
+    if ty.bits() < 16 {
+        return None;
+    }
+    Some(match op {
+        AtomicOp::Load => of_bits::<Load>(ty),
+        AtomicOp::Store => of_bits::<Store>(ty),
+        AtomicOp::Exchange => of_bits::<Exchange>(ty),
+        AtomicOp::CompareExchange => of_bits::<CompareExchange>(ty),
+        AtomicOp::IAdd => of_bits::<Add>(ty),
+        AtomicOp::ISub => of_bits::<Subtract>(ty),
+        AtomicOp::SMin => of_bits::<Update<ops::smin>>(ty),
+        AtomicOp::UMin => of_bits::<Update<ops::umin>>(ty),
+        AtomicOp::SMax => of_bits::<Update<ops::smax>>(ty),
+        AtomicOp::UMax => of_bits::<Update<ops::umax>>(ty),
+        AtomicOp::And => of_bits::<Update<ops::and>>(ty),
+        AtomicOp::Or => of_bits::<Update<ops::or>>(ty),
+        AtomicOp::Xor => of_bits::<Update<ops::xor>>(ty),
+        AtomicOp::FAdd => return of_floats::<ops::fadd>(ty),
+        AtomicOp::FMin => return of_floats::<ops::fmin>(ty),
+        AtomicOp::FMax => return of_floats::<ops::fmax>(ty),
+    })
+}
+
+fn of_bits<O: Atomic<u16> + Atomic<u32> + Atomic<u64>>(ty: Type) -> Handler {
+    match ty.bits() {
+        16 => Portable::handler::<Performing<O, u16>>(),
+        64 => Portable::handler::<Performing<O, u64>>(),
+        _ => Portable::handler::<Performing<O, u32>>(),
+    }
+}
+
+fn of_floats<O>(ty: Type) -> Option<Handler>
+where
+    O: Binary<f16, f16, f16> + Binary<f32, f32, f32> + Binary<f64, f64, f64> + 'static,
+{
+    Some(match ty {
+        Type::F16 => Portable::handler::<Performing<UpdateFloat<O, f16>, u16>>(),
+        Type::F32 => Portable::handler::<Performing<UpdateFloat<O, f32>, u32>>(),
+        Type::F64 => Portable::handler::<Performing<UpdateFloat<O, f64>, u64>>(),
+        _ => return None,
+    })
+}
+
+/// A memory cell of some width, as bits. All operations are sequentially consistent.
+trait Cell: Int + Lane {
+    /// The contents.
+    ///
+    /// # Safety
+    /// Of all functions: the cell may be read and written, and is aligned to its size.
+    unsafe fn load(at: *mut Self) -> Self;
+    /// Stores `new` if the cell holds `old`; otherwise returns the contents as an error.
+    unsafe fn replace(at: *mut Self, old: Self, new: Self) -> Result<Self, Self>;
+    unsafe fn fetch_store(at: *mut Self, value: Self) -> Self;
+    unsafe fn fetch_add(at: *mut Self, value: Self) -> Self;
+}
+
+macro_rules! cell {
+    ($($bits:ident $atomic:ident),*) => {$(
+        impl Cell for $bits {
+            #[inline(always)]
+            unsafe fn load(at: *mut Self) -> Self {
                 // SAFETY: as the caller promises.
-                unsafe { m.set_lane(i.d, subgroup, lane, wide, 0) };
+                unsafe { $atomic::from_ptr(at) }.load(ORDER)
+            }
+            #[inline(always)]
+            unsafe fn replace(at: *mut Self, old: Self, new: Self) -> Result<Self, Self> {
+                // SAFETY: as above.
+                unsafe { $atomic::from_ptr(at) }.compare_exchange(old, new, ORDER, ORDER)
+            }
+            #[inline(always)]
+            unsafe fn fetch_store(at: *mut Self, value: Self) -> Self {
+                // SAFETY: as above.
+                unsafe { $atomic::from_ptr(at) }.swap(value, ORDER)
+            }
+            #[inline(always)]
+            unsafe fn fetch_add(at: *mut Self, value: Self) -> Self {
+                // SAFETY: as above.
+                unsafe { $atomic::from_ptr(at) }.fetch_add(value, ORDER)
             }
         }
-        for lane in lanes {
-            // SAFETY: as the caller promises; the region is checked, and its memory is only shared with other shader threads.
-            unsafe {
-                let at = region(m, plan.space, address, subgroup, lane).at(0, size);
-                let at = at.filter(|at| (*at as u64).is_multiple_of(size));
-                let value = match value_count(plan.op) {
-                    0 => 0,
-                    _ => m.lane(values[0], subgroup, lane, wide),
-                };
-                let comparator = match value_count(plan.op) {
-                    2 => m.lane(values[1], subgroup, lane, wide),
-                    _ => 0,
-                };
-                let old = match at {
-                    None => 0,
-                    Some(at) if wide => {
-                        let cell = AtomicU64::from_ptr(at.cast());
-                        perform_64(cell, plan.op, plan.ty, value, comparator)
-                    }
-                    Some(at) if size == 2 => {
-                        let cell = AtomicU16::from_ptr(at.cast());
-                        perform_16(cell, plan.op, plan.ty, value as u16, comparator as u16) as u64
-                    }
-                    Some(at) => {
-                        let cell = AtomicU32::from_ptr(at.cast());
-                        perform_32(cell, plan.op, plan.ty, value as u32, comparator as u32) as u64
-                    }
-                };
-                if plan.op != AtomicOp::Store {
-                    m.set_lane(i.d, subgroup, lane, wide, old);
+    )*};
+}
+cell!(u16 AtomicU16, u32 AtomicU32, u64 AtomicU64);
+
+/// An atomic operation on a cell.
+trait Atomic<T: Cell>: 'static {
+    /// The operation has a result: the old contents.
+    const GIVES: bool = true;
+    /// The operation changes nothing.
+    const READS: bool = false;
+    /// The new contents.
+    fn update(old: T, value: T, comparator: T) -> T;
+    /// Performs one lane's operation; returns the old contents.
+    ///
+    /// # Safety
+    /// As for [`Cell`].
+    #[inline(always)]
+    unsafe fn perform(at: *mut T, value: T, comparator: T) -> T {
+        // SAFETY: as the caller promises.
+        unsafe {
+            let mut old = T::load(at);
+            while let Err(other) = T::replace(at, old, Self::update(old, value, comparator)) {
+                old = other;
+            }
+            old
+        }
+    }
+}
+
+struct Load;
+
+impl<T: Cell> Atomic<T> for Load {
+    const READS: bool = true;
+    #[inline(always)]
+    fn update(old: T, _: T, _: T) -> T {
+        old
+    }
+    #[inline(always)]
+    unsafe fn perform(at: *mut T, _: T, _: T) -> T {
+        // SAFETY: as the caller promises.
+        unsafe { T::load(at) }
+    }
+}
+
+/// A store: an exchange without a result.
+struct Store;
+
+impl<T: Cell> Atomic<T> for Store {
+    const GIVES: bool = false;
+    #[inline(always)]
+    fn update(_: T, value: T, _: T) -> T {
+        value
+    }
+    #[inline(always)]
+    unsafe fn perform(at: *mut T, value: T, _: T) -> T {
+        // SAFETY: as the caller promises.
+        unsafe { T::fetch_store(at, value) }
+    }
+}
+
+struct Exchange;
+
+impl<T: Cell> Atomic<T> for Exchange {
+    #[inline(always)]
+    fn update(_: T, value: T, _: T) -> T {
+        value
+    }
+    #[inline(always)]
+    unsafe fn perform(at: *mut T, value: T, _: T) -> T {
+        // SAFETY: as the caller promises.
+        unsafe { T::fetch_store(at, value) }
+    }
+}
+
+struct CompareExchange;
+
+impl<T: Cell> Atomic<T> for CompareExchange {
+    #[inline(always)]
+    fn update(old: T, value: T, comparator: T) -> T {
+        if old == comparator { value } else { old }
+    }
+    #[inline(always)]
+    unsafe fn perform(at: *mut T, value: T, comparator: T) -> T {
+        // SAFETY: as the caller promises.
+        unsafe { T::replace(at, comparator, value) }.unwrap_or_else(|old| old)
+    }
+}
+
+struct Add;
+
+impl<T: Cell> Atomic<T> for Add {
+    #[inline(always)]
+    fn update(old: T, value: T, _: T) -> T {
+        old.add(value)
+    }
+    #[inline(always)]
+    unsafe fn perform(at: *mut T, value: T, _: T) -> T {
+        // SAFETY: as the caller promises.
+        unsafe { T::fetch_add(at, value) }
+    }
+}
+
+struct Subtract;
+
+impl<T: Cell> Atomic<T> for Subtract {
+    #[inline(always)]
+    fn update(old: T, value: T, _: T) -> T {
+        old.sub(value)
+    }
+    #[inline(always)]
+    unsafe fn perform(at: *mut T, value: T, _: T) -> T {
+        // SAFETY: as the caller promises.
+        unsafe { T::fetch_add(at, T::ZERO.sub(value)) }
+    }
+}
+
+/// An update by an integer operation.
+struct Update<O>(PhantomData<O>);
+
+impl<T: Cell, O: Binary<T, T, T> + 'static> Atomic<T> for Update<O> {
+    #[inline(always)]
+    fn update(old: T, value: T, _: T) -> T {
+        O::call(old, value)
+    }
+}
+
+/// An update by an operation on floats of type `F`.
+struct UpdateFloat<O, F>(PhantomData<(O, F)>);
+
+impl<F: Float, O: Binary<F, F, F> + 'static> Atomic<F::Bits> for UpdateFloat<O, F>
+where
+    F::Bits: Cell,
+{
+    #[inline(always)]
+    fn update(old: F::Bits, value: F::Bits, _: F::Bits) -> F::Bits {
+        O::call(F::from_bits(old), F::from_bits(value)).bits()
+    }
+}
+
+/// The addresses that lanes of a subgroup access.
+struct Places {
+    at: [*mut u8; SUBGROUP_SIZE],
+    /// Lanes whose address is inside the memory and aligned.
+    inside: LaneMask,
+    /// All these lanes have the same address.
+    is_one: bool,
+}
+
+/// Finds the addresses of some lanes of a subgroup, at least one.
+///
+/// # Safety
+/// The operands are the plan's; the subgroup is one of the wave's, and the lanes are active.
+#[inline(always)]
+unsafe fn find_places(
+    m: &Machine<'_>,
+    space: Space,
+    address: &[Operand],
+    (subgroup, lanes): (u16, LaneMask),
+    size: u64,
+) -> Places {
+    let mut at = [std::ptr::null_mut::<u8>(); SUBGROUP_SIZE];
+    // SAFETY: as the caller promises.
+    unsafe {
+        let shares = match space {
+            Space::Buffer => m.common(address[0], subgroup, lanes).is_some(),
+            _ => space == Space::Shared,
+        };
+        if !shares {
+            let mut inside = LaneMask::NONE;
+            let mut is_one = true;
+            for lane in lanes {
+                let place = region(m, space, address, subgroup, lane).at(0, size);
+                let place = place.filter(|place| (*place as u64).is_multiple_of(size));
+                if let Some(place) = place {
+                    is_one &= inside.is_empty() || at[inside.first()] == place;
+                    at[lane] = place;
+                    inside.insert(lane);
                 }
             }
+            return Places { at, inside, is_one };
+        }
+        let region = region(m, space, address, subgroup, lanes.first());
+        let offsets = &*m.block::<u32>(address[address.len() - 1], subgroup);
+        let mut places: Row = [0; SUBGROUP_SIZE];
+        for k in 0..SUBGROUP_SIZE {
+            at[k] = region.base.wrapping_add(offsets[k] as usize);
+            places[k] = (region.base as u32).wrapping_add(offsets[k]);
+        }
+        let aligned = !LaneMask::with_any(&places, size as u32 - 1);
+        let Some(last) = region.size_bytes.min(1 << 32).checked_sub(size) else {
+            let inside = LaneMask::NONE;
+            return Places {
+                at,
+                inside,
+                is_one: false,
+            };
+        };
+        let filled = Portable::fill(offsets, lanes);
+        let (inside, is_one) = match Portable::layout(&filled, last as u32, 0) {
+            Layout::Outside(inside) => (lanes & inside, false),
+            layout => (lanes, layout == Layout::Same),
+        };
+        Places {
+            at,
+            inside: inside & aligned,
+            is_one,
+        }
+    }
+}
+
+/// The kernel of an atomic on cells of type `T`.
+struct Performing<O, T>(PhantomData<(O, T)>);
+
+impl<O: Atomic<T>, T: Cell> Kernel for Performing<O, T> {
+    #[inline(always)]
+    unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
+        let plan: AtomicPlan = m.code.atomics[i.x as usize];
+        let operands = &m.code.operands[plan.operands as usize..];
+        let (address, values) = operands.split_at(plan.space.address_operands());
+        let count = value_count(plan.op);
+        for &subgroup in m.listed() {
+            let active = m.active[subgroup as usize];
+            let lanes = match O::READS {
+                true => active,
+                false => m.effective(subgroup),
+            };
+            // SAFETY: as the caller promises; addresses are checked, and other shader threads
+            // access the memory only by atomics or as the application allows.
+            unsafe {
+                let mut old = [T::ZERO; SUBGROUP_SIZE];
+                if !lanes.is_empty() {
+                    let size = size_of::<T>() as u64;
+                    let places = find_places(m, plan.space, address, (subgroup, lanes), size);
+                    let operand = |k: usize| match k < count {
+                        true => *m.block::<T::Slot>(values[k], subgroup),
+                        false => [T::Slot::default(); SUBGROUP_SIZE],
+                    };
+                    let operands = [operand(0), operand(1)];
+                    perform::<O, T>(&places, plan.space == Space::Shared, &operands, &mut old);
+                }
+                if O::GIVES {
+                    let results = &mut *m.block::<T::Slot>(i.d, subgroup);
+                    for lane in 0..SUBGROUP_SIZE {
+                        results[lane] = match active.contains(lane) {
+                            true => old[lane].write(),
+                            false => results[lane],
+                        };
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Performs a subgroup's atomics in lane order and writes the old contents.
+///
+/// # Safety
+/// The addresses may be written. If they are the worker's own, no other thread accesses them.
+#[inline(always)]
+unsafe fn perform<O: Atomic<T>, T: Cell>(
+    places: &Places,
+    are_own: bool,
+    [values, comparators]: &[[T::Slot; SUBGROUP_SIZE]; 2],
+    old: &mut [T; SUBGROUP_SIZE],
+) {
+    let inside = places.inside;
+    let operands = |lane: usize| (T::read(values[lane]), T::read(comparators[lane]));
+    // SAFETY: as the caller promises.
+    unsafe {
+        if places.is_one && !O::READS && inside.count() > 1 {
+            let at = places.at[inside.first()].cast::<T>();
+            let mut before = if are_own { at.read() } else { T::load(at) };
+            loop {
+                let mut now = before;
+                for lane in inside {
+                    let (value, comparator) = operands(lane);
+                    old[lane] = now;
+                    now = O::update(now, value, comparator);
+                }
+                if are_own {
+                    return at.write(now);
+                }
+                match T::replace(at, before, now) {
+                    Ok(_) => return,
+                    Err(other) => before = other,
+                }
+            }
+        }
+        for lane in inside {
+            let at = places.at[lane].cast::<T>();
+            let (value, comparator) = operands(lane);
+            old[lane] = match are_own {
+                true => {
+                    let before = at.read();
+                    if !O::READS {
+                        at.write(O::update(before, value, comparator));
+                    }
+                    before
+                }
+                false => O::perform(at, value, comparator),
+            };
         }
     }
 }
@@ -78,49 +422,3 @@ pub(super) fn value_count(op: AtomicOp) -> usize {
         _ => 1,
     }
 }
-
-macro_rules! perform {
-    ($name:ident, $cell:ty, $u:ident, $f:ident) => {
-        /// Performs the operation on a cell; returns the old value (0 for a store).
-        fn $name(cell: &$cell, op: AtomicOp, ty: Type, value: $u, comparator: $u) -> $u {
-            const ORDER: Ordering = Ordering::SeqCst;
-            let update = |f: fn($u, $u) -> $u| {
-                cell.fetch_update(ORDER, ORDER, |old| Some(f(old, value)))
-                    .unwrap_or(0)
-            };
-            match op {
-                AtomicOp::Load => cell.load(ORDER),
-                AtomicOp::Store => {
-                    cell.store(value, ORDER);
-                    0
-                }
-                AtomicOp::Exchange => cell.swap(value, ORDER),
-                AtomicOp::CompareExchange => cell
-                    .compare_exchange(comparator, value, ORDER, ORDER)
-                    .unwrap_or_else(|old| old),
-                AtomicOp::IAdd => cell.fetch_add(value, ORDER),
-                AtomicOp::ISub => cell.fetch_sub(value, ORDER),
-                AtomicOp::UMin => cell.fetch_min(value, ORDER),
-                AtomicOp::UMax => cell.fetch_max(value, ORDER),
-                AtomicOp::And => cell.fetch_and(value, ORDER),
-                AtomicOp::Or => cell.fetch_or(value, ORDER),
-                AtomicOp::Xor => cell.fetch_xor(value, ORDER),
-                AtomicOp::SMin => update(eval::smin),
-                AtomicOp::SMax => update(eval::smax),
-                AtomicOp::FAdd if ty.is_float() => {
-                    update(|a, b| eval::fadd($f::from_bits(a), $f::from_bits(b)).to_bits())
-                }
-                AtomicOp::FMin if ty.is_float() => {
-                    update(|a, b| eval::fmin($f::from_bits(a), $f::from_bits(b)).to_bits())
-                }
-                AtomicOp::FMax if ty.is_float() => {
-                    update(|a, b| eval::fmax($f::from_bits(a), $f::from_bits(b)).to_bits())
-                }
-                AtomicOp::FAdd | AtomicOp::FMin | AtomicOp::FMax => 0,
-            }
-        }
-    };
-}
-perform!(perform_16, AtomicU16, u16, f16);
-perform!(perform_32, AtomicU32, u32, f32);
-perform!(perform_64, AtomicU64, u64, f64);

@@ -23,7 +23,6 @@ pub(super) struct AccessPlan {
 pub(super) struct AtomicPlan {
     pub op: AtomicOp,
     pub space: Space,
-    pub ty: Type,
     pub operands: u32,
 }
 

@@ -1,167 +1,182 @@
 //! Private memory, and what a dispatch is given as words.
 
+use std::marker::PhantomData;
+
+use lanes::{LaneMask, Tier as TierKind};
+
 use super::access::operands;
-use super::machine::{Instr, Machine};
-use super::operand::Operand;
-use super::tier::Kernel;
+use super::gather::{Gather, Layout};
+use super::machine::{Handler, Instr, Machine};
+use super::tier::{Kernel, Portable};
 use super::yields::blend;
 use crate::SUBGROUP_SIZE;
 use crate::ir::Type;
 use crate::ir::op::MAX_TABLE_RESULTS;
+use crate::row::Row;
 
-/// A load from private memory by plan `x`: row numbers count from the first private row; past the end they read zero.
-pub(super) struct LoadPrivate;
+/// The kernel of a load from private memory or a store to it, in a tier.
+pub(super) fn private(tier: TierKind, ty: Type, store: bool) -> Handler {
+    match tier {
+        #[cfg(target_arch = "x86_64")]
+        TierKind::Avx2 => private_in::<super::tier::Avx2>(ty, store),
+        #[cfg(target_arch = "x86_64")]
+        TierKind::Avx512 => private_in::<super::tier::Avx512>(ty, store),
+        _ => private_in::<Portable>(ty, store),
+    }
+}
 
-impl Kernel for LoadPrivate {
+fn private_in<G: Gather>(ty: Type, store: bool) -> Handler {
+    match (ty.rows(), store) {
+        (1, false) => G::handler::<LoadPrivate<G, 1>>(),
+        (1, true) => G::handler::<StorePrivate<G, 1>>(),
+        (_, false) => G::handler::<LoadPrivate<G, 2>>(),
+        (_, true) => G::handler::<StorePrivate<G, 2>>(),
+    }
+}
+
+/// The private rows that lanes access.
+enum Rows {
+    /// All lanes access this row.
+    One(u32),
+    /// Byte offsets of the lanes' words from the first private row, and the lanes whose row exists.
+    /// Offsets in other lanes are valid, too.
+    Apart(Row, LaneMask),
+    /// No lane's row exists.
+    Nowhere,
+}
+
+/// Finds the private rows of some lanes, at least one. Each access takes `count` consecutive rows,
+/// all of which must exist.
+///
+/// # Safety
+/// As for [`Gather`].
+#[inline(always)]
+unsafe fn find_rows<G: Gather>(m: &Machine<'_>, rows: &Row, lanes: LaneMask, count: u32) -> Rows {
+    let Some(last) = (m.plan.private_rows as u32).checked_sub(count) else {
+        return Rows::Nowhere;
+    };
+    // SAFETY: as the caller promises.
+    unsafe {
+        let mut filled = G::fill(rows, lanes);
+        let mut inside = lanes;
+        match G::layout(&filled, last, 0) {
+            Layout::Outside(lanes) => {
+                inside = inside & lanes;
+                if inside.is_empty() {
+                    return Rows::Nowhere;
+                }
+                filled = G::fill(&filled, inside);
+            }
+            Layout::Same => return Rows::One(filled[0]),
+            _ => {}
+        }
+        for k in 0..SUBGROUP_SIZE {
+            filled[k] = filled[k] * size_of::<Row>() as u32 + k as u32 * size_of::<u32>() as u32;
+        }
+        Rows::Apart(filled, inside)
+    }
+}
+
+/// A load from private memory by plan `x`, of scalars of `ROWS` rows each. Row numbers count from
+/// the first private row; rows past the last read zero.
+struct LoadPrivate<G, const ROWS: usize>(PhantomData<G>);
+
+impl<G: Gather, const ROWS: usize> Kernel for LoadPrivate<G, ROWS> {
     #[inline(always)]
     unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
         let plan = m.code.accesses[i.x as usize];
         let (address, results) = operands(m, &plan);
-        let rows = plan.ty.rows() as u64;
         for &subgroup in m.listed() {
             let s = subgroup as usize;
-            let common = match rows {
-                // SAFETY: as the caller promises.
-                1 => unsafe { common_row(m, address[0], subgroup) },
-                _ => None,
-            };
-            if let Some(first) = common {
+            // SAFETY: as the caller promises; rows are checked.
+            unsafe {
+                let base = m.state_row(s, m.plan.private);
+                let first = *m.block::<u32>(address[0], subgroup);
                 for (k, &result) in results.iter().enumerate() {
-                    let row = first.wrapping_add(k as u32) as usize;
-                    // SAFETY: as above.
-                    unsafe {
-                        *m.block::<u32>(result, subgroup) = match row < m.plan.private_rows {
-                            true => *m.state_row(s, m.plan.private + row),
-                            false => [0; SUBGROUP_SIZE],
-                        };
+                    let mut rows = first;
+                    for row in &mut rows {
+                        *row = row.wrapping_add((k * ROWS) as u32);
+                    }
+                    let mut words = [[0; SUBGROUP_SIZE]; ROWS];
+                    match find_rows::<G>(m, &rows, m.active[s], ROWS as u32) {
+                        Rows::One(row) => {
+                            for (part, words) in words.iter_mut().enumerate() {
+                                *words = *base.add(row as usize + part);
+                            }
+                        }
+                        Rows::Apart(offsets, inside) => {
+                            let offsets = std::hint::black_box(&raw const offsets);
+                            for (part, words) in words.iter_mut().enumerate() {
+                                let to = [words.as_mut_ptr().cast::<u8>()];
+                                let from = base.add(part).cast();
+                                G::load_apart::<u32, 1>(from, &*offsets, to);
+                                if inside != m.active[s] {
+                                    blend(words, &[0; SUBGROUP_SIZE], !inside);
+                                }
+                            }
+                        }
+                        Rows::Nowhere => {}
+                    }
+                    if ROWS == 1 {
+                        *m.block::<u32>(result, subgroup) = words[0];
+                    } else {
+                        let d = &mut *m.block::<u64>(result, subgroup);
+                        for k in 0..SUBGROUP_SIZE {
+                            d[k] = words[0][k] as u64 | (words[ROWS - 1][k] as u64) << 32;
+                        }
                     }
                 }
-                continue;
-            }
-            for lane in m.active[s] {
-                // SAFETY: as the caller promises; rows are checked.
-                unsafe {
-                    let first = m.lane(address[0], subgroup, lane, false);
-                    for (k, &result) in results.iter().enumerate() {
-                        let value = read_private(
-                            m,
-                            s,
-                            (first + k as u64 * rows) as u32 as u64,
-                            lane,
-                            plan.ty,
-                        );
-                        m.set_lane(result, subgroup, lane, rows == 2, value);
-                    }
-                }
             }
         }
     }
 }
 
-/// The private row that an access of all active lanes is to, where it is one: an index that counts a loop, say.
-///
-/// # Safety
-/// The operand is the program's, the subgroup one that has active lanes.
-#[inline(always)]
-unsafe fn common_row(m: &Machine<'_>, row: Operand, subgroup: u16) -> Option<u32> {
-    let active = m.active[subgroup as usize];
-    // SAFETY: as the caller promises.
-    let rows = unsafe { &*m.block::<u32>(row, subgroup) };
-    let first = rows[active.first()];
-    let mut others = 0;
-    for (lane, &row) in rows.iter().enumerate() {
-        let is_active = active.contains(lane);
-        others |= (is_active & (row != first)) as u32;
-    }
-    (others == 0).then_some(first)
-}
+/// A store to private memory by plan `x`, of scalars of `ROWS` rows each. Rows past the last are
+/// not stored.
+struct StorePrivate<G, const ROWS: usize>(PhantomData<G>);
 
-/// # Safety
-/// The subgroup is one of the wave's.
-#[inline(always)]
-unsafe fn read_private(m: &Machine<'_>, subgroup: usize, row: u64, lane: usize, ty: Type) -> u64 {
-    if row + ty.rows() as u64 > m.plan.private_rows as u64 {
-        return 0;
-    }
-    // SAFETY: the row is a private one.
-    unsafe {
-        let row = m.plan.private + row as usize;
-        let low = (*m.state_row(subgroup, row))[lane] as u64;
-        if ty.rows() == 2 {
-            low | ((*m.state_row(subgroup, row + 1))[lane] as u64) << 32
-        } else {
-            low
-        }
-    }
-}
-
-/// # Safety
-/// As [`read_private`].
-#[inline(always)]
-unsafe fn write_private(
-    m: &Machine<'_>,
-    subgroup: usize,
-    row: u64,
-    lane: usize,
-    ty: Type,
-    value: u64,
-) {
-    if row + ty.rows() as u64 > m.plan.private_rows as u64 {
-        return;
-    }
-    // SAFETY: the row is a private one.
-    unsafe {
-        let row = m.plan.private + row as usize;
-        (*m.state_row(subgroup, row))[lane] = value as u32;
-        if ty.rows() == 2 {
-            (*m.state_row(subgroup, row + 1))[lane] = (value >> 32) as u32;
-        }
-    }
-}
-
-/// A store to private memory by plan `x`.
-pub(super) struct StorePrivate;
-
-impl Kernel for StorePrivate {
+impl<G: Gather, const ROWS: usize> Kernel for StorePrivate<G, ROWS> {
     #[inline(always)]
     unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
         let plan = m.code.accesses[i.x as usize];
         let (address, values) = operands(m, &plan);
-        let rows = plan.ty.rows() as u64;
         for &subgroup in m.listed() {
             let s = subgroup as usize;
-            let common = match rows {
-                // SAFETY: as the caller promises.
-                1 => unsafe { common_row(m, address[0], subgroup) },
-                _ => None,
-            };
-            if let Some(first) = common {
+            // SAFETY: as the caller promises; rows are checked.
+            unsafe {
+                let base = m.state_row(s, m.plan.private);
+                let first = *m.block::<u32>(address[0], subgroup);
                 for (k, &value) in values.iter().enumerate() {
-                    let row = first.wrapping_add(k as u32) as usize;
-                    if row < m.plan.private_rows {
-                        // SAFETY: as above.
-                        unsafe {
-                            let to = &mut *m.state_row(s, m.plan.private + row);
-                            blend(to, &*m.block::<u32>(value, subgroup), m.active[s]);
+                    let mut rows = first;
+                    for row in &mut rows {
+                        *row = row.wrapping_add((k * ROWS) as u32);
+                    }
+                    let mut words = [[0; SUBGROUP_SIZE]; ROWS];
+                    if ROWS == 1 {
+                        words[0] = *m.block::<u32>(value, subgroup);
+                    } else {
+                        let pairs = &*m.block::<u64>(value, subgroup);
+                        for k in 0..SUBGROUP_SIZE {
+                            words[0][k] = pairs[k] as u32;
+                            words[ROWS - 1][k] = (pairs[k] >> 32) as u32;
                         }
                     }
-                }
-                continue;
-            }
-            for lane in m.active[s] {
-                // SAFETY: as the caller promises; rows are checked.
-                unsafe {
-                    let first = m.lane(address[0], subgroup, lane, false);
-                    for (k, &value) in values.iter().enumerate() {
-                        let value = m.lane(value, subgroup, lane, rows == 2);
-                        write_private(
-                            m,
-                            s,
-                            (first + k as u64 * rows) as u32 as u64,
-                            lane,
-                            plan.ty,
-                            value,
-                        );
+                    match find_rows::<G>(m, &rows, m.active[s], ROWS as u32) {
+                        Rows::One(row) => {
+                            for (part, words) in words.iter().enumerate() {
+                                blend(&mut *base.add(row as usize + part), words, m.active[s]);
+                            }
+                        }
+                        Rows::Apart(offsets, inside) => {
+                            let offsets = &*std::hint::black_box(&raw const offsets);
+                            for lane in inside {
+                                for (part, words) in words.iter().enumerate() {
+                                    let to = base.add(part).cast::<u8>();
+                                    *to.add(offsets[lane] as usize).cast() = words[lane];
+                                }
+                            }
+                        }
+                        Rows::Nowhere => {}
                     }
                 }
             }

@@ -208,8 +208,7 @@ impl Emitter<'_> {
             scalars: scalars.len() as u32,
         });
         let handler: Handler = match (place.space, store) {
-            (Space::Private, false) => self.kernel::<memory::LoadPrivate>(),
-            (Space::Private, true) => self.kernel::<memory::StorePrivate>(),
+            (Space::Private, store) => memory::private(self.tier, ty, store),
             (_, store) => access::handler(self.tier, ty, scalars.len(), store),
         };
         self.push(Instr {
@@ -237,12 +236,13 @@ impl Emitter<'_> {
             Some(&result) => self.ty(result),
             None => self.ty(inst.args[address]),
         };
-        if ty.bits() < 16 || access.space == Space::Private {
-            return Err(Error::unsupported(
-                inst.source,
-                format!("atomic on {ty} in this memory"),
-            ));
-        }
+        let handler = match access.space {
+            Space::Private => None,
+            _ => atomics::handler(op, ty),
+        };
+        let handler = handler.ok_or_else(|| {
+            Error::unsupported(inst.source, format!("atomic on {ty} in this memory"))
+        })?;
         let operands = self.list(&inst.args);
         // An unused result still needs a row.
         let d = match inst.results.first() {
@@ -253,13 +253,12 @@ impl Emitter<'_> {
         self.code.atomics.push(AtomicPlan {
             op,
             space: access.space,
-            ty,
             operands,
         });
         self.push(Instr {
             x: plan,
             d,
-            ..instr(atomics::atomic)
+            ..instr(handler)
         });
         self.note_physical(access, inst, true);
         Ok(())

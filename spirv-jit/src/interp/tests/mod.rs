@@ -1,5 +1,6 @@
 //! Programs in the IR's text form, run on every tier that the machine has. Expectations are computed by plain Rust beside them.
 
+mod atomics;
 mod control;
 mod gather;
 mod kernels;
