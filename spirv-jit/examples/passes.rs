@@ -7,7 +7,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use spirv_jit::Program;
-use spirv_jit::ir::{Body, Module, Node};
+use spirv_jit::ir::{Module, Node};
 use spirv_jit::pass::{optimize, order, run_pass};
 use spirv_jit::program::Stage;
 
@@ -45,29 +45,12 @@ fn source(path: &Path) -> String {
 
 /// Instructions and constructs.
 fn size(module: &Module) -> (usize, usize) {
-    fn count(body: &Body, size: &mut (usize, usize)) {
-        for node in &body.nodes {
-            match node {
-                Node::Inst(_) => size.0 += 1,
-                Node::Block { body, .. } | Node::Loop { body, .. } => {
-                    size.1 += 1;
-                    count(body, size);
-                }
-                Node::If {
-                    then_body,
-                    else_body,
-                    ..
-                } => {
-                    size.1 += 1;
-                    count(then_body, size);
-                    count(else_body, size);
-                }
-            }
-        }
-    }
     let mut size = (0, 0);
     for function in &module.functions {
-        count(&function.body, &mut size);
+        function.body.visit(&mut |node| match node {
+            Node::Inst(_) => size.0 += 1,
+            _ => size.1 += 1,
+        });
     }
     size
 }

@@ -5,21 +5,14 @@ use std::time::Duration;
 use spirv_jit::LaneMask;
 use spirv_jit::environment::Environment;
 use spirv_jit::ir::text::parse_module;
-use spirv_jit::ir::{Body, Module, Node};
+use spirv_jit::ir::{Body, Module};
 use spirv_jit::pass::optimize;
 use spirv_jit::program::{AlignedRow, Event, Frame, Program, Wave};
 
 fn count(body: &Body) -> usize {
-    let inside = |node: &Node| match node {
-        Node::Inst(_) => 1,
-        Node::Block { body, .. } | Node::Loop { body, .. } => 1 + count(body),
-        Node::If {
-            then_body,
-            else_body,
-            ..
-        } => 1 + count(then_body) + count(else_body),
-    };
-    body.nodes.iter().map(inside).sum()
+    let mut count = 0;
+    body.visit(&mut |_| count += 1);
+    count
 }
 
 fn optimised(text: &str) -> (Module, Duration) {

@@ -99,7 +99,7 @@ impl Fusion {
             },
         };
         (function.body).visit_operands(&mut |value| finder.uses[value.index()] += 1);
-        finder.walk(&function.body);
+        (function.body).visit_bodies(&mut |body| finder.look_at(body));
         finder.fusion
     }
 }
@@ -112,29 +112,27 @@ struct Finder<'f> {
 }
 
 impl<'f> Finder<'f> {
-    fn walk(&mut self, body: &'f Body) {
+    /// Pairs stand in one body.
+    fn look_at(&mut self, body: &'f Body) {
         // Instructions since the last node of another kind, by their results.
         let mut run: HashMap<Value, (usize, &Inst)> = HashMap::default();
         for (at, node) in body.nodes.iter().enumerate() {
-            match node {
-                Node::Inst(inst) => {
-                    // Across a suspension operands would have to be saved instead of the result.
-                    if inst.op.is_yield() || matches!(inst.op, Op::Call(_)) {
-                        run.clear();
-                    } else if matches!(inst.op, Op::Image(_)) {
-                        self.absorb_slopes(inst, at, &run);
-                    } else if let [result] = inst.results[..]
-                        && !self.uniform[result.index()]
-                        && !self.fuse(inst, result, at, &run)
-                        && self.uses[result.index()] == 1
-                    {
-                        run.insert(result, (at, inst));
-                    }
-                    continue;
-                }
-                _ => node.bodies().for_each(|body| self.walk(body)),
+            let Node::Inst(inst) = node else {
+                run.clear();
+                continue;
+            };
+            // Across a suspension operands would have to be saved instead of the result.
+            if inst.op.is_yield() || matches!(inst.op, Op::Call(_)) {
+                run.clear();
+            } else if matches!(inst.op, Op::Image(_)) {
+                self.absorb_slopes(inst, at, &run);
+            } else if let [result] = inst.results[..]
+                && !self.uniform[result.index()]
+                && !self.fuse(inst, result, at, &run)
+                && self.uses[result.index()] == 1
+            {
+                run.insert(result, (at, inst));
             }
-            run.clear();
         }
     }
 

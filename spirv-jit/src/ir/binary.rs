@@ -12,11 +12,12 @@ use foldhash::HashMap;
 
 use smallvec::SmallVec;
 
+use super::build::{BodyBuilder, Ended};
 use super::text::{parse_module, parse_op, print_head, print_op};
-use super::{Body, Function, Inst, Label, Module, Node, Op, Terminator, Type, Value, Variable};
+use super::{
+    Body, Function, Inst, Label, Module, Node, Op, Step, Terminator, Type, Value, Variable,
+};
 
-/// Nesting that is followed before giving up.
-const MAX_NESTING: usize = 2_000;
 const MAX_LABELS: u32 = 1 << 20;
 
 const TYPES: [Type; 9] = [
@@ -114,10 +115,18 @@ impl Encoder {
     }
 
     fn body(&mut self, body: &Body) {
-        for node in &body.nodes {
-            self.node(node);
+        for step in body.steps() {
+            match step {
+                Step::Inst(inst) => self.inst(inst),
+                Step::Open(node) => self.construct(node),
+                Step::End(body) => self.terminator(&body.end),
+                Step::Else(_) | Step::Close(_) => {}
+            }
         }
-        match &body.end {
+    }
+
+    fn terminator(&mut self, end: &Terminator) {
+        match end {
             Terminator::Br(label, args) => {
                 self.bytes.push(BR);
                 self.number(label.0.into());
@@ -135,44 +144,36 @@ impl Encoder {
         }
     }
 
-    fn node(&mut self, node: &Node) {
+    /// What stands before a construct's bodies.
+    fn construct(&mut self, node: &Node) {
         match node {
             Node::Inst(inst) => self.inst(inst),
-            Node::Block {
-                label,
-                results,
-                body,
-            } => {
+            Node::Block { label, results, .. } => {
                 self.bytes.push(BLOCK);
                 self.number(label.0.into());
                 self.values(results);
-                self.body(body);
             }
             Node::If {
                 condition,
                 label,
                 results,
-                then_body,
-                else_body,
+                ..
             } => {
                 self.bytes.push(IF);
                 self.number(condition.0.into());
                 self.number(label.0.into());
                 self.values(results);
-                self.body(then_body);
-                self.body(else_body);
             }
             Node::Loop {
                 label,
                 params,
                 init,
-                body,
+                ..
             } => {
                 self.bytes.push(LOOP);
                 self.number(label.0.into());
                 self.values(params);
                 self.values(init);
-                self.body(body);
             }
         }
     }
@@ -208,7 +209,6 @@ pub fn decode(bytes: &[u8]) -> Result<Module, String> {
     let mut decoder = Decoder {
         rest: bytes,
         operations: Vec::new(),
-        depth: 0,
     };
     let mut module = parse_module(decoder.string()?)?;
     for _ in 0..decoder.count()? {
@@ -228,7 +228,6 @@ pub fn decode(bytes: &[u8]) -> Result<Module, String> {
 struct Decoder<'a> {
     rest: &'a [u8],
     operations: Vec<Op>,
-    depth: usize,
 }
 
 type Decoded<T> = Result<T, String>;
@@ -327,41 +326,50 @@ impl<'a> Decoder<'a> {
     }
 
     fn body(&mut self) -> Decoded<Body> {
-        self.depth += 1;
-        if self.depth > MAX_NESTING {
-            return Err("nested too deeply".into());
-        }
-        let mut nodes = Vec::new();
-        let end = loop {
-            match self.byte()? {
-                INST => nodes.push(Node::Inst(self.inst()?)),
-                BLOCK => nodes.push(Node::Block {
-                    label: self.label()?,
-                    results: self.values()?,
-                    body: self.body()?.into(),
-                }),
-                IF => nodes.push(Node::If {
-                    condition: self.value()?,
-                    label: self.label()?,
-                    results: self.values()?,
-                    then_body: self.body()?.into(),
-                    else_body: self.body()?.into(),
-                }),
-                LOOP => nodes.push(Node::Loop {
-                    label: self.label()?,
-                    params: self.values()?,
-                    init: self.values()?,
-                    body: self.body()?.into(),
-                }),
-                BR => break Terminator::Br(self.label()?, self.values()?),
-                RETURN => break Terminator::Return(self.values()?),
-                END => break Terminator::End(self.values()?),
-                UNREACHABLE => break Terminator::Unreachable,
+        let mut builder = BodyBuilder::default();
+        loop {
+            let end = match self.byte()? {
+                INST => {
+                    builder.push(Node::Inst(self.inst()?));
+                    continue;
+                }
+                BLOCK => {
+                    builder.open(Node::Block {
+                        label: self.label()?,
+                        results: self.values()?,
+                        body: Box::default(),
+                    });
+                    continue;
+                }
+                IF => {
+                    builder.open(Node::If {
+                        condition: self.value()?,
+                        label: self.label()?,
+                        results: self.values()?,
+                        then_body: Box::default(),
+                        else_body: Box::default(),
+                    });
+                    continue;
+                }
+                LOOP => {
+                    builder.open(Node::Loop {
+                        label: self.label()?,
+                        params: self.values()?,
+                        init: self.values()?,
+                        body: Box::default(),
+                    });
+                    continue;
+                }
+                BR => Terminator::Br(self.label()?, self.values()?),
+                RETURN => Terminator::Return(self.values()?),
+                END => Terminator::End(self.values()?),
+                UNREACHABLE => Terminator::Unreachable,
                 _ => return Err("no such node".into()),
+            };
+            if let Ended::All(body) = builder.end(end) {
+                return Ok(body);
             }
-        };
-        self.depth -= 1;
-        Ok(Body { nodes, end })
+        }
     }
 
     fn inst(&mut self) -> Decoded<Inst> {

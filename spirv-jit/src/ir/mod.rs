@@ -87,6 +87,7 @@
 //! instructions a lane may be another one, of another subgroup.
 
 pub mod binary;
+mod build;
 pub mod entities;
 pub mod interface;
 pub mod module;
@@ -104,3 +105,4 @@ pub use entities::{FunctionId, Label, Value, VariableId};
 pub use module::{Body, Function, InputRow, Inst, Module, Node, Terminator, Variable};
 pub use op::{Op, Space, Type};
 pub use verify::{MAX_INVOCATIONS, MAX_SHARED_BYTES, verify};
+pub use visit::{Step, Steps};

@@ -53,8 +53,8 @@ pub enum Terminator {
     Unreachable,
 }
 
-/// Nodes in order, then a terminator.
-#[derive(Clone, Debug, PartialEq)]
+/// Nodes in order, then a terminator. A module chooses how deeply bodies are nested, so nothing
+/// that goes through them recurses (see [`Body::steps`]).
 pub struct Body {
     pub nodes: Vec<Node>,
     pub end: Terminator,

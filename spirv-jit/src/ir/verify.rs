@@ -3,8 +3,8 @@
 
 use super::signature::check_operation;
 use super::{
-    Body, Function, FunctionId, InputRow, Inst, Label, Module, Node, Op, Space, Terminator, Type,
-    Value,
+    Body, Function, FunctionId, InputRow, Inst, Label, Module, Node, Op, Space, Step, Terminator,
+    Type, Value,
 };
 use crate::ir::stage::Stage;
 
@@ -152,56 +152,60 @@ impl<'a> Verifier<'a> {
     }
 
     fn check_body(&mut self, body: &'a Body) -> Result<(), String> {
-        let outside = self.scope.len();
-        for node in &body.nodes {
-            match node {
-                Node::Inst(inst) => self.check_inst(inst)?,
-                Node::Block {
-                    label,
-                    results,
-                    body,
-                } => {
-                    self.check_declared(results)?;
-                    self.open(*label, results)?;
-                    self.check_body(body)?;
-                    self.close(*label);
-                    self.define_passed(results)?;
+        // How much was visible before each open body.
+        let mut outside = vec![self.scope.len()];
+        for step in body.steps() {
+            match step {
+                Step::Inst(inst) => self.check_inst(inst)?,
+                Step::Open(node) => {
+                    outside.push(self.scope.len());
+                    self.open_construct(node)?;
                 }
-                Node::If {
-                    condition,
-                    label,
-                    results,
-                    then_body,
-                    else_body,
-                } => {
-                    self.check_condition(*condition)?;
-                    self.check_declared(results)?;
-                    self.open(*label, results)?;
-                    self.check_body(then_body)?;
-                    self.check_body(else_body)?;
-                    self.close(*label);
-                    self.define_passed(results)?;
+                Step::Else(_) => outside.push(self.scope.len()),
+                Step::End(body) => {
+                    self.check_terminator(&body.end)?;
+                    self.leave(outside.pop().unwrap_or(0));
                 }
-                Node::Loop {
-                    label,
-                    params,
-                    init,
-                    body,
-                } => {
-                    self.check_declared(params)?;
-                    self.check_passed(*label, init, params)?;
-                    self.open(*label, params)?;
-                    let before = self.scope.len();
-                    self.define_passed(params)?;
-                    self.check_body(body)?;
-                    self.leave(before);
-                    self.close(*label);
+                Step::Close(node) => {
+                    node.label().into_iter().for_each(|label| self.close(label));
+                    if let Node::Block { results, .. } | Node::If { results, .. } = node {
+                        self.define_passed(results)?;
+                    }
                 }
             }
         }
-        self.check_terminator(&body.end)?;
-        self.leave(outside);
         Ok(())
+    }
+
+    fn open_construct(&mut self, node: &'a Node) -> Result<(), String> {
+        match node {
+            Node::Inst(_) => Ok(()),
+            Node::Block { label, results, .. } => {
+                self.check_declared(results)?;
+                self.open(*label, results)
+            }
+            Node::If {
+                condition,
+                label,
+                results,
+                ..
+            } => {
+                self.check_condition(*condition)?;
+                self.check_declared(results)?;
+                self.open(*label, results)
+            }
+            Node::Loop {
+                label,
+                params,
+                init,
+                ..
+            } => {
+                self.check_declared(params)?;
+                self.check_passed(*label, init, params)?;
+                self.open(*label, params)?;
+                self.define_passed(params)
+            }
+        }
     }
 
     /// Ends the visibility of what was defined since the scope had that length.
@@ -401,23 +405,10 @@ fn check_call_graph(module: &Module) -> Result<(), String> {
 /// The functions that a function calls, once each call.
 fn called_functions(function: &Function) -> Vec<FunctionId> {
     let mut calls = Vec::new();
-    let mut bodies = vec![&function.body];
-    while let Some(body) = bodies.pop() {
-        for node in &body.nodes {
-            match node {
-                Node::Inst(inst) => {
-                    if let Op::Call(callee) = inst.op {
-                        calls.push(callee);
-                    }
-                }
-                Node::Block { body, .. } | Node::Loop { body, .. } => bodies.push(body),
-                Node::If {
-                    then_body,
-                    else_body,
-                    ..
-                } => bodies.extend([&**then_body, &**else_body]),
-            }
+    function.body.visit_insts(&mut |inst| {
+        if let Op::Call(callee) = inst.op {
+            calls.push(callee);
         }
-    }
+    });
     calls
 }

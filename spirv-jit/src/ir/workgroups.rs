@@ -7,7 +7,7 @@
 use super::module::{InputRow, Module, Node};
 use super::op::{AtomicOp, Space};
 use super::stage::{Builtin, Stage};
-use super::{Body, Function, Inst, Op};
+use super::{Body, Function, Inst, Op, Step};
 use crate::image::ImageOpKind;
 
 /// Whether invocations of different workgroups may share a subgroup: they look at no other lane,
@@ -46,12 +46,15 @@ fn sees_others(inst: &Inst) -> bool {
 
 /// Whether a loop, or a body that may be in one, looks at what others change meanwhile.
 fn may_wait(body: &Body, in_loop: bool) -> bool {
-    if in_loop {
-        return has(body, sees_changes);
-    }
-    body.nodes.iter().any(|node| {
-        let is_loop = matches!(node, Node::Loop { .. });
-        node.bodies().any(|body| may_wait(body, is_loop))
+    let mut loops = usize::from(in_loop);
+    body.steps().any(|step| {
+        match step {
+            Step::Inst(inst) => return loops > 0 && sees_changes(inst),
+            Step::Open(Node::Loop { .. }) => loops += 1,
+            Step::Close(Node::Loop { .. }) => loops -= 1,
+            _ => {}
+        }
+        false
     })
 }
 

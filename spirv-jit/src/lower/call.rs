@@ -12,14 +12,13 @@ use std::rc::Rc;
 use rspirv::spirv::{Op, StorageClass};
 
 use super::builder::Builder;
-use super::frame::{Frame, GivenBack, ReturnTo};
+use super::frame::{After, GivenBack, Outlining, ReturnTo, Scope};
 use super::hit_object::is_hit_object;
-use super::stage_interface::Evaluation;
 use super::types::TypeKind;
-use super::values::{Local, Place, Pointer, Val};
+use super::values::{Place, Pointer, Val};
 use super::{Lowerer, budget};
 use crate::Error;
-use crate::ir::{self, FunctionId, Type, Value, VariableId};
+use crate::ir::{self, Body, FunctionId, Label, Node, Type, Value};
 use crate::parse::{Id, Instruction};
 
 /// Instructions from which on a function with several call sites is not lowered in place.
@@ -46,17 +45,6 @@ pub(super) struct Outlined {
     carried: Rc<[Id]>,
 }
 
-/// The state of lowering that belongs to one function of the IR.
-struct Scope {
-    builder: Builder,
-    frames: Vec<Frame>,
-    locals: Vec<Local>,
-    module_locals: HashMap<Id, usize>,
-    input_locals: HashMap<(Id, Evaluation), usize>,
-    helper_at_start: Option<Value>,
-    ray_tmax: Option<VariableId>,
-}
-
 /// Storage classes of per-lane memory.
 fn is_per_lane(class: StorageClass) -> bool {
     matches!(
@@ -75,7 +63,8 @@ fn is_per_lane(class: StorageClass) -> bool {
 }
 
 impl Lowerer<'_> {
-    pub(super) fn lower_call(&mut self, instruction: &Instruction) -> Result<(), Error> {
+    /// Lowers a call of a function that was decided on. Whether it opened the function's body.
+    pub(super) fn lower_call(&mut self, instruction: &Instruction) -> Result<bool, Error> {
         let operands = self.module.operands(instruction);
         let callee = operands[0];
         let arguments: Vec<Val> = operands[1..]
@@ -90,14 +79,66 @@ impl Lowerer<'_> {
             self.check_opaque(argument, ty)?;
         }
         self.check_callee_result(instruction, callee)?;
-        let results = match self.outline(callee)? {
+        match self.outlined.get(&callee).cloned().flatten() {
             Some(outlined) if !self.may_alias(&outlined, callee, &arguments)? => {
-                self.emit_call(&outlined, callee, &arguments)?
+                let results = self.emit_call(&outlined, callee, &arguments)?;
+                self.b.source = instruction.offset;
+                self.define_typed(instruction, results)?;
+                Ok(false)
             }
-            _ => self.lower_inline(callee, arguments)?,
-        };
-        self.b.source = instruction.offset;
-        self.define_typed(instruction, results)
+            _ => {
+                let plan = self.plan(callee)?;
+                let label = self.b.new_label();
+                let ty = instruction.result_type;
+                let result = match self.is_large(ty) {
+                    true => Some(self.new_place("", ty)?),
+                    false => None,
+                };
+                let after = After::Inlined {
+                    label,
+                    result: result.clone(),
+                    call: *instruction,
+                };
+                let return_to = ReturnTo::Block(label, result);
+                self.open_function(callee, plan, return_to, arguments, after)?;
+                Ok(true)
+            }
+        }
+    }
+
+    /// Ends a callee that was lowered in place: its returns leave a block whose results are the
+    /// returned scalars.
+    pub(super) fn finish_inlined(
+        &mut self,
+        label: Label,
+        body: Box<Body>,
+        result: Option<Pointer>,
+        call: &Instruction,
+    ) -> Result<(), Error> {
+        if let Some(place) = result {
+            self.b.push(Node::Block {
+                label,
+                results: Vec::new(),
+                body,
+            });
+            return self.define(call.result, Val::Kept(place));
+        }
+        let callee = self.module.operands(call)[0];
+        let index = self.module.function_index[&callee];
+        let types = self
+            .types
+            .leaves(self.module.functions[index].result_type)?;
+        let results: Vec<Value> = types
+            .iter()
+            .map(|&ty| self.b.function.new_value(ty))
+            .collect();
+        self.b.push(Node::Block {
+            label,
+            results: results.clone(),
+            body,
+        });
+        self.b.source = call.offset;
+        self.define_typed(call, results)
     }
 
     /// A result is of the type that the function says.
@@ -126,11 +167,27 @@ impl Lowerer<'_> {
         })
     }
 
-    /// The effects of a function and its callees. The call graph has no cycles and bounded depth.
+    /// The effects of a function and its callees. The call graph has no cycles.
     fn summary(&mut self, function: Id) -> Result<Rc<Summary>, Error> {
-        if let Some(summary) = self.summaries.get(&function) {
-            return Ok(summary.clone());
+        let mut open = vec![function];
+        while let Some(&next) = open.last() {
+            if !self.summaries.contains_key(&next) {
+                let mut missing = self.callees(next)?;
+                missing.retain(|callee| !self.summaries.contains_key(callee));
+                if !missing.is_empty() {
+                    open.append(&mut missing);
+                    continue;
+                }
+                let summary = self.summarize(next)?;
+                self.summaries.insert(next, Rc::new(summary));
+            }
+            open.pop();
         }
+        Ok(self.summaries[&function].clone())
+    }
+
+    /// What a function does whose callees have summaries.
+    fn summarize(&self, function: Id) -> Result<Summary, Error> {
         let module = self.module;
         let Some(&index) = module.function_index.get(&function) else {
             return Err(self.b.invalid(format!("{function} is not a function")));
@@ -142,7 +199,7 @@ impl Lowerer<'_> {
                 summary.size = summary.size.saturating_add(1);
                 match instruction.opcode {
                     Op::FunctionCall => {
-                        let callee = self.summary(module.operands(instruction)[0])?;
+                        let callee = &self.summaries[&module.operands(instruction)[0]];
                         summary.size = summary.size.saturating_add(callee.size);
                         summary.yields |= callee.yields;
                         summary.variables.extend(&callee.variables);
@@ -174,15 +231,14 @@ impl Lowerer<'_> {
                 }));
             }
         }
-        let summary = Rc::new(summary);
-        self.summaries.insert(function, summary.clone());
         Ok(summary)
     }
 
-    /// The IR's function for a callee, if it is to be one.
-    fn outline(&mut self, callee: Id) -> Result<Option<Outlined>, Error> {
-        if let Some(outlined) = self.outlined.get(&callee) {
-            return Ok(outlined.clone());
+    /// Decides whether a callee becomes a function of the IR. If it does, opens that function's
+    /// body and returns true: the call comes after that.
+    pub(super) fn outline(&mut self, callee: Id) -> Result<bool, Error> {
+        if self.outlined.contains_key(&callee) {
+            return Ok(false);
         }
         let summary = self.summary(callee)?;
         let sites = self.call_sites.get(&callee).copied().unwrap_or(0);
@@ -191,15 +247,19 @@ impl Lowerer<'_> {
             && !summary.yields
             && self.ray_tmax.is_none()
             && self.is_carried_small(callee, &summary)?;
-        let outlined = match fits {
-            true => Some(self.lower_outlined(callee, &summary)?),
-            false => None,
-        };
-        self.outlined.insert(callee, outlined.clone());
-        Ok(outlined)
+        if fits {
+            self.open_outlined(callee, &summary)?;
+        } else {
+            self.outlined.insert(callee, None);
+        }
+        Ok(fits)
     }
 
     fn is_carried_small(&self, callee: Id, summary: &Summary) -> Result<bool, Error> {
+        let index = self.module.function_index[&callee];
+        if self.is_large(self.module.functions[index].result_type) {
+            return Ok(false);
+        }
         let mut leaves = 0u64;
         for ty in self.parameter_types(callee)? {
             let counted = match self.types.kind(ty)? {
@@ -264,8 +324,8 @@ impl Lowerer<'_> {
         std::mem::swap(&mut self.ray_tmax, &mut scope.ray_tmax);
     }
 
-    /// Lowers a callee to a function of its own.
-    fn lower_outlined(&mut self, callee: Id, summary: &Summary) -> Result<Outlined, Error> {
+    /// Begins a callee as a function of its own.
+    fn open_outlined(&mut self, callee: Id, summary: &Summary) -> Result<(), Error> {
         let name = self.module.annotations.name(callee).to_owned();
         let mut scope = Scope {
             builder: Builder::new(&name, self.b.remaining()),
@@ -277,24 +337,6 @@ impl Lowerer<'_> {
             ray_tmax: None,
         };
         self.swap_scope(&mut scope);
-        let lowered = self.lower_outlined_body(callee, summary);
-        self.swap_scope(&mut scope);
-        let end = lowered?;
-        let spent = self.b.remaining() - scope.builder.remaining();
-        self.b.spend(spent)?;
-        self.functions.push(scope.builder.finish(end));
-        // The entry is function 0.
-        Ok(Outlined {
-            id: FunctionId(self.functions.len() as u32),
-            carried: summary.variables.iter().copied().collect(),
-        })
-    }
-
-    fn lower_outlined_body(
-        &mut self,
-        callee: Id,
-        summary: &Summary,
-    ) -> Result<ir::Terminator, Error> {
         let plan = self.plan(callee)?;
         let index = self.module.function_index[&callee];
         let function = &self.module.functions[index];
@@ -318,13 +360,34 @@ impl Lowerer<'_> {
             self.module_locals.insert(id, local);
         }
         self.b.function.results = results;
-        let given_back = GivenBack { pointers, carried };
-        self.lower_body(
-            index,
-            plan,
-            ReturnTo::Caller(Rc::new(given_back)),
-            arguments,
-        )
+        let after = After::Outlined(Box::new(Outlining {
+            callee,
+            carried: carried.clone(),
+            scope,
+        }));
+        let return_to = ReturnTo::Caller(Rc::new(GivenBack { pointers, carried }));
+        self.open_function(callee, plan, return_to, arguments, after)
+    }
+
+    /// Ends a function of the IR and goes back to what its first caller had open.
+    pub(super) fn finish_outlined(
+        &mut self,
+        outlining: Outlining,
+        end: ir::Terminator,
+    ) -> Result<(), Error> {
+        let Outlining {
+            callee,
+            carried,
+            mut scope,
+        } = outlining;
+        self.swap_scope(&mut scope);
+        let spent = self.b.remaining() - scope.builder.remaining();
+        self.b.spend(spent)?;
+        self.functions.push(scope.builder.finish(end));
+        // The entry is function 0.
+        let id = FunctionId(self.functions.len() as u32);
+        self.outlined.insert(callee, Some(Outlined { id, carried }));
+        Ok(())
     }
 
     /// Per-lane memory that starts with what the caller gives.
@@ -385,6 +448,7 @@ impl Lowerer<'_> {
                 }
                 Val::Pointer(pointer) => self.pointer_scalars(pointer)?,
                 Val::Scalars(values) => values.to_vec(),
+                Val::Kept(_) => return Err(self.b.invalid("an argument has the wrong type")),
             };
             let wanted = self.per_lane_pointee(ty)?.unwrap_or(ty);
             let fits = self.types.leaves(wanted)?;

@@ -2,13 +2,11 @@
 
 #![forbid(unsafe_code)]
 
-use std::rc::Rc;
-
 use rspirv::spirv::{Decoration, Op, StorageClass};
 
-use super::constants::{Constant, Constants, truncate};
+use super::constants::{Constant, Constants, Contents, MAX_SCALARS, truncate};
 use super::fold::fold_operation;
-use super::types::{MAX_LEAVES, TypeKind, Types};
+use super::types::{TypeKind, Types};
 use crate::Error;
 use crate::ir::Type;
 use crate::parse::{Id, Instruction, ParsedModule};
@@ -27,19 +25,20 @@ impl Constants {
         instruction: &Instruction,
     ) -> Result<bool, Error> {
         let operands = module.operands(instruction);
-        let bits = match instruction.opcode {
+        let bits = |bits: Vec<u64>| Contents::Bits(bits.into());
+        let contents = match instruction.opcode {
             // Zero is where a variable of the workgroup lies.
             Op::ConstantNull if is_of_workgroup(types.pointer(instruction.result_type)) => {
-                Some(vec![u32::MAX.into()])
+                bits(vec![u32::MAX.into()])
             }
-            Op::ConstantNull | Op::Undef => None,
+            Op::ConstantNull | Op::Undef => Contents::Null,
             Op::ConstantTrue | Op::ConstantFalse => {
-                Some(vec![(instruction.opcode == Op::ConstantTrue) as u64])
+                bits(vec![(instruction.opcode == Op::ConstantTrue) as u64])
             }
             Op::SpecConstantTrue | Op::SpecConstantFalse => {
                 let default = (instruction.opcode == Op::SpecConstantTrue) as u64;
                 let given = specialized(module, specialization, instruction.result);
-                Some(vec![given.map_or(default, |bits| (bits != 0) as u64)])
+                bits(vec![given.map_or(default, |bits| (bits != 0) as u64)])
             }
             Op::Constant | Op::SpecConstant => {
                 let ty = types.scalar(instruction.result_type)?;
@@ -49,56 +48,32 @@ impl Constants {
                     Op::SpecConstant => specialized(module, specialization, instruction.result),
                     _ => None,
                 };
-                Some(vec![truncate(given.unwrap_or(literal), ty)])
+                bits(vec![truncate(given.unwrap_or(literal), ty)])
             }
             Op::ConstantComposite
             | Op::SpecConstantComposite
             | Op::ConstantCompositeReplicateEXT
             | Op::SpecConstantCompositeReplicateEXT => {
-                Some(self.compose(types, instruction, operands)?)
+                self.compose(types, instruction, operands)?
             }
-            Op::SpecConstantOp => Some(fold_operation(types, self, instruction, operands)?),
+            Op::SpecConstantOp => bits(fold_operation(types, self, instruction, operands)?),
             _ => return Ok(false),
         };
-        self.check(types, instruction, bits.as_deref())?;
+        check(types, instruction, &contents)?;
+        if let Contents::Bits(bits) = &contents {
+            self.total += bits.len() as u64;
+        }
+        if self.total > MAX_SCALARS {
+            return Err(super::budget(&format!(
+                "the module's constants have more than {MAX_SCALARS} scalars"
+            )));
+        }
         let constant = Constant {
             ty: instruction.result_type,
-            bits: bits.map(Rc::from),
+            contents,
         };
         self.by_id.insert(instruction.result, constant);
         Ok(true)
-    }
-
-    fn check(
-        &mut self,
-        types: &Types,
-        instruction: &Instruction,
-        bits: Option<&[u64]>,
-    ) -> Result<(), Error> {
-        let info = types.info(instruction.result_type)?;
-        let wrong = match (&info.kind, instruction.opcode) {
-            (TypeKind::Void | TypeKind::Function { .. } | TypeKind::RuntimeArray { .. }, _) => true,
-            (TypeKind::Scalar { ty, .. }, opcode) => match opcode {
-                Op::Constant | Op::SpecConstant => *ty == Type::I1,
-                Op::ConstantTrue
-                | Op::ConstantFalse
-                | Op::SpecConstantTrue
-                | Op::SpecConstantFalse => *ty != Type::I1,
-                _ => false,
-            },
-            // Only the null constant, which is the null descriptor.
-            _ => info.is_opaque && bits.is_some(),
-        };
-        let count = bits.map_or(info.leaf_count, |bits| bits.len() as u64);
-        if wrong || count != info.leaf_count {
-            let at = instruction.offset;
-            return Err(Error::invalid(at, "the constant does not fit its type"));
-        }
-        self.total += bits.map_or(0, |bits| bits.len() as u64);
-        if self.total > 64 * MAX_LEAVES {
-            return Err(super::budget("the module's constants are too large"));
-        }
-        Ok(())
     }
 
     fn compose(
@@ -106,34 +81,57 @@ impl Constants {
         types: &Types,
         instruction: &Instruction,
         operands: &[u32],
-    ) -> Result<Vec<u64>, Error> {
-        let leaf_count = types.info(instruction.result_type)?.leaf_count;
-        if leaf_count > MAX_LEAVES {
-            return Err(super::budget("a constant is too large"));
-        }
+    ) -> Result<Contents, Error> {
         let replicated = matches!(
             instruction.opcode,
             Op::ConstantCompositeReplicateEXT | Op::SpecConstantCompositeReplicateEXT
         );
-        let mut bits = Vec::with_capacity(leaf_count as usize);
         let count = types.element_count(instruction.result_type)?;
-        for index in 0..count {
-            let operand = operands.get(if replicated { 0 } else { index as usize });
-            let Some(&operand) = operand else {
-                let at = instruction.offset;
-                return Err(Error::invalid(at, "a composite lacks constituents"));
-            };
-            let part = self.bits(types, operand)?;
+        let given = if replicated { 1 } else { count as usize };
+        let Some(parts) = operands.get(..given) else {
+            let at = instruction.offset;
+            return Err(Error::invalid(at, "a composite lacks constituents"));
+        };
+        let checked = if replicated { count.min(1) } else { count };
+        for index in 0..checked {
             let element = types.element(instruction.result_type, Some(index))?;
-            let given = self.find(operand).map_or(0, |constant| constant.ty);
-            if types.leaves(element)? != types.leaves(given)? {
+            let given = self.find(parts[index as usize]);
+            let given = given.map_or(0, |constant| constant.ty);
+            if element != given && types.leaves_of_any(element)? != types.leaves_of_any(given)? {
                 let at = instruction.offset;
                 return Err(Error::invalid(at, "a constituent has the wrong type"));
             }
-            bits.extend_from_slice(&part);
         }
-        Ok(bits)
+        let times = if replicated { count } else { 1 };
+        Ok(Contents::Composite(parts.into(), times))
     }
+}
+
+/// A constant must be one that its type can have.
+fn check(types: &Types, instruction: &Instruction, contents: &Contents) -> Result<(), Error> {
+    let info = types.info(instruction.result_type)?;
+    let is_null = matches!(contents, Contents::Null);
+    let wrong = match (&info.kind, instruction.opcode) {
+        (TypeKind::Void | TypeKind::Function { .. } | TypeKind::RuntimeArray { .. }, _) => true,
+        (TypeKind::Scalar { ty, .. }, opcode) => match opcode {
+            Op::Constant | Op::SpecConstant => *ty == Type::I1,
+            Op::ConstantTrue | Op::ConstantFalse | Op::SpecConstantTrue | Op::SpecConstantFalse => {
+                *ty != Type::I1
+            }
+            _ => false,
+        },
+        // Only the null constant, which is the null descriptor.
+        _ => info.is_opaque && !is_null,
+    };
+    let count = match contents {
+        Contents::Bits(bits) => bits.len() as u64,
+        Contents::Null | Contents::Composite(..) => info.leaf_count,
+    };
+    if wrong || count != info.leaf_count {
+        let at = instruction.offset;
+        return Err(Error::invalid(at, "the constant does not fit its type"));
+    }
+    Ok(())
 }
 
 /// The value that the pipeline gives to a specialization constant.

@@ -6,10 +6,12 @@ use std::rc::Rc;
 
 use foldhash::HashMap;
 
-use super::structure::{BodyIndex, Plan};
-use super::values::{Pointer, Val};
-use crate::ir::{Label, VariableId};
-use crate::parse::Id;
+use super::builder::Builder;
+use super::stage_interface::Evaluation;
+use super::structure::{BodyIndex, LabelIndex, Plan};
+use super::values::{Local, Pointer, Val};
+use crate::ir::{Body, Label, Node, Value, VariableId};
+use crate::parse::{Id, Instruction};
 
 /// The values that a function of the IR returns after its result.
 pub(super) struct GivenBack {
@@ -28,7 +30,65 @@ pub(super) struct Frame {
     pub(super) first_value: usize,
     pub(super) escaped: HashMap<Id, Escaped>,
     pub(super) phis: HashMap<Id, VariableId>,
+    pub(super) large_phis: HashMap<Id, Pointer>,
     pub(super) return_to: ReturnTo,
+}
+
+/// A body of a plan that is being emitted.
+pub(super) struct OpenBody {
+    /// The body of the plan that goes on after it.
+    pub(super) outer: BodyIndex,
+    /// The step that comes next, and the instruction in it.
+    pub(super) step: usize,
+    pub(super) instruction: usize,
+    /// What stands before it in the body of the IR around it.
+    pub(super) nodes: Vec<Node>,
+    pub(super) after: After,
+}
+
+/// What becomes of a body at its end.
+pub(super) enum After {
+    /// It is the entry's.
+    Entry,
+    /// It is that of a function of the IR.
+    Outlined(Box<Outlining>),
+    /// It is that of a function lowered in place, which leaves the label.
+    Inlined {
+        label: Label,
+        /// Where a large result is.
+        result: Option<Pointer>,
+        call: Instruction,
+    },
+    Block(LabelIndex),
+    Loop(LabelIndex),
+    Then {
+        condition: Value,
+        label: LabelIndex,
+        else_body: BodyIndex,
+    },
+    Else {
+        condition: Value,
+        label: LabelIndex,
+        then_body: Box<Body>,
+    },
+}
+
+/// A callee that becomes a function of the IR, and what goes on after it.
+pub(super) struct Outlining {
+    pub(super) callee: Id,
+    pub(super) carried: Rc<[Id]>,
+    pub(super) scope: Scope,
+}
+
+/// The state of lowering that belongs to one function of the IR.
+pub(super) struct Scope {
+    pub(super) builder: Builder,
+    pub(super) frames: Vec<Frame>,
+    pub(super) locals: Vec<Local>,
+    pub(super) module_locals: HashMap<Id, usize>,
+    pub(super) input_locals: HashMap<(Id, Evaluation), usize>,
+    pub(super) helper_at_start: Option<Value>,
+    pub(super) ray_tmax: Option<VariableId>,
 }
 
 /// Where a return goes.
@@ -36,8 +96,9 @@ pub(super) struct Frame {
 pub(super) enum ReturnTo {
     /// The entry's return ends the invocation.
     End,
-    /// A function lowered in place leaves the block around it.
-    Block(Label),
+    /// A function lowered in place leaves the block around it, with its result or with that in
+    /// memory.
+    Block(Label, Option<Pointer>),
     /// A function of the IR returns its result and what it took.
     Caller(Rc<GivenBack>),
 }

@@ -6,8 +6,10 @@ use std::rc::Rc;
 use rspirv::spirv::Op;
 use smallvec::SmallVec;
 
-use super::frame::{Escaped, Frame, ReturnTo};
+use super::frame::{After, Escaped, Frame, OpenBody, ReturnTo};
+use super::large::Source;
 use super::structure::{BodyIndex, Condition, End, Plan, Step, plan_function};
+use super::types::{MAX_LEAVES, MAX_ROWS, TypeKind, too_many_rows};
 use super::values::{Local, Pointer, Scalars, Val};
 use super::{Lowerer, budget};
 use crate::Error;
@@ -15,26 +17,29 @@ use crate::ir::stage::Stage;
 use crate::ir::{self, Label, Node, Terminator, Type, Value, VariableId};
 use crate::parse::{Block, Function, Id, opcode_name};
 
-/// Rows of private memory that one invocation may have.
-const MAX_ROWS: u64 = 1 << 18;
-
 impl<'a> Lowerer<'a> {
     /// Lowers the entry; returns the outermost body's terminator.
     pub(super) fn lower_entry(&mut self, entry: Id) -> Result<Terminator, Error> {
         self.declare_interface()?;
-        let index = self.module.function_index[&entry];
         let plan = self.plan(entry)?;
-        self.lower_body(index, plan, ReturnTo::End, Vec::new())
+        self.open_function(entry, plan, ReturnTo::End, Vec::new(), After::Entry)?;
+        loop {
+            if let Some(end) = self.emit_steps()? {
+                return Ok(end);
+            }
+        }
     }
 
-    /// Emits a function's body into the open one; returns its terminator.
-    pub(super) fn lower_body(
+    /// Begins a function in the open body, or in a builder of its own.
+    pub(super) fn open_function(
         &mut self,
-        index: usize,
+        function: Id,
         plan: Rc<Plan>,
         return_to: ReturnTo,
         arguments: Vec<Val>,
-    ) -> Result<Terminator, Error> {
+        after: After,
+    ) -> Result<(), Error> {
+        let index = self.module.function_index[&function];
         let params = &self.module.functions[index].params;
         if params.len() != arguments.len() {
             return Err(self.b.invalid("a call has the wrong number of arguments"));
@@ -51,12 +56,11 @@ impl<'a> Lowerer<'a> {
             first_value,
             escaped: HashMap::default(),
             phis: HashMap::default(),
+            large_phis: HashMap::default(),
             return_to,
         });
-        let end = self.emit_plan_body(0)?;
-        self.frames.pop();
-        self.values.truncate(first_value);
-        Ok(end)
+        self.open_body(0, after);
+        Ok(())
     }
 
     pub(super) fn plan(&mut self, function: Id) -> Result<Rc<Plan>, Error> {
@@ -70,32 +74,6 @@ impl<'a> Lowerer<'a> {
         let plan = Rc::new(plan);
         self.plans.insert(function, plan.clone());
         Ok(plan)
-    }
-
-    /// Lowers a callee in place: its returns leave a block whose results are the returned scalars.
-    pub(super) fn lower_inline(
-        &mut self,
-        function: Id,
-        arguments: Vec<Val>,
-    ) -> Result<Vec<Value>, Error> {
-        let plan = self.plan(function)?;
-        let index = self.module.function_index[&function];
-        let callee = &self.module.functions[index];
-        let label = self.b.new_label();
-        let outer = self.b.open();
-        let end = self.lower_body(index, plan, ReturnTo::Block(label), arguments)?;
-        let body = self.b.close(outer, end);
-        let types = self.types.leaves(callee.result_type)?;
-        let results: Vec<Value> = types
-            .iter()
-            .map(|&ty| self.b.function.new_value(ty))
-            .collect();
-        self.b.push(Node::Block {
-            label,
-            results: results.clone(),
-            body,
-        });
-        Ok(results)
     }
 
     fn frame(&self) -> &Frame {
@@ -124,34 +102,46 @@ impl<'a> Lowerer<'a> {
         label
     }
 
-    /// Emits a body of the plan into the open body of the IR.
-    fn emit_plan_body(&mut self, index: BodyIndex) -> Result<Terminator, Error> {
-        let plan = self.frame().plan.clone();
+    /// Opens a body of the plan.
+    fn open_body(&mut self, index: BodyIndex, after: After) {
+        let nodes = match after {
+            After::Entry | After::Outlined(_) => Vec::new(),
+            _ => self.b.open(),
+        };
         let outer = std::mem::replace(&mut self.frame_mut().body, index);
+        self.open.push(OpenBody {
+            outer,
+            step: 0,
+            instruction: 0,
+            nodes,
+            after,
+        });
+    }
+
+    /// Emits steps of the innermost open body up to one that opens another body, or to its end.
+    /// Returns the entry's terminator.
+    fn emit_steps(&mut self) -> Result<Option<Terminator>, Error> {
+        let frame = self.frame();
+        let (plan, index) = (frame.plan.clone(), frame.body);
         let body = &plan.bodies[index];
-        for step in &body.steps {
+        let top = self.open.len() - 1;
+        while let Some(step) = body.steps.get(self.open[top].step) {
+            if let Step::Code(block) = step {
+                if !self.emit_code(*block)? {
+                    return Ok(None);
+                }
+                self.open[top].step += 1;
+                continue;
+            }
+            self.open[top].step += 1;
             match step {
-                Step::Code(block) => self.emit_code(*block)?,
-                Step::Edge(from, to) => self.emit_edge(*from, *to)?,
-                Step::Block { label, body } => {
-                    let body = self.emit_nested(*body)?;
-                    let label = self.label(*label);
-                    self.b.push(Node::Block {
-                        label,
-                        results: Vec::new(),
-                        body,
-                    });
+                Step::Code(_) => {}
+                Step::Edge(from, to) => {
+                    self.emit_edge(*from, *to)?;
+                    continue;
                 }
-                Step::Loop { label, body } => {
-                    let body = self.emit_nested(*body)?;
-                    let label = self.label(*label);
-                    self.b.push(Node::Loop {
-                        label,
-                        params: Vec::new(),
-                        init: Vec::new(),
-                        body,
-                    });
-                }
+                Step::Block { label, body } => self.open_body(*body, After::Block(*label)),
+                Step::Loop { label, body } => self.open_body(*body, After::Loop(*label)),
                 Step::If {
                     at,
                     condition,
@@ -160,32 +150,103 @@ impl<'a> Lowerer<'a> {
                     else_body,
                 } => {
                     let condition = self.emit_condition(*at, condition)?;
-                    let then_body = self.emit_nested(*then_body)?;
-                    let else_body = self.emit_nested(*else_body)?;
-                    let label = self.label(*label);
-                    self.b.push(Node::If {
+                    let after = After::Then {
                         condition,
-                        label,
-                        results: Vec::new(),
-                        then_body,
-                        else_body,
-                    });
+                        label: *label,
+                        else_body: *else_body,
+                    };
+                    self.open_body(*then_body, after);
                 }
             }
+            return Ok(None);
         }
         let end = match body.end {
             End::Br(label) => Terminator::Br(self.label(label), Vec::new()),
             End::Unreachable => Terminator::Unreachable,
             End::Exit(block) => self.emit_exit(block)?,
         };
-        self.frame_mut().body = outer;
-        Ok(end)
+        self.close_body(end)
     }
 
-    fn emit_nested(&mut self, index: BodyIndex) -> Result<Box<ir::Body>, Error> {
-        let outer = self.b.open();
-        let end = self.emit_plan_body(index)?;
-        Ok(self.b.close(outer, end))
+    /// Ends the innermost open body. Returns the entry's terminator.
+    fn close_body(&mut self, end: Terminator) -> Result<Option<Terminator>, Error> {
+        let Some(open) = self.open.pop() else {
+            return Ok(Some(end));
+        };
+        self.frame_mut().body = open.outer;
+        match open.after {
+            After::Entry => {
+                self.close_function();
+                return Ok(Some(end));
+            }
+            After::Outlined(outlining) => {
+                self.close_function();
+                self.finish_outlined(*outlining, end)?;
+            }
+            After::Inlined {
+                label,
+                result,
+                call,
+            } => {
+                self.close_function();
+                let body = self.b.close(open.nodes, end);
+                self.finish_inlined(label, body, result, &call)?;
+            }
+            After::Block(label) => {
+                let body = self.b.close(open.nodes, end);
+                let label = self.label(label);
+                self.b.push(Node::Block {
+                    label,
+                    results: Vec::new(),
+                    body,
+                });
+            }
+            After::Loop(label) => {
+                let body = self.b.close(open.nodes, end);
+                let label = self.label(label);
+                self.b.push(Node::Loop {
+                    label,
+                    params: Vec::new(),
+                    init: Vec::new(),
+                    body,
+                });
+            }
+            After::Then {
+                condition,
+                label,
+                else_body,
+            } => {
+                let then_body = self.b.close(open.nodes, end);
+                let after = After::Else {
+                    condition,
+                    label,
+                    then_body,
+                };
+                self.open_body(else_body, after);
+            }
+            After::Else {
+                condition,
+                label,
+                then_body,
+            } => {
+                let else_body = self.b.close(open.nodes, end);
+                let label = self.label(label);
+                self.b.push(Node::If {
+                    condition,
+                    label,
+                    results: Vec::new(),
+                    then_body,
+                    else_body,
+                });
+            }
+        }
+        Ok(None)
+    }
+
+    fn close_function(&mut self) {
+        if let Some(frame) = self.frames.pop() {
+            self.values.truncate(frame.first_value);
+        }
     }
 
     fn emit_condition(&mut self, at: usize, condition: &Condition) -> Result<Value, Error> {
@@ -210,22 +271,43 @@ impl<'a> Lowerer<'a> {
         }
     }
 
-    fn emit_code(&mut self, index: usize) -> Result<(), Error> {
+    /// Emits instructions of a block from the one that comes next. Whether that was all: a call
+    /// opens another body.
+    fn emit_code(&mut self, index: usize) -> Result<bool, Error> {
         let block = self.block(index);
-        for &index in &block.instructions {
+        let top = self.open.len() - 1;
+        while let Some(&index) = block.instructions.get(self.open[top].instruction) {
             let instruction = self.module.instruction(index);
             self.b.source = instruction.offset;
-            if instruction.opcode == Op::Phi {
+            self.open[top].instruction += 1;
+            if instruction.opcode == Op::Phi && self.is_large(instruction.result_type) {
+                let ty = instruction.result_type;
+                let place = self.new_place("", ty)?;
+                let phi = self.large_phi(instruction.result, ty)?;
+                self.fill(place.clone(), Source::Memory(phi))?;
+                self.define(instruction.result, Val::Kept(place))?;
+            } else if instruction.opcode == Op::Phi {
                 self.check_opaque_result(instruction)?;
                 let types = self.types.leaves(instruction.result_type)?;
                 let variable = self.phi_variable(instruction.result, instruction.result_type)?;
                 let values = self.load_rows(variable, &types)?;
                 self.define(instruction.result, Self::scalars(values))?;
+            } else if instruction.opcode == Op::FunctionCall {
+                self.check_opaque_result(instruction)?;
+                if self.outline(self.module.operands(instruction)[0])? {
+                    // The call itself comes once its function is there.
+                    self.open[top].instruction -= 1;
+                    return Ok(false);
+                }
+                if self.lower_call(instruction)? {
+                    return Ok(false);
+                }
             } else {
                 self.lower_instruction(instruction)?;
             }
         }
-        Ok(())
+        self.open[top].instruction = 0;
+        Ok(true)
     }
 
     /// All phis of a block take their values at once: every source is read before any is written.
@@ -243,6 +325,12 @@ impl<'a> Lowerer<'a> {
             let Some(source) = source else {
                 return Err(self.b.invalid("a phi lacks a predecessor"));
             };
+            if self.is_large(instruction.result_type) {
+                // What a phi gives is a copy, so that this is no other phi's source.
+                let phi = self.large_phi(instruction.result, instruction.result_type)?;
+                self.fill_from(phi, source)?;
+                continue;
+            }
             let values = self.scalars_as(source, instruction.result_type)?;
             let variable = self.phi_variable(instruction.result, instruction.result_type)?;
             moves.push((variable, values));
@@ -251,6 +339,16 @@ impl<'a> Lowerer<'a> {
             self.store_rows(variable, &values)?;
         }
         Ok(())
+    }
+
+    /// The memory that a phi of large values is written to.
+    fn large_phi(&mut self, id: Id, ty: Id) -> Result<Pointer, Error> {
+        if let Some(pointer) = self.frame().large_phis.get(&id) {
+            return Ok(pointer.clone());
+        }
+        let pointer = self.new_place("", ty)?;
+        self.frame_mut().large_phis.insert(id, pointer.clone());
+        Ok(pointer)
     }
 
     fn phi_variable(&mut self, id: Id, ty: Id) -> Result<VariableId, Error> {
@@ -273,7 +371,7 @@ impl<'a> Lowerer<'a> {
     pub(super) fn new_rows(&mut self, name: &str, rows: u32) -> Result<VariableId, Error> {
         self.rows += rows as u64;
         if self.rows > MAX_ROWS {
-            return Err(budget("the shader's variables are too large"));
+            return Err(too_many_rows());
         }
         Ok(self.b.new_variable(name, rows))
     }
@@ -318,6 +416,14 @@ impl<'a> Lowerer<'a> {
                     return self.end_invocation(super::interface::Verdict::Accept);
                 }
                 let ty = self.function().result_type;
+                if let ReturnTo::Block(label, Some(place)) = return_to {
+                    let Some(&id) = operands.first() else {
+                        return Err(self.b.invalid("the function returns nothing"));
+                    };
+                    self.check_opaque(id, ty)?;
+                    self.fill_from(place, id)?;
+                    return Ok(Terminator::Br(label, Vec::new()));
+                }
                 let mut values = match operands.first() {
                     Some(&id) => {
                         self.check_opaque(id, ty)?;
@@ -329,7 +435,7 @@ impl<'a> Lowerer<'a> {
                     return Err(self.b.invalid("the function returns nothing"));
                 }
                 match return_to {
-                    ReturnTo::Block(label) => Ok(Terminator::Br(label, values)),
+                    ReturnTo::Block(label, _) => Ok(Terminator::Br(label, values)),
                     ReturnTo::Caller(given) => {
                         values.extend(self.given_back(&given)?);
                         Ok(Terminator::Return(values))
@@ -388,6 +494,7 @@ impl<'a> Lowerer<'a> {
         let all: SmallVec<[Value; 8]> = match value {
             Val::Scalars(values) => values.iter().copied().collect(),
             Val::Pointer(pointer) => pointer.values(),
+            Val::Kept(_) => SmallVec::new(),
         };
         let computed = all.into_iter().filter(|&value| !self.b.is_global(value));
         computed.collect()
@@ -408,6 +515,9 @@ impl<'a> Lowerer<'a> {
         }
         if let Some(constant) = self.constants.find(id) {
             let ty = constant.ty;
+            if self.is_large(ty) {
+                return self.keep_constant(id, ty);
+            }
             let bits = self.constants.bits(&self.types, id)?;
             let types = self.types.leaves(ty)?;
             let values: Scalars = types
@@ -431,6 +541,7 @@ impl<'a> Lowerer<'a> {
         let all: SmallVec<[Value; 8]> = match &value {
             Val::Scalars(values) => values.iter().copied().collect(),
             Val::Pointer(pointer) => pointer.values(),
+            Val::Kept(_) => SmallVec::new(),
         };
         let mut fresh = Vec::with_capacity(all.len());
         for value in all {
@@ -444,6 +555,7 @@ impl<'a> Lowerer<'a> {
         Ok(match value {
             Val::Scalars(_) => Self::scalars(fresh),
             Val::Pointer(pointer) => Val::Pointer(pointer.with_values(&fresh)),
+            kept => kept,
         })
     }
 
@@ -452,6 +564,9 @@ impl<'a> Lowerer<'a> {
         match self.value(id)? {
             Val::Scalars(values) => Ok(values),
             Val::Pointer(pointer) => Ok(self.pointer_scalars(&pointer)?[..].into()),
+            Val::Kept(_) => Err(budget(&format!(
+                "id {id} has more than {MAX_LEAVES} scalars, which cannot be taken apart here"
+            ))),
         }
     }
 
@@ -491,6 +606,7 @@ impl<'a> Lowerer<'a> {
     pub(super) fn pointer(&mut self, id: Id) -> Result<Pointer, Error> {
         match self.value(id)? {
             Val::Pointer(pointer) => Ok(pointer),
+            Val::Kept(_) => Err(self.b.invalid(format!("id {id} is not a pointer"))),
             Val::Scalars(values) => {
                 let ty = self.type_of(id)?;
                 self.pointer_from_scalars(ty, &values)
@@ -513,36 +629,28 @@ impl<'a> Lowerer<'a> {
         let mut parts = Vec::new();
         let rows = self.types.info(ty)?.rows;
         if rows > MAX_ROWS {
-            return Err(budget("the shader's variables are too large"));
+            return Err(too_many_rows());
         }
-        self.split_variable(name, ty, 0, &mut parts)?;
+        let mut work = vec![(ty, 0)];
+        while let Some((ty, first)) = work.pop() {
+            let rows = self.types.info(ty)?.rows as u32;
+            if let TypeKind::Struct { members } = self.types.kind(ty)?
+                && rows > 1
+            {
+                let (begin, mut at) = (work.len(), first);
+                for &member in members.iter() {
+                    work.push((member, at));
+                    at += self.types.info(member)?.rows as u32;
+                }
+                work[begin..].reverse();
+            } else if rows > 0 {
+                parts.push((first, self.new_rows(name, rows)?));
+            }
+        }
         if parts.is_empty() {
             parts.push((0, self.new_rows(name, 1)?));
         }
         self.locals.push(Local { parts });
         Ok(self.locals.len() - 1)
-    }
-
-    fn split_variable(
-        &mut self,
-        name: &str,
-        ty: Id,
-        first: u32,
-        parts: &mut Vec<(u32, VariableId)>,
-    ) -> Result<(), Error> {
-        let rows = self.types.info(ty)?.rows as u32;
-        if let super::types::TypeKind::Struct { members } = self.types.kind(ty)?
-            && rows > 1
-        {
-            let members = members.clone();
-            let mut at = first;
-            for &member in members.iter() {
-                self.split_variable(name, member, at, parts)?;
-                at += self.types.info(member)?.rows as u32;
-            }
-        } else if rows > 0 {
-            parts.push((first, self.new_rows(name, rows)?));
-        }
-        Ok(())
     }
 }

@@ -13,6 +13,9 @@ impl Lowerer<'_> {
     /// Lowers an instruction that is neither a phi nor a terminator.
     pub(super) fn lower_instruction(&mut self, instruction: &Instruction) -> Result<(), Error> {
         self.check_opaque_result(instruction)?;
+        if self.lower_large(instruction)? {
+            return Ok(());
+        }
         match instruction.opcode {
             Op::Variable | Op::Load | Op::Store | Op::CopyMemory => self.lower_memory(instruction),
             Op::AccessChain
@@ -38,7 +41,6 @@ impl Lowerer<'_> {
                 let zeros: Vec<_> = types.iter().map(|&ty| self.b.constant(ty, 0)).collect();
                 self.define(instruction.result, Self::scalars(zeros))
             }
-            Op::FunctionCall => self.lower_call(instruction),
             Op::ExtInst | Op::ExtInstWithForwardRefsKHR => self.lower_extended(instruction),
             Op::AssumeTrueKHR => Ok(()),
             // Invocations that the interlock keeps apart are never in one wave (`FragmentFacts::interlock`).

@@ -121,8 +121,12 @@ impl Lowerer<'_> {
     ) -> Result<(), Error> {
         if let Some(initializer) = initializer {
             self.check_opaque(initializer, pointer.pointee)?;
-            let values = self.initializer(initializer)?;
-            self.store(pointer, &values)?;
+            if self.is_large(pointer.pointee) {
+                self.fill_from(pointer.clone(), initializer)?;
+            } else {
+                let values = self.initializer(initializer)?;
+                self.store(pointer, &values)?;
+            }
         }
         if let Some(row) = incoming {
             let types = self.types.leaves(pointer.pointee)?;

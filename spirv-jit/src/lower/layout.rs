@@ -1,9 +1,9 @@
 //! Where scalars lie in memory that others see: explicit layouts (`Offset`, `ArrayStride`, `MatrixStride`, `RowMajor`), and natural
 //! alignment where a module gives none (workgroup memory).
 
-use rspirv::spirv::{Decoration, StorageClass};
+use rspirv::spirv::Decoration;
 
-use super::types::{TypeKind, Types, pointer_leaves};
+use super::types::{TypeKind, Types, is_physical, pointer_leaves};
 use super::values::Shape;
 use crate::Error;
 use crate::ir::Type;
@@ -91,81 +91,51 @@ impl Layout<'_> {
 
     /// Size and alignment without decorations: each scalar aligned to its size.
     pub fn natural(&self, id: Id) -> Result<(u64, u64), Error> {
-        Ok(match self.types.kind(id)? {
-            TypeKind::Scalar { ty, .. } => (ty.size_bytes() as u64, ty.size_bytes() as u64),
-            TypeKind::Vector {
-                component: element,
-                count,
-            }
-            | TypeKind::Matrix {
-                column: element,
-                count,
-            }
-            | TypeKind::Array { element, count } => {
-                let (size, align) = self.natural(*element)?;
-                let stride = match self.given_stride(id) {
-                    Some(stride) => stride,
-                    None => size.next_multiple_of(align),
-                };
-                (stride.saturating_mul(*count as u64), align)
-            }
-            TypeKind::Struct { members } => {
-                let (mut end, mut most) = (0u64, 1);
-                for (index, &member) in members.iter().enumerate() {
-                    let (size, align) = self.natural(member)?;
-                    let given = self
-                        .annotations
-                        .member(id, index as u32, Decoration::Offset);
-                    let start = match given {
-                        Some(offset) => offset as u64,
-                        None => end.saturating_add(align - 1) / align * align,
-                    };
-                    end = end.max(start.saturating_add(size));
-                    most = most.max(align);
-                }
-                (end.saturating_add(most - 1) / most * most, most)
-            }
-            TypeKind::Pointer { class, .. } if is_physical(*class) => {
-                let leaves = pointer_leaves(*class);
-                let size = leaves.iter().map(|ty| ty.size_bytes() as u64).sum();
-                (size, leaves[0].size_bytes() as u64)
-            }
-            TypeKind::RuntimeArray { .. } => (0, 1),
-            _ => return Err(Error::invalid(0, "this type has no layout in memory")),
-        })
+        let info = self.types.info(id)?;
+        let natural = match self.has_strides {
+            true => info.natural,
+            false => info.packed,
+        };
+        natural.ok_or_else(no_layout)
     }
 
     /// The scalars of a value in memory with their byte offsets, in the order of [`Types::leaves`].
     pub fn leaves(&self, id: Id, shape: Shape) -> Result<Vec<(Type, u64)>, Error> {
+        /// What is left to do, last first.
+        enum Work {
+            Type(Id, Shape, u64),
+            /// What stands there from a place on, so many times more, so many bytes apart.
+            Repeat(usize, u32, u64),
+        }
         let count = self.types.leaves(id)?.len();
-        let mut out = Vec::with_capacity(count);
-        self.push_leaves(id, shape, 0, &mut out)?;
-        Ok(out)
-    }
-
-    fn push_leaves(
-        &self,
-        id: Id,
-        shape: Shape,
-        at: u64,
-        out: &mut Vec<(Type, u64)>,
-    ) -> Result<(), Error> {
-        match self.types.kind(id)? {
-            TypeKind::Scalar { ty, .. } => out.push((*ty, at)),
-            TypeKind::Vector { component, count } => {
-                let ty = self.types.scalar(*component)?;
-                let stride = match shape.component_stride {
-                    0 => ty.size_bytes(),
-                    stride => stride,
-                };
-                for index in 0..*count {
-                    out.push((ty, at.wrapping_add(index as u64 * stride as u64)));
+        let mut out: Vec<(Type, u64)> = Vec::with_capacity(count);
+        let mut work = vec![Work::Type(id, shape, 0)];
+        while let Some(next) = work.pop() {
+            let (id, shape, at) = match next {
+                Work::Type(id, shape, at) => (id, shape, at),
+                Work::Repeat(from, times, stride) => {
+                    for more in from..from + (out.len() - from) * times as usize {
+                        let (ty, at) = out[more];
+                        out.push((ty, at.wrapping_add(stride)));
+                    }
+                    continue;
                 }
-            }
-            TypeKind::Matrix { column, count } => {
-                let stride = self.matrix_stride(id, shape)?;
-                let size = self.types.component(id)?.size_bytes();
-                for index in 0..*count as u64 {
+            };
+            match self.types.kind(id)? {
+                TypeKind::Scalar { ty, .. } => out.push((*ty, at)),
+                TypeKind::Vector { component, count } => {
+                    let ty = self.types.scalar(*component)?;
+                    let stride = match shape.component_stride {
+                        0 => ty.size_bytes(),
+                        stride => stride,
+                    };
+                    for index in 0..*count {
+                        out.push((ty, at.wrapping_add(index as u64 * stride as u64)));
+                    }
+                }
+                TypeKind::Matrix { column, count } => {
+                    let stride = self.matrix_stride(id, shape)?;
+                    let size = self.types.component(id)?.size_bytes();
                     let (step, component_stride) = match shape.row_major {
                         true => (size as u64, stride as u32),
                         false => (stride, 0),
@@ -174,40 +144,37 @@ impl Layout<'_> {
                         component_stride,
                         ..Shape::default()
                     };
-                    self.push_leaves(*column, shape, at.wrapping_add(index * step), out)?;
+                    work.push(Work::Repeat(out.len(), count.saturating_sub(1), step));
+                    work.push(Work::Type(*column, shape, at));
                 }
-            }
-            TypeKind::Array { element, count } => {
-                let stride = self.array_stride(id)?;
-                for index in 0..*count as u64 {
-                    let at = at.wrapping_add(index.wrapping_mul(stride));
-                    self.push_leaves(*element, shape, at, out)?;
+                TypeKind::Array { element, count } => {
+                    let stride = self.array_stride(id)?;
+                    work.push(Work::Repeat(out.len(), count.saturating_sub(1), stride));
+                    work.push(Work::Type(*element, shape, at));
                 }
-            }
-            TypeKind::Struct { members } => {
-                for (index, &member) in members.iter().enumerate() {
-                    let offset = self.member_offset(id, index as u32)?;
-                    let shape = self.member_shape(id, index as u32);
-                    self.push_leaves(member, shape, at.wrapping_add(offset), out)?;
+                TypeKind::Struct { members } => {
+                    let first = work.len();
+                    for (index, &member) in members.iter().enumerate() {
+                        let offset = self.member_offset(id, index as u32)?;
+                        let shape = self.member_shape(id, index as u32);
+                        work.push(Work::Type(member, shape, at.wrapping_add(offset)));
+                    }
+                    work[first..].reverse();
                 }
-            }
-            TypeKind::Pointer { class, .. } if is_physical(*class) => {
-                let mut at = at;
-                for &ty in pointer_leaves(*class) {
-                    out.push((ty, at));
-                    at = at.wrapping_add(ty.size_bytes() as u64);
+                TypeKind::Pointer { class, .. } if is_physical(*class) => {
+                    let mut at = at;
+                    for &ty in pointer_leaves(*class) {
+                        out.push((ty, at));
+                        at = at.wrapping_add(ty.size_bytes() as u64);
+                    }
                 }
+                _ => return Err(no_layout()),
             }
-            _ => return Err(Error::invalid(0, "this type has no layout in memory")),
         }
-        Ok(())
+        Ok(out)
     }
 }
 
-/// Pointers that may lie in memory that others see: logical ones are for variables of the invocation.
-fn is_physical(class: StorageClass) -> bool {
-    matches!(
-        class,
-        StorageClass::PhysicalStorageBuffer | StorageClass::ShaderRecordBufferKHR
-    )
+fn no_layout() -> Error {
+    Error::invalid(0, "this type has no layout in memory")
 }

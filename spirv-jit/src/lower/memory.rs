@@ -258,7 +258,7 @@ impl Lowerer<'_> {
     }
 
     /// A pointer as memory operands modify it.
-    fn with_access(&self, mut pointer: Pointer, operands: &[u32]) -> Pointer {
+    pub(super) fn with_access(&self, mut pointer: Pointer, operands: &[u32]) -> Pointer {
         let bits = operands.first().copied().unwrap_or(0);
         let access = MemoryAccess::from_bits_truncate(bits);
         pointer.volatile |= access.contains(MemoryAccess::VOLATILE);

@@ -3,7 +3,7 @@
 //! ```text
 //! types, constants ([`types`], [`constants`], [`fold`])  specialized, in order
 //!   └─ the entry's variables ([`interface`])
-//!        └─ functions: a tree of bodies ([`structure`], [`switch`]), emitted along it ([`function`])
+//!        └─ functions: a tree of bodies ([`structure`], [`meets`]), emitted along it ([`function`])
 //!             └─ instructions by group: a table ([`instruction`]) and a file a group
 //! ```
 //!
@@ -27,6 +27,7 @@ mod define_constant;
 mod derivative;
 mod entry;
 mod facts;
+mod flow;
 mod fold;
 mod frame;
 mod function;
@@ -37,8 +38,10 @@ mod image;
 mod instruction;
 mod interface;
 mod interpolate;
+mod large;
 mod layout;
 mod matrix;
+mod meets;
 mod memory;
 mod opaque;
 mod pointer;
@@ -47,7 +50,6 @@ mod ray_query;
 mod stage_interface;
 mod structure;
 mod subgroup;
-mod switch;
 mod types;
 mod values;
 
@@ -59,7 +61,7 @@ use rspirv::spirv::{Op, StorageClass};
 use self::builder::Builder;
 use self::call::{Outlined, Summary};
 use self::constants::Constants;
-use self::frame::Frame;
+use self::frame::{Frame, OpenBody};
 use self::id_table::IdTable;
 use self::layout::Layout;
 use self::stage_interface::{Evaluation, InterfaceWord};
@@ -123,6 +125,8 @@ struct Lowerer<'a> {
     b: Builder,
     /// Functions that are being lowered, innermost last.
     frames: Vec<Frame>,
+    /// Bodies that are being emitted, innermost last.
+    open: Vec<OpenBody>,
     /// The values of ids, of all frames, innermost last.
     values: IdTable<Val>,
     locals: Vec<Local>,
@@ -183,6 +187,7 @@ impl<'a> Lowerer<'a> {
             plans: HashMap::default(),
             b: Builder::new(&entry.name, allowance),
             frames: Vec::new(),
+            open: Vec::new(),
             values: IdTable::default(),
             locals: Vec::new(),
             module_locals: HashMap::default(),
@@ -322,9 +327,8 @@ impl<'a> Lowerer<'a> {
         })
     }
 
-    /// Refuses call graphs with a cycle, and ones too deep to walk; counts the call sites of the rest.
+    /// Refuses call graphs with a cycle; counts the call sites of the rest.
     fn check_calls(&mut self, entry: Id) -> Result<(), Error> {
-        const MAX_CALL_DEPTH: usize = 64;
         // 1: on the path, 2: done.
         let mut state: HashMap<Id, u8> = HashMap::default();
         let mut path: Vec<(Id, Vec<Id>)> = vec![(entry, self.callees(entry)?)];
@@ -343,9 +347,6 @@ impl<'a> Lowerer<'a> {
                     state.insert(callee, 1);
                     let callees = self.callees(callee)?;
                     path.push((callee, callees));
-                    if path.len() > MAX_CALL_DEPTH {
-                        return Err(budget("calls are nested too deeply"));
-                    }
                 }
             }
         }

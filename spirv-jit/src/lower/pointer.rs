@@ -24,7 +24,7 @@ const OFFSETS: u64 = 1 << 32;
 
 /// An index of an access chain.
 #[derive(Clone, Copy)]
-enum Index {
+pub(super) enum Index {
     Constant(i64),
     /// i32 or i64; narrower ones were extended.
     Value(Value),
@@ -265,10 +265,15 @@ impl Lowerer<'_> {
     }
 
     /// One index of an access chain.
-    fn step(&mut self, mut pointer: Pointer, index: Id) -> Result<Pointer, Error> {
+    fn step(&mut self, pointer: Pointer, index: Id) -> Result<Pointer, Error> {
         // SPIR-V: each index "is treated as signed". Logical pointers have no valid index below 0:
         // there a narrow unsigned index keeps its value.
         let index = self.index(index, matches!(pointer.place, Place::Global { .. }))?;
+        self.step_by(pointer, index)
+    }
+
+    /// Selects the element, component or member that a pointer leads to.
+    pub(super) fn step_by(&mut self, mut pointer: Pointer, index: Index) -> Result<Pointer, Error> {
         let ty = pointer.pointee;
         let kind = self.types.kind(ty)?.clone();
         let member = match (&kind, index) {
@@ -364,12 +369,12 @@ impl Lowerer<'_> {
 
     /// Descriptors in one element of an array of descriptors.
     fn handle_count(&self, ty: Id) -> Result<u32, Error> {
-        match *self.types.kind(ty)? {
-            TypeKind::Array { element, count } => {
-                Ok(self.handle_count(element)?.saturating_mul(count))
-            }
-            _ => Ok(1),
+        let (mut ty, mut handles) = (ty, 1u32);
+        while let TypeKind::Array { element, count } = *self.types.kind(ty)? {
+            handles = handles.saturating_mul(count);
+            ty = element;
         }
+        Ok(handles)
     }
 
     /// Moves a pointer by `index * stride` bytes, or rows of per-lane memory.

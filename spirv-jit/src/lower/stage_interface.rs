@@ -7,7 +7,7 @@ use std::rc::Rc;
 
 use rspirv::spirv::{BuiltIn, Decoration, ExecutionMode, StorageClass};
 
-use super::types::TypeKind;
+use super::types::{LOCATION_WORDS, TypeKind};
 use super::values::Values;
 use super::values::{Place, Pointer};
 use super::{Lowerer, budget};
@@ -22,9 +22,6 @@ use crate::parse::Id;
 
 /// Words of a stage's inputs or outputs, at most: far beyond any device's limit.
 const MAX_WORDS: usize = 1 << 12;
-
-/// Words of a location.
-const LOCATION_WORDS: u32 = 4;
 
 /// One row of a variable's value, as a stage's interface has it.
 #[derive(Clone, Copy, Debug)]
@@ -84,6 +81,16 @@ struct Start {
     /// Locations between the first element of an array of blocks and this one.
     shift: u32,
     component: u32,
+}
+
+/// Values of one type that follow each other and are to be placed.
+#[derive(Clone, Copy)]
+struct Part {
+    ty: Id,
+    start: Start,
+    how: Interpolation,
+    built_in: Option<BuiltIn>,
+    count: u32,
 }
 
 impl Interpolation {
@@ -240,26 +247,6 @@ impl Lowerer<'_> {
         Ok(())
     }
 
-    /// Locations that a type takes.
-    fn locations(&self, ty: Id) -> Result<u32, Error> {
-        Ok(match self.types.kind(ty)? {
-            TypeKind::Vector { .. } => {
-                let rows = self.types.info(ty)?.rows as u32;
-                rows.div_ceil(LOCATION_WORDS)
-            }
-            TypeKind::Matrix { column, count } => self.locations(*column)?.saturating_mul(*count),
-            TypeKind::Array { element, count } => self.locations(*element)?.saturating_mul(*count),
-            TypeKind::Struct { members } => {
-                let mut sum = 0u32;
-                for &member in members.iter() {
-                    sum = sum.saturating_add(self.locations(member)?);
-                }
-                sum
-            }
-            _ => 1,
-        })
-    }
-
     /// Places a value of a type.
     fn place(
         &self,
@@ -268,59 +255,98 @@ impl Lowerer<'_> {
         start: Start,
         how: Interpolation,
     ) -> Result<(), Error> {
-        match self.types.kind(ty)?.clone() {
-            TypeKind::Matrix {
-                column: element,
-                count,
+        // Last first.
+        let mut parts = vec![Part {
+            ty,
+            start,
+            how,
+            built_in: None,
+            count: 1,
+        }];
+        while let Some(mut part) = parts.pop() {
+            let (ty, start) = (part.ty, part.start);
+            let info = self.types.info(ty)?;
+            if part.count == 0 || info.rows == 0 {
+                continue;
             }
-            | TypeKind::Array { element, count } => {
-                let step = self.locations(element)?;
-                let mut start = start;
-                for _ in 0..count {
-                    self.place(words, element, start, how)?;
-                    start.location = start.location.saturating_add(step);
-                    start.shift = start.shift.saturating_add(step);
+            if let Some(built_in) = part.built_in {
+                self.push_built_in(words, built_in, info.rows, part.how)?;
+                continue;
+            }
+            part.count -= 1;
+            if part.count > 0 {
+                part.start.location = start.location.saturating_add(info.locations);
+                part.start.shift = start.shift.saturating_add(info.locations);
+                parts.push(part);
+            }
+            match &info.kind {
+                TypeKind::Matrix {
+                    column: element,
+                    count,
                 }
-            }
-            TypeKind::Struct { members } => {
-                let mut next = start.location;
-                for (index, &member) in members.iter().enumerate() {
-                    let find =
-                        |decoration| self.module.annotations.member(ty, index as u32, decoration);
-                    let how = self.interpolation(&find, Some(how));
-                    if let Some(built_in) = find(Decoration::BuiltIn).and_then(BuiltIn::from_u32) {
-                        let rows = self.types.info(member)?.rows;
-                        self.push_built_in(words, built_in, rows, how)?;
-                        continue;
+                | TypeKind::Array { element, count } => parts.push(Part {
+                    ty: *element,
+                    start,
+                    how: part.how,
+                    built_in: None,
+                    count: *count,
+                }),
+                TypeKind::Struct { members } => {
+                    self.push_members(&mut parts, ty, members, start, part.how)?;
+                }
+                _ => {
+                    let rows = info.rows as u32;
+                    if rows as usize + words.len() > MAX_WORDS {
+                        return Err(budget("a stage's interface is too large"));
                     }
-                    let given = find(Decoration::Location);
-                    next = given.map_or(next, |given| given.saturating_add(start.shift));
-                    let start = Start {
-                        location: next,
-                        shift: start.shift,
-                        component: find(Decoration::Component).unwrap_or(0),
-                    };
-                    self.place(words, member, start, how)?;
-                    next = next.saturating_add(self.locations(member)?);
+                    let first = start.component;
+                    words.extend(
+                        (first..first.saturating_add(rows)).map(|word| InterfaceWord {
+                            place: WordPlace::Location {
+                                location: start.location,
+                                word,
+                            },
+                            how: part.how,
+                        }),
+                    );
                 }
-            }
-            _ => {
-                let rows = self.types.info(ty)?.rows as u32;
-                if rows as usize + words.len() > MAX_WORDS {
-                    return Err(budget("a stage's interface is too large"));
-                }
-                let first = start.component;
-                words.extend(
-                    (first..first.saturating_add(rows)).map(|word| InterfaceWord {
-                        place: WordPlace::Location {
-                            location: start.location,
-                            word,
-                        },
-                        how,
-                    }),
-                );
             }
         }
+        Ok(())
+    }
+
+    /// Adds the members of a structure to the parts that are to be placed.
+    fn push_members(
+        &self,
+        parts: &mut Vec<Part>,
+        ty: Id,
+        members: &[Id],
+        start: Start,
+        how: Interpolation,
+    ) -> Result<(), Error> {
+        let first = parts.len();
+        let mut next = start.location;
+        for (index, &member) in members.iter().enumerate() {
+            let find = |decoration| self.module.annotations.member(ty, index as u32, decoration);
+            let built_in = find(Decoration::BuiltIn).and_then(BuiltIn::from_u32);
+            let given = find(Decoration::Location).filter(|_| built_in.is_none());
+            next = given.map_or(next, |given| given.saturating_add(start.shift));
+            parts.push(Part {
+                ty: member,
+                start: Start {
+                    location: next,
+                    shift: start.shift,
+                    component: find(Decoration::Component).unwrap_or(0),
+                },
+                how: self.interpolation(&find, Some(how)),
+                built_in,
+                count: 1,
+            });
+            if built_in.is_none() {
+                next = next.saturating_add(self.types.info(member)?.locations);
+            }
+        }
+        parts[first..].reverse();
         Ok(())
     }
 
@@ -585,26 +611,29 @@ impl Lowerer<'_> {
 
     /// For each scalar of a type, whether it is a signed integer.
     fn push_signs(&self, ty: Id, signs: &mut Vec<bool>) -> Result<(), Error> {
-        match self.types.kind(ty)? {
-            TypeKind::Matrix {
-                column: element,
-                count,
+        // Types, last first, each so many times.
+        let mut parts = vec![(ty, 1)];
+        while let Some((ty, count)) = parts.pop() {
+            let info = self.types.info(ty)?;
+            if count == 0 || info.leaf_count == 0 {
+                continue;
             }
-            | TypeKind::Array { element, count } => {
-                let mut of_element = Vec::new();
-                self.push_signs(*element, &mut of_element)?;
-                for _ in 0..*count {
-                    signs.extend_from_slice(&of_element);
+            if count > 1 {
+                parts.push((ty, count - 1));
+            }
+            match &info.kind {
+                TypeKind::Matrix {
+                    column: element,
+                    count,
                 }
-            }
-            TypeKind::Struct { members } => {
-                for &member in members.iter() {
-                    self.push_signs(member, signs)?;
+                | TypeKind::Array { element, count } => parts.push((*element, *count)),
+                TypeKind::Struct { members } => {
+                    parts.extend(members.iter().rev().map(|&member| (member, 1)));
                 }
-            }
-            _ => {
-                let scalars = self.types.leaves(ty)?.len();
-                signs.extend(std::iter::repeat_n(self.types.is_signed(ty), scalars));
+                _ => {
+                    let scalars = self.types.leaves(ty)?.len();
+                    signs.extend(std::iter::repeat_n(self.types.is_signed(ty), scalars));
+                }
             }
         }
         Ok(())

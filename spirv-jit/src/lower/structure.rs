@@ -1,25 +1,27 @@
 //! From the control flow graph to a tree: which block is lowered in which body, and where branches go.
 //!
-//! A SPIR-V function that keeps the rules of structured control flow (SPIR-V specification, section Structured Control Flow) is walked along
-//! its merge instructions. A branch to a block that some enclosing construct has announced (merge block, continue target, loop header, case) becomes
-//! a `br` to that construct's label; any other block is lowered in place, once. What breaks the rules reaches a block twice and is refused.
+//! A SPIR-V function that keeps the rules of structured control flow (SPIR-V specification, section
+//! Structured Control Flow) is walked along its merge instructions. A branch to a block that some
+//! enclosing construct has announced (merge block, continue target, loop header) becomes a `br` to
+//! that construct's label, as does one to a block where branches [meet](super::meets); any other
+//! block is lowered in place, once. What breaks the rules reaches a block twice and is refused.
+//!
+//! What is left to do stands in a list of tasks: a function may nest constructs as deeply as its
+//! size allows.
 
 use foldhash::{HashMap, HashSet};
 
 use rspirv::spirv::Op;
 
+use super::flow::{BlockIndex, Flow};
+use super::meets::find_meets;
 use crate::Error;
-use crate::parse::{Block, Function, Id, Merge, ParsedModule};
-
-/// Constructs nested in each other. Recursion over bodies, here and in every pass, is bounded by it.
-pub(super) const MAX_DEPTH: usize = 200;
+use crate::parse::{Function, Id, Merge, ParsedModule};
 
 /// A body of the plan.
 pub(super) type BodyIndex = usize;
 /// A label of the plan.
 pub(super) type LabelIndex = usize;
-/// A block of the SPIR-V function.
-pub(super) type BlockIndex = usize;
 
 /// The condition of an `if` of the plan.
 #[derive(Clone, Debug)]
@@ -64,8 +66,8 @@ pub(super) enum End {
 
 #[derive(Debug)]
 pub(super) struct PlanBody {
-    parent: Option<BodyIndex>,
-    depth: usize,
+    /// The body around it; the root has itself.
+    parent: BodyIndex,
     pub steps: Vec<Step>,
     pub end: End,
 }
@@ -77,32 +79,45 @@ pub(super) struct Plan {
     pub labels: usize,
     /// Ids used where their definition's body has ended: they travel through variables.
     pub escapes: HashSet<Id>,
+    nesting: Nesting,
 }
 
 impl Plan {
     /// Whether a body is another one or around it.
     pub fn encloses(&self, outer: BodyIndex, inner: BodyIndex) -> bool {
-        encloses(&self.bodies, outer, inner)
+        self.nesting.encloses(outer, inner)
     }
 }
 
-fn encloses(bodies: &[PlanBody], outer: BodyIndex, inner: BodyIndex) -> bool {
-    let mut at = inner;
-    while bodies[at].depth > bodies[outer].depth {
-        match bodies[at].parent {
-            Some(parent) => at = parent,
-            None => break,
+/// Bodies numbered so that the ones inside a body follow it.
+#[derive(Debug)]
+struct Nesting {
+    /// By body: its number, and one past the last number inside it.
+    ranges: Vec<(usize, usize)>,
+}
+
+impl Nesting {
+    fn of(bodies: &[PlanBody]) -> Self {
+        // A body is made after the one around it.
+        let mut sizes = vec![1; bodies.len()];
+        for (index, body) in bodies.iter().enumerate().skip(1).rev() {
+            sizes[body.parent] += sizes[index];
         }
+        let mut ranges = vec![(0, bodies.len()); bodies.len()];
+        let mut next: Vec<usize> = vec![1; bodies.len()];
+        for (index, body) in bodies.iter().enumerate().skip(1) {
+            let begin = next[body.parent];
+            next[body.parent] += sizes[index];
+            next[index] = begin + 1;
+            ranges[index] = (begin, begin + sizes[index]);
+        }
+        Self { ranges }
     }
-    at == outer
-}
 
-/// Blocks that may be looked at for switches: many of few, of many blocks as often as nested switches of use need.
-const LOOKS: usize = 200_000;
-const LOOKS_PER_BLOCK: usize = 16;
-
-pub(super) fn too_deep() -> Error {
-    super::budget("control flow is nested too deeply")
+    fn encloses(&self, outer: BodyIndex, inner: BodyIndex) -> bool {
+        let (begin, end) = self.ranges[outer];
+        (begin..end).contains(&self.ranges[inner].0)
+    }
 }
 
 /// Makes the plan of a function.
@@ -110,41 +125,63 @@ pub(super) fn plan_function(module: &ParsedModule, function: &Function) -> Resul
     if function.blocks.is_empty() {
         return Err(Error::invalid(function.offset, "the function has no body"));
     }
+    let flow = Flow { module, function };
     let mut planner = Planner {
-        module,
-        function,
+        flow,
         bodies: Vec::new(),
         labels: 0,
         targets: HashMap::default(),
+        meets: find_meets(flow),
         block_body: vec![None; function.blocks.len()],
-        seen_by: vec![None; function.blocks.len()],
-        looks: LOOKS + LOOKS_PER_BLOCK * function.blocks.len(),
-        depth: 0,
+        tasks: Vec::new(),
     };
-    let root = planner.new_body(None);
-    planner.walk(root, None, 0)?;
-    let escapes = planner.find_escapes();
+    let root = planner.new_body(0);
+    planner.tasks.push(Task::Walk {
+        body: root,
+        from: None,
+        to: 0,
+    });
+    while let Some(task) = planner.tasks.pop() {
+        planner.perform(task)?;
+    }
+    let nesting = Nesting::of(&planner.bodies);
+    let escapes = planner.find_escapes(&nesting);
     Ok(Plan {
         bodies: planner.bodies,
         labels: planner.labels,
         escapes,
+        nesting,
     })
 }
 
-pub(super) struct Planner<'a> {
-    pub(super) module: &'a ParsedModule,
-    pub(super) function: &'a Function,
-    pub(super) bodies: Vec<PlanBody>,
+/// A part of the walk.
+enum Task {
+    /// Lower a block and all that follows it into a body, until a terminator ends it.
+    Walk {
+        body: BodyIndex,
+        /// The block that the edge comes from, if phis take their values there.
+        from: Option<BlockIndex>,
+        to: BlockIndex,
+    },
+    /// Lower the terminator of a block whose code stands in the body.
+    Branch { body: BodyIndex, at: BlockIndex },
+    /// End the innermost construct that has announced a block.
+    Withdraw(BlockIndex),
+}
+
+struct Planner<'a> {
+    flow: Flow<'a>,
+    bodies: Vec<PlanBody>,
     labels: usize,
     /// Labels that enclosing constructs have announced for a block, innermost last.
     targets: HashMap<BlockIndex, Vec<LabelIndex>>,
+    /// By block: the blocks where branches meet that it decides about, in the order of control
+    /// flow.
+    meets: HashMap<BlockIndex, Vec<BlockIndex>>,
     /// The body that a block is lowered in.
     block_body: Vec<Option<BodyIndex>>,
-    /// The switch that a block was last looked at for.
-    pub(super) seen_by: Vec<Option<BlockIndex>>,
-    /// Blocks that may still be looked at for switches.
-    pub(super) looks: usize,
-    pub(super) depth: usize,
+    /// Last first.
+    tasks: Vec<Task>,
 }
 
 /// A conditional branch: condition, target if true, target if false.
@@ -155,85 +192,61 @@ struct Fork {
 }
 
 impl Planner<'_> {
-    pub(super) fn new_body(&mut self, parent: Option<BodyIndex>) -> BodyIndex {
+    fn new_body(&mut self, parent: BodyIndex) -> BodyIndex {
         self.bodies.push(PlanBody {
             parent,
-            depth: parent.map_or(0, |parent| self.bodies[parent].depth + 1),
             steps: Vec::new(),
             end: End::Unreachable,
         });
         self.bodies.len() - 1
     }
 
-    pub(super) fn new_label(&mut self) -> LabelIndex {
+    fn new_label(&mut self) -> LabelIndex {
         self.labels += 1;
         self.labels - 1
     }
 
-    pub(super) fn announce(&mut self, block: BlockIndex, label: LabelIndex) {
+    fn announce(&mut self, block: BlockIndex, label: LabelIndex) {
         self.targets.entry(block).or_default().push(label);
     }
 
-    pub(super) fn withdraw(&mut self, block: BlockIndex) {
-        if let Some(stack) = self.targets.get_mut(&block) {
-            stack.pop();
-        }
-    }
-
-    pub(super) fn target(&self, block: BlockIndex) -> Option<LabelIndex> {
+    fn target(&self, block: BlockIndex) -> Option<LabelIndex> {
         self.targets.get(&block)?.last().copied()
     }
 
-    pub(super) fn block(&self, index: BlockIndex) -> &Block {
-        &self.function.blocks[index]
+    /// Puts tasks before all others: they are performed in this order.
+    fn next<const N: usize>(&mut self, tasks: [Task; N]) {
+        self.tasks.extend(tasks.into_iter().rev());
     }
 
-    pub(super) fn find(&self, at: BlockIndex, label: Id) -> Result<BlockIndex, Error> {
-        let found = self.function.block_index.get(&label).copied();
-        found.ok_or_else(|| {
-            let offset = self.block(at).offset;
-            Error::invalid(offset, format!("branch to {label}, which is no block here"))
-        })
-    }
-
-    /// A body of its own for what follows an edge.
-    pub(super) fn walk_arm(
-        &mut self,
-        parent: BodyIndex,
-        from: BlockIndex,
-        to: BlockIndex,
-    ) -> Result<BodyIndex, Error> {
-        let body = self.new_body(Some(parent));
-        self.walk(body, Some(from), to)?;
-        Ok(body)
-    }
-
-    /// Lowers `to` and all that follows it into `body`, until a terminator ends it.
-    pub(super) fn walk(
-        &mut self,
-        body: BodyIndex,
-        from: Option<BlockIndex>,
-        to: BlockIndex,
-    ) -> Result<(), Error> {
-        self.depth += 1;
-        if self.depth > MAX_DEPTH {
-            return Err(too_deep());
+    fn perform(&mut self, task: Task) -> Result<(), Error> {
+        match task {
+            Task::Walk { body, from, to } => self.visit(body, from, to),
+            Task::Branch { body, at } => self.visit_terminator(body, at),
+            Task::Withdraw(block) => {
+                if let Some(labels) = self.targets.get_mut(&block) {
+                    labels.pop();
+                }
+                Ok(())
+            }
         }
-        let mut next = Some((from, to));
-        while let Some((from, to)) = next {
-            next = self.visit(body, from, to)?;
-        }
-        self.depth -= 1;
-        Ok(())
     }
 
-    /// Lowers one block; returns the edge to what follows it in the same body.
+    /// Opens a block in a body.
+    fn open_block(&mut self, outer: BodyIndex, label: LabelIndex) -> BodyIndex {
+        let body = self.new_body(outer);
+        let step = Step::Block { label, body };
+        self.bodies[outer].steps.push(step);
+        body
+    }
+
+    /// Lowers one block.
     fn visit(
         &mut self,
         body: BodyIndex,
         from: Option<BlockIndex>,
         to: BlockIndex,
-    ) -> Result<Option<(Option<BlockIndex>, BlockIndex)>, Error> {
+    ) -> Result<(), Error> {
         if let Some(from) = from
             && self.has_phis(to)
         {
@@ -241,24 +254,26 @@ impl Planner<'_> {
         }
         if let Some(label) = self.target(to) {
             self.bodies[body].end = End::Br(label);
-            return Ok(None);
+            return Ok(());
         }
+        let block = self.flow.block(to);
         if self.block_body[to].is_some() {
-            let offset = self.block(to).offset;
-            return Err(Error::invalid(offset, "control flow is not structured"));
+            return Err(Error::invalid(
+                block.offset,
+                "control flow is not structured",
+            ));
         }
-        match self.block(to).merge {
+        match block.merge {
             Some(Merge::Loop(merge, target)) => {
-                let merge = self.find(to, merge)?;
-                let target = self.find(to, target)?;
-                self.visit_loop(body, to, merge, target)?;
-                Ok(Some((None, merge)))
+                let merge = self.flow.find(to, merge)?;
+                let target = self.flow.find(to, target)?;
+                self.visit_loop(body, to, merge, target);
+                Ok(())
             }
             Some(Merge::Selection(merge)) => {
-                let merge = self.find(to, merge)?;
+                let merge = self.flow.find(to, merge)?;
                 self.place(body, to);
-                self.visit_selection(body, to, merge)?;
-                Ok(Some((None, merge)))
+                self.visit_selection(body, to, merge)
             }
             None => {
                 self.place(body, to);
@@ -278,47 +293,45 @@ impl Planner<'_> {
         header: BlockIndex,
         merge: BlockIndex,
         target: BlockIndex,
-    ) -> Result<(), Error> {
+    ) {
         let merge_label = self.new_label();
         let loop_label = self.new_label();
-        let merge_body = self.new_body(Some(body));
-        let loop_body = self.new_body(Some(merge_body));
-        self.bodies[body].steps.push(Step::Block {
-            label: merge_label,
-            body: merge_body,
-        });
+        let merge_body = self.open_block(body, merge_label);
+        let loop_body = self.new_body(merge_body);
         self.bodies[merge_body].steps.push(Step::Loop {
             label: loop_label,
             body: loop_body,
         });
         self.announce(merge, merge_label);
-        if target == header {
-            self.place(loop_body, header);
-            self.announce(header, loop_label);
-            self.walk_terminator(loop_body, header)?;
-        } else {
+        self.next([
+            Task::Withdraw(header),
+            Task::Withdraw(merge),
+            Task::Walk {
+                body,
+                from: None,
+                to: merge,
+            },
+        ]);
+        let mut first = loop_body;
+        if target != header {
             let label = self.new_label();
-            let inner = self.new_body(Some(loop_body));
-            self.bodies[loop_body]
-                .steps
-                .push(Step::Block { label, body: inner });
-            self.place(inner, header);
-            self.announce(header, loop_label);
+            first = self.open_block(loop_body, label);
             self.announce(target, label);
-            self.walk_terminator(inner, header)?;
-            self.withdraw(target);
-            self.walk(loop_body, None, target)?;
+            self.next([
+                Task::Withdraw(target),
+                Task::Walk {
+                    body: loop_body,
+                    from: None,
+                    to: target,
+                },
+            ]);
         }
-        self.withdraw(header);
-        self.withdraw(merge);
-        Ok(())
-    }
-
-    fn walk_terminator(&mut self, body: BodyIndex, block: BlockIndex) -> Result<(), Error> {
-        if let Some((from, to)) = self.visit_terminator(body, block)? {
-            self.walk(body, from, to)?;
-        }
-        Ok(())
+        self.place(first, header);
+        self.announce(header, loop_label);
+        self.next([Task::Branch {
+            body: first,
+            at: header,
+        }]);
     }
 
     fn visit_selection(
@@ -329,18 +342,22 @@ impl Planner<'_> {
     ) -> Result<(), Error> {
         let label = self.new_label();
         self.announce(merge, label);
-        let opcode = self.terminator(at).0;
-        match opcode {
-            Op::BranchConditional => {
+        self.next([
+            Task::Withdraw(merge),
+            Task::Walk {
+                body,
+                from: None,
+                to: merge,
+            },
+        ]);
+        match self.flow.terminator(at).0 {
+            Op::BranchConditional if !self.meets.contains_key(&at) => {
                 let fork = self.fork(at)?;
-                let then_body = self.walk_arm(body, at, fork.yes)?;
                 if fork.no == fork.yes {
-                    self.bodies[body].steps.push(Step::Block {
-                        label,
-                        body: then_body,
-                    });
+                    let then_body = self.open_block(body, label);
+                    self.walk_arms(at, [(then_body, fork.yes)]);
                 } else {
-                    let else_body = self.walk_arm(body, at, fork.no)?;
+                    let (then_body, else_body) = (self.new_body(body), self.new_body(body));
                     self.bodies[body].steps.push(Step::If {
                         at,
                         condition: Condition::Id(fork.condition),
@@ -348,75 +365,75 @@ impl Planner<'_> {
                         then_body,
                         else_body,
                     });
+                    self.walk_arms(at, [(then_body, fork.yes), (else_body, fork.no)]);
                 }
+                Ok(())
             }
-            Op::Switch => {
-                let inner = self.new_body(Some(body));
-                self.bodies[body]
-                    .steps
-                    .push(Step::Block { label, body: inner });
-                if let Some((from, to)) = self.visit_switch(inner, at)? {
-                    self.walk(inner, from, to)?;
-                }
+            Op::BranchConditional | Op::Switch => {
+                let inner = self.open_block(body, label);
+                self.visit_terminator(inner, at)
             }
             _ => {
-                let offset = self.block(at).offset;
-                return Err(Error::invalid(offset, "a selection must end in a branch"));
+                let offset = self.flow.block(at).offset;
+                Err(Error::invalid(offset, "a selection must end in a branch"))
             }
         }
-        self.withdraw(merge);
+    }
+
+    /// What follows edges from one block, each in a body of its own.
+    fn walk_arms<const N: usize>(&mut self, at: BlockIndex, arms: [(BodyIndex, BlockIndex); N]) {
+        let from = Some(at);
+        self.next(arms.map(|(body, to)| Task::Walk { body, from, to }));
+    }
+
+    /// A block without a merge instruction, or the branch of a construct's header.
+    fn visit_terminator(&mut self, body: BodyIndex, at: BlockIndex) -> Result<(), Error> {
+        let mut body = body;
+        // The last one to come is the outermost.
+        for meet in self.meets.remove(&at).into_iter().flatten().rev() {
+            let label = self.new_label();
+            let inner = self.open_block(body, label);
+            self.announce(meet, label);
+            self.next([
+                Task::Withdraw(meet),
+                Task::Walk {
+                    body,
+                    from: None,
+                    to: meet,
+                },
+            ]);
+            body = inner;
+        }
+        let (opcode, operands) = self.flow.terminator(at);
+        match opcode {
+            Op::Branch => {
+                let to = self.flow.find(at, operands[0])?;
+                self.walk_arms(at, [(body, to)]);
+            }
+            Op::BranchConditional => self.visit_fork(body, at)?,
+            Op::Switch => self.visit_switch(body, at)?,
+            _ => self.bodies[body].end = End::Exit(at),
+        }
         Ok(())
     }
 
-    /// A block without a merge instruction, or a loop header's own branch.
-    fn visit_terminator(
-        &mut self,
-        body: BodyIndex,
-        at: BlockIndex,
-    ) -> Result<Option<(Option<BlockIndex>, BlockIndex)>, Error> {
-        let (opcode, operands) = self.terminator(at);
-        match opcode {
-            Op::Branch => {
-                let to = self.find(at, operands[0])?;
-                Ok(Some((Some(at), to)))
-            }
-            Op::BranchConditional => self.visit_fork(body, at),
-            Op::Switch => self.visit_switch(body, at),
-            _ => {
-                self.bodies[body].end = End::Exit(at);
-                Ok(None)
-            }
-        }
-    }
-
-    fn visit_fork(
-        &mut self,
-        body: BodyIndex,
-        at: BlockIndex,
-    ) -> Result<Option<(Option<BlockIndex>, BlockIndex)>, Error> {
+    fn visit_fork(&mut self, body: BodyIndex, at: BlockIndex) -> Result<(), Error> {
         let fork = self.fork(at)?;
         if fork.yes == fork.no {
-            return Ok(Some((Some(at), fork.yes)));
+            self.walk_arms(at, [(body, fork.yes)]);
+            return Ok(());
         }
         let label = self.new_label();
-        let yes_leaves = self.target(fork.yes).is_some();
-        let no_leaves = self.target(fork.no).is_some();
-        let stay = |planner: &mut Self| {
-            let stay = planner.new_body(Some(body));
-            planner.bodies[stay].end = End::Br(label);
-            stay
-        };
-        let (then_body, else_body, next) = if yes_leaves {
-            let then_body = self.walk_arm(body, at, fork.yes)?;
-            (then_body, stay(self), Some((Some(at), fork.no)))
-        } else if no_leaves {
-            let then_body = stay(self);
-            let else_body = self.walk_arm(body, at, fork.no)?;
-            (then_body, else_body, Some((Some(at), fork.yes)))
+        let (then_body, else_body) = (self.new_body(body), self.new_body(body));
+        if self.target(fork.yes).is_some() {
+            self.bodies[else_body].end = End::Br(label);
+            self.walk_arms(at, [(then_body, fork.yes), (body, fork.no)]);
+        } else if self.target(fork.no).is_some() {
+            self.bodies[then_body].end = End::Br(label);
+            self.walk_arms(at, [(else_body, fork.no), (body, fork.yes)]);
         } else {
-            let then_body = self.walk_arm(body, at, fork.yes)?;
-            (then_body, self.walk_arm(body, at, fork.no)?, None)
-        };
+            self.walk_arms(at, [(then_body, fork.yes), (else_body, fork.no)]);
+        }
         self.bodies[body].steps.push(Step::If {
             at,
             condition: Condition::Id(fork.condition),
@@ -424,31 +441,55 @@ impl Planner<'_> {
             then_body,
             else_body,
         });
-        Ok(next)
+        Ok(())
     }
 
-    pub(super) fn terminator(&self, block: BlockIndex) -> (Op, &[u32]) {
-        let instruction = self.module.instruction(self.block(block).terminator);
-        (instruction.opcode, self.module.operands(instruction))
+    /// Cases one after the other: lanes that take one leave from inside its `if`. The default comes
+    /// last and needs no test.
+    fn visit_switch(&mut self, body: BodyIndex, at: BlockIndex) -> Result<(), Error> {
+        let (default, cases) = self.flow.switch(at)?;
+        let mut arms = Vec::with_capacity(cases.len() + 1);
+        for (target, literals) in cases {
+            if target == default {
+                continue;
+            }
+            let label = self.new_label();
+            let (then_body, else_body) = (self.new_body(body), self.new_body(body));
+            self.bodies[else_body].end = End::Br(label);
+            self.bodies[body].steps.push(Step::If {
+                at,
+                condition: Condition::Cases(literals),
+                label,
+                then_body,
+                else_body,
+            });
+            arms.push((then_body, target));
+        }
+        arms.push((body, default));
+        let from = Some(at);
+        let arms = arms.into_iter().rev();
+        (self.tasks).extend(arms.map(|(body, to)| Task::Walk { body, from, to }));
+        Ok(())
     }
 
     fn fork(&self, at: BlockIndex) -> Result<Fork, Error> {
-        let (_, operands) = self.terminator(at);
+        let (_, operands) = self.flow.terminator(at);
         Ok(Fork {
             condition: operands[0],
-            yes: self.find(at, operands[1])?,
-            no: self.find(at, operands[2])?,
+            yes: self.flow.find(at, operands[1])?,
+            no: self.flow.find(at, operands[2])?,
         })
     }
 
     fn has_phis(&self, block: BlockIndex) -> bool {
-        let first = self.block(block).instructions.first();
-        first.is_some_and(|&index| self.module.instruction(index).opcode == Op::Phi)
+        let first = self.flow.block(block).instructions.first();
+        first.is_some_and(|&index| self.flow.module.instruction(index).opcode == Op::Phi)
     }
 
-    fn find_escapes(&self) -> HashSet<Id> {
+    fn find_escapes(&self, nesting: &Nesting) -> HashSet<Id> {
+        let Flow { module, function } = self.flow;
         // A function's instructions stand together: where each is lowered, by its index less that of the first.
-        let blocks = &self.function.blocks;
+        let blocks = &function.blocks;
         let all = blocks.iter().flat_map(|block| &block.instructions);
         let first = all.clone().min().copied().unwrap_or(0);
         let count = all.max().map_or(0, |last| last + 1 - first);
@@ -460,29 +501,29 @@ impl Planner<'_> {
         }
         // Phis are variables already.
         let defined = |id: Id| -> Option<BodyIndex> {
-            let index = self.module.definition(id)?.checked_sub(first)?;
+            let index = module.definition(id)?.checked_sub(first)?;
             *bodies.get(index as usize)?
         };
         let mut escapes = HashSet::default();
-        for (block, body) in self.function.blocks.iter().zip(&self.block_body) {
+        for (block, body) in function.blocks.iter().zip(&self.block_body) {
             let Some(body) = *body else { continue };
             for &index in block.instructions.iter().chain([&block.terminator]) {
-                let instruction = self.module.instruction(index);
+                let instruction = module.instruction(index);
                 if instruction.opcode == Op::Phi {
-                    for pair in self.module.operands(instruction).chunks_exact(2) {
-                        let from = self.function.block_index.get(&pair[1]);
+                    for pair in module.operands(instruction).chunks_exact(2) {
+                        let from = function.block_index.get(&pair[1]);
                         let from = from.and_then(|&from| self.block_body[from]);
                         if let (Some(at), Some(from)) = (defined(pair[0]), from)
-                            && !encloses(&self.bodies, at, from)
+                            && !nesting.encloses(at, from)
                         {
                             escapes.insert(pair[0]);
                         }
                     }
                     continue;
                 }
-                for id in self.module.uses(instruction) {
+                for id in module.uses(instruction) {
                     if let Some(at) = defined(*id)
-                        && !encloses(&self.bodies, at, body)
+                        && !nesting.encloses(at, body)
                     {
                         escapes.insert(*id);
                     }

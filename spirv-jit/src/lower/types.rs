@@ -2,19 +2,29 @@
 
 use std::rc::Rc;
 
-use rspirv::spirv::{self, Op, StorageClass};
+use rspirv::spirv::{self, Decoration, Op, StorageClass};
 
 use super::id_table::IdTable;
 use crate::Error;
 use crate::hit_object::word;
 use crate::ir::Type;
-use crate::parse::{Id, Instruction, ParsedModule, opcode_name};
+use crate::parse::{Annotations, Id, Instruction, ParsedModule, opcode_name};
 
-/// Scalars that one value may have; larger aggregates can exist in memory but not be loaded at once.
+/// Rows of private memory that one invocation may have.
+pub(super) const MAX_ROWS: u64 = 1 << 18;
+
+/// The error for a module that needs more.
+pub(super) fn too_many_rows() -> Error {
+    super::budget(&format!(
+        "the shader's variables and large values take more than {MAX_ROWS} words of an invocation"
+    ))
+}
+
+/// Words of a location of a stage's interface.
+pub(super) const LOCATION_WORDS: u32 = 4;
+
+/// Scalars of a value that is taken apart; larger ones lie in memory (see [`super::large`]).
 pub(super) const MAX_LEAVES: u64 = 1 << 14;
-
-/// Levels of nesting of a type (SPIR-V specification, section Universal Limits).
-const MAX_DEPTH: u32 = 255;
 
 /// `OpTypeImage`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -82,7 +92,13 @@ pub(super) struct TypeInfo {
     pub rows: u64,
     /// Images, samplers and pointers that go through a descriptor: their values are references, which nothing else may become.
     pub is_opaque: bool,
-    depth: u32,
+    /// Locations of a stage's interface that a value takes, saturated.
+    pub locations: u32,
+    /// Size and alignment in memory without decorations, each scalar aligned to its size; `None`
+    /// for what is not in memory.
+    pub natural: Option<(u64, u64)>,
+    /// The same without `ArrayStride`, for workgroup memory that the compiler lays out.
+    pub packed: Option<(u64, u64)>,
 }
 
 /// All types of a module.
@@ -100,6 +116,11 @@ impl Types {
         self.infos
             .get(id)
             .ok_or_else(|| Error::invalid(0, format!("id {id} is not a type")))
+    }
+
+    /// Scalars in a value of a type; none if there is no such type.
+    pub fn leaf_count(&self, id: Id) -> u64 {
+        self.infos.get(id).map_or(0, |info| info.leaf_count)
     }
 
     pub fn kind(&self, id: Id) -> Result<&TypeKind, Error> {
@@ -210,52 +231,79 @@ impl Types {
         }
         let info = self.info(id)?;
         if info.leaf_count > MAX_LEAVES {
-            return Err(super::budget(
-                "a value of a type this large cannot be taken apart",
-            ));
+            return Err(super::budget(&format!(
+                "a value of more than {MAX_LEAVES} scalars cannot be taken apart here"
+            )));
         }
-        let mut out = Vec::with_capacity(info.leaf_count as usize);
-        self.push_leaves(id, &mut out)?;
-        let out: Rc<[Type]> = out.into();
+        let out: Rc<[Type]> = self.find_leaves(id)?.into();
         self.leaves.borrow_mut().insert(id, out.clone());
         Ok(out)
     }
 
-    fn push_leaves(&self, id: Id, out: &mut Vec<Type>) -> Result<(), Error> {
-        match self.kind(id)? {
-            TypeKind::Void => {}
-            TypeKind::Scalar { ty, .. } => out.push(*ty),
-            TypeKind::Vector {
-                component: element,
-                count,
-            }
-            | TypeKind::Matrix {
-                column: element,
-                count,
-            }
-            | TypeKind::Array { element, count } => {
-                let element = self.leaves(*element)?;
-                for _ in 0..*count {
-                    out.extend_from_slice(&element);
+    /// The same of a type as large as a frame may be.
+    pub fn leaves_of_any(&self, id: Id) -> Result<Rc<[Type]>, Error> {
+        let info = self.info(id)?;
+        if info.leaf_count <= MAX_LEAVES {
+            return self.leaves(id);
+        }
+        if info.rows > MAX_ROWS {
+            return Err(too_many_rows());
+        }
+        Ok(self.find_leaves(id)?.into())
+    }
+
+    fn find_leaves(&self, id: Id) -> Result<Vec<Type>, Error> {
+        /// What is left to do, last first.
+        enum Work {
+            Type(Id),
+            /// What stands there from a place on, so many times more.
+            Repeat(usize, u32),
+        }
+        let mut out = Vec::new();
+        let mut work = vec![Work::Type(id)];
+        while let Some(next) = work.pop() {
+            let id = match next {
+                Work::Type(id) => id,
+                Work::Repeat(from, times) => {
+                    let length = out.len() - from;
+                    out.reserve(length * times as usize);
+                    (0..times).for_each(|_| out.extend_from_within(from..from + length));
+                    continue;
                 }
-            }
-            TypeKind::Struct { members } => {
-                for &member in members.iter() {
-                    out.extend_from_slice(&self.leaves(member)?);
+            };
+            let info = self.info(id)?;
+            match &info.kind {
+                TypeKind::RuntimeArray { .. } | TypeKind::Function { .. } => {
+                    return Err(Error::invalid(0, "a value cannot have this type"));
                 }
-            }
-            TypeKind::Pointer { class, .. } => out.extend_from_slice(pointer_leaves(*class)),
-            TypeKind::Image(_) | TypeKind::Sampler | TypeKind::AccelerationStructure => {
-                out.push(Type::I64);
-            }
-            TypeKind::SampledImage { .. } => out.extend([Type::I64, Type::I64]),
-            TypeKind::HitObject => out.extend((0..word::COUNT).map(word::ty)),
-            TypeKind::RayQuery => out.extend((0..self.query_rows).map(|_| Type::I32)),
-            TypeKind::RuntimeArray { .. } | TypeKind::Function { .. } => {
-                return Err(Error::invalid(0, "a value cannot have this type"));
+                _ if info.leaf_count == 0 => {}
+                TypeKind::Void => {}
+                TypeKind::Scalar { ty, .. } => out.push(*ty),
+                TypeKind::Vector {
+                    component: element,
+                    count,
+                }
+                | TypeKind::Matrix {
+                    column: element,
+                    count,
+                }
+                | TypeKind::Array { element, count } => {
+                    work.push(Work::Repeat(out.len(), count.saturating_sub(1)));
+                    work.push(Work::Type(*element));
+                }
+                TypeKind::Struct { members } => {
+                    work.extend(members.iter().rev().map(|&member| Work::Type(member)));
+                }
+                TypeKind::Pointer { class, .. } => out.extend_from_slice(pointer_leaves(*class)),
+                TypeKind::Image(_) | TypeKind::Sampler | TypeKind::AccelerationStructure => {
+                    out.push(Type::I64);
+                }
+                TypeKind::SampledImage { .. } => out.extend([Type::I64, Type::I64]),
+                TypeKind::HitObject => out.extend((0..word::COUNT).map(word::ty)),
+                TypeKind::RayQuery => out.extend((0..self.query_rows).map(|_| Type::I32)),
             }
         }
-        Ok(())
+        Ok(out)
     }
 
     /// Adds the type that an instruction declares; `array_length` matters to arrays only.
@@ -320,20 +368,27 @@ impl Types {
                 ));
             }
         };
-        let info = self.measure(at, kind)?;
+        let info = self.measure(at, instruction.result, kind, &module.annotations)?;
         self.infos.insert(instruction.result, info);
         Ok(())
     }
 
-    fn measure(&self, at: u32, kind: TypeKind) -> Result<TypeInfo, Error> {
+    /// What follows from what a type is made of: its parts are declared before it.
+    fn measure(
+        &self,
+        at: u32,
+        id: Id,
+        kind: TypeKind,
+        annotations: &Annotations,
+    ) -> Result<TypeInfo, Error> {
         let part = |id: Id| {
             self.infos.get(id).ok_or_else(|| {
                 Error::invalid(at, format!("type {id} is used before it is declared"))
             })
         };
-        let (leaf_count, rows, depth) = match &kind {
-            TypeKind::Void | TypeKind::Function { .. } => (0, 0, 0),
-            TypeKind::Scalar { ty, .. } => (1, ty.rows() as u64, 0),
+        let (leaf_count, rows) = match &kind {
+            TypeKind::Void | TypeKind::Function { .. } => (0, 0),
+            TypeKind::Scalar { ty, .. } => (1, ty.rows() as u64),
             TypeKind::Vector { component, count } => {
                 let TypeKind::Scalar { ty, .. } = part(*component)?.kind else {
                     return Err(Error::invalid(at, "vector components must be scalars"));
@@ -341,49 +396,47 @@ impl Types {
                 if !matches!(count, 2..=4 | 8 | 16) {
                     return Err(Error::invalid(at, "vectors have 2 to 4 components"));
                 }
-                (*count as u64, *count as u64 * ty.rows() as u64, 1)
+                (*count as u64, *count as u64 * ty.rows() as u64)
             }
             TypeKind::Matrix { column, count } => {
                 let info = part(*column)?;
                 if !matches!(info.kind, TypeKind::Vector { .. }) || !matches!(count, 2..=4) {
                     return Err(Error::invalid(at, "a matrix has 2 to 4 columns of vectors"));
                 }
-                (
-                    info.leaf_count * *count as u64,
-                    info.rows * *count as u64,
-                    2,
-                )
+                (info.leaf_count * *count as u64, info.rows * *count as u64)
             }
             TypeKind::Array { element, count } => {
                 let info = part(*element)?;
                 let count = *count as u64;
                 let leaves = info.leaf_count.saturating_mul(count);
-                (leaves, info.rows.saturating_mul(count), info.depth + 1)
+                (leaves, info.rows.saturating_mul(count))
             }
-            TypeKind::RuntimeArray { element } => (0, 0, part(*element)?.depth + 1),
+            TypeKind::RuntimeArray { element } => {
+                part(*element)?;
+                (0, 0)
+            }
             TypeKind::Struct { members } => {
-                let mut sum = (0u64, 0u64, 0u32);
+                let mut sum = (0u64, 0u64);
                 for &member in members.iter() {
                     let info = part(member)?;
                     sum.0 = sum.0.saturating_add(info.leaf_count);
                     sum.1 = sum.1.saturating_add(info.rows);
-                    sum.2 = sum.2.max(info.depth + 1);
                 }
                 sum
             }
             TypeKind::Pointer { class, .. } => {
                 let leaves = pointer_leaves(*class);
                 let rows = leaves.iter().map(|ty| ty.rows() as u64).sum();
-                (leaves.len() as u64, rows, 0)
+                (leaves.len() as u64, rows)
             }
-            TypeKind::Image(_) | TypeKind::Sampler | TypeKind::AccelerationStructure => (1, 2, 0),
-            TypeKind::RayQuery => (self.query_rows, self.query_rows, 0),
-            TypeKind::HitObject => (word::COUNT as u64, word::COUNT as u64, 0),
+            TypeKind::Image(_) | TypeKind::Sampler | TypeKind::AccelerationStructure => (1, 2),
+            TypeKind::RayQuery => (self.query_rows, self.query_rows),
+            TypeKind::HitObject => (word::COUNT as u64, word::COUNT as u64),
             TypeKind::SampledImage { image } => {
                 if !matches!(part(*image)?.kind, TypeKind::Image(_)) {
                     return Err(Error::invalid(at, "a sampled image is made of an image"));
                 }
-                (2, 4, 0)
+                (2, 4)
             }
         };
         let is_opaque = match &kind {
@@ -401,16 +454,88 @@ impl Types {
             }
             _ => false,
         };
-        if depth > MAX_DEPTH {
-            return Err(Error::invalid(at, "types are nested too deeply"));
-        }
+        let locations = match &kind {
+            TypeKind::Vector { .. } => (rows as u32).div_ceil(LOCATION_WORDS),
+            TypeKind::Matrix {
+                column: element,
+                count,
+            }
+            | TypeKind::Array { element, count } => {
+                part(*element)?.locations.saturating_mul(*count)
+            }
+            TypeKind::Struct { members } => members.iter().try_fold(0u32, |sum, &member| {
+                Ok::<_, Error>(sum.saturating_add(part(member)?.locations))
+            })?,
+            _ => 1,
+        };
+        let natural = self.size_and_alignment(id, &kind, annotations, true);
+        let packed = self.size_and_alignment(id, &kind, annotations, false);
         Ok(TypeInfo {
             kind,
             leaf_count,
             rows,
             is_opaque,
-            depth,
+            locations,
+            natural,
+            packed,
         })
+    }
+
+    /// See [`TypeInfo::natural`], and [`TypeInfo::packed`] for types without strides.
+    fn size_and_alignment(
+        &self,
+        id: Id,
+        kind: &TypeKind,
+        annotations: &Annotations,
+        has_strides: bool,
+    ) -> Option<(u64, u64)> {
+        let part = |id: Id| {
+            let info = self.infos.get(id)?;
+            match has_strides {
+                true => info.natural,
+                false => info.packed,
+            }
+        };
+        match kind {
+            TypeKind::Scalar { ty, .. } => Some((ty.size_bytes() as u64, ty.size_bytes() as u64)),
+            TypeKind::Vector {
+                component: element,
+                count,
+            }
+            | TypeKind::Matrix {
+                column: element,
+                count,
+            }
+            | TypeKind::Array { element, count } => {
+                let (size, align) = part(*element)?;
+                let given = annotations.id(id, Decoration::ArrayStride);
+                let stride = match given.filter(|_| has_strides) {
+                    Some(stride) => stride as u64,
+                    None => size.checked_next_multiple_of(align)?,
+                };
+                Some((stride.saturating_mul(*count as u64), align))
+            }
+            TypeKind::Struct { members } => {
+                let (mut end, mut most) = (0u64, 1);
+                for (index, &member) in members.iter().enumerate() {
+                    let (size, align) = part(member)?;
+                    let start = match annotations.member(id, index as u32, Decoration::Offset) {
+                        Some(offset) => offset as u64,
+                        None => end.saturating_add(align - 1) / align * align,
+                    };
+                    end = end.max(start.saturating_add(size));
+                    most = most.max(align);
+                }
+                Some((end.saturating_add(most - 1) / most * most, most))
+            }
+            TypeKind::Pointer { class, .. } if is_physical(*class) => {
+                let leaves = pointer_leaves(*class);
+                let size = leaves.iter().map(|ty| ty.size_bytes() as u64).sum();
+                Some((size, leaves[0].size_bytes() as u64))
+            }
+            TypeKind::RuntimeArray { .. } => Some((0, 1)),
+            _ => None,
+        }
     }
 
     /// Announces a pointer type whose pointee comes later (`OpTypeForwardPointer`).
@@ -419,7 +544,7 @@ impl Types {
             class: storage_class(at, class)?,
             pointee: 0,
         };
-        let info = self.measure(at, kind)?;
+        let info = self.measure(at, id, kind, &Annotations::default())?;
         self.infos.insert(id, info);
         Ok(())
     }
@@ -435,6 +560,15 @@ pub(super) fn pointer_leaves(class: StorageClass) -> &'static [Type] {
         StorageClass::UniformConstant => &[Type::I64],
         _ => &[Type::I32],
     }
+}
+
+/// Pointers that may lie in memory that others see: logical ones are for variables of the
+/// invocation.
+pub(super) fn is_physical(class: StorageClass) -> bool {
+    matches!(
+        class,
+        StorageClass::PhysicalStorageBuffer | StorageClass::ShaderRecordBufferKHR
+    )
 }
 
 /// Whether pointers of a class go through a descriptor.

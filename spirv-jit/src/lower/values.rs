@@ -15,6 +15,9 @@ pub(super) enum Val {
     /// The scalars of a value in the order of [`super::types::Types::leaves`].
     Scalars(Scalars),
     Pointer(Pointer),
+    /// A value too large to be taken apart, in memory that nothing writes again (see
+    /// [`super::large`]).
+    Kept(Pointer),
 }
 
 /// The scalars of a value: a few in place, many shared.

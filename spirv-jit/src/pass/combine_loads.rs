@@ -8,10 +8,10 @@
 use foldhash::HashMap;
 use smallvec::{SmallVec, smallvec};
 
-use super::edit::edit_nodes;
+use super::edit::{Edit, Fate, edit_body, edit_nodes};
 use super::effects::Effects;
 use crate::ir::op::Access;
-use crate::ir::{Body, Function, Inst, Node, Op, Space, Terminator, Type, Value};
+use crate::ir::{Body, Function, Inst, Node, Op, Space, Type, Value};
 
 /// Bytes of a combined load, at most: those that are loaded for several lanes together.
 const MAX_BYTES: i64 = 16;
@@ -20,20 +20,17 @@ const WORD_BYTES: i64 = 4;
 
 /// Combines loads; whether there were any to combine.
 pub fn combine_loads(function: &mut Function) -> bool {
-    let mut body = std::mem::replace(
-        &mut function.body,
-        Body {
-            nodes: Vec::new(),
-            end: Terminator::Unreachable,
-        },
-    );
+    let mut body = std::mem::take(&mut function.body);
     let mut combiner = Combiner {
         known: vec![Known::default(); function.value_types.len()],
         instructions: 0,
         has_combined: false,
         function,
+        stretch: Stretch::default(),
+        here: Here::default(),
+        outer: Vec::new(),
     };
-    combiner.walk(&mut body);
+    edit_body(&mut body, &mut combiner);
     let has_combined = combiner.has_combined;
     function.body = body;
     has_combined
@@ -117,33 +114,56 @@ struct Combiner<'a> {
     /// How many were visited.
     instructions: u32,
     has_combined: bool,
+    stretch: Stretch,
+    here: Here,
+    /// The same of the bodies around.
+    outer: Vec<Here>,
 }
 
-impl Combiner<'_> {
-    fn walk(&mut self, body: &mut Body) {
-        let mut stretch = Stretch::default();
-        let mut groups = Vec::new();
-        for (index, node) in body.nodes.iter_mut().enumerate() {
-            let Node::Inst(inst) = node else {
-                stretch.end(&mut groups);
-                node.bodies_mut().for_each(|body| self.walk(body));
-                continue;
-            };
-            self.learn(inst);
-            let effects = Effects::of(&inst.op);
-            if effects.writes_outer || effects.yields {
-                stretch.end(&mut groups);
-            } else if let Op::Load(access) = inst.op {
-                self.add_load(&mut stretch, index, access, inst);
-            }
+/// A body that is looked at.
+#[derive(Default)]
+struct Here {
+    /// Nodes so far.
+    nodes: usize,
+    groups: Vec<Group>,
+}
+
+impl Edit for Combiner<'_> {
+    fn inst(&mut self, inst: &mut Inst, _: &mut Vec<Node>) -> bool {
+        let index = self.here.nodes;
+        self.here.nodes += 1;
+        self.learn(inst);
+        let effects = Effects::of(&inst.op);
+        if effects.writes_outer || effects.yields {
+            self.stretch.end(&mut self.here.groups);
+        } else if let Op::Load(access) = inst.op {
+            self.add_load(index, access, inst);
         }
-        stretch.end(&mut groups);
+        true
+    }
+
+    fn open(&mut self, _: &mut Node) {
+        self.stretch.end(&mut self.here.groups);
+        self.here.nodes += 1;
+        self.outer.push(std::mem::take(&mut self.here));
+    }
+
+    fn end(&mut self, body: &mut Body) {
+        let mut groups = std::mem::take(&mut self.here).groups;
+        self.stretch.end(&mut groups);
         if !groups.is_empty() {
             self.has_combined = true;
             self.apply(body, &groups);
         }
     }
 
+    fn close(&mut self, _: &mut Node, _: &mut Vec<Node>) -> Fate {
+        self.here = self.outer.pop().unwrap_or_default();
+        Fate::Stays
+    }
+}
+
+impl Combiner<'_> {
     /// Notes how an instruction's results are made.
     fn learn(&mut self, inst: &Inst) {
         self.instructions += 1;
@@ -200,7 +220,7 @@ impl Combiner<'_> {
         })
     }
 
-    fn add_load(&self, stretch: &mut Stretch, node: usize, access: Access, inst: &Inst) {
+    fn add_load(&mut self, node: usize, access: Access, inst: &Inst) {
         let ty = self.function.ty(inst.results[0]);
         let bytes = inst.results.len() as i64 * ty.size_bytes() as i64;
         if access.space == Space::Private || bytes > MAX_BYTES {
@@ -222,6 +242,7 @@ impl Combiner<'_> {
             factor: linear.factor,
             ty: alone,
         };
+        let stretch = &mut self.stretch;
         let next = stretch.families.len();
         let index = *stretch.indices.entry(family).or_insert(next);
         if index == next {

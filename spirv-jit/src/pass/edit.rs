@@ -1,35 +1,167 @@
-//! Going over the nodes of a body in place: nodes are large, and most of them stay where they are.
+//! Going over the nodes of bodies in place: nodes are large, and most of them stay where they are.
 
-use crate::ir::Node;
+use crate::ir::{Body, Inst, Node, Terminator};
 
-/// Calls `edit` for each node, with a list for nodes that go before it. The nodes for which it returns false go.
+/// What becomes of a construct that an [`Edit`] has gone through.
+pub(super) enum Fate {
+    Stays,
+    Goes,
+    /// It goes, and the body ends there: what follows is not reached.
+    Ends,
+}
+
+/// What a pass does on its way through a function, in the order of the text. A pass keeps what
+/// belongs to the open constructs on a stack of its own.
+pub(super) trait Edit {
+    /// An instruction, and a list for nodes that go before it. Whether it stays.
+    fn inst(&mut self, inst: &mut Inst, before: &mut Vec<Node>) -> bool;
+
+    /// A construct, before its first body.
+    fn open(&mut self, _construct: &mut Node) {}
+
+    /// The end of a body, whose nodes are final.
+    fn end(&mut self, _body: &mut Body) {}
+
+    /// An `if`, after the first body and before the second.
+    fn between(&mut self) {}
+
+    /// A construct, after its last body; and a list as in [`Self::inst`].
+    fn close(&mut self, _construct: &mut Node, _before: &mut Vec<Node>) -> Fate {
+        Fate::Stays
+    }
+}
+
+/// A body that is being edited: nodes before `kept` stay, those from `next` on are still to come.
+#[derive(Default)]
+struct Open {
+    body: Body,
+    kept: usize,
+    next: usize,
+    /// Nodes to insert, and before which of those that stay.
+    inserted: Vec<(usize, Vec<Node>)>,
+    /// The second body of an `if` inside is open.
+    is_second: bool,
+}
+
+impl Open {
+    fn new(body: Body) -> Self {
+        Self {
+            body,
+            ..Self::default()
+        }
+    }
+
+    /// The next node has been looked at.
+    fn pass(&mut self, stays: bool, before: &mut Vec<Node>) {
+        if !before.is_empty() {
+            self.inserted.push((self.kept, std::mem::take(before)));
+        }
+        if stays {
+            if self.kept != self.next {
+                self.body.nodes.swap(self.kept, self.next);
+            }
+            self.kept += 1;
+        }
+        self.next += 1;
+    }
+
+    /// All nodes have been looked at.
+    fn finish(&mut self) {
+        let nodes = &mut self.body.nodes;
+        nodes.truncate(self.kept);
+        let inserted = std::mem::take(&mut self.inserted);
+        if inserted.is_empty() {
+            return;
+        }
+        let more: usize = inserted.iter().map(|(_, before)| before.len()).sum();
+        let mut old = std::mem::replace(nodes, Vec::with_capacity(self.kept + more)).into_iter();
+        let mut taken = 0;
+        for (at, before) in inserted {
+            nodes.extend(old.by_ref().take(at - taken));
+            nodes.extend(before);
+            taken = at;
+        }
+        nodes.extend(old);
+    }
+}
+
+/// Goes through a body and those inside.
+pub(super) fn edit_body(body: &mut Body, pass: &mut impl Edit) {
+    let mut before = Vec::new();
+    let mut open = Open::new(std::mem::take(body));
+    let mut outer: Vec<Open> = Vec::new();
+    loop {
+        let mut inner = None;
+        while let Some(node) = open.body.nodes.get_mut(open.next) {
+            let Node::Inst(inst) = node else {
+                pass.open(node);
+                inner = node.bodies_mut().next().map(std::mem::take);
+                break;
+            };
+            let stays = pass.inst(inst, &mut before);
+            open.pass(stays, &mut before);
+        }
+        if let Some(inner) = inner {
+            outer.push(std::mem::replace(&mut open, Open::new(inner)));
+            continue;
+        }
+        open.finish();
+        pass.end(&mut open.body);
+        let done = std::mem::take(&mut open.body);
+        let Some(around) = outer.pop() else {
+            *body = done;
+            return;
+        };
+        open = around;
+        let second = put_back(&mut open, done);
+        if let Some(second) = second {
+            pass.between();
+            outer.push(std::mem::replace(&mut open, Open::new(second)));
+            continue;
+        }
+        let Some(construct) = open.body.nodes.get_mut(open.next) else {
+            continue;
+        };
+        match pass.close(construct, &mut before) {
+            Fate::Stays => open.pass(true, &mut before),
+            Fate::Goes => open.pass(false, &mut before),
+            Fate::Ends => {
+                open.pass(false, &mut before);
+                open.next = open.body.nodes.len();
+                open.body.end = Terminator::Unreachable;
+            }
+        }
+    }
+}
+
+/// Gives the construct that comes next in a body the one of its bodies that was taken. Returns the
+/// next one of them, if there is one.
+fn put_back(open: &mut Open, done: Body) -> Option<Body> {
+    let construct = open.body.nodes.get_mut(open.next)?;
+    let has_second = matches!(construct, Node::If { .. }) && !open.is_second;
+    let place = construct.bodies_mut().nth(usize::from(open.is_second))?;
+    *place = done;
+    open.is_second = has_second;
+    match has_second {
+        true => construct.bodies_mut().nth(1).map(std::mem::take),
+        false => None,
+    }
+}
+
+/// Calls `edit` for each node of one body, as [`Edit::inst`].
 pub(super) fn edit_nodes(
     nodes: &mut Vec<Node>,
     mut edit: impl FnMut(&mut Node, &mut Vec<Node>) -> bool,
 ) {
+    let mut open = Open::default();
+    std::mem::swap(&mut open.body.nodes, nodes);
     let mut before = Vec::new();
-    let mut inserted = Vec::new();
-    let mut kept = 0;
-    nodes.retain_mut(|node| {
+    while let Some(node) = open.body.nodes.get_mut(open.next) {
         let stays = edit(node, &mut before);
-        if !before.is_empty() {
-            inserted.push((kept, std::mem::take(&mut before)));
-        }
-        kept += usize::from(stays);
-        stays
-    });
-    if inserted.is_empty() {
-        return;
+        open.pass(stays, &mut before);
     }
-    let more: usize = inserted.iter().map(|(_, before)| before.len()).sum();
-    let mut old = std::mem::replace(nodes, Vec::with_capacity(kept + more)).into_iter();
-    let mut taken = 0;
-    for (at, before) in inserted {
-        nodes.extend(old.by_ref().take(at - taken));
-        nodes.extend(before);
-        taken = at;
-    }
-    nodes.extend(old);
+    open.finish();
+    std::mem::swap(&mut open.body.nodes, nodes);
 }
 
 #[cfg(test)]

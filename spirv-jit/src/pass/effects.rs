@@ -1,6 +1,6 @@
 //! Memory effects of operations and constructs.
 
-use crate::ir::{Body, Node, Op, Space};
+use crate::ir::{Body, Op, Space, Step};
 
 /// The memory that may have changed.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -63,25 +63,20 @@ impl Effects {
 /// The effects of each construct, by label.
 pub fn find_effects(body: &Body, labels: u32) -> Vec<Effects> {
     let mut effects = vec![Effects::default(); labels as usize];
-    effects_of_body(body, &mut effects);
-    effects
-}
-
-fn effects_of_body(body: &Body, by_label: &mut [Effects]) -> Effects {
-    let mut effects = Effects::default();
-    for node in &body.nodes {
-        if let Node::Inst(inst) = node {
-            effects.add(Effects::of(&inst.op));
+    let mut inside = Effects::default();
+    let mut outside = Vec::new();
+    for step in body.steps() {
+        match step {
+            Step::Inst(inst) => inside.add(Effects::of(&inst.op)),
+            Step::Open(_) => outside.push(std::mem::take(&mut inside)),
+            Step::Close(node) => {
+                if let Some(label) = node.label() {
+                    effects[label.index()] = inside;
+                }
+                inside.add(outside.pop().unwrap_or_default());
+            }
+            Step::Else(_) | Step::End(_) => {}
         }
-        let Some(label) = node.label() else {
-            continue;
-        };
-        let mut inside = Effects::default();
-        for body in node.bodies() {
-            inside.add(effects_of_body(body, by_label));
-        }
-        by_label[label.index()] = inside;
-        effects.add(inside);
     }
     effects
 }

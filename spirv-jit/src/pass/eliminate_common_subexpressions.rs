@@ -6,21 +6,15 @@ use std::hash::{BuildHasher, Hash, Hasher};
 use foldhash::HashMap;
 use foldhash::fast::RandomState;
 
-use super::edit::edit_nodes;
+use super::edit::{Edit, Fate, edit_body};
 use super::effects::{Effects, find_effects};
 use super::substitution::Substitution;
 use crate::image::{ImageOpKind, LodMode};
-use crate::ir::{Body, Function, Inst, Node, Op, Space, Terminator, Type, Value};
+use crate::ir::{Body, Function, Inst, Node, Op, Space, Type, Value};
 
 /// Merges equal operations.
 pub fn eliminate_common_subexpressions(function: &mut Function) {
-    let mut body = std::mem::replace(
-        &mut function.body,
-        Body {
-            nodes: Vec::new(),
-            end: Terminator::Unreachable,
-        },
-    );
+    let mut body = std::mem::take(&mut function.body);
     let mut eliminator = Eliminator {
         effects: find_effects(&body, function.labels),
         substitution: Substitution::identity(function),
@@ -34,8 +28,9 @@ pub fn eliminate_common_subexpressions(function: &mut Function) {
         dispatch_wide: HashMap::default(),
         memory: Epochs::default(),
         next_epoch: 1,
+        scopes: Vec::new(),
     };
-    eliminator.walk(&mut body);
+    edit_body(&mut body, &mut eliminator);
     body.nodes.splice(0..0, eliminator.head);
     function.body = body;
 }
@@ -80,57 +75,64 @@ struct Eliminator<'a> {
     dispatch_wide: HashMap<(Op, Type), Value>,
     memory: Epochs,
     next_epoch: u32,
+    scopes: Vec<Scope>,
+}
+
+/// What was there before a construct.
+struct Scope {
+    /// How many entries: definitions inside end with it.
+    entries: usize,
+    memory: Epochs,
+}
+
+impl Edit for Eliminator<'_> {
+    fn inst(&mut self, inst: &mut Inst, _: &mut Vec<Node>) -> bool {
+        if is_dispatch_wide(&inst.op) {
+            self.move_to_head(inst);
+            return false;
+        }
+        self.visit(inst)
+    }
+
+    fn open(&mut self, construct: &mut Node) {
+        self.substitution.resolve_all(construct.operands_mut());
+        if let Node::Loop { label, .. } = construct {
+            // Any iteration may be the second.
+            self.disturb(self.effects[label.index()]);
+        }
+        self.scopes.push(Scope {
+            entries: self.entries.len(),
+            memory: self.memory,
+        });
+    }
+
+    fn end(&mut self, body: &mut Body) {
+        self.substitution.resolve_terminator(&mut body.end);
+        if let Some(scope) = self.scopes.last() {
+            self.end_definitions(scope.entries);
+        }
+    }
+
+    fn between(&mut self) {
+        if let Some(scope) = self.scopes.last() {
+            self.memory = scope.memory;
+        }
+    }
+
+    fn close(&mut self, construct: &mut Node, _: &mut Vec<Node>) -> Fate {
+        if let (Some(scope), Node::If { .. }) = (self.scopes.pop(), &*construct) {
+            self.memory = scope.memory;
+        }
+        if let Some(label) = construct.label() {
+            self.disturb(self.effects[label.index()]);
+        }
+        Fate::Stays
+    }
 }
 
 impl Eliminator<'_> {
-    fn walk(&mut self, body: &mut Body) {
-        edit_nodes(&mut body.nodes, |node, _| {
-            match node {
-                Node::Inst(inst) => {
-                    if is_dispatch_wide(&inst.op) {
-                        self.move_to_head(inst);
-                        return false;
-                    }
-                    return self.visit(inst);
-                }
-                Node::Block { label, body, .. } => {
-                    self.walk_scope(body);
-                    self.disturb(self.effects[label.index()]);
-                }
-                Node::If {
-                    condition,
-                    label,
-                    then_body,
-                    else_body,
-                    ..
-                } => {
-                    *condition = self.substitution.resolve(*condition);
-                    let before = self.memory;
-                    self.walk_scope(then_body);
-                    self.memory = before;
-                    self.walk_scope(else_body);
-                    self.memory = before;
-                    self.disturb(self.effects[label.index()]);
-                }
-                Node::Loop {
-                    label, init, body, ..
-                } => {
-                    self.substitution.resolve_all(init);
-                    // Any iteration may be the second.
-                    self.disturb(self.effects[label.index()]);
-                    self.walk_scope(body);
-                    self.disturb(self.effects[label.index()]);
-                }
-            }
-            true
-        });
-        self.substitution.resolve_terminator(&mut body.end);
-    }
-
-    /// A body whose definitions end with it.
-    fn walk_scope(&mut self, body: &mut Body) {
-        let begin = self.entries.len();
-        self.walk(body);
+    /// Forgets the entries that came since there were that many.
+    fn end_definitions(&mut self, begin: usize) {
         for entry in self.entries.drain(begin..).rev() {
             let place = entry.hash as usize & (self.newest.len() - 1);
             self.newest[place] = entry.shadowed;

@@ -3,7 +3,7 @@
 
 use super::row_index::RowIndex;
 use super::substitution::{Substitution, rewrite_function};
-use crate::ir::{Body, Function, FunctionId, Inst, Module, Node, Op, Terminator, Value};
+use crate::ir::{Body, Function, FunctionId, Inst, Module, Node, Op, Step, Terminator, Value};
 
 /// Removes dead code from one function.
 pub fn eliminate_dead_code(function: &mut Function) {
@@ -112,21 +112,25 @@ impl UseGraph {
     }
 
     fn add_body(&mut self, body: &Body, keeps: &dyn Fn(&Inst) -> bool) {
-        for node in &body.nodes {
-            if let Some(label) = node.label() {
-                self.taken[label.index()] = node.definitions().to_vec();
+        for step in body.steps() {
+            match step {
+                Step::Inst(inst) => self.add_inst(inst, keeps(inst)),
+                Step::Open(node) => {
+                    if let Some(label) = node.label() {
+                        self.taken[label.index()] = node.definitions().to_vec();
+                    }
+                    match node {
+                        Node::If { condition, .. } => self.roots.push(*condition),
+                        Node::Loop { label, init, .. } => self.add_passed(label.index(), init),
+                        _ => {}
+                    }
+                }
+                Step::End(body) => match &body.end {
+                    Terminator::Br(label, args) => self.add_passed(label.index(), args),
+                    end => self.roots.extend(end.operands()),
+                },
+                Step::Else(_) | Step::Close(_) => {}
             }
-            match node {
-                Node::Inst(inst) => self.add_inst(inst, keeps(inst)),
-                Node::Block { .. } => {}
-                Node::If { condition, .. } => self.roots.push(*condition),
-                Node::Loop { label, init, .. } => self.add_passed(label.index(), init),
-            }
-            node.bodies().for_each(|body| self.add_body(body, keeps));
-        }
-        match &body.end {
-            Terminator::Br(label, args) => self.add_passed(label.index(), args),
-            end => self.roots.extend(end.operands()),
         }
     }
 

@@ -1,7 +1,7 @@
 //! Parameters and results of constructs that always hold one value, replaced by it.
 
 use super::substitution::{Substitution, rewrite_function};
-use crate::ir::{Body, Function, Label, Node, Terminator, Value};
+use crate::ir::{Body, Function, Label, Node, Step, Terminator, Value};
 
 /// Rounds after which to stop; each resolves what the one before left between nested loops.
 const MAX_ROUNDS: usize = 4;
@@ -76,46 +76,41 @@ impl Pruner<'_> {
     }
 
     fn walk(&mut self, body: &Body) {
-        for node in &body.nodes {
-            match node {
-                Node::Inst(inst) => self.define(&inst.results),
-                Node::Block {
-                    label,
-                    results,
-                    body,
-                } => {
-                    let begin = self.open(*label, results.len());
-                    self.walk(body);
-                    self.close(*label, results, begin);
+        // Where each open construct began.
+        let mut begins = Vec::new();
+        for step in body.steps() {
+            match step {
+                Step::Inst(inst) => self.define(&inst.results),
+                Step::Open(node) => {
+                    let Some(label) = node.label() else { continue };
+                    begins.push(self.open(label, node.definitions().len()));
+                    if let Node::Loop { params, .. } = node {
+                        self.define(params);
+                    }
                 }
-                Node::If {
-                    label,
-                    results,
-                    then_body,
-                    else_body,
-                    ..
-                } => {
-                    let begin = self.open(*label, results.len());
-                    self.walk(then_body);
-                    self.walk(else_body);
-                    self.close(*label, results, begin);
+                Step::Else(_) => {}
+                Step::End(body) => {
+                    if let Terminator::Br(label, args) = &body.end {
+                        for (incoming, &arg) in self.incoming[label.index()].iter_mut().zip(args) {
+                            incoming.add(self.substitution.resolve(arg));
+                        }
+                    }
                 }
-                Node::Loop {
-                    label,
-                    params,
-                    init,
-                    body,
-                } => {
-                    self.open(*label, params.len());
-                    self.define(params);
-                    self.walk(body);
-                    self.close_loop(*label, params, init);
+                Step::Close(node) => {
+                    let begin = begins.pop().unwrap_or(0);
+                    match node {
+                        Node::Inst(_) => {}
+                        Node::Block { label, results, .. } | Node::If { label, results, .. } => {
+                            self.close(*label, results, begin);
+                        }
+                        Node::Loop {
+                            label,
+                            params,
+                            init,
+                            ..
+                        } => self.close_loop(*label, params, init),
+                    }
                 }
-            }
-        }
-        if let Terminator::Br(label, args) = &body.end {
-            for (incoming, &arg) in self.incoming[label.index()].iter_mut().zip(args) {
-                incoming.add(self.substitution.resolve(arg));
             }
         }
     }

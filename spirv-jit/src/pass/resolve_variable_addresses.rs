@@ -2,8 +2,8 @@
 
 use smallvec::smallvec;
 
-use super::edit::edit_nodes;
-use crate::ir::{Body, Function, Inst, Node, Op, Space, Type, Value, VariableId};
+use super::edit::{Edit, edit_body};
+use crate::ir::{Function, Inst, Node, Op, Space, Type, Value, VariableId};
 
 /// Rewrites loads and stores of known rows inside a variable; others stay as they are.
 pub fn resolve_variable_addresses(function: &mut Function) {
@@ -12,7 +12,7 @@ pub fn resolve_variable_addresses(function: &mut Function) {
         types: &function.value_types,
         rows: function.variables.iter().map(|v| v.rows).collect(),
     };
-    resolver.walk(&mut function.body);
+    edit_body(&mut function.body, &mut resolver);
 }
 
 /// Facts about an i32.
@@ -30,21 +30,17 @@ struct Resolver<'a> {
     rows: Vec<u32>,
 }
 
-impl Resolver<'_> {
-    fn walk(&mut self, body: &mut Body) {
-        edit_nodes(&mut body.nodes, |node, before| {
-            if let Node::Inst(inst) = node {
-                self.learn(inst);
-                if let Some(resolved) = self.resolve(inst) {
-                    before.extend(resolved.into_iter().map(Node::Inst));
-                    return false;
-                }
-            }
-            node.bodies_mut().for_each(|body| self.walk(body));
-            true
-        });
+impl Edit for Resolver<'_> {
+    fn inst(&mut self, inst: &mut Inst, before: &mut Vec<Node>) -> bool {
+        self.learn(inst);
+        let resolved = self.resolve(inst);
+        let stays = resolved.is_none();
+        before.extend(resolved.into_iter().flatten().map(Node::Inst));
+        stays
     }
+}
 
+impl Resolver<'_> {
     fn known(&self, value: Value) -> Known {
         self.known[value.index()]
     }

@@ -13,22 +13,15 @@ const MAX_FLAT_COST: u32 = 8;
 
 /// Simplifies control flow, inner constructs first.
 pub fn simplify_control_flow(function: &mut Function) {
-    let mut body = std::mem::replace(&mut function.body, unreachable());
+    let body = Box::new(std::mem::take(&mut function.body));
     let mut simplifier = Simplifier {
         substitution: Substitution::identity(function),
         constants: vec![None; function.value_types.len()],
         branches: vec![0; function.labels as usize],
+        open: Vec::new(),
     };
     simplifier.count_branches(&body, 1);
-    simplifier.simplify_body(&mut body);
-    function.body = body;
-}
-
-fn unreachable() -> Body {
-    Body {
-        nodes: Vec::new(),
-        end: Terminator::Unreachable,
-    }
+    function.body = simplifier.simplify(body);
 }
 
 struct Simplifier {
@@ -37,6 +30,56 @@ struct Simplifier {
     constants: Vec<Option<bool>>,
     /// How many `br` lead to each label.
     branches: Vec<i32>,
+    /// Bodies that are being simplified, innermost last.
+    open: Vec<Open>,
+}
+
+/// A body that is being simplified: its nodes so far, and those that are still to come.
+struct Open {
+    body: Box<Body>,
+    rest: std::vec::IntoIter<Node>,
+    /// What follows the blocks that are being written out in this body, innermost last.
+    after: Vec<After>,
+    of: Of,
+}
+
+/// What follows a block that is left in one way, at its end.
+struct After {
+    /// What the block's end hands on, and as what.
+    end: Terminator,
+    results: Vec<Value>,
+    rest: std::vec::IntoIter<Node>,
+}
+
+/// What a body belongs to.
+enum Of {
+    Function,
+    Block {
+        label: Label,
+        results: Vec<Value>,
+    },
+    Then {
+        head: IfHead,
+        else_body: Box<Body>,
+    },
+    Else {
+        head: IfHead,
+        then_body: Box<Body>,
+    },
+    Loop {
+        label: Label,
+        params: Vec<Value>,
+        init: Vec<Value>,
+    },
+    /// A loop without a back-edge.
+    Once,
+}
+
+/// An `if` without its bodies.
+struct IfHead {
+    condition: Value,
+    label: Label,
+    results: Vec<Value>,
 }
 
 /// Whether anything comes after a node.
@@ -59,53 +102,61 @@ impl Simplifier {
         self.branches[label.index()] > 0
     }
 
-    fn simplify_body(&mut self, body: &mut Body) {
+    fn simplify(&mut self, body: Box<Body>) -> Body {
+        self.enter(body, Of::Function);
+        while let Some(open) = self.open.last_mut() {
+            match open.rest.next() {
+                Some(Node::Inst(mut inst)) => {
+                    visit_inst(&self.substitution, &mut self.constants, &mut inst);
+                    open.body.nodes.push(Node::Inst(inst));
+                }
+                Some(construct) => self.enter_construct(construct),
+                None => match open.after.pop() {
+                    Some(After { end, results, rest }) => {
+                        for (&result, &arg) in results.iter().zip(end.operands()) {
+                            self.substitution.replace(result, arg);
+                        }
+                        open.rest = rest;
+                    }
+                    None => {
+                        self.substitution.resolve_terminator(&mut open.body.end);
+                        if let Some(body) = self.leave() {
+                            return *body;
+                        }
+                    }
+                },
+            }
+        }
+        unreachable!("the function's body is the last one that is left")
+    }
+
+    fn enter(&mut self, mut body: Box<Body>, of: Of) {
         // Nodes before the first construct stay in place.
         let is_construct = |node: &Node| !matches!(node, Node::Inst(_));
         let first = body.nodes.iter().position(is_construct);
-        let nodes = body.nodes.split_off(first.unwrap_or(body.nodes.len()));
+        let rest = body.nodes.split_off(first.unwrap_or(body.nodes.len()));
         for node in &mut body.nodes {
             if let Node::Inst(inst) = node {
-                self.visit_inst(inst);
+                visit_inst(&self.substitution, &mut self.constants, inst);
             }
         }
-        body.nodes.reserve(nodes.len());
-        let mut nodes = nodes.into_iter();
-        while let Some(node) = nodes.next() {
-            let Flow::Ends(end) = self.simplify_node(node, &mut body.nodes) else {
-                continue;
-            };
-            for node in nodes {
-                (node.bodies()).for_each(|body| self.count_branches(body, -1));
-            }
-            if let Terminator::Br(label, _) = body.end {
-                self.branches[label.index()] -= 1;
-            }
-            body.end = end;
-            return;
-        }
-        self.substitution.resolve_terminator(&mut body.end);
+        body.nodes.reserve(rest.len());
+        self.open.push(Open {
+            body,
+            rest: rest.into_iter(),
+            after: Vec::new(),
+            of,
+        });
     }
 
-    fn visit_inst(&mut self, inst: &mut Inst) {
-        self.substitution.resolve_all(&mut inst.args);
-        if let (Op::Const(bits), [result]) = (&inst.op, &inst.results[..]) {
-            self.constants[result.index()] = Some(*bits != 0);
-        }
-    }
-
-    fn simplify_node(&mut self, mut node: Node, out: &mut Vec<Node>) -> Flow {
-        match &mut node {
-            Node::Inst(inst) => self.visit_inst(inst),
+    fn enter_construct(&mut self, node: Node) {
+        match node {
+            Node::Inst(_) => {}
             Node::Block {
                 label,
                 results,
                 body,
-            } => {
-                let (label, results) = (*label, std::mem::take(results));
-                let body = std::mem::replace(body, Box::new(unreachable()));
-                return self.simplify_block(label, results, body, out);
-            }
+            } => self.enter_block(label, results, body),
             Node::If {
                 condition,
                 label,
@@ -113,64 +164,166 @@ impl Simplifier {
                 then_body,
                 else_body,
             } => {
-                *condition = self.substitution.resolve(*condition);
+                let condition = self.substitution.resolve(condition);
                 if let Some(holds) = self.constants[condition.index()] {
                     let (taken, dropped) = match holds {
                         true => (then_body, else_body),
                         false => (else_body, then_body),
                     };
-                    self.count_branches(dropped, -1);
-                    let (label, results) = (*label, std::mem::take(results));
-                    let body = std::mem::replace(taken, Box::new(unreachable()));
-                    return self.simplify_block(label, results, body, out);
+                    self.count_branches(&dropped, -1);
+                    self.enter_block(label, results, taken);
+                    return;
                 }
-                self.simplify_body(then_body);
-                self.simplify_body(else_body);
-                if self.flatten(*condition, *label, results, then_body, else_body, out) {
-                    return Flow::On;
-                }
-                if !self.is_left(*label) {
-                    results.clear();
-                    out.push(node);
-                    return Flow::Ends(Terminator::Unreachable);
-                }
+                let head = IfHead {
+                    condition,
+                    label,
+                    results,
+                };
+                self.enter(then_body, Of::Then { head, else_body });
             }
             Node::Loop {
                 label,
                 params,
-                init,
+                mut init,
                 body,
             } => {
-                self.substitution.resolve_all(init);
-                if !self.is_left(*label) {
-                    for (&param, &init) in params.iter().zip(init.iter()) {
+                self.substitution.resolve_all(&mut init);
+                if self.is_left(label) {
+                    let of = Of::Loop {
+                        label,
+                        params,
+                        init,
+                    };
+                    self.enter(body, of);
+                } else {
+                    for (&param, &init) in params.iter().zip(&init) {
                         self.substitution.replace(param, init);
                     }
-                    self.simplify_body(body);
-                    out.append(&mut body.nodes);
-                    let end = std::mem::replace(&mut body.end, Terminator::Unreachable);
-                    return Flow::Ends(end);
+                    self.enter(body, Of::Once);
                 }
-                self.simplify_body(body);
-                out.push(node);
-                return Flow::Ends(Terminator::Unreachable);
             }
         }
-        out.push(node);
-        Flow::On
     }
 
-    fn simplify_block(
+    /// Enters a block. One that is left in one way, at its end, is written out in the body around
+    /// it: a node in such blocks is moved once, not once for each block.
+    fn enter_block(&mut self, label: Label, results: Vec<Value>, mut body: Box<Body>) {
+        let at_end = matches!(body.end, Terminator::Br(to, _) if to == label);
+        match self.open.last_mut() {
+            Some(open) if at_end && self.branches[label.index()] == 1 => {
+                let inside = std::mem::take(&mut body.nodes).into_iter();
+                open.after.push(After {
+                    end: std::mem::replace(&mut body.end, Terminator::Unreachable),
+                    results,
+                    rest: std::mem::replace(&mut open.rest, inside),
+                });
+            }
+            _ => self.enter(body, Of::Block { label, results }),
+        }
+    }
+
+    /// Puts what the innermost body belongs to into the body around it, and leaves that one, too,
+    /// if nothing comes after. Returns the function's body.
+    fn leave(&mut self) -> Option<Box<Body>> {
+        while let Some(Open { body, of, .. }) = self.open.pop() {
+            if let Of::Then { head, else_body } = of {
+                let then_body = body;
+                self.enter(else_body, Of::Else { head, then_body });
+                return None;
+            }
+            let Some(mut around) = self.open.pop() else {
+                return Some(body);
+            };
+            let Flow::Ends(end) = self.close(body, of, &mut around.body.nodes) else {
+                self.open.push(around);
+                return None;
+            };
+            let after = std::mem::take(&mut around.after).into_iter().rev();
+            let (ends, rests): (Vec<_>, Vec<_>) =
+                after.map(|after| (after.end, after.rest)).unzip();
+            for node in around.rest.by_ref().chain(rests.into_iter().flatten()) {
+                (node.bodies()).for_each(|body| self.count_branches(body, -1));
+            }
+            for end in ends.iter().chain([&around.body.end]) {
+                if let Terminator::Br(label, _) = end {
+                    self.branches[label.index()] -= 1;
+                }
+            }
+            around.body.end = end;
+            self.open.push(around);
+        }
+        None
+    }
+
+    fn close(&mut self, mut body: Box<Body>, of: Of, out: &mut Vec<Node>) -> Flow {
+        match of {
+            Of::Function | Of::Then { .. } => Flow::On,
+            Of::Block { label, results } => self.close_block(label, results, body, out),
+            Of::Else {
+                head,
+                mut then_body,
+            } => {
+                let IfHead {
+                    condition,
+                    label,
+                    mut results,
+                } = head;
+                if self.flatten(
+                    condition,
+                    label,
+                    &mut results,
+                    &mut then_body,
+                    &mut body,
+                    out,
+                ) {
+                    return Flow::On;
+                }
+                let is_left = self.is_left(label);
+                if !is_left {
+                    results.clear();
+                }
+                out.push(Node::If {
+                    condition,
+                    label,
+                    results,
+                    then_body,
+                    else_body: body,
+                });
+                match is_left {
+                    true => Flow::On,
+                    false => Flow::Ends(Terminator::Unreachable),
+                }
+            }
+            Of::Loop {
+                label,
+                params,
+                init,
+            } => {
+                out.push(Node::Loop {
+                    label,
+                    params,
+                    init,
+                    body,
+                });
+                Flow::Ends(Terminator::Unreachable)
+            }
+            Of::Once => {
+                out.append(&mut body.nodes);
+                Flow::Ends(std::mem::replace(&mut body.end, Terminator::Unreachable))
+            }
+        }
+    }
+
+    fn close_block(
         &mut self,
         label: Label,
         mut results: Vec<Value>,
         mut body: Box<Body>,
         out: &mut Vec<Node>,
     ) -> Flow {
-        self.simplify_body(&mut body);
         if !self.is_left(label) {
             out.append(&mut body.nodes);
-            return Flow::Ends(body.end);
+            return Flow::Ends(std::mem::replace(&mut body.end, Terminator::Unreachable));
         }
         if self.is_decided_by_if(label, &body) {
             self.become_if(label, results, *body, out);
@@ -215,7 +368,9 @@ impl Simplifier {
 
     /// Puts the `if` in the place of a block that [it decides](Self::is_decided_by_if): what came behind it belongs to the side that goes on.
     fn become_if(&mut self, own: Label, own_results: Vec<Value>, body: Body, out: &mut Vec<Node>) {
-        let Body { mut nodes, mut end } = body;
+        let mut body = body;
+        let mut nodes = std::mem::take(&mut body.nodes);
+        let mut end = std::mem::replace(&mut body.end, Terminator::Unreachable);
         if let Some(Node::If {
             label,
             results,
@@ -284,6 +439,13 @@ impl Simplifier {
             }
         }
         true
+    }
+}
+
+fn visit_inst(substitution: &Substitution, constants: &mut [Option<bool>], inst: &mut Inst) {
+    substitution.resolve_all(&mut inst.args);
+    if let (Op::Const(bits), [result]) = (&inst.op, &inst.results[..]) {
+        constants[result.index()] = Some(*bits != 0);
     }
 }
 

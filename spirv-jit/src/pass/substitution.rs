@@ -1,6 +1,7 @@
 //! Shared by passes that replace values and drop constructs' parameters.
 
-use crate::ir::{Body, Function, Inst, Node, Terminator, Value};
+use super::edit::{Edit, Fate, edit_body};
+use crate::ir::{Body, Function, Inst, Label, Node, Terminator, Value};
 
 /// Which value stands for which. A definition dominates its uses and so does what replaces it; a forward walk that enters
 /// replacements as it goes therefore sees final values only.
@@ -63,7 +64,7 @@ pub fn rewrite_function(
         keeps,
         dropped: vec![Vec::new(); function.labels as usize],
     };
-    rewriter.rewrite_body(&mut function.body);
+    edit_body(&mut function.body, &mut rewriter);
 }
 
 struct Rewriter<'a> {
@@ -74,62 +75,57 @@ struct Rewriter<'a> {
     dropped: Vec<Vec<bool>>,
 }
 
-impl Rewriter<'_> {
-    fn rewrite_body(&mut self, body: &mut Body) {
-        body.nodes.retain_mut(|node| self.rewrite_node(node));
+impl Edit for Rewriter<'_> {
+    fn inst(&mut self, inst: &mut Inst, _: &mut Vec<Node>) -> bool {
+        let stays = (self.keeps)(inst);
+        if stays {
+            self.substitution.resolve_all(&mut inst.args);
+        }
+        stays
+    }
+
+    fn open(&mut self, construct: &mut Node) {
+        match construct {
+            Node::Inst(_) => {}
+            Node::Block { label, results, .. } | Node::If { label, results, .. } => {
+                self.mark(label.index(), results);
+            }
+            Node::Loop {
+                label,
+                params,
+                init,
+                ..
+            } => {
+                self.mark(label.index(), params);
+                drop_marked(init, &self.dropped[label.index()]);
+            }
+        }
+        self.substitution.resolve_all(construct.operands_mut());
+    }
+
+    fn end(&mut self, body: &mut Body) {
         if let Terminator::Br(label, args) = &mut body.end {
             drop_marked(args, &self.dropped[label.index()]);
         }
         self.substitution.resolve_terminator(&mut body.end);
     }
 
-    /// Whether the node stays.
-    fn rewrite_node(&mut self, node: &mut Node) -> bool {
-        match node {
-            Node::Inst(inst) => {
-                if !(self.keeps)(inst) {
-                    return false;
-                }
-                self.substitution.resolve_all(&mut inst.args);
-                true
+    fn close(&mut self, construct: &mut Node, _: &mut Vec<Node>) -> Fate {
+        let stays = match construct {
+            Node::Inst(_) | Node::Loop { .. } => true,
+            Node::Block { label, .. } | Node::If { label, .. } => {
+                let label = *label;
+                !construct.bodies().all(|body| does_nothing(body, label))
             }
-            Node::Block {
-                label,
-                results,
-                body,
-            } => {
-                self.mark(label.index(), results);
-                self.rewrite_body(body);
-                !does_nothing(body, label)
-            }
-            Node::If {
-                condition,
-                label,
-                results,
-                then_body,
-                else_body,
-            } => {
-                *condition = self.substitution.resolve(*condition);
-                self.mark(label.index(), results);
-                self.rewrite_body(then_body);
-                self.rewrite_body(else_body);
-                !(does_nothing(then_body, label) && does_nothing(else_body, label))
-            }
-            Node::Loop {
-                label,
-                params,
-                init,
-                body,
-            } => {
-                self.mark(label.index(), params);
-                drop_marked(init, &self.dropped[label.index()]);
-                self.substitution.resolve_all(init);
-                self.rewrite_body(body);
-                true
-            }
+        };
+        match stays {
+            true => Fate::Stays,
+            false => Fate::Goes,
         }
     }
+}
 
+impl Rewriter<'_> {
     fn mark(&mut self, label: usize, values: &mut Vec<Value>) {
         if values.iter().any(|&value| (self.is_dropped)(value)) {
             let marks: Vec<bool> = values
@@ -143,9 +139,9 @@ impl Rewriter<'_> {
 }
 
 /// An empty body that leaves its own construct without values.
-fn does_nothing(body: &Body, own: &crate::ir::Label) -> bool {
+fn does_nothing(body: &Body, own: Label) -> bool {
     body.nodes.is_empty()
-        && matches!(&body.end, Terminator::Br(label, args) if label == own && args.is_empty())
+        && matches!(&body.end, Terminator::Br(label, args) if *label == own && args.is_empty())
 }
 
 fn drop_marked(values: &mut Vec<Value>, marks: &[bool]) {

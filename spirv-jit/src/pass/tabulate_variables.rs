@@ -3,9 +3,9 @@
 
 use smallvec::smallvec;
 
-use super::edit::edit_nodes;
+use super::edit::{Edit, edit_body};
 use crate::ir::op::MAX_TABLE_RESULTS;
-use crate::ir::{Body, Function, Inst, Node, Op, Space, Type, Value, VariableId};
+use crate::ir::{Body, Function, Inst, Node, Op, Space, Step, Type, Value, VariableId};
 
 /// Larger variables stay what they are.
 const MAX_ROWS: u32 = 1 << 14;
@@ -23,11 +23,11 @@ pub fn tabulate_variables(function: &mut Function) {
     if tables.iter().all(Option::is_none) {
         return;
     }
-    Rewriter {
+    let mut rewriter = Rewriter {
         tables: &tables,
         indices: vec![None; function.value_types.len()],
-    }
-    .body(&mut function.body);
+    };
+    edit_body(&mut function.body, &mut rewriter);
 }
 
 /// The contents of each variable from its last store on, if they are the same in all invocations
@@ -42,7 +42,7 @@ fn find(function: &Function) -> Vec<Option<Vec<u32>>> {
             .collect(),
         is_read: vec![false; function.variables.len()],
     };
-    finder.body(&function.body, true);
+    finder.body(&function.body);
     let mut contents = finder.contents;
     for (words, is_read) in contents.iter_mut().zip(finder.is_read) {
         if !is_read {
@@ -64,23 +64,26 @@ struct Finder<'f> {
 }
 
 impl Finder<'_> {
-    /// `outermost`: every invocation comes here, once.
-    fn body(&mut self, body: &Body, outermost: bool) {
-        for node in &body.nodes {
-            match node {
-                Node::Inst(inst) => self.inst(inst, outermost),
-                node => {
+    fn body(&mut self, body: &Body) {
+        let mut depth = 0;
+        for step in body.steps() {
+            match step {
+                // Every invocation comes to the outermost body, once.
+                Step::Inst(inst) => self.inst(inst, depth == 0),
+                Step::Open(node) => {
+                    depth += 1;
                     node.operands()
                         .iter()
                         .for_each(|&value| self.give_up(value));
-                    node.bodies().for_each(|body| self.body(body, false));
+                }
+                Step::Close(_) => depth -= 1,
+                Step::Else(_) => {}
+                Step::End(body) => {
+                    let operands = body.end.operands().iter();
+                    operands.for_each(|&value| self.give_up(value));
                 }
             }
         }
-        body.end
-            .operands()
-            .iter()
-            .for_each(|&value| self.give_up(value));
     }
 
     /// The value goes where it is not followed.
@@ -141,18 +144,7 @@ struct Rewriter<'f> {
     indices: Vec<Option<u32>>,
 }
 
-impl Rewriter<'_> {
-    fn body(&mut self, body: &mut Body) {
-        edit_nodes(&mut body.nodes, |node, before| {
-            if let Node::Inst(inst) = node {
-                return self.inst(inst, before);
-            }
-            node.bodies_mut().for_each(|body| self.body(body));
-            true
-        });
-    }
-
-    /// Whether the instruction stays.
+impl Edit for Rewriter<'_> {
     fn inst(&mut self, inst: &mut Inst, before: &mut Vec<Node>) -> bool {
         match inst.op {
             Op::VarStore(variable, _) => return self.tables[variable.index()].is_none(),

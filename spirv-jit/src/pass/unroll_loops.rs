@@ -6,10 +6,11 @@
 use foldhash::{HashSet, HashSetExt};
 use smallvec::smallvec;
 
+use super::edit::{Edit, Fate, edit_body};
 use super::effects::{Effects, find_effects};
 use super::fold_constants::fold;
 use super::renaming::Renaming;
-use crate::ir::{Body, Function, Inst, Label, Node, Op, Space, Terminator, Type, Value};
+use crate::ir::{Body, Function, Inst, Label, Node, Op, Space, Step, Terminator, Type, Value};
 
 /// Iterations written out.
 const MAX_ITERATIONS: usize = 32;
@@ -26,13 +27,7 @@ const BUDGET_FLOOR: usize = 2_048;
 
 /// Unrolls inner loops first. Returns whether there was one to unroll.
 pub fn unroll_loops(function: &mut Function) -> bool {
-    let mut body = std::mem::replace(
-        &mut function.body,
-        Body {
-            nodes: Vec::new(),
-            end: Terminator::Unreachable,
-        },
-    );
+    let mut body = std::mem::take(&mut function.body);
     let count = function.value_types.len();
     let mut unroller = Unroller {
         effects: find_effects(&body, function.labels),
@@ -47,7 +42,7 @@ pub fn unroll_loops(function: &mut Function) -> bool {
         function,
     };
     let budget = unroller.budget;
-    unroller.walk(&mut body);
+    edit_body(&mut body, &mut unroller);
     let unrolled = unroller.budget < budget;
     function.body = body;
     unrolled
@@ -55,8 +50,9 @@ pub fn unroll_loops(function: &mut Function) -> bool {
 
 /// Nodes and terminators.
 fn count_nodes(body: &Body) -> usize {
-    let of_node = |node: &Node| 1 + node.bodies().map(count_nodes).sum::<usize>();
-    body.nodes.iter().map(of_node).sum::<usize>() + 1
+    let mut count = 1;
+    body.visit(&mut |node| count += 1 + node.bodies().count());
+    count
 }
 
 /// A loop's counter.
@@ -80,39 +76,30 @@ struct Unroller<'a> {
     budget: usize,
 }
 
-impl Unroller<'_> {
-    fn walk(&mut self, body: &mut Body) {
-        let mut unrolled = None;
-        for (index, node) in body.nodes.iter_mut().enumerate() {
-            match node {
-                Node::Inst(inst) => self.learn(inst),
-                Node::Block { .. } | Node::If { .. } => {
-                    node.bodies_mut().for_each(|body| self.walk(body));
-                }
-                Node::Loop {
-                    label,
-                    params,
-                    init,
-                    body: inside,
-                } => {
-                    self.walk(inside);
-                    if let Some(counts) = self.find_counts(*label, params, init, inside) {
-                        let mut iterations = Vec::with_capacity(2 * counts.counts.len());
-                        self.unroll(*label, params, init, inside, &counts, &mut iterations);
-                        unrolled = Some((index, iterations));
-                        break;
-                    }
-                }
-            }
-        }
-        if let Some((index, mut iterations)) = unrolled {
-            body.nodes.truncate(index);
-            body.nodes.append(&mut iterations);
-            // Nothing comes out of a loop at its end.
-            body.end = Terminator::Unreachable;
-        }
+impl Edit for Unroller<'_> {
+    fn inst(&mut self, inst: &mut Inst, _: &mut Vec<Node>) -> bool {
+        self.learn(inst);
+        true
     }
 
+    fn close(&mut self, construct: &mut Node, before: &mut Vec<Node>) -> Fate {
+        if let Node::Loop {
+            label,
+            params,
+            init,
+            body,
+        } = construct
+            && let Some(counts) = self.find_counts(*label, params, init, body)
+        {
+            self.unroll(*label, params, init, body, &counts, before);
+            // Nothing comes out of a loop at its end.
+            return Fate::Ends;
+        }
+        Fate::Stays
+    }
+}
+
+impl Unroller<'_> {
     fn learn(&mut self, inst: &Inst) {
         let Some(&result) = inst.results.first() else {
             return;
@@ -145,7 +132,7 @@ impl Unroller<'_> {
         if effects.yields {
             return None;
         }
-        let exit = find_exit(label, body)?;
+        let exit = find_exit(label, body, |value| self.constant(value).is_some())?;
         let comparison = exit.comparison;
         let on_left = self.constant(comparison.args[1]);
         let (counter, limit) = match on_left {
@@ -223,19 +210,16 @@ impl Unroller<'_> {
         body: &Body,
         step: &mut Option<u64>,
     ) -> bool {
-        let inside = (body.nodes.iter().flat_map(Node::bodies))
-            .all(|body| self.find_step(label, index, counter, body, step));
-        match &body.end {
-            Terminator::Br(target, args) if *target == label => {
-                match self.sums.get(args[index].index()).copied().flatten() {
-                    Some((base, more)) if base == counter => {
-                        inside && *step.get_or_insert(more) == more
-                    }
-                    _ => false,
-                }
-            }
-            _ => inside,
-        }
+        body.steps().all(|at| match at {
+            Step::End(Body {
+                end: Terminator::Br(target, args),
+                ..
+            }) if *target == label => match self.sums.get(args[index].index()).copied().flatten() {
+                Some((base, more)) if base == counter => *step.get_or_insert(more) == more,
+                _ => false,
+            },
+            _ => true,
+        })
     }
 
     /// Writes the iterations out, the last of them as far as the exit.
@@ -316,8 +300,9 @@ impl Unroller<'_> {
             if let Node::Inst(inst) = node {
                 self.learn(inst);
             }
-            node.bodies()
-                .for_each(|body| self.learn_copies(&body.nodes));
+            for body in node.bodies() {
+                body.visit_insts(&mut |inst| self.learn(inst));
+            }
         }
     }
 }
@@ -329,8 +314,9 @@ struct Exit<'b> {
     leaves_if: bool,
 }
 
-/// Finds the `if` near a loop's head of which one side leaves the loop and the other goes on, with nothing but operations before it.
-fn find_exit(label: Label, body: &Body) -> Option<Exit<'_>> {
+/// Finds the `if` near a loop's head of which one side leaves the loop and the other goes on, with
+/// nothing but operations before it, if its condition compares something with a constant.
+fn find_exit(label: Label, body: &Body, is_constant: impl Fn(Value) -> bool) -> Option<Exit<'_>> {
     let mut insts = Vec::new();
     for node in &body.nodes {
         match node {
@@ -347,13 +333,17 @@ fn find_exit(label: Label, body: &Body) -> Option<Exit<'_>> {
                     comparison.op,
                     Op::SLt | Op::SLe | Op::ULt | Op::ULe | Op::IEq | Op::INe
                 );
+                // Whether a side leaves is a walk through all of it.
+                if !compares || !comparison.args.iter().any(|&arg| is_constant(arg)) {
+                    return None;
+                }
                 let leaves = |side: &Body| !reaches(side, &[label, *own]);
                 let leaves_if = match (leaves(then_body), leaves(else_body)) {
                     (true, false) => true,
                     (false, true) => false,
                     _ => return None,
                 };
-                return compares.then_some(Exit {
+                return Some(Exit {
                     comparison,
                     leaves_if,
                 });
@@ -366,8 +356,10 @@ fn find_exit(label: Label, body: &Body) -> Option<Exit<'_>> {
 
 /// Whether a body has a `br` to one of the labels.
 fn reaches(body: &Body, labels: &[Label]) -> bool {
-    let inside = (body.nodes.iter().flat_map(Node::bodies)).any(|body| reaches(body, labels));
-    inside || matches!(&body.end, Terminator::Br(label, _) if labels.contains(label))
+    body.steps().any(|step| {
+        matches!(step, Step::End(body)
+            if matches!(&body.end, Terminator::Br(label, _) if labels.contains(label)))
+    })
 }
 
 /// Values and labels that a body defines.

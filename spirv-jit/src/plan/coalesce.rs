@@ -12,7 +12,7 @@
 
 use foldhash::HashMap;
 
-use crate::ir::{Body, Label, Node, Terminator, Value};
+use crate::ir::{Body, Label, Node, Step, Terminator, Value};
 
 /// A value and what it would be copied to.
 pub(crate) struct Candidate {
@@ -40,19 +40,17 @@ struct Finder<'b> {
 
 impl<'b> Finder<'b> {
     fn walk(&mut self, body: &'b Body) {
-        for node in &body.nodes {
-            match node {
-                Node::Inst(_) => {}
-                Node::Block { body, .. } => self.walk(body),
-                Node::If {
-                    label,
-                    results,
-                    then_body,
-                    else_body,
-                    ..
-                } => {
-                    self.walk(then_body);
-                    if let Terminator::Br(to, args) = &then_body.end
+        for step in body.steps() {
+            match step {
+                Step::Inst(_) | Step::Open(_) => {}
+                Step::Else(node) => {
+                    if let Node::If {
+                        label,
+                        results,
+                        then_body,
+                        ..
+                    } = node
+                        && let Terminator::Br(to, args) = &then_body.end
                         && to == label
                         && self
                             .branches
@@ -61,25 +59,27 @@ impl<'b> Finder<'b> {
                     {
                         self.propose(then_body, args, results, false);
                     }
-                    self.walk(else_body);
                 }
-                Node::Loop {
-                    label,
-                    params,
-                    body,
-                    ..
-                } => {
-                    self.walk(body);
-                    if let Some(&(1, args)) = self.branches.get(label) {
+                Step::Close(node) => {
+                    if let Node::Loop {
+                        label,
+                        params,
+                        body,
+                        ..
+                    } = node
+                        && let Some(&(1, args)) = self.branches.get(label)
+                    {
                         self.propose(body, args, params, true);
                     }
                 }
+                Step::End(body) => {
+                    if let Terminator::Br(label, args) = &body.end {
+                        let (count, taken) = self.branches.entry(*label).or_default();
+                        *count += 1;
+                        *taken = args;
+                    }
+                }
             }
-        }
-        if let Terminator::Br(label, args) = &body.end {
-            let (count, taken) = self.branches.entry(*label).or_default();
-            *count += 1;
-            *taken = args;
         }
     }
 

@@ -13,7 +13,7 @@
 //! others at `2p + 1`; results are defined at `2p + 1`.
 
 use crate::ir::op::Signature;
-use crate::ir::{Body, Function, Inst, Node, Op, Value};
+use crate::ir::{Body, Function, Inst, Node, Op, Step, Value};
 
 /// Where a function's values live.
 #[derive(Clone, Debug, PartialEq)]
@@ -105,8 +105,8 @@ impl Walk<'_> {
         };
         *end = half_step.max(*end);
         let start = *start;
-        let outermost = self.loops.iter_mut().find(|(at, _)| 2 * *at + 1 > start);
-        if let Some((_, values)) = outermost
+        let outermost = self.loops.partition_point(|(at, _)| 2 * *at < start);
+        if let Some((_, values)) = self.loops.get_mut(outermost)
             && values.last() != Some(&value)
         {
             values.push(value);
@@ -114,84 +114,66 @@ impl Walk<'_> {
     }
 
     fn body(&mut self, body: &Body) {
-        for node in &body.nodes {
-            self.node(node);
-            if matches!(node, Node::Loop { .. }) {
-                // Nothing comes out of a loop's end: what follows it is not reached.
-                return;
+        let mut steps = body.steps();
+        while let Some(step) = steps.next() {
+            let position = self.position;
+            match step {
+                Step::Inst(inst) => self.inst(inst, position),
+                Step::Open(node) => self.open(node, position),
+                Step::Else(_) => {}
+                Step::End(body) => {
+                    for &arg in body.end.operands() {
+                        self.use_at(arg, 2 * position + 1);
+                    }
+                }
+                Step::Close(Node::Loop { params, .. }) => {
+                    self.close_loop(params);
+                    // Nothing comes out of a loop's end: what follows it is not reached.
+                    steps.skip_rest();
+                }
+                Step::Close(node) => self.close(node.definitions()),
             }
-        }
-        let position = self.position;
-        self.position += 1;
-        for &arg in body.end.operands() {
-            self.use_at(arg, 2 * position + 1);
+            self.position += 1;
         }
     }
 
-    fn node(&mut self, node: &Node) {
-        let position = self.position;
-        self.position += 1;
-        match node {
-            Node::Inst(inst) => {
-                let late = !shares_rows(inst);
-                for &arg in &inst.args {
-                    self.use_at(arg, 2 * position + late as u32);
-                }
-                for &result in &inst.results {
-                    self.define(result, position);
-                }
-                if inst.op.is_yield() || matches!(inst.op, Op::Call(_)) {
-                    self.suspensions.push(position);
-                }
-                if inst.op.gives_descriptor()
-                    && let Some(&from) = inst.args.first()
-                {
-                    self.descriptors.push((inst.results[0], from));
-                }
-            }
-            Node::Block { results, body, .. } => {
-                for &result in results {
-                    self.define(result, position);
-                }
-                self.body(body);
-                self.close(results);
-            }
-            Node::If {
-                condition,
-                results,
-                then_body,
-                else_body,
-                ..
-            } => {
-                self.use_at(*condition, 2 * position + 1);
-                for &result in results {
-                    self.define(result, position);
-                }
-                self.body(then_body);
-                self.position += 1;
-                self.body(else_body);
-                self.close(results);
-            }
-            Node::Loop {
-                params, init, body, ..
-            } => {
-                for &value in init {
-                    self.use_at(value, 2 * position + 1);
-                }
-                self.loops.push((position, Vec::new()));
-                for &param in params {
-                    self.define(param, position);
-                }
-                self.body(body);
-                let end = 2 * self.position + 2;
-                self.suspensions.push(self.position);
-                self.position += 1;
-                let (_, inside) = self.loops.pop().expect("pushed above");
-                for value in inside.into_iter().chain(params.iter().copied()) {
-                    if let Some((_, last)) = &mut self.ranges[value.index()] {
-                        *last = end.max(*last);
-                    }
-                }
+    fn inst(&mut self, inst: &Inst, position: u32) {
+        let late = !shares_rows(inst);
+        for &arg in &inst.args {
+            self.use_at(arg, 2 * position + late as u32);
+        }
+        for &result in &inst.results {
+            self.define(result, position);
+        }
+        if inst.op.is_yield() || matches!(inst.op, Op::Call(_)) {
+            self.suspensions.push(position);
+        }
+        if inst.op.gives_descriptor()
+            && let Some(&from) = inst.args.first()
+        {
+            self.descriptors.push((inst.results[0], from));
+        }
+    }
+
+    fn open(&mut self, node: &Node, position: u32) {
+        for &value in node.operands() {
+            self.use_at(value, 2 * position + 1);
+        }
+        if let Node::Loop { .. } = node {
+            self.loops.push((position, Vec::new()));
+        }
+        for &value in node.definitions() {
+            self.define(value, position);
+        }
+    }
+
+    fn close_loop(&mut self, params: &[Value]) {
+        let end = 2 * self.position + 2;
+        self.suspensions.push(self.position);
+        let (_, inside) = self.loops.pop().expect("an open loop");
+        for value in inside.into_iter().chain(params.iter().copied()) {
+            if let Some((_, last)) = &mut self.ranges[value.index()] {
+                *last = end.max(*last);
             }
         }
     }
@@ -223,7 +205,6 @@ impl Walk<'_> {
                 *end = (2 * self.position + 2).max(*end);
             }
         }
-        self.position += 1;
     }
 }
 

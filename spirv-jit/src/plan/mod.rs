@@ -27,7 +27,7 @@ pub(crate) use state::CONTROL_WORDS;
 use crate::Error;
 use crate::error::ErrorKind;
 use crate::ir::op::SubgroupOp;
-use crate::ir::{Body, Function, Module, Node, Op};
+use crate::ir::{Body, Function, Module, Node, Op, Step};
 use crate::state::{SiteKind, StateLayout};
 
 /// The plan of a program, for every tier.
@@ -246,8 +246,18 @@ fn call_order(module: &Module) -> Result<Vec<usize>, Error> {
 
 /// Deepest nesting of masks in a body.
 fn mask_depth(body: &Body) -> usize {
-    let depth = |node: &Node| masks_of(node) + node.bodies().map(mask_depth).max().unwrap_or(0);
-    body.nodes.iter().map(depth).max().unwrap_or(0)
+    let (mut depth, mut deepest) = (0, 0);
+    for step in body.steps() {
+        match step {
+            Step::Open(node) => {
+                depth += masks_of(node);
+                deepest = deepest.max(depth);
+            }
+            Step::Close(node) => depth -= masks_of(node),
+            _ => {}
+        }
+    }
+    deepest
 }
 
 /// Masks that a construct has: one for what waits at its label, an `if` also one for the lanes of

@@ -6,7 +6,7 @@ use foldhash::HashMap;
 use super::{Planned, budget, masks_of};
 use crate::Error;
 use crate::ir::op::DescriptorBinding;
-use crate::ir::{Body, Inst, Node, Op, Type, Value};
+use crate::ir::{Body, Inst, Node, Op, Step, Type, Value};
 use crate::state::{IO_DATA_ROW, SiteId, SiteKind};
 
 /// A value that is saved, and where in the state.
@@ -150,9 +150,9 @@ impl Site {
 
 /// Where the first instruction of a body comes from.
 fn first_source(body: &Body) -> Option<u32> {
-    body.nodes.iter().find_map(|node| match node {
-        Node::Inst(inst) => (inst.source != 0).then_some(inst.source),
-        _ => node.bodies().find_map(first_source),
+    body.steps().find_map(|step| match step {
+        Step::Inst(inst) => (inst.source != 0).then_some(inst.source),
+        _ => None,
     })
 }
 
@@ -208,35 +208,25 @@ struct Finder<'p, 'm> {
 
 impl Finder<'_, '_> {
     fn body(&mut self, body: &Body) -> Result<(), Error> {
-        for node in &body.nodes {
-            self.node(node)?;
-            if matches!(node, Node::Loop { .. }) {
-                return Ok(());
+        let mut steps = body.steps();
+        while let Some(step) = steps.next() {
+            match step {
+                Step::Inst(inst) => self.inst(inst, self.position)?,
+                Step::Open(node) => self.masks += masks_of(node),
+                Step::Else(_) | Step::End(_) => {}
+                Step::Close(node) => {
+                    if let Node::Loop { body, .. } = node {
+                        let live = self.live_across(self.position)?;
+                        // A loop is where it begins.
+                        self.source = first_source(body).unwrap_or(self.source);
+                        self.point(self.position, None, live)?;
+                        steps.skip_rest();
+                    }
+                    self.masks -= masks_of(node);
+                }
             }
+            self.position += 1;
         }
-        self.position += 1;
-        Ok(())
-    }
-
-    fn node(&mut self, node: &Node) -> Result<(), Error> {
-        let position = self.position;
-        self.position += 1;
-        if let Node::Inst(inst) = node {
-            return self.inst(inst, position);
-        }
-        self.masks += masks_of(node);
-        for (index, body) in node.bodies().enumerate() {
-            self.position += index as u32;
-            self.body(body)?;
-        }
-        if let Node::Loop { .. } = node {
-            let live = self.live_across(self.position)?;
-            // A loop is where it begins.
-            self.source = node.bodies().find_map(first_source).unwrap_or(self.source);
-            self.point(self.position, None, live)?;
-        }
-        self.position += 1;
-        self.masks -= masks_of(node);
         Ok(())
     }
 

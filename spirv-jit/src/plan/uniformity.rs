@@ -8,7 +8,7 @@
 use foldhash::{HashMap, HashSet};
 
 use crate::ir::op::DescriptorBinding;
-use crate::ir::{Body, Function, Inst, Node, Op, Space, Terminator, Value};
+use crate::ir::{Body, Function, Inst, Node, Op, Space, Step, Terminator, Value};
 
 /// Loads of scalars from uniform blocks, at most, that not every invocation performs, but the prologue does.
 const MAX_EARLY_SCALARS: usize = 256;
@@ -29,7 +29,7 @@ pub(super) fn find_uniform_values(function: &Function, starts: bool) -> Vec<bool
     if starts {
         let mut constants = HashMap::default();
         (function.body).visit_insts(&mut |inst| finder.note_block(inst, &mut constants));
-        finder.find_certain(&function.body, 1, true);
+        finder.find_certain(&function.body);
     }
     function.body.visit_insts(&mut |inst| finder.visit(inst));
     finder.uniform
@@ -40,6 +40,14 @@ pub(super) fn find_uniform_values(function: &Function, starts: bool) -> Vec<bool
 struct Block {
     binding: DescriptorBinding,
     index: Result<u64, Value>,
+}
+
+/// A body on the way of all invocations.
+struct Way {
+    /// All of them enter it or none.
+    entered: bool,
+    /// Depth of the outermost construct that lanes have left from inside; 0 is the function.
+    left: usize,
 }
 
 struct Finder {
@@ -84,56 +92,74 @@ impl Finder {
         first.is_some_and(|at| self.certain.get(at) == Some(&true))
     }
 
-    /// Marks loads and queries of images' sizes that every invocation performs, in a body that all of them enter or not. Returns the depth
-    /// of the outermost construct that lanes leave from inside; 0 is the function.
-    fn find_certain(&mut self, body: &Body, depth: usize, entered: bool) -> usize {
-        let mut left = usize::MAX;
-        for node in &body.nodes {
-            let certain = entered && left == usize::MAX;
-            let inside = match node {
-                Node::Inst(inst) => {
-                    match inst.op {
-                        Op::Load(access) if certain && access.constant => {
-                            self.certain[inst.results[0].index()] = true;
-                            self.read.extend(self.blocks.get(&inst.args[0]));
-                        }
-                        Op::Image(op) if certain && op.is_size_query() => {
-                            self.certain[inst.results[0].index()] = true;
-                        }
-                        _ => {}
+    /// Marks loads and queries of images' sizes that every invocation performs.
+    fn find_certain(&mut self, body: &Body) {
+        let mut outer: Vec<Way> = Vec::new();
+        let mut here = Way {
+            entered: true,
+            left: usize::MAX,
+        };
+        let mut steps = body.steps();
+        while let Some(step) = steps.next() {
+            let depth = outer.len() + 1;
+            let certain = here.entered && here.left == usize::MAX;
+            match step {
+                Step::Inst(inst) => {
+                    if certain {
+                        self.note_certain(inst);
                     }
                     // An intersection that is accepted may end the search, and a function may end the invocation.
-                    match inst.op {
-                        Op::ReportIntersection | Op::Call(_) => 0,
-                        _ => usize::MAX,
+                    if matches!(inst.op, Op::ReportIntersection | Op::Call(_)) {
+                        here.left = 0;
                     }
                 }
-                Node::Block { label, body, .. } => {
-                    self.depths[label.index()] = depth;
-                    self.find_certain(body, depth + 1, certain)
-                }
-                Node::If {
-                    label,
-                    then_body,
-                    else_body,
-                    ..
-                } => {
-                    self.depths[label.index()] = depth;
-                    let then_left = self.find_certain(then_body, depth + 1, false);
-                    then_left.min(self.find_certain(else_body, depth + 1, false))
-                }
                 // It may never end.
-                Node::Loop { .. } => 0,
-            };
-            if inside < depth {
-                left = left.min(inside);
+                Step::Open(Node::Loop { .. }) => {
+                    steps.skip_construct();
+                    here.left = 0;
+                }
+                Step::Open(node) => {
+                    if let Some(label) = node.label() {
+                        self.depths[label.index()] = depth;
+                    }
+                    let inside = Way {
+                        entered: certain && matches!(node, Node::Block { .. }),
+                        left: usize::MAX,
+                    };
+                    outer.push(std::mem::replace(&mut here, inside));
+                }
+                Step::Else(_) => {}
+                Step::End(body) => {
+                    let end = match &body.end {
+                        Terminator::Br(label, _) => self.depths[label.index()],
+                        _ => 0,
+                    };
+                    here.left = here.left.min(end);
+                }
+                Step::Close(_) => {
+                    let inside = here.left;
+                    if let Some(around) = outer.pop() {
+                        here = around;
+                    }
+                    if inside < depth - 1 {
+                        here.left = here.left.min(inside);
+                    }
+                }
             }
         }
-        let end = match &body.end {
-            Terminator::Br(label, _) => self.depths[label.index()],
-            _ => 0,
-        };
-        left.min(end)
+    }
+
+    fn note_certain(&mut self, inst: &Inst) {
+        match inst.op {
+            Op::Load(access) if access.constant => {
+                self.certain[inst.results[0].index()] = true;
+                self.read.extend(self.blocks.get(&inst.args[0]));
+            }
+            Op::Image(op) if op.is_size_query() => {
+                self.certain[inst.results[0].index()] = true;
+            }
+            _ => {}
+        }
     }
 
     fn visit(&mut self, inst: &Inst) {

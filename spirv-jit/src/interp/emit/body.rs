@@ -10,12 +10,25 @@ use crate::interp::kernels::{Copy, MaskedCopy};
 use crate::interp::machine::{Handler, Instr};
 use crate::interp::operand::Operand;
 use crate::interp::{control, memory, yields};
-use crate::ir::{Body, Inst, Label, Node, Op, Terminator, Value};
-use crate::plan;
+use crate::ir::{Body, Inst, Node, Op, Step, Terminator, Value};
+use crate::plan::{self, masks_of};
 use crate::state::SiteKind;
 
 /// Long code takes more fuel than short code: as much as this many instructions together.
 const INSTRS_PER_FUEL: u32 = 256;
+
+/// A construct whose bodies are being emitted.
+struct Construct {
+    /// Where the body around it is left to.
+    exit: Target,
+    /// Its first mask, that of its label.
+    mask: u32,
+    /// Where its first body is left to: its end, or the second body.
+    first_exit: Target,
+    end: Target,
+    /// Where a loop starts again.
+    head: Target,
+}
 
 impl<'m> Emitter<'m> {
     pub(super) fn emit_function(&mut self, f: usize) -> Result<(), Error> {
@@ -104,14 +117,47 @@ impl<'m> Emitter<'m> {
         });
     }
 
+    /// Emits a body and those inside; lanes that leave the body go on at `exit`.
     fn emit_body(&mut self, body: &'m Body, exit: Target) -> Result<(), Error> {
-        for node in &body.nodes {
-            self.emit_node(node, exit)?;
-            if matches!(node, Node::Loop { .. }) {
-                return Ok(());
+        let mut exit = exit;
+        let mut open: Vec<Construct> = Vec::new();
+        let mut steps = body.steps();
+        while let Some(step) = steps.next() {
+            match step {
+                Step::Inst(inst) => self.emit_inst(inst, exit)?,
+                Step::Open(node) => {
+                    let construct = self.open_construct(node, exit)?;
+                    exit = construct.first_exit;
+                    open.push(construct);
+                }
+                Step::Else(_) => {
+                    if let Some(construct) = open.last() {
+                        exit = construct.end;
+                        self.bind(construct.first_exit);
+                        let pending = Instr {
+                            x: construct.mask + 1,
+                            ..instr(control::join)
+                        };
+                        self.push_jump(pending, exit);
+                    }
+                }
+                Step::End(body) => self.emit_terminator(&body.end, exit)?,
+                Step::Close(node) => {
+                    let construct = open.pop().expect("a construct that was opened");
+                    exit = construct.exit;
+                    self.close_construct(node, construct);
+                    if let Node::Loop { .. } = node {
+                        // What follows is not reached.
+                        steps.skip_rest();
+                    }
+                }
             }
         }
-        match &body.end {
+        Ok(())
+    }
+
+    fn emit_terminator(&mut self, end: &'m Terminator, exit: Target) -> Result<(), Error> {
+        match end {
             Terminator::Br(label, args) => {
                 let (mask, to) = self.labels[label].clone();
                 let moves = self.moves(&to, args, true);
@@ -159,116 +205,85 @@ impl<'m> Emitter<'m> {
         self.jump(control::kill, exit);
     }
 
-    fn emit_node(&mut self, node: &'m Node, exit: Target) -> Result<(), Error> {
-        if !matches!(node, Node::Inst(_) | Node::Loop { .. }) {
-            self.end_stretch()?;
-        }
+    /// The beginning of a construct in a body that is left to `exit`.
+    fn open_construct(&mut self, node: &'m Node, exit: Target) -> Result<Construct, Error> {
         match node {
-            Node::Inst(inst) => self.emit_inst(inst, exit),
-            Node::Block {
-                label,
-                results,
-                body,
-            } => {
-                let mask = self.open(*label, results, 1);
-                self.push(Instr {
-                    x: mask,
-                    ..instr(control::enter)
-                });
-                let end = self.new_target();
-                self.emit_body(body, end)?;
-                self.close(*label, mask, 1, end, exit);
-                Ok(())
+            // The copies of a loop's first parameters may end a stretch.
+            Node::Loop { params, init, .. } => {
+                let moves = self.moves(params, init, false);
+                self.emit_moves(moves)?;
             }
-            Node::If {
-                condition,
-                label,
-                results,
-                then_body,
-                else_body,
-            } => {
-                let mask = self.open(*label, results, 2);
-                let (otherwise, end) = (self.new_target(), self.new_target());
+            _ => self.end_stretch()?,
+        }
+        let mask = self.masks as u32;
+        self.masks += masks_of(node);
+        if let Some(label) = node.label() {
+            let taken = node.definitions().to_vec();
+            self.labels.insert(label, (mask, taken));
+        }
+        let end = self.new_target();
+        let mut construct = Construct {
+            exit,
+            mask,
+            first_exit: end,
+            end,
+            head: end,
+        };
+        match node {
+            Node::If { condition, .. } => {
+                construct.first_exit = self.new_target();
                 let branch = Instr {
                     a: self.operand(*condition),
                     x: mask,
                     ..instr(self.kernel::<control::Branch>())
                 };
-                self.push_jump(branch, otherwise);
-                self.emit_body(then_body, otherwise)?;
-                self.bind(otherwise);
-                let pending = Instr {
-                    x: mask + 1,
-                    ..instr(control::join)
-                };
-                self.push_jump(pending, end);
-                self.emit_body(else_body, end)?;
-                self.close(*label, mask, 2, end, exit);
-                Ok(())
+                self.push_jump(branch, construct.first_exit);
             }
-            Node::Loop {
-                label,
-                params,
-                init,
-                body,
-            } => self.emit_loop(*label, params, init, body, exit),
+            _ => {
+                construct.head = self.new_target();
+                self.bind(construct.head);
+                self.push(Instr {
+                    x: mask,
+                    ..instr(control::enter)
+                });
+            }
         }
+        Ok(construct)
     }
 
-    /// Opens a construct with `masks` masks, the first of them its label's.
-    fn open(&mut self, label: Label, results: &[Value], masks: usize) -> u32 {
-        let mask = self.masks as u32;
-        self.masks += masks;
-        self.labels.insert(label, (mask, results.to_vec()));
-        mask
-    }
-
-    /// The end of a block or `if`: parked lanes go on.
-    fn close(&mut self, label: Label, mask: u32, masks: usize, end: Target, exit: Target) {
-        self.masks -= masks;
-        self.labels.remove(&label);
+    fn close_construct(&mut self, node: &Node, construct: Construct) {
+        let Construct {
+            exit,
+            mask,
+            end,
+            head,
+            ..
+        } = construct;
         self.bind(end);
-        let join = Instr {
-            x: mask,
-            ..instr(control::join)
-        };
-        self.push_jump(join, exit);
-    }
-
-    fn emit_loop(
-        &mut self,
-        label: Label,
-        params: &[Value],
-        init: &[Value],
-        body: &'m Body,
-        exit: Target,
-    ) -> Result<(), Error> {
-        let moves = self.moves(params, init, false);
-        self.emit_moves(moves)?;
-        let mask = self.open(label, params, 1);
-        let (head, end, resumed) = (self.new_target(), self.new_target(), self.new_target());
-        self.bind(head);
-        self.push(Instr {
-            x: mask,
-            ..instr(control::enter)
-        });
-        self.emit_body(body, end)?;
-        self.bind(end);
-        let point = self.new_point(resumed);
-        let back = Instr {
-            a: Operand::number(point),
-            b: self.fuel_since(head),
-            x: mask,
-            ..instr(control::back_edge)
-        };
-        self.push_jump(back, head);
-        self.jump(control::jump, exit);
-        self.bind(resumed);
-        self.jump(control::jump_if_empty, exit);
-        self.jump(control::jump, head);
-        self.masks -= 1;
-        self.labels.remove(&label);
-        Ok(())
+        if let Node::Loop { .. } = node {
+            let resumed = self.new_target();
+            let point = self.new_point(resumed);
+            let back = Instr {
+                a: Operand::number(point),
+                b: self.fuel_since(head),
+                x: mask,
+                ..instr(control::back_edge)
+            };
+            self.push_jump(back, head);
+            self.jump(control::jump, exit);
+            self.bind(resumed);
+            self.jump(control::jump_if_empty, exit);
+            self.jump(control::jump, head);
+        } else {
+            // Parked lanes go on.
+            let join = Instr {
+                x: mask,
+                ..instr(control::join)
+            };
+            self.push_jump(join, exit);
+        }
+        self.masks -= masks_of(node);
+        node.label().map(|label| self.labels.remove(&label));
     }
 
     fn move_to(&self, to: Operand, value: Value, masked: bool) -> Move {

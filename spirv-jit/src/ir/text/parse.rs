@@ -5,6 +5,7 @@ use smallvec::SmallVec;
 use super::names::*;
 use crate::facts::Fact;
 use crate::image::{Format, ImageOp, ImageOpKind};
+use crate::ir::build::{BodyBuilder, Ended};
 use crate::ir::op::{Access, DescriptorBinding};
 use crate::ir::stage::Stage;
 use crate::ir::{
@@ -12,9 +13,6 @@ use crate::ir::{
     Variable, VariableId,
 };
 use crate::query::QueryWord;
-
-/// Nesting that the parser follows before it gives up.
-const MAX_NESTING: usize = 2_000;
 
 /// Reads the text form of a module.
 ///
@@ -50,7 +48,6 @@ struct Parser<'a> {
     /// Tokens with their lines.
     tokens: Vec<(Token<'a>, usize)>,
     next: usize,
-    depth: usize,
     /// Of the function being read: types that were given.
     types: Vec<Option<Type>>,
     labels: u32,
@@ -68,7 +65,6 @@ impl<'a> Parser<'a> {
         Ok(Self {
             tokens,
             next: 0,
-            depth: 0,
             types: Vec::new(),
             labels: 0,
         })
@@ -424,20 +420,24 @@ impl<'a> Parser<'a> {
 
     /// The nodes and the terminator, up to and with the closing brace.
     fn body(&mut self) -> Parsed<Body> {
-        self.depth += 1;
-        if self.depth > MAX_NESTING {
-            return Err("nested too deeply".into());
-        }
-        let mut nodes = Vec::new();
-        let end = loop {
+        let mut builder = BodyBuilder::default();
+        loop {
             if let Some(end) = self.terminator()? {
-                break end;
+                self.expect('}')?;
+                match builder.end(end) {
+                    Ended::All(body) => return Ok(body),
+                    Ended::Construct => {}
+                    Ended::First if !self.accept_word("else") => {
+                        return Err(format!("expected `else`, found {}", self.found()));
+                    }
+                    Ended::First => self.expect('{')?,
+                }
+            } else if let Some(construct) = self.construct()? {
+                builder.open(construct);
+            } else {
+                builder.push(self.inst().map(Node::Inst)?);
             }
-            nodes.push(self.node()?);
-        };
-        self.expect('}')?;
-        self.depth -= 1;
-        Ok(Body { nodes, end })
+        }
     }
 
     fn terminator(&mut self) -> Parsed<Option<Terminator>> {
@@ -455,22 +455,25 @@ impl<'a> Parser<'a> {
         }))
     }
 
-    fn node(&mut self) -> Parsed<Node> {
-        if self.accept_word("block") {
-            let label = self.label()?;
-            let results = self.construct_results()?;
-            self.expect('{')?;
-            let body = self.body()?.into();
-            return Ok(Node::Block {
-                label,
-                results,
-                body,
-            });
-        }
-        if self.accept_word("if") {
-            return self.if_node();
-        }
-        if self.accept_word("loop") {
+    /// The head of a construct, up to the brace that opens its first body; its bodies come later.
+    fn construct(&mut self) -> Parsed<Option<Node>> {
+        let construct = if self.accept_word("block") {
+            Node::Block {
+                label: self.label()?,
+                results: self.construct_results()?,
+                body: Box::default(),
+            }
+        } else if self.accept_word("if") {
+            let condition = self.value()?;
+            self.expect(',')?;
+            Node::If {
+                condition,
+                label: self.label()?,
+                results: self.construct_results()?,
+                then_body: Box::default(),
+                else_body: Box::default(),
+            }
+        } else if self.accept_word("loop") {
             let label = self.label()?;
             let (mut params, mut init) = (Vec::new(), Vec::new());
             if self.accept('(') {
@@ -480,37 +483,17 @@ impl<'a> Parser<'a> {
                 self.expect('(')?;
                 init = self.values_until(')')?;
             }
-            self.expect('{')?;
-            let body = self.body()?.into();
-            return Ok(Node::Loop {
+            Node::Loop {
                 label,
                 params,
                 init,
-                body,
-            });
-        }
-        self.inst().map(Node::Inst)
-    }
-
-    fn if_node(&mut self) -> Parsed<Node> {
-        let condition = self.value()?;
-        self.expect(',')?;
-        let label = self.label()?;
-        let results = self.construct_results()?;
+                body: Box::default(),
+            }
+        } else {
+            return Ok(None);
+        };
         self.expect('{')?;
-        let then_body = self.body()?.into();
-        if !self.accept_word("else") {
-            return Err(format!("expected `else`, found {}", self.found()));
-        }
-        self.expect('{')?;
-        let else_body = self.body()?.into();
-        Ok(Node::If {
-            condition,
-            label,
-            results,
-            then_body,
-            else_body,
-        })
+        Ok(Some(construct))
     }
 
     fn inst(&mut self) -> Parsed<Inst> {

@@ -7,8 +7,13 @@ use half::f16;
 use super::names::*;
 use crate::image::{ImageOp, ImageOpKind};
 use crate::ir::op::{Access, DescriptorBinding};
-use crate::ir::{Body, Function, InputRow, Inst, Label, Module, Node, Op, Terminator, Type, Value};
+use crate::ir::{
+    Body, Function, InputRow, Inst, Label, Module, Node, Op, Step, Terminator, Type, Value,
+};
 use crate::query::QueryWord;
+
+/// Levels that lines are indented by, at most: else text would grow with the square of the nesting.
+const MAX_INDENT: usize = 40;
 
 /// The text form of a module before its functions.
 pub fn print_head(module: &Module) -> String {
@@ -150,7 +155,7 @@ impl Printer<'_> {
     }
 
     fn line(&mut self, line: &str) {
-        for _ in 0..self.indent {
+        for _ in 0..self.indent.min(MAX_INDENT) {
             *self.text += "  ";
         }
         *self.text += line;
@@ -191,70 +196,71 @@ impl Printer<'_> {
     }
 
     fn print_body(&mut self, body: &Body) {
-        for node in &body.nodes {
-            self.print_node(node);
-        }
-        let end = match &body.end {
-            Terminator::Br(label, args) => format!("br {label}{}", in_parentheses(args)),
-            Terminator::Return(args) => format!("return{}", in_parentheses(args)),
-            Terminator::End(args) => format!("end{}", in_parentheses(args)),
-            Terminator::Unreachable => "unreachable".into(),
-        };
-        self.line(&end);
-    }
-
-    fn print_nested(&mut self, body: &Body) {
-        self.indent += 1;
-        self.print_body(body);
-        self.indent -= 1;
-    }
-
-    fn print_node(&mut self, node: &Node) {
-        match node {
-            Node::Inst(inst) => {
-                let line = self.inst_line(inst);
-                self.line(&line);
+        for step in body.steps() {
+            match step {
+                Step::Inst(inst) => {
+                    let line = self.inst_line(inst);
+                    self.line(&line);
+                }
+                Step::Open(node) => {
+                    let line = self.construct_line(node);
+                    self.line(&line);
+                    self.indent += 1;
+                }
+                Step::Else(_) => {
+                    self.indent -= 1;
+                    self.line("} else {");
+                    self.indent += 1;
+                }
+                Step::End(body) => {
+                    let end = match &body.end {
+                        Terminator::Br(label, args) => {
+                            format!("br {label}{}", in_parentheses(args))
+                        }
+                        Terminator::Return(args) => format!("return{}", in_parentheses(args)),
+                        Terminator::End(args) => format!("end{}", in_parentheses(args)),
+                        Terminator::Unreachable => "unreachable".into(),
+                    };
+                    self.line(&end);
+                }
+                Step::Close(_) => {
+                    self.indent -= 1;
+                    self.line("}");
+                }
             }
-            Node::Block {
-                label,
-                results,
-                body,
-            } => {
-                self.see_label(*label);
-                let results = self.construct_results(results);
-                self.line(&format!("block {label}{results} {{"));
-                self.print_nested(body);
-                self.line("}");
+        }
+    }
+
+    /// The line that a construct begins with.
+    fn construct_line(&mut self, node: &Node) -> String {
+        if let Some(label) = node.label() {
+            self.see_label(label);
+        }
+        match node {
+            Node::Inst(inst) => self.inst_line(inst),
+            Node::Block { label, results, .. } => {
+                format!("block {label}{} {{", self.construct_results(results))
             }
             Node::If {
                 condition,
                 label,
                 results,
-                then_body,
-                else_body,
-            } => {
-                self.see_label(*label);
-                let results = self.construct_results(results);
-                self.line(&format!("if {condition}, {label}{results} {{"));
-                self.print_nested(then_body);
-                self.line("} else {");
-                self.print_nested(else_body);
-                self.line("}");
-            }
+                ..
+            } => format!(
+                "if {condition}, {label}{} {{",
+                self.construct_results(results)
+            ),
             Node::Loop {
                 label,
                 params,
                 init,
-                body,
+                ..
             } => {
-                self.see_label(*label);
                 let mut params = self.definitions(params);
                 if !params.is_empty() {
                     params = format!(" ({params}) = ({})", list(init));
                 }
-                self.line(&format!("loop {label}{params} {{"));
-                self.print_nested(body);
-                self.line("}");
+                format!("loop {label}{params} {{")
             }
         }
     }

@@ -1,7 +1,7 @@
 //! Which cells a construct must hand on: those that are stored inside it and may be read after it (or, for a loop, in its next iteration).
 
 use super::cells::{Cells, Promotion};
-use crate::ir::{Body, Label, Node, Op, Terminator};
+use crate::ir::{Body, Label, Node, Op, Step, Terminator};
 
 /// A function's control flow and promoted accesses as a list, so that it can be read in both directions.
 #[derive(Clone, Copy)]
@@ -34,58 +34,48 @@ pub struct Candidates {
 /// The cost is the number of bodies times the number of cells over 64. A cell that lives around an enclosing loop
 /// is the caller's to add: it is a parameter of that loop.
 pub fn find_candidates(body: &Body, labels: u32, cells: &Cells) -> Vec<Candidates> {
-    let mut events = Vec::new();
-    let mut next_access = 0;
-    list_events(body, cells, &mut next_access, &mut events);
+    let events = list_events(body, cells);
     let mut candidates = collect_stored(&events, labels);
     mark_live(&events, cells.types.len(), &mut candidates);
     candidates
 }
 
-fn list_events(body: &Body, cells: &Cells, next_access: &mut usize, events: &mut Vec<Event>) {
-    for node in &body.nodes {
-        match node {
-            Node::Inst(inst) => {
+fn list_events(body: &Body, cells: &Cells) -> Vec<Event> {
+    let mut events = Vec::new();
+    let mut promotions = cells.promotions.iter();
+    for step in body.steps() {
+        let event = match step {
+            Step::Inst(inst) => {
                 let event: fn(u32) -> Event = match inst.op {
                     Op::VarLoad(..) => Event::Load,
                     Op::VarStore(..) => Event::Store,
                     _ => continue,
                 };
-                match cells.promotions[*next_access] {
-                    Promotion::Keep => {}
-                    Promotion::Cell(cell) => events.push(event(cell)),
-                    Promotion::Pair(cell) => events.extend([event(cell), event(cell + 1)]),
+                match promotions.next().copied().unwrap_or(Promotion::Keep) {
+                    Promotion::Keep => continue,
+                    Promotion::Cell(cell) => event(cell),
+                    Promotion::Pair(cell) => {
+                        events.push(event(cell));
+                        event(cell + 1)
+                    }
                 }
-                *next_access += 1;
             }
-            Node::Block { label, body, .. } => {
-                events.push(Event::EnterBlock);
-                list_events(body, cells, next_access, events);
-                events.push(Event::LeaveBlock(*label));
-            }
-            Node::If {
-                label,
-                then_body,
-                else_body,
-                ..
-            } => {
-                events.push(Event::EnterIf);
-                list_events(then_body, cells, next_access, events);
-                events.push(Event::Else);
-                list_events(else_body, cells, next_access, events);
-                events.push(Event::LeaveIf(*label));
-            }
-            Node::Loop { label, body, .. } => {
-                events.push(Event::EnterLoop(*label));
-                list_events(body, cells, next_access, events);
-                events.push(Event::LeaveLoop(*label));
-            }
-        }
+            Step::Open(Node::If { .. }) => Event::EnterIf,
+            Step::Open(Node::Loop { label, .. }) => Event::EnterLoop(*label),
+            Step::Open(_) => Event::EnterBlock,
+            Step::Else(_) => Event::Else,
+            Step::Close(Node::If { label, .. }) => Event::LeaveIf(*label),
+            Step::Close(Node::Loop { label, .. }) => Event::LeaveLoop(*label),
+            Step::Close(Node::Block { label, .. }) => Event::LeaveBlock(*label),
+            Step::Close(Node::Inst(_)) => continue,
+            Step::End(body) => match &body.end {
+                Terminator::Br(label, _) => Event::Br(*label),
+                _ => Event::Exit,
+            },
+        };
+        events.push(event);
     }
-    events.push(match &body.end {
-        Terminator::Br(label, _) => Event::Br(*label),
-        _ => Event::Exit,
-    });
+    events
 }
 
 fn collect_stored(events: &[Event], labels: u32) -> Vec<Candidates> {

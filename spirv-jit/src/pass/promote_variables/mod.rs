@@ -11,7 +11,7 @@ use smallvec::{SmallVec, smallvec};
 
 use self::cells::{Cells, Promotion, find_cells};
 use self::liveness::{Candidates, find_candidates};
-use super::edit::edit_nodes;
+use super::edit::{Edit, Fate, edit_body};
 use super::substitution::Substitution;
 use crate::ir::{Body, Function, Inst, Node, Op, Terminator, Type, Value};
 
@@ -25,17 +25,12 @@ pub fn promote_variables(function: &mut Function) {
         return;
     }
     let candidates = find_candidates(&function.body, function.labels, &cells);
-    let mut body = std::mem::replace(
-        &mut function.body,
-        Body {
-            nodes: Vec::new(),
-            end: Terminator::Unreachable,
-        },
-    );
+    let mut body = std::mem::take(&mut function.body);
     let mut promoter = Promoter {
         substitution: Substitution::identity(function),
         current: vec![None; cells.types.len()],
         log: Vec::new(),
+        begins: Vec::new(),
         around: vec![0; cells.types.len()],
         handed_on: vec![Vec::new(); candidates.len()],
         zeros: [None; 8],
@@ -44,7 +39,7 @@ pub fn promote_variables(function: &mut Function) {
         cells,
         candidates,
     };
-    promoter.walk(&mut body);
+    edit_body(&mut body, &mut promoter);
     promoter.define_zeros(&mut body);
     promoter.function.body = body;
 }
@@ -58,6 +53,8 @@ struct Promoter<'a> {
     current: Vec<Option<Value>>,
     /// Former contents of `current`, to go back to at the end of a construct.
     log: Vec<(u32, Option<Value>)>,
+    /// Length of the log where each open construct begins.
+    begins: Vec<usize>,
     /// How many of the loops around this place have the cell as a parameter.
     around: Vec<u32>,
     /// Cells that a `br` to the label hands on.
@@ -67,54 +64,29 @@ struct Promoter<'a> {
     next_access: usize,
 }
 
-impl Promoter<'_> {
-    fn walk(&mut self, body: &mut Body) {
-        edit_nodes(&mut body.nodes, |node, before| {
-            match node {
-                Node::Inst(inst) => {
-                    if matches!(inst.op, Op::VarLoad(..) | Op::VarStore(..)) {
-                        return self.promote_access(inst, before);
-                    }
-                    self.substitution.resolve_all(&mut inst.args);
-                }
-                Node::Block {
-                    label,
-                    results,
-                    body,
-                } => {
-                    self.hand_on(label.index());
-                    self.walk_nested(body);
-                    self.take_results(label.index(), results);
-                }
-                Node::If {
-                    condition,
-                    label,
-                    results,
-                    then_body,
-                    else_body,
-                } => {
-                    *condition = self.substitution.resolve(*condition);
-                    self.hand_on(label.index());
-                    self.walk_nested(then_body);
-                    self.walk_nested(else_body);
-                    self.take_results(label.index(), results);
-                }
-                Node::Loop {
-                    label,
-                    params,
-                    init,
-                    body,
-                } => {
-                    self.substitution.resolve_all(init);
-                    self.hand_on(label.index());
-                    let begin = self.log.len();
-                    self.enter_loop(label.index(), params, init);
-                    self.walk(body);
-                    self.leave_loop(label.index(), begin);
-                }
-            }
-            true
-        });
+impl Edit for Promoter<'_> {
+    fn inst(&mut self, inst: &mut Inst, before: &mut Vec<Node>) -> bool {
+        if matches!(inst.op, Op::VarLoad(..) | Op::VarStore(..)) {
+            return self.promote_access(inst, before);
+        }
+        self.substitution.resolve_all(&mut inst.args);
+        true
+    }
+
+    fn open(&mut self, construct: &mut Node) {
+        self.substitution.resolve_all(construct.operands_mut());
+        let Some(label) = construct.label() else {
+            return;
+        };
+        self.hand_on(label.index());
+        self.begins.push(self.log.len());
+        if let Node::Loop { params, init, .. } = construct {
+            self.enter_loop(label.index(), params, init);
+        }
+    }
+
+    /// Stores of a body end with it.
+    fn end(&mut self, body: &mut Body) {
         self.substitution.resolve_terminator(&mut body.end);
         if let Terminator::Br(label, args) = &mut body.end {
             for index in 0..self.handed_on[label.index()].len() {
@@ -122,15 +94,25 @@ impl Promoter<'_> {
                 args.push(self.content(cell));
             }
         }
+        if let Some(&begin) = self.begins.last() {
+            self.go_back(begin);
+        }
     }
 
-    /// A body whose stores end with it.
-    fn walk_nested(&mut self, body: &mut Body) {
-        let begin = self.log.len();
-        self.walk(body);
-        self.go_back(begin);
+    fn close(&mut self, construct: &mut Node, _: &mut Vec<Node>) -> Fate {
+        self.begins.pop();
+        match construct {
+            Node::Inst(_) => {}
+            Node::Block { label, results, .. } | Node::If { label, results, .. } => {
+                self.take_results(label.index(), results);
+            }
+            Node::Loop { label, .. } => self.leave_loop(label.index()),
+        }
+        Fate::Stays
     }
+}
 
+impl Promoter<'_> {
     fn go_back(&mut self, begin: usize) {
         for (cell, content) in self.log.drain(begin..).rev() {
             self.current[cell as usize] = content;
@@ -182,11 +164,10 @@ impl Promoter<'_> {
         }
     }
 
-    fn leave_loop(&mut self, label: usize, begin: usize) {
+    fn leave_loop(&mut self, label: usize) {
         for cell in std::mem::take(&mut self.handed_on[label]) {
             self.around[cell as usize] -= 1;
         }
-        self.go_back(begin);
     }
 
     /// Replaces a load by what the cell holds, or makes a store's operand that; with conversions where types differ.

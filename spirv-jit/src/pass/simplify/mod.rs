@@ -7,20 +7,14 @@ mod move_rules;
 
 use smallvec::{SmallVec, smallvec};
 
-use super::edit::edit_nodes;
+use super::edit::{Edit, edit_body};
 use super::fold_constants::fold;
 use super::substitution::Substitution;
 use crate::ir::{Body, Function, Inst, Node, Op, Type, Value};
 
 /// Simplifies operations in one walk, in which operands are final before what uses them.
 pub fn simplify(function: &mut Function) {
-    let mut body = std::mem::replace(
-        &mut function.body,
-        Body {
-            nodes: Vec::new(),
-            end: crate::ir::Terminator::Unreachable,
-        },
-    );
+    let mut body = std::mem::take(&mut function.body);
     let mut simplifier = Simplifier {
         substitution: Substitution::identity(function),
         definitions: vec![Definition::Opaque; function.value_types.len()],
@@ -28,7 +22,7 @@ pub fn simplify(function: &mut Function) {
         function,
         emitted: Vec::new(),
     };
-    simplifier.walk(&mut body);
+    edit_body(&mut body, &mut simplifier);
     simplifier.function.body = body;
 }
 
@@ -70,21 +64,23 @@ struct Simplifier<'a> {
     emitted: Vec<Node>,
 }
 
-impl Simplifier<'_> {
-    fn walk(&mut self, body: &mut Body) {
-        edit_nodes(&mut body.nodes, |node, before| {
-            if let Node::Inst(inst) = node {
-                let keeps = self.simplify_inst(inst);
-                before.append(&mut self.emitted);
-                return keeps;
-            }
-            self.substitution.resolve_all(node.operands_mut());
-            node.bodies_mut().for_each(|body| self.walk(body));
-            true
-        });
-        self.substitution.resolve_terminator(&mut body.end);
+impl Edit for Simplifier<'_> {
+    fn inst(&mut self, inst: &mut Inst, before: &mut Vec<Node>) -> bool {
+        let stays = self.simplify_inst(inst);
+        before.append(&mut self.emitted);
+        stays
     }
 
+    fn open(&mut self, construct: &mut Node) {
+        self.substitution.resolve_all(construct.operands_mut());
+    }
+
+    fn end(&mut self, body: &mut Body) {
+        self.substitution.resolve_terminator(&mut body.end);
+    }
+}
+
+impl Simplifier<'_> {
     /// Whether the instruction stays.
     #[inline(never)]
     fn simplify_inst(&mut self, inst: &mut Inst) -> bool {

@@ -1,0 +1,218 @@
+//! SPIR-V written instruction by instruction: a compute shader of one invocation that reads a word
+//! and writes one.
+
+use rspirv::spirv::{
+    AddressingModel, Capability, Decoration, ExecutionMode, ExecutionModel, FunctionControl,
+    MemoryModel, Op, StorageClass,
+};
+
+/// A module that is being written.
+pub struct Assembler {
+    next_id: u32,
+    imports: Vec<u32>,
+    annotations: Vec<u32>,
+    globals: Vec<u32>,
+    functions: Vec<u32>,
+    /// Of the main function, which comes last.
+    pub body: Vec<u32>,
+    pub void: u32,
+    pub bool: u32,
+    pub word: u32,
+    /// Constants 0 to 9.
+    pub numbers: Vec<u32>,
+    result: u32,
+    main: u32,
+    input: u32,
+    /// The word that was read.
+    pub given: u32,
+}
+
+/// One instruction.
+pub fn put(words: &mut Vec<u32>, op: Op, operands: &[u32]) {
+    words.push((operands.len() as u32 + 1) << 16 | op as u32);
+    words.extend_from_slice(operands);
+}
+
+impl Assembler {
+    pub fn new() -> Self {
+        let mut new = Self {
+            next_id: 1,
+            imports: Vec::new(),
+            annotations: Vec::new(),
+            globals: Vec::new(),
+            functions: Vec::new(),
+            body: Vec::new(),
+            void: 0,
+            bool: 0,
+            word: 0,
+            numbers: Vec::new(),
+            result: 0,
+            main: 0,
+            input: 0,
+            given: 0,
+        };
+        new.void = new.global(Op::TypeVoid, &[]);
+        new.bool = new.global(Op::TypeBool, &[]);
+        new.word = new.global(Op::TypeInt, &[32, 0]);
+        new.numbers = (0..10).map(|number| new.number(number)).collect();
+        let words = new.global(Op::TypeRuntimeArray, &[new.word]);
+        let block = new.global(Op::TypeStruct, &[words]);
+        let class = StorageClass::StorageBuffer as u32;
+        let pointer = new.global(Op::TypePointer, &[class, block]);
+        new.input = new.value(pointer, Op::Variable, &[class]);
+        new.result = new.value(pointer, Op::Variable, &[class]);
+        let annotations = &mut new.annotations;
+        for (binding, variable) in [(0, new.input), (1, new.result)] {
+            let set = Decoration::DescriptorSet as u32;
+            put(annotations, Op::Decorate, &[variable, set, 0]);
+            let decoration = Decoration::Binding as u32;
+            put(annotations, Op::Decorate, &[variable, decoration, binding]);
+        }
+        let offset = Decoration::Offset as u32;
+        put(annotations, Op::MemberDecorate, &[block, 0, offset, 0]);
+        let decoration = Decoration::Block as u32;
+        put(annotations, Op::Decorate, &[block, decoration]);
+        let stride = Decoration::ArrayStride as u32;
+        put(annotations, Op::Decorate, &[words, stride, 4]);
+
+        new.main = new.id();
+        let ty = new.global(Op::TypeFunction, &[new.void]);
+        let control = FunctionControl::NONE.bits();
+        let head = [new.void, new.main, control, ty];
+        put(&mut new.body, Op::Function, &head);
+        let label = new.id();
+        new.label(label);
+        new
+    }
+
+    pub fn id(&mut self) -> u32 {
+        self.next_id += 1;
+        self.next_id - 1
+    }
+
+    /// A type, whose result comes first.
+    pub fn global(&mut self, op: Op, operands: &[u32]) -> u32 {
+        let id = self.id();
+        put(&mut self.globals, op, &[&[id], operands].concat());
+        id
+    }
+
+    /// A set of extended instructions.
+    pub fn import(&mut self, name: &str) -> u32 {
+        let id = self.id();
+        let mut bytes = name.as_bytes().to_vec();
+        bytes.resize(name.len() / 4 * 4 + 4, 0);
+        let text = bytes.chunks_exact(4).map(|word| {
+            let [a, b, c, d] = [word[0], word[1], word[2], word[3]];
+            u32::from_le_bytes([a, b, c, d])
+        });
+        let operands: Vec<u32> = std::iter::once(id).chain(text).collect();
+        put(&mut self.imports, Op::ExtInstImport, &operands);
+        id
+    }
+
+    /// An extended instruction of the module's scope.
+    pub fn inform(&mut self, set: u32, operands: &[u32]) -> u32 {
+        self.value(self.void, Op::ExtInst, &[&[set], operands].concat())
+    }
+
+    /// A constant or variable of the module.
+    pub fn value(&mut self, ty: u32, op: Op, operands: &[u32]) -> u32 {
+        let id = self.id();
+        put(&mut self.globals, op, &[&[ty, id], operands].concat());
+        id
+    }
+
+    pub fn number(&mut self, number: u32) -> u32 {
+        self.value(self.word, Op::Constant, &[number])
+    }
+
+    pub fn pointer(&mut self, class: StorageClass, pointee: u32) -> u32 {
+        self.global(Op::TypePointer, &[class as u32, pointee])
+    }
+
+    /// Reads the word, behind the variables.
+    pub fn read(&mut self) {
+        let pointer = self.pointer(StorageClass::StorageBuffer, self.word);
+        let zero = self.numbers[0];
+        let at = self.make(pointer, Op::AccessChain, &[self.input, zero, zero]);
+        self.given = self.make(self.word, Op::Load, &[at]);
+    }
+
+    pub fn label(&mut self, label: u32) {
+        put(&mut self.body, Op::Label, &[label]);
+    }
+
+    /// An instruction without a result.
+    pub fn act(&mut self, op: Op, operands: &[u32]) {
+        put(&mut self.body, op, operands);
+    }
+
+    /// An instruction with a result.
+    pub fn make(&mut self, ty: u32, op: Op, operands: &[u32]) -> u32 {
+        let id = self.id();
+        put(&mut self.body, op, &[&[ty, id], operands].concat());
+        id
+    }
+
+    /// A variable of the main function that counts, zero at first.
+    pub fn counter(&mut self) -> u32 {
+        let class = StorageClass::Function;
+        let pointer = self.pointer(class, self.word);
+        let zero = self.numbers[0];
+        self.make(pointer, Op::Variable, &[class as u32, zero])
+    }
+
+    /// Adds one to it.
+    pub fn count(&mut self, counter: u32) {
+        self.add(counter, self.numbers[1]);
+    }
+
+    /// Adds a number to it.
+    pub fn add(&mut self, counter: u32, number: u32) {
+        let before = self.make(self.word, Op::Load, &[counter]);
+        let after = self.make(self.word, Op::IAdd, &[before, number]);
+        self.act(Op::Store, &[counter, after]);
+    }
+
+    /// Ends the module: its result is what was counted.
+    pub fn finish_counter(mut self, counter: u32) -> Vec<u32> {
+        let result = self.make(self.word, Op::Load, &[counter]);
+        self.finish(result)
+    }
+
+    /// What was written since the body was that long becomes a function before the main one.
+    pub fn cut_function(&mut self, from: usize) {
+        let function = self.body.split_off(from);
+        self.functions.extend(function);
+    }
+
+    /// Writes the result and ends the module.
+    pub fn finish(mut self, result: u32) -> Vec<u32> {
+        let pointer = self.pointer(StorageClass::StorageBuffer, self.word);
+        let zero = self.numbers[0];
+        let at = self.make(pointer, Op::AccessChain, &[self.result, zero, zero]);
+        self.act(Op::Store, &[at, result]);
+        self.act(Op::Return, &[]);
+        self.act(Op::FunctionEnd, &[]);
+        let mut words = vec![rspirv::spirv::MAGIC_NUMBER, 0x0001_0600, 0, self.next_id, 0];
+        put(&mut words, Op::Capability, &[Capability::Shader as u32]);
+        words.extend(self.imports);
+        let models = [AddressingModel::Logical as u32, MemoryModel::GLSL450 as u32];
+        put(&mut words, Op::MemoryModel, &models);
+        let name = [u32::from_le_bytes(*b"main"), 0];
+        let head = [ExecutionModel::GLCompute as u32, self.main];
+        let interface = [self.input, self.result];
+        put(
+            &mut words,
+            Op::EntryPoint,
+            &[&head[..], &name, &interface].concat(),
+        );
+        let mode = ExecutionMode::LocalSize as u32;
+        put(&mut words, Op::ExecutionMode, &[self.main, mode, 1, 1, 1]);
+        for part in [self.annotations, self.globals, self.functions, self.body] {
+            words.extend(part);
+        }
+        words
+    }
+}

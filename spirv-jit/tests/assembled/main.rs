@@ -1,0 +1,22 @@
+//! Modules written instruction by instruction: forms that compilers of GLSL do not make.
+
+mod assembler;
+mod depth;
+mod information;
+mod large;
+mod meets;
+
+use shaders::compute::{Memory, compile, dispatch};
+
+/// What a module gives for each of some words.
+fn expect(words: &[u32], cases: &[(u32, u32)]) {
+    let program = compile(words);
+    for &(given, result) in cases {
+        let mut memory = Memory {
+            buffers: vec![(0, vec![given]), (16, vec![0])],
+            ..Memory::default()
+        };
+        dispatch(&program, 1, &mut memory);
+        assert_eq!(memory.buffers[1].1, [result], "for {given}");
+    }
+}
