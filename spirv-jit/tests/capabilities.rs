@@ -11,7 +11,7 @@ const PAGE: &str = include_str!("../../docs/capabilities.md");
 
 /// Capabilities in the SPIR-V registry that Vulkan lacks.
 fn is_outside_vulkan(name: &str) -> bool {
-    const OTHERS: [&str; 32] = [
+    const OTHERS: [&str; 34] = [
         "Addresses",
         "ArithmeticFenceEXT",
         "AtomicStorage",
@@ -29,6 +29,7 @@ fn is_outside_vulkan(name: &str) -> bool {
         "ImageBasic",
         "ImageMipmap",
         "ImageReadWrite",
+        "ImageRect",
         "Kernel",
         "Linkage",
         "LiteralSampler",
@@ -39,6 +40,7 @@ fn is_outside_vulkan(name: &str) -> bool {
         "RayQueryProvisionalKHR",
         "RayTracingDisplacementMicromapNV",
         "RayTracingProvisionalKHR",
+        "SampledRect",
         "ShaderStereoViewNV",
         "SubgroupDispatch",
         "TensorFloat32RoundingINTEL",

@@ -506,4 +506,13 @@ mod tests {
             Err(vk::Result::ERROR_FEATURE_NOT_PRESENT)
         );
     }
+    /// `docs/capabilities.md` lists what the compiler refuses. That is the driver's list only if
+    /// devices enable the rest.
+    #[test]
+    fn devices_enable_what_the_compiler_takes() {
+        let enabled = capabilities();
+        let mut missing = spirv_jit::lower::SUPPORTED_CAPABILITIES.to_vec();
+        missing.retain(|capability| !enabled.contains(capability));
+        assert_eq!(missing, []);
+    }
 }

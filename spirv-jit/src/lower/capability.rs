@@ -9,8 +9,10 @@ use crate::request::CompileRequest;
 /// Implied by every shader; applications do not enable them.
 const ALWAYS: &[Capability] = &[Capability::Shader, Capability::Matrix];
 
-/// Capabilities that this front end lowers.
-const SUPPORTED: &[Capability] = &[
+/// Capabilities that this front end lowers. A device enables each of them with some feature, or
+/// always, except `Geometry` (see [`serves_inputs`]).
+pub const SUPPORTED: &[Capability] = &[
+    Capability::Geometry,
     Capability::Matrix,
     Capability::Shader,
     Capability::Float16,
@@ -26,8 +28,6 @@ const SUPPORTED: &[Capability] = &[
     Capability::StorageBufferArrayDynamicIndexing,
     Capability::StorageImageArrayDynamicIndexing,
     Capability::ImageCubeArray,
-    Capability::ImageRect,
-    Capability::SampledRect,
     Capability::Int64ImageEXT,
     Capability::MinLod,
     Capability::Sampled1D,
@@ -126,8 +126,6 @@ const SUPPORTED: &[Capability] = &[
     Capability::FragmentBarycentricKHR,
     Capability::FragmentShaderPixelInterlockEXT,
     Capability::FragmentShaderSampleInterlockEXT,
-    Capability::SampleMaskPostDepthCoverage,
-    Capability::Geometry,
     Capability::StorageInputOutput16,
     Capability::ComputeDerivativeGroupQuadsKHR,
     Capability::ComputeDerivativeGroupLinearKHR,

@@ -7,7 +7,7 @@ use super::values::Values;
 use crate::Error;
 use crate::accuracy::{self, Accuracy};
 use crate::ir::{self, Type, Value};
-use crate::parse::{Id, Instruction};
+use crate::parse::{Id, Instruction, only_informs};
 
 /// Extended instructions that are one operation, component by component.
 fn elementwise(op: GLOp) -> Option<ir::Op> {
@@ -84,9 +84,7 @@ impl Lowerer<'_> {
         match set.map(String::as_str) {
             Some("GLSL.std.450") => {}
             // Debug information.
-            Some(name) if name.starts_with("NonSemantic.") || name.contains("DebugInfo") => {
-                return Ok(());
-            }
+            Some(name) if only_informs(name) => return Ok(()),
             Some(name) => {
                 let message = format!("the instruction set {name} is not supported");
                 return Err(Error::unsupported(instruction.offset, message));

@@ -53,6 +53,8 @@ mod subgroup;
 mod types;
 mod values;
 
+pub use self::capability::SUPPORTED as SUPPORTED_CAPABILITIES;
+
 use foldhash::HashMap;
 use std::rc::Rc;
 

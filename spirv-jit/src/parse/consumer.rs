@@ -5,8 +5,8 @@ use rspirv::dr;
 use rspirv::spirv::{MAGIC_NUMBER, Op};
 
 use super::framing::Frame;
-use super::grammar::{self, Head, Stop, Walk, Widths};
-use super::instruction::{Id, Instruction, InstructionTable};
+use super::grammar::{self, Head, Stop, Walk, Widths, only_informs};
+use super::instruction::{Id, Instruction, InstructionTable, decode_string};
 use crate::Error;
 
 /// Holds framed words against the grammar.
@@ -16,6 +16,7 @@ pub(super) fn check_grammar(words: &[u32], frames: &[Frame]) -> Result<Instructi
         uses: Vec::with_capacity(words.len() / 2),
     };
     let mut widths = Widths::default();
+    let mut informing: Vec<Id> = Vec::new();
     for frame in frames {
         let first_use = table.uses.len() as u32;
         let (offset, end) = (frame.offset, frame.offset + u32::from(frame.count));
@@ -23,7 +24,19 @@ pub(super) fn check_grammar(words: &[u32], frames: &[Frame]) -> Result<Instructi
         let newer = end as usize - usize::from(frame.newer_ids);
         table.uses.extend(&words[newer..end as usize]);
         let first_operand = offset + 1 + head.words;
-        widths.note(opcode, head, &words[first_operand as usize..end as usize]);
+        let operands = &words[first_operand as usize..end as usize];
+        widths.note(opcode, head, operands);
+        match (opcode, operands) {
+            (Op::ExtInstImport, name) if only_informs(&decode_string(name)) => {
+                informing.push(head.result);
+            }
+            // Such operands may be literals, and what they name has no effect: the set is the only
+            // use.
+            (Op::ExtInst | Op::ExtInstWithForwardRefsKHR, [set, ..]) if informing.contains(set) => {
+                table.uses.truncate(first_use as usize + 1);
+            }
+            _ => {}
+        }
         table.instructions.push(Instruction {
             opcode,
             result_type: head.result_type,

@@ -64,6 +64,13 @@ pub(super) struct Head {
     pub words: u32,
 }
 
+/// Whether a set of extended instructions is debug information or something else that changes no
+/// result. Only those of the names `NonSemantic.` have ids for all their operands;
+/// `OpenCL.DebugInfo.100` and `DebugInfo` mix ids and literals.
+pub(crate) fn only_informs(set: &str) -> bool {
+    set.starts_with("NonSemantic.") || set.contains("DebugInfo")
+}
+
 /// The bit widths on which literals depend: those of types and of the types of ids.
 #[derive(Default)]
 pub(super) struct Widths {

@@ -13,7 +13,7 @@ mod instruction;
 mod module;
 
 pub use annotations::Annotations;
-pub(crate) use grammar::opcode_name;
+pub(crate) use grammar::{only_informs, opcode_name};
 pub use instruction::{Id, Instruction};
 pub use module::{Block, EntryPoint, Function, Merge, ParsedModule};
 
