@@ -17,7 +17,7 @@ static DRIVER: OnceLock<Vec<[usize; 2]>> = OnceLock::new();
 static SEEN: [AtomicU32; 3] = [const { AtomicU32::new(0) }; 3];
 
 /// Samples that are enough to tell.
-const ENOUGH: u32 = 1000;
+const ENOUGH: u32 = 500;
 /// Rounds of work that a child does at most for them: some milliseconds each.
 const ROUNDS: u32 = 5000;
 

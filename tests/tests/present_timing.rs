@@ -1,7 +1,7 @@
 //! When presentations are to be seen, and when they were: `VK_EXT_present_timing`.
 
 use std::sync::atomic::Ordering;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use ash::ext;
 use tuff_tests::*;

@@ -1,7 +1,7 @@
 //! Hidden windows, windows and servers that die, and programs that break rules.
 
 use std::ffi::c_void;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use ash::khr;
 use tuff_tests::*;

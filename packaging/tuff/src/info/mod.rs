@@ -127,11 +127,10 @@ fn text(installation: &Installation, seen: &Seen) -> String {
         let set = seen.variables.iter();
         lines.extend(set.map(|(name, value)| format!("  {name}={value}")));
     }
-    let conformance = seen.variables.iter();
-    let conformance = conformance
-        .filter(|(name, value)| name == refusals::CONFORMANCE && !value.is_empty())
+    let conformance = (seen.variables.iter())
+        .find(|(name, value)| name == refusals::CONFORMANCE && !value.is_empty())
         .map(|(_, value)| value.as_str());
-    lines.extend(refusals::lines(conformance.last()));
+    lines.extend(refusals::lines(conformance));
     lines.push(
         "Programs with more rights than their user (setuid, file capabilities) ignore VK_DRIVER_FILES and\n\
          VK_ICD_FILENAMES: they find only drivers that are installed for the whole system."
