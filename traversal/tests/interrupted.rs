@@ -531,7 +531,7 @@ fn interrupted_walks_find_what_others_find() {
         Some(Specialisation::OneInstance),
         Some(Specialisation::Opaque),
     ];
-    for seed in 0..320u64 {
+    for seed in 0..160u64 {
         let mut random = Random(0x9E37_79B9_7F4A_7C15u64.wrapping_mul(seed + 1));
         let quest = Quest::ALL[seed as usize % 4];
         let world = World::new(&mut random, quest);
@@ -592,7 +592,7 @@ fn no_step_is_a_wrong_one_to_stop_at() {
         let records: Vec<_> = records.collect();
         let quests: &[Quest] = match opaque {
             true => &[Quest::Opaque, Quest::First],
-            false => &[Quest::Closest, Quest::Candidates],
+            false => &[Quest::Closest],
         };
         for &quest in quests {
             let world = World {
@@ -611,7 +611,7 @@ fn no_step_is_a_wrong_one_to_stop_at() {
             let expected: Vec<Found> = world.rays.iter().map(alone).collect();
             compare_exactly(&world, &expected, "all steps");
             for tier in tiers() {
-                for way in &WAYS {
+                for way in WAYS.iter().filter(|way| !way.shows_order) {
                     let (mut fuel, mut refills) = (0, usize::MAX);
                     while refills > 0 {
                         fuel += 1;
