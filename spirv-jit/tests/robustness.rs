@@ -2,9 +2,12 @@
 
 use fastrand::Rng;
 use proptest::prelude::*;
+use shaders::corrupt::run::run;
 use shaders::corrupt::{corrupt, try_module};
+use shaders::request;
 use shaders::samples::samples;
-use spirv_jit::program::Stage;
+use spirv_jit::ir::binary;
+use spirv_jit::program::{InputRow, SiteKind, Stage, compile_module, from_bytes};
 
 /// Words around each buffer that programs may not write.
 const MARGIN: usize = 1024;
@@ -42,6 +45,69 @@ fn swapped_operands_are_refused_or_compiled() {
         }
         try_module(*stage, &words, MARGIN);
     }
+}
+
+/// What the scheduler of a stage can answer.
+fn answers(stage: Stage, kind: &SiteKind) -> bool {
+    use Stage::*;
+    match kind {
+        SiteKind::Barrier => stage == Compute,
+        SiteKind::RayQueryProceed => true,
+        SiteKind::ReportIntersection { .. } => stage == Intersection,
+        SiteKind::ReorderThread => stage == RayGeneration,
+        SiteKind::ExecuteCallable { .. } => {
+            matches!(stage, RayGeneration | ClosestHit | Miss | Callable)
+        }
+        _ => matches!(stage, RayGeneration | ClosestHit | Miss),
+    }
+}
+
+/// Modules as a pipeline cache keeps them, in which some bytes are others: refused, or programs that run and that schedulers can serve.
+#[test]
+fn damaged_modules_of_caches_are_refused_or_fit_their_stage() {
+    let kept: Vec<Vec<u8>> = samples()
+        .iter()
+        .filter_map(|(stage, words)| compile_module(&request(*stage, words)).ok())
+        .map(|module| binary::encode(&module))
+        .collect();
+    let mut random = Rng::with_seed(number("TUFF_SEED").unwrap_or(4));
+    let mut taken = 0;
+    for round in 0..number("TUFF_CORRUPTIONS").unwrap_or(4000) {
+        let mut bytes = kept[random.usize(..kept.len())].clone();
+        // The head, which is text, and the names of operations come first.
+        let end = match random.bool() {
+            true => bytes.len(),
+            false => bytes.len().min(400),
+        };
+        for _ in 0..random.usize(1..=3) {
+            let at = random.usize(..end);
+            bytes[at] = match random.u8(..4) {
+                0 => random.u8(..),
+                1 => bytes[at] ^ 1 << random.u8(..8),
+                2 => b'0' + random.u8(..10),
+                _ => bytes[at].wrapping_add(1),
+            };
+        }
+        let Ok(program) = from_bytes(&bytes) else {
+            continue;
+        };
+        taken += 1;
+        let stage = program.stage();
+        for site in program.sites() {
+            assert!(answers(stage, site), "{round}: {site:?} in {stage:?}");
+        }
+        for row in program.inputs() {
+            if let InputRow::Builtin(builtin, word) = row {
+                assert!(*word < builtin.words(), "{round}: {row:?}");
+            }
+        }
+        for word in program.query_words() {
+            let words = word.fact.words();
+            assert!(usize::from(word.component) < words, "{round}: {word:?}");
+        }
+        run(&program, &mut random, MARGIN);
+    }
+    assert!(taken > 100, "{taken}");
 }
 
 proptest! {

@@ -99,6 +99,29 @@ pub enum Builtin {
 }
 
 impl Builtin {
+    /// Words of the input record that it has.
+    pub fn words(self) -> u8 {
+        match self {
+            Builtin::ObjectToWorld | Builtin::WorldToObject => 12,
+            Builtin::HitTriangleVertexPositions => 9,
+            Builtin::HitLssPositions => 6,
+            Builtin::PerspectivePlanes | Builtin::LinearPlanes => 9,
+            Builtin::FragCoord => 4,
+            Builtin::PointCoord | Builtin::SamplePosition => 2,
+            Builtin::LaunchId
+            | Builtin::WorkgroupId
+            | Builtin::LocalInvocationId
+            | Builtin::GlobalInvocationId
+            | Builtin::WorldRayOrigin
+            | Builtin::WorldRayDirection
+            | Builtin::ObjectRayOrigin
+            | Builtin::ObjectRayDirection
+            | Builtin::HitSpherePosition => 3,
+            Builtin::ShaderRecordAddress | Builtin::HitLssRadii => 2,
+            _ => 1,
+        }
+    }
+
     /// The fact that a built-in of hit shaders is, in the words of which it has as many as it needs.
     pub fn fact(self) -> Option<Fact> {
         Some(match self {

@@ -1,18 +1,23 @@
 //! The verifier: what every module must satisfy between passes. A module that passes here can be printed, parsed, optimised and run
 //! without further checks.
 
+use super::interface::{VaryingMode, VaryingPlace};
 use super::signature::check_operation;
 use super::{
     Body, Function, FunctionId, InputRow, Inst, Label, Module, Node, Op, Space, Step, Terminator,
     Type, Value,
 };
 use crate::ir::stage::Stage;
+use crate::query::QueryWord;
 
 /// Invocations of a workgroup, at most.
 pub const MAX_INVOCATIONS: u64 = 1 << 10;
 
 /// Workgroup memory in bytes; devices' limits are below.
 pub const MAX_SHARED_BYTES: u32 = 1 << 24;
+
+/// Words of a location: a vertex attribute of four components of 64 bits has so many.
+const MAX_LOCATION_WORDS: u8 = 8;
 
 /// Words that an invocation may leave.
 const MAX_OUTPUT_ROWS: u32 = 1 << 15;
@@ -307,17 +312,35 @@ impl<'a> Verifier<'a> {
     }
 }
 
-/// Rows that the rasterizer fills are in its stages alone.
+/// Input rows and words of ray queries are such that there are; rows that the rasterizer fills are in its stages alone.
 fn check_inputs(module: &Module) -> Result<(), String> {
     let fits = module.inputs.iter().all(|row| match row {
-        InputRow::Attribute { .. } => module.stage == Stage::Vertex,
-        InputRow::Varying(_) | InputRow::Barycentric(_) => module.stage == Stage::Fragment,
-        _ => true,
+        InputRow::Builtin(builtin, word) => *word < builtin.words(),
+        InputRow::Attribute { component, .. } => {
+            module.stage == Stage::Vertex && *component < MAX_LOCATION_WORDS
+        }
+        InputRow::Varying(varying) => {
+            let is_at_location = matches!(varying.place, VaryingPlace::Location(_));
+            let vertex = match varying.mode {
+                VaryingMode::PerVertex(vertex) => vertex,
+                _ => 0,
+            };
+            module.stage == Stage::Fragment
+                && vertex < 3
+                && (!is_at_location || varying.component < MAX_LOCATION_WORDS)
+        }
+        InputRow::Barycentric(it) => module.stage == Stage::Fragment && it.vertex < 3,
+        // Past the end of what the caller has they are zero.
+        InputRow::Payload(_) | InputRow::HitAttribute(_) | InputRow::CallableData(_) => true,
     });
-    if fits {
-        return Ok(());
+    if !fits {
+        return Err("an input row that the stage does not have".into());
     }
-    Err("an input row that the stage does not have".into())
+    let known = |word: &QueryWord| usize::from(word.component) < word.fact.words();
+    match module.query_words.iter().all(known) {
+        true => Ok(()),
+        false => Err("a word of a ray query that its fact does not have".into()),
+    }
 }
 
 /// Checks that the scheduler of the stage's programs can answer the operation, and that they have

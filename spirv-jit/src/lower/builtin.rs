@@ -82,29 +82,6 @@ fn source(built_in: BuiltIn) -> Option<Source> {
     })
 }
 
-/// Words of a built-in of the record.
-fn record_words(built_in: Builtin) -> u32 {
-    match built_in {
-        Builtin::ObjectToWorld | Builtin::WorldToObject => 12,
-        Builtin::HitTriangleVertexPositions => 9,
-        Builtin::HitLssPositions => 6,
-        Builtin::PerspectivePlanes | Builtin::LinearPlanes => 9,
-        Builtin::FragCoord => 4,
-        Builtin::PointCoord | Builtin::SamplePosition => 2,
-        Builtin::LaunchId
-        | Builtin::WorkgroupId
-        | Builtin::LocalInvocationId
-        | Builtin::GlobalInvocationId
-        | Builtin::WorldRayOrigin
-        | Builtin::WorldRayDirection
-        | Builtin::ObjectRayOrigin
-        | Builtin::ObjectRayDirection
-        | Builtin::HitSpherePosition => 3,
-        Builtin::ShaderRecordAddress | Builtin::HitLssRadii => 2,
-        _ => 1,
-    }
-}
-
 impl Lowerer<'_> {
     /// A scalar of a built-in that is not the fragment stage's own, from a word on.
     pub(super) fn built_in_scalar(
@@ -142,8 +119,8 @@ impl Lowerer<'_> {
             // There are no samples beyond the first word's.
             Source::Record(Builtin::SampleMask) if word > 0 => Ok(self.b.constant(ty, 0)),
             Source::Record(built_in) => {
-                let word = word.min(record_words(built_in) - 1);
-                self.input(InputRow::Builtin(built_in, word as u8), ty)
+                let last = u32::from(built_in.words()) - 1;
+                self.input(InputRow::Builtin(built_in, word.min(last) as u8), ty)
             }
             _ => {
                 let value = match *source {

@@ -233,6 +233,27 @@ fn verifier_refuses_what_a_stage_lacks() {
     assert!(verdict("module compute\nlocal_size 0, 1, 1\nfunc f0 {\nend\n}\n").is_err());
 }
 
+/// Words past the end of what an input or a fact has: schedulers index by them.
+#[test]
+fn verifier_refuses_words_that_inputs_lack() {
+    let text = |stage: &str, head: &str| format!("module {stage}\n{head}\nfunc f0 {{\nend\n}}\n");
+    for (stage, row, last) in [
+        ("compute", "workgroup_id", 2),
+        ("compute", "global_invocation_id", 2),
+        ("compute", "local_invocation_index", 0),
+        ("ray_generation", "launch_id", 2),
+        ("ray_generation", "shader_record_address", 1),
+        ("closest_hit", "object_to_world", 11),
+        ("closest_hit", "world_ray_direction", 2),
+    ] {
+        let input = |word: u32| text(stage, &format!("inputs {row}.{word}"));
+        verdict(&input(last)).unwrap();
+        for word in [last + 1, 255] {
+            assert!(verdict(&input(word)).is_err(), "accepted: {row}.{word}");
+        }
+    }
+}
+
 #[test]
 fn verifier_refuses_recursion() {
     let text = "module compute\nfunc f0 {\ncall[f1]\nend\n}\nfunc f1 {\ncall[f2]\nreturn\n}\nfunc f2 {\ncall[f1]\nreturn\n}\n";
