@@ -4,6 +4,7 @@ use super::operand::Operand;
 use crate::image::ImageOp;
 use crate::ir::op::{AtomicOp, SubgroupOp};
 use crate::ir::{Space, Type};
+use crate::plan::Live;
 use crate::state::SiteId;
 
 /// A memory access: its address operands come first at `operands`, then the scalars.
@@ -66,7 +67,7 @@ pub(super) struct Remade {
     pub from: Operand,
 }
 
-/// A vector row that is saved: what the plan says of the value, with its operand beside it, since states are saved and restored often.
+/// A vector row that a state holds: what the plan says of the value, with its operand beside it, since states are saved and restored often.
 #[derive(Clone, Copy)]
 pub(super) struct Saved {
     pub operand: Operand,
@@ -74,15 +75,6 @@ pub(super) struct Saved {
     pub row: u32,
     /// 64 bits: two rows of the state.
     pub wide: bool,
-    /// The row is an input's: it stands there already.
-    pub input: bool,
-}
-
-/// The values that live across a place where a wave can be suspended.
-#[derive(Default)]
-pub(super) struct Live {
-    pub saved: Vec<Saved>,
-    pub remade: Vec<Remade>,
 }
 
 /// Where a wave goes on after a save point, and what the plan says of it.

@@ -9,7 +9,9 @@ use std::cell::Cell;
 
 use lanes::LaneMask;
 
-use super::code::{AccessPlan, AtomicPlan, ImagePlan, PhysicalAccess, Place, Return, SubgroupPlan};
+use super::code::{
+    AccessPlan, AtomicPlan, ImagePlan, PhysicalAccess, Place, Remade, Return, Saved, SubgroupPlan,
+};
 use super::operand::Operand;
 use crate::SUBGROUP_SIZE;
 use crate::environment::Environment;
@@ -53,6 +55,9 @@ pub(crate) struct Code {
     pub(super) bindings: Vec<DescriptorBinding>,
     pub(super) subgroups: Vec<SubgroupPlan>,
     pub(super) images: Vec<ImagePlan>,
+    /// As many as the plan keeps, in the same order.
+    pub(super) saved: Vec<Saved>,
+    pub(super) remade: Vec<Remade>,
     /// In the plan's order.
     pub(super) points: Vec<Place>,
     pub(super) calls: Vec<Return>,

@@ -1,5 +1,8 @@
 //! Rows for a function's values, by their live ranges.
 
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
 use crate::ir::{Function, Type, Value};
 use crate::plan::{Candidate, Liveness, candidates};
 
@@ -36,13 +39,13 @@ pub(super) fn allocate(function: &Function, liveness: &Liveness) -> Slots {
         ending.take_before(start, |index| {
             let (value, ..) = ranges[index];
             let rows = rows_of(function, value);
-            free[rows as usize - 1].release(slots.row[value.index()], rows);
+            free[rows as usize - 1].release(slots.row[value.index()]);
         });
         let rows = rows_of(function, value);
         slots.row[value.index()] = free[rows as usize - 1].take(rows);
         ending.push(index, end);
     }
-    let [single, double] = free.map(|free| free.taken.len() as u32);
+    let [single, double] = free.map(|free| free.end);
     for &(value, ..) in &ranges {
         if into[value.index()].is_none() && rows_of(function, value) == 2 {
             slots.row[value.index()] += single;
@@ -132,34 +135,25 @@ impl Ending {
     }
 }
 
-/// First-fit allocation of one row or two neighbours.
+/// First-fit allocation of rows, or of pairs of rows.
 #[derive(Default)]
 struct FreeRows {
-    taken: Vec<bool>,
-    /// No free row lies below.
-    lowest: usize,
+    /// Rows below the end that nothing has, the first one on top.
+    free: BinaryHeap<Reverse<u32>>,
+    end: u32,
 }
 
 impl FreeRows {
+    /// `count`: the same each time.
     fn take(&mut self, count: u32) -> u32 {
-        let count = count as usize;
-        let mut row = self.lowest;
-        while (row..row + count).any(|r| self.taken.get(r).copied().unwrap_or(false)) {
-            row += 1;
+        if let Some(Reverse(row)) = self.free.pop() {
+            return row;
         }
-        if self.taken.len() < row + count {
-            self.taken.resize(row + count, false);
-        }
-        self.taken[row..row + count].fill(true);
-        while self.taken.get(self.lowest).copied().unwrap_or(false) {
-            self.lowest += 1;
-        }
-        row as u32
+        self.end += count;
+        self.end - count
     }
 
-    fn release(&mut self, row: u32, count: u32) {
-        let (row, count) = (row as usize, count as usize);
-        self.taken[row..row + count].fill(false);
-        self.lowest = self.lowest.min(row);
+    fn release(&mut self, row: u32) {
+        self.free.push(Reverse(row));
     }
 }

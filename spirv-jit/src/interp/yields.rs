@@ -2,13 +2,12 @@
 
 use lanes::LaneMask;
 
-use super::code::{Live, Saved};
 use super::descriptors;
 use super::machine::{Instr, Machine, NO_LANES};
 use super::operand::Operand;
 use super::tier::Kernel;
 use crate::SUBGROUP_SIZE;
-use crate::plan::CONTROL_WORDS;
+use crate::plan::{CONTROL_WORDS, List, Live};
 use crate::row::Row;
 use crate::state::{Event, IO_DATA_ROW};
 
@@ -32,9 +31,9 @@ unsafe fn suspend(m: &mut Machine<'_>, point: u32, event: Event) {
                 *masks.add(k) = (*m.masks.add(k))[s];
             }
         }
-        save(m, &point.live.saved);
+        save(m, point.live.saved);
         for (index, _) in m.plan.path(point.function, m.context) {
-            save(m, &m.code.calls[index].live.saved);
+            save(m, m.code.calls[index].live.saved);
         }
     }
     m.event = event;
@@ -55,19 +54,45 @@ pub(super) unsafe fn suspend_without_fuel(m: &mut Machine<'_>, point: u32) {
 /// # Safety
 /// The states have the program's layout, the lists are the program's.
 #[inline(always)]
-unsafe fn save(m: &Machine<'_>, saved: &[Saved]) {
-    for value in saved.iter().filter(|value| !value.input) {
-        // SAFETY: as the caller promises.
-        unsafe {
-            let (base, step) = m.row(value.operand);
-            let row = value.row as usize;
-            for s in 0..m.subgroups {
-                let to = m.state_row(s, row);
-                if value.wide {
-                    let from = base.add(s * step);
-                    *to.cast::<[u64; SUBGROUP_SIZE]>() = *from.cast();
-                } else {
-                    *to = *base.add(s * step).cast();
+unsafe fn save(m: &Machine<'_>, saved: List) {
+    for range in m.plan.kept.values.ranges(saved) {
+        for value in &m.code.saved[range] {
+            // SAFETY: as the caller promises.
+            unsafe {
+                let (base, step) = m.row(value.operand);
+                let row = value.row as usize;
+                for s in 0..m.subgroups {
+                    let to = m.state_row(s, row);
+                    if value.wide {
+                        let from = base.add(s * step);
+                        *to.cast::<[u64; SUBGROUP_SIZE]>() = *from.cast();
+                    } else {
+                        *to = *base.add(s * step).cast();
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// # Safety
+/// As [`save`].
+#[inline(always)]
+unsafe fn restore(m: &Machine<'_>, saved: List) {
+    for range in m.plan.kept.values.ranges(saved) {
+        for value in &m.code.saved[range] {
+            // SAFETY: as the caller promises.
+            unsafe {
+                let (base, step) = m.row(value.operand);
+                let row = value.row as usize;
+                for s in 0..m.subgroups {
+                    let from = m.state_row(s, row);
+                    if value.wide {
+                        let to = base.add(s * step).cast();
+                        *to = *from.cast::<[u64; SUBGROUP_SIZE]>();
+                    } else {
+                        *base.add(s * step).cast() = *from;
+                    }
                 }
             }
         }
@@ -78,24 +103,14 @@ unsafe fn save(m: &Machine<'_>, saved: &[Saved]) {
 /// As [`save`].
 #[inline(always)]
 unsafe fn restore_values(m: &Machine<'_>, live: &Live) {
-    for value in &live.saved {
-        // SAFETY: as the caller promises.
-        unsafe {
-            let (base, step) = m.row(value.operand);
-            let row = value.row as usize;
-            for s in 0..m.subgroups {
-                let from = m.state_row(s, row);
-                if value.wide {
-                    let to = base.add(s * step).cast();
-                    *to = *from.cast::<[u64; SUBGROUP_SIZE]>();
-                } else {
-                    *base.add(s * step).cast() = *from;
-                }
-            }
+    // SAFETY: as the caller promises; what descriptors are made of was restored before.
+    unsafe {
+        restore(m, live.saved);
+        restore(m, live.inputs);
+        for range in m.plan.kept.descriptors.ranges(live.remade) {
+            descriptors::make_again(m, &m.code.remade[range]);
         }
     }
-    // SAFETY: as the caller promises; what they are made of was restored above.
-    unsafe { descriptors::make_again(m, &live.remade) };
 }
 
 /// The end of the prologue: the wave, whose states stand at one point as [`suspend`] or `Program::start` left them, goes on there.

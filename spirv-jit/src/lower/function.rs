@@ -320,9 +320,8 @@ impl<'a> Lowerer<'a> {
                 break;
             }
             self.b.source = instruction.offset;
-            let mut pairs = self.module.operands(instruction).chunks_exact(2);
-            let source = pairs.find(|pair| pair[1] == from).map(|pair| pair[0]);
-            let Some(source) = source else {
+            let pairs = self.module.operands(instruction);
+            let Some(source) = self.phi_sources.find(index, pairs, from) else {
                 return Err(self.b.invalid("a phi lacks a predecessor"));
             };
             if self.is_large(instruction.result_type) {

@@ -44,6 +44,7 @@ mod matrix;
 mod meets;
 mod memory;
 mod opaque;
+mod phi;
 mod pointer;
 mod ray;
 mod ray_query;
@@ -66,6 +67,7 @@ use self::constants::Constants;
 use self::frame::{Frame, OpenBody};
 use self::id_table::IdTable;
 use self::layout::Layout;
+use self::phi::PhiSources;
 use self::stage_interface::{Evaluation, InterfaceWord};
 use self::structure::Plan;
 use self::types::Types;
@@ -165,6 +167,7 @@ struct Lowerer<'a> {
     outlined: HashMap<Id, Option<Outlined>>,
     /// Call instructions by callee.
     call_sites: HashMap<Id, u32>,
+    phi_sources: PhiSources,
     /// Rows of private memory so far.
     rows: u64,
 }
@@ -211,6 +214,7 @@ impl<'a> Lowerer<'a> {
             summaries: HashMap::default(),
             outlined: HashMap::default(),
             call_sites: HashMap::default(),
+            phi_sources: PhiSources::default(),
             rows: 0,
         };
         lowerer.types.query_rows = Self::query_rows(&lowerer.query_words);

@@ -12,6 +12,8 @@
 //! Position `p` has two half-steps: operands that may share a row with the result are used at `2p`,
 //! others at `2p + 1`; results are defined at `2p + 1`.
 
+use std::ops::Range;
+
 use crate::ir::op::Signature;
 use crate::ir::{Body, Function, Inst, Node, Op, Step, Value};
 
@@ -55,22 +57,36 @@ impl Liveness {
         }
     }
 
-    /// Values that live across a position: defined before it and used after it.
-    pub fn live_across(&self, position: u32) -> impl Iterator<Item = Value> + '_ {
-        self.live(2 * position, 2 * position + 1)
+    /// Where a function begins: its parameters live there.
+    pub const START: HalfSteps = HalfSteps {
+        before: 1,
+        after: 1,
+    };
+
+    /// Across a position: what is defined before it and used after it lives there.
+    pub fn across(position: u32) -> HalfSteps {
+        HalfSteps {
+            before: 2 * position,
+            after: 2 * position + 1,
+        }
     }
 
-    /// Parameters that the function uses.
-    pub fn live_at_start(&self) -> impl Iterator<Item = Value> + '_ {
-        self.live(1, 1)
+    /// Which of some places, in the order of a function, a value lives at.
+    pub fn places(&self, value: Value, places: &[HalfSteps]) -> Range<usize> {
+        let Some((start, end)) = self.ranges[value.index()] else {
+            return 0..0;
+        };
+        let first = places.partition_point(|place| place.before < start);
+        let last = places.partition_point(|place| place.after < end);
+        first..last.max(first)
     }
+}
 
-    fn live(&self, before: u32, after: u32) -> impl Iterator<Item = Value> + '_ {
-        let range = |value: Value| self.ranges[value.index()].unwrap_or_default();
-        let begun = self.by_start.partition_point(|&v| range(v).0 <= before);
-        let begun = self.by_start[..begun].iter().copied();
-        begun.filter(move |&value| range(value).1 > after)
-    }
+/// A place in a function: a value lives there that starts not after the first half-step and ends after the second.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct HalfSteps {
+    pub before: u32,
+    pub after: u32,
 }
 
 /// Walks a function in the order that gives nodes their positions: one for each instruction and

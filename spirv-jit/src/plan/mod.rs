@@ -12,6 +12,8 @@
 //! tier may fuse instructions across a save point, back-edges included.
 
 mod coalesce;
+mod live_lists;
+mod live_rows;
 mod liveness;
 mod save_points;
 mod state;
@@ -20,14 +22,15 @@ mod tests;
 mod uniformity;
 
 pub(crate) use coalesce::{Candidate, candidates};
+pub(crate) use live_lists::List;
 pub(crate) use liveness::Liveness;
-pub(crate) use save_points::{Answer, CallSite, DescriptorSource, Live, SavePoint, Site};
+pub(crate) use save_points::{Answer, CallSite, DescriptorSource, Kept, Live, SavePoint, Site};
 pub(crate) use state::CONTROL_WORDS;
 
 use crate::Error;
 use crate::error::ErrorKind;
 use crate::ir::op::SubgroupOp;
-use crate::ir::{Body, Function, Module, Node, Op, Step};
+use crate::ir::{Body, Function, Module, Node, Op, Step, Value};
 use crate::state::{SiteKind, StateLayout};
 
 /// The plan of a program, for every tier.
@@ -45,6 +48,8 @@ pub(crate) struct Plan {
     pub masks: usize,
     /// By [`SiteId`](crate::state::SiteId).
     pub sites: Vec<SiteKind>,
+    /// What lives across points and calls.
+    pub kept: Kept,
     /// In the order of functions, and of the text in each.
     pub points: Vec<SavePoint>,
     /// Id of each point for call path 0; path `c` is `base + c`. Ascending.
@@ -68,6 +73,8 @@ pub(crate) struct FunctionPlan {
     pub mask_base: usize,
     /// State rows for live values start here, relative to the first such row.
     live_base: usize,
+    /// The ends of its values and of its descriptors in [`Kept`]; they begin where those of the function before end.
+    pub kept_ends: (usize, usize),
     /// Call paths that lead here.
     contexts: u64,
 }
@@ -99,6 +106,7 @@ pub(crate) fn plan(module: &Module) -> Result<Planned<'_>, Error> {
             live_rows: 0,
             masks: 0,
             sites: Vec::new(),
+            kept: Kept::default(),
             points: Vec::new(),
             bases: Vec::new(),
             calls: Vec::new(),
@@ -125,10 +133,16 @@ impl Planned<'_> {
     /// wave can be suspended.
     pub fn agrees(&self, f: usize, liveness: &Liveness) -> bool {
         let planned = &self.function(f).liveness;
-        let mut points = (self.plan.points.iter()).filter(|point| point.function as usize == f);
-        points.all(|point| match point.position {
-            0 => planned.live_at_start().eq(liveness.live_at_start()),
-            at => planned.live_across(at).eq(liveness.live_across(at)),
+        let points = (self.plan.points.iter()).filter(|point| point.function as usize == f);
+        let places = points.map(|point| match point.position {
+            0 => Liveness::START,
+            at => Liveness::across(at),
+        });
+        let places: Vec<_> = places.collect();
+        (0..planned.ranges.len() as u32).map(Value).all(|value| {
+            let [planned, other] =
+                [planned, liveness].map(|liveness| liveness.places(value, &places));
+            planned == other || planned.is_empty() && other.is_empty()
         })
     }
 
@@ -165,6 +179,7 @@ impl Planned<'_> {
                 variables,
                 mask_base: masks[f],
                 live_base: 0,
+                kept_ends: (0, 0),
                 contexts: (f == 0) as u64,
             });
         }

@@ -1,15 +1,21 @@
 //! Where a subgroup can be suspended: at yields, at back-edges and where functions begin, when fuel
 //! is out; and what its state holds then.
 
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
 use foldhash::HashMap;
 
+use super::live_lists::{Changing, List, Lists};
+use super::live_rows::LiveRows;
+use super::liveness::{HalfSteps, Liveness};
 use super::{Planned, budget, masks_of};
 use crate::Error;
 use crate::ir::op::DescriptorBinding;
 use crate::ir::{Body, Inst, Node, Op, Step, Type, Value};
 use crate::state::{IO_DATA_ROW, SiteId, SiteKind};
 
-/// A value that is saved, and where in the state.
+/// A value that a state holds, and where.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Saved {
     pub value: Value,
@@ -17,8 +23,6 @@ pub(crate) struct Saved {
     pub row: u32,
     /// 64 bits: two rows of the state.
     pub wide: bool,
-    /// The row is an input's: it stands there already.
-    pub input: bool,
 }
 
 /// The origin of descriptors.
@@ -40,18 +44,29 @@ pub(crate) struct Remade {
 }
 
 /// The values that live across a place where a wave can be suspended.
-#[derive(Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Live {
-    pub saved: Vec<Saved>,
-    pub remade: Vec<Remade>,
+    /// Of [`Kept::values`].
+    pub saved: List,
+    /// Of [`Kept::values`], too: values that are rows of the input record, so a state holds them anyway.
+    pub inputs: List,
+    /// Of [`Kept::descriptors`].
+    pub remade: List,
 }
 
 impl Live {
-    /// Rows of the state that are saved for it alone.
-    fn rows(&self) -> usize {
-        let saved = self.saved.iter().filter(|value| !value.input);
-        saved.map(|value| 1 + value.wide as usize).sum()
-    }
+    pub const NOTHING: Live = Live {
+        saved: List::EMPTY,
+        inputs: List::EMPTY,
+        remade: List::EMPTY,
+    };
+}
+
+/// What lives across all places, function after function.
+#[derive(Debug, Default, PartialEq)]
+pub(crate) struct Kept {
+    pub values: Lists<Saved>,
+    pub descriptors: Lists<Remade>,
 }
 
 /// A place where a wave can be suspended.
@@ -170,22 +185,22 @@ pub(super) fn find(planned: &mut Planned<'_>) -> Result<(), Error> {
             source: first_source(&function.body).unwrap_or(0),
             sources: HashMap::default(),
             inputs: HashMap::default(),
+            living: Living::default(),
         };
         // Fuel is burnt at the start of each function, except the entry, where states begin.
         let live = match f {
-            0 => Live::default(),
-            _ => finder.live(
-                finder
-                    .planned
-                    .function(f)
-                    .liveness
-                    .live_at_start()
-                    .collect(),
-            )?,
+            0 => Live::NOTHING,
+            _ => finder.live(Liveness::START)?,
         };
         finder.point(0, None, live)?;
         finder.body(&function.body)?;
         next_point = finder.next_point;
+        let kept = &planned.plan.kept;
+        let ends = (
+            kept.values.entries().len(),
+            kept.descriptors.entries().len(),
+        );
+        planned.functions[f].as_mut().expect("reached").kept_ends = ends;
     }
     planned.plan.end_of_points = next_point as u32;
     Ok(())
@@ -204,6 +219,31 @@ struct Finder<'p, 'm> {
     sources: HashMap<Value, (DescriptorSource, Value)>,
     /// Values that are rows of the input record: a state holds them anyway.
     inputs: HashMap<Value, u32>,
+    living: Living,
+}
+
+/// What lives at the place that was passed last.
+#[derive(Default)]
+struct Living {
+    /// How many values, in the order of their starts, have begun.
+    begun: usize,
+    /// Those that live, by the half-steps of their ends.
+    ends: BinaryHeap<Reverse<(u32, Value, Slot)>>,
+    rows: LiveRows,
+    /// Numbers for what takes no row of its own.
+    input_slots: LiveRows,
+    descriptor_slots: LiveRows,
+    saved: Changing<Saved>,
+    inputs: Changing<Saved>,
+    remade: Changing<Remade>,
+}
+
+/// Where a value stands in its list.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Slot {
+    Saved(u32),
+    Input(u32),
+    Remade(u32),
 }
 
 impl Finder<'_, '_> {
@@ -216,7 +256,7 @@ impl Finder<'_, '_> {
                 Step::Else(_) | Step::End(_) => {}
                 Step::Close(node) => {
                     if let Node::Loop { body, .. } = node {
-                        let live = self.live_across(self.position)?;
+                        let live = self.live(Liveness::across(self.position))?;
                         // A loop is where it begins.
                         self.source = first_source(body).unwrap_or(self.source);
                         self.point(self.position, None, live)?;
@@ -250,7 +290,7 @@ impl Finder<'_, '_> {
             ref op if op.is_yield() => {
                 let site = SiteId(self.planned.plan.sites.len() as u32);
                 self.planned.plan.sites.push(Site::of(inst).kind);
-                let live = self.live_across(position)?;
+                let live = self.live(Liveness::across(position))?;
                 self.point(position, Some(site), live)?;
             }
             _ => {}
@@ -260,9 +300,9 @@ impl Finder<'_, '_> {
 
     fn call(&mut self, callee: usize, position: u32) -> Result<(), Error> {
         // Any function may be suspended where it begins.
-        let live = self.live_across(position)?;
+        let live = self.live(Liveness::across(position))?;
         let plan = self.planned.function(self.function);
-        let live_base = plan.live_base + live.rows();
+        let live_base = plan.live_base + self.living.rows.end() as usize;
         let contexts = plan.contexts;
         let called = (self.planned.functions[callee].as_mut()).expect("reached");
         called.live_base = called.live_base.max(live_base);
@@ -282,48 +322,98 @@ impl Finder<'_, '_> {
         Ok(())
     }
 
-    fn live_across(&mut self, position: u32) -> Result<Live, Error> {
-        let liveness = &self.planned.function(self.function).liveness;
-        self.live(liveness.live_across(position).collect())
+    /// What lives at a place behind the last one, each value where it stands as long as it lives.
+    fn live(&mut self, place: HalfSteps) -> Result<Live, Error> {
+        self.end_values(place);
+        self.begin_values(place)?;
+        let plan = &mut self.planned.plan;
+        let base = self.planned.functions[self.function]
+            .as_ref()
+            .expect("reached")
+            .live_base;
+        plan.live_rows = plan.live_rows.max(base + self.living.rows.end() as usize);
+        let (living, kept) = (&mut self.living, &mut plan.kept);
+        Ok(Live {
+            saved: living.saved.list(&mut kept.values),
+            inputs: living.inputs.list(&mut kept.values),
+            remade: living.remade.list(&mut kept.descriptors),
+        })
     }
 
-    /// Values with their places in the state.
-    fn live(&mut self, values: Vec<Value>) -> Result<Live, Error> {
+    /// Frees the slots of values that do not live at a place any more.
+    fn end_values(&mut self, place: HalfSteps) {
+        let function = &self.planned.module.functions[self.function];
+        let living = &mut self.living;
+        while let Some(&Reverse((end, value, slot))) = living.ends.peek()
+            && end <= place.after
+        {
+            living.ends.pop();
+            match slot {
+                Slot::Saved(row) => {
+                    living.rows.release(row, function.ty(value).rows() == 2);
+                    living.saved.set(row as usize, None);
+                }
+                Slot::Input(slot) => {
+                    living.input_slots.release(slot, false);
+                    living.inputs.set(slot as usize, None);
+                }
+                Slot::Remade(slot) => {
+                    living.descriptor_slots.release(slot, false);
+                    living.remade.set(slot as usize, None);
+                }
+            }
+        }
+    }
+
+    /// Gives slots to values that have begun since the last place, and live at this one.
+    fn begin_values(&mut self, place: HalfSteps) -> Result<(), Error> {
         let function = &self.planned.module.functions[self.function];
         let plan = &self.planned.plan;
-        let first = plan.private + plan.private_rows;
-        let mut row = first + self.planned.function(self.function).live_base;
-        let mut live = Live::default();
-        for value in values {
-            if function.ty(value) == Type::Descriptor {
+        let planned = self.planned.function(self.function);
+        let first = plan.private + plan.private_rows + planned.live_base;
+        let living = &mut self.living;
+        while let Some(&value) = planned.liveness.by_start.get(living.begun) {
+            let (start, end) = planned.liveness.ranges[value.index()].unwrap_or_default();
+            if start > place.before {
+                break;
+            }
+            living.begun += 1;
+            if end <= place.after {
+                continue;
+            }
+            let slot = if function.ty(value) == Type::Descriptor {
                 let Some(&(source, from)) = self.sources.get(&value) else {
                     return Err(Error::invalid(0, "a descriptor made of nothing"));
                 };
-                live.remade.push(Remade {
+                let slot = living.descriptor_slots.take(false);
+                let remade = Remade {
                     value,
                     source,
                     from,
-                });
-                continue;
-            }
-            let wide = function.ty(value).rows() == 2;
-            let input = self.inputs.get(&value);
-            live.saved.push(Saved {
-                value,
-                row: match input {
-                    Some(&input) => plan.layout.inputs as u32 + input,
-                    None => row as u32,
-                },
-                wide,
-                input: input.is_some(),
-            });
-            if input.is_none() {
-                row += 1 + wide as usize;
-            }
+                };
+                living.remade.set(slot as usize, Some(remade));
+                Slot::Remade(slot)
+            } else {
+                let wide = function.ty(value).rows() == 2;
+                let saved = |row| Saved { value, row, wide };
+                match self.inputs.get(&value) {
+                    Some(&input) => {
+                        let slot = living.input_slots.take(false);
+                        let row = plan.layout.inputs as u32 + input;
+                        living.inputs.set(slot as usize, Some(saved(row)));
+                        Slot::Input(slot)
+                    }
+                    None => {
+                        let row = living.rows.take(wide);
+                        let saved = saved(first as u32 + row);
+                        living.saved.set(row as usize, Some(saved));
+                        Slot::Saved(row)
+                    }
+                }
+            };
+            living.ends.push(Reverse((end, value, slot)));
         }
-        let plan = &mut self.planned.plan;
-        plan.live_rows = plan.live_rows.max(row - first);
-        Ok(live)
+        Ok(())
     }
 
     fn point(&mut self, position: u32, site: Option<SiteId>, live: Live) -> Result<(), Error> {

@@ -94,8 +94,8 @@ impl Plan {
         let callers = callers.map(|(_, site)| &site.live);
         for value in std::iter::once(&point.live)
             .chain(callers)
-            .flat_map(|live| &live.saved)
-            .filter(|value| value.wide && !value.input)
+            .flat_map(|live| self.kept.values.of(live.saved))
+            .filter(|value| value.wide)
         {
             let place = |word: usize| {
                 (

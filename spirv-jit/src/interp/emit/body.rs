@@ -5,7 +5,7 @@ use smallvec::SmallVec;
 
 use super::{Emitter, Move, Target, instr};
 use crate::Error;
-use crate::interp::code::{DescriptorSource, Live, Place, Remade, Return, Saved};
+use crate::interp::code::{Place, Return};
 use crate::interp::kernels::{Copy, MaskedCopy};
 use crate::interp::machine::{Handler, Instr};
 use crate::interp::operand::Operand;
@@ -430,32 +430,6 @@ impl<'m> Emitter<'m> {
         self.emit_operation(inst)
     }
 
-    /// Operands of what lives at a place that the plan found.
-    fn live(&mut self, planned: &plan::Live) -> Live {
-        let saved = (planned.saved.iter())
-            .map(|saved| Saved {
-                operand: self.operand(saved.value),
-                row: saved.row,
-                wide: saved.wide,
-                input: saved.input,
-            })
-            .collect();
-        let remade = (planned.remade.iter())
-            .map(|remade| Remade {
-                to: self.operand(remade.value),
-                source: match remade.source {
-                    plan::DescriptorSource::Binding(binding) => {
-                        self.code.bindings.push(binding);
-                        DescriptorSource::Binding(self.code.bindings.len() as u32 - 1)
-                    }
-                    plan::DescriptorSource::Reference => DescriptorSource::Reference,
-                },
-                from: self.operand(remade.from),
-            })
-            .collect();
-        Live { saved, remade }
-    }
-
     /// The plan's next save point, where code goes on at a target: functions are emitted as they were planned.
     fn new_point(&mut self, at: Target) -> u32 {
         let index = self.code.points.len();
@@ -465,8 +439,7 @@ impl<'m> Emitter<'m> {
             (self.function, self.masks),
             "emitted in another order than planned"
         );
-        let live = self.live(&point.live);
-        let pc = at.0 as u32;
+        let (pc, live) = (at.0 as u32, point.live);
         self.code.points.push(Place {
             pc,
             function: point.function,
@@ -500,7 +473,7 @@ impl<'m> Emitter<'m> {
             .clone();
         let after = self.new_target();
         let site = self.code.calls.len();
-        let live = self.live(&self.planned.plan.calls[site].live);
+        let live = self.planned.plan.calls[site].live;
         let pc = after.0 as u32;
         self.code.calls.push(Return { pc, live });
         let entry = self.entries[callee];

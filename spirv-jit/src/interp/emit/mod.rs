@@ -11,6 +11,7 @@ mod inst;
 mod native;
 mod prologue;
 
+use super::code::{DescriptorSource, Remade, Saved};
 use super::fusion::Fusion;
 use super::machine::Code;
 use super::machine::{Handler, Instr};
@@ -20,7 +21,7 @@ use super::tier::{Kernel, Portable, Tier};
 use crate::Error;
 use crate::ir::{Function, Label, Module, Value};
 use crate::native::Encoding;
-use crate::plan::{FunctionPlan, Planned, budget, callees};
+use crate::plan::{self, FunctionPlan, Planned, budget, callees};
 
 /// A code address that is not known yet.
 #[derive(Clone, Copy)]
@@ -111,6 +112,7 @@ fn emit_as(
     for &f in &planned.order {
         e.emit_function(f)?;
     }
+    e.place_kept();
     // Odd, so that a row's places in the frames of a wave fall to different sets of the cache.
     e.code.vector_rows |= 1;
     e.patch();
@@ -205,6 +207,42 @@ impl<'m> Emitter<'m> {
             TierKind::Avx512 => super::tier::Avx512::handler::<K>(),
             #[cfg(not(target_arch = "x86_64"))]
             _ => Portable::handler::<K>(),
+        }
+    }
+
+    /// The operands of what the plan keeps.
+    fn place_kept(&mut self) {
+        let planned = self.planned;
+        let kept = &planned.plan.kept;
+        let (mut values, mut descriptors) = (0, 0);
+        let mut bindings = HashMap::default();
+        for &f in &planned.order {
+            self.function = f;
+            let (values_end, descriptors_end) = planned.function(f).kept_ends;
+            for saved in &kept.values.entries()[values..values_end] {
+                let operand = self.operand(saved.value);
+                self.code.saved.push(Saved {
+                    operand,
+                    row: saved.row,
+                    wide: saved.wide,
+                });
+            }
+            for remade in &kept.descriptors.entries()[descriptors..descriptors_end] {
+                let source = match remade.source {
+                    plan::DescriptorSource::Binding(binding) => {
+                        let all = &mut self.code.bindings;
+                        let number = bindings.entry((f, remade.value)).or_insert_with(|| {
+                            all.push(binding);
+                            all.len() as u32 - 1
+                        });
+                        DescriptorSource::Binding(*number)
+                    }
+                    plan::DescriptorSource::Reference => DescriptorSource::Reference,
+                };
+                let (to, from) = (self.operand(remade.value), self.operand(remade.from));
+                self.code.remade.push(Remade { to, source, from });
+            }
+            (values, descriptors) = (values_end, descriptors_end);
         }
     }
 
