@@ -10,9 +10,11 @@ use std::collections::BTreeMap;
 
 use smallvec::smallvec;
 
+use super::edit::{Edit, Fate, edit_body};
 use super::promote_variables::one_type;
 use crate::ir::{
-    Body, Function, Inst, Label, Node, Op, Space, Terminator, Type, Value, Variable, VariableId,
+    Body, Function, Inst, Label, Node, Op, Space, Step, Terminator, Type, Value, Variable,
+    VariableId,
 };
 
 /// The most rows that one loop may have as its own.
@@ -38,9 +40,11 @@ pub fn promote_in_loops(function: &mut Function) -> bool {
         around: vec![None; function.variables.len()],
         owned,
         function,
+        open: Vec::new(),
+        changed_end: None,
     };
     let mut body = std::mem::replace(&mut rewriter.function.body, unreachable());
-    rewriter.body(&mut body);
+    edit_body(&mut body, &mut rewriter);
     rewriter.function.body = body;
     true
 }
@@ -102,23 +106,30 @@ impl<'f> Survey<'f> {
     }
 
     fn body(&mut self, body: &Body) {
-        for node in &body.nodes {
-            self.position += 1;
-            match node {
-                Node::Inst(inst) => self.inst(inst),
-                Node::Loop { label, body, .. } => {
-                    let index = self.loops.len();
-                    let (begin, label) = (self.position, *label);
-                    self.loops.push(Span {
-                        label,
-                        begin,
-                        end: begin,
-                    });
-                    self.body(body);
+        let mut open = Vec::new();
+        for step in body.steps() {
+            match step {
+                Step::Inst(inst) => {
                     self.position += 1;
+                    self.inst(inst);
+                }
+                Step::Open(node) => {
+                    self.position += 1;
+                    if let Node::Loop { label, .. } = node {
+                        open.push(self.loops.len());
+                        self.loops.push(Span {
+                            label: *label,
+                            begin: self.position,
+                            end: self.position,
+                        });
+                    }
+                }
+                Step::Close(Node::Loop { .. }) => {
+                    self.position += 1;
+                    let index = open.pop().expect("the loop is open");
                     self.loops[index].end = self.position;
                 }
-                node => node.bodies().for_each(|body| self.body(body)),
+                Step::Else(_) | Step::End(_) | Step::Close(_) => {}
             }
         }
     }
@@ -267,48 +278,86 @@ fn place_rows(rows: &BTreeMap<u32, RowUse>) -> Option<BTreeMap<u32, OwnRow>> {
 /// The labels outside that a loop branches to, and the types of their arguments.
 type Exits = Vec<(Label, Vec<Type>)>;
 
+/// A loop that is being rewritten.
+struct OpenLoop {
+    owned: Vec<Owned>,
+    /// The loop's variables, by index in `owned`.
+    own: Vec<VariableId>,
+    exits: Exits,
+}
+
 struct Rewriter<'f> {
     function: &'f mut Function,
     owned: BTreeMap<Label, Vec<Owned>>,
     /// By variable: the variable and rows that an enclosing loop has instead.
     around: Vec<Option<(VariableId, BTreeMap<u32, OwnRow>)>>,
     looks: usize,
+    /// The loops around the current node; `None` for a loop without variables of its own.
+    open: Vec<Option<OpenLoop>>,
+    /// The end of the current body, if copies behind a loop changed it.
+    changed_end: Option<Terminator>,
+}
+
+impl Edit for Rewriter<'_> {
+    fn inst(&mut self, inst: &mut Inst, _: &mut Vec<Node>) -> bool {
+        if let Op::VarLoad(variable, row) | Op::VarStore(variable, row) = &mut inst.op
+            && let Some((own, rows)) = self.around.get(variable.index()).and_then(Option::as_ref)
+        {
+            *row = rows[row].row;
+            *variable = *own;
+        }
+        true
+    }
+
+    fn open(&mut self, construct: &mut Node) {
+        if let Node::Loop { label, body, .. } = construct {
+            let open = self.enter(*label, body);
+            self.open.push(open);
+        }
+    }
+
+    fn end(&mut self, body: &mut Body) {
+        if let Some(end) = self.changed_end.take() {
+            body.end = end;
+        }
+    }
+
+    fn close(&mut self, construct: &mut Node, before: &mut Vec<Node>) -> Fate {
+        if !matches!(construct, Node::Loop { .. }) {
+            return Fate::Stays;
+        }
+        let Some(open) = self.open.pop().flatten() else {
+            return Fate::Stays;
+        };
+        for owned in &open.owned {
+            self.around[owned.variable.index()] = None;
+        }
+        let node = std::mem::replace(construct, nothing());
+        self.surround(node, open, before);
+        Fate::Ends
+    }
+}
+
+/// A node in the place of a loop that moved.
+fn nothing() -> Node {
+    Node::Inst(Inst {
+        op: Op::Const(0),
+        args: smallvec![],
+        results: smallvec![],
+        source: 0,
+    })
 }
 
 impl Rewriter<'_> {
-    fn body(&mut self, body: &mut Body) {
-        for index in 0..body.nodes.len() {
-            match &mut body.nodes[index] {
-                Node::Inst(inst) => self.inst(inst),
-                Node::Loop {
-                    label,
-                    body: inside,
-                    ..
-                } => {
-                    let owned = self.owned.remove(label).unwrap_or_default();
-                    let exits = match owned.is_empty() {
-                        true => None,
-                        false => self.find_exits(*label, inside),
-                    };
-                    let Some(exits) = exits else {
-                        self.body(inside);
-                        continue;
-                    };
-                    let own: Vec<VariableId> =
-                        owned.iter().map(|owned| self.own_variable(owned)).collect();
-                    for (owned, &own) in owned.iter().zip(&own) {
-                        let place = &mut self.around[owned.variable.index()];
-                        *place = Some((own, owned.rows.clone()));
-                    }
-                    self.body(inside);
-                    for owned in &owned {
-                        self.around[owned.variable.index()] = None;
-                    }
-                    return self.surround(body, index, (&owned, &own), exits);
-                }
-                node => node.bodies_mut().for_each(|body| self.body(body)),
-            }
+    /// Makes the variables of a loop.
+    fn enter(&mut self, label: Label, body: &Body) -> Option<OpenLoop> {
+        let owned = self.owned.remove(&label)?;
+        let exits = self.find_exits(label, body)?;
+        let own: Vec<VariableId> = owned.iter().map(|owned| self.own_variable(owned)).collect();
+        for (owned, &own) in owned.iter().zip(&own) {
+            self.around[owned.variable.index()] = Some((own, owned.rows.clone()));
         }
+        Some(OpenLoop { owned, own, exits })
     }
 
     fn own_variable(&mut self, owned: &Owned) -> VariableId {
@@ -318,15 +367,6 @@ impl Rewriter<'_> {
             rows: owned.rows.values().map(|row| row.ty.rows()).sum(),
             zero: false,
         })
-    }
-
-    fn inst(&self, inst: &mut Inst) {
-        if let Op::VarLoad(variable, row) | Op::VarStore(variable, row) = &mut inst.op
-            && let Some((own, rows)) = self.around.get(variable.index()).and_then(Option::as_ref)
-        {
-            *row = rows[row].row;
-            *variable = *own;
-        }
     }
 
     /// The exits of a loop; `None` if there are too many, or the budget of visits is spent.
@@ -356,15 +396,8 @@ impl Rewriter<'_> {
 
     /// Surrounds a loop with copies. The body ends behind it, since control never passes a loop's
     /// end.
-    fn surround(
-        &mut self,
-        body: &mut Body,
-        index: usize,
-        (owned, own): (&[Owned], &[VariableId]),
-        exits: Exits,
-    ) {
-        body.nodes.truncate(index + 1);
-        let mut node = body.nodes.pop().expect("the loop is there");
+    fn surround(&mut self, mut node: Node, open: OpenLoop, before: &mut Vec<Node>) {
+        let OpenLoop { owned, own, exits } = open;
         let labels: Vec<(Label, Label)> = (exits.iter())
             .map(|&(exit, _)| (exit, self.function.new_label()))
             .collect();
@@ -378,7 +411,7 @@ impl Rewriter<'_> {
             });
         });
         let mut inner = unreachable();
-        for (owned, &own) in owned.iter().zip(own) {
+        for (owned, &own) in owned.iter().zip(&own) {
             for (&row, of_own) in &owned.rows {
                 let (from, to) = ((owned.variable, row), (own, of_own.row));
                 self.copy(from, to, of_own.ty, &mut inner.nodes);
@@ -398,7 +431,7 @@ impl Rewriter<'_> {
                 }],
                 end: Terminator::Br(exit, results),
             };
-            for (owned, &own) in owned.iter().zip(own) {
+            for (owned, &own) in owned.iter().zip(&own) {
                 for (&row, of_own) in owned.rows.iter().filter(|(_, of_own)| of_own.is_stored) {
                     let (from, to) = ((own, of_own.row), (owned.variable, row));
                     self.copy(from, to, of_own.ty, &mut outer.nodes);
@@ -406,8 +439,9 @@ impl Rewriter<'_> {
             }
             inner = outer;
         }
-        body.nodes.append(&mut inner.nodes);
-        body.end = inner.end;
+        before.append(&mut inner.nodes);
+        let end = std::mem::replace(&mut inner.end, Terminator::Unreachable);
+        self.changed_end = Some(end);
     }
 
     fn copy(
