@@ -366,17 +366,19 @@ impl Program {
     /// length of the code and for the whole wave.
     ///
     /// # Safety
-    /// Until it returns, each of `wave.shared` points to [`Self::shared_size_bytes`] bytes, and in `wave.environment` every table has as many
-    /// descriptors as it says, each of them as [`Descriptor`](crate::environment::Descriptor) has it, with memory, images and samplers
-    /// that are there; `reach` holds memory that may be read and written. Other threads may write all that meanwhile, except descriptors.
-    /// States hold what [`Self::start`] and earlier runs of this program left there, besides inputs and answers.
+    /// Until it returns, each of `wave.shared` points to [`Self::shared_size_bytes`] bytes, and in
+    /// `wave.environment` every table has as many descriptors as it says, each of them as
+    /// [`Descriptor`](crate::environment::Descriptor) has it, with memory, images and samplers that
+    /// are there; `reach` holds memory that may be read and written. Other threads may write all
+    /// that meanwhile, except descriptors. States hold what [`Self::start`] and earlier runs of
+    /// this program left there, besides inputs and answers.
     ///
     /// # Errors
     /// The frame's memory was refused; nothing was run.
     ///
     /// # Panics
-    /// The wave is empty or longer than [`Self::max_wave_subgroups`], a state is too small or stands elsewhere, or a subgroup has no workgroup
-    /// memory and the program has.
+    /// The wave is empty or longer than [`Self::max_wave_subgroups`], a state is too small or
+    /// stands elsewhere, or a subgroup has no workgroup memory and the program has.
     pub unsafe fn run(
         &self,
         frame: &mut Frame,

@@ -53,7 +53,8 @@ pub enum SiteKind {
     HitObjectGet { fact: Fact },
     /// Row 0: hint; row 1: its bits; row 2: kind of the hit object, or all ones without one; row 3: its record index.
     ReorderThread,
-    /// Workgroup barrier. No event where the wave is whole ([`Wave::is_whole`]) and all its subgroups come to it.
+    /// Workgroup barrier. No event where the wave is whole ([`Wave::is_whole`]) and all its
+    /// subgroups come to it.
     Barrier,
     /// Row 0: the first private row of a ray query's object ([`crate::query`]), which is read and rewritten there; then, over it, 1 if the
     /// query stands at a candidate, or 0. The lanes' memory is [`Program::private_rows`](crate::Program::private_rows).
@@ -78,11 +79,11 @@ pub struct StateLayout {
 pub struct Wave<'a> {
     /// Each has [`StateLayout::rows`] rows. At most [`Program::max_wave_subgroups`](crate::Program::max_wave_subgroups).
     pub states: &'a mut [&'a mut [AlignedRow]],
-    /// Compute: the first byte of each subgroup's workgroup memory; subgroups of one workgroup have the same. Empty for programs without
-    /// workgroup memory.
+    /// Compute: the first byte of each subgroup's workgroup memory; subgroups of one workgroup have
+    /// the same. Empty for programs without workgroup memory.
     pub shared: &'a [*mut u8],
-    /// Compute: of each workgroup with a subgroup in the wave, all subgroups that have not ended are in it. Barriers that all of them come to
-    /// are no events then: the wave goes on in place.
+    /// Compute: of each workgroup with a subgroup in the wave, all subgroups that have not ended
+    /// are in it. Barriers that all of them come to are no events then: the wave goes on in place.
     pub is_whole: bool,
     pub environment: &'a Environment,
 }

@@ -284,7 +284,8 @@ fn a_dispatch_of_too_many_rays_ends_by_its_time_limit() {
     );
 }
 
-/// The size of a workgroup is held to the device's limits, also where specialization constants make it.
+/// The size of a workgroup is held to the device's limits, also where specialization constants make
+/// it.
 #[test]
 fn a_workgroup_that_is_too_large_is_refused() {
     let Some(gpu) = Gpu::surviving() else { return };

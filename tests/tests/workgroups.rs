@@ -1,8 +1,10 @@
-//! Workgroups with memory and barriers, many of them: random programs against the host's arithmetic, and workgroups that wait for others.
+//! Workgroups with memory and barriers, many of them: random programs against the host's
+//! arithmetic, and workgroups that wait for others.
 
 use tuff_tests::*;
 
-/// Settings of Tuff that must change nothing; others are the default. Other drivers do not know them.
+/// Settings of Tuff that must change nothing; others are the default. Other drivers do not know
+/// them.
 const SETTINGS: [&[(&str, &str)]; 6] = [
     &[],
     &[("TUFF_WAVE", "1"), ("TUFF_TIER", "portable")],
@@ -276,7 +278,8 @@ fn random_programs_with_barriers() {
     }
 }
 
-/// A prefix sum by decoupled look-back (Merrill and Garland 2016): each workgroup adds up what those before it have told so far.
+/// A prefix sum by decoupled look-back (Merrill and Garland 2016): each workgroup adds up what
+/// those before it have told so far.
 #[test]
 fn workgroups_look_back() {
     if !in_all_settings("workgroups_look_back") {
@@ -371,7 +374,8 @@ fn workgroups_spin_for_a_lock() {
     }
 }
 
-/// Workgroups of even numbers put items into a queue, those of odd numbers take one each, and spin until it is there.
+/// Workgroups of even numbers put items into a queue, those of odd numbers take one each, and spin
+/// until it is there.
 #[test]
 fn workgroups_wait_for_items_of_a_queue() {
     if !in_all_settings("workgroups_wait_for_items_of_a_queue") {

@@ -1,13 +1,14 @@
 //! Compute dispatches: workgroups in order, handed to workers in chunks; in each, subgroups in waves.
 //!
 //! ```text
-//! dispatch ──> chunks (to whichever worker is free) ──> steps: one workgroup, or several that fill a wave
-//!                                                          └─> waves: subgroups of the step at one resume point
+//! dispatch ──> chunks (to whichever worker is free) ──> steps: one workgroup, or a wave of them
+//!                                                          └─> waves: subgroups at one point
 //! ```
 //!
-//! Workgroups of a step have memory of their own each, and wait at barriers each for itself. Those that may wait for each other in loops
-//! ([`Program::workgroups_may_wait`]) are in a step each, where they have memory or barriers: in a wave, the one that waits would hold up
-//! the one that it waits for, until its fuel is out.
+//! Workgroups of a step have memory of their own each, and wait at barriers each for itself. Those
+//! that may wait for each other in loops ([`Program::workgroups_may_wait`]) are in a step each,
+//! where they have memory or barriers: in a wave, the one that waits would hold up the one that it
+//! waits for, until its fuel is out.
 //!
 //! Which invocations share a subgroup follows from the dispatch alone: sixteen consecutive ones by
 //! `LocalInvocationIndex`, and where workgroups would leave lanes empty and no invocation can tell,
@@ -39,7 +40,8 @@ const CHUNKS_PER_WORKER: u64 = 8;
 /// Invocations that workgroups may need to fill subgroups together, at most: those of the largest workgroup.
 const PACKED_INVOCATIONS: usize = 1024;
 
-/// Bytes of workgroup memory of a step, at most, where it has several workgroups: they stay in a cache.
+/// Bytes of workgroup memory of a step, at most, where it has several workgroups: they stay in a
+/// cache.
 const STEP_SHARED_BYTES: usize = 256 << 10;
 
 /// One `vkCmdDispatch*`, whatever command it came from.
@@ -60,8 +62,9 @@ pub struct Dispatcher {
 }
 
 impl Dispatcher {
-    /// Executes a dispatch and returns when it is complete. What a single worker would do anyway is done on this thread. A worker for whose
-    /// step the device's budget has no room leaves the work to the others.
+    /// Executes a dispatch and returns when it is complete. What a single worker would do anyway is
+    /// done on this thread. A worker for whose step the device's budget has no room leaves the work
+    /// to the others.
     ///
     /// # Errors
     /// When a limit stopped it; what it wrote so far stays written.

@@ -4,11 +4,10 @@
 //! caller owns a [`Runner`], calls [`Runner::begin`], starts each of [`Runner::states`] and fills
 //! its inputs, calls [`Runner::run`], and reads the outputs there.
 
-use smallvec::SmallVec;
 use spirv_jit::Program;
 use spirv_jit::environment::Environment;
 use spirv_jit::interp::Frame;
-use spirv_jit::program::{AlignedRow, Event, Events, ResumePoint, SiteKind, Wave};
+use spirv_jit::program::{AlignedRow, Event, Events, MAX_SUBGROUPS, ResumePoint, SiteKind, Wave};
 use traversal::Walker;
 
 use crate::settings::settings;
@@ -25,9 +24,6 @@ const FUEL_ALONE: u64 = 64;
 /// none.
 const WAVE_FUEL: u64 = FUEL / 1024;
 
-/// Subgroups of a wave, at most.
-const MAX_WAVE: usize = 32;
-
 /// Rows that are cleared in the time of one unit of fuel.
 const ROWS_PER_FUEL: usize = 16;
 
@@ -43,12 +39,12 @@ const KEPT_BYTES: usize = 16 << 20;
 /// Where a subgroup stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Status {
+    /// Ready, or part of the wave that runs.
     Ready,
-    /// Ready at a barrier that none of its lanes has come to: all have gone past it, or have ended. It runs apart from those that have come,
-    /// which may come back to the barrier for ever: other workgroups may be what they wait for.
+    /// Ready at a barrier that none of its lanes has come to: all have gone past it, or have ended.
+    /// It runs apart from those that have come, which may come back to the barrier for ever: other
+    /// workgroups may be what they wait for.
     Past,
-    /// Part of the wave that runs.
-    InWave,
     AtBarrier,
     Ended,
 }
@@ -57,7 +53,8 @@ enum Status {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Subgroups {
     pub count: usize,
-    /// Subgroups of a workgroup, which share memory and wait for each other at barriers: consecutive ones.
+    /// Subgroups of a workgroup, which share memory and wait for each other at barriers:
+    /// consecutive ones.
     pub of_workgroup: usize,
 }
 
@@ -79,6 +76,15 @@ impl Subgroups {
     }
 }
 
+/// Subgroups of a workgroup that meet at barriers.
+#[derive(Clone, Copy, Debug)]
+struct Workgroup {
+    /// Those that have not ended.
+    running: usize,
+    /// Those of them that are at a barrier.
+    waiting: usize,
+}
+
 /// One worker's memory for running a program's subgroups, kept from one set of them to the next: nothing is allocated for each.
 #[derive(Default)]
 pub struct Runner {
@@ -90,8 +96,12 @@ pub struct Runner {
     /// States of the subgroups, one after the other.
     states: Vec<AlignedRow>,
     status: Vec<Status>,
+    /// The subgroups of the wave that runs, ascending.
+    members: Vec<usize>,
     /// Subgroups of a workgroup.
     of_workgroup: usize,
+    /// Kept where the program has barriers.
+    workgroups: Vec<Workgroup>,
     /// Workgroup memory, one workgroup behind the other.
     shared: Vec<AlignedRow>,
     /// Rows of one workgroup's memory.
@@ -109,7 +119,8 @@ pub struct Runner {
     share: Share,
 }
 
-/// Subgroups of a program that a caller best runs together where it may choose: a wave, or fewer where states are large.
+/// Subgroups of a program that a caller best runs together where it may choose: a wave, or fewer
+/// where states are large.
 pub fn subgroups_at_once(program: &Program) -> usize {
     let state_bytes = program.layout().rows * size_of::<AlignedRow>();
     (BYTES_AT_ONCE / state_bytes.max(1)).clamp(1, wave_length(program))
@@ -118,7 +129,7 @@ pub fn subgroups_at_once(program: &Program) -> usize {
 /// Subgroups that a wave of a program takes.
 fn wave_length(program: &Program) -> usize {
     let most = program.max_wave_subgroups().min(settings().wave);
-    most.clamp(1, MAX_WAVE)
+    most.clamp(1, MAX_SUBGROUPS)
 }
 
 impl Runner {
@@ -144,7 +155,8 @@ impl Runner {
         resize(&mut self.shared, shared_rows, limits)
     }
 
-    /// Makes room for subgroups of a program. Their states hold what earlier ones left there until [`Program::start`].
+    /// Makes room for subgroups of a program. Their states hold what earlier ones left there until
+    /// [`Program::start`].
     ///
     /// # Errors
     /// When there is no memory for them, or a limit was reached.
@@ -165,6 +177,15 @@ impl Runner {
         self.burn(cleared as u64, limits)?;
         self.status.clear();
         self.status.resize(subgroups.count, Status::Ready);
+        self.workgroups.clear();
+        if self.has_barriers {
+            let workgroup = Workgroup {
+                running: subgroups.of_workgroup,
+                waiting: 0,
+            };
+            let count = subgroups.count / subgroups.of_workgroup;
+            self.workgroups.resize(count, workgroup);
+        }
         for left in &mut self.waiting {
             self.queries.release(left);
         }
@@ -174,7 +195,8 @@ impl Runner {
         Ok(())
     }
 
-    /// Ends a turn of work: the budget's bytes go back, and so does memory that is too much to keep.
+    /// Ends a turn of work: the budget's bytes go back, and so does memory that is too much to
+    /// keep.
     pub fn rest(&mut self) {
         if self.share.bytes() > KEPT_BYTES {
             *self = Self::default();
@@ -233,8 +255,7 @@ impl Runner {
             match next {
                 Some(leader) => {
                     self.form_wave(program, leader);
-                    let ran = self.run_wave(&run);
-                    ran.inspect_err(|_| self.note_stop(&run, leader))?;
+                    self.run_wave(&run, leader)?;
                     from = leader + 1;
                 }
                 None => return Ok(()),
@@ -248,9 +269,10 @@ impl Runner {
         if self.status.len() > wave_length(program) || !program.sites().is_empty() {
             return Ok(false);
         }
-        self.status.fill(Status::InWave);
+        self.members.clear();
+        self.members.extend(0..self.status.len());
         if !self.status.is_empty() {
-            self.run_wave(run).inspect_err(|_| self.note_stop(run, 0))?;
+            self.run_wave(run, 0)?;
         }
         Ok(self.status.iter().all(|status| *status == Status::Ended))
     }
@@ -258,16 +280,19 @@ impl Runner {
     /// Takes `leader` and the ready subgroups that stand where it stands.
     fn form_wave(&mut self, program: &Program, leader: usize) {
         let (status, point) = (self.status[leader], self.resume_point(program, leader));
-        let mut room = wave_length(program);
+        let room = wave_length(program);
+        let mut members = std::mem::take(&mut self.members);
+        members.clear();
         for index in (leader..self.status.len()).chain(0..leader) {
-            if room == 0 {
+            if members.len() == room {
                 break;
             }
             if self.status[index] == status && self.resume_point(program, index) == point {
-                self.status[index] = Status::InWave;
-                room -= 1;
+                members.push(index);
             }
         }
+        members.sort_unstable();
+        self.members = members;
     }
 
     /// Notes where a subgroup stands that was given up.
@@ -285,59 +310,67 @@ impl Runner {
     }
 
     /// Runs the wave to its next event and notes where its subgroups stand then.
-    fn run_wave(&mut self, run: &Run<'_>) -> Result<(), Stopped> {
+    fn run_wave(&mut self, run: &Run<'_>, leader: usize) -> Result<(), Stopped> {
+        let members = std::mem::take(&mut self.members);
+        let ran = self.run_to_event(run, &members);
+        self.members = members;
+        ran.inspect_err(|_| self.note_stop(run, leader))
+    }
+
+    fn run_to_event(&mut self, run: &Run<'_>, members: &[usize]) -> Result<(), Stopped> {
         let mut fuel = FUEL;
-        let events = self.run_members(run, &mut fuel)?;
+        let events = self.run_members(run, members, &mut fuel)?;
         if !events.contains(Event::OutOfFuel) {
             self.burn(FUEL - fuel + WAVE_FUEL, run.limits)?;
-            return self.settle(run, events);
+            return self.settle(run, members, events);
         }
         run.limits.check()?;
-        let members: SmallVec<[usize; 16]> = in_wave(&self.status).collect();
-        self.settle(run, events)?;
+        self.settle(run, members, events)?;
         if members.len() > 1 {
-            for member in members {
-                self.status[member] = Status::InWave;
+            for member in members.chunks(1) {
                 let mut fuel = FUEL_ALONE;
-                let events = self.run_members(run, &mut fuel)?;
-                self.settle(run, events)?;
+                let events = self.run_members(run, member, &mut fuel)?;
+                self.settle(run, member, events)?;
             }
         }
         Ok(())
     }
 
-    fn run_members(&mut self, run: &Run<'_>, fuel: &mut u64) -> Result<Events, Stopped> {
-        let is_whole = self.has_barriers && self.is_wave_whole();
-        let mut states: [&mut [AlignedRow]; MAX_WAVE] = std::array::from_fn(|_| &mut [][..]);
-        let members = self
-            .states
-            .chunks_exact_mut(self.rows)
-            .zip(&self.status)
-            .filter(|(_, status)| **status == Status::InWave);
-        let mut count = 0;
-        for (place, (state, _)) in states.iter_mut().zip(members) {
-            *place = state;
-            count += 1;
+    /// Runs subgroups, ascending, which stand at one point.
+    fn run_members(
+        &mut self,
+        run: &Run<'_>,
+        members: &[usize],
+        fuel: &mut u64,
+    ) -> Result<Events, Stopped> {
+        let is_whole = self.has_barriers && self.is_whole(members);
+        let mut states: [&mut [AlignedRow]; MAX_SUBGROUPS] = std::array::from_fn(|_| &mut [][..]);
+        let mut all = self.states.chunks_exact_mut(self.rows);
+        let mut next = 0;
+        for (place, &member) in states.iter_mut().zip(members) {
+            *place = all.nth(member - next).expect("one of the subgroups");
+            next = member + 1;
         }
-        let mut shared = [std::ptr::null_mut(); MAX_WAVE];
+        let mut shared = [std::ptr::null_mut(); MAX_SUBGROUPS];
         if self.shared_rows > 0 {
             let base = self.shared.as_mut_ptr();
-            for (place, member) in shared.iter_mut().zip(in_wave(&self.status)) {
+            for (place, &member) in shared.iter_mut().zip(members) {
                 // SAFETY: `begin` made room for the memory of each workgroup.
                 *place = unsafe { base.add(member / self.of_workgroup * self.shared_rows) }.cast();
             }
         }
         let shared: &[*mut u8] = match self.shared_rows {
             0 => &[],
-            _ => &shared[..count],
+            _ => &shared[..members.len()],
         };
-        // SAFETY: the commands' bindings keep what the environment names, and the application keeps what those name; each workgroup's memory
-        // has the program's size; the states are the program's.
+        // SAFETY: the commands' bindings keep what the environment names, and the application keeps
+        // what those name; each workgroup's memory has the program's size; the states are the
+        // program's.
         let events = unsafe {
             run.program.run(
                 &mut self.frame,
                 &mut Wave {
-                    states: &mut states[..count],
+                    states: &mut states[..members.len()],
                     shared,
                     is_whole,
                     environment: run.environment,
@@ -348,14 +381,12 @@ impl Runner {
         events.map_err(|_| Stopped::OutOfMemory)
     }
 
-    fn settle(&mut self, run: &Run<'_>, events: Events) -> Result<(), Stopped> {
+    /// Notes where subgroups stand after a run.
+    fn settle(&mut self, run: &Run<'_>, members: &[usize], events: Events) -> Result<(), Stopped> {
         let program = run.program;
-        let members = (self.states)
-            .chunks_exact_mut(self.rows)
-            .zip(self.status.iter_mut().zip(&mut self.waiting))
-            .filter(|(_, (status, _))| **status == Status::InWave);
-        for ((state, (status, waiting)), event) in members.zip(events.iter()) {
-            *status = match event {
+        for (&member, event) in members.iter().zip(events.iter()) {
+            let state = &mut self.states[member * self.rows..][..self.rows];
+            self.status[member] = match event {
                 Event::End => Status::Ended,
                 Event::OutOfFuel => Status::Ready,
                 Event::Yield(site) => match program.sites()[site.0 as usize] {
@@ -366,7 +397,7 @@ impl Runner {
                             self.walker.get_or_insert_with(|| settings().walker()),
                             program,
                             state,
-                            waiting,
+                            &mut self.waiting[member],
                             run.limits,
                         )?;
                         Status::Ready
@@ -376,26 +407,38 @@ impl Runner {
             };
         }
         if self.has_barriers {
-            self.pass_barriers();
+            self.pass_barriers(members);
         }
         Ok(())
     }
 
-    /// Whether all subgroups of the wave's workgroups that have not ended are in the wave.
-    fn is_wave_whole(&self) -> bool {
-        self.status.chunks(self.of_workgroup).all(|workgroup| {
-            let outside = |status: &Status| !matches!(status, Status::InWave | Status::Ended);
-            !workgroup.contains(&Status::InWave) || !workgroup.iter().any(outside)
-        })
+    /// Whether all subgroups of the members' workgroups that have not ended are members.
+    fn is_whole(&self, members: &[usize]) -> bool {
+        let of_one = |a: &usize, b: &usize| a / self.of_workgroup == b / self.of_workgroup;
+        members
+            .chunk_by(of_one)
+            .all(|members| members.len() == self.workgroups[members[0] / self.of_workgroup].running)
     }
 
-    /// Lets the subgroups of each workgroup go on from a barrier that all have come to, but for those that have ended. A workgroup waits for
-    /// its own subgroups alone: another one may wait for it.
-    fn pass_barriers(&mut self) {
-        for workgroup in self.status.chunks_mut(self.of_workgroup) {
-            let waits = |status: &Status| matches!(status, Status::AtBarrier | Status::Ended);
-            if workgroup.iter().all(waits) {
-                for status in workgroup {
+    /// Counts members that have ended or come to a barrier. The subgroups of a workgroup go on when
+    /// all of them that have not ended have come: a workgroup waits for its own subgroups alone,
+    /// since another one may wait for it.
+    fn pass_barriers(&mut self, members: &[usize]) {
+        for &member in members {
+            let workgroup = &mut self.workgroups[member / self.of_workgroup];
+            match self.status[member] {
+                Status::Ended => workgroup.running -= 1,
+                Status::AtBarrier => workgroup.waiting += 1,
+                Status::Ready | Status::Past => {}
+            }
+        }
+        for &member in members {
+            let index = member / self.of_workgroup;
+            let workgroup = &mut self.workgroups[index];
+            if workgroup.waiting > 0 && workgroup.waiting == workgroup.running {
+                workgroup.waiting = 0;
+                let first = index * self.of_workgroup;
+                for status in &mut self.status[first..][..self.of_workgroup] {
                     if *status == Status::AtBarrier {
                         *status = Status::Ready;
                     }
@@ -403,12 +446,6 @@ impl Runner {
             }
         }
     }
-}
-
-/// The subgroups that are part of the wave.
-fn in_wave(status: &[Status]) -> impl Iterator<Item = usize> {
-    let members = status.iter().enumerate();
-    members.filter_map(|(index, status)| (*status == Status::InWave).then_some(index))
 }
 
 /// Rows of a workgroup's memory.
@@ -423,7 +460,8 @@ struct Run<'a> {
     limits: &'a Limits,
 }
 
-/// Resizes, keeping what is there. Looks at the limits on the way: new memory costs time that no fuel counts.
+/// Resizes, keeping what is there. Looks at the limits on the way: new memory costs time that no
+/// fuel counts.
 fn resize(rows: &mut Vec<AlignedRow>, len: usize, limits: &Limits) -> Result<(), Stopped> {
     rows.truncate(len);
     rows.try_reserve_exact(len - rows.len())

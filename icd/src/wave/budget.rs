@@ -38,7 +38,8 @@ impl Budget {
     }
 }
 
-/// Bytes of a device's budget that one worker holds for its invocations in flight. They go back when it is dropped.
+/// Bytes of a device's budget that one worker holds for its invocations in flight. They go back
+/// when it is dropped.
 #[derive(Default)]
 pub struct Share {
     /// Where the bytes come from; `None` while there are none.

@@ -213,8 +213,9 @@ impl Kernel for Yield {
     }
 }
 
-/// A barrier of the workgroup, in the place of a [`Yield`] without operands. If all subgroups of the wave's workgroups that have not ended
-/// are in the wave and have come to it, all have met: they go on without an event.
+/// A barrier of the workgroup, in the place of a [`Yield`] without operands. If all subgroups of
+/// the wave's workgroups that have not ended are in the wave and have come to it, all have met:
+/// they go on without an event.
 pub(super) struct Barrier;
 
 impl Kernel for Barrier {

@@ -1,6 +1,6 @@
-//! Compute shaders whose invocations cannot tell which others are in their subgroup: their subgroups
-//! may be filled with several small workgroups. And compute shaders whose workgroups may wait for
-//! each other: each of their workgroups runs by itself.
+//! Compute shaders whose invocations cannot tell which others are in their subgroup: their
+//! subgroups may be filled with several small workgroups. And compute shaders whose workgroups may
+//! wait for each other: each of their workgroups runs by itself.
 
 #![forbid(unsafe_code)]
 
@@ -69,9 +69,9 @@ fn sees_changes(inst: &Inst) -> bool {
     }
 }
 
-/// Whether a workgroup may wait in a loop until another one has done something. A loop sees that by atomics whose results are used, by
-/// volatile loads, by loads from images that shaders write, or by any load where memory barriers are that belong to no barrier of the
-/// workgroup.
+/// Whether a workgroup may wait in a loop until another one has done something. A loop sees that by
+/// atomics whose results are used, by volatile loads, by loads from images that shaders write, or
+/// by any load where memory barriers are that belong to no barrier of the workgroup.
 pub fn may_wait_for_workgroups(module: &Module) -> bool {
     let writes_images = (module.functions.iter()).any(|function| has(&function.body, writes_image));
     (module.functions.iter().enumerate()).any(|(index, function)| {

@@ -1,5 +1,5 @@
-//! Workgroup memory that no instruction accesses has the size 0. Shaders declare more than they use, and a workgroup with memory shares
-//! no subgroup with others.
+//! Workgroup memory that no instruction accesses has the size 0. Shaders declare more than they
+//! use, and a workgroup with memory shares no subgroup with others.
 
 #![forbid(unsafe_code)]
 

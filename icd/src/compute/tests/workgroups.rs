@@ -31,8 +31,9 @@ fn per_step(text: &str, workgroups: u32, workers: usize) -> u64 {
     Plan::new(&dispatch, workers).workgroups_per_step
 }
 
-/// Workgroups of so many invocations, which reverse their numbers by way of that much memory, in as many turns as the workgroup's number
-/// says: after an odd number of turns they stand in reverse. Each invocation stores its number at the end.
+/// Workgroups of so many invocations, which reverse their numbers by way of that much memory, in as
+/// many turns as the workgroup's number says: after an odd number of turns they stand in reverse.
+/// Each invocation stores its number at the end.
 fn reversing(invocations: u32, shared_bytes: u32) -> String {
     let last = 4 * (invocations - 1);
     format!(
@@ -120,7 +121,8 @@ fn steps_have_as_many_workgroups_as_fit() {
     assert_eq!(per_step(&waits, 1000, 1), 1);
 }
 
-/// Workgroup 1 spins until workgroup 0 has come past a barrier. Nothing says so that would keep them apart.
+/// Workgroup 1 spins until workgroup 0 has passed a barrier. Its loads are plain, so that both run
+/// in one wave.
 #[test]
 fn a_barrier_is_released_for_its_workgroup_alone() {
     let text = "module compute
@@ -168,7 +170,8 @@ fn a_barrier_is_released_for_its_workgroup_alone() {
     assert_eq!(words(&out), [1, 64]);
 }
 
-/// Workgroup 1 comes to a barrier in a loop again and again, until workgroup 0, which has left the loop, has gone on.
+/// Workgroup 1 comes to a barrier in a loop again and again, until workgroup 0, which has left the
+/// loop, has gone on.
 #[test]
 fn a_workgroup_that_has_left_a_loop_goes_on() {
     let text = "module compute

@@ -152,7 +152,8 @@ fn workgroup_memory_and_barrier() {
     });
 }
 
-/// Two workgroups of two subgroups in one wave: stores, loads at one address for all, atomics and loads at an address for each lane.
+/// Two workgroups of two subgroups in one wave: stores, loads at one address for all, atomics and
+/// loads at an address for each lane.
 const TWO_WORKGROUPS: &str = "module compute
     inputs local_invocation_index.0, workgroup_id.0
     output_rows 3
