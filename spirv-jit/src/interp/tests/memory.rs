@@ -560,8 +560,9 @@ fn check_store(
     space: &str,
     exits: bool,
 ) {
-    let (mut near, far) = (vec![0xaaaa_aaaau32; 200], vec![0xaaaa_aaaau32; 200]);
-    let size_bytes = 4 * near.len() as u64 - 3;
+    // More than the ranges, so that stores past an end would be seen.
+    let (mut near, far) = (vec![0xaaaa_aaaau32; 2000], vec![0xaaaa_aaaau32; 2000]);
+    let size_bytes = 797;
     let mut values = String::new();
     let names: Vec<String> = (0..count).map(|k| format!("v{}", 100 + 4 * k)).collect();
     for (k, name) in names.iter().enumerate() {
@@ -634,7 +635,7 @@ fn check_store(
     bench.input(2, |lane| (addresses[lane] >> 32) as u32);
     bench.run_to_end();
 
-    let mut expected = [vec![0xaa; 800], vec![0xaa; 800]];
+    let mut expected = [vec![0xaa; 8000], vec![0xaa; 8000]];
     for lane in (0..16).filter(|lane| !exits || lane % 3 == 0) {
         for k in 0..count {
             let which = (space == "global" && lane % 5 == 4) as usize;
