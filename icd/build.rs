@@ -5,7 +5,8 @@ use std::path::Path;
 
 fn main() {
     println!("cargo:rerun-if-changed=build.rs");
-    // Worker threads and thread-local destructors may outlive the last `dlclose`: the code must stay mapped.
+    // Worker threads and thread-local destructors may outlive the last `dlclose`: the code must
+    // stay mapped.
     println!("cargo:rustc-cdylib-link-arg=-Wl,-z,nodelete");
     // Stored programs are read by the compiler that made them only.
     let compiler = Path::new("../spirv-jit/src");

@@ -60,7 +60,8 @@ impl Device {
         Compiler {
             capabilities: &self.capabilities,
             messengers: &self.messengers,
-            // A program that a cache has from a device without validation says nothing of alignment.
+            // A program that a cache has from a device without validation says nothing of
+            // alignment.
             checks_alignment: self.validator().is_some(),
         }
     }
@@ -70,10 +71,12 @@ impl Device {
         self.engine.validator.as_deref()
     }
 
-    /// A device with `queue_count` queues. It starts no thread: queues and workers start theirs with the first work that needs them.
+    /// A device with `queue_count` queues. It starts no thread: queues and workers start theirs
+    /// with the first work that needs them.
     ///
     /// # Errors
-    /// Address space that the system does not give; `VK_ERROR_INITIALIZATION_FAILED` where the environment asks for what there is not.
+    /// Address space that the system does not give; `VK_ERROR_INITIALIZATION_FAILED` where the
+    /// environment asks for what there is not.
     pub fn new(
         physical: &PhysicalDevice,
         extensions: ExtensionSet,
@@ -124,7 +127,8 @@ impl Device {
 }
 
 impl Drop for Device {
-    /// Ends the queues' threads and the workers: when the device is gone, no code of this library runs on a thread of its own.
+    /// Ends the queues' threads and the workers: when the device is gone, no code of this library
+    /// runs on a thread of its own.
     fn drop(&mut self) {
         self.engine.shut_down();
         for queue in &self.queues {

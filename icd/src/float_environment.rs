@@ -1,11 +1,14 @@
-//! The floating-point environment of threads that compute: the default one, whatever the application has set.
+//! The floating-point environment of threads that compute: the default one, whatever the
+//! application has set.
 //!
-//! Rust assumes the default (round to nearest even, denormals kept, exceptions masked), and so do the results: but a host may flush
-//! denormals to zero, and new threads inherit that from the one that starts them.
+//! Rust assumes the default (round to nearest even, denormals kept, exceptions masked), and so do
+//! the results: but a host may flush denormals to zero, and new threads inherit that from the one
+//! that starts them.
 
 use std::marker::PhantomData;
 
-/// Keeps the default environment on the current thread, and brings back what was there before when it is dropped.
+/// Keeps the default environment on the current thread, and brings back what was there before when
+/// it is dropped.
 pub struct DefaultEnvironment {
     before: Option<Word>,
     /// It belongs to its thread.
@@ -59,8 +62,8 @@ mod register {
 
     #[inline]
     pub fn write(word: Word) {
-        // SAFETY: the word is the default, which Rust asks for, or one that this thread had before it called this library, to which it
-        // returns then: no reserved bit is set.
+        // SAFETY: the word is the default, which Rust asks for, or one that this thread had before
+        // it called this library, to which it returns then: no reserved bit is set.
         unsafe { asm!("ldmxcsr [{}]", in(reg) &raw const word, options(nostack, preserves_flags)) };
     }
 }

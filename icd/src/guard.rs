@@ -32,7 +32,8 @@ macro_rules! default_on_panic {
 }
 default_on_panic!((), u32, u64, vk::PFN_vkVoidFunction);
 
-/// Runs an entry point's body in the default floating-point environment; a panic is logged once and becomes [`OnPanic::on_panic`].
+/// Runs an entry point's body in the default floating-point environment; a panic is logged once and
+/// becomes [`OnPanic::on_panic`].
 pub fn guard<R: OnPanic>(name: &str, body: impl FnOnce() -> R) -> R {
     let _environment = DefaultEnvironment::enter();
     catch_unwind(AssertUnwindSafe(body)).unwrap_or_else(|payload| {
@@ -46,8 +47,9 @@ thread_local! {
     static PANICKED_AT: RefCell<String> = const { RefCell::new(String::new()) };
 }
 
-/// From now on the panics of this library are printed where they are caught, as `TUFF_LOG` has it, and not when they begin. (The standard
-/// library is linked statically: the application's own panics have another hook.)
+/// From now on the panics of this library are printed where they are caught, as `TUFF_LOG` has it,
+/// and not when they begin. (The standard library is linked statically: the application's own
+/// panics have another hook.)
 pub fn catch_panic_messages() {
     static ONCE: Once = Once::new();
     ONCE.call_once(|| {
@@ -75,8 +77,8 @@ fn panic_message(payload: &(dyn std::any::Any + Send)) -> &str {
         .unwrap_or("no message")
 }
 
-/// Says that a command was refused: every error has a line, if only for those who ask for warnings. That a format is not supported
-/// is the answer to a question.
+/// Says that a command was refused: every error has a line, if only for those who ask for warnings.
+/// That a format is not supported is the answer to a question.
 pub fn refused(name: &str, code: vk::Result) {
     let level = match code {
         vk::Result::ERROR_FORMAT_NOT_SUPPORTED => Level::Debug,

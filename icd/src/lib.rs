@@ -7,7 +7,8 @@
 //!           validate ──> command ──> object ──> format ──> wave ──> table ──> ffi
 //! ```
 //!
-//! [`entry::loader`] has the three symbols that the shared library exports; [`entry::commands`] names every entry point.
+//! [`entry::loader`] has the three symbols that the shared library exports; [`entry::commands`]
+//! names every entry point.
 
 mod affinity;
 pub mod command;
@@ -34,6 +35,6 @@ pub mod transfer;
 pub mod validate;
 pub mod wave;
 
-/// A result with the Vulkan code that an entry point returns. Codes other than `VK_SUCCESS` travel as `Err`, `VK_INCOMPLETE` and
-/// `VK_NOT_READY` included.
+/// A result with the Vulkan code that an entry point returns. Codes other than `VK_SUCCESS` travel
+/// as `Err`, `VK_INCOMPLETE` and `VK_NOT_READY` included.
 pub type VkResult<T = ()> = Result<T, ash::vk::Result>;

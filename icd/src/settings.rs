@@ -24,13 +24,16 @@ pub struct Settings {
     pub wave: usize,
     /// Whether all geometry is opaque to pipelines without any-hit shaders.
     pub opaque_without_any_hit: bool,
-    /// How many threads a device's commands fan out over (`TUFF_THREADS`); unset: what the process may use.
+    /// How many threads a device's commands fan out over (`TUFF_THREADS`); unset: what the process
+    /// may use.
     pub threads: Option<usize>,
     /// Which messages are printed (`TUFF_LOG`).
     pub log: LevelFilter,
-    /// How long one dispatch may run before the device is lost (`TUFF_TIMEOUT`); unset: a picture may take hours.
+    /// How long one dispatch may run before the device is lost (`TUFF_TIMEOUT`); unset: a picture
+    /// may take hours.
     pub timeout: Option<Duration>,
-    /// Whether devices check what only execution can see, even if the application does not ask (`TUFF_VALIDATE`).
+    /// Whether devices check what only execution can see, even if the application does not ask
+    /// (`TUFF_VALIDATE`).
     pub validate: bool,
     /// Whether the table of how full waves were is printed (`TUFF_STATS`).
     pub stats: bool,

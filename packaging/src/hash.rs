@@ -29,8 +29,8 @@ pub fn base64(bytes: &[u8]) -> String {
     bytes.chunks(3).map(digits).collect()
 }
 
-/// Writes `SHA256SUMS`, which `sha256sum --check` reads. Packages that it named before, of another architecture, stay in it as long as
-/// they lie there.
+/// Writes `SHA256SUMS`, which `sha256sum --check` reads. Packages that it named before, of another
+/// architecture, stay in it as long as they lie there.
 ///
 /// # Errors
 /// A file cannot be read or written.

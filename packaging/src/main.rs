@@ -6,7 +6,8 @@
 //!                                                └──> wheel (inside the Python package)
 //! ```
 //!
-//! The same input gives the same bytes: files stand in order, and their times are `SOURCE_DATE_EPOCH` or a fixed day.
+//! The same input gives the same bytes: files stand in order, and their times are
+//! `SOURCE_DATE_EPOCH` or a fixed day.
 
 mod deb;
 mod hash;
@@ -42,7 +43,7 @@ struct Arguments {
     /// The loader's licence
     #[arg(long, value_name = "FILE")]
     loader_licence: Option<PathBuf>,
-    /// What the binaries run on, by Rust's name
+    /// The binaries' architecture, by Rust's name
     #[arg(long, value_name = "NAME", default_value = std::env::consts::ARCH)]
     architecture: String,
     /// The newest glibc that driver and program may need
@@ -168,7 +169,8 @@ fn read(path: &PathBuf) -> Result<Vec<u8>> {
     std::fs::read(path).with_context(|| format!("reading {}", path.display()))
 }
 
-/// The time that all files get: that of reproducible builds, or the first day that a zip file can name.
+/// The time that all files get: that of reproducible builds, or the first day that a zip file can
+/// name.
 fn time(source_date_epoch: Option<&str>) -> Result<u64> {
     const FIRST_DAY: u64 = 315_532_800;
     let Some(text) = source_date_epoch else {

@@ -1,4 +1,5 @@
-//! Debug information goes into files of its own, and what binaries need of glibc is read from their symbols.
+//! Debug information goes into files of its own, and what binaries need of glibc is read from their
+//! symbols.
 //!
 //! The tools are those of GNU binutils, which come with every C++ compiler on Linux.
 
@@ -25,7 +26,8 @@ pub struct Tools {
 }
 
 impl Tools {
-    /// Those of an architecture, by Rust's name: another one's than this machine's have its name before theirs.
+    /// Those of an architecture, by Rust's name: another one's than this machine's have its name
+    /// before theirs.
     pub fn of(architecture: &str) -> Tools {
         Tools {
             prefix: match architecture == std::env::consts::ARCH {

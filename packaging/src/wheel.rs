@@ -140,7 +140,8 @@ fn zipped(wheel: &Tree, info: &str, time: u64) -> Result<Vec<u8>> {
     Ok(zip.finish()?.into_inner())
 }
 
-/// A day of the calendar from seconds since 1970, at midnight (the algorithm is Howard Hinnant's `civil_from_days`).
+/// A day of the calendar from seconds since 1970, at midnight (the algorithm is Howard Hinnant's
+/// `civil_from_days`).
 fn zip_time(seconds: u64) -> Result<zip::DateTime> {
     let days = seconds / 86_400 + 719_468;
     let era = days / 146_097;

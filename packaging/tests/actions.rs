@@ -1,4 +1,5 @@
-//! The GitHub action and the project's workflow: their shell steps run, or at least parse, and name only what is declared.
+//! The GitHub action and the project's workflow: their shell steps run, or at least parse, and name
+//! only what is declared.
 
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
@@ -193,7 +194,8 @@ fn a_path_is_taken() {
 #[test]
 fn releases_are_fetched_and_checked() {
     let runner = Runner::new("release");
-    // In place of the network: copies from a folder, and fails for what is not there, as `curl --fail` does.
+    // In place of the network: copies from a folder, and fails for what is not there, as `curl
+    // --fail` does.
     let curl = "#!/bin/bash\nwhile [ $# -gt 1 ]; do [ \"$1\" = --output ] && out=$2; shift; done\n\
         cp \"${1#http://here}\" \"$out\" 2>/dev/null || exit 22\n";
     runner.write_program("programs/curl", curl);

@@ -1,4 +1,5 @@
-//! Packages of binaries that this test makes up: what is inside, and that the same input gives the same bytes.
+//! Packages of binaries that this test makes up: what is inside, and that the same input gives the
+//! same bytes.
 
 use std::collections::BTreeMap;
 use std::fs;

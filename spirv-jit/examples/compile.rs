@@ -1,4 +1,5 @@
-//! Compiles the entry points of SPIR-V files and says how long it took and how large they became: `compile FILE.spv…`.
+//! Compiles the entry points of SPIR-V files and says how long it took and how large they became:
+//! `compile FILE.spv…`.
 
 use std::time::Instant;
 

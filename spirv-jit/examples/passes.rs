@@ -1,7 +1,8 @@
-//! Shows what the passes make of a shader: `cargo run -p spirv-jit --example passes -- FILE.{rgen,rchit,rahit,rmiss,rint,rcall,comp}…`
+//! Shows what the passes make of a shader: `cargo run -p spirv-jit --example passes --
+//! FILE.{rgen,rchit,rahit,rmiss,rint,rcall,comp}…`
 //!
-//! For each file: size of the IR before and after, and the time of each step. `TUFF_PRINT` prints the IR itself. `#include "…"` is
-//! taken from the file's directory.
+//! For each file: size of the IR before and after, and the time of each step. `TUFF_PRINT` prints
+//! the IR itself. `#include "…"` is taken from the file's directory.
 
 use std::path::Path;
 use std::time::Instant;

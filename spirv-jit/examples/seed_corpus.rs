@@ -1,5 +1,5 @@
-//! Writes real modules, one file each, to `modules` and `words` in the folder that is named: what the fuzz targets of these names start
-//! from.
+//! Writes real modules, one file each, to `modules` and `words` in the folder that is named: what
+//! the fuzz targets of these names start from.
 
 use std::path::Path;
 

@@ -1,6 +1,7 @@
 //! How exactly functions are computed where Vulkan leaves it open (`TUFF_ACCURACY`).
 //!
-//! The choice is made once, when a module is lowered, and shows in the IR: nothing behind it has to know.
+//! The choice is made once, when a module is lowered, and shows in the IR: nothing behind it has to
+//! know.
 
 use std::str::FromStr;
 

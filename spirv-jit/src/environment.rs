@@ -75,13 +75,15 @@ impl Descriptor {
     }
 }
 
-// SAFETY: a descriptor is plain data; what it points to is kept alive and synchronised by the Vulkan application's own rules.
+// SAFETY: a descriptor is plain data; what it points to is kept alive and synchronised by the
+// Vulkan application's own rules.
 unsafe impl Send for Descriptor {}
 // SAFETY: as above.
 unsafe impl Sync for Descriptor {}
 
-/// A descriptor in memory that applications and shaders write (`VK_EXT_descriptor_buffer`). Whatever its bytes are, using it reaches live
-/// memory and objects of the device alone: [`Environment::descriptor`] sees to that, at each use.
+/// A descriptor in memory that applications and shaders write (`VK_EXT_descriptor_buffer`).
+/// Whatever its bytes are, using it reaches live memory and objects of the device alone:
+/// [`Environment::descriptor`] sees to that, at each use.
 ///
 /// All zeros is the null descriptor. Fields are as in [`Descriptor`], except views and samplers,
 /// which are named by keys.
@@ -91,7 +93,8 @@ pub struct StoredDescriptor {
     /// Where [`Self::STRUCTURE`] is set, the [`Key`] of an acceleration structure.
     pub address: u64,
     pub size_bytes: u64,
-    /// The [`Key`] of an image view; where bit 0 is set, a format, as [`Descriptor::texel_buffer`] has it.
+    /// The [`Key`] of an image view; where bit 0 is set, a format, as [`Descriptor::texel_buffer`]
+    /// has it.
     pub image: u64,
     /// The [`Key`] of a sampler.
     pub sampler: u64,
@@ -121,20 +124,24 @@ impl From<Descriptor> for StoredDescriptor {
     }
 }
 
-/// A bound descriptor set: its entries and how many there are (with a variable descriptor count, the actual one).
+/// A bound descriptor set: its entries and how many there are (with a variable descriptor count,
+/// the actual one).
 #[derive(Clone, Copy, Debug)]
 pub struct DescriptorSet {
     /// [`StoredDescriptor`]s if the set is `stored`.
     pub entries: *const Descriptor,
     pub count: u32,
-    /// The entries lie in memory that others write: aligned to 8 and mapped for as long as the set is bound, no more is known of them.
+    /// The entries lie in memory that others write: aligned to 8 and mapped for as long as the set
+    /// is bound, no more is known of them.
     pub stored: bool,
-    /// In a stored set, entries that are not there but here: those of inline uniform blocks, `block_count` of them.
+    /// In a stored set, entries that are not there but here: those of inline uniform blocks,
+    /// `block_count` of them.
     pub blocks: *const InlineBlock,
     pub block_count: u32,
 }
 
-/// Numbers that name descriptors, for what a descriptor cannot be: a value that is kept, passed on or compared.
+/// Numbers that name descriptors, for what a descriptor cannot be: a value that is kept, passed on
+/// or compared.
 ///
 /// The low half is the entry, the high half the table: 0 for none, so that 0 is the null
 /// descriptor; then the sets, the dynamic descriptors, and the push constants. Every use of a
@@ -146,7 +153,8 @@ pub mod reference {
     pub const SETS: u32 = 1;
     /// [`Environment::dynamic`](super::Environment::dynamic).
     pub const DYNAMIC: u32 = SETS + MAX_SETS as u32;
-    /// [`Environment::push_constants`](super::Environment::push_constants), which is the only entry.
+    /// [`Environment::push_constants`](super::Environment::push_constants), which is the only
+    /// entry.
     pub const PUSH_CONSTANTS: u32 = DYNAMIC + 1;
 
     /// The reference to an entry of a table.
@@ -172,7 +180,8 @@ impl DescriptorSet {
         block_count: 0,
     };
 
-    /// Address of the descriptor at an entry that there is, as [`Environment::descriptor`] takes it.
+    /// Address of the descriptor at an entry that there is, as [`Environment::descriptor`] takes
+    /// it.
     ///
     /// # Safety
     /// The set is bound.
@@ -204,7 +213,8 @@ impl DescriptorSet {
     }
 }
 
-/// Descriptors are multiples of 8; this bit in the address of one says that it is a [`StoredDescriptor`].
+/// Descriptors are multiples of 8; this bit in the address of one says that it is a
+/// [`StoredDescriptor`].
 pub const STORED: u64 = 1;
 
 /// Descriptors are never below this: what is, is none.
@@ -225,10 +235,12 @@ pub mod uniform {
 /// Everything that is the same for all invocations of a dispatch.
 #[derive(Clone)]
 pub struct Environment {
-    /// Of [`Environment::next_number`], one for everything else here and what it points to: what programs compute of it is kept by number.
+    /// Of [`Environment::next_number`], one for everything else here and what it points to: what
+    /// programs compute of it is kept by number.
     pub number: u64,
     pub sets: [DescriptorSet; MAX_SETS],
-    /// Dynamic uniform and storage buffers with their offsets applied; per set, the first one's index comes with the pipeline layout.
+    /// Dynamic uniform and storage buffers with their offsets applied; per set, the first one's
+    /// index comes with the pipeline layout.
     pub dynamic: *const Descriptor,
     pub dynamic_count: u32,
     /// Covers the push constants.
@@ -265,7 +277,8 @@ impl Environment {
         }
     }
 
-    /// The descriptor at an address that `Op::Descriptor` gave. Pointers in it lead to live memory, or to views and samplers of the device.
+    /// The descriptor at an address that `Op::Descriptor` gave. Pointers in it lead to live memory,
+    /// or to views and samplers of the device.
     ///
     /// # Safety
     /// The address is such a one, or zero.
@@ -289,7 +302,8 @@ impl Environment {
     #[inline(never)]
     unsafe fn stored_descriptor(&self, address: u64) -> Descriptor {
         let words = (address & !STORED) as *const u64;
-        // SAFETY: as the caller promises: aligned and mapped. Others may write meanwhile: the words are then any mix.
+        // SAFETY: as the caller promises: aligned and mapped. Others may write meanwhile: the words
+        // are then any mix.
         let [address, size_bytes, image, sampler] =
             std::array::from_fn(|k| unsafe { words.add(k).read_volatile() });
         if address & StoredDescriptor::STRUCTURE != 0 {

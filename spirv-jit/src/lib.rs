@@ -38,5 +38,6 @@ pub use error::Error;
 pub use lanes::{LaneMask, Tier};
 pub use program::{CompileRequest, Program, compile};
 
-/// Lanes in a subgroup, whatever the tier or the machine (`VkPhysicalDeviceSubgroupProperties::subgroupSize`).
+/// Lanes in a subgroup, whatever the tier or the machine
+/// (`VkPhysicalDeviceSubgroupProperties::subgroupSize`).
 pub const SUBGROUP_SIZE: usize = 16;

@@ -1,4 +1,5 @@
-//! Where a program comes from, for reports of what went wrong in it: names, and the lines of its source.
+//! Where a program comes from, for reports of what went wrong in it: names, and the lines of its
+//! source.
 
 #![forbid(unsafe_code)]
 
@@ -106,7 +107,8 @@ pub fn has_lines(words: &[u32]) -> bool {
     })
 }
 
-/// The line that the instruction at a word offset comes from: the last one stated before it in its function. Words may be anything.
+/// The line that the instruction at a word offset comes from: the last one stated before it in its
+/// function. Words may be anything.
 pub fn line_at(words: &[u32], offset: u32) -> Option<SourceLine> {
     let mut lines = Lines::default();
     (instructions(words).take_while(|&(at, _)| at <= offset as usize))

@@ -33,12 +33,14 @@ pub use crate::types::Trace;
 /// Compiles one entry point.
 ///
 /// # Errors
-/// See [`ErrorKind`](crate::error::ErrorKind). Never panics, whatever the words are; time and memory are bounded in proportion to the module.
+/// See [`ErrorKind`](crate::error::ErrorKind). Never panics, whatever the words are; time and
+/// memory are bounded in proportion to the module.
 pub fn compile(request: &CompileRequest<'_>) -> Result<Arc<Program>, Error> {
     Program::new(&compile_module(request)?).map(Arc::new)
 }
 
-/// Compiles one entry point as far as [`compile`] does without looking at the machine: what a cache keeps.
+/// Compiles one entry point as far as [`compile`] does without looking at the machine: what a cache
+/// keeps.
 ///
 /// # Errors
 /// As [`compile`].
@@ -59,7 +61,8 @@ pub fn from_bytes(bytes: &[u8]) -> Result<Arc<Program>, Error> {
     Program::new(&module).map(Arc::new)
 }
 
-/// A compiled shader: what every tier knows of it, and the interpreter's code. Immutable and shared between threads.
+/// A compiled shader: what every tier knows of it, and the interpreter's code. Immutable and shared
+/// between threads.
 pub struct Program {
     /// Differs from every other program's in the process, and is not 0.
     number: u64,
@@ -90,7 +93,8 @@ impl Program {
         Self::with_tier(module, Tier::best())
     }
 
-    /// As [`Self::new`], for a tier that is not the best: for tests and measurements. The tier is one that the machine has.
+    /// As [`Self::new`], for a tier that is not the best: for tests and measurements. The tier is
+    /// one that the machine has.
     ///
     /// # Errors
     /// As [`Self::new`].
@@ -157,7 +161,8 @@ impl Program {
         self.local_size
     }
 
-    /// Compute: four consecutive lanes are two by two invocations of the workgroup, instead of four in a row.
+    /// Compute: four consecutive lanes are two by two invocations of the workgroup, instead of four
+    /// in a row.
     pub fn quads(&self) -> bool {
         self.quads
     }
@@ -194,7 +199,7 @@ impl Program {
         self.code.frame_bytes(subgroups)
     }
 
-    /// What yields ask for, by `SiteId`.
+    /// The requests of yields, by `SiteId`.
     #[inline]
     pub fn sites(&self) -> &[SiteKind] {
         &self.plan.sites
@@ -225,7 +230,8 @@ impl Program {
         &self.outputs
     }
 
-    /// Vertex and fragment: where each of those words comes from, if the program computes none of them.
+    /// Vertex and fragment: where each of those words comes from, if the program computes none of
+    /// them.
     #[inline]
     pub fn passed(&self) -> Option<&[Passed]> {
         self.passed.as_deref()
@@ -248,7 +254,8 @@ impl Program {
         ((self.plan.private_rows + self.plan.live_rows) * 4) as u32
     }
 
-    /// Puts a state at the program's entry with these lanes active. Inputs may be filled before or after; outputs are zeroed.
+    /// Puts a state at the program's entry with these lanes active. Inputs may be filled before or
+    /// after; outputs are zeroed.
     ///
     /// # Panics
     /// The state is smaller than [`StateLayout::rows`].
@@ -256,7 +263,8 @@ impl Program {
         self.plan.start(state, active, LaneMask::NONE);
     }
 
-    /// As [`Self::start`] for a fragment program: `helpers`, some of the active lanes, are helper invocations.
+    /// As [`Self::start`] for a fragment program: `helpers`, some of the active lanes, are helper
+    /// invocations.
     ///
     /// # Panics
     /// As [`Self::start`].
@@ -264,7 +272,8 @@ impl Program {
         self.plan.start(state, active, helpers);
     }
 
-    /// Lanes of a fragment program's ended state that are helper invocations: from the start, or since they were demoted or killed.
+    /// Lanes of a fragment program's ended state that are helper invocations: from the start, or
+    /// since they were demoted or killed.
     #[inline]
     pub fn helpers(&self, state: &[AlignedRow]) -> LaneMask {
         LaneMask::from_bits(state[0].0[2] as u16)
@@ -276,8 +285,9 @@ impl Program {
         ResumePoint(state[0].0[0])
     }
 
-    /// Lanes of a yielded state that take part in its event (may be none: such a subgroup is ready at once). Only their columns
-    /// of the `io` rows are the event's: the others may hold outputs of lanes that have ended.
+    /// Lanes of a yielded state that take part in its event (may be none: such a subgroup is ready
+    /// at once). Only their columns of the `io` rows are the event's: the others may hold outputs
+    /// of lanes that have ended.
     #[inline]
     pub fn event_mask(&self, state: &[AlignedRow]) -> LaneMask {
         LaneMask::from_bits(state[0].0[1] as u16)
@@ -338,13 +348,15 @@ impl Program {
         (self.plan.points[point].site).map(|site| self.plan.sites[site.0 as usize])
     }
 
-    /// Whether lanes of a yielded state wait in an enclosing construct for those that take part in the event.
+    /// Whether lanes of a yielded state wait in an enclosing construct for those that take part in
+    /// the event.
     pub fn has_parked_lanes(&self, state: &[AlignedRow]) -> bool {
         self.plan.has_parked_lanes(state)
     }
 
-    /// Makes up a yielded state from lanes of other states, all of which stand at one point: lane `k` is column `from[k].1` of
-    /// `from[k].0`. Lanes that are not `active` may be anything; lanes that wait for others in enclosing constructs stay behind.
+    /// Makes up a yielded state from lanes of other states, all of which stand at one point: lane
+    /// `k` is column `from[k].1` of `from[k].0`. Lanes that are not `active` may be anything; lanes
+    /// that wait for others in enclosing constructs stay behind.
     ///
     /// # Panics
     /// A state is smaller than [`StateLayout::rows`].
@@ -357,13 +369,15 @@ impl Program {
         self.plan.gather_lanes(state, active, from);
     }
 
-    /// Takes the lanes of a yielded state's event out of it: they go on elsewhere, those that wait for them go on without them.
+    /// Takes the lanes of a yielded state's event out of it: they go on elsewhere, those that wait
+    /// for them go on without them.
     pub fn leave_parked_lanes(&self, state: &mut [AlignedRow]) {
         state[0].0[1] = 0;
     }
 
-    /// Runs a wave of subgroups that stand at one resume point until each has come to an event. `fuel` is burnt at loop back-edges and calls, by the
-    /// length of the code and for the whole wave.
+    /// Runs a wave of subgroups that stand at one resume point until each has come to an event.
+    /// `fuel` is burnt at loop back-edges and calls, by the length of the code and for the whole
+    /// wave.
     ///
     /// # Safety
     /// Until it returns, each of `wave.shared` points to [`Self::shared_size_bytes`] bytes, and in

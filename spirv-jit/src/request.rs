@@ -12,12 +12,14 @@ pub struct CompileRequest<'a> {
     pub stage: ir::stage::Stage,
     /// `SpecId` and its bytes (`VkSpecializationMapEntry`; booleans as `VkBool32`).
     pub specialization: &'a [(u32, &'a [u8])],
-    /// Where each (set, binding) lies in the pipeline layout; a pair that gives `None` is a null descriptor.
+    /// Where each (set, binding) lies in the pipeline layout; a pair that gives `None` is a null
+    /// descriptor.
     pub bindings: &'a dyn Fn(u32, u32) -> Option<ir::op::DescriptorBinding>,
     /// Capabilities that the device has enabled; a module that declares others is refused.
     pub capabilities: &'a [rspirv::spirv::Capability],
     pub accuracy: Accuracy,
-    /// Whether accesses through physical pointers say when those are less aligned than the module promises.
+    /// Whether accesses through physical pointers say when those are less aligned than the module
+    /// promises.
     pub checks_alignment: bool,
     /// Whether inputs decorated as `ViewIndex` hold the device index
     /// (`VK_PIPELINE_CREATE_VIEW_INDEX_FROM_DEVICE_INDEX_BIT`).

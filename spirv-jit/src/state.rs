@@ -1,15 +1,17 @@
 //! Subgroups that run: their states, why a run comes back, and what a yield asks for.
 //!
-//! A *subgroup state* is one contiguous, 64-byte-aligned block of rows, each row 16 lanes of one 32-bit word:
+//! A *subgroup state* is one contiguous, 64-byte-aligned block of rows, each row 16 lanes of one
+//! 32-bit word:
 //!
 //! ```text
 //! [ control | inputs | io: a yield's operands and results, or outputs | private memory | live values ]
 //! ```
 //!
-//! The scheduler owns the block, fills `inputs`, calls [`Program::start`](crate::Program::start), then
-//! [`Program::run`](crate::Program::run) with one or more subgroups that stand at the same [`ResumePoint`]. At a yield it reads
-//! operands from the `io` rows and writes results over them; at the end it reads outputs there. Nothing else in the block is its
-//! business, and no other crate knows which tier ran.
+//! The scheduler owns the block, fills `inputs`, calls [`Program::start`](crate::Program::start),
+//! then [`Program::run`](crate::Program::run) with one or more subgroups that stand at the same
+//! [`ResumePoint`]. At a yield it reads operands from the `io` rows and writes results over them;
+//! at the end it reads outputs there. Nothing else in the block is its business, and no other crate
+//! knows which tier ran.
 
 use crate::environment::Environment;
 use crate::facts::Fact;
@@ -39,25 +41,31 @@ pub struct SiteId(pub u32);
 /// The request of a yield. Rows count from the start of the `io` rows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SiteKind {
-    /// Rows 0..15: the ray (see `Op::TraceRay`); row 15: its time, if it has one; rows 16..16+n: payload, in and out.
-    /// To a hit object, up to the hit or miss: rows 0..16 of the answer are the words that [`TRACED`](crate::hit_object::TRACED) lists.
+    /// Rows 0..15: the ray (see `Op::TraceRay`); row 15: its time, if it has one; rows 16..16+n:
+    /// payload, in and out. To a hit object, up to the hit or miss: rows 0..16 of the answer are
+    /// the words that [`TRACED`](crate::hit_object::TRACED) lists.
     TraceRay { trace: Trace, payload_words: u32 },
-    /// Row 0: t; row 1: hit kind; rows 16..16+n: attribute. The verdict goes to row 0: 0 rejected, 1 accepted,
-    /// 2 accepted and the search is over: the invocation ends here instead of going on (as after `OpTerminateRayKHR` in its any-hit shader).
+    /// Row 0: t; row 1: hit kind; rows 16..16+n: attribute. The verdict goes to row 0: 0 rejected,
+    /// 1 accepted, 2 accepted and the search is over: the invocation ends here instead of going on
+    /// (as after `OpTerminateRayKHR` in its any-hit shader).
     ReportIntersection { attribute_words: u32 },
     /// Row 0: callable index; rows 16..16+n: data, in and out.
     ExecuteCallable { data_words: u32 },
-    /// Rows 0..16: the first words of the hit object; rows 16..16+n: payload, in and out; then the hit object's other words.
+    /// Rows 0..16: the first words of the hit object; rows 16..16+n: payload, in and out; then the
+    /// hit object's other words.
     HitObjectExecute { payload_words: u32 },
-    /// Rows 0..9: the words that [`IDENTITY`](crate::hit_object::IDENTITY) lists; the answer goes to the rows from 0 on.
+    /// Rows 0..9: the words that [`IDENTITY`](crate::hit_object::IDENTITY) lists; the answer goes
+    /// to the rows from 0 on.
     HitObjectGet { fact: Fact },
-    /// Row 0: hint; row 1: its bits; row 2: kind of the hit object, or all ones without one; row 3: its record index.
+    /// Row 0: hint; row 1: its bits; row 2: kind of the hit object, or all ones without one; row 3:
+    /// its record index.
     ReorderThread,
     /// Workgroup barrier. No event where the wave is whole ([`Wave::is_whole`]) and all its
     /// subgroups come to it.
     Barrier,
-    /// Row 0: the first private row of a ray query's object ([`crate::query`]), which is read and rewritten there; then, over it, 1 if the
-    /// query stands at a candidate, or 0. The lanes' memory is [`Program::private_rows`](crate::Program::private_rows).
+    /// Row 0: the first private row of a ray query's object ([`crate::query`]), which is read and
+    /// rewritten there; then, over it, 1 if the query stands at a candidate, or 0. The lanes'
+    /// memory is [`Program::private_rows`](crate::Program::private_rows).
     RayQueryProceed,
 }
 
@@ -77,7 +85,8 @@ pub struct StateLayout {
 
 /// A wave to run: the states of its subgroups, and what their workgroups share.
 pub struct Wave<'a> {
-    /// Each has [`StateLayout::rows`] rows. At most [`Program::max_wave_subgroups`](crate::Program::max_wave_subgroups).
+    /// Each has [`StateLayout::rows`] rows. At most
+    /// [`Program::max_wave_subgroups`](crate::Program::max_wave_subgroups).
     pub states: &'a mut [&'a mut [AlignedRow]],
     /// Compute: the first byte of each subgroup's workgroup memory; subgroups of one workgroup have
     /// the same. Empty for programs without workgroup memory.

@@ -1,4 +1,5 @@
-//! Scalar types, and the operations of atomics: what the IR, image accesses and hit objects speak of.
+//! Scalar types, and the operations of atomics: what the IR, image accesses and hit objects speak
+//! of.
 
 #![forbid(unsafe_code)]
 
@@ -75,7 +76,8 @@ impl fmt::Display for Type {
     }
 }
 
-/// Read-modify-write operations. The operand's type is the result's: i32, i64, f32, f64 (f16 and i16 where the feature is advertised).
+/// Read-modify-write operations. The operand's type is the result's: i32, i64, f32, f64 (f16 and
+/// i16 where the feature is advertised).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum AtomicOp {
     Load,

@@ -1,5 +1,6 @@
-//! Tables of image views, samplers and replayable structures, for descriptors that lie in memory which applications and shaders write: those name a slot by a
-//! [`Key`]. A key that was never given out, or whose object is gone, finds nothing.
+//! Tables of image views, samplers and replayable structures, for descriptors that lie in memory
+//! which applications and shaders write: those name a slot by a [`Key`]. A key that was never given
+//! out, or whose object is gone, finds nothing.
 
 use std::cell::UnsafeCell;
 use std::collections::{HashMap, VecDeque};
@@ -8,8 +9,8 @@ use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 
 use crate::image::{ImageDescriptor, SamplerDescriptor};
 
-/// Names a slot: twice its number, so that bit 0 is clear, and in the upper half a check of 31 bits, which is never zero and changes with
-/// each use of the slot.
+/// Names a slot: twice its number, so that bit 0 is clear, and in the upper half a check of 31
+/// bits, which is never zero and changes with each use of the slot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Key(pub u64);
 
@@ -58,7 +59,8 @@ struct Slot<T> {
 
 type Chunk<T> = OnceLock<Box<[Slot<T>]>>;
 
-/// Slots at addresses that stay as long as the table. Slots that can be asked for again by their keys have odd numbers, others even ones.
+/// Slots at addresses that stay as long as the table. Slots that can be asked for again by their
+/// keys have odd numbers, others even ones.
 pub struct Table<T> {
     groups: Box<[OnceLock<Box<[Chunk<T>]>>]>,
     state: Mutex<State>,
@@ -74,8 +76,8 @@ struct State {
     check: u32,
 }
 
-/// Which numbers are free: from `next` on, in steps of two, and those of objects that are gone, oldest first. Some of either may be in use:
-/// they were asked for.
+/// Which numbers are free: from `next` on, in steps of two, and those of objects that are gone,
+/// oldest first. Some of either may be in use: they were asked for.
 #[derive(Default)]
 struct Numbers {
     next: u32,
@@ -103,7 +105,8 @@ fn filled<U>(
 }
 
 impl<T: Copy> Table<T> {
-    /// An empty table. `null` is what reads give zeros from; `nullify` makes contents so without moving what they point to.
+    /// An empty table. `null` is what reads give zeros from; `nullify` makes contents so without
+    /// moving what they point to.
     pub fn new(null: T, nullify: fn(&mut T)) -> Self {
         Self {
             groups: (0..GROUPS).map(|_| OnceLock::new()).collect(),
@@ -145,7 +148,8 @@ impl<T: Copy> Table<T> {
         self.store_at(contents, false, None)
     }
 
-    /// Stores contents under a key that can be asked for again: `wanted`, if it was given out before.
+    /// Stores contents under a key that can be asked for again: `wanted`, if it was given out
+    /// before.
     ///
     /// # Errors
     /// [`StoreError`].
@@ -244,7 +248,8 @@ impl<T: Copy> Table<T> {
 pub struct Views {
     pub images: Table<ImageDescriptor>,
     pub samplers: Table<SamplerDescriptor>,
-    /// Addresses of acceleration structures whose descriptors can be had again though the structures lie elsewhere.
+    /// Addresses of acceleration structures whose descriptors can be had again though the
+    /// structures lie elsewhere.
     pub structures: Table<u64>,
     /// The keys of those, by address.
     structure_keys: Mutex<HashMap<u64, Key>>,
@@ -283,8 +288,8 @@ impl Views {
     }
 }
 
-// SAFETY: contents are plain data, written under the lock while no key finds them; accesses to the memory that they name are synchronised
-// by the Vulkan application.
+// SAFETY: contents are plain data, written under the lock while no key finds them; accesses to the
+// memory that they name are synchronised by the Vulkan application.
 unsafe impl Send for Views {}
 // SAFETY: as above.
 unsafe impl Sync for Views {}

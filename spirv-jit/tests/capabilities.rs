@@ -1,4 +1,5 @@
-//! The list of capabilities that are refused (`docs/capabilities.md`) is what the front end refuses.
+//! The list of capabilities that are refused (`docs/capabilities.md`) is what the front end
+//! refuses.
 
 use std::collections::BTreeSet;
 

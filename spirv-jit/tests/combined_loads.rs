@@ -1,5 +1,5 @@
-//! Combined loads give what the loads did that they are made of: on every tier, in lanes whose record is inside of its memory, partly outside
-//! and outside.
+//! Combined loads give what the loads did that they are made of: on every tier, in lanes whose
+//! record is inside of its memory, partly outside and outside.
 
 use std::sync::Arc;
 
@@ -14,10 +14,12 @@ use spirv_jit::{LaneMask, Program, Tier};
 
 const LANES: usize = 16;
 
-/// Bytes of the buffer, of workgroup memory, and of what device addresses lead to: the last word is not wholly inside.
+/// Bytes of the buffer, of workgroup memory, and of what device addresses lead to: the last word is
+/// not wholly inside.
 const SIZE_BYTES: u64 = 158;
 
-/// Loads at `v30` and at offsets of 4, 8, 12 bytes behind it, `v31` to `v33`, in some space; of global ones the addresses are `v40` and so on.
+/// Loads at `v30` and at offsets of 4, 8, 12 bytes behind it, `v31` to `v33`, in some space; of
+/// global ones the addresses are `v40` and so on.
 struct Case {
     loads: &'static str,
     /// How many become of them.

@@ -14,10 +14,12 @@
 //! …
 //! ```
 //!
-//! A `run` line gives words for the input rows and the output words that must come of them, computed by hand. Besides, every module runs on
-//! made-up inputs as it is, after its passes and after all passes, and must do the same.
+//! A `run` line gives words for the input rows and the output words that must come of them,
+//! computed by hand. Besides, every module runs on made-up inputs as it is, after its passes and
+//! after all passes, and must do the same.
 //!
-//! `TUFF_BLESS=1 cargo test -p spirv-jit --test filetests` rewrites the expectations; read the difference before you commit it.
+//! `TUFF_BLESS=1 cargo test -p spirv-jit --test filetests` rewrites the expectations; read the
+//! difference before you commit it.
 
 mod observe;
 
@@ -105,7 +107,8 @@ fn apply(case: &Case<'_>) -> Result<String, String> {
     Ok(print_module(&module))
 }
 
-/// The module as it came, after the case's passes and after all of them must do the same, and what the `run` lines say.
+/// The module as it came, after the case's passes and after all of them must do the same, and what
+/// the `run` lines say.
 fn check_runs(case: &Case<'_>, after_passes: &Module) -> Result<(), String> {
     let original = parse_module(case.input)?;
     let mut optimised = original.clone();

@@ -248,7 +248,8 @@ fn helpers_change_no_memory_and_atomics_give_them_zero() {
     }
 }
 
-/// A lane that is demoted goes on, so that its neighbours have derivatives; `gl_HelperInvocation` stays what it was at the start.
+/// A lane that is demoted goes on, so that its neighbours have derivatives; `gl_HelperInvocation`
+/// stays what it was at the start.
 #[test]
 fn a_demoted_lane_is_still_a_neighbour() {
     let program = program(
@@ -291,7 +292,8 @@ fn a_demoted_lane_is_still_a_neighbour() {
     }
 }
 
-/// Each lane leaves the loop in its own iteration, killed or not; the helper mask outlasts suspensions.
+/// Each lane leaves the loop in its own iteration, killed or not; the helper mask outlasts
+/// suspensions.
 #[test]
 fn a_killed_lane_ends_at_once() {
     let program = program(
@@ -428,7 +430,8 @@ fn interpolation_input(row: InputRow, lane: usize) -> u32 {
     }
 }
 
-/// The interpolated value by the definition: weights from planes at the offset, divided by their sum where perspective-correct.
+/// The interpolated value by the definition: weights from planes at the offset, divided by their
+/// sum where perspective-correct.
 fn interpolated(component: u8, [x, y]: [f32; 2], perspective: bool) -> f32 {
     let weights = PLANES.map(|[at, dx, dy]| at + dx * x + dy * y);
     let sum: f32 = match perspective {

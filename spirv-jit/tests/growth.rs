@@ -1,5 +1,6 @@
-//! Compiling takes memory and time by the size of the module, whatever grows in it: values that live over many back-edges, values that all
-//! live at once, phis of many predecessors, calls with much alive.
+//! Compiling takes memory and time by the size of the module, whatever grows in it: values that
+//! live over many back-edges, values that all live at once, phis of many predecessors, calls with
+//! much alive.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
@@ -313,7 +314,7 @@ fn memory_and_time_follow_the_size_of_the_module() {
                 memory < 1.6 * growth,
                 "{name}: memory {memory:.1} for {growth:.1}"
             );
-            // What grows by the square takes sixteen times as long for each four.
+            // Quadratic growth takes sixteen times as long for each four.
             assert!(
                 time < 3.0 * growth,
                 "{name}: time {time:.1} for {growth:.1}"

@@ -23,8 +23,8 @@ fn whole(memory: &Sparse) -> Descriptor {
     }
 }
 
-/// Runs a shader whose binding 0 is the memory, declared by `block`. Each invocation has an index and
-/// returns a result.
+/// Runs a shader whose binding 0 is the memory, declared by `block`. Each invocation has an index
+/// and returns a result.
 fn run(memory: &Sparse, block: &str, body: &str, indices: [u32; 16]) -> Vec<[u32; 4]> {
     let source = format!(
         "{HEAD}
@@ -45,8 +45,8 @@ fn run(memory: &Sparse, block: &str, body: &str, indices: [u32; 16]) -> Vec<[u32
     small.buffers[1].1.as_chunks().0.to_vec()
 }
 
-/// Indices of elements at the start, around 2 GiB, around 3 GiB and at the end; then indices past the
-/// end.
+/// Indices of elements at the start, around 2 GiB, around 3 GiB and at the end; then indices past
+/// the end.
 fn places(element_bytes: u64) -> [u32; 16] {
     let last = LARGEST / element_bytes - 1;
     let around = |at: u64| [at / element_bytes - 1, at / element_bytes];

@@ -1,4 +1,5 @@
-//! Modules that are deep, long, or would explode: the passes take them in bounded stack, memory and time.
+//! Modules that are deep, long, or would explode: the passes take them in bounded stack, memory and
+//! time.
 
 use std::time::Duration;
 
@@ -101,7 +102,8 @@ fn call_trees_that_double() {
     assert!(total < 40_000, "{total} instructions");
 }
 
-/// However little fuel a run has, it comes back where that is spent, and the next one goes on there.
+/// However little fuel a run has, it comes back where that is spent, and the next one goes on
+/// there.
 #[test]
 fn calls_burn_fuel() {
     let (levels, fuel) = (12, 100);
@@ -130,7 +132,8 @@ fn calls_burn_fuel() {
     // 2 + 4 + … + 2¹¹ calls, 100 a run.
     let calls = (1u64 << levels) - 2;
     assert_eq!(runs, calls / fuel + 1);
-    // The last function adds one to a number that goes through all of its calls and is one at first.
+    // The last function adds one to a number that goes through all of its calls and is one at
+    // first.
     let sum = 1 + (1 << (levels - 1));
     let io = state[program.layout().io].0;
     let expected = std::array::from_fn(|lane| if active.contains(lane) { sum } else { 0 });

@@ -119,7 +119,8 @@ fn information_refers_to_what_comes_later() {
     expect_results(&module);
 }
 
-/// The null pointer is no variable's (`OpConstantNull`; "PhysicalStorageBuffer and logical pointers" of the specification compare unequal).
+/// The null pointer is no variable's (`OpConstantNull`; "PhysicalStorageBuffer and logical
+/// pointers" of the specification compare unequal).
 #[test]
 fn null_is_no_place_in_workgroup_memory() {
     use rspirv::binary::Assemble;

@@ -124,7 +124,7 @@ impl Shader {
             .unwrap()
     }
 
-    /// What accesses to the words are told.
+    /// The form of accesses to the words.
     fn access(&self) -> (Option<MemoryAccess>, Vec<Operand>) {
         match self.class {
             StorageClass::PhysicalStorageBuffer => {
@@ -330,8 +330,8 @@ fn wide_indices_are_whole() {
     assert_eq!(found, [9, 1, 7, 8, 0, 7, 0, 8]);
 }
 
-/// Moves a pointer inside an array of workgroup memory, whose elements hold their index. `array` and
-/// `pointer`: their `ArrayStride`. `is_block`: the module lays out workgroup memory.
+/// Moves a pointer inside an array of workgroup memory, whose elements hold their index. `array`
+/// and `pointer`: their `ArrayStride`. `is_block`: the module lays out workgroup memory.
 fn moved_in_workgroup(array: Option<u32>, pointer: Option<u32>, is_block: bool) -> Vec<u32> {
     let mut shader = Shader::new(StorageClass::StorageBuffer, AddressingModel::Logical);
     shader

@@ -1,7 +1,8 @@
-//! Random structured programs: what the passes make of one must do the same on every tier as it did before, in every lane and bit, with
-//! native code and without.
+//! Random structured programs: what the passes make of one must do the same on every tier as it did
+//! before, in every lane and bit, with native code and without.
 //!
-//! `TUFF_SEED=N` runs one program and prints it; `TUFF_CASES=N` sets how many are made, from the first or, with both, from that seed.
+//! `TUFF_SEED=N` runs one program and prints it; `TUFF_CASES=N` sets how many are made, from the
+//! first or, with both, from that seed.
 
 mod observe;
 mod random;
@@ -13,7 +14,8 @@ use spirv_jit::ir::text::{parse_module, print_module};
 use spirv_jit::ir::verify;
 use spirv_jit::pass::{optimize, order, run_pass};
 
-/// The first pass after which the program does something else, by applying the passes in their order.
+/// The first pass after which the program does something else, by applying the passes in their
+/// order.
 fn find_culprit(original: &Module, seed: u64, expected: &Outcome) -> String {
     let mut module = original.clone();
     for name in order() {

@@ -1,4 +1,5 @@
-//! Words that no compiler made: an error, or a program that runs and keeps to what is bound; never a panic.
+//! Words that no compiler made: an error, or a program that runs and keeps to what is bound; never
+//! a panic.
 
 use fastrand::Rng;
 use proptest::prelude::*;
@@ -47,7 +48,7 @@ fn swapped_operands_are_refused_or_compiled() {
     }
 }
 
-/// What the scheduler of a stage can answer.
+/// The requests that the scheduler of a stage can answer.
 fn answers(stage: Stage, kind: &SiteKind) -> bool {
     use Stage::*;
     match kind {
@@ -62,7 +63,8 @@ fn answers(stage: Stage, kind: &SiteKind) -> bool {
     }
 }
 
-/// Modules as a pipeline cache keeps them, in which some bytes are others: refused, or programs that run and that schedulers can serve.
+/// Modules as a pipeline cache keeps them, in which some bytes are others: refused, or programs
+/// that run and that schedulers can serve.
 #[test]
 fn damaged_modules_of_caches_are_refused_or_fit_their_stage() {
     let kept: Vec<Vec<u8>> = samples()

@@ -21,7 +21,8 @@ pub enum Geometry {
         boxes: Vec<[f32; 6]>,
         flags: vk::GeometryFlagsKHR,
     },
-    /// Spheres or linear swept spheres, as positions and radii of their ends; the numbers of the ends, all in turn when there are none.
+    /// Spheres or linear swept spheres, as positions and radii of their ends; the numbers of the
+    /// ends, all in turn when there are none.
     Swept {
         ends: Vec<[f32; 4]>,
         indices: Vec<u32>,

@@ -5,8 +5,8 @@ use std::process::Command;
 /// Says that this process was started for one test.
 const MARK: &str = "TUFF_TESTS_ALONE";
 
-/// Runs one test of this program in a process of its own, with variables set that drivers read when they are loaded; fails where it fails.
-/// True in that process: there the test goes on.
+/// Runs one test of this program in a process of its own, with variables set that drivers read when
+/// they are loaded; fails where it fails. True in that process: there the test goes on.
 pub fn alone(test: &str, variables: &[(&str, &str)]) -> bool {
     if std::env::var_os(MARK).is_some() {
         return true;

@@ -5,8 +5,9 @@ use ash::vk;
 use crate::words::{MISS, RESULTS, WORLD};
 use crate::{Bound, Buffer, Gpu, Group, Record, Set, Stage, Structure, StructureNv, Table};
 
-/// Shaders of a pipeline, their groups, and a set. Groups are numbered in the order they come, the ray generation shader's is 0;
-/// bindings are numbered from 0, too. A shader that several groups name is one shader of the pipeline.
+/// Shaders of a pipeline, their groups, and a set. Groups are numbered in the order they come, the
+/// ray generation shader's is 0; bindings are numbered from 0, too. A shader that several groups
+/// name is one shader of the pipeline.
 #[derive(Clone, Debug)]
 pub struct Case {
     pub(crate) shaders: Vec<(Stage, String)>,

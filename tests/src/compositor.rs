@@ -45,7 +45,8 @@ pub struct Manners {
     pub dies: AtomicBool,
     /// Commits that came to the screen so far, and the last one's pixels.
     pub commits: AtomicUsize,
-    /// How many of them waited for a barrier if there was one, and how many barriers the surface has: one at most.
+    /// How many of them waited for a barrier if there was one, and how many barriers the surface
+    /// has: one at most.
     pub waited: AtomicUsize,
     pub barriers: AtomicUsize,
     pub shown: Mutex<Shown>,

@@ -107,8 +107,8 @@ impl Gpu {
         })
     }
 
-    /// Without the layer, and with the driver's own ray tracing validation (`VK_NV_ray_tracing_validation`): what that says is in
-    /// [`Gpu::take_complaints`].
+    /// Without the layer, and with the driver's own ray tracing validation
+    /// (`VK_NV_ray_tracing_validation`): what that says is in [`Gpu::take_complaints`].
     #[track_caller]
     pub fn validated_by_driver() -> Option<Gpu> {
         let opening = Opening {
@@ -120,7 +120,8 @@ impl Gpu {
         })
     }
 
-    /// The same where the validation layer is of this version or newer: older ones misjudge what the test does.
+    /// The same where the validation layer is of this version or newer: older ones misjudge what
+    /// the test does.
     pub fn validated_since(version: u32) -> Gpu {
         // SAFETY: the loader's initialisers only set up its own state.
         let entry = unsafe { ash::Entry::load() }.expect("there is a Vulkan loader");

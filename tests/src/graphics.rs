@@ -246,7 +246,8 @@ impl Gpu {
             .expect("vkCreateGraphicsPipelines")
     }
 
-    /// The same from the words of modules, in the place of the sources; a pipeline that is refused is an answer.
+    /// The same from the words of modules, in the place of the sources; a pipeline that is refused
+    /// is an answer.
     pub fn try_painting(
         &self,
         painting: &Painting<'_>,

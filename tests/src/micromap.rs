@@ -149,9 +149,10 @@ impl MicromapParts {
     }
 }
 
-/// The middle of each part of a triangle, in the order of the states: at each level the child near vertex 0, the middle
-/// one, the one near vertex 1 and the one near vertex 2, the second and the last of them flipped (chapter Ray Traversal,
-/// "Ray Opacity Micromap"). Weights of the second and the third vertex.
+/// The middle of each part of a triangle, in the order of the states: at each level the child near
+/// vertex 0, the middle one, the one near vertex 1 and the one near vertex 2, the second and the
+/// last of them flipped (chapter Ray Traversal, "Ray Opacity Micromap"). Weights of the second and
+/// the third vertex.
 pub fn part_centres(level: u16) -> Vec<[f32; 2]> {
     fn divide(corners: [[f64; 2]; 3], level: u16, out: &mut Vec<[f32; 2]>) {
         let middle = |p: [f64; 2], q: [f64; 2]| [(p[0] + q[0]) / 2.0, (p[1] + q[1]) / 2.0];

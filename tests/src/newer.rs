@@ -20,7 +20,8 @@ pub const MAINTENANCE_8: &CStr = c"VK_KHR_maintenance8";
 /// `VK_KHR_maintenance9`.
 pub const MAINTENANCE_9: &CStr = c"VK_KHR_maintenance9";
 
-/// Extensions that a validation layer may be too old for, and the version that knows them: enabled only without an older layer.
+/// Extensions that a validation layer may be too old for, and the version that knows them: enabled
+/// only without an older layer.
 pub const NEWER: &[(&CStr, u32)] = &[
     (LINEAR_SWEPT_SPHERES, make_api_version(0, 1, 4, 308)),
     (
@@ -196,7 +197,8 @@ pub struct DeviceAddressRangeKHR {
     pub size: DeviceSize,
 }
 
-/// `VkAccelerationStructureGeometryLinearSweptSpheresDataNV`; that of spheres is the same up to `index_stride`.
+/// `VkAccelerationStructureGeometryLinearSweptSpheresDataNV`; that of spheres is the same up to
+/// `index_stride`.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct SweptData {

@@ -1,4 +1,5 @@
-//! `VK_NV_ray_tracing`: structures with memory of their own, pipelines, and binding tables in buffers.
+//! `VK_NV_ray_tracing`: structures with memory of their own, pipelines, and binding tables in
+//! buffers.
 
 use ash::{nv, vk};
 

@@ -30,7 +30,8 @@ macro_rules! optional {
                 let mut it = Optional::default();
                 $(if has($extension) {
                     let mut all = vk::PhysicalDeviceFeatures2::default().push_next(&mut it.$field);
-                    // SAFETY: the caller's promise; the chain is one structure of an extension that is there.
+                    // SAFETY: the caller's promise; the chain is one structure of an extension that
+                    // is there.
                     unsafe { instance.get_physical_device_features2(physical, &mut all) };
                     it.$field.p_next = std::ptr::null_mut();
                     $(it.$field.$off = vk::FALSE;)*
@@ -84,7 +85,8 @@ optional! {
     mutable: ext::mutable_descriptor_type::NAME, PhysicalDeviceMutableDescriptorTypeFeaturesEXT {};
     reorder: nv::ray_tracing_invocation_reorder::NAME, PhysicalDeviceRayTracingInvocationReorderFeaturesNV {};
     motion: nv::ray_tracing_motion_blur::NAME, PhysicalDeviceRayTracingMotionBlurFeaturesNV {};
-    /// Off but where a test asks for it: see [`Gpu::validated_by_driver`](crate::Gpu::validated_by_driver).
+    /// Off but where a test asks for it: see
+    /// [`Gpu::validated_by_driver`](crate::Gpu::validated_by_driver).
     driver_validation: nv::ray_tracing_validation::NAME, PhysicalDeviceRayTracingValidationFeaturesNV {};
     invocation_mask: huawei::invocation_mask::NAME, PhysicalDeviceInvocationMaskFeaturesHUAWEI {};
     address_report: ext::device_address_binding_report::NAME, PhysicalDeviceAddressBindingReportFeaturesEXT {};

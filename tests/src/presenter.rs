@@ -285,8 +285,8 @@ impl Presenter {
         }
     }
 
-    /// Makes and destroys so many swapchains, each tenth of which shows a picture, and asserts that they leave no files open, no thread
-    /// and no memory behind.
+    /// Makes and destroys so many swapchains, each tenth of which shows a picture, and asserts that
+    /// they leave no files open, no thread and no memory behind.
     pub fn assert_nothing_stays(&self, side: u32, pixels: &[u8], rounds: u32) {
         let count = |folder| std::fs::read_dir(folder).unwrap().count();
         let chain = Chain {
@@ -319,7 +319,8 @@ impl Presenter {
         assert!(after.2 < before.2 + most);
     }
 
-    /// Presents a picture, which must succeed; the image's index, and whether the swapchain does not fit well.
+    /// Presents a picture, which must succeed; the image's index, and whether the swapchain does
+    /// not fit well.
     #[track_caller]
     pub fn show(&self, swapchain: vk::SwapchainKHR, chain: &Chain, pixels: &[u8]) -> (u32, bool) {
         self.frame(swapchain, chain.extent, pixels, 0).unwrap()

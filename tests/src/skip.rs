@@ -1,4 +1,5 @@
-//! Tests that need what a device may lack: they say so, and are counted, so that "ok" cannot mean "not run".
+//! Tests that need what a device may lack: they say so, and are counted, so that "ok" cannot mean
+//! "not run".
 
 use std::fs::OpenOptions;
 use std::io::Write;

@@ -73,7 +73,8 @@ pub struct Table {
 }
 
 impl Table {
-    /// Records without data: the groups of the ray generation shader, the miss shaders and the hit groups.
+    /// Records without data: the groups of the ray generation shader, the miss shaders and the hit
+    /// groups.
     pub fn of(raygen: u32, miss: &[u32], hit: &[u32]) -> Table {
         let records = |groups: &[u32]| groups.iter().map(|&group| Record::of(group)).collect();
         Table {

@@ -1,4 +1,5 @@
-//! `VK_EXT_device_address_binding_report`: debug messengers hear which addresses objects get and lose.
+//! `VK_EXT_device_address_binding_report`: debug messengers hear which addresses objects get and
+//! lose.
 
 use std::ffi::c_void;
 use std::sync::Mutex;
@@ -134,7 +135,8 @@ fn all_lost(told: &[Told]) {
     }
 }
 
-/// Fails unless an object got this region, and lost it at its end. The region may be larger: drivers round.
+/// Fails unless an object got this region, and lost it at its end. The region may be larger:
+/// drivers round.
 #[track_caller]
 fn got_and_lost(
     gpu: &Gpu,
@@ -203,7 +205,8 @@ fn memory_and_buffers_are_told() {
     }
 }
 
-/// Buffers that are never bound have no addresses, and sparse ones have theirs before they are bound.
+/// Buffers that are never bound have no addresses, and sparse ones have theirs before they are
+/// bound.
 #[test]
 fn sparse_and_unbound_buffers() {
     let Some((gpu, listener)) = open() else {

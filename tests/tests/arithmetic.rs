@@ -1,4 +1,5 @@
-//! Arithmetic in compute shaders: integers, floats, vectors, matrices, and what packs them, against the host's answers.
+//! Arithmetic in compute shaders: integers, floats, vectors, matrices, and what packs them, against
+//! the host's answers.
 
 use tuff_tests::*;
 

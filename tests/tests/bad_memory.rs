@@ -1,5 +1,5 @@
-//! Memory and sizes that break the rules. Vulkan leaves their effect open, so these tests look only at Tuff, which promises an error, a lost
-//! device or zeros, and a process that lives on.
+//! Memory and sizes that break the rules. Vulkan leaves their effect open, so these tests look only
+//! at Tuff, which promises an error, a lost device or zeros, and a process that lives on.
 
 use std::ffi::CStr;
 use std::os::fd::{AsRawFd, FromRawFd, OwnedFd};
@@ -399,7 +399,8 @@ fn a_handle_of_another_kind_is_an_error() {
     }
 }
 
-/// Small ones, wild ones, ones into the driver's own objects, and those of objects that are gone with all that lay beside them.
+/// Small ones, wild ones, ones into the driver's own objects, and those of objects that are gone
+/// with all that lay beside them.
 #[test]
 fn a_number_that_was_never_a_handle_is_an_error() {
     let Some(gpu) = Gpu::surviving() else { return };
@@ -533,7 +534,7 @@ fn large_private_memory_is_within_the_budget() {
     gpu.compute(&source, &[sums], [8, 1, 1]);
     let used = status_kilobytes("VmHWM:").saturating_sub(before);
     println!("{used} kB were used");
-    // What is not of invocations is small.
+    // Memory of other things than invocations is small.
     assert!(used < BUDGET_KILOBYTES + (128 << 10), "{used} kB");
     let kept = resident_kilobytes().saturating_sub(before);
     assert!(kept < 200_000, "{kept} kB are kept");
@@ -627,7 +628,8 @@ fn waits_of_commands_end_by_their_time_limit() {
     }
 }
 
-/// Builds of one command that share scratch memory give what they give alone; one that has its scratch memory in its destination is none.
+/// Builds of one command that share scratch memory give what they give alone; one that has its
+/// scratch memory in its destination is none.
 #[test]
 fn scratch_memory_is_one_builds_alone() {
     let Some(gpu) = Gpu::surviving() else { return };

@@ -25,7 +25,8 @@ struct World {
     /// The bottom level and the top level, and their words as they were built.
     levels: [Structure; 2],
     good: [Vec<u32>; 2],
-    /// 16 ray queries of one compute workgroup, with all that they can tell: the structure is found by the address in a push constant.
+    /// 16 ray queries of one compute workgroup, with all that they can tell: the structure is found
+    /// by the address in a push constant.
     query: Kernel,
     queries: Set,
     /// Depths of the same rays by a ray tracing pipeline.
@@ -119,8 +120,9 @@ impl World {
         self.levels[1]
     }
 
-    /// Rays through whatever is at an address, and through the top level. What they find does not matter; that they end does, or that the
-    /// device is lost by its time limit, as one is by a shader that goes in circles.
+    /// Rays through whatever is at an address, and through the top level. What they find does not
+    /// matter; that they end does, or that the device is lost by its time limit, as one is by a
+    /// shader that goes in circles.
     fn trace_at(&mut self, address: u64) {
         let (gpu, queries) = (&self.gpu, [self.queries]);
         let mut traced = Ok(());
@@ -174,7 +176,8 @@ fn words(structure: Structure) -> Vec<u32> {
     structure.storage.expect("it is known").read()
 }
 
-/// Whether this process is to go on with a test: one in which nothing runs for long, as corrupt structures lead in circles.
+/// Whether this process is to go on with a test: one in which nothing runs for long, as corrupt
+/// structures lead in circles.
 fn goes_on(test: &str) -> bool {
     alone(test, &[("TUFF_TIMEOUT", "0.5")])
 }
@@ -303,7 +306,8 @@ fn a_header_that_a_shader_wrote() {
         return;
     };
     let gpu = &world.gpu;
-    // As many words as a header has, found out by reading one; then with sizes and offsets of the shader's own.
+    // As many words as a header has, found out by reading one; then with sizes and offsets of the
+    // shader's own.
     let words = gpu.buffer_with(&world.good[1][..HEAD]);
     let forge = r"
         #extension GL_EXT_buffer_reference_uvec2 : enable

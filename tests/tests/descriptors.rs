@@ -90,7 +90,8 @@ fn a_descriptor_is_what_was_written_last() {
         };
         gpu.dispatch(kernel, &[set], &[which, at], [1, 1, 1]);
     };
-    // A buffer that is a storage buffer first, then another one that is a uniform buffer, then copied with its type.
+    // A buffer that is a storage buffer first, then another one that is a uniform buffer, then
+    // copied with its type.
     gpu.write(sets[0], 0, 0, &Bound::Storage(results));
     gpu.write(sets[0], 0, 1, &Bound::Storage(numbers));
     run(sets[0], 0, 0);

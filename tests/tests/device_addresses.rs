@@ -1,5 +1,5 @@
-//! `VK_KHR_device_address_commands`: commands on memory by its address. The functions and most structures are newer than the
-//! bindings, so they are declared here.
+//! `VK_KHR_device_address_commands`: commands on memory by its address. The functions and most
+//! structures are newer than the bindings, so they are declared here.
 
 use std::ffi::{CStr, c_void};
 
@@ -12,7 +12,8 @@ fn gpu_with_address_commands() -> Option<Gpu> {
     })
 }
 
-/// `VK_ADDRESS_COMMAND_STORAGE_BUFFER_USAGE_BIT_KHR`: every buffer of the harness may be a storage buffer.
+/// `VK_ADDRESS_COMMAND_STORAGE_BUFFER_USAGE_BIT_KHR`: every buffer of the harness may be a storage
+/// buffer.
 const OF_STORAGE: u32 = 1 << 2;
 
 /// A device function by name, as a pointer of type `T`.

@@ -1,5 +1,5 @@
-//! `VK_EXT_device_fault`: a device that was lost tells why, and where. What it tells is left to drivers: of others than Tuff
-//! only its form is checked.
+//! `VK_EXT_device_fault`: a device that was lost tells why, and where. What it tells is left to
+//! drivers: of others than Tuff only its form is checked.
 
 use ash::ext;
 use tuff_tests::*;
@@ -134,8 +134,8 @@ fn says(description: &str, parts: &[&str]) {
     }
 }
 
-/// Adds debug information to a module: what is inside of a loop comes from [`LOOP_LINE`] of a file, all else of functions
-/// from lines that no loop is on.
+/// Adds debug information to a module: what is inside of a loop comes from [`LOOP_LINE`] of a file,
+/// all else of functions from lines that no loop is on.
 fn with_lines(words: &[u32], file: &str) -> Vec<u32> {
     const SOURCE: u32 = 3;
     const NAME: u32 = 5;
@@ -366,7 +366,8 @@ fn recursion_without_an_end_is_told_with_its_depth() {
     }
 }
 
-/// Pages near zero are never mapped: a read gives zeros, a write is dropped, and both are told when the loop is stopped.
+/// Pages near zero are never mapped: a read gives zeros, a write is dropped, and both are told when
+/// the loop is stopped.
 #[test]
 fn wild_addresses_are_told() {
     let test = "wild_addresses_are_told";

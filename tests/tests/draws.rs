@@ -35,7 +35,8 @@ fn a_triangle_covers_every_pixel_with_its_own_place() {
     }
 }
 
-/// Random triangles: pixels whose centre is clearly inside are covered, those clearly outside are not.
+/// Random triangles: pixels whose centre is clearly inside are covered, those clearly outside are
+/// not.
 #[test]
 fn coverage_is_that_of_pixel_centres() {
     let Some(gpu) = Gpu::new().drawing() else {
@@ -71,7 +72,8 @@ fn coverage_is_that_of_pixel_centres() {
     }
 }
 
-/// Whether a point is inside of a triangle; none if it is near an edge: vertices are snapped to a grid.
+/// Whether a point is inside of a triangle; none if it is near an edge: vertices are snapped to a
+/// grid.
 fn is_inside(triangle: &[[f64; 2]; 3], [x, y]: [f64; 2]) -> Option<bool> {
     const NEAR: f64 = 1.0 / 8.0;
     let distance = |from: [f64; 2], to: [f64; 2]| {
@@ -86,7 +88,8 @@ fn is_inside(triangle: &[[f64; 2]; 3], [x, y]: [f64; 2]) -> Option<bool> {
     (!near).then_some(inside)
 }
 
-/// A fan of triangles around a point, drawn so that each adds one: every pixel is covered once, whatever lies on shared edges.
+/// A fan of triangles around a point, drawn so that each adds one: every pixel is covered once,
+/// whatever lies on shared edges.
 #[test]
 fn neighbours_cover_each_pixel_once() {
     let Some(gpu) = Gpu::new().drawing() else {
@@ -171,7 +174,8 @@ fn indices_choose_vertices() {
     }
 }
 
-/// Each instance is a column of its own colour; attributes advance by instance, from the first instance on.
+/// Each instance is a column of its own colour; attributes advance by instance, from the first
+/// instance on.
 #[test]
 fn instances_have_their_own_attributes() {
     let Some(gpu) = Gpu::new().drawing() else {
@@ -523,7 +527,8 @@ fn fragments_write_buffers() {
 }
 
 /// With one sample, alpha to coverage covers no pixels for alpha 0, all for 1, and no fewer for a
-/// larger alpha. The number between is the driver's choice; Tuff covers alpha's share of the pixels.
+/// larger alpha. The number between is the driver's choice; Tuff covers alpha's share of the
+/// pixels.
 #[test]
 fn alpha_becomes_coverage() {
     let Some(gpu) = Gpu::new().drawing() else {

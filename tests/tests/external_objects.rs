@@ -274,7 +274,8 @@ fn sync_files_of_fences_can_be_polled() {
     side.allocate(&gpu, None);
     let mut exported = vk::ExportFenceCreateInfo::default().handle_types(kind);
     let info = vk::FenceCreateInfo::default().push_next(&mut exported);
-    // SAFETY: the fence is of this side, was made to be exported, and is destroyed when it is out of use.
+    // SAFETY: the fence is of this side, was made to be exported, and is destroyed when it is out
+    // of use.
     unsafe {
         let fence = side.device.create_fence(&info, None).unwrap();
         side.fill(7, false, false, fence);

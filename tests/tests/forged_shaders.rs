@@ -1,5 +1,6 @@
-//! Shaders that make descriptors out of something else, and memory that their stage does not have. The modules are invalid, so that these tests
-//! look only at Tuff, which promises an error or zeros, and never an access to memory that the application did not bind.
+//! Shaders that make descriptors out of something else, and memory that their stage does not have.
+//! The modules are invalid, so that these tests look only at Tuff, which promises an error or
+//! zeros, and never an access to memory that the application did not bind.
 
 use tuff_tests::*;
 
@@ -111,11 +112,13 @@ enum Lookup {
     Buffer,
 }
 
-/// A compute shader that looks something up in what `forge` makes, and stores it as the first four words of the buffer at binding 0.
+/// A compute shader that looks something up in what `forge` makes, and stores it as the first four
+/// words of the buffer at binding 0.
 fn looking_up(lookup: Lookup, forge: impl FnOnce(&mut Assembly, &Ids) -> u32) -> Vec<u32> {
     let mut a = Assembly::default();
     let (main, buffer, block, array) = (a.id(), a.id(), a.id(), a.id());
-    // Shader, Int64, VariablePointersStorageBuffer, VariablePointers; Logical, GLSL450; GLCompute "main"; one invocation.
+    // Shader, Int64, VariablePointersStorageBuffer, VariablePointers; Logical, GLSL450; GLCompute
+    // "main"; one invocation.
     for capability in [1, 11, 4441, 4442] {
         push(&mut a.head, 17, &[capability]);
     }
@@ -305,7 +308,8 @@ fn undefined_images_give_zeros() {
     assert_eq!(run(&gpu, &stored), None);
 }
 
-/// A pointer that is chosen, kept in a variable and given to a function still leads where it should.
+/// A pointer that is chosen, kept in a variable and given to a function still leads where it
+/// should.
 #[test]
 fn pointers_to_buffers_are_values() {
     let Some(gpu) = Gpu::surviving() else { return };

@@ -25,7 +25,8 @@ fn join(gpu: &Gpu, operation: vk::DeferredOperationKHR, threads: usize) -> Resul
                 });
             }
         });
-        // A thread that came late may have gone before the others had finished; all are through now.
+        // A thread that came late may have gone before the others had finished; all are through
+        // now.
         assert_eq!(host.get_deferred_operation_max_concurrency(operation), 0);
         host.get_deferred_operation_result(operation)
     }
@@ -341,9 +342,9 @@ fn damaged_cache_data_is_survived() {
     }
 }
 
-/// Devices of one process have nothing to do with one another. Making and destroying them takes turns: the loader's list of devices
-/// has no lock (Vulkan-Loader issue 2018), nor has the table of handles of older validation layers
-/// (Vulkan-ValidationLayers issue 4391).
+/// Devices of one process have nothing to do with one another. Making and destroying them takes
+/// turns: the loader's list of devices has no lock (Vulkan-Loader issue 2018), nor has the table of
+/// handles of older validation layers (Vulkan-ValidationLayers issue 4391).
 #[test]
 fn devices_of_several_threads_work_side_by_side() {
     const RAYS: u32 = 256;

@@ -1,4 +1,5 @@
-//! Images of formats that are compressed or have planes: fetched, sampled, viewed by blocks, converted, and copied by the host.
+//! Images of formats that are compressed or have planes: fetched, sampled, viewed by blocks,
+//! converted, and copied by the host.
 
 use tuff_tests::*;
 use vk::Format as F;
@@ -29,7 +30,8 @@ fn fetched(gpu: &Gpu, picture: &Picture) -> Vec<[f32; 4]> {
     output.read()
 }
 
-/// Blocks of each kind, and their first texels, worked out by hand from the Khronos Data Format specification.
+/// Blocks of each kind, and their first texels, worked out by hand from the Khronos Data Format
+/// specification.
 #[test]
 fn blocks_decode_as_the_data_format_specification_says() {
     let big_endian = |bytes: u64| u128::from(bytes.swap_bytes());
@@ -80,7 +82,8 @@ fn blocks_decode_as_the_data_format_specification_says() {
             .map(|[r, g, b]| [r / 255.0, g / 255.0, b / 255.0, 1.0]),
         ),
         (
-            // Base -128, which is -127, multiplier 0: an eighth; index 4 of table 0 in the first texel, then 0.
+            // Base -128, which is -127, multiplier 0: an eighth; index 4 of table 0 in the first
+            // texel, then 0.
             F::EAC_R11_SNORM_BLOCK,
             [4, 4],
             8,
@@ -240,7 +243,8 @@ fn blocks_are_written_through_views() {
     assert_eq!(buffer.read::<[u32; 2]>(), expected);
 }
 
-/// Two planes, BT.601 of narrow range: codes of grey, red and blue (ITU-R BT.601-7) become them, chroma in the middle of its texels.
+/// Two planes, BT.601 of narrow range: codes of grey, red and blue (ITU-R BT.601-7) become them,
+/// chroma in the middle of its texels.
 #[test]
 fn planes_are_converted() {
     let Some(gpu) = Gpu::new().with("samplerYcbcrConversion", |gpu| {

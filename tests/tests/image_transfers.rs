@@ -331,7 +331,8 @@ fn blits_scale_flip_and_convert() {
     }
 }
 
-/// Images of the formats that every implementation must have as attachments are images like any other.
+/// Images of the formats that every implementation must have as attachments are images like any
+/// other.
 #[test]
 fn attachment_formats_can_be_cleared_viewed_and_copied() {
     use vk::FormatFeatureFlags as Has;

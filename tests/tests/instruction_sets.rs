@@ -1,4 +1,5 @@
-//! `TUFF_TIER` binds all that the driver computes: instructions that are at work are counted, by how they are encoded.
+//! `TUFF_TIER` binds all that the driver computes: instructions that are at work are counted, by
+//! how they are encoded.
 #![cfg(target_arch = "x86_64")]
 
 use std::process::Command;
@@ -40,7 +41,8 @@ extern "C" fn look(_: libc::c_int, _: *mut libc::siginfo_t, context: *mut libc::
     let start = (0..4).find(|&offset| !is_prefix(byte(offset))).unwrap_or(0);
     let bytes: [u8; 7] = std::array::from_fn(|offset| byte(start + offset));
     match bytes {
-        // Rust's own `fma` for processors of any kind, one instruction long: correctly rounded, as its other form.
+        // Rust's own `fma` for processors of any kind, one instruction long: correctly rounded, as
+        // its other form.
         [0xc4, 0xe2, _, _, _, 0xc3, _] | [0xc4, 0xe3, _, 0x6a | 0x6b, _, _, 0xc3] => 0,
         [0xc4 | 0xc5, ..] => SEEN[1].fetch_add(1, Ordering::Relaxed),
         [0x62, ..] => SEEN[2].fetch_add(1, Ordering::Relaxed),
@@ -84,7 +86,8 @@ fn start_looking() {
     }
 }
 
-/// In a child: builds, walks, shaders, samplers and transfers, in turn, and what was seen of their instructions.
+/// In a child: builds, walks, shaders, samplers and transfers, in turn, and what was seen of their
+/// instructions.
 #[test]
 fn probe() {
     if std::env::var_os(CHILD).is_none() {

@@ -40,7 +40,8 @@ fn a_stage_needs_no_module() {
         .stage(stage)
         .layout(layout)
         .push_next(&mut flags);
-    // SAFETY: the structures outlive the call; the pipeline is destroyed when its commands have ended.
+    // SAFETY: the structures outlive the call; the pipeline is destroyed when its commands have
+    // ended.
     unsafe {
         let made = gpu
             .device

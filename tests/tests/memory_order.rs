@@ -1,5 +1,6 @@
-//! Memory order across shader calls: litmus tests of what the chapter says of payloads, callable data, hit attributes, and of storage
-//! buffers, images and shader records at `ShaderCallKHR` scope, and of built-ins that change. Each runs with one thread and with several.
+//! Memory order across shader calls: litmus tests of what the chapter says of payloads, callable
+//! data, hit attributes, and of storage buffers, images and shader records at `ShaderCallKHR`
+//! scope, and of built-ins that change. Each runs with one thread and with several.
 
 use tuff_tests::*;
 

@@ -1,5 +1,5 @@
-//! Broken rules that only execution can see: with the driver's validation each is reported by its name, without it nothing of it brings
-//! the process down, and the device goes on working.
+//! Broken rules that only execution can see: with the driver's validation each is reported by its
+//! name, without it nothing of it brings the process down, and the device goes on working.
 
 use tuff_tests::*;
 use vk::PipelineCreateFlags as Flags;
@@ -126,7 +126,8 @@ impl<'a> Trace<'a> {
     }
 }
 
-/// Each check breaks one rule, whose name is on the left; what it asserts holds with validation and without.
+/// Each check breaks one rule, whose name is on the left; what it asserts holds with validation and
+/// without.
 const CHECKS: &[(&str, Misuse)] = &[
     ("VUID-vkCmdTraceRaysKHR-None-03429", |gpu| {
         let mut trace = Trace::new(gpu, &RIGHT);
@@ -381,7 +382,8 @@ fn a_place_is_reported_once_with_a_count() {
     gpu.assert_silent();
 }
 
-/// Against VUID-VkBufferViewCreateInfo-offset-00931, as an engine in use does it: what is there can be read.
+/// Against VUID-VkBufferViewCreateInfo-offset-00931, as an engine in use does it: what is there can
+/// be read.
 #[test]
 fn a_texel_buffer_view_ends_with_its_buffer() {
     let gpu = Gpu::without_validation();

@@ -1,4 +1,5 @@
-//! Broken rules of builds: on the host, of round primitives, of micromaps. Reported by their names, and survived.
+//! Broken rules of builds: on the host, of round primitives, of micromaps. Reported by their names,
+//! and survived.
 
 use tuff_tests::*;
 use vk::AccelerationStructureTypeKHR as Level;
@@ -114,7 +115,8 @@ fn triangle_with_micromap(gpu: &Gpu, micromap: vk::MicromapEXT, number: u32) -> 
     )
 }
 
-/// Each check breaks one rule, whose name is on the left; what it asserts holds with validation and without.
+/// Each check breaks one rule, whose name is on the left; what it asserts holds with validation and
+/// without.
 const CHECKS: &[(&str, Misuse)] = &[
     (
         "VUID-VkAccelerationStructureBuildRangeInfoKHR-maxVertex-10774",
@@ -229,7 +231,8 @@ fn misuse_is_reported_by_its_name() {
     gpu.assert_reported(CHECKS);
     // Handles of nothing: only validation knows what there is.
     let gone = triangle_on_host(&gpu, [0, 1, 2], identity());
-    // The next structure may be given the memory, and so the handle, of the one that was destroyed last: that is another one.
+    // The next structure may be given the memory, and so the handle, of the one that was destroyed
+    // last: that is another one.
     let last = triangle_on_host(&gpu, [0, 1, 2], identity());
     gpu.destroy(gone);
     gpu.destroy(last);

@@ -106,7 +106,8 @@ fn build(
     });
 }
 
-/// Each check breaks one rule, whose name is on the left; what it asserts holds with validation and without.
+/// Each check breaks one rule, whose name is on the left; what it asserts holds with validation and
+/// without.
 const CHECKS: &[(&str, Misuse)] = &[
     ("VUID-vkCmdTraceRaysNV-None-03429", |gpu| {
         let mut trace = Trace::new(gpu);

@@ -4,7 +4,8 @@ use tuff_tests::*;
 
 const TRIANGLE: [[f32; 3]; 3] = [[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, 0.0]];
 
-/// A query whose numbers break a rule: the end of its name, flags, and origin, tmin, direction, tmax.
+/// A query whose numbers break a rule: the end of its name, flags, and origin, tmin, direction,
+/// tmax.
 type Numbers = (&'static str, u32, [f32; 8]);
 
 const RIGHT: [f32; 8] = [0.0, 0.0, 1.0, 0.0, 0.0, 0.0, -1.0, 9.0];
@@ -70,7 +71,8 @@ fn query(gpu: &Gpu, world: World<'_>, flags: u32, numbers: [f32; 8]) -> u32 {
     words[0]
 }
 
-/// Each check breaks one rule, whose name is on the left; what it asserts holds with validation and without.
+/// Each check breaks one rule, whose name is on the left; what it asserts holds with validation and
+/// without.
 const CHECKS: &[(&str, Misuse)] = &[
     ("VUID-RuntimeSpirv-OpRayQueryInitializeKHR-06352", |gpu| {
         let bottom = gpu.bottom(&[Geometry::opaque(&TRIANGLE)]);

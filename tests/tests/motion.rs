@@ -5,7 +5,8 @@ use tuff_tests::*;
 const MOTION: vk::BuildAccelerationStructureFlagsKHR =
     vk::BuildAccelerationStructureFlagsKHR::MOTION_NV;
 
-/// A device that has motion; `None` skips the test. Some validation layers take its structures and its SPIR-V extension for unknown ones.
+/// A device that has motion; `None` skips the test. Some validation layers take its structures and
+/// its SPIR-V extension for unknown ones.
 fn gpu() -> Option<Gpu> {
     let gpu = Gpu::without_validation();
     gpu.with("VK_NV_ray_tracing_motion_blur", |gpu| {
@@ -24,7 +25,8 @@ fn moving(gpu: &Gpu, start: &[[f32; 3]], end: &[[f32; 3]]) -> Structure {
     moving_with(gpu, start, end, vk::GeometryFlagsKHR::OPAQUE, None)
 }
 
-/// A bottom level of triangles that move, the first of which takes its opacity from a micromap's first, and so on.
+/// A bottom level of triangles that move, the first of which takes its opacity from a micromap's
+/// first, and so on.
 fn moving_with(
     gpu: &Gpu,
     start: &[[f32; 3]],
@@ -236,7 +238,8 @@ fn instances_move_by_matrices() {
 #[test]
 fn instances_turn_by_quaternions() {
     let Some(gpu) = gpu() else { return };
-    // Half a turn about z, by a quaternion from (0, 0, 0, 1) to (0, 0, 1, 0): a quarter in the middle.
+    // Half a turn about z, by a quaternion from (0, 0, 0, 1) to (0, 0, 1, 0): a quarter in the
+    // middle.
     let mut end = STILL;
     (end[11], end[12]) = (1.0, 0.0);
     let bottom = gpu.bottom_with(&[Geometry::opaque(&triangle(1.0))], MOTION);

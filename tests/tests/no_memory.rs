@@ -1,8 +1,11 @@
-//! Each large allocation of the driver fails once: whatever is sized by the application ends in an error or a lost device, and the process lives.
+//! Each large allocation of the driver fails once: whatever is sized by the application ends in an
+//! error or a lost device, and the process lives.
 //!
-//! The C library's allocator is wrapped for this whole program. A first process draws, traces, builds and computes, and says from which places of
-//! the driver it was asked for large blocks. Then each place has a process of its own, in which the first such block is refused. Vulkan leaves
-//! open what a driver can bear (most would end the process), so this test looks only at Tuff.
+//! The C library's allocator is wrapped for this whole program. A first process draws, traces,
+//! builds and computes, and says from which places of the driver it was asked for large blocks.
+//! Then each place has a process of its own, in which the first such block is refused. Vulkan
+//! leaves open what a driver can bear (most would end the process), so this test looks only at
+//! Tuff.
 
 use std::collections::BTreeSet;
 use std::ffi::{CStr, c_int, c_void};
@@ -12,8 +15,8 @@ use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 
 use tuff_tests::*;
 
-/// Bytes from which on a block counts as large: what is smaller is a worker's table of constant size, or bounded by the objects that an
-/// application keeps (docs/security.md has the list).
+/// Bytes from which on a block counts as large: what is smaller is a worker's table of constant
+/// size, or bounded by the objects that an application keeps (docs/security.md has the list).
 const LARGE: usize = 128 << 10;
 
 /// Says what a process of this test is to do: which place is refused, or none.
@@ -35,7 +38,8 @@ static REFUSED: AtomicU64 = AtomicU64::new(0);
 /// Whether places are said.
 static SAYS: AtomicBool = AtomicBool::new(false);
 
-/// The frames of the driver that a place is known by: more would tell the branches of a recursion apart.
+/// The frames of the driver that a place is known by: more would tell the branches of a recursion
+/// apart.
 const DEPTH: usize = 5;
 
 /// True for a block that the driver asks for and does not get.

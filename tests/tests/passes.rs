@@ -1,5 +1,5 @@
-//! Passes: load operations, several samples, subpasses with input attachments, views, layers, secondary command buffers, suspension,
-//! clears inside, pipelines in parts, dynamic state.
+//! Passes: load operations, several samples, subpasses with input attachments, views, layers,
+//! secondary command buffers, suspension, clears inside, pipelines in parts, dynamic state.
 
 use tuff_tests::*;
 
@@ -52,7 +52,8 @@ fn attachments_are_cleared_and_loaded() {
     }
 }
 
-/// `VK_EXT_dynamic_rendering_unused_attachments`: what a pipeline has no format for stays as it is, and tests nothing.
+/// `VK_EXT_dynamic_rendering_unused_attachments`: what a pipeline has no format for stays as it is,
+/// and tests nothing.
 #[test]
 fn attachments_without_a_format_are_left() {
     let gpu = Gpu::validated_since(vk::make_api_version(0, 1, 3, 252));
@@ -307,8 +308,8 @@ fn subpasses_read_what_was_drawn_before() {
     }
 }
 
-/// A draw reads a uniform block, another one stores there, and the first reads again: one pixel, with a barrier between fragments each time,
-/// and the same bindings for all.
+/// A draw reads a uniform block, another one stores there, and the first reads again: one pixel,
+/// with a barrier between fragments each time, and the same bindings for all.
 #[test]
 fn fragments_read_uniform_blocks_anew_behind_barriers() {
     let Some(gpu) = Gpu::new().drawing() else {
@@ -469,7 +470,8 @@ fn vertices_choose_layers() {
     assert_eq!(layers, [0, 255, 255, 0]);
 }
 
-/// Secondary command buffers go on with the pass, but with nothing bound; a suspended pass keeps what it drew.
+/// Secondary command buffers go on with the pass, but with nothing bound; a suspended pass keeps
+/// what it drew.
 #[test]
 fn passes_go_on_in_other_command_buffers() {
     let Some(gpu) = Gpu::new().drawing() else {
@@ -530,7 +532,8 @@ fn passes_go_on_in_other_command_buffers() {
     assert_eq!(gpu.colors(&canvas), [[255, 0, 0, 255]; 16]);
 }
 
-/// Draws differ by what is pushed and by what is set in between: each is drawn with what was current then.
+/// Draws differ by what is pushed and by what is set in between: each is drawn with what was
+/// current then.
 #[test]
 fn draws_keep_what_was_current() {
     let Some(gpu) = Gpu::new().drawing() else {

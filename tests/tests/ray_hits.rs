@@ -251,8 +251,8 @@ fn intersection_shaders_report_what_is_kept() {
     });
 }
 
-/// Sixteen and more rays that go the same way meet triangles of which shaders decide, and others that are not opaque either but whose
-/// group has no any-hit shader, so that they count.
+/// Sixteen and more rays that go the same way meet triangles of which shaders decide, and others
+/// that are not opaque either but whose group has no any-hit shader, so that they count.
 #[test]
 fn triangles_without_an_any_hit_shader_count_beside_others() {
     const SIDE: u32 = 32;
@@ -265,7 +265,8 @@ fn triangles_without_an_any_hit_shader_count_beside_others() {
         &layers(6),
         vk::GeometryFlagsKHR::empty(),
     )]);
-    // The second group's triangles come after those that the first group's shader lets rays through.
+    // The second group's triangles come after those that the first group's shader lets rays
+    // through.
     let beyond = Instance {
         transform: translated([0.0, 0.0, 20.0]),
         table_offset: 1,
@@ -292,8 +293,9 @@ fn triangles_without_an_any_hit_shader_count_beside_others() {
     assert_eq!(results, vec![101; (SIDE * SIDE) as usize]);
 }
 
-/// Rays side by side that go the same way, each with decisions of its own about the same layers: one rank after the other is ignored,
-/// or ends the search, by an any-hit shader that keeps count in the payload. Layers are triangles, or boxes whose hits are reported.
+/// Rays side by side that go the same way, each with decisions of its own about the same layers:
+/// one rank after the other is ignored, or ends the search, by an any-hit shader that keeps count
+/// in the payload. Layers are triangles, or boxes whose hits are reported.
 #[test]
 fn neighbours_decide_each_for_itself() {
     const SIDE: u32 = 24;

@@ -1,4 +1,5 @@
-//! `VK_KHR_ray_tracing_maintenance1`: indirect tables, the cull mask in shaders, sizes and counts of structures.
+//! `VK_KHR_ray_tracing_maintenance1`: indirect tables, the cull mask in shaders, sizes and counts
+//! of structures.
 
 use ash::khr;
 use tuff_tests::*;
@@ -191,7 +192,8 @@ fn structures_tell_their_size_and_references() {
     let top = gpu.top(&[bottom; 5].map(Instance::of));
     let pointers = Query::ACCELERATION_STRUCTURE_SERIALIZATION_BOTTOM_LEVEL_POINTERS_KHR;
     assert_eq!(query(&gpu, top, pointers), 5);
-    // The number is the one at byte 48 of the serialized head, and all of them fit the serialized size.
+    // The number is the one at byte 48 of the serialized head, and all of them fit the serialized
+    // size.
     let serialized = query(
         &gpu,
         top,

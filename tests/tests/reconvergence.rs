@@ -1,4 +1,5 @@
-//! Which invocations of a subgroup run together: random structured programs, against the rule of maximal reconvergence carried out on the host.
+//! Which invocations of a subgroup run together: random structured programs, against the rule of
+//! maximal reconvergence carried out on the host.
 
 use std::fmt::Write;
 

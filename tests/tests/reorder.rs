@@ -30,7 +30,8 @@ void main() {
 }
 ";
 
-/// Two right triangles side by side at z = 1: x from 0 to 1 and from 1 to 2; custom index 3, moved by 10 in x.
+/// Two right triangles side by side at z = 1: x from 0 to 1 and from 1 to 2; custom index 3, moved
+/// by 10 in x.
 fn world(gpu: &Gpu) -> Structure {
     let corners = [
         [0.0, 0.0, 1.0],
@@ -311,7 +312,8 @@ fn reordering_sorts_by_hint() {
     }
 }
 
-/// Lanes leave a loop one after the other, and wait behind it while the others are sorted, turn by turn.
+/// Lanes leave a loop one after the other, and wait behind it while the others are sorted, turn by
+/// turn.
 #[test]
 fn lanes_that_wait_stay_where_they_are() {
     let Some(gpu) = gpu() else { return };

@@ -9,7 +9,7 @@ const CAPTURED: &str = "TUFF_TESTS_CAPTURED";
 /// Bytes of the buffers that are captured.
 const SIZES: [u64; 6] = [64, 100_000, 1 << 20, 64 << 10, 300_000, 4];
 
-/// What is captured of a buffer: the address of its memory, and its own.
+/// The captured addresses of a buffer: that of its memory, and its own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Captured {
     memory: u64,
@@ -261,7 +261,7 @@ impl Capture {
     }
 }
 
-/// What the addresses lead to is the buffers' memory: a shader writes there, and a copy reads it.
+/// The addresses lead to the buffers' memory: a shader writes there, and a copy reads it.
 fn write_and_read(gpu: &Gpu, made: &[Replayable]) {
     let addresses: Vec<u64> = made
         .iter()

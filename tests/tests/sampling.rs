@@ -495,8 +495,9 @@ fn separate_samplers_and_view_swizzles() {
     unsafe { gpu.device.destroy_image_view(view, None) };
 }
 
-/// glslang declares a `texture2D` as no depth image, and combines it with a `samplerShadow` into one that is. As a function's argument,
-/// too. Expected: the comparison with a depth of one half (the Vulkan specification, "Depth Compare Operation").
+/// glslang declares a `texture2D` as no depth image, and combines it with a `samplerShadow` into
+/// one that is. As a function's argument, too. Expected: the comparison with a depth of one half
+/// (the Vulkan specification, "Depth Compare Operation").
 #[test]
 fn separate_textures_meet_comparing_samplers() {
     let Some(gpu) = Gpu::new().drawing() else {

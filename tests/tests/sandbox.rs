@@ -72,7 +72,7 @@ fn listed(row: &str) -> Vec<c_long> {
     names.map(number).collect()
 }
 
-/// What the filter answers (`SECCOMP_RET_…`).
+/// The filter's answers (`SECCOMP_RET_…`).
 const ALLOW: u32 = libc::SECCOMP_RET_ALLOW;
 const REFUSE: u32 = libc::SECCOMP_RET_ERRNO | libc::EPERM as u32;
 /// A signal, which ends the process.
@@ -249,7 +249,7 @@ fn draw(gpu: &Gpu) {
     assert!(gpu.colors(&canvas) == [[255; 4]; 256 * 256]);
 }
 
-/// What is free of the machine's memory is asked for anew each time.
+/// The machine's free memory is asked for anew each time.
 fn ask_for_budget(gpu: &Gpu) {
     let mut budget = vk::PhysicalDeviceMemoryBudgetPropertiesEXT::default();
     let mut memory = vk::PhysicalDeviceMemoryProperties2::default().push_next(&mut budget);

@@ -6,7 +6,8 @@ use std::process::{Command, Output};
 use ash::vk;
 use tuff_tests::*;
 
-/// Says in a child what to do there: `PROBE` prints what the device says of itself, `CREATE` only tries to create one.
+/// Says in a child what to do there: `PROBE` prints what the device says of itself, `CREATE` only
+/// tries to create one.
 const CHILD: &str = "TUFF_TEST_SETTINGS";
 
 /// Runs `probe` again in a process of its own, with variables that drivers read once.
@@ -23,13 +24,15 @@ fn is_tuff() -> bool {
     gpu.is_some()
 }
 
-/// In a child: prints the device's name, conformance version and heap, and the result of creating a device.
+/// In a child: prints the device's name, conformance version and heap, and the result of creating a
+/// device.
 #[test]
 fn probe() {
     if std::env::var_os(CHILD).is_none() {
         return;
     }
-    // SAFETY: plain queries and a device with nothing enabled, in the order that they depend on each other.
+    // SAFETY: plain queries and a device with nothing enabled, in the order that they depend on
+    // each other.
     unsafe {
         let entry = ash::Entry::load().expect("there is a Vulkan loader");
         let version = vk::ApplicationInfo::default().api_version(vk::API_VERSION_1_3);

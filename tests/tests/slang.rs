@@ -222,7 +222,8 @@ const CORNERS: [[f32; 3]; 4] = [
 ];
 const INDICES: [u32; 6] = [0, 1, 2, 0, 2, 3];
 
-/// Paths that meet the square leave it for the white sky: its pixels have its colour whatever the directions were.
+/// Paths that meet the square leave it for the white sky: its pixels have its colour whatever the
+/// directions were.
 fn check_square(gpu: &Gpu, picture: &Picture) {
     let pixels: Vec<[f32; 4]> = gpu.download(picture, 0, 16).read();
     let middle = f64::from(SIZE) / 2.0;

@@ -211,7 +211,8 @@ fn an_image_is_bound_in_pieces() {
     unsafe { gpu.device.destroy_image(image, None) };
 }
 
-/// Every second block of an image has memory, in reverse order; what is written there is read there.
+/// Every second block of an image has memory, in reverse order; what is written there is read
+/// there.
 #[test]
 fn an_image_is_resident_in_parts() {
     let Some(gpu) = gpu_with_sparse_binding() else {

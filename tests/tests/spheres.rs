@@ -1,8 +1,10 @@
-//! Spheres and linear swept spheres (`VK_NV_ray_tracing_linear_swept_spheres`), against distances that geometry gives.
+//! Spheres and linear swept spheres (`VK_NV_ray_tracing_linear_swept_spheres`), against distances
+//! that geometry gives.
 
 use tuff_tests::*;
 
-/// A device that has both; `None` skips the test. The extension is newer than the validation layers of some systems.
+/// A device that has both; `None` skips the test. The extension is newer than the validation layers
+/// of some systems.
 fn gpu() -> Option<Gpu> {
     let gpu = Gpu::without_validation();
     let features = gpu.optional.swept_spheres;

@@ -1,4 +1,5 @@
-//! Stages that are not compiled together: parts of pipelines, and shader objects; and draws on a condition.
+//! Stages that are not compiled together: parts of pipelines, and shader objects; and draws on a
+//! condition.
 
 use ash::{ext, khr};
 use tuff_tests::*;

@@ -1,4 +1,5 @@
-//! `TUFF_STATS`: the table of how full the waves were, and that callees are packed whatever the divergence.
+//! `TUFF_STATS`: the table of how full the waves were, and that callees are packed whatever the
+//! divergence.
 
 use std::collections::HashMap;
 use std::process::Command;

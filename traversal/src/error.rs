@@ -4,7 +4,8 @@
 /// Why a build was refused. The destination's contents are undefined then.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BuildError {
-    /// The destination is smaller than [`build_sizes`](crate::build_sizes) says, or not aligned to 256 bytes.
+    /// The destination is smaller than [`build_sizes`](crate::build_sizes) says, or not aligned to
+    /// 256 bytes.
     Destination,
     /// The scratch memory is smaller than [`build_sizes`](crate::build_sizes) says.
     Scratch,

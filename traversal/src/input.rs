@@ -125,14 +125,16 @@ pub enum Indexing {
 pub enum EndCaps {
     /// None of them.
     None,
-    /// Both, but of a successive primitive that goes on where the one before it ends, the second only.
+    /// Both, but of a successive primitive that goes on where the one before it ends, the second
+    /// only.
     Chained,
 }
 
 /// A list of spheres or of linear swept spheres.
 #[derive(Clone, Copy, Debug)]
 pub struct SweptGeometry {
-    /// Vertex 0 lies at its start (a build range's `primitiveOffset` is already added when there are no indices).
+    /// Vertex 0 lies at its start (a build range's `primitiveOffset` is already added when there
+    /// are no indices).
     pub vertices: Memory,
     /// Bytes from one vertex to the next.
     pub vertex_stride_bytes: u64,
@@ -226,7 +228,8 @@ pub struct InstanceSource<'a> {
     pub count: u32,
     /// Flags of the one geometry that holds them; they mean nothing.
     pub flags: GeometryFlags,
-    /// Where records behind pointers and bottom levels may lie: an instance that leads elsewhere is inactive.
+    /// Where records behind pointers and bottom levels may lie: an instance that leads elsewhere is
+    /// inactive.
     pub live: &'a Live,
 }
 

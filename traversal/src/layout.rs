@@ -123,7 +123,8 @@ pub(crate) const HEADER_BYTES: u64 = 256;
 pub(crate) enum Form {
     /// [`TriangleGroup`]s.
     Groups = 0,
-    /// [`Block`]s, counted in units of 16 bytes. After the start of the last one there is room for the largest.
+    /// [`Block`]s, counted in units of 16 bytes. After the start of the last one there is room for
+    /// the largest.
     Blocks = 1,
 }
 
@@ -206,7 +207,8 @@ impl TriangleGroup {
         reserved: 0,
     };
 
-    /// The three vertices of a lane. By a loop, as closures are calls where an instruction set is enabled.
+    /// The three vertices of a lane. By a loop, as closures are calls where an instruction set is
+    /// enabled.
     #[inline(always)]
     pub fn triangle(&self, lane: usize) -> [[f32; 3]; 3] {
         let mut triangle = [[0.0; 3]; 3];
@@ -227,7 +229,8 @@ impl TriangleGroup {
         }
     }
 
-    /// The box around all triangles. What is not a number counts as 0, what is infinite as the largest number.
+    /// The box around all triangles. What is not a number counts as 0, what is infinite as the
+    /// largest number.
     pub fn bounds(&self) -> Bounds {
         let mut bounds = Bounds::EMPTY;
         for axis in 0..3 {

@@ -49,11 +49,12 @@ impl Live {
         ranges: None,
     };
 
-    /// Ranges, each with its first address and its length, in ascending order and disjoint. Those that touch should be one: nothing
-    /// that lies across the border of two is found.
+    /// Ranges, each with its first address and its length, in ascending order and disjoint. Those
+    /// that touch should be one: nothing that lies across the border of two is found.
     ///
     /// # Safety
-    /// All of it is readable as long as a structure is looked for there, or one that was found is in use.
+    /// All of it is readable as long as a structure is looked for there, or one that was found is
+    /// in use.
     pub unsafe fn new(ranges: impl IntoIterator<Item = (u64, u64)>) -> Live {
         let ranges: Arc<[Range]> = (ranges.into_iter())
             .map(|(start, size_bytes)| Range { start, size_bytes })

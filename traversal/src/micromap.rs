@@ -1,7 +1,7 @@
 //! Opacity micromaps: opacity of the parts of a triangle, looked up instead of asking a shader.
 //!
-//! A micromap triangle is divided `level` times into four, and each of the 4ᴸ parts has a state: one
-//! bit, or two. A micromap is one relocatable blob, like a structure:
+//! A micromap triangle is divided `level` times into four, and each of the 4ᴸ parts has a state:
+//! one bit, or two. A micromap is one relocatable blob, like a structure:
 //!
 //! ```text
 //! MicromapHeader      64 bytes
@@ -9,9 +9,10 @@
 //! states              each triangle's own bytes, one after the other
 //! ```
 //!
-//! A geometry with a micromap has an entry for each of its triangles ([`GeometryMicromap`]): one of the
-//! micromap's triangles, or one state for all of it. A bottom level holds these and the address of
-//! the micromap, which must therefore live as long; see [`crate::transfer`] for what serialization does.
+//! A geometry with a micromap has an entry for each of its triangles ([`GeometryMicromap`]): one of
+//! the micromap's triangles, or one state for all of it. A bottom level holds these and the address
+//! of the micromap, which must therefore live as long; see [`crate::transfer`] for what
+//! serialization does.
 
 mod curve;
 mod geometry;
@@ -119,7 +120,8 @@ pub struct MicromapInput {
 /// Indices from here up stand for one [`Opacity`] of the whole triangle: `!index`.
 const FIRST_SPECIAL: u32 = !3;
 
-/// First bytes of a micromap. It can be read where serialized data is, which applications align to 16 bytes.
+/// First bytes of a micromap. It can be read where serialized data is, which applications align to
+/// 16 bytes.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(16))]
 struct MicromapHeader {
@@ -146,7 +148,8 @@ struct TriangleEntry {
 const _: () = assert!(size_of::<MicromapHeader>() == 64);
 const _: () = assert!(size_of::<TriangleEntry>() == 16);
 
-/// Bytes of a micromap with these triangles, as [`build_micromap`] writes it; `None` if no memory can have so many.
+/// Bytes of a micromap with these triangles, as [`build_micromap`] writes it; `None` if no memory
+/// can have so many.
 pub fn micromap_size(usages: impl IntoIterator<Item = MicromapUsage>) -> Option<u64> {
     let each = |usage: MicromapUsage| {
         let states = usage.format.triangle_bytes(usage.level.min(MAX_LEVEL));
@@ -160,8 +163,9 @@ pub fn micromap_size(usages: impl IntoIterator<Item = MicromapUsage>) -> Option<
         .checked_next_multiple_of(ALIGNMENT)
 }
 
-/// Builds a micromap into `destination` (256-byte aligned); returns how many of its bytes it uses. A triangle whose
-/// level or format there is not, or whose states lie outside the memory, asks a shader everywhere.
+/// Builds a micromap into `destination` (256-byte aligned); returns how many of its bytes it uses.
+/// A triangle whose level or format there is not, or whose states lie outside the memory, asks a
+/// shader everywhere.
 ///
 /// # Safety
 /// The memory that `input` names is readable and unchanged, and does not overlap `destination`.
@@ -236,7 +240,8 @@ unsafe fn read_triangle(
     if u64::from(offset) + length > input.data.bytes as u64 {
         return None;
     }
-    // SAFETY: inside the memory, which is readable by the caller's promise for as long as the caller needs it.
+    // SAFETY: inside the memory, which is readable by the caller's promise for as long as the
+    // caller needs it.
     let states = unsafe {
         std::slice::from_raw_parts(input.data.base.add(offset as usize), length as usize)
     };
@@ -254,7 +259,8 @@ fn put<T: Copy>(destination: &mut [u8], offset: u64, value: T) -> Result<(), Bui
     Ok(())
 }
 
-/// A micromap at an address, to be read: by a copy of its header, as a [`Structure`](crate::Structure) is.
+/// A micromap at an address, to be read: by a copy of its header, as a
+/// [`Structure`](crate::Structure) is.
 #[derive(Clone, Copy, Debug)]
 pub struct Micromap {
     base: *const u8,
@@ -266,11 +272,12 @@ impl Micromap {
     /// Bytes of the head that every micromap has.
     pub const HEADER_BYTES: u64 = size_of::<MicromapHeader>() as u64;
 
-    /// The micromap at `address`; `None` if that is 0, not aligned or not live, or no micromap lies there that ends in live memory.
+    /// The micromap at `address`; `None` if that is 0, not aligned or not live, or no micromap lies
+    /// there that ends in live memory.
     ///
     /// # Safety
-    /// `live` is there as long as the value is in use. In [`EVERYWHERE`](crate::EVERYWHERE), an address other than 0 must be that of a
-    /// micromap.
+    /// `live` is there as long as the value is in use. In [`EVERYWHERE`](crate::EVERYWHERE), an
+    /// address other than 0 must be that of a micromap.
     pub unsafe fn at(address: u64, live: &Live) -> Option<Micromap> {
         // SAFETY: the caller's promise.
         unsafe { Micromap::inside(address, live.bytes_from(address)) }

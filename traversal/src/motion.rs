@@ -1,5 +1,5 @@
-//! Where things are at a time: vertices on a line, transforms as matrices or by scale, rotation and translation (chapter Acceleration
-//! Structures, "Motion Instances").
+//! Where things are at a time: vertices on a line, transforms as matrices or by scale, rotation and
+//! translation (chapter Acceleration Structures, "Motion Instances").
 #![forbid(unsafe_code)]
 
 use crate::layout::{Bounds, Motion, motion_type};
@@ -186,7 +186,8 @@ mod tests {
 
     #[test]
     fn rotations_turn_about_their_axis() {
-        // Half a turn about z, by a quaternion from (0, 0, 0, 1) to (0, 0, 1, 0): a quarter in the middle.
+        // Half a turn about z, by a quaternion from (0, 0, 0, 1) to (0, 0, 1, 0): a quarter in the
+        // middle.
         let mut end = STILL;
         (end[11], end[12]) = (1.0, 0.0);
         (end[13], end[14]) = (4.0, 6.0);

@@ -87,8 +87,8 @@ impl Ray {
 pub struct Hit {
     /// Distance in units of the ray's direction. For a box that is a candidate: the ray's `t_min`.
     pub t: f32,
-    /// Weights of a triangle's second and third vertex; of a linear swept sphere the position along its axis, 0 and 1 on its end caps; 0
-    /// for the others.
+    /// Weights of a triangle's second and third vertex; of a linear swept sphere the position along
+    /// its axis, 0 and 1 on its end caps; 0 for the others.
     pub barycentrics: [f32; 2],
     /// Position of the instance in the build's input: `InstanceId`.
     pub instance_index: u32,
@@ -133,8 +133,9 @@ impl Hit {
         swept: Swept::No,
     };
 
-    /// Whether this is to be preferred to another hit at the same distance. Among opaque primitives that traversal finds, the one with
-    /// the least instance, geometry and primitive is, so that the order of the walk does not show.
+    /// Whether this is to be preferred to another hit at the same distance. Among opaque primitives
+    /// that traversal finds, the one with the least instance, geometry and primitive is, so that
+    /// the order of the walk does not show.
     #[inline(always)]
     pub(crate) fn wins_tie(&self, other: &Hit) -> bool {
         let key = |hit: &Hit| (hit.instance_index, hit.geometry_index, hit.primitive_index);

@@ -21,9 +21,10 @@ pub use validate::validate;
 
 /// A structure at an address, to be read.
 ///
-/// It is made from one copy of the header, which was checked: all parts lie inside the size that it stated, and that inside memory that
-/// is there. The header in memory is not read again. What lies in the parts may be anything, and may change at any time: words of nodes,
-/// counts and references are read once, held against this copy, and used then. Coordinates are only ever coordinates.
+/// It is made from one copy of the header, which was checked: all parts lie inside the size that it
+/// stated, and that inside memory that is there. The header in memory is not read again. What lies
+/// in the parts may be anything, and may change at any time: words of nodes, counts and references
+/// are read once, held against this copy, and used then. Coordinates are only ever coordinates.
 #[derive(Clone, Copy, Debug)]
 pub struct Structure {
     base: *const u8,
@@ -50,12 +51,12 @@ unsafe impl Send for Structure {}
 unsafe impl Sync for Structure {}
 
 impl Structure {
-    /// The structure at `address`; `None` if that is 0, not aligned or not live, or no structure of ours lies there that ends in live
-    /// memory.
+    /// The structure at `address`; `None` if that is 0, not aligned or not live, or no structure of
+    /// ours lies there that ends in live memory.
     ///
     /// # Safety
-    /// `live` is there as long as the value or a [`Walk`](crate::Walk) on it is in use. In [`EVERYWHERE`](crate::EVERYWHERE), an address
-    /// other than 0 must be that of a structure.
+    /// `live` is there as long as the value or a [`Walk`](crate::Walk) on it is in use. In
+    /// [`EVERYWHERE`](crate::EVERYWHERE), an address other than 0 must be that of a structure.
     #[inline(always)]
     pub unsafe fn at(address: u64, live: &Live) -> Option<Structure> {
         // SAFETY: the caller's promise.
@@ -195,7 +196,8 @@ impl Structure {
             .map_or([0.0; 12], |both| both.1)
     }
 
-    /// The 24 bits that the application gave an instance (`InstanceCustomIndexKHR`), and its offset into the hit records.
+    /// The 24 bits that the application gave an instance (`InstanceCustomIndexKHR`), and its offset
+    /// into the hit records.
     pub fn instance_indices(&self, instance_index: u32) -> (u32, u32) {
         self.instance_words(instance_index).map_or((0, 0), |words| {
             (
@@ -275,7 +277,8 @@ impl Structure {
     pub(crate) fn block(&self, index: u32) -> Option<&Block> {
         let is_inside = self.leaf_count >= BLOCK_UNITS && index <= self.leaf_count - BLOCK_UNITS;
         (self.kind == Kind::Triangles && self.form == Form::Blocks && is_inside)
-            // SAFETY: room for the largest block is inside the part; parts are aligned to 256 bytes, units to 16.
+            // SAFETY: room for the largest block is inside the part; parts are aligned to 256
+            // bytes, units to 16.
             .then(|| unsafe { &*self.leaves.add(index as usize * BLOCK_UNIT).cast::<Block>() })
     }
 
@@ -288,8 +291,9 @@ impl Structure {
         }
     }
 
-    /// The groups of a leaf of triangles, the same twice if there is one, and which of their lanes hold one. A block's are written to
-    /// `room` by `expand`, as [`Block::expand`]. `None` for what a corrupt node takes for a leaf.
+    /// The groups of a leaf of triangles, the same twice if there is one, and which of their lanes
+    /// hold one. A block's are written to `room` by `expand`, as [`Block::expand`]. `None` for what
+    /// a corrupt node takes for a leaf.
     #[inline(always)]
     pub(crate) fn leaf_groups<'a>(
         &'a self,
@@ -322,7 +326,8 @@ impl Structure {
         self.form
     }
 
-    /// The slot of the first triangle of a leaf; see [`Hit::slot`]. The index that a corrupt node has may wrap: there are no triangles.
+    /// The slot of the first triangle of a leaf; see [`Hit::slot`]. The index that a corrupt node
+    /// has may wrap: there are no triangles.
     #[inline(always)]
     pub(crate) fn first_slot(&self, index: u32) -> u32 {
         match self.form {
@@ -364,7 +369,8 @@ impl Structure {
     fn leaf<T: Copy>(&self, index: u32) -> Option<T> {
         debug_assert_eq!(size_of::<T>() as u64, leaf_bytes(self.kind, self.form));
         (index < self.leaf_count)
-            // SAFETY: below the count, so inside the part; parts are aligned to 256 bytes. All are plain numbers.
+            // SAFETY: below the count, so inside the part; parts are aligned to 256 bytes. All are
+            // plain numbers.
             .then(|| unsafe { self.leaves.cast::<T>().add(index as usize).read_volatile() })
     }
 
@@ -404,7 +410,8 @@ impl Structure {
             .map(|record| record.motion)
     }
 
-    /// Transform and inverse of an instance at a time in [0, 1]; `None` where it has no inverse then.
+    /// Transform and inverse of an instance at a time in [0, 1]; `None` where it has no inverse
+    /// then.
     pub(crate) fn transforms(&self, index: u32, time: f32) -> Option<Transforms> {
         let record = self.instance(index)?;
         if record.words.state & instance_state::MOVING == 0 {

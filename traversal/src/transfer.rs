@@ -248,9 +248,9 @@ unsafe fn enclose(structure: &Structure, split: &Split, blob: &mut [u8]) {
     put(offset_of!(Header, micromap_bytes), part_bytes + enclosed);
 }
 
-/// Makes a structure from serialized data, with the references as they stand in it now; returns
-/// the bytes used. The data is validated, and references that do not lead to where a structure may be in `live` become 0, as
-/// in a build; the identifiers are the caller's to check.
+/// Makes a structure from serialized data, with the references as they stand in it now; returns the
+/// bytes used. The data is validated, and references that do not lead to where a structure may be
+/// in `live` become 0, as in a build; the identifiers are the caller's to check.
 ///
 /// # Errors
 /// `data` holds no valid structure, or `destination` is too small or not aligned.

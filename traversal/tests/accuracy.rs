@@ -70,7 +70,8 @@ fn interior_hits_are_within_few_units() {
     }
 }
 
-/// A triangle that is met at a small share of what its vertices are away, and nearly along its plane.
+/// A triangle that is met at a small share of what its vertices are away, and nearly along its
+/// plane.
 #[test]
 fn a_near_hit_of_a_far_triangle_is_exact() {
     let bits = |v: [u32; 3]| v.map(f32::from_bits);

@@ -12,7 +12,8 @@ const FLAGS: [u32; 6] = [
     ray_flags::TERMINATE_ON_FIRST_HIT,
 ];
 
-/// A sphere whose triangles share vertices, some twice, of two geometries that are mixed everywhere.
+/// A sphere whose triangles share vertices, some twice, of two geometries that are mixed
+/// everywhere.
 fn shared(opaque: [bool; 2]) -> Vec<Mesh> {
     let (vertices, faces) = icosphere(3);
     let vertices: Vec<[f32; 3]> = vertices.into_iter().map(narrow).collect();

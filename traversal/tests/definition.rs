@@ -85,7 +85,8 @@ fn a_ray_in_a_triangles_plane_misses_it() {
     }
 }
 
-/// A ray that starts on a triangle does not meet it, and whether one that starts beside it does is decided exactly.
+/// A ray that starts on a triangle does not meet it, and whether one that starts beside it does is
+/// decided exactly.
 #[test]
 fn a_ray_does_not_meet_the_triangle_that_it_starts_on() {
     let mut random = Random(0x2545_F491_4F6C_DD1D);
@@ -131,7 +132,8 @@ fn a_ray_does_not_meet_the_triangle_that_it_starts_on() {
     );
 }
 
-/// A closed fan of needles a million times as long as wide: each ray through it crosses one, at its edges, too.
+/// A closed fan of needles a million times as long as wide: each ray through it crosses one, at its
+/// edges, too.
 #[test]
 fn needles_are_crossed_once() {
     let mut random = Random(0x853C_49E6_748F_EA9B);

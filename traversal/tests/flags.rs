@@ -8,7 +8,8 @@ use traversal::*;
 /// Instance, geometry, primitive.
 type Key = (u32, u32, u32);
 
-/// How far distances may be off: rays are as close to triangles' planes as an angle of about a ten-thousandth.
+/// How far distances may be off: rays are as close to triangles' planes as an angle of about a
+/// ten-thousandth.
 const GRAZING: f64 = 1e-4;
 
 struct World {

@@ -1,6 +1,8 @@
-//! Walks that stop at any step (fuel that ends, candidates, rays that wait) and go on in any way find what a walk finds that nothing stops.
+//! Walks that stop at any step (fuel that ends, candidates, rays that wait) and go on in any way
+//! find what a walk finds that nothing stops.
 //!
-//! What is right comes from single walks of the portable tier without any shortcut, and from exact arithmetic where that can say it.
+//! Expectations come from single walks of the portable tier without any shortcut, and from exact
+//! arithmetic where that can say it.
 
 use scenes::decisions::{counts, inside};
 use scenes::groups::Groups;
@@ -8,7 +10,7 @@ use scenes::odd::plain;
 use scenes::*;
 use traversal::*;
 
-/// What rays look for.
+/// The aim of rays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Quest {
     /// The closest hit; what is not opaque is decided on.
@@ -39,7 +41,7 @@ impl Quest {
     }
 }
 
-/// What a bottom level holds.
+/// The contents of a bottom level.
 enum Content {
     Triangles(Mesh),
     /// Its vertices are elsewhere at time 1.
@@ -52,14 +54,15 @@ struct World {
     top: Bytes,
     /// By instance.
     contents: Vec<Content>,
-    /// Where each instance is, if it is not turned and does not move, so that its rays are moved without rounding.
+    /// Where each instance is, if it is not turned and does not move, so that its rays are moved
+    /// without rounding.
     places: Option<Vec<DVec3>>,
     rays: Vec<(Ray, f32)>,
     quest: Quest,
     _bottoms: Vec<Bytes>,
 }
 
-/// What a ray has found, and the candidates at which it stood.
+/// The result of a ray, and the candidates at which it stood.
 #[derive(Clone, Debug, Default, PartialEq)]
 struct Found {
     hit: Option<Hit>,
@@ -196,7 +199,7 @@ impl World {
         }
     }
 
-    /// What is decided about a triangle.
+    /// The decision about a triangle.
     fn accepts(&self, candidate: &Hit) -> bool {
         self.quest != Quest::Candidates && counts(candidate)
     }
@@ -405,7 +408,8 @@ impl Way {
     }
 }
 
-/// Candidates in an order of their own, each once for each time it was met. Where rays wait, they are met again.
+/// Candidates in an order of their own, each once for each time it was met. Where rays wait, they
+/// are met again.
 fn as_set(candidates: &[Hit], once: bool) -> Vec<(u32, u32, u32, u32)> {
     let key = |hit: &Hit| {
         let t = hit.t.to_bits();
@@ -443,7 +447,8 @@ fn compare(world: &World, way: &Way, found: &[Found], expected: &[Found], case: 
     }
 }
 
-/// Holds what rays find by themselves against exact arithmetic, where all is triangles in places that need no rounding.
+/// Holds what rays find by themselves against exact arithmetic, where all is triangles in places
+/// that need no rounding.
 fn compare_exactly(world: &World, expected: &[Found], case: &str) -> bool {
     let Some(places) = &world.places else {
         return false;
@@ -511,7 +516,7 @@ fn tiers() -> impl Iterator<Item = Tier> {
     Tier::ALL.into_iter().filter(|tier| tier.is_available())
 }
 
-/// What happened in all worlds.
+/// The events in all worlds.
 #[derive(Debug, Default)]
 struct Tally {
     refills: usize,
@@ -575,7 +580,8 @@ fn interrupted_walks_find_what_others_find() {
     assert!(happened, "{tally:?}");
 }
 
-/// Every step at which rays can run out of fuel, on every tier: two instances of triangles most of which lie in the way of each ray.
+/// Every step at which rays can run out of fuel, on every tier: two instances of triangles most of
+/// which lie in the way of each ray.
 #[test]
 fn no_step_is_a_wrong_one_to_stop_at() {
     let mut random = Random(0x0123_4567_89AB_CDEF);

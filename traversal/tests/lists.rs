@@ -1,4 +1,5 @@
-//! Rays that are set up as a list find what each finds by itself without any shortcut, bit for bit, on every instruction set.
+//! Rays that are set up as a list find what each finds by itself without any shortcut, bit for bit,
+//! on every instruction set.
 
 use scenes::groups::{Groups, undecided};
 use scenes::odd::{plain, rays, steps};

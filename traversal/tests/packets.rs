@@ -4,7 +4,8 @@ use scenes::groups::Groups;
 use scenes::*;
 use traversal::*;
 
-/// Traces rays together, in turn and one by one; returns whether the first could be done. Lanes that take no part stay as they are.
+/// Traces rays together, in turn and one by one; returns whether the first could be done. Lanes
+/// that take no part stay as they are.
 fn compare(walker: &mut Walker, top: &Bytes, rays: &[Ray]) -> bool {
     // With few rays some lanes are left out, the first among them.
     let apart = if 2 * rays.len() < PACKET { 2 } else { 1 };
@@ -122,7 +123,8 @@ fn packets_find_what_single_walks_find() {
     }
 }
 
-/// Instances turned in all ways, some in the same place; rays of one tile, some of them shadow rays.
+/// Instances turned in all ways, some in the same place; rays of one tile, some of them shadow
+/// rays.
 #[test]
 fn packets_go_through_many_instances() {
     let mesh = mesh();
@@ -255,7 +257,8 @@ fn rays_in_turn_are_rays_by_themselves() {
     }
 }
 
-/// Candidates are ignored, then accepted, and so on, of every other ray at a time; rays run out of fuel now and then.
+/// Candidates are ignored, then accepted, and so on, of every other ray at a time; rays run out of
+/// fuel now and then.
 fn compare_in_turn(walker: &mut Walker, tops: &[&Bytes], rays: &[(Ray, usize)]) {
     let mut rows = RayRows::NONE;
     for (lane, (ray, which)) in rays.iter().enumerate() {

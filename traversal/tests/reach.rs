@@ -1,5 +1,5 @@
-//! Meshes whose faces reach far: whatever the proportions, no ray leaves closed ones unseen, and each
-//! meets what whole numbers say.
+//! Meshes whose faces reach far: whatever the proportions, no ray leaves closed ones unseen, and
+//! each meets what whole numbers say.
 //!
 //! `cargo xtask watertight` sends more rays at them.
 

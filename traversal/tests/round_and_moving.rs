@@ -1,4 +1,5 @@
-//! Spheres, linear swept spheres and triangles that move: structures of many find what each of them alone does, after updates and moves too.
+//! Spheres, linear swept spheres and triangles that move: structures of many find what each of them
+//! alone does, after updates and moves too.
 
 use scenes::*;
 use traversal::*;
@@ -68,7 +69,8 @@ fn closest_at(top: &Bytes, ray: &Ray, time: f32) -> Option<(f32, u32)> {
     walk.committed().map(|hit| (hit.t, hit.primitive_index))
 }
 
-/// Builds all primitives of a geometry, and each alone; both must find the same, as must what became of the whole by copies.
+/// Builds all primitives of a geometry, and each alone; both must find the same, as must what
+/// became of the whole by copies.
 fn check<'g>(
     flags: u32,
     count: usize,

@@ -1,4 +1,5 @@
-//! A seam between two instances that coincides in world space: what rays lose there stays within a bound.
+//! A seam between two instances that coincides in world space: what rays lose there stays within a
+//! bound.
 //!
 //! Rays by the count of the environment's RAYS, for each distance.
 
@@ -20,7 +21,8 @@ const TURNS: [DMat3; 2] = [
     DMat3::from_cols_array_2d(&[[2.0, 3.0, 6.0], [3.0, -6.0, 2.0], [6.0, 2.0, -3.0]]),
 ];
 
-/// Half a plane each: triangles in the space of an instance, placed so that one edge of both is the same in the world.
+/// Half a plane each: triangles in the space of an instance, placed so that one edge of both is the
+/// same in the world.
 fn halves() -> ([Bytes; 2], Bytes) {
     // Multiples of 9 and of 49, so that object space has whole numbers, too.
     let world = [[0.0, -882.0, 441.0], [0.0, 882.0, 441.0]];

@@ -1,4 +1,5 @@
-//! Rays that are traced in streams find what each finds by itself without any shortcut, bit for bit.
+//! Rays that are traced in streams find what each finds by itself without any shortcut, bit for
+//! bit.
 
 use scenes::groups::{Groups, undecided};
 use scenes::odd::{self, plain, rays, steps};
@@ -10,7 +11,8 @@ fn has_streams() -> bool {
     Tier::Avx2.is_available()
 }
 
-/// Compares streams, each group with some fuel, with plain walks; returns how many rays went by streams, and how often some stopped.
+/// Compares streams, each group with some fuel, with plain walks; returns how many rays went by
+/// streams, and how often some stopped.
 fn compare(top: &Bytes, rays: &[Ray], fuel: u64) -> (u64, usize) {
     let options = Options {
         fuel,

@@ -1,4 +1,5 @@
-//! Architectures that Tuff is built for. Programs of another one than this machine's are compiled by its cross compiler, and run by QEMU.
+//! Architectures that Tuff is built for. Programs of another one than this machine's are compiled
+//! by its cross compiler, and run by QEMU.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -41,7 +42,7 @@ impl Architecture {
         }
     }
 
-    /// What Rust calls a Linux system of it.
+    /// Rust's name of a Linux system of this architecture.
     pub fn platform(self) -> String {
         format!("{}-unknown-linux-gnu", self.name())
     }
@@ -99,9 +100,11 @@ impl Emulation {
         // Where Debian's cross compiler has the architecture's C library.
         cargo.env("QEMU_LD_PREFIX", format!("/usr/{name}-linux-gnu"));
         cargo.env("LD_LIBRARY_PATH", &self.loader);
-        // Layers that are installed here are of this machine's architecture: the loader would name them, and fail to load them.
+        // Layers that are installed here are of this machine's architecture: the loader would name
+        // them, and fail to load them.
         cargo.env("VK_LAYER_PATH", &self.loader);
-        // The emulator keeps a note of each page: of the terabyte that a device would reserve they take it half a minute.
+        // The emulator keeps a note of each page: of the terabyte that a device would reserve they
+        // take it half a minute.
         if std::env::var_os(ADDRESS_SPACE).is_none() {
             cargo.env(ADDRESS_SPACE, "16G");
         }

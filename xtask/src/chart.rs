@@ -15,8 +15,8 @@ pub struct Options {
     /// Another driver whose picture is held against the reference, given by its manifest
     #[arg(long = "icd", value_name = "MANIFEST")]
     icds: Vec<PathBuf>,
-    /// Subjects (triangles, walks, functions, denormals, builds, stability, pictures, tiers, switches; all by default), `--quick` for
-    /// under two minutes, `--out FOLDER`
+    /// Subjects (triangles, walks, functions, denormals, builds, stability, pictures, tiers,
+    /// switches; all by default), `--quick` for under two minutes, `--out FOLDER`
     #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
     arguments: Vec<String>,
 }

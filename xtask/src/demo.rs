@@ -1,4 +1,5 @@
-//! `cargo xtask demo`: builds the driver and the demo, or its window, and lets the one draw on the other.
+//! `cargo xtask demo`: builds the driver and the demo, or its window, and lets the one draw on the
+//! other.
 
 use std::path::PathBuf;
 use std::process::{Command, ExitCode};
@@ -22,7 +23,8 @@ pub struct Options {
     /// Samples per pixel, 1 to 65536 [default: 16, and as many as it can be with --window]
     #[arg(long, value_name = "N", value_parser = limits::parse_spp)]
     spp: Option<u32>,
-    /// Render only band I (from 0) of N equal ones, into a picture of its own: laid below each other in order, they are the whole
+    /// Render only band I (from 0) of N equal ones, into a picture of its own: laid below each
+    /// other in order, they are the whole
     #[arg(long, value_name = "I/N", value_parser = limits::parse_tile)]
     tile: Option<limits::Tile>,
     /// Which frame, of 24 a second: the lake's waves move
@@ -37,10 +39,12 @@ pub struct Options {
     /// A glTF scene (.glb or .gltf) to render instead of the landscape
     #[arg(long, value_name = "FILE")]
     scene: Option<PathBuf>,
-    /// Rasterize the left half, with shadows and mirrors by ray queries, and trace paths in the right half
+    /// Rasterize the left half, with shadows and mirrors by ray queries, and trace paths in the
+    /// right half
     #[arg(long)]
     compare: bool,
-    /// Show the picture in a window while it gets better: look around by the mouse, move by W, A, S, D, Q and E
+    /// Show the picture in a window while it gets better: look around by the mouse, move by W, A,
+    /// S, D, Q and E
     #[arg(long, conflicts_with_all = ["tile", "out", "compare"])]
     window: bool,
     /// End the window once so many frames were presented, with an error if they could not be
@@ -97,7 +101,8 @@ pub fn demo(options: &Options) -> Result<ExitCode> {
     workspace::run(demo)
 }
 
-/// Builds one of the two programs, which will see the driver that was asked for, with what both understand.
+/// Builds one of the two programs, which will see the driver that was asked for, with what both
+/// understand.
 fn program(name: &str, options: &Options) -> Result<Command> {
     system::require(&[&COMPILER, &LOADER])?;
     let mut program = workspace::program(name)?;

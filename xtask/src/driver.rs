@@ -27,8 +27,8 @@ pub struct Driver {
 }
 
 impl Driver {
-    /// Builds the driver in release mode, then the packages `also`, and writes its manifest into the
-    /// target directory.
+    /// Builds the driver in release mode, then the packages `also`, and writes its manifest into
+    /// the target directory.
     pub fn build(also: &[&str]) -> Result<Driver> {
         workspace::build_release(&["icd"])?;
         if !also.is_empty() {
@@ -41,7 +41,8 @@ impl Driver {
         Ok(Driver { library, manifest })
     }
 
-    /// Builds the driver in release mode for another architecture, and writes its manifest beside it.
+    /// Builds the driver in release mode for another architecture, and writes its manifest beside
+    /// it.
     pub fn build_for(architecture: Architecture, emulation: &Emulation) -> Result<Driver> {
         let mut cargo = workspace::cargo();
         cargo.args(["build", "--release", "--package", "icd"]);

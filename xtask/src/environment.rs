@@ -112,7 +112,7 @@ fn users(found: &Variables, target: &Path) -> Variables {
     found.iter().filter_map(keep).collect()
 }
 
-/// What is left of a list of folders without those that cargo and rustup put before it: of the
+/// The rest of a list of folders without those that cargo and rustup put before it: of the
 /// target directory, and of the toolchain.
 fn users_libraries(list: &OsStr, target: &Path, by_rustup: bool) -> Option<OsString> {
     let real = |path: &Path| std::fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
@@ -153,7 +153,7 @@ mod tests {
         list
     }
 
-    /// What `cargo run` adds where rustup is, as it was seen there.
+    /// The variables that `cargo run` adds where rustup is, as it was seen there.
     const ADDED: [(&str, &str); 9] = [
         ("CARGO", "/home/ada/.rustup/toolchains/stable/bin/cargo"),
         ("CARGO_HOME", "/home/ada/.cargo"),
@@ -166,7 +166,7 @@ mod tests {
         ("RUST_RECURSION_COUNT", "1"),
     ];
 
-    /// What cargo and rustup put before the user's folders.
+    /// The folders that cargo and rustup put before the user's.
     const FOLDERS: &str = "/tuff/target/debug/build/zstd/out:/tuff/target/debug:/tuff/target/debug/deps:\
         /toolchains/stable/lib/rustlib/x86_64-unknown-linux-gnu/lib:/toolchains/stable/lib";
 

@@ -1,4 +1,5 @@
-//! `cargo xtask fuzz`: nonsense through the Vulkan API of the built driver, and the coverage-guided targets of the two crates below it.
+//! `cargo xtask fuzz`: nonsense through the Vulkan API of the built driver, and the coverage-guided
+//! targets of the two crates below it.
 
 use std::path::PathBuf;
 use std::process::{Command, ExitCode};
@@ -21,8 +22,9 @@ pub struct Options {
     /// With AddressSanitizer in the driver and in the program
     #[arg(long)]
     address: bool,
-    /// modules, structures, blobs, scribbles, caches, transfers, builds, descriptors, draws, tables: all of these by default. Or one or more of
-    /// those that coverage guides: spirv-jit/words, spirv-jit/modules, traversal/builds, traversal/blobs
+    /// modules, structures, blobs, scribbles, caches, transfers, builds, descriptors, draws,
+    /// tables: all of these by default. Or one or more of those that coverage guides:
+    /// spirv-jit/words, spirv-jit/modules, traversal/builds, traversal/blobs
     targets: Vec<String>,
 }
 
@@ -78,8 +80,9 @@ fn sanitizing(flags: &str) -> Command {
     cargo
 }
 
-/// Builds the driver and all that it is made of with the sanitizer, and the program as ever, but linked with the sanitizer's runtime, which
-/// the driver finds in it: what the program is made of (a compiler in C++ is) need not be built again.
+/// Builds the driver and all that it is made of with the sanitizer, and the program as ever, but
+/// linked with the sanitizer's runtime, which the driver finds in it: what the program is made of
+/// (a compiler in C++ is) need not be built again.
 fn with_address_sanitizer() -> Result<Command> {
     let target = workspace::target()?.join("address");
     let mut driver = sanitizing("-Zsanitizer=address");
@@ -115,7 +118,8 @@ fn with_address_sanitizer() -> Result<Command> {
         fuzz.env(name, value);
     }
     fuzz.env_remove("VK_ADD_DRIVER_FILES");
-    // The driver reserves terabytes of addresses and looks after its own faults; leaks at the loader's end are not ours.
+    // The driver reserves terabytes of addresses and looks after its own faults; leaks at the
+    // loader's end are not ours.
     fuzz.env("ASAN_OPTIONS", "detect_leaks=0:abort_on_error=1");
     Ok(fuzz)
 }

@@ -1,4 +1,5 @@
-//! `cargo xtask install` and `uninstall`: the driver and its manifest where the Vulkan loader looks.
+//! `cargo xtask install` and `uninstall`: the driver and its manifest where the Vulkan loader
+//! looks.
 
 use std::ffi::OsString;
 use std::fs;
@@ -47,7 +48,8 @@ pub fn install(options: &Options) -> Result<ExitCode> {
         let folder = file.parent().context("a file lies in a folder")?;
         fs::create_dir_all(folder).with_context(|| format!("making {}", folder.display()))?;
     }
-    // A program may have the old library mapped: the new one gets its own inode. Tried before minutes of building.
+    // A program may have the old library mapped: the new one gets its own inode. Tried before
+    // minutes of building.
     let incoming = places.library.with_extension("so.new");
     fs::write(&incoming, "").with_context(|| format!("writing {}", incoming.display()))?;
     let built = Driver::build(&[]).inspect_err(|_| {
@@ -104,7 +106,8 @@ fn remove_empty_folders(file: &Path, prefix: &Path) {
     }
 }
 
-/// Takes the debug information out of a copy. A system without the tool keeps it: the library is larger, and works.
+/// Takes the debug information out of a copy. A system without the tool keeps it: the library is
+/// larger, and works.
 fn strip(library: &Path) {
     let stripped = Command::new("strip").arg(library).status();
     if !stripped.is_ok_and(|status| status.success()) {

@@ -1,4 +1,6 @@
-//! The commands a person types: `cargo xtask demo | test | fuzz | bench | apps | chart | precision | watertight | profile | audit | vuids | env | run | info | install | uninstall | package`.
+//! The commands a person types: `cargo xtask demo | test | fuzz | bench | apps | chart |
+//! precision | watertight | profile | audit | vuids | env | run | info | install |
+//! uninstall | package`.
 
 mod apps;
 mod architecture;
@@ -118,8 +120,8 @@ fn main() -> ExitCode {
     })
 }
 
-/// A reader that has seen enough (`cargo xtask info | head`) ends this program by SIGPIPE, as it ends others. Rust's programs start with
-/// that signal ignored, and panic when they print.
+/// A reader that has seen enough (`cargo xtask info | head`) ends this program by SIGPIPE, as it
+/// ends others. Rust's programs start with that signal ignored, and panic when they print.
 fn end_with_the_reader() {
     // SAFETY: the default action is no handler of ours, and no other thread runs yet.
     unsafe { libc::signal(libc::SIGPIPE, libc::SIG_DFL) };

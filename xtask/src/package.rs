@@ -17,8 +17,8 @@ const ZIGBUILD: &str = "cargo-zigbuild";
 
 #[derive(Args)]
 pub struct Options {
-    /// The oldest glibc that the packages run with. Needs cargo-zigbuild and zig (pip install cargo-zigbuild ziglang). `here`: this
-    /// machine's, by its own linker
+    /// The oldest glibc that the packages run with. Needs cargo-zigbuild and zig (pip install
+    /// cargo-zigbuild ziglang). `here`: this machine's, by its own linker
     #[arg(long, value_name = "VERSION", default_value = "2.28")]
     glibc: String,
     /// A Vulkan loader to bring along, with LICENSE.txt or copyright beside it, or `none` [default:

@@ -37,7 +37,14 @@ pub fn findings() -> Result<Vec<String>> {
         let text = fs::read_to_string(&file).with_context(|| file.display().to_string())?;
         let is_page = is_of_kind(&file, "md");
         let name = file.strip_prefix(workspace::root()).unwrap_or(&file);
+        let mut is_diagram = false;
         for (index, line) in text.lines().enumerate() {
+            // Diagrams and code between fences have their own columns.
+            let is_fence = line.trim_start_matches([' ', '/', '!']).starts_with("```");
+            is_diagram ^= is_fence;
+            if is_fence || is_diagram {
+                continue;
+            }
             for fault in faults(line, is_page) {
                 findings.push(format!("{}:{}: {fault}", name.display(), index + 1));
             }

@@ -32,7 +32,8 @@ pub fn run(options: &Options) -> Result<ExitCode> {
     workspace::run(program)
 }
 
-/// Sees to it that a program can be started: by its path, or by a name that a folder of `search` has.
+/// Sees to it that a program can be started: by its path, or by a name that a folder of `search`
+/// has.
 fn require_program(name: &OsStr, search: Option<&OsStr>) -> Result<()> {
     let shown = name.display();
     if name.as_encoded_bytes().contains(&b'/') {

@@ -1,4 +1,5 @@
-//! `cargo xtask slang`: slangpy's ray tracing examples, compiled by its own compiler, run on the driver.
+//! `cargo xtask slang`: slangpy's ray tracing examples, compiled by its own compiler, run on the
+//! driver.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
@@ -16,7 +17,8 @@ const SOURCES: &str = "https://github.com/shader-slang/slangpy";
 
 #[derive(Args)]
 pub struct Options {
-    /// Slang's library (libslang-compiler.so); else that of the Python package slangpy, which pip downloads
+    /// Slang's library (libslang-compiler.so); else that of the Python package slangpy, which pip
+    /// downloads
     #[arg(long, value_name = "LIBRARY")]
     compiler: Option<PathBuf>,
     /// The folder `examples` of slangpy's sources; else git fetches them

@@ -93,7 +93,7 @@ pub fn require(needs: &[&Need]) -> Result<()> {
     }
 }
 
-/// What a command line starts with that an administrator runs; none where this user is none.
+/// The beginning of a command line that an administrator runs; none if this user is none.
 fn administrator() -> Option<&'static str> {
     // SAFETY: a plain system call.
     if unsafe { libc::geteuid() } == 0 {

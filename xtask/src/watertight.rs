@@ -9,7 +9,8 @@ use crate::workspace;
 
 #[derive(Args)]
 pub struct Options {
-    /// `--rays N` and `--triples N` say how many of each kind, `--threads N` by how many threads, `--only NAME` which meshes
+    /// `--rays N` and `--triples N` say how many of each kind, `--threads N` by how many threads,
+    /// `--only NAME` which meshes
     #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
     arguments: Vec<String>,
 }

@@ -42,8 +42,9 @@ pub fn build_release(packages: &[&str]) -> Result<()> {
     Ok(())
 }
 
-/// Packages that are built together share their dependencies with the features of all of them, so that the driver would be built
-/// again whenever it is built with others. One at a time, each is built once.
+/// Packages that are built together share their dependencies with the features of all of them, so
+/// that the driver would be built again whenever it is built with others. One at a time, each is
+/// built once.
 fn build_command(package: &str) -> Command {
     let mut cargo = cargo();
     cargo.args(["build", "--release", "--package", package]);

@@ -1,4 +1,5 @@
-//! One choice of instruction set, which `TUFF_TIER` limits: nothing asks the processor past it. And what is for one architecture alone.
+//! One choice of instruction set, which `TUFF_TIER` limits: nothing asks the processor past it. And
+//! what is for one architecture alone.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -28,7 +29,8 @@ fn the_processor_is_asked_in_one_place() {
     assert_eq!(found, ASKING);
 }
 
-/// An attribute that was left behind takes away what follows on other architectures, and nothing here would tell.
+/// An attribute that was left behind takes away what follows on other architectures, and nothing
+/// here would tell.
 #[test]
 fn what_is_for_one_architecture_follows_its_attribute() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");

@@ -1,7 +1,8 @@
 //! Memory limit of the process's control group. Containers and CI jobs have less memory than the
 //! machine.
 //!
-//! cgroups(7); the files are those of Documentation/admin-guide/cgroup-v2.rst and cgroup-v1/memory.rst of Linux.
+//! cgroups(7); the files are those of Documentation/admin-guide/cgroup-v2.rst and
+//! cgroup-v1/memory.rst of Linux.
 
 #![forbid(unsafe_code)]
 
@@ -11,11 +12,13 @@ use std::path::Path;
 
 /// The names that one version of control groups gives its files.
 struct Files {
-    /// Where the hierarchy is mounted, by the convention that all distributions and container engines keep.
+    /// Where the hierarchy is mounted, by the convention that all distributions and container
+    /// engines keep.
     mount: &'static str,
     limit: &'static str,
     used: &'static str,
-    /// The line of `memory.stat` that counts what can be given back at once: files that were read and not used lately.
+    /// The line of `memory.stat` that counts what can be given back at once: files that were read
+    /// and not used lately.
     reclaimable: &'static str,
 }
 
@@ -42,7 +45,8 @@ pub struct Memory {
     pub free_bytes: u64,
 }
 
-/// The groups that limit the process. Their files stay open, so that a sandbox entered later can refuse to open any.
+/// The groups that limit the process. Their files stay open, so that a sandbox entered later can
+/// refuse to open any.
 #[derive(Debug, Default)]
 pub struct Groups(Vec<Group>);
 
@@ -80,7 +84,8 @@ fn of_line(root: &Path, line: &str) -> Option<Vec<Group>> {
         _ => return None,
     };
     let mount = root.join(files.mount);
-    // A container may see its own group as the mount's root, by a path that is the host's: groups that are not there say nothing.
+    // A container may see its own group as the mount's root, by a path that is the host's: groups
+    // that are not there say nothing.
     let own = mount.join(path.trim_start_matches('/'));
     let groups = own
         .ancestors()
@@ -138,7 +143,7 @@ fn number(file: &File) -> Option<u64> {
     text(file)?.trim().parse().ok()
 }
 
-/// What a file says now, from its start.
+/// The current contents of a file, from its start.
 fn text(file: &File) -> Option<String> {
     let mut text = Vec::new();
     loop {

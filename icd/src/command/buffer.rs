@@ -41,7 +41,8 @@ pub struct Recording {
     finished: Option<Arc<Vec<Command>>>,
     /// The first error during recording; `vkEndCommandBuffer` returns it.
     failure: Option<vk::Result>,
-    /// The last push descriptor set of each bind point and set number: the next push changes a copy.
+    /// The last push descriptor set of each bind point and set number: the next push changes a
+    /// copy.
     pushed: Vec<((vk::PipelineBindPoint, u32), Ref<DescriptorSet>)>,
     /// Addresses of the descriptor buffers that are bound (`vkCmdBindDescriptorBuffersEXT`).
     pub descriptor_buffers: SmallVec<[u64; 4]>,

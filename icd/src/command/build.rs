@@ -1,4 +1,5 @@
-//! Builds as they are recorded: `VkAccelerationStructureBuildGeometryInfoKHR` and its ranges, copied.
+//! Builds as they are recorded: `VkAccelerationStructureBuildGeometryInfoKHR` and its ranges,
+//! copied.
 #![forbid(unsafe_code)]
 
 use traversal::{BuildFlags, GeometryFlags, GeometryMicromap, IndexType, Kind, VertexFormat};
@@ -29,7 +30,8 @@ pub enum BuildGeometries {
     Instances(Instances),
 }
 
-/// Triangles with `VkAccelerationStructureGeometryMotionTrianglesDataNV`, restricted to their range.
+/// Triangles with `VkAccelerationStructureGeometryMotionTrianglesDataNV`, restricted to their
+/// range.
 #[derive(Clone, Copy, Debug)]
 pub struct MotionTriangles {
     pub start: Triangles,

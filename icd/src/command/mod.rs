@@ -1,8 +1,10 @@
-//! Command buffers: an owned list of commands, recorded once, replayed by [`execute`](crate::execute).
+//! Command buffers: an owned list of commands, recorded once, replayed by
+//! [`execute`](crate::execute).
 //!
-//! Recording copies what the application may free; what it may destroy early is held by count. Images and queries are named by counted
-//! references too: a mistaken application gets a wrong picture, not a fault. Buffers are resolved to addresses, since they must be bound to
-//! memory when a command that uses them is recorded.
+//! Recording copies what the application may free; what it may destroy early is held by count.
+//! Images and queries are named by counted references too: a mistaken application gets a wrong
+//! picture, not a fault. Buffers are resolved to addresses, since they must be bound to memory when
+//! a command that uses them is recorded.
 
 #![forbid(unsafe_code)]
 
@@ -87,7 +89,8 @@ pub enum Command {
         parameters: Parameters,
         count: u32,
     },
-    /// `vkCmdCopyMemoryToImageIndirectKHR`; each copy is to the layers that were named when it was recorded.
+    /// `vkCmdCopyMemoryToImageIndirectKHR`; each copy is to the layers that were named when it was
+    /// recorded.
     CopyMemoryToImageIndirect {
         parameters: Parameters,
         destination: Ref<Image>,

@@ -1,7 +1,8 @@
 //! Passes as they are executed: what is drawn into, and what happens at their beginning and end.
 //!
-//! Render passes become passes of this kind when they are recorded, one a subpass: an attachment's load operation stands in the first
-//! subpass that uses it (of each view), a resolve in the subpass that asks for it. So there is one way to draw.
+//! Render passes become passes of this kind when they are recorded, one a subpass: an attachment's
+//! load operation stands in the first subpass that uses it (of each view), a resolve in the subpass
+//! that asks for it. So there is one way to draw.
 
 #![forbid(unsafe_code)]
 
@@ -33,7 +34,8 @@ pub struct Pass {
 /// An attachment of a pass; depth and stencil are apart.
 pub struct Attachment {
     pub view: Ref<ImageView>,
-    /// `VK_ATTACHMENT_LOAD_OP_CLEAR`: with what, and in which views (all of the pass's, but in render passes).
+    /// `VK_ATTACHMENT_LOAD_OP_CLEAR`: with what, and in which views (all of the pass's, but in
+    /// render passes).
     pub clear: Option<(vk::ClearValue, u32)>,
     pub resolve: Option<Resolve>,
 }

@@ -5,7 +5,8 @@ use traversal::{EndCaps, GeometryFlags, IndexType, Indexing, RadiusFormat, Verte
 
 use super::range::Range;
 
-/// `VkAccelerationStructureGeometrySpheresDataNV` or `VkAccelerationStructureGeometryLinearSweptSpheresDataNV`, restricted to its range.
+/// `VkAccelerationStructureGeometrySpheresDataNV` or
+/// `VkAccelerationStructureGeometryLinearSweptSpheresDataNV`, restricted to its range.
 #[derive(Clone, Copy, Debug)]
 pub struct Swept {
     pub flags: GeometryFlags,

@@ -1,4 +1,5 @@
-//! Compute dispatches: workgroups in order, handed to workers in chunks; in each, subgroups in waves.
+//! Compute dispatches: workgroups in order, handed to workers in chunks; in each, subgroups in
+//! waves.
 //!
 //! ```text
 //! dispatch ──> chunks (to whichever worker is free) ──> steps: one workgroup, or a wave of them
@@ -37,7 +38,8 @@ const MAX_CHUNK_STEPS: u64 = 64;
 /// Chunks that each worker would get if all took the same time.
 const CHUNKS_PER_WORKER: u64 = 8;
 
-/// Invocations that workgroups may need to fill subgroups together, at most: those of the largest workgroup.
+/// Invocations that workgroups may need to fill subgroups together, at most: those of the largest
+/// workgroup.
 const PACKED_INVOCATIONS: usize = 1024;
 
 /// Bytes of workgroup memory of a step, at most, where it has several workgroups: they stay in a
@@ -126,7 +128,8 @@ struct Plan<'a> {
     /// Invocations of a workgroup.
     invocations: usize,
     subgroups_per_workgroup: usize,
-    /// Invocations of a step's workgroups follow each other without gaps: workgroups share subgroups.
+    /// Invocations of a step's workgroups follow each other without gaps: workgroups share
+    /// subgroups.
     packed: bool,
     /// Workgroups that are executed together.
     workgroups_per_step: u64,
@@ -361,7 +364,8 @@ fn workgroup_input(input: InputRow, local_size: [u32; 3]) -> Input {
     }
 }
 
-/// `LocalInvocationIndex` of the `count`th invocation where those of a quad, two by two, follow each other.
+/// `LocalInvocationIndex` of the `count`th invocation where those of a quad, two by two, follow
+/// each other.
 fn index_in_quads(count: u32, size_x: u32, size_y: u32) -> u32 {
     let (quad, corner) = (count / 4, count % 4);
     let (quads_x, quads_y) = ((size_x / 2).max(1), (size_y / 2).max(1));

@@ -1,4 +1,5 @@
-//! Subgroups of one program, run to their end: waves of those that stand at one resume point, in turns.
+//! Subgroups of one program, run to their end: waves of those that stand at one resume point, in
+//! turns.
 //!
 //! Runs a program's invocations without rays of their own: dispatches, vertices, fragments. The
 //! caller owns a [`Runner`], calls [`Runner::begin`], starts each of [`Runner::states`] and fills
@@ -17,7 +18,8 @@ use crate::wave::{Limits, Share, Stopped, StoppedAt, trim_heap};
 /// Fuel of a wave between two looks at the limits.
 const FUEL: u64 = 1 << 16;
 
-/// Fuel of each subgroup of a wave that ran dry, alone: a subgroup that spins until another one of its wave has gone on sees it go on.
+/// Fuel of each subgroup of a wave that ran dry, alone: a subgroup that spins until another one of
+/// its wave has gone on sees it go on.
 const FUEL_ALONE: u64 = 64;
 
 /// Minimum fuel that a wave costs between two checks of the limits: a wave that always yields burns
@@ -85,7 +87,8 @@ struct Workgroup {
     waiting: usize,
 }
 
-/// One worker's memory for running a program's subgroups, kept from one set of them to the next: nothing is allocated for each.
+/// One worker's memory for running a program's subgroups, kept from one set of them to the next:
+/// nothing is allocated for each.
 #[derive(Default)]
 pub struct Runner {
     frame: Frame,
@@ -115,7 +118,7 @@ pub struct Runner {
     waiting: Vec<Owned>,
     /// Fuel since the last look at the limits.
     burnt: u64,
-    /// What it holds of the device's budget.
+    /// Its share of the device's budget.
     share: Share,
 }
 
@@ -190,7 +193,8 @@ impl Runner {
             self.queries.release(left);
         }
         self.waiting.resize_with(subgroups.count, Owned::default);
-        // Undefined by the specification; zeros, so that even a faulty shader gives the same result twice.
+        // Undefined by the specification; zeros, so that even a faulty shader gives the same result
+        // twice.
         self.shared.fill(AlignedRow::default());
         Ok(())
     }
@@ -225,7 +229,8 @@ impl Runner {
         &mut self.states[subgroup * self.rows..][..self.rows]
     }
 
-    /// Runs all subgroups to their end. They have been started and given their inputs; their outputs stand in their `io` rows then.
+    /// Runs all subgroups to their end. They have been started and given their inputs; their
+    /// outputs stand in their `io` rows then.
     ///
     /// # Panics
     /// When the program is not the one that the subgroups were begun with.
@@ -263,7 +268,8 @@ impl Runner {
         }
     }
 
-    /// Runs all subgroups, which stand at the entry, as one wave, if they are few enough for one and it never yields. False where there is more to do.
+    /// Runs all subgroups, which stand at the entry, as one wave, if they are few enough for one
+    /// and it never yields. False where there is more to do.
     fn run_at_once(&mut self, run: &Run<'_>) -> Result<bool, Stopped> {
         let program = run.program;
         if self.status.len() > wave_length(program) || !program.sites().is_empty() {
@@ -453,7 +459,7 @@ fn shared_rows(program: &Program) -> usize {
     (program.shared_size_bytes() as usize).div_ceil(size_of::<AlignedRow>())
 }
 
-/// What subgroups run, and with what.
+/// The program, states and environment of one run.
 struct Run<'a> {
     program: &'a Program,
     environment: &'a Environment,

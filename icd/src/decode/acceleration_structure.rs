@@ -28,7 +28,8 @@ pub unsafe fn geometries<'a>(
     info: &vk::AccelerationStructureBuildGeometryInfoKHR<'a>,
 ) -> Vec<&'a vk::AccelerationStructureGeometryKHR<'a>> {
     let count = info.geometry_count as usize;
-    // SAFETY: the caller's promise; exactly one of the arrays is not null (VUID-VkAccelerationStructureBuildGeometryInfoKHR-pGeometries-03788).
+    // SAFETY: the caller's promise; exactly one of the arrays is not null
+    // (VUID-VkAccelerationStructureBuildGeometryInfoKHR-pGeometries-03788).
     unsafe {
         if count == 0 {
             Vec::new()
@@ -77,7 +78,8 @@ pub unsafe fn kind(
     }
 }
 
-/// Copies a build, without its ranges. Addresses are taken from the `deviceAddress` of each union, which has the bits of `hostAddress`.
+/// Copies a build, without its ranges. Addresses are taken from the `deviceAddress` of each union,
+/// which has the bits of `hostAddress`.
 ///
 /// # Safety
 /// The info is valid and its handles are alive.
@@ -311,14 +313,16 @@ unsafe fn instances(geometry: &vk::AccelerationStructureGeometryKHR<'_>) -> Inst
     }
 }
 
-/// Instance records of a host build, copied with each reference turned from a handle into an address; the build then reads the copy,
-/// which must outlive it. With validation, handles of nothing are reported, and as good as none.
+/// Instance records of a host build, copied with each reference turned from a handle into an
+/// address; the build then reads the copy, which must outlive it. With validation, handles of
+/// nothing are reported, and as good as none.
 ///
 /// # Errors
 /// `VK_ERROR_OUT_OF_HOST_MEMORY`.
 ///
 /// # Safety
-/// The build's instances are readable, and each reference is 0 or a live `VkAccelerationStructureKHR`.
+/// The build's instances are readable, and each reference is 0 or a live
+/// `VkAccelerationStructureKHR`.
 pub unsafe fn resolve_host_instances(
     build: &mut Build,
     checks: Option<&Checks>,

@@ -1,7 +1,7 @@
 //! `VkGraphicsPipelineCreateInfo` and what it points to.
 //!
-//! Parts of it that a pipeline does not use may be anything, pointers to nothing among it (chapter Pipelines, "Graphics Pipelines"): each
-//! is looked at only where it counts.
+//! Parts of it that a pipeline does not use may be anything, pointers to nothing among it (chapter
+//! Pipelines, "Graphics Pipelines"): each is looked at only where it counts.
 
 use ash::vk;
 use smallvec::SmallVec;
@@ -28,7 +28,8 @@ const ALL: Parts = Parts::from_raw(
         | Parts::FRAGMENT_OUTPUT_INTERFACE.as_raw(),
 );
 
-/// A pipeline to be created: what comes with it but its programs, and the libraries that complete it.
+/// A pipeline to be created: what comes with it but its programs, and the libraries that complete
+/// it.
 pub struct Decoded<'a> {
     /// The parts that come with the info.
     pub own: GraphicsPipeline,
@@ -171,7 +172,8 @@ unsafe fn libraries<'a>(
     }
 }
 
-/// Whether there may be colour attachments, and one of depth or stencil: only then their state counts.
+/// Whether there may be colour attachments, and one of depth or stencil: only then their state
+/// counts.
 ///
 /// # Safety
 /// The info is valid.
@@ -405,7 +407,8 @@ pub fn color_write_enables(enables: &[vk::Bool32]) -> u32 {
     off.fold(u32::MAX, |bits, (index, _)| bits & !(1 << index))
 }
 
-/// `VkRenderingAttachmentLocationInfo`: by location its attachment, where the structure has it the other way round.
+/// `VkRenderingAttachmentLocationInfo`: by location its attachment, where the structure has it the
+/// other way round.
 ///
 /// # Safety
 /// The info is valid.

@@ -19,7 +19,8 @@ pub unsafe fn storage(handle: vk::MicromapEXT) -> Storage {
     unsafe { handle::from_handle::<Micromap>(handle) }.storage()
 }
 
-/// The usage counts of a build, through whichever of its two arrays is set. Formats that there are not are left out.
+/// The usage counts of a build, through whichever of its two arrays is set. Formats that there are
+/// not are left out.
 ///
 /// # Safety
 /// The info's arrays have `usageCountsCount` elements.
@@ -32,7 +33,8 @@ pub unsafe fn usages(info: &vk::MicromapBuildInfoEXT<'_>) -> Vec<MicromapUsage> 
             format: MicromapFormat::of(usage.format)?,
         })
     };
-    // SAFETY: the caller's promise; at most one of the arrays is not null (VUID-VkMicromapBuildInfoEXT-pUsageCounts-07516).
+    // SAFETY: the caller's promise; at most one of the arrays is not null
+    // (VUID-VkMicromapBuildInfoEXT-pUsageCounts-07516).
     unsafe {
         if info.p_usage_counts.is_null() && !info.pp_usage_counts.is_null() {
             let pointers = slice(info.pp_usage_counts, count);
@@ -64,7 +66,8 @@ pub unsafe fn decode_build(info: &vk::MicromapBuildInfoEXT<'_>) -> MicromapBuild
 /// The micromap of a geometry, for its range's triangles.
 ///
 /// # Safety
-/// `next` is the chain of a valid `VkAccelerationStructureGeometryTrianglesDataKHR` whose handles are alive.
+/// `next` is the chain of a valid `VkAccelerationStructureGeometryTrianglesDataKHR` whose handles
+/// are alive.
 pub unsafe fn of_geometry(next: *const std::ffi::c_void) -> Option<GeometryMicromap> {
     // SAFETY: the caller's promise; both members of an address union are 64 bits.
     unsafe {

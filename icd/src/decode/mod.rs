@@ -1,4 +1,5 @@
-//! C structures of the application to owned values of `command` and `object`: what entry points call before they act.
+//! C structures of the application to owned values of `command` and `object`: what entry points
+//! call before they act.
 
 pub mod acceleration_structure;
 pub mod graphics;

@@ -41,7 +41,8 @@ pub unsafe fn place(buffer: vk::Buffer, offset: u64) -> u64 {
     }
 }
 
-/// A binding table: from a place in a buffer to its end. That of a buffer without memory has a size, but no address.
+/// A binding table: from a place in a buffer to its end. That of a buffer without memory has a
+/// size, but no address.
 ///
 /// # Safety
 /// The handle is null or alive.

@@ -13,8 +13,8 @@ use crate::handle;
 use crate::object::ShaderModule;
 use crate::object::shader_stage::ShaderStage;
 
-/// A pipeline's creation flags: those of the chained `VkPipelineCreateFlags2CreateInfo` instead, where there is one. Bits above the lower 32
-/// ask for nothing here.
+/// A pipeline's creation flags: those of the chained `VkPipelineCreateFlags2CreateInfo` instead,
+/// where there is one. Bits above the lower 32 ask for nothing here.
 ///
 /// # Safety
 /// The chain is valid.
@@ -29,11 +29,12 @@ pub unsafe fn create_flags(
     })
 }
 
-/// Copies a stage: its words are shared with the module, or taken from the chained create info where there is none
-/// (`VK_EXT_graphics_pipeline_library`, maintenance5).
+/// Copies a stage: its words are shared with the module, or taken from the chained create info
+/// where there is none (`VK_EXT_graphics_pipeline_library`, maintenance5).
 ///
 /// # Errors
-/// `VK_ERROR_UNKNOWN` for a stage that is not advertised, an entry point name that is not UTF-8, or no module at all.
+/// `VK_ERROR_UNKNOWN` for a stage that is not advertised, an entry point name that is not UTF-8, or
+/// no module at all.
 ///
 /// # Safety
 /// The info is valid and its module alive.
@@ -68,7 +69,8 @@ unsafe fn entry_point(name: *const c_char) -> VkResult<String> {
     Ok(name.map_err(|_| vk::Result::ERROR_UNKNOWN)?.to_owned())
 }
 
-/// The name that a `VkDebugUtilsObjectNameInfoEXT` in a chain gives to the shader module of a stage.
+/// The name that a `VkDebugUtilsObjectNameInfoEXT` in a chain gives to the shader module of a
+/// stage.
 ///
 /// # Safety
 /// The chain is valid.

@@ -7,7 +7,8 @@ use crate::device::Device;
 use crate::handle::{Handled, from_handle, optional};
 use crate::object::addressed::{AddressEvent, Addressed};
 
-/// Tells messengers of all addresses of an object, if the device is to. Of a null handle there is nothing to tell.
+/// Tells messengers of all addresses of an object, if the device is to. Of a null handle there is
+/// nothing to tell.
 ///
 /// # Safety
 /// The handles are alive.

@@ -200,7 +200,8 @@ entry! {
     }
 
     fn vkGetBufferOpaqueCaptureAddress(_device: vk::Device, info: *const vk::BufferDeviceAddressInfo) -> u64 {
-        // The address follows from that of the memory, which is what is captured; a sparse buffer has its own.
+        // The address follows from that of the memory, which is what is captured; a sparse buffer
+        // has its own.
         from_handle::<Buffer>((*info).buffer).address()
     }
 
@@ -213,7 +214,8 @@ entry! {
         let device = from_handle::<Device>(device);
         let info = &*info;
         let buffer = from_handle::<Buffer>(info.buffer);
-        // Engines in use ask for more than there is (against VUID-VkBufferViewCreateInfo-offset-00931): the view ends with the buffer.
+        // Engines in use ask for more than there is (against
+        // VUID-VkBufferViewCreateInfo-offset-00931): the view ends with the buffer.
         let there = buffer.size_bytes.saturating_sub(info.offset);
         let (data, size_bytes) = buffer.range(info.offset, info.range.min(there))?;
         let format = Format(info.format.as_raw() as u32);

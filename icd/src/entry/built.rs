@@ -11,7 +11,8 @@ use crate::device::Device;
 use crate::handle::from_handle;
 use crate::structures;
 
-/// Whether serialized data can be deserialized here, by the identifiers at its head and those that are written here.
+/// Whether serialized data can be deserialized here, by the identifiers at its head and those that
+/// are written here.
 pub fn compatibility_of(
     head: &[u8; 2 * vk::UUID_SIZE],
     ours: [[u8; vk::UUID_SIZE]; 2],
@@ -58,7 +59,8 @@ pub unsafe fn copy(
     }
 }
 
-/// Defines entry points on the host and on the device: those that write properties, and those of each copy, which the expression decodes.
+/// Defines entry points on the host and on the device: those that write properties, and those of
+/// each copy, which the expression decodes.
 macro_rules! built {
     (
         $of:ident, $handle:ident at $storage:ident, $write:ident, $cmd_write:ident;

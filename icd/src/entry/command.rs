@@ -15,8 +15,9 @@ use crate::handle;
 use crate::object::setting::Setting;
 use crate::object::{Buffer, DescriptorSet, Event};
 
-/// Records a barrier that shaders of draws wait for. Inside a pass, vertex stages and what reads their parameters run ahead of the
-/// fragments of earlier draws, and fragment shaders keep what they read of uniform blocks.
+/// Records a barrier that shaders of draws wait for. Inside a pass, vertex stages and what reads
+/// their parameters run ahead of the fragments of earlier draws, and fragment shaders keep what
+/// they read of uniform blocks.
 fn barrier(commands: &mut Recording, destination: vk::PipelineStageFlags2) -> VkResult {
     use vk::PipelineStageFlags2 as Stage;
     let stages = Stage::DRAW_INDIRECT

@@ -1,4 +1,5 @@
-//! Transfer commands on images. Both forms of each record the same command; image layouts mean nothing here.
+//! Transfer commands on images. Both forms of each record the same command; image layouts mean
+//! nothing here.
 
 use ash::vk;
 

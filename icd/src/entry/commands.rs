@@ -45,8 +45,8 @@ impl Command {
         }
     }
 
-    /// Whether `vkGetDeviceProcAddr` gives it to an application that asked for a version of Vulkan. `enabled` has the extensions of the
-    /// device and of its instance.
+    /// Whether `vkGetDeviceProcAddr` gives it to an application that asked for a version of Vulkan.
+    /// `enabled` has the extensions of the device and of its instance.
     pub fn available_to_device(&self, version: u32, enabled: ExtensionSet) -> bool {
         self.level == Level::Device
             && match self.availability {
@@ -80,8 +80,8 @@ macro_rules! command_name {
     };
 }
 
-/// A row is `Level Availability [| Availability]* PFN_type module::function [as alias];`. That the function has the PFN's type is checked
-/// by the compiler.
+/// A row is `Level Availability [| Availability]* PFN_type module::function [as alias];`. That the
+/// function has the PFN's type is checked by the compiler.
 macro_rules! commands {
     ($($level:ident $($extension:ident)|+ $pfn:ident $module:ident::$name:ident $(as $alias:ident)?;)*) => {
         /// All rows, one for each availability.
@@ -91,7 +91,8 @@ macro_rules! commands {
                 let mut rows = Vec::new();
                 $({
                     let function: vk::$pfn = crate::entry::$module::$name;
-                    // SAFETY: `PFN_vkVoidFunction` is the type that such pointers are passed around as; callers cast back.
+                    // SAFETY: `PFN_vkVoidFunction` is the type that such pointers are passed around
+                    // as; callers cast back.
                     let function = unsafe { std::mem::transmute::<vk::$pfn, unsafe extern "system" fn()>(function) };
                     let name = command_name!($name $($alias)?);
                     let level = Level::$level;

@@ -1,5 +1,5 @@
-//! `VK_EXT_debug_utils` on objects: shaders and pipelines know their names, for reports of faults. Other names, and tags, are for layers and
-//! tools, which see them on the way here.
+//! `VK_EXT_debug_utils` on objects: shaders and pipelines know their names, for reports of faults.
+//! Other names, and tags, are for layers and tools, which see them on the way here.
 
 use ash::vk::{self, Handle};
 

@@ -13,7 +13,8 @@ destroy! {
     vkDestroyDeferredOperationKHR: DeferredOperation, DeferredOperationKHR;
 }
 
-/// Performs a command's work now, or leaves it to the operation, if there is one, for up to `concurrency` threads.
+/// Performs a command's work now, or leaves it to the operation, if there is one, for up to
+/// `concurrency` threads.
 ///
 /// # Errors
 /// The work's; `VK_OPERATION_DEFERRED_KHR`.

@@ -1,7 +1,7 @@
 //! How entry points are defined: C functions whose bodies run inside a guard against panics.
 
-/// Defines entry points: C functions whose bodies run inside [`guard`](crate::guard::guard). A body of a function that returns `vk::Result` gives a
-/// [`VkResult`](crate::VkResult).
+/// Defines entry points: C functions whose bodies run inside [`guard`](crate::guard::guard). A body
+/// of a function that returns `vk::Result` gives a [`VkResult`](crate::VkResult).
 macro_rules! entry {
     () => {};
     ($(#[$meta:meta])* fn $name:ident($($arg:ident: $ty:ty),* $(,)?) -> vk::Result $body:block $($rest:tt)*) => {
@@ -9,8 +9,9 @@ macro_rules! entry {
         #[allow(non_snake_case)]
         pub(crate) unsafe extern "system" fn $name($($arg: $ty),*) -> vk::Result {
             $crate::guard::told(stringify!($name), $crate::guard::guard(stringify!($name), move || -> $crate::VkResult {
-                // SAFETY: the application keeps this command's valid usage: handles are alive and of their type, pointers are valid
-                // for what they count, chains are well formed, what is externally synchronised is not used elsewhere.
+                // SAFETY: the application keeps this command's valid usage: handles are alive and
+                // of their type, pointers are valid for what they count, chains are well formed,
+                // what is externally synchronised is not used elsewhere.
                 #[allow(unused_unsafe)]
                 unsafe { $body }
             }))
@@ -32,8 +33,9 @@ macro_rules! entry {
 }
 pub(crate) use entry;
 
-/// Defines `vkCmd*` entry points. The body gets the command buffer's recorder under the first argument's name and gives a
-/// [`VkResult`](crate::VkResult); an error or a panic becomes what `vkEndCommandBuffer` returns.
+/// Defines `vkCmd*` entry points. The body gets the command buffer's recorder under the first
+/// argument's name and gives a [`VkResult`](crate::VkResult); an error or a panic becomes what
+/// `vkEndCommandBuffer` returns.
 macro_rules! commands {
     ($($(#[$meta:meta])* fn $name:ident($buffer:ident $(, $arg:ident: $ty:ty)* $(,)?) $body:block)*) => {$(
         $(#[$meta])*

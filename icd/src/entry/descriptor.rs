@@ -34,7 +34,8 @@ unsafe fn bindings(info: &vk::DescriptorSetLayoutCreateInfo<'_>) -> Vec<Binding>
         let bindings = ffi::slice(info.p_bindings, info.binding_count);
         let mut decoded = Vec::with_capacity(bindings.len());
         for (index, binding) in bindings.iter().enumerate() {
-            // Immutable samplers of a mutable descriptor are ignored: the list has no meaning there.
+            // Immutable samplers of a mutable descriptor are ignored: the list has no meaning
+            // there.
             let samples = matches!(
                 binding.descriptor_type,
                 vk::DescriptorType::SAMPLER | vk::DescriptorType::COMBINED_IMAGE_SAMPLER

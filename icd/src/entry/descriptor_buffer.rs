@@ -1,7 +1,7 @@
 //! `VK_EXT_descriptor_buffer`: descriptors in the application's memory.
 //!
-//! A descriptor there is a [`StoredDescriptor`], whatever its type, so that binding a set is naming its address. It holds no pointer of ours:
-//! views and samplers are named by keys.
+//! A descriptor there is a [`StoredDescriptor`], whatever its type, so that binding a set is naming
+//! its address. It holds no pointer of ours: views and samplers are named by keys.
 
 use std::ffi::c_void;
 
@@ -23,7 +23,8 @@ use crate::object::{
     ImageView, PipelineLayout, Sampler,
 };
 
-/// The address or key that an object captured (`VkOpaqueCaptureDescriptorDataCreateInfoEXT`), to have it again.
+/// The address or key that an object captured (`VkOpaqueCaptureDescriptorDataCreateInfoEXT`), to
+/// have it again.
 ///
 /// # Safety
 /// As [`chain::nodes`].

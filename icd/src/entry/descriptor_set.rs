@@ -37,11 +37,13 @@ fn buffer_descriptor(buffer: &Buffer, offset: u64, range: u64, dynamic: bool) ->
     }
 }
 
-/// Writes one entry from the structure or handle that its type takes: `VkDescriptorImageInfo`, `VkDescriptorBufferInfo`,
-/// `VkBufferView`, `VkAccelerationStructureKHR` or `VkAccelerationStructureNV`.
+/// Writes one entry from the structure or handle that its type takes: `VkDescriptorImageInfo`,
+/// `VkDescriptorBufferInfo`, `VkBufferView`, `VkAccelerationStructureKHR` or
+/// `VkAccelerationStructureNV`.
 ///
 /// # Safety
-/// `source` points to it, and what it names is alive or null. `entry` is of a set that no one else updates.
+/// `source` points to it, and what it names is alive or null. `entry` is of a set that no one else
+/// updates.
 unsafe fn write_entry(
     entry: *mut Descriptor,
     binding: &Binding,
@@ -101,8 +103,8 @@ unsafe fn write_entry(
     }
 }
 
-/// The entries from (`binding`, `element`) on; past a binding's end they go on in the next one that has any ("consecutive
-/// binding updates").
+/// The entries from (`binding`, `element`) on; past a binding's end they go on in the next one that
+/// has any ("consecutive binding updates").
 fn consecutive(
     set: &DescriptorSet,
     binding: u32,
@@ -122,7 +124,8 @@ fn consecutive(
     })
 }
 
-/// Writes `count` descriptors of a type (bytes, of an inline uniform block) from where `source` says each is.
+/// Writes `count` descriptors of a type (bytes, of an inline uniform block) from where `source`
+/// says each is.
 ///
 /// # Safety
 /// As [`write_entry`], for each; for inline uniform blocks `source(0)` points to all bytes.
@@ -157,7 +160,8 @@ unsafe fn write(
 /// Valid usage of `vkUpdateDescriptorSets`.
 pub unsafe fn apply_write(set: &DescriptorSet, info: &vk::WriteDescriptorSet<'_>) {
     use vk::DescriptorType as Ty;
-    // SAFETY: the caller's promise: the array that the type takes has as many elements as are written.
+    // SAFETY: the caller's promise: the array that the type takes has as many elements as are
+    // written.
     unsafe {
         let (start, stride): (*const u8, usize) = match info.descriptor_type {
             Ty::SAMPLER

@@ -1,5 +1,6 @@
-//! `VK_KHR_device_address_commands`: memory by its address. Commands are recorded by address in any case; a null range is left alone.
-//! `VK_KHR_copy_memory_indirect`: copies whose parameters are in memory.
+//! `VK_KHR_device_address_commands`: memory by its address. Commands are recorded by address in any
+//! case; a null range is left alone. `VK_KHR_copy_memory_indirect`: copies whose parameters are in
+//! memory.
 
 use super::acceleration_structure::create;
 use super::define::{commands, entry};

@@ -1,5 +1,6 @@
-//! Graphics pipelines, render passes and framebuffers. A device without a graphics queue has render passes and framebuffers, too, since
-//! applications create them with the rest; pipelines need such a queue (VUID-vkCreateGraphicsPipelines-device-09662), and are refused with
+//! Graphics pipelines, render passes and framebuffers. A device without a graphics queue has render
+//! passes and framebuffers, too, since applications create them with the rest; pipelines need such
+//! a queue (VUID-vkCreateGraphicsPipelines-device-09662), and are refused with
 //! `VK_ERROR_VALIDATION_FAILED` and one message.
 
 use std::time::Instant;

@@ -12,7 +12,8 @@ use crate::ffi::slice;
 use crate::handle::{optional, retain};
 use crate::object::{Buffer, QueryPool};
 
-/// The address of a place in a buffer, and the bytes from there on, at most `size_bytes` (`VK_WHOLE_SIZE`: all); none of a null handle.
+/// The address of a place in a buffer, and the bytes from there on, at most `size_bytes`
+/// (`VK_WHOLE_SIZE`: all); none of a null handle.
 ///
 /// # Safety
 /// The handle is null or alive.

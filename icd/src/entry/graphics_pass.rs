@@ -90,7 +90,8 @@ commands! {
         commands.push(Command::Graphics(GraphicsCommand::Set(locations)))
     }
 
-    /// Input attachments are descriptors like any other: their numbers in shaders are those of the application.
+    /// Input attachments are descriptors like any other: their numbers in shaders are those of the
+    /// application.
     fn vkCmdSetRenderingInputAttachmentIndicesKHR(
         _commands,
         _info: *const vk::RenderingInputAttachmentIndexInfoKHR<'_>,

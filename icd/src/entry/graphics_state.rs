@@ -238,7 +238,8 @@ commands! {
         set(commands, Setting::WriteMasks(first, masks))
     }
 
-    /// State of tessellation, which shader objects let applications set whatever stages they bind; no draw here looks at it.
+    /// State of tessellation, which shader objects let applications set whatever stages they bind;
+    /// no draw here looks at it.
     fn vkCmdSetPatchControlPointsEXT(commands, _points: u32) {
         let _ = commands;
         Ok(())

@@ -1,5 +1,6 @@
-//! `VK_EXT_host_image_copy`: copies by the host, at once. Images are stored linearly, so `VK_HOST_IMAGE_COPY_MEMCPY_EXT` changes nothing: rows of a
-//! whole subresource are as tight in the image as in memory.
+//! `VK_EXT_host_image_copy`: copies by the host, at once. Images are stored linearly, so
+//! `VK_HOST_IMAGE_COPY_MEMCPY_EXT` changes nothing: rows of a whole subresource are as tight in the
+//! image as in memory.
 
 use std::ffi::c_void;
 

@@ -1,4 +1,5 @@
-//! The loader's interface (Khronos "LoaderDriverInterface"): the three symbols that the shared library exports.
+//! The loader's interface (Khronos "LoaderDriverInterface"): the three symbols that the shared
+//! library exports.
 
 use std::ffi::c_char;
 
@@ -83,7 +84,8 @@ pub unsafe extern "system" fn vk_icdGetPhysicalDeviceProcAddr(
 
 /// The interface's own functions, which from version 7 on can be asked for by name.
 fn loader_function(name: &[u8]) -> vk::PFN_vkVoidFunction {
-    // SAFETY: `PFN_vkVoidFunction` is the type that such pointers are passed around as; callers cast back.
+    // SAFETY: `PFN_vkVoidFunction` is the type that such pointers are passed around as; callers
+    // cast back.
     unsafe {
         match name {
             b"vk_icdNegotiateLoaderICDInterfaceVersion" => {

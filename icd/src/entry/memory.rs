@@ -21,7 +21,8 @@ destroy_addressed! {
     vkFreeMemory: DeviceMemory, DeviceMemory;
 }
 
-/// Where an allocation's bytes shall come from. An imported descriptor is duplicated here; the application's own is closed on success.
+/// Where an allocation's bytes shall come from. An imported descriptor is duplicated here; the
+/// application's own is closed on success.
 ///
 /// # Safety
 /// `info` is valid usage of `vkAllocateMemory`.
@@ -81,7 +82,8 @@ unsafe fn placement(info: &vk::MemoryAllocateInfo<'_>) -> Placement {
     }
 }
 
-/// Where memory is mapped from an offset on. A size that is too large is left to the application: it sees no less.
+/// Where memory is mapped from an offset on. A size that is too large is left to the application:
+/// it sees no less.
 ///
 /// # Errors
 /// `VK_ERROR_MEMORY_MAP_FAILED` past the end.

@@ -1,4 +1,5 @@
-//! `VK_NV_ray_tracing`: the commands of before the KHR extensions, on the same structures, pipelines and dispatches.
+//! `VK_NV_ray_tracing`: the commands of before the KHR extensions, on the same structures,
+//! pipelines and dispatches.
 
 use std::ffi::c_void;
 use std::sync::Arc;

@@ -93,8 +93,9 @@ unsafe fn create_compute(
     }
 }
 
-/// Creates pipelines one after the other by the rules of "Multiple Pipeline Creation": those that fail are null handles, the first
-/// failure is the result (an error before `VK_PIPELINE_COMPILE_REQUIRED`), and a failed one may ask to stop.
+/// Creates pipelines one after the other by the rules of "Multiple Pipeline Creation": those that
+/// fail are null handles, the first failure is the result (an error before
+/// `VK_PIPELINE_COMPILE_REQUIRED`), and a failed one may ask to stop.
 ///
 /// # Safety
 /// `out` has room for as many handles.

@@ -23,7 +23,8 @@ entry! {
     }
 
     fn vkGetDeviceQueue2(device: vk::Device, info: *const vk::DeviceQueueInfo2, out: *mut vk::Queue) {
-        // Protected queues do not exist: a query for flags that no queue was created with gives none.
+        // Protected queues do not exist: a query for flags that no queue was created with gives
+        // none.
         *out = match (*info).flags {
             flags if flags.is_empty() => queue(device, (*info).queue_index),
             _ => vk::Queue::null(),
@@ -100,8 +101,8 @@ unsafe fn submit(queue: vk::Queue, mut submissions: Vec<Submission>, fence: vk::
     unsafe { handle::from_handle::<Queue>(queue) }.submit(submissions)
 }
 
-/// Bindings of buffers and of whole images; images have no parts of their own to bind. Those of resources that are not
-/// sparse are left out.
+/// Bindings of buffers and of whole images; images have no parts of their own to bind. Those of
+/// resources that are not sparse are left out.
 ///
 /// # Safety
 /// A valid structure of live handles.

@@ -204,7 +204,8 @@ commands! {
     }
 
     fn vkCmdSetRayTracingPipelineStackSizeKHR(command_buffer, size_bytes: u32) {
-        // Suspended invocations live on the heap, and go on from there when the declared stack is too small: it is for validation alone.
+        // Suspended invocations live on the heap, and go on from there when the declared stack is
+        // too small: it is for validation alone.
         command_buffer.push(Command::SetRayTracingStackSize(size_bytes))
     }
 }

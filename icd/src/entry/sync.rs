@@ -113,7 +113,8 @@ entry! {
         Ok(())
     }
 
-    /// Sync files come to be when the semaphore has been signaled, for which this waits; exporting one is a wait to the semaphore, too.
+    /// Sync files come to be when the semaphore has been signaled, for which this waits; exporting
+    /// one is a wait to the semaphore, too.
     fn vkGetSemaphoreFdKHR(device: vk::Device, info: *const vk::SemaphoreGetFdInfoKHR, out: *mut c_int) -> vk::Result {
         let semaphore = handle::from_handle::<Semaphore>((*info).semaphore);
         if (*info).handle_type != vk::ExternalSemaphoreHandleTypeFlags::SYNC_FD {

@@ -62,7 +62,8 @@ impl DynamicBuffer {
     }
 }
 
-/// Bound pipelines and descriptor sets by bind point, and the push constants, which all bind points share.
+/// Bound pipelines and descriptor sets by bind point, and the push constants, which all bind points
+/// share.
 #[derive(Default)]
 pub struct Bindings<'a> {
     compute: BindPoint<'a>,
@@ -98,7 +99,8 @@ unsafe impl Send for Kept {}
 // SAFETY: as above.
 unsafe impl Sync for Kept {}
 
-/// Aligned as offsets of uniform buffers are; more than memory is anyhow would make each copy for a draw three times as dear.
+/// Aligned as offsets of uniform buffers are; more than memory is anyhow would make each copy for a
+/// draw three times as dear.
 #[derive(Clone)]
 #[repr(align(16))]
 struct PushConstants([u8; PUSH_CONSTANT_BYTES]);
@@ -184,8 +186,9 @@ impl<'a> Bindings<'a> {
         room[..count].copy_from_slice(&bytes[..count]);
     }
 
-    /// The bound pipeline and what its programs see; `None` if nothing is bound. `extent` is the number of workgroups, or the size of the
-    /// launch. The environment points into these bindings: it is used before they change.
+    /// The bound pipeline and what its programs see; `None` if nothing is bound. `extent` is the
+    /// number of workgroups, or the size of the launch. The environment points into these bindings:
+    /// it is used before they change.
     pub fn environment(
         &mut self,
         bind_point: vk::PipelineBindPoint,
@@ -293,7 +296,8 @@ impl BindPoint<'_> {
             let dynamic = &mut self.dynamic_of_set[number];
             dynamic.clear();
             for entry in 0..set.layout.dynamic_count as usize {
-                // SAFETY: the set has that many dynamic entries; the application does not update it while it is in use.
+                // SAFETY: the set has that many dynamic entries; the application does not update it
+                // while it is in use.
                 let descriptor = unsafe { *set.dynamic().add(entry) };
                 let offset = offsets.next().copied().unwrap_or(0);
                 dynamic.push(DynamicBuffer::of(&descriptor).at(offset));

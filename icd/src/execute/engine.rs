@@ -144,8 +144,9 @@ impl Engine {
             .map(|validator| validator.command(caller))
     }
 
-    /// Loses the device: everyone who waits gets `VK_ERROR_DEVICE_LOST`, and running work ends at its next look at its limits. The first
-    /// reason is reported, and kept for `vkGetDeviceFaultInfoEXT`.
+    /// Loses the device: everyone who waits gets `VK_ERROR_DEVICE_LOST`, and running work ends at
+    /// its next look at its limits. The first reason is reported, and kept for
+    /// `vkGetDeviceFaultInfoEXT`.
     pub fn lose(&self, mut fault: Fault) {
         fault.wild = self.wild.iter().flat_map(WildAddresses::all).collect();
         if self.waiting.lost.check().is_ok() && self.fault.set(fault).is_ok() {
@@ -164,8 +165,8 @@ impl Engine {
         }
     }
 
-    /// Ends all waiting and all running work, without a word. Before a device is destroyed the application has waited for its work;
-    /// what is left belongs to one that did not.
+    /// Ends all waiting and all running work, without a word. Before a device is destroyed the
+    /// application has waited for its work; what is left belongs to one that did not.
     pub fn shut_down(&self) {
         self.waiting.lost.set();
         self.cancelled.store(true, Ordering::Relaxed);

@@ -1,6 +1,8 @@
-//! Drawing: what is current while a command buffer is performed, and what the pass of a submission gathers until it is flushed.
+//! Drawing: what is current while a command buffer is performed, and what the pass of a submission
+//! gathers until it is flushed.
 //!
-//! A pass belongs to the submission: secondary command buffers go on with it. State and bound buffers belong to the command buffer.
+//! A pass belongs to the submission: secondary command buffers go on with it. State and bound
+//! buffers belong to the command buffer.
 
 use std::iter;
 use std::sync::Arc;
@@ -42,8 +44,8 @@ pub struct Current {
     fragment: Option<Arc<Program>>,
     /// Shader objects were bound last, not a pipeline.
     has_shaders: bool,
-    /// What commands set since the pass began. Shader objects obey it; a pipeline has locations of
-    /// its own, which equal these in valid usage.
+    /// The state that commands set since the pass began. Shader objects obey it; a pipeline has
+    /// locations of its own, which equal these in valid usage.
     locations: ColorLocations,
     vertex_buffers: Arc<[VertexBuffer; MAX_VERTEX_INPUTS]>,
     /// Strides of vertex buffers are those that they were bound with.
@@ -196,7 +198,8 @@ pub struct Drawing<'a> {
     batch: Batch,
     /// Calls in the batch.
     calls: usize,
-    /// Changes where programs must look at memory anew: behind barriers, and when everything in the batch was drawn.
+    /// Changes where programs must look at memory anew: behind barriers, and when everything in the
+    /// batch was drawn.
     epoch: u64,
     pub queries: Vec<ActiveQuery<'a>>,
     /// A condition does not hold: draws, dispatches and clears inside of passes are left out.
@@ -357,7 +360,8 @@ impl<'a> Painter<'_, 'a> {
             GraphicsCommand::EndPass => self.drawing.end_pass(self.engine),
             GraphicsCommand::VertexBarrier => self.drawing.flush(self.engine),
             GraphicsCommand::FragmentBarrier => {
-                // Tiles draw in order: only what is kept of memory by the environment's number is out of date.
+                // Tiles draw in order: only what is kept of memory by the environment's number is
+                // out of date.
                 self.drawing.epoch += 1;
                 Ok(())
             }
@@ -448,11 +452,13 @@ impl<'a> Painter<'_, 'a> {
         Ok(())
     }
 
-    /// Parameters are read now: what wrote them is an earlier command, or the barrier in between has flushed.
+    /// Parameters are read now: what wrote them is an earlier command, or the barrier in between
+    /// has flushed.
     fn draw_indirect(&mut self, draw: &DrawIndirect) -> Result<(), Failure> {
         let reach = self.engine.memory.reach();
         let count = match draw.count {
-            // SAFETY: any word will do, and nothing writes it while the queue's command is performed.
+            // SAFETY: any word will do, and nothing writes it while the queue's command is
+            // performed.
             Some(address) => unsafe { reachable::read::<u32>(&reach, address) }.unwrap_or(0),
             None => u32::MAX,
         };

@@ -1,4 +1,5 @@
-//! Performs recorded commands, in order, on a queue's thread. What is worth it fans out over the device's workers.
+//! Performs recorded commands, in order, on a queue's thread. What is worth it fans out over the
+//! device's workers.
 //!
 //! **Barriers, pipeline stages and access masks are not recorded,** except barriers inside passes
 //! that shaders wait for. A queue performs one command after the other. Each command is complete,
@@ -8,7 +9,8 @@
 //! layout, and one queue family needs no ownership transfers. Of the synchronization commands only
 //! events remain, which queues and the host can wait for.
 //!
-//! Each kind of work is a function of what the command holds. Those on images take the objects and the regions as recorded:
+//! Each kind of work is a function of what the command holds. Those on images take the objects and
+//! the regions as recorded:
 //!
 //! ```text
 //! copy::copy_image(workers: &Workers, source: &Image, destination: &Image, region: &vk::ImageCopy)
@@ -70,7 +72,8 @@ impl From<Fault> for Failure {
     }
 }
 
-/// Waits within a command for what the host or another queue does: no longer than a command may run.
+/// Waits within a command for what the host or another queue does: no longer than a command may
+/// run.
 fn wait_for(engine: &Engine, done: impl FnMut() -> bool) -> Result<(), Failure> {
     match engine.waiting.wait_until(engine.patience_ns(), done) {
         Err(vk::Result::TIMEOUT) => Err(Stopped::TimedOut.into()),
@@ -92,8 +95,9 @@ pub fn replay_all<'a>(
         .try_for_each(|list| replay(engine, &mut drawing, list))
 }
 
-/// Performs a command buffer. It starts with nothing bound, as the specification has it for primary and secondary ones alike (chapter
-/// Command Buffers, "Command Buffer Lifecycle" and `vkCmdExecuteCommands`), but in the pass that it is executed in.
+/// Performs a command buffer. It starts with nothing bound, as the specification has it for primary
+/// and secondary ones alike (chapter Command Buffers, "Command Buffer Lifecycle" and
+/// `vkCmdExecuteCommands`), but in the pass that it is executed in.
 fn replay<'a>(
     engine: &Engine,
     drawing: &mut Drawing<'a>,
@@ -111,7 +115,8 @@ fn replay<'a>(
     })
 }
 
-/// Whether a command finds what was drawn before it: all but those that only change what is bound, and those that draw.
+/// Whether a command finds what was drawn before it: all but those that only change what is bound,
+/// and those that draw.
 fn sees_pictures(command: &Command) -> bool {
     !matches!(
         command,
@@ -146,7 +151,8 @@ fn perform<'a>(mut painter: Painter<'_, 'a>, command: &'a Command) -> Result<(),
         Command::PushConstants { offset, bytes } => bindings.push_constants(*offset, bytes),
         &Command::Dispatch { base, count } => run_dispatch(&mut painter, base, count)?,
         &Command::DispatchIndirect { address } => {
-            // SAFETY: the queue's commands are performed one after the other: nothing writes the parameters now.
+            // SAFETY: the queue's commands are performed one after the other: nothing writes the
+            // parameters now.
             if let Some(count) = unsafe { reachable::read(&engine.memory.reach(), address) } {
                 run_dispatch(&mut painter, [0; 3], count)?;
             }
@@ -326,7 +332,8 @@ fn note_strays<'a>(
     }
 }
 
-/// Copies whose parameters (`VkCopyMemoryIndirectCommandKHR`) are in memory. Those that are not there copy nothing.
+/// Copies whose parameters (`VkCopyMemoryIndirectCommandKHR`) are in memory. Those that are not
+/// there copy nothing.
 fn copy_indirect(engine: &Engine, parameters: Parameters, count: u32) -> Result<(), Failure> {
     let limits = engine.limits();
     for index in 0..count {

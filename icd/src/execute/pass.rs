@@ -1,4 +1,5 @@
-//! The pass that a submission is in: its attachments as the rasterizer sees them, load operations, resolves.
+//! The pass that a submission is in: its attachments as the rasterizer sees them, load operations,
+//! resolves.
 
 use ash::vk;
 use smallvec::SmallVec;
@@ -30,7 +31,8 @@ impl<'a> Active<'a> {
         let side = |attachment: &Option<Attachment>, aspect| target(attachment.as_ref()?, aspect);
         let depth = side(&pass.depth, vk::ImageAspectFlags::DEPTH);
         let stencil = side(&pass.stencil, vk::ImageAspectFlags::STENCIL);
-        // Without attachments, too, there are limits (`maxFramebufferWidth`): what drawing takes of memory follows from the area.
+        // Without attachments, too, there are limits (`maxFramebufferWidth`): what drawing takes of
+        // memory follows from the area.
         let mut area = inside(pass.area, [MAX_IMAGE_DIMENSION; 2]);
         let mut layers = match pass.view_mask {
             0 => pass.layers.min(MAX_IMAGE_ARRAY_LAYERS),
@@ -58,7 +60,8 @@ impl<'a> Active<'a> {
         }
     }
 
-    /// Whether a draw of so many samples fits into the batch as it is: without attachments, draws say how many there are.
+    /// Whether a draw of so many samples fits into the batch as it is: without attachments, draws
+    /// say how many there are.
     pub fn takes_samples(&self, samples: u32) -> bool {
         self.has_attachments || self.targets.samples == samples
     }
@@ -120,7 +123,8 @@ impl<'a> Active<'a> {
         }
     }
 
-    /// A rectangle of `vkCmdClearAttachments`, as far as it lies in the pass: one for each view, where there are views.
+    /// A rectangle of `vkCmdClearAttachments`, as far as it lies in the pass: one for each view,
+    /// where there are views.
     pub fn inside(&self, clear: &vk::ClearRect) -> SmallVec<[vk::ClearRect; 1]> {
         let area = &self.targets.area;
         let side = |first: i32, size: u32, least: i32, most: u32| {

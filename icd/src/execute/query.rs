@@ -11,7 +11,8 @@ use ash::vk;
 use smallvec::SmallVec;
 use spirv_jit::reach::Reach;
 
-/// Now, in nanoseconds of `CLOCK_MONOTONIC`: `timestampPeriod` is 1, and the device's time domain is the host's.
+/// Now, in nanoseconds of `CLOCK_MONOTONIC`: `timestampPeriod` is 1, and the device's time domain
+/// is the host's.
 pub fn timestamp_ns() -> u64 {
     clock_ns(libc::CLOCK_MONOTONIC)
 }
@@ -46,8 +47,8 @@ impl<'a> ActiveQuery<'a> {
         }
     }
 
-    /// Makes the result available. In a pass with views the query takes as many as there are: the first has the sum (chapter Queries,
-    /// "Query Operation").
+    /// Makes the result available. In a pass with views the query takes as many as there are: the
+    /// first has the sum (chapter Queries, "Query Operation").
     pub fn end(&self, views: u32) {
         use vk::QueryPipelineStatisticFlags as Statistic;
         let counters = &*self.counters;
@@ -130,7 +131,8 @@ pub fn copy_results(copy: &CopyQueryPoolResults, reach: &Reach) {
     }
 }
 
-/// Writes the results of queries as the flags ask, as far as there is room; whether all were available.
+/// Writes the results of queries as the flags ask, as far as there is room; whether all were
+/// available.
 ///
 /// # Safety
 /// `out` has room for `size_bytes`.

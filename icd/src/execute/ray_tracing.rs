@@ -48,7 +48,8 @@ pub fn execute(
     let reach = &*access.surroundings.reach;
     let live = &access.surroundings.live;
     let checks = access.checks.as_ref();
-    // SAFETY, for each block: what an address leads to is memory, which the application does not use otherwise while the command is performed.
+    // SAFETY, for each block: what an address leads to is memory, which the application does not
+    // use otherwise while the command is performed.
     match *command {
         RayTracingCommand::TraceRays { ref tables, extent }
         | RayTracingCommand::TraceRaysNv { ref tables, extent } => {
@@ -61,7 +62,8 @@ pub fn execute(
             if let Some(checks) = checks {
                 checks.indirect(address, size_of::<[u32; 3]>() as u64);
             }
-            // SAFETY: as above; the three words are read when the command is executed, since an earlier one may have written them.
+            // SAFETY: as above; the three words are read when the command is executed, since an
+            // earlier one may have written them.
             match unsafe { read(reach, address) } {
                 Some(extent) => trace_rays(tables, extent, access, bound, engine),
                 None => Ok(()),
@@ -90,7 +92,8 @@ pub fn execute(
     }
 }
 
-/// The tables and the extent of a `VkTraceRaysIndirectCommand2KHR`. The ray generation table is one record.
+/// The tables and the extent of a `VkTraceRaysIndirectCommand2KHR`. The ray generation table is one
+/// record.
 fn indirect2(command: &vk::TraceRaysIndirectCommand2KHR) -> (Tables, [u32; 3]) {
     let region = |address, stride_bytes, size_bytes| Region {
         address,
@@ -158,7 +161,8 @@ fn trace_rays(
     let dispatch = Dispatch {
         shaders: &pipeline.shaders,
         tier: Tier::best(),
-        // SAFETY: the application keeps its memory until the dispatch is over; what it frees before stays mapped.
+        // SAFETY: the application keeps its memory until the dispatch is over; what it frees before
+        // stays mapped.
         tables: unsafe { tables.live(&surroundings.reach) },
         extent,
         environment: &environment,

@@ -11,7 +11,8 @@ use ash::vk;
 pub unsafe fn nodes<'a>(next: *const c_void) -> impl Iterator<Item = &'a vk::BaseInStructure<'a>> {
     let mut node: *const vk::BaseInStructure<'a> = next.cast();
     std::iter::from_fn(move || {
-        // SAFETY: the caller's promise: null, or a structure that begins as `VkBaseInStructure` does.
+        // SAFETY: the caller's promise: null, or a structure that begins as `VkBaseInStructure`
+        // does.
         let this = unsafe { node.as_ref() }?;
         node = this.p_next;
         Some(this)

@@ -16,7 +16,8 @@ pub unsafe fn enumerate<T>(
     out: *mut T,
     items: impl ExactSizeIterator<Item = T>,
 ) -> VkResult {
-    // SAFETY: the caller's promise. Elements are written whole, over memory that may be uninitialised.
+    // SAFETY: the caller's promise. Elements are written whole, over memory that may be
+    // uninitialised.
     unsafe {
         if out.is_null() {
             *count = items.len() as u32;
@@ -36,7 +37,8 @@ pub unsafe fn enumerate<T>(
     }
 }
 
-/// As [`enumerate`], for structures that carry a `pNext` chain of the caller's: `fill` writes each in place.
+/// As [`enumerate`], for structures that carry a `pNext` chain of the caller's: `fill` writes each
+/// in place.
 ///
 /// # Errors
 /// `VK_INCOMPLETE` if not all fit.
@@ -69,8 +71,8 @@ pub unsafe fn enumerate_with<T, I>(
     }
 }
 
-/// Answers a query for opaque bytes (`vkGetPipelineCacheData`): the size if `out` is null, else what `data` gives for the room there is,
-/// and whether that is all.
+/// Answers a query for opaque bytes (`vkGetPipelineCacheData`): the size if `out` is null, else
+/// what `data` gives for the room there is, and whether that is all.
 ///
 /// # Errors
 /// `VK_INCOMPLETE` if it is not.

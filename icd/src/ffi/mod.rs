@@ -1,4 +1,5 @@
-//! Everything C about Vulkan: pointers, `pNext` chains, the enumerate-twice idiom. Nothing of the driver's own.
+//! Everything C about Vulkan: pointers, `pNext` chains, the enumerate-twice idiom. Nothing of the
+//! driver's own.
 
 pub mod array;
 pub mod chain;

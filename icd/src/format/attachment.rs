@@ -1,4 +1,5 @@
-//! Formats for attachments and vertices, the mandatory ones (chapter Formats, "Required Format Support") among them.
+//! Formats for attachments and vertices, the mandatory ones (chapter Formats, "Required Format
+//! Support") among them.
 
 #![forbid(unsafe_code)]
 
@@ -10,8 +11,9 @@ use super::{is_luma_and_chroma, texel_format};
 /// Bytes of the texels that tiles load and store.
 const TEXEL_BYTES: [u8; 5] = [1, 2, 4, 8, 16];
 
-/// Whether a format is one of colours that can be drawn: every uncompressed one whose texels have a power of two of bytes, but those of the
-/// shared exponent, of 64-bit and scaled components, and those that may be converted from Y′CbCr.
+/// Whether a format is one of colours that can be drawn: every uncompressed one whose texels have a
+/// power of two of bytes, but those of the shared exponent, of 64-bit and scaled components, and
+/// those that may be converted from Y′CbCr.
 fn is_drawn(format: vk::Format, info: &FormatInfo) -> bool {
     let no_colors = [Numeric::Uscaled, Numeric::Sscaled].contains(&info.numeric)
         || format == vk::Format::E5B9G9R9_UFLOAT_PACK32
@@ -31,7 +33,8 @@ pub fn image_features(format: vk::Format, info: &FormatInfo) -> vk::FormatFeatur
     }
     match is_drawn(format, info) {
         false => Feature::empty(),
-        // Blending signed fractions amplifies their rounding past what the conformance suite allows.
+        // Blending signed fractions amplifies their rounding past what the conformance suite
+        // allows.
         true if info.numeric.is_integer() || info.numeric == Numeric::Snorm => {
             Feature::COLOR_ATTACHMENT
         }

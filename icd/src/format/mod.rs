@@ -22,7 +22,8 @@ pub fn texel_format(format: vk::Format) -> Format {
     Format(format.as_raw() as u32)
 }
 
-/// Bytes of a texel of a format with one plane, of a block in compressed ones; 0 if the format is not supported.
+/// Bytes of a texel of a format with one plane, of a block in compressed ones; 0 if the format is
+/// not supported.
 pub fn texel_size_bytes(format: vk::Format) -> u64 {
     texel_format(format).size_bytes() as u64
 }
@@ -50,11 +51,13 @@ pub struct PlaneFormat {
     pub halved: [bool; 2],
 }
 
-/// The planes of a format: one, depth and stencil apart, or luma and chroma. None for formats that are not supported.
+/// The planes of a format: one, depth and stencil apart, or luma and chroma. None for formats that
+/// are not supported.
 pub fn planes(format: vk::Format) -> Vec<PlaneFormat> {
     match ycbcr_planes(format) {
         Some(planes) if planes.memory_count() == 1 => {
-            // A pair of texels shares its chroma: the format of the second plane has all four components.
+            // A pair of texels shares its chroma: the format of the second plane has all four
+            // components.
             let pair = vk::Format::from_raw(planes.planes[1].format.0 as i32);
             vec![PlaneFormat {
                 aspect: vk::ImageAspectFlags::COLOR,
@@ -149,13 +152,14 @@ fn is_scaled(info: &FormatInfo) -> bool {
     matches!(info.numeric, Numeric::Uscaled | Numeric::Sscaled)
 }
 
-/// 64-bit components: single integers are there for `shaderImageInt64Atomics`, the rest for vertices.
+/// 64-bit components: single integers are there for `shaderImageInt64Atomics`, the rest for
+/// vertices.
 fn is_wide(info: &FormatInfo) -> bool {
     info.channels[0].bits == 64
 }
 
-/// Formats with texels of a power of two of bytes and components of whole bytes, the packed ones of graphics' storage images, and those of one or two
-/// padded components.
+/// Formats with texels of a power of two of bytes and components of whole bytes, the packed ones of
+/// graphics' storage images, and those of one or two padded components.
 fn is_storable(texel: Format, info: &FormatInfo) -> bool {
     const PACKED: [Format; 7] = [
         Format::A2B10G10R10_UNORM_PACK32,
@@ -189,7 +193,8 @@ fn has_atomics(texel: Format) -> bool {
     .contains(&texel)
 }
 
-/// Formats of one plane without subsampling that may be converted, which are not blitted (section "Formats Requiring Sampler Y′CBCR Conversion").
+/// Formats of one plane without subsampling that may be converted, which are not blitted (section
+/// "Formats Requiring Sampler Y′CBCR Conversion").
 fn is_luma_and_chroma(texel: Format) -> bool {
     [
         Format::R10X6G10X6B10X6A10X6_UNORM_4PACK16,
@@ -213,7 +218,8 @@ fn image_features(texel: Format, info: &FormatInfo) -> vk::FormatFeatureFlags2 {
     if is_wide(info) {
         return match has_atomics(texel) {
             true => transfer | storage | Feature::STORAGE_IMAGE_ATOMIC,
-            // Copied and cleared, but not read by shaders, whose texels have one component of 64 bits at the most.
+            // Copied and cleared, but not read by shaders, whose texels have one component of 64
+            // bits at the most.
             false if info.size_bytes.is_power_of_two() => transfer,
             false => Feature::empty(),
         };
@@ -411,7 +417,8 @@ mod tests {
                 .image
                 .intersects(storage)
         );
-        // textureCompressionBC, ETC2 and ASTC_LDR: all formats of each, and nothing writes them but copies.
+        // textureCompressionBC, ETC2 and ASTC_LDR: all formats of each, and nothing writes them but
+        // copies.
         for raw in
             vk::Format::BC1_RGB_UNORM_BLOCK.as_raw()..=vk::Format::ASTC_12X12_SRGB_BLOCK.as_raw()
         {

@@ -1,4 +1,5 @@
-//! The formats of vertices and radii that structures are built from, and the sizes of what builds read.
+//! The formats of vertices and radii that structures are built from, and the sizes of what builds
+//! read.
 #![forbid(unsafe_code)]
 
 use ash::vk;

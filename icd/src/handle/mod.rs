@@ -1,7 +1,8 @@
 //! Handles: pointers to reference-counted objects that begin with the loader's word and a type tag.
 //!
-//! A handle owns one count of an [`Arc`]; objects that outlive their handle (a pipeline layout inside a pipeline) are held by further counts.
-//! A number is followed only into pages that hold objects, and trusted where it finds the tag: what was never a handle is no fault.
+//! A handle owns one count of an [`Arc`]; objects that outlive their handle (a pipeline layout
+//! inside a pipeline) are held by further counts. A number is followed only into pages that hold
+//! objects, and trusted where it finds the tag: what was never a handle is no fault.
 
 mod pages;
 
@@ -14,8 +15,8 @@ use ash::vk::Handle;
 /// `ICD_LOADER_MAGIC` (vk_icd.h): the loader checks it, then puts its dispatch table there.
 const LOADER_MAGIC: usize = 0x01CD_C0DE;
 
-/// An object with the head that handles need. The loader reads and writes the first word of dispatchable ones. By its alignment the head
-/// lies in one page.
+/// An object with the head that handles need. The loader reads and writes the first word of
+/// dispatchable ones. By its alignment the head lies in one page.
 #[repr(C, align(16))]
 pub struct Object<T> {
     loader_word: UnsafeCell<usize>,
@@ -31,7 +32,8 @@ unsafe impl<T: Sync> Sync for Object<T> {}
 impl<T> Drop for Object<T> {
     /// A later use of the handle finds no tag, while the memory has no other use.
     fn drop(&mut self) {
-        // SAFETY: the field is the object's own. The compiler takes the last write to memory that goes away for useless, unless it is volatile.
+        // SAFETY: the field is the object's own. The compiler takes the last write to memory that
+        // goes away for useless, unless it is volatile.
         unsafe { (&raw mut self.tag).write_volatile(0) };
         pages::forget(&raw const *self as usize);
     }
@@ -86,8 +88,8 @@ pub fn handle_of<T: Handled>(object: &Ref<T>) -> T::Handle {
 fn pointer<T: Handled>(handle: T::Handle) -> *const Object<T> {
     let pointer = handle.as_raw() as *const Object<T>;
     assert!(!pointer.is_null(), "null handle");
-    // SAFETY: the place is aligned and in a page that holds objects, so that it can be read. That it is not written meanwhile is the
-    // application's valid usage.
+    // SAFETY: the place is aligned and in a page that holds objects, so that it can be read. That
+    // it is not written meanwhile is the application's valid usage.
     let is_alive = pointer.is_aligned()
         && pages::may_hold(pointer as usize)
         && unsafe { (*pointer).tag } == tag::<T>();

@@ -4,15 +4,16 @@ use std::alloc::{Layout, alloc_zeroed, dealloc};
 use std::ptr::NonNull;
 use std::sync::atomic::{AtomicPtr, AtomicU8, Ordering};
 
-/// Bits of an address within a page. Where the system's pages are larger, theirs are several of these.
+/// Bits of an address within a page. Where the system's pages are larger, theirs are several of
+/// these.
 const PAGE_BITS: u32 = 12;
 /// Bits of an address within a span, a gibibyte.
 const SPAN_BITS: u32 = 30;
 /// Bits of the addresses that a process has.
 const ADDRESS_BITS: u32 = 48;
 
-/// The number of objects that begin in each page of a span. A page has no room for as many as a byte could not count: each has two counts, a
-/// head and the allocator's word.
+/// The number of objects that begin in each page of a span. A page has no room for as many as a
+/// byte could not count: each has two counts, a head and the allocator's word.
 type Span = [AtomicU8; 1 << (SPAN_BITS - PAGE_BITS)];
 
 /// The spans that ever held an object; they stay.

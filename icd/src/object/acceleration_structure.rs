@@ -1,4 +1,5 @@
-//! `VkAccelerationStructureKHR`: a name for a range of memory; the structure itself is the bytes there.
+//! `VkAccelerationStructureKHR`: a name for a range of memory; the structure itself is the bytes
+//! there.
 
 #![forbid(unsafe_code)]
 
@@ -28,7 +29,8 @@ pub struct AccelerationStructure {
     pub replayable: Option<ReplayableStructure>,
 }
 
-/// A structure's entry among the device's views, by which its descriptors are the same wherever it lies.
+/// A structure's entry among the device's views, by which its descriptors are the same wherever it
+/// lies.
 pub struct ReplayableStructure {
     views: Arc<Views>,
     address: u64,
@@ -39,7 +41,8 @@ impl ReplayableStructure {
     /// Stores the address of a structure, under the key `wanted` if it was captured.
     ///
     /// # Errors
-    /// `VK_ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS` if something else has the key, `VK_ERROR_OUT_OF_HOST_MEMORY`.
+    /// `VK_ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS` if something else has the key,
+    /// `VK_ERROR_OUT_OF_HOST_MEMORY`.
     pub fn new(views: &Arc<Views>, address: u64, wanted: Option<Key>) -> VkResult<Self> {
         let key = views.store_structure(address, wanted);
         Ok(Self {

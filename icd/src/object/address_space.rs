@@ -1,7 +1,7 @@
 //! A device's address space, in two parts: one for ordinary memory, one for memory whose addresses
 //! can be captured and replayed.
 //!
-//! What replays a capture also allocates memory of its own, such as a swapchain's images. In one
+//! A replay of a capture also allocates memory of its own, such as a swapchain's images. In one
 //! part with captured memory, that memory could take addresses that are asked for later (the note
 //! to `VkBufferOpaqueCaptureAddressCreateInfo` asks drivers to keep them apart).
 

@@ -1,4 +1,5 @@
-//! `VK_EXT_device_address_binding_report`: objects that have device addresses, and who hears of them.
+//! `VK_EXT_device_address_binding_report`: objects that have device addresses, and who hears of
+//! them.
 
 use std::ffi::CString;
 use std::sync::Arc;
@@ -93,7 +94,8 @@ impl AddressReport {
         Self(messengers)
     }
 
-    /// Tells of an object's ranges, each with a message of its own (`VkDeviceAddressBindingCallbackDataEXT`).
+    /// Tells of an object's ranges, each with a message of its own
+    /// (`VkDeviceAddressBindingCallbackDataEXT`).
     pub fn tell<H: Handle + Copy>(
         &self,
         object: H,

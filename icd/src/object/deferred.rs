@@ -1,7 +1,8 @@
 //! Deferred host operations: work that the application's own threads do, as many as join.
 //!
-//! An operation is a rayon pool without threads. A thread that joins becomes one of the pool's until the work is done, so everything that
-//! builds and compiles in parallel does so here too, on exactly the threads that were given.
+//! An operation is a rayon pool without threads. A thread that joins becomes one of the pool's
+//! until the work is done, so everything that builds and compiles in parallel does so here too, on
+//! exactly the threads that were given.
 
 #![forbid(unsafe_code)]
 
@@ -36,7 +37,8 @@ struct Pool {
 }
 
 impl DeferredOperation {
-    /// Leaves `work` to the threads that will join: up to `concurrency` of them have something to do.
+    /// Leaves `work` to the threads that will join: up to `concurrency` of them have something to
+    /// do.
     ///
     /// # Errors
     /// `VK_ERROR_OUT_OF_HOST_MEMORY`.
@@ -64,7 +66,8 @@ impl DeferredOperation {
         Ok(())
     }
 
-    /// How many more threads may join (`vkGetDeferredOperationMaxConcurrencyKHR`); none once complete.
+    /// How many more threads may join (`vkGetDeferredOperationMaxConcurrencyKHR`); none once
+    /// complete.
     pub fn max_concurrency(&self) -> u32 {
         match &*self.0.lock() {
             State::Complete(_) => 0,

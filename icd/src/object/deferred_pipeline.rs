@@ -1,4 +1,5 @@
-//! Ray tracing pipelines whose shaders are compiled one by one (`VK_PIPELINE_CREATE_DEFER_COMPILE_BIT_NV`).
+//! Ray tracing pipelines whose shaders are compiled one by one
+//! (`VK_PIPELINE_CREATE_DEFER_COMPILE_BIT_NV`).
 
 #![forbid(unsafe_code)]
 
@@ -19,7 +20,8 @@ use crate::wave::table::Group;
 pub struct DeferredPipeline {
     stages: Vec<DeferredStage>,
     group_infos: Vec<GroupInfo>,
-    /// With the handles that they have once they are linked: those follow from what is to be compiled.
+    /// With the handles that they have once they are linked: those follow from what is to be
+    /// compiled.
     pub groups: Vec<Group>,
     cache: Option<Ref<PipelineCache>>,
     max_recursion_depth: u32,
@@ -58,7 +60,8 @@ impl DeferredPipeline {
         }
     }
 
-    /// Compiles a shader; the last one links the pipeline (`vkCompileDeferredNV`). Threads may compile different shaders at once.
+    /// Compiles a shader; the last one links the pipeline (`vkCompileDeferredNV`). Threads may
+    /// compile different shaders at once.
     ///
     /// # Errors
     /// As [`ShaderStage::compile`]; `VK_ERROR_UNKNOWN` for a shader that there is not.

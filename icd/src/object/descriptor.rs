@@ -1,7 +1,8 @@
 //! Descriptor set layouts, pools and sets.
 //!
-//! A set is two flat arrays of entries that are already resolved to what a shader's access needs: the plain ones, and the dynamic buffers
-//! (whose offsets are applied when they are bound). Entries are plain data: updating one is a store.
+//! A set is two flat arrays of entries that are already resolved to what a shader's access needs:
+//! the plain ones, and the dynamic buffers (whose offsets are applied when they are bound). Entries
+//! are plain data: updating one is a store.
 
 use std::collections::HashSet;
 
@@ -54,7 +55,8 @@ impl Binding {
 pub struct DescriptorSetLayout {
     /// By binding number.
     pub bindings: Vec<Binding>,
-    /// Entries in the plain array and in the dynamic one, the variable-count binding at its largest.
+    /// Entries in the plain array and in the dynamic one, the variable-count binding at its
+    /// largest.
     pub entry_count: u32,
     pub dynamic_count: u32,
     pub inline_bytes: u32,
@@ -127,8 +129,8 @@ impl DescriptorSetLayout {
     }
 }
 
-/// A set in a descriptor buffer: the plain entries, and the inline uniform blocks' bytes. Whichever has the binding of variable count is
-/// last.
+/// A set in a descriptor buffer: the plain entries, and the inline uniform blocks' bytes. Whichever
+/// has the binding of variable count is last.
 #[derive(Clone, Copy, Debug)]
 pub struct BufferLayout {
     pub entries_offset_bytes: u64,
@@ -150,14 +152,16 @@ impl BufferLayout {
 /// A descriptor set.
 pub struct DescriptorSet {
     pub layout: Ref<DescriptorSetLayout>,
-    /// Entries of the plain array that exist: fewer than the layout's with a smaller variable count.
+    /// Entries of the plain array that exist: fewer than the layout's with a smaller variable
+    /// count.
     pub entry_count: u32,
     /// Descriptors (or bytes) in the binding of variable count.
     pub variable_count: u32,
     storage: Storage,
 }
 
-/// The set's memory. Updates may come from several threads while others read, to different entries: all access is by pointer.
+/// The set's memory. Updates may come from several threads while others read, to different entries:
+/// all access is by pointer.
 struct Storage {
     entries: *mut Descriptor,
     len: usize,
@@ -165,7 +169,8 @@ struct Storage {
     inline_len: usize,
 }
 
-// SAFETY: descriptors are plain data; the application orders updates and uses (chapter Resource Descriptors).
+// SAFETY: descriptors are plain data; the application orders updates and uses (chapter Resource
+// Descriptors).
 unsafe impl Send for Storage {}
 // SAFETY: as above.
 unsafe impl Sync for Storage {}
@@ -310,8 +315,8 @@ impl DescriptorSet {
     }
 }
 
-/// A descriptor pool: it counts, and destroys its sets with itself. What it has room for, it has for descriptors of any type: applications
-/// are found to ask for types that they have not named.
+/// A descriptor pool: it counts, and destroys its sets with itself. What it has room for, it has
+/// for descriptors of any type: applications are found to ask for types that they have not named.
 pub struct DescriptorPool {
     pub max_sets: u32,
     /// Of descriptors of all types and of inline uniform blocks.

@@ -1,5 +1,5 @@
-//! Which parts of a pipeline's state commands set instead (`VkPipelineDynamicStateCreateInfo`), and how a bound pipeline's other parts
-//! become current.
+//! Which parts of a pipeline's state commands set instead (`VkPipelineDynamicStateCreateInfo`), and
+//! how a bound pipeline's other parts become current.
 
 #![forbid(unsafe_code)]
 
@@ -113,7 +113,8 @@ impl GraphicsState {
         }
     }
 
-    /// Takes over all that is not dynamic in a pipeline whose state is `from` (`vkCmdBindPipeline`).
+    /// Takes over all that is not dynamic in a pipeline whose state is `from`
+    /// (`vkCmdBindPipeline`).
     pub fn take_static(&mut self, from: &Self, dynamic: DynamicStates) {
         use vk::DynamicState as State;
         let mut new = from.clone();

@@ -1,8 +1,10 @@
-//! Payloads of semaphores and fences that lie in files, to be shared with other devices and processes (`VK_KHR_external_semaphore_fd`,
-//! `VK_KHR_external_fence_fd`; spec, "Importing Semaphore Payloads").
+//! Payloads of semaphores and fences that lie in files, to be shared with other devices and
+//! processes (`VK_KHR_external_semaphore_fd`, `VK_KHR_external_fence_fd`; spec, "Importing
+//! Semaphore Payloads").
 //!
-//! An opaque file is an `eventfd`, whose counter is not zero while the payload is signaled. A sync file is someone else's, another driver's
-//! or the kernel's, and only imported, for one wait; what is exported as one has been signaled already, for which the file −1 stands.
+//! An opaque file is an `eventfd`, whose counter is not zero while the payload is signaled. A sync
+//! file is someone else's, another driver's or the kernel's, and only imported, for one wait; what
+//! is exported as one has been signaled already, for which the file −1 stands.
 
 use std::fs::File;
 use std::io::{Read, Write};
@@ -77,7 +79,8 @@ impl External {
     /// The payload as an opaque file.
     ///
     /// # Errors
-    /// `VK_ERROR_INVALID_EXTERNAL_HANDLE` where there is none, `VK_ERROR_TOO_MANY_OBJECTS` where the process can have no more files.
+    /// `VK_ERROR_INVALID_EXTERNAL_HANDLE` where there is none, `VK_ERROR_TOO_MANY_OBJECTS` where
+    /// the process can have no more files.
     pub fn export(&self) -> VkResult<OwnedFd> {
         let payloads = self.0.lock();
         let file = match (&payloads.temporary, &payloads.permanent) {
@@ -125,7 +128,8 @@ impl External {
         true
     }
 
-    /// Resets a fence: a temporary payload is gone, and the permanent one, which stands again, is unsignaled. False if that lies in no file.
+    /// Resets a fence: a temporary payload is gone, and the permanent one, which stands again, is
+    /// unsignaled. False if that lies in no file.
     pub fn reset(&self) -> bool {
         let payloads = &mut *self.0.lock();
         payloads.temporary = None;

@@ -1,7 +1,9 @@
-//! The state of a draw besides its shaders, bindings, buffers and attachments: what a graphics pipeline holds, and what commands set.
+//! The state of a draw besides its shaders, bindings, buffers and attachments: what a graphics
+//! pipeline holds, and what commands set.
 //!
-//! A command buffer has one current [`GraphicsState`]. Binding a pipeline copies into it all groups that are static in that pipeline
-//! ([`GraphicsState::take_static`]); `vkCmdSet*` writes single values. So a draw looks at one structure, wherever its parts come from.
+//! A command buffer has one current [`GraphicsState`]. Binding a pipeline copies into it all groups
+//! that are static in that pipeline ([`GraphicsState::take_static`]); `vkCmdSet*` writes single
+//! values. So a draw looks at one structure, wherever its parts come from.
 
 #![forbid(unsafe_code)]
 
@@ -51,7 +53,8 @@ pub struct VertexInput {
 pub struct Rasterization {
     pub discard: bool,
     pub depth_clamp: bool,
-    /// As set, or the opposite of `depth_clamp` where nothing says so (`VkPipelineRasterizationDepthClipStateCreateInfoEXT`).
+    /// As set, or the opposite of `depth_clamp` where nothing says so
+    /// (`VkPipelineRasterizationDepthClipStateCreateInfoEXT`).
     pub depth_clip: bool,
     /// Nothing says so: `depth_clip` is the opposite of `depth_clamp` whenever that is set.
     pub depth_clip_follows: bool,
@@ -146,8 +149,8 @@ pub struct Viewports {
     pub scissors: SmallVec<[vk::Rect2D; 1]>,
 }
 
-/// The attachments of a pass that a pipeline has formats for; it neither reads nor writes the others
-/// (`VK_EXT_dynamic_rendering_unused_attachments`).
+/// The attachments of a pass that a pipeline has formats for; it neither reads nor writes the
+/// others (`VK_EXT_dynamic_rendering_unused_attachments`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct UsedAttachments {
     /// A bit an attachment.
@@ -197,7 +200,7 @@ impl GraphicsState {
             color_locations,
             used_attachments,
         } = self;
-        // What is most often different comes first.
+        // The field that differs most often comes first.
         viewports.is_same(&other.viewports)
             && *depth_stencil == other.depth_stencil
             && *rasterization == other.rasterization

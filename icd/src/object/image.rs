@@ -1,5 +1,6 @@
-//! Images. They are stored linearly: a plane per aspect, in it layers, in each layer samples, in each sample mip levels.
-//! Rows of images that may be resident in parts begin with a page each ([`resident`](super::resident)).
+//! Images. They are stored linearly: a plane per aspect, in it layers, in each layer samples, in
+//! each sample mip levels. Rows of images that may be resident in parts begin with a page each
+//! ([`resident`](super::resident)).
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -19,7 +20,8 @@ use crate::table::limits;
 /// Levels, samples and layers start at multiples of this.
 const SUBRESOURCE_ALIGNMENT: u64 = 64;
 
-/// One aspect of an image: color, depth or stencil. A combined depth-stencil format has two planes of simple formats.
+/// One aspect of an image: color, depth or stencil. A combined depth-stencil format has two planes
+/// of simple formats.
 #[derive(Clone, Debug)]
 pub struct Plane {
     pub aspect: vk::ImageAspectFlags,
@@ -69,7 +71,8 @@ impl Image {
     /// Lays an image out, unbound.
     ///
     /// # Errors
-    /// `VK_ERROR_FORMAT_NOT_SUPPORTED`; `VK_ERROR_OUT_OF_DEVICE_MEMORY` if its size does not fit in 63 bits.
+    /// `VK_ERROR_FORMAT_NOT_SUPPORTED`; `VK_ERROR_OUT_OF_DEVICE_MEMORY` if its size does not fit in
+    /// 63 bits.
     pub fn new(info: &vk::ImageCreateInfo<'_>) -> VkResult<Self> {
         let samples = info.samples.as_raw().max(1);
         let is_disjoint = info.flags.contains(vk::ImageCreateFlags::DISJOINT)
@@ -239,7 +242,8 @@ fn lay_out_plane(
         false => SUBRESOURCE_ALIGNMENT,
     };
     let start = size_bytes.checked_next_multiple_of(alignment)?;
-    // More levels than an image of any size can have (chapter Images, `VkImageCreateInfo`) are an impossible image.
+    // More levels than an image of any size can have (chapter Images, `VkImageCreateInfo`) are an
+    // impossible image.
     if info.mip_levels as usize > MAX_LEVELS {
         return None;
     }

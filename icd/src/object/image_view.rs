@@ -14,8 +14,9 @@ use crate::format;
 use crate::handle::Ref;
 use crate::wave::mask::InvocationMask;
 
-/// An entry of a table of the device's [`Views`], under its key until the object is gone. Descriptor sets hold the contents' address, which
-/// stays readable for the device's life; descriptors in buffers hold the key.
+/// An entry of a table of the device's [`Views`], under its key until the object is gone.
+/// Descriptor sets hold the contents' address, which stays readable for the device's life;
+/// descriptors in buffers hold the key.
 pub struct ViewEntry<T: Copy + 'static> {
     pub key: Key,
     views: Arc<Views>,
@@ -33,10 +34,12 @@ pub fn store_failure(error: StoreError) -> vk::Result {
 }
 
 impl<T: Copy> ViewEntry<T> {
-    /// Stores contents; with `replay` under a key that can be asked for again, that which it holds if there is one.
+    /// Stores contents; with `replay` under a key that can be asked for again, that which it holds
+    /// if there is one.
     ///
     /// # Errors
-    /// `VK_ERROR_OUT_OF_HOST_MEMORY`; `VK_ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS` if the key is taken.
+    /// `VK_ERROR_OUT_OF_HOST_MEMORY`; `VK_ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS` if the key is
+    /// taken.
     pub fn store(
         views: &Arc<Views>,
         table: fn(&Views) -> &Table<T>,
@@ -136,7 +139,8 @@ impl ImageView {
 /// The descriptor through which shaders read a view.
 ///
 /// # Errors
-/// `VK_ERROR_UNKNOWN` for a range outside the image, and for a format whose texels are of another size.
+/// `VK_ERROR_UNKNOWN` for a range outside the image, and for a format whose texels are of another
+/// size.
 pub fn view_descriptor(
     image: &Image,
     ty: vk::ImageViewType,
@@ -176,7 +180,8 @@ pub fn view_descriptor(
         if slices {
             to.depth = 1;
         }
-        // A view of blocks as texels has as many texels as there are blocks ("Image Views", BLOCK_TEXEL_VIEW_COMPATIBLE).
+        // A view of blocks as texels has as many texels as there are blocks ("Image Views",
+        // BLOCK_TEXEL_VIEW_COMPATIBLE).
         if format::block_extent(view_format) == [1, 1] {
             let [block_width, block_height] = format::block_extent(plane.format);
             to.width = to.width.div_ceil(block_width);
@@ -211,7 +216,8 @@ pub fn view_descriptor(
     };
     let format = match &conversion {
         Some(conversion) if conversion.planes.requires_conversion() => {
-            // The planes instead of levels: each with its layers' stride, from where the first plane's offsets count.
+            // The planes instead of levels: each with its layers' stride, from where the first
+            // plane's offsets count.
             for (to, plane) in levels.iter_mut().zip(&image.planes) {
                 let Some(level) = plane.levels.first() else {
                     continue;
@@ -232,7 +238,8 @@ pub fn view_descriptor(
         None if is_depth_or_stencil || format::ycbcr_planes(view_format).is_some() => plane.format,
         None => view_format,
     };
-    // Formats of other sizes would reach past the image (VUID-VkImageViewCreateInfo-image-01761, -01583).
+    // Formats of other sizes would reach past the image (VUID-VkImageViewCreateInfo-image-01761,
+    // -01583).
     let is_plain = conversion.is_none_or(|it| !it.planes.requires_conversion());
     if is_plain {
         let view_blocks = format::block_extent(format);

@@ -1,4 +1,5 @@
-//! Which addresses are memory that the application has: what physical pointers and addresses in commands may lead to.
+//! Which addresses are memory that the application has: what physical pointers and addresses in
+//! commands may lead to.
 
 use std::sync::Arc;
 
@@ -27,8 +28,8 @@ impl State {
 /// The same for shaders' pointers and for structures.
 fn of_reach(reach: Reach) -> (Arc<Reach>, Live) {
     let ranges = (reach.ranges().iter()).map(|range| (range.start, range.size_bytes));
-    // SAFETY: what is live is readable until it is freed, and the application frees nothing that is in use. Of what is live everywhere the
-    // caller knows what lies there.
+    // SAFETY: what is live is readable until it is freed, and the application frees nothing that is
+    // in use. Of what is live everywhere the caller knows what lies there.
     let live = unsafe { Live::new(ranges) };
     (Arc::new(reach), live)
 }

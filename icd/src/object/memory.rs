@@ -1,5 +1,6 @@
-//! Device memory. Each device reserves a window of address space; a device address is the host address. Pages are committed when first
-//! touched, and ranges that were freed stay mapped to zero pages, so that a stale reference reads zeros until they are used again.
+//! Device memory. Each device reserves a window of address space; a device address is the host
+//! address. Pages are committed when first touched, and ranges that were freed stay mapped to zero
+//! pages, so that a stale reference reads zeros until they are used again.
 
 use std::os::fd::{AsRawFd, FromRawFd, OwnedFd};
 use std::sync::Arc;
@@ -144,7 +145,8 @@ pub struct DeviceMemory {
 }
 
 enum Backing {
-    /// A range of the window, and the file that is mapped there if the memory is exportable or imported.
+    /// A range of the window, and the file that is mapped there if the memory is exportable or
+    /// imported.
     Window {
         window: Arc<AddressWindow>,
         mapped_bytes: u64,
@@ -184,9 +186,10 @@ impl DeviceMemory {
     /// Allocates.
     ///
     /// # Errors
-    /// `VK_ERROR_OUT_OF_DEVICE_MEMORY` past the heap's budget; `VK_ERROR_INVALID_EXTERNAL_HANDLE` for a file that is too short, can be made
-    /// shorter or cannot be mapped, and for a host pointer to what is not there; `VK_ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS` if an
-    /// address that is asked for is taken; `VK_ERROR_TOO_MANY_OBJECTS` past [`max_allocations`].
+    /// `VK_ERROR_OUT_OF_DEVICE_MEMORY` past the heap's budget; `VK_ERROR_INVALID_EXTERNAL_HANDLE`
+    /// for a file that is too short, can be made shorter or cannot be mapped, and for a host
+    /// pointer to what is not there; `VK_ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS` if an address that
+    /// is asked for is taken; `VK_ERROR_TOO_MANY_OBJECTS` past [`max_allocations`].
     pub fn allocate(
         window: &Arc<AddressWindow>,
         size_bytes: u64,
@@ -505,7 +508,8 @@ mod tests {
 
     #[test]
     fn an_address_of_another_window_can_be_had_again() {
-        // Other tests' threads may take the addresses as soon as they are given back: then it is tried again.
+        // Other tests' threads may take the addresses as soon as they are given back: then it is
+        // tried again.
         for _ in 0..20 {
             let [first, second] = [0; 2].map(|_| AddressWindow::reserve(1 << 30).ok().unwrap());
             let address = allocate(&second, 1).ok().unwrap().address;

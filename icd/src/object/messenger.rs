@@ -15,7 +15,8 @@ pub struct Messenger {
     pub user_data: *mut c_void,
 }
 
-// SAFETY: the application's callback must be callable from any thread (VkDebugUtilsMessengerCreateInfoEXT).
+// SAFETY: the application's callback must be callable from any thread
+// (VkDebugUtilsMessengerCreateInfoEXT).
 unsafe impl Send for Messenger {}
 
 // SAFETY: as above.
@@ -85,7 +86,8 @@ impl Messengers {
             if let Some(callback) = messenger.callback
                 && messenger.listens(severity, types)
             {
-                // SAFETY: the application's callback with the data it asked for; the lock is not held, so it may call back in.
+                // SAFETY: the application's callback with the data it asked for; the lock is not
+                // held, so it may call back in.
                 unsafe { callback(severity, types, data, messenger.user_data) };
                 heard = true;
             }

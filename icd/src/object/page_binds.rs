@@ -7,7 +7,8 @@ use ash::vk;
 use super::Image;
 use super::pages::page_bytes;
 
-/// Pages one after the other: from the image's first byte, and from the first byte of the memory that is bound to a part.
+/// Pages one after the other: from the image's first byte, and from the first byte of the memory
+/// that is bound to a part.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Pages {
     pub image_offset: u64,
@@ -15,8 +16,8 @@ pub struct Pages {
     pub size_bytes: u64,
 }
 
-/// The pages of a part of an image, in the order in which memory is bound to them: along a row, then row by row, then slice by slice. None
-/// if the image has no such part.
+/// The pages of a part of an image, in the order in which memory is bound to them: along a row,
+/// then row by row, then slice by slice. None if the image has no such part.
 pub fn pages(image: &Image, bind: &vk::SparseImageMemoryBind) -> Vec<Pages> {
     spans(image, bind).unwrap_or_default()
 }

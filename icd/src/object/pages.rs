@@ -2,7 +2,8 @@
 
 use std::sync::OnceLock;
 
-/// Allocations are multiples of this, and start at multiples of it (at least a page; `VkMemoryRequirements::alignment` is smaller).
+/// Allocations are multiples of this, and start at multiples of it (at least a page;
+/// `VkMemoryRequirements::alignment` is smaller).
 pub const GRANULE: u64 = 64 << 10;
 
 /// Bytes of a page of the system.
@@ -15,12 +16,14 @@ pub fn page_bytes() -> u64 {
     })
 }
 
-/// Maps pages that read as zeros and are committed when written; the address, unless the system refuses.
+/// Maps pages that read as zeros and are committed when written; the address, unless the system
+/// refuses.
 pub(super) fn map_zero_pages(address: u64, size_bytes: u64, flags: i32) -> Option<u64> {
     map_pages(address, size_bytes, libc::MAP_PRIVATE | flags)
 }
 
-/// As [`map_zero_pages`], at any place that is a multiple of [`GRANULE`]: the system knows only its pages.
+/// As [`map_zero_pages`], at any place that is a multiple of [`GRANULE`]: the system knows only its
+/// pages.
 pub(super) fn map_aligned_zero_pages(size_bytes: u64) -> Option<u64> {
     let mapped = map_zero_pages(0, size_bytes.checked_add(GRANULE)?, 0)?;
     let address = mapped.next_multiple_of(GRANULE);
@@ -35,7 +38,8 @@ pub(super) fn map_aligned_zero_pages(size_bytes: u64) -> Option<u64> {
 }
 
 pub(super) fn map_pages(address: u64, size_bytes: u64, flags: i32) -> Option<u64> {
-    // SAFETY: either at a place of the system's choice, or one that is free, or (`MAP_FIXED`) inside a window of ours.
+    // SAFETY: either at a place of the system's choice, or one that is free, or (`MAP_FIXED`)
+    // inside a window of ours.
     let mapped = unsafe {
         libc::mmap(
             address as *mut _,

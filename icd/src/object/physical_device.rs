@@ -21,12 +21,13 @@ pub struct PhysicalDevice {
     pub thread_count: usize,
     /// Size of the memory heap.
     pub heap_bytes: u64,
-    /// What limits the process's memory.
+    /// The limits of the process's memory.
     groups: Groups,
 }
 
 impl PhysicalDevice {
-    /// Looks at the machine. After this and the creation of a device, no file is opened any more: a sandbox may refuse it.
+    /// Looks at the machine. After this and the creation of a device, no file is opened any more: a
+    /// sandbox may refuse it.
     pub fn new(
         api_version: u32,
         messengers: Arc<Messengers>,
@@ -43,7 +44,8 @@ impl PhysicalDevice {
         }
     }
 
-    /// Bytes of the heap that this process can use: what it uses, and what the system and its control group have free, up to the heap's size.
+    /// Bytes of the heap that this process can use: what it uses, and what the system and its
+    /// control group have free, up to the heap's size.
     pub fn budget_bytes(&self) -> u64 {
         let free = pages_bytes(libc::_SC_AVPHYS_PAGES);
         let free = self
@@ -74,8 +76,8 @@ impl PhysicalDevice {
     }
 }
 
-/// `TUFF_THREADS`, or what the process may use: the processors of its affinity mask, and no more than its control group's CPU quota pays
-/// for.
+/// `TUFF_THREADS`, or what the process may use: the processors of its affinity mask, and no more
+/// than its control group's CPU quota pays for.
 fn thread_count() -> usize {
     let asked = settings::checked()
         .ok()
@@ -83,7 +85,8 @@ fn thread_count() -> usize {
     asked.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from))
 }
 
-/// Three quarters of the memory that the process may use: the machine's, or its control group's where that has less.
+/// Three quarters of the memory that the process may use: the machine's, or its control group's
+/// where that has less.
 fn heap_bytes(groups: &Groups) -> u64 {
     let total = pages_bytes(libc::_SC_PHYS_PAGES);
     let total = groups

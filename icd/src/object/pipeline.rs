@@ -46,7 +46,8 @@ impl Pipeline {
         }
     }
 
-    /// Tells its programs what the application calls it. Pipelines that share programs through a cache share their names.
+    /// Tells its programs what the application calls it. Pipelines that share programs through a
+    /// cache share their names.
     pub fn set_name(&self, name: &str) {
         let set = |program: &Arc<Program>| {
             if let Some(origin) = program.origin() {

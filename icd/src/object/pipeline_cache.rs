@@ -1,12 +1,13 @@
-//! Pipeline caches: programs by what they were compiled from, in memory and as data that another process can start with.
+//! Pipeline caches: programs by what they were compiled from, in memory and as data that another
+//! process can start with.
 //!
 //! ```text
 //! VkPipelineCacheHeaderVersionOne | entry…
 //! entry: key, 16 bytes | bytes of the module, u32 | their hash with the key's, u64 | the module (spirv_jit::ir::binary)
 //! ```
 //!
-//! The header's UUID names the compiler that made the data: another compiler's is not read. An entry that is damaged is left out, and so is
-//! one that was cut off.
+//! The header's UUID names the compiler that made the data: another compiler's is not read. An
+//! entry that is damaged is left out, and so is one that was cut off.
 
 #![forbid(unsafe_code)]
 
@@ -39,7 +40,8 @@ struct Entry {
 }
 
 impl PipelineCache {
-    /// A cache that starts with what [`Self::data`] gave, as far as it is intact and this compiler's.
+    /// A cache that starts with what [`Self::data`] gave, as far as it is intact and this
+    /// compiler's.
     pub fn with_data(data: &[u8]) -> Self {
         let mut entries = HashMap::new();
         let mut rest = match data.split_at_checked(HEADER_BYTES) {
@@ -101,8 +103,8 @@ impl PipelineCache {
         }
     }
 
-    /// `vkGetPipelineCacheData`: the same bytes for the same programs, whole entries only, at most `room` bytes of them. Empty if not even
-    /// the header fits. Also whether all fit.
+    /// `vkGetPipelineCacheData`: the same bytes for the same programs, whole entries only, at most
+    /// `room` bytes of them. Empty if not even the header fits. Also whether all fit.
     pub fn data(&self, room: usize) -> (Vec<u8>, bool) {
         if room < HEADER_BYTES {
             return (Vec::new(), false);
@@ -144,7 +146,8 @@ fn hash(key: &ProgramKey, bytes: &[u8]) -> u64 {
     xxh3_64_with_seed(bytes, seed)
 }
 
-/// The first entry's key and module, if intact, and what follows it; `None` at the end, and where an entry is cut off.
+/// The first entry's key and module, if intact, and what follows it; `None` at the end, and where
+/// an entry is cut off.
 fn split_entry(data: &[u8]) -> Option<(ProgramKey, Option<&[u8]>, &[u8])> {
     let (key, data) = data.split_first_chunk::<16>()?;
     let (length, data) = data.split_first_chunk::<4>()?;

@@ -8,8 +8,9 @@ use super::DescriptorSetLayout;
 use crate::handle::Ref;
 use crate::table::limits::MAX_DYNAMIC_BUFFERS;
 
-/// Dynamic buffers of a set have numbers of their own: those of set n begin at n times this, so that a program's places depend on the
-/// layouts of the sets that it uses and on no other (pipeline libraries, shader objects). Twice the limit: uniform and storage buffers.
+/// Dynamic buffers of a set have numbers of their own: those of set n begin at n times this, so
+/// that a program's places depend on the layouts of the sets that it uses and on no other (pipeline
+/// libraries, shader objects). Twice the limit: uniform and storage buffers.
 pub const DYNAMIC_OF_SET: u32 = 2 * MAX_DYNAMIC_BUFFERS;
 
 /// A pipeline layout.

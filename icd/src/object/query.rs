@@ -118,8 +118,9 @@ impl QueryPool {
         (first..end).all(|index| self.value(index).is_some())
     }
 
-    /// The words that `vkGetQueryPoolResults` and `vkCmdCopyQueryPoolResults` write for a query: its values, where they are there or
-    /// partial ones will do, then its availability if that is asked for. `None` stands for memory that is left alone.
+    /// The words that `vkGetQueryPoolResults` and `vkCmdCopyQueryPoolResults` write for a query:
+    /// its values, where they are there or partial ones will do, then its availability if that is
+    /// asked for. `None` stands for memory that is left alone.
     pub fn result_words(
         &self,
         index: u32,

@@ -1,7 +1,8 @@
 //! Which ranges of a window of addresses are free.
 //!
-//! A range that was freed rests in a quarantine before it is used again, so that a stale reference reads zeros there for a while. The
-//! quarantine is bounded: what is touched over and over costs page tables.
+//! A range that was freed rests in a quarantine before it is used again, so that a stale reference
+//! reads zeros there for a while. The quarantine is bounded: what is touched over and over costs
+//! page tables.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::ops::Range;

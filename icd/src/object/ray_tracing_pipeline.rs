@@ -1,4 +1,5 @@
-//! Ray tracing pipelines and pipeline libraries: programs, groups, and the handles that shader binding tables hold.
+//! Ray tracing pipelines and pipeline libraries: programs, groups, and the handles that shader
+//! binding tables hold.
 
 #![forbid(unsafe_code)]
 
@@ -28,13 +29,15 @@ pub struct PipelineFacts {
     pub flags: vk::PipelineCreateFlags,
     /// `maxPipelineRayRecursionDepth`.
     pub max_recursion_depth: u32,
-    /// `VK_DYNAMIC_STATE_RAY_TRACING_PIPELINE_STACK_SIZE_KHR`: the command buffer says how large the stack is.
+    /// `VK_DYNAMIC_STATE_RAY_TRACING_PIPELINE_STACK_SIZE_KHR`: the command buffer says how large
+    /// the stack is.
     pub has_dynamic_stack: bool,
     /// The stack without that (chapter Pipelines, "Ray Tracing Pipeline Stack").
     pub default_stack_bytes: u64,
 }
 
-/// `VkRayTracingShaderGroupCreateInfoKHR`, decoded: stage indices count the pipeline's own stages, then those of its libraries.
+/// `VkRayTracingShaderGroupCreateInfoKHR`, decoded: stage indices count the pipeline's own stages,
+/// then those of its libraries.
 #[derive(Clone, Copy, Debug)]
 pub struct GroupInfo {
     pub ty: vk::RayTracingShaderGroupTypeKHR,
@@ -89,7 +92,8 @@ impl RayTracingPipeline {
         }
     }
 
-    /// A shader's stack size in bytes (`vkGetRayTracingShaderGroupStackSizeKHR`); 0 where the group has none.
+    /// A shader's stack size in bytes (`vkGetRayTracingShaderGroupStackSizeKHR`); 0 where the group
+    /// has none.
     pub fn stack_size_bytes(&self, group: u32, shader: vk::ShaderGroupShaderKHR) -> u64 {
         let Some(group) = self.shaders.groups.get(group as usize) else {
             return 0;
@@ -142,8 +146,9 @@ fn shifted(group: &Group, first: ProgramIndex) -> Group {
     }
 }
 
-/// A group's handle: a hash of its type and of what its shaders were compiled from. The same group gets the same handle in any
-/// process, which is what replay needs, and in a library and the pipeline that it is linked into.
+/// A group's handle: a hash of its type and of what its shaders were compiled from. The same group
+/// gets the same handle in any process, which is what replay needs, and in a library and the
+/// pipeline that it is linked into.
 fn handle(ty: vk::RayTracingShaderGroupTypeKHR, group: &Group, keys: &[ProgramKey]) -> Handle {
     let mut content = ty.as_raw().to_le_bytes().to_vec();
     for program in [
@@ -166,7 +171,8 @@ fn handle(ty: vk::RayTracingShaderGroupTypeKHR, group: &Group, keys: &[ProgramKe
     handle
 }
 
-/// The stack of a pipeline that does not leave it to the command buffer: the rule that the specification suggests.
+/// The stack of a pipeline that does not leave it to the command buffer: the rule that the
+/// specification suggests.
 fn default_stack_bytes(programs: &[Arc<Program>], max_recursion_depth: u32) -> u64 {
     let most = |stage| {
         let of_stage = programs.iter().filter(|program| program.stage() == stage);

@@ -8,8 +8,8 @@ use smallvec::SmallVec;
 use super::ImageView;
 use crate::handle::Ref;
 
-/// `VkRenderPass`: what beginning one in a command buffer needs to know. What becomes of contents that are not stored is as good as what
-/// was drawn, so store operations are not kept.
+/// `VkRenderPass`: what beginning one in a command buffer needs to know. What becomes of contents
+/// that are not stored is as good as what was drawn, so store operations are not kept.
 pub struct RenderPass {
     pub attachments: Vec<PassAttachment>,
     pub subpasses: Vec<Subpass>,

@@ -1,7 +1,8 @@
 //! Images that are resident in parts: their blocks.
 //!
-//! Shaders and commands know images as rows. So that a part can be bound apart from its neighbours, each row begins with a page, and the
-//! block that memory is bound to is a page of texels of one row. Levels of every size are bound like this: there is no mip tail.
+//! Shaders and commands know images as rows. So that a part can be bound apart from its neighbours,
+//! each row begins with a page, and the block that memory is bound to is a page of texels of one
+//! row. Levels of every size are bound like this: there is no mip tail.
 
 #![forbid(unsafe_code)]
 

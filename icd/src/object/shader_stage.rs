@@ -99,9 +99,10 @@ impl ShaderStage {
     /// Takes the program from the cache, or compiles it and puts it there.
     ///
     /// # Errors
-    /// `VK_PIPELINE_COMPILE_REQUIRED` if it is not in the cache and `may_compile` is false; `VK_ERROR_OUT_OF_HOST_MEMORY` for a module
-    /// that would need too much; `VK_ERROR_UNKNOWN` for one that is malformed or asks for what is not advertised. The last two are told to
-    /// the debug messengers.
+    /// `VK_PIPELINE_COMPILE_REQUIRED` if it is not in the cache and `may_compile` is false;
+    /// `VK_ERROR_OUT_OF_HOST_MEMORY` for a module that would need too much; `VK_ERROR_UNKNOWN` for
+    /// one that is malformed or asks for what is not advertised. The last two are told to the debug
+    /// messengers.
     pub fn compile(
         &self,
         compiler: &Compiler<'_>,

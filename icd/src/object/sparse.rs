@@ -1,7 +1,8 @@
 //! Sparse binding: a resource is address space, and memory is made to show up there.
 //!
-//! A page of memory can be seen at several addresses only if its mapping is shared, so memory of devices with the feature
-//! `sparseBinding` is allocated that way. Where nothing is bound, reads give zeros.
+//! A page of memory can be seen at several addresses only if its mapping is shared, so memory of
+//! devices with the feature `sparseBinding` is allocated that way. Where nothing is bound, reads
+//! give zeros.
 
 use std::sync::Arc;
 
@@ -25,8 +26,8 @@ impl Reservation {
     /// Takes address space.
     ///
     /// # Errors
-    /// `VK_ERROR_OUT_OF_DEVICE_MEMORY` if there is not so much; `VK_ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS` if an address that is asked for
-    /// is taken.
+    /// `VK_ERROR_OUT_OF_DEVICE_MEMORY` if there is not so much;
+    /// `VK_ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS` if an address that is asked for is taken.
     pub fn new(
         window: &Arc<AddressWindow>,
         size_bytes: u64,
@@ -95,7 +96,8 @@ impl SparseBind {
     }
 }
 
-/// Maps the pages at `source` at `address` too, in place of what is there; the address, unless the system refuses.
+/// Maps the pages at `source` at `address` too, in place of what is there; the address, unless the
+/// system refuses.
 fn show_at(source: u64, size_bytes: u64, address: u64) -> Option<u64> {
     // SAFETY: the source is a shared mapping of an allocation (of no length, which makes a second
     // mapping of it). The destination is a part of a reservation, whose contents are undefined

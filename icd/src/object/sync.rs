@@ -16,8 +16,8 @@ use crate::VkResult;
 const FIRST_LOOK: Duration = Duration::from_micros(20);
 const LAST_LOOK: Duration = Duration::from_millis(1);
 
-/// Whether a device is lost. Once it is, it stays so. To a child of the process that made it a device is lost, too: a fork takes no threads
-/// along.
+/// Whether a device is lost. Once it is, it stays so. To a child of the process that made it a
+/// device is lost, too: a fork takes no threads along.
 pub struct Lost {
     lost: AtomicBool,
     process: u32,
@@ -200,8 +200,8 @@ impl Semaphore {
         self.value.load(Ordering::Acquire)
     }
 
-    /// Signals: a binary semaphore becomes 1, a timeline one takes the value. A timeline never goes back (chapter Semaphores: signals
-    /// must increase the value).
+    /// Signals: a binary semaphore becomes 1, a timeline one takes the value. A timeline never goes
+    /// back (chapter Semaphores: signals must increase the value).
     pub fn signal(&self, value: u64) {
         if !self.external.signal() {
             let value = if self.is_binary() { 1 } else { value };

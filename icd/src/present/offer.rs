@@ -19,8 +19,9 @@ pub const FORMATS: [vk::Format; 4] = [
     vk::Format::R8G8B8A8_SRGB,
 ];
 
-/// Formats of more than eight bits, and the color spaces that they can be presented in: for applications that ask for color spaces
-/// (`VK_EXT_swapchain_colorspace`). Others choose the format of most bits and would pay for bits that their windows do not show.
+/// Formats of more than eight bits, and the color spaces that they can be presented in: for
+/// applications that ask for color spaces (`VK_EXT_swapchain_colorspace`). Others choose the format
+/// of most bits and would pay for bits that their windows do not show.
 pub const DEEP_FORMATS: [(vk::Format, vk::ColorSpaceKHR); 3] = [
     (
         vk::Format::A2B10G10R10_UNORM_PACK32,
@@ -70,7 +71,8 @@ pub fn is_shared(mode: vk::PresentModeKHR) -> bool {
         || mode == vk::PresentModeKHR::SHARED_CONTINUOUS_REFRESH
 }
 
-/// The modes that a swapchain made for `mode` can change to: itself first, so that it is there where not all fit.
+/// The modes that a swapchain made for `mode` can change to: itself first, so that it is there
+/// where not all fit.
 pub fn compatible_modes(mode: vk::PresentModeKHR) -> impl Iterator<Item = vk::PresentModeKHR> {
     let others = MODES
         .into_iter()

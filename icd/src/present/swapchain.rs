@@ -250,8 +250,8 @@ impl Swapchain {
         if state.is_closed || state.status.as_raw() < 0 {
             return state.finish(&request);
         }
-        // Of one that is replaced the image is free at once (`VK_PRESENT_MODE_MAILBOX_KHR`), not only
-        // when the window has shown the one that is under way.
+        // Of one that is replaced the image is free at once (`VK_PRESENT_MODE_MAILBOX_KHR`), not
+        // only when the window has shown the one that is under way.
         let is_mailbox = request.mode == vk::PresentModeKHR::MAILBOX;
         state.ready.push_back(request);
         if is_mailbox {
@@ -337,7 +337,8 @@ impl Drop for Swapchain {
 }
 
 impl State {
-    /// Gives back what another presentation, if it is ready, takes the place of, or the end of the swapchain. Returns whether there was any.
+    /// Gives back what another presentation, if it is ready, takes the place of, or the end of the
+    /// swapchain. Returns whether there was any.
     fn drop_replaced(&mut self, is_ready: impl Fn(&Request) -> bool) -> bool {
         let before = self.ready.len();
         while let Some(next) = self.ready.get(1)

@@ -1,7 +1,8 @@
 //! When presentations are to be seen, and when they were (`VK_EXT_present_timing`).
 //!
-//! All times are nanoseconds of `CLOCK_MONOTONIC`, in whichever domain they are asked for: it is the device's clock, and the one by
-//! which servers of X11 and compositors of Wayland tell the time on this machine.
+//! All times are nanoseconds of `CLOCK_MONOTONIC`, in whichever domain they are asked for: it is
+//! the device's clock, and the one by which servers of X11 and compositors of Wayland tell the time
+//! on this machine.
 
 #![forbid(unsafe_code)]
 
@@ -49,9 +50,10 @@ pub struct Target {
 }
 
 impl Target {
-    /// When it is to be handed over so that it is seen in time; `seen_ns` is when the presentation before was. That is a quarter of
-    /// a period after the refresh before the one that it is meant for: neither is so near that a late hand decides. (Xvfb shows what
-    /// comes in the second half of a period not with the next refresh, but one later.)
+    /// When it is to be handed over so that it is seen in time; `seen_ns` is when the presentation
+    /// before was. That is a quarter of a period after the refresh before the one that it is meant
+    /// for: neither is so near that a late hand decides. (Xvfb shows what comes in the second half
+    /// of a period not with the next refresh, but one later.)
     pub fn due_ns(&self, seen_ns: Option<u64>, refresh: Option<Refresh>) -> u64 {
         let wanted = match (self.is_relative, seen_ns) {
             (false, _) => self.time_ns,
@@ -132,8 +134,8 @@ impl Rhythm {
     }
 }
 
-/// A time that a server tells, of a picture that it was handed at `sent_ns`: none, if that is by another clock, as that of another machine
-/// is. Servers that copy at once name the refresh before.
+/// A time that a server tells, of a picture that it was handed at `sent_ns`: none, if that is by
+/// another clock, as that of another machine is. Servers that copy at once name the refresh before.
 pub fn told_ns(at_ns: u64, sent_ns: u64, now_ns: u64) -> Option<u64> {
     const APART: u64 = 1_000_000_000;
     let near = sent_ns.saturating_sub(APART)..=now_ns.saturating_add(APART);
@@ -279,7 +281,8 @@ impl Timings {
         self.available(flags).count() as u32
     }
 
-    /// Tells so many results as there is room for, and forgets them; how many those are, and whether that is all there is.
+    /// Tells so many results as there is room for, and forgets them; how many those are, and
+    /// whether that is all there is.
     pub fn tell(
         &mut self,
         flags: vk::Flags,
@@ -302,8 +305,9 @@ impl Timings {
         (told.len() as u32, is_all)
     }
 
-    /// The results that may be told, in the order of the presentations, unless any will do. Parts of results are not told, even
-    /// where they would do: all of one become known at nearly the same time.
+    /// The results that may be told, in the order of the presentations, unless any will do. Parts
+    /// of results are not told, even where they would do: all of one become known at nearly the
+    /// same time.
     fn available(&mut self, flags: vk::Flags) -> impl Iterator<Item = &Report> {
         let in_any_order =
             flags & newer::PAST_PRESENTATION_TIMING_ALLOW_OUT_OF_ORDER_RESULTS_EXT != 0;

@@ -4,7 +4,8 @@
 //! vkQueueSubmit ──> Queue::submit ──> [ pending ] ──> thread: wait for semaphores ──> execute::replay ──> signal semaphores, fence
 //! ```
 //!
-//! A submission may wait for a semaphore that another queue, or the host, signals later: only its own queue's thread stands still.
+//! A submission may wait for a semaphore that another queue, or the host, signals later: only its
+//! own queue's thread stands still.
 
 #![forbid(unsafe_code)]
 
@@ -43,7 +44,8 @@ pub struct Submission {
     pub commands: Vec<Arc<Vec<Command>>>,
     /// Images that are presented after the commands.
     pub presents: Vec<(Ref<Swapchain>, Request)>,
-    /// Signaled when the presentations need the semaphores no more (`VkSwapchainPresentFenceInfoKHR`).
+    /// Signaled when the presentations need the semaphores no more
+    /// (`VkSwapchainPresentFenceInfoKHR`).
     pub present_fences: Vec<Ref<Fence>>,
     pub signals: Vec<(Ref<Semaphore>, u64)>,
     pub fence: Option<Ref<Fence>>,
@@ -134,8 +136,8 @@ impl Queue {
         waiting.lost.check()
     }
 
-    /// Ends the queue's thread; work that is still in line is dropped. The device's waits must have been ended by
-    /// [`Engine::shut_down`] before.
+    /// Ends the queue's thread; work that is still in line is dropped. The device's waits must have
+    /// been ended by [`Engine::shut_down`] before.
     pub fn close(&self) {
         if self.line.engine.waiting.lost.is_inherited() {
             // There is no such thread here. Its handle is of no use, and must not be waited for.

@@ -5,12 +5,15 @@
 //!                                      any worker, any chunk            one worker a tile, chunks in order
 //! ```
 //!
-//! Inside a pass work is deferred: draws and clears of attachments gather in a [`Batch`] until a flush. Then the *front end* turns draws
-//! into [`Chunk`]s side by side, and after all of them the *tiles* are worked off side by side, each of them through all chunks in order,
-//! straight into the images. So the order of primitives holds at every sample by construction, whatever the number of threads.
+//! Inside a pass work is deferred: draws and clears of attachments gather in a [`Batch`] until a
+//! flush. Then the *front end* turns draws into [`Chunk`]s side by side, and after all of them the
+//! *tiles* are worked off side by side, each of them through all chunks in order, straight into the
+//! images. So the order of primitives holds at every sample by construction, whatever the number of
+//! threads.
 //!
-//! Who flushes: the end of the pass, a barrier whose destination includes a vertex stage, the end of a query, a timestamp, and a batch
-//! that has grown to [`BATCH_DRAWS`]. A draw of many primitives is worked off in several rounds of up to [`ROUND_CHUNKS`] chunks.
+//! Who flushes: the end of the pass, a barrier whose destination includes a vertex stage, the end
+//! of a query, a timestamp, and a batch that has grown to [`BATCH_DRAWS`]. A draw of many
+//! primitives is worked off in several rounds of up to [`ROUND_CHUNKS`] chunks.
 
 pub mod front;
 pub mod primitive;
@@ -90,7 +93,9 @@ pub struct VertexBuffer {
     pub address: u64,
     /// Bytes from there on. Attributes that reach past it read zeros (`robustBufferAccess`).
     pub size_bytes: u64,
-    /// In the place of [`VertexBinding::stride_bytes`](crate::object::graphics_state::VertexBinding), where that is dynamic.
+    /// In the place of
+    /// [`VertexBinding::stride_bytes`](crate::object::graphics_state::VertexBinding), where that is
+    /// dynamic.
     pub stride_bytes: Option<u64>,
 }
 

@@ -1,13 +1,14 @@
 //! The interface between the front end and the tiles.
 //!
-//! Positions on the screen are fixed point with 8 fractional bits (`subPixelPrecisionBits`): 256 units a pixel, pixel centres at 128.
-//! A *shape* is coverage; a *record* is what fragments of a primitive are made of. Clipping changes coverage only: the shapes of a clipped
-//! primitive share one record, whose planes come from the original vertices.
+//! Positions on the screen are fixed point with 8 fractional bits (`subPixelPrecisionBits`): 256
+//! units a pixel, pixel centres at 128. A *shape* is coverage; a *record* is what fragments of a
+//! primitive are made of. Clipping changes coverage only: the shapes of a clipped primitive share
+//! one record, whose planes come from the original vertices.
 
 use super::TILE;
 
-/// Where `a * x + b * y + c >= 0`, in fixed-point units. The rule of top and left edges is part of `c`: exactly one of two triangles that
-/// share an edge holds a sample on it.
+/// Where `a * x + b * y + c >= 0`, in fixed-point units. The rule of top and left edges is part of
+/// `c`: exactly one of two triangles that share an edge holds a sample on it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Edge {
     pub a: i32,
@@ -27,9 +28,11 @@ pub struct Bounds {
 /// Which samples a primitive covers.
 #[derive(Clone, Copy, Debug)]
 pub enum Coverage {
-    /// The samples inside all of the first `count` edges: triangles (3), and rectangles of points and lines (4).
+    /// The samples inside all of the first `count` edges: triangles (3), and rectangles of points
+    /// and lines (4).
     Convex { edges: [Edge; 4], count: u8 },
-    /// All samples of the pixels `first..first + count` of [`Chunk::pixels`], each of them once: Bresenham lines.
+    /// All samples of the pixels `first..first + count` of [`Chunk::pixels`], each of them once:
+    /// Bresenham lines.
     Pixels { first: u32, count: u32 },
 }
 
@@ -43,7 +46,8 @@ pub struct Shape {
     pub bounds: Bounds,
 }
 
-/// `at + dx * (x - x0) + dy * (y - y0)`, for pixel coordinates from the record's `origin` on; computed without fused multiply-adds.
+/// `at + dx * (x - x0) + dy * (y - y0)`, for pixel coordinates from the record's `origin` on;
+/// computed without fused multiply-adds.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Plane {
     pub at: f32,
@@ -62,9 +66,11 @@ pub struct Record {
     pub layer: u32,
     pub view_index: u32,
     pub viewport: u32,
-    /// Counter-clockwise or clockwise as the state says: `FrontFacing`, and the side of the stencil test.
+    /// Counter-clockwise or clockwise as the state says: `FrontFacing`, and the side of the stencil
+    /// test.
     pub front: bool,
-    /// Index of each vertex's first word in [`Chunk::outputs`]. A line has its second vertex twice, a point one vertex three times.
+    /// Index of each vertex's first word in [`Chunk::outputs`]. A line has its second vertex twice,
+    /// a point one vertex three times.
     pub vertices: [u32; 3],
     /// The vertex that provides flat varyings.
     pub provoking: u8,
@@ -74,8 +80,9 @@ pub struct Record {
     pub depth: Plane,
     /// Clamps of depth where the state asks for them: the viewport's least and greatest depth.
     pub depth_range: [f32; 2],
-    /// For vertex i: λᵢ / wᵢ, λ the linear barycentric coordinate on the screen. Perspective-correct coordinates are these divided by their
-    /// sum, which is 1 / w (`FragCoord.w`).
+    /// For vertex i: λᵢ / wᵢ, λ the linear barycentric coordinate on the screen.
+    /// Perspective-correct coordinates are these divided by their sum, which is 1 / w
+    /// (`FragCoord.w`).
     pub perspective: [Plane; 3],
     /// All w are 1: perspective-correct coordinates are the linear ones, whose sum is 1.
     pub is_affine: bool,
@@ -85,7 +92,8 @@ pub struct Record {
     pub point_coord: [Plane; 2],
 }
 
-/// Up to [`CHUNK_PRIMITIVES`](super::CHUNK_PRIMITIVES) primitives in order, of one or several consecutive draws, or one clear.
+/// Up to [`CHUNK_PRIMITIVES`](super::CHUNK_PRIMITIVES) primitives in order, of one or several
+/// consecutive draws, or one clear.
 #[derive(Default)]
 pub struct Chunk {
     /// A clear instead of primitives: its index in the batch's work.
@@ -93,7 +101,8 @@ pub struct Chunk {
     /// In primitive order.
     pub shapes: Vec<Shape>,
     pub records: Vec<Record>,
-    /// Outputs of vertices, [`Program::output_rows`](spirv_jit::Program::output_rows) words a vertex, as `Program::outputs` lists them.
+    /// Outputs of vertices, [`Program::output_rows`](spirv_jit::Program::output_rows) words a
+    /// vertex, as `Program::outputs` lists them.
     pub outputs: Vec<u32>,
     /// x, y.
     pub pixels: Vec<[i16; 2]>,
@@ -110,7 +119,8 @@ impl Chunk {
 /// Which shapes touch each tile, in order: a list of (tile, shape) sorted by tile, then shape.
 #[derive(Default)]
 pub struct Bins {
-    /// By tile: where its entries start in `shapes`; one more at the end. Empty if there is nothing.
+    /// By tile: where its entries start in `shapes`; one more at the end. Empty if there is
+    /// nothing.
     pub starts: Vec<u32>,
     /// Indices in [`Chunk::shapes`].
     pub shapes: Vec<u32>,

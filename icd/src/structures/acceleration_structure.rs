@@ -1,4 +1,5 @@
-//! Copying and serializing acceleration structures: from addresses in recorded commands to the `traversal` crate.
+//! Copying and serializing acceleration structures: from addresses in recorded commands to the
+//! `traversal` crate.
 //!
 //! Host and device commands end here alike, since a device address is a host address.
 
@@ -45,7 +46,8 @@ pub(super) unsafe fn storage_bytes<'a>(live: &Live, storage: Storage) -> &'a mut
 /// `VkCopyAccelerationStructureInfoKHR`.
 ///
 /// # Safety
-/// Both are the memory of acceleration structure objects; the source is built and not written meanwhile, the destination not used elsewhere.
+/// Both are the memory of acceleration structure objects; the source is built and not written
+/// meanwhile, the destination not used elsewhere.
 pub unsafe fn copy(source: Storage, destination: Storage, mode: CopyMode, live: &Live) {
     // SAFETY: the caller's promise.
     unsafe {

@@ -37,14 +37,16 @@ impl Build {
         }
     }
 
-    /// Performs the build or update on the current rayon pool. Structures lie in `live`, all else in `reach`.
+    /// Performs the build or update on the current rayon pool. Structures lie in `live`, all else
+    /// in `reach`.
     ///
     /// # Errors
     /// See [`BuildError`]; the destination's contents are undefined then.
     ///
     /// # Safety
-    /// Every address is readable (geometry) or writable (destination, scratch) as far as the specification makes the application promise
-    /// (valid usage of `vkCmdBuildAccelerationStructuresKHR`), and not written by anyone else meanwhile.
+    /// Every address is readable (geometry) or writable (destination, scratch) as far as the
+    /// specification makes the application promise (valid usage of
+    /// `vkCmdBuildAccelerationStructuresKHR`), and not written by anyone else meanwhile.
     pub unsafe fn execute(&self, reach: &Reach, live: &Live) -> Result<u64, BuildError> {
         // SAFETY: the caller's promise, for each use below.
         unsafe {
@@ -193,7 +195,8 @@ fn overlap(one: &[u8], other: &[u8]) -> bool {
     one.start < other.end && other.start < one.end
 }
 
-/// Whether builds of one command write to the same scratch memory. That is not valid, and side by side they would spoil each other.
+/// Whether builds of one command write to the same scratch memory. That is not valid, and side by
+/// side they would spoil each other.
 fn share_scratch(builds: &[Build]) -> bool {
     let mut ranges: Vec<_> = (builds.iter())
         .map(|build| {
@@ -208,8 +211,8 @@ fn share_scratch(builds: &[Build]) -> bool {
     ranges.windows(2).any(|pair| pair[1].0 < pair[0].1)
 }
 
-/// Builds side by side: the specification forbids that builds of one command depend on each other. Structures lie in `live`, all else in
-/// `reach`.
+/// Builds side by side: the specification forbids that builds of one command depend on each other.
+/// Structures lie in `live`, all else in `reach`.
 pub fn build(builds: &[Build], reach: &Reach, live: &Live, checks: Option<&Checks>) {
     let run = |build: &Build| {
         if let Some(checks) = checks {

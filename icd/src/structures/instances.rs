@@ -9,7 +9,8 @@ use crate::wave::reachable::{read, readable};
 /// Words of the longest record, `VkAccelerationStructureSRTMotionInstanceNV`.
 const MAX_WORDS: usize = 18;
 
-/// One record: its type (0 static, 1 by matrices, 2 by decompositions) and its words, of which the last is the reference.
+/// One record: its type (0 static, 1 by matrices, 2 by decompositions) and its words, of which the
+/// last is the reference.
 struct Record {
     ty: u32,
     length: usize,
@@ -17,7 +18,8 @@ struct Record {
 }
 
 impl Instances {
-    /// Bounds the memory. What instances refer to is looked up in `live`, once each, when they are built.
+    /// Bounds the memory. What instances refer to is looked up in `live`, once each, when they are
+    /// built.
     pub fn resolve<'a>(&self, reach: &Reach, live: &'a Live) -> InstanceSource<'a> {
         InstanceSource {
             memory: readable(reach, self.address, self.size_bytes()),
@@ -43,8 +45,8 @@ impl Instances {
         u64::from(self.count) * self.array.stride_bytes()
     }
 
-    /// An array of records whose references are `resolved`, and the instances that are in it; it must outlive them. An instance that is not
-    /// where the array says is inactive.
+    /// An array of records whose references are `resolved`, and the instances that are in it; it
+    /// must outlive them. An instance that is not where the array says is inactive.
     ///
     /// # Errors
     /// [`BuildError::OutOfMemory`].

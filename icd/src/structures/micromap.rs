@@ -1,5 +1,5 @@
-//! Building and moving micromaps: from addresses in recorded commands to the `traversal` crate. Host and device
-//! commands end here alike.
+//! Building and moving micromaps: from addresses in recorded commands to the `traversal` crate.
+//! Host and device commands end here alike.
 
 use ash::vk;
 use rayon::prelude::*;
@@ -19,13 +19,14 @@ const MAX_DATA_BYTES: u64 = (1 << 32) + (1 << 22);
 /// The identifiers at the head of serialized data.
 const HEAD_BYTES: u64 = 32;
 
-/// Scratch memory is not used; an application may make a buffer of the size that it is told, which cannot be 0.
+/// Scratch memory is not used; an application may make a buffer of the size that it is told, which
+/// cannot be 0.
 pub const SCRATCH_BYTES: u64 = 64;
 
 impl MicromapBuild {
     /// # Safety
-    /// Every address is readable or writable as far as the specification makes the application promise (valid usage of
-    /// `vkCmdBuildMicromapsEXT`), and not written by anyone else meanwhile.
+    /// Every address is readable or writable as far as the specification makes the application
+    /// promise (valid usage of `vkCmdBuildMicromapsEXT`), and not written by anyone else meanwhile.
     unsafe fn execute(&self, reach: &Reach, live: &Live) -> Result<u64, BuildError> {
         let count = self.count();
         let last = u64::from(count.saturating_sub(1)) * self.stride_bytes;
@@ -68,10 +69,12 @@ unsafe fn bytes<'a>(live: &Live, address: u64) -> Option<&'a [u8]> {
     unsafe { Some(Micromap::at(address, live)?.bytes()) }
 }
 
-/// `VkCopyMicromapInfoEXT`: a micromap has nothing to lose by compaction, so both modes do the same.
+/// `VkCopyMicromapInfoEXT`: a micromap has nothing to lose by compaction, so both modes do the
+/// same.
 ///
 /// # Safety
-/// Both are the memory of micromap objects; the source is built and not written meanwhile, the destination not used elsewhere.
+/// Both are the memory of micromap objects; the source is built and not written meanwhile, the
+/// destination not used elsewhere.
 pub unsafe fn copy(source: Storage, destination: Storage, live: &Live) {
     // SAFETY: the caller's promise.
     unsafe {

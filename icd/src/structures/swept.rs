@@ -9,7 +9,8 @@ use crate::format::structure::MAX_VERTEX_BYTES;
 use crate::wave::reachable::readable;
 
 impl Swept {
-    /// Bounds the geometry's memory. What an index can reach is known from its type alone: the structures name no greatest vertex.
+    /// Bounds the geometry's memory. What an index can reach is known from its type alone: the
+    /// structures name no greatest vertex.
     pub fn resolve(&self, reach: &Reach) -> SweptGeometry {
         let count = u64::from(self.primitive_count);
         let numbers = match self.indexing {

@@ -1,4 +1,5 @@
-//! The table of extensions. Whatever stands here works; promoted ones stand here too, because applications enable them by name.
+//! The table of extensions. Whatever stands here works; promoted ones stand here too, because
+//! applications enable them by name.
 
 #![forbid(unsafe_code)]
 

@@ -1,5 +1,5 @@
-//! The table of features: each that works, the structures that name it, and the SPIR-V capabilities that come with it. A feature that is
-//! not here is not supported.
+//! The table of features: each that works, the structures that name it, and the SPIR-V capabilities
+//! that come with it. A feature that is not here is not supported.
 
 use ash::vk::TaggedStructure;
 use rspirv::spirv::Capability;
@@ -24,8 +24,8 @@ macro_rules! features {
             }
         }
 
-        /// Size of a feature structure that is known here, up to the end of its last feature: padding may
-        /// follow, which may hold anything.
+        /// Size of a feature structure that is known here, up to the end of its last feature:
+        /// padding may follow, which may hold anything.
         fn structure_bytes(ty: vk::StructureType) -> Option<usize> {
             $($(if ty == vk::$structure::STRUCTURE_TYPE {
                 return Some(std::mem::offset_of!(vk::$structure<'_>, _marker));
@@ -507,8 +507,9 @@ mod tests {
         );
     }
 
-    /// `docs/capabilities.md` lists the capabilities that the compiler refuses. That is the driver's
-    /// list only if devices enable the rest, except `Geometry`, which fragment shaders may declare.
+    /// `docs/capabilities.md` lists the capabilities that the compiler refuses. That is the
+    /// driver's list only if devices enable the rest, except `Geometry`, which fragment shaders may
+    /// declare.
     #[test]
     fn devices_enable_what_the_compiler_takes() {
         let enabled = capabilities();

@@ -1,4 +1,5 @@
-//! The table of limits. Those of stages that do not exist are the least that the spec allows (chapter Limits, "Required Limits").
+//! The table of limits. Those of stages that do not exist are the least that the spec allows
+//! (chapter Limits, "Required Limits").
 
 #![forbid(unsafe_code)]
 
@@ -11,7 +12,8 @@ pub const MAX_IMAGE_DIMENSION: u32 = 16384;
 pub const MAX_IMAGE_DIMENSION_3D: u32 = MAX_IMAGE_DIMENSION;
 pub const MAX_IMAGE_ARRAY_LAYERS: u32 = 2048;
 pub const MAX_PUSH_CONSTANTS_BYTES: u32 = 256;
-/// Descriptors of a kind in a set or in a stage. They are entries of one array each, so there is no technical bound.
+/// Descriptors of a kind in a set or in a stage. They are entries of one array each, so there is no
+/// technical bound.
 pub const MAX_DESCRIPTORS: u32 = 1 << 20;
 pub const MAX_DYNAMIC_BUFFERS: u32 = 32;
 pub const MAX_INLINE_UNIFORM_BYTES: u32 = 4096;
@@ -169,12 +171,14 @@ pub fn micromap_uuids() -> [[u8; 16]; 2] {
     [*b"tuff vulkan cpu\0", *b"tuff micromap  1"]
 }
 
-/// The identifiers at the head of serialized acceleration structures: the driver's, and the layout's version.
+/// The identifiers at the head of serialized acceleration structures: the driver's, and the
+/// layout's version.
 pub fn serialization_uuids() -> [[u8; 16]; 2] {
     [*b"tuff vulkan cpu\0", *b"tuff structure 2"]
 }
 
-/// The API version of instance and device: the first revision of the specification that describes it.
+/// The API version of instance and device: the first revision of the specification that describes
+/// it.
 pub const API_VERSION: u32 = vk::make_api_version(0, 1, 4, 303);
 
 /// Bytes of what captures an object: its address, or that of its descriptor.
@@ -183,7 +187,8 @@ pub const CAPTURE_BYTES: usize = size_of::<u64>();
 /// `shaderGroupHandleSize`.
 pub const HANDLE_SIZE: usize = 32;
 
-/// Allocations that a device can have: each may be two mappings, and the system lets a process have so many, of which there are others.
+/// Allocations that a device can have: each may be two mappings, and the system lets a process have
+/// so many, of which there are others.
 pub fn max_allocations() -> u32 {
     static MAX: OnceLock<u32> = OnceLock::new();
     *MAX.get_or_init(|| {

@@ -1,4 +1,5 @@
-//! `VkPhysicalDeviceProperties2` and what extends it. What several structures say is written once, in the core ones.
+//! `VkPhysicalDeviceProperties2` and what extends it. What several structures say is written once,
+//! in the core ones.
 
 use ash::vk::TaggedStructure;
 use spirv_jit::SUBGROUP_SIZE;
@@ -341,7 +342,8 @@ macro_rules! copy_layouts {
     }};
 }
 
-/// Answers structures: `Type(source) { field, field: source_field, … }` copies fields, `Type(source)` all of them.
+/// Answers structures: `Type(source) { field, field: source_field, … }` copies fields,
+/// `Type(source)` all of them.
 macro_rules! answer {
     ($node:expr; $($structure:ident($source:expr) $({$($field:ident $(: $from:ident)?),* $(,)?})?;)*) => {
         match (*$node).s_type {

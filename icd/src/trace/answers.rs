@@ -130,8 +130,9 @@ impl Batch<'_> {
         Ok(())
     }
 
-    /// Hits that intersection shaders report: each counts if it is in its ray's interval as it stands; the any-hit shader, if
-    /// the geometry is not opaque and there is one, has the last word.
+    /// Hits that intersection shaders report: each counts if it is in its ray's interval as it
+    /// stands; the any-hit shader, if the geometry is not opaque and there is one, has the last
+    /// word.
     fn report_intersections(
         &mut self,
         index: SubgroupIndex,
@@ -255,7 +256,8 @@ impl Batch<'_> {
         Ok(())
     }
 
-    /// An any-hit shader has decided on the hit that was reported for a ray: tells the intersection invocation.
+    /// An any-hit shader has decided on the hit that was reported for a ray: tells the intersection
+    /// invocation.
     fn decide_report(&mut self, ray: LaneRef, accepts: bool, terminates: bool) {
         let worker = &mut *self.worker;
         let group = &mut worker.ray_groups[ray.index()];
@@ -375,7 +377,8 @@ impl Batch<'_> {
         self.decided(index, lanes);
     }
 
-    /// Copies what lanes leave over the data of a caller that waits for them: `of` says in which of its lanes, if not in their own.
+    /// Copies what lanes leave over the data of a caller that waits for them: `of` says in which of
+    /// its lanes, if not in their own.
     fn copy_outputs(
         &mut self,
         outputs: &[AlignedRow],

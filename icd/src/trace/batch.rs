@@ -1,12 +1,15 @@
 //! One batch, in rounds, until nothing is left:
 //!
-//! 1. rays walk to their ends, with the shaders that decide on their candidates ([`Turn::Deciders`]);
+//! 1. rays walk to their ends, with the shaders that decide on their candidates
+//!    ([`Turn::Deciders`]);
 //! 2. hit, miss and callable shaders run until each has ended or waits ([`Turn::Callees`]);
-//! 3. so do ray generation shaders ([`Turn::Launches`]), whose lanes are moved together first where many have ended.
+//! 3. so do ray generation shaders ([`Turn::Launches`]), whose lanes are moved together first where
+//!    many have ended.
 //!
-//! A step ends when nothing in it can go on. What it leaves does not depend on what was done first in it, as no subgroup's shader can tell:
-//! so who meets in the subgroups that the next step forms follows from the launch alone, whatever the order of answers, the length of
-//! waves or the way that rays walk.
+//! A step ends when nothing in it can go on. What it leaves does not depend on what was done first
+//! in it, as no subgroup's shader can tell: so who meets in the subgroups that the next step forms
+//! follows from the launch alone, whatever the order of answers, the length of waves or the way
+//! that rays walk.
 
 use lanes::LaneMask;
 use spirv_jit::program::{AlignedRow, Event, MAX_SUBGROUPS, ResumePoint, SiteKind, Wave};
@@ -100,7 +103,7 @@ pub struct Batch<'a> {
     pub(super) state_bytes: usize,
     /// Of the longest frame of a wave so far.
     frame_bytes: usize,
-    /// What is taken of the device's budget for both.
+    /// Their share of the device's budget.
     share: Share,
     /// Bytes of states made since the last look at the limits.
     unchecked_bytes: usize,
@@ -302,7 +305,8 @@ impl<'a> Batch<'a> {
         Ok(())
     }
 
-    /// Runs ray generation shaders until each waits or has ended. Those that come back from a shader call are moved together first.
+    /// Runs ray generation shaders until each waits or has ended. Those that come back from a
+    /// shader call are moved together first.
     fn run_launches(&mut self) -> Result<(), Stopped> {
         let turn = Turn::Launches as usize;
         for mut ready in std::mem::take(&mut self.ready[turn]) {
@@ -348,7 +352,8 @@ impl<'a> Batch<'a> {
                 None => &mut [][..],
                 Some(&index) => {
                     let rows = &mut subgroups[index].rows;
-                    // SAFETY: each subgroup is in the list once, and none is touched otherwise until the run is over.
+                    // SAFETY: each subgroup is in the list once, and none is touched otherwise
+                    // until the run is over.
                     unsafe { std::slice::from_raw_parts_mut(rows.as_mut_ptr(), rows.len()) }
                 }
             });
@@ -357,8 +362,9 @@ impl<'a> Batch<'a> {
             tally.count(program, compiled, states);
         }
         let mut fuel = FUEL;
-        // SAFETY: the command's bindings keep what the environment names, and the application keeps what those name; only compute
-        // shaders have workgroup memory; the states are this program's.
+        // SAFETY: the command's bindings keep what the environment names, and the application keeps
+        // what those name; only compute shaders have workgroup memory; the states are this
+        // program's.
         let events = unsafe {
             compiled.run(
                 &mut self.worker.frame,

@@ -15,8 +15,8 @@ pub struct Call {
     pub of: LaneRef,
 }
 
-/// Calls by shader and role. A launch waits for one at a time, so their order by record and launch is complete: who shares a subgroup
-/// does not depend on when they came.
+/// Calls by shader and role. A launch waits for one at a time, so their order by record and launch
+/// is complete: who shares a subgroup does not depend on when they came.
 #[derive(Default)]
 pub struct Calls {
     /// Those with calls first, in the order of their first ones.
@@ -111,7 +111,8 @@ impl Default for Records {
 }
 
 impl Records {
-    /// The group and the address of a record; `None` for an unused group or an index outside the table.
+    /// The group and the address of a record; `None` for an unused group or an index outside the
+    /// table.
     pub fn find<'a>(
         &mut self,
         shaders: &'a Shaders,

@@ -1,7 +1,8 @@
 //! Who shares a subgroup of hit, miss, any-hit, intersection and callable shaders.
 //!
-//! Lanes of one subgroup that call one record of one shader by one instruction stay together, each in its own lane, if they are [`MANY`].
-//! The others form full subgroups at the end of the step, whatever subgroups they come from: in the order of their records and launches.
+//! Lanes of one subgroup that call one record of one shader by one instruction stay together, each
+//! in its own lane, if they are [`MANY`]. The others form full subgroups at the end of the step,
+//! whatever subgroups they come from: in the order of their records and launches.
 
 use lanes::{LaneMask, by_lane};
 use spirv_jit::SUBGROUP_SIZE;
@@ -94,7 +95,8 @@ impl Batch<'_> {
         formed
     }
 
-    /// Makes subgroups of calls: full ones of one shader each, whatever the divergence of those who called.
+    /// Makes subgroups of calls: full ones of one shader each, whatever the divergence of those who
+    /// called.
     fn form_subgroups(&mut self, calls: &mut Calls) -> Result<(), Stopped> {
         for bucket in calls.sorted() {
             let (program, role) = (bucket.program, bucket.role);

@@ -1,7 +1,8 @@
-//! A dispatch's grid, cut into tiles of neighbouring invocations (one subgroup each) and batches of tiles.
+//! A dispatch's grid, cut into tiles of neighbouring invocations (one subgroup each) and batches of
+//! tiles.
 //!
-//! Which invocations share a subgroup, and which subgroups a batch, follows from the dispatch and the pipeline alone, never from the
-//! machine: results cannot depend on it.
+//! Which invocations share a subgroup, and which subgroups a batch, follows from the dispatch and
+//! the pipeline alone, never from the machine: results cannot depend on it.
 #![forbid(unsafe_code)]
 
 use lanes::LaneMask;
@@ -47,8 +48,9 @@ pub struct Tile {
 }
 
 impl Grid {
-    /// Cuts a grid for a ray generation shader whose subgroup states take `state_bytes` each. One that `reorders` invocations gets batches
-    /// as large as they can be: no others are reordered together.
+    /// Cuts a grid for a ray generation shader whose subgroup states take `state_bytes` each. One
+    /// that `reorders` invocations gets batches as large as they can be: no others are reordered
+    /// together.
     pub fn new(extent: [u32; 3], state_bytes: usize, reorders: bool) -> Self {
         let tile = match extent[1] {
             0 | 1 => [16, 1],
@@ -125,7 +127,8 @@ impl Grid {
         Tile { launch, mask }
     }
 
-    /// Where a launch stands among those of its batch: tile by tile, lane by lane, as ray generation shaders begin.
+    /// Where a launch stands among those of its batch: tile by tile, lane by lane, as ray
+    /// generation shaders begin.
     pub fn place(&self, x: u32, y: u32) -> u32 {
         let [width, height] = self.tile;
         let (tile_x, tile_y) = (x / width, y / height);
@@ -135,7 +138,8 @@ impl Grid {
     }
 }
 
-/// The lane of a position in a tile. Two-dimensional tiles are in quad order: lanes 4q..4q+4 are a 2 × 2 block.
+/// The lane of a position in a tile. Two-dimensional tiles are in quad order: lanes 4q..4q+4 are a
+/// 2 × 2 block.
 fn lane([width, height]: [u32; 2], dx: u32, dy: u32) -> u32 {
     if height == 1 {
         return dx;

@@ -59,7 +59,8 @@ impl Batch<'_> {
             group.flight.hits.t[lane] = f32::from_bits(object.0[word::T_MAX]);
             if object.state() == kind::HIT {
                 let hit = object.hit(self.dispatch.limits);
-                // The record's index is given: one that the rule for hits leads back to, with a stride of 0.
+                // The record's index is given: one that the rule for hits leads back to, with a
+                // stride of 0.
                 sbt_offset = object.0[word::RECORD_INDEX].wrapping_sub(hit.instance_sbt_offset);
                 group.flight.hits.set(lane, &hit);
                 let attributes = &mut group.procedural_mut().attributes;

@@ -1,4 +1,5 @@
-//! Filling the input records of new invocations: only the rows that their program reads, a row at a time.
+//! Filling the input records of new invocations: only the rows that their program reads, a row at a
+//! time.
 
 use lanes::{LaneMask, by_lane};
 use spirv_jit::program::{AlignedRow, Builtin, IO_DATA_ROW, InputRow, Row};
@@ -23,7 +24,8 @@ pub struct Sources<'a> {
 }
 
 spirv_jit::vectors! {
-    /// Fills the inputs of a new subgroup into `rows`, its state. `records` has a record address per lane.
+    /// Fills the inputs of a new subgroup into `rows`, its state. `records` has a record address
+    /// per lane.
     pub fn fill<V>(
         _v,
         sources: &Sources<'_>,
@@ -325,7 +327,8 @@ impl<'a> HitLanes<'a> {
         true
     }
 
-    /// `RayTmaxKHR`: the hit's distance in hit shaders, the end of the interval as it stands in the others.
+    /// `RayTmaxKHR`: the hit's distance in hit shaders, the end of the interval as it stands in the
+    /// others.
     fn t_max_row(&self) -> Row {
         match self.role {
             Role::AnyHitOfReport => self.of_reports(|report| report.t.to_bits()),

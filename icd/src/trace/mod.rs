@@ -1,4 +1,5 @@
-//! Executing `vkCmdTraceRays*`: a dispatch's grid in batches, each turned by one worker until it is empty.
+//! Executing `vkCmdTraceRays*`: a dispatch's grid in batches, each turned by one worker until it is
+//! empty.
 //!
 //! ```text
 //! grid ──> batches ──> Batch::run, in rounds:
@@ -8,8 +9,9 @@
 //!                      nothing left but subgroups at a reorder instruction: sort their lanes
 //! ```
 //!
-//! Shader code never calls traversal and traversal never calls shader code: both return here with an event. Recursion therefore costs
-//! heap, never native stack, and callees are repacked across all waves of the batch.
+//! Shader code never calls traversal and traversal never calls shader code: both return here with
+//! an event. Recursion therefore costs heap, never native stack, and callees are repacked across
+//! all waves of the batch.
 
 mod answers;
 mod batch;
@@ -73,7 +75,8 @@ pub struct Tracer {
 }
 
 impl Tracer {
-    /// Executes a dispatch and returns when it is complete. What is too small to be shared runs on the current thread.
+    /// Executes a dispatch and returns when it is complete. What is too small to be shared runs on
+    /// the current thread.
     ///
     /// # Errors
     /// When a limit stopped it; what it wrote so far stays written.

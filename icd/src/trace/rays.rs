@@ -1,4 +1,5 @@
-//! Rays in flight, sixteen at a time: those that the lanes of one subgroup have traced with one instruction.
+//! Rays in flight, sixteen at a time: those that the lanes of one subgroup have traced with one
+//! instruction.
 
 use lanes::{LaneMask, by_lane};
 use spirv_jit::SUBGROUP_SIZE;
@@ -51,8 +52,8 @@ pub struct Procedural {
     pub reports: [Report; SUBGROUP_SIZE],
 }
 
-/// Rays between their trace instruction and the end of their closest-hit or miss shaders, one a lane. What they were asked for is
-/// where the subgroup that waits for them has it.
+/// Rays between their trace instruction and the end of their closest-hit or miss shaders, one a
+/// lane. What they were asked for is where the subgroup that waits for them has it.
 #[derive(Default)]
 pub struct RayGroup {
     /// The subgroup that waits.
@@ -167,7 +168,8 @@ spirv_jit::vectors! {
 }
 
 spirv_jit::vectors! {
-    /// Indices of the hit group records for hits (chapter Ray Tracing, "Hit Shaders"), and of the miss records where there is none.
+    /// Indices of the hit group records for hits (chapter Ray Tracing, "Hit Shaders"), and of the
+    /// miss records where there is none.
     pub fn record_indices<V>(v, hits: &HitRows, operands: &Operands) -> Row {
         let load = |row: usize| v.load_i(&operands[row].0);
         let geometry = v.load_i(&hits.geometry_index);

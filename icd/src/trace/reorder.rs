@@ -1,7 +1,9 @@
-//! Reordering (`OpReorderThread*`): the lanes of a batch that stand at one reorder instruction are sorted, and form subgroups anew.
+//! Reordering (`OpReorderThread*`): the lanes of a batch that stand at one reorder instruction are
+//! sorted, and form subgroups anew.
 //!
-//! Only lanes that execute the instruction move. Those that wait for them in an enclosing construct stay where they are, as the
-//! specification has it ("Repacking"), and go on without them. Which lanes meet follows from the batch alone.
+//! Only lanes that execute the instruction move. Those that wait for them in an enclosing construct
+//! stay where they are, as the specification has it ("Repacking"), and go on without them. Which
+//! lanes meet follows from the batch alone.
 
 use lanes::LaneMask;
 use spirv_jit::SUBGROUP_SIZE;
@@ -90,7 +92,8 @@ impl Batch<'_> {
         self.grid.place(launch.x[first], launch.y[first])
     }
 
-    /// Puts the lanes of ready ray generation shaders that stand behind one shader call into fewer subgroups, where many have ended.
+    /// Puts the lanes of ready ray generation shaders that stand behind one shader call into fewer
+    /// subgroups, where many have ended.
     pub(super) fn compact(
         &mut self,
         program: ProgramIndex,
@@ -175,8 +178,9 @@ impl Batch<'_> {
         }
     }
 
-    /// Moves lanes, in this order, out of the `sources` that they all come from (ascending) into as few subgroups as will do. A source
-    /// with lanes that wait for them stays, with those; the others are used again or given back. Returns what can go on.
+    /// Moves lanes, in this order, out of the `sources` that they all come from (ascending) into as
+    /// few subgroups as will do. A source with lanes that wait for them stays, with those; the
+    /// others are used again or given back. Returns what can go on.
     fn move_lanes(
         &mut self,
         program: ProgramIndex,

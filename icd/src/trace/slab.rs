@@ -1,4 +1,5 @@
-//! Things in flight, by index: an index stays valid until its thing is removed, and is used again then.
+//! Things in flight, by index: an index stays valid until its thing is removed, and is used again
+//! then.
 #![forbid(unsafe_code)]
 
 use std::ops::{Index, IndexMut};

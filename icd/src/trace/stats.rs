@@ -1,4 +1,5 @@
-//! `TUFF_STATS=1`: how full the waves are, per shader, as a table on standard error when a device is destroyed.
+//! `TUFF_STATS=1`: how full the waves are, per shader, as a table on standard error when a device
+//! is destroyed.
 #![forbid(unsafe_code)]
 
 use std::collections::BTreeMap;

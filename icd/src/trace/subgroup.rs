@@ -13,7 +13,8 @@ use crate::wave::table::ProgramIndex;
 /// Index of a [`Subgroup`] in its batch.
 pub type SubgroupIndex = u32;
 
-/// One lane of a subgroup of the batch, or the ray of one lane of a [`RayGroup`](super::rays::RayGroup): by index and lane.
+/// One lane of a subgroup of the batch, or the ray of one lane of a
+/// [`RayGroup`](super::rays::RayGroup): by index and lane.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub struct LaneRef(u32);
 

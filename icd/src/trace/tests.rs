@@ -1,4 +1,5 @@
-//! A whole dispatch from shaders in the IR's text form: any-hit, intersection with its own any-hit, recursion, callables, divergence.
+//! A whole dispatch from shaders in the IR's text form: any-hit, intersection with its own any-hit,
+//! recursion, callables, divergence.
 
 use std::sync::Arc;
 
@@ -15,7 +16,8 @@ use crate::wave::{Limits, Stopped, Workers};
 
 const SIZE: u32 = 20;
 
-/// Traces along z from the middle of the launch's cell, with its index as the payload's word, and stores what comes back.
+/// Traces along z from the middle of the launch's cell, with its index as the payload's word, and
+/// stores what comes back.
 const RAYGEN: &str = "
 module ray_generation
 inputs launch_id.0, launch_id.1
@@ -82,7 +84,8 @@ func f0 {
 }
 ";
 
-/// Calls the callable with the payload, then traces a ray that no instance takes part in with what came back.
+/// Calls the callable with the payload, then traces a ray that no instance takes part in with what
+/// came back.
 const CLOSEST_HIT_BACK: &str = "
 module closest_hit
 inputs payload.0
@@ -128,7 +131,8 @@ func f0 {
 }
 ";
 
-/// Reports one hit before the interval, which must be refused, then one inside it with the row as attribute and hit kind 5.
+/// Reports one hit before the interval, which must be refused, then one inside it with the row as
+/// attribute and hit kind 5.
 const INTERSECTION: &str = "
 module intersection
 inputs launch_id.1

@@ -49,8 +49,9 @@ impl Batch<'_> {
         let walker = self.worker.walker.take();
         let mut walker = walker.expect("it is there between traces");
         let starting = std::mem::take(&mut self.starting);
-        // SAFETY: the application keeps the structures that a trace may reach built and bound until the dispatch is
-        // complete (VUID-vkCmdTraceRaysKHR-None-03429 and the build commands' rules); so here and below.
+        // SAFETY: the application keeps the structures that a trace may reach built and bound until
+        // the dispatch is complete (VUID-vkCmdTraceRaysKHR-None-03429 and the build commands'
+        // rules); so here and below.
         let mut advanced = unsafe { walker.trace(&starting, self) };
         self.starting = recycled(starting);
         // Those about whose candidates no shader has a say can go on again at once.
@@ -66,7 +67,8 @@ impl Batch<'_> {
         advanced
     }
 
-    /// Calls the shaders that decide on the candidates of rays. Where a group has none, triangles count.
+    /// Calls the shaders that decide on the candidates of rays. Where a group has none, triangles
+    /// count.
     fn ask_about_candidates(&mut self, index: u32, lanes: LaneMask) -> Result<(), Stopped> {
         let worker = &*self.worker;
         let group = &worker.ray_groups[index];
@@ -133,7 +135,8 @@ impl Batch<'_> {
         Some((program?, record))
     }
 
-    /// All walks of a group are over: the closest-hit and the miss shaders run, where there are any.
+    /// All walks of a group are over: the closest-hit and the miss shaders run, where there are
+    /// any.
     pub(super) fn end_walks(&mut self, index: u32) -> Result<(), Stopped> {
         let worker = &*self.worker;
         let group = &worker.ray_groups[index];

@@ -1,5 +1,6 @@
-//! Scaled copies with conversion between formats (spec, "Image Copies With Scaling"): the source is sampled like a shader would, in blocks of
-//! 16 texels, and encoded into the destination, rows of it by all workers.
+//! Scaled copies with conversion between formats (spec, "Image Copies With Scaling"): the source is
+//! sampled like a shader would, in blocks of 16 texels, and encoded into the destination, rows of
+//! it by all workers.
 
 use ash::vk;
 use spirv_jit::SUBGROUP_SIZE;
@@ -52,7 +53,8 @@ struct Side {
     /// Destination texels.
     first: i64,
     count: i64,
-    /// The source coordinate, in texels, of the centre of destination texel `i` is `origin + (i + 0.5) * scale`.
+    /// The source coordinate, in texels, of the centre of destination texel `i` is `origin + (i +
+    /// 0.5) * scale`.
     origin: f64,
     scale: f64,
 }
@@ -135,8 +137,8 @@ fn blit_surface(
         for row in rows {
             let y = y_side.first + (row % y_side.count as u64) as i64;
             let z = z_side.first + (row / y_side.count as u64) as i64;
-            // SAFETY: source and destination are bound to memory that the application keeps for the time of execution; sides are clipped to the
-            // destination's size.
+            // SAFETY: source and destination are bound to memory that the application keeps for the
+            // time of execution; sides are clipped to the destination's size.
             unsafe {
                 if let Some(halved) = &halved {
                     halved.row(y, z);

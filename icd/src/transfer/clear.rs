@@ -108,7 +108,8 @@ fn fill(surface: &Surface, region: Region, words: [u32; 4]) {
         for sample in 0..surface.samples {
             for y in 0..rows {
                 let to = surface.texel(region.x, region.y + y, region.slice + slice, sample);
-                // SAFETY: a row inside the image, which is bound to memory that the application keeps for the time of execution.
+                // SAFETY: a row inside the image, which is bound to memory that the application
+                // keeps for the time of execution.
                 unsafe { pattern.fill(to, row_bytes) };
             }
         }

@@ -1,4 +1,5 @@
-//! Copies between images and buffers: bytes as they are (spec, chapter Copy Commands). Regions outside their image are not copied.
+//! Copies between images and buffers: bytes as they are (spec, chapter Copy Commands). Regions
+//! outside their image are not copied.
 
 use ash::vk;
 
@@ -73,8 +74,8 @@ fn copy_surface(
             let source = from.texel(from_region.x, from_y, from_slice, sample);
             let (to_y, to_slice) = (to_region.y + y, to_region.slice + slice);
             let destination = to.texel(to_region.x, to_y, to_slice, sample);
-            // SAFETY: both rows lie inside their images, which are bound to memory that the application keeps for the time of execution. They
-            // may overlap in a mistaken copy.
+            // SAFETY: both rows lie inside their images, which are bound to memory that the
+            // application keeps for the time of execution. They may overlap in a mistaken copy.
             unsafe { std::ptr::copy(source, destination, row_bytes) };
         }
     });
@@ -109,7 +110,8 @@ impl BufferLayout {
     }
 }
 
-/// Bytes of the buffer, from `bufferOffset`, that a region touches; `None` if the region names no plane of the image.
+/// Bytes of the buffer, from `bufferOffset`, that a region touches; `None` if the region names no
+/// plane of the image.
 pub fn buffer_size_bytes(image: &Image, copy: &vk::BufferImageCopy) -> Option<u64> {
     let plane = image.plane(copy.image_subresource.aspect_mask)?;
     let slices = slice_count(image, &copy.image_subresource, copy.image_extent.depth);
@@ -139,8 +141,8 @@ pub fn copy_buffer_to_image(
         destination,
         copy,
         |buffer, image, row_bytes| {
-            // SAFETY: the image's row lies inside it; the buffer's was checked when the command was recorded; the application keeps the memory of both
-            // for the time of execution.
+            // SAFETY: the image's row lies inside it; the buffer's was checked when the command was
+            // recorded; the application keeps the memory of both for the time of execution.
             unsafe { std::ptr::copy(buffer, image, row_bytes) };
         },
     );

@@ -17,7 +17,8 @@ impl Pattern {
     /// Of a texel of 1 to `MAX_TEXEL_BYTES` bytes.
     pub fn new(texel: &[u8]) -> Self {
         let bytes = texel.repeat((PATTERN_BYTES / texel.len()).max(1));
-        // Eight bytes that follow each other are the same everywhere if the second texel begins a whole number of them later.
+        // Eight bytes that follow each other are the same everywhere if the second texel begins a
+        // whole number of them later.
         let word = match 8 % texel.len() {
             0 => bytes.first_chunk().map(|it| u64::from_ne_bytes(*it)),
             _ => None,
@@ -44,8 +45,9 @@ impl Pattern {
     }
 }
 
-/// Writes `words` times eight bytes, and says how many bytes that were: none on processors without an instruction for it. It leaves out
-/// reading what it overwrites, as `memset` does: 82 GB/s, where copies of a pattern reach 55 and a loop of stores 56.
+/// Writes `words` times eight bytes, and says how many bytes that were: none on processors without
+/// an instruction for it. It leaves out reading what it overwrites, as `memset` does: 82 GB/s,
+/// where copies of a pattern reach 55 and a loop of stores 56.
 ///
 /// # Safety
 /// So many bytes from `to` on are writable, and no other thread uses them meanwhile.

@@ -7,7 +7,8 @@ use spirv_jit::image::format::{FormatInfo, MAX_TEXEL_BYTES, Numeric};
 use super::surface::{Region, Surface, region, slice_count};
 use crate::object::Image;
 
-/// `vkCmdResolveImage`, one region: the mean of a texel's samples; of integers, depth and stencil, sample zero.
+/// `vkCmdResolveImage`, one region: the mean of a texel's samples; of integers, depth and stencil,
+/// sample zero.
 pub fn resolve_image(source: &Image, destination: &Image, resolve: &vk::ImageResolve) {
     let (from_layers, to_layers) = (&resolve.src_subresource, &resolve.dst_subresource);
     let slices = slice_count(source, from_layers, 1).min(slice_count(
@@ -60,7 +61,8 @@ pub fn resolve_image(source: &Image, destination: &Image, resolve: &vk::ImageRes
                 to.format.encode(mean, &mut texel);
                 let address =
                     to.texel(to_region.x + x, to_region.y + y, to_region.slice + slice, 0);
-                // SAFETY: a texel inside the image, which is bound to memory that the application keeps for the time of execution.
+                // SAFETY: a texel inside the image, which is bound to memory that the application
+                // keeps for the time of execution.
                 unsafe {
                     std::ptr::copy_nonoverlapping(texel.as_ptr(), address, to.texel_size_bytes);
                 }
@@ -69,8 +71,8 @@ pub fn resolve_image(source: &Image, destination: &Image, resolve: &vk::ImageRes
     }
 }
 
-/// The resolve of an attachment at the end of a pass, one layer: of colours that are not integers, the mean, of integers sample zero, of
-/// depth and stencil as the mode says.
+/// The resolve of an attachment at the end of a pass, one layer: of colours that are not integers,
+/// the mean, of integers sample zero, of depth and stencil as the mode says.
 pub fn resolve_attachment(
     (from, from_slice): (&Surface, u32),
     (to, to_slice): (&Surface, u32),

@@ -11,7 +11,8 @@ const LEAST_BYTES: u64 = 1 << 17;
 /// Pieces for each worker, so that none waits long for another.
 const PIECES_PER_WORKER: u64 = 4;
 
-/// Does `work` for rows `0..count` of so many bytes each, in any order and by any thread; all of it is done on return.
+/// Does `work` for rows `0..count` of so many bytes each, in any order and by any thread; all of it
+/// is done on return.
 pub fn for_rows(workers: &Workers, count: u64, row_bytes: u64, work: impl Fn(Range<u64>) + Sync) {
     let threads = workers.current_num_threads() as u64;
     if threads < 2 || count < 2 || count.saturating_mul(row_bytes) < LEAST_BYTES {

@@ -2,8 +2,8 @@
 //!
 //! In compressed formats a block counts as a texel.
 //!
-//! Depth slices of a 3D image and layers of any other are both *slices*: a transfer between the two kinds pairs them (spec,
-//! "Copying Data Between Images").
+//! Depth slices of a 3D image and layers of any other are both *slices*: a transfer between the two
+//! kinds pairs them (spec, "Copying Data Between Images").
 
 use ash::vk;
 use spirv_jit::image::format::FormatInfo;
@@ -27,8 +27,8 @@ pub struct Surface {
     sample_stride_bytes: u64,
 }
 
-// SAFETY: a surface is a place in memory that the application keeps for the time of execution; who writes there sees to it that no two threads
-// write one texel.
+// SAFETY: a surface is a place in memory that the application keeps for the time of execution; who
+// writes there sees to it that no two threads write one texel.
 unsafe impl Sync for Surface {}
 
 /// A box of texels of a surface, inside of it.
@@ -75,7 +75,8 @@ impl Surface {
         })
     }
 
-    /// The level of a view that is an attachment, with the view's format; `None` as [`Self::new`], and for a format of another size.
+    /// The level of a view that is an attachment, with the view's format; `None` as [`Self::new`],
+    /// and for a format of another size.
     pub fn of_view(view: &ImageView, aspect: vk::ImageAspectFlags) -> Option<Self> {
         let surface = Self::new(&view.image, aspect, view.range.base_mip_level)?;
         if aspect != vk::ImageAspectFlags::COLOR {
@@ -130,8 +131,9 @@ pub fn blocks(extent: vk::Extent3D, [width, height]: [u32; 2]) -> vk::Extent3D {
     }
 }
 
-/// The box that an offset in texels, an extent in blocks and layers name. Slices are counted by the extent's depth in 3D images and by layers in others; a copy between the two
-/// kinds has as many of either.
+/// The box that an offset in texels, an extent in blocks and layers name. Slices are counted by the
+/// extent's depth in 3D images and by layers in others; a copy between the two kinds has as many of
+/// either.
 pub fn region(
     image: &Image,
     layers: &vk::ImageSubresourceLayers,

@@ -1,4 +1,5 @@
-//! Transfers against loops that know no strides: images are written and read texel by texel through buffers.
+//! Transfers against loops that know no strides: images are written and read texel by texel through
+//! buffers.
 
 use std::sync::{Arc, OnceLock};
 
@@ -521,7 +522,8 @@ fn blits_to_half_the_size_give_the_means_of_four_texels() {
                 );
             }
         }
-        // Of the source, from where; of the destination, to where. The last is cut off by the destination's edges.
+        // Of the source, from where; of the destination, to where. The last is cut off by the
+        // destination's edges.
         for (first, count, to_first) in [
             ([0, 0], [35, 21], [0, 0]),
             ([3, 2], [17, 20], [5, 1]),

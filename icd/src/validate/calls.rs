@@ -100,7 +100,8 @@ impl Traced {
         self.facts.flags.contains(flag).then_some(rule)
     }
 
-    /// Looks at a call: the recursion depth of the shader that is called, and the stack of all that wait for it, itself included.
+    /// Looks at a call: the recursion depth of the shader that is called, and the stack of all that
+    /// wait for it, itself included.
     pub fn call(&self, place: u64, depth: u32, stack_bytes: u64) {
         let max = self.facts.max_recursion_depth;
         self.checks

@@ -1,7 +1,9 @@
-//! Ray tracing validation, the driver's own: valid usage that only execution can see, reported by its name in the specification.
+//! Ray tracing validation, the driver's own: valid usage that only execution can see, reported by
+//! its name in the specification.
 //!
-//! It is on with the feature `rayTracingValidation` (`VK_NV_ray_tracing_validation`) or with `TUFF_VALIDATE=1`. Where it is off there is no
-//! [`Validator`], and what executes looks at one `Option` per dispatch, call or ray.
+//! It is on with the feature `rayTracingValidation` (`VK_NV_ray_tracing_validation`) or with
+//! `TUFF_VALIDATE=1`. Where it is off there is no [`Validator`], and what executes looks at one
+//! `Option` per dispatch, call or ray.
 //!
 //! ```text
 //! rules     the table: each rule, its name by command, what must hold
@@ -13,7 +15,8 @@
 //! micromaps what builds of micromaps read, and what geometries say of theirs
 //! ```
 //!
-//! A rule that is broken is reported once for each place where that happens, when the command is complete, with how often it happened.
+//! A rule that is broken is reported once for each place where that happens, when the command is
+//! complete, with how often it happened.
 
 mod builds;
 mod calls;

@@ -205,7 +205,8 @@ impl Traced {
         }
     }
 
-    /// Looks at a ray: flags as the shader gave them, the address that it named, and what lies there. `place` tells instructions apart.
+    /// Looks at a ray: flags as the shader gave them, the address that it named, and what lies
+    /// there. `place` tells instructions apart.
     pub fn ray(
         &self,
         instruction: Instruction,

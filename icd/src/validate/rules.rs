@@ -1,4 +1,5 @@
-//! The table of rules: what valid usage only execution can see, and the name that each rule has in the specification.
+//! The table of rules: what valid usage only execution can see, and the name that each rule has in
+//! the specification.
 #![forbid(unsafe_code)]
 
 /// The command whose execution is looked at.
@@ -222,7 +223,8 @@ impl Rule {
         })
     }
 
-    /// The rule's name in the specification, as the command has it; `None` if it does not apply to the command.
+    /// The rule's name in the specification, as the command has it; `None` if it does not apply to
+    /// the command.
     pub fn vuid(self, caller: Caller) -> Option<String> {
         if let (Caller::TraceRaysNv, Some(name)) = (caller, self.name_in_nv()) {
             return Some(format!("{NV}{name}"));

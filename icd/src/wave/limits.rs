@@ -25,7 +25,8 @@ pub struct Surroundings {
 
 /// Who wants to see the rays of a dispatch's queries: validation, where it is on.
 pub trait QueryObserver: Send + Sync {
-    /// The ray that a query starts with, the address of a structure that it names, and what lies there. `place` tells programs apart.
+    /// The ray that a query starts with, the address of a structure that it names, and what lies
+    /// there. `place` tells programs apart.
     fn ray(&self, place: u64, ray: &Ray, structure: u64, kind: Option<Kind>);
 }
 

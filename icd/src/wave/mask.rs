@@ -1,4 +1,5 @@
-//! The invocation mask image of a dispatch (`VK_HUAWEI_invocation_mask`): a byte an invocation, 0 for those that are not to run.
+//! The invocation mask image of a dispatch (`VK_HUAWEI_invocation_mask`): a byte an invocation, 0
+//! for those that are not to run.
 
 use spirv_jit::reach::Reach;
 

@@ -1,4 +1,5 @@
-//! Addresses that commands are given, as far as there is memory at them: one that leads nowhere gets no bytes, not a fault.
+//! Addresses that commands are given, as far as there is memory at them: one that leads nowhere
+//! gets no bytes, not a fault.
 
 use spirv_jit::reach::Reach;
 use traversal::{Live, Memory};

@@ -1,6 +1,7 @@
 //! Shader binding tables: from an address and an index to the group whose handle is stored there.
 //!
-//! Tables are read at execution through the addresses that the dispatch gives (chapter Ray Tracing, "Shader Binding Table").
+//! Tables are read at execution through the addresses that the dispatch gives (chapter Ray Tracing,
+//! "Shader Binding Table").
 
 use std::sync::Arc;
 
@@ -47,7 +48,8 @@ pub struct Shaders {
 }
 
 impl Shaders {
-    /// Indexes groups by handle. Groups of the same shaders have the same one: the first stands for all of them.
+    /// Indexes groups by handle. Groups of the same shaders have the same one: the first stands for
+    /// all of them.
     pub fn new(programs: Vec<Arc<Program>>, groups: Vec<Group>) -> Self {
         let mut shaders = Self {
             programs,
@@ -166,8 +168,8 @@ impl Live {
 }
 
 impl Region {
-    /// Address of the record at `index`, or `None` where the region has none: address zero, or past its end. A stride of zero makes every
-    /// index the first record.
+    /// Address of the record at `index`, or `None` where the region has none: address zero, or past
+    /// its end. A stride of zero makes every index the first record.
     pub fn record(&self, index: u32) -> Option<u64> {
         let offset = self.stride_bytes.checked_mul(index as u64)?;
         let end = offset.checked_add(HANDLE_SIZE as u64)?;

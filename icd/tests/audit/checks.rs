@@ -1,4 +1,5 @@
-//! The comparisons. Commands and extensions come from the tables; structures are asked for, as an application would.
+//! The comparisons. Commands and extensions come from the tables; structures are asked for, as an
+//! application would.
 
 use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::sync::Arc;
@@ -20,7 +21,8 @@ const VERSION: (u32, u32) = (
     vk::api_version_minor(API_VERSION),
 );
 
-/// Commands that registries list unconditionally up to some version, and later with the extension whose state they set, which is not here.
+/// Commands that registries list unconditionally up to some version, and later with the extension
+/// whose state they set, which is not here.
 const CONDITIONAL: [&str; 15] = [
     "vkCmdSetColorBlendAdvancedEXT",
     "vkCmdSetConservativeRasterizationModeEXT",
@@ -83,7 +85,8 @@ impl Audit<'_> {
         self.report.findings.push(finding);
     }
 
-    /// Whether a version, an extension (or what took it over), or a feature `structure::member` is there.
+    /// Whether a version, an extension (or what took it over), or a feature `structure::member` is
+    /// there.
     fn holds(&self, name: &str) -> bool {
         if let Some((structure, member)) = name.split_once("::") {
             return self.feature(structure, member) == Some(true);
@@ -213,7 +216,8 @@ impl Audit<'_> {
         }
     }
 
-    /// Chained structures are answered exactly if something advertised brings them, and mandatory features are true.
+    /// Chained structures are answered exactly if something advertised brings them, and mandatory
+    /// features are true.
     fn structures(&mut self) -> usize {
         let mut wanted = BTreeSet::new();
         let mut features = BTreeSet::new();
@@ -263,7 +267,8 @@ impl Audit<'_> {
         answered
     }
 
-    /// The advertised extension that brings a type on a condition which is not met, and the condition.
+    /// The advertised extension that brings a type on a condition which is not met, and the
+    /// condition.
     fn conditional(&self, ty: &str) -> Option<(&'static str, String)> {
         self.advertised.iter().find_map(|&who| {
             let known = self.registry.extensions.get(who)?;
@@ -273,8 +278,8 @@ impl Audit<'_> {
         })
     }
 
-    /// The advertised extension that brings a type in newer registries: promoted since, under the same name, from a vendor's that
-    /// brings it here.
+    /// The advertised extension that brings a type in newer registries: promoted since, under the
+    /// same name, from a vendor's that brings it here.
     fn promoted_later(&self, ty: &str) -> Option<&'static str> {
         let known = &self.registry.extensions;
         self.advertised.iter().copied().find(|&who| {
@@ -332,8 +337,8 @@ fn core_feature(member: &str) -> Option<bool> {
 /// The byte that fills the driver's answer beforehand.
 const UNTOUCHED: u8 = 0xAA;
 
-/// A structure, after `sType` and `pNext`, as the driver fills it; `None` if it is neither of features nor of properties, or has
-/// pointers for the driver to write through.
+/// A structure, after `sType` and `pNext`, as the driver fills it; `None` if it is neither of
+/// features nor of properties, or has pointers for the driver to write through.
 fn answer(structure: &Structure) -> Option<Vec<u8>> {
     if structure.has_pointers {
         return None;
@@ -343,8 +348,8 @@ fn answer(structure: &Structure) -> Option<Vec<u8>> {
     let extends = |what: &str| structure.extends.iter().any(|name| name == what);
     let mut room = vec![u64::from_ne_bytes([UNTOUCHED; 8]); ROOM_BYTES / 8];
     let head = room.as_mut_ptr().cast::<vk::BaseOutStructure<'_>>();
-    // SAFETY: the room is larger than any structure of the registry, and begins with a type and a null pointer. A driver that knows the type
-    // fills it in.
+    // SAFETY: the room is larger than any structure of the registry, and begins with a type and a
+    // null pointer. A driver that knows the type fills it in.
     unsafe {
         if extends("VkPhysicalDeviceFeatures2") {
             (*head).s_type = vk::StructureType::from_raw(structure.ty);

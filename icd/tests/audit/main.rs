@@ -1,4 +1,5 @@
-//! The driver's tables against the registry, `vk.xml`: `cargo xtask audit`. As a test it runs where a registry is installed.
+//! The driver's tables against the registry, `vk.xml`: `cargo xtask audit`. As a test it runs where
+//! a registry is installed.
 
 mod checks;
 mod condition;

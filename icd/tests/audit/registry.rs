@@ -159,8 +159,8 @@ impl Registry {
     }
 }
 
-/// A condition over versions and extensions: names, `+` for and, `,` for or, parentheses; older registries have a list that must hold
-/// whole, and one of which any will do.
+/// A condition over versions and extensions: names, `+` for and, `,` for or, parentheses; older
+/// registries have a list that must hold whole, and one of which any will do.
 fn dependencies(node: Node<'_, '_>) -> String {
     match node.attribute("depends") {
         Some(depends) => depends.into(),

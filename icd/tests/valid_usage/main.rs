@@ -1,5 +1,6 @@
-//! `docs/valid-usage.md`: who looks after each valid-usage statement of the ray tracing chapter. The table is made here, by
-//! `cargo xtask vuids`; as a test this holds it against the rules that the driver reports.
+//! `docs/valid-usage.md`: who looks after each valid-usage statement of the ray tracing chapter.
+//! The table is made here, by `cargo xtask vuids`; as a test this holds it against the rules that
+//! the driver reports.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;

@@ -63,7 +63,8 @@ impl Installation {
             serde_json::from_str(&text).with_context(|| format!("{shown} is no manifest"))?;
         let named = (json["ICD"]["library_path"].as_str())
             .with_context(|| format!("{shown} names no library"))?;
-        // A name with a folder is relative to the manifest's; one without is searched for by the system.
+        // A name with a folder is relative to the manifest's; one without is searched for by the
+        // system.
         let folder = self.manifest.parent().unwrap_or(Path::new("/"));
         let library = match named.contains('/') {
             true => folder.join(named),
@@ -76,8 +77,9 @@ impl Installation {
         }
     }
 
-    /// Variables that make programs see Tuff and no other driver: `VK_DRIVER_FILES` for loaders since 1.3.207, `VK_ICD_FILENAMES` for older
-    /// ones, and the path to the loader that came along where the system has none.
+    /// Variables that make programs see Tuff and no other driver: `VK_DRIVER_FILES` for loaders
+    /// since 1.3.207, `VK_ICD_FILENAMES` for older ones, and the path to the loader that came along
+    /// where the system has none.
     pub fn variables(&self) -> Vec<(&'static str, OsString)> {
         let manifest = self.manifest.clone().into_os_string();
         let mut variables = vec![

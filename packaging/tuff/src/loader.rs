@@ -52,7 +52,8 @@ fn loads(file: &Path) -> Result<(), String> {
 /// The file that a function was loaded from.
 fn file_of(function: *const c_void) -> Option<PathBuf> {
     let mut found = std::mem::MaybeUninit::<libc::Dl_info>::zeroed();
-    // SAFETY: `dladdr` writes the structure; on success its name is a string of the loaded library, which is still open.
+    // SAFETY: `dladdr` writes the structure; on success its name is a string of the loaded library,
+    // which is still open.
     unsafe {
         if libc::dladdr(function, found.as_mut_ptr()) == 0 {
             return None;

@@ -1,6 +1,7 @@
 //! `tuff run | env | info`: what comes with the driver in every package.
 //!
-//! Nothing here renders. It points Vulkan's loader at the driver beside this program, and tells what programs then find.
+//! Nothing here renders. It points Vulkan's loader at the driver beside this program, and tells
+//! what programs then find.
 
 mod info;
 mod installation;
@@ -62,8 +63,8 @@ fn main() -> ExitCode {
     })
 }
 
-/// A reader that has seen enough (`tuff info | head`) ends this program by SIGPIPE, as it ends others. Rust's programs start with that
-/// signal ignored, and panic when they print.
+/// A reader that has seen enough (`tuff info | head`) ends this program by SIGPIPE, as it ends
+/// others. Rust's programs start with that signal ignored, and panic when they print.
 fn end_with_the_reader() {
     // SAFETY: the default action is no handler of ours, and no other thread runs yet.
     unsafe { libc::signal(libc::SIGPIPE, libc::SIG_DFL) };

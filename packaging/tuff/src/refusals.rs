@@ -16,7 +16,7 @@ pub const WANT_A_CONFORMANCE_VERSION: [&str; 4] = [
 /// list.
 pub const PRINT_THE_VENDOR: [&str; 1] = ["ANGLE (WebGL in Chromium) prints `NULL`"];
 
-/// What `tuff info` prints of them; `conformance` is the version that is set, if any.
+/// The lines of `tuff info` about them; `conformance` is the version that is set, if any.
 pub fn lines(conformance: Option<&str>) -> Vec<String> {
     let mut lines = vec![format!(
         "Programs that refuse a driver without a conformance version: {}.",

@@ -1,4 +1,5 @@
-//! Real modules, corrupted word by word. The first byte of an input says for which stage it is compiled.
+//! Real modules, corrupted word by word. The first byte of an input says for which stage it is
+//! compiled.
 #![no_main]
 
 use fastrand::Rng;

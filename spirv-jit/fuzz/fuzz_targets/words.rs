@@ -1,4 +1,5 @@
-//! Arbitrary words behind a valid header: what coverage makes of them, and of those of real modules.
+//! Arbitrary words behind a valid header: what coverage makes of them, and of those of real
+//! modules.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

@@ -134,7 +134,8 @@ fn run_group(program: &Program, group: u32, environment: &Environment) {
     }
 }
 
-/// Runs a body that turns `x` (input word i) into `r` (output word i), for 64 invocations and 4 workgroups, and compares.
+/// Runs a body that turns `x` (input word i) into `r` (output word i), for 64 invocations and 4
+/// workgroups, and compares.
 pub fn check(declarations: &str, body: &str, inputs: &[u32], reference: impl Fn(u32, u32) -> u32) {
     let source = format!(
         "layout(local_size_x = 16) in;

@@ -1,4 +1,5 @@
-//! Corruptions of modules, and compiling and running what comes out: for the tests of robustness and for the fuzz targets.
+//! Corruptions of modules, and compiling and running what comes out: for the tests of robustness
+//! and for the fuzz targets.
 
 pub mod run;
 

@@ -1,5 +1,5 @@
-//! Shaders for the tests, examples and searches of spirv-jit, and runs of them: GLSL over plain memory, and modules that were corrupted
-//! over memory that is watched.
+//! Shaders for the tests, examples and searches of spirv-jit, and runs of them: GLSL over plain
+//! memory, and modules that were corrupted over memory that is watched.
 
 #[cfg(feature = "glsl")]
 pub mod compute;
@@ -31,7 +31,8 @@ fn bindings(set: u32, binding: u32) -> Option<DescriptorBinding> {
     })
 }
 
-/// Every capability that SPIR-V has numbers for below the vendors' upper ranges: whatever is refused then, the front end refuses.
+/// Every capability that SPIR-V has numbers for below the vendors' upper ranges: whatever is
+/// refused then, the front end refuses.
 static CAPABILITIES: LazyLock<Vec<Capability>> =
     LazyLock::new(|| (0..8000).filter_map(Capability::from_u32).collect());
 

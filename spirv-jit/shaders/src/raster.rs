@@ -58,8 +58,8 @@ pub const ALL: Lanes = Lanes {
     helpers: LaneMask::NONE,
 };
 
-/// Runs a subgroup; `input` gives each row's word in a lane, `buffer` is the storage buffer of set 0, binding 0. Little fuel at a time: the
-/// subgroup is suspended at back-edges again and again.
+/// Runs a subgroup; `input` gives each row's word in a lane, `buffer` is the storage buffer of set
+/// 0, binding 0. Little fuel at a time: the subgroup is suspended at back-edges again and again.
 pub fn run(
     program: &Program,
     lanes: Lanes,

@@ -27,8 +27,8 @@ pub fn fto_u<A: Float, B: Int>(a: A) -> B {
     }
 }
 
-/// The low 32 bits of an f64 truncated and clamped to `low..=high`; 0 for NaN. Says the same as `as`, which does not become vector
-/// code.
+/// The low 32 bits of an f64 truncated and clamped to `low..=high`; 0 for NaN. Says the same as
+/// `as`, which does not become vector code.
 #[inline(always)]
 fn saturate_32(value: f64, low: f64, high: f64) -> u32 {
     let value = value.trunc();

@@ -1,4 +1,5 @@
-//! Cheaper functions of `f32` (`TUFF_ACCURACY=fast`): one precision throughout, short polynomials, no divisions where a product does.
+//! Cheaper functions of `f32` (`TUFF_ACCURACY=fast`): one precision throughout, short polynomials,
+//! no divisions where a product does.
 //!
 //! | function | bound, held by this module's tests |
 //! | --- | --- |
@@ -11,7 +12,8 @@
 //! | pow | as exp2(y log2 x) |
 //! | inverse_sqrt | 3 ULP; subnormal arguments count as 0 |
 //!
-//! All of that is inside Vulkan's "Precision and Operation of SPIR-V Instructions". Coefficients are minimax fits of the relative error.
+//! All of that is inside Vulkan's "Precision and Operation of SPIR-V Instructions". Coefficients
+//! are minimax fits of the relative error.
 
 use std::f32::consts::{FRAC_2_PI, FRAC_PI_2, LN_2, LOG2_E, PI};
 

@@ -49,8 +49,8 @@ pub trait Native: Fast + Copy + PartialOrd + std::fmt::Debug + 'static {
     fn log2(self) -> Self;
 }
 
-/// A floating-point scalar: its bits, and the type that it is computed in. For `f16` that is `f32`, which is wide enough for one
-/// operation and one rounding to equal the rounded exact result.
+/// A floating-point scalar: its bits, and the type that it is computed in. For `f16` that is `f32`,
+/// which is wide enough for one operation and one rounding to equal the rounded exact result.
 pub trait Float: Copy + std::fmt::Debug + 'static {
     type Bits: Int;
     type Native: Native;
@@ -255,7 +255,8 @@ impl Float for f16 {
     fn narrow(value: f32) -> f16 {
         narrow::f16_from_f32(value)
     }
-    /// The product is exact in `f64`, and the sum rounds there only when one side is too small to matter for the second rounding.
+    /// The product is exact in `f64`, and the sum rounds there only when one side is too small to
+    /// matter for the second rounding.
     #[inline(always)]
     fn fma(self, b: f16, c: f16) -> f16 {
         narrow::f16_from_f64(Float::to_f64(self).mul_add(Float::to_f64(b), Float::to_f64(c)))
@@ -385,7 +386,8 @@ pub fn fabs<T: Float>(a: T) -> T {
     T::from_bits(a.bits().and(sign_bit::<T>().not()))
 }
 
-/// −1, ±0 or 1 (`GLSL.std.450`, `FSign`: the result is one of these); +0 for NaN, whose sign is not the same on all machines.
+/// −1, ±0 or 1 (`GLSL.std.450`, `FSign`: the result is one of these); +0 for NaN, whose sign is not
+/// the same on all machines.
 #[inline(always)]
 pub fn fsign<T: Float>(a: T) -> T {
     let x = a.widen();

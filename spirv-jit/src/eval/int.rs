@@ -307,8 +307,9 @@ pub fn sle<T: Int>(a: T, b: T) -> bool {
     a.signed() <= b.signed()
 }
 
-/// The truncated quotient of two integers of 32 bits, by way of f64, which vector units divide: a quotient that is not an integer is at
-/// least 2^-32 away from one, and the rounding of one below 2^32 smaller than that wherever it matters. 0 for a zero divisor.
+/// The truncated quotient of two integers of 32 bits, by way of f64, which vector units divide: a
+/// quotient that is not an integer is at least 2^-32 away from one, and the rounding of one below
+/// 2^32 smaller than that wherever it matters. 0 for a zero divisor.
 #[inline(always)]
 fn quotient_32(a: f64, b: f64) -> u32 {
     let quotient = (a / b).trunc();

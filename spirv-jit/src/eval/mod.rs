@@ -1,8 +1,9 @@
 //! The one definition of what each operation computes, on scalars. Tiers are tested against it.
 //!
-//! Integers are `u8`, `u16`, `u32`, `u64` (signedness is the operation's), booleans `bool`, floats [`f16`], `f32`, `f64`. Everything is
-//! `#[inline(always)]` and as free of branches as it can be, so that a loop over lanes compiles to vector code under whatever
-//! target features its caller has; the results do not depend on those.
+//! Integers are `u8`, `u16`, `u32`, `u64` (signedness is the operation's), booleans `bool`, floats
+//! [`f16`], `f32`, `f64`. Everything is `#[inline(always)]` and as free of branches as it can be,
+//! so that a loop over lanes compiles to vector code under whatever target features its caller has;
+//! the results do not depend on those.
 
 #![forbid(unsafe_code)]
 

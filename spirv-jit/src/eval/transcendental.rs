@@ -1,9 +1,10 @@
-//! Transcendental functions of `f32`: straight-line code from IEEE operations and explicit fused multiply-adds, so that every tier gets
-//! the same bits. Bounds are those of the table in Vulkan's "Precision and Operation of SPIR-V Instructions"; what is reached is
-//! far inside them and held by this module's tests.
+//! Transcendental functions of `f32`: straight-line code from IEEE operations and explicit fused
+//! multiply-adds, so that every tier gets the same bits. Bounds are those of the table in Vulkan's
+//! "Precision and Operation of SPIR-V Instructions"; what is reached is far inside them and held by
+//! this module's tests.
 //!
-//! Reductions and the hyperbolic functions use `f64` inside: rounding its result once is simpler than splitting constants, and a vector
-//! of 16 lanes pays one more instruction per step.
+//! Reductions and the hyperbolic functions use `f64` inside: rounding its result once is simpler
+//! than splitting constants, and a vector of 16 lanes pays one more instruction per step.
 
 use std::f32::consts::{FRAC_PI_2, FRAC_PI_4, LN_2, LOG2_E, PI};
 
@@ -21,7 +22,8 @@ fn poly<const N: usize>(x: f32, coefficients: [f32; N]) -> f32 {
     p
 }
 
-/// x = k π/2 + r with |r| ≤ π/4: (r, k mod 4). Exact to f32 for |x| < 2^50; beyond that r is somewhere in range.
+/// x = k π/2 + r with |r| ≤ π/4: (r, k mod 4). Exact to f32 for |x| < 2^50; beyond that r is
+/// somewhere in range.
 #[inline(always)]
 fn reduce_half_pi(x: f32) -> (f32, u32) {
     const MAGIC: f64 = 6_755_399_441_055_744.0;
@@ -30,8 +32,8 @@ fn reduce_half_pi(x: f32) -> (f32, u32) {
     let k = shifted - MAGIC;
     let r = (-k).mul_add(std::f64::consts::FRAC_PI_2, x);
     let r = (-k).mul_add(6.123_233_995_736_766e-17, r);
-    // Towards 2^50 rounding may have chosen the neighbour of k, whose r is up to 0.85; beyond that r is noise, but must stay a sine's
-    // argument. NaN passes.
+    // Towards 2^50 rounding may have chosen the neighbour of k, whose r is up to 0.85; beyond that
+    // r is noise, but must stay a sine's argument. NaN passes.
     let r = if r > 1.0 { 1.0 } else { r };
     let r = if r < -1.0 { -1.0 } else { r };
     (r as f32, shifted.to_bits() as u32)
@@ -172,7 +174,8 @@ fn scaled(p: f32, n: f32) -> f32 {
     p * two_to(half) * two_to(n.wrapping_sub(half))
 }
 
-/// 2^n e^r for |r| ≤ ½ ln 2 and an integer n in −300..=300, rounded once more where the result is subnormal.
+/// 2^n e^r for |r| ≤ ½ ln 2 and an integer n in −300..=300, rounded once more where the result is
+/// subnormal.
 #[inline(always)]
 fn exp_scaled(r: f32, n: f32) -> f32 {
     let p = poly(
@@ -235,7 +238,8 @@ fn log_special(x: f32, value: f32) -> f32 {
     if is_common { value } else { special }
 }
 
-/// log(1 + f) = f − (f²/2 − s (f²/2 + R)), s = f/(2 + f), R = z (2/3 + 2/5 z + …), z = s²: returns (f²/2, s (f²/2 + R)).
+/// log(1 + f) = f − (f²/2 − s (f²/2 + R)), s = f/(2 + f), R = z (2/3 + 2/5 z + …), z = s²: returns
+/// (f²/2, s (f²/2 + R)).
 #[inline(always)]
 fn log1p_parts(f: f32) -> (f32, f32) {
     let s = f / (2.0 + f);
@@ -269,7 +273,8 @@ pub(super) fn log2(x: f32) -> f32 {
     log_special(x, value)
 }
 
-/// `exp2(y log2 x)`, the logarithm as an unevaluated sum of two f32: 1.1 ULP for results between 2^-16 and 2^16, 4 beyond. NaN for a negative base.
+/// `exp2(y log2 x)`, the logarithm as an unevaluated sum of two f32: 1.1 ULP for results between
+/// 2^-16 and 2^16, 4 beyond. NaN for a negative base.
 #[inline(always)]
 pub(super) fn pow(x: f32, y: f32) -> f32 {
     const MAGIC: f32 = 12_582_912.0;

@@ -1,4 +1,5 @@
-//! Functions computed in `f64`: for `f64` operands, and as the exact-enough inside of some `f32` ones.
+//! Functions computed in `f64`: for `f64` operands, and as the exact-enough inside of some `f32`
+//! ones.
 
 use std::f64::consts::{LN_2, LOG2_E};
 
@@ -8,14 +9,14 @@ pub(super) fn low_word(integer: f64) -> u32 {
     (integer + 6_755_399_441_055_744.0).to_bits() as u32
 }
 
-/// `x * 2^exponent`. With `rounds` the result may be subnormal in f64 and is rounded once; without it the caller rounds to a
-/// narrower type and the product itself is exact.
+/// `x * 2^exponent`. With `rounds` the result may be subnormal in f64 and is rounded once; without
+/// it the caller rounds to a narrower type and the product itself is exact.
 #[inline(always)]
 pub(super) fn ldexp(x: f64, exponent: i32, rounds: bool) -> f64 {
     let two_to = |e: i32| f64::from_bits(((e + 1023) as u64) << 52);
     if rounds {
-        // Three exact or overflowing steps; on the way down only the last one can round, because each stops at 2^-969 while the
-        // value stays normal until it.
+        // Three exact or overflowing steps; on the way down only the last one can round, because
+        // each stops at 2^-969 while the value stays normal until it.
         let e = exponent.clamp(-2200, 2200);
         let first = e.clamp(-969, 1023);
         let second = (e - first).clamp(-969, 1023);
@@ -64,7 +65,8 @@ pub(super) fn exp_core(x: f64) -> f64 {
     p * scale
 }
 
-/// log x for a normal, positive, finite x; absolute error about 2^-52 of the larger of 1 and the result.
+/// log x for a normal, positive, finite x; absolute error about 2^-52 of the larger of 1 and the
+/// result.
 #[inline(always)]
 pub(super) fn log_core(x: f64) -> f64 {
     let (n, series, s) = log_parts(x);
@@ -77,7 +79,8 @@ fn log_parts(x: f64) -> (f64, f64, f64) {
     const SQRT_HALF: u64 = 0x3fe6_a09e_667f_3bcd;
     const MAGIC: f64 = 6_755_399_441_055_744.0;
     let offset = x.to_bits().wrapping_sub(SQRT_HALF);
-    // Arithmetic shift by 52, without one: AVX2 lacks it for 64 bits. Biased so that it is never negative.
+    // Arithmetic shift by 52, without one: AVX2 lacks it for 64 bits. Biased so that it is never
+    // negative.
     let biased = offset.wrapping_add(2048 << 52) >> 52;
     let biased = biased & 0xfff;
     let n = f64::from_bits(biased | MAGIC.to_bits()) - (MAGIC + 2048.0);
@@ -101,8 +104,9 @@ fn log_parts(x: f64) -> (f64, f64, f64) {
     (n, p, s)
 }
 
-// The f64 forms: SPIR-V's extended instructions take 16 and 32 bits only, but exact results of `f32` come from here. They are those of
-// the `libm` crate: the system's library differs from machine to machine.
+// The f64 forms: SPIR-V's extended instructions take 16 and 32 bits only, but exact results of
+// `f32` come from here. They are those of the `libm` crate: the system's library differs from
+// machine to machine.
 macro_rules! unary {
     ($($name:ident)*) => {$(
         #[inline(always)]

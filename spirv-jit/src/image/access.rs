@@ -1,5 +1,5 @@
-//! Accesses by integer coordinates: fetch, read, write, atomics (spec, "Integer Texel Coordinate Operations", "Texel Input Validation
-//! Operations", "Texel Output Operations", "Image Atomics").
+//! Accesses by integer coordinates: fetch, read, write, atomics (spec, "Integer Texel Coordinate
+//! Operations", "Texel Input Validation Operations", "Texel Output Operations", "Image Atomics").
 
 use super::format::FormatInfo;
 use super::format::block::{self, Offsets, each_lane};
@@ -11,7 +11,8 @@ use crate::types::AtomicOp;
 use crate::types::Type;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering::SeqCst};
 
-/// Byte offsets of the lanes' texels, and the lanes whose texel exists. Other lanes have the offset of one that does, if there is one.
+/// Byte offsets of the lanes' texels, and the lanes whose texel exists. Other lanes have the offset
+/// of one that does, if there is one.
 fn locate(
     op: &ImageOp,
     operands: &Operands<'_>,
@@ -203,7 +204,8 @@ pub(super) unsafe fn atomic(
         if !(pointer as usize).is_multiple_of(size) {
             return;
         }
-        // SAFETY: aligned, inside the image, and shader accesses to it are atomic or the application's race.
+        // SAFETY: aligned, inside the image, and shader accesses to it are atomic or the
+        // application's race.
         let old = unsafe {
             if is_wide {
                 let texel = AtomicU64::from_ptr(pointer.cast());
@@ -270,7 +272,8 @@ macro_rules! integer_atomic {
     };
 }
 
-/// f32 addition, minimum and maximum on bits; a NaN operand of a minimum or maximum gives the other.
+/// f32 addition, minimum and maximum on bits; a NaN operand of a minimum or maximum gives the
+/// other.
 fn float_32(op: AtomicOp, old: u32, value: u32) -> u32 {
     let (a, b) = (f32::from_bits(old), f32::from_bits(value));
     match op {

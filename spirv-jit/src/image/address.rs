@@ -1,4 +1,5 @@
-//! From coordinates to texel indices, one axis at a time (spec, "Texel Input Operations": "Scale Operation", "Wrapping Operation", "Texel Gathering").
+//! From coordinates to texel indices, one axis at a time (spec, "Texel Input Operations": "Scale
+//! Operation", "Wrapping Operation", "Texel Gathering").
 //!
 //! Loops over lanes are branch-free, so that they become vector code.
 #![forbid(unsafe_code)]
@@ -14,14 +15,15 @@ pub(super) type Ints = [i32; SUBGROUP_SIZE];
 /// The texels that a lane's sample touches along one axis.
 #[derive(Clone, Copy)]
 pub(super) struct Axis {
-    /// Texel indices: the one and, if filtered, its right neighbour. In range, except that one past either end means the border with
-    /// `ClampToBorder` and the neighbouring face in cubes.
+    /// Texel indices: the one and, if filtered, its right neighbour. In range, except that one past
+    /// either end means the border with `ClampToBorder` and the neighbouring face in cubes.
     pub index: [Ints; 2],
     /// The second one's weight.
     pub weight: Floats,
 }
 
-/// Farthest that an offset can move a texel (`minTexelGatherOffset` and its like), with room to spare.
+/// Farthest that an offset can move a texel (`minTexelGatherOffset` and its like), with room to
+/// spare.
 pub(super) const REACH: f32 = 64.0;
 
 /// How an axis is addressed.
@@ -38,7 +40,8 @@ pub(super) struct AxisRule {
 /// `i` modulo `size`, for `i` within a few sizes of 0.
 #[inline(always)]
 fn modulo(i: i32, size: i32) -> i32 {
-    // The half keeps the quotient half a texel away from an integer: rounding cannot change its floor.
+    // The half keeps the quotient half a texel away from an integer: rounding cannot change its
+    // floor.
     let quotient = ((i as f32 + 0.5) / size as f32).floor();
     i.wrapping_sub((quotient as i32).wrapping_mul(size))
 }

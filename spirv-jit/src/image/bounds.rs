@@ -1,7 +1,9 @@
-//! The lesser and the greater of two numbers, with the same bits on every processor, NaN payloads aside.
+//! The lesser and the greater of two numbers, with the same bits on every processor, NaN payloads
+//! aside.
 //!
-//! LLVM makes a choice of numbers by their order, and `f32::min` and `f32::max`, single instructions on ARM, which answer a signalling NaN
-//! by a NaN, where x86 and the language's own order answer by the other number. They and all others agree about quiet NaNs.
+//! LLVM makes a choice of numbers by their order, and `f32::min` and `f32::max`, single
+//! instructions on ARM, which answer a signalling NaN by a NaN, where x86 and the language's own
+//! order answer by the other number. They and all others agree about quiet NaNs.
 #![forbid(unsafe_code)]
 
 /// The number; a quiet NaN for a signalling one where LLVM would tell them apart.

@@ -5,14 +5,16 @@ use super::address::{Floats, Ints};
 use super::vector::Vector;
 use crate::SUBGROUP_SIZE;
 
-/// A direction's place on the cube: the face and the coordinates on it, in 0..1, and their derivatives if the direction has some.
+/// A direction's place on the cube: the face and the coordinates on it, in 0..1, and their
+/// derivatives if the direction has some.
 pub(super) struct Place {
     pub face: Ints,
     pub s: Floats,
     pub t: Floats,
 }
 
-/// Which component of the direction is `s_c`, `t_c`, `r_c`, with which sign: the spec's table, one row a face.
+/// Which component of the direction is `s_c`, `t_c`, `r_c`, with which sign: the spec's table, one
+/// row a face.
 const FACES: [[(usize, f32); 3]; 6] = [
     [(2, -1.0), (1, -1.0), (0, 1.0)],
     [(2, 1.0), (1, -1.0), (0, -1.0)],
@@ -60,7 +62,8 @@ pub(super) fn place(direction: [&Floats; 3]) -> Place {
     Place { face, s, t }
 }
 
-/// Derivatives of a face's (s, t) for a derivative of the direction ("Cube Map Derivative Transformation").
+/// Derivatives of a face's (s, t) for a derivative of the direction ("Cube Map Derivative
+/// Transformation").
 pub(super) fn face_derivative(face: i32, direction: [f32; 3], derivative: [f32; 3]) -> [f32; 2] {
     let [(si, ss), (ti, ts), (ri, rs)] = FACES[face as usize & 7];
     let (sc, tc, rc) = (ss * direction[si], ts * direction[ti], rs * direction[ri]);
@@ -76,7 +79,8 @@ pub(super) fn face_derivative(face: i32, direction: [f32; 3], derivative: [f32; 
     ]
 }
 
-/// Where a texel past one edge of a face is: on the neighbouring face, in its first row. `(x, y)` may be -1 or `size`, but only one of them.
+/// Where a texel past one edge of a face is: on the neighbouring face, in its first row. `(x, y)`
+/// may be -1 or `size`, but only one of them.
 fn across_edge(face: i32, x: i32, y: i32, size: i32) -> (i32, i32, i32) {
     // Texel centres in half texels on the cube of half side `size`.
     let centre = |i: i32| 2 * i + 1 - size;
@@ -85,7 +89,8 @@ fn across_edge(face: i32, x: i32, y: i32, size: i32) -> (i32, i32, i32) {
     position[si] = ss as i32 * centre(x);
     position[ti] = ts as i32 * centre(y);
     position[ri] = rs as i32 * size;
-    // Fold over the edge: what stands out by one texel centre becomes the face's own plane, and the old plane one texel centre below it.
+    // Fold over the edge: what stands out by one texel centre becomes the face's own plane, and the
+    // old plane one texel centre below it.
     let out = if x < 0 || x >= size { si } else { ti };
     position[out] = size * position[out].signum();
     position[ri] = (size - 1) * position[ri].signum();
@@ -99,8 +104,9 @@ fn across_edge(face: i32, x: i32, y: i32, size: i32) -> (i32, i32, i32) {
     )
 }
 
-/// Moves texels that lie past an edge to the neighbouring face, lane by lane. Returns the lanes whose texel lies past a corner: it does not exist, and
-/// the caller averages its three neighbours; its indices are left in range.
+/// Moves texels that lie past an edge to the neighbouring face, lane by lane. Returns the lanes
+/// whose texel lies past a corner: it does not exist, and the caller averages its three neighbours;
+/// its indices are left in range.
 #[inline(always)]
 pub(super) fn wrap_edges(x: &mut Ints, y: &mut Ints, face: &mut Ints, sizes: &Ints) -> u16 {
     let mut outside = 0u16;
@@ -237,7 +243,8 @@ mod tests {
         }
     }
 
-    /// The texel across an edge is the one whose centre is nearest to the first face's edge texel, and crossing back returns to it.
+    /// The texel across an edge is the one whose centre is nearest to the first face's edge texel,
+    /// and crossing back returns to it.
     #[test]
     fn edges_lead_to_the_nearest_texel_and_back() {
         let size = 4;

@@ -5,14 +5,17 @@ use super::operands::usable;
 use super::{ImageDescriptor, ImageOp, ImageOpKind, SamplerDescriptor, ycbcr};
 use crate::row::Row;
 
-/// Performs `op` in the lanes of `mask` on one image and with one sampler; `None` is the null descriptor.
+/// Performs `op` in the lanes of `mask` on one image and with one sampler; `None` is the null
+/// descriptor.
 ///
-/// * `operands`: the operands after the descriptors, in [`ImageOp`]'s order, one row each; a 64-bit operand is two rows, low word first
-///   ([`ImageOp::operand_rows`] in all).
-/// * `results`: [`ImageOp::result_rows`] rows, 64-bit results as two rows, low word first. Inactive lanes get unspecified values.
+/// * `operands`: the operands after the descriptors, in [`ImageOp`]'s order, one row each; a 64-bit
+///   operand is two rows, low word first ([`ImageOp::operand_rows`] in all).
+/// * `results`: [`ImageOp::result_rows`] rows, 64-bit results as two rows, low word first. Inactive
+///   lanes get unspecified values.
 ///
-/// Null descriptors and accesses outside the image follow robustness2: reads give (0, 0, 0, 1) where the format lacks components and zero elsewhere,
-/// writes are dropped. Lanes are performed in order of their index, so that writes and atomics of one block are deterministic.
+/// Null descriptors and accesses outside the image follow robustness2: reads give (0, 0, 0, 1)
+/// where the format lacks components and zero elsewhere, writes are dropped. Lanes are performed in
+/// order of their index, so that writes and atomics of one block are deterministic.
 ///
 /// # Safety
 /// The image's memory stays allocated during the call.

@@ -1,5 +1,5 @@
-//! Levels of half the size, as chains of mip levels are made: each texel the mean of the four that it covers, which is what linear filtering
-//! gives in the middle between them.
+//! Levels of half the size, as chains of mip levels are made: each texel the mean of the four that
+//! it covers, which is what linear filtering gives in the middle between them.
 
 use super::format::layout::Codec;
 use super::format::{FormatInfo, srgb};
@@ -66,7 +66,8 @@ unsafe fn row(
     }
 }
 
-/// The mean of two by two texels, from two rows of two each; numbers halfway between two codes become the even one.
+/// The mean of two by two texels, from two rows of two each; numbers halfway between two codes
+/// become the even one.
 #[inline(always)]
 fn mean([[a, b], [c, d]]: [[u32; 2]; 2]) -> u32 {
     // Two sums of bytes in each word.

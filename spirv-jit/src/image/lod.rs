@@ -15,7 +15,8 @@ pub const MAX_LOD_BIAS: f32 = 16.0;
 /// `maxSamplerAnisotropy`.
 pub const MAX_ANISOTROPY: f32 = 16.0;
 
-/// A level of detail per lane, before the sampler's clamp (λ'), and what anisotropic filtering needs.
+/// A level of detail per lane, before the sampler's clamp (λ'), and what anisotropic filtering
+/// needs.
 pub(super) struct Lod {
     pub lambda: Floats,
     pub anisotropy: Option<Anisotropy>,
@@ -48,7 +49,8 @@ pub(super) const SQRT_HALF: u32 = 0x3f35_04f3;
 /// 2 / ln 2 times the series of the inverse hyperbolic tangent, by even powers.
 pub(super) const SERIES: [f32; 5] = [2.885_39, 0.961_796_7, 0.577_078, 0.412_198_6, 0.320_598_9];
 
-/// Binary logarithm to about 1e-7 absolute, from additions, products and one quotient, so that it is the same everywhere. For 0 and infinity: very small and very large.
+/// Binary logarithm to about 1e-7 absolute, from additions, products and one quotient, so that it
+/// is the same everywhere. For 0 and infinity: very small and very large.
 #[inline(always)]
 fn log2(x: f32) -> f32 {
     // Mantissa in [√½, √2), exponent to match.

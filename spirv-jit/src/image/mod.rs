@@ -1,7 +1,8 @@
 //! Images as shaders see them: descriptors, texel formats, addressing, filtering.
 //!
-//! Texels are exchanged as four 32-bit words: f32 bits for float and normalised formats, integers (sign- or zero-extended) for
-//! integer formats; 64-bit integer texels as (low, high) in the first two words.
+//! Texels are exchanged as four 32-bit words: f32 bits for float and normalised formats, integers
+//! (sign- or zero-extended) for integer formats; 64-bit integer texels as (low, high) in the first
+//! two words.
 
 mod access;
 mod address;
@@ -65,7 +66,8 @@ impl Level {
     };
 }
 
-/// An image view, resolved: what an access needs and nothing else. Levels and layers count from the view's first.
+/// An image view, resolved: what an access needs and nothing else. Levels and layers count from the
+/// view's first.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct ImageDescriptor {
@@ -80,7 +82,8 @@ pub struct ImageDescriptor {
     /// Layers of the view, faces of cubes counted.
     pub layer_count: u32,
     pub layer_stride_bytes: u64,
-    /// Between samples of one texel's plane (multisampled images store samples as separate planes of a layer).
+    /// Between samples of one texel's plane (multisampled images store samples as separate planes
+    /// of a layer).
     pub sample_stride_bytes: u64,
     /// `VkComponentMapping`: for r, g, b, a: 0–3 = that component, 4 = zero, 5 = one.
     pub swizzle: [u8; 4],
@@ -112,8 +115,8 @@ impl ImageDescriptor {
         conversion: None,
     };
 
-    /// Whether integer coordinates lead to a level: those below the view's least level of detail, rounded down, are outside of the view
-    /// (spec, "Integer Texel Coordinate Operations").
+    /// Whether integer coordinates lead to a level: those below the view's least level of detail,
+    /// rounded down, are outside of the view (spec, "Integer Texel Coordinate Operations").
     #[inline(always)]
     pub(crate) fn has_level(&self, level: usize) -> bool {
         (self.min_lod as usize..usize::from(self.level_count)).contains(&level)
@@ -209,7 +212,8 @@ pub struct SamplerDescriptor {
     /// As texel words: f32 bits or integers.
     pub border_color: [u32; 4],
     pub unnormalized_coordinates: bool,
-    /// Faces of cubes end at their edges, as 2D images do (`VK_SAMPLER_CREATE_NON_SEAMLESS_CUBE_MAP_BIT_EXT`).
+    /// Faces of cubes end at their edges, as 2D images do
+    /// (`VK_SAMPLER_CREATE_NON_SEAMLESS_CUBE_MAP_BIT_EXT`).
     pub non_seamless: bool,
 }
 
@@ -260,7 +264,8 @@ pub enum ImageOpKind {
     Write,
     /// Read-modify-write on a texel (i32, i64 or f32): result is the old value.
     Atomic(crate::types::AtomicOp),
-    /// `OpImageQuerySize(Lod)`: as many i32 as the dimension has, plus layers; operand `lod: i32` if `LodMode::Lod`.
+    /// `OpImageQuerySize(Lod)`: as many i32 as the dimension has, plus layers; operand `lod: i32`
+    /// if `LodMode::Lod`.
     QuerySize,
     /// 1 i32.
     QueryLevels,
@@ -272,11 +277,14 @@ pub enum ImageOpKind {
 
 /// An image operation.
 ///
-/// Operands, in order, those that apply: `image: i64` (descriptor address), `sampler: i64` (descriptor address; sample, gather and
-/// query-lod only), coordinates ([`ImageOp::coordinate_count`], f32 for sample/gather/query-lod, else i32; array layer last), depth
-/// reference `f32`, lod operands by [`LodMode`], `min_lod: f32` if `has_min_lod`, offsets (i32 per dimension) if `has_offset`, sample index `i32` if `multisampled` (fetch,
-/// read, write, atomic), then texel operands (write: 4; atomic: value, comparator as for `Op::Atomic`).
-/// Results and texels are f32 if `texel` is `F32`, else i32; with `I64` the results are (i64, i64 zero, …) with the value in the first.
+/// Operands, in order, those that apply: `image: i64` (descriptor address), `sampler: i64`
+/// (descriptor address; sample, gather and query-lod only), coordinates
+/// ([`ImageOp::coordinate_count`], f32 for sample/gather/query-lod, else i32; array layer last),
+/// depth reference `f32`, lod operands by [`LodMode`], `min_lod: f32` if `has_min_lod`, offsets
+/// (i32 per dimension) if `has_offset`, sample index `i32` if `multisampled` (fetch, read, write,
+/// atomic), then texel operands (write: 4; atomic: value, comparator as for `Op::Atomic`). Results
+/// and texels are f32 if `texel` is `F32`, else i32; with `I64` the results are (i64, i64 zero, …)
+/// with the value in the first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct ImageOp {
     pub kind: ImageOpKind,
@@ -318,8 +326,9 @@ impl ImageOp {
         }
     }
 
-    /// Components of the coordinates, array layer included: but a level-of-detail query takes no layer, and the third coordinate of a stored cube array
-    /// is its layer already, 6 × cube + face.
+    /// Components of the coordinates, array layer included: but a level-of-detail query takes no
+    /// layer, and the third coordinate of a stored cube array is its layer already, 6 × cube +
+    /// face.
     pub fn coordinate_count(&self) -> usize {
         let is_stored = matches!(
             self.kind,
@@ -331,7 +340,8 @@ impl ImageOp {
         self.spatial_count() + has_layer as usize
     }
 
-    /// Components of the coordinates without the layer. A cube has 3, as a direction when sampled and as (x, y, face) when fetched or stored.
+    /// Components of the coordinates without the layer. A cube has 3, as a direction when sampled
+    /// and as (x, y, face) when fetched or stored.
     pub fn spatial_count(&self) -> usize {
         match self.dim {
             Dim::D1 | Dim::Buffer => 1,

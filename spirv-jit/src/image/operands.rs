@@ -27,7 +27,8 @@ impl ImageOp {
         )
     }
 
-    /// Rows of 32-bit words that an operation reads: all operands but the descriptors, 64-bit ones as two rows.
+    /// Rows of 32-bit words that an operation reads: all operands but the descriptors, 64-bit ones
+    /// as two rows.
     pub fn operand_rows(&self) -> usize {
         let words = if self.texel == Type::I64 { 2 } else { 1 };
         let spatial = self.spatial_count();

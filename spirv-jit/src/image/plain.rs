@@ -1,5 +1,6 @@
-//! The common fetch, read and write: one image for all lanes, in a format that vectors take. Everything about the image is looked up once
-//! ([`Plain`]), then blocks of lanes are done in vectors of the machine. The same results as [`access`](super::access), bit for bit.
+//! The common fetch, read and write: one image for all lanes, in a format that vectors take.
+//! Everything about the image is looked up once ([`Plain`]), then blocks of lanes are done in
+//! vectors of the machine. The same results as [`access`](super::access), bit for bit.
 
 use super::format::FormatInfo;
 use super::format::block::{self, Texels};
@@ -50,7 +51,8 @@ impl<'a> Plain<'a> {
         is_one.then_some(first as usize)
     }
 
-    /// Byte offsets of the lanes' texels, and the lanes of the mask whose texel exists; the offsets of others are zero.
+    /// Byte offsets of the lanes' texels, and the lanes of the mask whose texel exists; the offsets
+    /// of others are zero.
     #[inline(always)]
     fn locate<V: Vector>(
         &self,
@@ -88,7 +90,8 @@ impl<'a> Plain<'a> {
         (v.keep(offsets, inside), inside)
     }
 
-    /// `OpImageWrite` in the lanes of `mask`, which is not empty. False where it does not apply after all.
+    /// `OpImageWrite` in the lanes of `mask`, which is not empty. False where it does not apply
+    /// after all.
     ///
     /// # Safety
     /// The image's memory stays allocated during the call.
@@ -110,7 +113,8 @@ impl<'a> Plain<'a> {
         true
     }
 
-    /// `OpImageFetch`, `OpImageRead` in the lanes of `mask`, which is not empty: the texel's components. None where it does not apply after all.
+    /// `OpImageFetch`, `OpImageRead` in the lanes of `mask`, which is not empty: the texel's
+    /// components. None where it does not apply after all.
     ///
     /// # Safety
     /// As [`Self::write`].

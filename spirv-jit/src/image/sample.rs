@@ -1,6 +1,7 @@
 //! Filtered sampling and gathering of a block of lanes (spec, "Image Sample Operations").
 //!
-//! Every step is a loop over the 16 lanes without branches that depend on a lane: inactive lanes compute along, on clamped indices.
+//! Every step is a loop over the 16 lanes without branches that depend on a lane: inactive lanes
+//! compute along, on clamped indices.
 
 use super::address::{self, Axis, AxisRule, Floats, Ints};
 use super::format::FormatInfo;
@@ -15,7 +16,8 @@ use crate::SUBGROUP_SIZE;
 use crate::row::Row;
 
 crate::vectors! {
-    /// `OpImageSample*` and `OpImage*Gather` of a usable image. Loops over lanes become vectors by themselves.
+    /// `OpImageSample*` and `OpImage*Gather` of a usable image. Loops over lanes become vectors by
+    /// themselves.
     ///
     /// # Safety
     /// The image's memory stays allocated during the call.
@@ -372,7 +374,8 @@ impl Footprint<'_> {
         )
     }
 
-    /// The filtered texel in units (see [`block`]), or the comparison's result in the first component, or a gather's four texels.
+    /// The filtered texel in units (see [`block`]), or the comparison's result in the first
+    /// component, or a gather's four texels.
     ///
     /// # Safety
     /// The image's memory stays allocated during the call.
@@ -529,7 +532,8 @@ impl Footprint<'_> {
                 offsets[lane] += layer[lane] as u32 as u64 * self.image.layer_stride_bytes;
             }
         }
-        // SAFETY: indices are clamped to the level's size and the layer to the view's layers, so each offset is that of a texel of the image.
+        // SAFETY: indices are clamped to the level's size and the layer to the view's layers, so
+        // each offset is that of a texel of the image.
         let mut texels = unsafe { block::load(self.info, self.image.data, &offsets) };
         if has_border {
             let color = border_units(self.sampler, self.info);
@@ -601,7 +605,8 @@ fn fill_corners(taps: &mut [Texels; 8], corners: &[u16; 8]) {
     }
 }
 
-/// Four texels of one component: units to values; a component that the view's swizzle makes constant or the format lacks.
+/// Four texels of one component: units to values; a component that the view's swizzle makes
+/// constant or the format lacks.
 #[inline(always)]
 fn finish_gather(image: &ImageDescriptor, info: &FormatInfo, component: u8, texels: &mut Texels) {
     let source = image.swizzle[component as usize & 3] as usize;

@@ -1,7 +1,8 @@
-//! Texels of sixteen lanes in vectors of the machine: encoded and stored, loaded and decoded. The same bits as [`FormatInfo::encode`] and
-//! [`FormatInfo::decode`], which say what they are.
+//! Texels of sixteen lanes in vectors of the machine: encoded and stored, loaded and decoded. The
+//! same bits as [`FormatInfo::encode`] and [`FormatInfo::decode`], which say what they are.
 //!
-//! Here, too, there are no closures over vectors: those would not be compiled for the vectors' instruction set.
+//! Here, too, there are no closures over vectors: those would not be compiled for the vectors'
+//! instruction set.
 
 use lanes::Tier;
 
@@ -121,11 +122,13 @@ fn encode_ufloat<V: Vector>(v: V, number: V::F, mantissa: u32) -> V::I {
     // Negative numbers become zero, NaN too.
     let positive = v.max(number, v.splat(0.0));
     let bits = v.bits_of(positive);
-    // Subnormals are multiples of 2^(-14 - mantissa); the least normal number comes out of rounding as itself.
+    // Subnormals are multiples of 2^(-14 - mantissa); the least normal number comes out of rounding
+    // as itself.
     let least = f32::from_bits(113 << 23);
     let step = f32::from_bits((127 + 14 + mantissa) << 23);
     let small = v.scaled(v.min(positive, v.splat(least)), step);
-    // A normal number's exponent loses its bias, its mantissa is rounded to even; what carries moves on to the next exponent.
+    // A normal number's exponent loses its bias, its mantissa is rounded to even; what carries
+    // moves on to the next exponent.
     let dropped = 23 - mantissa;
     let even = v.and_i(v.right_u(bits, dropped), v.splat_i(1));
     let rebiased = v.sub_i(bits, v.splat_i(112 << 23));
@@ -149,8 +152,9 @@ fn encode_ufloat<V: Vector>(v: V, number: V::F, mantissa: u32) -> V::I {
     )
 }
 
-/// Components from the texels' words. With `units`, those of normalised formats are left as they are before the division, where
-/// [`block::unit_scale`] is not 1. Components that the format lacks are left zero.
+/// Components from the texels' words. With `units`, those of normalised formats are left as they
+/// are before the division, where [`block::unit_scale`] is not 1. Components that the format lacks
+/// are left zero.
 #[inline(always)]
 fn decode<V: Vector>(v: V, info: &FormatInfo, words: &[V::I; 4]) -> [V::I; 4] {
     let mut texels = [v.splat_i(0); 4];
@@ -218,7 +222,8 @@ fn is_row<V: Vector>(v: V, offsets: V::I, first: u32, size_bytes: u32) -> bool {
 /// Stores a texel in each lane of `mask`, in lane order; the format is one for vectors.
 ///
 /// # Safety
-/// `base + offsets` is writable for the format's size, in every lane of `mask`; offsets are less than 2^31.
+/// `base + offsets` is writable for the format's size, in every lane of `mask`; offsets are less
+/// than 2^31.
 #[inline(always)]
 pub(crate) unsafe fn store<V: Vector>(
     v: V,
@@ -276,7 +281,8 @@ pub(crate) unsafe fn store<V: Vector>(
     }
 }
 
-/// Copies texels to their places: all at once where they are a row, else pairs of neighbours together.
+/// Copies texels to their places: all at once where they are a row, else pairs of neighbours
+/// together.
 ///
 /// # Safety
 /// As [`store`].
@@ -431,8 +437,9 @@ crate::vectors! {
     }
 }
 
-/// The little-endian words of sixteen texels, first word first; what lies behind the format's size is zero. The same bits as
-/// [`FormatInfo::encode`]. To be called where code is compiled for the vectors.
+/// The little-endian words of sixteen texels, first word first; what lies behind the format's size
+/// is zero. The same bits as [`FormatInfo::encode`]. To be called where code is compiled for the
+/// vectors.
 #[inline(always)]
 pub fn encode_words<V: Vector>(v: V, info: &FormatInfo, texels: &[V::I; 4]) -> [V::I; 4] {
     if info.in_vectors {
@@ -445,7 +452,8 @@ pub fn encode_words<V: Vector>(v: V, info: &FormatInfo, texels: &[V::I; 4]) -> [
     load_rows(v, &encode_each(info, &rows))
 }
 
-/// Sixteen texels from their little-endian words: the same bits as [`FormatInfo::decode`]. To be called where code is compiled for the vectors.
+/// Sixteen texels from their little-endian words: the same bits as [`FormatInfo::decode`]. To be
+/// called where code is compiled for the vectors.
 #[inline(always)]
 pub fn decode_words<V: Vector>(v: V, info: &FormatInfo, words: &[V::I; 4]) -> [V::I; 4] {
     if info.in_vectors {

@@ -1,7 +1,9 @@
-//! Sampling with a sampler Y′CbCr conversion (spec, "Chroma Reconstruction", "Sampler Y′CbCr Conversion").
+//! Sampling with a sampler Y′CbCr conversion (spec, "Chroma Reconstruction", "Sampler Y′CbCr
+//! Conversion").
 //!
-//! Reconstruction is implicit: each plane is sampled at its own resolution with its own filter, and what comes out is converted. So a plane is an image
-//! of its own here, and everything else is what sampling does anyway.
+//! Reconstruction is implicit: each plane is sampled at its own resolution with its own filter, and
+//! what comes out is converted. So a plane is an image of its own here, and everything else is what
+//! sampling does anyway.
 
 use super::block::execute_plain;
 use super::format::block::Texels;
@@ -9,7 +11,8 @@ use super::{Filter, Format, ImageDescriptor, ImageOp, SamplerDescriptor};
 use crate::SUBGROUP_SIZE;
 use crate::row::Row;
 
-/// A plane as it is sampled: of formats that hold chroma at half the rate in one plane, luma and chroma are the same memory twice.
+/// A plane as it is sampled: of formats that hold chroma at half the rate in one plane, luma and
+/// chroma are the same memory twice.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Plane {
     pub format: Format,
@@ -180,7 +183,8 @@ impl Planes {
         self.planes().iter().map(|it| it.memory).max().unwrap_or(0) as usize + 1
     }
 
-    /// Whether images of the format can only be sampled with a conversion ("Formats Requiring Sampler Y′CbCr Conversion").
+    /// Whether images of the format can only be sampled with a conversion ("Formats Requiring
+    /// Sampler Y′CbCr Conversion").
     pub fn requires_conversion(&self) -> bool {
         self.count > 1
     }
@@ -239,7 +243,8 @@ pub(super) unsafe fn sample(
             sampler.mag_filter = conversion.chroma_filter;
             sampler.min_filter = conversion.chroma_filter;
         }
-        // Cosited chroma lies under the even texel, a quarter of its own texel to the left of its middle.
+        // Cosited chroma lies under the even texel, a quarter of its own texel to the left of its
+        // middle.
         let sizes = [image.levels[0].width, image.levels[0].height];
         let mut moved = [[0; SUBGROUP_SIZE]; 2];
         let mut rows: [&Row; 16] = [&[0; SUBGROUP_SIZE]; 16];
@@ -366,7 +371,8 @@ mod tests {
         assert_eq!(Planes::of(Format(1_000_330_004)), None);
     }
 
-    /// White, black and the primaries of BT.601 and BT.709 by their 8-bit codes (ITU-R BT.601-7, BT.709-6: rounded).
+    /// White, black and the primaries of BT.601 and BT.709 by their 8-bit codes (ITU-R BT.601-7,
+    /// BT.709-6: rounded).
     #[test]
     fn primaries_by_the_recommendations() {
         let near = |model, narrow, ycbcr: [u8; 3], rgb: [f32; 3]| {

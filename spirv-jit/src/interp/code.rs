@@ -40,7 +40,8 @@ pub(super) struct ImagePlan {
     pub op: ImageOp,
     pub image: Operand,
     pub sampler: Operand,
-    /// A sample at the derivatives of its coordinates, which it finds by itself: the coordinates stand in their place, too.
+    /// A sample at the derivatives of its coordinates, which it finds by itself: the coordinates
+    /// stand in their place, too.
     pub derives: bool,
     /// With whether they are of 64 bits.
     pub operands: Vec<(Operand, bool)>,
@@ -67,7 +68,8 @@ pub(super) struct Remade {
     pub from: Operand,
 }
 
-/// A vector row that a state holds: what the plan says of the value, with its operand beside it, since states are saved and restored often.
+/// A vector row that a state holds: what the plan says of the value, with its operand beside it,
+/// since states are saved and restored often.
 #[derive(Clone, Copy)]
 pub(super) struct Saved {
     pub operand: Operand,

@@ -18,7 +18,8 @@ use crate::state::Event;
 /// `index` is one of the program's.
 #[inline(always)]
 unsafe fn mask<'m>(m: &Machine<'_>, index: u32) -> &'m mut Mask {
-    // SAFETY: the frame holds every mask that the program names, and nothing else refers to it meanwhile.
+    // SAFETY: the frame holds every mask that the program names, and nothing else refers to it
+    // meanwhile.
     unsafe { &mut *m.masks.add(index as usize) }
 }
 
@@ -44,7 +45,8 @@ pub(super) unsafe fn park(m: &mut Machine<'_>, i: &Instr) {
     m.pc = i.y as usize;
 }
 
-/// The lanes parked at label `x` go on together, and the mask is empty then; if there are none, to `y`, the end of the enclosing body.
+/// The lanes parked at label `x` go on together, and the mask is empty then; if there are none, to
+/// `y`, the end of the enclosing body.
 ///
 /// # Safety
 /// As [`enter`].
@@ -56,8 +58,8 @@ pub(super) unsafe fn join(m: &mut Machine<'_>, i: &Instr) {
     }
 }
 
-/// `if a`: lanes where it does not hold become pending in mask `x + 1`; none is parked at `x`. Without lanes for the first
-/// body, on to `y`.
+/// `if a`: lanes where it does not hold become pending in mask `x + 1`; none is parked at `x`.
+/// Without lanes for the first body, on to `y`.
 pub(super) struct Branch;
 
 impl Kernel for Branch {
@@ -98,7 +100,8 @@ unsafe fn sign_words(m: &Machine<'_>, row: Operand) -> [u64; MAX_SUBGROUPS / 4] 
 
 /// Leaves those of the active lanes active that are in `words`; the others become pending.
 ///
-/// Half a mask at a time: one that is read right after smaller parts of it were written would have to wait for those.
+/// Half a mask at a time: one that is read right after smaller parts of it were written would have
+/// to wait for those.
 #[cfg(target_arch = "x86_64")]
 #[inline(always)]
 fn split(active: &mut Mask, pending: &mut Mask, words: [u64; MAX_SUBGROUPS / 4]) {
@@ -127,8 +130,9 @@ fn split(active: &mut Mask, pending: &mut Mask, words: [u64; MAX_SUBGROUPS / 4])
     }
 }
 
-/// A loop's end: lanes parked at its label `x` start the next iteration at `y`, for `b` fuel, unless that is out: then the wave is suspended at
-/// point `a`. Without lanes, control falls through.
+/// A loop's end: lanes parked at its label `x` start the next iteration at `y`, for `b` fuel,
+/// unless that is out: then the wave is suspended at point `a`. Without lanes, control falls
+/// through.
 ///
 /// # Safety
 /// As [`enter`].

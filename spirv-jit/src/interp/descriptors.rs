@@ -1,7 +1,8 @@
 //! Where descriptors are: addresses of entries of the bound sets, made here and nowhere else.
 //!
-//! A value of type `descriptor` is such an address in every lane that was active when it was made. It lives in the frame alone: a state
-//! keeps what it was made of, and it is made again when the wave goes on ([`make_again`]).
+//! A value of type `descriptor` is such an address in every lane that was active when it was made.
+//! It lives in the frame alone: a state keeps what it was made of, and it is made again when the
+//! wave goes on ([`make_again`]).
 
 use lanes::{LaneMask, by_lane};
 
@@ -107,7 +108,8 @@ fn follow(environment: &Environment, number: u64) -> u64 {
 /// Makes descriptors in row `d`, in some subgroups, of what row `from` holds.
 ///
 /// # Safety
-/// Operands are the program's, with the widths of the source and of descriptors; subgroups are the wave's.
+/// Operands are the program's, with the widths of the source and of descriptors; subgroups are the
+/// wave's.
 #[inline(always)]
 unsafe fn make(
     m: &Machine<'_>,
@@ -143,7 +145,8 @@ unsafe fn make(
     }
 }
 
-/// Makes descriptors that live on again, in all subgroups: in some of them all lanes may wait for others.
+/// Makes descriptors that live on again, in all subgroups: in some of them all lanes may wait for
+/// others.
 ///
 /// # Safety
 /// As for every handler; what they are made of stands in its rows.

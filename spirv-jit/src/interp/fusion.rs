@@ -1,5 +1,6 @@
-//! Which instructions are performed together with the one that uses their result ([`kernels::fused`](super::kernels)): pairs, and the derivatives of
-//! the coordinates that a sample takes its level of detail from.
+//! Which instructions are performed together with the one that uses their result
+//! ([`kernels::fused`](super::kernels)): pairs, and the derivatives of the coordinates that a
+//! sample takes its level of detail from.
 
 use foldhash::HashMap;
 use lanes::Tier as TierKind;
@@ -32,7 +33,8 @@ pub(super) struct Fusion {
     absorbed: Vec<bool>,
 }
 
-/// Of a sample, the operands that hold coordinates, and those that hold their derivatives: in x, then in y.
+/// Of a sample, the operands that hold coordinates, and those that hold their derivatives: in x,
+/// then in y.
 fn of_sample(inst: &Inst) -> Option<(&[Value], &[Value])> {
     let Op::Image(op) = inst.op else {
         return None;
@@ -47,7 +49,8 @@ fn of_sample(inst: &Inst) -> Option<(&[Value], &[Value])> {
 }
 
 impl Fusion {
-    /// Makes live ranges those of the pairs: what a first instruction takes lives until the second, and what it gives is nowhere.
+    /// Makes live ranges those of the pairs: what a first instruction takes lives until the second,
+    /// and what it gives is nowhere.
     pub fn stretch(&self, liveness: &mut Liveness) {
         for (result, pair) in &self.pairs {
             let Some((start, _)) = liveness.ranges[result.index()] else {
@@ -136,7 +139,8 @@ impl<'f> Finder<'f> {
         }
     }
 
-    /// Leaves the derivatives of a sample's own coordinates to the sample, if nothing else uses them.
+    /// Leaves the derivatives of a sample's own coordinates to the sample, if nothing else uses
+    /// them.
     fn absorb_slopes(&mut self, inst: &Inst, at: usize, run: &HashMap<Value, (usize, &Inst)>) {
         let Some((coordinates, slopes)) = of_sample(inst) else {
             return;

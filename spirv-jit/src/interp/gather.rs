@@ -1,4 +1,5 @@
-//! Loads and stores of scalars for a whole subgroup, in memory that its lanes share, in each instruction set.
+//! Loads and stores of scalars for a whole subgroup, in memory that its lanes share, in each
+//! instruction set.
 //!
 //! All lanes are checked together: which of their accesses are inside, and how they lie. Lanes that
 //! load the same address, and lanes with consecutive scalars, load once. Otherwise words are
@@ -36,7 +37,8 @@ pub(super) enum Layout {
 /// # Safety
 /// Of all functions: the machine has the tier.
 pub(super) trait Gather: Tier {
-    /// How offsets lie, of which none may be above `last`, of scalars of `size_bytes` together; `last + size_bytes` is at most 2³².
+    /// How offsets lie, of which none may be above `last`, of scalars of `size_bytes` together;
+    /// `last + size_bytes` is at most 2³².
     unsafe fn layout(offsets: &Row, last: u32, size_bytes: u32) -> Layout;
 
     /// The offsets of active lanes, of which there are some; in other lanes the first active one's.
@@ -46,13 +48,15 @@ pub(super) trait Gather: Tier {
     /// `start`.
     unsafe fn distances(addresses: &[u64; SUBGROUP_SIZE], start: u64) -> Row;
 
-    /// Loads `N` scalars for each lane, which lie one behind another at the lane's offset from `base`.
+    /// Loads `N` scalars for each lane, which lie one behind another at the lane's offset from
+    /// `base`.
     ///
     /// # Safety
     /// There are as many scalars at each place, and the rows are a frame's.
     unsafe fn load_apart<T: Lane, const N: usize>(base: *const u8, offsets: &Row, rows: Rows<N>);
 
-    /// Stores `N` scalars of each lane, one behind another at the lane's offset from `base`, in the lanes' order.
+    /// Stores `N` scalars of each lane, one behind another at the lane's offset from `base`, in the
+    /// lanes' order.
     ///
     /// # Safety
     /// As [`Self::load_apart`].
@@ -72,7 +76,8 @@ fn last(size_bytes: u64, total: u32) -> Option<u32> {
 /// active.
 ///
 /// # Safety
-/// As for [`Gather`]; as many bytes may be read at `base`, some lane is active, and the rows are a frame's.
+/// As for [`Gather`]; as many bytes may be read at `base`, some lane is active, and the rows are a
+/// frame's.
 #[inline(always)]
 pub(super) unsafe fn load<G: Gather, T: Lane, const N: usize>(
     (base, size_bytes): (*const u8, u64),
@@ -117,7 +122,8 @@ pub(super) unsafe fn load<G: Gather, T: Lane, const N: usize>(
                 load_run::<T, N>(base.add(offsets[0] as usize), rows);
             }
             Layout::Run | Layout::Apart => {
-                // Hidden: single offsets would be taken out of the vectors that were looked at, which costs more than to load them again.
+                // Hidden: single offsets would be taken out of the vectors that were looked at,
+                // which costs more than to load them again.
                 let offsets = std::hint::black_box(offsets as *const Row);
                 G::load_apart::<T, N>(base, &*offsets, rows);
             }
@@ -126,8 +132,9 @@ pub(super) unsafe fn load<G: Gather, T: Lane, const N: usize>(
     LaneMask::NONE
 }
 
-/// Stores `N` scalars of the active lanes of a subgroup, one behind another at each lane's offset in `size_bytes` bytes from `base`, in the
-/// lanes' order. Returns the active lanes whose scalars are not all inside: none of them is stored.
+/// Stores `N` scalars of the active lanes of a subgroup, one behind another at each lane's offset
+/// in `size_bytes` bytes from `base`, in the lanes' order. Returns the active lanes whose scalars
+/// are not all inside: none of them is stored.
 ///
 /// # Safety
 /// As [`load`]; as many bytes may be written at `base`.
@@ -226,7 +233,8 @@ unsafe fn clear<T: Lane, const N: usize>(rows: Rows<N>, kept: LaneMask) {
     }
 }
 
-/// Loads `N` scalars for each lane, one lane's behind another's: a single one, or as many as fill 32 bits.
+/// Loads `N` scalars for each lane, one lane's behind another's: a single one, or as many as fill
+/// 32 bits.
 ///
 /// # Safety
 /// There are as many scalars at the address; the rows are a frame's.

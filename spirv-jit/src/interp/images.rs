@@ -1,4 +1,5 @@
-//! Image operations: operand rows for [`execute_block`], and the common samples, loads and stores over a whole wave.
+//! Image operations: operand rows for [`execute_block`], and the common samples, loads and stores
+//! over a whole wave.
 
 use std::marker::PhantomData;
 
@@ -21,7 +22,8 @@ use crate::image::{ImageDescriptor, ImageOp, ImageOpKind, SamplerDescriptor};
 use crate::ir::op::AtomicOp;
 use crate::row::Row;
 
-/// Most operand rows: coordinates, derivatives, offsets and texels of the widest operation, with room.
+/// Most operand rows: coordinates, derivatives, offsets and texels of the widest operation, with
+/// room.
 const MAX_OPERAND_ROWS: usize = 32;
 
 /// Whether the rows of an operation fit what [`image`] sets aside.
@@ -64,7 +66,8 @@ pub(super) unsafe fn image(m: &mut Machine<'_>, i: &Instr) {
     }
 }
 
-/// The query of an image's size by plan `x`: once for subgroups all of whose lanes ask for the same.
+/// The query of an image's size by plan `x`: once for subgroups all of whose lanes ask for the
+/// same.
 ///
 /// # Safety
 /// As [`image`].
@@ -104,14 +107,17 @@ fn lanes(m: &Machine<'_>, plan: &ImagePlan, subgroup: u16) -> u16 {
     lanes.bits()
 }
 
-/// Performs `op` in the lanes of `mask`: as [`execute_block`], with descriptors that lanes may differ in. Those that are the same in all
-/// active lanes, the common case, are set up once; where they differ, lanes are grouped by descriptor.
+/// Performs `op` in the lanes of `mask`: as [`execute_block`], with descriptors that lanes may
+/// differ in. Those that are the same in all active lanes, the common case, are set up once; where
+/// they differ, lanes are grouped by descriptor.
 ///
-/// * `images`, `samplers`: per lane, the address of a descriptor in the `environment`, as `Op::Descriptor` gives it; `samplers` is looked at only if
-///   [`ImageOp::has_sampler`]. Only active lanes are looked at.
+/// * `images`, `samplers`: per lane, the address of a descriptor in the `environment`, as
+///   `Op::Descriptor` gives it; `samplers` is looked at only if [`ImageOp::has_sampler`]. Only
+///   active lanes are looked at.
 ///
 /// # Safety
-/// Active lanes' descriptor addresses are those of live descriptors, whose images cover memory that stays allocated during the call.
+/// Active lanes' descriptor addresses are those of live descriptors, whose images cover memory that
+/// stays allocated during the call.
 pub(crate) unsafe fn execute(
     op: &ImageOp,
     environment: &Environment,
@@ -169,7 +175,8 @@ unsafe fn block(m: &Machine<'_>, plan: &ImagePlan, subgroup: u16) {
     let mask = lanes(m, plan, subgroup);
     let mut halves = [[0u32; SUBGROUP_SIZE]; MAX_RESULT_ROWS];
     let mut results = [[0u32; SUBGROUP_SIZE]; MAX_RESULT_ROWS];
-    // SAFETY: as the caller promises; active lanes hold addresses of descriptors, and rows of results are apart from those of operands.
+    // SAFETY: as the caller promises; active lanes hold addresses of descriptors, and rows of
+    // results are apart from those of operands.
     unsafe {
         let mut wide_rows = halves.chunks_exact_mut(2);
         let mut rows = [&[0; SUBGROUP_SIZE]; MAX_OPERAND_ROWS];
@@ -261,7 +268,8 @@ fn join(low: &Row, high: &Row) -> [u64; SUBGROUP_SIZE] {
     std::array::from_fn(|k| low[k] as u64 | (high[k] as u64) << 32)
 }
 
-/// A sample that [`fast::may_apply`] to: subgroups whose lanes share an image and a sampler take the short way, if that serves for those.
+/// A sample that [`fast::may_apply`] to: subgroups whose lanes share an image and a sampler take
+/// the short way, if that serves for those.
 struct Sample<V>(PhantomData<V>);
 
 impl<V: Vector> Kernel for Sample<V> {
@@ -490,14 +498,16 @@ unsafe fn put<V: Vector>(
     }
 }
 
-/// A load or store that [`plain::may_apply`] to: subgroups whose lanes share an image take the short way, if that serves for it.
+/// A load or store that [`plain::may_apply`] to: subgroups whose lanes share an image take the
+/// short way, if that serves for it.
 struct Access<V>(PhantomData<V>);
 
 impl<V: Vector> Kernel for Access<V> {
     #[inline(always)]
     unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
         let plan = &m.code.images[i.x as usize];
-        // SAFETY: the tier is the token's; for the rest, as for `image`; what descriptors point to outlives the dispatch.
+        // SAFETY: the tier is the token's; for the rest, as for `image`; what descriptors point to
+        // outlives the dispatch.
         unsafe {
             let mut listed = m.listed();
             while let Some((&subgroup, rest)) = listed.split_first() {

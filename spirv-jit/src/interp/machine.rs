@@ -1,9 +1,10 @@
 //! The running state of a wave, and how an instruction's operands become pointers.
 //!
-//! A value of 32 bits or less is a *row* of lanes of 32 bits (narrow integers zero-extended, booleans 0 or all ones), 64-bit values take two
-//! consecutive rows holding lanes of 64 bits. Each subgroup of the wave has a frame of *vector* rows of its own, one frame behind another;
-//! *uniform* rows have 16 equal lanes and serve all subgroups: from one to the next it is 0 bytes, so that every kernel takes either kind for
-//! each operand.
+//! A value of 32 bits or less is a *row* of lanes of 32 bits (narrow integers zero-extended,
+//! booleans 0 or all ones), 64-bit values take two consecutive rows holding lanes of 64 bits. Each
+//! subgroup of the wave has a frame of *vector* rows of its own, one frame behind another;
+//! *uniform* rows have 16 equal lanes and serve all subgroups: from one to the next it is 0 bytes,
+//! so that every kernel takes either kind for each operand.
 
 use std::cell::Cell;
 
@@ -33,7 +34,8 @@ pub(super) const NO_LANES: Mask = [LaneMask::NONE; MAX_SUBGROUPS];
 /// Performs one instruction. `pc` already stands behind it.
 pub(super) type Handler = for<'a, 'i, 'p> unsafe fn(&'a mut Machine<'p>, &'i Instr);
 
-/// An instruction: what performs it, destination, sources, and two words whose meaning is the handler's.
+/// An instruction: what performs it, destination, sources, and two words whose meaning is the
+/// handler's.
 #[derive(Clone, Copy)]
 pub(super) struct Instr {
     pub handler: Handler,
@@ -151,8 +153,8 @@ impl Machine<'_> {
         unsafe { self.list.get_unchecked(..self.list_len) }
     }
 
-    /// Runs of neighbours among the subgroups with active lanes: where each begins, and how many subgroups each has. One run where all
-    /// are neighbours, as mostly, else a run for each.
+    /// Runs of neighbours among the subgroups with active lanes: where each begins, and how many
+    /// subgroups each has. One run where all are neighbours, as mostly, else a run for each.
     #[inline(always)]
     pub fn runs(&self) -> (&[u16], usize) {
         let listed = self.listed();
@@ -179,7 +181,8 @@ impl Machine<'_> {
         (memory.unwrap_or(std::ptr::null_mut()), size_bytes)
     }
 
-    /// A row's first byte, in the first subgroup's frame, and how many bytes it is from one subgroup to the next: 0 for uniform rows.
+    /// A row's first byte, in the first subgroup's frame, and how many bytes it is from one
+    /// subgroup to the next: 0 for uniform rows.
     ///
     /// # Safety
     /// `operand` is one of the running program's.
@@ -247,7 +250,8 @@ impl Machine<'_> {
         }
     }
 
-    /// The 64-bit number that all lanes of a subgroup's mask have, if they do: the address of a descriptor, say. The mask is not empty.
+    /// The 64-bit number that all lanes of a subgroup's mask have, if they do: the address of a
+    /// descriptor, say. The mask is not empty.
     ///
     /// # Safety
     /// As [`Self::block`].
@@ -285,7 +289,8 @@ impl Machine<'_> {
     pub unsafe fn go(&mut self) {
         let code = self.code.instrs.as_slice();
         while self.running {
-            // SAFETY: code addresses come from the emitter, and each path ends in an instruction that stops.
+            // SAFETY: code addresses come from the emitter, and each path ends in an instruction
+            // that stops.
             unsafe {
                 let instr = code.get_unchecked(self.pc);
                 self.pc += 1;

@@ -268,7 +268,8 @@ impl Kernel for LoadTable {
         let (first, count) = (i.x as usize, i.b.raw() as usize);
         let results = &m.code.operands[first..first + count];
         for &subgroup in m.listed() {
-            // SAFETY: operands are the program's; zeros stand behind the table for as many results as there may be.
+            // SAFETY: operands are the program's; zeros stand behind the table for as many results
+            // as there may be.
             unsafe {
                 let index = (*m.block::<u32>(i.a, subgroup)).map(|index| index.min(end) as usize);
                 for (k, &result) in results.iter().enumerate() {

@@ -4,8 +4,9 @@
 //! plan ──> fusion, slots (rows by live ranges) ──> emit ──> code: instructions that point at their kernels
 //! ```
 //!
-//! * [`machine`]: a running wave; [`tier`]: instruction sets; [`kernels`]: pure operations; [`access`] by [`gather`], [`memory`],
-//!   [`descriptors`], [`atomics`], [`subgroup`], [`images`]: the others; [`control`]: masks and jumps; [`yields`]: suspending and resuming.
+//! * [`machine`]: a running wave; [`tier`]: instruction sets; [`kernels`]: pure operations;
+//!   [`access`] by [`gather`], [`memory`], [`descriptors`], [`atomics`], [`subgroup`], [`images`]:
+//!   the others; [`control`]: masks and jumps; [`yields`]: suspending and resuming.
 
 mod access;
 mod atomics;
@@ -47,10 +48,12 @@ use machine::{Machine, Mask, NO_LANES};
 /// The size of a frame's rows, in bytes, that fits the nearest cache.
 const FRAME_BYTES: usize = 40 << 10;
 
-/// A worker's hot memory: slots of the program that is running. One per thread, reused for every program.
+/// A worker's hot memory: slots of the program that is running. One per thread, reused for every
+/// program.
 #[derive(Default)]
 pub struct Frame {
-    /// By program, those that share a number's last digits in turn; the last for programs with many rows.
+    /// By program, those that share a number's last digits in turn; the last for programs with many
+    /// rows.
     uniforms: Vec<Uniforms>,
     vectors: Vec<AlignedRow>,
     masks: Vec<Mask>,
@@ -149,8 +152,8 @@ impl Code {
             is_whole: wave.is_whole,
             near: Cell::new(wave.environment.reach.likely()),
         };
-        // SAFETY: the frame and the states have the sizes that the program asks for, and stay put during the run; what
-        // the environment points to is kept by the caller.
+        // SAFETY: the frame and the states have the sizes that the program asks for, and stay put
+        // during the run; what the environment points to is kept by the caller.
         unsafe {
             // The prologue computes uniform rows in the place of the first subgroup.
             let mut first = NO_LANES;
@@ -171,7 +174,8 @@ impl Frame {
         rows * size_of::<AlignedRow>()
     }
 
-    /// Makes room for a program and a wave length, and gives the program's uniform rows, with its constants in them.
+    /// Makes room for a program and a wave length, and gives the program's uniform rows, with its
+    /// constants in them.
     fn prepare(
         &mut self,
         code: &Code,

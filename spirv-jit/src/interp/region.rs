@@ -1,6 +1,7 @@
 //! Where an access to a buffer, to workgroup memory or through a physical pointer lies.
 //!
-//! Every access goes through [`Region`]: first byte, size, and the offset in it, checked per scalar.
+//! Every access goes through [`Region`]: first byte, size, and the offset in it, checked per
+//! scalar.
 
 use super::machine::Machine;
 use super::operand::Operand;
@@ -78,7 +79,8 @@ pub(super) unsafe fn region(
     }
 }
 
-/// How much memory there is from an address on that is not near the last one. An address that leads nowhere is counted.
+/// How much memory there is from an address on that is not near the last one. An address that leads
+/// nowhere is counted.
 #[cold]
 #[inline(never)]
 fn look_up(m: &Machine<'_>, address: u64) -> u64 {
@@ -99,8 +101,8 @@ fn look_up(m: &Machine<'_>, address: u64) -> u64 {
 /// One scalar from memory, extended with zeros.
 ///
 /// # Safety
-/// `at` may be read for the type's size. Another thread may write meanwhile: the value is then any mix of old and new, as the memory model
-/// of the shader language has it.
+/// `at` may be read for the type's size. Another thread may write meanwhile: the value is then any
+/// mix of old and new, as the memory model of the shader language has it.
 #[inline(always)]
 pub(super) unsafe fn read_scalar(at: *const u8, size_bytes: u32) -> u64 {
     // SAFETY: as the caller promises.

@@ -28,8 +28,8 @@ pub(super) fn allocate(function: &Function, liveness: &Liveness) -> Slots {
     let ranges: Vec<(Value, u32, u32)> = (liveness.by_start.iter())
         .filter_map(|&value| liveness.ranges[value.index()].map(|(start, end)| (value, start, end)))
         .collect();
-    // Rows of 32-bit lanes and pairs of rows lie apart, so that native code may compute one half of the lanes after the other: neither
-    // then overwrites what the other's half reads.
+    // Rows of 32-bit lanes and pairs of rows lie apart, so that native code may compute one half of
+    // the lanes after the other: neither then overwrites what the other's half reads.
     let mut free = [FreeRows::default(), FreeRows::default()];
     let mut ending = Ending::new(&ranges);
     for (index, &(value, start, end)) in ranges.iter().enumerate() {
@@ -62,8 +62,8 @@ pub(super) fn allocate(function: &Function, liveness: &Liveness) -> Slots {
     slots
 }
 
-/// By value: whose row it shares, where that row is free when the value is defined (see [`candidates`]). The other value's range
-/// covers its own.
+/// By value: whose row it shares, where that row is free when the value is defined (see
+/// [`candidates`]). The other value's range covers its own.
 fn coalesce(function: &Function, liveness: &Liveness) -> Vec<Option<Value>> {
     let mut into = vec![None; function.value_types.len()];
     let mut taken = vec![false; function.value_types.len()];

@@ -2,7 +2,8 @@
 
 use super::machine::{Handler, Instr, Machine};
 
-/// Something that performs an instruction; its `run` is inlined into a shell that has the tier's target features.
+/// Something that performs an instruction; its `run` is inlined into a shell that has the tier's
+/// target features.
 pub(super) trait Kernel {
     /// # Safety
     /// The instruction was emitted for this kernel, and the machine runs its program.

@@ -26,7 +26,8 @@ impl<'a> Sampling<'a> {
     pub unsafe fn new(tinted: &'a Tinted, environment: &'a Environment) -> Option<Self> {
         let address = |bound: &Bound| Entries::of(environment, &bound.binding).address(bound.index);
         let descriptors = (address(&tinted.image), address(&tinted.sampler));
-        // SAFETY: the addresses are of descriptors of the environment; for what they point to, the caller's promise.
+        // SAFETY: the addresses are of descriptors of the environment; for what they point to, the
+        // caller's promise.
         let fast = unsafe { resolve(environment, &tinted.op, tinted.wanted, descriptors) }?;
         Some(Self { tinted, fast })
     }
@@ -36,8 +37,8 @@ impl<'a> Sampling<'a> {
         self.fast.takes_derivatives()
     }
 
-    /// The texels at sixteen coordinates, of which those of `active` lanes are looked at: there are some. Components that the program does not want
-    /// are anything.
+    /// The texels at sixteen coordinates, of which those of `active` lanes are looked at: there are
+    /// some. Components that the program does not want are anything.
     ///
     /// # Safety
     /// As [`Self::new`].

@@ -1,4 +1,5 @@
-//! Suspending a wave into its subgroups' states, and resuming it: control rows are as [`plan`](crate::plan) has them.
+//! Suspending a wave into its subgroups' states, and resuming it: control rows are as
+//! [`plan`](crate::plan) has them.
 
 use lanes::LaneMask;
 
@@ -113,7 +114,8 @@ unsafe fn restore_values(m: &Machine<'_>, live: &Live) {
     }
 }
 
-/// The end of the prologue: the wave, whose states stand at one point as [`suspend`] or `Program::start` left them, goes on there.
+/// The end of the prologue: the wave, whose states stand at one point as [`suspend`] or
+/// `Program::start` left them, goes on there.
 pub(super) struct Resume;
 
 impl Kernel for Resume {
@@ -188,8 +190,8 @@ pub(super) fn blend(to: &mut Row, from: &Row, mask: LaneMask) {
     }
 }
 
-/// A yield: operands `x..` (count in `b`) go to the io rows, the first `c` from row 0, the others from [`IO_DATA_ROW`]; then the wave is
-/// suspended at point `y`.
+/// A yield: operands `x..` (count in `b`) go to the io rows, the first `c` from row 0, the others
+/// from [`IO_DATA_ROW`]; then the wave is suspended at point `y`.
 pub(super) struct Yield;
 
 impl Kernel for Yield {
@@ -250,8 +252,8 @@ impl Kernel for ReadIo {
     }
 }
 
-/// After a reported intersection: `d` is whether it was accepted; lanes whose search is over end. After a query's event, which ends none:
-/// whether there is a candidate.
+/// After a reported intersection: `d` is whether it was accepted; lanes whose search is over end.
+/// After a query's event, which ends none: whether there is a candidate.
 pub(super) struct ReadVerdict;
 
 impl Kernel for ReadVerdict {
@@ -276,7 +278,8 @@ impl Kernel for ReadVerdict {
     }
 }
 
-/// Writes outputs: operands `x..` (count in `b`) to the io rows from 0 in active lanes; without operands, zeros to `c` rows.
+/// Writes outputs: operands `x..` (count in `b`) to the io rows from 0 in active lanes; without
+/// operands, zeros to `c` rows.
 pub(super) struct WriteOutputs;
 
 impl Kernel for WriteOutputs {

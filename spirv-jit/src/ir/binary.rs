@@ -144,7 +144,7 @@ impl Encoder {
         }
     }
 
-    /// What stands before a construct's bodies.
+    /// The head of a construct, before its bodies.
     fn construct(&mut self, node: &Node) {
         match node {
             Node::Inst(inst) => self.inst(inst),

@@ -19,7 +19,7 @@ struct OpenConstruct {
     is_second: bool,
 }
 
-/// What the end of a body was the end of.
+/// The construct that the end of a body belongs to.
 pub(super) enum Ended {
     /// The first body of an `if`: the second one is open now.
     First,

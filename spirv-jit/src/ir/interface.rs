@@ -1,12 +1,14 @@
 //! The interface between vertex stage, fragment stage and rasterizer: rows of inputs and outputs,
 //! and facts of a fragment shader.
 //!
-//! The text form of each is one word with points in it; [`fmt::Display`] and [`std::str::FromStr`] are inverse to each other.
+//! The text form of each is one word with points in it; [`fmt::Display`] and [`std::str::FromStr`]
+//! are inverse to each other.
 
 use std::fmt;
 use std::str::FromStr;
 
-/// The standard locations of 1, 2, 4 or 8 samples, in sixteenths of a pixel from its corner (Vulkan, "Multisampling").
+/// The standard locations of 1, 2, 4 or 8 samples, in sixteenths of a pixel from its corner
+/// (Vulkan, "Multisampling").
 #[inline]
 pub fn sample_locations(samples: u32) -> &'static [[i32; 2]] {
     const EIGHT: [[i32; 2]; 8] = [
@@ -79,7 +81,8 @@ pub struct Barycentric {
 /// A word that a vertex or fragment invocation leaves at its end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum OutputRow {
-    /// A varying of the vertex stage; a colour of the fragment stage, `index` 1 for the second source of blending.
+    /// A varying of the vertex stage; a colour of the fragment stage, `index` 1 for the second
+    /// source of blending.
     Location {
         location: u16,
         component: u8,

@@ -1,63 +1,75 @@
 //! # The intermediate representation
 //!
-//! A [`Module`](module::Module) is a list of functions, the first of which is the entry. A function is a tree of
-//! structured control flow over scalar operations in SSA form, executed by all *lanes* of a wave together.
+//! A [`Module`](module::Module) is a list of functions, the first of which is the entry. A function
+//! is a tree of structured control flow over scalar operations in SSA form, executed by all *lanes*
+//! of a wave together.
 //!
 //! ## Values
 //!
-//! Every [`Value`] is a scalar (`i1`, `i8`, `i16`, `i32`, `i64`, `f16`, `f32`, `f64`) or a `descriptor`. Integers have no
-//! signedness; operations do. Vectors, matrices and aggregates do not exist: lowering takes them apart.
-//! A value has one definition, which dominates each use in tree order: a definition in a body is visible to the nodes after it
-//! in that body and to the bodies nested in them. **A value defined inside a construct (`block`, `loop`,
-//! `if`) is not visible after the construct**; what must leave it goes through the arguments of `br`.
+//! Every [`Value`] is a scalar (`i1`, `i8`, `i16`, `i32`, `i64`, `f16`, `f32`, `f64`) or a
+//! `descriptor`. Integers have no signedness; operations do. Vectors, matrices and aggregates do
+//! not exist: lowering takes them apart. A value has one definition, which dominates each use in
+//! tree order: a definition in a body is visible to the nodes after it in that body and to the
+//! bodies nested in them. **A value defined inside a construct (`block`, `loop`, `if`) is not
+//! visible after the construct**; what must leave it goes through the arguments of `br`.
 //!
 //! ## Descriptors
 //!
-//! A `descriptor` is an entry of a bound set, the push constants, or the null descriptor. Only `descriptor`, `descriptor_at` and
-//! `push_constants` give one, and they check what they are given; only buffer accesses, image operations, `buffer_size` and
-//! `descriptor_address` take one. It is no scalar: it cannot be a constant, be computed, chosen, converted, stored, sent to another lane, be a parameter
-//! or a result, or leave a construct. So whatever a module says, what is followed as a descriptor is one. A descriptor may be used after a
-//! yield: nothing keeps it meanwhile, it is looked up again from what it was made of. What must be a value like any other (a pointer
-//! that is chosen or stored, an image that is an argument) is a *reference*: an i64 that any arithmetic may make, since `descriptor_at` checks it
-//! (see [`environment::reference`](crate::environment::reference)).
+//! A `descriptor` is an entry of a bound set, the push constants, or the null descriptor. Only
+//! `descriptor`, `descriptor_at` and `push_constants` give one, and they check what they are given;
+//! only buffer accesses, image operations, `buffer_size` and `descriptor_address` take one. It is
+//! no scalar: it cannot be a constant, be computed, chosen, converted, stored, sent to another
+//! lane, be a parameter or a result, or leave a construct. So whatever a module says, what is
+//! followed as a descriptor is one. A descriptor may be used after a yield: nothing keeps it
+//! meanwhile, it is looked up again from what it was made of. What must be a value like any other
+//! (a pointer that is chosen or stored, an image that is an argument) is a *reference*: an i64 that
+//! any arithmetic may make, since `descriptor_at` checks it (see
+//! [`environment::reference`](crate::environment::reference)).
 //!
 //! ## Control flow
 //!
 //! * `block L -> (r…) { … }` runs its body; `br L(v…)` leaves it, defining `r…` after it.
-//! * `if c, L -> (r…) { … } else { … }` runs one body in the lanes where `c` holds and the other in the rest; both bodies leave by
-//!   `br L(v…)` (or another terminator).
-//! * `loop L(p… = v…) { … }` runs its body with the parameters `p…`; `br L(v…)` is the back-edge, which starts the next
-//!   iteration. A loop is left only by a `br` to an enclosing label, or `return`/`end`.
+//! * `if c, L -> (r…) { … } else { … }` runs one body in the lanes where `c` holds and the other in
+//!   the rest; both bodies leave by `br L(v…)` (or another terminator).
+//! * `loop L(p… = v…) { … }` runs its body with the parameters `p…`; `br L(v…)` is the back-edge,
+//!   which starts the next iteration. A loop is left only by a `br` to an enclosing label, or
+//!   `return`/`end`.
 //! * Each body ends in exactly one terminator: `br`, `return`, `end`, `unreachable`.
 //!
 //! ## Lanes and masks
 //!
-//! A lane that takes a `br` is *parked* at that label until every active lane of the wave has left the construct; then all lanes parked
-//! there go on together. This is the merge point, and it is explicit: reconvergence is maximal. `unreachable` parks
-//! lanes for ever, like `end` with all outputs zero. At a loop, the body runs again
-//! with the lanes that took the back-edge until there are none. `end(v…)` ends the invocation from any depth and any
-//! function; its operands are the invocation's output words. Operations have effects only in active lanes; pure operations may be
+//! A lane that takes a `br` is *parked* at that label until every active lane of the wave has left
+//! the construct; then all lanes parked there go on together. This is the merge point, and it is
+//! explicit: reconvergence is maximal. `unreachable` parks lanes for ever, like `end` with all
+//! outputs zero. At a loop, the body runs again with the lanes that took the back-edge until there
+//! are none. `end(v…)` ends the invocation from any depth and any function; its operands are the
+//! invocation's output words. Operations have effects only in active lanes; pure operations may be
 //! computed in any lane.
 //!
 //! ## Quads and helper invocations
 //!
-//! Four consecutive lanes are a *quad*: in the fragment stage, and in compute shaders that ask for it, two by two neighbours in the order (0, 0),
-//! (1, 0), (0, 1), (1, 1). `derivative_x`, `derivative_y` and `subgroup.quad_shuffle` look at the other lanes of the quad; one that is not
-//! active there has no value, and counts as equal to the lane that asks. So these operations depend on where they stand: they are not pure.
+//! Four consecutive lanes are a *quad*: in the fragment stage, and in compute shaders that ask for
+//! it, two by two neighbours in the order (0, 0), (1, 0), (0, 1), (1, 1). `derivative_x`,
+//! `derivative_y` and `subgroup.quad_shuffle` look at the other lanes of the quad; one that is not
+//! active there has no value, and counts as equal to the lane that asks. So these operations depend
+//! on where they stand: they are not pure.
 //!
-//! A lane of the fragment stage may be a *helper invocation*, from its start or since it executed `demote`, which cannot be taken back. A helper
-//! executes everything: it computes, loads, walks, suspends, and has neighbours. But its stores (other than to `private` memory and variables), its atomics and its
-//! writes to images change nothing, its atomics give 0 (except atomic loads), and operations across the subgroup other than `quad_shuffle` leave
-//! it out, unless the module requires full quads or all active lanes of the subgroup are helpers. Its outputs are unused. A lane
-//! that is killed executes `demote`, then `unreachable`.
+//! A lane of the fragment stage may be a *helper invocation*, from its start or since it executed
+//! `demote`, which cannot be taken back. A helper executes everything: it computes, loads, walks,
+//! suspends, and has neighbours. But its stores (other than to `private` memory and variables), its
+//! atomics and its writes to images change nothing, its atomics give 0 (except atomic loads), and
+//! operations across the subgroup other than `quad_shuffle` leave it out, unless the module
+//! requires full quads or all active lanes of the subgroup are helpers. Its outputs are unused. A
+//! lane that is killed executes `demote`, then `unreachable`.
 //!
 //! ## Arithmetic
 //!
-//! Integers wrap. Shifts use the count modulo the width. Division by zero gives zero for `udiv`/`sdiv` and the
-//! dividend for `urem`/`srem`/`smod`; `INT_MIN / -1` is `INT_MIN`, its remainder 0. Floating point is IEEE 754 binary, round to
-//! nearest even, denormals kept, one rounding per operation; `ffma` alone is fused. NaN payloads are unspecified. `fmin`/`fmax`
-//! return the operand that is a number if one is NaN, and order −0 below +0. Float to
-//! integer truncates, saturates, and NaN gives 0. The one definition of each is in [`crate::eval`].
+//! Integers wrap. Shifts use the count modulo the width. Division by zero gives zero for
+//! `udiv`/`sdiv` and the dividend for `urem`/`srem`/`smod`; `INT_MIN / -1` is `INT_MIN`, its
+//! remainder 0. Floating point is IEEE 754 binary, round to nearest even, denormals kept, one
+//! rounding per operation; `ffma` alone is fused. NaN payloads are unspecified. `fmin`/`fmax`
+//! return the operand that is a number if one is NaN, and order −0 below +0. Float to integer
+//! truncates, saturates, and NaN gives 0. The one definition of each is in [`crate::eval`].
 //!
 //! ## Memory
 //!
@@ -70,21 +82,25 @@
 //! | `buffer` | `descriptor, offset: i32` | bytes (unsigned) from the descriptor's address, bounds-checked against its size per scalar: reads outside give zero, writes are dropped |
 //! | `global` | `address: i64` | a device address, which is a host address: reads where the device has no memory give zero; each word of a load that is partly there may be zero |
 //!
-//! A load or store moves one or more consecutive scalars of one type, tightly packed (in `private`, consecutive rows). Booleans
-//! are not storable outside `private`. The row or offset of each scalar is computed modulo 2^32: an access of several scalars is the same as one
-//! access for each, whatever the address.
+//! A load or store moves one or more consecutive scalars of one type, tightly packed (in `private`,
+//! consecutive rows). Booleans are not storable outside `private`. The row or offset of each scalar
+//! is computed modulo 2^32: an access of several scalars is the same as one access for each,
+//! whatever the address.
 //!
-//! A `constant` load is from a uniform block, which nothing writes during a dispatch: it may be performed once for all invocations.
+//! A `constant` load is from a uniform block, which nothing writes during a dispatch: it may be
+//! performed once for all invocations.
 //!
-//! *Variables* are named per-lane memory of a function ([`Variable`](module::Variable)). `var.load`/`var.store` access a fixed row and are what
-//! promotion to SSA removes; `var.address` gives the row for dynamic `private` accesses and pins the variable in memory. Variables of the entry function
-//! marked `zero` start as zero; others start undefined (read as zero by promotion).
+//! *Variables* are named per-lane memory of a function ([`Variable`](module::Variable)).
+//! `var.load`/`var.store` access a fixed row and are what promotion to SSA removes; `var.address`
+//! gives the row for dynamic `private` accesses and pins the variable in memory. Variables of the
+//! entry function marked `zero` start as zero; others start undefined (read as zero by promotion).
 //!
 //! ## Yields
 //!
-//! `trace_ray`, `report_intersection`, `execute_callable`, `hit_object_*`, `reorder_thread` and `barrier` suspend the wave: see
-//! [`program::Event`](crate::state::Event). Their operands and results are 32-bit words. After those that SPIR-V calls invocation repack
-//! instructions a lane may be another one, of another subgroup.
+//! `trace_ray`, `report_intersection`, `execute_callable`, `hit_object_*`, `reorder_thread` and
+//! `barrier` suspend the wave: see [`program::Event`](crate::state::Event). Their operands and
+//! results are 32-bit words. After those that SPIR-V calls invocation repack instructions a lane
+//! may be another one, of another subgroup.
 
 pub mod binary;
 mod build;

@@ -17,7 +17,8 @@ pub struct Inst {
     pub source: u32,
 }
 
-/// A step of a body. Passes move steps about; bodies stay behind boxes, so that a step is no larger than an instruction.
+/// A step of a body. Passes move steps about; bodies stay behind boxes, so that a step is no larger
+/// than an instruction.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Node {
     Inst(Inst),
@@ -48,7 +49,8 @@ pub enum Terminator {
     Br(Label, Vec<Value>),
     /// Leave the function with its results.
     Return(Vec<Value>),
-    /// End the invocation: operands are its output words ([`Module::output_rows`] of them, each i32 or f32).
+    /// End the invocation: operands are its output words ([`Module::output_rows`] of them, each i32
+    /// or f32).
     End(Vec<Value>),
     Unreachable,
 }
@@ -67,7 +69,8 @@ pub struct Variable {
     pub name: String,
     /// Size in 32-bit rows.
     pub rows: u32,
-    /// Starts as zero each time the function is entered; otherwise its first contents are undefined.
+    /// Starts as zero each time the function is entered; otherwise its first contents are
+    /// undefined.
     pub zero: bool,
 }
 
@@ -98,8 +101,9 @@ pub enum InputRow {
     HitAttribute(u32),
     /// Word of the incoming callable data.
     CallableData(u32),
-    /// Vertex stage: a word of the attribute at a location, as a 32-bit number whatever its format's width. A component of 64 bits has two words, so
-    /// that such an attribute, which takes two locations if it has more than two components, has up to eight words at its first one.
+    /// Vertex stage: a word of the attribute at a location, as a 32-bit number whatever its
+    /// format's width. A component of 64 bits has two words, so that such an attribute, which takes
+    /// two locations if it has more than two components, has up to eight words at its first one.
     Attribute {
         location: u16,
         component: u8,
@@ -120,8 +124,9 @@ pub struct Module {
     pub inputs: Vec<InputRow>,
     /// The contents of ray query objects after their fixed rows (see [`crate::query`]).
     pub query_words: Vec<QueryWord>,
-    /// Words that `end` takes. By stage: any-hit: verdict (0 accept, 1 ignore, 2 accept and terminate the ray), then payload words; closest
-    /// hit and miss: payload words; callable: callable data words; intersection, ray generation and compute: none.
+    /// Words that `end` takes. By stage: any-hit: verdict (0 accept, 1 ignore, 2 accept and
+    /// terminate the ray), then payload words; closest hit and miss: payload words; callable:
+    /// callable data words; intersection, ray generation and compute: none.
     pub output_rows: u32,
     /// Vertex and fragment: what each of those words is.
     pub outputs: Vec<OutputRow>,
@@ -129,7 +134,8 @@ pub struct Module {
     pub fragment: Option<FragmentFacts>,
     /// Compute: the workgroup's size in invocations per dimension; otherwise ones.
     pub local_size: [u32; 3],
-    /// Compute: four consecutive lanes are two by two invocations of the workgroup, instead of four in a row.
+    /// Compute: four consecutive lanes are two by two invocations of the workgroup, instead of four
+    /// in a row.
     pub quads: bool,
     /// Compute: workgroup memory in bytes.
     pub shared_size_bytes: u32,

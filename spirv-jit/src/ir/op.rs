@@ -1,4 +1,5 @@
-//! The table of operations: name, text, signature, effect. Everything else about operations is derived from it.
+//! The table of operations: name, text, signature, effect. Everything else about operations is
+//! derived from it.
 
 use super::{FunctionId, VariableId};
 use crate::facts::Fact;
@@ -65,15 +66,18 @@ pub enum Signature {
     Other,
 }
 
-/// One list of the pure elementwise operations; `$m!` is invoked with rows `(Variant, text, Signature)`.
+/// One list of the pure elementwise operations; `$m!` is invoked with rows `(Variant, text,
+/// Signature)`.
 ///
-/// `eval::text` is the meaning of each. What takes them from here: the text form, signatures, folding and the interpreter's kernels.
+/// `eval::text` is the meaning of each. What takes them from here: the text form, signatures,
+/// folding and the interpreter's kernels.
 #[macro_export]
 macro_rules! elementwise_ops {
     ($m:ident) => {
         $m! {
-            // Integers. `*_hi` is the high half of the double-width product; bit positions count from 0; `find_*` gives all ones where
-            // there is none (SPIR-V FindILsb, FindSMsb, FindUMsb).
+            // Integers. `*_hi` is the high half of the double-width product; bit positions count
+            // from 0; `find_*` gives all ones where there is none (SPIR-V FindILsb, FindSMsb,
+            // FindUMsb).
             (IAdd, iadd, IntBinary)
             (ISub, isub, IntBinary)
             (IMul, imul, IntBinary)
@@ -109,8 +113,9 @@ macro_rules! elementwise_ops {
             (ULe, ule, IntCompare)
             (SLt, slt, IntCompare)
             (SLe, sle, IntCompare)
-            // Floats. `frem` has the dividend's sign, `fmod` the divisor's; `fround` goes half away from zero; `ffract` is x - floor(x);
-            // `fsign` is -1, ±0 or 1, +0 for NaN; ordered comparisons are false with a NaN, unordered ones true.
+            // Floats. `frem` has the dividend's sign, `fmod` the divisor's; `fround` goes half away
+            // from zero; `ffract` is x - floor(x); `fsign` is -1, ±0 or 1, +0 for NaN; ordered
+            // comparisons are false with a NaN, unordered ones true.
             (FAdd, fadd, FloatBinary)
             (FSub, fsub, FloatBinary)
             (FMul, fmul, FloatBinary)
@@ -151,7 +156,8 @@ macro_rules! elementwise_ops {
             (FLog2, flog2, FloatUnary)
             (FQuantizeF16, fquantize_f16, FloatUnary)
             (FFrexpMantissa, ffrexp_mantissa, FloatUnary)
-            // The same functions at less cost and with more error, as `eval::fast` bounds it for f32.
+            // The same functions at less cost and with more error, as `eval::fast` bounds it for
+            // f32.
             (FSinFast, fsin_fast, FloatUnary)
             (FCosFast, fcos_fast, FloatUnary)
             (FTanFast, ftan_fast, FloatUnary)
@@ -173,7 +179,8 @@ macro_rules! elementwise_ops {
             (FULe, fule, FloatCompare)
             (FIsNan, fis_nan, FloatTest)
             (FIsInf, fis_inf, FloatTest)
-            // Conversions: the operand's and the result's types say from what to what. `bitcast` keeps the width.
+            // Conversions: the operand's and the result's types say from what to what. `bitcast`
+            // keeps the width.
             (FToS, fto_s, FloatToInt)
             (FToU, fto_u, FloatToInt)
             (SToF, sto_f, IntToFloat)
@@ -202,7 +209,8 @@ enum Effect {
     Yield,
 }
 
-/// The other operations: `Variant(payload) "text" Effect`; in which rows an operation is all that its name says, and in which not.
+/// The other operations: `Variant(payload) "text" Effect`; in which rows an operation is all that
+/// its name says, and in which not.
 macro_rules! define_ops {
     ($(($variant:ident, $text:ident, $signature:ident))*) => {
         define_ops! {
@@ -212,7 +220,8 @@ macro_rules! define_ops {
             Select "select" Pure;
             /// `(T, i32) -> T`: ldexp, T float.
             FLdexp "fldexp" Pure;
-            /// `(base, insert, offset: i32, count: i32) -> T`, T integer; the bits above the width are never touched.
+            /// `(base, insert, offset: i32, count: i32) -> T`, T integer; the bits above the width
+            /// are never touched.
             BitfieldInsert "bitfield_insert" Pure;
             /// `(base, offset: i32, count: i32) -> T`.
             BitfieldSExtract "bitfield_sextract" Pure;
@@ -224,16 +233,18 @@ macro_rules! define_ops {
             Unpack64 "unpack64" Pure;
             /// `(descriptor) -> i32`: size in bytes of what a buffer descriptor covers, saturated.
             BufferSize "buffer_size" Read;
-            /// `(reference: i64) -> descriptor`: what a reference names; the null descriptor for a number that is none.
+            /// `(reference: i64) -> descriptor`: what a reference names; the null descriptor for a
+            /// number that is none.
             DescriptorAt "descriptor_at" Pure;
             /// `() -> descriptor`: the descriptor that covers the push constants.
             PushConstants "push_constants" Pure;
-            /// `(descriptor) -> i64`: the descriptor's address field (an acceleration structure's device address).
+            /// `(descriptor) -> i64`: the descriptor's address field (an acceleration structure's
+            /// device address).
             DescriptorAddress "descriptor_address" Read;
             /// `() -> i32`: the lane's index in its subgroup, 0..16.
             LaneIndex "lane_index" Read;
-            /// `(T) -> T`, T float: the difference between the two lanes of the quad that are side by side, second less first; 0 unless both are
-            /// active.
+            /// `(T) -> T`, T float: the difference between the two lanes of the quad that are side
+            /// by side, second less first; 0 unless both are active.
             DerivativeX "derivative_x" Read;
             /// The same between the two lanes one above the other.
             DerivativeY "derivative_y" Read;
@@ -249,14 +260,16 @@ macro_rules! define_ops {
             ReportIntersection "report_intersection" Yield;
             /// `(index: i32, data words…) -> (data words…)`.
             ExecuteCallable "execute_callable" Yield;
-            /// Runs the closest-hit or miss shader of a hit object: `(hit object words, payload…) -> (payload…)`.
+            /// Runs the closest-hit or miss shader of a hit object: `(hit object words, payload…)
+            /// -> (payload…)`.
             HitObjectExecute "hit_object_execute" Yield;
-            /// `(hint, bits, hit object's kind or ones, its record index) -> ()`: may move the lane to another subgroup.
+            /// `(hint, bits, hit object's kind or ones, its record index) -> ()`: may move the lane
+            /// to another subgroup.
             ReorderThread "reorder_thread" Yield;
             /// `() -> ()`: waits for all invocations of the workgroup.
             Barrier "barrier" Yield;
-            /// `(row: i32) -> i1`: advances the ray query whose object starts at that row of private memory, and rewrites the object; false
-            /// when the walk is over.
+            /// `(row: i32) -> i1`: advances the ray query whose object starts at that row of
+            /// private memory, and rewrites the object; false when the walk is over.
             RayQueryProceed "ray_query_proceed" Yield;
             }
             with {
@@ -268,23 +281,28 @@ macro_rules! define_ops {
             VarStore(VariableId, u32) "var.store" Change;
             /// `() -> i32`: the variable's first row in private memory.
             VarAddress(VariableId) "var.address" Pure;
-            /// `(index: i32) -> (i32 | f32, …)`: consecutive words, at most [`MAX_TABLE_RESULTS`], of one of the function's
-            /// [tables](super::Function::tables); zeros from its end on.
+            /// `(index: i32) -> (i32 | f32, …)`: consecutive words, at most [`MAX_TABLE_RESULTS`],
+            /// of one of the function's [tables](super::Function::tables); zeros from its end on.
             Table(u32) "table" Pure;
             /// `(address…) -> (T, …)`: consecutive scalars of the results' type.
             Load(Access) "load" Read;
             /// `(address…, T, …) -> ()`.
             Store(Access) "store" Change;
-            /// `(address…, operand…) -> T`: returns the old value. Operands: none for load (result only), one for most, (value, comparator)
-            /// for compare-exchange; `Store` has one operand and no result.
+            /// `(address…, operand…) -> T`: returns the old value. Operands: none for load (result
+            /// only), one for most, (value, comparator) for compare-exchange; `Store` has one
+            /// operand and no result.
             Atomic(AtomicOp, Access) "atomic" Change;
-            /// `(index: i32) -> descriptor`: an entry of a binding; an index past the binding's end gives the null descriptor.
+            /// `(index: i32) -> descriptor`: an entry of a binding; an index past the binding's end
+            /// gives the null descriptor.
             Descriptor(DescriptorBinding) "descriptor" Pure;
-            /// `(index: i32) -> i64`: the [reference](crate::environment::reference) to what `Descriptor` gives.
+            /// `(index: i32) -> i64`: the [reference](crate::environment::reference) to what
+            /// `Descriptor` gives.
             DescriptorReference(DescriptorBinding) "descriptor_reference" Pure;
-            /// `() -> i32 | f32`: a row of the invocation's input record ([`Module::inputs`](super::Module::inputs)).
+            /// `() -> i32 | f32`: a row of the invocation's input record
+            /// ([`Module::inputs`](super::Module::inputs)).
             Input(u32) "input" Pure;
-            /// `() -> i32`: a word that is the same in the whole dispatch ([`Environment::uniforms`](crate::environment::Environment::uniforms)).
+            /// `() -> i32`: a word that is the same in the whole dispatch
+            /// ([`Environment::uniforms`](crate::environment::Environment::uniforms)).
             Uniform(u32) "uniform" Pure;
             /// Image operations: operands and results at [`ImageOp`](crate::image::ImageOp).
             Image(crate::image::ImageOp) "image" Read;
@@ -292,9 +310,10 @@ macro_rules! define_ops {
             Subgroup(SubgroupOp) "subgroup" Read;
             /// `(params…) -> (results…)`.
             Call(FunctionId) "call" Change;
-            /// `(structure: 2 words, flags, cull_mask, sbt_offset, sbt_stride, miss_index, origin x y z, t_min, direction x y z, t_max, (time,)
-            /// payload…) -> (payload…)`; each word i32 or f32. To a hit object no closest-hit or miss shader runs, and the results begin with
-            /// the words that [`TRACED`](crate::hit_object::TRACED) lists.
+            /// `(structure: 2 words, flags, cull_mask, sbt_offset, sbt_stride, miss_index, origin x
+            /// y z, t_min, direction x y z, t_max, (time,) payload…) -> (payload…)`; each word i32
+            /// or f32. To a hit object no closest-hit or miss shader runs, and the results begin
+            /// with the words that [`TRACED`](crate::hit_object::TRACED) lists.
             TraceRay(Trace) "" Yield;
             /// A fact that the scheduler has about a hit: `(9 words) -> (words…)`, see
             /// [`Fact`](crate::facts::Fact).
@@ -309,7 +328,8 @@ macro_rules! define_ops {
             $($(#[$doc:meta])* $with:ident($($payload:ty),*) $with_text:literal $effect:ident;)*
         }
     ) => {
-        /// An operation. The elementwise ones come from [`elementwise_ops!`](crate::elementwise_ops); the rest say what they take.
+        /// An operation. The elementwise ones come from
+        /// [`elementwise_ops!`](crate::elementwise_ops); the rest say what they take.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
         pub enum Op {
             $(#[doc = stringify!($text)] $variant,)*
@@ -364,12 +384,15 @@ elementwise_ops!(define_ops);
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Access {
     pub space: Space,
-    /// Must be performed as written, neither merged nor moved (`Volatile`, or atomic ordering with other invocations).
+    /// Must be performed as written, neither merged nor moved (`Volatile`, or atomic ordering with
+    /// other invocations).
     pub volatile: bool,
-    /// A load from a uniform block: nothing writes that during a dispatch, as it is read-only, and no other variable leads to it unless it
-    /// is decorated with `Aliased` (SPIR-V, section 2.18.2).
+    /// A load from a uniform block: nothing writes that during a dispatch, as it is read-only, and
+    /// no other variable leads to it unless it is decorated with `Aliased` (SPIR-V, section
+    /// 2.18.2).
     pub constant: bool,
-    /// log₂ of what a device address must be a multiple of, where that is to be checked; 0 asks nothing.
+    /// log₂ of what a device address must be a multiple of, where that is to be checked; 0 asks
+    /// nothing.
     pub alignment: u8,
 }
 
@@ -390,15 +413,18 @@ impl Access {
 pub struct DescriptorBinding {
     /// Set number.
     pub set: u32,
-    /// First descriptor of the binding in the set (or, if `dynamic`, in the bind point's array of dynamic descriptors).
+    /// First descriptor of the binding in the set (or, if `dynamic`, in the bind point's array of
+    /// dynamic descriptors).
     pub first: u32,
-    /// Descriptors in the binding; `u32::MAX` = the count is the set's own (variable descriptor count).
+    /// Descriptors in the binding; `u32::MAX` = the count is the set's own (variable descriptor
+    /// count).
     pub count: u32,
     /// A dynamic uniform or storage buffer.
     pub dynamic: bool,
 }
 
-/// Operations across the 16 lanes of a subgroup; only active lanes take part, and helper invocations as the [module's prose](super) says.
+/// Operations across the 16 lanes of a subgroup; only active lanes take part, and helper
+/// invocations as the [module's prose](super) says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum SubgroupOp {
     /// `() -> i1`: true in the lowest active lane.
@@ -413,7 +439,8 @@ pub enum SubgroupOp {
     Ballot,
     /// `(T, lane: i32) -> T`: the value of another lane; 0 if it is out of range.
     Shuffle,
-    /// `(T, lane: i32) -> T`: the value of another lane of the quad, helper or not; the lane's own where that one is not active.
+    /// `(T, lane: i32) -> T`: the value of another lane of the quad, helper or not; the lane's own
+    /// where that one is not active.
     QuadShuffle,
     /// `(T) -> T`: of the lowest active lane.
     BroadcastFirst,
@@ -425,7 +452,8 @@ pub enum SubgroupOp {
     ExclusiveScan(ReduceOp),
     /// `(T) -> i32`: bit per active lane with the same bits.
     Match,
-    /// `(T, lanes: i32) -> T` over the active lanes whose bit is set: each lane has the bits of its own part.
+    /// `(T, lanes: i32) -> T` over the active lanes whose bit is set: each lane has the bits of its
+    /// own part.
     PartitionedReduce(ReduceOp),
     /// `(T, lanes: i32) -> T`.
     PartitionedInclusiveScan(ReduceOp),
@@ -457,8 +485,9 @@ impl Op {
         self.effect() == Effect::Yield
     }
 
-    /// Has no effect but its results and gives the same ones for the same operands anywhere in the invocation: may be
-    /// merged, moved to a dominating place, computed in inactive lanes, or removed.
+    /// Has no effect but its results and gives the same ones for the same operands anywhere in the
+    /// invocation: may be merged, moved to a dominating place, computed in inactive lanes, or
+    /// removed.
     pub fn is_pure(&self) -> bool {
         self.effect() == Effect::Pure
     }

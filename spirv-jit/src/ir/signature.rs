@@ -26,7 +26,8 @@ pub(super) fn check_operation(module: &Module, function: &Function, inst: &Inst)
     check_other(module, function, &inst.op, &args, &results)
 }
 
-/// Descriptors are where an operation says so, and nowhere else: what follows needs to know nothing of them.
+/// Descriptors are where an operation says so, and nowhere else: what follows needs to know nothing
+/// of them.
 fn check_descriptors(op: &Op, args: &[Type], results: &[Type]) -> Checked {
     let taken = op.descriptor_operands();
     for (index, &ty) in args.iter().enumerate() {
@@ -397,7 +398,8 @@ fn check_image(op: &ImageOp, args: &[Type], results: &[Type]) -> Checked {
         expected.push(Descriptor);
     }
     if !query {
-        // SPIR-V gives a level-of-detail query no layer, and an application may ask for one all the same.
+        // SPIR-V gives a level-of-detail query no layer, and an application may ask for one all the
+        // same.
         let coordinates = match op.kind {
             Kind::QueryLod if args.len() == 2 + op.spatial_count() => op.spatial_count(),
             _ => op.coordinate_count(),

@@ -18,7 +18,8 @@ pub enum Stage {
     Fragment,
 }
 
-/// Built-in inputs that arrive per lane in the input record. 32-bit words each; vectors and matrices (column-major) by component.
+/// Built-in inputs that arrive per lane in the input record. 32-bit words each; vectors and
+/// matrices (column-major) by component.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Builtin {
     /// 3 words.
@@ -92,8 +93,9 @@ pub enum Builtin {
     AttachmentLayer,
     /// 1 word: samples of the attachments.
     SampleCount,
-    /// 9 f32 each: at the pixel's centre, the three planes whose quotients by their sum are perspective-correct barycentric coordinates, or
-    /// that are the linear ones; then their derivatives in x, then in y.
+    /// 9 f32 each: at the pixel's centre, the three planes whose quotients by their sum are
+    /// perspective-correct barycentric coordinates, or that are the linear ones; then their
+    /// derivatives in x, then in y.
     PerspectivePlanes,
     LinearPlanes,
 }
@@ -122,7 +124,8 @@ impl Builtin {
         }
     }
 
-    /// The fact that a built-in of hit shaders is, in the words of which it has as many as it needs.
+    /// The fact that a built-in of hit shaders is, in the words of which it has as many as it
+    /// needs.
     pub fn fact(self) -> Option<Fact> {
         Some(match self {
             Builtin::PrimitiveId => Fact::PrimitiveIndex,

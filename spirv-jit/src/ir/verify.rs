@@ -1,5 +1,5 @@
-//! The verifier: what every module must satisfy between passes. A module that passes here can be printed, parsed, optimised and run
-//! without further checks.
+//! The verifier: what every module must satisfy between passes. A module that passes here can be
+//! printed, parsed, optimised and run without further checks.
 
 use super::interface::{VaryingMode, VaryingPlace};
 use super::signature::check_operation;
@@ -22,9 +22,9 @@ const MAX_LOCATION_WORDS: u8 = 8;
 /// Words that an invocation may leave.
 const MAX_OUTPUT_ROWS: u32 = 1 << 15;
 
-/// Checks a module against the rules of the [module's prose](super): types by operation, descriptors where they
-/// may be, visibility of values, labels that enclose their `br`, terminators, bounds of variables, what the stage
-/// has, no recursion.
+/// Checks a module against the rules of the [module's prose](super): types by operation,
+/// descriptors where they may be, visibility of values, labels that enclose their `br`,
+/// terminators, bounds of variables, what the stage has, no recursion.
 ///
 /// # Errors
 /// One sentence that names the function, the place and the rule.
@@ -312,7 +312,8 @@ impl<'a> Verifier<'a> {
     }
 }
 
-/// Input rows and words of ray queries are such that there are; rows that the rasterizer fills are in its stages alone.
+/// Input rows and words of ray queries are such that there are; rows that the rasterizer fills are
+/// in its stages alone.
 fn check_inputs(module: &Module) -> Result<(), String> {
     let fits = module.inputs.iter().all(|row| match row {
         InputRow::Builtin(builtin, word) => *word < builtin.words(),

@@ -5,7 +5,7 @@
 use super::build::{BodyBuilder, Ended};
 use super::{Body, Inst, Label, Node, Terminator, Value};
 
-/// What comes next on the way through a body and those inside.
+/// The next step on the way through a body and those inside.
 #[derive(Clone, Copy)]
 pub enum Step<'b> {
     Inst(&'b Inst),

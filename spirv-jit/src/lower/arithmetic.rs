@@ -335,7 +335,8 @@ impl Lowerer<'_> {
         self.define_typed(instruction, vec![elements])
     }
 
-    /// `OpSDot` and its kin: integer products, widened, summed, and in the `AccSat` forms added with saturation.
+    /// `OpSDot` and its kin: integer products, widened, summed, and in the `AccSat` forms added
+    /// with saturation.
     pub(super) fn lower_integer_dot(&mut self, instruction: &Instruction) -> Result<(), Error> {
         let operands = self.module.operands(instruction);
         let (a_signed, b_signed) = match instruction.opcode {

@@ -1,4 +1,5 @@
-//! Builds one IR function: appends typed operations to the body that is open, and keeps what belongs to the function's head.
+//! Builds one IR function: appends typed operations to the body that is open, and keeps what
+//! belongs to the function's head.
 
 use foldhash::{HashMap, HashSet};
 
@@ -115,7 +116,8 @@ impl Builder {
         self.nodes.push(node);
     }
 
-    /// Opens the function's prologue instead of the open body, which [`Self::leave_prologue`] takes back.
+    /// Opens the function's prologue instead of the open body, which [`Self::leave_prologue`] takes
+    /// back.
     pub fn enter_prologue(&mut self) -> Vec<Node> {
         self.prologue_depth += 1;
         if self.prologue_depth > 1 {

@@ -1,9 +1,11 @@
 //! Function calls: lowered in place, or to a function of the IR.
 //!
-//! In place, logical pointers stay known and memory of the caller stays promotable, so that is what happens to functions that are small or
-//! called once. A large function with several call sites becomes a function of the IR, else code could double with each level of calls. It
-//! takes what it may touch by value and gives it back: the pointees of pointers to per-lane memory, and variables of the module that it or its
-//! callees name. Where two of those could be the same memory, the call is lowered in place after all.
+//! In place, logical pointers stay known and memory of the caller stays promotable, so that is what
+//! happens to functions that are small or called once. A large function with several call sites
+//! becomes a function of the IR, else code could double with each level of calls. It takes what it
+//! may touch by value and gives it back: the pointees of pointers to per-lane memory, and variables
+//! of the module that it or its callees name. Where two of those could be the same memory, the call
+//! is lowered in place after all.
 
 use foldhash::HashMap;
 use std::collections::BTreeSet;
@@ -186,7 +188,7 @@ impl Lowerer<'_> {
         Ok(self.summaries[&function].clone())
     }
 
-    /// What a function does whose callees have summaries.
+    /// The effects of a function whose callees have summaries.
     fn summarize(&self, function: Id) -> Result<Summary, Error> {
         let module = self.module;
         let Some(&index) = module.function_index.get(&function) else {

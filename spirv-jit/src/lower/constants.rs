@@ -16,7 +16,7 @@ pub(super) struct Constant {
     pub contents: Contents,
 }
 
-/// What a constant is made of.
+/// The parts of a constant.
 #[derive(Clone, Debug)]
 pub(super) enum Contents {
     /// The null constant, and undefined values.

@@ -66,7 +66,8 @@ impl Lowerer<'_> {
         self.define_typed(instruction, values)
     }
 
-    /// A narrower float that is no larger in magnitude: the nearest one, or the one before it. Magnitudes are ordered like their bits.
+    /// A narrower float that is no larger in magnitude: the nearest one, or the one before it.
+    /// Magnitudes are ordered like their bits.
     fn convert_toward_zero(&mut self, x: Value, ty: Type) -> Result<Value, Error> {
         let nearest = self.b.emit(ir::Op::FConvert, &[x], ty)?;
         let back = self.b.emit(ir::Op::FConvert, &[nearest], self.b.ty(x))?;

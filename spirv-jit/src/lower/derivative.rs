@@ -23,7 +23,8 @@ pub(super) fn is_derivative(opcode: Op) -> bool {
 }
 
 impl Lowerer<'_> {
-    /// Whether the entry point has quads, and whether they are two by two invocations of its workgroup (instead of four in a row).
+    /// Whether the entry point has quads, and whether they are two by two invocations of its
+    /// workgroup (instead of four in a row).
     pub(super) fn derivative_group(&self) -> Option<bool> {
         if self.request.stage == Stage::Fragment {
             return Some(true);
@@ -71,8 +72,8 @@ impl Lowerer<'_> {
         self.b.emit_one(op, &[value], ty)
     }
 
-    /// The derivatives of coordinates that an implicit level of detail follows from: all of x, then of y. A bias of n is a footprint 2ⁿ
-    /// times as large.
+    /// The derivatives of coordinates that an implicit level of detail follows from: all of x, then
+    /// of y. A bias of n is a footprint 2ⁿ times as large.
     pub(super) fn gradients(
         &mut self,
         coordinates: &[Value],

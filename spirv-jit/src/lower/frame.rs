@@ -41,12 +41,12 @@ pub(super) struct OpenBody {
     /// The step that comes next, and the instruction in it.
     pub(super) step: usize,
     pub(super) instruction: usize,
-    /// What stands before it in the body of the IR around it.
+    /// The nodes before it in the body of the IR around it.
     pub(super) nodes: Vec<Node>,
     pub(super) after: After,
 }
 
-/// What becomes of a body at its end.
+/// The action at the end of a body.
 pub(super) enum After {
     /// It is the entry's.
     Entry,

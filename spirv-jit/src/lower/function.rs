@@ -325,7 +325,7 @@ impl<'a> Lowerer<'a> {
                 return Err(self.b.invalid("a phi lacks a predecessor"));
             };
             if self.is_large(instruction.result_type) {
-                // What a phi gives is a copy, so that this is no other phi's source.
+                // The result of a phi is a copy, so that this is no other phi's source.
                 let phi = self.large_phi(instruction.result, instruction.result_type)?;
                 self.fill_from(phi, source)?;
                 continue;
@@ -623,7 +623,8 @@ impl<'a> Lowerer<'a> {
         Ok(ty)
     }
 
-    /// Per-lane memory for a variable of a type: structures are split by member, so that a computed index into one pins only that one.
+    /// Per-lane memory for a variable of a type: structures are split by member, so that a computed
+    /// index into one pins only that one.
     pub(super) fn new_local(&mut self, name: &str, ty: Id) -> Result<usize, Error> {
         let mut parts = Vec::new();
         let rows = self.types.info(ty)?.rows;

@@ -1,4 +1,5 @@
-//! Extended instructions: GLSL.std.450 as operations of the IR; sets that only inform are passed over.
+//! Extended instructions: GLSL.std.450 as operations of the IR; sets that only inform are passed
+//! over.
 
 use rspirv::spirv::GlslStd450Op as GLOp;
 
@@ -203,7 +204,8 @@ impl Lowerer<'_> {
         }
     }
 
-    /// A power by squaring: within three units in the last place for exponents up to 5, where Vulkan allows what `exp2(n * log2(x))` may lose.
+    /// A power by squaring: within three units in the last place for exponents up to 5, where
+    /// Vulkan allows what `exp2(n * log2(x))` may lose.
     fn multiplied(&mut self, x: Value, n: u32) -> Result<Value, Error> {
         let mut square = x;
         let mut power = None;
@@ -271,7 +273,8 @@ impl Lowerer<'_> {
         }
     }
 
-    /// The exponent as i32: one of 64 bits is clamped to what makes every float 0 or infinite anyway.
+    /// The exponent as i32: one of 64 bits is clamped to what makes every float 0 or infinite
+    /// anyway.
     fn ldexp_exponent(&mut self, exponent: Value) -> Result<Value, Error> {
         let mut exponent = exponent;
         if self.b.ty(exponent) == Type::I64 {
@@ -492,7 +495,8 @@ impl Lowerer<'_> {
         }
     }
 
-    /// `eta * i - (eta * dot(n, i) + sqrt(k)) * n` where `k = 1 - eta² (1 - dot(n, i)²)`; zero for negative k.
+    /// `eta * i - (eta * dot(n, i) + sqrt(k)) * n` where `k = 1 - eta² (1 - dot(n, i)²)`; zero for
+    /// negative k.
     fn refract(
         &mut self,
         ty: Type,

@@ -1,4 +1,5 @@
-//! Hit objects and reordering (`SPV_EXT_shader_invocation_reorder`, `SPV_NV_shader_invocation_reorder`).
+//! Hit objects and reordering (`SPV_EXT_shader_invocation_reorder`,
+//! `SPV_NV_shader_invocation_reorder`).
 
 mod record;
 
@@ -226,7 +227,8 @@ impl Lowerer<'_> {
             .collect()
     }
 
-    /// Operands: structure, flags, cull mask, SBT offset and stride, miss index, origin, t_min, direction, t_max, (time,) payload.
+    /// Operands: structure, flags, cull mask, SBT offset and stride, miss index, origin, t_min,
+    /// direction, t_max, (time,) payload.
     fn hit_object_trace(
         &mut self,
         pointer: &Pointer,

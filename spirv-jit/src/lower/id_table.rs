@@ -43,7 +43,8 @@ impl<T> IdTable<T> {
         self.items.len()
     }
 
-    /// Forgets what was put in since the table had that length. Ids that were replaced meanwhile are forgotten as well.
+    /// Forgets what was put in since the table had that length. Ids that were replaced meanwhile
+    /// are forgotten as well.
     pub fn truncate(&mut self, length: usize) {
         for (id, _) in self.items.drain(length..) {
             self.places[id as usize] = 0;

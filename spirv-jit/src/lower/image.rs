@@ -404,7 +404,8 @@ impl Lowerer<'_> {
         self.define_texel(instruction, values)
     }
 
-    /// The texel of an input attachment: the fragment's own, moved by an offset, in the layer that is drawn to.
+    /// The texel of an input attachment: the fragment's own, moved by an offset, in the layer that
+    /// is drawn to.
     fn attachment_coordinates(&mut self, offset: Id) -> Result<Vec<Value>, Error> {
         if self.request.stage != Stage::Fragment {
             return Err(self
@@ -544,7 +545,8 @@ impl Lowerer<'_> {
     }
 }
 
-/// The `VkFormat` of a SPIR-V image format (Vulkan specification, appendix Vulkan Environment for SPIR-V, table of compatibility).
+/// The `VkFormat` of a SPIR-V image format (Vulkan specification, appendix Vulkan Environment for
+/// SPIR-V, table of compatibility).
 fn declared_format(format: u32) -> Format {
     use spirv::ImageFormat as F;
     Format(match spirv::ImageFormat::from_u32(format) {

@@ -43,7 +43,8 @@ impl Lowerer<'_> {
             }
             Op::ExtInst | Op::ExtInstWithForwardRefsKHR => self.lower_extended(instruction),
             Op::AssumeTrueKHR => Ok(()),
-            // Invocations that the interlock keeps apart are never in one wave (`FragmentFacts::interlock`).
+            // Invocations that the interlock keeps apart are never in one wave
+            // (`FragmentFacts::interlock`).
             Op::BeginInvocationInterlockEXT | Op::EndInvocationInterlockEXT => {
                 self.b.emit_effect(ir::Op::MemoryBarrier, &[])
             }

@@ -1,7 +1,9 @@
-//! The entry's variables: what comes in with an invocation, what leaves with it, and how payloads, attributes and callable data are words.
+//! The entry's variables: what comes in with an invocation, what leaves with it, and how payloads,
+//! attributes and callable data are words.
 //!
-//! A scalar of 32 bits is a word, of 64 bits two (low first), a narrower one or a boolean the low bits of one; aggregates are their scalars in
-//! order. Caller and callee agree because both derive it from the same declaration.
+//! A scalar of 32 bits is a word, of 64 bits two (low first), a narrower one or a boolean the low
+//! bits of one; aggregates are their scalars in order. Caller and callee agree because both derive
+//! it from the same declaration.
 
 use rspirv::spirv::{BuiltIn, Decoration, StorageClass};
 
@@ -58,12 +60,14 @@ impl Lowerer<'_> {
             .min()
     }
 
-    /// Whether the entry point may use a variable. Before SPIR-V 1.4 only inputs and outputs are listed.
+    /// Whether the entry point may use a variable. Before SPIR-V 1.4 only inputs and outputs are
+    /// listed.
     pub(super) fn is_listed(&self, id: Id) -> bool {
         self.module.version < (1, 4) || self.entry.interface.contains(&id)
     }
 
-    /// `RayTmaxKHR` of an intersection shader shrinks with each hit that it reports (SPIR-V's `Volatile` decoration says so).
+    /// `RayTmaxKHR` of an intersection shader shrinks with each hit that it reports (SPIR-V's
+    /// `Volatile` decoration says so).
     fn declare_ray_tmax(&mut self) -> Result<(), Error> {
         let is_ray_tmax = |id: &Id| {
             let built_in = self.module.annotations.id(*id, Decoration::BuiltIn);
@@ -88,7 +92,8 @@ impl Lowerer<'_> {
         Ok(rows as u32)
     }
 
-    /// Per-lane memory of a module variable; its first contents are stored in the function's prologue.
+    /// Per-lane memory of a module variable; its first contents are stored in the function's
+    /// prologue.
     pub(super) fn module_local(&mut self, id: Id) -> Result<usize, Error> {
         if let Some(&local) = self.module_locals.get(&id) {
             return Ok(local);
@@ -218,7 +223,8 @@ impl Lowerer<'_> {
         Ok(Terminator::End(words))
     }
 
-    /// Gives each variable of workgroup memory that the entry may use its place. Blocks with an explicit layout share theirs.
+    /// Gives each variable of workgroup memory that the entry may use its place. Blocks with an
+    /// explicit layout share theirs.
     fn place_shared(&mut self) -> Result<(), Error> {
         if self.request.stage != Stage::Compute {
             return Ok(());
@@ -253,7 +259,8 @@ impl Lowerer<'_> {
         Ok(())
     }
 
-    /// Workgroup memory with a (null) initializer is cleared by all invocations together before the shader starts.
+    /// Workgroup memory with a (null) initializer is cleared by all invocations together before the
+    /// shader starts.
     fn clear_shared(&mut self) -> Result<(), Error> {
         let initialized = |id: &Id| self.variables[id].initializer.is_some();
         if !self.shared.keys().any(initialized) {

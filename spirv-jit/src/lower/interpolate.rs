@@ -1,6 +1,7 @@
 //! `interpolateAt*`: a varying elsewhere in the pixel than decorated.
 //!
-//! The result is the sum of the vertices' values, weighted by barycentric coordinates at the place that is asked for.
+//! The result is the sum of the vertices' values, weighted by barycentric coordinates at the place
+//! that is asked for.
 
 use rspirv::spirv::GlslStd450Op as GLOp;
 
@@ -125,7 +126,8 @@ impl Lowerer<'_> {
         Ok(weights)
     }
 
-    /// Where a sample lies, from the pixel's centre: four bits a sample of a word that the number of samples selects.
+    /// Where a sample lies, from the pixel's centre: four bits a sample of a word that the number
+    /// of samples selects.
     fn sample_offset(&mut self, sample: Id) -> Result<[Value; 2], Error> {
         let sample = self.scalar(sample)?;
         let sample = self.b.i32_of(sample, false)?;

@@ -1,5 +1,5 @@
-//! Where scalars lie in memory that others see: explicit layouts (`Offset`, `ArrayStride`, `MatrixStride`, `RowMajor`), and natural
-//! alignment where a module gives none (workgroup memory).
+//! Where scalars lie in memory that others see: explicit layouts (`Offset`, `ArrayStride`,
+//! `MatrixStride`, `RowMajor`), and natural alignment where a module gives none (workgroup memory).
 
 use rspirv::spirv::Decoration;
 
@@ -19,7 +19,7 @@ pub(super) struct Layout<'a> {
 }
 
 impl Layout<'_> {
-    /// What the decoration of an array, or of a pointer into one, says of its elements.
+    /// The stride that the decoration of an array, or of a pointer into one, gives to its elements.
     fn given_stride(&self, id: Id) -> Option<u64> {
         let given = self.annotations.id(id, Decoration::ArrayStride);
         given.filter(|_| self.has_strides).map(u64::from)
@@ -101,10 +101,10 @@ impl Layout<'_> {
 
     /// The scalars of a value in memory with their byte offsets, in the order of [`Types::leaves`].
     pub fn leaves(&self, id: Id, shape: Shape) -> Result<Vec<(Type, u64)>, Error> {
-        /// What is left to do, last first.
+        /// The remaining work, last first.
         enum Work {
             Type(Id, Shape, u64),
-            /// What stands there from a place on, so many times more, so many bytes apart.
+            /// The contents from a place on, so many times more, so many bytes apart.
             Repeat(usize, u32, u64),
         }
         let count = self.types.leaves(id)?.len();

@@ -116,7 +116,8 @@ impl Lowerer<'_> {
         self.b.binary(ir::Op::FSub, left, right)
     }
 
-    /// The determinant of a square matrix without some rows and columns, by expansion along the first column left.
+    /// The determinant of a square matrix without some rows and columns, by expansion along the
+    /// first column left.
     fn minor(&mut self, m: &Matrix, rows: &[usize], columns: &[usize]) -> Result<Value, Error> {
         match *rows {
             [row] => Ok(m.at(row, columns[0])),

@@ -15,7 +15,8 @@ use crate::parse::{Id, Instruction, opcode_name};
 /// Scalars that one load or store moves at most.
 const MAX_RUN: usize = 16;
 
-/// Consecutive scalars of one type: index of the first in the value, offset (bytes or rows) of the first in memory.
+/// Consecutive scalars of one type: index of the first in the value, offset (bytes or rows) of the
+/// first in memory.
 struct Run {
     first: usize,
     count: usize,
@@ -23,7 +24,8 @@ struct Run {
     offset: u64,
 }
 
-/// Puts scalars that follow each other in memory together. `step` is a scalar's size in the memory's unit.
+/// Puts scalars that follow each other in memory together. `step` is a scalar's size in the
+/// memory's unit.
 fn find_runs(leaves: &[(Type, u64)], step: impl Fn(Type) -> u64) -> Vec<Run> {
     let mut runs: Vec<Run> = Vec::new();
     for (index, &(ty, offset)) in leaves.iter().enumerate() {
@@ -232,7 +234,8 @@ impl Lowerer<'_> {
         })
     }
 
-    /// A descriptor's meaning as a value: image and sampler are references, an acceleration structure is a device address.
+    /// A descriptor's meaning as a value: image and sampler are references, an acceleration
+    /// structure is a device address.
     fn load_handle(&mut self, pointer: &Pointer) -> Result<Vec<Value>, Error> {
         let reference = self.reference(pointer)?;
         match self.types.kind(pointer.pointee)? {
@@ -361,7 +364,8 @@ impl Lowerer<'_> {
     }
 }
 
-/// How memory some bytes behind a pointer is accessed: as aligned as the pointer and the distance are.
+/// How memory some bytes behind a pointer is accessed: as aligned as the pointer and the distance
+/// are.
 fn access(pointer: &Pointer, offset: u64) -> Access {
     Access {
         space: space(pointer),

@@ -7,9 +7,10 @@
 //!             └─ instructions by group: a table ([`instruction`]) and a file a group
 //! ```
 //!
-//! Vectors, matrices and aggregates are taken apart into scalars. A logical pointer is known at compile time down to its computed parts
-//! ([`values`]). An id that is used after the construct that defines it, and every phi, travels through a variable, which promotion turns
-//! into SSA again.
+//! Vectors, matrices and aggregates are taken apart into scalars. A logical pointer is known at
+//! compile time down to its computed parts ([`values`]). An id that is used after the construct
+//! that defines it, and every phi, travels through a variable, which promotion turns into SSA
+//! again.
 
 #![forbid(unsafe_code)]
 
@@ -151,7 +152,8 @@ struct Lowerer<'a> {
     /// (`SPV_KHR_workgroup_memory_explicit_layout`).
     lays_out_shared: bool,
     output_rows: u32,
-    /// Of vertex and fragment stages: what each output word is, and the variables that they are of, in order.
+    /// Of vertex and fragment stages: what each output word is, and the variables that they are of,
+    /// in order.
     outputs: Vec<OutputRow>,
     output_variables: Vec<Id>,
     /// Input attachments are read.

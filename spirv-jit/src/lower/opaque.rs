@@ -1,7 +1,8 @@
-//! Images, samplers and pointers that go through a descriptor are not made of other values: what has such a type comes from something of
-//! exactly that type.
+//! Images, samplers and pointers that go through a descriptor are not made of other values: what
+//! has such a type comes from something of exactly that type.
 //!
-//! A module that breaks this is refused. That it could do no harm otherwise is the IR's doing: see [`crate::ir`].
+//! A module that breaks this is refused. That it could do no harm otherwise is the IR's doing: see
+//! [`crate::ir`].
 
 use rspirv::spirv::{Op, StorageClass};
 
@@ -67,8 +68,9 @@ impl Lowerer<'_> {
         self.require_same(same)
     }
 
-    /// Whether a type is that of an image with a sampler. Types of images that differ in `Depth` alone are the same here: glslang
-    /// combines a `texture2D`, whose type is of no depth image, with a `samplerShadow` into one that is.
+    /// Whether a type is that of an image with a sampler. Types of images that differ in `Depth`
+    /// alone are the same here: glslang combines a `texture2D`, whose type is of no depth image,
+    /// with a `samplerShadow` into one that is.
     fn is_sampled_image_of(&self, ty: Id, image: Id) -> Result<bool, Error> {
         let TypeKind::SampledImage { image: combined } = *self.types.kind(ty)? else {
             return Ok(false);

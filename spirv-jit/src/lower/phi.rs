@@ -10,8 +10,8 @@ use crate::parse::Id;
 /// Pairs that are looked through for less than a table costs.
 const FEW: usize = 8;
 
-/// Values of phis by predecessor. A phi of many has a table: each of its edges would look at all its pairs otherwise, which takes time by the
-/// square of their number.
+/// Values of phis by predecessor. A phi of many has a table: each of its edges would look at all
+/// its pairs otherwise, which takes time by the square of their number.
 #[derive(Default)]
 pub(super) struct PhiSources {
     /// By number of the instruction: predecessors and values, in the order of the first.

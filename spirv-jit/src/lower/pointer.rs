@@ -11,7 +11,8 @@ use crate::ir::op::DescriptorBinding;
 use crate::ir::{self, Type, Value};
 use crate::parse::{Id, Instruction};
 
-/// A binding that the pipeline layout lacks: every index is past its end, so every descriptor of it is null.
+/// A binding that the pipeline layout lacks: every index is past its end, so every descriptor of it
+/// is null.
 const NO_BINDING: DescriptorBinding = DescriptorBinding {
     set: 0,
     first: 0,
@@ -61,8 +62,9 @@ impl Limits {
         if stride == 0 {
             return Self::default();
         }
-        // The start of the last element that ends at 2³² or below. A larger index is this one, which
-        // is outside of every buffer, except one that ends in the last `size` bytes below 2³².
+        // The start of the last element that ends at 2³² or below. A larger index is this one,
+        // which is outside of every buffer, except one that ends in the last `size` bytes below
+        // 2³².
         let end = OFFSETS.saturating_sub(size.saturating_add(constant.into()));
         match elements {
             // Two steps may lead out of the buffer and back.
@@ -140,7 +142,8 @@ impl Lowerer<'_> {
         Ok(Pointer::new(pointee, place))
     }
 
-    /// Whether a variable of storage class `Uniform` holds uniform blocks, not storage buffers as SPIR-V had them before 1.3.
+    /// Whether a variable of storage class `Uniform` holds uniform blocks, not storage buffers as
+    /// SPIR-V had them before 1.3.
     fn is_uniform_block(&self, mut pointee: Id) -> Result<bool, Error> {
         while let TypeKind::Array { element, .. } | TypeKind::RuntimeArray { element, .. } =
             self.types.kind(pointee)?
@@ -521,7 +524,8 @@ impl Lowerer<'_> {
         Ok(pointer)
     }
 
-    /// The scalars that stand for a pointer where it must be a value (see [`super::types::pointer_leaves`]).
+    /// The scalars that stand for a pointer where it must be a value (see
+    /// [`super::types::pointer_leaves`]).
     pub(super) fn pointer_scalars(&mut self, pointer: &Pointer) -> Result<Vec<Value>, Error> {
         match pointer.place {
             Place::Global { address, constant } => {

@@ -42,8 +42,8 @@ impl Lowerer<'_> {
         }
     }
 
-    /// Only the low bits of some operands count (SPIR-V specification, `OpTraceRayKHR`): 8 of the cull mask, 4 of SBT offset and stride, 16 of
-    /// the miss index.
+    /// Only the low bits of some operands count (SPIR-V specification, `OpTraceRayKHR`): 8 of the
+    /// cull mask, 4 of SBT offset and stride, 16 of the miss index.
     pub(super) fn ray_words(&mut self, operands: &[Id]) -> Result<Vec<Value>, Error> {
         let structure = self.scalar(operands[0])?;
         let mut words: Vec<Value> = self.b.unpack64(structure)?.to_vec();

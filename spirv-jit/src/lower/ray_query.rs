@@ -1,5 +1,5 @@
-//! Ray queries. An object is a run of words in per-lane memory ([`crate::query`]): only `OpRayQueryProceedKHR` suspends, the rest are
-//! loads and stores.
+//! Ray queries. An object is a run of words in per-lane memory ([`crate::query`]): only
+//! `OpRayQueryProceedKHR` suspends, the rest are loads and stores.
 
 use rspirv::spirv::{Op, RayQueryIntersection};
 
@@ -186,7 +186,8 @@ impl Lowerer<'_> {
             .map_err(|_| self.b.invalid("a query lacks a word"))
     }
 
-    /// Only the low 8 bits of the cull mask count (SPIR-V specification, `OpRayQueryInitializeKHR`).
+    /// Only the low 8 bits of the cull mask count (SPIR-V specification,
+    /// `OpRayQueryInitializeKHR`).
     fn initialize_query(&mut self, query: &Pointer, operands: &[Id]) -> Result<(), Error> {
         let structure = self.scalar(operands[0])?;
         let mut words: Vec<Value> = self.b.unpack64(structure)?.to_vec();

@@ -1,7 +1,8 @@
-//! Inputs and outputs of vertex and fragment shaders, word by word: locations, components, interpolation, and built-ins in variables or in
-//! members of blocks.
+//! Inputs and outputs of vertex and fragment shaders, word by word: locations, components,
+//! interpolation, and built-ins in variables or in members of blocks.
 //!
-//! A word's place follows from `Location` and `Component` alone, so that stages are compiled apart (Vulkan, section "Interface Matching").
+//! A word's place follows from `Location` and `Component` alone, so that stages are compiled apart
+//! (Vulkan, section "Interface Matching").
 
 use std::rc::Rc;
 
@@ -110,7 +111,8 @@ impl Interpolation {
 }
 
 impl InterfaceWord {
-    /// How `interpolateAt*` weighs the vertices: by linear coordinates, by perspective-correct ones, or not at all.
+    /// How `interpolateAt*` weighs the vertices: by linear coordinates, by perspective-correct
+    /// ones, or not at all.
     pub fn is_perspective(self) -> Option<bool> {
         match self.how.mode(Type::F32, Evaluation::Decorated) {
             VaryingMode::Smooth(_) => Some(true),
@@ -467,7 +469,8 @@ impl Lowerer<'_> {
         }))
     }
 
-    /// A scalar of a built-in: those of the fragment stage that are rows of their own kind, and all others.
+    /// A scalar of a built-in: those of the fragment stage that are rows of their own kind, and all
+    /// others.
     fn input_built_in(
         &mut self,
         variable: Id,
@@ -699,7 +702,8 @@ impl Lowerer<'_> {
             InputRow::Barycentric(coordinate) => coordinate.position == Position::Sample,
             _ => false,
         });
-        // Variables of the interface count, whether they are read or not (Vulkan, "Sample Shading").
+        // Variables of the interface count, whether they are read or not (Vulkan, "Sample
+        // Shading").
         facts.per_sample |= self.entry.interface.iter().any(|&id| {
             let annotations = &self.module.annotations;
             let built_in = annotations.id(id, Decoration::BuiltIn);

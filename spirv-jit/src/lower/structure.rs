@@ -1,4 +1,5 @@
-//! From the control flow graph to a tree: which block is lowered in which body, and where branches go.
+//! From the control flow graph to a tree: which block is lowered in which body, and where branches
+//! go.
 //!
 //! A SPIR-V function that keeps the rules of structured control flow (SPIR-V specification, section
 //! Structured Control Flow) is walked along its merge instructions. A branch to a block that some
@@ -6,7 +7,7 @@
 //! that construct's label, as does one to a block where branches [meet](super::meets); any other
 //! block is lowered in place, once. What breaks the rules reaches a block twice and is refused.
 //!
-//! What is left to do stands in a list of tasks: a function may nest constructs as deeply as its
+//! A list of tasks holds the remaining work: a function may nest constructs as deeply as its
 //! size allows.
 
 use foldhash::{HashMap, HashSet};
@@ -380,7 +381,7 @@ impl Planner<'_> {
         }
     }
 
-    /// What follows edges from one block, each in a body of its own.
+    /// The code behind the edges from one block, each in a body of its own.
     fn walk_arms<const N: usize>(&mut self, at: BlockIndex, arms: [(BodyIndex, BlockIndex); N]) {
         let from = Some(at);
         self.next(arms.map(|(body, to)| Task::Walk { body, from, to }));
@@ -488,7 +489,8 @@ impl Planner<'_> {
 
     fn find_escapes(&self, nesting: &Nesting) -> HashSet<Id> {
         let Flow { module, function } = self.flow;
-        // A function's instructions stand together: where each is lowered, by its index less that of the first.
+        // A function's instructions stand together: where each is lowered, by its index less that
+        // of the first.
         let blocks = &function.blocks;
         let all = blocks.iter().flat_map(|block| &block.instructions);
         let first = all.clone().min().copied().unwrap_or(0);

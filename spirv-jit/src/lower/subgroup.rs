@@ -206,7 +206,8 @@ impl Lowerer<'_> {
         }
     }
 
-    /// The bits of a ballot that stand for invocations of the subgroup: searches and counts consider no others.
+    /// The bits of a ballot that stand for invocations of the subgroup: searches and counts
+    /// consider no others.
     fn ballot_of_lanes(&mut self, id: Id) -> Result<Value, Error> {
         let word = self.ballot_word(id)?;
         let lanes = self.b.i32((1 << LANES) - 1);

@@ -90,7 +90,8 @@ pub(super) struct TypeInfo {
     pub leaf_count: u64,
     /// Rows of private memory, saturated.
     pub rows: u64,
-    /// Images, samplers and pointers that go through a descriptor: their values are references, which nothing else may become.
+    /// Images, samplers and pointers that go through a descriptor: their values are references,
+    /// which nothing else may become.
     pub is_opaque: bool,
     /// Locations of a stage's interface that a value takes, saturated.
     pub locations: u32,
@@ -223,8 +224,8 @@ impl Types {
         }
     }
 
-    /// The scalars of a value of this type, in order. Images and samplers are references to descriptors, logical pointers what
-    /// [`pointer_leaves`] says.
+    /// The scalars of a value of this type, in order. Images and samplers are references to
+    /// descriptors, logical pointers what [`pointer_leaves`] says.
     pub fn leaves(&self, id: Id) -> Result<Rc<[Type]>, Error> {
         if let Some(found) = self.leaves.borrow().get(id) {
             return Ok(found.clone());
@@ -253,10 +254,10 @@ impl Types {
     }
 
     fn find_leaves(&self, id: Id) -> Result<Vec<Type>, Error> {
-        /// What is left to do, last first.
+        /// The remaining work, last first.
         enum Work {
             Type(Id),
-            /// What stands there from a place on, so many times more.
+            /// The contents from a place on, so many times more.
             Repeat(usize, u32),
         }
         let mut out = Vec::new();
@@ -373,7 +374,7 @@ impl Types {
         Ok(())
     }
 
-    /// What follows from what a type is made of: its parts are declared before it.
+    /// The facts that follow from a type's parts, which are declared before it.
     fn measure(
         &self,
         at: u32,

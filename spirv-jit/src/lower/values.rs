@@ -114,7 +114,8 @@ pub(super) enum Place {
         row: u32,
         index: Option<Value>,
     },
-    /// A texel of an image (`OpImageTexelPointer`): image id's type, reference, coordinates, sample.
+    /// A texel of an image (`OpImageTexelPointer`): image id's type, reference, coordinates,
+    /// sample.
     Texel {
         image_type: Id,
         image: Value,
@@ -151,7 +152,8 @@ impl Pointer {
         }
     }
 
-    /// The computed parts of the place: what must be kept if the pointer outlives the body it was made in.
+    /// The computed parts of the place: what must be kept if the pointer outlives the body it was
+    /// made in.
     pub fn values(&self) -> SmallVec<[Value; 8]> {
         match &self.place {
             Place::Local { .. } => SmallVec::new(),

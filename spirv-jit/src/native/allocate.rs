@@ -1,5 +1,5 @@
-//! Registers for a straight stretch of code: each value is loaded where it is first used, and leaves its register when it is used no more
-//! or when another is needed sooner (Belady 1966).
+//! Registers for a straight stretch of code: each value is loaded where it is first used, and
+//! leaves its register when it is used no more or when another is needed sooner (Belady 1966).
 
 use super::encode::{Assembler, Base, Encoding, Memory, Opcode, Operand, Register, opcode};
 
@@ -33,7 +33,8 @@ pub(super) enum Form {
     Commutative,
     /// `reg = op(rm)`.
     Unary,
-    /// `reg = op(vvvv, rm)` and [`Form::Unary`] between registers alone: those whose operand in memory would be shorter or is none.
+    /// `reg = op(vvvv, rm)` and [`Form::Unary`] between registers alone: those whose operand in
+    /// memory would be shorter or is none.
     Registers,
     /// `rm = op(reg)`.
     Reverse,
@@ -57,7 +58,8 @@ pub(super) struct Step {
     pub from: [Virtual; 3],
     pub count: usize,
     pub immediate: Option<u8>,
-    /// The last of its operation: results that are kept are stored behind it, and no sooner, since their rows may be operands'.
+    /// The last of its operation: results that are kept are stored behind it, and no sooner, since
+    /// their rows may be operands'.
     pub ends: bool,
 }
 
@@ -282,7 +284,8 @@ impl Allocation<'_> {
                 at
             }
             false => {
-                // None of the operands' registers, even of those that die: they are read behind the copy.
+                // None of the operands' registers, even of those that die: they are read behind the
+                // copy.
                 let free = self.take_apart(step.to, &from, &operands)?;
                 let moved = (free, 0, Operand::Register(at));
                 self.assembler.vector(MOVE, moved, 0, None);

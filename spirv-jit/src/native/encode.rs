@@ -1,5 +1,5 @@
-//! Bytes of vector instructions: VEX for AVX2, EVEX for AVX-512 ("Intel 64 and IA-32 Architectures Software Developer's Manual", volume 2,
-//! sections 2.3 and 2.7).
+//! Bytes of vector instructions: VEX for AVX2, EVEX for AVX-512 ("Intel 64 and IA-32 Architectures
+//! Software Developer's Manual", volume 2, sections 2.3 and 2.7).
 
 /// A vector register, or a mask register of AVX-512.
 pub(super) type Register = u8;
@@ -33,7 +33,8 @@ pub(super) enum Base {
     Half = 8,
     /// `r9`: the same of 64-bit lanes.
     WideHalf = 9,
-    /// `r10`: the mask of the subgroup's active lanes, 16 bits; with [`Encoding::Vex`] the half's, 8 bits.
+    /// `r10`: the mask of the subgroup's active lanes, 16 bits; with [`Encoding::Vex`] the half's,
+    /// 8 bits.
     Lanes = 10,
 }
 
@@ -60,7 +61,8 @@ pub(super) enum Operand {
     Memory(Memory),
 }
 
-/// An instruction's name: opcode map (1: 0F, 2: 0F38, 3: 0F3A), prefix (1: 66, 2: F3, 3: F2), `W`, opcode.
+/// An instruction's name: opcode map (1: 0F, 2: 0F38, 3: 0F3A), prefix (1: 66, 2: F3, 3: F2), `W`,
+/// opcode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Opcode {
     pub map: u8,
@@ -96,7 +98,8 @@ impl Assembler {
         }
     }
 
-    /// An instruction with operands `reg`, `vvvv` and `rm`, under `mask` (0: in all lanes; only EVEX has others).
+    /// An instruction with operands `reg`, `vvvv` and `rm`, under `mask` (0: in all lanes; only
+    /// EVEX has others).
     pub fn vector(
         &mut self,
         op: Opcode,

@@ -1,5 +1,5 @@
-//! Brings operations with native code together, so that stretches are long: what is loaded one scalar at a time and used at once would
-//! end a stretch with each load.
+//! Brings operations with native code together, so that stretches are long: what is loaded one
+//! scalar at a time and used at once would end a stretch with each load.
 
 use foldhash::HashMap;
 
@@ -9,7 +9,8 @@ use crate::ir::{Body, Inst, Module, Node, Op, Type, Value};
 /// Instructions that change places among themselves: more would keep more values alive at once.
 const WINDOW: usize = 32;
 
-/// Reorders the instructions between branches and suspensions. Those without native code stay in their order.
+/// Reorders the instructions between branches and suspensions. Those without native code stay in
+/// their order.
 pub(crate) fn group(module: &mut Module, encoding: Encoding) {
     for function in &mut module.functions {
         let mut constants = HashMap::default();
@@ -58,8 +59,8 @@ impl Known<'_> {
         self.schedule(&mut window, &mut body.nodes);
     }
 
-    /// Moves a window's instructions to `nodes`: in turn all with native code whose operands are there, and all others up to the first
-    /// whose operands are not.
+    /// Moves a window's instructions to `nodes`: in turn all with native code whose operands are
+    /// there, and all others up to the first whose operands are not.
     fn schedule(&self, window: &mut Vec<Inst>, nodes: &mut Vec<Node>) {
         let mut scratch = Stretch::new(self.encoding);
         let mut kinds: Vec<bool> = window

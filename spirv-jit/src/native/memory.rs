@@ -2,7 +2,8 @@
 
 use std::ptr::NonNull;
 
-/// Code at an address that does not move: written, then made read-only and executable. No page is ever both writable and executable.
+/// Code at an address that does not move: written, then made read-only and executable. No page is
+/// ever both writable and executable.
 pub(crate) struct Executable {
     start: NonNull<libc::c_void>,
     length: usize,
@@ -14,7 +15,8 @@ unsafe impl Send for Executable {}
 unsafe impl Sync for Executable {}
 
 impl Executable {
-    /// `None` where the system gives no such memory: too little of it, or a policy (SELinux, seccomp) against executable pages.
+    /// `None` where the system gives no such memory: too little of it, or a policy (SELinux,
+    /// seccomp) against executable pages.
     pub fn new(code: &[u8]) -> Option<Executable> {
         let length = code.len().max(1);
         // SAFETY: new pages, which no other code knows yet; they are as long as the copied code.

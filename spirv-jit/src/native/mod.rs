@@ -1,16 +1,17 @@
 //! Native code for straight stretches of pure operations, on x86-64 with AVX2 or AVX-512.
 //!
-//! A stretch is a run of operations without branches, suspensions and memory of the shader's. The interpreter performs it as one
-//! instruction: what goes from one operation to the next stays in registers, and only results that are used behind the stretch are stored
-//! to their rows. The copies at a branch may end a stretch: they change active lanes alone. Everything else is the interpreter's;
-//! operations without native code end a stretch.
+//! A stretch is a run of operations without branches, suspensions and memory of the shader's. The
+//! interpreter performs it as one instruction: what goes from one operation to the next stays in
+//! registers, and only results that are used behind the stretch are stored to their rows. The
+//! copies at a branch may end a stretch: they change active lanes alone. Everything else is the
+//! interpreter's; operations without native code end a stretch.
 //!
 //! ```text
 //! operations ──> [`stretch`]: instructions on values ──> [`allocate`]: registers ──> [`encode`]: bytes ──> [`memory`]: executable pages
 //! ```
 //!
-//! Code reads masks of lanes, and reads and writes rows of the frame at distances that are known when it is written, and nothing else: no
-//! address comes from a shader.
+//! Code reads masks of lanes, and reads and writes rows of the frame at distances that are known
+//! when it is written, and nothing else: no address comes from a shader.
 
 mod allocate;
 mod encode;
@@ -28,8 +29,8 @@ pub(crate) use group::group;
 pub(crate) use memory::Executable;
 pub(crate) use stretch::{Place, Row, Stretch};
 
-/// A stretch: the first subgroup's frame, the uniform rows, how many subgroups follow one another, how many bytes their frames are apart,
-/// and the subgroups' masks of active lanes.
+/// A stretch: the first subgroup's frame, the uniform rows, how many subgroups follow one another,
+/// how many bytes their frames are apart, and the subgroups' masks of active lanes.
 #[cfg(target_arch = "x86_64")]
 pub(crate) type Code = unsafe extern "sysv64" fn(*mut u8, *const u8, usize, usize, *const LaneMask);
 /// No tier of this machine's has native code.
@@ -38,12 +39,14 @@ pub(crate) type Code = unsafe extern "C" fn(*mut u8, *const u8, usize, usize, *c
 
 static IS_ALLOWED: AtomicBool = AtomicBool::new(true);
 
-/// Whether programs that are made from now on may have native code. The results are the same bits with and without.
+/// Whether programs that are made from now on may have native code. The results are the same bits
+/// with and without.
 pub fn allow(allowed: bool) {
     IS_ALLOWED.store(allowed, Ordering::Relaxed);
 }
 
-/// How a tier's instructions are written; `None` for tiers without native code, or where it is not allowed.
+/// How a tier's instructions are written; `None` for tiers without native code, or where it is not
+/// allowed.
 pub(crate) fn encoding(tier: Tier) -> Option<Encoding> {
     match tier {
         _ if !IS_ALLOWED.load(Ordering::Relaxed) => None,

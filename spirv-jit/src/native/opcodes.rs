@@ -1,4 +1,5 @@
-//! The instructions that stretches are made of, by their names in Intel's manual (volume 2): opcode map, prefix, `W`, opcode.
+//! The instructions that stretches are made of, by their names in Intel's manual (volume 2): opcode
+//! map, prefix, `W`, opcode.
 
 use super::encode::{Opcode, opcode};
 

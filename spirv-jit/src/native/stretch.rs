@@ -1,4 +1,5 @@
-//! A straight stretch of operations on its way to instructions: where values are held, and the steps so far.
+//! A straight stretch of operations on its way to instructions: where values are held, and the
+//! steps so far.
 
 use foldhash::HashMap;
 
@@ -105,7 +106,8 @@ impl Stretch {
         true
     }
 
-    /// The operations since the last such call are one: its results are stored when all of it is done.
+    /// The operations since the last such call are one: its results are stored when all of it is
+    /// done.
     pub fn end_operation(&mut self) {
         if let Some(step) = self.steps.last_mut() {
             step.ends = true;
@@ -158,8 +160,10 @@ impl Stretch {
         *self.lanes.insert(lanes)
     }
 
-    /// The code: a function of the first subgroup's frame, the uniform rows, the number of subgroups, how far their frames are apart, and the
-    /// first subgroup's mask of active lanes, behind which the others' stand. `is_kept` tells the results that are used behind the stretch. `None`: more values live at once than there are registers for.
+    /// The code: a function of the first subgroup's frame, the uniform rows, the number of
+    /// subgroups, how far their frames are apart, and the first subgroup's mask of active lanes,
+    /// behind which the others' stand. `is_kept` tells the results that are used behind the
+    /// stretch. `None`: more values live at once than there are registers for.
     pub fn assemble(mut self, is_kept: impl Fn(Value) -> bool) -> Option<Vec<u8>> {
         for &(value, held) in &self.results {
             if is_kept(value) {

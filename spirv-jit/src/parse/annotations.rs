@@ -19,7 +19,8 @@ pub struct Annotations {
 }
 
 impl Annotations {
-    /// Decorations that one instruction applies to groups multiply; this many are enough for any shader.
+    /// Decorations that one instruction applies to groups multiply; this many are enough for any
+    /// shader.
     const MAX_GROUPED: usize = 1 << 20;
 
     /// The first literal of a decoration on an id, or 0 for one without literals.

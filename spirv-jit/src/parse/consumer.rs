@@ -1,4 +1,5 @@
-//! The grammar check: what later steps need of each instruction. Where [`grammar`] is at its end, `rspirv` parses the instruction.
+//! The grammar check: what later steps need of each instruction. Where [`grammar`] is at its end,
+//! `rspirv` parses the instruction.
 
 use rspirv::binary::{Consumer, DecodeError, ParseAction, ParseState, Parser};
 use rspirv::dr;
@@ -118,8 +119,8 @@ impl Consumer for Keeper {
     }
 }
 
-/// Lets `rspirv` parse an instruction. It knows one operand of each kind in `OpSpecConstantOp`, so the operation stands there itself; and it does
-/// not get operands that are newer than it.
+/// Lets `rspirv` parse an instruction. It knows one operand of each kind in `OpSpecConstantOp`, so
+/// the operation stands there itself; and it does not get operands that are newer than it.
 fn parse(words: &[u32], frame: Frame) -> Result<dr::Instruction, Error> {
     let at = frame.offset as usize;
     let count = usize::from(frame.count - frame.newer_ids);
@@ -134,7 +135,8 @@ fn parse(words: &[u32], frame: Frame) -> Result<dr::Instruction, Error> {
     }
     let bytes: Vec<u8> = module.iter().flat_map(|word| word.to_le_bytes()).collect();
     let mut keeper = Keeper(None);
-    // The framing leaves rspirv no known way to panic; should it find another one, the module is at fault and not the process.
+    // The framing leaves rspirv no known way to panic; should it find another one, the module is at
+    // fault and not the process.
     let outcome = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
         Parser::new(&bytes, &mut keeper).parse()
     }));

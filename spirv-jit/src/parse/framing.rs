@@ -21,8 +21,8 @@ pub(super) struct Frame {
     pub newer_ids: u16,
 }
 
-/// Operands that instructions got after the grammar of `rspirv` was made: the hit kind of `OpHitObjectRecordFromQueryEXT` (revision 3 of
-/// `SPV_EXT_shader_invocation_reorder`).
+/// Operands that instructions got after the grammar of `rspirv` was made: the hit kind of
+/// `OpHitObjectRecordFromQueryEXT` (revision 3 of `SPV_EXT_shader_invocation_reorder`).
 fn newer_ids(opcode: u32, count: u16) -> u16 {
     (opcode == Op::HitObjectRecordFromQueryEXT as u32 && count == 6) as u16
 }
@@ -78,7 +78,8 @@ pub(super) fn version(words: &[u32]) -> (u8, u8) {
     ((words[1] >> 16) as u8, (words[1] >> 8) as u8)
 }
 
-/// `OpSpecConstantOp` names an opcode whose operands `rspirv` decodes without asking whether that makes sense.
+/// `OpSpecConstantOp` names an opcode whose operands `rspirv` decodes without asking whether that
+/// makes sense.
 fn check_nested_opcode(words: &[u32], offset: usize, opcode: u32) -> Result<(), Error> {
     if opcode != Op::SpecConstantOp as u32 {
         return Ok(());
@@ -98,7 +99,8 @@ fn check_nested_opcode(words: &[u32], offset: usize, opcode: u32) -> Result<(), 
     }
 }
 
-/// Operations of `OpSpecConstantOp` (SPIR-V specification, section Constant-Creation Instructions; the ones for kernels left out).
+/// Operations of `OpSpecConstantOp` (SPIR-V specification, section Constant-Creation Instructions;
+/// the ones for kernels left out).
 fn may_be_specialized(opcode: Op) -> bool {
     matches!(
         opcode,

@@ -1,7 +1,8 @@
 //! SPIR-V words to a checked module.
 //!
-//! The words are cut into instructions ([`framing`]) and held against the grammar of `rspirv` ([`consumer`]). Instructions are then kept as
-//! offsets into the words, with the ids that they use, and sorted into sections, functions and blocks ([`module`]).
+//! The words are cut into instructions ([`framing`]) and held against the grammar of `rspirv`
+//! ([`consumer`]). Instructions are then kept as offsets into the words, with the ids that they
+//! use, and sorted into sections, functions and blocks ([`module`]).
 
 #![forbid(unsafe_code)]
 

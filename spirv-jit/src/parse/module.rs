@@ -341,7 +341,8 @@ fn sort_functions(module: &mut ParsedModule, first: usize) -> Result<(), Error> 
     Ok(())
 }
 
-/// Instructions of `SPV_NV_ray_tracing` that end the invocation, but not their block: nothing behind them in it is reached.
+/// Instructions of `SPV_NV_ray_tracing` that end the invocation, but not their block: nothing
+/// behind them in it is reached.
 fn ends_invocation(opcode: Op) -> bool {
     matches!(opcode, Op::IgnoreIntersectionNV | Op::TerminateRayNV)
 }

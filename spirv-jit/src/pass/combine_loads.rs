@@ -1,9 +1,11 @@
-//! Loads of what lies side by side, made one: members of a record that are read by separate loads are found and checked together.
+//! Loads of what lies side by side, made one: members of a record that are read by separate loads
+//! are found and checked together.
 //!
-//! Only loads of one body between which nothing is written, no access is ordered and no construct stands: the lanes and the memory are
-//! those of the first load, where the combined one is performed. It reads from the first byte to the last that the separate loads read,
-//! and scalars of the same widths, so that each is inside its buffer or outside as before, and wraps as before. But scalars of 64 bits at
-//! device addresses may be read as two words.
+//! Only loads of one body between which nothing is written, no access is ordered and no construct
+//! stands: the lanes and the memory are those of the first load, where the combined one is
+//! performed. It reads from the first byte to the last that the separate loads read, and scalars of
+//! the same widths, so that each is inside its buffer or outside as before, and wraps as before.
+//! But scalars of 64 bits at device addresses may be read as two words.
 
 use foldhash::HashMap;
 use smallvec::{SmallVec, smallvec};
@@ -47,7 +49,8 @@ struct Linear {
 /// Facts about a value.
 #[derive(Clone, Copy, Default)]
 struct Known {
-    /// How many instructions stand before the one that gives it; 0 for results and parameters of constructs.
+    /// How many instructions stand before the one that gives it; 0 for results and parameters of
+    /// constructs.
     place: u32,
     /// Of an integer: how it is made, where that says more than the value itself.
     linear: Option<Linear>,
@@ -230,7 +233,8 @@ impl Combiner<'_> {
         let linear = self.linear(address);
         let alone = match ty.size_bytes() {
             4 => None,
-            // Where a buffer ends inside a scalar, all of that reads as zero; device addresses have no such promise.
+            // Where a buffer ends inside a scalar, all of that reads as zero; device addresses have
+            // no such promise.
             8 if access.space == Space::Global => None,
             _ => Some(ty),
         };
@@ -271,7 +275,8 @@ impl Combiner<'_> {
         });
     }
 
-    /// Puts each combined load where the first of its loads is, and what makes up their results where those are.
+    /// Puts each combined load where the first of its loads is, and what makes up their results
+    /// where those are.
     fn apply(&mut self, body: &mut Body, groups: &[Group]) {
         let mut replacements: HashMap<usize, Vec<Node>> = HashMap::default();
         for group in groups {
@@ -492,8 +497,8 @@ mod tests {
     use super::*;
     use crate::ir::text::parse_module;
 
-    /// The loads that become of some, from `v1` and from 4 and 8 bytes behind it, `v3` and `v5`: with the types of their results, and which
-    /// instruction they name as their source.
+    /// The loads that become of some, from `v1` and from 4 and 8 bytes behind it, `v3` and `v5`:
+    /// with the types of their results, and which instruction they name as their source.
     fn combined(lines: &str) -> Vec<(Access, Vec<Type>, u32)> {
         let text = format!(
             "module compute

@@ -2,7 +2,7 @@
 
 use crate::ir::{Body, Inst, Node, Terminator};
 
-/// What becomes of a construct that an [`Edit`] has gone through.
+/// The fate of a construct that an [`Edit`] has gone through.
 pub(super) enum Fate {
     Stays,
     Goes,
@@ -10,7 +10,7 @@ pub(super) enum Fate {
     Ends,
 }
 
-/// What a pass does on its way through a function, in the order of the text. A pass keeps what
+/// The work of a pass on its way through a function, in the order of the text. A pass keeps what
 /// belongs to the open constructs on a stack of its own.
 pub(super) trait Edit {
     /// An instruction, and a list for nodes that go before it. Whether it stays.

@@ -1,5 +1,6 @@
-//! One computation for several of the same: pure operations, and reads of memory that nothing can have changed in between. A value serves where
-//! its definition is visible; constants and dispatch-wide words move to the function's head, where they are visible everywhere.
+//! One computation for several of the same: pure operations, and reads of memory that nothing can
+//! have changed in between. A value serves where its definition is visible; constants and
+//! dispatch-wide words move to the function's head, where they are visible everywhere.
 
 use std::hash::{BuildHasher, Hash, Hasher};
 
@@ -78,7 +79,7 @@ struct Eliminator<'a> {
     scopes: Vec<Scope>,
 }
 
-/// What was there before a construct.
+/// The values known before a construct.
 struct Scope {
     /// How many entries: definitions inside end with it.
     entries: usize,
@@ -236,7 +237,8 @@ impl Eliminator<'_> {
         hasher.finish()
     }
 
-    /// The state of memory that an operation reads, 0 if none; `None` for operations that are not to be merged.
+    /// The state of memory that an operation reads, 0 if none; `None` for operations that are not
+    /// to be merged.
     fn epoch_of(&self, inst: &Inst) -> Option<u32> {
         match inst.op {
             // Descriptors do not change while a dispatch uses them.

@@ -169,7 +169,8 @@ impl UseGraph {
     }
 }
 
-/// Removes functions that the entry does not reach, and variables and input rows that no instruction names.
+/// Removes functions that the entry does not reach, and variables and input rows that no
+/// instruction names.
 pub fn eliminate_unused_tables(module: &mut Module) {
     eliminate_unused_functions(module);
     let mut used_inputs = vec![false; module.inputs.len()];

@@ -160,8 +160,8 @@ macro_rules! fold {
 
 macro_rules! define_fold {
     ($(($variant:ident, $name:ident, $signature:ident))*) => {
-        /// The result's bits of a pure operation with one result on constants; `None` where there is
-        /// no such thing. `from` is the type of the operation's main operand (for `select`, the
+        /// The result's bits of a pure operation with one result on constants; `None` where there
+        /// is no such thing. `from` is the type of the operation's main operand (for `select`, the
         /// chosen ones), `to` the result's.
         pub fn fold(op: &Op, from: Type, to: Type, args: &[u64]) -> Option<u64> {
             match op {

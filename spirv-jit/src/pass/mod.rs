@@ -1,7 +1,9 @@
-//! IR to better IR. Each pass is a verb-object function in a file of that name; the verifier runs between passes in debug builds.
+//! IR to better IR. Each pass is a verb-object function in a file of that name; the verifier runs
+//! between passes in debug builds.
 //!
-//! [`configure`] leaves passes out by name, or all `passes` (`TUFF_DISABLE` of the driver), and prints every module to standard error
-//! (`TUFF_PRINT`): `ir` before the passes, `pass` after them, and the name of a pass after that one.
+//! [`configure`] leaves passes out by name, or all `passes` (`TUFF_DISABLE` of the driver), and
+//! prints every module to standard error (`TUFF_PRINT`): `ir` before the passes, `pass` after them,
+//! and the name of a pass after that one.
 
 #![forbid(unsafe_code)]
 
@@ -314,8 +316,9 @@ struct Wishes {
 
 static WISHES: OnceLock<Wishes> = OnceLock::new();
 
-/// Leaves passes out and prints modules from now on: lists of names, separated by commas, as `TUFF_DISABLE` and `TUFF_PRINT` have them. The
-/// first call counts, and only before a module is compiled.
+/// Leaves passes out and prints modules from now on: lists of names, separated by commas, as
+/// `TUFF_DISABLE` and `TUFF_PRINT` have them. The first call counts, and only before a module is
+/// compiled.
 pub fn configure(disabled: &str, printed: &str) {
     let names = |list: &str| list.split(',').map(|name| name.trim().to_owned()).collect();
     // A later call changes nothing: modules of one process are compiled alike.

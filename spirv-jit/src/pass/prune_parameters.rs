@@ -6,7 +6,8 @@ use crate::ir::{Body, Function, Label, Node, Step, Terminator, Value};
 /// Rounds after which to stop; each resolves what the one before left between nested loops.
 const MAX_ROUNDS: usize = 4;
 
-/// Replaces a block's results that every `br` gives the same outer value, and loop parameters that never change.
+/// Replaces a block's results that every `br` gives the same outer value, and loop parameters that
+/// never change.
 pub fn prune_parameters(function: &mut Function) {
     let mut substitution = Substitution::identity(function);
     for round in 0..MAX_ROUNDS {
@@ -54,7 +55,8 @@ impl Incoming {
 
 struct Pruner<'a> {
     substitution: &'a mut Substitution,
-    /// When each value was defined, in tree order: what is used in a construct and was defined before it is visible after it.
+    /// When each value was defined, in tree order: what is used in a construct and was defined
+    /// before it is visible after it.
     position: Vec<u32>,
     next_position: u32,
     incoming: Vec<Vec<Incoming>>,

@@ -1,4 +1,5 @@
-//! Private accesses whose address is a variable's and a constant, made accesses to a fixed row: what inlining leaves of pointer parameters.
+//! Private accesses whose address is a variable's and a constant, made accesses to a fixed row:
+//! what inlining leaves of pointer parameters.
 
 use smallvec::smallvec;
 

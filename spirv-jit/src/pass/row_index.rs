@@ -13,7 +13,8 @@ pub struct RowIndex {
 const MAX_ROWS: usize = 1 << 24;
 
 impl RowIndex {
-    /// Places for the variables that `holds` names, by index: their rows, and one more that is none.
+    /// Places for the variables that `holds` names, by index: their rows, and one more that is
+    /// none.
     pub fn new(function: &Function, holds: impl Fn(usize) -> bool) -> Option<Self> {
         let mut index = Self {
             first: Vec::with_capacity(function.variables.len()),

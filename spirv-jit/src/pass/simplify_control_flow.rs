@@ -1,6 +1,7 @@
-//! Constructs that are not needed: conditions that are constant, blocks that are left in one way at their end, loops without a back-edge, what
-//! follows a construct that nothing comes out of, blocks around an `if` that decides who leaves them; and `if`s so small that both sides
-//! cost less than the branch.
+//! Constructs that are not needed: conditions that are constant, blocks that are left in one way at
+//! their end, loops without a back-edge, what follows a construct that nothing comes out of, blocks
+//! around an `if` that decides who leaves them; and `if`s so small that both sides cost less than
+//! the branch.
 
 use smallvec::smallvec;
 
@@ -38,20 +39,20 @@ struct Simplifier {
 struct Open {
     body: Box<Body>,
     rest: std::vec::IntoIter<Node>,
-    /// What follows the blocks that are being written out in this body, innermost last.
+    /// The code behind the blocks that are being written out in this body, innermost last.
     after: Vec<After>,
     of: Of,
 }
 
-/// What follows a block that is left in one way, at its end.
+/// The code behind a block that is left in one way, at its end.
 struct After {
-    /// What the block's end hands on, and as what.
+    /// The values that the block's end passes on, and their names behind it.
     end: Terminator,
     results: Vec<Value>,
     rest: std::vec::IntoIter<Node>,
 }
 
-/// What a body belongs to.
+/// The owner of a body.
 enum Of {
     Function,
     Block {
@@ -347,8 +348,9 @@ impl Simplifier {
         Flow::On
     }
 
-    /// Whether a block ends in an `if` of which one side leaves the block for what comes behind it, and the other goes on to the block's
-    /// end, which leads elsewhere. Nothing else leads to either label.
+    /// Whether a block ends in an `if` of which one side leaves the block for what comes behind it,
+    /// and the other goes on to the block's end, which leads elsewhere. Nothing else leads to
+    /// either label.
     fn is_decided_by_if(&self, own: Label, body: &Body) -> bool {
         let Some(Node::If {
             label,
@@ -366,7 +368,8 @@ impl Simplifier {
         decides && self.branches[own.index()] == 1 && self.branches[label.index()] == 1
     }
 
-    /// Puts the `if` in the place of a block that [it decides](Self::is_decided_by_if): what came behind it belongs to the side that goes on.
+    /// Puts the `if` in the place of a block that [it decides](Self::is_decided_by_if): what came
+    /// behind it belongs to the side that goes on.
     fn become_if(&mut self, own: Label, own_results: Vec<Value>, body: Body, out: &mut Vec<Node>) {
         let mut body = body;
         let mut nodes = std::mem::take(&mut body.nodes);

@@ -3,8 +3,8 @@
 use super::edit::{Edit, Fate, edit_body};
 use crate::ir::{Body, Function, Inst, Label, Node, Terminator, Value};
 
-/// Which value stands for which. A definition dominates its uses and so does what replaces it; a forward walk that enters
-/// replacements as it goes therefore sees final values only.
+/// Which value stands for which. A definition dominates its uses and so does what replaces it; a
+/// forward walk that enters replacements as it goes therefore sees final values only.
 pub struct Substitution {
     replacements: Vec<Value>,
 }
@@ -50,8 +50,9 @@ impl Substitution {
     }
 }
 
-/// Rewrites a function in one walk: resolves operands, drops the parameters and results of constructs that `is_dropped` names together with what
-/// is passed to them, and keeps the instructions that `keeps` says.
+/// Rewrites a function in one walk: resolves operands, drops the parameters and results of
+/// constructs that `is_dropped` names together with what is passed to them, and keeps the
+/// instructions that `keeps` says.
 pub fn rewrite_function(
     function: &mut Function,
     substitution: &Substitution,

@@ -1,5 +1,5 @@
-//! Variables that hold constants, made tables: `const vec2 disk[64] = vec2[](…)`, which shaders write out at each invocation's start and then
-//! only read by an index.
+//! Variables that hold constants, made tables: `const vec2 disk[64] = vec2[](…)`, which shaders
+//! write out at each invocation's start and then only read by an index.
 
 use smallvec::smallvec;
 

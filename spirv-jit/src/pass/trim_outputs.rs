@@ -1,5 +1,6 @@
-//! Outputs of vertex shaders that are always zero say nothing: what reads one that is not there gets zero, distances of zero clip nothing,
-//! and layer and viewport are zero by themselves. Compilers declare all of `gl_PerVertex`, whether a shader writes it or not.
+//! Outputs of vertex shaders that are always zero say nothing: what reads one that is not there
+//! gets zero, distances of zero clip nothing, and layer and viewport are zero by themselves.
+//! Compilers declare all of `gl_PerVertex`, whether a shader writes it or not.
 
 use crate::ir::interface::OutputRow;
 use crate::ir::stage::Stage;

@@ -1,7 +1,9 @@
-//! Loops that count from a constant to a constant in a few steps, written out, so that what depends on the counter becomes constant too.
+//! Loops that count from a constant to a constant in a few steps, written out, so that what depends
+//! on the counter becomes constant too.
 //!
-//! Each iteration becomes a block that the back-edges leave; lanes wait at its end as they did at the loop's head. Loops that yield stay, so
-//! that waves in different iterations can still be merged.
+//! Each iteration becomes a block that the back-edges leave; lanes wait at its end as they did at
+//! the loop's head. Loops that yield stay, so that waves in different iterations can still be
+//! merged.
 
 use foldhash::{HashSet, HashSetExt};
 use smallvec::smallvec;

@@ -3,7 +3,8 @@
 
 use std::collections::BTreeSet;
 
-/// Rows from 0 on. A value takes the first free row, or the first two neighbours that are free, of which the first is even.
+/// Rows from 0 on. A value takes the first free row, or the first two neighbours that are free, of
+/// which the first is even.
 #[derive(Default)]
 pub(super) struct LiveRows {
     /// Free rows whose neighbours are taken.

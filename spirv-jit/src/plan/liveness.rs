@@ -82,7 +82,8 @@ impl Liveness {
     }
 }
 
-/// A place in a function: a value lives there that starts not after the first half-step and ends after the second.
+/// A place in a function: a value lives there that starts not after the first half-step and ends
+/// after the second.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct HalfSteps {
     pub before: u32,

@@ -4,9 +4,10 @@
 //! ir ──> uniformity ──> liveness ──> state layout ──> save points
 //! ```
 //!
-//! * [`uniformity`]: what is computed once for a dispatch; [`liveness`]: from where to where values live; [`coalesce`]: which may share a place;
-//! * [`save_points`]: where a subgroup can be suspended and what its state holds then; [`state`]: how states begin and how lanes move
-//!   between them.
+//! * [`uniformity`]: what is computed once for a dispatch; [`liveness`]: from where to where values
+//!   live; [`coalesce`]: which may share a place;
+//! * [`save_points`]: where a subgroup can be suspended and what its state holds then; [`state`]:
+//!   how states begin and how lanes move between them.
 //!
 //! A state that one tier left can be resumed by any other: ids, masks and rows are the plan's. No
 //! tier may fuse instructions across a save point, back-edges included.
@@ -48,7 +49,7 @@ pub(crate) struct Plan {
     pub masks: usize,
     /// By [`SiteId`](crate::state::SiteId).
     pub sites: Vec<SiteKind>,
-    /// What lives across points and calls.
+    /// The values that live across points and calls.
     pub kept: Kept,
     /// In the order of functions, and of the text in each.
     pub points: Vec<SavePoint>,
@@ -73,7 +74,8 @@ pub(crate) struct FunctionPlan {
     pub mask_base: usize,
     /// State rows for live values start here, relative to the first such row.
     live_base: usize,
-    /// The ends of its values and of its descriptors in [`Kept`]; they begin where those of the function before end.
+    /// The ends of its values and of its descriptors in [`Kept`]; they begin where those of the
+    /// function before end.
     pub kept_ends: (usize, usize),
     /// Call paths that lead here.
     contexts: u64,
@@ -152,7 +154,8 @@ impl Planned<'_> {
         let (mut private, mut masks) = (vec![0; count], vec![0; count]);
         for &f in &self.order {
             let function = &self.module.functions[f];
-            // Draws share an environment up to the next barrier. An interlock orders fragments without one.
+            // Draws share an environment up to the next barrier. An interlock orders fragments
+            // without one.
             let fragment = self.module.fragment;
             let interlock = fragment.and_then(|fragment| fragment.interlock);
             let starts = f == 0 && interlock.is_none();

@@ -48,7 +48,8 @@ pub(crate) struct Remade {
 pub(crate) struct Live {
     /// Of [`Kept::values`].
     pub saved: List,
-    /// Of [`Kept::values`], too: values that are rows of the input record, so a state holds them anyway.
+    /// Of [`Kept::values`], too: values that are rows of the input record, so a state holds them
+    /// anyway.
     pub inputs: List,
     /// Of [`Kept::descriptors`].
     pub remade: List,
@@ -62,7 +63,7 @@ impl Live {
     };
 }
 
-/// What lives across all places, function after function.
+/// The values that live across all places, function after function.
 #[derive(Debug, Default, PartialEq)]
 pub(crate) struct Kept {
     pub values: Lists<Saved>,
@@ -80,8 +81,8 @@ pub(crate) struct SavePoint {
     pub live: Live,
     /// The event, or none for the entry, for back-edges and for where functions begin.
     pub site: Option<SiteId>,
-    /// Word offset of the SPIR-V instruction that is performed there, or near there; 0 where none is
-    /// known.
+    /// Word offset of the SPIR-V instruction that is performed there, or near there; 0 where none
+    /// is known.
     pub source: u32,
 }
 
@@ -222,7 +223,7 @@ struct Finder<'p, 'm> {
     living: Living,
 }
 
-/// What lives at the place that was passed last.
+/// The values that live at the place that was passed last.
 #[derive(Default)]
 struct Living {
     /// How many values, in the order of their starts, have begun.
@@ -322,7 +323,7 @@ impl Finder<'_, '_> {
         Ok(())
     }
 
-    /// What lives at a place behind the last one, each value where it stands as long as it lives.
+    /// The values that live at a place behind the last one, each in the row that it has for life.
     fn live(&mut self, place: HalfSteps) -> Result<Live, Error> {
         self.end_values(place);
         self.begin_values(place)?;

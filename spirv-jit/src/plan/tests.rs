@@ -67,8 +67,9 @@ fn a_tier_that_keeps_other_values_disagrees() {
     assert!(!planned.agrees(0, &liveness));
 }
 
-/// A uniform block is read once for a dispatch where every invocation reads it: not where some may have left, unless they read the same
-/// block before. Loads behind branches are of descriptor `behind`.
+/// A uniform block is read once for a dispatch where every invocation reads it: not where some may
+/// have left, unless they read the same block before. Loads behind branches are of descriptor
+/// `behind`.
 #[test]
 fn uniform_blocks_are_read_once_where_all_invocations_read_them() {
     let uniform = |stage: &str, access: &str, behind: u32| -> Vec<u32> {
@@ -124,7 +125,8 @@ fn uniform_blocks_are_read_once_where_all_invocations_read_them() {
     assert!(uniform("compute", "", 3).is_empty(), "a storage buffer");
 }
 
-/// The size of an image is asked for once for a dispatch where every invocation asks: behind a branch the image may be none.
+/// The size of an image is asked for once for a dispatch where every invocation asks: behind a
+/// branch the image may be none.
 #[test]
 fn sizes_are_asked_for_once_where_all_invocations_ask() {
     let query = "image.query_size[2d, i32, implicit, format 0]";

@@ -1,20 +1,22 @@
-//! Which values are the same in all invocations of a dispatch: they are computed once per run, in the prologue, and survive yields for
-//! nothing.
+//! Which values are the same in all invocations of a dispatch: they are computed once per run, in
+//! the prologue, and survive yields for nothing.
 //!
-//! Constants, dispatch words, descriptors, and pure operations on such. Loads count from what nothing can write meanwhile: push
-//! constants, and uniform blocks that every invocation reads which starts, as do queries of the size of an image that every invocation
-//! asks for. A block or image that no invocation comes to may be one that is gone (`descriptorBindingPartiallyBound`).
+//! Constants, dispatch words, descriptors, and pure operations on such. Loads count from what
+//! nothing can write meanwhile: push constants, and uniform blocks that every invocation reads
+//! which starts, as do queries of the size of an image that every invocation asks for. A block or
+//! image that no invocation comes to may be one that is gone (`descriptorBindingPartiallyBound`).
 
 use foldhash::{HashMap, HashSet};
 
 use crate::ir::op::DescriptorBinding;
 use crate::ir::{Body, Function, Inst, Node, Op, Space, Step, Terminator, Value};
 
-/// Loads of scalars from uniform blocks, at most, that not every invocation performs, but the prologue does.
+/// Loads of scalars from uniform blocks, at most, that not every invocation performs, but the
+/// prologue does.
 const MAX_EARLY_SCALARS: usize = 256;
 
-/// Per value of a function: the same in the whole dispatch. `starts`: each invocation starts with the function, and uniform blocks are
-/// not written while such invocations run.
+/// Per value of a function: the same in the whole dispatch. `starts`: each invocation starts with
+/// the function, and uniform blocks are not written while such invocations run.
 pub(super) fn find_uniform_values(function: &Function, starts: bool) -> Vec<bool> {
     let values = function.value_types.len();
     let mut finder = Finder {
@@ -56,7 +58,8 @@ struct Finder {
     push_constants: Vec<bool>,
     /// Which descriptor a value is.
     blocks: HashMap<Value, Block>,
-    /// The value is the first of a load from a uniform block, or of a query of an image's size, that every invocation performs.
+    /// The value is the first of a load from a uniform block, or of a query of an image's size,
+    /// that every invocation performs.
     certain: Vec<bool>,
     /// Uniform blocks that every invocation reads.
     read: HashSet<Block>,
@@ -108,7 +111,8 @@ impl Finder {
                     if certain {
                         self.note_certain(inst);
                     }
-                    // An intersection that is accepted may end the search, and a function may end the invocation.
+                    // An intersection that is accepted may end the search, and a function may end
+                    // the invocation.
                     if matches!(inst.op, Op::ReportIntersection | Op::Call(_)) {
                         here.left = 0;
                     }

@@ -181,7 +181,7 @@ impl Assembler {
         self.finish(result)
     }
 
-    /// What was written since the body was that long becomes a function before the main one.
+    /// Makes the words written since the body was that long a function before the main one.
     pub fn cut_function(&mut self, from: usize) {
         let function = self.body.split_off(from);
         self.functions.extend(function);

@@ -24,7 +24,7 @@ const TYPES: u32 = 2_550;
 
 const STACK_BYTES: usize = 256 << 10;
 
-/// What modules give for words, compiled and run on a small stack.
+/// The results of modules for words, compiled and run on a small stack.
 fn expect(words: Vec<u32>, cases: &'static [(u32, u32)]) {
     let small = thread::Builder::new().stack_size(STACK_BYTES);
     let ran = small.spawn(move || {

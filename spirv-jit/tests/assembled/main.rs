@@ -8,7 +8,7 @@ mod meets;
 
 use shaders::compute::{Memory, compile, dispatch};
 
-/// What a module gives for each of some words.
+/// The results of a module for each of some words.
 fn expect(words: &[u32], cases: &[(u32, u32)]) {
     let program = compile(words);
     for &(given, result) in cases {

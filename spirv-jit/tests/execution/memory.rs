@@ -4,7 +4,8 @@ use super::*;
 
 #[test]
 fn memory_layouts_agree_with_bytes() {
-    // std430: a at 0, b at 12 (stride 4), m at 24 (row-major, stride 8); 48 bytes an element, the first at 16.
+    // std430: a at 0, b at 12 (stride 4), m at 24 (row-major, stride 8); 48 bytes an element, the
+    // first at 16.
     let source = "layout(local_size_x = 1) in;
          struct S { vec3 a; float b[3]; mat2 m; };
          layout(set = 0, binding = 0, std430, row_major) buffer In { uint head; S items[]; };

@@ -1,4 +1,5 @@
-//! Runs a module on made-up inputs, and keeps what can be seen of it: outputs, what it wrote, what it yielded, by lane.
+//! Runs a module on made-up inputs, and keeps what can be seen of it: outputs, what it wrote, what
+//! it yielded, by lane.
 
 use std::sync::Arc;
 
@@ -65,7 +66,8 @@ impl Outcome {
         self
     }
 
-    /// With the payload words that an any-hit module leaves out because it leaves them as they came: those of a module that has them.
+    /// With the payload words that an any-hit module leaves out because it leaves them as they
+    /// came: those of a module that has them.
     #[allow(dead_code)]
     pub fn with_payload_of(mut self, whole: &Module, seed: u64) -> Outcome {
         if let Outcome::Ended(seen) = &mut self

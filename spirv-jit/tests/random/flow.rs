@@ -1,12 +1,14 @@
-//! Ways out of constructs: switches whose cases fall through, and leaving in the middle of a body, by any number of levels.
+//! Ways out of constructs: switches whose cases fall through, and leaving in the middle of a body,
+//! by any number of levels.
 
 use spirv_jit::ir::{Body, Node, Op, Terminator, Type};
 
 use super::Generator;
 
 impl Generator<'_> {
-    /// Blocks in each other, one a case, as lowering makes of a switch: leaving one goes to its case. A case ends by leaving the switch, by
-    /// falling through to the next one, or as any body may.
+    /// Blocks in each other, one a case, as lowering makes of a switch: leaving one goes to its
+    /// case. A case ends by leaving the switch, by falling through to the next one, or as any body
+    /// may.
     pub fn switch(&mut self, depth: usize, nodes: &mut Vec<Node>) {
         let count = 2 + self.random.below(4);
         let chosen = self.pick(Type::I32, nodes);

@@ -41,7 +41,8 @@ const ATOMICS: [AtomicOp; 13] = [
 ];
 
 impl Generator<'_> {
-    /// A subgroup operation whose result follows from the active lanes alone: no shuffle, which may read others.
+    /// A subgroup operation whose result follows from the active lanes alone: no shuffle, which may
+    /// read others.
     pub fn subgroup_operation(&mut self, nodes: &mut Vec<Node>) {
         let float = self.random.one_in(2);
         let (ty, reduce) = match float {

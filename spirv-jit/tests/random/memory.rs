@@ -8,7 +8,8 @@ use super::Generator;
 use crate::observe::{READABLE_WORDS, WRITABLE_WORDS};
 
 impl Generator<'_> {
-    /// A fixed row; of each variable, the even ones are read as integers of any width, the odd ones as floats or as parts of the former.
+    /// A fixed row; of each variable, the even ones are read as integers of any width, the odd ones
+    /// as floats or as parts of the former.
     pub fn variable_access(&mut self, nodes: &mut Vec<Node>) {
         let index = self.random.below(self.function.variables.len());
         let variable = VariableId(index as u32);
@@ -60,7 +61,8 @@ impl Generator<'_> {
         }
     }
 
-    /// A descriptor of a buffer: one that was used before, maybe before a yield, or a new one, the null descriptor in some lanes.
+    /// A descriptor of a buffer: one that was used before, maybe before a yield, or a new one, the
+    /// null descriptor in some lanes.
     fn descriptor(&mut self, which: usize, nodes: &mut Vec<Node>) -> Value {
         let known: Vec<Value> = (self.buffers.iter())
             .filter(|(value, of)| *of == which && self.visible.contains(value))
@@ -86,7 +88,8 @@ impl Generator<'_> {
             };
             let (at, named) = (Op::DescriptorAt, Op::DescriptorReference(binding));
             match self.random.below(3) {
-                // Any number may be a reference: to the push constants, what is only read, nothing at all.
+                // Any number may be a reference: to the push constants, what is only read, nothing
+                // at all.
                 0 if which == 2 => {
                     let numbers = [
                         reference::of(reference::PUSH_CONSTANTS, 0),
@@ -128,13 +131,15 @@ impl Generator<'_> {
         } else {
             READABLE_WORDS
         };
-        // An index often the same, otherwise the program's; in the buffer that is written, only into the lane's own words.
+        // An index often the same, otherwise the program's; in the buffer that is written, only
+        // into the lane's own words.
         let index = if self.random.one_in(2) {
             self.constant(1, Type::I32, nodes)
         } else {
             self.pick(Type::I32, nodes)
         };
-        // Few places to write, so that they are read again; the last of the others have neighbours outside.
+        // Few places to write, so that they are read again; the last of the others have neighbours
+        // outside.
         let places = if which == 1 { 2 } else { words };
         let mask = self.constant(places as u64 - 1, Type::I32, nodes);
         let index = self.emit_one(Op::And, &[index, mask], Type::I32, nodes);
@@ -156,7 +161,8 @@ impl Generator<'_> {
             self.emit(Op::Store(access), &[descriptor, offset, value], &[], nodes);
             return;
         }
-        // Neighbours, in any order, to be combined, if nothing is written between them; before the beginning, to wrap.
+        // Neighbours, in any order, to be combined, if nothing is written between them; before the
+        // beginning, to wrap.
         for _ in 0..1 + self.random.below(4) {
             let apart = self.random.below(5) as i32 - (which != 1) as i32;
             let distance = self.constant((4 * apart) as u32 as u64, Type::I32, nodes);
@@ -170,8 +176,8 @@ impl Generator<'_> {
         }
     }
 
-    /// Neighbours at device addresses in the buffer that is only read, or nowhere. All of them are inside: what is partly outside may be
-    /// read as zero or not.
+    /// Neighbours at device addresses in the buffer that is only read, or nowhere. All of them are
+    /// inside: what is partly outside may be read as zero or not.
     pub fn global_access(&mut self, nodes: &mut Vec<Node>) {
         let descriptor = self.descriptor(0, nodes);
         let base = self.emit_one(Op::DescriptorAddress, &[descriptor], Type::I64, nodes);

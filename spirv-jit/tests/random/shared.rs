@@ -1,5 +1,5 @@
-//! Workgroup memory of two halves: between two barriers one of them is written, each lane its own words, and what the lanes of its subgroup
-//! wrote before is read from the other one.
+//! Workgroup memory of two halves: between two barriers one of them is written, each lane its own
+//! words, and what the lanes of its subgroup wrote before is read from the other one.
 
 use spirv_jit::ir::op::Access;
 use spirv_jit::ir::{Node, Op, Space, Type};

@@ -428,7 +428,8 @@ fn samplers_embedded_in_a_layout() {
     use vk::DescriptorType as Ty;
     let gpu = Gpu::new();
     if gpu.name().contains("llvmpipe") {
-        // A fault takes the other tests along: this is the one check that is left out instead of known to fail.
+        // A fault takes the other tests along: this is the one check that is left out instead of
+        // known to fail.
         println!("known to fault on llvmpipe");
         return;
     }

@@ -179,7 +179,7 @@ fn views_that_framebuffers_were_made_of_are_replayed() {
         let again = gpu.device.create_image_view(&info, None);
         let again = again.expect("the view's data is free again");
         assert_eq!(sampled(again), before);
-        // What is left of the first view takes nothing from the second.
+        // The remains of the first view take nothing from the second.
         gpu.device.free_command_buffers(gpu.pool, &[commands]);
         assert_eq!(sampled(again), before);
         gpu.device.destroy_image_view(again, None);

@@ -48,7 +48,8 @@ fn a_set_may_be_written_between_its_binding_and_the_dispatch() {
     assert_eq!(results.read::<u32>()[..2], [2, 8]);
 }
 
-/// A set is in memory that shaders write: what they put there is no way to memory that they were not given.
+/// A set is in memory that shaders write: what they put there is no way to memory that they were
+/// not given.
 #[test]
 fn descriptors_that_a_shader_makes_up_lead_nowhere() {
     use vk::DescriptorType as Ty;

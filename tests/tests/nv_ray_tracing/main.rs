@@ -129,7 +129,8 @@ fn properties_are_those_of_the_newer_extensions() {
 #[test]
 fn triangles_are_where_they_were_put() {
     let Some(gpu) = gpu() else { return };
-    // A slope: z = 2 + x / 2 over [0, 4] × [0, 4]; then a square at z = 1 with indices, moved by a transform from x = 0 to x = 6.
+    // A slope: z = 2 + x / 2 over [0, 4] × [0, 4]; then a square at z = 1 with indices, moved by a
+    // transform from x = 0 to x = 6.
     let slope = [
         [0.0, 0.0, 2.0],
         [4.0, 0.0, 4.0],
@@ -166,7 +167,8 @@ fn triangles_are_where_they_were_put() {
     for (index, [z, primitive, custom, weights]) in found.iter().copied().enumerate() {
         let (x, y) = ((index % 8) as f32 + 0.25, (index / 8) as f32 + 0.25);
         if x < 4.0 {
-            // The diagonal goes from (4, 0) to (0, 4); the weights of the far corners add up to the part of the way to it.
+            // The diagonal goes from (4, 0) to (0, 4); the weights of the far corners add up to the
+            // part of the way to it.
             let second = x + y > 4.0;
             let part = if second { 8.0 - x - y } else { x + y } / 4.0;
             assert!(close(z, 2.0 + x / 2.0), "{x} {y}: {z}");

@@ -23,7 +23,8 @@ fn memory_is_asked_for_by_what_it_is_for() {
 fn instances_choose_by_mask_flags_and_table_offset() {
     let Some(gpu) = gpu() else { return };
     let bottom = gpu.bottom_nv(&[Geometry::opaque(&square(0.0, 0.0))]);
-    // Each a unit square at x = 0, 1 … 5; the fourth is not in the mask of any ray, the fifth is scaled by 2 along y.
+    // Each a unit square at x = 0, 1 … 5; the fourth is not in the mask of any ray, the fifth is
+    // scaled by 2 along y.
     let at = |x: f32, y_scale: f32, z: f32| scaled([1.0, y_scale, 1.0], [x, 0.0, z]);
     let instance = |x: f32, table_offset: u32| Instance {
         transform: at(x, 1.0, 2.0 + x),

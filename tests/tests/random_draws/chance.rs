@@ -109,7 +109,8 @@ pub fn random_draw(random: &mut Rng, able: Able, samples: u32, attachments: usiz
         true => pick(random, &[1.0, 3.0, 5.0]),
         false => 1.0,
     };
-    // Half pixels put vertices and edges onto centres and samples. Instances move by two pixels at most.
+    // Half pixels put vertices and edges onto centres and samples. Instances move by two pixels at
+    // most.
     let step = pick(random, &[1, 32, 128, 256]);
     let reach = match able.clips_exactly && random.bool() {
         true if !is_points => 6 * GRID,
@@ -122,7 +123,8 @@ pub fn random_draw(random: &mut Rng, able: Able, samples: u32, attachments: usiz
         let to = ((low[axis] + size[axis]) * GRID + reach) / step;
         let at = random.i64(from..to);
         match is_points {
-            // The edges of a point of odd width around an eighth of a pixel beside a centre miss all centres and samples.
+            // The edges of a point of odd width around an eighth of a pixel beside a centre miss
+            // all centres and samples.
             true => (at * step).div_euclid(GRID) * GRID + GRID / 2 + 8,
             false => at * step,
         }

@@ -1,7 +1,9 @@
-//! Random sequences of draws and clears, held against a rasterizer that asks every sample of every pixel.
+//! Random sequences of draws and clears, held against a rasterizer that asks every sample of every
+//! pixel.
 //!
-//! Everything is chosen so that the specification leaves no freedom: positions lie on the grid of sub-pixels, a primitive has one depth and one
-//! colour, alphas are 0 or 1 and blend factors follow from them. So every sample of every attachment, and every count of samples, must be equal.
+//! Everything is chosen so that the specification leaves no freedom: positions lie on the grid of
+//! sub-pixels, a primitive has one depth and one colour, alphas are 0 or 1 and blend factors follow
+//! from them. So every sample of every attachment, and every count of samples, must be equal.
 
 mod chance;
 mod reference;
@@ -17,7 +19,8 @@ const HEIGHT: u32 = 40;
 const VERTICES: u32 = 24;
 const INSTANCES: u32 = 4;
 
-/// An instance moves its vertices, and replaces their colour if the fourth component of the shift is 1.
+/// An instance moves its vertices, and replaces their colour if the fourth component of the shift
+/// is 1.
 const VERTEX: &str = "
     layout(location = 0) in vec4 position;
     layout(location = 1) in vec4 color;
@@ -113,7 +116,8 @@ impl Draw {
         }
     }
 
-    /// The primitives in order, of all instances ("Primitive Topologies"): the first vertex gives the colour.
+    /// The primitives in order, of all instances ("Primitive Topologies"): the first vertex gives
+    /// the colour.
     fn primitives(&self) -> Vec<Primitive> {
         let sequence = self.sequence();
         let mut shapes: Vec<Vec<u32>> = Vec::new();
@@ -554,7 +558,8 @@ fn random_sequences_of_draws_are_exact() {
     sequences(effort::rounds(100), false);
 }
 
-/// The vertices that clipping adds need not lie on the grid of sub-pixels, so drivers may move edges there. This one does not.
+/// The vertices that clipping adds need not lie on the grid of sub-pixels, so drivers may move
+/// edges there. This one does not.
 #[test]
 fn clipping_moves_no_edge() {
     sequences(effort::rounds(100), true);

@@ -120,7 +120,8 @@ impl Frame {
         let back = match primitive.shape {
             Shape::Triangle(corners) => {
                 let area = doubled_area(corners);
-                // The specification's area has the other sign: y goes down ("Basic Polygon Rasterization").
+                // The specification's area has the other sign: y goes down ("Basic Polygon
+                // Rasterization").
                 let is_front = match state.front {
                     vk::FrontFace::CLOCKWISE => area > 0,
                     _ => area < 0,

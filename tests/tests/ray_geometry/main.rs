@@ -285,7 +285,8 @@ fn the_range_of_a_ray_bounds_its_hits() {
     }
 }
 
-/// No pipeline here has an any-hit shader, so what is not opaque is hit like all else; but flags tell them apart.
+/// No pipeline here has an any-hit shader, so what is not opaque is hit like all else; but flags
+/// tell them apart.
 #[test]
 fn opacity_is_heeded_without_any_hit_shaders() {
     let gpu = Gpu::new();

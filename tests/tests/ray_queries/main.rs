@@ -1,4 +1,5 @@
-//! Ray queries, in compute and in every ray tracing stage. Expectations follow from where the geometry is.
+//! Ray queries, in compute and in every ray tracing stage. Expectations follow from where the
+//! geometry is.
 
 mod decisions;
 
@@ -129,8 +130,8 @@ fn many_queries_live_side_by_side() {
     let Some(gpu) = open() else { return };
     let heights: Vec<f32> = (1..=7).map(|z| z as f32).collect();
     let world = gpu.scene(&[Geometry::triangles(&layers(&heights), ASKS)]);
-    // An array of queries of different lengths, advanced in turns, in an order that differs by invocation; inside, another
-    // query in a function.
+    // An array of queries of different lengths, advanced in turns, in an order that differs by
+    // invocation; inside, another query in a function.
     let body = r"
     layout(local_size_x = 40) in;
     rayQueryEXT outer[4];
@@ -189,7 +190,8 @@ fn waves_stay_together_around_queries() {
     let Some(gpu) = open() else { return };
     let heights: Vec<f32> = (1..=16).map(|z| z as f32).collect();
     let world = gpu.scene(&[Geometry::triangles(&layers(&heights), ASKS)]);
-    // Invocations differ in their number of steps; what they count meets in shared memory and in the subgroup.
+    // Invocations differ in their number of steps; what they count meets in shared memory and in
+    // the subgroup.
     let body = r"
     #extension GL_KHR_shader_subgroup_arithmetic : enable
     layout(local_size_x = 64) in;
@@ -218,7 +220,8 @@ fn waves_stay_together_around_queries() {
 #[test]
 fn random_rays_agree_with_a_computation() {
     let Some(gpu) = open() else { return };
-    // Unit squares at random heights of a grid, each of two triangles, half of them not opaque and confirmed by the shader.
+    // Unit squares at random heights of a grid, each of two triangles, half of them not opaque and
+    // confirmed by the shader.
     let mut random = Rng::with_seed(7);
     let cells = 16;
     let (mut solid, mut open) = (Vec::new(), Vec::new());
@@ -344,7 +347,8 @@ fn structures_are_named_by_their_address() {
     }
 }
 
-/// A function for any stage: how far the first layer beyond `z` is, layers above `z + 3.5` left out, confirmed by hand.
+/// A function for any stage: how far the first layer beyond `z` is, layers above `z + 3.5` left
+/// out, confirmed by hand.
 const LOOK: &str = r"
 uint look(float z) {
     rayQueryEXT q;
@@ -463,7 +467,8 @@ fn every_ray_tracing_stage_asks() {
         .bind(results);
     case.trace(&gpu, [count, 1, 1]);
     let words: Vec<u32> = results.read();
-    // From z, the next layer is at the next integer above 0: three quarters, a half, or a quarter away.
+    // From z, the next layer is at the next integer above 0: three quarters, a half, or a quarter
+    // away.
     let (quarter, half, three) = (1003, 1002, 1001);
     for (i, words) in words.chunks(4).enumerate() {
         let by_ray = match i % 8 {

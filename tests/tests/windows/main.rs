@@ -186,7 +186,8 @@ fn pictures_are_stretched_over_windows_of_other_sizes() {
     presenter.destroy(swapchain);
 }
 
-/// The application draws to the image that is shown (`VK_KHR_shared_presentable_image`), and asks for a refresh or does not need to.
+/// The application draws to the image that is shown (`VK_KHR_shared_presentable_image`), and asks
+/// for a refresh or does not need to.
 #[test]
 fn shared_images_are_shown_again() {
     let shared = [

@@ -172,7 +172,7 @@ fn presenting_costs_little() {
     };
     present(20);
     let mut least = Duration::MAX;
-    // What else runs slows caches and cores down.
+    // Other work slows caches and cores down.
     let is_little = enough(1, 50, || {
         let before = processor_time();
         present(60);

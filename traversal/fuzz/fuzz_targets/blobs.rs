@@ -1,5 +1,5 @@
-//! Structures that somebody wrote into: serialized ones are refused or valid, and what lies in memory is
-//! walked, updated and validated without leaving it.
+//! Structures that somebody wrote into: serialized ones are refused or valid, and what lies in
+//! memory is walked, updated and validated without leaving it.
 #![no_main]
 
 use arbitrary::Arbitrary;

@@ -1,5 +1,6 @@
-//! Geometries out of bytes: every build fits its sizes and is valid, and all of them give the same hits, on
-//! any number of threads and every tier. Then positions change and the structure is updated.
+//! Geometries out of bytes: every build fits its sizes and is valid, and all of them give the same
+//! hits, on any number of threads and every tier. Then positions change and the structure is
+//! updated.
 #![no_main]
 
 use std::sync::LazyLock;

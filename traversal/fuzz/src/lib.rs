@@ -201,8 +201,9 @@ pub fn walked(
     (hit, candidates)
 }
 
-/// Walks each ray with fifteen neighbours: as a packet that stops for candidates, all of which count, and all in streams. To their
-/// ends or the end of fuel, of which each group has 65,536 to begin with.
+/// Walks each ray with fifteen neighbours: as a packet that stops for candidates, all of which
+/// count, and all in streams. To their ends or the end of fuel, of which each group has 65,536 to
+/// begin with.
 pub fn walked_together(walker: &mut Walker, top: &Bytes, rays: &[Ray], fuel: u64) {
     let with_neighbours = rays.iter().map(|ray| {
         let mut rows = RayRows::NONE;

@@ -1,4 +1,5 @@
-//! Instruction sets, chosen at run time. The processor is asked here and nowhere else, and one limit binds all that compute.
+//! Instruction sets, chosen at run time. The processor is asked here and nowhere else, and one
+//! limit binds all that compute.
 
 use std::fmt;
 use std::str::FromStr;
@@ -18,15 +19,16 @@ pub enum Tier {
 /// The best tier that may be used.
 static LIMIT: AtomicU8 = AtomicU8::new(Tier::Avx512 as u8);
 
-/// Whether permutes look bytes up in tables of 256 (AVX-512 VBMI): not all processors with [`Tier::Avx512`] have them. The results are the
-/// same with and without them.
+/// Whether permutes look bytes up in tables of 256 (AVX-512 VBMI): not all processors with
+/// [`Tier::Avx512`] have them. The results are the same with and without them.
 #[cfg(target_arch = "x86_64")]
 #[inline]
 pub fn has_byte_permutes() -> bool {
     is_x86_feature_detected!("avx512vbmi")
 }
 
-/// Whether AVX-512's gathers take longer than loads one by one: they do on AMD's processors, and not on Intel's. The results are the same.
+/// Whether AVX-512's gathers take longer than loads one by one: they do on AMD's processors, and
+/// not on Intel's. The results are the same.
 #[cfg(target_arch = "x86_64")]
 #[inline]
 pub fn gathers_slowly() -> bool {
@@ -73,12 +75,14 @@ impl Tier {
         Tier::available().contains(&self)
     }
 
-    /// Lets everything from now on (programs, samplers, copies of texels, builds, walkers that ask for the best) use no better tier than this.
+    /// Lets everything from now on (programs, samplers, copies of texels, builds, walkers that ask
+    /// for the best) use no better tier than this.
     pub fn limit(self) {
         LIMIT.store(self as u8, Ordering::Relaxed);
     }
 
-    /// The best that is available, up to what [`Self::limit`] says. Cheap enough to be asked for each sample.
+    /// The best that is available, up to what [`Self::limit`] says. Cheap enough to be asked for
+    /// each sample.
     #[inline]
     pub fn best() -> Tier {
         let limit = usize::from(LIMIT.load(Ordering::Relaxed));

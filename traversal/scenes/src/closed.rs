@@ -179,9 +179,9 @@ fn mean(mesh: &Mesh, random: &mut Random) -> DVec3 {
     point / sum
 }
 
-/// Rays at edges and vertices, from inside or outside (towards all vertices or away from them, where
-/// it is open); all distances between the near and the far end of what there is. Fewer where places
-/// to start from are hardly found.
+/// Rays at edges and vertices, from inside or outside (towards all vertices or away from them,
+/// where it is open); all distances between the near and the far end of what there is. Fewer where
+/// places to start from are hardly found.
 fn rays(
     mesh: &Mesh,
     surface: &mut Surface<'_>,
@@ -267,7 +267,8 @@ pub struct Placement {
 }
 
 impl Placement {
-    /// Whether placing a ray and back rounds nothing, so that it is known to the bit in object space.
+    /// Whether placing a ray and back rounds nothing, so that it is known to the bit in object
+    /// space.
     pub fn is_exact(&self) -> bool {
         self.clear == EXACT
     }

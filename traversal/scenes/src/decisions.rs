@@ -1,4 +1,5 @@
-//! What shaders are taken to decide about candidates. It follows from the ray and the candidate alone, so the order does not matter.
+//! Decisions of simulated shaders about candidates. It follows from the ray and the candidate
+//! alone, so the order does not matter.
 
 use crate::{Bytes, apply, wide};
 use traversal::{EVERYWHERE, Hit, Ray, Structure};
@@ -14,7 +15,8 @@ pub fn counts(hit: &Hit) -> bool {
     lot(hit).is_multiple_of(3)
 }
 
-/// Where a ray is taken to meet what is in a box, if it does: after it has entered the box, so that no walk may lose it.
+/// Where a ray is taken to meet what is in a box, if it does: after it has entered the box, so that
+/// no walk may lose it.
 pub fn inside(top: &Bytes, bounds: &[f32; 6], ray: &Ray, time: f32, hit: &Hit) -> Option<f32> {
     // SAFETY: the structures are alive.
     let top = unsafe { Structure::at(top.address(), &EVERYWHERE) }.expect("it was built");

@@ -67,7 +67,8 @@ impl<D: FnMut(&RayRows, &mut Flight)> Groups<D> {
         self
     }
 
-    /// Traces the rays, so many groups at once: to their ends, or as far as refills and rounds last.
+    /// Traces the rays, so many groups at once: to their ends, or as far as refills and rounds
+    /// last.
     ///
     /// # Safety
     /// The structures are alive.

@@ -214,7 +214,8 @@ pub fn build_instances(instances: &[InstanceRecord], flags: u32) -> Bytes {
     })
 }
 
-/// An instance whose transform is one matrix at time 0 and another at time 1: `VkAccelerationStructureMotionInstanceNV`.
+/// An instance whose transform is one matrix at time 0 and another at time 1:
+/// `VkAccelerationStructureMotionInstanceNV`.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct MotionRecord {
@@ -322,7 +323,8 @@ pub fn candidates_with(walker: &mut Walker, top: &Bytes, ray: &Ray) -> Vec<Hit> 
     found
 }
 
-/// xorshift: a sequence of numbers in [0, 1) that stays, since what is measured with it is on record.
+/// xorshift: a sequence of numbers in [0, 1) that stays, since what is measured with it is on
+/// record.
 pub struct Random(pub u64);
 
 impl Random {

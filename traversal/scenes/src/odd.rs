@@ -25,7 +25,8 @@ pub fn steps() -> Mesh {
     mesh
 }
 
-/// Rays along axes and planes, with zeros of both signs, of all lengths, through corners, and some that are not sound.
+/// Rays along axes and planes, with zeros of both signs, of all lengths, through corners, and some
+/// that are not sound.
 pub fn rays() -> Vec<Ray> {
     let mut random = Random(0x0123_4567_89AB_CDEF);
     let mut rays = Vec::new();

@@ -1,5 +1,5 @@
-//! Where rays meet a mesh, as [`exact`] sees it, but in f64 wherever a bound of its error shows that
-//! whole numbers would say the same. They are asked about the rest.
+//! Where rays meet a mesh, as [`exact`] sees it, but in f64 wherever a bound of its error shows
+//! that whole numbers would say the same. They are asked about the rest.
 //!
 //! Nothing here is shared with the walks that it checks.
 
@@ -8,15 +8,16 @@ use glam::DVec3;
 use crate::{Mesh, exact, wide};
 use traversal::Ray;
 
-/// A determinant of three vectors in f64 is off by less than this times the product of their lengths.
+/// A determinant of three vectors in f64 is off by less than this times the product of their
+/// lengths.
 ///
 /// Let u = 2⁻⁵³. A vertex less the origin is rounded once, each component by u of itself. So a
-/// component of the cross product is off by 4u of the sum of its products' sizes (two factors, one of
-/// which was rounded, the product, the difference), the scalar product by 1 + 1 + 2 = 4u more, all
-/// in all 8u to first order. The sum of sizes is a permanent of three rows, which is at most
-/// 3! / 3^1.5 = 1.155 times the product of their lengths. Lengths are off by 4u of themselves.
-/// 1.155 · 8u = 1.03·10⁻¹⁵; twice that is more than enough. Nothing underflows: products of three
-/// numbers of f32 are at least 2⁻⁴⁴⁷, and lengths, whose squares are at least 2⁻²⁹⁸, are as exact.
+/// component of the cross product is off by 4u of the sum of its products' sizes (two factors, one
+/// of which was rounded, the product, the difference), the scalar product by 1 + 1 + 2 = 4u more,
+/// all in all 8u to first order. The sum of sizes is a permanent of three rows, which is at most 3!
+/// / 3^1.5 = 1.155 times the product of their lengths. Lengths are off by 4u of themselves. 1.155 ·
+/// 8u = 1.03·10⁻¹⁵; twice that is more than enough. Nothing underflows: products of three numbers
+/// of f32 are at least 2⁻⁴⁴⁷, and lengths, whose squares are at least 2⁻²⁹⁸, are as exact.
 const CERTAIN: f64 = 2.1e-15;
 
 /// Distances that are certain to this part of themselves need no whole numbers.
@@ -187,9 +188,9 @@ impl<'a> Surface<'a> {
         (relative < enough).then_some(-volume / sum)
     }
 
-    /// Where a point is if the mesh is closed: by the crossings of rays, none of which comes near an
-    /// edge. Unsure if it is not further from the surface than by this part of how far it is from the
-    /// origin of space.
+    /// Where a point is if the mesh is closed: by the crossings of rays, none of which comes near
+    /// an edge. Unsure if it is not further from the surface than by this part of how far it is
+    /// from the origin of space.
     pub fn place(&mut self, point: DVec3, clear: f64) -> Place {
         if !self.is_clear(point, clear) {
             return Place::Unsure;
@@ -220,8 +221,8 @@ impl<'a> Surface<'a> {
         }
     }
 
-    /// Whether a point is further from each triangle than by this part of how far it is from the origin of
-    /// space: further from its plane, or outside of an edge.
+    /// Whether a point is further from each triangle than by this part of how far it is from the
+    /// origin of space: further from its plane, or outside of an edge.
     pub fn is_clear(&self, point: DVec3, clear: f64) -> bool {
         let least = clear * point.abs().max_element();
         self.planes.iter().all(|[plane, rims @ ..]| {

@@ -1,8 +1,8 @@
 //! Turning the binary tree into an 8-wide one at the least expected cost.
 //!
-//! Dynamic programming from the leaves up (Ylitie, Karras, Laine 2017, section 3.2): for each subtree the
-//! least cost of handing its primitives to a parent as 1 … 7 children is known from those of its
-//! two halves. The decisions are kept in the nodes, the costs only on the way up.
+//! Dynamic programming from the leaves up (Ylitie, Karras, Laine 2017, section 3.2): for each
+//! subtree the least cost of handing its primitives to a parent as 1 … 7 children is known from
+//! those of its two halves. The decisions are kept in the nodes, the costs only on the way up.
 
 use rayon::prelude::*;
 
@@ -35,8 +35,9 @@ const FEWER: u8 = 0x80;
 /// Subtrees with more primitives than this are planned side by side.
 const PARALLEL: u32 = 8192;
 
-/// Plans the whole tree: fills in decisions, then sizes, where `leaves` says how many leaves of the blob some
-/// consecutive primitives take as one child: the first of them, and how many. Returns the levels of nodes.
+/// Plans the whole tree: fills in decisions, then sizes, where `leaves` says how many leaves of the
+/// blob some consecutive primitives take as one child: the first of them, and how many. Returns the
+/// levels of nodes.
 pub(crate) fn plan(
     nodes: &mut [BinaryNode],
     costs: &Costs,
@@ -66,8 +67,9 @@ fn decide(nodes: &mut [BinaryNode], costs: &Costs) -> [f32; 7] {
     } else {
         (decide(left, costs), decide(right, costs))
     };
-    // The best way to make i + 2 children out of both halves, and how many go to the left one. A leaf costs
-    // the same however many children it may be, and others cost less the more they may be.
+    // The best way to make i + 2 children out of both halves, and how many go to the left one. A
+    // leaf costs the same however many children it may be, and others cost less the more they may
+    // be.
     let share = |i: usize| {
         if is_leaf[0] {
             return (left[0] + right[i], 0);

@@ -1,7 +1,7 @@
-//! A tree in a hurry: primitives are sorted along a Morton curve (Lauterbach et al. 2009) once, and each
-//! split is the cheapest by the surface area heuristic among those that cut the curve in two. Nothing
-//! moves any more after the sort. Where the curve does not tell primitives apart, the binned builder takes
-//! over.
+//! A tree in a hurry: primitives are sorted along a Morton curve (Lauterbach et al. 2009) once, and
+//! each split is the cheapest by the surface area heuristic among those that cut the curve in two.
+//! Nothing moves any more after the sort. Where the curve does not tell primitives apart, the
+//! binned builder takes over.
 
 #[cfg(target_arch = "x86_64")]
 use lanes::Tier;
@@ -37,8 +37,8 @@ impl Curve {
         let [x, y, z, _] = extent.centers.edges();
         let size = x.max(y).max(z);
         let [a, b, c, ..] = extent.centers.0;
-        // The same on all axes, so that cells are cubes; just below a power of two, so that the last center
-        // is inside.
+        // The same on all axes, so that cells are cubes; just below a power of two, so that the
+        // last center is inside.
         let cells = (1 << BITS) as f32 * 0.9999;
         let factor = if size > 1.0e-36 { cells / size } else { 0.0 };
         Curve {
@@ -136,8 +136,8 @@ struct Growth<'a> {
     rules: &'a SplitRules,
 }
 
-/// Builds the tree of primitives into `nodes` (2n − 1 of them). The primitives are at the front of the
-/// nodes' memory, and are sorted into `primitives`; `blocks` has the places that
+/// Builds the tree of primitives into `nodes` (2n − 1 of them). The primitives are at the front of
+/// the nodes' memory, and are sorted into `primitives`; `blocks` has the places that
 /// [`block_count`](super::sweep::block_count) asks for. The tree is the same on every machine.
 pub(crate) fn build(
     primitives: &mut [Primitive],
@@ -248,8 +248,8 @@ fn grow_portable(
     grow::<Portable>(growth, primitives, first, nodes, corners, depth, instances);
 }
 
-/// Builds the tree of the stretch from `first` on. Inlined into one function for each instruction set,
-/// which is also who builds the subtrees.
+/// Builds the tree of the stretch from `first` on. Inlined into one function for each instruction
+/// set, which is also who builds the subtrees.
 #[inline(always)]
 fn grow<V: Vector>(
     growth: &Growth<'_>,

@@ -22,7 +22,8 @@ const PARALLEL: u32 = 8192;
 const NEAR: u32 = 64;
 
 impl Target<'_> {
-    /// Lays out the parts for what is to be written; a top level has one record an instance, active or not.
+    /// Lays out the parts for what is to be written; a top level has one record an instance, active
+    /// or not.
     pub fn lay_out(&mut self, shape: &Shape, written: &mut Written) {
         if self.kind.is_top() {
             written.leaf_count = shape.primitives as u32;
@@ -93,8 +94,9 @@ impl Target<'_> {
         }
     }
 
-    /// Writes one child's primitives from leaf `index` on; returns the word for the child and how many leaves it took. (An
-    /// instance's leaf is its record, which stands at the instance's own index.)
+    /// Writes one child's primitives from leaf `index` on; returns the word for the child and how
+    /// many leaves it took. (An instance's leaf is its record, which stands at the instance's own
+    /// index.)
     ///
     /// # Safety
     /// As for [`Self::write_leaf`]; the memory of the geometries is readable.
@@ -177,8 +179,8 @@ impl Target<'_> {
     /// # Safety
     /// As for [`Self::write_primitives`].
     unsafe fn write_group(&self, primitives: &[Primitive], index: u32) {
-        // SAFETY: the caller's promise. It is filled in where it is, as copies of what was just written
-        // number by number are slow.
+        // SAFETY: the caller's promise. It is filled in where it is, as copies of what was just
+        // written number by number are slow.
         let group = unsafe {
             self.write_leaf(index, TriangleGroup::EMPTY);
             &mut *self.leaf_at::<TriangleGroup>(index)

@@ -140,8 +140,8 @@ fn motion_instance(ty: u32, bytes: &[u8]) -> Instance {
 }
 
 impl Instance {
-    /// Where the instance is; `None` if it is inactive: no bottom level in `live` or an empty one, or a
-    /// transform that is not finite or has no inverse.
+    /// Where the instance is; `None` if it is inactive: no bottom level in `live` or an empty one,
+    /// or a transform that is not finite or has no inverse.
     ///
     /// # Safety
     /// As for [`Structure::at`].
@@ -219,10 +219,10 @@ const ROUNDING: f64 = 1.0 / (1 << 24) as f64;
 ///
 /// The walk computes an object-space ray as `o' = A⁻¹(o − T)`, `d' = A⁻¹d` in f32, with a rounded
 /// `A⁻¹`. Each component of `o'` is off by at most 5 roundings of `|A⁻¹||o − T|`, and `t d'` by as
-/// many of `|A⁻¹||t d|`; seen from world space, by `5 · 2⁻²⁴ · K · (2|o| + |T| + |B|)` with
-/// `K = ‖|A||A⁻¹|‖∞` and B the box, as `|t d| ≤ |o| + |B|` where the box is hit. The part with `|o|`
-/// is the walk's to add (`origin_error`), the rest is a margin of the box here. 16 stands for
-/// 10 plus what second-order terms need. The identity is exact.
+/// many of `|A⁻¹||t d|`; seen from world space, by `5 · 2⁻²⁴ · K · (2|o| + |T| + |B|)` with `K =
+/// ‖|A||A⁻¹|‖∞` and B the box, as `|t d| ≤ |o| + |B|` where the box is hit. The part with `|o|` is
+/// the walk's to add (`origin_error`), the rest is a margin of the box here. 16 stands for 10 plus
+/// what second-order terms need. The identity is exact.
 fn place(object_to_world: &[f32; 12], object_bounds: &Bounds) -> Option<Placed> {
     if object_bounds.is_empty() || !object_to_world.iter().all(|m| m.is_finite()) {
         return None;

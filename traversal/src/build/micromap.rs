@@ -8,8 +8,8 @@ use crate::pool::in_pool;
 /// Words written by one task.
 const CHUNK: usize = 16384;
 
-/// Writes the references and words of the geometries; `part` is as long as they take. Geometries without a micromap
-/// have a reference of 0 and words that nothing reads.
+/// Writes the references and words of the geometries; `part` is as long as they take. Geometries
+/// without a micromap have a reference of 0 and words that nothing reads.
 ///
 /// # Safety
 /// The memory of the geometries is readable and unchanged.

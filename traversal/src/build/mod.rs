@@ -181,7 +181,8 @@ unsafe fn build_to_depth(
         written.cost = unsafe { refit::measure(&target, nodes, leaves) };
     }
     if shape.micromap_bytes > 0 {
-        // SAFETY: the destination has room for the part after the others; the caller's promise for the geometries.
+        // SAFETY: the destination has room for the part after the others; the caller's promise for
+        // the geometries.
         unsafe { write_micromaps(&target, shape.micromap_bytes) };
     }
     // SAFETY: the parts are inside the destination.
@@ -193,7 +194,8 @@ unsafe fn build_to_depth(
 /// Writes the part for micromaps, which comes after the others.
 ///
 /// # Safety
-/// There are `bytes` after the target's parts, and the memory of the geometries is readable and unchanged.
+/// There are `bytes` after the target's parts, and the memory of the geometries is readable and
+/// unchanged.
 unsafe fn write_micromaps(target: &Target<'_>, bytes: u64) {
     let list: Vec<_> = target.geometries.triangle_lists().collect();
     // SAFETY: the caller's promise.
@@ -215,7 +217,8 @@ fn takes_blocks(shape: &Shape, flags: BuildFlags, collected: &Collected) -> bool
 /// Fewer triangles take no less memory in blocks, as there has to be room after the last.
 const WORTH_BLOCKS: usize = 32;
 
-/// Plans the wide tree so that it fits what was promised, in the target's form if that does; `None` if none does.
+/// Plans the wide tree so that it fits what was promised, in the target's form if that does; `None`
+/// if none does.
 ///
 /// # Safety
 /// The memory of the geometries is readable.

@@ -1,5 +1,5 @@
-//! The same tree over new positions: leaves are written again, boxes are refitted around them, and it is
-//! measured what walks are expected to cost now.
+//! The same tree over new positions: leaves are written again, boxes are refitted around them, and
+//! it is measured what walks are expected to cost now.
 //!
 //! A blob may have been written into: whatever a node says is checked before it is followed.
 
@@ -271,8 +271,9 @@ impl<const REFIT: bool> Pass<'_, REFIT> {
         start.wrapping_add(index as usize)
     }
 
-    /// Visits the nodes from `start` up to `end`, a subtree in the order in which builds write it. `None`, with
-    /// some of its nodes visited, if it is none, or has more levels than `depth`. Sums are made in the same order on any number of threads.
+    /// Visits the nodes from `start` up to `end`, a subtree in the order in which builds write it.
+    /// `None`, with some of its nodes visited, if it is none, or has more levels than `depth`. Sums
+    /// are made in the same order on any number of threads.
     ///
     /// # Safety
     /// As for [`refit`], for these nodes.
@@ -325,8 +326,8 @@ impl<const REFIT: bool> Pass<'_, REFIT> {
         Some((unsafe { (*self.node_at(start)).all_bounds() }, sum))
     }
 
-    /// Visits a node after its children, which are after it and before `end`: others count as empty. Returns
-    /// what its children cost and whether all of them were there.
+    /// Visits a node after its children, which are after it and before `end`: others count as
+    /// empty. Returns what its children cost and whether all of them were there.
     ///
     /// # Safety
     /// As for [`refit`], for this node and those up to `end`.
@@ -365,7 +366,8 @@ impl<const REFIT: bool> Pass<'_, REFIT> {
     }
 }
 
-/// The sum of half the surfaces of a node's boxes, weighted. Infinite or 0 where numbers are out of all proportion.
+/// The sum of half the surfaces of a node's boxes, weighted. Infinite or 0 where numbers are out of
+/// all proportion.
 fn weighted_area(node: &Node, weights: &[f32; WIDTH]) -> f32 {
     let [x0, x1, y0, y1, z0, z1] = &node.bounds;
     let mut areas = [0f32; WIDTH];

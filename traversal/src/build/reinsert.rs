@@ -1,7 +1,9 @@
-//! Putting badly placed subtrees elsewhere (Meister and Bittner 2018): the top of a binary tree, where a split by planes
-//! had to part what is large from what is near, is taken apart and each piece put where it makes boxes grow least.
+//! Putting badly placed subtrees elsewhere (Meister and Bittner 2018): the top of a binary tree,
+//! where a split by planes had to part what is large from what is near, is taken apart and each
+//! piece put where it makes boxes grow least.
 //!
-//! That helps where sizes differ: walls around furniture. Where they do not, nothing moves, and it has cost next to nothing.
+//! That helps where sizes differ: walls around furniture. Where they do not, nothing moves, and it
+//! has cost next to nothing.
 
 use rayon::join;
 
@@ -51,7 +53,8 @@ const WRITTEN: &str = "the scratch memory was written during a build";
 /// Nothing is hung deeper by itself: what is large attracts what is small in long rows.
 const DEEP: u32 = 40;
 
-/// Places for pieces that a tree of so many primitives takes, and for nodes beyond two for each primitive.
+/// Places for pieces that a tree of so many primitives takes, and for nodes beyond two for each
+/// primitive.
 pub(crate) fn places(kind: Kind, count: u64) -> (u64, u64) {
     match kind {
         _ if count < FEW => (0, 0),
@@ -63,7 +66,8 @@ pub(crate) fn places(kind: Kind, count: u64) -> (u64, u64) {
     }
 }
 
-/// Improves a tree over `primitives` in `nodes`, whose first node is its root. Returns the nodes of the improved one.
+/// Improves a tree over `primitives` in `nodes`, whose first node is its root. Returns the nodes of
+/// the improved one.
 pub(crate) fn improve<'a>(
     primitives: &mut [Primitive],
     nodes: &'a mut [BinaryNode],
@@ -91,7 +95,8 @@ pub(crate) fn improve<'a>(
         return nodes;
     }
     let size = top.measure((ROOT, 0), nodes) as usize;
-    // The new tree goes to the end of the memory; before it, what it is made of is put together, then primitives.
+    // The new tree goes to the end of the memory; before it, what it is made of is put together,
+    // then primitives.
     let room = nodes.len() - size;
     if top.hanging_size() > room || count > room {
         return nodes;
@@ -99,7 +104,8 @@ pub(crate) fn improve<'a>(
     top.pack(nodes, order);
     let (packed, improved) = nodes.split_at_mut(room);
     top.write_nodes((ROOT, 0), packed, improved);
-    // SAFETY: nodes are larger than primitives, aligned as they are by [`super::carve`], and both are plain numbers.
+    // SAFETY: nodes are larger than primitives, aligned as they are by [`super::carve`], and both
+    // are plain numbers.
     let spare = unsafe { std::slice::from_raw_parts_mut(packed.as_mut_ptr().cast(), count) };
     top.write_primitives((ROOT, 0), primitives, spare);
     primitives.copy_from_slice(spare);
@@ -186,7 +192,8 @@ impl<'a> Top<'a> {
         place.map_or(0.0, |(_, gain)| gain)
     }
 
-    /// Which piece should be the sibling of another, and how much less the boxes above them have of surface then.
+    /// Which piece should be the sibling of another, and how much less the boxes above them have of
+    /// surface then.
     fn best_place(&self, piece: u32) -> Option<(u32, f32)> {
         let own = self.at(piece);
         let parent = own.parent;
@@ -194,8 +201,8 @@ impl<'a> Top<'a> {
             return None;
         }
         let mut best = (ROOT, 0.0);
-        // Upwards from its place, and from each node there down the other side. What is gained so far is that boxes
-        // need not hold it any more.
+        // Upwards from its place, and from each node there down the other side. What is gained so
+        // far is that boxes need not hold it any more.
         let mut gained = self.at(parent).area;
         let mut pivot = parent;
         let mut other = self.sibling(piece);
@@ -316,7 +323,8 @@ impl<'a> Top<'a> {
         hanging.map(|piece| piece.size as usize).sum()
     }
 
-    /// Moves the nodes of what hangs there together at the front. `order` has a place for each piece.
+    /// Moves the nodes of what hangs there together at the front. `order` has a place for each
+    /// piece.
     fn pack(&mut self, nodes: &mut [BinaryNode], order: &mut [u32]) {
         let hanging = (0..self.pieces.len() as u32).filter(|&piece| !self.at(piece).has_children());
         let mut length = 0;

@@ -80,8 +80,9 @@ pub fn micromap_bytes(max_primitive_counts: &[u32]) -> u64 {
     micromap_part_bytes(max_primitive_counts.len() as u64, count)
 }
 
-/// The promised size. Per primitive, each constant is well above what [`Target::write_packed`](super::emit::Target::write_packed)
-/// takes; few primitives may each have a leaf and a node of their own.
+/// The promised size. Per primitive, each constant is well above what
+/// [`Target::write_packed`](super::emit::Target::write_packed) takes; few primitives may each have
+/// a leaf and a node of their own.
 pub(super) fn structure_bytes(kind: Kind, geometries: u64, primitives: u64) -> u64 {
     let node = size_of::<Node>() as u64;
     let leaf = leaf_bytes(kind, Form::Groups);

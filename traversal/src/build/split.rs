@@ -101,7 +101,8 @@ impl Binning {
         }
     }
 
-    /// On each axis. Centers are inside the extent and everything is finite, so this is between 0 and `BINS`.
+    /// On each axis. Centers are inside the extent and everything is finite, so this is between 0
+    /// and `BINS`.
     #[inline(always)]
     fn bins<V: Vector, const BINS: usize>(&self, center: V) -> [usize; 3] {
         let [x, y, z, _] = center.places(&self.base, &self.factor);

@@ -1,7 +1,7 @@
 //! Cheapest cuts through primitives in the order of a curve.
 //!
-//! Large ranges are swept block by block, then between the two blocks around the best plane; boxes of
-//! 16, 256, … neighbours are made before.
+//! Large ranges are swept block by block, then between the two blocks around the best plane; boxes
+//! of 16, 256, … neighbours are made before.
 
 use std::mem::MaybeUninit;
 

@@ -17,7 +17,8 @@ pub(crate) struct SweptPrimitive {
 }
 
 impl SweptGeometry {
-    /// Primitive `index`. `None` if it is inactive: a component or a radius is NaN, or something lies outside the memory.
+    /// Primitive `index`. `None` if it is inactive: a component or a radius is NaN, or something
+    /// lies outside the memory.
     ///
     /// # Safety
     /// The geometry's memory must be readable and unchanged.
@@ -149,7 +150,8 @@ impl SweptPrimitive {
     }
 }
 
-/// The box of an active primitive. One that reaches infinity can never be met, so it is left out, unless an update might move it.
+/// The box of an active primitive. One that reaches infinity can never be met, so it is left out,
+/// unless an update might move it.
 ///
 /// # Safety
 /// The geometry's memory must be readable and unchanged.

@@ -16,8 +16,9 @@ use super::vector::{Portable, Vector};
 use crate::layout::Bounds;
 use crate::pool::in_pool;
 
-/// A node of the binary tree. The left child is the next node; nodes of a subtree lie together, and so do its primitives.
-/// Subtrees of up to [`PARALLEL`] primitives that [`build`] makes have no gaps between their nodes.
+/// A node of the binary tree. The left child is the next node; nodes of a subtree lie together, and
+/// so do its primitives. Subtrees of up to [`PARALLEL`] primitives that [`build`] makes have no
+/// gaps between their nodes.
 #[derive(Clone, Copy, Debug, Default)]
 #[repr(C, align(16))]
 pub(crate) struct BinaryNode {

@@ -12,9 +12,10 @@ const WORN: f32 = 2.0;
 /// Updates a structure: same geometries and primitive counts, new positions, transforms and
 /// instances. `source` is the structure to start from; `None` updates `destination` in place.
 ///
-/// Boxes are refitted around the new positions and the tree stays. Where that makes a structure that walks are
-/// expected to take more than [`WORN`] times as long through as when it was built, it is built anew, if
-/// `destination` and `scratch` are as large as [`build_sizes`](super::build_sizes) says for a build.
+/// Boxes are refitted around the new positions and the tree stays. Where that makes a structure
+/// that walks are expected to take more than [`WORN`] times as long through as when it was built,
+/// it is built anew, if `destination` and `scratch` are as large as
+/// [`build_sizes`](super::build_sizes) says for a build.
 ///
 /// # Safety
 /// As for [`build`](super::build).

@@ -1,4 +1,5 @@
-//! [`Corners`] in a register: the arithmetic of the builders' inner loops, once for each instruction set.
+//! [`Corners`] in a register: the arithmetic of the builders' inner loops, once for each
+//! instruction set.
 //!
 //! Both do the same operations in the same order, so a tree does not depend on the machine.
 
@@ -11,12 +12,12 @@ use super::primitive::Primitive;
 /// Eight numbers, as [`Corners`] has them.
 ///
 /// # Safety
-/// Implementations may need an instruction set: code that is generic over them is inlined into functions
-/// that have it, which are called where the machine has it.
+/// Implementations may need an instruction set: code that is generic over them is inlined into
+/// functions that have it, which are called where the machine has it.
 pub(crate) unsafe trait Vector: Copy {
     fn of(corners: &Corners) -> Self;
-    /// A primitive's box. What stands for the indices is zero: as numbers they would be denormal, and
-    /// those cost a hundred times as much.
+    /// A primitive's box. What stands for the indices is zero: as numbers they would be denormal,
+    /// and those cost a hundred times as much.
     fn of_primitive(primitive: &Primitive) -> Self;
     fn corners(self) -> Corners;
     /// The lesser of each number, or that of `other` if they are equal: the box around both.
@@ -34,8 +35,8 @@ pub(crate) unsafe trait Vector: Copy {
 
     fn counts(counts: &[u32; 4]) -> Self::Counts;
     fn add_counts(one: Self::Counts, other: Self::Counts) -> Self::Counts;
-    /// Half the surfaces of three boxes whose edges are multiplied by `scale`, times the number of blocks
-    /// of 2^`shift` that hold so many.
+    /// Half the surfaces of three boxes whose edges are multiplied by `scale`, times the number of
+    /// blocks of 2^`shift` that hold so many.
     fn costs(boxes: [Self; 3], scale: f32, counts: Self::Counts, shift: u32) -> Self::Four;
     fn add(one: Self::Four, other: Self::Four) -> Self::Four;
     /// Replaces what is greater than `cost`, and where it was found.

@@ -99,7 +99,8 @@ impl Block {
         })
     }
 
-    /// Writes the vertices of all triangles into two groups. Returns which of their lanes there are.
+    /// Writes the vertices of all triangles into two groups. Returns which of their lanes there
+    /// are.
     pub fn expand(&self, groups: [&mut TriangleGroup; 2]) -> u32 {
         let lanes = self.lanes();
         for (i, group) in groups.into_iter().enumerate() {

@@ -1,25 +1,29 @@
 //! How far off edge functions in f32 may be.
 //!
-//! A test moves vertices to the ray's origin and shears them, so that the ray is the z axis: `X = x − s z` with `s = dx / dz`, at
-//! most 1 in size, and `Y` likewise. It computes, in f32 with u = 2⁻²⁴,
+//! A test moves vertices to the ray's origin and shears them, so that the ray is the z axis: `X = x
+//! − s z` with `s = dx / dz`, at most 1 in size, and `Y` likewise. It computes, in f32 with u =
+//! 2⁻²⁴,
 //!
 //! ```text
 //! x' = fl(fl(x) − fl(fl(s) fl(z)))               |x' − X| ≤ u (|x| + 3 |s z| + |x'|) ≤ ε = u (2 S + 4 Z)
 //! E' = fl(fl(px' qy') − fl(py' qx'))             |E' − E| ≤ 4 u S² + 4 S ε + 2 ε²
 //! ```
 //!
-//! where S bounds |X| and |Y| of both vertices and Z their |z|. With W, the longest side of the box around the triangle, and
-//! T, the first vertex's |fl(z)|, we have Z ≤ T + W. If the ray hits the triangle, the z axis meets the sheared one, so
-//! S ≤ 2 W; if E' of all three edges are of one sign, it meets the rounded one (rounding is monotone, so those signs are
-//! the rounded triangle's), and S ≤ 2 W + 3 ε. In both cases, up to factors of 1 + 40 u,
+//! where S bounds |X| and |Y| of both vertices and Z their |z|. With W, the longest side of the box
+//! around the triangle, and T, the first vertex's |fl(z)|, we have Z ≤ T + W. If the ray hits the
+//! triangle, the z axis meets the sheared one, so S ≤ 2 W; if E' of all three edges are of one
+//! sign, it meets the rounded one (rounding is monotone, so those signs are the rounded
+//! triangle's), and S ≤ 2 W + 3 ε. In both cases, up to factors of 1 + 40 u,
 //!
 //! ```text
 //! |E' − E| ≤ u (48 W² + 32 W Z + 224 u Z²) ≤ (T + 2.5 W) (32 u W + 224 u² T)
 //! ```
 //!
-//! So a triangle is hit if three edge functions of one sign exceed that, and is missed if two of opposite signs do: were it hit, they would
-//! not. The factors here are larger by 1/8 and more, which covers their own rounding. Where W is tiny it counts as 2⁻⁵⁴, which leaves room for
-//! what underflows; where it is above 2⁵⁵, as infinite: nothing is decided by bounds where products could overflow.
+//! So a triangle is hit if three edge functions of one sign exceed that, and is missed if two of
+//! opposite signs do: were it hit, they would not. The factors here are larger by 1/8 and more,
+//! which covers their own rounding. Where W is tiny it counts as 2⁻⁵⁴, which leaves room for what
+//! underflows; where it is above 2⁵⁵, as infinite: nothing is decided by bounds where products
+//! could overflow.
 #![forbid(unsafe_code)]
 
 /// A bound for the edge functions of triangles that are no larger than some size.
@@ -86,7 +90,8 @@ impl Margin {
 
 /// The longest side of the boxes around some triangles, for their margin.
 ///
-/// Triangles are taken as they are read: what was written number by number a moment ago is slow to be read again in vectors.
+/// Triangles are taken as they are read: what was written number by number a moment ago is slow to
+/// be read again in vectors.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct Extent(Option<f32>);
 

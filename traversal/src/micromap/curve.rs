@@ -1,7 +1,7 @@
 //! The order of the parts of a triangle.
 
-/// Position on the curve through the parts of a triangle (chapter Ray Traversal, "Ray Opacity Micromap") of the part at a
-/// point, given by the weights of the second and third vertex.
+/// Position on the curve through the parts of a triangle (chapter Ray Traversal, "Ray Opacity
+/// Micromap") of the part at a point, given by the weights of the second and third vertex.
 pub(super) fn part_index([u, v]: [f32; 2], level: u32) -> u32 {
     let side = 1u32 << level;
     let [scaled_u, scaled_v] = [u, v].map(|weight| weight.clamp(0.0, 1.0) * side as f32);
@@ -10,7 +10,8 @@ pub(super) fn part_index([u, v]: [f32; 2], level: u32) -> u32 {
     // Rows along the edge between these vertices have upright parts only at their ends.
     let inverted = fractions >= 1.0 && whole_u + whole_v < side - 1;
     let whole_u = whole_u.min(side - 1 - whole_v);
-    // Distances from the three edges, in parts: their sum is one less than the side, or two in an inverted part.
+    // Distances from the three edges, in parts: their sum is one less than the side, or two in an
+    // inverted part.
     let mut at = [
         side - 1 - whole_u - whole_v - u32::from(inverted),
         whole_u,
@@ -45,8 +46,8 @@ mod tests {
     use super::super::MAX_LEVEL;
     use super::*;
 
-    /// Every part's middle, by dividing the triangle as the specification draws it: near vertex 0, the middle, near
-    /// vertex 1, near vertex 2, each second one flipped.
+    /// Every part's middle, by dividing the triangle as the specification draws it: near vertex 0,
+    /// the middle, near vertex 1, near vertex 2, each second one flipped.
     fn middles(corners: [[f64; 2]; 3], level: u32, out: &mut Vec<[f32; 2]>) {
         let [a, b, c] = corners;
         let mean = |points: &[[f64; 2]]| -> [f64; 2] {

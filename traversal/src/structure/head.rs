@@ -7,8 +7,8 @@ use crate::layout::{
     micromap_part_bytes,
 };
 
-/// Whether the header at `base` says of a structure's use what a copy of it says; of its bounds, which no walk looks at, it may say
-/// something else.
+/// Whether the header at `base` says of a structure's use what a copy of it says; of its bounds,
+/// which no walk looks at, it may say something else.
 ///
 /// # Safety
 /// A header is readable there, and aligned.
@@ -40,7 +40,8 @@ const _: () = assert!(
     std::mem::offset_of!(Header, bounds) <= 96 && std::mem::offset_of!(Header, origin_error) == 112
 );
 
-/// Checks that a header is one of ours and that all parts are inside its size: what reading them relies on.
+/// Checks that a header is one of ours and that all parts are inside its size: what reading them
+/// relies on.
 #[inline(always)]
 pub(super) fn check_header(header: &Header) -> Result<(Kind, Form), StructureError> {
     if header.magic != MAGIC || header.version != VERSION {

@@ -8,7 +8,8 @@ use crate::ray::Hit;
 
 impl Structure {
     /// The object-space positions of a hit triangle's vertices, in order, after the geometry's
-    /// transform. `self` is the top level, and the bottom level lies in `live`; zeros for what is no triangle.
+    /// transform. `self` is the top level, and the bottom level lies in `live`; zeros for what is
+    /// no triangle.
     pub fn triangle_vertices(&self, hit: &Hit, live: &Live) -> [[f32; 3]; 3] {
         self.triangle_vertices_at(hit, 0.0, live)
     }
@@ -36,7 +37,8 @@ impl Structure {
         unsafe { Structure::at(self.reference(hit.instance_index), live) }
     }
 
-    /// Where a hit's primitive lies in this bottom level. A hit that no walk found does not know; then it is looked for.
+    /// Where a hit's primitive lies in this bottom level. A hit that no walk found does not know;
+    /// then it is looked for.
     fn slot_of(&self, hit: &Hit) -> u32 {
         if hit.slot != Hit::UNKNOWN_SLOT {
             return hit.slot;
@@ -85,7 +87,8 @@ impl Structure {
         Hit::UNKNOWN_SLOT
     }
 
-    /// The object-space ends of a hit sphere or linear swept sphere, and their radii. `self` is the top level; zeros for what is none.
+    /// The object-space ends of a hit sphere or linear swept sphere, and their radii. `self` is the
+    /// top level; zeros for what is none.
     pub fn swept_ends(&self, hit: &Hit, live: &Live) -> ([[f32; 3]; 2], [f32; 2]) {
         self.bottom_level(hit, live)
             .and_then(|bottom| bottom.swept_entry(bottom.slot_of(hit)))

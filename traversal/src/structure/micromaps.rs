@@ -7,8 +7,8 @@ use crate::live::Live;
 use crate::micromap::{Opacity, opacity_of_word, validate_micromap};
 
 impl Structure {
-    /// The opacity that a geometry's micromap gives a point of a triangle. Where the structure says nothing, a shader
-    /// is asked.
+    /// The opacity that a geometry's micromap gives a point of a triangle. Where the structure says
+    /// nothing, a shader is asked.
     #[cold]
     #[inline(never)]
     pub(crate) fn micromap_opacity(

@@ -24,8 +24,8 @@ pub fn validate(blob: &[u8]) -> Result<(), StructureError> {
 /// Subtrees of fewer nodes are one task.
 const FEW: u32 = 1024;
 
-/// Checks the nodes from `start` up to `end`, a subtree in the order in which builds write it, side by side with others.
-/// False if it is none, or not sound.
+/// Checks the nodes from `start` up to `end`, a subtree in the order in which builds write it, side
+/// by side with others. False if it is none, or not sound.
 fn check_subtree(structure: &Structure, start: u32, end: u32, depth: u32) -> bool {
     if end - start < FEW || depth >= MAX_DEPTH {
         return check_range(structure, start, end, depth);

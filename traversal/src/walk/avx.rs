@@ -242,7 +242,8 @@ impl<const WIDE: bool> Kernel for Avx<WIDE> {
     }
 }
 
-/// Where the ray meets the near and the far planes of an axis. The inverses of rays of lists have the opposite sign.
+/// Where the ray meets the near and the far planes of an axis. The inverses of rays of lists have
+/// the opposite sign.
 #[inline(always)]
 unsafe fn planes<const CLOSED: bool>(
     beam: &AvxBeam,
@@ -272,8 +273,8 @@ unsafe fn planes<const CLOSED: bool>(
     }
 }
 
-/// The greater as integers, which is faster: from 0 on the order is that of numbers, and what is negative, NaN with it (0 · ∞ has its sign), is
-/// below `t_min` and any near plane.
+/// The greater as integers, which is faster: from 0 on the order is that of numbers, and what is
+/// negative, NaN with it (0 · ∞ has its sign), is below `t_min` and any near plane.
 #[inline(always)]
 unsafe fn greater(a: __m256, b: __m256) -> __m256 {
     // SAFETY: the callers promise AVX2.

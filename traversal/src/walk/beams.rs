@@ -32,7 +32,8 @@ fn lower(v: f32) -> f32 {
     f32::from_bits(if v == 0.0 { 0x8000_0001 } else { next as u32 })
 }
 
-/// The number of an axis. By masks: of a choice between numbers in memory, compilers make a choice between addresses, and gather.
+/// The number of an axis. By masks: of a choice between numbers in memory, compilers make a choice
+/// between addresses, and gather.
 #[inline(always)]
 fn pick(axis: u32, x: f32, y: f32, z: f32) -> f32 {
     let only_if = |wanted: bool, v: f32| v.to_bits() & 0u32.wrapping_sub(u32::from(wanted));
@@ -77,7 +78,8 @@ impl Terms {
     }
 }
 
-/// Whether a direction is longest along x, or along y, as `Space::set` finds it; else it is along z.
+/// Whether a direction is longest along x, or along y, as `Space::set` finds it; else it is along
+/// z.
 #[inline(always)]
 fn longest(x: f32, y: f32, z: f32) -> (bool, bool) {
     let [x, y, z] = [x.abs(), y.abs(), z.abs()];
@@ -105,7 +107,8 @@ pub(crate) struct Given {
 }
 
 impl Given {
-    /// The rays of some lanes; the others repeat the first of them, so that nothing odd is computed there.
+    /// The rays of some lanes; the others repeat the first of them, so that nothing odd is computed
+    /// there.
     #[inline(always)]
     pub fn new(rays: &RayRows, lanes: LaneMask) -> Given {
         let first = lanes.first();
@@ -140,16 +143,16 @@ impl Given {
     }
 }
 
-/// Rays by their own axes: two, then the one along which the direction is longest; the first two are swapped if that is
-/// negative. See [`Space::axes`].
+/// Rays by their own axes: two, then the one along which the direction is longest; the first two
+/// are swapped if that is negative. See [`Space::axes`].
 #[repr(C, align(64))]
 pub(crate) struct Beams {
     pub origin: [Lanes; 3],
-    /// The origin for far planes. The next lower number where the direction is 0: so a plane through the origin, which it
-    /// meets everywhere, is beyond it, not at 0 · ∞.
+    /// The origin for far planes. The next lower number where the direction is 0: so a plane
+    /// through the origin, which it meets everywhere, is beyond it, not at 0 · ∞.
     pub far_origin: [Lanes; 3],
-    /// One over the direction, made smaller for near planes and larger for far ones, with the opposite sign: distances are
-    /// `(o − p) · −(1/d)`.
+    /// One over the direction, made smaller for near planes and larger for far ones, with the
+    /// opposite sign: distances are `(o − p) · −(1/d)`.
     pub near_inverse: [Lanes; 3],
     pub far_inverse: [Lanes; 3],
     /// Offsets in bytes of the rows of a node with the near planes.
@@ -189,15 +192,16 @@ impl Beams {
         tolerance: Accuracy::Spec.tolerance(),
     };
 
-    /// Sets rays up in an instance that does not move; returns the lanes in which that is all there is to say: the ray is
-    /// sound and of ordinary length.
+    /// Sets rays up in an instance that does not move; returns the lanes in which that is all there
+    /// is to say: the ray is sound and of ordinary length.
     #[inline(always)]
     pub fn set_up(&mut self, given: &Given, record: &InstanceRecord) -> LaneMask {
         self.start_instance(given, record);
         self.derive(given)
     }
 
-    /// Sets rays up in a top level; returns what [`Self::set_up`] does. `origin_error`: as for [`Self::widen`].
+    /// Sets rays up in a top level; returns what [`Self::set_up`] does. `origin_error`: as for
+    /// [`Self::widen`].
     #[cfg(target_arch = "x86_64")]
     #[inline(always)]
     pub fn set_up_top(&mut self, given: &Given, origin_error: f32) -> LaneMask {
@@ -207,14 +211,16 @@ impl Beams {
         sound
     }
 
-    /// Takes rays of a packet as they are in a top level; what follows is [`Self::set_up_together`].
+    /// Takes rays of a packet as they are in a top level; what follows is
+    /// [`Self::set_up_together`].
     #[inline(always)]
     pub fn start_top(&mut self, given: &Given) {
         self.space_origin = given.origin;
         self.space_direction = given.direction;
     }
 
-    /// Takes rays of a packet to an instance that does not move; what follows is [`Self::set_up_together`].
+    /// Takes rays of a packet to an instance that does not move; what follows is
+    /// [`Self::set_up_together`].
     #[inline(always)]
     pub fn start_instance(&mut self, given: &Given, record: &InstanceRecord) {
         self.start_top(given);
@@ -223,8 +229,8 @@ impl Beams {
         }
     }
 
-    /// The way that each ray goes: a number for its longest axis and for the signs of its direction. Rays with the same number
-    /// have their own axes and their near planes in common.
+    /// The way that each ray goes: a number for its longest axis and for the signs of its
+    /// direction. Rays with the same number have their own axes and their near planes in common.
     #[inline(always)]
     pub fn ways(&self) -> Words {
         let d = &self.space_direction;
@@ -238,8 +244,8 @@ impl Beams {
         ways
     }
 
-    /// Sets rays up that go the same way as the one in a lane, wherever they are; returns 1 for the lanes that this is for: see
-    /// [`Self::set_up`].
+    /// Sets rays up that go the same way as the one in a lane, wherever they are; returns 1 for the
+    /// lanes that this is for: see [`Self::set_up`].
     #[inline(always)]
     pub fn set_up_together(&mut self, given: &Given, lane: usize) -> Words {
         let mut sound = given.sound;
@@ -274,7 +280,8 @@ impl Beams {
         sound
     }
 
-    /// Makes boxes larger by how far off rays may be in a top level, relative to how far from the origin of space they start.
+    /// Makes boxes larger by how far off rays may be in a top level, relative to how far from the
+    /// origin of space they start.
     #[inline(always)]
     pub fn widen(&mut self, given: &Given, origin_error: f32) {
         let o = &given.origin;
@@ -289,7 +296,8 @@ impl Beams {
         }
     }
 
-    /// Moves rays to the space of an instance, as [`Level::place`](super::level::Level::place) does.
+    /// Moves rays to the space of an instance, as [`Level::place`](super::level::Level::place)
+    /// does.
     #[inline(always)]
     fn turn(&mut self, record: &InstanceRecord) {
         let (to_world, m) = (&record.object_to_world, &record.world_to_object);

@@ -1,14 +1,17 @@
 //! On which side of its edges a ray passes a triangle, decided on the numbers that were given.
 //!
-//! For a ray from `o` along `d`, the edge from `p` to `q` has the determinant `det(d, p − o, q − o)`: the ray passes on the side
-//! that its sign says. Tests decide by bounds where they can ([`Margin`](crate::layout::Margin)). Here is what they leave: in f64
-//! with a bound of its own, then without any rounding ([`Expansion`]).
+//! For a ray from `o` along `d`, the edge from `p` to `q` has the determinant `det(d, p − o, q −
+//! o)`: the ray passes on the side that its sign says. Tests decide by bounds where they can
+//! ([`Margin`](crate::layout::Margin)). Here is what they leave: in f64 with a bound of its own,
+//! then without any rounding ([`Expansion`]).
 //!
-//! A determinant of zero is a ray that meets the edge's line. Where a shared edge has to belong to one triangle, the ray is thought
-//! to start at `o + (ε, ε², ε³)` for an infinitesimal ε (simulation of simplicity, Edelsbrunner, Mücke 1990). That adds
-//! `(ε, ε², ε³) · (d × (q − p))`, so the first component of the cross product that is not zero has the sign. It does not depend
-//! on the third vertex, and changes with the direction of the edge: both triangles of an edge see the same ray. An edge along
-//! the ray keeps its zero; its triangles are seen from their sides, and no ray hits those.
+//! A determinant of zero is a ray that meets the edge's line. Where a shared edge has to belong to
+//! one triangle, the ray is thought to start at `o + (ε, ε², ε³)` for an infinitesimal ε
+//! (simulation of simplicity, Edelsbrunner, Mücke 1990). That adds `(ε, ε², ε³) · (d × (q − p))`,
+//! so the first component of the cross product that is not zero has the sign. It does not depend on
+//! the third vertex, and changes with the direction of the edge: both triangles of an edge see the
+//! same ray. An edge along the ray keeps its zero; its triangles are seen from their sides, and no
+//! ray hits those.
 #![forbid(unsafe_code)]
 
 #[cfg(test)]
@@ -132,8 +135,8 @@ impl<'a> Scene<'a> {
         Estimate::exactly(&sum)
     }
 
-    /// Where the ray's line meets the triangle: the distance, and the weights of the second and the third vertex. `None` if that is
-    /// not in front of the ray's start. `edges`: of one sign.
+    /// Where the ray's line meets the triangle: the distance, and the weights of the second and the
+    /// third vertex. `None` if that is not in front of the ray's start. `edges`: of one sign.
     fn meet(&self, mut edges: [Estimate; 3]) -> Option<(f64, [f64; 2])> {
         let d = &self.direction;
         let axis = (0..3).fold(0, |best, axis| {
@@ -196,8 +199,8 @@ fn sides(scene: &Scene<'_>, triangle: &[[f32; 3]; 3], rim: Rim) -> Option<[Estim
     hit.then_some(edges)
 }
 
-/// Where a ray hits a triangle, in front of its start: whether it sees the front, the distance, and the weights of the second and
-/// the third vertex.
+/// Where a ray hits a triangle, in front of its start: whether it sees the front, the distance, and
+/// the weights of the second and the third vertex.
 pub(crate) fn meet(
     origin: [f32; 3],
     direction: [f32; 3],
@@ -221,7 +224,8 @@ pub(crate) fn faces(
     Some(edges.iter().any(|edge| edge.value > 0.0))
 }
 
-/// The sign of an edge's determinant that is zero, once the ray's start is moved; 0 if the edge is along the ray.
+/// The sign of an edge's determinant that is zero, once the ray's start is moved; 0 if the edge is
+/// along the ray.
 #[cold]
 fn moved_sign(scene: &Scene<'_>, p: &[f32; 3], q: &[f32; 3]) -> i32 {
     let d = &scene.direction;

@@ -1,5 +1,5 @@
-//! Sums and products of f64 numbers without rounding (Shewchuk 1997, "Adaptive Precision Floating-Point Arithmetic and Fast
-//! Robust Geometric Predicates").
+//! Sums and products of f64 numbers without rounding (Shewchuk 1997, "Adaptive Precision
+//! Floating-Point Arithmetic and Fast Robust Geometric Predicates").
 //!
 //! The inputs here come from f32 numbers: differences of two, and products of at most three of
 //! those. All are whole multiples of 2⁻⁴⁴⁷ and below 2³⁹⁰, and so are rounding residues, so nothing
@@ -85,7 +85,8 @@ impl Expansion {
         self.add_product(product, c);
     }
 
-    /// The sum, rounded to a few units in the last place: zero if and only if it is zero, and of the same sign.
+    /// The sum, rounded to a few units in the last place: zero if and only if it is zero, and of
+    /// the same sign.
     pub fn value(&self) -> f64 {
         self.terms[..self.count].iter().sum()
     }

@@ -1,4 +1,5 @@
-//! Rays of many groups on their way: how each walks, as a packet, in a stream or by itself, is decided here and known nowhere else.
+//! Rays of many groups on their way: how each walks, as a packet, in a stream or by itself, is
+//! decided here and known nowhere else.
 
 use lanes::LaneMask;
 
@@ -13,7 +14,8 @@ use crate::ray::Hit;
 const ENOUGH: usize = 4;
 const MOST: usize = Walker::STREAM_RAYS / PACKET;
 
-/// Rays of one group between their start and their ends. Where all have ended, their hits are in `hits`.
+/// Rays of one group between their start and their ends. Where all have ended, their hits are in
+/// `hits`.
 #[derive(Default)]
 pub struct Flight {
     pub hits: HitRows,
@@ -23,8 +25,8 @@ pub struct Flight {
 static NO_CANDIDATES: HitRows = HitRows::NONE;
 
 impl Flight {
-    /// The candidates that are to be decided on: `found` says which rays have one, and they wait for each other. Of a box, `t` is the
-    /// lower end of the ray's interval.
+    /// The candidates that are to be decided on: `found` says which rays have one, and they wait
+    /// for each other. Of a box, `t` is the lower end of the ray's interval.
     #[inline]
     pub fn candidates(&self) -> &HitRows {
         (self.suspended.as_ref()).map_or(&NO_CANDIDATES, |suspended| suspended.candidates())
@@ -43,14 +45,14 @@ impl Flight {
         }
     }
 
-    /// Which of some rays a hit with their candidates, boxes, counts for: it is in the ray's interval as it stands, and no decision has
-    /// ended the ray.
+    /// Which of some rays a hit with their candidates, boxes, counts for: it is in the ray's
+    /// interval as it stands, and no decision has ended the ray.
     pub fn counts(&self, lanes: LaneMask, t: &Lanes) -> LaneMask {
         (self.suspended.as_ref()).map_or(LaneMask::NONE, |suspended| suspended.counts(lanes, t))
     }
 
-    /// Commits hits that intersection shaders reported for rays' candidates, which count. Returns which rays are over by it, so that
-    /// those shaders end at once.
+    /// Commits hits that intersection shaders reported for rays' candidates, which count. Returns
+    /// which rays are over by it, so that those shaders end at once.
     pub fn report(&mut self, lanes: LaneMask, t: &Lanes, kinds: &Words) -> LaneMask {
         let suspended = self.suspended.as_mut();
         suspended.map_or(LaneMask::NONE, |suspended| {
@@ -65,8 +67,9 @@ impl Flight {
         }
     }
 
-    /// Lets rays wait where the next [`Walker::resume`] goes on with the others. This and what follows is for rays whose order of
-    /// candidates shows ([`Start::shows_order`]): they walk by themselves.
+    /// Lets rays wait where the next [`Walker::resume`] goes on with the others. This and what
+    /// follows is for rays whose order of candidates shows ([`Start::shows_order`]): they walk by
+    /// themselves.
     pub fn hold(&mut self, lanes: LaneMask) {
         if let Some(suspended) = &mut self.suspended {
             suspended.hold(lanes);
@@ -141,7 +144,8 @@ pub trait Flights {
 }
 
 impl Walker {
-    /// Forgets all rays that are on their way; their [`Flight`]s are started anew before they are used again.
+    /// Forgets all rays that are on their way; their [`Flight`]s are started anew before they are
+    /// used again.
     pub fn clear(&mut self) {
         self.streamed.clear();
         self.clear_streams();
@@ -174,7 +178,8 @@ impl Walker {
         unsafe { self.trace_streamed(flights) }
     }
 
-    /// Goes on with rays of groups after all their candidates were decided on, but those that are held.
+    /// Goes on with rays of groups after all their candidates were decided on, but those that are
+    /// held.
     ///
     /// # Errors
     /// Those of [`Flights`].

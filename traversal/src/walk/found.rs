@@ -99,7 +99,8 @@ impl Found {
         self.mark_one(lane, front);
     }
 
-    /// Takes a hit in a lane, a triangle of the instance, if it is to be preferred to what there is.
+    /// Takes a hit in a lane, a triangle of the instance, if it is to be preferred to what there
+    /// is.
     #[inline]
     pub fn offer(&mut self, structure: &Structure, lane: usize, slot: u32, hit: &Intersection) {
         let t_far = self.t[lane];
@@ -118,7 +119,8 @@ impl Found {
         }
     }
 
-    /// In which lanes a triangle of the instance comes before the one that was found at the same distance.
+    /// In which lanes a triangle of the instance comes before the one that was found at the same
+    /// distance.
     #[cold]
     pub fn won_ties(&self, structure: &Structure, slot: u32, ties: LaneMask) -> LaneMask {
         let key = structure.identity(slot);

@@ -1,8 +1,8 @@
-//! The triangles of a leaf at once, as [`intersect`](super::triangle::intersect) does it for one, operation
-//! by operation and so to the same bits. Where bounds do not decide, that function does.
+//! The triangles of a leaf at once, as [`intersect`](super::triangle::intersect) does it for one,
+//! operation by operation and so to the same bits. Where bounds do not decide, that function does.
 //!
-//! Coordinates have the opposite sign here, so that vertices are subtracted where they lie in memory. Edge functions are
-//! the same bits, as they are made of products of two.
+//! Coordinates have the opposite sign here, so that vertices are subtracted where they lie in
+//! memory. Edge functions are the same bits, as they are made of products of two.
 //!
 //! Everything here is inlined into functions that have the instruction set enabled; closures would
 //! not be.
@@ -19,8 +19,8 @@ use crate::layout::{GROUP, LEAF_TRIANGLES, MARGIN_RISE, Margin, TriangleGroup};
 /// Bytes from one vertex to the next.
 const VERTEX: usize = size_of::<[[f32; GROUP]; 3]>();
 
-/// Which of some lanes are hit, their edges included, after the interval's start and not after its end. The ray's distances are not
-/// scaled.
+/// Which of some lanes are hit, their edges included, after the interval's start and not after its
+/// end. The ray's distances are not scaled.
 ///
 /// # Safety
 /// The machine has AVX2.
@@ -41,8 +41,9 @@ pub(crate) unsafe fn intersect<S: Sight>(
         }
         let place = Place::new(&sides);
         let decided = sides.is_decided(&place);
-        // Surely not in the interval: mostly the surface that the ray starts from. Edge functions that are off by the bound
-        // move what is between three distances by three times that at most; a margin's reach is more than twice their extent.
+        // Surely not in the interval: mostly the surface that the ray starts from. Edge functions
+        // that are off by the bound move what is between three distances by three times that at
+        // most; a margin's reach is more than twice their extent.
         let inverse_z = ray.inverse_z();
         let reach = 1.5 * groups[0].margin.max(groups[1].margin).reach;
         let t = _mm256_mul_ps(place.z, _mm256_set1_ps(inverse_z));
@@ -126,8 +127,8 @@ unsafe fn decide_rest<S: Sight>(
         if rest == 0 {
             return hits;
         }
-        // Edge functions of one sign, whatever the bound, and a sum of ordinary size: then the place is the one that was
-        // computed. The sign is that of the sum.
+        // Edge functions of one sign, whatever the bound, and a sum of ordinary size: then the
+        // place is the one that was computed. The sign is that of the sum.
         let one_sign = _mm256_or_ps(
             _mm256_cmp_ps::<_CMP_GT_OQ>(sides.least, _mm256_setzero_ps()),
             _mm256_cmp_ps::<_CMP_LT_OQ>(sides.most, _mm256_setzero_ps()),
@@ -153,7 +154,8 @@ struct Slabs([[f32; LEAF_TRIANGLES]; 2]);
 /// Triangles about which bounds do not say everything.
 struct Rest {
     lanes: u32,
-    /// Those whose place is known once it is certain that they are hit, and which of those are seen from the front then.
+    /// Those whose place is known once it is certain that they are hit, and which of those are seen
+    /// from the front then.
     placed: u32,
     positive: u32,
     slabs: Slabs,
@@ -381,7 +383,8 @@ impl Place {
         }
     }
 
-    /// No less than [`Self::errors`], where edges are decided, and found with less: see [`rounding::ROUGH`].
+    /// No less than [`Self::errors`], where edges are decided, and found with less: see
+    /// [`rounding::ROUGH`].
     #[inline(always)]
     unsafe fn rough_errors<S: Sight>(&self, ray: S, boxes: &Boxes) -> [__m256; 2] {
         // SAFETY: the callers'.
@@ -443,8 +446,9 @@ struct Boxes {
 }
 
 impl Boxes {
-    /// As rounding is monotone, the extreme products are those of the extreme vertices. Operand order decides what NaN does: where a
-    /// zero of the direction meets the plane that counts, the axis does not.
+    /// As rounding is monotone, the extreme products are those of the extreme vertices. Operand
+    /// order decides what NaN does: where a zero of the direction meets the plane that counts, the
+    /// axis does not.
     #[inline(always)]
     unsafe fn new<S: Sight>(ray: S, sides: &Sides) -> Boxes {
         let [a, b, c] = &sides.vertices;
@@ -493,7 +497,8 @@ unsafe fn absolute(v: __m256) -> __m256 {
     unsafe { _mm256_andnot_ps(_mm256_set1_ps(-0.0), v) }
 }
 
-/// How far off edge functions may be; see [`Margin`](crate::layout::Margin). `distance`: the first vertices'.
+/// How far off edge functions may be; see [`Margin`](crate::layout::Margin). `distance`: the first
+/// vertices'.
 #[inline(always)]
 unsafe fn error(margin: Margin, distance: __m256) -> __m256 {
     // SAFETY: the callers'.
@@ -569,7 +574,8 @@ mod tests {
     use crate::walk::space::Space;
     use lanes::Tier;
 
-    /// Bounds of a ray and a group: where edges are decided and rough bounds small, those are no less than the others. How often that is.
+    /// Bounds of a ray and a group: where edges are decided and rough bounds small, those are no
+    /// less than the others. How often that is.
     #[target_feature(enable = "avx2,bmi1,bmi2")]
     fn compare(beams: &Beams, group: &TriangleGroup) -> usize {
         let ray = LaneOf { beams, lane: 0 };

@@ -51,8 +51,9 @@ pub(crate) trait Kernel {
     /// The machine has the instruction set.
     unsafe fn shorten(beam: &mut Self::Beam, t_far: f32);
 
-    /// Which children's boxes the ray meets in its interval, as bits, and where it enters all eight. `CLOSED`: for a ray of
-    /// [`Self::load_space`]. One of [`Self::load_beam`] may miss boxes that it leaves where it starts, since its interval is open.
+    /// Which children's boxes the ray meets in its interval, as bits, and where it enters all
+    /// eight. `CLOSED`: for a ray of [`Self::load_space`]. One of [`Self::load_beam`] may miss
+    /// boxes that it leaves where it starts, since its interval is open.
     ///
     /// # Safety
     /// The machine has the instruction set.
@@ -71,14 +72,16 @@ pub(crate) trait Kernel {
         place: *mut Entry,
     ) -> (u32, usize);
 
-    /// Writes the vertices of a block's triangles into two groups. Returns which of their lanes there are.
+    /// Writes the vertices of a block's triangles into two groups. Returns which of their lanes
+    /// there are.
     ///
     /// # Safety
     /// The machine has the instruction set.
     unsafe fn expand(block: &Block, groups: [&mut TriangleGroup; 2]) -> u32;
 
-    /// Which of some lanes of one or two groups (then the same twice) an opaque triangle is hit in, in the interval
-    /// `t_min < t <= t_far`: what [`intersect`](super::triangle::intersect) says of each, its edges included. The ray's distances are not scaled.
+    /// Which of some lanes of one or two groups (then the same twice) an opaque triangle is hit in,
+    /// in the interval `t_min < t <= t_far`: what [`intersect`](super::triangle::intersect) says of
+    /// each, its edges included. The ray's distances are not scaled.
     ///
     /// # Safety
     /// The machine has the instruction set.

@@ -146,7 +146,8 @@ impl Level {
         is_admitted && self.place(top, index, ray, time)
     }
 
-    /// Finds the bottom level of an instance of `top`, and what its record says; false if the ray has no business there.
+    /// Finds the bottom level of an instance of `top`, and what its record says; false if the ray
+    /// has no business there.
     ///
     /// # Safety
     /// As for [`Self::enter_bottom`].

@@ -25,8 +25,9 @@ const ENOUGH: u32 = 4;
 pub(crate) type Suspend<'a> = dyn FnMut(usize, &mut Walk, Event) + 'a;
 
 impl Walker {
-    /// Takes the rays of `lanes` to their ends, one after the other; their hits are in `hits` then. Those about which something has to be
-    /// decided outside, or that run out of fuel, are handed to `suspend` instead, which may change places with the walk to keep it.
+    /// Takes the rays of `lanes` to their ends, one after the other; their hits are in `hits` then.
+    /// Those about which something has to be decided outside, or that run out of fuel, are handed
+    /// to `suspend` instead, which may change places with the walk to keep it.
     ///
     /// # Safety
     /// As for [`Walk::new`], for every ray.
@@ -117,8 +118,8 @@ impl Turns<'_, '_> {
         self.walk.time = self.rays.time[lane];
     }
 
-    /// Traces those rays to their ends that have a top level whose only instance holds triangles that all count. Returns which those
-    /// are.
+    /// Traces those rays to their ends that have a top level whose only instance holds triangles
+    /// that all count. Returns which those are.
     ///
     /// # Safety
     /// The machine has the kernel's instruction set; the contract of [`Walk::new`].

@@ -8,8 +8,8 @@ use super::space::Space;
 use super::triangle::{Intersection, intersect};
 use crate::layout::geometry_word;
 
-/// Meets a triangle of a geometry with a micromap; whether it is opaque there. What is opaque includes its rim;
-/// elsewhere the point must be the triangle's own.
+/// Meets a triangle of a geometry with a micromap; whether it is opaque there. What is opaque
+/// includes its rim; elsewhere the point must be the triangle's own.
 #[cold]
 #[inline(never)]
 pub(crate) fn meet(

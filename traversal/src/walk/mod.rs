@@ -106,8 +106,9 @@ pub enum Event {
 /// One ray's way through a scene. Small: the live part of the stack is kept beside it only while
 /// the walk is suspended.
 ///
-/// Groups of rays go through [`Walker::trace`]. This is the door for one ray, by itself and step by step: what groups find is defined
-/// by it, and tests, searches and measurements hold them against it.
+/// Groups of rays go through [`Walker::trace`]. This is the door for one ray, by itself and step by
+/// step: what groups find is defined by it, and tests, searches and measurements hold them against
+/// it.
 #[derive(Clone, Debug)]
 pub struct Walk {
     ray: Ray,
@@ -301,7 +302,8 @@ impl Walk {
         pending: Vec::new(),
     };
 
-    /// Goes on with what was found, and what is to be visited: of the top level, and of an instance.
+    /// Goes on with what was found, and what is to be visited: of the top level, and of an
+    /// instance.
     fn go_on_from(
         &mut self,
         found: Option<Hit>,

@@ -1,5 +1,5 @@
-//! Walks through triangles that all count: opaque, not culled, in a space that is not scaled. Nothing there suspends a
-//! walk but want of fuel, so the loop is small.
+//! Walks through triangles that all count: opaque, not culled, in a space that is not scaled.
+//! Nothing there suspends a walk but want of fuel, so the loop is small.
 
 use super::beams::Beams;
 use super::entry::{Entry, STACK};
@@ -45,8 +45,8 @@ impl Opaque<'_> {
         Some(nearest.hit(self.instance, self.structure))
     }
 
-    /// Whether a triangle at the distance of the nearest one, or of what was found before, or at the end of the ray, comes
-    /// before that. By value: the walk keeps its nearest in registers.
+    /// Whether a triangle at the distance of the nearest one, or of what was found before, or at
+    /// the end of the ray, comes before that. By value: the walk keeps its nearest in registers.
     #[cold]
     #[inline(never)]
     pub fn wins_tie(&self, nearest: Nearest, slot: u32) -> bool {

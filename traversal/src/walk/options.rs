@@ -13,8 +13,8 @@ pub enum Accuracy {
 }
 
 impl Accuracy {
-    /// How far off a distance may be, relative to itself, as bounds say: where it may be more, it is computed in f64. See
-    /// [`rounding`](super::triangle::rounding).
+    /// How far off a distance may be, relative to itself, as bounds say: where it may be more, it
+    /// is computed in f64. See [`rounding`](super::triangle::rounding).
     pub(crate) const fn tolerance(self) -> f32 {
         match self {
             Accuracy::Spec => 128.0 / (1 << 24) as f32,

@@ -21,8 +21,8 @@ impl TriangleTest {
         TriangleTest { space }
     }
 
-    /// Where the ray's line meets an opaque triangle: the distance, and the weights of the second and
-    /// the third vertex.
+    /// Where the ray's line meets an opaque triangle: the distance, and the weights of the second
+    /// and the third vertex.
     #[inline]
     pub fn meet(&self, triangle: &[[f32; 3]; 3]) -> Option<(f32, [f32; 2])> {
         intersect(&self.space, triangle, Rim::Included).map(|hit| (hit.t, hit.barycentrics))

@@ -1,4 +1,5 @@
-//! Rays and hits of up to sixteen lanes, a row for each number: as a subgroup of shader invocations has them.
+//! Rays and hits of up to sixteen lanes, a row for each number: as a subgroup of shader invocations
+//! has them.
 
 use lanes::LaneMask;
 
@@ -173,8 +174,8 @@ impl HitRows {
         blend(&mut self.kind, &[kind; PACKET], lanes);
     }
 
-    /// Puts a triangle that is not opaque into lanes as their candidate: where each meets it. `front`: those that see its front, whose
-    /// kind of hit is the second.
+    /// Puts a triangle that is not opaque into lanes as their candidate: where each meets it.
+    /// `front`: those that see its front, whose kind of hit is the second.
     pub(crate) fn set_triangle(
         &mut self,
         (lanes, front): (LaneMask, LaneMask),
@@ -191,7 +192,8 @@ impl HitRows {
         self.set_kinds(lanes, front, hit_kinds, TRIANGLE);
     }
 
-    /// Puts a kind of hit into the lanes that see a triangle's front, the second, and another into those that do not.
+    /// Puts a kind of hit into the lanes that see a triangle's front, the second, and another into
+    /// those that do not.
     #[inline(always)]
     fn set_kinds(&mut self, lanes: LaneMask, front: LaneMask, hit_kinds: [u8; 2], bits: u32) {
         for (lanes, kind) in [(lanes - front, hit_kinds[0]), (lanes & front, hit_kinds[1])] {
@@ -344,7 +346,8 @@ impl HitRows {
         self.kind[lane] = u32::from(hit_kind) | OPAQUE | TRIANGLE;
     }
 
-    /// Puts one opaque triangle into lanes; `front`: those that see its front, whose kind of hit is the second.
+    /// Puts one opaque triangle into lanes; `front`: those that see its front, whose kind of hit is
+    /// the second.
     #[inline(always)]
     pub(crate) fn set_opaque_triangles(
         &mut self,

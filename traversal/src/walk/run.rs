@@ -8,7 +8,8 @@ use super::level::Entered;
 use super::portable::Portable;
 use super::{Event, State, Verdict, Walk, Walker, descend};
 
-/// Runs a walk until something has to be decided outside. What the walk before entered may be in `entered`.
+/// Runs a walk until something has to be decided outside. What the walk before entered may be in
+/// `entered`.
 pub(crate) fn run(
     walk: &mut Walk,
     verdict: Verdict,

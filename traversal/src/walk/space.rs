@@ -2,8 +2,8 @@
 //!
 //! The box test is conservative (Ize 2013): for a plane at `p` it takes `(p − o) · (1/d)` in f32,
 //! three roundings, with the reciprocal made smaller for near and larger for far planes by
-//! [`MARGIN`]. A triangle that the ray hits by [`intersect`](super::triangle) is hit by the exact ray, so the ray is inside every box
-//! around it at the exact distance.
+//! [`MARGIN`]. A triangle that the ray hits by [`intersect`](super::triangle) is hit by the exact
+//! ray, so the ray is inside every box around it at the exact distance.
 //!
 //! Directions far from unit length are brought near it by a power of two, so that distances to
 //! boxes neither over- nor underflow: `t = scaled t · scale`.
@@ -24,7 +24,8 @@ pub(crate) const MARGIN: f32 = 1.0 / (1 << 20) as f32;
 pub(crate) struct Space {
     pub origin: [f32; 4],
     pub direction: [f32; 4],
-    /// The origin for near planes and for far planes: they differ where the ray itself is uncertain.
+    /// The origin for near planes and for far planes: they differ where the ray itself is
+    /// uncertain.
     pub near_origin: [f32; 4],
     pub far_origin: [f32; 4],
     /// The scaled direction's reciprocals, made smaller and larger. Infinite where the direction is

@@ -27,9 +27,10 @@ impl Walker {
     /// Rays of a stream, at most.
     pub(crate) const STREAM_RAYS: usize = 4096;
 
-    /// Adds rays to a stream, to be traced with others by [`Self::trace_streams`]; returns which. Those are rays of ordinary length
-    /// through the same top level as those in it, with the same flags and mask; where it has one instance, that holds triangles
-    /// that all count. None are added where the machine has no AVX2. Their hits are none so far.
+    /// Adds rays to a stream, to be traced with others by [`Self::trace_streams`]; returns which.
+    /// Those are rays of ordinary length through the same top level as those in it, with the same
+    /// flags and mask; where it has one instance, that holds triangles that all count. None are
+    /// added where the machine has no AVX2. Their hits are none so far.
     ///
     /// # Safety
     /// As for [`Walk::new`], for every ray, until they are traced.
@@ -53,7 +54,8 @@ impl Walker {
             return LaneMask::NONE;
         }
         #[cfg(target_arch = "x86_64")]
-        // SAFETY: the caller's promise; a walker has this tier only on machines that have the instruction set.
+        // SAFETY: the caller's promise; a walker has this tier only on machines that have the
+        // instruction set.
         return unsafe { self.add(rays, lanes, hits, group) };
         #[cfg(not(target_arch = "x86_64"))]
         {
@@ -68,7 +70,8 @@ impl Walker {
         self.streams.clear();
     }
 
-    /// Traces the rays of the stream, and forgets them. The hits are those of each ray by itself, bit for bit.
+    /// Traces the rays of the stream, and forgets them. The hits are those of each ray by itself,
+    /// bit for bit.
     ///
     /// # Safety
     /// As for [`Walk::new`], for every ray.

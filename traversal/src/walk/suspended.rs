@@ -117,7 +117,8 @@ impl Default for Suspended {
 }
 
 impl Suspended {
-    /// The candidates: `found` says which rays have one. Of a box, `t` is the lower end of the ray's interval.
+    /// The candidates: `found` says which rays have one. Of a box, `t` is the lower end of the
+    /// ray's interval.
     #[inline]
     pub(crate) fn candidates(&self) -> &HitRows {
         &self.candidates
@@ -129,7 +130,8 @@ impl Suspended {
         &self.found.t
     }
 
-    /// Commits candidates of rays, triangles. `hits` are the rows that the rays started with, here and below.
+    /// Commits candidates of rays, triangles. `hits` are the rows that the rays started with, here
+    /// and below.
     pub(crate) fn accept(&mut self, lanes: LaneMask, hits: &mut HitRows) {
         if self.is_single {
             self.accepted |= lanes;
@@ -149,8 +151,8 @@ impl Suspended {
         found.outside |= lanes;
     }
 
-    /// Which of some rays a hit at `t` counts for: it is in the ray's interval as it stands, and no decision has ended the ray. The
-    /// candidates are boxes.
+    /// Which of some rays a hit at `t` counts for: it is in the ray's interval as it stands, and no
+    /// decision has ended the ray. The candidates are boxes.
     pub(crate) fn counts(&self, lanes: LaneMask, t: &Lanes) -> LaneMask {
         let (t_min, t_max) = (&self.candidates.t, &self.found.t);
         // Written so that a NaN is outside.
@@ -158,8 +160,8 @@ impl Suspended {
         inside & (lanes - self.ended)
     }
 
-    /// Commits hits that intersection shaders reported for rays' candidates, each in its ray's interval as it stands. Returns which
-    /// rays are over by it.
+    /// Commits hits that intersection shaders reported for rays' candidates, each in its ray's
+    /// interval as it stands. Returns which rays are over by it.
     pub(crate) fn report(
         &mut self,
         lanes: LaneMask,
@@ -267,7 +269,8 @@ impl Suspended {
         self.found.t[lane] = walk.t_max();
     }
 
-    /// The walks that stopped, with what was decided about each; from here on they are on their way again.
+    /// The walks that stopped, with what was decided about each; from here on they are on their way
+    /// again.
     pub(crate) fn decided(&mut self) -> impl Iterator<Item = (usize, Verdict)> + use<> {
         let (accepted, ended) = (self.accepted, self.ended);
         let (lanes, held) = (self.candidates.found - self.held, self.held);

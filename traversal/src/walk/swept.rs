@@ -1,8 +1,10 @@
 //! Spheres and linear swept spheres.
 //!
-//! All of it is in f64, from the ray's point that is nearest to the primitive on: the squares then are of the primitive's size, whatever the
-//! ray's distance. What a line enters is the convex hull of the two spheres: the sphere or the tangent cone that it meets first. Only that point
-//! counts (chapter Ray Traversal: nothing is reported from inside, or through an end cap that is not there).
+//! All of it is in f64, from the ray's point that is nearest to the primitive on: the squares then
+//! are of the primitive's size, whatever the ray's distance. What a line enters is the convex hull
+//! of the two spheres: the sphere or the tangent cone that it meets first. Only that point counts
+//! (chapter Ray Traversal: nothing is reported from inside, or through an end cap that is not
+//! there).
 
 use super::facts::InstanceFacts;
 use super::level::Level;
@@ -34,7 +36,8 @@ fn along(a: &Point, d: &Point, t: f64) -> Point {
     [a[0] + t * d[0], a[1] + t * d[1], a[2] + t * d[2]]
 }
 
-/// The smaller root of `a t² + 2 b t + c`, without cancellation; where `a` is not positive, the one at which the value turns negative.
+/// The smaller root of `a t² + 2 b t + c`, without cancellation; where `a` is not positive, the one
+/// at which the value turns negative.
 fn entry(a: f64, b: f64, c: f64) -> Option<f64> {
     let discriminant = b * b - a * c;
     if discriminant.is_nan() || discriminant < 0.0 {
@@ -60,7 +63,8 @@ fn enter_sphere(origin: &Point, direction: &Point, center: &Point, radius: f64) 
     (room >= 0.0).then(|| nearest - (room / aa).sqrt())
 }
 
-/// Where the line enters the frustum that touches both spheres, and the position along the axis of the sphere that it touches there.
+/// Where the line enters the frustum that touches both spheres, and the position along the axis of
+/// the sphere that it touches there.
 fn enter_cone(
     origin: &Point,
     direction: &Point,

@@ -1,15 +1,18 @@
 //! The ray-triangle test: exact decisions, then distances and weights.
 //!
-//! Vertices are moved to the ray's origin and sheared so that the ray is the z axis (Woop, Benthin, Wald 2013), in f32. Edge
-//! functions that exceed a bound for everything that was rounded on the way ([`Margin`]) have the signs of the determinants of the
-//! numbers that were given; where they do not exceed it, those are computed ([`decide`](super::decide)). So which triangles are hit
-//! depends on nothing but the ray and the triangles, no ray passes between two that share an edge, and what is hit is inside the
-//! boxes that are around it. docs/watertightness.md has the whole proof.
+//! Vertices are moved to the ray's origin and sheared so that the ray is the z axis (Woop, Benthin,
+//! Wald 2013), in f32. Edge functions that exceed a bound for everything that was rounded on the
+//! way ([`Margin`]) have the signs of the determinants of the numbers that were given; where they
+//! do not exceed it, those are computed ([`decide`](super::decide)). So which triangles are hit
+//! depends on nothing but the ray and the triangles, no ray passes between two that share an edge,
+//! and what is hit is inside the boxes that are around it. docs/watertightness.md has the whole
+//! proof.
 //!
-//! Distances and weights come from the edge functions in f32 where a bound of their errors is small, else from f64.
+//! Distances and weights come from the edge functions in f32 where a bound of their errors is
+//! small, else from f64.
 //!
-//! An opaque triangle includes its rim. Where any-hit shaders count, a shared edge or vertex must belong to one triangle: see
-//! [`decide`](super::decide).
+//! An opaque triangle includes its rim. Where any-hit shaders count, a shared edge or vertex must
+//! belong to one triangle: see [`decide`](super::decide).
 
 use super::decide::{self, Rim};
 use super::space::Space;
@@ -31,32 +34,39 @@ pub(crate) const ORDINARY: [f32; 2] = [1.0e-30, 1.0e30];
 /// 2⁻²⁴.
 const UNIT: f32 = f32::EPSILON / 2.0;
 
-/// How far off weights and distances in f32 may be, where the sheared triangle contains the ray and edge functions have one sign. With F
-/// and G, the sides of the box around it across the ray, A, the sum of its edge functions, D, the distance along the ray from the
-/// nearest to the farthest vertex, M, the mean of the vertices' |z| by their weights, and u = 2⁻²⁴:
+/// How far off weights and distances in f32 may be, where the sheared triangle contains the ray and
+/// edge functions have one sign. With F and G, the sides of the box around it across the ray, A,
+/// the sum of its edge functions, D, the distance along the ray from the nearest to the farthest
+/// vertex, M, the mean of the vertices' |z| by their weights, and u = 2⁻²⁴:
 ///
-/// * Rounding moves each vertex on either axis by u (2 |X| + 4 |s z|), as [`Margin`](crate::layout::Margin) says. That moves
-///   the plane under the ray by the mean of those moves: u (F + 4 |s_x| M) and u (G + 4 |s_y| M), as the mean of |X| is at most F / 2. For
+/// * Rounding moves each vertex on either axis by u (2 |X| + 4 |s z|), as
+///   [`Margin`](crate::layout::Margin) says. That moves the plane under the ray by the mean of
+///   those moves: u (F + 4 |s_x| M) and u (G + 4 |s_y| M), as the mean of |X| is at most F / 2. For
 ///   each unit a weight changes by at most G / A and F / A, and z by D times that.
-/// * Products and differences of edge functions round by u P in all, and by u of themselves, where P is the sum of the products' sizes: at
-///   most the product of the sums of |X| and of |Y|, which are at most 2 F and 2 G. A weight changes by no more than u P / A, and
-///   z by D u P / A.
+/// * Products and differences of edge functions round by u P in all, and by u of themselves, where
+///   P is the sum of the products' sizes: at most the product of the sums of |X| and of |Y|, which
+///   are at most 2 F and 2 G. A weight changes by no more than u P / A, and z by D u P / A.
 /// * Sum, reciprocal and product round weights by 4 u, and z − z₀, its product and sum by 3 u D.
 /// * z itself is rounded by u M at first and by u |z| in the end.
 ///
-/// So a weight is off by `(6 F G + 4 (|s_x| G + |s_y| F) M) u / A + 8 u`, and the distance by D times that and 2 u M. Factors
-/// are larger by 1/8 for what is left out here: the terms of higher order, as weights are off by less than 1/256.
+/// So a weight is off by `(6 F G + 4 (|s_x| G + |s_y| F) M) u / A + 8 u`, and the distance by D
+/// times that and 2 u M. Factors are larger by 1/8 for what is left out here: the terms of higher
+/// order, as weights are off by less than 1/256.
 ///
-/// A test of several triangles first asks bounds that are larger, as it has what they are made of: f, g and D, the sides of the
-/// box around the triangle as seen from the origin. M is at most N, the larger one of |z| and D; the vertices' |z| are at most 2 N. So F is at
-/// most f + |s_x| D + a with a = 4.4 u |s_x| N for what rounds, and G at most g + |s_y| D + b with b = 4.4 u |s_y| N. The bounds with
-/// f + |s_x| D, g + |s_y| D and N in their places, a and b left out, and all factors larger by 1/64 ([`ROUGH`](rounding::ROUGH)) are
-/// no less than those above: where edge functions exceed their bound, A is more than 768 u² (T + 2.5 W)², and so than 30 a b; where the larger
-/// bound of weights is less than 1/256, a G + b F is less than A / 250. So F G is A within a twentieth, a b F G less than (A / 500)², and
-/// what is left out, twice a b among the shears' a G + b F, less than a 400th of that.
+/// A test of several triangles first asks bounds that are larger, as it has what they are made of:
+/// f, g and D, the sides of the box around the triangle as seen from the origin. M is at most N,
+/// the larger one of |z| and D; the vertices' |z| are at most 2 N. So F is at most f + |s_x| D + a
+/// with a = 4.4 u |s_x| N for what rounds, and G at most g + |s_y| D + b with b = 4.4 u |s_y| N.
+/// The bounds with f + |s_x| D, g + |s_y| D and N in their places, a and b left out, and all
+/// factors larger by 1/64 ([`ROUGH`](rounding::ROUGH)) are no less than those above: where edge
+/// functions exceed their bound, A is more than 768 u² (T + 2.5 W)², and so than 30 a b; where the
+/// larger bound of weights is less than 1/256, a G + b F is less than A / 250. So F G is A within a
+/// twentieth, a b F G less than (A / 500)², and what is left out, twice a b among the shears' a G +
+/// b F, less than a 400th of that.
 ///
-/// Underflow rounds by 2⁻¹⁵⁰ instead: s, products with z, z's own products. [`LEAST`](rounding::LEAST) for each covers that. Products
-/// that edge functions are made of are not changed by as little, where the sum is of [ordinary](ORDINARY) size.
+/// Underflow rounds by 2⁻¹⁵⁰ instead: s, products with z, z's own products.
+/// [`LEAST`](rounding::LEAST) for each covers that. Products that edge functions are made of are
+/// not changed by as little, where the sum is of [ordinary](ORDINARY) size.
 pub(crate) mod rounding {
     use super::UNIT;
 
@@ -192,8 +202,8 @@ fn extent([a, b, c]: &[f32; 3]) -> f32 {
     a.max(*b).max(*c) - a.min(*b).min(*c)
 }
 
-/// Brings a distance into the triangle's own slabs, as they are widened, so that no box around it contradicts it. The exact distance is
-/// inside.
+/// Brings a distance into the triangle's own slabs, as they are widened, so that no box around it
+/// contradicts it. The exact distance is inside.
 #[inline(always)]
 fn t_in_slab(space: &Space, triangle: &[[f32; 3]; 3], t: f32) -> f32 {
     let (near, far) = space.slab(&Bounds::of_triangle(triangle));
@@ -201,8 +211,8 @@ fn t_in_slab(space: &Space, triangle: &[[f32; 3]; 3], t: f32) -> f32 {
         .min((f64::from(far) * space.scale) as f32)
 }
 
-/// The same where bounds do not decide: near edges and vertices, and with numbers out of all proportion. `edges`: the edge
-/// functions in f32.
+/// The same where bounds do not decide: near edges and vertices, and with numbers out of all
+/// proportion. `edges`: the edge functions in f32.
 #[cold]
 #[inline(never)]
 fn intersect_exactly(

@@ -9,7 +9,8 @@ use super::opaque::{End, Nearest, Opaque, Pending};
 use crate::layout::{LEAF_TRIANGLES, WIDTH, child};
 
 impl Opaque<'_> {
-    /// Goes on with what is pending, for triangles in the interval of `best`: that is the nearest then.
+    /// Goes on with what is pending, for triangles in the interval of `best`: that is the nearest
+    /// then.
     ///
     /// # Safety
     /// The machine has the kernel's instruction set.

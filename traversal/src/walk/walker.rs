@@ -91,7 +91,8 @@ impl Walker {
         })
     }
 
-    /// Sets where the structures may lie that walks meet from here on; [`EVERYWHERE`](crate::EVERYWHERE) otherwise.
+    /// Sets where the structures may lie that walks meet from here on;
+    /// [`EVERYWHERE`](crate::EVERYWHERE) otherwise.
     ///
     /// # Safety
     /// That memory is there as long as walks go on, until another is set.

@@ -23,7 +23,8 @@ pub struct Options {
     turns: usize,
 }
 
-/// Materials that differ in what they compute, and a scene of triangles that have one each at random.
+/// Materials that differ in what they compute, and a scene of triangles that have one each at
+/// random.
 fn raygen(bounces: u32, work: u32, reorder: &str) -> String {
     let cases: String = (0..8)
         .map(|i| {

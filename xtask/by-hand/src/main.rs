@@ -1,4 +1,4 @@
-//! What `cargo run` finds.
+//! The program that `cargo run` finds.
 
 use std::process::ExitCode;
 

@@ -1,4 +1,4 @@
-//! What `cargo test` finds.
+//! The test that `cargo test` finds.
 
 use std::process::ExitCode;
 

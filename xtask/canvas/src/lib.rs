@@ -1,7 +1,7 @@
 //! Charts as SVG and PNG, and the machine and date that belong under them.
 //!
-//! [`Scatter`] shows what lies on a frontier and what does not, [`HeatMap`] where methods fail. Anything else implements
-//! [`Drawing`] itself.
+//! [`Scatter`] shows what lies on a frontier and what does not, [`HeatMap`] where methods fail.
+//! Anything else implements [`Drawing`] itself.
 
 mod heat;
 mod machine;

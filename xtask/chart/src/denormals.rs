@@ -9,8 +9,9 @@ use crate::timing::alternate;
 
 const STEPS: usize = 1 << 16;
 
-/// Multiplies and adds vectors of `start` in one chain of `STEPS`, with the control register as given. All of it is
-/// in assembly: Rust's own arithmetic must not run with another control register. Returns the first lane.
+/// Multiplies and adds vectors of `start` in one chain of `STEPS`, with the control register as
+/// given. All of it is in assembly: Rust's own arithmetic must not run with another control
+/// register. Returns the first lane.
 #[cfg(target_arch = "x86_64")]
 fn chain(start: f32, factor: f32, flush: bool) -> f32 {
     const DEFAULT: u32 = 0x1F80;
@@ -19,7 +20,8 @@ fn chain(start: f32, factor: f32, flush: bool) -> f32 {
     let saved = DEFAULT;
     let mut lanes = [start; 4];
     let factors = [factor; 4];
-    // SAFETY: reads and writes the arrays only, and leaves the control register as every Rust program has it.
+    // SAFETY: reads and writes the arrays only, and leaves the control register as every Rust
+    // program has it.
     unsafe {
         std::arch::asm!(
             "ldmxcsr [{control}]",

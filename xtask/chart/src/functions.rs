@@ -1,4 +1,5 @@
-//! Functions of shaders: nanoseconds a lane in the interpreter, and error in units in the last place.
+//! Functions of shaders: nanoseconds a lane in the interpreter, and error in units in the last
+//! place.
 
 use std::fmt::Write as _;
 use std::hint::black_box;

@@ -1,7 +1,8 @@
 //! Accuracy against cost, drawn: `cargo xtask chart`.
 //!
-//! [`triangles`], [`walks`], [`functions`], [`denormals`], [`builds`], [`pictures`] and [`tiers`] measure methods, [`stability`] finds where they
-//! fail, [`switches`] what specialisations bring. All of it goes into one folder, as pictures and as `results.json` and `results.csv`.
+//! [`triangles`], [`walks`], [`functions`], [`denormals`], [`builds`], [`pictures`] and [`tiers`]
+//! measure methods, [`stability`] finds where they fail, [`switches`] what specialisations bring.
+//! All of it goes into one folder, as pictures and as `results.json` and `results.csv`.
 
 mod builds;
 mod denormals;
@@ -27,7 +28,8 @@ use report::Report;
 #[derive(Parser)]
 #[command(name = "cargo xtask chart", about = "Accuracy against cost")]
 struct Options {
-    /// Only these subjects [default: all]: triangles, walks, functions, denormals, builds, stability, pictures, tiers, switches
+    /// Only these subjects [default: all]: triangles, walks, functions, denormals, builds,
+    /// stability, pictures, tiers, switches
     #[arg(value_name = "SUBJECT")]
     only: Vec<String>,
     /// Fewer rays and samples: under two minutes
@@ -39,7 +41,8 @@ struct Options {
     /// The program that runs workloads
     #[arg(long, value_name = "FILE")]
     workloads: PathBuf,
-    /// How many workloads `switches` runs at once, each on a processor of its own [default: one on each processor]
+    /// How many workloads `switches` runs at once, each on a processor of its own [default: one on
+    /// each processor]
     #[arg(long, value_name = "N")]
     jobs: Option<usize>,
     /// Embree 4's library for the maps of `stability`, if it is not found by itself

@@ -1,4 +1,5 @@
-//! Tests of a ray against a triangle: cost, holes between triangles, and errors of distances and weights.
+//! Tests of a ray against a triangle: cost, holes between triangles, and errors of distances and
+//! weights.
 
 use std::hint::black_box;
 

@@ -50,7 +50,7 @@ pub fn xtask(variables: &Variables, words: &[&str]) -> Output {
     cargo.output().expect("cargo starts")
 }
 
-/// What a command printed; fails where it failed.
+/// The output of a command; fails if the command failed.
 #[track_caller]
 pub fn succeed(output: &Output) -> String {
     let said = String::from_utf8_lossy(&output.stdout).into_owned();

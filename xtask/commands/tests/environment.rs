@@ -7,7 +7,7 @@ use commands::{Variables, of_the_shell, succeed, xtask};
 /// A folder that no toolchain has.
 const LIBRARIES: (&str, &str) = ("LD_LIBRARY_PATH", "/opt/of-the-user/lib");
 
-/// What `cargo xtask run` hands to a program.
+/// The environment that `cargo xtask run` passes to a program.
 fn handed_on(shell: &Variables) -> Variables {
     let said = succeed(&xtask(shell, &["run", "--", "env", "-0"]));
     let lines = said.split('\0').filter_map(|line| line.split_once('='));

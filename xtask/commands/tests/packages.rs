@@ -1,4 +1,4 @@
-//! What `cargo xtask package` makes is installed, and works there; docs/compatibility.md tells its
+//! Packages of `cargo xtask package` are installed and work there; docs/compatibility.md tells its
 //! sizes.
 
 use std::path::{Path, PathBuf};

@@ -26,7 +26,8 @@ struct Arguments {
     /// Samples per pixel, 1 to 65536
     #[arg(long, value_name = "N", default_value_t = 16, value_parser = limits::parse_spp)]
     spp: u32,
-    /// Render only band I (from 0) of N equal ones, into a picture of its own: laid below each other in order, they are the whole
+    /// Render only band I (from 0) of N equal ones, into a picture of its own: laid below each
+    /// other in order, they are the whole
     #[arg(long, value_name = "I/N", value_parser = limits::parse_tile)]
     tile: Option<Tile>,
     /// Which frame, of 24 a second: the lake's waves move
@@ -41,7 +42,8 @@ struct Arguments {
     /// A glTF scene (.glb or .gltf) to render instead of the landscape
     #[arg(long, value_name = "FILE")]
     scene: Option<PathBuf>,
-    /// Rasterize the left half, with shadows and mirrors by ray queries, and trace paths in the right half
+    /// Rasterize the left half, with shadows and mirrors by ray queries, and trace paths in the
+    /// right half
     #[arg(long)]
     compare: bool,
     /// A file to keep compiled shaders in

@@ -1,5 +1,5 @@
-//! The scene, rasterized: one pass finds who is seen at each pixel's centre, a second one shades that, with ray queries for
-//! shadows, mirrors and glass.
+//! The scene, rasterized: one pass finds who is seen at each pixel's centre, a second one shades
+//! that, with ray queries for shadows, mirrors and glass.
 
 #[cfg(test)]
 mod tests;
@@ -408,7 +408,8 @@ impl Drop for Drawing<'_, '_> {
     }
 }
 
-/// The draws, those without holes first, since they hide what is shaded at a greater cost; and the instances in their order.
+/// The draws, those without holes first, since they hide what is shaded at a greater cost; and the
+/// instances in their order.
 fn draw_list(scene: &Scene) -> (Vec<Draw>, Vec<u32>) {
     let mut by_model: Vec<Vec<u32>> = Vec::new();
     by_model.resize_with(scene.meshes.len() + scene.procedurals.len(), Vec::new);

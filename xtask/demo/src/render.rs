@@ -95,7 +95,8 @@ const FRAMES_PER_SECOND: f32 = 24.0;
 
 /// A picture's sums, and what it cost.
 pub struct Rendering {
-    /// Row-major sums of linear radiance, of the rows that were asked for; the fourth component counts samples.
+    /// Row-major sums of linear radiance, of the rows that were asked for; the fourth component
+    /// counts samples.
     pub radiance: Vec<[f32; 4]>,
     /// Rays traced, of all kinds.
     pub rays: u64,
@@ -214,7 +215,8 @@ struct Launch {
 }
 
 impl<'a> World<'a> {
-    /// Uploads a scene and builds its acceleration structures; `set_layout` is that of [`set_layout`] for its textures.
+    /// Uploads a scene and builds its acceleration structures; `set_layout` is that of
+    /// [`set_layout`] for its textures.
     pub fn new(
         context: &'a Context,
         set_layout: vk::DescriptorSetLayout,
@@ -355,7 +357,8 @@ impl<'a> Renderer<'a> {
         let seconds = started.elapsed().as_secs_f64();
         // SAFETY: the device is ours.
         unsafe { device.device_wait_idle() }?;
-        // The buffers are of whole pictures, so that a pixel's place in them is the same in each tile.
+        // The buffers are of whole pictures, so that a pixel's place in them is the same in each
+        // tile.
         let rows_before = width as usize * top as usize;
         let pixels = rows_before + width as usize * height as usize;
         Ok(Rendering {
@@ -366,7 +369,8 @@ impl<'a> Renderer<'a> {
         })
     }
 
-    /// Rays of all kinds that were traced for the rows and columns that are rendered; nothing may be in flight.
+    /// Rays of all kinds that were traced for the rows and columns that are rendered; nothing may
+    /// be in flight.
     pub fn rays(&self) -> u64 {
         let settings = &self.settings;
         let width = settings.width as usize;
@@ -524,7 +528,8 @@ impl Drop for Flight<'_> {
     }
 }
 
-/// The camera's position; the way from the picture's middle to its right and to its upper edge, and to the middle itself.
+/// The camera's position; the way from the picture's middle to its right and to its upper edge, and
+/// to the middle itself.
 pub fn view(camera: &Camera, (width, height): (u32, u32)) -> [glam::Vec3; 4] {
     let forward = camera.forward.normalize();
     let right = forward.cross(camera.up).normalize();

@@ -1,5 +1,5 @@
-//! Embree 4, opened at run time: the few functions and structures of its C interface that a bench of
-//! single rays needs (`rtcore.h` of version 4).
+//! Embree 4, opened at run time: the few functions and structures of its C interface that a bench
+//! of single rays needs (`rtcore.h` of version 4).
 
 use std::ffi::{c_char, c_int, c_uint, c_void};
 use std::mem::ManuallyDrop;

@@ -44,8 +44,8 @@ pub fn run(first: &Which, count: u64, progress: Option<&Path>) -> Result<ExitCod
         if number % ON_ONE_DEVICE == 0 {
             world = None;
         }
-        // The harness panics where a device is lost or a command fails: that is an answer, too. The driver's own panics it has to catch
-        // itself.
+        // The harness panics where a device is lost or a command fails: that is an answer, too. The
+        // driver's own panics it has to catch itself.
         let done = catch_unwind(AssertUnwindSafe(|| {
             let world = world.get_or_insert_with(World::open);
             (which.target.run)(world, &case);

@@ -5,9 +5,10 @@
 //!        <──dies───  the case that it was at is kept, made smaller, and kept smaller
 //! ```
 //!
-//! A case is a number: all that it does follows from the seed and that number, in steps. So a case is made smaller by leaving out steps, and
-//! runs again wherever the program is the same. Whatever a driver answers is right: success, an error, a lost device. It must not fault,
-//! hang, write where it was told nothing of, or panic.
+//! A case is a number: all that it does follows from the seed and that number, in steps. So a case
+//! is made smaller by leaving out steps, and runs again wherever the program is the same. Whatever
+//! a driver answers is right: success, an error, a lost device. It must not fault, hang, write
+//! where it was told nothing of, or panic.
 
 mod case;
 mod child;
@@ -40,7 +41,7 @@ struct Arguments {
     /// How many cases of each target, however long they take
     #[arg(long, conflicts_with = "minutes")]
     cases: Option<u64>,
-    /// What cases follow from
+    /// The seed of all cases
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Where what is found is kept
@@ -52,7 +53,8 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Run one case again, as a finding names it: TARGET:SEED:NUMBER, or with :STEP,STEP… only these steps of it
+    /// Run one case again, as a finding names it: TARGET:SEED:NUMBER, or with :STEP,STEP… only
+    /// these steps of it
     Again { case: String },
     /// Run cases in this process
     #[command(hide = true)]

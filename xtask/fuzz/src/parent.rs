@@ -13,7 +13,8 @@ use crate::child::progress_text;
 use crate::targets::Target;
 use crate::world::World;
 
-/// How long a child runs, mostly, once its first case is done: on a loaded machine a device and its shaders may take longer.
+/// How long a child runs, mostly, once its first case is done: on a loaded machine a device and its
+/// shaders may take longer.
 const SLICE: Duration = Duration::from_secs(5);
 
 /// How long the parent looks away.
@@ -65,8 +66,8 @@ impl Parent {
 
     /// Runs targets in turn. Fails if anything was found.
     pub fn run(&self, targets: &[&'static Target], seed: u64, amount: Amount) -> Result<ExitCode> {
-        // Panics, and says why, where no device is to be had. To a child any panic of the harness is an answer: without a driver no case
-        // would fail.
+        // Panics, and says why, where no device is to be had. To a child any panic of the harness
+        // is an answer: without a driver no case would fail.
         drop(World::open());
         let mut next: BTreeMap<&str, u64> = BTreeMap::new();
         let mut findings = 0;
@@ -138,7 +139,8 @@ impl Parent {
             let text = std::fs::read_to_string(&progress).unwrap_or_default();
             text.parse().unwrap_or(first.number)
         };
-        // In naps, not by the clock: who is stopped for a while, child and parent alike, does not hang.
+        // In naps, not by the clock: who is stopped for a while, child and parent alike, does not
+        // hang.
         let most = |time: Duration| (time.as_millis() / NAP.as_millis()) as u32;
         let (mut at, mut naps, mut naps_at_case) = (first.number, 0, 0);
         let mut used_before = Duration::ZERO;
@@ -169,7 +171,8 @@ impl Parent {
             naps_at_case += 1;
             naps += u32::from(at != first.number);
         };
-        // The driver has to catch its panics, and should not have them. That a handle is none is what it says of it.
+        // The driver has to catch its panics, and should not have them. That a handle is none is
+        // what it says of it.
         let said = std::fs::read_to_string(&log).unwrap_or_default();
         let panicked = (said.lines())
             .filter(|line| line.contains("panicked at") || line.contains("panicked: "))

@@ -1,4 +1,5 @@
-//! The functions, their references, and what Vulkan's "Precision of Individual Operations" allows each.
+//! The functions, their references, and what Vulkan's "Precision of Individual Operations" allows
+//! each.
 
 /// The allowance of the specification.
 #[derive(Clone, Copy, Debug)]
@@ -119,7 +120,8 @@ unary! {
     "fabs" "fabs" f64::abs, Correct, All, 0.5;
 }
 
-/// Below this a function with f(x) = x + c x³ + … is its first two terms, to far more than 64 bits can say.
+/// Below this a function with f(x) = x + c x³ + … is its first two terms, to far more than 64 bits
+/// can say.
 const LINEAR: f64 = 1e-6;
 
 macro_rules! odd {

@@ -1,8 +1,10 @@
-//! How exact the float functions are: `cargo xtask precision [--step N] [--threads N] [--out FILE]`.
+//! How exact the float functions are: `cargo xtask precision [--step N] [--threads N] [--out
+//! FILE]`.
 //!
-//! Functions of one 32-bit float run over all 2^32 inputs (or over every N-th), those of a 16-bit float over all 65,536, those of
-//! several over structured and random samples; each on the interpreter's best tier, each against a reference of 64 bits. An error past
-//! what Vulkan allows, or past our own bound, fails the run.
+//! Functions of one 32-bit float run over all 2^32 inputs (or over every N-th), those of a 16-bit
+//! float over all 65,536, those of several over structured and random samples; each on the
+//! interpreter's best tier, each against a reference of 64 bits. An error past what Vulkan allows,
+//! or past our own bound, fails the run.
 
 mod functions;
 mod kernel;

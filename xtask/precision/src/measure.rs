@@ -58,7 +58,8 @@ impl Format {
         power_of_two(exponent - self.fraction)
     }
 
-    /// How far a result is off, in units of the exact one's last place. What is past the greatest number counts as the next one after it.
+    /// How far a result is off, in units of the exact one's last place. What is past the greatest
+    /// number counts as the next one after it.
     fn error(self, got: f64, exact: f64) -> f64 {
         if got.is_nan() || exact.is_nan() {
             return if got.is_nan() && exact.is_nan() {

@@ -1,8 +1,9 @@
 //! `cargo xtask apps`: applications that the user has built, on two drivers in turn.
 //!
-//! Nothing is fetched. A folder is a set of applications: its file `apps.txt` names one a line, as a shell would start it from that folder
-//! (`name: command and arguments`, `#` before remarks); without the file, every program in it is one, started with the arguments behind `--`.
-//! An application's speed is the frame rate that it prints, else the time that it takes.
+//! Nothing is fetched. A folder is a set of applications: its file `apps.txt` names one a line, as
+//! a shell would start it from that folder (`name: command and arguments`, `#` before remarks);
+//! without the file, every program in it is one, started with the arguments behind `--`. An
+//! application's speed is the frame rate that it prints, else the time that it takes.
 
 mod once;
 mod picture;
@@ -38,7 +39,8 @@ pub struct Options {
     /// Seconds after which an application is ended
     #[arg(long, value_name = "SECONDS", default_value_t = 120)]
     patience: u64,
-    /// A command that starts the applications: a container's, say. It is given the program and its arguments
+    /// A command that starts the applications: a container's, say. It is given the program and its
+    /// arguments
     #[arg(long, value_name = "COMMAND")]
     through: Option<String>,
     /// The arguments of applications, if there is no `apps.txt`

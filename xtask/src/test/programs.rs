@@ -28,7 +28,7 @@ pub struct Program {
 /// The stack of a program's first thread, on which its tests run.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub enum Stack {
-    /// What the system gives.
+    /// The system's resources.
     Usual,
     /// As small as that of any thread of Rust's: what needs more would fail in applications.
     Small,
@@ -38,7 +38,7 @@ pub enum Stack {
 const SMALL_STACK_BYTES: libc::rlim_t = 2 << 20;
 
 impl Program {
-    /// What is run.
+    /// The selection of programs.
     pub fn command(&self) -> Command {
         let mut command = Command::new(&self.executable);
         environment::give_back(&mut command);

@@ -29,13 +29,13 @@ const SLOWEST: usize = 10;
 /// How programs are run.
 pub struct Order {
     pub at_a_time: usize,
-    /// What programs say is printed even if they succeed.
+    /// Prints the output of programs even if they succeed.
     pub is_loud: bool,
     /// Where a file keeps what each of them said.
     pub folder: PathBuf,
 }
 
-/// What came of a run.
+/// The outcome of a run.
 #[derive(Default)]
 pub struct Outcome {
     /// Programs that failed, by name.
@@ -67,7 +67,7 @@ struct Running {
     tests_done: usize,
 }
 
-/// What all runners know.
+/// State that all runners share.
 struct Board {
     waiting: VecDeque<Program>,
     running: Vec<Running>,
@@ -79,11 +79,11 @@ struct Board {
     times: Times,
 }
 
-/// What is told.
+/// The messages of runners.
 enum News {
     Done {
         line: String,
-        /// What a failed program said, or one that is to be heard.
+        /// The output of a failed program, or of one that is to be printed.
         said: Option<String>,
     },
     Over,

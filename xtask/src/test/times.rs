@@ -11,7 +11,7 @@ pub struct Times {
 }
 
 impl Times {
-    /// What the file says; nothing if it is not there.
+    /// The contents of the file; nothing if it does not exist.
     pub fn read(file: &Path) -> Times {
         let text = std::fs::read_to_string(file).unwrap_or_default();
         let line = |line: &str| {

@@ -1,8 +1,9 @@
 //! Dependencies between the folders of a crate point one way, and no files use each other.
 //!
-//! Each crate's folders (and files at its root) stand in an order; a folder may use those behind it in the
-//! order, never one before it. Paths are taken from the parsed sources: `use` trees, paths inside
-//! expressions and types, and `crate::` inside macros. Modules called `tests` may use what they like.
+//! Each crate's folders (and files at its root) stand in an order; a folder may use those behind it
+//! in the order, never one before it. Paths are taken from the parsed sources: `use` trees, paths
+//! inside expressions and types, and `crate::` inside macros. Modules called `tests` may use what
+//! they like.
 
 mod files;
 
@@ -17,7 +18,8 @@ use syn::visit::{self, Visit};
 struct House {
     name: &'static str,
     order: &'static [&'static str],
-    /// Arrows back that are still there: each entry must be found, so that none outlives its reason.
+    /// Arrows back that are still there: each entry must be found, so that none outlives its
+    /// reason.
     still_back: &'static [(&'static str, &'static str)],
 }
 

@@ -1,4 +1,5 @@
-//! A program of the interpreter over many lanes, for measurements: one that nothing is bound to, and that runs to its end at once.
+//! A program of the interpreter over many lanes, for measurements: one that nothing is bound to,
+//! and that runs to its end at once.
 
 use anyhow::{Error, Result, ensure};
 use spirv_jit::environment::Environment;
@@ -76,7 +77,8 @@ impl Waves {
                 is_whole: false,
                 environment: &environment,
             };
-            // SAFETY: nothing is bound, and programs that are measured follow no pointers and share no memory.
+            // SAFETY: nothing is bound, and programs that are measured follow no pointers and share
+            // no memory.
             let events = unsafe {
                 self.program
                     .run(&mut self.frame, &mut wave, &mut { FUEL })?

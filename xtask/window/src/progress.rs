@@ -1,5 +1,5 @@
-//! The picture so far: what is drawn and what is traced comes band by band, each in a few hundredths
-//! of a second, so that the window stays awake.
+//! The picture so far: what is drawn and what is traced comes band by band, each in a few
+//! hundredths of a second, so that the window stays awake.
 
 use std::time::{Duration, Instant};
 

@@ -119,7 +119,8 @@ impl Panel {
         let (y, rest) = number(rest);
         let (width, rest) = number(rest);
         let (height, _) = number(rest);
-        // Nearly all columns of the right half are outside the panel, and many rows of the left one.
+        // Nearly all columns of the right half are outside the panel, and many rows of the left
+        // one.
         assert!(x + width < size.0 * 3 / 4 && y + height < size.1);
         Panel {
             x,

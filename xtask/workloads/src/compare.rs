@@ -298,8 +298,9 @@ fn run(icd: &Path, task: &Task, turns: usize) -> Result<Option<Sample>> {
     serde_json::from_slice(line).context("the measurement's answer")
 }
 
-/// How far the mean of a picture's blocks may differ between drivers, of its mean: shaders' arithmetic may round differently, and then paths
-/// part; a driver that traces something else is far beyond it.
+/// How far the mean of a picture's blocks may differ between drivers, of its mean: shaders'
+/// arithmetic may round differently, and then paths part; a driver that traces something else is
+/// far beyond it.
 const TOLERANCE: f64 = 0.02;
 
 /// Holds the first picture of each driver against the first driver's.

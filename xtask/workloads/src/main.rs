@@ -1,4 +1,5 @@
-//! Measures Vulkan drivers against each other on the work that renderers do: tracing rays and drawing.
+//! Measures Vulkan drivers against each other on the work that renderers do: tracing rays and
+//! drawing.
 //!
 //! One program, any driver: `compare` starts itself once for every workload, driver and round, so
 //! that drivers take turns, each in a process of its own, and no time is given for a result on

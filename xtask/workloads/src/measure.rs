@@ -23,7 +23,8 @@ pub struct Sample {
     pub work: f64,
     /// Largest resident set of the process.
     pub peak_bytes: u64,
-    /// Means of the picture's colour channels over 8×8 blocks, by which drivers are held against each other.
+    /// Means of the picture's colour channels over 8×8 blocks, by which drivers are held against
+    /// each other.
     pub blocks: Vec<[f32; 3]>,
 }
 
@@ -147,7 +148,8 @@ fn large_salted(salt: usize) -> Parts {
     (shaders, groups)
 }
 
-/// The time that creating a pipeline takes: each turn a new one, or, when `cached`, the same from a pipeline cache.
+/// The time that creating a pipeline takes: each turn a new one, or, when `cached`, the same from a
+/// pipeline cache.
 fn pipeline(turns: usize, cached: bool, parts: fn(usize) -> Parts) -> Sample {
     let gpu = Gpu::without_validation();
     let mut sample = Sample {
@@ -199,7 +201,8 @@ fn shader_bindings() -> [(u32, vk::DescriptorType, u32); 5] {
     ]
 }
 
-/// From nothing to the first picture of the path tracer: instance, device, structures, pipeline and one launch.
+/// From nothing to the first picture of the path tracer: instance, device, structures, pipeline and
+/// one launch.
 fn first_pixel(scale: &Scale) -> Option<Sample> {
     // The front end from GLSL is not the driver's: what follows finds its shaders compiled.
     drop(path_parts());

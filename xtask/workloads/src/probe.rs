@@ -243,7 +243,8 @@ fn trace(gpu: &Gpu) -> Vec<u32> {
     output.read()
 }
 
-/// Instances of triangles, some of them opaque, of boxes, and of a floor; and one of triangles alone.
+/// Instances of triangles, some of them opaque, of boxes, and of a floor; and one of triangles
+/// alone.
 fn worlds(gpu: &Gpu) -> (Structure, Structure) {
     let mut seed = 1u32;
     let mut next = || {
@@ -296,7 +297,8 @@ fn flush_denormals() {
     {
         // Exceptions masked, results flushed, operands too.
         let word: u32 = 0x1F80 | 1 << 15 | 1 << 6;
-        // SAFETY: a valid word; nothing here computes with floats but the scene, which has no denormals.
+        // SAFETY: a valid word; nothing here computes with floats but the scene, which has no
+        // denormals.
         unsafe {
             std::arch::asm!("ldmxcsr [{}]", in(reg) &raw const word, options(nostack, preserves_flags));
         }

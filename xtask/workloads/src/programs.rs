@@ -153,8 +153,8 @@ pub fn bindless(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
     Some(drawn(gpu, scale, turn, &world, &image))
 }
 
-/// A frame as hybrid renderers make it: what was drawn is copied in, rays add light to it, a compute shader maps it to colours, and those are
-/// copied out.
+/// A frame as hybrid renderers make it: what was drawn is copied in, rays add light to it, a
+/// compute shader maps it to colours, and those are copied out.
 pub fn hybrid(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
     let parts = Parts::new(
         shader::raygen(shader::HYBRID),
@@ -222,7 +222,8 @@ pub fn stack(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
     Some(Prepared::picture(turn, &world))
 }
 
-/// Small frames one after the other, each submitted by itself and copied to where it would be shown.
+/// Small frames one after the other, each submitted by itself and copied to where it would be
+/// shown.
 pub fn frames(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
     const COUNT: u32 = 100;
     let small = Scale {

@@ -1,6 +1,7 @@
 //! The workload `path` in f64, written a second time: what its picture is without rounding to f32.
 //!
-//! The scene is the one that drivers get, number by number, and so are the shaders' constants and random numbers.
+//! The scene is the one that drivers get, number by number, and so are the shaders' constants and
+//! random numbers.
 
 use std::path::PathBuf;
 

@@ -74,7 +74,8 @@ pub fn material(number: u32) -> Vec<u32> {
     glsl(Stage::ClosestHit, &source)
 }
 
-/// A ray generation shader of about 10,000 instructions: many layers, one of which each pixel takes. Shaders of other salts differ a little.
+/// A ray generation shader of about 10,000 instructions: many layers, one of which each pixel
+/// takes. Shaders of other salts differ a little.
 pub fn large(salt: usize) -> Vec<u32> {
     const LAYERS: usize = 43;
     let layers: String = (0..LAYERS)

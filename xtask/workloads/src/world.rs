@@ -143,7 +143,8 @@ pub fn geometry(mesh: &Mesh, flags: vk::GeometryFlagsKHR) -> Geometry {
     }
 }
 
-/// Where the camera is, what is to its right and above it at the picture's edges, and where it looks.
+/// Where the camera is, what is to its right and above it at the picture's edges, and where it
+/// looks.
 pub fn camera(scale: &Scale) -> [[f32; 3]; 4] {
     let eye = vec3(-14.0, 7.0, -22.0);
     let ahead = (vec3(2.0, 0.0, 3.0) - eye).normalize();

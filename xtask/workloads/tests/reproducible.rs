@@ -1,5 +1,5 @@
-//! The same input gives the same bits: for any number of threads, on every instruction set, with native code and without, in waves of any
-//! length, in hosts that flush denormals, and again.
+//! The same input gives the same bits: for any number of threads, on every instruction set, with
+//! native code and without, in waves of any length, in hosts that flush denormals, and again.
 
 use std::process::Command;
 
@@ -83,8 +83,8 @@ fn pictures_depend_on_their_input_alone() {
     }
 }
 
-/// Who shares a subgroup in hit, miss, any-hit, intersection and callable shaders; candidates in their order; which hit is the first;
-/// functions and denormals.
+/// Who shares a subgroup in hit, miss, any-hit, intersection and callable shaders; candidates in
+/// their order; which hit is the first; functions and denormals.
 #[test]
 fn shaders_cannot_tell_how_they_are_run() {
     for accuracy in ["", "exact"] {

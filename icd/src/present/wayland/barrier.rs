@@ -31,7 +31,8 @@ impl Barrier {
     /// The connection has gone.
     ///
     /// # Safety
-    /// `display` and `surface` are as in [`WaylandWindow::new`](super::WaylandWindow::new); `manager` lives as long.
+    /// `display` and `surface` are as in [`WaylandWindow::new`](super::WaylandWindow::new);
+    /// `manager` lives as long.
     pub unsafe fn new(
         display: *mut c_void,
         surface: *mut c_void,

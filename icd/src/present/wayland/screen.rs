@@ -67,7 +67,8 @@ struct Told {
 struct BehindBarrier {
     serial: u32,
     since: Instant,
-    /// An image was given back meanwhile: this one, by a compositor that copies pictures, or one before it.
+    /// An image was given back meanwhile: this one, by a compositor that copies pictures, or one
+    /// before it.
     is_taken_up: bool,
 }
 

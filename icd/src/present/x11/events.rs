@@ -124,8 +124,8 @@ impl Events {
         })
     }
 
-    /// Returns a number for a frame, unique within the surface. From now on the thread waits for the
-    /// frame's turn.
+    /// Returns a number for a frame, unique within the surface. From now on the thread waits for
+    /// the frame's turn.
     ///
     /// # Errors
     /// The thread cannot be started.

@@ -8,7 +8,8 @@ use crate::raster::primitive::{Bins, Bounds, Coverage, Edge, Grid, Shape};
 use super::screen::PIXEL;
 use crate::wave::Stopped;
 
-/// Shapes of up to that many tiles are listed in all tiles of their bounds; larger ones where their edges pass.
+/// Shapes of up to that many tiles are listed in all tiles of their bounds; larger ones where their
+/// edges pass.
 const SMALL: u32 = 2;
 
 /// Calls with each tile that a shape may touch.

@@ -1,9 +1,11 @@
-//! Bresenham lines: the pixels whose diamonds a line leaves (spec, "Bresenham Line Segment Rasterization"), decided exactly.
+//! Bresenham lines: the pixels whose diamonds a line leaves (spec, "Bresenham Line Segment
+//! Rasterization"), decided exactly.
 //!
-//! The diamond of a pixel is what is less than half a pixel from its centre, |x| + |y| < ½. A line makes a fragment of each pixel whose diamond it
-//! meets and does not end in, with both ends moved by (−ε, −ε²). Of an x-major line, that is at most one pixel a column: the one whose row
-//! the line crosses the column's middle in, unless the line starts past the middle and outside of the diamond, or ends before the middle
-//! or in the diamond.
+//! The diamond of a pixel is what is less than half a pixel from its centre, |x| + |y| < ½. A line
+//! makes a fragment of each pixel whose diamond it meets and does not end in, with both ends moved
+//! by (−ε, −ε²). Of an x-major line, that is at most one pixel a column: the one whose row the line
+//! crosses the column's middle in, unless the line starts past the middle and outside of the
+//! diamond, or ends before the middle or in the diamond.
 
 #![forbid(unsafe_code)]
 
@@ -56,19 +58,22 @@ impl MajorLine {
     fn row(&self, column: i64) -> i64 {
         let center = column * i64::from(PIXEL) + HALF;
         let [du, dv] = [self.to[0] - self.from[0], self.to[1] - self.from[1]];
-        // v at the centre is from + dv (centre − from) / du, in units of a row: numerator / denominator.
+        // v at the centre is from + dv (centre − from) / du, in units of a row: numerator /
+        // denominator.
         let (du, dv) = if du < 0 { (-du, -dv) } else { (du, dv) };
         let numerator = i128::from(self.from[1]) * i128::from(du)
             + i128::from(dv) * i128::from(center - self.from[0]);
         let denominator = i128::from(du) * i128::from(PIXEL);
         let row = numerator.div_euclid(denominator) as i64;
-        // Between two rows: the move takes an x-major line down its slope's way first, then up; a y-major one left.
+        // Between two rows: the move takes an x-major line down its slope's way first, then up; a
+        // y-major one left.
         let is_between = numerator.rem_euclid(denominator) == 0;
         let stays = self.is_x && dv > 0;
         if is_between && !stays { row - 1 } else { row }
     }
 
-    /// Whether an end at a coordinate along the line, moved, is past a column's middle to the greater side.
+    /// Whether an end at a coordinate along the line, moved, is past a column's middle to the
+    /// greater side.
     fn is_past(&self, u: i64, center: i64) -> bool {
         u > center
     }

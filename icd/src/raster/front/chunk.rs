@@ -264,7 +264,8 @@ impl Worker {
         let is_projected = !places.chooses_viewports() && !facts.views.is_empty();
         let mut last = None;
         for assembled in &self.primitives {
-            // Arrays are written out here and in what is called: closures of `map` would be called, too.
+            // Arrays are written out here and in what is called: closures of `map` would be called,
+            // too.
             let [a, b, c] = assembled.vertices;
             let provoking = assembled.vertices[usize::from(assembled.provoking)];
             let common = &self.commons[assembled.common as usize];
@@ -273,7 +274,8 @@ impl Worker {
                 false => (shaded.layer(provoking), facts.layers.max(1)),
             };
             let viewport = shaded.viewport(provoking);
-            // Made where it is needed: one place in memory for all would be written and read again in pieces of other sizes.
+            // Made where it is needed: one place in memory for all would be written and read again
+            // in pieces of other sizes.
             let primitive = || Primitive {
                 draw: draw_index,
                 primitive_id: assembled.primitive_id,

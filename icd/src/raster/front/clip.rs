@@ -1,7 +1,8 @@
-//! Clipping in homogeneous coordinates (spec, "Primitive Clipping"; Sutherland and Hodgman, "Reentrant Polygon Clipping", 1974).
+//! Clipping in homogeneous coordinates (spec, "Primitive Clipping"; Sutherland and Hodgman,
+//! "Reentrant Polygon Clipping", 1974).
 //!
-//! Two primitives that share an edge cut it at the same points to the bit: a point on an edge is computed from its inner end towards its
-//! outer one, plane after plane, from nothing but the two.
+//! Two primitives that share an edge cut it at the same points to the bit: a point on an edge is
+//! computed from its inner end towards its outer one, plane after plane, from nothing but the two.
 
 #![forbid(unsafe_code)]
 
@@ -19,7 +20,8 @@ pub struct Vertex {
     pub distances: [f64; MAX_CLIP_DISTANCES],
 }
 
-/// Planes: near, far, eight distances, w, four sides of the viewport, four of the guard band. A convex polygon gains one vertex at each.
+/// Planes: near, far, eight distances, w, four sides of the viewport, four of the guard band. A
+/// convex polygon gains one vertex at each.
 const MAX_VERTICES: usize = 3 + 2 + MAX_CLIP_DISTANCES + 1 + 4 + 4;
 
 /// A convex polygon.
@@ -98,8 +100,8 @@ fn between(inner: &Vertex, outer: &Vertex, inside: f64, outside: f64) -> Vertex 
     }
 }
 
-/// The part of a triangle that is inside; empty if there is none. `codes` are those of all vertices together; `sides`: at the view volume's
-/// sides, too.
+/// The part of a triangle that is inside; empty if there is none. `codes` are those of all vertices
+/// together; `sides`: at the view volume's sides, too.
 pub fn polygon(
     triangle: [Vertex; 3],
     codes: u32,
@@ -176,7 +178,8 @@ pub fn along(ends: &[Vertex; 2], t: f64) -> Vertex {
     }
 }
 
-/// Where a clipped vertex is on the screen, in fixed point: as [`project`](super::screen::project) has it where nothing was cut.
+/// Where a clipped vertex is on the screen, in fixed point: as [`project`](super::screen::project)
+/// has it where nothing was cut.
 pub fn snap(screen: &Screen, position: &Clip) -> [i32; 2] {
     let inverse_w = 1.0 / position[3];
     std::array::from_fn(|axis| {

@@ -1,7 +1,8 @@
 //! The work of a batch, cut into jobs: what becomes one chunk each.
 //!
-//! Jobs are cut in order by one thread, as many as a round takes; where they are cut follows from the draws alone. With restart the indices
-//! are read here, once ahead of the chunks: only they tell where segments end and which numbers primitives have.
+//! Jobs are cut in order by one thread, as many as a round takes; where they are cut follows from
+//! the draws alone. With restart the indices are read here, once ahead of the chunks: only they
+//! tell where segments end and which numbers primitives have.
 
 use std::ops::Range;
 use std::sync::atomic::Ordering;
@@ -20,8 +21,8 @@ const SPAN_COST: u32 = 4;
 /// Primitives of Bresenham lines in a job: each has a list of its pixels.
 const LISTED_PRIMITIVES: u32 = 128;
 
-/// Primitives of one strip of stippled lines in a job. The pattern runs along a strip, so it is not cut; of a longer one, the pattern starts
-/// anew there.
+/// Primitives of one strip of stippled lines in a job. The pattern runs along a strip, so it is not
+/// cut; of a longer one, the pattern starts anew there.
 const STIPPLED_PRIMITIVES: u32 = 1 << 16;
 
 /// Indices that are looked at for restarts between two looks at the limits.

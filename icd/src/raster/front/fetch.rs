@@ -260,7 +260,8 @@ impl Attribute {
             return self.fill_wide(rows, &texels);
         }
         let mut words = [[0; SUBGROUP_SIZE]; 4];
-        // SAFETY: as many bytes as the format has are there while the draw runs, for each texel; they may be anything.
+        // SAFETY: as many bytes as the format has are there while the draw runs, for each texel;
+        // they may be anything.
         unsafe {
             match (is_shared, self.info.size_bytes) {
                 (true, size) => {
@@ -394,7 +395,8 @@ fn interleaved(a: [u32; 4], b: [u32; 4]) -> [[u32; 4]; 2] {
     {
         use std::arch::x86_64::*;
         use std::mem::transmute;
-        // SAFETY: every processor of this architecture has SSE2; four words are as long as its registers.
+        // SAFETY: every processor of this architecture has SSE2; four words are as long as its
+        // registers.
         unsafe {
             let (a, b) = (
                 _mm_loadu_si128(a.as_ptr().cast()),

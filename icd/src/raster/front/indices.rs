@@ -15,7 +15,8 @@ pub struct Indices {
     shift: u32,
 }
 
-// SAFETY: a place in memory that the application keeps, and does not write, for the time of the draw.
+// SAFETY: a place in memory that the application keeps, and does not write, for the time of the
+// draw.
 unsafe impl Send for Indices {}
 // SAFETY: as above.
 unsafe impl Sync for Indices {}

@@ -1,4 +1,5 @@
-//! Lines: clipping, planes, and rectangles around them (spec, "Line Segment Rasterization"); [`bresenham`](super::bresenham) has the others.
+//! Lines: clipping, planes, and rectangles around them (spec, "Line Segment Rasterization");
+//! [`bresenham`](super::bresenham) has the others.
 
 #![forbid(unsafe_code)]
 
@@ -28,8 +29,8 @@ impl Segment {
         (dx * dx + dy * dy).sqrt()
     }
 
-    /// `((x, y) − from) · (dx, dy) ≥ least`, or more than that where neighbours own the samples on the edge. What is not whole has no samples on
-    /// it.
+    /// `((x, y) − from) · (dx, dy) ≥ least`, or more than that where neighbours own the samples on
+    /// the edge. What is not whole has no samples on it.
     fn half_plane(&self, [a, b]: [i32; 2], least: f64) -> Edge {
         let from = i64::from(a) * i64::from(self.from[0]) + i64::from(b) * i64::from(self.from[1]);
         let mut edge = edge(a, b, -from - least.ceil() as i64);
@@ -39,7 +40,8 @@ impl Segment {
         edge
     }
 
-    /// The part of the rectangle around the line from `start` to `end` units of its length; `width` in units.
+    /// The part of the rectangle around the line from `start` to `end` units of its length; `width`
+    /// in units.
     fn rectangle(&self, width: f64, start: f64, end: f64) -> [Edge; 4] {
         let [dx, dy] = self.direction();
         let length = self.length();
@@ -63,7 +65,8 @@ struct Visible {
     t: [f64; 2],
 }
 
-/// The part of a line that is inside of the planes that lines are cut at; the sides of the view volume only decide whether there is one.
+/// The part of a line that is inside of the planes that lines are cut at; the sides of the view
+/// volume only decide whether there is one.
 fn visible(
     view: &View,
     set_up: &SetUp<'_>,
@@ -111,7 +114,8 @@ fn visible(
     })
 }
 
-/// How far along a line the closest point to a pixel's centre is, from 0 to 1, relative to the origin.
+/// How far along a line the closest point to a pixel's centre is, from 0 to 1, relative to the
+/// origin.
 fn progress(segment: &Segment, origin: [i32; 2]) -> Wide {
     let pixel = f64::from(PIXEL);
     let [dx, dy] = segment.direction().map(f64::from);
@@ -182,7 +186,8 @@ impl SetUp<'_> {
             width / 2.0
         };
         let around = around(&segment, reach.ceil() as i32, facts.centers_only);
-        // Lines end at the viewport where their middle does; no need to cut them off there while they are thin.
+        // Lines end at the viewport where their middle does; no need to cut them off there while
+        // they are thin.
         let beyond = if facts.lines.width > 1.0 {
             (facts.lines.width / 2.0).ceil() as i32
         } else {
@@ -267,8 +272,8 @@ fn around(segment: &Segment, reach: i32, centers_only: bool) -> Bounds {
     }
 }
 
-/// Where the pattern of a stippled line has ones, in units of its length, as far as `bounds` show it. The line starts `stippled` pixels after
-/// the pattern.
+/// Where the pattern of a stippled line has ones, in units of its length, as far as `bounds` show
+/// it. The line starts `stippled` pixels after the pattern.
 fn dashes(
     segment: &Segment,
     bounds: Bounds,

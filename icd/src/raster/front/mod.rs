@@ -8,7 +8,8 @@
 //!                                                  bins
 //! ```
 //!
-//! Where jobs are cut follows from the draws alone, and a chunk from its job alone: no result depends on the number of threads.
+//! Where jobs are cut follows from the draws alone, and a chunk from its job alone: no result
+//! depends on the number of threads.
 
 mod bins;
 mod bresenham;
@@ -46,8 +47,8 @@ const FEW_PRIMITIVES: u32 = 192;
 /// Chunks of a batch's first round: later ones have more, as long as they take little memory.
 const FIRST_ROUND: usize = 16;
 
-/// Chunks of a round for each worker: enough that all have something to do to the end. A chunk of small triangles is half a megabyte, and the tiles
-/// should find it in a cache.
+/// Chunks of a round for each worker: enough that all have something to do to the end. A chunk of
+/// small triangles is half a megabyte, and the tiles should find it in a cache.
 const CHUNKS_OF_WORKER: usize = 8;
 
 /// Bytes of lists (tiles' shapes, lines' pixels) that a round should stay below.

@@ -1,11 +1,13 @@
-//! The planes of a record: how depth and barycentric coordinates change over the screen, in f64 until they are stored.
+//! The planes of a record: how depth and barycentric coordinates change over the screen, in f64
+//! until they are stored.
 
 #![forbid(unsafe_code)]
 
 use super::screen::{Clip, PIXEL, Screen, ScreenVertex};
 use crate::raster::primitive::Plane;
 
-/// A value at the centre of the origin's pixel, and its change a pixel to the right and a pixel down.
+/// A value at the centre of the origin's pixel, and its change a pixel to the right and a pixel
+/// down.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Wide {
     pub at: f64,
@@ -60,8 +62,9 @@ pub struct Planes {
     pub linear: [Wide; 3],
 }
 
-/// Of a triangle with all vertices on the screen, from the same positions as its coverage: samples that it covers are within it. `area` is
-/// twice its area in fixed-point units, with its sign, not 0.
+/// Of a triangle with all vertices on the screen, from the same positions as its coverage: samples
+/// that it covers are within it. `area` is twice its area in fixed-point units, with its sign, not
+/// 0.
 #[inline(always)]
 pub fn of_triangle(vertices: &[&ScreenVertex; 3], area: i64, origin: [i32; 2]) -> Planes {
     let center = |pixel: i32| i64::from(pixel) * i64::from(PIXEL) + i64::from(PIXEL / 2);
@@ -95,9 +98,9 @@ pub fn of_triangle(vertices: &[&ScreenVertex; 3], area: i64, origin: [i32; 2]) -
     }
 }
 
-/// Of a triangle of any three vertices, by their positions in pixels times w (Olano and Greer, "Triangle Scan Conversion using 2D Homogeneous
-/// Coordinates", 1997). Vertices on the screen count as where they are snapped to, so that a triangle has the same planes clipped and not
-/// clipped.
+/// Of a triangle of any three vertices, by their positions in pixels times w (Olano and Greer,
+/// "Triangle Scan Conversion using 2D Homogeneous Coordinates", 1997). Vertices on the screen count
+/// as where they are snapped to, so that a triangle has the same planes clipped and not clipped.
 pub fn of_homogeneous(
     screen: &Screen,
     positions: &[Clip; 3],

@@ -12,7 +12,8 @@ use crate::raster::primitive::{Bounds, Coverage, Edge, Shape};
 pub const POINT_SIZES: [f32; 2] = [1.0, 256.0];
 
 impl SetUp<'_> {
-    /// Draws a corner of a primitive as a point. It is clipped by its centre alone (`VK_POINT_CLIPPING_BEHAVIOR_ALL_CLIP_PLANES`).
+    /// Draws a corner of a primitive as a point. It is clipped by its centre alone
+    /// (`VK_POINT_CLIPPING_BEHAVIOR_ALL_CLIP_PLANES`).
     pub fn point(
         &mut self,
         primitive: &Primitive,

@@ -9,14 +9,15 @@ use crate::raster::primitive::Bounds;
 /// Fixed-point units of a pixel (`subPixelPrecisionBits` is 8).
 pub const PIXEL: i32 = 256;
 
-/// Pixels from the origin within which positions are snapped; what reaches further is clipped. Edges of what is inside have coefficients in
-/// 31 bits.
+/// Pixels from the origin within which positions are snapped; what reaches further is clipped.
+/// Edges of what is inside have coefficients in 31 bits.
 pub const GUARD: f64 = (1 << 21) as f64;
 
 /// Rounds to the nearest integer, ties to even. The value is less than 2³¹ in magnitude.
 #[inline(always)]
 pub fn round(value: f64) -> i32 {
-    // Where one unit in the last place is 1, the addition rounds; the low bits of the sum are the integer.
+    // Where one unit in the last place is 1, the addition rounds; the low bits of the sum are the
+    // integer.
     const ROUNDER: f64 = 6_755_399_441_055_744.0;
     (value + ROUNDER).to_bits() as i32
 }
@@ -54,7 +55,8 @@ impl Screen {
         .map(f64::from);
         let sides = |at: f64, size: f64| (at.min(at + size), at.max(at + size));
         let ((left, right), (top, bottom)) = (sides(x, width), sides(y, height));
-        // A centre on the first side is inside, one on the other is not, as with edges of primitives.
+        // A centre on the first side is inside, one on the other is not, as with edges of
+        // primitives.
         let pixel = |side: f64| (side - 0.5).ceil() as i32;
         let half = if negative_one_to_one { 0.5 } else { 1.0 };
         Self {
@@ -155,7 +157,8 @@ impl Volume {
     }
 }
 
-/// Puts a vertex on the screen, with the bits of its position. Without branches, for vertices side by side.
+/// Puts a vertex on the screen, with the bits of its position. Without branches, for vertices side
+/// by side.
 #[inline(always)]
 pub fn project(screen: &Screen, volume: &Volume, position: &Clip) -> ScreenVertex {
     let [x, y, z, w] = *position;
@@ -185,8 +188,9 @@ pub fn project(screen: &Screen, volume: &Volume, position: &Clip) -> ScreenVerte
     }
 }
 
-/// The first pixel whose samples may be at a fixed-point coordinate or after it, and the one after the last whose samples may be at or before
-/// another: with one sample a pixel, those are at centres.
+/// The first pixel whose samples may be at a fixed-point coordinate or after it, and the one after
+/// the last whose samples may be at or before another: with one sample a pixel, those are at
+/// centres.
 #[inline(always)]
 pub fn pixels(least: i32, greatest: i32, centers_only: bool) -> (i32, i32) {
     const HALF: i32 = PIXEL / 2;

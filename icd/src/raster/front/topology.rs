@@ -1,4 +1,5 @@
-//! Which vertices make up each primitive of a segment: a run of vertices without a restart (spec, "Primitive Topologies").
+//! Which vertices make up each primitive of a segment: a run of vertices without a restart (spec,
+//! "Primitive Topologies").
 
 #![forbid(unsafe_code)]
 
@@ -55,9 +56,10 @@ pub fn count(topology: Topology, vertices: u32) -> u32 {
     }
 }
 
-/// The vertices of a primitive, by their place in the segment, as the specification orders them. A triangle whose provoking vertex is its last one
-/// ends with it, which is the order that barycentric coordinates count in, too. A line has its second vertex twice, a point one vertex three
-/// times.
+/// The vertices of a primitive, by their place in the segment, as the specification orders them. A
+/// triangle whose provoking vertex is its last one ends with it, which is the order that
+/// barycentric coordinates count in, too. A line has its second vertex twice, a point one vertex
+/// three times.
 #[inline]
 pub fn vertices(topology: Topology, primitive: u32, last: bool) -> [u32; 3] {
     let i = primitive;

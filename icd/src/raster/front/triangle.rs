@@ -52,8 +52,8 @@ fn edges(places: [Place; 3], is_positive: bool) -> [Edge; 4] {
     [side(p, q), side(q, r), side(r, p), Edge::default()]
 }
 
-/// Whether a triangle has none of the centres of its pixels; false without a look where those are more than two, of which it mostly has
-/// one.
+/// Whether a triangle has none of the centres of its pixels; false without a look where those are
+/// more than two, of which it mostly has one.
 #[inline(always)]
 fn passes_between([p, q, r, _]: &[Edge; 4], bounds: &Bounds) -> bool {
     const FEW: i32 = 2;
@@ -75,7 +75,8 @@ fn passes_between([p, q, r, _]: &[Edge; 4], bounds: &Bounds) -> bool {
     true
 }
 
-/// The pixel that planes start at: near the primitive, and the same whatever the scissor and the render area are.
+/// The pixel that planes start at: near the primitive, and the same whatever the scissor and the
+/// render area are.
 #[inline(always)]
 fn origin(around: Bounds, screen: &Screen) -> [i32; 2] {
     [
@@ -202,7 +203,8 @@ impl SetUp<'_> {
             let piece = [first, pair[0], pair[1]];
             let area = area(first, pair[0], pair[1]);
             let bounds = intersect(around(piece, facts.centers_only), clipped);
-            // Snapped, a polygon may have a corner that points inwards: what it folds over is covered by others.
+            // Snapped, a polygon may have a corner that points inwards: what it folds over is
+            // covered by others.
             if area == 0 || (area > 0) != (whole > 0) || is_empty(&bounds) {
                 continue;
             }

@@ -139,7 +139,8 @@ impl Shaded<'_> {
     }
 }
 
-/// Runs the vertex shader for each vertex, and appends their outputs; with a projection, their places on the screen, too.
+/// Runs the vertex shader for each vertex, and appends their outputs; with a projection, their
+/// places on the screen, too.
 ///
 /// # Errors
 /// When a limit stopped it.

@@ -126,7 +126,8 @@ impl<V: Vector> Sources<'_, V> {
     }
 }
 
-/// The commonest way to blend fixed-point colours: what is there keeps the rest of the source's alpha, and the two are added.
+/// The commonest way to blend fixed-point colours: what is there keeps the rest of the source's
+/// alpha, and the two are added.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Over {
     /// The source's components, and its alpha, are multiplied with its alpha first.

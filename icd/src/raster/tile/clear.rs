@@ -16,7 +16,8 @@ const TASK_BYTES: u64 = 4 << 20;
 fn texel(clear: &Clear, targets: &Targets) -> Option<(Target, [u8; MAX_TEXEL_BYTES])> {
     let (target, words) = match clear.value {
         ClearValue::Color(index, value) => {
-            // SAFETY: all members are four words, and the format says whether these are floats or integers.
+            // SAFETY: all members are four words, and the format says whether these are floats or
+            // integers.
             (targets.colors.get(index)?.as_ref()?, unsafe {
                 value.uint32
             })
@@ -102,7 +103,8 @@ pub fn clear_tile(clear: &Clear, targets: &Targets, tile: &Bounds) {
             continue;
         };
         for (slice, sample) in planes(&target, rect) {
-            // SAFETY: the render area lies in all attachments, and the layers are theirs; a tile belongs to one worker.
+            // SAFETY: the render area lies in all attachments, and the layers are theirs; a tile
+            // belongs to one worker.
             unsafe { fill(&target, &pattern, &bounds, slice, sample) };
         }
     }

@@ -39,8 +39,8 @@ enum Coding {
     Other,
 }
 
-/// Four normalised bytes that are written as a whole, as they come or laid over what is there: the commonest attachment. Arrays are in the order of
-/// the bytes.
+/// Four normalised bytes that are written as a whole, as they come or laid over what is there: the
+/// commonest attachment. Arrays are in the order of the bytes.
 #[derive(Clone, Copy)]
 pub(super) struct Bytes {
     /// The colour's component that each byte is.
@@ -427,7 +427,8 @@ impl Color {
         ))
     }
 
-    /// Writes colours of the only sample, if the attachment is one of bytes; else does nothing and says so.
+    /// Writes colours of the only sample, if the attachment is one of bytes; else does nothing and
+    /// says so.
     ///
     /// # Safety
     /// As [`load`].

@@ -1,8 +1,10 @@
 //! Which samples of a tile a shape covers, as 4×4 blocks: exact integers at every size.
 //!
-//! An edge at a sample of pixel (x, y) of the tile is `a (256 x + sx) + b (256 y + sy) + c`, with `c` moved to the tile's corner. It is not negative
-//! if and only if `a x + b y + floor((a sx + b sy + c) / 256)` is not: the pixels' part is a multiple of 256. That takes 32 bits inside a
-//! tile for edges of up to 2¹⁶ pixels, and 64 bits for longer ones. From tile to blocks of 16×16, of 4×4, to pixels, sixteen at a time.
+//! An edge at a sample of pixel (x, y) of the tile is `a (256 x + sx) + b (256 y + sy) + c`, with
+//! `c` moved to the tile's corner. It is not negative if and only if `a x + b y + floor((a sx + b
+//! sy + c) / 256)` is not: the pixels' part is a multiple of 256. That takes 32 bits inside a tile
+//! for edges of up to 2¹⁶ pixels, and 64 bits for longer ones. From tile to blocks of 16×16, of
+//! 4×4, to pixels, sixteen at a time.
 
 use std::ops::{Add, BitOr, Mul};
 
@@ -87,7 +89,8 @@ impl Covered {
     }
 }
 
-/// Steps of edges inside a tile that 32 bits hold: 63 of `|a| + |b|` and a constant of [`Word::LIMIT`].
+/// Steps of edges inside a tile that 32 bits hold: 63 of `|a| + |b|` and a constant of
+/// [`Word::LIMIT`].
 pub const NARROW: u64 = 1 << 24;
 
 /// An integer for edges.
@@ -211,7 +214,8 @@ fn cells(columns: [i32; 2], rows: [i32; 2]) -> u16 {
     ((range(columns, 1) * 0x1111) & range(rows, 4)) as u16
 }
 
-/// Of sixteen squares of `size` pixels from (x, y) on: those that are touched, and those whose samples are all covered.
+/// Of sixteen squares of `size` pixels from (x, y) on: those that are touched, and those whose
+/// samples are all covered.
 #[inline(always)]
 fn cells_of<W: Word>(sides: &[Side<W>], clip: &Bounds, x: i32, y: i32, size: i32) -> (u16, u16) {
     let zero = W::from_wide(0);
@@ -289,7 +293,8 @@ fn whole(x: i32, y: i32, samples: u32) -> Block {
     Block::new(x, y, u128::MAX >> (128 - 16 * samples.clamp(1, 8)))
 }
 
-/// Takes the first set bit of a mask: its place, 4 to a row, times `size`, and itself. For loops where a closure would not be compiled for the tier.
+/// Takes the first set bit of a mask: its place, 4 to a row, times `size`, and itself. For loops
+/// where a closure would not be compiled for the tier.
 #[inline(always)]
 fn next_cell(mask: &mut u16, size: i32) -> Option<(i32, i32, u16)> {
     if *mask == 0 {
@@ -454,7 +459,8 @@ pub fn convex(
     }
 }
 
-/// Appends the blocks of a list of pixels: those inside a clip, which lies in the tile, with all their samples.
+/// Appends the blocks of a list of pixels: those inside a clip, which lies in the tile, with all
+/// their samples.
 pub fn listed(
     list: &[[i16; 2]],
     tile: &Bounds,

@@ -1,7 +1,7 @@
 //! Depth bounds, stencil and depth tests of sixteen pixels (spec, "Fragment Operations").
 //!
-//! Depths are compared as the attachment holds them: what comes in is rounded to the format first. An integer of up to 24 bits is exact in an f32,
-//! so that all formats are compared as numbers.
+//! Depths are compared as the attachment holds them: what comes in is rounded to the format first.
+//! An integer of up to 24 bits is exact in an f32, so that all formats are compared as numbers.
 
 use ash::vk::{CompareOp, StencilOp};
 use spirv_jit::image::vector::Vector;
@@ -175,7 +175,8 @@ impl Depth {
 pub struct Plain<'a>(&'a Depth);
 
 impl Plain<'_> {
-    /// The test of a row of sixteen pixels, or of a block, with what it writes. Gives the lanes of the mask that pass.
+    /// The test of a row of sixteen pixels, or of a block, with what it writes. Gives the lanes of
+    /// the mask that pass.
     ///
     /// # Safety
     /// As [`load`], for all sixteen.
@@ -234,7 +235,8 @@ impl Tests {
         self.depth.is_some_and(|depth| depth.test)
     }
 
-    /// Whether lanes that fail now fail later, too, whatever passes in between: tests may look without writing.
+    /// Whether lanes that fail now fail later, too, whatever passes in between: tests may look
+    /// without writing.
     pub fn is_monotonic(&self) -> bool {
         self.stencil.is_none()
             && self.depth.is_some_and(|depth| {
@@ -249,7 +251,8 @@ impl Tests {
             })
     }
 
-    /// Looks at one sample's depths without writing: the lanes of the mask that may pass. For tests that are [`Self::is_monotonic`].
+    /// Looks at one sample's depths without writing: the lanes of the mask that may pass. For tests
+    /// that are [`Self::is_monotonic`].
     ///
     /// # Safety
     /// As [`load`].
@@ -271,7 +274,8 @@ impl Tests {
         mask & compare_depths(v, depth.compare, new, depth.numbers(v, words[0]))
     }
 
-    /// Does the tests of one sample for the lanes of a mask, with what they write. Gives the lanes that pass all.
+    /// Does the tests of one sample for the lanes of a mask, with what they write. Gives the lanes
+    /// that pass all.
     ///
     /// # Safety
     /// As [`load`], for both attachments.

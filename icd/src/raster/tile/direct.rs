@@ -1,5 +1,6 @@
-//! Fragments that no program runs for: those of draws without one, and of programs that only pass varyings and constants on. From coverage
-//! straight to the attachments, sixteen pixels at a time, whole squares in rows.
+//! Fragments that no program runs for: those of draws without one, and of programs that only pass
+//! varyings and constants on. From coverage straight to the attachments, sixteen pixels at a time,
+//! whole squares in rows.
 
 use smallvec::SmallVec;
 use spirv_jit::image::vector::Vector;
@@ -308,7 +309,8 @@ impl<V: Vector> Painter<'_, V> {
                 ];
                 for (sample, &mask) in masks.iter().enumerate().take(plan.samples as usize) {
                     if mask != 0 {
-                        // SAFETY: the caller's promise. Nothing that is there matters to these colours.
+                        // SAFETY: the caller's promise. Nothing that is there matters to these
+                        // colours.
                         unsafe { store(v, &color.target, places, sample as u32, mask, &words) };
                     }
                 }

@@ -42,7 +42,8 @@ struct Filling<'a, V: Vector, const UNIFORM: bool> {
     fragments: &'a Fragments<'a>,
     /// Of one record.
     steps: &'a [[f32; 3]],
-    /// By index of [`Weights`]: the coordinates of the second and third vertex, once they are known.
+    /// By index of [`Weights`]: the coordinates of the second and third vertex, once they are
+    /// known.
     weights: [Option<[V::F; 2]>; 6],
 }
 
@@ -246,7 +247,8 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
             }
             return;
         };
-        // Once, and kept in registers: as one of `self.weights` they would be looked up in memory for each row.
+        // Once, and kept in registers: as one of `self.weights` they would be looked up in memory
+        // for each row.
         let weights = self.weights(common);
         for (index, (row, fill)) in rows.iter_mut().zip(&inputs.fills).enumerate() {
             let words = match *fill {

@@ -1,4 +1,5 @@
-//! The inputs of fragment programs and what they come from: varyings, planes, built-ins (spec, "Fragment Shader Interpolation").
+//! The inputs of fragment programs and what they come from: varyings, planes, built-ins (spec,
+//! "Fragment Shader Interpolation").
 
 use smallvec::SmallVec;
 use spirv_jit::Program;
@@ -121,7 +122,8 @@ fn sees_coverage(fill: &Fill) -> bool {
     }
 }
 
-/// By row of inputs, of a varying: its value at a primitive's first vertex, and the differences of the others.
+/// By row of inputs, of a varying: its value at a primitive's first vertex, and the differences of
+/// the others.
 pub type Steps = SmallVec<[[f32; 3]; 16]>;
 
 /// Sixteen fragments: four quads of one or several primitives.
@@ -139,7 +141,8 @@ pub struct Fragments<'a> {
 }
 
 impl Inputs {
-    /// Links a program to the outputs of the vertex stage. `per_sample`: invocations are for one sample; `everything`: and so are inputs that do not say so.
+    /// Links a program to the outputs of the vertex stage. `per_sample`: invocations are for one
+    /// sample; `everything`: and so are inputs that do not say so.
     pub fn new(
         fragment: &Program,
         vertex: &Program,

@@ -1,4 +1,5 @@
-//! Numbers across a primitive, sixteen lanes at a time: planes, perspective-correct coordinates, depths.
+//! Numbers across a primitive, sixteen lanes at a time: planes, perspective-correct coordinates,
+//! depths.
 
 use spirv_jit::image::vector::Vector;
 
@@ -13,15 +14,16 @@ pub fn plane_at<V: Vector>(v: V, plane: &Plane, [x, y]: [V::F; 2]) -> V::F {
     v.add(across, v.mul(v.splat(plane.dy), y))
 }
 
-/// Perspective-correct coordinates of the second and third vertex from the values of the perspective planes.
+/// Perspective-correct coordinates of the second and third vertex from the values of the
+/// perspective planes.
 #[inline(always)]
 pub fn perspective_weights<V: Vector>(v: V, planes: [V::F; 3]) -> [V::F; 2] {
     let sum = v.add(v.add(planes[0], planes[1]), planes[2]);
     [v.div(planes[1], sum), v.div(planes[2], sum)]
 }
 
-/// A varying from its value at the first vertex, the differences of the others, and the coordinates of those. One that is the same at all
-/// vertices comes out as it is.
+/// A varying from its value at the first vertex, the differences of the others, and the coordinates
+/// of those. One that is the same at all vertices comes out as it is.
 #[inline(always)]
 pub fn interpolate<V: Vector>(
     v: V,
@@ -44,8 +46,8 @@ pub fn number(outputs: &[u32], place: u32) -> f32 {
     }
 }
 
-/// Depths of fragments of one record from pixel (x, y) on at a sample, those of its plane, clamped to a range where there is one. `steps`: the
-/// lanes' columns and rows.
+/// Depths of fragments of one record from pixel (x, y) on at a sample, those of its plane, clamped
+/// to a range where there is one. `steps`: the lanes' columns and rows.
 #[inline(always)]
 pub fn depths<V: Vector>(
     v: V,

@@ -1,8 +1,9 @@
-//! Sixteen pixels at once: four quads of four lanes, as fragment programs have them. In a 4×4 block, lane `l` is pixel
-//! ([`LANE_X`]`[l]`, [`LANE_Y`]`[l]`).
+//! Sixteen pixels at once: four quads of four lanes, as fragment programs have them. In a 4×4
+//! block, lane `l` is pixel ([`LANE_X`]`[l]`, [`LANE_Y`]`[l]`).
 //!
-//! Loops over rows of sixteen become vectors by themselves; [`spirv_jit::vectors!`] compiles them for each instruction set. All of them compute the same bits:
-//! nothing is fused, nothing is reordered.
+//! Loops over rows of sixteen become vectors by themselves; [`spirv_jit::vectors!`] compiles them
+//! for each instruction set. All of them compute the same bits: nothing is fused, nothing is
+//! reordered.
 
 use spirv_jit::image::vector::Vector;
 
@@ -58,7 +59,8 @@ pub fn negative(row: &[i32; 16]) -> u16 {
     #[cfg(target_arch = "x86_64")]
     {
         use std::arch::x86_64::*;
-        // SAFETY: every processor of this architecture has SSE2; four words are read from each quarter of the row.
+        // SAFETY: every processor of this architecture has SSE2; four words are read from each
+        // quarter of the row.
         unsafe {
             let quarter = |index: usize| _mm_loadu_si128(row[4 * index..].as_ptr().cast());
             let low = _mm_packs_epi32(quarter(0), quarter(1));

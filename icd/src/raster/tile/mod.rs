@@ -5,10 +5,12 @@
 //!           [visit]                [coverage]        [depth]         [pack]   [inputs]                  [output]
 //! ```
 //!
-//! Fragments of programs that compute nothing go from coverage to the images at once: [`passed`], [`direct`]; those that sample and multiply: [`tinted`].
+//! Fragments of programs that compute nothing go from coverage to the images at once: [`passed`],
+//! [`direct`]; those that sample and multiply: [`tinted`].
 //!
-//! A tile belongs to one worker, which works off all chunks in order and writes straight into the images: the order of primitives holds at
-//! each sample, and no pixel has two writers. [`plan`] is what draws of one state have in common; [`lanes`] is how sixteen pixels become vectors.
+//! A tile belongs to one worker, which works off all chunks in order and writes straight into the
+//! images: the order of primitives holds at each sample, and no pixel has two writers. [`plan`] is
+//! what draws of one state have in common; [`lanes`] is how sixteen pixels become vectors.
 
 mod blend;
 mod clear;

@@ -105,7 +105,8 @@ impl Output {
         self.sample_mask.is_some() || self.alpha.is_some()
     }
 
-    /// Takes from the masks the samples that the program's sample mask and alpha leave out. `rows`: the program's outputs.
+    /// Takes from the masks the samples that the program's sample mask and alpha leave out. `rows`:
+    /// the program's outputs.
     pub fn drop_samples(
         &self,
         rows: &[AlignedRow],
@@ -127,7 +128,8 @@ impl Output {
                 return;
             }
             for (sample, mask) in (0..samples).zip(masks.iter_mut()) {
-                // So many samples as alpha times their number, rounded, the first ones first. A NaN covers none.
+                // So many samples as alpha times their number, rounded, the first ones first. A NaN
+                // covers none.
                 let least = (sample as f32 + 0.5) / samples as f32;
                 *mask &= lanes_where(|lane| alpha[lane] >= least);
             }
@@ -141,13 +143,15 @@ impl Output {
         self.colors.iter().all(is_plain)
     }
 
-    /// Whether [`Self::write_bytes`] serves for all attachments, and all fragments that a program leaves are written.
+    /// Whether [`Self::write_bytes`] serves for all attachments, and all fragments that a program
+    /// leaves are written.
     pub fn is_bytes(&self) -> bool {
         let are_bytes = self.colors.iter().all(|color| color.bytes.is_some());
         self.samples == 1 && are_bytes && !self.drops_samples()
     }
 
-    /// Writes the colours of sixteen fragments of one sample where [`Self::is_bytes`] holds. `rows`: the program's outputs.
+    /// Writes the colours of sixteen fragments of one sample where [`Self::is_bytes`] holds.
+    /// `rows`: the program's outputs.
     ///
     /// # Safety
     /// As [`load`], for all attachments.
@@ -167,7 +171,8 @@ impl Output {
         }
     }
 
-    /// Writes the colours of sixteen fragments to the samples of the masks. `rows`: the program's outputs.
+    /// Writes the colours of sixteen fragments to the samples of the masks. `rows`: the program's
+    /// outputs.
     ///
     /// # Safety
     /// As [`load`], for all attachments.

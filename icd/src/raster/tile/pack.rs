@@ -1,5 +1,6 @@
-//! Fragments gathered for a wave: quads of several primitives share a subgroup where they are small, but never two at one pixel, and what
-//! comes later in primitive order comes later in the wave.
+//! Fragments gathered for a wave: quads of several primitives share a subgroup where they are
+//! small, but never two at one pixel, and what comes later in primitive order comes later in the
+//! wave.
 
 use super::lanes::{lanes_of, quads_of};
 use super::samples::{MAX_SAMPLES, any};
@@ -30,7 +31,8 @@ pub struct Pack {
     pub sample: [u8; 4],
     /// By sample: lanes whose sample is covered, and passed the tests if those were early.
     pub masks: [u16; MAX_SAMPLES],
-    /// Of all samples, what the program sees of them, if it does: before the tests (`SampleMask`, `Centroid`).
+    /// Of all samples, what the program sees of them, if it does: before the tests (`SampleMask`,
+    /// `Centroid`).
     pub coverage: [u16; MAX_SAMPLES],
     /// A bit a quad that is there.
     pub quads: u32,
@@ -114,7 +116,8 @@ fn block([x, y]: [i32; 2]) -> usize {
     y % BLOCKS * BLOCKS + x % BLOCKS
 }
 
-/// Adds a quad's lanes of all samples' masks to others, at another place. From copies, so that the samples become one vector.
+/// Adds a quad's lanes of all samples' masks to others, at another place. From copies, so that the
+/// samples become one vector.
 #[inline(always)]
 fn move_quad(from: &[u16; MAX_SAMPLES], quad: usize, to: &mut [u16; MAX_SAMPLES], place: usize) {
     let (right, left) = (4 * quad as u32 % 16, 4 * place as u32 % 16);

@@ -47,7 +47,8 @@ pub enum Value {
 }
 
 impl Passed {
-    /// Of a program whose outputs are rows like inputs; none where they depend on more than pixels' centres.
+    /// Of a program whose outputs are rows like inputs; none where they depend on more than pixels'
+    /// centres.
     pub fn new(tier: Tier, rows: Option<&Inputs>, output: &Output) -> Option<Self> {
         let slopes = match rows {
             Some(rows) => Some(rows.slopes()?),

@@ -68,7 +68,8 @@ impl<'a> Plan<'a> {
         let tests = Tests::new(targets, &state.depth_stencil);
         let output = Output::new(tier, targets, state, fragment);
         let multisample = &state.multisample;
-        // Shading a part of the samples is shading all of them, as soon as it is more than one (spec, "Sample Shading").
+        // Shading a part of the samples is shading all of them, as soon as it is more than one
+        // (spec, "Sample Shading").
         let shades_samples = multisample.sample_shading
             && multisample.min_sample_shading * samples as f32 > 1.0
             && samples > 1;

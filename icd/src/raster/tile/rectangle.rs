@@ -1,6 +1,6 @@
-//! Two triangles that make up an upright rectangle: the boxes of interfaces. Each pixel is of one of them, so
-//! that they can be worked off together, in cells that start where the rectangle does. What is left is what they
-//! leave one after the other, to the bit.
+//! Two triangles that make up an upright rectangle: the boxes of interfaces. Each pixel is of one
+//! of them, so that they can be worked off together, in cells that start where the rectangle does.
+//! The result is that of both, one after the other, to the bit.
 
 #![forbid(unsafe_code)]
 
@@ -42,14 +42,16 @@ fn sides(shape: &Shape) -> Option<[&Edge; 3]> {
 }
 
 impl Rectangle {
-    /// Of two triangles that share their longest side and have right angles between upright and level ones.
-    /// Coverage is by pixels' centres, inside `clip`, which lies inside both triangles' bounds.
+    /// Of two triangles that share their longest side and have right angles between upright and
+    /// level ones. Coverage is by pixels' centres, inside `clip`, which lies inside both triangles'
+    /// bounds.
     pub fn of(first: &Shape, second: &Shape, clip: &Bounds) -> Option<Self> {
         let [level, upright, diagonal] = sides(first)?;
         let [other_level, other_upright, other_diagonal] = sides(second)?;
         let height = i64::from(diagonal.a.unsigned_abs());
         let width = i64::from(diagonal.b.unsigned_abs());
-        // A level edge is at y = −c / b, the other one the height away from it, on its inside; and so on.
+        // A level edge is at y = −c / b, the other one the height away from it, on its inside; and
+        // so on.
         let are_sides = i64::from(level.b.unsigned_abs()) == width
             && i64::from(upright.a.unsigned_abs()) == height
             && other_level.b == -level.b

@@ -1,4 +1,5 @@
-//! Where samples lie in a pixel, the standard sample locations (spec, "Multisampling", `standardSampleLocations`), and masks of them.
+//! Where samples lie in a pixel, the standard sample locations (spec, "Multisampling",
+//! `standardSampleLocations`), and masks of them.
 
 pub use spirv_jit::ir::interface::sample_locations as locations;
 
@@ -18,14 +19,15 @@ pub fn from_center([x, y]: Location) -> [f32; 2] {
     [(x - 8) as f32 / 16.0, (y - 8) as f32 / 16.0]
 }
 
-/// Masks of samples, the first in the lowest bits. They are stored at once, since they are loaded so, and a load waits for several stores that
-/// it spans.
+/// Masks of samples, the first in the lowest bits. They are stored at once, since they are loaded
+/// so, and a load waits for several stores that it spans.
 #[inline(always)]
 pub fn masks_of(bits: u128) -> [u16; MAX_SAMPLES] {
     #[cfg(target_arch = "x86_64")]
     {
         use std::arch::x86_64::*;
-        // SAFETY: every processor of this architecture has SSE2; eight masks are as long as its registers.
+        // SAFETY: every processor of this architecture has SSE2; eight masks are as long as its
+        // registers.
         unsafe { std::mem::transmute(_mm_set_epi64x((bits >> 64) as i64, bits as i64)) }
     }
     #[cfg(not(target_arch = "x86_64"))]

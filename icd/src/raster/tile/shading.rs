@@ -22,7 +22,8 @@ spirv_jit::vectors! {
     /// Does the tests of blocks that come before the program.
     ///
     /// # Safety
-    /// The pixels of the masks lie in the render area and with it in all attachments, as does the layer; the tile belongs to the caller.
+    /// The pixels of the masks lie in the render area and with it in all attachments, as does the
+    /// layer; the tile belongs to the caller.
     pub unsafe fn test_blocks<V>(
         v,
         plan: &Plan<'_>,

@@ -126,7 +126,8 @@ large_texel!(2, 3, 4);
 unsafe fn load_as<T: Texel>(target: &Target, places: &Places, sample: u32, mask: u16) -> Words {
     let stride = target.surface.row_stride_bytes as usize;
     let mut texels = [T::default(); 16];
-    // SAFETY: texels of pixels of the mask, or of a block that is inside the render area; those are in the attachment.
+    // SAFETY: texels of pixels of the mask, or of a block that is inside the render area; those are
+    // in the attachment.
     unsafe {
         if places.pattern == Pattern::Row {
             let first = quad(target, places, 0, sample);
@@ -192,7 +193,8 @@ unsafe fn store_as<T: Texel>(
         }
         texels[lane] = T::from_words(texel);
     }
-    // SAFETY: texels of pixels of the mask, which are in the attachment; `wrapping_add` reaches no others.
+    // SAFETY: texels of pixels of the mask, which are in the attachment; `wrapping_add` reaches no
+    // others.
     unsafe {
         if places.pattern == Pattern::Row {
             let first = quad(target, places, 0, sample).cast::<T>();
@@ -337,7 +339,8 @@ unsafe fn load_rows(target: &Target, places: &Places, sample: u32, mask: u16) ->
     }
 }
 
-/// Stores the texels of a sample of the pixels of a mask. In a row and a block, the others are stored as they are.
+/// Stores the texels of a sample of the pixels of a mask. In a row and a block, the others are
+/// stored as they are.
 ///
 /// # Safety
 /// As [`load`].
@@ -422,7 +425,8 @@ pub unsafe fn store_word<V: Vector>(
     }
 }
 
-/// Where four lanes each begin, and bytes from two of them to the other two. Not of [`Pattern::Quads`].
+/// Where four lanes each begin, and bytes from two of them to the other two. Not of
+/// [`Pattern::Quads`].
 #[inline(always)]
 fn quads(target: &Target, places: &Places, sample: u32) -> ([*mut u8; 4], usize) {
     let surface = &target.surface;
@@ -470,7 +474,8 @@ impl<V: Vector> Task<V> for Storing<'_, V> {
             words,
         } = self;
         let size = target.surface.texel_size_bytes;
-        // SAFETY: the caller's promise: of quads that may be outside in part, texels of the mask's pixels are stored alone.
+        // SAFETY: the caller's promise: of quads that may be outside in part, texels of the mask's
+        // pixels are stored alone.
         unsafe {
             if places.pattern == Pattern::Quads || !matches!(size, 4 | 8 | 16) {
                 return store_rows(target, places, sample, mask, &rows_of(v, &words));

@@ -1,5 +1,5 @@
-//! Fragments of programs that do no more than sample an image once and multiply what they find ([`Tinted`]): straight from coverage to attachments
-//! of four bytes, sixteen pixels at a time.
+//! Fragments of programs that do no more than sample an image once and multiply what they find
+//! ([`Tinted`]): straight from coverage to attachments of four bytes, sixteen pixels at a time.
 
 use lanes::Tier;
 use smallvec::SmallVec;
@@ -30,7 +30,8 @@ pub struct Sampled<'a> {
 }
 
 impl<'a> Sampled<'a> {
-    /// None where the inputs depend on more than pixels' centres, not all varyings are of one kind, or attachments are others.
+    /// None where the inputs depend on more than pixels' centres, not all varyings are of one kind,
+    /// or attachments are others.
     pub fn new(tinted: &'a Tinted, inputs: &Inputs, output: &Output) -> Option<Self> {
         let factors = tinted.outputs.iter().map(|tint| match *tint {
             Tint::Passed(row) | Tint::Product(_, row) => row,
@@ -98,11 +99,13 @@ spirv_jit::vectors! {
 }
 
 spirv_jit::vectors! {
-    /// Writes what the fragments of two triangles leave that make up a rectangle, in the cells of `limit`.
+    /// Writes what the fragments of two triangles leave that make up a rectangle, in the cells of
+    /// `limit`.
     ///
     /// # Safety
-    /// The rectangle lies in the limit, that in the render area and with it in all attachments, as does the layer; the limit's pixels belong to
-    /// the caller. What is sampled is there, and has one level.
+    /// The rectangle lies in the limit, that in the render area and with it in all attachments, as
+    /// does the layer; the limit's pixels belong to the caller. What is sampled is there, and has
+    /// one level.
     pub unsafe fn draw_rectangle<V>(
         v,
         kind: Tier,
@@ -218,7 +221,8 @@ impl<'a, V: Vector> Painter<'a, V> {
     /// As [`draw`], for these places; the mask is not empty.
     #[inline(always)]
     unsafe fn paint(&self, primitive: &Primitive<'_>, places: &Places, mask: u16) {
-        // The others of their quads decide with the covered lanes what level is sampled; in rows there is one level.
+        // The others of their quads decide with the covered lanes what level is sampled; in rows
+        // there is one level.
         let active = match places.pattern {
             Pattern::Row => mask,
             _ => lanes_of(quads_of(mask)),
@@ -234,7 +238,8 @@ impl<'a, V: Vector> Painter<'a, V> {
         }
     }
 
-    /// Samples and writes the cells of two primitives, of which the first has the pixels inside of an edge.
+    /// Samples and writes the cells of two primitives, of which the first has the pixels inside of
+    /// an edge.
     ///
     /// # Safety
     /// As [`draw_rectangle`].

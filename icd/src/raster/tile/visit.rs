@@ -1,4 +1,5 @@
-//! A worker's visit to a tile: shapes in order to blocks, blocks through the tests, fragments to waves, waves to the attachments.
+//! A worker's visit to a tile: shapes in order to blocks, blocks through the tests, fragments to
+//! waves, waves to the attachments.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -198,7 +199,8 @@ impl<'a> Visit<'a> {
         let result = match (&current.plan.passed, sampled) {
             (Some(passed), _) => {
                 let (tier, plan) = (self.round.tier, current.plan);
-                // SAFETY: what is covered lies in the clip, which lies in the render area, and with it in all attachments; the layer was checked, and a tile belongs to one worker.
+                // SAFETY: what is covered lies in the clip, which lies in the render area, and with
+                // it in all attachments; the layer was checked, and a tile belongs to one worker.
                 unsafe { direct::draw(tier, plan, passed, &part, &covered, &mut self.counts) };
                 Ok(())
             }
@@ -221,8 +223,8 @@ impl<'a> Visit<'a> {
         result
     }
 
-    /// Draws two shapes as one, if they are a rectangle, what they leave is sampled, and neither tests nor
-    /// levels need whole quads of each; else gives false.
+    /// Draws two shapes as one, if they are a rectangle, what they leave is sampled, and neither
+    /// tests nor levels need whole quads of each; else gives false.
     fn pair(&mut self, chunk: &Chunk, first: &Shape, second: &Shape) -> Result<bool, Stopped> {
         let records = [first, second].map(|shape| &chunk.records[shape.record as usize]);
         let Some(current) = self.take_draw(records[0].draw)? else {
@@ -257,8 +259,9 @@ impl<'a> Visit<'a> {
         if current.is_counted {
             self.counts.samples += rectangle.area();
         }
-        // SAFETY: the rectangle lies in the clip, that in the limit, which is the part of a worker's tile in the
-        // render area; for the rest, as for direct fragments, and the draw keeps what its environment points to.
+        // SAFETY: the rectangle lies in the clip, that in the limit, which is the part of a
+        // worker's tile in the render area; for the rest, as for direct fragments, and the draw
+        // keeps what its environment points to.
         unsafe {
             tinted::draw_rectangle(
                 tier,
@@ -297,7 +300,8 @@ impl<'a> Visit<'a> {
         }
     }
 
-    /// Tests the fragments of a program, as far as that comes first, and adds those that are left to the wave.
+    /// Tests the fragments of a program, as far as that comes first, and adds those that are left
+    /// to the wave.
     fn fragments(
         &mut self,
         current: Current<'a>,

@@ -71,7 +71,8 @@ spirv_jit::vectors! {
     }
 }
 
-/// `OpRayQueryGetIntersectionTypeKHR`: of candidates 0 for triangles and 1 for boxes; of committed hits, one more.
+/// `OpRayQueryGetIntersectionTypeKHR`: of candidates 0 for triangles and 1 for boxes; of committed
+/// hits, one more.
 #[inline(always)]
 fn type_of(hits: &HitRows, committed: bool) -> Row {
     let mut row = [u32::from(committed); SUBGROUP_SIZE];

@@ -1,8 +1,8 @@
-//! Ray queries: rays whose driver is the shader. A wave that proceeds suspends, its lanes' rays are walked on here, and it goes on at
-//! once; no lane moves.
+//! Ray queries: rays whose driver is the shader. A wave that proceeds suspends, its lanes' rays are
+//! walked on here, and it goes on at once; no lane moves.
 //!
-//! The shader's side of a query is its object in per-lane memory (`spirv_jit::query`). This side, the ray on its way, is kept only while
-//! it waits at a candidate: opaque triangles never are.
+//! The shader's side of a query is its object in per-lane memory (`spirv_jit::query`). This side,
+//! the ray on its way, is kept only while it waits at a candidate: opaque triangles never are.
 
 mod describe;
 mod waiting;
@@ -52,7 +52,8 @@ struct Object<'a> {
 }
 
 impl Queries {
-    /// Answers a `RayQueryProceed` at which a subgroup stands. Whatever memory the shader has spoilt, the answer is an answer.
+    /// Answers a `RayQueryProceed` at which a subgroup stands. Whatever memory the shader has
+    /// spoilt, the answer is an answer.
     ///
     /// # Errors
     /// A limit was reached.

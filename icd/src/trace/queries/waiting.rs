@@ -9,8 +9,8 @@ use crate::wave::Stopped;
 /// Groups of rays that a worker may keep, at most.
 const MOST: usize = 1 << 16;
 
-/// The rays that wait in one subgroup's queries, by the first row of the query's object. It is the subgroup that has them: an object,
-/// which a shader may overwrite, says nothing of where they are.
+/// The rays that wait in one subgroup's queries, by the first row of the query's object. It is the
+/// subgroup that has them: an object, which a shader may overwrite, says nothing of where they are.
 #[derive(Default)]
 pub struct Owned(Vec<(u32, Box<Flight>)>);
 
@@ -87,7 +87,8 @@ impl Waiting {
         }
     }
 
-    /// A lane of one subgroup becomes a lane of another. What is left of the first may only be moved or released.
+    /// A lane of one subgroup becomes a lane of another. What is left of the first may only be
+    /// moved or released.
     ///
     /// # Errors
     /// There are too many.

@@ -53,7 +53,8 @@ pub fn print(installation: &Installation) -> ExitCode {
     }
 }
 
-/// Variables that loader, driver and Mesa's layer that puts a device first (`MESA_VK_DEVICE_SELECT`) read.
+/// Variables that loader, driver and Mesa's layer that puts a device first
+/// (`MESA_VK_DEVICE_SELECT`) read.
 fn variables() -> Vec<(String, String)> {
     let mut set: Vec<_> = std::env::vars_os()
         .map(|(name, value)| {

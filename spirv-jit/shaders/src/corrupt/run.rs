@@ -1,4 +1,5 @@
-//! Running what came out of a corrupted module: whatever it does, it ends when its fuel is spent and writes only what is bound.
+//! Running what came out of a corrupted module: whatever it does, it ends when its fuel is spent
+//! and writes only what is bound.
 
 use fastrand::Rng;
 use spirv_jit::environment::{Descriptor, DescriptorSet, Environment, uniform};
@@ -49,8 +50,9 @@ impl Guarded {
     }
 }
 
-/// Runs a program as one wave, with a buffer, images and samplers bound everywhere but in each fifth binding, and with nonsense for all that
-/// it is given and answered. `margin` words around each buffer are looked at afterwards; none where a sanitizer watches its ends.
+/// Runs a program as one wave, with a buffer, images and samplers bound everywhere but in each
+/// fifth binding, and with nonsense for all that it is given and answered. `margin` words around
+/// each buffer are looked at afterwards; none where a sanitizer watches its ends.
 pub fn run(program: &Program, random: &mut Rng, margin: usize) {
     let [mut buffer, mut texels, mut pushed] = [(); 3].map(|()| Guarded::new(random, margin));
     let size_bytes = 4 * WORDS as u64;

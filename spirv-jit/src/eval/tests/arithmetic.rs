@@ -1,4 +1,5 @@
-//! Integers, floats and conversions: the corners that the IR's prose fixes, and rounding against wider arithmetic.
+//! Integers, floats and conversions: the corners that the IR's prose fixes, and rounding against
+//! wider arithmetic.
 
 use crate::eval::*;
 
@@ -124,7 +125,8 @@ fn floats_to_integers_saturate() {
     assert_eq!(uconvert::<u8, u32>(0x80), 0x80);
 }
 
-/// Halves computed exactly: every operand pair's sum, product and quotient fits f64 so well that rounding once is rounding right.
+/// Halves computed exactly: every operand pair's sum, product and quotient fits f64 so well that
+/// rounding once is rounding right.
 #[test]
 fn half_precision_rounds_once() {
     let halves = (0..=u16::MAX).step_by(37).map(f16::from_bits);

@@ -1,6 +1,6 @@
-//! Transcendental functions against `std`'s f64 ones, over a sample of all of f32. The bounds asserted here are ours, in ULP of the exact
-//! result; each is inside what Vulkan's "Precision and Operation of SPIR-V Instructions" allows, which
-//! [`vulkan_table`] holds separately.
+//! Transcendental functions against `std`'s f64 ones, over a sample of all of f32. The bounds
+//! asserted here are ours, in ULP of the exact result; each is inside what Vulkan's "Precision and
+//! Operation of SPIR-V Instructions" allows, which [`vulkan_table`] holds separately.
 
 use crate::eval::*;
 

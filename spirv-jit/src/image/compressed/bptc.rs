@@ -1,4 +1,5 @@
-//! BC6H and BC7 (Khronos Data Format specification, "BPTC Compressed Texture Image Formats"), whose arithmetic is whole numbers: `bcdec_rs` does it.
+//! BC6H and BC7 (Khronos Data Format specification, "BPTC Compressed Texture Image Formats"), whose
+//! arithmetic is whole numbers: `bcdec_rs` does it.
 #![forbid(unsafe_code)]
 
 use super::{ONE, Texel, bytes};

@@ -1,5 +1,5 @@
-//! ETC2 and EAC (Khronos Data Format specification, "ETC2 Compressed Texture Image Formats"). Bits are numbered as there: the first byte of a
-//! block holds bits 63 to 56.
+//! ETC2 and EAC (Khronos Data Format specification, "ETC2 Compressed Texture Image Formats"). Bits
+//! are numbered as there: the first byte of a block holds bits 63 to 56.
 #![forbid(unsafe_code)]
 
 use super::{ONE, Texel, bytes};
@@ -49,7 +49,8 @@ fn moved(color: [i32; 3], by: i32) -> [u8; 3] {
     color.map(|value| (value + by).clamp(0, 255) as u8)
 }
 
-/// Blocks of colours. `punch_through`: bit 33 says whether all texels are opaque, instead of choosing the individual mode.
+/// Blocks of colours. `punch_through`: bit 33 says whether all texels are opaque, instead of
+/// choosing the individual mode.
 pub(super) fn rgb(block: u64, punch_through: bool, is_srgb: bool, texels: &mut [Texel]) {
     let block = block.swap_bytes();
     let bit33 = field(block, 33, 33) != 0;

@@ -1,5 +1,5 @@
-//! Block-compressed formats: BC1 to BC7, ETC2 and EAC, ASTC of the LDR profile (Khronos Data Format specification, the chapters "Compressed Texture
-//! Image Formats").
+//! Block-compressed formats: BC1 to BC7, ETC2 and EAC, ASTC of the LDR profile (Khronos Data Format
+//! specification, the chapters "Compressed Texture Image Formats").
 //!
 //! A block is decoded as a whole and kept for the next texel: each thread keeps a few blocks by
 //! their *contents*, so cached blocks stay right while other threads write the image.

@@ -1,5 +1,6 @@
-//! BC1 to BC5 (Khronos Data Format specification, "S3TC Compressed Texture Image Formats" and "RGTC Compressed Texture Image Formats"). Interpolated values
-//! are not rounded to 8 bits, but where the sRGB transfer function follows.
+//! BC1 to BC5 (Khronos Data Format specification, "S3TC Compressed Texture Image Formats" and "RGTC
+//! Compressed Texture Image Formats"). Interpolated values are not rounded to 8 bits, but where the
+//! sRGB transfer function follows.
 #![forbid(unsafe_code)]
 
 use super::{ONE, Texel};

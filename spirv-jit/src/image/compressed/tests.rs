@@ -1,4 +1,5 @@
-//! Blocks whose texels were worked out by hand from the Khronos Data Format specification; for ASTC, also those of the conformance suite's decoder.
+//! Blocks whose texels were worked out by hand from the Khronos Data Format specification; for
+//! ASTC, also those of the conformance suite's decoder.
 #![forbid(unsafe_code)]
 
 use super::{Blocks, Scheme, Texel};
@@ -107,7 +108,8 @@ fn bc4_and_bc5_have_six_or_four_steps() {
 
 #[test]
 fn bc6h_and_bc7_of_one_colour() {
-    // Mode 3 of BC6H (00011): both ends of 10 bits, all indices 0. Red 512, unquantized (512 << 16 | 0x8000) >> 10, times 31 / 64.
+    // Mode 3 of BC6H (00011): both ends of 10 bits, all indices 0. Red 512, unquantized
+    // (512 << 16 | 0x8000) >> 10, times 31 / 64.
     let half = |code: u32| half::f16::from_bits((((code << 16) + 0x8000) / 1024 * 31 / 64) as u16);
     let block = 0b00011 | 512 << 5 | 100u128 << 15 | 1023u128 << 25;
     let texel = decode(blocks(Scheme::Bc6h), block)[0];
@@ -135,7 +137,8 @@ fn etc2_modes_by_hand() {
         let [r, g, b] = color.map(|code| code as f32 / 255.0);
         [r, g, b, 1.0]
     };
-    // Individual: 4 bits each, the right half of another colour; table 0 moves by 2 (index 0), -2 (2), 8 (1).
+    // Individual: 4 bits each, the right half of another colour; table 0 moves by 2 (index 0), -2
+    // (2), 8 (1).
     let texels = rgb(0x8f_40_20_00_0001_0001);
     // Texel 0 (bit 16 and bit 0 set) has index 3: -8.
     assert_eq!(texels[0], bytes([128, 60, 26]));
@@ -151,10 +154,12 @@ fn etc2_modes_by_hand() {
     assert_eq!(texels[4], bytes([7 * 17, 8 * 17, 9 * 17]));
     assert_eq!(texels[8], bytes([7 * 17 + 3, 8 * 17 + 3, 9 * 17 + 3]));
     assert_eq!(texels[12], bytes([0, 5 * 17, 6 * 17]));
-    // H: green leaves its range (0 - 4). First colour (0, 0, 0), second (0, 0, 0): equal, so the distance's last bit is 1.
+    // H: green leaves its range (0 - 4). First colour (0, 0, 0), second (0, 0, 0): equal, so the
+    // distance's last bit is 1.
     let texels = rgb(0x00_04_00_02_0000_0000);
     assert_eq!(texels[0], bytes([6, 6, 6]));
-    // Planar: blue leaves its range (0 - 4): origin black, blue's origin by bit 41 alone... and red 63 to the right.
+    // Planar: blue leaves its range (0 - 4): origin black, blue's origin by bit 41 alone... and red
+    // 63 to the right.
     let texels = rgb(0x00_00_04_7f_0000_0000);
     assert_eq!(texels[0][0], 0.0);
     assert_eq!(texels[1][0], 64.0 / 255.0);
@@ -214,7 +219,8 @@ fn astc_void_extents_and_errors() {
     // Of sRGB, the upper bytes are the codes.
     let texel = decode(astc(4, 4, true), unbounded | color)[0];
     assert!((texel[1] - 0.215_861).abs() < 1e-5 && texel[3] == 1.0);
-    // High dynamic range; a reserved bit that is clear; bounds that are no bounds; a reserved block mode.
+    // High dynamic range; a reserved bit that is clear; bounds that are no bounds; a reserved block
+    // mode.
     assert_eq!(
         decode(astc(4, 4, false), unbounded | color | 1 << 9)[3],
         MAGENTA
@@ -230,7 +236,8 @@ fn astc_void_extents_and_errors() {
     assert_eq!(decode(astc(4, 4, false), bounded | color)[3][1], 0.5);
 }
 
-/// Three texels each, the first, the one in the middle and the last: of 16 bits, as the decoder of VK-GL-CTS (tcuAstcUtil.cpp) gives them.
+/// Three texels each, the first, the one in the middle and the last: of 16 bits, as the decoder of
+/// VK-GL-CTS (tcuAstcUtil.cpp) gives them.
 #[rustfmt::skip]
 const ASTC: &[([u8; 2], u128, [[u32; 4]; 3])] = &[
     ([4, 4], 0xfd56a926076b3e36bb2313f55b06258e, [[52685, 52685, 52685, 65535], [47264, 50155, 50155, 65535], [48890, 44915, 44915, 65535]]),

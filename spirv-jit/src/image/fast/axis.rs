@@ -28,7 +28,8 @@ impl<V: Vector> Axis<V> {
 
 /// A texel's index by the mode, inside the level for any index.
 ///
-/// Here and below there are no closures: those would not be compiled for the vectors' instruction set.
+/// Here and below there are no closures: those would not be compiled for the vectors' instruction
+/// set.
 #[inline(always)]
 fn wrapped<V: Vector>(
     v: V,
@@ -69,7 +70,8 @@ fn modulo<V: Vector>(v: V, i: V::I, size: V::I) -> V::I {
 }
 
 impl Fast<'_> {
-    /// The index of the nearest texel, inside the level: [`Axis::index`] of a sample that takes one texel, not moved by an offset.
+    /// The index of the nearest texel, inside the level: [`Axis::index`] of a sample that takes one
+    /// texel, not moved by an offset.
     #[inline(always)]
     pub(super) fn nearest<V: Vector>(
         &self,
@@ -133,7 +135,8 @@ impl Fast<'_> {
         let floor = v.floor(texel);
         let mut first = v.to_i(floor);
         if offset.is_some() || self.is_gather() {
-            // NaN is 0 and only then moved: a periodic mode would carry any other number on, and a gather takes the texel behind it.
+            // NaN is 0 and only then moved: a periodic mode would carry any other number on, and a
+            // gather takes the texel behind it.
             first = v.keep(first, v.gt(floor, v.splat(f32::MIN)));
         }
         if let Some(offset) = offset {

@@ -35,7 +35,8 @@ pub(super) struct Anisotropy<V: Vector> {
 }
 
 impl<V: Vector> Anisotropy<V> {
-    /// Where sample `pass` of each lane is, or its last one, from the middle: samples i = 1..=N at i / (N + 1) - 1/2 along the axis.
+    /// Where sample `pass` of each lane is, or its last one, from the middle: samples i = 1..=N at
+    /// i / (N + 1) - 1/2 along the axis.
     #[inline(always)]
     pub(super) fn place(&self, v: V, pass: u32) -> [V::F; 2] {
         let one = v.splat(1.0);
@@ -129,8 +130,8 @@ impl Fast<'_> {
         }
     }
 
-    /// The first of the levels that lanes sample, and the weight of the next. `lod` is bias or level, if the operation has one; `lambda` is that of a
-    /// footprint.
+    /// The first of the levels that lanes sample, and the weight of the next. `lod` is bias or
+    /// level, if the operation has one; `lambda` is that of a footprint.
     #[inline(always)]
     pub(super) fn chosen_levels<V: Vector>(
         &self,

@@ -1,5 +1,6 @@
-//! Samples and gathers of 2D images and cubes in vectors. Everything about the image and the sampler is looked up once ([`Fast`]), then blocks
-//! of lanes are sampled in vectors of the machine. Gives the same results as [`sample`](super::sample), bit for bit.
+//! Samples and gathers of 2D images and cubes in vectors. Everything about the image and the
+//! sampler is looked up once ([`Fast`]), then blocks of lanes are sampled in vectors of the
+//! machine. Gives the same results as [`sample`](super::sample), bit for bit.
 
 mod axis;
 mod levels;
@@ -30,7 +31,8 @@ pub(crate) fn may_apply(op: &ImageOp) -> bool {
     kind_fits && dim_fits && !op.has_min_lod && !op.has_offsets && op.texel != Type::I64
 }
 
-/// Most operand rows of an operation that [`may_apply`]: of a cube array's, four coordinates, a reference depth and six derivatives.
+/// Most operand rows of an operation that [`may_apply`]: of a cube array's, four coordinates, a
+/// reference depth and six derivatives.
 pub(crate) const MAX_OPERANDS: usize = 11;
 
 /// An operation that [`may_apply`], with an image and a sampler for which it does.
@@ -45,7 +47,8 @@ pub(crate) struct Fast<'a> {
     /// Texels are four bytes of 8 bits.
     bytes: bool,
     srgb: bool,
-    /// Four bytes, most of them wanted, all of them linear: they are sampled as they lie in memory, without a look at what each is.
+    /// Four bytes, most of them wanted, all of them linear: they are sampled as they lie in memory,
+    /// without a look at what each is.
     straight: bool,
     /// One texel is taken, not four.
     is_nearest: bool,
@@ -317,7 +320,8 @@ impl Fast<'_> {
         v.to_i(v.min(layer, v.splat(last as f32)))
     }
 
-    /// Units to values, missing components, the view's component mapping: the results, where they are of 32 bits.
+    /// Units to values, missing components, the view's component mapping: the results, where they
+    /// are of 32 bits.
     #[inline(always)]
     fn finish<V: Vector>(&self, v: V, components: Components<V>) -> Components<V> {
         if self.straight {

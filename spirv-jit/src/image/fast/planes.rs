@@ -388,7 +388,8 @@ unsafe fn of_level<V: Vector, const MODE: u8, const TEXELS: u8>(
 }
 
 impl Fast<'_> {
-    /// Whether [`Self::planes`] is for these samples. Where operations are no instructions, only the most common ones are worth their code.
+    /// Whether [`Self::planes`] is for these samples. Where operations are no instructions, only
+    /// the most common ones are worth their code.
     #[inline(always)]
     pub(super) fn is_of_planes<V: Vector>(&self) -> bool {
         let is_common = V::IS_MACHINES

@@ -39,8 +39,9 @@ impl Fast<'_> {
     /// The weighted texels of the axes' footprints, all of them in the image.
     ///
     /// # Safety
-    /// The image's memory stays allocated during the call; the axes are of the levels, which are the image's, and offsets of its layers are given: so
-    /// each texel's offset is of a texel of the image. Sums of them fit in 31 bits, as the image's size does.
+    /// The image's memory stays allocated during the call; the axes are of the levels, which are
+    /// the image's, and offsets of its layers are given: so each texel's offset is of a texel of
+    /// the image. Sums of them fit in 31 bits, as the image's size does.
     #[inline(always)]
     pub(super) unsafe fn weighted<V: Vector>(
         &self,
@@ -188,8 +189,8 @@ impl Fast<'_> {
         blended
     }
 
-    /// [`Self::words`] where all lanes' texels lie in a window of eight columns and five rows of one level: loads of its rows cost less than
-    /// gathers.
+    /// [`Self::words`] where all lanes' texels lie in a window of eight columns and five rows of
+    /// one level: loads of its rows cost less than gathers.
     ///
     /// # Safety
     /// As [`Self::weighted`]: the indices are of texels of the image.
@@ -240,8 +241,8 @@ impl Fast<'_> {
         serves.then_some(level)
     }
 
-    /// The words at the lanes' indices in a level, those on their right, those below, and those below on the right, if a window has them. The
-    /// neighbours of lanes in `apart` are none.
+    /// The words at the lanes' indices in a level, those on their right, those below, and those
+    /// below on the right, if a window has them. The neighbours of lanes in `apart` are none.
     ///
     /// # Safety
     /// As [`Self::window`]; the level serves for windows.
@@ -254,7 +255,8 @@ impl Fast<'_> {
         apart: u16,
         mask: u16,
     ) -> Option<[V::I; 4]> {
-        // Where coordinates change evenly, the least are at a corner of a block, or at an end of a row.
+        // Where coordinates change evenly, the least are at a corner of a block, or at an end of a
+        // row.
         let left = least_of_corners(v, x).min(level.width - 8);
         let top = least_of_corners(v, y).min(level.height - 5);
         let columns = v.sub_i(x, v.splat_i(left as i32));
@@ -272,8 +274,8 @@ impl Fast<'_> {
         }
     }
 
-    /// The nearest texels where lanes are a square of quads and sample one texel each, next to each other, as they do where an image is drawn in
-    /// its own size.
+    /// The nearest texels where lanes are a square of quads and sample one texel each, next to each
+    /// other, as they do where an image is drawn in its own size.
     ///
     /// # Safety
     /// As [`Self::window`].
@@ -421,7 +423,8 @@ impl Fast<'_> {
         }
     }
 
-    /// Texels of formats other than four bytes: one function for all of them, which decodes whatever the format is.
+    /// Texels of formats other than four bytes: one function for all of them, which decodes
+    /// whatever the format is.
     ///
     /// # Safety
     /// The offsets are of texels of the image.
@@ -451,7 +454,8 @@ impl<V: Vector> Task<V> for Halves<'_, '_, V> {
         let data = fast.image.data.cast_const();
         let (upper, lower) = (v.add_i(rows[0], x.first), v.add_i(rows[1], x.first));
         let are_neighbours = v.ne_i(v.sub_i(x.second, x.first), v.splat_i(8)) == 0;
-        // SAFETY: the offsets are of texels of the image, and where texels are neighbours, so are those behind them.
+        // SAFETY: the offsets are of texels of the image, and where texels are neighbours, so are
+        // those behind them.
         let ((a, b), (c, d)) = unsafe {
             if are_neighbours {
                 let upper = v.gather_quads(data, upper);

@@ -1,5 +1,5 @@
-//! Samples of which there is more to say than what four texels weigh: of cubes, with borders and comparisons, at several places along a footprint,
-//! and gathers.
+//! Samples of which there is more to say than what four texels weigh: of cubes, with borders and
+//! comparisons, at several places along a footprint, and gathers.
 
 use super::super::address::Ints;
 use super::super::format::Numeric;
@@ -180,7 +180,8 @@ impl Fast<'_> {
         ]
     }
 
-    /// The four results of a gather: units to values, and a component that the view makes constant or the format lacks.
+    /// The four results of a gather: units to values, and a component that the view makes constant
+    /// or the format lacks.
     #[inline(always)]
     pub(super) fn gathered_values<V: Vector>(&self, v: V, texels: Components<V>) -> Components<V> {
         if self.op.depth_compare {
@@ -263,7 +264,8 @@ impl Fast<'_> {
         }
     }
 
-    /// For each axis, the lanes whose first texel is of the level's, and those whose second is; all of them where the axis brings texels into the level.
+    /// For each axis, the lanes whose first texel is of the level's, and those whose second is; all
+    /// of them where the axis brings texels into the level.
     #[inline(always)]
     pub(super) fn inside<V: Vector>(
         &self,
@@ -304,7 +306,8 @@ impl Fast<'_> {
         mask & !inside == 0
     }
 
-    /// The four texels around each lane, or their comparisons; where a sample takes the nearest one, only the first is anything.
+    /// The four texels around each lane, or their comparisons; where a sample takes the nearest
+    /// one, only the first is anything.
     ///
     /// # Safety
     /// As [`Fast::weighted`].
@@ -354,7 +357,8 @@ impl Fast<'_> {
         taps
     }
 
-    /// The first components of four texels, where the format has no others and is one of the usual ones for depths.
+    /// The first components of four texels, where the format has no others and is one of the usual
+    /// ones for depths.
     ///
     /// # Safety
     /// As [`Fast::weighted`], for levels and layers that begin at these offsets.
@@ -433,7 +437,8 @@ impl Fast<'_> {
             let at = v.add_i(at, v.mul_i(row, levels.row_stride));
             let column_bytes = v.splat_i(self.info.size_bytes as i32);
             let at = v.add_i(at, v.mul_i(x, column_bytes));
-            // SAFETY: the caller's promise; indices are inside the level, and layers inside the view.
+            // SAFETY: the caller's promise; indices are inside the level, and layers inside the
+            // view.
             *texel = unsafe { self.texel(v, v.add_i(levels.offset, at)) };
             self.put_compared(v, texel, reference);
         }
@@ -561,7 +566,8 @@ impl Fast<'_> {
         v.bits_to_f(v.select(holds, v.bits_of(one), v.bits_of(zero)))
     }
 
-    /// The comparison of a plane's depths at the lanes' places with the reference: linear between those of four texels, or the nearest one's.
+    /// The comparison of a plane's depths at the lanes' places with the reference: linear between
+    /// those of four texels, or the nearest one's.
     ///
     /// # Safety
     /// As [`Fast::weighted`].

@@ -1,7 +1,7 @@
 //! Texels of 16 lanes at once, component by component.
 //!
-//! Normalised formats are loaded in *units*, that is, before the division by 2^bits − 1, so that filtering divides once per result and not once per texel:
-//! [`finish`] turns units into values.
+//! Normalised formats are loaded in *units*, that is, before the division by 2^bits − 1, so that
+//! filtering divides once per result and not once per texel: [`finish`] turns units into values.
 
 use super::codec::encode_unorm;
 use super::layout::{BLOCK_INDEX_SHIFT, Codec, FormatInfo};
@@ -57,7 +57,8 @@ pub(crate) unsafe fn gather<T: Copy + Default, O: Offset>(
     values
 }
 
-/// `array::map` as a loop: the library's is not always inlined, and then neither vectorised nor compiled for the caller's vectors.
+/// `array::map` as a loop: the library's is not always inlined, and then neither vectorised nor
+/// compiled for the caller's vectors.
 #[inline(always)]
 pub(crate) fn map<T: Copy, U: Copy + Default>(values: &[T; 16], f: impl Fn(T) -> U) -> [U; 16] {
     let mut out = [U::default(); SUBGROUP_SIZE];
@@ -85,8 +86,8 @@ pub(crate) fn unit_scale(info: &FormatInfo) -> f32 {
     }
 }
 
-/// Loads a texel per lane, in units; components that the format lacks are left zero (see [`finish`]). In compressed formats, offsets are those of
-/// [`FormatInfo::texel_offset`].
+/// Loads a texel per lane, in units; components that the format lacks are left zero (see
+/// [`finish`]). In compressed formats, offsets are those of [`FormatInfo::texel_offset`].
 ///
 /// # Safety
 /// `base + offsets[lane]` is readable for the format's size, in every lane.
@@ -199,7 +200,8 @@ fn parts(offset: u64) -> (usize, usize) {
     )
 }
 
-/// Turns units into values and fills components that the format lacks with (0, 0, 0, 1). Not for 64-bit integers.
+/// Turns units into values and fills components that the format lacks with (0, 0, 0, 1). Not for
+/// 64-bit integers.
 #[inline(always)]
 pub fn finish(info: &FormatInfo, texels: &mut Texels) {
     let scale = unit_scale(info);
@@ -228,7 +230,8 @@ pub unsafe fn store(
     }
     let size = info.size_bytes as usize;
     let store_lane = |lane: usize, bytes: &[u8]| {
-        // SAFETY: called for lanes of the mask and with the format's size, for which the caller vouches.
+        // SAFETY: called for lanes of the mask and with the format's size, for which the caller
+        // vouches.
         unsafe {
             let texel = base.add(offsets[lane] as usize);
             std::ptr::copy_nonoverlapping(bytes.as_ptr(), texel, bytes.len());

@@ -1,4 +1,5 @@
-//! One texel to four words and back (spec, "Fixed-Point Data Conversions" and "Texel Output Format Conversion").
+//! One texel to four words and back (spec, "Fixed-Point Data Conversions" and "Texel Output Format
+//! Conversion").
 
 use super::layout::{Channel, Codec, FormatInfo, Numeric};
 use super::{MAX_TEXEL_BYTES, small_float, srgb};
@@ -25,15 +26,17 @@ impl FormatInfo {
         }
     }
 
-    /// Texels with a 64-bit component: the words are those of its bits, (r low, r high, g low, g high).
+    /// Texels with a 64-bit component: the words are those of its bits, (r low, r high, g low, g
+    /// high).
     pub const fn is_wide(&self) -> bool {
         self.channels[0].bits == 64
     }
 
     /// A texel as four words, components that the format lacks filled with (0, 0, 0, 1).
     ///
-    /// f32 bits or, for integer formats, sign- or zero-extended integers. 64-bit integers are (r low, r high, g low, g high), 64-bit floats are rounded.
-    /// `texel` has at least the format's size. Of a compressed format it is a block, and the texel its first.
+    /// f32 bits or, for integer formats, sign- or zero-extended integers. 64-bit integers are (r
+    /// low, r high, g low, g high), 64-bit floats are rounded. `texel` has at least the format's
+    /// size. Of a compressed format it is a block, and the texel its first.
     pub fn decode(&self, texel: &[u8]) -> [u32; 4] {
         match self.codec {
             Codec::Blocks(blocks) => {
@@ -82,8 +85,10 @@ impl FormatInfo {
         })
     }
 
-    /// Four words as a texel; components that the format lacks are ignored. Normalised values are clamped and rounded to nearest even with NaN giving 0,
-    /// integers saturate. Unused bits become 0. `texel` has at least the format's size. Nothing encodes compressed formats: their blocks become zeros.
+    /// Four words as a texel; components that the format lacks are ignored. Normalised
+    /// values are clamped and rounded to nearest even with NaN giving 0, integers saturate.
+    /// Unused bits become 0. `texel` has at least the format's size. Nothing encodes
+    /// compressed formats: their blocks become zeros.
     pub fn encode(&self, words: [u32; 4], texel: &mut [u8]) {
         let size = self.size_bytes as usize;
         match self.codec {

@@ -67,11 +67,12 @@ pub(crate) const BLOCK_INDEX_SHIFT: u32 = 56;
 pub struct FormatInfo {
     /// Vulkan's name without `VK_FORMAT_`.
     pub name: &'static str,
-    /// Size of a texel, in compressed formats of a block; of a depth plane's texel for formats with depth (see
-    /// [`Format::plane`](super::Format::plane)).
+    /// Size of a texel, in compressed formats of a block; of a depth plane's texel for formats with
+    /// depth (see [`Format::plane`](super::Format::plane)).
     pub size_bytes: u8,
     pub numeric: Numeric,
-    /// R, G, B, A; depth and stencil stand in R. Compressed formats have components, but no bits of their own.
+    /// R, G, B, A; depth and stencil stand in R. Compressed formats have components, but no bits of
+    /// their own.
     pub channels: [Channel; 4],
     pub has_depth: bool,
     pub has_stencil: bool,
@@ -104,7 +105,8 @@ impl FormatInfo {
         }
     }
 
-    /// Width and height, in texels, of what [`FormatInfo::size_bytes`] is the size of: 1×1, or a compressed format's block.
+    /// Width and height, in texels, of what [`FormatInfo::size_bytes`] is the size of: 1×1, or a
+    /// compressed format's block.
     pub const fn block_extent(&self) -> [u32; 2] {
         match self.codec {
             Codec::Blocks(blocks) => [blocks.width as u32, blocks.height as u32],
@@ -112,8 +114,9 @@ impl FormatInfo {
         }
     }
 
-    /// The offset of a texel in a slice, as [`block::load`](super::block::load) takes them: in compressed formats, that of its block, with the texel's
-    /// index in the block above [`BLOCK_INDEX_SHIFT`].
+    /// The offset of a texel in a slice, as [`block::load`](super::block::load) takes them: in
+    /// compressed formats, that of its block, with the texel's index in the block above
+    /// [`BLOCK_INDEX_SHIFT`].
     #[inline(always)]
     pub fn texel_offset(&self, x: u32, y: u32, row_stride_bytes: u64) -> u64 {
         match self.codec {
@@ -128,8 +131,9 @@ impl FormatInfo {
         }
     }
 
-    /// Reads a format's name (spec, "Format Definition"): components with their bits, from the most significant bit for packed formats and from the first byte for
-    /// others, then the numeric format.
+    /// Reads a format's name (spec, "Format Definition"): components with their bits, from the most
+    /// significant bit for packed formats and from the first byte for others, then the numeric
+    /// format.
     pub(super) const fn parse(name: &'static str) -> FormatInfo {
         let text = name.as_bytes();
         if contains(text, b"_BLOCK") {
@@ -220,7 +224,8 @@ impl FormatInfo {
 }
 
 impl FormatInfo {
-    /// Reads the name of a compressed format: its scheme, the size of ASTC's blocks, then the numeric format.
+    /// Reads the name of a compressed format: its scheme, the size of ASTC's blocks, then the
+    /// numeric format.
     const fn parse_compressed(name: &'static str) -> FormatInfo {
         let text = name.as_bytes();
         /// Beginning of the name, scheme, that of signed ones, bytes of a block, components.

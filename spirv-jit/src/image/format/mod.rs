@@ -1,10 +1,11 @@
 //! Texel formats: the numbering is `VkFormat`'s.
 //!
-//! * [`table`] lists the formats, [`layout`] reads from a format's name where its components lie, [`codec`] turns texels into words and back,
-//!   [`block`] does so for 16 lanes.
+//! * [`table`] lists the formats, [`layout`] reads from a format's name where its components lie,
+//!   [`codec`] turns texels into words and back, [`block`] does so for 16 lanes.
 //!
-//! **Depth and stencil.** An image of a format with both is stored as two planes, each laid out like an image of that plane's own format
-//! ([`Format::plane`]): a view or copy addresses one aspect, and is handed the plane's format and memory.
+//! **Depth and stencil.** An image of a format with both is stored as two planes, each laid out
+//! like an image of that plane's own format ([`Format::plane`]): a view or copy addresses one
+//! aspect, and is handed the plane's format and memory.
 
 pub mod block;
 mod codec;
@@ -47,14 +48,16 @@ impl Format {
         table::FORMATS.iter().map(|(number, _)| Format(*number))
     }
 
-    /// Size of a texel or, in compressed formats, a block, in bytes (of one plane's, for a format with depth and stencil: see [`Format::plane`]); 0 if the format does not exist.
+    /// Size of a texel or, in compressed formats, a block, in bytes (of one plane's, for a format
+    /// with depth and stencil: see [`Format::plane`]); 0 if the format does not exist.
     pub fn size_bytes(self) -> usize {
         self.info().map_or(0, |info| info.size_bytes as usize)
     }
 
     /// The format of the plane that stores an aspect; `None` if the format lacks the aspect.
     ///
-    /// Also the texels of a buffer in a copy of that aspect (spec, "Copying Depth/Stencil Images": tightly packed, D24 in the low bits of 32).
+    /// Also the texels of a buffer in a copy of that aspect (spec, "Copying Depth/Stencil Images":
+    /// tightly packed, D24 in the low bits of 32).
     pub fn plane(self, aspect: Aspect) -> Option<Format> {
         let info = self.info()?;
         match aspect {

@@ -1,5 +1,6 @@
-//! Floats of fewer than 32 bits: 16-bit, unsigned 11- and 10-bit, and the shared exponent (spec, "Fixed-Point Data Conversions" and
-//! the sections on 16-bit, 11-bit and 10-bit floats and on `VK_FORMAT_E5B9G9R9_UFLOAT_PACK32`).
+//! Floats of fewer than 32 bits: 16-bit, unsigned 11- and 10-bit, and the shared exponent (spec,
+//! "Fixed-Point Data Conversions" and the sections on 16-bit, 11-bit and 10-bit floats and on
+//! `VK_FORMAT_E5B9G9R9_UFLOAT_PACK32`).
 #![forbid(unsafe_code)]
 
 /// f16 bits to f32, exactly; branch-free, so that a loop over it vectorises.
@@ -30,7 +31,8 @@ pub fn ufloat_to_f32(bits: u32, mantissa: u32) -> f32 {
     half_to_f32((bits << (10 - mantissa)) as u16)
 }
 
-/// f32 to unsigned float of `mantissa` bits, round to nearest even. Negative values give 0, finite ones at most the largest finite one, NaN stays NaN.
+/// f32 to unsigned float of `mantissa` bits, round to nearest even. Negative values give 0, finite
+/// ones at most the largest finite one, NaN stays NaN.
 pub fn f32_to_ufloat(value: f32, mantissa: u32) -> u32 {
     let infinity = 31 << mantissa;
     if value.is_nan() {

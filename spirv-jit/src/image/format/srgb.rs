@@ -1,4 +1,5 @@
-//! The sRGB transfer function on 8 bits, correctly rounded in both directions (Khronos Data Format specification, "sRGB EOTF").
+//! The sRGB transfer function on 8 bits, correctly rounded in both directions (Khronos Data Format
+//! specification, "sRGB EOTF").
 
 /// Linear values of the 256 codes, as f32 bits.
 #[rustfmt::skip]
@@ -75,8 +76,9 @@ pub(in crate::image) const REST_BITS: u32 = 16;
 /// The last piece is that of 1.
 const PIECES: usize = (13 << (23 - REST_BITS)) + 1;
 
-/// The codes of the numbers from [`FIRST`] to 1, in pieces of 128 to an octave, in none of which there is more than one threshold. An entry is the code below the
-/// threshold, shifted by 17 bits, and what of the threshold's bits its piece leaves open: 2^16 where there is none.
+/// The codes of the numbers from [`FIRST`] to 1, in pieces of 128 to an octave, in none of which
+/// there is more than one threshold. An entry is the code below the threshold, shifted by 17 bits,
+/// and what of the threshold's bits its piece leaves open: 2^16 where there is none.
 pub(in crate::image) static PIECE: [u32; PIECES] = {
     let mut pieces = [0; PIECES];
     let mut code = 0;

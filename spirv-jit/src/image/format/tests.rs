@@ -385,7 +385,8 @@ proptest! {
         }
     }
 
-    /// The shared exponent is the least that holds the largest component, so the error is at most half a unit.
+    /// The shared exponent is the least that holds the largest component, so the error is at most
+    /// half a unit.
     #[test]
     fn shared_exponent_is_near(values in prop::array::uniform3(0f32..70000.0), scale in -30i32..1) {
         let values = values.map(|v| v * 2f32.powi(scale));

@@ -6,7 +6,8 @@ use crate::environment::Environment;
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(effort::rounds(2000)))]
 
-    /// Fetches, with levels, layers, offsets; what is outside is zero, with the missing components filled.
+    /// Fetches, with levels, layers, offsets; what is outside is zero, with the missing components
+    /// filled.
     #[test]
     fn fetches_give_texels_and_zero_outside(
         format in any_format(), axes in 1usize..4, size in prop::array::uniform3(1u32..9), layers in 1u32..3, seed: u32,

@@ -1,4 +1,5 @@
-//! Against a straightforward sampler in f64, written from the spec's equations for one lane at a time.
+//! Against a straightforward sampler in f64, written from the spec's equations for one lane at a
+//! time.
 
 use super::execute::execute_block;
 use super::*;

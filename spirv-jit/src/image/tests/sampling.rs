@@ -7,7 +7,8 @@ use super::*;
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(effort::rounds(2000)))]
 
-    /// 1D, 2D and 3D sampling with every addressing, filter, level selection, reduction, offset and comparison, 16 different lanes.
+    /// 1D, 2D and 3D sampling with every addressing, filter, level selection, reduction, offset and
+    /// comparison, 16 different lanes.
     #[test]
     fn sampling_agrees_with_the_equations(
         format in any_format(), s in any_sampler(), axes in 1usize..4,
@@ -62,13 +63,15 @@ proptest! {
             };
             for component in 0..op.result_rows() {
                 let got = f32::from_bits(results[component][lane]) as f64;
-                // Coordinates are rounded relative to the texel grid: 13 texels × 3.5 repeats × 2^-24, times the texels' range.
+                // Coordinates are rounded relative to the texel grid: 13 texels × 3.5 repeats ×
+                // 2^-24, times the texels' range.
                 prop_assert!((got - expected[component]).abs() < 4e-5, "lane {lane} component {component}: {got} {expected:?} {q:?}");
             }
         }
     }
 
-    /// Gathers take the footprint of linear filtering at the base level, in the spec's order, from the component after the swizzle.
+    /// Gathers take the footprint of linear filtering at the base level, in the spec's order, from
+    /// the component after the swizzle.
     #[test]
     fn gathers_take_the_footprint_in_order(
         format in any_format(), s in any_sampler(), size in prop::array::uniform2(1u32..9), seed: u32,
@@ -119,7 +122,8 @@ proptest! {
         }
     }
 
-    /// λ of derivatives, without and with anisotropy, against logarithms in f64; seen through a LOD query.
+    /// λ of derivatives, without and with anisotropy, against logarithms in f64; seen through a LOD
+    /// query.
     #[test]
     fn derivatives_give_the_level(
         axes in 1usize..4, derivatives in prop::array::uniform6(-3.0f32..3.0), exponent in -12i32..3, bias in -2.0f32..2.0, linear: bool,
@@ -249,8 +253,8 @@ proptest! {
         }
     }
 
-    /// Coordinates that change evenly over a block of pixels, whose texels lie together, or of which each is a pixel's own: the same bits as the
-    /// general way's.
+    /// Coordinates that change evenly over a block of pixels, whose texels lie together, or of
+    /// which each is a pixel's own: the same bits as the general way's.
     #[test]
     fn blocks_of_pixels_sample_the_same(
         number in prop::sample::select(vec![37u32, 44, 43, 100, 126]), s in any_sampler(), size in prop::array::uniform2(1u32..40), seed: u32,

@@ -1,4 +1,5 @@
-//! Texels in vectors against the formats' own code for one texel, in every instruction set that the machine has.
+//! Texels in vectors against the formats' own code for one texel, in every instruction set that the
+//! machine has.
 
 use lanes::Tier;
 
@@ -112,7 +113,8 @@ impl Case for Load<'_> {
     }
 }
 
-/// Words of all kinds: numbers in and out of range, ties of 8 and 16 bits and their neighbours, integers, any bits.
+/// Words of all kinds: numbers in and out of range, ties of 8 and 16 bits and their neighbours,
+/// integers, any bits.
 fn words(seed: u64) -> Texels {
     const SPECIAL: [f32; 10] = [
         0.0,
@@ -195,7 +197,8 @@ proptest! {
     }
 }
 
-/// Every sRGB code's threshold and its neighbours, and all around the ends of the pieces that the vectors look codes up in.
+/// Every sRGB code's threshold and its neighbours, and all around the ends of the pieces that the
+/// vectors look codes up in.
 #[test]
 fn srgb_codes_are_the_same_at_every_threshold() {
     let info = Format::R8G8B8A8_SRGB.info().unwrap();

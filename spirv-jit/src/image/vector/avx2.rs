@@ -457,7 +457,8 @@ impl Vector for Avx2 {
             // SAFETY: the caller's promise.
             unsafe { task.run(v) }
         }
-        // SAFETY: the token says that the machine has the features; for the rest, the caller's promise.
+        // SAFETY: the token says that the machine has the features; for the rest, the caller's
+        // promise.
         unsafe { run(self, task) }
     }
 }
@@ -660,8 +661,9 @@ pub(super) unsafe fn half_of_pairs(at: *const u8, stride_bytes: usize) -> (__m25
     }
 }
 
-/// Sixteen bytes each at eight places from `first` on: the first words, the second, and so on. These are loads and shuffles, because machines
-/// whose gathers are slow take four times as long for the sixteen gathers of four words.
+/// Sixteen bytes each at eight places from `first` on: the first words, the second, and so on.
+/// These are loads and shuffles, because machines whose gathers are slow take four times as long
+/// for the sixteen gathers of four words.
 ///
 /// # Safety
 /// The machine has AVX2, and sixteen bytes are readable at each place.
@@ -736,7 +738,8 @@ unsafe fn half_window(texels: &[__m256i; 5], columns: __m256i, rows: __m256i) ->
     }
 }
 
-/// Words at the lanes' columns in their rows, and in those below; `is_in`: whether the rows are 1, 2 and 3.
+/// Words at the lanes' columns in their rows, and in those below; `is_in`: whether the rows are 1,
+/// 2 and 3.
 ///
 /// # Safety
 /// The machine has AVX2.
@@ -776,8 +779,8 @@ pub(super) unsafe fn four_scalars<T: Copy + Into<u32>>(
     }
 }
 
-/// Eight bytes each at the places of eight lanes from `lane` on: their first and second words. Loads one by one, as with AVX-512:
-/// gathers of pairs take longer.
+/// Eight bytes each at the places of eight lanes from `lane` on: their first and second words.
+/// Loads one by one, as with AVX-512: gathers of pairs take longer.
 ///
 /// # Safety
 /// The machine has AVX2, and eight bytes are readable at each place.

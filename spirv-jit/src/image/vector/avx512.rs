@@ -23,7 +23,8 @@ macro_rules! intrinsics {
     ($(fn $name:ident($($arg:ident: $ty:ty),*) -> $result:ty = $body:expr;)*) => {$(
         #[inline(always)]
         fn $name(self, $($arg: $ty),*) -> $result {
-            // SAFETY: the token says that the machine has the instructions; rows are as long as a register.
+            // SAFETY: the token says that the machine has the instructions; rows are as long as a
+            // register.
             unsafe { $body }
         }
     )*};
@@ -330,7 +331,8 @@ impl Vector for Avx512 {
             // SAFETY: the caller's promise.
             unsafe { task.run(v) }
         }
-        // SAFETY: the token says that the machine has the features; for the rest, the caller's promise.
+        // SAFETY: the token says that the machine has the features; for the rest, the caller's
+        // promise.
         unsafe { run(self, task) }
     }
 }
@@ -448,7 +450,8 @@ unsafe fn gathered_pairs(base: *const u8, offsets: I) -> (I, I) {
     }
 }
 
-/// Eight bytes each at the places of `lane` and the one behind it, and of every fourth pair of lanes after these.
+/// Eight bytes each at the places of `lane` and the one behind it, and of every fourth pair of
+/// lanes after these.
 ///
 /// # Safety
 /// The machine has AVX-512, and eight bytes are readable at each place.

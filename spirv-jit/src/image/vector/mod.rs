@@ -1,7 +1,9 @@
-//! Sixteen lanes in the registers of an instruction set, for code where loops over lanes do not become good vectors by themselves:
-//! gathers, minima with a definite NaN, conversions of numbers known to be in range.
+//! Sixteen lanes in the registers of an instruction set, for code where loops over lanes do not
+//! become good vectors by themselves: gathers, minima with a definite NaN, conversions of numbers
+//! known to be in range.
 //!
-//! Every operation gives the same bits in all three; NaN payloads aside, and where a comment says that a result is unspecified.
+//! Every operation gives the same bits in all three; NaN payloads aside, and where a comment says
+//! that a result is unspecified.
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
@@ -19,12 +21,14 @@ use crate::eval::quad;
 use crate::image::format::srgb::LINEAR;
 use crate::row::Row;
 
-/// 1.5 · 2^23: the last place of a sum with it is worth 1, so that a fused multiply-add rounds its product to an integer, once.
+/// 1.5 · 2^23: the last place of a sum with it is worth 1, so that a fused multiply-add rounds its
+/// product to an integer, once.
 #[cfg(target_arch = "x86_64")]
 const ROUNDER: f32 = 12_582_912.0;
 
-/// Compiles a function over vectors for each tier of instruction sets; the first argument chooses. Functions that it calls are to be
-/// `#[inline(always)]`, and closures do no more than pick values: they are not compiled for the tier.
+/// Compiles a function over vectors for each tier of instruction sets; the first argument chooses.
+/// Functions that it calls are to be `#[inline(always)]`, and closures do no more than pick values:
+/// they are not compiled for the tier.
 #[macro_export]
 macro_rules! vectors {
     ($(#[$doc:meta])* $vis:vis unsafe fn $($rest:tt)*) => {
@@ -84,7 +88,8 @@ pub trait Vector: Copy {
     type F: Copy;
     type I: Copy;
 
-    /// Whether operations are instructions of the machine: versions of code for the common cases are worth their place.
+    /// Whether operations are instructions of the machine: versions of code for the common cases
+    /// are worth their place.
     const IS_MACHINES: bool = true;
 
     /// # Safety
@@ -104,13 +109,15 @@ pub trait Vector: Copy {
     fn add(self, a: Self::F, b: Self::F) -> Self::F;
     fn sub(self, a: Self::F, b: Self::F) -> Self::F;
     fn mul(self, a: Self::F, b: Self::F) -> Self::F;
-    /// `a / divisor`, for a divisor of 255 or 65535 and `a` between 0 and `divisor + 1`. Correctly rounded, though no division where there
-    /// are fused multiply-adds: that was checked for every such `a`.
+    /// `a / divisor`, for a divisor of 255 or 65535 and `a` between 0 and `divisor + 1`. Correctly
+    /// rounded, though no division where there are fused multiply-adds: that was checked for every
+    /// such `a`.
     fn div_units(self, a: Self::F, divisor: f32) -> Self::F;
     fn div(self, a: Self::F, b: Self::F) -> Self::F;
     /// Correctly rounded.
     fn sqrt(self, a: Self::F) -> Self::F;
-    /// `a * scale` to the nearest integer, ties to even, rounded once; it lies between -2^22 and 2^22.
+    /// `a * scale` to the nearest integer, ties to even, rounded once; it lies between -2^22 and
+    /// 2^22.
     fn scaled(self, a: Self::F, scale: f32) -> Self::I;
     fn floor(self, a: Self::F) -> Self::F;
     fn ceil(self, a: Self::F) -> Self::F;
@@ -142,7 +149,8 @@ pub trait Vector: Copy {
     fn and_i(self, a: Self::I, b: Self::I) -> Self::I;
     fn or_i(self, a: Self::I, b: Self::I) -> Self::I;
     fn xor_i(self, a: Self::I, b: Self::I) -> Self::I;
-    /// Shifted by fewer than 32 bits: to the left, to the right with zeros, to the right with signs.
+    /// Shifted by fewer than 32 bits: to the left, to the right with zeros, to the right with
+    /// signs.
     fn left_i(self, a: Self::I, bits: u32) -> Self::I;
     fn right_u(self, a: Self::I, bits: u32) -> Self::I;
     fn right_i(self, a: Self::I, bits: u32) -> Self::I;
@@ -171,11 +179,12 @@ pub trait Vector: Copy {
     /// Four words, four lanes each.
     fn quads(self, words: &[u32; 4]) -> Self::I;
 
-    /// In each lane of a quad (see [`quad`](crate::eval::quad)) the number of the one with the bit `AXIS` of its index clear, and of the one with it set.
+    /// In each lane of a quad (see [`quad`](crate::eval::quad)) the number of the one with the bit
+    /// `AXIS` of its index clear, and of the one with it set.
     fn sides<const AXIS: usize>(self, a: Self::F) -> (Self::F, Self::F);
 
-    /// Four words of each of four rows, which become 2×2 quads: lanes 0 and 1 are from the first row, 2 and 3 from the second, 4 and 5 from the
-    /// first.
+    /// Four words of each of four rows, which become 2×2 quads: lanes 0 and 1 are from the first
+    /// row, 2 and 3 from the second, 4 and 5 from the first.
     ///
     /// # Safety
     /// Sixteen bytes are readable at `at` and 1 to 3 strides behind it.
@@ -205,8 +214,8 @@ pub trait Vector: Copy {
     /// Eight bytes are readable at each place and a stride behind it.
     unsafe fn load_each_quad(self, at: [*const u8; 4], stride_bytes: usize) -> Self::I;
 
-    /// Stores texels of one, two or four words of the mask's lanes to four quads, and what is there already in the places of other lanes: without
-    /// branches, which would be foretold wrong.
+    /// Stores texels of one, two or four words of the mask's lanes to four quads, and what is there
+    /// already in the places of other lanes: without branches, which would be foretold wrong.
     ///
     /// # Safety
     /// Two texels are readable and writable at each place and a stride behind it.
@@ -236,8 +245,8 @@ pub trait Vector: Copy {
         stride_bytes: usize,
     );
 
-    /// Words of a window of five rows of eight: those at the lanes' columns and rows, those on their right, those below, and those below on the right.
-    /// Columns are 0 to 6, rows 0 to 3.
+    /// Words of a window of five rows of eight: those at the lanes' columns and rows, those on
+    /// their right, those below, and those below on the right. Columns are 0 to 6, rows 0 to 3.
     ///
     /// # Safety
     /// 32 bytes are readable at `at` and 1 to 4 strides behind it.
@@ -283,7 +292,8 @@ pub trait Vector: Copy {
         gathered_srgb(self, words)
     }
 
-    /// Does the task in a function of its own, compiled for the instruction set: keeps rare work out of the code and the registers of common work.
+    /// Does the task in a function of its own, compiled for the instruction set: keeps rare work
+    /// out of the code and the registers of common work.
     ///
     /// # Safety
     /// As [`Task::run`] of the task.

@@ -147,7 +147,7 @@ impl<'m> Emitter<'m> {
                     exit = construct.exit;
                     self.close_construct(node, construct);
                     if let Node::Loop { .. } = node {
-                        // What follows is not reached.
+                        // The code behind is not reached.
                         steps.skip_rest();
                     }
                 }
@@ -430,7 +430,8 @@ impl<'m> Emitter<'m> {
         self.emit_operation(inst)
     }
 
-    /// The plan's next save point, where code goes on at a target: functions are emitted as they were planned.
+    /// The plan's next save point, where code goes on at a target: functions are emitted as they
+    /// were planned.
     fn new_point(&mut self, at: Target) -> u32 {
         let index = self.code.points.len();
         let point = &self.planned.plan.points[index];

@@ -1,7 +1,7 @@
 //! The tree to linear code.
 //!
-//! Bodies become straight code with an *exit*: where control goes when no lane is active any more, which is the body's end. There the
-//! enclosing construct goes on with its pending or parked lanes.
+//! Bodies become straight code with an *exit*: where control goes when no lane is active any more,
+//! which is the body's end. There the enclosing construct goes on with its pending or parked lanes.
 
 use foldhash::HashMap;
 use lanes::Tier as TierKind;

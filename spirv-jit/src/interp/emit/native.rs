@@ -20,7 +20,8 @@ pub(super) struct Native<'m> {
     /// The stretch that may go on.
     open: Option<Open<'m>>,
     bytes: Vec<u8>,
-    /// Instructions that run a stretch, whose `x` is where its code begins, and how many operations it has.
+    /// Instructions that run a stretch, whose `x` is where its code begins, and how many operations
+    /// it has.
     calls: Vec<(usize, usize)>,
 }
 
@@ -85,7 +86,8 @@ impl<'m> Emitter<'m> {
         }
     }
 
-    /// Takes copies into a stretch, behind which it ends; false if they have no native code. Those `in_place` are of a row to itself.
+    /// Takes copies into a stretch, behind which it ends; false if they have no native code. Those
+    /// `in_place` are of a row to itself.
     pub(super) fn extend_stretch_by_moves(&mut self, moves: &[Move], in_place: &[Move]) -> bool {
         let has_code = |m: &Move| m.value.is_some() && !m.wide;
         if moves.is_empty() || !moves.iter().all(has_code) {
@@ -205,7 +207,8 @@ impl<'m> Emitter<'m> {
         }
     }
 
-    /// Operations of stretches from an instruction on, each stretch's first left out: it counts as the instruction that runs it.
+    /// Operations of stretches from an instruction on, each stretch's first left out: it counts as
+    /// the instruction that runs it.
     pub(super) fn native_operations_since(&self, instr: usize) -> usize {
         let calls = self
             .native

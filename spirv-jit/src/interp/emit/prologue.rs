@@ -1,4 +1,5 @@
-//! Uniform values: constants into rows of their own, the rest into code that runs before a wave goes on.
+//! Uniform values: constants into rows of their own, the rest into code that runs before a wave
+//! goes on.
 
 use super::Emitter;
 use crate::Error;

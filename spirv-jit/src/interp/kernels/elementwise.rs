@@ -14,7 +14,8 @@ use crate::interp::machine::{Handler, Instr, Machine};
 use crate::interp::tier::{Kernel, Portable, Tier};
 use crate::ir::{Op, Type};
 
-/// Instantiates `$kernel<ops::$op, …>` for the integer type `$ty`: 32 and 64 bits in the tier, narrow ones once.
+/// Instantiates `$kernel<ops::$op, …>` for the integer type `$ty`: 32 and 64 bits in the tier,
+/// narrow ones once.
 macro_rules! by_int {
     ($t:ident, $ty:expr, |$x:ident| $kernel:ty) => {{
         match $ty {
@@ -52,7 +53,8 @@ macro_rules! by_bits {
     }};
 }
 
-/// As `by_bits`, for bitwise operations: booleans are all zeros or all ones, so that they need no conversion.
+/// As `by_bits`, for bitwise operations: booleans are all zeros or all ones, so that they need no
+/// conversion.
 macro_rules! by_mask {
     ($t:ident, $ty:expr, |$x:ident| $kernel:ty) => {{
         match $ty {
@@ -85,8 +87,9 @@ macro_rules! by_float {
     }};
 }
 
-/// The kernel of a pure operation in a tier: `from` is the type of its (last) operand, `to` of its result. The instruction takes the
-/// operands in `a`, `b`, `c` (the fourth of a bit-field insertion in `x`). `None`: there is no such operation on those types.
+/// The kernel of a pure operation in a tier: `from` is the type of its (last) operand, `to` of its
+/// result. The instruction takes the operands in `a`, `b`, `c` (the fourth of a bit-field insertion
+/// in `x`). `None`: there is no such operation on those types.
 pub(in crate::interp) fn elementwise(
     tier: TierKind,
     op: &Op,

@@ -1,4 +1,5 @@
-//! Two operations in one pass over the lanes, where the first one's result goes nowhere else: it need not be stored.
+//! Two operations in one pass over the lanes, where the first one's result goes nowhere else: it
+//! need not be stored.
 
 use std::marker::PhantomData;
 
@@ -18,8 +19,9 @@ pub(in crate::interp) enum Side {
     Right,
 }
 
-/// The kernel of `second(first(a, b), c)`, or of `second(c, first(a, b))`, all of one type (`ty` is that of the first one's result); an
-/// operation of one operand leaves out `b`, or `c`. `None`: these two have none.
+/// The kernel of `second(first(a, b), c)`, or of `second(c, first(a, b))`, all of one type (`ty` is
+/// that of the first one's result); an operation of one operand leaves out `b`, or `c`. `None`:
+/// these two have none.
 pub(in crate::interp) fn fused(
     tier: TierKind,
     first: &Op,
@@ -38,8 +40,8 @@ pub(in crate::interp) fn fused(
     }
 }
 
-/// The second operation of a pair whose first is `$first`: `$sub` takes the first one's result on either side, the next few are
-/// commutative, the last few take it on the left.
+/// The second operation of a pair whose first is `$first`: `$sub` takes the first one's result on
+/// either side, the next few are commutative, the last few take it on the left.
 macro_rules! seconds {
     ($t:ident, $first:ty, $ty:ty, $second:expr, $side:expr; $sub:ident $sub_name:ident; $($op:ident $name:ident),*; $($ordered:ident $ordered_name:ident),*) => {
         match ($second, $side) {
@@ -100,13 +102,15 @@ struct UnaryBinary<O1, O2>(PhantomData<(O1, O2)>);
 /// `second(uconvert(a))` by way of a byte.
 struct ByteToFloat<O>(PhantomData<O>);
 
-/// A function of three words over the lanes of each subgroup: of `a`, `b` and `c`, or of two of them twice.
+/// A function of three words over the lanes of each subgroup: of `a`, `b` and `c`, or of two of
+/// them twice.
 macro_rules! kernel {
     ([$($generic:tt)*] $kernel:ty, $x:ty, $($operand:ident $var:ident: $slot:ty),*; $value:expr) => {
         impl<$($generic)*> Kernel for $kernel {
             #[inline(always)]
             unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
-                // SAFETY: rows are the program's; a block is read before it is written, so that in-place is sound.
+                // SAFETY: rows are the program's; a block is read before it is written, so that
+                // in-place is sound.
                 unsafe {
                     let d = m.row(i.d);
                     $(let $operand = m.row(i.$operand);)*

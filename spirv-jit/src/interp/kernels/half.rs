@@ -1,5 +1,5 @@
-//! Conversions of 16-bit floats by the instructions that processors with AVX2 have for them. Like `eval` they keep denormals and make NaNs
-//! quiet.
+//! Conversions of 16-bit floats by the instructions that processors with AVX2 have for them. Like
+//! `eval` they keep denormals and make NaNs quiet.
 
 use std::arch::x86_64::*;
 
@@ -23,8 +23,8 @@ struct Widen;
 impl Kernel for Widen {
     #[inline(always)]
     unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
-        // SAFETY: rows are the program's; a block is read before it is written, so that in-place is sound. Only tiers with AVX2 and F16C
-        // have this kernel.
+        // SAFETY: rows are the program's; a block is read before it is written, so that in-place is
+        // sound. Only tiers with AVX2 and F16C have this kernel.
         unsafe {
             let (a, d) = (m.row(i.a), m.row(i.d));
             let (runs, count) = m.runs();

@@ -97,7 +97,8 @@ impl<S> Blocks<S> {
 impl<O: Unary<A, R>, A: Lane, R: Lane> Kernel for Map1<O, A, R> {
     #[inline(always)]
     unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
-        // SAFETY: rows are the program's; a block is read before it is written, so that in-place is sound.
+        // SAFETY: rows are the program's; a block is read before it is written, so that in-place is
+        // sound.
         unsafe {
             let (a, d) = (m.row(i.a), m.row(i.d));
             let (runs, count) = m.runs();

@@ -1,4 +1,5 @@
-//! Kernels of the pure operations: a function of `eval` over the lanes of each subgroup that has any active.
+//! Kernels of the pure operations: a function of `eval` over the lanes of each subgroup that has
+//! any active.
 //!
 //! They also compute inactive lanes of those subgroups; slots are allocated so that this is
 //! harmless.

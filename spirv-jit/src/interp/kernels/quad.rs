@@ -41,7 +41,8 @@ struct Slope<V, const AXIS: usize>(PhantomData<V>);
 impl<V: Vector, const AXIS: usize> Kernel for Slope<V, AXIS> {
     #[inline(always)]
     unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
-        // SAFETY: the tier is the token's; rows are the program's; a block is read before it is written.
+        // SAFETY: the tier is the token's; rows are the program's; a block is read before it is
+        // written.
         unsafe {
             let v = V::new();
             let (a, d) = (m.row(i.a), m.row(i.d));

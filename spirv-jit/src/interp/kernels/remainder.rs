@@ -1,5 +1,6 @@
-//! `frem` and `fmod` of f32. Their definition is exact for any quotient and therefore a loop; as long as the quotients of all lanes
-//! are moderate, a division in f64 gives the same bits in straight code.
+//! `frem` and `fmod` of f32. Their definition is exact for any quotient and therefore a loop; as
+//! long as the quotients of all lanes are moderate, a division in f64 gives the same bits in
+//! straight code.
 
 use std::marker::PhantomData;
 
@@ -9,8 +10,8 @@ use crate::SUBGROUP_SIZE;
 use crate::interp::machine::{Instr, Machine};
 use crate::interp::tier::Kernel;
 
-/// Quotients below this (2^28) and f32 operands: an inexact quotient in f64 is never rounded onto an integer, since it is at least
-/// 2^-24 away from one, and its product with the divisor is exact.
+/// Quotients below this (2^28) and f32 operands: an inexact quotient in f64 is never rounded onto
+/// an integer, since it is at least 2^-24 away from one, and its product with the divisor is exact.
 const MODERATE: f64 = 268_435_456.0;
 
 /// The correction of the remainder towards zero.

@@ -211,7 +211,8 @@ fn calls_return_early_and_end() {
     );
 }
 
-/// Values that die in one branch must not be overwritten while lanes of the other still need theirs.
+/// Values that die in one branch must not be overwritten while lanes of the other still need
+/// theirs.
 #[test]
 fn rows_are_not_shared_across_branches() {
     check(

@@ -1,4 +1,5 @@
-//! Every elementwise kernel of every tier against `eval`, on random bits and on the bits where things go wrong.
+//! Every elementwise kernel of every tier against `eval`, on random bits and on the bits where
+//! things go wrong.
 
 use std::fmt::Write;
 
@@ -319,7 +320,8 @@ fn floats() {
     floats!(scale: fldexp);
 }
 
-/// Remainders where no lane has a large quotient, which is where the kernels take another way than `eval`.
+/// Remainders where no lane has a large quotient, which is where the kernels take another way than
+/// `eval`.
 #[test]
 fn moderate_remainders() {
     on_tiers(|tier| {

@@ -370,7 +370,8 @@ fn push_constants_are_uniform() {
     });
 }
 
-/// Offsets of sixteen lanes, the kinds that have code of their own first: the same, one behind another, any.
+/// Offsets of sixteen lanes, the kinds that have code of their own first: the same, one behind
+/// another, any.
 fn offsets(kind: usize, size_bytes: u32) -> [u32; 16] {
     std::array::from_fn(|lane| {
         let lane = lane as u32;
@@ -401,7 +402,8 @@ fn loads_are_the_same_however_lanes_lie() {
     }
 }
 
-/// Loads `count` scalars a lane; where `exits`, in every third lane only. Scalars of 64 bits come out in halves.
+/// Loads `count` scalars a lane; where `exits`, in every third lane only. Scalars of 64 bits come
+/// out in halves.
 fn check_load(
     tier: lanes::Tier,
     (ty, size, slot): (&str, u32, usize),

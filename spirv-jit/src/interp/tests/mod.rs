@@ -1,4 +1,5 @@
-//! Programs in the IR's text form, run on every tier that the machine has. Expectations are computed by plain Rust beside them.
+//! Programs in the IR's text form, run on every tier that the machine has. Expectations are
+//! computed by plain Rust beside them.
 
 mod atomics;
 mod control;
@@ -145,7 +146,8 @@ pub(super) fn on_tiers(mut test: impl FnMut(TierKind)) {
     }
 }
 
-/// Output row 0 of a program whose input row 0 is `f(lane)`, the same on every tier and wave length.
+/// Output row 0 of a program whose input row 0 is `f(lane)`, the same on every tier and wave
+/// length.
 pub(super) fn outputs(text: &str, f: impl Fn(usize) -> u32 + Copy) -> Vec<u32> {
     let mut all: Option<Vec<u32>> = None;
     on_tiers(|tier| {

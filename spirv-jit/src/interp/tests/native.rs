@@ -1,5 +1,5 @@
-//! Native code against the interpreter: straight programs on every tier, as native code and interpreted, give what the interpreter gives on
-//! the portable one.
+//! Native code against the interpreter: straight programs on every tier, as native code and
+//! interpreted, give what the interpreter gives on the portable one.
 
 mod random;
 mod refused;
@@ -211,7 +211,8 @@ fn more_words_than_registers() {
             )
         })
         .collect();
-    // Each is used twice, so that none waits for the operation that takes it; first the oldest, then the newest.
+    // Each is used twice, so that none waits for the operation that takes it; first the oldest,
+    // then the newest.
     let mut sums = [inputs[0].clone(), inputs[1].clone()];
     for k in 0..40 {
         sums[0] = w.op(
@@ -226,7 +227,8 @@ fn more_words_than_registers() {
     check(w, &sums, &[true, true]);
 }
 
-/// Products and sums in one rounding, with every pattern of operands that are used later or are each other.
+/// Products and sums in one rounding, with every pattern of operands that are used later or are
+/// each other.
 #[test]
 fn multiply_add_overwrites_none_but_the_dying() {
     for pattern in 0..64u32 {
@@ -340,8 +342,9 @@ fn more_wide_values_than_registers() {
     check(w, &[a, b, c, d], &[false; 4]);
 }
 
-/// Copies at branches change active lanes alone: words, conditions and floats out of both sides of an `if`, some of them where the other side
-/// has them; parameters of a loop that change places, and one that follows another; an early way out of a block.
+/// Copies at branches change active lanes alone: words, conditions and floats out of both sides of
+/// an `if`, some of them where the other side has them; parameters of a loop that change places,
+/// and one that follows another; an early way out of a block.
 #[test]
 fn branches_copy_in_active_lanes() {
     let text = "module closest_hit

@@ -112,7 +112,8 @@ fn pairs_are_as_their_parts() {
     assert!(count > 80, "{count}");
 }
 
-/// A loop's parameters that take each other's values: neither may be overwritten before both are read.
+/// A loop's parameters that take each other's values: neither may be overwritten before both are
+/// read.
 #[test]
 fn parameters_that_are_still_read_keep_their_rows() {
     let text = "module closest_hit

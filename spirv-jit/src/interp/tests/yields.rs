@@ -11,7 +11,8 @@ const TRACED: SiteKind = SiteKind::TraceRay {
     payload_words: 2,
 };
 
-/// A callable is executed in a loop, whose trip count differs by lane; values live across it in every way.
+/// A callable is executed in a loop, whose trip count differs by lane; values live across it in
+/// every way.
 const LOOP: &str = "module closest_hit
     inputs payload.0
     output_rows 1
@@ -81,7 +82,8 @@ fn yields_in_a_loop() {
     });
 }
 
-/// Subgroups that yield alone are resumed together with others at the same point, in frames that ran other things meanwhile.
+/// Subgroups that yield alone are resumed together with others at the same point, in frames that
+/// ran other things meanwhile.
 #[test]
 fn waves_are_regrouped() {
     on_tiers(|tier| {
@@ -117,7 +119,8 @@ fn waves_are_regrouped() {
     });
 }
 
-/// A yield in a function that is called along three paths, one of them nested, from inside constructs.
+/// A yield in a function that is called along three paths, one of them nested, from inside
+/// constructs.
 #[test]
 fn yields_in_calls() {
     on_tiers(|tier| {
@@ -192,7 +195,8 @@ fn yields_in_calls() {
             let inner = if x % 2 == 1 { f1(x) + x } else { f1(2 * x) + x };
             assert_eq!(word, f1(inner), "{tier:?} lane {lane}");
         }
-        // Three call paths to one yield are three points (the third call yields in no lane, as all values are 10 or more).
+        // Three call paths to one yield are three points (the third call yields in no lane, as all
+        // values are 10 or more).
         points.dedup();
         assert_eq!(points.len(), 2);
     });

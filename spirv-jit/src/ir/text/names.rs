@@ -1,4 +1,5 @@
-//! The words of the text form for everything that is an enumeration. One table each, read in both directions.
+//! The words of the text form for everything that is an enumeration. One table each, read in both
+//! directions.
 
 use crate::image::{Dim, LodMode};
 use crate::ir::Type;

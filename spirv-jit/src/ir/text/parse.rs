@@ -1,4 +1,5 @@
-//! Text to module. What it accepts is well-formed text, not a valid module: see [`verify`](crate::ir::verify::verify).
+//! Text to module. What it accepts is well-formed text, not a valid module: see
+//! [`verify`](crate::ir::verify::verify).
 
 use smallvec::SmallVec;
 

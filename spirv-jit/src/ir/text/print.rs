@@ -345,7 +345,8 @@ fn access_text(access: &Access) -> String {
     format!("{}{aligned}{constant}{volatile}", space_text(access.space))
 }
 
-/// The text form of an operation with what stands in its brackets, but without operands and the bits of constants.
+/// The text form of an operation with what stands in its brackets, but without operands and the
+/// bits of constants.
 pub fn print_op(op: &Op) -> String {
     let name = op.text();
     match op {

@@ -145,7 +145,8 @@ fn verifier_refuses() {
     }
 }
 
-/// A descriptor comes from the operations that look one up, and goes nowhere but to those that use one.
+/// A descriptor comes from the operations that look one up, and goes nowhere but to those that use
+/// one.
 #[test]
 fn verifier_refuses_forged_descriptors() {
     const SEEN: &str = "v0: i32 = const 0\n\

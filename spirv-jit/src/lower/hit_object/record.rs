@@ -48,8 +48,8 @@ impl Lowerer<'_> {
         Ok(())
     }
 
-    /// Operands: structure, instance, primitive, geometry, hit kind, record index or offset and stride, origin, t_min, direction, t_max,
-    /// (time,) attributes.
+    /// Operands: structure, instance, primitive, geometry, hit kind, record index or offset and
+    /// stride, origin, t_min, direction, t_max, (time,) attributes.
     pub(super) fn record_hit(
         &mut self,
         pointer: &Pointer,
@@ -89,7 +89,8 @@ impl Lowerer<'_> {
         self.store(pointer, &object)
     }
 
-    /// Operands: query, record index, attributes(, hit kind). Without a committed intersection the hit object is empty.
+    /// Operands: query, record index, attributes(, hit kind). Without a committed intersection the
+    /// hit object is empty.
     pub(super) fn record_from_query(
         &mut self,
         pointer: &Pointer,

@@ -1,4 +1,5 @@
-//! From operations to instructions. What each must give, to the bit (NaN payloads aside), `eval` says.
+//! From operations to instructions. What each must give, to the bit (NaN payloads aside), `eval`
+//! says.
 
 use super::{Held, Place, Stretch};
 use crate::ir::{Op, Type};
@@ -106,7 +107,8 @@ impl Stretch {
         })
     }
 
-    /// `fmin` (`fmax`): with a NaN the other operand; of zeros of both signs the one with (without) a sign.
+    /// `fmin` (`fmax`): with a NaN the other operand; of zeros of both signs the one with (without)
+    /// a sign.
     fn least(&mut self, op: Opcode, zeros: Opcode, a: Virtual, b: Virtual) -> Virtual {
         // `a` where it is the least, else `b`: so with a NaN in `a`, too.
         let least = self.binary(op, a, b);
@@ -122,7 +124,8 @@ impl Stretch {
             Op::FMin => (MINPS, POR),
             _ => (MAXPS, PAND),
         };
-        // The instruction gives its second operand if the two are equal or one of them is a NaN: as it must with a number but zero there.
+        // The instruction gives its second operand if the two are equal or one of them is a NaN: as
+        // it must with a number but zero there.
         let is_plain = |place: &Place| {
             let number = place.constant.map(|bits| f32::from_bits(bits as u32));
             number.is_some_and(|number| {
@@ -162,7 +165,8 @@ impl Stretch {
         if self.encoding == Encoding::Evex {
             return self.unary(CVTUDQ2PS, a);
         }
-        // 2^23 + low half, 2^39 + high half: exact. Their difference from what was added is, too, so that one sum rounds.
+        // 2^23 + low half, 2^39 + high half: exact. Their difference from what was added is, too,
+        // so that one sum rounds.
         let low = self.and(a, 0xffff);
         let (two_23, two_39) = (self.words(0x4b00_0000), self.words(0x5300_0000));
         let low = self.commutative(POR, low, two_23);
@@ -193,7 +197,8 @@ impl Stretch {
         if self.encoding == Encoding::Evex {
             return self.unary(CVTTPS2UDQ, a);
         }
-        // Half of the numbers are beyond a signed one: 2^31 is taken from those, and put back as their highest bit.
+        // Half of the numbers are beyond a signed one: 2^31 is taken from those, and put back as
+        // their highest bit.
         let low = self.unary(CVTTPS2DQ, a);
         let (half, all) = (self.words(0x4f00_0000), self.words(0x4f80_0000));
         let rest = self.binary(SUBPS, a, half);
@@ -276,7 +281,8 @@ impl Stretch {
         Some(())
     }
 
-    /// Notes where a result is. It is made in the last steps, so that no row of an operand is lost before.
+    /// Notes where a result is. It is made in the last steps, so that no row of an operand is lost
+    /// before.
     fn give(&mut self, place: &Place, held: Held) {
         for (k, part) in held.parts().enumerate() {
             self.infos[part as usize].home = self.home(place, k as i32);

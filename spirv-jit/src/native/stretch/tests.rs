@@ -1,4 +1,5 @@
-//! Encodings, against a decoder that is not ours. What the text of each must be is from Intel's manual.
+//! Encodings, against a decoder that is not ours. What the text of each must be is from Intel's
+//! manual.
 
 use iced_x86::{
     Decoder, DecoderOptions, Formatter, Instruction, MemorySizeOptions, NasmFormatter, OpKind,
@@ -9,8 +10,9 @@ use super::super::encode::{Operand, Register};
 use super::lower::*;
 use super::*;
 
-/// Text of an instruction's operands, in the manual's order: which field each is in (`r`: reg, `v`: vvvv, `m`: rm, `i`: the immediate, `s`:
-/// the immediate's upper half), then `h` for half a vector and `k` for a mask.
+/// Text of an instruction's operands, in the manual's order: which field each is in (`r`: reg, `v`:
+/// vvvv, `m`: rm, `i`: the immediate, `s`: the immediate's upper half), then `h` for half a vector
+/// and `k` for a mask.
 type Operands = &'static str;
 
 /// An instruction as the manual has it.
@@ -334,7 +336,8 @@ fn registers_are_decoded_as_they_were_encoded() {
 
 #[test]
 fn memory_is_decoded_as_it_was_encoded() {
-    // Short ones, those that are short in units of vectors, their neighbours, long ones, those off the vectors' alignment.
+    // Short ones, those that are short in units of vectors, their neighbours, long ones, those off
+    // the vectors' alignment.
     let displacements = [
         0,
         4,
@@ -425,7 +428,8 @@ fn logic_of_masks_is_decoded_as_it_was_encoded() {
     }
 }
 
-/// Constants behind the code: wherever an instruction is, with an immediate behind the displacement or without.
+/// Constants behind the code: wherever an instruction is, with an immediate behind the displacement
+/// or without.
 #[test]
 fn constants_are_found_behind_the_code() {
     let words = [1, 0x8000_0000, 3, u32::MAX];
@@ -554,7 +558,8 @@ fn functions_walk_over_frames() {
     );
 }
 
-/// Copies of `a + b` and of a condition, in active lanes, and of a row as it is: the mask is read for each subgroup, with AVX2 for each half.
+/// Copies of `a + b` and of a condition, in active lanes, and of a row as it is: the mask is read
+/// for each subgroup, with AVX2 for each half.
 #[test]
 fn copies_change_active_lanes() {
     let text = |encoding| {
@@ -596,7 +601,8 @@ fn copies_change_active_lanes() {
     );
 }
 
-/// No instruction but those at the ends of loops writes a pointer, and all memory is the frame's, uniform rows', or constants behind the code.
+/// No instruction but those at the ends of loops writes a pointer, and all memory is the frame's,
+/// uniform rows', or constants behind the code.
 #[test]
 fn memory_is_at_the_pointers_that_code_was_given() {
     use iced_x86::Register as R;
@@ -653,7 +659,8 @@ fn memory_is_at_the_pointers_that_code_was_given() {
     }
 }
 
-/// Intermediates have no place in memory: an operation with more of them than there are registers has no code.
+/// Intermediates have no place in memory: an operation with more of them than there are registers
+/// has no code.
 #[test]
 fn what_has_neither_register_nor_row_has_no_code() {
     for encoding in BOTH {

@@ -50,7 +50,8 @@ impl RowUse {
     }
 }
 
-/// Finds the cells of a function: rows of variables without an address, whose accesses agree in width or are 64-bit ones over words.
+/// Finds the cells of a function: rows of variables without an address, whose accesses agree in
+/// width or are 64-bit ones over words.
 pub fn find_cells(function: &Function) -> Cells {
     let mut accesses = Vec::new();
     let mut pinned = vec![false; function.variables.len()];

@@ -1,9 +1,11 @@
-//! Which cells a construct must hand on: those that are stored inside it and may be read after it (or, for a loop, in its next iteration).
+//! Which cells a construct must hand on: those that are stored inside it and may be read after it
+//! (or, for a loop, in its next iteration).
 
 use super::cells::{Cells, Promotion};
 use crate::ir::{Body, Label, Node, Op, Step, Terminator};
 
-/// A function's control flow and promoted accesses as a list, so that it can be read in both directions.
+/// A function's control flow and promoted accesses as a list, so that it can be read in both
+/// directions.
 #[derive(Clone, Copy)]
 enum Event {
     Load(u32),
@@ -25,14 +27,15 @@ enum Event {
 pub struct Candidates {
     /// Cells stored inside, in order.
     pub stored: Vec<u32>,
-    /// Of each: whether it may be read after the construct (in a loop: from its head on), going round no enclosing loop.
+    /// Of each: whether it may be read after the construct (in a loop: from its head on), going
+    /// round no enclosing loop.
     pub live: Vec<bool>,
 }
 
 /// Finds the candidates of each construct, by label.
 ///
-/// The cost is the number of bodies times the number of cells over 64. A cell that lives around an enclosing loop
-/// is the caller's to add: it is a parameter of that loop.
+/// The cost is the number of bodies times the number of cells over 64. A cell that lives around an
+/// enclosing loop is the caller's to add: it is a parameter of that loop.
 pub fn find_candidates(body: &Body, labels: u32, cells: &Cells) -> Vec<Candidates> {
     let events = list_events(body, cells);
     let mut candidates = collect_stored(&events, labels);
@@ -117,7 +120,8 @@ fn mark_live(events: &[Event], cell_count: usize, candidates: &mut [Candidates])
             Event::LeaveLoop(label) => {
                 at_label[label.index()] = Some(CellSet::empty(cell_count));
             }
-            // Liveness at the head is now exact: the back-edge adds only what passes through from the head itself.
+            // Liveness at the head is now exact: the back-edge adds only what passes through from
+            // the head itself.
             Event::EnterLoop(label) => candidates[label.index()].mark(&live),
             Event::EnterBlock => {}
             Event::Else => at_else.push(live.clone()),

@@ -170,7 +170,8 @@ impl Promoter<'_> {
         }
     }
 
-    /// Replaces a load by what the cell holds, or makes a store's operand that; with conversions where types differ.
+    /// Replaces a load by what the cell holds, or makes a store's operand that; with conversions
+    /// where types differ.
     ///
     /// Whether the access stays; what replaces it goes to `nodes`.
     #[inline(never)]

@@ -1,5 +1,5 @@
-//! Rules for floats: only what gives the same bits for every operand, infinities, zeros of both signs and denormals included; of NaNs
-//! only that they are NaNs.
+//! Rules for floats: only what gives the same bits for every operand, infinities, zeros of both
+//! signs and denormals included; of NaNs only that they are NaNs.
 
 use super::{Is, Outcome, Simplifier, becomes};
 use crate::ir::{Op, Type, Value};

@@ -1,5 +1,5 @@
-//! Cheaper operations with the same results: constants folded, identities that hold bit for bit (IEEE included, NaN payloads aside),
-//! packing and casting that undo each other.
+//! Cheaper operations with the same results: constants folded, identities that hold bit for bit
+//! (IEEE included, NaN payloads aside), packing and casting that undo each other.
 
 mod float_rules;
 mod int_rules;
@@ -58,7 +58,8 @@ struct Simplifier<'a> {
     function: &'a mut Function,
     substitution: Substitution,
     definitions: Vec<Definition>,
-    /// Pure operations with one result and up to three operands, the first of them in the places that are left.
+    /// Pure operations with one result and up to three operands, the first of them in the places
+    /// that are left.
     pure: Vec<(Op, [Value; 3])>,
     /// Instructions to put before the one at hand.
     emitted: Vec<Node>,
@@ -92,7 +93,8 @@ impl Simplifier<'_> {
             return self.simplify_unpack(inst);
         }
         let result = inst.results[0];
-        // Each rule brings an operation nearer to its end form; the bound is for rules that would disagree.
+        // Each rule brings an operation nearer to its end form; the bound is for rules that would
+        // disagree.
         for _ in 0..8 {
             let ty = self.function.ty(result);
             let outcome = self

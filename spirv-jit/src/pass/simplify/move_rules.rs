@@ -1,4 +1,5 @@
-//! Rules for what moves bits about: choices, casts, widths, packing; and for references to descriptors.
+//! Rules for what moves bits about: choices, casts, widths, packing; and for references to
+//! descriptors.
 
 use super::{Definition, Is, Outcome, Simplifier, becomes};
 use crate::environment::reference;

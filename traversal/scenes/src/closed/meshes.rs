@@ -137,8 +137,8 @@ pub(super) fn torus([around, tube]: [u32; 2], [radius, thickness]: [f64; 2]) -> 
     mesh(&vertices, &grid(around, tube, true))
 }
 
-/// A cylinder of so many sides and so high, whose rows are turned by half a side each (Schwarz): the
-/// flatter, the more its faces are folded.
+/// A cylinder of so many sides and so high, whose rows are turned by half a side each (Schwarz):
+/// the flatter, the more its faces are folded.
 pub(super) fn lantern(sides: u32, rows: u32, height: f64) -> Mesh {
     let mut vertices = Vec::new();
     for row in 0..rows {

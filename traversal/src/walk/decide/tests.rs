@@ -1,4 +1,5 @@
-//! Decisions and bounds against whole numbers, on rays and triangles that are nearly degenerate by construction.
+//! Decisions and bounds against whole numbers, on rays and triangles that are nearly degenerate by
+//! construction.
 //!
 //! So many of each kind as the environment's TRIPLES says.
 
@@ -98,9 +99,9 @@ pub(in crate::walk) struct Case {
     pub triangle: [[f32; 3]; 3],
 }
 
-/// Cases of several kinds in turn: an edge through the ray as far as f32 can say it, all of the triangle in the ray's plane nearly, whole
-/// numbers, all exponents, triangles in front of a ray of ordinary numbers, determinants
-/// of one unit.
+/// Cases of several kinds in turn: an edge through the ray as far as f32 can say it, all of the
+/// triangle in the ray's plane nearly, whole numbers, all exponents, triangles in front of a ray of
+/// ordinary numbers, determinants of one unit.
 pub(in crate::walk) fn case(kind: usize, random: &mut Random) -> Case {
     loop {
         let case = any_case(kind, random);
@@ -320,7 +321,8 @@ fn signs_are_those_of_whole_numbers() {
     assert!(zero > count() / 50 && exact > count() / 10 && hits > count() / 10);
 }
 
-/// A shear below the least number there is, times a distance of 10³⁴: what it moves the triangle by is as large as the triangle.
+/// A shear below the least number there is, times a distance of 10³⁴: what it moves the triangle by
+/// is as large as the triangle.
 #[test]
 fn shears_that_underflow_are_seen() {
     let case = Case {
@@ -342,7 +344,8 @@ fn shears_that_underflow_are_seen() {
     assert!((f64::from(found.barycentrics[0]) - weight).abs() < 1e-6);
 }
 
-/// The whole test, as walks do it: which triangles are hit, and the bounds of margins, weights and distances.
+/// The whole test, as walks do it: which triangles are hit, and the bounds of margins, weights and
+/// distances.
 #[test]
 fn bounds_hold() {
     let mut random = Random(0x0123_4567_89AB_CDEF);

@@ -144,8 +144,9 @@ pub(super) struct Place {
 }
 
 impl Place {
-    /// One ray after the other, by the rule that gives an edge to one of its triangles. Returns those that meet the triangle nearer than
-    /// what was found, and those of them that see its front.
+    /// One ray after the other, by the rule that gives an edge to one of its triangles. Returns
+    /// those that meet the triangle nearer than what was found, and those of them that see its
+    /// front.
     #[cold]
     #[inline(never)]
     pub fn meet_exactly(

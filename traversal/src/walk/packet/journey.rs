@@ -150,8 +150,9 @@ impl Packet<'_> {
         Entering::Inside(way)
     }
 
-    /// Takes rays through the instance that they have entered, from the leaf on at which they stand. Whether they stand at candidates
-    /// now, and a [`Suspended`](crate::walk::Suspended) keeps them.
+    /// Takes rays through the instance that they have entered, from the leaf on at which they
+    /// stand. Whether they stand at candidates now, and a [`Suspended`](crate::walk::Suspended)
+    /// keeps them.
     ///
     /// # Safety
     /// The machine has the kernel's instruction set.

@@ -17,7 +17,8 @@ use crate::walk::suspended::{Progress, Standing, Suspended};
 
 /// The tests of packets with one instruction set, and the functions that are made of them.
 ///
-/// Functions that are to be calls are compiled for the instruction set; the others are inlined into those.
+/// Functions that are to be calls are compiled for the instruction set; the others are inlined into
+/// those.
 pub(super) trait PacketKernel: Sized {
     /// A number of each ray, ready for tests.
     type Row: Copy;
@@ -52,7 +53,8 @@ pub(super) trait PacketKernel: Sized {
     /// As above.
     unsafe fn equal(row: &Words, word: u32) -> LaneMask;
 
-    /// Lanes whose inverse is not that of a direction along a plane: below [`STEEP`](super::rays::STEEP).
+    /// Lanes whose inverse is not that of a direction along a plane: below
+    /// [`STEEP`](super::rays::STEEP).
     ///
     /// # Safety
     /// As above.
@@ -183,7 +185,8 @@ pub(super) trait PacketKernel: Sized {
     ) -> Progress;
 }
 
-/// Defines the functions of a kernel that are compiled for its instruction set, each with the kernel's own tests inside.
+/// Defines the functions of a kernel that are compiled for its instruction set, each with the
+/// kernel's own tests inside.
 macro_rules! compiled {
     ($($(#[$feature:meta])? as $kernel:ty;)*) => {$(
         $(#[$feature])?

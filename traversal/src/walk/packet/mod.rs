@@ -1,13 +1,14 @@
 //! Sixteen rays at once, where they go the same way: what rays of one picture tile do.
 //!
 //! Each lane computes what a walk by itself would, with the same operations in the same order, and
-//! the hit does not depend on the order of the walk: so the hits are the same bits. (A ray that ends
-//! with its first hit may find another one first.) A first test of all eight children, against the interval of
-//! all rays, leaves one or two of them for the test of each ray.
+//! the hit does not depend on the order of the walk: so the hits are the same bits. (A ray that
+//! ends with its first hit may find another one first.) A first test of all eight children, against
+//! the interval of all rays, leaves one or two of them for the test of each ray.
 //!
 //! In an instance where rays no longer go the same way, each goes by itself. Anything unusual ends
-//! the attempt, and every walk starts anew. Where a [`Suspended`] keeps them, packets stop for candidates that shaders are to decide on:
-//! the next one of each ray in a leaf of triangles, or a box with all rays that meet it. Once they have, what is unusual splits them into single walks.
+//! the attempt, and every walk starts anew. Where a [`Suspended`] keeps them, packets stop for
+//! candidates that shaders are to decide on: the next one of each ray in a leaf of triangles, or a
+//! box with all rays that meet it. Once they have, what is unusual splits them into single walks.
 
 mod candidates;
 mod journey;
@@ -48,7 +49,8 @@ pub(crate) use stack::{PacketSpace, Stack};
 /// Fewer rays are not worth it.
 const ENOUGH: u32 = 6;
 
-/// Steps after which an attempt is given up, or rays part, if fuel lasts as long: few structures that are not corrupt take so many.
+/// Steps after which an attempt is given up, or rays part, if fuel lasts as long: few structures
+/// that are not corrupt take so many.
 const PATIENCE: u32 = 1 << 16;
 
 /// Directions differ by at most this, relative to the longest component.
@@ -57,11 +59,13 @@ const SPREAD: f32 = 0.125;
 /// Origins differ by at most this, relative to their distance from the origin of space.
 const WIDTH_OF_BEAM: f32 = 1.0 / 64.0;
 
-/// The same for directions and origins of rays that are nearly parallel: to one light far away, for instance.
+/// The same for directions and origins of rays that are nearly parallel: to one light far away, for
+/// instance.
 const SPREAD_OF_PARALLEL: f32 = 1.0 / 256.0;
 const WIDTH_OF_PARALLEL: f32 = 1.0 / 4.0;
 
-/// Traces rays together if they cohere: to their ends or, with a [`Suspended`] to keep them, to candidates.
+/// Traces rays together if they cohere: to their ends or, with a [`Suspended`] to keep them, to
+/// candidates.
 ///
 /// # Safety
 /// The contract of [`Walk::new`], for every ray.
@@ -77,7 +81,8 @@ pub(crate) unsafe fn run(
     }
     match walker.options.tier {
         #[cfg(target_arch = "x86_64")]
-        // SAFETY: the caller's promise; a walker has this tier only on machines that have the instruction set.
+        // SAFETY: the caller's promise; a walker has this tier only on machines that have the
+        // instruction set.
         Tier::Avx512 => unsafe { wide::Avx512::trace_packet(rays, lanes, hits, walker, suspended) },
         #[cfg(target_arch = "x86_64")]
         // SAFETY: likewise.
@@ -109,13 +114,15 @@ pub(crate) unsafe fn resume(
     }
 }
 
-/// Steps that a packet may take: no more than single rays take before they look at whether they may go on.
+/// Steps that a packet may take: no more than single rays take before they look at whether they may
+/// go on.
 fn patience(walker: &Walker) -> u32 {
     let fuel = u32::try_from(walker.options.fuel);
     fuel.map_or(PATIENCE, |fuel| fuel.min(PATIENCE))
 }
 
-/// Whether rays are enough, have structure, flags and mask in common, and the first and the last go the same way.
+/// Whether rays are enough, have structure, flags and mask in common, and the first and the last go
+/// the same way.
 fn may_cohere(rays: &RayRows, lanes: LaneMask) -> bool {
     if lanes.count() < ENOUGH {
         return false;
@@ -129,8 +136,8 @@ fn may_cohere(rays: &RayRows, lanes: LaneMask) -> bool {
     close && rays.alike(first, lanes) == lanes
 }
 
-/// Whether rays start near each other (by the size of their distances from the origin of space), and go
-/// the same way.
+/// Whether rays start near each other (by the size of their distances from the origin of space),
+/// and go the same way.
 #[inline(always)]
 fn cohere(given: &Given, lanes: LaneMask) -> bool {
     let (o, d) = (&given.origin, &given.direction);
@@ -378,8 +385,8 @@ impl Packet<'_> {
         None
     }
 
-    /// Takes each ray of `lanes` through an instance of a top level of several; false if a walk has a question or does not
-    /// end.
+    /// Takes each ray of `lanes` through an instance of a top level of several; false if a walk has
+    /// a question or does not end.
     #[cold]
     fn go_singly(&mut self, walker: &mut Walker, index: u32, lanes: LaneMask) -> bool {
         let mut walk = Walk::OVER;
@@ -393,7 +400,8 @@ impl Packet<'_> {
             let before = (walk.has_hit, walk.hit);
             (walk.state, walk.instance) = (State::OutOfFuel, index);
             walk.pending.push(Entry::ROOT);
-            // A corrupt structure may lead in circles: then the walk that starts anew runs out of its fuel.
+            // A corrupt structure may lead in circles: then the walk that starts anew runs out of
+            // its fuel.
             let mut fuel = patience(walker).into();
             if walk.resume(walker, Verdict::Continue, &mut fuel) != Event::Done {
                 return false;

@@ -1,4 +1,5 @@
-//! Packets where there are no vectors of sixteen: loops over lanes that compilers turn into vectors, and leaves one ray after the other.
+//! Packets where there are no vectors of sixteen: loops over lanes that compilers turn into
+//! vectors, and leaves one ray after the other.
 
 use lanes::LaneMask;
 

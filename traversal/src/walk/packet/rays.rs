@@ -45,7 +45,8 @@ pub(crate) struct Rays {
     /// Offsets in bytes of the axes in a vertex.
     pub axes: [usize; 3],
     pub(super) interval: Interval,
-    /// Where rays hit the triangles of a leaf, for those that look at it ray by ray, and its word; 0 is none.
+    /// Where rays hit the triangles of a leaf, for those that look at it ray by ray, and its word;
+    /// 0 is none.
     pub(super) hits: [GroupHits; PACKET],
     pub(super) hits_of: u32,
 }
@@ -85,7 +86,8 @@ impl Rays {
 
 #[cfg(target_arch = "x86_64")]
 impl Rays {
-    /// Which of eight boxes any of the rays might meet, by their near and their far planes, and where at the soonest.
+    /// Which of eight boxes any of the rays might meet, by their near and their far planes, and
+    /// where at the soonest.
     #[inline]
     #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
     fn test_planes(

@@ -16,7 +16,8 @@ use crate::walk::group_hits::GroupHits;
 use crate::walk::sight::LaneOf;
 use crate::walk::triangle::{Intersection, ORDINARY, intersect, rounding};
 
-/// Tests the triangles of a leaf: those whose boxes any ray might meet, or all for each ray where those are fewer.
+/// Tests the triangles of a leaf: those whose boxes any ray might meet, or all for each ray where
+/// those are fewer.
 #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
 pub(super) fn test_leaf(
     rays: &Rays,
@@ -86,7 +87,8 @@ fn test_singly(
 
 type Flat = (__m512, __m512, __m512);
 
-/// Where rays meet a triangle: after the lower ends of their intervals, and not surely after the upper ones.
+/// Where rays meet a triangle: after the lower ends of their intervals, and not surely after the
+/// upper ones.
 pub(super) struct Meeting {
     /// Those that meet it inside, for sure.
     pub lanes: LaneMask,
@@ -140,7 +142,8 @@ pub(super) fn test_triangle(
     }
 }
 
-/// As [`intersect`](crate::walk::group::intersect) does it for a leaf's triangles and one ray; `None` if no ray meets the triangle.
+/// As [`intersect`](crate::walk::group::intersect) does it for a leaf's triangles and one ray;
+/// `None` if no ray meets the triangle.
 #[inline]
 #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
 pub(super) fn meet(

@@ -1,12 +1,14 @@
 //! Many rays at once, node by node (Barringer and Akenine-Möller 2014).
 //!
-//! Rays of one octant make a stream: a list of them enters the root, and each node sorts its list into one for each child.
-//! Nothing that is computed for a ray depends on the ray before, so the tests of many overlap; what follows from them is done without
-//! branches, sixteen rays at a time. Up to eight streams take turns, node by node, so that the memory of the next node is
-//! on its way while others are at theirs. A list that comes to an instance makes streams of its own there.
+//! Rays of one octant make a stream: a list of them enters the root, and each node sorts its list
+//! into one for each child. Nothing that is computed for a ray depends on the ray before, so the
+//! tests of many overlap; what follows from them is done without branches, sixteen rays at a time.
+//! Up to eight streams take turns, node by node, so that the memory of the next node is on its way
+//! while others are at theirs. A list that comes to an instance makes streams of its own there.
 //!
-//! Each ray is tested as by itself, with the same operations. The hit does not depend on the order of the walk; and rays that end
-//! with their first hit visit children in the same order as by themselves. So the hits are the same bits.
+//! Each ray is tested as by itself, with the same operations. The hit does not depend on the order
+//! of the walk; and rays that end with their first hit visit children in the same order as by
+//! themselves. So the hits are the same bits.
 //!
 //! Cases that a stream does not handle (non-opaque triangles, boxes, motion, rays of unusual
 //! length, an end of fuel) go to single walks that start anew.
@@ -136,7 +138,8 @@ impl Walker {
         if self.streams.outer.rays.is_empty() {
             return;
         }
-        // SAFETY: the caller's promise; rays were added only by a tier that has the instruction set.
+        // SAFETY: the caller's promise; rays were added only by a tier that has the instruction
+        // set.
         unsafe {
             self.run_outer(fuel);
             self.tell(caller);

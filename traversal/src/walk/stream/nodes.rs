@@ -55,7 +55,8 @@ pub(super) fn chosen(words: __m256i, mask: u8) -> __m256i {
 /// Puts the words of a mask's lanes down; returns how many those are.
 ///
 /// # Safety
-/// There is room for sixteen. The machine has AVX2, `WIDE`: AVX-512, and so does the function that this becomes part of.
+/// There is room for sixteen. The machine has AVX2, `WIDE`: AVX-512, and so does the function that
+/// this becomes part of.
 #[inline(always)]
 pub(super) unsafe fn put_chosen<const WIDE: bool>(
     place: *mut u32,
@@ -130,7 +131,8 @@ impl Planes {
         }
     }
 
-    /// Which children a ray meets, and where it enters them, all ones where it does not; as [`Kernel::meet`] does it.
+    /// Which children a ray meets, and where it enters them, all ones where it does not; as
+    /// [`Kernel::meet`] does it.
     #[inline]
     #[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
     fn meet(&self, ray: &StreamRay) -> (u8, __m256i) {
@@ -182,7 +184,8 @@ pub(super) unsafe fn meet_wide<const ANY: bool>(
     unsafe { meet_with::<ANY, true>(stream, octant_stack, list, node) }
 }
 
-/// Tests the rays of a list against the children of a node, and makes lists of those that meet each.
+/// Tests the rays of a list against the children of a node, and makes lists of those that meet
+/// each.
 ///
 /// # Safety
 /// The machine has the instruction set. There is room for eight lists.
@@ -262,7 +265,8 @@ unsafe fn meet_with<const ANY: bool, const WIDE: bool>(
         _mm256_storeu_si256(order.as_mut_ptr().cast(), in_order);
         let mut top = list.first;
         octant_stack.lists.reserve(WIDTH);
-        // The words of all lists made here are eight times as many as of this one at most, for which there is room, and slack.
+        // The words of all lists made here are eight times as many as of this one at most, for
+        // which there is room, and slack.
         let words = stream.words.as_mut_ptr();
         for &column in order[..all.count_ones() as usize].iter().rev() {
             let column = column as usize % WIDTH;

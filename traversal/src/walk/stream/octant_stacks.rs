@@ -15,7 +15,8 @@ use crate::walk::entry::STACK;
 use crate::walk::opaque::Nearest;
 use crate::walk::rows::Words;
 
-/// Words of an octant's lists for each of its rays: enough unless rays meet nearly all children. Where they do, they go on singly.
+/// Words of an octant's lists for each of its rays: enough unless rays meet nearly all children.
+/// Where they do, they go on singly.
 const WORDS: usize = 24;
 
 /// Lanes that a vector may write beyond the end of a list.
@@ -64,7 +65,8 @@ impl Stream {
         self.present = 0;
     }
 
-    /// Adds rays, with what they have found before. `rays` puts all sixteen down, and returns their octants.
+    /// Adds rays, with what they have found before. `rays` puts all sixteen down, and returns their
+    /// octants.
     #[inline]
     #[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
     pub fn add(
@@ -172,7 +174,8 @@ impl Stream {
                 let ours = octants.iter().enumerate().fold(0, |ours, (lane, &own)| {
                     ours | u32::from(own as usize == octant) << lane
                 });
-                // SAFETY: a list has no more words than there are rays in its octant, and there is slack.
+                // SAFETY: a list has no more words than there are rays in its octant, and there is
+                // slack.
                 unsafe {
                     top += put_chosen::<false>(self.words.as_mut_ptr().add(top), offsets, ours)
                         as usize;
@@ -226,8 +229,8 @@ unsafe fn run_wide<P: Place, const ANY: bool>(
     unsafe { run_with::<P, ANY, true>(stream, place, going, fuel) }
 }
 
-/// Takes turns with the stacks of octants until all are at their ends, or fuel is. What is called here has one caller for each
-/// instruction set, so that it becomes part of it.
+/// Takes turns with the stacks of octants until all are at their ends, or fuel is. What is called
+/// here has one caller for each instruction set, so that it becomes part of it.
 ///
 /// # Safety
 /// The machine has the instruction set.
@@ -257,7 +260,8 @@ unsafe fn run_with<P: Place, const ANY: bool, const WIDE: bool>(
             break;
         };
         let has_room = list.first as usize + WIDTH * count + SLACK <= octant_stack.end;
-        // SAFETY: the caller's promise; words of nodes are below the count, so inside the part, and parts are aligned.
+        // SAFETY: the caller's promise; words of nodes are below the count, so inside the part, and
+        // parts are aligned.
         unsafe {
             // Words of leaves are above every index of a node.
             if list.word >= place.structure().node_count() {

@@ -9,14 +9,16 @@ use crate::walk::rows::{Lanes, Words};
 use crate::walk::sight::Sight;
 use crate::walk::space::min;
 
-/// A ray in its bottom level: a line for boxes, by the axes of space, and a line for triangles, by its own; see [`Beams`].
+/// A ray in its bottom level: a line for boxes, by the axes of space, and a line for triangles, by
+/// its own; see [`Beams`].
 #[derive(Clone, Copy)]
 #[repr(C, align(128))]
 pub(super) struct StreamRay {
     pub minus_origin: [f32; 3],
     pub t_min: f32,
     pub near_inverse: [f32; 3],
-    /// The end of the interval, or one of the marks below: so one comparison sees both. Only what is here writes it.
+    /// The end of the interval, or one of the marks below: so one comparison sees both. Only what
+    /// is here writes it.
     t_far: f32,
     pub minus_far_origin: [f32; 3],
     pub far_inverse: [f32; 3],
@@ -47,11 +49,12 @@ pub(super) const fn index(offset: u32) -> usize {
     offset as usize / size_of::<StreamRay>()
 }
 
-/// A mark in [`StreamRay::t_far`]: the ray has ended with its first hit. Marks are below every distance, so a ray that has one meets
-/// nothing more.
+/// A mark in [`StreamRay::t_far`]: the ray has ended with its first hit. Marks are below every
+/// distance, so a ray that has one meets nothing more.
 const OVER: f32 = -1.0;
 
-/// Another mark: what the stream has found of the ray is not all, and it is to be traced by itself, from its start.
+/// Another mark: what the stream has found of the ray is not all, and it is to be traced by itself,
+/// from its start.
 const SINGLE: f32 = -2.0;
 
 /// The name of a lane's ray.
@@ -108,8 +111,8 @@ impl StreamRay {
         }
     }
 
-    /// Takes over what has become of the same ray in an instance: its mark, or the end of its interval. Distances are the same in both
-    /// spaces.
+    /// Takes over what has become of the same ray in an instance: its mark, or the end of its
+    /// interval. Distances are the same in both spaces.
     #[inline(always)]
     pub fn follow(&mut self, inner: &StreamRay) {
         if self.is_on_its_way() {
@@ -224,8 +227,8 @@ pub(super) fn put(
     with_boxes(beams, &boxes, t_far, names, last, places)
 }
 
-/// Puts rays that were set up together in a top level down one after the other; returns their octants. What instances have of them is in the second
-/// line: see [`given`].
+/// Puts rays that were set up together in a top level down one after the other; returns their
+/// octants. What instances have of them is in the second line: see [`given`].
 #[inline]
 #[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
 pub(super) fn put_at_top(
@@ -244,7 +247,8 @@ pub(super) fn put_at_top(
     with_boxes(beams, &boxes, t_far, names, transpose(last), places)
 }
 
-/// The rays of a list in a top level, for the places of an instance; there are sixteen at most. Lanes without a ray repeat the first.
+/// The rays of a list in a top level, for the places of an instance; there are sixteen at most.
+/// Lanes without a ray repeat the first.
 #[inline]
 #[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
 pub(super) fn given(rays: &[StreamRay], offsets: &[u32]) -> (Given, Lanes, Words) {

@@ -23,7 +23,8 @@ pub(crate) struct Streams {
     pub(super) inner: Stream,
     /// Groups and lanes of those that are to be traced by themselves.
     pub(super) singles: Vec<(u32, LaneMask)>,
-    /// Rays through this top level are not added to streams for some time: too many had to be traced by themselves.
+    /// Rays through this top level are not added to streams for some time: too many had to be
+    /// traced by themselves.
     pub(super) unsuited: u64,
     pub(super) pause: u32,
 }

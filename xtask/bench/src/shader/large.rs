@@ -1,4 +1,5 @@
-//! A hundred values that live through a loop whose length differs by lane, with a divergent branch in it.
+//! A hundred values that live through a loop whose length differs by lane, with a divergent branch
+//! in it.
 
 use std::fmt::Write;
 
@@ -123,7 +124,8 @@ fn each(f: impl Fn(usize) -> f32) -> Lanes {
     lanes
 }
 
-/// Sixteen lanes, with selections where they diverge: what a vectorising compiler makes of the shader.
+/// Sixteen lanes, with selections where they diverge: what a vectorising compiler makes of the
+/// shader.
 #[inline(always)]
 fn native_block([x, y, z]: [&Lanes; 3]) -> Lanes {
     let mut values = [[0.0; LANES]; VALUES];

@@ -1,4 +1,5 @@
-//! Shaders' arithmetic: the interpreter's speed as a share of what the compiler makes of the same operations for the same vectors.
+//! Shaders' arithmetic: the interpreter's speed as a share of what the compiler makes of the same
+//! operations for the same vectors.
 
 mod large;
 mod small;

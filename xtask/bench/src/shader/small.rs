@@ -1,4 +1,5 @@
-//! About 160 operations in four iterations of a loop, then a divergent branch with a sine on one side and a square root on the other.
+//! About 160 operations in four iterations of a loop, then a divergent branch with a sine on one
+//! side and a square root on the other.
 
 use std::fmt::Write;
 

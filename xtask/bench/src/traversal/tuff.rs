@@ -117,7 +117,8 @@ impl Tuff {
         })
     }
 
-    /// Walks rays to their ends in lists of one subgroup's, as many together as the driver has in one batch.
+    /// Walks rays to their ends in lists of one subgroup's, as many together as the driver has in
+    /// one batch.
     fn walk(&self, rays: &[Ray], how: How, mut done: impl FnMut(Option<&Hit>)) {
         let mut walker = Walker::new();
         let mut batch = Batch {

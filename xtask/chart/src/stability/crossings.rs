@@ -1,4 +1,5 @@
-//! How often a surface counts that is crossed once: what any-hit shaders see at shared edges and vertices.
+//! How often a surface counts that is crossed once: what any-hit shaders see at shared edges and
+//! vertices.
 
 use anyhow::Result;
 use traversal::Accuracy;

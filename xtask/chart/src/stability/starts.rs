@@ -1,4 +1,5 @@
-//! Rays that leave a surface: what keeps them from meeting it again, and what makes them pass through its neighbour.
+//! Rays that leave a surface: what keeps them from meeting it again, and what makes them pass
+//! through its neighbour.
 
 use anyhow::Result;
 use canvas::short;
@@ -48,8 +49,8 @@ impl Seen<'_> {
     }
 }
 
-/// Wächter and Binder, "A Fast and Robust Method for Avoiding Self-Intersection" (2019): by units in the last place, and by a
-/// constant near 0.
+/// Wächter and Binder, "A Fast and Robust Method for Avoiding Self-Intersection" (2019): by units
+/// in the last place, and by a constant near 0.
 fn by_last_places(from: [f32; 3], normal: [f32; 3]) -> [f32; 3] {
     std::array::from_fn(|i| {
         if from[i].abs() < 1.0 / 32.0 {

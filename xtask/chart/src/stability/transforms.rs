@@ -141,8 +141,8 @@ pub fn measure(options: &Options, report: &mut Report) -> Result<()> {
     Ok(())
 }
 
-/// A ray at a point of the mesh as it is placed, from two units of the object's space outside along a way
-/// near the normal; and where it meets the mesh, by f64.
+/// A ray at a point of the mesh as it is placed, from two units of the object's space outside along
+/// a way near the normal; and where it meets the mesh, by f64.
 fn aim(mesh: &Mesh, placed: &[f32; 12], random: &mut Random) -> (Ray, f64) {
     loop {
         let index = (random.unit() * mesh.indices.len() as f64) as usize;

@@ -98,7 +98,8 @@ pub fn measure(options: &Options, report: &mut Report) -> Result<()> {
     Ok(())
 }
 
-/// How much longer it takes without, by pairs of processes; whether the one with or the one without goes first, alternates.
+/// How much longer it takes without, by pairs of processes; whether the one with or the one without
+/// goes first, alternates.
 fn gain(options: &Options, cell: &Cell<'_>, rounds: usize, bar: &ProgressBar) -> Result<Gain> {
     let Column {
         workload, turns, ..

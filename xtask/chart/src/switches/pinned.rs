@@ -1,4 +1,5 @@
-//! Work on several processors at once, each piece on one of its own: a process that is started there stays there.
+//! Work on several processors at once, each piece on one of its own: a process that is started
+//! there stays there.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 

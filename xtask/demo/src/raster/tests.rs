@@ -1,7 +1,8 @@
-//! Rasterization and rays see the same: at each pixel's centre the same primitive, but where the centre lies on an edge, or two surfaces at
-//! the same depth.
+//! Rasterization and rays see the same: at each pixel's centre the same primitive, but where the
+//! centre lies on an edge, or two surfaces at the same depth.
 //!
-//! Which of the two is right where they differ is computed in 64 bits, whose error is far below the bounds.
+//! Which of the two is right where they differ is computed in 64 bits, whose error is far below the
+//! bounds.
 
 use ash::vk;
 use glam::{DMat3, DVec2, DVec3, Vec3};
@@ -13,11 +14,13 @@ use crate::vulkan::{Context, Wish};
 
 const SIZE: (u32, u32) = (640, 360);
 
-/// Vertices are snapped to 1/256 of a pixel, that is, by up to √2/512; the rest is for the rounding of `f32` on the way there.
+/// Vertices are snapped to 1/256 of a pixel, that is, by up to √2/512; the rest is for the rounding
+/// of `f32` on the way there.
 const SNAPPING: f64 = 1.0 / 256.0;
 
-/// Of all pixels. An edge passes a pixel's centre within the snapping distance in 2/256 of the cases for each edge that crosses the
-/// pixel, if it is moved that far; most are moved less, and most pixels have none.
+/// Of all pixels. An edge passes a pixel's centre within the snapping distance in 2/256 of the
+/// cases for each edge that crosses the pixel, if it is moved that far; most are moved less, and
+/// most pixels have none.
 const MAX_SHARE: f64 = 0.003;
 
 /// The object at a pixel's centre: an instance's number plus one, a geometry or procedural
@@ -41,7 +44,8 @@ impl Eye {
         }
     }
 
-    /// A point's place in pixels, times its distance along the view's axis, which is the third component.
+    /// A point's place in pixels, times its distance along the view's axis, which is the third
+    /// component.
     fn see(&self, point: DVec3) -> DVec3 {
         let p = self.to_picture * (point - self.position);
         let (width, height) = (f64::from(SIZE.0), f64::from(SIZE.1));
@@ -95,7 +99,8 @@ impl Triangle {
         (nearest, inside)
     }
 
-    /// One over the distance along the view's axis at a place, and by how much snapping can move that.
+    /// One over the distance along the view's axis at a place, and by how much snapping can move
+    /// that.
     fn nearness(&self, at: DVec2) -> (f64, f64) {
         let [a, b, c] = self.0;
         let plane = DMat3::from_cols(a, b, c).transpose().inverse() * DVec3::ONE;

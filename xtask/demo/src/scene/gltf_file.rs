@@ -103,7 +103,8 @@ fn uris(parsed: &gltf::Gltf) -> Vec<&str> {
         gltf::image::Source::Uri { uri, .. } => Some(uri),
         gltf::image::Source::View { .. } => None,
     });
-    // Data that stands in the file itself has a scheme; so have files elsewhere, which the reader refuses.
+    // Data that stands in the file itself has a scheme; so have files elsewhere, which the reader
+    // refuses.
     (buffers.chain(images))
         .filter(|uri| !uri.contains(':'))
         .collect()
@@ -394,8 +395,8 @@ impl Import<'_> {
     }
 }
 
-/// Which texture coordinates a material uses, and what becomes of them (`KHR_texture_transform`). The renderer has one pair a vertex, so
-/// the material's first texture decides for all.
+/// Which texture coordinates a material uses, and what becomes of them (`KHR_texture_transform`).
+/// The renderer has one pair a vertex, so the material's first texture decides for all.
 struct Mapping {
     set: u32,
     offset: [f32; 2],
@@ -474,7 +475,8 @@ fn texels(image: &Data) -> Result<Vec<[u8; 4]>> {
     })
 }
 
-/// A mesh that has no normals has flat faces (glTF 2.0, "Meshes"): each triangle gets vertices of its own.
+/// A mesh that has no normals has flat faces (glTF 2.0, "Meshes"): each triangle gets vertices of
+/// its own.
 fn faceted(vertices: &[Vertex], indices: &[u32]) -> Part {
     let corners = indices.chunks_exact(3).flat_map(|triangle| {
         let corners = [0, 1, 2].map(|corner| vertices[triangle[corner] as usize]);

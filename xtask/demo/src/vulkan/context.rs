@@ -179,7 +179,8 @@ fn open_driver(path: &Path) -> Result<ash::Entry> {
     }
 }
 
-/// The first device with all that is needed, and a queue family of it that computes, and draws if it is to.
+/// The first device with all that is needed, and a queue family of it that computes, and draws if
+/// it is to.
 fn choose(instance: &ash::Instance, wish: Wish) -> Result<(vk::PhysicalDevice, u32)> {
     let draws = wish.draws;
     let wanted = match draws {

@@ -93,7 +93,8 @@ fn whole(aspect: vk::ImageAspectFlags) -> vk::ImageSubresourceRange {
         .layer_count(1)
 }
 
-/// Changes the layout of a picture of one level between all that was recorded before and all that comes after.
+/// Changes the layout of a picture of one level between all that was recorded before and all that
+/// comes after.
 pub fn change_layout(
     context: &Context,
     commands: vk::CommandBuffer,

@@ -1,6 +1,7 @@
 //! Pipeline caches: whole, cut, and changed with checksums that are right again.
 //!
-//! An entry of Tuff's is a key (16 bytes), a length (4), a checksum (8), and a module. Another driver's is changed all the same.
+//! An entry of Tuff's is a key (16 bytes), a length (4), a checksum (8), and a module. Another
+//! driver's is changed all the same.
 
 use ash::vk;
 use tuff_tests::{Kernel, Stage};

@@ -7,11 +7,12 @@ use super::{RGBA, bytes, canvas, check_colors, drawn, draws, look, over, size, t
 use crate::workload::Prepared;
 use crate::world::Scale;
 
-/// Rows of a band. Bands are less high than tiles of renderers are, or one that finds a tile covered whole may drop what lies below.
+/// Rows of a band. Bands are less high than tiles of renderers are, or one that finds a tile
+/// covered whole may drop what lies below.
 const BAND: u32 = 60;
 
-/// Bands over all of the viewport, an instance a layer; later layers are nearer. Their sides slant, outside of the viewport: what is measured are
-/// triangles, not rectangles.
+/// Bands over all of the viewport, an instance a layer; later layers are nearer. Their sides slant,
+/// outside of the viewport: what is measured are triangles, not rectangles.
 const COVER: &str = "
     layout(location = 0) out vec2 at;
     layout(push_constant) uniform Push { float height; };

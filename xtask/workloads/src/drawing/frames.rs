@@ -228,7 +228,8 @@ fn reference(width: u32, height: u32, windows: &[Window]) -> Vec<[u8; 4]> {
     picture.into_iter().map(bytes).collect()
 }
 
-/// Ten frames as immediate-mode interfaces draw them: one vertex buffer, 192 windows with a scissor and a draw each.
+/// Ten frames as immediate-mode interfaces draw them: one vertex buffer, 192 windows with a scissor
+/// and a draw each.
 pub fn interface(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
     const FRAMES: u32 = 10;
     if !can_draw(gpu) {

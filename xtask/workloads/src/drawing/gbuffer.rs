@@ -1,4 +1,5 @@
-//! The scene as the first pass of a renderer draws it: indexed meshes, instances, depth, and an attachment for each property.
+//! The scene as the first pass of a renderer draws it: indexed meshes, instances, depth, and an
+//! attachment for each property.
 
 use anyhow::{Result, ensure};
 use glam::{Affine3A, DVec3, Mat4, Vec3, vec3};

@@ -1,7 +1,7 @@
 //! Workloads that draw: what each sets up, one turn of it, and how its picture is checked.
 //!
-//! Each picture is held against a reference that is computed here, exactly where the specification leaves no freedom, so that a driver
-//! that draws something else gets no time.
+//! Each picture is held against a reference that is computed here, exactly where the specification
+//! leaves no freedom, so that a driver that draws something else gets no time.
 
 mod fill;
 mod frames;
@@ -182,7 +182,8 @@ fn drawn(
     }
 }
 
-/// Holds every pixel of an attachment of four bytes a texel against what it is to be, within a tolerance.
+/// Holds every pixel of an attachment of four bytes a texel against what it is to be, within a
+/// tolerance.
 fn check_colors(
     gpu: &Gpu,
     canvas: &Canvas,

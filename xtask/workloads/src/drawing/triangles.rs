@@ -37,7 +37,8 @@ fn color(column: u32, row: u32) -> [u8; 4] {
     [word >> 8, word >> 16, word >> 24, 255].map(|part| part as u8)
 }
 
-/// A right triangle with legs of `side` pixels in each square of so many; drawn as often as makes a long turn.
+/// A right triangle with legs of `side` pixels in each square of so many; drawn as often as makes a
+/// long turn.
 pub fn flat(gpu: &Gpu, scale: &Scale, side: u32) -> Option<Prepared> {
     if !draws(gpu) {
         return None;

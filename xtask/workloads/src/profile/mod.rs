@@ -1,4 +1,5 @@
-//! Where the time of a workload goes: its process is sampled from within, so that no permission is needed, and drawn as flames.
+//! Where the time of a workload goes: its process is sampled from within, so that no permission is
+//! needed, and drawn as flames.
 
 mod stacks;
 

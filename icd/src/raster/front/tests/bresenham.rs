@@ -10,7 +10,8 @@ use crate::raster::primitive::Coverage;
 /// Units of a fixed-point unit: ε is 2⁻²⁰ of them, its square 2⁻⁴⁰.
 const SCALE: i128 = 1 << 40;
 
-/// Whether the open diamond around a centre meets the segment; `None` if the segment lies beside it.
+/// Whether the open diamond around a centre meets the segment; `None` if the segment lies beside
+/// it.
 fn meets(from: [i128; 2], to: [i128; 2], center: [i128; 2]) -> bool {
     // |x| + |y| < half: four half-planes. The part of the segment inside is where all distances are positive.
     let half = 128 * SCALE;
@@ -123,7 +124,8 @@ fn pixels_are_those_whose_diamonds_are_left() {
 
 #[test]
 fn strips_draw_their_corners_once() {
-    // Of a closed strip of lines in one direction, each pixel where two lines meet belongs to one of them.
+    // Of a closed strip of lines in one direction, each pixel where two lines meet belongs to one
+    // of them.
     let facts = facts(&bresenham_state(), 1);
     let mut random = Random::with_seed(31);
     for _ in 0..300 {

@@ -104,7 +104,8 @@ fn planes_of_triangles_that_pass_the_camera_are_right() {
             }
             let depth = value(&record.depth, record, place[0], place[1]);
             assert!((depth - z / w).abs() < tolerance);
-            // The pixel's sample, if it is away from the edges, is covered; other places are outside of what bounds say.
+            // The pixel's sample, if it is away from the edges, is covered; other places are
+            // outside of what bounds say.
             let sample = place.map(|c| c.floor() + 0.5);
             let at = |plane| value(plane, record, sample[0], sample[1]);
             let within = record.perspective.iter().all(|plane| at(plane) > 0.1);
@@ -120,7 +121,8 @@ fn planes_of_triangles_that_pass_the_camera_are_right() {
 
 #[test]
 fn barycentric_coordinates_are_within_what_is_covered() {
-    // Slivers, with corners between the places that positions snap to: coordinates are of what is drawn, not of what was meant.
+    // Slivers, with corners between the places that positions snap to: coordinates are of what is
+    // drawn, not of what was meant.
     let mut random = Random::with_seed(22);
     let facts = facts(&state(), 1);
     let mut compared = 0;

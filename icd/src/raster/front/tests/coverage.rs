@@ -29,7 +29,8 @@ fn a_triangle_covers_what_is_inside_and_nothing_outside() {
     for round in 0..400 {
         let count = if round % 2 == 0 { 1 } else { 4 };
         let facts = facts(&state(), count);
-        // Sometimes on a coarse grid, so that samples lie on edges, and sometimes small, or far outside.
+        // Sometimes on a coarse grid, so that samples lie on edges, and sometimes small, or far
+        // outside.
         let (grid, low, high) = match round % 4 {
             0 => (32, 0, 512),
             1 => (1, 0, 64 * 256),
@@ -60,7 +61,8 @@ fn a_triangle_covers_what_is_inside_and_nothing_outside() {
     }
 }
 
-/// With one sample a pixel, a triangle by one or two centres is a shape exactly if it covers one of them.
+/// With one sample a pixel, a triangle by one or two centres is a shape exactly if it covers one of
+/// them.
 #[test]
 fn small_triangles_are_shapes_if_they_cover_a_center() {
     let mut random = Random::with_seed(31);
@@ -99,7 +101,8 @@ fn small_triangles_are_shapes_if_they_cover_a_center() {
     assert!(shapes > 1000 && dropped > 1000, "{shapes} {dropped}");
 }
 
-/// Draws a net of triangles over the screen, whose corners `place` gives for each node, and counts how often each sample is covered.
+/// Draws a net of triangles over the screen, whose corners `place` gives for each node, and counts
+/// how often each sample is covered.
 fn covered_by_net(
     nodes: i64,
     samples_count: u32,
@@ -160,8 +163,9 @@ fn shared_edges_are_covered_once() {
 
 #[test]
 fn clipped_surfaces_are_covered_once() {
-    // A plane that passes the camera: nodes are behind it, in front of the near plane, and beyond the far one. It fills the screen's lower half
-    // and more; clipped at depth or not, no sample that it covers is covered twice, and none inside is missed.
+    // A plane that passes the camera: nodes are behind it, in front of the near plane, and beyond
+    // the far one. It fills the screen's lower half and more; clipped at depth or not, no sample
+    // that it covers is covered twice, and none inside is missed.
     let mut random = Random::with_seed(3);
     for clips in [true, false] {
         let mut state = state();
@@ -204,8 +208,8 @@ fn clipped_surfaces_are_covered_once() {
 
 #[test]
 fn huge_coordinates_cover_as_exact_ones_do() {
-    // A corner far beyond the guard band: the two sides that meet there are nearly parallel on the screen. What lies more than a pixel from
-    // them is decided.
+    // A corner far beyond the guard band: the two sides that meet there are nearly parallel on the
+    // screen. What lies more than a pixel from them is decided.
     let mut random = Random::with_seed(4);
     let facts = facts(&state(), 1);
     for _ in 0..300 {

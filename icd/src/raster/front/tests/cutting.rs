@@ -18,7 +18,8 @@ use crate::raster::front::{FrontEnd, Rounds};
 use crate::raster::{Context, Draw, DrawCall, IndexBuffer, Stages, Targets, VertexBuffer, Work};
 use crate::wave::{Budget, Limits, Stopped, Workers};
 
-/// Passes an attribute on as the position, then `VertexIndex`, `InstanceIndex`, `DrawIndex`, `ViewIndex`, and an attribute's word.
+/// Passes an attribute on as the position, then `VertexIndex`, `InstanceIndex`, `DrawIndex`,
+/// `ViewIndex`, and an attribute's word.
 const PASS_ON: &str = "
     module vertex
     inputs attribute.0.0, attribute.0.1, attribute.0.2, attribute.0.3, vertex_index.0, instance_index.0, draw_index.0, view_index.0, attribute.1.0
@@ -235,7 +236,8 @@ fn restarts_cut_segments_and_numbers_go_on() {
             .iter()
             .flat_map(|index| index.to_le_bytes().into_iter().take(1 << wide))
             .collect();
-        // Points: what covers no pixel has no record, so all triangles of the expectation that do are looked for.
+        // Points: what covers no pixel has no record, so all triangles of the expectation that do
+        // are looked for.
         let mut state = state();
         state.topology = topology;
         state.primitive_restart = true;
@@ -322,7 +324,8 @@ fn vertices_are_shaded_once() {
 #[test]
 fn what_lies_past_buffers_reads_as_zero() {
     let positions = positions(8);
-    // Past the index buffer, index 0; past the vertex buffer, position (0, 0, 0, 0), which is nowhere.
+    // Past the index buffer, index 0; past the vertex buffer, position (0, 0, 0, 0), which is
+    // nowhere.
     let indices: Vec<u32> = vec![1, 2, 3, 100, 4, 5];
     let mut state = state();
     state.topology = Topology::POINT_LIST;

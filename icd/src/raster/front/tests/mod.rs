@@ -1,4 +1,5 @@
-//! Tests of the front end: against slow references with whole numbers of 128 bits, and with nonsense.
+//! Tests of the front end: against slow references with whole numbers of 128 bits, and with
+//! nonsense.
 
 mod bins;
 mod bresenham;

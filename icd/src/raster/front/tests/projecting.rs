@@ -1,4 +1,5 @@
-//! Vertices on the screen: those of a subgroup, in vectors of each tier, are those of one alone, and what has no place has none.
+//! Vertices on the screen: those of a subgroup, in vectors of each tier, are those of one alone,
+//! and what has no place has none.
 
 use lanes::Tier;
 use spirv_jit::SUBGROUP_SIZE;

@@ -81,7 +81,8 @@ fn blended(op: BlendOp, s: f64, sf: f64, d: f64, df: f64) -> f64 {
     }
 }
 
-/// Blends one colour into an 8 × 8 image and compares what is there then. `tolerance`: of the format, in its numbers.
+/// Blends one colour into an 8 × 8 image and compares what is there then. `tolerance`: of the
+/// format, in its numbers.
 fn check(
     format: vk::Format,
     is_fixed: bool,
@@ -226,7 +227,8 @@ fn write_masks_keep_other_components() {
 
 #[test]
 fn logical_operations_are_their_truth_tables() {
-    // The results for (source, destination) = 00, 01, 10, 11, as bits 0 to 3 (spec, table "Logical Operations").
+    // The results for (source, destination) = 00, 01, 10, 11, as bits 0 to 3 (spec, table "Logical
+    // Operations").
     let tables = [
         (vk::LogicOp::CLEAR, 0b0000),
         (vk::LogicOp::AND, 0b1000),
@@ -285,8 +287,8 @@ fn samples_follow_mask_and_alpha() {
     }
 }
 
-/// With one sample alpha is the share of covered pixels: in 64ths of each 8×8 pixels. A larger alpha
-/// covers all pixels that a smaller one covers.
+/// With one sample alpha is the share of covered pixels: in 64ths of each 8×8 pixels. A larger
+/// alpha covers all pixels that a smaller one covers.
 #[test]
 fn pixels_of_one_sample_follow_alpha() {
     let covered = |[width, height]: [u32; 2], alpha: f32| -> Vec<bool> {

@@ -228,7 +228,8 @@ impl Triangle {
     }
 }
 
-/// The edges of a triangle, whatever way round it goes: inside is where none is negative; of two triangles that share an edge, one holds it.
+/// The edges of a triangle, whatever way round it goes: inside is where none is negative; of two
+/// triangles that share an edge, one holds it.
 pub fn edges(corners: [[i32; 2]; 3]) -> [Edge; 4] {
     let [p, q, r] = corners.map(|corner| corner.map(i64::from));
     let area = (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0]);
@@ -295,7 +296,8 @@ pub fn chunk(draw: u32, targets: &Targets, triangles: &[Triangle]) -> Chunk {
     chunk
 }
 
-/// Edges, depth, the linear coordinates of the second and third vertex, their origin, and the vertices' words of location 0.
+/// Edges, depth, the linear coordinates of the second and third vertex, their origin, and the
+/// vertices' words of location 0.
 pub type Sloped = ([Edge; 4], Plane, [Plane; 2], [i32; 2], [[u32; 4]; 3]);
 
 /// A chunk of triangles with slopes, of one draw.

@@ -16,7 +16,8 @@ use crate::raster::Work;
 /// Texels of a level's side, at most.
 const SIDE: u32 = 16;
 
-/// A program of a texel at the first two varyings, with its alpha or without: `is_direct` or with some work.
+/// A program of a texel at the first two varyings, with its alpha or without: `is_direct` or with
+/// some work.
 fn sampling(is_direct: bool, alpha: &str) -> Arc<Program> {
     let work = match is_direct {
         true => "",

@@ -1,5 +1,6 @@
-//! ASTC of two dimensions and the LDR profile (Khronos Data Format specification, "ASTC Compressed Texture Image Formats"). What that profile does not have,
-//! and blocks that are not valid, are magenta.
+//! ASTC of two dimensions and the LDR profile (Khronos Data Format specification, "ASTC Compressed
+//! Texture Image Formats"). What that profile does not have, and blocks that are not valid, are
+//! magenta.
 #![forbid(unsafe_code)]
 
 mod endpoints;
@@ -143,7 +144,8 @@ fn decode_block(
         *weight = grid.range.weight(*raw);
     }
 
-    // Downwards from the weights: what does not fit into the endpoint modes' place, the second plane's component.
+    // Downwards from the weights: what does not fit into the endpoint modes' place, the second
+    // plane's component.
     let mut end = 128 - weight_bits;
     let (modes, start) = endpoint_modes(block, partitions, &mut end);
     let second_component = grid.is_dual.then(|| {
@@ -182,7 +184,8 @@ fn decode_block(
     Some(())
 }
 
-/// The endpoint modes of the partitions, and where their values start. Takes what it needs off the `end`.
+/// The endpoint modes of the partitions, and where their values start. Takes what it needs off the
+/// `end`.
 fn endpoint_modes(block: u128, partitions: u32, end: &mut u32) -> ([u32; 4], u32) {
     if partitions == 1 {
         return ([field(block, 13, 4); 4], 17);

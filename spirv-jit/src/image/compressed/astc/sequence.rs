@@ -1,8 +1,9 @@
-//! Bounded integer sequences and what their values stand for (Khronos Data Format specification, "Integer Sequence Encoding", "Endpoint Unquantization",
-//! "Weight Unquantization").
+//! Bounded integer sequences and what their values stand for (Khronos Data Format specification,
+//! "Integer Sequence Encoding", "Endpoint Unquantization", "Weight Unquantization").
 #![forbid(unsafe_code)]
 
-/// How the values of a sequence are stored: so many bits each, and a trit or quint that several share.
+/// How the values of a sequence are stored: so many bits each, and a trit or quint that several
+/// share.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Range {
     pub digit: Digit,

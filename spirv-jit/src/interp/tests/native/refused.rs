@@ -9,7 +9,8 @@ use crate::ir::{Module, Type};
 use crate::native::Executable;
 use crate::program::Program;
 
-/// Has the calling thread's `mprotect` refuse executable pages, as services under `MemoryDenyWriteExecute` and SELinux have it.
+/// Has the calling thread's `mprotect` refuse executable pages, as services under
+/// `MemoryDenyWriteExecute` and SELinux have it.
 fn deny_executable_pages() {
     use libc::{BPF_ABS, BPF_JEQ, BPF_JMP, BPF_JSET, BPF_K, BPF_LD, BPF_RET, BPF_W};
     let filter = |code: u32, jt, jf, k| libc::sock_filter {
