@@ -45,7 +45,8 @@ pub struct Outcome {
 }
 
 impl Outcome {
-    /// Lines for the end: the slowest tests, and what failed.
+    /// Lines for the end: the slowest tests, failed programs, and counts. A failed program counts
+    /// once.
     pub fn text(mut self) -> String {
         self.tests.sort_by(|a, b| b.cmp(a));
         let mut lines = vec!["The slowest tests:".to_owned()];
@@ -54,6 +55,9 @@ impl Outcome {
             slowest.map(|(took, name)| format!("    {:6.1} s  {name}", took.as_secs_f64())),
         );
         lines.extend(self.failed.iter().map(|name| format!("FAILED: {name}")));
+        let failed = self.failed.len();
+        let passed = self.tests.len().saturating_sub(failed);
+        lines.push(format!("{passed} passed, {failed} failed"));
         lines.join("\n")
     }
 }
