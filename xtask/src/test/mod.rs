@@ -79,8 +79,8 @@ fn everything(options: &Options) -> Result<ExitCode> {
     let mut outer = black_box_tests(&skips);
     driver.select_for(&mut outer);
     outer.env("TUFF_UNDER_TEST", "1");
-    // A dispatch that hangs loses its device, not the evening. No dispatch of the tests takes long,
-    // even on a loaded machine.
+    // A dispatch that hangs loses its device after this time. No dispatch of the tests takes as
+    // long, even on a loaded machine.
     if std::env::var_os("TUFF_TIMEOUT").is_none() {
         outer.env("TUFF_TIMEOUT", "300");
     }
