@@ -44,7 +44,8 @@ fn shows_frames(server: Option<Xvfb>) {
         if !usual.contains(&mode) {
             continue;
         }
-        for format in [vk::Format::B8G8R8A8_UNORM, vk::Format::R8G8B8A8_SRGB] {
+        let formats = [vk::Format::B8G8R8A8_UNORM, vk::Format::R8G8B8A8_SRGB];
+        for (variant, format) in (0..).zip(formats) {
             let chain = Chain {
                 format,
                 mode,
@@ -57,7 +58,9 @@ fn shows_frames(server: Option<Xvfb>) {
                 presenter.destroy(old);
             }
             for seed in 0..6 {
-                let pixels = screen_picture(WIDTH, HEIGHT, seed * 7 + mode.as_raw() as u32);
+                // No two frames are alike.
+                let number = (seed * 2 + variant) * 4 + mode.as_raw() as u32;
+                let pixels = screen_picture(WIDTH, HEIGHT, number);
                 let ordered = match format {
                     vk::Format::B8G8R8A8_UNORM => pixels.clone(),
                     _ => red_first(&pixels),
@@ -66,13 +69,24 @@ fn shows_frames(server: Option<Xvfb>) {
                 assert!(!suboptimal);
                 if seed == 5 {
                     let shown = window.shows(WIDTH as u16, HEIGHT as u16, &pixels);
-                    assert!(shown, "{mode:?} {format:?}");
+                    assert!(shown, "{mode:?} {format:?}: {}", wrong(&window, &pixels));
                 }
             }
             old = swapchain;
         }
     }
     presenter.destroy(old);
+}
+
+/// How the screen differs from a picture of [`screen_picture`]: its first pixel names another one.
+fn wrong(window: &Window, pixels: &[u8]) -> String {
+    let shown = window.screenshot(WIDTH as u16, HEIGHT as u16);
+    let both = shown.chunks_exact(4).zip(pixels.chunks_exact(4));
+    let count = both
+        .filter(|(shown, wanted)| shown[..3] != wanted[..3])
+        .count();
+    let (first, wanted) = (&shown[..4], &pixels[..4]);
+    format!("{count} pixels are wrong, the first is {first:?} instead of {wanted:?}")
 }
 
 #[test]
@@ -93,6 +107,50 @@ fn servers_that_take_no_descriptors_share_segments() {
 #[test]
 fn servers_without_present_are_copied_to() {
     shows_frames(Xvfb::start_afar(true));
+}
+
+/// A frame that waits for its refresh when its swapchain is replaced comes before the frames of the
+/// new one, also where these are shown at once.
+#[test]
+fn frames_of_replaced_swapchains_come_first() {
+    let Some((_server, window, presenter)) = on_screen(WIDTH, HEIGHT) else {
+        return;
+    };
+    let frame = |swapchain, number| {
+        let pixels = screen_picture(WIDTH, HEIGHT, number);
+        let extent = Chain::of(WIDTH, HEIGHT).extent;
+        presenter.frame(swapchain, extent, &pixels, 0).unwrap();
+        pixels
+    };
+    let mut old = vk::SwapchainKHR::null();
+    for turn in 0..10 {
+        let mut chain = Chain {
+            mode: vk::PresentModeKHR::FIFO,
+            old,
+            ..Chain::of(WIDTH, HEIGHT)
+        };
+        let waiting = presenter.swapchain(&chain).unwrap();
+        if old != vk::SwapchainKHR::null() {
+            presenter.destroy(old);
+        }
+        frame(waiting, 2 * turn);
+        (chain.mode, chain.old) = (vk::PresentModeKHR::IMMEDIATE, waiting);
+        let swapchain = presenter.swapchain(&chain).unwrap();
+        presenter.destroy(waiting);
+        let pixels = frame(swapchain, 2 * turn + 1);
+        assert!(window.shows(WIDTH as u16, HEIGHT as u16, &pixels));
+        // Longer than a refresh: nothing covers it.
+        std::thread::sleep(Duration::from_millis(40));
+        let stays = window.screenshot(WIDTH as u16, HEIGHT as u16);
+        let both = stays.chunks_exact(4).zip(pixels.chunks_exact(4));
+        assert!(
+            both.into_iter()
+                .all(|(shown, wanted)| shown[..3] == wanted[..3]),
+            "{turn}"
+        );
+        old = swapchain;
+    }
+    presenter.destroy(old);
 }
 
 #[test]

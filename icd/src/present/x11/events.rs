@@ -67,6 +67,8 @@ struct State {
     serial: u32,
     /// Frames that the server has.
     under_way: Vec<u32>,
+    /// The server may have frames that nothing waits for: they were forgotten.
+    has_forgotten: bool,
     is_closing: bool,
     /// The thread waits for an event, or has not yet looked at this state since.
     is_reading: bool,
@@ -107,6 +109,7 @@ impl Events {
             state: Mutex::new(State {
                 serial: FIRST_SERIAL,
                 under_way: Vec::new(),
+                has_forgotten: false,
                 is_closing: false,
                 is_reading: false,
                 is_interrupted: false,
@@ -153,10 +156,24 @@ impl Events {
         Ok(())
     }
 
+    /// Whether the server may have frames beside these. It shows each at its own time: one that is
+    /// to be shown at once overtakes them, and they cover it later.
+    pub fn has_others(&self, own: impl Fn(u32) -> bool) -> bool {
+        let state = self.line.state.lock();
+        state.has_forgotten || state.under_way.iter().any(|&serial| !own(serial))
+    }
+
+    /// A frame has been shown at its refresh, so all that the server had before it are, too.
+    pub fn settle(&self) {
+        self.line.state.lock().has_forgotten = false;
+    }
+
     /// No longer waits for a frame.
     pub fn forget(&self, serial: u32) {
         let mut state = self.line.state.lock();
+        let before = state.under_way.len();
         state.under_way.retain(|other| *other != serial);
+        state.has_forgotten |= state.under_way.len() < before;
         if state.under_way.is_empty() && state.is_reading && self.process == std::process::id() {
             // If the connection is broken, the thread ends by itself.
             let _ = self.line.interrupt(&mut state);

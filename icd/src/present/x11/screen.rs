@@ -67,6 +67,8 @@ struct UnderWay {
     index: u32,
     since: Instant,
     sent_ns: u64,
+    /// The server shows it behind all that it had before.
+    is_in_order: bool,
 }
 
 impl UnderWay {
@@ -169,6 +171,9 @@ impl X11Screen {
             };
             let frame = under_way.remove(place);
             *last_msc = completed.msc;
+            if frame.is_in_order {
+                events.settle();
+            }
             let shown_ns = completed.ust.saturating_mul(1000);
             let at_ns = told_ns(shown_ns, frame.sent_ns, timestamp_ns());
             if at_ns.is_some() {
@@ -210,15 +215,22 @@ impl Screen for X11Screen {
                 last_msc,
                 ..
             } => {
+                // Frames of the swapchain before may wait for their refresh. They come first.
+                let is_own = |number| under_way.iter().any(|frame| frame.number == number);
+                let when = match events.has_others(is_own) {
+                    true => When::NextRefresh,
+                    false => frame.when,
+                };
                 let number = events.begin()?;
                 let sent_ns = timestamp_ns();
-                let (options, target_msc) = match frame.when {
+                let (options, target_msc) = match when {
                     When::NextRefresh | When::Replaceable => (PresentOption::COPY, 0),
                     When::NextRefreshOrLate => {
                         (PresentOption::COPY | PresentOption::ASYNC, *last_msc + 1)
                     }
                     When::AtOnce => (PresentOption::COPY | PresentOption::ASYNC, 0),
                 };
+                let is_in_order = !options.contains(PresentOption::ASYNC);
                 x.present_pixmap(
                     self.window,
                     pixmap,
@@ -245,6 +257,7 @@ impl Screen for X11Screen {
                     index: frame.index,
                     since: Instant::now(),
                     sent_ns,
+                    is_in_order,
                 });
                 self.look()
             }
