@@ -19,7 +19,8 @@ use crate::row::AlignedRow;
 use crate::types::Trace;
 
 /// Where subgroups go on: subgroups of one program at equal points may run in one wave.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+/// The default is the entry.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct ResumePoint(pub u32);
 
 /// The event of a subgroup's run. Lanes that take part in the event are those of

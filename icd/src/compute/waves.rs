@@ -99,6 +99,8 @@ pub struct Runner {
     /// States of the subgroups, one after the other.
     states: Vec<AlignedRow>,
     status: Vec<Status>,
+    /// Where each subgroup stood after its last run.
+    points: Vec<ResumePoint>,
     /// The subgroups of the wave that runs, ascending.
     members: Vec<usize>,
     /// Subgroups of a workgroup.
@@ -180,6 +182,8 @@ impl Runner {
         self.burn(cleared as u64, limits)?;
         self.status.clear();
         self.status.resize(subgroups.count, Status::Ready);
+        self.points.clear();
+        self.points.resize(subgroups.count, ResumePoint::default());
         self.workgroups.clear();
         if self.has_barriers {
             let workgroup = Workgroup {
@@ -285,7 +289,7 @@ impl Runner {
 
     /// Takes `leader` and the ready subgroups that stand where it stands.
     fn form_wave(&mut self, program: &Program, leader: usize) {
-        let (status, point) = (self.status[leader], self.resume_point(program, leader));
+        let (status, point) = (self.status[leader], self.points[leader]);
         let room = wave_length(program);
         let mut members = std::mem::take(&mut self.members);
         members.clear();
@@ -293,7 +297,7 @@ impl Runner {
             if members.len() == room {
                 break;
             }
-            if self.status[index] == status && self.resume_point(program, index) == point {
+            if self.status[index] == status && self.points[index] == point {
                 members.push(index);
             }
         }
@@ -309,10 +313,6 @@ impl Runner {
             place: run.program.place_of(state),
             depth: 0,
         });
-    }
-
-    fn resume_point(&self, program: &Program, index: usize) -> ResumePoint {
-        program.resume_point(&self.states[index * self.rows..][..self.rows])
     }
 
     /// Runs the wave to its next event and notes where its subgroups stand then.
@@ -360,9 +360,12 @@ impl Runner {
         let mut shared = [std::ptr::null_mut(); MAX_SUBGROUPS];
         if self.shared_rows > 0 {
             let base = self.shared.as_mut_ptr();
-            for (place, &member) in shared.iter_mut().zip(members) {
-                // SAFETY: `begin` made room for the memory of each workgroup.
-                *place = unsafe { base.add(member / self.of_workgroup * self.shared_rows) }.cast();
+            let mut places = shared.iter_mut();
+            for (workgroup, members) in by_workgroup(members, self.of_workgroup) {
+                for place in places.by_ref().take(members.len()) {
+                    // SAFETY: `begin` made room for the memory of each workgroup.
+                    *place = unsafe { base.add(workgroup * self.shared_rows) }.cast();
+                }
             }
         }
         let shared: &[*mut u8] = match self.shared_rows {
@@ -392,6 +395,7 @@ impl Runner {
         let program = run.program;
         for (&member, event) in members.iter().zip(events.iter()) {
             let state = &mut self.states[member * self.rows..][..self.rows];
+            self.points[member] = program.resume_point(state);
             self.status[member] = match event {
                 Event::End => Status::Ended,
                 Event::OutOfFuel => Status::Ready,
@@ -420,27 +424,23 @@ impl Runner {
 
     /// Whether all subgroups of the members' workgroups that have not ended are members.
     fn is_whole(&self, members: &[usize]) -> bool {
-        let of_one = |a: &usize, b: &usize| a / self.of_workgroup == b / self.of_workgroup;
-        members
-            .chunk_by(of_one)
-            .all(|members| members.len() == self.workgroups[members[0] / self.of_workgroup].running)
+        by_workgroup(members, self.of_workgroup)
+            .all(|(workgroup, members)| members.len() == self.workgroups[workgroup].running)
     }
 
     /// Counts members that have ended or come to a barrier. The subgroups of a workgroup go on when
     /// all of them that have not ended have come: a workgroup waits for its own subgroups alone,
     /// since another one may wait for it.
     fn pass_barriers(&mut self, members: &[usize]) {
-        for &member in members {
-            let workgroup = &mut self.workgroups[member / self.of_workgroup];
-            match self.status[member] {
-                Status::Ended => workgroup.running -= 1,
-                Status::AtBarrier => workgroup.waiting += 1,
-                Status::Ready | Status::Past => {}
-            }
-        }
-        for &member in members {
-            let index = member / self.of_workgroup;
+        for (index, members) in by_workgroup(members, self.of_workgroup) {
+            let count = |status| {
+                let of_status = |&&member: &&usize| self.status[member] == status;
+                members.iter().filter(of_status).count()
+            };
+            let (ended, arrived) = (count(Status::Ended), count(Status::AtBarrier));
             let workgroup = &mut self.workgroups[index];
+            workgroup.running -= ended;
+            workgroup.waiting += arrived;
             if workgroup.waiting > 0 && workgroup.waiting == workgroup.running {
                 workgroup.waiting = 0;
                 let first = index * self.of_workgroup;
@@ -452,6 +452,19 @@ impl Runner {
             }
         }
     }
+}
+
+/// Splits ascending subgroups by their workgroups: each workgroup's index and members.
+fn by_workgroup(members: &[usize], of_workgroup: usize) -> impl Iterator<Item = (usize, &[usize])> {
+    let mut left = members;
+    std::iter::from_fn(move || {
+        let workgroup = left.first()? / of_workgroup;
+        let end = (workgroup + 1) * of_workgroup;
+        let of_one = left.iter().take_while(|&&member| member < end).count();
+        let (members, others) = left.split_at(of_one);
+        left = others;
+        Some((workgroup, members))
+    })
 }
 
 /// Rows of a workgroup's memory.
