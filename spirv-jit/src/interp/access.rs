@@ -85,7 +85,7 @@ trait Copying: 'static {
     const LOADS: bool;
     /// The lanes of a subgroup that access memory.
     fn lanes(m: &Machine<'_>, subgroup: u16) -> LaneMask;
-    /// [`gather::load`] or [`gather::store`].
+    /// [`Gather::load`] or [`Gather::store`].
     ///
     /// # Safety
     /// As there.
@@ -124,7 +124,7 @@ impl Copying for In {
         rows: gather::Rows<N>,
     ) -> LaneMask {
         // SAFETY: as the caller promises.
-        unsafe { gather::load::<G, T, N>((base, size_bytes), offsets, active, rows) }
+        unsafe { G::load::<T, N>((base, size_bytes), offsets, active, rows) }
     }
 
     #[inline(always)]
@@ -155,7 +155,7 @@ impl Copying for Out {
         rows: gather::Rows<N>,
     ) -> LaneMask {
         // SAFETY: as the caller promises.
-        unsafe { gather::store::<G, T, N>(memory, offsets, active, rows) }
+        unsafe { G::store::<T, N>(memory, offsets, active, rows) }
     }
 
     #[inline(always)]

@@ -36,7 +36,37 @@ pub(super) enum Layout {
 ///
 /// # Safety
 /// Of all functions: the machine has the tier.
-pub(super) trait Gather: Tier {
+pub(super) trait Gather: Tier + Sized {
+    /// [`load`], in the tier's instructions.
+    ///
+    /// # Safety
+    /// As there.
+    #[inline(always)]
+    unsafe fn load<T: Lane, const N: usize>(
+        memory: (*const u8, u64),
+        offsets: &Row,
+        active: LaneMask,
+        rows: Rows<N>,
+    ) -> LaneMask {
+        // SAFETY: as the caller promises.
+        unsafe { load::<Self, T, N>(memory, offsets, active, rows) }
+    }
+
+    /// [`store`], in the tier's instructions.
+    ///
+    /// # Safety
+    /// As there.
+    #[inline(always)]
+    unsafe fn store<T: Lane, const N: usize>(
+        memory: (*mut u8, u64),
+        offsets: &Row,
+        active: LaneMask,
+        rows: Rows<N>,
+    ) -> LaneMask {
+        // SAFETY: as the caller promises.
+        unsafe { store::<Self, T, N>(memory, offsets, active, rows) }
+    }
+
     /// How offsets lie, of which none may be above `last`, of scalars of `size_bytes` together;
     /// `last + size_bytes` is at most 2³².
     unsafe fn layout(offsets: &Row, last: u32, size_bytes: u32) -> Layout;
@@ -261,8 +291,32 @@ unsafe fn load_run<T: Lane, const N: usize>(at: *const u8, rows: Rows<N>) {
     }
 }
 
+/// On x86-64 few processors need it, and its size counts more than its speed: its functions are
+/// shared instead of being part of each kernel.
 impl Gather for Portable {
-    #[inline(always)]
+    #[cfg_attr(target_arch = "x86_64", inline(never))]
+    unsafe fn load<T: Lane, const N: usize>(
+        memory: (*const u8, u64),
+        offsets: &Row,
+        active: LaneMask,
+        rows: Rows<N>,
+    ) -> LaneMask {
+        // SAFETY: as the caller promises.
+        unsafe { load::<Self, T, N>(memory, offsets, active, rows) }
+    }
+
+    #[cfg_attr(target_arch = "x86_64", inline(never))]
+    unsafe fn store<T: Lane, const N: usize>(
+        memory: (*mut u8, u64),
+        offsets: &Row,
+        active: LaneMask,
+        rows: Rows<N>,
+    ) -> LaneMask {
+        // SAFETY: as the caller promises.
+        unsafe { store::<Self, T, N>(memory, offsets, active, rows) }
+    }
+
+    #[cfg_attr(target_arch = "x86_64", inline(never))]
     unsafe fn layout(offsets: &Row, last: u32, size_bytes: u32) -> Layout {
         let first = offsets[0];
         let (mut highest, mut others, mut apart) = (*offsets, 0, 0);
@@ -285,7 +339,7 @@ impl Gather for Portable {
         }
     }
 
-    #[inline(always)]
+    #[cfg_attr(target_arch = "x86_64", inline(never))]
     unsafe fn fill(offsets: &Row, active: LaneMask) -> Row {
         let first = offsets[active.first()];
         let mut filled = [first; SUBGROUP_SIZE];
@@ -299,7 +353,7 @@ impl Gather for Portable {
         filled
     }
 
-    #[inline(always)]
+    #[cfg_attr(target_arch = "x86_64", inline(never))]
     unsafe fn distances(addresses: &[u64; SUBGROUP_SIZE], start: u64) -> Row {
         let mut distances = [0; SUBGROUP_SIZE];
         for k in 0..SUBGROUP_SIZE {
@@ -310,7 +364,7 @@ impl Gather for Portable {
         distances
     }
 
-    #[inline(always)]
+    #[cfg_attr(target_arch = "x86_64", inline(never))]
     unsafe fn load_apart<T: Lane, const N: usize>(base: *const u8, offsets: &Row, rows: Rows<N>) {
         #[cfg(target_arch = "x86_64")]
         // SAFETY: as the caller promises; every x86-64 processor has SSE2.
@@ -324,7 +378,7 @@ impl Gather for Portable {
         };
     }
 
-    #[inline(always)]
+    #[cfg_attr(target_arch = "x86_64", inline(never))]
     unsafe fn store_apart<T: Lane, const N: usize>(base: *mut u8, offsets: &Row, rows: Rows<N>) {
         #[cfg(target_arch = "x86_64")]
         // SAFETY: as the caller promises; every x86-64 processor has SSE2.
