@@ -65,6 +65,7 @@ optional! {
     local_read: khr::dynamic_rendering_local_read::NAME, PhysicalDeviceDynamicRenderingLocalReadFeaturesKHR {};
     host_image_copy: ext::host_image_copy::NAME, PhysicalDeviceHostImageCopyFeaturesEXT {};
     conditional_rendering: ext::conditional_rendering::NAME, PhysicalDeviceConditionalRenderingFeaturesEXT {};
+    float_atomics: ext::shader_atomic_float::NAME, PhysicalDeviceShaderAtomicFloatFeaturesEXT {};
     ray_query: khr::ray_query::NAME, PhysicalDeviceRayQueryFeaturesKHR {};
     /// Off where there is validation: older versions of it do not know the extension.
     position_fetch: khr::ray_tracing_position_fetch::NAME, PhysicalDeviceRayTracingPositionFetchFeaturesKHR {};

@@ -13,9 +13,9 @@ use crate::workspace;
 #[derive(Args)]
 pub struct Options {
     /// `traversal …`: structures alone, against Embree; `reorder`: what reordering brings;
-    /// `shader`: the interpreter against native code. Otherwise the driver on what renderers do:
-    /// `--icd MANIFEST` adds another driver to hold it against, and `--help` after `--` tells the
-    /// rest
+    /// `shader`: the interpreter against native code. Otherwise the driver on what renderers do, or
+    /// with `--operations` on single operations: `--icd MANIFEST` adds another driver to hold it
+    /// against, and `--help` after `--` tells the rest
     #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
     arguments: Vec<String>,
 }

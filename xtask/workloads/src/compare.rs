@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 use crate::measure::{
     FIRST_PIXEL, MODULE_CACHED, MODULE_COLD, PIPELINE_CACHED, PIPELINE_COLD, Sample,
 };
+use crate::operations;
 use crate::report;
 use crate::workload::{self, Bounds};
 use crate::world::Scale;
@@ -20,6 +21,9 @@ pub struct Options {
     /// A driver's manifest; the first is what the others are held against
     #[arg(long = "icd", value_name = "MANIFEST", required = true)]
     icds: Vec<PathBuf>,
+    /// Single operations in compute kernels, instead of what renderers do
+    #[arg(long)]
+    operations: bool,
     /// Small pictures and few rounds: under five minutes for two drivers
     #[arg(long)]
     quick: bool,
@@ -52,7 +56,7 @@ pub struct Measurement {
     pub name: String,
     pub unit: String,
     /// The group of its speed: `traversal`, `shading`, `launching`, `building`, `programs`,
-    /// `drawing` or `driver`.
+    /// `drawing`, `operations` or `driver`.
     pub bounds: String,
     pub scale: Scale,
     pub threads: Option<u32>,
@@ -185,6 +189,22 @@ fn tasks(options: &Options) -> Result<Vec<Task>> {
         threads: options.threads,
         curve: None,
     };
+    if options.operations {
+        let all = || operations::ALL.iter().map(|operation| operation.name);
+        for name in &options.only {
+            ensure!(
+                operations::named(name).is_some(),
+                "there is no operation «{name}»"
+            );
+        }
+        let is_wanted = |name: &&str| {
+            options.only.is_empty() || options.only.iter().any(|wanted| wanted == name)
+        };
+        let tasks = all().filter(is_wanted);
+        return Ok(tasks
+            .map(|name| task(name, "Mop/s", "operations"))
+            .collect());
+    }
     let mut tasks: Vec<Task> = workload::all()
         .map(|workload| {
             let bounds = match workload.bounds {

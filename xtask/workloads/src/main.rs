@@ -12,6 +12,7 @@ mod digest;
 mod drawing;
 mod measure;
 mod mips;
+mod operations;
 mod probe;
 mod profile;
 mod programs;

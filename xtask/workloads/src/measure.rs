@@ -7,8 +7,9 @@ use anyhow::{Context, Result};
 use serde::{Deserialize, Serialize};
 use tuff_tests::{Gpu, Group, Stage, vk};
 
+use crate::operations;
 use crate::shader;
-use crate::workload::{self, Prepared, Workload, path_parts};
+use crate::workload::{self, Prepared, path_parts};
 use crate::world::Scale;
 
 /// The result of one process; it goes to the parent as a line of JSON.
@@ -57,18 +58,21 @@ pub fn measure(options: &Options) -> Result<()> {
         MODULE_COLD => Some(pipeline(options.turns, false, large_salted)),
         MODULE_CACHED => Some(pipeline(options.turns, true, large_salted)),
         FIRST_PIXEL => first_pixel(&options.scale),
-        name => {
-            let workload = workload::named(name)?;
-            turns(workload, options)?
-        }
+        name => match operations::named(name) {
+            Some(operation) => turns(options, |gpu, scale| operation.prepare(gpu, scale))?,
+            None => turns(options, workload::named(name)?.prepare)?,
+        },
     };
     println!("{}", serde_json::to_string(&sample)?);
     Ok(())
 }
 
-fn turns(workload: &Workload, options: &Options) -> Result<Option<Sample>> {
+fn turns(
+    options: &Options,
+    prepare: impl Fn(&Gpu, &Scale) -> Option<Prepared>,
+) -> Result<Option<Sample>> {
     let gpu = Gpu::without_validation();
-    let Some(prepared) = (workload.prepare)(&gpu, &options.scale) else {
+    let Some(prepared) = prepare(&gpu, &options.scale) else {
         return Ok(None);
     };
     let mut sample = Sample {

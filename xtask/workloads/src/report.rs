@@ -101,6 +101,7 @@ pub fn print(results: &Results) {
             "building",
             "programs",
             "drawing",
+            "operations",
             "driver",
         ];
         for bounds in all {

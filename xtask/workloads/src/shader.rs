@@ -45,7 +45,7 @@ const LAYER: &str = include_str!("shaders/large.glsl");
 const QUERY: &str = include_str!("shaders/query.glsl");
 
 /// Compiles GLSL once: compiling it is not the drivers' work, and must not be timed as theirs.
-fn glsl(stage: Stage, source: &str) -> Vec<u32> {
+pub fn glsl(stage: Stage, source: &str) -> Vec<u32> {
     static COMPILED: Mutex<Option<HashMap<String, Vec<u32>>>> = Mutex::new(None);
     let mut compiled = COMPILED
         .lock()
