@@ -37,6 +37,9 @@ pub struct Settings {
     pub validate: bool,
     /// Whether the table of how full waves were is printed (`TUFF_STATS`).
     pub stats: bool,
+    /// Bytes of messages of shaders that one launch may print, where they are printed
+    /// (`TUFF_DEBUG_PRINTF`, `TUFF_DEBUG_PRINTF_BYTES`).
+    pub prints: Option<usize>,
     /// The value of `VkPhysicalDeviceDriverProperties::conformanceVersion` (`TUFF_CONFORMANCE`).
     /// Zeros, the default, claim nothing.
     pub conformance: ConformanceVersion,
@@ -83,6 +86,8 @@ impl Settings {
             }
         }
         let read = Read { value: &value };
+        let prints = read.parsed("TUFF_DEBUG_PRINTF", "0 or 1", switch)? != Some(false);
+        let print_bytes = read.parsed("TUFF_DEBUG_PRINTF_BYTES", "a number of bytes", bytes)?;
         Ok(Settings {
             accuracy,
             native: read.parsed("TUFF_NATIVE", "0 or 1", switch)? != Some(false),
@@ -99,6 +104,7 @@ impl Settings {
             .filter(|timeout| !timeout.is_zero()),
             validate: read.parsed("TUFF_VALIDATE", "0 or 1", switch)? == Some(true),
             stats: read.parsed("TUFF_STATS", "0 or 1", switch)? == Some(true),
+            prints: prints.then(|| print_bytes.unwrap_or(PRINT_BYTES)),
             conformance: (read.parsed("TUFF_CONFORMANCE", CONFORMANCE, conformance)?)
                 .unwrap_or_default(),
             walks: Options {
@@ -147,6 +153,9 @@ impl Read<'_> {
 }
 
 const LEVELS: &str = "one of off, error, warn, info, debug";
+/// Bytes of messages of shaders that one launch may print by default.
+const PRINT_BYTES: usize = 1 << 20;
+
 const CONFORMANCE: &str = "a version of four numbers up to 255, such as 1.3.8.0";
 
 fn subgroups(text: &str) -> Option<usize> {
@@ -155,6 +164,10 @@ fn subgroups(text: &str) -> Option<usize> {
 
 fn threads(text: &str) -> Option<usize> {
     text.parse().ok().filter(|count| (1..=1024).contains(count))
+}
+
+fn bytes(text: &str) -> Option<usize> {
+    text.parse().ok()
 }
 
 fn level(text: &str) -> Option<LevelFilter> {
@@ -251,6 +264,7 @@ mod tests {
         assert_eq!((plain.validate, plain.stats), (false, false));
         assert!(plain.native);
         assert!(plain.opaque_without_any_hit);
+        assert_eq!(plain.prints, Some(1 << 20));
         let zeros = [plain.conformance.major, plain.conformance.subminor];
         assert_eq!(zeros, [0, 0]);
         let set = parse(&[
@@ -264,6 +278,7 @@ mod tests {
             ("TUFF_TIMEOUT", "0.5"),
             ("TUFF_VALIDATE", "1"),
             ("TUFF_STATS", "1"),
+            ("TUFF_DEBUG_PRINTF_BYTES", "4096"),
             ("TUFF_CONFORMANCE", "1.3.8.0"),
         ])
         .unwrap();
@@ -278,6 +293,7 @@ mod tests {
         assert_eq!(set.timeout, Some(Duration::from_millis(500)));
         assert_eq!((set.validate, set.stats), (true, true));
         assert!(!set.native);
+        assert_eq!(set.prints, Some(4096));
         let version = set.conformance;
         let numbers = [
             version.major,
@@ -291,6 +307,7 @@ mod tests {
         let off = [
             ("TUFF_TIMEOUT", "0"),
             ("TUFF_VALIDATE", "0"),
+            ("TUFF_DEBUG_PRINTF", "0"),
             ("TUFF_THREADS", ""),
         ];
         let off = parse(&off).unwrap();
@@ -298,6 +315,7 @@ mod tests {
             (off.timeout, off.validate, off.threads),
             (None, false, None)
         );
+        assert_eq!(off.prints, None);
     }
 
     #[test]
@@ -330,6 +348,8 @@ mod tests {
             ("TUFF_TIMEOUT", "soon", "is not a number of seconds"),
             ("TUFF_VALIDATE", "yes", "is not 0 or 1"),
             ("TUFF_STATS", "2", "is not 0 or 1"),
+            ("TUFF_DEBUG_PRINTF", "on", "is not 0 or 1"),
+            ("TUFF_DEBUG_PRINTF_BYTES", "1k", "is not a number of bytes"),
             (
                 "TUFF_CONFORMANCE",
                 "1.3.8",

@@ -54,6 +54,7 @@ fn compile_entries(path: &str, words: &[u32], capabilities: &[Capability]) {
             bindings: &binding,
             capabilities,
             accuracy: spirv_jit::Accuracy::Spec,
+            prints: true,
             checks_alignment: false,
             view_index_is_device_index: false,
         };

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::image::{Format, ImageDescriptor, SamplerDescriptor};
+use crate::printf::Prints;
 use crate::reach::{Reach, Strays};
 use crate::views::{Key, Views};
 
@@ -251,6 +252,8 @@ pub struct Environment {
     pub reach: Arc<Reach>,
     /// Counts the pointers that lead nowhere, if anyone wants to know.
     pub strays: Option<Arc<Strays>>,
+    /// Takes the messages of shaders; none are printed without it.
+    pub prints: Option<Arc<Prints>>,
     /// The views that keys in stored descriptors name.
     pub views: Arc<Views>,
 }
@@ -273,6 +276,7 @@ impl Environment {
             uniforms: [0; uniform::COUNT],
             reach: Arc::new(Reach::everywhere()),
             strays: None,
+            prints: None,
             views: Arc::default(),
         }
     }

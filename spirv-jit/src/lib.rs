@@ -24,6 +24,7 @@ pub mod origin;
 pub mod parse;
 pub mod pass;
 mod plan;
+pub mod printf;
 pub mod program;
 pub mod query;
 pub mod reach;

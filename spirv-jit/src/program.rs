@@ -15,6 +15,7 @@ use crate::ir::{self, passed::passed};
 use crate::native;
 use crate::origin::{Origin, Place, line_at};
 use crate::plan::{self, Plan};
+use crate::printf::Record;
 use crate::query::QueryWord;
 
 pub use crate::interp::{Frame, MAX_SUBGROUPS};
@@ -326,6 +327,22 @@ impl Program {
     pub fn place_of_access(&self, site: usize) -> Option<(Place, bool)> {
         let (source, writes) = self.code.physical_access(site)?;
         Some((self.place_in_source(source), writes))
+    }
+
+    /// Whether its shader prints messages.
+    #[inline]
+    pub fn prints(&self) -> bool {
+        !self.code.prints().is_empty()
+    }
+
+    /// A message of this program as text: the invocation, the place, and what it prints.
+    pub fn printed(&self, record: &Record) -> Option<String> {
+        let plan = self.code.prints().get(record.site as usize)?;
+        let invocation = self.stage.name_invocation(&record.key[1..]);
+        let place = self.place_in_source(plan.source);
+        let text = plan.message.text(&record.words);
+        let text = text.strip_suffix('\n').unwrap_or(&text);
+        Some(format!("{invocation}, {place}: {text}"))
     }
 
     /// The place of the SPIR-V instruction at a word offset, or of none in particular (0).

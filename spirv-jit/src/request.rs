@@ -18,6 +18,8 @@ pub struct CompileRequest<'a> {
     /// Capabilities that the device has enabled; a module that declares others is refused.
     pub capabilities: &'a [rspirv::spirv::Capability],
     pub accuracy: Accuracy,
+    /// Whether the shader's messages (`NonSemantic.DebugPrintf`) are kept.
+    pub prints: bool,
     /// Whether accesses through physical pointers say when those are less aligned than the module
     /// promises.
     pub checks_alignment: bool,

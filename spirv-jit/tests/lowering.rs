@@ -2,7 +2,8 @@
 
 use shaders::{glsl, lower, lower_glsl, request, samples};
 use spirv_jit::ir::op::Trace;
-use spirv_jit::ir::{Op, Terminator};
+use spirv_jit::ir::{Op, Terminator, Type};
+use spirv_jit::printf::Message;
 use spirv_jit::program::{InputRow, Stage};
 use spirv_jit::{Accuracy, CompileRequest};
 
@@ -232,4 +233,33 @@ fn functions_are_as_exact_as_was_asked_for() {
     // Two functions go to f64 and back; a square root is exact as it is.
     let conversions = exact.iter().filter(|op| **op == Op::FConvert).count();
     assert_eq!(conversions, 4);
+}
+
+#[test]
+fn messages_are_lowered_where_they_are_wanted() {
+    let source = "#extension GL_EXT_debug_printf : require
+         layout(set = 0, binding = 1) buffer Out { vec3 data[]; };
+         void main() { debugPrintfEXT(\"%v3f %d\", data[0], 5); }";
+    let words = glsl(Stage::Compute, source);
+    for prints in [false, true] {
+        let request = CompileRequest {
+            prints,
+            ..request(Stage::Compute, &words)
+        };
+        let module = lower(&request).expect("it compiles");
+        let operations = operations(&module);
+        let is_message = |op: &&Op| matches!(op, Op::DebugPrintf(_));
+        let messages = operations.iter().filter(is_message).count();
+        assert_eq!(messages, usize::from(prints));
+        let tables = &module.functions[0].tables;
+        if prints {
+            let message = Message::from_table(&tables[0]).expect("a message");
+            assert_eq!(message.format.as_deref(), Some("%v3f %d"));
+            let types = message.arguments.iter().map(|it| (it.ty, it.components));
+            let expected = [(Some(Type::F32), 3), (Some(Type::I32), 1)];
+            assert!(types.eq(expected));
+        } else {
+            assert!(tables.is_empty());
+        }
+    }
 }

@@ -138,6 +138,11 @@ fn wave_length(program: &Program) -> usize {
 }
 
 impl Runner {
+    /// Tells runs of the same invocations apart, for the messages of their shader.
+    pub fn set_order(&mut self, order: u64) {
+        self.frame.order = order;
+    }
+
     /// Takes memory for subgroups of a program from the device's budget.
     ///
     /// # Errors

@@ -219,6 +219,7 @@ impl<'a> Bindings<'a> {
             uniforms,
             reach: Arc::clone(&surroundings.shader_reach),
             strays: surroundings.strays.clone(),
+            prints: None,
             views: Arc::clone(&surroundings.views),
         };
         Some((pipeline, environment))
@@ -267,6 +268,7 @@ impl<'a> Bindings<'a> {
             uniforms: [0; uniform::COUNT],
             reach: surroundings.shader_reach,
             strays: surroundings.strays,
+            prints: None,
             views: surroundings.views,
         };
         let environment = Arc::new(environment);

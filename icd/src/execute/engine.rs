@@ -3,10 +3,13 @@
 #![forbid(unsafe_code)]
 
 use std::borrow::Cow;
+use std::ffi::CStr;
+use std::io::Write;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
+use ash::vk;
 use spirv_jit::views::Views;
 
 use crate::compute::Dispatcher;
@@ -46,6 +49,9 @@ pub struct Engine {
     /// How the device was lost.
     fault: OnceLock<Fault>,
 }
+
+/// The name of messages of shaders: that of the validation layers, which programs look for.
+const PRINTF: &CStr = c"WARNING-DEBUG-PRINTF";
 
 /// The conditions that an engine watches during execution.
 pub struct Watch {
@@ -135,6 +141,27 @@ impl Engine {
                 views: Arc::clone(&self.views),
             },
         }
+    }
+
+    /// Passes messages of shaders on: to the debug messengers that listen to information, or else to
+    /// standard error.
+    pub fn print(&self, messages: &[String]) {
+        let severity = vk::DebugUtilsMessageSeverityFlagsEXT::INFO;
+        let types = vk::DebugUtilsMessageTypeFlagsEXT::GENERAL
+            | vk::DebugUtilsMessageTypeFlagsEXT::VALIDATION;
+        if messages.is_empty() {
+            return;
+        }
+        if self.messengers.hear(severity, types) {
+            for message in messages {
+                self.messengers.send(severity, types, PRINTF, message);
+            }
+            return;
+        }
+        let mut text = messages.join("\n");
+        text.push('\n');
+        // A closed standard error is no reason to end the process.
+        let _ = std::io::stderr().write_all(text.as_bytes());
     }
 
     /// Validation of one command, where it is on.

@@ -10,13 +10,14 @@ use std::sync::Arc;
 use ash::vk;
 use smallvec::SmallVec;
 use spirv_jit::Program;
+use spirv_jit::environment::Environment;
 use spirv_jit::program::Stage;
 
 use super::bindings::{Bindings, Snapshot};
 use super::engine::Engine;
 use super::pass::Active;
 use super::query::ActiveQuery;
-use super::{Failure, note_strays};
+use super::{Failure, note_strays, prints};
 use crate::command::GraphicsCommand;
 use crate::command::graphics::{BindVertexBuffers, Draw, DrawIndirect, DrawMulti, IndexBinding};
 use crate::command::pass::{AttachmentClears, Pass};
@@ -201,6 +202,8 @@ pub struct Drawing<'a> {
     /// Changes where programs must look at memory anew: behind barriers, and when everything in the
     /// batch was drawn.
     epoch: u64,
+    /// Programs of the batch print messages.
+    prints: bool,
     pub queries: Vec<ActiveQuery<'a>>,
     /// A condition does not hold: draws, dispatches and clears inside of passes are left out.
     pub skips: bool,
@@ -227,16 +230,22 @@ impl<'a> Drawing<'a> {
             limits: &limits,
             reach: &reach,
         };
-        let watched = match engine.wild {
-            Some(_) => self.batch.watched(),
-            None => Vec::new(),
+        let prints = std::mem::take(&mut self.prints);
+        let watched = match engine.wild.is_some() || prints {
+            true => self.batch.watched(),
+            false => Vec::new(),
         };
         let drawn = engine
             .rasterizer
             .flush(context, &active.targets, &mut self.batch);
-        for (strays, stages) in &watched {
+        for (environment, stages) in &watched {
             let programs = iter::once(&stages.vertex).chain(&stages.fragment);
-            note_strays(engine, None, strays, programs);
+            if let Some(strays) = &environment.strays {
+                note_strays(engine, None, strays, programs.clone());
+            }
+            if let Some(prints) = &environment.prints {
+                prints::print(engine, prints, programs);
+            }
         }
         drawn.map_err(|why| limits.fault(why).into())
     }
@@ -523,8 +532,19 @@ impl<'a> Painter<'_, 'a> {
             active.set_samples(samples);
         }
         let engine = self.engine;
-        let Snapshot { environment, keep } =
-            (self.bindings).snapshot(drawing.epoch, || engine.surroundings());
+        let Snapshot {
+            mut environment,
+            keep,
+        } = (self.bindings).snapshot(drawing.epoch, || engine.surroundings());
+        // The messages of each draw are its own.
+        let programs = iter::once(&stages.vertex).chain(&stages.fragment);
+        if let Some(prints) = prints::of(programs) {
+            drawing.prints = true;
+            environment = Arc::new(Environment {
+                prints: Some(prints),
+                ..(*environment).clone()
+            });
+        }
         let indices = indexed.then_some(current.indices);
         drawing.calls += 1;
         if let Some(Work::Draw(last)) = drawing.batch.work.last_mut()

@@ -28,6 +28,7 @@ pub mod bindings;
 mod engine;
 mod graphics;
 mod pass;
+mod prints;
 pub mod query;
 pub mod ray_tracing;
 
@@ -281,13 +282,14 @@ fn run_dispatch(
     let (engine, bindings) = (painter.engine, &mut *painter.bindings);
     let surroundings = engine.surroundings();
     let bind_point = vk::PipelineBindPoint::COMPUTE;
-    let Some((pipeline, environment)) = bindings.environment(bind_point, count, &surroundings)
+    let Some((pipeline, mut environment)) = bindings.environment(bind_point, count, &surroundings)
     else {
         return Ok(());
     };
     let PipelineKind::Compute(program) = &pipeline.kind else {
         return Ok(());
     };
+    environment.prints = prints::of(std::iter::once(program));
     let limits = engine.limits();
     let ran = engine.dispatcher.run(
         &engine.workers,
@@ -302,6 +304,9 @@ fn run_dispatch(
     if let Some(strays) = &surroundings.strays {
         let checks = engine.checks(Caller::Other);
         note_strays(engine, checks.as_ref(), strays, std::iter::once(program));
+    }
+    if let Some(prints) = &environment.prints {
+        prints::print(engine, prints, std::iter::once(program));
     }
     ran.map_err(|why| limits.fault(why))?;
     if !painter.drawing.queries.is_empty() {

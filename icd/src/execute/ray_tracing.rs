@@ -5,7 +5,7 @@ use lanes::Tier;
 use spirv_jit::environment::{Environment, uniform};
 
 use super::engine::Engine;
-use super::note_strays;
+use super::{note_strays, prints};
 use crate::command::RayTracingCommand;
 use crate::object::ray_tracing_pipeline::RayTracingPipeline;
 use crate::settings::settings;
@@ -158,6 +158,10 @@ fn trace_rays(
     }
     let launch = uniform::LAUNCH_SIZE as usize;
     environment.uniforms[launch..launch + 3].copy_from_slice(&extent);
+    let programs = pipeline.shaders.programs.iter();
+    if pipeline.shaders.prints {
+        environment.prints = prints::of(programs.clone());
+    }
     let dispatch = Dispatch {
         shaders: &pipeline.shaders,
         tier: Tier::best(),
@@ -179,7 +183,10 @@ fn trace_rays(
     let traced = engine.tracer.trace_rays(&dispatch, &engine.workers);
     if let Some(strays) = &surroundings.strays {
         let checks = checks.as_ref().map(|traced| &traced.checks);
-        note_strays(engine, checks, strays, pipeline.shaders.programs.iter());
+        note_strays(engine, checks, strays, programs.clone());
+    }
+    if let Some(prints) = &environment.prints {
+        prints::print(engine, prints, programs);
     }
     traced
 }

@@ -52,7 +52,7 @@ pub struct Compiled {
 
 impl ShaderStage {
     /// The identity of a compilation: module, entry point, stage, specialization, descriptor
-    /// locations, accuracy of functions, and the meaning of its view index.
+    /// locations, accuracy of functions, the meaning of its view index, and whether it prints.
     pub fn key(&self, layout: &PipelineLayout) -> ProgramKey {
         let mut hash = Xxh3::new();
         for word in self.words.iter() {
@@ -61,7 +61,14 @@ impl ShaderStage {
         hash.update(&(self.words.len() as u64).to_le_bytes());
         hash.update(self.entry_point.as_bytes());
         let view_index = u8::from(self.view_index_is_device_index);
-        hash.update(&[0, self.stage as u8, settings().accuracy as u8, view_index]);
+        let prints = u8::from(settings().prints.is_some());
+        hash.update(&[
+            0,
+            self.stage as u8,
+            settings().accuracy as u8,
+            view_index,
+            prints,
+        ]);
         for (id, bytes) in &self.specialization {
             hash.update(&id.to_le_bytes());
             hash.update(&(bytes.len() as u64).to_le_bytes());
@@ -137,6 +144,7 @@ impl ShaderStage {
             bindings: &|set, binding| layout.descriptor_binding(set, binding),
             capabilities: compiler.capabilities,
             accuracy: settings().accuracy,
+            prints: settings().prints.is_some(),
             checks_alignment: compiler.checks_alignment,
             view_index_is_device_index: self.view_index_is_device_index,
         };

@@ -25,7 +25,6 @@ use std::sync::atomic::AtomicU64;
 use ash::vk;
 use smallvec::SmallVec;
 use spirv_jit::environment::Environment;
-use spirv_jit::reach::Strays;
 
 pub use crate::object::graphics_pipeline::Stages;
 use crate::object::graphics_state::{
@@ -182,13 +181,10 @@ pub struct Batch {
 }
 
 impl Batch {
-    /// Where its draws note addresses that lead nowhere, as far as they do, and whose those are.
-    pub fn watched(&self) -> Vec<(Arc<Strays>, Arc<Stages>)> {
+    /// The environments of its draws, which hold what shaders did, and whose those are.
+    pub fn watched(&self) -> Vec<(Arc<Environment>, Arc<Stages>)> {
         let watched = self.work.iter().filter_map(|work| match work {
-            Work::Draw(draw) => {
-                let strays = draw.environment.strays.as_ref()?;
-                Some((Arc::clone(strays), Arc::clone(&draw.stages)))
-            }
+            Work::Draw(draw) => Some((Arc::clone(&draw.environment), Arc::clone(&draw.stages))),
             Work::Clear(_) => None,
         });
         watched.collect()

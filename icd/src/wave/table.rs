@@ -43,6 +43,8 @@ pub struct Shaders {
     pub groups: Vec<Group>,
     /// A group has an any-hit shader.
     pub has_any_hit: bool,
+    /// Programs print messages.
+    pub prints: bool,
     /// Open addressing by the handle's first word: group index + 1, or 0.
     slots: Vec<u32>,
 }
@@ -52,9 +54,10 @@ impl Shaders {
     /// all of them.
     pub fn new(programs: Vec<Arc<Program>>, groups: Vec<Group>) -> Self {
         let mut shaders = Self {
-            programs,
             slots: vec![0; (groups.len() * 2).next_power_of_two().max(2)],
+            prints: programs.iter().any(|program| program.prints()),
             has_any_hit: groups.iter().any(|group| group.any_hit.is_some()),
+            programs,
             groups,
         };
         for index in 0..shaders.groups.len() {

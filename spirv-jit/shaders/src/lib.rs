@@ -46,6 +46,7 @@ pub fn request(stage: Stage, words: &[u32]) -> CompileRequest<'_> {
         bindings: &bindings,
         capabilities: &CAPABILITIES,
         accuracy: Accuracy::Spec,
+        prints: true,
         checks_alignment: false,
         view_index_is_device_index: false,
     }

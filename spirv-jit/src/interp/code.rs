@@ -5,6 +5,7 @@ use crate::image::ImageOp;
 use crate::ir::op::{AtomicOp, SubgroupOp};
 use crate::ir::{Space, Type};
 use crate::plan::Live;
+use crate::printf::Message;
 use crate::state::SiteId;
 
 /// A memory access: its address operands come first at `operands`, then the scalars.
@@ -101,4 +102,18 @@ pub(super) struct PhysicalAccess {
 pub(super) struct Return {
     pub pc: u32,
     pub live: Live,
+}
+
+/// A message of a shader.
+pub(crate) struct PrintPlan {
+    pub message: Message,
+    /// Word offset of the SPIR-V instruction.
+    pub source: u32,
+    /// Messages of fragments come after those of their vertices; other stages share launches.
+    pub rank: u32,
+    /// Words of the invocation's key, the first operands.
+    pub key_words: usize,
+    /// First of the operands.
+    pub(super) operands: usize,
+    pub(super) count: usize,
 }

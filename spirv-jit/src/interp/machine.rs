@@ -11,7 +11,8 @@ use std::cell::Cell;
 use lanes::LaneMask;
 
 use super::code::{
-    AccessPlan, AtomicPlan, ImagePlan, PhysicalAccess, Place, Remade, Return, Saved, SubgroupPlan,
+    AccessPlan, AtomicPlan, ImagePlan, PhysicalAccess, Place, PrintPlan, Remade, Return, Saved,
+    SubgroupPlan,
 };
 use super::operand::Operand;
 use crate::SUBGROUP_SIZE;
@@ -57,6 +58,7 @@ pub(crate) struct Code {
     pub(super) bindings: Vec<DescriptorBinding>,
     pub(super) subgroups: Vec<SubgroupPlan>,
     pub(super) images: Vec<ImagePlan>,
+    pub(super) prints: Vec<PrintPlan>,
     /// As many as the plan keeps, in the same order.
     pub(super) saved: Vec<Saved>,
     pub(super) remade: Vec<Remade>,
@@ -117,6 +119,8 @@ pub(super) struct Machine<'p> {
     pub shared: &'p [*mut u8],
     /// See [`Wave::is_whole`](crate::state::Wave::is_whole).
     pub is_whole: bool,
+    /// Of the frame.
+    pub order: u64,
     /// Where the last physical pointer led that was looked up.
     pub near: Cell<Range>,
 }

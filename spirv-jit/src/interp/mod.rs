@@ -22,6 +22,7 @@ mod machine;
 mod memory;
 mod native;
 mod operand;
+mod prints;
 mod region;
 mod slots;
 mod subgroup;
@@ -40,6 +41,7 @@ use lanes::LaneMask;
 use crate::plan::Plan;
 use crate::row::AlignedRow;
 use crate::state::{Event, Wave};
+pub(crate) use code::PrintPlan;
 pub(crate) use emit::emit;
 pub(crate) use machine::Code;
 pub use machine::MAX_SUBGROUPS;
@@ -58,6 +60,8 @@ pub struct Frame {
     vectors: Vec<AlignedRow>,
     masks: Vec<Mask>,
     returns: Vec<u32>,
+    /// Goes with the messages of shaders: see [`Record::order`](crate::printf::Record::order).
+    pub order: u64,
 }
 
 /// Uniform rows: a program's constants, and what its prologue computed.
@@ -97,6 +101,11 @@ impl Code {
         let index = (self.physical).binary_search_by_key(&behind, |access| access.pc as usize);
         let access = &self.physical[index.ok()?];
         Some((access.source, access.writes))
+    }
+
+    /// The messages of its shader, by site.
+    pub fn prints(&self) -> &[PrintPlan] {
+        &self.prints
     }
 
     /// Runs a wave of program `number`, whose plan this was emitted from, to its next event.
@@ -150,6 +159,7 @@ impl Code {
             subgroups,
             shared: wave.shared,
             is_whole: wave.is_whole,
+            order: frame.order,
             near: Cell::new(wave.environment.reach.likely()),
         };
         // SAFETY: the frame and the states have the sizes that the program asks for, and stay put

@@ -308,6 +308,11 @@ macro_rules! define_ops {
             Image(crate::image::ImageOp) "image" Read;
             /// Subgroup operations: at [`SubgroupOp`].
             Subgroup(SubgroupOp) "subgroup" Read;
+            /// `(key words…, argument words…) -> ()`: adds a message to the dispatch's
+            /// [`Prints`](crate::printf::Prints). The table holds the
+            /// [`Message`](crate::printf::Message); the key is as [`key`](super::stage::Stage::key)
+            /// lists it.
+            DebugPrintf(u32) "debug_printf" Change;
             /// `(params…) -> (results…)`.
             Call(FunctionId) "call" Change;
             /// `(structure: 2 words, flags, cull_mask, sbt_offset, sbt_stride, miss_index, origin x

@@ -4,6 +4,7 @@ use super::op::{Access, AtomicOp, MAX_TABLE_RESULTS, Signature, Space, SubgroupO
 use super::{Function, Inst, Module, Op, Type, VariableId};
 use crate::hit_object::{IDENTITY, TRACED, word};
 use crate::image::{Dim, ImageOp, ImageOpKind, LodMode};
+use crate::printf::Message;
 
 type Checked = Result<(), String>;
 
@@ -171,6 +172,15 @@ fn check_other(
                 some && results.iter().all(|&ty| is_word(ty)),
                 "a table holds words",
             )
+        }
+        Op::DebugPrintf(index) => {
+            gives(&[])?;
+            let table = function.tables.get(*index as usize);
+            let message = table.and_then(|words| Message::from_table(words));
+            let message = message.ok_or("no such message")?;
+            let words = module.stage.key().len() + message.words();
+            let fits = args.len() == words && args.iter().all(|&ty| is_word(ty));
+            require(fits, "operands do not match the message")
         }
         Op::Load(access) => {
             takes(address_types(access.space))?;

@@ -18,6 +18,61 @@ pub enum Stage {
     Fragment,
 }
 
+impl Stage {
+    /// The input words, each a whole number, that tell the stage's invocations apart and sort them,
+    /// the most significant first; of positions the whole part.
+    pub fn key(self) -> &'static [(Builtin, u8)] {
+        use Builtin::*;
+        match self {
+            Stage::Compute => &[
+                (GlobalInvocationId, 2),
+                (GlobalInvocationId, 1),
+                (GlobalInvocationId, 0),
+            ],
+            Stage::Vertex => &[
+                (DrawIndex, 0),
+                (ViewIndex, 0),
+                (InstanceIndex, 0),
+                (VertexIndex, 0),
+            ],
+            // Samples of a pixel that are shaded apart differ in their masks.
+            Stage::Fragment => &[
+                (AttachmentLayer, 0),
+                (FragCoord, 1),
+                (FragCoord, 0),
+                (PrimitiveId, 0),
+                (SampleMask, 0),
+            ],
+            _ => &[(LaunchId, 2), (LaunchId, 1), (LaunchId, 0)],
+        }
+    }
+
+    /// The name of an invocation, from the words of its [`Self::key`].
+    pub fn name_invocation(self, key: &[u32]) -> String {
+        match (self, key) {
+            (Stage::Compute, [z, y, x, ..]) => format!("invocation ({x}, {y}, {z})"),
+            (Stage::Vertex, [draw, view, instance, vertex, ..]) => {
+                let mut name = format!("vertex {vertex}, instance {instance}");
+                for (what, number) in [("draw", draw), ("view", view)] {
+                    if *number > 0 {
+                        name += &format!(", {what} {number}");
+                    }
+                }
+                name
+            }
+            (Stage::Fragment, [layer, y, x, primitive, ..]) => {
+                let layer = match layer {
+                    0 => String::new(),
+                    layer => format!(", layer {layer}"),
+                };
+                format!("fragment ({x}, {y}){layer}, primitive {primitive}")
+            }
+            (_, [z, y, x, ..]) => format!("launch ({x}, {y}, {z})"),
+            _ => String::new(),
+        }
+    }
+}
+
 /// Built-in inputs that arrive per lane in the input record. 32-bit words each; vectors and
 /// matrices (column-major) by component.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]

@@ -84,6 +84,7 @@ impl Lowerer<'_> {
         let number = operands[1];
         match set.map(String::as_str) {
             Some("GLSL.std.450") => {}
+            Some(super::debug_printf::SET) => return self.lower_debug_printf(instruction),
             // Debug information.
             Some(name) if only_informs(name) => return Ok(()),
             Some(name) => {

@@ -24,6 +24,7 @@ mod capability;
 mod composite;
 mod constants;
 mod convert;
+mod debug_printf;
 mod define_constant;
 mod derivative;
 mod entry;

@@ -38,7 +38,7 @@ pub(super) struct InstructionTable {
 }
 
 /// A literal string of operand words: UTF-8, low byte first, up to its zero byte.
-pub(super) fn decode_string(words: &[u32]) -> String {
+pub(crate) fn decode_string(words: &[u32]) -> String {
     let bytes: Vec<u8> = words
         .iter()
         .flat_map(|word| word.to_le_bytes())

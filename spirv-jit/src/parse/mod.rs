@@ -15,6 +15,7 @@ mod module;
 
 pub use annotations::Annotations;
 pub(crate) use grammar::{only_informs, opcode_name};
+pub(crate) use instruction::decode_string;
 pub use instruction::{Id, Instruction};
 pub use module::{Block, EntryPoint, Function, Merge, ParsedModule};
 

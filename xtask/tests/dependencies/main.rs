@@ -73,6 +73,7 @@ const HOUSES: [House; 3] = [
             "views",
             "image",
             "reach",
+            "printf",
             "query",
             "hit_object",
             "facts",

@@ -122,6 +122,10 @@ impl Worker {
             .try_reserve(self.vertices.len() + SUBGROUP_SIZE))
         .map_err(|_| Stopped::OutOfMemory)?;
         let first_word = chunk.outputs.len() as u32;
+        // Chunks of a draw may share vertices.
+        let first = &spans[0];
+        let order = u64::from(first.start) << 32 | u64::from(first.primitives.start);
+        self.runner.set_order(order);
         shade(
             &mut self.runner,
             draw,

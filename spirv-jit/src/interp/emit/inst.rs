@@ -2,15 +2,21 @@
 
 use super::{Emitter, instr};
 use crate::Error;
-use crate::interp::code::{AccessPlan, AtomicPlan, ImagePlan, PhysicalAccess, SubgroupPlan};
+use crate::interp::code::{
+    AccessPlan, AtomicPlan, ImagePlan, PhysicalAccess, PrintPlan, SubgroupPlan,
+};
 use crate::interp::fusion::Fused;
 use crate::interp::kernels::{self, Unpack64, elementwise, fused};
 use crate::interp::machine::{Handler, Instr};
 use crate::interp::operand::Operand;
-use crate::interp::{access, atomics, control, descriptors, images, memory, subgroup, yields};
+use crate::interp::{
+    access, atomics, control, descriptors, images, memory, prints, subgroup, yields,
+};
 use crate::ir::op::{Access, AtomicOp, MAX_TABLE_RESULTS};
+use crate::ir::stage::Stage;
 use crate::ir::{Inst, Op, Space, Type, Value, VariableId};
 use crate::plan::takes_helpers;
+use crate::printf::Message;
 
 impl Emitter<'_> {
     fn ty(&self, value: Value) -> Type {
@@ -107,6 +113,7 @@ impl Emitter<'_> {
             Op::LaneIndex => plain(memory::lane_index, 0),
             Op::Demote => plain(control::demote, 0),
             Op::IsHelper => plain(control::is_helper, 0),
+            Op::DebugPrintf(table) => return self.emit_print(*table, inst),
             Op::ReadClock => plain(memory::read_clock, 0),
             Op::MemoryBarrier => plain(memory::memory_barrier, 0),
             Op::Unpack64 => Instr {
@@ -261,6 +268,27 @@ impl Emitter<'_> {
             ..instr(handler)
         });
         self.note_physical(access, inst, true);
+        Ok(())
+    }
+
+    fn emit_print(&mut self, table: u32, inst: &Inst) -> Result<(), Error> {
+        let words = self.body_function().tables.get(table as usize);
+        let message = words.and_then(|words| Message::from_table(words));
+        let message = message.ok_or_else(|| Error::invalid(inst.source, "no such message"))?;
+        let operands = self.list(&inst.args) as usize;
+        let site = self.code.prints.len() as u32;
+        self.code.prints.push(PrintPlan {
+            message,
+            source: inst.source,
+            rank: (self.module.stage == Stage::Fragment) as u32,
+            key_words: self.module.stage.key().len(),
+            operands,
+            count: inst.args.len(),
+        });
+        self.push(Instr {
+            x: site,
+            ..instr(prints::debug_printf)
+        });
         Ok(())
     }
 

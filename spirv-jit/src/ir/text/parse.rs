@@ -546,6 +546,7 @@ impl<'a> Parser<'a> {
             "descriptor" => binding_from_text(&words).map(Op::Descriptor),
             "descriptor_reference" => binding_from_text(&words).map(Op::DescriptorReference),
             "table" => index_from_text("", &words).map(Op::Table),
+            "debug_printf" => index_from_text("", &words).map(Op::DebugPrintf),
             "input" => index_from_text("", &words).map(Op::Input),
             "uniform" => index_from_text("", &words).map(Op::Uniform),
             "call" => index_from_text("f", &words).map(|id| Op::Call(FunctionId(id))),

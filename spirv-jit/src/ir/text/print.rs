@@ -361,7 +361,9 @@ pub fn print_op(op: &Op) -> String {
         Op::Descriptor(binding) | Op::DescriptorReference(binding) => {
             format!("{name}[{}]", binding_text(binding))
         }
-        Op::Input(index) | Op::Uniform(index) | Op::Table(index) => format!("{name}[{index}]"),
+        Op::Input(index) | Op::Uniform(index) | Op::Table(index) | Op::DebugPrintf(index) => {
+            format!("{name}[{index}]")
+        }
         Op::Call(callee) => format!("{name}[{callee}]"),
         Op::Image(image) => image_text(image),
         Op::Subgroup(kind) => match subgroup_text(*kind) {

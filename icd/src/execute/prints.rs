@@ -1,0 +1,41 @@
+//! Messages of shaders (`NonSemantic.DebugPrintf`): room for them before a command runs, their texts
+//! when it is complete.
+
+#![forbid(unsafe_code)]
+
+use std::sync::Arc;
+
+use spirv_jit::Program;
+use spirv_jit::printf::Prints;
+
+use super::engine::Engine;
+use crate::settings::settings;
+
+/// Room for the messages of a command; none if none of its programs prints.
+pub(super) fn of<'a>(mut programs: impl Iterator<Item = &'a Arc<Program>>) -> Option<Arc<Prints>> {
+    let limit_bytes = settings().prints?;
+    (programs.any(|program| program.prints())).then(|| Arc::new(Prints::new(limit_bytes)))
+}
+
+/// Prints the messages of a command's programs in the order of its invocations, and how many did not
+/// fit.
+pub(super) fn print<'a>(
+    engine: &Engine,
+    prints: &Prints,
+    programs: impl Iterator<Item = &'a Arc<Program>> + Clone,
+) {
+    let taken = prints.take();
+    let mut texts = Vec::new();
+    for record in &taken.records {
+        let mut programs = programs.clone();
+        let program = programs.find(|program| program.number() == record.program);
+        texts.extend(program.and_then(|program| program.printed(record)));
+    }
+    if taken.dropped > 0 {
+        let (dropped, limit) = (taken.dropped, settings().prints.unwrap_or(0));
+        texts.push(format!(
+            "{dropped} more messages of shaders are past TUFF_DEBUG_PRINTF_BYTES ({limit})"
+        ));
+    }
+    engine.print(&texts);
+}
