@@ -30,6 +30,7 @@ pub mod raster;
 mod settings;
 pub mod structures;
 pub mod table;
+pub mod timeline;
 pub mod trace;
 pub mod transfer;
 pub mod validate;

@@ -12,6 +12,8 @@ use log::LevelFilter;
 use spirv_jit::{Accuracy, pass};
 use traversal::{Options, Specialisation, Walker};
 
+use crate::timeline;
+
 /// The settings of the process.
 #[derive(Clone, Copy, Debug)]
 pub struct Settings {
@@ -40,6 +42,8 @@ pub struct Settings {
     /// Bytes of messages of shaders that one launch may print, where they are printed
     /// (`TUFF_DEBUG_PRINTF`, `TUFF_DEBUG_PRINTF_BYTES`).
     pub prints: Option<usize>,
+    /// The file of the timeline (`TUFF_TRACE`).
+    pub trace: Option<&'static str>,
     /// The value of `VkPhysicalDeviceDriverProperties::conformanceVersion` (`TUFF_CONFORMANCE`).
     /// Zeros, the default, claim nothing.
     pub conformance: ConformanceVersion,
@@ -105,6 +109,8 @@ impl Settings {
             validate: read.parsed("TUFF_VALIDATE", "0 or 1", switch)? == Some(true),
             stats: read.parsed("TUFF_STATS", "0 or 1", switch)? == Some(true),
             prints: prints.then(|| print_bytes.unwrap_or(PRINT_BYTES)),
+            // Settings are read once.
+            trace: value("TUFF_TRACE").map(|path| &*path.leak()),
             conformance: (read.parsed("TUFF_CONFORMANCE", CONFORMANCE, conformance)?)
                 .unwrap_or_default(),
             walks: Options {
@@ -230,6 +236,9 @@ pub fn checked() -> Result<&'static Settings, &'static str> {
         log::set_max_level(settings.log);
         let list = |name| environment(name).unwrap_or_default();
         pass::configure(&list("TUFF_DISABLE"), &list("TUFF_PRINT"));
+        if let Some(path) = settings.trace {
+            timeline::start(path);
+        }
         // One limit for all: programs and samplers, walks and builds.
         settings.walks.tier.limit();
         spirv_jit::native::allow(settings.native);
@@ -279,6 +288,7 @@ mod tests {
             ("TUFF_VALIDATE", "1"),
             ("TUFF_STATS", "1"),
             ("TUFF_DEBUG_PRINTF_BYTES", "4096"),
+            ("TUFF_TRACE", "frame.json"),
             ("TUFF_CONFORMANCE", "1.3.8.0"),
         ])
         .unwrap();
@@ -293,6 +303,7 @@ mod tests {
         assert_eq!(set.timeout, Some(Duration::from_millis(500)));
         assert_eq!((set.validate, set.stats), (true, true));
         assert!(!set.native);
+        assert_eq!((plain.trace, set.trace), (None, Some("frame.json")));
         assert_eq!(set.prints, Some(4096));
         let version = set.conformance;
         let numbers = [

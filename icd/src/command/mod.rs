@@ -38,8 +38,18 @@ crate::handle::handled!(
     CommandPool => CommandPool,
 );
 
+/// A mark of the application's in a command buffer, recorded where there is a timeline.
+pub enum Mark {
+    /// The handle of the command buffer: its first command.
+    CommandBuffer(u64),
+    Begin(Box<str>),
+    End,
+    Insert(Box<str>),
+}
+
 /// A recorded command.
 pub enum Command {
+    Mark(Mark),
     BindPipeline(Ref<Pipeline>),
     /// `vkCmdSetRayTracingPipelineStackSizeKHR`.
     SetRayTracingStackSize(u32),

@@ -30,6 +30,7 @@ use spirv_jit::program::{AlignedRow, Builtin, InputRow, Row, SiteKind};
 use spirv_jit::{Program, SUBGROUP_SIZE};
 use waves::{Runner, Subgroups};
 
+use crate::timeline;
 use crate::wave::{Limits, Stopped, StoppedAt, Workers};
 
 /// Steps that a worker takes at once, at most.
@@ -78,6 +79,7 @@ impl Dispatcher {
         let chunks = plan.steps.div_ceil(chunk_steps);
         let next_chunk = AtomicU64::new(0);
         let work = || {
+            let _span = timeline::work("workgroups");
             let mut runner = self.idle.lock().pop().unwrap_or_default();
             match plan.reserve(&mut runner) {
                 Err(Stopped::OutOfMemory) => return Ok(()),

@@ -1,19 +1,21 @@
 //! Command pools and buffers, and the commands that bind, dispatch and order.
 
-use ash::vk;
+use ash::vk::{self, Handle};
 use smallvec::SmallVec;
 
 use super::define::{commands, entry};
 use super::push_descriptor::bind_points;
 use crate::VkResult;
 use crate::command::{
-    BindDescriptorSets, Command, CommandBuffer, CommandPool, GraphicsCommand, Recording, copied,
+    BindDescriptorSets, Command, CommandBuffer, CommandPool, GraphicsCommand, Mark, Recording,
+    copied,
 };
 use crate::decode::graphics::color_locations;
 use crate::ffi;
 use crate::handle;
 use crate::object::setting::Setting;
 use crate::object::{Buffer, DescriptorSet, Event};
+use crate::timeline;
 
 /// Records a barrier that shaders of draws wait for. Inside a pass, vertex stages and what reads
 /// their parameters run ahead of the fragments of earlier draws, and fragment shaders keep what
@@ -54,6 +56,26 @@ unsafe fn inherit(commands: &mut Recording, info: &vk::CommandBufferBeginInfo<'_
         };
         let setting = Setting::ColorLocations(color_locations(locations));
         commands.push(Command::Graphics(GraphicsCommand::Set(setting)))
+    }
+}
+
+/// Records a mark where there is a timeline.
+fn mark(commands: &mut Recording, mark: impl FnOnce() -> Mark) -> VkResult {
+    match timeline::is_on() {
+        true => commands.push(Command::Mark(mark())),
+        false => Ok(()),
+    }
+}
+
+/// # Safety
+/// `label` is valid.
+unsafe fn label_text(label: *const vk::DebugUtilsLabelEXT<'_>) -> Box<str> {
+    // SAFETY: the caller's promise.
+    let text = unsafe { (*label).p_label_name };
+    match text.is_null() {
+        true => Box::default(),
+        // SAFETY: as above.
+        false => unsafe { ffi::string(text) }.to_string_lossy().into(),
     }
 }
 
@@ -101,9 +123,11 @@ entry! {
     }
 
     fn vkBeginCommandBuffer(buffer: vk::CommandBuffer, info: *const vk::CommandBufferBeginInfo) -> vk::Result {
+        let name = buffer.as_raw();
         let buffer = handle::from_handle::<CommandBuffer>(buffer);
         let mut recording = buffer.recording.lock();
         recording.reset(true);
+        mark(&mut recording, || Mark::CommandBuffer(name))?;
         match buffer.level {
             vk::CommandBufferLevel::SECONDARY => inherit(&mut recording, &*info),
             _ => Ok(()),
@@ -286,18 +310,16 @@ commands! {
         barrier(commands, vk::PipelineStageFlags2::ALL_COMMANDS)
     }
 
-    /// Labels are for tools between the application and the driver; the driver keeps none.
-    fn vkCmdBeginDebugUtilsLabelEXT(_commands, _label: *const vk::DebugUtilsLabelEXT) {
-        Ok(())
+    /// Labels are for tools between the application and the driver, and for the timeline.
+    fn vkCmdBeginDebugUtilsLabelEXT(commands, label: *const vk::DebugUtilsLabelEXT) {
+        mark(commands, || Mark::Begin(label_text(label)))
     }
 
-    /// As above.
-    fn vkCmdEndDebugUtilsLabelEXT(_commands) {
-        Ok(())
+    fn vkCmdEndDebugUtilsLabelEXT(commands) {
+        mark(commands, || Mark::End)
     }
 
-    /// As above.
-    fn vkCmdInsertDebugUtilsLabelEXT(_commands, _label: *const vk::DebugUtilsLabelEXT) {
-        Ok(())
+    fn vkCmdInsertDebugUtilsLabelEXT(commands, label: *const vk::DebugUtilsLabelEXT) {
+        mark(commands, || Mark::Insert(label_text(label)))
     }
 }

@@ -1,12 +1,14 @@
 //! `VK_EXT_debug_utils` on objects: shaders and pipelines know their names, for reports of faults.
-//! Other names, and tags, are for layers and tools, which see them on the way here.
+//! The timeline has all names, where there is one. Tags are for layers and tools, which see them on
+//! the way here.
 
 use ash::vk::{self, Handle};
 
 use super::define::entry;
 use crate::ffi::string;
 use crate::handle::from_handle;
-use crate::object::{Pipeline, ShaderModule, ShaderObject};
+use crate::object::{AccelerationStructure, Pipeline, ShaderModule, ShaderObject};
+use crate::timeline;
 
 entry! {
     fn vkSetDebugUtilsObjectNameEXT(_device: vk::Device, info: *const vk::DebugUtilsObjectNameInfoEXT) -> vk::Result {
@@ -30,8 +32,14 @@ entry! {
                     origin.name.set(&name);
                 }
             }
+            vk::ObjectType::ACCELERATION_STRUCTURE_KHR if timeline::is_on() => {
+                let structure = vk::AccelerationStructureKHR::from_raw(info.object_handle);
+                let structure = from_handle::<AccelerationStructure>(structure);
+                timeline::name_object(structure.storage().address, &name);
+            }
             _ => {}
         }
+        timeline::name_object(info.object_handle, &name);
         Ok(())
     }
 

@@ -17,7 +17,7 @@ use super::bindings::{Bindings, Snapshot};
 use super::engine::Engine;
 use super::pass::Active;
 use super::query::ActiveQuery;
-use super::{Failure, note_strays, prints};
+use super::{Failure, note_strays, prints, spans};
 use crate::command::GraphicsCommand;
 use crate::command::graphics::{BindVertexBuffers, Draw, DrawIndirect, DrawMulti, IndexBinding};
 use crate::command::pass::{AttachmentClears, Pass};
@@ -31,6 +31,7 @@ use crate::raster::{
     BATCH_DRAWS, Batch, Clear, ClearValue, Context, Counters, Draw as Batched, DrawCall,
     IndexBuffer, VertexBuffer, Work,
 };
+use crate::timeline::{self, Kind, Stack};
 use crate::wave::reachable;
 
 /// Calls of a batch, at most: what they take of memory is bounded.
@@ -204,6 +205,8 @@ pub struct Drawing<'a> {
     epoch: u64,
     /// Programs of the batch print messages.
     prints: bool,
+    /// Of the timeline: command buffers, labels, passes.
+    pub spans: Stack,
     pub queries: Vec<ActiveQuery<'a>>,
     /// A condition does not hold: draws, dispatches and clears inside of passes are left out.
     pub skips: bool,
@@ -235,6 +238,7 @@ impl<'a> Drawing<'a> {
             true => self.batch.watched(),
             false => Vec::new(),
         };
+        let _span = timeline::span(Kind::Draws, || spans::draws(&self.batch));
         let drawn = engine
             .rasterizer
             .flush(context, &active.targets, &mut self.batch);
@@ -252,6 +256,7 @@ impl<'a> Drawing<'a> {
 
     fn begin_pass(&mut self, engine: &Engine, pass: &'a Pass) -> Result<(), Failure> {
         self.flush(engine)?;
+        self.spans.begin(Kind::Pass, || spans::pass(pass));
         let active = Active::new(pass);
         if !pass.resumes {
             active.load(&mut self.batch);
@@ -267,6 +272,7 @@ impl<'a> Drawing<'a> {
         {
             active.resolve(&engine.workers);
         }
+        self.spans.end(Kind::Pass);
         Ok(())
     }
 

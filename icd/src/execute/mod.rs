@@ -31,6 +31,7 @@ mod pass;
 mod prints;
 pub mod query;
 pub mod ray_tracing;
+mod spans;
 
 use std::sync::Arc;
 
@@ -42,6 +43,7 @@ use crate::command::{Command, Parameters, RayTracingCommand};
 use crate::compute;
 use crate::object::Image;
 use crate::object::pipeline::PipelineKind;
+use crate::timeline::{self, Kind};
 use crate::transfer::{blit, buffer, clear, copy, resolve};
 use crate::validate::{Caller, Checks};
 use crate::wave::{Fault, Stopped, reachable};
@@ -105,15 +107,24 @@ fn replay<'a>(
     commands: &'a [Command],
 ) -> Result<(), Failure> {
     let (mut bindings, mut current) = (Bindings::default(), Current::default());
-    commands.iter().try_for_each(|command| {
+    let depth = drawing.spans.depth();
+    (drawing.spans).begin(Kind::CommandBuffer, || spans::command_buffer(commands));
+    let performed = commands.iter().try_for_each(|command| {
         let painter = Painter {
             engine,
             bindings: &mut bindings,
             current: &mut current,
-            drawing,
+            drawing: &mut *drawing,
         };
         perform(painter, command)
-    })
+    });
+    if drawing.spans.depth() > depth {
+        // Draws that wait belong to the command buffer that they are in.
+        let flushed = performed.and_then(|()| drawing.flush(engine));
+        drawing.spans.close_from(depth);
+        return flushed;
+    }
+    performed
 }
 
 /// Whether a command finds what was drawn before it: all but those that only change what is bound,
@@ -139,6 +150,7 @@ fn perform<'a>(mut painter: Painter<'_, 'a>, command: &'a Command) -> Result<(),
     }
     let (engine, bindings) = (painter.engine, &mut *painter.bindings);
     match command {
+        Command::Mark(mark) => spans::mark(&mut painter.drawing.spans, mark),
         Command::BindPipeline(pipeline) => {
             bindings.bind_pipeline(pipeline);
             if let PipelineKind::Graphics(pipeline) = &pipeline.kind {
@@ -290,6 +302,7 @@ fn run_dispatch(
         return Ok(());
     };
     environment.prints = prints::of(std::iter::once(program));
+    let _span = timeline::span(Kind::Dispatch, || spans::dispatch(program, count));
     let limits = engine.limits();
     let ran = engine.dispatcher.run(
         &engine.workers,

@@ -5,11 +5,12 @@ use lanes::Tier;
 use spirv_jit::environment::{Environment, uniform};
 
 use super::engine::Engine;
-use super::{note_strays, prints};
+use super::{note_strays, prints, spans};
 use crate::command::RayTracingCommand;
 use crate::object::ray_tracing_pipeline::RayTracingPipeline;
 use crate::settings::settings;
 use crate::structures;
+use crate::timeline::{self, Kind};
 use crate::trace::Dispatch;
 use crate::validate::{Checks, Traced, invocations};
 use crate::wave::Surroundings;
@@ -84,6 +85,7 @@ pub fn execute(
             }
         }
         _ => {
+            let _span = timeline::span(Kind::Build, || spans::build(command));
             engine
                 .workers
                 .install(|| structures::execute(command, reach, live, checks));
@@ -180,6 +182,7 @@ fn trace_rays(
         limits,
         checks: checks.as_ref(),
     };
+    let _span = timeline::span(Kind::Trace, || spans::trace(pipeline, extent));
     let traced = engine.tracer.trace_rays(&dispatch, &engine.workers);
     if let Some(strays) = &surroundings.strays {
         let checks = checks.as_ref().map(|traced| &traced.checks);

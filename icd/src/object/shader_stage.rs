@@ -7,6 +7,7 @@ use std::time::Instant;
 
 use ash::vk;
 use rspirv::spirv::Capability;
+use serde_json::json;
 use spirv_jit::Program;
 use spirv_jit::error::ErrorKind;
 use spirv_jit::ir::binary;
@@ -19,6 +20,7 @@ use super::stage_program::{ProgramKey, StageProgram};
 use super::{PipelineCache, PipelineLayout};
 use crate::VkResult;
 use crate::settings::settings;
+use crate::timeline::{self, Kind};
 
 /// Compiler settings that all shaders of a device share.
 pub struct Compiler<'a> {
@@ -148,6 +150,14 @@ impl ShaderStage {
             checks_alignment: compiler.checks_alignment,
             view_index_is_device_index: self.view_index_is_device_index,
         };
+        let _span = timeline::span(Kind::Compilation, || {
+            let sizes = json!({
+                "stage": format!("{:?}", self.stage),
+                "words": self.words.len(),
+                "module": self.name.text().as_deref(),
+            });
+            (format!("compile {}", self.entry_point), sizes)
+        });
         let start = Instant::now();
         let compiled = spirv_jit::program::compile_module(&request)
             .and_then(|module| Ok((Arc::new(Program::new(&module)?), module)));

@@ -7,12 +7,14 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::{Duration, Instant};
 
 use ash::vk;
+use serde_json::json;
 
 use super::swapchain::{Next, Request, Shared};
 use super::timing::{Refresh, Timing};
 use super::{Event, Frame, Gone, Screen, When};
 use crate::execute::query::timestamp_ns;
 use crate::guard::panic_text;
+use crate::timeline::{self, Kind};
 
 /// A hidden window's server may never say that an image's turn has come. Then the next one has its
 /// turn.
@@ -70,6 +72,10 @@ impl Shared {
                 };
                 if let Some(request) = next {
                     serial = serial.wrapping_add(1);
+                    let _span = timeline::span(Kind::Present, || {
+                        let frame = json!({ "image": request.index, "id": request.id });
+                        ("present".into(), frame)
+                    });
                     screen.show(&Frame {
                         index: request.index,
                         serial,

@@ -19,6 +19,7 @@ use std::thread::JoinHandle;
 
 use ash::vk;
 use parking_lot::{Condvar, Mutex};
+use serde_json::json;
 
 use crate::VkResult;
 use crate::command::Command;
@@ -29,6 +30,7 @@ use crate::handle::Ref;
 use crate::object::sparse::SparseBind;
 use crate::object::{Fence, Semaphore};
 use crate::present::{Request, Swapchain};
+use crate::timeline::{self, Kind};
 use crate::wave::{Cause, Fault};
 
 /// Queues that a device can have, all of one family.
@@ -202,6 +204,15 @@ impl Line {
             let cause = Cause::SparseBinding(why.to_owned());
             return self.engine.lose(Fault::new(cause));
         }
+        let span = timeline::span(Kind::Submission, || {
+            let sizes = json!({
+                "command buffers": commands.len(),
+                "waits": waits.len(),
+                "signals": signals.len(),
+                "presents": presents.len(),
+            });
+            ("submission".into(), sizes)
+        });
         let result = catch_unwind(AssertUnwindSafe(|| {
             execute::replay_all(&self.engine, commands.iter().map(|list| &list[..]))
         }));
@@ -214,6 +225,8 @@ impl Line {
                 return self.engine.lose(Fault::new(cause));
             }
         }
+        // An application that sees a signal may end the process.
+        drop(span);
         // An application that sees a signal may reset the command buffers, destroy sparse resources
         // and free their memory, and take the addresses again: the queue drops its references
         // first.

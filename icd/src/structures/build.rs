@@ -15,6 +15,7 @@ use crate::command::build::{Aabbs, Build, BuildGeometries, MotionTriangles, Tria
 use crate::command::range::Range;
 use crate::command::ray_tracing::IndirectBuild;
 use crate::format::structure::{MAX_VERTEX_BYTES, index_size_bytes};
+use crate::timeline;
 use crate::validate::Checks;
 use crate::wave::reachable::{read, readable, writable};
 
@@ -215,6 +216,7 @@ fn share_scratch(builds: &[Build]) -> bool {
 /// Structures lie in `live`, all else in `reach`.
 pub fn build(builds: &[Build], reach: &Reach, live: &Live, checks: Option<&Checks>) {
     let run = |build: &Build| {
+        let _span = timeline::work("structure");
         if let Some(checks) = checks {
             // SAFETY: as in `execute`.
             unsafe { checks.build(build, reach) };

@@ -41,6 +41,7 @@ use rayon::prelude::*;
 use spirv_jit::environment::Environment;
 use spirv_jit::program::SiteKind;
 
+use crate::timeline;
 use crate::validate::Traced;
 use crate::wave::mask::LiveMask;
 use crate::wave::table::{self, Live, Shaders, Tables};
@@ -89,6 +90,7 @@ impl Tracer {
         let reorders = program.sites().contains(&SiteKind::ReorderThread);
         let grid = Grid::new(dispatch.extent, state_bytes, reorders);
         let run = |worker: &mut Lease<'_>, index| {
+            let _span = timeline::work("batch of rays");
             // Batches that are soon over have no other occasion, however many there are.
             dispatch.limits.check()?;
             batch::Batch::new(dispatch, &grid, worker.worker()).run(raygen, record, index)

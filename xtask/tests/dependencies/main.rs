@@ -45,6 +45,7 @@ const HOUSES: [House; 3] = [
             "wave",
             "table",
             "settings",
+            "timeline",
             "guard",
             "float_environment",
             "affinity",

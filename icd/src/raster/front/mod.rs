@@ -39,6 +39,7 @@ use self::chunk::{Round, Worker};
 use self::cut::{Cursor, Cutter, Job};
 use super::primitive::Grid;
 use super::{Chunk, Context, ROUND_CHUNKS, Targets, Work};
+use crate::timeline;
 use crate::wave::Stopped;
 
 /// Primitives of a round that are less work than waking others up.
@@ -117,6 +118,7 @@ impl FrontEnd {
             grid: rounds.grid,
         };
         let make = |job: &Job| {
+            let _span = timeline::work("primitives");
             let mut worker = self.idle.lock().pop().unwrap_or_default();
             let mut chunk = self.spare.lock().pop().unwrap_or_default();
             worker.run(&round, job, &mut chunk)?;

@@ -43,6 +43,7 @@ use rayon::prelude::*;
 
 use super::primitive::{Bounds, Grid};
 use super::{Chunk, Context, Targets, Work};
+use crate::timeline;
 use crate::wave::Stopped;
 use plan::Plans;
 use visit::{Round, Worker};
@@ -103,6 +104,7 @@ impl Tiles {
         };
         let next = AtomicUsize::new(0);
         let work_off = || {
+            let _span = timeline::work("tiles");
             let mut worker = self.idle.lock().pop().unwrap_or_default();
             while let Some(&tile) = busy.get(next.fetch_add(1, Ordering::Relaxed)) {
                 worker
