@@ -21,7 +21,7 @@ const WORDS: u32 = 1 << 20;
 /// Texels of an image's side: a power of two.
 const SIDE: u32 = 512;
 
-/// What a kernel needs of a driver.
+/// The feature that a kernel needs of a driver.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Need {
     Nothing,
