@@ -99,7 +99,7 @@ void main() {
     data[index] = index * 7;
 }"#;
 
-/// What [`KERNEL`] prints in three by two workgroups.
+/// The messages of [`KERNEL`] in three by two workgroups.
 fn expected_of_kernel() -> Vec<String> {
     let mut expected = Vec::new();
     for (y, x) in (0..4i32).flat_map(|y| (0..12i32).map(move |x| (y, x))) {
@@ -421,32 +421,79 @@ void main() {
     }
 }
 
-/// Says in a child what to do there.
+/// Says in a child what to print: `kernel` or `layers`.
 const CHILD: &str = "TUFF_TEST_PRINTF";
 
 /// In a child: prints without a messenger.
 #[test]
 fn print_in_a_child() {
-    if std::env::var_os(CHILD).is_some() {
-        run_kernel(&Gpu::without_validation());
+    let Some(what) = std::env::var_os(CHILD) else {
+        return;
+    };
+    let gpu = Gpu::without_validation();
+    match what.to_str() {
+        Some("layers") => trace_layers(&gpu),
+        _ => run_kernel(&gpu),
     }
 }
 
+/// Rays of many directions through layers that are not opaque, each of which is a candidate.
+fn trace_layers(gpu: &Gpu) {
+    let flags = vk::GeometryFlagsKHR::NO_DUPLICATE_ANY_HIT_INVOCATION;
+    let world = gpu.scene(&[Geometry::triangles(&layers(5), flags)]);
+    let raygen = r"
+void main() {
+    vec3 to = vec3(float(gl_LaunchIDEXT.x) - 35.0, float(gl_LaunchIDEXT.y) - 5.0, 60.0);
+    traceRayEXT(world, 0, 0xFF, 0, 0, 0, vec3(0), 0.0, to, 1.0, 0);
+}";
+    let payload = "layout(location = 0) rayPayloadEXT uint payload;\n";
+    let any_hit = r#"
+layout(location = 0) rayPayloadInEXT uint payload;
+void main() {
+    debugPrintfEXT("candidate %d", gl_PrimitiveID);
+    ignoreIntersectionEXT;
+}"#;
+    Case::new(&format!("{HEAD}{WORLD}{payload}{raygen}"))
+        .miss(MISS)
+        .hit_group()
+        .any_hit(&format!("{HEAD}{any_hit}"))
+        .bind(world)
+        .trace(gpu, [70, 11, 1]);
+}
+
 /// Lines of messages on standard error of a child with variables.
-fn printed_by_child(variables: &[(&str, &str)]) -> Vec<String> {
+fn printed_by_child(what: &str, variables: &[(&str, &str)]) -> Vec<String> {
     let program = std::env::current_exe().expect("this program");
     let child = Command::new(program)
         .args(["--exact", "print_in_a_child", "--nocapture"])
         .envs(variables.iter().copied())
-        .env(CHILD, "1")
+        .env(CHILD, what)
         .stdout(Stdio::null())
         .output()
         .expect("this program runs again");
     assert!(child.status.success(), "{}", child.status);
     let text = String::from_utf8_lossy(&child.stderr);
     let lines = text.lines();
-    let lines = lines.filter(|line| line.contains("Compute shader") || line.contains("messages"));
+    let lines = lines.filter(|line| line.contains(" shader, ") || line.contains("messages"));
     lines.map(str::to_owned).collect()
+}
+
+/// Vulkan leaves the order of a ray's candidates open; Tuff's is the same with every setting.
+#[test]
+fn candidates_print_in_the_same_order_with_every_setting() {
+    if open().is_none() {
+        return;
+    }
+    let all = SETTINGS.map(|variables| printed_by_child("layers", variables));
+    assert_eq!(all[0].len(), 5 * 70 * 11);
+    for (index, message) in all[0].iter().enumerate() {
+        let (x, y) = (index / 5 % 70, index / 5 / 70);
+        let start = format!("launch ({x}, {y}, 0), AnyHit shader, ");
+        assert!(message.starts_with(&start), "{index}: {message}");
+    }
+    for other in &all[1..] {
+        assert!(*other == all[0]);
+    }
 }
 
 #[test]
@@ -455,19 +502,20 @@ fn without_a_messenger_messages_go_to_standard_error() {
         return;
     }
     let all = expected_of_kernel();
-    assert_eq!(printed_by_child(&[]), all);
-    assert_eq!(printed_by_child(&[("TUFF_DEBUG_PRINTF", "0")]), [""; 0]);
-    // 16 bytes each and the arguments': 24 for the first message of an invocation, 32 for the
-    // second. The first three invocations have 24 + 32, 24 and 24 + 32 bytes.
+    assert_eq!(printed_by_child("kernel", &[]), all);
+    assert_eq!(printed_by_child("kernel", &[("TUFF_DEBUG_PRINTF", "0")]), [""; 0]);
+    // Lines and their ends.
+    let room: usize = all[..5].iter().map(|line| line.len() + 1).sum();
+    let room = (room + 20).to_string();
     for threads in ["1", "3"] {
-        let limited = printed_by_child(&[
-            ("TUFF_DEBUG_PRINTF_BYTES", "150"),
+        let limited = printed_by_child("kernel", &[
+            ("TUFF_DEBUG_PRINTF_BYTES", &room),
             ("TUFF_THREADS", threads),
         ]);
         assert_eq!(limited[..5], all[..5]);
         let rest = all.len() - 5;
         let last =
-            format!("{rest} more messages of shaders are past TUFF_DEBUG_PRINTF_BYTES (150)");
+            format!("{rest} more messages of shaders are past TUFF_DEBUG_PRINTF_BYTES ({room})");
         assert_eq!(limited[5..], [last]);
     }
 }

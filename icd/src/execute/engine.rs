@@ -143,7 +143,7 @@ impl Engine {
         }
     }
 
-    /// Passes messages of shaders on: to the debug messengers that listen to information, or else to
+    /// Passes messages of shaders on: to the debug messengers that listen to information, else to
     /// standard error.
     pub fn print(&self, messages: &[String]) {
         let severity = vk::DebugUtilsMessageSeverityFlagsEXT::INFO;

@@ -1,5 +1,5 @@
-//! Messages of shaders (`NonSemantic.DebugPrintf`): room for them before a command runs, their texts
-//! when it is complete.
+//! Messages of shaders (`NonSemantic.DebugPrintf`): room for them before a command runs, and their
+//! texts when it is complete.
 
 #![forbid(unsafe_code)]
 
@@ -17,22 +17,33 @@ pub(super) fn of<'a>(mut programs: impl Iterator<Item = &'a Arc<Program>>) -> Op
     (programs.any(|program| program.prints())).then(|| Arc::new(Prints::new(limit_bytes)))
 }
 
-/// Prints the messages of a command's programs in the order of its invocations, and how many did not
-/// fit.
+/// Prints the messages of a command's programs in the order of its invocations, and the number of
+/// those that did not fit.
 pub(super) fn print<'a>(
     engine: &Engine,
     prints: &Prints,
     programs: impl Iterator<Item = &'a Arc<Program>> + Clone,
 ) {
     let taken = prints.take();
-    let mut texts = Vec::new();
-    for record in &taken.records {
+    let limit = settings().prints.unwrap_or(0);
+    let (mut texts, mut left, mut dropped) = (Vec::new(), limit, taken.dropped);
+    let mut records = taken.records.iter();
+    for record in records.by_ref() {
         let mut programs = programs.clone();
         let program = programs.find(|program| program.number() == record.program);
-        texts.extend(program.and_then(|program| program.printed(record)));
+        let Some(text) = program.and_then(|program| program.printed(record)) else {
+            continue;
+        };
+        // With the end of the line.
+        let Some(rest) = left.checked_sub(text.len() + 1) else {
+            dropped += 1;
+            break;
+        };
+        left = rest;
+        texts.push(text);
     }
-    if taken.dropped > 0 {
-        let (dropped, limit) = (taken.dropped, settings().prints.unwrap_or(0));
+    dropped += records.len() as u64;
+    if dropped > 0 {
         texts.push(format!(
             "{dropped} more messages of shaders are past TUFF_DEBUG_PRINTF_BYTES ({limit})"
         ));

@@ -153,7 +153,7 @@ impl Conversion {
         let known = "diouxXfFeEgGaAp".contains(self.letter);
         let written = std::mem::take(&mut self.text);
         if !known {
-            // What it would have printed has no conversion of its own.
+            // Its argument has no other conversion.
             if self.letter != '\0' {
                 values.next();
             }

@@ -1,5 +1,5 @@
-//! What an instruction prints: its format and the types of its arguments, as words that the IR
-//! keeps in a table.
+//! An instruction's message: its format and the types of its arguments, as words that the IR keeps
+//! in a table.
 
 use crate::types::Type;
 
@@ -21,7 +21,7 @@ impl Argument {
     }
 }
 
-/// What an instruction prints.
+/// The message of an instruction.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Message {
     /// None where the module gives no constant string.
