@@ -1,4 +1,4 @@
-//! What the timeline says of commands: names and sizes.
+//! Names and sizes of commands, for the timeline.
 
 #![forbid(unsafe_code)]
 

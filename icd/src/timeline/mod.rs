@@ -39,8 +39,8 @@ struct Written {
     waiting: String,
 }
 
-/// Begins the timeline of the process. A file that cannot be made is reported once; the process goes
-/// on without it.
+/// Begins the timeline of the process. A file that cannot be made is reported once, and there is no
+/// timeline.
 pub fn start(path: &str) {
     TIMELINE.get_or_init(|| {
         let process = std::process::id();
@@ -103,9 +103,9 @@ impl Timeline {
         track
     }
 
-    /// Microseconds since the beginning.
-    fn microseconds(&self, at: Instant) -> f64 {
-        at.duration_since(self.start).as_nanos() as f64 / 1e3
+    /// Nanoseconds since the beginning.
+    fn nanoseconds(&self, at: Instant) -> u64 {
+        at.duration_since(self.start).as_nanos() as u64
     }
 }
 
@@ -207,13 +207,15 @@ impl Span {
     #[cold]
     fn close(open: &Open) {
         let timeline = open.timeline;
-        let begin = timeline.microseconds(open.begin);
+        let begin = timeline.nanoseconds(open.begin);
+        let duration = timeline.nanoseconds(Instant::now()) - begin;
+        let microseconds = |nanoseconds: u64| nanoseconds as f64 / 1e3;
         let event = json!({
             "ph": "X",
             "name": open.name,
             "cat": open.kind.name(),
-            "ts": begin,
-            "dur": timeline.microseconds(Instant::now()) - begin,
+            "ts": microseconds(begin),
+            "dur": microseconds(duration),
             "pid": timeline.process,
             "tid": timeline.track(),
             "args": open.arguments,
