@@ -14,6 +14,8 @@ pub mod environment;
 pub mod error;
 pub mod eval;
 pub mod facts;
+#[cfg(target_arch = "x86_64")]
+mod half_vectors;
 pub mod hit_object;
 pub mod image;
 pub mod interp;

@@ -7,11 +7,10 @@ use super::{Float, Int};
 pub fn fto_s<A: Float, B: Int>(a: A) -> B {
     match (A::Bits::BITS, B::BITS) {
         (64, 64) => B::from_u64(a.to_f64() as i64 as u64),
-        (64, 32) => B::from_u64(a.to_f64() as i32 as u64),
         (_, 64) => B::from_u64(narrow_f32(a) as i64 as u64),
         (_, 32) => B::from_u64(saturate_32(a.to_f64(), -2_147_483_648.0, 2_147_483_647.0) as u64),
-        (_, 16) => B::from_u64(a.to_f64() as i16 as u64),
-        _ => B::from_u64(a.to_f64() as i8 as u64),
+        (_, 16) => B::from_u64(saturate_32(a.to_f64(), -32_768.0, 32_767.0) as u64),
+        _ => B::from_u64(saturate_32(a.to_f64(), -128.0, 127.0) as u64),
     }
 }
 
@@ -19,11 +18,10 @@ pub fn fto_s<A: Float, B: Int>(a: A) -> B {
 pub fn fto_u<A: Float, B: Int>(a: A) -> B {
     match (A::Bits::BITS, B::BITS) {
         (64, 64) => B::from_u64(a.to_f64() as u64),
-        (64, 32) => B::from_u64(a.to_f64() as u32 as u64),
         (_, 64) => B::from_u64(narrow_f32(a) as u64),
         (_, 32) => B::from_u64(saturate_32(a.to_f64(), 0.0, 4_294_967_295.0) as u64),
-        (_, 16) => B::from_u64(a.to_f64() as u16 as u64),
-        _ => B::from_u64(a.to_f64() as u8 as u64),
+        (_, 16) => B::from_u64(saturate_32(a.to_f64(), 0.0, 65_535.0) as u64),
+        _ => B::from_u64(saturate_32(a.to_f64(), 0.0, 255.0) as u64),
     }
 }
 
@@ -44,28 +42,32 @@ fn narrow_f32<A: Float>(a: A) -> f32 {
     a.to_f64() as f32
 }
 
+/// Rounds once. A 64-bit integer by way of f64 would round twice to an f32. To an f16 it goes by
+/// way of f32, which holds every integer below 2^24; from 65,520 on an f16 is infinite.
 #[inline(always)]
 pub fn sto_f<A: Int, B: Float>(a: A) -> B {
-    match (A::BITS, B::Bits::BITS) {
-        // Straight to f32: by way of f64 a 64-bit integer would round twice.
-        (_, 32) => B::from_bits(B::Bits::from_u64((a.to_i64() as f32).to_bits() as u64)),
-        _ => B::from_f64(a.to_i64() as f64),
+    match B::Bits::BITS {
+        64 => B::from_f64(a.to_i64() as f64),
+        _ => B::from_f32(a.to_i64() as f32),
     }
 }
 
+/// As [`sto_f`].
 #[inline(always)]
 pub fn uto_f<A: Int, B: Float>(a: A) -> B {
-    match (A::BITS, B::Bits::BITS) {
-        (_, 32) => B::from_bits(B::Bits::from_u64((a.to_u64() as f32).to_bits() as u64)),
-        // Beyond 2^53 an f16 is infinite whatever the first rounding did.
-        _ => B::from_f64(a.to_u64() as f64),
+    match B::Bits::BITS {
+        64 => B::from_f64(a.to_u64() as f64),
+        _ => B::from_f32(a.to_u64() as f32),
     }
 }
 
 /// Between widths, rounding once.
 #[inline(always)]
 pub fn fconvert<A: Float, B: Float>(a: A) -> B {
-    B::from_f64(a.to_f64())
+    match A::Bits::BITS {
+        64 => B::from_f64(a.to_f64()),
+        _ => B::from_f32(narrow_f32(a)),
+    }
 }
 
 /// Sign-extends or truncates.

@@ -49,8 +49,17 @@ pub trait Native: Fast + Copy + PartialOrd + std::fmt::Debug + 'static {
     fn log2(self) -> Self;
 }
 
-/// A floating-point scalar: its bits, and the type that it is computed in. For `f16` that is `f32`,
-/// which is wide enough for one operation and one rounding to equal the rounded exact result.
+/// A floating-point scalar: its bits, and the type that it is computed in.
+///
+/// For `f16` that is `f32`. Where an operation's exact result is rounded to `f32` first and to
+/// `f16` then, the second result is that of one rounding: `f32` has p = 24 bits of significand,
+/// `f16` has q = 11, and p ≥ 2q + 2 suffices for sums, differences, products, quotients and square
+/// roots (Figueroa 1995, "When is double rounding innocuous?"). Products are exact; a sum has more
+/// than 24 bits only where the smaller operand is below a quarter of the greater one's last place,
+/// so that it decides no tie; quotients and roots that are not exact lie further than 2^-24 of
+/// their size from all that has 12 bits. Subnormal results have fewer bits than q, and the same
+/// holds: sums are exact there, quotients keep their distance. A fused product and sum needs more
+/// ([`fma`](Float::fma)).
 pub trait Float: Copy + std::fmt::Debug + 'static {
     type Bits: Int;
     type Native: Native;
@@ -62,6 +71,8 @@ pub trait Float: Copy + std::fmt::Debug + 'static {
     fn to_f64(self) -> f64;
     /// Rounds once.
     fn from_f64(value: f64) -> Self;
+    /// Rounds once.
+    fn from_f32(value: f32) -> Self;
 }
 
 macro_rules! impl_native {
@@ -201,6 +212,10 @@ impl Float for f32 {
     fn from_f64(value: f64) -> f32 {
         value as f32
     }
+    #[inline(always)]
+    fn from_f32(value: f32) -> f32 {
+        value
+    }
 }
 
 impl Float for f64 {
@@ -233,6 +248,10 @@ impl Float for f64 {
     #[inline(always)]
     fn from_f64(value: f64) -> f64 {
         value
+    }
+    #[inline(always)]
+    fn from_f32(value: f32) -> f64 {
+        value as f64
     }
 }
 
@@ -268,6 +287,10 @@ impl Float for f16 {
     #[inline(always)]
     fn from_f64(value: f64) -> f16 {
         narrow::f16_from_f64(value)
+    }
+    #[inline(always)]
+    fn from_f32(value: f32) -> f16 {
+        narrow::f16_from_f32(value)
     }
 }
 

@@ -55,9 +55,18 @@ pub(super) fn f16_from_f32(value: f32) -> f16 {
     f16::from_bits((number | bits >> 16 & 0x8000) as u16)
 }
 
-/// Rounds once: by way of an `f32` that is rounded to odd, which keeps the second rounding exact.
+/// Rounds once: by way of an `f32` that is rounded to odd.
 #[inline(always)]
 pub(crate) fn f16_from_f64(value: f64) -> f16 {
+    f16_from_f32(odd_f32_from_f64(value))
+}
+
+/// Rounded to odd: a number that `f32` has, or else the one of its two neighbours whose last bit is
+/// 1. A second rounding to at least two bits less gives the number that one rounding gives (Boldo
+/// and Melquiond 2008, "Emulation of FMA and Correctly Rounded Sums"), for an odd neighbour is
+/// neither a narrower number nor halfway between two.
+#[inline(always)]
+pub(crate) fn odd_f32_from_f64(value: f64) -> f32 {
     let near = value as f32;
     let bits = near.to_bits();
     let back = near as f64;
@@ -72,7 +81,27 @@ pub(crate) fn f16_from_f64(value: f64) -> f16 {
     } else {
         toward_zero | 1
     };
-    f16_from_f32(f32::from_bits(odd))
+    f32::from_bits(odd)
+}
+
+/// `a * b + c` rounded to odd, of numbers that 16-bit floats hold. The product is exact: two
+/// significands of 11 bits make one of 22, and its exponent lies between -48 and 32. So are the
+/// differences that give the sum's rounding error (Knuth, TAOCP 4.2.2, theorem B): all are
+/// multiples of 2^-48 below 2^33, and none is subnormal or overflows.
+#[inline(always)]
+pub(crate) fn odd_fma(a: f32, b: f32, c: f32) -> f32 {
+    let product = a * b;
+    let sum = product + c;
+    let of_c = sum - product;
+    let of_product = sum - of_c;
+    let error = (product - of_product) + (c - of_c);
+    // An infinity's error is NaN, and ordered comparisons with that are false.
+    let is_inexact = error < 0.0 || error > 0.0;
+    let bits = sum.to_bits();
+    // All ones where the sum lies beyond the exact one: one step back towards zero.
+    let back = ((bits ^ error.to_bits()) as i32 >> 31) as u32;
+    let odd = bits.wrapping_add(back) | 1;
+    f32::from_bits(if is_inexact { odd } else { bits })
 }
 
 #[cfg(test)]

@@ -234,6 +234,7 @@ fn shares_rows(inst: &Inst) -> bool {
             | Signature::IntUnary
             | Signature::IntBinary
             | Signature::FloatUnary
+            | Signature::FloatFunction
             | Signature::FloatBinary
             | Signature::FloatTernary
     )

@@ -83,7 +83,7 @@ impl Generator<'_> {
             Signature::IntUnary => (&[int], int),
             Signature::IntBinary => (&[int, int], int),
             Signature::IntCompare => (&[int, int], Type::I1),
-            Signature::FloatUnary => (&[float], float),
+            Signature::FloatUnary | Signature::FloatFunction => (&[float], float),
             Signature::FloatBinary => (&[float, float], float),
             Signature::FloatTernary => (&[float, float, float], float),
             Signature::FloatCompare => (&[float, float], Type::I1),

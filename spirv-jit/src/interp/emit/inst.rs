@@ -12,7 +12,7 @@ use crate::interp::operand::Operand;
 use crate::interp::{
     access, atomics, control, descriptors, images, memory, prints, subgroup, yields,
 };
-use crate::ir::op::{Access, AtomicOp, MAX_TABLE_RESULTS};
+use crate::ir::op::{Access, AtomicOp, MAX_TABLE_RESULTS, Signature};
 use crate::ir::stage::Stage;
 use crate::ir::{Inst, Op, Space, Type, Value, VariableId};
 use crate::plan::takes_helpers;
@@ -123,10 +123,29 @@ impl Emitter<'_> {
             op => {
                 let from = self.ty(inst.args[0]);
                 let to = self.ty(inst.results[0]);
-                let handler = elementwise(self.tier, op, from, to).ok_or_else(|| {
+                let kernel = |op: &Op, from, to| {
                     let name = op.text();
-                    Error::unsupported(inst.source, format!("{name} from {from} to {to}"))
-                })?;
+                    elementwise(self.tier, op, from, to).ok_or_else(|| {
+                        Error::unsupported(inst.source, format!("{name} from {from} to {to}"))
+                    })
+                };
+                if to == Type::F16 && op.signature() == Signature::FloatFunction {
+                    // The row of the result holds the f32s in between.
+                    let steps = [
+                        (kernel(&Op::FConvert, Type::F16, Type::F32)?, arg(0)),
+                        (kernel(op, Type::F32, Type::F32)?, d),
+                        (kernel(&Op::FConvert, Type::F32, Type::F16)?, d),
+                    ];
+                    for (handler, a) in steps {
+                        self.push(Instr {
+                            d,
+                            a,
+                            ..instr(handler)
+                        });
+                    }
+                    return Ok(());
+                }
+                let handler = kernel(op, from, to)?;
                 let x = self.code.operands.len() as u32;
                 let i = plain(handler, x);
                 if inst.args.len() == 4 {

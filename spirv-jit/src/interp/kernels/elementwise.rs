@@ -5,6 +5,7 @@ use std::marker::PhantomData;
 use half::f16;
 use lanes::{LaneMask, Tier as TierKind};
 
+use super::half::Halves;
 use super::lane::{Lane, Map1, Map2, Map3};
 use super::ops;
 use super::remainder::Remainder;
@@ -67,24 +68,35 @@ macro_rules! by_mask {
     }};
 }
 
+/// Instantiates a kernel for a float type, which its arguments name `X`.
 macro_rules! by_float {
-    ($t:ident, $ty:expr, |$x:ident| $kernel:ty) => {{
+    ($t:ident, $ty:expr, $kernel:ident<$op:ty, $($x:ident),*>) => {
         match $ty {
-            Type::F16 => {
-                type $x = f16;
-                Portable::handler::<$kernel>()
-            }
-            Type::F32 => {
-                type $x = f32;
-                $t::handler::<$kernel>()
-            }
-            Type::F64 => {
-                type $x = f64;
-                $t::handler::<$kernel>()
-            }
+            Type::F16 => $t::handler::<$kernel<$op, $(argument!($x, $t::Half)),*>>(),
+            other => by_wide_float!($t, other, $kernel<$op, $($x),*>),
+        }
+    };
+}
+
+/// As `by_float`, without 16-bit floats.
+macro_rules! by_wide_float {
+    ($t:ident, $ty:expr, $kernel:ident<$op:ty, $($x:ident),*>) => {
+        match $ty {
+            Type::F32 => $t::handler::<$kernel<$op, $(argument!($x, f32)),*>>(),
+            Type::F64 => $t::handler::<$kernel<$op, $(argument!($x, f64)),*>>(),
             _ => return None,
         }
-    }};
+    };
+}
+
+/// The type that an argument of a kernel names.
+macro_rules! argument {
+    (X, $x:ty) => {
+        $x
+    };
+    ($other:ident, $x:ty) => {
+        $other
+    };
 }
 
 /// The kernel of a pure operation in a tier: `from` is the type of its (last) operand, `to` of its
@@ -98,10 +110,6 @@ pub(in crate::interp) fn elementwise(
 ) -> Option<Handler> {
     match tier {
         TierKind::Portable => in_tier::<Portable>(op, from, to),
-        #[cfg(target_arch = "x86_64")]
-        tier if *op == Op::FConvert && (from, to) == (Type::F16, Type::F32) => {
-            Some(super::half::widen(tier))
-        }
         #[cfg(target_arch = "x86_64")]
         TierKind::Avx2 => in_tier::<crate::interp::tier::Avx2>(op, from, to),
         #[cfg(target_arch = "x86_64")]
@@ -132,22 +140,25 @@ macro_rules! kernel {
         by_int!($t, $from, |X| Map2<ops::$name, X, X, bool>)
     };
     ($t:ident $from:ident $to:ident $name:ident FloatUnary) => {
-        by_float!($t, $to, |X| Map1<ops::$name, X, X>)
+        by_float!($t, $to, Map1<ops::$name, X, X>)
+    };
+    ($t:ident $from:ident $to:ident $name:ident FloatFunction) => {
+        by_wide_float!($t, $to, Map1<ops::$name, X, X>)
     };
     ($t:ident $from:ident $to:ident $name:ident FloatBinary) => {
-        by_float!($t, $to, |X| Map2<ops::$name, X, X, X>)
+        by_float!($t, $to, Map2<ops::$name, X, X, X>)
     };
     ($t:ident $from:ident $to:ident $name:ident FloatTernary) => {
-        by_float!($t, $to, |X| Map3<ops::$name, X, X, X, X>)
+        by_float!($t, $to, Map3<ops::$name, X, X, X, X>)
     };
     ($t:ident $from:ident $to:ident $name:ident FloatCompare) => {
-        by_float!($t, $from, |X| Map2<ops::$name, X, X, bool>)
+        by_float!($t, $from, Map2<ops::$name, X, X, bool>)
     };
     ($t:ident $from:ident $to:ident $name:ident FloatTest) => {
-        by_float!($t, $from, |X| Map1<ops::$name, X, bool>)
+        by_float!($t, $from, Map1<ops::$name, X, bool>)
     };
     ($t:ident $from:ident $to:ident $name:ident FloatExponent) => {
-        by_float!($t, $from, |X| Map1<ops::$name, X, u32>)
+        by_float!($t, $from, Map1<ops::$name, X, u32>)
     };
     ($t:ident $from:ident $to:ident $name:ident FloatToInt) => {
         return float_to_int::<$t, ops::$name>($from, $to)
@@ -171,10 +182,13 @@ macro_rules! kernel {
 
 macro_rules! define_in_tier {
     ($(($variant:ident, $name:ident, $signature:ident))*) => {
-        fn in_tier<T: Tier>(op: &Op, from: Type, to: Type) -> Option<Handler> {
+        fn in_tier<T: Halves>(op: &Op, from: Type, to: Type) -> Option<Handler> {
             Some(match op {
                 Op::FRem if to == Type::F32 => T::handler::<Remainder<ops::frem>>(),
                 Op::FMod if to == Type::F32 => T::handler::<Remainder<ops::fmod>>(),
+                // These change one bit, for which no conversion is needed.
+                Op::FNeg if to == Type::F16 => T::handler::<Map1<ops::fneg, f16, f16>>(),
+                Op::FAbs if to == Type::F16 => T::handler::<Map1<ops::fabs, f16, f16>>(),
                 $(Op::$variant => kernel!(T from to $name $signature),)*
                 _ => return other::<T>(op, to),
             })
@@ -184,13 +198,13 @@ macro_rules! define_in_tier {
 crate::elementwise_ops!(define_in_tier);
 
 /// Pure operations whose operands are of several types.
-fn other<T: Tier>(op: &Op, to: Type) -> Option<Handler> {
+fn other<T: Halves>(op: &Op, to: Type) -> Option<Handler> {
     Some(match op {
         Op::Select => match to.rows() {
             1 => T::handler::<Map3<ops::select, bool, u32, u32, u32>>(),
             _ => T::handler::<Map3<ops::select, bool, u64, u64, u64>>(),
         },
-        Op::FLdexp => by_float!(T, to, |X| Map2<ops::fldexp, X, u32, X>),
+        Op::FLdexp => by_float!(T, to, Map2<ops::fldexp, X, u32, X>),
         Op::BitfieldInsert => by_int!(T, to, |X| BitfieldInsert<X>),
         Op::BitfieldSExtract => by_int!(T, to, |X| Map3<ops::bitfield_sextract, X, u32, u32, X>),
         Op::BitfieldUExtract => by_int!(T, to, |X| Map3<ops::bitfield_uextract, X, u32, u32, X>),
@@ -209,34 +223,34 @@ macro_rules! pairs {
     };
 }
 
-fn float_to_int<T: Tier, O>(from: Type, to: Type) -> Option<Handler>
+fn float_to_int<T: Halves, O>(from: Type, to: Type) -> Option<Handler>
 where
-    O: FloatToInt,
+    O: FloatToInt<T::Half>,
 {
     pairs!(O, from, to;
-        F16 f16 => I8 u8, I16 u16, I32 u32, I64 u64;
+        F16 T::Half => I8 u8, I16 u16, I32 u32, I64 u64;
         F32 f32 => I8 u8, I16 u16, I32 u32, I64 u64;
         F64 f64 => I8 u8, I16 u16, I32 u32, I64 u64;
     )
 }
 
-fn int_to_float<T: Tier, O>(from: Type, to: Type) -> Option<Handler>
+fn int_to_float<T: Halves, O>(from: Type, to: Type) -> Option<Handler>
 where
-    O: IntToFloat,
+    O: IntToFloat<T::Half>,
 {
     pairs!(O, from, to;
-        I8 u8 => F16 f16, F32 f32, F64 f64;
-        I16 u16 => F16 f16, F32 f32, F64 f64;
-        I32 u32 => F16 f16, F32 f32, F64 f64;
-        I64 u64 => F16 f16, F32 f32, F64 f64;
+        I8 u8 => F16 T::Half, F32 f32, F64 f64;
+        I16 u16 => F16 T::Half, F32 f32, F64 f64;
+        I32 u32 => F16 T::Half, F32 f32, F64 f64;
+        I64 u64 => F16 T::Half, F32 f32, F64 f64;
     )
 }
 
-fn convert_float<T: Tier>(from: Type, to: Type) -> Option<Handler> {
+fn convert_float<T: Halves>(from: Type, to: Type) -> Option<Handler> {
     pairs!(ops::fconvert, from, to;
-        F16 f16 => F16 f16, F32 f32, F64 f64;
-        F32 f32 => F16 f16, F32 f32, F64 f64;
-        F64 f64 => F16 f16, F32 f32, F64 f64;
+        F16 T::Half => F16 T::Half, F32 f32, F64 f64;
+        F32 f32 => F16 T::Half, F32 f32, F64 f64;
+        F64 f64 => F16 T::Half, F32 f32, F64 f64;
     )
 }
 
@@ -254,21 +268,21 @@ where
 
 /// A set of `Unary` instances, to name it once.
 macro_rules! family {
-    ($name:ident: $($a:ty => $($b:ty),*;)*) => {
-        trait $name: $($(super::lane::Unary<$a, $b> +)*)* 'static {}
-        impl<O: $($(super::lane::Unary<$a, $b> +)*)* 'static> $name for O {}
+    ($name:ident $(<$half:ident>)?: $($a:ty => $($b:ty),*;)*) => {
+        trait $name$(<$half>)?: $($(super::lane::Unary<$a, $b> +)*)* 'static {}
+        impl<$($half,)? O: $($(super::lane::Unary<$a, $b> +)*)* 'static> $name$(<$half>)? for O {}
     };
 }
-family!(FloatToInt:
-    f16 => u8, u16, u32, u64;
+family!(FloatToInt<H>:
+    H => u8, u16, u32, u64;
     f32 => u8, u16, u32, u64;
     f64 => u8, u16, u32, u64;
 );
-family!(IntToFloat:
-    u8 => f16, f32, f64;
-    u16 => f16, f32, f64;
-    u32 => f16, f32, f64;
-    u64 => f16, f32, f64;
+family!(IntToFloat<H>:
+    u8 => H, f32, f64;
+    u16 => H, f32, f64;
+    u32 => H, f32, f64;
+    u64 => H, f32, f64;
 );
 family!(IntToInt:
     u8 => u8, u16, u32, u64;

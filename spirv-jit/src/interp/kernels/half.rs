@@ -1,62 +1,112 @@
-//! Conversions of 16-bit floats by the instructions that processors with AVX2 have for them. Like
-//! `eval` they keep denormals and make NaNs quiet.
+//! 16-bit floats as vectors compute them: widened to f32 when a row is read, one operation of f32,
+//! and rounded when the result's row is written ([`Float`] says why that is one rounding). The
+//! processor's conversions do it (F16C, which every tier but the portable one has): like `eval`
+//! they keep denormals, round to nearest even and make NaNs quiet.
 
-use std::arch::x86_64::*;
+use half::f16;
 
-use lanes::Tier as TierKind;
+use super::lane::Block;
+use crate::eval::Float;
+use crate::interp::tier::{Portable, Tier};
 
-use super::lane::Blocks;
-use crate::SUBGROUP_SIZE;
-use crate::interp::machine::{Handler, Instr, Machine};
-use crate::interp::tier::{Avx2, Avx512, Kernel, Tier};
-
-/// The kernel of `fconvert` from f16 to f32 in a tier that is not the portable one.
-pub(super) fn widen(tier: TierKind) -> Handler {
-    match tier {
-        TierKind::Avx512 => Avx512::handler::<Widen>(),
-        _ => Avx2::handler::<Widen>(),
-    }
+/// How a tier computes 16-bit floats.
+pub(super) trait Halves: Tier {
+    type Half: Block + Float;
 }
 
-struct Widen;
+impl Halves for Portable {
+    type Half = f16;
+}
 
-impl Kernel for Widen {
-    #[inline(always)]
-    unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
-        // SAFETY: rows are the program's; a block is read before it is written, so that in-place is
-        // sound. Only tiers with AVX2 and F16C have this kernel.
-        unsafe {
-            let (a, d) = (m.row(i.a), m.row(i.d));
-            let (runs, count) = m.runs();
-            for &subgroup in runs {
-                let mut a = Blocks::<u32>::new(a, subgroup);
-                let mut d = Blocks::<f32>::new(d, subgroup);
-                for _ in 0..count {
-                    widen_lanes(a.at, d.at);
-                    a.go_on();
-                    d.go_on();
+#[cfg(target_arch = "x86_64")]
+mod x86 {
+    use super::{Float, Halves};
+    use crate::SUBGROUP_SIZE;
+    use crate::eval::narrow;
+    use crate::half_vectors::{self, Words};
+    use crate::interp::kernels::lane::Block;
+    use crate::interp::tier::{Avx2, Avx512};
+
+    impl Halves for Avx2 {
+        type Half = Half<256>;
+    }
+
+    impl Halves for Avx512 {
+        type Half = Half<512>;
+    }
+
+    /// A 16-bit float in an f32, or the result of one operation on such, not yet rounded: no second
+    /// operation takes it. `BITS` is the width of the registers.
+    #[derive(Clone, Copy, Debug)]
+    pub struct Half<const BITS: usize>(f32);
+
+    impl<const BITS: usize> Block for Half<BITS> {
+        type Slot = u32;
+        type Held = f32;
+        #[inline(always)]
+        unsafe fn load(from: *const Words) -> [f32; SUBGROUP_SIZE] {
+            // SAFETY: as the caller promises.
+            unsafe {
+                match BITS {
+                    512 => half_vectors::widen_avx512(from),
+                    _ => half_vectors::widen_avx2(from),
                 }
             }
         }
+        #[inline(always)]
+        unsafe fn store(held: [f32; SUBGROUP_SIZE], to: *mut Words) {
+            // SAFETY: as the caller promises.
+            unsafe {
+                match BITS {
+                    512 => half_vectors::narrow_avx512(&held, to),
+                    _ => half_vectors::narrow_avx2(&held, to),
+                }
+            }
+        }
+        #[inline(always)]
+        fn of(held: f32) -> Self {
+            Half(held)
+        }
+        #[inline(always)]
+        fn held(self) -> f32 {
+            self.0
+        }
     }
-}
 
-/// # Safety
-/// The processor has AVX2 and F16C; the lanes are there.
-#[inline]
-#[target_feature(enable = "avx2,f16c")]
-unsafe fn widen_lanes(from: *const [u32; SUBGROUP_SIZE], to: *mut [f32; SUBGROUP_SIZE]) {
-    // SAFETY: as the caller promises.
-    unsafe {
-        let from = from.cast::<__m256i>();
-        let (low, high) = (_mm256_loadu_si256(from), _mm256_loadu_si256(from.add(1)));
-        // Packed within halves: the middle quarters change places.
-        let packed = _mm256_permute4x64_epi64::<0xd8>(_mm256_packus_epi32(low, high));
-        let to = to.cast::<f32>();
-        _mm256_storeu_ps(to, _mm256_cvtph_ps(_mm256_castsi256_si128(packed)));
-        _mm256_storeu_ps(
-            to.add(8),
-            _mm256_cvtph_ps(_mm256_extracti128_si256::<1>(packed)),
-        );
+    impl<const BITS: usize> Float for Half<BITS> {
+        type Bits = u32;
+        type Native = f32;
+        #[inline(always)]
+        fn bits(self) -> u32 {
+            self.0.to_bits()
+        }
+        #[inline(always)]
+        fn from_bits(bits: u32) -> Self {
+            Half(f32::from_bits(bits))
+        }
+        #[inline(always)]
+        fn widen(self) -> f32 {
+            self.0
+        }
+        #[inline(always)]
+        fn narrow(value: f32) -> Self {
+            Half(value)
+        }
+        #[inline(always)]
+        fn fma(self, b: Self, c: Self) -> Self {
+            Half(narrow::odd_fma(self.0, b.0, c.0))
+        }
+        #[inline(always)]
+        fn to_f64(self) -> f64 {
+            self.0 as f64
+        }
+        #[inline(always)]
+        fn from_f64(value: f64) -> Self {
+            Half(narrow::odd_f32_from_f64(value))
+        }
+        #[inline(always)]
+        fn from_f32(value: f32) -> Self {
+            Half(value)
+        }
     }
 }

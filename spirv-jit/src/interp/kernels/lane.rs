@@ -41,6 +41,44 @@ lane!(f16, u32, s => f16::from_bits(s as u16), v => v.to_bits() as u32);
 lane!(f32, f32, s => s, v => v);
 lane!(f64, f64, s => s, v => v);
 
+/// A scalar type that kernels compute with, and how sixteen of a row come to it: `Held` is what a
+/// lane is between the row and the operation.
+pub(in crate::interp) trait Block: Copy {
+    type Slot: Copy;
+    type Held: Copy + Default;
+    /// # Safety
+    /// The lanes are there, and the machine has the type's instructions.
+    unsafe fn load(from: *const [Self::Slot; SUBGROUP_SIZE]) -> [Self::Held; SUBGROUP_SIZE];
+    /// # Safety
+    /// As for [`Self::load`].
+    unsafe fn store(held: [Self::Held; SUBGROUP_SIZE], to: *mut [Self::Slot; SUBGROUP_SIZE]);
+    fn of(held: Self::Held) -> Self;
+    fn held(self) -> Self::Held;
+}
+
+impl<T: Lane> Block for T {
+    type Slot = T::Slot;
+    type Held = T::Slot;
+    #[inline(always)]
+    unsafe fn load(from: *const [T::Slot; SUBGROUP_SIZE]) -> [T::Slot; SUBGROUP_SIZE] {
+        // SAFETY: as the caller promises.
+        unsafe { *from }
+    }
+    #[inline(always)]
+    unsafe fn store(held: [T::Slot; SUBGROUP_SIZE], to: *mut [T::Slot; SUBGROUP_SIZE]) {
+        // SAFETY: as the caller promises.
+        unsafe { *to = held }
+    }
+    #[inline(always)]
+    fn of(held: T::Slot) -> T {
+        T::read(held)
+    }
+    #[inline(always)]
+    fn held(self) -> T::Slot {
+        self.write()
+    }
+}
+
 /// An operation on one, two or three scalars.
 pub(in crate::interp) trait Unary<A, R> {
     fn call(a: A) -> R;
@@ -94,7 +132,7 @@ impl<S> Blocks<S> {
     }
 }
 
-impl<O: Unary<A, R>, A: Lane, R: Lane> Kernel for Map1<O, A, R> {
+impl<O: Unary<A, R>, A: Block, R: Block> Kernel for Map1<O, A, R> {
     #[inline(always)]
     unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
         // SAFETY: rows are the program's; a block is read before it is written, so that in-place is
@@ -106,12 +144,12 @@ impl<O: Unary<A, R>, A: Lane, R: Lane> Kernel for Map1<O, A, R> {
                 let mut a = Blocks::<A::Slot>::new(a, subgroup);
                 let mut d = Blocks::<R::Slot>::new(d, subgroup);
                 for _ in 0..count {
-                    let x = *a.at;
-                    let mut r = [R::Slot::default(); SUBGROUP_SIZE];
+                    let x = A::load(a.at);
+                    let mut r = [R::Held::default(); SUBGROUP_SIZE];
                     for k in 0..SUBGROUP_SIZE {
-                        r[k] = O::call(A::read(x[k])).write();
+                        r[k] = O::call(A::of(x[k])).held();
                     }
-                    *d.at = r;
+                    R::store(r, d.at);
                     a.go_on();
                     d.go_on();
                 }
@@ -120,7 +158,7 @@ impl<O: Unary<A, R>, A: Lane, R: Lane> Kernel for Map1<O, A, R> {
     }
 }
 
-impl<O: Binary<A, B, R>, A: Lane, B: Lane, R: Lane> Kernel for Map2<O, A, B, R> {
+impl<O: Binary<A, B, R>, A: Block, B: Block, R: Block> Kernel for Map2<O, A, B, R> {
     #[inline(always)]
     unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
         // SAFETY: as for `Map1`.
@@ -132,12 +170,12 @@ impl<O: Binary<A, B, R>, A: Lane, B: Lane, R: Lane> Kernel for Map2<O, A, B, R> 
                 let mut b = Blocks::<B::Slot>::new(b, subgroup);
                 let mut d = Blocks::<R::Slot>::new(d, subgroup);
                 for _ in 0..count {
-                    let (x, y) = (*a.at, *b.at);
-                    let mut r = [R::Slot::default(); SUBGROUP_SIZE];
+                    let (x, y) = (A::load(a.at), B::load(b.at));
+                    let mut r = [R::Held::default(); SUBGROUP_SIZE];
                     for k in 0..SUBGROUP_SIZE {
-                        r[k] = O::call(A::read(x[k]), B::read(y[k])).write();
+                        r[k] = O::call(A::of(x[k]), B::of(y[k])).held();
                     }
-                    *d.at = r;
+                    R::store(r, d.at);
                     a.go_on();
                     b.go_on();
                     d.go_on();
@@ -147,7 +185,10 @@ impl<O: Binary<A, B, R>, A: Lane, B: Lane, R: Lane> Kernel for Map2<O, A, B, R> 
     }
 }
 
-impl<O: Ternary<A, B, C, R>, A: Lane, B: Lane, C: Lane, R: Lane> Kernel for Map3<O, A, B, C, R> {
+impl<O, A: Block, B: Block, C: Block, R: Block> Kernel for Map3<O, A, B, C, R>
+where
+    O: Ternary<A, B, C, R>,
+{
     #[inline(always)]
     unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
         // SAFETY: as for `Map1`.
@@ -160,12 +201,12 @@ impl<O: Ternary<A, B, C, R>, A: Lane, B: Lane, C: Lane, R: Lane> Kernel for Map3
                 let mut c = Blocks::<C::Slot>::new(c, subgroup);
                 let mut d = Blocks::<R::Slot>::new(d, subgroup);
                 for _ in 0..count {
-                    let (x, y, z) = (*a.at, *b.at, *c.at);
-                    let mut r = [R::Slot::default(); SUBGROUP_SIZE];
+                    let (x, y, z) = (A::load(a.at), B::load(b.at), C::load(c.at));
+                    let mut r = [R::Held::default(); SUBGROUP_SIZE];
                     for k in 0..SUBGROUP_SIZE {
-                        r[k] = O::call(A::read(x[k]), B::read(y[k]), C::read(z[k])).write();
+                        r[k] = O::call(A::of(x[k]), B::of(y[k]), C::of(z[k])).held();
                     }
-                    *d.at = r;
+                    R::store(r, d.at);
                     a.go_on();
                     b.go_on();
                     c.go_on();

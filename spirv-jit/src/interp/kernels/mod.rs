@@ -6,7 +6,6 @@
 
 mod elementwise;
 mod fused;
-#[cfg(target_arch = "x86_64")]
 mod half;
 mod lane;
 pub(super) mod ops;

@@ -31,6 +31,7 @@ macro_rules! implement {
         implement!($name [T: Int] Binary<T, T, bool>, (a: T, b: T) -> bool);
     };
     ($name:ident FloatUnary) => { implement!($name [T: Float] Unary<T, T>, (a: T) -> T); };
+    ($name:ident FloatFunction) => { implement!($name FloatUnary); };
     ($name:ident FloatBinary) => {
         implement!($name [T: Float] Binary<T, T, T>, (a: T, b: T) -> T);
     };

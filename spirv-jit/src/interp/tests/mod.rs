@@ -4,6 +4,7 @@
 mod atomics;
 mod control;
 mod gather;
+mod halves;
 mod kernels;
 mod memory;
 mod native;
