@@ -40,7 +40,7 @@ impl Packet<'_> {
     /// The machine has the kernel's instruction set.
     #[inline(always)]
     pub(super) unsafe fn go<K: PacketKernel>(
-        mut self,
+        &mut self,
         walker: &mut Walker,
         hits: &mut HitRows,
         only: Option<(u32, LaneMask)>,
@@ -54,7 +54,7 @@ impl Packet<'_> {
                 None => {
                     let PacketSpace { top, ways, .. } = &mut walker.packet;
                     // SAFETY: the caller's promise, here and below.
-                    match unsafe { K::next_leaf(&mut self, ways, &structure, top) } {
+                    match unsafe { K::next_leaf(self, ways, &structure, top) } {
                         Some((word, lanes, _)) => (word & child::INDEX, lanes),
                         None => break,
                     }
@@ -97,7 +97,7 @@ impl Packet<'_> {
             }
             0 => Progress::Singly,
             // SAFETY: as above.
-            _ => unsafe { K::finish(&self, hits, &walker.top) },
+            _ => unsafe { K::finish(self, hits, &walker.top) },
         }
     }
 
@@ -292,14 +292,14 @@ impl Packet<'_> {
     /// The machine has the kernel's instruction set.
     #[cold]
     pub(super) unsafe fn split<K: PacketKernel>(
-        mut self,
+        &mut self,
         walker: &Walker,
         hits: &mut HitRows,
         (index, lanes): (u32, LaneMask),
     ) -> Progress {
         self.keep(walker, (index, lanes & self.live()));
         // SAFETY: the caller's promise.
-        unsafe { K::finish(&self, hits, &walker.top) };
+        unsafe { K::finish(self, hits, &walker.top) };
         Progress::Split(self.live())
     }
 }

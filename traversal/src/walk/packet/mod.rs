@@ -121,8 +121,8 @@ fn patience(walker: &Walker) -> u32 {
     fuel.map_or(PATIENCE, |fuel| fuel.min(PATIENCE))
 }
 
-/// Whether rays are enough, have structure, flags and mask in common, and the first and the last go
-/// the same way.
+/// Whether rays are enough, and the first and the last go the same way.
+#[inline]
 fn may_cohere(rays: &RayRows, lanes: LaneMask) -> bool {
     if lanes.count() < ENOUGH {
         return false;
@@ -132,14 +132,37 @@ fn may_cohere(rays: &RayRows, lanes: LaneMask) -> bool {
     let direction = |lane: usize| rays.direction.map(|row| row[lane]);
     let (from, to) = (direction(first), direction(last));
     let longest = most(&from);
-    let close = (0..3).all(|i| (to[i] - from[i]).abs() <= SPREAD * longest);
-    close && rays.alike(first, lanes) == lanes
+    (0..3).all(|i| (to[i] - from[i]).abs() <= SPREAD * longest)
+}
+
+/// Whether rays have structure, flags and mask in common.
+///
+/// # Safety
+/// The machine has the kernel's instruction set.
+#[inline(always)]
+unsafe fn are_alike<K: PacketKernel>(rays: &RayRows, lanes: LaneMask) -> bool {
+    let first = lanes.first();
+    let (flags, mask) = (rays.flags[first], rays.cull_mask[first]);
+    let top_level = rays.top_level[first];
+    let mut differences = [0u32; PACKET];
+    for i in 0..PACKET {
+        let apart = rays.top_level[i] ^ top_level;
+        differences[i] = (rays.flags[i] ^ flags)
+            | (rays.cull_mask[i] ^ mask)
+            | apart as u32
+            | (apart >> 32) as u32;
+    }
+    // SAFETY: the caller's promise.
+    (lanes - unsafe { K::equal(&differences, 0) }).is_empty()
 }
 
 /// Whether rays start near each other (by the size of their distances from the origin of space),
 /// and go the same way.
+///
+/// # Safety
+/// The machine has the kernel's instruction set.
 #[inline(always)]
-fn cohere(given: &Given, lanes: LaneMask) -> bool {
+unsafe fn cohere<K: PacketKernel>(given: &Given, lanes: LaneMask) -> bool {
     let (o, d) = (&given.origin, &given.direction);
     let longest = most(&[d[0][0], d[1][0], d[2][0]]);
     let farthest = most(&[o[0][0], o[1][0], o[2][0]]);
@@ -160,8 +183,8 @@ fn cohere(given: &Given, lanes: LaneMask) -> bool {
             | (turned <= spread_of_parallel) & (moved <= width_of_parallel);
         near[i] = u32::from(close) & given.sound[i];
     }
-    let near = (0..PACKET).fold(0, |mask, i| mask | (near[i] as u16) << i);
-    LaneMask::from_bits(near) & lanes == lanes
+    // SAFETY: the caller's promise.
+    (lanes - unsafe { K::equal(&near, 1) }).is_empty()
 }
 
 /// The longest component.
@@ -179,12 +202,17 @@ unsafe fn trace_packet<K: PacketKernel>(
     walker: &mut Walker,
     suspended: Option<&mut Suspended>,
 ) -> Progress {
+    // SAFETY: the caller's promise, here and below.
+    if !unsafe { are_alike::<K>(rays, lanes) } {
+        return Progress::Singly;
+    }
     let given = Given::new(rays, lanes);
-    if !cohere(&given, lanes) {
+    // SAFETY: as above.
+    if !unsafe { cohere::<K>(&given, lanes) } {
         return Progress::Singly;
     }
     let first = lanes.first();
-    // SAFETY: the caller's promise, here and below.
+    // SAFETY: as above.
     if !unsafe { walker.top.enter_top(rays.top_level[first]) } {
         return Progress::Singly;
     }
@@ -193,7 +221,7 @@ unsafe fn trace_packet<K: PacketKernel>(
         return Progress::Singly;
     }
     let first = rays.ray(first);
-    let packet = Packet {
+    let mut packet = Packet {
         lanes,
         any: first.flags & ray_flags::TERMINATE_ON_FIRST_HIT != 0,
         patience: patience(walker),
