@@ -24,6 +24,8 @@ pub struct Settings {
     pub native: bool,
     /// Subgroups of a wave, at most (`TUFF_WAVE`).
     pub wave: usize,
+    /// Whether lines of ray generation shaders are taken on directly (`TUFF_DIRECT`).
+    pub direct: bool,
     /// Whether all geometry is opaque to pipelines without any-hit shaders.
     pub opaque_without_any_hit: bool,
     /// How many threads a device's commands fan out over (`TUFF_THREADS`); unset: what the process
@@ -97,6 +99,7 @@ impl Settings {
             native: read.parsed("TUFF_NATIVE", "0 or 1", switch)? != Some(false),
             wave: (read.parsed("TUFF_WAVE", "a number of subgroups", subgroups)?)
                 .unwrap_or(usize::MAX),
+            direct: read.parsed("TUFF_DIRECT", "0 or 1", switch)? != Some(false),
             opaque_without_any_hit,
             threads: read.parsed("TUFF_THREADS", "a number of threads, 1 to 1024", threads)?,
             log: (read.parsed("TUFF_LOG", LEVELS, level)?).unwrap_or(LevelFilter::Error),
@@ -282,6 +285,7 @@ mod tests {
             ("TUFF_NATIVE", "0"),
             ("TUFF_DISABLE", "packets, simplify"),
             ("TUFF_WAVE", "4"),
+            ("TUFF_DIRECT", "0"),
             ("TUFF_THREADS", "3"),
             ("TUFF_LOG", "info"),
             ("TUFF_TIMEOUT", "0.5"),
@@ -299,6 +303,7 @@ mod tests {
         assert!(!set.walks.without.contains(Specialisation::Opaque));
         assert!(set.opaque_without_any_hit);
         assert_eq!((set.wave, set.threads), (4, Some(3)));
+        assert!(plain.direct && !set.direct);
         assert_eq!(set.log, LevelFilter::Info);
         assert_eq!(set.timeout, Some(Duration::from_millis(500)));
         assert_eq!((set.validate, set.stats), (true, true));
@@ -341,6 +346,7 @@ mod tests {
             ("TUFF_NATIVE", "off", "is not 0 or 1"),
             ("TUFF_DISABLE", "pakets", "is not one of packets,"),
             ("TUFF_WAVE", "0", "is not a number of subgroups"),
+            ("TUFF_DIRECT", "on", "is not 0 or 1"),
             ("TUFF_THREADS", "0", "is not a number of threads, 1 to 1024"),
             (
                 "TUFF_THREADS",

@@ -1,6 +1,7 @@
 //! Memory order across shader calls: litmus tests of what the chapter says of payloads, callable
 //! data, hit attributes, and of storage buffers, images and shader records at `ShaderCallKHR`
-//! scope, and of built-ins that change. Each runs with one thread and with several.
+//! scope, and of built-ins that change. Each runs with one thread and with several. Then
+//! invocations that wait for each other.
 
 use tuff_tests::*;
 
@@ -359,5 +360,89 @@ fn the_number_of_threads_changes_nothing() {
             .expect("this program runs again");
         let said = String::from_utf8_lossy(&child.stdout);
         assert!(child.status.success(), "{threads} threads: {said}");
+    }
+}
+
+/// Settings of Tuff with which invocations that wait for others must end.
+const SETTINGS: [&[(&str, &str)]; 5] = [
+    &[],
+    &[("TUFF_THREADS", "1")],
+    &[("TUFF_THREADS", "1"), ("TUFF_WAVE", "4")],
+    &[("TUFF_THREADS", "1"), ("TUFF_WAVE", "1")],
+    &[("TUFF_THREADS", "1"), ("TUFF_DIRECT", "0")],
+];
+
+/// Launches ray generation shaders that wait for each other, around a trace; returns the words.
+/// `None` on other drivers: Vulkan does not promise that invocations make progress.
+fn wait_around_a_trace(
+    declared: &str,
+    wait: &str,
+    size: [u32; 3],
+    words: usize,
+) -> Option<Vec<u32>> {
+    let gpu = Gpu::new().with("progress of all invocations", Gpu::is_tuff)?;
+    let world = gpu.scene(&[Geometry::opaque(&TRIANGLE)]);
+    let raygen = format!(
+        "{WORLD}{declared}
+        layout(location = 0) rayPayloadEXT uint payload;
+        {wait}
+        void main() {{
+            for (uint turn = 1u; turn <= 2u; ++turn) {{
+                wait(turn);
+                vec2 at = vec2(gl_LaunchIDEXT.xy) / vec2(gl_LaunchSizeEXT.xy) * 2.0 - 1.0;
+                traceRayEXT(world, 0u, 0xff, 0, 0, 0, vec3(at, -1), 0.0, vec3(0, 0, 1), 10.0, 0);
+            }}
+        }}"
+    );
+    let hit = "layout(location = 0) rayPayloadInEXT uint payload; void main() { payload = 1u; }";
+    let output = gpu.buffer_with(&vec![0u32; words]);
+    let case = Case::new(&raygen).miss(MISS).hit(hit);
+    case.bind(world).bind(output).trace(&gpu, size);
+    Some(output.read())
+}
+
+/// One invocation at a time holds a lock, while the others spin.
+#[test]
+fn ray_generation_shaders_spin_for_a_lock() {
+    let name = "ray_generation_shaders_spin_for_a_lock";
+    if !SETTINGS.iter().any(|variables| alone(name, variables)) {
+        return;
+    }
+    let declared = "layout(set = 0, binding = 1) coherent buffer Lock { uint held; uint count; };";
+    let wait = "void wait(uint turn) {
+        bool waits = true;
+        while (waits) {
+            if (atomicCompSwap(held, 0u, 1u) == 0u) {
+                memoryBarrierBuffer();
+                count = count + turn;
+                memoryBarrierBuffer();
+                atomicExchange(held, 0u);
+                waits = false;
+            }
+        }
+    }";
+    let words = wait_around_a_trace(declared, wait, [96, 32, 1], 2);
+    if let Some(words) = words {
+        assert_eq!(words, [0, 3 * 96 * 32]);
+    }
+}
+
+/// The first invocations of each square wait for the last ones, before a trace and after it.
+#[test]
+fn ray_generation_shaders_wait_for_later_ones() {
+    let name = "ray_generation_shaders_wait_for_later_ones";
+    if !SETTINGS.iter().any(|variables| alone(name, variables)) {
+        return;
+    }
+    let declared = "layout(set = 0, binding = 1) buffer Given { uint given[]; };";
+    let wait = "void wait(uint turn) {
+        uvec2 at = gl_LaunchIDEXT.xy & 15u;
+        uint slot = (gl_LaunchIDEXT.x >> 4u) * 16u + (at.y & 3u) * 4u + (at.x & 3u);
+        if (all(greaterThanEqual(at, uvec2(12)))) atomicAdd(given[slot], 1u);
+        if (all(lessThan(at, uvec2(4)))) while (atomicAdd(given[slot], 0u) < turn) {}
+    }";
+    let words = wait_around_a_trace(declared, wait, [48, 16, 1], 3 * 16);
+    if let Some(words) = words {
+        assert!(words.iter().all(|&word| word == 2));
     }
 }

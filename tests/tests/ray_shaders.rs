@@ -396,3 +396,77 @@ fn invocations_that_end_early_do_not_disturb_the_rest() {
         assert_eq!(results[i as usize], sum, "invocation {i}");
     }
 }
+
+/// Shaders that run longer than a scheduler lets them at a time, before calls, within and after.
+#[test]
+fn shaders_of_every_kind_run_long() {
+    let name = "shaders_of_every_kind_run_long";
+    let settings: [&[(&str, &str)]; 4] = [
+        &[],
+        &[("TUFF_DIRECT", "0")],
+        &[("TUFF_WAVE", "1")],
+        &[("TUFF_WAVE", "4"), ("TUFF_TIER", "portable")],
+    ];
+    if !settings.iter().any(|variables| alone(name, variables)) {
+        return;
+    }
+    const COUNT: u32 = 200;
+    const LONG: u32 = 20_000;
+    let gpu = Gpu::new();
+    let world = gpu.scene(&[Geometry::opaque(&layers(1))]);
+    let run = "uint run(uint x, uint n) {
+        for (uint k = 0u; k < n; k++) x = x * 1664525u + 1013904223u;
+        return x;
+    }";
+    let raygen = format!(
+        "layout(location = 0) rayPayloadEXT uvec2 payload;
+        {run}
+        void main() {{
+            uint i = gl_LaunchIDEXT.x, kind = i / 8u % 4u;
+            payload = uvec2(run(i, i < 32u ? {LONG}u : 3u), kind);
+            vec3 direction = vec3(0, 0, kind == 3u ? -1 : 1);
+            traceRayEXT(world, 0u, 0xff, 0, 0, 0, vec3(0), 0.0, direction, 10.0, 0);
+            results[i] = run(payload.x, i < 16u ? {LONG}u : 2u);
+        }}"
+    );
+    let incoming = "layout(location = 0) rayPayloadInEXT uvec2 payload;";
+    let hit = format!(
+        "{incoming} layout(location = 0) callableDataEXT uint data; {run}
+        void main() {{
+            data = payload.x + 1u;
+            if (payload.y != 2u) executeCallableEXT(payload.y, 0);
+            payload.x = run(data, gl_LaunchIDEXT.x < 64u ? 1u : {LONG}u);
+        }}"
+    );
+    let miss = format!("{incoming} {run} void main() {{ payload.x = run(payload.x, {LONG}u); }}");
+    let callable = |body: &str| {
+        format!("layout(location = 0) callableDataInEXT uint data; {run} void main() {{ {body} }}")
+    };
+    let results = Case::new(&format!("{WORLD}{RESULTS}{raygen}"))
+        .miss(&miss)
+        .hit(&hit)
+        .callable(&callable(&format!("data = run(data, {LONG}u);")))
+        .callable(&callable("data ^= gl_LaunchIDEXT.x;"))
+        .words(&gpu, world, [COUNT, 1, 1], COUNT as usize);
+    let run = |x: u32, n: u32| {
+        (0..n).fold(x, |x, _| {
+            x.wrapping_mul(1_664_525).wrapping_add(1_013_904_223)
+        })
+    };
+    for (i, result) in (0..).zip(results) {
+        let kind = i / 8 % 4;
+        let mut x = run(i, if i < 32 { LONG } else { 3 });
+        if kind == 3 {
+            x = run(x, LONG);
+        } else {
+            x = x.wrapping_add(1);
+            x = match kind {
+                0 => run(x, LONG),
+                1 => x ^ i,
+                _ => x,
+            };
+            x = run(x, if i < 64 { 1 } else { LONG });
+        }
+        assert_eq!(result, run(x, if i < 16 { LONG } else { 2 }), "{i}");
+    }
+}

@@ -81,6 +81,7 @@ fn nonsense_is_refused_by_name() {
         ("TUFF_NATIVE", "yes"),
         ("TUFF_DISABLE", "pakets"),
         ("TUFF_WAVE", "none"),
+        ("TUFF_DIRECT", "no"),
         ("TUFF_THREADS", "0"),
         ("TUFF_LOG", "loud"),
         ("TUFF_TIMEOUT", "-1"),

@@ -39,7 +39,10 @@ impl Batch<'_> {
             return Ok(());
         }
         match site {
-            SiteKind::TraceRay { trace, .. } => self.trace_rays(index, mask, trace),
+            SiteKind::TraceRay { trace, .. } => {
+                let group = self.start_rays(index, mask, trace);
+                self.starting.push(group);
+            }
             SiteKind::HitObjectExecute { .. } => return self.execute_hit_objects(index, mask),
             SiteKind::ReportIntersection { attribute_words } => {
                 return self.report_intersections(index, mask, attribute_words as usize);
@@ -61,7 +64,7 @@ impl Batch<'_> {
     pub(super) fn answered(&mut self, index: SubgroupIndex, lanes: LaneMask) {
         let subgroup = &mut self.worker.subgroups[index];
         subgroup.pending -= lanes;
-        if subgroup.pending.is_empty() {
+        if subgroup.pending.is_empty() && !self.goes_on_in_line(index) {
             self.make_ready(index);
         }
     }
@@ -80,8 +83,13 @@ impl Batch<'_> {
         self.answered(caller, lanes);
     }
 
-    /// Starts the rays that a subgroup's lanes ask for.
-    fn trace_rays(&mut self, index: SubgroupIndex, lanes: LaneMask, trace: Trace) {
+    /// Makes a group of the rays that a subgroup's lanes ask for.
+    pub(super) fn start_rays(
+        &mut self,
+        index: SubgroupIndex,
+        lanes: LaneMask,
+        trace: Trace,
+    ) -> u32 {
         let worker = &mut *self.worker;
         let program = worker.subgroups[index].program;
         let io = self.dispatch.shaders.programs[program as usize].layout().io;
@@ -90,7 +98,6 @@ impl Batch<'_> {
         group.start(index, io, lanes);
         group.fills_hit_object = trace.to_hit_object;
         group.has_time = trace.motion;
-        self.starting.push(group_index);
         if let Some(traced) = self.dispatch.checks {
             let instruction = Instruction {
                 fills_hit_object: trace.to_hit_object,
@@ -98,6 +105,7 @@ impl Batch<'_> {
             };
             self.check_rays(traced, group_index, instruction);
         }
+        group_index
     }
 
     fn execute_callables(&mut self, index: SubgroupIndex, lanes: LaneMask) -> Result<(), Stopped> {
@@ -291,6 +299,10 @@ impl Batch<'_> {
     pub(super) fn end(&mut self, index: SubgroupIndex) {
         let worker = &mut *self.worker;
         let subgroup = &mut worker.subgroups[index];
+        if subgroup.role == Role::RayGeneration {
+            worker.queries.release(&mut subgroup.queries);
+            return self.give_back(index);
+        }
         let program = &self.dispatch.shaders.programs[subgroup.program as usize];
         let (role, lanes, of) = (subgroup.role, subgroup.lanes, subgroup.of);
         let is_in_place = subgroup.is_in_place;
@@ -298,7 +310,6 @@ impl Batch<'_> {
         let rows = std::mem::take(&mut subgroup.rows);
         worker.queries.release(&mut subgroup.queries);
         let layout = program.layout();
-        self.state_bytes -= layout.rows * size_of::<AlignedRow>();
         let outputs = &rows[layout.io..][..program.output_rows() as usize];
         match role {
             Role::RayGeneration => {}
@@ -351,10 +362,8 @@ impl Batch<'_> {
                 }
             }
         }
-        let subgroup = &mut self.worker.subgroups[index];
-        subgroup.rows = rows;
-        subgroup.lanes = LaneMask::NONE;
-        self.worker.subgroups.remove(index);
+        self.worker.subgroups[index].rows = rows;
+        self.give_back(index);
     }
 
     /// The decision of an any-hit shader about its ray's candidate: 0 accepts it, 1 ignores it,
@@ -379,7 +388,7 @@ impl Batch<'_> {
 
     /// Copies what lanes leave over the data of a caller that waits for them: `of` says in which of
     /// its lanes, if not in their own.
-    fn copy_outputs(
+    pub(super) fn copy_outputs(
         &mut self,
         outputs: &[AlignedRow],
         lanes: LaneMask,

@@ -10,16 +10,19 @@
 //! in it, as no subgroup's shader can tell: so who meets in the subgroups that the next step forms
 //! follows from the launch alone, whatever the order of answers, the length of waves or the way
 //! that rays walk.
+//!
+//! Waves that need no partners are taken on directly ([`direct`](super::direct)), within the round.
 
 use lanes::LaneMask;
-use spirv_jit::program::{AlignedRow, Event, MAX_SUBGROUPS, ResumePoint, SiteKind, Wave};
+use spirv_jit::program::{AlignedRow, Event, Events, MAX_SUBGROUPS, ResumePoint, SiteKind, Wave};
 use spirv_jit::{SUBGROUP_SIZE, interp::Frame};
 use traversal::Walker;
 
 use super::Dispatch;
 use super::calls::{Calls, Records};
+use super::direct::{Line, Noted};
 use super::grid::Grid;
-use super::inputs::{Sources, fill};
+use super::inputs::{Callee, Sources, fill};
 use super::queries::Queries;
 use super::rays::RayGroup;
 use super::slab::Slab;
@@ -53,6 +56,7 @@ pub struct Worker {
     /// States without a subgroup, for their memory.
     pub(super) spare_rows: Vec<Vec<AlignedRow>>,
     pub(super) queries: Queries,
+    pub(super) line: Line,
 }
 
 impl Default for Worker {
@@ -65,12 +69,13 @@ impl Default for Worker {
             records: Records::default(),
             spare_rows: Vec::new(),
             queries: Queries::default(),
+            line: Line::default(),
         }
     }
 }
 
 /// Subgroups of one program that stand at one point.
-struct Ready {
+pub(super) struct Ready {
     program: ProgramIndex,
     point: ResumePoint,
     subgroups: Vec<SubgroupIndex>,
@@ -81,16 +86,18 @@ pub struct Batch<'a> {
     pub(super) dispatch: &'a Dispatch<'a>,
     pub(super) grid: &'a Grid,
     /// The layer of its launches.
-    layer: u32,
+    pub(super) layer: u32,
     pub(super) worker: &'a mut Worker,
     /// By [`Turn`].
-    ready: [Vec<Ready>; Turn::COUNT],
+    pub(super) ready: [Vec<Ready>; Turn::COUNT],
     /// By [`Turn`]: where the last one came, if that list is still there.
     latest: [usize; Turn::COUNT],
     /// Lists of ready subgroups that are not in use, for their memory.
     spare: Vec<Vec<SubgroupIndex>>,
     /// Groups of rays whose walks begin.
     pub(super) starting: Vec<u32>,
+    /// The same, of rays that are known not to go together.
+    pub(super) apart: Vec<u32>,
     /// Groups of rays about all of whose candidates shaders have decided.
     pub(super) going_on: Vec<u32>,
     /// Calls of shaders that decide on candidates.
@@ -99,10 +106,23 @@ pub struct Batch<'a> {
     pub(super) calls: Calls,
     /// Subgroups that stand at a reorder instruction.
     pub(super) reordering: Vec<SubgroupIndex>,
+    /// Whether lines of ray generation shaders are taken on directly; see
+    /// [`direct`](super::direct).
+    pub(super) is_direct: bool,
+    /// A line is being answered.
+    pub(super) in_line: bool,
+    /// Subgroups at traces and calls that are to be answered as lines.
+    pub(super) standing: Vec<SubgroupIndex>,
+    /// How far subgroups of lines came in this round.
+    pub(super) noted: Vec<Noted>,
+    /// The same, of hit and miss shaders.
+    pub(super) noted_callees: Vec<Noted>,
     /// Of subgroup states in flight.
     pub(super) state_bytes: usize,
     /// Of the longest frame of a wave so far.
     frame_bytes: usize,
+    /// Of the most states of a line's callees so far, by depth.
+    line_bytes: [usize; 2],
     /// Their share of the device's budget.
     share: Share,
     /// Bytes of states made since the last look at the limits.
@@ -128,6 +148,7 @@ impl<'a> Batch<'a> {
         worker.ray_groups.clear();
         worker.records = Records::default();
         worker.queries.clear();
+        worker.line.clear();
         let walker = worker.walker.get_or_insert_with(|| settings().walker());
         walker.clear();
         // SAFETY: the memory is there until the dispatch is complete, and no walk goes on after it.
@@ -141,12 +162,19 @@ impl<'a> Batch<'a> {
             latest: [0; Turn::COUNT],
             spare: Vec::new(),
             starting: Vec::new(),
+            apart: Vec::new(),
             going_on: Vec::new(),
             deciding: Calls::default(),
             calls: Calls::default(),
             reordering: Vec::new(),
+            is_direct: settings().direct && dispatch.checks.is_none(),
+            in_line: false,
+            standing: Vec::new(),
+            noted: Vec::new(),
+            noted_callees: Vec::new(),
             state_bytes: 0,
             frame_bytes: 0,
+            line_bytes: [0; 2],
             share: Share::default(),
             unchecked_bytes: 0,
             patience: PATIENCE,
@@ -160,24 +188,13 @@ impl<'a> Batch<'a> {
     /// A limit was reached.
     pub fn run(mut self, raygen: ProgramIndex, record: u64, index: usize) -> Result<(), Stopped> {
         self.layer = self.grid.layer(index);
-        for mut tile in self.grid.tiles(index) {
-            if let Some(mask) = &self.dispatch.mask {
-                for lane in tile.mask {
-                    let (x, y) = (tile.launch.x[lane], tile.launch.y[lane]);
-                    tile.mask.set(lane, !mask.excludes(x, y));
-                }
-                if tile.mask.is_empty() {
-                    continue;
-                }
-            }
-            let subgroup = self.new_subgroup(raygen, Role::RayGeneration, tile.mask)?;
-            self.worker.subgroups[subgroup].launch = tile.launch;
-            self.start(subgroup, &[record; SUBGROUP_SIZE]);
-        }
+        self.start_launches(raygen, record, index)?;
         loop {
             while self.is_busy() {
+                self.answer_lines()?;
                 self.trace_rays_to_their_ends()?;
                 self.form_callees()?;
+                self.act_on_noted_callees()?;
                 self.run_ready(Turn::Callees)?;
                 self.run_launches()?;
             }
@@ -196,10 +213,72 @@ impl<'a> Batch<'a> {
         Ok(())
     }
 
+    /// Starts a ray generation shader's invocations.
+    fn start_launches(
+        &mut self,
+        raygen: ProgramIndex,
+        record: u64,
+        index: usize,
+    ) -> Result<(), Stopped> {
+        let grid = self.grid;
+        let width = self.wave_width(raygen);
+        let (mut line, mut others) = (Vec::with_capacity(width), Vec::new());
+        for place in grid.tiles(index) {
+            let subgroup = self.new_subgroup(raygen, Role::RayGeneration, LaneMask::ALL)?;
+            let launch = &mut self.worker.subgroups[subgroup].launch;
+            let mut lanes = grid.write_tile(place, launch);
+            if let Some(mask) = &self.dispatch.mask {
+                for lane in lanes {
+                    lanes.set(lane, !mask.excludes(launch.x[lane], launch.y[lane]));
+                }
+            }
+            if lanes != LaneMask::ALL {
+                let program = &self.dispatch.shaders.programs[raygen as usize];
+                let started = &mut self.worker.subgroups[subgroup];
+                started.lanes = lanes;
+                program.start(&mut started.rows, lanes);
+            }
+            if lanes.is_empty() {
+                self.give_back(subgroup);
+                continue;
+            }
+            self.fill_inputs(subgroup, &[record; SUBGROUP_SIZE]);
+            if !self.is_direct {
+                self.make_ready(subgroup);
+                continue;
+            }
+            line.push(subgroup);
+            if line.len() == width {
+                self.start_line(raygen, &mut line, &mut others)?;
+            }
+        }
+        if !line.is_empty() {
+            self.start_line(raygen, &mut line, &mut others)?;
+        }
+        match self.is_direct {
+            true => self.finish_start(others),
+            false => self.run_launches(),
+        }
+    }
+
+    /// Gives the place of a subgroup back.
+    pub(super) fn give_back(&mut self, index: SubgroupIndex) {
+        let subgroup = &mut self.worker.subgroups[index];
+        subgroup.lanes = LaneMask::NONE;
+        let program = &self.dispatch.shaders.programs[subgroup.program as usize];
+        self.state_bytes -= program.layout().rows * size_of::<AlignedRow>();
+        self.worker.subgroups.remove(index);
+    }
+
     /// Something other than a reordering is to be done.
     fn is_busy(&self) -> bool {
-        let waits = self.ready.iter().all(Vec::is_empty) && self.starting.is_empty();
-        !(waits && self.calls.is_empty())
+        let is_ready = self.ready.iter().any(|ready| !ready.is_empty());
+        let walks = [&self.starting, &self.apart, &self.going_on];
+        let has_walks = walks.iter().any(|groups| !groups.is_empty());
+        let is_called = !(self.calls.is_empty() && self.deciding.is_empty());
+        let noted = [&self.noted, &self.noted_callees];
+        let has_lines = !self.standing.is_empty() || noted.iter().any(|noted| !noted.is_empty());
+        is_ready || has_walks || is_called || has_lines
     }
 
     /// Walks all rays to their ends, with the shaders that decide on their candidates.
@@ -244,32 +323,57 @@ impl<'a> Batch<'a> {
 
     /// Takes bytes of the device's budget for states and frame.
     fn take_bytes(&mut self) -> Result<(), Stopped> {
-        let bytes = self.state_bytes + self.frame_bytes;
+        let bytes = self.state_bytes + self.frame_bytes + self.line_bytes.iter().sum::<usize>();
         self.share.grow_to(bytes, &self.dispatch.limits.memory)
     }
 
-    /// Fills a new subgroup's inputs and makes it ready.
-    pub(super) fn start(&mut self, index: SubgroupIndex, records: &[u64; SUBGROUP_SIZE]) {
+    /// Makes room for states of callees in a line.
+    pub(super) fn make_line_room(
+        &mut self,
+        depth: usize,
+        rows: usize,
+        states: &mut Vec<AlignedRow>,
+    ) -> Result<(), Stopped> {
+        let bytes = rows * size_of::<AlignedRow>();
+        if bytes > self.line_bytes[depth] {
+            self.line_bytes[depth] = bytes;
+            self.take_bytes()?;
+        }
+        if rows > states.len() {
+            let room = states.try_reserve(rows - states.len());
+            room.map_err(|_| Stopped::OutOfMemory)?;
+            states.resize(rows, AlignedRow::default());
+        }
+        Ok(())
+    }
+
+    /// Fills a new subgroup's inputs.
+    pub(super) fn fill_inputs(&mut self, index: SubgroupIndex, records: &[u64; SUBGROUP_SIZE]) {
         // Out of the list, for the others to be read meanwhile.
         let mut rows = std::mem::take(&mut self.worker.subgroups[index].rows);
         let subgroup = &self.worker.subgroups[index];
         let program = &self.dispatch.shaders.programs[subgroup.program as usize];
-        let sources = Sources {
+        let callee = Callee {
+            role: subgroup.role,
+            lanes: subgroup.lanes,
+            launch: &subgroup.launch,
+            of: &subgroup.of,
+            is_in_place: subgroup.is_in_place,
+            records,
+        };
+        let (sources, tier) = (self.sources(), self.dispatch.tier);
+        fill(tier, &sources, program, &callee, &mut rows);
+        self.worker.subgroups[index].rows = rows;
+    }
+
+    /// The sources of inputs.
+    pub(super) fn sources(&self) -> Sources<'_> {
+        Sources {
             dispatch: self.dispatch,
             layer: self.layer,
             subgroups: &self.worker.subgroups,
             ray_groups: &self.worker.ray_groups,
-        };
-        fill(
-            self.dispatch.tier,
-            &sources,
-            program,
-            subgroup,
-            records,
-            &mut rows,
-        );
-        self.worker.subgroups[index].rows = rows;
-        self.make_ready(index);
+        }
     }
 
     pub(super) fn make_ready(&mut self, index: SubgroupIndex) {
@@ -307,12 +411,13 @@ impl<'a> Batch<'a> {
 
     /// Runs ray generation shaders until each waits or has ended. Those that come back from a
     /// shader call are moved together first.
-    fn run_launches(&mut self) -> Result<(), Stopped> {
+    pub(super) fn run_launches(&mut self) -> Result<(), Stopped> {
         let turn = Turn::Launches as usize;
         for mut ready in std::mem::take(&mut self.ready[turn]) {
             self.compact(ready.program, ready.point, &mut ready.subgroups)?;
             self.run_subgroups(ready)?;
         }
+        self.act_on_noted()?;
         self.run_ready(Turn::Launches)
     }
 
@@ -323,10 +428,7 @@ impl<'a> Batch<'a> {
             mut subgroups,
             ..
         } = ready;
-        let width = self.dispatch.shaders.programs[program as usize]
-            .max_wave_subgroups()
-            .min(settings().wave)
-            .max(1);
+        let width = self.wave_width(program);
         if !subgroups.is_sorted() {
             subgroups.sort_unstable();
         }
@@ -338,14 +440,31 @@ impl<'a> Batch<'a> {
         Ok(())
     }
 
-    fn run_wave(&mut self, program: ProgramIndex, wave: &[SubgroupIndex]) -> Result<(), Stopped> {
+    /// Subgroups of a program's waves, at most.
+    pub(super) fn wave_width(&self, program: ProgramIndex) -> usize {
         let compiled = &self.dispatch.shaders.programs[program as usize];
-        let frame_bytes = compiled.frame_bytes(wave.len());
-        if frame_bytes > self.frame_bytes {
-            self.frame_bytes = frame_bytes;
-            self.take_bytes().inspect_err(|_| self.note_stop(wave[0]))?;
+        (compiled.max_wave_subgroups())
+            .min(settings().wave)
+            .clamp(1, MAX_SUBGROUPS)
+    }
+
+    fn run_wave(&mut self, program: ProgramIndex, wave: &[SubgroupIndex]) -> Result<(), Stopped> {
+        let events = self.run_to_events(program, wave)?;
+        for (&index, event) in wave.iter().zip(events.iter()) {
+            self.act_on(index, event)?;
         }
-        debug_assert!(wave.is_sorted_by(|a, b| a < b), "a subgroup twice");
+        self.look_at_limits(&events)
+            .inspect_err(|_| self.note_stop(wave[0]))
+    }
+
+    /// Runs a wave of subgroups that stand at one point until each has come to an event.
+    pub(super) fn run_to_events(
+        &mut self,
+        program: ProgramIndex,
+        wave: &[SubgroupIndex],
+    ) -> Result<Events, Stopped> {
+        let is_once = |(place, index)| !wave[..place].contains(index);
+        debug_assert!(wave.iter().enumerate().all(is_once), "a subgroup twice");
         let subgroups = &mut self.worker.subgroups;
         let mut states: [&mut [AlignedRow]; MAX_SUBGROUPS] =
             std::array::from_fn(|place| match wave.get(place) {
@@ -357,7 +476,25 @@ impl<'a> Batch<'a> {
                     unsafe { std::slice::from_raw_parts_mut(rows.as_mut_ptr(), rows.len()) }
                 }
             });
-        let states = &mut states[..wave.len()];
+        self.run_states(program, &mut states[..wave.len()])
+            .inspect_err(|_| self.note_stop(wave[0]))
+    }
+
+    /// The same for states of a program.
+    pub(super) fn run_states<'s>(
+        &mut self,
+        program: ProgramIndex,
+        states: &'s mut [&'s mut [AlignedRow]],
+    ) -> Result<Events, Stopped>
+    where
+        'a: 's,
+    {
+        let compiled = &self.dispatch.shaders.programs[program as usize];
+        let frame_bytes = compiled.frame_bytes(states.len());
+        if frame_bytes > self.frame_bytes {
+            self.frame_bytes = frame_bytes;
+            self.take_bytes()?;
+        }
         if let Some(tally) = &mut self.tally {
             tally.count(program, compiled, states);
         }
@@ -377,25 +514,33 @@ impl<'a> Batch<'a> {
                 &mut fuel,
             )
         };
-        let events = events.map_err(|_| {
-            self.note_stop(wave[0]);
-            Stopped::OutOfMemory
-        })?;
-        for (&index, event) in wave.iter().zip(events.iter()) {
-            match event {
-                Event::End => self.end(index),
-                Event::OutOfFuel => self.make_ready(index),
-                Event::Yield(site) => match compiled.sites()[site.0 as usize] {
+        events.map_err(|_| Stopped::OutOfMemory)
+    }
+
+    /// Does what the event of a subgroup calls for.
+    pub(super) fn act_on(&mut self, index: SubgroupIndex, event: Event) -> Result<(), Stopped> {
+        match event {
+            Event::End => self.end(index),
+            Event::OutOfFuel => self.make_ready(index),
+            Event::Yield(site) => {
+                let subgroup = &self.worker.subgroups[index];
+                let program = &self.dispatch.shaders.programs[subgroup.program as usize];
+                match program.sites()[site.0 as usize] {
                     SiteKind::RayQueryProceed => self.proceed(index)?,
+                    kind if self.is_for_line(index, kind) => self.standing.push(index),
                     kind => self.answer(index, kind)?,
-                },
+                }
             }
         }
+        Ok(())
+    }
+
+    /// Looks at the limits after a wave, now and then and where fuel has run out.
+    pub(super) fn look_at_limits(&mut self, events: &Events) -> Result<(), Stopped> {
         self.patience -= 1;
         if events.contains(Event::OutOfFuel) || self.patience == 0 {
             self.patience = PATIENCE;
-            let checked = self.dispatch.limits.check();
-            checked.inspect_err(|_| self.note_stop(wave[0]))
+            self.dispatch.limits.check()
         } else {
             Ok(())
         }

@@ -15,7 +15,7 @@ use crate::wave::Stopped;
 use crate::wave::table::ProgramIndex;
 
 /// Lanes that are enough for a subgroup of their own.
-const MANY: u32 = 8;
+pub(super) const MANY: u32 = 8;
 
 /// The shader that is called, what for, and the address of its record.
 pub(super) type Callee = (ProgramIndex, Role, u64);
@@ -28,10 +28,14 @@ impl Batch<'_> {
         caller: u32,
         lanes: LaneMask,
     ) -> Result<(), Stopped> {
+        let (program, role, record) = callee;
         if lanes.count() >= MANY {
+            if self.in_line && self.runs_in_line(program, role) {
+                self.worker.line.call(callee, caller, lanes);
+                return Ok(());
+            }
             return self.form_in_place(callee, caller, lanes);
         }
-        let (program, role, record) = callee;
         let launch = match role {
             Role::Callable => &self.worker.subgroups[caller].launch,
             _ => &self.worker.subgroups[self.worker.ray_groups[caller].caller].launch,
@@ -52,7 +56,7 @@ impl Batch<'_> {
     }
 
     /// Makes a subgroup of lanes that stay where they are.
-    fn form_in_place(
+    pub(super) fn form_in_place(
         &mut self,
         (program, role, record): Callee,
         caller: u32,
@@ -75,7 +79,8 @@ impl Batch<'_> {
         let subgroup = &mut worker.subgroups[index];
         (subgroup.of, subgroup.launch) = (of, launch);
         subgroup.is_in_place = true;
-        self.start(index, &[record; SUBGROUP_SIZE]);
+        self.fill_inputs(index, &[record; SUBGROUP_SIZE]);
+        self.make_ready(index);
         Ok(())
     }
 
@@ -140,7 +145,8 @@ impl Batch<'_> {
         let subgroup = &mut worker.subgroups[index];
         (subgroup.of, subgroup.launch) = (of, launch);
         subgroup.is_in_place = false;
-        self.start(index, &records);
+        self.fill_inputs(index, &records);
+        self.make_ready(index);
         Ok(())
     }
 }

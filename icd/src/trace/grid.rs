@@ -40,13 +40,6 @@ pub struct Launches {
     pub y: Row,
 }
 
-/// One tile: the launch of each lane, and which lanes are inside the grid.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Tile {
-    pub launch: Launches,
-    pub mask: LaneMask,
-}
-
 impl Grid {
     /// Cuts a grid for a ray generation shader whose subgroup states take `state_bytes` each. One
     /// that `reorders` invocations gets batches as large as they can be: no others are reordered
@@ -101,30 +94,30 @@ impl Grid {
         self.place_of(batch)[2]
     }
 
-    /// The tiles of a batch that have lanes inside the grid, row by row.
-    pub fn tiles(&self, batch: usize) -> impl Iterator<Item = Tile> + '_ {
+    /// The places of a batch's tiles that have lanes inside the grid, column and row, row by row.
+    pub fn tiles(&self, batch: usize) -> impl Iterator<Item = [u32; 2]> + use<> {
         let at = self.place_of(batch);
         let [columns, rows] = [0, 1].map(|axis| {
             let first = at[axis] * self.batch[axis];
             let tiles = self.extent[axis].div_ceil(self.tile[axis]);
             first..tiles.min(first + self.batch[axis])
         });
-        rows.flat_map(move |y| columns.clone().map(move |x| self.tile(x, y)))
+        rows.flat_map(move |y| columns.clone().map(move |x| [x, y]))
     }
 
-    fn tile(&self, tile_x: u32, tile_y: u32) -> Tile {
-        let [width, height] = self.tile;
-        let (left, top) = (tile_x * width, tile_y * height);
-        let launch = Launches {
-            x: self.offsets.x.map(|dx| left + dx),
-            y: self.offsets.y.map(|dy| top + dy),
-        };
-        let (right, bottom) = (self.extent[0], self.extent[1]);
-        let mask = match right - left < width || bottom - top < height {
+    /// Writes where the launches of a tile's lanes are; returns which are inside the grid.
+    #[inline]
+    pub fn write_tile(&self, place: [u32; 2], launch: &mut Launches) -> LaneMask {
+        let first = [0, 1].map(|axis| place[axis] * self.tile[axis]);
+        for lane in 0..SUBGROUP_SIZE {
+            launch.x[lane] = first[0] + self.offsets.x[lane];
+            launch.y[lane] = first[1] + self.offsets.y[lane];
+        }
+        let [right, bottom] = [self.extent[0], self.extent[1]];
+        match right - first[0] < self.tile[0] || bottom - first[1] < self.tile[1] {
             true => LaneMask::from_fn(|lane| (launch.x[lane] < right) & (launch.y[lane] < bottom)),
             false => LaneMask::ALL,
-        };
-        Tile { launch, mask }
+        }
     }
 
     /// Where a launch stands among those of its batch: tile by tile, lane by lane, as ray
@@ -199,9 +192,10 @@ mod tests {
                 let mut seen = vec![0u32; count];
                 for batch in 0..grid.batch_count() {
                     let mut last = None;
-                    for tile in grid.tiles(batch) {
-                        for lane in tile.mask {
-                            let (x, y) = (tile.launch.x[lane], tile.launch.y[lane]);
+                    for place in grid.tiles(batch) {
+                        let mut launch = Launches::default();
+                        for lane in grid.write_tile(place, &mut launch) {
+                            let (x, y) = (launch.x[lane], launch.y[lane]);
                             let place = grid.place(x, y);
                             assert!(last < Some(place) && place % 16 == lane as u32);
                             last = Some(place);

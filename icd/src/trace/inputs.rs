@@ -8,6 +8,7 @@ use traversal::{Hit, HitRows};
 
 use super::Dispatch;
 use super::facts::{Lanes, Subjects, Take, Told, take};
+use super::grid::Launches;
 use super::lanes::{bits_of, floats};
 use super::rays::{Operands, RayGroup, Report, operand};
 use super::slab::Slab;
@@ -23,48 +24,53 @@ pub struct Sources<'a> {
     pub ray_groups: &'a Slab<RayGroup>,
 }
 
+/// A new subgroup of invocations.
+pub struct Callee<'a> {
+    pub role: Role,
+    /// Those that are started.
+    pub lanes: LaneMask,
+    pub launch: &'a Launches,
+    /// As [`Subgroup::of`] and [`Subgroup::is_in_place`].
+    pub of: &'a Lanes<LaneRef>,
+    pub is_in_place: bool,
+    /// Addresses of their shader records.
+    pub records: &'a Lanes<u64>,
+}
+
 spirv_jit::vectors! {
-    /// Fills the inputs of a new subgroup into `rows`, its state. `records` has a record address
-    /// per lane.
+    /// Fills the inputs of a new subgroup into `rows`, its state.
     pub fn fill<V>(
         _v,
         sources: &Sources<'_>,
         program: &Program,
-        subgroup: &Subgroup,
-        records: &Lanes<u64>,
+        callee: &Callee<'_>,
         rows: &mut [AlignedRow],
     ) {
-        sources.fill(program, subgroup, records, rows);
+        sources.fill(program, callee, rows);
     }
 }
 
 impl Sources<'_> {
     #[inline(always)]
-    fn fill(
-        &self,
-        program: &Program,
-        subgroup: &Subgroup,
-        records: &Lanes<u64>,
-        rows: &mut [AlignedRow],
-    ) {
+    fn fill(&self, program: &Program, subgroup: &Callee<'_>, rows: &mut [AlignedRow]) {
         let inputs = program.inputs();
         let rows = &mut rows[program.layout().inputs..][..inputs.len()];
         let inputs = rows.iter_mut().zip(inputs);
         match subgroup.role {
             Role::RayGeneration => {
                 for (row, &input) in inputs {
-                    row.0 = self.common_row(subgroup, records, input);
+                    row.0 = self.common_row(subgroup, input);
                 }
             }
             Role::Callable => {
                 let callers = match subgroup.is_in_place {
                     true => Callers::InPlace(self.data_of(subgroup.of[0].index())),
-                    false => self.callers(&subgroup.of),
+                    false => self.callers(subgroup.of),
                 };
                 for (row, &input) in inputs {
                     row.0 = match input {
                         InputRow::CallableData(word) => callers.gather(word as usize),
-                        _ => self.common_row(subgroup, records, input),
+                        _ => self.common_row(subgroup, input),
                     };
                 }
             }
@@ -74,7 +80,7 @@ impl Sources<'_> {
                     dispatch: self.dispatch,
                     role: subgroup.role,
                     started: subgroup.lanes,
-                    of: &subgroup.of,
+                    of: subgroup.of,
                     rays: &rays,
                     is_about_candidates: subgroup.role.turn() == Turn::Deciders,
                     told: &Told::default(),
@@ -89,7 +95,7 @@ impl Sources<'_> {
                         InputRow::HitAttribute(word) => row.0 = hits.attribute_row(word as usize),
                         InputRow::Builtin(builtin, component) => {
                             if !hits.write_row(builtin, component as usize, &mut row.0) {
-                                row.0 = self.common_row(subgroup, records, input);
+                                row.0 = self.common_row(subgroup, input);
                             }
                         }
                         InputRow::CallableData(_)
@@ -104,7 +110,7 @@ impl Sources<'_> {
 
     /// Inputs that every stage has.
     #[inline(always)]
-    fn common_row(&self, subgroup: &Subgroup, records: &Lanes<u64>, input: InputRow) -> Row {
+    fn common_row(&self, subgroup: &Callee<'_>, input: InputRow) -> Row {
         match input {
             InputRow::Builtin(Builtin::LaunchId, component) => match component {
                 0 => subgroup.launch.x,
@@ -112,6 +118,7 @@ impl Sources<'_> {
                 _ => [self.layer; SUBGROUP_SIZE],
             },
             InputRow::Builtin(Builtin::ShaderRecordAddress, component) => {
+                let records = subgroup.records;
                 by_lane(|lane| ((records[lane] + HANDLE_SIZE as u64) >> (32 * component)) as u32)
             }
             _ => [0; SUBGROUP_SIZE],
@@ -119,7 +126,7 @@ impl Sources<'_> {
     }
 
     /// The payload or callable data that a subgroup keeps for those that it waits for.
-    fn data_of(&self, caller: SubgroupIndex) -> &[AlignedRow] {
+    pub(super) fn data_of(&self, caller: SubgroupIndex) -> &[AlignedRow] {
         let subgroup = &self.subgroups[caller];
         let program = &self.dispatch.shaders.programs[subgroup.program as usize];
         let first = program.layout().io + IO_DATA_ROW;
@@ -173,8 +180,8 @@ enum Rays<'a> {
 
 impl<'a> Rays<'a> {
     #[inline(always)]
-    fn new(sources: &Sources<'a>, subgroup: &Subgroup) -> Self {
-        let of = &subgroup.of;
+    fn new(sources: &Sources<'a>, subgroup: &Callee<'_>) -> Self {
+        let of = subgroup.of;
         let (ray_groups, subgroups) = (sources.ray_groups, sources.subgroups);
         let mut last = (of[0].index(), &ray_groups[of[0].index()]);
         if subgroup.is_in_place {

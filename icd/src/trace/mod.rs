@@ -9,6 +9,8 @@
 //!                      nothing left but subgroups at a reorder instruction: sort their lanes
 //! ```
 //!
+//! Waves that need no partners do all of that at once, within a round: [`direct`].
+//!
 //! Shader code never calls traversal and traversal never calls shader code: both return here with
 //! an event. Recursion therefore costs heap, never native stack, and callees are repacked across
 //! all waves of the batch.
@@ -17,7 +19,9 @@ mod answers;
 mod batch;
 mod calls;
 mod checked;
+mod direct;
 mod facts;
+mod fill_plan;
 mod forming;
 mod grid;
 mod hit_object;

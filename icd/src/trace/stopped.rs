@@ -1,5 +1,8 @@
 //! Notes where a dispatch was given up. Nothing of this runs before that.
 
+use spirv_jit::Program;
+use spirv_jit::program::AlignedRow;
+
 use super::batch::Batch;
 use super::subgroup::{LaneRef, Role, SubgroupIndex};
 use crate::wave::StoppedAt;
@@ -24,8 +27,14 @@ impl Batch<'_> {
     fn note(&self, index: SubgroupIndex, depth: u32) {
         let subgroup = &self.worker.subgroups[index];
         let program = &self.dispatch.shaders.programs[subgroup.program as usize];
+        self.note_in_line(program, &subgroup.rows, depth);
+    }
+
+    /// Notes the place of a state with so many calls around it.
+    #[cold]
+    pub(super) fn note_in_line(&self, program: &Program, state: &[AlignedRow], depth: u32) {
         self.dispatch.limits.note(|| StoppedAt {
-            place: program.place_of(&subgroup.rows),
+            place: program.place_of(state),
             depth,
         });
     }

@@ -49,11 +49,12 @@ impl Batch<'_> {
         let walker = self.worker.walker.take();
         let mut walker = walker.expect("it is there between traces");
         let starting = std::mem::take(&mut self.starting);
+        let apart = std::mem::take(&mut self.apart);
         // SAFETY: the application keeps the structures that a trace may reach built and bound until
         // the dispatch is complete (VUID-vkCmdTraceRaysKHR-None-03429 and the build commands'
         // rules); so here and below.
-        let mut advanced = unsafe { walker.trace(&starting, self) };
-        self.starting = recycled(starting);
+        let mut advanced = unsafe { walker.trace(&starting, &apart, self) };
+        (self.starting, self.apart) = (recycled(starting), recycled(apart));
         // Those about whose candidates no shader has a say can go on again at once.
         while advanced.is_ok() && !self.going_on.is_empty() {
             let going_on = std::mem::take(&mut self.going_on);
@@ -65,6 +66,19 @@ impl Batch<'_> {
         }
         self.worker.walker = Some(walker);
         advanced
+    }
+
+    /// Walks groups of rays that go together until a shader has to run, or to their ends; the
+    /// others are put off.
+    pub(super) fn walk_together(&mut self, groups: &[u32]) -> Result<(), Stopped> {
+        let walker = self.worker.walker.take();
+        let mut walker = walker.expect("it is there between traces");
+        let mut apart = std::mem::take(&mut self.apart);
+        // SAFETY: as in `advance_walks`.
+        let walked = unsafe { walker.trace_together(groups, &mut apart, self) };
+        self.apart = apart;
+        self.worker.walker = Some(walker);
+        walked
     }
 
     /// Calls the shaders that decide on the candidates of rays. Where a group has none, triangles
@@ -189,7 +203,7 @@ impl Batch<'_> {
 }
 
 /// An emptied list, for its memory.
-fn recycled<T>(mut list: Vec<T>) -> Vec<T> {
+pub(super) fn recycled<T>(mut list: Vec<T>) -> Vec<T> {
     list.clear();
     list
 }

@@ -76,7 +76,7 @@ impl<D: FnMut(&RayRows, &mut Flight)> Groups<D> {
         let all: Vec<u32> = (0..self.rows.len() as u32).collect();
         for groups in all.chunks(at_once) {
             // SAFETY: the caller's promise, here and below.
-            let mut traced = unsafe { walker.trace(groups, self) };
+            let mut traced = unsafe { walker.trace(groups, &[], self) };
             for _ in 0..self.rounds {
                 if traced.is_err() || self.waiting.is_empty() {
                     break;

@@ -152,8 +152,8 @@ impl Walker {
     }
 
     /// Takes the rays of groups to their ends or to candidates that need a decision from outside.
-    /// The hits are those of each ray alone, bit for bit, except any-hit rays, whose hit is
-    /// unspecified.
+    /// Those of `apart` are known not to go together. The hits are those of each ray alone, bit for
+    /// bit, except any-hit rays, whose hit is unspecified.
     ///
     /// # Errors
     /// Those of [`Flights`].
@@ -163,12 +163,20 @@ impl Walker {
     pub unsafe fn trace<F: Flights>(
         &mut self,
         groups: &[u32],
+        apart: &[u32],
         flights: &mut F,
     ) -> Result<(), F::Stop> {
+        let in_streams = groups.len() + apart.len() >= ENOUGH;
         let mut rays = RayRows::NONE;
-        for &group in groups {
+        let all = groups.iter().map(|group| (group, true));
+        for (&group, may_cohere) in all.chain(apart.iter().map(|group| (group, false))) {
+            let start = flights.rays(group, &mut rays);
             // SAFETY: the caller's promise, here and below.
-            unsafe { self.start(group, groups.len() >= ENOUGH, &mut rays, flights)? };
+            if may_cohere && unsafe { self.start_together(group, start, &rays, flights)? } {
+                continue;
+            }
+            // SAFETY: as above.
+            unsafe { self.start_apart(group, start, in_streams, &rays, flights)? };
             if self.streamed.len() >= MOST {
                 // SAFETY: as above.
                 unsafe { self.trace_streamed(flights)? };
@@ -176,6 +184,30 @@ impl Walker {
         }
         // SAFETY: as above.
         unsafe { self.trace_streamed(flights) }
+    }
+
+    /// As [`Self::trace`], for groups whose rays go together; the others are added to `apart`.
+    ///
+    /// # Errors
+    /// Those of [`Flights`].
+    ///
+    /// # Safety
+    /// As for [`Walk::new`], for every ray.
+    pub unsafe fn trace_together<F: Flights>(
+        &mut self,
+        groups: &[u32],
+        apart: &mut Vec<u32>,
+        flights: &mut F,
+    ) -> Result<(), F::Stop> {
+        let mut rays = RayRows::NONE;
+        for &group in groups {
+            let start = flights.rays(group, &mut rays);
+            // SAFETY: the caller's promise.
+            if !unsafe { self.start_together(group, start, &rays, flights)? } {
+                apart.push(group);
+            }
+        }
+        Ok(())
     }
 
     /// Goes on with rays of groups after all their candidates were decided on, but those that are
@@ -212,38 +244,57 @@ impl Walker {
         Ok(())
     }
 
-    /// Walks the rays of a group, or adds them to the stream.
+    /// Walks the rays of a group as a packet; false if they do not go together: then nothing has
+    /// happened.
     ///
     /// # Safety
     /// As for [`Walk::new`], for every ray.
-    unsafe fn start<F: Flights>(
+    unsafe fn start_together<F: Flights>(
         &mut self,
         group: u32,
+        start: Start,
+        rays: &RayRows,
+        flights: &mut F,
+    ) -> Result<bool, F::Stop> {
+        if !self.takes_packets() || start.shows_first_hit {
+            return Ok(false);
+        }
+        let flight = flights.flight(group);
+        let mut suspended = self.room_in(flight);
+        // SAFETY: the caller's promise, here and below.
+        let progress = unsafe {
+            let keeps = (!start.shows_order).then_some(&mut *suspended);
+            packet::run(rays, start.lanes, &mut flight.hits, self, keeps)
+        };
+        if progress == Progress::Singly {
+            self.spare.push(suspended);
+            return Ok(false);
+        }
+        self.counts.together += 1;
+        // SAFETY: as above.
+        unsafe { self.settle_packet(group, progress, rays, suspended, flights)? };
+        Ok(true)
+    }
+
+    /// Walks the rays of a group one by one, or adds them to the stream.
+    ///
+    /// # Safety
+    /// As for [`Walk::new`], for every ray.
+    unsafe fn start_apart<F: Flights>(
+        &mut self,
+        group: u32,
+        start: Start,
         in_streams: bool,
-        rays: &mut RayRows,
+        rays: &RayRows,
         flights: &mut F,
     ) -> Result<(), F::Stop> {
-        let start = flights.rays(group, rays);
         let (flight, lanes) = (flights.flight(group), start.lanes);
-        let left_over = flight.suspended.take();
-        let mut suspended = (left_over.or_else(|| self.spare.pop())).unwrap_or_default();
+        let mut suspended = self.room_in(flight);
         let hits = &mut flight.hits;
-        if self.takes_packets() && !start.shows_first_hit {
-            // SAFETY: the caller's promise, here and below.
-            let progress = unsafe {
-                let keeps = (!start.shows_order).then_some(&mut *suspended);
-                packet::run(rays, lanes, hits, self, keeps)
-            };
-            if progress != Progress::Singly {
-                self.counts.together += 1;
-                // SAFETY: as above.
-                return unsafe { self.settle_packet(group, progress, rays, suspended, flights) };
-            }
-        }
         suspended.start_singles();
         let mut streamed = LaneMask::NONE;
         if in_streams {
-            // SAFETY: as above.
+            // SAFETY: the caller's promise, here and below.
             streamed = unsafe { self.add_to_stream(rays, lanes, hits, group) };
             self.counts.streamed += u64::from(streamed.count());
         }
@@ -262,6 +313,12 @@ impl Walker {
         }
         self.streamed.push(group);
         Ok(())
+    }
+
+    /// Memory for rays of a group that wait: the group's own, if it has any left.
+    fn room_in(&mut self, flight: &mut Flight) -> Box<Suspended> {
+        let left_over = flight.suspended.take();
+        (left_over.or_else(|| self.spare.pop())).unwrap_or_default()
     }
 
     /// Walks the rays of the stream.

@@ -1,5 +1,6 @@
 //! The same input gives the same bits: for any number of threads, on every instruction set, with
-//! native code and without, in waves of any length, in hosts that flush denormals, and again.
+//! native code and without, in waves of any length, with lines of ray generation shaders and
+//! without, in hosts that flush denormals, and again.
 
 use std::process::Command;
 
@@ -11,6 +12,8 @@ struct Way {
     native: &'static str,
     /// Subgroups of a wave, at most.
     wave: &'static str,
+    /// Whether lines of ray generation shaders are taken on directly.
+    direct: &'static str,
     accuracy: &'static str,
     flushes: bool,
 }
@@ -21,6 +24,7 @@ const USUAL: Way = Way {
     tier: "",
     native: "",
     wave: "",
+    direct: "",
     accuracy: "",
     flushes: false,
 };
@@ -33,6 +37,7 @@ fn run(arguments: &[&str], way: Way) -> Vec<String> {
         .env("TUFF_TIER", way.tier)
         .env("TUFF_NATIVE", way.native)
         .env("TUFF_WAVE", way.wave)
+        .env("TUFF_DIRECT", way.direct)
         .env("TUFF_ACCURACY", way.accuracy)
         .env("LP_NUM_THREADS", way.threads.to_string())
         .output()
@@ -45,6 +50,36 @@ fn run(arguments: &[&str], way: Way) -> Vec<String> {
         assert_eq!(fields.next(), fields.next(), "{way:?}: {line}");
     }
     text.lines().map(str::to_owned).collect()
+}
+
+/// How many lanes of each ray tracing shader ran, and in how many subgroups. Of ray generation
+/// shaders the lanes alone: a subgroup that has ended runs along with others of its wave.
+fn subgroups(direct: &str) -> Vec<String> {
+    let arguments = "measure path --turns 1 --width 120 --height 68 --triangles 2000 --instances 8";
+    let output = Command::new(env!("CARGO_BIN_EXE_workloads"))
+        .args(arguments.split(' '))
+        .env("TUFF_STATS", "1")
+        .env("TUFF_DIRECT", direct)
+        .output()
+        .expect("the workloads start");
+    assert!(output.status.success(), "{}", output.status);
+    let table = String::from_utf8(output.stderr).expect("text");
+    let columns = |line: &str| {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        let (shader, numbers) = words.split_at(words.len().saturating_sub(4));
+        let first = if shader.contains(&"generation") { 2 } else { 1 };
+        format!("{shader:?} {:?}", numbers.get(first..3))
+    };
+    table.lines().map(columns).collect()
+}
+
+/// Lines form the subgroups that a batch without them forms.
+#[test]
+fn lines_change_no_subgroup() {
+    let one = subgroups("0");
+    if one.iter().any(|row| row.contains("generation")) {
+        assert_eq!(subgroups("1"), one);
+    }
 }
 
 /// The digests of every workload's picture.
@@ -71,12 +106,17 @@ fn pictures_depend_on_their_input_alone() {
         let way = Way { threads, ..USUAL };
         assert_eq!(pictures(way), one, "{way:?}");
     }
-    for (tier, native, wave) in [("avx2", "", "4"), ("portable", "", "1"), ("", "0", "")] {
+    for (tier, native, wave, direct) in [
+        ("avx2", "", "4", ""),
+        ("portable", "", "1", "0"),
+        ("", "0", "", "0"),
+    ] {
         let way = Way {
             threads: 2,
             tier,
             native,
             wave,
+            direct,
             ..USUAL
         };
         assert_eq!(pictures(way), one, "{way:?}");
@@ -90,19 +130,22 @@ fn shaders_cannot_tell_how_they_are_run() {
     for accuracy in ["", "exact"] {
         let usual = Way { accuracy, ..USUAL };
         let one = probes(usual);
-        for (threads, tier, wave, flushes) in [
-            (8, "", "", false),
-            (1, "", "1", true),
-            (2, "", "4", false),
-            (2, "avx2", "", true),
-            (1, "avx2", "1", false),
-            (2, "portable", "16", false),
-            (2, "portable", "4", true),
+        for (threads, tier, wave, direct, flushes) in [
+            (8, "", "", "", false),
+            (1, "", "1", "0", true),
+            (2, "", "4", "", false),
+            (2, "", "", "0", false),
+            (2, "avx2", "", "", true),
+            (1, "avx2", "1", "", false),
+            (1, "avx2", "4", "0", false),
+            (2, "portable", "16", "0", false),
+            (2, "portable", "4", "", true),
         ] {
             let way = Way {
                 threads,
                 tier,
                 wave,
+                direct,
                 flushes,
                 ..usual
             };

@@ -143,7 +143,7 @@ impl Queries {
             limits: context.limits,
         };
         // SAFETY: the memory where the walker looks is there until the dispatch is complete.
-        unsafe { context.walker.trace(&[0], &mut one)? };
+        unsafe { context.walker.trace(&[0], &[], &mut one)? };
         let stand = settle(
             (context.tier, context.program, context.limits),
             object,

@@ -133,7 +133,7 @@ impl Tuff {
             batch.rays = rays;
             for groups in all[..rays.len().div_ceil(PACKET)].chunks(at_once) {
                 // SAFETY: the structures are alive and stay as they are.
-                let Ok(()) = unsafe { walker.trace(groups, &mut batch) };
+                let Ok(()) = unsafe { walker.trace(groups, &[], &mut batch) };
             }
             for i in 0..rays.len() {
                 done(batch.flights[i / PACKET].hits.get(i % PACKET).as_ref());

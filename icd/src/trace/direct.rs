@@ -1,0 +1,623 @@
+//! Lines: waves of ray generation shaders that are taken on directly from a trace.
+//!
+//! A line is a wave of subgroups that stand at one trace instruction. Rays that go together are
+//! walked, the hit and miss shaders of many lanes run in place, without subgroups of their own, and
+//! so do the callables that many of those lanes call; the members whose rays are all answered go
+//! on, before the next line begins. Everything else waits where it waits without lines: rays that
+//! go apart or meet candidates, calls of few lanes, shaders that trace or run out of fuel, and
+//! waves that would be much shorter than the line.
+//!
+//! A line works ahead within a round of its [`Batch`], and never beyond: walks and callees are the
+//! round's own, and the events that members come to are noted until shaders of their kind run in
+//! that round. Calls of many lanes and full members share a subgroup with no others. So the
+//! partners in subgroups are those of a batch without lines (`TUFF_DIRECT=0`), round by round.
+
+use std::mem::{replace, take};
+
+use lanes::{LaneMask, by_lane};
+use spirv_jit::Program;
+use spirv_jit::SUBGROUP_SIZE;
+use spirv_jit::program::{AlignedRow, Event, IO_DATA_ROW, MAX_SUBGROUPS, SiteKind, Trace};
+
+use super::batch::Batch;
+use super::fill_plan::{FillPlan, Subject, fill_by_plan};
+use super::forming::{Callee, MANY};
+use super::inputs::{self, fill};
+use super::lanes::copy_lanes;
+use super::rays::alike;
+use super::subgroup::{LaneRef, Role, SubgroupIndex, Turn};
+use crate::wave::Stopped;
+use crate::wave::table::ProgramIndex;
+
+/// The event of a subgroup that went on in a line.
+pub struct Noted {
+    index: SubgroupIndex,
+    event: Event,
+}
+
+/// A worker's memory for the line that is being answered.
+#[derive(Default)]
+pub struct Line {
+    /// Groups of rays of the members.
+    groups: Vec<u32>,
+    /// Programs that are called, in the order of their first calls.
+    programs: Vec<ProgramIndex>,
+    /// By program.
+    calls: Vec<Vec<InPlace>>,
+    /// States of the hit and miss shaders that run, and of the callables that those call.
+    states: [Vec<AlignedRow>; 2],
+    /// By program; none was looked for yet, or there is none.
+    plans: Vec<Option<Option<FillPlan>>>,
+    nested: Vec<Nested>,
+}
+
+/// A call of lanes of one group of rays, which stay in place.
+struct InPlace {
+    role: Role,
+    record: u64,
+    group: u32,
+    lanes: LaneMask,
+}
+
+impl InPlace {
+    /// The first ray.
+    fn of(&self) -> LaneRef {
+        LaneRef::new(self.group, self.lanes.first())
+    }
+}
+
+/// A call of a callable by lanes of a hit or miss shader in place.
+struct Nested {
+    program: ProgramIndex,
+    record: u64,
+    /// The number of the caller in its wave.
+    caller: usize,
+    lanes: LaneMask,
+}
+
+impl Line {
+    /// Forgets what a batch that was given up left.
+    pub fn clear(&mut self) {
+        self.groups.clear();
+        self.programs.clear();
+        self.calls.iter_mut().for_each(Vec::clear);
+        self.plans.clear();
+        self.nested.clear();
+    }
+
+    /// The fill plan of a program.
+    fn plan(&mut self, index: ProgramIndex, program: &Program) -> Option<&FillPlan> {
+        let place = index as usize;
+        if self.plans.len() <= place {
+            self.plans.resize_with(place + 1, || None);
+        }
+        let plan = self.plans[place].get_or_insert_with(|| FillPlan::new(program));
+        plan.as_ref()
+    }
+
+    /// Adds a call.
+    pub fn call(&mut self, (program, role, record): Callee, group: u32, lanes: LaneMask) {
+        let place = program as usize;
+        if self.calls.len() <= place {
+            self.calls.resize_with(place + 1, Vec::new);
+        }
+        let calls = &mut self.calls[place];
+        if calls.is_empty() {
+            self.programs.push(program);
+        }
+        calls.push(InPlace {
+            role,
+            record,
+            group,
+            lanes,
+        });
+    }
+}
+
+impl Batch<'_> {
+    /// Whether a subgroup at a yield is to be answered in a line.
+    pub(super) fn is_for_line(&self, index: SubgroupIndex, site: SiteKind) -> bool {
+        let subgroup = &self.worker.subgroups[index];
+        let program = &self.dispatch.shaders.programs[subgroup.program as usize];
+        let is_trace = matches!(
+            site,
+            SiteKind::TraceRay {
+                trace: Trace {
+                    to_hit_object: false,
+                    ..
+                },
+                ..
+            }
+        );
+        self.is_direct
+            && is_trace
+            && subgroup.role == Role::RayGeneration
+            && !program.event_mask(&subgroup.rows).is_empty()
+    }
+
+    /// Whether a shader that is called in a line runs there: it calls callables, if anything.
+    pub(super) fn runs_in_line(&self, program: ProgramIndex, role: Role) -> bool {
+        let sites = self.dispatch.shaders.programs[program as usize].sites();
+        let calls = |site: &SiteKind| matches!(site, SiteKind::ExecuteCallable { .. });
+        matches!(role, Role::ClosestHit | Role::Miss) && sites.iter().all(calls)
+    }
+
+    /// Whether a subgroup that is answered in a line goes on there: it is full. Others may be moved
+    /// together with their like first.
+    pub(super) fn goes_on_in_line(&self, index: SubgroupIndex) -> bool {
+        let subgroup = &self.worker.subgroups[index];
+        let program = &self.dispatch.shaders.programs[subgroup.program as usize];
+        self.in_line && program.event_mask(&subgroup.rows) == LaneMask::ALL
+    }
+
+    /// Runs new subgroups to their first events, and answers those at a trace as a line. Other
+    /// events are noted in `others`.
+    pub(super) fn start_line(
+        &mut self,
+        raygen: ProgramIndex,
+        line: &mut Vec<SubgroupIndex>,
+        others: &mut Vec<Noted>,
+    ) -> Result<(), Stopped> {
+        let compiled = &self.dispatch.shaders.programs[raygen as usize];
+        let events = self.run_to_events(raygen, line)?;
+        for (&index, event) in line.iter().zip(events.iter()) {
+            match event {
+                Event::End => self.end(index),
+                Event::Yield(site)
+                    if self.is_for_line(index, compiled.sites()[site.0 as usize]) =>
+                {
+                    self.standing.push(index);
+                }
+                _ => others.push(Noted { index, event }),
+            }
+        }
+        let checked = self.look_at_limits(&events);
+        checked.inspect_err(|_| self.note_stop(line[0]))?;
+        line.clear();
+        self.answer_lines()
+    }
+
+    /// Answers the subgroups that stand at traces, line by line.
+    pub(super) fn answer_lines(&mut self) -> Result<(), Stopped> {
+        let mut standing = take(&mut self.standing);
+        let Some(&first) = standing.first() else {
+            return Ok(());
+        };
+        // There is one ray generation shader.
+        let program = self.worker.subgroups[first].program;
+        let compiled = &self.dispatch.shaders.programs[program as usize];
+        let subgroups = &self.worker.subgroups;
+        let point = |&index: &SubgroupIndex| compiled.resume_point(&subgroups[index].rows);
+        if !standing.is_sorted_by_key(point) {
+            standing.sort_by_key(point);
+        }
+        let width = self.wave_width(program);
+        let mut rest = &standing[..];
+        while let Some(&first) = rest.first() {
+            let at =
+                |index: &SubgroupIndex| compiled.resume_point(&self.worker.subgroups[*index].rows);
+            let here = at(&first);
+            let alike = rest
+                .iter()
+                .take(width)
+                .take_while(|index| at(index) == here);
+            let (line, others) = rest.split_at(alike.count());
+            rest = others;
+            if let Some(SiteKind::TraceRay {
+                trace,
+                payload_words,
+            }) = compiled.site_of(here)
+            {
+                self.answer_line(program, line, trace, payload_words)?;
+            }
+        }
+        standing.clear();
+        self.standing = standing;
+        Ok(())
+    }
+
+    /// Answers a line, and takes the members that can go on to their next events.
+    fn answer_line(
+        &mut self,
+        program: ProgramIndex,
+        members: &[SubgroupIndex],
+        trace: Trace,
+        payload_words: u32,
+    ) -> Result<(), Stopped> {
+        let compiled = &self.dispatch.shaders.programs[program as usize];
+        let mut groups = take(&mut self.worker.line.groups);
+        for &index in members {
+            let subgroup = &mut self.worker.subgroups[index];
+            let lanes = compiled.event_mask(&subgroup.rows);
+            (subgroup.pending, subgroup.data_words) = (lanes, payload_words);
+            groups.push(self.start_rays(index, lanes, trace));
+        }
+        self.in_line = true;
+        self.walk_together(&groups)?;
+        self.run_calls_in_place(members.len())?;
+        self.in_line = false;
+        groups.clear();
+        self.worker.line.groups = groups;
+        let mut wave = [0; MAX_SUBGROUPS];
+        let mut count = 0;
+        for &index in members {
+            let subgroup = &self.worker.subgroups[index];
+            let is_full = compiled.event_mask(&subgroup.rows) == LaneMask::ALL;
+            if subgroup.pending.is_empty() && is_full {
+                wave[count] = index;
+                count += 1;
+            }
+        }
+        let wave = &wave[..count];
+        if !is_worth_a_wave(count, members.len()) {
+            for &index in wave {
+                self.make_ready(index);
+            }
+            return Ok(());
+        }
+        let events = self.run_to_events(program, wave)?;
+        for (&index, event) in wave.iter().zip(events.iter()) {
+            match event {
+                Event::End => self.end(index),
+                _ => self.noted.push(Noted { index, event }),
+            }
+        }
+        let checked = self.look_at_limits(&events);
+        checked.inspect_err(|_| self.note_stop(wave[0]))
+    }
+
+    /// Does what the events of hit and miss shaders that lines noted call for.
+    pub(super) fn act_on_noted_callees(&mut self) -> Result<(), Stopped> {
+        for Noted { index, event } in take(&mut self.noted_callees) {
+            self.act_on(index, event)?;
+        }
+        Ok(())
+    }
+
+    /// Finishes the step in which ray generation shaders start, before which lines have answered
+    /// some in the round that follows: `others` are those that came to other events than a trace.
+    pub(super) fn finish_start(&mut self, others: Vec<Noted>) -> Result<(), Stopped> {
+        let turn = Turn::Launches as usize;
+        let noted = replace(&mut self.noted, others);
+        let answered = take(&mut self.ready[turn]);
+        self.run_launches()?;
+        (self.noted, self.ready[turn]) = (noted, answered);
+        Ok(())
+    }
+
+    /// Does what the events of ray generation shaders that lines noted call for.
+    pub(super) fn act_on_noted(&mut self) -> Result<(), Stopped> {
+        let mut noted = take(&mut self.noted);
+        for Noted { index, event } in noted.drain(..) {
+            self.act_on(index, event)?;
+        }
+        self.noted = noted;
+        Ok(())
+    }
+
+    /// Runs the shaders that lanes of a line have called.
+    fn run_calls_in_place(&mut self, members: usize) -> Result<(), Stopped> {
+        let mut line = take(&mut self.worker.line);
+        let mut called = take(&mut line.programs);
+        for program in called.drain(..) {
+            let mut calls = take(&mut line.calls[program as usize]);
+            if is_worth_a_wave(calls.len(), members) {
+                for calls in calls.chunks(self.wave_width(program)) {
+                    self.run_in_place(program, calls, &mut line)?;
+                }
+            } else {
+                for call in &calls {
+                    let callee = (program, call.role, call.record);
+                    self.form_in_place(callee, call.group, call.lanes)?;
+                }
+            }
+            calls.clear();
+            line.calls[program as usize] = calls;
+        }
+        line.programs = called;
+        self.worker.line = line;
+        Ok(())
+    }
+
+    /// Runs a wave of hit or miss shaders in place.
+    fn run_in_place(
+        &mut self,
+        program: ProgramIndex,
+        calls: &[InPlace],
+        line: &mut Line,
+    ) -> Result<(), Stopped> {
+        let compiled = &self.dispatch.shaders.programs[program as usize];
+        let layout = compiled.layout();
+        let mut states = take(&mut line.states[0]);
+        let room = self.make_line_room(0, layout.rows * calls.len(), &mut states);
+        room.inspect_err(|_| self.note_call(calls[0].role, calls[0].of()))?;
+        let plan = line.plan(program, compiled);
+        for (call, state) in calls.iter().zip(states.chunks_exact_mut(layout.rows)) {
+            compiled.start(state, call.lanes);
+            self.fill_in_place(compiled, call, plan, state);
+        }
+        // Those that stand at one point, by their numbers.
+        let mut running: [usize; MAX_SUBGROUPS] = std::array::from_fn(|place| place);
+        let mut count = calls.len();
+        while count > 0 {
+            let of = (&**compiled, program);
+            let event = self.run_numbered(of, &mut states, &running[..count], 1)?;
+            let mut going_on = 0;
+            for at in 0..count {
+                let (place, call) = (running[at], &calls[running[at]]);
+                let state = &mut states[place * layout.rows..][..layout.rows];
+                match event {
+                    Event::End => {
+                        let outputs = &state[layout.io..][..compiled.output_rows() as usize];
+                        let caller = self.worker.ray_groups[call.group].caller;
+                        self.copy_outputs(outputs, call.lanes, caller, None);
+                        self.finish_rays(call.group, call.lanes);
+                    }
+                    Event::Yield(_) if self.nest(compiled, place, state, line) => {
+                        running[going_on] = place;
+                        going_on += 1;
+                    }
+                    Event::OutOfFuel => {
+                        let index = self.leave_line(program, call, state)?;
+                        self.make_ready(index);
+                    }
+                    Event::Yield(_) => {
+                        let index = self.leave_line(program, call, state)?;
+                        self.noted_callees.push(Noted { index, event });
+                    }
+                }
+            }
+            let stay = self.run_nested((compiled, program), calls, &mut states, line)?;
+            count = 0;
+            for at in 0..going_on {
+                if stay >> running[at] & 1 != 0 {
+                    running[count] = running[at];
+                    count += 1;
+                }
+            }
+        }
+        line.states[0] = states;
+        Ok(())
+    }
+
+    /// Runs some of a list of states of a program to their next event, which is one for all;
+    /// `depth`: calls around them.
+    fn run_numbered(
+        &mut self,
+        (compiled, program): (&Program, ProgramIndex),
+        states: &mut [AlignedRow],
+        numbers: &[usize],
+        depth: u32,
+    ) -> Result<Event, Stopped> {
+        let rows = compiled.layout().rows;
+        let mut wave: [&mut [AlignedRow]; MAX_SUBGROUPS] = std::array::from_fn(|_| &mut [][..]);
+        let mut count = 0;
+        for (number, state) in states.chunks_exact_mut(rows).enumerate() {
+            if numbers.get(count) == Some(&number) {
+                wave[count] = state;
+                count += 1;
+            }
+        }
+        let events = self.run_states(program, &mut wave[..count]);
+        let first = &states[numbers[0] * rows..][..rows];
+        let events = events.inspect_err(|_| self.note_in_line(compiled, first, depth))?;
+        let checked = self.look_at_limits(&events);
+        checked.inspect_err(|_| self.note_in_line(compiled, first, depth))?;
+        // The interpreter keeps a wave together until its event.
+        Ok(events.iter().next().unwrap_or(Event::End))
+    }
+
+    /// Adds the calls of a state that stands at a call of callables; false if not all of them run
+    /// in place.
+    fn nest(
+        &mut self,
+        caller: &Program,
+        place: usize,
+        state: &[AlignedRow],
+        line: &mut Line,
+    ) -> bool {
+        let (shaders, table) = (self.dispatch.shaders, &self.dispatch.tables.callable);
+        let callables = &state[caller.layout().io].0;
+        let mut rest = caller.event_mask(state);
+        let before = line.nested.len();
+        while !rest.is_empty() {
+            let callable = callables[rest.first()];
+            let lanes = alike(callables, rest);
+            rest -= lanes;
+            let found = self.worker.records.find(shaders, table, callable);
+            let Some((program, record)) =
+                found.and_then(|(group, record)| Some((group.general?, record)))
+            else {
+                continue;
+            };
+            let compiled = &shaders.programs[program as usize];
+            let runs = lanes.count() >= MANY
+                && compiled.sites().is_empty()
+                && line.plan(program, compiled).is_some();
+            if !runs {
+                line.nested.truncate(before);
+                return false;
+            }
+            line.nested.push(Nested {
+                program,
+                record,
+                caller: place,
+                lanes,
+            });
+        }
+        true
+    }
+
+    /// Runs the callables that callers in place have called. Returns the numbers of those that are
+    /// answered, as a mask; callables that run out of fuel take their callers out of the line.
+    fn run_nested(
+        &mut self,
+        (caller, caller_index): (&Program, ProgramIndex),
+        calls: &[InPlace],
+        states: &mut [AlignedRow],
+        line: &mut Line,
+    ) -> Result<u32, Stopped> {
+        let mut answered = u32::MAX;
+        if line.nested.is_empty() {
+            return Ok(answered);
+        }
+        let mut nested = take(&mut line.nested);
+        let mut inner = take(&mut line.states[1]);
+        // Stable: callers in their order.
+        nested.sort_by_key(|call| call.program);
+        let layout = caller.layout();
+        let mut late: Vec<(usize, Vec<AlignedRow>)> = Vec::new();
+        for (first, of_program) in
+            nested
+                .chunk_by(|a, b| a.program == b.program)
+                .scan(0, |next, calls| {
+                    let first = *next;
+                    *next += calls.len();
+                    Some((first, calls))
+                })
+        {
+            let program = of_program[0].program;
+            let compiled = &self.dispatch.shaders.programs[program as usize];
+            let rows = compiled.layout().rows;
+            let width = self.wave_width(program);
+            for (chunk, wave) in of_program.chunks(width).enumerate() {
+                let room = self.make_line_room(1, rows * wave.len(), &mut inner);
+                let outer = &states[wave[0].caller * layout.rows..][..layout.rows];
+                room.inspect_err(|_| self.note_in_line(caller, outer, 1))?;
+                for (call, state) in wave.iter().zip(inner.chunks_exact_mut(rows)) {
+                    compiled.start(state, call.lanes);
+                    let outer = &states[call.caller * layout.rows..][..layout.rows];
+                    let data = &outer[layout.io + IO_DATA_ROW..][..data_words(caller, outer)];
+                    let Some(plan) = line.plan(program, compiled) else {
+                        continue;
+                    };
+                    let inputs = &mut state[compiled.layout().inputs..];
+                    let group = calls[call.caller].group;
+                    self.fill_by(plan, (group, call.record), data, inputs);
+                }
+                let numbers: [usize; MAX_SUBGROUPS] = std::array::from_fn(|place| place);
+                let of = (&**compiled, program);
+                let event = self.run_numbered(of, &mut inner, &numbers[..wave.len()], 2)?;
+                for (at, (call, state)) in wave.iter().zip(inner.chunks_exact(rows)).enumerate() {
+                    if event != Event::End {
+                        answered &= !(1 << call.caller);
+                        late.push((first + chunk * width + at, state.to_vec()));
+                        continue;
+                    }
+                    let outputs = &state[compiled.layout().io..];
+                    let outputs = &outputs[..compiled.output_rows() as usize];
+                    let outer = &mut states[call.caller * layout.rows..][..layout.rows];
+                    let words = outputs.len().min(data_words(caller, outer));
+                    let data = &mut outer[layout.io + IO_DATA_ROW..];
+                    copy_lanes(self.dispatch.tier, data, &outputs[..words], call.lanes);
+                }
+            }
+        }
+        let mut waiting: Option<(usize, SubgroupIndex)> = None;
+        late.sort_by_key(|(call, _)| nested[*call].caller);
+        for (call, state) in late {
+            let call = &nested[call];
+            let index = match waiting {
+                Some((place, index)) if place == call.caller => index,
+                _ => {
+                    let outer = &states[call.caller * layout.rows..][..layout.rows];
+                    let index = self.leave_line(caller_index, &calls[call.caller], outer)?;
+                    self.worker.subgroups[index].data_words = data_words(caller, outer) as u32;
+                    waiting = Some((call.caller, index));
+                    index
+                }
+            };
+            self.worker.subgroups[index].pending |= call.lanes;
+            let launch = self.worker.subgroups[index].launch;
+            let callee = self.new_subgroup(call.program, Role::Callable, call.lanes);
+            let callee = callee.inspect_err(|_| self.note_stop(index))?;
+            let subgroup = &mut self.worker.subgroups[callee];
+            subgroup.rows[..state.len()].copy_from_slice(&state);
+            subgroup.of = by_lane(|lane| LaneRef::new(index, lane));
+            (subgroup.launch, subgroup.is_in_place) = (launch, true);
+            self.make_ready(callee);
+        }
+        nested.clear();
+        line.nested = nested;
+        line.states[1] = inner;
+        Ok(answered)
+    }
+
+    /// Fills the inputs of a hit or miss shader.
+    fn fill_in_place(
+        &self,
+        compiled: &Program,
+        call: &InPlace,
+        plan: Option<&FillPlan>,
+        state: &mut [AlignedRow],
+    ) {
+        let sources = self.sources();
+        let group = &self.worker.ray_groups[call.group];
+        if let Some(plan) = plan.filter(|plan| plan.applies(group, call.lanes)) {
+            let inputs = &mut state[compiled.layout().inputs..];
+            let payload = sources.data_of(group.caller);
+            return self.fill_by(plan, (call.group, call.record), payload, inputs);
+        }
+        let callee = inputs::Callee {
+            role: call.role,
+            lanes: call.lanes,
+            launch: &self.worker.subgroups[group.caller].launch,
+            of: &by_lane(|lane| LaneRef::new(call.group, lane)),
+            is_in_place: true,
+            records: &[call.record; SUBGROUP_SIZE],
+        };
+        fill(self.dispatch.tier, &sources, compiled, &callee, state);
+    }
+
+    /// Fills inputs by a plan.
+    fn fill_by(
+        &self,
+        plan: &FillPlan,
+        (group, record): (u32, u64),
+        data: &[AlignedRow],
+        inputs: &mut [AlignedRow],
+    ) {
+        let group = &self.worker.ray_groups[group];
+        let subject = Subject {
+            group,
+            operands: group.operands(&self.worker.subgroups),
+            data,
+            launch: &self.worker.subgroups[group.caller].launch,
+            layer: self.layer,
+            record,
+        };
+        fill_by_plan(self.dispatch.tier, plan, &subject, inputs);
+    }
+
+    /// Makes a subgroup of a hit or miss shader that has not ended.
+    fn leave_line(
+        &mut self,
+        program: ProgramIndex,
+        call: &InPlace,
+        state: &[AlignedRow],
+    ) -> Result<SubgroupIndex, Stopped> {
+        let index = self.new_subgroup(program, call.role, call.lanes);
+        let index = index.inspect_err(|_| self.note_call(call.role, call.of()))?;
+        let caller = self.worker.ray_groups[call.group].caller;
+        let launch = self.worker.subgroups[caller].launch;
+        let subgroup = &mut self.worker.subgroups[index];
+        subgroup.rows[..state.len()].copy_from_slice(state);
+        subgroup.of = by_lane(|lane| LaneRef::new(call.group, lane));
+        (subgroup.launch, subgroup.is_in_place) = (launch, true);
+        Ok(index)
+    }
+}
+
+/// Whether subgroups of one program in a line are a wave by themselves. Fewer run in longer waves
+/// with others of the batch, in their step of the round.
+fn is_worth_a_wave(subgroups: usize, members: usize) -> bool {
+    subgroups > 0 && 4 * subgroups >= 3 * members
+}
+
+/// Words of callable data of a state that stands at a call.
+fn data_words(program: &Program, state: &[AlignedRow]) -> usize {
+    match program.site_of(program.resume_point(state)) {
+        Some(SiteKind::ExecuteCallable { data_words }) => data_words as usize,
+        _ => 0,
+    }
+}
