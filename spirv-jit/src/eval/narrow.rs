@@ -61,10 +61,10 @@ pub(crate) fn f16_from_f64(value: f64) -> f16 {
     f16_from_f32(odd_f32_from_f64(value))
 }
 
-/// Rounded to odd: a number that `f32` has, or else the one of its two neighbours whose last bit is
-/// 1. A second rounding to at least two bits less gives the number that one rounding gives (Boldo
-/// and Melquiond 2008, "Emulation of FMA and Correctly Rounded Sums"), for an odd neighbour is
-/// neither a narrower number nor halfway between two.
+/// Rounded to odd: the number itself if `f32` has it, else the neighbour whose last bit is set. A
+/// second rounding to at least two bits less gives the number that one rounding gives (Boldo and
+/// Melquiond 2008, "Emulation of FMA and Correctly Rounded Sums"), for an odd neighbour is neither
+/// a narrower number nor halfway between two.
 #[inline(always)]
 pub(crate) fn odd_f32_from_f64(value: f64) -> f32 {
     let near = value as f32;
@@ -89,6 +89,7 @@ pub(crate) fn odd_f32_from_f64(value: f64) -> f32 {
 /// differences that give the sum's rounding error (Knuth, TAOCP 4.2.2, theorem B): all are
 /// multiples of 2^-48 below 2^33, and none is subnormal or overflows.
 #[inline(always)]
+#[allow(clippy::double_comparisons)]
 pub(crate) fn odd_fma(a: f32, b: f32, c: f32) -> f32 {
     let product = a * b;
     let sum = product + c;

@@ -79,6 +79,7 @@ const HOUSES: [House; 3] = [
             "hit_object",
             "facts",
             "eval",
+            "half_vectors",
             "error",
             "row",
             "types",

@@ -140,7 +140,7 @@ fn quotient(a: u16, b: u16) -> Option<u16> {
         magnitude: (dividend / divisor).into(),
         exponent: a.exponent - b.exponent - 40,
     };
-    Some(quotient.rounded(dividend % divisor != 0))
+    Some(quotient.rounded(!dividend.is_multiple_of(divisor)))
 }
 
 fn root(a: u16) -> Option<u16> {
@@ -260,7 +260,7 @@ fn arithmetic_of_16_bit_floats_is_exact() {
                     [a, b as u16, 0]
                 };
             }
-            if is_deep || a as usize % (LANES / count) == 0 {
+            if is_deep || (a as usize).is_multiple_of(LANES / count) {
                 halves.check(&triples);
             }
         }
@@ -281,7 +281,7 @@ fn roots_of_16_bit_floats_are_exact() {
 /// halfway between two, above and below by less than an f32 shows.
 fn triple(random: &mut fastrand::Rng) -> Triple {
     let [a, b, c] = [random.u16(..), random.u16(..), random.u16(..)];
-    let moderate = |bits: u16| bits & 0x83ff | (bits >> 10 & 7) + 11 << 10;
+    let moderate = |bits: u16| bits & 0x83ff | ((bits >> 10 & 7) + 11) << 10;
     // A power of two times 1 + `steps` / 1024.
     let power = |exponent: i32, steps: i32| {
         let number = 2f64.powi(exponent) * (1.0 + f64::from(steps) / 1024.0);
