@@ -12,6 +12,10 @@ use super::format::srgb;
 use super::vector::Vector;
 use crate::SUBGROUP_SIZE;
 
+/// From the exponent of E5B9G9R9, whose bias is 15 and whose mantissas are integers of 9 bits, to
+/// that of a 32-bit float.
+const SHARED_EXPONENT_BIAS: i32 = 127 - 15 - 9;
+
 /// The bits of a component whose lowest bit is the word's.
 #[inline(always)]
 fn all_ones(bits: u8) -> i32 {
@@ -174,7 +178,8 @@ fn decode<V: Vector>(v: V, info: &FormatInfo, words: &[V::I; 4]) -> [V::I; 4] {
                 // To the top of the word, and down again with zeros or with signs.
                 let up = v.left_i(word, 32 - (channel.offset as u32 % 32) - bits as u32);
                 let down = 32 - bits as u32;
-                decode_component(v, info, component, v.right_u(up, down), v.right_i(up, down))
+                let codes = [v.right_u(up, down), v.right_i(up, down)];
+                decode_component(v, info, component, word, codes)
             }
         };
     }
@@ -186,8 +191,8 @@ fn decode_component<V: Vector>(
     v: V,
     info: &FormatInfo,
     component: usize,
-    code: V::I,
-    signed: V::I,
+    word: V::I,
+    [code, signed]: [V::I; 2],
 ) -> V::I {
     let bits = info.channels[component].bits;
     let ones = all_ones(bits);
@@ -207,6 +212,11 @@ fn decode_component<V: Vector>(
         Numeric::Uscaled => v.to_f(code),
         Numeric::Sscaled => v.to_f(signed),
         Numeric::Sfloat => v.half_to_f(code),
+        Numeric::Ufloat if bits == 9 => {
+            // The shared exponent's power of two is a normal number: products are exact.
+            let exponent = v.add_i(v.right_u(word, 27), v.splat_i(SHARED_EXPONENT_BIAS));
+            v.mul(v.to_f(code), v.bits_to_f(v.left_i(exponent, 23)))
+        }
         Numeric::Ufloat => v.half_to_f(v.left_i(code, 15 - bits as u32)),
     };
     v.bits_of(number)
@@ -347,7 +357,7 @@ unsafe fn put_odd(
     });
 }
 
-/// Loads a texel per lane, as [`block::load`] does; the format is one for vectors.
+/// Loads a texel per lane, as [`block::load`] does; vectors decode the format.
 ///
 /// # Safety
 /// `base + offsets` is readable for the format's size, in every lane; offsets are less than 2^31.
@@ -456,7 +466,7 @@ pub fn encode_words<V: Vector>(v: V, info: &FormatInfo, texels: &[V::I; 4]) -> [
 /// called where code is compiled for the vectors.
 #[inline(always)]
 pub fn decode_words<V: Vector>(v: V, info: &FormatInfo, words: &[V::I; 4]) -> [V::I; 4] {
-    if info.in_vectors {
+    if info.decoded_in_vectors {
         let mut texels = decode(v, info, words);
         let units = block::unit_scale(info);
         for (component, texel) in texels.iter_mut().enumerate() {

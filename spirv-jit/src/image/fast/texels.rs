@@ -508,7 +508,7 @@ impl<V: Vector> Task<V> for Load<'_, V::I> {
 
     #[inline(always)]
     unsafe fn run(self, v: V) -> Self::Output {
-        if self.info.in_vectors {
+        if self.info.decoded_in_vectors {
             // SAFETY: the caller's promise.
             let words = unsafe { texels::load(v, self.info, self.data, self.at) };
             return [

@@ -79,6 +79,8 @@ pub struct FormatInfo {
     pub(crate) codec: Codec,
     /// Vectors decode and encode it ([`texels`](crate::image::texels)).
     pub(crate) in_vectors: bool,
+    /// Vectors decode it, whether or not they encode it.
+    pub(crate) decoded_in_vectors: bool,
 }
 
 impl FormatInfo {
@@ -219,6 +221,7 @@ impl FormatInfo {
             has_stencil,
             codec: codec(&channels, numeric),
             in_vectors: in_vectors(&channels, numeric),
+            decoded_in_vectors: !has_component_of(&channels, 64),
         }
     }
 }
@@ -289,6 +292,7 @@ impl FormatInfo {
                 srgb: matches!(numeric, Numeric::Srgb),
             }),
             in_vectors: false,
+            decoded_in_vectors: false,
         }
     }
 }
@@ -382,6 +386,17 @@ const fn in_vectors(channels: &[Channel; 4], numeric: Numeric) -> bool {
         index += 1;
     }
     !matches!((numeric, channels[0].bits), (Numeric::Ufloat, 9))
+}
+
+const fn has_component_of(channels: &[Channel; 4], bits: u8) -> bool {
+    let mut index = 0;
+    while index < 4 {
+        if channels[index].bits == bits {
+            return true;
+        }
+        index += 1;
+    }
+    false
 }
 
 const fn codec(channels: &[Channel; 4], numeric: Numeric) -> Codec {

@@ -364,6 +364,8 @@ fn any_format() -> impl Strategy<Value = Format> {
         Format::R5G6B5_UNORM_PACK16,
         Format::B10G11R11_UFLOAT_PACK32,
         Format::R8G8B8A8_SNORM,
+        Format::X8_D24_UNORM_PACK32,
+        Format::E5B9G9R9_UFLOAT_PACK32,
     ])
 }
 

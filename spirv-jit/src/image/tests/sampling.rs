@@ -24,7 +24,8 @@ proptest! {
         let mut s = s;
         let dim = [Dim::D1, Dim::D2, Dim::D3][axes - 1];
         let layers = if axes == 3 { 1 } else { layers };
-        let format = if compare.is_some() { Format::D16_UNORM } else { format };
+        let depth = [Format::D16_UNORM, Format::X8_D24_UNORM_PACK32][seed as usize % 2];
+        let format = if compare.is_some() { depth } else { format };
         let mut image = Image::new(format, dim, size, level_count, layers, seed);
         if let (Some(swizzle), None) = (swizzle, compare) {
             image.descriptor.swizzle = swizzle;
@@ -192,7 +193,9 @@ proptest! {
         }
         let format = match integer {
             Some(number) => Format(number),
-            None if compare.is_some() => Format::D16_UNORM,
+            None if compare.is_some() => {
+                [Format::D16_UNORM, Format::X8_D24_UNORM_PACK32][seed as usize % 2]
+            }
             None => format,
         };
         let (dim, size, faces) = match is_cube {
