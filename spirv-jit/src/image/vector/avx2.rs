@@ -2,7 +2,7 @@
 
 use std::arch::x86_64::*;
 
-use super::{Task, Vector};
+use super::{Line, Task, Vector};
 use crate::eval::quad;
 use crate::row::Row;
 
@@ -412,9 +412,9 @@ impl Vector for Avx2 {
     }
     #[inline(always)]
     unsafe fn gather_scalars<T: Copy + Into<u32>>(self, base: *const u8, offsets: I) -> I {
-        let mut places = [0; 16];
-        self.store_i(offsets, &mut places);
-        let places = std::hint::black_box(&places);
+        let places = &mut Line([0; 16]).0;
+        self.store_i(offsets, places);
+        let places = std::hint::black_box(&*places);
         // SAFETY: the token, and the caller's promise.
         unsafe {
             let first = four_scalars::<T>(base, places, 0);
@@ -429,18 +429,18 @@ impl Vector for Avx2 {
     }
     #[inline(always)]
     unsafe fn gather_pairs(self, base: *const u8, offsets: I) -> (I, I) {
-        let mut places = [0; 16];
-        self.store_i(offsets, &mut places);
+        let places = &mut Line([0; 16]).0;
+        self.store_i(offsets, places);
         // SAFETY: the token, and the caller's promise.
-        let (low, high) = unsafe { (eight_pairs(base, &places, 0), eight_pairs(base, &places, 8)) };
+        let (low, high) = unsafe { (eight_pairs(base, places, 0), eight_pairs(base, places, 8)) };
         ([low.0, high.0], [low.1, high.1])
     }
     #[inline(always)]
     unsafe fn gather_quads(self, base: *const u8, offsets: I) -> [I; 4] {
-        let mut places = [0; 16];
-        self.store_i(offsets, &mut places);
+        let places = &mut Line([0; 16]).0;
+        self.store_i(offsets, places);
         // SAFETY: the token, and the caller's promise.
-        let (low, high) = unsafe { (eight_quads(base, &places, 0), eight_quads(base, &places, 8)) };
+        let (low, high) = unsafe { (eight_quads(base, places, 0), eight_quads(base, places, 8)) };
         [
             [low[0], high[0]],
             [low[1], high[1]],

@@ -6,7 +6,7 @@ use lanes::{gathers_slowly, has_byte_permutes};
 
 use super::avx2::four_scalars;
 use super::avx2::{half_of_pairs, put_quads, put_quads_of_shorts, quad_at, quads_of_shorts};
-use super::{Task, Vector, gathered_srgb};
+use super::{Line, Task, Vector, gathered_srgb};
 use crate::eval::quad;
 use crate::image::format::srgb::LINEAR;
 use crate::row::Row;
@@ -268,9 +268,9 @@ impl Vector for Avx512 {
 
     #[inline(always)]
     unsafe fn gather_scalars<T: Copy + Into<u32>>(self, base: *const u8, offsets: I) -> I {
-        let mut places = [0; 16];
-        self.store_i(offsets, &mut places);
-        let places = std::hint::black_box(&places);
+        let places = &mut Line([0; 16]).0;
+        self.store_i(offsets, places);
+        let places = std::hint::black_box(&*places);
         // SAFETY: the token, and the caller's promise.
         unsafe {
             let first = four_scalars::<T>(base, places, 0);
@@ -295,14 +295,14 @@ impl Vector for Avx512 {
     }
     #[inline(always)]
     unsafe fn gather_quads(self, base: *const u8, offsets: I) -> [I; 4] {
-        let mut places = [0; 16];
-        self.store_i(offsets, &mut places);
+        let places = &mut Line([0; 16]).0;
+        self.store_i(offsets, places);
         // SAFETY: the token, and the caller's promise.
         unsafe {
-            let a = every_fourth(base, &places, 0);
-            let b = every_fourth(base, &places, 1);
-            let c = every_fourth(base, &places, 2);
-            let d = every_fourth(base, &places, 3);
+            let a = every_fourth(base, places, 0);
+            let b = every_fourth(base, places, 1);
+            let c = every_fourth(base, places, 2);
+            let d = every_fourth(base, places, 3);
             let low = (_mm512_unpacklo_epi32(a, b), _mm512_unpacklo_epi32(c, d));
             let high = (_mm512_unpackhi_epi32(a, b), _mm512_unpackhi_epi32(c, d));
             [
@@ -416,11 +416,11 @@ unsafe fn two_rows(first: *const u8, second: *const u8) -> I {
 /// Eight bytes are readable at each offset.
 #[inline(always)]
 unsafe fn loaded_pairs(v: Avx512, base: *const u8, offsets: I) -> (I, I) {
-    let mut places = [0; 16];
-    v.store_i(offsets, &mut places);
+    let places = &mut Line([0; 16]).0;
+    v.store_i(offsets, places);
     // SAFETY: the token, and the caller's promise.
     unsafe {
-        let (first, second) = (four_pairs(base, &places, 0), four_pairs(base, &places, 2));
+        let (first, second) = (four_pairs(base, places, 0), four_pairs(base, places, 2));
         let (first, second) = (_mm512_castsi512_ps(first), _mm512_castsi512_ps(second));
         (
             _mm512_castps_si512(_mm512_shuffle_ps::<0x88>(first, second)),

@@ -70,6 +70,12 @@ macro_rules! vectors {
     };
 }
 
+/// Offsets on a cache line of their own: loads of single ones right behind the store of all wait
+/// where the store crosses into a second line.
+#[cfg(target_arch = "x86_64")]
+#[repr(align(64))]
+struct Line(Row);
+
 /// Work that [`Vector::apart`] does out of line.
 pub trait Task<V: Vector> {
     type Output;
