@@ -1,6 +1,6 @@
 //! Sixteen 16-bit floats, each in the low half of a word whose high half is zero, to and from
-//! f32 by the processor's conversions. Subnormal numbers take no longer than others, and NaNs become
-//! quiet.
+//! f32 by the processor's conversions. Subnormal numbers take no longer than others, and NaNs
+//! become quiet.
 
 use std::arch::x86_64::*;
 

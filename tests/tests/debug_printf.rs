@@ -503,15 +503,21 @@ fn without_a_messenger_messages_go_to_standard_error() {
     }
     let all = expected_of_kernel();
     assert_eq!(printed_by_child("kernel", &[]), all);
-    assert_eq!(printed_by_child("kernel", &[("TUFF_DEBUG_PRINTF", "0")]), [""; 0]);
+    assert_eq!(
+        printed_by_child("kernel", &[("TUFF_DEBUG_PRINTF", "0")]),
+        [""; 0]
+    );
     // Lines and their ends.
     let room: usize = all[..5].iter().map(|line| line.len() + 1).sum();
     let room = (room + 20).to_string();
     for threads in ["1", "3"] {
-        let limited = printed_by_child("kernel", &[
-            ("TUFF_DEBUG_PRINTF_BYTES", &room),
-            ("TUFF_THREADS", threads),
-        ]);
+        let limited = printed_by_child(
+            "kernel",
+            &[
+                ("TUFF_DEBUG_PRINTF_BYTES", &room),
+                ("TUFF_THREADS", threads),
+            ],
+        );
         assert_eq!(limited[..5], all[..5]);
         let rest = all.len() - 5;
         let last =
