@@ -4,6 +4,7 @@
 
 use ash::vk;
 use smallvec::SmallVec;
+use spirv_jit::program::Stage;
 
 use super::pass::{AttachmentClears, Pass};
 use crate::handle::Ref;
@@ -22,9 +23,8 @@ pub enum GraphicsCommand {
     FragmentBarrier,
     ClearAttachments(Box<AttachmentClears>),
     Set(Setting),
-    /// `vkCmdBindShadersEXT`.
-    BindVertexShader(Option<Ref<ShaderObject>>),
-    BindFragmentShader(Option<Ref<ShaderObject>>),
+    /// `vkCmdBindShadersEXT`, one stage of drawing.
+    BindShader(Stage, Option<Ref<ShaderObject>>),
     /// `vkCmdBindVertexBuffers2`.
     BindVertexBuffers(Box<BindVertexBuffers>),
     /// `vkCmdBindIndexBuffer2`.

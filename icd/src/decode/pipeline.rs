@@ -54,7 +54,7 @@ pub unsafe fn decode_stage(info: &vk::PipelineShaderStageCreateInfo<'_>) -> VkRe
             words,
             name,
             entry_point: entry_point(info.p_name)?,
-            stage: stage(info.stage).ok_or(vk::Result::ERROR_UNKNOWN)?,
+            stage: program_stage(info.stage).ok_or(vk::Result::ERROR_UNKNOWN)?,
             specialization: specialization(info.p_specialization_info),
             view_index_is_device_index: false,
         })
@@ -102,7 +102,7 @@ pub unsafe fn decode_shader(info: &vk::ShaderCreateInfoEXT<'_>) -> VkResult<Shad
             words: slice(info.p_code.cast::<u32>(), words).into(),
             name: Arc::default(),
             entry_point: entry_point(info.p_name)?,
-            stage: stage(info.stage).ok_or(vk::Result::ERROR_UNKNOWN)?,
+            stage: program_stage(info.stage).ok_or(vk::Result::ERROR_UNKNOWN)?,
             specialization: specialization(info.p_specialization_info),
             view_index_is_device_index: false,
         })
@@ -129,8 +129,8 @@ unsafe fn specialization(info: *const vk::SpecializationInfo<'_>) -> Vec<(u32, V
     }
 }
 
-/// The stages that programs exist for.
-fn stage(stage: vk::ShaderStageFlags) -> Option<Stage> {
+/// The stage of a program; none of a stage that does not exist here.
+pub fn program_stage(stage: vk::ShaderStageFlags) -> Option<Stage> {
     Some(match stage {
         vk::ShaderStageFlags::COMPUTE => Stage::Compute,
         vk::ShaderStageFlags::RAYGEN_KHR => Stage::RayGeneration,

@@ -3,17 +3,19 @@
 use std::ffi::c_void;
 
 use ash::vk;
+use spirv_jit::program::Stage;
 
 use super::define::{commands, entry};
 use super::destroy;
 use crate::VkResult;
 use crate::command::{Command, GraphicsCommand};
-use crate::decode::pipeline::decode_shader;
+use crate::decode::pipeline::{decode_shader, program_stage};
 use crate::device::Device;
 use crate::ffi::array::{bytes, slice_mut};
 use crate::ffi::enumerate::enumerate_bytes;
 use crate::ffi::slice;
 use crate::handle::{self, Ref, from_handle, optional, retain};
+use crate::object::graphics_pipeline::Stages;
 use crate::object::shader_object::ShaderObject;
 use crate::object::{DescriptorSetLayout, PipelineLayout};
 
@@ -94,17 +96,14 @@ commands! {
             // No array: none of them.
             let shader = shaders.get(index).copied().unwrap_or_default();
             let shader = optional::<ShaderObject>(shader).map(|_| retain::<ShaderObject>(shader));
-            match stage {
-                vk::ShaderStageFlags::COMPUTE => {
+            match program_stage(stage) {
+                Some(Stage::Compute) => {
                     if let Some(pipeline) = shader.as_ref().and_then(|it| it.compute.as_ref()) {
                         commands.push(Command::BindPipeline(Ref::clone(pipeline)))?;
                     }
                 }
-                vk::ShaderStageFlags::VERTEX => {
-                    commands.push(Command::Graphics(GraphicsCommand::BindVertexShader(shader)))?;
-                }
-                vk::ShaderStageFlags::FRAGMENT => {
-                    commands.push(Command::Graphics(GraphicsCommand::BindFragmentShader(shader)))?;
+                Some(stage) if Stages::has(stage) => {
+                    commands.push(Command::Graphics(GraphicsCommand::BindShader(stage, shader)))?;
                 }
                 // Stages that are not there are bound to nothing.
                 _ => {}

@@ -4,12 +4,10 @@
 //! A pass belongs to the submission: secondary command buffers go on with it. State and bound
 //! buffers belong to the command buffer.
 
-use std::iter;
 use std::sync::Arc;
 
 use ash::vk;
 use smallvec::SmallVec;
-use spirv_jit::Program;
 use spirv_jit::environment::Environment;
 use spirv_jit::program::Stage;
 
@@ -40,10 +38,8 @@ const BATCH_CALLS: usize = 1 << 16;
 /// The state of a command buffer other than descriptors.
 pub struct Current {
     state: Arc<GraphicsState>,
-    stages: Option<Arc<Stages>>,
-    /// Bound shader objects; none while a pipeline is bound.
-    vertex: Option<Arc<Program>>,
-    fragment: Option<Arc<Program>>,
+    /// Of the bound pipeline, or of bound shader objects.
+    stages: Arc<Stages>,
     /// Shader objects were bound last, not a pipeline.
     has_shaders: bool,
     /// The state that commands set since the pass began. Shader objects obey it; a pipeline has
@@ -60,9 +56,7 @@ impl Default for Current {
     fn default() -> Self {
         Self {
             state: Arc::default(),
-            stages: None,
-            vertex: None,
-            fragment: None,
+            stages: Arc::default(),
             has_shaders: false,
             locations: own_locations(),
             vertex_buffers: Arc::new([VertexBuffer::default(); MAX_VERTEX_INPUTS]),
@@ -82,7 +76,6 @@ impl Current {
     pub fn bind_pipeline(&mut self, pipeline: &GraphicsPipeline) {
         use vk::DynamicState as State;
         self.stages.clone_from(&pipeline.stages);
-        (self.vertex, self.fragment) = (None, None);
         self.has_shaders = false;
         Arc::make_mut(&mut self.state).take_static(&pipeline.state, pipeline.dynamic);
         let states = [State::VERTEX_INPUT_BINDING_STRIDE, State::VERTEX_INPUT_EXT];
@@ -96,22 +89,14 @@ impl Current {
     /// `vkCmdBindShadersEXT`, one stage: all state is dynamic.
     fn bind_shader(&mut self, stage: Stage, shader: Option<&ShaderObject>) {
         let program = shader.map(|shader| Arc::clone(&shader.program));
-        match stage {
-            Stage::Fragment => self.fragment = program,
-            _ => self.vertex = program,
-        }
         if !self.has_shaders {
             self.has_shaders = true;
+            self.stages = Arc::default();
             let state = Arc::make_mut(&mut self.state);
             state.used_attachments = UsedAttachments::default();
             state.color_locations = self.locations;
         }
-        self.stages = self.vertex.as_ref().map(|vertex| {
-            Arc::new(Stages {
-                vertex: Arc::clone(vertex),
-                fragment: self.fragment.clone(),
-            })
-        });
+        Arc::make_mut(&mut self.stages).set(stage, program);
         if !self.has_dynamic_strides {
             self.has_dynamic_strides = true;
             self.place_strides();
@@ -169,11 +154,8 @@ impl Current {
     /// Takes over what the last draw was drawn with where the current is the same: whatever was
     /// bound and set again in between, the draws become one.
     fn share(&mut self, last: &Batched) {
-        if let Some(stages) = &mut self.stages
-            && !Arc::ptr_eq(stages, &last.stages)
-            && stages.is_same(&last.stages)
-        {
-            stages.clone_from(&last.stages);
+        if !Arc::ptr_eq(&self.stages, &last.stages) && self.stages.is_same(&last.stages) {
+            self.stages.clone_from(&last.stages);
         }
         if !Arc::ptr_eq(&self.state, &last.state) && self.state.is_same(&last.state) {
             self.state.clone_from(&last.state);
@@ -243,12 +225,11 @@ impl<'a> Drawing<'a> {
             .rasterizer
             .flush(context, &active.targets, &mut self.batch);
         for (environment, stages) in &watched {
-            let programs = iter::once(&stages.vertex).chain(&stages.fragment);
             if let Some(strays) = &environment.strays {
-                note_strays(engine, None, strays, programs.clone());
+                note_strays(engine, None, strays, stages.iter());
             }
             if let Some(prints) = &environment.prints {
-                prints::print(engine, prints, programs);
+                prints::print(engine, prints, stages.iter());
             }
         }
         drawn.map_err(|why| limits.fault(why).into())
@@ -390,14 +371,9 @@ impl<'a> Painter<'_, 'a> {
                 self.current.set(setting);
                 Ok(())
             }
-            GraphicsCommand::BindVertexShader(shader) => {
+            GraphicsCommand::BindShader(stage, shader) => {
                 let shader = shader.as_ref().map(|shader| &***shader);
-                self.current.bind_shader(Stage::Vertex, shader);
-                Ok(())
-            }
-            GraphicsCommand::BindFragmentShader(shader) => {
-                let shader = shader.as_ref().map(|shader| &***shader);
-                self.current.bind_shader(Stage::Fragment, shader);
+                self.current.bind_shader(*stage, shader);
                 Ok(())
             }
             GraphicsCommand::BindVertexBuffers(bind) => {
@@ -522,10 +498,11 @@ impl<'a> Painter<'_, 'a> {
         if let Some(Work::Draw(last)) = drawing.batch.work.last() {
             current.share(last);
         }
-        let (Some(stages), Some(active)) = (&current.stages, &mut drawing.active) else {
+        let Some(active) = &mut drawing.active else {
             return Ok(());
         };
-        if call.count == 0 || call.instances == 0 {
+        let stages = &current.stages;
+        if stages.vertex().is_none() || call.count == 0 || call.instances == 0 {
             return Ok(());
         }
         let samples = current.state.multisample.samples;
@@ -543,8 +520,7 @@ impl<'a> Painter<'_, 'a> {
             keep,
         } = (self.bindings).snapshot(drawing.epoch, || engine.surroundings());
         // The messages of each draw are its own.
-        let programs = iter::once(&stages.vertex).chain(&stages.fragment);
-        if let Some(prints) = prints::of(programs) {
+        if let Some(prints) = prints::of(stages.iter()) {
             drawing.prints = true;
             environment = Arc::new(Environment {
                 prints: Some(prints),

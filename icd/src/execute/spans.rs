@@ -135,8 +135,9 @@ pub(super) fn draws(batch: &Batch) -> Described {
             vertices += counts
                 .map(|call| u64::from(call.count) * u64::from(call.instances))
                 .sum::<u64>();
-            let program = draw.stages.fragment.as_ref().unwrap_or(&draw.stages.vertex);
-            let name = program.origin().and_then(|origin| origin.pipeline.text());
+            let program = draw.stages.iter().last();
+            let origin = program.and_then(|program| program.origin());
+            let name = origin.and_then(|origin| origin.pipeline.text());
             if let Some(name) = name.filter(|name| !pipelines.iter().any(|it| **it == **name)) {
                 pipelines.push(name.to_string());
             }

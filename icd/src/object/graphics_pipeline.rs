@@ -10,22 +10,84 @@ use spirv_jit::program::Stage;
 use super::dynamic_state::{DynamicStates, Parts};
 use super::graphics_state::GraphicsState;
 
-/// The programs of a bound graphics pipeline or of bound shader objects.
-pub struct Stages {
-    pub vertex: Arc<Program>,
-    /// None: depth and stencil alone, coverage without colour.
-    pub fragment: Option<Arc<Program>>,
-}
+/// The stages of drawing, in the order in which they run.
+const STAGES: [Stage; 2] = [Stage::Vertex, Stage::Fragment];
+
+/// The programs of a bound graphics pipeline or of bound shader objects, by stage. Without a
+/// fragment program a draw writes depth and stencil alone.
+#[derive(Clone, Default)]
+pub struct Stages([Option<Arc<Program>>; STAGES.len()]);
 
 impl Stages {
+    fn place(stage: Stage) -> Option<usize> {
+        STAGES.iter().position(|&other| other == stage)
+    }
+
+    /// Whether a stage is one of drawing.
+    pub fn has(stage: Stage) -> bool {
+        Self::place(stage).is_some()
+    }
+
+    /// Sets the program of a stage of drawing, or takes it away.
+    pub fn set(&mut self, stage: Stage, program: Option<Arc<Program>>) {
+        if let Some(place) = Self::place(stage) {
+            self.0[place] = program;
+        }
+    }
+
+    fn of(&self, stage: Stage) -> Option<&Arc<Program>> {
+        self.0[Self::place(stage)?].as_ref()
+    }
+
+    pub fn vertex(&self) -> Option<&Program> {
+        self.of(Stage::Vertex).map(|program| &**program)
+    }
+
+    pub fn fragment(&self) -> Option<&Program> {
+        self.of(Stage::Fragment).map(|program| &**program)
+    }
+
+    /// The program of the last stage before rasterization: its outputs are what is rasterized.
+    pub fn last(&self) -> Option<&Program> {
+        let [before @ .., _] = &self.0;
+        before
+            .iter()
+            .rev()
+            .flatten()
+            .next()
+            .map(|program| &**program)
+    }
+
+    /// The programs that there are, in the order in which they run.
+    pub fn iter(&self) -> impl Iterator<Item = &Arc<Program>> + Clone {
+        self.0.iter().flatten()
+    }
+
+    /// Takes over the programs of the stages for which `wanted` holds.
+    fn take(&mut self, from: &Self, wanted: impl Fn(Stage) -> bool) {
+        for (place, stage) in STAGES.into_iter().enumerate() {
+            if wanted(stage) {
+                self.0[place].clone_from(&from.0[place]);
+            }
+        }
+    }
+
     /// Whether both run the same programs.
     pub fn is_same(&self, other: &Self) -> bool {
-        let fragments = (self.fragment.as_ref(), other.fragment.as_ref());
-        let same_fragment = match fragments {
+        (self.0.iter().zip(&other.0)).all(|programs| match programs {
             (Some(one), Some(other)) => Arc::ptr_eq(one, other),
             (one, other) => one.is_none() && other.is_none(),
-        };
-        same_fragment && Arc::ptr_eq(&self.vertex, &other.vertex)
+        })
+    }
+}
+
+impl FromIterator<Arc<Program>> for Stages {
+    fn from_iter<I: IntoIterator<Item = Arc<Program>>>(programs: I) -> Self {
+        let mut stages = Self::default();
+        for program in programs {
+            stages.set(program.stage(), Some(program));
+        }
+        stages
     }
 }
 
@@ -35,10 +97,7 @@ pub struct GraphicsPipeline {
     /// Of the parts that it has; all else is the default.
     pub state: GraphicsState,
     pub dynamic: DynamicStates,
-    pub vertex: Option<Arc<Program>>,
-    pub fragment: Option<Arc<Program>>,
-    /// The programs of a draw; none for a library without a vertex shader.
-    pub stages: Option<Arc<Stages>>,
+    pub stages: Arc<Stages>,
 }
 
 impl GraphicsPipeline {
@@ -48,18 +107,13 @@ impl GraphicsPipeline {
             parts: Parts::empty(),
             state: GraphicsState::default(),
             dynamic: DynamicStates::default(),
-            vertex: None,
-            fragment: None,
-            stages: None,
+            stages: Arc::default(),
         }
     }
 
     /// Puts a program in its place.
     pub fn set_program(&mut self, stage: Stage, program: Arc<Program>) {
-        match stage {
-            Stage::Fragment => self.fragment = Some(program),
-            _ => self.vertex = Some(program),
-        }
+        Arc::make_mut(&mut self.stages).set(stage, Some(program));
     }
 
     /// Takes over the parts of a library, or those that a pipeline itself comes with.
@@ -68,16 +122,11 @@ impl GraphicsPipeline {
         self.state.take_parts(new, &part.state);
         self.dynamic = self.dynamic.union(part.dynamic);
         self.parts |= part.parts;
-        if new.contains(Parts::PRE_RASTERIZATION_SHADERS) {
-            self.vertex.clone_from(&part.vertex);
-        }
-        if new.contains(Parts::FRAGMENT_SHADER) {
-            self.fragment.clone_from(&part.fragment);
-        }
-        self.stages = self.vertex.as_ref().map(|vertex| {
-            Arc::new(Stages {
-                vertex: Arc::clone(vertex),
-                fragment: self.fragment.clone(),
+        let stages = Arc::make_mut(&mut self.stages);
+        stages.take(&part.stages, |stage| {
+            new.contains(match stage {
+                Stage::Fragment => Parts::FRAGMENT_SHADER,
+                _ => Parts::PRE_RASTERIZATION_SHADERS,
             })
         });
     }

@@ -56,7 +56,7 @@ impl Pipeline {
         };
         match &self.kind {
             PipelineKind::Compute(program) => set(program),
-            PipelineKind::Graphics(it) => it.vertex.iter().chain(&it.fragment).for_each(set),
+            PipelineKind::Graphics(it) => it.stages.iter().for_each(set),
             PipelineKind::RayTracing(_) | PipelineKind::Deferred(_) => {
                 let linked = self.ray_tracing();
                 (linked.iter().flat_map(|it| &it.shaders.programs)).for_each(set);

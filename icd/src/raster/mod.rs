@@ -137,6 +137,7 @@ pub struct Counters {
 
 /// Draws that share all state. Everything that it points to stays as it is until the next flush.
 pub struct Draw {
+    /// With a vertex program.
     pub stages: Arc<Stages>,
     pub state: Arc<GraphicsState>,
     /// Sets, dynamic buffers and push constants, kept by `keep`.

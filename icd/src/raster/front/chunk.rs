@@ -103,10 +103,13 @@ impl Worker {
         spans: &[Span],
         chunk: &mut Chunk,
     ) -> Result<(), Stopped> {
+        let (Some(vertex), Some(last)) = (draw.stages.vertex(), draw.stages.last()) else {
+            return Ok(());
+        };
         self.assemble(round, draw, spans);
-        let fetch = Fetch::new(draw, round.reach);
+        let fetch = Fetch::new(draw, vertex, round.reach);
         let facts = round.facts(draw);
-        let places = OutputPlaces::new(&draw.stages.vertex);
+        let places = OutputPlaces::new(last);
         // One viewport for all vertices, unless they choose.
         let first_view = facts.views.first();
         let projection = first_view
@@ -128,7 +131,8 @@ impl Worker {
         self.runner.set_order(order);
         shade(
             &mut self.runner,
-            draw,
+            vertex,
+            &draw.environment,
             &fetch,
             round.limits,
             &self.vertices,

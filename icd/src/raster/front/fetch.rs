@@ -3,11 +3,11 @@
 use ash::vk;
 use lanes::Tier;
 use smallvec::SmallVec;
-use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::image::format::{FormatInfo, Numeric};
 use spirv_jit::image::texels::decode_words;
 use spirv_jit::program::{AlignedRow, Builtin, InputRow};
 use spirv_jit::reach::Reach;
+use spirv_jit::{Program, SUBGROUP_SIZE};
 
 use crate::format::texel_format;
 use crate::raster::Draw;
@@ -88,9 +88,8 @@ fn missing_wide(info: &FormatInfo, word: usize) -> u32 {
 }
 
 impl Fetch {
-    /// Of a draw.
-    pub fn new(draw: &Draw, reach: &Reach) -> Self {
-        let program = &draw.stages.vertex;
+    /// Of a draw with that vertex program.
+    pub fn new(draw: &Draw, program: &Program, reach: &Reach) -> Self {
         let input = &draw.state.vertex_input;
         let mut fetch = Self {
             attributes: SmallVec::new(),

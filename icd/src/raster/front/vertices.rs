@@ -1,7 +1,8 @@
 //! The vertices of a chunk: each of them once, their invocations in waves, their outputs by vertex.
 
 use lanes::LaneMask;
-use spirv_jit::SUBGROUP_SIZE;
+use spirv_jit::environment::Environment;
+use spirv_jit::{Program, SUBGROUP_SIZE};
 
 use super::clip::MAX_CLIP_DISTANCES;
 use super::fetch::{Common, Fetch, Vertex};
@@ -9,7 +10,6 @@ use super::outputs::OutputPlaces;
 use super::project::Projection;
 use super::screen::{Clip, Screen, ScreenVertex, Volume, project};
 use crate::compute::waves::{Runner, Subgroups, subgroups_at_once};
-use crate::raster::Draw;
 use crate::wave::{Limits, Stopped};
 
 /// Subgroups that run together, at most: their states stay in a cache.
@@ -146,7 +146,8 @@ impl Shaded<'_> {
 /// When a limit stopped it.
 pub fn shade(
     runner: &mut Runner,
-    draw: &Draw,
+    program: &Program,
+    environment: &Environment,
     fetch: &Fetch,
     limits: &Limits,
     vertices: &[Vertex],
@@ -155,7 +156,6 @@ pub fn shade(
     outputs: &mut Vec<u32>,
     on_screen: &mut Vec<ScreenVertex>,
 ) -> Result<(), Stopped> {
-    let program = &*draw.stages.vertex;
     let words = program.output_rows() as usize;
     let first = outputs.len();
     let size = vertices.len() * words;
@@ -173,7 +173,7 @@ pub fn shade(
             program.start(state, LaneMask::full(lanes.len()));
             fetch.fill(state, lanes, commons);
         }
-        runner.run(program, &draw.environment, limits)?;
+        runner.run(program, environment, limits)?;
         for (state, lanes) in runner.states().zip(wave.chunks(SUBGROUP_SIZE)) {
             let (here, after) = rest.split_at_mut(lanes.len() * words);
             rest = after;

@@ -141,11 +141,11 @@ pub struct Fragments<'a> {
 }
 
 impl Inputs {
-    /// Links a program to the outputs of the vertex stage. `per_sample`: invocations are for one
+    /// Links a program to the outputs of the stage before it. `per_sample`: invocations are for one
     /// sample; `everything`: and so are inputs that do not say so.
     pub fn new(
         fragment: &Program,
-        vertex: &Program,
+        before: Option<&Program>,
         samples: u32,
         per_sample: bool,
         everything: bool,
@@ -160,7 +160,7 @@ impl Inputs {
         };
         let fill = |row: &InputRow| match *row {
             InputRow::Varying(varying) => {
-                varying_fill(word_of(vertex, &varying), varying.mode, place)
+                varying_fill(word_of(before, &varying), varying.mode, place)
             }
             InputRow::Barycentric(it) => Fill::Barycentric(
                 usize::from(it.vertex.min(2)),
@@ -230,8 +230,8 @@ impl Inputs {
     }
 }
 
-/// The word that a varying comes from; none where the vertex stage does not write it.
-fn word_of(vertex: &Program, varying: &Varying) -> Option<u32> {
+/// The word that a varying comes from; none where the stage before does not write it.
+fn word_of(before: Option<&Program>, varying: &Varying) -> Option<u32> {
     let wanted = match varying.place {
         VaryingPlace::Location(location) => OutputRow::Location {
             location,
@@ -241,7 +241,7 @@ fn word_of(vertex: &Program, varying: &Varying) -> Option<u32> {
         VaryingPlace::ClipDistance => OutputRow::ClipDistance(varying.component),
         VaryingPlace::CullDistance => OutputRow::CullDistance(varying.component),
     };
-    let index = vertex.outputs().iter().position(|row| *row == wanted)?;
+    let index = before?.outputs().iter().position(|row| *row == wanted)?;
     Some(index as u32)
 }
 

@@ -61,7 +61,7 @@ impl<'a> Plan<'a> {
     pub fn new(tier: Tier, targets: &Targets, draw: &'a Draw) -> Self {
         let state = &*draw.state;
         let samples = targets.samples.clamp(1, 8);
-        let fragment = draw.stages.fragment.as_deref();
+        let fragment = draw.stages.fragment();
         let facts = (fragment.and_then(Program::fragment)).copied();
         let facts = facts.unwrap_or_default();
         let targets = &targets.used_by(&state.used_attachments);
@@ -75,13 +75,8 @@ impl<'a> Plan<'a> {
             && samples > 1;
         let per_sample = shades_samples || facts.per_sample;
         let inputs = fragment.map(|program| {
-            Inputs::new(
-                program,
-                &draw.stages.vertex,
-                samples,
-                per_sample,
-                shades_samples,
-            )
+            let last = draw.stages.last();
+            Inputs::new(program, last, samples, per_sample, shades_samples)
         });
         let order = order(&facts, &output, &tests);
         let has_effects = facts.discards || facts.writes_memory || facts.interlock.is_some();

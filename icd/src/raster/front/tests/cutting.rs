@@ -83,10 +83,7 @@ fn draw(state: GraphicsState, positions: &[[f32; 4]], calls: &[DrawCall]) -> Dra
     };
     let program = Program::new(&parse_module(PASS_ON).unwrap()).unwrap();
     Draw {
-        stages: Arc::new(Stages {
-            vertex: Arc::new(program),
-            fragment: None,
-        }),
+        stages: Arc::new(Stages::from_iter([Arc::new(program)])),
         state: Arc::new(state),
         environment: Arc::new(Environment::unbound()),
         keep: Arc::new(()),

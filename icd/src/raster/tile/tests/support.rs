@@ -190,10 +190,9 @@ pub fn halve_and_double(mode: &str) -> Arc<Program> {
 /// A draw with a state.
 pub fn draw(state: GraphicsState, fragment: Option<Arc<Program>>) -> Draw {
     Draw {
-        stages: Arc::new(Stages {
-            vertex: vertex_program(),
-            fragment,
-        }),
+        stages: Arc::new(Stages::from_iter(
+            [vertex_program()].into_iter().chain(fragment),
+        )),
         state: Arc::new(state),
         environment: Arc::new(Environment {
             number: Environment::next_number(),
