@@ -86,6 +86,7 @@ fn stage(model: ExecutionModel) -> Option<Stage> {
         ExecutionModel::MissKHR => Stage::Miss,
         ExecutionModel::CallableKHR => Stage::Callable,
         ExecutionModel::Vertex => Stage::Vertex,
+        ExecutionModel::Geometry => Stage::Geometry,
         ExecutionModel::Fragment => Stage::Fragment,
         _ => return None,
     })

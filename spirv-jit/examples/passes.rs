@@ -21,6 +21,7 @@ fn stage(path: &Path) -> Stage {
         Some("rint") => Stage::Intersection,
         Some("rcall") => Stage::Callable,
         Some("vert") => Stage::Vertex,
+        Some("geom") => Stage::Geometry,
         Some("frag") => Stage::Fragment,
         _ => Stage::Compute,
     }

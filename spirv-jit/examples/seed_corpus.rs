@@ -30,6 +30,7 @@ fn main() {
             Stage::Callable => 6,
             Stage::Vertex => 7,
             Stage::Fragment => 8,
+            Stage::Geometry => 9,
         };
         write(&folder.join("modules"), index, &[first], &words);
         if stage == Stage::Compute {

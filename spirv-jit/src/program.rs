@@ -20,8 +20,8 @@ use crate::query::QueryWord;
 
 pub use crate::interp::{Frame, MAX_SUBGROUPS};
 pub use crate::ir::interface::{
-    Barycentric, DepthMode, FragmentFacts, Interlock, OutputRow, Position, Varying, VaryingMode,
-    VaryingPlace,
+    Barycentric, DepthMode, Emits, FragmentFacts, GeometryFacts, Interlock, OutputRow, Position,
+    Varying, VaryingMode, VaryingPlace,
 };
 pub use crate::ir::module::InputRow;
 pub use crate::ir::passed::Passed;
@@ -81,6 +81,7 @@ pub struct Program {
     outputs: Vec<OutputRow>,
     passed: Option<Vec<Passed>>,
     tinted: Option<Tinted>,
+    geometry: Option<GeometryFacts>,
     fragment: Option<FragmentFacts>,
     origin: OnceLock<Origin>,
 }
@@ -142,6 +143,7 @@ impl Program {
             outputs: module.outputs.clone(),
             passed: passed(module),
             tinted: tinted(module),
+            geometry: module.geometry,
             fragment: module.fragment,
             origin: OnceLock::new(),
         })
@@ -225,7 +227,8 @@ impl Program {
         self.output_rows
     }
 
-    /// Vertex and fragment: what each word is that the program leaves.
+    /// Vertex and fragment: what each word is that the program leaves. Geometry: what each word of an
+    /// emitted vertex is.
     #[inline]
     pub fn outputs(&self) -> &[OutputRow] {
         &self.outputs
@@ -236,6 +239,23 @@ impl Program {
     #[inline]
     pub fn passed(&self) -> Option<&[Passed]> {
         self.passed.as_deref()
+    }
+
+    /// Geometry: what the rasterizer must know. The one word that an invocation leaves is the number
+    /// of vertices that it emitted.
+    #[inline]
+    pub fn geometry(&self) -> Option<&GeometryFacts> {
+        self.geometry.as_ref()
+    }
+
+    /// Geometry: a word of the vertices that the invocations of an ended state emitted, a row a
+    /// vertex. Word 0 is 1 where a strip starts; those after it are [`Self::outputs`].
+    ///
+    /// # Panics
+    /// The state is smaller than [`StateLayout::rows`], or there is no such word.
+    pub fn emitted_rows<'s>(&self, state: &'s [AlignedRow], word: usize) -> &'s [AlignedRow] {
+        let slots = self.plan.emitted_slots;
+        &state[self.plan.emitted + word * slots..][..slots]
     }
 
     /// Fragment: what it does, if it samples one image and does little else.

@@ -4,7 +4,7 @@
 //! 32-bit word:
 //!
 //! ```text
-//! [ control | inputs | io: a yield's operands and results, or outputs | private memory | live values ]
+//! [ control | inputs | io: a yield's operands and results, or outputs | emitted vertices | private memory | live values ]
 //! ```
 //!
 //! The scheduler owns the block, fills `inputs`, calls [`Program::start`](crate::Program::start),

@@ -7,7 +7,7 @@ use libfuzzer_sys::{fuzz_mutator, fuzz_target};
 use shaders::corrupt;
 use spirv_jit::program::Stage;
 
-const STAGES: [Stage; 9] = [
+const STAGES: [Stage; 10] = [
     Stage::Compute,
     Stage::RayGeneration,
     Stage::Miss,
@@ -17,6 +17,7 @@ const STAGES: [Stage; 9] = [
     Stage::Callable,
     Stage::Vertex,
     Stage::Fragment,
+    Stage::Geometry,
 ];
 
 fn words(bytes: &[u8]) -> Vec<u32> {

@@ -58,6 +58,7 @@ fn glslang_stage(stage: Stage) -> ShaderStage {
         Stage::Intersection => ShaderStage::Intersect,
         Stage::Callable => ShaderStage::Callable,
         Stage::Vertex => ShaderStage::Vertex,
+        Stage::Geometry => ShaderStage::Geometry,
         Stage::Fragment => ShaderStage::Fragment,
     }
 }
@@ -73,7 +74,7 @@ pub fn glsl(stage: Stage, source: &str) -> Vec<u32> {
     for extension in EXTENSIONS {
         text += &format!("#extension {extension} : enable\n");
     }
-    if matches!(stage, Stage::Vertex | Stage::Fragment) {
+    if matches!(stage, Stage::Vertex | Stage::Geometry | Stage::Fragment) {
         for extension in RASTER_EXTENSIONS {
             text += &format!("#extension {extension} : enable\n");
         }

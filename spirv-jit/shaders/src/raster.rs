@@ -1,4 +1,4 @@
-//! Runs one subgroup of a vertex or fragment program.
+//! Runs one subgroup of a program of a stage of drawing.
 
 use std::sync::Arc;
 
@@ -66,6 +66,51 @@ pub fn run(
     buffer: &mut [u32],
     input: impl Fn(InputRow, usize) -> u32,
 ) -> Ended {
+    let state = run_to_end(program, lanes, buffer, input);
+    let io = program.layout().io;
+    let words = |(index, &row): (usize, &OutputRow)| (row, state[io + index].0);
+    Ended {
+        outputs: program.outputs().iter().enumerate().map(words).collect(),
+        helpers: program.helpers(&state),
+    }
+}
+
+/// A vertex that a geometry shader emitted.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Emitted {
+    /// It is the first one of a strip.
+    pub starts: bool,
+    /// In the order of [`Program::outputs`].
+    pub words: Vec<u32>,
+}
+
+/// As [`run`], of a geometry program: the vertices that each lane emitted.
+pub fn run_geometry(
+    program: &Program,
+    buffer: &mut [u32],
+    input: impl Fn(InputRow, usize) -> u32,
+) -> [Vec<Emitted>; 16] {
+    let state = run_to_end(program, ALL, buffer, input);
+    let counts = state[program.layout().io].0;
+    let word =
+        |word, vertex: usize, lane: usize| program.emitted_rows(&state, word)[vertex].0[lane];
+    std::array::from_fn(|lane| {
+        let vertices = (0..counts[lane] as usize).map(|vertex| Emitted {
+            starts: word(0, vertex, lane) == 1,
+            words: (1..=program.outputs().len())
+                .map(|of| word(of, vertex, lane))
+                .collect(),
+        });
+        vertices.collect()
+    })
+}
+
+fn run_to_end(
+    program: &Program,
+    lanes: Lanes,
+    buffer: &mut [u32],
+    input: impl Fn(InputRow, usize) -> u32,
+) -> Vec<AlignedRow> {
     let mut entries = vec![Descriptor::NULL; 256];
     entries[0] = Descriptor {
         address: buffer.as_mut_ptr() as u64,
@@ -104,9 +149,5 @@ pub fn run(
             event => panic!("{event:?}"),
         }
     }
-    let words = |(index, &row): (usize, &OutputRow)| (row, state[layout.io + index].0);
-    Ended {
-        outputs: program.outputs().iter().enumerate().map(words).collect(),
-        helpers: program.helpers(&state),
-    }
+    state
 }

@@ -74,5 +74,17 @@ pub fn samples() -> Vec<(Stage, Vec<u32>)> {
             gl_FragDepth = c.z; result = c;
         }";
     samples.push((Stage::Fragment, glsl(Stage::Fragment, fragment)));
+    let geometry = "layout(triangles_adjacency, invocations = 3) in; layout(triangle_strip, max_vertices = 12) out;
+        layout(location = 0) in vec3 color[]; layout(location = 1) flat in int which[];
+        layout(location = 0) out vec3 shade; layout(location = 1) flat out ivec2 number;
+        void main() {
+            for (int i = 0; i < (which[0] & 15); i++) {
+                gl_Position = gl_in[i % 6].gl_Position + vec4(float(gl_InvocationID));
+                shade = color[which[1] & 7]; number = ivec2(gl_PrimitiveIDIn, i);
+                gl_Layer = i & 1; gl_PrimitiveID = i; EmitVertex();
+                if (i % 3 == 2) EndPrimitive();
+            }
+        }";
+    samples.push((Stage::Geometry, glsl(Stage::Geometry, geometry)));
     samples
 }

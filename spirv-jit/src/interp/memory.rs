@@ -184,6 +184,46 @@ impl<G: Gather, const ROWS: usize> Kernel for StorePrivate<G, ROWS> {
     }
 }
 
+/// Keeps the words of a vertex that a geometry invocation emits: `y` operands from `x` on, first the
+/// vertex.
+pub(super) struct Emit;
+
+impl Kernel for Emit {
+    #[inline(always)]
+    unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
+        let operands = &m.code.operands[i.x as usize..][..i.y as usize];
+        let (vertex, words) = (operands[0], &operands[1..]);
+        let slots = m.plan.emitted_slots;
+        // Vertices past the last share a slot.
+        let spare = slots as u32 - 1;
+        for &subgroup in m.listed() {
+            let s = subgroup as usize;
+            let active = m.active[s];
+            // SAFETY: as the caller promises; the plan made room for a row for each word of each
+            // slot, and the verifier counted the words.
+            unsafe {
+                let base = m.state_row(s, m.plan.emitted);
+                let slot = (*m.block::<u32>(vertex, subgroup)).map(|vertex| vertex.min(spare));
+                let Some(first) = active.into_iter().next() else {
+                    continue;
+                };
+                let is_same = active.into_iter().all(|lane| slot[lane] == slot[first]);
+                for (k, &word) in words.iter().enumerate() {
+                    let rows = base.add(k * slots);
+                    let from = *m.block::<u32>(word, subgroup);
+                    if is_same {
+                        blend(&mut *rows.add(slot[first] as usize), &from, active);
+                    } else {
+                        for lane in active {
+                            (*rows.add(slot[lane] as usize))[lane] = from[lane];
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
 /// Reads a variable at the fixed private row `x` into `d`; `y`: 64 bits.
 pub(super) struct VariableLoad;
 

@@ -1,5 +1,5 @@
-//! The interface between vertex stage, fragment stage and rasterizer: rows of inputs and outputs,
-//! and facts of a fragment shader.
+//! The interface between the stages of drawing and the rasterizer: rows of inputs and outputs, and
+//! facts of geometry and fragment shaders.
 //!
 //! The text form of each is one word with points in it; [`fmt::Display`] and [`std::str::FromStr`]
 //! are inverse to each other.
@@ -53,21 +53,50 @@ pub enum VaryingMode {
     PerVertex(u8),
 }
 
-/// Which output of the vertex stage a varying is.
+/// Which output of the stage before a varying is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum VaryingPlace {
     Location(u16),
+    /// Geometry stage, as `PointSize`.
+    Position,
+    PointSize,
     ClipDistance,
     CullDistance,
 }
 
-/// A word of a fragment shader's input that comes from the vertex stage.
+/// A word of a geometry or fragment shader's input that comes from the stage before. All those of a
+/// geometry shader are of a vertex of its primitive ([`VaryingMode::PerVertex`]).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Varying {
     pub place: VaryingPlace,
-    /// Word of the location, or index of the distance.
+    /// Word of the location or of the position, or index of the distance.
     pub component: u8,
     pub mode: VaryingMode,
+}
+
+impl Varying {
+    /// The vertex whose word it is, if it is one vertex's; else 0.
+    pub fn vertex(&self) -> u8 {
+        match self.mode {
+            VaryingMode::PerVertex(vertex) => vertex,
+            _ => 0,
+        }
+    }
+
+    /// The output of the stage before that it comes from.
+    pub fn output(&self) -> OutputRow {
+        match self.place {
+            VaryingPlace::Location(location) => OutputRow::Location {
+                location,
+                component: self.component,
+                index: 0,
+            },
+            VaryingPlace::Position => OutputRow::Position(self.component),
+            VaryingPlace::PointSize => OutputRow::PointSize,
+            VaryingPlace::ClipDistance => OutputRow::ClipDistance(self.component),
+            VaryingPlace::CullDistance => OutputRow::CullDistance(self.component),
+        }
+    }
 }
 
 /// A barycentric coordinate (`BaryCoordKHR`, `BaryCoordNoPerspKHR`).
@@ -78,10 +107,11 @@ pub struct Barycentric {
     pub position: Position,
 }
 
-/// A word that a vertex or fragment invocation leaves at its end.
+/// A word that a vertex or fragment invocation leaves at its end, or a geometry invocation with each
+/// vertex that it emits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum OutputRow {
-    /// A varying of the vertex stage; a colour of the fragment stage, `index` 1 for the second
+    /// A varying of a stage before rasterization; a colour of the fragment stage, `index` 1 for the second
     /// source of blending.
     Location {
         location: u16,
@@ -94,9 +124,32 @@ pub enum OutputRow {
     CullDistance(u8),
     Layer,
     ViewportIndex,
+    /// Geometry stage.
+    PrimitiveId,
     FragDepth,
     FragStencilRef,
     SampleMask,
+}
+
+/// The kind of primitives that a geometry shader emits.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Emits {
+    #[default]
+    Points,
+    LineStrips,
+    TriangleStrips,
+}
+
+/// The facts of a geometry shader that the rasterizer needs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct GeometryFacts {
+    /// Vertices of an input primitive, those that are only adjacent included.
+    pub vertices: u32,
+    pub emits: Emits,
+    /// Invocations for each primitive.
+    pub invocations: u32,
+    /// Vertices that an invocation emits, at most.
+    pub max_vertices: u32,
 }
 
 /// The promise of a shader about the depth that it writes (`DepthGreater` and others).
@@ -172,6 +225,8 @@ impl fmt::Display for Varying {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.place {
             VaryingPlace::Location(location) => write!(f, "varying.{location}")?,
+            VaryingPlace::Position => f.write_str("varying.position")?,
+            VaryingPlace::PointSize => f.write_str("varying.point_size")?,
             VaryingPlace::ClipDistance => f.write_str("varying.clip")?,
             VaryingPlace::CullDistance => f.write_str("varying.cull")?,
         }
@@ -195,6 +250,8 @@ impl FromStr for Varying {
         };
         Ok(Varying {
             place: match *place {
+                "position" => VaryingPlace::Position,
+                "point_size" => VaryingPlace::PointSize,
                 "clip" => VaryingPlace::ClipDistance,
                 "cull" => VaryingPlace::CullDistance,
                 location => VaryingPlace::Location(location.parse().map_err(drop)?),
@@ -254,6 +311,7 @@ impl fmt::Display for OutputRow {
             OutputRow::CullDistance(index) => write!(f, "cull_distance.{index}"),
             OutputRow::Layer => f.write_str("layer"),
             OutputRow::ViewportIndex => f.write_str("viewport_index"),
+            OutputRow::PrimitiveId => f.write_str("primitive_id"),
             OutputRow::FragDepth => f.write_str("frag_depth"),
             OutputRow::FragStencilRef => f.write_str("frag_stencil_ref"),
             OutputRow::SampleMask => f.write_str("sample_mask"),
@@ -279,11 +337,48 @@ impl FromStr for OutputRow {
             ["cull_distance", index] => OutputRow::CullDistance(number(index)?),
             ["layer"] => OutputRow::Layer,
             ["viewport_index"] => OutputRow::ViewportIndex,
+            ["primitive_id"] => OutputRow::PrimitiveId,
             ["frag_depth"] => OutputRow::FragDepth,
             ["frag_stencil_ref"] => OutputRow::FragStencilRef,
             ["sample_mask"] => OutputRow::SampleMask,
             _ => return Err(()),
         })
+    }
+}
+
+/// The facts' words in the text form, in order.
+impl fmt::Display for GeometryFacts {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let emits = match self.emits {
+            Emits::Points => "points",
+            Emits::LineStrips => "line_strips",
+            Emits::TriangleStrips => "triangle_strips",
+        };
+        write!(
+            f,
+            "{emits}, vertices.{}, invocations.{}, max_vertices.{}",
+            self.vertices, self.invocations, self.max_vertices
+        )
+    }
+}
+
+impl GeometryFacts {
+    /// Notes one word of the text form; false if it is none.
+    pub fn set(&mut self, word: &str) -> bool {
+        let (name, number) = match word.split_once('.') {
+            Some((name, number)) => (name, number.parse().ok()),
+            None => (word, None),
+        };
+        match (name, number) {
+            ("points", None) => self.emits = Emits::Points,
+            ("line_strips", None) => self.emits = Emits::LineStrips,
+            ("triangle_strips", None) => self.emits = Emits::TriangleStrips,
+            ("vertices", Some(number)) => self.vertices = number,
+            ("invocations", Some(number)) => self.invocations = number,
+            ("max_vertices", Some(number)) => self.max_vertices = number,
+            _ => return false,
+        }
+        true
     }
 }
 

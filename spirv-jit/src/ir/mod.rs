@@ -120,5 +120,5 @@ pub mod workgroups;
 pub use entities::{FunctionId, Label, Value, VariableId};
 pub use module::{Body, Function, InputRow, Inst, Module, Node, Terminator, Variable};
 pub use op::{Op, Space, Type};
-pub use verify::{MAX_INVOCATIONS, MAX_SHARED_BYTES, verify};
+pub use verify::{MAX_GEOMETRY_INVOCATIONS, MAX_INVOCATIONS, MAX_SHARED_BYTES, verify};
 pub use visit::{Step, Steps};

@@ -2,7 +2,7 @@
 
 use smallvec::SmallVec;
 
-use super::interface::{Barycentric, FragmentFacts, OutputRow, Varying};
+use super::interface::{Barycentric, FragmentFacts, GeometryFacts, OutputRow, Varying};
 use super::{FunctionId, Label, Op, Type, Value, VariableId};
 use crate::ir::stage::{Builtin, Stage};
 use crate::query::QueryWord;
@@ -108,7 +108,7 @@ pub enum InputRow {
         location: u16,
         component: u8,
     },
-    /// Fragment stage: a word that follows from the vertices' outputs.
+    /// Geometry and fragment stage: a word that follows from the vertices' outputs.
     Varying(Varying),
     /// Fragment stage: a barycentric coordinate.
     Barycentric(Barycentric),
@@ -126,10 +126,14 @@ pub struct Module {
     pub query_words: Vec<QueryWord>,
     /// Words that `end` takes. By stage: any-hit: verdict (0 accept, 1 ignore, 2 accept and
     /// terminate the ray), then payload words; closest hit and miss: payload words; callable:
-    /// callable data words; intersection, ray generation and compute: none.
+    /// callable data words; geometry: the number of emitted vertices; intersection, ray generation
+    /// and compute: none.
     pub output_rows: u32,
-    /// Vertex and fragment: what each of those words is.
+    /// Vertex and fragment: what each of those words is. Geometry: what each word of an emitted
+    /// vertex is.
     pub outputs: Vec<OutputRow>,
+    /// Geometry: what the rasterizer must know.
+    pub geometry: Option<GeometryFacts>,
     /// Fragment: what the rasterizer must know.
     pub fragment: Option<FragmentFacts>,
     /// Compute: the workgroup's size in invocations per dimension; otherwise ones.

@@ -218,6 +218,14 @@ fn check_other(
             require(results[0].is_float(), "not a float")?;
             takes(results)
         }
+        Op::Emit => {
+            words_only(args, results)?;
+            require(
+                args.first() == Some(&I32) && args.len() == module.outputs.len() + 2,
+                "needs a vertex and all of its words",
+            )?;
+            gives(&[])
+        }
         Op::IsHelper => takes(&[]).and_then(|()| gives(&[I1])),
         Op::MemoryBarrier | Op::Barrier | Op::Demote => takes(&[]).and_then(|()| gives(&[])),
         Op::RayQueryProceed => takes(&[I32]).and_then(|()| gives(&[I1])),

@@ -15,6 +15,7 @@ pub enum Stage {
     Miss,
     Callable,
     Vertex,
+    Geometry,
     Fragment,
 }
 
@@ -127,8 +128,10 @@ pub enum Builtin {
     BaseVertex,
     BaseInstance,
     DrawIndex,
-    /// 1 word: vertex and fragment.
+    /// 1 word: all stages of drawing.
     ViewIndex,
+    /// 1 word: geometry.
+    InvocationId,
     /// 4 f32: fragment, as all that follow.
     FragCoord,
     /// 1 word, not 0 for true.

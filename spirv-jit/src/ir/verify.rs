@@ -1,7 +1,7 @@
 //! The verifier: what every module must satisfy between passes. A module that passes here can be
 //! printed, parsed, optimised and run without further checks.
 
-use super::interface::{VaryingMode, VaryingPlace};
+use super::interface::{GeometryFacts, VaryingMode, VaryingPlace};
 use super::signature::check_operation;
 use super::{
     Body, Function, FunctionId, InputRow, Inst, Label, Module, Node, Op, Space, Step, Terminator,
@@ -21,6 +21,12 @@ const MAX_LOCATION_WORDS: u8 = 8;
 
 /// Words that an invocation may leave.
 const MAX_OUTPUT_ROWS: u32 = 1 << 15;
+
+/// Rows of emitted vertices.
+const MAX_EMITTED_ROWS: u64 = 1 << 15;
+
+/// Invocations of a geometry shader for each primitive, at most.
+pub const MAX_GEOMETRY_INVOCATIONS: u32 = 127;
 
 /// Checks a module against the rules of the [module's prose](super): types by operation,
 /// descriptors where they may be, visibility of values, labels that enclose their `br`,
@@ -46,11 +52,19 @@ pub fn verify(module: &Module) -> Result<(), String> {
     {
         return Err("the module's head is out of range".into());
     }
-    let has_outputs = matches!(module.stage, Stage::Vertex | Stage::Fragment);
-    if module.outputs.len() != module.output_rows as usize * usize::from(has_outputs)
+    let fits = match module.stage {
+        Stage::Vertex | Stage::Fragment => module.outputs.len() == module.output_rows as usize,
+        Stage::Geometry => module.output_rows == 1,
+        _ => module.outputs.is_empty(),
+    };
+    if !fits
         || module.fragment.is_some() != (module.stage == Stage::Fragment)
+        || module.geometry.is_some() != (module.stage == Stage::Geometry)
     {
         return Err("outputs and facts do not fit the stage".into());
+    }
+    if let Some(facts) = &module.geometry {
+        check_geometry(facts, module.outputs.len())?;
     }
     check_inputs(module)?;
     for (index, function) in module.functions.iter().enumerate() {
@@ -312,6 +326,18 @@ impl<'a> Verifier<'a> {
     }
 }
 
+/// A geometry shader takes primitives that there are, and its vertices fit in memory.
+fn check_geometry(facts: &GeometryFacts, outputs: usize) -> Result<(), String> {
+    let rows = (u64::from(facts.max_vertices) + 1).saturating_mul(outputs as u64 + 1);
+    let fits = matches!(facts.vertices, 1 | 2 | 3 | 4 | 6)
+        && (1..=MAX_GEOMETRY_INVOCATIONS).contains(&facts.invocations)
+        && rows <= MAX_EMITTED_ROWS;
+    match fits {
+        true => Ok(()),
+        false => Err("a geometry shader's primitives are out of range".into()),
+    }
+}
+
 /// Input rows and words of ray queries are such that there are; rows that the rasterizer fills are
 /// in its stages alone.
 fn check_inputs(module: &Module) -> Result<(), String> {
@@ -322,13 +348,19 @@ fn check_inputs(module: &Module) -> Result<(), String> {
         }
         InputRow::Varying(varying) => {
             let is_at_location = matches!(varying.place, VaryingPlace::Location(_));
-            let vertex = match varying.mode {
-                VaryingMode::PerVertex(vertex) => vertex,
-                _ => 0,
+            let is_known = match (module.geometry, varying.mode) {
+                (Some(facts), VaryingMode::PerVertex(vertex)) => u32::from(vertex) < facts.vertices,
+                (Some(_), _) => false,
+                (None, mode) => {
+                    let is_seen = !matches!(
+                        varying.place,
+                        VaryingPlace::Position | VaryingPlace::PointSize
+                    );
+                    let is_corner = !matches!(mode, VaryingMode::PerVertex(3..));
+                    module.stage == Stage::Fragment && is_seen && is_corner
+                }
             };
-            module.stage == Stage::Fragment
-                && vertex < 3
-                && (!is_at_location || varying.component < MAX_LOCATION_WORDS)
+            is_known && (!is_at_location || varying.component < MAX_LOCATION_WORDS)
         }
         InputRow::Barycentric(it) => module.stage == Stage::Fragment && it.vertex < 3,
         // Past the end of what the caller has they are zero.
@@ -357,6 +389,7 @@ fn check_stage(stage: Stage, op: &Op) -> Result<(), String> {
         }
         Op::Barrier => stage == Stage::Compute,
         Op::Demote | Op::IsHelper => stage == Stage::Fragment,
+        Op::Emit => stage == Stage::Geometry,
         Op::RayQueryProceed => true,
         Op::ReportIntersection => stage == Stage::Intersection,
         Op::ExecuteCallable => traces || stage == Stage::Callable,

@@ -63,6 +63,7 @@ fn source(built_in: BuiltIn) -> Option<Source> {
         BuiltIn::BaseInstance => Source::Record(Builtin::BaseInstance),
         BuiltIn::DrawIndex => Source::Record(Builtin::DrawIndex),
         BuiltIn::ViewIndex => Source::Record(Builtin::ViewIndex),
+        BuiltIn::InvocationId => Source::Record(Builtin::InvocationId),
         BuiltIn::FragCoord => Source::Record(Builtin::FragCoord),
         BuiltIn::FrontFacing => Source::Record(Builtin::FrontFacing),
         BuiltIn::PointCoord => Source::Record(Builtin::PointCoord),

@@ -36,7 +36,7 @@ pub(super) struct Summary {
     size: usize,
     /// Per-lane variables of the module.
     variables: BTreeSet<Id>,
-    /// Suspends the wave.
+    /// Suspends the wave, or emits vertices: such a function is always lowered in place.
     yields: bool,
 }
 
@@ -214,7 +214,9 @@ impl Lowerer<'_> {
                     | Op::ExecuteCallableNV
                     | Op::ReportIntersectionKHR
                     | Op::RayQueryProceedKHR
-                    | Op::ControlBarrier => summary.yields = true,
+                    | Op::ControlBarrier
+                    | Op::EmitVertex
+                    | Op::EndPrimitive => summary.yields = true,
                     opcode if is_hit_object(opcode) => summary.yields = true,
                     Op::IgnoreIntersectionKHR
                     | Op::IgnoreIntersectionNV

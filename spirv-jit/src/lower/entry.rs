@@ -24,6 +24,7 @@ pub(super) fn find_entry<'a>(
         Stage::Miss => ExecutionModel::MissKHR,
         Stage::Callable => ExecutionModel::CallableKHR,
         Stage::Vertex => ExecutionModel::Vertex,
+        Stage::Geometry => ExecutionModel::Geometry,
         Stage::Fragment => ExecutionModel::Fragment,
     };
     let mut entries = parsed.entry_points.iter();

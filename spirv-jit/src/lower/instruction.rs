@@ -48,6 +48,7 @@ impl Lowerer<'_> {
             Op::BeginInvocationInterlockEXT | Op::EndInvocationInterlockEXT => {
                 self.b.emit_effect(ir::Op::MemoryBarrier, &[])
             }
+            Op::EmitVertex | Op::EndPrimitive => self.lower_emission(instruction.opcode),
             Op::DemoteToHelperInvocation => match self.request.stage {
                 Stage::Fragment => self.b.emit_effect(ir::Op::Demote, &[]),
                 _ => Ok(()),

@@ -34,6 +34,7 @@ impl Lowerer<'_> {
         self.output_rows = words + (self.request.stage == Stage::AnyHit) as u32;
         if self.is_rasterized() {
             self.declare_outputs()?;
+            self.declare_emission()?;
         }
         self.declare_ray_tmax()?;
         self.place_shared()?;
@@ -208,6 +209,11 @@ impl Lowerer<'_> {
 
     /// Ends the invocation with its output words.
     pub(super) fn end_invocation(&mut self, verdict: Verdict) -> Result<Terminator, Error> {
+        if let Some(emission) = &self.emission {
+            let count = ir::Op::VarLoad(emission.variable, 0);
+            let count = self.b.emit(count, &[], Type::I32)?;
+            return Ok(Terminator::End(vec![count]));
+        }
         if self.is_rasterized() {
             return self.output_words().map(Terminator::End);
         }

@@ -27,6 +27,7 @@ mod convert;
 mod debug_printf;
 mod define_constant;
 mod derivative;
+mod emission;
 mod entry;
 mod facts;
 mod flow;
@@ -66,6 +67,7 @@ use rspirv::spirv::{Op, StorageClass};
 use self::builder::Builder;
 use self::call::{Outlined, Summary};
 use self::constants::Constants;
+use self::emission::Emission;
 use self::frame::{Frame, OpenBody};
 use self::id_table::IdTable;
 use self::layout::Layout;
@@ -153,10 +155,11 @@ struct Lowerer<'a> {
     /// (`SPV_KHR_workgroup_memory_explicit_layout`).
     lays_out_shared: bool,
     output_rows: u32,
-    /// Of vertex and fragment stages: what each output word is, and the variables that they are of,
-    /// in order.
+    /// Of stages of drawing: what each output word is, and the variables that they are of, in order.
     outputs: Vec<OutputRow>,
     output_variables: Vec<Id>,
+    /// Of geometry stages.
+    emission: Option<Emission>,
     /// Input attachments are read.
     reads_attachments: bool,
     /// The contents of ray query objects after their fixed rows, in order.
@@ -210,6 +213,7 @@ impl<'a> Lowerer<'a> {
             output_rows: 0,
             outputs: Vec::new(),
             output_variables: Vec::new(),
+            emission: None,
             reads_attachments: false,
             query_words: ray_query::find_query_words(module),
             ray_tmax: None,
@@ -319,6 +323,7 @@ impl<'a> Lowerer<'a> {
         let is_compute = self.request.stage == Stage::Compute;
         let quads = is_compute && self.derivative_group() == Some(true);
         let fragment = self.fragment_facts();
+        let geometry = self.emission.as_ref().map(|emission| emission.facts);
         let builder = std::mem::replace(&mut self.b, Builder::new("", 0));
         let mut functions = vec![builder.finish(end)];
         functions.append(&mut self.functions);
@@ -329,6 +334,7 @@ impl<'a> Lowerer<'a> {
             query_words: self.query_words,
             output_rows: self.output_rows,
             outputs: self.outputs,
+            geometry,
             fragment,
             local_size,
             quads,

@@ -1,4 +1,4 @@
-//! Inputs and outputs of vertex and fragment shaders, word by word: locations, components,
+//! Inputs and outputs of the stages of drawing, word by word: locations, components,
 //! interpolation, and built-ins in variables or in members of blocks.
 //!
 //! A word's place follows from `Location` and `Component` alone, so that stages are compiled apart
@@ -24,6 +24,9 @@ use crate::parse::Id;
 /// Words of a stage's inputs or outputs, at most: far beyond any device's limit.
 const MAX_WORDS: usize = 1 << 12;
 
+/// Vertices of a primitive, at most: of a triangle with adjacency.
+const MAX_VERTICES: u32 = 6;
+
 /// One row of a variable's value, as a stage's interface has it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct InterfaceWord {
@@ -47,7 +50,7 @@ struct Interpolation {
     flat: bool,
     linear: bool,
     position: Position,
-    /// Of an element of a `PerVertexKHR` array.
+    /// Of an element of a `PerVertexKHR` array, or of a geometry shader's input.
     vertex: Option<u8>,
     index: u8,
 }
@@ -145,10 +148,24 @@ impl WordPlace {
     }
 }
 
+/// The output of vertices that a built-in of a geometry shader's input is.
+fn of_vertices(built_in: BuiltIn) -> Option<VaryingPlace> {
+    Some(match built_in {
+        BuiltIn::Position => VaryingPlace::Position,
+        BuiltIn::PointSize => VaryingPlace::PointSize,
+        BuiltIn::ClipDistance => VaryingPlace::ClipDistance,
+        BuiltIn::CullDistance => VaryingPlace::CullDistance,
+        _ => return None,
+    })
+}
+
 impl Lowerer<'_> {
     /// Whether inputs and outputs are those of the rasterizer's stages.
     pub(super) fn is_rasterized(&self) -> bool {
-        matches!(self.request.stage, Stage::Vertex | Stage::Fragment)
+        matches!(
+            self.request.stage,
+            Stage::Vertex | Stage::Geometry | Stage::Fragment
+        )
     }
 
     /// The contents of each row of a variable's value.
@@ -167,9 +184,22 @@ impl Lowerer<'_> {
         let how = self.interpolation(&find, None);
         let mut pointee = self.variables[&id].pointee;
         let mut words = Vec::new();
-        if let Some(built_in) = find(Decoration::BuiltIn).and_then(BuiltIn::from_u32) {
+        let built_in = find(Decoration::BuiltIn).and_then(BuiltIn::from_u32);
+        let mut vertices = None;
+        if let TypeKind::Array { element, count } = *self.types.kind(pointee)?
+            && self.is_per_vertex(id, element, built_in)
+        {
+            (pointee, vertices) = (element, Some(count));
+        }
+        let of_vertex = |vertex: u32| Interpolation {
+            vertex: vertices.map(|_| vertex.min(MAX_VERTICES - 1) as u8),
+            ..how
+        };
+        if let Some(built_in) = built_in {
             let rows = self.types.info(pointee)?.rows;
-            self.push_built_in(&mut words, built_in, rows, how)?;
+            for vertex in 0..vertices.unwrap_or(1) {
+                self.push_built_in(&mut words, built_in, rows, of_vertex(vertex))?;
+            }
             return Ok(words);
         }
         if !self.is_rasterized() {
@@ -180,24 +210,19 @@ impl Lowerer<'_> {
             shift: 0,
             component: find(Decoration::Component).unwrap_or(0),
         };
-        let mut vertices = None;
-        if let TypeKind::Array { element, count } = *self.types.kind(pointee)?
-            && self.is_per_vertex(id, element)
-        {
-            (pointee, vertices) = (element, Some(count));
-        }
         for vertex in 0..vertices.unwrap_or(1) {
-            let how = Interpolation {
-                vertex: vertices.map(|_| vertex.min(2) as u8),
-                ..how
-            };
-            self.place(&mut words, pointee, start, how)?;
+            self.place(&mut words, pointee, start, of_vertex(vertex))?;
         }
         Ok(words)
     }
 
-    /// Whether an array's elements are the values of a primitive's vertices (`PerVertexKHR`).
-    fn is_per_vertex(&self, id: Id, element: Id) -> bool {
+    /// Whether an array's elements are the values of a primitive's vertices: `PerVertexKHR`, and the
+    /// inputs of geometry shaders other than those of the whole primitive.
+    fn is_per_vertex(&self, id: Id, element: Id, built_in: Option<BuiltIn>) -> bool {
+        if self.request.stage == Stage::Geometry {
+            return self.variables[&id].class == StorageClass::Input
+                && built_in.is_none_or(|built_in| of_vertices(built_in).is_some());
+        }
         let annotations = &self.module.annotations;
         let decoration = Decoration::PerVertexKHR;
         annotations.id(id, decoration).is_some()
@@ -480,17 +505,20 @@ impl Lowerer<'_> {
         ty: Type,
         at: Evaluation,
     ) -> Result<Value, Error> {
-        if self.request.stage != Stage::Fragment {
-            return self.built_in_scalar(built_in, word, ty);
-        }
         let component = word.min(u32::from(u8::MAX)) as u8;
-        let distance = |place| {
+        let varying = |place| {
             InputRow::Varying(Varying {
                 place,
                 component,
                 mode: how.mode(Type::F32, at),
             })
         };
+        if self.request.stage != Stage::Fragment {
+            return match (of_vertices(built_in), how.vertex, ty) {
+                (Some(place), Some(_), Type::F32) => self.input(varying(place), ty),
+                _ => self.built_in_scalar(built_in, word, ty),
+            };
+        }
         let row = match built_in {
             BuiltIn::HelperInvocation => {
                 let volatile = self.module.annotations.id(variable, Decoration::Volatile);
@@ -503,8 +531,8 @@ impl Lowerer<'_> {
                     _ => self.bool_to_word(helper),
                 };
             }
-            BuiltIn::ClipDistance => distance(VaryingPlace::ClipDistance),
-            BuiltIn::CullDistance => distance(VaryingPlace::CullDistance),
+            BuiltIn::ClipDistance => varying(VaryingPlace::ClipDistance),
+            BuiltIn::CullDistance => varying(VaryingPlace::CullDistance),
             BuiltIn::BaryCoordKHR | BuiltIn::BaryCoordNoPerspKHR => {
                 InputRow::Barycentric(Barycentric {
                     vertex: component.min(2),
@@ -578,6 +606,9 @@ impl Lowerer<'_> {
                     BuiltIn::CullDistance => OutputRow::CullDistance(index),
                     BuiltIn::Layer => OutputRow::Layer,
                     BuiltIn::ViewportIndex => OutputRow::ViewportIndex,
+                    BuiltIn::PrimitiveId if self.request.stage == Stage::Geometry => {
+                        OutputRow::PrimitiveId
+                    }
                     BuiltIn::FragDepth => OutputRow::FragDepth,
                     BuiltIn::FragStencilRefEXT => OutputRow::FragStencilRef,
                     BuiltIn::SampleMask => OutputRow::SampleMask,

@@ -1,14 +1,18 @@
-//! Outputs of vertex shaders that are always zero say nothing: what reads one that is not there
+//! Outputs of vertices that are always zero say nothing: what reads one that is not there
 //! gets zero, distances of zero clip nothing, and layer and viewport are zero by themselves.
 //! Compilers declare all of `gl_PerVertex`, whether a shader writes it or not.
 
 use crate::ir::interface::OutputRow;
 use crate::ir::stage::Stage;
-use crate::ir::{Module, Op, Terminator};
+use crate::ir::{Module, Node, Op, Terminator, Value};
 
-/// Removes the words that are constants of zero wherever the invocation ends.
+/// Operands of an emission before its words.
+const BEFORE_WORDS: usize = 2;
+
+/// Removes the words that are constants of zero wherever an invocation ends with them or emits them.
 pub fn trim_outputs(module: &mut Module) {
-    if module.stage != Stage::Vertex {
+    let emits = module.stage == Stage::Geometry;
+    if module.stage != Stage::Vertex && !emits {
         return;
     }
     let mut kept: Vec<bool> = (module.outputs.iter())
@@ -21,23 +25,50 @@ pub fn trim_outputs(module: &mut Module) {
                 zero[inst.results[0].index()] = true;
             }
         });
+        let mut keep = |words: &[Value]| {
+            for (kept, word) in kept.iter_mut().zip(words) {
+                *kept |= !zero[word.index()];
+            }
+        };
+        if emits {
+            function.body.visit_insts(&mut |inst| {
+                if inst.op == Op::Emit {
+                    keep(&inst.args[BEFORE_WORDS..]);
+                }
+            });
+            continue;
+        }
         function.body.visit_bodies(&mut |body| {
             if let Terminator::End(args) = &body.end {
-                for (kept, arg) in kept.iter_mut().zip(args) {
-                    *kept |= !zero[arg.index()];
-                }
+                keep(args);
             }
         });
     }
+    let is_kept = |place: usize| kept.get(place) == Some(&true);
     for function in &mut module.functions {
         function.body.visit_bodies_mut(&mut |body| {
-            if let Terminator::End(args) = &mut body.end {
-                let mut keep = kept.iter();
-                args.retain(|_| keep.next() == Some(&true));
+            for node in &mut body.nodes {
+                if let Node::Inst(inst) = node
+                    && inst.op == Op::Emit
+                {
+                    let mut place = 0..;
+                    (inst.args).retain(|_| {
+                        let place = place.next().unwrap_or(0);
+                        place < BEFORE_WORDS || is_kept(place - BEFORE_WORDS)
+                    });
+                }
+            }
+            if let Terminator::End(args) = &mut body.end
+                && !emits
+            {
+                let mut place = 0..;
+                args.retain(|_| place.next().is_some_and(is_kept));
             }
         });
     }
-    let mut keep = kept.iter();
-    module.outputs.retain(|_| keep.next() == Some(&true));
-    module.output_rows = module.outputs.len() as u32;
+    let mut place = 0..;
+    module.outputs.retain(|_| place.next().is_some_and(is_kept));
+    if !emits {
+        module.output_rows = module.outputs.len() as u32;
+    }
 }

@@ -40,6 +40,10 @@ pub(crate) struct Plan {
     pub layout: StateLayout,
     /// `io` rows of the outputs: the first ones.
     output_rows: usize,
+    /// First row of emitted vertices, and rows for each of their words: one more than vertices, for
+    /// those past the last.
+    pub emitted: usize,
+    pub emitted_slots: usize,
     /// First private row of the state, and their count.
     pub private: usize,
     pub private_rows: usize,
@@ -103,6 +107,8 @@ pub(crate) fn plan(module: &Module) -> Result<Planned<'_>, Error> {
         plan: Plan {
             layout: StateLayout::default(),
             output_rows: module.output_rows as usize,
+            emitted: 0,
+            emitted_slots: 0,
             private: 0,
             private_rows: 0,
             live_rows: 0,
@@ -204,7 +210,12 @@ impl Planned<'_> {
         let control_words = CONTROL_WORDS + plan.masks.div_ceil(2);
         plan.layout.inputs = control_words.div_ceil(16);
         plan.layout.io = plan.layout.inputs + module.inputs.len();
-        plan.private = plan.layout.io + io_rows;
+        plan.emitted = plan.layout.io + io_rows;
+        plan.emitted_slots = match &module.geometry {
+            Some(facts) => facts.max_vertices as usize + 1,
+            None => 0,
+        };
+        plan.private = plan.emitted + plan.emitted_slots * (module.outputs.len() + 1);
     }
 }
 

@@ -111,6 +111,17 @@ impl Emitter<'_> {
                 plain(kernels::derivative(self.tier, &inst.op, ty), 0)
             }
             Op::LaneIndex => plain(memory::lane_index, 0),
+            Op::Emit => {
+                let emit = plain(
+                    self.kernel::<memory::Emit>(),
+                    self.code.operands.len() as u32,
+                );
+                self.list(&inst.args);
+                Instr {
+                    y: inst.args.len() as u32,
+                    ..emit
+                }
+            }
             Op::Demote => plain(control::demote, 0),
             Op::IsHelper => plain(control::is_helper, 0),
             Op::DebugPrintf(table) => return self.emit_print(*table, inst),

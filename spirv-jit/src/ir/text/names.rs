@@ -33,7 +33,7 @@ names!(Space, space_text, space_from_text:
 names!(Stage, stage_text, stage_from_text:
     Compute = "compute", RayGeneration = "ray_generation", Intersection = "intersection", AnyHit = "any_hit",
     ClosestHit = "closest_hit", Miss = "miss", Callable = "callable", Vertex = "vertex",
-    Fragment = "fragment");
+    Geometry = "geometry", Fragment = "fragment");
 
 names!(Builtin, builtin_text, builtin_from_text:
     LaunchId = "launch_id", WorkgroupId = "workgroup_id", LocalInvocationId = "local_invocation_id",
@@ -49,7 +49,8 @@ names!(Builtin, builtin_text, builtin_from_text:
     HitLssPositions = "hit_lss_positions", HitLssRadii = "hit_lss_radii",
     CurrentRayTime = "current_ray_time", ShaderRecordAddress = "shader_record_address",
     VertexIndex = "vertex_index", InstanceIndex = "instance_index", BaseVertex = "base_vertex",
-    BaseInstance = "base_instance", DrawIndex = "draw_index", ViewIndex = "view_index", FragCoord = "frag_coord",
+    BaseInstance = "base_instance", DrawIndex = "draw_index", ViewIndex = "view_index", InvocationId = "invocation_id",
+    FragCoord = "frag_coord",
     FrontFacing = "front_facing", PointCoord = "point_coord", SampleId = "sample_id",
     SamplePosition = "sample_position", SampleMask = "sample_mask", Layer = "layer",
     ViewportIndex = "viewport_index", AttachmentLayer = "attachment_layer", SampleCount = "sample_count",

@@ -229,6 +229,7 @@ impl<'a> Parser<'a> {
             query_words: Vec::new(),
             output_rows: 0,
             outputs: Vec::new(),
+            geometry: None,
             fragment: None,
             local_size: [1; 3],
             quads: false,
@@ -259,6 +260,15 @@ impl<'a> Parser<'a> {
                     let row = word.parse();
                     let row = row.map_err(|()| format!("`{word}` is not an output row"))?;
                     module.outputs.push(row);
+                    if !self.accept(',') {
+                        break;
+                    }
+                },
+                "geometry" => loop {
+                    let word = self.word("a fact")?;
+                    if !module.geometry.get_or_insert_default().set(word) {
+                        return Err(format!("`{word}` is not a fact of geometry shaders"));
+                    }
                     if !self.accept(',') {
                         break;
                     }

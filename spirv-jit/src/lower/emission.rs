@@ -1,0 +1,99 @@
+//! Vertices that geometry shaders emit.
+
+use rspirv::spirv::{ExecutionMode, Op};
+
+use super::{Lowerer, budget};
+use crate::Error;
+use crate::ir::interface::{Emits, GeometryFacts};
+use crate::ir::stage::Stage;
+use crate::ir::{self, Type, VariableId};
+
+/// Rows of emitted vertices: far beyond any device's limit.
+const MAX_ROWS: u64 = 1 << 14;
+
+/// How a geometry shader emits.
+pub(super) struct Emission {
+    pub facts: GeometryFacts,
+    /// The number of vertices so far, and whether the next one starts a strip.
+    pub variable: VariableId,
+}
+
+impl Lowerer<'_> {
+    /// Of a geometry shader with known outputs: each vertex takes all of them, and the invocation
+    /// leaves their number.
+    pub(super) fn declare_emission(&mut self) -> Result<(), Error> {
+        if self.request.stage != Stage::Geometry {
+            return Ok(());
+        }
+        let facts = self.geometry_facts()?;
+        let words = self.outputs.len() as u64 + 1;
+        if (u64::from(facts.max_vertices) + 1).saturating_mul(words) > MAX_ROWS {
+            return Err(budget("a geometry shader emits too many vertices"));
+        }
+        self.output_rows = 1;
+        let variable = self.new_rows("emitted", 2)?;
+        let (zero, one) = (self.b.i32(0), self.b.i32(1));
+        self.store_rows(variable, &[zero, one])?;
+        self.emission = Some(Emission { facts, variable });
+        Ok(())
+    }
+
+    fn geometry_facts(&self) -> Result<GeometryFacts, Error> {
+        let mut facts = GeometryFacts {
+            invocations: 1,
+            ..GeometryFacts::default()
+        };
+        let mut emits = None;
+        for &index in &self.module.execution_modes {
+            let operands = self.module.operands(self.module.instruction(index));
+            let &[function, mode, ref numbers @ ..] = operands else {
+                continue;
+            };
+            if function != self.entry.function {
+                continue;
+            }
+            let number = numbers.first().copied().unwrap_or(0);
+            match ExecutionMode::from_u32(mode) {
+                Some(ExecutionMode::InputPoints) => facts.vertices = 1,
+                Some(ExecutionMode::InputLines) => facts.vertices = 2,
+                Some(ExecutionMode::InputLinesAdjacency) => facts.vertices = 4,
+                Some(ExecutionMode::Triangles) => facts.vertices = 3,
+                Some(ExecutionMode::InputTrianglesAdjacency) => facts.vertices = 6,
+                Some(ExecutionMode::OutputPoints) => emits = Some(Emits::Points),
+                Some(ExecutionMode::OutputLineStrip) => emits = Some(Emits::LineStrips),
+                Some(ExecutionMode::OutputTriangleStrip) => emits = Some(Emits::TriangleStrips),
+                Some(ExecutionMode::Invocations) => facts.invocations = number,
+                Some(ExecutionMode::OutputVertices) => facts.max_vertices = number,
+                _ => {}
+            }
+        }
+        match emits {
+            Some(emits) if facts.vertices != 0 => Ok(GeometryFacts { emits, ..facts }),
+            _ => Err(self
+                .b
+                .invalid("a geometry shader lacks its kinds of primitives")),
+        }
+    }
+
+    /// `OpEmitVertex` and `OpEndPrimitive`.
+    pub(super) fn lower_emission(&mut self, opcode: Op) -> Result<(), Error> {
+        let Some(emission) = &self.emission else {
+            return Err(self.b.invalid("only geometry shaders emit vertices"));
+        };
+        let (variable, most) = (emission.variable, emission.facts.max_vertices);
+        let one = self.b.i32(1);
+        if opcode == Op::EndPrimitive {
+            let starts = ir::Op::VarStore(variable, 1);
+            return self.b.emit_effect(starts, &[one]);
+        }
+        let mut words = self.load_rows(variable, &[Type::I32; 2])?;
+        let vertex = words[0];
+        words.extend(self.output_words()?);
+        self.b.emit_effect(ir::Op::Emit, &words)?;
+        let next = self.b.binary(ir::Op::IAdd, vertex, one)?;
+        let most = self.b.i32(most);
+        let next = self.b.binary(ir::Op::UMin, next, most)?;
+        let zero = self.b.i32(0);
+        self.store_rows(variable, &[next, zero])
+    }
+}
