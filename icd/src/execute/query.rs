@@ -66,8 +66,14 @@ impl<'a> ActiveQuery<'a> {
                 Statistic::VERTEX_SHADER_INVOCATIONS,
                 of(&counters.vertex_invocations),
             ),
-            (Statistic::GEOMETRY_SHADER_INVOCATIONS, 0),
-            (Statistic::GEOMETRY_SHADER_PRIMITIVES, 0),
+            (
+                Statistic::GEOMETRY_SHADER_INVOCATIONS,
+                of(&counters.geometry_invocations),
+            ),
+            (
+                Statistic::GEOMETRY_SHADER_PRIMITIVES,
+                of(&counters.geometry_primitives),
+            ),
             (
                 Statistic::CLIPPING_INVOCATIONS,
                 of(&counters.clipping_invocations),

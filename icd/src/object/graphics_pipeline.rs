@@ -11,7 +11,7 @@ use super::dynamic_state::{DynamicStates, Parts};
 use super::graphics_state::GraphicsState;
 
 /// The stages of drawing, in the order in which they run.
-const STAGES: [Stage; 2] = [Stage::Vertex, Stage::Fragment];
+const STAGES: [Stage; 3] = [Stage::Vertex, Stage::Geometry, Stage::Fragment];
 
 /// The programs of a bound graphics pipeline or of bound shader objects, by stage. Without a
 /// fragment program a draw writes depth and stencil alone.
@@ -41,6 +41,10 @@ impl Stages {
 
     pub fn vertex(&self) -> Option<&Program> {
         self.of(Stage::Vertex).map(|program| &**program)
+    }
+
+    pub fn geometry(&self) -> Option<&Program> {
+        self.of(Stage::Geometry).map(|program| &**program)
     }
 
     pub fn fragment(&self) -> Option<&Program> {

@@ -37,7 +37,7 @@ pub use primitive::Chunk;
 /// Draws and clears of a batch, at most.
 pub const BATCH_DRAWS: usize = 4096;
 
-/// Primitives of a chunk, at most.
+/// Primitives of a job, at most: of its chunk, too, but for those that a geometry shader makes.
 pub const CHUNK_PRIMITIVES: usize = 1024;
 
 /// Chunks between two phases of tiles, at most: what bins may take follows from the count alone.
@@ -130,6 +130,8 @@ pub struct Counters {
     pub input_vertices: AtomicU64,
     pub input_primitives: AtomicU64,
     pub vertex_invocations: AtomicU64,
+    pub geometry_invocations: AtomicU64,
+    pub geometry_primitives: AtomicU64,
     pub clipping_invocations: AtomicU64,
     pub clipping_primitives: AtomicU64,
     pub fragment_invocations: AtomicU64,

@@ -5,7 +5,7 @@
 //! primitive are made of. Clipping changes coverage only: the shapes of a clipped primitive share
 //! one record, whose planes come from the original vertices.
 
-use super::TILE;
+use super::{CHUNK_PRIMITIVES, TILE};
 
 /// Where `a * x + b * y + c >= 0`, in fixed-point units. The rule of top and left edges is part of
 /// `c`: exactly one of two triangles that share an edge holds a sample on it.
@@ -92,8 +92,7 @@ pub struct Record {
     pub point_coord: [Plane; 2],
 }
 
-/// Up to [`CHUNK_PRIMITIVES`](super::CHUNK_PRIMITIVES) primitives in order, of one or several
-/// consecutive draws, or one clear.
+/// Primitives of one job in order, of one or several consecutive draws, or one clear.
 #[derive(Default)]
 pub struct Chunk {
     /// A clear instead of primitives: its index in the batch's work.
@@ -110,9 +109,18 @@ pub struct Chunk {
 }
 
 impl Chunk {
-    /// Bytes of its lists whose length does not follow from the number of primitives.
+    /// Bytes of its lists whose length does not follow from the number of primitives, and of all of
+    /// them where a geometry shader made more than a job has.
     pub fn list_bytes(&self) -> usize {
-        size_of_val(&*self.pixels) + size_of_val(&*self.bins.shapes)
+        let made = match self.records.len() > CHUNK_PRIMITIVES {
+            true => {
+                size_of_val(&*self.records)
+                    + size_of_val(&*self.shapes)
+                    + size_of_val(&*self.outputs)
+            }
+            false => 0,
+        };
+        made + size_of_val(&*self.pixels) + size_of_val(&*self.bins.shapes)
     }
 }
 

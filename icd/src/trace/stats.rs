@@ -74,6 +74,7 @@ fn stage_name(program: &Program) -> &'static str {
         Stage::Miss => "miss",
         Stage::Callable => "callable",
         Stage::Vertex => "vertex",
+        Stage::Geometry => "geometry",
         Stage::Fragment => "fragment",
         _ => "compute",
     }

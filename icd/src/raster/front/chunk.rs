@@ -2,35 +2,26 @@
 
 use std::sync::atomic::Ordering;
 
-use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::image::format::Numeric;
 use spirv_jit::reach::Reach;
+use spirv_jit::{Program, SUBGROUP_SIZE};
 
 use super::bins;
 use super::cut::{Job, Span};
 use super::facts::{DepthFormat, Facts};
 use super::fetch::{Common, Fetch, Vertex};
+use super::geometry::{Geometry, Input, emitted_topology};
 use super::indices::Indices;
 use super::outputs::OutputPlaces;
 use super::project::Projection;
 use super::screen::{ScreenVertex, code};
 use super::set_up::{Corners, Primitive, SetUp};
-use super::topology::{self, Kind};
+use super::topology::{self, Assembled, Kind};
 use super::vertices::{Shaded, Unique, shade};
 use crate::compute::waves::Runner;
 use crate::raster::primitive::Grid;
-use crate::raster::{Chunk, Draw, Targets, Work};
+use crate::raster::{Chunk, Draw, DrawCall, Targets, Work};
 use crate::wave::{Limits, Stopped};
-
-/// A primitive before its vertices are shaded.
-#[derive(Clone, Copy, Debug)]
-struct Assembled {
-    /// Places of its vertices in the run.
-    vertices: [u32; 3],
-    primitive_id: u32,
-    common: u32,
-    provoking: u8,
-}
 
 /// A worker's memory.
 #[derive(Default)]
@@ -40,6 +31,11 @@ pub struct Worker {
     vertices: Vec<Vertex>,
     commons: Vec<Common>,
     primitives: Vec<Assembled>,
+    /// Of a draw with a geometry shader: the vertices of each input primitive, as many as it takes,
+    /// the words of all vertices, and its input.
+    corners: Vec<u32>,
+    words: Vec<u32>,
+    inputs: Vec<Assembled>,
     on_screen: Vec<ScreenVertex>,
 }
 
@@ -119,7 +115,12 @@ impl Worker {
                 volume: &facts.volume,
                 places: &places,
             });
+        let geometry = (last.geometry()).map(|it| {
+            let provokes_last = draw.state.rasterization.provoking_last;
+            Geometry::new(last, it, vertex, &places, provokes_last)
+        });
         self.on_screen.clear();
+        self.words.clear();
         (self
             .on_screen
             .try_reserve(self.vertices.len() + SUBGROUP_SIZE))
@@ -129,6 +130,10 @@ impl Worker {
         let first = &spans[0];
         let order = u64::from(first.start) << 32 | u64::from(first.primitives.start);
         self.runner.set_order(order);
+        let (words, projected) = match &geometry {
+            None => (&mut chunk.outputs, projection),
+            Some(_) => (&mut self.words, None),
+        };
         shade(
             &mut self.runner,
             vertex,
@@ -137,8 +142,8 @@ impl Worker {
             round.limits,
             &self.vertices,
             &self.commons,
-            projection,
-            &mut chunk.outputs,
+            projected,
+            words,
             &mut self.on_screen,
         )?;
         for counters in &draw.counters {
@@ -147,6 +152,9 @@ impl Worker {
                 .vertex_invocations
                 .fetch_add(invocations, Ordering::Relaxed);
         }
+        if let Some(geometry) = &geometry {
+            self.emit(round, draw, geometry, projection, &mut chunk.outputs)?;
+        }
         if facts.discard && draw.counters.is_empty() {
             return Ok(());
         }
@@ -154,12 +162,58 @@ impl Worker {
         self.set_up(round, draw, spans[0].draw, &facts, shaded, chunk)
     }
 
+    /// Replaces the primitives by those that a geometry shader makes of them.
+    fn emit(
+        &mut self,
+        round: &Round<'_>,
+        draw: &Draw,
+        geometry: &Geometry<'_>,
+        projection: Option<Projection<'_>>,
+        outputs: &mut Vec<u32>,
+    ) -> Result<(), Stopped> {
+        std::mem::swap(&mut self.primitives, &mut self.inputs);
+        self.primitives.clear();
+        let first_word = outputs.len();
+        let input = Input {
+            words: &self.words,
+            corners: &self.corners,
+            primitives: &self.inputs,
+            commons: &self.commons,
+        };
+        geometry.run(
+            &mut self.runner,
+            &draw.environment,
+            round.limits,
+            &input,
+            outputs,
+            &mut self.primitives,
+        )?;
+        if let Some(projection) = projection {
+            projection.add_all(&outputs[first_word..], &mut self.on_screen)?;
+        }
+        for counters in &draw.counters {
+            counters
+                .geometry_invocations
+                .fetch_add(geometry.invocations(self.inputs.len()), Ordering::Relaxed);
+            counters
+                .geometry_primitives
+                .fetch_add(self.primitives.len() as u64, Ordering::Relaxed);
+        }
+        // Without any output there is no position.
+        if outputs.len() == first_word {
+            self.primitives.clear();
+        }
+        Ok(())
+    }
+
     /// Lists the primitives of spans, and the vertices that they need.
     fn assemble(&mut self, round: &Round<'_>, draw: &Draw, spans: &[Span]) {
         self.vertices.clear();
         self.commons.clear();
         self.primitives.clear();
+        self.corners.clear();
         let topology = draw.state.topology;
+        let geometry = draw.stages.geometry().and_then(Program::geometry);
         let last = draw.state.rasterization.provoking_last;
         let indices = draw
             .indices
@@ -197,6 +251,26 @@ impl Worker {
             }
             let ids = (span.first_id..).zip(span.primitives.clone());
             for (primitive_id, primitive) in ids {
+                if let Some(facts) = geometry {
+                    let of_segment = span.of_segment;
+                    let (places, count) = topology::corners(topology, primitive, of_segment, last);
+                    // A topology that does not fit the shader lacks vertices.
+                    for corner in 0..facts.vertices as usize {
+                        let place = places[corner.min(count - 1)];
+                        let corner = match &run {
+                            Some(run) => base + (place - run.start),
+                            None => self.vertex(start, place, indices.as_ref(), call, common),
+                        };
+                        self.corners.push(corner);
+                    }
+                    self.primitives.push(Assembled {
+                        vertices: [0; 3],
+                        primitive_id,
+                        common,
+                        provoking: 0,
+                    });
+                    continue;
+                }
                 let places = topology::vertices(topology, primitive, last);
                 let vertices = match &run {
                     Some(run) => places.map(|place| base + (place - run.start)),
@@ -204,18 +278,7 @@ impl Worker {
                         // No closure: it would be called.
                         let mut vertices = places;
                         for vertex in &mut vertices {
-                            let place = start + u64::from(*vertex);
-                            let index = match &indices {
-                                Some(indices) => {
-                                    indices.at(place).wrapping_add(call.vertex_offset as u32)
-                                }
-                                None => place as u32,
-                            };
-                            let new = self.vertices.len() as u32;
-                            *vertex = self.unique.place(index, new);
-                            if *vertex == new {
-                                self.vertices.push(Vertex { index, common });
-                            }
+                            *vertex = self.vertex(start, *vertex, indices.as_ref(), call, common);
                         }
                         vertices
                     }
@@ -228,6 +291,29 @@ impl Worker {
                 });
             }
         }
+    }
+
+    /// The place in the run of a vertex of a segment.
+    #[inline(always)]
+    fn vertex(
+        &mut self,
+        start: u64,
+        place: u32,
+        indices: Option<&Indices>,
+        call: &DrawCall,
+        common: u32,
+    ) -> u32 {
+        let place = start + u64::from(place);
+        let index = match indices {
+            Some(indices) => indices.at(place).wrapping_add(call.vertex_offset as u32),
+            None => place as u32,
+        };
+        let new = self.vertices.len() as u32;
+        let found = self.unique.place(index, new);
+        if found == new {
+            self.vertices.push(Vertex { index, common });
+        }
+        found
     }
 
     /// Makes records and shapes of the primitives.
@@ -262,8 +348,10 @@ impl Worker {
             clipped: 0,
         };
         let has_views = round.targets.view_mask != 0;
-        let kind = topology::kind(draw.state.topology);
-        let continues = topology::is_line_strip(draw.state.topology);
+        let geometry = draw.stages.geometry().and_then(Program::geometry);
+        let topology = geometry.map_or(draw.state.topology, emitted_topology);
+        let kind = topology::kind(topology);
+        let continues = topology::is_line_strip(topology);
         // Of filled triangles: what needs a closer look.
         let harmful = facts
             .harmless_codes()

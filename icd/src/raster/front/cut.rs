@@ -7,11 +7,12 @@
 use std::ops::Range;
 use std::sync::atomic::Ordering;
 
+use spirv_jit::Program;
 use spirv_jit::reach::Reach;
 
+use super::geometry;
 use super::indices::Indices;
 use super::topology::{self, is_line_strip};
-use crate::object::graphics_state::GraphicsState;
 use crate::raster::{CHUNK_PRIMITIVES, Counters, Draw, DrawCall, Work};
 use crate::wave::{Limits, Stopped};
 
@@ -39,8 +40,9 @@ pub struct Span {
     pub view: u32,
     /// The segment's first vertex, counted from the call's.
     pub start: u32,
-    /// Primitives of the segment.
+    /// Primitives of the segment, and how many it has.
     pub primitives: Range<u32>,
+    pub of_segment: u32,
     /// `PrimitiveId` of the first of them.
     pub first_id: u32,
 }
@@ -53,6 +55,8 @@ pub struct Job {
     pub spans: Vec<Span>,
     /// Primitives of all spans.
     pub primitives: u32,
+    /// Some of them run a geometry shader, which may make many of each.
+    pub amplifies: bool,
 }
 
 /// How far the cutting has come.
@@ -127,7 +131,7 @@ impl Cutter<'_> {
         let state = &draw.state;
         let topology = state.topology;
         let views = self.view_mask.count_ones().max(1);
-        let longest = longest(state);
+        let longest = longest(draw);
         let indices = draw
             .indices
             .as_ref()
@@ -192,8 +196,10 @@ impl Cutter<'_> {
                 view: view_number(self.view_mask, cursor.view),
                 start: cursor.start as u32,
                 primitives: cursor.primitive..cursor.primitive + taken,
+                of_segment: count,
                 first_id: cursor.id,
             });
+            job.amplifies |= draw.stages.geometry().is_some();
             cursor.primitive += taken;
             cursor.id = cursor.id.wrapping_add(taken);
             job.primitives += taken;
@@ -243,11 +249,14 @@ impl Cutter<'_> {
     }
 }
 
-/// Primitives of a job with a draw of that state, at most.
-fn longest(state: &GraphicsState) -> u32 {
+/// Primitives of a job with a draw, at most.
+fn longest(draw: &Draw) -> u32 {
+    let state = &draw.state;
     let rasterization = &state.rasterization;
     let bresenham = ash::vk::LineRasterizationModeEXT::BRESENHAM;
-    if rasterization.line_stipple && is_line_strip(state.topology) {
+    if let Some(facts) = draw.stages.geometry().and_then(Program::geometry) {
+        geometry::longest(facts).min(CHUNK_PRIMITIVES as u32)
+    } else if rasterization.line_stipple && is_line_strip(state.topology) {
         STIPPLED_PRIMITIVES
     } else if rasterization.line_mode == bresenham || rasterization.line_stipple {
         LISTED_PRIMITIVES

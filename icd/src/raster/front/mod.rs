@@ -4,6 +4,7 @@
 //! batch ──cut──> jobs (in order, one thread) ──> chunks (any worker, any job), a round of them at a time
 //!                                                  assemble: indices, topology, each vertex once
 //!                                                  vertices: attributes, waves of the vertex shader, outputs
+//!                                                  geometry: what a geometry shader makes of the primitives
 //!                                                  set_up: clip, snap, cull, edges, planes
 //!                                                  bins
 //! ```
@@ -18,6 +19,7 @@ mod clip;
 mod cut;
 mod facts;
 mod fetch;
+mod geometry;
 mod indices;
 mod line;
 mod outputs;
@@ -127,7 +129,8 @@ impl FrontEnd {
             Ok(chunk)
         };
         let primitives: u32 = jobs.iter().map(|job| job.primitives).sum();
-        let chunks: Vec<Chunk> = if jobs.len() == 1 || primitives <= FEW_PRIMITIVES {
+        let are_few = primitives <= FEW_PRIMITIVES && !jobs.iter().any(|job| job.amplifies);
+        let chunks: Vec<Chunk> = if jobs.len() == 1 || are_few {
             jobs.iter().map(make).collect::<Result<_, _>>()?
         } else {
             context

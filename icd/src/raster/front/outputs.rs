@@ -20,13 +20,14 @@ pub struct OutputPlaces {
     pub has_distances: bool,
     pub layer: Option<u16>,
     pub viewport: Option<u16>,
+    pub primitive_id: Option<u16>,
 }
 
 impl OutputPlaces {
-    /// Of a vertex program.
+    /// Of the last program before rasterization.
     pub fn new(program: &Program) -> Self {
         let mut places = Self {
-            words: program.output_rows() as usize,
+            words: program.outputs().len(),
             ..Self::default()
         };
         for (row, output) in (0u16..).zip(program.outputs()) {
@@ -46,6 +47,7 @@ impl OutputPlaces {
                 OutputRow::CullDistance(index) => distance(&mut places.cull, index),
                 OutputRow::Layer => places.layer = Some(row),
                 OutputRow::ViewportIndex => places.viewport = Some(row),
+                OutputRow::PrimitiveId => places.primitive_id = Some(row),
                 _ => {}
             }
         }

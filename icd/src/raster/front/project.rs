@@ -6,6 +6,7 @@ use spirv_jit::program::AlignedRow;
 
 use super::outputs::OutputPlaces;
 use super::screen::{Screen, ScreenVertex, Volume, project};
+use crate::wave::Stopped;
 
 /// A viewport for all vertices.
 #[derive(Clone, Copy)]
@@ -59,6 +60,44 @@ impl Projection<'_> {
             None => &[0; SUBGROUP_SIZE],
         };
         let rows = [row(0), row(1), row(2), row(3)];
+        let word = |place, lane: usize| outputs[usize::from(place)].0[lane];
+        self.add_lanes(rows, count, word, on_screen);
+    }
+
+    /// Adds vertices by their words, one vertex behind the other.
+    ///
+    /// # Errors
+    /// When there is no memory for them.
+    pub fn add_all(&self, words: &[u32], on_screen: &mut Vec<ScreenVertex>) -> Result<(), Stopped> {
+        if self.places.words == 0 {
+            return Ok(());
+        }
+        let count = words.len() / self.places.words;
+        (on_screen.try_reserve(count + SUBGROUP_SIZE)).map_err(|_| Stopped::OutOfMemory)?;
+        for words in words.chunks(self.places.words * SUBGROUP_SIZE) {
+            let count = words.len() / self.places.words;
+            let word =
+                |place: u16, lane: usize| words[lane * self.places.words + usize::from(place)];
+            let rows = self.places.position.map(|place| {
+                std::array::from_fn(|lane| match place {
+                    Some(place) if lane < count => word(place, lane),
+                    _ => 0,
+                })
+            });
+            self.add_lanes(rows.each_ref(), count, word, on_screen);
+        }
+        Ok(())
+    }
+
+    /// Adds the first `count` vertices of sixteen, by their positions and by their other words.
+    #[inline(always)]
+    fn add_lanes(
+        &self,
+        rows: [&Row; 4],
+        count: usize,
+        word: impl Fn(u16, usize) -> u32,
+        on_screen: &mut Vec<ScreenVertex>,
+    ) {
         // In their place at once: words just written cannot be read in vectors without a stall.
         let first = on_screen.len();
         on_screen.resize(first + SUBGROUP_SIZE, ScreenVertex::default());
@@ -66,9 +105,7 @@ impl Projection<'_> {
         project_lanes(Tier::best(), self.screen, self.volume, rows, vertices);
         if self.places.has_distances {
             for (lane, vertex) in vertices[..count].iter_mut().enumerate() {
-                vertex.code |= self
-                    .places
-                    .distance_codes(|place| outputs[usize::from(place)].0[lane]);
+                vertex.code |= self.places.distance_codes(|place| word(place, lane));
             }
         }
         on_screen.truncate(first + count);

@@ -13,7 +13,7 @@ use crate::compute::waves::{Runner, Subgroups, subgroups_at_once};
 use crate::wave::{Limits, Stopped};
 
 /// Subgroups that run together, at most: their states stay in a cache.
-const SUBGROUPS: usize = 16;
+pub const SUBGROUPS: usize = 16;
 
 /// Entries of [`Unique`]: more than twice the vertices of a chunk.
 const ENTRIES: usize = 8192;

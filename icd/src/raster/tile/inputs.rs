@@ -3,9 +3,7 @@
 
 use smallvec::SmallVec;
 use spirv_jit::Program;
-use spirv_jit::program::{
-    Builtin, InputRow, OutputRow, Passed, Position, Varying, VaryingMode, VaryingPlace,
-};
+use spirv_jit::program::{Builtin, InputRow, Passed, Position, Varying, VaryingMode};
 
 use super::interpolation::number;
 use super::samples::MAX_SAMPLES;
@@ -232,15 +230,7 @@ impl Inputs {
 
 /// The word that a varying comes from; none where the stage before does not write it.
 fn word_of(before: Option<&Program>, varying: &Varying) -> Option<u32> {
-    let wanted = match varying.place {
-        VaryingPlace::Location(location) => OutputRow::Location {
-            location,
-            component: varying.component,
-            index: 0,
-        },
-        VaryingPlace::ClipDistance => OutputRow::ClipDistance(varying.component),
-        VaryingPlace::CullDistance => OutputRow::CullDistance(varying.component),
-    };
+    let wanted = varying.output();
     let index = before?.outputs().iter().position(|row| *row == wanted)?;
     Some(index as u32)
 }

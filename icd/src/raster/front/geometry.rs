@@ -1,0 +1,234 @@
+//! Geometry shaders: from primitives of shaded vertices to the primitives that invocations emit, in
+//! order of input primitive, invocation and emission.
+
+use ash::vk::PrimitiveTopology as Topology;
+use lanes::LaneMask;
+use spirv_jit::environment::Environment;
+use spirv_jit::program::{AlignedRow, Builtin, Emits, GeometryFacts, InputRow};
+use spirv_jit::{Program, SUBGROUP_SIZE};
+
+use super::fetch::Common;
+use super::outputs::OutputPlaces;
+use super::topology::{self, Assembled};
+use super::vertices::SUBGROUPS;
+use crate::compute::waves::{Runner, Subgroups, subgroups_at_once};
+use crate::wave::{Limits, Stopped};
+
+/// Vertices that the primitives of a job may become, at most, unless a single one may become more.
+const JOB_VERTICES: u32 = 8192;
+
+/// Primitives of a job, at most, of which each runs a geometry program.
+pub fn longest(facts: &GeometryFacts) -> u32 {
+    let each = facts.invocations.saturating_mul(facts.max_vertices);
+    (JOB_VERTICES / each.max(1)).max(1)
+}
+
+/// The topology of each strip that a geometry program emits.
+pub fn emitted_topology(facts: &GeometryFacts) -> Topology {
+    match facts.emits {
+        Emits::Points => Topology::POINT_LIST,
+        Emits::LineStrips => Topology::LINE_STRIP,
+        Emits::TriangleStrips => Topology::TRIANGLE_STRIP,
+    }
+}
+
+/// The source of an input row.
+#[derive(Clone, Copy)]
+enum Fill {
+    /// A word of a vertex of the primitive.
+    Vertex {
+        vertex: usize,
+        word: usize,
+    },
+    PrimitiveId,
+    InvocationId,
+    View,
+    Zero,
+}
+
+/// The primitives that a geometry program runs for.
+pub struct Input<'a> {
+    /// Outputs of the vertices, one behind the other.
+    pub words: &'a [u32],
+    /// The vertices of all primitives, as many each as the program takes.
+    pub corners: &'a [u32],
+    /// Their identities.
+    pub primitives: &'a [Assembled],
+    pub commons: &'a [Common],
+}
+
+/// A geometry program behind a vertex program.
+pub struct Geometry<'a> {
+    program: &'a Program,
+    facts: GeometryFacts,
+    fills: Vec<Fill>,
+    /// Words of a vertex of its input.
+    stride: usize,
+    places: &'a OutputPlaces,
+    /// The last vertex of a primitive is its provoking one.
+    last: bool,
+}
+
+impl<'a> Geometry<'a> {
+    /// Links a program to the outputs of the vertex program; `places` are of its own outputs.
+    pub fn new(
+        program: &'a Program,
+        facts: &GeometryFacts,
+        vertex: &Program,
+        places: &'a OutputPlaces,
+        last: bool,
+    ) -> Self {
+        let fill = |row: &InputRow| match *row {
+            InputRow::Varying(varying) => {
+                let wanted = varying.output();
+                match vertex.outputs().iter().position(|row| *row == wanted) {
+                    Some(word) => Fill::Vertex {
+                        vertex: varying.vertex().into(),
+                        word,
+                    },
+                    None => Fill::Zero,
+                }
+            }
+            InputRow::Builtin(Builtin::PrimitiveId, _) => Fill::PrimitiveId,
+            InputRow::Builtin(Builtin::InvocationId, _) => Fill::InvocationId,
+            InputRow::Builtin(Builtin::ViewIndex, _) => Fill::View,
+            _ => Fill::Zero,
+        };
+        Self {
+            program,
+            facts: *facts,
+            fills: program.inputs().iter().map(fill).collect(),
+            stride: vertex.outputs().len(),
+            places,
+            last,
+        }
+    }
+
+    /// Invocations for so many primitives.
+    pub fn invocations(&self, primitives: usize) -> u64 {
+        primitives as u64 * u64::from(self.facts.invocations)
+    }
+
+    /// Runs the invocations of all primitives. Appends the vertices' words to `outputs`, and
+    /// primitives of vertices that are counted from the first appended one.
+    ///
+    /// # Errors
+    /// When a limit stopped it.
+    pub fn run(
+        &self,
+        runner: &mut Runner,
+        environment: &Environment,
+        limits: &Limits,
+        input: &Input<'_>,
+        outputs: &mut Vec<u32>,
+        primitives: &mut Vec<Assembled>,
+    ) -> Result<(), Stopped> {
+        let first_word = outputs.len();
+        let invocations = input.primitives.len() * self.facts.invocations as usize;
+        let at_once = subgroups_at_once(self.program).min(SUBGROUPS) * SUBGROUP_SIZE;
+        for first in (0..invocations).step_by(at_once) {
+            let end = invocations.min(first + at_once);
+            let lanes_of = |first: usize| first..end.min(first + SUBGROUP_SIZE);
+            let starts = (first..end).step_by(SUBGROUP_SIZE);
+            runner.begin(self.program, Subgroups::apart(starts.len()), limits)?;
+            for (state, first) in runner.states().zip(starts.clone()) {
+                let lanes = lanes_of(first);
+                self.program.start(state, LaneMask::full(lanes.len()));
+                self.fill(state, lanes, input);
+            }
+            runner.run(self.program, environment, limits)?;
+            for (state, first) in runner.states().zip(starts) {
+                for (lane, invocation) in lanes_of(first).enumerate() {
+                    let from = &input.primitives[invocation / self.facts.invocations as usize];
+                    self.collect(state, lane, from, first_word, outputs, primitives)?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Fills the inputs of a subgroup's state, for those invocations.
+    fn fill(&self, state: &mut [AlignedRow], lanes: std::ops::Range<usize>, input: &Input<'_>) {
+        let rows = &mut state[self.program.layout().inputs..];
+        let each = self.facts.invocations as usize;
+        let size = self.facts.vertices as usize;
+        // The primitive of each lane, and its invocation.
+        let mut at = [(0, 0); SUBGROUP_SIZE];
+        for (at, invocation) in at.iter_mut().zip(lanes.clone()) {
+            *at = (invocation / each, (invocation % each) as u32);
+        }
+        let at = &at[..lanes.len()];
+        for (row, fill) in rows.iter_mut().zip(&self.fills) {
+            let row = row.0.iter_mut().zip(at);
+            match *fill {
+                Fill::Vertex { vertex, word } => row.for_each(|(to, &(primitive, _))| {
+                    let vertex = input.corners[primitive * size + vertex] as usize;
+                    *to = input.words[vertex * self.stride + word];
+                }),
+                Fill::PrimitiveId => row.for_each(|(to, &(primitive, _))| {
+                    *to = input.primitives[primitive].primitive_id;
+                }),
+                Fill::InvocationId => row.for_each(|(to, &(_, invocation))| *to = invocation),
+                Fill::View => row.for_each(|(to, &(primitive, _))| {
+                    let common = input.primitives[primitive].common;
+                    *to = input.commons[common as usize].view;
+                }),
+                Fill::Zero => row.for_each(|(to, _)| *to = 0),
+            }
+        }
+    }
+
+    /// Appends the vertices and the primitives of an invocation.
+    fn collect(
+        &self,
+        state: &[AlignedRow],
+        lane: usize,
+        from: &Assembled,
+        first_word: usize,
+        outputs: &mut Vec<u32>,
+        primitives: &mut Vec<Assembled>,
+    ) -> Result<(), Stopped> {
+        let count = state[self.program.layout().io].0[lane].min(self.facts.max_vertices) as usize;
+        let words = self.places.words;
+        let out_of_memory = |_| Stopped::OutOfMemory;
+        outputs.try_reserve(count * words).map_err(out_of_memory)?;
+        primitives.try_reserve(count).map_err(out_of_memory)?;
+        let base = (outputs.len() - first_word).checked_div(words).unwrap_or(0);
+        let start = outputs.len();
+        outputs.resize(start + count * words, 0);
+        let vertices = &mut outputs[start..];
+        for word in 0..words {
+            let rows = self.program.emitted_rows(state, 1 + word);
+            for (vertex, row) in vertices.chunks_exact_mut(words).zip(rows) {
+                vertex[word] = row.0[lane];
+            }
+        }
+        let topology = emitted_topology(&self.facts);
+        let provoking = topology::provoking(topology, self.last);
+        let starts = &self.program.emitted_rows(state, 0)[..count];
+        let is_start = |vertex: usize| starts[vertex].0[lane] == 1;
+        let mut first = 0;
+        while first < count {
+            let mut end = first + 1;
+            while end < count && (topology == Topology::POINT_LIST || !is_start(end)) {
+                end += 1;
+            }
+            for primitive in 0..topology::count(topology, (end - first) as u32) {
+                let strip = topology::vertices(topology, primitive, self.last);
+                let corner = first + strip[usize::from(provoking)] as usize;
+                let id = self.places.primitive_id;
+                primitives.push(Assembled {
+                    vertices: strip.map(|vertex| (base + first) as u32 + vertex),
+                    primitive_id: match id {
+                        Some(word) => vertices[corner * words + usize::from(word)],
+                        None => from.primitive_id,
+                    },
+                    common: from.common,
+                    provoking,
+                });
+            }
+            first = end;
+        }
+        Ok(())
+    }
+}
