@@ -57,6 +57,7 @@ impl Corner {
 #[derive(Clone)]
 pub struct Painting<'a> {
     pub vertex: &'a str,
+    pub geometry: Option<&'a str>,
     /// None: depth and stencil alone.
     pub fragment: Option<&'a str>,
     pub bindings: Vec<vk::VertexInputBindingDescription>,
@@ -74,6 +75,8 @@ pub struct Painting<'a> {
     pub depth: vk::Format,
     pub stencil: vk::Format,
     pub view_mask: u32,
+    /// Viewports and scissors.
+    pub viewports: u32,
     pub dynamic: Vec<vk::DynamicState>,
     pub layout: vk::PipelineLayout,
     /// In the place of the formats: a render pass and its subpass.
@@ -86,6 +89,7 @@ impl<'a> Painting<'a> {
         let rasterization = vk::PipelineRasterizationStateCreateInfo::default().line_width(1.0);
         Painting {
             vertex,
+            geometry: None,
             fragment: Some(fragment),
             bindings: Vec::new(),
             attributes: Vec::new(),
@@ -101,6 +105,7 @@ impl<'a> Painting<'a> {
             depth: vk::Format::UNDEFINED,
             stencil: vk::Format::UNDEFINED,
             view_mask: 0,
+            viewports: 1,
             dynamic: Vec::new(),
             layout: gpu.layout(&[]),
             render_pass: None,
@@ -237,6 +242,7 @@ impl Gpu {
         next: *const std::ffi::c_void,
     ) -> vk::Pipeline {
         let mut stages = vec![(Stage::Vertex, painting.vertex)];
+        stages.extend(painting.geometry.map(|source| (Stage::Geometry, source)));
         stages.extend(painting.fragment.map(|source| (Stage::Fragment, source)));
         // A part of a pipeline may have no vertex shader.
         stages.retain(|(_, source)| !source.is_empty());
@@ -271,8 +277,8 @@ impl Gpu {
             .topology(painting.topology)
             .primitive_restart_enable(painting.restart);
         let viewports = vk::PipelineViewportStateCreateInfo::default()
-            .viewport_count(1)
-            .scissor_count(1);
+            .viewport_count(painting.viewports)
+            .scissor_count(painting.viewports);
         let multisample = vk::PipelineMultisampleStateCreateInfo::default()
             .rasterization_samples(vk::SampleCountFlags::from_raw(painting.samples))
             .alpha_to_coverage_enable(painting.alpha_to_coverage);
@@ -333,6 +339,7 @@ impl Gpu {
         let mut painting = painting.clone();
         if !parts.contains(Part::PRE_RASTERIZATION_SHADERS) {
             painting.vertex = "";
+            painting.geometry = None;
         }
         if !parts.contains(Part::FRAGMENT_SHADER) {
             painting.fragment = None;
@@ -379,7 +386,10 @@ impl Gpu {
             .stage_flags(vk::ShaderStageFlags::ALL)
             .size(128)];
         let next = match stage {
-            Stage::Vertex => vk::ShaderStageFlags::FRAGMENT,
+            Stage::Vertex if self.features.geometry_shader == vk::TRUE => {
+                vk::ShaderStageFlags::GEOMETRY | vk::ShaderStageFlags::FRAGMENT
+            }
+            Stage::Vertex | Stage::Geometry => vk::ShaderStageFlags::FRAGMENT,
             _ => vk::ShaderStageFlags::empty(),
         };
         let info = vk::ShaderCreateInfoEXT::default()

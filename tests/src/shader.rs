@@ -19,6 +19,7 @@ pub enum Stage {
     Intersection,
     Callable,
     Vertex,
+    Geometry,
     Fragment,
 }
 
@@ -33,6 +34,7 @@ impl Stage {
             Stage::Intersection => vk::ShaderStageFlags::INTERSECTION_KHR,
             Stage::Callable => vk::ShaderStageFlags::CALLABLE_KHR,
             Stage::Vertex => vk::ShaderStageFlags::VERTEX,
+            Stage::Geometry => vk::ShaderStageFlags::GEOMETRY,
             Stage::Fragment => vk::ShaderStageFlags::FRAGMENT,
         }
     }
@@ -47,6 +49,7 @@ impl Stage {
             Stage::Intersection => ShaderStage::Intersect,
             Stage::Callable => ShaderStage::Callable,
             Stage::Vertex => ShaderStage::Vertex,
+            Stage::Geometry => ShaderStage::Geometry,
             Stage::Fragment => ShaderStage::Fragment,
         }
     }
@@ -73,7 +76,7 @@ pub fn glsl_for(stage: Stage, source: &str, version: SpirvVersion) -> Vec<u32> {
         "GL_EXT_ray_query",
         "GL_EXT_ray_flags_primitive_culling",
     ];
-    let draws = matches!(stage, Stage::Vertex | Stage::Fragment);
+    let draws = matches!(stage, Stage::Vertex | Stage::Geometry | Stage::Fragment);
     if draws {
         extensions.push("GL_EXT_multiview");
         extensions.push("GL_ARB_shader_viewport_layer_array");

@@ -341,6 +341,49 @@ fn a_fragment_shader_that_hangs_is_told() {
     }
 }
 
+/// A geometry shader that emits for ever: what it may emit is bounded, and so is its time.
+#[test]
+fn emission_without_an_end_is_told() {
+    let test = "emission_without_an_end_is_told";
+    if !alone(test, &[("TUFF_TIMEOUT", "1")]) {
+        return;
+    }
+    let Some(gpu) = open() else { return };
+    let has_stage = |gpu: &Gpu| gpu.has_graphics() && gpu.features.geometry_shader == vk::TRUE;
+    let Some(gpu) = gpu.with("geometry shaders", has_stage) else {
+        return;
+    };
+    let geometry = r"
+    layout(triangles) in; layout(triangle_strip, max_vertices = 3) out;
+    layout(set = 0, binding = 0) readonly buffer Data { uint data[]; };
+    void main() {
+        while (data[0] == 0) { gl_Position = vec4(data[1]); EmitVertex(); }
+    }";
+    let data = gpu.buffer_with(&[0u32; 4]);
+    let set = gpu.set_of(&[data.into()]);
+    let canvas = gpu.canvas(RGBA, 16, 16);
+    let painting = Painting {
+        geometry: Some(geometry),
+        layout: gpu.layout(&[set.layout]),
+        ..Painting::new(&gpu, COVER, WHITE, RGBA)
+    };
+    let pipeline = gpu.painting(&painting);
+    gpu.name_object(pipeline, c"a fountain");
+    let lost = gpu.try_run(|commands| {
+        gpu.record_pass(commands, &Pass::black(&canvas), |commands| {
+            gpu.bind(commands, pipeline);
+            gpu.bind_set(commands, painting.layout, set.handle);
+            gpu.draw_vertices(commands, 3);
+        });
+    });
+    assert_eq!(lost, LOST);
+    let report = report(&gpu);
+    if gpu.is_tuff() {
+        let expected = ["TUFF_TIMEOUT", "Geometry", "\"a fountain\""];
+        says(&report.description, &expected);
+    }
+}
+
 #[test]
 fn recursion_without_an_end_is_told_with_its_depth() {
     let Some(gpu) = open() else { return };

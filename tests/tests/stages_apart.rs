@@ -160,6 +160,100 @@ fn shader_objects_draw_from_source_and_binary() {
     }
 }
 
+/// A stage between the two, whose varyings have the locations of both.
+const GEOMETRY: &str = "
+    layout(triangles) in; layout(triangle_strip, max_vertices = 3) out;
+    layout(location = 3, component = 1) in vec2 from[];
+    layout(location = 1) flat in uint numbers[];
+    layout(location = 3, component = 1) out vec2 place;
+    layout(location = 1) flat out uint number;
+    void main() {
+        for (int i = 0; i < 3; i++) {
+            gl_Position = gl_in[i].gl_Position; place = from[i].yx; number = numbers[i] + 1; EmitVertex();
+        }
+    }";
+
+/// The varyings' places are turned about, and the number is one more.
+fn expected_behind_geometry() -> Vec<[u8; 4]> {
+    let turned = |index: usize| {
+        let (x, y) = (index % 16, index / 16);
+        [8, 0, y as u8, x as u8]
+    };
+    (0..256).map(turned).collect()
+}
+
+fn draws_geometry(gpu: &Gpu) -> bool {
+    has("geometry shaders", gpu.features.geometry_shader == vk::TRUE)
+}
+
+#[test]
+fn parts_with_a_geometry_shader_are_linked() {
+    use vk::GraphicsPipelineLibraryFlagsEXT as Part;
+    let gpu = Gpu::validated_since(vk::make_api_version(0, 1, 3, 260));
+    let Some(gpu) = gpu.drawing() else { return };
+    let parts = gpu.optional.pipeline_parts.graphics_pipeline_library == vk::TRUE;
+    if !has("VK_EXT_graphics_pipeline_library", parts) || !draws_geometry(&gpu) {
+        return;
+    }
+    let mut painting = Painting::new(&gpu, VERTEX, FRAGMENT, RGBA);
+    painting.geometry = Some(GEOMETRY);
+    let parts = [
+        Part::VERTEX_INPUT_INTERFACE | Part::FRAGMENT_OUTPUT_INTERFACE,
+        Part::PRE_RASTERIZATION_SHADERS,
+        Part::FRAGMENT_SHADER,
+    ];
+    let libraries = parts.map(|part| gpu.painting_part(&painting, part));
+    let pipeline = gpu.linked(&libraries, painting.layout);
+    let canvas = gpu.canvas(RGBA, 16, 16);
+    gpu.paint(&canvas, pipeline, |commands| {
+        draw(&gpu, commands, painting.layout)
+    });
+    assert_eq!(gpu.colors(&canvas), expected_behind_geometry());
+}
+
+/// A geometry shader is bound to the others, and taken away again.
+#[test]
+fn geometry_shaders_are_bound_and_unbound() {
+    let gpu = Gpu::validated_since(vk::make_api_version(0, 1, 3, 246));
+    let Some(gpu) = gpu.drawing() else { return };
+    let has_objects = gpu.optional.shader_object.shader_object == vk::TRUE;
+    if !has("VK_EXT_shader_object", has_objects) || !draws_geometry(&gpu) {
+        return;
+    }
+    let objects = ext::shader_object::Device::new(&gpu.instance, &gpu.device);
+    let layout = gpu.layout(&[]);
+    let canvas = gpu.canvas(RGBA, 16, 16);
+    let compile = |stage, source| {
+        let words = glsl(stage, source);
+        gpu.shader_object(
+            stage,
+            vk::ShaderCodeTypeEXT::SPIRV,
+            bytemuck::cast_slice(&words),
+        )
+    };
+    let shaders = [
+        compile(Stage::Vertex, VERTEX),
+        compile(Stage::Fragment, FRAGMENT),
+    ];
+    let between = compile(Stage::Geometry, GEOMETRY);
+    let stages = [vk::ShaderStageFlags::GEOMETRY];
+    for (shader, expected) in [
+        (between, expected_behind_geometry()),
+        (vk::ShaderEXT::null(), expected()),
+    ] {
+        gpu.draw(&Pass::black(&canvas), |commands| {
+            bind_shaders(&gpu, commands, shaders, &canvas, 1);
+            // SAFETY: the command buffer is being recorded, and the shaders are of this device.
+            unsafe {
+                objects.cmd_bind_shaders(commands, &stages, &[between]);
+                objects.cmd_bind_shaders(commands, &stages, &[shader]);
+            }
+            draw(&gpu, commands, layout);
+        });
+        assert_eq!(gpu.colors(&canvas), expected);
+    }
+}
+
 /// The locations of attachments belong to the pass (`vkCmdSetRenderingAttachmentLocations`): each
 /// pass begins with the attachments' own numbers, and a secondary command buffer with what its
 /// inheritance says.

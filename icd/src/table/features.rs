@@ -81,6 +81,7 @@ features! {
         texture_compression_etc2;
         texture_compression_astc_ldr;
         independent_blend;
+        geometry_shader Geometry;
         sample_rate_shading SampleRateShading InterpolationFunction;
         dual_src_blend;
         logic_op;
@@ -98,6 +99,7 @@ features! {
         pipeline_statistics_query;
         vertex_pipeline_stores_and_atomics;
         fragment_stores_and_atomics;
+        shader_tessellation_and_geometry_point_size GeometryPointSize;
         shader_clip_distance ClipDistance;
         shader_cull_distance CullDistance;
         variable_multisample_rate;
@@ -276,6 +278,7 @@ features! {
         swapchain_maintenance1: PhysicalDeviceSwapchainMaintenance1FeaturesEXT;
 
         multiview: PhysicalDeviceVulkan11Features PhysicalDeviceMultiviewFeatures => MultiView;
+        multiview_geometry_shader: PhysicalDeviceVulkan11Features PhysicalDeviceMultiviewFeatures;
         shader_draw_parameters: PhysicalDeviceVulkan11Features PhysicalDeviceShaderDrawParametersFeatures => DrawParameters;
         draw_indirect_count: PhysicalDeviceVulkan12Features;
         imageless_framebuffer: PhysicalDeviceVulkan12Features PhysicalDeviceImagelessFramebufferFeatures;
@@ -471,7 +474,7 @@ mod tests {
     #[test]
     fn chains_are_answered_and_checked() {
         let mut unsupported =
-            vk::PhysicalDeviceMultiviewFeatures::default().multiview_geometry_shader(true);
+            vk::PhysicalDeviceMultiviewFeatures::default().multiview_tessellation_shader(true);
         let mut v12 = vk::PhysicalDeviceVulkan12Features {
             p_next: (&raw mut unsupported).cast(),
             ..Default::default()
@@ -479,7 +482,7 @@ mod tests {
         // SAFETY: the chain is the two structures above.
         unsafe { fill_chain((&raw mut v12).cast()) };
         assert_eq!(unsupported.multiview, vk::TRUE);
-        assert_eq!(unsupported.multiview_geometry_shader, vk::FALSE);
+        assert_eq!(unsupported.multiview_tessellation_shader, vk::FALSE);
         assert_eq!(v12.buffer_device_address, vk::TRUE);
         assert_eq!(v12.draw_indirect_count, vk::TRUE);
 
@@ -494,13 +497,13 @@ mod tests {
         assert_eq!(check((&raw const v12).cast()), Ok(()));
         // Through a pointer, because the chain reads it through one.
         // SAFETY: the structure above.
-        unsafe { (&raw mut unsupported.multiview_geometry_shader).write(vk::TRUE) };
+        unsafe { (&raw mut unsupported.multiview_tessellation_shader).write(vk::TRUE) };
         assert_eq!(
             check((&raw const v12).cast()),
             Err(vk::Result::ERROR_FEATURE_NOT_PRESENT)
         );
         let core = vk::PhysicalDeviceFeatures2::default()
-            .features(vk::PhysicalDeviceFeatures::default().geometry_shader(true));
+            .features(vk::PhysicalDeviceFeatures::default().tessellation_shader(true));
         assert_eq!(
             check((&raw const core).cast()),
             Err(vk::Result::ERROR_FEATURE_NOT_PRESENT)
@@ -508,13 +511,12 @@ mod tests {
     }
 
     /// `docs/capabilities.md` lists the capabilities that the compiler refuses. That is the
-    /// driver's list only if devices enable the rest, except `Geometry`, which fragment shaders may
-    /// declare.
+    /// driver's list only if devices enable the rest.
     #[test]
     fn devices_enable_what_the_compiler_takes() {
         let enabled = capabilities();
         let mut missing = spirv_jit::lower::SUPPORTED_CAPABILITIES.to_vec();
-        missing.retain(|it| !enabled.contains(it) && *it != Capability::Geometry);
+        missing.retain(|it| !enabled.contains(it));
         assert!(missing.is_empty(), "{missing:?}");
     }
 }

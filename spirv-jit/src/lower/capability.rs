@@ -10,9 +10,10 @@ use crate::request::CompileRequest;
 const ALWAYS: &[Capability] = &[Capability::Shader, Capability::Matrix];
 
 /// Capabilities that this front end lowers. A device enables each of them with some feature, or
-/// always, except `Geometry` (see [`serves_inputs`]).
+/// always.
 pub const SUPPORTED: &[Capability] = &[
     Capability::Geometry,
+    Capability::GeometryPointSize,
     Capability::Matrix,
     Capability::Shader,
     Capability::Float16,
@@ -134,7 +135,7 @@ pub const SUPPORTED: &[Capability] = &[
 
 /// Whether a capability is taken although its feature is off. For the inputs `PrimitiveId`, `Layer`
 /// and `ViewportIndex` of fragment shaders, compilers declare `Geometry` (each needs one of several
-/// capabilities); it enables nothing else in the stages that exist here.
+/// capabilities); it enables nothing else in that stage.
 fn serves_inputs(capability: Capability, parsed: &ParsedModule) -> bool {
     let mut entries = parsed.entry_points.iter();
     capability == Capability::Geometry && entries.any(|it| it.model == ExecutionModel::Fragment)

@@ -82,6 +82,7 @@ pub struct Able {
     pub logic: bool,
     pub independent_blend: bool,
     pub large_points: bool,
+    pub geometry: bool,
     /// Edges of what is clipped stay where they are.
     pub clips_exactly: bool,
 }
@@ -211,5 +212,6 @@ pub fn random_draw(random: &mut Rng, able: Able, samples: u32, attachments: usiz
         indices,
         vertex_offset,
         is_short: random.bool(),
+        passes_on: able.geometry && random.u32(..4) == 0,
     }
 }

@@ -34,6 +34,19 @@ const VERTEX: &str = "
         shade = shift.w == 1.0 ? other : color;
     }";
 
+/// A geometry shader that passes primitives on, without its input.
+const PASS_ON: &str = "
+    layout(location = 0) flat in vec4 shades[];
+    layout(location = 0) flat out vec4 shade;
+    void main() {
+        for (int i = 0; i < gl_in.length(); i++) {
+            gl_Position = gl_in[i].gl_Position;
+            gl_PointSize = gl_in[i].gl_PointSize;
+            shade = shades[i];
+            EmitVertex();
+        }
+    }";
+
 /// The common part of fragment shaders; the body of `main` follows.
 const FRAGMENT: &str = "
     layout(location = 0) flat in vec4 shade;
@@ -86,6 +99,8 @@ struct Draw {
     indices: Option<Vec<Option<u32>>>,
     vertex_offset: i32,
     is_short: bool,
+    /// There is a geometry shader that passes primitives on.
+    passes_on: bool,
 }
 
 enum Step {
@@ -171,7 +186,15 @@ impl Draw {
 
     fn pipeline(&self, gpu: &Gpu, samples: u32) -> vk::Pipeline {
         let source = fragment_source(self.state.fragment);
+        let kinds = match self.topology {
+            vk::PrimitiveTopology::POINT_LIST => {
+                "layout(points) in; layout(points, max_vertices = 1) out;"
+            }
+            _ => "layout(triangles) in; layout(triangle_strip, max_vertices = 3) out;",
+        };
+        let geometry = format!("{kinds}{PASS_ON}");
         let mut painting = Painting::new(gpu, VERTEX, &source, RGBA).with_corners();
+        painting.geometry = self.passes_on.then_some(&*geometry);
         painting.bindings.push(
             vk::VertexInputBindingDescription::default()
                 .binding(1)
@@ -547,6 +570,8 @@ fn sequences(count: u32, clips: bool) {
             logic: gpu.features.logic_op == vk::TRUE,
             independent_blend: gpu.features.independent_blend == vk::TRUE,
             large_points: gpu.features.large_points == vk::TRUE,
+            geometry: gpu.features.geometry_shader == vk::TRUE
+                && gpu.features.shader_tessellation_and_geometry_point_size == vk::TRUE,
             clips_exactly: clips,
         };
         (start..count.min(start + TOGETHER)).for_each(|seed| run(&gpu, able, seed));

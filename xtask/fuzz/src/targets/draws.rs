@@ -45,6 +45,49 @@ const VERTEX: [&str; 2] = [
     }",
 ];
 
+/// Geometry shaders to start from.
+const GEOMETRY: [&str; 2] = [
+    r"
+    layout(triangles, invocations = 2) in;
+    layout(triangle_strip, max_vertices = 9) out;
+    layout(location = 0) in vec4 shades[];
+    layout(location = 1) flat in uvec2 keeps[];
+    layout(location = 2) in vec2 ats[];
+    layout(location = 0) out vec4 shade;
+    layout(location = 1) flat out uvec2 kept;
+    layout(location = 2) noperspective centroid out vec2 at;
+    void main() {
+        uint n = keeps[0].x & 15u;
+        for (uint i = 0u; i < n; i++) {
+            gl_Position = gl_in[i % 3u].gl_Position + vec4(gl_InvocationID) * 0.1;
+            gl_Layer = int(keeps[1].y & 1u);
+            gl_ViewportIndex = int(keeps[2].y & 15u) / 15;
+            gl_PrimitiveID = gl_PrimitiveIDIn + int(i);
+            shade = shades[keeps[i % 3u].x & 3u] + u[i & 63u];
+            kept = keeps[2];
+            at = ats[1];
+            EmitVertex();
+            if (i % 4u == 3u) EndPrimitive();
+        }
+        b[uint(gl_PrimitiveIDIn) & 255u] = n;
+    }",
+    r"
+    layout(lines_adjacency) in;
+    layout(line_strip, max_vertices = 4) out;
+    layout(location = 0) in vec4 shades[];
+    layout(location = 0) out vec4 shade;
+    layout(location = 1) flat out uvec2 kept;
+    void main() {
+        for (int i = 0; i < gl_in.length(); i++) {
+            gl_Position = gl_in[3 - i].gl_Position;
+            gl_PointSize = gl_in[i].gl_PointSize;
+            shade = shades[i];
+            kept = uvec2(gl_PrimitiveIDIn, b[i]);
+            EmitVertex();
+        }
+    }",
+];
+
 /// Fragment shaders to start from.
 const FRAGMENT: [&str; 3] = [
     r"
@@ -92,8 +135,8 @@ const FRAGMENT: [&str; 3] = [
     }",
 ];
 
-fn shaders() -> &'static [Vec<Vec<u32>>; 2] {
-    static SHADERS: OnceLock<[Vec<Vec<u32>>; 2]> = OnceLock::new();
+fn shaders() -> &'static [Vec<Vec<u32>>; 3] {
+    static SHADERS: OnceLock<[Vec<Vec<u32>>; 3]> = OnceLock::new();
     const PARAMETERS: &str = "#extension GL_ARB_shader_draw_parameters : enable\n";
     SHADERS.get_or_init(|| {
         let head = |source: &str| {
@@ -107,7 +150,11 @@ fn shaders() -> &'static [Vec<Vec<u32>>; 2] {
             let compile = |source: &&str| compiled(stage, &head(source));
             sources.iter().map(compile).collect()
         };
-        [all(Stage::Vertex, &VERTEX), all(Stage::Fragment, &FRAGMENT)]
+        [
+            all(Stage::Vertex, &VERTEX),
+            all(Stage::Geometry, &GEOMETRY),
+            all(Stage::Fragment, &FRAGMENT),
+        ]
     })
 }
 
@@ -263,7 +310,7 @@ fn painting<'a>(world: &World, rng: &mut Rng, target: &Target) -> Painting<'a> {
     Painting {
         bindings: vec![vk::VertexInputBindingDescription::default().stride(rng.u32(0..40))],
         attributes: attributes.map(attribute).to_vec(),
-        topology: vk::PrimitiveTopology::from_raw(rng.i32(0..6)),
+        topology: vk::PrimitiveTopology::from_raw(rng.i32(0..10)),
         restart: rng.bool(),
         rasterization,
         samples: target.samples,
@@ -300,11 +347,14 @@ pub fn run(world: &World, case: &Case) {
     // Half of the cases have shaders as they were written: what they draw goes further.
     let changes = rng.usize(0..6) / 3 * rng.usize(1..5);
     for mut rng in case.steps().take(changes) {
-        let which = usize::from(rng.bool());
+        let which = rng.usize(0..words.len());
         mutate(&mut rng, &mut words[which]);
     }
-    let [vertex, fragment] = words;
-    let stages = [(Stage::Vertex, vertex), (Stage::Fragment, fragment)];
+    let stages = [Stage::Vertex, Stage::Geometry, Stage::Fragment];
+    let mut stages: Vec<_> = stages.into_iter().zip(words).collect();
+    if rng.bool() {
+        stages.remove(1);
+    }
     let none = vk::PipelineCreateFlags::empty();
     let made = (world.gpu).try_painting(&painting, &stages, none, std::ptr::null());
     if let Ok(pipeline) = made {
