@@ -261,7 +261,7 @@ struct Places {
 ///
 /// # Safety
 /// The operands are the plan's; the subgroup is one of the wave's, and the lanes are active.
-#[inline(never)]
+#[inline(always)]
 unsafe fn find_places(
     m: &Machine<'_>,
     space: Space,

@@ -316,7 +316,7 @@ impl Gather for Portable {
         unsafe { store::<Self, T, N>(memory, offsets, active, rows) }
     }
 
-    #[cfg_attr(target_arch = "x86_64", inline(never))]
+    #[inline(always)]
     unsafe fn layout(offsets: &Row, last: u32, size_bytes: u32) -> Layout {
         let first = offsets[0];
         let (mut highest, mut others, mut apart) = (*offsets, 0, 0);
@@ -339,7 +339,7 @@ impl Gather for Portable {
         }
     }
 
-    #[cfg_attr(target_arch = "x86_64", inline(never))]
+    #[inline(always)]
     unsafe fn fill(offsets: &Row, active: LaneMask) -> Row {
         let first = offsets[active.first()];
         let mut filled = [first; SUBGROUP_SIZE];
@@ -353,7 +353,7 @@ impl Gather for Portable {
         filled
     }
 
-    #[cfg_attr(target_arch = "x86_64", inline(never))]
+    #[inline(always)]
     unsafe fn distances(addresses: &[u64; SUBGROUP_SIZE], start: u64) -> Row {
         let mut distances = [0; SUBGROUP_SIZE];
         for k in 0..SUBGROUP_SIZE {
