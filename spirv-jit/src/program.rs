@@ -227,8 +227,8 @@ impl Program {
         self.output_rows
     }
 
-    /// Vertex and fragment: what each word is that the program leaves. Geometry: what each word of an
-    /// emitted vertex is.
+    /// Vertex and fragment: what each word is that the program leaves. Geometry: what each word of
+    /// an emitted vertex is.
     #[inline]
     pub fn outputs(&self) -> &[OutputRow] {
         &self.outputs
@@ -241,8 +241,8 @@ impl Program {
         self.passed.as_deref()
     }
 
-    /// Geometry: what the rasterizer must know. The one word that an invocation leaves is the number
-    /// of vertices that it emitted.
+    /// Geometry: what the rasterizer must know. The one word that an invocation leaves is the
+    /// number of vertices that it emitted.
     #[inline]
     pub fn geometry(&self) -> Option<&GeometryFacts> {
         self.geometry.as_ref()

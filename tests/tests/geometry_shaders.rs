@@ -413,7 +413,7 @@ fn queries_count_invocations_and_primitives() {
     if !has("pipeline statistics", counts) {
         return;
     }
-    // Of each seven points, those of odd numbers make a strip of three triangles and a stray vertex.
+    // Of seven points, those of odd numbers make a strip of three triangles and a stray vertex.
     let geometry = "
         layout(points, invocations = 3) in; layout(triangle_strip, max_vertices = 6) out;
         layout(location = 0) flat in int index[];

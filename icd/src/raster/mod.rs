@@ -37,7 +37,7 @@ pub use primitive::Chunk;
 /// Draws and clears of a batch, at most.
 pub const BATCH_DRAWS: usize = 4096;
 
-/// Primitives of a job, at most: of its chunk, too, but for those that a geometry shader makes.
+/// Primitives of a job, at most. Its chunk has no more, except where a geometry shader makes them.
 pub const CHUNK_PRIMITIVES: usize = 1024;
 
 /// Chunks between two phases of tiles, at most: what bins may take follows from the count alone.

@@ -184,8 +184,8 @@ impl<G: Gather, const ROWS: usize> Kernel for StorePrivate<G, ROWS> {
     }
 }
 
-/// Keeps the words of a vertex that a geometry invocation emits: `y` operands from `x` on, first the
-/// vertex.
+/// Keeps the words of a vertex that a geometry invocation emits: `y` operands from `x` on, the
+/// vertex first.
 pub(super) struct Emit;
 
 impl Kernel for Emit {

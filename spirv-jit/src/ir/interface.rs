@@ -107,12 +107,12 @@ pub struct Barycentric {
     pub position: Position,
 }
 
-/// A word that a vertex or fragment invocation leaves at its end, or a geometry invocation with each
-/// vertex that it emits.
+/// A word that a vertex or fragment invocation leaves at its end, or that a geometry invocation
+/// leaves with each vertex that it emits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum OutputRow {
-    /// A varying of a stage before rasterization; a colour of the fragment stage, `index` 1 for the second
-    /// source of blending.
+    /// A varying of a stage before rasterization; a colour of the fragment stage, `index` 1 for the
+    /// second source of blending.
     Location {
         location: u16,
         component: u8,

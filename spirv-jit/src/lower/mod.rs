@@ -155,7 +155,8 @@ struct Lowerer<'a> {
     /// (`SPV_KHR_workgroup_memory_explicit_layout`).
     lays_out_shared: bool,
     output_rows: u32,
-    /// Of stages of drawing: what each output word is, and the variables that they are of, in order.
+    /// Of stages of drawing: what each output word is, and the variables that they are of, in
+    /// order.
     outputs: Vec<OutputRow>,
     output_variables: Vec<Id>,
     /// Of geometry stages.

@@ -216,8 +216,8 @@ impl Lowerer<'_> {
         Ok(words)
     }
 
-    /// Whether an array's elements are the values of a primitive's vertices: `PerVertexKHR`, and the
-    /// inputs of geometry shaders other than those of the whole primitive.
+    /// Whether an array's elements are the values of a primitive's vertices: `PerVertexKHR`, and
+    /// the inputs of geometry shaders other than those of the whole primitive.
     fn is_per_vertex(&self, id: Id, element: Id, built_in: Option<BuiltIn>) -> bool {
         if self.request.stage == Stage::Geometry {
             return self.variables[&id].class == StorageClass::Input

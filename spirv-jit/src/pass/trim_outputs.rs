@@ -9,7 +9,8 @@ use crate::ir::{Module, Node, Op, Terminator, Value};
 /// Operands of an emission before its words.
 const BEFORE_WORDS: usize = 2;
 
-/// Removes the words that are constants of zero wherever an invocation ends with them or emits them.
+/// Removes the words that are constants of zero wherever an invocation ends with them or emits
+/// them.
 pub fn trim_outputs(module: &mut Module) {
     let emits = module.stage == Stage::Geometry;
     if module.stage != Stage::Vertex && !emits {
