@@ -20,9 +20,9 @@ use traversal::Walker;
 
 use super::Dispatch;
 use super::calls::{Calls, Records};
-use super::direct::{Line, Noted};
 use super::grid::Grid;
 use super::inputs::{Callee, Sources, fill};
+use super::line::{Line, Noted};
 use super::queries::Queries;
 use super::rays::RayGroup;
 use super::slab::Slab;

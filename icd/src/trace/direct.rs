@@ -21,98 +21,14 @@ use spirv_jit::program::{AlignedRow, Event, IO_DATA_ROW, MAX_SUBGROUPS, SiteKind
 
 use super::batch::Batch;
 use super::fill_plan::{FillPlan, Subject, fill_by_plan};
-use super::forming::{Callee, MANY};
+use super::forming::MANY;
 use super::inputs::{self, fill};
 use super::lanes::copy_lanes;
+use super::line::{InPlace, Line, Nested, Noted};
 use super::rays::alike;
 use super::subgroup::{LaneRef, Role, SubgroupIndex, Turn};
 use crate::wave::Stopped;
 use crate::wave::table::ProgramIndex;
-
-/// The event of a subgroup that went on in a line.
-pub struct Noted {
-    index: SubgroupIndex,
-    event: Event,
-}
-
-/// A worker's memory for the line that is being answered.
-#[derive(Default)]
-pub struct Line {
-    /// Groups of rays of the members.
-    groups: Vec<u32>,
-    /// Programs that are called, in the order of their first calls.
-    programs: Vec<ProgramIndex>,
-    /// By program.
-    calls: Vec<Vec<InPlace>>,
-    /// States of the hit and miss shaders that run, and of the callables that those call.
-    states: [Vec<AlignedRow>; 2],
-    /// By program; none was looked for yet, or there is none.
-    plans: Vec<Option<Option<FillPlan>>>,
-    nested: Vec<Nested>,
-}
-
-/// A call of lanes of one group of rays, which stay in place.
-struct InPlace {
-    role: Role,
-    record: u64,
-    group: u32,
-    lanes: LaneMask,
-}
-
-impl InPlace {
-    /// The first ray.
-    fn of(&self) -> LaneRef {
-        LaneRef::new(self.group, self.lanes.first())
-    }
-}
-
-/// A call of a callable by lanes of a hit or miss shader in place.
-struct Nested {
-    program: ProgramIndex,
-    record: u64,
-    /// The number of the caller in its wave.
-    caller: usize,
-    lanes: LaneMask,
-}
-
-impl Line {
-    /// Forgets what a batch that was given up left.
-    pub fn clear(&mut self) {
-        self.groups.clear();
-        self.programs.clear();
-        self.calls.iter_mut().for_each(Vec::clear);
-        self.plans.clear();
-        self.nested.clear();
-    }
-
-    /// The fill plan of a program.
-    fn plan(&mut self, index: ProgramIndex, program: &Program) -> Option<&FillPlan> {
-        let place = index as usize;
-        if self.plans.len() <= place {
-            self.plans.resize_with(place + 1, || None);
-        }
-        let plan = self.plans[place].get_or_insert_with(|| FillPlan::new(program));
-        plan.as_ref()
-    }
-
-    /// Adds a call.
-    pub fn call(&mut self, (program, role, record): Callee, group: u32, lanes: LaneMask) {
-        let place = program as usize;
-        if self.calls.len() <= place {
-            self.calls.resize_with(place + 1, Vec::new);
-        }
-        let calls = &mut self.calls[place];
-        if calls.is_empty() {
-            self.programs.push(program);
-        }
-        calls.push(InPlace {
-            role,
-            record,
-            group,
-            lanes,
-        });
-    }
-}
 
 impl Batch<'_> {
     /// Whether a subgroup at a yield is to be answered in a line.

@@ -10,15 +10,12 @@ use spirv_jit::SUBGROUP_SIZE;
 use super::batch::Batch;
 use super::calls::{Call, Calls};
 use super::grid::Launches;
-use super::subgroup::{LaneRef, Role};
+use super::subgroup::{Callee, LaneRef, Role};
 use crate::wave::Stopped;
 use crate::wave::table::ProgramIndex;
 
 /// Lanes that are enough for a subgroup of their own.
 pub(super) const MANY: u32 = 8;
-
-/// The shader that is called, what for, and the address of its record.
-pub(super) type Callee = (ProgramIndex, Role, u64);
 
 impl Batch<'_> {
     /// Calls a shader for lanes of a group of rays, or for callables of a subgroup.

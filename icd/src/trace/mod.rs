@@ -27,6 +27,7 @@ mod grid;
 mod hit_object;
 mod inputs;
 mod lanes;
+mod line;
 mod queries;
 mod rays;
 mod reorder;

@@ -10,6 +10,9 @@ use super::queries::Owned;
 use crate::wave::Stopped;
 use crate::wave::table::ProgramIndex;
 
+/// The shader that is called, what for, and the address of its record.
+pub type Callee = (ProgramIndex, Role, u64);
+
 /// Index of a [`Subgroup`] in its batch.
 pub type SubgroupIndex = u32;
 
