@@ -61,7 +61,7 @@ unsafe fn find_rows<G: Gather>(m: &Machine<'_>, rows: &Row, lanes: LaneMask, cou
         let mut inside = lanes;
         match G::layout(&filled, last, 0) {
             Layout::Outside(lanes) => {
-                inside = inside & lanes;
+                inside &= lanes;
                 if inside.is_empty() {
                     return Rows::Nowhere;
                 }

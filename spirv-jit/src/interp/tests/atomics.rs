@@ -227,7 +227,7 @@ fn check(op: &str, ty: &str, size: usize, space: &str) {
             for (lane, &[offset, value, comparator, is_active]) in lanes.iter().enumerate() {
                 let offset = offset as usize;
                 let mut before = 0;
-                let is_inside = offset + size <= 4 * WORDS && offset % size == 0;
+                let is_inside = offset + size <= 4 * WORDS && offset.is_multiple_of(size);
                 if is_active != 0 && is_inside {
                     let place = &mut expected[offset..offset + size];
                     let mut word = [0; 8];

@@ -129,7 +129,7 @@ fn floats_are_as_in_c() {
     assert_eq!(double("%a", -0.5), "-0x1p-1");
     assert_eq!(double("%A", 3.140625), "0X1.92P+1");
     assert_eq!(double("%.1a", 1.96875), "0x2.0p+0");
-    assert_eq!(double("%.2a", 3.1415), "0x1.92p+1");
+    assert_eq!(double("%.2a", 3.1406), "0x1.92p+1");
     assert_eq!(double("%a", 0.0), "0x0p+0");
     assert_eq!(double("%08.2f|", -1.5), "-0001.50|");
     assert_eq!(double("%8f|%%", f64::INFINITY), "     inf|%");
