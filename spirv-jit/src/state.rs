@@ -4,7 +4,8 @@
 //! 32-bit word:
 //!
 //! ```text
-//! [ control | inputs | io: a yield's operands and results, or outputs | emitted vertices | private memory | live values ]
+//! [ control | inputs | io | emitted vertices | private memory | live values ]
+//!                      io: operands and results of a yield, or outputs
 //! ```
 //!
 //! The scheduler owns the block, fills `inputs`, calls [`Program::start`](crate::Program::start),

@@ -21,6 +21,22 @@ pub enum Type {
 }
 
 impl Type {
+    /// All types, in the order of their declaration: the forms in which modules are kept count on it.
+    pub const ALL: [Type; 9] = [
+        Type::I1,
+        Type::I8,
+        Type::I16,
+        Type::I32,
+        Type::I64,
+        Type::F16,
+        Type::F32,
+        Type::F64,
+        Type::Descriptor,
+    ];
+
+    /// The types of numbers and booleans.
+    pub const NUMBERS: &[Type] = Type::ALL.split_at(8).0;
+
     /// Width in bits.
     pub const fn bits(self) -> u32 {
         match self {

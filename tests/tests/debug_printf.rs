@@ -356,8 +356,8 @@ fn kernel_from(gpu: &Gpu, words: &[u32], cache: vk::PipelineCache) -> Kernel {
     Kernel { pipeline, layout }
 }
 
-/// Names of modules and lines are in the message, also where the program comes from a cache; so is
-/// what is wrong with a format.
+/// The message names the module and the line, also where the program comes from a cache, and the
+/// mistake in a format.
 #[test]
 fn messages_say_where_they_come_from_and_what_is_wrong() {
     let Some(gpu) = open() else {

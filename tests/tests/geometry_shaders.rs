@@ -223,7 +223,7 @@ fn strips_with_adjacency_start_anew() {
     assert_eq!(found, expected);
 }
 
-/// Strips of lines and of triangles, and what is too short for a primitive.
+/// Strips of lines and of triangles; a strip that is too short makes no primitive.
 #[test]
 fn strips_are_cut_where_they_end() {
     let Some(gpu) = device() else { return };

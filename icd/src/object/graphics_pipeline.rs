@@ -51,7 +51,7 @@ impl Stages {
         self.of(Stage::Fragment).map(|program| &**program)
     }
 
-    /// The program of the last stage before rasterization: its outputs are what is rasterized.
+    /// The program of the last stage before rasterization, whose outputs the rasterizer takes.
     pub fn last(&self) -> Option<&Program> {
         let [before @ .., _] = &self.0;
         before

@@ -20,18 +20,6 @@ use super::{
 
 const MAX_LABELS: u32 = 1 << 20;
 
-const TYPES: [Type; 9] = [
-    Type::I1,
-    Type::I8,
-    Type::I16,
-    Type::I32,
-    Type::I64,
-    Type::F16,
-    Type::F32,
-    Type::F64,
-    Type::Descriptor,
-];
-
 /// The tag of the next item in a body. Terminators end the body.
 const INST: u8 = 0;
 const BLOCK: u8 = 1;
@@ -90,7 +78,7 @@ impl Encoder {
 
     fn types(&mut self, types: &[Type]) {
         self.number(types.len() as u64);
-        let index = |ty: &Type| TYPES.iter().position(|other| other == ty).unwrap_or(0) as u8;
+        let index = |ty: &Type| Type::ALL.iter().position(|other| other == ty).unwrap_or(0) as u8;
         self.bytes.extend(types.iter().map(index));
     }
 
@@ -288,7 +276,7 @@ impl<'a> Decoder<'a> {
     }
 
     fn types(&mut self) -> Decoded<Vec<Type>> {
-        let ty = |&index: &u8| TYPES.get(usize::from(index)).copied();
+        let ty = |&index: &u8| Type::ALL.get(usize::from(index)).copied();
         let types = self.slice()?.iter().map(ty).collect::<Option<_>>();
         types.ok_or_else(|| "no such type".into())
     }

@@ -29,18 +29,6 @@ pub struct Message {
     pub arguments: Vec<Argument>,
 }
 
-/// The types of arguments, by the number that stands for them, from 1 on.
-const TYPES: [Type; 8] = [
-    Type::I1,
-    Type::I8,
-    Type::I16,
-    Type::I32,
-    Type::I64,
-    Type::F16,
-    Type::F32,
-    Type::F64,
-];
-
 /// Components of an argument, at most: SPIR-V's longest vectors have 16.
 const MAX_COMPONENTS: u32 = 16;
 
@@ -51,7 +39,8 @@ impl Message {
     }
 
     /// The table: the format's length in bytes plus 1, or 0; its bytes, four a word; then a word
-    /// for each argument, components in the high half and the type's number in the low one.
+    /// for each argument, components in the high half and, in the low one, the place of
+    /// its type in [`Type::NUMBERS`] plus 1, or 0.
     pub fn to_table(&self) -> Vec<u32> {
         let mut table = vec![0];
         if let Some(format) = &self.format {
@@ -63,7 +52,7 @@ impl Message {
             }));
         }
         table.extend(self.arguments.iter().map(|argument| {
-            let number = |ty| TYPES.iter().position(|&other| other == ty);
+            let number = |ty| Type::NUMBERS.iter().position(|&other| other == ty);
             let number = argument.ty.and_then(number).map_or(0, |at| at as u32 + 1);
             argument.components << 16 | number
         }));
@@ -84,7 +73,7 @@ impl Message {
             let components = word >> 16;
             let ty = match word & 0xffff {
                 0 => None,
-                number => Some(*TYPES.get(number as usize - 1)?),
+                number => Some(*Type::NUMBERS.get(number as usize - 1)?),
             };
             (components <= MAX_COMPONENTS).then_some(Argument { ty, components })
         };

@@ -67,8 +67,8 @@ struct State {
     serial: u32,
     /// Frames that the server has.
     under_way: Vec<u32>,
-    /// The server may have frames that nothing waits for: they were forgotten.
-    has_forgotten: bool,
+    /// The last frame that was forgotten, while the server may still have it.
+    forgotten: Option<u32>,
     is_closing: bool,
     /// The thread waits for an event, or has not yet looked at this state since.
     is_reading: bool,
@@ -109,7 +109,7 @@ impl Events {
             state: Mutex::new(State {
                 serial: FIRST_SERIAL,
                 under_way: Vec::new(),
-                has_forgotten: false,
+                forgotten: None,
                 is_closing: false,
                 is_reading: false,
                 is_interrupted: false,
@@ -160,12 +160,14 @@ impl Events {
     /// to be shown at once overtakes them, and they cover it later.
     pub fn has_others(&self, own: impl Fn(u32) -> bool) -> bool {
         let state = self.line.state.lock();
-        state.has_forgotten || state.under_way.iter().any(|&serial| !own(serial))
+        state.forgotten.is_some() || state.under_way.iter().any(|&serial| !own(serial))
     }
 
-    /// A frame has been shown at its refresh, so all that the server had before it are, too.
-    pub fn settle(&self) {
-        self.line.state.lock().has_forgotten = false;
+    /// A frame has been shown at its refresh, so all frames that the server had before it have been
+    /// shown, too.
+    pub fn settle(&self, serial: u32) {
+        let is_before = |other: &mut u32| serial.wrapping_sub(*other) < u32::MAX / 2;
+        self.line.state.lock().forgotten.take_if(is_before);
     }
 
     /// No longer waits for a frame.
@@ -173,7 +175,9 @@ impl Events {
         let mut state = self.line.state.lock();
         let before = state.under_way.len();
         state.under_way.retain(|other| *other != serial);
-        state.has_forgotten |= state.under_way.len() < before;
+        if state.under_way.len() < before {
+            state.forgotten = state.forgotten.max(Some(serial));
+        }
         if state.under_way.is_empty() && state.is_reading && self.process == std::process::id() {
             // If the connection is broken, the thread ends by itself.
             let _ = self.line.interrupt(&mut state);

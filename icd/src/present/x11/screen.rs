@@ -172,7 +172,7 @@ impl X11Screen {
             let frame = under_way.remove(place);
             *last_msc = completed.msc;
             if frame.is_in_order {
-                events.settle();
+                events.settle(frame.number);
             }
             let shown_ns = completed.ust.saturating_mul(1000);
             let at_ns = told_ns(shown_ns, frame.sent_ns, timestamp_ns());

@@ -4,7 +4,7 @@
 //! batch ──cut──> jobs (in order, one thread) ──> chunks (any worker, any job), a round of them at a time
 //!                                                  assemble: indices, topology, each vertex once
 //!                                                  vertices: attributes, waves of the vertex shader, outputs
-//!                                                  geometry: what a geometry shader makes of the primitives
+//!                                                  geometry: waves of the geometry shader
 //!                                                  set_up: clip, snap, cull, edges, planes
 //!                                                  bins
 //! ```

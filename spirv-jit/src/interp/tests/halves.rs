@@ -327,7 +327,7 @@ fn products_and_sums_of_16_bit_floats_are_rounded_once() {
     }
 }
 
-/// The reference against what is known.
+/// The reference gives known results.
 #[test]
 fn exact_numbers_are_rounded_to_nearest_even() {
     let bits = |number: f64| f16::from_f64(number).to_bits();

@@ -145,18 +145,8 @@ fn place_group(group: &[RowUse], types: &mut Vec<Type>, placed: &mut [Promotion]
 /// The type of a row that is accessed with all types of a set: the only one, or the integer of
 /// their common width.
 pub fn one_type(set: u8) -> Option<Type> {
-    let mut types = [
-        Type::I1,
-        Type::I8,
-        Type::I16,
-        Type::I32,
-        Type::I64,
-        Type::F16,
-        Type::F32,
-        Type::F64,
-    ]
-    .into_iter()
-    .filter(|&ty| set & 1 << ty as u8 != 0);
+    let numbers = Type::NUMBERS.iter().copied();
+    let mut types = numbers.filter(|&ty| set & 1 << ty as u8 != 0);
     let first = types.next()?;
     types.try_fold(first, |common, ty| {
         (common.bits() == ty.bits()).then_some(common.as_integer())
