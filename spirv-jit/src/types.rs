@@ -21,7 +21,7 @@ pub enum Type {
 }
 
 impl Type {
-    /// All types, in the order of their declaration: the forms in which modules are kept count on it.
+    /// All types, in the order of their declaration. Stored modules refer to types by this order.
     pub const ALL: [Type; 9] = [
         Type::I1,
         Type::I8,

@@ -17,8 +17,8 @@ pub(super) const SET: &str = "NonSemantic.DebugPrintf";
 const DEBUG_PRINTF: u32 = 1;
 
 impl Lowerer<'_> {
-    /// Lowers `DebugPrintf format, arguments…`. The message tells a mistake in it: instructions of the
-    /// set make no module invalid.
+    /// Lowers `DebugPrintf format, arguments…`. The message tells a mistake in it: instructions of
+    /// the set make no module invalid.
     pub(super) fn lower_debug_printf(&mut self, instruction: &Instruction) -> Result<(), Error> {
         let operands = self.module.operands(instruction);
         let (Some(&DEBUG_PRINTF), Some((&format, ids)), true) = (
