@@ -1,6 +1,7 @@
 //! Shaders of every kind pass through the front end into modules that the verifier accepts.
 
 use shaders::{glsl, lower, lower_glsl, request, samples};
+use spirv_jit::image::ImageOpKind;
 use spirv_jit::ir::op::Trace;
 use spirv_jit::ir::{Op, Terminator, Type};
 use spirv_jit::printf::Message;
@@ -261,5 +262,23 @@ fn messages_are_lowered_where_they_are_wanted() {
         } else {
             assert!(tables.is_empty());
         }
+    }
+}
+
+#[test]
+fn reads_of_volatile_images_are_volatile() {
+    for (qualifier, volatile) in [("", false), ("volatile", true)] {
+        let source = format!(
+            "layout(local_size_x = 1) in;
+             layout(set = 0, binding = 0, rgba8) uniform {qualifier} image2D image;
+             layout(set = 0, binding = 1) buffer Out {{ vec4 color; }};
+             void main() {{ color = imageLoad(image, ivec2(1)); }}"
+        );
+        let operations = operations(&lower_glsl(Stage::Compute, &source));
+        let reads = operations.iter().filter_map(|op| match op {
+            Op::Image(image) if image.kind == ImageOpKind::Read => Some(image.volatile),
+            _ => None,
+        });
+        assert_eq!(reads.collect::<Vec<_>>(), [volatile], "{qualifier}");
     }
 }

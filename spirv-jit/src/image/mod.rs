@@ -303,6 +303,8 @@ pub struct ImageOp {
     pub texel: crate::types::Type,
     /// Whether integer texels are signed (`SignExtend`, or by the sampled type).
     pub signed: bool,
+    /// A read that is performed as written, not merged with another (`Volatile`, `VolatileTexel`).
+    pub volatile: bool,
     /// Format declared in the shader, or `Format::UNDEFINED` to use the view's.
     pub format: Format,
 }
@@ -322,6 +324,7 @@ impl ImageOp {
             has_offsets: false,
             texel: crate::types::Type::F32,
             signed: false,
+            volatile: false,
             format: Format::UNDEFINED,
         }
     }

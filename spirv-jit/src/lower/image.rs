@@ -24,6 +24,7 @@ struct Extras {
     sample: Option<Id>,
     min_lod: Option<Id>,
     sign_extend: Option<bool>,
+    volatile: bool,
 }
 
 impl Extras {
@@ -53,6 +54,7 @@ impl Extras {
                 }
                 ImageOperands::SIGN_EXTEND => extras.sign_extend = Some(true),
                 ImageOperands::ZERO_EXTEND => extras.sign_extend = Some(false),
+                ImageOperands::VOLATILE_TEXEL => extras.volatile = true,
                 _ => {}
             }
         }
@@ -399,6 +401,9 @@ impl Lowerer<'_> {
             _ => arguments.extend(self.integers(operands[1], op.coordinate_count())?),
         }
         let extras = self.extras(&operands[2..])?;
+        // An image value does not tell which variable it was loaded from.
+        op.volatile = op.kind == ImageOpKind::Read
+            && (extras.volatile || self.module.annotations.has_volatile);
         self.push_extras(&mut op, &extras, &mut arguments)?;
         let values = self.emit_image(op, &arguments, 4)?;
         self.define_texel(instruction, values)

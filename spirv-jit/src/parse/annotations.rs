@@ -16,6 +16,8 @@ pub struct Annotations {
     names: HashMap<Id, String>,
     ids: HashMap<Id, Vec<Note>>,
     members: HashMap<(Id, u32), Vec<Note>>,
+    /// Some id is decorated `Volatile`.
+    pub has_volatile: bool,
 }
 
 impl Annotations {
@@ -50,6 +52,7 @@ impl Annotations {
                 }
                 Op::Decorate | Op::DecorateId => {
                     let note = (operands[1], operands.get(2).copied().unwrap_or(0));
+                    out.has_volatile |= note.0 == Decoration::Volatile as u32;
                     out.ids.entry(operands[0]).or_default().push(note);
                 }
                 Op::MemberDecorate => {

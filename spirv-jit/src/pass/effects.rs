@@ -32,7 +32,7 @@ impl Effects {
             // A volatile or atomic load may be what another invocation's writes are waited for by.
             Op::Load(access) if access.volatile => outer,
             Op::Store(_) | Op::Atomic(..) | Op::MemoryBarrier => outer,
-            Op::Image(image) if !image.is_read() => outer,
+            Op::Image(image) if !image.is_read() || image.volatile => outer,
             Op::Call(_) => Effects {
                 writes_private: true,
                 writes_outer: true,

@@ -11,11 +11,14 @@ use super::edit::{Edit, Fate, edit_body};
 use super::effects::{Effects, find_effects};
 use super::substitution::Substitution;
 use crate::image::{ImageOpKind, LodMode};
-use crate::ir::{Body, Function, Inst, Node, Op, Space, Type, Value};
+use crate::ir::{Body, Function, Inst, Node, Op, Space, Step, Type, Value};
 
 /// Merges equal operations.
 pub fn eliminate_common_subexpressions(function: &mut Function) {
     let mut body = std::mem::take(&mut function.body);
+    let writes_images = body.steps().any(
+        |step| matches!(step, Step::Inst(inst) if matches!(inst.op, Op::Image(op) if !op.is_read())),
+    );
     let mut eliminator = Eliminator {
         effects: find_effects(&body, function.labels),
         substitution: Substitution::identity(function),
@@ -27,6 +30,7 @@ pub fn eliminate_common_subexpressions(function: &mut Function) {
         values: Vec::new(),
         head: Vec::new(),
         dispatch_wide: HashMap::default(),
+        writes_images,
         memory: Epochs::default(),
         next_epoch: 1,
         scopes: Vec::new(),
@@ -74,6 +78,8 @@ struct Eliminator<'a> {
     /// Nodes that move to the head of the function.
     head: Vec<Node>,
     dispatch_wide: HashMap<(Op, Type), Value>,
+    /// The function writes images. Another invocation's writes may be waited for by reads of them.
+    writes_images: bool,
     memory: Epochs,
     next_epoch: u32,
     scopes: Vec<Scope>,
@@ -261,7 +267,9 @@ impl Eliminator<'_> {
                 ImageOpKind::Sample | ImageOpKind::Gather(_) | ImageOpKind::Fetch => {
                     Some(self.memory.outer + 1)
                 }
-                // Storage images may be volatile, of which the operation says nothing.
+                ImageOpKind::Read if !image.volatile && !self.writes_images => {
+                    Some(self.memory.outer + 1)
+                }
                 _ => None,
             },
             _ => inst.op.is_pure().then_some(0),

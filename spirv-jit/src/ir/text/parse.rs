@@ -739,6 +739,7 @@ fn image_from_text(name: &str, words: &[&str]) -> Option<ImageOp> {
             "offset" => &mut op.has_offset,
             "offsets" => &mut op.has_offsets,
             "signed" => &mut op.signed,
+            "volatile" => &mut op.volatile,
             _ => return None,
         } = true;
     }

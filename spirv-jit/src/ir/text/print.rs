@@ -419,7 +419,7 @@ fn image_text(op: &ImageOp) -> String {
 }
 
 /// The flags of an image operation, with their words.
-fn image_flags(op: &ImageOp) -> [(bool, &'static str); 7] {
+fn image_flags(op: &ImageOp) -> [(bool, &'static str); 8] {
     [
         (op.arrayed, "arrayed"),
         (op.multisampled, "multisampled"),
@@ -428,5 +428,6 @@ fn image_flags(op: &ImageOp) -> [(bool, &'static str); 7] {
         (op.has_offset, "offset"),
         (op.has_offsets, "offsets"),
         (op.signed, "signed"),
+        (op.volatile, "volatile"),
     ]
 }
