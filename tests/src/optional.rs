@@ -63,6 +63,7 @@ optional! {
     unused_attachments: ext::dynamic_rendering_unused_attachments::NAME, PhysicalDeviceDynamicRenderingUnusedAttachmentsFeaturesEXT {};
     shader_object: ext::shader_object::NAME, PhysicalDeviceShaderObjectFeaturesEXT {};
     local_read: khr::dynamic_rendering_local_read::NAME, PhysicalDeviceDynamicRenderingLocalReadFeaturesKHR {};
+    advanced_blend: ext::blend_operation_advanced::NAME, PhysicalDeviceBlendOperationAdvancedFeaturesEXT {};
     host_image_copy: ext::host_image_copy::NAME, PhysicalDeviceHostImageCopyFeaturesEXT {};
     conditional_rendering: ext::conditional_rendering::NAME, PhysicalDeviceConditionalRenderingFeaturesEXT {};
     float_atomics: ext::shader_atomic_float::NAME, PhysicalDeviceShaderAtomicFloatFeaturesEXT {};

@@ -373,6 +373,74 @@ fn translucent_colours_are_blended() {
     }
 }
 
+/// Modes of `VK_EXT_blend_operation_advanced` on opaque colours, computed by hand; each draw finds
+/// what the one before it left.
+#[test]
+fn colours_are_blended_by_advanced_operations() {
+    let Some(gpu) = Gpu::new().drawing() else {
+        return;
+    };
+    let coherent = gpu
+        .optional
+        .advanced_blend
+        .advanced_blend_coherent_operations;
+    if !has("advancedBlendCoherentOperations", coherent == vk::TRUE) {
+        return;
+    }
+    let fragment = "
+        layout(location = 0) out vec4 color;
+        void main() { color = vec4(0.5, 0.25, 1.0, 1.0); }";
+    let pipeline = |op| {
+        let mut painting = Painting::new(&gpu, COVER, fragment, RGBA);
+        painting.blend[0] = painting.blend[0]
+            .blend_enable(true)
+            .color_blend_op(op)
+            .alpha_blend_op(op);
+        gpu.painting(&painting)
+    };
+    let check = |ops: &[vk::BlendOp], expected: [f32; 4]| {
+        let pipelines: Vec<vk::Pipeline> = ops.iter().map(|&op| pipeline(op)).collect();
+        let canvas = gpu.canvas(RGBA, 5, 5);
+        let pass = Pass {
+            colors: &[canvas],
+            clears: &[[0.5, 1.0, 0.25, 1.0]],
+            ..Pass::default()
+        };
+        gpu.draw(&pass, |commands| {
+            for &pipeline in &pipelines {
+                gpu.bind(commands, pipeline);
+                gpu.draw_vertices(commands, 3);
+            }
+        });
+        let expected = expected.map(|it| (it * 255.0).round() as u8);
+        for color in gpu.colors(&canvas) {
+            for (got, want) in color.into_iter().zip(expected) {
+                let near = got.abs_diff(want) <= 2;
+                assert!(near, "{ops:?}: {color:?} is not {expected:?}");
+            }
+        }
+    };
+    check(&[vk::BlendOp::MULTIPLY_EXT], [0.25, 0.25, 0.25, 1.0]);
+    check(&[vk::BlendOp::SCREEN_EXT], [0.75, 1.0, 1.0, 1.0]);
+    check(&[vk::BlendOp::DIFFERENCE_EXT], [0.0, 0.75, 0.75, 1.0]);
+    // The difference, then its exclusion with the same colour: s + d - 2sd.
+    let both = [vk::BlendOp::DIFFERENCE_EXT, vk::BlendOp::EXCLUSION_EXT];
+    check(&both, [0.5, 0.625, 0.25, 1.0]);
+    check(&[vk::BlendOp::DARKEN_EXT], [0.5, 0.25, 0.25, 1.0]);
+    let mut properties = vk::PhysicalDeviceBlendOperationAdvancedPropertiesEXT::default();
+    let mut all = vk::PhysicalDeviceProperties2::default().push_next(&mut properties);
+    // SAFETY: the chain is one structure of an extension that is there.
+    unsafe {
+        gpu.instance
+            .get_physical_device_properties2(gpu.physical, &mut all);
+    }
+    if properties.advanced_blend_all_operations == vk::TRUE {
+        check(&[vk::BlendOp::XOR_EXT], [0.0; 4]);
+        check(&[vk::BlendOp::GREEN_EXT], [0.5, 0.25, 0.25, 1.0]);
+        check(&[vk::BlendOp::MINUS_CLAMPED_EXT], [0.0, 0.75, 0.0, 0.0]);
+    }
+}
+
 /// Draws whose numbers, and whose number, stand in a buffer.
 #[test]
 fn indirect_draws_read_their_parameters() {

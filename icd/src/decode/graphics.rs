@@ -13,7 +13,7 @@ use crate::handle::{from_handle, optional};
 use crate::object::dynamic_state::{DynamicStates, Parts};
 use crate::object::graphics_pipeline::GraphicsPipeline;
 use crate::object::graphics_state::{
-    BlendAttachment, ColorBlend, ColorLocations, DepthStencil, GraphicsState,
+    AdvancedBlend, BlendAttachment, ColorBlend, ColorLocations, DepthStencil, GraphicsState,
     MAX_COLOR_ATTACHMENTS, MAX_VIEWPORTS, Multisample, Rasterization, StencilFace, UsedAttachments,
     VertexAttribute, VertexBinding, VertexInput, Viewports, own_locations,
 };
@@ -378,6 +378,14 @@ unsafe fn color_blend(info: &vk::PipelineColorBlendStateCreateInfo<'_>) -> Color
         });
         (slice(info.p_attachments, info.attachment_count), enables)
     };
+    // SAFETY: the caller's promise.
+    let advanced = unsafe { find::<vk::PipelineColorBlendAdvancedStateCreateInfoEXT>(info.p_next) };
+    let advanced = advanced.map_or_else(AdvancedBlend::default, |it| AdvancedBlend {
+        source_premultiplied: it.src_premultiplied != vk::FALSE,
+        destination_premultiplied: it.dst_premultiplied != vk::FALSE,
+        overlap: it.blend_overlap,
+        clamps: false,
+    });
     let attachment = |it: &vk::PipelineColorBlendAttachmentState| BlendAttachment {
         enable: it.blend_enable != vk::FALSE,
         src_color: it.src_color_blend_factor,
@@ -387,6 +395,7 @@ unsafe fn color_blend(info: &vk::PipelineColorBlendStateCreateInfo<'_>) -> Color
         dst_alpha: it.dst_alpha_blend_factor,
         alpha_op: it.alpha_blend_op,
         write_mask: it.color_write_mask,
+        advanced,
     };
     ColorBlend {
         logic_op: (info.logic_op_enable != vk::FALSE).then_some(info.logic_op),

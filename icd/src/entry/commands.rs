@@ -570,6 +570,7 @@ commands! {
     Device EXT_EXTENDED_DYNAMIC_STATE_3 | EXT_SHADER_OBJECT PFN_vkCmdSetLogicOpEnableEXT graphics_state::vkCmdSetLogicOpEnableEXT;
     Device EXT_EXTENDED_DYNAMIC_STATE_3 | EXT_SHADER_OBJECT PFN_vkCmdSetColorBlendEnableEXT graphics_state::vkCmdSetColorBlendEnableEXT;
     Device EXT_EXTENDED_DYNAMIC_STATE_3 | EXT_SHADER_OBJECT PFN_vkCmdSetColorBlendEquationEXT graphics_state::vkCmdSetColorBlendEquationEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE_3 | EXT_SHADER_OBJECT PFN_vkCmdSetColorBlendAdvancedEXT graphics_state::vkCmdSetColorBlendAdvancedEXT;
     Device EXT_EXTENDED_DYNAMIC_STATE_3 | EXT_SHADER_OBJECT PFN_vkCmdSetColorWriteMaskEXT graphics_state::vkCmdSetColorWriteMaskEXT;
     Device EXT_EXTENDED_DYNAMIC_STATE_3 | EXT_SHADER_OBJECT PFN_vkCmdSetDepthClipEnableEXT graphics_state::vkCmdSetDepthClipEnableEXT;
     Device EXT_EXTENDED_DYNAMIC_STATE_3 | EXT_SHADER_OBJECT PFN_vkCmdSetProvokingVertexModeEXT graphics_state::vkCmdSetProvokingVertexModeEXT;

@@ -228,6 +228,15 @@ commands! {
         set(commands, Setting::BlendEquations(first, slice(equations, number).into()))
     }
 
+    fn vkCmdSetColorBlendAdvancedEXT(
+        commands,
+        first: u32,
+        number: u32,
+        blends: *const vk::ColorBlendAdvancedEXT,
+    ) {
+        set(commands, Setting::AdvancedBlends(first, slice(blends, number).into()))
+    }
+
     fn vkCmdSetColorWriteMaskEXT(
         commands,
         first: u32,

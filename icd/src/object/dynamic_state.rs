@@ -5,14 +5,14 @@
 
 use ash::vk;
 
-use super::graphics_state::GraphicsState;
+use super::graphics_state::{BlendAttachment, GraphicsState};
 
 /// The parts of a graphics pipeline (`VkGraphicsPipelineLibraryFlagBitsEXT`).
 pub type Parts = vk::GraphicsPipelineLibraryFlagsEXT;
 
 /// The states that can be dynamic, each with its part of a pipeline.
 #[rustfmt::skip]
-const STATES: [(vk::DynamicState, Parts); 43] = {
+const STATES: [(vk::DynamicState, Parts); 44] = {
     use vk::DynamicState as State;
     const INPUT: Parts = Parts::VERTEX_INPUT_INTERFACE;
     const BEFORE: Parts = Parts::PRE_RASTERIZATION_SHADERS;
@@ -61,6 +61,7 @@ const STATES: [(vk::DynamicState, Parts); 43] = {
         (State::LOGIC_OP_ENABLE_EXT, OUTPUT),
         (State::COLOR_BLEND_ENABLE_EXT, OUTPUT),
         (State::COLOR_BLEND_EQUATION_EXT, OUTPUT),
+        (State::COLOR_BLEND_ADVANCED_EXT, OUTPUT),
         (State::COLOR_WRITE_MASK_EXT, OUTPUT),
     ]
 };
@@ -211,9 +212,16 @@ impl GraphicsState {
                 to.write_mask = from.write_mask;
             }
             if dynamic(State::COLOR_BLEND_EQUATION_EXT) {
-                let (enable, write_mask) = (to.enable, to.write_mask);
-                *to = *from;
-                (to.enable, to.write_mask) = (enable, write_mask);
+                *to = BlendAttachment {
+                    enable: to.enable,
+                    write_mask: to.write_mask,
+                    advanced: to.advanced,
+                    ..*from
+                };
+            }
+            if dynamic(State::COLOR_BLEND_ADVANCED_EXT) {
+                (to.color_op, to.alpha_op) = (from.color_op, from.alpha_op);
+                to.advanced = from.advanced;
             }
         }
     }

@@ -127,6 +127,30 @@ pub struct BlendAttachment {
     pub dst_alpha: vk::BlendFactor,
     pub alpha_op: vk::BlendOp,
     pub write_mask: vk::ColorComponentFlags,
+    /// Looked at by advanced operations.
+    pub advanced: AdvancedBlend,
+}
+
+/// Parameters of advanced blend operations: `VkPipelineColorBlendAdvancedStateCreateInfoEXT` or
+/// `VkColorBlendAdvancedEXT`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct AdvancedBlend {
+    pub source_premultiplied: bool,
+    pub destination_premultiplied: bool,
+    pub overlap: vk::BlendOverlapEXT,
+    /// Results are clamped to 0 to 1.
+    pub clamps: bool,
+}
+
+impl Default for AdvancedBlend {
+    fn default() -> Self {
+        Self {
+            source_premultiplied: true,
+            destination_premultiplied: true,
+            overlap: vk::BlendOverlapEXT::UNCORRELATED,
+            clamps: false,
+        }
+    }
 }
 
 /// `VkPipelineColorBlendStateCreateInfo`, with `VK_EXT_color_write_enable`.
@@ -335,6 +359,7 @@ impl Default for BlendAttachment {
             dst_alpha: vk::BlendFactor::ZERO,
             alpha_op: vk::BlendOp::ADD,
             write_mask: vk::ColorComponentFlags::RGBA,
+            advanced: AdvancedBlend::default(),
         }
     }
 }

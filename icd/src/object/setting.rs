@@ -6,7 +6,8 @@ use ash::vk;
 use smallvec::SmallVec;
 
 use super::graphics_state::{
-    BlendAttachment, ColorLocations, GraphicsState, MAX_VIEWPORTS, StencilFace, VertexInput,
+    AdvancedBlend, BlendAttachment, ColorLocations, GraphicsState, MAX_VIEWPORTS, StencilFace,
+    VertexInput,
 };
 
 /// The state that a command sets.
@@ -64,6 +65,8 @@ pub enum Setting {
     /// From an attachment on.
     BlendEnable(u32, SmallVec<[bool; 8]>),
     BlendEquations(u32, Box<[vk::ColorBlendEquationEXT]>),
+    /// Advanced operations and their parameters.
+    AdvancedBlends(u32, Box<[vk::ColorBlendAdvancedEXT]>),
     WriteMasks(u32, SmallVec<[vk::ColorComponentFlags; 4]>),
     ColorLocations(ColorLocations),
 }
@@ -181,14 +184,25 @@ impl GraphicsState {
             Setting::BlendEquations(first, values) => {
                 for (attachment, equation) in from(&mut blend.attachments, *first).zip(values) {
                     *attachment = BlendAttachment {
-                        enable: attachment.enable,
                         src_color: equation.src_color_blend_factor,
                         dst_color: equation.dst_color_blend_factor,
                         color_op: equation.color_blend_op,
                         src_alpha: equation.src_alpha_blend_factor,
                         dst_alpha: equation.dst_alpha_blend_factor,
                         alpha_op: equation.alpha_blend_op,
-                        write_mask: attachment.write_mask,
+                        ..*attachment
+                    };
+                }
+            }
+            Setting::AdvancedBlends(first, values) => {
+                for (attachment, value) in from(&mut blend.attachments, *first).zip(values) {
+                    attachment.color_op = value.advanced_blend_op;
+                    attachment.alpha_op = value.advanced_blend_op;
+                    attachment.advanced = AdvancedBlend {
+                        source_premultiplied: value.src_premultiplied != vk::FALSE,
+                        destination_premultiplied: value.dst_premultiplied != vk::FALSE,
+                        overlap: value.blend_overlap,
+                        clamps: value.clamp_results != vk::FALSE,
                     };
                 }
             }

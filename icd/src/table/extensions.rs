@@ -164,6 +164,7 @@ extensions! {
     Device EXT_4444_FORMATS c"VK_EXT_4444_formats" 1;
     Device EXT_ATTACHMENT_FEEDBACK_LOOP_DYNAMIC_STATE c"VK_EXT_attachment_feedback_loop_dynamic_state" 1;
     Device EXT_ATTACHMENT_FEEDBACK_LOOP_LAYOUT c"VK_EXT_attachment_feedback_loop_layout" 2;
+    Device EXT_BLEND_OPERATION_ADVANCED c"VK_EXT_blend_operation_advanced" 2;
     Device EXT_BORDER_COLOR_SWIZZLE c"VK_EXT_border_color_swizzle" 1;
     Device EXT_CALIBRATED_TIMESTAMPS c"VK_EXT_calibrated_timestamps" 2;
     Device EXT_COLOR_WRITE_ENABLE c"VK_EXT_color_write_enable" 1;

@@ -298,6 +298,7 @@ features! {
         vertex_attribute_instance_rate_divisor: PhysicalDeviceVulkan14Features PhysicalDeviceVertexAttributeDivisorFeaturesKHR;
         vertex_attribute_instance_rate_zero_divisor: PhysicalDeviceVulkan14Features PhysicalDeviceVertexAttributeDivisorFeaturesKHR;
         color_write_enable: PhysicalDeviceColorWriteEnableFeaturesEXT;
+        advanced_blend_coherent_operations: PhysicalDeviceBlendOperationAdvancedFeaturesEXT;
         depth_bias_control: PhysicalDeviceDepthBiasControlFeaturesEXT;
         least_representable_value_force_unorm_representation: PhysicalDeviceDepthBiasControlFeaturesEXT;
         float_representation: PhysicalDeviceDepthBiasControlFeaturesEXT;
@@ -316,6 +317,7 @@ features! {
         extended_dynamic_state3_logic_op_enable: PhysicalDeviceExtendedDynamicState3FeaturesEXT;
         extended_dynamic_state3_color_blend_enable: PhysicalDeviceExtendedDynamicState3FeaturesEXT;
         extended_dynamic_state3_color_blend_equation: PhysicalDeviceExtendedDynamicState3FeaturesEXT;
+        extended_dynamic_state3_color_blend_advanced: PhysicalDeviceExtendedDynamicState3FeaturesEXT;
         extended_dynamic_state3_color_write_mask: PhysicalDeviceExtendedDynamicState3FeaturesEXT;
         extended_dynamic_state3_depth_clip_enable: PhysicalDeviceExtendedDynamicState3FeaturesEXT;
         extended_dynamic_state3_provoking_vertex_mode: PhysicalDeviceExtendedDynamicState3FeaturesEXT;

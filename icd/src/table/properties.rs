@@ -574,6 +574,15 @@ unsafe fn fill(machine: &Machine, node: *mut vk::BaseOutStructure<'static>) {
                 default_robustness_storage_buffers, default_robustness_uniform_buffers, default_robustness_vertex_inputs,
                 default_robustness_images,
             };
+            PhysicalDeviceBlendOperationAdvancedPropertiesEXT(vk::PhysicalDeviceBlendOperationAdvancedPropertiesEXT {
+                advanced_blend_max_color_attachments: limits::MAX_COLOR_ATTACHMENTS,
+                advanced_blend_independent_blend: vk::TRUE,
+                advanced_blend_non_premultiplied_src_color: vk::TRUE,
+                advanced_blend_non_premultiplied_dst_color: vk::TRUE,
+                advanced_blend_correlated_overlap: vk::TRUE,
+                advanced_blend_all_operations: vk::TRUE,
+                ..Default::default()
+            });
             PhysicalDeviceProvokingVertexPropertiesEXT(vk::PhysicalDeviceProvokingVertexPropertiesEXT {
                 provoking_vertex_mode_per_pipeline: vk::TRUE,
                 ..Default::default()

@@ -20,7 +20,7 @@ pub enum Range {
 impl Range {
     /// Clamps numbers. NaN becomes the least one.
     #[inline(always)]
-    fn clamp<V: Vector>(self, v: V, numbers: V::F) -> V::F {
+    pub(super) fn clamp<V: Vector>(self, v: V, numbers: V::F) -> V::F {
         let least = match self {
             Range::All => return numbers,
             Range::Unorm => 0.0,
@@ -30,7 +30,7 @@ impl Range {
     }
 
     #[inline(always)]
-    fn clamp_colors<V: Vector>(self, v: V, colors: &[V::F; 4]) -> [V::F; 4] {
+    pub(super) fn clamp_colors<V: Vector>(self, v: V, colors: &[V::F; 4]) -> [V::F; 4] {
         [
             self.clamp(v, colors[0]),
             self.clamp(v, colors[1]),

@@ -7,6 +7,7 @@ use spirv_jit::image::texels::{decode_words, encode_words};
 use spirv_jit::image::vector::Vector;
 use spirv_jit::program::AlignedRow;
 
+use super::advanced::blend_advanced;
 use super::blend::{Over, Range, operate_words};
 use super::lanes::{load_words, numbers, rows_of, words};
 use super::texels::{Places, Words, load, load_word, store, store_word};
@@ -291,6 +292,38 @@ fn component<V: Vector>(v: V, place: Option<usize>, rows: &[AlignedRow]) -> V::I
 }
 
 impl Color {
+    /// The distance of neighbouring numbers in the attachment, 0 if it has floats.
+    fn step(&self) -> f32 {
+        let bits = u32::from(self.target.surface.format.channels[0].bits);
+        match self.range {
+            Range::All => 0.0,
+            Range::Unorm => 1.0 / ((1u64 << bits) - 1) as f32,
+            Range::Snorm => 1.0 / ((1u64 << (bits.max(2) - 1)) - 1) as f32,
+        }
+    }
+
+    /// Blends by an advanced operation, in a function of its own.
+    #[inline(always)]
+    pub fn blend_advanced<V: Vector>(
+        &self,
+        v: V,
+        state: &BlendAttachment,
+        source: &[V::F; 4],
+        destination: &[V::F; 4],
+    ) -> [V::F; 4] {
+        let (source, destination) = (words(v, source), words(v, destination));
+        let (source, destination) = (rows_of(v, &source), rows_of(v, &destination));
+        let blended = blend_advanced(
+            self.tier,
+            state,
+            self.range,
+            self.step(),
+            &source,
+            &destination,
+        );
+        numbers(v, &load_words(v, &blended))
+    }
+
     #[inline(always)]
     pub(super) fn rows<V: Vector>(&self, v: V, places: &Rows, rows: &[AlignedRow]) -> [V::I; 4] {
         // One by one: a loop would keep them in memory.

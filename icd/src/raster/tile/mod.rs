@@ -12,6 +12,7 @@
 //! images: the order of primitives holds at each sample, and no pixel has two writers. [`plan`] is
 //! what draws of one state have in common; [`lanes`] is how sixteen pixels become vectors.
 
+mod advanced;
 mod blend;
 mod clear;
 mod color;

@@ -6,6 +6,7 @@ use spirv_jit::Program;
 use spirv_jit::image::vector::Vector;
 use spirv_jit::program::{AlignedRow, OutputRow};
 
+use super::advanced::is_advanced;
 use super::blend::blend;
 use super::color::{Color, color};
 use super::lanes::{Floats, LANE_X, LANE_Y, floats_of, lanes_where, numbers, words};
@@ -242,6 +243,9 @@ impl Output {
             let (constants, range) = (&self.constants, color.range);
             let blended = match color.over {
                 Some(over) => over.blend(v, &source, &destination),
+                None if is_advanced(state.color_op) => {
+                    color.blend_advanced(v, state, &source, &destination)
+                }
                 None => blend(v, state, constants, range, &source, &second, &destination),
             };
             let new = color.encode(v, &words(v, &blended));

@@ -182,6 +182,7 @@ fn every_factor_and_operation_is_what_the_table_says() {
                     dst_alpha,
                     alpha_op: op(),
                     write_mask: vk::ColorComponentFlags::RGBA,
+                    ..Default::default()
                 };
                 check(format, is_fixed, tolerance, &state, &mut random);
             }

@@ -1,5 +1,6 @@
 //! Tests of the tiles, on chunks and attachments made by hand.
 
+mod advanced;
 mod clears;
 mod colors;
 mod coverage;
