@@ -29,6 +29,8 @@ pub enum GraphicsCommand {
     BindVertexBuffers(Box<BindVertexBuffers>),
     /// `vkCmdBindIndexBuffer2`.
     BindIndexBuffer(IndexBinding),
+    /// `vkCmdSetPrimitiveRestartIndexEXT`: until an index buffer is bound.
+    RestartIndex(u32),
     /// `vkCmdDraw`, `vkCmdDrawIndexed`.
     Draw(Draw),
     /// `vkCmdDrawMultiEXT`, `vkCmdDrawMultiIndexedEXT`.

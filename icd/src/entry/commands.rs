@@ -193,6 +193,7 @@ commands! {
     Device Core PFN_vkAllocateMemory memory::vkAllocateMemory;
     Device Core PFN_vkFlushMappedMemoryRanges memory::vkFlushMappedMemoryRanges;
     Device Core PFN_vkFreeMemory memory::vkFreeMemory;
+    Device EXT_PAGEABLE_DEVICE_LOCAL_MEMORY PFN_vkSetDeviceMemoryPriorityEXT memory::vkSetDeviceMemoryPriorityEXT;
     Device Core PFN_vkGetDeviceMemoryCommitment memory::vkGetDeviceMemoryCommitment;
     Device Core12 PFN_vkGetDeviceMemoryOpaqueCaptureAddress memory::vkGetDeviceMemoryOpaqueCaptureAddress;
     Device KHR_BUFFER_DEVICE_ADDRESS PFN_vkGetDeviceMemoryOpaqueCaptureAddress memory::vkGetDeviceMemoryOpaqueCaptureAddress as vkGetDeviceMemoryOpaqueCaptureAddressKHR;
@@ -482,6 +483,7 @@ commands! {
     Device Core12 PFN_vkCmdBeginRenderPass2 graphics_pass::vkCmdBeginRenderPass2;
     Device Core13 PFN_vkCmdBeginRendering graphics_pass::vkCmdBeginRendering;
     Device Core PFN_vkCmdBindIndexBuffer graphics_draw::vkCmdBindIndexBuffer;
+    Device EXT_PRIMITIVE_RESTART_INDEX PFN_vkCmdSetPrimitiveRestartIndexEXT graphics_draw::vkCmdSetPrimitiveRestartIndexEXT;
     Device Core PFN_vkCmdBindVertexBuffers graphics_draw::vkCmdBindVertexBuffers;
     Device Core13 PFN_vkCmdBindVertexBuffers2 graphics_draw::vkCmdBindVertexBuffers2;
     Device Core PFN_vkCmdClearAttachments graphics_pass::vkCmdClearAttachments;

@@ -133,6 +133,10 @@ commands! {
         bind_index_buffer(commands, buffer, offset, vk::WHOLE_SIZE, ty)
     }
 
+    fn vkCmdSetPrimitiveRestartIndexEXT(commands, index: u32) {
+        push(commands, GraphicsCommand::RestartIndex(index))
+    }
+
     fn vkCmdBindIndexBuffer2KHR(
         commands,
         buffer: vk::Buffer,

@@ -161,6 +161,9 @@ entry! {
         *out = 0;
     }
 
+    /// All memory is alike: a priority changes nothing.
+    fn vkSetDeviceMemoryPriorityEXT(_device: vk::Device, _memory: vk::DeviceMemory, _priority: f32) {}
+
     fn vkGetDeviceMemoryOpaqueCaptureAddress(
         _device: vk::Device,
         info: *const vk::DeviceMemoryOpaqueCaptureAddressInfo,

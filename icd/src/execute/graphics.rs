@@ -66,6 +66,7 @@ impl Default for Current {
                 address: 0,
                 size_bytes: 0,
                 ty: vk::IndexType::UINT32,
+                restart: None,
             },
         }
     }
@@ -171,6 +172,7 @@ impl Current {
             address: binding.address,
             size_bytes: binding.size_bytes,
             ty: binding.ty,
+            restart: None,
         };
     }
 }
@@ -382,6 +384,10 @@ impl<'a> Painter<'_, 'a> {
             }
             GraphicsCommand::BindIndexBuffer(binding) => {
                 self.current.bind_index_buffer(binding);
+                Ok(())
+            }
+            &GraphicsCommand::RestartIndex(index) => {
+                self.current.indices.restart = Some(index);
                 Ok(())
             }
             GraphicsCommand::Draw(_)

@@ -165,6 +165,21 @@ structures! {
         unified_image_layouts: Bool32,
         unified_image_layouts_video: Bool32,
     }
+    /// `VK_EXT_legacy_vertex_attributes`.
+    PhysicalDeviceLegacyVertexAttributesFeaturesEXT 1_000_495_000 *mut c_void {
+        legacy_vertex_attributes: Bool32,
+    }
+    PhysicalDeviceLegacyVertexAttributesPropertiesEXT 1_000_495_001 *mut c_void {
+        native_unaligned_performance: Bool32,
+    }
+    /// `VK_EXT_primitive_restart_index`.
+    PhysicalDevicePrimitiveRestartIndexFeaturesEXT 1_000_678_000 *mut c_void {
+        primitive_restart_index: Bool32,
+    }
+    /// `VK_EXT_zero_initialize_device_memory`.
+    PhysicalDeviceZeroInitializeDeviceMemoryFeaturesEXT 1_000_620_000 *mut c_void {
+        zero_initialize_device_memory: Bool32,
+    }
     /// `VK_EXT_ray_tracing_invocation_reorder`.
     PhysicalDeviceRayTracingInvocationReorderFeaturesEXT 1_000_581_000 *mut c_void {
         ray_tracing_invocation_reorder: Bool32,
@@ -423,6 +438,7 @@ functions! {
     PFN_vkCmdBeginConditionalRendering2EXT(CommandBuffer, *const c_void);
     PFN_vkCmdBindIndexBuffer3KHR(CommandBuffer, *const c_void);
     PFN_vkCmdBindVertexBuffers3KHR(CommandBuffer, u32, u32, *const c_void);
+    PFN_vkCmdSetPrimitiveRestartIndexEXT(CommandBuffer, u32);
     PFN_vkCmdCopyImageToMemoryKHR(CommandBuffer, *const CopyDeviceMemoryImageInfoKHR<'_>);
     PFN_vkCmdCopyMemoryIndirectKHR(CommandBuffer, *const CopyMemoryIndirectInfoKHR<'_>);
     PFN_vkCmdCopyMemoryToImageIndirectKHR(CommandBuffer, *const CopyMemoryToImageIndirectInfoKHR<'_>);

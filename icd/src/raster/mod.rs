@@ -105,6 +105,8 @@ pub struct IndexBuffer {
     /// Indices past it read 0.
     pub size_bytes: u64,
     pub ty: vk::IndexType,
+    /// In the place of the type's largest number (`VK_EXT_primitive_restart_index`).
+    pub restart: Option<u32>,
 }
 
 /// One draw, direct or read from an indirect buffer.

@@ -194,6 +194,7 @@ extensions! {
     Device EXT_IMAGE_VIEW_MIN_LOD c"VK_EXT_image_view_min_lod" 1;
     Device EXT_INDEX_TYPE_UINT8 c"VK_EXT_index_type_uint8" 1;
     Device EXT_INLINE_UNIFORM_BLOCK c"VK_EXT_inline_uniform_block" 1;
+    Device EXT_LEGACY_VERTEX_ATTRIBUTES c"VK_EXT_legacy_vertex_attributes" 1;
     Device EXT_LINE_RASTERIZATION c"VK_EXT_line_rasterization" 1;
     Device EXT_LOAD_STORE_OP_NONE c"VK_EXT_load_store_op_none" 1;
     Device EXT_MEMORY_BUDGET c"VK_EXT_memory_budget" 1;
@@ -203,6 +204,7 @@ extensions! {
     Device EXT_NESTED_COMMAND_BUFFER c"VK_EXT_nested_command_buffer" 1;
     Device EXT_NON_SEAMLESS_CUBE_MAP c"VK_EXT_non_seamless_cube_map" 1;
     Device EXT_OPACITY_MICROMAP c"VK_EXT_opacity_micromap" 2;
+    Device EXT_PAGEABLE_DEVICE_LOCAL_MEMORY c"VK_EXT_pageable_device_local_memory" 1;
     Device EXT_PIPELINE_CREATION_CACHE_CONTROL c"VK_EXT_pipeline_creation_cache_control" 3;
     Device EXT_PIPELINE_CREATION_FEEDBACK c"VK_EXT_pipeline_creation_feedback" 1;
     Device EXT_PIPELINE_LIBRARY_GROUP_HANDLES c"VK_EXT_pipeline_library_group_handles" 1;
@@ -210,9 +212,11 @@ extensions! {
     Device EXT_PIPELINE_ROBUSTNESS c"VK_EXT_pipeline_robustness" 1;
     Device EXT_PRESENT_MODE_FIFO_LATEST_READY c"VK_EXT_present_mode_fifo_latest_ready" 1;
     Device EXT_PRESENT_TIMING c"VK_EXT_present_timing" 3;
+    Device EXT_PRIMITIVE_RESTART_INDEX c"VK_EXT_primitive_restart_index" 1;
     Device EXT_PRIMITIVE_TOPOLOGY_LIST_RESTART c"VK_EXT_primitive_topology_list_restart" 1;
     Device EXT_PRIVATE_DATA c"VK_EXT_private_data" 1;
     Device EXT_PROVOKING_VERTEX c"VK_EXT_provoking_vertex" 1;
+    Device EXT_QUEUE_FAMILY_FOREIGN c"VK_EXT_queue_family_foreign" 1;
     Device EXT_RASTERIZATION_ORDER_ATTACHMENT_ACCESS c"VK_EXT_rasterization_order_attachment_access" 1;
     Device EXT_RAY_TRACING_INVOCATION_REORDER c"VK_EXT_ray_tracing_invocation_reorder" 2;
     Device EXT_ROBUSTNESS_2 c"VK_EXT_robustness2" 1;
@@ -238,6 +242,11 @@ extensions! {
     Device EXT_VERTEX_INPUT_DYNAMIC_STATE c"VK_EXT_vertex_input_dynamic_state" 2;
     Device EXT_YCBCR_2PLANE_444_FORMATS c"VK_EXT_ycbcr_2plane_444_formats" 1;
     Device EXT_YCBCR_IMAGE_ARRAYS c"VK_EXT_ycbcr_image_arrays" 1;
+    Device EXT_ZERO_INITIALIZE_DEVICE_MEMORY c"VK_EXT_zero_initialize_device_memory" 1;
+    Device ARM_RASTERIZATION_ORDER_ATTACHMENT_ACCESS c"VK_ARM_rasterization_order_attachment_access" 1;
+    Device GOOGLE_DECORATE_STRING c"VK_GOOGLE_decorate_string" 1;
+    Device GOOGLE_HLSL_FUNCTIONALITY_1 c"VK_GOOGLE_hlsl_functionality1" 1;
+    Device GOOGLE_USER_TYPE c"VK_GOOGLE_user_type" 1;
     Device NV_COMPUTE_SHADER_DERIVATIVES c"VK_NV_compute_shader_derivatives" 1;
     Device HUAWEI_INVOCATION_MASK c"VK_HUAWEI_invocation_mask" 1;
     Device NV_SHADER_SUBGROUP_PARTITIONED c"VK_NV_shader_subgroup_partitioned" 1;

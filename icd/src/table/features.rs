@@ -257,6 +257,8 @@ features! {
         descriptor_buffer_push_descriptors: PhysicalDeviceDescriptorBufferFeaturesEXT;
         mutable_descriptor_type: PhysicalDeviceMutableDescriptorTypeFeaturesEXT;
         memory_priority: PhysicalDeviceMemoryPriorityFeaturesEXT;
+        pageable_device_local_memory: PhysicalDevicePageableDeviceLocalMemoryFeaturesEXT;
+        zero_initialize_device_memory: PhysicalDeviceZeroInitializeDeviceMemoryFeaturesEXT;
         format_a4r4g4b4: PhysicalDevice4444FormatsFeaturesEXT;
         format_a4b4g4r4: PhysicalDevice4444FormatsFeaturesEXT;
         report_address_binding: PhysicalDeviceAddressBindingReportFeaturesEXT;
@@ -324,6 +326,8 @@ features! {
         extended_dynamic_state3_line_rasterization_mode: PhysicalDeviceExtendedDynamicState3FeaturesEXT;
         extended_dynamic_state3_line_stipple_enable: PhysicalDeviceExtendedDynamicState3FeaturesEXT;
         extended_dynamic_state3_depth_clip_negative_one_to_one: PhysicalDeviceExtendedDynamicState3FeaturesEXT;
+        legacy_vertex_attributes: PhysicalDeviceLegacyVertexAttributesFeaturesEXT;
+        primitive_restart_index: PhysicalDevicePrimitiveRestartIndexFeaturesEXT;
         maintenance7: PhysicalDeviceMaintenance7FeaturesKHR;
         indirect_memory_copy: PhysicalDeviceCopyMemoryIndirectFeaturesKHR;
         indirect_memory_to_image_copy: PhysicalDeviceCopyMemoryIndirectFeaturesKHR;

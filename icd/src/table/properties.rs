@@ -583,6 +583,10 @@ unsafe fn fill(machine: &Machine, node: *mut vk::BaseOutStructure<'static>) {
                 advanced_blend_all_operations: vk::TRUE,
                 ..Default::default()
             });
+            PhysicalDeviceLegacyVertexAttributesPropertiesEXT(vk::PhysicalDeviceLegacyVertexAttributesPropertiesEXT {
+                native_unaligned_performance: vk::TRUE,
+                ..Default::default()
+            });
             PhysicalDeviceProvokingVertexPropertiesEXT(vk::PhysicalDeviceProvokingVertexPropertiesEXT {
                 provoking_vertex_mode_per_pipeline: vk::TRUE,
                 ..Default::default()

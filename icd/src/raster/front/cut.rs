@@ -219,7 +219,7 @@ impl Cutter<'_> {
     ) -> Result<u64, Stopped> {
         let mut end = u64::from(call.count);
         if let Some(indices) = indices {
-            let restart = indices.restart();
+            let restart = indices.restart;
             let first = u64::from(call.first);
             let mut place = cursor.start;
             'scan: while place < end {

@@ -13,6 +13,8 @@ pub struct Indices {
     bytes: u64,
     /// Bytes of an index, as a power of two.
     shift: u32,
+    /// The index that ends a segment, where restart is on.
+    pub restart: u32,
 }
 
 // SAFETY: a place in memory that the application keeps, and does not write, for the time of the
@@ -25,14 +27,16 @@ impl Indices {
     /// Of a bound index buffer.
     pub fn new(buffer: &IndexBuffer, reach: &Reach) -> Self {
         let memory = readable(reach, buffer.address, buffer.size_bytes);
+        let shift = match buffer.ty {
+            vk::IndexType::UINT8_KHR => 0,
+            vk::IndexType::UINT16 => 1,
+            _ => 2,
+        };
         Self {
             base: memory.base,
             bytes: memory.bytes as u64,
-            shift: match buffer.ty {
-                vk::IndexType::UINT8_KHR => 0,
-                vk::IndexType::UINT16 => 1,
-                _ => 2,
-            },
+            shift,
+            restart: buffer.restart.unwrap_or(u32::MAX >> (32 - (8 << shift))),
         }
     }
 
@@ -52,10 +56,5 @@ impl Indices {
                 _ => address.cast::<u32>().read_unaligned(),
             }
         }
-    }
-
-    /// The index that ends a segment, where restart is on.
-    pub fn restart(&self) -> u32 {
-        u32::MAX >> (32 - (8 << self.shift))
     }
 }

@@ -306,7 +306,7 @@ impl<V: Vector> Modes<V> {
         self.v.min(self.number(1.0), self.v.div(a, b))
     }
 
-    /// What remains of `d` over a light of `rest`: 0 for a `d` of 0, else 1 where nothing is left.
+    /// `d` over the light that is missing, at most 1: 0 for a `d` of 0, else 1 if none is missing.
     #[inline(always)]
     fn dodge(self, rest: V::F, d: V::F) -> V::F {
         let (v, zero) = (self.v, self.number(0.0));

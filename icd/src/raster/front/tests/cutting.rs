@@ -219,7 +219,8 @@ fn restarts_cut_segments_and_numbers_go_on() {
             Topology::POINT_LIST,
         ][round % 4];
         let wide = round % 3;
-        let restart = [0xFF, 0xFFFF, u32::MAX][wide];
+        let custom = (round % 8 > 3).then_some(17);
+        let restart = custom.unwrap_or([0xFF, 0xFFFF, u32::MAX][wide]);
         let length = if round < 4 { 60 } else { 9000 };
         let indices: Vec<u32> = (0..length)
             .map(
@@ -247,6 +248,7 @@ fn restarts_cut_segments_and_numbers_go_on() {
                 vk::IndexType::UINT16,
                 vk::IndexType::UINT32,
             ][wide],
+            restart: custom,
         });
         let counters = Arc::clone(&draw.counters[0]);
         let reach = reach_of(&[
@@ -295,6 +297,7 @@ fn vertices_are_shaded_once() {
         address: indices.as_ptr() as u64,
         size_bytes: 1200,
         ty: vk::IndexType::UINT16,
+        restart: None,
     });
     let counters = Arc::clone(&draw.counters[0]);
     let reach = Reach::everywhere();
@@ -331,6 +334,7 @@ fn what_lies_past_buffers_reads_as_zero() {
         address: indices.as_ptr() as u64,
         size_bytes: 24,
         ty: vk::IndexType::UINT32,
+        restart: None,
     });
     let all = chunks(
         &[Work::Draw(draw)],
