@@ -9,11 +9,11 @@ use spirv_jit::image::format::{FormatInfo, Numeric};
 use super::{is_luma_and_chroma, texel_format};
 
 /// Bytes of the texels that tiles load and store.
-const TEXEL_BYTES: [u8; 5] = [1, 2, 4, 8, 16];
+const TEXEL_BYTES: [u8; 6] = [1, 2, 4, 8, 12, 16];
 
-/// Whether a format is one of colours that can be drawn: every uncompressed one whose texels have a
-/// power of two of bytes, but those of the shared exponent, of 64-bit and scaled components, and
-/// those that may be converted from Y′CbCr.
+/// Whether a format is one of colours that can be drawn: every uncompressed one with texels of
+/// these sizes, but those of the shared exponent, of 64-bit and scaled components, and those that
+/// may be converted from Y′CbCr.
 fn is_drawn(format: vk::Format, info: &FormatInfo) -> bool {
     let no_colors = [Numeric::Uscaled, Numeric::Sscaled].contains(&info.numeric)
         || format == vk::Format::E5B9G9R9_UFLOAT_PACK32

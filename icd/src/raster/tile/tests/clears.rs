@@ -45,6 +45,7 @@ fn rectangles_are_cleared_in_all_samples_and_their_layers() {
         vk::Format::R16_UINT,
         vk::Format::R8G8B8A8_UINT,
         vk::Format::R16G16B16A16_UINT,
+        vk::Format::R32G32B32_UINT,
         vk::Format::R32G32B32A32_UINT,
     ] {
         for samples in [1, 4] {

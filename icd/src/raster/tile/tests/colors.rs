@@ -207,6 +207,7 @@ fn write_masks_keep_other_components() {
         vk::Format::R8G8B8A8_UINT,
         vk::Format::A2B10G10R10_UINT_PACK32,
         vk::Format::R16G16B16A16_UINT,
+        vk::Format::R32G32B32_UINT,
         vk::Format::R32G32B32A32_UINT,
     ] {
         for mask in 0..16 {
@@ -216,10 +217,14 @@ fn write_masks_keep_other_components() {
             state.blend.attachments[0].write_mask = vk::ColorComponentFlags::from_raw(mask);
             paint(&canvas, state, [9, 8, 7, 2]);
             let wanted = [(1, 9), (2, 8), (3, 7), (1, 2)];
-            let wanted: [u32; 4] = std::array::from_fn(|component| match mask >> component & 1 {
-                0 => wanted[component].0,
-                _ => wanted[component].1,
-            });
+            let mut wanted: [u32; 4] =
+                std::array::from_fn(|component| match mask >> component & 1 {
+                    0 => wanted[component].0,
+                    _ => wanted[component].1,
+                });
+            if format == vk::Format::R32G32B32_UINT {
+                wanted[3] = 1;
+            }
             assert_eq!(canvas.texel(COLOR, [4, 2, 0, 0]), wanted, "{format:?}");
             assert_eq!(canvas.texel(COLOR, [0, 0, 0, 0]), wanted, "{format:?}");
         }
