@@ -86,6 +86,8 @@ fn stage(model: ExecutionModel) -> Option<Stage> {
         ExecutionModel::MissKHR => Stage::Miss,
         ExecutionModel::CallableKHR => Stage::Callable,
         ExecutionModel::Vertex => Stage::Vertex,
+        ExecutionModel::TessellationControl => Stage::TessellationControl,
+        ExecutionModel::TessellationEvaluation => Stage::TessellationEvaluation,
         ExecutionModel::Geometry => Stage::Geometry,
         ExecutionModel::Fragment => Stage::Fragment,
         _ => return None,

@@ -21,6 +21,8 @@ fn stage(path: &Path) -> Stage {
         Some("rint") => Stage::Intersection,
         Some("rcall") => Stage::Callable,
         Some("vert") => Stage::Vertex,
+        Some("tesc") => Stage::TessellationControl,
+        Some("tese") => Stage::TessellationEvaluation,
         Some("geom") => Stage::Geometry,
         Some("frag") => Stage::Fragment,
         _ => Stage::Compute,

@@ -31,6 +31,8 @@ fn main() {
             Stage::Vertex => 7,
             Stage::Fragment => 8,
             Stage::Geometry => 9,
+            Stage::TessellationControl => 10,
+            Stage::TessellationEvaluation => 11,
         };
         write(&folder.join("modules"), index, &[first], &words);
         if stage == Stage::Compute {

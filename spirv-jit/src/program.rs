@@ -26,6 +26,10 @@ pub use crate::ir::interface::{
 pub use crate::ir::module::InputRow;
 pub use crate::ir::passed::Passed;
 pub use crate::ir::stage::{Builtin, Stage};
+pub use crate::ir::tessellation::{
+    ControlFacts, Domain, MAX_PATCH_VERTICES, PatchWord, Spacing, TessellationFacts,
+    TessellationModes, Width,
+};
 pub use crate::request::CompileRequest;
 pub use crate::row::{AlignedRow, Row};
 pub use crate::state::{Event, IO_DATA_ROW, ResumePoint, SiteId, SiteKind, StateLayout, Wave};
@@ -81,6 +85,7 @@ pub struct Program {
     outputs: Vec<OutputRow>,
     passed: Option<Vec<Passed>>,
     tinted: Option<Tinted>,
+    tessellation: Option<TessellationFacts>,
     geometry: Option<GeometryFacts>,
     fragment: Option<FragmentFacts>,
     origin: OnceLock<Origin>,
@@ -143,6 +148,7 @@ impl Program {
             outputs: module.outputs.clone(),
             passed: passed(module),
             tinted: tinted(module),
+            tessellation: module.tessellation.clone(),
             geometry: module.geometry,
             fragment: module.fragment,
             origin: OnceLock::new(),
@@ -239,6 +245,12 @@ impl Program {
     #[inline]
     pub fn passed(&self) -> Option<&[Passed]> {
         self.passed.as_deref()
+    }
+
+    /// Tessellation: what the rasterizer must know.
+    #[inline]
+    pub fn tessellation(&self) -> Option<&TessellationFacts> {
+        self.tessellation.as_ref()
     }
 
     /// Geometry: what the rasterizer must know. The one word that an invocation leaves is the

@@ -7,7 +7,7 @@ use libfuzzer_sys::{fuzz_mutator, fuzz_target};
 use shaders::corrupt;
 use spirv_jit::program::Stage;
 
-const STAGES: [Stage; 10] = [
+const STAGES: [Stage; 12] = [
     Stage::Compute,
     Stage::RayGeneration,
     Stage::Miss,
@@ -18,6 +18,8 @@ const STAGES: [Stage; 10] = [
     Stage::Vertex,
     Stage::Fragment,
     Stage::Geometry,
+    Stage::TessellationControl,
+    Stage::TessellationEvaluation,
 ];
 
 fn words(bytes: &[u8]) -> Vec<u32> {

@@ -58,6 +58,8 @@ fn glslang_stage(stage: Stage) -> ShaderStage {
         Stage::Intersection => ShaderStage::Intersect,
         Stage::Callable => ShaderStage::Callable,
         Stage::Vertex => ShaderStage::Vertex,
+        Stage::TessellationControl => ShaderStage::TesselationControl,
+        Stage::TessellationEvaluation => ShaderStage::TesselationEvaluation,
         Stage::Geometry => ShaderStage::Geometry,
         Stage::Fragment => ShaderStage::Fragment,
     }
@@ -74,7 +76,15 @@ pub fn glsl(stage: Stage, source: &str) -> Vec<u32> {
     for extension in EXTENSIONS {
         text += &format!("#extension {extension} : enable\n");
     }
-    if matches!(stage, Stage::Vertex | Stage::Geometry | Stage::Fragment) {
+    let draws = matches!(
+        stage,
+        Stage::Vertex
+            | Stage::TessellationControl
+            | Stage::TessellationEvaluation
+            | Stage::Geometry
+            | Stage::Fragment
+    );
+    if draws {
         for extension in RASTER_EXTENSIONS {
             text += &format!("#extension {extension} : enable\n");
         }

@@ -57,15 +57,20 @@ pub enum VaryingMode {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum VaryingPlace {
     Location(u16),
-    /// Geometry stage, as `PointSize`.
+    /// Tessellation evaluation: a word of the whole patch, as are tessellation levels.
+    Patch(u16),
+    TessLevelOuter,
+    TessLevelInner,
+    /// Tessellation evaluation and geometry stage, as `PointSize`.
     Position,
     PointSize,
     ClipDistance,
     CullDistance,
 }
 
-/// A word of a geometry or fragment shader's input that comes from the stage before. All those of a
-/// geometry shader are of a vertex of its primitive ([`VaryingMode::PerVertex`]).
+/// A word of a shader's input that comes from the stage before. All those of a geometry shader are
+/// of a vertex of its primitive ([`VaryingMode::PerVertex`]); those of an evaluation shader are of a
+/// vertex of the patch, or of the patch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Varying {
     pub place: VaryingPlace,
@@ -91,6 +96,12 @@ impl Varying {
                 component: self.component,
                 index: 0,
             },
+            VaryingPlace::Patch(location) => OutputRow::Patch {
+                location,
+                component: self.component,
+            },
+            VaryingPlace::TessLevelOuter => OutputRow::TessLevelOuter(self.component),
+            VaryingPlace::TessLevelInner => OutputRow::TessLevelInner(self.component),
             VaryingPlace::Position => OutputRow::Position(self.component),
             VaryingPlace::PointSize => OutputRow::PointSize,
             VaryingPlace::ClipDistance => OutputRow::ClipDistance(self.component),
@@ -118,6 +129,13 @@ pub enum OutputRow {
         component: u8,
         index: u8,
     },
+    /// Tessellation control: a value of the whole patch, as are tessellation levels.
+    Patch {
+        location: u16,
+        component: u8,
+    },
+    TessLevelOuter(u8),
+    TessLevelInner(u8),
     Position(u8),
     PointSize,
     ClipDistance(u8),
@@ -225,6 +243,9 @@ impl fmt::Display for Varying {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.place {
             VaryingPlace::Location(location) => write!(f, "varying.{location}")?,
+            VaryingPlace::Patch(location) => write!(f, "varying.patch_{location}")?,
+            VaryingPlace::TessLevelOuter => f.write_str("varying.tess_outer")?,
+            VaryingPlace::TessLevelInner => f.write_str("varying.tess_inner")?,
             VaryingPlace::Position => f.write_str("varying.position")?,
             VaryingPlace::PointSize => f.write_str("varying.point_size")?,
             VaryingPlace::ClipDistance => f.write_str("varying.clip")?,
@@ -250,11 +271,16 @@ impl FromStr for Varying {
         };
         Ok(Varying {
             place: match *place {
+                "tess_outer" => VaryingPlace::TessLevelOuter,
+                "tess_inner" => VaryingPlace::TessLevelInner,
                 "position" => VaryingPlace::Position,
                 "point_size" => VaryingPlace::PointSize,
                 "clip" => VaryingPlace::ClipDistance,
                 "cull" => VaryingPlace::CullDistance,
-                location => VaryingPlace::Location(location.parse().map_err(drop)?),
+                place => match place.strip_prefix("patch_") {
+                    Some(location) => VaryingPlace::Patch(location.parse().map_err(drop)?),
+                    None => VaryingPlace::Location(place.parse().map_err(drop)?),
+                },
             },
             component: component.parse().map_err(drop)?,
             mode: match mode {
@@ -305,6 +331,12 @@ impl fmt::Display for OutputRow {
                 component,
                 index,
             } => write!(f, "location.{location}.{component}.{index}"),
+            OutputRow::Patch {
+                location,
+                component,
+            } => write!(f, "patch.{location}.{component}"),
+            OutputRow::TessLevelOuter(index) => write!(f, "tess_outer.{index}"),
+            OutputRow::TessLevelInner(index) => write!(f, "tess_inner.{index}"),
             OutputRow::Position(component) => write!(f, "position.{component}"),
             OutputRow::PointSize => f.write_str("point_size"),
             OutputRow::ClipDistance(index) => write!(f, "clip_distance.{index}"),
@@ -326,6 +358,12 @@ impl FromStr for OutputRow {
         let words: Vec<&str> = text.split('.').collect();
         let number = |word: &str| word.parse().map_err(drop);
         Ok(match words.as_slice() {
+            ["patch", location, component] => OutputRow::Patch {
+                location: location.parse().map_err(drop)?,
+                component: number(component)?,
+            },
+            ["tess_outer", index] => OutputRow::TessLevelOuter(number(index)?),
+            ["tess_inner", index] => OutputRow::TessLevelInner(number(index)?),
             ["location", location, component, index] => OutputRow::Location {
                 location: location.parse().map_err(drop)?,
                 component: number(component)?,

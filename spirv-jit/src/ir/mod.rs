@@ -111,6 +111,7 @@ pub mod op;
 pub mod passed;
 mod signature;
 pub mod stage;
+pub mod tessellation;
 pub mod text;
 pub mod tinted;
 pub mod verify;

@@ -3,6 +3,7 @@
 use smallvec::SmallVec;
 
 use super::interface::{Barycentric, FragmentFacts, GeometryFacts, OutputRow, Varying};
+use super::tessellation::TessellationFacts;
 use super::{FunctionId, Label, Op, Type, Value, VariableId};
 use crate::ir::stage::{Builtin, Stage};
 use crate::query::QueryWord;
@@ -108,7 +109,8 @@ pub enum InputRow {
         location: u16,
         component: u8,
     },
-    /// Geometry and fragment stage: a word that follows from the vertices' outputs.
+    /// Tessellation evaluation, geometry and fragment stage: a word that follows from the outputs of
+    /// the stage before.
     Varying(Varying),
     /// Fragment stage: a barycentric coordinate.
     Barycentric(Barycentric),
@@ -129,9 +131,11 @@ pub struct Module {
     /// callable data words; geometry: the number of emitted vertices; intersection, ray generation
     /// and compute: none.
     pub output_rows: u32,
-    /// Vertex and fragment: what each of those words is. Geometry: what each word of an emitted
+    /// Vertex, tessellation evaluation and fragment: what each of those words is. Geometry: what each word of an emitted
     /// vertex is.
     pub outputs: Vec<OutputRow>,
+    /// Tessellation: what the rasterizer must know.
+    pub tessellation: Option<TessellationFacts>,
     /// Geometry: what the rasterizer must know.
     pub geometry: Option<GeometryFacts>,
     /// Fragment: what the rasterizer must know.
@@ -141,7 +145,7 @@ pub struct Module {
     /// Compute: four consecutive lanes are two by two invocations of the workgroup, instead of four
     /// in a row.
     pub quads: bool,
-    /// Compute: workgroup memory in bytes.
+    /// Compute and tessellation control: workgroup memory in bytes.
     pub shared_size_bytes: u32,
 }
 

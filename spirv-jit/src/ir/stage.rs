@@ -15,6 +15,8 @@ pub enum Stage {
     Miss,
     Callable,
     Vertex,
+    TessellationControl,
+    TessellationEvaluation,
     Geometry,
     Fragment,
 }
@@ -130,8 +132,14 @@ pub enum Builtin {
     DrawIndex,
     /// 1 word: all stages of drawing.
     ViewIndex,
-    /// 1 word: geometry.
+    /// 1 word: tessellation control and geometry.
     InvocationId,
+    /// 1 word: tessellation.
+    PatchVertices,
+    /// 1 word: tessellation control. Where the memory of the invocation's patch starts, in bytes.
+    PatchOffset,
+    /// 3 f32: tessellation evaluation.
+    TessCoord,
     /// 4 f32: fragment, as all that follow.
     FragCoord,
     /// 1 word, not 0 for true.
@@ -169,6 +177,7 @@ impl Builtin {
             Builtin::FragCoord => 4,
             Builtin::PointCoord | Builtin::SamplePosition => 2,
             Builtin::LaunchId
+            | Builtin::TessCoord
             | Builtin::WorkgroupId
             | Builtin::LocalInvocationId
             | Builtin::GlobalInvocationId

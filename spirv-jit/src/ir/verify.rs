@@ -3,6 +3,7 @@
 
 use super::interface::{GeometryFacts, VaryingMode, VaryingPlace};
 use super::signature::check_operation;
+use super::tessellation::MAX_PATCH_VERTICES;
 use super::{
     Body, Function, FunctionId, InputRow, Inst, Label, Module, Node, Op, Space, Step, Terminator,
     Type, Value,
@@ -41,8 +42,8 @@ pub fn verify(module: &Module) -> Result<(), String> {
     if !entry.params.is_empty() || !entry.results.is_empty() {
         return Err("f0: the entry function has parameters or results".into());
     }
-    if module.stage != Stage::Compute && module.shared_size_bytes != 0 {
-        return Err("only compute shaders have workgroup memory".into());
+    if !has_shared(module.stage) && module.shared_size_bytes != 0 {
+        return Err("only compute and control shaders have workgroup memory".into());
     }
     let invocations = module.local_size.iter().map(|&size| u64::from(size));
     let invocations = invocations.fold(1u64, |product, size| product.saturating_mul(size));
@@ -53,15 +54,29 @@ pub fn verify(module: &Module) -> Result<(), String> {
         return Err("the module's head is out of range".into());
     }
     let fits = match module.stage {
-        Stage::Vertex | Stage::Fragment => module.outputs.len() == module.output_rows as usize,
+        Stage::Vertex | Stage::TessellationEvaluation | Stage::Fragment => {
+            module.outputs.len() == module.output_rows as usize
+        }
         Stage::Geometry => module.output_rows == 1,
         _ => module.outputs.is_empty(),
     };
+    let is_control = module.stage == Stage::TessellationControl;
+    let is_evaluation = module.stage == Stage::TessellationEvaluation;
     if !fits
         || module.fragment.is_some() != (module.stage == Stage::Fragment)
         || module.geometry.is_some() != (module.stage == Stage::Geometry)
+        || module.tessellation.is_some() != (is_control || is_evaluation)
     {
         return Err("outputs and facts do not fit the stage".into());
+    }
+    if let Some(facts) = &module.tessellation {
+        let fits = match &facts.control {
+            Some(control) => is_control && control.fits(module.shared_size_bytes),
+            None => is_evaluation,
+        };
+        if !fits {
+            return Err("a patch's values are out of range".into());
+        }
     }
     if let Some(facts) = &module.geometry {
         check_geometry(facts, module.outputs.len())?;
@@ -347,15 +362,33 @@ fn check_inputs(module: &Module) -> Result<(), String> {
             module.stage == Stage::Vertex && *component < MAX_LOCATION_WORDS
         }
         InputRow::Varying(varying) => {
-            let is_at_location = matches!(varying.place, VaryingPlace::Location(_));
+            let is_at_location = matches!(
+                varying.place,
+                VaryingPlace::Location(_) | VaryingPlace::Patch(_)
+            );
+            let is_of_patch = matches!(
+                varying.place,
+                VaryingPlace::Patch(_)
+                    | VaryingPlace::TessLevelOuter
+                    | VaryingPlace::TessLevelInner
+            );
             let is_known = match (module.geometry, varying.mode) {
-                (Some(facts), VaryingMode::PerVertex(vertex)) => u32::from(vertex) < facts.vertices,
+                (Some(facts), VaryingMode::PerVertex(vertex)) => {
+                    !is_of_patch && u32::from(vertex) < facts.vertices
+                }
                 (Some(_), _) => false,
+                (None, mode) if module.stage == Stage::TessellationEvaluation => match mode {
+                    VaryingMode::PerVertex(vertex) => {
+                        !is_of_patch && u32::from(vertex) < MAX_PATCH_VERTICES
+                    }
+                    _ => is_of_patch,
+                },
                 (None, mode) => {
-                    let is_seen = !matches!(
-                        varying.place,
-                        VaryingPlace::Position | VaryingPlace::PointSize
-                    );
+                    let is_seen = !is_of_patch
+                        && !matches!(
+                            varying.place,
+                            VaryingPlace::Position | VaryingPlace::PointSize
+                        );
                     let is_corner = !matches!(mode, VaryingMode::PerVertex(3..));
                     module.stage == Stage::Fragment && is_seen && is_corner
                 }
@@ -376,6 +409,11 @@ fn check_inputs(module: &Module) -> Result<(), String> {
     }
 }
 
+/// Whether invocations of the stage are a workgroup, with its memory and barriers.
+fn has_shared(stage: Stage) -> bool {
+    matches!(stage, Stage::Compute | Stage::TessellationControl)
+}
+
 /// Checks that the scheduler of the stage's programs can answer the operation, and that they have
 /// its memory.
 fn check_stage(stage: Stage, op: &Op) -> Result<(), String> {
@@ -385,9 +423,9 @@ fn check_stage(stage: Stage, op: &Op) -> Result<(), String> {
     );
     let fits = match op {
         Op::Load(access) | Op::Store(access) | Op::Atomic(_, access) => {
-            access.space != Space::Shared || stage == Stage::Compute
+            access.space != Space::Shared || has_shared(stage)
         }
-        Op::Barrier => stage == Stage::Compute,
+        Op::Barrier => has_shared(stage),
         Op::Demote | Op::IsHelper => stage == Stage::Fragment,
         Op::Emit => stage == Stage::Geometry,
         Op::RayQueryProceed => true,

@@ -14,6 +14,9 @@ impl Lowerer<'_> {
         match instruction.opcode {
             Op::ControlBarrier => {
                 let scope = self.constants.unsigned(&self.types, operands[0])?;
+                if scope != Scope::Subgroup as u32 && self.is_control() {
+                    return self.control_barrier();
+                }
                 self.b.emit_effect(ir::Op::MemoryBarrier, &[])?;
                 // The lanes of a subgroup are together already.
                 if scope != Scope::Subgroup as u32 && self.request.stage == Stage::Compute {

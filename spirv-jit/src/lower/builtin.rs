@@ -64,6 +64,8 @@ fn source(built_in: BuiltIn) -> Option<Source> {
         BuiltIn::DrawIndex => Source::Record(Builtin::DrawIndex),
         BuiltIn::ViewIndex => Source::Record(Builtin::ViewIndex),
         BuiltIn::InvocationId => Source::Record(Builtin::InvocationId),
+        BuiltIn::PatchVertices => Source::Record(Builtin::PatchVertices),
+        BuiltIn::TessCoord => Source::Record(Builtin::TessCoord),
         BuiltIn::FragCoord => Source::Record(Builtin::FragCoord),
         BuiltIn::FrontFacing => Source::Record(Builtin::FrontFacing),
         BuiltIn::PointCoord => Source::Record(Builtin::PointCoord),

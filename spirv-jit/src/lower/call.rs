@@ -247,6 +247,7 @@ impl Lowerer<'_> {
         let summary = self.summary(callee)?;
         let sites = self.call_sites.get(&callee).copied().unwrap_or(0);
         let fits = summary.size >= LARGE
+            && !self.is_control()
             && sites > 1
             && !summary.yields
             && self.ray_tmax.is_none()

@@ -24,6 +24,8 @@ pub(super) fn find_entry<'a>(
         Stage::Miss => ExecutionModel::MissKHR,
         Stage::Callable => ExecutionModel::CallableKHR,
         Stage::Vertex => ExecutionModel::Vertex,
+        Stage::TessellationControl => ExecutionModel::TessellationControl,
+        Stage::TessellationEvaluation => ExecutionModel::TessellationEvaluation,
         Stage::Geometry => ExecutionModel::Geometry,
         Stage::Fragment => ExecutionModel::Fragment,
     };

@@ -33,7 +33,10 @@ impl Lowerer<'_> {
         };
         self.output_rows = words + (self.request.stage == Stage::AnyHit) as u32;
         if self.is_rasterized() {
-            self.declare_outputs()?;
+            if !self.is_control() {
+                self.declare_outputs()?;
+            }
+            self.declare_tessellation()?;
             self.declare_emission()?;
         }
         self.declare_ray_tmax()?;
@@ -269,7 +272,7 @@ impl Lowerer<'_> {
     /// shader starts.
     fn clear_shared(&mut self) -> Result<(), Error> {
         let initialized = |id: &Id| self.variables[id].initializer.is_some();
-        if !self.shared.keys().any(initialized) {
+        if self.is_control() || !self.shared.keys().any(initialized) {
             return Ok(());
         }
         let size: u32 = self.local_size()?.iter().product();

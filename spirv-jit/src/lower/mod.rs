@@ -47,6 +47,7 @@ mod matrix;
 mod meets;
 mod memory;
 mod opaque;
+mod patch;
 mod phi;
 mod pointer;
 mod ray;
@@ -80,6 +81,7 @@ use crate::error::ErrorKind;
 use crate::ir::InputRow;
 use crate::ir::interface::OutputRow;
 use crate::ir::stage::Stage;
+use crate::ir::tessellation::TessellationFacts;
 use crate::parse::{EntryPoint, Id, ParsedModule};
 use crate::query::QueryWord;
 use crate::request::CompileRequest;
@@ -148,7 +150,7 @@ struct Lowerer<'a> {
     helper_at_start: Option<ir::Value>,
     inputs: Vec<InputRow>,
     input_index: HashMap<InputRow, u32>,
-    /// Byte offset of each variable of workgroup memory.
+    /// Byte offset of each variable of workgroup memory, or of a patch.
     shared: HashMap<Id, u32>,
     shared_size_bytes: u32,
     /// The module gives its layout: its variables are blocks
@@ -159,6 +161,8 @@ struct Lowerer<'a> {
     /// order.
     outputs: Vec<OutputRow>,
     output_variables: Vec<Id>,
+    /// Of tessellation stages.
+    tessellation: Option<TessellationFacts>,
     /// Of geometry stages.
     emission: Option<Emission>,
     /// Input attachments are read.
@@ -214,6 +218,7 @@ impl<'a> Lowerer<'a> {
             output_rows: 0,
             outputs: Vec::new(),
             output_variables: Vec::new(),
+            tessellation: None,
             emission: None,
             reads_attachments: false,
             query_words: ray_query::find_query_words(module),
@@ -335,6 +340,7 @@ impl<'a> Lowerer<'a> {
             query_words: self.query_words,
             output_rows: self.output_rows,
             outputs: self.outputs,
+            tessellation: self.tessellation,
             geometry,
             fragment,
             local_size,

@@ -92,6 +92,9 @@ impl Lowerer<'_> {
     pub(super) fn module_pointer(&mut self, id: Id) -> Result<Pointer, Error> {
         let variable = self.variables[&id];
         let (class, pointee) = (variable.class, variable.pointee);
+        if let Some(place) = self.patch_place(id)? {
+            return Ok(Pointer::new(pointee, place));
+        }
         let place = match class {
             StorageClass::UniformConstant | StorageClass::Uniform | StorageClass::StorageBuffer => {
                 let find = |decoration| self.module.annotations.id(id, decoration);
@@ -576,6 +579,12 @@ impl Lowerer<'_> {
                 offset: Some(offset),
                 constant: 0,
             },
+            (StorageClass::Input | StorageClass::Output, &[offset]) if self.is_control() => {
+                Place::Shared {
+                    offset: Some(offset),
+                    constant: 0,
+                }
+            }
             (_, &[row]) => Place::Private { row, constant: 0 },
             _ => return Err(self.b.invalid("a value is used as a pointer")),
         };

@@ -18,14 +18,15 @@ use crate::ir::interface::{
     VaryingPlace,
 };
 use crate::ir::stage::{Builtin, Stage};
+use crate::ir::tessellation::MAX_PATCH_VERTICES;
 use crate::ir::{self, InputRow, Type, Value};
 use crate::parse::Id;
 
 /// Words of a stage's inputs or outputs, at most: far beyond any device's limit.
 const MAX_WORDS: usize = 1 << 12;
 
-/// Vertices of a primitive, at most: of a triangle with adjacency.
-const MAX_VERTICES: u32 = 6;
+/// Vertices of a primitive, at most: of a patch.
+const MAX_VERTICES: u32 = MAX_PATCH_VERTICES;
 
 /// One row of a variable's value, as a stage's interface has it.
 #[derive(Clone, Copy, Debug)]
@@ -50,8 +51,10 @@ struct Interpolation {
     flat: bool,
     linear: bool,
     position: Position,
-    /// Of an element of a `PerVertexKHR` array, or of a geometry shader's input.
+    /// Of an element of a `PerVertexKHR` array, or of an input of a stage that takes primitives.
     vertex: Option<u8>,
+    /// `Patch`.
+    patch: bool,
     index: u8,
 }
 
@@ -148,7 +151,7 @@ impl WordPlace {
     }
 }
 
-/// The output of vertices that a built-in of a geometry shader's input is.
+/// The output of vertices that a built-in of a primitive's vertices is.
 fn of_vertices(built_in: BuiltIn) -> Option<VaryingPlace> {
     Some(match built_in {
         BuiltIn::Position => VaryingPlace::Position,
@@ -164,7 +167,11 @@ impl Lowerer<'_> {
     pub(super) fn is_rasterized(&self) -> bool {
         matches!(
             self.request.stage,
-            Stage::Vertex | Stage::Geometry | Stage::Fragment
+            Stage::Vertex
+                | Stage::TessellationControl
+                | Stage::TessellationEvaluation
+                | Stage::Geometry
+                | Stage::Fragment
         )
     }
 
@@ -179,28 +186,46 @@ impl Lowerer<'_> {
     }
 
     fn find_interface_words(&self, id: Id) -> Result<Vec<InterfaceWord>, Error> {
-        let annotations = &self.module.annotations;
-        let find = |decoration| annotations.id(id, decoration);
-        let how = self.interpolation(&find, None);
-        let mut pointee = self.variables[&id].pointee;
+        let pointee = self.variables[&id].pointee;
+        let built_in = self.module.annotations.id(id, Decoration::BuiltIn);
+        let built_in = built_in.and_then(BuiltIn::from_u32);
         let mut words = Vec::new();
-        let built_in = find(Decoration::BuiltIn).and_then(BuiltIn::from_u32);
-        let mut vertices = None;
         if let TypeKind::Array { element, count } = *self.types.kind(pointee)?
             && self.is_per_vertex(id, element, built_in)
         {
-            (pointee, vertices) = (element, Some(count));
-        }
-        let of_vertex = |vertex: u32| Interpolation {
-            vertex: vertices.map(|_| vertex.min(MAX_VERTICES - 1) as u8),
-            ..how
-        };
-        if let Some(built_in) = built_in {
-            let rows = self.types.info(pointee)?.rows;
-            for vertex in 0..vertices.unwrap_or(1) {
-                self.push_built_in(&mut words, built_in, rows, of_vertex(vertex))?;
+            for vertex in 0..count {
+                let vertex = vertex.min(MAX_VERTICES - 1) as u8;
+                self.push_words(&mut words, id, element, Some(vertex))?;
             }
             return Ok(words);
+        }
+        self.push_words(&mut words, id, pointee, None)?;
+        Ok(words)
+    }
+
+    /// The contents of each row of (an element of) a variable.
+    pub(super) fn element_words(&self, id: Id, ty: Id) -> Result<Vec<InterfaceWord>, Error> {
+        let mut words = Vec::new();
+        self.push_words(&mut words, id, ty, None)?;
+        Ok(words)
+    }
+
+    fn push_words(
+        &self,
+        words: &mut Vec<InterfaceWord>,
+        id: Id,
+        ty: Id,
+        vertex: Option<u8>,
+    ) -> Result<(), Error> {
+        let find = |decoration| self.module.annotations.id(id, decoration);
+        let how = Interpolation {
+            vertex,
+            patch: self.is_of_patch(id),
+            ..self.interpolation(&find, None)
+        };
+        if let Some(built_in) = find(Decoration::BuiltIn).and_then(BuiltIn::from_u32) {
+            let rows = self.types.info(ty)?.rows;
+            return self.push_built_in(words, built_in, rows, how);
         }
         if !self.is_rasterized() {
             return Err(self.b.invalid("an input variable must be a built-in"));
@@ -210,19 +235,25 @@ impl Lowerer<'_> {
             shift: 0,
             component: find(Decoration::Component).unwrap_or(0),
         };
-        for vertex in 0..vertices.unwrap_or(1) {
-            self.place(&mut words, pointee, start, of_vertex(vertex))?;
-        }
-        Ok(words)
+        self.place(words, ty, start, how)
     }
 
     /// Whether an array's elements are the values of a primitive's vertices: `PerVertexKHR`, and
-    /// the inputs of geometry shaders other than those of the whole primitive.
-    fn is_per_vertex(&self, id: Id, element: Id, built_in: Option<BuiltIn>) -> bool {
-        if self.request.stage == Stage::Geometry {
-            return self.variables[&id].class == StorageClass::Input
-                && built_in.is_none_or(|built_in| of_vertices(built_in).is_some());
-        }
+    /// the inputs of geometry and tessellation shaders and the outputs of control shaders, except
+    /// those of the whole primitive.
+    pub(super) fn is_per_vertex(&self, id: Id, element: Id, built_in: Option<BuiltIn>) -> bool {
+        let is_input = self.variables[&id].class == StorageClass::Input;
+        let has_vertices = match self.request.stage {
+            Stage::Geometry | Stage::TessellationEvaluation => is_input,
+            Stage::TessellationControl => true,
+            _ => return self.is_decorated_per_vertex(id, element),
+        };
+        has_vertices
+            && !self.is_of_patch(id)
+            && built_in.is_none_or(|built_in| of_vertices(built_in).is_some())
+    }
+
+    fn is_decorated_per_vertex(&self, id: Id, element: Id) -> bool {
         let annotations = &self.module.annotations;
         let decoration = Decoration::PerVertexKHR;
         annotations.id(id, decoration).is_some()
@@ -236,10 +267,11 @@ impl Lowerer<'_> {
     ) -> Interpolation {
         let has = |decoration| find(decoration).is_some();
         let from = outer.unwrap_or(Interpolation {
-            flat: false,
+            flat: self.request.stage != Stage::Fragment,
             linear: false,
             position: Position::Center,
             vertex: None,
+            patch: false,
             index: 0,
         });
         Interpolation {
@@ -253,6 +285,7 @@ impl Lowerer<'_> {
                 from.position
             },
             vertex: from.vertex,
+            patch: from.patch,
             index: find(Decoration::Index).map_or(from.index, |index| index.min(1) as u8),
         }
     }
@@ -488,7 +521,10 @@ impl Lowerer<'_> {
         }
         let (location, component) = WordPlace::of_location(location, word);
         Ok(InputRow::Varying(Varying {
-            place: VaryingPlace::Location(location),
+            place: match row.how.patch {
+                true => VaryingPlace::Patch(location),
+                false => VaryingPlace::Location(location),
+            },
             component,
             mode: row.how.mode(ty, at),
         }))
@@ -514,8 +550,13 @@ impl Lowerer<'_> {
             })
         };
         if self.request.stage != Stage::Fragment {
-            return match (of_vertices(built_in), how.vertex, ty) {
-                (Some(place), Some(_), Type::F32) => self.input(varying(place), ty),
+            let place = match built_in {
+                BuiltIn::TessLevelOuter => Some(VaryingPlace::TessLevelOuter),
+                BuiltIn::TessLevelInner => Some(VaryingPlace::TessLevelInner),
+                _ => of_vertices(built_in).filter(|_| how.vertex.is_some()),
+            };
+            return match (place, ty) {
+                (Some(place), Type::F32) => self.input(varying(place), ty),
                 _ => self.built_in_scalar(built_in, word, ty),
             };
         }
@@ -587,10 +628,16 @@ impl Lowerer<'_> {
         Ok(())
     }
 
-    fn output_row(&self, word: InterfaceWord) -> Result<OutputRow, Error> {
+    pub(super) fn output_row(&self, word: InterfaceWord) -> Result<OutputRow, Error> {
         Ok(match word.place {
             WordPlace::Location { location, word: at } => {
                 let (location, component) = WordPlace::of_location(location, at);
+                if word.how.patch {
+                    return Ok(OutputRow::Patch {
+                        location,
+                        component,
+                    });
+                }
                 OutputRow::Location {
                     location,
                     component,
@@ -602,6 +649,8 @@ impl Lowerer<'_> {
                 match built_in {
                     BuiltIn::Position => OutputRow::Position(index),
                     BuiltIn::PointSize => OutputRow::PointSize,
+                    BuiltIn::TessLevelOuter => OutputRow::TessLevelOuter(index),
+                    BuiltIn::TessLevelInner => OutputRow::TessLevelInner(index),
                     BuiltIn::ClipDistance => OutputRow::ClipDistance(index),
                     BuiltIn::CullDistance => OutputRow::CullDistance(index),
                     BuiltIn::Layer => OutputRow::Layer,

@@ -13,7 +13,8 @@ const BEFORE_WORDS: usize = 2;
 /// them.
 pub fn trim_outputs(module: &mut Module) {
     let emits = module.stage == Stage::Geometry;
-    if module.stage != Stage::Vertex && !emits {
+    let ends_with_vertex = matches!(module.stage, Stage::Vertex | Stage::TessellationEvaluation);
+    if !ends_with_vertex && !emits {
         return;
     }
     let mut kept: Vec<bool> = (module.outputs.iter())

@@ -61,6 +61,7 @@ pub fn random_module(seed: u64) -> Module {
         inputs: (0..INPUTS).map(InputRow::CallableData).collect(),
         output_rows: OUTPUTS,
         outputs: Vec::new(),
+        tessellation: None,
         geometry: None,
         fragment: None,
         local_size: [1; 3],

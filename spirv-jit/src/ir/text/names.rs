@@ -33,6 +33,7 @@ names!(Space, space_text, space_from_text:
 names!(Stage, stage_text, stage_from_text:
     Compute = "compute", RayGeneration = "ray_generation", Intersection = "intersection", AnyHit = "any_hit",
     ClosestHit = "closest_hit", Miss = "miss", Callable = "callable", Vertex = "vertex",
+    TessellationControl = "tessellation_control", TessellationEvaluation = "tessellation_evaluation",
     Geometry = "geometry", Fragment = "fragment");
 
 names!(Builtin, builtin_text, builtin_from_text:
@@ -50,6 +51,7 @@ names!(Builtin, builtin_text, builtin_from_text:
     CurrentRayTime = "current_ray_time", ShaderRecordAddress = "shader_record_address",
     VertexIndex = "vertex_index", InstanceIndex = "instance_index", BaseVertex = "base_vertex",
     BaseInstance = "base_instance", DrawIndex = "draw_index", ViewIndex = "view_index", InvocationId = "invocation_id",
+    PatchVertices = "patch_vertices", PatchOffset = "patch_offset", TessCoord = "tess_coord",
     FragCoord = "frag_coord",
     FrontFacing = "front_facing", PointCoord = "point_coord", SampleId = "sample_id",
     SamplePosition = "sample_position", SampleMask = "sample_mask", Layer = "layer",

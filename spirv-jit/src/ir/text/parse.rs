@@ -229,6 +229,7 @@ impl<'a> Parser<'a> {
             query_words: Vec::new(),
             output_rows: 0,
             outputs: Vec::new(),
+            tessellation: None,
             geometry: None,
             fragment: None,
             local_size: [1; 3],
@@ -260,6 +261,15 @@ impl<'a> Parser<'a> {
                     let row = word.parse();
                     let row = row.map_err(|()| format!("`{word}` is not an output row"))?;
                     module.outputs.push(row);
+                    if !self.accept(',') {
+                        break;
+                    }
+                },
+                "tessellation" => loop {
+                    let word = self.word("a fact")?;
+                    if !module.tessellation.get_or_insert_default().set(word) {
+                        return Err(format!("`{word}` is not a fact of tessellation"));
+                    }
                     if !self.accept(',') {
                         break;
                     }

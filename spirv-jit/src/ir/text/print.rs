@@ -31,6 +31,9 @@ pub fn print_head(module: &Module) -> String {
         let rows: Vec<String> = module.outputs.iter().map(|row| row.to_string()).collect();
         text += &format!("outputs {}\n", rows.join(", "));
     }
+    if let Some(facts) = &module.tessellation {
+        text += &format!("tessellation {facts}\n");
+    }
     if let Some(facts) = &module.geometry {
         text += &format!("geometry {facts}\n");
     }

@@ -1,0 +1,245 @@
+//! The interface of tessellation shaders. A control shader's inputs and outputs lie in workgroup
+//! memory, patch by patch: its invocations read each other's outputs behind barriers.
+
+use rspirv::spirv::{BuiltIn, Decoration, ExecutionMode, StorageClass};
+
+use super::types::TypeKind;
+use super::values::{Place, Pointer, Shape};
+use super::{Lowerer, budget};
+use crate::ir::stage::{Builtin, Stage};
+use crate::ir::tessellation::{
+    ControlFacts, Domain, MAX_PATCH_VERTICES, PatchWord, Spacing, TessellationFacts,
+    TessellationModes, Width,
+};
+use crate::ir::{self, InputRow, Type, Value};
+use crate::parse::Id;
+use crate::{Error, SUBGROUP_SIZE};
+
+/// Words of a patch, at most: far beyond any device's limit.
+const MAX_PATCH_WORDS: usize = 1 << 12;
+
+impl Lowerer<'_> {
+    pub(super) fn is_control(&self) -> bool {
+        self.request.stage == Stage::TessellationControl
+    }
+
+    /// Notes the facts of a tessellation shader, and places the variables of a control shader.
+    pub(super) fn declare_tessellation(&mut self) -> Result<(), Error> {
+        let is_evaluation = self.request.stage == Stage::TessellationEvaluation;
+        if !self.is_control() && !is_evaluation {
+            return Ok(());
+        }
+        let (modes, vertices) = self.tessellation_modes();
+        let mut facts = TessellationFacts {
+            modes,
+            control: None,
+        };
+        if is_evaluation {
+            self.tessellation = Some(facts);
+            return Ok(());
+        }
+        let mut control = ControlFacts::default();
+        let mut ids: Vec<Id> = (self.variables.iter())
+            .filter(|(_, it)| matches!(it.class, StorageClass::Input | StorageClass::Output))
+            .map(|(&id, _)| id)
+            .filter(|&id| self.is_listed(id) && self.entry.interface.contains(&id))
+            .collect();
+        ids.sort_unstable();
+        // The evaluation shader may be the one that says how many vertices there are.
+        let vertices = vertices.or_else(|| ids.iter().find_map(|&id| self.output_vertices(id)));
+        control.vertices = vertices.unwrap_or(1);
+        if !(1..=MAX_PATCH_VERTICES).contains(&control.vertices) {
+            return Err(self.b.invalid("a patch has 1 to 32 vertices"));
+        }
+        let mut end = 0u64;
+        for &id in &ids {
+            self.place_in_patch(id, &mut control, &mut end)?;
+        }
+        control.patch_bytes = end.next_multiple_of(16) as u32;
+        self.shared_size_bytes = control.patch_bytes * control.patches();
+        facts.control = Some(control);
+        self.tessellation = Some(facts);
+        self.initialize_outputs(&ids)
+    }
+
+    /// The execution modes of a tessellation shader, and `OutputVertices`.
+    fn tessellation_modes(&self) -> (TessellationModes, Option<u32>) {
+        let mut modes = TessellationModes::default();
+        let mut vertices = None;
+        for &index in &self.module.execution_modes {
+            let operands = self.module.operands(self.module.instruction(index));
+            let &[function, mode, ref numbers @ ..] = operands else {
+                continue;
+            };
+            if function != self.entry.function {
+                continue;
+            }
+            match ExecutionMode::from_u32(mode) {
+                Some(ExecutionMode::Triangles) => modes.domain = Some(Domain::Triangles),
+                Some(ExecutionMode::Quads) => modes.domain = Some(Domain::Quads),
+                Some(ExecutionMode::Isolines) => modes.domain = Some(Domain::Isolines),
+                Some(ExecutionMode::SpacingEqual) => modes.spacing = Some(Spacing::Equal),
+                Some(ExecutionMode::SpacingFractionalEven) => {
+                    modes.spacing = Some(Spacing::FractionalEven);
+                }
+                Some(ExecutionMode::SpacingFractionalOdd) => {
+                    modes.spacing = Some(Spacing::FractionalOdd);
+                }
+                Some(ExecutionMode::VertexOrderCw) => modes.clockwise = Some(true),
+                Some(ExecutionMode::VertexOrderCcw) => modes.clockwise = Some(false),
+                Some(ExecutionMode::PointMode) => modes.point_mode = true,
+                Some(ExecutionMode::OutputVertices) => vertices = numbers.first().copied(),
+                _ => {}
+            }
+        }
+        (modes, vertices)
+    }
+
+    /// Elements of an output with a value for each vertex.
+    fn output_vertices(&self, id: Id) -> Option<u32> {
+        let variable = self.variables[&id];
+        match *self.types.kind(variable.pointee).ok()? {
+            TypeKind::Array { element, count } if variable.class == StorageClass::Output => {
+                let built_in = self.module.annotations.id(id, Decoration::BuiltIn);
+                let built_in = built_in.and_then(BuiltIn::from_u32);
+                self.is_per_vertex(id, element, built_in).then_some(count)
+            }
+            _ => None,
+        }
+    }
+
+    /// Whether a variable is of the patch (`Patch`), by its own decoration or by those of its
+    /// block's members.
+    pub(super) fn is_of_patch(&self, id: Id) -> bool {
+        let annotations = &self.module.annotations;
+        let mut ty = self.variables[&id].pointee;
+        while let Ok(TypeKind::Array { element, .. }) = self.types.kind(ty) {
+            ty = *element;
+        }
+        annotations.id(id, Decoration::Patch).is_some()
+            || annotations.member(ty, 0, Decoration::Patch).is_some()
+    }
+
+    /// Gives a variable of a control shader its place: outputs, and inputs of vertices.
+    fn place_in_patch(
+        &mut self,
+        id: Id,
+        control: &mut ControlFacts,
+        end: &mut u64,
+    ) -> Result<(), Error> {
+        let variable = self.variables[&id];
+        let is_input = variable.class == StorageClass::Input;
+        let built_in = self.module.annotations.id(id, Decoration::BuiltIn);
+        let built_in = built_in.and_then(BuiltIn::from_u32);
+        let mut ty = variable.pointee;
+        let mut stride = 0;
+        let mut elements = 1;
+        if let TypeKind::Array { element, count } = *self.types.kind(ty)?
+            && self.is_per_vertex(id, element, built_in)
+        {
+            stride = self.shared_layout().array_stride(ty)?;
+            (ty, elements) = (element, count);
+        } else if is_input {
+            return Ok(());
+        }
+        let (size, align) = self.shared_layout().natural(variable.pointee)?;
+        let start = end.next_multiple_of(align.max(16));
+        // Room for all vertices that there may be, whatever the array's length.
+        let vertices = match is_input {
+            true => MAX_PATCH_VERTICES,
+            false => control.vertices,
+        };
+        let more = u64::from(vertices.saturating_sub(elements));
+        *end = start.saturating_add(size.saturating_add(more.saturating_mul(stride)));
+        if *end > (ir::MAX_SHARED_BYTES / SUBGROUP_SIZE as u32).into() {
+            return Err(budget("the values of a patch are too large"));
+        }
+        self.shared.insert(id, start as u32);
+        let words = self.element_words(id, ty)?;
+        let mut words = words.into_iter();
+        let kept = match is_input {
+            true => &mut control.inputs,
+            false => &mut control.outputs,
+        };
+        for (ty, offset) in self.shared_layout().leaves(ty, Shape::default())? {
+            let width = match ty {
+                Type::I8 => Width::Byte,
+                Type::I16 => Width::Short,
+                Type::F16 => Width::Half,
+                _ => Width::Word,
+            };
+            for part in 0..ty.rows() {
+                let Some(word) = words.next() else {
+                    return Err(self.b.invalid("a value lacks words"));
+                };
+                kept.push(PatchWord {
+                    row: self.output_row(word)?,
+                    offset_bytes: (start + offset) as u32 + 4 * part,
+                    stride_bytes: stride as u32,
+                    width,
+                });
+            }
+        }
+        match kept.len() > MAX_PATCH_WORDS {
+            true => Err(budget("a stage's interface is too large")),
+            false => Ok(()),
+        }
+    }
+
+    /// The place of a variable of a control shader that lies in the memory of the patch.
+    pub(super) fn patch_place(&mut self, id: Id) -> Result<Option<Place>, Error> {
+        let Some(&constant) = self.shared.get(&id).filter(|_| self.is_control()) else {
+            return Ok(None);
+        };
+        Ok(Some(Place::Shared {
+            offset: self.patch_offset()?,
+            constant,
+        }))
+    }
+
+    /// Where the memory of the invocation's patch starts, if there are several in a subgroup.
+    fn patch_offset(&mut self) -> Result<Option<Value>, Error> {
+        let facts = self.tessellation.as_ref();
+        let control = facts.and_then(|facts| facts.control.as_ref());
+        if control.is_some_and(|control| control.patches() == 1) {
+            return Ok(None);
+        }
+        let row = InputRow::Builtin(Builtin::PatchOffset, 0);
+        self.input(row, Type::I32).map(Some)
+    }
+
+    /// Stores the initial values of outputs, which all invocations have before any of them goes on.
+    fn initialize_outputs(&mut self, ids: &[Id]) -> Result<(), Error> {
+        let mut any = false;
+        for &id in ids {
+            let variable = self.variables[&id];
+            let (Some(initializer), Some(place)) = (variable.initializer, self.patch_place(id)?)
+            else {
+                continue;
+            };
+            let pointer = Pointer::new(variable.pointee, place);
+            if self.is_large(variable.pointee) {
+                self.fill_from(pointer, initializer)?;
+            } else {
+                let values = self.initializer(initializer)?;
+                self.store(&pointer, &values)?;
+            }
+            any = true;
+        }
+        match any {
+            true => self.control_barrier(),
+            false => Ok(()),
+        }
+    }
+
+    /// A barrier of the invocations of a patch. Those of one subgroup are together already.
+    pub(super) fn control_barrier(&mut self) -> Result<(), Error> {
+        self.b.emit_effect(ir::Op::MemoryBarrier, &[])?;
+        let facts = self.tessellation.as_ref();
+        let control = facts.and_then(|facts| facts.control.as_ref());
+        if control.is_some_and(|control| control.subgroups() > 1) {
+            self.b.emit_effect(ir::Op::Barrier, &[])?;
+        }
+        Ok(())
+    }
+}
