@@ -238,6 +238,11 @@ impl Runner {
         &mut self.states[subgroup * self.rows..][..self.rows]
     }
 
+    /// The memory of one workgroup.
+    pub fn shared(&mut self, workgroup: usize) -> &mut [AlignedRow] {
+        &mut self.shared[workgroup * self.shared_rows..][..self.shared_rows]
+    }
+
     /// Runs all subgroups to their end. They have been started and given their inputs; their
     /// outputs stand in their `io` rows then.
     ///

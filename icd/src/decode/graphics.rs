@@ -14,8 +14,8 @@ use crate::object::dynamic_state::{DynamicStates, Parts};
 use crate::object::graphics_pipeline::GraphicsPipeline;
 use crate::object::graphics_state::{
     AdvancedBlend, BlendAttachment, ColorBlend, ColorLocations, DepthStencil, GraphicsState,
-    MAX_COLOR_ATTACHMENTS, MAX_VIEWPORTS, Multisample, Rasterization, StencilFace, UsedAttachments,
-    VertexAttribute, VertexBinding, VertexInput, Viewports, own_locations,
+    MAX_COLOR_ATTACHMENTS, MAX_VIEWPORTS, Multisample, Rasterization, StencilFace, Tessellation,
+    UsedAttachments, VertexAttribute, VertexBinding, VertexInput, Viewports, own_locations,
 };
 use crate::object::pipeline::PipelineKind;
 use crate::object::shader_stage::ShaderStage;
@@ -55,6 +55,7 @@ pub unsafe fn decode<'a>(info: &vk::GraphicsPipelineCreateInfo<'_>) -> VkResult<
             slice(it.p_dynamic_states, it.dynamic_state_count)
         });
         let dynamic = DynamicStates::of(list, parts);
+        let info_stages = slice(info.p_stages, info.stage_count);
         let has = |part| parts.contains(part);
         let mut state = GraphicsState::default();
         if has(Parts::VERTEX_INPUT_INTERFACE) {
@@ -72,6 +73,11 @@ pub unsafe fn decode<'a>(info: &vk::GraphicsPipelineCreateInfo<'_>) -> VkResult<
         if has(Parts::PRE_RASTERIZATION_SHADERS) {
             if let Some(info) = info.p_rasterization_state.as_ref() {
                 state.rasterization = rasterization(info);
+            }
+            if let Some(info) = info.p_tessellation_state.as_ref()
+                && has_tessellation(info_stages)
+            {
+                state.tessellation = tessellation(info);
             }
             discards = state.rasterization.discard
                 && !dynamic.contains(vk::DynamicState::RASTERIZER_DISCARD_ENABLE);
@@ -108,7 +114,7 @@ pub unsafe fn decode<'a>(info: &vk::GraphicsPipelineCreateInfo<'_>) -> VkResult<
         let view_index_is_device_index = create_flags(info.flags, info.p_next)
             .contains(vk::PipelineCreateFlags::VIEW_INDEX_FROM_DEVICE_INDEX);
         let mut stages = SmallVec::new();
-        for (index, info) in slice(info.p_stages, info.stage_count).iter().enumerate() {
+        for (index, info) in info_stages.iter().enumerate() {
             let wanted = match info.stage {
                 vk::ShaderStageFlags::FRAGMENT => has(Parts::FRAGMENT_SHADER) && !discards,
                 _ => has(Parts::PRE_RASTERIZATION_SHADERS),
@@ -128,6 +134,24 @@ pub unsafe fn decode<'a>(info: &vk::GraphicsPipelineCreateInfo<'_>) -> VkResult<
             stages,
             libraries,
         })
+    }
+}
+
+/// Whether a stage uses the state of tessellation: without one it may be anything.
+fn has_tessellation(stages: &[vk::PipelineShaderStageCreateInfo<'_>]) -> bool {
+    (stages.iter()).any(|it| it.stage == vk::ShaderStageFlags::TESSELLATION_EVALUATION)
+}
+
+/// # Safety
+/// The info is valid.
+unsafe fn tessellation(info: &vk::PipelineTessellationStateCreateInfo<'_>) -> Tessellation {
+    // SAFETY: the caller's promise.
+    let origin =
+        unsafe { find::<vk::PipelineTessellationDomainOriginStateCreateInfo<'_>>(info.p_next) };
+    Tessellation {
+        control_points: info.patch_control_points,
+        lower_left: origin
+            .is_some_and(|it| it.domain_origin == vk::TessellationDomainOrigin::LOWER_LEFT),
     }
 }
 

@@ -140,6 +140,8 @@ pub fn program_stage(stage: vk::ShaderStageFlags) -> Option<Stage> {
         vk::ShaderStageFlags::MISS_KHR => Stage::Miss,
         vk::ShaderStageFlags::CALLABLE_KHR => Stage::Callable,
         vk::ShaderStageFlags::VERTEX => Stage::Vertex,
+        vk::ShaderStageFlags::TESSELLATION_CONTROL => Stage::TessellationControl,
+        vk::ShaderStageFlags::TESSELLATION_EVALUATION => Stage::TessellationEvaluation,
         vk::ShaderStageFlags::GEOMETRY => Stage::Geometry,
         vk::ShaderStageFlags::FRAGMENT => Stage::Fragment,
         _ => return None,

@@ -27,6 +27,8 @@ fn barrier(commands: &mut Recording, destination: vk::PipelineStageFlags2) -> Vk
         | Stage::INDEX_INPUT
         | Stage::VERTEX_ATTRIBUTE_INPUT
         | Stage::VERTEX_SHADER
+        | Stage::TESSELLATION_CONTROL_SHADER
+        | Stage::TESSELLATION_EVALUATION_SHADER
         | Stage::GEOMETRY_SHADER
         | Stage::PRE_RASTERIZATION_SHADERS
         | Stage::ALL_GRAPHICS

@@ -247,17 +247,13 @@ commands! {
         set(commands, Setting::WriteMasks(first, masks))
     }
 
-    /// State of tessellation, which shader objects let applications set whatever stages they bind;
-    /// no draw here looks at it.
-    fn vkCmdSetPatchControlPointsEXT(commands, _points: u32) {
-        let _ = commands;
-        Ok(())
+    fn vkCmdSetPatchControlPointsEXT(commands, points: u32) {
+        set(commands, Setting::PatchControlPoints(points))
     }
 
-    /// As above.
-    fn vkCmdSetTessellationDomainOriginEXT(commands, _origin: vk::TessellationDomainOrigin) {
-        let _ = commands;
-        Ok(())
+    fn vkCmdSetTessellationDomainOriginEXT(commands, origin: vk::TessellationDomainOrigin) {
+        let is_lower_left = origin == vk::TessellationDomainOrigin::LOWER_LEFT;
+        set(commands, Setting::LowerLeftOrigin(is_lower_left))
     }
 
     /// Attachments are written where they lie, and read there: loops need no care.

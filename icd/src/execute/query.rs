@@ -86,8 +86,14 @@ impl<'a> ActiveQuery<'a> {
                 Statistic::FRAGMENT_SHADER_INVOCATIONS,
                 of(&counters.fragment_invocations),
             ),
-            (Statistic::TESSELLATION_CONTROL_SHADER_PATCHES, 0),
-            (Statistic::TESSELLATION_EVALUATION_SHADER_INVOCATIONS, 0),
+            (
+                Statistic::TESSELLATION_CONTROL_SHADER_PATCHES,
+                of(&counters.control_patches),
+            ),
+            (
+                Statistic::TESSELLATION_EVALUATION_SHADER_INVOCATIONS,
+                of(&counters.evaluation_invocations),
+            ),
             (
                 Statistic::COMPUTE_SHADER_INVOCATIONS,
                 self.compute_invocations,

@@ -12,7 +12,7 @@ pub type Parts = vk::GraphicsPipelineLibraryFlagsEXT;
 
 /// The states that can be dynamic, each with its part of a pipeline.
 #[rustfmt::skip]
-const STATES: [(vk::DynamicState, Parts); 44] = {
+const STATES: [(vk::DynamicState, Parts); 46] = {
     use vk::DynamicState as State;
     const INPUT: Parts = Parts::VERTEX_INPUT_INTERFACE;
     const BEFORE: Parts = Parts::PRE_RASTERIZATION_SHADERS;
@@ -23,6 +23,8 @@ const STATES: [(vk::DynamicState, Parts); 44] = {
         (State::VERTEX_INPUT_BINDING_STRIDE, INPUT),
         (State::PRIMITIVE_TOPOLOGY, INPUT),
         (State::PRIMITIVE_RESTART_ENABLE, INPUT),
+        (State::PATCH_CONTROL_POINTS_EXT, BEFORE),
+        (State::TESSELLATION_DOMAIN_ORIGIN_EXT, BEFORE),
         (State::VIEWPORT, BEFORE),
         (State::SCISSOR, BEFORE),
         (State::VIEWPORT_WITH_COUNT, BEFORE),
@@ -101,6 +103,7 @@ impl GraphicsState {
         }
         if parts.contains(Parts::PRE_RASTERIZATION_SHADERS) {
             self.viewports = from.viewports.clone();
+            self.tessellation = from.tessellation;
             self.rasterization = from.rasterization;
         }
         if parts.contains(Parts::FRAGMENT_SHADER) {
@@ -145,6 +148,8 @@ impl GraphicsState {
             VERTEX_INPUT_EXT: vertex_input;
             PRIMITIVE_TOPOLOGY: topology;
             PRIMITIVE_RESTART_ENABLE: primitive_restart;
+            PATCH_CONTROL_POINTS_EXT: tessellation.control_points;
+            TESSELLATION_DOMAIN_ORIGIN_EXT: tessellation.lower_left;
             VIEWPORT_WITH_COUNT: viewports.viewports;
             SCISSOR_WITH_COUNT: viewports.scissors;
             LINE_WIDTH: rasterization.line_width;

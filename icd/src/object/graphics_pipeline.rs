@@ -11,7 +11,13 @@ use super::dynamic_state::{DynamicStates, Parts};
 use super::graphics_state::GraphicsState;
 
 /// The stages of drawing, in the order in which they run.
-const STAGES: [Stage; 3] = [Stage::Vertex, Stage::Geometry, Stage::Fragment];
+const STAGES: [Stage; 5] = [
+    Stage::Vertex,
+    Stage::TessellationControl,
+    Stage::TessellationEvaluation,
+    Stage::Geometry,
+    Stage::Fragment,
+];
 
 /// The programs of a bound graphics pipeline or of bound shader objects, by stage. Without a
 /// fragment program a draw writes depth and stencil alone.
@@ -41,6 +47,18 @@ impl Stages {
 
     pub fn vertex(&self) -> Option<&Program> {
         self.of(Stage::Vertex).map(|program| &**program)
+    }
+
+    /// The control and the evaluation program.
+    pub fn tessellation(&self) -> Option<(&Program, &Program)> {
+        let control = self.of(Stage::TessellationControl)?;
+        Some((control, self.of(Stage::TessellationEvaluation)?))
+    }
+
+    /// Whether there is one of those two without the other: nothing can be drawn.
+    pub fn lacks_tessellation(&self) -> bool {
+        let control = self.of(Stage::TessellationControl);
+        control.is_some() != self.of(Stage::TessellationEvaluation).is_some()
     }
 
     pub fn geometry(&self) -> Option<&Program> {

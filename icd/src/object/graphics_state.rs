@@ -192,12 +192,22 @@ pub fn own_locations() -> ColorLocations {
     std::array::from_fn(|location| location as u32)
 }
 
+/// How patches are taken (`VkPipelineTessellationStateCreateInfo`).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Tessellation {
+    /// Vertices of a patch.
+    pub control_points: u32,
+    /// The domain's origin is its lower left corner, not the upper left one.
+    pub lower_left: bool,
+}
+
 /// All of it.
 #[derive(Clone, Debug)]
 pub struct GraphicsState {
     pub vertex_input: VertexInput,
     pub topology: vk::PrimitiveTopology,
     pub primitive_restart: bool,
+    pub tessellation: Tessellation,
     pub viewports: Viewports,
     pub rasterization: Rasterization,
     pub multisample: Multisample,
@@ -216,6 +226,7 @@ impl GraphicsState {
             vertex_input,
             topology,
             primitive_restart,
+            tessellation,
             viewports,
             rasterization,
             multisample,
@@ -231,6 +242,7 @@ impl GraphicsState {
             && *blend == other.blend
             && *topology == other.topology
             && *primitive_restart == other.primitive_restart
+            && *tessellation == other.tessellation
             && *multisample == other.multisample
             && *color_locations == other.color_locations
             && *used_attachments == other.used_attachments
@@ -381,6 +393,7 @@ impl Default for GraphicsState {
         Self {
             vertex_input: VertexInput::default(),
             topology: vk::PrimitiveTopology::TRIANGLE_LIST,
+            tessellation: Tessellation::default(),
             primitive_restart: false,
             viewports: Viewports::default(),
             rasterization: Rasterization::default(),

@@ -132,6 +132,8 @@ pub struct Counters {
     pub input_vertices: AtomicU64,
     pub input_primitives: AtomicU64,
     pub vertex_invocations: AtomicU64,
+    pub control_patches: AtomicU64,
+    pub evaluation_invocations: AtomicU64,
     pub geometry_invocations: AtomicU64,
     pub geometry_primitives: AtomicU64,
     pub clipping_invocations: AtomicU64,

@@ -35,6 +35,8 @@ pub const SUB_PIXEL_BITS: u32 = 8;
 /// Pixels.
 pub const MAX_POINT_SIZE: f32 = 256.0;
 pub const MAX_LINE_WIDTH: f32 = 64.0;
+/// `maxTessellationGenerationLevel`.
+pub const MAX_TESSELLATION_LEVEL: u32 = 64;
 /// `maxCommandBufferNestingLevel`: each level is a call on the queue's thread.
 pub const MAX_COMMAND_BUFFER_NESTING: u32 = 64;
 
@@ -78,6 +80,14 @@ pub fn limits() -> vk::PhysicalDeviceLimits {
         max_vertex_input_attribute_offset: u32::MAX,
         max_vertex_input_binding_stride: 1 << 16,
         max_vertex_output_components: 128,
+        max_tessellation_generation_level: MAX_TESSELLATION_LEVEL,
+        max_tessellation_patch_size: spirv_jit::ir::tessellation::MAX_PATCH_VERTICES,
+        max_tessellation_control_per_vertex_input_components: 128,
+        max_tessellation_control_per_vertex_output_components: 128,
+        max_tessellation_control_per_patch_output_components: 120,
+        max_tessellation_control_total_output_components: 4096,
+        max_tessellation_evaluation_input_components: 128,
+        max_tessellation_evaluation_output_components: 128,
         max_geometry_shader_invocations: spirv_jit::ir::MAX_GEOMETRY_INVOCATIONS,
         max_geometry_input_components: 128,
         max_geometry_output_components: 256,

@@ -74,6 +74,8 @@ fn stage_name(program: &Program) -> &'static str {
         Stage::Miss => "miss",
         Stage::Callable => "callable",
         Stage::Vertex => "vertex",
+        Stage::TessellationControl => "tessellation control",
+        Stage::TessellationEvaluation => "tessellation evaluation",
         Stage::Geometry => "geometry",
         Stage::Fragment => "fragment",
         _ => "compute",

@@ -2,7 +2,9 @@
 
 use std::sync::atomic::Ordering;
 
+use ash::vk::PrimitiveTopology as Topology;
 use spirv_jit::image::format::Numeric;
+use spirv_jit::program::{Domain, TessellationModes};
 use spirv_jit::reach::Reach;
 use spirv_jit::{Program, SUBGROUP_SIZE};
 
@@ -13,6 +15,10 @@ use super::fetch::{Common, Fetch, Vertex};
 use super::geometry::{Geometry, Input, emitted_topology};
 use super::indices::Indices;
 use super::outputs::OutputPlaces;
+use super::patches::{
+    Control, DomainVertex, Evaluation, Input as PatchInput, Patches, Pieces, Subdivided,
+    control_points, list,
+};
 use super::project::Projection;
 use super::screen::{ScreenVertex, code};
 use super::set_up::{Corners, Primitive, SetUp};
@@ -31,12 +37,31 @@ pub struct Worker {
     vertices: Vec<Vertex>,
     commons: Vec<Common>,
     primitives: Vec<Assembled>,
-    /// Of a draw with a geometry shader: the vertices of each input primitive, as many as it takes,
-    /// the words of all vertices, and its input.
+    /// Of a draw with a geometry or control shader: the vertices of each input primitive, as many as
+    /// it takes, the words of all vertices, and its input.
     corners: Vec<u32>,
     words: Vec<u32>,
     inputs: Vec<Assembled>,
+    /// Of a draw with patches.
+    subdivided: Subdivided,
+    domain_vertices: Vec<DomainVertex>,
     on_screen: Vec<ScreenVertex>,
+}
+
+/// What the primitives of a chunk are made of.
+enum Source<'a> {
+    /// Consecutive spans of a draw.
+    Spans(&'a [Span]),
+    Pieces(&'a Pieces),
+}
+
+/// The topology of what a patch becomes.
+fn domain_topology(modes: &TessellationModes) -> Topology {
+    match modes.domain {
+        _ if modes.point_mode => Topology::POINT_LIST,
+        Some(Domain::Isolines) => Topology::LINE_LIST,
+        _ => Topology::TRIANGLE_LIST,
+    }
 }
 
 /// The state that all jobs of a round share.
@@ -82,28 +107,179 @@ impl Worker {
         chunk.records.clear();
         chunk.outputs.clear();
         chunk.pixels.clear();
-        for spans in job.spans.chunk_by(|a, b| a.draw == b.draw) {
-            if let Some(Work::Draw(draw)) = round.work.get(spans[0].draw as usize) {
+        let draw_of = |index: u32| match round.work.get(index as usize) {
+            Some(Work::Draw(draw)) => Some(draw),
+            _ => None,
+        };
+        if let Some(pieces) = &job.pieces {
+            let index = pieces.patches.draw;
+            if let Some(draw) = draw_of(index) {
                 round.limits.check()?;
-                self.draw(round, draw, spans, chunk)?;
+                self.draw(round, draw, index, &Source::Pieces(pieces), chunk)?;
+            }
+        }
+        for spans in job.spans.chunk_by(|a, b| a.draw == b.draw) {
+            if let Some(draw) = draw_of(spans[0].draw) {
+                round.limits.check()?;
+                self.draw(round, draw, spans[0].draw, &Source::Spans(spans), chunk)?;
             }
         }
         bins::fill(&mut chunk.bins, &round.grid, &chunk.shapes)
     }
 
-    /// Adds consecutive spans of one draw.
+    /// Runs the control shader for the patches of a job.
+    ///
+    /// # Errors
+    /// When a limit stopped it.
+    pub fn control(&mut self, round: &Round<'_>, job: &Job) -> Result<Option<Patches>, Stopped> {
+        let Some(Work::Draw(draw)) = job
+            .spans
+            .first()
+            .and_then(|it| round.work.get(it.draw as usize))
+        else {
+            return Ok(None);
+        };
+        let points = control_points(&draw.stages, &draw.state);
+        let (Some(vertex), Some(points)) = (draw.stages.vertex(), points) else {
+            return Ok(None);
+        };
+        let Some(control) = Control::new(&draw.stages, vertex, &draw.state) else {
+            return Ok(None);
+        };
+        round.limits.check()?;
+        self.assemble(round, draw, &job.spans, Some(points as usize));
+        self.words.clear();
+        let mut words = std::mem::take(&mut self.words);
+        let shaded = self.shade(round, draw, vertex, &job.spans, None, &mut words);
+        self.words = words;
+        shaded?;
+        let input = PatchInput {
+            words: &self.words,
+            corners: &self.corners,
+            points,
+            patches: &self.primitives,
+            commons: &self.commons,
+        };
+        let (environment, index) = (&draw.environment, job.spans[0].draw);
+        let made = control.run(&mut self.runner, environment, round.limits, &input, index)?;
+        for counters in &draw.counters {
+            let patches = self.primitives.len() as u64;
+            counters
+                .control_patches
+                .fetch_add(patches, Ordering::Relaxed);
+        }
+        Ok(Some(made))
+    }
+
+    /// Runs the vertex shader for the assembled vertices of spans.
+    fn shade(
+        &mut self,
+        round: &Round<'_>,
+        draw: &Draw,
+        vertex: &Program,
+        spans: &[Span],
+        projection: Option<Projection<'_>>,
+        words: &mut Vec<u32>,
+    ) -> Result<(), Stopped> {
+        let fetch = Fetch::new(draw, vertex, round.reach);
+        // Chunks of a draw may share vertices.
+        let first = &spans[0];
+        let order = u64::from(first.start) << 32 | u64::from(first.primitives.start);
+        self.runner.set_order(order);
+        let (vertices, commons) = (&self.vertices, &self.commons);
+        shade(
+            &mut self.runner,
+            vertex,
+            &draw.environment,
+            round.limits,
+            vertices.len(),
+            &|state, lanes| fetch.fill(state, &vertices[lanes], commons),
+            projection,
+            words,
+            &mut self.on_screen,
+        )?;
+        for counters in &draw.counters {
+            let invocations = self.vertices.len() as u64;
+            counters
+                .vertex_invocations
+                .fetch_add(invocations, Ordering::Relaxed);
+        }
+        Ok(())
+    }
+
+    /// Lists the primitives of patches' pieces.
+    fn list_pieces(&mut self, draw: &Draw, pieces: &Pieces) {
+        let last = draw.state.rasterization.provoking_last;
+        let (vertices, primitives) = (&mut self.domain_vertices, &mut self.primitives);
+        list(&mut self.subdivided, pieces, last, vertices, primitives);
+        self.commons.clone_from(&pieces.patches.commons);
+        self.corners.clear();
+        if let Some(facts) = draw.stages.geometry().and_then(Program::geometry) {
+            for primitive in &self.primitives {
+                // A domain that does not fit the shader lacks vertices.
+                let corners = (0..facts.vertices as usize).map(|it| primitive.vertices[it.min(2)]);
+                self.corners.extend(corners);
+            }
+        }
+    }
+
+    /// Runs the evaluation shader for the listed vertices of pieces.
+    fn evaluate(
+        &mut self,
+        round: &Round<'_>,
+        draw: &Draw,
+        pieces: &Pieces,
+        projection: Option<Projection<'_>>,
+        words: &mut Vec<u32>,
+    ) -> Result<(), Stopped> {
+        let (Some((_, program)), Some(evaluation)) =
+            (draw.stages.tessellation(), Evaluation::new(&draw.stages))
+        else {
+            return Ok(());
+        };
+        let vertices = &self.domain_vertices;
+        shade(
+            &mut self.runner,
+            program,
+            &draw.environment,
+            round.limits,
+            vertices.len(),
+            &|state, lanes| evaluation.fill(state, &vertices[lanes], &pieces.patches),
+            projection,
+            words,
+            &mut self.on_screen,
+        )?;
+        for counters in &draw.counters {
+            let invocations = vertices.len() as u64;
+            (counters.evaluation_invocations).fetch_add(invocations, Ordering::Relaxed);
+        }
+        Ok(())
+    }
+
+    /// Adds primitives of one draw.
     fn draw(
         &mut self,
         round: &Round<'_>,
         draw: &Draw,
-        spans: &[Span],
+        index: u32,
+        source: &Source<'_>,
         chunk: &mut Chunk,
     ) -> Result<(), Stopped> {
         let (Some(vertex), Some(last)) = (draw.stages.vertex(), draw.stages.last()) else {
             return Ok(());
         };
-        self.assemble(round, draw, spans);
-        let fetch = Fetch::new(draw, vertex, round.reach);
+        // The program whose primitives a geometry shader takes.
+        let before = match (source, draw.stages.tessellation()) {
+            (Source::Pieces(pieces), Some((_, evaluation))) => {
+                self.list_pieces(draw, pieces);
+                evaluation
+            }
+            (Source::Pieces(_), None) => return Ok(()),
+            (Source::Spans(spans), _) => {
+                self.assemble(round, draw, spans, None);
+                vertex
+            }
+        };
         let facts = round.facts(draw);
         let places = OutputPlaces::new(last);
         // One viewport for all vertices, unless they choose.
@@ -117,41 +293,27 @@ impl Worker {
             });
         let geometry = (last.geometry()).map(|it| {
             let provokes_last = draw.state.rasterization.provoking_last;
-            Geometry::new(last, it, vertex, &places, provokes_last)
+            Geometry::new(last, it, before, &places, provokes_last)
         });
         self.on_screen.clear();
         self.words.clear();
-        (self
-            .on_screen
-            .try_reserve(self.vertices.len() + SUBGROUP_SIZE))
-        .map_err(|_| Stopped::OutOfMemory)?;
+        let count = match source {
+            Source::Spans(_) => self.vertices.len(),
+            Source::Pieces(_) => self.domain_vertices.len(),
+        };
+        (self.on_screen.try_reserve(count + SUBGROUP_SIZE)).map_err(|_| Stopped::OutOfMemory)?;
         let first_word = chunk.outputs.len() as u32;
-        // Chunks of a draw may share vertices.
-        let first = &spans[0];
-        let order = u64::from(first.start) << 32 | u64::from(first.primitives.start);
-        self.runner.set_order(order);
+        let mut own = std::mem::take(&mut self.words);
         let (words, projected) = match &geometry {
             None => (&mut chunk.outputs, projection),
-            Some(_) => (&mut self.words, None),
+            Some(_) => (&mut own, None),
         };
-        shade(
-            &mut self.runner,
-            vertex,
-            &draw.environment,
-            &fetch,
-            round.limits,
-            &self.vertices,
-            &self.commons,
-            projected,
-            words,
-            &mut self.on_screen,
-        )?;
-        for counters in &draw.counters {
-            let invocations = self.vertices.len() as u64;
-            counters
-                .vertex_invocations
-                .fetch_add(invocations, Ordering::Relaxed);
-        }
+        let shaded = match source {
+            Source::Spans(spans) => self.shade(round, draw, vertex, spans, projected, words),
+            Source::Pieces(pieces) => self.evaluate(round, draw, pieces, projected, words),
+        };
+        self.words = own;
+        shaded?;
         if let Some(geometry) = &geometry {
             self.emit(round, draw, geometry, projection, &mut chunk.outputs)?;
         }
@@ -159,7 +321,7 @@ impl Worker {
             return Ok(());
         }
         let shaded = (first_word, places);
-        self.set_up(round, draw, spans[0].draw, &facts, shaded, chunk)
+        self.set_up(round, draw, index, &facts, shaded, chunk)
     }
 
     /// Replaces the primitives by those that a geometry shader makes of them.
@@ -206,8 +368,8 @@ impl Worker {
         Ok(())
     }
 
-    /// Lists the primitives of spans, and the vertices that they need.
-    fn assemble(&mut self, round: &Round<'_>, draw: &Draw, spans: &[Span]) {
+    /// Lists the primitives of spans, and the vertices that they need; patches of so many points.
+    fn assemble(&mut self, round: &Round<'_>, draw: &Draw, spans: &[Span], points: Option<usize>) {
         self.vertices.clear();
         self.commons.clear();
         self.primitives.clear();
@@ -251,12 +413,16 @@ impl Worker {
             }
             let ids = (span.first_id..).zip(span.primitives.clone());
             for (primitive_id, primitive) in ids {
-                if let Some(facts) = geometry {
+                let taken = points.or(geometry.map(|facts| facts.vertices as usize));
+                if let Some(taken) = taken {
                     let of_segment = span.of_segment;
                     let (places, count) = topology::corners(topology, primitive, of_segment, last);
-                    // A topology that does not fit the shader lacks vertices.
-                    for corner in 0..facts.vertices as usize {
-                        let place = places[corner.min(count - 1)];
+                    for corner in 0..taken {
+                        // A topology that does not fit the shader lacks vertices.
+                        let place = match points {
+                            Some(points) => primitive * points as u32 + corner as u32,
+                            None => places[corner.min(count - 1)],
+                        };
                         let corner = match &run {
                             Some(run) => base + (place - run.start),
                             None => self.vertex(start, place, indices.as_ref(), call, common),
@@ -349,7 +515,15 @@ impl Worker {
         };
         let has_views = round.targets.view_mask != 0;
         let geometry = draw.stages.geometry().and_then(Program::geometry);
-        let topology = geometry.map_or(draw.state.topology, emitted_topology);
+        let topology = match (geometry, draw.stages.tessellation()) {
+            (Some(facts), _) => emitted_topology(facts),
+            (None, Some((control, evaluation))) => {
+                let facts = [control.tessellation(), evaluation.tessellation()];
+                let modes = facts.map(|facts| facts.map(|it| it.modes).unwrap_or_default());
+                domain_topology(&modes[0].or(modes[1]))
+            }
+            (None, None) => draw.state.topology,
+        };
         let kind = topology::kind(topology);
         let continues = topology::is_line_strip(topology);
         // Of filled triangles: what needs a closer look.

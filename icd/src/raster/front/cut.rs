@@ -12,6 +12,7 @@ use spirv_jit::reach::Reach;
 
 use super::geometry;
 use super::indices::Indices;
+use super::patches::{self, Pieces};
 use super::topology::{self, is_line_strip};
 use crate::raster::{CHUNK_PRIMITIVES, Counters, Draw, DrawCall, Work};
 use crate::wave::{Limits, Stopped};
@@ -57,6 +58,10 @@ pub struct Job {
     pub primitives: u32,
     /// Some of them run a geometry shader, which may make many of each.
     pub amplifies: bool,
+    /// Its primitives are patches of one draw: it becomes [`Self::pieces`] of other jobs.
+    pub patches: bool,
+    /// Primitives of patches in the place of spans.
+    pub pieces: Option<Pieces>,
 }
 
 /// How far the cutting has come.
@@ -129,7 +134,6 @@ impl Cutter<'_> {
         cost: &mut u32,
     ) -> Result<bool, Stopped> {
         let state = &draw.state;
-        let topology = state.topology;
         let views = self.view_mask.count_ones().max(1);
         let longest = longest(draw);
         let indices = draw
@@ -137,9 +141,17 @@ impl Cutter<'_> {
             .as_ref()
             .filter(|_| state.primitive_restart)
             .map(|buffer| Indices::new(buffer, self.reach));
-        if topology::kind(topology).is_none() {
+        if !is_drawn(draw) {
             next_work(cursor);
             return Ok(true);
+        }
+        let patches = draw.stages.tessellation().is_some();
+        let is_other = job
+            .spans
+            .first()
+            .is_some_and(|it| it.draw as usize != cursor.work);
+        if is_other && (patches || job.patches) {
+            return Ok(false);
         }
         let mut looks = 0;
         while let Some(call) = draw.calls.get(cursor.call) {
@@ -166,7 +178,7 @@ impl Cutter<'_> {
                 Some(end) => end,
                 None => self.end_of_segment(draw, call, indices.as_ref(), cursor)?,
             };
-            let count = topology::count(topology, (end - cursor.start) as u32);
+            let count = count(draw, (end - cursor.start) as u32);
             if cursor.primitive >= count {
                 // Past the restart.
                 cursor.start = end + 1;
@@ -200,6 +212,7 @@ impl Cutter<'_> {
                 first_id: cursor.id,
             });
             job.amplifies |= draw.stages.geometry().is_some();
+            job.patches |= patches;
             cursor.primitive += taken;
             cursor.id = cursor.id.wrapping_add(taken);
             job.primitives += taken;
@@ -235,7 +248,7 @@ impl Cutter<'_> {
         }
         cursor.end = Some(end);
         let vertices = end - cursor.start;
-        let primitives = topology::count(draw.state.topology, vertices as u32);
+        let primitives = count(draw, vertices as u32);
         for counters in &draw.counters {
             let Counters {
                 input_vertices,
@@ -249,8 +262,36 @@ impl Cutter<'_> {
     }
 }
 
+/// Complete primitives of a segment of that many vertices.
+fn count(draw: &Draw, vertices: u32) -> u32 {
+    match patches::control_points(&draw.stages, &draw.state) {
+        Some(points) => vertices / points,
+        None => topology::count(draw.state.topology, vertices),
+    }
+}
+
+/// Whether the draw's programs take the primitives of its topology.
+fn is_drawn(draw: &Draw) -> bool {
+    let topology = draw.state.topology;
+    match draw.stages.tessellation() {
+        Some(_) => {
+            topology == ash::vk::PrimitiveTopology::PATCH_LIST
+                && patches::control_points(&draw.stages, &draw.state).is_some()
+        }
+        None => topology::kind(topology).is_some() && !draw.stages.lacks_tessellation(),
+    }
+}
+
 /// Primitives of a job with a draw, at most.
 fn longest(draw: &Draw) -> u32 {
+    match draw.stages.tessellation() {
+        Some(_) => patches::JOB_PATCHES,
+        None => longest_chunk(draw),
+    }
+}
+
+/// Primitives of a chunk with a draw, at most: without those that a geometry shader makes.
+pub fn longest_chunk(draw: &Draw) -> u32 {
     let state = &draw.state;
     let rasterization = &state.rasterization;
     let bresenham = ash::vk::LineRasterizationModeEXT::BRESENHAM;

@@ -20,7 +20,7 @@ const MAX_BYTES: usize = 32;
 const MAX_NARROW_BYTES: usize = 16;
 
 /// The values that all vertices of an instance of a call, for a view, share.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Common {
     pub first_instance: u32,
     /// From 0 on.

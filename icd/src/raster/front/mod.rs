@@ -4,6 +4,9 @@
 //! batch ──cut──> jobs (in order, one thread) ──> chunks (any worker, any job), a round of them at a time
 //!                                                  assemble: indices, topology, each vertex once
 //!                                                  vertices: attributes, waves of the vertex shader, outputs
+//!                                                  patches: waves of control shaders, which say how many
+//!                                                    primitives patches become; jobs of those
+//!                                                  tessellate: vertices of patches' domains, and primitives
 //!                                                  geometry: waves of the geometry shader
 //!                                                  set_up: clip, snap, cull, edges, planes
 //!                                                  bins
@@ -23,24 +26,30 @@ mod geometry;
 mod indices;
 mod line;
 mod outputs;
+mod patches;
 mod planes;
 mod point;
 mod project;
 mod screen;
 mod set_up;
+mod tessellate;
 #[cfg(test)]
 mod tests;
 mod topology;
 mod triangle;
 mod vertices;
 
+use std::collections::VecDeque;
+use std::sync::Arc;
+
 use parking_lot::Mutex;
 use rayon::prelude::*;
 
 use self::chunk::{Round, Worker};
-use self::cut::{Cursor, Cutter, Job};
+use self::cut::{Cursor, Cutter, Job, longest_chunk};
+use self::patches::Patches;
 use super::primitive::Grid;
-use super::{Chunk, Context, ROUND_CHUNKS, Targets, Work};
+use super::{CHUNK_PRIMITIVES, Chunk, Context, ROUND_CHUNKS, Targets, Work};
 use crate::timeline;
 use crate::wave::Stopped;
 
@@ -68,6 +77,8 @@ pub struct FrontEnd {
 /// How far the front end has come in a batch.
 pub struct Rounds {
     cursor: Cursor,
+    /// Jobs of patches whose control shaders have run, and jobs that come after them.
+    waiting: VecDeque<Job>,
     grid: Grid,
     /// Chunks of the next round.
     chunks: usize,
@@ -78,6 +89,7 @@ impl Rounds {
     pub fn new(_work: &[Work], targets: &Targets) -> Self {
         Self {
             cursor: Cursor::default(),
+            waiting: VecDeque::new(),
             grid: Grid::of(&targets.area),
             chunks: FIRST_ROUND,
         }
@@ -103,15 +115,6 @@ impl FrontEnd {
             reach: context.reach,
             limits: context.limits,
         };
-        let mut jobs: Vec<Job> = Vec::new();
-        while jobs.len() < rounds.chunks
-            && let Some(job) = cutter.next(&mut rounds.cursor)?
-        {
-            jobs.push(job);
-        }
-        if jobs.is_empty() {
-            return Ok(None);
-        }
         let round = Round {
             work,
             targets,
@@ -119,6 +122,24 @@ impl FrontEnd {
             limits: context.limits,
             grid: rounds.grid,
         };
+        let mut jobs: Vec<Job> = Vec::new();
+        while jobs.len() < rounds.chunks {
+            if let Some(job) = rounds.waiting.pop_front() {
+                jobs.push(job);
+                continue;
+            }
+            match cutter.next(&mut rounds.cursor)? {
+                None => break,
+                Some(job) if job.patches => {
+                    let room = rounds.chunks - jobs.len();
+                    self.divide(context, &round, &cutter, rounds, job, room)?;
+                }
+                Some(job) => jobs.push(job),
+            }
+        }
+        if jobs.is_empty() {
+            return Ok(None);
+        }
         let make = |job: &Job| {
             let _span = timeline::work("primitives");
             let mut worker = self.idle.lock().pop().unwrap_or_default();
@@ -148,6 +169,61 @@ impl FrontEnd {
             rounds.chunks
         };
         Ok(Some(chunks))
+    }
+
+    /// Runs the control shaders of a job of patches and of those that follow it, up to `room` jobs,
+    /// and cuts what the patches become into jobs that wait.
+    fn divide(
+        &self,
+        context: Context<'_>,
+        round: &Round<'_>,
+        cutter: &Cutter<'_>,
+        rounds: &mut Rounds,
+        first: Job,
+        room: usize,
+    ) -> Result<(), Stopped> {
+        let mut all = vec![first];
+        let mut after = None;
+        while all.len() < room
+            && let Some(job) = cutter.next(&mut rounds.cursor)?
+        {
+            if !job.patches {
+                after = Some(job);
+                break;
+            }
+            all.push(job);
+        }
+        let run = |job: &Job| {
+            let _span = timeline::work("patches");
+            let mut worker = self.idle.lock().pop().unwrap_or_default();
+            let patches = worker.control(round, job)?;
+            worker.rest();
+            self.idle.lock().push(worker);
+            Ok(patches)
+        };
+        let made: Vec<Option<Patches>> = if all.len() == 1 {
+            all.iter().map(run).collect::<Result<_, _>>()?
+        } else {
+            context
+                .workers
+                .install(|| all.par_iter().map(run).collect::<Result<_, _>>())?
+        };
+        for patches in made.into_iter().flatten() {
+            let Some(Work::Draw(draw)) = round.work.get(patches.draw as usize) else {
+                continue;
+            };
+            let most = longest_chunk(draw).min(CHUNK_PRIMITIVES as u32);
+            patches::cut(&Arc::new(patches), most, |pieces, primitives| {
+                rounds.waiting.push_back(Job {
+                    pieces: Some(pieces),
+                    primitives,
+                    amplifies: draw.stages.geometry().is_some(),
+                    ..Job::default()
+                });
+            });
+        }
+        rounds.waiting.extend(after);
+        Ok(())
     }
 
     /// Takes back the chunks of a round, for their memory.

@@ -1,11 +1,13 @@
 //! The vertices of a chunk: each of them once, their invocations in waves, their outputs by vertex.
 
+use std::ops::Range;
+
 use lanes::LaneMask;
 use spirv_jit::environment::Environment;
+use spirv_jit::program::AlignedRow;
 use spirv_jit::{Program, SUBGROUP_SIZE};
 
 use super::clip::MAX_CLIP_DISTANCES;
-use super::fetch::{Common, Fetch, Vertex};
 use super::outputs::OutputPlaces;
 use super::project::Projection;
 use super::screen::{Clip, Screen, ScreenVertex, Volume, project};
@@ -139,8 +141,8 @@ impl Shaded<'_> {
     }
 }
 
-/// Runs the vertex shader for each vertex, and appends their outputs; with a projection, their
-/// places on the screen, too.
+/// Runs a program for each of `count` vertices, and appends their outputs; with a projection, their
+/// places on the screen, too. `fill` fills the inputs of a subgroup's state for some of them.
 ///
 /// # Errors
 /// When a limit stopped it.
@@ -148,37 +150,40 @@ pub fn shade(
     runner: &mut Runner,
     program: &Program,
     environment: &Environment,
-    fetch: &Fetch,
     limits: &Limits,
-    vertices: &[Vertex],
-    commons: &[Common],
+    count: usize,
+    fill: &dyn Fn(&mut [AlignedRow], Range<usize>),
     projection: Option<Projection<'_>>,
     outputs: &mut Vec<u32>,
     on_screen: &mut Vec<ScreenVertex>,
 ) -> Result<(), Stopped> {
     let words = program.output_rows() as usize;
     let first = outputs.len();
-    let size = vertices.len() * words;
+    let size = count * words;
     outputs
         .try_reserve(size)
         .map_err(|_| Stopped::OutOfMemory)?;
     outputs.resize(first + size, 0);
     let mut rest = &mut outputs[first..];
     let io = program.layout().io;
-    let subgroups = subgroups_at_once(program).min(SUBGROUPS);
-    for wave in vertices.chunks(subgroups * SUBGROUP_SIZE) {
-        let subgroups = Subgroups::apart(wave.len().div_ceil(SUBGROUP_SIZE));
-        runner.begin(program, subgroups, limits)?;
-        for (state, lanes) in runner.states().zip(wave.chunks(SUBGROUP_SIZE)) {
+    let at_once = subgroups_at_once(program).min(SUBGROUPS) * SUBGROUP_SIZE;
+    for start in (0..count).step_by(at_once) {
+        let end = count.min(start + at_once);
+        let lanes_of = |first: usize| first..end.min(first + SUBGROUP_SIZE);
+        let starts = (start..end).step_by(SUBGROUP_SIZE);
+        runner.begin(program, Subgroups::apart(starts.len()), limits)?;
+        for (state, first) in runner.states().zip(starts.clone()) {
+            let lanes = lanes_of(first);
             program.start(state, LaneMask::full(lanes.len()));
-            fetch.fill(state, lanes, commons);
+            fill(state, lanes);
         }
         runner.run(program, environment, limits)?;
-        for (state, lanes) in runner.states().zip(wave.chunks(SUBGROUP_SIZE)) {
-            let (here, after) = rest.split_at_mut(lanes.len() * words);
+        for (state, first) in runner.states().zip(starts) {
+            let lanes = lanes_of(first).len();
+            let (here, after) = rest.split_at_mut(lanes * words);
             rest = after;
             if let Some(projection) = &projection {
-                projection.add(&state[io..], lanes.len(), on_screen);
+                projection.add(&state[io..], lanes, on_screen);
             }
             if words == 0 {
                 continue;

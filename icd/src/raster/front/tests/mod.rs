@@ -7,6 +7,7 @@ mod clipping;
 mod coverage;
 mod cutting;
 mod projecting;
+mod tessellation;
 mod topology;
 
 use ash::vk;
