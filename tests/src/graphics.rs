@@ -57,6 +57,11 @@ impl Corner {
 #[derive(Clone)]
 pub struct Painting<'a> {
     pub vertex: &'a str,
+    /// Control and evaluation.
+    pub tessellation: Option<[&'a str; 2]>,
+    /// Vertices of a patch.
+    pub control_points: u32,
+    pub lower_left: bool,
     pub geometry: Option<&'a str>,
     /// None: depth and stencil alone.
     pub fragment: Option<&'a str>,
@@ -89,6 +94,9 @@ impl<'a> Painting<'a> {
         let rasterization = vk::PipelineRasterizationStateCreateInfo::default().line_width(1.0);
         Painting {
             vertex,
+            tessellation: None,
+            control_points: 0,
+            lower_left: false,
             geometry: None,
             fragment: Some(fragment),
             bindings: Vec::new(),
@@ -242,6 +250,9 @@ impl Gpu {
         next: *const std::ffi::c_void,
     ) -> vk::Pipeline {
         let mut stages = vec![(Stage::Vertex, painting.vertex)];
+        let between = [Stage::TessellationControl, Stage::TessellationEvaluation];
+        let sources = painting.tessellation.into_iter().flatten();
+        stages.extend(between.into_iter().zip(sources));
         stages.extend(painting.geometry.map(|source| (Stage::Geometry, source)));
         stages.extend(painting.fragment.map(|source| (Stage::Fragment, source)));
         // A part of a pipeline may have no vertex shader.
@@ -276,6 +287,14 @@ impl Gpu {
         let assembly = vk::PipelineInputAssemblyStateCreateInfo::default()
             .topology(painting.topology)
             .primitive_restart_enable(painting.restart);
+        let mut origin = vk::PipelineTessellationDomainOriginStateCreateInfo::default()
+            .domain_origin(match painting.lower_left {
+                true => vk::TessellationDomainOrigin::LOWER_LEFT,
+                false => vk::TessellationDomainOrigin::UPPER_LEFT,
+            });
+        let tessellation = vk::PipelineTessellationStateCreateInfo::default()
+            .patch_control_points(painting.control_points)
+            .push_next(&mut origin);
         let viewports = vk::PipelineViewportStateCreateInfo::default()
             .viewport_count(painting.viewports)
             .scissor_count(painting.viewports);
@@ -307,6 +326,9 @@ impl Gpu {
             .color_blend_state(&blend)
             .dynamic_state(&dynamic)
             .layout(painting.layout);
+        if painting.control_points > 0 {
+            info = info.tessellation_state(&tessellation);
+        }
         match painting.render_pass {
             Some((pass, subpass)) => info = info.render_pass(pass).subpass(subpass),
             None => info.p_next = (&raw const rendering).cast(),
@@ -339,6 +361,7 @@ impl Gpu {
         let mut painting = painting.clone();
         if !parts.contains(Part::PRE_RASTERIZATION_SHADERS) {
             painting.vertex = "";
+            painting.tessellation = None;
             painting.geometry = None;
         }
         if !parts.contains(Part::FRAGMENT_SHADER) {
@@ -386,10 +409,18 @@ impl Gpu {
             .stage_flags(vk::ShaderStageFlags::ALL)
             .size(128)];
         let next = match stage {
-            Stage::Vertex if self.features.geometry_shader == vk::TRUE => {
-                vk::ShaderStageFlags::GEOMETRY | vk::ShaderStageFlags::FRAGMENT
+            Stage::Vertex | Stage::TessellationEvaluation => {
+                let mut next = vk::ShaderStageFlags::FRAGMENT;
+                if self.features.geometry_shader == vk::TRUE {
+                    next |= vk::ShaderStageFlags::GEOMETRY;
+                }
+                if stage == Stage::Vertex && self.features.tessellation_shader == vk::TRUE {
+                    next |= vk::ShaderStageFlags::TESSELLATION_CONTROL;
+                }
+                next
             }
-            Stage::Vertex | Stage::Geometry => vk::ShaderStageFlags::FRAGMENT,
+            Stage::TessellationControl => vk::ShaderStageFlags::TESSELLATION_EVALUATION,
+            Stage::Geometry => vk::ShaderStageFlags::FRAGMENT,
             _ => vk::ShaderStageFlags::empty(),
         };
         let info = vk::ShaderCreateInfoEXT::default()

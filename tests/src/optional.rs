@@ -94,5 +94,6 @@ optional! {
     address_report: ext::device_address_binding_report::NAME, PhysicalDeviceAddressBindingReportFeaturesEXT {};
     /// Without the vendor's binary.
     fault: ext::device_fault::NAME, PhysicalDeviceFaultFeaturesEXT { device_fault_vendor_binary };
+    list_restart: ext::primitive_topology_list_restart::NAME, PhysicalDevicePrimitiveTopologyListRestartFeaturesEXT {};
     swept_spheres: LINEAR_SWEPT_SPHERES, PhysicalDeviceRayTracingLinearSweptSpheresFeaturesNV {};
 }

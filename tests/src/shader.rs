@@ -19,6 +19,8 @@ pub enum Stage {
     Intersection,
     Callable,
     Vertex,
+    TessellationControl,
+    TessellationEvaluation,
     Geometry,
     Fragment,
 }
@@ -34,6 +36,8 @@ impl Stage {
             Stage::Intersection => vk::ShaderStageFlags::INTERSECTION_KHR,
             Stage::Callable => vk::ShaderStageFlags::CALLABLE_KHR,
             Stage::Vertex => vk::ShaderStageFlags::VERTEX,
+            Stage::TessellationControl => vk::ShaderStageFlags::TESSELLATION_CONTROL,
+            Stage::TessellationEvaluation => vk::ShaderStageFlags::TESSELLATION_EVALUATION,
             Stage::Geometry => vk::ShaderStageFlags::GEOMETRY,
             Stage::Fragment => vk::ShaderStageFlags::FRAGMENT,
         }
@@ -49,6 +53,8 @@ impl Stage {
             Stage::Intersection => ShaderStage::Intersect,
             Stage::Callable => ShaderStage::Callable,
             Stage::Vertex => ShaderStage::Vertex,
+            Stage::TessellationControl => ShaderStage::TesselationControl,
+            Stage::TessellationEvaluation => ShaderStage::TesselationEvaluation,
             Stage::Geometry => ShaderStage::Geometry,
             Stage::Fragment => ShaderStage::Fragment,
         }
@@ -76,7 +82,14 @@ pub fn glsl_for(stage: Stage, source: &str, version: SpirvVersion) -> Vec<u32> {
         "GL_EXT_ray_query",
         "GL_EXT_ray_flags_primitive_culling",
     ];
-    let draws = matches!(stage, Stage::Vertex | Stage::Geometry | Stage::Fragment);
+    let draws = matches!(
+        stage,
+        Stage::Vertex
+            | Stage::TessellationControl
+            | Stage::TessellationEvaluation
+            | Stage::Geometry
+            | Stage::Fragment
+    );
     if draws {
         extensions.push("GL_EXT_multiview");
         extensions.push("GL_ARB_shader_viewport_layer_array");

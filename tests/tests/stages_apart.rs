@@ -254,6 +254,130 @@ fn geometry_shaders_are_bound_and_unbound() {
     }
 }
 
+/// A control and an evaluation shader that draw what [`VERTEX`] draws by itself.
+const TESSELLATION: [&str; 2] = [
+    "
+    layout(vertices = 3) out;
+    layout(location = 3, component = 1) in vec2 places[];
+    layout(location = 1) in uint numbers[];
+    layout(location = 0) out vec3 all[];
+    void main() {
+        all[gl_InvocationID] = vec3(places[gl_InvocationID], numbers[gl_InvocationID]);
+        gl_out[gl_InvocationID].gl_Position = gl_in[gl_InvocationID].gl_Position;
+        gl_TessLevelOuter = float[](1.0, 1.0, 1.0, 1.0);
+        gl_TessLevelInner = float[](1.0, 1.0);
+    }",
+    "
+    layout(triangles) in;
+    layout(location = 0) in vec3 all[];
+    layout(location = 3, component = 1) out vec2 place;
+    layout(location = 1) flat out uint number;
+    void main() {
+        vec3 at = gl_TessCoord;
+        vec3 sum = all[0] * at.x + all[1] * at.y + all[2] * at.z;
+        gl_Position = gl_in[0].gl_Position * at.x + gl_in[1].gl_Position * at.y + gl_in[2].gl_Position * at.z;
+        place = sum.xy;
+        number = uint(sum.z + 0.5);
+    }",
+];
+
+fn draws_patches(gpu: &Gpu) -> bool {
+    let tessellates = gpu.features.tessellation_shader == vk::TRUE;
+    has("tessellation shaders", tessellates)
+}
+
+#[test]
+fn parts_with_tessellation_shaders_are_linked() {
+    use vk::GraphicsPipelineLibraryFlagsEXT as Part;
+    let gpu = Gpu::validated_since(vk::make_api_version(0, 1, 3, 260));
+    let Some(gpu) = gpu.drawing() else { return };
+    let parts = gpu.optional.pipeline_parts.graphics_pipeline_library == vk::TRUE;
+    if !has("VK_EXT_graphics_pipeline_library", parts) || !draws_patches(&gpu) {
+        return;
+    }
+    let mut painting = Painting::new(&gpu, VERTEX, FRAGMENT, RGBA);
+    painting.tessellation = Some(TESSELLATION);
+    painting.control_points = 3;
+    painting.topology = vk::PrimitiveTopology::PATCH_LIST;
+    let parts = [
+        Part::VERTEX_INPUT_INTERFACE | Part::FRAGMENT_OUTPUT_INTERFACE,
+        Part::PRE_RASTERIZATION_SHADERS,
+        Part::FRAGMENT_SHADER,
+    ];
+    let libraries = parts.map(|part| gpu.painting_part(&painting, part));
+    let pipeline = gpu.linked(&libraries, painting.layout);
+    let canvas = gpu.canvas(RGBA, 16, 16);
+    gpu.paint(&canvas, pipeline, |commands| {
+        draw(&gpu, commands, painting.layout)
+    });
+    assert_eq!(gpu.colors(&canvas), expected());
+}
+
+/// Tessellation shaders are bound to the others, with the vertices of a patch, and taken away again.
+#[test]
+fn tessellation_shaders_are_bound_and_unbound() {
+    let gpu = Gpu::validated_since(vk::make_api_version(0, 1, 3, 246));
+    let Some(gpu) = gpu.drawing() else { return };
+    let has_objects = gpu.optional.shader_object.shader_object == vk::TRUE;
+    if !has("VK_EXT_shader_object", has_objects) || !draws_patches(&gpu) {
+        return;
+    }
+    let objects = ext::shader_object::Device::new(&gpu.instance, &gpu.device);
+    let layout = gpu.layout(&[]);
+    let canvas = gpu.canvas(RGBA, 16, 16);
+    let compile = |stage, source| {
+        let words = glsl(stage, source);
+        gpu.shader_object(
+            stage,
+            vk::ShaderCodeTypeEXT::SPIRV,
+            bytemuck::cast_slice(&words),
+        )
+    };
+    let shaders = [
+        compile(Stage::Vertex, VERTEX),
+        compile(Stage::Fragment, FRAGMENT),
+    ];
+    let between = [
+        compile(Stage::TessellationControl, TESSELLATION[0]),
+        compile(Stage::TessellationEvaluation, TESSELLATION[1]),
+    ];
+    let stages = [
+        vk::ShaderStageFlags::TESSELLATION_CONTROL,
+        vk::ShaderStageFlags::TESSELLATION_EVALUATION,
+    ];
+    for (bound, topology) in [
+        (between, vk::PrimitiveTopology::PATCH_LIST),
+        (
+            [vk::ShaderEXT::null(); 2],
+            vk::PrimitiveTopology::TRIANGLE_LIST,
+        ),
+    ] {
+        gpu.draw(&Pass::black(&canvas), |commands| {
+            bind_shaders(&gpu, commands, shaders, &canvas, 1);
+            // SAFETY: the command buffer is being recorded, and the shaders are of this device.
+            unsafe {
+                objects.cmd_bind_shaders(commands, &stages, &between);
+                objects.cmd_bind_shaders(commands, &stages, &bound);
+                objects.cmd_set_patch_control_points(commands, 3);
+                let origin = vk::TessellationDomainOrigin::UPPER_LEFT;
+                objects.cmd_set_tessellation_domain_origin(commands, origin);
+                gpu.device.cmd_set_primitive_topology(commands, topology);
+            }
+            draw(&gpu, commands, layout);
+        });
+        let check = || assert_eq!(gpu.colors(&canvas), expected(), "{topology:?}");
+        match topology {
+            vk::PrimitiveTopology::PATCH_LIST => check(),
+            _ => unless_known(
+                &gpu,
+                "llvmpipe",
+                "nothing is drawn after tessellation shaders are unbound",
+                check,
+            ),
+        }
+    }
+}
+
 /// The locations of attachments belong to the pass (`vkCmdSetRenderingAttachmentLocations`): each
 /// pass begins with the attachments' own numbers, and a secondary command buffer with what its
 /// inheritance says.

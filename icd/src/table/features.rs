@@ -82,6 +82,7 @@ features! {
         texture_compression_astc_ldr;
         independent_blend;
         geometry_shader Geometry;
+        tessellation_shader Tessellation;
         sample_rate_shading SampleRateShading InterpolationFunction;
         dual_src_blend;
         logic_op;
@@ -99,7 +100,7 @@ features! {
         pipeline_statistics_query;
         vertex_pipeline_stores_and_atomics;
         fragment_stores_and_atomics;
-        shader_tessellation_and_geometry_point_size GeometryPointSize;
+        shader_tessellation_and_geometry_point_size GeometryPointSize TessellationPointSize;
         shader_clip_distance ClipDistance;
         shader_cull_distance CullDistance;
         variable_multisample_rate;
@@ -281,6 +282,7 @@ features! {
 
         multiview: PhysicalDeviceVulkan11Features PhysicalDeviceMultiviewFeatures => MultiView;
         multiview_geometry_shader: PhysicalDeviceVulkan11Features PhysicalDeviceMultiviewFeatures;
+        multiview_tessellation_shader: PhysicalDeviceVulkan11Features PhysicalDeviceMultiviewFeatures;
         shader_draw_parameters: PhysicalDeviceVulkan11Features PhysicalDeviceShaderDrawParametersFeatures => DrawParameters;
         draw_indirect_count: PhysicalDeviceVulkan12Features;
         imageless_framebuffer: PhysicalDeviceVulkan12Features PhysicalDeviceImagelessFramebufferFeatures;
@@ -310,6 +312,8 @@ features! {
         extended_dynamic_state: PhysicalDeviceExtendedDynamicStateFeaturesEXT;
         extended_dynamic_state2: PhysicalDeviceExtendedDynamicState2FeaturesEXT;
         extended_dynamic_state2_logic_op: PhysicalDeviceExtendedDynamicState2FeaturesEXT;
+        extended_dynamic_state2_patch_control_points: PhysicalDeviceExtendedDynamicState2FeaturesEXT;
+        extended_dynamic_state3_tessellation_domain_origin: PhysicalDeviceExtendedDynamicState3FeaturesEXT;
         extended_dynamic_state3_depth_clamp_enable: PhysicalDeviceExtendedDynamicState3FeaturesEXT;
         extended_dynamic_state3_polygon_mode: PhysicalDeviceExtendedDynamicState3FeaturesEXT;
         extended_dynamic_state3_rasterization_samples: PhysicalDeviceExtendedDynamicState3FeaturesEXT;
@@ -356,6 +360,7 @@ features! {
         maintenance6: PhysicalDeviceVulkan14Features PhysicalDeviceMaintenance6FeaturesKHR;
         pipeline_robustness: PhysicalDeviceVulkan14Features PhysicalDevicePipelineRobustnessFeaturesEXT;
         primitive_topology_list_restart: PhysicalDevicePrimitiveTopologyListRestartFeaturesEXT;
+        primitive_topology_patch_list_restart: PhysicalDevicePrimitiveTopologyListRestartFeaturesEXT;
         provoking_vertex_last: PhysicalDeviceProvokingVertexFeaturesEXT;
         vertex_input_dynamic_state: PhysicalDeviceVertexInputDynamicStateFeaturesEXT;
     }
@@ -480,15 +485,14 @@ mod tests {
     #[test]
     fn chains_are_answered_and_checked() {
         let mut unsupported =
-            vk::PhysicalDeviceMultiviewFeatures::default().multiview_tessellation_shader(true);
+            vk::PhysicalDeviceProtectedMemoryFeatures::default().protected_memory(true);
         let mut v12 = vk::PhysicalDeviceVulkan12Features {
             p_next: (&raw mut unsupported).cast(),
             ..Default::default()
         };
         // SAFETY: the chain is the two structures above.
         unsafe { fill_chain((&raw mut v12).cast()) };
-        assert_eq!(unsupported.multiview, vk::TRUE);
-        assert_eq!(unsupported.multiview_tessellation_shader, vk::FALSE);
+        assert_eq!(unsupported.protected_memory, vk::FALSE);
         assert_eq!(v12.buffer_device_address, vk::TRUE);
         assert_eq!(v12.draw_indirect_count, vk::TRUE);
 
@@ -503,13 +507,13 @@ mod tests {
         assert_eq!(check((&raw const v12).cast()), Ok(()));
         // Through a pointer, because the chain reads it through one.
         // SAFETY: the structure above.
-        unsafe { (&raw mut unsupported.multiview_tessellation_shader).write(vk::TRUE) };
+        unsafe { (&raw mut unsupported.protected_memory).write(vk::TRUE) };
         assert_eq!(
             check((&raw const v12).cast()),
             Err(vk::Result::ERROR_FEATURE_NOT_PRESENT)
         );
         let core = vk::PhysicalDeviceFeatures2::default()
-            .features(vk::PhysicalDeviceFeatures::default().tessellation_shader(true));
+            .features(vk::PhysicalDeviceFeatures::default().shader_resource_residency(true));
         assert_eq!(
             check((&raw const core).cast()),
             Err(vk::Result::ERROR_FEATURE_NOT_PRESENT)

@@ -19,6 +19,8 @@ const SUBGROUP_STAGES: vk::ShaderStageFlags = vk::ShaderStageFlags::from_raw(
         | vk::ShaderStageFlags::INTERSECTION_KHR.as_raw()
         | vk::ShaderStageFlags::CALLABLE_KHR.as_raw()
         | vk::ShaderStageFlags::VERTEX.as_raw()
+        | vk::ShaderStageFlags::TESSELLATION_CONTROL.as_raw()
+        | vk::ShaderStageFlags::TESSELLATION_EVALUATION.as_raw()
         | vk::ShaderStageFlags::GEOMETRY.as_raw()
         | vk::ShaderStageFlags::FRAGMENT.as_raw(),
 );
@@ -170,6 +172,8 @@ fn vulkan13() -> vk::PhysicalDeviceVulkan13Properties<'static> {
         max_compute_workgroup_subgroups: limits::MAX_WORKGROUP_INVOCATIONS / SUBGROUP_SIZE as u32,
         required_subgroup_size_stages: vk::ShaderStageFlags::COMPUTE
             | vk::ShaderStageFlags::VERTEX
+            | vk::ShaderStageFlags::TESSELLATION_CONTROL
+            | vk::ShaderStageFlags::TESSELLATION_EVALUATION
             | vk::ShaderStageFlags::GEOMETRY
             | vk::ShaderStageFlags::FRAGMENT,
         max_inline_uniform_block_size: limits::MAX_INLINE_UNIFORM_BYTES,

@@ -14,6 +14,8 @@ const ALWAYS: &[Capability] = &[Capability::Shader, Capability::Matrix];
 pub const SUPPORTED: &[Capability] = &[
     Capability::Geometry,
     Capability::GeometryPointSize,
+    Capability::Tessellation,
+    Capability::TessellationPointSize,
     Capability::Matrix,
     Capability::Shader,
     Capability::Float16,

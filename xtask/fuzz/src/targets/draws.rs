@@ -88,6 +88,77 @@ const GEOMETRY: [&str; 2] = [
     }",
 ];
 
+/// Control shaders to start from.
+const CONTROL: [&str; 2] = [
+    r"
+    layout(vertices = 3) out;
+    layout(location = 0) in vec4 shades[];
+    layout(location = 1) in uvec2 keeps[];
+    layout(location = 0) out vec4 shade[];
+    layout(location = 1) out uvec2 kept[];
+    layout(location = 3) patch out vec4 all[4];
+    void main() {
+        gl_out[gl_InvocationID].gl_Position = gl_in[gl_InvocationID].gl_Position;
+        shade[gl_InvocationID] = shades[keeps[0].x & 31u];
+        kept[gl_InvocationID] = keeps[gl_InvocationID];
+        barrier();
+        all[keeps[1].x & 3u] = shade[(gl_InvocationID + 1) % 3] + u[keeps[1].y & 63u];
+        barrier();
+        gl_TessLevelOuter = float[](shades[0].x, all[0].y, all[1].z, shades[2].w);
+        gl_TessLevelInner = float[](all[keeps[2].x & 3u].x * 8.0, 4.0);
+        b[uint(gl_PrimitiveID) & 255u] = uint(gl_PatchVerticesIn);
+    }",
+    r"
+    layout(vertices = 20) out;
+    layout(location = 1) in uvec2 keeps[];
+    layout(location = 1) out uvec2 kept[];
+    void main() {
+        kept[gl_InvocationID] = keeps[gl_InvocationID & 3];
+        barrier();
+        uvec2 other = kept[keeps[0].x % 20u];
+        gl_out[gl_InvocationID].gl_Position = uintBitsToFloat(other.xyxy);
+        gl_TessLevelOuter[other.x & 3u] = float(other.y & 15u);
+        gl_TessLevelInner[other.y & 1u] = uintBitsToFloat(other.x);
+    }",
+];
+
+/// Evaluation shaders to start from.
+const EVALUATION: [&str; 3] = [
+    r"
+    layout(quads, fractional_even_spacing) in;
+    layout(location = 0) in vec4 shades[];
+    layout(location = 1) in uvec2 keeps[];
+    layout(location = 3) patch in vec4 all[4];
+    layout(location = 0) out vec4 shade;
+    layout(location = 1) flat out uvec2 kept;
+    void main() {
+        uint n = keeps[0].x & 31u;
+        gl_Position = mix(gl_in[0].gl_Position, gl_in[1].gl_Position, gl_TessCoord.x) + gl_TessCoord.yyyy;
+        gl_PointSize = gl_TessLevelInner[n & 1u];
+        shade = shades[n] + all[n & 3u] + u[n];
+        kept = keeps[n];
+    }",
+    r"
+    layout(triangles, fractional_odd_spacing, cw) in;
+    layout(location = 1) in uvec2 keeps[];
+    layout(location = 1) flat out uvec2 kept;
+    void main() {
+        kept = keeps[gl_PatchVerticesIn - 1];
+        gl_Position = gl_in[0].gl_Position * gl_TessCoord.x + gl_in[1].gl_Position * gl_TessCoord.y
+            + gl_in[2].gl_Position * gl_TessCoord.z;
+        b[uint(gl_PrimitiveID) & 255u] += kept.x;
+    }",
+    r"
+    layout(isolines, point_mode) in;
+    layout(location = 0) in vec4 shades[];
+    layout(location = 0) out vec4 shade;
+    void main() {
+        shade = shades[1] * gl_TessLevelOuter[0];
+        gl_Position = vec4(gl_TessCoord.xy * 2.0 - 1.0, 0.5, 1.0);
+        gl_PointSize = shade.x;
+    }",
+];
+
 /// Fragment shaders to start from.
 const FRAGMENT: [&str; 3] = [
     r"
@@ -135,8 +206,8 @@ const FRAGMENT: [&str; 3] = [
     }",
 ];
 
-fn shaders() -> &'static [Vec<Vec<u32>>; 3] {
-    static SHADERS: OnceLock<[Vec<Vec<u32>>; 3]> = OnceLock::new();
+fn shaders() -> &'static [Vec<Vec<u32>>; 5] {
+    static SHADERS: OnceLock<[Vec<Vec<u32>>; 5]> = OnceLock::new();
     const PARAMETERS: &str = "#extension GL_ARB_shader_draw_parameters : enable\n";
     SHADERS.get_or_init(|| {
         let head = |source: &str| {
@@ -152,6 +223,8 @@ fn shaders() -> &'static [Vec<Vec<u32>>; 3] {
         };
         [
             all(Stage::Vertex, &VERTEX),
+            all(Stage::TessellationControl, &CONTROL),
+            all(Stage::TessellationEvaluation, &EVALUATION),
             all(Stage::Geometry, &GEOMETRY),
             all(Stage::Fragment, &FRAGMENT),
         ]
@@ -311,6 +384,8 @@ fn painting<'a>(world: &World, rng: &mut Rng, target: &Target) -> Painting<'a> {
         bindings: vec![vk::VertexInputBindingDescription::default().stride(rng.u32(0..40))],
         attributes: attributes.map(attribute).to_vec(),
         topology: vk::PrimitiveTopology::from_raw(rng.i32(0..10)),
+        control_points: one_of(rng, &[1, 2, 3, 4, 16, 31, 32]),
+        lower_left: rng.bool(),
         restart: rng.bool(),
         rasterization,
         samples: target.samples,
@@ -340,7 +415,7 @@ fn painting<'a>(world: &World, rng: &mut Rng, target: &Target) -> Painting<'a> {
 pub fn run(world: &World, case: &Case) {
     let mut rng = case.common();
     let target = Target::new(world, &mut rng);
-    let painting = painting(world, &mut rng, &target);
+    let mut painting = painting(world, &mut rng, &target);
     let mut words = shaders()
         .each_ref()
         .map(|all| all[rng.usize(0..all.len())].clone());
@@ -350,10 +425,25 @@ pub fn run(world: &World, case: &Case) {
         let which = rng.usize(0..words.len());
         mutate(&mut rng, &mut words[which]);
     }
-    let stages = [Stage::Vertex, Stage::Geometry, Stage::Fragment];
+    let stages = [
+        Stage::Vertex,
+        Stage::TessellationControl,
+        Stage::TessellationEvaluation,
+        Stage::Geometry,
+        Stage::Fragment,
+    ];
     let mut stages: Vec<_> = stages.into_iter().zip(words).collect();
     if rng.bool() {
-        stages.remove(1);
+        stages.remove(3);
+    }
+    // Rarely one of the two without the other, and patches without either.
+    match rng.u32(0..16) {
+        0 => drop(stages.remove(1 + rng.usize(0..2))),
+        1..=8 => drop(stages.drain(1..3)),
+        _ => painting.topology = vk::PrimitiveTopology::PATCH_LIST,
+    }
+    if rng.u32(0..32) == 0 {
+        painting.topology = vk::PrimitiveTopology::PATCH_LIST;
     }
     let none = vk::PipelineCreateFlags::empty();
     let made = (world.gpu).try_painting(&painting, &stages, none, std::ptr::null());
