@@ -32,13 +32,28 @@ pub fn triangle(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
     Some(drawn(gpu, scale, turn, &world, &image))
 }
 
-/// Mirroring spheres in boxes, by ray queries in a compute shader.
+/// Small boxes on a large one, by ray queries in a compute shader that tests the boxes itself.
 pub fn boxes(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
+    queried(gpu, scale, shader::BOXES, World::boxes)
+}
+
+/// Mirroring spheres in boxes, by ray queries in a compute shader.
+pub fn mirrors(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
+    queried(gpu, scale, shader::MIRRORS, World::spheres)
+}
+
+/// A picture of a world by ray queries in a compute shader.
+fn queried(
+    gpu: &Gpu,
+    scale: &Scale,
+    source: &str,
+    world: fn(&Gpu, &Scale) -> World,
+) -> Option<Prepared> {
     if gpu.optional.ray_query.ray_query == vk::FALSE {
         return None;
     }
-    let world = World::spheres(gpu, scale);
-    let words = shader::with_common(Stage::Compute, shader::BOXES);
+    let world = world(gpu, scale);
+    let words = shader::with_common(Stage::Compute, source);
     let turn = compute(gpu, scale, &words, &world);
     Some(Prepared::picture(turn, &world))
 }
@@ -213,13 +228,8 @@ pub fn hybrid(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
 
 /// Glass and mirrors by ray queries; rays that wait lie in arrays of the invocation's own.
 pub fn stack(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
-    if gpu.optional.ray_query.ray_query == vk::FALSE {
-        return None;
-    }
-    let world = World::landscape(gpu, scale, 1);
-    let words = shader::with_common(Stage::Compute, shader::STACK);
-    let turn = compute(gpu, scale, &words, &world);
-    Some(Prepared::picture(turn, &world))
+    let landscape = |gpu: &Gpu, scale: &Scale| World::landscape(gpu, scale, 1);
+    queried(gpu, scale, shader::STACK, landscape)
 }
 
 /// Small frames one after the other, each submitted by itself and copied to where it would be

@@ -109,6 +109,20 @@ pub fn places(count: usize) -> Vec<Vec3> {
         .collect()
 }
 
+/// A wide, flat box, and `count` small ones of many sizes that stand on it: the lower corner of
+/// each, and the upper one.
+pub fn boxes(count: usize) -> Vec<[f32; 6]> {
+    let mut random = Rng::with_seed(13);
+    let ground = [-REACH, -1.0, -REACH, REACH, 0.0, REACH];
+    let small = (0..count).map(|_| {
+        let mut number = |low, high| between(&mut random, low, high);
+        let (x, z) = (number(-14.0, 14.0), number(-14.0, 14.0));
+        let [wide, tall, deep] = [number(0.2, 0.8), number(0.3, 4.0), number(0.2, 0.8)];
+        [x - wide, 0.0, z - deep, x + wide, tall, z + deep]
+    });
+    std::iter::once(ground).chain(small).collect()
+}
+
 /// A ball on the ground.
 pub struct Placement {
     pub transform: Affine3A,

@@ -29,6 +29,7 @@ pub const TRIANGLE: &str = include_str!("shaders/triangle.glsl");
 pub const TRIANGLE_HIT: &str = include_str!("shaders/triangle_hit.glsl");
 pub const TRIANGLE_MISS: &str = include_str!("shaders/triangle_miss.glsl");
 pub const BOXES: &str = include_str!("shaders/boxes.glsl");
+pub const MIRRORS: &str = include_str!("shaders/mirrors.glsl");
 pub const CALLABLE: &str = include_str!("shaders/callable.glsl");
 pub const CALLABLE_HIT: &str = include_str!("shaders/callable_hit.glsl");
 pub const CALLABLE_MISS: &str = include_str!("shaders/callable_miss.glsl");

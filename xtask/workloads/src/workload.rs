@@ -144,9 +144,15 @@ const TRACING: &[Workload] = &[
     ),
     row(
         "boxes",
-        "mirroring spheres by ray queries in a compute shader",
+        "boxes and a ground plane by ray queries in a compute shader",
         Bounds::Programs,
         programs::boxes,
+    ),
+    row(
+        "mirrors",
+        "mirroring spheres by ray queries in a compute shader",
+        Bounds::Programs,
+        programs::mirrors,
     ),
     row(
         "callable",

@@ -101,6 +101,19 @@ impl World {
         World::of(gpu, scale, &[&mesh], top)
     }
 
+    /// Boxes of many sizes on a plane, which is a box, too. The corners are the lower and the upper
+    /// one of each.
+    pub fn boxes(gpu: &Gpu, scale: &Scale) -> World {
+        let boxes = scene::boxes(scale.instances * 2);
+        let top = gpu.scene(&[Geometry::boxes(&boxes, vk::GeometryFlagsKHR::OPAQUE)]);
+        let ends = |&[a, b, c, d, e, f]: &[f32; 6]| [[a, b, c], [d, e, f]];
+        let mesh = Mesh {
+            corners: boxes.iter().flat_map(ends).collect(),
+            indices: vec![0],
+        };
+        World::of(gpu, scale, &[&mesh], top)
+    }
+
     /// One mesh as it is.
     pub fn of_mesh(gpu: &Gpu, scale: &Scale, mesh: &Mesh, bottom: Structure) -> World {
         World::of(gpu, scale, &[mesh], gpu.top(&[Instance::of(bottom)]))
