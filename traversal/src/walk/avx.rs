@@ -3,7 +3,6 @@
 
 use std::arch::x86_64::*;
 
-use super::Walk;
 use super::beams::{Beams, ROW};
 use super::block;
 use super::children::push_children;
@@ -14,7 +13,9 @@ use super::kernel::{Kernel, T_MARGIN};
 use super::leaf::{Leaf, Triangles};
 use super::opaque::{End, Nearest, Opaque, Pending};
 use super::sight::LaneOf;
+use super::slabs::Slabs;
 use super::space::Space;
+use super::{PACKET, Walk};
 use crate::layout::{Block, GROUP, MARGIN_RISE, NodeAt, TriangleGroup, WIDTH};
 
 /// Eight boxes or four triangles in one vector. `WIDE`: with AVX-512.
@@ -77,6 +78,23 @@ impl<const WIDE: bool> Kernel for Avx<WIDE> {
                 far_inverse: eight([0, 1, 2].map(|axis| beams.far_inverse[axis][lane])),
                 near_rows: [row(0), row(1), row(2)],
                 t_min: _mm256_set1_ps(beams.t_min[lane]),
+                t_far: _mm256_set1_ps(t_far),
+            }
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn load_slabs(slabs: &Slabs, lane: usize, t_far: f32) -> AvxBeam {
+        let lane = lane % PACKET;
+        // SAFETY: the caller promises AVX.
+        unsafe {
+            AvxBeam {
+                origin: eight([0, 1, 2].map(|axis| slabs.near_origin[axis][lane])),
+                far_origin: eight([0, 1, 2].map(|axis| slabs.far_origin[axis][lane])),
+                near_inverse: eight([0, 1, 2].map(|axis| slabs.near_inverse[axis][lane])),
+                far_inverse: eight([0, 1, 2].map(|axis| slabs.far_inverse[axis][lane])),
+                near_rows: [0, 1, 2].map(|axis| slabs.near_rows[axis][lane] as usize),
+                t_min: _mm256_set1_ps(slabs.t_min[lane]),
                 t_far: _mm256_set1_ps(t_far),
             }
         }

@@ -85,7 +85,7 @@ impl Flight {
 
     /// Puts what rays that wait have committed so far into the hits.
     pub fn update_hits(&mut self) {
-        if let Some(suspended) = &self.suspended {
+        if let Some(suspended) = &mut self.suspended {
             suspended.update_hits(&mut self.hits);
         }
     }
@@ -256,8 +256,16 @@ impl Walker {
         rays: &RayRows,
         flights: &mut F,
     ) -> Result<bool, F::Stop> {
-        if !self.takes_packets() || start.shows_first_hit {
+        if !self.takes_packets() || start.shows_first_hit || start.lanes.is_empty() {
             return Ok(false);
+        }
+        if start.shows_order {
+            let first = start.lanes.first();
+            let (address, ray) = (rays.top_level[first], rays.ray(first));
+            // SAFETY: the caller's promise.
+            if unsafe { self.enter_boxes(address, &ray) }.is_some() {
+                return Ok(false);
+            }
         }
         let flight = flights.flight(group);
         let mut suspended = self.room_in(flight);
@@ -288,18 +296,22 @@ impl Walker {
         rays: &RayRows,
         flights: &mut F,
     ) -> Result<(), F::Stop> {
-        let (flight, lanes) = (flights.flight(group), start.lanes);
+        let flight = flights.flight(group);
         let mut suspended = self.room_in(flight);
         let hits = &mut flight.hits;
         suspended.start_singles();
+        let mut fuel = self.options.fuel;
+        // SAFETY: the caller's promise.
+        let in_boxes =
+            unsafe { self.start_in_boxes(rays, start.lanes, hits, &mut suspended, &mut fuel) };
+        let lanes = start.lanes - in_boxes;
         let mut streamed = LaneMask::NONE;
-        if in_streams {
+        if in_streams && !lanes.is_empty() {
             // SAFETY: the caller's promise, here and below.
             streamed = unsafe { self.add_to_stream(rays, lanes, hits, group) };
             self.counts.streamed += u64::from(streamed.count());
         }
         if streamed != lanes {
-            let mut fuel = self.options.fuel;
             let mut keep = |lane: usize, walk: &mut Walk, event| suspended.keep(lane, walk, event);
             // SAFETY: as above.
             unsafe { self.trace_in_turn(rays, lanes - streamed, hits, &mut fuel, &mut keep) };
@@ -383,7 +395,10 @@ impl Walker {
     ) -> Result<(), F::Stop> {
         let (mut entered, mut fuel) = (Entered::NOTHING, self.options.fuel);
         let hits = &mut flights.flight(group).hits;
-        for (lane, verdict) in suspended.decided() {
+        let decided = suspended.decided();
+        let in_boxes = self.resume_in_boxes(&decided, hits, &mut suspended, &mut fuel);
+        for lane in decided.lanes - in_boxes {
+            let verdict = decided.verdict(lane);
             self.step(lane, verdict, &mut suspended, hits, &mut entered, &mut fuel);
         }
         self.settle_singles(group, suspended, flights)

@@ -6,6 +6,7 @@ use super::entry::Entry;
 use super::group_hits::GroupHits;
 use super::leaf::{Leaf, Triangles};
 use super::opaque::{End, Nearest, Opaque, Pending};
+use super::slabs::Slabs;
 use super::space::Space;
 use crate::layout::{Block, NodeAt, TriangleGroup};
 
@@ -32,6 +33,12 @@ pub(crate) trait Kernel {
     /// The machine has the instruction set.
     unsafe fn load_beam(beams: &Beams, lane: usize, t_far: f32) -> Self::Beam;
 
+    /// The same for a ray of a group in a bottom level of boxes.
+    ///
+    /// # Safety
+    /// The machine has the instruction set.
+    unsafe fn load_slabs(slabs: &Slabs, lane: usize, t_far: f32) -> Self::Beam;
+
     /// Prepares a ray for triangles.
     ///
     /// # Safety
@@ -52,7 +59,8 @@ pub(crate) trait Kernel {
     unsafe fn shorten(beam: &mut Self::Beam, t_far: f32);
 
     /// Which children's boxes the ray meets in its interval, as bits, and where it enters all
-    /// eight. `CLOSED`: for a ray of [`Self::load_space`]. One of [`Self::load_beam`] may miss
+    /// eight. `CLOSED`: for a ray of [`Self::load_space`] or of
+    /// [`Self::load_slabs`]. One of [`Self::load_beam`] may miss
     /// boxes that it leaves where it starts, since its interval is open.
     ///
     /// # Safety

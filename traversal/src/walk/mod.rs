@@ -27,6 +27,7 @@ mod avx;
 mod beams;
 #[cfg(target_arch = "x86_64")]
 mod block;
+mod boxes;
 mod children;
 mod decide;
 mod descend;
@@ -53,6 +54,7 @@ mod rows;
 mod run;
 #[cfg(target_arch = "x86_64")]
 mod sight;
+mod slabs;
 mod space;
 #[cfg(target_arch = "x86_64")]
 mod stream;

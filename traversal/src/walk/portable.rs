@@ -1,13 +1,14 @@
 //! The inner tests in plain Rust.
 
 use super::Walk;
-use super::beams::Beams;
+use super::beams::{Beams, ROW};
 use super::children::push_children;
 use super::entry::Entry;
 use super::group_hits::GroupHits;
 use super::kernel::{Kernel, T_MARGIN};
 use super::leaf::{Leaf, Triangles};
 use super::opaque::{End, Nearest, Opaque, Pending};
+use super::slabs::Slabs;
 use super::space::{Space, max, min};
 use crate::layout::{Block, GROUP, NodeAt, TriangleGroup, WIDTH};
 
@@ -27,6 +28,20 @@ impl Kernel for Portable {
     #[inline(always)]
     unsafe fn load_beam(beams: &Beams, lane: usize, t_far: f32) -> (Space, f32) {
         (beams.space(lane), t_far)
+    }
+
+    #[inline(always)]
+    unsafe fn load_slabs(slabs: &Slabs, lane: usize, t_far: f32) -> (Space, f32) {
+        let mut space = Space::NOWHERE;
+        for axis in 0..3 {
+            space.near_origin[axis] = slabs.near_origin[axis][lane];
+            space.far_origin[axis] = slabs.far_origin[axis][lane];
+            space.near_inverse[axis] = slabs.near_inverse[axis][lane];
+            space.far_inverse[axis] = slabs.far_inverse[axis][lane];
+            space.signs[axis] = -i32::from(slabs.near_rows[axis][lane] & ROW != 0);
+        }
+        space.t_min = slabs.t_min[lane];
+        (space, t_far)
     }
 
     #[inline(always)]

@@ -5,7 +5,8 @@ use lanes::LaneMask;
 use super::entry::Entry;
 use super::found::Found;
 use super::rows::{HitRows, Lanes, RayRows, Words, blend};
-use super::{Event, PACKET, Verdict, Walk};
+use super::slabs::Slabs;
+use super::{Event, PACKET, State, Verdict, Walk};
 use crate::layout::LEAF_TRIANGLES;
 use crate::ray::Hit;
 
@@ -54,6 +55,40 @@ pub(crate) struct Suspended {
     out_of_fuel: LaneMask,
     /// Of those, the ones that stay where they are when the others go on.
     held: LaneMask,
+    /// Of those, the ones that may have committed hits of which the rows know nothing.
+    stale: LaneMask,
+    /// Of those, the ones that are set up for boxes.
+    pub(crate) slabs: Slabs,
+}
+
+/// Rays that waited, and the decisions about them.
+#[derive(Clone, Copy)]
+pub(crate) struct Decided {
+    pub lanes: LaneMask,
+    pub accepted: LaneMask,
+    pub ended: LaneMask,
+}
+
+impl Decided {
+    /// Rays that are on their way, about which there is no decision.
+    pub fn going_on(lanes: LaneMask) -> Decided {
+        Decided {
+            lanes,
+            accepted: LaneMask::NONE,
+            ended: LaneMask::NONE,
+        }
+    }
+
+    /// The decision about a ray.
+    #[inline(always)]
+    pub fn verdict(&self, lane: usize) -> Verdict {
+        match (self.accepted.contains(lane), self.ended.contains(lane)) {
+            (false, false) => Verdict::Continue,
+            (false, true) => Verdict::Terminate,
+            (true, false) => Verdict::Accept,
+            (true, true) => Verdict::AcceptAndTerminate,
+        }
+    }
 }
 
 /// Children that are to be visited yet, and by which rays.
@@ -112,6 +147,8 @@ impl Default for Suspended {
             accepted: LaneMask::NONE,
             out_of_fuel: LaneMask::NONE,
             held: LaneMask::NONE,
+            stale: LaneMask::NONE,
+            slabs: Slabs::NONE,
         }
     }
 }
@@ -169,12 +206,12 @@ impl Suspended {
         kinds: &Words,
         hits: &mut HitRows,
     ) -> LaneMask {
+        let mut over = if self.any { lanes } else { LaneMask::NONE };
         if self.is_single {
-            let ends = |lane: &usize| {
-                self.found.t[*lane] = t[*lane];
-                self.walks[*lane].commit_procedural(t[*lane], kinds[*lane] as u8)
-            };
-            return lanes.iter().filter(ends).collect();
+            let ends =
+                |lane: &usize| self.walks[*lane].commit_procedural(t[*lane], kinds[*lane] as u8);
+            over = lanes.iter().filter(ends).collect();
+            self.stale -= lanes;
         }
         if lanes.count() < MANY {
             for lane in lanes {
@@ -193,7 +230,7 @@ impl Suspended {
             found.hit -= lanes;
             found.outside |= lanes;
         }
-        if self.any { lanes } else { LaneMask::NONE }
+        over
     }
 
     fn commit(&mut self, lane: usize, hit: &Hit, hits: &mut HitRows) {
@@ -230,12 +267,13 @@ impl Suspended {
     }
 
     /// Puts what rays that go one by one have committed so far into their hits.
-    pub(crate) fn update_hits(&self, hits: &mut HitRows) {
-        for lane in self.candidates.found {
+    pub(crate) fn update_hits(&mut self, hits: &mut HitRows) {
+        for lane in self.candidates.found & self.stale {
             if let Some(hit) = self.walks[lane].committed() {
                 hits.set(lane, hit);
             }
         }
+        self.stale -= self.candidates.found;
     }
 
     /// Moves a ray that waits for a decision; both groups' go one by one.
@@ -243,6 +281,7 @@ impl Suspended {
         if self.candidates.found.contains(lane) {
             self.candidates.found.remove(lane);
             to.keep(to_lane, &mut self.walks[lane], Event::AnyHitCandidate);
+            to.slabs.take(&self.slabs, lane, to_lane);
         }
     }
 
@@ -253,13 +292,28 @@ impl Suspended {
 
     /// Keeps a walk that stopped, by changing places with it.
     pub(crate) fn keep(&mut self, lane: usize, walk: &mut Walk, event: Event) {
-        self.walks.resize_with(PACKET, Walk::default);
-        std::mem::swap(&mut self.walks[lane], walk);
+        std::mem::swap(self.room(lane), walk);
+        self.slabs.lanes.remove(lane);
         self.note(lane, event);
+    }
+
+    /// Room for the walk of a ray.
+    pub(crate) fn room(&mut self, lane: usize) -> &mut Walk {
+        if self.walks.is_empty() {
+            self.walks.resize_with(PACKET, Walk::default);
+        }
+        &mut self.walks[lane]
     }
 
     /// Records the reason why the walk of a ray stopped, except its end.
     pub(crate) fn note(&mut self, lane: usize, event: Event) {
+        self.stale.insert(lane);
+        self.stop_in_boxes(lane, event);
+    }
+
+    /// As [`Self::note`], of a walk that has committed nothing by itself since the rows of hits
+    /// were last updated.
+    pub(crate) fn stop_in_boxes(&mut self, lane: usize, event: Event) {
         if event == Event::OutOfFuel {
             self.out_of_fuel.insert(lane);
             return;
@@ -269,22 +323,29 @@ impl Suspended {
         self.found.t[lane] = walk.t_max();
     }
 
+    /// Records that the walk of a ray is over.
+    pub(crate) fn finish(&mut self, lane: usize, hits: &mut HitRows) {
+        let walk = &mut self.walks[lane];
+        walk.state = State::Done;
+        if self.stale.contains(lane)
+            && let Some(hit) = walk.committed()
+        {
+            hits.set(lane, hit);
+        }
+    }
+
     /// The walks that stopped, with what was decided about each; from here on they are on their way
     /// again.
-    pub(crate) fn decided(&mut self) -> impl Iterator<Item = (usize, Verdict)> + use<> {
-        let (accepted, ended) = (self.accepted, self.ended);
-        let (lanes, held) = (self.candidates.found - self.held, self.held);
+    pub(crate) fn decided(&mut self) -> Decided {
+        let decided = Decided {
+            lanes: self.candidates.found - self.held,
+            accepted: self.accepted,
+            ended: self.ended,
+        };
+        let held = self.held;
         self.start_singles();
         self.candidates.found = held;
-        lanes.iter().map(move |lane| {
-            let verdict = match (accepted.contains(lane), ended.contains(lane)) {
-                (false, false) => Verdict::Continue,
-                (false, true) => Verdict::Terminate,
-                (true, false) => Verdict::Accept,
-                (true, true) => Verdict::AcceptAndTerminate,
-            };
-            (lane, verdict)
-        })
+        decided
     }
 
     /// A ray that only lacked fuel, which is on its way again.
@@ -297,6 +358,11 @@ impl Suspended {
     /// The walk of a ray, where they go one by one.
     pub(crate) fn walk(&mut self, lane: usize) -> &mut Walk {
         &mut self.walks[lane]
+    }
+
+    /// The walk of a ray that is set up for boxes, and how.
+    pub(crate) fn walk_in_boxes(&mut self, lane: usize) -> (&mut Walk, &Slabs) {
+        (&mut self.walks[lane], &self.slabs)
     }
 
     /// Makes a packet's rays go one by one.

@@ -6,6 +6,7 @@
 mod fill;
 mod frames;
 mod gbuffer;
+mod lines;
 mod triangles;
 
 use anyhow::{Result, ensure};
@@ -14,7 +15,7 @@ use tuff_tests::{Bound, Buffer, Canvas, Gpu, Pass, RGBA, vk};
 use crate::workload::{Bounds, Prepared, Workload};
 use crate::world::Scale;
 
-pub const ALL: [Workload; 15] = [
+pub const ALL: [Workload; 17] = [
     row(
         "triangles 0.5",
         "triangles of half a pixel",
@@ -32,6 +33,15 @@ pub const ALL: [Workload; 15] = [
         "triangles of 32 pixels",
         "Mtri/s",
         |g, s| triangles::flat(g, s, 8),
+    ),
+    row("lines", "strips of lines of a pixel", "Mline/s", |g, s| {
+        lines::strips(g, s, 1.0)
+    }),
+    row(
+        "lines wide",
+        "strips of lines of 5 pixels",
+        "Mline/s",
+        |g, s| lines::strips(g, s, 5.0),
     ),
     row("fill", "screens of one colour", "Mpixel/s", fill::flat),
     row(

@@ -9,12 +9,12 @@ use crate::world::Scale;
 /// A corner: pixels and a colour.
 #[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
-struct Corner {
-    place: [f32; 2],
-    color: [u8; 4],
+pub struct Corner {
+    pub place: [f32; 2],
+    pub color: [u8; 4],
 }
 
-const VERTEX: &str = "
+pub const VERTEX: &str = "
     layout(location = 0) in vec2 place;
     layout(location = 1) in vec4 color;
     layout(location = 0) flat out vec4 shade;
@@ -24,10 +24,24 @@ const VERTEX: &str = "
         shade = color;
     }";
 
-const FRAGMENT: &str = "
+pub const FRAGMENT: &str = "
     layout(location = 0) flat in vec4 shade;
     layout(location = 0) out vec4 color;
     void main() { color = shade; }";
+
+/// A painting of corners.
+pub fn of_corners(mut painting: Painting<'_>) -> Painting<'_> {
+    let stride = size_of::<Corner>() as u32;
+    painting.bindings = vec![vk::VertexInputBindingDescription::default().stride(stride)];
+    painting.attributes = vec![
+        vk::VertexInputAttributeDescription::default().format(vk::Format::R32G32_SFLOAT),
+        vk::VertexInputAttributeDescription::default()
+            .location(1)
+            .format(RGBA)
+            .offset(8),
+    ];
+    painting
+}
 
 /// How far from a pixel's corner triangles start: no centre is near an edge.
 const START: f32 = 0.25;
@@ -59,16 +73,7 @@ pub fn flat(gpu: &Gpu, scale: &Scale, side: u32) -> Option<Prepared> {
     }
     let vertices = gpu.buffer_with(&corners);
     let canvas = canvas(gpu, scale, RGBA);
-    let mut painting = Painting::new(gpu, VERTEX, FRAGMENT, RGBA);
-    let stride = size_of::<Corner>() as u32;
-    painting.bindings = vec![vk::VertexInputBindingDescription::default().stride(stride)];
-    painting.attributes = vec![
-        vk::VertexInputAttributeDescription::default().format(vk::Format::R32G32_SFLOAT),
-        vk::VertexInputAttributeDescription::default()
-            .location(1)
-            .format(RGBA)
-            .offset(8),
-    ];
+    let painting = of_corners(Painting::new(gpu, VERTEX, FRAGMENT, RGBA));
     let pipeline = gpu.painting(&painting);
     let pass = Pass {
         colors: &[canvas],

@@ -1,0 +1,322 @@
+//! Rays of one group through boxes, from candidate to candidate.
+//!
+//! Each ray walks as it does by itself, so it meets the same candidates in the same order. The rays
+//! are set up once for all their candidates ([`Slabs`]), and the structure is looked up once for
+//! all rays that go on.
+
+use lanes::LaneMask;
+#[cfg(target_arch = "x86_64")]
+use lanes::Tier;
+
+use super::beams::Given;
+use super::children::{LARGE, fetch};
+use super::entry::{Entry, STACK};
+use super::facts::InstanceFacts;
+use super::kernel::Kernel;
+use super::level::only_instance;
+use super::options::Specialisation;
+use super::portable::Portable;
+use super::rows::{HitRows, RayRows};
+use super::slabs::Common;
+use super::suspended::{Decided, Suspended};
+use super::{Event, State, Walker};
+use crate::layout::{WIDTH, child, geometry_word, instance_state};
+use crate::ray::{Hit, Ray, ray_flags};
+use crate::structure::{Kind, Structure};
+
+impl Walker {
+    /// Walks rays to candidates or to their ends that have a top level whose only instance holds
+    /// boxes. Returns which those are.
+    ///
+    /// # Safety
+    /// As for [`Walk::new`](super::Walk::new), for every ray.
+    pub(crate) unsafe fn start_in_boxes(
+        &mut self,
+        rays: &RayRows,
+        lanes: LaneMask,
+        hits: &mut HitRows,
+        suspended: &mut Suspended,
+        fuel: &mut u64,
+    ) -> LaneMask {
+        if lanes.is_empty() {
+            return LaneMask::NONE;
+        }
+        let first = lanes.first();
+        let (address, ray) = (rays.top_level[first], rays.ray(first));
+        // SAFETY: the caller's promise.
+        let Some(index) = (unsafe { self.enter_boxes(address, &ray) }) else {
+            return LaneMask::NONE;
+        };
+        let Some(record) = self.top.structure.instance(index) else {
+            return LaneMask::NONE;
+        };
+        let given = Given::new(rays, rays.alike(first, lanes));
+        let common = Common::new(address, &ray, index);
+        (suspended.slabs).set_up(&mut self.beams, &given, &record, common);
+        let set_up = suspended.slabs.lanes;
+        hits.start(rays, set_up);
+        for lane in set_up {
+            let walk = suspended.room(lane);
+            // SAFETY: as above.
+            unsafe { walk.restart(address, &rays.ray(lane)) };
+            walk.time = rays.time[lane];
+            walk.pending.push(Entry::ROOT);
+        }
+        let going = Decided::going_on(set_up);
+        self.go_on_in_boxes(&going, hits, suspended, fuel);
+        set_up
+    }
+
+    /// Goes on with rays of a group after decisions about them, those that are set up for boxes.
+    /// Returns which those are.
+    pub(crate) fn resume_in_boxes(
+        &mut self,
+        decided: &Decided,
+        hits: &mut HitRows,
+        suspended: &mut Suspended,
+        fuel: &mut u64,
+    ) -> LaneMask {
+        let lanes = decided.lanes & suspended.slabs.lanes;
+        if lanes.is_empty() {
+            return LaneMask::NONE;
+        }
+        let ray = *suspended.walk(lanes.first()).ray();
+        let Common {
+            top_level,
+            instance,
+            ..
+        } = suspended.slabs.common;
+        // SAFETY: the promise that was made for the rays.
+        if unsafe { self.enter_boxes(top_level, &ray) } != Some(instance) {
+            return LaneMask::NONE;
+        }
+        let decided = Decided { lanes, ..*decided };
+        self.go_on_in_boxes(&decided, hits, suspended, fuel);
+        lanes
+    }
+
+    /// Enters the only instance of a top level, if a ray meets nothing but boxes there, and they
+    /// do not move.
+    ///
+    /// # Safety
+    /// As for [`Walk::new`](super::Walk::new).
+    pub(crate) unsafe fn enter_boxes(&mut self, address: u64, ray: &Ray) -> Option<u32> {
+        if self.without().contains(Specialisation::OneInstance) {
+            return None;
+        }
+        let Walker {
+            top,
+            bottom,
+            instance,
+            ..
+        } = self;
+        // SAFETY: the caller's promise, here and below.
+        if !unsafe { top.enter_top(address) } {
+            return None;
+        }
+        let index = only_instance(top)?;
+        // SAFETY: as above.
+        let is_admitted = unsafe { bottom.admit(instance, top, index, ray) };
+        if !is_admitted || bottom.structure.kind() != Kind::Aabbs {
+            return None;
+        }
+        let moves = top.structure.instance_words(index)?.state & instance_state::MOVING != 0;
+        (!moves).then_some(index)
+    }
+
+    fn go_on_in_boxes(
+        &mut self,
+        decided: &Decided,
+        hits: &mut HitRows,
+        suspended: &mut Suspended,
+        fuel: &mut u64,
+    ) {
+        match self.options.tier {
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: a walker has this tier only on machines that have the instruction set.
+            Tier::Avx512 => unsafe { go_avx512(self, decided, hits, suspended, fuel) },
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: likewise.
+            Tier::Avx2 => unsafe { go_avx2(self, decided, hits, suspended, fuel) },
+            // SAFETY: every machine has plain Rust.
+            _ => unsafe { go::<Portable>(self, decided, hits, suspended, fuel) },
+        }
+    }
+}
+
+/// # Safety
+/// The machine has these features.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+unsafe fn go_avx512(
+    walker: &mut Walker,
+    decided: &Decided,
+    hits: &mut HitRows,
+    suspended: &mut Suspended,
+    fuel: &mut u64,
+) {
+    // SAFETY: the caller's promise.
+    unsafe { go::<super::avx::Avx<true>>(walker, decided, hits, suspended, fuel) }
+}
+
+/// # Safety
+/// The machine has these features.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,bmi1,bmi2")]
+unsafe fn go_avx2(
+    walker: &mut Walker,
+    decided: &Decided,
+    hits: &mut HitRows,
+    suspended: &mut Suspended,
+    fuel: &mut u64,
+) {
+    // SAFETY: the caller's promise.
+    unsafe { go::<super::avx::Avx<false>>(walker, decided, hits, suspended, fuel) }
+}
+
+/// Walks rays that are set up on, in the structure that was entered.
+///
+/// # Safety
+/// The machine has the kernel's instruction set.
+#[inline(always)]
+unsafe fn go<K: Kernel>(
+    walker: &mut Walker,
+    decided: &Decided,
+    hits: &mut HitRows,
+    suspended: &mut Suspended,
+    fuel: &mut u64,
+) {
+    let prefetches = !walker.without().contains(Specialisation::Prefetch);
+    let Walker {
+        stack,
+        bottom,
+        instance,
+        ..
+    } = walker;
+    let way = Boxes {
+        structure: &bottom.structure,
+        instance,
+        fetches_ahead: prefetches && bottom.structure.node_count() > LARGE,
+    };
+    let any = suspended.slabs.common.flags & ray_flags::TERMINATE_ON_FIRST_HIT != 0;
+    let mut left = *fuel;
+    for lane in decided.lanes {
+        let (walk, slabs) = suspended.walk_in_boxes(lane);
+        if walk.is_over(decided.verdict(lane)) {
+            suspended.finish(lane, hits);
+            continue;
+        }
+        let mut length = walk.pending.len().min(STACK - WIDTH);
+        stack[..length].copy_from_slice(&walk.pending[..length]);
+        let t_far = walk.hit.t;
+        // SAFETY: the caller's promise.
+        let (event, candidate) = unsafe {
+            let beam = K::load_slabs(slabs, lane, t_far);
+            match any {
+                true => way.next::<K, true>(&beam, t_far, stack, &mut length, &mut left),
+                false => way.next::<K, false>(&beam, t_far, stack, &mut length, &mut left),
+            }
+        };
+        if event == Event::Done {
+            suspended.finish(lane, hits);
+            continue;
+        }
+        walk.pending.clear();
+        walk.pending.extend_from_slice(&stack[..length]);
+        (walk.instance, walk.floor, walk.leaf) = (instance.index, 0, None);
+        walk.state = State::after(event);
+        walk.candidate = Hit {
+            t: walk.ray.t_min,
+            ..candidate
+        };
+        suspended.stop_in_boxes(lane, event);
+    }
+    *fuel = left;
+}
+
+/// A bottom level of boxes.
+struct Boxes<'a> {
+    structure: &'a Structure,
+    instance: &'a InstanceFacts,
+    fetches_ahead: bool,
+}
+
+impl Boxes<'_> {
+    /// Goes on with the entries on the stack up to the next candidate, the end, or the end of fuel.
+    /// Of the candidate, all is known but `t`. `ANY`: as for [`super::descend::run`].
+    ///
+    /// # Safety
+    /// The machine has the kernel's instruction set.
+    #[inline(always)]
+    unsafe fn next<K: Kernel, const ANY: bool>(
+        &self,
+        beam: &K::Beam,
+        t_far: f32,
+        stack: &mut [Entry; STACK],
+        length: &mut usize,
+        left: &mut u64,
+    ) -> (Event, Hit) {
+        let node_count = self.structure.node_count();
+        'next: while *length > 0 {
+            *length -= 1;
+            // SAFETY: `length` is below `STACK` wherever an entry is pushed.
+            let entry = unsafe { *stack.get_unchecked(*length) };
+            if !ANY && entry.near() > t_far {
+                continue;
+            }
+            let mut word = entry.word();
+            loop {
+                if *left == 0 {
+                    stack[*length] = Entry::new(word, 0.0);
+                    *length += 1;
+                    return (Event::OutOfFuel, Hit::NONE);
+                }
+                *left -= 1;
+                // Words of leaves are above every index of a node.
+                if word >= node_count {
+                    break;
+                }
+                // SAFETY: below the count.
+                let node = unsafe { self.structure.node_at(word) };
+                if *length > STACK - WIDTH {
+                    // Deeper than any structure that was built: corrupt.
+                    continue 'next;
+                }
+                // SAFETY: the caller's promise.
+                let (mask, near) = unsafe { K::meet::<true>(beam, node) };
+                if mask == 0 {
+                    continue 'next;
+                }
+                if self.fetches_ahead && mask & (mask - 1) != 0 {
+                    fetch(mask, node, self.structure);
+                }
+                // SAFETY: there is room for all children; the caller's promise.
+                unsafe {
+                    let place = stack.as_mut_ptr().add(*length);
+                    let pushed;
+                    (word, pushed) = K::push::<ANY>(near, mask, node, place);
+                    *length += pushed;
+                }
+            }
+            if word & child::LEAF == 0 || word == child::NONE {
+                continue;
+            }
+            if let Some(hit) = self.candidate(word) {
+                return (Event::ProceduralCandidate, hit);
+            }
+        }
+        (Event::Done, Hit::NONE)
+    }
+
+    /// The box of a leaf as a candidate, if it is one.
+    #[inline(always)]
+    fn candidate(&self, word: u32) -> Option<Hit> {
+        let entry = self.structure.box_entry(word & child::INDEX)?;
+        Some(Hit {
+            geometry_index: entry.geometry & geometry_word::INDEX,
+            primitive_index: entry.primitive,
+            opaque: self.instance.opacity(entry.geometry)?,
+            ..self.instance.hit()
+        })
+    }
+}
