@@ -31,9 +31,9 @@ pub enum Coverage {
     /// The samples inside all of the first `count` edges: triangles (3), and rectangles of points
     /// and lines (4).
     Convex { edges: [Edge; 4], count: u8 },
-    /// All samples of the pixels `first..first + count` of [`Chunk::pixels`], each of them once:
-    /// Bresenham lines.
-    Pixels { first: u32, count: u32 },
+    /// All samples of the pixels `first..first + count` of [`Chunk::pixels`], each of them once, in
+    /// the order of columns (`is_x`) or of rows: Bresenham lines.
+    Pixels { first: u32, count: u32, is_x: bool },
 }
 
 /// A part of the screen that a primitive covers.

@@ -54,22 +54,22 @@ impl MajorLine {
         }
     }
 
-    /// The row in which the line crosses the middle of a column.
-    fn row(&self, column: i64) -> i64 {
+    /// The rows in which the line crosses the middles of columns, from one on.
+    fn rows(&self, column: i64) -> Rows {
         let center = column * i64::from(PIXEL) + HALF;
         let [du, dv] = [self.to[0] - self.from[0], self.to[1] - self.from[1]];
         // v at the centre is from + dv (centre − from) / du, in units of a row: numerator /
-        // denominator.
+        // denominator. Ends have 30 bits, so products have 62.
         let (du, dv) = if du < 0 { (-du, -dv) } else { (du, dv) };
-        let numerator = i128::from(self.from[1]) * i128::from(du)
-            + i128::from(dv) * i128::from(center - self.from[0]);
-        let denominator = i128::from(du) * i128::from(PIXEL);
-        let row = numerator.div_euclid(denominator) as i64;
-        // Between two rows: the move takes an x-major line down its slope's way first, then up; a
-        // y-major one left.
-        let is_between = numerator.rem_euclid(denominator) == 0;
-        let stays = self.is_x && dv > 0;
-        if is_between && !stays { row - 1 } else { row }
+        let numerator = self.from[1] * du + dv * (center - self.from[0]);
+        let denominator = du * i64::from(PIXEL);
+        Rows {
+            row: numerator.div_euclid(denominator),
+            rest: numerator.rem_euclid(denominator),
+            step: dv * i64::from(PIXEL),
+            denominator,
+            stays: self.is_x && dv > 0,
+        }
     }
 
     /// Whether an end at a coordinate along the line, moved, is past a column's middle to the
@@ -81,7 +81,7 @@ impl MajorLine {
     fn has(&self, column: i64) -> bool {
         let center = [
             column * i64::from(PIXEL) + HALF,
-            self.row(column) * i64::from(PIXEL) + HALF,
+            self.rows(column).row() * i64::from(PIXEL) + HALF,
         ];
         let start_past = self.is_past(self.from[0], center[0]);
         let end_past = self.is_past(self.to[0], center[0]);
@@ -91,6 +91,39 @@ impl MajorLine {
         } else {
             let meets = start_past || in_diamond(self.from, center, self.is_x);
             meets && !end_past && !in_diamond(self.to, center, self.is_x)
+        }
+    }
+}
+
+/// The place of a line at the middles of columns, one after the other: `row + rest / denominator`
+/// rows.
+struct Rows {
+    row: i64,
+    rest: i64,
+    /// What a column adds to `rest`; at most the denominator, up or down.
+    step: i64,
+    denominator: i64,
+    stays: bool,
+}
+
+impl Rows {
+    #[inline(always)]
+    fn row(&self) -> i64 {
+        // Between two rows: the move takes an x-major line down its slope's way first, then up; a
+        // y-major one left.
+        self.row - i64::from(self.rest == 0 && !self.stays)
+    }
+
+    /// Goes on to the next column.
+    #[inline(always)]
+    fn advance(&mut self) {
+        self.rest += self.step;
+        if self.rest >= self.denominator {
+            self.rest -= self.denominator;
+            self.row += 1;
+        } else if self.rest < 0 {
+            self.rest += self.denominator;
+            self.row -= 1;
         }
     }
 }
@@ -121,55 +154,71 @@ impl SetUp<'_> {
         if count > 0 && self.facts.lines.stipple.is_some() {
             self.stippled += count as f64;
         }
-        let (least, greatest) = if line.is_x {
-            (limits.left, limits.right)
-        } else {
-            (limits.top, limits.bottom)
+        let (along, across) = (
+            (limits.left.into(), limits.right.into()),
+            (limits.top.into(), limits.bottom.into()),
+        );
+        let (along, across): ((i64, i64), (i64, i64)) = match line.is_x {
+            true => (along, across),
+            false => (across, along),
         };
-        let (low, high) = (low.max(least.into()), high.min(i64::from(greatest) - 1));
-        let first_pixel = self.chunk.pixels.len();
-        let mut bounds = Bounds {
-            left: i32::MAX,
-            top: i32::MAX,
-            right: i32::MIN,
-            bottom: i32::MIN,
-        };
+        let (low, high) = (low.max(along.0), high.min(along.1 - 1));
+        if low > high {
+            return;
+        }
+        let pixels = &mut self.chunk.pixels;
+        let first_pixel = pixels.len();
+        let (mut least, mut greatest) = (i64::MAX, i64::MIN);
+        let mut rows = line.rows(low);
         for column in low..=high {
+            let row = rows.row();
+            rows.advance();
             if let Some((pattern, factor)) = self.facts.lines.stipple {
                 let index = stippled + ((column - first) * step) as u64;
                 if pattern >> (index / u64::from(factor) % 16) & 1 == 0 {
                     continue;
                 }
             }
-            let row = line.row(column);
-            for across in row..row + width {
-                let (x, y) = if line.is_x {
-                    (column, across)
-                } else {
-                    (across, column)
-                };
-                let (x, y) = (x as i32, y as i32);
-                let is_inside = (limits.left..limits.right).contains(&x)
-                    && (limits.top..limits.bottom).contains(&y);
-                if is_inside {
-                    self.chunk.pixels.push([x as i16, y as i16]);
-                    bounds.left = bounds.left.min(x);
-                    bounds.top = bounds.top.min(y);
-                    bounds.right = bounds.right.max(x + 1);
-                    bounds.bottom = bounds.bottom.max(y + 1);
-                }
+            let (from, to) = (row.max(across.0), (row + width).min(across.1));
+            if from >= to {
+                continue;
+            }
+            (least, greatest) = (least.min(from), greatest.max(to));
+            for row in from..to {
+                pixels.push(match line.is_x {
+                    true => [column as i16, row as i16],
+                    false => [row as i16, column as i16],
+                });
             }
         }
-        let count = self.chunk.pixels.len() - first_pixel;
-        if count > 0 {
-            self.chunk.shapes.push(Shape {
-                record,
-                coverage: Coverage::Pixels {
-                    first: first_pixel as u32,
-                    count: count as u32,
-                },
-                bounds,
-            });
-        }
+        let list = &pixels[first_pixel..];
+        let (Some(one), Some(last)) = (list.first(), list.last()) else {
+            return;
+        };
+        // Columns are in order.
+        let [least, greatest] = [least, greatest].map(|row| row as i32);
+        let bounds = match line.is_x {
+            true => Bounds {
+                left: one[0].into(),
+                top: least,
+                right: i32::from(last[0]) + 1,
+                bottom: greatest,
+            },
+            false => Bounds {
+                left: least,
+                top: one[1].into(),
+                right: greatest,
+                bottom: i32::from(last[1]) + 1,
+            },
+        };
+        self.chunk.shapes.push(Shape {
+            record,
+            coverage: Coverage::Pixels {
+                first: first_pixel as u32,
+                count: list.len() as u32,
+                is_x: line.is_x,
+            },
+            bounds,
+        });
     }
 }

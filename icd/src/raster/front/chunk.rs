@@ -531,6 +531,7 @@ impl Worker {
             .harmless_codes()
             .filter(|_| kind == Some(Kind::Triangle))
             .map(|harmless| !harmless);
+        let is_line = kind == Some(Kind::Line);
         let is_projected = !places.chooses_viewports() && !facts.views.is_empty();
         let mut last = None;
         for assembled in &self.primitives {
@@ -592,6 +593,10 @@ impl Worker {
             if harmful.is_some_and(|harmful| all & harmful == 0) {
                 set_up.clipped += 1;
                 set_up.whole_triangle(&primitive(), on_screen);
+                continue;
+            }
+            if is_line && all & code::CUT == 0 {
+                set_up.whole_line(&primitive(), [on_screen[0], on_screen[1]]);
                 continue;
             }
             let corners = Corners {

@@ -3,10 +3,12 @@
 
 #![forbid(unsafe_code)]
 
+use smallvec::SmallVec;
+
 use super::clip;
 use super::facts::{View, intersect};
 use super::planes::{Planes, Wide};
-use super::screen::{PIXEL, code, pixels};
+use super::screen::{PIXEL, ScreenVertex, code, pixels};
 use super::set_up::{Corners, Primitive, SetUp, edge, is_empty};
 use crate::raster::primitive::{Bounds, Coverage, Edge, Shape};
 
@@ -19,38 +21,60 @@ pub struct Segment {
 
 impl Segment {
     /// From start to end.
+    #[inline(always)]
     pub fn direction(&self) -> [i32; 2] {
         [self.to[0] - self.from[0], self.to[1] - self.from[1]]
     }
 
     /// Fixed-point units.
+    #[inline(always)]
     pub fn length(&self) -> f64 {
-        let [dx, dy] = self.direction().map(f64::from);
+        let [dx, dy] = self.direction();
+        let [dx, dy] = [f64::from(dx), f64::from(dy)];
         (dx * dx + dy * dy).sqrt()
     }
 
     /// `((x, y) − from) · (dx, dy) ≥ least`, or more than that where neighbours own the samples on
     /// the edge. What is not whole has no samples on it.
+    #[inline(always)]
     fn half_plane(&self, [a, b]: [i32; 2], least: f64) -> Edge {
         let from = i64::from(a) * i64::from(self.from[0]) + i64::from(b) * i64::from(self.from[1]);
-        let mut edge = edge(a, b, -from - least.ceil() as i64);
-        if least.ceil() != least {
-            edge.c = -from - least.ceil() as i64;
+        // Rounded up by conversions, which round to zero: without SSE 4.1, rounding is a call.
+        let whole = least as i64;
+        let up = whole + i64::from((whole as f64) < least);
+        let edge = edge(a, b, -from - up);
+        match whole as f64 == least {
+            true => edge,
+            false => Edge {
+                c: -from - up,
+                ..edge
+            },
         }
-        edge
     }
 
-    /// The part of the rectangle around the line from `start` to `end` units of its length; `width`
-    /// in units.
-    fn rectangle(&self, width: f64, start: f64, end: f64) -> [Edge; 4] {
+    /// The part of the rectangle around the line from `start` to `end` units of its length, which
+    /// is `length`; `width` in units.
+    #[inline(always)]
+    fn rectangle(&self, length: f64, width: f64, start: f64, end: f64) -> [Edge; 4] {
         let [dx, dy] = self.direction();
-        let length = self.length();
         let half = width / 2.0 * length;
+        let last = match end >= length {
+            // Exactly at the end's place, which the next line of a strip starts at.
+            true => {
+                let [x, y] = self.to;
+                edge(
+                    -dx,
+                    -dy,
+                    i64::from(dx) * i64::from(x) + i64::from(dy) * i64::from(y),
+                )
+            }
+            false => self.half_plane([-dx, -dy], -(end * length)),
+        };
         [
             self.half_plane([-dy, dx], -half),
             self.half_plane([dy, -dx], -half),
             self.half_plane([dx, dy], start * length),
-            self.half_plane([-dx, -dy], -(end * length)),
+            last,
         ]
     }
 }
@@ -116,13 +140,14 @@ fn visible(
 
 /// How far along a line the closest point to a pixel's centre is, from 0 to 1, relative to the
 /// origin.
+#[inline(always)]
 fn progress(segment: &Segment, origin: [i32; 2]) -> Wide {
     let pixel = f64::from(PIXEL);
-    let [dx, dy] = segment.direction().map(f64::from);
+    let [dx, dy] = segment.direction();
+    let [dx, dy] = [f64::from(dx), f64::from(dy)];
     let square = dx * dx + dy * dy;
-    let [x, y] = std::array::from_fn(|axis| {
-        (f64::from(origin[axis]) + 0.5) * pixel - f64::from(segment.from[axis])
-    });
+    let x = (f64::from(origin[0]) + 0.5) * pixel - f64::from(segment.from[0]);
+    let y = (f64::from(origin[1]) + 0.5) * pixel - f64::from(segment.from[1]);
     Wide {
         at: (x * dx + y * dy) / square,
         dx: dx * pixel / square,
@@ -156,8 +181,26 @@ impl Visible {
     }
 }
 
+/// The planes of a line whose ends are on the screen, as [`Visible::planes`] has them.
+#[inline(always)]
+fn whole_planes(segment: &Segment, [a, b]: [&ScreenVertex; 2], origin: [i32; 2]) -> Planes {
+    let s = progress(segment, origin);
+    let between = |from: f64, to: f64| Wide::constant(from).plus(s.times(to - from));
+    Planes {
+        origin,
+        depth: between(a.depth, b.depth),
+        perspective: [
+            between(a.inverse_w, 0.0),
+            between(0.0, b.inverse_w),
+            Wide::default(),
+        ],
+        linear: [between(1.0, 0.0), between(0.0, 1.0), Wide::default()],
+    }
+}
+
 impl SetUp<'_> {
     /// Draws the line between two corners of a primitive.
+    #[cold]
     pub fn line(
         &mut self,
         primitive: &Primitive,
@@ -166,30 +209,58 @@ impl SetUp<'_> {
         front: bool,
         offset: f64,
     ) {
-        let facts = self.facts;
-        let Some(view) = facts.views.get(primitive.viewport as usize) else {
+        let Some(view) = self.facts.views.get(primitive.viewport as usize) else {
             return;
         };
         let Some(visible) = visible(view, self, corners, ends) else {
             return;
         };
+        let planes = |origin| visible.planes(corners, ends, origin);
+        self.segment(primitive, view, &visible.segment, (front, offset), planes);
+    }
+
+    /// The codes of both vertices say that the line is whole and inside. A line primitive.
+    #[inline(always)]
+    pub fn whole_line(&mut self, primitive: &Primitive, ends: [&ScreenVertex; 2]) {
+        let Some(view) = self.facts.views.get(primitive.viewport as usize) else {
+            return;
+        };
+        let [a, b] = ends;
+        let segment = Segment {
+            from: [a.x, a.y],
+            to: [b.x, b.y],
+        };
+        let planes = |origin| whole_planes(&segment, ends, origin);
+        self.segment(primitive, view, &segment, (true, 0.0), planes);
+    }
+
+    /// Draws the visible part of a line. `planes`: of a record with an origin.
+    #[inline(always)]
+    fn segment(
+        &mut self,
+        primitive: &Primitive,
+        view: &View,
+        segment: &Segment,
+        (front, offset): (bool, f64),
+        planes: impl FnOnce([i32; 2]) -> Planes,
+    ) {
+        let lines = &self.facts.lines;
         self.clipped += 1;
-        let segment = visible.segment;
         if segment.from == segment.to {
             return;
         }
-        let width = f64::from(facts.lines.width.max(0.0).min(1024.0)) * f64::from(PIXEL);
+        let width = f64::from(lines.width.max(0.0).min(1024.0)) * f64::from(PIXEL);
         // The reach of a wide line past its end points.
-        let reach = if facts.lines.bresenham {
+        let reach = if lines.bresenham {
             width.max(f64::from(PIXEL))
         } else {
             width / 2.0
         };
-        let around = around(&segment, reach.ceil() as i32, facts.centers_only);
+        let around = around(segment, reach.ceil() as i32, self.facts.centers_only);
         // Lines end at the viewport where their middle does; no need to cut them off there while
         // they are thin.
-        let beyond = if facts.lines.width > 1.0 {
-            (facts.lines.width / 2.0).ceil() as i32
+        let beyond = if lines.width > 1.0 {
+            (lines.width / 2.0).ceil() as i32
         } else {
             0
         };
@@ -202,62 +273,45 @@ impl SetUp<'_> {
         };
         let limits = intersect(view.scissor, inside);
         let bounds = intersect(around, limits);
+        let length = segment.length();
         let stippled = self.stippled;
-        if facts.lines.stipple.is_some() && !facts.lines.bresenham {
-            self.stippled += segment.length() / f64::from(PIXEL);
+        if lines.stipple.is_some() && !lines.bresenham {
+            self.stippled += length / f64::from(PIXEL);
         }
-        if is_empty(&bounds) && !facts.lines.bresenham {
+        if is_empty(&bounds) && !lines.bresenham {
             return;
         }
-        let origin = [around.left.max(0), around.top.max(0)];
-        let planes = visible.planes(corners, ends, origin);
+        let planes = planes([around.left.max(0), around.top.max(0)]);
         let record = self.chunk.records.len();
         let shapes = self.chunk.shapes.len();
         self.push_record(primitive, front, &planes, offset);
-        if facts.lines.bresenham {
-            self.bresenham(&segment, record as u32, limits);
-        } else if let Some((pattern, factor)) = facts.lines.stipple {
-            let dashes = dashes(&segment, bounds, stippled, pattern, factor);
-            for [start, end] in dashes {
-                self.rectangle(&segment, record as u32, width, start, end, bounds);
+        let mut add = |start: f64, end: f64| {
+            self.chunk.shapes.push(Shape {
+                record: record as u32,
+                coverage: Coverage::Convex {
+                    edges: segment.rectangle(length, width, start, end),
+                    count: 4,
+                },
+                bounds,
+            });
+        };
+        match lines.stipple {
+            _ if lines.bresenham => self.bresenham(segment, record as u32, limits),
+            Some(stipple) => {
+                for [start, end] in dashes(segment, length, bounds, stippled, stipple) {
+                    add(start, end);
+                }
             }
-        } else {
-            let length = segment.length();
-            self.rectangle(&segment, record as u32, width, 0.0, length, bounds);
+            None => add(0.0, length),
         }
         if self.chunk.shapes.len() == shapes {
             self.chunk.records.truncate(record);
         }
     }
-
-    /// Adds the part of the rectangle around a line from `start` to `end` units of its length.
-    fn rectangle(
-        &mut self,
-        segment: &Segment,
-        record: u32,
-        width: f64,
-        start: f64,
-        end: f64,
-        bounds: Bounds,
-    ) {
-        let mut edges = segment.rectangle(width, start, end);
-        let length = segment.length();
-        if end >= length {
-            // Exactly at the end's place, which the next line of a strip starts at.
-            let [dx, dy] = segment.direction();
-            let c =
-                i64::from(dx) * i64::from(segment.to[0]) + i64::from(dy) * i64::from(segment.to[1]);
-            edges[3] = edge(-dx, -dy, c);
-        }
-        self.chunk.shapes.push(Shape {
-            record,
-            coverage: Coverage::Convex { edges, count: 4 },
-            bounds,
-        });
-    }
 }
 
 /// The pixels that samples within `reach` of a line can be in.
+#[inline(always)]
 fn around(segment: &Segment, reach: i32, centers_only: bool) -> Bounds {
     let range = |axis: usize| {
         let (a, b) = (segment.from[axis], segment.to[axis]);
@@ -276,13 +330,12 @@ fn around(segment: &Segment, reach: i32, centers_only: bool) -> Bounds {
 /// it. The line starts `stippled` pixels after the pattern.
 fn dashes(
     segment: &Segment,
+    length: f64,
     bounds: Bounds,
     stippled: f64,
-    pattern: u16,
-    factor: u32,
-) -> Vec<[f64; 2]> {
+    (pattern, factor): (u16, u32),
+) -> SmallVec<[[f64; 2]; 8]> {
     let pixel = f64::from(PIXEL);
-    let length = segment.length();
     let [dx, dy] = segment.direction().map(|d| f64::from(d) / length);
     let corners = [
         (bounds.left, bounds.top),
@@ -302,7 +355,7 @@ fn dashes(
     let step = f64::from(factor) * pixel;
     let start = stippled * pixel;
     let bit = |at: f64| ((at + start) / step) as u64;
-    let mut dashes: Vec<[f64; 2]> = Vec::new();
+    let mut dashes = SmallVec::<[[f64; 2]; 8]>::new();
     if first > last {
         return dashes;
     }

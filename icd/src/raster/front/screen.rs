@@ -117,6 +117,8 @@ pub mod code {
     pub const REJECT: u32 = SIDES | NEAR | FAR | 0xFF << CLIP | 0xFF << CULL;
     /// A primitive with a vertex outside one of these is clipped.
     pub const CLIPPED: u32 = NEAR | FAR | NOWHERE | 0xFF << CLIP;
+    /// A line with a vertex outside one of these may end elsewhere, or be dropped.
+    pub const CUT: u32 = CLIPPED | SIDES | NOT_FINITE;
 }
 
 /// A vertex on the screen.

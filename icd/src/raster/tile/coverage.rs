@@ -357,35 +357,51 @@ fn narrow_side<V: Vector>(v: V, edge: &Edge, corner: [i64; 2], [columns, rows]: 
     v.add_i(pixels, v.splat_i(constant as i32))
 }
 
+/// The blocks of a small clip, with one sample a pixel.
+#[inline(always)]
+fn scan_centers<V: Vector, const N: usize>(
+    v: V,
+    edges: [&Edge; N],
+    corner: [i64; 2],
+    clip: &Bounds,
+    blocks: &mut Vec<Block>,
+) {
+    let steps = [v.load_i(&IN_BLOCK[0]), v.load_i(&IN_BLOCK[1])];
+    let mut sides = [v.splat_i(0); N];
+    for i in 0..N {
+        sides[i] = narrow_side(v, edges[i], corner, steps);
+    }
+    for y in (clip.top & !3..clip.bottom).step_by(4) {
+        for x in (clip.left & !3..clip.right).step_by(4) {
+            let mut out = v.splat_i(0);
+            for i in 0..N {
+                let first = v.splat_i(edges[i].a * x + edges[i].b * y);
+                out = v.or_i(out, v.add_i(sides[i], first));
+            }
+            let outside = v.ne_i(v.sign_i(out), v.splat_i(0));
+            if outside != u16::MAX {
+                let mask = inside(clip, x, y) & !outside;
+                if mask != 0 {
+                    blocks.push(Block::new(x, y, mask.into()));
+                }
+            }
+        }
+    }
+}
+
 spirv_jit::vectors! {
     /// The blocks of a small clip, one by one.
     fn scan_small<V>(v, edges: &[Edge], corner: [i64; 2], clip: &Bounds, samples: u32, blocks: &mut Vec<Block>) {
         let (columns, rows) = (v.load_i(&IN_BLOCK[0]), v.load_i(&IN_BLOCK[1]));
-        if let (1, [first, second, third]) = (samples, edges) {
-            // The commonest, whose edges stay in registers.
-            let sides = [
-                narrow_side(v, first, corner, [columns, rows]),
-                narrow_side(v, second, corner, [columns, rows]),
-                narrow_side(v, third, corner, [columns, rows]),
-            ];
-            for y in (clip.top & !3..clip.bottom).step_by(4) {
-                for x in (clip.left & !3..clip.right).step_by(4) {
-                    let out = v.or_i(
-                        v.add_i(sides[0], v.splat_i(first.a * x + first.b * y)),
-                        v.add_i(sides[1], v.splat_i(second.a * x + second.b * y)),
-                    );
-                    let third = v.splat_i(third.a * x + third.b * y);
-                    let out = v.or_i(out, v.add_i(sides[2], third));
-                    let outside = v.ne_i(v.sign_i(out), v.splat_i(0));
-                    if outside != u16::MAX {
-                        let mask = inside(clip, x, y) & !outside;
-                        if mask != 0 {
-                            blocks.push(Block::new(x, y, mask.into()));
-                        }
-                    }
-                }
+        // The commonest, whose edges stay in registers.
+        match (samples, edges) {
+            (1, [first, second, third]) => {
+                return scan_centers(v, [first, second, third], corner, clip, blocks);
             }
-            return;
+            (1, [first, second, third, fourth]) => {
+                return scan_centers(v, [first, second, third, fourth], corner, clip, blocks);
+            }
+            _ => {}
         }
         let mut pixels = [v.splat_i(0); 4];
         let mut constants = [[0; MAX_SAMPLES]; 4];
@@ -459,17 +475,23 @@ pub fn convex(
     }
 }
 
-/// Appends the blocks of a list of pixels: those inside a clip, which lies in the tile, with all
-/// their samples.
+/// Appends the blocks of a list of pixels, in the order of columns (`is_x`) or of rows: those
+/// inside a clip, which lies in the tile, with all their samples.
 pub fn listed(
     list: &[[i16; 2]],
+    is_x: bool,
     tile: &Bounds,
     clip: &Bounds,
     samples: u32,
     blocks: &mut Vec<Block>,
 ) {
     let first = blocks.len();
-    for &[x, y] in list {
+    let (axis, from, to) = match is_x {
+        true => (0, clip.left, clip.right),
+        false => (1, clip.top, clip.bottom),
+    };
+    let place = |end: i32| list.partition_point(|pixel| i32::from(pixel[axis]) < end);
+    for &[x, y] in &list[place(from)..place(to)] {
         let (x, y) = (i32::from(x), i32::from(y));
         if x < clip.left || x >= clip.right || y < clip.top || y >= clip.bottom {
             continue;

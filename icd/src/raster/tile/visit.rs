@@ -291,11 +291,18 @@ impl<'a> Visit<'a> {
                 let edges = &edges[..usize::from(*count).min(4)];
                 convex(self.round.tier, edges, &self.bounds, clip, samples, covered);
             }
-            Coverage::Pixels { first, count } => {
+            Coverage::Pixels { first, count, is_x } => {
                 let (first, count) = (*first as usize, *count as usize);
                 let list = chunk.pixels.get(first..).unwrap_or_default();
                 let list = &list[..count.min(list.len())];
-                listed(list, &self.bounds, clip, samples, &mut covered.blocks);
+                listed(
+                    list,
+                    *is_x,
+                    &self.bounds,
+                    clip,
+                    samples,
+                    &mut covered.blocks,
+                );
             }
         }
     }

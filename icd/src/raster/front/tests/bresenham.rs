@@ -80,7 +80,7 @@ fn drawn(facts: &Facts, from: [i64; 2], to: [i64; 2]) -> Vec<(i16, i16)> {
     );
     let mut pixels = Vec::new();
     for shape in &chunk.shapes {
-        let Coverage::Pixels { first, count } = shape.coverage else {
+        let Coverage::Pixels { first, count, .. } = shape.coverage else {
             panic!("a list of pixels");
         };
         let listed = &chunk.pixels[first as usize..(first + count) as usize];

@@ -341,7 +341,7 @@ fn garbage_stays_within_the_scissor() {
             assert!(bounds.right <= SIDE as i32 && bounds.bottom <= SIDE as i32);
             assert!(bounds.left < bounds.right && bounds.top < bounds.bottom);
             assert!((shape.record as usize) < chunk.records.len());
-            if let Coverage::Pixels { first, count } = shape.coverage {
+            if let Coverage::Pixels { first, count, .. } = shape.coverage {
                 for [x, y] in &chunk.pixels[first as usize..(first + count) as usize] {
                     assert!((bounds.left..bounds.right).contains(&i32::from(*x)));
                     assert!((bounds.top..bounds.bottom).contains(&i32::from(*y)));

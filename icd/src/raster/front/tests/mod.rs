@@ -6,6 +6,7 @@ mod bresenham;
 mod clipping;
 mod coverage;
 mod cutting;
+mod lines;
 mod projecting;
 mod tessellation;
 mod topology;

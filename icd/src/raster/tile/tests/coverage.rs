@@ -99,6 +99,40 @@ fn triangles_of_all_sizes_cover_what_their_edges_say() {
 }
 
 #[test]
+fn rectangles_cover_what_their_edges_say() {
+    let mut random = Random::with_seed(0x0b0e_11e5);
+    for round in 0..200 {
+        let tile = tile(2, 3);
+        let mut place =
+            || [tile.left, tile.top].map(|it| it * 256 + random.i64(0..64 * 256) as i32);
+        let (from, to) = (place(), place());
+        let [a, b] = [to[0] - from[0], to[1] - from[1]];
+        let reach = [1, 200, 3000][round % 3] * 256;
+        let at = |[a, b]: [i32; 2], [x, y]: [i32; 2], more: i64| Edge {
+            a,
+            b,
+            c: more - i64::from(a) * i64::from(x) - i64::from(b) * i64::from(y),
+        };
+        let edges = [
+            at([-b, a], from, reach),
+            at([b, -a], from, reach),
+            at([a, b], from, 0),
+            at([-a, -b], to, 0),
+        ];
+        check(&edges, &tile, &tile);
+        let clip = |low: i32, high: i32| (low.min(high) >> 8, (low.max(high) >> 8) + 1);
+        let ((left, right), (top, bottom)) = (clip(from[0], to[0]), clip(from[1], to[1]));
+        let clip = Bounds {
+            left,
+            top,
+            right,
+            bottom,
+        };
+        check(&edges, &tile, &clip);
+    }
+}
+
+#[test]
 fn edges_as_long_as_there_are_cover_what_they_say() {
     let mut random = Random::with_seed(0x0dd_ba11_0dd_ba11);
     let tile = tile(511, 511);
@@ -169,7 +203,7 @@ fn listed_pixels_are_covered_with_all_samples() {
     let clip = Bounds { left: 66, ..tile };
     let list: Vec<[i16; 2]> = (60..140).map(|at| [at, 64 + (at - 60) / 3]).collect();
     let mut blocks = Vec::new();
-    listed(&list, &tile, &clip, 4, &mut blocks);
+    listed(&list, true, &tile, &clip, 4, &mut blocks);
     let found = found(&blocks, 4);
     for (index, samples) in found.iter().enumerate() {
         let place = [64 + index as i16 % 64, 64 + index as i16 / 64];
