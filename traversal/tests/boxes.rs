@@ -12,11 +12,12 @@ type Found = (Option<Hit>, Vec<Hit>);
 struct World {
     top: Bytes,
     boxes: Vec<[f32; 6]>,
-    _bottom: Bytes,
+    _bottoms: [Bytes; 2],
 }
 
 impl World {
-    fn new(random: &mut Random, transform: [f32; 12]) -> World {
+    /// Boxes in one instance, or in several with a ball among them.
+    fn new(random: &mut Random, transforms: &[[f32; 12]]) -> World {
         let boxes: Vec<[f32; 6]> = (0..300)
             .map(|i| {
                 // On whole numbers, so that rays start on planes; a few are flat or large.
@@ -26,10 +27,16 @@ impl World {
             })
             .collect();
         let bottom = build_boxes(&boxes, true, 0);
+        let ball = build_meshes(&[Mesh::icosphere(1, true, |place| 5.0 * place)], 0);
+        let placed = transforms.iter();
+        let mut instances: Vec<_> = placed.map(|it| InstanceRecord::new(&bottom, *it)).collect();
+        if transforms.len() > 1 {
+            instances.push(InstanceRecord::new(&ball, IDENTITY));
+        }
         World {
-            top: build_instances(&[InstanceRecord::new(&bottom, transform)], 0),
+            top: build_instances(&instances, 0),
             boxes,
-            _bottom: bottom,
+            _bottoms: [bottom, ball],
         }
     }
 
@@ -120,19 +127,21 @@ fn rays(random: &mut Random, count: usize, flags: u32) -> Vec<Ray> {
     rays.collect()
 }
 
-fn transforms() -> [[f32; 12]; 3] {
+/// Where instances are: one, or several.
+fn placements() -> [Vec<[f32; 12]>; 4] {
     let turned = [0.0, 2.0, 0.0, 3.0, -0.5, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, -7.0];
     let mut small = IDENTITY;
     (small[0], small[5], small[10]) = (1e-3, 1e-3, 1e-3);
-    [IDENTITY, turned, small]
+    let all = vec![IDENTITY, turned, small, turned];
+    [vec![IDENTITY], vec![turned], vec![small], all]
 }
 
 #[test]
 fn groups_meet_the_boxes_of_single_rays() {
     let mut random = Random(0x0B0E_5000);
-    for (round, transform) in transforms().into_iter().cycle().take(9).enumerate() {
-        let world = World::new(&mut random, transform);
-        let flags = [0, ray_flags::TERMINATE_ON_FIRST_HIT, ray_flags::CULL_OPAQUE][round / 3];
+    for (round, transforms) in placements().iter().cycle().take(12).enumerate() {
+        let world = World::new(&mut random, transforms);
+        let flags = [0, ray_flags::TERMINATE_ON_FIRST_HIT, ray_flags::CULL_OPAQUE][round / 4];
         let rays = rays(&mut random, 16 * PACKET - 3, flags);
         for &tier in Tier::available() {
             for fuel in [u64::MAX, 3] {
@@ -164,8 +173,8 @@ fn groups_meet_the_boxes_of_single_rays() {
 #[test]
 fn moved_rays_go_on_where_they_stood() {
     let mut random = Random(0x0B0E_5001);
-    for transform in transforms() {
-        let world = World::new(&mut random, transform);
+    for transforms in placements() {
+        let world = World::new(&mut random, &transforms);
         let rays = rays(&mut random, PACKET, 0);
         for &tier in Tier::available() {
             let mut walker = Walker::with_tier(tier).expect("the tier is available");

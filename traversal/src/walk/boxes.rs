@@ -1,8 +1,8 @@
 //! Rays of one group through boxes, from candidate to candidate.
 //!
 //! Each ray walks as it does by itself, so it meets the same candidates in the same order. The rays
-//! are set up once for all their candidates ([`Slabs`]), and the structure is looked up once for
-//! all rays that go on.
+//! in an instance are set up once for all their candidates there
+//! ([`Slabs`](super::slabs::Slabs)), and the structure is looked up once for all rays that go on.
 
 use lanes::LaneMask;
 #[cfg(target_arch = "x86_64")]
@@ -23,6 +23,9 @@ use super::{Event, State, Walker};
 use crate::layout::{WIDTH, child, geometry_word, instance_state};
 use crate::ray::{Hit, Ray, ray_flags};
 use crate::structure::{Kind, Structure};
+
+/// Rays that stand in one instance of several: fewer are set up one by one for less.
+const ENOUGH: u32 = 3;
 
 impl Walker {
     /// Walks rays to candidates or to their ends that have a top level whose only instance holds
@@ -64,35 +67,50 @@ impl Walker {
         }
         let going = Decided::going_on(set_up);
         self.go_on_in_boxes(&going, hits, suspended, fuel);
+        // There is no other instance.
         set_up
     }
 
-    /// Goes on with rays of a group after decisions about them, those that are set up for boxes.
-    /// Returns which those are.
+    /// Goes on with rays of a group after decisions about them, as far as they stand at boxes of one
+    /// instance and stay there. Returns the lanes that are left, which others take on.
     pub(crate) fn resume_in_boxes(
         &mut self,
-        decided: &Decided,
+        mut decided: Decided,
         hits: &mut HitRows,
         suspended: &mut Suspended,
         fuel: &mut u64,
-    ) -> LaneMask {
-        let lanes = decided.lanes & suspended.slabs.lanes;
-        if lanes.is_empty() {
-            return LaneMask::NONE;
+    ) -> Decided {
+        let mut rest = decided.lanes;
+        while !rest.is_empty() {
+            let (lanes, common) = suspended.standing_together(rest);
+            rest -= lanes;
+            let ray = *suspended.walk(lanes.first()).ray();
+            let is_set_up = suspended.slabs.holds(lanes, &common);
+            if !is_set_up && lanes.count() < ENOUGH {
+                continue;
+            }
+            // SAFETY: the promise that was made for the rays.
+            let is_there = unsafe { self.top.enter_top(common.top_level) }
+                && unsafe { self.enter_boxes_of(common.instance, &ray) };
+            if !is_there {
+                continue;
+            }
+            if !is_set_up {
+                let Some(record) = self.top.structure.instance(common.instance) else {
+                    continue;
+                };
+                let given = suspended.given(lanes);
+                (suspended.slabs).set_up(&mut self.beams, &given, &record, common);
+            }
+            let lanes = lanes & suspended.slabs.lanes;
+            let going = Decided { lanes, ..decided };
+            let left = self.go_on_in_boxes(&going, hits, suspended, fuel);
+            // What was decided about those has been done.
+            decided.lanes -= lanes - left;
+            decided.accepted -= left;
+            decided.ended -= left;
         }
-        let ray = *suspended.walk(lanes.first()).ray();
-        let Common {
-            top_level,
-            instance,
-            ..
-        } = suspended.slabs.common;
-        // SAFETY: the promise that was made for the rays.
-        if unsafe { self.enter_boxes(top_level, &ray) } != Some(instance) {
-            return LaneMask::NONE;
-        }
-        let decided = Decided { lanes, ..*decided };
-        self.go_on_in_boxes(&decided, hits, suspended, fuel);
-        lanes
+        decided
     }
 
     /// Enters the only instance of a top level, if a ray meets nothing but boxes there, and they
@@ -104,33 +122,43 @@ impl Walker {
         if self.without().contains(Specialisation::OneInstance) {
             return None;
         }
+        // SAFETY: the caller's promise, here and below.
+        if !unsafe { self.top.enter_top(address) } {
+            return None;
+        }
+        let index = only_instance(&self.top)?;
+        // SAFETY: as above.
+        unsafe { self.enter_boxes_of(index, ray) }.then_some(index)
+    }
+
+    /// Enters an instance of the top level that was entered, if a ray meets nothing but boxes
+    /// there, and they do not move.
+    ///
+    /// # Safety
+    /// As for [`Walk::new`](super::Walk::new).
+    unsafe fn enter_boxes_of(&mut self, index: u32, ray: &Ray) -> bool {
         let Walker {
             top,
             bottom,
             instance,
             ..
         } = self;
-        // SAFETY: the caller's promise, here and below.
-        if !unsafe { top.enter_top(address) } {
-            return None;
-        }
-        let index = only_instance(top)?;
-        // SAFETY: as above.
+        // SAFETY: the caller's promise.
         let is_admitted = unsafe { bottom.admit(instance, top, index, ray) };
-        if !is_admitted || bottom.structure.kind() != Kind::Aabbs {
-            return None;
-        }
-        let moves = top.structure.instance_words(index)?.state & instance_state::MOVING != 0;
-        (!moves).then_some(index)
+        let words = top.structure.instance_words(index);
+        let moves = words.is_none_or(|words| words.state & instance_state::MOVING != 0);
+        is_admitted && bottom.structure.kind() == Kind::Aabbs && !moves
     }
 
+    /// Walks rays on that are set up in the bottom level that was entered. Returns those that are
+    /// through with it, but not with the top level.
     fn go_on_in_boxes(
         &mut self,
         decided: &Decided,
         hits: &mut HitRows,
         suspended: &mut Suspended,
         fuel: &mut u64,
-    ) {
+    ) -> LaneMask {
         match self.options.tier {
             #[cfg(target_arch = "x86_64")]
             // SAFETY: a walker has this tier only on machines that have the instruction set.
@@ -154,7 +182,7 @@ unsafe fn go_avx512(
     hits: &mut HitRows,
     suspended: &mut Suspended,
     fuel: &mut u64,
-) {
+) -> LaneMask {
     // SAFETY: the caller's promise.
     unsafe { go::<super::avx::Avx<true>>(walker, decided, hits, suspended, fuel) }
 }
@@ -169,12 +197,12 @@ unsafe fn go_avx2(
     hits: &mut HitRows,
     suspended: &mut Suspended,
     fuel: &mut u64,
-) {
+) -> LaneMask {
     // SAFETY: the caller's promise.
     unsafe { go::<super::avx::Avx<false>>(walker, decided, hits, suspended, fuel) }
 }
 
-/// Walks rays that are set up on, in the structure that was entered.
+/// [`Walker::go_on_in_boxes`] with a kernel.
 ///
 /// # Safety
 /// The machine has the kernel's instruction set.
@@ -185,7 +213,7 @@ unsafe fn go<K: Kernel>(
     hits: &mut HitRows,
     suspended: &mut Suspended,
     fuel: &mut u64,
-) {
+) -> LaneMask {
     let prefetches = !walker.without().contains(Specialisation::Prefetch);
     let Walker {
         stack,
@@ -199,7 +227,7 @@ unsafe fn go<K: Kernel>(
         fetches_ahead: prefetches && bottom.structure.node_count() > LARGE,
     };
     let any = suspended.slabs.common.flags & ray_flags::TERMINATE_ON_FIRST_HIT != 0;
-    let mut left = *fuel;
+    let (mut left, mut through) = (*fuel, LaneMask::NONE);
     for lane in decided.lanes {
         let (walk, slabs) = suspended.walk_in_boxes(lane);
         if walk.is_over(decided.verdict(lane)) {
@@ -208,22 +236,31 @@ unsafe fn go<K: Kernel>(
         }
         let mut length = walk.pending.len().min(STACK - WIDTH);
         stack[..length].copy_from_slice(&walk.pending[..length]);
-        let t_far = walk.hit.t;
+        let (t_far, floor) = (walk.hit.t, (walk.floor as usize).min(length));
         // SAFETY: the caller's promise.
         let (event, candidate) = unsafe {
             let beam = K::load_slabs(slabs, lane, t_far);
             match any {
-                true => way.next::<K, true>(&beam, t_far, stack, &mut length, &mut left),
-                false => way.next::<K, false>(&beam, t_far, stack, &mut length, &mut left),
+                true => way.next::<K, true>(&beam, t_far, stack, (floor, &mut length), &mut left),
+                false => way.next::<K, false>(&beam, t_far, stack, (floor, &mut length), &mut left),
             }
         };
         if event == Event::Done {
-            suspended.finish(lane, hits);
+            // What is pending in the top level, and near enough.
+            while length > 0 && !any && walk.is_beyond(stack[length - 1]) {
+                length -= 1;
+            }
+            if length == 0 {
+                suspended.finish(lane, hits);
+                continue;
+            }
+            walk.go_up(&stack[..length]);
+            through.insert(lane);
             continue;
         }
         walk.pending.clear();
         walk.pending.extend_from_slice(&stack[..length]);
-        (walk.instance, walk.floor, walk.leaf) = (instance.index, 0, None);
+        (walk.instance, walk.floor, walk.leaf) = (instance.index, floor as u32, None);
         walk.state = State::after(event);
         walk.candidate = Hit {
             t: walk.ray.t_min,
@@ -232,6 +269,7 @@ unsafe fn go<K: Kernel>(
         suspended.stop_in_boxes(lane, event);
     }
     *fuel = left;
+    through
 }
 
 /// A bottom level of boxes.
@@ -242,7 +280,8 @@ struct Boxes<'a> {
 }
 
 impl Boxes<'_> {
-    /// Goes on with the entries on the stack up to the next candidate, the end, or the end of fuel.
+    /// Goes on with the entries on the stack from `floor` on, up to the next candidate, the end, or
+    /// the end of fuel.
     /// Of the candidate, all is known but `t`. `ANY`: as for [`super::descend::run`].
     ///
     /// # Safety
@@ -253,11 +292,11 @@ impl Boxes<'_> {
         beam: &K::Beam,
         t_far: f32,
         stack: &mut [Entry; STACK],
-        length: &mut usize,
+        (floor, length): (usize, &mut usize),
         left: &mut u64,
     ) -> (Event, Hit) {
         let node_count = self.structure.node_count();
-        'next: while *length > 0 {
+        'next: while *length > floor {
             *length -= 1;
             // SAFETY: `length` is below `STACK` wherever an entry is pushed.
             let entry = unsafe { *stack.get_unchecked(*length) };

@@ -396,8 +396,8 @@ impl Walker {
         let (mut entered, mut fuel) = (Entered::NOTHING, self.options.fuel);
         let hits = &mut flights.flight(group).hits;
         let decided = suspended.decided();
-        let in_boxes = self.resume_in_boxes(&decided, hits, &mut suspended, &mut fuel);
-        for lane in decided.lanes - in_boxes {
+        let decided = self.resume_in_boxes(decided, hits, &mut suspended, &mut fuel);
+        for lane in decided.lanes {
             let verdict = decided.verdict(lane);
             self.step(lane, verdict, &mut suspended, hits, &mut entered, &mut fuel);
         }

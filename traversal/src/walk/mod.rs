@@ -73,6 +73,7 @@ use level::Entered;
 pub use options::{Accuracy, Options, Specialisation, Switches};
 pub use probe::TriangleTest;
 pub use rows::{HitRows, Lanes, RayRows, Words};
+use space::MODEST;
 pub use walker::{Counts, Walker};
 
 /// Rays that [`Walker::trace`] takes, at most.
@@ -323,6 +324,21 @@ impl Walk {
             self.floor = self.pending.len() as u32;
             self.pending.extend(bottom);
         }
+    }
+
+    /// Leaves an instance: with what is pending in the top level.
+    fn go_up(&mut self, top: &[Entry]) {
+        self.pending.clear();
+        self.pending.extend_from_slice(top);
+        (self.instance, self.floor, self.leaf) = (Self::NO_INSTANCE, 0, None);
+        self.state = State::OutOfFuel;
+    }
+
+    /// Whether something in the top level is known to be beyond the ray's end.
+    fn is_beyond(&self, entry: Entry) -> bool {
+        let [x, y, z] = self.ray.direction.map(f32::abs);
+        // Of other lengths, distances are scaled.
+        MODEST.contains(&x.max(y).max(z)) && entry.near() > self.hit.t
     }
 
     fn is_fresh(&self) -> bool {

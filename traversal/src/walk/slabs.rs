@@ -16,7 +16,7 @@ pub(crate) struct Common {
     pub top_level: u64,
     pub flags: u32,
     pub cull_mask: u32,
-    /// The only instance of the top level.
+    /// The instance where they are.
     pub instance: u32,
 }
 
@@ -103,6 +103,12 @@ impl Slabs {
         let lanes = (0..PACKET).fold(0, |mask, i| mask | sound[i] << i) as u16;
         self.lanes = LaneMask::from_bits(lanes);
         self.common = common;
+    }
+
+    /// Whether rays are set up that have this in common.
+    #[inline(always)]
+    pub fn holds(&self, lanes: LaneMask, common: &Common) -> bool {
+        self.common == *common && (lanes - self.lanes).is_empty()
     }
 
     /// Takes over the ray of a lane, if it has in common with the others here what they have.

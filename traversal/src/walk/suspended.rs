@@ -2,10 +2,11 @@
 
 use lanes::LaneMask;
 
+use super::beams::Given;
 use super::entry::Entry;
 use super::found::Found;
 use super::rows::{HitRows, Lanes, RayRows, Words, blend};
-use super::slabs::Slabs;
+use super::slabs::{Common, Slabs};
 use super::{Event, PACKET, State, Verdict, Walk};
 use crate::layout::LEAF_TRIANGLES;
 use crate::ray::Hit;
@@ -358,6 +359,28 @@ impl Suspended {
     /// The walk of a ray, where they go one by one.
     pub(crate) fn walk(&mut self, lane: usize) -> &mut Walk {
         &mut self.walks[lane]
+    }
+
+    /// The rays, the first of some and those that stand in the same instance as it, and what they
+    /// have in common.
+    pub(crate) fn standing_together(&self, lanes: LaneMask) -> (LaneMask, Common) {
+        let common = |lane: usize| {
+            let walk = &self.walks[lane];
+            Common::new(walk.top_level(), walk.ray(), walk.instance)
+        };
+        let first = common(lanes.first());
+        let together = lanes.iter().filter(|&lane| common(lane) == first);
+        (together.collect(), first)
+    }
+
+    /// Rays that go one by one, to be set up: all of them are sound.
+    pub(crate) fn given(&self, lanes: LaneMask) -> Given {
+        let mut rays = RayRows::NONE;
+        for lane in lanes {
+            let walk = &self.walks[lane];
+            rays.set(lane, walk.top_level(), walk.ray(), walk.time());
+        }
+        Given::new(&rays, lanes)
     }
 
     /// The walk of a ray that is set up for boxes, and how.
