@@ -97,8 +97,24 @@ impl World {
     }
 }
 
-/// Rays whose numbers are as odd as they may be.
+/// Half of the rays have numbers as odd as they may be.
 fn rays(random: &mut Random, count: usize, flags: u32) -> Vec<Ray> {
+    let mut rays = odd_rays(random, count / 2, flags);
+    // To one light, past the boxes or through them.
+    let to_light = narrow(random.direction());
+    while rays.len() < count {
+        let at = 16.0 * random.vector();
+        for _ in 0..PACKET.min(count - rays.len()) {
+            let mut ray = ray(narrow(at + random.vector()), to_light);
+            ray.flags = flags;
+            ray.t_max = (20.0 * random.unit()) as f32;
+            rays.push(ray);
+        }
+    }
+    rays
+}
+
+fn odd_rays(random: &mut Random, count: usize, flags: u32) -> Vec<Ray> {
     let odd = [0.0, -0.0, 1e-42, -1e-42, 1e-30, 1.0, -1.0];
     let lengths = [1.0, 1.0, 1.0, 1e-12, 1e12, 3e37];
     let mut pick = |from: &[f32]| from[(random.unit() * from.len() as f64) as usize % from.len()];

@@ -207,11 +207,27 @@ impl<const WIDE: bool> Kernel for Avx<WIDE> {
         node: NodeAt<'_>,
         place: *mut Entry,
     ) -> (u32, usize) {
+        if ANY {
+            // SAFETY: the caller's promise.
+            return unsafe { push_all(mask, node, place) };
+        }
         let mut nears = Nears([0.0; WIDTH]);
         // SAFETY: the caller's promise.
         unsafe {
             _mm256_store_ps(nears.0.as_mut_ptr(), near);
             push_children::<ANY>(mask, node, &nears.0, place)
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn at_most(these: &[f32; WIDTH], those: &[f32; WIDTH]) -> u32 {
+        // SAFETY: the caller promises AVX.
+        unsafe {
+            let (these, those) = (
+                _mm256_loadu_ps(these.as_ptr()),
+                _mm256_loadu_ps(those.as_ptr()),
+            );
+            _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(these, those)) as u32
         }
     }
 
@@ -258,6 +274,49 @@ impl<const WIDE: bool> Kernel for Avx<WIDE> {
         // SAFETY: the caller promises AVX2.
         unsafe { test_leaf(leaf, walk, t_far) }
     }
+}
+
+/// By mask: the bits that are set, a byte each, and their count in the first byte's upper half.
+static BITS_OF: [[u8; WIDTH]; 256] = {
+    let mut all = [[0; WIDTH]; 256];
+    let mut mask = 0;
+    while mask < 256 {
+        let (mut bit, mut count) = (0, 0);
+        while bit < WIDTH {
+            if mask >> bit & 1 != 0 {
+                all[mask][count] = bit as u8;
+                count += 1;
+            }
+            bit += 1;
+        }
+        all[mask][0] |= (count as u8) << 4;
+        mask += 1;
+    }
+    all
+};
+
+/// Pushes the children in `mask` in the order that [`push_children`] has without a ray, without a
+/// branch. Their distances, which nothing asks for, are 0.
+///
+/// # Safety
+/// The machine has AVX2; `mask` is not 0, and there is room for eight entries.
+#[inline(always)]
+unsafe fn push_all(mask: u32, node: NodeAt<'_>, place: *mut Entry) -> (u32, usize) {
+    let bits = &BITS_OF[mask as usize % 256];
+    let words = node.children();
+    let last = node.child(31 - mask.leading_zeros() as usize);
+    // SAFETY: the caller's promise; permutations look at the lowest three bits.
+    unsafe {
+        let order = _mm256_cvtepu8_epi32(_mm_loadl_epi64(bits.as_ptr().cast()));
+        let words = _mm256_loadu_si256(words.as_ptr().cast());
+        let words = _mm256_permutevar8x32_epi32(words, order);
+        let place = place.cast::<__m256i>();
+        let low = _mm256_cvtepu32_epi64(_mm256_castsi256_si128(words));
+        let high = _mm256_cvtepu32_epi64(_mm256_extracti128_si256::<1>(words));
+        _mm256_storeu_si256(place, low);
+        _mm256_storeu_si256(place.add(1), high);
+    }
+    (last, usize::from(bits[0] >> 4) - 1)
 }
 
 /// Where the ray meets the near and the far planes of an axis. The inverses of rays of lists have

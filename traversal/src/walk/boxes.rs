@@ -20,12 +20,15 @@ use super::rows::{HitRows, RayRows};
 use super::slabs::Common;
 use super::suspended::{Decided, Suspended};
 use super::{Event, State, Walker};
-use crate::layout::{WIDTH, child, geometry_word, instance_state};
+use crate::layout::{InstanceRecord, WIDTH, child, geometry_word, instance_state};
 use crate::ray::{Hit, Ray, ray_flags};
 use crate::structure::{Kind, Structure};
 
 /// Rays that stand in one instance of several: fewer are set up one by one for less.
 const ENOUGH: u32 = 3;
+
+/// Rays of which it is found out first which meet any box: fewer walk for less.
+const MANY: u32 = 6;
 
 impl Walker {
     /// Walks rays to candidates or to their ends that have a top level whose only instance holds
@@ -53,22 +56,14 @@ impl Walker {
         let Some(record) = self.top.structure.instance(index) else {
             return LaneMask::NONE;
         };
-        let given = Given::new(rays, rays.alike(first, lanes));
         let common = Common::new(address, &ray, index);
-        (suspended.slabs).set_up(&mut self.beams, &given, &record, common);
-        let set_up = suspended.slabs.lanes;
-        hits.start(rays, set_up);
-        for lane in set_up {
-            let walk = suspended.room(lane);
-            // SAFETY: as above.
-            unsafe { walk.restart(address, &rays.ray(lane)) };
-            walk.time = rays.time[lane];
-            walk.pending.push(Entry::ROOT);
-        }
-        let going = Decided::going_on(set_up);
-        self.go_on_in_boxes(&going, hits, suspended, fuel);
+        let task = Task {
+            decided: Decided::going_on(rays.alike(first, lanes)),
+            set_up: Some((rays, &record, common)),
+            starts: true,
+        };
         // There is no other instance.
-        set_up
+        self.go_on_in_boxes(&task, hits, suspended, fuel).walked
     }
 
     /// Goes on with rays of a group after decisions about them, as far as they stand at boxes of one
@@ -95,20 +90,26 @@ impl Walker {
             if !is_there {
                 continue;
             }
+            let (mut rows, mut record) = (None, None);
             if !is_set_up {
-                let Some(record) = self.top.structure.instance(common.instance) else {
+                rows = Some(suspended.rays(lanes));
+                record = self.top.structure.instance(common.instance);
+                if record.is_none() {
                     continue;
-                };
-                let given = suspended.given(lanes);
-                (suspended.slabs).set_up(&mut self.beams, &given, &record, common);
+                }
             }
-            let lanes = lanes & suspended.slabs.lanes;
-            let going = Decided { lanes, ..decided };
-            let left = self.go_on_in_boxes(&going, hits, suspended, fuel);
-            // What was decided about those has been done.
-            decided.lanes -= lanes - left;
-            decided.accepted -= left;
-            decided.ended -= left;
+            let set_up =
+                (rows.as_ref().zip(record.as_ref())).map(|(rays, record)| (rays, record, common));
+            let task = Task {
+                decided: Decided { lanes, ..decided },
+                set_up,
+                starts: false,
+            };
+            let Gone { walked, through } = self.go_on_in_boxes(&task, hits, suspended, fuel);
+            // What was decided about those that are left has been done.
+            decided.lanes -= walked - through;
+            decided.accepted -= through;
+            decided.ended -= through;
         }
         decided
     }
@@ -150,26 +151,42 @@ impl Walker {
         is_admitted && bottom.structure.kind() == Kind::Aabbs && !moves
     }
 
-    /// Walks rays on that are set up in the bottom level that was entered. Returns those that are
-    /// through with it, but not with the top level.
+    /// Walks rays on in the bottom level that was entered.
     fn go_on_in_boxes(
         &mut self,
-        decided: &Decided,
+        task: &Task<'_>,
         hits: &mut HitRows,
         suspended: &mut Suspended,
         fuel: &mut u64,
-    ) -> LaneMask {
+    ) -> Gone {
         match self.options.tier {
             #[cfg(target_arch = "x86_64")]
             // SAFETY: a walker has this tier only on machines that have the instruction set.
-            Tier::Avx512 => unsafe { go_avx512(self, decided, hits, suspended, fuel) },
+            Tier::Avx512 => unsafe { go_avx512(self, task, hits, suspended, fuel) },
             #[cfg(target_arch = "x86_64")]
             // SAFETY: likewise.
-            Tier::Avx2 => unsafe { go_avx2(self, decided, hits, suspended, fuel) },
+            Tier::Avx2 => unsafe { go_avx2(self, task, hits, suspended, fuel) },
             // SAFETY: every machine has plain Rust.
-            _ => unsafe { go::<Portable>(self, decided, hits, suspended, fuel) },
+            _ => unsafe { go::<Portable>(self, task, hits, suspended, fuel) },
         }
     }
+}
+
+/// Rays to be walked on in the bottom level that was entered.
+struct Task<'a> {
+    decided: Decided,
+    /// The rays and the instance, if they are not set up there.
+    set_up: Option<(&'a RayRows, &'a InstanceRecord, Common)>,
+    /// They start.
+    starts: bool,
+}
+
+/// How far rays have come.
+struct Gone {
+    /// Those that could be set up, and were walked on.
+    walked: LaneMask,
+    /// Of those, the ones that are through with the bottom level, but not with the top level.
+    through: LaneMask,
 }
 
 /// # Safety
@@ -178,13 +195,13 @@ impl Walker {
 #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
 unsafe fn go_avx512(
     walker: &mut Walker,
-    decided: &Decided,
+    task: &Task<'_>,
     hits: &mut HitRows,
     suspended: &mut Suspended,
     fuel: &mut u64,
-) -> LaneMask {
+) -> Gone {
     // SAFETY: the caller's promise.
-    unsafe { go::<super::avx::Avx<true>>(walker, decided, hits, suspended, fuel) }
+    unsafe { go::<super::avx::Avx<true>>(walker, task, hits, suspended, fuel) }
 }
 
 /// # Safety
@@ -193,13 +210,13 @@ unsafe fn go_avx512(
 #[target_feature(enable = "avx2,bmi1,bmi2")]
 unsafe fn go_avx2(
     walker: &mut Walker,
-    decided: &Decided,
+    task: &Task<'_>,
     hits: &mut HitRows,
     suspended: &mut Suspended,
     fuel: &mut u64,
-) -> LaneMask {
+) -> Gone {
     // SAFETY: the caller's promise.
-    unsafe { go::<super::avx::Avx<false>>(walker, decided, hits, suspended, fuel) }
+    unsafe { go::<super::avx::Avx<false>>(walker, task, hits, suspended, fuel) }
 }
 
 /// [`Walker::go_on_in_boxes`] with a kernel.
@@ -209,18 +226,27 @@ unsafe fn go_avx2(
 #[inline(always)]
 unsafe fn go<K: Kernel>(
     walker: &mut Walker,
-    decided: &Decided,
+    task: &Task<'_>,
     hits: &mut HitRows,
     suspended: &mut Suspended,
     fuel: &mut u64,
-) -> LaneMask {
+) -> Gone {
     let prefetches = !walker.without().contains(Specialisation::Prefetch);
     let Walker {
         stack,
         bottom,
         instance,
+        beams,
         ..
     } = walker;
+    let Task {
+        decided, starts, ..
+    } = task;
+    if let Some((rays, record, common)) = &task.set_up {
+        let given = Given::new(rays, decided.lanes);
+        suspended.slabs.set_up(beams, &given, record, *common);
+    }
+    let walked = decided.lanes & suspended.slabs.lanes;
     let way = Boxes {
         structure: &bottom.structure,
         instance,
@@ -228,7 +254,22 @@ unsafe fn go<K: Kernel>(
     };
     let any = suspended.slabs.common.flags & ray_flags::TERMINATE_ON_FIRST_HIT != 0;
     let (mut left, mut through) = (*fuel, LaneMask::NONE);
-    for lane in decided.lanes {
+    let mut lanes = walked;
+    if let (true, Some((rays, ..))) = (*starts, &task.set_up) {
+        hits.start(rays, lanes);
+        if any && lanes.count() >= MANY {
+            // SAFETY: the caller's promise.
+            lanes = unsafe { way.meeting::<K>(&suspended.slabs, lanes, &rays.t_max, &mut left) };
+        }
+        for lane in lanes {
+            let walk = suspended.room(lane);
+            // SAFETY: the promise that was made for the rays.
+            unsafe { walk.restart(rays.top_level[lane], &rays.ray(lane)) };
+            walk.time = rays.time[lane];
+            walk.pending.push(Entry::ROOT);
+        }
+    }
+    for lane in lanes {
         let (walk, slabs) = suspended.walk_in_boxes(lane);
         if walk.is_over(decided.verdict(lane)) {
             suspended.finish(lane, hits);
@@ -269,12 +310,12 @@ unsafe fn go<K: Kernel>(
         suspended.stop_in_boxes(lane, event);
     }
     *fuel = left;
-    through
+    Gone { walked, through }
 }
 
 /// A bottom level of boxes.
-struct Boxes<'a> {
-    structure: &'a Structure,
+pub(super) struct Boxes<'a> {
+    pub structure: &'a Structure,
     instance: &'a InstanceFacts,
     fetches_ahead: bool,
 }
@@ -349,7 +390,7 @@ impl Boxes<'_> {
 
     /// The box of a leaf as a candidate, if it is one.
     #[inline(always)]
-    fn candidate(&self, word: u32) -> Option<Hit> {
+    pub fn candidate(&self, word: u32) -> Option<Hit> {
         let entry = self.structure.box_entry(word & child::INDEX)?;
         Some(Hit {
             geometry_index: entry.geometry & geometry_word::INDEX,

@@ -8,7 +8,7 @@ use super::leaf::{Leaf, Triangles};
 use super::opaque::{End, Nearest, Opaque, Pending};
 use super::slabs::Slabs;
 use super::space::Space;
-use crate::layout::{Block, NodeAt, TriangleGroup};
+use crate::layout::{Block, NodeAt, TriangleGroup, WIDTH};
 
 /// Inner tests with one instruction set.
 ///
@@ -79,6 +79,12 @@ pub(crate) trait Kernel {
         node: NodeAt<'_>,
         place: *mut Entry,
     ) -> (u32, usize);
+
+    /// Which of eight numbers are at most those of the other eight, as bits.
+    ///
+    /// # Safety
+    /// The machine has the instruction set.
+    unsafe fn at_most(these: &[f32; WIDTH], those: &[f32; WIDTH]) -> u32;
 
     /// Writes the vertices of a block's triangles into two groups. Returns which of their lanes
     /// there are.

@@ -43,6 +43,7 @@ mod kernel;
 mod leaf;
 mod level;
 mod list;
+mod meeting;
 mod micromap;
 mod motion;
 mod opaque;

@@ -125,6 +125,11 @@ impl Kernel for Portable {
     }
 
     #[inline(always)]
+    unsafe fn at_most(these: &[f32; WIDTH], those: &[f32; WIDTH]) -> u32 {
+        (0..WIDTH).fold(0, |mask, i| mask | u32::from(these[i] <= those[i]) << i)
+    }
+
+    #[inline(always)]
     unsafe fn expand(block: &Block, groups: [&mut TriangleGroup; 2]) -> u32 {
         block.expand(groups)
     }

@@ -2,7 +2,6 @@
 
 use lanes::LaneMask;
 
-use super::beams::Given;
 use super::entry::Entry;
 use super::found::Found;
 use super::rows::{HitRows, Lanes, RayRows, Words, blend};
@@ -373,14 +372,14 @@ impl Suspended {
         (together.collect(), first)
     }
 
-    /// Rays that go one by one, to be set up: all of them are sound.
-    pub(crate) fn given(&self, lanes: LaneMask) -> Given {
+    /// Rays that go one by one, by rows.
+    pub(crate) fn rays(&self, lanes: LaneMask) -> RayRows {
         let mut rays = RayRows::NONE;
         for lane in lanes {
             let walk = &self.walks[lane];
             rays.set(lane, walk.top_level(), walk.ray(), walk.time());
         }
-        Given::new(&rays, lanes)
+        rays
     }
 
     /// The walk of a ray that is set up for boxes, and how.
