@@ -10,6 +10,7 @@ mod block;
 mod bounds;
 pub mod compressed;
 mod cube;
+mod decode;
 pub mod execute;
 pub(crate) mod fast;
 pub mod format;

@@ -5,24 +5,35 @@ use super::super::{AddressMode, address};
 use super::Fast;
 
 /// An axis of the lanes' footprints at a level.
+#[derive(Clone, Copy)]
 pub(super) struct Axis<V: Vector> {
+    /// Both texels are inside of the level in every lane that is looked at, as they lie: the second
+    /// one behind the first.
+    pub is_inner: bool,
     /// The first texel's index, before it is brought into the level.
     pub at: V::I,
-    /// The same, inside the level.
-    pub index: V::I,
-    /// Byte offsets of the two texels.
-    pub first: V::I,
-    pub second: V::I,
+    /// The texels' indices, inside the level.
+    pub index: [V::I; 2],
+    /// Their byte offsets.
+    pub offsets: [V::I; 2],
     /// The second one's weight.
     pub weight: V::F,
+    /// Lanes whose texels are none of the border's.
+    pub inside: [u16; 2],
 }
 
 impl<V: Vector> Axis<V> {
-    /// The lanes whose two texels are inside a level of this size.
+    /// That of an axis which the image does not have.
     #[inline(always)]
-    pub(super) fn inside(&self, v: V, size: V::I) -> [u16; 2] {
-        let second = v.add_i(self.at, v.splat_i(1));
-        [v.lt_u(self.at, size), v.lt_u(second, size)]
+    pub(super) fn none(v: V) -> Axis<V> {
+        Axis {
+            is_inner: true,
+            at: v.splat_i(0),
+            index: [v.splat_i(0); 2],
+            offsets: [v.splat_i(0); 2],
+            weight: v.splat(0.0),
+            inside: [u16::MAX; 2],
+        }
     }
 }
 
@@ -57,6 +68,8 @@ fn wrapped<V: Vector>(
             let i = v.xor_i(i, v.sign_i(i));
             v.min_i(i, v.sub_i(v.add_i(last, size), i))
         }
+        // The complement of negative ones.
+        AddressMode::MirrorClampToEdge => v.xor_i(i, v.sign_i(i)),
         _ => i,
     };
     v.min_i(v.max_i(i, v.splat_i(0)), last)
@@ -94,7 +107,16 @@ impl Fast<'_> {
                 let texel = v.max(v.mul(coordinate, size_f), zero);
                 v.to_i(v.min(texel, v.to_f(last)))
             }
-            _ => self.axis(v, mode, (coordinate, None), size, size).index,
+            _ => {
+                let place = (coordinate, None);
+                let along = Along {
+                    size,
+                    stride: size,
+                    block_shift: 0,
+                    looked_at: 0,
+                };
+                self.axis(v, mode, place, along).index[0]
+            }
         }
     }
 
@@ -105,9 +127,14 @@ impl Fast<'_> {
         v: V,
         mode: AddressMode,
         (coordinate, offset): (V::F, Option<V::I>),
-        size: V::I,
-        stride: V::I,
+        along: Along<V>,
     ) -> Axis<V> {
+        let Along {
+            size,
+            stride,
+            block_shift,
+            looked_at,
+        } = along;
         let size_f = v.to_f(size);
         let half = v.splat(if self.is_nearest { 0.0 } else { 0.5 });
         let texel = match mode {
@@ -144,16 +171,72 @@ impl Fast<'_> {
             let offset = v.min_i(v.max_i(offset, v.splat_i(-reach)), v.splat_i(reach));
             first = v.add_i(first, offset);
         }
+        let weight = v.sub(texel, floor);
+        let one = v.splat_i(1);
+        let last = v.sub_i(size, one);
+        // No mode is applied where it changes nothing.
+        let reach = if self.is_nearest { size } else { last };
+        let is_inner = looked_at != 0 && looked_at & !v.lt_u(first, reach) == 0;
+        if is_inner {
+            let first = match looked_at {
+                u16::MAX => first,
+                _ => v.keep(first, looked_at),
+            };
+            let second = v.add_i(first, one);
+            let offset = offset_along(v, first, stride, block_shift);
+            let next = match block_shift {
+                0 => v.add_i(offset, stride),
+                _ => offset_along(v, second, stride, block_shift),
+            };
+            return Axis {
+                is_inner,
+                at: first,
+                index: [first, second],
+                offsets: [offset, next],
+                weight,
+                inside: [u16::MAX; 2],
+            };
+        }
         let has_offset = offset.is_some();
-        let last = v.sub_i(size, v.splat_i(1));
-        let second = v.add_i(first, v.splat_i(1));
-        let index = wrapped(v, mode, has_offset, first, size, last);
+        let second = v.add_i(first, one);
+        let index = [
+            wrapped(v, mode, has_offset, first, size, last),
+            wrapped(v, mode, has_offset, second, size, last),
+        ];
+        let inside = match mode {
+            AddressMode::ClampToBorder => [v.lt_u(first, size), v.lt_u(second, size)],
+            _ => [u16::MAX; 2],
+        };
         Axis {
+            is_inner,
             at: first,
             index,
-            first: v.mul_i(index, stride),
-            second: v.mul_i(wrapped(v, mode, has_offset, second, size, last), stride),
-            weight: v.sub(texel, floor),
+            offsets: [
+                offset_along(v, index[0], stride, block_shift),
+                offset_along(v, index[1], stride, block_shift),
+            ],
+            weight,
+            inside,
         }
+    }
+}
+
+/// An axis of levels.
+#[derive(Clone, Copy)]
+pub(super) struct Along<V: Vector> {
+    pub size: V::I,
+    /// From a texel, or a block, to the next.
+    pub stride: V::I,
+    /// Binary logarithm of a block's texels.
+    pub block_shift: u32,
+    /// The lanes of which texels are looked at; not all only where all lanes have one level.
+    pub looked_at: u16,
+}
+
+#[inline(always)]
+fn offset_along<V: Vector>(v: V, index: V::I, stride: V::I, block_shift: u32) -> V::I {
+    match block_shift {
+        0 => v.mul_i(index, stride),
+        _ => v.mul_i(v.right_u(index, block_shift), stride),
     }
 }

@@ -15,7 +15,10 @@ pub(super) struct Levels<'a, V: Vector> {
     pub one: Option<&'a Level>,
     pub width: V::I,
     pub height: V::I,
+    /// Of 3D images, as the slices' stride.
+    pub depth: V::I,
     pub row_stride: V::I,
+    pub slice_stride: V::I,
     pub offset: V::I,
 }
 
@@ -31,18 +34,22 @@ pub(super) struct Anisotropy<V: Vector> {
     /// Samples to take, 1 to 16.
     pub count: V::F,
     /// The axis, in normalised coordinates.
-    pub axis: [V::F; 2],
+    pub axis: [V::F; 3],
 }
 
 impl<V: Vector> Anisotropy<V> {
     /// Where sample `pass` of each lane is, or its last one, from the middle: samples i = 1..=N at
     /// i / (N + 1) - 1/2 along the axis.
     #[inline(always)]
-    pub(super) fn place(&self, v: V, pass: u32) -> [V::F; 2] {
+    pub(super) fn place(&self, v: V, pass: u32) -> [V::F; 3] {
         let one = v.splat(1.0);
         let i = v.min(v.splat((pass + 1) as f32), self.count);
         let along = v.sub(v.div(i, v.add(self.count, one)), v.splat(0.5));
-        [v.mul(along, self.axis[0]), v.mul(along, self.axis[1])]
+        [
+            v.mul(along, self.axis[0]),
+            v.mul(along, self.axis[1]),
+            v.mul(along, self.axis[2]),
+        ]
     }
 
     /// Whether lanes of the mask take a sample `pass`.
@@ -85,6 +92,8 @@ pub(super) fn levels_of<V: Vector>(v: V, level: &Level) -> Levels<'_, V> {
         one: Some(level),
         width: v.splat_i(level.width as i32),
         height: v.splat_i(level.height as i32),
+        depth: v.splat_i(level.depth as i32),
+        slice_stride: v.splat_i(level.slice_stride_bytes as i32),
         row_stride: v.splat_i(level.row_stride_bytes as i32),
         offset: v.splat_i(level.offset_bytes as i32),
     }
@@ -96,14 +105,20 @@ fn square_length<V: Vector>(v: V, x: V::F, y: V::F) -> V::F {
 }
 
 impl Fast<'_> {
-    /// The footprints of derivatives in x, then in y, of both coordinates of a plane.
+    /// The footprints of derivatives along the screen's x, then y, by the image's axes; of the
+    /// third one only in 3D images.
     #[inline(always)]
-    pub(super) fn footprint<V: Vector>(&self, v: V, derivatives: [V::F; 4]) -> Footprint<V> {
+    pub(super) fn footprint<V: Vector>(&self, v: V, derivatives: [[V::F; 3]; 2]) -> Footprint<V> {
         let base = &self.image.levels[0];
         let (width, height) = (v.splat(base.width as f32), v.splat(base.height as f32));
-        let [sx, tx, sy, ty] = derivatives;
-        let x = square_length(v, v.mul(sx, width), v.mul(tx, height));
-        let y = square_length(v, v.mul(sy, width), v.mul(ty, height));
+        let [[sx, tx, rx], [sy, ty, ry]] = derivatives;
+        let mut x = square_length(v, v.mul(sx, width), v.mul(tx, height));
+        let mut y = square_length(v, v.mul(sy, width), v.mul(ty, height));
+        if self.spatial == 3 {
+            let depth = v.splat(base.depth as f32);
+            let (of_x, of_y) = (v.mul(rx, depth), v.mul(ry, depth));
+            (x, y) = (v.add(x, v.mul(of_x, of_x)), v.add(y, v.mul(of_y, of_y)));
+        }
         let longer = v.max(x, y);
         let lambda = v.mul(v.splat(0.5), log2(v, longer));
         if !self.is_anisotropic {
@@ -121,11 +136,16 @@ impl Fast<'_> {
         let is_y = v.gt(y, x);
         let axis_s = v.select(is_y, v.bits_of(sy), v.bits_of(sx));
         let axis_t = v.select(is_y, v.bits_of(ty), v.bits_of(tx));
+        let axis_r = v.select(is_y, v.bits_of(ry), v.bits_of(rx));
         Footprint {
             lambda: v.sub(lambda, log2(v, clamped)),
             anisotropy: Some(Anisotropy {
                 count: v.min(count, texels),
-                axis: [v.bits_to_f(axis_s), v.bits_to_f(axis_t)],
+                axis: [
+                    v.bits_to_f(axis_s),
+                    v.bits_to_f(axis_t),
+                    v.bits_to_f(axis_r),
+                ],
             }),
         }
     }
@@ -203,12 +223,22 @@ impl Fast<'_> {
         let base = self.image.levels.as_ptr().cast::<u8>();
         // The lower words of 64-bit fields.
         let low = if cfg!(target_endian = "big") { 4 } else { 0 };
+        let (mut depth, mut slice_stride) = (level, level);
+        if self.spatial == 3 {
+            // SAFETY: fields of the image's levels.
+            unsafe {
+                depth = v.gather(base.add(offset_of!(Level, depth)), at);
+                slice_stride = v.gather(base.add(offset_of!(Level, slice_stride_bytes) + low), at);
+            }
+        }
         // SAFETY: fields of the image's levels.
         unsafe {
             Levels {
                 one: None,
                 width: v.gather(base.add(offset_of!(Level, width)), at),
                 height: v.gather(base.add(offset_of!(Level, height)), at),
+                depth,
+                slice_stride,
                 row_stride: v.gather(base.add(offset_of!(Level, row_stride_bytes) + low), at),
                 offset: v.gather(base.add(offset_of!(Level, offset_bytes) + low), at),
             }

@@ -1,13 +1,15 @@
-//! Samples and gathers of 2D images and cubes in vectors. Everything about the image and the
+//! Samples and gathers in vectors. Everything about the image and the
 //! sampler is looked up once ([`Fast`]), then blocks of lanes are sampled in vectors of the
 //! machine. Gives the same results as [`sample`](super::sample), bit for bit.
 
 mod axis;
 mod levels;
 mod planes;
+mod taps;
 mod texels;
 mod whole;
 
+use super::decode::Decoder;
 use super::format::FormatInfo;
 use super::format::block::{self, Texels};
 use super::format::layout::Codec;
@@ -26,14 +28,18 @@ use whole::Whole;
 
 /// Whether an operation is one of these, as far as its instruction tells.
 pub(crate) fn may_apply(op: &ImageOp) -> bool {
-    let dim_fits = op.dim == Dim::D2 || op.dim == Dim::Cube && !op.has_offset;
+    let dim_fits = match op.dim {
+        Dim::D1 | Dim::D2 | Dim::D3 => true,
+        Dim::Cube => !op.has_offset,
+        Dim::Buffer => false,
+    };
     let kind_fits = matches!(op.kind, ImageOpKind::Sample | ImageOpKind::Gather(_));
     kind_fits && dim_fits && !op.has_min_lod && !op.has_offsets && op.texel != Type::I64
 }
 
-/// Most operand rows of an operation that [`may_apply`]: of a cube array's, four coordinates, a
-/// reference depth and six derivatives.
-pub(crate) const MAX_OPERANDS: usize = 11;
+/// Most operand rows of an operation that [`may_apply`]: of a 3D image, three coordinates,
+/// six derivatives and three offsets.
+pub(crate) const MAX_OPERANDS: usize = 12;
 
 /// An operation that [`may_apply`], with an image and a sampler for which it does.
 #[derive(Clone, Copy)]
@@ -53,6 +59,15 @@ pub(crate) struct Fast<'a> {
     /// One texel is taken, not four.
     is_nearest: bool,
     is_cube: bool,
+    /// Axes of the image, or of a face.
+    spatial: usize,
+    decoder: Decoder,
+    /// One load serves for two neighbours.
+    pairs: bool,
+    /// Nearest texels need no more than [`texels::load`](super::texels::load).
+    is_loaded: bool,
+    /// Binary logarithm of a block's width and height.
+    block_shift: u32,
     has_border: bool,
     /// Several samples along a footprint, by derivatives.
     is_anisotropic: bool,
@@ -72,10 +87,12 @@ impl<'a> Fast<'a> {
         wanted: u8,
     ) -> Option<Fast<'a>> {
         let is_cube = op.dim == Dim::Cube;
-        let modes_fit = match is_cube {
-            true => !sampler.non_seamless && !sampler.unnormalized_coordinates,
-            false => !sampler.address_mode[..2].contains(&AddressMode::MirrorClampToEdge),
+        let spatial = match op.dim {
+            Dim::Cube => 2,
+            _ => op.spatial_count(),
         };
+        let modes = &sampler.address_mode[..spatial];
+        let modes_fit = !is_cube || !sampler.non_seamless && !sampler.unnormalized_coordinates;
         let is_gather = op.kind != ImageOpKind::Sample;
         let kind_fits = match is_gather {
             // They take the base level, which may be outside of the view.
@@ -95,17 +112,17 @@ impl<'a> Fast<'a> {
             && modes_fit
             // Those are clamped, by valid usage.
             && (!sampler.unnormalized_coordinates
-                || sampler.address_mode[..2] == [AddressMode::ClampToEdge; 2])
+                || modes.iter().all(|mode| *mode == AddressMode::ClampToEdge))
             && kind_fits
             && (!info.numeric.is_integer() || takes_integers)
-            && info.blocks().is_none()
+            // Blocks of four by four, or texels.
+            && matches!(info.block_extent(), [1, 1] | [4, 4])
             && image.conversion.is_none()
             && image.size_bytes <= i32::MAX as u64;
         let srgb = matches!(info.codec, Codec::Srgb8Rgba | Codec::Srgb8Bgra);
         let bytes = srgb || matches!(info.codec, Codec::Unorm8(4) | Codec::Bgra8);
         let in_order = image.swizzle == [0, 1, 2, 3];
-        let has_border =
-            !is_cube && sampler.address_mode[..2].contains(&AddressMode::ClampToBorder);
+        let has_border = !is_cube && modes.contains(&AddressMode::ClampToBorder);
         let is_anisotropic =
             !is_gather && !is_cube && op.lod == LodMode::Grad && lod::is_anisotropic(sampler);
         let gathers_words = is_gather
@@ -116,8 +133,10 @@ impl<'a> Fast<'a> {
         let has_more = !gathers_words
             && (is_gather
                 || is_cube
+                || spatial != 2
                 || has_border
                 || op.depth_compare && (image.level_count != 1 || is_anisotropic));
+        let decoder = Decoder::of(info);
         applies.then_some(Fast {
             op,
             image,
@@ -138,6 +157,13 @@ impl<'a> Fast<'a> {
                 && !is_gather,
             is_nearest: !is_gather && sampler.mag_filter == Filter::Nearest,
             is_cube,
+            spatial,
+            decoder,
+            pairs: decoder != Decoder::Each
+                && info.blocks().is_none()
+                && info.size_bytes.is_power_of_two(),
+            is_loaded: info.decoded_in_vectors && !has_border,
+            block_shift: if info.blocks().is_some() { 2 } else { 0 },
             has_border,
             is_anisotropic,
             gathers_words,
@@ -162,12 +188,11 @@ impl<'a> Fast<'a> {
     }
 }
 
-/// The sample of a lane: numbers between 0 and 255 for 8-bit formats, in memory's order if they are
-/// sampled so, else values.
+/// The sample of a lane, in units (see [`block`]).
 pub(crate) type Components<V> = [<V as Vector>::F; 4];
 
-/// Offsets of an operation that has some, in texels along both axes.
-pub(crate) type Offsets<V> = [Option<<V as Vector>::I>; 2];
+/// Offsets of an operation that has some, in texels along the axes.
+pub(crate) type Offsets<V> = [Option<<V as Vector>::I>; 3];
 
 /// Results of a block; only those that are wanted are written.
 type Results<'r> = &'r mut [Row];
@@ -296,10 +321,13 @@ impl Fast<'_> {
     #[inline(always)]
     fn offsets<V: Vector>(&self, v: V, operands: &Operands<'_>) -> Offsets<V> {
         if !self.op.has_offset {
-            return [None; 2];
+            return [None; 3];
         }
-        let rows = operands.offsets;
-        [Some(v.load_i(rows[0])), Some(v.load_i(rows[1]))]
+        let mut offsets = [None; 3];
+        for axis in 0..self.spatial {
+            offsets[axis] = Some(v.load_i(operands.offsets[axis]));
+        }
+        offsets
     }
 
     /// The byte offsets of the lanes' layers.
@@ -325,16 +353,12 @@ impl Fast<'_> {
     #[inline(always)]
     fn finish<V: Vector>(&self, v: V, components: Components<V>) -> Components<V> {
         if self.straight {
-            let [a, b, c, d] = [
+            return [
                 v.div_units(components[0], 255.0),
                 v.div_units(components[1], 255.0),
                 v.div_units(components[2], 255.0),
                 v.div_units(components[3], 255.0),
             ];
-            return match self.info.codec {
-                Codec::Bgra8 => [c, b, a, d],
-                _ => [a, b, c, d],
-            };
         }
         if self.is_gather() {
             return self.gathered_values(v, components);
@@ -343,7 +367,7 @@ impl Fast<'_> {
             return components;
         }
         // Those are values, of all four components.
-        if self.srgb && self.image.swizzle == [0, 1, 2, 3] {
+        if self.srgb && !self.has_more && self.image.swizzle == [0, 1, 2, 3] {
             return components;
         }
         let scale = block::unit_scale(self.info);

@@ -7,9 +7,9 @@ use std::hint::assert_unchecked;
 
 use super::super::vector::{Task, Vector};
 use super::super::{AddressMode, LodMode};
-use super::axis::Axis;
+use super::axis::{Along, Axis};
 use super::levels::{Anisotropy, Levels, levels_of};
-use super::texels::blend_bytes;
+use super::taps::Taps;
 use super::{Components, Fast};
 use crate::eval::quad;
 use crate::row::Row;
@@ -106,6 +106,7 @@ impl<V: Vector, S: Subgroups<V>, const LEVELS: u8, const MODE: u8, const TEXELS:
                     assert_unchecked(!fast.is_nearest && fast.bytes);
                     assert_unchecked(fast.srgb == (TEXELS == texels::SRGB));
                     assert_unchecked(fast.straight == (TEXELS == texels::BYTES));
+                    assert_unchecked(fast.info.size_bytes == 4 && fast.block_shift == 0);
                 }
                 texels::NEAREST_BYTES | texels::NEAREST_SRGB => {
                     assert_unchecked(fast.is_nearest && fast.bytes && !fast.has_border);
@@ -113,7 +114,11 @@ impl<V: Vector, S: Subgroups<V>, const LEVELS: u8, const MODE: u8, const TEXELS:
                     assert_unchecked(fast.straight == (TEXELS == texels::NEAREST_BYTES));
                 }
                 texels::NEAREST => assert_unchecked(fast.is_nearest),
-                texels::LINEAR | texels::GATHERED => assert_unchecked(!fast.is_nearest),
+                texels::LINEAR => assert_unchecked(!fast.is_nearest),
+                texels::GATHERED => {
+                    assert_unchecked(!fast.is_nearest && fast.info.size_bytes == 4);
+                    assert_unchecked(fast.block_shift == 0);
+                }
                 _ => {}
             }
             if MODE != mode::ANY {
@@ -136,24 +141,26 @@ impl<V: Vector, S: Subgroups<V>, const LEVELS: u8, const MODE: u8, const TEXELS:
                     true => [
                         Some(v.load_i(subgroups.offset(subgroup, 0))),
                         Some(v.load_i(subgroups.offset(subgroup, 1))),
+                        None,
                     ],
-                    false => [None; 2],
+                    false => [None; 3],
                 };
                 let places = [(s, offsets[0]), (t, offsets[1])];
                 if TEXELS == texels::COMPARED {
                     let reference = fast.reference(v, subgroups.reference(subgroup));
-                    let axes = axes::<V, MODE, TEXELS>(fast, v, &first, places);
-                    let passed = fast.compared(v, &first, layer, &axes, reference, mask);
+                    let axes = axes::<V, MODE>(fast, v, &first, places, mask);
+                    let mut taps = Taps::new(v);
+                    fast.place_taps(v, &first, layer, &axes, &mut taps);
+                    let [passed, ..] = fast.blended(v, &mut taps, Some(reference), None);
                     subgroups.put(v, subgroup, [passed; 4]);
                     continue;
                 }
                 if TEXELS == texels::GATHERED {
-                    let axes = axes::<V, MODE, TEXELS>(fast, v, &first, places);
-                    let [x, y] = &axes;
+                    let [x, y, _] = &axes::<V, MODE>(fast, v, &first, places, mask);
                     let mut words = fast.four_words(v, &first, layer, [x, y], mask);
                     if fast.has_border {
                         let border = v.splat_i(fast.gathered_border() as i32);
-                        let [columns, rows] = fast.inside(v, &first, &axes);
+                        let (columns, rows) = (x.inside, y.inside);
                         words[0] = v.select(columns[0] & rows[0], words[0], border);
                         words[1] = v.select(columns[1] & rows[0], words[1], border);
                         words[2] = v.select(columns[0] & rows[1], words[2], border);
@@ -195,7 +202,7 @@ impl<V: Vector, S: Subgroups<V>, const LEVELS: u8, const MODE: u8, const TEXELS:
                 let mut total = [v.splat(0.0); 4];
                 let mut pass = 0;
                 loop {
-                    let [ds, dt] = along.place(v, pass);
+                    let [ds, dt, _] = along.place(v, pass);
                     let places = [(v.add(s, ds), offsets[0]), (v.add(t, dt), offsets[1])];
                     let sampled = of_levels.sample::<MODE, TEXELS>(fast, v, places, mask);
                     total = match pass {
@@ -237,7 +244,7 @@ struct OfLevels<'l, V: Vector> {
 
 impl<V: Vector> OfLevels<'_, V> {
     /// # Safety
-    /// As [`Fast::weighted`].
+    /// As [`Fast::blended`].
     #[inline(always)]
     unsafe fn sample<const MODE: u8, const TEXELS: u8>(
         &self,
@@ -281,20 +288,34 @@ unsafe fn levels_of_detail<V: Vector, S: Subgroups<V>>(
             LodMode::Grad if subgroups.derives() => {
                 let s = v.load(subgroups.coordinate(subgroup, 0));
                 let t = v.load(subgroups.coordinate(subgroup, 1));
+                let zero = v.splat(0.0);
                 let derivatives = [
-                    v.derivative::<{ quad::X }>(s, active),
-                    v.derivative::<{ quad::X }>(t, active),
-                    v.derivative::<{ quad::Y }>(s, active),
-                    v.derivative::<{ quad::Y }>(t, active),
+                    [
+                        v.derivative::<{ quad::X }>(s, active),
+                        v.derivative::<{ quad::X }>(t, active),
+                        zero,
+                    ],
+                    [
+                        v.derivative::<{ quad::Y }>(s, active),
+                        v.derivative::<{ quad::Y }>(t, active),
+                        zero,
+                    ],
                 ];
                 fast.footprint(v, derivatives)
             }
             LodMode::Grad => {
+                let zero = v.splat(0.0);
                 let derivatives = [
-                    v.load(subgroups.lod(subgroup, 0)),
-                    v.load(subgroups.lod(subgroup, 1)),
-                    v.load(subgroups.lod(subgroup, 2)),
-                    v.load(subgroups.lod(subgroup, 3)),
+                    [
+                        v.load(subgroups.lod(subgroup, 0)),
+                        v.load(subgroups.lod(subgroup, 1)),
+                        zero,
+                    ],
+                    [
+                        v.load(subgroups.lod(subgroup, 2)),
+                        v.load(subgroups.lod(subgroup, 3)),
+                        zero,
+                    ],
                 ];
                 fast.footprint(v, derivatives)
             }
@@ -327,27 +348,38 @@ fn modes<const MODE: u8>(fast: &Fast<'_>) -> [AddressMode; 2] {
 
 /// The footprints at levels.
 #[inline(always)]
-fn axes<V: Vector, const MODE: u8, const TEXELS: u8>(
+fn axes<V: Vector, const MODE: u8>(
     fast: &Fast<'_>,
     v: V,
     levels: &Levels<'_, V>,
     [s, t]: [Place<V>; 2],
-) -> [Axis<V>; 2] {
+    mask: u16,
+) -> [Axis<V>; 3] {
     let [mode_s, mode_t] = modes::<MODE>(fast);
-    let texel_bytes = v.splat_i(match TEXELS {
-        texels::NEAREST | texels::LINEAR | texels::COMPARED | texels::ANY => {
-            fast.info.size_bytes as i32
-        }
-        _ => 4,
-    });
+    let looked_at = match levels.one {
+        Some(_) => mask,
+        None => u16::MAX,
+    };
+    let columns = Along {
+        size: levels.width,
+        stride: v.splat_i(fast.info.size_bytes as i32),
+        block_shift: fast.block_shift,
+        looked_at,
+    };
+    let rows = Along {
+        size: levels.height,
+        stride: levels.row_stride,
+        ..columns
+    };
     [
-        fast.axis(v, mode_s, s, levels.width, texel_bytes),
-        fast.axis(v, mode_t, t, levels.height, levels.row_stride),
+        fast.axis(v, mode_s, s, columns),
+        fast.axis(v, mode_t, t, rows),
+        Axis::none(v),
     ]
 }
 
 /// # Safety
-/// As [`Fast::weighted`].
+/// As [`Fast::blended`].
 #[inline(always)]
 unsafe fn of_level<V: Vector, const MODE: u8, const TEXELS: u8>(
     fast: &Fast<'_>,
@@ -365,26 +397,9 @@ unsafe fn of_level<V: Vector, const MODE: u8, const TEXELS: u8>(
         // SAFETY: the caller's promise.
         return unsafe { fast.nearest_bytes(v, levels, layer, [column, row], mask) };
     }
-    let [x, y] = axes::<V, MODE, TEXELS>(fast, v, levels, places);
+    let axes = axes::<V, MODE>(fast, v, levels, places, mask);
     // SAFETY: the caller's promise.
-    unsafe {
-        match TEXELS {
-            texels::BYTES => {
-                let words = fast.four_words(v, levels, layer, [&x, &y], mask);
-                [
-                    blend_bytes(v, words, 0, x.weight, y.weight),
-                    blend_bytes(v, words, 1, x.weight, y.weight),
-                    blend_bytes(v, words, 2, x.weight, y.weight),
-                    blend_bytes(v, words, 3, x.weight, y.weight),
-                ]
-            }
-            texels::SRGB => {
-                let words = fast.four_words(v, levels, layer, [&x, &y], mask);
-                fast.blend_srgb(v, words, &x, &y)
-            }
-            _ => fast.weighted(v, levels, layer, [&x, &y], mask),
-        }
-    }
+    unsafe { fast.weighted(v, levels, layer, &axes, mask) }
 }
 
 impl Fast<'_> {

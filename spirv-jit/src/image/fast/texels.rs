@@ -2,18 +2,18 @@
 
 use super::super::Level;
 use super::super::format::FormatInfo;
-use super::super::format::block;
 use super::super::format::layout::Codec;
 use super::super::texels;
 use super::super::vector::{QUADS, Task, Vector};
 use super::axis::Axis;
 use super::levels::Levels;
+use super::taps::Taps;
 use super::{Components, Fast};
 use crate::SUBGROUP_SIZE;
 
 /// A byte of each of four texels, linear between them.
 #[inline(always)]
-pub(super) fn blend_bytes<V: Vector>(v: V, words: [V::I; 4], index: u32, x: V::F, y: V::F) -> V::F {
+fn blend_bytes<V: Vector>(v: V, words: [V::I; 4], index: u32, x: V::F, y: V::F) -> V::F {
     let upper = v.lerp(
         v.to_f(v.byte(words[0], index)),
         v.to_f(v.byte(words[1], index)),
@@ -36,7 +36,7 @@ fn least_of_corners<V: Vector>(v: V, indices: V::I) -> u32 {
 }
 
 impl Fast<'_> {
-    /// The weighted texels of the axes' footprints, all of them in the image.
+    /// The weighted texels of footprints in a plane.
     ///
     /// # Safety
     /// The image's memory stays allocated during the call; the axes are of the levels, which are
@@ -48,55 +48,68 @@ impl Fast<'_> {
         v: V,
         levels: &Levels<'_, V>,
         layer: V::I,
-        [x, y]: [&Axis<V>; 2],
+        axes: &[Axis<V>; 3],
         mask: u16,
     ) -> Components<V> {
-        let offset = v.add_i(levels.offset, layer);
-        let upper = v.add_i(offset, y.first);
-        let lower = v.add_i(offset, y.second);
+        let [x, y, _] = axes;
         // SAFETY: the caller's promise.
         unsafe {
-            if self.is_nearest {
-                return match self.bytes {
-                    true => self.nearest_bytes(v, levels, layer, [x.index, y.index], mask),
-                    false => self.load(v, v.add_i(upper, x.first)),
-                };
+            if self.is_nearest && self.bytes {
+                let indices = [x.index[0], y.index[0]];
+                return self.nearest_bytes(v, levels, layer, indices, mask);
             }
-            if self.info.codec == Codec::Half(4) {
-                return v.apart(Halves {
-                    fast: self,
-                    rows: [upper, lower],
-                    axes: [x, y],
-                });
+            if self.is_nearest && self.is_loaded {
+                return self.nearest_texel(v, levels, layer, axes);
             }
-            if !self.bytes {
-                let taps = [
-                    self.load(v, v.add_i(upper, x.first)),
-                    self.load(v, v.add_i(upper, x.second)),
-                    self.load(v, v.add_i(lower, x.first)),
-                    self.load(v, v.add_i(lower, x.second)),
-                ];
-                return self.blend(v, taps, x, y);
-            }
-            let words = self.four_words(v, levels, layer, [x, y], mask);
             if self.straight {
-                return [
+                let words = self.four_words(v, levels, layer, [x, y], mask);
+                return self.in_order([
                     blend_bytes(v, words, 0, x.weight, y.weight),
                     blend_bytes(v, words, 1, x.weight, y.weight),
                     blend_bytes(v, words, 2, x.weight, y.weight),
                     blend_bytes(v, words, 3, x.weight, y.weight),
-                ];
+                ]);
             }
             if self.srgb {
+                let words = self.four_words(v, levels, layer, [x, y], mask);
                 return self.blend_srgb(v, words, x, y);
             }
-            let taps = [
-                self.unpack(v, words[0]),
-                self.unpack(v, words[1]),
-                self.unpack(v, words[2]),
-                self.unpack(v, words[3]),
-            ];
-            self.blend(v, taps, x, y)
+            let mut taps = Taps::new(v);
+            self.place_taps(v, levels, layer, axes, &mut taps);
+            self.blended(v, &mut taps, None, None)
+        }
+    }
+
+    /// The nearest texel, where [`Fast::is_loaded`].
+    ///
+    /// # Safety
+    /// As [`Self::weighted`].
+    #[inline(always)]
+    pub(super) unsafe fn nearest_texel<V: Vector>(
+        &self,
+        v: V,
+        levels: &Levels<'_, V>,
+        layer: V::I,
+        [x, y, z]: &[Axis<V>; 3],
+    ) -> Components<V> {
+        let mut at = v.add_i(v.add_i(levels.offset, layer), x.offsets[0]);
+        if self.spatial >= 2 {
+            at = v.add_i(at, y.offsets[0]);
+        }
+        if self.spatial == 3 {
+            at = v.add_i(at, z.offsets[0]);
+        }
+        let (info, data) = (self.info, self.image.data);
+        // SAFETY: the caller's promise.
+        unsafe { v.apart(Load { info, data, at }) }
+    }
+
+    /// Components in memory's order, as the format has them.
+    #[inline(always)]
+    fn in_order<F>(&self, [a, b, c, d]: [F; 4]) -> [F; 4] {
+        match self.info.codec {
+            Codec::Bgra8 => [c, b, a, d],
+            _ => [a, b, c, d],
         }
     }
 
@@ -148,7 +161,7 @@ impl Fast<'_> {
                 Some(words) => words,
                 None => {
                     let offset = v.add_i(levels.offset, layer);
-                    let rows = [v.add_i(offset, y.first), v.add_i(offset, y.second)];
+                    let rows = [v.add_i(offset, y.offsets[0]), v.add_i(offset, y.offsets[1])];
                     self.words(v, rows, x, texel_bytes)
                 }
             }
@@ -157,7 +170,7 @@ impl Fast<'_> {
 
     /// Linear between the colours of four sRGB texels, and between their alpha.
     #[inline(always)]
-    pub(super) fn blend_srgb<V: Vector>(
+    fn blend_srgb<V: Vector>(
         &self,
         v: V,
         words: [V::I; 4],
@@ -204,10 +217,10 @@ impl Fast<'_> {
         mask: u16,
     ) -> Option<[V::I; 4]> {
         let level = self.one_level(levels)?;
-        let mut apart = v.ne_i(v.sub_i(x.second, x.first), texel_bytes);
-        apart |= v.ne_i(v.sub_i(y.second, y.first), levels.row_stride);
+        let mut apart = v.ne_i(v.sub_i(x.offsets[1], x.offsets[0]), texel_bytes);
+        apart |= v.ne_i(v.sub_i(y.offsets[1], y.offsets[0]), levels.row_stride);
         // SAFETY: the caller's promise.
-        unsafe { self.window_of(v, level, [x.index, y.index], apart, mask) }
+        unsafe { self.window_of(v, level, [x.index[0], y.index[0]], apart, mask) }
     }
 
     /// The words at the lanes' indices, where a window has all of them.
@@ -316,60 +329,29 @@ impl Fast<'_> {
         texel_bytes: V::I,
     ) -> [V::I; 4] {
         let data = self.image.data.cast_const();
-        let (upper, lower) = (v.add_i(rows[0], x.first), v.add_i(rows[1], x.first));
+        let (upper, lower) = (
+            v.add_i(rows[0], x.offsets[0]),
+            v.add_i(rows[1], x.offsets[0]),
+        );
         // SAFETY: the caller's promise; a texel's right neighbour is of the image too.
         unsafe {
-            if v.ne_i(v.sub_i(x.second, x.first), texel_bytes) == 0 {
+            if v.ne_i(v.sub_i(x.offsets[1], x.offsets[0]), texel_bytes) == 0 {
                 let ((a, b), (c, d)) = (v.gather_pairs(data, upper), v.gather_pairs(data, lower));
                 return [a, b, c, d];
             }
             [
                 v.gather(data, upper),
-                v.gather(data, v.add_i(rows[0], x.second)),
+                v.gather(data, v.add_i(rows[0], x.offsets[1])),
                 v.gather(data, lower),
-                v.gather(data, v.add_i(rows[1], x.second)),
+                v.gather(data, v.add_i(rows[1], x.offsets[1])),
             ]
         }
-    }
-
-    /// Linear between the four texels.
-    #[inline(always)]
-    pub(super) fn blend<V: Vector>(
-        &self,
-        v: V,
-        taps: [Components<V>; 4],
-        x: &Axis<V>,
-        y: &Axis<V>,
-    ) -> Components<V> {
-        let mut blended = [v.splat(0.0); 4];
-        for (component, result) in blended.iter_mut().enumerate() {
-            if self.takes(component) {
-                let upper = v.lerp(taps[0][component], taps[1][component], x.weight);
-                let lower = v.lerp(taps[2][component], taps[3][component], x.weight);
-                *result = v.lerp(upper, lower, y.weight);
-            }
-        }
-        blended
     }
 
     /// Whether a component is wanted and the format has it.
     #[inline(always)]
     pub(super) fn takes(&self, component: usize) -> bool {
         self.wanted >> component & 1 == 1 && self.info.channels[component].bits != 0
-    }
-
-    /// Texels of any format.
-    ///
-    /// # Safety
-    /// The offsets are of texels of the image.
-    #[inline(always)]
-    pub(super) unsafe fn texel<V: Vector>(&self, v: V, at: V::I) -> Components<V> {
-        if !self.bytes {
-            // SAFETY: the caller's promise.
-            return unsafe { self.load(v, at) };
-        }
-        // SAFETY: the caller's promise.
-        self.texel_of(v, unsafe { v.gather(self.image.data, at) })
     }
 
     /// A texel of four bytes.
@@ -386,12 +368,12 @@ impl Fast<'_> {
     #[inline(always)]
     fn unpack<V: Vector>(&self, v: V, word: V::I) -> Components<V> {
         if self.straight {
-            return [
+            return self.in_order([
                 v.to_f(v.byte(word, 0)),
                 v.to_f(v.byte(word, 1)),
                 v.to_f(v.byte(word, 2)),
                 v.to_f(v.byte(word, 3)),
-            ];
+            ]);
         }
         if self.srgb {
             let alpha = v.div_units(v.to_f(v.byte(word, 3)), 255.0);
@@ -422,81 +404,9 @@ impl Fast<'_> {
             };
         }
     }
-
-    /// Texels of formats other than four bytes: one function for all of them, which decodes
-    /// whatever the format is.
-    ///
-    /// # Safety
-    /// The offsets are of texels of the image.
-    #[inline(always)]
-    unsafe fn load<V: Vector>(&self, v: V, at: V::I) -> Components<V> {
-        let (info, data) = (self.info, self.image.data);
-        // SAFETY: the caller's promise.
-        unsafe { v.apart(Load { info, data, at }) }
-    }
 }
 
-/// The four texels around each lane, of four 16-bit floats each, weighted.
-struct Halves<'a, 'b, V: Vector> {
-    fast: &'b Fast<'a>,
-    /// Offsets of the upper and of the lower texels' rows.
-    rows: [V::I; 2],
-    axes: [&'b Axis<V>; 2],
-}
-
-impl<V: Vector> Task<V> for Halves<'_, '_, V> {
-    type Output = Components<V>;
-
-    #[inline(always)]
-    unsafe fn run(self, v: V) -> Self::Output {
-        let Halves { fast, rows, axes } = self;
-        let [x, y] = axes;
-        let data = fast.image.data.cast_const();
-        let (upper, lower) = (v.add_i(rows[0], x.first), v.add_i(rows[1], x.first));
-        let are_neighbours = v.ne_i(v.sub_i(x.second, x.first), v.splat_i(8)) == 0;
-        // SAFETY: the offsets are of texels of the image, and where texels are neighbours, so are
-        // those behind them.
-        let ((a, b), (c, d)) = unsafe {
-            if are_neighbours {
-                let upper = v.gather_quads(data, upper);
-                let lower = v.gather_quads(data, lower);
-                (
-                    ([upper[0], upper[1]], [upper[2], upper[3]]),
-                    ([lower[0], lower[1]], [lower[2], lower[3]]),
-                )
-            } else {
-                let upper_right = v.gather_pairs(data, v.add_i(rows[0], x.second));
-                let lower_right = v.gather_pairs(data, v.add_i(rows[1], x.second));
-                let (upper, lower) = (v.gather_pairs(data, upper), v.gather_pairs(data, lower));
-                (
-                    (upper.into(), upper_right.into()),
-                    (lower.into(), lower_right.into()),
-                )
-            }
-        };
-        let mut blended = [v.splat(0.0); 4];
-        for (component, result) in blended.iter_mut().enumerate() {
-            if fast.takes(component) {
-                let (word, high) = (component / 2, component % 2 == 1);
-                let upper = v.lerp(half(v, a[word], high), half(v, b[word], high), x.weight);
-                let lower = v.lerp(half(v, c[word], high), half(v, d[word], high), x.weight);
-                *result = v.lerp(upper, lower, y.weight);
-            }
-        }
-        blended
-    }
-}
-
-/// The number of a word's lower or higher 16 bits.
-#[inline(always)]
-fn half<V: Vector>(v: V, word: V::I, high: bool) -> V::F {
-    v.half_to_f(match high {
-        true => v.right_u(word, 16),
-        false => word,
-    })
-}
-
-/// Texels at offsets, of any format.
+/// Texels at offsets.
 struct Load<'a, I> {
     info: &'a FormatInfo,
     data: *mut u8,
@@ -508,25 +418,13 @@ impl<V: Vector> Task<V> for Load<'_, V::I> {
 
     #[inline(always)]
     unsafe fn run(self, v: V) -> Self::Output {
-        if self.info.decoded_in_vectors {
-            // SAFETY: the caller's promise.
-            let words = unsafe { texels::load(v, self.info, self.data, self.at) };
-            return [
-                v.bits_to_f(words[0]),
-                v.bits_to_f(words[1]),
-                v.bits_to_f(words[2]),
-                v.bits_to_f(words[3]),
-            ];
-        }
-        let mut offsets = [0u32; SUBGROUP_SIZE];
-        v.store_i(self.at, &mut offsets);
         // SAFETY: the caller's promise.
-        let texels = unsafe { block::load(self.info, self.data, &offsets) };
+        let words = unsafe { texels::load(v, self.info, self.data, self.at) };
         [
-            v.load(&texels[0]),
-            v.load(&texels[1]),
-            v.load(&texels[2]),
-            v.load(&texels[3]),
+            v.bits_to_f(words[0]),
+            v.bits_to_f(words[1]),
+            v.bits_to_f(words[2]),
+            v.bits_to_f(words[3]),
         ]
     }
 }

@@ -11,6 +11,7 @@ use crate::types::Type;
 use proptest::prelude::*;
 
 mod access;
+mod classes;
 mod sampling;
 mod vectors;
 

@@ -13,13 +13,13 @@ use crate::eval::quad;
 use shaders::sparse::Sparse;
 
 /// The test body for each instruction set.
-trait Case {
+pub(super) trait Case {
     /// # Safety
     /// The machine has the instruction set.
     unsafe fn run<V: Vector>(&mut self, v: V);
 }
 
-fn in_every_tier(case: &mut impl Case) {
+pub(super) fn in_every_tier(case: &mut impl Case) {
     for tier in Tier::available() {
         // SAFETY: the tier is present.
         unsafe {

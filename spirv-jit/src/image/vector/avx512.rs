@@ -5,7 +5,7 @@ use std::arch::x86_64::*;
 use lanes::{gathers_slowly, has_byte_permutes};
 
 use super::avx2::four_scalars;
-use super::avx2::{half_of_pairs, put_quads, put_quads_of_shorts, quad_at, quads_of_shorts};
+use super::quads::{half_of_pairs, put_quads, put_quads_of_shorts, quad_at, quads_of_shorts};
 use super::{Line, Task, Vector, gathered_srgb};
 use crate::eval::quad;
 use crate::image::format::srgb::LINEAR;
@@ -56,6 +56,8 @@ impl Vector for Avx512 {
             let quotient = _mm512_mul_ps(a, r);
             _mm512_fmadd_ps(_mm512_fnmadd_ps(quotient, d, a), r, quotient)
         };
+        fn quotient(a: F, _divisor: F, high: F, low: F) -> F =
+            _mm512_fmadd_ps(a, high, _mm512_mul_ps(a, low));
         fn div(a: F, b: F) -> F = _mm512_div_ps(a, b);
         fn sqrt(a: F) -> F = _mm512_sqrt_ps(a);
         fn scaled(a: F, scale: f32) -> I = {
@@ -63,6 +65,7 @@ impl Vector for Avx512 {
             let rounder = _mm512_set1_epi32(super::ROUNDER.to_bits() as i32);
             _mm512_sub_epi32(_mm512_castps_si512(sum), rounder)
         };
+        fn quiet_half_to_f(a: I) -> F = _mm512_cvtph_ps(_mm512_cvtepi32_epi16(a));
         fn floor(a: F) -> F = _mm512_roundscale_ps::<{ _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC }>(a);
         fn ceil(a: F) -> F = _mm512_roundscale_ps::<{ _MM_FROUND_TO_POS_INF | _MM_FROUND_NO_EXC }>(a);
         fn round_ties_even(a: F) -> F =
@@ -84,6 +87,10 @@ impl Vector for Avx512 {
         fn left_i(a: I, bits: u32) -> I = _mm512_sll_epi32(a, _mm_cvtsi32_si128(bits as i32));
         fn right_u(a: I, bits: u32) -> I = _mm512_srl_epi32(a, _mm_cvtsi32_si128(bits as i32));
         fn right_i(a: I, bits: u32) -> I = _mm512_sra_epi32(a, _mm_cvtsi32_si128(bits as i32));
+        fn left_each(a: I, bits: I) -> I = _mm512_sllv_epi32(a, bits);
+        fn right_each(a: I, bits: I) -> I = _mm512_srlv_epi32(a, bits);
+        fn table(table: &[f32; 16], index: I) -> F =
+            _mm512_permutexvar_ps(index, _mm512_loadu_ps(table.as_ptr()));
         fn min_u(a: I, b: I) -> I = _mm512_min_epu32(a, b);
         fn min_i(a: I, b: I) -> I = _mm512_min_epi32(a, b);
         fn max_i(a: I, b: I) -> I = _mm512_max_epi32(a, b);

@@ -10,6 +10,8 @@ mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
 mod portable;
+#[cfg(target_arch = "x86_64")]
+mod quads;
 
 #[cfg(target_arch = "x86_64")]
 pub use avx2::Avx2;
@@ -119,6 +121,10 @@ pub trait Vector: Copy {
     /// rounded, though no division where there are fused multiply-adds: that was checked for every
     /// such `a`.
     fn div_units(self, a: Self::F, divisor: f32) -> Self::F;
+    /// `a / divisor`, where `high` and `low` are the reciprocal's parts (see
+    /// [`Divisor`](crate::image::decode)) and `a` is one of the numbers for which they
+    /// were checked.
+    fn quotient(self, a: Self::F, divisor: Self::F, high: Self::F, low: Self::F) -> Self::F;
     fn div(self, a: Self::F, b: Self::F) -> Self::F;
     /// Correctly rounded.
     fn sqrt(self, a: Self::F) -> Self::F;
@@ -136,17 +142,18 @@ pub trait Vector: Copy {
     fn to_f(self, a: Self::I) -> Self::F;
     /// 16-bit floats in the words' low halves, the high ones being zero: nearest, ties to even.
     fn to_half(self, a: Self::F) -> Self::I;
+    /// The numbers of those, of which signalling NaNs become quiet, as they do in arithmetic.
+    fn quiet_half_to_f(self, half: Self::I) -> Self::F;
     /// The numbers of those: as [`half_to_f32`](crate::image::format::small_float::half_to_f32).
     #[inline(always)]
     fn half_to_f(self, half: Self::I) -> Self::F {
-        let magnitude = self.left_i(self.and_i(half, self.splat_i(0x7fff)), 13);
-        let rebias = self.splat(f32::from_bits(0x7780_0000));
-        let rebiased = self.bits_of(self.mul(self.bits_to_f(magnitude), rebias));
-        let special = self.or_i(magnitude, self.splat_i(0x7f80_0000));
-        let is_usual = self.sign_i(self.sub_i(magnitude, self.splat_i(0x0f80_0000)));
-        let bits = self.xor_i(special, self.and_i(self.xor_i(special, rebiased), is_usual));
-        let sign = self.left_i(self.and_i(half, self.splat_i(0x8000)), 16);
-        self.bits_to_f(self.or_i(bits, sign))
+        let bits = self.bits_of(self.quiet_half_to_f(half));
+        let magnitude = self.and_i(half, self.splat_i(0x7fff));
+        let is_nan = self.sign_i(self.sub_i(self.splat_i(0x7c00), magnitude));
+        let is_signalling = self.xor_i(self.left_i(half, 13), self.splat_i(-1));
+        let quiet_bit = self.and_i(is_signalling, self.splat_i(0x0040_0000));
+        let was_set = self.and_i(is_nan, quiet_bit);
+        self.bits_to_f(self.and_i(bits, self.xor_i(was_set, self.splat_i(-1))))
     }
 
     fn add_i(self, a: Self::I, b: Self::I) -> Self::I;
@@ -160,6 +167,11 @@ pub trait Vector: Copy {
     fn left_i(self, a: Self::I, bits: u32) -> Self::I;
     fn right_u(self, a: Self::I, bits: u32) -> Self::I;
     fn right_i(self, a: Self::I, bits: u32) -> Self::I;
+    /// Shifted by the lanes' own counts: zero where they are 32 or more as unsigned numbers.
+    fn left_each(self, a: Self::I, bits: Self::I) -> Self::I;
+    fn right_each(self, a: Self::I, bits: Self::I) -> Self::I;
+    /// Entries of a table, by the lanes' four lowest bits.
+    fn table(self, table: &[f32; 16], index: Self::I) -> Self::F;
     /// The lesser as unsigned numbers.
     fn min_u(self, a: Self::I, b: Self::I) -> Self::I;
     fn min_i(self, a: Self::I, b: Self::I) -> Self::I;

@@ -86,6 +86,10 @@ impl Vector for Portable {
         map(&a, |x| x / divisor)
     }
     #[inline(always)]
+    fn quotient(self, a: F, divisor: F, _: F, _: F) -> F {
+        self.div(a, divisor)
+    }
+    #[inline(always)]
     fn div(self, a: F, b: F) -> F {
         zip(&a, &b, |x, y| x / y)
     }
@@ -138,6 +142,10 @@ impl Vector for Portable {
         map(&a, |x| small_float::f32_to_half(x) as i32)
     }
     #[inline(always)]
+    fn quiet_half_to_f(self, half: I) -> F {
+        map(&half, |x| small_float::half_to_f32(x as u16))
+    }
+    #[inline(always)]
     fn add_i(self, a: I, b: I) -> I {
         zip(&a, &b, i32::wrapping_add)
     }
@@ -172,6 +180,22 @@ impl Vector for Portable {
     #[inline(always)]
     fn right_i(self, a: I, bits: u32) -> I {
         map(&a, |x| x >> bits)
+    }
+    #[inline(always)]
+    fn left_each(self, a: I, bits: I) -> I {
+        zip(&a, &bits, |x, n| {
+            (x as u32).checked_shl(n as u32).unwrap_or(0) as i32
+        })
+    }
+    #[inline(always)]
+    fn right_each(self, a: I, bits: I) -> I {
+        zip(&a, &bits, |x, n| {
+            (x as u32).checked_shr(n as u32).unwrap_or(0) as i32
+        })
+    }
+    #[inline(always)]
+    fn table(self, table: &[f32; 16], index: I) -> F {
+        map(&index, |i| table[i as usize & 15])
     }
     #[inline(always)]
     fn min_u(self, a: I, b: I) -> I {

@@ -1,0 +1,375 @@
+//! Samples and gathers in vectors against the general way, in every instruction set that the
+//! machine has: every format, dimension, address mode and filter, on memory that ends with the
+//! image.
+
+use fastrand::Rng;
+
+use super::super::decode::Decoder;
+use super::super::fast::Fast;
+use super::super::operands::Operands;
+use super::super::vector::Vector;
+use super::super::{lod, sample};
+use super::vectors::{Case, in_every_tier};
+use super::*;
+use lanes::Tier;
+
+/// Memory between pages that cannot be read: its last byte is a page's last.
+struct Guarded {
+    map: *mut u8,
+    size: usize,
+    data: *mut u8,
+}
+
+const PAGE: usize = 65536;
+
+impl Guarded {
+    fn new(bytes: usize) -> Guarded {
+        let inner = bytes.next_multiple_of(PAGE);
+        let size = inner + 2 * PAGE;
+        // SAFETY: a new mapping, of which the middle becomes accessible.
+        unsafe {
+            let flags = libc::MAP_PRIVATE | libc::MAP_ANONYMOUS;
+            let map = libc::mmap(std::ptr::null_mut(), size, libc::PROT_NONE, flags, -1, 0);
+            assert_ne!(map, libc::MAP_FAILED);
+            let map = map.cast::<u8>();
+            let middle = map.add(PAGE);
+            let rights = libc::PROT_READ | libc::PROT_WRITE;
+            assert_eq!(libc::mprotect(middle.cast(), inner, rights), 0);
+            let data = middle.add(inner - bytes);
+            Guarded { map, size, data }
+        }
+    }
+}
+
+impl Drop for Guarded {
+    fn drop(&mut self) {
+        // SAFETY: the mapping is this one's own.
+        unsafe { libc::munmap(self.map.cast(), self.size) };
+    }
+}
+
+/// Words of which parts are numbers of all kinds in some format.
+const SPECIAL: [u32; 12] = [
+    0,
+    u32::MAX,
+    0x7fc0_0000,
+    0x7fa0_0001,
+    0x7f80_0000,
+    0xff80_0000,
+    0x8000_0001,
+    0x3f80_0000,
+    0x7c01_7c00,
+    0xfc00_7e00,
+    0x8001_0001,
+    0x007f_ffff,
+];
+
+/// An image of any bits.
+fn any_image(
+    random: &mut Rng,
+    format: Format,
+    dim: Dim,
+    size: [u32; 3],
+    level_count: u8,
+    layers: u32,
+) -> (Guarded, ImageDescriptor) {
+    let info = format.info().unwrap();
+    let [across, down] = info.block_extent();
+    let texel = info.size_bytes as u64;
+    let mut levels = [Level::default(); MAX_LEVELS];
+    let mut end = 0;
+    let gap = random.u64(..2);
+    for (index, level) in levels.iter_mut().enumerate().take(level_count as usize) {
+        let [width, height, depth] = size.map(|n| (n >> index).max(1));
+        let row = (width.div_ceil(across) as u64 + gap) * texel;
+        let slice = row * height.div_ceil(down) as u64;
+        *level = Level {
+            offset_bytes: end,
+            row_stride_bytes: row,
+            slice_stride_bytes: slice,
+            width,
+            height,
+            depth,
+        };
+        end += slice * depth as u64;
+    }
+    // Nothing is behind the last texel.
+    let total = end * layers as u64 - gap * texel;
+    let memory = Guarded::new(total as usize);
+    for at in (0..total).step_by(4) {
+        let word = match random.u32(..4) {
+            0 => SPECIAL[random.usize(..SPECIAL.len())],
+            _ => random.u32(..),
+        };
+        for (k, byte) in word.to_le_bytes().into_iter().enumerate() {
+            if at + (k as u64) < total {
+                // SAFETY: the memory's own bytes.
+                unsafe { *memory.data.add(at as usize + k) = byte };
+            }
+        }
+    }
+    let descriptor = ImageDescriptor {
+        data: memory.data,
+        size_bytes: total,
+        format,
+        dim,
+        layer_count: layers,
+        layer_stride_bytes: end,
+        level_count,
+        levels,
+        ..ImageDescriptor::NULL
+    };
+    (memory, descriptor)
+}
+
+/// A sample or a gather.
+struct Sampled<'s> {
+    fast: Fast<'s>,
+    op: &'s ImageOp,
+    rows: &'s [&'s Row],
+    mask: u16,
+    is_integer: bool,
+    expected: [Row; 8],
+    what: String,
+}
+
+impl Case for Sampled<'_> {
+    #[inline(always)]
+    unsafe fn run<V: Vector>(&mut self, v: V) {
+        let operands = Operands::new(self.op, self.rows);
+        let mut results = [[0; 16]; 8];
+        // SAFETY: the image's memory is there; as the trait says.
+        unsafe { self.fast.sample(v, &operands, self.mask, &mut results) };
+        for lane in (0..16).filter(|lane| self.mask >> lane & 1 == 1) {
+            for component in 0..self.op.result_rows() {
+                let (a, b) = (results[component][lane], self.expected[component][lane]);
+                let is_nan = |word: u32| f32::from_bits(word).is_nan() && !self.is_integer;
+                assert!(
+                    a == b || is_nan(a) && is_nan(b),
+                    "{a:x}, not {b:x}, in lane {lane}, component {component}: {}",
+                    self.what
+                );
+            }
+        }
+    }
+}
+
+fn pick<T: Copy>(random: &mut Rng, all: &[T]) -> T {
+    all[random.usize(..all.len())]
+}
+
+const MODES: [AddressMode; 5] = [
+    AddressMode::Repeat,
+    AddressMode::MirroredRepeat,
+    AddressMode::ClampToEdge,
+    AddressMode::ClampToBorder,
+    AddressMode::MirrorClampToEdge,
+];
+const FILTERS: [Filter; 2] = [Filter::Nearest, Filter::Linear];
+
+/// Compares a sample of a format, of which everything else is random.
+fn compare_one(random: &mut Rng, format: Format) {
+    let info = format.info().unwrap();
+    let dim = pick(
+        random,
+        &[Dim::D1, Dim::D2, Dim::D2, Dim::D3, Dim::D3, Dim::Cube],
+    );
+    let is_integer = info.numeric.is_integer();
+    let filter = pick(random, &FILTERS);
+    let is_gather = random.u32(..5) == 0 && matches!(dim, Dim::D2 | Dim::Cube) && !is_integer;
+    let mut s = SamplerDescriptor {
+        mag_filter: filter,
+        min_filter: filter,
+        mipmap_mode: pick(random, &FILTERS),
+        address_mode: [0; 3].map(|_: i32| pick(random, &MODES)),
+        mip_lod_bias: pick(random, &[0.0, 0.7, -1.3]),
+        min_lod: pick(random, &[0.0, 1.2]),
+        border_color: pick(
+            random,
+            &[
+                [0.25f32, 0.5, -0.75, 2.0],
+                [0.0; 4],
+                [f32::NAN, 1.0, 0.0, 0.1],
+            ],
+        )
+        .map(f32::to_bits),
+        ..sampler()
+    };
+    if is_integer {
+        (s.mag_filter, s.min_filter) = (Filter::Nearest, Filter::Nearest);
+        s.mipmap_mode = Filter::Nearest;
+    }
+    let is_cube = dim == Dim::Cube;
+    let most = if dim == Dim::D3 { 12 } else { 30 };
+    let mut size = [1; 3];
+    for axis in size
+        .iter_mut()
+        .take(if is_cube { 1 } else { dim as usize + 1 })
+    {
+        *axis = random.u32(1..most);
+    }
+    if is_cube {
+        size[1] = size[0];
+    }
+    let is_arrayed = dim != Dim::D3 && random.bool();
+    let layers = (if is_arrayed { 3 } else { 1 }) * (if is_cube { 6 } else { 1 });
+    let mut level_count = random.u8(1..4);
+    s.unnormalized_coordinates = random.u32(..12) == 0 && !is_cube && dim != Dim::D3;
+    if s.unnormalized_coordinates {
+        s.address_mode = [AddressMode::ClampToEdge; 3];
+        level_count = 1;
+    }
+    let (_memory, mut image) = any_image(random, format, dim, size, level_count, layers);
+    let compares = info.has_depth && dim != Dim::D3 && random.bool();
+    if compares {
+        s.compare = Some(pick(
+            random,
+            &[
+                CompareOp::Less,
+                CompareOp::GreaterOrEqual,
+                CompareOp::NotEqual,
+                CompareOp::Equal,
+            ],
+        ));
+    } else if random.u32(..3) == 0 {
+        image.swizzle = [0; 4].map(|_: i32| random.u8(..6));
+    }
+    let lod = match is_gather {
+        true => LodMode::Implicit,
+        false => pick(
+            random,
+            &[
+                LodMode::Implicit,
+                LodMode::Bias,
+                LodMode::Lod,
+                LodMode::Grad,
+            ],
+        ),
+    };
+    if lod == LodMode::Grad {
+        s.max_anisotropy = pick(random, &[1.0, 4.0]);
+    }
+    let op = ImageOp {
+        arrayed: is_arrayed,
+        depth_compare: compares,
+        lod,
+        has_offset: !is_cube && random.u32(..3) == 0,
+        texel: if is_integer { Type::I32 } else { Type::F32 },
+        signed: info.numeric == super::super::format::Numeric::Sint,
+        ..ImageOp::plain(
+            match is_gather {
+                true => ImageOpKind::Gather(random.u8(..4)),
+                false => ImageOpKind::Sample,
+            },
+            dim,
+        )
+    };
+    let spatial = op.spatial_count();
+    let is_inner = random.bool();
+    let scale = if s.unnormalized_coordinates {
+        20.0
+    } else {
+        1.0
+    };
+    let mut rows: Vec<Row> = Vec::new();
+    for _ in 0..spatial {
+        let from = random.f32();
+        let coordinate = |random: &mut Rng| match random.u32(..if is_inner { 200 } else { 20 }) {
+            0 => pick(
+                random,
+                &[
+                    f32::NAN,
+                    f32::INFINITY,
+                    -1e30,
+                    1e30,
+                    3e9,
+                    -1e-9,
+                    f32::MIN_POSITIVE,
+                ],
+            ),
+            1 => pick(random, &[0.0, 1.0, -1.0, 0.5, 0.99999994]),
+            _ if is_cube => 2.0 * random.f32() - 1.0,
+            _ if is_inner => from + 0.2 * random.f32(),
+            _ => 7.0 * random.f32() - 3.5,
+        };
+        rows.push([0; 16].map(|_: u32| (scale * coordinate(random)).to_bits()));
+    }
+    if is_arrayed {
+        rows.push([0; 16].map(|_: u32| (6.0 * random.f32() - 2.0).to_bits()));
+    }
+    if compares {
+        rows.push([0; 16].map(|_: u32| pick(random, &[0.0f32, 0.5, 1.0, 1.5, 0.25]).to_bits()));
+    }
+    match lod {
+        LodMode::Implicit => {}
+        LodMode::Grad => {
+            for _ in 0..2 * spatial {
+                rows.push([0; 16].map(|_: u32| (0.4 * random.f32() - 0.2).to_bits()));
+            }
+        }
+        _ if random.bool() => rows.push(row(5.0 * random.f32() - 1.0)),
+        _ => rows.push([0; 16].map(|_: u32| (5.0 * random.f32() - 1.0).to_bits())),
+    }
+    if op.has_offset {
+        for _ in 0..spatial {
+            rows.push([pick(random, &[0, 1, -1, 7, -8, i32::MAX, i32::MIN]) as u32; 16]);
+        }
+    }
+    let rows: Vec<&Row> = rows.iter().collect();
+    let what = format!("{} {op:?} {s:?} {size:?} {level_count}", info.name);
+    let mask = if random.bool() {
+        u16::MAX
+    } else {
+        random.u16(1..)
+    };
+    let takes_integers = !lod::is_anisotropic(&s) && !info.is_wide();
+    let Some(fast) = Fast::new(&op, &image, info, &s, 0xf) else {
+        assert!(is_integer && !takes_integers, "{what}");
+        return;
+    };
+    let mut expected = [[0; 16]; 8];
+    let operands = Operands::new(&op, &rows);
+    // SAFETY: the image's memory is there.
+    unsafe {
+        let tier = Tier::best();
+        sample::sample(tier, &op, &operands, &image, info, &s, mask, &mut expected);
+    }
+    in_every_tier(&mut Sampled {
+        fast,
+        op: &op,
+        rows: &rows,
+        mask,
+        is_integer,
+        expected,
+        what,
+    });
+}
+
+/// Formats of every kind, and those of other blocks than vectors take.
+fn compare_all() {
+    let formats: Vec<Format> = Format::all()
+        .filter(|format| matches!(format.info().unwrap().block_extent(), [1, 1] | [4, 4]))
+        .collect();
+    for (number, &format) in formats.iter().enumerate() {
+        let info = format.info().unwrap();
+        // Those that have ways of their own.
+        let usual = match Decoder::of(info) {
+            Decoder::Each => 10,
+            Decoder::Colors | Decoder::Ramps => 100,
+            _ => 40,
+        };
+        let mut random = Rng::with_seed(number as u64);
+        for _ in 0..effort::rounds(usual) {
+            compare_one(&mut random, format);
+        }
+    }
+}
+
+/// Without optimisation, all that is inlined for a tier has places of its own on the stack.
+const STACK_BYTES: usize = 64 << 20;
+
+#[test]
+fn every_class_of_samples_is_the_same() {
+    let thread = std::thread::Builder::new().stack_size(STACK_BYTES);
+    thread.spawn(compare_all).unwrap().join().unwrap();
+}
