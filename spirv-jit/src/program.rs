@@ -233,8 +233,8 @@ impl Program {
         self.output_rows
     }
 
-    /// Vertex and fragment: what each word is that the program leaves. Geometry: what each word of
-    /// an emitted vertex is.
+    /// Vertex, evaluation and fragment: what each word is that the program leaves. Geometry: what
+    /// each word of an emitted vertex is.
     #[inline]
     pub fn outputs(&self) -> &[OutputRow] {
         &self.outputs

@@ -384,6 +384,49 @@ fn emission_without_an_end_is_told() {
     }
 }
 
+/// Patches of the highest level, as many as a draw can have: their memory is bounded, and so is
+/// their time.
+#[test]
+fn patches_without_an_end_are_told() {
+    let test = "patches_without_an_end_are_told";
+    if !alone(test, &[("TUFF_TIMEOUT", "1")]) {
+        return;
+    }
+    let Some(gpu) = open() else { return };
+    let has_stages = |gpu: &Gpu| gpu.has_graphics() && gpu.features.tessellation_shader == vk::TRUE;
+    let Some(gpu) = gpu.with("tessellation shaders", has_stages) else {
+        return;
+    };
+    let control = r"
+    layout(vertices = 1) out;
+    void main() {
+        gl_TessLevelOuter = float[](64.0, 64.0, 64.0, 64.0);
+        gl_TessLevelInner = float[](64.0, 64.0);
+    }";
+    let evaluation = r"
+    layout(quads) in;
+    void main() { gl_Position = vec4(gl_TessCoord.xy * 2.0 - 1.0, 0.5, 1.0); }";
+    let canvas = gpu.canvas(RGBA, 16, 16);
+    let painting = Painting {
+        tessellation: Some([control, evaluation]),
+        control_points: 1,
+        topology: vk::PrimitiveTopology::PATCH_LIST,
+        ..Painting::new(&gpu, COVER, WHITE, RGBA)
+    };
+    let pipeline = gpu.painting(&painting);
+    let lost = gpu.try_run(|commands| {
+        gpu.record_pass(commands, &Pass::black(&canvas), |commands| {
+            gpu.bind(commands, pipeline);
+            gpu.draw_vertices(commands, u32::MAX);
+        });
+    });
+    assert_eq!(lost, LOST);
+    let report = report(&gpu);
+    if gpu.is_tuff() {
+        says(&report.description, &["TUFF_TIMEOUT"]);
+    }
+}
+
 #[test]
 fn recursion_without_an_end_is_told_with_its_depth() {
     let Some(gpu) = open() else { return };

@@ -313,7 +313,8 @@ fn parts_with_tessellation_shaders_are_linked() {
     assert_eq!(gpu.colors(&canvas), expected());
 }
 
-/// Tessellation shaders are bound to the others, with the vertices of a patch, and taken away again.
+/// Tessellation shaders are bound to the others, with the vertices of a patch, and taken away
+/// again.
 #[test]
 fn tessellation_shaders_are_bound_and_unbound() {
     let gpu = Gpu::validated_since(vk::make_api_version(0, 1, 3, 246));

@@ -512,8 +512,8 @@ fn queries_count_patches_and_vertices() {
     assert!((75..=288).contains(&evaluated), "{evaluated}");
 }
 
-/// Garbage of all kinds: indices past the ends of arrays, vertices that a patch lacks, levels that
-/// are no numbers. What is drawn is undefined; other memory and later draws are not.
+/// Garbage of all kinds: indices past the ends of arrays, vertices that a patch lacks, levels of
+/// NaN. What is drawn is undefined; other memory and later draws are not.
 #[test]
 fn nonsense_does_no_harm() {
     let Some(gpu) = device() else { return };

@@ -1,5 +1,4 @@
-//! The table of limits. Those of stages that do not exist are the least that the spec allows
-//! (chapter Limits, "Required Limits").
+//! The table of limits (chapter Limits, "Required Limits").
 
 #![forbid(unsafe_code)]
 
@@ -159,7 +158,6 @@ pub fn limits() -> vk::PhysicalDeviceLimits {
         optimal_buffer_copy_offset_alignment: 16,
         optimal_buffer_copy_row_pitch_alignment: 16,
         non_coherent_atom_size: 1,
-        ..Default::default()
     }
 }
 

@@ -69,8 +69,8 @@ pub enum VaryingPlace {
 }
 
 /// A word of a shader's input that comes from the stage before. All those of a geometry shader are
-/// of a vertex of its primitive ([`VaryingMode::PerVertex`]); those of an evaluation shader are of a
-/// vertex of the patch, or of the patch.
+/// of a vertex of its primitive ([`VaryingMode::PerVertex`]); those of an evaluation shader are of
+/// a vertex of the patch, or of the whole patch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Varying {
     pub place: VaryingPlace,

@@ -109,8 +109,8 @@ pub enum InputRow {
         location: u16,
         component: u8,
     },
-    /// Tessellation evaluation, geometry and fragment stage: a word that follows from the outputs of
-    /// the stage before.
+    /// Tessellation evaluation, geometry and fragment stage: a word that follows from the outputs
+    /// of the stage before.
     Varying(Varying),
     /// Fragment stage: a barycentric coordinate.
     Barycentric(Barycentric),
@@ -128,11 +128,11 @@ pub struct Module {
     pub query_words: Vec<QueryWord>,
     /// Words that `end` takes. By stage: any-hit: verdict (0 accept, 1 ignore, 2 accept and
     /// terminate the ray), then payload words; closest hit and miss: payload words; callable:
-    /// callable data words; geometry: the number of emitted vertices; intersection, ray generation
-    /// and compute: none.
+    /// callable data words; geometry: the number of emitted vertices; intersection, ray
+    /// generation, tessellation control and compute: none.
     pub output_rows: u32,
-    /// Vertex, tessellation evaluation and fragment: what each of those words is. Geometry: what each word of an emitted
-    /// vertex is.
+    /// Vertex, tessellation evaluation and fragment: what each of those words is. Geometry: what
+    /// each word of an emitted vertex is.
     pub outputs: Vec<OutputRow>,
     /// Tessellation: what the rasterizer must know.
     pub tessellation: Option<TessellationFacts>,

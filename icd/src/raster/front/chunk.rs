@@ -37,8 +37,8 @@ pub struct Worker {
     vertices: Vec<Vertex>,
     commons: Vec<Common>,
     primitives: Vec<Assembled>,
-    /// Of a draw with a geometry or control shader: the vertices of each input primitive, as many as
-    /// it takes, the words of all vertices, and its input.
+    /// Of a draw with a geometry or control shader: the vertices of each input primitive, as many
+    /// as it takes, the words of all vertices, and its input.
     corners: Vec<u32>,
     words: Vec<u32>,
     inputs: Vec<Assembled>,
@@ -48,7 +48,7 @@ pub struct Worker {
     on_screen: Vec<ScreenVertex>,
 }
 
-/// What the primitives of a chunk are made of.
+/// The source of a chunk's primitives.
 enum Source<'a> {
     /// Consecutive spans of a draw.
     Spans(&'a [Span]),

@@ -285,7 +285,7 @@ fn is_drawn(draw: &Draw) -> bool {
 /// Primitives of a job with a draw, at most.
 fn longest(draw: &Draw) -> u32 {
     match draw.stages.tessellation() {
-        Some(_) => patches::JOB_PATCHES,
+        Some((control, _)) => patches::longest(control),
         None => longest_chunk(draw),
     }
 }

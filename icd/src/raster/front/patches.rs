@@ -26,8 +26,10 @@ use crate::object::graphics_pipeline::Stages;
 use crate::object::graphics_state::GraphicsState;
 use crate::wave::{Limits, Stopped};
 
-/// Patches of a job, at most.
-pub const JOB_PATCHES: u32 = 64;
+/// Patches of a job, and words that its control shaders leave, at most, unless a single patch has
+/// more.
+const JOB_PATCHES: usize = 256;
+const JOB_WORDS: usize = 1 << 16;
 
 /// Subdivisions that a worker keeps.
 const KEPT: usize = 16;
@@ -37,6 +39,13 @@ pub fn control_points(stages: &Stages, state: &GraphicsState) -> Option<u32> {
     let points = state.tessellation.control_points;
     let is_valid = (1..=spirv_jit::program::MAX_PATCH_VERTICES).contains(&points);
     (is_valid && stages.tessellation().is_some()).then_some(points)
+}
+
+/// Patches of a job, at most, of a draw with that control program.
+pub fn longest(control: &Program) -> u32 {
+    let facts = control.tessellation().and_then(|it| it.control.as_ref());
+    let words = facts.map_or(1, |facts| PatchLayout::new(facts).words());
+    (JOB_WORDS / words.max(1)).clamp(1, JOB_PATCHES) as u32
 }
 
 /// The words of a patch that a control program has made: those of its vertices, one vertex behind

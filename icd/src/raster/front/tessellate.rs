@@ -76,7 +76,8 @@ impl Edge {
         let level = i64::from(self.level);
         let place = |k: u32| {
             let parts = level - (i64::from(n) - 2 * i64::from(k)) * i64::from(LEVEL_ONE);
-            // Rounded to the nearest: parts · ONE / 2f. Only a level of 1 + ε has two places in one.
+            // Rounded to the nearest: parts · ONE / 2f. Two vertices share a place only at a level
+            // of 1 + ε.
             let place = (parts * i64::from(ONE) + level) / (2 * level);
             if parts == 0 { 0 } else { place.max(1) as u32 }
         };

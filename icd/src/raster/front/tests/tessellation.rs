@@ -52,9 +52,9 @@ fn area([a, b, c]: [[i64; 2]; 3]) -> i64 {
     (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 }
 
-/// Each edge inside the domain has two triangles, which go along it in opposite directions; those on
-/// its border have one. No triangle is turned about, and all of them together have the area of the
-/// domain: so they cover it once.
+/// Each edge inside the domain has two triangles, which go along it in opposite directions; those
+/// on its border have one. No triangle is turned about, and all of them together have the area of
+/// the domain: so they cover it once.
 #[test]
 fn triangles_cover_the_domain_once() {
     let mut random = Random::with_seed(1);
