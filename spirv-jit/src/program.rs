@@ -19,6 +19,9 @@ use crate::printf::Record;
 use crate::query::QueryWord;
 
 pub use crate::interp::{Frame, MAX_SUBGROUPS};
+pub use crate::ir::capture::{
+    CaptureBuffer, CaptureFacts, CaptureWidth, CaptureWord, MAX_CAPTURE_BUFFERS, MAX_STREAMS,
+};
 pub use crate::ir::interface::{
     Barycentric, DepthMode, Emits, FragmentFacts, GeometryFacts, Interlock, OutputRow, Position,
     Varying, VaryingMode, VaryingPlace,
@@ -87,6 +90,7 @@ pub struct Program {
     tinted: Option<Tinted>,
     tessellation: Option<TessellationFacts>,
     geometry: Option<GeometryFacts>,
+    capture: Option<CaptureFacts>,
     fragment: Option<FragmentFacts>,
     origin: OnceLock<Origin>,
 }
@@ -150,6 +154,7 @@ impl Program {
             tinted: tinted(module),
             tessellation: module.tessellation.clone(),
             geometry: module.geometry,
+            capture: module.capture.clone(),
             fragment: module.fragment,
             origin: OnceLock::new(),
         })
@@ -260,8 +265,14 @@ impl Program {
         self.geometry.as_ref()
     }
 
+    /// Vertex and geometry: what transform feedback captures.
+    #[inline]
+    pub fn capture(&self) -> Option<&CaptureFacts> {
+        self.capture.as_ref()
+    }
+
     /// Geometry: a word of the vertices that the invocations of an ended state emitted, a row a
-    /// vertex. Word 0 is 1 where a strip starts; those after it are [`Self::outputs`].
+    /// vertex. Word 0 is 1 where a strip starts, plus twice the vertex's stream; those after it are [`Self::outputs`].
     ///
     /// # Panics
     /// The state is smaller than [`StateLayout::rows`], or there is no such word.

@@ -45,6 +45,7 @@ fn inputs_are_those_of_the_primitives_vertices() {
         emits: Emits::Points,
         invocations: 5,
         max_vertices: 2,
+        streams: false,
     };
     assert_eq!(program.geometry(), Some(&facts));
     for vertex in 0..2 {
@@ -139,10 +140,33 @@ fn vertices_come_in_order_of_emission_and_none_past_the_most() {
             words[place(&program, number)] = (100 * lane + vertex) as u32;
             Emitted {
                 starts: vertex % 3 == 0,
+                stream: 0,
                 words,
             }
         });
         assert_eq!(vertices, expected.collect::<Vec<_>>());
+    }
+}
+
+/// Each stream has strips of its own.
+#[test]
+fn vertices_are_of_streams() {
+    let program = program(
+        Stage::Geometry,
+        "layout(points) in; layout(points, max_vertices = 5) out;
+         layout(location = 0, stream = 0) out int a; layout(location = 1, stream = 3) out int b;
+         void main() {
+             a = 1; b = 2;
+             EmitStreamVertex(0); EmitStreamVertex(3); EndStreamPrimitive(0);
+             EmitStreamVertex(3); EmitStreamVertex(0); EmitStreamVertex(0);
+         }",
+    );
+    assert!(program.geometry().is_some_and(|facts| facts.streams));
+    let emitted = run_geometry(&program, &mut [], |row, _| panic!("{row:?}"));
+    let expected = [(0, true), (3, true), (3, false), (0, true), (0, false)];
+    for vertices in emitted {
+        let places: Vec<_> = vertices.iter().map(|it| (it.stream, it.starts)).collect();
+        assert_eq!(places, expected);
     }
 }
 

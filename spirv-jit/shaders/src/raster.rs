@@ -80,6 +80,7 @@ pub fn run(
 pub struct Emitted {
     /// It is the first one of a strip.
     pub starts: bool,
+    pub stream: u32,
     /// In the order of [`Program::outputs`].
     pub words: Vec<u32>,
 }
@@ -96,7 +97,8 @@ pub fn run_geometry(
         |word, vertex: usize, lane: usize| program.emitted_rows(&state, word)[vertex].0[lane];
     std::array::from_fn(|lane| {
         let vertices = (0..counts[lane] as usize).map(|vertex| Emitted {
-            starts: word(0, vertex, lane) == 1,
+            starts: word(0, vertex, lane) & 1 != 0,
+            stream: word(0, vertex, lane) >> 1,
             words: (1..=program.outputs().len())
                 .map(|of| word(of, vertex, lane))
                 .collect(),

@@ -168,6 +168,8 @@ pub struct GeometryFacts {
     pub invocations: u32,
     /// Vertices that an invocation emits, at most.
     pub max_vertices: u32,
+    /// Vertices are of several streams.
+    pub streams: bool,
 }
 
 /// The promise of a shader about the depth that it writes (`DepthGreater` and others).
@@ -396,7 +398,8 @@ impl fmt::Display for GeometryFacts {
             f,
             "{emits}, vertices.{}, invocations.{}, max_vertices.{}",
             self.vertices, self.invocations, self.max_vertices
-        )
+        )?;
+        f.write_str(if self.streams { ", streams" } else { "" })
     }
 }
 
@@ -408,6 +411,7 @@ impl GeometryFacts {
             None => (word, None),
         };
         match (name, number) {
+            ("streams", None) => self.streams = true,
             ("points", None) => self.emits = Emits::Points,
             ("line_strips", None) => self.emits = Emits::LineStrips,
             ("triangle_strips", None) => self.emits = Emits::TriangleStrips,

@@ -104,6 +104,7 @@
 
 pub mod binary;
 mod build;
+pub mod capture;
 pub mod entities;
 pub mod interface;
 pub mod module;

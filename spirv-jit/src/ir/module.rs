@@ -2,6 +2,7 @@
 
 use smallvec::SmallVec;
 
+use super::capture::CaptureFacts;
 use super::interface::{Barycentric, FragmentFacts, GeometryFacts, OutputRow, Varying};
 use super::tessellation::TessellationFacts;
 use super::{FunctionId, Label, Op, Type, Value, VariableId};
@@ -138,6 +139,8 @@ pub struct Module {
     pub tessellation: Option<TessellationFacts>,
     /// Geometry: what the rasterizer must know.
     pub geometry: Option<GeometryFacts>,
+    /// Vertex and geometry: what transform feedback captures.
+    pub capture: Option<CaptureFacts>,
     /// Fragment: what the rasterizer must know.
     pub fragment: Option<FragmentFacts>,
     /// Compute: the workgroup's size in invocations per dimension; otherwise ones.

@@ -254,8 +254,8 @@ macro_rules! define_ops {
             Demote "demote" Change;
             /// `(vertex: i32, starts: i32, words…) -> ()`: the outputs of the vertex of that
             /// number, counted from 0, which the invocation emits; each word i32 or f32. `starts`:
-            /// 1 for the first vertex of a strip, else 0. A vertex past the module's maximum is
-            /// dropped.
+            /// 1 for the first vertex of a strip, else 0, plus twice the number of the stream. A
+            /// vertex past the module's maximum is dropped.
             Emit "emit" Change;
             /// `() -> i1`: whether the lane is a helper invocation now.
             IsHelper "is_helper" Read;

@@ -81,6 +81,12 @@ pub fn verify(module: &Module) -> Result<(), String> {
     if let Some(facts) = &module.geometry {
         check_geometry(facts, module.outputs.len())?;
     }
+    if let Some(facts) = &module.capture {
+        let has_stage = matches!(module.stage, Stage::Vertex | Stage::Geometry);
+        if !has_stage || !facts.fits() {
+            return Err("what is captured does not fit".into());
+        }
+    }
     check_inputs(module)?;
     for (index, function) in module.functions.iter().enumerate() {
         let mut verifier = Verifier {

@@ -216,7 +216,9 @@ impl Lowerer<'_> {
                     | Op::RayQueryProceedKHR
                     | Op::ControlBarrier
                     | Op::EmitVertex
-                    | Op::EndPrimitive => summary.yields = true,
+                    | Op::EndPrimitive
+                    | Op::EmitStreamVertex
+                    | Op::EndStreamPrimitive => summary.yields = true,
                     opcode if is_hit_object(opcode) => summary.yields = true,
                     Op::IgnoreIntersectionKHR
                     | Op::IgnoreIntersectionNV

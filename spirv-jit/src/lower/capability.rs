@@ -16,6 +16,8 @@ pub const SUPPORTED: &[Capability] = &[
     Capability::GeometryPointSize,
     Capability::Tessellation,
     Capability::TessellationPointSize,
+    Capability::GeometryStreams,
+    Capability::TransformFeedback,
     Capability::Matrix,
     Capability::Shader,
     Capability::Float16,

@@ -1,12 +1,14 @@
 //! Vertices that geometry shaders emit.
 
-use rspirv::spirv::{ExecutionMode, Op};
+use rspirv::spirv::{Capability, ExecutionMode, Op};
 
 use super::{Lowerer, budget};
 use crate::Error;
+use crate::ir::capture::MAX_STREAMS;
 use crate::ir::interface::{Emits, GeometryFacts};
 use crate::ir::stage::Stage;
 use crate::ir::{self, Type, VariableId};
+use crate::parse::Instruction;
 
 /// Rows of emitted vertices: far beyond any device's limit.
 const MAX_ROWS: u64 = 1 << 14;
@@ -14,7 +16,7 @@ const MAX_ROWS: u64 = 1 << 14;
 /// How a geometry shader emits.
 pub(super) struct Emission {
     pub facts: GeometryFacts,
-    /// The number of vertices so far, and whether the next one starts a strip.
+    /// The number of vertices so far, and for each stream whether its next one starts a strip.
     pub variable: VariableId,
 }
 
@@ -31,9 +33,12 @@ impl Lowerer<'_> {
             return Err(budget("a geometry shader emits too many vertices"));
         }
         self.output_rows = 1;
-        let variable = self.new_rows("emitted", 2)?;
+        let streams = if facts.streams { MAX_STREAMS } else { 1 };
+        let variable = self.new_rows("emitted", 1 + streams)?;
         let (zero, one) = (self.b.i32(0), self.b.i32(1));
-        self.store_rows(variable, &[zero, one])?;
+        let mut words = vec![zero];
+        words.resize(1 + streams as usize, one);
+        self.store_rows(variable, &words)?;
         self.emission = Some(Emission { facts, variable });
         Ok(())
     }
@@ -41,6 +46,8 @@ impl Lowerer<'_> {
     fn geometry_facts(&self) -> Result<GeometryFacts, Error> {
         let mut facts = GeometryFacts {
             invocations: 1,
+            streams: (self.module.capabilities.iter())
+                .any(|&(capability, _)| capability == Capability::GeometryStreams),
             ..GeometryFacts::default()
         };
         let mut emits = None;
@@ -75,25 +82,47 @@ impl Lowerer<'_> {
         }
     }
 
-    /// `OpEmitVertex` and `OpEndPrimitive`.
-    pub(super) fn lower_emission(&mut self, opcode: Op) -> Result<(), Error> {
+    /// `OpEmitVertex`, `OpEndPrimitive`, and the same of a stream.
+    pub(super) fn lower_emission(&mut self, instruction: &Instruction) -> Result<(), Error> {
+        let stream = match self.module.operands(instruction) {
+            &[stream, ..] => self.constants.unsigned(&self.types, stream)?,
+            [] => 0,
+        };
         let Some(emission) = &self.emission else {
             return Err(self.b.invalid("only geometry shaders emit vertices"));
         };
         let (variable, most) = (emission.variable, emission.facts.max_vertices);
-        let one = self.b.i32(1);
-        if opcode == Op::EndPrimitive {
-            let starts = ir::Op::VarStore(variable, 1);
+        let streams = if emission.facts.streams {
+            MAX_STREAMS
+        } else {
+            1
+        };
+        if stream >= streams {
+            return Err(self.b.invalid("no such stream of vertices"));
+        }
+        let (one, row) = (self.b.i32(1), 1 + stream);
+        if matches!(
+            instruction.opcode,
+            Op::EndPrimitive | Op::EndStreamPrimitive
+        ) {
+            let starts = ir::Op::VarStore(variable, row);
             return self.b.emit_effect(starts, &[one]);
         }
-        let mut words = self.load_rows(variable, &[Type::I32; 2])?;
-        let vertex = words[0];
+        let load = |row| ir::Op::VarLoad(variable, row);
+        let vertex = self.b.emit(load(0), &[], Type::I32)?;
+        let mut starts = self.b.emit(load(row), &[], Type::I32)?;
+        if stream > 0 {
+            let place = self.b.i32(stream << 1);
+            starts = self.b.binary(ir::Op::Or, starts, place)?;
+        }
+        let mut words = vec![vertex, starts];
         words.extend(self.output_words()?);
         self.b.emit_effect(ir::Op::Emit, &words)?;
         let next = self.b.binary(ir::Op::IAdd, vertex, one)?;
         let most = self.b.i32(most);
         let next = self.b.binary(ir::Op::UMin, next, most)?;
         let zero = self.b.i32(0);
-        self.store_rows(variable, &[next, zero])
+        (self.b).emit_effect(ir::Op::VarStore(variable, 0), &[next])?;
+        self.b.emit_effect(ir::Op::VarStore(variable, row), &[zero])
     }
 }

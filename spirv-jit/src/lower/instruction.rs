@@ -48,7 +48,9 @@ impl Lowerer<'_> {
             Op::BeginInvocationInterlockEXT | Op::EndInvocationInterlockEXT => {
                 self.b.emit_effect(ir::Op::MemoryBarrier, &[])
             }
-            Op::EmitVertex | Op::EndPrimitive => self.lower_emission(instruction.opcode),
+            Op::EmitVertex | Op::EndPrimitive | Op::EmitStreamVertex | Op::EndStreamPrimitive => {
+                self.lower_emission(instruction)
+            }
             Op::DemoteToHelperInvocation => match self.request.stage {
                 Stage::Fragment => self.b.emit_effect(ir::Op::Demote, &[]),
                 _ => Ok(()),

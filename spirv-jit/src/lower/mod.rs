@@ -21,6 +21,7 @@ mod builder;
 mod builtin;
 mod call;
 mod capability;
+mod capture;
 mod composite;
 mod constants;
 mod convert;
@@ -329,6 +330,7 @@ impl<'a> Lowerer<'a> {
         let is_compute = self.request.stage == Stage::Compute;
         let quads = is_compute && self.derivative_group() == Some(true);
         let fragment = self.fragment_facts();
+        let capture = self.capture_facts()?;
         let geometry = self.emission.as_ref().map(|emission| emission.facts);
         let builder = std::mem::replace(&mut self.b, Builder::new("", 0));
         let mut functions = vec![builder.finish(end)];
@@ -342,6 +344,7 @@ impl<'a> Lowerer<'a> {
             outputs: self.outputs,
             tessellation: self.tessellation,
             geometry,
+            capture,
             fragment,
             local_size,
             quads,

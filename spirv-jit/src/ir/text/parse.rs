@@ -231,6 +231,7 @@ impl<'a> Parser<'a> {
             outputs: Vec::new(),
             tessellation: None,
             geometry: None,
+            capture: None,
             fragment: None,
             local_size: [1; 3],
             quads: false,
@@ -283,6 +284,18 @@ impl<'a> Parser<'a> {
                         break;
                     }
                 },
+                "capture" => {
+                    // A shader with the mode may capture nothing.
+                    let facts = module.capture.get_or_insert_default();
+                    while let Some(Token::Word(word)) = self.peek()
+                        && facts.set(word)
+                    {
+                        self.next += 1;
+                        if !self.accept(',') {
+                            break;
+                        }
+                    }
+                }
                 "fragment" => loop {
                     let word = self.word("a fact")?;
                     if !module.fragment.get_or_insert_default().set(word) {

@@ -1,0 +1,135 @@
+//! The facts of transform feedback: which output words of a vertex go to which place of which
+//! buffer (Vulkan, section "Transform Feedback").
+//!
+//! The text form of each is one word with points in it, as in [`super::interface`].
+
+use std::fmt;
+
+use super::interface::OutputRow;
+
+/// Buffers that a shader captures to, at most.
+pub const MAX_CAPTURE_BUFFERS: usize = 4;
+
+/// Vertex streams of a geometry shader.
+pub const MAX_STREAMS: u32 = 4;
+
+/// How a captured word lies in memory.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum CaptureWidth {
+    Word,
+    /// An integer of 16 bits.
+    Short,
+    /// An integer of 8 bits.
+    Byte,
+    /// A float of 16 bits; one of 32 in the interface.
+    Half,
+}
+
+const WIDTHS: [(CaptureWidth, &str); 4] = [
+    (CaptureWidth::Word, "word"),
+    (CaptureWidth::Short, "short"),
+    (CaptureWidth::Byte, "byte"),
+    (CaptureWidth::Half, "half"),
+];
+
+impl CaptureWidth {
+    pub fn size_bytes(self) -> u32 {
+        match self {
+            CaptureWidth::Word => 4,
+            CaptureWidth::Short | CaptureWidth::Half => 2,
+            CaptureWidth::Byte => 1,
+        }
+    }
+}
+
+/// A captured word.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct CaptureWord {
+    pub buffer: u8,
+    /// Where it lies in the data of a vertex.
+    pub offset_bytes: u32,
+    pub width: CaptureWidth,
+    /// An output that is not there is zero.
+    pub row: OutputRow,
+}
+
+/// A buffer's share of a captured vertex.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct CaptureBuffer {
+    /// Bytes of a vertex (`XfbStride`).
+    pub stride_bytes: u32,
+    /// The stream whose vertices it gets.
+    pub stream: u8,
+}
+
+/// The facts of a shader with the mode `Xfb`.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct CaptureFacts {
+    /// Of the buffers that anything is captured to.
+    pub buffers: [Option<CaptureBuffer>; MAX_CAPTURE_BUFFERS],
+    pub words: Vec<CaptureWord>,
+}
+
+impl CaptureFacts {
+    /// Whether each word lies in the data of a vertex of its buffer.
+    pub fn fits(&self) -> bool {
+        let streams = self.buffers.iter().flatten();
+        let known = streams
+            .into_iter()
+            .all(|it| u32::from(it.stream) < MAX_STREAMS);
+        let is_inside = |word: &CaptureWord| {
+            let buffer = self.buffers.get(usize::from(word.buffer));
+            let end = u64::from(word.offset_bytes) + u64::from(word.width.size_bytes());
+            matches!(buffer, Some(Some(it)) if end <= u64::from(it.stride_bytes))
+        };
+        known && self.words.iter().all(is_inside)
+    }
+
+    /// Notes one word of the text form; false if it is none.
+    pub fn set(&mut self, word: &str) -> bool {
+        self.parse(word).is_some()
+    }
+
+    fn parse(&mut self, word: &str) -> Option<()> {
+        let mut parts = word.splitn(4, '.');
+        let mut part = || parts.next();
+        let kind = part()?;
+        let buffer: u8 = part()?.parse().ok()?;
+        let number = part()?.parse().ok()?;
+        let rest = part()?;
+        if kind == "buffer" {
+            *self.buffers.get_mut(usize::from(buffer))? = Some(CaptureBuffer {
+                stride_bytes: number,
+                stream: rest.parse().ok()?,
+            });
+            return Some(());
+        }
+        let (width, _) = WIDTHS.iter().find(|(_, name)| *name == kind)?;
+        self.words.push(CaptureWord {
+            buffer,
+            offset_bytes: number,
+            width: *width,
+            row: rest.parse().ok()?,
+        });
+        Some(())
+    }
+}
+
+/// The facts' words in the text form, in order.
+impl fmt::Display for CaptureFacts {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut words = Vec::new();
+        for (index, buffer) in self.buffers.iter().enumerate() {
+            if let Some(it) = buffer {
+                words.push(format!("buffer.{index}.{}.{}", it.stride_bytes, it.stream));
+            }
+        }
+        for word in &self.words {
+            let name = WIDTHS.iter().find(|(width, _)| *width == word.width);
+            let name = name.map_or("", |(_, name)| name);
+            let (buffer, offset) = (word.buffer, word.offset_bytes);
+            words.push(format!("{name}.{buffer}.{offset}.{}", word.row));
+        }
+        f.write_str(&words.join(", "))
+    }
+}
