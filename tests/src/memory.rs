@@ -41,6 +41,10 @@ impl Gpu {
         if self.optional.conditional_rendering.conditional_rendering != 0 {
             usage |= vk::BufferUsageFlags::CONDITIONAL_RENDERING_EXT;
         }
+        if self.optional.transform_feedback.transform_feedback != 0 {
+            usage |= vk::BufferUsageFlags::TRANSFORM_FEEDBACK_BUFFER_EXT
+                | vk::BufferUsageFlags::TRANSFORM_FEEDBACK_COUNTER_BUFFER_EXT;
+        }
         if self.optional.micromap.micromap != 0 {
             usage |= vk::BufferUsageFlags::MICROMAP_STORAGE_EXT
                 | vk::BufferUsageFlags::MICROMAP_BUILD_INPUT_READ_ONLY_EXT;

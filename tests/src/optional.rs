@@ -66,6 +66,9 @@ optional! {
     advanced_blend: ext::blend_operation_advanced::NAME, PhysicalDeviceBlendOperationAdvancedFeaturesEXT {};
     host_image_copy: ext::host_image_copy::NAME, PhysicalDeviceHostImageCopyFeaturesEXT {};
     conditional_rendering: ext::conditional_rendering::NAME, PhysicalDeviceConditionalRenderingFeaturesEXT {};
+    transform_feedback: ext::transform_feedback::NAME, PhysicalDeviceTransformFeedbackFeaturesEXT {};
+    primitives_generated: ext::primitives_generated_query::NAME, PhysicalDevicePrimitivesGeneratedQueryFeaturesEXT {};
+    provoking_vertex: ext::provoking_vertex::NAME, PhysicalDeviceProvokingVertexFeaturesEXT {};
     float_atomics: ext::shader_atomic_float::NAME, PhysicalDeviceShaderAtomicFloatFeaturesEXT {};
     ray_query: khr::ray_query::NAME, PhysicalDeviceRayQueryFeaturesKHR {};
     /// Off where there is validation: older versions of it do not know the extension.

@@ -44,9 +44,18 @@ pub enum GraphicsCommand {
         inverted: bool,
     },
     EndConditional,
+    /// `vkCmdBindTransformFeedbackBuffersEXT`.
+    BindCaptureBuffers(Box<CaptureBinding>),
+    /// `vkCmdBeginTransformFeedbackEXT`: addresses of counters, 0 for none, from a buffer on.
+    BeginCapture(u32, SmallVec<[u64; 4]>),
+    EndCapture(u32, SmallVec<[u64; 4]>),
+    /// `vkCmdDrawIndirectByteCountEXT`.
+    DrawByteCount(DrawByteCount),
     BeginQuery {
         pool: Ref<QueryPool>,
         query: u32,
+        /// The vertex stream whose primitives it counts.
+        stream: u32,
     },
     EndQuery {
         pool: Ref<QueryPool>,
@@ -79,6 +88,25 @@ pub struct IndexBinding {
     /// From there on.
     pub size_bytes: u64,
     pub ty: vk::IndexType,
+}
+
+/// Buffers for transform feedback.
+pub struct CaptureBinding {
+    pub first: u32,
+    /// Device addresses, and bytes from there on.
+    pub buffers: SmallVec<[(u64, u64); 4]>,
+}
+
+/// A draw of as many vertices as were captured.
+#[derive(Clone, Copy, Debug)]
+pub struct DrawByteCount {
+    pub first_instance: u32,
+    pub instances: u32,
+    /// Device address of the counter; 0 for none.
+    pub counter: u64,
+    /// Subtracted from the counter.
+    pub offset_bytes: u32,
+    pub stride_bytes: u32,
 }
 
 /// A draw whose numbers stand in the command.

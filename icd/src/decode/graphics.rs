@@ -296,6 +296,7 @@ unsafe fn rasterization(info: &vk::PipelineRasterizationStateCreateInfo<'_>) -> 
         let clip = find::<vk::PipelineRasterizationDepthClipStateCreateInfoEXT>(next);
         let line = find::<vk::PipelineRasterizationLineStateCreateInfoKHR>(next);
         let provoking = find::<vk::PipelineRasterizationProvokingVertexStateCreateInfoEXT>(next);
+        let stream = find::<vk::PipelineRasterizationStateStreamCreateInfoEXT>(next);
         let bias = find::<vk::DepthBiasRepresentationInfoEXT>(next);
         let usual = Rasterization::default();
         let depth_clamp = info.depth_clamp_enable != vk::FALSE;
@@ -320,6 +321,7 @@ unsafe fn rasterization(info: &vk::PipelineRasterizationStateCreateInfo<'_>) -> 
             line_stipple: line.is_some_and(|line| line.stippled_line_enable != vk::FALSE),
             line_stipple_factor: line.map_or(1, |line| line.line_stipple_factor),
             line_stipple_pattern: line.map_or(u16::MAX, |line| line.line_stipple_pattern),
+            stream: stream.map_or(0, |it| it.rasterization_stream),
             provoking_last: provoking.is_some_and(|it| {
                 it.provoking_vertex_mode == vk::ProvokingVertexModeEXT::LAST_VERTEX
             }),

@@ -30,6 +30,7 @@ fn barrier(commands: &mut Recording, destination: vk::PipelineStageFlags2) -> Vk
         | Stage::TESSELLATION_CONTROL_SHADER
         | Stage::TESSELLATION_EVALUATION_SHADER
         | Stage::GEOMETRY_SHADER
+        | Stage::TRANSFORM_FEEDBACK_EXT
         | Stage::PRE_RASTERIZATION_SHADERS
         | Stage::ALL_GRAPHICS
         | Stage::ALL_COMMANDS;

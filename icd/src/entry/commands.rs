@@ -385,6 +385,10 @@ commands! {
     Device KHR_COPY_COMMANDS_2 PFN_vkCmdResolveImage2 command_image::vkCmdResolveImage2 as vkCmdResolveImage2KHR;
 
     Device KHR_DEVICE_ADDRESS_COMMANDS PFN_vkCmdBeginConditionalRendering2EXT graphics_address::vkCmdBeginConditionalRendering2EXT;
+    Device KHR_DEVICE_ADDRESS_COMMANDS PFN_vkCmdBeginTransformFeedback2EXT transform_feedback::vkCmdBeginTransformFeedback2EXT;
+    Device KHR_DEVICE_ADDRESS_COMMANDS PFN_vkCmdBindTransformFeedbackBuffers2EXT transform_feedback::vkCmdBindTransformFeedbackBuffers2EXT;
+    Device KHR_DEVICE_ADDRESS_COMMANDS PFN_vkCmdDrawIndirectByteCount2EXT transform_feedback::vkCmdDrawIndirectByteCount2EXT;
+    Device KHR_DEVICE_ADDRESS_COMMANDS PFN_vkCmdEndTransformFeedback2EXT transform_feedback::vkCmdEndTransformFeedback2EXT;
     Device KHR_DEVICE_ADDRESS_COMMANDS PFN_vkCmdBindIndexBuffer3KHR graphics_address::vkCmdBindIndexBuffer3KHR;
     Device KHR_DEVICE_ADDRESS_COMMANDS PFN_vkCmdBindVertexBuffers3KHR graphics_address::vkCmdBindVertexBuffers3KHR;
     Device KHR_DEVICE_ADDRESS_COMMANDS PFN_vkCmdDrawIndexedIndirect2KHR graphics_address::vkCmdDrawIndexedIndirect2KHR;
@@ -582,6 +586,13 @@ commands! {
     Device EXT_VERTEX_INPUT_DYNAMIC_STATE | EXT_SHADER_OBJECT PFN_vkCmdSetVertexInputEXT graphics_state::vkCmdSetVertexInputEXT;
     Device EXT_COLOR_WRITE_ENABLE PFN_vkCmdSetColorWriteEnableEXT graphics_state::vkCmdSetColorWriteEnableEXT;
     Device EXT_DEPTH_BIAS_CONTROL PFN_vkCmdSetDepthBias2EXT graphics_state::vkCmdSetDepthBias2EXT;
+    Device EXT_TRANSFORM_FEEDBACK PFN_vkCmdBeginQueryIndexedEXT transform_feedback::vkCmdBeginQueryIndexedEXT;
+    Device EXT_TRANSFORM_FEEDBACK PFN_vkCmdBeginTransformFeedbackEXT transform_feedback::vkCmdBeginTransformFeedbackEXT;
+    Device EXT_TRANSFORM_FEEDBACK PFN_vkCmdBindTransformFeedbackBuffersEXT transform_feedback::vkCmdBindTransformFeedbackBuffersEXT;
+    Device EXT_TRANSFORM_FEEDBACK PFN_vkCmdDrawIndirectByteCountEXT transform_feedback::vkCmdDrawIndirectByteCountEXT;
+    Device EXT_TRANSFORM_FEEDBACK PFN_vkCmdEndQueryIndexedEXT transform_feedback::vkCmdEndQueryIndexedEXT;
+    Device EXT_TRANSFORM_FEEDBACK PFN_vkCmdEndTransformFeedbackEXT transform_feedback::vkCmdEndTransformFeedbackEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE_3 | EXT_SHADER_OBJECT PFN_vkCmdSetRasterizationStreamEXT graphics_state::vkCmdSetRasterizationStreamEXT;
     Device EXT_CONDITIONAL_RENDERING PFN_vkCmdBeginConditionalRenderingEXT graphics_draw::vkCmdBeginConditionalRenderingEXT;
     Device EXT_CONDITIONAL_RENDERING PFN_vkCmdEndConditionalRenderingEXT graphics_draw::vkCmdEndConditionalRenderingEXT;
     Device EXT_ATTACHMENT_FEEDBACK_LOOP_DYNAMIC_STATE PFN_vkCmdSetAttachmentFeedbackLoopEnableEXT graphics_state::vkCmdSetAttachmentFeedbackLoopEnableEXT;

@@ -17,7 +17,7 @@ use crate::object::{Buffer, QueryPool};
 ///
 /// # Safety
 /// The handle is null or alive.
-unsafe fn place(buffer: vk::Buffer, offset: u64, size_bytes: u64) -> (u64, u64) {
+pub unsafe fn place(buffer: vk::Buffer, offset: u64, size_bytes: u64) -> (u64, u64) {
     // SAFETY: the caller's promise.
     match unsafe { optional::<Buffer>(buffer) } {
         Some(buffer) if buffer.address() != 0 => {
@@ -259,7 +259,7 @@ commands! {
     /// Occlusion queries count samples exactly, whether they are to be precise or not.
     fn vkCmdBeginQuery(commands, pool: vk::QueryPool, query: u32, _flags: vk::QueryControlFlags) {
         let pool = retain::<QueryPool>(pool);
-        push(commands, GraphicsCommand::BeginQuery { pool, query })
+        push(commands, GraphicsCommand::BeginQuery { pool, query, stream: 0 })
     }
 
     fn vkCmdEndQuery(commands, pool: vk::QueryPool, query: u32) {

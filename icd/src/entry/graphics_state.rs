@@ -247,6 +247,10 @@ commands! {
         set(commands, Setting::WriteMasks(first, masks))
     }
 
+    fn vkCmdSetRasterizationStreamEXT(commands, stream: u32) {
+        set(commands, Setting::RasterizationStream(stream))
+    }
+
     fn vkCmdSetPatchControlPointsEXT(commands, points: u32) {
         set(commands, Setting::PatchControlPoints(points))
     }

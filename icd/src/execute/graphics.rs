@@ -12,12 +12,15 @@ use spirv_jit::environment::Environment;
 use spirv_jit::program::Stage;
 
 use super::bindings::{Bindings, Snapshot};
+use super::capture::{self, CaptureBuffers};
 use super::engine::Engine;
 use super::pass::Active;
 use super::query::ActiveQuery;
 use super::{Failure, note_strays, prints, spans};
 use crate::command::GraphicsCommand;
-use crate::command::graphics::{BindVertexBuffers, Draw, DrawIndirect, DrawMulti, IndexBinding};
+use crate::command::graphics::{
+    BindVertexBuffers, Draw, DrawByteCount, DrawIndirect, DrawMulti, IndexBinding,
+};
 use crate::command::pass::{AttachmentClears, Pass};
 use crate::object::graphics_pipeline::{GraphicsPipeline, Stages};
 use crate::object::graphics_state::{
@@ -26,7 +29,7 @@ use crate::object::graphics_state::{
 use crate::object::setting::Setting;
 use crate::object::{QueryPool, ShaderObject};
 use crate::raster::{
-    BATCH_DRAWS, Batch, Clear, ClearValue, Context, Counters, Draw as Batched, DrawCall,
+    BATCH_DRAWS, Batch, Capture, Clear, ClearValue, Context, Counters, Draw as Batched, DrawCall,
     IndexBuffer, VertexBuffer, Work,
 };
 use crate::timeline::{self, Kind, Stack};
@@ -50,6 +53,7 @@ pub struct Current {
     has_dynamic_strides: bool,
     strides: [Option<u64>; MAX_VERTEX_INPUTS],
     indices: IndexBuffer,
+    capture_buffers: CaptureBuffers,
 }
 
 impl Default for Current {
@@ -68,6 +72,7 @@ impl Default for Current {
                 ty: vk::IndexType::UINT32,
                 restart: None,
             },
+            capture_buffers: CaptureBuffers::default(),
         }
     }
 }
@@ -194,6 +199,8 @@ pub struct Drawing<'a> {
     pub queries: Vec<ActiveQuery<'a>>,
     /// A condition does not hold: draws, dispatches and clears inside of passes are left out.
     pub skips: bool,
+    /// Transform feedback that has begun and not ended.
+    capture: Option<Arc<Capture>>,
 }
 
 impl<'a> Drawing<'a> {
@@ -239,6 +246,7 @@ impl<'a> Drawing<'a> {
 
     fn begin_pass(&mut self, engine: &Engine, pass: &'a Pass) -> Result<(), Failure> {
         self.flush(engine)?;
+        self.capture = None;
         self.spans.begin(Kind::Pass, || spans::pass(pass));
         let active = Active::new(pass);
         if !pass.resumes {
@@ -294,8 +302,8 @@ impl<'a> Drawing<'a> {
         }
     }
 
-    fn begin_query(&mut self, pool: &'a QueryPool, query: u32) {
-        self.queries.push(ActiveQuery::new(pool, query));
+    fn begin_query(&mut self, pool: &'a QueryPool, query: u32, stream: u32) {
+        self.queries.push(ActiveQuery::new(pool, query, stream));
     }
 
     /// Ends a query; within a pass with views it takes one query a view.
@@ -393,6 +401,7 @@ impl<'a> Painter<'_, 'a> {
             GraphicsCommand::Draw(_)
             | GraphicsCommand::DrawMulti(_)
             | GraphicsCommand::DrawIndirect(_)
+            | GraphicsCommand::DrawByteCount(_)
                 if self.drawing.skips =>
             {
                 Ok(())
@@ -400,6 +409,25 @@ impl<'a> Painter<'_, 'a> {
             GraphicsCommand::Draw(draw) => self.draw(draw),
             GraphicsCommand::DrawMulti(draws) => self.draw_multi(draws),
             GraphicsCommand::DrawIndirect(draws) => self.draw_indirect(draws),
+            GraphicsCommand::DrawByteCount(draw) => self.draw_byte_count(draw),
+            GraphicsCommand::BindCaptureBuffers(binding) => {
+                capture::bind(&mut self.current.capture_buffers, binding);
+                Ok(())
+            }
+            GraphicsCommand::BeginCapture(first, counters) => {
+                let reach = self.engine.memory.reach();
+                let buffers = &self.current.capture_buffers;
+                let begun = capture::begin(&reach, buffers, *first, counters);
+                self.drawing.capture = Some(Arc::new(begun));
+                Ok(())
+            }
+            GraphicsCommand::EndCapture(first, counters) => {
+                self.drawing.flush(self.engine)?;
+                if let Some(ended) = self.drawing.capture.take() {
+                    capture::end(&self.engine.memory.reach(), &ended, *first, counters);
+                }
+                Ok(())
+            }
             &GraphicsCommand::BeginConditional { address, inverted } => {
                 // Pending draws may write the condition.
                 self.drawing.flush(self.engine)?;
@@ -412,8 +440,12 @@ impl<'a> Painter<'_, 'a> {
                 self.drawing.skips = false;
                 Ok(())
             }
-            GraphicsCommand::BeginQuery { pool, query } => {
-                self.drawing.begin_query(pool, *query);
+            GraphicsCommand::BeginQuery {
+                pool,
+                query,
+                stream,
+            } => {
+                self.drawing.begin_query(pool, *query, *stream);
                 Ok(())
             }
             GraphicsCommand::EndQuery { pool, query } => {
@@ -498,6 +530,19 @@ impl<'a> Painter<'_, 'a> {
         Ok(())
     }
 
+    fn draw_byte_count(&mut self, draw: &DrawByteCount) -> Result<(), Failure> {
+        let count = capture::captured_vertices(&self.engine.memory.reach(), draw);
+        let call = DrawCall {
+            first: 0,
+            count,
+            vertex_offset: 0,
+            first_instance: draw.first_instance,
+            instances: draw.instances,
+            draw_index: 0,
+        };
+        self.call(false, call)
+    }
+
     /// Adds a call to the batch: to the last draw, if all else is the same.
     fn call(&mut self, indexed: bool, call: DrawCall) -> Result<(), Failure> {
         let (current, drawing) = (&mut *self.current, &mut *self.drawing);
@@ -534,6 +579,9 @@ impl<'a> Painter<'_, 'a> {
             });
         }
         let indices = indexed.then_some(current.indices);
+        let is_captured =
+            |_: &&Arc<Capture>| stages.last().is_some_and(|it| it.capture().is_some());
+        let captures = drawing.capture.as_ref().filter(is_captured).cloned();
         drawing.calls += 1;
         if let Some(Work::Draw(last)) = drawing.batch.work.last_mut()
             && Arc::ptr_eq(&last.stages, stages)
@@ -541,6 +589,7 @@ impl<'a> Painter<'_, 'a> {
             && Arc::ptr_eq(&last.environment, &environment)
             && Arc::ptr_eq(&last.vertex_buffers, &current.vertex_buffers)
             && last.indices == indices
+            && last.capture.as_ref().map(Arc::as_ptr) == captures.as_ref().map(Arc::as_ptr)
             && last.counters.len() == drawing.queries.len()
             && (last.counters.iter().zip(&drawing.queries))
                 .all(|(counted, query)| Arc::ptr_eq(counted, &query.counters))
@@ -557,6 +606,7 @@ impl<'a> Painter<'_, 'a> {
             indices,
             calls: SmallVec::from_slice(&[call]),
             counters: drawing.counters(),
+            capture: captures,
         };
         drawing.batch.work.push(Work::Draw(draw));
         Ok(())

@@ -25,6 +25,7 @@
 //! Buffers are device addresses of their first byte.
 
 pub mod bindings;
+mod capture;
 mod engine;
 mod graphics;
 mod pass;

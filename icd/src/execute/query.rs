@@ -38,11 +38,15 @@ pub struct ActiveQuery<'a> {
 }
 
 impl<'a> ActiveQuery<'a> {
-    pub fn new(pool: &'a QueryPool, query: u32) -> Self {
+    /// Of a vertex stream, if it counts primitives.
+    pub fn new(pool: &'a QueryPool, query: u32, stream: u32) -> Self {
         Self {
             pool,
             query,
-            counters: Arc::default(),
+            counters: Arc::new(Counters {
+                stream,
+                ..Counters::default()
+            }),
             compute_invocations: 0,
         }
     }
@@ -105,6 +109,12 @@ impl<'a> ActiveQuery<'a> {
                 .filter(|(bit, _)| self.pool.statistics.contains(*bit))
                 .map(|&(_, value)| value)
                 .collect(),
+            vk::QueryType::TRANSFORM_FEEDBACK_STREAM_EXT => {
+                SmallVec::from_slice(&[of(&counters.written), of(&counters.needed)])
+            }
+            vk::QueryType::PRIMITIVES_GENERATED_EXT => {
+                SmallVec::from_slice(&[of(&counters.generated)])
+            }
             _ => SmallVec::from_slice(&[of(&counters.samples)]),
         };
         self.pool.write_all(self.query, &values);

@@ -273,6 +273,10 @@ structures! {
         address_flags: AddressCommandFlagsKHR,
         flags: ConditionalRenderingFlagsEXT,
     }
+    BindTransformFeedbackBuffer2InfoEXT 1_000_318_013 *const c_void {
+        address_range: DeviceAddressRangeKHR,
+        address_flags: AddressCommandFlagsKHR,
+    }
     DispatchIndirect2InfoKHR 1_000_318_011 *const c_void {
         address_range: DeviceAddressRangeKHR,
         address_flags: AddressCommandFlagsKHR,
@@ -436,6 +440,10 @@ macro_rules! functions {
 
 functions! {
     PFN_vkCmdBeginConditionalRendering2EXT(CommandBuffer, *const c_void);
+    PFN_vkCmdBindTransformFeedbackBuffers2EXT(CommandBuffer, u32, u32, *const c_void);
+    PFN_vkCmdBeginTransformFeedback2EXT(CommandBuffer, u32, u32, *const c_void);
+    PFN_vkCmdEndTransformFeedback2EXT(CommandBuffer, u32, u32, *const c_void);
+    PFN_vkCmdDrawIndirectByteCount2EXT(CommandBuffer, u32, u32, *const c_void, u32, u32);
     PFN_vkCmdBindIndexBuffer3KHR(CommandBuffer, *const c_void);
     PFN_vkCmdBindVertexBuffers3KHR(CommandBuffer, u32, u32, *const c_void);
     PFN_vkCmdSetPrimitiveRestartIndexEXT(CommandBuffer, u32);

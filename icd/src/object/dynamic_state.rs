@@ -12,7 +12,7 @@ pub type Parts = vk::GraphicsPipelineLibraryFlagsEXT;
 
 /// The states that can be dynamic, each with its part of a pipeline.
 #[rustfmt::skip]
-const STATES: [(vk::DynamicState, Parts); 46] = {
+const STATES: [(vk::DynamicState, Parts); 47] = {
     use vk::DynamicState as State;
     const INPUT: Parts = Parts::VERTEX_INPUT_INTERFACE;
     const BEFORE: Parts = Parts::PRE_RASTERIZATION_SHADERS;
@@ -39,6 +39,7 @@ const STATES: [(vk::DynamicState, Parts); 46] = {
         (State::DEPTH_CLAMP_ENABLE_EXT, BEFORE),
         (State::POLYGON_MODE_EXT, BEFORE),
         (State::DEPTH_CLIP_ENABLE_EXT, BEFORE),
+        (State::RASTERIZATION_STREAM_EXT, BEFORE),
         (State::PROVOKING_VERTEX_MODE_EXT, BEFORE),
         (State::LINE_RASTERIZATION_MODE_EXT, BEFORE),
         (State::LINE_STIPPLE_ENABLE_EXT, BEFORE),
@@ -164,6 +165,7 @@ impl GraphicsState {
             DEPTH_CLAMP_ENABLE_EXT: rasterization.depth_clamp;
             POLYGON_MODE_EXT: rasterization.polygon_mode;
             DEPTH_CLIP_ENABLE_EXT: rasterization.depth_clip, rasterization.depth_clip_follows;
+            RASTERIZATION_STREAM_EXT: rasterization.stream;
             PROVOKING_VERTEX_MODE_EXT: rasterization.provoking_last;
             LINE_RASTERIZATION_MODE_EXT: rasterization.line_mode;
             LINE_STIPPLE_ENABLE_EXT: rasterization.line_stipple;

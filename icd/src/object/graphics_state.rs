@@ -73,6 +73,8 @@ pub struct Rasterization {
     pub line_stipple: bool,
     pub line_stipple_factor: u32,
     pub line_stipple_pattern: u16,
+    /// The vertex stream that is rasterized.
+    pub stream: u32,
     /// `VK_PROVOKING_VERTEX_MODE_LAST_VERTEX_EXT`.
     pub provoking_last: bool,
     /// `VkPipelineViewportDepthClipControlCreateInfoEXT::negativeOneToOne`.
@@ -313,6 +315,7 @@ impl Default for Rasterization {
             line_stipple: false,
             line_stipple_factor: 1,
             line_stipple_pattern: u16::MAX,
+            stream: 0,
             provoking_last: false,
             negative_one_to_one: false,
         }

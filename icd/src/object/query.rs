@@ -22,6 +22,13 @@ pub struct QueryPool {
     waiting: Arc<Waiting>,
 }
 
+fn columns(ty: vk::QueryType, statistics: vk::QueryPipelineStatisticFlags) -> usize {
+    match ty {
+        vk::QueryType::TRANSFORM_FEEDBACK_STREAM_EXT => 2,
+        _ => statistics.as_raw().count_ones().max(1) as usize,
+    }
+}
+
 impl QueryPool {
     /// A pool of reset queries.
     ///
@@ -37,7 +44,7 @@ impl QueryPool {
             vk::QueryType::PIPELINE_STATISTICS => statistics,
             _ => vk::QueryPipelineStatisticFlags::empty(),
         };
-        let columns = statistics.as_raw().count_ones().max(1) as usize;
+        let columns = columns(ty, statistics);
         let (mut values, mut available) = (Vec::new(), Vec::new());
         let too_many = |_| vk::Result::ERROR_OUT_OF_HOST_MEMORY;
         let total = (count as usize).saturating_mul(columns);
@@ -64,7 +71,7 @@ impl QueryPool {
 
     /// Values of a query.
     pub fn columns(&self) -> usize {
-        self.statistics.as_raw().count_ones().max(1) as usize
+        columns(self.ty, self.statistics)
     }
 
     /// The first value of a query, if it is available.

@@ -15,6 +15,7 @@
 //! of a query, a timestamp, and a batch that has grown to [`BATCH_DRAWS`]. A draw of many
 //! primitives is worked off in several rounds of up to [`ROUND_CHUNKS`] chunks.
 
+pub mod capture;
 pub mod front;
 pub mod primitive;
 pub mod tile;
@@ -32,6 +33,7 @@ use crate::object::graphics_state::{
 };
 use crate::transfer::surface::Surface;
 use crate::wave::{Limits, Stopped, Workers};
+pub use capture::Capture;
 pub use primitive::Chunk;
 
 /// Draws and clears of a batch, at most.
@@ -139,6 +141,13 @@ pub struct Counters {
     pub clipping_invocations: AtomicU64,
     pub clipping_primitives: AtomicU64,
     pub fragment_invocations: AtomicU64,
+    /// The stream that the counters below are of.
+    pub stream: u32,
+    /// Primitives of the last stage before rasterization.
+    pub generated: AtomicU64,
+    /// Those that were to be captured while transform feedback was active, and those that were.
+    pub needed: AtomicU64,
+    pub written: AtomicU64,
 }
 
 /// Draws that share all state. Everything that it points to stays as it is until the next flush.
@@ -156,6 +165,8 @@ pub struct Draw {
     pub calls: SmallVec<[DrawCall; 1]>,
     /// Of each active query.
     pub counters: SmallVec<[Arc<Counters>; 1]>,
+    /// Transform feedback, if it is active and the last stage before rasterization has the mode.
+    pub capture: Option<Arc<Capture>>,
 }
 
 /// One attachment's part of `vkCmdClearAttachments`, or a load operation.

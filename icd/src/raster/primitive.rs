@@ -5,6 +5,7 @@
 //! primitive are made of. Clipping changes coverage only: the shapes of a clipped primitive share
 //! one record, whose planes come from the original vertices.
 
+use super::capture::Captured;
 use super::{CHUNK_PRIMITIVES, TILE};
 
 /// Where `a * x + b * y + c >= 0`, in fixed-point units. The rule of top and left edges is part of
@@ -106,13 +107,18 @@ pub struct Chunk {
     /// x, y.
     pub pixels: Vec<[i16; 2]>,
     pub bins: Bins,
+    /// Primitives for transform feedback, by draw and stream, and the first word in `outputs` of
+    /// each of their vertices.
+    pub captured: Vec<Captured>,
+    pub captured_vertices: Vec<u32>,
 }
 
 impl Chunk {
     /// Bytes of its lists whose length does not follow from the number of primitives, and of all of
-    /// them where a geometry shader made more than a job has.
+    /// them where a geometry shader made more than a job has or vertices are captured.
     pub fn list_bytes(&self) -> usize {
-        let made = match self.records.len() > CHUNK_PRIMITIVES {
+        let captures = !self.captured.is_empty();
+        let made = match captures || self.records.len() > CHUNK_PRIMITIVES {
             true => {
                 size_of_val(&*self.records)
                     + size_of_val(&*self.shapes)
@@ -120,7 +126,8 @@ impl Chunk {
             }
             false => 0,
         };
-        made + size_of_val(&*self.pixels) + size_of_val(&*self.bins.shapes)
+        let captured = size_of_val(&*self.captured_vertices);
+        captured + made + size_of_val(&*self.pixels) + size_of_val(&*self.bins.shapes)
     }
 }
 

@@ -214,6 +214,7 @@ extensions! {
     Device EXT_PRESENT_TIMING c"VK_EXT_present_timing" 3;
     Device EXT_PRIMITIVE_RESTART_INDEX c"VK_EXT_primitive_restart_index" 1;
     Device EXT_PRIMITIVE_TOPOLOGY_LIST_RESTART c"VK_EXT_primitive_topology_list_restart" 1;
+    Device EXT_PRIMITIVES_GENERATED_QUERY c"VK_EXT_primitives_generated_query" 1;
     Device EXT_PRIVATE_DATA c"VK_EXT_private_data" 1;
     Device EXT_PROVOKING_VERTEX c"VK_EXT_provoking_vertex" 1;
     Device EXT_QUEUE_FAMILY_FOREIGN c"VK_EXT_queue_family_foreign" 1;
@@ -238,6 +239,7 @@ extensions! {
     Device EXT_SWAPCHAIN_MAINTENANCE_1 c"VK_EXT_swapchain_maintenance1" 1;
     Device EXT_TEXEL_BUFFER_ALIGNMENT c"VK_EXT_texel_buffer_alignment" 1;
     Device EXT_TOOLING_INFO c"VK_EXT_tooling_info" 1;
+    Device EXT_TRANSFORM_FEEDBACK c"VK_EXT_transform_feedback" 1;
     Device EXT_VERTEX_ATTRIBUTE_DIVISOR c"VK_EXT_vertex_attribute_divisor" 3;
     Device EXT_VERTEX_INPUT_DYNAMIC_STATE c"VK_EXT_vertex_input_dynamic_state" 2;
     Device EXT_YCBCR_2PLANE_444_FORMATS c"VK_EXT_ycbcr_2plane_444_formats" 1;

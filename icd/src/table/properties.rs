@@ -4,6 +4,7 @@
 use ash::vk::TaggedStructure;
 use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::environment::{Descriptor, MAX_SETS};
+use spirv_jit::program::{MAX_CAPTURE_BUFFERS, MAX_STREAMS};
 
 use super::limits::{self, API_VERSION, CAPTURE_BYTES, HANDLE_SIZE};
 use crate::ffi::{array, chain, enumerate, vk};
@@ -295,6 +296,23 @@ fn descriptor_buffer() -> vk::PhysicalDeviceDescriptorBufferPropertiesEXT<'stati
         sampler_descriptor_buffer_address_space_size: RANGE,
         resource_descriptor_buffer_address_space_size: RANGE,
         descriptor_buffer_address_space_size: RANGE,
+        ..Default::default()
+    }
+}
+
+fn transform_feedback() -> vk::PhysicalDeviceTransformFeedbackPropertiesEXT<'static> {
+    vk::PhysicalDeviceTransformFeedbackPropertiesEXT {
+        max_transform_feedback_streams: MAX_STREAMS,
+        max_transform_feedback_buffers: MAX_CAPTURE_BUFFERS as u32,
+        // Counters have 32 bits.
+        max_transform_feedback_buffer_size: u32::MAX.into(),
+        max_transform_feedback_stream_data_size: 512,
+        max_transform_feedback_buffer_data_size: 512,
+        max_transform_feedback_buffer_data_stride: 2048,
+        transform_feedback_queries: vk::TRUE,
+        transform_feedback_streams_lines_triangles: vk::TRUE,
+        transform_feedback_rasterization_stream_select: vk::TRUE,
+        transform_feedback_draw: vk::TRUE,
         ..Default::default()
     }
 }
@@ -593,8 +611,10 @@ unsafe fn fill(machine: &Machine, node: *mut vk::BaseOutStructure<'static>) {
             });
             PhysicalDeviceProvokingVertexPropertiesEXT(vk::PhysicalDeviceProvokingVertexPropertiesEXT {
                 provoking_vertex_mode_per_pipeline: vk::TRUE,
+                transform_feedback_preserves_triangle_fan_provoking_vertex: vk::TRUE,
                 ..Default::default()
             });
+            PhysicalDeviceTransformFeedbackPropertiesEXT(transform_feedback());
             PhysicalDeviceVertexAttributeDivisorPropertiesEXT(vulkan14()) {
                 max_vertex_attrib_divisor,
             };

@@ -139,7 +139,7 @@ pub struct Module {
     pub tessellation: Option<TessellationFacts>,
     /// Geometry: what the rasterizer must know.
     pub geometry: Option<GeometryFacts>,
-    /// Vertex and geometry: what transform feedback captures.
+    /// Vertex, evaluation and geometry: what transform feedback captures.
     pub capture: Option<CaptureFacts>,
     /// Fragment: what the rasterizer must know.
     pub fragment: Option<FragmentFacts>,

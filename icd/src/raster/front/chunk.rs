@@ -22,6 +22,7 @@ use super::patches::{
 use super::project::Projection;
 use super::screen::{ScreenVertex, code};
 use super::set_up::{Corners, Primitive, SetUp};
+use super::streams;
 use super::topology::{self, Assembled, Kind};
 use super::vertices::{Shaded, Unique, shade};
 use crate::compute::waves::Runner;
@@ -61,6 +62,20 @@ fn domain_topology(modes: &TessellationModes) -> Topology {
         _ if modes.point_mode => Topology::POINT_LIST,
         Some(Domain::Isolines) => Topology::LINE_LIST,
         _ => Topology::TRIANGLE_LIST,
+    }
+}
+
+/// The topology of what the last stage before rasterization makes.
+fn made_topology(draw: &Draw) -> Topology {
+    let geometry = draw.stages.geometry().and_then(Program::geometry);
+    match (geometry, draw.stages.tessellation()) {
+        (Some(facts), _) => emitted_topology(facts),
+        (None, Some((control, evaluation))) => {
+            let facts = [control.tessellation(), evaluation.tessellation()];
+            let modes = facts.map(|facts| facts.map(|it| it.modes).unwrap_or_default());
+            domain_topology(&modes[0].or(modes[1]))
+        }
+        (None, None) => draw.state.topology,
     }
 }
 
@@ -107,6 +122,8 @@ impl Worker {
         chunk.records.clear();
         chunk.outputs.clear();
         chunk.pixels.clear();
+        chunk.captured.clear();
+        chunk.captured_vertices.clear();
         let draw_of = |index: u32| match round.work.get(index as usize) {
             Some(Work::Draw(draw)) => Some(draw),
             _ => None,
@@ -317,6 +334,20 @@ impl Worker {
         if let Some(geometry) = &geometry {
             self.emit(round, draw, geometry, projection, &mut chunk.outputs)?;
         }
+        let topology = made_topology(draw);
+        let first = [first_word, places.words as u32];
+        streams::divide(
+            draw,
+            index,
+            topology,
+            first,
+            &mut self.primitives,
+            chunk,
+        )?;
+        // Without any output of a geometry shader there is no position.
+        if geometry.is_some() && places.words == 0 {
+            self.primitives.clear();
+        }
         if facts.discard && draw.counters.is_empty() {
             return Ok(());
         }
@@ -360,10 +391,6 @@ impl Worker {
             counters
                 .geometry_primitives
                 .fetch_add(self.primitives.len() as u64, Ordering::Relaxed);
-        }
-        // Without any output there is no position.
-        if outputs.len() == first_word {
-            self.primitives.clear();
         }
         Ok(())
     }
@@ -434,6 +461,7 @@ impl Worker {
                         primitive_id,
                         common,
                         provoking: 0,
+                        stream: 0,
                     });
                     continue;
                 }
@@ -454,6 +482,7 @@ impl Worker {
                     primitive_id,
                     common,
                     provoking: topology::provoking(topology, last),
+                    stream: 0,
                 });
             }
         }
@@ -514,16 +543,7 @@ impl Worker {
             clipped: 0,
         };
         let has_views = round.targets.view_mask != 0;
-        let geometry = draw.stages.geometry().and_then(Program::geometry);
-        let topology = match (geometry, draw.stages.tessellation()) {
-            (Some(facts), _) => emitted_topology(facts),
-            (None, Some((control, evaluation))) => {
-                let facts = [control.tessellation(), evaluation.tessellation()];
-                let modes = facts.map(|facts| facts.map(|it| it.modes).unwrap_or_default());
-                domain_topology(&modes[0].or(modes[1]))
-            }
-            (None, None) => draw.state.topology,
-        };
+        let topology = made_topology(draw);
         let kind = topology::kind(topology);
         let continues = topology::is_line_strip(topology);
         // Of filled triangles: what needs a closer look.

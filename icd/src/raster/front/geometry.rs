@@ -4,7 +4,7 @@
 use ash::vk::PrimitiveTopology as Topology;
 use lanes::LaneMask;
 use spirv_jit::environment::Environment;
-use spirv_jit::program::{AlignedRow, Builtin, Emits, GeometryFacts, InputRow};
+use spirv_jit::program::{AlignedRow, Builtin, Emits, GeometryFacts, InputRow, MAX_STREAMS};
 use spirv_jit::{Program, SUBGROUP_SIZE};
 
 use super::fetch::Common;
@@ -206,28 +206,41 @@ impl<'a> Geometry<'a> {
         let topology = emitted_topology(&self.facts);
         let provoking = topology::provoking(topology, self.last);
         let starts = &self.program.emitted_rows(state, 0)[..count];
-        let is_start = |vertex: usize| starts[vertex].0[lane] == 1;
-        let mut first = 0;
-        while first < count {
-            let mut end = first + 1;
-            while end < count && (topology == Topology::POINT_LIST || !is_start(end)) {
-                end += 1;
+        // With streams: the vertices of one of them.
+        let mut own = Vec::new();
+        let streams = if self.facts.streams { MAX_STREAMS } else { 1 };
+        for stream in 0..streams {
+            let mut count = count;
+            if self.facts.streams {
+                own.clear();
+                own.extend((0..count).filter(|&vertex| starts[vertex].0[lane] >> 1 == stream));
+                count = own.len();
             }
-            for primitive in 0..topology::count(topology, (end - first) as u32) {
-                let strip = topology::vertices(topology, primitive, self.last);
-                let corner = first + strip[usize::from(provoking)] as usize;
-                let id = self.places.primitive_id;
-                primitives.push(Assembled {
-                    vertices: strip.map(|vertex| (base + first) as u32 + vertex),
-                    primitive_id: match id {
-                        Some(word) => vertices[corner * words + usize::from(word)],
-                        None => from.primitive_id,
-                    },
-                    common: from.common,
-                    provoking,
-                });
+            let vertex_at = |place: usize| own.get(place).copied().unwrap_or(place);
+            let is_start = |place: usize| starts[vertex_at(place)].0[lane] & 1 != 0;
+            let mut first = 0;
+            while first < count {
+                let mut end = first + 1;
+                while end < count && (topology == Topology::POINT_LIST || !is_start(end)) {
+                    end += 1;
+                }
+                for primitive in 0..topology::count(topology, (end - first) as u32) {
+                    let strip = topology::vertices(topology, primitive, self.last)
+                        .map(|vertex| vertex_at(first + vertex as usize));
+                    let corner = strip[usize::from(provoking)];
+                    primitives.push(Assembled {
+                        vertices: strip.map(|vertex| (base + vertex) as u32),
+                        primitive_id: match self.places.primitive_id {
+                            Some(word) => vertices[corner * words + usize::from(word)],
+                            None => from.primitive_id,
+                        },
+                        common: from.common,
+                        provoking,
+                        stream: stream as u8,
+                    });
+                }
+                first = end;
             }
-            first = end;
         }
         Ok(())
     }

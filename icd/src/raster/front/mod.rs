@@ -8,6 +8,7 @@
 //!                                                    primitives patches become; jobs of those
 //!                                                  tessellate: vertices of patches' domains, and primitives
 //!                                                  geometry: waves of the geometry shader
+//!                                                  streams: which primitives are captured or drawn
 //!                                                  set_up: clip, snap, cull, edges, planes
 //!                                                  bins
 //! ```
@@ -32,6 +33,7 @@ mod point;
 mod project;
 mod screen;
 mod set_up;
+mod streams;
 mod tessellate;
 #[cfg(test)]
 mod tests;
@@ -49,7 +51,7 @@ use self::chunk::{Round, Worker};
 use self::cut::{Cursor, Cutter, Job, longest_chunk};
 use self::patches::Patches;
 use super::primitive::Grid;
-use super::{CHUNK_PRIMITIVES, Chunk, Context, ROUND_CHUNKS, Targets, Work};
+use super::{CHUNK_PRIMITIVES, Chunk, Context, ROUND_CHUNKS, Targets, Work, capture};
 use crate::timeline;
 use crate::wave::Stopped;
 
@@ -158,6 +160,7 @@ impl FrontEnd {
                 .workers
                 .install(|| jobs.par_iter().map(make).collect::<Result<_, _>>())?
         };
+        capture::write(context, work, &chunks);
         let bytes = chunks.iter().map(Chunk::list_bytes).sum::<usize>();
         let threads = context.workers.current_num_threads();
         let most = (threads * CHUNKS_OF_WORKER).clamp(FIRST_ROUND, ROUND_CHUNKS);

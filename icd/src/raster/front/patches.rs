@@ -440,6 +440,7 @@ pub fn list(
                 vertices: all,
                 primitive_id: patch.primitive_id,
                 common: patch.common,
+                stream: 0,
                 provoking: if last { corners.len() as u8 - 1 } else { 0 },
             });
         }

@@ -17,6 +17,8 @@ pub struct Assembled {
     /// Index of the values that all vertices of its instance share.
     pub common: u32,
     pub provoking: u8,
+    /// The vertex stream that a geometry shader emitted it to.
+    pub stream: u8,
 }
 
 /// The kind of a primitive.

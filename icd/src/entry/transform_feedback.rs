@@ -1,0 +1,165 @@
+//! Transform feedback, and queries of vertex streams.
+
+use std::ffi::c_void;
+
+use smallvec::SmallVec;
+
+use super::define::commands;
+use super::graphics_draw::place;
+use crate::VkResult;
+use crate::command::graphics::{CaptureBinding, DrawByteCount};
+use crate::command::{Command, GraphicsCommand, Recording};
+use crate::ffi::{slice, vk};
+use crate::handle::retain;
+use crate::object::QueryPool;
+
+/// Bytes of a counter.
+const COUNTER_BYTES: u64 = 4;
+
+fn push(commands: &mut Recording, command: GraphicsCommand) -> VkResult {
+    commands.push(Command::Graphics(command))
+}
+
+/// The address of a counter in a buffer; 0 if there is none, or no room for it.
+///
+/// # Safety
+/// The handle is null or alive.
+unsafe fn counter(buffer: vk::Buffer, offset: u64) -> u64 {
+    // SAFETY: the caller's promise.
+    match unsafe { place(buffer, offset, COUNTER_BYTES) } {
+        (address, COUNTER_BYTES) => address,
+        _ => 0,
+    }
+}
+
+/// # Safety
+/// The arrays are null or have `count` elements; the handles are null or alive.
+unsafe fn counters(
+    count: u32,
+    buffers: *const vk::Buffer,
+    offsets: *const vk::DeviceSize,
+) -> SmallVec<[u64; 4]> {
+    // SAFETY: the caller's promise.
+    let (buffers, offsets) = unsafe { (slice(buffers, count), slice(offsets, count)) };
+    let address = |(index, &buffer): (usize, &vk::Buffer)| {
+        let offset = offsets.get(index).copied().unwrap_or(0);
+        // SAFETY: the caller's promise.
+        unsafe { counter(buffer, offset) }
+    };
+    buffers.iter().enumerate().map(address).collect()
+}
+
+/// The same as [`counter`], of an address.
+fn counter_at(info: &vk::BindTransformFeedbackBuffer2InfoEXT<'_>) -> u64 {
+    match info.address_range.size >= COUNTER_BYTES {
+        true => info.address_range.address,
+        false => 0,
+    }
+}
+
+/// # Safety
+/// The array is null or has `count` elements.
+unsafe fn counters_at(count: u32, infos: *const c_void) -> SmallVec<[u64; 4]> {
+    // SAFETY: the caller's promise.
+    let infos = unsafe { slice(infos.cast(), count) };
+    infos.iter().map(counter_at).collect()
+}
+
+commands! {
+    fn vkCmdBindTransformFeedbackBuffersEXT(
+        commands,
+        first: u32,
+        count: u32,
+        buffers: *const vk::Buffer,
+        offsets: *const vk::DeviceSize,
+        sizes: *const vk::DeviceSize,
+    ) {
+        let sizes = slice(sizes, count);
+        let bound = slice(buffers, count).iter().zip(slice(offsets, count)).enumerate();
+        let buffers = bound.map(|(index, (&buffer, &offset))| {
+            place(buffer, offset, sizes.get(index).copied().unwrap_or(vk::WHOLE_SIZE))
+        });
+        let binding = CaptureBinding { first, buffers: buffers.collect() };
+        push(commands, GraphicsCommand::BindCaptureBuffers(Box::new(binding)))
+    }
+
+    fn vkCmdBeginTransformFeedbackEXT(
+        commands,
+        first: u32,
+        count: u32,
+        buffers: *const vk::Buffer,
+        offsets: *const vk::DeviceSize,
+    ) {
+        push(commands, GraphicsCommand::BeginCapture(first, counters(count, buffers, offsets)))
+    }
+
+    fn vkCmdEndTransformFeedbackEXT(
+        commands,
+        first: u32,
+        count: u32,
+        buffers: *const vk::Buffer,
+        offsets: *const vk::DeviceSize,
+    ) {
+        push(commands, GraphicsCommand::EndCapture(first, counters(count, buffers, offsets)))
+    }
+
+    fn vkCmdDrawIndirectByteCountEXT(
+        commands,
+        instances: u32,
+        first_instance: u32,
+        buffer: vk::Buffer,
+        offset: vk::DeviceSize,
+        offset_bytes: u32,
+        stride_bytes: u32,
+    ) {
+        let counter = counter(buffer, offset);
+        let draw = DrawByteCount { first_instance, instances, counter, offset_bytes, stride_bytes };
+        push(commands, GraphicsCommand::DrawByteCount(draw))
+    }
+
+    fn vkCmdBindTransformFeedbackBuffers2EXT(commands, first: u32, count: u32, infos: *const c_void) {
+        let infos = slice(infos.cast::<vk::BindTransformFeedbackBuffer2InfoEXT<'_>>(), count);
+        let range = |info: &vk::BindTransformFeedbackBuffer2InfoEXT<'_>| {
+            (info.address_range.address, info.address_range.size)
+        };
+        let binding = CaptureBinding { first, buffers: infos.iter().map(range).collect() };
+        push(commands, GraphicsCommand::BindCaptureBuffers(Box::new(binding)))
+    }
+
+    fn vkCmdBeginTransformFeedback2EXT(commands, first: u32, count: u32, infos: *const c_void) {
+        push(commands, GraphicsCommand::BeginCapture(first, counters_at(count, infos)))
+    }
+
+    fn vkCmdEndTransformFeedback2EXT(commands, first: u32, count: u32, infos: *const c_void) {
+        push(commands, GraphicsCommand::EndCapture(first, counters_at(count, infos)))
+    }
+
+    fn vkCmdDrawIndirectByteCount2EXT(
+        commands,
+        instances: u32,
+        first_instance: u32,
+        info: *const c_void,
+        offset_bytes: u32,
+        stride_bytes: u32,
+    ) {
+        let counter = counter_at(&*info.cast());
+        let draw = DrawByteCount { first_instance, instances, counter, offset_bytes, stride_bytes };
+        push(commands, GraphicsCommand::DrawByteCount(draw))
+    }
+
+    fn vkCmdBeginQueryIndexedEXT(
+        commands,
+        pool: vk::QueryPool,
+        query: u32,
+        _flags: vk::QueryControlFlags,
+        stream: u32,
+    ) {
+        let pool = retain::<QueryPool>(pool);
+        push(commands, GraphicsCommand::BeginQuery { pool, query, stream })
+    }
+
+    fn vkCmdEndQueryIndexedEXT(commands, pool: vk::QueryPool, query: u32, _stream: u32) {
+        let pool = retain::<QueryPool>(pool);
+        push(commands, GraphicsCommand::EndQuery { pool, query })
+    }
+}

@@ -1,0 +1,70 @@
+//! Transform feedback while command buffers are performed.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use spirv_jit::program::MAX_CAPTURE_BUFFERS;
+use spirv_jit::reach::Reach;
+
+use crate::command::graphics::{CaptureBinding, DrawByteCount};
+use crate::raster::Capture;
+use crate::raster::capture::CaptureTarget;
+use crate::wave::reachable;
+
+/// Bound buffers: device addresses, and bytes from there on.
+pub type CaptureBuffers = [(u64, u64); MAX_CAPTURE_BUFFERS];
+
+/// `vkCmdBindTransformFeedbackBuffersEXT`.
+pub fn bind(buffers: &mut CaptureBuffers, binding: &CaptureBinding) {
+    let places = buffers.iter_mut().skip(binding.first as usize);
+    for (place, buffer) in places.zip(&binding.buffers) {
+        *place = *buffer;
+    }
+}
+
+/// The address of a buffer's counter, if it has one.
+fn counter(first: u32, counters: &[u64], buffer: usize) -> Option<u64> {
+    let index = buffer.checked_sub(first as usize)?;
+    counters.get(index).copied().filter(|&address| address != 0)
+}
+
+fn read(reach: &Reach, address: u64) -> Option<u32> {
+    // SAFETY: any word will do, and nothing writes it while the queue's command is performed.
+    unsafe { reachable::read(reach, address) }
+}
+
+/// `vkCmdBeginTransformFeedbackEXT`: goes on where counters say, else starts anew.
+pub fn begin(reach: &Reach, buffers: &CaptureBuffers, first: u32, counters: &[u64]) -> Capture {
+    Capture {
+        targets: std::array::from_fn(|index| {
+            let (address, size_bytes) = buffers[index];
+            let next = counter(first, counters, index).and_then(|it| read(reach, it));
+            CaptureTarget {
+                address,
+                size_bytes,
+                next_bytes: AtomicU64::new(next.unwrap_or(0).into()),
+            }
+        }),
+    }
+}
+
+/// `vkCmdEndTransformFeedbackEXT`, once all has been written.
+pub fn end(reach: &Reach, capture: &Capture, first: u32, counters: &[u64]) {
+    for (index, target) in capture.targets.iter().enumerate() {
+        if let Some(address) = counter(first, counters, index) {
+            let next = target.next_bytes.load(Ordering::Relaxed);
+            let next = u32::try_from(next).unwrap_or(u32::MAX);
+            // SAFETY: nothing else uses the word while the queue's command is performed.
+            let word = unsafe { reachable::writable(reach, address, 4) };
+            if word.len() == 4 {
+                word.copy_from_slice(&next.to_le_bytes());
+            }
+        }
+    }
+}
+
+/// Vertices of `vkCmdDrawIndirectByteCountEXT`.
+pub fn captured_vertices(reach: &Reach, draw: &DrawByteCount) -> u32 {
+    let bytes = read(reach, draw.counter).unwrap_or(0);
+    let bytes = bytes.saturating_sub(draw.offset_bytes);
+    bytes.checked_div(draw.stride_bytes).unwrap_or(0)
+}
