@@ -82,7 +82,7 @@ pub fn verify(module: &Module) -> Result<(), String> {
         check_geometry(facts, module.outputs.len())?;
     }
     if let Some(facts) = &module.capture {
-        let has_stage = matches!(module.stage, Stage::Vertex | Stage::Geometry);
+        let has_stage = is_evaluation || matches!(module.stage, Stage::Vertex | Stage::Geometry);
         if !has_stage || !facts.fits() {
             return Err("what is captured does not fit".into());
         }

@@ -336,14 +336,7 @@ impl Worker {
         }
         let topology = made_topology(draw);
         let first = [first_word, places.words as u32];
-        streams::divide(
-            draw,
-            index,
-            topology,
-            first,
-            &mut self.primitives,
-            chunk,
-        )?;
+        streams::divide(draw, index, topology, first, &mut self.primitives, chunk)?;
         // Without any output of a geometry shader there is no position.
         if geometry.is_some() && places.words == 0 {
             self.primitives.clear();
