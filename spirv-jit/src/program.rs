@@ -272,7 +272,8 @@ impl Program {
     }
 
     /// Geometry: a word of the vertices that the invocations of an ended state emitted, a row a
-    /// vertex. Word 0 is 1 where a strip starts, plus twice the vertex's stream; those after it are [`Self::outputs`].
+    /// vertex. Word 0 is 1 where a strip starts, plus twice the number of the vertex's stream. The
+    /// others are [`Self::outputs`].
     ///
     /// # Panics
     /// The state is smaller than [`StateLayout::rows`], or there is no such word.

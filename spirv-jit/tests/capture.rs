@@ -1,4 +1,4 @@
-//! What transform feedback captures of a shader's outputs, and where.
+//! Outputs of a shader that transform feedback captures, and their places.
 
 use shaders::raster::program;
 use shaders::{glsl, request};
@@ -170,7 +170,7 @@ fn buffers_are_of_streams() {
     assert_eq!(streams, [Some((4, 0)), None, None, Some((8, 2))]);
 }
 
-/// Strides that outputs do not fit in, and buffers that there are not, which compilers of GLSL refuse
+/// Strides that outputs do not fit in, and buffers that do not exist. Compilers of GLSL refuse them
 /// themselves.
 #[test]
 fn captures_outside_are_refused() {

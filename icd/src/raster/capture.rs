@@ -5,7 +5,6 @@
 //! primitives lie in the order that the specification requires, for any number of threads, and the
 //! lists can be written side by side, too.
 
-use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use half::f16;
@@ -14,6 +13,7 @@ use spirv_jit::Program;
 use spirv_jit::program::{CaptureFacts, CaptureWidth, MAX_CAPTURE_BUFFERS};
 use spirv_jit::reach::Reach;
 
+use super::primitive::Captured;
 use super::{Chunk, Context, Draw, Work};
 use crate::wave::reachable::writable;
 
@@ -35,18 +35,6 @@ pub struct CaptureTarget {
 #[derive(Debug, Default)]
 pub struct Capture {
     pub targets: [CaptureTarget; MAX_CAPTURE_BUFFERS],
-}
-
-/// Captured primitives of one stream of a draw, in a chunk.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Captured {
-    /// Index of the draw in the batch's work.
-    pub draw: u32,
-    pub stream: u8,
-    /// Vertices of a primitive.
-    pub corners: u8,
-    /// Of [`Chunk::captured_vertices`].
-    pub vertices: Range<usize>,
 }
 
 /// Primitives that have their places in buffers.

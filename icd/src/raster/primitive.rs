@@ -5,7 +5,8 @@
 //! primitive are made of. Clipping changes coverage only: the shapes of a clipped primitive share
 //! one record, whose planes come from the original vertices.
 
-use super::capture::Captured;
+use std::ops::Range;
+
 use super::{CHUNK_PRIMITIVES, TILE};
 
 /// Where `a * x + b * y + c >= 0`, in fixed-point units. The rule of top and left edges is part of
@@ -91,6 +92,18 @@ pub struct Record {
     pub linear: [Plane; 3],
     /// `PointCoord`, of a point.
     pub point_coord: [Plane; 2],
+}
+
+/// Captured primitives of one stream of a draw, in a chunk.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Captured {
+    /// Index of the draw in the batch's work.
+    pub draw: u32,
+    pub stream: u8,
+    /// Vertices of a primitive.
+    pub corners: u8,
+    /// Of [`Chunk::captured_vertices`].
+    pub vertices: Range<usize>,
 }
 
 /// Primitives of one job in order, of one or several consecutive draws, or one clear.

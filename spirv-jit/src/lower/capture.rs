@@ -20,7 +20,7 @@ struct Piece {
     stream: u32,
 }
 
-/// What a variable or a member says of its capture.
+/// Decorations of a variable or a member for its capture.
 #[derive(Clone, Copy)]
 struct Said {
     buffer: Option<u32>,

@@ -6,13 +6,13 @@
 use std::sync::atomic::Ordering;
 
 use ash::vk::PrimitiveTopology as Topology;
+use spirv_jit::Program;
+use spirv_jit::program::MAX_STREAMS;
 
 use super::topology::{self, Assembled};
-use crate::raster::capture::Captured;
+use crate::raster::primitive::Captured;
 use crate::raster::{Chunk, Draw};
 use crate::wave::Stopped;
-
-use spirv_jit::program::MAX_STREAMS;
 
 /// Counts a draw's primitives, and lists those for transform feedback in the chunk; leaves those
 /// that are drawn. `first` is the first word of the primitives' vertices among the outputs, and the
@@ -54,8 +54,8 @@ pub fn divide(
         }
     }
     let drawn = draw.state.rasterization.stream;
-    let has_streams = (draw.stages.last().and_then(spirv_jit::Program::geometry))
-        .is_some_and(|facts| facts.streams);
+    let has_streams =
+        (draw.stages.last().and_then(Program::geometry)).is_some_and(|facts| facts.streams);
     if has_streams || drawn != 0 {
         primitives.retain(|it| u32::from(it.stream) == drawn);
     }
