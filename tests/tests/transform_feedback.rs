@@ -110,7 +110,7 @@ impl Capturing {
         let canvas = self.gpu.canvas(RGBA, 4, 4);
         self.gpu.run(|commands| {
             self.gpu
-                .record_pass(commands, &Pass::black(&canvas), |commands| record(commands));
+                .record_pass(commands, &Pass::black(&canvas), record);
         });
     }
 

@@ -8,7 +8,7 @@ use super::format::layout::{Codec, FormatInfo, Numeric};
 use super::format::{block, srgb};
 use super::vector::Vector;
 
-/// What becomes of a texel's words before they are weighted.
+/// The way from the words of texels to words that are weighted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Decoder {
     /// Fields of fewer than 32 bits, fixed-point numbers and integers.

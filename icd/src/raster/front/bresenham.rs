@@ -100,7 +100,7 @@ impl MajorLine {
 struct Rows {
     row: i64,
     rest: i64,
-    /// What a column adds to `rest`; at most the denominator, up or down.
+    /// The growth of `rest` by a column; at most the denominator, up or down.
     step: i64,
     denominator: i64,
     stays: bool,

@@ -426,7 +426,7 @@ impl<V: Vector, const KIND: u8> Task<V> for Blend<'_, '_, V, KIND> {
                     }
                     let right = self.number(v, 2 * line + 1, component, &field, &border);
                     if keeps_all {
-                        [all[2 * line & 3], all[2 * line + 1 & 3]] = [left, right];
+                        [all[(2 * line) & 3], all[(2 * line + 1) & 3]] = [left, right];
                     }
                     lines[line] = v.lerp(left, right, taps.weights[0]);
                 }
