@@ -153,6 +153,19 @@ fn small_scalars_are_packed() {
     assert_eq!(places, expected);
 }
 
+#[test]
+fn evaluation_shaders_capture() {
+    let program = program(
+        Stage::TessellationEvaluation,
+        "layout(triangles) in;
+         layout(location = 0, xfb_buffer = 0, xfb_stride = 12, xfb_offset = 0) out vec3 place;
+         void main() { place = gl_TessCoord; gl_Position = vec4(gl_TessCoord, 1.0); }",
+    );
+    let facts = program.capture().expect("captures");
+    let places = [0, 1, 2].map(|word| (4 * u32::from(word), location(0, word)));
+    assert_eq!(sorted(facts), words(0, &places));
+}
+
 /// Each stream has its own buffers.
 #[test]
 fn buffers_are_of_streams() {
