@@ -66,8 +66,8 @@ impl Walker {
         self.go_on_in_boxes(&task, hits, suspended, fuel).walked
     }
 
-    /// Goes on with rays of a group after decisions about them, as far as they stand at boxes of one
-    /// instance and stay there. Returns the lanes that are left, which others take on.
+    /// Goes on with rays of a group after decisions about them, as far as they stand at boxes of
+    /// one instance and stay there. Returns the rays that are left, with the decisions that remain.
     pub(crate) fn resume_in_boxes(
         &mut self,
         mut decided: Decided,
@@ -106,7 +106,7 @@ impl Walker {
                 starts: false,
             };
             let Gone { walked, through } = self.go_on_in_boxes(&task, hits, suspended, fuel);
-            // What was decided about those that are left has been done.
+            // Decisions about rays that are through have been applied.
             decided.lanes -= walked - through;
             decided.accepted -= through;
             decided.ended -= through;
@@ -287,7 +287,7 @@ unsafe fn go<K: Kernel>(
             }
         };
         if event == Event::Done {
-            // What is pending in the top level, and near enough.
+            // Entries of the top level that are beyond the ray's end are dropped.
             while length > 0 && !any && walk.is_beyond(stack[length - 1]) {
                 length -= 1;
             }

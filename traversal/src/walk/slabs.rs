@@ -1,5 +1,6 @@
-//! The rays of a group in a bottom level of boxes: set up at once, as [`Space`](super::space::Space)
-//! sets up each for tests of boxes, and kept while they wait for decisions.
+//! The rays of a group in a bottom level of boxes: set up at once, as
+//! [`Space`](super::space::Space) sets up each for tests of boxes, and kept while they wait for
+//! decisions.
 
 use lanes::LaneMask;
 
