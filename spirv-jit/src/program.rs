@@ -265,7 +265,7 @@ impl Program {
         self.geometry.as_ref()
     }
 
-    /// Vertex and geometry: what transform feedback captures.
+    /// Vertex, tessellation evaluation and geometry: what transform feedback captures.
     #[inline]
     pub fn capture(&self) -> Option<&CaptureFacts> {
         self.capture.as_ref()

@@ -274,7 +274,7 @@ static OF_RAMPS: [[f32; 16]; 2] = [
 static RAMP_PARTS: Divisors = Divisors::new([
     1., 1., 7., 7., 7., 7., 7., 7., 1., 1., 5., 5., 5., 5., 1., 1.,
 ]);
-/// What is added to that, of signed and of other bytes.
+/// The addend of that, of signed and of other bytes.
 static ENDS: [[f32; 16]; 2] = {
     let mut ends = [[0.0; 16]; 2];
     ends[0][15] = 1.0;
@@ -380,7 +380,7 @@ fn ramp<V: Vector>(v: V, [low, high]: [V::I; 2], index: V::I, is_signed: bool) -
 mod tests {
     use super::*;
 
-    /// What tiers with fused multiply-adds compute.
+    /// The quotient as tiers with fused multiply-adds compute it.
     fn fused(a: f32, high: f32, low: f32) -> f32 {
         a.mul_add(high, a * low)
     }
