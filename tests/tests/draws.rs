@@ -373,8 +373,8 @@ fn translucent_colours_are_blended() {
     }
 }
 
-/// Modes of `VK_EXT_blend_operation_advanced` on opaque colours, computed by hand; each draw finds
-/// what the one before it left.
+/// Modes of `VK_EXT_blend_operation_advanced` on opaque colours, computed by hand. A second draw
+/// blends over the first one's result.
 #[test]
 fn colours_are_blended_by_advanced_operations() {
     let Some(gpu) = Gpu::new().drawing() else {

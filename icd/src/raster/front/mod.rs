@@ -1,16 +1,16 @@
 //! The front end: from draws to chunks.
 //!
 //! ```text
-//! batch ──cut──> jobs (in order, one thread) ──> chunks (any worker, any job), a round of them at a time
-//!                                                  assemble: indices, topology, each vertex once
-//!                                                  vertices: attributes, waves of the vertex shader, outputs
-//!                                                  patches: waves of control shaders, which say how many
-//!                                                    primitives patches become; jobs of those
-//!                                                  tessellate: vertices of patches' domains, and primitives
-//!                                                  geometry: waves of the geometry shader
-//!                                                  streams: which primitives are captured or drawn
-//!                                                  set_up: clip, snap, cull, edges, planes
-//!                                                  bins
+//! batch ──cut──> jobs (in order, one thread) ──> chunks (any worker, any job), in rounds
+//!     assemble: indices, topology, each vertex once
+//!     vertices: attributes, waves of the vertex shader, outputs
+//!     patches: waves of control shaders, which say how many primitives patches become; jobs of
+//!         those
+//!     tessellate: vertices of patches' domains, and primitives
+//!     geometry: waves of the geometry shader
+//!     streams: which primitives are captured or drawn
+//!     set_up: clip, snap, cull, edges, planes
+//!     bins
 //! ```
 //!
 //! Where jobs are cut follows from the draws alone, and a chunk from its job alone: no result
