@@ -305,16 +305,23 @@ impl Program {
     /// # Panics
     /// The state is smaller than [`StateLayout::rows`].
     pub fn start(&self, state: &mut [AlignedRow], active: LaneMask) {
-        self.plan.start(state, active, LaneMask::NONE);
+        self.plan.start(state, active, LaneMask::NONE, usize::MAX);
     }
 
     /// As [`Self::start`] for a fragment program: `helpers`, some of the active lanes, are helper
-    /// invocations.
+    /// invocations; `outputs`: as [`Frame::outputs`](crate::Frame::outputs).
     ///
     /// # Panics
     /// As [`Self::start`].
-    pub fn start_fragments(&self, state: &mut [AlignedRow], active: LaneMask, helpers: LaneMask) {
-        self.plan.start(state, active, helpers);
+    pub fn start_fragments(
+        &self,
+        state: &mut [AlignedRow],
+        active: LaneMask,
+        helpers: LaneMask,
+        outputs: Option<usize>,
+    ) {
+        let outputs = outputs.unwrap_or(usize::MAX);
+        self.plan.start(state, active, helpers, outputs);
     }
 
     /// Lanes of a fragment program's ended state that are helper invocations: from the start, or

@@ -143,6 +143,11 @@ impl Runner {
         self.frame.order = order;
     }
 
+    /// Sets how many rows of a program's outputs are read, the first ones; none: all.
+    pub fn set_outputs(&mut self, outputs: Option<usize>) {
+        self.frame.outputs = outputs;
+    }
+
     /// Takes memory for subgroups of a program from the device's budget.
     ///
     /// # Errors

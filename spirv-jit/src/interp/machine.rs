@@ -121,6 +121,8 @@ pub(super) struct Machine<'p> {
     pub is_whole: bool,
     /// Of the frame.
     pub order: u64,
+    /// Rows of outputs that are read, the first ones.
+    pub outputs: usize,
     /// Where the last physical pointer led that was looked up.
     pub near: Cell<Range>,
 }

@@ -62,6 +62,8 @@ pub struct Frame {
     returns: Vec<u32>,
     /// Goes with the messages of shaders: see [`Record::order`](crate::printf::Record::order).
     pub order: u64,
+    /// Rows of outputs that the caller reads, where those are not all: the first ones.
+    pub outputs: Option<usize>,
 }
 
 /// Uniform rows: a program's constants, and what its prologue computed.
@@ -160,6 +162,7 @@ impl Code {
             shared: wave.shared,
             is_whole: wave.is_whole,
             order: frame.order,
+            outputs: frame.outputs.unwrap_or(usize::MAX),
             near: Cell::new(wave.environment.reach.likely()),
         };
         // SAFETY: the frame and the states have the sizes that the program asks for, and stay put

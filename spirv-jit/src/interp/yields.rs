@@ -278,21 +278,22 @@ impl Kernel for ReadVerdict {
     }
 }
 
-/// Writes outputs: operands `x..` (count in `b`) to the io rows from 0 in active lanes; without
-/// operands, zeros to `c` rows.
+/// Writes outputs that are read: operands `x..` (count in `b`) to the io rows from 0 in active
+/// lanes; without operands, zeros to `c` rows.
 pub(super) struct WriteOutputs;
 
 impl Kernel for WriteOutputs {
     #[inline(always)]
     unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
         let first = i.x as usize;
-        let count = i.b.raw() as usize;
+        let count = (i.b.raw() as usize).min(m.outputs);
+        let end = (i.c.raw() as usize).min(m.outputs);
         // SAFETY: as the caller promises.
         unsafe {
             for (row, &operand) in m.code.operands[first..first + count].iter().enumerate() {
                 write_io(m, operand, row);
             }
-            for row in count..i.c.raw() as usize {
+            for row in count..end {
                 for &subgroup in m.listed() {
                     let s = subgroup as usize;
                     let to = &mut *m.state_row(s, m.plan.layout.io + row);

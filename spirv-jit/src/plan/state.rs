@@ -41,15 +41,21 @@ impl Plan {
     }
 
     /// Puts a state at the program's entry with these lanes active, of which `helpers` are helper
-    /// invocations.
+    /// invocations, and zeroes its first rows of outputs, as many as there are or `outputs`.
     #[inline]
-    pub fn start(&self, state: &mut [AlignedRow], active: LaneMask, helpers: LaneMask) {
+    pub fn start(
+        &self,
+        state: &mut [AlignedRow],
+        active: LaneMask,
+        helpers: LaneMask,
+        outputs: usize,
+    ) {
         let state = &mut state[..self.layout.rows];
         state[..self.layout.inputs].fill(AlignedRow::default());
         // Rows that a program may read or return without writing them have the same contents on
         // every run. Of operands and answers of yields only the columns of their lanes are read,
         // which are written first.
-        state[self.layout.io..][..self.output_rows].fill(AlignedRow::default());
+        state[self.layout.io..][..self.output_rows.min(outputs)].fill(AlignedRow::default());
         state[self.private..][..self.private_rows].fill(AlignedRow::default());
         state[0].0[1] = active.bits().into();
         state[0].0[2] = helpers.bits().into();

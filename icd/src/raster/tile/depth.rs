@@ -6,7 +6,7 @@
 use ash::vk::{CompareOp, StencilOp};
 use spirv_jit::image::vector::Vector;
 
-use super::lanes::{Row, lanes_where, row_of};
+use super::lanes::{Row, lanes_where};
 use super::texels::{Places, load, load_stencils, store, store_stencils};
 use crate::object::graphics_state::{DepthStencil, StencilFace};
 use crate::raster::{Target, Targets};
@@ -56,23 +56,29 @@ pub struct Tested<'a, V: Vector> {
     pub references: Option<&'a Row>,
 }
 
-/// Depths as an attachment of integers up to `most` would hold them.
+/// The greatest code of 16 bits, and of 24.
+const MOST_16: u32 = 0xffff;
+const MOST_24: u32 = 0xff_ffff;
+
+/// Depths as an attachment of 16 or 24 bits would hold them, up to `most`: the nearest codes.
 #[inline(always)]
 fn unorm_codes<V: Vector>(v: V, depths: V::F, most: u32) -> V::I {
     // A NaN is not greater than zero.
     let depths = v.min(v.max(depths, v.splat(0.0)), v.splat(1.0));
-    if most <= 0xffff {
+    if most <= MOST_16 {
         return v.scaled(depths, most as f32);
     }
-    /// 1.5 · 2⁵²: the last place of a sum with it is worth 1.
-    const ROUNDER: f64 = 6_755_399_441_055_744.0;
-    let depths = row_of(v, v.bits_of(depths));
-    let mut codes = [0; 16];
-    for lane in 0..16 {
-        let scaled = f64::from(f32::from_bits(depths[lane])) * f64::from(most) + ROUNDER;
-        codes[lane] = scaled.to_bits() as u32;
-    }
-    v.load_i(&codes)
+    // The product with 2²⁴ is exact; a depth less of it is the product with the greatest code. The
+    // nearest integer of that is one less where the rest of the first lies less than a depth above
+    // one half below it. In 32 bits this is exact, too, wherever it decides.
+    let scaled = v.mul(depths, v.splat((MOST_24 + 1) as f32));
+    let nearest = v.round_ties_even(scaled);
+    let above = v.add(v.sub(scaled, nearest), v.splat(0.5));
+    let codes = v.to_i(nearest);
+    v.add_i(
+        codes,
+        v.select(v.gt(depths, above), v.splat_i(-1), v.splat_i(0)),
+    )
 }
 
 #[inline(always)]
@@ -170,7 +176,7 @@ impl Depth {
     }
 }
 
-/// A depth test of 32-bit floats or of 16 bits, and no other test.
+/// A depth test, and no other test.
 #[derive(Clone, Copy)]
 pub struct Plain<'a>(&'a Depth);
 
@@ -203,11 +209,7 @@ impl Tests {
     /// The depth test, if it is [`Plain`].
     pub fn plain(&self) -> Option<Plain<'_>> {
         let depth = self.depth.as_ref()?;
-        let layout = (depth.coding, depth.target.surface.texel_size_bytes);
-        let is_plain = self.stencil.is_none()
-            && matches!(layout, (Coding::Float, 4) | (Coding::Unorm(0xffff), 2))
-            && depth.test
-            && depth.bounds.is_none();
+        let is_plain = self.stencil.is_none() && depth.test && depth.bounds.is_none();
         is_plain.then_some(Plain(depth))
     }
 

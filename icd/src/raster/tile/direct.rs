@@ -10,7 +10,7 @@ use super::coverage::Covered;
 use super::depth::Tested;
 use super::interpolation::{clamped, depths, interpolate, perspective_weights, plane_at};
 use super::lanes::{IN_BLOCK, IN_ROW, Row, row_of};
-use super::passed::{Part, Passed, Texels, Value, texels_of};
+use super::passed::{Change, Part, Passed, Texels, Value, texels_of};
 use super::plan::Plan;
 use super::samples::{Counts, MAX_SAMPLES, count, locations};
 use super::texels::{Pattern, Places, fill, load_word, store, store_word};
@@ -70,10 +70,7 @@ fn glaze_of<V: Vector>(v: V, plan: &Plan<'_>, values: &[Value]) -> Option<Source
         let Some(place) = place else {
             continue;
         };
-        let Value::Same(word) = values[*place] else {
-            return None;
-        };
-        *component = v.splat_i(word as i32);
+        *component = v.splat_i(values[*place].word()? as i32);
     }
     color.source_over(v, source)
 }
@@ -178,9 +175,12 @@ impl<V: Vector> Painter<'_, V> {
                     let mut masks = masks;
                     // SAFETY: the caller's promise: squares lie in the render area.
                     unsafe {
-                        let lanes = match (plain, column) {
-                            (Some(plain), Some(column)) => {
-                                let depths = self.depths_of_row(column, places.y[0]);
+                        let depths = match plain {
+                            None => None,
+                            Some(_) => self.plain_depths(&places, column),
+                        };
+                        let lanes = match (plain, depths) {
+                            (Some(plain), Some(depths)) => {
                                 masks[0] = plain.run(self.v, &places, depths, masks[0]);
                                 counts.samples += u64::from(masks[0].count_ones());
                                 masks[0]
@@ -233,6 +233,28 @@ impl<V: Vector> Painter<'_, V> {
         let from_x = v.splat_i(x.wrapping_sub(record.origin[0]));
         let x = v.to_f(v.add_i(from_x, v.load_i(&IN_ROW[0])));
         v.add(v.splat(record.depth.at), v.mul(v.splat(record.depth.dx), x))
+    }
+
+    /// Depths of the only samples of a row, or of a block of the common kind.
+    #[inline(always)]
+    fn plain_depths(&self, places: &Places, column: Option<V::F>) -> Option<V::F> {
+        let (plan, record) = (self.plan, self.part.record);
+        match column {
+            Some(column) => Some(self.depths_of_row(column, places.y[0])),
+            None if places.pattern == Pattern::Block => {
+                let from = [places.x[0], places.y[0]];
+                let range = plan.clamps_depth.then_some(record.depth_range);
+                Some(depths(
+                    self.v,
+                    record,
+                    from,
+                    &IN_BLOCK,
+                    locations(1)[0],
+                    range,
+                ))
+            }
+            None => None,
+        }
     }
 
     /// The depths of one of its rows, with one sample a pixel: those of [`depths`].
@@ -368,18 +390,19 @@ impl<V: Vector> Painter<'_, V> {
         let Some(place) = place else {
             return v.splat_i(0);
         };
-        match self.values[place] {
-            Value::Same(word) => v.splat_i(word as i32),
-            Value::Varying {
-                first,
-                others,
-                perspective,
-            } => {
-                let weights = weights.of(v, self.part.record, perspective);
-                let others = [v.splat(others[0]), v.splat(others[1])];
-                v.bits_of(interpolate(v, v.splat(first), others, weights))
-            }
+        let value = &self.values[place];
+        if value.change == Change::None {
+            return v.splat_i(value.word as i32);
         }
+        let is_perspective = value.change == Change::Perspective;
+        let weights = weights.of(v, self.part.record, is_perspective);
+        let others = [v.splat(value.others[0]), v.splat(value.others[1])];
+        v.bits_of(interpolate(
+            v,
+            v.splat(f32::from_bits(value.word)),
+            others,
+            weights,
+        ))
     }
 }
 

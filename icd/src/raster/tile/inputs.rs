@@ -203,10 +203,10 @@ impl Inputs {
         self.fills.iter().any(sees_coverage)
     }
 
-    /// The slopes of the rows for the fragments of one primitive; none if they depend on more than
-    /// pixel centres.
-    pub fn slopes(&self) -> Option<Vec<Slope>> {
-        self.fills.iter().map(slope).collect()
+    /// The slopes of the first `rows` rows for the fragments of one primitive; none if they depend
+    /// on more than pixel centres.
+    pub fn slopes(&self, rows: usize) -> Option<Vec<Slope>> {
+        self.fills.iter().take(rows).map(slope).collect()
     }
 
     /// The steps from which the varyings of one primitive's fragments are computed.

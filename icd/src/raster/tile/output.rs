@@ -61,6 +61,9 @@ pub struct Output {
     sample_mask: Option<usize>,
     /// The row of alpha, where it becomes coverage.
     alpha: Option<usize>,
+    /// Rows of outputs up to the last one that matters: programs may write to locations without an
+    /// attachment.
+    pub rows: usize,
 }
 
 impl Output {
@@ -80,7 +83,7 @@ impl Output {
                 index,
             })
         };
-        let colors = (0..MAX_COLOR_ATTACHMENTS)
+        let colors: Vec<Color> = (0..MAX_COLOR_ATTACHMENTS)
             .filter_map(|location| {
                 let rows = |index| [0, 1, 2, 3].map(|it| color_row(location, it, index));
                 let source = rows(0);
@@ -90,14 +93,24 @@ impl Output {
                 color(tier, &target, state, attachment, source, rows(1))
             })
             .collect();
+        let depth = row(OutputRow::FragDepth);
+        let stencil = row(OutputRow::FragStencilRef);
+        let sample_mask = row(OutputRow::SampleMask);
+        let alpha = color_row(0, 3, 0).filter(|_| state.multisample.alpha_to_coverage);
+        let of_colors = colors
+            .iter()
+            .flat_map(|color| color.source.iter().chain(&color.second));
+        let others = [depth, stencil, sample_mask, alpha];
+        let last = of_colors.chain(&others).flatten().max();
         Self {
             samples: targets.samples,
+            rows: last.map_or(0, |last| last + 1),
             colors,
             constants: state.blend.constants,
-            depth: row(OutputRow::FragDepth),
-            stencil: row(OutputRow::FragStencilRef),
-            sample_mask: row(OutputRow::SampleMask),
-            alpha: color_row(0, 3, 0).filter(|_| state.multisample.alpha_to_coverage),
+            depth,
+            stencil,
+            sample_mask,
+            alpha,
         }
     }
 

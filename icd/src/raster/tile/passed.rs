@@ -34,16 +34,41 @@ pub struct Part<'a> {
     pub area: &'a Bounds,
 }
 
-/// An output of a primitive's fragments.
+/// An output of a primitive's fragments. A structure, since its parts are read one by one soon
+/// after they are written: a copy of all in one would wait for them.
 #[derive(Clone, Copy)]
-pub enum Value {
-    Same(u32),
-    /// At the first vertex, and the differences of the others.
-    Varying {
-        first: f32,
-        others: [f32; 2],
-        perspective: bool,
-    },
+pub struct Value {
+    /// At the first vertex.
+    pub word: u32,
+    /// What the other vertices add, as numbers.
+    pub others: [f32; 2],
+    pub change: Change,
+}
+
+/// How an output changes across a primitive.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub enum Change {
+    None,
+    Linear,
+    Perspective,
+}
+
+impl Value {
+    /// One that is the same everywhere.
+    #[inline(always)]
+    pub fn same(word: u32) -> Self {
+        Self {
+            word,
+            others: [0.0; 2],
+            change: Change::None,
+        }
+    }
+
+    /// The word of all fragments, if they have the same.
+    #[inline(always)]
+    pub fn word(&self) -> Option<u32> {
+        (self.change == Change::None).then_some(self.word)
+    }
 }
 
 impl Passed {
@@ -51,11 +76,11 @@ impl Passed {
     /// centres.
     pub fn new(tier: Tier, rows: Option<&Inputs>, output: &Output) -> Option<Self> {
         let slopes = match rows {
-            Some(rows) => Some(rows.slopes()?),
+            Some(rows) => Some(rows.slopes(output.rows)?),
             None => None,
         };
         let constants = slopes.iter().flatten().map(|slope| match *slope {
-            Slope::Constant(word) => Some(Value::Same(word)),
+            Slope::Constant(word) => Some(Value::same(word)),
             _ => None,
         });
         let replaces = output.replaces();
@@ -86,10 +111,7 @@ pub fn texels_of<V: Vector>(v: V, output: &Output, values: &[Value]) -> Option<T
             let Some(place) = place else {
                 continue;
             };
-            let Value::Same(word) = values[*place] else {
-                return None;
-            };
-            source[component] = v.splat_i(word as i32);
+            source[component] = v.splat_i(values[*place].word()? as i32);
         }
         let words = color.encode(v, &color.with_alpha(v, source));
         let rows = rows_of(v, &words);
@@ -99,14 +121,16 @@ pub fn texels_of<V: Vector>(v: V, output: &Output, values: &[Value]) -> Option<T
 }
 
 impl Part<'_> {
+    #[inline(always)]
     fn word(&self, vertex: usize, word: u32) -> u32 {
         let place = self.record.vertices[vertex].wrapping_add(word);
         self.outputs.get(place as usize).copied().unwrap_or(0)
     }
 
+    #[inline(always)]
     pub fn value(&self, slope: &Slope) -> Value {
         let record = self.record;
-        Value::Same(match *slope {
+        Value::same(match *slope {
             Slope::Constant(word) => word,
             Slope::Flat(word) => self.word(usize::from(record.provoking.min(2)), word),
             Slope::PerVertex(word, vertex) => self.word(vertex, word),
@@ -122,12 +146,15 @@ impl Part<'_> {
                 // Its sum with products of zeros and numbers; −0 would become 0.
                 if record.is_affine && others == [0.0; 2] && first.to_bits() != (-0.0f32).to_bits()
                 {
-                    return Value::Same(first.to_bits());
+                    return Value::same(first.to_bits());
                 }
-                return Value::Varying {
-                    first,
+                return Value {
+                    word: first.to_bits(),
                     others,
-                    perspective,
+                    change: match perspective {
+                        true => Change::Perspective,
+                        false => Change::Linear,
+                    },
                 };
             }
         })

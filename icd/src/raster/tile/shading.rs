@@ -77,6 +77,7 @@ spirv_jit::vectors! {
         v,
         chunks: &[Chunk],
         fragment: &Fragment<'_>,
+        outputs: usize,
         packs: &[Pack],
         runner: &mut Runner,
         counts: &mut Counts,
@@ -88,7 +89,8 @@ spirv_jit::vectors! {
         for (pack, state) in packs.iter().zip(runner.states()) {
             let (active, covered) = (pack.active(), pack.covered());
             let helpers = LaneMask::from_bits(active & !covered);
-            program.start_fragments(state, LaneMask::from_bits(active), helpers);
+            let active = LaneMask::from_bits(active);
+            program.start_fragments(state, active, helpers, Some(outputs));
             counts.invocations += u64::from(covered.count_ones());
             let fragments = fragments_of(chunks, pack);
             let rows = &mut state[inputs..];

@@ -14,7 +14,7 @@ use super::inputs::{Inputs, Slope};
 use super::interpolation::{interpolate, perspective_weights, plane_at};
 use super::lanes::{IN_BLOCK, IN_ROW, Row, lanes_of, quads_of};
 use super::output::Output;
-use super::passed::{Part, Value};
+use super::passed::{Change, Part, Value};
 use super::rectangle::{Cells, Rectangle, Side};
 use super::samples::Counts;
 use super::texels::{Pattern, Places, load_word, store_word};
@@ -33,14 +33,15 @@ impl<'a> Sampled<'a> {
     /// None where the inputs depend on more than pixels' centres, not all varyings are of one kind,
     /// or attachments are others.
     pub fn new(tinted: &'a Tinted, inputs: &Inputs, output: &Output) -> Option<Self> {
-        let factors = tinted.outputs.iter().map(|tint| match *tint {
+        let outputs = tinted.outputs.iter().take(output.rows);
+        let factors = outputs.map(|tint| match *tint {
             Tint::Passed(row) | Tint::Product(_, row) => row,
             Tint::Texel(_) => Passed::Constant(0),
         });
         let rows: Vec<Passed> = factors
             .chain(tinted.coordinates.map(Passed::Input))
             .collect();
-        let slopes = inputs.passed(&rows).slopes()?;
+        let slopes = inputs.passed(&rows).slopes(rows.len())?;
         let mut kinds = slopes.iter().filter_map(|slope| match *slope {
             Slope::Varying(_, perspective) => Some(perspective),
             _ => None,
@@ -175,10 +176,8 @@ impl<'a> Primitive<'a> {
 
     /// Whether all fragments of both leave the same.
     fn is_like(&self, other: &Self) -> bool {
-        let is_like = |pair: (&Value, &Value)| match pair {
-            (Value::Same(a), Value::Same(b)) => a == b,
-            _ => false,
-        };
+        let is_like =
+            |(one, other): (&Value, &Value)| one.word().is_some() && one.word() == other.word();
         self.values.iter().zip(&other.values).all(is_like)
     }
 }
@@ -369,13 +368,12 @@ impl<'a, V: Vector> Painter<'a, V> {
     #[inline(always)]
     fn value(&self, value: &Value, weights: Weights<V>) -> V::F {
         let v = self.v;
-        match *value {
-            Value::Same(word) => v.splat(f32::from_bits(word)),
-            Value::Varying { first, others, .. } => {
-                let others = [v.splat(others[0]), v.splat(others[1])];
-                interpolate(v, v.splat(first), others, weights)
-            }
+        let first = v.splat(f32::from_bits(value.word));
+        if value.change == Change::None {
+            return first;
         }
+        let others = [v.splat(value.others[0]), v.splat(value.others[1])];
+        interpolate(v, first, others, weights)
     }
 
     /// Components of sixteen colours.

@@ -449,8 +449,18 @@ impl<'a> Visit<'a> {
         let (tier, chunks) = (self.round.tier, self.round.chunks);
         let runner = &mut self.worker.runner;
         let limits = self.round.context.limits;
+        let outputs = current.plan.output.rows;
         runner.begin(program, Subgroups::apart(packs.len()), limits)?;
-        start(tier, chunks, fragment, packs, runner, &mut self.counts);
+        runner.set_outputs(Some(outputs));
+        start(
+            tier,
+            chunks,
+            fragment,
+            outputs,
+            packs,
+            runner,
+            &mut self.counts,
+        );
         runner.run(program, &current.draw.environment, limits)?;
         // SAFETY: as for direct fragments: these come from blocks, too.
         unsafe {

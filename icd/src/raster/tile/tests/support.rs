@@ -136,27 +136,36 @@ pub fn vertex_program() -> Arc<Program> {
     )
 }
 
-/// A fragment program that passes location 0 on, flat or smooth.
+/// The rows of two locations, of which tests have an attachment for the first alone: as programs do
+/// that compilers of OpenGL make of `gl_FragColor`.
+fn two_locations() -> String {
+    let row = |it: usize| format!("location.{}.{}.0", it / 4, it % 4);
+    (0..8).map(row).collect::<Vec<String>>().join(", ")
+}
+
+/// A fragment program that passes location 0 on, flat or smooth, and leaves other words to the
+/// location behind it.
 pub fn pass_on(mode: &str) -> Arc<Program> {
     let rows = [0, 1, 2, 3].map(|it| format!("varying.0.{it}.{mode}"));
     program(&format!(
         "module fragment
         inputs {}
-        output_rows 4
-        outputs location.0.0.0, location.0.1.0, location.0.2.0, location.0.3.0
+        output_rows 8
+        outputs {}
         fragment colors.1
         func f0 {{
             v0: i32 = input[0]
             v1: i32 = input[1]
             v2: i32 = input[2]
             v3: i32 = input[3]
-            end(v0, v1, v2, v3)
+            end(v0, v1, v2, v3, v1, v2, v3, v0)
         }}",
-        rows.join(", ")
+        rows.join(", "),
+        two_locations(),
     ))
 }
 
-/// A fragment program that leaves location 0 as it is, with some work.
+/// A fragment program that leaves the same, with some work.
 pub fn halve_and_double(mode: &str) -> Arc<Program> {
     let rows = [0, 1, 2, 3].map(|it| format!("varying.0.{it}.{mode}"));
     let mut work = String::new();
@@ -173,16 +182,17 @@ pub fn halve_and_double(mode: &str) -> Arc<Program> {
     program(&format!(
         "module fragment
         inputs {}
-        output_rows 4
-        outputs location.0.0.0, location.0.1.0, location.0.2.0, location.0.3.0
+        output_rows 8
+        outputs {}
         fragment colors.1
         func f0 {{
             v0: f32 = const 0x3f000000
             v1: f32 = const 0x40000000
             {}
-            end(v18, v19, v20, v21)
+            end(v18, v19, v20, v21, v19, v20, v21, v18)
         }}",
         rows.join(", "),
+        two_locations(),
         work
     ))
 }
