@@ -1,7 +1,7 @@
 //! Where physical pointers may lead: the memory that is there while a program runs.
 #![forbid(unsafe_code)]
 
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex};
 
 /// Addresses from `start` on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
@@ -23,6 +23,8 @@ impl Range {
 #[derive(Clone, Debug, Default)]
 pub struct Reach {
     ranges: Vec<Range>,
+    /// Parts of sparse resources without memory, in ascending order.
+    unbound: Arc<[Range]>,
 }
 
 impl Reach {
@@ -38,7 +40,28 @@ impl Reach {
             }
             joins
         });
-        Self { ranges }
+        Self {
+            ranges,
+            unbound: Arc::default(),
+        }
+    }
+
+    /// With parts of sparse resources that have no memory, in ascending order; they do not overlap.
+    pub fn with_unbound(self, unbound: Arc<[Range]>) -> Self {
+        Self { unbound, ..self }
+    }
+
+    /// The parts of sparse resources without memory.
+    pub fn unbound(&self) -> Arc<[Range]> {
+        Arc::clone(&self.unbound)
+    }
+
+    /// Whether no part of these bytes belongs to a sparse resource and has no memory.
+    pub fn is_bound(&self, address: u64, size_bytes: u64) -> bool {
+        let end = address.saturating_add(size_bytes);
+        let after = self.unbound.partition_point(|range| range.start < end);
+        let last = self.unbound[..after].last();
+        last.is_none_or(|range| range.start + range.size_bytes <= address)
     }
 
     /// All memory that a process can have mapped, except the lowest addresses, which never are: for
@@ -159,6 +182,16 @@ mod tests {
         assert_eq!(Reach::everywhere().find(0), None);
         assert!(Reach::everywhere().contains(0x7FFF_0000_0000, 64));
         assert_eq!(Reach::everywhere().clip(u64::MAX, 1), 0);
+    }
+
+    #[test]
+    fn bytes_are_bound_outside_of_the_unbound_ranges() {
+        let unbound = [range(0x1000, 0x1000), range(0x3000, 0x1000)];
+        let reach = Reach::everywhere().with_unbound(unbound.into());
+        assert!(reach.is_bound(0xFF0, 16) && !reach.is_bound(0xFF8, 16));
+        assert!(!reach.is_bound(0x1000, 4) && !reach.is_bound(0x1FFF, 1));
+        assert!(reach.is_bound(0x2000, 0x1000) && !reach.is_bound(0x2000, 0x1001));
+        assert!(reach.is_bound(0x4000, 8) && Reach::default().is_bound(0, 8));
     }
 
     #[test]

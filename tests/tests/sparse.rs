@@ -211,101 +211,140 @@ fn an_image_is_bound_in_pieces() {
     unsafe { gpu.device.destroy_image(image, None) };
 }
 
-/// Every second block of an image has memory, in reverse order; what is written there is read
-/// there.
-#[test]
-fn an_image_is_resident_in_parts() {
-    let Some(gpu) = gpu_with_sparse_binding() else {
-        return;
-    };
-    let Some(gpu) = gpu.with("sparse residency of 2D images", |gpu| {
-        gpu.features.sparse_residency_image2_d != 0
-    }) else {
-        return;
-    };
-    let format = vk::Format::R8G8B8A8_UNORM;
-    let usage = vk::ImageUsageFlags::TRANSFER_SRC | vk::ImageUsageFlags::TRANSFER_DST;
-    // SAFETY: the physical device is of this instance.
-    let blocks = unsafe {
-        (gpu.instance).get_physical_device_sparse_image_format_properties(
-            gpu.physical,
-            format,
-            vk::ImageType::TYPE_2D,
-            vk::SampleCountFlags::TYPE_1,
-            usage,
-            vk::ImageTiling::OPTIMAL,
-        )
-    };
-    let block = blocks[0].image_granularity;
-    // The last column is not a whole block.
-    let [width, height] = [2 * block.width + 5, 3 * block.height];
-    let info = flat_info(format, width, height)
-        .flags(vk::ImageCreateFlags::SPARSE_BINDING | vk::ImageCreateFlags::SPARSE_RESIDENCY)
-        .usage(usage);
-    // SAFETY: `info` outlives the call; the image is destroyed at the end.
-    let (image, needs, of_image) = unsafe {
-        let device = &gpu.device;
-        let image = device.create_image(&info, None).expect("vkCreateImage");
-        (
+/// An image of which every second block has memory, in reverse order.
+struct Checkered {
+    image: vk::Image,
+    /// Texels of a block.
+    block: vk::Extent3D,
+    size: [u32; 2],
+    /// First texels of the blocks with memory.
+    corners: Vec<[u32; 2]>,
+}
+
+/// Blocks along each axis of a [`Checkered`] image.
+const BLOCKS: u32 = 3;
+
+impl Checkered {
+    const FORMAT: vk::Format = vk::Format::R8G8B8A8_UNORM;
+
+    fn new(gpu: &Gpu, usage: vk::ImageUsageFlags) -> Self {
+        // SAFETY: the physical device is of this instance.
+        let blocks = unsafe {
+            (gpu.instance).get_physical_device_sparse_image_format_properties(
+                gpu.physical,
+                Self::FORMAT,
+                vk::ImageType::TYPE_2D,
+                vk::SampleCountFlags::TYPE_1,
+                usage,
+                vk::ImageTiling::OPTIMAL,
+            )
+        };
+        let block = blocks[0].image_granularity;
+        // The last column is not a whole block.
+        let [width, height] = [(BLOCKS - 1) * block.width + 5, BLOCKS * block.height];
+        let info = flat_info(Self::FORMAT, width, height)
+            .flags(vk::ImageCreateFlags::SPARSE_BINDING | vk::ImageCreateFlags::SPARSE_RESIDENCY)
+            .usage(usage);
+        // SAFETY: `info` outlives the call; the test destroys the image.
+        let (image, needs, of_image) = unsafe {
+            let device = &gpu.device;
+            let image = device.create_image(&info, None).expect("vkCreateImage");
+            (
+                image,
+                device.get_image_memory_requirements(image),
+                device.get_image_sparse_memory_requirements(image),
+            )
+        };
+        assert_eq!(of_image.len(), 1);
+        assert_eq!(of_image[0].format_properties.image_granularity, block);
+        assert!(of_image[0].image_mip_tail_first_lod > 0);
+        let corners: Vec<_> = (0..BLOCKS * BLOCKS)
+            .step_by(2)
+            .map(|index| [index % BLOCKS * block.width, index / BLOCKS * block.height])
+            .collect();
+        let count = corners.len() as u64;
+        let memory = gpu.allocate(
+            vk::MemoryRequirements {
+                size: count * needs.alignment,
+                ..needs
+            },
+            false,
+        );
+        let it = Self {
             image,
-            device.get_image_memory_requirements(image),
-            device.get_image_sparse_memory_requirements(image),
-        )
-    };
-    assert_eq!(of_image.len(), 1);
-    assert_eq!(of_image[0].format_properties.image_granularity, block);
-    assert!(of_image[0].image_mip_tail_first_lod > 0);
-    let corners: Vec<_> = (0..9u32)
-        .step_by(2)
-        .map(|index| [index % 3 * block.width, index / 3 * block.height])
-        .collect();
-    let count = corners.len() as u64;
-    let memory = gpu.allocate(
-        vk::MemoryRequirements {
-            size: count * needs.alignment,
-            ..needs
-        },
-        false,
-    );
-    let aspect = vk::ImageAspectFlags::COLOR;
-    let part = |[x, y]: [u32; 2]| {
+            block,
+            size: [width, height],
+            corners,
+        };
+        let binds: Vec<_> = (it.corners.iter().zip(0..))
+            .map(|(&corner, index)| {
+                let (offset, extent) = it.part(corner);
+                vk::SparseImageMemoryBind::default()
+                    .subresource(vk::ImageSubresource::default().aspect_mask(COLOR))
+                    .offset(offset)
+                    .extent(extent)
+                    .memory(memory)
+                    .memory_offset((count - 1 - index) * needs.alignment)
+            })
+            .collect();
+        let images = [vk::SparseImageMemoryBindInfo::default()
+            .image(image)
+            .binds(&binds)];
+        bind(gpu, vk::BindSparseInfo::default().image_binds(&images));
+        gpu.to_general(image, WHOLE);
+        it
+    }
+
+    /// The block at a corner, as far as the image goes.
+    fn part(&self, [x, y]: [u32; 2]) -> (vk::Offset3D, vk::Extent3D) {
         let offset = vk::Offset3D {
             x: x as i32,
             y: y as i32,
             z: 0,
         };
         let extent = vk::Extent3D {
-            width: block.width.min(width - x),
-            height: block.height.min(height - y),
+            width: self.block.width.min(self.size[0] - x),
+            height: self.block.height.min(self.size[1] - y),
             depth: 1,
         };
         (offset, extent)
-    };
-    let binds: Vec<_> = (corners.iter().zip(0..))
-        .map(|(&corner, index)| {
-            let (offset, extent) = part(corner);
-            vk::SparseImageMemoryBind::default()
-                .subresource(vk::ImageSubresource::default().aspect_mask(aspect))
-                .offset(offset)
-                .extent(extent)
-                .memory(memory)
-                .memory_offset((count - 1 - index) * needs.alignment)
-        })
-        .collect();
-    let images = [vk::SparseImageMemoryBindInfo::default()
-        .image(image)
-        .binds(&binds)];
-    bind(&gpu, vk::BindSparseInfo::default().image_binds(&images));
+    }
+}
 
+const COLOR: vk::ImageAspectFlags = vk::ImageAspectFlags::COLOR;
+
+const WHOLE: vk::ImageSubresourceRange = vk::ImageSubresourceRange {
+    aspect_mask: COLOR,
+    base_mip_level: 0,
+    level_count: 1,
+    base_array_layer: 0,
+    layer_count: 1,
+};
+
+fn gpu_with_sparse_residency() -> Option<Gpu> {
+    gpu_with_sparse_binding()?.with("sparse residency of 2D images", |gpu| {
+        gpu.features.sparse_residency_image2_d != 0
+    })
+}
+
+/// Data that is written to blocks with memory is read there.
+#[test]
+fn an_image_is_resident_in_parts() {
+    let Some(gpu) = gpu_with_sparse_residency() else {
+        return;
+    };
+    let usage = vk::ImageUsageFlags::TRANSFER_SRC | vk::ImageUsageFlags::TRANSFER_DST;
+    let checkered = Checkered::new(&gpu, usage);
+    let image = checkered.image;
     let mut size = 0;
-    let regions: Vec<_> = (corners.iter())
+    let regions: Vec<_> = (checkered.corners.iter())
         .map(|&corner| {
-            let (offset, extent) = part(corner);
+            let (offset, extent) = checkered.part(corner);
             let region = vk::BufferImageCopy::default()
                 .buffer_offset(size)
                 .image_subresource(
                     vk::ImageSubresourceLayers::default()
-                        .aspect_mask(aspect)
+                        .aspect_mask(COLOR)
                         .layer_count(1),
                 )
                 .image_offset(offset)
@@ -319,11 +358,6 @@ fn an_image_is_resident_in_parts() {
         .collect();
     let input = gpu.buffer_with(&words);
     let output = gpu.buffer(size);
-    let range = vk::ImageSubresourceRange::default()
-        .aspect_mask(aspect)
-        .level_count(1)
-        .layer_count(1);
-    gpu.to_general(image, range);
     let layout = vk::ImageLayout::GENERAL;
     gpu.run(|commands| {
         // SAFETY: the parts that are copied are bound, and all lives as long as the device.
@@ -338,4 +372,97 @@ fn an_image_is_resident_in_parts() {
     assert!(output.read::<u32>() == words);
     // SAFETY: nothing uses it any more.
     unsafe { gpu.device.destroy_image(image, None) };
+}
+
+/// Shaders learn which texels have memory: of fetches, gathers, samples and storage images.
+#[test]
+fn residency_codes_tell_which_texels_have_memory() {
+    let Some(gpu) = gpu_with_sparse_residency() else {
+        return;
+    };
+    let Some(gpu) = gpu.with("residency in shaders", |gpu| {
+        gpu.features.shader_resource_residency != 0
+    }) else {
+        return;
+    };
+    let usage = vk::ImageUsageFlags::TRANSFER_DST
+        | vk::ImageUsageFlags::SAMPLED
+        | vk::ImageUsageFlags::STORAGE;
+    let checkered = Checkered::new(&gpu, usage);
+    let red = vk::ClearColorValue {
+        float32: [1.0, 0.0, 0.0, 1.0],
+    };
+    let layout = vk::ImageLayout::GENERAL;
+    gpu.run(|commands| {
+        // SAFETY: the image lives until the end of the test.
+        unsafe {
+            (gpu.device).cmd_clear_color_image(commands, checkered.image, layout, &red, &[WHOLE]);
+        }
+    });
+    let view = gpu.view(
+        &vk::ImageViewCreateInfo::default()
+            .image(checkered.image)
+            .view_type(vk::ImageViewType::TYPE_2D)
+            .format(Checkered::FORMAT)
+            .subresource_range(WHOLE),
+    );
+    let edge = vk::SamplerAddressMode::CLAMP_TO_EDGE;
+    let [nearest, linear] = [vk::Filter::NEAREST, vk::Filter::LINEAR].map(|filter| {
+        gpu.sampler(
+            &vk::SamplerCreateInfo::default()
+                .mag_filter(filter)
+                .min_filter(filter)
+                .address_mode_u(edge)
+                .address_mode_v(edge),
+        )
+    });
+    let codes = gpu.buffer(u64::from(4 * BLOCKS * BLOCKS));
+    let source = "
+        #extension GL_ARB_sparse_texture2 : require
+        layout(binding = 0) uniform sampler2D texels;
+        layout(binding = 1, rgba8) uniform readonly image2D stored;
+        layout(binding = 2) writeonly buffer Codes { uint codes[]; };
+        layout(binding = 3) uniform sampler2D smoothed;
+        layout(push_constant) uniform Sizes { ivec2 block; ivec2 size; };
+        uint result(int code, vec4 texel) {
+            return sparseTexelsResidentARB(code) && texel == vec4(1, 0, 0, 1) ? 1 : 0;
+        }
+        void main() {
+            ivec2 at = ivec2(gl_WorkGroupID.xy);
+            ivec2 texel = min(at * block + block / 2, size - 1);
+            vec2 centre = (vec2(texel) + 0.5) / vec2(size);
+            vec2 corner = vec2(at * block) / vec2(size);
+            vec4 value;
+            uint all = 0;
+            int code = sparseTexelFetchARB(texels, texel, 0, value);
+            all |= result(code, value);
+            code = sparseImageLoadARB(stored, texel, value);
+            all |= result(code, value) << 1;
+            code = sparseTextureLodARB(texels, centre, 0, value);
+            all |= result(code, value) << 2;
+            code = sparseTextureGatherARB(texels, corner, value, 0);
+            all |= result(code, value.x == 1 ? vec4(1, 0, 0, 1) : vec4(0)) << 3;
+            code = sparseTextureLodARB(smoothed, corner, 0, value);
+            all |= result(code, value) << 4;
+            codes[at.y * 3 + at.x] = all;
+        }";
+    let set = gpu.set_of(&[
+        Bound::Sampled(view, nearest),
+        Bound::StorageImage(view),
+        codes.into(),
+        Bound::Sampled(view, linear),
+    ]);
+    let kernel = gpu.kernel(source, &[set.layout]);
+    let push = [
+        checkered.block.width,
+        checkered.block.height,
+        checkered.size[0],
+        checkered.size[1],
+    ];
+    gpu.dispatch(kernel, &[set], &push, [BLOCKS, BLOCKS, 1]);
+    // The four texels around a block's corner are all of one block only at the image's first.
+    let wanted = [0b11111, 0, 0b00111, 0, 0b00111, 0, 0b00111, 0, 0b00111];
+    assert_eq!(codes.read::<u32>(), wanted);
+    // SAFETY: nothing uses it any more.
+    unsafe { gpu.device.destroy_image(checkered.image, None) };
 }

@@ -134,7 +134,7 @@ impl Engine {
                 views: Arc::clone(&self.views),
             },
             Some(validator) => Surroundings {
-                shader_reach: validator.registry.reach(),
+                shader_reach: validator.registry.reach(reach.unbound()),
                 reach,
                 live,
                 strays: Some(Arc::default()),

@@ -1,6 +1,7 @@
 //! Which addresses are memory that the application has: what physical pointers and addresses in
 //! commands may lead to.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use parking_lot::Mutex;
@@ -14,14 +15,42 @@ pub struct LiveMemory(Mutex<State>);
 #[derive(Default)]
 struct State {
     ranges: Vec<Range>,
+    /// Parts of sparse resources without memory: their ends, by their starts.
+    unbound: BTreeMap<u64, u64>,
     /// Made of the ranges when they are asked for; gone when those change.
     reach: Option<(Arc<Reach>, Live)>,
 }
 
 impl State {
     fn reach(&mut self) -> &(Arc<Reach>, Live) {
-        let Self { ranges, reach } = self;
-        reach.get_or_insert_with(|| of_reach(Reach::new(ranges.clone())))
+        let Self {
+            ranges,
+            unbound,
+            reach,
+        } = self;
+        reach.get_or_insert_with(|| {
+            let unbound = unbound.iter().map(|(&start, &end)| Range {
+                start,
+                size_bytes: end - start,
+            });
+            of_reach(Reach::new(ranges.clone()).with_unbound(unbound.collect()))
+        })
+    }
+
+    /// Takes a range out of the unbound ones.
+    fn cut(&mut self, start: u64, end: u64) {
+        while let Some((&first, &last)) = self.unbound.range(..end).next_back()
+            && last > start
+        {
+            self.unbound.remove(&first);
+            if last > end {
+                self.unbound.insert(end, last);
+            }
+            if first < start {
+                self.unbound.insert(first, start);
+            }
+        }
+        self.reach = None;
     }
 }
 
@@ -38,8 +67,8 @@ impl LiveMemory {
     /// Where everything is live: for work on memory that is not a device's.
     pub fn everywhere() -> Arc<Self> {
         Arc::new(Self(Mutex::new(State {
-            ranges: Vec::new(),
             reach: Some(of_reach(Reach::everywhere())),
+            ..State::default()
         })))
     }
 
@@ -58,6 +87,18 @@ impl LiveMemory {
             state.ranges.swap_remove(index);
             state.reach = None;
         }
+    }
+
+    /// Notes that a part of a sparse resource has memory.
+    pub fn bind(&self, start: u64, size_bytes: u64) {
+        self.0.lock().cut(start, start + size_bytes);
+    }
+
+    /// Notes that a part of a sparse resource has no memory.
+    pub fn unbind(&self, start: u64, size_bytes: u64) {
+        let mut state = self.0.lock();
+        state.cut(start, start + size_bytes);
+        state.unbound.insert(start, start + size_bytes);
     }
 
     /// The current live memory.
@@ -84,5 +125,27 @@ mod tests {
         assert!(live.reach().contains(0x1000, 0x1000));
         live.remove(0x1000, 0x1000);
         assert!(live.reach().find(0x1000).is_none());
+    }
+
+    #[test]
+    fn parts_are_bound_and_unbound() {
+        let live = LiveMemory::default();
+        live.unbind(0x1000, 0x8000);
+        live.bind(0x2000, 0x1000);
+        live.bind(0x5000, 0x1000);
+        live.unbind(0x2800, 0x3000);
+        let unbound = |live: &LiveMemory| -> Vec<_> {
+            let unbound = live.reach().unbound();
+            let ends = |range: &Range| [range.start, range.start + range.size_bytes];
+            unbound.iter().map(ends).collect()
+        };
+        assert_eq!(
+            unbound(&live),
+            [[0x1000, 0x2000], [0x2800, 0x5800], [0x6000, 0x9000]]
+        );
+        live.bind(0x1800, 0x7000);
+        assert_eq!(unbound(&live), [[0x1000, 0x1800], [0x8800, 0x9000]]);
+        live.bind(0, 0x10000);
+        assert!(unbound(&live).is_empty());
     }
 }

@@ -37,8 +37,10 @@ impl Reservation {
             .max(1)
             .checked_next_multiple_of(GRANULE)
             .ok_or(vk::Result::ERROR_OUT_OF_DEVICE_MEMORY)?;
+        let address = window.take_range(size_bytes, placement)?;
+        window.live.unbind(address, size_bytes);
         Ok(Arc::new(Self {
-            address: window.take_range(size_bytes, placement)?,
+            address,
             window: Arc::clone(window),
             size_bytes,
         }))
@@ -52,6 +54,7 @@ impl Reservation {
 
 impl Drop for Reservation {
     fn drop(&mut self) {
+        self.window.live.bind(self.address, self.size_bytes);
         self.window.give_back_range(self.address, self.size_bytes);
     }
 }
@@ -81,12 +84,17 @@ impl SparseBind {
             return Err("a sparse binding outside of its resource");
         }
         let address = self.resource.address + self.resource_offset;
+        let live = &self.resource.window.live;
         let mapped = match &self.memory {
-            None => map_zero_pages(address, self.size_bytes, libc::MAP_FIXED),
+            None => {
+                live.unbind(address, self.size_bytes);
+                map_zero_pages(address, self.size_bytes, libc::MAP_FIXED)
+            }
             Some((memory, offset)) => {
                 if !offset.is_multiple_of(page_bytes()) || !inside(*offset, memory.shared_bytes()) {
                     return Err("a sparse binding to memory that cannot be bound");
                 }
+                live.bind(address, self.size_bytes);
                 show_at(memory.address + offset, self.size_bytes, address)
             }
         };

@@ -76,6 +76,7 @@ features! {
         shader_float64 Float64;
         shader_int64 Int64;
         shader_int16 Int16;
+        shader_resource_residency SparseResidency;
         shader_resource_min_lod MinLod;
         texture_compression_bc;
         texture_compression_etc2;
@@ -212,6 +213,8 @@ features! {
         shader_shared_float64_atomic_add: PhysicalDeviceShaderAtomicFloatFeaturesEXT;
         shader_image_float32_atomics: PhysicalDeviceShaderAtomicFloatFeaturesEXT;
         shader_image_float32_atomic_add: PhysicalDeviceShaderAtomicFloatFeaturesEXT;
+        sparse_image_float32_atomics: PhysicalDeviceShaderAtomicFloatFeaturesEXT;
+        sparse_image_float32_atomic_add: PhysicalDeviceShaderAtomicFloatFeaturesEXT;
         shader_buffer_float16_atomics: PhysicalDeviceShaderAtomicFloat2FeaturesEXT;
         shader_buffer_float16_atomic_add: PhysicalDeviceShaderAtomicFloat2FeaturesEXT => AtomicFloat16AddEXT;
         shader_buffer_float16_atomic_min_max: PhysicalDeviceShaderAtomicFloat2FeaturesEXT => AtomicFloat16MinMaxEXT;
@@ -223,7 +226,9 @@ features! {
         shader_shared_float32_atomic_min_max: PhysicalDeviceShaderAtomicFloat2FeaturesEXT;
         shader_shared_float64_atomic_min_max: PhysicalDeviceShaderAtomicFloat2FeaturesEXT;
         shader_image_float32_atomic_min_max: PhysicalDeviceShaderAtomicFloat2FeaturesEXT;
+        sparse_image_float32_atomic_min_max: PhysicalDeviceShaderAtomicFloat2FeaturesEXT;
         shader_image_int64_atomics: PhysicalDeviceShaderImageAtomicInt64FeaturesEXT => Int64ImageEXT;
+        sparse_image_int64_atomics: PhysicalDeviceShaderImageAtomicInt64FeaturesEXT;
         shader_expect_assume: PhysicalDeviceVulkan14Features PhysicalDeviceShaderExpectAssumeFeaturesKHR => ExpectAssumeKHR;
         shader_float_controls2: PhysicalDeviceVulkan14Features PhysicalDeviceShaderFloatControls2FeaturesKHR => FloatControls2;
         compute_derivative_group_quads: PhysicalDeviceComputeShaderDerivativesFeaturesNV => ComputeDerivativeGroupQuadsKHR;
@@ -520,7 +525,7 @@ mod tests {
             Err(vk::Result::ERROR_FEATURE_NOT_PRESENT)
         );
         let core = vk::PhysicalDeviceFeatures2::default()
-            .features(vk::PhysicalDeviceFeatures::default().shader_resource_residency(true));
+            .features(vk::PhysicalDeviceFeatures::default().sparse_residency16_samples(true));
         assert_eq!(
             check((&raw const core).cast()),
             Err(vk::Result::ERROR_FEATURE_NOT_PRESENT)

@@ -94,8 +94,9 @@ impl Registry {
         known
     }
 
-    /// Where physical pointers may lead: buffers of that usage.
-    pub fn reach(&self) -> Arc<Reach> {
+    /// Where physical pointers may lead: buffers of that usage. `unbound` are the parts of sparse
+    /// resources without memory.
+    pub fn reach(&self, unbound: Arc<[Range]>) -> Arc<Reach> {
         let usage = vk::BufferUsageFlags::SHADER_DEVICE_ADDRESS;
         let buffers = self.buffers.lock();
         let ranges = buffers
@@ -105,7 +106,7 @@ impl Registry {
                 start,
                 size_bytes: buffer.size_bytes,
             });
-        Arc::new(Reach::new(ranges.collect()))
+        Arc::new(Reach::new(ranges.collect()).with_unbound(unbound))
     }
 }
 
@@ -126,8 +127,8 @@ mod tests {
         assert_eq!(registry.find(0x1000, 0x80), Known::Inside(TABLE | ADDRESS));
         assert_eq!(registry.find(0x1000, 0x81), Known::Inside(TABLE));
         assert_eq!(registry.find(0x10F0, 0x11), Known::Outside);
-        assert!(registry.reach().contains(0x2000, 0x10));
-        assert!(!registry.reach().contains(0x1080, 1));
+        assert!(registry.reach(Arc::default()).contains(0x2000, 0x10));
+        assert!(!registry.reach(Arc::default()).contains(0x1080, 1));
         registry.remove_buffer(1, 0x1000);
         assert_eq!(registry.find(0x1080, 1), Known::Outside);
     }

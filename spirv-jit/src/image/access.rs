@@ -91,6 +91,9 @@ pub(super) unsafe fn read(
     results: &mut [Row],
 ) {
     let (offsets, inside) = locate(op, operands, image, info, mask);
+    if let Some(residency) = operands.residency {
+        residency.check(image, info, &offsets, inside);
+    }
     if inside == 0 {
         // Nothing to load; missing components are filled below all the same.
         let mut texels = [[0; SUBGROUP_SIZE]; 4];

@@ -5,6 +5,7 @@ use lanes::Tier;
 use super::fast::Fast;
 use super::format::block::each_lane;
 use super::operands::{Operands, usable};
+use super::residency::Residency;
 use super::{Dim, ImageDescriptor, ImageOp, ImageOpKind, Level, SamplerDescriptor};
 use super::{access, sample};
 use crate::row::Row;
@@ -19,12 +20,16 @@ pub(super) unsafe fn execute_plain(
     sampler: Option<&SamplerDescriptor>,
     mask: u16,
     operands: &[&Row],
+    residency: Option<&Residency<'_>>,
     results: &mut [Row],
 ) {
     let Some((image, info)) = usable(image) else {
         return put_null(op, mask, results);
     };
-    let operands = Operands::new(op, operands);
+    let operands = Operands {
+        residency,
+        ..Operands::new(op, operands)
+    };
     // SAFETY: the caller's promise.
     unsafe {
         match op.kind {

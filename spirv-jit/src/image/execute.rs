@@ -2,6 +2,7 @@
 
 use super::block::execute_plain;
 use super::operands::usable;
+use super::residency::Residency;
 use super::{ImageDescriptor, ImageOp, ImageOpKind, SamplerDescriptor, ycbcr};
 use crate::row::Row;
 
@@ -27,14 +28,36 @@ pub unsafe fn execute_block(
     operands: &[&Row],
     results: &mut [Row],
 ) {
+    // SAFETY: the caller's promise.
+    unsafe { execute_resident(op, image, sampler, mask, operands, None, results) };
+}
+
+/// As [`execute_block`], and the lanes that read texels without memory. Residency codes are left to
+/// the caller.
+///
+/// # Safety
+/// As there.
+pub(crate) unsafe fn execute_resident(
+    op: &ImageOp,
+    image: Option<&ImageDescriptor>,
+    sampler: Option<&SamplerDescriptor>,
+    mask: u16,
+    operands: &[&Row],
+    residency: Option<&Residency<'_>>,
+    results: &mut [Row],
+) {
     if op.kind == ImageOpKind::Sample
         && !op.depth_compare
         && let Some((image, _)) = usable(image)
         && let (Some(conversion), Some(sampler)) = (&image.conversion, sampler)
     {
         // SAFETY: the caller's promise.
-        return unsafe { ycbcr::sample(op, image, conversion, sampler, mask, operands, results) };
+        return unsafe {
+            ycbcr::sample(
+                op, image, conversion, sampler, mask, operands, residency, results,
+            )
+        };
     }
     // SAFETY: the caller's promise.
-    unsafe { execute_plain(op, image, sampler, mask, operands, results) };
+    unsafe { execute_plain(op, image, sampler, mask, operands, residency, results) };
 }

@@ -42,6 +42,14 @@ impl Anisotropy {
         }
         most
     }
+
+    /// The lanes that take the sample of an index.
+    #[inline(always)]
+    pub(super) fn taking(&self, sample_index: i32) -> u16 {
+        (0..SUBGROUP_SIZE).fold(0, |lanes, lane| {
+            lanes | u16::from(sample_index < self.count[lane]) << lane
+        })
+    }
 }
 
 /// √½ as a float's bits.

@@ -18,6 +18,7 @@ pub mod halve;
 pub mod lod;
 pub mod operands;
 pub(crate) mod plain;
+pub mod residency;
 mod sample;
 #[cfg(test)]
 mod tests;
@@ -306,6 +307,9 @@ pub struct ImageOp {
     pub signed: bool,
     /// A read that is performed as written, not merged with another (`Volatile`, `VolatileTexel`).
     pub volatile: bool,
+    /// The last result is a residency code (i32): 1 if all texels that were read have memory, else 0
+    /// (`OpImageSparse*`). Of samples, gathers, fetches and reads.
+    pub residency: bool,
     /// Format declared in the shader, or `Format::UNDEFINED` to use the view's.
     pub format: Format,
 }
@@ -326,6 +330,7 @@ impl ImageOp {
             texel: crate::types::Type::F32,
             signed: false,
             volatile: false,
+            residency: false,
             format: Format::UNDEFINED,
         }
     }

@@ -2,13 +2,14 @@
 
 use super::format::block::Texels;
 use super::format::{FormatInfo, Numeric};
+use super::residency::Residency;
 use super::{ImageDescriptor, ImageOp, ImageOpKind, LodMode};
 use crate::SUBGROUP_SIZE;
 use crate::row::Row;
 use crate::types::{AtomicOp, Type};
 
-/// Most result rows an operation has: four texel components of 64 bits.
-pub const MAX_RESULT_ROWS: usize = 8;
+/// Most result rows an operation has: four texel components of 64 bits and a residency code.
+pub const MAX_RESULT_ROWS: usize = 9;
 
 impl ImageOp {
     /// Whether a sampler descriptor follows the image descriptor.
@@ -65,7 +66,7 @@ impl ImageOp {
     /// Rows of 32-bit words that an operation produces.
     pub fn result_rows(&self) -> usize {
         let words = if self.texel == Type::I64 { 2 } else { 1 };
-        match self.kind {
+        let rows = match self.kind {
             ImageOpKind::Sample if self.depth_compare => 1,
             ImageOpKind::Sample
             | ImageOpKind::Fetch
@@ -77,7 +78,8 @@ impl ImageOp {
             ImageOpKind::QuerySize => self.size_components(),
             ImageOpKind::QueryLevels | ImageOpKind::QuerySamples => 1,
             ImageOpKind::QueryLod => 2,
-        }
+        };
+        rows + self.residency as usize
     }
 
     /// Operand rows before those of the level of detail.
@@ -125,6 +127,8 @@ pub(crate) struct Operands<'a> {
     pub offsets: &'a [&'a Row],
     pub sample: Option<&'a Row>,
     pub texel: &'a [&'a Row],
+    /// Takes the texels without memory, if the operation tells.
+    pub residency: Option<&'a Residency<'a>>,
 }
 
 impl<'a> Operands<'a> {
@@ -156,6 +160,7 @@ impl<'a> Operands<'a> {
                 .first()
                 .copied(),
             texel: rest,
+            residency: None,
         }
     }
 }

@@ -17,7 +17,7 @@ pub(crate) fn may_apply(op: &ImageOp) -> bool {
         op.kind,
         ImageOpKind::Fetch | ImageOpKind::Read | ImageOpKind::Write
     );
-    kind && !op.multisampled && op.texel != Type::I64
+    kind && !op.residency && !op.multisampled && op.texel != Type::I64
 }
 
 /// An operation that [`may_apply`], with an image for which it does.

@@ -8,6 +8,7 @@ use super::format::FormatInfo;
 use super::format::block::{self, Offsets, Texels, map};
 use super::lod::{self, LevelLanes, floats};
 use super::operands::{Operands, put_texels, swizzle};
+use super::residency::Residency;
 use super::{
     AddressMode, CompareOp, Dim, Filter, ImageDescriptor, ImageOp, ImageOpKind, Reduction,
     SamplerDescriptor, bounds, cube, fast::Fast,
@@ -200,6 +201,10 @@ unsafe fn sample_body(
                     }
                 }
             }
+            let taking = match &lod.anisotropy {
+                Some(anisotropy) => group & anisotropy.taking(sample_index),
+                None => group,
+            };
             let mut texels = [[0; SUBGROUP_SIZE]; 4];
             for pass in 0..level_passes {
                 let pass_level = map(&level, |d| (d + pass as i32).min(last_level));
@@ -218,6 +223,7 @@ unsafe fn sample_body(
                     spatial,
                     level: &lanes,
                     place: &place,
+                    lanes: if pass == 0 { taking } else { taking & between },
                 };
                 // SAFETY: the caller's promise.
                 let of_level = unsafe { footprint.texels(operands, sum_of) };
@@ -346,6 +352,8 @@ struct Footprint<'a> {
     spatial: usize,
     level: &'a LevelLanes,
     place: &'a Place,
+    /// Lanes that take texels.
+    lanes: u16,
 }
 
 impl Footprint<'_> {
@@ -421,7 +429,7 @@ impl Footprint<'_> {
                 &axes[2].index[side >> 2 & 1],
             ];
             // SAFETY: the caller's promise.
-            (taps[tap], corners[tap]) = unsafe { self.tap(indices) };
+            (taps[tap], corners[tap]) = unsafe { self.tap(indices, operands.residency) };
         }
         if corners != [0; 8] {
             fill_corners(&mut taps, &corners);
@@ -470,7 +478,7 @@ impl Footprint<'_> {
     /// # Safety
     /// The image's memory stays allocated during the call.
     #[inline(always)]
-    unsafe fn tap(&self, indices: [&Ints; 3]) -> (Texels, u16) {
+    unsafe fn tap(&self, indices: [&Ints; 3], residency: Option<&Residency<'_>>) -> (Texels, u16) {
         let (mut x, mut y, mut z) = (*indices[0], *indices[1], *indices[2]);
         let mut layer = self.place.layer;
         let mut corners = 0;
@@ -531,6 +539,12 @@ impl Footprint<'_> {
             for lane in 0..SUBGROUP_SIZE {
                 offsets[lane] += layer[lane] as u32 as u64 * self.image.layer_stride_bytes;
             }
+        }
+        if let Some(residency) = residency {
+            let outside = (0..).zip(border).fold(corners, |lanes, (lane, is_border)| {
+                lanes | u16::from(is_border) << lane
+            });
+            residency.check(self.image, self.info, &offsets, self.lanes & !outside);
         }
         // SAFETY: indices are clamped to the level's size and the layer to the view's layers, so
         // each offset is that of a texel of the image.

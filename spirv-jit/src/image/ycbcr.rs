@@ -7,6 +7,7 @@
 
 use super::block::execute_plain;
 use super::format::block::Texels;
+use super::residency::Residency;
 use super::{Filter, Format, ImageDescriptor, ImageOp, SamplerDescriptor};
 use crate::SUBGROUP_SIZE;
 use crate::row::Row;
@@ -218,6 +219,10 @@ fn plane_image(image: &ImageDescriptor, plane: &Plane) -> ImageDescriptor {
 ///
 /// # Safety
 /// As [`execute_plain`].
+#[expect(
+    clippy::too_many_arguments,
+    reason = "those of an operation on a block"
+)]
 pub(super) unsafe fn sample(
     op: &ImageOp,
     image: &ImageDescriptor,
@@ -225,6 +230,7 @@ pub(super) unsafe fn sample(
     sampler: &SamplerDescriptor,
     mask: u16,
     operands: &[&Row],
+    residency: Option<&Residency<'_>>,
     results: &mut [Row],
 ) {
     let mut texels: Texels = [[0; SUBGROUP_SIZE]; 4];
@@ -260,7 +266,7 @@ pub(super) unsafe fn sample(
         let mut of = [[0; SUBGROUP_SIZE]; super::operands::MAX_RESULT_ROWS];
         let (image, sampler) = (Some(&of_plane), Some(&sampler));
         // SAFETY: the caller's promise; the plane is a part of the image.
-        unsafe { execute_plain(op, image, sampler, mask, &rows[..count], &mut of) };
+        unsafe { execute_plain(op, image, sampler, mask, &rows[..count], residency, &mut of) };
         for (texel, component) in texels.iter_mut().zip(plane.components) {
             if let Some(component) = component {
                 *texel = of[component as usize];

@@ -1,4 +1,4 @@
-//! Image operations: operand rows for [`execute_block`], and the common samples, loads and stores
+//! Image operations: operand rows for [`execute_resident`], and the common samples, loads and stores
 //! over a whole wave.
 
 use std::marker::PhantomData;
@@ -12,11 +12,12 @@ use super::tier::{Kernel, Portable, Tier};
 use crate::SUBGROUP_SIZE;
 use crate::environment::Environment;
 use crate::eval::quad;
-use crate::image::execute::execute_block;
+use crate::image::execute::execute_resident;
 use crate::image::fast::{self, Fast};
 use crate::image::format::block::each_lane;
 use crate::image::operands::{MAX_RESULT_ROWS, Operands, usable};
 use crate::image::plain::{self, Plain};
+use crate::image::residency::Residency;
 use crate::image::vector::{self, Vector};
 use crate::image::{ImageDescriptor, ImageOp, ImageOpKind, SamplerDescriptor};
 use crate::ir::op::AtomicOp;
@@ -107,7 +108,7 @@ fn lanes(m: &Machine<'_>, plan: &ImagePlan, subgroup: u16) -> u16 {
     lanes.bits()
 }
 
-/// Performs `op` in the lanes of `mask`: as [`execute_block`], with descriptors that lanes may
+/// Performs `op` in the lanes of `mask`: as [`execute_resident`], with descriptors that lanes may
 /// differ in. Those that are the same in all active lanes, the common case, are set up once; where
 /// they differ, lanes are grouped by descriptor.
 ///
@@ -154,12 +155,21 @@ pub(crate) unsafe fn execute(
             } else {
                 None
             };
+            let residency = (op.residency).then(|| Residency::new(&environment.reach));
+            let residency = residency.as_ref();
+            let put_codes = |results: &mut [Row]| {
+                if let Some(residency) = residency {
+                    results[op.result_rows() - 1] = residency.codes();
+                }
+            };
             if group == mask {
-                return execute_block(op, image, sampler, group, operands, results);
+                execute_resident(op, image, sampler, group, operands, residency, results);
+                return put_codes(results);
             }
             // A block writes whole rows: other groups' lanes must not be touched.
             let mut part = [[0; SUBGROUP_SIZE]; MAX_RESULT_ROWS];
-            execute_block(op, image, sampler, group, operands, &mut part);
+            execute_resident(op, image, sampler, group, operands, residency, &mut part);
+            put_codes(&mut part);
             for (row, part) in results.iter_mut().zip(&part[..op.result_rows()]) {
                 each_lane(group, |lane| row[lane] = part[lane]);
             }

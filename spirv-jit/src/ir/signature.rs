@@ -465,8 +465,16 @@ fn check_image(op: &ImageOp, args: &[Type], results: &[Type]) -> Checked {
     };
     expected.extend(std::iter::repeat_n(op.texel, texels));
     require(args == expected, "wrong image operands")?;
+    let tells = matches!(
+        op.kind,
+        Kind::Sample | Kind::Fetch | Kind::Gather(_) | Kind::Read
+    );
+    require(tells || !op.residency, "no residency of this operation")?;
+    let (results, codes) = results.split_at(count.min(results.len()));
+    let is_texel = results.iter().all(|&ty| ty == result_type);
+    let is_code = codes == &[I32][..op.residency as usize];
     require(
-        results.len() == count && results.iter().all(|&ty| ty == result_type),
+        results.len() == count && is_texel && is_code,
         "wrong image results",
     )
 }

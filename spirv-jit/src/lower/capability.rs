@@ -35,6 +35,7 @@ pub const SUPPORTED: &[Capability] = &[
     Capability::ImageCubeArray,
     Capability::Int64ImageEXT,
     Capability::MinLod,
+    Capability::SparseResidency,
     Capability::Sampled1D,
     Capability::Image1D,
     Capability::SampledCubeArray,

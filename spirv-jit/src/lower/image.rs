@@ -70,6 +70,22 @@ struct Sampling {
     implicit: bool,
 }
 
+/// An instruction by its plain name, and whether it gives a residency code, too.
+fn plain(opcode: Op) -> (Op, bool) {
+    let plain = match opcode {
+        Op::ImageSparseSampleImplicitLod => Op::ImageSampleImplicitLod,
+        Op::ImageSparseSampleExplicitLod => Op::ImageSampleExplicitLod,
+        Op::ImageSparseSampleDrefImplicitLod => Op::ImageSampleDrefImplicitLod,
+        Op::ImageSparseSampleDrefExplicitLod => Op::ImageSampleDrefExplicitLod,
+        Op::ImageSparseFetch => Op::ImageFetch,
+        Op::ImageSparseGather => Op::ImageGather,
+        Op::ImageSparseDrefGather => Op::ImageDrefGather,
+        Op::ImageSparseRead => Op::ImageRead,
+        _ => return (opcode, false),
+    };
+    (plain, true)
+}
+
 fn sampling(opcode: Op) -> Option<Sampling> {
     let (projective, compares) = match opcode {
         Op::ImageSampleImplicitLod | Op::ImageSampleExplicitLod => (false, false),
@@ -95,7 +111,7 @@ fn sampling(opcode: Op) -> Option<Sampling> {
 impl Lowerer<'_> {
     pub(super) fn lower_image(&mut self, instruction: &Instruction) -> Result<(), Error> {
         let operands = self.module.operands(instruction);
-        match instruction.opcode {
+        match plain(instruction.opcode).0 {
             Op::SampledImage => {
                 let image = self.leaves(operands[0])?;
                 let sampler = self.leaves(operands[1])?;
@@ -116,6 +132,12 @@ impl Lowerer<'_> {
             | Op::ImageQueryLod
             | Op::ImageQueryLevels
             | Op::ImageQuerySamples => self.lower_query(instruction, operands),
+            Op::ImageSparseTexelsResident => {
+                let code = self.scalar(operands[0])?;
+                let zero = self.b.constant(self.b.ty(code), 0);
+                let is_resident = self.b.compare(ir::Op::INe, code, zero)?;
+                self.define_typed(instruction, &[is_resident])
+            }
             _ => self.lower_sample(instruction, operands),
         }
     }
@@ -300,26 +322,43 @@ impl Lowerer<'_> {
             }
             _ => op.texel,
         };
-        let types: SmallVec<[Type; 4]> = SmallVec::from_elem(ty, results);
+        let mut types: SmallVec<[Type; 5]> = SmallVec::from_elem(ty, results);
+        if op.residency {
+            types.push(Type::I32);
+        }
         let values = self
             .b
             .emit_unchecked(ir::Op::Image(op), arguments, &types)?;
         Ok(values.to_vec())
     }
 
-    /// Defines an instruction's result by the first components that it has.
+    /// Performs an operation that reads texels, and defines its instruction's result: the first
+    /// components that it has, behind the residency code if it has one.
     fn define_texel(
         &mut self,
         instruction: &Instruction,
-        mut values: Vec<Value>,
+        op: ImageOp,
+        arguments: &[Value],
     ) -> Result<(), Error> {
+        let op = ImageOp {
+            residency: plain(instruction.opcode).1,
+            ..op
+        };
+        let results = match op.kind {
+            ImageOpKind::Sample if op.depth_compare => 1,
+            _ => 4,
+        };
+        let mut values = self.emit_image(op, arguments, results)?;
+        if op.residency {
+            values.rotate_right(1);
+        }
         let count = self.types.leaves(instruction.result_type)?.len();
         values.truncate(count);
         self.define_typed(instruction, values)
     }
 
     fn lower_sample(&mut self, instruction: &Instruction, operands: &[u32]) -> Result<(), Error> {
-        let Some(sampling) = sampling(instruction.opcode) else {
+        let Some(sampling) = sampling(plain(instruction.opcode).0) else {
             return Err(self.unsupported(instruction));
         };
         let image = self.image_type(operands[0])?;
@@ -354,14 +393,12 @@ impl Lowerer<'_> {
             arguments.extend(self.gradients(&spatial, extras.bias.take())?);
         }
         self.push_extras(&mut op, &extras, &mut arguments)?;
-        let results = if sampling.compares { 1 } else { 4 };
-        let values = self.emit_image(op, &arguments, results)?;
-        self.define_texel(instruction, values)
+        self.define_texel(instruction, op, &arguments)
     }
 
     fn lower_gather(&mut self, instruction: &Instruction, operands: &[u32]) -> Result<(), Error> {
         let image = self.image_type(operands[0])?;
-        let compares = instruction.opcode == Op::ImageDrefGather;
+        let compares = plain(instruction.opcode).0 == Op::ImageDrefGather;
         let component = match compares {
             true => 0,
             false => self.constants.unsigned(&self.types, operands[2])?.min(3) as u8,
@@ -377,8 +414,7 @@ impl Lowerer<'_> {
         }
         let extras = self.extras(&operands[3..])?;
         self.push_extras(&mut op, &extras, &mut arguments)?;
-        let values = self.emit_image(op, &arguments, 4)?;
-        self.define_texel(instruction, values)
+        self.define_texel(instruction, op, &arguments)
     }
 
     fn lower_texel_read(
@@ -387,7 +423,7 @@ impl Lowerer<'_> {
         operands: &[u32],
     ) -> Result<(), Error> {
         let image = self.image_type(operands[0])?;
-        let kind = match instruction.opcode {
+        let kind = match plain(instruction.opcode).0 {
             Op::ImageFetch => ImageOpKind::Fetch,
             _ => ImageOpKind::Read,
         };
@@ -405,8 +441,7 @@ impl Lowerer<'_> {
         op.volatile = op.kind == ImageOpKind::Read
             && (extras.volatile || self.module.annotations.has_volatile);
         self.push_extras(&mut op, &extras, &mut arguments)?;
-        let values = self.emit_image(op, &arguments, 4)?;
-        self.define_texel(instruction, values)
+        self.define_texel(instruction, op, &arguments)
     }
 
     /// The texel of an input attachment: the fragment's own, moved by an offset, in the layer that

@@ -122,7 +122,16 @@ impl Lowerer<'_> {
             | Op::ImageQuerySize
             | Op::ImageQueryLod
             | Op::ImageQueryLevels
-            | Op::ImageQuerySamples => self.lower_image(instruction),
+            | Op::ImageQuerySamples
+            | Op::ImageSparseSampleImplicitLod
+            | Op::ImageSparseSampleExplicitLod
+            | Op::ImageSparseSampleDrefImplicitLod
+            | Op::ImageSparseSampleDrefExplicitLod
+            | Op::ImageSparseFetch
+            | Op::ImageSparseGather
+            | Op::ImageSparseDrefGather
+            | Op::ImageSparseTexelsResident
+            | Op::ImageSparseRead => self.lower_image(instruction),
 
             Op::AtomicLoad
             | Op::AtomicStore

@@ -34,7 +34,8 @@ pub(crate) fn may_apply(op: &ImageOp) -> bool {
         Dim::Buffer => false,
     };
     let kind_fits = matches!(op.kind, ImageOpKind::Sample | ImageOpKind::Gather(_));
-    kind_fits && dim_fits && !op.has_min_lod && !op.has_offsets && op.texel != Type::I64
+    let has_others = op.has_min_lod || op.has_offsets || op.residency;
+    kind_fits && dim_fits && !has_others && op.texel != Type::I64
 }
 
 /// Most operand rows of an operation that [`may_apply`]: of a 3D image, three coordinates,

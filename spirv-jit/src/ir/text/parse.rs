@@ -763,6 +763,7 @@ fn image_from_text(name: &str, words: &[&str]) -> Option<ImageOp> {
             "offsets" => &mut op.has_offsets,
             "signed" => &mut op.signed,
             "volatile" => &mut op.volatile,
+            "residency" => &mut op.residency,
             _ => return None,
         } = true;
     }

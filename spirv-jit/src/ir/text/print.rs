@@ -425,7 +425,7 @@ fn image_text(op: &ImageOp) -> String {
 }
 
 /// The flags of an image operation, with their words.
-fn image_flags(op: &ImageOp) -> [(bool, &'static str); 8] {
+fn image_flags(op: &ImageOp) -> [(bool, &'static str); 9] {
     [
         (op.arrayed, "arrayed"),
         (op.multisampled, "multisampled"),
@@ -435,5 +435,6 @@ fn image_flags(op: &ImageOp) -> [(bool, &'static str); 8] {
         (op.has_offsets, "offsets"),
         (op.signed, "signed"),
         (op.volatile, "volatile"),
+        (op.residency, "residency"),
     ]
 }

@@ -1,0 +1,49 @@
+//! Residency: which texels of a sparse image have memory (Vulkan specification, "Sparse Residency";
+//! `OpImageSparse*` of SPIR-V).
+#![forbid(unsafe_code)]
+
+use std::cell::Cell;
+
+use super::ImageDescriptor;
+use super::format::FormatInfo;
+use super::format::block::{Offsets, each_lane};
+use crate::SUBGROUP_SIZE;
+use crate::reach::Reach;
+use crate::row::Row;
+
+/// Collects the lanes that read a texel without memory.
+pub struct Residency<'a> {
+    reach: &'a Reach,
+    missing: Cell<u16>,
+}
+
+impl<'a> Residency<'a> {
+    pub fn new(reach: &'a Reach) -> Self {
+        Self {
+            reach,
+            missing: Cell::new(0),
+        }
+    }
+
+    /// Checks a texel at an offset into the image in each of some lanes.
+    pub(super) fn check(
+        &self,
+        image: &ImageDescriptor,
+        info: &FormatInfo,
+        offsets: &Offsets,
+        lanes: u16,
+    ) {
+        each_lane(lanes & !self.missing.get(), |lane| {
+            let address = (image.data as u64).wrapping_add(offsets[lane]);
+            if !self.reach.is_bound(address, u64::from(info.size_bytes)) {
+                self.missing.set(self.missing.get() | 1 << lane);
+            }
+        });
+    }
+
+    /// The lanes' residency codes: 1 where all texels have memory, else 0.
+    pub fn codes(&self) -> Row {
+        let missing = self.missing.get();
+        std::array::from_fn::<u32, SUBGROUP_SIZE, _>(|lane| u32::from(missing >> lane & 1 == 0))
+    }
+}
