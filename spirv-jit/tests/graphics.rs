@@ -407,7 +407,8 @@ fn interpolation_input(row: InputRow, lane: usize) -> u32 {
         InputRow::Builtin(Builtin::PerspectivePlanes | Builtin::LinearPlanes, word) => {
             PLANES[usize::from(word % 3)][usize::from(word / 3)].to_bits()
         }
-        InputRow::Builtin(Builtin::SampleCount, _) => 4,
+        // Those of four samples.
+        InputRow::Builtin(Builtin::SampleLocations, axis) => [0xa2e6, 0xea62][usize::from(axis)],
         InputRow::Varying(Varying {
             place: VaryingPlace::Location(9),
             ..

@@ -227,6 +227,7 @@ impl Gpu {
                 khr::pipeline_library::NAME,
                 khr::push_descriptor::NAME,
                 nv::ray_tracing::NAME,
+                ext::sample_locations::NAME,
             ];
             let mut optional = Optional::of(&instance, physical, has);
             if !by_driver {

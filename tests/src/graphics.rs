@@ -71,6 +71,8 @@ pub struct Painting<'a> {
     pub restart: bool,
     pub rasterization: vk::PipelineRasterizationStateCreateInfo<'a>,
     pub samples: u32,
+    /// Of `VK_EXT_sample_locations`, in the place of the standard ones.
+    pub locations: &'a [vk::SampleLocationEXT],
     pub alpha_to_coverage: bool,
     pub depth_stencil: vk::PipelineDepthStencilStateCreateInfo<'a>,
     /// One a colour attachment.
@@ -96,6 +98,7 @@ impl<'a> Painting<'a> {
             vertex,
             tessellation: None,
             control_points: 0,
+            locations: &[],
             lower_left: false,
             geometry: None,
             fragment: Some(fragment),
@@ -298,9 +301,24 @@ impl Gpu {
         let viewports = vk::PipelineViewportStateCreateInfo::default()
             .viewport_count(painting.viewports)
             .scissor_count(painting.viewports);
-        let multisample = vk::PipelineMultisampleStateCreateInfo::default()
-            .rasterization_samples(vk::SampleCountFlags::from_raw(painting.samples))
+        let samples = vk::SampleCountFlags::from_raw(painting.samples);
+        let mut multisample = vk::PipelineMultisampleStateCreateInfo::default()
+            .rasterization_samples(samples)
             .alpha_to_coverage_enable(painting.alpha_to_coverage);
+        let mut locations = vk::PipelineSampleLocationsStateCreateInfoEXT::default()
+            .sample_locations_enable(true)
+            .sample_locations_info(
+                vk::SampleLocationsInfoEXT::default()
+                    .sample_locations_per_pixel(samples)
+                    .sample_location_grid_size(vk::Extent2D {
+                        width: 1,
+                        height: 1,
+                    })
+                    .sample_locations(painting.locations),
+            );
+        if !painting.locations.is_empty() {
+            multisample = multisample.push_next(&mut locations);
+        }
         let blend = vk::PipelineColorBlendStateCreateInfo::default()
             .logic_op_enable(painting.logic.is_some())
             .logic_op(painting.logic.unwrap_or_default())

@@ -216,6 +216,79 @@ fn samples_are_resolved() {
     }
 }
 
+/// Samples lie where a pipeline says: in coverage, in shaders, and where varyings are evaluated.
+#[test]
+fn samples_lie_where_a_pipeline_says() {
+    let Some(gpu) = Gpu::new().drawing() else {
+        return;
+    };
+    let mut properties = vk::PhysicalDeviceSampleLocationsPropertiesEXT::default();
+    let mut all = vk::PhysicalDeviceProperties2::default().push_next(&mut properties);
+    // SAFETY: the physical device is of this instance; the chain is one structure.
+    unsafe { (gpu.instance).get_physical_device_properties2(gpu.physical, &mut all) };
+    let has_four = properties
+        .sample_location_sample_counts
+        .contains(vk::SampleCountFlags::TYPE_4)
+        && properties.sample_location_sub_pixel_bits >= 4
+        && properties.sample_location_coordinate_range[1] >= 15.0 / 16.0;
+    let has_sample_shading = gpu.features.sample_rate_shading == vk::TRUE;
+    if !has("locations of four samples", has_four && has_sample_shading) {
+        return;
+    }
+    let vertex = "
+        layout(location = 0) out vec2 pixel;
+        void main() {
+            float right = (8 + 4.5 / 16.0) / 8 - 1.0;
+            vec2 corner = vec2(gl_VertexIndex & 1, gl_VertexIndex >> 1);
+            gl_Position = vec4(corner.x == 0.0 ? -1.0 : right, corner.y * 2.0 - 1.0, 0.5, 1.0);
+            pixel = (gl_Position.xy + 1.0) * 8;
+        }";
+    let fragment = "
+        layout(location = 0) in vec2 pixel;
+        layout(location = 0) out vec4 color;
+        void main() {
+            float last = fract(interpolateAtSample(pixel, 3).x);
+            color = vec4(gl_SamplePosition, last, 1);
+        }";
+    let locations = [[1, 0], [2, 3], [3, 7], [13, 15]].map(|place| {
+        let [x, y] = place.map(|sixteenths: u8| f32::from(sixteenths) / 16.0);
+        vk::SampleLocationEXT { x, y }
+    });
+    let many = gpu.canvas_of(RGBA, 16, 16, 1, 4);
+    let resolved = gpu.canvas(RGBA, 16, 16);
+    let mut painting = Painting::new(&gpu, vertex, fragment, RGBA);
+    painting.topology = vk::PrimitiveTopology::TRIANGLE_STRIP;
+    painting.samples = 4;
+    painting.locations = &locations;
+    let pipeline = gpu.painting(&painting);
+    let pass = Pass {
+        colors: &[many],
+        clears: &[BLACK],
+        resolves: &[resolved],
+        ..Pass::default()
+    };
+    gpu.draw(&pass, |commands| {
+        gpu.bind(commands, pipeline);
+        gpu.draw_vertices(commands, 4);
+    });
+    // Means over the samples; three of the four are left of the edge, which goes through column 8.
+    let inside = [19.0, 25.0, 4.0 * 13.0, 64.0f32];
+    let edge = [6.0, 10.0, 3.0 * 13.0, 48.0];
+    for (index, color) in gpu.colors(&resolved).into_iter().enumerate() {
+        let wanted = match (index % 16).cmp(&8) {
+            std::cmp::Ordering::Less => inside,
+            std::cmp::Ordering::Equal => edge,
+            std::cmp::Ordering::Greater => [0.0; 4],
+        };
+        for (component, sum) in wanted.into_iter().enumerate() {
+            let wanted = (sum / 64.0 * 255.0).round() as u8;
+            let is_near = color[component].abs_diff(wanted) <= 1;
+            // The cleared samples are opaque black.
+            assert!(is_near || component == 3, "pixel {index}: {color:?}");
+        }
+    }
+}
+
 /// The first subpass draws what the second one reads as an input attachment, and inverts.
 #[test]
 fn subpasses_read_what_was_drawn_before() {

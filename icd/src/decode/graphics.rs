@@ -14,8 +14,9 @@ use crate::object::dynamic_state::{DynamicStates, Parts};
 use crate::object::graphics_pipeline::GraphicsPipeline;
 use crate::object::graphics_state::{
     AdvancedBlend, BlendAttachment, ColorBlend, ColorLocations, DepthStencil, GraphicsState,
-    MAX_COLOR_ATTACHMENTS, MAX_VIEWPORTS, Multisample, Rasterization, StencilFace, Tessellation,
-    UsedAttachments, VertexAttribute, VertexBinding, VertexInput, Viewports, own_locations,
+    MAX_COLOR_ATTACHMENTS, MAX_VIEWPORTS, Multisample, Rasterization, SampleLocations, StencilFace,
+    Tessellation, UsedAttachments, VertexAttribute, VertexBinding, VertexInput, Viewports,
+    own_locations,
 };
 use crate::object::pipeline::PipelineKind;
 use crate::object::shader_stage::ShaderStage;
@@ -380,6 +381,15 @@ fn depth_stencil(info: &vk::PipelineDepthStencilStateCreateInfo<'_>) -> DepthSte
 /// # Safety
 /// The info is valid.
 unsafe fn multisample(info: &vk::PipelineMultisampleStateCreateInfo<'_>) -> Multisample {
+    // SAFETY: the caller's promise.
+    let locations = unsafe {
+        let info = find::<vk::PipelineSampleLocationsStateCreateInfoEXT>(info.p_next);
+        info.map(|it| {
+            let locations = sample_locations(&it.sample_locations_info);
+            (it.sample_locations_enable != vk::FALSE, locations)
+        })
+    };
+    let (has_locations, locations) = locations.unwrap_or_default();
     Multisample {
         samples: info.rasterization_samples.as_raw().max(1),
         sample_shading: info.sample_shading_enable != vk::FALSE,
@@ -390,7 +400,24 @@ unsafe fn multisample(info: &vk::PipelineMultisampleStateCreateInfo<'_>) -> Mult
             .unwrap_or(u32::MAX),
         alpha_to_coverage: info.alpha_to_coverage_enable != vk::FALSE,
         alpha_to_one: info.alpha_to_one_enable != vk::FALSE,
+        has_locations,
+        locations,
     }
+}
+
+/// `VkSampleLocationsInfoEXT`: a grid of one pixel.
+///
+/// # Safety
+/// The info is valid.
+pub unsafe fn sample_locations(info: &vk::SampleLocationsInfoEXT<'_>) -> SampleLocations {
+    // SAFETY: the caller's promise.
+    let given = unsafe { slice(info.p_sample_locations, info.sample_locations_count) };
+    let sixteenths = |at: f32| (at * 16.0).round_ties_even().clamp(0.0, 15.0) as u8;
+    let mut locations = SampleLocations::default();
+    for (place, it) in locations.iter_mut().zip(given) {
+        *place = [sixteenths(it.x), sixteenths(it.y)];
+    }
+    locations
 }
 
 /// # Safety

@@ -154,6 +154,7 @@ commands! {
     PhysicalDevice Core11 PFN_vkGetPhysicalDeviceQueueFamilyProperties2 physical_device::vkGetPhysicalDeviceQueueFamilyProperties2;
     PhysicalDevice KHR_GET_PHYSICAL_DEVICE_PROPERTIES_2 PFN_vkGetPhysicalDeviceQueueFamilyProperties2 physical_device::vkGetPhysicalDeviceQueueFamilyProperties2 as vkGetPhysicalDeviceQueueFamilyProperties2KHR;
     PhysicalDevice Core PFN_vkGetPhysicalDeviceSparseImageFormatProperties physical_device::vkGetPhysicalDeviceSparseImageFormatProperties;
+    PhysicalDevice EXT_SAMPLE_LOCATIONS PFN_vkGetPhysicalDeviceMultisamplePropertiesEXT physical_device::vkGetPhysicalDeviceMultisamplePropertiesEXT;
     PhysicalDevice Core11 PFN_vkGetPhysicalDeviceSparseImageFormatProperties2 physical_device::vkGetPhysicalDeviceSparseImageFormatProperties2;
     PhysicalDevice KHR_GET_PHYSICAL_DEVICE_PROPERTIES_2 PFN_vkGetPhysicalDeviceSparseImageFormatProperties2 physical_device::vkGetPhysicalDeviceSparseImageFormatProperties2 as vkGetPhysicalDeviceSparseImageFormatProperties2KHR;
     PhysicalDevice Core13 PFN_vkGetPhysicalDeviceToolProperties physical_device::vkGetPhysicalDeviceToolProperties;
@@ -571,6 +572,8 @@ commands! {
     Device EXT_EXTENDED_DYNAMIC_STATE_3 | EXT_SHADER_OBJECT PFN_vkCmdSetPolygonModeEXT graphics_state::vkCmdSetPolygonModeEXT;
     Device EXT_EXTENDED_DYNAMIC_STATE_3 | EXT_SHADER_OBJECT PFN_vkCmdSetRasterizationSamplesEXT graphics_state::vkCmdSetRasterizationSamplesEXT;
     Device EXT_EXTENDED_DYNAMIC_STATE_3 | EXT_SHADER_OBJECT PFN_vkCmdSetSampleMaskEXT graphics_state::vkCmdSetSampleMaskEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE_3 | EXT_SHADER_OBJECT PFN_vkCmdSetSampleLocationsEnableEXT graphics_state::vkCmdSetSampleLocationsEnableEXT;
+    Device EXT_SAMPLE_LOCATIONS PFN_vkCmdSetSampleLocationsEXT graphics_state::vkCmdSetSampleLocationsEXT;
     Device EXT_EXTENDED_DYNAMIC_STATE_3 | EXT_SHADER_OBJECT PFN_vkCmdSetAlphaToCoverageEnableEXT graphics_state::vkCmdSetAlphaToCoverageEnableEXT;
     Device EXT_EXTENDED_DYNAMIC_STATE_3 | EXT_SHADER_OBJECT PFN_vkCmdSetAlphaToOneEnableEXT graphics_state::vkCmdSetAlphaToOneEnableEXT;
     Device EXT_EXTENDED_DYNAMIC_STATE_3 | EXT_SHADER_OBJECT PFN_vkCmdSetLogicOpEnableEXT graphics_state::vkCmdSetLogicOpEnableEXT;

@@ -5,7 +5,7 @@ use ash::vk;
 use super::define::commands;
 use crate::VkResult;
 use crate::command::{Command, GraphicsCommand, Recording};
-use crate::decode::graphics::{color_write_enables, dynamic_vertex_input};
+use crate::decode::graphics::{color_write_enables, dynamic_vertex_input, sample_locations};
 use crate::ffi::{find, slice};
 use crate::object::graphics_state::MAX_VIEWPORTS;
 use crate::object::setting::Setting;
@@ -196,6 +196,14 @@ commands! {
 
     fn vkCmdSetSampleMaskEXT(commands, _samples: vk::SampleCountFlags, mask: *const vk::SampleMask) {
         set(commands, Setting::SampleMask(mask.as_ref().copied().unwrap_or(u32::MAX)))
+    }
+
+    fn vkCmdSetSampleLocationsEXT(commands, info: *const vk::SampleLocationsInfoEXT<'_>) {
+        set(commands, Setting::SampleLocations(sample_locations(&*info)))
+    }
+
+    fn vkCmdSetSampleLocationsEnableEXT(commands, enable: vk::Bool32) {
+        set(commands, Setting::SampleLocationsEnable(enable != vk::FALSE))
     }
 
     fn vkCmdSetVertexInputEXT(

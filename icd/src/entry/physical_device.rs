@@ -17,7 +17,7 @@ use crate::object::memory::used_bytes;
 use crate::object::resident;
 use crate::queue::MAX_QUEUES;
 use crate::table::extensions::{self, Kind};
-use crate::table::{features, properties};
+use crate::table::{features, limits, properties};
 
 fn queue_family() -> vk::QueueFamilyProperties {
     vk::QueueFamilyProperties {
@@ -289,6 +289,15 @@ entry! {
         let info = &*info;
         let all = resident_planes(info.format, info.ty, info.samples, info.usage, info.tiling);
         let _ = enumerate_with(count, out, all.into_iter(), |out, it| out.properties = it);
+    }
+
+    fn vkGetPhysicalDeviceMultisamplePropertiesEXT(
+        _device: vk::PhysicalDevice,
+        samples: vk::SampleCountFlags,
+        out: *mut vk::MultisamplePropertiesEXT<'_>,
+    ) {
+        let side = u32::from(limits::SAMPLE_LOCATION_COUNTS.contains(samples));
+        (*out).max_sample_location_grid_size = vk::Extent2D { width: side, height: side };
     }
 
     fn vkGetPhysicalDeviceExternalBufferProperties(

@@ -12,7 +12,7 @@ pub type Parts = vk::GraphicsPipelineLibraryFlagsEXT;
 
 /// The states that can be dynamic, each with its part of a pipeline.
 #[rustfmt::skip]
-const STATES: [(vk::DynamicState, Parts); 47] = {
+const STATES: [(vk::DynamicState, Parts); 49] = {
     use vk::DynamicState as State;
     const INPUT: Parts = Parts::VERTEX_INPUT_INTERFACE;
     const BEFORE: Parts = Parts::PRE_RASTERIZATION_SHADERS;
@@ -59,6 +59,8 @@ const STATES: [(vk::DynamicState, Parts); 47] = {
         (State::COLOR_WRITE_ENABLE_EXT, OUTPUT),
         (State::RASTERIZATION_SAMPLES_EXT, OUTPUT),
         (State::SAMPLE_MASK_EXT, OUTPUT),
+        (State::SAMPLE_LOCATIONS_EXT, OUTPUT),
+        (State::SAMPLE_LOCATIONS_ENABLE_EXT, OUTPUT),
         (State::ALPHA_TO_COVERAGE_ENABLE_EXT, OUTPUT),
         (State::ALPHA_TO_ONE_ENABLE_EXT, OUTPUT),
         (State::LOGIC_OP_ENABLE_EXT, OUTPUT),
@@ -181,6 +183,8 @@ impl GraphicsState {
             COLOR_WRITE_ENABLE_EXT: blend.write_enable;
             RASTERIZATION_SAMPLES_EXT: multisample.samples;
             SAMPLE_MASK_EXT: multisample.sample_mask;
+            SAMPLE_LOCATIONS_EXT: multisample.locations;
+            SAMPLE_LOCATIONS_ENABLE_EXT: multisample.has_locations;
             ALPHA_TO_COVERAGE_ENABLE_EXT: multisample.alpha_to_coverage;
             ALPHA_TO_ONE_ENABLE_EXT: multisample.alpha_to_one;
             LOGIC_OP_ENABLE_EXT: blend.logic_op;

@@ -91,7 +91,14 @@ pub struct Multisample {
     pub sample_mask: u32,
     pub alpha_to_coverage: bool,
     pub alpha_to_one: bool,
+    /// `VkPipelineSampleLocationsStateCreateInfoEXT`: samples lie at these places, in sixteenths of
+    /// a pixel.
+    pub has_locations: bool,
+    pub locations: SampleLocations,
 }
+
+/// Places of the samples of each pixel, x and y, in sixteenths from its upper left corner.
+pub type SampleLocations = [[u8; 2]; 8];
 
 /// One face of the stencil test.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -331,6 +338,8 @@ impl Default for Multisample {
             sample_mask: u32::MAX,
             alpha_to_coverage: false,
             alpha_to_one: false,
+            has_locations: false,
+            locations: [[0; 2]; 8],
         }
     }
 }

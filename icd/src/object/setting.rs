@@ -6,8 +6,8 @@ use ash::vk;
 use smallvec::SmallVec;
 
 use super::graphics_state::{
-    AdvancedBlend, BlendAttachment, ColorLocations, GraphicsState, MAX_VIEWPORTS, StencilFace,
-    VertexInput,
+    AdvancedBlend, BlendAttachment, ColorLocations, GraphicsState, MAX_VIEWPORTS, SampleLocations,
+    StencilFace, VertexInput,
 };
 
 /// The state that a command sets.
@@ -59,6 +59,8 @@ pub enum Setting {
     VertexInput(Box<VertexInput>),
     Samples(u32),
     SampleMask(u32),
+    SampleLocations(SampleLocations),
+    SampleLocationsEnable(bool),
     AlphaToCoverage(bool),
     AlphaToOne(bool),
     LogicOp(vk::LogicOp),
@@ -174,6 +176,8 @@ impl GraphicsState {
             Setting::VertexInput(input) => self.vertex_input.clone_from(input),
             &Setting::Samples(samples) => multisample.samples = samples,
             &Setting::SampleMask(mask) => multisample.sample_mask = mask,
+            &Setting::SampleLocations(locations) => multisample.locations = locations,
+            &Setting::SampleLocationsEnable(enable) => multisample.has_locations = enable,
             &Setting::AlphaToCoverage(on) => multisample.alpha_to_coverage = on,
             &Setting::AlphaToOne(on) => multisample.alpha_to_one = on,
             &Setting::LogicOp(op) => {

@@ -221,6 +221,7 @@ extensions! {
     Device EXT_RASTERIZATION_ORDER_ATTACHMENT_ACCESS c"VK_EXT_rasterization_order_attachment_access" 1;
     Device EXT_RAY_TRACING_INVOCATION_REORDER c"VK_EXT_ray_tracing_invocation_reorder" 2;
     Device EXT_ROBUSTNESS_2 c"VK_EXT_robustness2" 1;
+    Device EXT_SAMPLE_LOCATIONS c"VK_EXT_sample_locations" 1;
     Device EXT_SAMPLER_FILTER_MINMAX c"VK_EXT_sampler_filter_minmax" 2;
     Device EXT_SCALAR_BLOCK_LAYOUT c"VK_EXT_scalar_block_layout" 1;
     Device EXT_SEPARATE_STENCIL_USAGE c"VK_EXT_separate_stencil_usage" 1;

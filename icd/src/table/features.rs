@@ -323,6 +323,7 @@ features! {
         extended_dynamic_state3_polygon_mode: PhysicalDeviceExtendedDynamicState3FeaturesEXT;
         extended_dynamic_state3_rasterization_samples: PhysicalDeviceExtendedDynamicState3FeaturesEXT;
         extended_dynamic_state3_sample_mask: PhysicalDeviceExtendedDynamicState3FeaturesEXT;
+        extended_dynamic_state3_sample_locations_enable: PhysicalDeviceExtendedDynamicState3FeaturesEXT;
         extended_dynamic_state3_alpha_to_coverage_enable: PhysicalDeviceExtendedDynamicState3FeaturesEXT;
         extended_dynamic_state3_alpha_to_one_enable: PhysicalDeviceExtendedDynamicState3FeaturesEXT;
         extended_dynamic_state3_logic_op_enable: PhysicalDeviceExtendedDynamicState3FeaturesEXT;

@@ -25,6 +25,9 @@ pub const MEMORY_ALIGNMENT: u64 = 256;
 pub const PAGE_BYTES: u64 = 4096;
 pub const SAMPLE_COUNTS: vk::SampleCountFlags = vk::SampleCountFlags::from_raw(1 | 2 | 4 | 8);
 
+/// `sampleLocationSampleCounts`: a single sample lies at the pixel's centre.
+pub const SAMPLE_LOCATION_COUNTS: vk::SampleCountFlags = vk::SampleCountFlags::from_raw(2 | 4 | 8);
+
 /// `maxVertexInputAttributes` and `maxVertexInputBindings`.
 pub const MAX_VERTEX_INPUTS: u32 = 32;
 pub const MAX_COLOR_ATTACHMENTS: u32 = 8;

@@ -609,6 +609,14 @@ unsafe fn fill(machine: &Machine, node: *mut vk::BaseOutStructure<'static>) {
                 native_unaligned_performance: vk::TRUE,
                 ..Default::default()
             });
+            PhysicalDeviceSampleLocationsPropertiesEXT(vk::PhysicalDeviceSampleLocationsPropertiesEXT {
+                sample_location_sample_counts: limits::SAMPLE_LOCATION_COUNTS,
+                max_sample_location_grid_size: vk::Extent2D { width: 1, height: 1 },
+                sample_location_coordinate_range: [0.0, 15.0 / 16.0],
+                sample_location_sub_pixel_bits: 4,
+                variable_sample_locations: vk::TRUE,
+                ..Default::default()
+            });
             PhysicalDeviceProvokingVertexPropertiesEXT(vk::PhysicalDeviceProvokingVertexPropertiesEXT {
                 provoking_vertex_mode_per_pipeline: vk::TRUE,
                 transform_feedback_preserves_triangle_fan_provoking_vertex: vk::TRUE,

@@ -7,28 +7,6 @@
 use std::fmt;
 use std::str::FromStr;
 
-/// The standard locations of 1, 2, 4 or 8 samples, in sixteenths of a pixel from its corner
-/// (Vulkan, "Multisampling").
-#[inline]
-pub fn sample_locations(samples: u32) -> &'static [[i32; 2]] {
-    const EIGHT: [[i32; 2]; 8] = [
-        [9, 5],
-        [7, 11],
-        [13, 9],
-        [5, 3],
-        [3, 13],
-        [1, 7],
-        [11, 15],
-        [15, 1],
-    ];
-    match samples {
-        2 => &[[12, 12], [4, 4]],
-        4 => &[[6, 2], [14, 6], [2, 10], [10, 14]],
-        8 => &EIGHT,
-        _ => &[[8, 8]],
-    }
-}
-
 /// Where a fragment's varying is evaluated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Position {

@@ -157,8 +157,9 @@ pub enum Builtin {
     ViewportIndex,
     /// 1 word: the layer of input attachments, which is the one that is drawn to.
     AttachmentLayer,
-    /// 1 word: samples of the attachments.
-    SampleCount,
+    /// 1 word each: the locations of the pixel's samples along x and y, in sixteenths of a pixel,
+    /// four bits a sample.
+    SampleLocations,
     /// 9 f32 each: at the pixel's centre, the three planes whose quotients by their sum are
     /// perspective-correct barycentric coordinates, or that are the linear ones; then their
     /// derivatives in x, then in y.
@@ -175,7 +176,7 @@ impl Builtin {
             Builtin::HitLssPositions => 6,
             Builtin::PerspectivePlanes | Builtin::LinearPlanes => 9,
             Builtin::FragCoord => 4,
-            Builtin::PointCoord | Builtin::SamplePosition => 2,
+            Builtin::PointCoord | Builtin::SamplePosition | Builtin::SampleLocations => 2,
             Builtin::LaunchId
             | Builtin::TessCoord
             | Builtin::WorkgroupId

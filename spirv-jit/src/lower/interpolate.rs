@@ -10,7 +10,6 @@ use super::stage_interface::Evaluation;
 use super::values::Place;
 use super::values::Values;
 use crate::Error;
-use crate::ir::interface::sample_locations;
 use crate::ir::stage::Builtin;
 use crate::ir::{self, InputRow, Type, Value};
 use crate::parse::Id;
@@ -126,25 +125,14 @@ impl Lowerer<'_> {
         Ok(weights)
     }
 
-    /// Where a sample lies, from the pixel's centre: four bits a sample of a word that the number
-    /// of samples selects.
+    /// Where a sample lies, from the pixel's centre.
     fn sample_offset(&mut self, sample: Id) -> Result<[Value; 2], Error> {
         let sample = self.scalar(sample)?;
         let sample = self.b.i32_of(sample, false)?;
         let shift = self.b.scale(sample, 4)?;
-        let count = self.input(InputRow::Builtin(Builtin::SampleCount, 0), Type::I32)?;
         let mut offset = [shift; 2];
-        for (axis, offset) in offset.iter_mut().enumerate() {
-            // One sample lies at the centre.
-            let mut word = self.b.i32(8);
-            for samples in [2, 4, 8] {
-                let places = sample_locations(samples).iter().zip((0..).step_by(4));
-                let packed = places.fold(0, |word, (place, at)| word | (place[axis] as u32) << at);
-                let packed = self.b.i32(packed);
-                let samples = self.b.i32(samples);
-                let is_count = self.b.compare(ir::Op::IEq, count, samples)?;
-                word = self.b.select(is_count, packed, word)?;
-            }
+        for (axis, offset) in (0..).zip(&mut offset) {
+            let word = self.input(InputRow::Builtin(Builtin::SampleLocations, axis), Type::I32)?;
             let place = self.b.binary(ir::Op::LShr, word, shift)?;
             let low = self.b.i32(15);
             let place = self.b.binary(ir::Op::And, place, low)?;

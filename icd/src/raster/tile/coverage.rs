@@ -12,7 +12,7 @@ use smallvec::SmallVec;
 use spirv_jit::image::vector::Vector;
 
 use super::lanes::{COLUMNS, IN_BLOCK, LANE_X, LANE_Y, ROWS, negative};
-use super::samples::{MAX_SAMPLES, fixed_point, locations, masks_of};
+use super::samples::{CENTER, Location, MAX_SAMPLES, fixed_point, masks_of};
 use crate::raster::primitive::{Bounds, Edge};
 
 /// A 4×4 block of pixels with covered samples.
@@ -146,7 +146,7 @@ fn at_corner(edge: &Edge, corner: [i64; 2]) -> i64 {
 
 /// Its constant for a sample, as far as a tile tells it.
 #[inline(always)]
-fn at_sample<W: Word>(edge: &Edge, at_corner: i64, location: [i32; 2]) -> i64 {
+fn at_sample<W: Word>(edge: &Edge, at_corner: i64, location: Location) -> i64 {
     let [x, y] = fixed_point(location).map(i64::from);
     let inside = i64::from(edge.a) * x + i64::from(edge.b) * y;
     (at_corner.wrapping_add(inside) >> 8).clamp(-W::LIMIT, W::LIMIT)
@@ -168,12 +168,12 @@ struct Side<W> {
 
 impl<W: Word> Side<W> {
     #[inline(always)]
-    fn new(edge: &Edge, corner: [i64; 2], samples: u32) -> Self {
+    fn new(edge: &Edge, corner: [i64; 2], locations: &[Location]) -> Self {
         let (a, b) = (i64::from(edge.a), i64::from(edge.b));
         let at_corner = at_corner(edge, corner);
         let mut constants = [W::from_wide(0); MAX_SAMPLES];
         let (mut least, mut greatest) = (i64::MAX, i64::MIN);
-        for (constant, &location) in constants.iter_mut().zip(locations(samples)) {
+        for (constant, &location) in constants.iter_mut().zip(locations) {
             let limited = at_sample::<W>(edge, at_corner, location);
             *constant = W::from_wide(limited);
             (least, greatest) = (least.min(limited), greatest.max(limited));
@@ -310,13 +310,14 @@ fn scan_words<W: Word>(
     edges: &[Edge],
     corner: [i64; 2],
     clip: &Bounds,
-    samples: u32,
+    locations: &[Location],
     covered: &mut Covered,
 ) {
+    let samples = locations.len() as u32;
     let Covered { squares, blocks } = covered;
     let mut sides = SmallVec::<[Side<W>; 4]>::new();
     for edge in edges {
-        sides.push(Side::new(edge, corner, samples));
+        sides.push(Side::new(edge, corner, locations));
     }
     let sides = &sides[..];
     let (touched, full) = cells_of(sides, clip, 0, 0, 16);
@@ -351,7 +352,7 @@ const SMALL: i32 = 16;
 /// An edge's values at the only samples of a block's pixels, in the tile's first block.
 #[inline(always)]
 fn narrow_side<V: Vector>(v: V, edge: &Edge, corner: [i64; 2], [columns, rows]: [V::I; 2]) -> V::I {
-    let constant = at_sample::<i32>(edge, at_corner(edge, corner), locations(1)[0]);
+    let constant = at_sample::<i32>(edge, at_corner(edge, corner), CENTER);
     let across = v.mul_i(v.splat_i(edge.a), columns);
     let pixels = v.add_i(across, v.mul_i(v.splat_i(edge.b), rows));
     v.add_i(pixels, v.splat_i(constant as i32))
@@ -391,10 +392,10 @@ fn scan_centers<V: Vector, const N: usize>(
 
 spirv_jit::vectors! {
     /// The blocks of a small clip, one by one.
-    fn scan_small<V>(v, edges: &[Edge], corner: [i64; 2], clip: &Bounds, samples: u32, blocks: &mut Vec<Block>) {
+    fn scan_small<V>(v, edges: &[Edge], corner: [i64; 2], clip: &Bounds, locations: &[Location], blocks: &mut Vec<Block>) {
         let (columns, rows) = (v.load_i(&IN_BLOCK[0]), v.load_i(&IN_BLOCK[1]));
         // The commonest, whose edges stay in registers.
-        match (samples, edges) {
+        match (locations.len(), edges) {
             (1, [first, second, third]) => {
                 return scan_centers(v, [first, second, third], corner, clip, blocks);
             }
@@ -409,7 +410,7 @@ spirv_jit::vectors! {
             let across = v.mul_i(v.splat_i(edge.a), columns);
             pixels[index] = v.add_i(across, v.mul_i(v.splat_i(edge.b), rows));
             let at_corner = at_corner(edge, corner);
-            for (constant, &location) in constants[index].iter_mut().zip(locations(samples)) {
+            for (constant, &location) in constants[index].iter_mut().zip(locations) {
                 *constant = at_sample::<i32>(edge, at_corner, location) as i32;
             }
         }
@@ -417,7 +418,7 @@ spirv_jit::vectors! {
             for x in (clip.left & !3..clip.right).step_by(4) {
                 let inside = inside(clip, x, y);
                 let mut masks = 0;
-                for sample in 0..samples as usize {
+                for sample in 0..locations.len() {
                     let mut out = v.splat_i(0);
                     for (index, edge) in edges.iter().enumerate() {
                         let first = edge.a * x + edge.b * y + constants[index][sample];
@@ -435,14 +436,14 @@ spirv_jit::vectors! {
 }
 
 spirv_jit::vectors! {
-    fn scan_narrow<V>(_v, edges: &[Edge], corner: [i64; 2], clip: &Bounds, samples: u32, covered: &mut Covered) {
-        scan_words::<i32>(edges, corner, clip, samples, covered);
+    fn scan_narrow<V>(_v, edges: &[Edge], corner: [i64; 2], clip: &Bounds, locations: &[Location], covered: &mut Covered) {
+        scan_words::<i32>(edges, corner, clip, locations, covered);
     }
 }
 
 spirv_jit::vectors! {
-    fn scan_wide<V>(_v, edges: &[Edge], corner: [i64; 2], clip: &Bounds, samples: u32, covered: &mut Covered) {
-        scan_words::<i64>(edges, corner, clip, samples, covered);
+    fn scan_wide<V>(_v, edges: &[Edge], corner: [i64; 2], clip: &Bounds, locations: &[Location], covered: &mut Covered) {
+        scan_words::<i64>(edges, corner, clip, locations, covered);
     }
 }
 
@@ -452,7 +453,7 @@ pub fn convex(
     edges: &[Edge],
     tile: &Bounds,
     clip: &Bounds,
-    samples: u32,
+    locations: &[Location],
     covered: &mut Covered,
 ) {
     let corner = [tile.left.into(), tile.top.into()];
@@ -467,11 +468,11 @@ pub fn convex(
     let blocks = |from: i32, to: i32| (to - (from & !3) + 3) / 4;
     let is_small = blocks(clip.left, clip.right) * blocks(clip.top, clip.bottom) <= SMALL;
     if is_narrow && is_small {
-        scan_small(tier, edges, corner, &clip, samples, &mut covered.blocks);
+        scan_small(tier, edges, corner, &clip, locations, &mut covered.blocks);
     } else if is_narrow {
-        scan_narrow(tier, edges, corner, &clip, samples, covered);
+        scan_narrow(tier, edges, corner, &clip, locations, covered);
     } else {
-        scan_wide(tier, edges, corner, &clip, samples, covered);
+        scan_wide(tier, edges, corner, &clip, locations, covered);
     }
 }
 

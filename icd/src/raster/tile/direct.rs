@@ -12,7 +12,7 @@ use super::interpolation::{clamped, depths, interpolate, perspective_weights, pl
 use super::lanes::{IN_BLOCK, IN_ROW, Row, row_of};
 use super::passed::{Change, Part, Passed, Texels, Value, texels_of};
 use super::plan::Plan;
-use super::samples::{Counts, MAX_SAMPLES, count, locations};
+use super::samples::{Counts, MAX_SAMPLES, count};
 use super::texels::{Pattern, Places, fill, load_word, store, store_word};
 use crate::raster::Target;
 use crate::raster::primitive::Record;
@@ -287,12 +287,11 @@ impl<V: Vector> Painter<'_, V> {
         let mut lanes = 0;
         let front = if record.front { u16::MAX } else { 0 };
         let range = plan.clamps_depth.then_some(record.depth_range);
-        let locations = locations(plan.samples);
         for (sample, mask) in masks.iter_mut().enumerate().take(plan.samples as usize) {
             let mut left = *mask;
             if left != 0 && !plan.tests.is_empty() {
                 let depths = match plan.tests.uses_depths() {
-                    true => depths(v, record, from, steps, locations[sample], range),
+                    true => depths(v, record, from, steps, plan.locations[sample], range),
                     false => v.splat(0.0),
                 };
                 let tested = Tested {

@@ -6,7 +6,7 @@ use spirv_jit::program::{AlignedRow, Position};
 use super::inputs::{Fill, Fragments, Inputs, Steps, Weights};
 use super::interpolation::{interpolate, perspective_weights};
 use super::lanes::{Row, lanes_of};
-use super::samples::{from_center, locations};
+use super::samples::from_center;
 use crate::raster::primitive::{Plane, Record};
 
 impl Inputs {
@@ -113,7 +113,7 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
     /// The same of invocations for a sample, and of centroids.
     #[inline(always)]
     fn samples_in_pixel(&self, position: Position) -> [Row; 2] {
-        let locations = locations(self.inputs.samples);
+        let locations = &self.inputs.locations;
         let mut places = [[0; 16]; 2];
         match position {
             Position::Center => {}
@@ -325,7 +325,7 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
             Fill::Viewport => self.of_records(|record| record.viewport),
             Fill::Primitive => self.of_records(|record| record.primitive_id),
             Fill::View => self.of_records(|record| record.view_index),
-            Fill::SampleCount => v.splat_i(self.inputs.samples as i32),
+            Fill::SampleLocations(axis) => v.splat_i(self.inputs.locations.packed(axis) as i32),
             Fill::Planes(perspective, index) => self.planes(perspective, index),
         }
     }
@@ -342,10 +342,10 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
     #[inline(always)]
     fn sample_mask(&self) -> Row {
         let mut row = [0; 16];
-        for (sample, mask) in (0..self.inputs.samples).zip(self.fragments.coverage) {
+        for (sample, mask) in (0..self.inputs.locations.len()).zip(self.fragments.coverage) {
             for lane in 0..16 {
                 let is_its = self.inputs.position != Position::Sample
-                    || u32::from(self.fragments.sample[lane / 4]) == sample;
+                    || usize::from(self.fragments.sample[lane / 4]) == sample;
                 row[lane] |= u32::from(is_its && mask >> lane & 1 != 0) << sample;
             }
         }

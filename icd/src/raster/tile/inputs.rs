@@ -6,7 +6,7 @@ use spirv_jit::Program;
 use spirv_jit::program::{Builtin, InputRow, Passed, Position, Varying, VaryingMode};
 
 use super::interpolation::number;
-use super::samples::MAX_SAMPLES;
+use super::samples::{Locations, MAX_SAMPLES};
 use crate::raster::primitive::Record;
 
 /// One row of inputs.
@@ -33,7 +33,7 @@ pub(super) enum Fill {
     Viewport,
     Primitive,
     View,
-    SampleCount,
+    SampleLocations(usize),
     /// The values, or the derivatives, of planes at the pixel's centre.
     Planes(bool, usize),
 }
@@ -61,7 +61,7 @@ pub struct Inputs {
     pub(super) fills: Vec<Fill>,
     /// The coordinates of the varyings, where all have the same.
     pub(super) common: Option<Weights>,
-    pub(super) samples: u32,
+    pub(super) locations: Locations,
     /// Where built-ins are evaluated.
     pub(super) position: Position,
 }
@@ -144,10 +144,11 @@ impl Inputs {
     pub fn new(
         fragment: &Program,
         before: Option<&Program>,
-        samples: u32,
+        locations: Locations,
         per_sample: bool,
         everything: bool,
     ) -> Self {
+        let samples = locations.len();
         let place = |position| match position {
             _ if samples == 1 => Position::Center,
             Position::Center if everything => Position::Sample,
@@ -174,7 +175,7 @@ impl Inputs {
         Self {
             common: common(&fills),
             fills,
-            samples,
+            locations,
             position: match per_sample && samples > 1 {
                 true => Position::Sample,
                 false => Position::Center,
@@ -275,7 +276,7 @@ fn builtin_fill(builtin: Builtin, component: usize) -> Fill {
         (Builtin::ViewportIndex, _) => Fill::Viewport,
         (Builtin::PrimitiveId, _) => Fill::Primitive,
         (Builtin::ViewIndex, _) => Fill::View,
-        (Builtin::SampleCount, _) => Fill::SampleCount,
+        (Builtin::SampleLocations, _) => Fill::SampleLocations(component.min(1)),
         (Builtin::PerspectivePlanes, _) => Fill::Planes(true, component.min(8)),
         (Builtin::LinearPlanes, _) => Fill::Planes(false, component.min(8)),
         _ => Fill::Constant(0),

@@ -10,6 +10,7 @@ use super::depth::Tests;
 use super::inputs::Inputs;
 use super::output::Output;
 use super::passed::Passed;
+use super::samples::Locations;
 use super::tinted::Sampled;
 use crate::compute::waves::subgroups_at_once;
 use crate::raster::{Chunk, Draw, Targets, Work};
@@ -36,6 +37,7 @@ pub struct Plan<'a> {
     pub order: Order,
     pub output: Output,
     pub samples: u32,
+    pub locations: Locations,
     /// Samples that the state lets pass.
     pub sample_mask: u32,
     /// Depths are clamped to the viewport's range.
@@ -68,6 +70,7 @@ impl<'a> Plan<'a> {
         let tests = Tests::new(targets, &state.depth_stencil);
         let output = Output::new(tier, targets, state, fragment);
         let multisample = &state.multisample;
+        let locations = Locations::new(samples, multisample);
         // Shading a part of the samples is shading all of them, as soon as it is more than one
         // (spec, "Sample Shading").
         let shades_samples = multisample.sample_shading
@@ -76,7 +79,7 @@ impl<'a> Plan<'a> {
         let per_sample = shades_samples || facts.per_sample;
         let inputs = fragment.map(|program| {
             let last = draw.stages.last();
-            Inputs::new(program, last, samples, per_sample, shades_samples)
+            Inputs::new(program, last, locations, per_sample, shades_samples)
         });
         let order = order(&facts, &output, &tests);
         let has_effects = facts.discards || facts.writes_memory || facts.interlock.is_some();
@@ -110,6 +113,7 @@ impl<'a> Plan<'a> {
             tests,
             output,
             samples,
+            locations,
             sample_mask: multisample.sample_mask,
             clamps_depth: state.rasterization.depth_clamp,
         }

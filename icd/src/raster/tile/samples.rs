@@ -1,13 +1,75 @@
-//! Where samples lie in a pixel, the standard sample locations (spec, "Multisampling",
-//! `standardSampleLocations`), and masks of them.
+//! Where samples lie in a pixel (spec, "Multisampling", "Custom Sample Locations"), and masks of
+//! them.
 
-pub use spirv_jit::ir::interface::sample_locations as locations;
+use std::ops::Deref;
+
+use crate::object::graphics_state::Multisample;
 
 /// Samples of a pixel, at most.
 pub const MAX_SAMPLES: usize = 8;
 
 /// In 1/16 of a pixel, from its upper left corner.
-type Location = [i32; 2];
+pub type Location = [i32; 2];
+
+/// The standard locations of 1, 2, 4 or 8 samples (`standardSampleLocations`).
+pub const fn standard(samples: u32) -> &'static [Location] {
+    match samples {
+        2 => &[[12, 12], [4, 4]],
+        4 => &[[6, 2], [14, 6], [2, 10], [10, 14]],
+        8 => &[
+            [9, 5],
+            [7, 11],
+            [13, 9],
+            [5, 3],
+            [3, 13],
+            [1, 7],
+            [11, 15],
+            [15, 1],
+        ],
+        _ => &[CENTER],
+    }
+}
+
+/// The pixel's centre, where a single sample lies.
+pub const CENTER: Location = [8, 8];
+
+/// The locations of all samples of a draw.
+#[derive(Clone, Copy)]
+pub struct Locations {
+    all: [Location; MAX_SAMPLES],
+    samples: usize,
+}
+
+impl Locations {
+    /// Those of a state; a single sample lies at the centre.
+    pub fn new(samples: u32, state: &Multisample) -> Self {
+        let mut all = [CENTER; MAX_SAMPLES];
+        let count = samples.clamp(1, MAX_SAMPLES as u32) as usize;
+        match state.has_locations && count > 1 {
+            true => all = state.locations.map(|place| place.map(i32::from)),
+            false => all[..count].copy_from_slice(standard(samples)),
+        }
+        Self {
+            all,
+            samples: count,
+        }
+    }
+
+    /// The locations along an axis, four bits a sample.
+    pub fn packed(&self, axis: usize) -> u32 {
+        let places = self.iter().zip((0..).step_by(4));
+        places.fold(0, |word, (place, at)| word | (place[axis] as u32) << at)
+    }
+}
+
+impl Deref for Locations {
+    type Target = [Location];
+
+    #[inline(always)]
+    fn deref(&self) -> &[Location] {
+        &self.all[..self.samples]
+    }
+}
 
 /// In units of fixed-point positions.
 pub fn fixed_point([x, y]: Location) -> [i32; 2] {

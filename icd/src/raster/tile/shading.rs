@@ -12,7 +12,7 @@ use super::interpolation::{clamp, depths};
 use super::lanes::{IN_BLOCK, LANE_X, LANE_Y, Row, lanes_of};
 use super::pack::Pack;
 use super::plan::{Fragment, Order, Plan};
-use super::samples::{Counts, MAX_SAMPLES, any, count, from_center, locations, masks_of};
+use super::samples::{Counts, MAX_SAMPLES, any, count, from_center, masks_of};
 use super::texels::{Pattern, Places};
 use crate::compute::waves::Runner;
 use crate::raster::Chunk;
@@ -34,7 +34,7 @@ spirv_jit::vectors! {
     ) {
         let front = if record.front { u16::MAX } else { 0 };
         let range = plan.clamps_depth.then_some(record.depth_range);
-        let locations = locations(plan.samples);
+        let locations = &plan.locations;
         let is_early = plan.order == Order::Early && plan.samples == 1;
         let plain = plan.tests.plain().filter(|_| is_early);
         for block in blocks {
@@ -226,7 +226,7 @@ fn depths_of_pack(
     written: Option<&Row>,
 ) -> Row {
     let mut depths = [0; 16];
-    let [inside_x, inside_y] = from_center(locations(plan.samples)[sample]);
+    let [inside_x, inside_y] = from_center(plan.locations[sample]);
     for lane in 0..16 {
         let quad = lane / 4;
         let record = fragments.records[quad];

@@ -13,7 +13,7 @@ use super::pack::{Found, Origin, Pack, Packs};
 use super::passed::Part;
 use super::plan::{Fragment, Order, Plan, Plans};
 use super::rectangle::Rectangle;
-use super::samples::{Counts, MAX_SAMPLES, any, count};
+use super::samples::{Counts, Location, MAX_SAMPLES, any, count};
 use super::shading::{finish, start, test_blocks};
 use super::tinted::{self, Sampled};
 use crate::compute::waves::{Runner, Subgroups};
@@ -184,7 +184,7 @@ impl<'a> Visit<'a> {
         };
         let mut covered = std::mem::take(&mut self.worker.covered);
         covered.clear();
-        self.cover(chunk, shape, &clip, current.plan.samples, &mut covered);
+        self.cover(chunk, shape, &clip, &current.plan.locations, &mut covered);
         let origin = Origin {
             chunk: index,
             record: shape.record,
@@ -283,13 +283,20 @@ impl<'a> Visit<'a> {
         chunk: &Chunk,
         shape: &Shape,
         clip: &Bounds,
-        samples: u32,
+        locations: &[Location],
         covered: &mut Covered,
     ) {
         match &shape.coverage {
             Coverage::Convex { edges, count } => {
                 let edges = &edges[..usize::from(*count).min(4)];
-                convex(self.round.tier, edges, &self.bounds, clip, samples, covered);
+                convex(
+                    self.round.tier,
+                    edges,
+                    &self.bounds,
+                    clip,
+                    locations,
+                    covered,
+                );
             }
             Coverage::Pixels { first, count, is_x } => {
                 let (first, count) = (*first as usize, *count as usize);
@@ -300,7 +307,7 @@ impl<'a> Visit<'a> {
                     *is_x,
                     &self.bounds,
                     clip,
-                    samples,
+                    locations.len() as u32,
                     &mut covered.blocks,
                 );
             }

@@ -6,19 +6,19 @@ use super::support::{Random, edges};
 use crate::raster::primitive::{Bounds, Edge};
 use crate::raster::tile::coverage::{Block, Covered, convex, listed};
 use crate::raster::tile::lanes::{LANE_X, LANE_Y};
-use crate::raster::tile::samples::{fixed_point, locations};
+use crate::raster::tile::samples::{Location, fixed_point, standard};
 
 /// Samples of the pixels of a tile.
 type Samples = Vec<[bool; 8]>;
 
-fn expected(edges: &[Edge], tile: &Bounds, clip: &Bounds, samples: u32) -> Samples {
+fn expected(edges: &[Edge], tile: &Bounds, clip: &Bounds, locations: &[Location]) -> Samples {
     let mut all = vec![[false; 8]; 64 * 64];
     for (index, covered) in all.iter_mut().enumerate() {
         let (x, y) = (tile.left + index as i32 % 64, tile.top + index as i32 / 64);
         if x < clip.left || x >= clip.right || y < clip.top || y >= clip.bottom {
             continue;
         }
-        for (sample, &location) in locations(samples).iter().enumerate() {
+        for (sample, &location) in locations.iter().enumerate() {
             let [sx, sy] = fixed_point(location).map(i128::from);
             let (px, py) = (i128::from(x) * 256 + sx, i128::from(y) * 256 + sy);
             covered[sample] = edges.iter().all(|edge| {
@@ -58,14 +58,18 @@ fn tile(x: i32, y: i32) -> Bounds {
 }
 
 fn check(edges: &[Edge], tile: &Bounds, clip: &Bounds) {
-    for samples in [1, 2, 4, 8] {
-        let wanted = expected(edges, tile, clip, samples);
+    // At the ends of their range, and two at one place.
+    let custom: [Location; 4] = [[0, 15], [15, 0], [3, 3], [3, 3]];
+    let all = [1, 2, 4, 8].map(standard);
+    for locations in all.into_iter().chain([&custom[..]]) {
+        let samples = locations.len() as u32;
+        let wanted = expected(edges, tile, clip, locations);
         for &tier in Tier::available() {
             let mut covered = Covered::default();
-            convex(tier, edges, tile, clip, samples, &mut covered);
+            convex(tier, edges, tile, clip, locations, &mut covered);
             covered.split(samples);
             let same = found(&covered.blocks, samples) == wanted;
-            assert!(same, "{edges:?} in {clip:?}, {samples} samples, {tier:?}");
+            assert!(same, "{edges:?} in {clip:?}, {locations:?}, {tier:?}");
         }
     }
 }

@@ -10,7 +10,7 @@ use super::support::{
 };
 use crate::object::graphics_state::GraphicsState;
 use crate::raster::primitive::{Edge, Plane};
-use crate::raster::tile::samples::{fixed_point, from_center, locations};
+use crate::raster::tile::samples::{fixed_point, from_center, standard};
 use crate::raster::{Targets, Work};
 
 const COLOR: vk::ImageAspectFlags = vk::ImageAspectFlags::COLOR;
@@ -209,7 +209,7 @@ fn expect(
     depth: Option<&Canvas>,
 ) {
     let area = targets.area;
-    let locations = locations(targets.samples);
+    let locations = standard(targets.samples);
     for triangle in drawn {
         for index in 0..area.extent.width * area.extent.height {
             let x = area.offset.x + (index % area.extent.width) as i32;

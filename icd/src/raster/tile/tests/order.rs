@@ -41,7 +41,7 @@ fn the_last_primitive_wins_at_each_sample() {
         let work = [Work::Draw(draw(state, Some(pass_on("flat"))))];
         let chunks: Vec<_> = all.chunks(64).map(|it| chunk(0, &targets, it)).collect();
         run(4, &targets, &work, &chunks);
-        let locations = crate::raster::tile::samples::locations(samples);
+        let locations = crate::raster::tile::samples::standard(samples);
         for place in 0..150 * 100 * samples {
             let (x, y, sample) = (place % 150, place / 150 % 100, place / 15000);
             let [sx, sy] = locations[sample as usize].map(|it| i64::from(it) * 16);
