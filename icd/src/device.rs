@@ -17,7 +17,7 @@ use crate::object::private_data::PrivateData;
 use crate::object::shader_stage::Compiler;
 use crate::queue::Queue;
 use crate::settings;
-use crate::table::extensions::ExtensionSet;
+use crate::table::extensions::{Extension, ExtensionSet};
 use crate::table::features;
 use crate::table::limits::max_allocations;
 use crate::validate::Validator;
@@ -52,6 +52,7 @@ pub struct Enabled {
     pub ray_tracing_validation: bool,
     pub device_fault: bool,
     pub report_address_binding: bool,
+    pub depth_clamp_zero_one: bool,
 }
 
 impl Device {
@@ -106,6 +107,8 @@ impl Device {
             Watch {
                 validator,
                 wild_addresses: enabled.device_fault,
+                clamps_to_one: enabled.depth_clamp_zero_one
+                    && !extensions.contains(Extension::EXT_DEPTH_RANGE_UNRESTRICTED),
                 ..Watch::default()
             },
         );

@@ -33,6 +33,9 @@ pub struct Pass<'a> {
     pub clear_depth: Option<(f32, u32)>,
     pub view_mask: u32,
     pub flags: vk::RenderingFlags,
+    /// Samples that draws have of canvases with one
+    /// (`VK_EXT_multisampled_render_to_single_sampled`); 0 or 1: no more.
+    pub samples: u32,
 }
 
 impl<'a> Pass<'a> {
@@ -78,6 +81,11 @@ impl Gpu {
                     .load_op(vk::AttachmentLoadOp::CLEAR)
                     .clear_value(vk::ClearValue { color });
             }
+            if pass.samples > 1 {
+                info = info
+                    .resolve_mode(vk::ResolveModeFlags::AVERAGE)
+                    .resolve_image_layout(layout);
+            }
             if let Some(resolve) = pass.resolves.get(index) {
                 info = info
                     .resolve_mode(vk::ResolveModeFlags::AVERAGE)
@@ -115,6 +123,12 @@ impl Gpu {
         }
         if pass.stencil.is_some() {
             info = info.stencil_attachment(&stencil);
+        }
+        let mut samples = vk::MultisampledRenderToSingleSampledInfoEXT::default()
+            .multisampled_render_to_single_sampled_enable(true)
+            .rasterization_samples(vk::SampleCountFlags::from_raw(pass.samples));
+        if pass.samples > 1 {
+            info = info.push_next(&mut samples);
         }
         // SAFETY: the command buffer is being recorded, and the structures outlive the calls.
         unsafe {

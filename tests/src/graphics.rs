@@ -158,6 +158,19 @@ impl Gpu {
         layers: u32,
         samples: u32,
     ) -> Canvas {
+        let flags = vk::ImageCreateFlags::empty();
+        self.flagged_canvas(flags, format, [width, height], layers, samples)
+    }
+
+    /// The same, of an image with flags.
+    pub fn flagged_canvas(
+        &self,
+        flags: vk::ImageCreateFlags,
+        format: vk::Format,
+        [width, height]: [u32; 2],
+        layers: u32,
+        samples: u32,
+    ) -> Canvas {
         use vk::ImageAspectFlags as Aspect;
         let aspects = match format {
             vk::Format::D16_UNORM | vk::Format::D32_SFLOAT => Aspect::DEPTH,
@@ -172,6 +185,7 @@ impl Gpu {
             false => vk::ImageUsageFlags::DEPTH_STENCIL_ATTACHMENT,
         };
         let info = flat_info(format, width, height)
+            .flags(flags)
             .array_layers(layers)
             .samples(vk::SampleCountFlags::from_raw(samples))
             .usage(

@@ -49,6 +49,10 @@ pub const NEWER: &[(&CStr, u32)] = &[
         make_api_version(0, 1, 3, 252),
     ),
     (
+        ash::ext::image_sliced_view_of_3d::NAME,
+        make_api_version(0, 1, 3, 243),
+    ),
+    (
         ash::ext::host_image_copy::NAME,
         make_api_version(0, 1, 3, 258),
     ),

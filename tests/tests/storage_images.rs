@@ -205,3 +205,59 @@ fn texel_buffers_read_what_images_have() {
         }
     }
 }
+
+/// A view of slices 5 to 7 of a volume: they count from zero, and others are outside of it.
+#[test]
+fn a_view_of_some_slices_has_no_others() {
+    let Some(gpu) = Gpu::new().with("VK_EXT_image_sliced_view_of_3d", |gpu| {
+        gpu.optional.sliced_views.image_sliced_view_of3_d != 0
+    }) else {
+        return;
+    };
+    let shape = Shape {
+        kind: vk::ImageViewType::TYPE_3D,
+        extent: [2, 2, 10],
+        ..Shape::flat(F::R32_UINT, 0, 0)
+    };
+    let volume = gpu.picture(shape, STORAGE);
+    gpu.upload(&volume, 0, &[7u32; 40]);
+    let mut slices = vk::ImageViewSlicedCreateInfoEXT::default()
+        .slice_offset(5)
+        .slice_count(3);
+    let info = vk::ImageViewCreateInfo::default()
+        .image(volume.handle)
+        .view_type(vk::ImageViewType::TYPE_3D)
+        .format(shape.format)
+        .subresource_range(
+            vk::ImageSubresourceRange::default()
+                .aspect_mask(vk::ImageAspectFlags::COLOR)
+                .level_count(1)
+                .layer_count(1),
+        )
+        .push_next(&mut slices);
+    let view = gpu.view(&info);
+    let depth = gpu.buffer(4);
+    let source = "
+        layout(local_size_x = 2, local_size_y = 2, local_size_z = 4) in;
+        layout(binding = 0, r32ui) uniform uimage3D slices;
+        layout(binding = 1) writeonly buffer Depth { int depth; };
+        void main() {
+            ivec3 at = ivec3(gl_LocalInvocationID);
+            imageStore(slices, at, uvec4(100 * at.z + 10 * at.y + at.x));
+            depth = imageSize(slices).z;
+        }";
+    let bindings: [(u32, &[Bound]); 2] = [
+        (0, &[Bound::StorageImage(view)]),
+        (1, &[Bound::Storage(depth)]),
+    ];
+    gpu.compute_with(source, &bindings, [1, 1, 1]);
+    assert_eq!(depth.read::<i32>(), [3]);
+    let got: Vec<u32> = gpu.download(&volume, 0, 4).read();
+    let wanted: Vec<u32> = (0..40)
+        .map(|index| match index / 4 {
+            slice @ 5..8 => 100 * (slice - 5) + 10 * (index / 2 % 2) + index % 2,
+            _ => 7,
+        })
+        .collect();
+    assert_eq!(got, wanted);
+}

@@ -8,7 +8,7 @@ use smallvec::SmallVec;
 
 use super::pipeline::{create_flags, decode_stage};
 use crate::VkResult;
-use crate::ffi::{find, slice};
+use crate::ffi::{find, slice, vk as newer};
 use crate::handle::{from_handle, optional};
 use crate::object::dynamic_state::{DynamicStates, Parts};
 use crate::object::graphics_pipeline::GraphicsPipeline;
@@ -87,6 +87,10 @@ pub unsafe fn decode<'a>(info: &vk::GraphicsPipelineCreateInfo<'_>) -> VkResult<
                 state.rasterization.negative_one_to_one =
                     find::<vk::PipelineViewportDepthClipControlCreateInfoEXT>(info.p_next)
                         .is_some_and(|control| control.negative_one_to_one != vk::FALSE);
+                state.rasterization.depth_clamp_range = find::<
+                    newer::PipelineViewportDepthClampControlCreateInfoEXT,
+                >(info.p_next)
+                .and_then(|it| depth_clamp_range(it.depth_clamp_mode, it.p_depth_clamp_range));
             }
         }
         let (colors, depth) = attachments(info, parts);
@@ -327,6 +331,7 @@ unsafe fn rasterization(info: &vk::PipelineRasterizationStateCreateInfo<'_>) -> 
                 it.provoking_vertex_mode == vk::ProvokingVertexModeEXT::LAST_VERTEX
             }),
             negative_one_to_one: false,
+            depth_clamp_range: None,
         }
     }
 }
@@ -355,6 +360,21 @@ unsafe fn viewports(
         }
     }
     viewports
+}
+
+/// The range of a mode of `VK_EXT_depth_clamp_control`; none for the viewport's.
+///
+/// # Safety
+/// The pointer is to a range if the mode is that of a range, else null or anything.
+pub unsafe fn depth_clamp_range(
+    mode: i32,
+    range: *const newer::DepthClampRangeEXT,
+) -> Option<[f32; 2]> {
+    let is_range = mode == newer::DEPTH_CLAMP_MODE_USER_DEFINED_RANGE_EXT;
+    let range = if is_range { range } else { std::ptr::null() };
+    // SAFETY: the caller's promise.
+    let range = unsafe { range.as_ref() }?;
+    Some([range.min_depth_clamp, range.max_depth_clamp])
 }
 
 fn depth_stencil(info: &vk::PipelineDepthStencilStateCreateInfo<'_>) -> DepthStencil {

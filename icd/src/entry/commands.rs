@@ -573,6 +573,7 @@ commands! {
     Device EXT_EXTENDED_DYNAMIC_STATE_3 | EXT_SHADER_OBJECT PFN_vkCmdSetRasterizationSamplesEXT graphics_state::vkCmdSetRasterizationSamplesEXT;
     Device EXT_EXTENDED_DYNAMIC_STATE_3 | EXT_SHADER_OBJECT PFN_vkCmdSetSampleMaskEXT graphics_state::vkCmdSetSampleMaskEXT;
     Device EXT_EXTENDED_DYNAMIC_STATE_3 | EXT_SHADER_OBJECT PFN_vkCmdSetSampleLocationsEnableEXT graphics_state::vkCmdSetSampleLocationsEnableEXT;
+    Device EXT_DEPTH_CLAMP_CONTROL | EXT_SHADER_OBJECT PFN_vkCmdSetDepthClampRangeEXT graphics_state::vkCmdSetDepthClampRangeEXT;
     Device EXT_SAMPLE_LOCATIONS PFN_vkCmdSetSampleLocationsEXT graphics_state::vkCmdSetSampleLocationsEXT;
     Device EXT_EXTENDED_DYNAMIC_STATE_3 | EXT_SHADER_OBJECT PFN_vkCmdSetAlphaToCoverageEnableEXT graphics_state::vkCmdSetAlphaToCoverageEnableEXT;
     Device EXT_EXTENDED_DYNAMIC_STATE_3 | EXT_SHADER_OBJECT PFN_vkCmdSetAlphaToOneEnableEXT graphics_state::vkCmdSetAlphaToOneEnableEXT;
@@ -635,6 +636,7 @@ commands! {
 
     Device KHR_SWAPCHAIN PFN_vkAcquireNextImage2KHR swapchain::vkAcquireNextImage2KHR;
     Device KHR_SWAPCHAIN PFN_vkAcquireNextImageKHR swapchain::vkAcquireNextImageKHR;
+    Device EXT_HDR_METADATA PFN_vkSetHdrMetadataEXT swapchain::vkSetHdrMetadataEXT;
     Device KHR_SWAPCHAIN PFN_vkCreateSwapchainKHR swapchain::vkCreateSwapchainKHR;
     Device KHR_SWAPCHAIN PFN_vkDestroySwapchainKHR swapchain::vkDestroySwapchainKHR;
     Device KHR_SWAPCHAIN PFN_vkGetDeviceGroupPresentCapabilitiesKHR swapchain::vkGetDeviceGroupPresentCapabilitiesKHR;

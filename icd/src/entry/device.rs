@@ -27,12 +27,15 @@ unsafe fn enabled(info: &vk::DeviceCreateInfo<'_>) -> Enabled {
         let validation = ffi::find::<vk::PhysicalDeviceRayTracingValidationFeaturesNV>(info.p_next);
         let fault = ffi::find::<vk::PhysicalDeviceFaultFeaturesEXT>(info.p_next);
         let addresses = ffi::find::<vk::PhysicalDeviceAddressBindingReportFeaturesEXT>(info.p_next);
+        let zero_one = ffi::find::<vk::PhysicalDeviceDepthClampZeroOneFeaturesEXT>(info.p_next);
         Enabled {
             sparse_binding: (chained.into_iter().chain(info.p_enabled_features.as_ref()))
                 .any(|features| features.sparse_binding != vk::FALSE),
             device_fault: fault.is_some_and(|features| features.device_fault != vk::FALSE),
             report_address_binding: addresses
                 .is_some_and(|features| features.report_address_binding != vk::FALSE),
+            depth_clamp_zero_one: zero_one
+                .is_some_and(|features| features.depth_clamp_zero_one != vk::FALSE),
             ray_tracing_validation: validation
                 .is_some_and(|features| features.ray_tracing_validation != vk::FALSE),
         }

@@ -5,8 +5,10 @@ use ash::vk;
 use super::define::commands;
 use crate::VkResult;
 use crate::command::{Command, GraphicsCommand, Recording};
-use crate::decode::graphics::{color_write_enables, dynamic_vertex_input, sample_locations};
-use crate::ffi::{find, slice};
+use crate::decode::graphics::{
+    color_write_enables, depth_clamp_range, dynamic_vertex_input, sample_locations,
+};
+use crate::ffi::{find, slice, vk as newer};
 use crate::object::graphics_state::MAX_VIEWPORTS;
 use crate::object::setting::Setting;
 
@@ -196,6 +198,14 @@ commands! {
 
     fn vkCmdSetSampleMaskEXT(commands, _samples: vk::SampleCountFlags, mask: *const vk::SampleMask) {
         set(commands, Setting::SampleMask(mask.as_ref().copied().unwrap_or(u32::MAX)))
+    }
+
+    fn vkCmdSetDepthClampRangeEXT(
+        commands,
+        mode: i32,
+        range: *const newer::DepthClampRangeEXT,
+    ) {
+        set(commands, Setting::DepthClampRange(depth_clamp_range(mode, range)))
     }
 
     fn vkCmdSetSampleLocationsEXT(commands, info: *const vk::SampleLocationsInfoEXT<'_>) {

@@ -17,7 +17,7 @@ use crate::ffi::{self, chain, enumerate};
 use crate::handle::{self, from_handle};
 use crate::object::address_space::Placement;
 use crate::object::addressed::AddressEvent;
-use crate::object::image_view::{ViewEntry, view_descriptor};
+use crate::object::image_view::{ViewEntry, sliced, view_descriptor};
 use crate::object::resident;
 use crate::object::sparse::Reservation;
 use crate::object::{DeviceMemory, Image, ImageView, Sampler, YcbcrConversion};
@@ -313,8 +313,14 @@ entry! {
         let conversion = chain::find::<vk::SamplerYcbcrConversionInfo>(info.p_next)
             .and_then(|info| handle::optional::<YcbcrConversion>(info.conversion))
             .map(|conversion| conversion.conversion);
+        let slices = chain::find::<vk::ImageViewSlicedCreateInfoEXT>(info.p_next)
+            .filter(|_| info.view_type == vk::ImageViewType::TYPE_3D);
         let descriptor =
             view_descriptor(image, info.view_type, info.format, info.components, &range, min_lod, conversion)?;
+        let descriptor = match slices {
+            Some(slices) => sliced(descriptor, slices),
+            None => descriptor,
+        };
         let replays = info.flags.contains(vk::ImageViewCreateFlags::DESCRIPTOR_BUFFER_CAPTURE_REPLAY_EXT);
         let replay = replays.then(|| captured(info.p_next).map(Key));
         let descriptor = ViewEntry::store(&device.engine.views, |it| &it.images, descriptor, replay)?;

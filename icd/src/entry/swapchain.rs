@@ -288,6 +288,14 @@ entry! {
         errors.chain(others).next().map_or(Ok(()), Err)
     }
 
+    /// No surface here shows more than its colour space says: metadata changes nothing.
+    fn vkSetHdrMetadataEXT(
+        _device: vk::Device,
+        _count: u32,
+        _swapchains: *const vk::SwapchainKHR,
+        _metadata: *const vk::HdrMetadataEXT<'_>,
+    ) {}
+
     fn vkReleaseSwapchainImagesEXT(
         _device: vk::Device,
         info: *const vk::ReleaseSwapchainImagesInfoEXT,

@@ -37,6 +37,8 @@ pub struct Engine {
     pub views: Arc<Views>,
     /// The memory budget of invocations in flight, for all workers together.
     budget: Arc<Budget>,
+    /// Depths in floating-point attachments are clamped to 0 to 1.
+    pub clamps_to_one: bool,
     /// Validation, where it is on.
     pub validator: Option<Arc<Validator>>,
     messengers: Arc<Messengers>,
@@ -61,6 +63,8 @@ pub struct Watch {
     pub timeout: Option<Duration>,
     /// The feature `deviceFault` is enabled: shaders' wild addresses are noted.
     pub wild_addresses: bool,
+    /// The feature `depthClampZeroOne` is enabled, without `VK_EXT_depth_range_unrestricted`.
+    pub clamps_to_one: bool,
 }
 
 impl Default for Watch {
@@ -70,6 +74,7 @@ impl Default for Watch {
             validator: None,
             timeout: settings().timeout,
             wild_addresses: false,
+            clamps_to_one: false,
         }
     }
 }
@@ -91,6 +96,7 @@ impl Engine {
             memory,
             views: Arc::default(),
             budget: Arc::default(),
+            clamps_to_one: watch.clamps_to_one,
             validator: watch.validator,
             messengers,
             cancelled: Arc::default(),

@@ -248,7 +248,7 @@ impl<'a> Drawing<'a> {
         self.flush(engine)?;
         self.capture = None;
         self.spans.begin(Kind::Pass, || spans::pass(pass));
-        let active = Active::new(pass);
+        let active = Active::new(pass, engine.clamps_to_one);
         if !pass.resumes {
             active.load(&mut self.batch);
         }

@@ -22,8 +22,8 @@ pub struct Active<'a> {
 }
 
 impl<'a> Active<'a> {
-    /// The pass at its beginning.
-    pub fn new(pass: &'a Pass) -> Self {
+    /// The pass at its beginning. `clamps_to_one`: see [`Targets`].
+    pub fn new(pass: &'a Pass, clamps_to_one: bool) -> Self {
         let colors: [Option<Target>; MAX_COLOR_ATTACHMENTS] = std::array::from_fn(|index| {
             let attachment = pass.colors[index].as_ref()?;
             target(attachment, vk::ImageAspectFlags::COLOR)
@@ -52,6 +52,7 @@ impl<'a> Active<'a> {
                 layers,
                 view_mask: pass.view_mask,
                 samples,
+                clamps_to_one,
                 colors,
                 depth,
                 stencil,

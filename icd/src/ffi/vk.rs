@@ -35,6 +35,19 @@ macro_rules! structures {
     };
 }
 
+/// `VK_DYNAMIC_STATE_DEPTH_CLAMP_RANGE_EXT`.
+pub const DYNAMIC_STATE_DEPTH_CLAMP_RANGE_EXT: DynamicState = DynamicState::from_raw(1_000_582_000);
+
+/// `VK_DEPTH_CLAMP_MODE_USER_DEFINED_RANGE_EXT`.
+pub const DEPTH_CLAMP_MODE_USER_DEFINED_RANGE_EXT: i32 = 1;
+
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct DepthClampRangeEXT {
+    pub min_depth_clamp: f32,
+    pub max_depth_clamp: f32,
+}
+
 /// The version 1.4 of Vulkan.
 pub const API_VERSION_1_4: u32 = make_api_version(0, 1, 4, 0);
 
@@ -171,6 +184,14 @@ structures! {
     }
     PhysicalDeviceLegacyVertexAttributesPropertiesEXT 1_000_495_001 *mut c_void {
         native_unaligned_performance: Bool32,
+    }
+    /// `VK_EXT_depth_clamp_control`.
+    PhysicalDeviceDepthClampControlFeaturesEXT 1_000_582_000 *mut c_void {
+        depth_clamp_control: Bool32,
+    }
+    PipelineViewportDepthClampControlCreateInfoEXT 1_000_582_001 *const c_void {
+        depth_clamp_mode: i32,
+        p_depth_clamp_range: *const DepthClampRangeEXT,
     }
     /// `VK_EXT_primitive_restart_index`.
     PhysicalDevicePrimitiveRestartIndexFeaturesEXT 1_000_678_000 *mut c_void {
@@ -447,6 +468,7 @@ functions! {
     PFN_vkCmdBindIndexBuffer3KHR(CommandBuffer, *const c_void);
     PFN_vkCmdBindVertexBuffers3KHR(CommandBuffer, u32, u32, *const c_void);
     PFN_vkCmdSetPrimitiveRestartIndexEXT(CommandBuffer, u32);
+    PFN_vkCmdSetDepthClampRangeEXT(CommandBuffer, i32, *const DepthClampRangeEXT);
     PFN_vkCmdCopyImageToMemoryKHR(CommandBuffer, *const CopyDeviceMemoryImageInfoKHR<'_>);
     PFN_vkCmdCopyMemoryIndirectKHR(CommandBuffer, *const CopyMemoryIndirectInfoKHR<'_>);
     PFN_vkCmdCopyMemoryToImageIndirectKHR(CommandBuffer, *const CopyMemoryToImageIndirectInfoKHR<'_>);

@@ -12,7 +12,7 @@ pub type Parts = vk::GraphicsPipelineLibraryFlagsEXT;
 
 /// The states that can be dynamic, each with its part of a pipeline.
 #[rustfmt::skip]
-const STATES: [(vk::DynamicState, Parts); 49] = {
+const STATES: [(vk::DynamicState, Parts); 50] = {
     use vk::DynamicState as State;
     const INPUT: Parts = Parts::VERTEX_INPUT_INTERFACE;
     const BEFORE: Parts = Parts::PRE_RASTERIZATION_SHADERS;
@@ -44,6 +44,7 @@ const STATES: [(vk::DynamicState, Parts); 49] = {
         (State::LINE_RASTERIZATION_MODE_EXT, BEFORE),
         (State::LINE_STIPPLE_ENABLE_EXT, BEFORE),
         (State::DEPTH_CLIP_NEGATIVE_ONE_TO_ONE_EXT, BEFORE),
+        (crate::ffi::vk::DYNAMIC_STATE_DEPTH_CLAMP_RANGE_EXT, BEFORE),
         (State::DEPTH_BOUNDS, FRAGMENT),
         (State::STENCIL_COMPARE_MASK, FRAGMENT),
         (State::STENCIL_WRITE_MASK, FRAGMENT),
@@ -188,6 +189,9 @@ impl GraphicsState {
             ALPHA_TO_COVERAGE_ENABLE_EXT: multisample.alpha_to_coverage;
             ALPHA_TO_ONE_ENABLE_EXT: multisample.alpha_to_one;
             LOGIC_OP_ENABLE_EXT: blend.logic_op;
+        }
+        if dynamic(crate::ffi::vk::DYNAMIC_STATE_DEPTH_CLAMP_RANGE_EXT) {
+            new.rasterization.depth_clamp_range = self.rasterization.depth_clamp_range;
         }
         let rasterization = &mut new.rasterization;
         if rasterization.depth_clip_follows {

@@ -53,6 +53,8 @@ pub struct VertexInput {
 pub struct Rasterization {
     pub discard: bool,
     pub depth_clamp: bool,
+    /// In the place of the viewport's range (`VK_EXT_depth_clamp_control`).
+    pub depth_clamp_range: Option<[f32; 2]>,
     /// As set, or the opposite of `depth_clamp` where nothing says so
     /// (`VkPipelineRasterizationDepthClipStateCreateInfoEXT`).
     pub depth_clip: bool,
@@ -305,6 +307,7 @@ impl Default for Rasterization {
         Self {
             discard: false,
             depth_clamp: false,
+            depth_clamp_range: None,
             depth_clip: true,
             depth_clip_follows: true,
             polygon_mode: vk::PolygonMode::FILL,

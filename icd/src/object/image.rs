@@ -336,20 +336,17 @@ pub fn supported_image(
         return Err(UNSUPPORTED);
     }
     let resident = flags.contains(vk::ImageCreateFlags::SPARSE_RESIDENCY);
-    let sparse = vk::ImageCreateFlags::SPARSE_BINDING
-        | vk::ImageCreateFlags::SPARSE_ALIASED
-        | vk::ImageCreateFlags::SPARSE_RESIDENCY;
     if flags.contains(vk::ImageCreateFlags::PROTECTED)
         || (resident && (ty == vk::ImageType::TYPE_1D || !resident::is_divisible(format)))
-        || (flags.intersects(sparse) && tiling != vk::ImageTiling::OPTIMAL)
         || (tiling != vk::ImageTiling::OPTIMAL && tiling != vk::ImageTiling::LINEAR)
     {
         return Err(UNSUPPORTED);
     }
     let ycbcr = format::ycbcr_planes(format);
     let is_disjoint = flags.contains(vk::ImageCreateFlags::DISJOINT);
-    if (is_disjoint && !features.contains(Feature::DISJOINT))
-        || (ycbcr.is_some() && (ty != vk::ImageType::TYPE_2D || flags.intersects(sparse)))
+    let is_sparse = flags.contains(vk::ImageCreateFlags::SPARSE_BINDING);
+    if (is_disjoint && (is_sparse || !features.contains(Feature::DISJOINT)))
+        || (ycbcr.is_some() && (ty != vk::ImageType::TYPE_2D || resident))
         || (ycbcr.is_some() && flags.contains(vk::ImageCreateFlags::CUBE_COMPATIBLE))
     {
         return Err(UNSUPPORTED);

@@ -273,6 +273,19 @@ pub fn view_descriptor(
     })
 }
 
+/// The view of a 3D image without the slices outside of a range (`VK_EXT_image_sliced_view_of_3d`).
+pub fn sliced(
+    mut view: ImageDescriptor,
+    slices: &vk::ImageViewSlicedCreateInfoEXT<'_>,
+) -> ImageDescriptor {
+    for level in &mut view.levels {
+        let first = slices.slice_offset.min(level.depth);
+        level.offset_bytes += u64::from(first) * level.slice_stride_bytes;
+        level.depth = (level.depth - first).min(slices.slice_count);
+    }
+    view
+}
+
 /// [`ImageDescriptor::swizzle`] of a component mapping.
 pub fn swizzle(mapping: vk::ComponentMapping) -> [u8; 4] {
     let components = [mapping.r, mapping.g, mapping.b, mapping.a];

@@ -58,6 +58,7 @@ pub enum Setting {
     LineStipple(u32, u16),
     VertexInput(Box<VertexInput>),
     Samples(u32),
+    DepthClampRange(Option<[f32; 2]>),
     SampleMask(u32),
     SampleLocations(SampleLocations),
     SampleLocationsEnable(bool),
@@ -128,6 +129,7 @@ impl GraphicsState {
                 rasterization.depth_clip = on;
                 rasterization.depth_clip_follows = false;
             }
+            &Setting::DepthClampRange(range) => rasterization.depth_clamp_range = range,
             &Setting::NegativeOneToOne(on) => rasterization.negative_one_to_one = on,
             &Setting::BlendConstants(constants) => blend.constants = constants,
             &Setting::DepthBounds(bounds) => depth_stencil.depth_bounds = bounds,

@@ -68,6 +68,8 @@ pub struct Targets {
     /// Views to draw to (`viewMask`), or 0.
     pub view_mask: u32,
     pub samples: u32,
+    /// Depths of floating-point attachments are clamped to 0 to 1, too (`depthClampZeroOne`).
+    pub clamps_to_one: bool,
     pub colors: [Option<Target>; MAX_COLOR_ATTACHMENTS],
     pub depth: Option<Target>,
     pub stencil: Option<Target>,

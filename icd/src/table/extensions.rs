@@ -79,6 +79,7 @@ extensions! {
     Device KHR_CREATE_RENDERPASS_2 c"VK_KHR_create_renderpass2" 1;
     Device KHR_DEDICATED_ALLOCATION c"VK_KHR_dedicated_allocation" 3;
     Device KHR_DEFERRED_HOST_OPERATIONS c"VK_KHR_deferred_host_operations" 4;
+    Device KHR_DEPTH_CLAMP_ZERO_ONE c"VK_KHR_depth_clamp_zero_one" 1;
     Device KHR_DEPTH_STENCIL_RESOLVE c"VK_KHR_depth_stencil_resolve" 1;
     Device KHR_DESCRIPTOR_UPDATE_TEMPLATE c"VK_KHR_descriptor_update_template" 1;
     Device KHR_DEVICE_ADDRESS_COMMANDS c"VK_KHR_device_address_commands" 1;
@@ -171,6 +172,8 @@ extensions! {
     Device EXT_CONDITIONAL_RENDERING c"VK_EXT_conditional_rendering" 2;
     Device EXT_CUSTOM_BORDER_COLOR c"VK_EXT_custom_border_color" 12;
     Device EXT_DEPTH_BIAS_CONTROL c"VK_EXT_depth_bias_control" 1;
+    Device EXT_DEPTH_CLAMP_CONTROL c"VK_EXT_depth_clamp_control" 1;
+    Device EXT_DEPTH_CLAMP_ZERO_ONE c"VK_EXT_depth_clamp_zero_one" 1;
     Device EXT_DEPTH_CLIP_CONTROL c"VK_EXT_depth_clip_control" 1;
     Device EXT_DEPTH_CLIP_ENABLE c"VK_EXT_depth_clip_enable" 1;
     Device EXT_DEPTH_RANGE_UNRESTRICTED c"VK_EXT_depth_range_unrestricted" 1;
@@ -187,10 +190,12 @@ extensions! {
     Device EXT_GLOBAL_PRIORITY c"VK_EXT_global_priority" 2;
     Device EXT_GLOBAL_PRIORITY_QUERY c"VK_EXT_global_priority_query" 1;
     Device EXT_GRAPHICS_PIPELINE_LIBRARY c"VK_EXT_graphics_pipeline_library" 1;
+    Device EXT_HDR_METADATA c"VK_EXT_hdr_metadata" 2;
     Device EXT_HOST_IMAGE_COPY c"VK_EXT_host_image_copy" 1;
     Device EXT_HOST_QUERY_RESET c"VK_EXT_host_query_reset" 1;
     Device EXT_IMAGE_2D_VIEW_OF_3D c"VK_EXT_image_2d_view_of_3d" 1;
     Device EXT_IMAGE_ROBUSTNESS c"VK_EXT_image_robustness" 1;
+    Device EXT_IMAGE_SLICED_VIEW_OF_3D c"VK_EXT_image_sliced_view_of_3d" 1;
     Device EXT_IMAGE_VIEW_MIN_LOD c"VK_EXT_image_view_min_lod" 1;
     Device EXT_INDEX_TYPE_UINT8 c"VK_EXT_index_type_uint8" 1;
     Device EXT_INLINE_UNIFORM_BLOCK c"VK_EXT_inline_uniform_block" 1;
@@ -210,6 +215,7 @@ extensions! {
     Device EXT_PIPELINE_LIBRARY_GROUP_HANDLES c"VK_EXT_pipeline_library_group_handles" 1;
     Device EXT_PIPELINE_PROTECTED_ACCESS c"VK_EXT_pipeline_protected_access" 1;
     Device EXT_PIPELINE_ROBUSTNESS c"VK_EXT_pipeline_robustness" 1;
+    Device EXT_POST_DEPTH_COVERAGE c"VK_EXT_post_depth_coverage" 1;
     Device EXT_PRESENT_MODE_FIFO_LATEST_READY c"VK_EXT_present_mode_fifo_latest_ready" 1;
     Device EXT_PRESENT_TIMING c"VK_EXT_present_timing" 3;
     Device EXT_PRIMITIVE_RESTART_INDEX c"VK_EXT_primitive_restart_index" 1;

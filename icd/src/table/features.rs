@@ -257,6 +257,7 @@ features! {
         custom_border_colors: PhysicalDeviceCustomBorderColorFeaturesEXT;
         custom_border_color_without_format: PhysicalDeviceCustomBorderColorFeaturesEXT;
         min_lod: PhysicalDeviceImageViewMinLodFeaturesEXT;
+        image_sliced_view_of3_d: PhysicalDeviceImageSlicedViewOf3DFeaturesEXT;
         descriptor_buffer: PhysicalDeviceDescriptorBufferFeaturesEXT;
         descriptor_buffer_capture_replay: PhysicalDeviceDescriptorBufferFeaturesEXT;
         descriptor_buffer_image_layout_ignored: PhysicalDeviceDescriptorBufferFeaturesEXT;
@@ -313,6 +314,8 @@ features! {
         float_representation: PhysicalDeviceDepthBiasControlFeaturesEXT;
         depth_bias_exact: PhysicalDeviceDepthBiasControlFeaturesEXT;
         depth_clip_control: PhysicalDeviceDepthClipControlFeaturesEXT;
+        depth_clamp_control: PhysicalDeviceDepthClampControlFeaturesEXT;
+        depth_clamp_zero_one: PhysicalDeviceDepthClampZeroOneFeaturesEXT;
         depth_clip_enable: PhysicalDeviceDepthClipEnableFeaturesEXT;
         extended_dynamic_state: PhysicalDeviceExtendedDynamicStateFeaturesEXT;
         extended_dynamic_state2: PhysicalDeviceExtendedDynamicState2FeaturesEXT;
@@ -409,6 +412,7 @@ const BASE_CAPABILITIES: &[Capability] = &[
     Capability::SubgroupVoteKHR,
     Capability::DemoteToHelperInvocation,
     Capability::DerivativeControl,
+    Capability::SampleMaskPostDepthCoverage,
     Capability::DenormPreserve,
     Capability::SignedZeroInfNanPreserve,
     Capability::RoundingModeRTE,

@@ -129,6 +129,7 @@ pub const SUPPORTED: &[Capability] = &[
     Capability::ShaderViewportIndex,
     Capability::ShaderViewportIndexLayerEXT,
     Capability::StencilExportEXT,
+    Capability::SampleMaskPostDepthCoverage,
     Capability::FragmentBarycentricKHR,
     Capability::FragmentShaderPixelInterlockEXT,
     Capability::FragmentShaderSampleInterlockEXT,

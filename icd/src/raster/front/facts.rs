@@ -69,7 +69,9 @@ pub struct Facts {
     /// Triangles with positive area are front-facing.
     pub positive_is_front: bool,
     pub polygon_mode: vk::PolygonMode,
+    /// Depths are clamped, and to which range if not to the viewport's.
     pub depth_clamp: bool,
+    pub depth_clamp_range: Option<[f32; 2]>,
     pub bias: Option<Bias>,
     pub lines: Lines,
     /// Layers that can be drawn to.
@@ -161,6 +163,7 @@ impl Facts {
             positive_is_front,
             polygon_mode: rasterization.polygon_mode,
             depth_clamp: rasterization.depth_clamp,
+            depth_clamp_range: rasterization.depth_clamp_range,
             bias: bias(state, depth),
             lines: Lines {
                 bresenham: rasterization.line_mode == vk::LineRasterizationModeEXT::BRESENHAM,

@@ -99,7 +99,8 @@ impl SetUp<'_> {
             origin: planes.origin,
             depth: depth.narrow(),
             depth_range: if self.facts.depth_clamp {
-                view.screen.depth_range
+                let range = self.facts.depth_clamp_range;
+                range.unwrap_or(view.screen.depth_range)
             } else {
                 [f32::NEG_INFINITY, f32::INFINITY]
             },

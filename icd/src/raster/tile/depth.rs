@@ -17,6 +17,8 @@ enum Coding {
     /// Integers from 0 to this.
     Unorm(u32),
     Float,
+    /// Floats from 0 to 1.
+    Unit,
 }
 
 /// A depth attachment and what a draw does with it.
@@ -127,9 +129,10 @@ pub fn operate(op: StencilOp, old: u32, reference: u32) -> u32 {
 }
 
 impl Depth {
-    fn new(target: Target, state: &DepthStencil) -> Self {
+    fn new(target: Target, clamps_to_one: bool, state: &DepthStencil) -> Self {
         let bits = target.surface.format.channels[0].bits;
         let coding = match bits {
+            32 if clamps_to_one => Coding::Unit,
             32 => Coding::Float,
             bits => Coding::Unorm((1 << bits) - 1),
         };
@@ -147,7 +150,7 @@ impl Depth {
     #[inline(always)]
     fn numbers<V: Vector>(&self, v: V, words: V::I) -> V::F {
         match self.coding {
-            Coding::Float => v.bits_to_f(words),
+            Coding::Float | Coding::Unit => v.bits_to_f(words),
             Coding::Unorm(most) => v.to_f(v.and_i(words, v.splat_i(most as i32))),
         }
     }
@@ -157,6 +160,10 @@ impl Depth {
     fn codes<V: Vector>(&self, v: V, depths: V::F) -> (V::I, V::F) {
         match self.coding {
             Coding::Float => (v.bits_of(depths), depths),
+            Coding::Unit => {
+                let depths = v.min(v.max(depths, v.splat(0.0)), v.splat(1.0));
+                (v.bits_of(depths), depths)
+            }
             Coding::Unorm(most) => {
                 let codes = unorm_codes(v, depths, most);
                 (codes, v.to_f(codes))
@@ -168,7 +175,7 @@ impl Depth {
     #[inline(always)]
     fn in_bounds<V: Vector>(&self, v: V, numbers: V::F, [least, most]: [f32; 2]) -> u16 {
         let units = match self.coding {
-            Coding::Float => 1.0,
+            Coding::Float | Coding::Unit => 1.0,
             Coding::Unorm(most) => most as f32,
         };
         let depths = v.div(numbers, v.splat(units));
@@ -217,7 +224,7 @@ impl Tests {
     pub fn new(targets: &Targets, state: &DepthStencil) -> Self {
         let depth = (targets.depth.as_ref())
             .filter(|_| state.depth_test || state.depth_bounds_test)
-            .map(|target| Depth::new(*target, state));
+            .map(|target| Depth::new(*target, targets.clamps_to_one, state));
         let stencil = (targets.stencil.as_ref())
             .filter(|_| state.stencil_test)
             .map(|target| Stencil {

@@ -108,6 +108,7 @@ fn call(count: u32, instances: u32) -> DrawCall {
 
 fn targets(view_mask: u32) -> Targets {
     Targets {
+        clamps_to_one: false,
         area: area(),
         layers: 8,
         view_mask,

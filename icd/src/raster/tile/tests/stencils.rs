@@ -114,12 +114,14 @@ fn fragments_pass_and_write_what_the_tables_say() {
             }
         }
         let tests = state.depth_stencil;
-        let clamped = if state.rasterization.depth_clamp {
+        let clamps_to_one = chance(3) == 0;
+        let clamped = if state.rasterization.depth_clamp || clamps_to_one {
             new.clamp(0.0, 1.0)
         } else {
             new
         };
-        let targets = targets(None, Some(&canvas));
+        let mut targets = targets(None, Some(&canvas));
+        targets.clamps_to_one = clamps_to_one;
         let draw = draw(state, None);
         let counters = draw.counters[0].clone();
         let triangle = Triangle {

@@ -102,6 +102,7 @@ pub fn targets(color: Option<&Canvas>, depth_stencil: Option<&Canvas>) -> Target
         plane.map(|_| canvas.target(aspect))
     };
     Targets {
+        clamps_to_one: false,
         area: vk::Rect2D {
             offset: vk::Offset2D { x: 0, y: 0 },
             extent: vk::Extent2D {
