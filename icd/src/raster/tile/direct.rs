@@ -249,7 +249,7 @@ impl<V: Vector> Painter<'_, V> {
                     record,
                     from,
                     &IN_BLOCK,
-                    locations(1)[0],
+                    plan.locations[0],
                     range,
                 ))
             }
