@@ -20,6 +20,9 @@ pub struct Pass {
     pub layers: u32,
     /// 0 without multiview.
     pub view_mask: u32,
+    /// Samples that draws have of attachments with one
+    /// (`VkMultisampledRenderToSingleSampledInfoEXT`), or 1.
+    pub samples: u32,
     pub colors: [Option<Attachment>; MAX_COLOR_ATTACHMENTS],
     pub depth: Option<Attachment>,
     pub stencil: Option<Attachment>,
@@ -38,6 +41,8 @@ pub struct Attachment {
     /// render passes).
     pub clear: Option<(vk::ClearValue, u32)>,
     pub resolve: Option<Resolve>,
+    /// How samples of the pass become the attachment's only one, where it draws with more.
+    pub mode: vk::ResolveModeFlags,
 }
 
 /// A resolve at the end of a pass.
@@ -132,13 +137,14 @@ impl PassRecorder {
                 });
             }
         }
-        let attachment = |index: u32, clears: bool, resolve: Option<Resolve>| {
+        let attachment = |index: u32, clears: bool, resolve: Option<Resolve>, mode| {
             let (view, _) = self.attachment(index)?;
             let load = loads[index as usize];
             Some(Attachment {
                 view: Ref::clone(view),
                 clear: (clears && load != 0).then(|| (self.clear_value(index as usize), load)),
                 resolve,
+                mode,
             })
         };
         let resolve = |index: u32, mode: vk::ResolveModeFlags| {
@@ -151,7 +157,7 @@ impl PassRecorder {
             let (_, info) = self.attachment(index)?;
             let destination = subpass.resolves.get(color).copied().flatten();
             let resolve = destination.and_then(|it| resolve(it, vk::ResolveModeFlags::AVERAGE));
-            attachment(index, info.clears, resolve)
+            attachment(index, info.clears, resolve, vk::ResolveModeFlags::AVERAGE)
         });
         let side = |stencil: bool| {
             let index = subpass.depth_stencil?;
@@ -161,16 +167,20 @@ impl PassRecorder {
                 true => (vk::ImageAspectFlags::STENCIL, info.clears_stencil),
             };
             view.image.plane(aspect)?;
-            let resolve = subpass.depth_stencil_resolve.and_then(|it| {
-                let mode = if stencil { it.stencil } else { it.depth };
-                resolve(it.attachment, mode)
-            });
-            attachment(index, clears, resolve)
+            let mode = match (subpass.depth_stencil_resolve, stencil) {
+                (None, _) => vk::ResolveModeFlags::NONE,
+                (Some(modes), false) => modes.depth,
+                (Some(modes), true) => modes.stencil,
+            };
+            let to = subpass.depth_stencil_resolve.and_then(|it| it.attachment);
+            let resolve = to.and_then(|to| resolve(to, mode));
+            attachment(index, clears, resolve, mode)
         };
         Some(Pass {
             area: self.area,
             layers: self.layers,
             view_mask: subpass.view_mask,
+            samples: subpass.samples,
             colors,
             depth: side(false),
             stencil: side(true),

@@ -1,5 +1,7 @@
 //! Render passes, framebuffers and `VkRenderingInfo`.
 
+use std::ffi::c_void;
+
 use ash::vk;
 use smallvec::SmallVec;
 
@@ -47,6 +49,7 @@ pub unsafe fn render_pass(info: &vk::RenderPassCreateInfo<'_>) -> RenderPass {
             };
             Subpass {
                 view_mask: views.get(index).copied().unwrap_or(0),
+                samples: 1,
                 inputs: list(it.p_input_attachments, it.input_attachment_count),
                 colors: list(it.p_color_attachments, it.color_attachment_count),
                 resolves: list(it.p_resolve_attachments, it.color_attachment_count),
@@ -86,18 +89,17 @@ pub unsafe fn render_pass2(info: &vk::RenderPassCreateInfo2<'_>) -> RenderPass {
             let resolve = find::<vk::SubpassDescriptionDepthStencilResolve>(it.p_next);
             Subpass {
                 view_mask: it.view_mask,
+                samples: pass_samples(it.p_next),
                 inputs: list(it.p_input_attachments, it.input_attachment_count),
                 colors: list(it.p_color_attachments, it.color_attachment_count),
                 resolves: list(it.p_resolve_attachments, it.color_attachment_count),
                 depth_stencil: (it.p_depth_stencil_attachment.as_ref())
                     .and_then(|it| used(it.attachment)),
-                depth_stencil_resolve: resolve.and_then(|it| {
-                    let reference = it.p_depth_stencil_resolve_attachment.as_ref()?;
-                    Some(DepthStencilResolve {
-                        attachment: used(reference.attachment)?,
-                        depth: it.depth_resolve_mode,
-                        stencil: it.stencil_resolve_mode,
-                    })
+                depth_stencil_resolve: resolve.map(|it| DepthStencilResolve {
+                    attachment: (it.p_depth_stencil_resolve_attachment.as_ref())
+                        .and_then(|reference| used(reference.attachment)),
+                    depth: it.depth_resolve_mode,
+                    stencil: it.stencil_resolve_mode,
                 }),
             }
         };
@@ -109,6 +111,17 @@ pub unsafe fn render_pass2(info: &vk::RenderPassCreateInfo2<'_>) -> RenderPass {
                 .collect(),
         }
     }
+}
+
+/// Samples that draws have of attachments with one: 1 where nothing says more.
+///
+/// # Safety
+/// The chain is valid.
+unsafe fn pass_samples(next: *const c_void) -> u32 {
+    // SAFETY: the caller's promise.
+    let info = unsafe { find::<vk::MultisampledRenderToSingleSampledInfoEXT>(next) };
+    let info = info.filter(|it| it.multisampled_render_to_single_sampled_enable != vk::FALSE);
+    info.map_or(1, |it| it.rasterization_samples.as_raw().clamp(1, 8))
 }
 
 /// `VkFramebufferCreateInfo`.
@@ -170,6 +183,7 @@ pub unsafe fn rendering(info: &vk::RenderingInfo<'_>) -> Pass {
             area: info.render_area,
             layers: info.layer_count,
             view_mask: info.view_mask,
+            samples: pass_samples(info.p_next),
             colors: std::array::from_fn(|color| rendering_attachment(colors.get(color)?)),
             depth: aspect(info.p_depth_attachment, vk::ImageAspectFlags::DEPTH),
             stencil: aspect(info.p_stencil_attachment, vk::ImageAspectFlags::STENCIL),
@@ -208,6 +222,7 @@ unsafe fn rendering_attachment(info: &vk::RenderingAttachmentInfo<'_>) -> Option
                 view,
                 mode: info.resolve_mode,
             }),
+            mode: info.resolve_mode,
         })
     }
 }

@@ -223,6 +223,10 @@ entry! {
             out3.optimal_tiling_features = features.image;
             out3.buffer_features = features.buffer;
         }
+        if let Some(out) = chain::find_mut::<vk::SubpassResolvePerformanceQueryEXT>((*out).p_next) {
+            // Samples of every format are resolved in the same way as those of other attachments.
+            out.optimal = vk::TRUE;
+        }
     }
 
     fn vkGetPhysicalDeviceImageFormatProperties(

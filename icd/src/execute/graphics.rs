@@ -16,6 +16,7 @@ use super::capture::{self, CaptureBuffers};
 use super::engine::Engine;
 use super::pass::Active;
 use super::query::ActiveQuery;
+use super::samples::Samples;
 use super::{Failure, note_strays, prints, spans};
 use crate::command::GraphicsCommand;
 use crate::command::graphics::{
@@ -201,6 +202,8 @@ pub struct Drawing<'a> {
     pub skips: bool,
     /// Transform feedback that has begun and not ended.
     capture: Option<Arc<Capture>>,
+    /// Of the pass that is suspended.
+    kept_samples: Vec<Samples>,
 }
 
 impl<'a> Drawing<'a> {
@@ -248,7 +251,10 @@ impl<'a> Drawing<'a> {
         self.flush(engine)?;
         self.capture = None;
         self.spans.begin(Kind::Pass, || spans::pass(pass));
-        let active = Active::new(pass, engine.clamps_to_one);
+        let kept = std::mem::take(&mut self.kept_samples);
+        let kept = if pass.resumes { kept } else { Vec::new() };
+        let mut active = Active::new(pass, engine.clamps_to_one, kept)?;
+        active.load_samples(&engine.workers);
         if !pass.resumes {
             active.load(&mut self.batch);
         }
@@ -258,10 +264,10 @@ impl<'a> Drawing<'a> {
 
     fn end_pass(&mut self, engine: &Engine) -> Result<(), Failure> {
         self.flush(engine)?;
-        if let Some(active) = self.active.take()
-            && !active.pass.suspends
-        {
-            active.resolve(&engine.workers);
+        match self.active.take() {
+            Some(active) if active.pass.suspends => self.kept_samples = active.keep(),
+            Some(active) => active.resolve(&engine.workers),
+            None => {}
         }
         self.spans.end(Kind::Pass);
         Ok(())

@@ -32,6 +32,7 @@ mod pass;
 mod prints;
 pub mod query;
 pub mod ray_tracing;
+mod samples;
 mod spans;
 
 use std::sync::Arc;

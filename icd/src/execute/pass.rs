@@ -4,6 +4,7 @@
 use ash::vk;
 use smallvec::SmallVec;
 
+use super::samples::Samples;
 use crate::command::pass::{Attachment, Pass, inside};
 use crate::object::ImageView;
 use crate::object::graphics_state::MAX_COLOR_ATTACHMENTS;
@@ -12,25 +13,31 @@ use crate::table::limits::{MAX_IMAGE_ARRAY_LAYERS, MAX_IMAGE_DIMENSION};
 use crate::transfer::clear::clear_view;
 use crate::transfer::resolve::resolve_attachment;
 use crate::transfer::surface::Surface;
-use crate::wave::Workers;
+use crate::wave::{Stopped, Workers};
 
 /// A pass that has begun.
 pub struct Active<'a> {
     pub pass: &'a Pass,
     pub targets: Targets,
     has_attachments: bool,
+    /// Of attachments with one that draws have more of.
+    samples: Vec<Samples>,
 }
 
 impl<'a> Active<'a> {
-    /// The pass at its beginning. `clamps_to_one`: see [`Targets`].
-    pub fn new(pass: &'a Pass, clamps_to_one: bool) -> Self {
-        let colors: [Option<Target>; MAX_COLOR_ATTACHMENTS] = std::array::from_fn(|index| {
+    /// The pass at its beginning. `clamps_to_one`: see [`Targets`]; `kept`: what the pass that it
+    /// resumes [kept](Self::keep).
+    ///
+    /// # Errors
+    /// When memory for samples is short.
+    pub fn new(pass: &'a Pass, clamps_to_one: bool, kept: Vec<Samples>) -> Result<Self, Stopped> {
+        let mut colors: [Option<Target>; MAX_COLOR_ATTACHMENTS] = std::array::from_fn(|index| {
             let attachment = pass.colors[index].as_ref()?;
             target(attachment, vk::ImageAspectFlags::COLOR)
         });
         let side = |attachment: &Option<Attachment>, aspect| target(attachment.as_ref()?, aspect);
-        let depth = side(&pass.depth, vk::ImageAspectFlags::DEPTH);
-        let stencil = side(&pass.stencil, vk::ImageAspectFlags::STENCIL);
+        let mut depth = side(&pass.depth, vk::ImageAspectFlags::DEPTH);
+        let mut stencil = side(&pass.stencil, vk::ImageAspectFlags::STENCIL);
         // Without attachments, too, there are limits (`maxFramebufferWidth`): what drawing takes of
         // memory follows from the area.
         let mut area = inside(pass.area, [MAX_IMAGE_DIMENSION; 2]);
@@ -45,8 +52,26 @@ impl<'a> Active<'a> {
             samples = target.surface.samples;
             has_attachments = true;
         }
-        Self {
+        let mut many = Vec::new();
+        if pass.samples > 1 {
+            samples = pass.samples;
+            let mut kept = kept.into_iter();
+            let attachments = (colors.iter_mut().zip(&pass.colors))
+                .chain([(&mut depth, &pass.depth), (&mut stencil, &pass.stencil)]);
+            for (target, attachment) in attachments {
+                if let (Some(target), Some(attachment)) = (target, attachment)
+                    && target.surface.samples == 1
+                {
+                    let of = Samples::new(*target, samples, attachment.mode, kept.next());
+                    let of = of.ok_or(Stopped::OutOfMemory)?;
+                    *target = of.many;
+                    many.push(of);
+                }
+            }
+        }
+        Ok(Self {
             pass,
+            samples: many,
             targets: Targets {
                 area,
                 layers,
@@ -58,7 +83,20 @@ impl<'a> Active<'a> {
                 stencil,
             },
             has_attachments,
+        })
+    }
+
+    /// Loads the samples that the pass does not go on with.
+    pub fn load_samples(&mut self, workers: &Workers) {
+        let layers = layers(self.pass.view_mask, self.targets.layers);
+        for samples in &mut self.samples {
+            samples.load(workers, layers.clone(), &self.targets.area);
         }
+    }
+
+    /// The samples, for the pass that resumes this one.
+    pub fn keep(self) -> Vec<Samples> {
+        self.samples
     }
 
     /// Whether a draw of so many samples fits into the batch as it is: without attachments, draws
@@ -160,6 +198,10 @@ impl<'a> Active<'a> {
 
     /// Resolves at the end.
     pub fn resolve(&self, workers: &Workers) {
+        for samples in &self.samples {
+            let layers = layers(self.pass.view_mask, self.targets.layers);
+            samples.store(workers, layers, &self.targets.area);
+        }
         let colors = self.pass.colors.iter().flatten();
         let colors = colors.map(|attachment| (attachment, vk::ImageAspectFlags::COLOR));
         let depth = self

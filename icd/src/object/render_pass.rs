@@ -30,6 +30,9 @@ pub struct PassAttachment {
 pub struct Subpass {
     /// 0 without multiview.
     pub view_mask: u32,
+    /// Samples that draws have of attachments with one
+    /// (`VkMultisampledRenderToSingleSampledInfoEXT`), or 1.
+    pub samples: u32,
     pub inputs: SmallVec<[Option<u32>; 4]>,
     pub colors: SmallVec<[Option<u32>; 4]>,
     /// As many as `colors`, or none.
@@ -41,7 +44,8 @@ pub struct Subpass {
 /// `VkSubpassDescriptionDepthStencilResolve`.
 #[derive(Clone, Copy, Debug)]
 pub struct DepthStencilResolve {
-    pub attachment: u32,
+    /// None where samples of the pass alone are resolved.
+    pub attachment: Option<u32>,
     pub depth: vk::ResolveModeFlags,
     pub stencil: vk::ResolveModeFlags,
 }
@@ -49,7 +53,7 @@ pub struct DepthStencilResolve {
 impl Subpass {
     /// All that it uses.
     pub fn attachments(&self) -> impl Iterator<Item = u32> {
-        let resolve = self.depth_stencil_resolve.map(|resolve| resolve.attachment);
+        let resolve = (self.depth_stencil_resolve).and_then(|resolve| resolve.attachment);
         (self.inputs.iter().chain(&self.colors).chain(&self.resolves))
             .copied()
             .chain([self.depth_stencil, resolve])

@@ -205,6 +205,7 @@ extensions! {
     Device EXT_MEMORY_BUDGET c"VK_EXT_memory_budget" 1;
     Device EXT_MEMORY_PRIORITY c"VK_EXT_memory_priority" 1;
     Device EXT_MULTI_DRAW c"VK_EXT_multi_draw" 1;
+    Device EXT_MULTISAMPLED_RENDER_TO_SINGLE_SAMPLED c"VK_EXT_multisampled_render_to_single_sampled" 1;
     Device EXT_MUTABLE_DESCRIPTOR_TYPE c"VK_EXT_mutable_descriptor_type" 1;
     Device EXT_NESTED_COMMAND_BUFFER c"VK_EXT_nested_command_buffer" 1;
     Device EXT_NON_SEAMLESS_CUBE_MAP c"VK_EXT_non_seamless_cube_map" 1;

@@ -314,6 +314,7 @@ features! {
         float_representation: PhysicalDeviceDepthBiasControlFeaturesEXT;
         depth_bias_exact: PhysicalDeviceDepthBiasControlFeaturesEXT;
         depth_clip_control: PhysicalDeviceDepthClipControlFeaturesEXT;
+        multisampled_render_to_single_sampled: PhysicalDeviceMultisampledRenderToSingleSampledFeaturesEXT;
         depth_clamp_control: PhysicalDeviceDepthClampControlFeaturesEXT;
         depth_clamp_zero_one: PhysicalDeviceDepthClampZeroOneFeaturesEXT;
         depth_clip_enable: PhysicalDeviceDepthClipEnableFeaturesEXT;

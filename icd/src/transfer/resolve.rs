@@ -80,14 +80,7 @@ pub fn resolve_attachment(
     area: &vk::Rect2D,
 ) {
     let is_integer = from.format.numeric.is_integer() || from.format.has_stencil;
-    let region = Region {
-        x: area.offset.x.max(0) as u32,
-        y: area.offset.y.max(0) as u32,
-        slice: from_slice,
-        width: area.extent.width,
-        height: area.extent.height,
-        slices: 1,
-    };
+    let region = area_of(area, from_slice);
     let destination = Region {
         slice: to_slice,
         ..region
@@ -146,6 +139,48 @@ pub fn resolve_attachment(
                 };
             }
         });
+}
+
+/// The opposite of a resolve, one layer: all samples get the value of the only one of the source,
+/// which has the same format.
+pub fn spread(
+    (from, from_slice): (&Surface, u32),
+    (to, to_slice): (&Surface, u32),
+    area: &vk::Rect2D,
+) {
+    let region = area_of(area, from_slice);
+    let destination = Region {
+        slice: to_slice,
+        ..region
+    };
+    if from.inside(region).is_none() || to.inside(destination).is_none() {
+        return;
+    }
+    let length = region.width as usize * from.texel_size_bytes;
+    (0..region.height)
+        .into_par_iter()
+        .with_min_len(16)
+        .for_each(|row| {
+            let y = region.y + row;
+            let source = from.texel(region.x, y, from_slice, 0).cast_const();
+            for sample in 0..to.samples {
+                let target = to.texel(region.x, y, to_slice, sample);
+                // SAFETY: rows inside the images, as above; the destination is memory of the
+                // driver's own, and no two of its rows are one.
+                unsafe { std::ptr::copy_nonoverlapping(source, target, length) };
+            }
+        });
+}
+
+fn area_of(area: &vk::Rect2D, slice: u32) -> Region {
+    Region {
+        x: area.offset.x.max(0) as u32,
+        y: area.offset.y.max(0) as u32,
+        slice,
+        width: area.extent.width,
+        height: area.extent.height,
+        slices: 1,
+    }
 }
 
 /// Whether texels are unsigned normalized bytes, so that their mean is that of bytes.

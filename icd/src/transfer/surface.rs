@@ -89,6 +89,28 @@ impl Surface {
         })
     }
 
+    /// A surface of the same size and format with so many samples and slices, and its memory. None
+    /// if memory is short.
+    pub fn like(&self, samples: u32, slices: u32) -> Option<(Self, Vec<u64>)> {
+        let row = (u64::from(self.width) * self.texel_size_bytes as u64).next_multiple_of(16);
+        let sample = row.checked_mul(u64::from(self.height))?;
+        let slice = sample.checked_mul(u64::from(samples))?;
+        let words = usize::try_from(slice.checked_mul(u64::from(slices))? / 8).ok()?;
+        let mut memory = Vec::new();
+        memory.try_reserve_exact(words).ok()?;
+        memory.resize(words, 0);
+        let surface = Self {
+            data: memory.as_mut_ptr().cast(),
+            samples,
+            slices,
+            row_stride_bytes: row,
+            slice_stride_bytes: slice,
+            sample_stride_bytes: sample,
+            ..*self
+        };
+        Some((surface, memory))
+    }
+
     /// All of it.
     pub fn whole(&self) -> Region {
         Region {

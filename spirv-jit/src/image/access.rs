@@ -52,8 +52,9 @@ fn locate(
             layer = operands.coordinates[spatial][lane];
         }
         let sample = match operands.sample {
-            Some(row) => row[lane],
-            None => 0,
+            // All samples of an attachment with one have its value.
+            Some(row) if image.samples > 1 => row[lane],
+            _ => 0,
         };
         let is_inside = x < level.width
             && y < level.height

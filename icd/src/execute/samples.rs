@@ -1,0 +1,96 @@
+//! Attachments of one sample that a pass draws to with several
+//! (`VK_EXT_multisampled_render_to_single_sampled`). The samples lie in memory of the pass: they are
+//! loaded from the attachment when it begins, and resolved to the attachment when it ends.
+
+use ash::vk;
+
+use crate::raster::Target;
+use crate::transfer::resolve::{resolve_attachment, spread};
+use crate::wave::Workers;
+
+/// The samples of an attachment.
+pub struct Samples {
+    /// The attachment.
+    single: Target,
+    /// The same with its samples.
+    pub many: Target,
+    /// How the samples are resolved.
+    mode: vk::ResolveModeFlags,
+    /// They are still to be loaded.
+    is_new: bool,
+    /// Holds the texels of `many`.
+    _memory: Vec<u64>,
+}
+
+impl Samples {
+    /// Those of an attachment; `kept` are those of the pass that this one resumes. None if memory
+    /// is short.
+    pub fn new(
+        single: Target,
+        samples: u32,
+        mode: vk::ResolveModeFlags,
+        kept: Option<Samples>,
+    ) -> Option<Self> {
+        let is_same = |it: &Samples| {
+            let (a, b) = (&it.single, &single);
+            a.surface.texel(0, 0, a.first_layer, 0) == b.surface.texel(0, 0, b.first_layer, 0)
+                && [a.surface.width, a.surface.height, a.layers]
+                    == [b.surface.width, b.surface.height, b.layers]
+                && std::ptr::eq(a.surface.format, b.surface.format)
+                && it.many.surface.samples == samples
+        };
+        if let Some(kept) = kept.filter(is_same) {
+            return Some(Self { mode, ..kept });
+        }
+        let (surface, memory) = single.surface.like(samples, single.layers)?;
+        Some(Self {
+            single,
+            many: Target {
+                surface,
+                first_layer: 0,
+                layers: single.layers,
+            },
+            mode,
+            is_new: true,
+            _memory: memory,
+        })
+    }
+
+    /// Gives each sample the attachment's value, in some layers.
+    pub fn load(
+        &mut self,
+        workers: &Workers,
+        layers: impl Iterator<Item = u32> + Send,
+        area: &vk::Rect2D,
+    ) {
+        if !std::mem::take(&mut self.is_new) {
+            return;
+        }
+        let (from, to) = (&self.single, &self.many);
+        workers.install(|| {
+            for layer in layers {
+                let from = (&from.surface, from.first_layer + layer);
+                spread(from, (&to.surface, layer), area);
+            }
+        });
+    }
+
+    /// Resolves the samples, in some layers.
+    pub fn store(
+        &self,
+        workers: &Workers,
+        layers: impl Iterator<Item = u32> + Send,
+        area: &vk::Rect2D,
+    ) {
+        if self.mode.is_empty() {
+            return;
+        }
+        let (from, to) = (&self.many, &self.single);
+        workers.install(|| {
+            for layer in layers {
+                let to = (&to.surface, to.first_layer + layer);
+                resolve_attachment((&from.surface, layer), to, self.mode, area);
+            }
+        });
+    }
+}
