@@ -66,6 +66,7 @@ optional! {
     advanced_blend: ext::blend_operation_advanced::NAME, PhysicalDeviceBlendOperationAdvancedFeaturesEXT {};
     sliced_views: ext::image_sliced_view_of_3d::NAME, PhysicalDeviceImageSlicedViewOf3DFeaturesEXT {};
     single_sampled: ext::multisampled_render_to_single_sampled::NAME, PhysicalDeviceMultisampledRenderToSingleSampledFeaturesEXT {};
+    lines: ext::line_rasterization::NAME, PhysicalDeviceLineRasterizationFeaturesKHR {};
     host_image_copy: ext::host_image_copy::NAME, PhysicalDeviceHostImageCopyFeaturesEXT {};
     conditional_rendering: ext::conditional_rendering::NAME, PhysicalDeviceConditionalRenderingFeaturesEXT {};
     transform_feedback: ext::transform_feedback::NAME, PhysicalDeviceTransformFeedbackFeaturesEXT {};

@@ -633,3 +633,41 @@ fn alpha_becomes_coverage() {
         assert!(counts.is_sorted(), "{alpha}: {counts:?}");
     }
 }
+
+/// The alpha of a smooth line is the part of each pixel that it covers; it covers no pixel far away,
+/// and all of those inside.
+#[test]
+fn smooth_lines_fade_at_their_sides() {
+    let Some(gpu) = Gpu::new().drawing() else {
+        return;
+    };
+    let is_there = gpu.optional.lines.smooth_lines != 0 && gpu.features.wide_lines != 0;
+    if !has("smooth lines", is_there) {
+        return;
+    }
+    // From (2.5, 8.25) to (12.5, 8.25).
+    let vertex = "
+        void main() {
+            float x = gl_VertexIndex == 0 ? 2.5 : 12.5;
+            gl_Position = vec4(x / 8.0 - 1.0, 8.25 / 8.0 - 1.0, 0.5, 1.0);
+        }";
+    let mut mode = vk::PipelineRasterizationLineStateCreateInfoKHR::default()
+        .line_rasterization_mode(vk::LineRasterizationModeKHR::RECTANGULAR_SMOOTH);
+    let mut painting = Painting::new(&gpu, vertex, WHITE, RGBA);
+    painting.topology = vk::PrimitiveTopology::LINE_LIST;
+    painting.rasterization = painting.rasterization.line_width(3.0).push_next(&mut mode);
+    let pipeline = gpu.painting(&painting);
+    let canvas = gpu.canvas(RGBA, 16, 16);
+    gpu.paint(&canvas, pipeline, |commands| gpu.draw_vertices(commands, 2));
+    for (index, color) in gpu.colors(&canvas).into_iter().enumerate() {
+        let [x, y] = [index % 16, index / 16].map(|at| at as f32);
+        let overlap = |at: f32, from: f32, to: f32| ((at + 1.0).min(to) - at.max(from)).max(0.0);
+        let area = overlap(x, 2.5, 12.5) * overlap(y, 6.75, 9.75);
+        let wanted = (area * 255.0).round() as u8;
+        let is_near = (0.5..14.5).contains(&x) && (4.5..11.5).contains(&y);
+        if gpu.is_tuff() || area == 1.0 || !is_near {
+            let is_same = color[3].abs_diff(wanted) <= 1;
+            assert!(is_same, "pixel {x}, {y}: {color:?}, and {area} of it");
+        }
+    }
+}

@@ -90,8 +90,11 @@ pub struct Record {
     pub is_affine: bool,
     /// λᵢ (`NoPerspective`).
     pub linear: [Plane; 3],
-    /// `PointCoord`, of a point.
+    /// `PointCoord`, of a point; of a smooth line, how far across and along it lies a pixel's centre
+    /// from the line's middle, in pixels.
     pub point_coord: [Plane; 2],
+    /// Half the width and the length of a smooth line, in pixels; zeros of all else.
+    pub half: [f32; 2],
 }
 
 /// Captured primitives of one stream of a draw, in a chunk.

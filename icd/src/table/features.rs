@@ -302,8 +302,10 @@ features! {
         dynamic_rendering_unused_attachments: PhysicalDeviceDynamicRenderingUnusedAttachmentsFeaturesEXT;
         index_type_uint8: PhysicalDeviceVulkan14Features PhysicalDeviceIndexTypeUint8FeaturesKHR;
         rectangular_lines: PhysicalDeviceVulkan14Features PhysicalDeviceLineRasterizationFeaturesKHR;
+        smooth_lines: PhysicalDeviceVulkan14Features PhysicalDeviceLineRasterizationFeaturesKHR;
         bresenham_lines: PhysicalDeviceVulkan14Features PhysicalDeviceLineRasterizationFeaturesKHR;
         stippled_rectangular_lines: PhysicalDeviceVulkan14Features PhysicalDeviceLineRasterizationFeaturesKHR;
+        stippled_smooth_lines: PhysicalDeviceVulkan14Features PhysicalDeviceLineRasterizationFeaturesKHR;
         stippled_bresenham_lines: PhysicalDeviceVulkan14Features PhysicalDeviceLineRasterizationFeaturesKHR;
         vertex_attribute_instance_rate_divisor: PhysicalDeviceVulkan14Features PhysicalDeviceVertexAttributeDivisorFeaturesKHR;
         vertex_attribute_instance_rate_zero_divisor: PhysicalDeviceVulkan14Features PhysicalDeviceVertexAttributeDivisorFeaturesKHR;

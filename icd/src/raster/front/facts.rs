@@ -50,6 +50,8 @@ pub enum DepthFormat {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lines {
     pub bresenham: bool,
+    /// Rectangles whose coverage fades at their sides.
+    pub smooth: bool,
     /// Pixels.
     pub width: f32,
     /// Pattern and factor.
@@ -167,6 +169,7 @@ impl Facts {
             bias: bias(state, depth),
             lines: Lines {
                 bresenham: rasterization.line_mode == vk::LineRasterizationModeEXT::BRESENHAM,
+                smooth: rasterization.line_mode == vk::LineRasterizationModeEXT::RECTANGULAR_SMOOTH,
                 width: rasterization.line_width,
                 stipple: rasterization.line_stipple.then_some((
                     rasterization.line_stipple_pattern,

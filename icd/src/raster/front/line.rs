@@ -58,7 +58,7 @@ impl Segment {
     fn rectangle(&self, length: f64, width: f64, start: f64, end: f64) -> [Edge; 4] {
         let [dx, dy] = self.direction();
         let half = width / 2.0 * length;
-        let last = match end >= length {
+        let last = match end == length {
             // Exactly at the end's place, which the next line of a strip starts at.
             true => {
                 let [x, y] = self.to;
@@ -153,6 +153,28 @@ fn progress(segment: &Segment, origin: [i32; 2]) -> Wide {
         dx: dx * pixel / square,
         dy: dy * pixel / square,
     }
+}
+
+/// How far across and along a line a pixel's centre lies from the line's middle, in pixels, relative
+/// to the origin.
+fn from_middle(segment: &Segment, length: f64, origin: [i32; 2]) -> [Wide; 2] {
+    let pixel = f64::from(PIXEL);
+    let [dx, dy] = segment.direction().map(|d| f64::from(d) / length);
+    let [x, y] = [0, 1].map(|axis| {
+        let middle = (f64::from(segment.from[axis]) + f64::from(segment.to[axis])) / 2.0;
+        f64::from(origin[axis]) + 0.5 - middle / pixel
+    });
+    let across = Wide {
+        at: x * dy - y * dx,
+        dx: dy,
+        dy: -dx,
+    };
+    let along = Wide {
+        at: x * dx + y * dy,
+        dx,
+        dy,
+    };
+    [across, along]
 }
 
 impl Visible {
@@ -250,8 +272,16 @@ impl SetUp<'_> {
             return;
         }
         let width = f64::from(lines.width.max(0.0).min(1024.0)) * f64::from(PIXEL);
+        // Pixels up to this distance from a smooth line meet it.
+        let halo = if lines.smooth {
+            f64::from(PIXEL) / 2.0
+        } else {
+            0.0
+        };
         // The reach of a wide line past its end points.
-        let reach = if lines.bresenham {
+        let reach = if lines.smooth {
+            width / 2.0 + f64::from(PIXEL)
+        } else if lines.bresenham {
             width.max(f64::from(PIXEL))
         } else {
             width / 2.0
@@ -263,7 +293,7 @@ impl SetUp<'_> {
             (lines.width / 2.0).ceil() as i32
         } else {
             0
-        };
+        } + i32::from(lines.smooth);
         let inside = view.screen.inside;
         let inside = Bounds {
             left: inside.left.saturating_sub(beyond),
@@ -281,15 +311,25 @@ impl SetUp<'_> {
         if is_empty(&bounds) && !lines.bresenham {
             return;
         }
-        let planes = planes([around.left.max(0), around.top.max(0)]);
+        let origin = [around.left.max(0), around.top.max(0)];
+        let planes = planes(origin);
         let record = self.chunk.records.len();
         let shapes = self.chunk.shapes.len();
         self.push_record(primitive, front, &planes, offset);
+        if lines.smooth
+            && let Some(record) = self.chunk.records.last_mut()
+        {
+            record.point_coord = from_middle(segment, length, origin).map(Wide::narrow);
+            record.half = [width, length].map(|it| (it / 2.0 / f64::from(PIXEL)) as f32);
+        }
         let mut add = |start: f64, end: f64| {
+            // Dashes fade at the ends of the line alone.
+            let start = if start == 0.0 { -halo } else { start };
+            let end = if end == length { end + halo } else { end };
             self.chunk.shapes.push(Shape {
                 record: record as u32,
                 coverage: Coverage::Convex {
-                    edges: segment.rectangle(length, width, start, end),
+                    edges: segment.rectangle(length, width + 2.0 * halo, start, end),
                     count: 4,
                 },
                 bounds,

@@ -108,6 +108,7 @@ impl SetUp<'_> {
             is_affine: planes.perspective == planes.linear,
             linear: narrow(&planes.linear),
             point_coord: Default::default(),
+            half: [0.0; 2],
         });
         index
     }

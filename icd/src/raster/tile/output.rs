@@ -1,6 +1,7 @@
 //! Writes of fragments into the colour attachments: dropped samples and blended colours, sixteen
 //! pixels at a time.
 
+use ash::vk;
 use lanes::Tier;
 use spirv_jit::Program;
 use spirv_jit::image::vector::Vector;
@@ -53,6 +54,8 @@ fn dithered(places: &Places) -> Floats {
 /// The destination of a program's outputs.
 pub struct Output {
     samples: u32,
+    /// The row of the first colour's alpha, where the coverage of smooth lines goes into it.
+    pub smooth_alpha: Option<usize>,
     pub colors: Vec<Color>,
     constants: [f32; 4],
     /// Rows of outputs that are no colours.
@@ -97,14 +100,21 @@ impl Output {
         let stencil = row(OutputRow::FragStencilRef);
         let sample_mask = row(OutputRow::SampleMask);
         let alpha = color_row(0, 3, 0).filter(|_| state.multisample.alpha_to_coverage);
+        let is_smooth =
+            state.rasterization.line_mode == vk::LineRasterizationModeEXT::RECTANGULAR_SMOOTH;
+        let first = targets.colors.get(state.color_locations[0] as usize);
+        let first = first.and_then(Option::as_ref);
+        let has_alpha = first.is_some_and(|it| !it.surface.format.numeric.is_integer());
+        let smooth_alpha = color_row(0, 3, 0).filter(|_| is_smooth && has_alpha);
         let of_colors = colors
             .iter()
             .flat_map(|color| color.source.iter().chain(&color.second));
-        let others = [depth, stencil, sample_mask, alpha];
+        let others = [depth, stencil, sample_mask, alpha, smooth_alpha];
         let last = of_colors.chain(&others).flatten().max();
         Self {
             samples: targets.samples,
             rows: last.map_or(0, |last| last + 1),
+            smooth_alpha,
             colors,
             constants: state.blend.constants,
             depth,
@@ -161,7 +171,8 @@ impl Output {
     /// leaves are written.
     pub fn is_bytes(&self) -> bool {
         let are_bytes = self.colors.iter().all(|color| color.bytes.is_some());
-        self.samples == 1 && are_bytes && !self.drops_samples()
+        let is_plain = !self.drops_samples() && self.smooth_alpha.is_none();
+        self.samples == 1 && are_bytes && is_plain
     }
 
     /// Writes the colours of sixteen fragments of one sample where [`Self::is_bytes`] holds.

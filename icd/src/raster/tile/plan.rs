@@ -89,12 +89,14 @@ impl<'a> Plan<'a> {
         });
         let passed = match &rows {
             _ if order != Order::Early || output.drops_samples() => None,
+            _ if output.smooth_alpha.is_some() => None,
             Some(None) => None,
             Some(Some(rows)) => Passed::new(tier, Some(rows), &output),
             None => Passed::new(tier, None, &output),
         };
         let tinted = (fragment.and_then(Program::tinted))
-            .filter(|_| order == Order::Early && !(has_effects || per_sample));
+            .filter(|_| order == Order::Early && !(has_effects || per_sample))
+            .filter(|_| output.smooth_alpha.is_none());
         let sampled = (tinted.zip(inputs.as_ref()))
             .and_then(|(tinted, inputs)| Sampled::new(tinted, inputs, &output));
         let program = fragment.zip(inputs).map(|(program, inputs)| Fragment {

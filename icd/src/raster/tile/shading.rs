@@ -140,6 +140,9 @@ spirv_jit::vectors! {
             for mask in &mut masks {
                 *mask &= live;
             }
+            if let Some(row) = plan.output.smooth_alpha {
+                fade(&fragments_of(chunks, pack), &mut state[io + row].0);
+            }
             let rows = &state[io..];
             plan.output.drop_samples(rows, &pack.places, &mut masks);
             if any(&masks) == 0 {
@@ -187,6 +190,28 @@ unsafe fn test_late<V: Vector>(
         };
         // SAFETY: the caller's promise.
         *mask = unsafe { plan.tests.run(v, &tested, sample as u32, *mask) };
+    }
+}
+
+/// Multiplies alpha by the part of each pixel that a smooth line covers (spec, "Smooth Lines"): of a
+/// square along the line, which is that of the pixel in size and place.
+fn fade(fragments: &Fragments<'_>, alpha: &mut Row) {
+    for (lane, alpha) in alpha.iter_mut().enumerate() {
+        let quad = lane / 4;
+        let record = fragments.records[quad];
+        if record.half[0] == 0.0 {
+            continue;
+        }
+        let [x, y] = [(fragments.x, LANE_X), (fragments.y, LANE_Y)]
+            .map(|(first, step)| first[quad].wrapping_add(step[lane] & 1));
+        let [x, y] = [(x, 0), (y, 1)].map(|(at, axis)| at.wrapping_sub(record.origin[axis]) as f32);
+        let covered = |axis: usize| {
+            let (plane, half) = (&record.point_coord[axis], record.half[axis]);
+            let from = plane.at + plane.dx * x + plane.dy * y;
+            let (least, most) = ((from - 0.5).max(-half), (from + 0.5).min(half));
+            (most - least).max(0.0)
+        };
+        *alpha = (f32::from_bits(*alpha) * covered(0) * covered(1)).to_bits();
     }
 }
 

@@ -187,7 +187,14 @@ fn triangles_that_share_edges_cover_each_sample_once() {
                 let corners = [middle, around[index], around[(index + 1) % around.len()]];
                 let mut shape = Covered::default();
                 let edges = edges(corners);
-                convex(Tier::best(), &edges[..3], &tile, &tile, standard(samples), &mut shape);
+                convex(
+                    Tier::best(),
+                    &edges[..3],
+                    &tile,
+                    &tile,
+                    standard(samples),
+                    &mut shape,
+                );
                 shape.split(samples);
                 for (count, found) in covered.iter_mut().zip(found(&shape.blocks, samples)) {
                     for sample in 0..8 {

@@ -301,6 +301,7 @@ pub fn chunk(draw: u32, targets: &Targets, triangles: &[Triangle]) -> Chunk {
             is_affine: false,
             linear: [flat(1.0), flat(0.0), flat(0.0)],
             point_coord: [flat(0.0); 2],
+            half: [0.0; 2],
         });
     }
     chunk.bins = bins(targets, chunk.shapes.len());
