@@ -634,8 +634,8 @@ fn alpha_becomes_coverage() {
     }
 }
 
-/// The alpha of a smooth line is the part of each pixel that it covers; it covers no pixel far away,
-/// and all of those inside.
+/// The alpha of a smooth line is the part of each pixel that it covers. It covers pixels inside as
+/// a whole, and none far away.
 #[test]
 fn smooth_lines_fade_at_their_sides() {
     let Some(gpu) = Gpu::new().drawing() else {

@@ -202,7 +202,7 @@ pub struct Drawing<'a> {
     pub skips: bool,
     /// Transform feedback that has begun and not ended.
     capture: Option<Arc<Capture>>,
-    /// Of the pass that is suspended.
+    /// Samples of the suspended pass.
     kept_samples: Vec<Samples>,
 }
 

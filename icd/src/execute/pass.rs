@@ -20,7 +20,7 @@ pub struct Active<'a> {
     pub pass: &'a Pass,
     pub targets: Targets,
     has_attachments: bool,
-    /// Of attachments with one that draws have more of.
+    /// Samples of attachments with one sample, where the pass draws with more.
     samples: Vec<Samples>,
 }
 

@@ -1,6 +1,6 @@
-//! Attachments of one sample that a pass draws to with several
-//! (`VK_EXT_multisampled_render_to_single_sampled`). The samples lie in memory of the pass: they are
-//! loaded from the attachment when it begins, and resolved to the attachment when it ends.
+//! Attachments with one sample that a pass draws to with several
+//! (`VK_EXT_multisampled_render_to_single_sampled`). The samples lie in memory of the pass. They
+//! are loaded from the attachment when the pass begins, and resolved to it when the pass ends.
 
 use ash::vk;
 
@@ -16,15 +16,15 @@ pub struct Samples {
     pub many: Target,
     /// How the samples are resolved.
     mode: vk::ResolveModeFlags,
-    /// They are still to be loaded.
+    /// Not loaded yet.
     is_new: bool,
     /// Holds the texels of `many`.
     _memory: Vec<u64>,
 }
 
 impl Samples {
-    /// Those of an attachment; `kept` are those of the pass that this one resumes. None if memory
-    /// is short.
+    /// The samples of an attachment; `kept` are those of the pass that this one resumes. None if
+    /// memory is short.
     pub fn new(
         single: Target,
         samples: u32,

@@ -44,7 +44,7 @@ pub struct Subpass {
 /// `VkSubpassDescriptionDepthStencilResolve`.
 #[derive(Clone, Copy, Debug)]
 pub struct DepthStencilResolve {
-    /// None where samples of the pass alone are resolved.
+    /// None if only samples of the pass are resolved.
     pub attachment: Option<u32>,
     pub depth: vk::ResolveModeFlags,
     pub stencil: vk::ResolveModeFlags,

@@ -90,10 +90,10 @@ pub struct Record {
     pub is_affine: bool,
     /// λᵢ (`NoPerspective`).
     pub linear: [Plane; 3],
-    /// `PointCoord`, of a point; of a smooth line, how far across and along it lies a pixel's centre
-    /// from the line's middle, in pixels.
+    /// `PointCoord` of a point. Of a smooth line: the distances of a pixel's centre from its
+    /// middle, across and along it, in pixels.
     pub point_coord: [Plane; 2],
-    /// Half the width and the length of a smooth line, in pixels; zeros of all else.
+    /// Half the width and half the length of a smooth line, in pixels; zeros for other primitives.
     pub half: [f32; 2],
 }
 

@@ -307,8 +307,8 @@ pub struct ImageOp {
     pub signed: bool,
     /// A read that is performed as written, not merged with another (`Volatile`, `VolatileTexel`).
     pub volatile: bool,
-    /// The last result is a residency code (i32): 1 if all texels that were read have memory, else 0
-    /// (`OpImageSparse*`). Of samples, gathers, fetches and reads.
+    /// The last result is a residency code (`OpImageSparse*`), an i32: 1 if all texels that were
+    /// read have memory, else 0. For samples, gathers, fetches and reads.
     pub residency: bool,
     /// Format declared in the shader, or `Format::UNDEFINED` to use the view's.
     pub format: Format,

@@ -127,7 +127,7 @@ pub(crate) struct Operands<'a> {
     pub offsets: &'a [&'a Row],
     pub sample: Option<&'a Row>,
     pub texel: &'a [&'a Row],
-    /// Takes the texels without memory, if the operation tells.
+    /// Collects the lanes that read texels without memory, for operations with a residency code.
     pub residency: Option<&'a Residency<'a>>,
 }
 

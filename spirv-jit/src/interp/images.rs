@@ -1,5 +1,5 @@
-//! Image operations: operand rows for [`execute_resident`], and the common samples, loads and stores
-//! over a whole wave.
+//! Image operations: operand rows for [`execute_resident`], and the common samples, loads and
+//! stores over a whole wave.
 
 use std::marker::PhantomData;
 

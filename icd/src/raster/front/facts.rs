@@ -71,8 +71,8 @@ pub struct Facts {
     /// Triangles with positive area are front-facing.
     pub positive_is_front: bool,
     pub polygon_mode: vk::PolygonMode,
-    /// Depths are clamped, and to which range if not to the viewport's.
     pub depth_clamp: bool,
+    /// The range of the clamp, if it is not the viewport's.
     pub depth_clamp_range: Option<[f32; 2]>,
     pub bias: Option<Bias>,
     pub lines: Lines,

@@ -155,8 +155,8 @@ fn progress(segment: &Segment, origin: [i32; 2]) -> Wide {
     }
 }
 
-/// How far across and along a line a pixel's centre lies from the line's middle, in pixels, relative
-/// to the origin.
+/// Distances of a pixel's centre from the middle of a line, across and along it, in pixels; planes
+/// relative to the origin.
 fn from_middle(segment: &Segment, length: f64, origin: [i32; 2]) -> [Wide; 2] {
     let pixel = f64::from(PIXEL);
     let [dx, dy] = segment.direction().map(|d| f64::from(d) / length);

@@ -193,8 +193,8 @@ unsafe fn test_late<V: Vector>(
     }
 }
 
-/// Multiplies alpha by the part of each pixel that a smooth line covers (spec, "Smooth Lines"): of a
-/// square along the line, which is that of the pixel in size and place.
+/// Multiplies alpha by the part of each pixel that a smooth line covers (spec, "Smooth Lines"). The
+/// pixel counts as a square of its size that is turned along the line.
 fn fade(fragments: &Fragments<'_>, alpha: &mut Row) {
     for (lane, alpha) in alpha.iter_mut().enumerate() {
         let quad = lane / 4;
