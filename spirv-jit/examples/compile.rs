@@ -89,6 +89,8 @@ fn stage(model: ExecutionModel) -> Option<Stage> {
         ExecutionModel::TessellationControl => Stage::TessellationControl,
         ExecutionModel::TessellationEvaluation => Stage::TessellationEvaluation,
         ExecutionModel::Geometry => Stage::Geometry,
+        ExecutionModel::TaskEXT => Stage::Task,
+        ExecutionModel::MeshEXT => Stage::Mesh,
         ExecutionModel::Fragment => Stage::Fragment,
         _ => return None,
     })

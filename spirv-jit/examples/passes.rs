@@ -24,6 +24,8 @@ fn stage(path: &Path) -> Stage {
         Some("tesc") => Stage::TessellationControl,
         Some("tese") => Stage::TessellationEvaluation,
         Some("geom") => Stage::Geometry,
+        Some("task") => Stage::Task,
+        Some("mesh") => Stage::Mesh,
         Some("frag") => Stage::Fragment,
         _ => Stage::Compute,
     }

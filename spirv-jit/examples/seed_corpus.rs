@@ -33,6 +33,8 @@ fn main() {
             Stage::Geometry => 9,
             Stage::TessellationControl => 10,
             Stage::TessellationEvaluation => 11,
+            Stage::Task => 12,
+            Stage::Mesh => 13,
         };
         write(&folder.join("modules"), index, &[first], &words);
         if stage == Stage::Compute {

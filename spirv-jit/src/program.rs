@@ -26,6 +26,7 @@ pub use crate::ir::interface::{
     Barycentric, DepthMode, Emits, FragmentFacts, GeometryFacts, Interlock, OutputRow, Position,
     Varying, VaryingMode, VaryingPlace,
 };
+pub use crate::ir::mesh::MeshFacts;
 pub use crate::ir::module::InputRow;
 pub use crate::ir::passed::Passed;
 pub use crate::ir::stage::{Builtin, Stage};
@@ -90,6 +91,7 @@ pub struct Program {
     tinted: Option<Tinted>,
     tessellation: Option<TessellationFacts>,
     geometry: Option<GeometryFacts>,
+    mesh: Option<MeshFacts>,
     capture: Option<CaptureFacts>,
     fragment: Option<FragmentFacts>,
     origin: OnceLock<Origin>,
@@ -149,11 +151,15 @@ impl Program {
             workgroups_may_share_subgroups: may_share_subgroups(module),
             workgroups_may_wait: may_wait_for_workgroups(module),
             output_rows: module.output_rows,
-            outputs: module.outputs.clone(),
+            outputs: match &module.mesh {
+                Some(facts) => facts.rows(),
+                None => module.outputs.clone(),
+            },
             passed: passed(module),
             tinted: tinted(module),
             tessellation: module.tessellation.clone(),
             geometry: module.geometry,
+            mesh: module.mesh.clone(),
             capture: module.capture.clone(),
             fragment: module.fragment,
             origin: OnceLock::new(),
@@ -170,18 +176,18 @@ impl Program {
         &self.inputs
     }
 
-    /// Compute: the workgroup's size per dimension.
+    /// Compute, task and mesh: the workgroup's size per dimension.
     pub fn local_size(&self) -> [u32; 3] {
         self.local_size
     }
 
-    /// Compute: four consecutive lanes are two by two invocations of the workgroup, instead of four
+    /// Compute, task and mesh: four consecutive lanes are two by two invocations of the workgroup, instead of four
     /// in a row.
     pub fn quads(&self) -> bool {
         self.quads
     }
 
-    /// Compute: workgroup memory in bytes.
+    /// Stages with workgroups: workgroup memory in bytes.
     pub fn shared_size_bytes(&self) -> u32 {
         self.shared_size_bytes
     }
@@ -239,7 +245,7 @@ impl Program {
     }
 
     /// Vertex, evaluation and fragment: what each word is that the program leaves. Geometry: what
-    /// each word of an emitted vertex is.
+    /// each word of an emitted vertex is. Mesh: see [`MeshFacts::rows`].
     #[inline]
     pub fn outputs(&self) -> &[OutputRow] {
         &self.outputs
@@ -263,6 +269,12 @@ impl Program {
     #[inline]
     pub fn geometry(&self) -> Option<&GeometryFacts> {
         self.geometry.as_ref()
+    }
+
+    /// Task and mesh: what the rasterizer must know, and where it finds what workgroups leave.
+    #[inline]
+    pub fn mesh(&self) -> Option<&MeshFacts> {
+        self.mesh.as_ref()
     }
 
     /// Vertex, tessellation evaluation and geometry: what transform feedback captures.

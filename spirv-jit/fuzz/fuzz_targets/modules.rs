@@ -7,7 +7,7 @@ use libfuzzer_sys::{fuzz_mutator, fuzz_target};
 use shaders::corrupt;
 use spirv_jit::program::Stage;
 
-const STAGES: [Stage; 12] = [
+const STAGES: [Stage; 14] = [
     Stage::Compute,
     Stage::RayGeneration,
     Stage::Miss,
@@ -20,6 +20,8 @@ const STAGES: [Stage; 12] = [
     Stage::Geometry,
     Stage::TessellationControl,
     Stage::TessellationEvaluation,
+    Stage::Task,
+    Stage::Mesh,
 ];
 
 fn words(bytes: &[u8]) -> Vec<u32> {

@@ -56,8 +56,30 @@ pub fn dispatch_over(
     };
     environment.uniforms[uniform::NUM_WORKGROUPS as usize] = groups;
     for group in 0..groups {
-        run_group(program, group, &environment);
+        let mut shared = shared_memory(program);
+        run_group(program, group, &environment, &mut shared);
     }
+}
+
+/// Runs one workgroup of a task or mesh program, whose memory starts with `payload`, and returns
+/// that memory.
+pub fn run_mesh(program: &Program, payload: &[u8]) -> Vec<u8> {
+    let mut shared = shared_memory(program);
+    let bytes = shared.iter().flat_map(|word| word.to_le_bytes());
+    let bytes: Vec<u8> = payload
+        .iter()
+        .copied()
+        .chain(bytes.skip(payload.len()))
+        .collect();
+    let words = bytes.as_chunks::<8>().0;
+    shared = words.iter().map(|word| u64::from_le_bytes(*word)).collect();
+    run_group(program, 0, &Environment::unbound(), &mut shared);
+    shared.iter().flat_map(|word| word.to_le_bytes()).collect()
+}
+
+/// Memory of a workgroup, with any contents.
+fn shared_memory(program: &Program) -> Vec<u64> {
+    vec![0xdead_beef_dead_beef; program.shared_size_bytes() as usize / 8 + 1]
 }
 
 fn descriptor(words: &mut [u32]) -> Descriptor {
@@ -87,11 +109,13 @@ fn word(row: InputRow, size: [u32; 3], group: u32, index: u32) -> u32 {
         Builtin::GlobalInvocationId => groups[component] * size[component] + local[component],
         Builtin::SubgroupId => index / 16,
         Builtin::NumSubgroups => size.iter().product::<u32>().div_ceil(16),
+        Builtin::NumWorkgroups => [5, 6, 7][component],
+        Builtin::DrawIndex => 9,
         other => panic!("compute has no {other:?}"),
     }
 }
 
-fn run_group(program: &Program, group: u32, environment: &Environment) {
+fn run_group(program: &Program, group: u32, environment: &Environment, shared: &mut [u64]) {
     let size = program.local_size();
     let invocations: u32 = size.iter().product();
     let layout = program.layout();
@@ -108,7 +132,6 @@ fn run_group(program: &Program, group: u32, environment: &Environment) {
         }
         states.push(state);
     }
-    let mut shared = vec![0xdead_beef_dead_beefu64; program.shared_size_bytes() as usize / 8 + 1];
     let mut frame = Default::default();
     let mut running: Vec<usize> = (0..states.len()).collect();
     let mut fuel = 10_000_000;

@@ -61,6 +61,8 @@ fn glslang_stage(stage: Stage) -> ShaderStage {
         Stage::TessellationControl => ShaderStage::TesselationControl,
         Stage::TessellationEvaluation => ShaderStage::TesselationEvaluation,
         Stage::Geometry => ShaderStage::Geometry,
+        Stage::Task => ShaderStage::Task,
+        Stage::Mesh => ShaderStage::Mesh,
         Stage::Fragment => ShaderStage::Fragment,
     }
 }
@@ -82,11 +84,16 @@ pub fn glsl(stage: Stage, source: &str) -> Vec<u32> {
             | Stage::TessellationControl
             | Stage::TessellationEvaluation
             | Stage::Geometry
+            | Stage::Task
+            | Stage::Mesh
             | Stage::Fragment
     );
     if draws {
         for extension in RASTER_EXTENSIONS {
             text += &format!("#extension {extension} : enable\n");
+        }
+        if matches!(stage, Stage::Task | Stage::Mesh | Stage::Fragment) {
+            text += "#extension GL_EXT_mesh_shader : enable\n";
         }
     } else if stage != Stage::Compute {
         text += "#extension GL_EXT_ray_tracing : enable\n";

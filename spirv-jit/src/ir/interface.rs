@@ -39,6 +39,8 @@ pub enum VaryingPlace {
     Patch(u16),
     TessLevelOuter,
     TessLevelInner,
+    /// Fragment: a word of the primitive that a mesh shader made (`PerPrimitiveEXT`).
+    Primitive(u16),
     /// Tessellation evaluation and geometry stage, as `PointSize`.
     Position,
     PointSize,
@@ -78,6 +80,10 @@ impl Varying {
                 location,
                 component: self.component,
             },
+            VaryingPlace::Primitive(location) => OutputRow::Primitive {
+                location,
+                component: self.component,
+            },
             VaryingPlace::TessLevelOuter => OutputRow::TessLevelOuter(self.component),
             VaryingPlace::TessLevelInner => OutputRow::TessLevelInner(self.component),
             VaryingPlace::Position => OutputRow::Position(self.component),
@@ -114,13 +120,22 @@ pub enum OutputRow {
     },
     TessLevelOuter(u8),
     TessLevelInner(u8),
+    /// Mesh: a value of a primitive.
+    Primitive {
+        location: u16,
+        component: u8,
+    },
+    /// Mesh: which vertex is a corner of the primitive.
+    PrimitiveIndex(u8),
+    /// Mesh: not 0 if the primitive is discarded.
+    CullPrimitive,
     Position(u8),
     PointSize,
     ClipDistance(u8),
     CullDistance(u8),
     Layer,
     ViewportIndex,
-    /// Geometry stage.
+    /// Geometry and mesh stage.
     PrimitiveId,
     FragDepth,
     FragStencilRef,
@@ -224,6 +239,7 @@ impl fmt::Display for Varying {
         match self.place {
             VaryingPlace::Location(location) => write!(f, "varying.{location}")?,
             VaryingPlace::Patch(location) => write!(f, "varying.patch_{location}")?,
+            VaryingPlace::Primitive(location) => write!(f, "varying.primitive_{location}")?,
             VaryingPlace::TessLevelOuter => f.write_str("varying.tess_outer")?,
             VaryingPlace::TessLevelInner => f.write_str("varying.tess_inner")?,
             VaryingPlace::Position => f.write_str("varying.position")?,
@@ -257,9 +273,12 @@ impl FromStr for Varying {
                 "point_size" => VaryingPlace::PointSize,
                 "clip" => VaryingPlace::ClipDistance,
                 "cull" => VaryingPlace::CullDistance,
-                place => match place.strip_prefix("patch_") {
-                    Some(location) => VaryingPlace::Patch(location.parse().map_err(drop)?),
-                    None => VaryingPlace::Location(place.parse().map_err(drop)?),
+                place => match place.split_once('_') {
+                    Some(("patch", place)) => VaryingPlace::Patch(place.parse().map_err(drop)?),
+                    Some(("primitive", place)) => {
+                        VaryingPlace::Primitive(place.parse().map_err(drop)?)
+                    }
+                    _ => VaryingPlace::Location(place.parse().map_err(drop)?),
                 },
             },
             component: component.parse().map_err(drop)?,
@@ -315,6 +334,12 @@ impl fmt::Display for OutputRow {
                 location,
                 component,
             } => write!(f, "patch.{location}.{component}"),
+            OutputRow::Primitive {
+                location,
+                component,
+            } => write!(f, "primitive.{location}.{component}"),
+            OutputRow::PrimitiveIndex(corner) => write!(f, "primitive_index.{corner}"),
+            OutputRow::CullPrimitive => f.write_str("cull_primitive"),
             OutputRow::TessLevelOuter(index) => write!(f, "tess_outer.{index}"),
             OutputRow::TessLevelInner(index) => write!(f, "tess_inner.{index}"),
             OutputRow::Position(component) => write!(f, "position.{component}"),
@@ -342,6 +367,12 @@ impl FromStr for OutputRow {
                 location: location.parse().map_err(drop)?,
                 component: number(component)?,
             },
+            ["primitive", location, component] => OutputRow::Primitive {
+                location: location.parse().map_err(drop)?,
+                component: number(component)?,
+            },
+            ["primitive_index", corner] => OutputRow::PrimitiveIndex(number(corner)?),
+            ["cull_primitive"] => OutputRow::CullPrimitive,
             ["tess_outer", index] => OutputRow::TessLevelOuter(number(index)?),
             ["tess_inner", index] => OutputRow::TessLevelInner(number(index)?),
             ["location", location, component, index] => OutputRow::Location {

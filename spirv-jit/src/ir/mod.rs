@@ -107,6 +107,7 @@ mod build;
 pub mod capture;
 pub mod entities;
 pub mod interface;
+pub mod mesh;
 pub mod module;
 pub mod op;
 pub mod passed;

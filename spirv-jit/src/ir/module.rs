@@ -4,6 +4,7 @@ use smallvec::SmallVec;
 
 use super::capture::CaptureFacts;
 use super::interface::{Barycentric, FragmentFacts, GeometryFacts, OutputRow, Varying};
+use super::mesh::MeshFacts;
 use super::tessellation::TessellationFacts;
 use super::{FunctionId, Label, Op, Type, Value, VariableId};
 use crate::ir::stage::{Builtin, Stage};
@@ -130,7 +131,7 @@ pub struct Module {
     /// Words that `end` takes. By stage: any-hit: verdict (0 accept, 1 ignore, 2 accept and
     /// terminate the ray), then payload words; closest hit and miss: payload words; callable:
     /// callable data words; geometry: the number of emitted vertices; intersection, ray
-    /// generation, tessellation control and compute: none.
+    /// generation, tessellation control, task, mesh and compute: none.
     pub output_rows: u32,
     /// Vertex, tessellation evaluation and fragment: what each of those words is. Geometry: what
     /// each word of an emitted vertex is.
@@ -139,16 +140,18 @@ pub struct Module {
     pub tessellation: Option<TessellationFacts>,
     /// Geometry: what the rasterizer must know.
     pub geometry: Option<GeometryFacts>,
+    /// Task and mesh: what the rasterizer must know.
+    pub mesh: Option<MeshFacts>,
     /// Vertex, evaluation and geometry: what transform feedback captures.
     pub capture: Option<CaptureFacts>,
     /// Fragment: what the rasterizer must know.
     pub fragment: Option<FragmentFacts>,
-    /// Compute: the workgroup's size in invocations per dimension; otherwise ones.
+    /// Compute, task and mesh: the workgroup's size in invocations per dimension; otherwise ones.
     pub local_size: [u32; 3],
-    /// Compute: four consecutive lanes are two by two invocations of the workgroup, instead of four
+    /// Compute, task and mesh: four consecutive lanes are two by two invocations of the workgroup, instead of four
     /// in a row.
     pub quads: bool,
-    /// Compute and tessellation control: workgroup memory in bytes.
+    /// Compute, tessellation control, task and mesh: workgroup memory in bytes.
     pub shared_size_bytes: u32,
 }
 

@@ -18,10 +18,17 @@ pub enum Stage {
     TessellationControl,
     TessellationEvaluation,
     Geometry,
+    Task,
+    Mesh,
     Fragment,
 }
 
 impl Stage {
+    /// Whether invocations are those of workgroups of the shader's own size.
+    pub fn has_workgroups(self) -> bool {
+        matches!(self, Stage::Compute | Stage::Task | Stage::Mesh)
+    }
+
     /// The input words, each a whole number, that tell the stage's invocations apart and sort them,
     /// the most significant first; of positions the whole part.
     pub fn key(self) -> &'static [(Builtin, u8)] {
@@ -37,6 +44,13 @@ impl Stage {
                 (ViewIndex, 0),
                 (InstanceIndex, 0),
                 (VertexIndex, 0),
+            ],
+            Stage::Task | Stage::Mesh => &[
+                (DrawIndex, 0),
+                (ViewIndex, 0),
+                (GlobalInvocationId, 2),
+                (GlobalInvocationId, 1),
+                (GlobalInvocationId, 0),
             ],
             // Samples of a pixel that are shaded apart differ in their masks.
             Stage::Fragment => &[
@@ -55,13 +69,10 @@ impl Stage {
         match (self, key) {
             (Stage::Compute, [z, y, x, ..]) => format!("invocation ({x}, {y}, {z})"),
             (Stage::Vertex, [draw, view, instance, vertex, ..]) => {
-                let mut name = format!("vertex {vertex}, instance {instance}");
-                for (what, number) in [("draw", draw), ("view", view)] {
-                    if *number > 0 {
-                        name += &format!(", {what} {number}");
-                    }
-                }
-                name
+                in_draw(format!("vertex {vertex}, instance {instance}"), draw, view)
+            }
+            (Stage::Task | Stage::Mesh, [draw, view, z, y, x]) => {
+                in_draw(format!("invocation ({x}, {y}, {z})"), draw, view)
             }
             (Stage::Fragment, [layer, y, x, primitive, ..]) => {
                 let layer = match layer {
@@ -76,22 +87,34 @@ impl Stage {
     }
 }
 
+/// Adds the draw and the view to the name of an invocation, where they are not the first.
+fn in_draw(mut name: String, draw: &u32, view: &u32) -> String {
+    for (what, number) in [("draw", draw), ("view", view)] {
+        if *number > 0 {
+            name += &format!(", {what} {number}");
+        }
+    }
+    name
+}
+
 /// Built-in inputs that arrive per lane in the input record. 32-bit words each; vectors and
 /// matrices (column-major) by component.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Builtin {
     /// 3 words.
     LaunchId,
-    /// 3 words each: compute.
+    /// 3 words each: compute, task and mesh, as all up to `NumSubgroups`.
     WorkgroupId,
     LocalInvocationId,
-    /// 1 word: compute.
+    /// 1 word.
     LocalInvocationIndex,
-    /// 3 words: compute.
+    /// 3 words.
     GlobalInvocationId,
-    /// 1 word each: compute.
+    /// 1 word each.
     SubgroupId,
     NumSubgroups,
+    /// 3 words: task and mesh. Those of a dispatch are the same for all its invocations.
+    NumWorkgroups,
     PrimitiveId,
     InstanceId,
     InstanceCustomIndex,
@@ -124,7 +147,7 @@ pub enum Builtin {
     HitLssRadii,
     /// 2 words: device address of the shader record (after the handle).
     ShaderRecordAddress,
-    /// 1 word each: vertex.
+    /// 1 word each: vertex; `DrawIndex` also task and mesh.
     VertexIndex,
     InstanceIndex,
     BaseVertex,
@@ -182,6 +205,7 @@ impl Builtin {
             | Builtin::WorkgroupId
             | Builtin::LocalInvocationId
             | Builtin::GlobalInvocationId
+            | Builtin::NumWorkgroups
             | Builtin::WorldRayOrigin
             | Builtin::WorldRayDirection
             | Builtin::ObjectRayOrigin

@@ -71,15 +71,23 @@ impl Width {
     }
 }
 
-/// A word of the interface in the memory of a patch.
+/// A word of the interface in the memory of a patch, or of a mesh shader's workgroup.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct PatchWord {
     pub row: OutputRow,
-    /// Where the first vertex's lies, or the only one of a patch.
+    /// Where the first vertex's (or primitive's) lies, or the only one of a patch.
     pub offset_bytes: u32,
     /// Bytes between the words of vertices; 0 for a word of the whole patch.
     pub stride_bytes: u32,
     pub width: Width,
+}
+
+impl PatchWord {
+    /// One past the last byte, where so many vertices have it.
+    pub fn end(&self, vertices: u32) -> u64 {
+        let last = u64::from(vertices.max(1) - 1) * u64::from(self.stride_bytes);
+        u64::from(self.offset_bytes) + last + u64::from(self.width.size_bytes())
+    }
 }
 
 /// The facts of a control shader: a subgroup, or two of a workgroup, run the invocations of a
@@ -110,11 +118,7 @@ impl ControlFacts {
 
     /// Whether all that it names lies in the memory of a patch.
     pub fn fits(&self, shared_size_bytes: u32) -> bool {
-        let is_inside = |word: &PatchWord, vertices: u32| {
-            let last = u64::from(vertices.max(1) - 1) * u64::from(word.stride_bytes);
-            let end = u64::from(word.offset_bytes) + last + u64::from(word.width.size_bytes());
-            end <= self.patch_bytes.into()
-        };
+        let is_inside = |word: &PatchWord, vertices| word.end(vertices) <= self.patch_bytes.into();
         let all = u64::from(self.patch_bytes) * u64::from(self.patches());
         (1..=MAX_PATCH_VERTICES).contains(&self.vertices)
             && all <= shared_size_bytes.into()

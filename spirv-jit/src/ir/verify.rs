@@ -43,7 +43,7 @@ pub fn verify(module: &Module) -> Result<(), String> {
         return Err("f0: the entry function has parameters or results".into());
     }
     if !has_shared(module.stage) && module.shared_size_bytes != 0 {
-        return Err("only compute and control shaders have workgroup memory".into());
+        return Err("only stages with workgroups have workgroup memory".into());
     }
     let invocations = module.local_size.iter().map(|&size| u64::from(size));
     let invocations = invocations.fold(1u64, |product, size| product.saturating_mul(size));
@@ -66,6 +66,7 @@ pub fn verify(module: &Module) -> Result<(), String> {
         || module.fragment.is_some() != (module.stage == Stage::Fragment)
         || module.geometry.is_some() != (module.stage == Stage::Geometry)
         || module.tessellation.is_some() != (is_control || is_evaluation)
+        || module.mesh.is_some() != matches!(module.stage, Stage::Task | Stage::Mesh)
     {
         return Err("outputs and facts do not fit the stage".into());
     }
@@ -80,6 +81,11 @@ pub fn verify(module: &Module) -> Result<(), String> {
     }
     if let Some(facts) = &module.geometry {
         check_geometry(facts, module.outputs.len())?;
+    }
+    if let Some(facts) = &module.mesh
+        && !facts.fits(module.stage == Stage::Mesh, module.shared_size_bytes)
+    {
+        return Err("the values of a workgroup's primitives are out of range".into());
     }
     if let Some(facts) = &module.capture {
         let has_stage = is_evaluation || matches!(module.stage, Stage::Vertex | Stage::Geometry);
@@ -370,7 +376,7 @@ fn check_inputs(module: &Module) -> Result<(), String> {
         InputRow::Varying(varying) => {
             let is_at_location = matches!(
                 varying.place,
-                VaryingPlace::Location(_) | VaryingPlace::Patch(_)
+                VaryingPlace::Location(_) | VaryingPlace::Patch(_) | VaryingPlace::Primitive(_)
             );
             let is_of_patch = matches!(
                 varying.place,
@@ -378,7 +384,11 @@ fn check_inputs(module: &Module) -> Result<(), String> {
                     | VaryingPlace::TessLevelOuter
                     | VaryingPlace::TessLevelInner
             );
+            let is_of_primitive = matches!(varying.place, VaryingPlace::Primitive(_));
             let is_known = match (module.geometry, varying.mode) {
+                (_, mode) if is_of_primitive => {
+                    module.stage == Stage::Fragment && mode == VaryingMode::Flat
+                }
                 (Some(facts), VaryingMode::PerVertex(vertex)) => {
                     !is_of_patch && u32::from(vertex) < facts.vertices
                 }
@@ -417,7 +427,7 @@ fn check_inputs(module: &Module) -> Result<(), String> {
 
 /// Whether invocations of the stage are a workgroup, with its memory and barriers.
 fn has_shared(stage: Stage) -> bool {
-    matches!(stage, Stage::Compute | Stage::TessellationControl)
+    stage.has_workgroups() || stage == Stage::TessellationControl
 }
 
 /// Checks that the scheduler of the stage's programs can answer the operation, and that they have

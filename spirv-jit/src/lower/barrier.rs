@@ -4,7 +4,6 @@ use rspirv::spirv::{Op, Scope};
 
 use super::Lowerer;
 use crate::Error;
-use crate::ir::stage::Stage;
 use crate::ir::{self, Type};
 use crate::parse::Instruction;
 
@@ -19,7 +18,7 @@ impl Lowerer<'_> {
                 }
                 self.b.emit_effect(ir::Op::MemoryBarrier, &[])?;
                 // The lanes of a subgroup are together already.
-                if scope != Scope::Subgroup as u32 && self.request.stage == Stage::Compute {
+                if scope != Scope::Subgroup as u32 && self.request.stage.has_workgroups() {
                     self.b.emit_effect(ir::Op::Barrier, &[])?;
                 }
                 Ok(())

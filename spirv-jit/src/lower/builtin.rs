@@ -5,7 +5,7 @@ use rspirv::spirv::BuiltIn;
 use super::Lowerer;
 use crate::Error;
 use crate::environment::uniform;
-use crate::ir::stage::Builtin;
+use crate::ir::stage::{Builtin, Stage};
 use crate::ir::{self, InputRow, Type, Value};
 
 /// Where a built-in comes from.
@@ -97,7 +97,12 @@ impl Lowerer<'_> {
             BuiltIn::ViewIndex if self.request.view_index_is_device_index => BuiltIn::DeviceIndex,
             other => other,
         };
-        let Some(source) = source(built_in) else {
+        let is_drawn = matches!(self.request.stage, Stage::Task | Stage::Mesh);
+        let source = match built_in {
+            BuiltIn::NumWorkgroups if is_drawn => Some(Source::Record(Builtin::NumWorkgroups)),
+            other => source(other),
+        };
+        let Some(source) = source else {
             let message = format!("built-in {built_in:?} is not supported");
             return Err(Error::unsupported(self.b.source, message));
         };

@@ -36,7 +36,7 @@ pub(super) struct Summary {
     size: usize,
     /// Per-lane variables of the module.
     variables: BTreeSet<Id>,
-    /// Suspends the wave, or emits vertices: such a function is always lowered in place.
+    /// Suspends the wave, or emits vertices or workgroups: such a function is always lowered in place.
     yields: bool,
 }
 
@@ -218,7 +218,8 @@ impl Lowerer<'_> {
                     | Op::EmitVertex
                     | Op::EndPrimitive
                     | Op::EmitStreamVertex
-                    | Op::EndStreamPrimitive => summary.yields = true,
+                    | Op::EndStreamPrimitive
+                    | Op::EmitMeshTasksEXT => summary.yields = true,
                     opcode if is_hit_object(opcode) => summary.yields = true,
                     Op::IgnoreIntersectionKHR
                     | Op::IgnoreIntersectionNV
@@ -250,6 +251,7 @@ impl Lowerer<'_> {
         let sites = self.call_sites.get(&callee).copied().unwrap_or(0);
         let fits = summary.size >= LARGE
             && !self.is_control()
+            && !self.is_mesh()
             && sites > 1
             && !summary.yields
             && self.ray_tmax.is_none()

@@ -27,6 +27,8 @@ pub(super) fn find_entry<'a>(
         Stage::TessellationControl => ExecutionModel::TessellationControl,
         Stage::TessellationEvaluation => ExecutionModel::TessellationEvaluation,
         Stage::Geometry => ExecutionModel::Geometry,
+        Stage::Task => ExecutionModel::TaskEXT,
+        Stage::Mesh => ExecutionModel::MeshEXT,
         Stage::Fragment => ExecutionModel::Fragment,
     };
     let mut entries = parsed.entry_points.iter();
@@ -45,7 +47,7 @@ impl Lowerer<'_> {
     /// The workgroup's size: the `WorkgroupSize` constant before the execution modes.
     pub(super) fn local_size(&self) -> Result<[u32; 3], Error> {
         let mut size = [1; 3];
-        if self.request.stage != Stage::Compute {
+        if !self.request.stage.has_workgroups() {
             return Ok(size);
         }
         for &index in &self.module.execution_modes {

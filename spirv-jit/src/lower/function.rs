@@ -451,6 +451,7 @@ impl<'a> Lowerer<'a> {
                 }
                 self.end_invocation(super::interface::Verdict::Accept)
             }
+            Op::EmitMeshTasksEXT => self.emit_mesh_tasks(&operands[..3]),
             Op::IgnoreIntersectionKHR | Op::IgnoreIntersectionNV => {
                 self.end_invocation(super::interface::Verdict::Ignore)
             }

@@ -51,6 +51,7 @@ impl Lowerer<'_> {
             Op::EmitVertex | Op::EndPrimitive | Op::EmitStreamVertex | Op::EndStreamPrimitive => {
                 self.lower_emission(instruction)
             }
+            Op::SetMeshOutputsEXT => self.lower_set_mesh_outputs(instruction),
             Op::DemoteToHelperInvocation => match self.request.stage {
                 Stage::Fragment => self.b.emit_effect(ir::Op::Demote, &[]),
                 _ => Ok(()),

@@ -33,12 +33,13 @@ impl Lowerer<'_> {
         };
         self.output_rows = words + (self.request.stage == Stage::AnyHit) as u32;
         if self.is_rasterized() {
-            if !self.is_control() {
+            if !self.is_control() && !self.is_mesh() {
                 self.declare_outputs()?;
             }
             self.declare_tessellation()?;
             self.declare_emission()?;
         }
+        self.declare_mesh()?;
         self.declare_ray_tmax()?;
         self.place_shared()?;
         self.clear_shared()
@@ -233,11 +234,13 @@ impl Lowerer<'_> {
     }
 
     /// Gives each variable of workgroup memory that the entry may use its place. Blocks with an
-    /// explicit layout share theirs.
+    /// explicit layout share theirs. The interface of a mesh shader lies before them.
     fn place_shared(&mut self) -> Result<(), Error> {
-        if self.request.stage != Stage::Compute {
+        if !self.request.stage.has_workgroups() {
             return Ok(());
         }
+        let base = u64::from(self.shared_size_bytes);
+        self.shared_base = self.shared_size_bytes;
         let mut ids: Vec<Id> = self.variables.keys().copied().collect();
         ids.sort_unstable();
         ids.retain(|&id| {
@@ -246,14 +249,14 @@ impl Lowerer<'_> {
         let annotations = &self.module.annotations;
         let is_block = |pointee| annotations.id(pointee, Decoration::Block).is_some();
         self.lays_out_shared = (ids.iter()).any(|id| is_block(self.variables[id].pointee));
-        let mut end = 0u64;
-        let mut blocks = 0u64;
+        let mut end = base;
+        let mut blocks = base;
         for id in ids {
             let pointee = self.variables[&id].pointee;
             let (size, align) = self.shared_layout().natural(pointee)?;
             if is_block(pointee) {
-                self.shared.insert(id, 0);
-                blocks = blocks.max(size);
+                self.shared.insert(id, base as u32);
+                blocks = blocks.max(base.saturating_add(size));
             } else {
                 let align = align.max(16);
                 end = end.next_multiple_of(align);
@@ -271,14 +274,19 @@ impl Lowerer<'_> {
     /// Workgroup memory with a (null) initializer is cleared by all invocations together before the
     /// shader starts.
     fn clear_shared(&mut self) -> Result<(), Error> {
-        let initialized = |id: &Id| self.variables[id].initializer.is_some();
-        if self.is_control() || !self.shared.keys().any(initialized) {
+        let initialized = |id: &Id| {
+            let variable = &self.variables[id];
+            variable.class == StorageClass::Workgroup && variable.initializer.is_some()
+        };
+        if !self.shared.keys().any(initialized) {
             return Ok(());
         }
         let size: u32 = self.local_size()?.iter().product();
         let index = InputRow::Builtin(Builtin::LocalInvocationIndex, 0);
         let index = self.input(index, Type::I32)?;
         let first = self.b.scale(index, 16)?;
+        let base = self.b.i32(self.shared_base);
+        let first = self.b.binary(ir::Op::IAdd, first, base)?;
         let (step, end) = (self.b.i32(16 * size), self.b.i32(self.shared_size_bytes));
         let zero = self.b.i32(0);
         let (done, again, check) = (self.b.new_label(), self.b.new_label(), self.b.new_label());
@@ -320,7 +328,7 @@ impl Lowerer<'_> {
     /// Byte offset of a variable of workgroup memory.
     pub(super) fn shared_offset(&self, id: Id) -> Result<u32, Error> {
         let stage = self.request.stage;
-        if stage != Stage::Compute {
+        if !stage.has_workgroups() {
             let message = format!("there is no workgroup memory in a {stage:?} shader");
             return Err(self.b.invalid(message));
         }

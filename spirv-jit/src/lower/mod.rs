@@ -33,6 +33,7 @@ mod entry;
 mod facts;
 mod flow;
 mod fold;
+mod fragment;
 mod frame;
 mod function;
 mod glsl;
@@ -47,6 +48,7 @@ mod layout;
 mod matrix;
 mod meets;
 mod memory;
+mod mesh;
 mod opaque;
 mod patch;
 mod phi;
@@ -81,7 +83,7 @@ use self::values::{Local, Place, Val};
 use crate::error::ErrorKind;
 use crate::ir::InputRow;
 use crate::ir::interface::OutputRow;
-use crate::ir::stage::Stage;
+use crate::ir::mesh::MeshFacts;
 use crate::ir::tessellation::TessellationFacts;
 use crate::parse::{EntryPoint, Id, ParsedModule};
 use crate::query::QueryWord;
@@ -154,6 +156,8 @@ struct Lowerer<'a> {
     /// Byte offset of each variable of workgroup memory, or of a patch.
     shared: HashMap<Id, u32>,
     shared_size_bytes: u32,
+    /// Where the variables of the shader's own begin in it.
+    shared_base: u32,
     /// The module gives its layout: its variables are blocks
     /// (`SPV_KHR_workgroup_memory_explicit_layout`).
     lays_out_shared: bool,
@@ -164,6 +168,8 @@ struct Lowerer<'a> {
     output_variables: Vec<Id>,
     /// Of tessellation stages.
     tessellation: Option<TessellationFacts>,
+    /// Of task and mesh stages.
+    mesh: Option<MeshFacts>,
     /// Of geometry stages.
     emission: Option<Emission>,
     /// Input attachments are read.
@@ -215,11 +221,13 @@ impl<'a> Lowerer<'a> {
             input_index: HashMap::default(),
             shared: HashMap::default(),
             shared_size_bytes: 0,
+            shared_base: 0,
             lays_out_shared: false,
             output_rows: 0,
             outputs: Vec::new(),
             output_variables: Vec::new(),
             tessellation: None,
+            mesh: None,
             emission: None,
             reads_attachments: false,
             query_words: ray_query::find_query_words(module),
@@ -327,8 +335,8 @@ impl<'a> Lowerer<'a> {
 
     fn finish(mut self, end: ir::Terminator) -> Result<ir::Module, Error> {
         let (local_size, shared_size_bytes) = (self.local_size()?, self.shared_size_bytes);
-        let is_compute = self.request.stage == Stage::Compute;
-        let quads = is_compute && self.derivative_group() == Some(true);
+        let has_workgroups = self.request.stage.has_workgroups();
+        let quads = has_workgroups && self.derivative_group() == Some(true);
         let fragment = self.fragment_facts();
         let capture = self.capture_facts()?;
         let geometry = self.emission.as_ref().map(|emission| emission.facts);
@@ -344,6 +352,7 @@ impl<'a> Lowerer<'a> {
             outputs: self.outputs,
             tessellation: self.tessellation,
             geometry,
+            mesh: self.mesh,
             capture,
             fragment,
             local_size,

@@ -111,13 +111,17 @@ impl Lowerer<'_> {
     /// Whether a variable is of the patch (`Patch`), by its own decoration or by those of its
     /// block's members.
     pub(super) fn is_of_patch(&self, id: Id) -> bool {
+        self.is_decorated(id, Decoration::Patch)
+    }
+
+    /// Whether a variable has a decoration, or the members of its block have it.
+    pub(super) fn is_decorated(&self, id: Id, decoration: Decoration) -> bool {
         let annotations = &self.module.annotations;
         let mut ty = self.variables[&id].pointee;
         while let Ok(TypeKind::Array { element, .. }) = self.types.kind(ty) {
             ty = *element;
         }
-        annotations.id(id, Decoration::Patch).is_some()
-            || annotations.member(ty, 0, Decoration::Patch).is_some()
+        annotations.id(id, decoration).is_some() || annotations.member(ty, 0, decoration).is_some()
     }
 
     /// Gives a variable of a control shader its place: outputs, and inputs of vertices.
@@ -155,13 +159,43 @@ impl Lowerer<'_> {
             return Err(budget("the values of a patch are too large"));
         }
         self.shared.insert(id, start as u32);
-        let words = self.element_words(id, ty)?;
-        let mut words = words.into_iter();
         let kept = match is_input {
             true => &mut control.inputs,
             false => &mut control.outputs,
         };
-        for (ty, offset) in self.shared_layout().leaves(ty, Shape::default())? {
+        kept.extend(self.memory_words(id, ty, start, stride, &[])?);
+        match kept.len() > MAX_PATCH_WORDS {
+            true => Err(budget("a stage's interface is too large")),
+            false => Ok(()),
+        }
+    }
+
+    /// The words of (an element of) a variable that lies in workgroup memory from `start` on. Those
+    /// of a structure's members that are not `used` are left out.
+    pub(super) fn memory_words(
+        &self,
+        id: Id,
+        ty: Id,
+        start: u64,
+        stride: u64,
+        used: &[bool],
+    ) -> Result<Vec<PatchWord>, Error> {
+        let mut leaves_used = Vec::new();
+        match self.types.kind(ty)? {
+            TypeKind::Struct { members } => {
+                for (index, &member) in members.iter().enumerate() {
+                    let is_used = used.get(index) != Some(&false);
+                    let count = self.types.leaves(member)?.len();
+                    leaves_used.extend(std::iter::repeat_n(is_used, count));
+                }
+            }
+            _ if used.first() == Some(&false) => return Ok(Vec::new()),
+            _ => {}
+        }
+        let mut words = self.element_words(id, ty)?.into_iter();
+        let mut kept = Vec::new();
+        let leaves = self.shared_layout().leaves(ty, Shape::default())?;
+        for (leaf, (ty, offset)) in leaves.into_iter().enumerate() {
             let width = match ty {
                 Type::I8 => Width::Byte,
                 Type::I16 => Width::Short,
@@ -172,6 +206,9 @@ impl Lowerer<'_> {
                 let Some(word) = words.next() else {
                     return Err(self.b.invalid("a value lacks words"));
                 };
+                if leaves_used.get(leaf) == Some(&false) {
+                    continue;
+                }
                 kept.push(PatchWord {
                     row: self.output_row(word)?,
                     offset_bytes: (start + offset) as u32 + 4 * part,
@@ -180,21 +217,20 @@ impl Lowerer<'_> {
                 });
             }
         }
-        match kept.len() > MAX_PATCH_WORDS {
-            true => Err(budget("a stage's interface is too large")),
-            false => Ok(()),
-        }
+        Ok(kept)
     }
 
-    /// The place of a variable of a control shader that lies in the memory of the patch.
+    /// The place of an input or output of a control or mesh shader that lies in workgroup memory.
     pub(super) fn patch_place(&mut self, id: Id) -> Result<Option<Place>, Error> {
-        let Some(&constant) = self.shared.get(&id).filter(|_| self.is_control()) else {
+        let is_there = self.is_control() || self.is_mesh();
+        let Some(&constant) = self.shared.get(&id).filter(|_| is_there) else {
             return Ok(None);
         };
-        Ok(Some(Place::Shared {
-            offset: self.patch_offset()?,
-            constant,
-        }))
+        let offset = match self.is_control() {
+            true => self.patch_offset()?,
+            false => None,
+        };
+        Ok(Some(Place::Shared { offset, constant }))
     }
 
     /// Where the memory of the invocation's patch starts, if there are several in a subgroup.

@@ -112,7 +112,7 @@ impl Lowerer<'_> {
                 offset: None,
                 constant: 0,
             },
-            StorageClass::Workgroup => Place::Shared {
+            StorageClass::Workgroup | StorageClass::TaskPayloadWorkgroupEXT => Place::Shared {
                 offset: None,
                 constant: self.shared_offset(id)?,
             },
@@ -575,11 +575,15 @@ impl Lowerer<'_> {
                 constant: 0,
             },
             (StorageClass::UniformConstant, &[reference]) => Place::Descriptor(reference),
-            (StorageClass::Workgroup, &[offset]) => Place::Shared {
-                offset: Some(offset),
-                constant: 0,
-            },
-            (StorageClass::Input | StorageClass::Output, &[offset]) if self.is_control() => {
+            (StorageClass::Workgroup | StorageClass::TaskPayloadWorkgroupEXT, &[offset]) => {
+                Place::Shared {
+                    offset: Some(offset),
+                    constant: 0,
+                }
+            }
+            (StorageClass::Input | StorageClass::Output, &[offset])
+                if self.is_control() || self.is_mesh() =>
+            {
                 Place::Shared {
                     offset: Some(offset),
                     constant: 0,

@@ -6,18 +6,15 @@
 
 use std::rc::Rc;
 
-use rspirv::spirv::{BuiltIn, Decoration, ExecutionMode, StorageClass};
+use rspirv::spirv::{BuiltIn, Decoration, StorageClass};
 
 use super::types::{LOCATION_WORDS, TypeKind};
 use super::values::Values;
 use super::values::{Place, Pointer};
 use super::{Lowerer, budget};
 use crate::Error;
-use crate::ir::interface::{
-    Barycentric, DepthMode, FragmentFacts, Interlock, OutputRow, Position, Varying, VaryingMode,
-    VaryingPlace,
-};
-use crate::ir::stage::{Builtin, Stage};
+use crate::ir::interface::{Barycentric, OutputRow, Position, Varying, VaryingMode, VaryingPlace};
+use crate::ir::stage::Stage;
 use crate::ir::tessellation::MAX_PATCH_VERTICES;
 use crate::ir::{self, InputRow, Type, Value};
 use crate::parse::Id;
@@ -55,6 +52,8 @@ struct Interpolation {
     vertex: Option<u8>,
     /// `Patch`.
     patch: bool,
+    /// `PerPrimitiveEXT`.
+    primitive: bool,
     index: u8,
 }
 
@@ -109,7 +108,9 @@ impl Interpolation {
         };
         match self.vertex {
             Some(vertex) => VaryingMode::PerVertex(vertex),
-            None if self.flat || !matches!(ty, Type::F16 | Type::F32) => VaryingMode::Flat,
+            None if self.flat || self.primitive || !matches!(ty, Type::F16 | Type::F32) => {
+                VaryingMode::Flat
+            }
             None if self.linear => VaryingMode::Linear(position),
             None => VaryingMode::Smooth(position),
         }
@@ -171,6 +172,7 @@ impl Lowerer<'_> {
                 | Stage::TessellationControl
                 | Stage::TessellationEvaluation
                 | Stage::Geometry
+                | Stage::Mesh
                 | Stage::Fragment
         )
     }
@@ -221,6 +223,7 @@ impl Lowerer<'_> {
         let how = Interpolation {
             vertex,
             patch: self.is_of_patch(id),
+            primitive: self.is_of_primitive(id),
             ..self.interpolation(&find, None)
         };
         if let Some(built_in) = find(Decoration::BuiltIn).and_then(BuiltIn::from_u32) {
@@ -272,6 +275,7 @@ impl Lowerer<'_> {
             position: Position::Center,
             vertex: None,
             patch: false,
+            primitive: false,
             index: 0,
         });
         Interpolation {
@@ -286,6 +290,7 @@ impl Lowerer<'_> {
             },
             vertex: from.vertex,
             patch: from.patch,
+            primitive: from.primitive,
             index: find(Decoration::Index).map_or(from.index, |index| index.min(1) as u8),
         }
     }
@@ -521,9 +526,10 @@ impl Lowerer<'_> {
         }
         let (location, component) = WordPlace::of_location(location, word);
         Ok(InputRow::Varying(Varying {
-            place: match row.how.patch {
-                true => VaryingPlace::Patch(location),
-                false => VaryingPlace::Location(location),
+            place: match (row.how.patch, row.how.primitive) {
+                (true, _) => VaryingPlace::Patch(location),
+                (_, true) => VaryingPlace::Primitive(location),
+                _ => VaryingPlace::Location(location),
             },
             component,
             mode: row.how.mode(ty, at),
@@ -638,6 +644,12 @@ impl Lowerer<'_> {
                         component,
                     });
                 }
+                if word.how.primitive {
+                    return Ok(OutputRow::Primitive {
+                        location,
+                        component,
+                    });
+                }
                 OutputRow::Location {
                     location,
                     component,
@@ -655,9 +667,15 @@ impl Lowerer<'_> {
                     BuiltIn::CullDistance => OutputRow::CullDistance(index),
                     BuiltIn::Layer => OutputRow::Layer,
                     BuiltIn::ViewportIndex => OutputRow::ViewportIndex,
-                    BuiltIn::PrimitiveId if self.request.stage == Stage::Geometry => {
+                    BuiltIn::PrimitiveId
+                        if matches!(self.request.stage, Stage::Geometry | Stage::Mesh) =>
+                    {
                         OutputRow::PrimitiveId
                     }
+                    BuiltIn::CullPrimitiveEXT => OutputRow::CullPrimitive,
+                    BuiltIn::PrimitivePointIndicesEXT
+                    | BuiltIn::PrimitiveLineIndicesEXT
+                    | BuiltIn::PrimitiveTriangleIndicesEXT => OutputRow::PrimitiveIndex(index),
                     BuiltIn::FragDepth => OutputRow::FragDepth,
                     BuiltIn::FragStencilRefEXT => OutputRow::FragStencilRef,
                     BuiltIn::SampleMask => OutputRow::SampleMask,
@@ -720,79 +738,5 @@ impl Lowerer<'_> {
             }
         }
         Ok(())
-    }
-
-    /// The facts of a fragment shader from execution modes and outputs.
-    pub(super) fn fragment_facts(&self) -> Option<FragmentFacts> {
-        if self.request.stage != Stage::Fragment {
-            return None;
-        }
-        let mut facts = FragmentFacts {
-            reads_attachments: self.reads_attachments,
-            ..FragmentFacts::default()
-        };
-        let mut mode = DepthMode::Any;
-        for &index in &self.module.execution_modes {
-            let operands = self.module.operands(self.module.instruction(index));
-            if operands[0] != self.entry.function {
-                continue;
-            }
-            match ExecutionMode::from_u32(operands[1]) {
-                Some(ExecutionMode::EarlyFragmentTests) => facts.early_tests = true,
-                Some(ExecutionMode::PostDepthCoverage) => facts.post_depth_coverage = true,
-                Some(ExecutionMode::RequireFullQuadsKHR) => facts.full_quads = true,
-                Some(ExecutionMode::DepthGreater) => mode = DepthMode::Greater,
-                Some(ExecutionMode::DepthLess) => mode = DepthMode::Less,
-                Some(ExecutionMode::DepthUnchanged) => mode = DepthMode::Unchanged,
-                Some(ExecutionMode::PixelInterlockOrderedEXT) => {
-                    facts.interlock = Some(Interlock::PixelOrdered);
-                }
-                Some(ExecutionMode::PixelInterlockUnorderedEXT) => {
-                    facts.interlock = Some(Interlock::PixelUnordered);
-                }
-                Some(ExecutionMode::SampleInterlockOrderedEXT) => {
-                    facts.interlock = Some(Interlock::SampleOrdered);
-                }
-                Some(ExecutionMode::SampleInterlockUnorderedEXT) => {
-                    facts.interlock = Some(Interlock::SampleUnordered);
-                }
-                _ => {}
-            }
-        }
-        for row in &self.outputs {
-            match *row {
-                OutputRow::Location {
-                    location, index, ..
-                } => {
-                    facts.color_mask |= 1u32.checked_shl(location.into()).unwrap_or(0);
-                    facts.dual_source |= index == 1;
-                }
-                OutputRow::FragDepth => facts.depth = Some(mode),
-                OutputRow::FragStencilRef => facts.writes_stencil_ref = true,
-                OutputRow::SampleMask => facts.writes_sample_mask = true,
-                _ => {}
-            }
-        }
-        facts.per_sample = self.inputs.iter().any(|row| match row {
-            InputRow::Builtin(Builtin::SampleId | Builtin::SamplePosition, _) => true,
-            InputRow::Varying(varying) => matches!(
-                varying.mode,
-                VaryingMode::Smooth(Position::Sample) | VaryingMode::Linear(Position::Sample)
-            ),
-            InputRow::Barycentric(coordinate) => coordinate.position == Position::Sample,
-            _ => false,
-        });
-        // Variables of the interface count, whether they are read or not (Vulkan, "Sample
-        // Shading").
-        facts.per_sample |= self.entry.interface.iter().any(|&id| {
-            let annotations = &self.module.annotations;
-            let built_in = annotations.id(id, Decoration::BuiltIn);
-            let built_in = built_in.and_then(BuiltIn::from_u32);
-            let variable = self.variables.get(&id);
-            variable.is_some_and(|variable| variable.class == StorageClass::Input)
-                && (matches!(built_in, Some(BuiltIn::SampleId | BuiltIn::SamplePosition))
-                    || annotations.id(id, Decoration::Sample).is_some())
-        });
-        Some(facts)
     }
 }

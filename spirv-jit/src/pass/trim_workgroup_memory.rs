@@ -1,12 +1,17 @@
 //! Workgroup memory that no instruction accesses has the size 0. Shaders declare more than they
-//! use, and a workgroup with memory shares no subgroup with others.
+//! use, and a workgroup with memory shares no subgroup with others. The memory of other stages has
+//! what the rasterizer reads.
 
 #![forbid(unsafe_code)]
 
+use crate::ir::stage::Stage;
 use crate::ir::{Module, Op, Space};
 
 /// Removes workgroup memory without accesses.
 pub fn trim_workgroup_memory(module: &mut Module) {
+    if module.stage != Stage::Compute {
+        return;
+    }
     let mut is_accessed = false;
     for function in &module.functions {
         function.body.visit_insts(&mut |inst| {

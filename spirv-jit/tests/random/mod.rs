@@ -63,6 +63,7 @@ pub fn random_module(seed: u64) -> Module {
         outputs: Vec::new(),
         tessellation: None,
         geometry: None,
+        mesh: None,
         capture: None,
         fragment: None,
         local_size: [1; 3],

@@ -34,12 +34,12 @@ names!(Stage, stage_text, stage_from_text:
     Compute = "compute", RayGeneration = "ray_generation", Intersection = "intersection", AnyHit = "any_hit",
     ClosestHit = "closest_hit", Miss = "miss", Callable = "callable", Vertex = "vertex",
     TessellationControl = "tessellation_control", TessellationEvaluation = "tessellation_evaluation",
-    Geometry = "geometry", Fragment = "fragment");
+    Geometry = "geometry", Task = "task", Mesh = "mesh", Fragment = "fragment");
 
 names!(Builtin, builtin_text, builtin_from_text:
     LaunchId = "launch_id", WorkgroupId = "workgroup_id", LocalInvocationId = "local_invocation_id",
     LocalInvocationIndex = "local_invocation_index", GlobalInvocationId = "global_invocation_id",
-    SubgroupId = "subgroup_id", NumSubgroups = "num_subgroups", PrimitiveId = "primitive_id",
+    SubgroupId = "subgroup_id", NumSubgroups = "num_subgroups", NumWorkgroups = "num_workgroups", PrimitiveId = "primitive_id",
     InstanceId = "instance_id", InstanceCustomIndex = "instance_custom_index", GeometryIndex = "geometry_index",
     WorldRayOrigin = "world_ray_origin", WorldRayDirection = "world_ray_direction",
     ObjectRayOrigin = "object_ray_origin", ObjectRayDirection = "object_ray_direction",

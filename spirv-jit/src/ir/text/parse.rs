@@ -231,6 +231,7 @@ impl<'a> Parser<'a> {
             outputs: Vec::new(),
             tessellation: None,
             geometry: None,
+            mesh: None,
             capture: None,
             fragment: None,
             local_size: [1; 3],
@@ -279,6 +280,15 @@ impl<'a> Parser<'a> {
                     let word = self.word("a fact")?;
                     if !module.geometry.get_or_insert_default().set(word) {
                         return Err(format!("`{word}` is not a fact of geometry shaders"));
+                    }
+                    if !self.accept(',') {
+                        break;
+                    }
+                },
+                "mesh" => loop {
+                    let word = self.word("a fact")?;
+                    if !module.mesh.get_or_insert_default().set(word) {
+                        return Err(format!("`{word}` is not a fact of mesh shaders"));
                     }
                     if !self.accept(',') {
                         break;

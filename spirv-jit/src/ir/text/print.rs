@@ -37,6 +37,9 @@ pub fn print_head(module: &Module) -> String {
     if let Some(facts) = &module.geometry {
         text += &format!("geometry {facts}\n");
     }
+    if let Some(facts) = &module.mesh {
+        text += &format!("mesh {facts}\n");
+    }
     if let Some(facts) = &module.capture {
         text += &format!("capture {facts}\n");
     }
