@@ -63,6 +63,8 @@ pub struct Painting<'a> {
     pub control_points: u32,
     pub lower_left: bool,
     pub geometry: Option<&'a str>,
+    /// Task, if there is one, and mesh: in the place of all stages above.
+    pub mesh: Option<(Option<&'a str>, &'a str)>,
     /// None: depth and stencil alone.
     pub fragment: Option<&'a str>,
     pub bindings: Vec<vk::VertexInputBindingDescription>,
@@ -101,6 +103,7 @@ impl<'a> Painting<'a> {
             locations: &[],
             lower_left: false,
             geometry: None,
+            mesh: None,
             fragment: Some(fragment),
             bindings: Vec::new(),
             attributes: Vec::new(),
@@ -271,6 +274,10 @@ impl Gpu {
         let sources = painting.tessellation.into_iter().flatten();
         stages.extend(between.into_iter().zip(sources));
         stages.extend(painting.geometry.map(|source| (Stage::Geometry, source)));
+        if let Some((task, mesh)) = painting.mesh {
+            stages.extend(task.map(|source| (Stage::Task, source)));
+            stages.push((Stage::Mesh, mesh));
+        }
         stages.extend(painting.fragment.map(|source| (Stage::Fragment, source)));
         // A part of a pipeline may have no vertex shader.
         stages.retain(|(_, source)| !source.is_empty());
@@ -349,8 +356,6 @@ impl Gpu {
         let mut info = vk::GraphicsPipelineCreateInfo::default()
             .flags(flags)
             .stages(&stages)
-            .vertex_input_state(&input)
-            .input_assembly_state(&assembly)
             .viewport_state(&viewports)
             .rasterization_state(&painting.rasterization)
             .multisample_state(&multisample)
@@ -358,6 +363,11 @@ impl Gpu {
             .color_blend_state(&blend)
             .dynamic_state(&dynamic)
             .layout(painting.layout);
+        if painting.mesh.is_none() {
+            info = info
+                .vertex_input_state(&input)
+                .input_assembly_state(&assembly);
+        }
         if painting.control_points > 0 {
             info = info.tessellation_state(&tessellation);
         }
@@ -395,6 +405,7 @@ impl Gpu {
             painting.vertex = "";
             painting.tessellation = None;
             painting.geometry = None;
+            painting.mesh = None;
         }
         if !parts.contains(Part::FRAGMENT_SHADER) {
             painting.fragment = None;
@@ -452,7 +463,8 @@ impl Gpu {
                 next
             }
             Stage::TessellationControl => vk::ShaderStageFlags::TESSELLATION_EVALUATION,
-            Stage::Geometry => vk::ShaderStageFlags::FRAGMENT,
+            Stage::Geometry | Stage::Mesh => vk::ShaderStageFlags::FRAGMENT,
+            Stage::Task => vk::ShaderStageFlags::MESH_EXT,
             _ => vk::ShaderStageFlags::empty(),
         };
         let info = vk::ShaderCreateInfoEXT::default()

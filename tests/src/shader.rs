@@ -22,6 +22,8 @@ pub enum Stage {
     TessellationControl,
     TessellationEvaluation,
     Geometry,
+    Task,
+    Mesh,
     Fragment,
 }
 
@@ -39,6 +41,8 @@ impl Stage {
             Stage::TessellationControl => vk::ShaderStageFlags::TESSELLATION_CONTROL,
             Stage::TessellationEvaluation => vk::ShaderStageFlags::TESSELLATION_EVALUATION,
             Stage::Geometry => vk::ShaderStageFlags::GEOMETRY,
+            Stage::Task => vk::ShaderStageFlags::TASK_EXT,
+            Stage::Mesh => vk::ShaderStageFlags::MESH_EXT,
             Stage::Fragment => vk::ShaderStageFlags::FRAGMENT,
         }
     }
@@ -56,6 +60,8 @@ impl Stage {
             Stage::TessellationControl => ShaderStage::TesselationControl,
             Stage::TessellationEvaluation => ShaderStage::TesselationEvaluation,
             Stage::Geometry => ShaderStage::Geometry,
+            Stage::Task => ShaderStage::Task,
+            Stage::Mesh => ShaderStage::Mesh,
             Stage::Fragment => ShaderStage::Fragment,
         }
     }
@@ -88,12 +94,18 @@ pub fn glsl_for(stage: Stage, source: &str, version: SpirvVersion) -> Vec<u32> {
             | Stage::TessellationControl
             | Stage::TessellationEvaluation
             | Stage::Geometry
+            | Stage::Task
+            | Stage::Mesh
             | Stage::Fragment
     );
     if draws {
         extensions.push("GL_EXT_multiview");
         extensions.push("GL_ARB_shader_viewport_layer_array");
         extensions.push("GL_EXT_demote_to_helper_invocation");
+    }
+    if matches!(stage, Stage::Task | Stage::Mesh | Stage::Fragment) {
+        extensions.push("GL_EXT_mesh_shader");
+        extensions.push("GL_KHR_shader_subgroup_arithmetic");
     }
     if stage != Stage::Compute && !draws {
         extensions.push("GL_EXT_ray_tracing");

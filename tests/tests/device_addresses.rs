@@ -283,6 +283,99 @@ fn query_results_go_to_an_address() {
     assert!(words[1] > 0 && words[3] >= words[1], "{words:?}");
 }
 
+/// `VkDrawIndirect2InfoKHR`.
+#[repr(C)]
+struct DrawInfo {
+    s_type: vk::StructureType,
+    p_next: *const c_void,
+    range: StridedRange,
+    flags: u32,
+    count: u32,
+}
+
+/// `VkDrawIndirectCount2InfoKHR`.
+#[repr(C)]
+struct DrawCountInfo {
+    s_type: vk::StructureType,
+    p_next: *const c_void,
+    range: StridedRange,
+    flags: u32,
+    count: DeviceAddressRangeKHR,
+    count_flags: u32,
+    most: u32,
+}
+
+/// `vkCmdDrawMeshTasksIndirect2EXT` and `vkCmdDrawMeshTasksIndirectCount2EXT`: a pixel for each
+/// workgroup, a row for each draw.
+#[test]
+fn draws_take_their_workgroups_from_an_address() {
+    let Some(gpu) = gpu_with_address_commands() else {
+        return;
+    };
+    let has_stage = |gpu: &Gpu| gpu.optional.mesh_shader.mesh_shader == vk::TRUE;
+    let Some(gpu) = gpu.with("mesh shaders", |gpu| gpu.has_graphics() && has_stage(gpu)) else {
+        return;
+    };
+    let mesh = "
+        layout(points, max_vertices = 1, max_primitives = 1) out;
+        void main() {
+            SetMeshOutputsEXT(1, 1);
+            vec2 at = (vec2(gl_WorkGroupID.x, gl_DrawID) + 0.5) / 4.0 - 1.0;
+            gl_MeshVerticesEXT[0].gl_Position = vec4(at, 0.5, 1.0);
+            gl_MeshVerticesEXT[0].gl_PointSize = 1.0;
+            gl_PrimitivePointIndicesEXT[0] = 0;
+        }";
+    let mut painting = Painting::new(&gpu, "", WHITE, RGBA);
+    painting.mesh = Some((None, mesh));
+    let pipeline = gpu.painting(&painting);
+    let sizes = gpu.buffer_with(&[0u32, 3, 1, 1, 9, 5, 1, 1, 9, 8, 1, 1]);
+    let counts = gpu.buffer_with(&[9u32, 2]);
+    let strided = || StridedRange {
+        address: sizes.address + 4,
+        size: 44,
+        stride: 16,
+    };
+    let by_number: WithInfo<DrawInfo> = function(&gpu, c"vkCmdDrawMeshTasksIndirect2EXT");
+    let by_count: WithInfo<DrawCountInfo> = function(&gpu, c"vkCmdDrawMeshTasksIndirectCount2EXT");
+    for (counted, rows) in [(false, &[3, 5, 8][..]), (true, &[3, 5])] {
+        let canvas = gpu.canvas(RGBA, 8, 8);
+        gpu.paint(&canvas, pipeline, |commands| {
+            let number = DrawInfo {
+                s_type: structure(9),
+                p_next: std::ptr::null(),
+                range: strided(),
+                flags: OF_STORAGE,
+                count: 3,
+            };
+            let count = DrawCountInfo {
+                s_type: structure(10),
+                p_next: std::ptr::null(),
+                range: strided(),
+                flags: OF_STORAGE,
+                count: range(counts, 4, 4),
+                count_flags: OF_STORAGE,
+                most: 3,
+            };
+            // SAFETY: the command buffer is being recorded; everything lives as long as the device.
+            unsafe {
+                match counted {
+                    false => by_number(commands, &number),
+                    true => by_count(commands, &count),
+                }
+            }
+        });
+        for (pixel, color) in gpu.colors(&canvas).iter().enumerate() {
+            let width = rows.get(pixel / 8).copied().unwrap_or(0);
+            let is_drawn = *color == [255; 4];
+            assert_eq!(
+                is_drawn,
+                pixel % 8 < width,
+                "pixel {pixel}, counted: {counted}"
+            );
+        }
+    }
+}
+
 /// `VkCopyMemoryIndirectInfoKHR`.
 #[repr(C)]
 struct IndirectCopyInfo {

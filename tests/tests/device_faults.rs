@@ -427,6 +427,88 @@ fn patches_without_an_end_are_told() {
     }
 }
 
+/// Task shaders that ask for more workgroups than there can be: their memory is bounded, and so is
+/// their time.
+#[test]
+fn workgroups_without_an_end_are_told() {
+    let test = "workgroups_without_an_end_are_told";
+    if !alone(test, &[("TUFF_TIMEOUT", "1")]) {
+        return;
+    }
+    let Some(gpu) = open() else { return };
+    let features = gpu.optional.mesh_shader;
+    let both = features.task_shader == vk::TRUE && features.mesh_shader == vk::TRUE;
+    let Some(gpu) = gpu.with("mesh shaders", |gpu| gpu.has_graphics() && both) else {
+        return;
+    };
+    let task = r"
+    struct Payload { uint words[4000]; };
+    taskPayloadSharedEXT Payload payload;
+    void main() { payload.words[gl_WorkGroupID.x % 4000] = 1; EmitMeshTasksEXT(~0u, ~0u, ~0u); }";
+    let mesh = r"
+    layout(triangles, max_vertices = 3, max_primitives = 1) out;
+    void main() { SetMeshOutputsEXT(0, 0); }";
+    let canvas = gpu.canvas(RGBA, 16, 16);
+    let painting = Painting {
+        mesh: Some((Some(task), mesh)),
+        ..Painting::new(&gpu, "", WHITE, RGBA)
+    };
+    let pipeline = gpu.painting(&painting);
+    gpu.name_object(pipeline, c"a swarm");
+    let commands_of_meshes = ash::ext::mesh_shader::Device::new(&gpu.instance, &gpu.device);
+    let lost = gpu.try_run(|commands| {
+        gpu.record_pass(commands, &Pass::black(&canvas), |commands| {
+            gpu.bind(commands, pipeline);
+            // SAFETY: the command buffer is being recorded.
+            unsafe { commands_of_meshes.cmd_draw_mesh_tasks(commands, 1 << 22, 1, 1) };
+        });
+    });
+    assert_eq!(lost, LOST);
+    let report = report(&gpu);
+    if gpu.is_tuff() {
+        says(&report.description, &["TUFF_TIMEOUT"]);
+    }
+}
+
+/// Counts and indices beyond what a mesh shader declares: primitives are drawn as far as there
+/// are any, and those with vertices that are not there are left out.
+#[test]
+fn mesh_outputs_out_of_range_are_left_out() {
+    let Some(gpu) = open() else { return };
+    // Undefined elsewhere.
+    let both = gpu.is_tuff() && gpu.optional.mesh_shader.mesh_shader == vk::TRUE;
+    let Some(gpu) = gpu.with("mesh shaders", |gpu| gpu.has_graphics() && both) else {
+        return;
+    };
+    let mesh = r"
+    layout(local_size_x = 32) in;
+    layout(points, max_vertices = 8, max_primitives = 16) out;
+    void main() {
+        uint i = gl_LocalInvocationIndex;
+        SetMeshOutputsEXT(1000, ~0u);
+        gl_MeshVerticesEXT[i].gl_Position = vec4((float(i) + 0.5) / 8.0 - 1.0, -0.9, 0.5, 1.0);
+        gl_MeshVerticesEXT[i].gl_PointSize = 1.0;
+        gl_PrimitivePointIndicesEXT[i] = i == 2 ? ~0u : i;
+    }";
+    let canvas = gpu.canvas(RGBA, 16, 16);
+    let painting = Painting {
+        mesh: Some((None, mesh)),
+        ..Painting::new(&gpu, "", WHITE, RGBA)
+    };
+    let pipeline = gpu.painting(&painting);
+    let commands_of_meshes = ash::ext::mesh_shader::Device::new(&gpu.instance, &gpu.device);
+    gpu.paint(&canvas, pipeline, |commands| {
+        // SAFETY: the command buffer is being recorded.
+        unsafe { commands_of_meshes.cmd_draw_mesh_tasks(commands, 1, 1, 1) };
+    });
+    let drawn = |color: &[u8; 4]| *color == [255; 4];
+    let found: Vec<usize> = (gpu.colors(&canvas).iter().enumerate())
+        .filter(|(_, color)| drawn(color))
+        .map(|(pixel, _)| pixel)
+        .collect();
+    assert_eq!(found, [0, 1, 3, 4, 5, 6, 7]);
+}
+
 #[test]
 fn recursion_without_an_end_is_told_with_its_depth() {
     let Some(gpu) = open() else { return };

@@ -78,6 +78,10 @@ fn bind_shaders(
         flags.push(vk::ShaderStageFlags::TESSELLATION_CONTROL);
         flags.push(vk::ShaderStageFlags::TESSELLATION_EVALUATION);
     }
+    if gpu.optional.mesh_shader.mesh_shader == vk::TRUE {
+        flags.push(vk::ShaderStageFlags::TASK_EXT);
+        flags.push(vk::ShaderStageFlags::MESH_EXT);
+    }
     let mut shaders = vec![vertex, fragment];
     shaders.resize(flags.len(), vk::ShaderEXT::null());
     let device = &gpu.device;
@@ -251,6 +255,74 @@ fn geometry_shaders_are_bound_and_unbound() {
             draw(&gpu, commands, layout);
         });
         assert_eq!(gpu.colors(&canvas), expected);
+    }
+}
+
+/// A task and a mesh shader that draw what [`VERTEX`] draws, from one payload.
+const WORKGROUPS: [&str; 2] = [
+    "
+    taskPayloadSharedEXT uint number;
+    void main() { number = 7; EmitMeshTasksEXT(1, 1, 1); }",
+    "
+    layout(local_size_x = 3) in;
+    layout(triangles, max_vertices = 3, max_primitives = 1) out;
+    taskPayloadSharedEXT uint number;
+    layout(location = 3, component = 1) out vec2 places[];
+    layout(location = 1) flat out uint numbers[];
+    void main() {
+        SetMeshOutputsEXT(3, 1);
+        uint i = gl_LocalInvocationIndex;
+        vec2 place = vec2(i & 1u, i >> 1) * 4.0 - 1.0;
+        places[i] = place;
+        gl_MeshVerticesEXT[i].gl_Position = vec4(place, 0.0, 1.0);
+        numbers[i] = number;
+        gl_PrimitiveTriangleIndicesEXT[0] = uvec3(0, 1, 2);
+    }",
+];
+
+/// A task and a mesh shader are bound in the place of a vertex shader.
+#[test]
+fn mesh_shaders_are_bound() {
+    let gpu = Gpu::validated_since(vk::make_api_version(0, 1, 3, 260));
+    let Some(gpu) = gpu.drawing() else { return };
+    let has_objects = gpu.optional.shader_object.shader_object == vk::TRUE;
+    let features = &gpu.optional.mesh_shader;
+    let has_stages = features.task_shader == vk::TRUE && features.mesh_shader == vk::TRUE;
+    if !has("VK_EXT_shader_object", has_objects) || !has("mesh shaders", has_stages) {
+        return;
+    }
+    let objects = ext::shader_object::Device::new(&gpu.instance, &gpu.device);
+    let meshes = ext::mesh_shader::Device::new(&gpu.instance, &gpu.device);
+    let canvas = gpu.canvas(RGBA, 16, 16);
+    let compile = |stage, source| {
+        let words = glsl(stage, source);
+        let code = bytemuck::cast_slice(&words);
+        gpu.shader_object(stage, vk::ShaderCodeTypeEXT::SPIRV, code)
+    };
+    let fragment = compile(Stage::Fragment, FRAGMENT);
+    let between = [Stage::Task, Stage::Mesh];
+    let compiled: [_; 2] = std::array::from_fn(|at| compile(between[at], WORKGROUPS[at]));
+    // SAFETY: the shaders are of this device.
+    let binaries = compiled.map(|it| unsafe { objects.get_shader_binary_data(it) }.unwrap());
+    let again: [_; 2] = std::array::from_fn(|at| {
+        gpu.shader_object(between[at], vk::ShaderCodeTypeEXT::BINARY, &binaries[at])
+    });
+    for bound in [compiled, again] {
+        gpu.draw(&Pass::black(&canvas), |commands| {
+            bind_shaders(
+                &gpu,
+                commands,
+                [vk::ShaderEXT::null(), fragment],
+                &canvas,
+                1,
+            );
+            // SAFETY: the command buffer is being recorded, and the shaders are of this device.
+            unsafe {
+                objects.cmd_bind_shaders(commands, &between.map(Stage::flag), &bound);
+                meshes.cmd_draw_mesh_tasks(commands, 1, 1, 1);
+            }
+        });
+        assert_eq!(gpu.colors(&canvas), expected());
     }
 }
 

@@ -35,6 +35,8 @@ pub enum GraphicsCommand {
     Draw(Draw),
     /// `vkCmdDrawMultiEXT`, `vkCmdDrawMultiIndexedEXT`.
     DrawMulti(Box<DrawMulti>),
+    /// `vkCmdDrawMeshTasksEXT`: workgroups per dimension.
+    DrawMeshes([u32; 3]),
     /// `vkCmdDraw*Indirect*`.
     DrawIndirect(DrawIndirect),
     /// `vkCmdBeginConditionalRenderingEXT`.
@@ -132,11 +134,22 @@ pub struct DrawMulti {
     pub instances: u32,
 }
 
+/// The structure in which the numbers of a draw stand.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Numbers {
+    /// `VkDrawIndirectCommand`.
+    Vertices,
+    /// `VkDrawIndexedIndirectCommand`.
+    Indices,
+    /// `VkDrawMeshTasksIndirectCommandEXT`.
+    Workgroups,
+}
+
 /// Draws whose numbers stand in memory.
 #[derive(Clone, Copy, Debug)]
 pub struct DrawIndirect {
-    pub indexed: bool,
-    /// Device address of the first `VkDrawIndirectCommand` or `VkDrawIndexedIndirectCommand`.
+    pub numbers: Numbers,
+    /// Device address of the first structure.
     pub address: u64,
     pub stride_bytes: u32,
     /// At most.

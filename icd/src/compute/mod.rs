@@ -45,7 +45,7 @@ const PACKED_INVOCATIONS: usize = 1024;
 
 /// Bytes of workgroup memory of a step, at most, where it has several workgroups: they stay in a
 /// cache.
-const STEP_SHARED_BYTES: usize = 256 << 10;
+pub const STEP_SHARED_BYTES: usize = 256 << 10;
 
 /// One `vkCmdDispatch*`, whatever command it came from.
 pub struct Dispatch<'a> {
@@ -129,13 +129,18 @@ struct Plan<'a> {
     workgroups: u64,
     /// Invocations of a workgroup.
     invocations: usize,
-    subgroups_per_workgroup: usize,
+    starter: Starter,
     /// Invocations of a step's workgroups follow each other without gaps: workgroups share
     /// subgroups.
     packed: bool,
     /// Workgroups that are executed together.
     workgroups_per_step: u64,
     steps: u64,
+}
+
+/// How the subgroups of a program's workgroups start.
+pub struct Starter {
+    pub subgroups_per_workgroup: usize,
     /// Lanes of a workgroup's last subgroup.
     last_lanes: LaneMask,
     first_input: usize,
@@ -143,6 +148,14 @@ struct Plan<'a> {
     inputs: Vec<Input>,
     /// Input rows of each subgroup of the workgroup with id 0.
     local_rows: Vec<Row>,
+}
+
+/// Values that the workgroups of a draw are given: those of a dispatch have none of them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Given {
+    pub num_workgroups: [u32; 3],
+    pub draw_index: u32,
+    pub view: u32,
 }
 
 /// How an input row follows from its workgroup's id: the local row, plus this.
@@ -154,6 +167,9 @@ enum Input {
         component: usize,
         factor: u32,
     },
+    NumWorkgroups(usize),
+    DrawIndex,
+    View,
 }
 
 /// An invocation of a dispatch.
@@ -169,7 +185,8 @@ impl<'a> Plan<'a> {
         let program = dispatch.program;
         let local_size = program.local_size();
         let invocations = local_size.iter().map(|&n| n as usize).product::<usize>();
-        let subgroups_per_workgroup = invocations.div_ceil(SUBGROUP_SIZE).max(1);
+        let starter = Starter::new(program);
+        let subgroups_per_workgroup = starter.subgroups_per_workgroup;
         let shared_bytes = program.shared_size_bytes() as usize;
         let meets = shared_bytes > 0 || program.sites().contains(&SiteKind::Barrier);
         // So many workgroups fill subgroups without an empty lane.
@@ -197,55 +214,27 @@ impl<'a> Plan<'a> {
             }
             () => in_wave as u64,
         };
-        let last = invocations - (subgroups_per_workgroup - 1) * SUBGROUP_SIZE;
-        let inputs = program.inputs();
-        let local_rows = (0..subgroups_per_workgroup)
-            .flat_map(|subgroup| {
-                inputs.iter().map(move |&input| {
-                    local_row(
-                        input,
-                        subgroup,
-                        subgroups_per_workgroup,
-                        local_size,
-                        program.quads(),
-                    )
-                })
-            })
-            .collect();
         Self {
             dispatch,
             workgroups,
             invocations,
-            subgroups_per_workgroup,
+            starter,
             packed,
             workgroups_per_step,
             steps: workgroups.div_ceil(workgroups_per_step),
-            last_lanes: LaneMask::full(last.min(SUBGROUP_SIZE)),
-            first_input: program.layout().inputs,
-            inputs: inputs
-                .iter()
-                .map(|&input| workgroup_input(input, local_size))
-                .collect(),
-            local_rows,
         }
     }
 
     /// Workgroup id of a linear index, x fastest.
     fn workgroup_id(&self, index: u64) -> [u32; 3] {
-        let [x, y, _] = self.dispatch.count.map(u64::from);
-        let [base_x, base_y, base_z] = self.dispatch.base;
-        [
-            base_x.wrapping_add((index % x) as u32),
-            base_y.wrapping_add((index / x % y) as u32),
-            base_z.wrapping_add((index / x / y) as u32),
-        ]
+        workgroup_id(index, self.dispatch.base, self.dispatch.count)
     }
 
     /// Subgroups that workgroups of a step fill.
     fn subgroups(&self, workgroups: usize) -> Subgroups {
         match self.packed {
             true => Subgroups::apart((workgroups * self.invocations).div_ceil(SUBGROUP_SIZE)),
-            false => Subgroups::of_workgroups(workgroups, self.subgroups_per_workgroup),
+            false => Subgroups::of_workgroups(workgroups, self.starter.subgroups_per_workgroup),
         }
     }
 
@@ -284,10 +273,11 @@ impl<'a> Plan<'a> {
             let id = self.workgroup_id(workgroup);
             for (subgroup, state) in states
                 .by_ref()
-                .take(self.subgroups_per_workgroup)
+                .take(self.starter.subgroups_per_workgroup)
                 .enumerate()
             {
-                self.start(state, id, subgroup);
+                let given = Given::default();
+                self.starter.start(program, state, id, subgroup, &given);
             }
         }
         runner.run(program, environment, limits)
@@ -310,31 +300,89 @@ impl<'a> Plan<'a> {
             }
         }
         (self.dispatch.program).start(state, LaneMask::full(lanes));
-        let rows = &mut state[self.first_input..][..self.inputs.len()];
-        for (i, (row, input)) in rows.iter_mut().zip(&self.inputs).enumerate() {
+        let Starter {
+            first_input,
+            inputs,
+            local_rows,
+            ..
+        } = &self.starter;
+        let rows = &mut state[*first_input..][..inputs.len()];
+        for (i, (row, input)) in rows.iter_mut().zip(inputs).enumerate() {
             for lane in 0..lanes {
                 let (subgroup, column) =
                     (indices[lane] / SUBGROUP_SIZE, indices[lane] % SUBGROUP_SIZE);
-                let local = self.local_rows[subgroup * self.inputs.len() + i][column];
+                let local = local_rows[subgroup * inputs.len() + i][column];
                 row.0[lane] = match *input {
-                    Input::Local => local,
                     Input::Workgroup { component, factor } => {
                         local.wrapping_add(ids[lane][component].wrapping_mul(factor))
                     }
+                    _ => local,
                 };
             }
         }
     }
+}
+
+/// Workgroup id of a linear index into a grid, x fastest.
+pub fn workgroup_id(index: u64, base: [u32; 3], count: [u32; 3]) -> [u32; 3] {
+    let [x, y, _] = count.map(u64::from);
+    let [base_x, base_y, base_z] = base;
+    [
+        base_x.wrapping_add((index % x) as u32),
+        base_y.wrapping_add((index / x % y) as u32),
+        base_z.wrapping_add((index / x / y) as u32),
+    ]
+}
+
+impl Starter {
+    /// Of a program with workgroups.
+    pub fn new(program: &Program) -> Self {
+        let local_size = program.local_size();
+        let invocations = local_size.iter().map(|&n| n as usize).product::<usize>();
+        let subgroups_per_workgroup = invocations.div_ceil(SUBGROUP_SIZE).max(1);
+        let last = invocations - (subgroups_per_workgroup - 1) * SUBGROUP_SIZE;
+        let inputs = program.inputs();
+        let local_rows = (0..subgroups_per_workgroup)
+            .flat_map(|subgroup| {
+                inputs.iter().map(move |&input| {
+                    local_row(
+                        input,
+                        subgroup,
+                        subgroups_per_workgroup,
+                        local_size,
+                        program.quads(),
+                    )
+                })
+            })
+            .collect();
+        Self {
+            subgroups_per_workgroup,
+            last_lanes: LaneMask::full(last.min(SUBGROUP_SIZE)),
+            first_input: program.layout().inputs,
+            inputs: inputs
+                .iter()
+                .map(|&input| workgroup_input(input, local_size))
+                .collect(),
+            local_rows,
+        }
+    }
 
     /// Puts a subgroup of a workgroup at the program's entry.
-    fn start(&self, state: &mut [AlignedRow], workgroup_id: [u32; 3], subgroup: usize) {
+    pub fn start(
+        &self,
+        program: &Program,
+        state: &mut [AlignedRow],
+        workgroup_id: [u32; 3],
+        subgroup: usize,
+        given: &Given,
+    ) {
         let is_last = subgroup + 1 == self.subgroups_per_workgroup;
         let lanes = if is_last {
             self.last_lanes
         } else {
             LaneMask::ALL
         };
-        self.dispatch.program.start(state, lanes);
+        program.start(state, lanes);
         let local = &self.local_rows[subgroup * self.inputs.len()..];
         for ((row, input), local) in state[self.first_input..]
             .iter_mut()
@@ -347,6 +395,9 @@ impl<'a> Plan<'a> {
                     let first = workgroup_id[component].wrapping_mul(factor);
                     local.map(|word| word.wrapping_add(first))
                 }
+                Input::NumWorkgroups(component) => [given.num_workgroups[component]; SUBGROUP_SIZE],
+                Input::DrawIndex => [given.draw_index; SUBGROUP_SIZE],
+                Input::View => [given.view; SUBGROUP_SIZE],
             };
         }
     }
@@ -362,6 +413,11 @@ fn workgroup_input(input: InputRow, local_size: [u32; 3]) -> Input {
             component: component as usize,
             factor: local_size[component as usize],
         },
+        InputRow::Builtin(Builtin::NumWorkgroups, component) => {
+            Input::NumWorkgroups(usize::from(component.min(2)))
+        }
+        InputRow::Builtin(Builtin::DrawIndex, _) => Input::DrawIndex,
+        InputRow::Builtin(Builtin::ViewIndex, _) => Input::View,
         _ => Input::Local,
     }
 }

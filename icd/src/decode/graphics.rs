@@ -57,9 +57,11 @@ pub unsafe fn decode<'a>(info: &vk::GraphicsPipelineCreateInfo<'_>) -> VkResult<
         });
         let dynamic = DynamicStates::of(list, parts);
         let info_stages = slice(info.p_stages, info.stage_count);
+        // The first stages of mesh pipelines take no vertices.
+        let has_mesh = (info_stages.iter()).any(|it| it.stage == vk::ShaderStageFlags::MESH_EXT);
         let has = |part| parts.contains(part);
         let mut state = GraphicsState::default();
-        if has(Parts::VERTEX_INPUT_INTERFACE) {
+        if has(Parts::VERTEX_INPUT_INTERFACE) && !has_mesh {
             if !dynamic.contains(vk::DynamicState::VERTEX_INPUT_EXT)
                 && let Some(input) = info.p_vertex_input_state.as_ref()
             {

@@ -143,6 +143,8 @@ pub fn program_stage(stage: vk::ShaderStageFlags) -> Option<Stage> {
         vk::ShaderStageFlags::TESSELLATION_CONTROL => Stage::TessellationControl,
         vk::ShaderStageFlags::TESSELLATION_EVALUATION => Stage::TessellationEvaluation,
         vk::ShaderStageFlags::GEOMETRY => Stage::Geometry,
+        vk::ShaderStageFlags::TASK_EXT => Stage::Task,
+        vk::ShaderStageFlags::MESH_EXT => Stage::Mesh,
         vk::ShaderStageFlags::FRAGMENT => Stage::Fragment,
         _ => return None,
     })

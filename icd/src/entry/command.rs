@@ -30,6 +30,8 @@ fn barrier(commands: &mut Recording, destination: vk::PipelineStageFlags2) -> Vk
         | Stage::TESSELLATION_CONTROL_SHADER
         | Stage::TESSELLATION_EVALUATION_SHADER
         | Stage::GEOMETRY_SHADER
+        | Stage::TASK_SHADER_EXT
+        | Stage::MESH_SHADER_EXT
         | Stage::TRANSFORM_FEEDBACK_EXT
         | Stage::PRE_RASTERIZATION_SHADERS
         | Stage::ALL_GRAPHICS

@@ -396,6 +396,8 @@ commands! {
     Device KHR_DEVICE_ADDRESS_COMMANDS PFN_vkCmdDrawIndexedIndirectCount2KHR graphics_address::vkCmdDrawIndexedIndirectCount2KHR;
     Device KHR_DEVICE_ADDRESS_COMMANDS PFN_vkCmdDrawIndirect2KHR graphics_address::vkCmdDrawIndirect2KHR;
     Device KHR_DEVICE_ADDRESS_COMMANDS PFN_vkCmdDrawIndirectCount2KHR graphics_address::vkCmdDrawIndirectCount2KHR;
+    Device KHR_DEVICE_ADDRESS_COMMANDS PFN_vkCmdDrawMeshTasksIndirect2EXT graphics_address::vkCmdDrawMeshTasksIndirect2EXT;
+    Device KHR_DEVICE_ADDRESS_COMMANDS PFN_vkCmdDrawMeshTasksIndirectCount2EXT graphics_address::vkCmdDrawMeshTasksIndirectCount2EXT;
     Device KHR_DEVICE_ADDRESS_COMMANDS PFN_vkCmdCopyImageToMemoryKHR device_address::vkCmdCopyImageToMemoryKHR;
     Device KHR_COPY_MEMORY_INDIRECT PFN_vkCmdCopyMemoryIndirectKHR device_address::vkCmdCopyMemoryIndirectKHR;
     Device KHR_COPY_MEMORY_INDIRECT PFN_vkCmdCopyMemoryToImageIndirectKHR device_address::vkCmdCopyMemoryToImageIndirectKHR;
@@ -600,6 +602,9 @@ commands! {
     Device EXT_CONDITIONAL_RENDERING PFN_vkCmdBeginConditionalRenderingEXT graphics_draw::vkCmdBeginConditionalRenderingEXT;
     Device EXT_CONDITIONAL_RENDERING PFN_vkCmdEndConditionalRenderingEXT graphics_draw::vkCmdEndConditionalRenderingEXT;
     Device EXT_ATTACHMENT_FEEDBACK_LOOP_DYNAMIC_STATE PFN_vkCmdSetAttachmentFeedbackLoopEnableEXT graphics_state::vkCmdSetAttachmentFeedbackLoopEnableEXT;
+    Device EXT_MESH_SHADER PFN_vkCmdDrawMeshTasksEXT graphics_draw::vkCmdDrawMeshTasksEXT;
+    Device EXT_MESH_SHADER PFN_vkCmdDrawMeshTasksIndirectEXT graphics_draw::vkCmdDrawMeshTasksIndirectEXT;
+    Device EXT_MESH_SHADER PFN_vkCmdDrawMeshTasksIndirectCountEXT graphics_draw::vkCmdDrawMeshTasksIndirectCountEXT;
     Device EXT_MULTI_DRAW PFN_vkCmdDrawMultiEXT graphics_draw::vkCmdDrawMultiEXT;
     Device EXT_MULTI_DRAW PFN_vkCmdDrawMultiIndexedEXT graphics_draw::vkCmdDrawMultiIndexedEXT;
 

@@ -4,7 +4,9 @@ use std::ffi::c_void;
 
 use super::define::commands;
 use crate::VkResult;
-use crate::command::graphics::{BindVertexBuffers, DrawIndirect, IndexBinding, VertexBinding};
+use crate::command::graphics::{
+    BindVertexBuffers, DrawIndirect, IndexBinding, Numbers, VertexBinding,
+};
 use crate::command::{Command, GraphicsCommand, Recording};
 use crate::ffi::{slice, vk};
 
@@ -14,11 +16,11 @@ fn push(commands: &mut Recording, command: GraphicsCommand) -> VkResult {
 
 fn draw_indirect(
     commands: &mut Recording,
-    indexed: bool,
+    numbers: Numbers,
     info: &vk::DrawIndirect2InfoKHR<'_>,
 ) -> VkResult {
     let draw = DrawIndirect {
-        indexed,
+        numbers,
         address: info.address_range.address,
         stride_bytes: info.address_range.stride as u32,
         draws: info.draw_count,
@@ -29,11 +31,11 @@ fn draw_indirect(
 
 fn draw_indirect_count(
     commands: &mut Recording,
-    indexed: bool,
+    numbers: Numbers,
     info: &vk::DrawIndirectCount2InfoKHR<'_>,
 ) -> VkResult {
     let draw = DrawIndirect {
-        indexed,
+        numbers,
         address: info.address_range.address,
         stride_bytes: info.address_range.stride as u32,
         draws: info.max_draw_count,
@@ -72,18 +74,26 @@ commands! {
     }
 
     fn vkCmdDrawIndirect2KHR(commands, info: *const c_void) {
-        draw_indirect(commands, false, &*info.cast())
+        draw_indirect(commands, Numbers::Vertices, &*info.cast())
     }
 
     fn vkCmdDrawIndexedIndirect2KHR(commands, info: *const c_void) {
-        draw_indirect(commands, true, &*info.cast())
+        draw_indirect(commands, Numbers::Indices, &*info.cast())
     }
 
     fn vkCmdDrawIndirectCount2KHR(commands, info: *const c_void) {
-        draw_indirect_count(commands, false, &*info.cast())
+        draw_indirect_count(commands, Numbers::Vertices, &*info.cast())
     }
 
     fn vkCmdDrawIndexedIndirectCount2KHR(commands, info: *const c_void) {
-        draw_indirect_count(commands, true, &*info.cast())
+        draw_indirect_count(commands, Numbers::Indices, &*info.cast())
+    }
+
+    fn vkCmdDrawMeshTasksIndirect2EXT(commands, info: *const c_void) {
+        draw_indirect(commands, Numbers::Workgroups, &*info.cast())
+    }
+
+    fn vkCmdDrawMeshTasksIndirectCount2EXT(commands, info: *const c_void) {
+        draw_indirect_count(commands, Numbers::Workgroups, &*info.cast())
     }
 }

@@ -5,7 +5,7 @@ use ash::vk;
 use super::define::commands;
 use crate::VkResult;
 use crate::command::graphics::{
-    BindVertexBuffers, Draw, DrawIndirect, DrawMulti, IndexBinding, VertexBinding,
+    BindVertexBuffers, Draw, DrawIndirect, DrawMulti, IndexBinding, Numbers, VertexBinding,
 };
 use crate::command::{Command, GraphicsCommand, Recording, copied};
 use crate::ffi::slice;
@@ -87,7 +87,7 @@ unsafe fn bind_index_buffer(
 /// The handles are alive.
 unsafe fn draw_indirect(
     commands: &mut Recording,
-    indexed: bool,
+    numbers: Numbers,
     (buffer, offset): (vk::Buffer, u64),
     count: Option<(vk::Buffer, u64)>,
     draws: u32,
@@ -96,7 +96,7 @@ unsafe fn draw_indirect(
     // SAFETY: the caller's promise.
     let at = |(buffer, offset)| unsafe { place(buffer, offset, vk::WHOLE_SIZE) }.0;
     let draw = DrawIndirect {
-        indexed,
+        numbers,
         address: at((buffer, offset)),
         stride_bytes,
         draws,
@@ -203,7 +203,7 @@ commands! {
     }
 
     fn vkCmdDrawIndirect(commands, buffer: vk::Buffer, offset: vk::DeviceSize, draws: u32, stride: u32) {
-        draw_indirect(commands, false, (buffer, offset), None, draws, stride)
+        draw_indirect(commands, Numbers::Vertices, (buffer, offset), None, draws, stride)
     }
 
     fn vkCmdDrawIndexedIndirect(
@@ -213,7 +213,7 @@ commands! {
         draws: u32,
         stride: u32,
     ) {
-        draw_indirect(commands, true, (buffer, offset), None, draws, stride)
+        draw_indirect(commands, Numbers::Indices, (buffer, offset), None, draws, stride)
     }
 
     fn vkCmdDrawIndirectCount(
@@ -226,7 +226,7 @@ commands! {
         stride: u32,
     ) {
         let count = Some((count_buffer, count_offset));
-        draw_indirect(commands, false, (buffer, offset), count, draws, stride)
+        draw_indirect(commands, Numbers::Vertices, (buffer, offset), count, draws, stride)
     }
 
     fn vkCmdDrawIndexedIndirectCount(
@@ -239,7 +239,34 @@ commands! {
         stride: u32,
     ) {
         let count = Some((count_buffer, count_offset));
-        draw_indirect(commands, true, (buffer, offset), count, draws, stride)
+        draw_indirect(commands, Numbers::Indices, (buffer, offset), count, draws, stride)
+    }
+
+    fn vkCmdDrawMeshTasksEXT(commands, x: u32, y: u32, z: u32) {
+        push(commands, GraphicsCommand::DrawMeshes([x, y, z]))
+    }
+
+    fn vkCmdDrawMeshTasksIndirectEXT(
+        commands,
+        buffer: vk::Buffer,
+        offset: vk::DeviceSize,
+        draws: u32,
+        stride: u32,
+    ) {
+        draw_indirect(commands, Numbers::Workgroups, (buffer, offset), None, draws, stride)
+    }
+
+    fn vkCmdDrawMeshTasksIndirectCountEXT(
+        commands,
+        buffer: vk::Buffer,
+        offset: vk::DeviceSize,
+        count_buffer: vk::Buffer,
+        count_offset: vk::DeviceSize,
+        draws: u32,
+        stride: u32,
+    ) {
+        let count = Some((count_buffer, count_offset));
+        draw_indirect(commands, Numbers::Workgroups, (buffer, offset), count, draws, stride)
     }
 
     fn vkCmdBeginConditionalRenderingEXT(

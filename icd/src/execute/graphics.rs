@@ -20,7 +20,7 @@ use super::samples::Samples;
 use super::{Failure, note_strays, prints, spans};
 use crate::command::GraphicsCommand;
 use crate::command::graphics::{
-    BindVertexBuffers, Draw, DrawByteCount, DrawIndirect, DrawMulti, IndexBinding,
+    BindVertexBuffers, Draw, DrawByteCount, DrawIndirect, DrawMulti, IndexBinding, Numbers,
 };
 use crate::command::pass::{AttachmentClears, Pass};
 use crate::object::graphics_pipeline::{GraphicsPipeline, Stages};
@@ -407,6 +407,7 @@ impl<'a> Painter<'_, 'a> {
             GraphicsCommand::Draw(_)
             | GraphicsCommand::DrawMulti(_)
             | GraphicsCommand::DrawIndirect(_)
+            | GraphicsCommand::DrawMeshes(_)
             | GraphicsCommand::DrawByteCount(_)
                 if self.drawing.skips =>
             {
@@ -414,6 +415,9 @@ impl<'a> Painter<'_, 'a> {
             }
             GraphicsCommand::Draw(draw) => self.draw(draw),
             GraphicsCommand::DrawMulti(draws) => self.draw_multi(draws),
+            &GraphicsCommand::DrawMeshes(groups) => {
+                self.call(false, DrawCall::of_groups(groups, 0))
+            }
             GraphicsCommand::DrawIndirect(draws) => self.draw_indirect(draws),
             GraphicsCommand::DrawByteCount(draw) => self.draw_byte_count(draw),
             GraphicsCommand::BindCaptureBuffers(binding) => {
@@ -468,6 +472,7 @@ impl<'a> Painter<'_, 'a> {
             first_instance: draw.first_instance,
             instances: draw.instances,
             draw_index: 0,
+            groups: [0; 3],
         };
         self.call(draw.indexed, call)
     }
@@ -481,6 +486,7 @@ impl<'a> Painter<'_, 'a> {
                 first_instance: multi.first_instance,
                 instances: multi.instances,
                 draw_index,
+                groups: [0; 3],
             };
             self.call(multi.indexed, call)?;
         }
@@ -501,18 +507,22 @@ impl<'a> Painter<'_, 'a> {
         for draw_index in 0..draw.draws.min(count) {
             let offset = u64::from(draw_index) * u64::from(draw.stride_bytes);
             let address = draw.address.wrapping_add(offset);
-            let call = match draw.indexed {
-                // SAFETY: as above.
-                false => unsafe { reachable::read::<vk::DrawIndirectCommand>(&reach, address) }
-                    .map(|it| DrawCall {
-                        first: it.first_vertex,
-                        count: it.vertex_count,
-                        vertex_offset: 0,
-                        first_instance: it.first_instance,
-                        instances: it.instance_count,
-                        draw_index,
-                    }),
-                true => {
+            let call = match draw.numbers {
+                Numbers::Vertices => {
+                    // SAFETY: as above.
+                    unsafe { reachable::read::<vk::DrawIndirectCommand>(&reach, address) }.map(
+                        |it| DrawCall {
+                            first: it.first_vertex,
+                            count: it.vertex_count,
+                            vertex_offset: 0,
+                            first_instance: it.first_instance,
+                            instances: it.instance_count,
+                            draw_index,
+                            groups: [0; 3],
+                        },
+                    )
+                }
+                Numbers::Indices => {
                     // SAFETY: as above.
                     unsafe { reachable::read::<vk::DrawIndexedIndirectCommand>(&reach, address) }
                         .map(|it| DrawCall {
@@ -522,8 +532,12 @@ impl<'a> Painter<'_, 'a> {
                             first_instance: it.first_instance,
                             instances: it.instance_count,
                             draw_index,
+                            groups: [0; 3],
                         })
                 }
+                // SAFETY: as above.
+                Numbers::Workgroups => unsafe { reachable::read::<[u32; 3]>(&reach, address) }
+                    .map(|groups| DrawCall::of_groups(groups, draw_index)),
             };
             let Some(call) = call else {
                 return Ok(());
@@ -531,7 +545,7 @@ impl<'a> Painter<'_, 'a> {
             if draw_index % 1024 == 1023 {
                 (limits.get_or_insert_with(|| self.engine.limits())).check()?;
             }
-            self.call(draw.indexed, call)?;
+            self.call(draw.numbers == Numbers::Indices, call)?;
         }
         Ok(())
     }
@@ -545,6 +559,7 @@ impl<'a> Painter<'_, 'a> {
             first_instance: draw.first_instance,
             instances: draw.instances,
             draw_index: 0,
+            groups: [0; 3],
         };
         self.call(false, call)
     }
@@ -559,7 +574,13 @@ impl<'a> Painter<'_, 'a> {
             return Ok(());
         };
         let stages = &current.stages;
-        if stages.vertex().is_none() || call.count == 0 || call.instances == 0 {
+        // Commands that draw workgroups do so with mesh shaders, all others without.
+        let is_of_groups = call.groups != [0; 3];
+        let has_stages = match stages.mesh() {
+            Some(_) => is_of_groups,
+            None => stages.vertex().is_some() && !is_of_groups,
+        };
+        if !has_stages || call.count == 0 || call.instances == 0 {
             return Ok(());
         }
         let samples = current.state.multisample.samples;

@@ -102,8 +102,16 @@ impl<'a> ActiveQuery<'a> {
                 Statistic::COMPUTE_SHADER_INVOCATIONS,
                 self.compute_invocations,
             ),
+            (
+                Statistic::TASK_SHADER_INVOCATIONS_EXT,
+                of(&counters.task_invocations),
+            ),
+            (
+                Statistic::MESH_SHADER_INVOCATIONS_EXT,
+                of(&counters.mesh_invocations),
+            ),
         ];
-        let values: SmallVec<[u64; 11]> = match self.pool.ty {
+        let values: SmallVec<[u64; 13]> = match self.pool.ty {
             vk::QueryType::PIPELINE_STATISTICS => statistics
                 .iter()
                 .filter(|(bit, _)| self.pool.statistics.contains(*bit))
@@ -115,11 +123,14 @@ impl<'a> ActiveQuery<'a> {
             vk::QueryType::PRIMITIVES_GENERATED_EXT => {
                 SmallVec::from_slice(&[of(&counters.generated)])
             }
+            vk::QueryType::MESH_PRIMITIVES_GENERATED_EXT => {
+                SmallVec::from_slice(&[of(&counters.mesh_primitives)])
+            }
             _ => SmallVec::from_slice(&[of(&counters.samples)]),
         };
         self.pool.write_all(self.query, &values);
         for view in 1..views {
-            let zeros = SmallVec::<[u64; 11]>::from_elem(0, values.len());
+            let zeros = SmallVec::<[u64; 13]>::from_elem(0, values.len());
             self.pool.write_all(self.query.saturating_add(view), &zeros);
         }
     }

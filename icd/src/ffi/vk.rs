@@ -482,6 +482,8 @@ functions! {
     PFN_vkCmdDrawIndexedIndirectCount2KHR(CommandBuffer, *const c_void);
     PFN_vkCmdDrawIndirect2KHR(CommandBuffer, *const c_void);
     PFN_vkCmdDrawIndirectCount2KHR(CommandBuffer, *const c_void);
+    PFN_vkCmdDrawMeshTasksIndirect2EXT(CommandBuffer, *const c_void);
+    PFN_vkCmdDrawMeshTasksIndirectCount2EXT(CommandBuffer, *const c_void);
     PFN_vkCmdFillMemoryKHR(CommandBuffer, *const DeviceAddressRangeKHR, AddressCommandFlagsKHR, u32);
     PFN_vkCmdUpdateMemoryKHR(
         CommandBuffer, *const DeviceAddressRangeKHR, AddressCommandFlagsKHR, DeviceSize, *const c_void

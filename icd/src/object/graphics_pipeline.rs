@@ -11,11 +11,13 @@ use super::dynamic_state::{DynamicStates, Parts};
 use super::graphics_state::GraphicsState;
 
 /// The stages of drawing, in the order in which they run.
-const STAGES: [Stage; 5] = [
+const STAGES: [Stage; 7] = [
     Stage::Vertex,
     Stage::TessellationControl,
     Stage::TessellationEvaluation,
     Stage::Geometry,
+    Stage::Task,
+    Stage::Mesh,
     Stage::Fragment,
 ];
 
@@ -63,6 +65,22 @@ impl Stages {
 
     pub fn geometry(&self) -> Option<&Program> {
         self.of(Stage::Geometry).map(|program| &**program)
+    }
+
+    /// The mesh program, in the place of all stages above.
+    pub fn mesh(&self) -> Option<&Program> {
+        self.of(Stage::Mesh).map(|program| &**program)
+    }
+
+    /// The task program before the mesh program.
+    pub fn task(&self) -> Option<&Program> {
+        self.mesh()?;
+        self.of(Stage::Task).map(|program| &**program)
+    }
+
+    /// Whether a stage may make many primitives of one, or of a workgroup.
+    pub fn amplifies(&self) -> bool {
+        self.geometry().is_some() || self.mesh().is_some()
     }
 
     pub fn fragment(&self) -> Option<&Program> {

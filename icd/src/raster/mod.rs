@@ -118,7 +118,7 @@ pub struct IndexBuffer {
 pub struct DrawCall {
     /// First vertex, or first index.
     pub first: u32,
-    /// Vertices or indices.
+    /// Vertices, indices or workgroups.
     pub count: u32,
     /// Added to each index.
     pub vertex_offset: i32,
@@ -126,6 +126,25 @@ pub struct DrawCall {
     pub instances: u32,
     /// `DrawIndex`.
     pub draw_index: u32,
+    /// Of a draw of workgroups: how many per dimension; `count` is their product.
+    pub groups: [u32; 3],
+}
+
+impl DrawCall {
+    /// A call of workgroups.
+    pub fn of_groups(groups: [u32; 3], draw_index: u32) -> Self {
+        Self {
+            first: 0,
+            count: groups
+                .iter()
+                .fold(1, |all, &count| all.saturating_mul(count)),
+            vertex_offset: 0,
+            first_instance: 0,
+            instances: 1,
+            draw_index,
+            groups,
+        }
+    }
 }
 
 /// The counters of active queries, shared by all draws of a pass.
@@ -140,6 +159,10 @@ pub struct Counters {
     pub evaluation_invocations: AtomicU64,
     pub geometry_invocations: AtomicU64,
     pub geometry_primitives: AtomicU64,
+    pub task_invocations: AtomicU64,
+    pub mesh_invocations: AtomicU64,
+    /// Primitives of mesh shaders.
+    pub mesh_primitives: AtomicU64,
     pub clipping_invocations: AtomicU64,
     pub clipping_primitives: AtomicU64,
     pub fragment_invocations: AtomicU64,
@@ -154,7 +177,7 @@ pub struct Counters {
 
 /// Draws that share all state. Everything that it points to stays as it is until the next flush.
 pub struct Draw {
-    /// With a vertex program.
+    /// With a vertex or mesh program.
     pub stages: Arc<Stages>,
     pub state: Arc<GraphicsState>,
     /// Sets, dynamic buffers and push constants, kept by `keep`.

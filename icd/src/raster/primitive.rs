@@ -76,6 +76,8 @@ pub struct Record {
     pub vertices: [u32; 3],
     /// The vertex that provides flat varyings.
     pub provoking: u8,
+    /// Index of the first word in [`Chunk::outputs`] that a mesh program gave to the primitive.
+    pub words: u32,
     /// The pixel that planes start at: its centre has coordinates 0, 0.
     pub origin: [i32; 2],
     /// Depth after viewport and bias, before clamping to the viewport's range and to the format's.
@@ -118,7 +120,7 @@ pub struct Chunk {
     pub shapes: Vec<Shape>,
     pub records: Vec<Record>,
     /// Outputs of vertices, [`Program::output_rows`](spirv_jit::Program::output_rows) words a
-    /// vertex, as `Program::outputs` lists them.
+    /// vertex, as `Program::outputs` lists them. Those of a mesh program's primitives follow.
     pub outputs: Vec<u32>,
     /// x, y.
     pub pixels: Vec<[i16; 2]>,

@@ -204,6 +204,7 @@ extensions! {
     Device EXT_LOAD_STORE_OP_NONE c"VK_EXT_load_store_op_none" 1;
     Device EXT_MEMORY_BUDGET c"VK_EXT_memory_budget" 1;
     Device EXT_MEMORY_PRIORITY c"VK_EXT_memory_priority" 1;
+    Device EXT_MESH_SHADER c"VK_EXT_mesh_shader" 1;
     Device EXT_MULTI_DRAW c"VK_EXT_multi_draw" 1;
     Device EXT_MULTISAMPLED_RENDER_TO_SINGLE_SAMPLED c"VK_EXT_multisampled_render_to_single_sampled" 1;
     Device EXT_MUTABLE_DESCRIPTOR_TYPE c"VK_EXT_mutable_descriptor_type" 1;

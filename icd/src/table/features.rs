@@ -376,6 +376,10 @@ features! {
         primitive_topology_patch_list_restart: PhysicalDevicePrimitiveTopologyListRestartFeaturesEXT;
         provoking_vertex_last: PhysicalDeviceProvokingVertexFeaturesEXT;
         transform_feedback_preserves_provoking_vertex: PhysicalDeviceProvokingVertexFeaturesEXT;
+        task_shader: PhysicalDeviceMeshShaderFeaturesEXT;
+        mesh_shader: PhysicalDeviceMeshShaderFeaturesEXT => MeshShadingEXT;
+        multiview_mesh_shader: PhysicalDeviceMeshShaderFeaturesEXT;
+        mesh_shader_queries: PhysicalDeviceMeshShaderFeaturesEXT;
         transform_feedback: PhysicalDeviceTransformFeedbackFeaturesEXT => TransformFeedback;
         geometry_streams: PhysicalDeviceTransformFeedbackFeaturesEXT => GeometryStreams;
         primitives_generated_query: PhysicalDevicePrimitivesGeneratedQueryFeaturesEXT;

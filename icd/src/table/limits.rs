@@ -19,6 +19,14 @@ pub const MAX_INLINE_UNIFORM_BYTES: u32 = 4096;
 pub const MAX_PUSH_DESCRIPTORS: u32 = 32;
 pub const MAX_WORKGROUP_INVOCATIONS: u32 = spirv_jit::ir::MAX_INVOCATIONS as u32;
 pub const MAX_SHARED_BYTES: u32 = 64 << 10;
+/// `maxTaskPayloadSize`.
+pub const MAX_TASK_PAYLOAD_BYTES: u32 = 16 << 10;
+/// Workgroups of task or mesh shaders, in all and per dimension.
+pub const MAX_MESH_WORKGROUPS: u32 = 1 << 22;
+/// `maxMeshOutputVertices` and `maxMeshOutputPrimitives`.
+pub const MAX_MESH_ELEMENTS: u32 = 256;
+/// `maxPreferredMeshWorkGroupInvocations`: a wave.
+pub const PREFERRED_WORKGROUP_INVOCATIONS: u32 = 128;
 pub const MAX_BUFFER_BYTES: u64 = 1 << 40;
 /// Alignment of buffers, images and host pointers in memory.
 pub const MEMORY_ALIGNMENT: u64 = 256;
@@ -32,6 +40,8 @@ pub const SAMPLE_LOCATION_COUNTS: vk::SampleCountFlags = vk::SampleCountFlags::f
 pub const MAX_VERTEX_INPUTS: u32 = 32;
 pub const MAX_COLOR_ATTACHMENTS: u32 = 8;
 pub const MAX_VIEWPORTS: u32 = 16;
+/// `maxMultiviewViewCount`.
+pub const MAX_VIEWS: u32 = 6;
 /// `subPixelPrecisionBits`.
 pub const SUB_PIXEL_BITS: u32 = 8;
 /// Pixels.

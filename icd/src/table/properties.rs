@@ -23,6 +23,8 @@ const SUBGROUP_STAGES: vk::ShaderStageFlags = vk::ShaderStageFlags::from_raw(
         | vk::ShaderStageFlags::TESSELLATION_CONTROL.as_raw()
         | vk::ShaderStageFlags::TESSELLATION_EVALUATION.as_raw()
         | vk::ShaderStageFlags::GEOMETRY.as_raw()
+        | vk::ShaderStageFlags::TASK_EXT.as_raw()
+        | vk::ShaderStageFlags::MESH_EXT.as_raw()
         | vk::ShaderStageFlags::FRAGMENT.as_raw(),
 );
 
@@ -90,7 +92,7 @@ fn vulkan11(machine: &Machine) -> vk::PhysicalDeviceVulkan11Properties<'static> 
             | vk::SubgroupFeatureFlags::ROTATE_CLUSTERED_KHR,
         subgroup_quad_operations_in_all_stages: vk::TRUE,
         point_clipping_behavior: vk::PointClippingBehavior::ALL_CLIP_PLANES,
-        max_multiview_view_count: 6,
+        max_multiview_view_count: limits::MAX_VIEWS,
         max_multiview_instance_index: (1 << 27) - 1,
         protected_no_fault: vk::FALSE,
         max_per_set_descriptors: limits::MAX_DESCRIPTORS,
@@ -176,6 +178,8 @@ fn vulkan13() -> vk::PhysicalDeviceVulkan13Properties<'static> {
             | vk::ShaderStageFlags::TESSELLATION_CONTROL
             | vk::ShaderStageFlags::TESSELLATION_EVALUATION
             | vk::ShaderStageFlags::GEOMETRY
+            | vk::ShaderStageFlags::TASK_EXT
+            | vk::ShaderStageFlags::MESH_EXT
             | vk::ShaderStageFlags::FRAGMENT,
         max_inline_uniform_block_size: limits::MAX_INLINE_UNIFORM_BYTES,
         max_per_stage_descriptor_inline_uniform_blocks: 256,
@@ -296,6 +300,43 @@ fn descriptor_buffer() -> vk::PhysicalDeviceDescriptorBufferPropertiesEXT<'stati
         sampler_descriptor_buffer_address_space_size: RANGE,
         resource_descriptor_buffer_address_space_size: RANGE,
         descriptor_buffer_address_space_size: RANGE,
+        ..Default::default()
+    }
+}
+
+fn mesh_shader() -> vk::PhysicalDeviceMeshShaderPropertiesEXT<'static> {
+    let payload_bytes = limits::MAX_TASK_PAYLOAD_BYTES;
+    let all_bytes = payload_bytes + limits::MAX_SHARED_BYTES;
+    let size = [limits::MAX_WORKGROUP_INVOCATIONS; 3];
+    vk::PhysicalDeviceMeshShaderPropertiesEXT {
+        max_task_work_group_total_count: limits::MAX_MESH_WORKGROUPS,
+        max_task_work_group_count: [limits::MAX_MESH_WORKGROUPS; 3],
+        max_task_work_group_invocations: limits::MAX_WORKGROUP_INVOCATIONS,
+        max_task_work_group_size: size,
+        max_task_payload_size: payload_bytes,
+        max_task_shared_memory_size: limits::MAX_SHARED_BYTES,
+        max_task_payload_and_shared_memory_size: all_bytes,
+        max_mesh_work_group_total_count: limits::MAX_MESH_WORKGROUPS,
+        max_mesh_work_group_count: [limits::MAX_MESH_WORKGROUPS; 3],
+        max_mesh_work_group_invocations: limits::MAX_WORKGROUP_INVOCATIONS,
+        max_mesh_work_group_size: size,
+        max_mesh_shared_memory_size: limits::MAX_SHARED_BYTES,
+        max_mesh_payload_and_shared_memory_size: all_bytes,
+        max_mesh_output_memory_size: limits::MAX_SHARED_BYTES,
+        max_mesh_payload_and_output_memory_size: all_bytes,
+        max_mesh_output_components: 128,
+        max_mesh_output_vertices: limits::MAX_MESH_ELEMENTS,
+        max_mesh_output_primitives: limits::MAX_MESH_ELEMENTS,
+        max_mesh_output_layers: limits::MAX_IMAGE_ARRAY_LAYERS,
+        max_mesh_multiview_view_count: limits::MAX_VIEWS,
+        mesh_output_per_vertex_granularity: 1,
+        mesh_output_per_primitive_granularity: 1,
+        max_preferred_task_work_group_invocations: limits::PREFERRED_WORKGROUP_INVOCATIONS,
+        max_preferred_mesh_work_group_invocations: limits::PREFERRED_WORKGROUP_INVOCATIONS,
+        prefers_local_invocation_vertex_output: vk::FALSE,
+        prefers_local_invocation_primitive_output: vk::FALSE,
+        prefers_compact_vertex_output: vk::FALSE,
+        prefers_compact_primitive_output: vk::FALSE,
         ..Default::default()
     }
 }
@@ -510,7 +551,11 @@ unsafe fn fill(machine: &Machine, node: *mut vk::BaseOutStructure<'static>) {
                 ray_tracing_invocation_reorder_reordering_hint,
             };
             PhysicalDeviceRayTracingInvocationReorderPropertiesEXT(invocation_reorder());
-            PhysicalDeviceComputeShaderDerivativesPropertiesKHR(vk::PhysicalDeviceComputeShaderDerivativesPropertiesKHR::default());
+            PhysicalDeviceComputeShaderDerivativesPropertiesKHR(vk::PhysicalDeviceComputeShaderDerivativesPropertiesKHR {
+                mesh_and_task_shader_derivatives: vk::TRUE,
+                ..Default::default()
+            });
+            PhysicalDeviceMeshShaderPropertiesEXT(mesh_shader());
             PhysicalDeviceOpacityMicromapPropertiesEXT(vk::PhysicalDeviceOpacityMicromapPropertiesEXT {
                 max_opacity2_state_subdivision_level: traversal::micromap::MAX_LEVEL,
                 max_opacity4_state_subdivision_level: traversal::micromap::MAX_LEVEL,

@@ -77,6 +77,8 @@ fn stage_name(program: &Program) -> &'static str {
         Stage::TessellationControl => "tessellation control",
         Stage::TessellationEvaluation => "tessellation evaluation",
         Stage::Geometry => "geometry",
+        Stage::Task => "task",
+        Stage::Mesh => "mesh",
         Stage::Fragment => "fragment",
         _ => "compute",
     }

@@ -86,5 +86,41 @@ pub fn samples() -> Vec<(Stage, Vec<u32>)> {
             }
         }";
     samples.push((Stage::Geometry, glsl(Stage::Geometry, geometry)));
+    let payload =
+        "struct Payload { uint count; vec3 shade[8]; }; taskPayloadSharedEXT Payload payload;";
+    let task = format!(
+        "layout(local_size_x = 20) in; {payload} shared uint sum;
+        void main() {{
+            if (gl_LocalInvocationIndex == 0) {{ sum = 0; payload.count = gl_DrawID; }}
+            barrier();
+            atomicAdd(payload.count, gl_WorkGroupID.x);
+            atomicMax(sum, gl_LocalInvocationIndex);
+            payload.shade[gl_LocalInvocationIndex & 7] = vec3(gl_NumWorkGroups);
+            barrier();
+            EmitMeshTasksEXT(sum, payload.count & 3, 1);
+        }}"
+    );
+    samples.push((Stage::Task, glsl(Stage::Task, &task)));
+    let mesh = format!(
+        "layout(local_size_x = 24) in; layout(triangles, max_vertices = 24, max_primitives = 12) out;
+        {payload} shared vec4 places[24];
+        layout(location = 0) out vec3 color[]; layout(location = 1) flat out f16vec2 small[];
+        layout(location = 2) perprimitiveEXT out Block {{ int which; uint more[2]; }} blocks[];
+        void main() {{
+            uint i = gl_LocalInvocationIndex;
+            places[i] = vec4(i, gl_WorkGroupID.xy, payload.count);
+            barrier();
+            SetMeshOutputsEXT(24, payload.count % 12);
+            gl_MeshVerticesEXT[i].gl_Position = places[23 - i];
+            color[i] = payload.shade[i & 7]; small[i] = f16vec2(places[i].xy);
+            for (uint at = i; at < payload.count; at += 24) {{
+                gl_PrimitiveTriangleIndicesEXT[at] = uvec3(at, at + 1, at + 2);
+                gl_MeshPrimitivesEXT[at].gl_CullPrimitiveEXT = at % 3 == 0;
+                gl_MeshPrimitivesEXT[at].gl_Layer = int(at & 1);
+                blocks[at].which = int(i); blocks[at].more[at & 1] = at;
+            }}
+        }}"
+    );
+    samples.push((Stage::Mesh, glsl(Stage::Mesh, &mesh)));
     samples
 }

@@ -18,6 +18,7 @@ pub const SUPPORTED: &[Capability] = &[
     Capability::TessellationPointSize,
     Capability::GeometryStreams,
     Capability::TransformFeedback,
+    Capability::MeshShadingEXT,
     Capability::Matrix,
     Capability::Shader,
     Capability::Float16,

@@ -14,6 +14,7 @@ use super::facts::{DepthFormat, Facts};
 use super::fetch::{Common, Fetch, Vertex};
 use super::geometry::{Geometry, Input, emitted_topology};
 use super::indices::Indices;
+use super::mesh::{self, Made, Mesh, Part, Tasks, parts_of_spans};
 use super::outputs::OutputPlaces;
 use super::patches::{
     Control, DomainVertex, Evaluation, Input as PatchInput, Patches, Pieces, Subdivided,
@@ -25,6 +26,7 @@ use super::set_up::{Corners, Primitive, SetUp};
 use super::streams;
 use super::topology::{self, Assembled, Kind};
 use super::vertices::{Shaded, Unique, shade};
+use super::{Expanded, draw_of};
 use crate::compute::waves::Runner;
 use crate::raster::primitive::Grid;
 use crate::raster::{Chunk, Draw, DrawCall, Targets, Work};
@@ -75,8 +77,22 @@ fn made_topology(draw: &Draw) -> Topology {
             let modes = facts.map(|facts| facts.map(|it| it.modes).unwrap_or_default());
             domain_topology(&modes[0].or(modes[1]))
         }
-        (None, None) => draw.state.topology,
+        (None, None) => match draw.stages.mesh().and_then(Program::mesh) {
+            Some(facts) => mesh::made_topology(facts),
+            None => draw.state.topology,
+        },
     }
+}
+
+/// One viewport for all vertices, unless they or their primitives choose.
+fn project_all<'a>(facts: &'a Facts, places: &'a OutputPlaces) -> Option<Projection<'a>> {
+    let first = facts.views.first();
+    let view = first.filter(|_| !places.chooses_viewports())?;
+    Some(Projection {
+        screen: &view.screen,
+        volume: &facts.volume,
+        places,
+    })
 }
 
 /// The state that all jobs of a round share.
@@ -124,10 +140,16 @@ impl Worker {
         chunk.pixels.clear();
         chunk.captured.clear();
         chunk.captured_vertices.clear();
-        let draw_of = |index: u32| match round.work.get(index as usize) {
-            Some(Work::Draw(draw)) => Some(draw),
-            _ => None,
-        };
+        let draw_of = |index: u32| draw_of(round.work, index);
+        if let Some(workgroups) = &job.workgroups {
+            let index = workgroups.tasks.draw;
+            if let Some(draw) = draw_of(index) {
+                round.limits.check()?;
+                let tasks = &*workgroups.tasks;
+                let parts = (&workgroups.parts[..], &tasks.commons[..]);
+                self.draw_meshes(round, draw, index, parts, Some(tasks), chunk)?;
+            }
+        }
         if let Some(pieces) = &job.pieces {
             let index = pieces.patches.draw;
             if let Some(draw) = draw_of(index) {
@@ -138,24 +160,138 @@ impl Worker {
         for spans in job.spans.chunk_by(|a, b| a.draw == b.draw) {
             if let Some(draw) = draw_of(spans[0].draw) {
                 round.limits.check()?;
-                self.draw(round, draw, spans[0].draw, &Source::Spans(spans), chunk)?;
+                let index = spans[0].draw;
+                if draw.stages.mesh().is_some() {
+                    let (parts, commons) = parts_of_spans(spans, &draw.calls);
+                    let parts = (&parts[..], &commons[..]);
+                    self.draw_meshes(round, draw, index, parts, None, chunk)?;
+                    continue;
+                }
+                self.draw(round, draw, index, &Source::Spans(spans), chunk)?;
             }
         }
         bins::fill(&mut chunk.bins, &round.grid, &chunk.shapes)
     }
 
-    /// Runs the control shader for the patches of a job.
+    /// Runs the control or task shader for the patches or workgroups of a job.
     ///
     /// # Errors
     /// When a limit stopped it.
-    pub fn control(&mut self, round: &Round<'_>, job: &Job) -> Result<Option<Patches>, Stopped> {
-        let Some(Work::Draw(draw)) = job
-            .spans
-            .first()
-            .and_then(|it| round.work.get(it.draw as usize))
-        else {
+    pub fn expand(&mut self, round: &Round<'_>, job: &Job) -> Result<Option<Expanded>, Stopped> {
+        let first = job.spans.first();
+        let Some(draw) = first.and_then(|it| draw_of(round.work, it.draw)) else {
             return Ok(None);
         };
+        match draw.stages.task() {
+            Some(task) => Ok(self.tasks(round, draw, task, job)?.map(Expanded::Tasks)),
+            None => Ok(self.control(round, draw, job)?.map(Expanded::Patches)),
+        }
+    }
+
+    /// Runs the task shader for the workgroups of a job.
+    fn tasks(
+        &mut self,
+        round: &Round<'_>,
+        draw: &Draw,
+        program: &Program,
+        job: &Job,
+    ) -> Result<Option<Tasks>, Stopped> {
+        let Some(facts) = program.mesh() else {
+            return Ok(None);
+        };
+        round.limits.check()?;
+        let (parts, commons) = parts_of_spans(&job.spans, &draw.calls);
+        self.set_order_of(&parts);
+        let index = job.spans[0].draw;
+        let run_with = (&mut self.runner, &*draw.environment, round.limits);
+        let tasks = mesh::run_tasks(program, facts, run_with, &parts, commons, index)?;
+        for counters in &draw.counters {
+            let invocations = mesh::invocations(program, &parts);
+            (counters.task_invocations).fetch_add(invocations, Ordering::Relaxed);
+        }
+        Ok(Some(tasks))
+    }
+
+    /// Tells the messages of workgroups apart that have the same numbers.
+    fn set_order_of(&mut self, parts: &[Part]) {
+        let order = parts.first().map_or(0, |part| {
+            u64::from(part.task.unwrap_or(0)) << 32 | part.workgroups.start
+        });
+        self.runner.set_order(order);
+    }
+
+    /// Adds the primitives of workgroups of mesh shaders; `tasks` are those that they come from.
+    fn draw_meshes(
+        &mut self,
+        round: &Round<'_>,
+        draw: &Draw,
+        index: u32,
+        (parts, commons): (&[Part], &[Common]),
+        tasks: Option<&Tasks>,
+        chunk: &mut Chunk,
+    ) -> Result<(), Stopped> {
+        let Some(program) = draw.stages.mesh() else {
+            return Ok(());
+        };
+        let Some(mesh_facts) = program.mesh() else {
+            return Ok(());
+        };
+        let facts = round.facts(draw);
+        let places = OutputPlaces::new(program);
+        self.primitives.clear();
+        self.on_screen.clear();
+        self.words.clear();
+        self.commons.clear();
+        self.commons.extend_from_slice(commons);
+        self.set_order_of(parts);
+        let first_word = chunk.outputs.len();
+        let mut made = Made {
+            vertices: &mut chunk.outputs,
+            primitives: &mut self.words,
+            assembled: &mut self.primitives,
+            generated: 0,
+        };
+        let mesh = Mesh {
+            program,
+            facts: mesh_facts,
+            places: &places,
+            last: draw.state.rasterization.provoking_last,
+        };
+        let run_with = (&mut self.runner, &*draw.environment, round.limits);
+        mesh.run(run_with, parts, commons, tasks, &mut made)?;
+        for counters in &draw.counters {
+            let invocations = mesh::invocations(program, parts);
+            (counters.mesh_invocations).fetch_add(invocations, Ordering::Relaxed);
+            (counters.mesh_primitives).fetch_add(made.generated, Ordering::Relaxed);
+        }
+        if let Some(projection) = project_all(&facts, &places) {
+            projection.add_all(&chunk.outputs[first_word..], &mut self.on_screen)?;
+        }
+        let first_of_primitives = chunk.outputs.len() as u32;
+        let count = self.words.len();
+        (chunk.outputs.try_reserve(count)).map_err(|_| Stopped::OutOfMemory)?;
+        chunk.outputs.extend_from_slice(&self.words);
+        let first = [first_word as u32, places.words as u32];
+        let topology = made_topology(draw);
+        streams::divide(draw, index, topology, first, &mut self.primitives, chunk)?;
+        // Without any output of vertices there is no position.
+        if places.words == 0 {
+            self.primitives.clear();
+        }
+        if facts.discard && draw.counters.is_empty() {
+            return Ok(());
+        }
+        let shaded = (first_word as u32, first_of_primitives, places);
+        self.set_up(round, draw, index, &facts, shaded, chunk)
+    }
+
+    /// Runs the control shader for the patches of a job.
+    fn control(
+        &mut self,
+        round: &Round<'_>,
+        draw: &Draw,
+        job: &Job,
+    ) -> Result<Option<Patches>, Stopped> {
         let points = control_points(&draw.stages, &draw.state);
         let (Some(vertex), Some(points)) = (draw.stages.vertex(), points) else {
             return Ok(None);
@@ -299,15 +435,7 @@ impl Worker {
         };
         let facts = round.facts(draw);
         let places = OutputPlaces::new(last);
-        // One viewport for all vertices, unless they choose.
-        let first_view = facts.views.first();
-        let projection = first_view
-            .filter(|_| !places.chooses_viewports())
-            .map(|view| Projection {
-                screen: &view.screen,
-                volume: &facts.volume,
-                places: &places,
-            });
+        let projection = project_all(&facts, &places);
         let geometry = (last.geometry()).map(|it| {
             let provokes_last = draw.state.rasterization.provoking_last;
             Geometry::new(last, it, before, &places, provokes_last)
@@ -344,7 +472,7 @@ impl Worker {
         if facts.discard && draw.counters.is_empty() {
             return Ok(());
         }
-        let shaded = (first_word, places);
+        let shaded = (first_word, first_word, places);
         self.set_up(round, draw, index, &facts, shaded, chunk)
     }
 
@@ -511,7 +639,7 @@ impl Worker {
         draw: &Draw,
         draw_index: u32,
         facts: &Facts,
-        (first_word, places): (u32, OutputPlaces),
+        (first_word, first_of_primitives, places): (u32, u32, OutputPlaces),
         chunk: &mut Chunk,
     ) -> Result<(), Stopped> {
         let count = self.primitives.len();
@@ -525,7 +653,9 @@ impl Worker {
         let shaded = Shaded {
             places,
             words: &outputs[first_word as usize..],
+            of_primitives: &outputs[first_of_primitives as usize..],
         };
+        let primitive_words = places.primitive_words as u32;
         let records = chunk.records.len();
         let shapes = chunk.shapes.len();
         let pixels = chunk.pixels.len();
@@ -547,7 +677,7 @@ impl Worker {
         let is_line = kind == Some(Kind::Line);
         let is_projected = !places.chooses_viewports() && !facts.views.is_empty();
         let mut last = None;
-        for assembled in &self.primitives {
+        for (number, assembled) in self.primitives.iter().enumerate() {
             // Arrays are written out here and in what is called: closures of `map` would be called,
             // too.
             let [a, b, c] = assembled.vertices;
@@ -555,9 +685,9 @@ impl Worker {
             let common = &self.commons[assembled.common as usize];
             let (layer, layers) = match has_views {
                 true => (common.view, u32::MAX),
-                false => (shaded.layer(provoking), facts.layers.max(1)),
+                false => (shaded.layer(provoking, number), facts.layers.max(1)),
             };
-            let viewport = shaded.viewport(provoking);
+            let viewport = shaded.viewport(provoking, number);
             // Made where it is needed: one place in memory for all would be written and read again
             // in pieces of other sizes.
             let primitive = || Primitive {
@@ -572,6 +702,7 @@ impl Worker {
                     first_word + c * places.words as u32,
                 ],
                 provoking: assembled.provoking,
+                words: first_of_primitives + number as u32 * primitive_words,
             };
             if layer >= layers {
                 continue;

@@ -12,6 +12,7 @@ use spirv_jit::reach::Reach;
 
 use super::geometry;
 use super::indices::Indices;
+use super::mesh::{self, Workgroups};
 use super::patches::{self, Pieces};
 use super::topology::{self, is_line_strip};
 use crate::raster::{CHUNK_PRIMITIVES, Counters, Draw, DrawCall, Work};
@@ -54,14 +55,17 @@ pub struct Job {
     /// A clear: its index in the batch's work.
     pub clear: Option<u32>,
     pub spans: Vec<Span>,
-    /// Primitives of all spans.
+    /// Primitives of all spans. Those of mesh draws are workgroups.
     pub primitives: u32,
-    /// Some of them run a geometry shader, which may make many of each.
+    /// Some of them run a geometry or mesh shader, which may make many of each.
     pub amplifies: bool,
-    /// Its primitives are patches of one draw: it becomes [`Self::pieces`] of other jobs.
-    pub patches: bool,
+    /// Its primitives are patches, or workgroups of task shaders, of one draw: what they become
+    /// are [`Self::pieces`] or [`Self::workgroups`] of other jobs.
+    pub expands: bool,
     /// Primitives of patches in the place of spans.
     pub pieces: Option<Pieces>,
+    /// Workgroups of mesh shaders that tasks ask for, in the place of spans.
+    pub workgroups: Option<Workgroups>,
 }
 
 /// How far the cutting has come.
@@ -145,12 +149,12 @@ impl Cutter<'_> {
             next_work(cursor);
             return Ok(true);
         }
-        let patches = draw.stages.tessellation().is_some();
+        let expands = draw.stages.tessellation().is_some() || draw.stages.task().is_some();
         let is_other = job
             .spans
             .first()
             .is_some_and(|it| it.draw as usize != cursor.work);
-        if is_other && (patches || job.patches) {
+        if is_other && (expands || job.expands) {
             return Ok(false);
         }
         let mut looks = 0;
@@ -186,6 +190,10 @@ impl Cutter<'_> {
                 cursor.primitive = 0;
                 continue;
             }
+            let longest = match draw.stages.mesh() {
+                Some(_) => longest.min(mesh::share(call.count.into())),
+                None => longest,
+            };
             let budget = (CHUNK_PRIMITIVES as u32).saturating_sub(*cost + SPAN_COST);
             let rest = count - cursor.primitive;
             let taken = if longest > CHUNK_PRIMITIVES as u32 {
@@ -211,8 +219,8 @@ impl Cutter<'_> {
                 of_segment: count,
                 first_id: cursor.id,
             });
-            job.amplifies |= draw.stages.geometry().is_some();
-            job.patches |= patches;
+            job.amplifies |= draw.stages.amplifies();
+            job.expands |= expands;
             cursor.primitive += taken;
             cursor.id = cursor.id.wrapping_add(taken);
             job.primitives += taken;
@@ -249,6 +257,9 @@ impl Cutter<'_> {
         cursor.end = Some(end);
         let vertices = end - cursor.start;
         let primitives = count(draw, vertices as u32);
+        if draw.stages.mesh().is_some() {
+            return Ok(end);
+        }
         for counters in &draw.counters {
             let Counters {
                 input_vertices,
@@ -264,6 +275,9 @@ impl Cutter<'_> {
 
 /// Complete primitives of a segment of that many vertices.
 fn count(draw: &Draw, vertices: u32) -> u32 {
+    if draw.stages.mesh().is_some() {
+        return vertices;
+    }
     match patches::control_points(&draw.stages, &draw.state) {
         Some(points) => vertices / points,
         None => topology::count(draw.state.topology, vertices),
@@ -273,6 +287,9 @@ fn count(draw: &Draw, vertices: u32) -> u32 {
 /// Whether the draw's programs take the primitives of its topology.
 fn is_drawn(draw: &Draw) -> bool {
     let topology = draw.state.topology;
+    if draw.stages.mesh().is_some() {
+        return true;
+    }
     match draw.stages.tessellation() {
         Some(_) => {
             topology == ash::vk::PrimitiveTopology::PATCH_LIST
@@ -284,18 +301,22 @@ fn is_drawn(draw: &Draw) -> bool {
 
 /// Primitives of a job with a draw, at most.
 fn longest(draw: &Draw) -> u32 {
-    match draw.stages.tessellation() {
-        Some((control, _)) => patches::longest(control),
-        None => longest_chunk(draw),
+    match (draw.stages.tessellation(), draw.stages.task()) {
+        (Some((control, _)), _) => patches::longest(control),
+        (None, Some(task)) => task.mesh().map_or(1, mesh::longest_of_tasks),
+        (None, None) => longest_chunk(draw),
     }
 }
 
-/// Primitives of a chunk with a draw, at most: without those that a geometry shader makes.
+/// Primitives of a chunk with a draw, at most: without those that a geometry shader makes. Of a
+/// mesh draw they are workgroups.
 pub fn longest_chunk(draw: &Draw) -> u32 {
     let state = &draw.state;
     let rasterization = &state.rasterization;
     let bresenham = ash::vk::LineRasterizationModeEXT::BRESENHAM;
-    if let Some(facts) = draw.stages.geometry().and_then(Program::geometry) {
+    if let Some(facts) = draw.stages.mesh().and_then(Program::mesh) {
+        mesh::longest(facts)
+    } else if let Some(facts) = draw.stages.geometry().and_then(Program::geometry) {
         geometry::longest(facts).min(CHUNK_PRIMITIVES as u32)
     } else if rasterization.line_stipple && is_line_strip(state.topology) {
         STIPPLED_PRIMITIVES

@@ -6,6 +6,8 @@
 //!     vertices: attributes, waves of the vertex shader, outputs
 //!     patches: waves of control shaders, which say how many primitives patches become; jobs of
 //!         those
+//!     mesh: waves of task shaders, which say how many workgroups of mesh shaders follow; waves of
+//!         those
 //!     tessellate: vertices of patches' domains, and primitives
 //!     geometry: waves of the geometry shader
 //!     streams: which primitives are captured or drawn
@@ -26,6 +28,7 @@ mod fetch;
 mod geometry;
 mod indices;
 mod line;
+mod mesh;
 mod outputs;
 mod patches;
 mod planes;
@@ -49,9 +52,10 @@ use rayon::prelude::*;
 
 use self::chunk::{Round, Worker};
 use self::cut::{Cursor, Cutter, Job, longest_chunk};
+use self::mesh::{TaskCursor, Tasks};
 use self::patches::Patches;
 use super::primitive::Grid;
-use super::{CHUNK_PRIMITIVES, Chunk, Context, ROUND_CHUNKS, Targets, Work, capture};
+use super::{CHUNK_PRIMITIVES, Chunk, Context, Draw, ROUND_CHUNKS, Targets, Work, capture};
 use crate::timeline;
 use crate::wave::Stopped;
 
@@ -76,11 +80,24 @@ pub struct FrontEnd {
     spare: Mutex<Vec<Chunk>>,
 }
 
+/// Work that waits for a round.
+enum Waiting {
+    Job(Job),
+    /// Workgroups of mesh shaders, which become jobs in turn.
+    Tasks(TaskCursor),
+}
+
+/// What the first stage of a job of patches or tasks makes.
+enum Expanded {
+    Patches(Patches),
+    Tasks(Tasks),
+}
+
 /// How far the front end has come in a batch.
 pub struct Rounds {
     cursor: Cursor,
-    /// Jobs of patches whose control shaders have run, and jobs that come after them.
-    waiting: VecDeque<Job>,
+    /// What control and task shaders that have run become, and jobs that come after them.
+    waiting: VecDeque<Waiting>,
     grid: Grid,
     /// Chunks of the next round.
     chunks: usize,
@@ -95,6 +112,14 @@ impl Rounds {
             grid: Grid::of(&targets.area),
             chunks: FIRST_ROUND,
         }
+    }
+}
+
+/// A draw of a batch.
+fn draw_of(work: &[Work], index: u32) -> Option<&Draw> {
+    match work.get(index as usize) {
+        Some(Work::Draw(draw)) => Some(draw),
+        _ => None,
     }
 }
 
@@ -126,13 +151,30 @@ impl FrontEnd {
         };
         let mut jobs: Vec<Job> = Vec::new();
         while jobs.len() < rounds.chunks {
-            if let Some(job) = rounds.waiting.pop_front() {
-                jobs.push(job);
-                continue;
+            match rounds.waiting.front_mut() {
+                Some(Waiting::Tasks(cursor)) => {
+                    let draw = draw_of(work, cursor.draw());
+                    match draw.and_then(|draw| cursor.next(longest_chunk(draw))) {
+                        Some((workgroups, count)) => jobs.push(Job {
+                            workgroups: Some(workgroups),
+                            primitives: count,
+                            amplifies: true,
+                            ..Job::default()
+                        }),
+                        None => drop(rounds.waiting.pop_front()),
+                    }
+                    continue;
+                }
+                Some(Waiting::Job(job)) => {
+                    jobs.push(std::mem::take(job));
+                    rounds.waiting.pop_front();
+                    continue;
+                }
+                None => {}
             }
             match cutter.next(&mut rounds.cursor)? {
                 None => break,
-                Some(job) if job.patches => {
+                Some(job) if job.expands => {
                     let room = rounds.chunks - jobs.len();
                     self.divide(context, &round, &cutter, rounds, job, room)?;
                 }
@@ -174,8 +216,8 @@ impl FrontEnd {
         Ok(Some(chunks))
     }
 
-    /// Runs the control shaders of a job of patches and of those that follow it, up to `room` jobs,
-    /// and cuts what the patches become into jobs that wait.
+    /// Runs the control or task shaders of a job and of those that follow it, up to `room` jobs.
+    /// What they become waits.
     fn divide(
         &self,
         context: Context<'_>,
@@ -190,42 +232,50 @@ impl FrontEnd {
         while all.len() < room
             && let Some(job) = cutter.next(&mut rounds.cursor)?
         {
-            if !job.patches {
+            if !job.expands {
                 after = Some(job);
                 break;
             }
             all.push(job);
         }
         let run = |job: &Job| {
-            let _span = timeline::work("patches");
+            let _span = timeline::work("patches and tasks");
             let mut worker = self.idle.lock().pop().unwrap_or_default();
-            let patches = worker.control(round, job)?;
+            let made = worker.expand(round, job)?;
             worker.rest();
             self.idle.lock().push(worker);
-            Ok(patches)
+            Ok(made)
         };
-        let made: Vec<Option<Patches>> = if all.len() == 1 {
+        let made: Vec<Option<Expanded>> = if all.len() == 1 {
             all.iter().map(run).collect::<Result<_, _>>()?
         } else {
             context
                 .workers
                 .install(|| all.par_iter().map(run).collect::<Result<_, _>>())?
         };
-        for patches in made.into_iter().flatten() {
-            let Some(Work::Draw(draw)) = round.work.get(patches.draw as usize) else {
+        for made in made.into_iter().flatten() {
+            let patches = match made {
+                Expanded::Patches(patches) => patches,
+                Expanded::Tasks(tasks) => {
+                    let cursor = TaskCursor::new(tasks);
+                    rounds.waiting.push_back(Waiting::Tasks(cursor));
+                    continue;
+                }
+            };
+            let Some(draw) = draw_of(round.work, patches.draw) else {
                 continue;
             };
             let most = longest_chunk(draw).min(CHUNK_PRIMITIVES as u32);
             patches::cut(&Arc::new(patches), most, |pieces, primitives| {
-                rounds.waiting.push_back(Job {
+                rounds.waiting.push_back(Waiting::Job(Job {
                     pieces: Some(pieces),
                     primitives,
                     amplifies: draw.stages.geometry().is_some(),
                     ..Job::default()
-                });
+                }));
             });
         }
-        rounds.waiting.extend(after);
+        rounds.waiting.extend(after.map(Waiting::Job));
         Ok(())
     }
 

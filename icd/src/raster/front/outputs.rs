@@ -21,6 +21,11 @@ pub struct OutputPlaces {
     pub layer: Option<u16>,
     pub viewport: Option<u16>,
     pub primitive_id: Option<u16>,
+    /// Of a mesh program: words of a primitive, in which layer, viewport and number lie, where its
+    /// vertices stand, and whether it is discarded.
+    pub primitive_words: usize,
+    pub indices: [Option<u16>; 3],
+    pub culled: Option<u16>,
 }
 
 impl OutputPlaces {
@@ -30,7 +35,13 @@ impl OutputPlaces {
             words: program.outputs().len(),
             ..Self::default()
         };
-        for (row, output) in (0u16..).zip(program.outputs()) {
+        if let Some(facts) = program.mesh() {
+            places.words = facts.vertices.len();
+            places.primitive_words = facts.primitives.len();
+        }
+        // Those of a mesh program's primitives are counted apart.
+        let rows = (0..places.words as u16).chain(0..);
+        for (row, output) in rows.zip(program.outputs()) {
             let distance = |places: &mut [Option<u16>; MAX_CLIP_DISTANCES], index: u8| {
                 if let Some(place) = places.get_mut(usize::from(index)) {
                     *place = Some(row);
@@ -48,6 +59,12 @@ impl OutputPlaces {
                 OutputRow::Layer => places.layer = Some(row),
                 OutputRow::ViewportIndex => places.viewport = Some(row),
                 OutputRow::PrimitiveId => places.primitive_id = Some(row),
+                OutputRow::CullPrimitive => places.culled = Some(row),
+                OutputRow::PrimitiveIndex(corner) => {
+                    if let Some(place) = places.indices.get_mut(usize::from(corner)) {
+                        *place = Some(row);
+                    }
+                }
                 _ => {}
             }
         }

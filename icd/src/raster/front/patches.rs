@@ -171,7 +171,7 @@ fn put(memory: &mut [AlignedRow], offset: u32, width: Width, word: u32) {
 }
 
 /// Reads a word of the interface.
-fn get(memory: &[AlignedRow], offset: u32, width: Width) -> u32 {
+pub fn get(memory: &[AlignedRow], offset: u32, width: Width) -> u32 {
     let Some((place, shift)) = place(memory.len(), offset) else {
         return 0;
     };

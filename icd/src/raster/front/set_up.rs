@@ -20,6 +20,8 @@ pub struct Primitive {
     /// First words of the vertices' outputs.
     pub vertices: [u32; 3],
     pub provoking: u8,
+    /// First word of what a mesh program gave to it.
+    pub words: u32,
 }
 
 /// Vertices of a primitive: what they are on the screen, and what they were.
@@ -96,6 +98,7 @@ impl SetUp<'_> {
             front,
             vertices: primitive.vertices,
             provoking: primitive.provoking,
+            words: primitive.words,
             origin: planes.origin,
             depth: depth.narrow(),
             depth_range: if self.facts.depth_clamp {

@@ -83,6 +83,8 @@ pub struct Shaded<'a> {
     pub places: OutputPlaces,
     /// Outputs of the first vertex, then the others.
     pub words: &'a [u32],
+    /// Words of the primitives of a mesh program, likewise.
+    pub of_primitives: &'a [u32],
 }
 
 impl Shaded<'_> {
@@ -109,16 +111,27 @@ impl Shaded<'_> {
             .map_or(1.0, f32::from_bits)
     }
 
+    /// A word that the provoking vertex chooses for a primitive, or a mesh program itself.
+    #[inline(always)]
+    fn chosen(&self, vertex: u32, primitive: usize, place: Option<u16>) -> u32 {
+        match self.places.primitive_words {
+            0 => self.word(vertex, place).unwrap_or(0),
+            words => place.map_or(0, |place| {
+                self.of_primitives[primitive * words + usize::from(place)]
+            }),
+        }
+    }
+
     /// `Layer`.
     #[inline(always)]
-    pub fn layer(&self, vertex: u32) -> u32 {
-        self.word(vertex, self.places.layer).unwrap_or(0)
+    pub fn layer(&self, vertex: u32, primitive: usize) -> u32 {
+        self.chosen(vertex, primitive, self.places.layer)
     }
 
     /// `ViewportIndex`.
     #[inline(always)]
-    pub fn viewport(&self, vertex: u32) -> u32 {
-        self.word(vertex, self.places.viewport).unwrap_or(0)
+    pub fn viewport(&self, vertex: u32, primitive: usize) -> u32 {
+        self.chosen(vertex, primitive, self.places.viewport)
     }
 
     /// `ClipDistance`; those that are not written do not clip.

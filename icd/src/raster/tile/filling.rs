@@ -78,13 +78,13 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
             .bits_to_f(self.of_records(|record| value(record).to_bits()))
     }
 
-    /// A word of a vertex of each lane's record.
+    /// A word of a vertex, or of the primitive, of each lane's record, by its first word.
     #[inline(always)]
-    fn of_vertices(&self, word: u32, vertex: impl Fn(&Record) -> usize) -> V::I {
+    fn of_vertices(&self, word: u32, first: impl Fn(&Record) -> u32) -> V::I {
         let fragments = self.fragments;
         let of = |quad: usize| {
             let record = fragments.records[quad];
-            let place = record.vertices[vertex(record)].wrapping_add(word) as usize;
+            let place = first(record).wrapping_add(word) as usize;
             fragments.outputs[quad].get(place).copied().unwrap_or(0)
         };
         // Not in a loop: that would put them together in memory, where a load waits for the stores.
@@ -96,7 +96,7 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
 
     #[inline(always)]
     fn numbers_of_vertices(&self, word: u32, vertex: usize) -> V::F {
-        self.v.bits_to_f(self.of_vertices(word, |_| vertex))
+        (self.v).bits_to_f(self.of_vertices(word, |record| record.vertices[vertex]))
     }
 
     /// Where lanes lie in their pixels, from the centre.
@@ -282,9 +282,12 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
         match *fill {
             Fill::Constant(word) => v.splat_i(word as i32),
             Fill::Flat(word) => {
-                self.of_vertices(word, |record| usize::from(record.provoking.min(2)))
+                self.of_vertices(word, |it| it.vertices[usize::from(it.provoking.min(2))])
             }
-            Fill::PerVertex(word, vertex) => self.of_vertices(word, |_| vertex),
+            Fill::PerVertex(word, vertex) => {
+                self.of_vertices(word, |record| record.vertices[vertex])
+            }
+            Fill::OfPrimitive(word) => self.of_vertices(word, |record| record.words),
             Fill::Varying(word, weights) => {
                 let weights = self.weights(weights);
                 self.varying(index, word, weights)

@@ -3,7 +3,7 @@
 
 use smallvec::SmallVec;
 use spirv_jit::Program;
-use spirv_jit::program::{Builtin, InputRow, Passed, Position, Varying, VaryingMode};
+use spirv_jit::program::{Builtin, InputRow, Passed, Position, Varying, VaryingMode, VaryingPlace};
 
 use super::interpolation::number;
 use super::samples::{Locations, MAX_SAMPLES};
@@ -16,6 +16,8 @@ pub(super) enum Fill {
     /// A word of the provoking vertex, or of vertex 0 to 2.
     Flat(u32),
     PerVertex(u32, usize),
+    /// A word that a mesh program gave to the primitive.
+    OfPrimitive(u32),
     /// A word's interpolation.
     Varying(u32, Weights),
     Barycentric(usize, Weights),
@@ -73,6 +75,8 @@ pub enum Slope {
     /// A word of the provoking vertex, or of vertex 0 to 2.
     Flat(u32),
     PerVertex(u32, usize),
+    /// A word that a mesh program gave to the primitive.
+    OfPrimitive(u32),
     Front,
     Layer,
     Viewport,
@@ -97,6 +101,7 @@ fn slope(fill: &Fill) -> Option<Slope> {
         Fill::Constant(word) => Slope::Constant(word),
         Fill::Flat(word) => Slope::Flat(word),
         Fill::PerVertex(word, vertex) => Slope::PerVertex(word, vertex),
+        Fill::OfPrimitive(word) => Slope::OfPrimitive(word),
         Fill::Front => Slope::Front,
         Fill::Layer => Slope::Layer,
         Fill::Viewport => Slope::Viewport,
@@ -159,7 +164,14 @@ impl Inputs {
         };
         let fill = |row: &InputRow| match *row {
             InputRow::Varying(varying) => {
-                varying_fill(word_of(before, &varying), varying.mode, place)
+                let word = word_of(before, &varying);
+                let of_vertex = vertex_words(before);
+                match (word, varying.place) {
+                    (Some(word), VaryingPlace::Primitive(_)) => {
+                        Fill::OfPrimitive(word.saturating_sub(of_vertex))
+                    }
+                    _ => varying_fill(word, varying.mode, place),
+                }
             }
             InputRow::Barycentric(it) => Fill::Barycentric(
                 usize::from(it.vertex.min(2)),
@@ -234,6 +246,12 @@ fn word_of(before: Option<&Program>, varying: &Varying) -> Option<u32> {
     let wanted = varying.output();
     let index = before?.outputs().iter().position(|row| *row == wanted)?;
     Some(index as u32)
+}
+
+/// Words of a vertex of a mesh program, which those of a primitive follow.
+fn vertex_words(before: Option<&Program>) -> u32 {
+    let facts = before.and_then(Program::mesh);
+    facts.map_or(0, |facts| facts.vertices.len() as u32)
 }
 
 fn varying_fill(

@@ -123,7 +123,11 @@ pub fn texels_of<V: Vector>(v: V, output: &Output, values: &[Value]) -> Option<T
 impl Part<'_> {
     #[inline(always)]
     fn word(&self, vertex: usize, word: u32) -> u32 {
-        let place = self.record.vertices[vertex].wrapping_add(word);
+        self.word_from(self.record.vertices[vertex], word)
+    }
+
+    fn word_from(&self, first: u32, word: u32) -> u32 {
+        let place = first.wrapping_add(word);
         self.outputs.get(place as usize).copied().unwrap_or(0)
     }
 
@@ -134,6 +138,7 @@ impl Part<'_> {
             Slope::Constant(word) => word,
             Slope::Flat(word) => self.word(usize::from(record.provoking.min(2)), word),
             Slope::PerVertex(word, vertex) => self.word(vertex, word),
+            Slope::OfPrimitive(word) => self.word_from(record.words, word),
             Slope::Front => u32::from(record.front),
             Slope::Layer => record.layer,
             Slope::Viewport => record.viewport,

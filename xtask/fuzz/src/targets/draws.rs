@@ -88,6 +88,75 @@ const GEOMETRY: [&str; 2] = [
     }",
 ];
 
+/// The payload between the shaders below.
+const PAYLOAD: &str = "struct Payload { uint count; uvec2 kept; vec4 shade[20]; };
+    taskPayloadSharedEXT Payload payload;";
+
+/// Task shaders to start from.
+const TASK: [&str; 2] = [
+    r"
+    layout(local_size_x = 20) in;
+    shared uint most;
+    void main() {
+        uint i = gl_LocalInvocationIndex;
+        if (i == 0u) { most = 0u; payload.count = b[gl_DrawID & 255] & 15u; }
+        barrier();
+        atomicMax(most, b[256u + i] & 3u);
+        payload.shade[(i + gl_WorkGroupID.x) % 20u] = u[i & 63u];
+        payload.kept = gl_NumWorkGroups.xy;
+        barrier();
+        EmitMeshTasksEXT(most, gl_WorkGroupID.y & 3u, 1u);
+    }",
+    r"
+    void main() {
+        payload.count = b[gl_WorkGroupID.x & 255u];
+        EmitMeshTasksEXT(payload.count & 7u, 1u, 2u);
+    }",
+];
+
+/// Mesh shaders to start from.
+const MESH: [&str; 2] = [
+    r"
+    layout(local_size_x = 24) in;
+    layout(triangles, max_vertices = 24, max_primitives = 40) out;
+    layout(location = 0) out vec4 shade[];
+    layout(location = 1) flat out uvec2 kept[];
+    layout(location = 2) noperspective centroid out vec2 at[];
+    shared vec4 places[24];
+    void main() {
+        uint i = gl_LocalInvocationIndex;
+        places[i] = vec4(i % 3u == 1u ? 3.0 : -1.0, i % 3u == 2u ? 3.0 : -1.0, 0.1, 1.0);
+        barrier();
+        SetMeshOutputsEXT(20u + payload.count % 8u, b[i] & 63u);
+        gl_MeshVerticesEXT[i].gl_Position = places[23u - i] + u[b[i] & 63u] * 0.01;
+        shade[i] = payload.shade[b[i] % 32u];
+        kept[i] = payload.kept + i;
+        at[i] = vec2(i, payload.count);
+        for (uint p = i; p < 40u; p += 24u) {
+            gl_PrimitiveTriangleIndicesEXT[p] = uvec3(p, b[p] & 31u, p + 2u) % 25u;
+            gl_MeshPrimitivesEXT[p].gl_CullPrimitiveEXT = (b[p] & 7u) == 0u;
+            gl_MeshPrimitivesEXT[p].gl_Layer = int(p & 1u);
+            gl_MeshPrimitivesEXT[p].gl_ViewportIndex = int(p & 15u) / 15;
+            gl_MeshPrimitivesEXT[p].gl_PrimitiveID = int(p);
+        }
+    }",
+    r"
+    layout(lines, max_vertices = 6, max_primitives = 6) out;
+    layout(location = 0) out vec4 shade[];
+    layout(location = 1) flat out uvec2 kept[];
+    void main() {
+        SetMeshOutputsEXT(6u, 6u);
+        for (uint i = 0u; i < 6u; i++) {
+            uint w = b[(gl_WorkGroupID.x + i) & 255u];
+            gl_MeshVerticesEXT[i].gl_Position = uintBitsToFloat(uvec4(w, w << 3, w << 5, 0x3f800000u));
+            gl_MeshVerticesEXT[i].gl_ClipDistance[0] = uintBitsToFloat(w);
+            shade[i] = payload.shade[w & 31u];
+            kept[i] = payload.kept;
+            gl_PrimitiveLineIndicesEXT[i] = uvec2(i, w & 7u);
+        }
+    }",
+];
+
 /// Control shaders to start from.
 const CONTROL: [&str; 2] = [
     r"
@@ -206,8 +275,8 @@ const FRAGMENT: [&str; 3] = [
     }",
 ];
 
-fn shaders() -> &'static [Vec<Vec<u32>>; 5] {
-    static SHADERS: OnceLock<[Vec<Vec<u32>>; 5]> = OnceLock::new();
+fn shaders() -> &'static [Vec<Vec<u32>>; 7] {
+    static SHADERS: OnceLock<[Vec<Vec<u32>>; 7]> = OnceLock::new();
     const PARAMETERS: &str = "#extension GL_ARB_shader_draw_parameters : enable\n";
     SHADERS.get_or_init(|| {
         let head = |source: &str| {
@@ -221,12 +290,19 @@ fn shaders() -> &'static [Vec<Vec<u32>>; 5] {
             let compile = |source: &&str| compiled(stage, &head(source));
             sources.iter().map(compile).collect()
         };
+        // These have the parameters of draws in any case.
+        let of_meshes = |stage, sources: &[&str]| {
+            let compile = |source: &&str| compiled(stage, &format!("{PAYLOAD}{source}"));
+            sources.iter().map(compile).collect()
+        };
         [
             all(Stage::Vertex, &VERTEX),
             all(Stage::TessellationControl, &CONTROL),
             all(Stage::TessellationEvaluation, &EVALUATION),
             all(Stage::Geometry, &GEOMETRY),
             all(Stage::Fragment, &FRAGMENT),
+            of_meshes(Stage::Task, &TASK),
+            of_meshes(Stage::Mesh, &MESH),
         ]
     })
 }
@@ -431,8 +507,11 @@ pub fn run(world: &World, case: &Case) {
         Stage::TessellationEvaluation,
         Stage::Geometry,
         Stage::Fragment,
+        Stage::Task,
+        Stage::Mesh,
     ];
     let mut stages: Vec<_> = stages.into_iter().zip(words).collect();
+    let mut meshes = stages.split_off(5);
     if rng.bool() {
         stages.remove(3);
     }
@@ -444,6 +523,14 @@ pub fn run(world: &World, case: &Case) {
     }
     if rng.u32(0..32) == 0 {
         painting.topology = vk::PrimitiveTopology::PATCH_LIST;
+    }
+    // Workgroups in the place of vertices, with a task shader or without.
+    if rng.u32(0..4) == 0 {
+        meshes.extend(stages.pop());
+        stages = meshes;
+        if rng.u32(0..3) == 0 {
+            stages.remove(0);
+        }
     }
     let none = vk::PipelineCreateFlags::empty();
     let made = (world.gpu).try_painting(&painting, &stages, none, std::ptr::null());
@@ -582,6 +669,7 @@ unsafe fn step(world: &World, rng: &mut Rng, target: &Target, commands: vk::Comm
         layer_count: near(rng, target.layers),
     };
     let draws = world.guarded[1].buffer.handle;
+    let meshes = ash::ext::mesh_shader::Device::new(&world.gpu.instance, device);
     // SAFETY: the caller's promise.
     unsafe {
         device.cmd_set_viewport(commands, 0, &[viewport]);
@@ -591,7 +679,7 @@ unsafe fn step(world: &World, rng: &mut Rng, target: &Target, commands: vk::Comm
         device.cmd_bind_index_buffer(commands, buffer, offset, kind);
         let commands_at = MARGIN + u64::from(rng.u32(0..800) & !3);
         let stride = 4 * rng.u32(4..9);
-        match rng.u32(0..8) {
+        match rng.u32(0..12) {
             0 | 1 => {
                 let (first, instance) = (near(rng, 60), near(rng, 60));
                 device.cmd_draw(commands, counted(rng), rng.u32(0..4), first, instance);
@@ -614,6 +702,14 @@ unsafe fn step(world: &World, rng: &mut Rng, target: &Target, commands: vk::Comm
                     most,
                     stride,
                 );
+            }
+            7..=9 => {
+                let [x, y] = [counted(rng), rng.u32(0..4)];
+                meshes.cmd_draw_mesh_tasks(commands, x, y, rng.u32(0..3));
+            }
+            10 => {
+                let count = rng.u32(0..4);
+                meshes.cmd_draw_mesh_tasks_indirect(commands, draws, commands_at, count, stride);
             }
             _ => device.cmd_clear_attachments(commands, &[clear], &[rect]),
         }

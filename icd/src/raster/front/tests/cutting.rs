@@ -103,6 +103,7 @@ fn call(count: u32, instances: u32) -> DrawCall {
         first_instance: 0,
         instances,
         draw_index: 0,
+        groups: [0; 3],
     }
 }
 

@@ -294,6 +294,7 @@ pub fn chunk(draw: u32, targets: &Targets, triangles: &[Triangle]) -> Chunk {
             front: triangle.front,
             vertices: [first; 3],
             provoking: 0,
+            words: 0,
             origin: [0, 0],
             depth: flat(triangle.depth),
             depth_range: [0.0, 1.0],
