@@ -219,10 +219,6 @@ fn plane_image(image: &ImageDescriptor, plane: &Plane) -> ImageDescriptor {
 ///
 /// # Safety
 /// As [`execute_plain`].
-#[expect(
-    clippy::too_many_arguments,
-    reason = "those of an operation on a block"
-)]
 pub(super) unsafe fn sample(
     op: &ImageOp,
     image: &ImageDescriptor,

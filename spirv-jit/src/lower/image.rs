@@ -136,7 +136,7 @@ impl Lowerer<'_> {
                 let code = self.scalar(operands[0])?;
                 let zero = self.b.constant(self.b.ty(code), 0);
                 let is_resident = self.b.compare(ir::Op::INe, code, zero)?;
-                self.define_typed(instruction, &[is_resident])
+                self.define_typed(instruction, [is_resident])
             }
             _ => self.lower_sample(instruction, operands),
         }
