@@ -181,8 +181,8 @@ impl Program {
         self.local_size
     }
 
-    /// Compute, task and mesh: four consecutive lanes are two by two invocations of the workgroup, instead of four
-    /// in a row.
+    /// Compute, task and mesh: four consecutive lanes are two by two invocations of the workgroup,
+    /// instead of four in a row.
     pub fn quads(&self) -> bool {
         self.quads
     }

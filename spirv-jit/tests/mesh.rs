@@ -61,7 +61,7 @@ fn outputs_of_a_mesh_shader_lie_in_the_memory_of_its_workgroup() {
     let facts = mesh.mesh().expect("facts");
     assert_eq!((facts.corners, facts.payload_bytes), (3, 0));
     assert_eq!((facts.max_vertices, facts.max_primitives), (50, 60));
-    // What the shader never writes is not there.
+    // Built-ins that the shader never writes are not there.
     let has = |row: &str| mesh.outputs().contains(&row.parse().expect("a row"));
     assert!(has("position.3") && has("layer"));
     assert!(!has("point_size") && !has("primitive_id") && !has("viewport_index"));

@@ -33,7 +33,7 @@ pub struct MeshFacts {
 }
 
 impl MeshFacts {
-    /// What each word of a vertex is, then what each word of a primitive is.
+    /// Meanings of the words of a vertex, then of those of a primitive.
     pub fn rows(&self) -> Vec<OutputRow> {
         let words = self.vertices.iter().chain(&self.primitives);
         words.map(|word| word.row).collect()

@@ -148,8 +148,8 @@ pub struct Module {
     pub fragment: Option<FragmentFacts>,
     /// Compute, task and mesh: the workgroup's size in invocations per dimension; otherwise ones.
     pub local_size: [u32; 3],
-    /// Compute, task and mesh: four consecutive lanes are two by two invocations of the workgroup, instead of four
-    /// in a row.
+    /// Compute, task and mesh: four consecutive lanes are two by two invocations of the workgroup,
+    /// instead of four in a row.
     pub quads: bool,
     /// Compute, tessellation control, task and mesh: workgroup memory in bytes.
     pub shared_size_bytes: u32,

@@ -36,7 +36,8 @@ pub(super) struct Summary {
     size: usize,
     /// Per-lane variables of the module.
     variables: BTreeSet<Id>,
-    /// Suspends the wave, or emits vertices or workgroups: such a function is always lowered in place.
+    /// Suspends the wave, or emits vertices or workgroups: such a function is always lowered in
+    /// place.
     yields: bool,
 }
 

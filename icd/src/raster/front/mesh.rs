@@ -108,7 +108,7 @@ pub fn parts_of_spans(spans: &[Span], calls: &[DrawCall]) -> (Vec<Part>, Vec<Com
     (parts, spans.iter().map(common).collect())
 }
 
-/// What a task workgroup leaves.
+/// The result of a task workgroup, without its payload.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Emitted {
     grid: [u32; 3],
@@ -336,7 +336,7 @@ pub fn run_tasks(
     })
 }
 
-/// What a mesh program makes: words of vertices and of primitives, one behind the other, and the
+/// Output of a mesh program: words of vertices and of primitives, one behind the other, and the
 /// primitives, whose vertices are counted from the first one here.
 pub struct Made<'a> {
     pub vertices: &'a mut Vec<u32>,

@@ -87,7 +87,7 @@ enum Waiting {
     Tasks(TaskCursor),
 }
 
-/// What the first stage of a job of patches or tasks makes.
+/// Output of the first stage of a job of patches or tasks.
 enum Expanded {
     Patches(Patches),
     Tasks(Tasks),
@@ -96,7 +96,7 @@ enum Expanded {
 /// How far the front end has come in a batch.
 pub struct Rounds {
     cursor: Cursor,
-    /// What control and task shaders that have run become, and jobs that come after them.
+    /// Work of control and task shaders that have run, and jobs that come after them.
     waiting: VecDeque<Waiting>,
     grid: Grid,
     /// Chunks of the next round.
@@ -217,7 +217,7 @@ impl FrontEnd {
     }
 
     /// Runs the control or task shaders of a job and of those that follow it, up to `room` jobs.
-    /// What they become waits.
+    /// Their results wait.
     fn divide(
         &self,
         context: Context<'_>,

@@ -40,7 +40,7 @@ pub struct Part<'a> {
 pub struct Value {
     /// At the first vertex.
     pub word: u32,
-    /// What the other vertices add, as numbers.
+    /// Differences of the other vertices from it, as numbers.
     pub others: [f32; 2],
     pub change: Change,
 }
