@@ -9,12 +9,12 @@ use spirv_jit::reach::Reach;
 use spirv_jit::{Program, SUBGROUP_SIZE};
 
 use super::bins;
-use super::cut::{Job, Span};
+use super::cut::{Job, Span, parts_of_spans};
 use super::facts::{DepthFormat, Facts};
 use super::fetch::{Common, Fetch, Vertex};
 use super::geometry::{Geometry, Input, emitted_topology};
 use super::indices::Indices;
-use super::mesh::{self, Made, Mesh, Part, Tasks, parts_of_spans};
+use super::mesh::{self, Made, Mesh, Part, Tasks};
 use super::outputs::OutputPlaces;
 use super::patches::{
     Control, DomainVertex, Evaluation, Input as PatchInput, Patches, Pieces, Subdivided,

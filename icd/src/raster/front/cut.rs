@@ -10,9 +10,10 @@ use std::sync::atomic::Ordering;
 use spirv_jit::Program;
 use spirv_jit::reach::Reach;
 
+use super::fetch::Common;
 use super::geometry;
 use super::indices::Indices;
-use super::mesh::{self, Workgroups};
+use super::mesh::{self, Part, Workgroups};
 use super::patches::{self, Pieces};
 use super::topology::{self, is_line_strip};
 use crate::raster::{CHUNK_PRIMITIVES, Counters, Draw, DrawCall, Work};
@@ -332,4 +333,21 @@ fn next_work(cursor: &mut Cursor) {
         work: cursor.work + 1,
         ..Cursor::default()
     };
+}
+
+/// The workgroups of spans, and the values that those of a call and a view share.
+pub fn parts_of_spans(spans: &[Span], calls: &[DrawCall]) -> (Vec<Part>, Vec<Common>) {
+    let part = |(span, common): (&Span, u32)| Part {
+        grid: calls[span.call as usize].groups,
+        workgroups: span.primitives.start.into()..span.primitives.end.into(),
+        common,
+        task: None,
+    };
+    let common = |span: &Span| Common {
+        draw_index: calls[span.call as usize].draw_index,
+        view: span.view,
+        ..Common::default()
+    };
+    let parts = spans.iter().zip(0..).map(part).collect();
+    (parts, spans.iter().map(common).collect())
 }

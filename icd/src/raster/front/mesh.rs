@@ -15,7 +15,6 @@ use spirv_jit::environment::Environment;
 use spirv_jit::program::{AlignedRow, MeshFacts, PatchWord, Width};
 use spirv_jit::{Program, SUBGROUP_SIZE};
 
-use super::cut::Span;
 use super::fetch::Common;
 use super::outputs::OutputPlaces;
 use super::patches::get;
@@ -23,7 +22,7 @@ use super::topology::{self, Assembled};
 use super::vertices::SUBGROUPS;
 use crate::compute::waves::{Runner, Subgroups, subgroups_at_once};
 use crate::compute::{Given, STEP_SHARED_BYTES, Starter, workgroup_id};
-use crate::raster::{CHUNK_PRIMITIVES, DrawCall};
+use crate::raster::CHUNK_PRIMITIVES;
 use crate::wave::{Limits, Stopped};
 
 /// Workgroups of a job, at most.
@@ -89,23 +88,6 @@ pub struct Part {
     pub common: u32,
     /// The task workgroup that they come from.
     pub task: Option<u32>,
-}
-
-/// The workgroups of spans, and the values that those of a call and a view share.
-pub fn parts_of_spans(spans: &[Span], calls: &[DrawCall]) -> (Vec<Part>, Vec<Common>) {
-    let part = |(span, common): (&Span, u32)| Part {
-        grid: calls[span.call as usize].groups,
-        workgroups: span.primitives.start.into()..span.primitives.end.into(),
-        common,
-        task: None,
-    };
-    let common = |span: &Span| Common {
-        draw_index: calls[span.call as usize].draw_index,
-        view: span.view,
-        ..Common::default()
-    };
-    let parts = spans.iter().zip(0..).map(part).collect();
-    (parts, spans.iter().map(common).collect())
 }
 
 /// The result of a task workgroup, without its payload.
