@@ -14,8 +14,8 @@ use crate::workspace;
 pub struct Options {
     /// `traversal …`: structures alone, against Embree; `reorder`: what reordering brings;
     /// `shader`: the interpreter against native code. Otherwise the driver on what renderers do, or
-    /// with `--operations` on single operations: `--icd MANIFEST` adds another driver to hold it
-    /// against, and `--help` after `--` tells the rest
+    /// with `--operations` on single operations, with `--formats` on every format: `--icd MANIFEST`
+    /// adds another driver to hold it against, and `--help` after `--` tells the rest
     #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
     arguments: Vec<String>,
 }

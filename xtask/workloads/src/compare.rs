@@ -6,8 +6,10 @@ use std::process::{Command, Stdio};
 
 use anyhow::{Context, Result, bail, ensure};
 use indicatif::{ProgressBar, ProgressStyle};
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
+use crate::formats;
 use crate::measure::{
     FIRST_PIXEL, MODULE_CACHED, MODULE_COLD, PIPELINE_CACHED, PIPELINE_COLD, Sample,
 };
@@ -24,6 +26,10 @@ pub struct Options {
     /// Single operations in compute kernels, instead of what renderers do
     #[arg(long)]
     operations: bool,
+    /// Every format: sampled, fetched, stored, blended and blitted. `--only` takes formats
+    /// (`R8_UNORM`) and accesses (`linear`); one thread by default
+    #[arg(long, conflicts_with_all = ["operations", "curves", "csv", "charts"])]
+    formats: bool,
     /// Small pictures and few rounds: under five minutes for two drivers
     #[arg(long)]
     quick: bool,
@@ -95,8 +101,13 @@ impl Task {
 }
 
 pub fn compare(options: &Options) -> Result<()> {
-    let tasks = tasks(options)?;
     let rounds = options.rounds.unwrap_or(if options.quick { 2 } else { 5 });
+    if options.formats {
+        let threads = options.threads.unwrap_or(1);
+        let json = options.json.as_deref();
+        return formats::compare(&options.icds, &options.only, rounds, threads, json);
+    }
+    let tasks = tasks(options)?;
     let turns = if options.quick { 2 } else { 3 };
     let mut results = Results {
         machine: canvas::machine(),
@@ -285,25 +296,37 @@ fn curves(scale: Scale) -> Vec<Task> {
 
 /// One process with one driver. `None` where it lacks what the workload needs.
 fn run(icd: &Path, task: &Task, turns: usize) -> Result<Option<Sample>> {
-    let icd = std::path::absolute(icd)?;
-    ensure!(icd.exists(), "there is no such manifest");
-    let mut child = Command::new(std::env::current_exe()?);
+    let mut child = child(icd, task.threads)?;
     child
         .args(["measure", task.name, "--turns", &turns.to_string()])
         .args(["--width", &task.scale.width.to_string()])
         .args(["--height", &task.scale.height.to_string()])
         .args(["--triangles", &task.scale.triangles.to_string()])
-        .args(["--instances", &task.scale.instances.to_string()])
+        .args(["--instances", &task.scale.instances.to_string()]);
+    answer(child)
+}
+
+/// This program once more, with one driver, which may use so many threads.
+pub fn child(icd: &Path, threads: Option<u32>) -> Result<Command> {
+    let icd = std::path::absolute(icd)?;
+    ensure!(icd.exists(), "there is no such manifest");
+    let mut child = Command::new(std::env::current_exe()?);
+    child
         .env("VK_DRIVER_FILES", &icd)
         .env("VK_ICD_FILENAMES", &icd)
         .env_remove("VK_ADD_DRIVER_FILES")
         // A cold pipeline must not come from a cache on disk.
         .env("MESA_SHADER_CACHE_DISABLE", "true")
         .stderr(Stdio::inherit());
-    if let Some(threads) = task.threads {
+    if let Some(threads) = threads {
         child.env("TUFF_THREADS", threads.to_string());
         child.env("LP_NUM_THREADS", threads.to_string());
     }
+    Ok(child)
+}
+
+/// What a child has measured: its first line, of JSON.
+pub fn answer<T: DeserializeOwned>(mut child: Command) -> Result<T> {
     let output = child.output().context("starting a measurement")?;
     ensure!(
         output.status.success(),

@@ -10,6 +10,7 @@ mod chart;
 mod compare;
 mod digest;
 mod drawing;
+mod formats;
 mod measure;
 mod mips;
 mod operations;
@@ -39,6 +40,8 @@ enum Command {
     Compare(compare::Options),
     /// Measure one workload on the one driver that the loader finds
     Measure(measure::Options),
+    /// Measure one format on the one driver that the loader finds
+    Format(formats::Options),
     /// Sample one workload on the one driver that the loader finds, and draw where its time goes
     Profile(profile::Options),
     /// Print digests of every workload's picture, drawn twice
@@ -55,6 +58,7 @@ fn main() -> ExitCode {
     let done = match Arguments::parse().command {
         Command::Compare(options) => compare::compare(&options),
         Command::Measure(options) => measure::measure(&options),
+        Command::Format(options) => formats::measure(&options),
         Command::Profile(options) => profile::profile(&options),
         Command::Digest(options) => digest::digest(&options),
         Command::Probe(options) => probe::probe(&options),

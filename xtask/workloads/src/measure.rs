@@ -227,7 +227,7 @@ fn first_pixel(scale: &Scale) -> Option<Sample> {
 }
 
 /// User and system time of this process so far.
-fn processor_seconds() -> f64 {
+pub fn processor_seconds() -> f64 {
     let usage = usage();
     let seconds = |time: libc::timeval| time.tv_sec as f64 + time.tv_usec as f64 * 1e-6;
     seconds(usage.ru_utime) + seconds(usage.ru_stime)

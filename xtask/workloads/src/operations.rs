@@ -484,7 +484,8 @@ impl Operation {
     }
 }
 
-fn mixed(x: u32) -> u32 {
+/// A number with all of its bits mixed.
+pub fn mixed(x: u32) -> u32 {
     let x = (x ^ (x >> 16)).wrapping_mul(0x7feb_352d);
     let x = (x ^ (x >> 15)).wrapping_mul(0x846c_a68b);
     x ^ (x >> 16)

@@ -36,6 +36,7 @@ pub const CALLABLE_MISS: &str = include_str!("shaders/callable_miss.glsl");
 pub const TEXTURED: &str = include_str!("shaders/textured.glsl");
 pub const TEXTURED_HIT: &str = include_str!("shaders/textured_hit.glsl");
 pub const HYBRID: &str = include_str!("shaders/hybrid.glsl");
+pub const FORMATS: &str = include_str!("shaders/formats.glsl");
 pub const STACK: &str = include_str!("shaders/stack.glsl");
 const PATTERN: &str = include_str!("shaders/pattern.glsl");
 const BINDLESS_HIT: &str = include_str!("shaders/bindless_hit.glsl");
