@@ -52,7 +52,7 @@ fn swapped_operands_are_refused_or_compiled() {
 fn answers(stage: Stage, kind: &SiteKind) -> bool {
     use Stage::*;
     match kind {
-        SiteKind::Barrier => stage == Compute,
+        SiteKind::Barrier => stage.has_workgroups() || stage == TessellationControl,
         SiteKind::RayQueryProceed => true,
         SiteKind::ReportIntersection { .. } => stage == Intersection,
         SiteKind::ReorderThread => stage == RayGeneration,
