@@ -86,7 +86,9 @@ pub fn compare(
                 access,
                 shape,
                 seconds: [first.seconds, second.seconds],
-                disagreement: disagreement(first, second).err().map(|why| why.to_string()),
+                disagreement: disagreement(format, first, second)
+                    .err()
+                    .map(|why| why.to_string()),
             });
         }
     }

@@ -172,7 +172,7 @@ fn means(pixels: &[[f32; 4]]) -> Vec<f32> {
 }
 
 /// Why two drivers' results of a cell count as different.
-fn disagreement(a: &Cell, b: &Cell) -> Result<()> {
+fn disagreement(format: &str, a: &Cell, b: &Cell) -> Result<()> {
     let apart: f64 = a
         .means
         .iter()
@@ -180,7 +180,12 @@ fn disagreement(a: &Cell, b: &Cell) -> Result<()> {
         .map(|(a, b)| f64::from((a - b).abs()))
         .sum();
     let whole: f64 = a.means.iter().map(|a| f64::from(a.abs())).sum();
-    let tolerance = if a.access.is_exact() { 1e-3 } else { 0.02 };
+    let tolerance = match a.access.is_exact() {
+        // Drivers may round colours between a block's ends to bytes.
+        true if format.ends_with("BLOCK") => 0.01,
+        true => 1e-3,
+        false => 0.02,
+    };
     ensure!(
         apart <= tolerance * whole,
         "results differ by {:.2} %",
