@@ -325,7 +325,7 @@ pub fn child(icd: &Path, threads: Option<u32>) -> Result<Command> {
     Ok(child)
 }
 
-/// What a child has measured: its first line, of JSON.
+/// Returns a child's measurement: its first line, of JSON.
 pub fn answer<T: DeserializeOwned>(mut child: Command) -> Result<T> {
     let output = child.output().context("starting a measurement")?;
     ensure!(

@@ -22,7 +22,7 @@ const WIDTH: u32 = 256;
 /// Of its height.
 const HEIGHT: u32 = 128;
 
-/// What is done to texels.
+/// An operation on texels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Access {
     Fetch,
