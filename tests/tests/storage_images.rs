@@ -209,9 +209,11 @@ fn texel_buffers_read_what_images_have() {
 /// A view of slices 5 to 7 of a volume: they count from zero, and others are outside of it.
 #[test]
 fn a_view_of_some_slices_has_no_others() {
-    let Some(gpu) = Gpu::new().with("VK_EXT_image_sliced_view_of_3d", |gpu| {
+    // Older validation layers do not know the extension and hide its feature.
+    let gpu = Gpu::without_validation().with("VK_EXT_image_sliced_view_of_3d", |gpu| {
         gpu.optional.sliced_views.image_sliced_view_of3_d != 0
-    }) else {
+    });
+    let Some(gpu) = gpu else {
         return;
     };
     let shape = Shape {
