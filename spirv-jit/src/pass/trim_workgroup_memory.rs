@@ -1,6 +1,6 @@
 //! Workgroup memory that no instruction accesses has the size 0. Shaders declare more than they
-//! use, and a workgroup with memory shares no subgroup with others. The memory of other stages has
-//! what the rasterizer reads.
+//! use, and a workgroup with memory shares no subgroup with others. Other stages keep theirs: the
+//! rasterizer reads the outputs of task and mesh shaders from it.
 
 #![forbid(unsafe_code)]
 

@@ -70,9 +70,9 @@ fn unorm_codes<V: Vector>(v: V, depths: V::F, most: u32) -> V::I {
     if most <= MOST_16 {
         return v.scaled(depths, most as f32);
     }
-    // The product with 2²⁴ is exact; a depth less of it is the product with the greatest code. The
-    // nearest integer of that is one less where the rest of the first lies less than a depth above
-    // one half below it. In 32 bits this is exact, too, wherever it decides.
+    // The greatest code is 2²⁴ - 1. So the exact product is `scaled - depth`, where `scaled` is
+    // exact in 32 bits. It rounds to one less than `scaled` does if it lies below
+    // `nearest - 0.5`. A test of all floats from 0 to 1 against f64 found no difference.
     let scaled = v.mul(depths, v.splat((MOST_24 + 1) as f32));
     let nearest = v.round_ties_even(scaled);
     let above = v.add(v.sub(scaled, nearest), v.splat(0.5));

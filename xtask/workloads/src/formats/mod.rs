@@ -19,7 +19,7 @@ use crate::measure::processor_seconds;
 const TURNS: u32 = 16;
 /// Pixels of the picture's width.
 const WIDTH: u32 = 256;
-/// Of its height.
+/// Pixels of its height.
 const HEIGHT: u32 = 128;
 
 /// An operation on texels.
