@@ -5,7 +5,7 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use crate::image::{Format, ImageDescriptor, SamplerDescriptor};
+use crate::image::{Format, ImageDescriptor, Level, SamplerDescriptor};
 use crate::printf::Prints;
 use crate::reach::{Reach, Strays};
 use crate::views::{Key, Views};
@@ -164,6 +164,21 @@ pub mod reference {
     }
 }
 
+/// As [`Environment::held_image`].
+///
+/// # Safety
+/// As there.
+#[cold]
+unsafe fn held_samples(samples: &[Samples], descriptor: &Descriptor) -> Option<ImageDescriptor> {
+    // SAFETY: null, or a view that outlives the dispatch.
+    let Some(view) = (unsafe { descriptor.viewed_image().as_ref() }) else {
+        return descriptor.held_image();
+    };
+    let first = (view.data).wrapping_add(view.levels[0].offset_bytes as usize);
+    let samples = samples.iter().find(|it| std::ptr::eq(it.single, first));
+    samples.map(|it| it.view(view))
+}
+
 /// The descriptor that stands for an entry of a stored set.
 #[derive(Clone, Copy, Debug)]
 pub struct InlineBlock {
@@ -256,6 +271,48 @@ pub struct Environment {
     pub prints: Option<Arc<Prints>>,
     /// The views that keys in stored descriptors name.
     pub views: Arc<Views>,
+    /// Where the samples of some images are, if a pass has several of images with one.
+    pub samples: Option<Arc<[Samples]>>,
+}
+
+/// The samples of a layered image with one sample, in memory of their own
+/// (`VK_EXT_multisampled_render_to_single_sampled`).
+#[derive(Clone, Copy, Debug)]
+pub struct Samples {
+    /// The first texel of the image, which views of it begin with.
+    pub single: *const u8,
+    /// The samples, and the sizes and strides that they have.
+    pub data: *mut u8,
+    pub size_bytes: u64,
+    pub samples: u8,
+    pub layer_count: u32,
+    pub layer_stride_bytes: u64,
+    pub sample_stride_bytes: u64,
+    pub level: Level,
+}
+
+// SAFETY: plain data, as descriptors are.
+unsafe impl Send for Samples {}
+// SAFETY: as above.
+unsafe impl Sync for Samples {}
+
+impl Samples {
+    /// The view of the samples that stands for a view of the image.
+    fn view(&self, single: &ImageDescriptor) -> ImageDescriptor {
+        let mut levels = single.levels;
+        levels[0] = self.level;
+        ImageDescriptor {
+            data: self.data,
+            size_bytes: self.size_bytes,
+            samples: self.samples,
+            level_count: 1,
+            layer_count: self.layer_count,
+            layer_stride_bytes: self.layer_stride_bytes,
+            sample_stride_bytes: self.sample_stride_bytes,
+            levels,
+            ..*single
+        }
+    }
 }
 
 impl Environment {
@@ -278,6 +335,21 @@ impl Environment {
             strays: None,
             prints: None,
             views: Arc::default(),
+            samples: None,
+        }
+    }
+
+    /// The image that a descriptor holds, or the samples of the image that it points to. None:
+    /// what it points to is what there is to access.
+    ///
+    /// # Safety
+    /// The descriptor is of this environment.
+    #[inline(always)]
+    pub unsafe fn held_image(&self, descriptor: &Descriptor) -> Option<ImageDescriptor> {
+        match &self.samples {
+            None => descriptor.held_image(),
+            // SAFETY: as the caller promises.
+            Some(samples) => unsafe { held_samples(samples, descriptor) },
         }
     }
 

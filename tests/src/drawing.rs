@@ -14,6 +14,12 @@ pub const COVER: &str = "
         gl_Position = vec4(gl_VertexIndex == 1 ? 3.0 : -1.0, gl_VertexIndex == 2 ? 3.0 : -1.0, 0.5, 1.0);
     }";
 
+/// The colour that is pushed.
+pub const PUSHED: &str = "
+    layout(push_constant) uniform Push { vec4 pushed; };
+    layout(location = 0) out vec4 color;
+    void main() { color = pushed; }";
+
 /// A fragment shader that writes one everywhere.
 pub const WHITE: &str = "
     layout(location = 0) out vec4 color;

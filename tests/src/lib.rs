@@ -40,7 +40,7 @@ pub use bind::{Bound, Set};
 pub use case::Case;
 pub use compositor::{Compositor, Offers};
 pub use compute::Kernel;
-pub use drawing::{BLACK, COVER, Pass, RGBA, WHITE};
+pub use drawing::{BLACK, COVER, PUSHED, Pass, RGBA, WHITE};
 pub use gpu::Gpu;
 pub use graphics::{Canvas, Corner, Painting};
 pub use image::{Picture, Shape, all_of, flat_info};

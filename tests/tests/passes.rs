@@ -3,12 +3,6 @@
 
 use tuff_tests::*;
 
-/// The colour that is pushed.
-const PUSHED: &str = "
-    layout(push_constant) uniform Push { vec4 pushed; };
-    layout(location = 0) out vec4 color;
-    void main() { color = pushed; }";
-
 #[test]
 fn attachments_are_cleared_and_loaded() {
     let Some(gpu) = Gpu::new().drawing() else {
@@ -213,71 +207,6 @@ fn samples_are_resolved() {
                 "{samples} samples, pixel {index}: {color:?}"
             );
         }
-    }
-}
-
-/// Four samples a pixel in an image with one: those that a draw leaves out keep the image's value
-/// until the pass ends.
-#[test]
-fn images_with_one_sample_are_drawn_with_four() {
-    let gpu = Gpu::new().drawing();
-    let Some(gpu) = gpu.and_then(|gpu| {
-        gpu.with("VK_EXT_multisampled_render_to_single_sampled", |gpu| {
-            let features = &gpu.optional.single_sampled;
-            features.multisampled_render_to_single_sampled != 0
-                && gpu.limits.standard_sample_locations != 0
-        })
-    }) else {
-        return;
-    };
-    let half = "
-        layout(push_constant) uniform Push { vec4 pushed; float left; float right; };
-        void main() {
-            vec2 corner = vec2(gl_VertexIndex & 1, gl_VertexIndex >> 1);
-            float x = corner.x == 0.0 ? left : right;
-            gl_Position = vec4(x, corner.y * 2.0 - 1.0, 0.5, 1.0);
-        }";
-    let flags = vk::ImageCreateFlags::MULTISAMPLED_RENDER_TO_SINGLE_SAMPLED_EXT;
-    let canvas = gpu.flagged_canvas(flags, RGBA, [16, 16], 1, 1);
-    gpu.draw(
-        &Pass {
-            colors: &[canvas],
-            clears: &[[0.0, 0.0, 1.0, 1.0]],
-            ..Pass::default()
-        },
-        |_| (),
-    );
-    let mut painting = Painting::new(&gpu, half, PUSHED, RGBA);
-    painting.topology = vk::PrimitiveTopology::TRIANGLE_STRIP;
-    painting.samples = 4;
-    let pipeline = gpu.painting(&painting);
-    // To the middle of column 8 in red, then from there to that of column 12 in green.
-    let [first, second] = [8.5, 12.5].map(|column: f32| column / 8.0 - 1.0);
-    let pass = Pass {
-        colors: &[canvas],
-        samples: 4,
-        ..Pass::default()
-    };
-    gpu.draw(&pass, |commands| {
-        gpu.bind(commands, pipeline);
-        let red = [1.0, 0.0, 0.0, 1.0, -1.0, first];
-        let green = [0.0, 1.0, 0.0, 1.0, first, second];
-        for push in [red, green] {
-            gpu.push(commands, painting.layout, &push);
-            gpu.draw_vertices(commands, 4);
-        }
-    });
-    for (index, color) in gpu.colors(&canvas).into_iter().enumerate() {
-        let wanted = match index % 16 {
-            0..8 => [255, 0, 0, 255],
-            8 => [128, 128, 0, 255],
-            9..12 => [0, 255, 0, 255],
-            12 => [0, 128, 128, 255],
-            _ => [0, 0, 255, 255],
-        };
-        let is_near = |(a, b): (&u8, &u8)| a.abs_diff(*b) <= 1;
-        let is_right = color.iter().zip(&wanted).all(is_near);
-        assert!(is_right, "pixel {index}: {color:?}");
     }
 }
 

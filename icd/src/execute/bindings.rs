@@ -221,6 +221,7 @@ impl<'a> Bindings<'a> {
             strays: surroundings.strays.clone(),
             prints: None,
             views: Arc::clone(&surroundings.views),
+            samples: None,
         };
         Some((pipeline, environment))
     }
@@ -270,6 +271,7 @@ impl<'a> Bindings<'a> {
             strays: surroundings.strays,
             prints: None,
             views: surroundings.views,
+            samples: None,
         };
         let environment = Arc::new(environment);
         let snapshot = Snapshot { environment, keep };

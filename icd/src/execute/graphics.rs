@@ -8,6 +8,7 @@ use std::sync::Arc;
 
 use ash::vk;
 use smallvec::SmallVec;
+use spirv_jit::Program;
 use spirv_jit::environment::Environment;
 use spirv_jit::program::Stage;
 
@@ -602,6 +603,17 @@ impl<'a> Painter<'_, 'a> {
             drawing.prints = true;
             environment = Arc::new(Environment {
                 prints: Some(prints),
+                ..(*environment).clone()
+            });
+        }
+        let reads = |it: &Program| it.fragment().is_some_and(|it| it.reads_attachments);
+        if let Some(active) = &drawing.active
+            && stages.fragment().is_some_and(reads)
+            && let Some(samples) = active.seen_samples()
+        {
+            environment = Arc::new(Environment {
+                number: Environment::next_number(),
+                samples: Some(samples),
                 ..(*environment).clone()
             });
         }

@@ -1,8 +1,11 @@
 //! The pass that a submission is in: its attachments as the rasterizer sees them, load operations,
 //! resolves.
 
+use std::sync::Arc;
+
 use ash::vk;
 use smallvec::SmallVec;
+use spirv_jit::environment;
 
 use super::samples::Samples;
 use crate::command::pass::{Attachment, Pass, inside};
@@ -92,6 +95,12 @@ impl<'a> Active<'a> {
         for samples in &mut self.samples {
             samples.load(workers, layers.clone(), &self.targets.area);
         }
+    }
+
+    /// The samples as shaders see them; `None` if the pass has no more than its attachments.
+    pub fn seen_samples(&self) -> Option<Arc<[environment::Samples]>> {
+        let has_any = !self.samples.is_empty();
+        has_any.then(|| self.samples.iter().map(Samples::seen).collect())
     }
 
     /// The samples, for the pass that resumes this one.

@@ -3,6 +3,7 @@
 //! are loaded from the attachment when the pass begins, and resolved to it when the pass ends.
 
 use ash::vk;
+use spirv_jit::environment;
 
 use crate::raster::Target;
 use crate::transfer::resolve::{resolve_attachment, spread};
@@ -54,6 +55,13 @@ impl Samples {
             is_new: true,
             _memory: memory,
         })
+    }
+
+    /// The samples as shaders see them that read the attachment.
+    pub fn seen(&self) -> environment::Samples {
+        let single = &self.single;
+        let first = single.surface.texel(0, 0, single.first_layer, 0);
+        self.many.surface.samples_of(first)
     }
 
     /// Gives each sample the attachment's value, in some layers.

@@ -6,6 +6,8 @@
 //! kinds pairs them (spec, "Copying Data Between Images").
 
 use ash::vk;
+use spirv_jit::environment::Samples;
+use spirv_jit::image::Level;
 use spirv_jit::image::format::FormatInfo;
 
 use crate::format::texel_format;
@@ -141,6 +143,27 @@ impl Surface {
             + u64::from(y) * self.row_stride_bytes
             + u64::from(x) * self.texel_size_bytes as u64;
         self.data.wrapping_add(offset as usize)
+    }
+
+    /// The surface, as shaders see it: the samples of the image whose first texel is `single`.
+    pub fn samples_of(&self, single: *const u8) -> Samples {
+        Samples {
+            single,
+            data: self.data,
+            size_bytes: u64::from(self.slices) * self.slice_stride_bytes,
+            samples: self.samples as u8,
+            layer_count: self.slices,
+            layer_stride_bytes: self.slice_stride_bytes,
+            sample_stride_bytes: self.sample_stride_bytes,
+            level: Level {
+                offset_bytes: 0,
+                row_stride_bytes: self.row_stride_bytes,
+                slice_stride_bytes: self.slice_stride_bytes,
+                width: self.width,
+                height: self.height,
+                depth: 1,
+            },
+        }
     }
 }
 

@@ -145,7 +145,7 @@ pub(crate) unsafe fn execute(
         // SAFETY: the caller vouches for the descriptors of active lanes.
         unsafe {
             let descriptor = environment.descriptor(images[first]);
-            let held = descriptor.held_image();
+            let held = environment.held_image(&descriptor);
             let image = match &held {
                 Some(image) => Some(image),
                 None => descriptor.viewed_image().as_ref(),
@@ -533,7 +533,7 @@ impl<V: Vector> Kernel for Access<V> {
                     continue;
                 };
                 let descriptor = m.environment.descriptor(address);
-                let held = descriptor.held_image();
+                let held = m.environment.held_image(&descriptor);
                 let image = match &held {
                     Some(image) => Some(image),
                     None => descriptor.viewed_image().as_ref(),
