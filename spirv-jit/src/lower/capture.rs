@@ -49,11 +49,7 @@ impl Said {
 impl Lowerer<'_> {
     /// The facts of the entry point's capture, if it has the mode `Xfb`.
     pub(super) fn capture_facts(&mut self) -> Result<Option<CaptureFacts>, Error> {
-        let is_captured = self.module.execution_modes.iter().any(|&index| {
-            let operands = self.module.operands(self.module.instruction(index));
-            operands[0] == self.entry.function
-                && ExecutionMode::from_u32(operands[1]) == Some(ExecutionMode::Xfb)
-        });
+        let is_captured = (self.execution_modes()).any(|(mode, _)| mode == ExecutionMode::Xfb);
         if !is_captured {
             return Ok(None);
         }

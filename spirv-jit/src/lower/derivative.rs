@@ -29,15 +29,11 @@ impl Lowerer<'_> {
         if self.request.stage == Stage::Fragment {
             return Some(true);
         }
-        let modes = self.module.execution_modes.iter();
-        modes
-            .map(|&index| self.module.operands(self.module.instruction(index)))
-            .filter(|operands| operands[0] == self.entry.function)
-            .find_map(|operands| match ExecutionMode::from_u32(operands[1])? {
-                ExecutionMode::DerivativeGroupQuadsKHR => Some(true),
-                ExecutionMode::DerivativeGroupLinearKHR => Some(false),
-                _ => None,
-            })
+        self.execution_modes().find_map(|(mode, _)| match mode {
+            ExecutionMode::DerivativeGroupQuadsKHR => Some(true),
+            ExecutionMode::DerivativeGroupLinearKHR => Some(false),
+            _ => None,
+        })
     }
 
     pub(super) fn lower_derivative(&mut self, instruction: &Instruction) -> Result<(), Error> {

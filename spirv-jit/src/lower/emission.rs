@@ -51,26 +51,19 @@ impl Lowerer<'_> {
             ..GeometryFacts::default()
         };
         let mut emits = None;
-        for &index in &self.module.execution_modes {
-            let operands = self.module.operands(self.module.instruction(index));
-            let &[function, mode, ref numbers @ ..] = operands else {
-                continue;
-            };
-            if function != self.entry.function {
-                continue;
-            }
+        for (mode, numbers) in self.execution_modes() {
             let number = numbers.first().copied().unwrap_or(0);
-            match ExecutionMode::from_u32(mode) {
-                Some(ExecutionMode::InputPoints) => facts.vertices = 1,
-                Some(ExecutionMode::InputLines) => facts.vertices = 2,
-                Some(ExecutionMode::InputLinesAdjacency) => facts.vertices = 4,
-                Some(ExecutionMode::Triangles) => facts.vertices = 3,
-                Some(ExecutionMode::InputTrianglesAdjacency) => facts.vertices = 6,
-                Some(ExecutionMode::OutputPoints) => emits = Some(Emits::Points),
-                Some(ExecutionMode::OutputLineStrip) => emits = Some(Emits::LineStrips),
-                Some(ExecutionMode::OutputTriangleStrip) => emits = Some(Emits::TriangleStrips),
-                Some(ExecutionMode::Invocations) => facts.invocations = number,
-                Some(ExecutionMode::OutputVertices) => facts.max_vertices = number,
+            match mode {
+                ExecutionMode::InputPoints => facts.vertices = 1,
+                ExecutionMode::InputLines => facts.vertices = 2,
+                ExecutionMode::InputLinesAdjacency => facts.vertices = 4,
+                ExecutionMode::Triangles => facts.vertices = 3,
+                ExecutionMode::InputTrianglesAdjacency => facts.vertices = 6,
+                ExecutionMode::OutputPoints => emits = Some(Emits::Points),
+                ExecutionMode::OutputLineStrip => emits = Some(Emits::LineStrips),
+                ExecutionMode::OutputTriangleStrip => emits = Some(Emits::TriangleStrips),
+                ExecutionMode::Invocations => facts.invocations = number,
+                ExecutionMode::OutputVertices => facts.max_vertices = number,
                 _ => {}
             }
         }

@@ -44,22 +44,32 @@ pub(super) fn find_entry<'a>(
 }
 
 impl Lowerer<'_> {
+    /// The entry point's execution modes that the specification names, each with its operands.
+    pub(super) fn execution_modes(&self) -> impl Iterator<Item = (ExecutionMode, &[u32])> {
+        let modes = self.module.execution_modes.iter();
+        modes.filter_map(|&index| {
+            let operands = self.module.operands(self.module.instruction(index));
+            let &[function, mode, ref operands @ ..] = operands else {
+                return None;
+            };
+            let mode = ExecutionMode::from_u32(mode)?;
+            (function == self.entry.function).then_some((mode, operands))
+        })
+    }
+
     /// The workgroup's size: the `WorkgroupSize` constant before the execution modes.
     pub(super) fn local_size(&self) -> Result<[u32; 3], Error> {
         let mut size = [1; 3];
         if !self.request.stage.has_workgroups() {
             return Ok(size);
         }
-        for &index in &self.module.execution_modes {
-            let instruction = self.module.instruction(index);
-            let operands = self.module.operands(instruction);
-            if operands[0] != self.entry.function || operands.len() < 5 {
-                continue;
-            }
-            match ExecutionMode::from_u32(operands[1]) {
-                Some(ExecutionMode::LocalSize) => size.copy_from_slice(&operands[2..5]),
-                Some(ExecutionMode::LocalSizeId) => {
-                    for (slot, &id) in size.iter_mut().zip(&operands[2..5]) {
+        for (mode, operands) in self.execution_modes() {
+            match mode {
+                ExecutionMode::LocalSize if operands.len() >= 3 => {
+                    size.copy_from_slice(&operands[..3]);
+                }
+                ExecutionMode::LocalSizeId if operands.len() >= 3 => {
+                    for (slot, &id) in size.iter_mut().zip(operands) {
                         *slot = self.constants.unsigned(&self.types, id)?;
                     }
                 }

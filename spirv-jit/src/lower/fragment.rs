@@ -18,28 +18,24 @@ impl Lowerer<'_> {
             ..FragmentFacts::default()
         };
         let mut mode = DepthMode::Any;
-        for &index in &self.module.execution_modes {
-            let operands = self.module.operands(self.module.instruction(index));
-            if operands[0] != self.entry.function {
-                continue;
-            }
-            match ExecutionMode::from_u32(operands[1]) {
-                Some(ExecutionMode::EarlyFragmentTests) => facts.early_tests = true,
-                Some(ExecutionMode::PostDepthCoverage) => facts.post_depth_coverage = true,
-                Some(ExecutionMode::RequireFullQuadsKHR) => facts.full_quads = true,
-                Some(ExecutionMode::DepthGreater) => mode = DepthMode::Greater,
-                Some(ExecutionMode::DepthLess) => mode = DepthMode::Less,
-                Some(ExecutionMode::DepthUnchanged) => mode = DepthMode::Unchanged,
-                Some(ExecutionMode::PixelInterlockOrderedEXT) => {
+        for (execution_mode, _) in self.execution_modes() {
+            match execution_mode {
+                ExecutionMode::EarlyFragmentTests => facts.early_tests = true,
+                ExecutionMode::PostDepthCoverage => facts.post_depth_coverage = true,
+                ExecutionMode::RequireFullQuadsKHR => facts.full_quads = true,
+                ExecutionMode::DepthGreater => mode = DepthMode::Greater,
+                ExecutionMode::DepthLess => mode = DepthMode::Less,
+                ExecutionMode::DepthUnchanged => mode = DepthMode::Unchanged,
+                ExecutionMode::PixelInterlockOrderedEXT => {
                     facts.interlock = Some(Interlock::PixelOrdered);
                 }
-                Some(ExecutionMode::PixelInterlockUnorderedEXT) => {
+                ExecutionMode::PixelInterlockUnorderedEXT => {
                     facts.interlock = Some(Interlock::PixelUnordered);
                 }
-                Some(ExecutionMode::SampleInterlockOrderedEXT) => {
+                ExecutionMode::SampleInterlockOrderedEXT => {
                     facts.interlock = Some(Interlock::SampleOrdered);
                 }
-                Some(ExecutionMode::SampleInterlockUnorderedEXT) => {
+                ExecutionMode::SampleInterlockUnorderedEXT => {
                     facts.interlock = Some(Interlock::SampleUnordered);
                 }
                 _ => {}

@@ -90,21 +90,15 @@ impl Lowerer<'_> {
     /// The execution modes of a mesh shader.
     fn mesh_modes(&self) -> Result<MeshFacts, Error> {
         let mut facts = MeshFacts::default();
-        for &index in &self.module.execution_modes {
-            let operands = self.module.operands(self.module.instruction(index));
-            let &[function, mode, ref numbers @ ..] = operands else {
-                continue;
-            };
-            if function != self.entry.function || !self.is_mesh() {
-                continue;
-            }
+        let modes = self.execution_modes().filter(|_| self.is_mesh());
+        for (mode, numbers) in modes {
             let number = numbers.first().copied().unwrap_or(0);
-            match ExecutionMode::from_u32(mode) {
-                Some(ExecutionMode::OutputPoints) => facts.corners = 1,
-                Some(ExecutionMode::OutputLinesEXT) => facts.corners = 2,
-                Some(ExecutionMode::OutputTrianglesEXT) => facts.corners = 3,
-                Some(ExecutionMode::OutputVertices) => facts.max_vertices = number,
-                Some(ExecutionMode::OutputPrimitivesEXT) => facts.max_primitives = number,
+            match mode {
+                ExecutionMode::OutputPoints => facts.corners = 1,
+                ExecutionMode::OutputLinesEXT => facts.corners = 2,
+                ExecutionMode::OutputTrianglesEXT => facts.corners = 3,
+                ExecutionMode::OutputVertices => facts.max_vertices = number,
+                ExecutionMode::OutputPrimitivesEXT => facts.max_primitives = number,
                 _ => {}
             }
         }

@@ -66,29 +66,22 @@ impl Lowerer<'_> {
     fn tessellation_modes(&self) -> (TessellationModes, Option<u32>) {
         let mut modes = TessellationModes::default();
         let mut vertices = None;
-        for &index in &self.module.execution_modes {
-            let operands = self.module.operands(self.module.instruction(index));
-            let &[function, mode, ref numbers @ ..] = operands else {
-                continue;
-            };
-            if function != self.entry.function {
-                continue;
-            }
-            match ExecutionMode::from_u32(mode) {
-                Some(ExecutionMode::Triangles) => modes.domain = Some(Domain::Triangles),
-                Some(ExecutionMode::Quads) => modes.domain = Some(Domain::Quads),
-                Some(ExecutionMode::Isolines) => modes.domain = Some(Domain::Isolines),
-                Some(ExecutionMode::SpacingEqual) => modes.spacing = Some(Spacing::Equal),
-                Some(ExecutionMode::SpacingFractionalEven) => {
+        for (mode, numbers) in self.execution_modes() {
+            match mode {
+                ExecutionMode::Triangles => modes.domain = Some(Domain::Triangles),
+                ExecutionMode::Quads => modes.domain = Some(Domain::Quads),
+                ExecutionMode::Isolines => modes.domain = Some(Domain::Isolines),
+                ExecutionMode::SpacingEqual => modes.spacing = Some(Spacing::Equal),
+                ExecutionMode::SpacingFractionalEven => {
                     modes.spacing = Some(Spacing::FractionalEven);
                 }
-                Some(ExecutionMode::SpacingFractionalOdd) => {
+                ExecutionMode::SpacingFractionalOdd => {
                     modes.spacing = Some(Spacing::FractionalOdd);
                 }
-                Some(ExecutionMode::VertexOrderCw) => modes.clockwise = Some(true),
-                Some(ExecutionMode::VertexOrderCcw) => modes.clockwise = Some(false),
-                Some(ExecutionMode::PointMode) => modes.point_mode = true,
-                Some(ExecutionMode::OutputVertices) => vertices = numbers.first().copied(),
+                ExecutionMode::VertexOrderCw => modes.clockwise = Some(true),
+                ExecutionMode::VertexOrderCcw => modes.clockwise = Some(false),
+                ExecutionMode::PointMode => modes.point_mode = true,
+                ExecutionMode::OutputVertices => vertices = numbers.first().copied(),
                 _ => {}
             }
         }
