@@ -4,13 +4,12 @@
 //! entry ──> decode ──> device ──> queue ──> present
 //!                                   └─────> execute ──> raster, compute, trace, structures, transfer
 //!                                                              │
-//!           validate ──> command ──> object ──> format ──> wave ──> table ──> ffi
+//!           validate ──> command ──> object ──> format ──> wave ──> table ──> ffi ──> os
 //! ```
 //!
 //! [`entry::loader`] has the three symbols that the shared library exports; [`entry::commands`]
 //! names every entry point.
 
-mod affinity;
 pub mod command;
 pub mod compute;
 mod decode;
@@ -24,6 +23,7 @@ pub mod guard;
 pub mod handle;
 pub mod logger;
 pub mod object;
+mod os;
 pub mod present;
 pub mod queue;
 pub mod raster;

@@ -7,8 +7,12 @@
 #![forbid(unsafe_code)]
 
 use std::fs::File;
-use std::os::unix::fs::FileExt;
+use std::io;
 use std::path::Path;
+
+/// Reads from an offset of a file, and leaves the file's position alone (pread(2)). The caller
+/// passes it, so that this crate names no system.
+pub type ReadAt = fn(&File, &mut [u8], u64) -> io::Result<usize>;
 
 /// The names that one version of control groups gives its files.
 struct Files {
@@ -47,35 +51,39 @@ pub struct Memory {
 
 /// The groups that limit the process. Their files stay open, so that a sandbox entered later can
 /// refuse to open any.
-#[derive(Debug, Default)]
-pub struct Groups(Vec<Group>);
+#[derive(Debug)]
+pub struct Groups {
+    groups: Vec<Group>,
+    read_at: ReadAt,
+}
 
 impl Groups {
     /// The process's group and the groups around it, those with a limit.
-    pub fn open() -> Self {
-        Self::below(Path::new("/"))
+    pub fn open(read_at: ReadAt) -> Self {
+        Self::below(Path::new("/"), read_at)
     }
 
     /// As [`Self::open`], with the files below `root`.
-    fn below(root: &Path) -> Self {
+    fn below(root: &Path, read_at: ReadAt) -> Self {
         let groups = std::fs::read_to_string(root.join("proc/self/cgroup")).unwrap_or_default();
-        let groups = groups.lines().filter_map(|line| of_line(root, line));
-        Self(groups.flatten().collect())
+        let groups = groups.lines();
+        let groups = groups.filter_map(|line| of_line(root, line, read_at));
+        Self {
+            groups: groups.flatten().collect(),
+            read_at,
+        }
     }
 
     /// The tightest limits now; `None` where there are none.
     pub fn memory(&self) -> Option<Memory> {
-        self.0.iter().filter_map(Group::memory).reduce(tighter)
+        let groups = self.groups.iter();
+        let limits = groups.filter_map(|group| group.memory(self.read_at));
+        limits.reduce(tighter)
     }
 }
 
-/// Limits of the process's group and of the groups around it; `None` where there are none.
-pub fn memory() -> Option<Memory> {
-    Groups::open().memory()
-}
-
 /// The groups of one line of `/proc/self/cgroup`: `hierarchy:controllers:path`.
-fn of_line(root: &Path, line: &str) -> Option<Vec<Group>> {
+fn of_line(root: &Path, line: &str, read_at: ReadAt) -> Option<Vec<Group>> {
     let mut fields = line.splitn(3, ':');
     let (hierarchy, controllers, path) = (fields.next()?, fields.next()?, fields.next()?);
     let files = match (hierarchy, controllers) {
@@ -90,7 +98,7 @@ fn of_line(root: &Path, line: &str) -> Option<Vec<Group>> {
     let groups = own
         .ancestors()
         .take_while(|group| group.starts_with(&mount))
-        .filter_map(|group| Group::open(group, files));
+        .filter_map(|group| Group::open(group, files, read_at));
     Some(groups.collect())
 }
 
@@ -104,10 +112,10 @@ struct Group {
 }
 
 impl Group {
-    fn open(group: &Path, files: &'static Files) -> Option<Self> {
+    fn open(group: &Path, files: &'static Files, read_at: ReadAt) -> Option<Self> {
         let open = |name: &str| File::open(group.join(name)).ok();
         let limit = open(files.limit)?;
-        limit_bytes(&limit)?;
+        limit_bytes(&limit, read_at)?;
         Some(Self {
             limit,
             used: open(files.used),
@@ -116,18 +124,19 @@ impl Group {
         })
     }
 
-    fn memory(&self) -> Option<Memory> {
-        let limit_bytes = limit_bytes(&self.limit)?;
-        let used = self.used.as_ref().and_then(number).unwrap_or(0);
-        let used = used.saturating_sub(self.reclaimable_bytes().unwrap_or(0));
+    fn memory(&self, read_at: ReadAt) -> Option<Memory> {
+        let limit_bytes = limit_bytes(&self.limit, read_at)?;
+        let used = self.used.as_ref().and_then(|file| number(file, read_at));
+        let reclaimable = self.reclaimable_bytes(read_at).unwrap_or(0);
+        let used = used.unwrap_or(0).saturating_sub(reclaimable);
         Some(Memory {
             limit_bytes,
             free_bytes: limit_bytes.saturating_sub(used),
         })
     }
 
-    fn reclaimable_bytes(&self) -> Option<u64> {
-        let text = text(self.stat.as_ref()?)?;
+    fn reclaimable_bytes(&self, read_at: ReadAt) -> Option<u64> {
+        let text = text(self.stat.as_ref()?, read_at)?;
         let mut lines = text.lines().filter_map(|line| line.split_once(' '));
         let (_, bytes) = lines.find(|(key, _)| *key == self.reclaimable)?;
         bytes.trim().parse().ok()
@@ -135,20 +144,20 @@ impl Group {
 }
 
 /// A limit; "max", and in the older version a number near 2^63, mean that there is none.
-fn limit_bytes(file: &File) -> Option<u64> {
-    number(file).filter(|&limit| limit < 1 << 60)
+fn limit_bytes(file: &File, read_at: ReadAt) -> Option<u64> {
+    number(file, read_at).filter(|&limit| limit < 1 << 60)
 }
 
-fn number(file: &File) -> Option<u64> {
-    text(file)?.trim().parse().ok()
+fn number(file: &File, read_at: ReadAt) -> Option<u64> {
+    text(file, read_at)?.trim().parse().ok()
 }
 
 /// The current contents of a file, from its start.
-fn text(file: &File) -> Option<String> {
+fn text(file: &File, read_at: ReadAt) -> Option<String> {
     let mut text = Vec::new();
     loop {
         let mut part = [0; 4096];
-        match file.read_at(&mut part, text.len() as u64).ok()? {
+        match read_at(file, &mut part, text.len() as u64).ok()? {
             0 => return String::from_utf8(text).ok(),
             length => text.extend_from_slice(&part[..length]),
         }
@@ -165,6 +174,7 @@ fn tighter(a: Memory, b: Memory) -> Memory {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::os::unix::fs::FileExt;
     use std::path::PathBuf;
 
     /// A folder with the files that a kernel would show.
@@ -183,7 +193,7 @@ mod tests {
         }
 
         fn memory(&self) -> Option<Memory> {
-            Groups::below(&self.0).memory()
+            Groups::below(&self.0, FileExt::read_at).memory()
         }
     }
 
@@ -246,7 +256,7 @@ mod tests {
             (current, "700000\n"),
         ];
         let root = Root::new("anew", &files);
-        let groups = Groups::below(&root.0);
+        let groups = Groups::below(&root.0, FileExt::read_at);
         let free = |groups: &Groups| groups.memory().map(|memory| memory.free_bytes);
         assert_eq!(free(&groups), Some(300_000));
         // Nothing is opened again: the file that names the groups may be gone.

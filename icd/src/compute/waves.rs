@@ -11,9 +11,10 @@ use spirv_jit::interp::Frame;
 use spirv_jit::program::{AlignedRow, Event, Events, MAX_SUBGROUPS, ResumePoint, SiteKind, Wave};
 use traversal::Walker;
 
+use crate::os::memory::trim_heap;
 use crate::settings::settings;
 use crate::trace::{Owned, Queries};
-use crate::wave::{Limits, Share, Stopped, StoppedAt, trim_heap};
+use crate::wave::{Limits, Share, Stopped, StoppedAt};
 
 /// Fuel of a wave between two looks at the limits.
 const FUEL: u64 = 1 << 16;

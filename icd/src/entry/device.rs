@@ -8,10 +8,10 @@ use super::define::entry;
 use crate::device::Device;
 use crate::device::Enabled;
 use crate::entry::commands;
-use crate::execute::query::clock_ns;
 use crate::ffi::{self, array};
 use crate::handle::{self, from_handle};
 use crate::object::{PhysicalDevice, PrivateDataSlot};
+use crate::os::clock::Clock;
 use crate::queue::MAX_QUEUES;
 use crate::table::extensions::{ExtensionSet, Kind};
 use crate::table::features;
@@ -95,16 +95,17 @@ entry! {
         timestamps: *mut u64,
         max_deviation: *mut u64,
     ) -> vk::Result {
-        let start = clock_ns(libc::CLOCK_MONOTONIC);
+        let start = Clock::Monotonic.now_ns();
         let timestamps = array::slice_mut(timestamps, count);
         for (info, out) in ffi::slice(infos, count).iter().zip(timestamps) {
-            *out = clock_ns(match info.time_domain {
-                vk::TimeDomainKHR::CLOCK_MONOTONIC_RAW => libc::CLOCK_MONOTONIC_RAW,
-                _ => libc::CLOCK_MONOTONIC,
-            });
+            let clock = match info.time_domain {
+                vk::TimeDomainKHR::CLOCK_MONOTONIC_RAW => Clock::MonotonicRaw,
+                _ => Clock::Monotonic,
+            };
+            *out = clock.now_ns();
         }
         // All were read between here and `start`; one more for the clocks' own period.
-        *max_deviation = clock_ns(libc::CLOCK_MONOTONIC) - start + 1;
+        *max_deviation = Clock::Monotonic.now_ns() - start + 1;
         Ok(())
     }
 

@@ -2,6 +2,7 @@
 
 use crate::command::CopyQueryPoolResults;
 use crate::object::QueryPool;
+use crate::os::clock::Clock;
 use crate::raster::Counters;
 
 use std::sync::Arc;
@@ -14,18 +15,7 @@ use spirv_jit::reach::Reach;
 /// Now, in nanoseconds of `CLOCK_MONOTONIC`: `timestampPeriod` is 1, and the device's time domain
 /// is the host's.
 pub fn timestamp_ns() -> u64 {
-    clock_ns(libc::CLOCK_MONOTONIC)
-}
-
-/// A clock of the system, in nanoseconds.
-pub fn clock_ns(clock: libc::clockid_t) -> u64 {
-    let mut time = libc::timespec {
-        tv_sec: 0,
-        tv_nsec: 0,
-    };
-    // SAFETY: a valid pointer, and a clock that every system has.
-    unsafe { libc::clock_gettime(clock, &mut time) };
-    time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64
+    Clock::Monotonic.now_ns()
 }
 
 /// A query that has begun and not ended.

@@ -2,11 +2,11 @@
 
 use std::sync::Arc;
 
-use control_group::Groups;
 use lanes::Tier;
 
 use super::memory;
 use super::messenger::Messengers;
+use crate::os::{self, quota::Quota};
 use crate::settings;
 use crate::table::extensions::ExtensionSet;
 use crate::table::properties::Machine;
@@ -22,7 +22,7 @@ pub struct PhysicalDevice {
     /// Size of the memory heap.
     pub heap_bytes: u64,
     /// The limits of the process's memory.
-    groups: Groups,
+    quota: Quota,
 }
 
 impl PhysicalDevice {
@@ -33,25 +33,25 @@ impl PhysicalDevice {
         messengers: Arc<Messengers>,
         instance_extensions: ExtensionSet,
     ) -> Self {
-        let groups = Groups::open();
+        let quota = Quota::open();
         Self {
             api_version,
             messengers,
             instance_extensions,
             thread_count: thread_count(),
-            heap_bytes: heap_bytes(&groups),
-            groups,
+            heap_bytes: heap_bytes(&quota),
+            quota,
         }
     }
 
     /// Bytes of the heap that this process can use: what it uses, and what the system and its
     /// control group have free, up to the heap's size.
     pub fn budget_bytes(&self) -> u64 {
-        let free = pages_bytes(libc::_SC_AVPHYS_PAGES);
+        let free = os::memory::free_bytes().unwrap_or(0);
         let free = self
-            .groups
+            .quota
             .memory()
-            .map_or(free, |group| free.min(group.free_bytes));
+            .map_or(free, |quota| free.min(quota.free_bytes));
         (memory::used_bytes() + free).min(self.heap_bytes)
     }
 
@@ -76,28 +76,20 @@ impl PhysicalDevice {
     }
 }
 
-/// `TUFF_THREADS`, or what the process may use: the processors of its affinity mask, and no more
-/// than its control group's CPU quota pays for.
+/// `TUFF_THREADS`, or the processors that the process can keep busy.
 fn thread_count() -> usize {
     let asked = settings::checked()
         .ok()
         .and_then(|settings| settings.threads);
-    asked.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from))
+    asked.unwrap_or_else(os::processors::count)
 }
 
 /// Three quarters of the memory that the process may use: the machine's, or its control group's
 /// where that has less.
-fn heap_bytes(groups: &Groups) -> u64 {
-    let total = pages_bytes(libc::_SC_PHYS_PAGES);
-    let total = groups
+fn heap_bytes(quota: &Quota) -> u64 {
+    let total = os::memory::total_bytes().unwrap_or(0);
+    let total = quota
         .memory()
-        .map_or(total, |group| total.min(group.limit_bytes));
+        .map_or(total, |quota| total.min(quota.limit_bytes));
     (total / 4 * 3).max(1 << 20) & !((1 << 20) - 1)
-}
-
-/// The bytes of so many pages as the system answers to `name`.
-fn pages_bytes(name: libc::c_int) -> u64 {
-    // SAFETY: plain system calls.
-    let (pages, page_bytes) = unsafe { (libc::sysconf(name), libc::sysconf(libc::_SC_PAGESIZE)) };
-    u64::try_from(pages).unwrap_or(0) * u64::try_from(page_bytes).unwrap_or(0)
 }

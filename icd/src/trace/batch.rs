@@ -28,9 +28,10 @@ use super::rays::RayGroup;
 use super::slab::Slab;
 use super::stats::Tally;
 use super::subgroup::{Role, Subgroup, SubgroupIndex, Turn};
+use crate::os::memory::trim_heap;
 use crate::settings::settings;
 use crate::wave::table::ProgramIndex;
-use crate::wave::{Share, Stopped, trim_heap};
+use crate::wave::{Share, Stopped};
 
 /// Fuel of one run between two looks at the limits.
 const FUEL: u64 = 1 << 16;

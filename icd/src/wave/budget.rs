@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use super::fault::Stopped;
+use crate::os::memory;
 
 /// Bytes that a share grows by, at the least: the counter that all workers use is touched seldom.
 const SHARE_STEP: usize = 1 << 20;
@@ -90,29 +91,12 @@ impl Drop for Share {
     }
 }
 
-/// Gives freed memory back to the system, which the allocator would keep.
-pub fn trim_heap() {
-    // SAFETY: the call takes no pointer; it locks what it works on.
-    #[cfg(target_env = "gnu")]
-    unsafe {
-        libc::malloc_trim(0);
-    }
-}
-
 impl Default for Budget {
     /// Two gibibytes, on a small machine a quarter of its memory.
     fn default() -> Self {
         const MOST: usize = 2 << 30;
-        // SAFETY: plain system calls.
-        let [pages, page_bytes] =
-            [libc::_SC_PHYS_PAGES, libc::_SC_PAGESIZE].map(|name| unsafe { libc::sysconf(name) });
-        let bytes = usize::try_from(pages)
-            .ok()
-            .zip(usize::try_from(page_bytes).ok())
-            .map_or(MOST, |(pages, page_bytes)| {
-                pages.saturating_mul(page_bytes) / 4
-            });
-        Self::new(bytes.min(MOST))
+        let bytes = memory::total_bytes().and_then(|total| usize::try_from(total / 4).ok());
+        Self::new(bytes.unwrap_or(MOST).min(MOST))
     }
 }
 

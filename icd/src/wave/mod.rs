@@ -9,7 +9,7 @@ pub mod reachable;
 pub mod table;
 mod workers;
 
-pub use budget::{Budget, Share, trim_heap};
+pub use budget::{Budget, Share};
 pub use fault::{Cause, Fault, Stopped, StoppedAt, WildAddress, WildAddresses};
 pub use limits::{Limits, QueryObserver, Surroundings};
 pub use workers::Workers;

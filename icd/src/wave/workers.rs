@@ -10,8 +10,8 @@ use std::thread::JoinHandle;
 use rayon::{ThreadBuilder, ThreadPool, ThreadPoolBuilder};
 
 use super::lent_thread::run_on_this_thread;
-use crate::affinity::Affinity;
 use crate::float_environment::DefaultEnvironment;
+use crate::os::processors::Affinity;
 
 /// A device's workers. Dropping them waits for their threads to end, so no code of this library
 /// runs after the device is gone.

@@ -23,6 +23,7 @@ use wayland_protocols::wp::presentation_time::client::wp_presentation::{self, Wp
 use self::barrier::Barrier;
 use super::{Bell, Gone, Pictures, Window};
 use crate::VkResult;
+use crate::os::clock::Clock;
 
 /// A surface.
 pub struct WaylandWindow {
@@ -134,7 +135,7 @@ impl WaylandWindow {
         let presentation = match presentation {
             Some(presentation) => {
                 queue.roundtrip(&mut told).map_err(|_| Gone)?;
-                let is_of_use = told.presentation_clock == Some(libc::CLOCK_MONOTONIC as u32);
+                let is_of_use = told.presentation_clock == Some(Clock::Monotonic.number() as u32);
                 is_of_use.then(|| presentation.id())
             }
             None => None,

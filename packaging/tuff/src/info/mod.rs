@@ -3,6 +3,7 @@
 pub mod probe;
 mod problems;
 
+use std::os::unix::fs::FileExt;
 use std::process::ExitCode;
 
 use crate::installation::Installation;
@@ -34,7 +35,7 @@ pub fn print(installation: &Installation) -> ExitCode {
         own_loader: installation.own_loader.clone().map(|_| ()),
         selected: probe::ask(&installation.variables()),
         unselected: probe::ask(&[]),
-        group: control_group::memory(),
+        group: control_group::Groups::open(FileExt::read_at).memory(),
         variables: variables(),
     };
     print!("{}", text(installation, &seen));

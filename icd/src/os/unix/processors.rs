@@ -1,4 +1,10 @@
-//! The processors that threads may run on (sched_setaffinity(2)).
+//! Processor count and thread affinity (sched_setaffinity(2)).
+
+/// Processors that the process can keep busy: those of its affinity mask, and no more than its
+/// quota of processor time pays for. At least one.
+pub fn count() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from)
+}
 
 /// A bit for each processor: as many as `cpu_set_t` has room for.
 type Processors = [u64; size_of::<libc::cpu_set_t>() / 8];
