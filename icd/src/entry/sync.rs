@@ -1,7 +1,6 @@
 //! Fences, semaphores and events.
 
 use std::ffi::c_int;
-use std::os::fd::{FromRawFd, IntoRawFd, OwnedFd};
 use std::sync::Arc;
 
 use ash::vk;
@@ -13,6 +12,7 @@ use crate::ffi;
 use crate::handle;
 use crate::object::external_sync::{External, Import};
 use crate::object::{Event, Fence, Semaphore};
+use crate::os::handle::{Handle, RawHandle};
 
 /// A payload to import, whose file is owned from here on.
 ///
@@ -21,16 +21,12 @@ use crate::object::{Event, Fence, Semaphore};
 ///
 /// # Safety
 /// The file is the application's to give away.
-unsafe fn import(fd: c_int, is_sync: bool, is_temporary: bool) -> VkResult<Import> {
+unsafe fn import(fd: RawHandle, is_sync: bool, is_temporary: bool) -> VkResult<Import> {
     if is_sync && fd == -1 {
         return Ok(Import::Sync(None));
     }
-    // SAFETY: a plain system call.
-    if unsafe { libc::fcntl(fd, libc::F_GETFD) } < 0 {
-        return Err(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE);
-    }
-    // SAFETY: it is open, and the caller's promise.
-    let file = unsafe { OwnedFd::from_raw_fd(fd) };
+    // SAFETY: the caller's promise.
+    let file = unsafe { Handle::adopt(fd) }.ok_or(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE)?;
     Ok(match is_sync {
         true => Import::Sync(Some(file)),
         false => Import::Opaque { file, is_temporary },
@@ -118,7 +114,7 @@ entry! {
     fn vkGetSemaphoreFdKHR(device: vk::Device, info: *const vk::SemaphoreGetFdInfoKHR, out: *mut c_int) -> vk::Result {
         let semaphore = handle::from_handle::<Semaphore>((*info).semaphore);
         if (*info).handle_type != vk::ExternalSemaphoreHandleTypeFlags::SYNC_FD {
-            *out = semaphore.external.export()?.into_raw_fd();
+            *out = semaphore.external.export()?.into_raw();
             return Ok(());
         }
         let waiting = &handle::from_handle::<Device>(device).engine.waiting;
@@ -141,7 +137,7 @@ entry! {
     fn vkGetFenceFdKHR(device: vk::Device, info: *const vk::FenceGetFdInfoKHR, out: *mut c_int) -> vk::Result {
         let fence = handle::from_handle::<Fence>((*info).fence);
         if (*info).handle_type != vk::ExternalFenceHandleTypeFlags::SYNC_FD {
-            *out = fence.external.export()?.into_raw_fd();
+            *out = fence.external.export()?.into_raw();
             return Ok(());
         }
         let waiting = &handle::from_handle::<Device>(device).engine.waiting;

@@ -2,18 +2,16 @@
 //! processes (`VK_KHR_external_semaphore_fd`, `VK_KHR_external_fence_fd`; spec, "Importing
 //! Semaphore Payloads").
 //!
-//! An opaque file is an `eventfd`, whose counter is not zero while the payload is signaled. A sync
+//! An opaque file is an event of the system, set while the payload is signaled. A sync
 //! file is someone else's, another driver's or the kernel's, and only imported, for one wait; what
 //! is exported as one has been signaled already, for which the file −1 stands.
-
-use std::fs::File;
-use std::io::{Read, Write};
-use std::os::fd::{AsRawFd, FromRawFd, OwnedFd};
 
 use ash::vk;
 use parking_lot::Mutex;
 
 use crate::VkResult;
+use crate::os::event::Event;
+use crate::os::handle::Handle;
 
 /// The payloads of a semaphore or fence that are not its own.
 #[derive(Default)]
@@ -21,14 +19,14 @@ pub struct External(Mutex<Payloads>);
 
 #[derive(Default)]
 struct Payloads {
-    permanent: Option<File>,
+    permanent: Option<Event>,
     /// The payload imported for one wait. It takes precedence over the others.
     temporary: Option<Temporary>,
 }
 
 enum Temporary {
-    Opaque(File),
-    Sync(File),
+    Opaque(Event),
+    Sync(Event),
     /// The sync file −1.
     Signaled,
 }
@@ -36,11 +34,11 @@ enum Temporary {
 /// An imported payload.
 pub enum Import {
     Opaque {
-        file: OwnedFd,
+        file: Handle,
         is_temporary: bool,
     },
     /// Temporary always. None: −1.
-    Sync(Option<OwnedFd>),
+    Sync(Option<Handle>),
 }
 
 impl External {
@@ -49,7 +47,8 @@ impl External {
     /// # Errors
     /// `VK_ERROR_OUT_OF_HOST_MEMORY` where the process can have no more files.
     pub fn new(is_opaque: bool, is_signaled: bool) -> VkResult<Self> {
-        let permanent = is_opaque.then(|| event(is_signaled)).transpose()?;
+        let new = || Event::new(is_signaled).ok_or(vk::Result::ERROR_OUT_OF_HOST_MEMORY);
+        let permanent = is_opaque.then(new).transpose()?;
         Ok(Self(Mutex::new(Payloads {
             permanent,
             temporary: None,
@@ -69,9 +68,11 @@ impl External {
             Import::Opaque {
                 file,
                 is_temporary: true,
-            } => payloads.temporary = Some(Temporary::Opaque(file.into())),
-            Import::Opaque { file, .. } => payloads.permanent = Some(file.into()),
-            Import::Sync(Some(file)) => payloads.temporary = Some(Temporary::Sync(file.into())),
+            } => payloads.temporary = Some(Temporary::Opaque(Event::from_handle(file))),
+            Import::Opaque { file, .. } => payloads.permanent = Some(Event::from_handle(file)),
+            Import::Sync(Some(file)) => {
+                payloads.temporary = Some(Temporary::Sync(Event::from_handle(file)));
+            }
             Import::Sync(None) => payloads.temporary = Some(Temporary::Signaled),
         }
     }
@@ -81,14 +82,14 @@ impl External {
     /// # Errors
     /// `VK_ERROR_INVALID_EXTERNAL_HANDLE` where there is none, `VK_ERROR_TOO_MANY_OBJECTS` where
     /// the process can have no more files.
-    pub fn export(&self) -> VkResult<OwnedFd> {
+    pub fn export(&self) -> VkResult<Handle> {
         let payloads = self.0.lock();
-        let file = match (&payloads.temporary, &payloads.permanent) {
-            (Some(Temporary::Opaque(file)), _) | (None, Some(file)) => file,
+        let event = match (&payloads.temporary, &payloads.permanent) {
+            (Some(Temporary::Opaque(event)), _) | (None, Some(event)) => event,
             _ => return Err(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE),
         };
-        let copy = file.try_clone();
-        Ok(copy.map_err(|_| vk::Result::ERROR_TOO_MANY_OBJECTS)?.into())
+        let copy = event.handle().try_clone();
+        copy.ok_or(vk::Result::ERROR_TOO_MANY_OBJECTS)
     }
 
     /// Whether the payload is signaled; none if it lies in no file.
@@ -96,8 +97,8 @@ impl External {
         let payloads = self.0.lock();
         match (&payloads.temporary, &payloads.permanent) {
             (Some(Temporary::Signaled), _) => Some(true),
-            (Some(Temporary::Opaque(file) | Temporary::Sync(file)), _) | (None, Some(file)) => {
-                Some(is_readable(file))
+            (Some(Temporary::Opaque(event) | Temporary::Sync(event)), _) | (None, Some(event)) => {
+                Some(event.is_signaled())
             }
             (None, None) => None,
         }
@@ -106,12 +107,10 @@ impl External {
     /// Signals the payload; false if it lies in no file.
     pub fn signal(&self) -> bool {
         let payloads = self.0.lock();
-        let file = match (&payloads.temporary, &payloads.permanent) {
-            (Some(Temporary::Opaque(file)), _) | (_, Some(file)) => file,
+        match (&payloads.temporary, &payloads.permanent) {
+            (Some(Temporary::Opaque(event)), _) | (_, Some(event)) => event.signal(),
             _ => return false,
-        };
-        // A counter that is full stays signaled.
-        let _ = (&*file).write(&1u64.to_ne_bytes());
+        }
         true
     }
 
@@ -120,9 +119,9 @@ impl External {
     pub fn consume(&self) -> bool {
         let payloads = &mut *self.0.lock();
         match (payloads.temporary.take(), &payloads.permanent) {
-            (Some(Temporary::Opaque(file)), _) => clear(&file),
+            (Some(Temporary::Opaque(event)), _) => event.clear(),
             (Some(_), _) => {}
-            (None, Some(file)) => clear(file),
+            (None, Some(event)) => event.clear(),
             (None, None) => return false,
         }
         true
@@ -133,41 +132,7 @@ impl External {
     pub fn reset(&self) -> bool {
         let payloads = &mut *self.0.lock();
         payloads.temporary = None;
-        payloads.permanent.as_ref().map(clear).is_some()
-    }
-}
-
-/// A new `eventfd`.
-fn event(is_signaled: bool) -> VkResult<File> {
-    // SAFETY: a plain system call; the descriptor is owned from its creation on.
-    unsafe {
-        let event = libc::eventfd(
-            u32::from(is_signaled),
-            libc::EFD_CLOEXEC | libc::EFD_NONBLOCK,
-        );
-        match event {
-            ..0 => Err(vk::Result::ERROR_OUT_OF_HOST_MEMORY),
-            event => Ok(File::from_raw_fd(event)),
-        }
-    }
-}
-
-/// Whether reading would not wait: what it means for events and sync files that they are signaled.
-fn is_readable(file: &File) -> bool {
-    let mut poll = libc::pollfd {
-        fd: file.as_raw_fd(),
-        events: libc::POLLIN,
-        revents: 0,
-    };
-    // SAFETY: one structure, which is there.
-    let ready = unsafe { libc::poll(&raw mut poll, 1, 0) };
-    ready == 1 && poll.revents & libc::POLLIN != 0
-}
-
-/// Empties an event's counter.
-fn clear(mut file: &File) {
-    if is_readable(file) {
-        let _ = file.read(&mut [0; 8]);
+        payloads.permanent.as_ref().map(Event::clear).is_some()
     }
 }
 

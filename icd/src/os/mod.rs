@@ -7,6 +7,8 @@
 //! | module | asks the system for |
 //! | --- | --- |
 //! | [`clock`] | monotonic time |
+//! | [`event`] | flags that threads and processes wait for |
+//! | [`handle`] | handles that pass between drivers and processes: file descriptors |
 //! | [`memory`] | the machine's memory |
 //! | [`processors`] | processor count and thread affinity |
 //! | [`quota`] | limits of the process: control groups, job objects |

@@ -12,7 +12,6 @@
 //! [`Screen`] is the way of one swapchain's images to it, used by that swapchain's thread alone.
 //! Surfaces without a window need neither: an image comes back when its turn is over.
 
-mod bell;
 mod conversion;
 mod nowhere;
 mod offer;
@@ -31,7 +30,6 @@ use std::time::Instant;
 
 use ash::vk;
 
-pub use bell::Bell;
 pub use offer::{DEEP_FORMATS, FORMATS, IMAGE_USAGE, MODES, SURFACELESS_MODES, compatible_modes};
 pub use placement::Scaling;
 pub use surface::Surface;
@@ -40,6 +38,8 @@ pub use swapchain::{Creation, Request, Swapchain};
 use crate::VkResult;
 use crate::handle::Ref;
 use crate::object::{DeviceMemory, Image};
+/// The wake-up of a swapchain's thread.
+pub use crate::os::event::Event as Bell;
 use timing::Refresh;
 
 crate::handle::handled!(Surface => SurfaceKHR, Swapchain => SwapchainKHR);

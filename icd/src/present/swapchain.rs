@@ -164,7 +164,7 @@ impl Swapchain {
         let (bell, screen) = match window {
             None if !creation.is_timed => (None, None),
             window => {
-                let bell = Arc::new(Bell::new()?);
+                let bell = Arc::new(Bell::new(false).ok_or(vk::Result::ERROR_OUT_OF_HOST_MEMORY)?);
                 let screen: Box<dyn Screen> = match window {
                     Some(window) => window.screen(pictures, &bell)?,
                     None => Box::new(Nowhere::new(&bell)),
@@ -259,7 +259,7 @@ impl Swapchain {
         }
         drop(state);
         self.shared.start_thread();
-        bell.ring();
+        bell.signal();
     }
 
     /// Gives acquired images back (`vkReleaseSwapchainImagesKHR`).
@@ -417,7 +417,7 @@ impl Shared {
     pub fn close(&self) {
         self.state.lock().is_closed = true;
         if let Some(bell) = &self.bell {
-            bell.ring();
+            bell.signal();
         }
         if self.waiting.lost.is_inherited() {
             // There is no such thread here. Its handle is of no use, and must not be waited for;

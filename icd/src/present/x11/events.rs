@@ -300,7 +300,7 @@ impl Line {
     fn tell(&self, what: impl Fn(&Inbox)) {
         for inbox in self.inboxes.lock().iter().filter_map(Weak::upgrade) {
             what(&inbox);
-            inbox.bell.ring();
+            inbox.bell.signal();
         }
     }
 }
