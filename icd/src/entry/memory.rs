@@ -1,7 +1,6 @@
 //! Device memory.
 
 use std::ffi::{c_int, c_void};
-use std::os::fd::{FromRawFd, IntoRawFd, OwnedFd};
 
 use ash::vk;
 
@@ -14,14 +13,16 @@ use crate::handle::{self, from_handle};
 use crate::object::DeviceMemory;
 use crate::object::address_space::Placement;
 use crate::object::addressed::AddressEvent;
-use crate::object::memory::{Source, file_size, seal};
+use crate::object::memory::Source;
+use crate::os::handle::{Handle, RawHandle, close};
+use crate::os::section::Section;
 use crate::table::limits::PAGE_BYTES;
 
 destroy_addressed! {
     vkFreeMemory: DeviceMemory, DeviceMemory;
 }
 
-/// Where an allocation's bytes shall come from. An imported descriptor is duplicated here; the
+/// Where an allocation's bytes shall come from. An imported handle is duplicated here; the
 /// application's own is closed on success.
 ///
 /// # Safety
@@ -29,7 +30,7 @@ destroy_addressed! {
 unsafe fn source(
     device: &Device,
     info: &vk::MemoryAllocateInfo<'_>,
-) -> VkResult<(Source, Option<c_int>)> {
+) -> VkResult<(Source, Option<RawHandle>)> {
     // SAFETY: the caller's promise.
     unsafe {
         if let Some(import) = chain::find::<vk::ImportMemoryHostPointerInfoEXT>(info.p_next)
@@ -40,11 +41,9 @@ unsafe fn source(
         if let Some(import) = chain::find::<vk::ImportMemoryFdInfoKHR>(info.p_next)
             && !import.handle_type.is_empty()
         {
-            let copy = libc::fcntl(import.fd, libc::F_DUPFD_CLOEXEC, 0);
-            if copy < 0 {
-                return Err(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE);
-            }
-            return Ok((Source::File(OwnedFd::from_raw_fd(copy)), Some(import.fd)));
+            let copy = Handle::duplicate(import.fd);
+            let copy = copy.ok_or(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE)?;
+            return Ok((Source::Exported(copy), Some(import.fd)));
         }
         let export =
             chain::find::<vk::ExportMemoryAllocateInfo>(info.p_next).is_some_and(|export| {
@@ -111,7 +110,7 @@ entry! {
         let (source, imported) = source(owner, info)?;
         let memory = DeviceMemory::allocate(&owner.window, info.allocation_size, source, placement(info))?;
         if let Some(imported) = imported {
-            libc::close(imported);
+            close(imported);
         }
         *out = handle::create(memory);
         report::<DeviceMemory>(device, *out, AddressEvent::Created);
@@ -172,7 +171,7 @@ entry! {
     }
 
     fn vkGetMemoryFdKHR(_device: vk::Device, info: *const vk::MemoryGetFdInfoKHR, out: *mut c_int) -> vk::Result {
-        *out = from_handle::<DeviceMemory>((*info).memory).export()?.into_raw_fd();
+        *out = from_handle::<DeviceMemory>((*info).memory).export()?.into_raw();
         Ok(())
     }
 
@@ -182,14 +181,8 @@ entry! {
         fd: c_int,
         out: *mut vk::MemoryFdPropertiesKHR,
     ) -> vk::Result {
-        let copy = libc::fcntl(fd, libc::F_DUPFD_CLOEXEC, 0);
-        if copy < 0 {
-            return Err(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE);
-        }
-        let file = OwnedFd::from_raw_fd(copy);
-        if file_size(&file) == 0 || !seal(&file, libc::F_SEAL_SHRINK) {
-            return Err(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE);
-        }
+        let section = Handle::duplicate(fd).and_then(|handle| Section::import(handle, 1));
+        section.ok_or(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE)?;
         (*out).memory_type_bits = 1;
         Ok(())
     }

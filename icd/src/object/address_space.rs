@@ -7,8 +7,12 @@
 
 use std::ops::Range;
 
-use super::pages::{GRANULE, map_aligned_zero_pages, map_zero_pages};
 use super::ranges::{Ranges, Taken};
+use crate::os::address_space::{release, reserve, reserve_at};
+
+/// Allocations are multiples of this, and start at multiples of it (at least a page;
+/// `VkMemoryRequirements::alignment` is smaller).
+pub const GRANULE: u64 = 64 << 10;
 
 /// Where the first device's address space is tried, so that captured addresses can be given again.
 const PREFERRED_BASE: u64 = 0x1000_0000_0000;
@@ -92,7 +96,7 @@ impl AddressSpace {
         }
         // The device that captured it had its address space elsewhere.
         let size_bytes = addresses.end - addresses.start;
-        let address = map_zero_pages(addresses.start, size_bytes, libc::MAP_FIXED_NOREPLACE)?;
+        let address = reserve_at(addresses.start, size_bytes)?;
         self.mapped.push((address, size_bytes));
         Some(Taken {
             address,
@@ -134,7 +138,7 @@ impl Drop for AddressSpace {
     fn drop(&mut self) {
         for &(address, size_bytes) in &self.mapped {
             // SAFETY: these are this object's own mappings, and the device that used them is gone.
-            unsafe { libc::munmap(address as *mut _, size_bytes as usize) };
+            unsafe { release(address, size_bytes) };
         }
     }
 }
@@ -150,8 +154,8 @@ fn reserve_part(places: impl Iterator<Item = u64> + Clone) -> Option<(u64, u64)>
     while size_bytes >= SMALLEST_PART {
         let place = places
             .clone()
-            .find_map(|place| map_zero_pages(place, size_bytes, libc::MAP_FIXED_NOREPLACE))
-            .or_else(|| map_aligned_zero_pages(size_bytes));
+            .find_map(|place| reserve_at(place, size_bytes))
+            .or_else(|| reserve(size_bytes, GRANULE));
         if let Some(base) = place {
             return Some((base, size_bytes));
         }

@@ -10,11 +10,12 @@ use spirv_jit::image::format::FormatInfo;
 use spirv_jit::image::{Level, MAX_LEVELS};
 use spirv_jit::reach::Range;
 
-use super::pages::{GRANULE, page_bytes};
+use super::address_space::GRANULE;
 use super::resident;
 use super::sparse::Reservation;
 use crate::VkResult;
 use crate::format::{self, PlaneFormat, texel_format};
+use crate::os::address_space::page_bytes;
 use crate::table::limits;
 
 /// Levels, samples and layers start at multiples of this.

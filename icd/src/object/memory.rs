@@ -2,18 +2,19 @@
 //! address. Pages are committed when first touched, and ranges that were freed stay mapped to zero
 //! pages, so that a stale reference reads zeros until they are used again.
 
-use std::os::fd::{AsRawFd, FromRawFd, OwnedFd};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 
 use ash::vk;
 use parking_lot::Mutex;
 
-use super::address_space::{AddressSpace, Placement};
+use super::address_space::{AddressSpace, GRANULE, Placement};
 use super::live_memory::LiveMemory;
-use super::pages::{GRANULE, map_pages, map_zero_pages, page_bytes};
 use super::ranges::Taken;
 use crate::VkResult;
+use crate::os::address_space::{commit, discard, is_mapped, replace_by_zeros};
+use crate::os::handle::Handle;
+use crate::os::section::{Refused, Section};
 use crate::table::limits::max_allocations;
 
 /// Bytes in use by all devices of the process: they share the machine.
@@ -96,9 +97,15 @@ impl AddressWindow {
                     .filter(|&sum| sum <= self.budget_bytes)
             })
             .map_err(|_| vk::Result::ERROR_OUT_OF_DEVICE_MEMORY)?;
-        self.take_range(size_bytes, placement).inspect_err(|_| {
+        let taken = self.take_range(size_bytes, placement).inspect_err(|_| {
             self.used_bytes.fetch_sub(size_bytes, Ordering::Relaxed);
-        })
+        });
+        let address = taken?;
+        if !commit(address, size_bytes) {
+            self.give_back(address, size_bytes);
+            return Err(vk::Result::ERROR_OUT_OF_DEVICE_MEMORY);
+        }
+        Ok(address)
     }
 
     /// Takes a range that counts as no memory.
@@ -113,10 +120,9 @@ impl AddressWindow {
         })?;
         if was_used {
             // Writes after free are discarded.
-            // SAFETY: inside the window, and not taken by any other allocation.
-            unsafe {
-                libc::madvise(address as *mut _, size_bytes as usize, libc::MADV_DONTNEED);
-            }
+            // SAFETY: inside the window, and not taken by any other allocation. Its former mappings
+            // were replaced by zeros.
+            unsafe { discard(address, size_bytes) };
         }
         self.live.add(address, size_bytes);
         Ok(address)
@@ -131,7 +137,8 @@ impl AddressWindow {
     /// Gives back a range of [`Self::take_range`].
     pub fn give_back_range(&self, address: u64, size_bytes: u64) {
         self.live.remove(address, size_bytes);
-        map_zero_pages(address, size_bytes, libc::MAP_FIXED);
+        // SAFETY: inside the window, and its owner has gone.
+        unsafe { replace_by_zeros(address, size_bytes) };
         self.space.lock().give_back(address, size_bytes);
     }
 }
@@ -145,14 +152,12 @@ pub struct DeviceMemory {
 }
 
 enum Backing {
-    /// A range of the window, and the file that is mapped there if the memory is exportable or
-    /// imported.
+    /// A range of the window. Memory that sparse resources can be bound to, or that is exported or
+    /// imported, has a section, which is mapped there.
     Window {
         window: Arc<AddressWindow>,
         mapped_bytes: u64,
-        file: Option<OwnedFd>,
-        /// The mapping can be made again elsewhere.
-        shared: bool,
+        section: Option<Section>,
     },
     /// The application's own memory (`VkImportMemoryHostPointerInfoEXT`).
     Host { window: Arc<AddressWindow> },
@@ -163,10 +168,10 @@ pub enum Source {
     Fresh,
     /// Fresh, and sparse resources can be bound to it.
     Shared,
-    /// Fresh, in a file that can be exported.
+    /// Fresh, and it can be exported.
     Exportable,
-    /// A file that another allocation exported.
-    File(OwnedFd),
+    /// A section that another allocation exported.
+    Exported(Handle),
     HostPointer(*mut u8),
 }
 
@@ -187,7 +192,7 @@ impl DeviceMemory {
     ///
     /// # Errors
     /// `VK_ERROR_OUT_OF_DEVICE_MEMORY` past the heap's budget; `VK_ERROR_INVALID_EXTERNAL_HANDLE`
-    /// for a file that is too short, can be made shorter or cannot be mapped, and for a host
+    /// for a section that is too short, can be made shorter or cannot be mapped, and for a host
     /// pointer to what is not there; `VK_ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS` if an address that
     /// is asked for is taken; `VK_ERROR_TOO_MANY_OBJECTS` past [`max_allocations`].
     pub fn allocate(
@@ -196,8 +201,7 @@ impl DeviceMemory {
         source: Source,
         placement: Placement,
     ) -> VkResult<Self> {
-        let wants_sharing = matches!(source, Source::Shared);
-        let file = match source {
+        let section = match source {
             Source::HostPointer(pointer) => {
                 if !is_mapped(pointer as u64, size_bytes) {
                     return Err(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE);
@@ -212,15 +216,18 @@ impl DeviceMemory {
                     },
                 });
             }
-            Source::Fresh | Source::Shared => None,
-            Source::Exportable => Some(new_file(size_bytes)?),
-            Source::File(file) => {
-                // The seal keeps the file's size after this check: an access past the end of a file
-                // is a fault.
-                if !seal(&file, libc::F_SEAL_SHRINK) || file_size(&file) < size_bytes {
-                    return Err(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE);
-                }
-                Some(file)
+            Source::Fresh => None,
+            Source::Shared => Some(Section::private()),
+            Source::Exportable => {
+                let section = Section::exportable(size_bytes).map_err(|refused| match refused {
+                    Refused::Handles => vk::Result::ERROR_TOO_MANY_OBJECTS,
+                    Refused::Memory => vk::Result::ERROR_OUT_OF_DEVICE_MEMORY,
+                });
+                Some(section?)
+            }
+            Source::Exported(handle) => {
+                let section = Section::import(handle, size_bytes);
+                Some(section.ok_or(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE)?)
             }
         };
         let mapped_bytes = size_bytes
@@ -228,8 +235,8 @@ impl DeviceMemory {
             .checked_next_multiple_of(GRANULE)
             .ok_or(vk::Result::ERROR_OUT_OF_DEVICE_MEMORY)?;
         let place = Place::take(&window.allocations)?;
-        let has_mapping = wants_sharing || file.is_some();
-        let mapping = has_mapping.then(|| Place::take(&MAPPED)).transpose()?;
+        let mapping = (section.as_ref()).map(|_| Place::take(&MAPPED));
+        let mapping = mapping.transpose()?;
         let address = window.take(mapped_bytes, placement)?;
         place.keep();
         if let Some(mapping) = mapping {
@@ -241,70 +248,74 @@ impl DeviceMemory {
             backing: Backing::Window {
                 window: Arc::clone(window),
                 mapped_bytes,
-                shared: has_mapping,
-                file,
+                section,
             },
         };
-        if wants_sharing {
-            map_pages(address, mapped_bytes, libc::MAP_SHARED | libc::MAP_FIXED)
-                .ok_or(vk::Result::ERROR_OUT_OF_DEVICE_MEMORY)?;
-        }
-        memory.map_file()?;
+        memory.map_section()?;
         Ok(memory)
     }
 
-    fn map_file(&self) -> VkResult {
-        let Backing::Window {
-            file: Some(file), ..
-        } = &self.backing
-        else {
+    /// The section that is mapped there.
+    fn section(&self) -> Option<&Section> {
+        match &self.backing {
+            Backing::Window { section, .. } => section.as_ref(),
+            Backing::Host { .. } => None,
+        }
+    }
+
+    fn map_section(&self) -> VkResult {
+        let Some(section) = self.section() else {
             return Ok(());
         };
         // SAFETY: the range was just taken from the window, so nothing else uses it.
-        let mapped = unsafe {
-            libc::mmap(
-                self.address as *mut _,
-                self.size_bytes as usize,
-                libc::PROT_READ | libc::PROT_WRITE,
-                libc::MAP_SHARED | libc::MAP_FIXED,
-                file.as_raw_fd(),
-                0,
-            )
-        };
-        if mapped == libc::MAP_FAILED {
-            Err(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE)
-        } else {
-            Ok(())
+        let is_mapped = unsafe { section.map(self.address, self.shared_bytes()) };
+        match section.handle() {
+            _ if is_mapped => Ok(()),
+            Some(_) => Err(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE),
+            None => Err(vk::Result::ERROR_OUT_OF_DEVICE_MEMORY),
         }
     }
 
     /// How much of it sparse resources can be bound to.
     pub fn shared_bytes(&self) -> u64 {
-        match self.backing {
-            // Of a file, what it is long; else all that is mapped.
-            Backing::Window { file: Some(_), .. } => self.size_bytes,
+        match &self.backing {
             Backing::Window {
-                shared: true,
+                section: Some(section),
                 mapped_bytes,
                 ..
-            } => mapped_bytes,
+            } => match section.handle() {
+                // Others may have made it: it is no longer than asked for.
+                Some(_) => self.size_bytes,
+                None => *mapped_bytes,
+            },
             _ => 0,
         }
     }
 
-    /// A new descriptor of the file behind exportable memory.
+    /// Maps a part of it at a further address, in place of the pages there; false if the system
+    /// refuses.
+    ///
+    /// # Safety
+    /// The part is within [`Self::shared_bytes`]. The destination is a part of a reservation, and
+    /// no reference to it is alive.
+    pub unsafe fn alias(&self, offset_bytes: u64, size_bytes: u64, address: u64) -> bool {
+        // SAFETY: the caller's promise; the section is mapped where the memory lies.
+        let alias = |section: &Section| unsafe {
+            section.alias(self.address, offset_bytes, size_bytes, address)
+        };
+        self.section().is_some_and(alias)
+    }
+
+    /// A new handle of exportable memory.
     ///
     /// # Errors
-    /// `VK_ERROR_TOO_MANY_OBJECTS` if there is none to be had.
-    pub fn export(&self) -> VkResult<OwnedFd> {
-        let Backing::Window {
-            file: Some(file), ..
-        } = &self.backing
-        else {
-            return Err(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE);
-        };
-        file.try_clone()
-            .map_err(|_| vk::Result::ERROR_TOO_MANY_OBJECTS)
+    /// `VK_ERROR_INVALID_EXTERNAL_HANDLE` for other memory, `VK_ERROR_TOO_MANY_OBJECTS` if the
+    /// process can have no more handles.
+    pub fn export(&self) -> VkResult<Handle> {
+        let handle = self.section().and_then(Section::handle);
+        let handle = handle.ok_or(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE)?;
+        let copy = handle.try_clone();
+        copy.ok_or(vk::Result::ERROR_TOO_MANY_OBJECTS)
     }
 }
 
@@ -314,11 +325,10 @@ impl Drop for DeviceMemory {
             Backing::Window {
                 window,
                 mapped_bytes,
-                shared,
-                ..
+                section,
             } => {
                 window.give_back(self.address, *mapped_bytes);
-                if *shared {
+                if section.is_some() {
                     MAPPED.fetch_sub(1, Ordering::Relaxed);
                 }
                 window
@@ -329,77 +339,6 @@ impl Drop for DeviceMemory {
             }
         };
         window.allocations.fetch_sub(1, Ordering::Relaxed);
-    }
-}
-
-fn new_file(size_bytes: u64) -> VkResult<OwnedFd> {
-    // SAFETY: plain system calls; the descriptor is owned from its creation on.
-    unsafe {
-        let file = libc::memfd_create(
-            c"tuff".as_ptr(),
-            libc::MFD_CLOEXEC | libc::MFD_ALLOW_SEALING,
-        );
-        if file < 0 {
-            return Err(vk::Result::ERROR_TOO_MANY_OBJECTS);
-        }
-        let file = OwnedFd::from_raw_fd(file);
-        let size = libc::off_t::try_from(size_bytes)
-            .map_err(|_| vk::Result::ERROR_OUT_OF_DEVICE_MEMORY)?;
-        if libc::ftruncate(file.as_raw_fd(), size) != 0 {
-            return Err(vk::Result::ERROR_OUT_OF_DEVICE_MEMORY);
-        }
-        // Who has the descriptor may read and write the file, and map it, but not change its size.
-        match seal(&file, libc::F_SEAL_SHRINK | libc::F_SEAL_GROW) {
-            true => Ok(file),
-            false => Err(vk::Result::ERROR_OUT_OF_DEVICE_MEMORY),
-        }
-    }
-}
-
-/// Seals a file, unless it is sealed so; false for what cannot be.
-pub fn seal(file: &OwnedFd, seals: i32) -> bool {
-    // SAFETY: plain system calls.
-    unsafe {
-        let there = libc::fcntl(file.as_raw_fd(), libc::F_GET_SEALS);
-        there >= 0
-            && (there & seals == seals
-                || libc::fcntl(file.as_raw_fd(), libc::F_ADD_SEALS, seals) == 0)
-    }
-}
-
-/// Whether all pages of a range are mapped.
-fn is_mapped(address: u64, size_bytes: u64) -> bool {
-    /// The smallest page of any system, of which each asks for a byte at most.
-    const PAGE: u64 = 4096;
-    const CHUNK: u64 = PAGE << 12;
-    let Some(end) = address.checked_add(size_bytes) else {
-        return false;
-    };
-    let mut resident = [0u8; (CHUNK / PAGE) as usize];
-    // The call takes addresses of the system's own pages, which may be larger, alone.
-    let mut at = address & !(page_bytes() - 1);
-    while at < end {
-        let bytes = (end - at).min(CHUNK);
-        // SAFETY: the call writes a byte for each page; it looks at mappings, not at memory.
-        let found = unsafe { libc::mincore(at as *mut _, bytes as usize, resident.as_mut_ptr()) };
-        if found != 0 {
-            return false;
-        }
-        at += bytes;
-    }
-    address != 0
-}
-
-/// The size of a file; 0 if it has none.
-pub fn file_size(file: &OwnedFd) -> u64 {
-    // SAFETY: `stat` is plain data that the call fills.
-    unsafe {
-        let mut stat: libc::stat = std::mem::zeroed();
-        if libc::fstat(file.as_raw_fd(), &mut stat) == 0 {
-            stat.st_size as u64
-        } else {
-            0
-        }
     }
 }
 
@@ -534,16 +473,11 @@ mod tests {
         let allocate =
             |size, source| DeviceMemory::allocate(&window, size, source, Placement::Ordinary);
         let a = allocate(4096, Source::Exportable).ok().unwrap();
-        let file = Source::File(a.export().ok().unwrap());
-        let b = allocate(4096, file).ok().unwrap();
+        let handle = Source::Exported(a.export().ok().unwrap());
+        let b = allocate(4096, handle).ok().unwrap();
         write(a.address, 99);
         assert_eq!(read(b.address), 99);
-        let too_long = Source::File(a.export().ok().unwrap());
+        let too_long = Source::Exported(a.export().ok().unwrap());
         assert!(allocate(1 << 20, too_long).is_err());
-        let file = a.export().ok().unwrap();
-        // SAFETY: plain system calls.
-        let shrunk = unsafe { libc::ftruncate(file.as_raw_fd(), 0) };
-        assert_eq!(shrunk, -1);
-        assert_eq!(read(a.address), 99);
     }
 }

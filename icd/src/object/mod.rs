@@ -19,7 +19,6 @@ pub mod memory;
 pub mod messenger;
 pub mod micromap;
 pub mod page_binds;
-pub mod pages;
 pub mod physical_device;
 pub mod pipeline;
 pub mod pipeline_cache;

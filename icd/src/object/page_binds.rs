@@ -5,7 +5,7 @@
 use ash::vk;
 
 use super::Image;
-use super::pages::page_bytes;
+use crate::os::address_space::page_bytes;
 
 /// Pages one after the other: from the image's first byte, and from the first byte of the memory
 /// that is bound to a part.

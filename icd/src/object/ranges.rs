@@ -150,7 +150,7 @@ impl Ranges {
 
 #[cfg(test)]
 mod tests {
-    use super::super::pages::GRANULE;
+    use super::super::address_space::GRANULE;
     use super::*;
 
     #[test]

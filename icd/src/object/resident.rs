@@ -8,8 +8,8 @@
 
 use ash::vk;
 
-use super::pages::page_bytes;
 use crate::format::{self, PlaneFormat};
+use crate::os::address_space::page_bytes;
 
 /// Whether a page holds a whole number of texels, or blocks, of each plane.
 pub fn is_divisible(format: vk::Format) -> bool {

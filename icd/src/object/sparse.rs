@@ -9,11 +9,11 @@ use std::sync::Arc;
 use ash::vk;
 
 use super::DeviceMemory;
-use super::address_space::Placement;
+use super::address_space::{GRANULE, Placement};
 use super::memory::AddressWindow;
-use super::pages::{GRANULE, map_zero_pages, page_bytes};
 use crate::VkResult;
 use crate::handle::Ref;
+use crate::os::address_space::{page_bytes, replace_by_zeros};
 
 /// Address space of a sparse resource.
 pub struct Reservation {
@@ -85,41 +85,26 @@ impl SparseBind {
         }
         let address = self.resource.address + self.resource_offset;
         let live = &self.resource.window.live;
-        let mapped = match &self.memory {
+        let is_mapped = match &self.memory {
             None => {
                 live.unbind(address, self.size_bytes);
-                map_zero_pages(address, self.size_bytes, libc::MAP_FIXED)
+                // SAFETY: a part of a reservation, whose contents are undefined while it is bound.
+                unsafe { replace_by_zeros(address, self.size_bytes) }
             }
             Some((memory, offset)) => {
                 if !offset.is_multiple_of(page_bytes()) || !inside(*offset, memory.shared_bytes()) {
                     return Err("a sparse binding to memory that cannot be bound");
                 }
                 live.bind(address, self.size_bytes);
-                show_at(memory.address + offset, self.size_bytes, address)
+                // SAFETY: as above.
+                unsafe { memory.alias(*offset, self.size_bytes, address) }
             }
         };
-        mapped
-            .map(drop)
-            .ok_or("the system refuses a sparse binding")
+        match is_mapped {
+            true => Ok(()),
+            false => Err("the system refuses a sparse binding"),
+        }
     }
-}
-
-/// Maps the pages at `source` at `address` too, in place of what is there; the address, unless the
-/// system refuses.
-fn show_at(source: u64, size_bytes: u64, address: u64) -> Option<u64> {
-    // SAFETY: the source is a shared mapping of an allocation (of no length, which makes a second
-    // mapping of it). The destination is a part of a reservation, whose contents are undefined
-    // while it is being bound.
-    let mapped = unsafe {
-        libc::mremap(
-            source as *mut _,
-            0,
-            size_bytes as usize,
-            libc::MREMAP_MAYMOVE | libc::MREMAP_FIXED,
-            address as *mut libc::c_void,
-        )
-    };
-    (mapped != libc::MAP_FAILED).then_some(mapped as u64)
 }
 
 #[cfg(test)]

@@ -6,15 +6,18 @@
 //!
 //! | module | asks the system for |
 //! | --- | --- |
+//! | [`address_space`] | reserved ranges of pages, and their mappings |
 //! | [`clock`] | monotonic time |
 //! | [`event`] | flags that threads and processes wait for |
 //! | [`handle`] | handles that pass between drivers and processes: file descriptors |
 //! | [`memory`] | the machine's memory |
 //! | [`processors`] | processor count and thread affinity |
 //! | [`quota`] | limits of the process: control groups, job objects |
+//! | [`section`] | memory that is mapped at several addresses or by several processes |
+//! | [`window_server`] | memory and sockets of X11 and Wayland: Linux alone |
 //!
-//! No item knows Vulkan. A refusal of the system is `None` or `false`, and the caller maps it to
-//! its own error.
+//! No item knows Vulkan. A refusal of the system is `None`, `false` or
+//! [`Refused`](section::Refused), and the caller maps it to its own error.
 
 #[cfg(unix)]
 mod unix;

@@ -17,7 +17,6 @@ mod nowhere;
 mod offer;
 pub mod pixels;
 mod placement;
-mod shared_memory;
 mod surface;
 mod swapchain;
 mod thread;

@@ -6,6 +6,8 @@ use std::sync::OnceLock;
 
 use ash::vk;
 
+use crate::os::address_space::max_mappings;
+
 /// Texels along a side of an image: what `spirv_jit::image::MAX_LEVELS` has levels for.
 pub const MAX_IMAGE_DIMENSION: u32 = 16384;
 pub const MAX_IMAGE_DIMENSION_3D: u32 = MAX_IMAGE_DIMENSION;
@@ -218,9 +220,7 @@ pub const HANDLE_SIZE: usize = 32;
 pub fn max_allocations() -> u32 {
     static MAX: OnceLock<u32> = OnceLock::new();
     *MAX.get_or_init(|| {
-        let mappings = std::fs::read_to_string("/proc/sys/vm/max_map_count");
-        let mappings = mappings.ok().and_then(|text| text.trim().parse().ok());
-        // Linux's default, and at least the minimum that Vulkan requires.
-        (mappings.unwrap_or(65530u32) / 4).max(4096)
+        // At least the minimum that Vulkan requires.
+        (max_mappings() / 4).max(4096)
     })
 }

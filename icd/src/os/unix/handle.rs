@@ -13,6 +13,13 @@ pub type BorrowedHandle<'a> = BorrowedFd<'a>;
 pub struct Handle(OwnedFd);
 
 impl Handle {
+    /// Another handle of the same object. `None` where the number is no handle or the process can
+    /// have no more of them.
+    pub fn duplicate(raw: RawHandle) -> Option<Self> {
+        // SAFETY: a plain system call that gives a new descriptor, owned from its creation on.
+        unsafe { Self::created(libc::fcntl(raw, libc::F_DUPFD_CLOEXEC, 0)) }
+    }
+
     /// Takes a handle over. `None` where the number is no handle.
     ///
     /// # Safety
@@ -55,4 +62,20 @@ impl Handle {
     pub(super) fn raw(&self) -> RawHandle {
         self.0.as_raw_fd()
     }
+}
+
+/// For the libraries of protocols that pass descriptors.
+impl From<Handle> for OwnedFd {
+    fn from(handle: Handle) -> Self {
+        handle.0
+    }
+}
+
+/// Closes a handle.
+///
+/// # Safety
+/// It is the caller's to close.
+pub unsafe fn close(raw: RawHandle) {
+    // SAFETY: the caller's promise.
+    unsafe { libc::close(raw) };
 }

@@ -1,8 +1,11 @@
 //! Linux.
 
+pub mod address_space;
 pub mod clock;
 pub mod event;
 pub mod handle;
 pub mod memory;
 pub mod processors;
 pub mod quota;
+pub mod section;
+pub mod window_server;

@@ -2,7 +2,6 @@
 
 use std::collections::VecDeque;
 use std::ffi::c_void;
-use std::os::fd::{AsFd, BorrowedFd};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -21,12 +20,13 @@ use wayland_protocols::wp::presentation_time::client::wp_presentation_feedback::
 
 use super::super::conversion::Layout;
 use super::super::pixels::{self, Canvas};
-use super::super::shared_memory::SharedMemory;
 use super::super::timing::{Refresh, told_ns};
 use super::super::{Bell, Event, Frame, Gone, Pictures, Screen, When};
 use super::Named;
 use super::barrier::Barrier;
 use crate::execute::query::timestamp_ns;
+use crate::os::handle::BorrowedHandle;
+use crate::os::window_server::SharedMemory;
 
 /// A surface that is seen gets its frame callback sooner.
 const CALLBACK_PATIENCE: Duration = Duration::from_millis(100);
@@ -243,16 +243,16 @@ impl WaylandScreen {
             let stride = picture.row_stride_bytes;
             let offset = |index| self.pictures.offset_bytes(index);
             let size = self.pictures.memory.size_bytes;
-            self.buffers = self.pool(file.as_fd(), size, stride, count, offset)?;
+            self.buffers = self.pool(file.borrow(), size, stride, count, offset)?;
             return Ok(());
         }
         let stride = self.extent().width as usize * Layout::Argb8888.bytes();
         let each = stride * self.extent().height as usize;
         let size = each.checked_mul(count as usize).ok_or(Gone)?;
-        let memory = SharedMemory::file(size).map_err(|_| Gone)?;
-        let file = memory.descriptor().ok_or(Gone)?;
+        let memory = SharedMemory::file(size).ok_or(Gone)?;
+        let file = memory.handle().ok_or(Gone)?;
         let offset = |index| u64::from(index) * each as u64;
-        self.buffers = self.pool(file, size as u64, stride, count, offset)?;
+        self.buffers = self.pool(file.borrow(), size as u64, stride, count, offset)?;
         self.copies = Some(memory);
         Ok(())
     }
@@ -263,7 +263,7 @@ impl WaylandScreen {
 
     fn pool(
         &self,
-        file: BorrowedFd<'_>,
+        file: BorrowedHandle<'_>,
         size_bytes: u64,
         stride: usize,
         count: u32,

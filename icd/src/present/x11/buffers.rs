@@ -1,7 +1,6 @@
 //! Pixmaps that a swapchain's images are shown through: the images themselves where the server can
 //! read them in place, copies in memory that the server shares, or copies that are sent.
 
-use std::os::fd::OwnedFd;
 use std::sync::Arc;
 
 use ash::vk;
@@ -11,9 +10,10 @@ use x11rb::protocol::shm::ConnectionExt as _;
 use x11rb::protocol::xproto::{ConnectionExt as _, ImageFormat};
 
 use super::super::pixels::{self, Canvas};
-use super::super::shared_memory::SharedMemory;
 use super::super::{Gone, Pictures};
 use super::connection::{Connection, Pixels, Sharing};
+use crate::os::handle::Handle;
+use crate::os::window_server::SharedMemory;
 
 /// Bytes of a request that puts pixels, at most: the application's own requests come in between.
 const CHUNK_BYTES: usize = 1 << 20;
@@ -130,7 +130,7 @@ impl Buffers {
     }
 
     /// The server's use of the file. Pixmaps in it want more than reading.
-    fn attach_file(&self, file: OwnedFd) -> Option<u32> {
+    fn attach_file(&self, file: Handle) -> Option<u32> {
         let x = &self.connection.x;
         let segment = self.connection.id().ok()?;
         x.shm_attach_fd(segment, file, false).ok()?.check().ok()?;
@@ -141,9 +141,8 @@ impl Buffers {
     fn share(&self, sharing: Sharing, count: usize) -> Option<(SharedMemory, u32)> {
         let size_bytes = self.size_bytes.checked_mul(count)?;
         if sharing.descriptors
-            && let Ok(memory) = SharedMemory::file(size_bytes)
-            && let Some(file) = memory.descriptor()
-            && let Ok(file) = file.try_clone_to_owned()
+            && let Some(memory) = SharedMemory::file(size_bytes)
+            && let Some(file) = memory.handle().and_then(Handle::try_clone)
             && let Some(segment) = self.attach_file(file)
         {
             return Some((memory, segment));
@@ -151,7 +150,7 @@ impl Buffers {
         if !sharing.segments {
             return None;
         }
-        let memory = SharedMemory::segment(size_bytes).ok()?;
+        let memory = SharedMemory::segment(size_bytes)?;
         let segment = self.connection.id().ok()?;
         let id = memory.segment_id()? as u32;
         let attached = self.connection.x.shm_attach(segment, id, false).ok()?;

@@ -2,7 +2,6 @@
 //! as an event would end the process through Xlib's handler.
 
 use std::ffi::c_void;
-use std::os::fd::AsRawFd;
 
 use ash::vk;
 use x11rb::connection::{Connection as _, RequestConnection};
@@ -14,6 +13,7 @@ use x11rb::xcb_ffi::XCBConnection;
 use super::super::Gone;
 use super::super::conversion::Layout;
 use super::library;
+use crate::os::window_server;
 
 /// A connection, borrowed from the application for as long as there are surfaces on it.
 pub struct Connection {
@@ -142,7 +142,9 @@ impl Connection {
         const NAME: &str = x11rb::protocol::shm::X11_EXTENSION_NAME;
         // Descriptors cannot be sent to other machines, and libxcb breaks the connection if one
         // tries.
-        if !self.is_local() || !matches!(self.x.extension_information(NAME), Ok(Some(_))) {
+        if !window_server::is_local(&self.x)
+            || !matches!(self.x.extension_information(NAME), Ok(Some(_)))
+        {
             return Sharing::default();
         }
         let Ok(Ok(version)) = self.x.shm_query_version().map(|cookie| cookie.reply()) else {
@@ -152,18 +154,6 @@ impl Connection {
             segments: true,
             descriptors: (version.major_version, version.minor_version) >= (1, 2),
             pixmaps: version.shared_pixmaps && version.pixmap_format == 2,
-        }
-    }
-
-    /// Whether the connection is a socket of this machine.
-    fn is_local(&self) -> bool {
-        // SAFETY: the structure is as large as said, and any bytes are a value of it.
-        unsafe {
-            let mut address: libc::sockaddr_storage = std::mem::zeroed();
-            let mut size = size_of::<libc::sockaddr_storage>() as libc::socklen_t;
-            let socket = self.x.as_raw_fd();
-            let asked = libc::getsockname(socket, (&raw mut address).cast(), &mut size);
-            asked == 0 && libc::c_int::from(address.ss_family) == libc::AF_UNIX
         }
     }
 

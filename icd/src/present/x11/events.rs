@@ -19,6 +19,7 @@ use x11rb::protocol::xproto::{ConnectionExt as _, CreateWindowAux, WindowClass};
 use super::super::{Bell, Gone};
 use super::connection::Connection;
 use super::library::{self, SpecialEvents};
+use crate::os::window_server;
 
 /// Where a screen finds out which of its frames have had their turn.
 pub struct Inbox {
@@ -242,7 +243,7 @@ impl Line {
             // SAFETY: an event of Present's that libxcb has allocated, freed once.
             let completed = unsafe {
                 let completed = completed_pixmap(event.cast());
-                libc::free(event);
+                window_server::free(event);
                 completed
             };
             if let Some(completed) = completed {

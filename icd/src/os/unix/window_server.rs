@@ -1,13 +1,13 @@
-//! Memory that a window's server reads too: a file's, or a segment of System V.
+//! Memory and sockets that presentation shares with window servers (X11, Wayland). A system without
+//! such servers has no module of this name.
 
-use std::os::fd::{AsRawFd, BorrowedFd, FromRawFd, OwnedFd};
+use std::ffi::c_void;
+use std::os::fd::AsRawFd;
 
-use ash::vk;
+use super::handle::Handle;
+use super::section::sealed_file;
 
-use crate::VkResult;
-use crate::object::memory::seal;
-
-/// A mapping of a file without a name.
+/// Memory that a server reads, too.
 pub struct SharedMemory {
     data: *mut u8,
     size_bytes: usize,
@@ -15,7 +15,8 @@ pub struct SharedMemory {
 }
 
 enum Kind {
-    File(OwnedFd),
+    /// A file without a name, which the server need not fear to become shorter.
+    File(Handle),
     /// `shmget`: for servers that take no descriptors. The system forgets it with its last user.
     Segment(i32),
 }
@@ -26,28 +27,9 @@ unsafe impl Send for SharedMemory {}
 unsafe impl Sync for SharedMemory {}
 
 impl SharedMemory {
-    /// A file of zeros.
-    ///
-    /// # Errors
-    /// `VK_ERROR_OUT_OF_HOST_MEMORY`.
-    pub fn file(size_bytes: usize) -> VkResult<Self> {
-        const REFUSED: vk::Result = vk::Result::ERROR_OUT_OF_HOST_MEMORY;
-        // SAFETY: plain system calls; the descriptor is owned from its creation on.
-        let file = unsafe {
-            let name = c"tuff-window".as_ptr();
-            let file = libc::memfd_create(name, libc::MFD_CLOEXEC | libc::MFD_ALLOW_SEALING);
-            if file < 0 {
-                return Err(REFUSED);
-            }
-            let file = OwnedFd::from_raw_fd(file);
-            let size = libc::off_t::try_from(size_bytes).map_err(|_| REFUSED)?;
-            if libc::ftruncate(file.as_raw_fd(), size) != 0 {
-                return Err(REFUSED);
-            }
-            file
-        };
-        // The server need not fear that it is made shorter.
-        seal(&file, libc::F_SEAL_SHRINK | libc::F_SEAL_GROW);
+    /// A file of zeros; `None` if the system refuses.
+    pub fn file(size_bytes: usize) -> Option<Self> {
+        let file = sealed_file(c"tuff-window", size_bytes as u64).ok()?;
         // SAFETY: a mapping of a file of this size at a place of the system's choice.
         let data = unsafe {
             libc::mmap(
@@ -55,37 +37,31 @@ impl SharedMemory {
                 size_bytes,
                 libc::PROT_READ | libc::PROT_WRITE,
                 libc::MAP_SHARED,
-                file.as_raw_fd(),
+                file.raw(),
                 0,
             )
         };
-        if data == libc::MAP_FAILED {
-            return Err(REFUSED);
-        }
-        Ok(Self {
+        (data != libc::MAP_FAILED).then(|| Self {
             data: data.cast(),
             size_bytes,
             kind: Kind::File(file),
         })
     }
 
-    /// A segment of System V.
-    ///
-    /// # Errors
-    /// `VK_ERROR_OUT_OF_HOST_MEMORY`.
-    pub fn segment(size_bytes: usize) -> VkResult<Self> {
+    /// A segment of System V; `None` if the system refuses.
+    pub fn segment(size_bytes: usize) -> Option<Self> {
         // SAFETY: plain system calls.
         unsafe {
             let id = libc::shmget(libc::IPC_PRIVATE, size_bytes, libc::IPC_CREAT | 0o600);
             if id < 0 {
-                return Err(vk::Result::ERROR_OUT_OF_HOST_MEMORY);
+                return None;
             }
             let data = libc::shmat(id, std::ptr::null(), 0);
             if data as isize == -1 {
                 libc::shmctl(id, libc::IPC_RMID, std::ptr::null_mut());
-                return Err(vk::Result::ERROR_OUT_OF_HOST_MEMORY);
+                return None;
             }
-            Ok(Self {
+            Some(Self {
                 data: data.cast(),
                 size_bytes,
                 kind: Kind::Segment(id),
@@ -94,9 +70,9 @@ impl SharedMemory {
     }
 
     /// The file, to be given to the server.
-    pub fn descriptor(&self) -> Option<BorrowedFd<'_>> {
+    pub fn handle(&self) -> Option<&Handle> {
         match &self.kind {
-            Kind::File(file) => Some(std::os::fd::AsFd::as_fd(file)),
+            Kind::File(file) => Some(file),
             Kind::Segment(_) => None,
         }
     }
@@ -135,5 +111,51 @@ impl Drop for SharedMemory {
                 Kind::Segment(_) => libc::shmdt(self.data.cast()),
             };
         }
+    }
+}
+
+/// Whether a connection is a socket of this machine.
+pub fn is_local(connection: &impl AsRawFd) -> bool {
+    // SAFETY: the structure is as large as said, and any bytes are a value of it.
+    unsafe {
+        let mut address: libc::sockaddr_storage = std::mem::zeroed();
+        let mut size = size_of::<libc::sockaddr_storage>() as libc::socklen_t;
+        let socket = connection.as_raw_fd();
+        let asked = libc::getsockname(socket, (&raw mut address).cast(), &mut size);
+        asked == 0 && libc::c_int::from(address.ss_family) == libc::AF_UNIX
+    }
+}
+
+/// Frees an allocation that a library of the server made for its caller.
+///
+/// # Safety
+/// It is one of C's `malloc`, and nothing uses it any more.
+pub unsafe fn free(allocation: *mut c_void) {
+    // SAFETY: the caller's promise.
+    unsafe { libc::free(allocation) };
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_file_and_the_segment_are_memory_of_zeros() {
+        for memory in [SharedMemory::file(5000), SharedMemory::segment(5000)] {
+            let mut memory = memory.unwrap();
+            assert!(memory.bytes().iter().all(|&byte| byte == 0));
+            assert_eq!(memory.bytes().len(), 5000);
+            assert_ne!(memory.handle().is_some(), memory.segment_id().is_some());
+            memory.bytes()[4999] = 7;
+        }
+    }
+
+    #[test]
+    fn sockets_of_this_machine_are_local() {
+        let (one, _other) = std::os::unix::net::UnixStream::pair().unwrap();
+        assert!(is_local(&one));
+        let net = std::net::UdpSocket::bind("127.0.0.1:0");
+        assert!(net.is_ok_and(|net| !is_local(&net)));
+        assert!(!is_local(&std::fs::File::open("/dev/null").unwrap()));
     }
 }

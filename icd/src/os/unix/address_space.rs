@@ -1,0 +1,196 @@
+//! Address space: reserved ranges of pages, and their mappings.
+//!
+//! A reserved page reads as zeros and can be written; it takes memory at its first write, so that
+//! a large reservation costs nothing. [`reserve`] and [`release`] make and end a reservation;
+//! [`commit`], [`discard`], [`replace_by_zeros`] and
+//! [`Section::map`](super::section::Section::map) change parts of it.
+//!
+//! Parts are named by addresses, since resources and shaders know nothing else. A system that must
+//! know the mapping of each page (on Windows the section and offset of each view, and where
+//! placeholders are split) keeps a table of its own behind these functions.
+//!
+//! Replacing is one step to other threads: an access to the range meanwhile meets the old pages or
+//! the new ones and never faults. Sparse binding relies on it: it replaces pages that running
+//! shaders may read.
+
+use std::sync::OnceLock;
+
+/// Bytes of a page of the system: sections are mapped at multiples of this.
+pub fn page_bytes() -> u64 {
+    static BYTES: OnceLock<u64> = OnceLock::new();
+    *BYTES.get_or_init(|| {
+        // SAFETY: a query without arguments of ours.
+        let bytes = unsafe { libc::sysconf(libc::_SC_PAGESIZE) };
+        u64::try_from(bytes).unwrap_or(64 << 10)
+    })
+}
+
+/// Mappings that the process may have, of all libraries together.
+pub fn max_mappings() -> u32 {
+    /// Linux's default.
+    const DEFAULT: u32 = 65530;
+    let limit = std::fs::read_to_string("/proc/sys/vm/max_map_count").ok();
+    let limit = limit.and_then(|text| text.trim().parse().ok());
+    limit.unwrap_or(DEFAULT)
+}
+
+/// Reserves address space at a multiple of `alignment_bytes`; `None` if the system has none left.
+pub fn reserve(size_bytes: u64, alignment_bytes: u64) -> Option<u64> {
+    let mapped = map_zero_pages(0, size_bytes.checked_add(alignment_bytes)?, 0)?;
+    let address = mapped.next_multiple_of(alignment_bytes);
+    let (before, after) = (address - mapped, mapped + alignment_bytes - address);
+    for (start, bytes) in [(mapped, before), (address + size_bytes, after)] {
+        if bytes != 0 {
+            // SAFETY: the mapping was just made, and this part of it is not used.
+            unsafe { release(start, bytes) };
+        }
+    }
+    Some(address)
+}
+
+/// Reserves the address space from `address` on; `None` if some of it is in use.
+pub fn reserve_at(address: u64, size_bytes: u64) -> Option<u64> {
+    let mapped = map_zero_pages(address, size_bytes, libc::MAP_FIXED_NOREPLACE)?;
+    if mapped != address {
+        // Kernels before 4.17 take the flag for a hint.
+        // SAFETY: the mapping was just made and is not used.
+        unsafe { release(mapped, size_bytes) };
+        return None;
+    }
+    Some(mapped)
+}
+
+/// Gives a whole reservation back, with all its mappings.
+///
+/// # Safety
+/// It is a reservation of the caller's, and nothing accesses it any more.
+pub unsafe fn release(address: u64, size_bytes: u64) {
+    // SAFETY: the caller's promise.
+    unsafe { libc::munmap(address as *mut _, size_bytes as usize) };
+}
+
+/// Promises memory for a part of a reservation; false if the system has not that much left, as far
+/// as it counts promises. Linux does not: it takes memory at the first write, and a control group
+/// or the machine may run out of it then.
+#[must_use]
+pub fn commit(_address: u64, _size_bytes: u64) -> bool {
+    true
+}
+
+/// Discards the contents of a part of a reservation: it reads as zeros, and its memory goes back to
+/// the system.
+///
+/// # Safety
+/// The part is the caller's, no section is mapped there, and no reference to it is alive.
+pub unsafe fn discard(address: u64, size_bytes: u64) {
+    // SAFETY: the caller's promise.
+    unsafe { libc::madvise(address as *mut _, size_bytes as usize, libc::MADV_DONTNEED) };
+}
+
+/// Replaces the mappings in a part of a reservation by pages of zeros; false if the system refuses.
+///
+/// # Safety
+/// The part is the caller's, and no reference to it is alive.
+pub unsafe fn replace_by_zeros(address: u64, size_bytes: u64) -> bool {
+    map_zero_pages(address, size_bytes, libc::MAP_FIXED).is_some()
+}
+
+/// Whether all pages of a range are mapped, by any library of the process. Accesses no memory, so
+/// that the address may be any number.
+pub fn is_mapped(address: u64, size_bytes: u64) -> bool {
+    /// The smallest page of any system, of which each asks for a byte at most.
+    const PAGE: u64 = 4096;
+    const CHUNK: u64 = PAGE << 12;
+    let Some(end) = address.checked_add(size_bytes) else {
+        return false;
+    };
+    let mut resident = [0u8; (CHUNK / PAGE) as usize];
+    // The call takes addresses of the system's own pages, which may be larger, alone.
+    let mut at = address & !(page_bytes() - 1);
+    while at < end {
+        let bytes = (end - at).min(CHUNK);
+        // SAFETY: the call writes a byte for each page; it looks at mappings, not at memory.
+        let found = unsafe { libc::mincore(at as *mut _, bytes as usize, resident.as_mut_ptr()) };
+        if found != 0 {
+            return false;
+        }
+        at += bytes;
+    }
+    address != 0
+}
+
+/// Maps private pages of zeros; their address, unless the system refuses.
+fn map_zero_pages(address: u64, size_bytes: u64, flags: i32) -> Option<u64> {
+    map_anonymous(address, size_bytes, libc::MAP_PRIVATE | flags)
+}
+
+/// Maps pages of no file. With `MAP_FIXED`, the range lies in a reservation of the caller's.
+pub(super) fn map_anonymous(address: u64, size_bytes: u64, flags: i32) -> Option<u64> {
+    // SAFETY: either at a place of the system's choice, or one that is free, or (`MAP_FIXED`)
+    // inside a reservation.
+    let mapped = unsafe {
+        libc::mmap(
+            address as *mut _,
+            size_bytes as usize,
+            libc::PROT_READ | libc::PROT_WRITE,
+            libc::MAP_ANONYMOUS | libc::MAP_NORESERVE | flags,
+            -1,
+            0,
+        )
+    };
+    (mapped != libc::MAP_FAILED).then_some(mapped as u64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ALIGNMENT: u64 = 64 << 10;
+
+    #[test]
+    fn places_of_the_systems_choice_are_aligned_too() {
+        let maps = (0..20).map(|_| {
+            // A page by itself, for the next mapping not to lie where the last did.
+            let page = map_zero_pages(0, page_bytes(), 0).unwrap();
+            let address = reserve(ALIGNMENT, ALIGNMENT).unwrap();
+            assert!(address.is_multiple_of(ALIGNMENT), "{address:#x}");
+            // SAFETY: all of it was just mapped.
+            unsafe { *((address + ALIGNMENT - 8) as *mut u64) = address };
+            (page, address)
+        });
+        for (page, address) in maps.collect::<Vec<_>>() {
+            // SAFETY: the test's own mappings, which nothing else uses.
+            unsafe {
+                assert_eq!(*((address + ALIGNMENT - 8) as *const u64), address);
+                release(page, page_bytes());
+                release(address, ALIGNMENT);
+            }
+        }
+    }
+
+    #[test]
+    fn used_addresses_are_not_reserved_again() {
+        let address = reserve(4 * ALIGNMENT, ALIGNMENT).unwrap();
+        assert_eq!(reserve_at(address + ALIGNMENT, ALIGNMENT), None);
+        assert!(is_mapped(address, 4 * ALIGNMENT));
+        // SAFETY: the test's own mapping, which nothing else uses.
+        unsafe { release(address, 4 * ALIGNMENT) };
+    }
+
+    #[test]
+    fn discarded_and_replaced_pages_read_as_zeros() {
+        let address = reserve(ALIGNMENT, ALIGNMENT).unwrap();
+        let word = address as *mut u64;
+        assert!(commit(address, ALIGNMENT));
+        // SAFETY: the test's own mapping, which nothing else uses.
+        unsafe {
+            word.write_volatile(7);
+            discard(address, ALIGNMENT);
+            assert_eq!(word.read_volatile(), 0);
+            word.write_volatile(7);
+            assert!(replace_by_zeros(address, ALIGNMENT));
+            assert_eq!(word.read_volatile(), 0);
+            release(address, ALIGNMENT);
+        }
+    }
+}
