@@ -12,6 +12,7 @@ use log::LevelFilter;
 use spirv_jit::{Accuracy, pass};
 use traversal::{Options, Specialisation, Walker};
 
+use crate::os::executable::CODE_PAGES;
 use crate::timeline;
 
 /// The settings of the process.
@@ -244,7 +245,7 @@ pub fn checked() -> Result<&'static Settings, &'static str> {
         }
         // One limit for all: programs and samplers, walks and builds.
         settings.walks.tier.limit();
-        spirv_jit::native::allow(settings.native);
+        spirv_jit::native::provide(settings.native.then_some(CODE_PAGES));
         Ok(settings)
     });
     settings.as_ref().map_err(String::as_str)

@@ -61,6 +61,7 @@ fn compile_entries(path: &str, words: &[u32], capabilities: &[Capability]) {
         let start = Instant::now();
         let lowered = spirv_jit::lower::lower_module(&parsed, &request);
         let lower_time = start.elapsed();
+        shaders::code_pages::allow_native_code();
         let start = Instant::now();
         let program = spirv_jit::compile(&request);
         let total = start.elapsed();

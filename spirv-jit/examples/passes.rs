@@ -83,6 +83,7 @@ fn main() {
             run_pass(name, &mut module);
             println!("  {:>12.1?} {name} {:?}", begin.elapsed(), size(&module));
         }
+        shaders::code_pages::allow_native_code();
         let begin = Instant::now();
         let program = Program::new(&module).unwrap();
         println!("  {:>12.1?} interpreter", begin.elapsed());

@@ -136,6 +136,7 @@ fn loads(module: &Module) -> usize {
 
 /// Output words of some lanes by row, for records at their offsets.
 fn run(tier: Tier, module: &Module, lanes: LaneMask, offsets: &[u32; LANES]) -> Vec<[u32; LANES]> {
+    shaders::code_pages::allow_native_code();
     let program = Program::with_tier(module, tier).unwrap();
     let mut words: Vec<u64> = (1..=SIZE_BYTES.div_ceil(8))
         .map(|k| k.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 0x0100_0000_0100)

@@ -107,6 +107,7 @@ fn call_trees_that_double() {
 #[test]
 fn calls_burn_fuel() {
     let (levels, fuel) = (12, 100);
+    shaders::code_pages::allow_native_code();
     let program = Program::new(&parse_module(&call_tree(levels)).unwrap()).unwrap();
     let mut state = vec![AlignedRow::default(); program.layout().rows];
     let active = LaneMask::from_bits(0x0ff0);

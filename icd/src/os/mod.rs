@@ -9,11 +9,13 @@
 //! | [`address_space`] | reserved ranges of pages, and their mappings |
 //! | [`clock`] | monotonic time |
 //! | [`event`] | flags that threads and processes wait for |
+//! | [`executable`] | pages of native code |
 //! | [`handle`] | handles that pass between drivers and processes: file descriptors |
 //! | [`memory`] | the machine's memory |
 //! | [`processors`] | processor count and thread affinity |
 //! | [`quota`] | limits of the process: control groups, job objects |
 //! | [`section`] | memory that is mapped at several addresses or by several processes |
+//! | [`thread`] | names of threads |
 //! | [`window_server`] | memory and sockets of X11 and Wayland: Linux alone |
 //!
 //! No item knows Vulkan. A refusal of the system is `None`, `false` or

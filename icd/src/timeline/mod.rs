@@ -112,8 +112,7 @@ impl Timeline {
 /// The thread's name: threads of the application have one from the system.
 fn thread_name(track: u32) -> String {
     let thread = std::thread::current();
-    let system = || std::fs::read_to_string("/proc/thread-self/comm").ok();
-    let name = thread.name().map(str::to_owned).or_else(system);
+    let name = (thread.name().map(str::to_owned)).or_else(crate::os::thread::name);
     match name.as_deref().map(str::trim) {
         Some(name) if !name.is_empty() => name.to_owned(),
         _ => format!("thread {track}"),

@@ -214,6 +214,8 @@ fn expected(x: u32, y: u32) -> u32 {
 }
 
 fn program(text: &str) -> Arc<Program> {
+    // Programs have native code once the settings are read.
+    crate::settings::settings();
     let module = parse_module(text).expect("the text is well formed");
     Arc::new(Program::new(&module).expect("the module compiles"))
 }

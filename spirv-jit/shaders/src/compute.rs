@@ -6,6 +6,7 @@ use spirv_jit::environment::{Descriptor, DescriptorSet, Environment, uniform};
 use spirv_jit::program::{AlignedRow, Builtin, Event, InputRow, Stage, Wave};
 use spirv_jit::{CompileRequest, LaneMask, Program};
 
+use crate::code_pages::allow_native_code;
 use crate::{glsl, request};
 
 /// Compiles a compute shader through all of the compiler.
@@ -15,6 +16,7 @@ pub fn compile(words: &[u32]) -> Arc<Program> {
 
 /// The same, as asked for.
 pub fn compile_as(request: &CompileRequest<'_>) -> Arc<Program> {
+    allow_native_code();
     spirv_jit::compile(request).unwrap_or_else(|error| panic!("{error}"))
 }
 

@@ -6,10 +6,12 @@ pub mod run;
 use fastrand::Rng;
 use spirv_jit::program::Stage;
 
+use crate::code_pages::allow_native_code;
 use crate::request;
 
 /// Compiles all the way and [runs](run::run) what is taken; whatever comes out is fine.
 pub fn try_module(stage: Stage, words: &[u32], margin: usize) {
+    allow_native_code();
     if let Ok(program) = spirv_jit::compile(&request(stage, words)) {
         let seed = words
             .iter()

@@ -1,6 +1,7 @@
 //! Shaders for the tests, examples and searches of spirv-jit, and runs of them: GLSL over plain
 //! memory, and modules that were corrupted over memory that is watched.
 
+pub mod code_pages;
 #[cfg(feature = "glsl")]
 pub mod compute;
 pub mod corrupt;

@@ -7,6 +7,7 @@ use spirv_jit::ir;
 use spirv_jit::program::{AlignedRow, Event, InputRow, OutputRow, Row, Stage, Wave, from_bytes};
 use spirv_jit::{LaneMask, Program};
 
+use crate::code_pages::allow_native_code;
 use crate::{glsl, lower, request};
 
 /// A program that went through the bytes of a pipeline cache.
@@ -16,6 +17,7 @@ pub fn program(stage: Stage, source: &str) -> Arc<Program> {
 
 /// The same of a module.
 pub fn program_of_words(stage: Stage, words: &[u32]) -> Arc<Program> {
+    allow_native_code();
     let mut module = lower(&request(stage, words)).unwrap_or_else(|error| panic!("{error}"));
     spirv_jit::pass::optimize(&mut module).unwrap_or_else(|error| panic!("{error}"));
     let bytes = ir::binary::encode(&module);

@@ -1,12 +1,58 @@
-//! Memory that the processor may run code from.
+//! Pages that the processor may run code from. The caller of this crate gives them.
 
 use std::ptr::NonNull;
+use std::sync::{PoisonError, RwLock};
 
-/// Code at an address that does not move: written, then made read-only and executable. No page is
-/// ever both writable and executable.
+/// Pages of native code, as the caller's system has them. No page is ever both writable and
+/// executable.
+#[derive(Clone, Copy, Debug)]
+pub struct CodePages {
+    map: fn(&[u8]) -> Option<NonNull<u8>>,
+    unmap: unsafe fn(NonNull<u8>, usize),
+}
+
+impl CodePages {
+    /// `map` copies code into new pages, which are made read-only and executable then; `None` where
+    /// the system refuses that. `unmap` gives the pages back: it is passed the address from `map`
+    /// and the code's length in bytes, once, when nothing runs the code any more.
+    ///
+    /// # Safety
+    /// The functions do so: the code can be run, and does not change, until it is unmapped.
+    pub const unsafe fn new(
+        map: fn(&[u8]) -> Option<NonNull<u8>>,
+        unmap: unsafe fn(NonNull<u8>, usize),
+    ) -> Self {
+        Self { map, unmap }
+    }
+}
+
+#[cfg(not(test))]
+const AT_FIRST: Option<CodePages> = None;
+#[cfg(test)]
+const AT_FIRST: Option<CodePages> = {
+    use shaders::code_pages::{map, unmap};
+    // SAFETY: the functions' documentation promises it.
+    Some(unsafe { CodePages::new(map, unmap) })
+};
+
+static PAGES: RwLock<Option<CodePages>> = RwLock::new(AT_FIRST);
+
+/// The pages of native code in programs that are made from now on; none have it with `None`, as
+/// before the first call. The results are the same bits with and without.
+pub fn provide(pages: Option<CodePages>) {
+    *PAGES.write().unwrap_or_else(PoisonError::into_inner) = pages;
+}
+
+/// The pages that were provided last.
+pub(super) fn provided() -> Option<CodePages> {
+    *PAGES.read().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Code at an address that does not move.
 pub(crate) struct Executable {
-    start: NonNull<libc::c_void>,
+    start: NonNull<u8>,
     length: usize,
+    unmap: unsafe fn(NonNull<u8>, usize),
 }
 
 // SAFETY: the pages are read-only until they are given back.
@@ -15,44 +61,25 @@ unsafe impl Send for Executable {}
 unsafe impl Sync for Executable {}
 
 impl Executable {
-    /// `None` where the system gives no such memory: too little of it, or a policy (SELinux,
-    /// seccomp) against executable pages.
+    /// `None` where no pages are provided, or the system refuses them.
     pub fn new(code: &[u8]) -> Option<Executable> {
-        let length = code.len().max(1);
-        // SAFETY: new pages, which no other code knows yet; they are as long as the copied code.
-        unsafe {
-            let start = libc::mmap(
-                std::ptr::null_mut(),
-                length,
-                libc::PROT_READ | libc::PROT_WRITE,
-                libc::MAP_PRIVATE | libc::MAP_ANONYMOUS,
-                -1,
-                0,
-            );
-            if start == libc::MAP_FAILED {
-                return None;
-            }
-            let executable = Executable {
-                start: NonNull::new(start)?,
-                length,
-            };
-            start
-                .cast::<u8>()
-                .copy_from_nonoverlapping(code.as_ptr(), code.len());
-            let allowed = libc::mprotect(start, length, libc::PROT_READ | libc::PROT_EXEC);
-            (allowed == 0).then_some(executable)
-        }
+        let pages = provided()?;
+        Some(Executable {
+            start: (pages.map)(code)?,
+            length: code.len(),
+            unmap: pages.unmap,
+        })
     }
 
     /// Where the code begins.
     pub fn start(&self) -> *const u8 {
-        self.start.as_ptr().cast()
+        self.start.as_ptr()
     }
 }
 
 impl Drop for Executable {
     fn drop(&mut self) {
         // SAFETY: mapped by `new`; the caller that runs the code holds the program that owns it.
-        unsafe { libc::munmap(self.start.as_ptr(), self.length) };
+        unsafe { (self.unmap)(self.start, self.length) };
     }
 }

@@ -20,13 +20,12 @@ mod memory;
 mod opcodes;
 mod stretch;
 
-use std::sync::atomic::{AtomicBool, Ordering};
-
 use lanes::{LaneMask, Tier};
 
 pub(crate) use encode::Encoding;
 pub(crate) use group::group;
 pub(crate) use memory::Executable;
+pub use memory::{CodePages, provide};
 pub(crate) use stretch::{Place, Row, Stretch};
 
 /// A stretch: the first subgroup's frame, the uniform rows, how many subgroups follow one another,
@@ -37,19 +36,11 @@ pub(crate) type Code = unsafe extern "sysv64" fn(*mut u8, *const u8, usize, usiz
 #[cfg(not(target_arch = "x86_64"))]
 pub(crate) type Code = unsafe extern "C" fn(*mut u8, *const u8, usize, usize, *const LaneMask);
 
-static IS_ALLOWED: AtomicBool = AtomicBool::new(true);
-
-/// Whether programs that are made from now on may have native code. The results are the same bits
-/// with and without.
-pub fn allow(allowed: bool) {
-    IS_ALLOWED.store(allowed, Ordering::Relaxed);
-}
-
-/// How a tier's instructions are written; `None` for tiers without native code, or where it is not
-/// allowed.
+/// How a tier's instructions are written; `None` for tiers without native code, or where no pages
+/// are provided for it.
 pub(crate) fn encoding(tier: Tier) -> Option<Encoding> {
     match tier {
-        _ if !IS_ALLOWED.load(Ordering::Relaxed) => None,
+        _ if memory::provided().is_none() => None,
         Tier::Portable => None,
         Tier::Avx2 => Some(Encoding::Vex),
         Tier::Avx512 => Some(Encoding::Evex),

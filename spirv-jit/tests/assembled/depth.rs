@@ -38,6 +38,7 @@ fn expect(words: Vec<u32>, cases: &'static [(u32, u32)]) {
         assert!(printed == module, "text does not give the module back");
         let copy = loaded.clone();
         drop(loaded);
+        shaders::code_pages::allow_native_code();
         let program = Program::new(&copy).unwrap_or_else(|error| panic!("{error}"));
         for &(given, result) in cases {
             let mut memory = Memory {

@@ -119,6 +119,7 @@ pub fn execute(module: &Module, seed: u64, inputs: Option<&[u32]>) -> Outcome {
 
 /// As [`execute`], on a tier that the machine has.
 pub fn execute_on(tier: Tier, module: &Module, seed: u64, inputs: Option<&[u32]>) -> Outcome {
+    shaders::code_pages::allow_native_code();
     let program = Program::with_tier(module, tier).unwrap_or_else(|error| panic!("{error}"));
     execute_program(&program, module, seed, inputs)
 }

@@ -24,6 +24,7 @@ impl Waves {
     /// A text that is no module, or a module that is no program.
     pub fn new(text: &str, tier: Option<Tier>, lanes: usize) -> Result<Waves> {
         let module = parse_module(text).map_err(Error::msg)?;
+        shaders::code_pages::allow_native_code();
         let program = match tier {
             Some(tier) => Program::with_tier(&module, tier),
             None => Program::new(&module),

@@ -26,6 +26,8 @@ fn run(
     out: &[AtomicU32],
     limits: &Limits,
 ) -> Result<(), Stopped> {
+    // Programs have native code once the settings are read.
+    crate::settings::settings();
     let program = Program::new(&parse_module(text).unwrap()).unwrap();
     let entry = Descriptor {
         address: out.as_ptr() as u64,
