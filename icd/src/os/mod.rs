@@ -1,4 +1,5 @@
-//! The operating system.
+//! The operating system: no other module of this crate names `libc` or `std::os`
+//! (`xtask/tests/system.rs`).
 //!
 //! Each system has a folder with the same modules and items; this file re-exports the one that is
 //! built. The documentation of an item in [`unix`] is the contract for every system. There is no

@@ -1,7 +1,9 @@
 //! The Vulkan loader: the system's library between programs and drivers.
 
-use std::ffi::{CStr, c_void};
+use std::ffi::c_void;
 use std::path::{Path, PathBuf};
+
+use crate::os;
 
 /// The name by which programs open it.
 pub const LIBRARY: &str = "libvulkan.so.1";
@@ -19,7 +21,7 @@ impl System {
         let library = unsafe { libloading::Library::new(LIBRARY) }.ok()?;
         // SAFETY: the symbol is only asked for its address.
         let symbol = unsafe { library.get::<*const c_void>(b"vkGetInstanceProcAddr\0") };
-        let path = symbol.ok().and_then(|symbol| file_of(*symbol));
+        let path = symbol.ok().and_then(|symbol| os::file_of(*symbol));
         Some(System { path })
     }
 }
@@ -46,20 +48,6 @@ fn loads(file: &Path) -> Result<(), String> {
     match unsafe { libloading::Library::new(file) } {
         Ok(_) => Ok(()),
         Err(error) => Err(format!("the one that came along does not load: {error}")),
-    }
-}
-
-/// The file that a function was loaded from.
-fn file_of(function: *const c_void) -> Option<PathBuf> {
-    let mut found = std::mem::MaybeUninit::<libc::Dl_info>::zeroed();
-    // SAFETY: `dladdr` writes the structure; on success its name is a string of the loaded library,
-    // which is still open.
-    unsafe {
-        if libc::dladdr(function, found.as_mut_ptr()) == 0 {
-            return None;
-        }
-        let name = found.assume_init().dli_fname;
-        (!name.is_null()).then(|| PathBuf::from(CStr::from_ptr(name).to_str().unwrap_or_default()))
     }
 }
 

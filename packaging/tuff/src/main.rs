@@ -6,6 +6,7 @@
 mod info;
 mod installation;
 mod loader;
+mod os;
 mod program;
 mod refusals;
 
@@ -55,19 +56,12 @@ enum Command {
 }
 
 fn main() -> ExitCode {
-    end_with_the_reader();
+    os::end_with_the_reader();
     let arguments = Arguments::parse();
     done(&arguments).unwrap_or_else(|error| {
         eprintln!("tuff: {error:#}");
         ExitCode::FAILURE
     })
-}
-
-/// A reader that has seen enough (`tuff info | head`) ends this program by SIGPIPE, as it ends
-/// others. Rust's programs start with that signal ignored, and panic when they print.
-fn end_with_the_reader() {
-    // SAFETY: the default action is no handler of ours, and no other thread runs yet.
-    unsafe { libc::signal(libc::SIGPIPE, libc::SIG_DFL) };
 }
 
 fn done(arguments: &Arguments) -> Result<ExitCode> {

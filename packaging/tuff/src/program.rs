@@ -2,15 +2,13 @@
 
 use std::ffi::{OsStr, OsString};
 use std::io::Read;
-use std::os::unix::fs::PermissionsExt;
-use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
 
 use anyhow::{Context, Result};
 
 use crate::installation::Installation;
-use crate::{loader, refusals};
+use crate::{loader, os, refusals};
 
 /// The exit codes of shells for a missing program, and for one that cannot be started.
 const NOT_FOUND: u8 = 127;
@@ -42,20 +40,21 @@ pub fn run(
             loader::install_command()
         );
     }
-    if has_more_rights(&path) {
+    if path.metadata().is_ok_and(|file| os::has_more_rights(&file)) {
         eprintln!(
             "tuff: note: {} runs with more rights than its user: the loader then ignores VK_DRIVER_FILES, and finds only installed drivers",
             path.display()
         );
     }
     let mut program = Command::new(&path);
-    program.arg0(name).args(arguments);
+    program.args(arguments);
     program.env_remove("VK_ADD_DRIVER_FILES");
     program.envs(installation.variables());
     if let Some(version) = conformance {
         program.env(refusals::CONFORMANCE, version);
     }
-    Err(program.exec()).with_context(|| format!("starting {}", path.display()))
+    Err(os::become_program(&mut program, name))
+        .with_context(|| format!("starting {}", path.display()))
 }
 
 /// Adds the problem of the installed driver, and its fix, to an error.
@@ -90,7 +89,7 @@ fn find(name: &OsStr, search: Option<&OsStr>) -> Result<PathBuf, (u8, String)> {
 }
 
 fn is_executable(path: &Path) -> bool {
-    (path.metadata()).is_ok_and(|file| file.is_file() && file.permissions().mode() & 0o111 != 0)
+    path.metadata().is_ok_and(|file| os::is_executable(&file))
 }
 
 /// Whether the file is an ELF program of class 32 (System V ABI, ELF header).
@@ -100,14 +99,10 @@ fn is_32_bit(path: &Path) -> bool {
     read.is_ok() && header == *b"\x7fELF\x01"
 }
 
-/// Whether the program changes its user or group when it starts.
-fn has_more_rights(path: &Path) -> bool {
-    (path.metadata()).is_ok_and(|file| file.permissions().mode() & 0o6000 != 0)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::os::unix::fs::PermissionsExt;
 
     #[test]
     fn what_cannot_be_started_is_told() {

@@ -3,11 +3,10 @@
 pub mod probe;
 mod problems;
 
-use std::os::unix::fs::FileExt;
 use std::process::ExitCode;
 
 use crate::installation::Installation;
-use crate::{loader, refusals};
+use crate::{loader, os, refusals};
 use problems::Problem;
 
 /// The observations.
@@ -35,7 +34,7 @@ pub fn print(installation: &Installation) -> ExitCode {
         own_loader: installation.own_loader.clone().map(|_| ()),
         selected: probe::ask(&installation.variables()),
         unselected: probe::ask(&[]),
-        group: control_group::Groups::open(FileExt::read_at).memory(),
+        group: control_group::Groups::open(os::read_at).memory(),
         variables: variables(),
     };
     print!("{}", text(installation, &seen));
@@ -100,8 +99,7 @@ fn text(installation: &Installation, seen: &Seen) -> String {
         None => line("device", "none: see below".into()),
     }
     let usable = std::thread::available_parallelism().map_or(1, usize::from);
-    // SAFETY: a plain system call.
-    let processors = unsafe { libc::sysconf(libc::_SC_NPROCESSORS_ONLN) };
+    let processors = os::processors();
     let limited = match usable as i64 == processors {
         true => "",
         false => ", by affinity or the control group's CPU quota",
