@@ -30,9 +30,11 @@ numbers! {
     clone SYS_clone,
     clone3 SYS_clone3,
     close SYS_close,
+    eventfd2 SYS_eventfd2,
     exit SYS_exit,
     exit_group SYS_exit_group,
     fcntl SYS_fcntl,
+    fstat SYS_fstat,
     ftruncate SYS_ftruncate,
     futex SYS_futex,
     getpid SYS_getpid,
@@ -44,8 +46,11 @@ numbers! {
     mprotect SYS_mprotect,
     mremap SYS_mremap,
     munmap SYS_munmap,
+    newfstatat SYS_newfstatat,
+    ppoll SYS_ppoll,
     prctl SYS_prctl,
     pread64 SYS_pread64,
+    read SYS_read,
     rseq SYS_rseq,
     rt_sigprocmask SYS_rt_sigprocmask,
     rt_sigreturn SYS_rt_sigreturn,
@@ -57,6 +62,12 @@ numbers! {
     write SYS_write
 }
 
+/// The call that waits for files: ARM64 has only the newer one.
+#[cfg(target_arch = "x86_64")]
+const POLL: c_long = libc::SYS_poll;
+#[cfg(target_arch = "aarch64")]
+const POLL: c_long = libc::SYS_ppoll;
+
 /// The system calls that a row of the page lists.
 fn listed(row: &str) -> Vec<c_long> {
     let start = format!("| {row} |");
@@ -64,7 +75,8 @@ fn listed(row: &str) -> Vec<c_long> {
     let line = line.unwrap_or_else(|| panic!("docs/security.md has no row for {row}"));
     let names = line.split('`').skip(1).step_by(2);
     let number = |name: &str| {
-        let found = NUMBERS.iter().find(|known| known.0 == name);
+        let mut known = NUMBERS.iter().chain(&[("poll", POLL)]);
+        let found = known.find(|known| known.0 == name);
         found
             .unwrap_or_else(|| panic!("{name} is not known here"))
             .1
@@ -356,6 +368,97 @@ fn work_goes_on_in_a_sandbox() {
     if gpu.has_host_commands {
         check(&gpu, build_on_host(&gpu, false));
         check(&gpu, build_on_host(&gpu, true));
+    }
+}
+
+#[test]
+fn memory_and_semaphores_are_shared_in_a_sandbox() {
+    if !by_itself("memory_and_semaphores_are_shared_in_a_sandbox") {
+        return;
+    }
+    let Some(gpu) = gpu() else { return };
+    let names = [
+        khr::external_memory_fd::NAME.as_ptr(),
+        khr::external_semaphore_fd::NAME.as_ptr(),
+    ];
+    let queues = [vk::DeviceQueueCreateInfo::default()
+        .queue_family_index(gpu.family)
+        .queue_priorities(&[1.0])];
+    let info = vk::DeviceCreateInfo::default()
+        .queue_create_infos(&queues)
+        .enabled_extension_names(&names);
+    // SAFETY: Tuff has the extensions.
+    let device = unsafe { gpu.instance.create_device(gpu.physical, &info, None) };
+    let device = device.expect("vkCreateDevice");
+    let memories = khr::external_memory_fd::Device::new(&gpu.instance, &device);
+    let semaphores = khr::external_semaphore_fd::Device::new(&gpu.instance, &device);
+    let rows = [
+        "threads",
+        "work",
+        "shared memory",
+        "shared semaphores and fences",
+    ];
+    if !has("seccomp", enter(&rows)) {
+        return;
+    }
+    const SIZE_BYTES: u64 = 1 << 16;
+    // SAFETY: handles of this device; descriptors go over to what imports them.
+    unsafe {
+        let opaque = vk::ExternalMemoryHandleTypeFlags::OPAQUE_FD;
+        let mut exported = vk::ExportMemoryAllocateInfo::default().handle_types(opaque);
+        let allocation = vk::MemoryAllocateInfo::default().allocation_size(SIZE_BYTES);
+        let first = device.allocate_memory(&allocation.push_next(&mut exported), None);
+        let first = first.expect("memory");
+        let asked = vk::MemoryGetFdInfoKHR::default()
+            .memory(first)
+            .handle_type(opaque);
+        let file = memories.get_memory_fd(&asked).expect("a descriptor");
+        let mut imported = vk::ImportMemoryFdInfoKHR::default()
+            .handle_type(opaque)
+            .fd(file);
+        let allocation = vk::MemoryAllocateInfo::default().allocation_size(SIZE_BYTES);
+        let second = device.allocate_memory(&allocation.push_next(&mut imported), None);
+        let second = second.expect("imported memory");
+        let word = |memory| {
+            let flags = vk::MemoryMapFlags::empty();
+            let start = device.map_memory(memory, 0, SIZE_BYTES, flags);
+            start.expect("mapped memory").cast::<u32>()
+        };
+        word(first).write_volatile(7);
+        assert_eq!(word(second).read_volatile(), 7);
+
+        let opaque = vk::ExternalSemaphoreHandleTypeFlags::OPAQUE_FD;
+        let mut exported = vk::ExportSemaphoreCreateInfo::default().handle_types(opaque);
+        let info = vk::SemaphoreCreateInfo::default();
+        let one = device.create_semaphore(&info.push_next(&mut exported), None);
+        let (one, other) = (one.unwrap(), device.create_semaphore(&info, None).unwrap());
+        let asked = vk::SemaphoreGetFdInfoKHR::default()
+            .semaphore(one)
+            .handle_type(opaque);
+        let file = semaphores.get_semaphore_fd(&asked).expect("a descriptor");
+        let import = vk::ImportSemaphoreFdInfoKHR::default()
+            .semaphore(other)
+            .handle_type(opaque)
+            .fd(file);
+        semaphores.import_semaphore_fd(&import).expect("imported");
+        let (signals, waits) = ([one], [other]);
+        let stages = [vk::PipelineStageFlags::ALL_COMMANDS];
+        let signal = vk::SubmitInfo::default().signal_semaphores(&signals);
+        let wait = vk::SubmitInfo::default()
+            .wait_semaphores(&waits)
+            .wait_dst_stage_mask(&stages);
+        let queue = device.get_device_queue(gpu.family, 0);
+        device
+            .queue_submit(queue, &[signal, wait], vk::Fence::null())
+            .expect("submitted");
+        device.device_wait_idle().expect("waited");
+        for semaphore in [one, other] {
+            device.destroy_semaphore(semaphore, None);
+        }
+        for memory in [first, second] {
+            device.free_memory(memory, None);
+        }
+        device.destroy_device(None);
     }
 }
 
