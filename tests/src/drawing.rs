@@ -1,6 +1,6 @@
 //! Passes of dynamic rendering, and draws in them.
 
-use ash::vk;
+use ash::{khr, vk};
 use bytemuck::Pod;
 
 use crate::{Buffer, Canvas, Gpu};
@@ -192,6 +192,20 @@ impl Gpu {
             let point = vk::PipelineBindPoint::GRAPHICS;
             self.device.cmd_bind_pipeline(commands, point, pipeline);
         }
+    }
+
+    /// Sets the pipeline's fragment shading rate and the combiner operations.
+    pub fn set_shading_rate(
+        &self,
+        commands: vk::CommandBuffer,
+        [width, height]: [u32; 2],
+        combiners: [vk::FragmentShadingRateCombinerOpKHR; 2],
+    ) {
+        let device = khr::fragment_shading_rate::Device::new(&self.instance, &self.device);
+        let size = vk::Extent2D { width, height };
+        let set = device.fp().cmd_set_fragment_shading_rate_khr;
+        // SAFETY: the command buffer is being recorded.
+        unsafe { set(commands, &size, &combiners) };
     }
 
     /// Binds a buffer of vertices.

@@ -70,7 +70,8 @@ optional! {
     host_image_copy: ext::host_image_copy::NAME, PhysicalDeviceHostImageCopyFeaturesEXT {};
     conditional_rendering: ext::conditional_rendering::NAME, PhysicalDeviceConditionalRenderingFeaturesEXT {};
     transform_feedback: ext::transform_feedback::NAME, PhysicalDeviceTransformFeedbackFeaturesEXT {};
-    mesh_shader: ext::mesh_shader::NAME, PhysicalDeviceMeshShaderFeaturesEXT { primitive_fragment_shading_rate_mesh_shader };
+    mesh_shader: ext::mesh_shader::NAME, PhysicalDeviceMeshShaderFeaturesEXT {};
+    shading_rate: khr::fragment_shading_rate::NAME, PhysicalDeviceFragmentShadingRateFeaturesKHR {};
     primitives_generated: ext::primitives_generated_query::NAME, PhysicalDevicePrimitivesGeneratedQueryFeaturesEXT {};
     provoking_vertex: ext::provoking_vertex::NAME, PhysicalDeviceProvokingVertexFeaturesEXT {};
     float_atomics: ext::shader_atomic_float::NAME, PhysicalDeviceShaderAtomicFloatFeaturesEXT {};

@@ -102,6 +102,7 @@ pub fn glsl_for(stage: Stage, source: &str, version: SpirvVersion) -> Vec<u32> {
         extensions.push("GL_EXT_multiview");
         extensions.push("GL_ARB_shader_viewport_layer_array");
         extensions.push("GL_EXT_demote_to_helper_invocation");
+        extensions.push("GL_EXT_fragment_shading_rate");
     }
     if matches!(stage, Stage::Task | Stage::Mesh | Stage::Fragment) {
         extensions.push("GL_EXT_mesh_shader");

@@ -118,6 +118,10 @@ fn bind_shaders(
         device.cmd_set_depth_write_enable(commands, false);
         device.cmd_set_depth_bounds_test_enable(commands, false);
         device.cmd_set_stencil_test_enable(commands, false);
+        if gpu.optional.shading_rate.pipeline_fragment_shading_rate == vk::TRUE {
+            let keep = vk::FragmentShadingRateCombinerOpKHR::KEEP;
+            gpu.set_shading_rate(commands, [1, 1], [keep; 2]);
+        }
         if gpu.features.logic_op == vk::TRUE {
             objects.cmd_set_logic_op_enable(commands, false);
         }

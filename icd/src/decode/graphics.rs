@@ -20,6 +20,7 @@ use crate::object::graphics_state::{
 };
 use crate::object::pipeline::PipelineKind;
 use crate::object::shader_stage::ShaderStage;
+use crate::object::shading_rate::ShadingRate;
 use crate::object::{Pipeline, RenderPass};
 
 const ALL: Parts = Parts::from_raw(
@@ -94,6 +95,11 @@ pub unsafe fn decode<'a>(info: &vk::GraphicsPipelineCreateInfo<'_>) -> VkResult<
                 >(info.p_next)
                 .and_then(|it| depth_clamp_range(it.depth_clamp_mode, it.p_depth_clamp_range));
             }
+        }
+        if parts.intersects(Parts::PRE_RASTERIZATION_SHADERS | Parts::FRAGMENT_SHADER) {
+            let rate = find::<vk::PipelineFragmentShadingRateStateCreateInfoKHR<'_>>(info.p_next);
+            let rate = rate.map(|it| ShadingRate::new(it.fragment_size, it.combiner_ops));
+            state.shading_rate = rate.unwrap_or_default();
         }
         let (colors, depth) = attachments(info, parts);
         if has(Parts::FRAGMENT_SHADER)

@@ -154,6 +154,7 @@ commands! {
     PhysicalDevice Core11 PFN_vkGetPhysicalDeviceQueueFamilyProperties2 physical_device::vkGetPhysicalDeviceQueueFamilyProperties2;
     PhysicalDevice KHR_GET_PHYSICAL_DEVICE_PROPERTIES_2 PFN_vkGetPhysicalDeviceQueueFamilyProperties2 physical_device::vkGetPhysicalDeviceQueueFamilyProperties2 as vkGetPhysicalDeviceQueueFamilyProperties2KHR;
     PhysicalDevice Core PFN_vkGetPhysicalDeviceSparseImageFormatProperties physical_device::vkGetPhysicalDeviceSparseImageFormatProperties;
+    PhysicalDevice KHR_FRAGMENT_SHADING_RATE PFN_vkGetPhysicalDeviceFragmentShadingRatesKHR physical_device::vkGetPhysicalDeviceFragmentShadingRatesKHR;
     PhysicalDevice EXT_SAMPLE_LOCATIONS PFN_vkGetPhysicalDeviceMultisamplePropertiesEXT physical_device::vkGetPhysicalDeviceMultisamplePropertiesEXT;
     PhysicalDevice Core11 PFN_vkGetPhysicalDeviceSparseImageFormatProperties2 physical_device::vkGetPhysicalDeviceSparseImageFormatProperties2;
     PhysicalDevice KHR_GET_PHYSICAL_DEVICE_PROPERTIES_2 PFN_vkGetPhysicalDeviceSparseImageFormatProperties2 physical_device::vkGetPhysicalDeviceSparseImageFormatProperties2 as vkGetPhysicalDeviceSparseImageFormatProperties2KHR;
@@ -576,6 +577,7 @@ commands! {
     Device EXT_EXTENDED_DYNAMIC_STATE_3 | EXT_SHADER_OBJECT PFN_vkCmdSetSampleMaskEXT graphics_state::vkCmdSetSampleMaskEXT;
     Device EXT_EXTENDED_DYNAMIC_STATE_3 | EXT_SHADER_OBJECT PFN_vkCmdSetSampleLocationsEnableEXT graphics_state::vkCmdSetSampleLocationsEnableEXT;
     Device EXT_DEPTH_CLAMP_CONTROL | EXT_SHADER_OBJECT PFN_vkCmdSetDepthClampRangeEXT graphics_state::vkCmdSetDepthClampRangeEXT;
+    Device KHR_FRAGMENT_SHADING_RATE PFN_vkCmdSetFragmentShadingRateKHR graphics_state::vkCmdSetFragmentShadingRateKHR;
     Device EXT_SAMPLE_LOCATIONS PFN_vkCmdSetSampleLocationsEXT graphics_state::vkCmdSetSampleLocationsEXT;
     Device EXT_EXTENDED_DYNAMIC_STATE_3 | EXT_SHADER_OBJECT PFN_vkCmdSetAlphaToCoverageEnableEXT graphics_state::vkCmdSetAlphaToCoverageEnableEXT;
     Device EXT_EXTENDED_DYNAMIC_STATE_3 | EXT_SHADER_OBJECT PFN_vkCmdSetAlphaToOneEnableEXT graphics_state::vkCmdSetAlphaToOneEnableEXT;

@@ -11,6 +11,7 @@ use crate::decode::graphics::{
 use crate::ffi::{find, slice, vk as newer};
 use crate::object::graphics_state::MAX_VIEWPORTS;
 use crate::object::setting::Setting;
+use crate::object::shading_rate::ShadingRate;
 
 fn set(commands: &mut Recording, setting: Setting) -> VkResult {
     commands.push(Command::Graphics(GraphicsCommand::Set(setting)))
@@ -206,6 +207,14 @@ commands! {
         range: *const newer::DepthClampRangeEXT,
     ) {
         set(commands, Setting::DepthClampRange(depth_clamp_range(mode, range)))
+    }
+
+    fn vkCmdSetFragmentShadingRateKHR(
+        commands,
+        size: *const vk::Extent2D,
+        combiners: *const [vk::FragmentShadingRateCombinerOpKHR; 2],
+    ) {
+        set(commands, Setting::ShadingRate(ShadingRate::new(*size, *combiners)))
     }
 
     fn vkCmdSetSampleLocationsEXT(commands, info: *const vk::SampleLocationsInfoEXT<'_>) {

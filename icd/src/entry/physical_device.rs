@@ -15,6 +15,7 @@ use crate::object::PhysicalDevice;
 use crate::object::image::supported_image;
 use crate::object::memory::used_bytes;
 use crate::object::resident;
+use crate::object::shading_rate::RATES;
 use crate::queue::MAX_QUEUES;
 use crate::table::extensions::{self, Kind};
 use crate::table::{features, limits, properties};
@@ -302,6 +303,18 @@ entry! {
     ) {
         let side = u32::from(limits::SAMPLE_LOCATION_COUNTS.contains(samples));
         (*out).max_sample_location_grid_size = vk::Extent2D { width: side, height: side };
+    }
+
+    fn vkGetPhysicalDeviceFragmentShadingRatesKHR(
+        _device: vk::PhysicalDevice,
+        count: *mut u32,
+        out: *mut vk::PhysicalDeviceFragmentShadingRateKHR<'_>,
+    ) -> vk::Result {
+        enumerate_with(count, out, RATES.into_iter(), |out, rate| {
+            let [width, height] = rate.pixels().map(|side| side as u32);
+            out.sample_counts = rate.samples();
+            out.fragment_size = vk::Extent2D { width, height };
+        })
     }
 
     fn vkGetPhysicalDeviceExternalBufferProperties(

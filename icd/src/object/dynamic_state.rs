@@ -12,11 +12,12 @@ pub type Parts = vk::GraphicsPipelineLibraryFlagsEXT;
 
 /// The states that can be dynamic, each with its part of a pipeline.
 #[rustfmt::skip]
-const STATES: [(vk::DynamicState, Parts); 50] = {
+const STATES: [(vk::DynamicState, Parts); 51] = {
     use vk::DynamicState as State;
     const INPUT: Parts = Parts::VERTEX_INPUT_INTERFACE;
     const BEFORE: Parts = Parts::PRE_RASTERIZATION_SHADERS;
     const FRAGMENT: Parts = Parts::FRAGMENT_SHADER;
+    const SHADED: Parts = Parts::from_raw(BEFORE.as_raw() | FRAGMENT.as_raw());
     const OUTPUT: Parts = Parts::FRAGMENT_OUTPUT_INTERFACE;
     [
         (State::VERTEX_INPUT_EXT, INPUT),
@@ -45,6 +46,7 @@ const STATES: [(vk::DynamicState, Parts); 50] = {
         (State::LINE_STIPPLE_ENABLE_EXT, BEFORE),
         (State::DEPTH_CLIP_NEGATIVE_ONE_TO_ONE_EXT, BEFORE),
         (crate::ffi::vk::DYNAMIC_STATE_DEPTH_CLAMP_RANGE_EXT, BEFORE),
+        (State::FRAGMENT_SHADING_RATE_KHR, SHADED),
         (State::DEPTH_BOUNDS, FRAGMENT),
         (State::STENCIL_COMPARE_MASK, FRAGMENT),
         (State::STENCIL_WRITE_MASK, FRAGMENT),
@@ -110,6 +112,9 @@ impl GraphicsState {
             self.tessellation = from.tessellation;
             self.rasterization = from.rasterization;
         }
+        if parts.intersects(Parts::PRE_RASTERIZATION_SHADERS | Parts::FRAGMENT_SHADER) {
+            self.shading_rate = from.shading_rate;
+        }
         if parts.contains(Parts::FRAGMENT_SHADER) {
             self.depth_stencil = from.depth_stencil;
         }
@@ -173,6 +178,7 @@ impl GraphicsState {
             LINE_RASTERIZATION_MODE_EXT: rasterization.line_mode;
             LINE_STIPPLE_ENABLE_EXT: rasterization.line_stipple;
             DEPTH_CLIP_NEGATIVE_ONE_TO_ONE_EXT: rasterization.negative_one_to_one;
+            FRAGMENT_SHADING_RATE_KHR: shading_rate;
             DEPTH_BOUNDS: depth_stencil.depth_bounds;
             DEPTH_TEST_ENABLE: depth_stencil.depth_test;
             DEPTH_WRITE_ENABLE: depth_stencil.depth_write;

@@ -10,6 +10,7 @@
 use ash::vk;
 use smallvec::SmallVec;
 
+use super::shading_rate::ShadingRate;
 use crate::table::limits;
 
 /// `maxViewports`.
@@ -224,6 +225,7 @@ pub struct GraphicsState {
     pub multisample: Multisample,
     pub depth_stencil: DepthStencil,
     pub blend: ColorBlend,
+    pub shading_rate: ShadingRate,
     pub color_locations: ColorLocations,
     /// Complete except for pipelines of dynamic rendering.
     pub used_attachments: UsedAttachments,
@@ -243,6 +245,7 @@ impl GraphicsState {
             multisample,
             depth_stencil,
             blend,
+            shading_rate,
             color_locations,
             used_attachments,
         } = self;
@@ -255,6 +258,7 @@ impl GraphicsState {
             && *primitive_restart == other.primitive_restart
             && *tessellation == other.tessellation
             && *multisample == other.multisample
+            && *shading_rate == other.shading_rate
             && *color_locations == other.color_locations
             && *used_attachments == other.used_attachments
             && *vertex_input == other.vertex_input
@@ -415,6 +419,7 @@ impl Default for GraphicsState {
             multisample: Multisample::default(),
             depth_stencil: DepthStencil::default(),
             blend: ColorBlend::default(),
+            shading_rate: ShadingRate::default(),
             color_locations: own_locations(),
             used_attachments: UsedAttachments::default(),
         }
@@ -438,6 +443,7 @@ mod tests {
         assert!(differs(|it| it.rasterization.depth_bias_slope = -0.0));
         assert!(differs(|it| it.depth_stencil.stencil[1].reference = 1));
         assert!(differs(|it| it.multisample.sample_mask = 1));
+        assert!(differs(|it| it.shading_rate.pipeline.logs = [1, 0]));
         assert!(differs(|it| it.topology = vk::PrimitiveTopology::POINT_LIST));
         assert!(differs(|it| it.color_locations[7] = vk::ATTACHMENT_UNUSED));
         assert!(differs(

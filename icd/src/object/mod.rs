@@ -33,6 +33,7 @@ pub mod sampler;
 pub mod setting;
 pub mod shader_object;
 pub mod shader_stage;
+pub mod shading_rate;
 pub mod sparse;
 pub mod stage_program;
 pub mod sync;

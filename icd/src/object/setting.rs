@@ -9,6 +9,7 @@ use super::graphics_state::{
     AdvancedBlend, BlendAttachment, ColorLocations, GraphicsState, MAX_VIEWPORTS, SampleLocations,
     StencilFace, VertexInput,
 };
+use super::shading_rate::ShadingRate;
 
 /// The state that a command sets.
 #[derive(Clone, Debug)]
@@ -75,6 +76,7 @@ pub enum Setting {
     AdvancedBlends(u32, Box<[vk::ColorBlendAdvancedEXT]>),
     WriteMasks(u32, SmallVec<[vk::ColorComponentFlags; 4]>),
     ColorLocations(ColorLocations),
+    ShadingRate(ShadingRate),
 }
 
 /// Writes values into a list from an index on; it grows where it is too short.
@@ -224,6 +226,7 @@ impl GraphicsState {
                 }
             }
             &Setting::ColorLocations(locations) => self.color_locations = locations,
+            &Setting::ShadingRate(rate) => self.shading_rate = rate,
         }
     }
 }

@@ -96,6 +96,7 @@ extensions! {
     Device KHR_EXTERNAL_SEMAPHORE_FD c"VK_KHR_external_semaphore_fd" 1;
     Device KHR_FORMAT_FEATURE_FLAGS_2 c"VK_KHR_format_feature_flags2" 2;
     Device KHR_FRAGMENT_SHADER_BARYCENTRIC c"VK_KHR_fragment_shader_barycentric" 1;
+    Device KHR_FRAGMENT_SHADING_RATE c"VK_KHR_fragment_shading_rate" 2;
     Device KHR_GET_MEMORY_REQUIREMENTS_2 c"VK_KHR_get_memory_requirements2" 1;
     Device KHR_GLOBAL_PRIORITY c"VK_KHR_global_priority" 1;
     Device KHR_IMAGELESS_FRAMEBUFFER c"VK_KHR_imageless_framebuffer" 1;

@@ -351,6 +351,8 @@ features! {
         maintenance8: PhysicalDeviceMaintenance8FeaturesKHR;
         maintenance9: PhysicalDeviceMaintenance9FeaturesKHR;
         fragment_shader_barycentric: PhysicalDeviceFragmentShaderBarycentricFeaturesKHR => FragmentBarycentricKHR;
+        pipeline_fragment_shading_rate: PhysicalDeviceFragmentShadingRateFeaturesKHR => FragmentShadingRateKHR;
+        primitive_fragment_shading_rate: PhysicalDeviceFragmentShadingRateFeaturesKHR => FragmentShadingRateKHR;
         fragment_shader_sample_interlock: PhysicalDeviceFragmentShaderInterlockFeaturesEXT => FragmentShaderSampleInterlockEXT;
         fragment_shader_pixel_interlock: PhysicalDeviceFragmentShaderInterlockFeaturesEXT => FragmentShaderPixelInterlockEXT;
         rasterization_order_color_attachment_access: PhysicalDeviceRasterizationOrderAttachmentAccessFeaturesEXT;
@@ -380,6 +382,7 @@ features! {
         mesh_shader: PhysicalDeviceMeshShaderFeaturesEXT => MeshShadingEXT;
         multiview_mesh_shader: PhysicalDeviceMeshShaderFeaturesEXT;
         mesh_shader_queries: PhysicalDeviceMeshShaderFeaturesEXT;
+        primitive_fragment_shading_rate_mesh_shader: PhysicalDeviceMeshShaderFeaturesEXT;
         transform_feedback: PhysicalDeviceTransformFeedbackFeaturesEXT => TransformFeedback;
         geometry_streams: PhysicalDeviceTransformFeedbackFeaturesEXT => GeometryStreams;
         primitives_generated_query: PhysicalDevicePrimitivesGeneratedQueryFeaturesEXT;

@@ -40,6 +40,8 @@ pub const SAMPLE_LOCATION_COUNTS: vk::SampleCountFlags = vk::SampleCountFlags::f
 
 /// `maxVertexInputAttributes` and `maxVertexInputBindings`.
 pub const MAX_VERTEX_INPUTS: u32 = 32;
+/// `maxFragmentShadingRateCoverageSamples`.
+pub const MAX_COVERAGE_SAMPLES: u32 = 16;
 pub const MAX_COLOR_ATTACHMENTS: u32 = 8;
 pub const MAX_VIEWPORTS: u32 = 16;
 /// `maxMultiviewViewCount`.

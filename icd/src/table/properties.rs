@@ -8,6 +8,7 @@ use spirv_jit::program::{MAX_CAPTURE_BUFFERS, MAX_STREAMS};
 
 use super::limits::{self, API_VERSION, CAPTURE_BYTES, HANDLE_SIZE};
 use crate::ffi::{array, chain, enumerate, vk};
+use crate::object::shading_rate::RATES;
 use crate::settings;
 
 /// Stages whose shaders may use subgroup operations.
@@ -341,6 +342,25 @@ fn mesh_shader() -> vk::PhysicalDeviceMeshShaderPropertiesEXT<'static> {
     }
 }
 
+fn fragment_shading_rate() -> vk::PhysicalDeviceFragmentShadingRatePropertiesKHR<'static> {
+    let [width, height] = RATES[0].pixels().map(|side| side as u32);
+    vk::PhysicalDeviceFragmentShadingRatePropertiesKHR {
+        primitive_fragment_shading_rate_with_multiple_viewports: vk::TRUE,
+        fragment_shading_rate_non_trivial_combiner_ops: vk::TRUE,
+        max_fragment_size: vk::Extent2D { width, height },
+        max_fragment_size_aspect_ratio: 2,
+        max_fragment_shading_rate_coverage_samples: limits::MAX_COVERAGE_SAMPLES,
+        max_fragment_shading_rate_rasterization_samples: vk::SampleCountFlags::TYPE_8,
+        fragment_shading_rate_with_shader_depth_stencil_writes: vk::TRUE,
+        fragment_shading_rate_with_sample_mask: vk::TRUE,
+        fragment_shading_rate_with_shader_sample_mask: vk::TRUE,
+        fragment_shading_rate_with_fragment_shader_interlock: vk::TRUE,
+        fragment_shading_rate_with_custom_sample_locations: vk::TRUE,
+        fragment_shading_rate_strict_multiply_combiner: vk::TRUE,
+        ..Default::default()
+    }
+}
+
 fn transform_feedback() -> vk::PhysicalDeviceTransformFeedbackPropertiesEXT<'static> {
     vk::PhysicalDeviceTransformFeedbackPropertiesEXT {
         max_transform_feedback_streams: MAX_STREAMS,
@@ -556,6 +576,7 @@ unsafe fn fill(machine: &Machine, node: *mut vk::BaseOutStructure<'static>) {
                 ..Default::default()
             });
             PhysicalDeviceMeshShaderPropertiesEXT(mesh_shader());
+            PhysicalDeviceFragmentShadingRatePropertiesKHR(fragment_shading_rate());
             PhysicalDeviceOpacityMicromapPropertiesEXT(vk::PhysicalDeviceOpacityMicromapPropertiesEXT {
                 max_opacity2_state_subdivision_level: traversal::micromap::MAX_LEVEL,
                 max_opacity4_state_subdivision_level: traversal::micromap::MAX_LEVEL,

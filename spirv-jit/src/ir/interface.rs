@@ -137,6 +137,8 @@ pub enum OutputRow {
     ViewportIndex,
     /// Geometry and mesh stage.
     PrimitiveId,
+    /// `PrimitiveShadingRateKHR`.
+    ShadingRate,
     FragDepth,
     FragStencilRef,
     SampleMask,
@@ -349,6 +351,7 @@ impl fmt::Display for OutputRow {
             OutputRow::Layer => f.write_str("layer"),
             OutputRow::ViewportIndex => f.write_str("viewport_index"),
             OutputRow::PrimitiveId => f.write_str("primitive_id"),
+            OutputRow::ShadingRate => f.write_str("shading_rate"),
             OutputRow::FragDepth => f.write_str("frag_depth"),
             OutputRow::FragStencilRef => f.write_str("frag_stencil_ref"),
             OutputRow::SampleMask => f.write_str("sample_mask"),
@@ -387,6 +390,7 @@ impl FromStr for OutputRow {
             ["layer"] => OutputRow::Layer,
             ["viewport_index"] => OutputRow::ViewportIndex,
             ["primitive_id"] => OutputRow::PrimitiveId,
+            ["shading_rate"] => OutputRow::ShadingRate,
             ["frag_depth"] => OutputRow::FragDepth,
             ["frag_stencil_ref"] => OutputRow::FragStencilRef,
             ["sample_mask"] => OutputRow::SampleMask,

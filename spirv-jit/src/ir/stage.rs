@@ -180,10 +180,12 @@ pub enum Builtin {
     ViewportIndex,
     /// 1 word: the layer of input attachments, which is the one that is drawn to.
     AttachmentLayer,
+    /// 1 word: the size of the fragment (`ShadingRateKHR`).
+    ShadingRate,
     /// 1 word each: the locations of the pixel's samples along x and y, in sixteenths of a pixel,
     /// four bits a sample.
     SampleLocations,
-    /// 9 f32 each: at the pixel's centre, the three planes whose quotients by their sum are
+    /// 9 f32 each: at the fragment's centre, the three planes whose quotients by their sum are
     /// perspective-correct barycentric coordinates, or that are the linear ones; then their
     /// derivatives in x, then in y.
     PerspectivePlanes,

@@ -74,6 +74,7 @@ fn source(built_in: BuiltIn) -> Option<Source> {
         BuiltIn::SampleMask => Source::Record(Builtin::SampleMask),
         BuiltIn::Layer => Source::Record(Builtin::Layer),
         BuiltIn::ViewportIndex => Source::Record(Builtin::ViewportIndex),
+        BuiltIn::ShadingRateKHR => Source::Record(Builtin::ShadingRate),
         BuiltIn::SubgroupSize => Source::SubgroupSize,
         BuiltIn::SubgroupLocalInvocationId => Source::LaneIndex,
         BuiltIn::SubgroupEqMask

@@ -132,6 +132,7 @@ pub const SUPPORTED: &[Capability] = &[
     Capability::StencilExportEXT,
     Capability::SampleMaskPostDepthCoverage,
     Capability::FragmentBarycentricKHR,
+    Capability::FragmentShadingRateKHR,
     Capability::FragmentShaderPixelInterlockEXT,
     Capability::FragmentShaderSampleInterlockEXT,
     Capability::StorageInputOutput16,

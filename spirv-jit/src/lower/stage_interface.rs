@@ -667,6 +667,7 @@ impl Lowerer<'_> {
                     BuiltIn::CullDistance => OutputRow::CullDistance(index),
                     BuiltIn::Layer => OutputRow::Layer,
                     BuiltIn::ViewportIndex => OutputRow::ViewportIndex,
+                    BuiltIn::PrimitiveShadingRateKHR => OutputRow::ShadingRate,
                     BuiltIn::PrimitiveId
                         if matches!(self.request.stage, Stage::Geometry | Stage::Mesh) =>
                     {

@@ -29,12 +29,6 @@ impl Inputs {
     }
 }
 
-/// Lanes' columns and rows in their quads.
-static IN_QUAD: [Row; 2] = [
-    [0, 1, 0, 1, 0, 1, 0, 1, 0, 1, 0, 1, 0, 1, 0, 1],
-    [0, 0, 1, 1, 0, 0, 1, 1, 0, 0, 1, 1, 0, 0, 1, 1],
-];
-
 /// Rows of a subgroup while they are filled. `UNIFORM`: of one record.
 struct Filling<'a, V: Vector, const UNIFORM: bool> {
     v: V,
@@ -99,7 +93,7 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
         (self.v).bits_to_f(self.of_vertices(word, |record| record.vertices[vertex]))
     }
 
-    /// Where lanes lie in their pixels, from the centre.
+    /// Where lanes lie in their fragments, from the centre.
     #[inline(always)]
     fn inside_pixel(&self, position: Position) -> [V::F; 2] {
         let v = self.v;
@@ -155,8 +149,9 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
         let origin_y = self.of_records(|record| record.origin[1] as u32);
         let x = v.sub_i(self.of_quads(&self.fragments.x), origin_x);
         let y = v.sub_i(self.of_quads(&self.fragments.y), origin_y);
-        let x = v.to_f(v.add_i(x, v.load_i(&IN_QUAD[0])));
-        let y = v.to_f(v.add_i(y, v.load_i(&IN_QUAD[1])));
+        // Exact: records start within 2²¹ pixels, and halves fit beside that.
+        let x = v.add(v.to_f(x), v.load(&self.inputs.in_quad[0]));
+        let y = v.add(v.to_f(y), v.load(&self.inputs.in_quad[1]));
         if position == Position::Center {
             return [x, y];
         }
@@ -328,7 +323,7 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
             Fill::Viewport => self.of_records(|record| record.viewport),
             Fill::Primitive => self.of_records(|record| record.primitive_id),
             Fill::View => self.of_records(|record| record.view_index),
-            Fill::SampleLocations(axis) => v.splat_i(self.inputs.locations.packed(axis) as i32),
+            Fill::SampleLocations(axis) => v.splat_i(self.inputs.packed[axis] as i32),
             Fill::Planes(perspective, index) => self.planes(perspective, index),
         }
     }
@@ -338,8 +333,9 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
     fn coordinate(&self, quads: &[i32; 4], axis: usize) -> V::I {
         let v = self.v;
         let inside = self.inside_pixel(self.inputs.position)[axis];
-        let pixel = v.add_i(self.of_quads(quads), v.load_i(&IN_QUAD[axis]));
-        v.bits_of(v.add(v.to_f(pixel), v.add(v.splat(0.5), inside)))
+        let quads = v.to_f(self.of_quads(quads));
+        let center = v.add(quads, v.load(&self.inputs.in_quad[axis]));
+        v.bits_of(v.add(center, v.add(v.splat(0.5), inside)))
     }
 
     #[inline(always)]

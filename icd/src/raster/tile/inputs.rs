@@ -6,7 +6,9 @@ use spirv_jit::Program;
 use spirv_jit::program::{Builtin, InputRow, Passed, Position, Varying, VaryingMode, VaryingPlace};
 
 use super::interpolation::number;
-use super::samples::{Locations, MAX_SAMPLES};
+use super::lanes::{LANE_X, LANE_Y, Row};
+use super::samples::Locations;
+use crate::object::shading_rate::Rate;
 use crate::raster::primitive::Record;
 
 /// One row of inputs.
@@ -63,7 +65,13 @@ pub struct Inputs {
     pub(super) fills: Vec<Fill>,
     /// The coordinates of the varyings, where all have the same.
     pub(super) common: Option<Weights>,
+    /// Samples of a fragment.
     pub(super) locations: Locations,
+    /// Those of a pixel along each axis, [packed](Locations::packed).
+    pub(super) packed: [u32; 2],
+    /// Lanes' fragments in their quads: columns and rows of the centres, from the quad's first
+    /// pixel's centre on.
+    pub(super) in_quad: [Row; 2],
     /// Where built-ins are evaluated.
     pub(super) position: Position,
 }
@@ -140,19 +148,26 @@ pub struct Fragments<'a> {
     /// Samples that the invocations are for, where there is one for each.
     pub sample: [u8; 4],
     /// Covered lanes, by sample.
-    pub coverage: &'a [u16; MAX_SAMPLES],
+    pub coverage: &'a [u16],
 }
 
 impl Inputs {
-    /// Links a program to the outputs of the stage before it. `per_sample`: invocations are for one
+    /// Links a program to the outputs of the stage before it. `locations`: of a pixel's samples;
+    /// `per_sample`: invocations are for one
     /// sample; `everything`: and so are inputs that do not say so.
     pub fn new(
         fragment: &Program,
         before: Option<&Program>,
         locations: Locations,
+        rate: Rate,
         per_sample: bool,
         everything: bool,
     ) -> Self {
+        let packed = [0, 1].map(|axis| locations.packed(axis));
+        let locations = match rate.is_one() {
+            true => locations,
+            false => locations.of_pixels(rate),
+        };
         let samples = locations.len();
         let place = |position| match position {
             _ if samples == 1 => Position::Center,
@@ -180,6 +195,7 @@ impl Inputs {
                     position: place(it.position),
                 },
             ),
+            InputRow::Builtin(Builtin::ShadingRate, _) => Fill::Constant(rate.word()),
             InputRow::Builtin(builtin, component) => builtin_fill(builtin, component.into()),
             _ => Fill::Constant(0),
         };
@@ -188,6 +204,8 @@ impl Inputs {
             common: common(&fills),
             fills,
             locations,
+            packed,
+            in_quad: in_quad(rate),
             position: match per_sample && samples > 1 {
                 true => Position::Sample,
                 false => Position::Center,
@@ -241,6 +259,15 @@ impl Inputs {
     }
 }
 
+/// Columns and rows of the lanes' centres in a quad of fragments.
+fn in_quad(rate: Rate) -> [Row; 2] {
+    [LANE_X, LANE_Y].map(|lanes| {
+        let axis = usize::from(lanes == LANE_Y);
+        let size = rate.pixels()[axis] as f32;
+        lanes.map(|lane| ((lane & 1) as f32 * size + (size - 1.0) / 2.0).to_bits())
+    })
+}
+
 /// The word that a varying comes from; none where the stage before does not write it.
 fn word_of(before: Option<&Program>, varying: &Varying) -> Option<u32> {
     let wanted = varying.output();
@@ -249,7 +276,7 @@ fn word_of(before: Option<&Program>, varying: &Varying) -> Option<u32> {
 }
 
 /// Words of a vertex of a mesh program, which those of a primitive follow.
-fn vertex_words(before: Option<&Program>) -> u32 {
+pub fn vertex_words(before: Option<&Program>) -> u32 {
     let facts = before.and_then(Program::mesh);
     facts.map_or(0, |facts| facts.vertices.len() as u32)
 }

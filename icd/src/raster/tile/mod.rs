@@ -15,6 +15,7 @@
 mod advanced;
 mod blend;
 mod clear;
+mod coarse;
 mod color;
 mod coverage;
 mod depth;

@@ -61,7 +61,7 @@ pub struct Output {
     /// Rows of outputs that are no colours.
     pub depth: Option<usize>,
     pub stencil: Option<usize>,
-    sample_mask: Option<usize>,
+    pub sample_mask: Option<usize>,
     /// The row of alpha, where it becomes coverage.
     alpha: Option<usize>,
     /// Rows of outputs up to the last one that matters: programs may write to locations without an

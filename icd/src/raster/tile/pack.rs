@@ -65,6 +65,13 @@ pub struct Found<'a> {
     pub coverage: &'a [u16; MAX_SAMPLES],
 }
 
+/// Where fragments of a block went.
+pub struct Went {
+    pub pack: usize,
+    /// A quad of the block and its place in the pack; none: the pack is the block.
+    pub quad: Option<(usize, usize)>,
+}
+
 /// The packs of a wave.
 pub struct Packs {
     pub packs: Vec<Pack>,
@@ -98,7 +105,7 @@ impl Default for Packs {
 
 /// The first pixel of a quad of the block at a place.
 #[inline(always)]
-fn quad_place([x, y]: [i32; 2], quad: usize) -> [i32; 2] {
+pub fn quad_place([x, y]: [i32; 2], quad: usize) -> [i32; 2] {
     [x + 2 * (quad as i32 % 2), y + 2 * (quad as i32 / 2)]
 }
 
@@ -119,7 +126,12 @@ fn block([x, y]: [i32; 2]) -> usize {
 /// Adds a quad's lanes of all samples' masks to others, at another place. From copies, so that the
 /// samples become one vector.
 #[inline(always)]
-fn move_quad(from: &[u16; MAX_SAMPLES], quad: usize, to: &mut [u16; MAX_SAMPLES], place: usize) {
+pub fn move_quad(
+    from: &[u16; MAX_SAMPLES],
+    quad: usize,
+    to: &mut [u16; MAX_SAMPLES],
+    place: usize,
+) {
     let (right, left) = (4 * quad as u32 % 16, 4 * place as u32 % 16);
     let (from, mut moved) = (*from, *to);
     for sample in 0..MAX_SAMPLES {
@@ -165,10 +177,20 @@ impl Packs {
 
     /// Adds the fragments of a block.
     pub fn add(&mut self, found: &Found<'_>) {
+        self.add_with(found, |_| ());
+    }
+
+    /// The same, and tells where they went.
+    #[inline(always)]
+    pub fn add_with(&mut self, found: &Found<'_>, mut went: impl FnMut(Went)) {
         let quads = quads_of(found.lanes);
         if quads.count_ones() >= OWN {
             // All four quads, even if there are three: to come later than they must does no harm.
             self.blocks[block(found.place)] = self.note(self.packs.len());
+            went(Went {
+                pack: self.packs.len(),
+                quad: None,
+            });
             self.packs.push(Pack {
                 places: Places::block(found.place, found.layer, found.area),
                 origins: [found.origin; 4],
@@ -182,12 +204,12 @@ impl Packs {
         }
         for quad in 0..4 {
             if quads >> quad & 1 != 0 {
-                self.add_quad(found, quad);
+                went(self.add_quad(found, quad));
             }
         }
     }
 
-    fn add_quad(&mut self, found: &Found<'_>, quad: usize) {
+    fn add_quad(&mut self, found: &Found<'_>, quad: usize) -> Went {
         let at = quad_place(found.place, quad);
         // Behind all packs that have fragments here.
         let open =
@@ -225,5 +247,9 @@ impl Packs {
         move_quad(found.masks, quad, &mut pack.masks, place);
         move_quad(found.coverage, quad, &mut pack.coverage, place);
         pack.quads |= 1 << place;
+        Went {
+            pack: index,
+            quad: Some((quad, place)),
+        }
     }
 }

@@ -6,6 +6,7 @@ use lanes::Tier;
 use spirv_jit::Program;
 use spirv_jit::program::FragmentFacts;
 
+use super::coarse::Coarse;
 use super::depth::Tests;
 use super::inputs::Inputs;
 use super::output::Output;
@@ -13,6 +14,7 @@ use super::passed::Passed;
 use super::samples::Locations;
 use super::tinted::Sampled;
 use crate::compute::waves::subgroups_at_once;
+use crate::object::shading_rate::Rate;
 use crate::raster::{Chunk, Draw, Targets, Work};
 
 /// When the tests are done.
@@ -33,6 +35,8 @@ pub struct Plan<'a> {
     pub passed: Option<Passed>,
     /// In its place, where that is a sample and products.
     pub sampled: Option<Sampled<'a>>,
+    /// The rates of fragments that may be of several pixels.
+    pub coarse: Option<Coarse>,
     pub tests: Tests,
     pub order: Order,
     pub output: Output,
@@ -77,9 +81,16 @@ impl<'a> Plan<'a> {
             && multisample.min_sample_shading * samples as f32 > 1.0
             && samples > 1;
         let per_sample = shades_samples || facts.per_sample;
-        let inputs = fragment.map(|program| {
+        let link = |program, rate| {
             let last = draw.stages.last();
-            Inputs::new(program, last, locations, per_sample, shades_samples)
+            Inputs::new(program, last, locations, rate, per_sample, shades_samples)
+        };
+        let inputs = fragment.map(|program| link(program, Rate::default()));
+        // Sample shading makes fragments of a pixel (spec, "Fragment Shading Rates").
+        let shades_pixels = !(multisample.sample_shading || facts.per_sample);
+        let coarse = fragment.filter(|_| shades_pixels).and_then(|program| {
+            let inputs = |rate| link(program, rate);
+            Coarse::new(draw, samples, facts.post_depth_coverage, inputs)
         });
         let order = order(&facts, &output, &tests);
         let has_effects = facts.discards || facts.writes_memory || facts.interlock.is_some();
@@ -88,6 +99,7 @@ impl<'a> Plan<'a> {
             outputs.map(|outputs| inputs.passed(outputs))
         });
         let passed = match &rows {
+            _ if coarse.is_some() => None,
             _ if order != Order::Early || output.drops_samples() => None,
             _ if output.smooth_alpha.is_some() => None,
             Some(None) => None,
@@ -96,7 +108,7 @@ impl<'a> Plan<'a> {
         };
         let tinted = (fragment.and_then(Program::tinted))
             .filter(|_| order == Order::Early && !(has_effects || per_sample))
-            .filter(|_| output.smooth_alpha.is_none());
+            .filter(|_| output.smooth_alpha.is_none() && coarse.is_none());
         let sampled = (tinted.zip(inputs.as_ref()))
             .and_then(|(tinted, inputs)| Sampled::new(tinted, inputs, &output));
         let program = fragment.zip(inputs).map(|(program, inputs)| Fragment {
@@ -111,6 +123,7 @@ impl<'a> Plan<'a> {
             program,
             passed,
             sampled,
+            coarse,
             order,
             tests,
             output,

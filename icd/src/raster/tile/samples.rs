@@ -4,6 +4,8 @@
 use std::ops::Deref;
 
 use crate::object::graphics_state::Multisample;
+use crate::object::shading_rate::Rate;
+use crate::table::limits;
 
 /// Samples of a pixel, at most.
 pub const MAX_SAMPLES: usize = 8;
@@ -33,20 +35,27 @@ pub const fn standard(samples: u32) -> &'static [Location] {
 /// The pixel's centre, where a single sample lies.
 pub const CENTER: Location = [8, 8];
 
-/// The locations of all samples of a draw.
+/// Samples of a fragment, at most: of one of several pixels, those of all its pixels
+/// (`maxFragmentShadingRateCoverageSamples`).
+pub const MAX_COVERAGE: usize = limits::MAX_COVERAGE_SAMPLES as usize;
+
+/// The locations of all samples of a fragment.
 #[derive(Clone, Copy)]
 pub struct Locations {
-    all: [Location; MAX_SAMPLES],
+    all: [Location; MAX_COVERAGE],
     samples: usize,
 }
 
 impl Locations {
     /// Those of a state; a single sample lies at the centre.
     pub fn new(samples: u32, state: &Multisample) -> Self {
-        let mut all = [CENTER; MAX_SAMPLES];
+        let mut all = [CENTER; MAX_COVERAGE];
         let count = samples.clamp(1, MAX_SAMPLES as u32) as usize;
         match state.has_locations && count > 1 {
-            true => all = state.locations.map(|place| place.map(i32::from)),
+            true => {
+                all[..MAX_SAMPLES]
+                    .copy_from_slice(&state.locations.map(|place| place.map(i32::from)));
+            }
             false => all[..count].copy_from_slice(standard(samples)),
         }
         Self {
@@ -55,9 +64,29 @@ impl Locations {
         }
     }
 
+    /// Those of a fragment of several pixels, each with these samples, from eight sixteenths left of
+    /// and above its centre on: in the order of the coverage mask, which begins with the last pixel
+    /// (spec, "Multisampling").
+    pub fn of_pixels(&self, rate: Rate) -> Self {
+        let mut all = [CENTER; MAX_COVERAGE];
+        let [width, height] = rate.pixels();
+        for (place, index) in all.iter_mut().zip(0..width * height * self.samples) {
+            let pixel = width * height - 1 - index / self.samples;
+            let from_corner = [pixel % width, pixel / width];
+            for (axis, size) in [width, height].into_iter().enumerate() {
+                let in_pixel = self[index % self.samples][axis];
+                place[axis] = in_pixel + 16 * from_corner[axis] as i32 - 8 * (size as i32 - 1);
+            }
+        }
+        Self {
+            all,
+            samples: (width * height * self.samples).min(MAX_COVERAGE),
+        }
+    }
+
     /// The locations along an axis, four bits a sample.
     pub fn packed(&self, axis: usize) -> u32 {
-        let places = self.iter().zip((0..).step_by(4));
+        let places = self.iter().take(MAX_SAMPLES).zip((0..).step_by(4));
         places.fold(0, |word, (place, at)| word | (place[axis] as u32) << at)
     }
 }

@@ -5,13 +5,14 @@ use spirv_jit::Program;
 use spirv_jit::image::vector::Vector;
 use spirv_jit::program::AlignedRow;
 
+use super::coarse::Spread;
 use super::coverage::Block;
 use super::depth::Tested;
-use super::inputs::{Fragments, Steps};
+use super::inputs::{Fragments, Inputs, Steps};
 use super::interpolation::{clamp, depths};
 use super::lanes::{IN_BLOCK, LANE_X, LANE_Y, Row, lanes_of};
 use super::pack::Pack;
-use super::plan::{Fragment, Order, Plan};
+use super::plan::{Order, Plan};
 use super::samples::{Counts, MAX_SAMPLES, any, count, from_center, masks_of};
 use super::texels::{Pattern, Places};
 use crate::compute::waves::Runner;
@@ -72,38 +73,43 @@ spirv_jit::vectors! {
 }
 
 spirv_jit::vectors! {
-    /// Puts a wave's subgroups at the program's entry, with their inputs.
+    /// Puts a wave's subgroups at the program's entry, with their inputs. `spread`: of packs whose
+    /// fragments are of several pixels.
     pub fn start<V>(
         v,
         chunks: &[Chunk],
-        fragment: &Fragment<'_>,
+        program: &Program,
+        inputs: &Inputs,
         outputs: usize,
         packs: &[Pack],
+        spread: &[Spread],
         runner: &mut Runner,
         counts: &mut Counts,
     ) {
-        let program = fragment.program;
-        let inputs = program.layout().inputs;
+        let first = program.layout().inputs;
         let mut steps = Steps::new();
         let mut steps_of = None;
-        for (pack, state) in packs.iter().zip(runner.states()) {
+        for (index, (pack, state)) in packs.iter().zip(runner.states()).enumerate() {
             let (active, covered) = (pack.active(), pack.covered());
             let helpers = LaneMask::from_bits(active & !covered);
             let active = LaneMask::from_bits(active);
             program.start_fragments(state, active, helpers, Some(outputs));
             counts.invocations += u64::from(covered.count_ones());
-            let fragments = fragments_of(chunks, pack);
-            let rows = &mut state[inputs..];
+            let mut fragments = fragments_of(chunks, pack);
+            if let Some(spread) = spread.get(index) {
+                fragments.coverage = spread.coverage();
+            }
+            let rows = &mut state[first..];
             if !pack.is_uniform {
-                fragment.inputs.fill_mixed(v, &fragments, rows);
+                inputs.fill_mixed(v, &fragments, rows);
                 continue;
             }
             // Most of a wave is of few primitives, whose subgroups follow each other.
             if steps_of != Some(pack.origins[0]) {
                 steps_of = Some(pack.origins[0]);
-                fragment.inputs.steps(&fragments, &mut steps);
+                inputs.steps(&fragments, &mut steps);
             }
-            fragment.inputs.fill_uniform(v, &fragments, &steps, rows);
+            inputs.fill_uniform(v, &fragments, &steps, rows);
         }
     }
 }

@@ -7,6 +7,7 @@ use lanes::Tier;
 use spirv_jit::interp::tinted::Sampling;
 
 use super::clear::{clear_tile, meet};
+use super::coarse::{Gather, Of, Wave};
 use super::coverage::{Block, Covered, Square, convex, listed};
 use super::direct;
 use super::pack::{Found, Origin, Pack, Packs};
@@ -45,33 +46,35 @@ pub struct Worker {
     runner: Runner,
     covered: Covered,
     /// Blocks' masks before the tests.
-    coverage: Vec<[u16; MAX_SAMPLES]>,
-    packs: Packs,
+    pub(super) coverage: Vec<[u16; MAX_SAMPLES]>,
+    pub(super) packs: Packs,
+    pub(super) gather: Gather,
 }
 
 impl Worker {
     /// Ends its part of a round.
     pub fn rest(&mut self) {
         self.runner.rest();
+        self.gather.rest();
     }
 }
 
 /// The draw whose shapes are worked off.
 #[derive(Clone, Copy)]
-struct Current<'a> {
+pub struct Current<'a> {
     index: u32,
     draw: &'a Draw,
-    plan: &'a Plan<'a>,
+    pub plan: &'a Plan<'a>,
     /// Queries count its samples.
     is_counted: bool,
 }
 
 /// A visit.
 pub struct Visit<'a> {
-    round: &'a Round<'a>,
-    worker: &'a mut Worker,
-    bounds: Bounds,
-    current: Option<Current<'a>>,
+    pub(super) round: &'a Round<'a>,
+    pub(super) worker: &'a mut Worker,
+    pub(super) bounds: Bounds,
+    pub(super) current: Option<Current<'a>>,
     /// The sample of the draw's program, if the program does little else.
     sampling: Option<Sampling<'a>>,
     counts: Counts,
@@ -84,6 +87,7 @@ impl Worker {
     /// When a limit stopped it.
     pub fn visit(&mut self, round: &Round<'_>, tile: usize) -> Result<(), Stopped> {
         self.packs.clear();
+        self.gather.clear();
         let mut visit = Visit {
             round,
             worker: self,
@@ -158,6 +162,7 @@ impl<'a> Visit<'a> {
     }
 
     fn finish_draw(&mut self) -> Result<(), Stopped> {
+        self.pass_gathered()?;
         self.run_wave()?;
         let counts = std::mem::take(&mut self.counts);
         if let Some(current) = self.current.take() {
@@ -217,7 +222,14 @@ impl<'a> Visit<'a> {
                 );
                 Ok(())
             }
-            (None, None) => self.fragments(current, origin, record, &mut covered),
+            (None, None) => match &current.plan.coarse {
+                None => self.fragments(current, origin, record, &mut covered),
+                Some(coarse) => {
+                    let layer = record.layer;
+                    let of = Of { origin, layer };
+                    self.coarse_fragments(current, coarse, of, &part, &mut covered)
+                }
+            },
         };
         self.worker.covered = covered;
         result
@@ -328,17 +340,6 @@ impl<'a> Visit<'a> {
             return Ok(());
         };
         covered.split(plan.samples);
-        if plan.sample_mask & ALL_SAMPLES != ALL_SAMPLES {
-            for block in &mut covered.blocks {
-                for (sample, mask) in block.masks.iter_mut().enumerate() {
-                    *mask &= if plan.sample_mask >> sample & 1 != 0 {
-                        u16::MAX
-                    } else {
-                        0
-                    };
-                }
-            }
-        }
         if !fragment.is_serial {
             return self.some_fragments(current, fragment, origin, record, &mut covered.blocks);
         }
@@ -354,31 +355,57 @@ impl<'a> Visit<'a> {
         Ok(())
     }
 
-    fn some_fragments(
+    /// Does the tests of blocks that come before the program. Where `sees_coverage` says so, keeps
+    /// what the blocks were before.
+    pub(super) fn test(
         &mut self,
         Current {
             plan, is_counted, ..
         }: Current<'a>,
-        fragment: &Fragment<'_>,
-        origin: Origin,
+        sees_coverage: bool,
         record: &Record,
         blocks: &mut [Block],
-    ) -> Result<(), Stopped> {
-        let mut coverage = std::mem::take(&mut self.worker.coverage);
+    ) {
+        if plan.sample_mask & ALL_SAMPLES != ALL_SAMPLES {
+            for block in &mut *blocks {
+                for (sample, mask) in block.masks.iter_mut().enumerate() {
+                    *mask &= if plan.sample_mask >> sample & 1 != 0 {
+                        u16::MAX
+                    } else {
+                        0
+                    };
+                }
+            }
+        }
+        let coverage = &mut self.worker.coverage;
         coverage.clear();
         if plan.order != Order::Late && !plan.tests.is_empty() {
-            if fragment.sees_coverage {
+            if sees_coverage {
                 coverage.extend(blocks.iter().map(|block| block.masks));
             }
             let (corner, area) = ([self.bounds.left, self.bounds.top], &self.round.area);
             // SAFETY: as for direct fragments.
             unsafe { test_blocks(self.round.tier, plan, record, corner, area, blocks) };
         }
-        let mut result = Ok(());
-        for (index, block) in blocks.iter().enumerate() {
-            if plan.order == Order::Early && is_counted {
+        if plan.order == Order::Early && is_counted {
+            for block in blocks {
                 self.counts.samples += count(&block.masks);
             }
+        }
+    }
+
+    fn some_fragments(
+        &mut self,
+        current: Current<'a>,
+        fragment: &Fragment<'_>,
+        origin: Origin,
+        record: &Record,
+        blocks: &mut [Block],
+    ) -> Result<(), Stopped> {
+        self.test(current, fragment.sees_coverage, record, blocks);
+        let coverage = std::mem::take(&mut self.worker.coverage);
+        let mut result = Ok(());
+        for (index, block) in blocks.iter().enumerate() {
             let lanes = any(&block.masks);
             if lanes == 0 {
                 continue;
@@ -429,7 +456,7 @@ impl<'a> Visit<'a> {
     }
 
     /// Runs the fragments that wait, and writes what they leave, in order.
-    fn run_wave(&mut self) -> Result<(), Stopped> {
+    pub(super) fn run_wave(&mut self) -> Result<(), Stopped> {
         let Some(current) = self.current else {
             return Ok(());
         };
@@ -439,10 +466,11 @@ impl<'a> Visit<'a> {
         if self.worker.packs.packs.is_empty() {
             return Ok(());
         }
-        let packs = std::mem::take(&mut self.worker.packs.packs);
-        let result = self.run_packs(&current, fragment, &packs);
+        let mut packs = std::mem::take(&mut self.worker.packs.packs);
+        let result = self.run_packs(&current, fragment, &mut packs);
         self.worker.packs.packs = packs;
         self.worker.packs.clear();
+        self.worker.gather.packs.clear();
         result
     }
 
@@ -450,31 +478,48 @@ impl<'a> Visit<'a> {
         &mut self,
         current: &Current<'_>,
         fragment: &Fragment<'_>,
-        packs: &[Pack],
+        packs: &mut [Pack],
     ) -> Result<(), Stopped> {
         let program = fragment.program;
         let (tier, chunks) = (self.round.tier, self.round.chunks);
-        let runner = &mut self.worker.runner;
+        let Worker { runner, gather, .. } = &mut *self.worker;
         let limits = self.round.context.limits;
         let outputs = current.plan.output.rows;
+        let kind = (current.plan.coarse.as_ref()).map(|coarse| &coarse.kinds[gather.kind]);
+        if let Some(kind) = kind {
+            Gather::to_pixels(packs, kind.rate);
+        }
         runner.begin(program, Subgroups::apart(packs.len()), limits)?;
         runner.set_outputs(Some(outputs));
         start(
             tier,
             chunks,
-            fragment,
+            program,
+            kind.map_or(&fragment.inputs, |kind| &kind.inputs),
             outputs,
             packs,
+            &gather.packs,
             runner,
             &mut self.counts,
         );
         runner.run(program, &current.draw.environment, limits)?;
-        // SAFETY: as for direct fragments: these come from blocks, too.
-        unsafe {
-            let plan = current.plan;
-            finish(tier, chunks, plan, program, runner, packs, &mut self.counts);
-        }
-        Ok(())
+        let (plan, counts) = (current.plan, &mut self.counts);
+        let Some(kind) = kind else {
+            // SAFETY: as for direct fragments: these come from blocks, too.
+            unsafe { finish(tier, chunks, plan, program, runner, packs, counts) };
+            return Ok(());
+        };
+        let wave = Wave {
+            tier,
+            chunks,
+            plan,
+            program,
+            rate: kind.rate,
+            area: &self.round.area,
+            limits,
+        };
+        // SAFETY: as above.
+        unsafe { gather.finish(&wave, packs, runner, counts) }
     }
 }
 

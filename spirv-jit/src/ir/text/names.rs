@@ -56,6 +56,7 @@ names!(Builtin, builtin_text, builtin_from_text:
     FrontFacing = "front_facing", PointCoord = "point_coord", SampleId = "sample_id",
     SamplePosition = "sample_position", SampleMask = "sample_mask", Layer = "layer",
     ViewportIndex = "viewport_index", AttachmentLayer = "attachment_layer", SampleLocations = "sample_locations",
+    ShadingRate = "shading_rate",
     PerspectivePlanes = "perspective_planes", LinearPlanes = "linear_planes");
 
 names!(AtomicOp, atomic_text, atomic_from_text:

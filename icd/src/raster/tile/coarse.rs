@@ -1,0 +1,554 @@
+//! Fragments of several pixels (spec, "Fragment Shading Rates").
+//!
+//! Coverage, tests and writes stay those of pixels; only the program runs less often. A quad of
+//! fragments of w×h pixels has w×h quads of pixels, its *parts*, row by row. The blocks of a
+//! primitive are tested as always, then their quads are gathered by the fragments that they belong
+//! to. The fragments go into packs as if they were pixels of a smaller tile. After the wave, its
+//! outputs are copied to the quads of each part in turn, and those are finished like any others.
+
+use lanes::{LaneMask, Tier};
+use smallvec::SmallVec;
+use spirv_jit::Program;
+use spirv_jit::program::OutputRow;
+
+use super::coverage::{Block, Covered};
+use super::inputs::{Inputs, vertex_words};
+use super::lanes::lanes_where;
+use super::pack::{Found, Origin, Pack, Packs, Went, move_quad, quad_place};
+use super::passed::Part;
+use super::plan::Plan;
+use super::samples::{Counts, MAX_COVERAGE, MAX_SAMPLES, any};
+use super::shading::finish;
+use super::texels::{Pattern, Places};
+use super::visit::{Current, Visit, Worker};
+use crate::compute::waves::{Runner, Subgroups};
+use crate::object::shading_rate::{RATES, Rate, ShadingRate};
+use crate::raster::primitive::{Bounds, Record};
+use crate::raster::{Chunk, Draw};
+use crate::wave::{Limits, Stopped};
+
+/// Parts of a quad, at most.
+const PARTS: usize = 16;
+
+/// Blocks along a tile's side.
+const BLOCKS: usize = crate::raster::TILE as usize / 4;
+
+/// Masks of the lanes of four quads, by part and sample.
+type Masks = [[u16; MAX_SAMPLES]; PARTS];
+
+/// The rates of a draw.
+pub struct Coarse {
+    state: ShadingRate,
+    samples: u32,
+    /// The place of primitives' rates in the outputs of the stage before.
+    primitive: Option<Place>,
+    pub kinds: SmallVec<[Kind; 1]>,
+    /// What programs see depends on coverage.
+    has_coverage: bool,
+    /// And on that before the early tests.
+    pub sees_untested: bool,
+}
+
+/// Fragments of one size.
+pub struct Kind {
+    pub rate: Rate,
+    pub inputs: Inputs,
+}
+
+/// A word of the provoking vertex, or one that a mesh program gave to the primitive.
+#[derive(Clone, Copy)]
+enum Place {
+    OfVertex(u32),
+    OfPrimitive(u32),
+}
+
+impl Place {
+    fn new(before: &Program) -> Option<Self> {
+        let mut outputs = before.outputs().iter();
+        let word = outputs.position(|row| *row == OutputRow::ShadingRate)? as u32;
+        Some(match before.mesh() {
+            None => Self::OfVertex(word),
+            Some(_) => Self::OfPrimitive(word.saturating_sub(vertex_words(Some(before)))),
+        })
+    }
+
+    fn rate(self, record: &Record, outputs: &[u32]) -> Rate {
+        let place = match self {
+            Self::OfVertex(word) => {
+                let provoking = usize::from(record.provoking.min(2));
+                record.vertices[provoking].wrapping_add(word)
+            }
+            Self::OfPrimitive(word) => record.words.wrapping_add(word),
+        };
+        Rate::from_word(outputs.get(place as usize).copied().unwrap_or(0))
+    }
+}
+
+impl Coarse {
+    /// The rates of a draw whose program does not run for each sample; none if all its fragments
+    /// are pixels. `inputs` links the program for fragments of a size.
+    pub fn new(
+        draw: &Draw,
+        samples: u32,
+        post_depth_coverage: bool,
+        inputs: impl Fn(Rate) -> Inputs,
+    ) -> Option<Self> {
+        let state = draw.state.shading_rate;
+        let primitive = draw.stages.last().and_then(Place::new);
+        let one = Rate::default();
+        let fixed = state.of(one, one, samples);
+        let varies = primitive.is_some();
+        if !varies && fixed.is_one() {
+            return None;
+        }
+        let has_samples = |rate: &Rate| rate.samples().as_raw() & samples != 0;
+        let rates = RATES.into_iter().filter(has_samples);
+        let rates = rates.filter(|&rate| varies || rate == fixed);
+        let kind = |rate| Kind {
+            rate,
+            inputs: inputs(rate),
+        };
+        let kinds: SmallVec<[Kind; 1]> = rates.map(kind).collect();
+        let has_coverage = kinds.iter().any(|kind| kind.inputs.see_coverage());
+        Some(Self {
+            state,
+            samples,
+            primitive,
+            kinds,
+            has_coverage,
+            sees_untested: has_coverage && !post_depth_coverage,
+        })
+    }
+
+    /// The kind of a primitive's fragments.
+    fn kind(&self, record: &Record, outputs: &[u32]) -> usize {
+        let primitive = self.primitive.map(|place| place.rate(record, outputs));
+        let one = Rate::default();
+        let rate = (self.state).of(primitive.unwrap_or(one), one, self.samples);
+        let place = self.kinds.iter().position(|kind| kind.rate == rate);
+        place.unwrap_or(0)
+    }
+}
+
+/// A part of a quad of fragments.
+#[derive(Clone, Copy)]
+struct PartOf {
+    rate: Rate,
+    /// Its column and row, in quads of pixels.
+    at: [usize; 2],
+}
+
+impl PartOf {
+    fn new(rate: Rate, part: usize) -> Self {
+        let column = part & (rate.pixels()[0] - 1);
+        let row = part >> rate.logs[0];
+        Self {
+            rate,
+            at: [column, row],
+        }
+    }
+
+    /// Of the pixel in a lane of the part: the lane of its fragment in the quad, and its number
+    /// within that, from the last pixel on, as coverage masks have it.
+    fn fragment(&self, lane: usize) -> (usize, usize) {
+        let [[x, left], [y, above]] = [0, 1].map(|axis| {
+            let pixel = 2 * self.at[axis] + (lane >> axis & 1);
+            let log = self.rate.logs[axis];
+            [pixel >> log, pixel & ((1 << log) - 1)]
+        });
+        let [width, height] = self.rate.pixels();
+        (x + 2 * y, width * height - 1 - (left + width * above))
+    }
+}
+
+/// A 4×4 block of fragments of one primitive.
+struct Gathered {
+    /// Its first pixel, from the tile's.
+    first: [u8; 2],
+    kind: u8,
+    masks: Masks,
+    /// Before the tests.
+    untested: Masks,
+}
+
+impl Gathered {
+    /// Lanes of fragments with a sample that is left.
+    fn lanes(&self, rate: Rate) -> u16 {
+        let [width, height] = rate.pixels();
+        let mut lanes = 0;
+        for part in 0..width * height {
+            let covered = any(&self.masks[part]);
+            if covered != 0 {
+                let part = PartOf::new(rate, part);
+                for pixel in 0..4 {
+                    let of_pixel = covered >> pixel & 0x1111;
+                    lanes |= of_pixel << part.fragment(pixel).0;
+                }
+            }
+        }
+        lanes
+    }
+
+    /// By bit of the coverage mask: fragments that have it.
+    fn coverage(&self, rate: Rate, samples: usize, untested: bool) -> [[u16; MAX_SAMPLES]; 2] {
+        let [width, height] = rate.pixels();
+        let masks = if untested {
+            &self.untested
+        } else {
+            &self.masks
+        };
+        let mut coverage = [[0; MAX_SAMPLES]; 2];
+        for (part, masks) in masks.iter().enumerate().take(width * height) {
+            let part = PartOf::new(rate, part);
+            for pixel in 0..4 {
+                let (lane, number) = part.fragment(pixel);
+                for (sample, mask) in masks.iter().enumerate().take(samples) {
+                    let bit = number * samples + sample;
+                    if let Some(row) = coverage.as_flattened_mut().get_mut(bit) {
+                        *row |= (mask >> pixel & 0x1111) << lane;
+                    }
+                }
+            }
+        }
+        coverage
+    }
+}
+
+/// What a pack of fragments has besides.
+#[derive(Default)]
+pub struct Spread {
+    /// By part: covered samples of its quads.
+    masks: Masks,
+    coverage: [[u16; MAX_SAMPLES]; 2],
+}
+
+impl Spread {
+    /// By bit of the coverage mask: fragments that have it.
+    pub fn coverage(&self) -> &[u16] {
+        self.coverage.as_flattened()
+    }
+}
+
+const _: () = assert!(2 * MAX_SAMPLES == MAX_COVERAGE);
+
+/// The primitive whose blocks are gathered.
+#[derive(Clone, Copy, PartialEq)]
+pub struct Of {
+    pub origin: Origin,
+    pub layer: u32,
+}
+
+/// A worker's memory for fragments of several pixels.
+pub struct Gather {
+    pub of: Option<Of>,
+    blocks: Vec<Gathered>,
+    /// By 4×4 pixels of the tile: of the block of fragments that starts there, its index in
+    /// `blocks`, plus one.
+    places: Box<[u16; BLOCKS * BLOCKS]>,
+    /// Of the packs that wait, all of them of one kind.
+    pub packs: Vec<Spread>,
+    pub kind: usize,
+    /// States of parts.
+    states: Runner,
+    parts: Vec<Pack>,
+    /// The packs that they are of.
+    sources: Vec<usize>,
+}
+
+impl Default for Gather {
+    fn default() -> Self {
+        Self {
+            of: None,
+            blocks: Vec::new(),
+            places: Box::new([0; BLOCKS * BLOCKS]),
+            packs: Vec::new(),
+            kind: 0,
+            states: Runner::default(),
+            parts: Vec::new(),
+            sources: Vec::new(),
+        }
+    }
+}
+
+/// The index of the block at a pixel of the tile.
+fn block_at([x, y]: [u8; 2]) -> usize {
+    usize::from(y) / 4 * BLOCKS + usize::from(x) / 4
+}
+
+impl Gather {
+    /// Forgets all.
+    pub fn clear(&mut self) {
+        for block in self.blocks.drain(..) {
+            self.places[block_at(block.first)] = 0;
+        }
+        self.of = None;
+        self.packs.clear();
+    }
+
+    /// Ends a worker's part of a round.
+    pub fn rest(&mut self) {
+        self.states.rest();
+    }
+
+    /// Adds tested blocks of a primitive, and what they were before the tests, where that matters.
+    pub fn add(
+        &mut self,
+        coarse: &Coarse,
+        part: &Part<'_>,
+        covered: &Covered,
+        untested: &[[u16; MAX_SAMPLES]],
+    ) {
+        let kind = coarse.kind(part.record, part.outputs);
+        let rate = coarse.kinds[kind].rate;
+        for (index, block) in covered.blocks.iter().enumerate() {
+            let untested = untested.get(index).unwrap_or(&block.masks);
+            if any(untested) != 0 {
+                self.add_block(kind, rate, block, untested);
+            }
+        }
+    }
+
+    fn add_block(&mut self, kind: usize, rate: Rate, block: &Block, untested: &[u16; MAX_SAMPLES]) {
+        let [x_log, y_log] = rate.logs;
+        let first = [
+            block.x & (u8::MAX << (2 + x_log)),
+            block.y & (u8::MAX << (2 + y_log)),
+        ];
+        let place = &mut self.places[block_at(first)];
+        if *place == 0 {
+            self.blocks.push(Gathered {
+                first,
+                kind: kind as u8,
+                masks: Masks::default(),
+                untested: Masks::default(),
+            });
+            *place = self.blocks.len() as u16;
+        }
+        let gathered = &mut self.blocks[usize::from(*place) - 1];
+        let [width, height] = rate.pixels();
+        for quad in 0..4 {
+            let at = quad_place([block.x.into(), block.y.into()], quad);
+            let [x, y] = at.map(|at| at as usize / 2);
+            let part = (x & (width - 1)) + (y & (height - 1)) * width;
+            let to = (x >> x_log & 1) + 2 * (y >> y_log & 1);
+            move_quad(&block.masks, quad, &mut gathered.masks[part], to);
+            move_quad(untested, quad, &mut gathered.untested[part], to);
+        }
+    }
+
+    /// Adds the fragments of a gathered block to packs, which are of its kind.
+    fn pack(&mut self, coarse: &Coarse, block: &Gathered, found: &Found<'_>, packs: &mut Packs) {
+        let rate = coarse.kinds[self.kind].rate;
+        let coverage = match coarse.has_coverage {
+            true => block.coverage(rate, coarse.samples as usize, coarse.sees_untested),
+            false => Default::default(),
+        };
+        let list = &mut self.packs;
+        packs.add_with(found, |Went { pack, quad }| {
+            if list.len() <= pack {
+                list.push(Spread::default());
+            }
+            let spread = &mut list[pack];
+            let Some((quad, place)) = quad else {
+                (spread.masks, spread.coverage) = (block.masks, coverage);
+                return;
+            };
+            let from = block.masks.iter().chain(&coverage);
+            let to = spread.masks.iter_mut().chain(&mut spread.coverage);
+            for (from, to) in from.zip(to) {
+                move_quad(from, quad, to, place);
+            }
+        });
+    }
+
+    /// Moves packs to the first pixels of their quads of fragments.
+    pub fn to_pixels(packs: &mut [Pack], rate: Rate) {
+        for Pack { places, .. } in packs {
+            places.x = places.x.map(|x| x << rate.logs[0]);
+            places.y = places.y.map(|y| y << rate.logs[1]);
+        }
+    }
+
+    /// Finishes the fragments of a wave whose program has run, part by part: parts have no pixel in
+    /// common.
+    ///
+    /// # Safety
+    /// As [`finish`].
+    pub unsafe fn finish(
+        &mut self,
+        wave: &Wave<'_>,
+        packs: &[Pack],
+        runner: &mut Runner,
+        counts: &mut Counts,
+    ) -> Result<(), Stopped> {
+        let (plan, program) = (wave.plan, wave.program);
+        let (io, outputs) = (program.layout().io, plan.output.rows);
+        let [width, height] = wave.rate.pixels();
+        for part in 0..width * height {
+            self.parts.clear();
+            self.sources.clear();
+            let at = PartOf::new(wave.rate, part);
+            for (index, (pack, spread)) in packs.iter().zip(&self.packs).enumerate() {
+                if any(&spread.masks[part]) != 0 {
+                    self.parts
+                        .push(at.of_pack(pack, &spread.masks[part], wave.area));
+                    self.sources.push(index);
+                }
+            }
+            if self.parts.is_empty() {
+                continue;
+            }
+            let subgroups = Subgroups::apart(self.parts.len());
+            self.states.begin(program, subgroups, wave.limits)?;
+            let fragments: [_; 16] = std::array::from_fn(|lane| at.fragment(lane % 4));
+            let sources: [_; 16] = std::array::from_fn(|lane| lane / 4 * 4 + fragments[lane].0);
+            for (state, &index) in self.states.states().zip(&self.sources) {
+                let from = runner.state(index);
+                let helpers = program.helpers(from).bits();
+                let helpers = lanes_where(|lane| helpers >> sources[lane] & 1 != 0);
+                let (all, helpers) = (LaneMask::from_bits(u16::MAX), LaneMask::from_bits(helpers));
+                program.start_fragments(state, all, helpers, Some(outputs));
+                for (to, from) in state[io..][..outputs].iter_mut().zip(&from[io..]) {
+                    to.0 = std::array::from_fn(|lane| from.0[sources[lane]]);
+                }
+                // Its bits are of all pixels of a fragment.
+                if let Some(row) = plan.output.sample_mask {
+                    for (word, (_, number)) in state[io + row].0.iter_mut().zip(fragments) {
+                        *word >>= number * plan.samples as usize;
+                    }
+                }
+            }
+            let (tier, chunks, states) = (wave.tier, wave.chunks, &mut self.states);
+            // SAFETY: the caller's promise: the masks are those of blocks.
+            unsafe { finish(tier, chunks, plan, program, states, &self.parts, counts) };
+        }
+        Ok(())
+    }
+}
+
+/// A wave whose fragments are of several pixels.
+pub struct Wave<'a> {
+    pub tier: Tier,
+    pub chunks: &'a [Chunk],
+    pub plan: &'a Plan<'a>,
+    pub program: &'a Program,
+    pub rate: Rate,
+    pub area: &'a Bounds,
+    pub limits: &'a Limits,
+}
+
+impl PartOf {
+    /// The pixels of the part, of fragments in a pack whose places are pixels.
+    fn of_pack(&self, pack: &Pack, masks: &[u16; MAX_SAMPLES], area: &Bounds) -> Pack {
+        let [x, y] = self.at.map(|at| 2 * at as i32);
+        let (x, y) = (
+            pack.places.x.map(|it| it + x),
+            pack.places.y.map(|it| it + y),
+        );
+        let is_inside = x.iter().all(|&x| x >= area.left && x + 2 <= area.right)
+            && y.iter().all(|&y| y >= area.top && y + 2 <= area.bottom);
+        Pack {
+            places: Places {
+                x,
+                y,
+                layer: pack.places.layer,
+                pattern: match is_inside {
+                    true => Pattern::Inside,
+                    false => Pattern::Quads,
+                },
+            },
+            masks: *masks,
+            ..*pack
+        }
+    }
+}
+
+impl<'a> Visit<'a> {
+    /// As [`Self::fragments`], of several pixels.
+    pub(super) fn coarse_fragments(
+        &mut self,
+        current: Current<'a>,
+        coarse: &Coarse,
+        of: Of,
+        part: &Part<'_>,
+        covered: &mut Covered,
+    ) -> Result<(), Stopped> {
+        let Some(fragment) = &current.plan.program else {
+            return Ok(());
+        };
+        if self.worker.gather.of != Some(of) {
+            self.pass_gathered()?;
+            // Those that see what earlier ones left: all that a primitive's fragments may lie on.
+            if fragment.is_serial {
+                self.run_wave()?;
+            }
+            self.worker.gather.of = Some(of);
+        }
+        covered.split(current.plan.samples);
+        self.test(
+            current,
+            coarse.sees_untested,
+            part.record,
+            &mut covered.blocks,
+        );
+        let Worker {
+            gather, coverage, ..
+        } = &mut *self.worker;
+        gather.add(coarse, part, covered, coverage);
+        Ok(())
+    }
+
+    /// Adds the fragments of the primitive that is gathered to the wave.
+    pub(super) fn pass_gathered(&mut self) -> Result<(), Stopped> {
+        let gather = &mut self.worker.gather;
+        let mut blocks = std::mem::take(&mut gather.blocks);
+        for block in &blocks {
+            gather.places[block_at(block.first)] = 0;
+        }
+        let (of, current) = (gather.of.take(), self.current);
+        let (Some(of), Some(Current { plan, .. })) = (of, current) else {
+            return Ok(());
+        };
+        let (Some(coarse), Some(fragment)) = (&plan.coarse, &plan.program) else {
+            return Ok(());
+        };
+        if coarse.kinds.len() > 1 {
+            blocks.sort_by_key(|block| block.kind);
+        }
+        for block in &blocks {
+            let kind = usize::from(block.kind);
+            let rate = coarse.kinds[kind].rate;
+            let lanes = block.lanes(rate);
+            if lanes == 0 {
+                continue;
+            }
+            if self.worker.gather.kind != kind {
+                self.run_wave()?;
+                self.worker.gather.kind = kind;
+            }
+            let mut masks = [0; MAX_SAMPLES];
+            masks[0] = lanes;
+            let corner = [self.bounds.left, self.bounds.top];
+            let place =
+                |axis: usize| (corner[axis] + i32::from(block.first[axis])) >> rate.logs[axis];
+            let found = Found {
+                origin: of.origin,
+                place: [place(0), place(1)],
+                layer: of.layer,
+                area: &self.round.area,
+                sample: 0,
+                lanes,
+                masks: &masks,
+                coverage: &masks,
+            };
+            let Worker { gather, packs, .. } = &mut *self.worker;
+            gather.pack(coarse, block, &found, packs);
+            if packs.packs.len() >= fragment.subgroups {
+                self.run_wave()?;
+            }
+        }
+        blocks.clear();
+        self.worker.gather.blocks = blocks;
+        Ok(())
+    }
+}
