@@ -42,6 +42,8 @@ pub struct Pass<'a> {
     /// Samples that draws have of canvases with one
     /// (`VK_EXT_multisampled_render_to_single_sampled`); 0 or 1: no more.
     pub samples: u32,
+    /// The attachment of fragment shading rates, and the size of the squares of its texels.
+    pub rates: Option<(vk::ImageView, vk::Extent2D)>,
 }
 
 impl<'a> Pass<'a> {
@@ -135,6 +137,14 @@ impl Gpu {
             .rasterization_samples(vk::SampleCountFlags::from_raw(pass.samples));
         if pass.samples > 1 {
             info = info.push_next(&mut samples);
+        }
+        let (view, texel) = pass.rates.unwrap_or_default();
+        let mut rates = vk::RenderingFragmentShadingRateAttachmentInfoKHR::default()
+            .image_view(view)
+            .image_layout(layout)
+            .shading_rate_attachment_texel_size(texel);
+        if pass.rates.is_some() {
+            info = info.push_next(&mut rates);
         }
         // SAFETY: the command buffer is being recorded, and the structures outlive the calls.
         unsafe {

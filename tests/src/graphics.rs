@@ -372,7 +372,10 @@ impl Gpu {
             info = info.tessellation_state(&tessellation);
         }
         match painting.render_pass {
-            Some((pass, subpass)) => info = info.render_pass(pass).subpass(subpass),
+            Some((pass, subpass)) => {
+                info = info.render_pass(pass).subpass(subpass);
+                info.p_next = next;
+            }
             None => info.p_next = (&raw const rendering).cast(),
         }
         let cache = vk::PipelineCache::null();

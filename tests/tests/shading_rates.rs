@@ -512,3 +512,221 @@ fn sample_shading_is_of_pixels() {
     let (colors, _) = drawn(&gpu, COVER, fragment, [2, 2], canvas);
     assert_eq!(colors, [[0, 128, 0, 255]; 64]);
 }
+
+/// The rates of squares, by the second combiner operation, row by row.
+const SQUARES: [Size; 6] = [[2, 2], [1, 1], [2, 1], [1, 1], [2, 1], [2, 2]];
+
+/// An attachment of [`SQUARES`], three in a row, the size of a square, and its image.
+fn squares(gpu: &Gpu) -> (Canvas, vk::Extent2D) {
+    let mut limits = vk::PhysicalDeviceFragmentShadingRatePropertiesKHR::default();
+    let mut all = vk::PhysicalDeviceProperties2::default().push_next(&mut limits);
+    // SAFETY: the physical device is of the instance.
+    unsafe {
+        gpu.instance
+            .get_physical_device_properties2(gpu.physical, &mut all)
+    };
+    let texel = limits.min_fragment_shading_rate_attachment_texel_size;
+    let format = vk::Format::R8_UINT;
+    let usage = vk::ImageUsageFlags::FRAGMENT_SHADING_RATE_ATTACHMENT_KHR
+        | vk::ImageUsageFlags::TRANSFER_DST;
+    let image = gpu.image(&flat_info(format, 3, 2).usage(usage));
+    let range = vk::ImageSubresourceRange::default()
+        .aspect_mask(vk::ImageAspectFlags::COLOR)
+        .level_count(1)
+        .layer_count(1);
+    let view = vk::ImageViewCreateInfo::default()
+        .image(image)
+        .view_type(vk::ImageViewType::TYPE_2D)
+        .format(format)
+        .subresource_range(range);
+    let view = gpu.view(&view);
+    gpu.to_general(image, range);
+    let bytes = SQUARES.map(|size| word(size) as u8);
+    let buffer = gpu.buffer_with(&bytes);
+    let copy = vk::BufferImageCopy::default()
+        .image_subresource(
+            vk::ImageSubresourceLayers::default()
+                .aspect_mask(vk::ImageAspectFlags::COLOR)
+                .layer_count(1),
+        )
+        .image_extent(vk::Extent3D {
+            width: 3,
+            height: 2,
+            depth: 1,
+        });
+    gpu.run(|commands| {
+        let layout = vk::ImageLayout::GENERAL;
+        // SAFETY: the buffer holds all of it.
+        unsafe {
+            let device = &gpu.device;
+            device.cmd_copy_buffer_to_image(commands, buffer.handle, image, layout, &[copy]);
+        }
+    });
+    let canvas = Canvas {
+        image,
+        view,
+        format,
+        aspects: vk::ImageAspectFlags::COLOR,
+        width: 3,
+        height: 2,
+        layers: 1,
+        samples: 1,
+    };
+    (canvas, texel)
+}
+
+/// Leaves the rate in bytes.
+const RATE: &str = "
+    layout(location = 0) out vec4 left;
+    void main() { left = vec4(gl_FragCoord.xy, gl_ShadingRateEXT, 255.0) / 255.0; }";
+
+/// Checks colours that [`RATE`] left with the rate of the pipeline and a combiner operation.
+fn check_squares(colors: &[[u8; 4]], texel: vk::Extent2D, pipeline: Size, op: Op) {
+    let width = 3 * texel.width;
+    for (index, color) in (0..).zip(colors) {
+        let (x, y) = (index % width, index / width);
+        let square = SQUARES[(y / texel.height * 3 + x / texel.width) as usize];
+        let size = [0, 1].map(|axis| combined(op, pipeline[axis], square[axis]));
+        let of = |at: u32, size: u32| (at / size * size + size / 2) as u8;
+        let center = [of(x, size[0]), of(y, size[1])];
+        // Centres of one pixel end on a half, which rounds to either side.
+        let near = |axis: usize| color[axis].abs_diff(center[axis]) <= 1 || size[axis] > 1;
+        let exact = |axis: usize| color[axis] == center[axis] || size[axis] == 1;
+        let is_right = (0..2).all(|axis| near(axis) && exact(axis));
+        let rate = u32::from(color[2]);
+        assert!(
+            is_right && rate == word(size),
+            "{op:?} {x}, {y}: {color:?}, {size:?}"
+        );
+    }
+}
+
+/// With their rates combined with the pipeline's, squares have these sizes, all of which there are.
+const COMBINATIONS: [(Size, Op); 5] = [
+    ([2, 2], Op::KEEP),
+    ([1, 1], Op::REPLACE),
+    ([2, 1], Op::MIN),
+    ([2, 1], Op::MAX),
+    ([1, 1], Op::MUL),
+];
+
+fn has_attachment_rates(gpu: &Gpu) -> bool {
+    let features = &gpu.optional.shading_rate;
+    has(
+        "rates of attachments",
+        features.attachment_fragment_shading_rate == vk::TRUE,
+    )
+}
+
+#[test]
+fn attachments_have_rates() {
+    let Some(gpu) = device() else { return };
+    if !has_attachment_rates(&gpu) {
+        return;
+    }
+    let (rates, texel) = squares(&gpu);
+    let canvas = gpu.canvas(RGBA, 3 * texel.width, 2 * texel.height);
+    for (size, op) in COMBINATIONS {
+        let painting = Painting::new(&gpu, COVER, RATE, RGBA);
+        let state = vk::PipelineFragmentShadingRateStateCreateInfoKHR::default()
+            .fragment_size(extent(size))
+            .combiner_ops([Op::KEEP, op]);
+        let flags = vk::PipelineCreateFlags::RENDERING_FRAGMENT_SHADING_RATE_ATTACHMENT_KHR;
+        let pipeline = gpu.painting_with(&painting, flags, (&raw const state).cast());
+        let pass = Pass {
+            rates: Some((rates.view, texel)),
+            ..Pass::black(&canvas)
+        };
+        gpu.draw(&pass, |commands| {
+            gpu.bind(commands, pipeline);
+            gpu.draw_vertices(commands, 3);
+        });
+        check_squares(&gpu.colors(&canvas), texel, size, op);
+    }
+}
+
+/// The same in a render pass, whose second subpass has no rates.
+#[test]
+fn attachments_of_render_passes_have_rates() {
+    let Some(gpu) = device() else { return };
+    if !has_attachment_rates(&gpu) {
+        return;
+    }
+    let (rates, texel) = squares(&gpu);
+    let general = vk::ImageLayout::GENERAL;
+    let attachment = |format| {
+        vk::AttachmentDescription2::default()
+            .format(format)
+            .samples(vk::SampleCountFlags::TYPE_1)
+            .load_op(vk::AttachmentLoadOp::LOAD)
+            .store_op(vk::AttachmentStoreOp::STORE)
+            .initial_layout(general)
+            .final_layout(general)
+    };
+    let attachments = [RGBA, rates.format, RGBA].map(attachment);
+    let reference = |index| {
+        let reference = vk::AttachmentReference2::default();
+        let color = vk::ImageAspectFlags::COLOR;
+        reference
+            .attachment(index)
+            .layout(general)
+            .aspect_mask(color)
+    };
+    let of_rates = reference(1);
+    let mut with_rates = vk::FragmentShadingRateAttachmentInfoKHR::default()
+        .fragment_shading_rate_attachment(&of_rates)
+        .shading_rate_attachment_texel_size(texel);
+    let colors = [[reference(0)], [reference(2)]];
+    let subpass = |index: usize| {
+        vk::SubpassDescription2::default()
+            .pipeline_bind_point(vk::PipelineBindPoint::GRAPHICS)
+            .color_attachments(&colors[index])
+    };
+    let subpasses = [subpass(0).push_next(&mut with_rates), subpass(1)];
+    let info = vk::RenderPassCreateInfo2::default()
+        .attachments(&attachments)
+        .subpasses(&subpasses);
+    let pass = gpu.render_pass(&info);
+    let canvas = gpu.canvas(RGBA, 3 * texel.width, 2 * texel.height);
+    let other = gpu.canvas(RGBA, canvas.width, canvas.height);
+    let framebuffer = gpu.framebuffer(pass, &[canvas, rates, other]);
+    for (size, op) in COMBINATIONS {
+        let state = vk::PipelineFragmentShadingRateStateCreateInfoKHR::default()
+            .fragment_size(extent(size))
+            .combiner_ops([Op::KEEP, op]);
+        let mut painting = Painting::new(&gpu, COVER, RATE, RGBA);
+        let pipelines = [0, 1].map(|subpass| {
+            painting.render_pass = Some((pass, subpass));
+            gpu.painting_with(
+                &painting,
+                vk::PipelineCreateFlags::empty(),
+                (&raw const state).cast(),
+            )
+        });
+        gpu.run(|commands| {
+            let begin = vk::RenderPassBeginInfo::default()
+                .render_pass(pass)
+                .framebuffer(framebuffer)
+                .render_area(canvas.area());
+            // SAFETY: the command buffer is being recorded.
+            unsafe {
+                let (device, inline) = (&gpu.device, vk::SubpassContents::INLINE);
+                device.cmd_begin_render_pass(commands, &begin, inline);
+                gpu.look_at(commands, &canvas);
+                gpu.bind(commands, pipelines[0]);
+                gpu.draw_vertices(commands, 3);
+                device.cmd_next_subpass(commands, inline);
+                gpu.bind(commands, pipelines[1]);
+                gpu.draw_vertices(commands, 3);
+                device.cmd_end_render_pass(commands);
+            }
+        });
+        check_squares(&gpu.colors(&canvas), texel, size, op);
+        let alone = [0, 1].map(|axis| combined(op, size[axis], 1));
+        let rates = gpu.colors(&other);
+        assert!(
+            rates.iter().all(|it| u32::from(it[2]) == word(alone)),
+            "{op:?}"
+        );
+    }
+}

@@ -26,6 +26,8 @@ pub struct Pass {
     pub colors: [Option<Attachment>; MAX_COLOR_ATTACHMENTS],
     pub depth: Option<Attachment>,
     pub stencil: Option<Attachment>,
+    /// The attachment of fragment shading rates.
+    pub rates: Option<Ref<ImageView>>,
     /// Load operations of what is not drawn into: input attachments, and destinations of resolves.
     pub clears: Vec<ViewClear>,
     /// It goes on with what an earlier one suspended: nothing is loaded.
@@ -184,6 +186,8 @@ impl PassRecorder {
             colors,
             depth: side(false),
             stencil: side(true),
+            rates: (subpass.rates.and_then(|it| self.attachment(it)))
+                .map(|(view, _)| Ref::clone(view)),
             clears,
             resumes: false,
             suspends: false,

@@ -56,6 +56,7 @@ pub unsafe fn render_pass(info: &vk::RenderPassCreateInfo<'_>) -> RenderPass {
                 depth_stencil: (it.p_depth_stencil_attachment.as_ref())
                     .and_then(|it| used(it.attachment)),
                 depth_stencil_resolve: None,
+                rates: None,
             }
         };
         RenderPass {
@@ -87,6 +88,8 @@ pub unsafe fn render_pass2(info: &vk::RenderPassCreateInfo2<'_>) -> RenderPass {
                     .collect::<SmallVec<[_; 4]>>()
             };
             let resolve = find::<vk::SubpassDescriptionDepthStencilResolve>(it.p_next);
+            let rates = find::<vk::FragmentShadingRateAttachmentInfoKHR>(it.p_next);
+            let rates = rates.and_then(|it| it.p_fragment_shading_rate_attachment.as_ref());
             Subpass {
                 view_mask: it.view_mask,
                 samples: pass_samples(it.p_next),
@@ -101,6 +104,7 @@ pub unsafe fn render_pass2(info: &vk::RenderPassCreateInfo2<'_>) -> RenderPass {
                     depth: it.depth_resolve_mode,
                     stencil: it.stencil_resolve_mode,
                 }),
+                rates: rates.and_then(|it| used(it.attachment)),
             }
         };
         RenderPass {
@@ -179,6 +183,7 @@ pub unsafe fn rendering(info: &vk::RenderingInfo<'_>) -> Pass {
     unsafe {
         let colors = slice(info.p_color_attachments, info.color_attachment_count);
         let resumes = info.flags.contains(vk::RenderingFlags::RESUMING);
+        let rates = find::<vk::RenderingFragmentShadingRateAttachmentInfoKHR>(info.p_next);
         Pass {
             area: info.render_area,
             layers: info.layer_count,
@@ -187,6 +192,7 @@ pub unsafe fn rendering(info: &vk::RenderingInfo<'_>) -> Pass {
             colors: std::array::from_fn(|color| rendering_attachment(colors.get(color)?)),
             depth: aspect(info.p_depth_attachment, vk::ImageAspectFlags::DEPTH),
             stencil: aspect(info.p_stencil_attachment, vk::ImageAspectFlags::STENCIL),
+            rates: rates.and_then(|it| optional_view(it.image_view)),
             clears: Vec::new(),
             resumes,
             suspends: info.flags.contains(vk::RenderingFlags::SUSPENDING),

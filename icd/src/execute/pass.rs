@@ -72,6 +72,10 @@ impl<'a> Active<'a> {
                 }
             }
         }
+        let rates = pass
+            .rates
+            .as_ref()
+            .and_then(|view| target_of(view, vk::ImageAspectFlags::COLOR));
         Ok(Self {
             pass,
             samples: many,
@@ -84,6 +88,7 @@ impl<'a> Active<'a> {
                 colors,
                 depth,
                 stencil,
+                rates: rates.filter(|it| it.surface.texel_size_bytes == 1),
             },
             has_attachments,
         })
@@ -254,10 +259,13 @@ fn layers(view_mask: u32, count: u32) -> impl Iterator<Item = u32> + Clone {
 }
 
 fn target(attachment: &Attachment, aspect: vk::ImageAspectFlags) -> Option<Target> {
-    let surface = Surface::of_view(&attachment.view, aspect)?;
+    target_of(&attachment.view, aspect)
+}
+
+fn target_of(view: &ImageView, aspect: vk::ImageAspectFlags) -> Option<Target> {
     Some(Target {
-        surface,
-        first_layer: attachment.view.range.base_array_layer,
-        layers: attachment.view.layer_count(),
+        surface: Surface::of_view(view, aspect)?,
+        first_layer: view.range.base_array_layer,
+        layers: view.layer_count(),
     })
 }

@@ -31,15 +31,20 @@ pub fn image_features(format: vk::Format, info: &FormatInfo) -> vk::FormatFeatur
     if info.has_depth || info.has_stencil {
         return Feature::DEPTH_STENCIL_ATTACHMENT;
     }
-    match is_drawn(format, info) {
-        false => Feature::empty(),
-        // Blending signed fractions amplifies their rounding past what the conformance suite
-        // allows.
-        true if info.numeric.is_integer() || info.numeric == Numeric::Snorm => {
-            Feature::COLOR_ATTACHMENT
+    let rates = match format {
+        vk::Format::R8_UINT => Feature::FRAGMENT_SHADING_RATE_ATTACHMENT_KHR,
+        _ => Feature::empty(),
+    };
+    rates
+        | match is_drawn(format, info) {
+            false => Feature::empty(),
+            // Blending signed fractions amplifies their rounding past what the conformance suite
+            // allows.
+            true if info.numeric.is_integer() || info.numeric == Numeric::Snorm => {
+                Feature::COLOR_ATTACHMENT
+            }
+            true => Feature::COLOR_ATTACHMENT | Feature::COLOR_ATTACHMENT_BLEND,
         }
-        true => Feature::COLOR_ATTACHMENT | Feature::COLOR_ATTACHMENT_BLEND,
-    }
 }
 
 /// Whether vertex attributes can have a format: all uncompressed colour formats, except sRGB and

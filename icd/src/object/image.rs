@@ -311,7 +311,7 @@ pub fn supported_image(
 ) -> VkResult<vk::ImageFormatProperties> {
     use vk::FormatFeatureFlags2 as Feature;
     use vk::ImageUsageFlags as Usage;
-    const NEEDS: [(Usage, Feature); 7] = [
+    const NEEDS: [(Usage, Feature); 8] = [
         (Usage::HOST_TRANSFER_EXT, Feature::HOST_IMAGE_TRANSFER_EXT),
         (Usage::TRANSFER_SRC, Feature::TRANSFER_SRC),
         (Usage::TRANSFER_DST, Feature::TRANSFER_DST),
@@ -321,6 +321,10 @@ pub fn supported_image(
         (
             Usage::DEPTH_STENCIL_ATTACHMENT,
             Feature::DEPTH_STENCIL_ATTACHMENT,
+        ),
+        (
+            Usage::FRAGMENT_SHADING_RATE_ATTACHMENT_KHR,
+            Feature::FRAGMENT_SHADING_RATE_ATTACHMENT_KHR,
         ),
     ];
     const UNSUPPORTED: vk::Result = vk::Result::ERROR_FORMAT_NOT_SUPPORTED;
@@ -334,6 +338,11 @@ pub fn supported_image(
         .any(|&(bit, feature)| usage.contains(bit) && !features.contains(feature));
     let input = usage.contains(Usage::INPUT_ATTACHMENT) && !features.intersects(attachment);
     if (missing || input) && !flags.contains(vk::ImageCreateFlags::EXTENDED_USAGE) {
+        return Err(UNSUPPORTED);
+    }
+    let has_rates = usage.contains(Usage::FRAGMENT_SHADING_RATE_ATTACHMENT_KHR);
+    let is_flat = ty == vk::ImageType::TYPE_2D && tiling == vk::ImageTiling::OPTIMAL;
+    if has_rates && !is_flat {
         return Err(UNSUPPORTED);
     }
     let resident = flags.contains(vk::ImageCreateFlags::SPARSE_RESIDENCY);

@@ -39,6 +39,8 @@ pub struct Subpass {
     pub resolves: SmallVec<[Option<u32>; 4]>,
     pub depth_stencil: Option<u32>,
     pub depth_stencil_resolve: Option<DepthStencilResolve>,
+    /// `VkFragmentShadingRateAttachmentInfoKHR`.
+    pub rates: Option<u32>,
 }
 
 /// `VkSubpassDescriptionDepthStencilResolve`.

@@ -123,11 +123,21 @@ impl ShadingRate {
         }
     }
 
-    /// The rate of a primitive where the attachment has one.
-    pub fn of(&self, primitive: Rate, attachment: Rate, samples: u32) -> Rate {
-        let [first, second] = self.combiners;
-        let combined = self.pipeline.combine(primitive, first);
-        combined.combine(attachment, second).supported(samples)
+    /// Whether rates of primitives, and of the attachment, matter.
+    pub fn uses(&self) -> [bool; 2] {
+        self.combiners.map(|op| op != Op::KEEP)
+    }
+
+    /// The combined rate of pipeline and primitive.
+    pub fn of_primitive(&self, primitive: Rate) -> Rate {
+        self.pipeline.combine(primitive, self.combiners[0])
+    }
+
+    /// The rate where the attachment has one, from [`Self::of_primitive`].
+    pub fn at(&self, primitive: Rate, attachment: Rate, samples: u32) -> Rate {
+        primitive
+            .combine(attachment, self.combiners[1])
+            .supported(samples)
     }
 }
 

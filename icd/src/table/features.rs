@@ -353,6 +353,7 @@ features! {
         fragment_shader_barycentric: PhysicalDeviceFragmentShaderBarycentricFeaturesKHR => FragmentBarycentricKHR;
         pipeline_fragment_shading_rate: PhysicalDeviceFragmentShadingRateFeaturesKHR => FragmentShadingRateKHR;
         primitive_fragment_shading_rate: PhysicalDeviceFragmentShadingRateFeaturesKHR => FragmentShadingRateKHR;
+        attachment_fragment_shading_rate: PhysicalDeviceFragmentShadingRateFeaturesKHR => FragmentShadingRateKHR;
         fragment_shader_sample_interlock: PhysicalDeviceFragmentShaderInterlockFeaturesEXT => FragmentShaderSampleInterlockEXT;
         fragment_shader_pixel_interlock: PhysicalDeviceFragmentShaderInterlockFeaturesEXT => FragmentShaderPixelInterlockEXT;
         rasterization_order_color_attachment_access: PhysicalDeviceRasterizationOrderAttachmentAccessFeaturesEXT;

@@ -9,6 +9,7 @@ use spirv_jit::program::{MAX_CAPTURE_BUFFERS, MAX_STREAMS};
 use super::limits::{self, API_VERSION, CAPTURE_BYTES, HANDLE_SIZE};
 use crate::ffi::{array, chain, enumerate, vk};
 use crate::object::shading_rate::RATES;
+use crate::raster::RATE_TEXEL;
 use crate::settings;
 
 /// Stages whose shaders may use subgroup operations.
@@ -344,7 +345,15 @@ fn mesh_shader() -> vk::PhysicalDeviceMeshShaderPropertiesEXT<'static> {
 
 fn fragment_shading_rate() -> vk::PhysicalDeviceFragmentShadingRatePropertiesKHR<'static> {
     let [width, height] = RATES[0].pixels().map(|side| side as u32);
+    let texel = vk::Extent2D {
+        width: RATE_TEXEL,
+        height: RATE_TEXEL,
+    };
     vk::PhysicalDeviceFragmentShadingRatePropertiesKHR {
+        min_fragment_shading_rate_attachment_texel_size: texel,
+        max_fragment_shading_rate_attachment_texel_size: texel,
+        max_fragment_shading_rate_attachment_texel_size_aspect_ratio: 1,
+        layered_shading_rate_attachments: vk::TRUE,
         primitive_fragment_shading_rate_with_multiple_viewports: vk::TRUE,
         fragment_shading_rate_non_trivial_combiner_ops: vk::TRUE,
         max_fragment_size: vk::Extent2D { width, height },
@@ -388,7 +397,7 @@ fn invocation_reorder() -> vk::PhysicalDeviceRayTracingInvocationReorderProperti
 }
 
 /// Every layout but `UNDEFINED`.
-const COPY_LAYOUTS: [vk::ImageLayout; 20] = [
+const COPY_LAYOUTS: [vk::ImageLayout; 21] = [
     vk::ImageLayout::GENERAL,
     vk::ImageLayout::PREINITIALIZED,
     vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL,
@@ -409,6 +418,7 @@ const COPY_LAYOUTS: [vk::ImageLayout; 20] = [
     vk::ImageLayout::ATTACHMENT_FEEDBACK_LOOP_OPTIMAL_EXT,
     vk::ImageLayout::PRESENT_SRC_KHR,
     vk::ImageLayout::SHARED_PRESENT_KHR,
+    vk::ImageLayout::FRAGMENT_SHADING_RATE_ATTACHMENT_OPTIMAL_KHR,
 ];
 
 /// The host copy layouts of [`vulkan14`] and `VkPhysicalDeviceHostImageCopyProperties`: counted

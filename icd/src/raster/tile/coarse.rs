@@ -24,7 +24,7 @@ use super::visit::{Current, Visit, Worker};
 use crate::compute::waves::{Runner, Subgroups};
 use crate::object::shading_rate::{RATES, Rate, ShadingRate};
 use crate::raster::primitive::{Bounds, Record};
-use crate::raster::{Chunk, Draw};
+use crate::raster::{Chunk, Draw, RATE_TEXEL, Target, Targets};
 use crate::wave::{Limits, Stopped};
 
 /// Parts of a quad, at most.
@@ -42,6 +42,7 @@ pub struct Coarse {
     samples: u32,
     /// The place of primitives' rates in the outputs of the stage before.
     primitive: Option<Place>,
+    attachment: Option<Target>,
     pub kinds: SmallVec<[Kind; 1]>,
     /// What programs see depends on coverage.
     has_coverage: bool,
@@ -89,16 +90,21 @@ impl Coarse {
     /// are pixels. `inputs` links the program for fragments of a size.
     pub fn new(
         draw: &Draw,
+        targets: &Targets,
         samples: u32,
         post_depth_coverage: bool,
         inputs: impl Fn(Rate) -> Inputs,
     ) -> Option<Self> {
         let state = draw.state.shading_rate;
-        let primitive = draw.stages.last().and_then(Place::new);
+        let [primitive, attachment] = state.uses();
+        let primitive = (draw.stages.last().filter(|_| primitive)).and_then(Place::new);
+        let attachment = targets.rates.filter(|_| attachment);
         let one = Rate::default();
-        let fixed = state.of(one, one, samples);
-        let varies = primitive.is_some();
-        if !varies && fixed.is_one() {
+        let fixed = state.at(state.of_primitive(one), one, samples);
+        let varies = primitive.is_some() || attachment.is_some();
+        // Without an attachment its rate is one.
+        let most = state.at(RATES[0], one, samples);
+        if fixed.is_one() && (!varies || attachment.is_none() && most.is_one()) {
             return None;
         }
         let has_samples = |rate: &Rate| rate.samples().as_raw() & samples != 0;
@@ -114,20 +120,47 @@ impl Coarse {
             state,
             samples,
             primitive,
+            attachment,
             kinds,
             has_coverage,
             sees_untested: has_coverage && !post_depth_coverage,
         })
     }
 
-    /// The kind of a primitive's fragments.
-    fn kind(&self, record: &Record, outputs: &[u32]) -> usize {
-        let primitive = self.primitive.map(|place| place.rate(record, outputs));
-        let one = Rate::default();
-        let rate = (self.state).of(primitive.unwrap_or(one), one, self.samples);
+    /// The rate of a primitive, before the attachment's.
+    fn of_primitive(&self, record: &Record, outputs: &[u32]) -> Rate {
+        let rate = self.primitive.map(|place| place.rate(record, outputs));
+        self.state.of_primitive(rate.unwrap_or_default())
+    }
+
+    /// The kind of fragments at a pixel, where the primitive has a rate.
+    fn kind(&self, primitive: Rate, pixel: [i32; 2], layer: u32) -> usize {
+        let attachment = self.attachment.map(|rates| rate_at(&rates, pixel, layer));
+        let attachment = attachment.unwrap_or_default();
+        let rate = (self.state).at(primitive, attachment, self.samples);
         let place = self.kinds.iter().position(|kind| kind.rate == rate);
         place.unwrap_or(0)
     }
+}
+
+/// The attachment's rate for a pixel.
+fn rate_at(rates: &Target, pixel: [i32; 2], layer: u32) -> Rate {
+    let Target {
+        surface,
+        first_layer,
+        layers,
+    } = rates;
+    let slice = first_layer
+        + if *layers > 1 {
+            layer.min(layers - 1)
+        } else {
+            0
+        };
+    let [x, y] = [(pixel[0], surface.width), (pixel[1], surface.height)]
+        .map(|(at, size)| (at as u32 / RATE_TEXEL).min(size.saturating_sub(1)));
+    // SAFETY: the texel is inside, and the pass keeps the image, whose texels are bytes, as it is.
+    let word = unsafe { surface.texel(x, y, slice.min(surface.slices - 1), 0).read() };
+    Rate::from_word(word.into())
 }
 
 /// A part of a quad of fragments.
@@ -229,7 +262,7 @@ impl Spread {
     }
 }
 
-const _: () = assert!(2 * MAX_SAMPLES == MAX_COVERAGE);
+const _: () = assert!(2 * MAX_SAMPLES == MAX_COVERAGE && RATE_TEXEL >= 16);
 
 /// The primitive whose blocks are gathered.
 #[derive(Clone, Copy, PartialEq)]
@@ -290,7 +323,8 @@ impl Gather {
         self.states.rest();
     }
 
-    /// Adds tested blocks of a primitive, and what they were before the tests, where that matters.
+    /// Adds tested blocks of a primitive, from the tile's corner on, and what they were before the
+    /// tests, where that matters.
     pub fn add(
         &mut self,
         coarse: &Coarse,
@@ -298,13 +332,18 @@ impl Gather {
         covered: &Covered,
         untested: &[[u16; MAX_SAMPLES]],
     ) {
-        let kind = coarse.kind(part.record, part.outputs);
-        let rate = coarse.kinds[kind].rate;
+        let rate = coarse.of_primitive(part.record, part.outputs);
+        let layer = part.record.layer;
+        let mut kind = coarse.kind(rate, part.corner, layer);
         for (index, block) in covered.blocks.iter().enumerate() {
             let untested = untested.get(index).unwrap_or(&block.masks);
-            if any(untested) != 0 {
-                self.add_block(kind, rate, block, untested);
+            if any(untested) == 0 {
+                continue;
             }
+            if coarse.attachment.is_some() {
+                kind = coarse.kind(rate, block.place(part.corner), layer);
+            }
+            self.add_block(kind, coarse.kinds[kind].rate, block, untested);
         }
     }
 

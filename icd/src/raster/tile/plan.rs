@@ -90,7 +90,7 @@ impl<'a> Plan<'a> {
         let shades_pixels = !(multisample.sample_shading || facts.per_sample);
         let coarse = fragment.filter(|_| shades_pixels).and_then(|program| {
             let inputs = |rate| link(program, rate);
-            Coarse::new(draw, samples, facts.post_depth_coverage, inputs)
+            Coarse::new(draw, targets, samples, facts.post_depth_coverage, inputs)
         });
         let order = order(&facts, &output, &tests);
         let has_effects = facts.discards || facts.writes_memory || facts.interlock.is_some();

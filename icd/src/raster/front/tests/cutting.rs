@@ -117,6 +117,7 @@ fn targets(view_mask: u32) -> Targets {
         colors: [None; 8],
         depth: None,
         stencil: None,
+        rates: None,
     }
 }
 

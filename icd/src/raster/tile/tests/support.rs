@@ -116,6 +116,7 @@ pub fn targets(color: Option<&Canvas>, depth_stencil: Option<&Canvas>) -> Target
         colors,
         depth: side(vk::ImageAspectFlags::DEPTH),
         stencil: side(vk::ImageAspectFlags::STENCIL),
+        rates: None,
     }
 }
 
