@@ -83,6 +83,8 @@ pub struct Able {
     pub independent_blend: bool,
     pub large_points: bool,
     pub geometry: bool,
+    /// Fragments of several pixels, which may leave depths and masks of samples.
+    pub rates: bool,
     /// Edges of what is clipped stay where they are.
     pub clips_exactly: bool,
 }
@@ -157,10 +159,16 @@ pub fn random_draw(random: &mut Rng, able: Able, samples: u32, attachments: usiz
         (0..18).map(index).collect()
     });
     let first_vertex = random.u32(..4);
+    // Those that there are with one and with four samples.
+    let rate = match able.rates && random.u32(..3) == 0 {
+        true => pick(random, &[[2, 1], [2, 2]]),
+        false => [1, 1],
+    };
+    let bits = samples * (rate[0] * rate[1]) as u32;
     let fragment = match random.u32(..6) {
         0 => Fragment::Discard(pick(random, &[1, 2, 3])),
         1 => Fragment::Depth(random_depth(random)),
-        2 => Fragment::Mask(random.u32(..1 << samples)),
+        2 => Fragment::Mask(random.u32(..1 << bits)),
         _ => Fragment::Plain,
     };
     let blend = random_blend(random);
@@ -190,6 +198,7 @@ pub fn random_draw(random: &mut Rng, able: Able, samples: u32, attachments: usiz
             &[vk::FrontFace::CLOCKWISE, vk::FrontFace::COUNTER_CLOCKWISE],
         ),
         fragment,
+        rate,
         depth_test: random.bool(),
         depth_write: random.bool(),
         depth_compare: pick(random, &COMPARISONS),

@@ -232,7 +232,14 @@ impl Draw {
         painting.colors = vec![RGBA; state.blends.len()];
         painting.depth = DEPTH;
         painting.stencil = DEPTH;
-        gpu.painting(&painting)
+        let [width, height] = state.rate.map(|side| side as u32);
+        let rate = vk::PipelineFragmentShadingRateStateCreateInfoKHR::default()
+            .fragment_size(vk::Extent2D { width, height });
+        let next = match state.rate {
+            [1, 1] => std::ptr::null(),
+            _ => (&raw const rate).cast(),
+        };
+        gpu.painting_with(&painting, vk::PipelineCreateFlags::empty(), next)
     }
 
     fn record(&self, gpu: &Gpu, commands: vk::CommandBuffer, pipeline: vk::Pipeline) {
@@ -572,10 +579,26 @@ fn sequences(count: u32, clips: bool) {
             large_points: gpu.features.large_points == vk::TRUE,
             geometry: gpu.features.geometry_shader == vk::TRUE
                 && gpu.features.shader_tessellation_and_geometry_point_size == vk::TRUE,
+            rates: has_rates(&gpu),
             clips_exactly: clips,
         };
         (start..count.min(start + TOGETHER)).for_each(|seed| run(&gpu, able, seed));
     }
+}
+
+/// Whether fragments of several pixels are there and may leave what draws here leave.
+fn has_rates(gpu: &Gpu) -> bool {
+    let mut limits = vk::PhysicalDeviceFragmentShadingRatePropertiesKHR::default();
+    let mut all = vk::PhysicalDeviceProperties2::default().push_next(&mut limits);
+    // SAFETY: the physical device is of the instance. The structure of an extension that is not
+    // there is left as it is.
+    unsafe {
+        gpu.instance
+            .get_physical_device_properties2(gpu.physical, &mut all)
+    };
+    gpu.optional.shading_rate.pipeline_fragment_shading_rate == vk::TRUE
+        && limits.fragment_shading_rate_with_shader_depth_stencil_writes == vk::TRUE
+        && limits.fragment_shading_rate_with_shader_sample_mask == vk::TRUE
 }
 
 #[test]

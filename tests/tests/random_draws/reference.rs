@@ -42,11 +42,11 @@ pub struct Primitive {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Fragment {
     Plain,
-    /// Discards pixels whose x and y share all of these bits of `x ^ y`.
+    /// Discards fragments with all of these bits in `x ^ y`, x and y of the pixel in the middle.
     Discard(i64),
     /// Writes this depth.
     Depth(f32),
-    /// Writes this mask of samples.
+    /// Writes this mask of the samples of all pixels.
     Mask(u32),
 }
 
@@ -58,6 +58,8 @@ pub struct State {
     pub cull: vk::CullModeFlags,
     pub front: vk::FrontFace,
     pub fragment: Fragment,
+    /// Pixels of a fragment's sides.
+    pub rate: [i64; 2],
     pub depth_test: bool,
     pub depth_write: bool,
     pub depth_compare: vk::CompareOp,
@@ -144,14 +146,18 @@ impl Frame {
                 if !state.scissor.has(pixel) || !state.viewport.has(pixel) {
                     continue;
                 }
+                let [width, height] = state.rate;
+                let middle = |at: i64, size: i64| at / size * size + size / 2;
                 if let Fragment::Discard(bits) = state.fragment
-                    && (x ^ y) & bits == bits
+                    && (middle(x, width) ^ middle(y, height)) & bits == bits
                 {
                     continue;
                 }
+                // The coverage mask begins with the last pixel ("Multisampling").
+                let behind = width * height - 1 - (x % width + y % height * width);
+                let first = behind as usize * self.samples;
                 for (sample, place) in self.locations().iter().enumerate() {
-                    let is_masked =
-                        matches!(state.fragment, Fragment::Mask(mask) if mask >> sample & 1 == 0);
+                    let is_masked = matches!(state.fragment, Fragment::Mask(mask) if mask >> (first + sample) & 1 == 0);
                     let at = [x * GRID + place[0], y * GRID + place[1]];
                     if is_masked || !covers(primitive.shape, at) {
                         continue;

@@ -77,6 +77,8 @@ impl Attachment {
                 Aspect::DEPTH | Aspect::STENCIL,
                 Usage::DEPTH_STENCIL_ATTACHMENT,
             ),
+            // Of fragment shading rates.
+            Format::R8_UINT => (Aspect::COLOR, Usage::FRAGMENT_SHADING_RATE_ATTACHMENT_KHR),
             _ => (Aspect::COLOR, Usage::COLOR_ATTACHMENT),
         };
         let info = flat_info(format, width, height)

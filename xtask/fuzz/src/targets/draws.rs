@@ -41,6 +41,7 @@ const VERTEX: [&str; 2] = [
         shade = vec4(i, w, 0, 1);
         kept = uvec2(w, gl_BaseInstance + gl_DrawID);
         at = vec2(i);
+        gl_PrimitiveShadingRateEXT = int(w & 31u);
         b[256 + (i & 255)] = w;
     }",
 ];
@@ -62,6 +63,7 @@ const GEOMETRY: [&str; 2] = [
             gl_Position = gl_in[i % 3u].gl_Position + vec4(gl_InvocationID) * 0.1;
             gl_Layer = int(keeps[1].y & 1u);
             gl_ViewportIndex = int(keeps[2].y & 15u) / 15;
+            gl_PrimitiveShadingRateEXT = int(keeps[1].x);
             gl_PrimitiveID = gl_PrimitiveIDIn + int(i);
             shade = shades[keeps[i % 3u].x & 3u] + u[i & 63u];
             kept = keeps[2];
@@ -137,6 +139,7 @@ const MESH: [&str; 2] = [
             gl_MeshPrimitivesEXT[p].gl_CullPrimitiveEXT = (b[p] & 7u) == 0u;
             gl_MeshPrimitivesEXT[p].gl_Layer = int(p & 1u);
             gl_MeshPrimitivesEXT[p].gl_ViewportIndex = int(p & 15u) / 15;
+            gl_MeshPrimitivesEXT[p].gl_PrimitiveShadingRateEXT = int(b[p]);
             gl_MeshPrimitivesEXT[p].gl_PrimitiveID = int(p);
         }
     }",
@@ -239,7 +242,7 @@ const FRAGMENT: [&str; 3] = [
     void main() {
         vec2 d = dFdx(at) + fwidth(shade.xy);
         first = texture(t, at) + vec4(d, 0, 1);
-        second = interpolateAtOffset(shade, vec2(0.25)) * u[kept.x & 63u];
+        second = interpolateAtOffset(shade, vec2(0.25)) * u[(kept.x + gl_ShadingRateEXT) & 63u];
         if (kept.y % 5u == 1u) discard;
         imageStore(p, ivec2(gl_FragCoord.xy), first);
         atomicAdd(b[kept.x & 255u], gl_SampleMaskIn[0]);
@@ -369,6 +372,8 @@ fn counted(rng: &mut Rng) -> u32 {
 struct Target {
     colors: Vec<Attachment>,
     depth: Option<Attachment>,
+    /// Fragment shading rates: whatever its memory holds.
+    rates: Option<Attachment>,
     extent: [u32; 2],
     layers: u32,
     samples: u32,
@@ -383,9 +388,15 @@ impl Target {
         let count = rng.usize(1..3);
         let colors = (0..count).map(|_| of(one_of(rng, &COLORS))).collect();
         let format = one_of(rng, &DEPTHS);
+        let rates = (rng.u32(0..3) == 0).then(|| {
+            let extent = [rng.u32(1..7), rng.u32(1..7)];
+            let layers = rng.u32(1..3);
+            Attachment::new(&world.gpu, vk::Format::R8_UINT, extent, layers, 1)
+        });
         Target {
             colors,
             depth: (format != vk::Format::UNDEFINED).then(|| of(format)),
+            rates,
             extent,
             layers,
             samples,
@@ -396,6 +407,7 @@ impl Target {
         self.colors
             .iter()
             .chain(&self.depth)
+            .chain(&self.rates)
             .for_each(Attachment::check);
     }
 }
@@ -484,6 +496,10 @@ fn painting<'a>(world: &World, rng: &mut Rng, target: &Target) -> Painting<'a> {
             vk::Format::UNDEFINED
         },
         layout: world.layout,
+        dynamic: match rng.u32(0..3) {
+            0 => vec![vk::DynamicState::FRAGMENT_SHADING_RATE_KHR],
+            _ => Vec::new(),
+        },
         ..Painting::new(&world.gpu, "", "", target.colors[0].format)
     }
 }
@@ -608,6 +624,17 @@ fn record(
     if let Some(depth) = &depth {
         info = info.depth_attachment(depth).stencil_attachment(depth);
     }
+    let side = 1 << rng.u32(3..6);
+    let mut rates = vk::RenderingFragmentShadingRateAttachmentInfoKHR::default()
+        .image_layout(vk::ImageLayout::GENERAL)
+        .shading_rate_attachment_texel_size(vk::Extent2D {
+            width: side,
+            height: side,
+        });
+    if let Some(attachment) = &target.rates {
+        rates = rates.image_view(attachment.view);
+        info = info.push_next(&mut rates);
+    }
     // SAFETY: all handles live until the commands have run; the numbers the driver has to bear.
     unsafe {
         device.cmd_begin_rendering(commands, &info);
@@ -669,6 +696,10 @@ unsafe fn step(world: &World, rng: &mut Rng, target: &Target, commands: vk::Comm
         layer_count: near(rng, target.layers),
     };
     let draws = world.guarded[1].buffer.handle;
+    let mut op = || vk::FragmentShadingRateCombinerOpKHR::from_raw(rng.i32(0..6));
+    let combiners = [op(), op()];
+    let size = [near(rng, 4), near(rng, 4)];
+    (world.gpu).set_shading_rate(commands, size, combiners);
     let meshes = ash::ext::mesh_shader::Device::new(&world.gpu.instance, device);
     // SAFETY: the caller's promise.
     unsafe {
