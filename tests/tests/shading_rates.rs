@@ -70,7 +70,7 @@ fn word([width, height]: Size) -> u32 {
     width.ilog2() << 2 | height.ilog2()
 }
 
-/// What fragments of a size that cover a scissor of whole pixels see (spec, "Fragment Shading
+/// The inputs of fragments of a size that cover a scissor of whole pixels (spec, "Fragment Shading
 /// Rates", and "Multisampling" for the order of the coverage mask).
 fn expected(size: Size, scissor: vk::Rect2D, samples: u32) -> Vec<[u32; 4]> {
     let [width, height] = size;

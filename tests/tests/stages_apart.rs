@@ -168,6 +168,39 @@ fn shader_objects_draw_from_source_and_binary() {
     }
 }
 
+/// `vkCmdSetFragmentShadingRateKHR`: four pixels have what their fragment's middle has.
+#[test]
+fn shader_objects_have_rates() {
+    let gpu = Gpu::validated_since(vk::make_api_version(0, 1, 3, 246));
+    let Some(gpu) = gpu.drawing() else { return };
+    let has_objects = gpu.optional.shader_object.shader_object == vk::TRUE;
+    let has_rates = gpu.optional.shading_rate.pipeline_fragment_shading_rate == vk::TRUE;
+    if !has("VK_EXT_shader_object", has_objects) || !has("fragment shading rates", has_rates) {
+        return;
+    }
+    let layout = gpu.layout(&[]);
+    let canvas = gpu.canvas(RGBA, 16, 16);
+    let spirv = vk::ShaderCodeTypeEXT::SPIRV;
+    let fragment = "
+        layout(location = 0) out vec4 color;
+        void main() { color = vec4(gl_FragCoord.xy, gl_ShadingRateEXT, 0.0) / 255.0; }";
+    let stages = [(Stage::Vertex, VERTEX), (Stage::Fragment, fragment)];
+    let shaders = stages.map(|(stage, source)| {
+        gpu.shader_object(stage, spirv, bytemuck::cast_slice(&glsl(stage, source)))
+    });
+    gpu.draw(&Pass::black(&canvas), |commands| {
+        bind_shaders(&gpu, commands, shaders, &canvas, 1);
+        let keep = vk::FragmentShadingRateCombinerOpKHR::KEEP;
+        gpu.set_shading_rate(commands, [2, 2], [keep; 2]);
+        draw(&gpu, commands, layout);
+    });
+    for (index, color) in (0..=u8::MAX).zip(gpu.colors(&canvas)) {
+        let middle = |at: u8| at / 2 * 2 + 1;
+        let expected = [middle(index % 16), middle(index / 16), 5, 0];
+        assert_eq!(color, expected, "pixel {index}");
+    }
+}
+
 /// A stage between the two, whose varyings have the locations of both.
 const GEOMETRY: &str = "
     layout(triangles) in; layout(triangle_strip, max_vertices = 3) out;

@@ -44,7 +44,7 @@ pub struct Coarse {
     primitive: Option<Place>,
     attachment: Option<Target>,
     pub kinds: SmallVec<[Kind; 1]>,
-    /// What programs see depends on coverage.
+    /// Inputs depend on coverage.
     has_coverage: bool,
     /// And on that before the early tests.
     pub sees_untested: bool,
@@ -247,7 +247,7 @@ impl Gathered {
     }
 }
 
-/// What a pack of fragments has besides.
+/// Masks of a pack of fragments of several pixels.
 #[derive(Default)]
 pub struct Spread {
     /// By part: covered samples of its quads.
