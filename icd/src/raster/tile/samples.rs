@@ -64,9 +64,9 @@ impl Locations {
         }
     }
 
-    /// Those of a fragment of several pixels, each with these samples, from eight sixteenths to the
-    /// left of its centre and above it on: in the order of the coverage mask, which begins with the last pixel
-    /// (spec, "Multisampling").
+    /// Those of a fragment of several pixels, each with these samples: from eight sixteenths to the
+    /// left of its centre, and above it. They are in the order of the coverage mask, which begins
+    /// with the last pixel (spec, "Multisampling").
     pub fn of_pixels(&self, rate: Rate) -> Self {
         let mut all = [CENTER; MAX_COVERAGE];
         let [width, height] = rate.pixels();
