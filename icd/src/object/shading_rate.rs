@@ -4,10 +4,10 @@
 
 use ash::vk::{self, FragmentShadingRateCombinerOpKHR as Op};
 
-use crate::table::limits::MAX_COVERAGE_SAMPLES;
+use crate::table::limits::{MAX_COVERAGE_SAMPLES, MAX_FRAGMENT_SIDE};
 
 /// Greatest exponent of a fragment's side.
-const MOST: u8 = 2;
+const MOST: u8 = MAX_FRAGMENT_SIDE.ilog2() as u8;
 
 /// Size of fragments: powers of two, by their exponents.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -48,10 +48,6 @@ pub const ROUND_CHUNKS: usize = 128;
 /// Pixels of a tile's side.
 pub const TILE: u32 = 64;
 
-/// Pixels along the side of the square that a texel of a shading rate attachment is for. At least
-/// the side of a block of 4×4 fragments, so that a block has one rate.
-pub const RATE_TEXEL: u32 = 16;
-
 /// An attachment as tiles see it.
 #[derive(Clone, Copy)]
 pub struct Target {
@@ -77,7 +73,7 @@ pub struct Targets {
     pub colors: [Option<Target>; MAX_COLOR_ATTACHMENTS],
     pub depth: Option<Target>,
     pub stencil: Option<Target>,
-    /// Of fragment shading rates: a byte for each square of [`RATE_TEXEL`] pixels. The pass only
+    /// Of fragment shading rates: a byte for each square of pixels (`RATE_TEXEL`). The pass only
     /// reads it.
     pub rates: Option<Target>,
 }

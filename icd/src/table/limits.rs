@@ -40,6 +40,11 @@ pub const SAMPLE_LOCATION_COUNTS: vk::SampleCountFlags = vk::SampleCountFlags::f
 
 /// `maxVertexInputAttributes` and `maxVertexInputBindings`.
 pub const MAX_VERTEX_INPUTS: u32 = 32;
+/// Pixels along the side of the square that a texel of a shading rate attachment is for. At least
+/// the side of a block of 4×4 fragments, so that a block has one rate.
+pub const RATE_TEXEL: u32 = 16;
+/// `maxFragmentSize`: a side.
+pub const MAX_FRAGMENT_SIDE: u32 = 4;
 /// `maxFragmentShadingRateCoverageSamples`.
 pub const MAX_COVERAGE_SAMPLES: u32 = 16;
 pub const MAX_COLOR_ATTACHMENTS: u32 = 8;

@@ -8,8 +8,6 @@ use spirv_jit::program::{MAX_CAPTURE_BUFFERS, MAX_STREAMS};
 
 use super::limits::{self, API_VERSION, CAPTURE_BYTES, HANDLE_SIZE};
 use crate::ffi::{array, chain, enumerate, vk};
-use crate::object::shading_rate::RATES;
-use crate::raster::RATE_TEXEL;
 use crate::settings;
 
 /// Stages whose shaders may use subgroup operations.
@@ -344,11 +342,11 @@ fn mesh_shader() -> vk::PhysicalDeviceMeshShaderPropertiesEXT<'static> {
 }
 
 fn fragment_shading_rate() -> vk::PhysicalDeviceFragmentShadingRatePropertiesKHR<'static> {
-    let [width, height] = RATES[0].pixels().map(|side| side as u32);
-    let texel = vk::Extent2D {
-        width: RATE_TEXEL,
-        height: RATE_TEXEL,
+    let square = |side| vk::Extent2D {
+        width: side,
+        height: side,
     };
+    let texel = square(limits::RATE_TEXEL);
     vk::PhysicalDeviceFragmentShadingRatePropertiesKHR {
         min_fragment_shading_rate_attachment_texel_size: texel,
         max_fragment_shading_rate_attachment_texel_size: texel,
@@ -356,7 +354,7 @@ fn fragment_shading_rate() -> vk::PhysicalDeviceFragmentShadingRatePropertiesKHR
         layered_shading_rate_attachments: vk::TRUE,
         primitive_fragment_shading_rate_with_multiple_viewports: vk::TRUE,
         fragment_shading_rate_non_trivial_combiner_ops: vk::TRUE,
-        max_fragment_size: vk::Extent2D { width, height },
+        max_fragment_size: square(limits::MAX_FRAGMENT_SIDE),
         max_fragment_size_aspect_ratio: 2,
         max_fragment_shading_rate_coverage_samples: limits::MAX_COVERAGE_SAMPLES,
         max_fragment_shading_rate_rasterization_samples: vk::SampleCountFlags::TYPE_8,

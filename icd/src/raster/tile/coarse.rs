@@ -6,26 +6,20 @@
 //! to. The fragments go into packs as if they were pixels of a smaller tile. After the wave, its
 //! outputs are copied to the quads of each part in turn, and those are finished like any others.
 
-use lanes::{LaneMask, Tier};
 use smallvec::SmallVec;
 use spirv_jit::Program;
 use spirv_jit::program::OutputRow;
 
 use super::coverage::{Block, Covered};
 use super::inputs::{Inputs, vertex_words};
-use super::lanes::lanes_where;
 use super::pack::{Found, Origin, Pack, Packs, Went, move_quad, quad_place};
 use super::passed::Part;
-use super::plan::Plan;
-use super::samples::{Counts, MAX_COVERAGE, MAX_SAMPLES, any};
-use super::shading::finish;
-use super::texels::{Pattern, Places};
-use super::visit::{Current, Visit, Worker};
-use crate::compute::waves::{Runner, Subgroups};
+use super::samples::{MAX_COVERAGE, MAX_SAMPLES, any};
+use crate::compute::waves::Runner;
 use crate::object::shading_rate::{RATES, Rate, ShadingRate};
-use crate::raster::primitive::{Bounds, Record};
-use crate::raster::{Chunk, Draw, RATE_TEXEL, Target, Targets};
-use crate::wave::{Limits, Stopped};
+use crate::raster::primitive::Record;
+use crate::raster::{Draw, Target, Targets};
+use crate::table::limits::RATE_TEXEL;
 
 /// Parts of a quad, at most.
 const PARTS: usize = 16;
@@ -165,14 +159,14 @@ fn rate_at(rates: &Target, pixel: [i32; 2], layer: u32) -> Rate {
 
 /// A part of a quad of fragments.
 #[derive(Clone, Copy)]
-struct PartOf {
+pub struct PartOf {
     rate: Rate,
     /// Its column and row, in quads of pixels.
-    at: [usize; 2],
+    pub(super) at: [usize; 2],
 }
 
 impl PartOf {
-    fn new(rate: Rate, part: usize) -> Self {
+    pub fn new(rate: Rate, part: usize) -> Self {
         let column = part & (rate.pixels()[0] - 1);
         let row = part >> rate.logs[0];
         Self {
@@ -183,7 +177,7 @@ impl PartOf {
 
     /// Of the pixel in a lane of the part: the lane of its fragment in the quad, and its number
     /// within that, from the last pixel on, as coverage masks have it.
-    fn fragment(&self, lane: usize) -> (usize, usize) {
+    pub fn fragment(&self, lane: usize) -> (usize, usize) {
         let [[x, left], [y, above]] = [0, 1].map(|axis| {
             let pixel = 2 * self.at[axis] + (lane >> axis & 1);
             let log = self.rate.logs[axis];
@@ -195,10 +189,10 @@ impl PartOf {
 }
 
 /// A 4×4 block of fragments of one primitive.
-struct Gathered {
+pub struct Gathered {
     /// Its first pixel, from the tile's.
-    first: [u8; 2],
-    kind: u8,
+    pub(super) first: [u8; 2],
+    pub(super) kind: u8,
     masks: Masks,
     /// Before the tests.
     untested: Masks,
@@ -206,7 +200,7 @@ struct Gathered {
 
 impl Gathered {
     /// Lanes of fragments with a sample that is left.
-    fn lanes(&self, rate: Rate) -> u16 {
+    pub fn lanes(&self, rate: Rate) -> u16 {
         let [width, height] = rate.pixels();
         let mut lanes = 0;
         for part in 0..width * height {
@@ -251,7 +245,7 @@ impl Gathered {
 #[derive(Default)]
 pub struct Spread {
     /// By part: covered samples of its quads.
-    masks: Masks,
+    pub(super) masks: Masks,
     coverage: [[u16; MAX_SAMPLES]; 2],
 }
 
@@ -274,18 +268,18 @@ pub struct Of {
 /// A worker's memory for fragments of several pixels.
 pub struct Gather {
     pub of: Option<Of>,
-    blocks: Vec<Gathered>,
+    pub(super) blocks: Vec<Gathered>,
     /// By 4×4 pixels of the tile: of the block of fragments that starts there, its index in
     /// `blocks`, plus one.
-    places: Box<[u16; BLOCKS * BLOCKS]>,
+    pub(super) places: Box<[u16; BLOCKS * BLOCKS]>,
     /// Of the packs that wait, all of them of one kind.
     pub packs: Vec<Spread>,
     pub kind: usize,
     /// States of parts.
-    states: Runner,
-    parts: Vec<Pack>,
+    pub(super) states: Runner,
+    pub(super) parts: Vec<Pack>,
     /// The packs that they are of.
-    sources: Vec<usize>,
+    pub(super) sources: Vec<usize>,
 }
 
 impl Default for Gather {
@@ -304,7 +298,7 @@ impl Default for Gather {
 }
 
 /// The index of the block at a pixel of the tile.
-fn block_at([x, y]: [u8; 2]) -> usize {
+pub fn block_at([x, y]: [u8; 2]) -> usize {
     usize::from(y) / 4 * BLOCKS + usize::from(x) / 4
 }
 
@@ -376,7 +370,13 @@ impl Gather {
     }
 
     /// Adds the fragments of a gathered block to packs, which are of its kind.
-    fn pack(&mut self, coarse: &Coarse, block: &Gathered, found: &Found<'_>, packs: &mut Packs) {
+    pub fn pack(
+        &mut self,
+        coarse: &Coarse,
+        block: &Gathered,
+        found: &Found<'_>,
+        packs: &mut Packs,
+    ) {
         let rate = coarse.kinds[self.kind].rate;
         let coverage = match coarse.has_coverage {
             true => block.coverage(rate, coarse.samples as usize, coarse.sees_untested),
@@ -406,188 +406,5 @@ impl Gather {
             places.x = places.x.map(|x| x << rate.logs[0]);
             places.y = places.y.map(|y| y << rate.logs[1]);
         }
-    }
-
-    /// Finishes the fragments of a wave whose program has run, part by part: parts have no pixel in
-    /// common.
-    ///
-    /// # Safety
-    /// As [`finish`].
-    pub unsafe fn finish(
-        &mut self,
-        wave: &Wave<'_>,
-        packs: &[Pack],
-        runner: &mut Runner,
-        counts: &mut Counts,
-    ) -> Result<(), Stopped> {
-        let (plan, program) = (wave.plan, wave.program);
-        let (io, outputs) = (program.layout().io, plan.output.rows);
-        let [width, height] = wave.rate.pixels();
-        for part in 0..width * height {
-            self.parts.clear();
-            self.sources.clear();
-            let at = PartOf::new(wave.rate, part);
-            for (index, (pack, spread)) in packs.iter().zip(&self.packs).enumerate() {
-                if any(&spread.masks[part]) != 0 {
-                    self.parts
-                        .push(at.of_pack(pack, &spread.masks[part], wave.area));
-                    self.sources.push(index);
-                }
-            }
-            if self.parts.is_empty() {
-                continue;
-            }
-            let subgroups = Subgroups::apart(self.parts.len());
-            self.states.begin(program, subgroups, wave.limits)?;
-            let fragments: [_; 16] = std::array::from_fn(|lane| at.fragment(lane % 4));
-            let sources: [_; 16] = std::array::from_fn(|lane| lane / 4 * 4 + fragments[lane].0);
-            for (state, &index) in self.states.states().zip(&self.sources) {
-                let from = runner.state(index);
-                let helpers = program.helpers(from).bits();
-                let helpers = lanes_where(|lane| helpers >> sources[lane] & 1 != 0);
-                let (all, helpers) = (LaneMask::from_bits(u16::MAX), LaneMask::from_bits(helpers));
-                program.start_fragments(state, all, helpers, Some(outputs));
-                for (to, from) in state[io..][..outputs].iter_mut().zip(&from[io..]) {
-                    to.0 = std::array::from_fn(|lane| from.0[sources[lane]]);
-                }
-                // Its bits are of all pixels of a fragment.
-                if let Some(row) = plan.output.sample_mask {
-                    for (word, (_, number)) in state[io + row].0.iter_mut().zip(fragments) {
-                        *word >>= number * plan.samples as usize;
-                    }
-                }
-            }
-            let (tier, chunks, states) = (wave.tier, wave.chunks, &mut self.states);
-            // SAFETY: the caller's promise: the masks are those of blocks.
-            unsafe { finish(tier, chunks, plan, program, states, &self.parts, counts) };
-        }
-        Ok(())
-    }
-}
-
-/// A wave whose fragments are of several pixels.
-pub struct Wave<'a> {
-    pub tier: Tier,
-    pub chunks: &'a [Chunk],
-    pub plan: &'a Plan<'a>,
-    pub program: &'a Program,
-    pub rate: Rate,
-    pub area: &'a Bounds,
-    pub limits: &'a Limits,
-}
-
-impl PartOf {
-    /// The pixels of the part, of fragments in a pack whose places are pixels.
-    fn of_pack(&self, pack: &Pack, masks: &[u16; MAX_SAMPLES], area: &Bounds) -> Pack {
-        let [x, y] = self.at.map(|at| 2 * at as i32);
-        let (x, y) = (
-            pack.places.x.map(|it| it + x),
-            pack.places.y.map(|it| it + y),
-        );
-        let is_inside = x.iter().all(|&x| x >= area.left && x + 2 <= area.right)
-            && y.iter().all(|&y| y >= area.top && y + 2 <= area.bottom);
-        Pack {
-            places: Places {
-                x,
-                y,
-                layer: pack.places.layer,
-                pattern: match is_inside {
-                    true => Pattern::Inside,
-                    false => Pattern::Quads,
-                },
-            },
-            masks: *masks,
-            ..*pack
-        }
-    }
-}
-
-impl<'a> Visit<'a> {
-    /// As [`Self::fragments`], of several pixels.
-    pub(super) fn coarse_fragments(
-        &mut self,
-        current: Current<'a>,
-        coarse: &Coarse,
-        of: Of,
-        part: &Part<'_>,
-        covered: &mut Covered,
-    ) -> Result<(), Stopped> {
-        let Some(fragment) = &current.plan.program else {
-            return Ok(());
-        };
-        if self.worker.gather.of != Some(of) {
-            self.pass_gathered()?;
-            // Those that see what earlier ones left: all that a primitive's fragments may lie on.
-            if fragment.is_serial {
-                self.run_wave()?;
-            }
-            self.worker.gather.of = Some(of);
-        }
-        covered.split(current.plan.samples);
-        self.test(
-            current,
-            coarse.sees_untested,
-            part.record,
-            &mut covered.blocks,
-        );
-        let Worker {
-            gather, coverage, ..
-        } = &mut *self.worker;
-        gather.add(coarse, part, covered, coverage);
-        Ok(())
-    }
-
-    /// Adds the fragments of the primitive that is gathered to the wave.
-    pub(super) fn pass_gathered(&mut self) -> Result<(), Stopped> {
-        let gather = &mut self.worker.gather;
-        let mut blocks = std::mem::take(&mut gather.blocks);
-        for block in &blocks {
-            gather.places[block_at(block.first)] = 0;
-        }
-        let (of, current) = (gather.of.take(), self.current);
-        let (Some(of), Some(Current { plan, .. })) = (of, current) else {
-            return Ok(());
-        };
-        let (Some(coarse), Some(fragment)) = (&plan.coarse, &plan.program) else {
-            return Ok(());
-        };
-        if coarse.kinds.len() > 1 {
-            blocks.sort_by_key(|block| block.kind);
-        }
-        for block in &blocks {
-            let kind = usize::from(block.kind);
-            let rate = coarse.kinds[kind].rate;
-            let lanes = block.lanes(rate);
-            if lanes == 0 {
-                continue;
-            }
-            if self.worker.gather.kind != kind {
-                self.run_wave()?;
-                self.worker.gather.kind = kind;
-            }
-            let mut masks = [0; MAX_SAMPLES];
-            masks[0] = lanes;
-            let corner = [self.bounds.left, self.bounds.top];
-            let place =
-                |axis: usize| (corner[axis] + i32::from(block.first[axis])) >> rate.logs[axis];
-            let found = Found {
-                origin: of.origin,
-                place: [place(0), place(1)],
-                layer: of.layer,
-                area: &self.round.area,
-                sample: 0,
-                lanes,
-                masks: &masks,
-                coverage: &masks,
-            };
-            let Worker { gather, packs, .. } = &mut *self.worker;
-            gather.pack(coarse, block, &found, packs);
-            if packs.packs.len() >= fragment.subgroups {
-                self.run_wave()?;
-            }
-        }
-        blocks.clear();
-        self.worker.gather.blocks = blocks;
-        Ok(())
     }
 }

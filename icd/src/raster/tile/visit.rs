@@ -7,10 +7,11 @@ use lanes::Tier;
 use spirv_jit::interp::tinted::Sampling;
 
 use super::clear::{clear_tile, meet};
-use super::coarse::{Gather, Of, Wave};
+use super::coarse::{Gather, Of};
 use super::coverage::{Block, Covered, Square, convex, listed};
 use super::direct;
 use super::pack::{Found, Origin, Pack, Packs};
+use super::parts::Wave;
 use super::passed::Part;
 use super::plan::{Fragment, Order, Plan, Plans};
 use super::rectangle::Rectangle;
