@@ -1,5 +1,7 @@
 //! Meshes made by code, the same on every machine.
 
+use std::collections::HashMap;
+
 use glam::{Affine3A, Quat, Vec3, vec3};
 use tuff_tests::{Rng, between};
 
@@ -13,6 +15,21 @@ pub struct Mesh {
 impl Mesh {
     pub fn triangle_count(&self) -> usize {
         self.indices.len() / 3
+    }
+
+    /// The same triangles, with equal corners once.
+    pub fn welded(&self) -> Mesh {
+        let mut corners = Vec::new();
+        let mut numbers = HashMap::new();
+        let mut number = |&index: &u32| {
+            let corner = self.corners[index as usize];
+            *numbers.entry(corner.map(f32::to_bits)).or_insert_with(|| {
+                corners.push(corner);
+                corners.len() as u32 - 1
+            })
+        };
+        let indices = self.indices.iter().map(&mut number).collect();
+        Mesh { corners, indices }
     }
 }
 
@@ -162,6 +179,9 @@ mod tests {
             area += normal;
         }
         assert!(area.length() < 1e-5, "its faces' areas balance");
+        let welded = ball.welded();
+        // Euler: as many vertices and faces as edges, and two.
+        assert_eq!(welded.corners.len() + 128, 128 * 3 / 2 + 2);
     }
 
     #[test]

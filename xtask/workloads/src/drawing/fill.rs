@@ -3,6 +3,7 @@
 use anyhow::{Result, ensure};
 use tuff_tests::{Bound, Canvas, Gpu, Painting, Pass, Shape, vk};
 
+use super::view::nearer;
 use super::{RGBA, bytes, canvas, check_colors, drawn, draws, look, over, size, turn};
 use crate::workload::Prepared;
 use crate::world::Scale;
@@ -102,10 +103,7 @@ pub fn depth(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
     let depth = canvas(gpu, scale, vk::Format::D32_SFLOAT);
     let mut painting = Painting::new(gpu, COVER, FLAT, RGBA);
     painting.depth = vk::Format::D32_SFLOAT;
-    painting.depth_stencil = vk::PipelineDepthStencilStateCreateInfo::default()
-        .depth_test_enable(true)
-        .depth_write_enable(true)
-        .depth_compare_op(vk::CompareOp::LESS);
+    painting.depth_stencil = nearer();
     let pass = Pass {
         depth: Some(depth),
         clear_depth: Some((1.0, 0)),

@@ -3,11 +3,17 @@
 //! Each picture is held against a reference that is computed here, exactly where the specification
 //! leaves no freedom, so that a driver that draws something else gets no time.
 
+mod clusters;
 mod fill;
 mod frames;
 mod gbuffer;
 mod lines;
+mod particles;
+mod sprites;
+mod terrain;
 mod triangles;
+mod view;
+mod volumes;
 
 use anyhow::{Result, ensure};
 use tuff_tests::{Bound, Buffer, Canvas, Gpu, Pass, RGBA, vk};
@@ -15,7 +21,7 @@ use tuff_tests::{Bound, Buffer, Canvas, Gpu, Pass, RGBA, vk};
 use crate::workload::{Bounds, Prepared, Workload};
 use crate::world::Scale;
 
-pub const ALL: [Workload; 17] = [
+pub const ALL: [Workload; 23] = [
     row(
         "triangles 0.5",
         "triangles of half a pixel",
@@ -79,6 +85,42 @@ pub const ALL: [Workload; 17] = [
         "the scene into three attachments and depth",
         "Mtri/s",
         gbuffer::geometry,
+    ),
+    row(
+        "terrain",
+        "ground tessellated by distance, displaced by a map",
+        "Mpatch/s",
+        terrain::tessellated,
+    ),
+    row(
+        "sprites",
+        "points made squares by a geometry shader",
+        "Mpoint/s",
+        sprites::squares,
+    ),
+    row(
+        "shadow volumes",
+        "shadows by volumes from a geometry shader",
+        "Mtri/s",
+        volumes::shadows,
+    ),
+    row(
+        "feedback",
+        "particles moved by transform feedback, drawn as points",
+        "Mpoint/s",
+        particles::captured,
+    ),
+    row(
+        "clusters",
+        "the scene by mesh shaders, culled by a task shader",
+        "Mtri/s",
+        clusters::by_mesh_shaders,
+    ),
+    row(
+        "clusters vertex",
+        "the same scene by vertex shaders",
+        "Mtri/s",
+        clusters::by_vertex_shaders,
     ),
     row(
         "draws",
