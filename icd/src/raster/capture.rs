@@ -49,13 +49,26 @@ struct Placed<'a> {
     starts: [u64; MAX_CAPTURE_BUFFERS],
 }
 
-/// A captured word: where it comes from, and where it goes.
+/// Captured words that follow each other: where they come from, and where they go.
 struct Move {
-    /// Of the outputs of a vertex; zero if there is none.
+    /// The first one, of the outputs of a vertex; zeros if there is none.
     word: Option<usize>,
+    words: usize,
     buffer: usize,
     offset_bytes: usize,
     width: CaptureWidth,
+}
+
+impl Move {
+    /// Takes a move behind this one, if both are copied as one.
+    fn join(&mut self, next: &Self) -> bool {
+        let joins = (self.width, next.width) == (CaptureWidth::Word, CaptureWidth::Word)
+            && self.buffer == next.buffer
+            && self.offset_bytes + self.words * size_of::<u32>() == next.offset_bytes
+            && (self.word).is_some_and(|word| next.word == Some(word + self.words));
+        self.words += if joins { next.words } else { 0 };
+        joins
+    }
 }
 
 /// Writes all that the chunks of a round have captured.
@@ -162,29 +175,42 @@ impl Placed<'_> {
             // each list of primitives has a range of its own.
             *memory = unsafe { writable(reach, address, size_bytes) };
         }
-        let moves: Vec<Move> = (self.facts.words.iter())
-            .filter(|word| !memory[usize::from(word.buffer)].is_empty())
-            .map(|word| Move {
+        let mut moves: Vec<Move> = Vec::new();
+        for word in &self.facts.words {
+            let next = Move {
                 word: last.outputs().iter().position(|row| *row == word.row),
+                words: 1,
                 buffer: word.buffer.into(),
                 offset_bytes: word.offset_bytes as usize,
                 width: word.width,
-            })
-            .collect();
+            };
+            let is_there = !memory[next.buffer].is_empty();
+            if is_there && !moves.last_mut().is_some_and(|last| last.join(&next)) {
+                moves.push(next);
+            }
+        }
         for (place, &first) in vertices.iter().enumerate() {
             for it in &moves {
-                let word = it.word.and_then(|word| {
-                    let outputs = &self.chunk.outputs;
-                    outputs.get(first as usize + word).copied()
+                let words = it.word.and_then(|word| {
+                    let outputs = self.chunk.outputs.get(first as usize + word..)?;
+                    outputs.get(..it.words)
                 });
-                let word = word.unwrap_or(0);
+                let start = place * strides[it.buffer] + it.offset_bytes;
+                let to = &mut memory[it.buffer][start..];
+                if let (CaptureWidth::Word, Some(words)) = (it.width, words) {
+                    let (to, _) = to.as_chunks_mut();
+                    for (to, word) in to[..it.words].iter_mut().zip(words) {
+                        *to = word.to_le_bytes();
+                    }
+                    continue;
+                }
+                let word = words.map_or(0, |words| words[0]);
                 let word = match it.width {
                     CaptureWidth::Half => f16::from_f32(f32::from_bits(word)).to_bits().into(),
                     _ => word,
                 };
-                let start = place * strides[it.buffer] + it.offset_bytes;
                 let bytes = &word.to_le_bytes()[..it.width.size_bytes() as usize];
-                memory[it.buffer][start..start + bytes.len()].copy_from_slice(bytes);
+                to[..bytes.len()].copy_from_slice(bytes);
             }
         }
     }

@@ -435,7 +435,8 @@ impl Worker {
         };
         let facts = round.facts(draw);
         let places = OutputPlaces::new(last);
-        let projection = project_all(&facts, &places);
+        let is_set_up = !facts.discard || !draw.counters.is_empty();
+        let projection = project_all(&facts, &places).filter(|_| is_set_up);
         let geometry = (last.geometry()).map(|it| {
             let provokes_last = draw.state.rasterization.provoking_last;
             Geometry::new(last, it, before, &places, provokes_last)
@@ -469,7 +470,7 @@ impl Worker {
         if geometry.is_some() && places.words == 0 {
             self.primitives.clear();
         }
-        if facts.discard && draw.counters.is_empty() {
+        if !is_set_up {
             return Ok(());
         }
         let shaded = (first_word, first_word, places);
@@ -743,6 +744,11 @@ impl Worker {
                 set_up.whole_line(&primitive(), [on_screen[0], on_screen[1]]);
                 continue;
             }
+            if kind == Some(Kind::Point) {
+                let size = shaded.point_size(a);
+                set_up.point(&primitive(), on_screen[0], size, 0, (true, 0.0));
+                continue;
+            }
             let corners = Corners {
                 screen: on_screen,
                 positions: assembled.vertices.map(|vertex| shaded.position(vertex)),
@@ -755,8 +761,7 @@ impl Worker {
             match kind {
                 Some(Kind::Triangle) => set_up.triangle(&primitive, &corners),
                 Some(Kind::Line) => set_up.line(&primitive, &corners, [0, 1], true, 0.0),
-                Some(Kind::Point) => set_up.point(&primitive, &corners, 0, true, 0.0),
-                None => {}
+                _ => {}
             }
         }
         let clipped = set_up.clipped;

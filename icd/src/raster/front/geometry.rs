@@ -3,6 +3,7 @@
 
 use ash::vk::PrimitiveTopology as Topology;
 use lanes::LaneMask;
+use smallvec::SmallVec;
 use spirv_jit::environment::Environment;
 use spirv_jit::program::{AlignedRow, Builtin, Emits, GeometryFacts, InputRow, MAX_STREAMS};
 use spirv_jit::{Program, SUBGROUP_SIZE};
@@ -55,6 +56,16 @@ pub struct Input<'a> {
     /// Their identities.
     pub primitives: &'a [Assembled],
     pub commons: &'a [Common],
+}
+
+/// The vertices that the invocations of a subgroup have emitted.
+struct Emitted<'a> {
+    /// Vertices of each invocation.
+    counts: &'a AlignedRow,
+    /// Where strips start, and their streams.
+    starts: &'a [AlignedRow],
+    /// Rows of each word of a vertex.
+    words: SmallVec<[&'a [AlignedRow]; 32]>,
 }
 
 /// A geometry program behind a vertex program.
@@ -138,9 +149,16 @@ impl<'a> Geometry<'a> {
             }
             runner.run(self.program, environment, limits)?;
             for (state, first) in runner.states().zip(starts) {
+                let state = &*state;
+                let rows = |word| self.program.emitted_rows(state, word);
+                let emitted = Emitted {
+                    counts: &state[self.program.layout().io],
+                    starts: rows(0),
+                    words: (0..self.places.words).map(|word| rows(1 + word)).collect(),
+                };
                 for (lane, invocation) in lanes_of(first).enumerate() {
                     let from = &input.primitives[invocation / self.facts.invocations as usize];
-                    self.collect(state, lane, from, first_word, outputs, primitives)?;
+                    self.collect(&emitted, lane, from, first_word, outputs, primitives)?;
                 }
             }
         }
@@ -181,31 +199,27 @@ impl<'a> Geometry<'a> {
     /// Appends the vertices and the primitives of an invocation.
     fn collect(
         &self,
-        state: &[AlignedRow],
+        emitted: &Emitted<'_>,
         lane: usize,
         from: &Assembled,
         first_word: usize,
         outputs: &mut Vec<u32>,
         primitives: &mut Vec<Assembled>,
     ) -> Result<(), Stopped> {
-        let count = state[self.program.layout().io].0[lane].min(self.facts.max_vertices) as usize;
+        let count = emitted.counts.0[lane].min(self.facts.max_vertices) as usize;
         let words = self.places.words;
         let out_of_memory = |_| Stopped::OutOfMemory;
         outputs.try_reserve(count * words).map_err(out_of_memory)?;
         primitives.try_reserve(count).map_err(out_of_memory)?;
         let base = (outputs.len() - first_word).checked_div(words).unwrap_or(0);
         let start = outputs.len();
-        outputs.resize(start + count * words, 0);
-        let vertices = &mut outputs[start..];
-        for word in 0..words {
-            let rows = self.program.emitted_rows(state, 1 + word);
-            for (vertex, row) in vertices.chunks_exact_mut(words).zip(rows) {
-                vertex[word] = row.0[lane];
-            }
+        for vertex in 0..count {
+            outputs.extend(emitted.words.iter().map(|rows| rows[vertex].0[lane]));
         }
+        let vertices = &outputs[start..];
         let topology = emitted_topology(&self.facts);
         let provoking = topology::provoking(topology, self.last);
-        let starts = &self.program.emitted_rows(state, 0)[..count];
+        let starts = &emitted.starts[..count];
         // With streams: the vertices of one of them.
         let mut own = Vec::new();
         let streams = if self.facts.streams { MAX_STREAMS } else { 1 };

@@ -4,25 +4,24 @@
 
 use super::facts::intersect;
 use super::planes::{Planes, Wide};
-use super::screen::{PIXEL, code, pixels};
-use super::set_up::{Corners, Primitive, SetUp, edge, is_empty};
+use super::screen::{PIXEL, ScreenVertex, code, pixels};
+use super::set_up::{Primitive, SetUp, edge, is_empty};
 use crate::raster::primitive::{Bounds, Coverage, Edge, Shape};
 
 /// `pointSizeRange`.
 pub const POINT_SIZES: [f32; 2] = [1.0, 256.0];
 
 impl SetUp<'_> {
-    /// Draws a corner of a primitive as a point. It is clipped by its centre alone
+    /// Draws a corner of a primitive as a point of that size. It is clipped by its centre alone
     /// (`VK_POINT_CLIPPING_BEHAVIOR_ALL_CLIP_PLANES`).
     pub fn point(
         &mut self,
         primitive: &Primitive,
-        corners: &Corners<'_>,
+        vertex: &ScreenVertex,
+        size: f32,
         corner: usize,
-        front: bool,
-        offset: f64,
+        (front, offset): (bool, f64),
     ) {
-        let vertex = corners.screen[corner];
         const OUT: u32 = code::REJECT | code::NOWHERE | code::NOT_FINITE;
         let Some(view) = self.facts.views.get(primitive.viewport as usize) else {
             return;
@@ -33,7 +32,7 @@ impl SetUp<'_> {
         self.clipped += 1;
         let [least, greatest] = POINT_SIZES;
         // NaN becomes the least.
-        let size = f64::from(corners.point_sizes[corner].max(least).min(greatest));
+        let size = f64::from(size.max(least).min(greatest));
         let side = (size * f64::from(PIXEL)) as i32;
         let (left, top) = (vertex.x - side / 2, vertex.y - side / 2);
         let (right, bottom) = (left + side, top + side);

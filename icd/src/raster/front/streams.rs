@@ -33,11 +33,14 @@ pub fn divide(
         let count = primitives.iter().filter(of_stream).count() as u64;
         counters.generated.fetch_add(count, Ordering::Relaxed);
     }
+    let has_streams =
+        (draw.stages.last().and_then(Program::geometry)).is_some_and(|facts| facts.streams);
     if draw.capture.is_some() {
         let corners = topology::kind(topology).map_or(0, topology::Kind::corners);
         let vertices = &mut chunk.captured_vertices;
         (vertices.try_reserve(primitives.len() * corners)).map_err(|_| Stopped::OutOfMemory)?;
-        for stream in 0..MAX_STREAMS as u8 {
+        let streams = if has_streams { MAX_STREAMS as u8 } else { 1 };
+        for stream in 0..streams {
             let start = vertices.len();
             for primitive in primitives.iter().filter(|it| it.stream == stream) {
                 let places = primitive.vertices[..corners].iter();
@@ -54,8 +57,6 @@ pub fn divide(
         }
     }
     let drawn = draw.state.rasterization.stream;
-    let has_streams =
-        (draw.stages.last().and_then(Program::geometry)).is_some_and(|facts| facts.streams);
     if has_streams || drawn != 0 {
         primitives.retain(|it| u32::from(it.stream) == drawn);
     }

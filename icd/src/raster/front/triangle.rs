@@ -235,7 +235,8 @@ impl SetUp<'_> {
         offset: f64,
     ) {
         for corner in 0..3 {
-            self.point(primitive, corners, corner, front, offset);
+            let (vertex, size) = (corners.screen[corner], corners.point_sizes[corner]);
+            self.point(primitive, vertex, size, corner, (front, offset));
         }
     }
 }

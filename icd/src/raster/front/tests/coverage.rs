@@ -331,7 +331,13 @@ fn garbage_stays_within_the_scissor() {
             distances,
             |set_up, primitive, corners| match round % 4 {
                 0 => set_up.line(primitive, corners, [0, 1], true, 0.0),
-                1 => set_up.point(primitive, corners, 0, true, 0.0),
+                1 => set_up.point(
+                    primitive,
+                    corners.screen[0],
+                    corners.point_sizes[0],
+                    0,
+                    (true, 0.0),
+                ),
                 _ => set_up.triangle(primitive, corners),
             },
         );
