@@ -390,8 +390,9 @@ impl<V: Vector> fast::Subgroups<V> for OfWave<'_, '_> {
 
     #[inline(always)]
     unsafe fn offset(&self, subgroup: usize, index: usize) -> &Row {
-        // SAFETY: as the caller promises: the last two operands.
-        unsafe { self.row(subgroup, self.plan.operands.len() - 2 + index) }
+        let first = self.plan.operands.len() - self.plan.op.spatial_count();
+        // SAFETY: as the caller promises: the last operands, one an axis.
+        unsafe { self.row(subgroup, first + index) }
     }
 
     #[inline(always)]

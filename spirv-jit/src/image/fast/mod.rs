@@ -103,12 +103,12 @@ impl<'a> Fast<'a> {
                     && sampler.reduction == Reduction::WeightedAverage
             }
         };
-        // One texel of one level, which nothing is computed with.
-        let takes_integers = !is_gather
-            && !info.is_wide()
-            && sampler.mag_filter == Filter::Nearest
-            && (sampler.mipmap_mode == Filter::Nearest || image.level_count == 1)
-            && !lod::is_anisotropic(sampler);
+        // One texel of one level, or gathered ones: nothing is computed with them.
+        let takes_integers = !info.is_wide()
+            && (is_gather
+                || sampler.mag_filter == Filter::Nearest
+                    && (sampler.mipmap_mode == Filter::Nearest || image.level_count == 1)
+                    && !lod::is_anisotropic(sampler));
         let applies = may_apply(op)
             && modes_fit
             // Those are clamped, by valid usage.
@@ -131,12 +131,15 @@ impl<'a> Fast<'a> {
             && !op.depth_compare
             && info.codec == Codec::Words(1)
             && info.size_bytes == 4;
-        let has_more = !gathers_words
-            && (is_gather
-                || is_cube
-                || spatial != 2
-                || has_border
-                || op.depth_compare && (image.level_count != 1 || is_anisotropic));
+        let has_levels = image.level_count != 1;
+        let has_more = match (is_gather, spatial) {
+            _ if is_cube => true,
+            (true, _) => spatial != 2,
+            _ if has_border => true,
+            (_, 2) => op.depth_compare && (has_levels || is_anisotropic),
+            (_, 3) => op.depth_compare || is_anisotropic || has_levels && op.lod == LodMode::Grad,
+            _ => true,
+        };
         let decoder = Decoder::of(info);
         applies.then_some(Fast {
             op,

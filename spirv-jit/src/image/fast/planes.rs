@@ -1,5 +1,5 @@
-//! Samples of 2D images without borders, comparisons in those of one level, and gathers of words
-//! from any, for one subgroup of a wave after the other. What the image and the sampler decide is
+//! Samples of 2D and 3D images without borders, comparisons in 2D images of one level, and gathers
+//! from any 2D image, for one subgroup of a wave after the other. What the image and the sampler decide is
 //! decided before the first, most of it when this is compiled: so numbers stay in registers, and
 //! neighbours' chains of operations overlap.
 
@@ -10,6 +10,7 @@ use super::super::{AddressMode, LodMode};
 use super::axis::{Along, Axis};
 use super::levels::{Anisotropy, Levels, levels_of};
 use super::taps::Taps;
+use super::whole::gathered_component;
 use super::{Components, Fast};
 use crate::eval::quad;
 use crate::row::Row;
@@ -77,6 +78,10 @@ mod texels {
     /// The nearest texel, of four bytes as in [`BYTES`] and [`SRGB`].
     pub const NEAREST_BYTES: u8 = 7;
     pub const NEAREST_SRGB: u8 = 8;
+    /// A component, or the comparison, of the four texels of any format.
+    pub const GATHERED_ANY: u8 = 9;
+    /// Any format, in three dimensions.
+    pub const VOLUME: u8 = 10;
 }
 
 struct Planes<'a, 'b, S, const LEVELS: u8, const MODE: u8, const TEXELS: u8>(&'b Fast<'a>, S);
@@ -95,10 +100,15 @@ impl<V: Vector, S: Subgroups<V>, const LEVELS: u8, const MODE: u8, const TEXELS:
         // SAFETY: `Fast::planes` chose this.
         unsafe {
             assert_unchecked(!fast.is_cube && fast.gathers_words == (TEXELS == texels::GATHERED));
-            assert_unchecked(fast.is_gather() == (TEXELS == texels::GATHERED));
-            assert_unchecked(fast.op.depth_compare == (TEXELS == texels::COMPARED));
+            let is_gather = matches!(TEXELS, texels::GATHERED | texels::GATHERED_ANY);
+            assert_unchecked(fast.is_gather() == is_gather);
+            assert_unchecked(
+                TEXELS == texels::GATHERED_ANY
+                    || fast.op.depth_compare == (TEXELS == texels::COMPARED),
+            );
+            assert_unchecked(fast.spatial == if TEXELS == texels::VOLUME { 3 } else { 2 });
             if LEVELS == levels::ONE {
-                assert_unchecked(TEXELS == texels::GATHERED || !fast.has_levels());
+                assert_unchecked(is_gather || !fast.has_levels());
             }
             assert_unchecked(fast.is_anisotropic == (LEVELS == levels::ANISOTROPIC));
             match TEXELS {
@@ -141,11 +151,34 @@ impl<V: Vector, S: Subgroups<V>, const LEVELS: u8, const MODE: u8, const TEXELS:
                     true => [
                         Some(v.load_i(subgroups.offset(subgroup, 0))),
                         Some(v.load_i(subgroups.offset(subgroup, 1))),
-                        None,
+                        match TEXELS {
+                            texels::VOLUME => Some(v.load_i(subgroups.offset(subgroup, 2))),
+                            _ => None,
+                        },
                     ],
                     false => [None; 3],
                 };
-                let places = [(s, offsets[0]), (t, offsets[1])];
+                let r = match TEXELS {
+                    texels::VOLUME => v.load(subgroups.coordinate(subgroup, 2)),
+                    _ => v.splat(0.0),
+                };
+                let places = [(s, offsets[0]), (t, offsets[1]), (r, offsets[2])];
+                if TEXELS == texels::GATHERED_ANY {
+                    let reference = match fast.op.depth_compare {
+                        true => Some(fast.reference(v, subgroups.reference(subgroup))),
+                        false => None,
+                    };
+                    let component = match reference {
+                        Some(_) => 0,
+                        None => gathered_component(&fast.op.kind, fast.image).unwrap_or(0),
+                    };
+                    let axes = axes::<V, MODE>(fast, v, &first, places, mask);
+                    let mut taps = Taps::new(v);
+                    fast.place_taps(v, &first, layer, &axes, &mut taps);
+                    let texels = fast.blended(v, &mut taps, reference, Some(component));
+                    subgroups.put(v, subgroup, fast.gathered_values(v, texels));
+                    continue;
+                }
                 if TEXELS == texels::COMPARED {
                     let reference = fast.reference(v, subgroups.reference(subgroup));
                     let axes = axes::<V, MODE>(fast, v, &first, places, mask);
@@ -203,7 +236,11 @@ impl<V: Vector, S: Subgroups<V>, const LEVELS: u8, const MODE: u8, const TEXELS:
                 let mut pass = 0;
                 loop {
                     let [ds, dt, _] = along.place(v, pass);
-                    let places = [(v.add(s, ds), offsets[0]), (v.add(t, dt), offsets[1])];
+                    let places = [
+                        (v.add(s, ds), offsets[0]),
+                        (v.add(t, dt), offsets[1]),
+                        (r, offsets[2]),
+                    ];
                     let sampled = of_levels.sample::<MODE, TEXELS>(fast, v, places, mask);
                     total = match pass {
                         0 => sampled,
@@ -250,7 +287,7 @@ impl<V: Vector> OfLevels<'_, V> {
         &self,
         fast: &Fast<'_>,
         v: V,
-        places: [Place<V>; 2],
+        places: [Place<V>; 3],
         mask: u16,
     ) -> Components<V> {
         // SAFETY: the caller's promise.
@@ -352,7 +389,7 @@ fn axes<V: Vector, const MODE: u8>(
     fast: &Fast<'_>,
     v: V,
     levels: &Levels<'_, V>,
-    [s, t]: [Place<V>; 2],
+    [s, t, r]: [Place<V>; 3],
     mask: u16,
 ) -> [Axis<V>; 3] {
     let [mode_s, mode_t] = modes::<MODE>(fast);
@@ -371,10 +408,22 @@ fn axes<V: Vector, const MODE: u8>(
         stride: levels.row_stride,
         ..columns
     };
+    let depth = match fast.spatial {
+        3 => {
+            let slices = Along {
+                size: levels.depth,
+                stride: levels.slice_stride,
+                block_shift: 0,
+                looked_at,
+            };
+            fast.axis(v, fast.sampler.address_mode[2], r, slices)
+        }
+        _ => Axis::none(v),
+    };
     [
         fast.axis(v, mode_s, s, columns),
         fast.axis(v, mode_t, t, rows),
-        Axis::none(v),
+        depth,
     ]
 }
 
@@ -386,10 +435,11 @@ unsafe fn of_level<V: Vector, const MODE: u8, const TEXELS: u8>(
     v: V,
     levels: &Levels<'_, V>,
     layer: V::I,
-    places: [Place<V>; 2],
+    places: [Place<V>; 3],
     mask: u16,
 ) -> Components<V> {
-    if let (texels::NEAREST_BYTES | texels::NEAREST_SRGB, [(s, None), (t, None)]) = (TEXELS, places)
+    if let (texels::NEAREST_BYTES | texels::NEAREST_SRGB, [(s, None), (t, None), _]) =
+        (TEXELS, places)
     {
         let [mode_s, mode_t] = modes::<MODE>(fast);
         let column = fast.nearest(v, mode_s, s, levels.width);
@@ -399,7 +449,17 @@ unsafe fn of_level<V: Vector, const MODE: u8, const TEXELS: u8>(
     }
     let axes = axes::<V, MODE>(fast, v, levels, places, mask);
     // SAFETY: the caller's promise.
-    unsafe { fast.weighted(v, levels, layer, &axes, mask) }
+    unsafe {
+        if TEXELS != texels::VOLUME {
+            return fast.weighted(v, levels, layer, &axes, mask);
+        }
+        if fast.is_nearest && fast.is_loaded {
+            return fast.nearest_texel(v, levels, layer, &axes);
+        }
+        let mut taps = Taps::new(v);
+        fast.place_taps(v, levels, layer, &axes, &mut taps);
+        fast.blended(v, &mut taps, None, None)
+    }
 }
 
 impl Fast<'_> {
@@ -410,7 +470,8 @@ impl Fast<'_> {
         let is_common = V::IS_MACHINES
             || !self.has_levels()
                 && !self.op.depth_compare
-                && !self.gathers_words
+                && !self.is_gather()
+                && self.spatial == 2
                 && !self.is_anisotropic;
         is_common && !self.has_more
     }
@@ -454,6 +515,12 @@ impl Fast<'_> {
             }
             if self.gathers_words {
                 return run!(ONE GATHERED ANY);
+            }
+            if self.is_gather() {
+                return run!(ONE GATHERED_ANY ANY);
+            }
+            if self.spatial == 3 {
+                return run!(MANY VOLUME ANY);
             }
             if self.op.depth_compare {
                 return run!(ONE COMPARED ANY);
