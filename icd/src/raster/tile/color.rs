@@ -382,19 +382,32 @@ impl Color {
     /// Colours of texels' words.
     #[inline(always)]
     pub(super) fn decode<V: Vector>(&self, v: V, texels: &[V::I; 4]) -> [V::I; 4] {
-        if let Coding::Bytes(shifts) = &self.coding {
-            return [
+        let info = self.target.surface.format;
+        match &self.coding {
+            Coding::Bytes(shifts) => [
                 of_byte(v, texels[0], shifts[0]),
                 of_byte(v, texels[0], shifts[1]),
                 of_byte(v, texels[0], shifts[2]),
                 of_byte(v, texels[0], shifts[3]),
-            ];
+            ],
+            Coding::Halves => {
+                let low = v.splat_i(0xffff);
+                [
+                    v.bits_of(v.half_to_f(v.and_i(texels[0], low))),
+                    v.bits_of(v.half_to_f(v.right_u(texels[0], 16))),
+                    v.bits_of(v.half_to_f(v.and_i(texels[1], low))),
+                    v.bits_of(v.half_to_f(v.right_u(texels[1], 16))),
+                ]
+            }
+            Coding::Words(count) => {
+                let mut words = *texels;
+                for component in *count..4 {
+                    words[component] = v.splat_i(info.missing(component) as i32);
+                }
+                words
+            }
+            Coding::Other => load_words(v, &decode_rows(self.tier, info, &rows_of(v, texels))),
         }
-        if let Coding::Words(4) = self.coding {
-            return *texels;
-        }
-        let info = self.target.surface.format;
-        load_words(v, &decode_rows(self.tier, info, &rows_of(v, texels)))
     }
 
     /// The rows of the components in the order of the bytes, and alpha.

@@ -85,6 +85,7 @@ fn blended(op: BlendOp, s: f64, sf: f64, d: f64, df: f64) -> f64 {
 /// format, in its numbers.
 fn check(
     format: vk::Format,
+    component_count: usize,
     is_fixed: bool,
     tolerance: f64,
     state: &BlendAttachment,
@@ -128,9 +129,10 @@ fn check(
         true => f64::from(it.clamp(0.0, 1.0)),
         false => f64::from(it),
     };
+    assert!(component_count > 3 || destination[3] == 1.0);
     let all = [source, second, destination, constants].map(|color| color.map(limit));
     let got = canvas.texel(COLOR, [5, 6, 0, 0]).map(f32::from_bits);
-    for component in 0..4 {
+    for component in 0..component_count {
         let (op, sf, df) = match component {
             3 => (state.alpha_op, state.src_alpha, state.dst_alpha),
             _ => (state.color_op, state.src_color, state.dst_color),
@@ -156,17 +158,21 @@ fn every_factor_and_operation_is_what_the_table_says() {
     let mut random = Random::with_seed(5);
     let formats = [
         // Half a unit, and what f32 adds to it.
-        (vk::Format::R8G8B8A8_UNORM, true, 0.5 / 255.0 + 1e-6),
-        (vk::Format::B8G8R8A8_UNORM, true, 0.5 / 255.0 + 1e-6),
+        (vk::Format::R8G8B8A8_UNORM, 4, true, 0.5 / 255.0 + 1e-6),
+        (vk::Format::B8G8R8A8_UNORM, 4, true, 0.5 / 255.0 + 1e-6),
         (
             vk::Format::R16G16B16A16_SFLOAT,
+            4,
             false,
             2.0f64.powi(-11) * 4.0,
         ),
-        (vk::Format::R32G32B32A32_SFLOAT, false, 2e-6),
+        // What is there has the components that formats lack, too: 0, 0 and 1.
+        (vk::Format::R32_SFLOAT, 1, false, 2e-6),
+        (vk::Format::R32G32_SFLOAT, 2, false, 2e-6),
+        (vk::Format::R32G32B32A32_SFLOAT, 4, false, 2e-6),
     ];
     let all: Vec<BlendFactor> = FACTORS.into_iter().chain(SECOND).collect();
-    for (format, is_fixed, tolerance) in formats {
+    for (format, component_count, is_fixed, tolerance) in formats {
         for &src_color in &all {
             for &dst_color in &all {
                 let mut pick =
@@ -184,7 +190,14 @@ fn every_factor_and_operation_is_what_the_table_says() {
                     write_mask: vk::ColorComponentFlags::RGBA,
                     ..Default::default()
                 };
-                check(format, is_fixed, tolerance, &state, &mut random);
+                check(
+                    format,
+                    component_count,
+                    is_fixed,
+                    tolerance,
+                    &state,
+                    &mut random,
+                );
             }
         }
     }
