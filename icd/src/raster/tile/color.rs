@@ -33,10 +33,11 @@ pub type Rows = [Option<usize>; 4];
 enum Coding {
     /// Four normalised bytes: bits to shift.
     Bytes([u32; 4]),
-    /// Four 16-bit floats.
-    Halves,
+    /// So many 16-bit floats.
+    Halves(usize),
     /// So many words, as they are.
     Words(usize),
+    /// By functions of their own, whatever the format is.
     Other,
 }
 
@@ -92,8 +93,8 @@ fn coding_of(info: &FormatInfo) -> Coding {
     let are_bytes = info.channels.iter().all(|channel| channel.bits == 8);
     if info.numeric == Numeric::Unorm && info.size_bytes == 4 && are_bytes {
         Coding::Bytes(info.channels.map(|channel| channel.offset.into()))
-    } else if info.numeric == Numeric::Sfloat && count == 4 && in_order(16) {
-        Coding::Halves
+    } else if info.numeric == Numeric::Sfloat && in_order(16) {
+        Coding::Halves(count)
     } else if in_order(32) && usize::from(info.size_bytes) == 4 * count {
         Coding::Words(count)
     } else {
@@ -282,6 +283,20 @@ fn of_byte<V: Vector>(v: V, word: V::I, shift: u32) -> V::I {
     v.bits_of(v.div_units(v.to_f(code), 255.0))
 }
 
+/// Components of which the format has the first ones.
+#[inline(always)]
+fn with_missing<V: Vector>(
+    v: V,
+    info: &FormatInfo,
+    mut components: [V::I; 4],
+    count: usize,
+) -> [V::I; 4] {
+    for component in count..4 {
+        components[component] = v.splat_i(info.missing(component) as i32);
+    }
+    components
+}
+
 /// A row of a program's outputs; zeros for what it does not write.
 #[inline(always)]
 fn component<V: Vector>(v: V, place: Option<usize>, rows: &[AlignedRow]) -> V::I {
@@ -360,7 +375,7 @@ impl Color {
                 ];
                 [v.or_i(v.or_i(r, g), v.or_i(b, a)), none, none, none]
             }
-            Coding::Halves => {
+            Coding::Halves(_) => {
                 let [r, g, b, a] = [
                     v.to_half(v.bits_to_f(colors[0])),
                     v.to_half(v.bits_to_f(colors[1])),
@@ -390,22 +405,17 @@ impl Color {
                 of_byte(v, texels[0], shifts[2]),
                 of_byte(v, texels[0], shifts[3]),
             ],
-            Coding::Halves => {
+            Coding::Halves(count) => {
                 let low = v.splat_i(0xffff);
-                [
+                let halves = [
                     v.bits_of(v.half_to_f(v.and_i(texels[0], low))),
                     v.bits_of(v.half_to_f(v.right_u(texels[0], 16))),
                     v.bits_of(v.half_to_f(v.and_i(texels[1], low))),
                     v.bits_of(v.half_to_f(v.right_u(texels[1], 16))),
-                ]
+                ];
+                with_missing(v, info, halves, *count)
             }
-            Coding::Words(count) => {
-                let mut words = *texels;
-                for component in *count..4 {
-                    words[component] = v.splat_i(info.missing(component) as i32);
-                }
-                words
-            }
+            Coding::Words(count) => with_missing(v, info, *texels, *count),
             Coding::Other => load_words(v, &decode_rows(self.tier, info, &rows_of(v, texels))),
         }
     }

@@ -1,8 +1,9 @@
 //! Texels of sixteen pixels, as words: loaded from an attachment and stored to it.
 
+use spirv_jit::eval::quad as axis;
 use spirv_jit::image::vector::{Task, Vector};
 
-use super::lanes::{BY_ROWS, Row, load_words, row_of, rows_of};
+use super::lanes::{BY_ROWS, IN_BLOCK, IN_ROW, Row, load_words, row_of, rows_of};
 use crate::raster::Target;
 use crate::raster::primitive::Bounds;
 
@@ -283,7 +284,12 @@ pub unsafe fn load<V: Vector>(
             let none = v.splat_i(0);
             return [words, none, none, none];
         }
-        load_words(v, &load_rows(target, places, sample, mask))
+        v.apart(Loading {
+            target,
+            places,
+            sample,
+            mask,
+        })
     }
 }
 
@@ -337,6 +343,184 @@ unsafe fn load_rows(target: &Target, places: &Places, sample: u32, mask: u16) ->
             _ => [[0; 16]; 4],
         }
     }
+}
+
+/// Texels to load, of sizes and patterns that [`load`] leaves.
+struct Loading<'a> {
+    target: &'a Target,
+    places: &'a Places,
+    sample: u32,
+    mask: u16,
+}
+
+impl<V: Vector> Task<V> for Loading<'_> {
+    type Output = [V::I; 4];
+
+    /// # Safety
+    /// As [`load`].
+    #[inline(always)]
+    unsafe fn run(self, v: V) -> [V::I; 4] {
+        let Self {
+            target,
+            places,
+            sample,
+            mask,
+        } = self;
+        let size = target.surface.texel_size_bytes;
+        let none = v.splat_i(0);
+        // SAFETY: the caller's promise: all texels of quads are in the attachment, except for
+        // [`Pattern::Quads`].
+        unsafe {
+            if let (Some(shifts), true) = (shifts(size), places.pattern != Pattern::Quads) {
+                let words = load_small(v, target, places, sample, size);
+                let shifted = v.right_each(words, v.load_i(shifts));
+                let ones = v.splat_i((1 << (8 * size)) - 1);
+                return [v.and_i(shifted, ones), none, none, none];
+            }
+            if let (8 | 16, Some(offsets)) = (size, offsets(v, target, places)) {
+                let first = quad(target, places, 0, sample);
+                if size == 16 {
+                    return v.gather_quads(first, offsets);
+                }
+                let (first, second) = v.gather_pairs(first, offsets);
+                return [first, second, none, none];
+            }
+            load_words(v, &load_rows(target, places, sample, mask))
+        }
+    }
+}
+
+/// Where texels of one and two bytes lie in the words of [`load_small`].
+static BYTES: Row = [0, 8, 16, 24, 0, 8, 16, 24, 0, 8, 16, 24, 0, 8, 16, 24];
+static SHORTS: Row = [0, 16, 0, 16, 0, 16, 0, 16, 0, 16, 0, 16, 0, 16, 0, 16];
+
+#[inline(always)]
+fn shifts(size: usize) -> Option<&'static Row> {
+    match size {
+        1 => Some(&BYTES),
+        2 => Some(&SHORTS),
+        _ => None,
+    }
+}
+
+/// In each lane the word with its texel: the quad's four bytes, or two shorts of one row.
+///
+/// # Safety
+/// As [`load`]; not of [`Pattern::Quads`].
+#[inline(always)]
+unsafe fn load_small<V: Vector>(
+    v: V,
+    target: &Target,
+    places: &Places,
+    sample: u32,
+    size: usize,
+) -> V::I {
+    let (at, stride) = quads(target, places, sample);
+    // SAFETY: the caller's promise.
+    unsafe {
+        if size == 1 {
+            let mut words = [0; 4];
+            for index in 0..4 {
+                let second = at[index].wrapping_add(stride).cast::<u16>();
+                let [first, second] = [at[index].cast::<u16>(), second];
+                let lower = u32::from(second.read_unaligned());
+                words[index] = u32::from(first.read_unaligned()) | lower << 16;
+            }
+            return spread(v, words);
+        }
+        let mut words = [[0; 4]; 2];
+        for index in 0..4 {
+            let second = at[index].wrapping_add(stride).cast::<u32>();
+            words[0][index] = at[index].cast::<u32>().read_unaligned();
+            words[1][index] = second.read_unaligned();
+        }
+        v.select(0x3333, spread(v, words[0]), spread(v, words[1]))
+    }
+}
+
+/// A word for each quad. Not by [`Vector::quads`]: loads of four words at once wait for the stores
+/// of each.
+#[inline(always)]
+fn spread<V: Vector>(v: V, words: [u32; 4]) -> V::I {
+    let upper = v.select(
+        0x000f,
+        v.splat_i(words[0] as i32),
+        v.splat_i(words[1] as i32),
+    );
+    let lower = v.select(
+        0x0f00,
+        v.splat_i(words[2] as i32),
+        v.splat_i(words[3] as i32),
+    );
+    v.select(0x00ff, upper, lower)
+}
+
+/// Stores the texels of the mask's lanes, which are of one or two bytes, and what is there already
+/// in the places of other lanes.
+///
+/// # Safety
+/// As [`load_small`].
+#[inline(always)]
+unsafe fn store_small<V: Vector>(
+    v: V,
+    storing: &Storing<'_, V>,
+    size: usize,
+    shifts: &'static Row,
+) {
+    let Storing {
+        target,
+        places,
+        sample,
+        mask,
+        words,
+    } = *storing;
+    let shifts = v.load_i(shifts);
+    let new = v.and_i(words[0], v.splat_i((1 << (8 * size)) - 1));
+    let mut new = v.left_each(new, shifts);
+    let (at, stride) = quads(target, places, sample);
+    // SAFETY: the caller's promise.
+    unsafe {
+        if mask != u16::MAX {
+            let old = load_small(v, target, places, sample, size);
+            let ones = v.left_each(v.splat_i((1 << (8 * size)) - 1), shifts);
+            new = v.select(mask, new, v.and_i(old, ones));
+        }
+        let (first, second) = v.sides::<{ axis::X }>(v.bits_to_f(new));
+        let pairs = v.or_i(v.bits_of(first), v.bits_of(second));
+        // Quads that are not there look like the first one, which is stored last.
+        if size == 1 {
+            let (first, second) = v.sides::<{ axis::Y }>(v.bits_to_f(pairs));
+            let words = row_of(v, v.or_i(v.bits_of(first), v.bits_of(second)));
+            for index in [3, 2, 1, 0] {
+                let word = words[4 * index];
+                let second = at[index].wrapping_add(stride).cast::<u16>();
+                at[index].cast::<u16>().write_unaligned(word as u16);
+                second.write_unaligned((word >> 16) as u16);
+            }
+            return;
+        }
+        let words = row_of(v, pairs);
+        for index in [3, 2, 1, 0] {
+            let second = at[index].wrapping_add(stride).cast::<u32>();
+            at[index].cast::<u32>().write_unaligned(words[4 * index]);
+            second.write_unaligned(words[4 * index + 2]);
+        }
+    }
+}
+
+/// Byte offsets of the texels of a row or a block.
+#[inline(always)]
+fn offsets<V: Vector>(v: V, target: &Target, places: &Places) -> Option<V::I> {
+    let surface = &target.surface;
+    let [columns, rows] = match places.pattern {
+        Pattern::Row => &IN_ROW,
+        Pattern::Block => &IN_BLOCK,
+        Pattern::Inside | Pattern::Quads => return None,
+    };
+    let size = v.splat_i(surface.texel_size_bytes as i32);
+    let stride = v.splat_i(surface.row_stride_bytes as i32);
+    let row = v.mul_i(v.load_i(rows), stride);
+    Some(v.add_i(row, v.mul_i(v.load_i(columns), size)))
 }
 
 /// Stores the texels of a sample of the pixels of a mask. In a row and a block, the others are
@@ -441,6 +625,18 @@ fn quads(target: &Target, places: &Places, sample: u32) -> ([*mut u8; 4], usize)
         ];
         return (at, half);
     }
+    if places.pattern == Pattern::Block {
+        let (first, stride) = (quad(target, places, 0, sample), surface.row_stride_bytes);
+        let lower = first.wrapping_add(2 * stride as usize);
+        let half = 2 * surface.texel_size_bytes;
+        let at = [
+            first,
+            first.wrapping_add(half),
+            lower,
+            lower.wrapping_add(half),
+        ];
+        return (at, stride as usize);
+    }
     let at = [
         quad(target, places, 0, sample),
         quad(target, places, 1, sample),
@@ -466,6 +662,12 @@ impl<V: Vector> Task<V> for Storing<'_, V> {
     /// As [`load`].
     #[inline(always)]
     unsafe fn run(self, v: V) {
+        let size = self.target.surface.texel_size_bytes;
+        let shifts = shifts(size).filter(|_| self.places.pattern != Pattern::Quads);
+        if let Some(shifts) = shifts {
+            // SAFETY: the caller's promise.
+            return unsafe { store_small(v, &self, size, shifts) };
+        }
         let Self {
             target,
             places,
@@ -473,7 +675,6 @@ impl<V: Vector> Task<V> for Storing<'_, V> {
             mask,
             words,
         } = self;
-        let size = target.surface.texel_size_bytes;
         // SAFETY: the caller's promise: of quads that may be outside in part, texels of the mask's
         // pixels are stored alone.
         unsafe {

@@ -157,16 +157,21 @@ fn check(
 fn every_factor_and_operation_is_what_the_table_says() {
     let mut random = Random::with_seed(5);
     let formats = [
-        // Half a unit, and what f32 adds to it.
+        // Half a unit, and what f32 adds to it. What is there has the components that formats
+        // lack, too: 0, 0 and 1.
         (vk::Format::R8G8B8A8_UNORM, 4, true, 0.5 / 255.0 + 1e-6),
         (vk::Format::B8G8R8A8_UNORM, 4, true, 0.5 / 255.0 + 1e-6),
+        (vk::Format::R8_UNORM, 1, true, 0.5 / 255.0 + 1e-6),
+        (vk::Format::R5G6B5_UNORM_PACK16, 3, true, 0.5 / 31.0 + 1e-6),
+        (vk::Format::R16G16_UNORM, 2, true, 0.5 / 65535.0 + 1e-6),
+        (vk::Format::R16_SFLOAT, 1, false, 2.0f64.powi(-11) * 4.0),
+        (vk::Format::R16G16_SFLOAT, 2, false, 2.0f64.powi(-11) * 4.0),
         (
             vk::Format::R16G16B16A16_SFLOAT,
             4,
             false,
             2.0f64.powi(-11) * 4.0,
         ),
-        // What is there has the components that formats lack, too: 0, 0 and 1.
         (vk::Format::R32_SFLOAT, 1, false, 2e-6),
         (vk::Format::R32G32_SFLOAT, 2, false, 2e-6),
         (vk::Format::R32G32B32A32_SFLOAT, 4, false, 2e-6),

@@ -9,4 +9,5 @@ mod order;
 mod rectangle;
 mod stencils;
 mod support;
+mod texels;
 mod tinted;
