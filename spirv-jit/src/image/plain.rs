@@ -2,11 +2,13 @@
 //! Everything about the image is looked up once ([`Plain`]), then blocks of lanes are done in
 //! vectors of the machine. The same results as [`access`](super::access), bit for bit.
 
+use super::decode::{Decoder, expand};
+use super::fast::index_in_block;
 use super::format::FormatInfo;
 use super::format::block::{self, Texels};
 use super::operands::Operands;
 use super::texels;
-use super::vector::Vector;
+use super::vector::{Task, Vector};
 use super::{Dim, ImageDescriptor, ImageOp, ImageOpKind, LodMode};
 use crate::SUBGROUP_SIZE;
 use crate::types::Type;
@@ -26,6 +28,8 @@ pub(crate) struct Plain<'a> {
     op: &'a ImageOp,
     image: &'a ImageDescriptor,
     info: &'a FormatInfo,
+    /// Of formats in blocks of four by four.
+    blocks: Option<Decoder>,
 }
 
 impl<'a> Plain<'a> {
@@ -34,8 +38,19 @@ impl<'a> Plain<'a> {
         image: &'a ImageDescriptor,
         info: &'a FormatInfo,
     ) -> Option<Plain<'a>> {
-        let applies = may_apply(op) && info.in_vectors && image.size_bytes <= i32::MAX as u64;
-        applies.then_some(Plain { op, image, info })
+        let blocks = Decoder::of(info);
+        let blocks = matches!(blocks, Decoder::Colors | Decoder::Ramps).then_some(blocks);
+        let format_fits = match op.kind {
+            ImageOpKind::Write => info.in_vectors,
+            _ => info.decoded_in_vectors || blocks.is_some(),
+        };
+        let applies = may_apply(op) && format_fits && image.size_bytes <= i32::MAX as u64;
+        applies.then_some(Plain {
+            op,
+            image,
+            info,
+            blocks,
+        })
     }
 
     /// The level that all lanes of the mask name, if they name one.
@@ -51,16 +66,16 @@ impl<'a> Plain<'a> {
         is_one.then_some(first as usize)
     }
 
-    /// Byte offsets of the lanes' texels, and the lanes of the mask whose texel exists; the offsets
-    /// of others are zero.
+    /// Byte offsets of the lanes' texels or blocks, texels' indices in their blocks, and the lanes
+    /// of the mask whose texel exists; the offsets of others are zero.
     #[inline(always)]
-    fn locate<V: Vector>(
+    fn locate<V: Vector, const IN_BLOCKS: bool>(
         &self,
         v: V,
         operands: &Operands<'_>,
         mask: u16,
         level: usize,
-    ) -> (V::I, u16) {
+    ) -> (V::I, V::I, u16) {
         let (op, image) = (self.op, self.image);
         let spatial = op.spatial_count();
         let level = &image.levels[level];
@@ -73,12 +88,17 @@ impl<'a> Plain<'a> {
         let strides = [texel_bytes, level.row_stride_bytes, slice_bytes];
         let mut inside = mask;
         let mut offsets = v.splat_i(level.offset_bytes as i32);
+        let mut in_plane = [v.splat_i(0); 2];
         for axis in 0..spatial {
             let mut at = v.load_i(operands.coordinates[axis]);
             if op.has_offset && axis < operands.offsets.len() {
                 at = v.add_i(at, v.load_i(operands.offsets[axis]));
             }
             inside &= v.lt_u(at, v.splat_i(sizes[axis] as i32));
+            if IN_BLOCKS && axis < 2 {
+                in_plane[axis] = at;
+                at = v.right_u(at, 2);
+            }
             offsets = v.add_i(offsets, v.mul_i(at, v.splat_i(strides[axis] as i32)));
         }
         if op.coordinate_count() > spatial {
@@ -87,7 +107,8 @@ impl<'a> Plain<'a> {
             let stride = v.splat_i(image.layer_stride_bytes as i32);
             offsets = v.add_i(offsets, v.mul_i(layer, stride));
         }
-        (v.keep(offsets, inside), inside)
+        let index = index_in_block(v, in_plane[0], in_plane[1]);
+        (v.keep(offsets, inside), index, inside)
     }
 
     /// `OpImageWrite` in the lanes of `mask`, which is not empty. False where it does not apply
@@ -100,7 +121,7 @@ impl<'a> Plain<'a> {
         let Some(level) = self.level(v, operands, mask) else {
             return false;
         };
-        let (offsets, inside) = self.locate(v, operands, mask, level);
+        let (offsets, _, inside) = self.locate::<V, false>(v, operands, mask, level);
         let rows = operands.texel;
         let texels = [
             v.load_i(rows[0]),
@@ -126,9 +147,27 @@ impl<'a> Plain<'a> {
         mask: u16,
     ) -> Option<[V::I; 4]> {
         let level = self.level(v, operands, mask)?;
-        let (offsets, inside) = self.locate(v, operands, mask, level);
+        let (info, data) = (self.info, self.image.data.cast_const());
         // SAFETY: lanes inside address texels of the image, and so does offset zero.
-        let loaded = unsafe { texels::load(v, self.info, self.image.data, offsets) };
+        let (loaded, inside) = unsafe {
+            match self.blocks {
+                None => {
+                    let (offsets, _, inside) = self.locate::<V, false>(v, operands, mask, level);
+                    (texels::load(v, info, data, offsets), inside)
+                }
+                Some(decoder) => {
+                    let (offsets, index, inside) = self.locate::<V, true>(v, operands, mask, level);
+                    let texels = v.apart(OfBlocks {
+                        info,
+                        decoder,
+                        data,
+                        offsets,
+                        index,
+                    });
+                    (texels, inside)
+                }
+            }
+        };
         let components = [
             self.component(v, 0, loaded[0], inside),
             self.component(v, 1, loaded[1], inside),
@@ -162,5 +201,39 @@ impl<'a> Plain<'a> {
             1.0 => word,
             scale => v.bits_of(v.div_units(v.bits_to_f(word), scale)),
         }
+    }
+}
+
+/// Texels by offsets of their blocks and their indices in these.
+struct OfBlocks<'a, I> {
+    info: &'a FormatInfo,
+    decoder: Decoder,
+    data: *const u8,
+    offsets: I,
+    index: I,
+}
+
+impl<V: Vector> Task<V> for OfBlocks<'_, V::I> {
+    type Output = [V::I; 4];
+
+    /// # Safety
+    /// A block is readable at each offset.
+    #[inline(always)]
+    unsafe fn run(self, v: V) -> [V::I; 4] {
+        let mut words = [v.splat_i(0); 4];
+        // SAFETY: the caller's promise.
+        unsafe {
+            match self.info.size_bytes {
+                8 => (words[0], words[1]) = v.gather_pairs(self.data, self.offsets),
+                _ => words = v.gather_quads(self.data, self.offsets),
+            }
+        }
+        let texel = expand(v, self.info, self.decoder, words, self.index);
+        [
+            v.bits_of(texel[0]),
+            v.bits_of(texel[1]),
+            v.bits_of(texel[2]),
+            v.bits_of(texel[3]),
+        ]
     }
 }

@@ -24,6 +24,7 @@ use crate::SUBGROUP_SIZE;
 use crate::row::Row;
 use crate::types::Type;
 pub(crate) use planes::Subgroups;
+pub(super) use taps::index_in_block;
 use whole::Whole;
 
 /// Whether an operation is one of these, as far as its instruction tells.

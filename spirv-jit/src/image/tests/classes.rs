@@ -7,6 +7,7 @@ use fastrand::Rng;
 use super::super::decode::Decoder;
 use super::super::fast::Fast;
 use super::super::operands::Operands;
+use super::super::plain::Plain;
 use super::super::vector::Vector;
 use super::super::{lod, sample};
 use super::vectors::{Case, in_every_tier};
@@ -345,6 +346,100 @@ fn compare_one(random: &mut Rng, format: Format) {
     });
 }
 
+/// A fetch.
+struct Fetched<'s> {
+    plain: Plain<'s>,
+    op: &'s ImageOp,
+    rows: &'s [&'s Row],
+    mask: u16,
+    expected: [Row; 8],
+    what: String,
+}
+
+impl Case for Fetched<'_> {
+    #[inline(always)]
+    unsafe fn run<V: Vector>(&mut self, v: V) {
+        let operands = Operands::new(self.op, self.rows);
+        // SAFETY: the image's memory is there; as the trait says.
+        let texel = unsafe { self.plain.read(v, &operands, self.mask) };
+        // Lanes of no level that there is are not for vectors.
+        let Some(texel) = texel else {
+            return;
+        };
+        let mut results = [[0; 16]; 4];
+        for (component, row) in texel.into_iter().zip(&mut results) {
+            v.store_i(component, row);
+        }
+        for lane in (0..16).filter(|lane| self.mask >> lane & 1 == 1) {
+            for component in 0..4 {
+                let (a, b) = (results[component][lane], self.expected[component][lane]);
+                let what = &self.what;
+                assert_eq!(a, b, "in lane {lane}, component {component}: {what}");
+            }
+        }
+    }
+}
+
+/// Compares a fetch from an image of a format, inside and outside of it.
+fn compare_fetch(random: &mut Rng, format: Format) {
+    let info = format.info().unwrap();
+    let dim = pick(random, &[Dim::D1, Dim::D2, Dim::D3]);
+    let mut size = [1; 3];
+    for axis in size.iter_mut().take(dim as usize + 1) {
+        *axis = random.u32(1..12);
+    }
+    let is_arrayed = dim != Dim::D3 && random.bool();
+    let layers = if is_arrayed { 3 } else { 1 };
+    let (_memory, mut image) = any_image(random, format, dim, size, 2, layers);
+    if random.u32(..3) == 0 {
+        image.swizzle = [0; 4].map(|_: i32| random.u8(..6));
+    }
+    let op = ImageOp {
+        arrayed: is_arrayed,
+        lod: LodMode::Lod,
+        has_offset: random.u32(..3) == 0,
+        texel: if info.numeric.is_integer() {
+            Type::I32
+        } else {
+            Type::F32
+        },
+        ..ImageOp::plain(ImageOpKind::Fetch, dim)
+    };
+    let spatial = op.spatial_count();
+    let mut rows: Vec<Row> = Vec::new();
+    for axis in 0..spatial {
+        let most = size[axis] as i32;
+        rows.push([0; 16].map(|_: u32| random.i32(-1..most + 1) as u32));
+    }
+    if is_arrayed {
+        rows.push([0; 16].map(|_: u32| random.i32(-1..4) as u32));
+    }
+    rows.push([random.i32(-1..3) as u32; 16]);
+    if op.has_offset {
+        for _ in 0..spatial {
+            rows.push([random.i32(-2..3) as u32; 16]);
+        }
+    }
+    let rows: Vec<&Row> = rows.iter().collect();
+    let what = format!("{} {op:?} {size:?}", info.name);
+    let mask = random.u16(1..);
+    let mut expected = [[0; 16]; 8];
+    // SAFETY: the image's memory is there.
+    unsafe { execute_block(&op, Some(&image), None, mask, &rows, &mut expected) };
+    let Some(plain) = Plain::new(&op, &image, info) else {
+        assert!(Decoder::of(info) == Decoder::Each, "{what}");
+        return;
+    };
+    in_every_tier(&mut Fetched {
+        plain,
+        op: &op,
+        rows: &rows,
+        mask,
+        expected,
+        what,
+    });
+}
+
 /// Formats of every kind, and those of other blocks than vectors take.
 fn compare_all() {
     let formats: Vec<Format> = Format::all()
@@ -361,6 +456,7 @@ fn compare_all() {
         let mut random = Rng::with_seed(number as u64);
         for _ in 0..effort::rounds(usual) {
             compare_one(&mut random, format);
+            compare_fetch(&mut random, format);
         }
     }
 }
