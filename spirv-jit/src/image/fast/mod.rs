@@ -73,7 +73,7 @@ pub(crate) struct Fast<'a> {
     has_border: bool,
     /// Several samples along a footprint, by derivatives.
     is_anisotropic: bool,
-    /// A gather of words from a plane.
+    /// A gather from a plane of texels of a word each.
     gathers_words: bool,
     /// There is more to do than [`planes`] has code for: see [`Whole`].
     pub(crate) has_more: bool,
@@ -127,21 +127,20 @@ impl<'a> Fast<'a> {
         let has_border = !is_cube && modes.contains(&AddressMode::ClampToBorder);
         let is_anisotropic =
             !is_gather && !is_cube && op.lod == LodMode::Grad && lod::is_anisotropic(sampler);
+        let decoder = Decoder::of(info);
         let gathers_words = is_gather
             && !is_cube
             && !op.depth_compare
-            && info.codec == Codec::Words(1)
-            && info.size_bytes == 4;
+            && (has_words(info)
+                || decoder == Decoder::Fields && info.size_bytes == 4 && !has_border);
         let has_levels = image.level_count != 1;
         let has_more = match (is_gather, spatial) {
-            _ if is_cube => true,
-            (true, _) => spatial != 2,
-            _ if has_border => true,
+            (true, _) => false,
+            _ if is_cube || has_border => true,
             (_, 2) => op.depth_compare && (has_levels || is_anisotropic),
             (_, 3) => op.depth_compare || is_anisotropic || has_levels && op.lod == LodMode::Grad,
             _ => true,
         };
-        let decoder = Decoder::of(info);
         applies.then_some(Fast {
             op,
             image,
@@ -182,6 +181,11 @@ impl<'a> Fast<'a> {
     }
 
     #[inline(always)]
+    fn has_words(&self) -> bool {
+        has_words(self.info)
+    }
+
+    #[inline(always)]
     fn has_levels(&self) -> bool {
         self.image.level_count != 1
     }
@@ -191,6 +195,12 @@ impl<'a> Fast<'a> {
     pub(crate) fn takes_derivatives(&self) -> bool {
         self.has_levels() || self.is_anisotropic
     }
+}
+
+/// Whether texels are words, of one component.
+#[inline(always)]
+fn has_words(info: &FormatInfo) -> bool {
+    info.codec == Codec::Words(1) && info.size_bytes == 4
 }
 
 /// The sample of a lane, in units (see [`block`]).

@@ -1,10 +1,11 @@
 //! Samples of 2D and 3D images without borders, comparisons in 2D images of one level, and gathers
-//! from any 2D image, for one subgroup of a wave after the other. What the image and the sampler decide is
-//! decided before the first, most of it when this is compiled: so numbers stay in registers, and
-//! neighbours' chains of operations overlap.
+//! from any image, for one subgroup of a wave after the other. What the image and the sampler
+//! decide is decided before the first, most of it when this is compiled: so numbers stay in
+//! registers, and neighbours' chains of operations overlap.
 
 use std::hint::assert_unchecked;
 
+use super::super::decode::Field;
 use super::super::vector::{Task, Vector};
 use super::super::{AddressMode, LodMode};
 use super::axis::{Along, Axis};
@@ -78,7 +79,7 @@ mod texels {
     /// The nearest texel, of four bytes as in [`BYTES`] and [`SRGB`].
     pub const NEAREST_BYTES: u8 = 7;
     pub const NEAREST_SRGB: u8 = 8;
-    /// A component, or the comparison, of the four texels of any format.
+    /// A component, or the comparison, of the four texels of any format and dimension.
     pub const GATHERED_ANY: u8 = 9;
     /// Any format, in three dimensions.
     pub const VOLUME: u8 = 10;
@@ -99,7 +100,8 @@ impl<V: Vector, S: Subgroups<V>, const LEVELS: u8, const MODE: u8, const TEXELS:
         let fast = &{ *fast };
         // SAFETY: `Fast::planes` chose this.
         unsafe {
-            assert_unchecked(!fast.is_cube && fast.gathers_words == (TEXELS == texels::GATHERED));
+            assert_unchecked(!fast.is_cube || TEXELS == texels::GATHERED_ANY);
+            assert_unchecked(fast.gathers_words == (TEXELS == texels::GATHERED));
             let is_gather = matches!(TEXELS, texels::GATHERED | texels::GATHERED_ANY);
             assert_unchecked(fast.is_gather() == is_gather);
             assert_unchecked(
@@ -165,26 +167,31 @@ impl<V: Vector, S: Subgroups<V>, const LEVELS: u8, const MODE: u8, const TEXELS:
                 let places = [(s, offsets[0]), (t, offsets[1]), (r, offsets[2])];
                 if TEXELS == texels::GATHERED_ANY {
                     let reference = match fast.op.depth_compare {
-                        true => Some(fast.reference(v, subgroups.reference(subgroup))),
+                        true => Some(subgroups.reference(subgroup)),
                         false => None,
                     };
-                    let component = match reference {
-                        Some(_) => 0,
-                        None => gathered_component(&fast.op.kind, fast.image).unwrap_or(0),
-                    };
-                    let axes = axes::<V, MODE>(fast, v, &first, places, mask);
-                    let mut taps = Taps::new(v);
-                    fast.place_taps(v, &first, layer, &axes, &mut taps);
-                    let texels = fast.blended(v, &mut taps, reference, Some(component));
+                    // Those that there are: a cube's layer is the last.
+                    let count = fast.op.coordinate_count();
+                    let mut coordinates = [subgroups.coordinate(subgroup, 0); 4];
+                    for (index, row) in coordinates.iter_mut().enumerate().take(count).skip(1) {
+                        *row = subgroups.coordinate(subgroup, index);
+                    }
+                    let coordinates = &coordinates[..count.min(4)];
+                    let texels = fast.gathered(v, coordinates, offsets, reference, mask);
                     subgroups.put(v, subgroup, fast.gathered_values(v, texels));
                     continue;
                 }
                 if TEXELS == texels::COMPARED {
                     let reference = fast.reference(v, subgroups.reference(subgroup));
                     let axes = axes::<V, MODE>(fast, v, &first, places, mask);
-                    let mut taps = Taps::new(v);
-                    fast.place_taps(v, &first, layer, &axes, &mut taps);
-                    let [passed, ..] = fast.blended(v, &mut taps, Some(reference), None);
+                    let passed = match fast.has_words() && !fast.is_nearest {
+                        true => fast.compared_words(v, &first, layer, &axes, reference, mask),
+                        false => {
+                            let mut taps = Taps::new(v);
+                            fast.place_taps(v, &first, layer, &axes, &mut taps);
+                            fast.blended(v, &mut taps, Some(reference), None)[0]
+                        }
+                    };
                     subgroups.put(v, subgroup, [passed; 4]);
                     continue;
                 }
@@ -200,16 +207,24 @@ impl<V: Vector, S: Subgroups<V>, const LEVELS: u8, const MODE: u8, const TEXELS:
                         words[3] = v.select(columns[1] & rows[1], words[3], border);
                     }
                     // (0, 1), (1, 1), (1, 0), (0, 0).
-                    let gathered = [
-                        v.bits_to_f(words[2]),
-                        v.bits_to_f(words[3]),
-                        v.bits_to_f(words[1]),
-                        v.bits_to_f(words[0]),
-                    ];
+                    let gathered = match gathered_field(fast) {
+                        Some(field) => [
+                            field.fixed(v, words[2]),
+                            field.fixed(v, words[3]),
+                            field.fixed(v, words[1]),
+                            field.fixed(v, words[0]),
+                        ],
+                        None => [
+                            v.bits_to_f(words[2]),
+                            v.bits_to_f(words[3]),
+                            v.bits_to_f(words[1]),
+                            v.bits_to_f(words[0]),
+                        ],
+                    };
                     subgroups.put(v, subgroup, fast.gathered_values(v, gathered));
                     continue;
                 }
-                if LEVELS == levels::ONE {
+                if LEVELS == levels::ONE || TEXELS == texels::VOLUME && !fast.has_levels() {
                     let sampled = of_level::<V, MODE, TEXELS>(fast, v, &first, layer, places, mask);
                     subgroups.put(v, subgroup, fast.finish(v, sampled));
                     continue;
@@ -267,6 +282,14 @@ impl<V: Vector, S: Subgroups<V>, const LEVELS: u8, const MODE: u8, const TEXELS:
         }
         subgroups
     }
+}
+
+/// The part of a word that a gather takes.
+#[inline(always)]
+fn gathered_field(fast: &Fast<'_>) -> Option<Field> {
+    let component = gathered_component(&fast.op.kind, fast.image)?;
+    let is_part = !fast.has_words() && fast.info.channels[component].bits != 0;
+    is_part.then(|| Field::of(fast.info, component))
 }
 
 /// The levels that lanes sample.
@@ -463,6 +486,33 @@ unsafe fn of_level<V: Vector, const MODE: u8, const TEXELS: u8>(
 }
 
 impl Fast<'_> {
+    /// Comparisons of depths that are words with a reference, linear between those of four texels.
+    ///
+    /// # Safety
+    /// As [`Self::weighted`].
+    #[inline(always)]
+    unsafe fn compared_words<V: Vector>(
+        &self,
+        v: V,
+        levels: &Levels<'_, V>,
+        layer: V::I,
+        [x, y, _]: &[Axis<V>; 3],
+        reference: V::F,
+        mask: u16,
+    ) -> V::F {
+        // SAFETY: the caller's promise.
+        let words = unsafe { self.four_words(v, levels, layer, [x, y], mask) };
+        let passed = [
+            self.compare(v, v.bits_to_f(words[0]), reference),
+            self.compare(v, v.bits_to_f(words[1]), reference),
+            self.compare(v, v.bits_to_f(words[2]), reference),
+            self.compare(v, v.bits_to_f(words[3]), reference),
+        ];
+        let upper = v.lerp(passed[0], passed[1], x.weight);
+        let lower = v.lerp(passed[2], passed[3], x.weight);
+        v.lerp(upper, lower, y.weight)
+    }
+
     /// Whether [`Self::planes`] is for these samples. Where operations are no instructions, only
     /// the most common ones are worth their code.
     #[inline(always)]

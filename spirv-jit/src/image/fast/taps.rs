@@ -428,6 +428,9 @@ impl<V: Vector, const KIND: u8> Task<V> for Blend<'_, '_, V, KIND> {
                     if keeps_all {
                         [all[(2 * line) & 3], all[(2 * line + 1) & 3]] = [left, right];
                     }
+                    if self.gathered.is_some() {
+                        continue;
+                    }
                     lines[line] = v.lerp(left, right, taps.weights[0]);
                 }
             }

@@ -32,7 +32,12 @@ impl<V: Vector> Task<V> for Whole<'_, '_> {
         // SAFETY: the caller's promise.
         unsafe {
             match self.fast.op.kind {
-                ImageOpKind::Gather(_) => self.fast.gathered(v, self.operands, self.mask),
+                ImageOpKind::Gather(_) => {
+                    let offsets = self.fast.offsets(v, self.operands);
+                    let coordinates = self.operands.coordinates;
+                    let reference = self.operands.depth_reference;
+                    (self.fast).gathered(v, coordinates, offsets, reference, self.mask)
+                }
                 _ => self.fast.sampled_whole(v, self.operands, self.mask),
             }
         }
@@ -82,7 +87,7 @@ impl Fast<'_> {
         mask: u16,
     ) -> Components<V> {
         let offsets = self.offsets(v, operands);
-        let mut place = self.place(v, operands);
+        let mut place = self.place(v, operands.coordinates);
         let (mut lambda, mut anisotropy) = (None, None);
         if self.op.lod == LodMode::Grad && self.takes_derivatives() {
             if self.is_cube {
@@ -162,21 +167,24 @@ impl Fast<'_> {
         }
     }
 
-    /// [`Fast::components`] of a gather: the component, or the comparison, of the four texels.
+    /// A gather in the lanes of `mask`: the component, or the comparison with a reference, of the
+    /// four texels.
     ///
     /// # Safety
-    /// As there.
+    /// As [`Fast::blended`].
     #[inline(always)]
-    unsafe fn gathered<V: Vector>(
+    pub(super) unsafe fn gathered<V: Vector>(
         &self,
         v: V,
-        operands: &Operands<'_>,
+        coordinates: &[&Row],
+        offsets: Offsets<V>,
+        reference: Option<&Row>,
         mask: u16,
     ) -> Components<V> {
-        let place = self.place(v, operands);
+        let place = self.place(v, coordinates);
         let levels = levels_of(v, &self.image.levels[0]);
         #[expect(clippy::manual_map, reason = "closures are not compiled for the tier")]
-        let reference = match operands.depth_reference {
+        let reference = match reference {
             Some(row) => Some(self.reference(v, row)),
             None => None,
         };
@@ -185,7 +193,6 @@ impl Fast<'_> {
             None => gathered_component(&self.op.kind, self.image).unwrap_or(0),
         };
         let mut taps = Taps::new(v);
-        let offsets = self.offsets(v, operands);
         let axes = self.axes(v, &levels, place.coordinates, offsets, mask);
         self.put_taps(v, &levels, &place, &axes, &mut taps);
         // SAFETY: the caller's promise; the level is the image's.
@@ -327,8 +334,7 @@ impl Fast<'_> {
 
     /// Where the lanes sample.
     #[inline(always)]
-    fn place<V: Vector>(&self, v: V, operands: &Operands<'_>) -> Place<V> {
-        let coordinates = operands.coordinates;
+    fn place<V: Vector>(&self, v: V, coordinates: &[&Row]) -> Place<V> {
         if !self.is_cube {
             let mut place = Place {
                 coordinates: [v.splat(0.0); 3],
