@@ -6,8 +6,8 @@
 use ash::vk::{CompareOp, StencilOp};
 use spirv_jit::image::vector::Vector;
 
-use super::lanes::{Row, lanes_where};
-use super::texels::{Places, load, load_stencils, store, store_stencils};
+use super::lanes::{Row, lanes_where, row_of};
+use super::texels::{Places, load, store};
 use crate::object::graphics_state::{DepthStencil, StencilFace};
 use crate::raster::{Target, Targets};
 
@@ -112,20 +112,24 @@ fn compare_stencils(op: CompareOp, reference: &Row, old: &Row) -> u16 {
     }
 }
 
-/// A stencil operation on 8 bits.
-#[inline(always)]
-pub fn operate(op: StencilOp, old: u32, reference: u32) -> u32 {
-    let new = match op {
-        StencilOp::ZERO => 0,
-        StencilOp::REPLACE => reference,
-        StencilOp::INCREMENT_AND_CLAMP => (old + 1).min(0xff),
-        StencilOp::DECREMENT_AND_CLAMP => old.saturating_sub(1),
-        StencilOp::INVERT => !old,
-        StencilOp::INCREMENT_AND_WRAP => old + 1,
-        StencilOp::DECREMENT_AND_WRAP => old.wrapping_sub(1),
-        _ => old,
-    };
-    new & 0xff
+/// A stencil operation on the 8 bits of each lane; results have other bits, too.
+fn operated(op: StencilOp, old: &Row, reference: &Row) -> Row {
+    let mut new = *old;
+    match op {
+        StencilOp::ZERO => new = [0; 16],
+        StencilOp::REPLACE => new = *reference,
+        StencilOp::INCREMENT_AND_CLAMP => new
+            .iter_mut()
+            .for_each(|it| *it = it.saturating_add(1).min(0xff)),
+        StencilOp::DECREMENT_AND_CLAMP => {
+            new.iter_mut().for_each(|it| *it = it.saturating_sub(1));
+        }
+        StencilOp::INVERT => new.iter_mut().for_each(|it| *it = !*it),
+        StencilOp::INCREMENT_AND_WRAP => new.iter_mut().for_each(|it| *it = it.wrapping_add(1)),
+        StencilOp::DECREMENT_AND_WRAP => new.iter_mut().for_each(|it| *it = it.wrapping_sub(1)),
+        _ => {}
+    }
+    new
 }
 
 impl Depth {
@@ -311,7 +315,8 @@ impl Tests {
         let mut passed = mask;
         let stencils = self.stencil.as_ref().map(|stencil| {
             // SAFETY: the caller's promise.
-            let old = unsafe { load_stencils(&stencil.target, places, sample, mask) };
+            let [old, ..] = unsafe { load(v, &stencil.target, places, sample, mask) };
+            let old = row_of(v, old);
             passed &= stencil_passes(stencil, tested.front, tested.references, &old);
             (stencil, old)
         });
@@ -331,8 +336,10 @@ impl Tests {
             let depth_failed = stencil_passed & !passed;
             let (front, references) = (tested.front, tested.references);
             let new = stencil_writes(stencil, front, references, &old, failed, depth_failed);
+            let none = v.splat_i(0);
+            let words = [v.load_i(&new), none, none, none];
             // SAFETY: the caller's promise.
-            unsafe { store_stencils(&stencil.target, places, sample, mask, &new) };
+            unsafe { store(v, &stencil.target, places, sample, mask, &words) };
         }
         passed
     }
@@ -369,18 +376,29 @@ fn stencil_writes(
     depth_failed: u16,
 ) -> Row {
     let mut new = *old;
-    for lane in 0..16 {
-        let bit = 1 << lane;
-        let face = &stencil.faces[usize::from(front & bit == 0)];
-        let op = match (failed & bit != 0, depth_failed & bit != 0) {
-            (true, _) => face.fail,
-            (_, true) => face.depth_fail,
-            _ => face.pass,
-        };
-        let reference = references.map_or(face.reference, |row| row[lane]);
-        let written = operate(op, old[lane], reference & 0xff);
-        let mask = face.write_mask & 0xff;
-        new[lane] = old[lane] & !mask | written & mask;
+    let passed = !(failed | depth_failed);
+    for (face, facing) in stencil.faces.iter().zip([front, !front]) {
+        let ops = [
+            (face.fail, failed),
+            (face.depth_fail, depth_failed),
+            (face.pass, passed),
+        ];
+        for (op, lanes) in ops {
+            let lanes = lanes & facing;
+            if lanes == 0 || op == StencilOp::KEEP {
+                continue;
+            }
+            let reference = *references.unwrap_or(&[face.reference; 16]);
+            let written = operated(op, old, &reference);
+            let mask = face.write_mask & 0xff;
+            for lane in 0..16 {
+                let changed = match lanes & 1 << lane {
+                    0 => 0,
+                    _ => mask,
+                };
+                new[lane] = old[lane] & !changed | written[lane] & changed;
+            }
+        }
     }
     new
 }

@@ -754,28 +754,3 @@ unsafe fn fill_row<T: Texel>(row: *mut u8, count: i32, words: &[u32; 4]) {
         unsafe { row.cast::<T>().add(index).write_unaligned(texel) };
     }
 }
-
-/// As [`load`], for a plane of stencil values.
-///
-/// # Safety
-/// As [`load`].
-pub unsafe fn load_stencils(target: &Target, places: &Places, sample: u32, mask: u16) -> Row {
-    // SAFETY: the caller's promise.
-    unsafe { load_rows(target, places, sample, mask)[0] }
-}
-
-/// As [`store`], for a plane of stencil values.
-///
-/// # Safety
-/// As [`load`].
-pub unsafe fn store_stencils(
-    target: &Target,
-    places: &Places,
-    sample: u32,
-    mask: u16,
-    values: &Row,
-) {
-    let words = [*values, [0; 16], [0; 16], [0; 16]];
-    // SAFETY: the caller's promise.
-    unsafe { store_rows(target, places, sample, mask, &words) };
-}
