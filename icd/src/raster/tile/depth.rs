@@ -396,7 +396,7 @@ fn stencil_writes(
                     0 => 0,
                     _ => mask,
                 };
-                new[lane] = old[lane] & !changed | written[lane] & changed;
+                new[lane] = new[lane] & !changed | written[lane] & changed;
             }
         }
     }
