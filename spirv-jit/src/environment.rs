@@ -339,8 +339,8 @@ impl Environment {
         }
     }
 
-    /// The image that a descriptor holds, or the samples of the image that it points to. None:
-    /// what it points to is what there is to access.
+    /// The image that a descriptor holds, or the samples that a pass has of the image that it
+    /// points to. None: accesses use the image that it points to.
     ///
     /// # Safety
     /// The descriptor is of this environment.

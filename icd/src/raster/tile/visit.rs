@@ -356,8 +356,8 @@ impl<'a> Visit<'a> {
         Ok(())
     }
 
-    /// Does the tests of blocks that come before the program. Where `sees_coverage` says so, keeps
-    /// what the blocks were before.
+    /// Does the tests of blocks that come before the program. If `sees_coverage`, keeps the blocks'
+    /// masks from before the tests.
     pub(super) fn test(
         &mut self,
         Current {
