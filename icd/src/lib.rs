@@ -2,8 +2,8 @@
 //!
 //! ```text
 //! entry ──> decode ──> device ──> queue ──> present
-//!                                   └─────> execute ──> raster, compute, trace, structures, transfer
-//!                                                              │
+//!                                   └───> execute ──> raster, compute, trace, structures, transfer
+//!                                                            │
 //!           validate ──> command ──> object ──> format ──> wave ──> table ──> ffi ──> os
 //! ```
 //!
