@@ -204,6 +204,18 @@ impl Gpu {
         }
     }
 
+    /// The limits of fragment shading rates; of a device without them, zeros.
+    pub fn shading_rate_limits(
+        &self,
+    ) -> vk::PhysicalDeviceFragmentShadingRatePropertiesKHR<'static> {
+        let mut limits = vk::PhysicalDeviceFragmentShadingRatePropertiesKHR::default();
+        let mut all = vk::PhysicalDeviceProperties2::default().push_next(&mut limits);
+        // SAFETY: the physical device is of the instance. The structure of an extension that is not
+        // there is left as it is.
+        unsafe { (self.instance).get_physical_device_properties2(self.physical, &mut all) };
+        limits
+    }
+
     /// Sets the pipeline's fragment shading rate and the combiner operations.
     pub fn set_shading_rate(
         &self,

@@ -249,11 +249,7 @@ fn check_combiners(
     painting: &mut Painting<'_>,
     draw: impl Fn(vk::CommandBuffer, vk::PipelineLayout, u32),
 ) {
-    let instance = &gpu.instance;
-    let mut limits = vk::PhysicalDeviceFragmentShadingRatePropertiesKHR::default();
-    let mut all = vk::PhysicalDeviceProperties2::default().push_next(&mut limits);
-    // SAFETY: the physical device is of the instance.
-    unsafe { instance.get_physical_device_properties2(gpu.physical, &mut all) };
+    let limits = gpu.shading_rate_limits();
     let supported = supported(gpu);
     painting.dynamic = vec![vk::DynamicState::FRAGMENT_SHADING_RATE_KHR];
     let has_all = limits.fragment_shading_rate_non_trivial_combiner_ops == vk::TRUE;
@@ -442,13 +438,7 @@ fn fragments_decide_for_all_their_pixels() {
             left = vec4(gl_FragCoord.xy, 0.0, 255.0) / 255.0;
         }";
     let canvas = gpu.canvas(RGBA, 18, 10);
-    let mut limits = vk::PhysicalDeviceFragmentShadingRatePropertiesKHR::default();
-    let mut all = vk::PhysicalDeviceProperties2::default().push_next(&mut limits);
-    // SAFETY: the physical device is of the instance.
-    unsafe {
-        gpu.instance
-            .get_physical_device_properties2(gpu.physical, &mut all)
-    };
+    let limits = gpu.shading_rate_limits();
     let writes = limits.fragment_shading_rate_with_shader_depth_stencil_writes == vk::TRUE;
     if !has("depths of fragments of several pixels", writes) {
         return;
@@ -478,13 +468,7 @@ fn sample_masks_choose_pixels() {
             gl_SampleMask[0] = 1;
             left = vec4(1.0);
         }";
-    let mut limits = vk::PhysicalDeviceFragmentShadingRatePropertiesKHR::default();
-    let mut all = vk::PhysicalDeviceProperties2::default().push_next(&mut limits);
-    // SAFETY: the physical device is of the instance.
-    unsafe {
-        gpu.instance
-            .get_physical_device_properties2(gpu.physical, &mut all)
-    };
+    let limits = gpu.shading_rate_limits();
     let masks = limits.fragment_shading_rate_with_shader_sample_mask == vk::TRUE;
     if !has("sample masks of fragments of several pixels", masks) {
         return;
@@ -518,13 +502,7 @@ const SQUARES: [Size; 6] = [[2, 2], [1, 1], [2, 1], [1, 1], [2, 1], [2, 2]];
 
 /// An attachment of [`SQUARES`], three in a row, the size of a square, and its image.
 fn squares(gpu: &Gpu) -> (Canvas, vk::Extent2D) {
-    let mut limits = vk::PhysicalDeviceFragmentShadingRatePropertiesKHR::default();
-    let mut all = vk::PhysicalDeviceProperties2::default().push_next(&mut limits);
-    // SAFETY: the physical device is of the instance.
-    unsafe {
-        gpu.instance
-            .get_physical_device_properties2(gpu.physical, &mut all)
-    };
+    let limits = gpu.shading_rate_limits();
     let texel = limits.min_fragment_shading_rate_attachment_texel_size;
     let format = vk::Format::R8_UINT;
     let usage = vk::ImageUsageFlags::FRAGMENT_SHADING_RATE_ATTACHMENT_KHR

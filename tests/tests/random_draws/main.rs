@@ -588,14 +588,7 @@ fn sequences(count: u32, clips: bool) {
 
 /// Whether fragments of several pixels are there and may leave what draws here leave.
 fn has_rates(gpu: &Gpu) -> bool {
-    let mut limits = vk::PhysicalDeviceFragmentShadingRatePropertiesKHR::default();
-    let mut all = vk::PhysicalDeviceProperties2::default().push_next(&mut limits);
-    // SAFETY: the physical device is of the instance. The structure of an extension that is not
-    // there is left as it is.
-    unsafe {
-        gpu.instance
-            .get_physical_device_properties2(gpu.physical, &mut all)
-    };
+    let limits = gpu.shading_rate_limits();
     gpu.optional.shading_rate.pipeline_fragment_shading_rate == vk::TRUE
         && limits.fragment_shading_rate_with_shader_depth_stencil_writes == vk::TRUE
         && limits.fragment_shading_rate_with_shader_sample_mask == vk::TRUE
