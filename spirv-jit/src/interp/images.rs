@@ -46,8 +46,10 @@ pub(super) fn handler(tier: TierKind, op: &ImageOp) -> Handler {
 fn in_tier<T: Tier, V: Vector + 'static>(op: &ImageOp) -> Handler {
     if fast::may_apply(op) {
         T::handler::<Sample<V>>()
+    } else if plain::may_apply(op) && op.kind == ImageOpKind::Write {
+        T::handler::<Access<V, true>>()
     } else if plain::may_apply(op) {
-        T::handler::<Access<V>>()
+        T::handler::<Access<V, false>>()
     } else if op.is_size_query() {
         query
     } else {
@@ -510,10 +512,11 @@ unsafe fn put<V: Vector>(
 }
 
 /// A load or store that [`plain::may_apply`] to: subgroups whose lanes share an image take the
-/// short way, if that serves for it.
-struct Access<V>(PhantomData<V>);
+/// short way, if that serves for it. Stores are functions of their own: beside the code of loads
+/// they are slower.
+struct Access<V, const WRITES: bool>(PhantomData<V>);
 
-impl<V: Vector> Kernel for Access<V> {
+impl<V: Vector, const WRITES: bool> Kernel for Access<V, WRITES> {
     #[inline(always)]
     unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
         let plan = &m.code.images[i.x as usize];
@@ -552,7 +555,10 @@ impl<V: Vector> Kernel for Access<V> {
                         }
                         // No closure: it would not be compiled for the tier.
                         let done = match &access {
-                            Some(access) => access_block(V::new(), access, m, plan, subgroup, mask),
+                            Some(access) => {
+                                let v = V::new();
+                                access_block::<V, WRITES>(v, access, m, plan, subgroup, mask)
+                            }
                             None => false,
                         };
                         if !done {
@@ -569,7 +575,7 @@ impl<V: Vector> Kernel for Access<V> {
 /// # Safety
 /// As [`block`].
 #[inline(always)]
-unsafe fn access_block<V: Vector>(
+unsafe fn access_block<V: Vector, const WRITES: bool>(
     v: V,
     access: &Plain<'_>,
     m: &Machine<'_>,
@@ -584,7 +590,7 @@ unsafe fn access_block<V: Vector>(
             *row = &*m.block::<u32>(operand, subgroup);
         }
         let operands = Operands::new(&plan.op, &rows[..plan.operands.len()]);
-        if plan.op.kind == ImageOpKind::Write {
+        if WRITES {
             return access.write(v, &operands, mask);
         }
         let Some(texel) = access.read(v, &operands, mask) else {
