@@ -110,6 +110,10 @@ structures! {
     PhysicalDeviceShaderReplicatedCompositesFeaturesEXT 1_000_564_000 *mut c_void {
         shader_replicated_composites: Bool32,
     }
+    /// `VK_KHR_shader_untyped_pointers`.
+    PhysicalDeviceShaderUntypedPointersFeaturesKHR 1_000_387_000 *mut c_void {
+        shader_untyped_pointers: Bool32,
+    }
     /// `VK_EXT_shader_subgroup_partitioned`.
     PhysicalDeviceShaderSubgroupPartitionedFeaturesEXT 1_000_662_000 *mut c_void {
         shader_subgroup_partitioned: Bool32,

@@ -148,6 +148,7 @@ extensions! {
     Device KHR_SHADER_SUBGROUP_ROTATE c"VK_KHR_shader_subgroup_rotate" 2;
     Device KHR_SHADER_SUBGROUP_UNIFORM_CONTROL_FLOW c"VK_KHR_shader_subgroup_uniform_control_flow" 1;
     Device KHR_SHADER_TERMINATE_INVOCATION c"VK_KHR_shader_terminate_invocation" 1;
+    Device KHR_SHADER_UNTYPED_POINTERS c"VK_KHR_shader_untyped_pointers" 1;
     Device KHR_SHARED_PRESENTABLE_IMAGE c"VK_KHR_shared_presentable_image" 1;
     Device KHR_SPIRV_1_4 c"VK_KHR_spirv_1_4" 1;
     Device KHR_STORAGE_BUFFER_STORAGE_CLASS c"VK_KHR_storage_buffer_storage_class" 1;

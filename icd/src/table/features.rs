@@ -241,6 +241,7 @@ features! {
         shader_subgroup_rotate: PhysicalDeviceVulkan14Features PhysicalDeviceShaderSubgroupRotateFeaturesKHR => GroupNonUniformRotateKHR;
         shader_subgroup_rotate_clustered: PhysicalDeviceVulkan14Features PhysicalDeviceShaderSubgroupRotateFeaturesKHR;
         shader_subgroup_partitioned: PhysicalDeviceShaderSubgroupPartitionedFeaturesEXT;
+        shader_untyped_pointers: PhysicalDeviceShaderUntypedPointersFeaturesKHR => UntypedPointersKHR;
         workgroup_memory_explicit_layout: PhysicalDeviceWorkgroupMemoryExplicitLayoutFeaturesKHR => WorkgroupMemoryExplicitLayoutKHR;
         workgroup_memory_explicit_layout_scalar_block_layout: PhysicalDeviceWorkgroupMemoryExplicitLayoutFeaturesKHR;
         workgroup_memory_explicit_layout8_bit_access: PhysicalDeviceWorkgroupMemoryExplicitLayoutFeaturesKHR => WorkgroupMemoryExplicitLayout8BitAccessKHR;

@@ -3,7 +3,7 @@
 use rspirv::spirv::{Op, StorageClass};
 
 use super::Lowerer;
-use super::types::{TypeKind, pointer_leaves};
+use super::types::{TypeKind, UNTYPED, pointer_leaves};
 use super::values::Values;
 use crate::Error;
 use crate::ir::{self, Type, Value};
@@ -318,9 +318,11 @@ impl Lowerer<'_> {
         let pointer = self.type_of(self.module.operands(instruction)[0])?;
         let (class, pointee) = self.types.pointer(pointer)?;
         let stride = match class {
-            StorageClass::Workgroup => self.shared_layout().pointer_stride(pointer)?,
+            // An array of bytes.
+            _ if pointee == UNTYPED => 1,
+            StorageClass::Workgroup => self.shared_layout().pointer_stride(pointer, pointee)?,
             _ if *pointer_leaves(class) == [Type::I32] => self.types.info(pointee)?.rows,
-            _ => self.layout().pointer_stride(pointer)?,
+            _ => self.layout().pointer_stride(pointer, pointee)?,
         };
         // Offsets into a buffer may be more than 2³¹ apart.
         let [a, b] = [self.b.i64_of(a, false)?, self.b.i64_of(b, false)?];

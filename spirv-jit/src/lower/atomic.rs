@@ -12,7 +12,11 @@ use crate::parse::Instruction;
 impl Lowerer<'_> {
     pub(super) fn lower_atomic(&mut self, instruction: &Instruction) -> Result<(), Error> {
         let operands = self.module.operands(instruction);
-        let pointer = self.pointer(operands[0])?;
+        let data = match instruction.opcode {
+            Op::AtomicStore => self.type_of(operands[3])?,
+            _ => instruction.result_type,
+        };
+        let pointer = self.pointer_to(operands[0], data)?;
         let ty = self.types.scalar(pointer.pointee)?;
         let (op, arguments) = match instruction.opcode {
             Op::AtomicLoad => (AtomicOp::Load, vec![]),

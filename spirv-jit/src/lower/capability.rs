@@ -139,6 +139,7 @@ pub const SUPPORTED: &[Capability] = &[
     Capability::ComputeDerivativeGroupQuadsKHR,
     Capability::ComputeDerivativeGroupLinearKHR,
     Capability::ReplicatedCompositesEXT,
+    Capability::UntypedPointersKHR,
 ];
 
 /// Whether a capability is taken although its feature is off. For the inputs `PrimitiveId`, `Layer`

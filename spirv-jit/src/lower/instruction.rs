@@ -17,12 +17,18 @@ impl Lowerer<'_> {
             return Ok(());
         }
         match instruction.opcode {
-            Op::Variable | Op::Load | Op::Store | Op::CopyMemory => self.lower_memory(instruction),
+            Op::Variable | Op::Load | Op::Store | Op::CopyMemory | Op::CopyMemorySized => {
+                self.lower_memory(instruction)
+            }
             Op::AccessChain
             | Op::InBoundsAccessChain
             | Op::PtrAccessChain
-            | Op::InBoundsPtrAccessChain => self.lower_access_chain(instruction),
-            Op::ArrayLength => self.lower_array_length(instruction),
+            | Op::InBoundsPtrAccessChain
+            | Op::UntypedAccessChainKHR
+            | Op::UntypedInBoundsAccessChainKHR
+            | Op::UntypedPtrAccessChainKHR
+            | Op::UntypedInBoundsPtrAccessChainKHR => self.lower_access_chain(instruction),
+            Op::ArrayLength | Op::UntypedArrayLengthKHR => self.lower_array_length(instruction),
             Op::CopyObject | Op::ExpectKHR => {
                 let value = self.value(self.module.operands(instruction)[0])?;
                 self.define(instruction.result, value)

@@ -233,8 +233,8 @@ impl Lowerer<'_> {
         Ok(Terminator::End(words))
     }
 
-    /// Gives each variable of workgroup memory that the entry may use its place. Blocks with an
-    /// explicit layout share theirs. The interface of a mesh shader lies before them.
+    /// Gives each variable of workgroup memory that the entry may use its place. Blocks that are
+    /// `Aliased` share theirs. The interface of a mesh shader lies before them.
     fn place_shared(&mut self) -> Result<(), Error> {
         if !self.request.stage.has_workgroups() {
             return Ok(());
@@ -249,25 +249,26 @@ impl Lowerer<'_> {
         let annotations = &self.module.annotations;
         let is_block = |pointee| annotations.id(pointee, Decoration::Block).is_some();
         self.lays_out_shared = (ids.iter()).any(|id| is_block(self.variables[id].pointee));
+        let is_aliased = |id: Id| {
+            let is_aliased = annotations.id(id, Decoration::Aliased).is_some();
+            is_aliased && is_block(self.variables[&id].pointee)
+        };
+        // The others lie behind those that lie in one place.
+        ids.sort_by_key(|&id| !is_aliased(id));
         let mut end = base;
-        let mut blocks = base;
         for id in ids {
-            let pointee = self.variables[&id].pointee;
-            let (size, align) = self.shared_layout().natural(pointee)?;
-            if is_block(pointee) {
-                self.shared.insert(id, base as u32);
-                blocks = blocks.max(base.saturating_add(size));
-            } else {
-                let align = align.max(16);
-                end = end.next_multiple_of(align);
-                self.shared.insert(id, end as u32);
-                end = end.saturating_add(size);
-            }
-            if end.max(blocks) > ir::MAX_SHARED_BYTES.into() {
+            let (size, align) = (self.shared_layout()).natural(self.variables[&id].pointee)?;
+            let start = match is_aliased(id) {
+                true => base,
+                false => end.next_multiple_of(align.max(16)),
+            };
+            self.shared.insert(id, start as u32);
+            end = end.max(start.saturating_add(size));
+            if end > ir::MAX_SHARED_BYTES.into() {
                 return Err(budget("the shader has too much workgroup memory"));
             }
         }
-        self.shared_size_bytes = end.max(blocks).next_multiple_of(16) as u32;
+        self.shared_size_bytes = end.next_multiple_of(16) as u32;
         Ok(())
     }
 

@@ -47,11 +47,6 @@ impl Lowerer<'_> {
         self.types.leaf_count(ty) > MAX_LEAVES
     }
 
-    fn points_to_large(&self, id: Id) -> bool {
-        let pointee = self.type_of(id).and_then(|ty| self.types.pointer(ty));
-        pointee.is_ok_and(|(_, pointee)| self.is_large(pointee))
-    }
-
     /// Lowers an instruction that makes, takes or moves a large value; false for others.
     pub(super) fn lower_large(&mut self, instruction: &Instruction) -> Result<bool, Error> {
         let operands = self.module.operands(instruction);
@@ -73,22 +68,20 @@ impl Lowerer<'_> {
                 self.define(instruction.result, Val::Pointer(pointer))?;
             }
             Op::Store | Op::CopyMemory => {
-                if !self.points_to_large(operands[0]) {
+                let moved = self.moved_type(instruction)?;
+                if !self.is_large(moved) {
                     return Ok(false);
                 }
-                let target = self.pointer(operands[0])?;
-                let target = self.with_access(target, &operands[2..]);
-                let source = match instruction.opcode {
+                let (target, source) = match instruction.opcode {
                     Op::Store => {
+                        let target = self.pointer_to(operands[0], moved)?;
+                        let target = self.with_access(target, &operands[2..]);
                         self.check_opaque(operands[1], target.pointee)?;
-                        self.source(operands[1])?
+                        (target, self.source(operands[1])?)
                     }
                     _ => {
-                        let source = self.pointer(operands[1])?;
-                        if target.pointee != source.pointee {
-                            self.refuse_opaque(target.pointee)?;
-                        }
-                        Source::Memory(self.with_access(source, &operands[2..]))
+                        let (target, source) = self.copied(instruction)?;
+                        (target, Source::Memory(source))
                     }
                 };
                 self.fill(target, source)?;
@@ -102,7 +95,7 @@ impl Lowerer<'_> {
             }
             _ if !self.is_large(ty) => return Ok(false),
             Op::Load => {
-                let pointer = self.pointer(operands[0])?;
+                let pointer = self.pointer_to(operands[0], ty)?;
                 let pointer = self.with_access(pointer, &operands[1..]);
                 self.define_filled(instruction, Source::Memory(pointer))?;
             }

@@ -40,8 +40,8 @@ impl Layout<'_> {
     }
 
     /// Bytes between the elements of the array that pointers of a type lead into.
-    pub fn pointer_stride(&self, pointer: Id) -> Result<u64, Error> {
-        self.stride(pointer, self.types.pointer(pointer)?.1)
+    pub fn pointer_stride(&self, pointer: Id, element: Id) -> Result<u64, Error> {
+        self.stride(pointer, element)
     }
 
     /// Bytes before a member.

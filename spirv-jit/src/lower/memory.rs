@@ -5,7 +5,7 @@ use smallvec::SmallVec;
 
 use super::Lowerer;
 use super::stage_interface::Evaluation;
-use super::types::TypeKind;
+use super::types::{MAX_LEAVES, TypeKind, UNTYPED};
 use super::values::{Place, Pointer, Scalars, Val, Values};
 use crate::Error;
 use crate::ir::op::Access;
@@ -278,33 +278,88 @@ impl Lowerer<'_> {
         match instruction.opcode {
             Op::Variable => self.lower_variable(instruction, operands),
             Op::Load => {
-                let pointer = self.pointer(operands[0])?;
+                let pointer = self.pointer_to(operands[0], instruction.result_type)?;
                 let pointer = self.with_access(pointer, &operands[1..]);
                 let values = self.load(&pointer)?;
                 self.define_typed(instruction, values)
             }
             Op::Store => {
-                let pointer = self.pointer(operands[0])?;
+                let pointer = self.pointer_to(operands[0], self.moved_type(instruction)?)?;
                 let pointer = self.with_access(pointer, &operands[2..]);
                 self.check_opaque(operands[1], pointer.pointee)?;
                 let values = self.leaves(operands[1])?;
                 self.store(&pointer, &values)
             }
             Op::CopyMemory => {
-                let target = self.pointer(operands[0])?;
-                let target = self.with_access(target, &operands[2..]);
-                let source = self.pointer(operands[1])?;
-                let source = self.with_access(source, &operands[2..]);
-                if target.pointee != source.pointee {
-                    self.refuse_opaque(target.pointee)?;
-                }
+                let (target, source) = self.copied(instruction)?;
                 let values = self.load(&source)?;
                 self.store(&target, &values)
+            }
+            Op::CopyMemorySized => {
+                let target = self.pointer(operands[0])?;
+                let target = self.with_access(target, &operands[3..]);
+                let source = self.pointer(operands[1])?;
+                let source = self.with_access(source, &operands[3..]);
+                if self.constants.find(operands[2]).is_none() {
+                    let message = "a copy of memory whose size is no constant is not supported";
+                    return Err(Error::unsupported(instruction.offset, message));
+                }
+                let bytes = self.constants.unsigned(&self.types, operands[2])?;
+                self.copy_bytes(&target, &source, bytes.into())
             }
             other => Err(self
                 .b
                 .invalid(format!("Op{} is no memory operation", opcode_name(other)))),
         }
+    }
+
+    /// The type of the data that `OpStore` or `OpCopyMemory` moves: that of the pointer, or of what
+    /// is moved there if the pointer has no type.
+    pub(super) fn moved_type(&self, instruction: &Instruction) -> Result<Id, Error> {
+        let operands = self.module.operands(instruction);
+        let pointee = |id: Id| Ok::<_, Error>(self.types.pointer(self.type_of(id)?)?.1);
+        match pointee(operands[0])? {
+            UNTYPED if instruction.opcode == Op::Store => self.type_of(operands[1]),
+            UNTYPED => pointee(operands[1]),
+            pointee => Ok(pointee),
+        }
+    }
+
+    /// Target and source of `OpCopyMemory`.
+    pub(super) fn copied(
+        &mut self,
+        instruction: &Instruction,
+    ) -> Result<(Pointer, Pointer), Error> {
+        let operands = self.module.operands(instruction);
+        let ty = self.moved_type(instruction)?;
+        let target = self.pointer_to(operands[0], ty)?;
+        let target = self.with_access(target, &operands[2..]);
+        let source = self.pointer_to(operands[1], ty)?;
+        let source = self.with_access(source, &operands[2..]);
+        if target.pointee != source.pointee {
+            self.refuse_opaque(target.pointee)?;
+        }
+        Ok((target, source))
+    }
+
+    /// Copies bytes between memories of bytes: words, where there are whole ones.
+    fn copy_bytes(&mut self, target: &Pointer, source: &Pointer, bytes: u64) -> Result<(), Error> {
+        for pointer in [target, source] {
+            if space(pointer) == Space::Private {
+                return Err(self
+                    .b
+                    .invalid("bytes are copied to or from memory without a layout"));
+            }
+        }
+        if bytes.div_ceil(4) > MAX_LEAVES {
+            return Err(super::budget("a copy of that many bytes is not supported"));
+        }
+        let words = (0..bytes / 4).map(|word| (Type::I32, 4 * word));
+        let rest = (bytes / 4 * 4..bytes).map(|byte| (Type::I8, byte));
+        let leaves: Vec<_> = words.chain(rest).collect();
+        let size = |ty: Type| ty.size_bytes() as u64;
+        let values = self.load_runs(source, &leaves, size)?;
+        self.store_runs(target, &leaves, &values, size)
     }
 
     fn lower_variable(&mut self, instruction: &Instruction, operands: &[u32]) -> Result<(), Error> {

@@ -284,17 +284,25 @@ impl<'a> Lowerer<'a> {
                 Op::TypeForwardPointer => {
                     self.types.declare_forward(operands[0], operands[1], at)?;
                 }
-                Op::Variable => {
-                    let (class, pointee) = self
+                Op::Variable | Op::UntypedVariableKHR => {
+                    let (class, mut pointee) = self
                         .types
                         .pointer(instruction.result_type)
                         .map_err(locate)?;
+                    let mut rest = &operands[1..];
+                    if instruction.opcode == Op::UntypedVariableKHR {
+                        let Some((&data, after)) = rest.split_first() else {
+                            let message = "an untyped variable without a data type";
+                            return Err(Error::unsupported(at, message));
+                        };
+                        (pointee, rest) = (data, after);
+                    }
                     self.types.info(pointee).map_err(locate)?;
                     self.check_variable(class, pointee)?;
                     let variable = ModuleVariable {
                         class,
                         pointee,
-                        initializer: operands.get(1).copied(),
+                        initializer: rest.first().copied(),
                     };
                     self.variables.insert(instruction.result, variable);
                 }

@@ -62,6 +62,13 @@ impl Lowerer<'_> {
                 let base = self.types.pointer(self.type_of(operands[0])?)?.0;
                 base == self.types.pointer(ty)?.0
             }
+            Op::UntypedAccessChainKHR
+            | Op::UntypedInBoundsAccessChainKHR
+            | Op::UntypedPtrAccessChainKHR
+            | Op::UntypedInBoundsPtrAccessChainKHR => {
+                let base = self.types.pointer(self.type_of(operands[1])?)?.0;
+                base == self.types.pointer(ty)?.0
+            }
             Op::Undef | Op::FunctionCall => true,
             _ => false,
         };

@@ -4,7 +4,7 @@ use rspirv::spirv::{Decoration, Op, StorageClass};
 
 use super::Lowerer;
 use super::stage_interface::Evaluation;
-use super::types::TypeKind;
+use super::types::{TypeKind, UNTYPED};
 use super::values::{Place, Pointer, Shape, Val};
 use crate::Error;
 use crate::ir::op::DescriptorBinding;
@@ -208,14 +208,41 @@ impl Lowerer<'_> {
         }
     }
 
+    /// The pointer with an id, as one to data of type `ty` if it is untyped.
+    pub(super) fn pointer_to(&mut self, id: Id, ty: Id) -> Result<Pointer, Error> {
+        let pointer = self.pointer(id)?;
+        let (_, pointee) = self.types.pointer(self.type_of(id)?)?;
+        Ok(match pointee {
+            UNTYPED => pointer.retyped(ty),
+            _ => pointer,
+        })
+    }
+
     /// `OpAccessChain` and its kin.
     pub(super) fn lower_access_chain(&mut self, instruction: &Instruction) -> Result<(), Error> {
-        let operands = self.module.operands(instruction);
+        let mut operands = self.module.operands(instruction);
+        // An untyped chain says first what lies at its base.
+        let mut base_type = None;
+        if matches!(
+            instruction.opcode,
+            Op::UntypedAccessChainKHR
+                | Op::UntypedInBoundsAccessChainKHR
+                | Op::UntypedPtrAccessChainKHR
+                | Op::UntypedInBoundsPtrAccessChainKHR
+        ) {
+            (base_type, operands) = (Some(operands[0]), &operands[1..]);
+        }
         let mut pointer = self.pointer(operands[0])?;
+        if let Some(base_type) = base_type {
+            pointer = pointer.retyped(base_type);
+        }
         let mut indices = &operands[1..];
         if matches!(
             instruction.opcode,
-            Op::PtrAccessChain | Op::InBoundsPtrAccessChain
+            Op::PtrAccessChain
+                | Op::InBoundsPtrAccessChain
+                | Op::UntypedPtrAccessChainKHR
+                | Op::UntypedInBoundsPtrAccessChainKHR
         ) {
             let base = self.type_of(operands[0])?;
             pointer = self.step_element(pointer, base, indices[0])?;
@@ -225,6 +252,9 @@ impl Lowerer<'_> {
             pointer = self.step(pointer, index)?;
         }
         let (_, pointee) = self.types.pointer(instruction.result_type)?;
+        if pointee == UNTYPED {
+            return self.define(instruction.result, Val::Pointer(pointer));
+        }
         if pointer.pointee != pointee && !self.same_shape(pointer.pointee, pointee)? {
             return Err(self
                 .b
@@ -262,7 +292,8 @@ impl Lowerer<'_> {
         let index = self.index(index, true)?;
         let stride = match &pointer.place {
             Place::Shared { .. } | Place::Buffer { .. } | Place::Global { .. } => {
-                self.layout_in(&pointer.place).pointer_stride(base)?
+                let layout = self.layout_in(&pointer.place);
+                layout.pointer_stride(base, pointer.pointee)?
             }
             Place::Local { .. } | Place::Private { .. } => self.types.info(pointer.pointee)?.rows,
             _ => return Err(self.b.invalid("this pointer cannot be moved")),
@@ -595,11 +626,15 @@ impl Lowerer<'_> {
         Ok(Pointer::new(pointee, place))
     }
 
-    /// `OpArrayLength`: elements of the runtime array at the end of a block.
+    /// `OpArrayLength` and `OpUntypedArrayLengthKHR`: elements of the runtime array at the end of a
+    /// block.
     pub(super) fn lower_array_length(&mut self, instruction: &Instruction) -> Result<(), Error> {
         let operands = self.module.operands(instruction);
-        let pointer = self.pointer(operands[0])?;
-        let (block, member) = (pointer.pointee, operands[1]);
+        let (pointer, member) = match *operands {
+            [block, pointer, member] => (self.pointer(pointer)?.retyped(block), member),
+            _ => (self.pointer(operands[0])?, operands[1]),
+        };
+        let block = pointer.pointee;
         let array = self.types.element(block, Some(member))?;
         let stride = self.layout().array_stride(array)?.clamp(1, u32::MAX as u64);
         let first = self.layout().member_offset(block, member)? as u32;

@@ -23,6 +23,9 @@ pub(super) fn too_many_rows() -> Error {
 /// Words of a location of a stage's interface.
 pub(super) const LOCATION_WORDS: u32 = 4;
 
+/// The pointee of pointers that have none (`OpTypeUntypedPointerKHR`): no type has this id.
+pub(super) const UNTYPED: Id = 0;
+
 /// Scalars of a value that is taken apart; larger ones lie in memory (see [`super::large`]).
 pub(super) const MAX_LEAVES: u64 = 1 << 14;
 
@@ -154,7 +157,7 @@ impl Types {
         }
     }
 
-    /// Pointee and storage class of a pointer type.
+    /// Storage class and pointee ([`UNTYPED`] if it has none) of a pointer type.
     pub fn pointer(&self, id: Id) -> Result<(StorageClass, Id), Error> {
         match *self.kind(id)? {
             TypeKind::Pointer { class, pointee } => Ok((class, pointee)),
@@ -344,6 +347,17 @@ impl Types {
                 class: storage_class(at, operand(0))?,
                 pointee: operand(1),
             },
+            Op::TypeUntypedPointerKHR => {
+                let class = storage_class(at, operand(0))?;
+                if !has_layout(class) {
+                    let message = format!("an untyped pointer to {class:?} is not supported");
+                    return Err(Error::unsupported(at, message));
+                }
+                TypeKind::Pointer {
+                    class,
+                    pointee: UNTYPED,
+                }
+            }
             Op::TypeImage => TypeKind::Image(ImageType {
                 sampled_type: operand(0),
                 dim: spirv::Dim::from_u32(operand(1))
@@ -543,7 +557,7 @@ impl Types {
     pub fn declare_forward(&mut self, id: Id, class: u32, at: u32) -> Result<(), Error> {
         let kind = TypeKind::Pointer {
             class: storage_class(at, class)?,
-            pointee: 0,
+            pointee: UNTYPED,
         };
         let info = self.measure(at, id, kind, &Annotations::default())?;
         self.infos.insert(id, info);
@@ -561,6 +575,18 @@ pub(super) fn pointer_leaves(class: StorageClass) -> &'static [Type] {
         StorageClass::UniformConstant => &[Type::I64],
         _ => &[Type::I32],
     }
+}
+
+/// Memory of bytes: where a type's decorations say how a value lies.
+fn has_layout(class: StorageClass) -> bool {
+    is_physical(class)
+        || matches!(
+            class,
+            StorageClass::Uniform
+                | StorageClass::StorageBuffer
+                | StorageClass::PushConstant
+                | StorageClass::Workgroup
+        )
 }
 
 /// Pointers that may lie in memory that others see: logical ones are for variables of the

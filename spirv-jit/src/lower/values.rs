@@ -152,6 +152,18 @@ impl Pointer {
         }
     }
 
+    /// The same place as one of another type.
+    pub fn retyped(self, pointee: Id) -> Self {
+        if self.pointee == pointee {
+            return self;
+        }
+        Self {
+            pointee,
+            shape: Shape::default(),
+            ..self
+        }
+    }
+
     /// The computed parts of the place: what must be kept if the pointer outlives the body it was
     /// made in.
     pub fn values(&self) -> SmallVec<[Value; 8]> {

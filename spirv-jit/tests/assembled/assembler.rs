@@ -9,6 +9,7 @@ use rspirv::spirv::{
 /// A module that is being written.
 pub struct Assembler {
     next_id: u32,
+    capabilities: Vec<Capability>,
     imports: Vec<u32>,
     annotations: Vec<u32>,
     globals: Vec<u32>,
@@ -20,9 +21,13 @@ pub struct Assembler {
     pub word: u32,
     /// Constants 0 to 9.
     pub numbers: Vec<u32>,
-    result: u32,
+    /// The buffer of words to write.
+    pub result: u32,
+    /// Variables of the module beside the two buffers.
+    pub interface: Vec<u32>,
     main: u32,
-    input: u32,
+    /// The buffer of words to read.
+    pub input: u32,
     /// The word that was read.
     pub given: u32,
 }
@@ -37,6 +42,7 @@ impl Assembler {
     pub fn new() -> Self {
         let mut new = Self {
             next_id: 1,
+            capabilities: vec![Capability::Shader],
             imports: Vec::new(),
             annotations: Vec::new(),
             globals: Vec::new(),
@@ -47,6 +53,7 @@ impl Assembler {
             word: 0,
             numbers: Vec::new(),
             result: 0,
+            interface: Vec::new(),
             main: 0,
             input: 0,
             given: 0,
@@ -55,25 +62,16 @@ impl Assembler {
         new.bool = new.global(Op::TypeBool, &[]);
         new.word = new.global(Op::TypeInt, &[32, 0]);
         new.numbers = (0..10).map(|number| new.number(number)).collect();
-        let words = new.global(Op::TypeRuntimeArray, &[new.word]);
-        let block = new.global(Op::TypeStruct, &[words]);
+        let words = new.open_array(new.word, 4);
+        let block = new.block(&[(words, 0)]);
         let class = StorageClass::StorageBuffer as u32;
         let pointer = new.global(Op::TypePointer, &[class, block]);
         new.input = new.value(pointer, Op::Variable, &[class]);
         new.result = new.value(pointer, Op::Variable, &[class]);
-        let annotations = &mut new.annotations;
         for (binding, variable) in [(0, new.input), (1, new.result)] {
-            let set = Decoration::DescriptorSet as u32;
-            put(annotations, Op::Decorate, &[variable, set, 0]);
-            let decoration = Decoration::Binding as u32;
-            put(annotations, Op::Decorate, &[variable, decoration, binding]);
+            new.decorate(variable, Decoration::DescriptorSet, &[0]);
+            new.decorate(variable, Decoration::Binding, &[binding]);
         }
-        let offset = Decoration::Offset as u32;
-        put(annotations, Op::MemberDecorate, &[block, 0, offset, 0]);
-        let decoration = Decoration::Block as u32;
-        put(annotations, Op::Decorate, &[block, decoration]);
-        let stride = Decoration::ArrayStride as u32;
-        put(annotations, Op::Decorate, &[words, stride, 4]);
 
         new.main = new.id();
         let ty = new.global(Op::TypeFunction, &[new.void]);
@@ -95,6 +93,46 @@ impl Assembler {
         let id = self.id();
         put(&mut self.globals, op, &[&[id], operands].concat());
         id
+    }
+
+    pub fn capability(&mut self, capability: Capability) {
+        self.capabilities.push(capability);
+    }
+
+    pub fn decorate(&mut self, id: u32, decoration: Decoration, operands: &[u32]) {
+        let head = [id, decoration as u32];
+        let annotations = &mut self.annotations;
+        put(annotations, Op::Decorate, &[&head, operands].concat());
+    }
+
+    pub fn decorate_member(
+        &mut self,
+        block: u32,
+        member: u32,
+        decoration: Decoration,
+        operands: &[u32],
+    ) {
+        let head = [block, member, decoration as u32];
+        let annotations = &mut self.annotations;
+        put(annotations, Op::MemberDecorate, &[&head, operands].concat());
+    }
+
+    /// A block whose members start at these offsets in bytes.
+    pub fn block(&mut self, members: &[(u32, u32)]) -> u32 {
+        let types: Vec<u32> = members.iter().map(|member| member.0).collect();
+        let block = self.global(Op::TypeStruct, &types);
+        for (index, &(_, at)) in (0..).zip(members) {
+            self.decorate_member(block, index, Decoration::Offset, &[at]);
+        }
+        self.decorate(block, Decoration::Block, &[]);
+        block
+    }
+
+    /// An array of unknown length.
+    pub fn open_array(&mut self, element: u32, stride: u32) -> u32 {
+        let array = self.global(Op::TypeRuntimeArray, &[element]);
+        self.decorate(array, Decoration::ArrayStride, &[stride]);
+        array
     }
 
     /// A set of extended instructions.
@@ -196,13 +234,15 @@ impl Assembler {
         self.act(Op::Return, &[]);
         self.act(Op::FunctionEnd, &[]);
         let mut words = vec![rspirv::spirv::MAGIC_NUMBER, 0x0001_0600, 0, self.next_id, 0];
-        put(&mut words, Op::Capability, &[Capability::Shader as u32]);
+        for capability in self.capabilities {
+            put(&mut words, Op::Capability, &[capability as u32]);
+        }
         words.extend(self.imports);
         let models = [AddressingModel::Logical as u32, MemoryModel::GLSL450 as u32];
         put(&mut words, Op::MemoryModel, &models);
         let name = [u32::from_le_bytes(*b"main"), 0];
         let head = [ExecutionModel::GLCompute as u32, self.main];
-        let interface = [self.input, self.result];
+        let interface = [&[self.input, self.result], &self.interface[..]].concat();
         put(
             &mut words,
             Op::EntryPoint,

@@ -5,6 +5,7 @@ mod depth;
 mod information;
 mod large;
 mod meets;
+mod untyped;
 
 use shaders::compute::{Memory, compile, dispatch};
 
