@@ -34,6 +34,11 @@ impl Driver {
         if !also.is_empty() {
             workspace::build_release(also)?;
         }
+        Self::to_be_built()
+    }
+
+    /// Writes the manifest of the driver that a build in release mode makes.
+    pub fn to_be_built() -> Result<Driver> {
         let target = workspace::target()?;
         let library = target.join("release").join(LIBRARY);
         let manifest = target.join(MANIFEST);

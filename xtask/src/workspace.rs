@@ -36,9 +36,21 @@ pub fn cargo() -> Command {
 /// Builds packages in release mode, one after the other.
 pub fn build_release(packages: &[&str]) -> Result<()> {
     for package in packages {
-        let status = (build_command(package).status()).context("starting cargo")?;
-        ensure!(status.success(), "building {package} failed");
+        finish(build_command(package), package)?;
     }
+    Ok(())
+}
+
+/// Builds a package in release mode while other builds tell how far they are.
+pub fn build_release_quietly(package: &str) -> Result<()> {
+    let mut build = build_command(package);
+    build.arg("--quiet");
+    finish(build, package)
+}
+
+fn finish(mut build: Command, package: &str) -> Result<()> {
+    let status = build.status().context("starting cargo")?;
+    ensure!(status.success(), "building {package} failed");
     Ok(())
 }
 

@@ -7,7 +7,7 @@ mod times;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
 
-use anyhow::Result;
+use anyhow::{Result, anyhow};
 use clap::Args;
 
 use crate::architecture::{Architecture, Emulation};
@@ -71,12 +71,26 @@ fn on_another_driver(options: &Options, manifest: &Path) -> Result<ExitCode> {
 /// All tests on Tuff.
 fn everything(options: &Options) -> Result<ExitCode> {
     system::require(&[&COMPILER, &LOADER, &XVFB, &PYTHON])?;
-    println!("Building the driver");
-    let driver = Driver::build(&[])?;
-    println!("Building the tests");
-    let inner = inner_tests();
+    println!("Building the driver and the tests");
     let skips = Skips::new()?;
-    let mut outer = black_box_tests(&skips);
+    let driver = Driver::to_be_built()?;
+    // Each build has times in which it keeps one processor busy.
+    let (built, programs) = std::thread::scope(|scope| {
+        let build = scope.spawn(|| workspace::build_release_quietly("icd"));
+        let programs = programs_on(&driver, options, &skips);
+        (build.join(), programs)
+    });
+    built.map_err(|_| anyhow!("the thread that builds the driver panicked"))??;
+    let passed = run_all(options, programs?)?;
+    // Tuff has all that there are tests of.
+    let all_ran = skips.print()? == 0;
+    Ok(code(passed && all_ran))
+}
+
+/// Builds all programs of tests, to run on a driver.
+fn programs_on(driver: &Driver, options: &Options, skips: &Skips) -> Result<Vec<Program>> {
+    let inner = inner_tests();
+    let mut outer = black_box_tests(skips);
     driver.select_for(&mut outer);
     outer.env("TUFF_UNDER_TEST", "1");
     // A dispatch that hangs loses its device after this time. No dispatch of the tests takes as
@@ -93,17 +107,14 @@ fn everything(options: &Options) -> Result<ExitCode> {
     }
     // A name of a test asks for that test alone.
     if options.arguments.iter().all(|word| word.starts_with('-')) {
-        let fuzz = fuzz::of_tests(&driver, FUZZ_CASES[usize::from(options.deep)])?;
+        let fuzz = fuzz::of_tests(driver, FUZZ_CASES[usize::from(options.deep)])?;
         all.push(Program::alone("fuzz", &fuzz));
         // Cargo alone knows the examples of documentation.
         let mut examples = inner_tests();
         examples.args(["--doc", "--quiet"]);
         all.push(Program::alone("documentation", &examples));
     }
-    let passed = run_all(options, all)?;
-    // Tuff has all that there are tests of.
-    let all_ran = skips.print()? == 0;
-    Ok(code(passed && all_ran))
+    Ok(all)
 }
 
 /// Runs programs and prints what came of them; whether all succeeded.
