@@ -31,7 +31,6 @@ pub mod program;
 pub mod query;
 pub mod reach;
 mod request;
-mod row;
 mod state;
 mod types;
 pub mod views;

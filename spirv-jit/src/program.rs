@@ -35,9 +35,9 @@ pub use crate::ir::tessellation::{
     TessellationModes, Width,
 };
 pub use crate::request::CompileRequest;
-pub use crate::row::{AlignedRow, Row};
 pub use crate::state::{Event, IO_DATA_ROW, ResumePoint, SiteId, SiteKind, StateLayout, Wave};
 pub use crate::types::Trace;
+pub use lanes::{AlignedRow, Row};
 
 /// Compiles one entry point.
 ///

@@ -14,9 +14,10 @@
 //! at the end it reads outputs there. Nothing else in the block is its business, and no other crate
 //! knows which tier ran.
 
+use lanes::AlignedRow;
+
 use crate::environment::Environment;
 use crate::facts::Fact;
-use crate::row::AlignedRow;
 use crate::types::Trace;
 
 /// Where subgroups go on: subgroups of one program at equal points may run in one wave.

@@ -133,7 +133,7 @@ fn source(input: &InputRow) -> Option<Source> {
     })
 }
 
-spirv_jit::vectors! {
+lanes::vectors! {
     /// Fills the inputs of lanes for which the plan applies into `rows`, those of the inputs.
     pub fn fill_by_plan<V>(_v, plan: &FillPlan, subject: &Subject<'_>, rows: &mut [AlignedRow]) {
         plan.fill_rows(subject, rows);

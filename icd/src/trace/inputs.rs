@@ -37,7 +37,7 @@ pub struct Callee<'a> {
     pub records: &'a Lanes<u64>,
 }
 
-spirv_jit::vectors! {
+lanes::vectors! {
     /// Fills the inputs of a new subgroup into `rows`, its state.
     pub fn fill<V>(
         _v,

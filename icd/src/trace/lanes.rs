@@ -1,8 +1,8 @@
 //! Rows of subgroups, some lanes at a time.
 
+use lanes::vector::Vector;
 use lanes::{LaneMask, by_lane};
 use spirv_jit::SUBGROUP_SIZE;
-use spirv_jit::image::vector::Vector;
 use spirv_jit::program::{AlignedRow, Row};
 
 /// A row of numbers.
@@ -17,7 +17,7 @@ pub fn bits_of(numbers: &[f32; SUBGROUP_SIZE]) -> Row {
     by_lane(|lane| numbers[lane].to_bits())
 }
 
-spirv_jit::vectors! {
+lanes::vectors! {
     /// Takes over some lanes of rows.
     pub fn copy_lanes<V>(v, to: &mut [AlignedRow], from: &[AlignedRow], lanes: LaneMask) {
         for (to, from) in to.iter_mut().zip(from) {
@@ -26,7 +26,7 @@ spirv_jit::vectors! {
     }
 }
 
-spirv_jit::vectors! {
+lanes::vectors! {
     /// Takes over some lanes of a row.
     pub fn copy_row<V>(v, to: &mut Row, from: &Row, lanes: LaneMask) {
         put_lanes(v, to, from, lanes);
@@ -40,7 +40,7 @@ pub fn put_lanes<V: Vector>(v: V, to: &mut Row, from: &Row, lanes: LaneMask) {
     v.store_i(row, to);
 }
 
-spirv_jit::vectors! {
+lanes::vectors! {
     /// Puts a word into some lanes of a row.
     pub fn put_word<V>(v, to: &mut Row, word: u32, lanes: LaneMask) {
         let row = v.select(lanes.bits(), v.splat_i(word as i32), v.load_i(to));

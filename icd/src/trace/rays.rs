@@ -154,7 +154,7 @@ impl RayGroup {
     }
 }
 
-spirv_jit::vectors! {
+lanes::vectors! {
     /// Reads the rays of a trace.
     pub fn load_rays<V>(
         _v,
@@ -167,7 +167,7 @@ spirv_jit::vectors! {
     }
 }
 
-spirv_jit::vectors! {
+lanes::vectors! {
     /// Indices of the hit group records for hits (chapter Ray Tracing, "Hit Shaders"), and of the
     /// miss records where there is none.
     pub fn record_indices<V>(v, hits: &HitRows, operands: &Operands) -> Row {

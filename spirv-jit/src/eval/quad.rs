@@ -1,18 +1,11 @@
-//! Operations across a quad: four consecutive lanes, (0, 0), (1, 0), (0, 1) and (1, 1) of two by
-//! two neighbours.
+//! Operations across a [quad](lanes::quad).
 
 use super::float::{Float, fsub};
 use crate::SUBGROUP_SIZE;
 
-/// Bit of the lane's index by which the two lanes of a derivative in x differ.
-pub const X: usize = 1;
-
-/// The same in y.
-pub const Y: usize = 2;
-
-/// In each lane, the difference between the two lanes of its quad that differ in the bit `AXIS` of
-/// their index (and agree with it in the other): the second's value less the first's. Zero unless
-/// both are `active`.
+/// In each lane, the difference between the two lanes of its quad that differ in the bit `AXIS`
+/// ([`lanes::quad`]) of their index (and agree with it in the other): the second's value less the
+/// first's. Zero unless both are `active`.
 #[inline(always)]
 pub fn derivative<T: Float, const AXIS: usize>(
     values: &[T; SUBGROUP_SIZE],

@@ -5,11 +5,11 @@ use super::format::FormatInfo;
 use super::format::block::{self, Offsets, each_lane};
 use super::operands::{Operands, read_64};
 use super::{Dim, ImageDescriptor, ImageOp, LodMode};
-use crate::SUBGROUP_SIZE;
-use crate::row::Row;
 use crate::types::AtomicOp;
 use crate::types::Type;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering::SeqCst};
+
+use lanes::{LANES, Row};
 
 /// Byte offsets of the lanes' texels, and the lanes whose texel exists. Other lanes have the offset
 /// of one that does, if there is one.
@@ -21,7 +21,7 @@ fn locate(
     mask: u16,
 ) -> (Offsets, u16) {
     let spatial = op.spatial_count();
-    let mut offsets = [0; SUBGROUP_SIZE];
+    let mut offsets = [0; LANES];
     let mut inside = 0u16;
     let coordinate = |axis: usize, lane: usize| {
         let offset = if op.has_offset && axis < operands.offsets.len() {
@@ -71,7 +71,7 @@ fn locate(
         }
     });
     let any = offsets[inside.trailing_zeros() as usize & 15];
-    for lane in 0..SUBGROUP_SIZE {
+    for lane in 0..LANES {
         if inside >> lane & 1 == 0 {
             offsets[lane] = any;
         }
@@ -97,7 +97,7 @@ pub(super) unsafe fn read(
     }
     if inside == 0 {
         // Nothing to load; missing components are filled below all the same.
-        let mut texels = [[0; SUBGROUP_SIZE]; 4];
+        let mut texels = [[0; LANES]; 4];
         block::finish(info, &mut texels);
         super::operands::swizzle(image, info, &mut texels);
         return super::operands::put_texels(op, info, &texels, results);
@@ -133,7 +133,7 @@ pub(super) unsafe fn read(
     // SAFETY: every lane's offset is that of a texel of the image.
     let mut texels = unsafe { block::load(info, image.data, &offsets) };
     for row in &mut texels {
-        for lane in 0..SUBGROUP_SIZE {
+        for lane in 0..LANES {
             if inside >> lane & 1 == 0 {
                 row[lane] = 0;
             }
@@ -161,7 +161,7 @@ pub(super) unsafe fn write(
     let texels = match (is_wide, op.texel) {
         // r and g, low and high each.
         (true, Type::I64) => [0, 1, 2, 3].map(|i| *rows[i]),
-        (true, _) => [*rows[0], [0; SUBGROUP_SIZE], *rows[1], [0; SUBGROUP_SIZE]],
+        (true, _) => [*rows[0], [0; LANES], *rows[1], [0; LANES]],
         (false, Type::I64) => [0, 2, 4, 6].map(|i| *rows[i]),
         (false, _) => [0, 1, 2, 3].map(|i| *rows[i]),
     };
@@ -184,7 +184,7 @@ pub(super) unsafe fn atomic(
 ) {
     let (offsets, inside) = locate(op, operands, image, info, mask);
     for row in &mut results[..op.result_rows()] {
-        *row = [0; SUBGROUP_SIZE];
+        *row = [0; LANES];
     }
     let is_wide = op.texel == Type::I64;
     let size = if is_wide { 8 } else { 4 };

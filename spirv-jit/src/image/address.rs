@@ -4,13 +4,13 @@
 //! Loops over lanes are branch-free, so that they become vector code.
 #![forbid(unsafe_code)]
 
-use super::format::block::map;
+use lanes::{LANES, map};
+
 use super::{AddressMode, Filter};
-use crate::SUBGROUP_SIZE;
 
 /// A number per lane.
-pub(super) type Floats = [f32; SUBGROUP_SIZE];
-pub(super) type Ints = [i32; SUBGROUP_SIZE];
+pub(super) type Floats = [f32; LANES];
+pub(super) type Ints = [i32; LANES];
 
 /// The texels that a lane's sample touches along one axis.
 #[derive(Clone, Copy)]
@@ -58,24 +58,24 @@ pub(super) fn address(
         Filter::Nearest => 0.0,
         Filter::Linear => 0.5,
     };
-    let mut texel = [0.0; SUBGROUP_SIZE];
+    let mut texel = [0.0; LANES];
     match rule.mode {
         // Periodic: reduced before scaling, which loses nothing.
         AddressMode::Repeat => {
-            for lane in 0..SUBGROUP_SIZE {
+            for lane in 0..LANES {
                 let s = coordinates[lane];
                 texel[lane] = (s - s.floor()) * sizes[lane] as f32 - shift;
             }
         }
         AddressMode::MirroredRepeat => {
-            for lane in 0..SUBGROUP_SIZE {
+            for lane in 0..LANES {
                 let s = coordinates[lane];
                 let period = s - 2.0 * (s * 0.5).floor();
                 texel[lane] = period * sizes[lane] as f32 - shift;
             }
         }
         _ => {
-            for lane in 0..SUBGROUP_SIZE {
+            for lane in 0..LANES {
                 let size = sizes[lane] as f32;
                 let scale = if rule.unnormalized { 1.0 } else { size };
                 let u = coordinates[lane] * scale - shift;
@@ -83,15 +83,15 @@ pub(super) fn address(
             }
         }
     }
-    let mut first = [0; SUBGROUP_SIZE];
-    let mut weight = [0.0; SUBGROUP_SIZE];
-    for lane in 0..SUBGROUP_SIZE {
+    let mut first = [0; LANES];
+    let mut weight = [0.0; LANES];
+    for lane in 0..LANES {
         let floor = texel[lane].floor();
         first[lane] = floor as i32;
         weight[lane] = texel[lane] - floor;
     }
     if let Some(offsets) = offsets {
-        for lane in 0..SUBGROUP_SIZE {
+        for lane in 0..LANES {
             let offset = offsets[lane].clamp(-(REACH as i32), REACH as i32);
             first[lane] = first[lane].wrapping_add(offset);
         }
@@ -109,16 +109,16 @@ pub(super) fn address(
 
 #[inline(always)]
 fn wrap(rule: AxisRule, indices: &Ints, sizes: &Ints, has_offset: bool) -> Ints {
-    let mut wrapped = [0; SUBGROUP_SIZE];
+    let mut wrapped = [0; LANES];
     if rule.seamless {
-        for lane in 0..SUBGROUP_SIZE {
+        for lane in 0..LANES {
             wrapped[lane] = indices[lane].max(-1).min(sizes[lane]);
         }
         return wrapped;
     }
     match rule.mode {
         AddressMode::Repeat => {
-            for lane in 0..SUBGROUP_SIZE {
+            for lane in 0..LANES {
                 let (i, size) = (indices[lane], sizes[lane]);
                 let i = if has_offset {
                     modulo(i, size)
@@ -131,7 +131,7 @@ fn wrap(rule: AxisRule, indices: &Ints, sizes: &Ints, has_offset: bool) -> Ints 
             }
         }
         AddressMode::MirroredRepeat => {
-            for lane in 0..SUBGROUP_SIZE {
+            for lane in 0..LANES {
                 let (i, size) = (indices[lane], sizes[lane]);
                 let i = modulo(i, 2 * size);
                 let mirrored = if i < size { i } else { 2 * size - 1 - i };
@@ -139,17 +139,17 @@ fn wrap(rule: AxisRule, indices: &Ints, sizes: &Ints, has_offset: bool) -> Ints 
             }
         }
         AddressMode::ClampToEdge => {
-            for lane in 0..SUBGROUP_SIZE {
+            for lane in 0..LANES {
                 wrapped[lane] = indices[lane].max(0).min(sizes[lane] - 1);
             }
         }
         AddressMode::ClampToBorder => {
-            for lane in 0..SUBGROUP_SIZE {
+            for lane in 0..LANES {
                 wrapped[lane] = indices[lane].max(-1).min(sizes[lane]);
             }
         }
         AddressMode::MirrorClampToEdge => {
-            for lane in 0..SUBGROUP_SIZE {
+            for lane in 0..LANES {
                 let i = indices[lane];
                 // mirror(i) = -(1 + i) for negative i: its complement.
                 let mirrored = if i < 0 { !i } else { i };

@@ -1,6 +1,6 @@
 //! Performing an [`ImageOp`] on an image without a conversion.
 
-use lanes::Tier;
+use lanes::{Row, Tier};
 
 use super::fast::Fast;
 use super::format::block::each_lane;
@@ -8,7 +8,6 @@ use super::operands::{Operands, usable};
 use super::residency::Residency;
 use super::{Dim, ImageDescriptor, ImageOp, ImageOpKind, Level, SamplerDescriptor};
 use super::{access, sample};
-use crate::row::Row;
 
 /// As [`execute_block`](super::execute::execute_block), whatever the image's conversion says.
 ///

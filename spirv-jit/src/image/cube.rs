@@ -1,9 +1,10 @@
 //! Cube maps (spec, "Cube Map Face Selection and Transformations", "Cube Map Edge Handling").
 #![forbid(unsafe_code)]
 
+use lanes::LANES;
+use lanes::vector::Vector;
+
 use super::address::{Floats, Ints};
-use super::vector::Vector;
-use crate::SUBGROUP_SIZE;
 
 /// A direction's place on the cube: the face and the coordinates on it, in 0..1, and their
 /// derivatives if the direction has some.
@@ -42,9 +43,9 @@ fn major_face(x: f32, y: f32, z: f32) -> i32 {
 /// Selects the face per lane.
 #[inline(always)]
 pub(super) fn place(direction: [&Floats; 3]) -> Place {
-    let mut face = [0; SUBGROUP_SIZE];
-    let (mut s, mut t) = ([0.0; SUBGROUP_SIZE], [0.0; SUBGROUP_SIZE]);
-    for lane in 0..SUBGROUP_SIZE {
+    let mut face = [0; LANES];
+    let (mut s, mut t) = ([0.0; LANES], [0.0; LANES]);
+    for lane in 0..LANES {
         let (x, y, z) = (direction[0][lane], direction[1][lane], direction[2][lane]);
         let f = major_face(x, y, z);
         // The table above as selections, so that the loop vectorises.
@@ -110,7 +111,7 @@ fn across_edge(face: i32, x: i32, y: i32, size: i32) -> (i32, i32, i32) {
 #[inline(always)]
 pub(super) fn wrap_edges(x: &mut Ints, y: &mut Ints, face: &mut Ints, sizes: &Ints) -> u16 {
     let mut outside = 0u16;
-    for lane in 0..SUBGROUP_SIZE {
+    for lane in 0..LANES {
         let is_out = x[lane] < 0 || y[lane] < 0 || x[lane] >= sizes[lane] || y[lane] >= sizes[lane];
         outside |= (is_out as u16) << lane;
     }
@@ -216,8 +217,8 @@ fn select3<V: Vector>(v: V, first: u16, second: u16, [a, b, c]: [V::I; 3]) -> V:
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::image::vector::Portable;
-    use crate::row::Row;
+    use lanes::Row;
+    use lanes::vector::Portable;
 
     /// Direction of a point of a face, from the spec's table read backwards.
     fn direction(face: i32, x: i32, y: i32, size: i32) -> [f64; 3] {
@@ -320,7 +321,7 @@ mod tests {
                 let [mut x, mut y, mut face]: [Ints; 3] = rows.map(|row| row.map(|w| w as i32));
                 assert_eq!(wrap_edges(&mut x, &mut y, &mut face, &[size; 16]), corners);
                 for (vector, ints) in wrapped.into_iter().zip([x, y, face]) {
-                    let mut row = [0; SUBGROUP_SIZE];
+                    let mut row = [0; LANES];
                     v.store_i(vector, &mut row);
                     assert_eq!(row.map(|w| w as i32), ints);
                 }

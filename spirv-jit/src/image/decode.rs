@@ -3,10 +3,11 @@
 //! Here, too, there are no closures over vectors: those would not be compiled for the vectors'
 //! instruction set.
 
+use lanes::vector::Vector;
+
 use super::compressed::Scheme;
 use super::format::layout::{Codec, FormatInfo, Numeric};
 use super::format::{block, srgb};
-use super::vector::Vector;
 
 /// The way from the words of texels to words that are weighted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -206,7 +207,7 @@ pub(super) fn expand<V: Vector>(
 ) -> [V::F; 4] {
     match decoder {
         Decoder::Srgb => {
-            let [linear] = v.linear_of_srgb([words[0]]);
+            let [linear] = v.bytes_in(&srgb::LINEAR, [words[0]]);
             let mut texel = [v.splat(0.0); 4];
             for (component, channel) in info.channels.iter().enumerate() {
                 texel[component] = match (component, channel.offset) {
@@ -320,7 +321,7 @@ fn colors<V: Vector>(v: V, info: &FormatInfo, words: [V::I; 4], index: V::I) -> 
                 let code = v.to_i(v.round_ties_even(v.mul(color, v.splat(255.0))));
                 let at = v.left_i(code, 2);
                 // SAFETY: the table has an entry for every byte.
-                v.bits_to_f(unsafe { v.gather(srgb::LINEAR.as_ptr().cast(), at) })
+                v.bits_to_f(unsafe { v.gather(srgb::LINEAR.words().as_ptr().cast(), at) })
             }
             _ => color,
         };

@@ -1,10 +1,11 @@
 //! Performing an [`ImageOp`] for a block of 16 lanes: the entry for interpreters and for blits.
 
+use lanes::Row;
+
 use super::block::execute_plain;
 use super::operands::usable;
 use super::residency::Residency;
 use super::{ImageDescriptor, ImageOp, ImageOpKind, SamplerDescriptor, ycbcr};
-use crate::row::Row;
 
 /// Performs `op` in the lanes of `mask` on one image and with one sampler; `None` is the null
 /// descriptor.

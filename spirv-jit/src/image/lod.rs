@@ -1,14 +1,12 @@
 //! Levels of detail (spec, "Level-of-Detail Operation", "Image Level(s) Selection").
 #![forbid(unsafe_code)]
 
+use lanes::{LANES, Row, bounds, map};
+
 use super::address::{Floats, Ints};
-use super::bounds;
 use super::cube;
-use super::format::block::map;
 use super::operands::Operands;
 use super::{Dim, Filter, ImageDescriptor, ImageOp, Level, LodMode, SamplerDescriptor};
-use crate::SUBGROUP_SIZE;
-use crate::row::Row;
 
 /// `maxSamplerLodBias`: bias is clamped to it.
 pub const MAX_LOD_BIAS: f32 = 16.0;
@@ -35,7 +33,7 @@ impl Anisotropy {
     #[inline(always)]
     pub(super) fn passes(&self, mask: u16) -> i32 {
         let mut most = 1;
-        for lane in 0..SUBGROUP_SIZE {
+        for lane in 0..LANES {
             if mask >> lane & 1 == 1 {
                 most = most.max(self.count[lane]);
             }
@@ -46,7 +44,7 @@ impl Anisotropy {
     /// The lanes that take the sample of an index.
     #[inline(always)]
     pub(super) fn taking(&self, sample_index: i32) -> u16 {
-        (0..SUBGROUP_SIZE).fold(0, |lanes, lane| {
+        (0..LANES).fold(0, |lanes, lane| {
             lanes | u16::from(sample_index < self.count[lane]) << lane
         })
     }
@@ -94,18 +92,18 @@ fn longer(x: f32, y: f32) -> f32 {
 /// its samples, if there may be more than one.
 #[inline(always)]
 fn of_footprint(derivatives: &[[Floats; 3]; 2], size: [f32; 3], most: f32) -> Lod {
-    let mut squares = [[0.0; SUBGROUP_SIZE]; 2];
+    let mut squares = [[0.0; LANES]; 2];
     for (axes, square) in derivatives.iter().zip(&mut squares) {
         for (row, size) in axes.iter().zip(size) {
-            for lane in 0..SUBGROUP_SIZE {
+            for lane in 0..LANES {
                 let texels = row[lane] * size;
                 square[lane] += texels * texels;
             }
         }
     }
-    let mut lambda = [0.0; SUBGROUP_SIZE];
+    let mut lambda = [0.0; LANES];
     // The half of the logarithm of a square saves the root.
-    for lane in 0..SUBGROUP_SIZE {
+    for lane in 0..LANES {
         lambda[lane] = 0.5 * log2(longer(squares[0][lane], squares[1][lane]));
     }
     if most.is_nan() || most <= 1.0 {
@@ -114,9 +112,9 @@ fn of_footprint(derivatives: &[[Floats; 3]; 2], size: [f32; 3], most: f32) -> Lo
             anisotropy: None,
         };
     }
-    let mut count = [1; SUBGROUP_SIZE];
-    let mut axis = [[0.0; SUBGROUP_SIZE]; 3];
-    for lane in 0..SUBGROUP_SIZE {
+    let mut count = [1; LANES];
+    let mut axis = [[0.0; LANES]; 3];
+    for lane in 0..LANES {
         let (x, y) = (squares[0][lane], squares[1][lane]);
         let most_squared = longer(x, y);
         let ratio = (most_squared / if x < y { x } else { y }).sqrt();
@@ -147,7 +145,7 @@ pub(super) fn lod(
 ) -> Lod {
     let mut lod = match op.lod {
         LodMode::Implicit | LodMode::Bias => Lod {
-            lambda: [0.0; SUBGROUP_SIZE],
+            lambda: [0.0; LANES],
             anisotropy: None,
         },
         LodMode::Lod => Lod {
@@ -156,7 +154,7 @@ pub(super) fn lod(
         },
         LodMode::Grad => from_gradients(op, operands, image, sampler),
     };
-    for lane in 0..SUBGROUP_SIZE {
+    for lane in 0..LANES {
         let bias = match op.lod {
             LodMode::Bias => sampler.mip_lod_bias + f32::from_bits(operands.lod[0][lane]),
             _ => sampler.mip_lod_bias,
@@ -169,8 +167,8 @@ pub(super) fn lod(
 /// λ: λ' clamped by the sampler and by the operation's own minimum.
 #[inline(always)]
 pub(super) fn clamp(lambda: &Floats, sampler: &SamplerDescriptor, min_lod: Option<&Row>) -> Floats {
-    let mut clamped = [0.0; SUBGROUP_SIZE];
-    for lane in 0..SUBGROUP_SIZE {
+    let mut clamped = [0.0; LANES];
+    for lane in 0..LANES {
         let least = match min_lod {
             Some(row) => bounds::max(sampler.min_lod, f32::from_bits(row[lane])),
             None => sampler.min_lod,
@@ -203,8 +201,8 @@ pub(super) fn floats(row: &Row) -> Floats {
 
 #[inline(always)]
 pub(super) fn words(values: &Floats) -> Row {
-    let mut row = [0; SUBGROUP_SIZE];
-    for lane in 0..SUBGROUP_SIZE {
+    let mut row = [0; LANES];
+    for lane in 0..LANES {
         row[lane] = values[lane].to_bits();
     }
     row
@@ -220,7 +218,7 @@ pub(super) fn from_gradients(
 ) -> Lod {
     let count = op.spatial_count();
     // derivatives[axis of the screen][axis of the image]
-    let mut derivatives = [[[0.0; SUBGROUP_SIZE]; 3]; 2];
+    let mut derivatives = [[[0.0; LANES]; 3]; 2];
     for (screen, axes) in derivatives.iter_mut().enumerate() {
         for (axis, row) in axes.iter_mut().enumerate().take(count) {
             *row = floats(operands.lod[screen * count + axis]);
@@ -230,7 +228,7 @@ pub(super) fn from_gradients(
         let direction: [Floats; 3] = std::array::from_fn(|i| floats(operands.coordinates[i]));
         let place = cube::place([&direction[0], &direction[1], &direction[2]]);
         for axes in &mut derivatives {
-            for lane in 0..SUBGROUP_SIZE {
+            for lane in 0..LANES {
                 let on_face = cube::face_derivative(
                     place.face[lane],
                     direction.map(|row| row[lane]),
@@ -263,9 +261,9 @@ pub(super) fn from_gradients(
 /// The levels' geometry, a lane each.
 pub(super) struct LevelLanes {
     pub size: [Ints; 3],
-    pub offset_bytes: [u64; SUBGROUP_SIZE],
-    pub row_stride_bytes: [u64; SUBGROUP_SIZE],
-    pub slice_stride_bytes: [u64; SUBGROUP_SIZE],
+    pub offset_bytes: [u64; LANES],
+    pub row_stride_bytes: [u64; LANES],
+    pub slice_stride_bytes: [u64; LANES],
 }
 
 impl LevelLanes {
@@ -276,22 +274,22 @@ impl LevelLanes {
             let level = &image.levels[levels[0] as usize];
             return LevelLanes {
                 size: [
-                    [level.width as i32; SUBGROUP_SIZE],
-                    [level.height as i32; SUBGROUP_SIZE],
-                    [level.depth as i32; SUBGROUP_SIZE],
+                    [level.width as i32; LANES],
+                    [level.height as i32; LANES],
+                    [level.depth as i32; LANES],
                 ],
-                offset_bytes: [level.offset_bytes; SUBGROUP_SIZE],
-                row_stride_bytes: [level.row_stride_bytes; SUBGROUP_SIZE],
-                slice_stride_bytes: [level.slice_stride_bytes; SUBGROUP_SIZE],
+                offset_bytes: [level.offset_bytes; LANES],
+                row_stride_bytes: [level.row_stride_bytes; LANES],
+                slice_stride_bytes: [level.slice_stride_bytes; LANES],
             };
         }
         let mut lanes = LevelLanes {
-            size: [[1; SUBGROUP_SIZE]; 3],
-            offset_bytes: [0; SUBGROUP_SIZE],
-            row_stride_bytes: [0; SUBGROUP_SIZE],
-            slice_stride_bytes: [0; SUBGROUP_SIZE],
+            size: [[1; LANES]; 3],
+            offset_bytes: [0; LANES],
+            row_stride_bytes: [0; LANES],
+            slice_stride_bytes: [0; LANES],
         };
-        for lane in 0..SUBGROUP_SIZE {
+        for lane in 0..LANES {
             let level = &image.levels[levels[lane] as usize];
             lanes.size[0][lane] = level.width as i32;
             lanes.size[1][lane] = level.height as i32;
@@ -308,11 +306,11 @@ impl LevelLanes {
 #[inline(always)]
 pub(super) fn split(mode: Filter, levels: &Floats) -> (Ints, Floats) {
     match mode {
-        Filter::Nearest => (map(levels, |d| nearest(d) as i32), [0.0; SUBGROUP_SIZE]),
+        Filter::Nearest => (map(levels, |d| nearest(d) as i32), [0.0; LANES]),
         Filter::Linear => {
-            let mut whole = [0; SUBGROUP_SIZE];
-            let mut fraction = [0.0; SUBGROUP_SIZE];
-            for lane in 0..SUBGROUP_SIZE {
+            let mut whole = [0; LANES];
+            let mut fraction = [0.0; LANES];
+            for lane in 0..LANES {
                 let floor = levels[lane].floor();
                 whole[lane] = floor as i32;
                 fraction[lane] = levels[lane] - floor;

@@ -7,7 +7,6 @@
 mod access;
 mod address;
 mod block;
-mod bounds;
 pub mod compressed;
 mod cube;
 mod decode;
@@ -23,7 +22,6 @@ mod sample;
 #[cfg(test)]
 mod tests;
 pub mod texels;
-pub mod vector;
 pub mod ycbcr;
 
 pub use format::Format;

@@ -1,11 +1,11 @@
 //! The rows that an [`ImageOp`] reads and writes.
 
+use lanes::{LANES, Row};
+
 use super::format::block::Texels;
 use super::format::{FormatInfo, Numeric};
 use super::residency::Residency;
 use super::{ImageDescriptor, ImageOp, ImageOpKind, LodMode};
-use crate::SUBGROUP_SIZE;
-use crate::row::Row;
 use crate::types::{AtomicOp, Type};
 
 /// Most result rows an operation has: four texel components of 64 bits and a residency code.
@@ -181,7 +181,7 @@ pub(super) fn put_texels(op: &ImageOp, info: &FormatInfo, texels: &Texels, resul
         results[2 * component] = *row;
         results[2 * component + 1] = match info.numeric {
             Numeric::Sint => row.map(|word| (word as i32 >> 31) as u32),
-            _ => [0; SUBGROUP_SIZE],
+            _ => [0; LANES],
         };
     }
 }
@@ -196,8 +196,8 @@ pub(super) fn swizzle(image: &ImageDescriptor, info: &FormatInfo, texels: &mut T
     for (row, from) in texels.iter_mut().zip(image.swizzle) {
         *row = match from {
             0..=3 => source[from as usize],
-            4 => [0; SUBGROUP_SIZE],
-            _ => [info.missing(3); SUBGROUP_SIZE],
+            4 => [0; LANES],
+            _ => [info.missing(3); LANES],
         };
     }
 }

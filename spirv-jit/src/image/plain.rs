@@ -2,15 +2,16 @@
 //! Everything about the image is looked up once ([`Plain`]), then blocks of lanes are done in
 //! vectors of the machine. The same results as [`access`](super::access), bit for bit.
 
+use lanes::LANES;
+use lanes::vector::{Task, Vector};
+
 use super::decode::{Decoder, expand};
 use super::fast::index_in_block;
 use super::format::FormatInfo;
 use super::format::block::{self, Texels};
 use super::operands::Operands;
 use super::texels;
-use super::vector::{Task, Vector};
 use super::{Dim, ImageDescriptor, ImageOp, ImageOpKind, LodMode};
-use crate::SUBGROUP_SIZE;
 use crate::types::Type;
 
 /// Whether an operation is one of these, as far as its instruction tells.
@@ -177,7 +178,7 @@ impl<'a> Plain<'a> {
         if self.image.swizzle == [0, 1, 2, 3] {
             return Some(components);
         }
-        let mut texels: Texels = [[0; SUBGROUP_SIZE]; 4];
+        let mut texels: Texels = [[0; LANES]; 4];
         for (component, row) in components.into_iter().zip(&mut texels) {
             v.store_i(component, row);
         }

@@ -4,12 +4,12 @@
 
 use std::cell::Cell;
 
+use lanes::{LANES, Row};
+
 use super::ImageDescriptor;
 use super::format::FormatInfo;
 use super::format::block::{Offsets, each_lane};
-use crate::SUBGROUP_SIZE;
 use crate::reach::Reach;
-use crate::row::Row;
 
 /// Collects the lanes that read a texel without memory.
 pub struct Residency<'a> {
@@ -44,6 +44,6 @@ impl<'a> Residency<'a> {
     /// The lanes' residency codes: 1 where all texels have memory, else 0.
     pub fn codes(&self) -> Row {
         let missing = self.missing.get();
-        std::array::from_fn::<u32, SUBGROUP_SIZE, _>(|lane| u32::from(missing >> lane & 1 == 0))
+        std::array::from_fn::<u32, LANES, _>(|lane| u32::from(missing >> lane & 1 == 0))
     }
 }

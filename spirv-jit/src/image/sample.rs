@@ -3,20 +3,20 @@
 //! Every step is a loop over the 16 lanes without branches that depend on a lane: inactive lanes
 //! compute along, on clamped indices.
 
+use lanes::{LANES, Row, bounds, map};
+
 use super::address::{self, Axis, AxisRule, Floats, Ints};
 use super::format::FormatInfo;
-use super::format::block::{self, Offsets, Texels, map};
+use super::format::block::{self, Offsets, Texels};
 use super::lod::{self, LevelLanes, floats};
 use super::operands::{Operands, put_texels, swizzle};
 use super::residency::Residency;
 use super::{
     AddressMode, CompareOp, Dim, Filter, ImageDescriptor, ImageOp, ImageOpKind, Reduction,
-    SamplerDescriptor, bounds, cube, fast::Fast,
+    SamplerDescriptor, cube, fast::Fast,
 };
-use crate::SUBGROUP_SIZE;
-use crate::row::Row;
 
-crate::vectors! {
+lanes::vectors! {
     /// `OpImageSample*` and `OpImage*Gather` of a usable image. Loops over lanes become vectors by
     /// themselves.
     ///
@@ -29,7 +29,7 @@ crate::vectors! {
     }
 }
 
-crate::vectors! {
+lanes::vectors! {
     /// [`sample`] where there is a [`Fast`].
     ///
     /// # Safety
@@ -59,9 +59,9 @@ fn place(
 ) -> Place {
     let spatial = op.spatial_count();
     let mut place = Place {
-        coordinates: [[0.0; SUBGROUP_SIZE]; 3],
-        face: [0; SUBGROUP_SIZE],
-        layer: [0; SUBGROUP_SIZE],
+        coordinates: [[0.0; LANES]; 3],
+        face: [0; LANES],
+        layer: [0; LANES],
         depth_reference: None,
     };
     for (coordinate, row) in place
@@ -75,7 +75,7 @@ fn place(
         let [x, y, z] = &place.coordinates;
         let on_cube = cube::place([x, y, z]);
         place.face = on_cube.face;
-        place.coordinates = [on_cube.s, on_cube.t, [0.0; SUBGROUP_SIZE]];
+        place.coordinates = [on_cube.s, on_cube.t, [0.0; LANES]];
     }
     if let Some(row) = operands.coordinates.get(spatial) {
         // Rounded to the nearest layer ("Array Layer Selection").
@@ -83,7 +83,7 @@ fn place(
             Dim::Cube => ((image.layer_count / 6).max(1) - 1, 6),
             _ => (image.layer_count.max(1) - 1, 1),
         };
-        for lane in 0..SUBGROUP_SIZE {
+        for lane in 0..LANES {
             let layer = f32::from_bits(row[lane]).round_ties_even();
             place.layer[lane] = (layer as i32).max(0).min(last as i32) * faces;
         }
@@ -124,7 +124,7 @@ unsafe fn sample_body(
     let mut lod = if is_gather {
         // The base level.
         lod::Lod {
-            lambda: [0.0; SUBGROUP_SIZE],
+            lambda: [0.0; LANES],
             anisotropy: None,
         }
     } else {
@@ -156,7 +156,7 @@ unsafe fn sample_body(
     let mut is_uniform = true;
     let first = mask.trailing_zeros() as usize & 15;
     let mut between = 0u16;
-    for lane in 0..SUBGROUP_SIZE {
+    for lane in 0..LANES {
         let is_active = mask >> lane & 1 == 1;
         magnified |= ((lambda[lane] <= 0.0) as u16) << lane;
         between |= ((level_weight[lane] > 0.0) as u16) << lane;
@@ -182,16 +182,16 @@ unsafe fn sample_body(
     let centre = place.coordinates;
     let sum_of = reduction_of(sampler, is_gather);
 
-    let mut total = [[0; SUBGROUP_SIZE]; 4];
+    let mut total = [[0; LANES]; 4];
     for (filter, group) in groups {
         if group == 0 {
             continue;
         }
-        let mut value = [[0; SUBGROUP_SIZE]; 4];
+        let mut value = [[0; LANES]; 4];
         for sample_index in 0..sample_passes {
             if let Some(anisotropy) = &lod.anisotropy {
                 for axis in 0..spatial {
-                    for lane in 0..SUBGROUP_SIZE {
+                    for lane in 0..LANES {
                         // Samples i = 1..=N at i / (N + 1) - 1/2 along the axis.
                         let count = anisotropy.count[lane];
                         let i = (sample_index + 1).min(count) as f32;
@@ -205,11 +205,11 @@ unsafe fn sample_body(
                 Some(anisotropy) => group & anisotropy.taking(sample_index),
                 None => group,
             };
-            let mut texels = [[0; SUBGROUP_SIZE]; 4];
+            let mut texels = [[0; LANES]; 4];
             for pass in 0..level_passes {
                 let pass_level = map(&level, |d| (d + pass as i32).min(last_level));
                 let pass_level = if is_uniform {
-                    [pass_level[first]; SUBGROUP_SIZE]
+                    [pass_level[first]; LANES]
                 } else {
                     pass_level
                 };
@@ -244,14 +244,14 @@ unsafe fn sample_body(
         }
         if let (Some(anisotropy), Sum::Average) = (&lod.anisotropy, sum_of) {
             for row in &mut value {
-                for lane in 0..SUBGROUP_SIZE {
+                for lane in 0..LANES {
                     let mean = f32::from_bits(row[lane]) / anisotropy.count[lane] as f32;
                     row[lane] = mean.to_bits();
                 }
             }
         }
         for (total, value) in total.iter_mut().zip(&value) {
-            for lane in 0..SUBGROUP_SIZE {
+            for lane in 0..LANES {
                 if group >> lane & 1 == 1 {
                     total[lane] = value[lane];
                 }
@@ -300,21 +300,21 @@ fn reduction_of(sampler: &SamplerDescriptor, is_gather: bool) -> Sum {
 fn combine(a: &mut Row, b: &Row, weight: &Floats, sum: Sum) {
     match sum {
         Sum::Average | Sum::Gather => {
-            for lane in 0..SUBGROUP_SIZE {
+            for lane in 0..LANES {
                 let (x, y) = (f32::from_bits(a[lane]), f32::from_bits(b[lane]));
                 // Exact where the weight is zero or the texels are equal.
                 a[lane] = (x + weight[lane] * (y - x)).to_bits();
             }
         }
         Sum::Min => {
-            for lane in 0..SUBGROUP_SIZE {
+            for lane in 0..LANES {
                 let (x, y) = (f32::from_bits(a[lane]), f32::from_bits(b[lane]));
                 let takes = weight[lane] > 0.0 && y < x;
                 a[lane] = if takes { b[lane] } else { a[lane] };
             }
         }
         Sum::Max => {
-            for lane in 0..SUBGROUP_SIZE {
+            for lane in 0..LANES {
                 let (x, y) = (f32::from_bits(a[lane]), f32::from_bits(b[lane]));
                 let takes = weight[lane] > 0.0 && y > x;
                 a[lane] = if takes { b[lane] } else { a[lane] };
@@ -327,7 +327,7 @@ fn combine(a: &mut Row, b: &Row, weight: &Floats, sum: Sum) {
 #[inline(always)]
 fn accumulate(value: &mut Texels, texels: &Texels, sample_index: i32, count: &Ints, sum: Sum) {
     for (value, texel) in value.iter_mut().zip(texels) {
-        for lane in 0..SUBGROUP_SIZE {
+        for lane in 0..LANES {
             let (x, y) = (f32::from_bits(value[lane]), f32::from_bits(texel[lane]));
             let summed = match sum {
                 Sum::Min => bounds::min(x, y),
@@ -403,8 +403,8 @@ impl Footprint<'_> {
             Some(map(row, |word| word as i32))
         };
         let mut axes = [Axis {
-            index: [[0; SUBGROUP_SIZE]; 2],
-            weight: [0.0; SUBGROUP_SIZE],
+            index: [[0; LANES]; 2],
+            weight: [0.0; LANES],
         }; 3];
         for (axis, slot) in axes.iter_mut().enumerate().take(self.spatial) {
             *slot = self.axis(axis, offset_of(axis, 0).as_ref());
@@ -413,7 +413,7 @@ impl Footprint<'_> {
             Filter::Nearest => 1,
             Filter::Linear => 1 << self.spatial,
         };
-        let mut taps = [[[0; SUBGROUP_SIZE]; 4]; 8];
+        let mut taps = [[[0; LANES]; 4]; 8];
         let mut corners = [0u16; 8];
         for tap in 0..tap_count {
             if self.op.has_offsets {
@@ -445,7 +445,7 @@ impl Footprint<'_> {
                     true => 0,
                     false => self.image.swizzle[component as usize & 3] as usize & 3,
                 };
-                let mut four = [[0; SUBGROUP_SIZE]; 4];
+                let mut four = [[0; LANES]; 4];
                 for (row, tap) in four.iter_mut().zip(order) {
                     *row = taps[tap][component];
                 }
@@ -488,24 +488,24 @@ impl Footprint<'_> {
                 corners = cube::wrap_edges(&mut x, &mut y, &mut face, &self.level.size[0]);
             }
             let last = self.image.layer_count.max(1) as i32 - 1;
-            for lane in 0..SUBGROUP_SIZE {
+            for lane in 0..LANES {
                 layer[lane] = (layer[lane] + face[lane]).min(last);
             }
             if self.is_seamless() {
-                for lane in 0..SUBGROUP_SIZE {
+                for lane in 0..LANES {
                     y[lane] = y[lane].min(self.level.size[1][lane] - 1);
                 }
             }
         }
         let has_border = !self.is_seamless()
             && self.sampler.address_mode[..self.spatial].contains(&AddressMode::ClampToBorder);
-        let mut border = [false; SUBGROUP_SIZE];
+        let mut border = [false; LANES];
         if has_border {
             for (axis, index) in [&mut x, &mut y, &mut z].into_iter().enumerate() {
                 if axis >= self.spatial {
                     break;
                 }
-                for lane in 0..SUBGROUP_SIZE {
+                for lane in 0..LANES {
                     let last = self.level.size[axis][lane] - 1;
                     border[lane] |= index[lane] < 0 || index[lane] > last;
                     index[lane] = index[lane].max(0).min(last);
@@ -515,28 +515,28 @@ impl Footprint<'_> {
         let mut offsets: Offsets = self.level.offset_bytes;
         let texel_bytes = self.info.size_bytes as u64;
         if self.info.blocks().is_some() {
-            for lane in 0..SUBGROUP_SIZE {
+            for lane in 0..LANES {
                 let (x, y) = (x[lane] as u32, y[lane] as u32);
                 let row_stride_bytes = self.level.row_stride_bytes[lane];
                 offsets[lane] += self.info.texel_offset(x, y, row_stride_bytes);
             }
         } else {
-            for lane in 0..SUBGROUP_SIZE {
+            for lane in 0..LANES {
                 offsets[lane] += x[lane] as u32 as u64 * texel_bytes;
             }
             if self.spatial >= 2 {
-                for lane in 0..SUBGROUP_SIZE {
+                for lane in 0..LANES {
                     offsets[lane] += y[lane] as u32 as u64 * self.level.row_stride_bytes[lane];
                 }
             }
         }
         if self.spatial == 3 {
-            for lane in 0..SUBGROUP_SIZE {
+            for lane in 0..LANES {
                 offsets[lane] += z[lane] as u32 as u64 * self.level.slice_stride_bytes[lane];
             }
         }
         if self.op.arrayed || self.op.dim == Dim::Cube {
-            for lane in 0..SUBGROUP_SIZE {
+            for lane in 0..LANES {
                 offsets[lane] += layer[lane] as u32 as u64 * self.image.layer_stride_bytes;
             }
         }
@@ -552,7 +552,7 @@ impl Footprint<'_> {
         if has_border {
             let color = border_units(self.sampler, self.info);
             for (row, color) in texels.iter_mut().zip(color) {
-                for lane in 0..SUBGROUP_SIZE {
+                for lane in 0..LANES {
                     row[lane] = if border[lane] { color } else { row[lane] };
                 }
             }
@@ -585,8 +585,8 @@ pub(super) fn border_units(sampler: &SamplerDescriptor, info: &FormatInfo) -> [u
 #[inline(always)]
 fn compare(op: Option<CompareOp>, reference: &Floats, depth: &Floats) -> Row {
     let each = |holds: fn(f32, f32) -> bool| {
-        let mut row = [0; SUBGROUP_SIZE];
-        for lane in 0..SUBGROUP_SIZE {
+        let mut row = [0; LANES];
+        for lane in 0..LANES {
             row[lane] = (holds(reference[lane], depth[lane]) as u32 as f32).to_bits();
         }
         row

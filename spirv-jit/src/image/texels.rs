@@ -4,13 +4,12 @@
 //! Here, too, there are no closures over vectors: those would not be compiled for the vectors'
 //! instruction set.
 
-use lanes::Tier;
+use lanes::vector::Vector;
+use lanes::{LANES, Tier, map};
 
-use super::format::block::{self, Texels, map};
+use super::format::block::{self, Texels};
 use super::format::layout::{Channel, FormatInfo, Numeric};
 use super::format::srgb;
-use super::vector::Vector;
-use crate::SUBGROUP_SIZE;
 
 /// From the exponent of E5B9G9R9, whose bias is 15 and whose mantissas are integers of 9 bits, to
 /// that of a 32-bit float.
@@ -201,7 +200,7 @@ fn decode_component<V: Vector>(
         Numeric::Sint => return signed,
         // SAFETY: the table has an entry for every byte.
         Numeric::Srgb if component != 3 => unsafe {
-            return v.gather(srgb::LINEAR.as_ptr().cast(), v.left_i(code, 2));
+            return v.gather(srgb::LINEAR.words().as_ptr().cast(), v.left_i(code, 2));
         },
         Numeric::Unorm if block::unit_scale(info) != 1.0 => v.to_f(code),
         Numeric::Unorm | Numeric::Srgb => v.div(v.to_f(code), v.splat(ones as f32)),
@@ -244,12 +243,12 @@ pub(crate) unsafe fn store<V: Vector>(
     texels: &[V::I; 4],
 ) {
     let words = encode(v, info, texels);
-    let mut rows = [[0; SUBGROUP_SIZE]; 4];
+    let mut rows = [[0; LANES]; 4];
     let count = (info.size_bytes as usize).div_ceil(4);
     for (word, row) in words.iter().zip(&mut rows[..count]) {
         v.store_i(*word, row);
     }
-    let mut places = [0; SUBGROUP_SIZE];
+    let mut places = [0; LANES];
     v.store_i(offsets, &mut places);
     let is_row = mask == u16::MAX && is_row(v, offsets, places[0], info.size_bytes as u32);
     // SAFETY: the caller's promise.
@@ -271,15 +270,15 @@ pub(crate) unsafe fn store<V: Vector>(
             ),
             4 => put(base, &places, mask, is_row, &rows[0]),
             8 => {
-                let mut texels = [0u64; SUBGROUP_SIZE];
-                for lane in 0..SUBGROUP_SIZE {
+                let mut texels = [0u64; LANES];
+                for lane in 0..LANES {
                     texels[lane] = rows[0][lane] as u64 | (rows[1][lane] as u64) << 32;
                 }
                 put(base, &places, mask, is_row, &texels);
             }
             16 => {
-                let mut texels = [[0u32; 4]; SUBGROUP_SIZE];
-                for lane in 0..SUBGROUP_SIZE {
+                let mut texels = [[0u32; 4]; LANES];
+                for lane in 0..LANES {
                     for word in 0..4 {
                         texels[lane][word] = rows[word][lane];
                     }
@@ -299,19 +298,19 @@ pub(crate) unsafe fn store<V: Vector>(
 #[inline(always)]
 unsafe fn put<T: Copy>(
     base: *mut u8,
-    places: &[u32; SUBGROUP_SIZE],
+    places: &[u32; LANES],
     mask: u16,
     is_row: bool,
-    texels: &[T; SUBGROUP_SIZE],
+    texels: &[T; LANES],
 ) {
     // SAFETY: the caller's promise.
     unsafe {
         if is_row {
-            let row = base.add(places[0] as usize).cast::<[T; SUBGROUP_SIZE]>();
+            let row = base.add(places[0] as usize).cast::<[T; LANES]>();
             return row.write_unaligned(*texels);
         }
         let size = size_of::<T>() as u32;
-        for lane in (0..SUBGROUP_SIZE).step_by(2) {
+        for lane in (0..LANES).step_by(2) {
             let at = base.add(places[lane] as usize).cast::<T>();
             match mask >> lane & 3 {
                 3 if places[lane + 1] == places[lane].wrapping_add(size) => {
@@ -337,13 +336,7 @@ unsafe fn put<T: Copy>(
 /// # Safety
 /// As [`store`].
 #[inline(never)]
-unsafe fn put_odd(
-    base: *mut u8,
-    places: &[u32; SUBGROUP_SIZE],
-    mask: u16,
-    rows: &Texels,
-    size: usize,
-) {
+unsafe fn put_odd(base: *mut u8, places: &[u32; LANES], mask: u16, rows: &Texels, size: usize) {
     block::each_lane(mask, |lane| {
         let mut texel = [0; 16];
         for (word, row) in rows.iter().enumerate() {
@@ -369,7 +362,7 @@ pub(crate) unsafe fn load<V: Vector>(
     offsets: V::I,
 ) -> [V::I; 4] {
     let mut words = [v.splat_i(0); 4];
-    let mut places = [0; SUBGROUP_SIZE];
+    let mut places = [0; LANES];
     let size = info.size_bytes;
     let is_row = matches!(size, 1 | 2 | 4) && {
         v.store_i(offsets, &mut places);
@@ -380,12 +373,12 @@ pub(crate) unsafe fn load<V: Vector>(
         let row = base.add(places[0] as usize);
         match size {
             1 if is_row => {
-                let codes = row.cast::<[u8; SUBGROUP_SIZE]>().read_unaligned();
+                let codes = row.cast::<[u8; LANES]>().read_unaligned();
                 words[0] = v.load_i(&map(&codes, u32::from));
             }
             1 => words[0] = v.gather_scalars::<u8>(base, offsets),
             2 if is_row => {
-                let codes = row.cast::<[u16; SUBGROUP_SIZE]>().read_unaligned();
+                let codes = row.cast::<[u16; LANES]>().read_unaligned();
                 words[0] = v.load_i(&map(&codes, u32::from));
             }
             2 => words[0] = v.gather_scalars::<u16>(base, offsets),
@@ -395,7 +388,7 @@ pub(crate) unsafe fn load<V: Vector>(
                 words[0] = v.or_i(low, v.left_i(high, 16));
             }
             4 if is_row => {
-                words[0] = v.load_i(&row.cast::<[u32; SUBGROUP_SIZE]>().read_unaligned());
+                words[0] = v.load_i(&row.cast::<[u32; LANES]>().read_unaligned());
             }
             4 => words[0] = v.gather(base, offsets),
             6 => {
@@ -422,7 +415,7 @@ pub(crate) unsafe fn load<V: Vector>(
 pub unsafe fn store_block(
     info: &FormatInfo,
     base: *mut u8,
-    offsets: &[u32; SUBGROUP_SIZE],
+    offsets: &[u32; LANES],
     mask: u16,
     texels: &Texels,
 ) {
@@ -435,12 +428,12 @@ pub unsafe fn store_block(
     }
 }
 
-crate::vectors! {
+lanes::vectors! {
     /// [`store`] of rows.
     ///
     /// # Safety
     /// As there.
-    unsafe fn store_vectors<V>(v, info: &FormatInfo, base: *mut u8, offsets: &[u32; SUBGROUP_SIZE], mask: u16, texels: &Texels) {
+    unsafe fn store_vectors<V>(v, info: &FormatInfo, base: *mut u8, offsets: &[u32; LANES], mask: u16, texels: &Texels) {
         let texels = [v.load_i(&texels[0]), v.load_i(&texels[1]), v.load_i(&texels[2]), v.load_i(&texels[3])];
         // SAFETY: the caller's promise.
         unsafe { store(v, info, base, v.load_i(offsets), mask, &texels) };
@@ -455,7 +448,7 @@ pub fn encode_words<V: Vector>(v: V, info: &FormatInfo, texels: &[V::I; 4]) -> [
     if info.in_vectors {
         return encode(v, info, texels);
     }
-    let mut rows = [[0; SUBGROUP_SIZE]; 4];
+    let mut rows = [[0; LANES]; 4];
     for (texel, row) in texels.iter().zip(&mut rows) {
         v.store_i(*texel, row);
     }
@@ -478,7 +471,7 @@ pub fn decode_words<V: Vector>(v: V, info: &FormatInfo, words: &[V::I; 4]) -> [V
         }
         return texels;
     }
-    let mut rows = [[0; SUBGROUP_SIZE]; 4];
+    let mut rows = [[0; LANES]; 4];
     for (word, row) in words.iter().zip(&mut rows) {
         v.store_i(*word, row);
     }
@@ -498,8 +491,8 @@ fn load_rows<V: Vector>(v: V, rows: &Texels) -> [V::I; 4] {
 /// [`encode_words`], lane by lane.
 #[inline(never)]
 fn encode_each(info: &FormatInfo, texels: &Texels) -> Texels {
-    let mut rows = [[0; SUBGROUP_SIZE]; 4];
-    for lane in 0..SUBGROUP_SIZE {
+    let mut rows = [[0; LANES]; 4];
+    for lane in 0..LANES {
         let mut bytes = [0; super::format::MAX_TEXEL_BYTES];
         info.encode(texels.map(|row| row[lane]), &mut bytes);
         for (word, row) in rows.iter_mut().enumerate() {
@@ -512,8 +505,8 @@ fn encode_each(info: &FormatInfo, texels: &Texels) -> Texels {
 /// [`decode_words`], lane by lane.
 #[inline(never)]
 fn decode_each(info: &FormatInfo, words: &Texels) -> Texels {
-    let mut rows = [[0; SUBGROUP_SIZE]; 4];
-    for lane in 0..SUBGROUP_SIZE {
+    let mut rows = [[0; LANES]; 4];
+    for lane in 0..LANES {
         let mut bytes = [0; super::format::MAX_TEXEL_BYTES];
         for (word, row) in words.iter().enumerate() {
             bytes[4 * word..4 * word + 4].copy_from_slice(&row[lane].to_le_bytes());

@@ -5,12 +5,12 @@
 //! what comes out is converted. So a plane is an image of its own here, and everything else is what
 //! sampling does anyway.
 
+use lanes::{LANES, Row};
+
 use super::block::execute_plain;
 use super::format::block::Texels;
 use super::residency::Residency;
 use super::{Filter, Format, ImageDescriptor, ImageOp, SamplerDescriptor};
-use crate::SUBGROUP_SIZE;
-use crate::row::Row;
 
 /// A plane as it is sampled: of formats that hold chroma at half the rate in one plane, luma and
 /// chroma are the same memory twice.
@@ -229,8 +229,8 @@ pub(super) unsafe fn sample(
     residency: Option<&Residency<'_>>,
     results: &mut [Row],
 ) {
-    let mut texels: Texels = [[0; SUBGROUP_SIZE]; 4];
-    texels[3] = [1f32.to_bits(); SUBGROUP_SIZE];
+    let mut texels: Texels = [[0; LANES]; 4];
+    texels[3] = [1f32.to_bits(); LANES];
     for (index, plane) in conversion.planes.planes().iter().enumerate() {
         let of_plane = match conversion.planes.count {
             // Of one plane, all levels.
@@ -248,8 +248,8 @@ pub(super) unsafe fn sample(
         // Cosited chroma lies under the even texel, a quarter of its own texel to the left of its
         // middle.
         let sizes = [image.levels[0].width, image.levels[0].height];
-        let mut moved = [[0; SUBGROUP_SIZE]; 2];
-        let mut rows: [&Row; 16] = [&[0; SUBGROUP_SIZE]; 16];
+        let mut moved = [[0; LANES]; 2];
+        let mut rows: [&Row; 16] = [&[0; LANES]; 16];
         let count = operands.len().min(rows.len());
         rows[..count].copy_from_slice(&operands[..count]);
         for (axis, moved) in moved.iter_mut().enumerate().take(op.spatial_count()) {
@@ -259,7 +259,7 @@ pub(super) unsafe fn sample(
                 rows[axis] = moved;
             }
         }
-        let mut of = [[0; SUBGROUP_SIZE]; super::operands::MAX_RESULT_ROWS];
+        let mut of = [[0; LANES]; super::operands::MAX_RESULT_ROWS];
         let (image, sampler) = (Some(&of_plane), Some(&sampler));
         // SAFETY: the caller's promise; the plane is a part of the image.
         unsafe { execute_plain(op, image, sampler, mask, &rows[..count], residency, &mut of) };
@@ -273,11 +273,11 @@ pub(super) unsafe fn sample(
     for (texel, from) in texels.iter_mut().zip(conversion.swizzle) {
         *texel = match from {
             0..=3 => source[from as usize],
-            4 => [0; SUBGROUP_SIZE],
-            _ => [1f32.to_bits(); SUBGROUP_SIZE],
+            4 => [0; LANES],
+            _ => [1f32.to_bits(); LANES],
         };
     }
-    for lane in 0..SUBGROUP_SIZE {
+    for lane in 0..LANES {
         let [r, g, b] = [0, 1, 2].map(|i| f32::from_bits(texels[i][lane]));
         let converted = convert(conversion, [r, g, b]);
         for (texel, value) in texels.iter_mut().zip(converted) {

@@ -6,7 +6,7 @@
 
 use std::marker::PhantomData;
 
-use lanes::{LaneMask, Tier as TierKind};
+use lanes::{LaneMask, Row, Tier as TierKind};
 
 use super::code::AccessPlan;
 use super::gather::{self, Gather};
@@ -17,7 +17,6 @@ use super::region::{read_scalar, region};
 use super::tier::{Kernel, Portable};
 use crate::SUBGROUP_SIZE;
 use crate::ir::{Space, Type};
-use crate::row::Row;
 
 /// The handler that loads or stores so many scalars of a type in a tier. Not for private memory.
 pub(super) fn handler(tier: TierKind, ty: Type, count: usize, store: bool) -> Handler {

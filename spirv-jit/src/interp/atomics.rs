@@ -8,7 +8,7 @@ use std::marker::PhantomData;
 use std::sync::atomic::{AtomicU16, AtomicU32, AtomicU64, Ordering};
 
 use half::f16;
-use lanes::LaneMask;
+use lanes::{LaneMask, Row};
 
 use super::code::AtomicPlan;
 use super::gather::{Gather, Layout};
@@ -21,7 +21,6 @@ use crate::SUBGROUP_SIZE;
 use crate::eval::{Float, Int};
 use crate::ir::op::AtomicOp;
 use crate::ir::{Space, Type};
-use crate::row::Row;
 
 const ORDER: Ordering = Ordering::SeqCst;
 

@@ -7,12 +7,11 @@
 //! of the rows need not wait for sixteen single stores. Lanes outside are masked, so
 //! they do not slow the other lanes.
 
-use lanes::LaneMask;
+use lanes::{LaneMask, Row};
 
 use super::kernels::Lane;
 use super::tier::{Portable, Tier};
 use crate::SUBGROUP_SIZE;
-use crate::row::Row;
 
 #[cfg(target_arch = "x86_64")]
 mod x86;

@@ -3,7 +3,8 @@
 
 use std::marker::PhantomData;
 
-use lanes::{LaneMask, Tier as TierKind};
+use lanes::vector::{self, Vector};
+use lanes::{LaneMask, Row, Tier as TierKind, quad};
 
 use super::code::ImagePlan;
 use super::machine::{Handler, Instr, Machine};
@@ -11,17 +12,14 @@ use super::operand::Operand;
 use super::tier::{Kernel, Portable, Tier};
 use crate::SUBGROUP_SIZE;
 use crate::environment::Environment;
-use crate::eval::quad;
 use crate::image::execute::execute_resident;
 use crate::image::fast::{self, Fast};
 use crate::image::format::block::each_lane;
 use crate::image::operands::{MAX_RESULT_ROWS, Operands, usable};
 use crate::image::plain::{self, Plain};
 use crate::image::residency::Residency;
-use crate::image::vector::{self, Vector};
 use crate::image::{ImageDescriptor, ImageOp, ImageOpKind, SamplerDescriptor};
 use crate::ir::op::AtomicOp;
-use crate::row::Row;
 
 /// Most operand rows: coordinates, derivatives, offsets and texels of the widest operation, with
 /// room.

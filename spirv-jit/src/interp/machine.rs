@@ -8,7 +8,7 @@
 
 use std::cell::Cell;
 
-use lanes::LaneMask;
+use lanes::{AlignedRow, LaneMask};
 
 use super::code::{
     AccessPlan, AtomicPlan, ImagePlan, PhysicalAccess, Place, PrintPlan, Remade, Return, Saved,
@@ -21,7 +21,6 @@ use crate::ir::op::DescriptorBinding;
 use crate::native::Executable;
 use crate::plan::Plan;
 use crate::reach::Range;
-use crate::row::AlignedRow;
 use crate::state::Event;
 
 /// Subgroups in the longest wave.

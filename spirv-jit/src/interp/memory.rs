@@ -2,7 +2,7 @@
 
 use std::marker::PhantomData;
 
-use lanes::{LaneMask, Tier as TierKind};
+use lanes::{LaneMask, Row, Tier as TierKind};
 
 use super::access::operands;
 use super::gather::{Gather, Layout};
@@ -12,7 +12,6 @@ use super::yields::blend;
 use crate::SUBGROUP_SIZE;
 use crate::ir::Type;
 use crate::ir::op::MAX_TABLE_RESULTS;
-use crate::row::Row;
 
 /// The kernel of a load from private memory or a store to it, in a tier.
 pub(super) fn private(tier: TierKind, ty: Type, store: bool) -> Handler {

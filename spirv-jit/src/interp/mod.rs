@@ -36,10 +36,9 @@ mod tests;
 use std::cell::Cell;
 use std::collections::TryReserveError;
 
-use lanes::LaneMask;
+use lanes::{AlignedRow, LaneMask};
 
 use crate::plan::Plan;
-use crate::row::AlignedRow;
 use crate::state::{Event, Wave};
 pub(crate) use code::PrintPlan;
 pub(crate) use emit::emit;

@@ -9,7 +9,7 @@ mod reduce;
 use std::marker::PhantomData;
 
 use half::f16;
-use lanes::{LaneMask, Tier as TierKind};
+use lanes::{LaneMask, Row, Tier as TierKind};
 
 use self::permute::Permute;
 use self::reduce::Family;
@@ -20,7 +20,6 @@ use super::tier::{Kernel, Portable, Tier};
 use crate::SUBGROUP_SIZE;
 use crate::ir::Type;
 use crate::ir::op::SubgroupOp;
-use crate::row::Row;
 
 /// The kernel of a subgroup operation on values of a type: `d` from `a` and `b` by plan `x`.
 pub(super) fn handler(tier: TierKind, op: SubgroupOp, ty: Type) -> Handler {

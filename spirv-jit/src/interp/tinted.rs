@@ -1,13 +1,14 @@
 //! The sample of a program that does little else ([`Tinted`]), computed from the program's inputs:
 //! the same bits as the program's.
 
+use lanes::vector::Vector;
+
 use super::descriptors::Entries;
 use super::images::{derivatives, put_derivatives, resolve};
 use crate::SUBGROUP_SIZE;
 use crate::environment::Environment;
 use crate::image::fast::Fast;
 use crate::image::operands::Operands;
-use crate::image::vector::Vector;
 use crate::ir::tinted::{Bound, Tinted};
 
 /// An image and a sampler that the common way of sampling serves for.

@@ -1,7 +1,7 @@
 //! Suspending a wave into its subgroups' states, and resuming it: control rows are as
 //! [`plan`](crate::plan) has them.
 
-use lanes::LaneMask;
+use lanes::{LaneMask, Row};
 
 use super::descriptors;
 use super::machine::{Instr, Machine, NO_LANES};
@@ -9,7 +9,6 @@ use super::operand::Operand;
 use super::tier::Kernel;
 use crate::SUBGROUP_SIZE;
 use crate::plan::{CONTROL_WORDS, List, Live};
-use crate::row::Row;
 use crate::state::{Event, IO_DATA_ROW};
 
 /// Saves masks and live values as point `point` says, and stops with `event`.

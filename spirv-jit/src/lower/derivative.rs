@@ -1,4 +1,4 @@
-//! Derivatives: differences between the lanes of a quad, fine ones (see [`crate::eval::quad`]).
+//! Derivatives: differences between the lanes of a quad, fine ones (see [`lanes::quad`]).
 
 use rspirv::spirv::{ExecutionMode, Op};
 

@@ -4,11 +4,10 @@
 //! A state's control rows hold, as words: the resume id, the active lanes, the helper lanes, then
 //! the masks in use, two to a word.
 
-use lanes::LaneMask;
+use lanes::{AlignedRow, LaneMask};
 
 use super::{CallSite, Plan, SavePoint};
 use crate::SUBGROUP_SIZE;
-use crate::row::AlignedRow;
 
 /// Words of control before the masks.
 pub(crate) const CONTROL_WORDS: usize = 3;

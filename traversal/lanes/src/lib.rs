@@ -1,23 +1,50 @@
-//! Knowledge about lanes that shaders and structures share: the instruction set, and masks of
-//! active lanes.
+//! Knowledge about lanes that shaders, images, drawing and structures share: the instruction set,
+//! masks of active lanes, rows of numbers, and vectors of them.
 
 #![deny(unsafe_code)]
 
+pub mod bounds;
+pub mod halves;
 mod mask;
+pub mod quad;
 mod tier;
+#[allow(unsafe_code)]
+pub mod vector;
 
 pub use mask::LaneMask;
 pub use tier::Tier;
 #[cfg(target_arch = "x86_64")]
 pub use tier::{gathers_slowly, has_byte_permutes};
 
+/// Lanes that there are.
+pub const LANES: usize = LaneMask::LANES;
+
+/// A row: a word of each lane, side by side.
+pub type Row = [u32; LANES];
+
+/// A row, aligned to a cache line.
+#[repr(C, align(64))]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct AlignedRow(pub Row);
+
 /// A row: what a function gives for each of sixteen lanes. As [`std::array::from_fn`], which
 /// compilers leave out of line at this size.
 #[inline(always)]
-pub fn by_lane<T: Copy>(mut number: impl FnMut(usize) -> T) -> [T; LaneMask::LANES] {
-    let mut row = [number(0); LaneMask::LANES];
+pub fn by_lane<T: Copy>(mut number: impl FnMut(usize) -> T) -> [T; LANES] {
+    let mut row = [number(0); LANES];
     for (lane, word) in row.iter_mut().enumerate().skip(1) {
         *word = number(lane);
     }
     row
+}
+
+/// `array::map` as a loop: the library's is not always inlined, and then neither vectorised nor
+/// compiled for the caller's vectors.
+#[inline(always)]
+pub fn map<T: Copy, U: Copy + Default>(values: &[T; LANES], f: impl Fn(T) -> U) -> [U; LANES] {
+    let mut out = [U::default(); LANES];
+    for lane in 0..LANES {
+        out[lane] = f(values[lane]);
+    }
+    out
 }

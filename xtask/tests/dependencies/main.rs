@@ -81,7 +81,6 @@ const HOUSES: [House; 3] = [
             "eval",
             "half_vectors",
             "error",
-            "row",
             "types",
         ],
         still_back: &[],

@@ -322,7 +322,7 @@ impl Attribute {
     }
 }
 
-spirv_jit::vectors! {
+lanes::vectors! {
     /// Sixteen texels from their words to components.
     fn decode<V>(v, info: &FormatInfo, words: &mut [[u32; SUBGROUP_SIZE]; 4]) {
         let loaded = [v.load_i(&words[0]), v.load_i(&words[1]), v.load_i(&words[2]), v.load_i(&words[3])];

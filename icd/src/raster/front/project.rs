@@ -19,7 +19,7 @@ pub struct Projection<'a> {
 /// Words of a subgroup.
 type Row = [u32; SUBGROUP_SIZE];
 
-spirv_jit::vectors! {
+lanes::vectors! {
     /// Puts the vertices of a subgroup on the screen, by their positions' rows.
     ///
     /// The loop becomes vectors by itself; all of them compute the same bits, for nothing is fused

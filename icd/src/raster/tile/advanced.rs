@@ -2,7 +2,7 @@
 //! of the W3C's "Compositing and Blending", coverage is Porter and Duff's, 1984).
 
 use ash::vk::{BlendOp, BlendOverlapEXT};
-use spirv_jit::image::vector::Vector;
+use lanes::vector::Vector;
 
 use super::blend::Range;
 use super::lanes::{load_words, numbers, rows_of, words};
@@ -14,7 +14,7 @@ pub fn is_advanced(op: BlendOp) -> bool {
     op.as_raw() >= BlendOp::ZERO_EXT.as_raw()
 }
 
-spirv_jit::vectors! {
+lanes::vectors! {
     /// Blends colours by an advanced operation. All that comes in is clamped to the format's range.
     /// `step` is the distance of neighbouring numbers in a fixed-point attachment, 0 for floats.
     pub fn blend_advanced<V>(

@@ -1,7 +1,7 @@
 //! Blending and logical operations of sixteen colours (spec, "The Framebuffer").
 
 use ash::vk::{BlendFactor, BlendOp, LogicOp};
-use spirv_jit::image::vector::Vector;
+use lanes::vector::Vector;
 
 use super::texels::Words;
 use crate::object::graphics_state::BlendAttachment;

@@ -2,9 +2,9 @@
 
 use ash::vk::{BlendFactor, ColorComponentFlags, LogicOp};
 use lanes::Tier;
+use lanes::vector::Vector;
 use spirv_jit::image::format::{FormatInfo, Numeric};
 use spirv_jit::image::texels::{decode_words, encode_words};
-use spirv_jit::image::vector::Vector;
 use spirv_jit::program::AlignedRow;
 
 use super::advanced::blend_advanced;
@@ -72,13 +72,13 @@ pub struct Color {
     alpha_to_one: bool,
 }
 
-spirv_jit::vectors! {
+lanes::vectors! {
     fn encode_rows<V>(v, info: &FormatInfo, rows: &Words) -> Words {
         rows_of(v, &encode_words(v, info, &load_words(v, rows)))
     }
 }
 
-spirv_jit::vectors! {
+lanes::vectors! {
     fn decode_rows<V>(v, info: &FormatInfo, rows: &Words) -> Words {
         rows_of(v, &decode_words(v, info, &load_words(v, rows)))
     }

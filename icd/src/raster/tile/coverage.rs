@@ -8,8 +8,8 @@
 
 use std::ops::{Add, BitOr, Mul};
 
+use lanes::vector::Vector;
 use smallvec::SmallVec;
-use spirv_jit::image::vector::Vector;
 
 use super::lanes::{COLUMNS, IN_BLOCK, LANE_X, LANE_Y, ROWS, negative};
 use super::samples::{CENTER, Location, MAX_SAMPLES, fixed_point, masks_of};
@@ -390,7 +390,7 @@ fn scan_centers<V: Vector, const N: usize>(
     }
 }
 
-spirv_jit::vectors! {
+lanes::vectors! {
     /// The blocks of a small clip, one by one.
     fn scan_small<V>(v, edges: &[Edge], corner: [i64; 2], clip: &Bounds, locations: &[Location], blocks: &mut Vec<Block>) {
         let (columns, rows) = (v.load_i(&IN_BLOCK[0]), v.load_i(&IN_BLOCK[1]));
@@ -435,13 +435,13 @@ spirv_jit::vectors! {
     }
 }
 
-spirv_jit::vectors! {
+lanes::vectors! {
     fn scan_narrow<V>(_v, edges: &[Edge], corner: [i64; 2], clip: &Bounds, locations: &[Location], covered: &mut Covered) {
         scan_words::<i32>(edges, corner, clip, locations, covered);
     }
 }
 
-spirv_jit::vectors! {
+lanes::vectors! {
     fn scan_wide<V>(_v, edges: &[Edge], corner: [i64; 2], clip: &Bounds, locations: &[Location], covered: &mut Covered) {
         scan_words::<i64>(edges, corner, clip, locations, covered);
     }

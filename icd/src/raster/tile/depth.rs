@@ -4,7 +4,7 @@
 //! An integer of up to 24 bits is exact in an f32, so that all formats are compared as numbers.
 
 use ash::vk::{CompareOp, StencilOp};
-use spirv_jit::image::vector::Vector;
+use lanes::vector::Vector;
 
 use super::lanes::{Row, lanes_where, row_of};
 use super::texels::{Places, load, store};

@@ -2,8 +2,8 @@
 //! varyings and constants on. From coverage straight to the attachments, sixteen pixels at a time,
 //! whole squares in rows.
 
+use lanes::vector::Vector;
 use smallvec::SmallVec;
-use spirv_jit::image::vector::Vector;
 
 use super::color::{Rows, SourceOver};
 use super::coverage::Covered;
@@ -17,7 +17,7 @@ use super::texels::{Pattern, Places, fill, load_word, store, store_word};
 use crate::raster::Target;
 use crate::raster::primitive::Record;
 
-spirv_jit::vectors! {
+lanes::vectors! {
     /// Tests a primitive's fragments and writes what they leave.
     ///
     /// # Safety

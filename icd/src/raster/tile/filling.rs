@@ -1,6 +1,6 @@
 //! The input rows of a subgroup of fragments, filled.
 
-use spirv_jit::image::vector::Vector;
+use lanes::vector::Vector;
 use spirv_jit::program::{AlignedRow, Position};
 
 use super::inputs::{Fill, Fragments, Inputs, Steps, Weights};

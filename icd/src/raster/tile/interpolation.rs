@@ -1,7 +1,7 @@
 //! Numbers across a primitive, sixteen lanes at a time: planes, perspective-correct coordinates,
 //! depths.
 
-use spirv_jit::image::vector::Vector;
+use lanes::vector::Vector;
 
 use super::lanes::Row;
 use super::samples::from_center;

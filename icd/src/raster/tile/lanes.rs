@@ -1,11 +1,11 @@
 //! Sixteen pixels at once: four quads of four lanes, as fragment programs have them. In a 4×4
 //! block, lane `l` is pixel ([`LANE_X`]`[l]`, [`LANE_Y`]`[l]`).
 //!
-//! Loops over rows of sixteen become vectors by themselves; [`spirv_jit::vectors!`] compiles them
+//! Loops over rows of sixteen become vectors by themselves; [`lanes::vectors!`] compiles them
 //! for each instruction set. All of them compute the same bits: nothing is fused, nothing is
 //! reordered.
 
-use spirv_jit::image::vector::Vector;
+use lanes::vector::Vector;
 
 /// A word a lane.
 pub type Row = [u32; 16];

@@ -3,8 +3,8 @@
 
 use ash::vk;
 use lanes::Tier;
+use lanes::vector::Vector;
 use spirv_jit::Program;
-use spirv_jit::image::vector::Vector;
 use spirv_jit::program::{AlignedRow, OutputRow};
 
 use super::advanced::is_advanced;

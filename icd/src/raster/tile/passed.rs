@@ -2,8 +2,8 @@
 //! pass on varyings and constants.
 
 use lanes::Tier;
+use lanes::vector::Vector;
 use smallvec::SmallVec;
-use spirv_jit::image::vector::Vector;
 
 use super::inputs::{Inputs, Slope};
 use super::lanes::rows_of;
@@ -94,7 +94,7 @@ impl Passed {
     }
 }
 
-spirv_jit::vectors! {
+lanes::vectors! {
     /// The texels that are written, if all fragments leave the same.
     fn texels<V>(v, output: &Output, values: &[Value]) -> Option<Texels> {
         texels_of(v, output, values)

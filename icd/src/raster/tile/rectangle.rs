@@ -4,7 +4,7 @@
 
 #![forbid(unsafe_code)]
 
-use spirv_jit::image::vector::Vector;
+use lanes::vector::Vector;
 
 use super::coverage::NARROW;
 use super::lanes::{COLUMNS, IN_BLOCK, IN_ROW, ROWS};

@@ -1,8 +1,8 @@
 //! Sixteen fragments at a time: tests before the program, its inputs, tests after it and colours.
 
 use lanes::LaneMask;
+use lanes::vector::Vector;
 use spirv_jit::Program;
-use spirv_jit::image::vector::Vector;
 use spirv_jit::program::AlignedRow;
 
 use super::coarse::Spread;
@@ -19,7 +19,7 @@ use crate::compute::waves::Runner;
 use crate::raster::Chunk;
 use crate::raster::primitive::{Bounds, Record};
 
-spirv_jit::vectors! {
+lanes::vectors! {
     /// Does the tests of blocks that come before the program.
     ///
     /// # Safety
@@ -72,7 +72,7 @@ spirv_jit::vectors! {
     }
 }
 
-spirv_jit::vectors! {
+lanes::vectors! {
     /// Puts a wave's subgroups at the program's entry, with their inputs. `spread`: of packs whose
     /// fragments are of several pixels.
     pub fn start<V>(
@@ -114,7 +114,7 @@ spirv_jit::vectors! {
     }
 }
 
-spirv_jit::vectors! {
+lanes::vectors! {
     /// Late tests of a wave's fragments, and their colours.
     ///
     /// # Safety

@@ -1,7 +1,7 @@
 //! Texels of sixteen pixels, as words: loaded from an attachment and stored to it.
 
-use spirv_jit::eval::quad as axis;
-use spirv_jit::image::vector::{Task, Vector};
+use lanes::quad as axis;
+use lanes::vector::{Task, Vector};
 
 use super::lanes::{BY_ROWS, IN_BLOCK, IN_ROW, Row, load_words, row_of, rows_of};
 use crate::raster::Target;

@@ -2,8 +2,8 @@
 //! ([`Tinted`]): straight from coverage to attachments of four bytes, sixteen pixels at a time.
 
 use lanes::Tier;
+use lanes::vector::Vector;
 use smallvec::SmallVec;
-use spirv_jit::image::vector::Vector;
 use spirv_jit::interp::tinted::Sampling;
 use spirv_jit::ir::tinted::{Tint, Tinted};
 use spirv_jit::program::Passed;
@@ -56,7 +56,7 @@ impl<'a> Sampled<'a> {
     }
 }
 
-spirv_jit::vectors! {
+lanes::vectors! {
     /// Writes what a primitive's fragments leave; those of blocks have been tested.
     ///
     /// # Safety
@@ -99,7 +99,7 @@ spirv_jit::vectors! {
     }
 }
 
-spirv_jit::vectors! {
+lanes::vectors! {
     /// Writes what the fragments of two triangles leave that make up a rectangle, in the cells of
     /// `limit`.
     ///
@@ -135,7 +135,7 @@ spirv_jit::vectors! {
     }
 }
 
-spirv_jit::vectors! {
+lanes::vectors! {
     /// Texels at sixteen coordinates.
     ///
     /// # Safety

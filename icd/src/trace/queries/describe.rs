@@ -43,7 +43,7 @@ pub(super) fn describe_committed(
     }
 }
 
-spirv_jit::vectors! {
+lanes::vectors! {
     /// Writes words of an object, which begin at `at`, a row at a time.
     fn describe<V>(
         v,

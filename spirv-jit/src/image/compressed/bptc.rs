@@ -2,15 +2,16 @@
 //! arithmetic is whole numbers: `bcdec_rs` does it.
 #![forbid(unsafe_code)]
 
+use lanes::halves;
+
 use super::{ONE, Texel, bytes};
-use crate::image::format::small_float;
 
 /// Half floats of red, green and blue. Reserved modes give zeros.
 pub(super) fn bc6h(block: u128, signed: bool, texels: &mut [Texel]) {
     let mut halves = [0; 3 * 16];
     bcdec_rs::bc6h_half(&block.to_le_bytes(), &mut halves, 3 * 4, signed);
     for (texel, rgb) in texels.iter_mut().zip(halves.chunks_exact(3)) {
-        let word = |half: u16| small_float::half_to_f32(half).to_bits();
+        let word = |half: u16| halves::half_to_f32(half).to_bits();
         *texel = [word(rgb[0]), word(rgb[1]), word(rgb[2]), ONE];
     }
 }

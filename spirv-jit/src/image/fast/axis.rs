@@ -1,6 +1,7 @@
 //! From coordinates to texels, one axis at a time: as [`address`] has it.
 
-use super::super::vector::Vector;
+use lanes::vector::Vector;
+
 use super::super::{AddressMode, address};
 use super::Fast;
 

@@ -2,12 +2,12 @@
 
 use std::mem::offset_of;
 
+use lanes::vector::Vector;
+use lanes::{LANES, Row};
+
 use super::super::lod;
-use super::super::vector::Vector;
 use super::super::{Filter, Level, LodMode};
 use super::Fast;
-use crate::SUBGROUP_SIZE;
-use crate::row::Row;
 
 /// The levels of the lanes.
 pub(super) struct Levels<'a, V: Vector> {
@@ -212,7 +212,7 @@ impl Fast<'_> {
         if !self.has_levels() {
             return levels_of(v, &self.image.levels[0]);
         }
-        let mut row = [0; SUBGROUP_SIZE];
+        let mut row = [0; LANES];
         v.store_i(level, &mut row);
         let first = row[mask.trailing_zeros() as usize & 15];
         // Inactive lanes follow the first active one.

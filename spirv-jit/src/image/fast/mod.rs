@@ -9,19 +9,19 @@ mod taps;
 mod texels;
 mod whole;
 
+use lanes::vector::Vector;
+use lanes::{LANES, Row};
+
 use super::decode::Decoder;
 use super::format::FormatInfo;
 use super::format::block::{self, Texels};
 use super::format::layout::Codec;
 use super::lod;
 use super::operands::Operands;
-use super::vector::Vector;
 use super::{
     AddressMode, Dim, Filter, ImageDescriptor, ImageOp, ImageOpKind, LodMode, Reduction,
     SamplerDescriptor,
 };
-use crate::SUBGROUP_SIZE;
-use crate::row::Row;
 use crate::types::Type;
 pub(crate) use planes::Subgroups;
 pub(super) use taps::index_in_block;
@@ -397,7 +397,7 @@ impl Fast<'_> {
         if self.image.swizzle == [0, 1, 2, 3] {
             return values;
         }
-        let mut texels: Texels = [[0; SUBGROUP_SIZE]; 4];
+        let mut texels: Texels = [[0; LANES]; 4];
         for (value, row) in values.into_iter().zip(&mut texels) {
             v.store(value, row);
         }

@@ -5,16 +5,16 @@
 
 use std::hint::assert_unchecked;
 
+use lanes::vector::{Task, Vector};
+use lanes::{Row, quad};
+
 use super::super::decode::Field;
-use super::super::vector::{Task, Vector};
 use super::super::{AddressMode, LodMode};
 use super::axis::{Along, Axis};
 use super::levels::{Anisotropy, Levels, levels_of};
 use super::taps::Taps;
 use super::whole::gathered_component;
 use super::{Components, Fast};
-use crate::eval::quad;
-use crate::row::Row;
 
 /// The subgroups that sample, and their operands.
 pub(crate) trait Subgroups<V: Vector> {

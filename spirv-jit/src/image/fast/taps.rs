@@ -3,15 +3,16 @@
 
 use std::mem::MaybeUninit;
 
+use lanes::LANES;
+use lanes::vector::{Task, Vector};
+
 use super::super::decode::{Decoder, Field, expand};
 use super::super::format::block;
 use super::super::format::layout::BLOCK_INDEX_SHIFT;
 use super::super::sample;
-use super::super::vector::{Task, Vector};
 use super::axis::Axis;
 use super::levels::Levels;
 use super::{Components, Fast};
-use crate::SUBGROUP_SIZE;
 
 /// Most texels of a sample.
 const MOST: usize = 8;
@@ -484,14 +485,14 @@ impl Fast<'_> {
     /// The offsets are of texels, and in compressed formats the indices in blocks are set.
     #[inline(always)]
     unsafe fn each<V: Vector>(&self, v: V, at: V::I, index: MaybeUninit<V::I>) -> [V::I; 4] {
-        let (mut places, mut indices) = ([0; SUBGROUP_SIZE], [0; SUBGROUP_SIZE]);
+        let (mut places, mut indices) = ([0; LANES], [0; LANES]);
         v.store_i(at, &mut places);
         if self.block_shift != 0 {
             // SAFETY: the caller's promise.
             v.store_i(unsafe { index.assume_init() }, &mut indices);
         }
-        let mut offsets = [0u64; SUBGROUP_SIZE];
-        for lane in 0..SUBGROUP_SIZE {
+        let mut offsets = [0u64; LANES];
+        for lane in 0..LANES {
             offsets[lane] = places[lane] as u64 | (indices[lane] as u64) << BLOCK_INDEX_SHIFT;
         }
         // SAFETY: the caller's promise.

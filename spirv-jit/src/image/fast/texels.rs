@@ -1,15 +1,16 @@
 //! Texels around the lanes' places, and what they sum up to.
 
+use lanes::LANES;
+use lanes::vector::{QUADS, Task, Vector};
+
 use super::super::Level;
-use super::super::format::FormatInfo;
 use super::super::format::layout::Codec;
+use super::super::format::{FormatInfo, srgb};
 use super::super::texels;
-use super::super::vector::{QUADS, Task, Vector};
 use super::axis::Axis;
 use super::levels::Levels;
 use super::taps::Taps;
 use super::{Components, Fast};
-use crate::SUBGROUP_SIZE;
 
 /// A byte of each of four texels, linear between them.
 #[inline(always)]
@@ -30,7 +31,7 @@ fn blend_bytes<V: Vector>(v: V, words: [V::I; 4], index: u32, x: V::F, y: V::F) 
 /// The least of the indices of four lanes, which are those of a block's corners.
 #[inline(always)]
 fn least_of_corners<V: Vector>(v: V, indices: V::I) -> u32 {
-    let mut row = [0; SUBGROUP_SIZE];
+    let mut row = [0; LANES];
     v.store_i(indices, &mut row);
     row[0].min(row[5]).min(row[10].min(row[15]))
 }
@@ -189,7 +190,7 @@ impl Fast<'_> {
             }
             false => v.splat(0.0),
         };
-        let [upper_left, upper_right, lower_left, lower_right] = v.linear_of_srgb(words);
+        let [upper_left, upper_right, lower_left, lower_right] = v.bytes_in(&srgb::LINEAR, words);
         let mut blended = [alpha; 4];
         for (i, component) in blended.iter_mut().take(3).enumerate() {
             let upper = v.lerp(upper_left[i], upper_right[i], x.weight);
@@ -300,7 +301,7 @@ impl Fast<'_> {
         level: &Level,
         mask: u16,
     ) -> Option<V::I> {
-        let [mut columns, mut rows] = [[0; SUBGROUP_SIZE]; 2];
+        let [mut columns, mut rows] = [[0; LANES]; 2];
         v.store_i(x, &mut columns);
         v.store_i(y, &mut rows);
         let (left, top) = (columns[0], rows[0]);
@@ -396,7 +397,7 @@ impl Fast<'_> {
         words: [V::I; N],
         texels: &mut [Components<V>; N],
     ) {
-        let linear = v.linear_of_srgb(words);
+        let linear = v.bytes_in(&srgb::LINEAR, words);
         for (texel, [a, b, c]) in texels.iter_mut().zip(linear) {
             [texel[0], texel[1], texel[2]] = match self.info.codec {
                 Codec::Srgb8Bgra => [c, b, a],

@@ -3,19 +3,19 @@
 
 use std::mem::MaybeUninit;
 
+use lanes::vector::{Task, Vector};
+use lanes::{LANES, Row};
+
 use super::super::address::Ints;
 use super::super::format::Numeric;
 use super::super::format::block;
 use super::super::lod;
 use super::super::operands::Operands;
-use super::super::vector::{Task, Vector};
 use super::super::{AddressMode, CompareOp, ImageDescriptor, ImageOpKind, LodMode, cube, sample};
 use super::axis::{Along, Axis};
 use super::levels::{Levels, levels_of};
 use super::taps::{Taps, index_in_block};
 use super::{Components, Fast, Offsets};
-use crate::SUBGROUP_SIZE;
-use crate::row::Row;
 
 /// A block of such samples, compiled by itself, so that the code of common ones stays short.
 pub(super) struct Whole<'a, 'b> {
@@ -67,8 +67,8 @@ pub(super) fn gathered_component(op: &ImageOpKind, image: &ImageDescriptor) -> O
 
 #[inline(always)]
 fn vector_of<V: Vector>(v: V, ints: &Ints) -> V::I {
-    let mut row = [0; SUBGROUP_SIZE];
-    for lane in 0..SUBGROUP_SIZE {
+    let mut row = [0; LANES];
+    for lane in 0..LANES {
         row[lane] = ints[lane] as u32;
     }
     v.load_i(&row)
@@ -340,7 +340,7 @@ impl Fast<'_> {
                 coordinates: [v.splat(0.0); 3],
                 layer: self.layer_offset(v, coordinates.get(self.spatial).copied()),
                 first_face: v.splat_i(0),
-                face: [0; SUBGROUP_SIZE],
+                face: [0; LANES],
             };
             for axis in 0..self.spatial {
                 place.coordinates[axis] = v.load(coordinates[axis]);

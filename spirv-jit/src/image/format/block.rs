@@ -3,18 +3,20 @@
 //! Normalised formats are loaded in *units*, that is, before the division by 2^bits − 1, so that
 //! filtering divides once per result and not once per texel: [`finish`] turns units into values.
 
+use lanes::halves::half_to_f32;
+use lanes::{LANES, map};
+
 use super::codec::encode_unorm;
 use super::layout::{BLOCK_INDEX_SHIFT, Codec, FormatInfo};
-use super::{small_float, srgb};
-use crate::SUBGROUP_SIZE;
+use super::srgb;
 use crate::image::compressed::Blocks;
 
 /// A word per lane.
-pub type Lanes = [u32; SUBGROUP_SIZE];
+pub type Lanes = [u32; LANES];
 /// Four components of a texel per lane.
 pub type Texels = [Lanes; 4];
 /// A byte offset per lane.
-pub type Offsets = [u64; SUBGROUP_SIZE];
+pub type Offsets = [u64; LANES];
 
 /// An offset in bytes: 32 bits where the image is small enough, which halves the vectors.
 pub trait Offset: Copy {
@@ -45,8 +47,8 @@ pub(crate) unsafe fn gather<T: Copy + Default, O: Offset>(
     offsets: &[O; 16],
     at: usize,
 ) -> [T; 16] {
-    let mut values = [T::default(); SUBGROUP_SIZE];
-    for lane in 0..SUBGROUP_SIZE {
+    let mut values = [T::default(); LANES];
+    for lane in 0..LANES {
         // SAFETY: the caller's promise.
         values[lane] = unsafe {
             base.add(offsets[lane].bytes() + at)
@@ -55,17 +57,6 @@ pub(crate) unsafe fn gather<T: Copy + Default, O: Offset>(
         };
     }
     values
-}
-
-/// `array::map` as a loop: the library's is not always inlined, and then neither vectorised nor
-/// compiled for the caller's vectors.
-#[inline(always)]
-pub(crate) fn map<T: Copy, U: Copy + Default>(values: &[T; 16], f: impl Fn(T) -> U) -> [U; 16] {
-    let mut out = [U::default(); SUBGROUP_SIZE];
-    for lane in 0..SUBGROUP_SIZE {
-        out[lane] = f(values[lane]);
-    }
-    out
 }
 
 /// Units of a byte of each lane's word.
@@ -93,7 +84,7 @@ pub(crate) fn unit_scale(info: &FormatInfo) -> f32 {
 /// `base + offsets[lane]` is readable for the format's size, in every lane.
 #[inline(always)]
 pub unsafe fn load<O: Offset>(info: &FormatInfo, base: *const u8, offsets: &[O; 16]) -> Texels {
-    let mut texels = [[0; SUBGROUP_SIZE]; 4];
+    let mut texels = [[0; LANES]; 4];
     // SAFETY: each access lies inside the texel that the caller vouches for.
     unsafe {
         match info.codec {
@@ -107,8 +98,9 @@ pub unsafe fn load<O: Offset>(info: &FormatInfo, base: *const u8, offsets: &[O; 
                 let words = gather::<u32, O>(base, offsets, 0);
                 for component in 0..3 {
                     let shift = info.channels[component].offset as u32;
-                    texels[component] =
-                        map(&words, |word| srgb::LINEAR[(word >> shift & 0xff) as usize]);
+                    texels[component] = map(&words, |word| {
+                        srgb::LINEAR.words()[(word >> shift & 0xff) as usize]
+                    });
                 }
                 texels[3] = map(&words, |word| {
                     ((word >> 24) as i32 as f32 / 255.0).to_bits()
@@ -122,8 +114,7 @@ pub unsafe fn load<O: Offset>(info: &FormatInfo, base: *const u8, offsets: &[O; 
             Codec::Half(count) => {
                 for component in 0..count as usize {
                     let halves = gather::<u16, O>(base, offsets, 2 * component);
-                    texels[component] =
-                        map(&halves, |half| small_float::half_to_f32(half).to_bits());
+                    texels[component] = map(&halves, |half| half_to_f32(half).to_bits());
                 }
             }
             Codec::Unorm16(count) => {
@@ -149,8 +140,8 @@ pub unsafe fn load<O: Offset>(info: &FormatInfo, base: *const u8, offsets: &[O; 
 /// As [`load`].
 #[inline(never)]
 unsafe fn load_generic<O: Offset>(info: &FormatInfo, base: *const u8, offsets: &[O; 16]) -> Texels {
-    let mut texels = [[0; SUBGROUP_SIZE]; 4];
-    for lane in 0..SUBGROUP_SIZE {
+    let mut texels = [[0; LANES]; 4];
+    for lane in 0..LANES {
         // SAFETY: the caller's promise.
         let bytes = unsafe {
             std::slice::from_raw_parts(base.add(offsets[lane].bytes()), info.size_bytes as usize)
@@ -172,8 +163,8 @@ unsafe fn load_blocks<O: Offset>(
     base: *const u8,
     offsets: &[O; 16],
 ) -> Texels {
-    let mut texels = [[0; SUBGROUP_SIZE]; 4];
-    for lane in 0..SUBGROUP_SIZE {
+    let mut texels = [[0; LANES]; 4];
+    for lane in 0..LANES {
         let (offset, index) = parts(offsets[lane].bytes() as u64);
         // SAFETY: the caller's promise.
         let bits = unsafe {
@@ -207,7 +198,7 @@ pub fn finish(info: &FormatInfo, texels: &mut Texels) {
     let scale = unit_scale(info);
     for (component, row) in texels.iter_mut().enumerate() {
         if info.channels[component].bits == 0 {
-            *row = [info.missing(component); SUBGROUP_SIZE];
+            *row = [info.missing(component); LANES];
         } else if scale != 1.0 {
             *row = map(row, |units| (f32::from_bits(units) / scale).to_bits());
         }
@@ -239,9 +230,9 @@ pub unsafe fn store(
     };
     match info.codec {
         Codec::Unorm8(4) => {
-            let mut words = [0; SUBGROUP_SIZE];
+            let mut words = [0; LANES];
             for (component, row) in texels.iter().enumerate() {
-                for lane in 0..SUBGROUP_SIZE {
+                for lane in 0..LANES {
                     words[lane] |= encode_unorm(row[lane], 8) << (8 * component);
                 }
             }

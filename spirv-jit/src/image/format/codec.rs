@@ -1,6 +1,8 @@
 //! One texel to four words and back (spec, "Fixed-Point Data Conversions" and "Texel Output Format
 //! Conversion").
 
+use lanes::halves;
+
 use super::layout::{Channel, Codec, FormatInfo, Numeric};
 use super::{MAX_TEXEL_BYTES, small_float, srgb};
 use crate::image::compressed::MAX_BLOCK_BYTES;
@@ -53,7 +55,7 @@ impl FormatInfo {
             Codec::Half(count) => std::array::from_fn(|i| {
                 if i < count as usize {
                     let half = u16::from_le_bytes([texel[2 * i], texel[2 * i + 1]]);
-                    small_float::half_to_f32(half).to_bits()
+                    halves::half_to_f32(half).to_bits()
                 } else {
                     self.missing(i)
                 }
@@ -105,7 +107,7 @@ impl FormatInfo {
             }
             Codec::Half(count) => {
                 for i in 0..count as usize {
-                    let half = small_float::f32_to_half(f32::from_bits(words[i]));
+                    let half = halves::f32_to_half(f32::from_bits(words[i]));
                     texel[2 * i..2 * i + 2].copy_from_slice(&half.to_le_bytes());
                 }
             }
@@ -186,7 +188,7 @@ fn decode_channel(c: u64, bits: u32, numeric: Numeric, component: usize) -> u32 
         Numeric::Sint => sign_extend(c, bits) as u32,
         Numeric::Ufloat => small_float::ufloat_to_f32(c as u32, bits - 5).to_bits(),
         Numeric::Sfloat => match bits {
-            16 => small_float::half_to_f32(c as u16).to_bits(),
+            16 => halves::half_to_f32(c as u16).to_bits(),
             32 => c as u32,
             _ => (f64::from_bits(c) as f32).to_bits(),
         },
@@ -232,7 +234,7 @@ fn encode_channel(word: u32, bits: u32, numeric: Numeric, component: usize) -> u
         }
         Numeric::Ufloat => small_float::f32_to_ufloat(f32::from_bits(word), bits - 5) as u64,
         Numeric::Sfloat => match bits {
-            16 => small_float::f32_to_half(f32::from_bits(word)) as u64,
+            16 => halves::f32_to_half(f32::from_bits(word)) as u64,
             32 => word as u64,
             _ => (f32::from_bits(word) as f64).to_bits(),
         },

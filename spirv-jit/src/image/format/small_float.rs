@@ -1,28 +1,9 @@
-//! Floats of fewer than 32 bits: 16-bit, unsigned 11- and 10-bit, and the shared exponent (spec,
+//! Floats of fewer than 32 bits that have no sign: unsigned 11- and 10-bit, and the shared exponent (spec,
 //! "Fixed-Point Data Conversions" and the sections on 16-bit, 11-bit and 10-bit floats and on
 //! `VK_FORMAT_E5B9G9R9_UFLOAT_PACK32`).
 #![forbid(unsafe_code)]
 
-/// f16 bits to f32, exactly; branch-free, so that a loop over it vectorises.
-#[inline(always)]
-pub fn half_to_f32(half: u16) -> f32 {
-    let magnitude = (half as u32 & 0x7fff) << 13;
-    // Rebias by a product: it also normalises subnormals, exactly.
-    let rebiased = (f32::from_bits(magnitude) * f32::from_bits(0x7780_0000)).to_bits();
-    let is_special = magnitude >= 0x0f80_0000;
-    let bits = if is_special {
-        magnitude | 0x7f80_0000
-    } else {
-        rebiased
-    };
-    f32::from_bits(bits | (half as u32 & 0x8000) << 16)
-}
-
-/// f32 to f16 bits, round to nearest even; overflow gives infinity; NaN stays NaN.
-#[inline]
-pub fn f32_to_half(value: f32) -> u16 {
-    half::f16::from_f32_const(value).to_bits()
-}
+use lanes::halves::half_to_f32;
 
 /// Unsigned float with 5 exponent bits and `mantissa` bits of mantissa, to f32.
 #[inline]

@@ -1,9 +1,11 @@
 //! The sRGB transfer function on 8 bits, correctly rounded in both directions (Khronos Data Format
 //! specification, "sRGB EOTF").
 
+use lanes::vector::ByteTable;
+
 /// Linear values of the 256 codes, as f32 bits.
 #[rustfmt::skip]
-pub(in crate::image) static LINEAR: [u32; 256] = [
+pub(in crate::image) static LINEAR: ByteTable = ByteTable::new([
     0x00000000, 0x399f22b4, 0x3a1f22b4, 0x3a6eb40e, 0x3a9f22b4, 0x3ac6eb61, 0x3aeeb40e, 0x3b0b3e5d, 0x3b1f22b4, 0x3b33070a,
     0x3b46eb61, 0x3b5b518e, 0x3b70f18f, 0x3b83e1c6, 0x3b8fe616, 0x3b9c87fd, 0x3ba9c9b6, 0x3bb7ad6f, 0x3bc6354a, 0x3bd56360,
     0x3be539c1, 0x3bf5ba71, 0x3c0373b6, 0x3c0c6153, 0x3c15a705, 0x3c1f45be, 0x3c293e6b, 0x3c3391f7, 0x3c3e4149, 0x3c494d44,
@@ -30,7 +32,7 @@ pub(in crate::image) static LINEAR: [u32; 256] = [
     0x3f4a9280, 0x3f4c91ff, 0x3f4e946c, 0x3f5099c9, 0x3f52a216, 0x3f54ad56, 0x3f56bb88, 0x3f58ccaf, 0x3f5ae0cc, 0x3f5cf7df,
     0x3f5f11ea, 0x3f612eef, 0x3f634eee, 0x3f6571e9, 0x3f6797e0, 0x3f69c0d5, 0x3f6becca, 0x3f6e1bbf, 0x3f704db5, 0x3f7282ae,
     0x3f74baab, 0x3f76f5ae, 0x3f7933b6, 0x3f7b74c6, 0x3f7db8de, 0x3f800000,
-];
+]);
 
 /// For each code but the last, the bits of the smallest f32 that encodes to more than it.
 #[rustfmt::skip]
@@ -66,7 +68,7 @@ static THRESHOLDS: [u32; 255] = [
 /// The linear value of a code.
 #[inline(always)]
 pub fn decode(code: u8) -> f32 {
-    f32::from_bits(LINEAR[code as usize])
+    f32::from_bits(LINEAR.words()[code as usize])
 }
 
 /// Numbers below this, 2^-13, have code 0.

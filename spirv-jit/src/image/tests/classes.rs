@@ -3,16 +3,16 @@
 //! image.
 
 use fastrand::Rng;
+use lanes::Tier;
+use lanes::vector::Vector;
 
 use super::super::decode::Decoder;
 use super::super::fast::Fast;
 use super::super::operands::Operands;
 use super::super::plain::Plain;
-use super::super::vector::Vector;
 use super::super::{lod, sample};
 use super::vectors::{Case, in_every_tier};
 use super::*;
-use lanes::Tier;
 
 /// Memory between pages that cannot be read: its last byte is a page's last.
 struct Guarded {

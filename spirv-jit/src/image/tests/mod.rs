@@ -5,9 +5,9 @@ use super::execute::execute_block;
 use super::*;
 use crate::environment::Descriptor;
 use crate::interp::images::execute;
-use crate::row::Row;
 use crate::types::AtomicOp;
 use crate::types::Type;
+use lanes::Row;
 use proptest::prelude::*;
 
 mod access;

@@ -243,7 +243,7 @@ proptest! {
         unsafe {
             sample::sample(Tier::best(), &op, &operands, &image.descriptor, info, &s, mask, &mut general);
             sample::sample_fast(Tier::best(), &fast_sample, &operands, mask, &mut fast);
-            fast_sample.sample(vector::Portable, &operands, mask, &mut portable);
+            fast_sample.sample(lanes::vector::Portable, &operands, mask, &mut portable);
         }
         for lane in (0..16).filter(|lane| mask >> lane & 1 == 1) {
             for component in 0..op.result_rows() {
@@ -309,7 +309,7 @@ proptest! {
         // SAFETY: the image's memory is alive.
         unsafe {
             sample::sample_fast(Tier::best(), &fast_sample, &operands, mask, &mut fast);
-            fast_sample.sample(vector::Portable, &operands, mask, &mut portable);
+            fast_sample.sample(lanes::vector::Portable, &operands, mask, &mut portable);
             sample::sample(Tier::best(), &op, &operands, &image.descriptor, info, &s, mask, &mut general);
         }
         for lane in (0..16).filter(|lane| mask >> lane & 1 == 1) {

@@ -1,13 +1,14 @@
 //! Uniform values: constants into rows of their own, the rest into code that runs before a wave
 //! goes on.
 
+use lanes::AlignedRow;
+
 use super::Emitter;
 use crate::Error;
 use crate::interp::operand::Operand;
 use crate::interp::tier::Portable;
 use crate::interp::{tier::Tier, yields};
 use crate::ir::{Inst, Op, Type};
-use crate::row::AlignedRow;
 
 impl Emitter<'_> {
     /// Emits the prologue.

@@ -2,13 +2,12 @@
 
 use std::arch::x86_64::*;
 
-use lanes::LaneMask;
+use lanes::{LaneMask, Row};
 
 use super::{Gather, Layout, Rows, load_singly, store_singly};
 use crate::SUBGROUP_SIZE;
 use crate::interp::kernels::Lane;
 use crate::interp::tier::{Avx2, Avx512};
-use crate::row::Row;
 
 /// Lanes whose words are put together in a quarter of a row.
 const TOGETHER: usize = 4;

@@ -3,12 +3,12 @@
 use std::marker::PhantomData;
 
 use half::f16;
-use lanes::Tier as TierKind;
+use lanes::vector::{self, Vector};
+use lanes::{Tier as TierKind, quad};
 
 use super::lane::{Lane, at};
 use crate::SUBGROUP_SIZE;
-use crate::eval::{Float, quad};
-use crate::image::vector::{self, Vector};
+use crate::eval::{self, Float};
 use crate::interp::machine::{Handler, Instr, Machine};
 use crate::interp::tier::{Kernel, Portable, Tier};
 use crate::ir::{Op, Type};
@@ -70,7 +70,7 @@ impl<F: Lane + Float, const AXIS: usize> Kernel for Derivative<F, AXIS> {
                     values[k] = F::read(x[k]);
                 }
                 let active = m.active[subgroup as usize].bits();
-                let results = quad::derivative::<F, AXIS>(&values, active);
+                let results = eval::quad::derivative::<F, AXIS>(&values, active);
                 let mut r = [F::Slot::default(); SUBGROUP_SIZE];
                 for k in 0..SUBGROUP_SIZE {
                     r[k] = results[k].write();

@@ -1,8 +1,9 @@
 //! Permutations of lanes, in each instruction set.
 
+use lanes::Row;
+
 use crate::SUBGROUP_SIZE;
 use crate::interp::tier::{Portable, Tier};
-use crate::row::Row;
 
 type Pairs = [u64; SUBGROUP_SIZE];
 
@@ -78,7 +79,7 @@ mod x86 {
 
     use super::{Pairs, Permute, shuffle_singly};
     use crate::interp::tier::{Avx2, Avx512};
-    use crate::row::Row;
+    use lanes::Row;
 
     impl Permute for Avx2 {
         #[inline(always)]

@@ -1,6 +1,6 @@
 //! Loads and stores of whole subgroups, in every tier, against copies of single bytes.
 
-use lanes::{LaneMask, Tier as TierKind};
+use lanes::{LaneMask, Row, Tier as TierKind};
 use shaders::sparse::Sparse;
 
 use crate::SUBGROUP_SIZE;
@@ -9,7 +9,6 @@ use crate::interp::kernels::Lane;
 use crate::interp::tier::Portable;
 #[cfg(target_arch = "x86_64")]
 use crate::interp::tier::{Avx2, Avx512};
-use crate::row::Row;
 
 /// Bytes that lanes load from.
 const SIZE_BYTES: usize = 203;

@@ -12,14 +12,13 @@ mod pairs;
 mod subgroups;
 mod yields;
 
-use lanes::{LaneMask, Tier as TierKind};
+use lanes::{AlignedRow, LaneMask, Tier as TierKind};
 
 use super::Frame;
 use crate::environment::Environment;
 use crate::ir::text::parse_module;
 use crate::ir::verify::verify;
 use crate::program::Program;
-use crate::row::AlignedRow;
 use crate::state::{Event, SiteKind, Wave};
 
 /// A program with the states of some subgroups.

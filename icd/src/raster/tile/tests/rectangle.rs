@@ -1,6 +1,6 @@
 //! Rectangles of two triangles: what they cover, pixel by pixel.
 
-use spirv_jit::image::vector::{Portable, Vector};
+use lanes::vector::{Portable, Vector};
 
 use super::support::{Random, edges};
 use crate::raster::primitive::{Bounds, Coverage, Edge, Shape};

@@ -10,7 +10,7 @@ use super::support::{Canvas, Random};
 use crate::raster::Target;
 use crate::raster::primitive::Bounds;
 
-spirv_jit::vectors! {
+lanes::vectors! {
     /// Loads texels, then stores others.
     ///
     /// # Safety

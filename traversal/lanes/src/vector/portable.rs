@@ -1,22 +1,19 @@
 //! Arrays and loops.
 
 use super::{QUADS, Task, Vector};
-use crate::SUBGROUP_SIZE;
-use crate::image::bounds::quiet;
-use crate::image::format::block::map;
-use crate::image::format::small_float;
-use crate::row::Row;
+use crate::bounds::quiet;
+use crate::{LANES, Row, halves, map};
 
 #[derive(Clone, Copy)]
 pub struct Portable;
 
-type F = [f32; SUBGROUP_SIZE];
-type I = [i32; SUBGROUP_SIZE];
+type F = [f32; LANES];
+type I = [i32; LANES];
 
 #[inline(always)]
 fn zip<T: Copy, U: Copy + Default>(a: &[T; 16], b: &[T; 16], f: impl Fn(T, T) -> U) -> [U; 16] {
-    let mut out = [U::default(); SUBGROUP_SIZE];
-    for lane in 0..SUBGROUP_SIZE {
+    let mut out = [U::default(); LANES];
+    for lane in 0..LANES {
         out[lane] = f(a[lane], b[lane]);
     }
     out
@@ -24,7 +21,7 @@ fn zip<T: Copy, U: Copy + Default>(a: &[T; 16], b: &[T; 16], f: impl Fn(T, T) ->
 
 #[inline(always)]
 fn bits<T: Copy>(a: &[T; 16], b: &[T; 16], f: impl Fn(T, T) -> bool) -> u16 {
-    (0..SUBGROUP_SIZE).fold(0, |all, lane| all | (f(a[lane], b[lane]) as u16) << lane)
+    (0..LANES).fold(0, |all, lane| all | (f(a[lane], b[lane]) as u16) << lane)
 }
 
 impl Vector for Portable {
@@ -39,11 +36,11 @@ impl Vector for Portable {
 
     #[inline(always)]
     fn splat(self, x: f32) -> F {
-        [x; SUBGROUP_SIZE]
+        [x; LANES]
     }
     #[inline(always)]
     fn splat_i(self, x: i32) -> I {
-        [x; SUBGROUP_SIZE]
+        [x; LANES]
     }
     #[inline(always)]
     fn load(self, row: &Row) -> F {
@@ -139,11 +136,11 @@ impl Vector for Portable {
     }
     #[inline(always)]
     fn to_half(self, a: F) -> I {
-        map(&a, |x| small_float::f32_to_half(x) as i32)
+        map(&a, |x| halves::f32_to_half(x) as i32)
     }
     #[inline(always)]
     fn quiet_half_to_f(self, half: I) -> F {
-        map(&half, |x| small_float::half_to_f32(x as u16))
+        map(&half, |x| halves::half_to_f32(x as u16))
     }
     #[inline(always)]
     fn add_i(self, a: I, b: I) -> I {
@@ -220,7 +217,7 @@ impl Vector for Portable {
     #[inline(always)]
     fn keep(self, a: I, mask: u16) -> I {
         let mut out = a;
-        for lane in 0..SUBGROUP_SIZE {
+        for lane in 0..LANES {
             out[lane] &= -((mask >> lane & 1) as i32);
         }
         out
@@ -248,7 +245,7 @@ impl Vector for Portable {
     #[inline(always)]
     fn select(self, mask: u16, a: I, b: I) -> I {
         let mut out = b;
-        for lane in 0..SUBGROUP_SIZE {
+        for lane in 0..LANES {
             if mask >> lane & 1 != 0 {
                 out[lane] = a[lane];
             }
@@ -257,8 +254,8 @@ impl Vector for Portable {
     }
     #[inline(always)]
     fn quads(self, words: &[u32; 4]) -> I {
-        let mut lanes = [0; SUBGROUP_SIZE];
-        for lane in 0..SUBGROUP_SIZE {
+        let mut lanes = [0; LANES];
+        for lane in 0..LANES {
             lanes[lane] = words[lane / 4] as i32;
         }
         lanes
@@ -267,7 +264,7 @@ impl Vector for Portable {
     #[inline(always)]
     fn sides<const AXIS: usize>(self, a: F) -> (F, F) {
         let (mut first, mut second) = (a, a);
-        for lane in 0..SUBGROUP_SIZE {
+        for lane in 0..LANES {
             first[lane] = a[lane & !AXIS];
             second[lane] = a[lane | AXIS];
         }
@@ -276,7 +273,7 @@ impl Vector for Portable {
 
     #[inline(always)]
     unsafe fn load_quads(self, at: *const u8, stride_bytes: usize) -> I {
-        let mut out = [0; SUBGROUP_SIZE];
+        let mut out = [0; LANES];
         for row in 0..4 {
             // SAFETY: the caller's promise.
             let words = unsafe {
@@ -302,8 +299,8 @@ impl Vector for Portable {
     }
     #[inline(always)]
     unsafe fn load_quads_of_shorts(self, at: *const u8, stride_bytes: usize) -> I {
-        let mut out = [0; SUBGROUP_SIZE];
-        for lane in 0..SUBGROUP_SIZE {
+        let mut out = [0; LANES];
+        for lane in 0..LANES {
             let (column, row) = (QUADS[0][lane] as usize, QUADS[1][lane] as usize);
             // SAFETY: the caller's promise.
             let short = unsafe {
@@ -316,7 +313,7 @@ impl Vector for Portable {
     }
     #[inline(always)]
     unsafe fn store_quads_of_shorts(self, a: I, at: *mut u8, stride_bytes: usize) {
-        for lane in 0..SUBGROUP_SIZE {
+        for lane in 0..LANES {
             let (column, row) = (QUADS[0][lane] as usize, QUADS[1][lane] as usize);
             // SAFETY: the caller's promise.
             unsafe {
@@ -327,8 +324,8 @@ impl Vector for Portable {
     }
     #[inline(always)]
     unsafe fn load_each_quad(self, at: [*const u8; 4], stride_bytes: usize) -> I {
-        let mut out = [0; SUBGROUP_SIZE];
-        for lane in 0..SUBGROUP_SIZE {
+        let mut out = [0; LANES];
+        for lane in 0..LANES {
             let row = at[lane / 4].wrapping_add(lane / 2 % 2 * stride_bytes);
             // SAFETY: the caller's promise.
             out[lane] = unsafe { row.cast::<i32>().add(lane % 2).read_unaligned() };
@@ -343,7 +340,7 @@ impl Vector for Portable {
         at: [*mut u8; 4],
         stride_bytes: usize,
     ) {
-        for lane in 0..SUBGROUP_SIZE {
+        for lane in 0..LANES {
             if mask >> lane & 1 == 0 {
                 continue;
             }
@@ -357,8 +354,8 @@ impl Vector for Portable {
     }
     #[inline(always)]
     unsafe fn load_quads_of_pairs(self, at: *const u8, stride_bytes: usize) -> (I, I) {
-        let (mut a, mut b) = ([0; SUBGROUP_SIZE], [0; SUBGROUP_SIZE]);
-        for lane in 0..SUBGROUP_SIZE {
+        let (mut a, mut b) = ([0; LANES], [0; LANES]);
+        for lane in 0..LANES {
             let (column, row) = (QUADS[0][lane] as usize, QUADS[1][lane] as usize);
             // SAFETY: the caller's promise.
             let pair = unsafe {
@@ -371,7 +368,7 @@ impl Vector for Portable {
     }
     #[inline(always)]
     unsafe fn store_quads_of_pairs(self, a: I, b: I, at: *mut u8, stride_bytes: usize) {
-        for lane in 0..SUBGROUP_SIZE {
+        for lane in 0..LANES {
             let (column, row) = (QUADS[0][lane] as usize, QUADS[1][lane] as usize);
             // SAFETY: the caller's promise.
             unsafe {

@@ -8,7 +8,7 @@
 
 /// The number; a quiet NaN for a signalling one where LLVM would tell them apart.
 #[inline(always)]
-pub(super) fn quiet(x: f32) -> f32 {
+pub fn quiet(x: f32) -> f32 {
     if cfg!(target_arch = "x86_64") {
         return x;
     }
@@ -20,14 +20,14 @@ pub(super) fn quiet(x: f32) -> f32 {
 
 /// The lesser; `x` if they are equal, the number if one is NaN.
 #[inline(always)]
-pub(super) fn min(x: f32, y: f32) -> f32 {
+pub fn min(x: f32, y: f32) -> f32 {
     let (x, y) = (quiet(x), quiet(y));
     if y < x || x.is_nan() { y } else { x }
 }
 
 /// The greater; `x` if they are equal, the number if one is NaN.
 #[inline(always)]
-pub(super) fn max(x: f32, y: f32) -> f32 {
+pub fn max(x: f32, y: f32) -> f32 {
     let (x, y) = (quiet(x), quiet(y));
     if y > x || x.is_nan() { y } else { x }
 }
@@ -35,7 +35,7 @@ pub(super) fn max(x: f32, y: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::image::vector::{Portable, Vector};
+    use crate::vector::{Portable, Vector};
 
     /// Of both kinds and signs; the first two are signalling.
     const NANS: [u32; 4] = [0x7fb8_c2b3, 0xff80_0001, 0x7fc0_0000, 0xffff_ff32];

@@ -12,6 +12,8 @@ mod avx512;
 mod portable;
 #[cfg(target_arch = "x86_64")]
 mod quads;
+#[cfg(test)]
+mod tests;
 
 #[cfg(target_arch = "x86_64")]
 pub use avx2::Avx2;
@@ -19,9 +21,7 @@ pub use avx2::Avx2;
 pub use avx512::Avx512;
 pub use portable::Portable;
 
-use crate::eval::quad;
-use crate::image::format::srgb::LINEAR;
-use crate::row::Row;
+use crate::{Row, quad};
 
 /// 1.5 · 2^23: the last place of a sum with it is worth 1, so that a fused multiply-add rounds its
 /// product to an integer, once.
@@ -43,7 +43,7 @@ macro_rules! vectors {
         $name:ident<$V:ident>($v:ident, $($arg:ident: $ty:ty),* $(,)?) $(-> $ret:ty)? $body:block) => {
         $(#[$doc])*
         $vis $($unsafe)? fn $name(tier: $crate::Tier, $($arg: $ty),*) $(-> $ret)? {
-            use $crate::image::vector;
+            use $crate::vector;
             #[inline(always)]
             $($unsafe)? fn body<$V: vector::Vector>($v: $V, $($arg: $ty),*) $(-> $ret)? $body
             #[cfg(target_arch = "x86_64")]
@@ -121,9 +121,8 @@ pub trait Vector: Copy {
     /// rounded, though no division where there are fused multiply-adds: that was checked for every
     /// such `a`.
     fn div_units(self, a: Self::F, divisor: f32) -> Self::F;
-    /// `a / divisor`, where `high` and `low` are the reciprocal's parts (see
-    /// [`Divisor`](crate::image::decode)) and `a` is one of the numbers for which they
-    /// were checked.
+    /// `a / divisor`, correctly rounded without a division: `high` is the rounded reciprocal, `low`
+    /// its rounding error. The caller has checked that this holds for all such `a`.
     fn quotient(self, a: Self::F, divisor: Self::F, high: Self::F, low: Self::F) -> Self::F;
     fn div(self, a: Self::F, b: Self::F) -> Self::F;
     /// Correctly rounded.
@@ -144,7 +143,7 @@ pub trait Vector: Copy {
     fn to_half(self, a: Self::F) -> Self::I;
     /// The numbers of those, of which signalling NaNs become quiet, as they do in arithmetic.
     fn quiet_half_to_f(self, half: Self::I) -> Self::F;
-    /// The numbers of those: as [`half_to_f32`](crate::image::format::small_float::half_to_f32).
+    /// The numbers of those: as [`half_to_f32`](crate::halves::half_to_f32).
     #[inline(always)]
     fn half_to_f(self, half: Self::I) -> Self::F {
         let bits = self.bits_of(self.quiet_half_to_f(half));
@@ -197,7 +196,7 @@ pub trait Vector: Copy {
     /// Four words, four lanes each.
     fn quads(self, words: &[u32; 4]) -> Self::I;
 
-    /// In each lane of a quad (see [`quad`](crate::eval::quad)) the number of the one with the bit
+    /// In each lane of a quad (see [`quad`]) the number of the one with the bit
     /// `AXIS` of its index clear, and of the one with it set.
     fn sides<const AXIS: usize>(self, a: Self::F) -> (Self::F, Self::F);
 
@@ -304,10 +303,10 @@ pub trait Vector: Copy {
     /// Sixteen bytes are readable at each.
     unsafe fn gather_quads(self, base: *const u8, offsets: Self::I) -> [Self::I; 4];
 
-    /// Linear values of the three lower bytes of words, which are sRGB codes.
+    /// The numbers that a table has for the three lower bytes of words.
     #[inline(always)]
-    fn linear_of_srgb<const N: usize>(self, words: [Self::I; N]) -> [[Self::F; 3]; N] {
-        gathered_srgb(self, words)
+    fn bytes_in<const N: usize>(self, table: &ByteTable, words: [Self::I; N]) -> [[Self::F; 3]; N] {
+        gathered_bytes(self, table, words)
     }
 
     /// Does the task in a function of its own, compiled for the instruction set: keeps rare work
@@ -334,21 +333,59 @@ pub trait Vector: Copy {
 }
 
 /// Columns and rows of lanes that are four 2×2 quads, as [`Vector::load_quads`] loads them.
-pub(super) const QUADS: [Row; 2] = [
+pub const QUADS: [Row; 2] = [
     [0, 1, 0, 1, 2, 3, 2, 3, 0, 1, 0, 1, 2, 3, 2, 3],
     [0, 0, 1, 1, 0, 0, 1, 1, 2, 2, 3, 3, 2, 2, 3, 3],
 ];
 
-/// [`Vector::linear_of_srgb`] by gathers.
-#[inline(always)]
-fn gathered_srgb<V: Vector, const N: usize>(v: V, words: [V::I; N]) -> [[V::F; 3]; N] {
-    let mut linear = [[v.splat(0.0); 3]; N];
-    for (word, linear) in words.into_iter().zip(&mut linear) {
-        for (index, linear) in linear.iter_mut().enumerate() {
-            let at = v.left_i(v.byte(word, index as u32), 2);
-            // SAFETY: the table has an entry for every byte.
-            *linear = v.bits_to_f(unsafe { v.gather(LINEAR.as_ptr().cast(), at) });
+/// Words by a byte, once in their order and once as the planes of their bytes, which permutes take.
+#[repr(align(64))]
+pub struct ByteTable {
+    /// The lowest byte of each word, then the second ones.
+    #[cfg(target_arch = "x86_64")]
+    planes: [[u8; 256]; 4],
+    words: [u32; 256],
+}
+
+impl ByteTable {
+    pub const fn new(words: [u32; 256]) -> ByteTable {
+        #[cfg(target_arch = "x86_64")]
+        let planes = {
+            let mut planes = [[0; 256]; 4];
+            let mut at = 0;
+            while at < 4 * 256 {
+                planes[at % 4][at / 4] = words[at / 4].to_le_bytes()[at % 4];
+                at += 1;
+            }
+            planes
+        };
+        ByteTable {
+            #[cfg(target_arch = "x86_64")]
+            planes,
+            words,
         }
     }
-    linear
+
+    #[inline(always)]
+    pub const fn words(&self) -> &[u32; 256] {
+        &self.words
+    }
+}
+
+/// [`Vector::bytes_in`] by gathers.
+#[inline(always)]
+fn gathered_bytes<V: Vector, const N: usize>(
+    v: V,
+    table: &ByteTable,
+    words: [V::I; N],
+) -> [[V::F; 3]; N] {
+    let mut entries = [[v.splat(0.0); 3]; N];
+    for (word, entries) in words.into_iter().zip(&mut entries) {
+        for (index, entry) in entries.iter_mut().enumerate() {
+            let at = v.left_i(v.byte(word, index as u32), 2);
+            // SAFETY: the table has an entry for every byte.
+            *entry = v.bits_to_f(unsafe { v.gather(table.words.as_ptr().cast(), at) });
+        }
+    }
+    entries
 }

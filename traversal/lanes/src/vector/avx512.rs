@@ -2,14 +2,10 @@
 
 use std::arch::x86_64::*;
 
-use lanes::{gathers_slowly, has_byte_permutes};
-
 use super::avx2::four_scalars;
 use super::quads::{half_of_pairs, put_quads, put_quads_of_shorts, quad_at, quads_of_shorts};
-use super::{Line, Task, Vector, gathered_srgb};
-use crate::eval::quad;
-use crate::image::format::srgb::LINEAR;
-use crate::row::Row;
+use super::{ByteTable, Line, Task, Vector, gathered_bytes};
+use crate::{Row, gathers_slowly, has_byte_permutes, quad};
 
 /// AVX-512 F, VL, DQ and BW.
 #[derive(Clone, Copy)]
@@ -322,11 +318,11 @@ impl Vector for Avx512 {
     }
 
     #[inline(always)]
-    fn linear_of_srgb<const N: usize>(self, words: [I; N]) -> [[F; 3]; N] {
+    fn bytes_in<const N: usize>(self, table: &ByteTable, words: [I; N]) -> [[F; 3]; N] {
         match has_byte_permutes() {
             // SAFETY: the machine has AVX-512 VBMI, and what the token says.
-            true => unsafe { permuted_srgb(words) },
-            false => gathered_srgb(self, words),
+            true => unsafe { permuted_bytes(table, words) },
+            false => gathered_bytes(self, table, words),
         }
     }
 
@@ -344,32 +340,12 @@ impl Vector for Avx512 {
     }
 }
 
-/// The bytes of the linear values of all sRGB codes: the lowest of each, then the second ones.
-static LINEAR_BYTES: Aligned = {
-    let mut bytes = [[0; 256]; 4];
-    let mut code = 0;
-    while code < 256 {
-        let value = LINEAR[code].to_le_bytes();
-        let mut i = 0;
-        while i < 4 {
-            bytes[i][code] = value[i];
-            i += 1;
-        }
-        code += 1;
-    }
-    Aligned(bytes)
-};
-
-/// On a register's boundary.
-#[repr(align(64))]
-struct Aligned([[u8; 256]; 4]);
-
-/// [`Vector::linear_of_srgb`] by permutes of bytes instead of gathers.
+/// [`Vector::bytes_in`] by permutes of bytes instead of gathers.
 #[inline(never)]
 #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx512vbmi,avx2")]
-fn permuted_srgb<const N: usize>(words: [I; N]) -> [[F; 3]; N] {
+fn permuted_bytes<const N: usize>(table: &ByteTable, words: [I; N]) -> [[F; 3]; N] {
     let mut planes = [[_mm512_setzero_si512(); 4]; N];
-    for (i, table) in LINEAR_BYTES.0.iter().enumerate() {
+    for (i, table) in table.planes.iter().enumerate() {
         let at = table.as_ptr().cast::<I>();
         // SAFETY: the table is four registers long, and on a register's boundary.
         let [a, b, c, d] = unsafe { [*at, *at.add(1), *at.add(2), *at.add(3)] };
@@ -380,9 +356,9 @@ fn permuted_srgb<const N: usize>(words: [I; N]) -> [[F; 3]; N] {
             planes[i] = _mm512_mask_mov_epi8(low, upper, high);
         }
     }
-    let mut linear = [[_mm512_setzero_ps(); 3]; N];
+    let mut entries = [[_mm512_setzero_ps(); 3]; N];
     let (even_bytes, lower) = (_mm512_set1_epi32(0x00ff_00ff), _mm512_set1_epi32(0xffff));
-    for ([p0, p1, p2, p3], linear) in planes.into_iter().zip(&mut linear) {
+    for ([p0, p1, p2, p3], entries) in planes.into_iter().zip(&mut entries) {
         // 0xca takes the second where the first has ones, else the third.
         let even = |low, high| {
             _mm512_ternarylogic_epi32::<0xca>(even_bytes, low, _mm512_slli_epi16::<8>(high))
@@ -395,13 +371,13 @@ fn permuted_srgb<const N: usize>(words: [I; N]) -> [[F; 3]; N] {
         let third = _mm512_ternarylogic_epi32::<0xca>(lower, _mm512_srli_epi32::<16>(low), high);
         let (low, high) = (odd(p0, p1), odd(p2, p3));
         let second = _mm512_ternarylogic_epi32::<0xca>(lower, low, _mm512_slli_epi32::<16>(high));
-        *linear = [
+        *entries = [
             _mm512_castsi512_ps(first),
             _mm512_castsi512_ps(second),
             _mm512_castsi512_ps(third),
         ];
     }
-    linear
+    entries
 }
 
 /// 32 bytes each at two places.
@@ -511,9 +487,8 @@ unsafe fn parts(a: I) -> [__m128i; 4] {
 
 #[cfg(test)]
 mod tests {
-    use lanes::Tier;
-
     use super::*;
+    use crate::Tier;
 
     /// Of the two ways a machine takes one; both read the words that are there.
     #[test]

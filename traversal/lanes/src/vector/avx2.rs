@@ -4,8 +4,7 @@ use std::arch::x86_64::*;
 
 use super::quads::{half_of_pairs, put_quads, put_quads_of_shorts, quad_at, quads_of_shorts};
 use super::{Line, Task, Vector};
-use crate::eval::quad;
-use crate::row::Row;
+use crate::{Row, quad};
 
 /// AVX2, FMA and F16C.
 #[derive(Clone, Copy)]

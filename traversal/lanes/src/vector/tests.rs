@@ -1,0 +1,299 @@
+//! Vectors of each instruction set that the machine has, against the same on single lanes.
+
+use super::*;
+use crate::{LANES, Tier};
+
+/// The test body for each instruction set.
+trait Case {
+    /// # Safety
+    /// The machine has the instruction set.
+    unsafe fn run<V: Vector>(&mut self, v: V);
+}
+
+fn in_every_tier(case: &mut impl Case) {
+    for tier in Tier::available() {
+        // SAFETY: the tier is present.
+        unsafe {
+            match tier {
+                #[cfg(target_arch = "x86_64")]
+                Tier::Avx2 => avx2(case),
+                #[cfg(target_arch = "x86_64")]
+                Tier::Avx512 => avx512(case),
+                _ => case.run(Portable::new()),
+            }
+        }
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt,f16c")]
+unsafe fn avx2(case: &mut impl Case) {
+    // SAFETY: the function's features.
+    unsafe { case.run(Avx2::new()) }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(
+    enable = "avx512f,avx512vl,avx512dq,avx512bw,avx2,fma,bmi1,bmi2,lzcnt,popcnt,f16c"
+)]
+unsafe fn avx512(case: &mut impl Case) {
+    // SAFETY: the function's features.
+    unsafe { case.run(Avx512::new()) }
+}
+
+/// The difference of two lanes of each quad that are both in the mask, else zero.
+fn derivative(numbers: &[f32; LANES], axis: usize, mask: u16) -> [f32; LANES] {
+    std::array::from_fn(|lane| {
+        let (first, second) = (lane & !axis, lane | axis);
+        let are_active = mask >> first & mask >> second & 1 == 1;
+        match are_active {
+            true => numbers[second] - numbers[first],
+            false => 0.0,
+        }
+    })
+}
+
+/// Numbers of all kinds, integers, any bits.
+fn words(seed: u64) -> Row {
+    let mut random = fastrand::Rng::with_seed(seed);
+    std::array::from_fn(|_| match random.u32(..4) {
+        0 => random.u32(..),
+        1 => (2.4 * random.f32() - 1.2).to_bits(),
+        2 => random.u32(..1024).wrapping_sub(512),
+        _ => random
+            .choice([0.0, -0.0, f32::INFINITY, f32::NAN, f32::MIN_POSITIVE])
+            .unwrap()
+            .to_bits(),
+    })
+}
+
+/// Moves words between the lanes of quads.
+struct Quads {
+    words: Row,
+    mask: u16,
+}
+
+impl Case for Quads {
+    #[inline(always)]
+    unsafe fn run<V: Vector>(&mut self, v: V) {
+        let a = &self.words;
+        let row = |words: V::I| {
+            let mut row = [0; 16];
+            v.store_i(words, &mut row);
+            row
+        };
+        let four = [a[0], a[1], a[2], a[3]];
+        let spread: [u32; 16] = std::array::from_fn(|lane| four[lane / 4]);
+        assert_eq!(row(v.quads(&four)), spread);
+        let numbers = a.map(f32::from_bits);
+        let slopes = [
+            v.derivative::<{ quad::X }>(v.load(a), self.mask),
+            v.derivative::<{ quad::Y }>(v.load(a), self.mask),
+        ];
+        let expected = [
+            derivative(&numbers, quad::X, self.mask),
+            derivative(&numbers, quad::Y, self.mask),
+        ];
+        for (slope, expected) in slopes.into_iter().zip(expected) {
+            for (word, number) in row(v.bits_of(slope)).into_iter().zip(expected) {
+                let same = word == number.to_bits();
+                assert!(same || f32::from_bits(word).is_nan() && number.is_nan());
+            }
+        }
+    }
+}
+
+#[test]
+fn lanes_of_quads_move_alike() {
+    for seed in 0..64u64 {
+        let mask = match seed {
+            0 => u16::MAX,
+            _ => (seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 48) as u16,
+        };
+        in_every_tier(&mut Quads {
+            words: words(seed),
+            mask,
+        });
+    }
+}
+
+/// Takes words from a window.
+struct Window {
+    words: Vec<u32>,
+    columns: [u32; 16],
+    rows: [u32; 16],
+}
+
+/// Words of a row of the memory that the window lies in.
+const ACROSS: usize = 11;
+
+impl Case for Window {
+    unsafe fn run<V: Vector>(&mut self, v: V) {
+        let (columns, rows) = (v.load_i(&self.columns), v.load_i(&self.rows));
+        // SAFETY: there are five rows, of which eight words are taken.
+        let taken = unsafe { v.window(self.words.as_ptr().cast(), 4 * ACROSS, columns, rows) };
+        for (index, taken) in taken.into_iter().enumerate() {
+            let mut row = [0; 16];
+            v.store_i(taken, &mut row);
+            for lane in 0..16 {
+                let across = self.columns[lane] as usize + index % 2;
+                let down = self.rows[lane] as usize + index / 2;
+                assert_eq!(row[lane], self.words[ACROSS * down + across]);
+            }
+        }
+    }
+}
+
+#[test]
+fn windows_hold_their_words() {
+    for turn in 0..28 {
+        in_every_tier(&mut Window {
+            words: (0..4 * ACROSS as u32 + 8)
+                .map(|word| word * 0x0101_0101)
+                .collect(),
+            columns: std::array::from_fn(|lane| (lane as u32 * 3 + turn) % 7),
+            rows: std::array::from_fn(|lane| (lane as u32 + turn / 7) % 4),
+        });
+    }
+}
+
+/// Loads pairs of words as quads, and stores them elsewhere.
+struct Pairs {
+    stride: usize,
+}
+
+impl Case for Pairs {
+    #[inline(always)]
+    unsafe fn run<V: Vector>(&mut self, v: V) {
+        let from: Vec<u8> = (0..3 * self.stride + 32)
+            .map(|i| (i * 7 % 251) as u8)
+            .collect();
+        let mut to = vec![0; from.len()];
+        let (mut first, mut second) = ([0; 16], [0; 16]);
+        // SAFETY: four rows of 32 bytes are in the memory.
+        unsafe {
+            let (a, b) = v.load_quads_of_pairs(from.as_ptr(), self.stride);
+            v.store_i(a, &mut first);
+            v.store_i(b, &mut second);
+            v.store_quads_of_pairs(a, b, to.as_mut_ptr(), self.stride);
+        }
+        for lane in 0..16 {
+            // Quads of two by two: columns and rows by the bits of the lane's number.
+            let column = lane & 1 | lane >> 1 & 2;
+            let row = lane >> 1 & 1 | lane >> 2 & 2;
+            let at = row * self.stride + 8 * column;
+            let word = |at: usize| u32::from_le_bytes(from[at..at + 4].try_into().unwrap());
+            assert_eq!([first[lane], second[lane]], [word(at), word(at + 4)]);
+        }
+        for row in 0..4 {
+            let row = row * self.stride..row * self.stride + 32;
+            assert_eq!(from[row.clone()], to[row]);
+        }
+    }
+}
+
+#[test]
+fn pairs_of_words_are_quads_of_four_rows() {
+    for stride in [32, 40, 129] {
+        in_every_tier(&mut Pairs { stride });
+    }
+}
+
+/// Loads numbers of 16 bits as quads, and stores them elsewhere.
+struct Shorts {
+    stride: usize,
+}
+
+impl Case for Shorts {
+    #[inline(always)]
+    unsafe fn run<V: Vector>(&mut self, v: V) {
+        let from: Vec<u8> = (0..3 * self.stride + 8)
+            .map(|i| (255 - i * 7 % 251) as u8)
+            .collect();
+        let mut to = vec![0; from.len()];
+        let mut shorts = [0; 16];
+        // SAFETY: four rows of eight bytes are in the memory.
+        unsafe {
+            let words = v.load_quads_of_shorts(from.as_ptr(), self.stride);
+            v.store_i(words, &mut shorts);
+            // The upper halves are not stored.
+            let words = v.or_i(words, v.splat_i(-0x10000));
+            v.store_quads_of_shorts(words, to.as_mut_ptr(), self.stride);
+        }
+        for lane in 0..16 {
+            let column = lane & 1 | lane >> 1 & 2;
+            let row = lane >> 1 & 1 | lane >> 2 & 2;
+            let at = row * self.stride + 2 * column;
+            let short = u16::from_le_bytes(from[at..at + 2].try_into().unwrap());
+            assert_eq!(shorts[lane], u32::from(short));
+        }
+        for row in 0..4 {
+            let row = row * self.stride..row * self.stride + 8;
+            assert_eq!(from[row.clone()], to[row]);
+        }
+    }
+}
+
+#[test]
+fn shorts_are_quads_of_four_rows() {
+    for stride in [8, 10, 129] {
+        in_every_tier(&mut Shorts { stride });
+    }
+}
+
+/// Puts texels of so many words to quads anywhere.
+struct EachQuad {
+    words: usize,
+    mask: u16,
+}
+
+impl Case for EachQuad {
+    #[inline(always)]
+    unsafe fn run<V: Vector>(&mut self, v: V) {
+        let (stride, size) = (149, 4 * self.words);
+        let before: Vec<u8> = (0..4 * stride).map(|i| (i * 7 % 251) as u8).collect();
+        let starts = [5, 2 * stride + 70, 71, 2 * stride + 1];
+        let mut after = before.clone();
+        let rows: [[u32; 16]; 4] = std::array::from_fn(|index| {
+            std::array::from_fn(|lane| 0x8765_0000 + 0x100 * index as u32 + lane as u32)
+        });
+        let texels = [0, 1, 2, 3].map(|index| v.load_i(&rows[index]));
+        let mut loaded = [0; 16];
+        // SAFETY: from all four places on two rows of 32 bytes are in the memory.
+        unsafe {
+            let at = starts.map(|start| after.as_mut_ptr().add(start));
+            match self.words {
+                1 => v.put_each_quad([texels[0]], self.mask, at, stride),
+                2 => v.put_each_quad([texels[0], texels[1]], self.mask, at, stride),
+                _ => v.put_each_quad(texels, self.mask, at, stride),
+            }
+            let at = at.map(|at| at.cast_const());
+            v.store_i(v.load_each_quad(at, stride), &mut loaded);
+        }
+        let mut expected = before;
+        for lane in 0..16 {
+            let at = starts[lane / 4] + lane / 2 % 2 * stride + lane % 2 * size;
+            if self.mask >> lane & 1 != 0 {
+                for index in 0..self.words {
+                    let place = at + 4 * index..at + 4 * index + 4;
+                    expected[place].copy_from_slice(&rows[index][lane].to_le_bytes());
+                }
+            }
+        }
+        assert_eq!(after, expected);
+        for lane in 0..16 {
+            let at = starts[lane / 4] + lane / 2 % 2 * stride + lane % 2 * 4;
+            let word = u32::from_le_bytes(expected[at..at + 4].try_into().unwrap());
+            assert_eq!(loaded[lane], word);
+        }
+    }
+}
+
+#[test]
+fn texels_of_masks_are_put_to_quads_anywhere() {
+    for words in [1, 2, 4] {
+        for mask in [0, 0xffff, 0x8421, 0x1248, 0x7bde, 0xf00f, 0x0550] {
+            in_every_tier(&mut EachQuad { words, mask });
+        }
+    }
+}
