@@ -1,9 +1,10 @@
-//! Scalar types, and the operations of atomics: what the IR, image accesses and hit objects speak
-//! of.
+//! Scalar types, and kinds of traces: what the IR and hit objects speak of.
 
 #![forbid(unsafe_code)]
 
 use std::fmt;
+
+use crate::image::TexelType;
 
 /// A scalar type.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -74,6 +75,26 @@ impl Type {
             other => other,
         }
     }
+
+    /// The type as that of an image's texels, if images have such.
+    pub const fn as_texel(self) -> Option<TexelType> {
+        match self {
+            Type::F32 => Some(TexelType::F32),
+            Type::I32 => Some(TexelType::I32),
+            Type::I64 => Some(TexelType::I64),
+            _ => None,
+        }
+    }
+}
+
+impl From<TexelType> for Type {
+    fn from(texel: TexelType) -> Self {
+        match texel {
+            TexelType::F32 => Type::F32,
+            TexelType::I32 => Type::I32,
+            TexelType::I64 => Type::I64,
+        }
+    }
 }
 
 impl fmt::Display for Type {
@@ -90,28 +111,6 @@ impl fmt::Display for Type {
             Type::Descriptor => "descriptor",
         })
     }
-}
-
-/// Read-modify-write operations. The operand's type is the result's: i32, i64, f32, f64 (f16 and
-/// i16 where the feature is advertised).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum AtomicOp {
-    Load,
-    Store,
-    Exchange,
-    CompareExchange,
-    IAdd,
-    ISub,
-    SMin,
-    SMax,
-    UMin,
-    UMax,
-    And,
-    Or,
-    Xor,
-    FAdd,
-    FMin,
-    FMax,
 }
 
 /// How a ray is traced.

@@ -1,15 +1,14 @@
 //! Accesses by integer coordinates: fetch, read, write, atomics (spec, "Integer Texel Coordinate
 //! Operations", "Texel Input Validation Operations", "Texel Output Operations", "Image Atomics").
 
-use super::format::FormatInfo;
-use super::format::block::{self, Offsets, each_lane};
-use super::operands::{Operands, read_64};
-use super::{Dim, ImageDescriptor, ImageOp, LodMode};
-use crate::types::AtomicOp;
-use crate::types::Type;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering::SeqCst};
 
 use lanes::{LANES, Row};
+
+use super::format::FormatInfo;
+use super::format::block::{self, Offsets, each_lane};
+use super::operands::{Operands, read_64};
+use super::{AtomicOp, Dim, ImageDescriptor, ImageOp, LodMode, TexelType};
 
 /// Byte offsets of the lanes' texels, and the lanes whose texel exists. Other lanes have the offset
 /// of one that does, if there is one.
@@ -116,7 +115,7 @@ pub(super) unsafe fn read(
             } else {
                 [0; 2]
             };
-            let is_wide_result = op.texel == Type::I64;
+            let is_wide_result = op.texel == TexelType::I64;
             for row in &mut results[..op.result_rows()] {
                 row[lane] = 0;
             }
@@ -160,9 +159,9 @@ pub(super) unsafe fn write(
     let is_wide = info.is_wide() && info.numeric.is_integer();
     let texels = match (is_wide, op.texel) {
         // r and g, low and high each.
-        (true, Type::I64) => [0, 1, 2, 3].map(|i| *rows[i]),
+        (true, TexelType::I64) => [0, 1, 2, 3].map(|i| *rows[i]),
         (true, _) => [*rows[0], [0; LANES], *rows[1], [0; LANES]],
-        (false, Type::I64) => [0, 2, 4, 6].map(|i| *rows[i]),
+        (false, TexelType::I64) => [0, 2, 4, 6].map(|i| *rows[i]),
         (false, _) => [0, 1, 2, 3].map(|i| *rows[i]),
     };
     // SAFETY: lanes inside address texels of the image.
@@ -186,7 +185,7 @@ pub(super) unsafe fn atomic(
     for row in &mut results[..op.result_rows()] {
         *row = [0; LANES];
     }
-    let is_wide = op.texel == Type::I64;
+    let is_wide = op.texel == TexelType::I64;
     let size = if is_wide { 8 } else { 4 };
     if info.size_bytes as usize != size || info.blocks().is_some() {
         return;

@@ -7,7 +7,7 @@ use super::format::block::each_lane;
 use super::operands::{Operands, usable};
 use super::residency::Residency;
 use super::{Dim, ImageDescriptor, ImageOp, ImageOpKind, Level, SamplerDescriptor};
-use super::{access, sample};
+use super::{access, sample, wave};
 
 /// As [`execute_block`](super::execute::execute_block), whatever the image's conversion says.
 ///
@@ -18,7 +18,7 @@ pub(super) unsafe fn execute_plain(
     image: Option<&ImageDescriptor>,
     sampler: Option<&SamplerDescriptor>,
     mask: u16,
-    operands: &[&Row],
+    rows: &[&Row],
     residency: Option<&Residency<'_>>,
     results: &mut [Row],
 ) {
@@ -27,7 +27,7 @@ pub(super) unsafe fn execute_plain(
     };
     let operands = Operands {
         residency,
-        ..Operands::new(op, operands)
+        ..Operands::new(op, rows)
     };
     // SAFETY: the caller's promise.
     unsafe {
@@ -37,7 +37,10 @@ pub(super) unsafe fn execute_plain(
             ImageOpKind::Sample | ImageOpKind::Gather(_) => match sampler {
                 Some(sampler) => match Fast::new(op, image, info, sampler, 0xf) {
                     Some(fast) => {
-                        sample::sample_fast(Tier::best(), &fast, &operands, mask, results)
+                        let results = &mut results[..op.result_rows()];
+                        wave::of_one(rows, mask, results, |one| {
+                            wave::sample(Tier::best(), &fast, one);
+                        })
                     }
                     None => {
                         sample::sample(

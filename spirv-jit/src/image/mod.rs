@@ -11,17 +11,18 @@ pub mod compressed;
 mod cube;
 mod decode;
 pub mod execute;
-pub(crate) mod fast;
+pub mod fast;
 pub mod format;
 pub mod halve;
 pub mod lod;
 pub mod operands;
-pub(crate) mod plain;
+pub mod plain;
 pub mod residency;
 mod sample;
 #[cfg(test)]
 mod tests;
 pub mod texels;
+pub mod wave;
 pub mod ycbcr;
 
 pub use format::Format;
@@ -249,6 +250,36 @@ pub enum LodMode {
     Grad,
 }
 
+/// Types of texel words.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum TexelType {
+    F32,
+    I32,
+    /// Integers of two words, low word first.
+    I64,
+}
+
+/// Read-modify-write operations, of texels and of other memory.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum AtomicOp {
+    Load,
+    Store,
+    Exchange,
+    CompareExchange,
+    IAdd,
+    ISub,
+    SMin,
+    SMax,
+    UMin,
+    UMax,
+    And,
+    Or,
+    Xor,
+    FAdd,
+    FMin,
+    FMax,
+}
+
 /// The kind of an image operation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum ImageOpKind {
@@ -263,7 +294,7 @@ pub enum ImageOpKind {
     /// `OpImageWrite`: the 4 texel operands come last; no result.
     Write,
     /// Read-modify-write on a texel (i32, i64 or f32): result is the old value.
-    Atomic(crate::types::AtomicOp),
+    Atomic(AtomicOp),
     /// `OpImageQuerySize(Lod)`: as many i32 as the dimension has, plus layers; operand `lod: i32`
     /// if `LodMode::Lod`.
     QuerySize,
@@ -299,8 +330,7 @@ pub struct ImageOp {
     pub has_offset: bool,
     /// Gather with four offsets (`ConstOffsets`): 4 × dimension offsets instead of one.
     pub has_offsets: bool,
-    /// `F32`, `I32` or `I64`: type of texel words.
-    pub texel: crate::types::Type,
+    pub texel: TexelType,
     /// Whether integer texels are signed (`SignExtend`, or by the sampled type).
     pub signed: bool,
     /// A read that is performed as written, not merged with another (`Volatile`, `VolatileTexel`).
@@ -325,7 +355,7 @@ impl ImageOp {
             has_min_lod: false,
             has_offset: false,
             has_offsets: false,
-            texel: crate::types::Type::F32,
+            texel: TexelType::F32,
             signed: false,
             volatile: false,
             residency: false,

@@ -5,8 +5,7 @@ use lanes::{LANES, Row};
 use super::format::block::Texels;
 use super::format::{FormatInfo, Numeric};
 use super::residency::Residency;
-use super::{ImageDescriptor, ImageOp, ImageOpKind, LodMode};
-use crate::types::{AtomicOp, Type};
+use super::{AtomicOp, ImageDescriptor, ImageOp, ImageOpKind, LodMode, TexelType};
 
 /// Most result rows an operation has: four texel components of 64 bits and a residency code.
 pub const MAX_RESULT_ROWS: usize = 9;
@@ -31,7 +30,7 @@ impl ImageOp {
     /// Rows of 32-bit words that an operation reads: all operands but the descriptors, 64-bit ones
     /// as two rows.
     pub fn operand_rows(&self) -> usize {
-        let words = if self.texel == Type::I64 { 2 } else { 1 };
+        let words = if self.texel == TexelType::I64 { 2 } else { 1 };
         let spatial = self.spatial_count();
         let is_query = self.is_size_query();
         let coordinates = match self.kind {
@@ -65,7 +64,7 @@ impl ImageOp {
 
     /// Rows of 32-bit words that an operation produces.
     pub fn result_rows(&self) -> usize {
-        let words = if self.texel == Type::I64 { 2 } else { 1 };
+        let words = if self.texel == TexelType::I64 { 2 } else { 1 };
         let rows = match self.kind {
             ImageOpKind::Sample if self.depth_compare => 1,
             ImageOpKind::Sample
@@ -173,7 +172,7 @@ pub(super) fn read_64(low: &Row, high: &Row, lane: usize) -> u64 {
 /// Texel components to result rows, widened where the operation's texels are 64-bit.
 #[inline(always)]
 pub(super) fn put_texels(op: &ImageOp, info: &FormatInfo, texels: &Texels, results: &mut [Row]) {
-    if op.texel != Type::I64 {
+    if op.texel != TexelType::I64 {
         results[..4].copy_from_slice(texels);
         return;
     }

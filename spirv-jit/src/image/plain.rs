@@ -11,21 +11,22 @@ use super::format::FormatInfo;
 use super::format::block::{self, Texels};
 use super::operands::Operands;
 use super::texels;
-use super::{Dim, ImageDescriptor, ImageOp, ImageOpKind, LodMode};
-use crate::types::Type;
+use super::{Dim, ImageDescriptor, ImageOp, ImageOpKind, LodMode, TexelType};
 
 /// Whether an operation is one of these, as far as its instruction tells.
-pub(crate) fn may_apply(op: &ImageOp) -> bool {
+pub fn may_apply(op: &ImageOp) -> bool {
     let kind = matches!(
         op.kind,
         ImageOpKind::Fetch | ImageOpKind::Read | ImageOpKind::Write
     );
-    kind && !op.residency && !op.multisampled && op.texel != Type::I64
+    let has_others = op.has_min_lod || op.has_offsets || op.residency || op.multisampled;
+    let lod_fits = matches!(op.lod, LodMode::Implicit | LodMode::Lod);
+    kind && lod_fits && !has_others && op.texel != TexelType::I64
 }
 
 /// An operation that [`may_apply`], with an image for which it does.
 #[derive(Clone, Copy)]
-pub(crate) struct Plain<'a> {
+pub struct Plain<'a> {
     op: &'a ImageOp,
     image: &'a ImageDescriptor,
     info: &'a FormatInfo,
@@ -34,7 +35,7 @@ pub(crate) struct Plain<'a> {
 }
 
 impl<'a> Plain<'a> {
-    pub(crate) fn new(
+    pub fn new(
         op: &'a ImageOp,
         image: &'a ImageDescriptor,
         info: &'a FormatInfo,
@@ -52,6 +53,11 @@ impl<'a> Plain<'a> {
             info,
             blocks,
         })
+    }
+
+    #[inline(always)]
+    pub(super) fn op(&self) -> &ImageOp {
+        self.op
     }
 
     /// The level that all lanes of the mask name, if they name one.
@@ -118,7 +124,7 @@ impl<'a> Plain<'a> {
     /// # Safety
     /// The image's memory stays allocated during the call.
     #[inline(always)]
-    pub(crate) unsafe fn write<V: Vector>(&self, v: V, operands: &Operands<'_>, mask: u16) -> bool {
+    pub(super) unsafe fn write<V: Vector>(&self, v: V, operands: &Operands<'_>, mask: u16) -> bool {
         let Some(level) = self.level(v, operands, mask) else {
             return false;
         };
@@ -141,7 +147,7 @@ impl<'a> Plain<'a> {
     /// # Safety
     /// As [`Self::write`].
     #[inline(always)]
-    pub(crate) unsafe fn read<V: Vector>(
+    pub(super) unsafe fn read<V: Vector>(
         &self,
         v: V,
         operands: &Operands<'_>,

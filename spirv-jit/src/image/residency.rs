@@ -9,18 +9,20 @@ use lanes::{LANES, Row};
 use super::ImageDescriptor;
 use super::format::FormatInfo;
 use super::format::block::{Offsets, each_lane};
-use crate::reach::Reach;
+
+/// Whether all of some bytes, by their address and their number, have memory.
+pub type IsBound<'a> = dyn Fn(u64, u64) -> bool + 'a;
 
 /// Collects the lanes that read a texel without memory.
 pub struct Residency<'a> {
-    reach: &'a Reach,
+    is_bound: &'a IsBound<'a>,
     missing: Cell<u16>,
 }
 
 impl<'a> Residency<'a> {
-    pub fn new(reach: &'a Reach) -> Self {
+    pub fn new(is_bound: &'a IsBound<'a>) -> Self {
         Self {
-            reach,
+            is_bound,
             missing: Cell::new(0),
         }
     }
@@ -35,7 +37,7 @@ impl<'a> Residency<'a> {
     ) {
         each_lane(lanes & !self.missing.get(), |lane| {
             let address = (image.data as u64).wrapping_add(offsets[lane]);
-            if !self.reach.is_bound(address, u64::from(info.size_bytes)) {
+            if !(self.is_bound)(address, u64::from(info.size_bytes)) {
                 self.missing.set(self.missing.get() | 1 << lane);
             }
         });

@@ -13,7 +13,7 @@ use super::operands::{Operands, put_texels, swizzle};
 use super::residency::Residency;
 use super::{
     AddressMode, CompareOp, Dim, Filter, ImageDescriptor, ImageOp, ImageOpKind, Reduction,
-    SamplerDescriptor, cube, fast::Fast,
+    SamplerDescriptor, cube,
 };
 
 lanes::vectors! {
@@ -26,17 +26,6 @@ lanes::vectors! {
         sampler: &SamplerDescriptor, mask: u16, results: &mut [Row]) {
         // SAFETY: the caller's promise.
         unsafe { sample_body(op, operands, image, info, sampler, mask, results) }
-    }
-}
-
-lanes::vectors! {
-    /// [`sample`] where there is a [`Fast`].
-    ///
-    /// # Safety
-    /// The image's memory stays allocated during the call.
-    pub(super) unsafe fn sample_fast<V>(v, fast: &Fast<'_>, operands: &Operands<'_>, mask: u16, results: &mut [Row]) {
-        // SAFETY: the caller's promise.
-        unsafe { fast.sample(v, operands, mask, results) }
     }
 }
 

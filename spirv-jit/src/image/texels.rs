@@ -433,7 +433,7 @@ lanes::vectors! {
     ///
     /// # Safety
     /// As there.
-    unsafe fn store_vectors<V>(v, info: &FormatInfo, base: *mut u8, offsets: &[u32; LANES], mask: u16, texels: &Texels) {
+    pub(super) unsafe fn store_vectors<V>(v, info: &FormatInfo, base: *mut u8, offsets: &[u32; LANES], mask: u16, texels: &Texels) {
         let texels = [v.load_i(&texels[0]), v.load_i(&texels[1]), v.load_i(&texels[2]), v.load_i(&texels[3])];
         // SAFETY: the caller's promise.
         unsafe { store(v, info, base, v.load_i(offsets), mask, &texels) };

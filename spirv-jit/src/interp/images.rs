@@ -3,8 +3,7 @@
 
 use std::marker::PhantomData;
 
-use lanes::vector::{self, Vector};
-use lanes::{LaneMask, Row, Tier as TierKind, quad};
+use lanes::{LaneMask, Row, Tier as TierKind};
 
 use super::code::ImagePlan;
 use super::machine::{Handler, Instr, Machine};
@@ -15,9 +14,10 @@ use crate::environment::Environment;
 use crate::image::execute::execute_resident;
 use crate::image::fast::{self, Fast};
 use crate::image::format::block::each_lane;
-use crate::image::operands::{MAX_RESULT_ROWS, Operands, usable};
+use crate::image::operands::{MAX_RESULT_ROWS, usable};
 use crate::image::plain::{self, Plain};
 use crate::image::residency::Residency;
+use crate::image::wave::{self, Rows, Wave};
 use crate::image::{ImageDescriptor, ImageOp, ImageOpKind, SamplerDescriptor};
 use crate::ir::op::AtomicOp;
 
@@ -34,20 +34,20 @@ pub(super) fn fits(operand_rows: usize, result_rows: usize) -> bool {
 pub(super) fn handler(tier: TierKind, op: &ImageOp) -> Handler {
     match tier {
         #[cfg(target_arch = "x86_64")]
-        TierKind::Avx2 => in_tier::<super::tier::Avx2, vector::Avx2>(op),
+        TierKind::Avx2 => in_tier::<super::tier::Avx2>(op),
         #[cfg(target_arch = "x86_64")]
-        TierKind::Avx512 => in_tier::<super::tier::Avx512, vector::Avx512>(op),
-        _ => in_tier::<Portable, vector::Portable>(op),
+        TierKind::Avx512 => in_tier::<super::tier::Avx512>(op),
+        _ => in_tier::<Portable>(op),
     }
 }
 
-fn in_tier<T: Tier, V: Vector + 'static>(op: &ImageOp) -> Handler {
+fn in_tier<T: Tier>(op: &ImageOp) -> Handler {
     if fast::may_apply(op) {
-        T::handler::<Sample<V>>()
+        T::handler::<Sample<T>>()
     } else if plain::may_apply(op) && op.kind == ImageOpKind::Write {
-        T::handler::<Access<V, true>>()
+        T::handler::<Access<T, true>>()
     } else if plain::may_apply(op) {
-        T::handler::<Access<V, false>>()
+        T::handler::<Access<T, false>>()
     } else if op.is_size_query() {
         query
     } else {
@@ -119,7 +119,7 @@ fn lanes(m: &Machine<'_>, plan: &ImagePlan, subgroup: u16) -> u16 {
 /// # Safety
 /// Active lanes' descriptor addresses are those of live descriptors, whose images cover memory that
 /// stays allocated during the call.
-pub(crate) unsafe fn execute(
+pub(super) unsafe fn execute(
     op: &ImageOp,
     environment: &Environment,
     images: &[u64; SUBGROUP_SIZE],
@@ -155,7 +155,8 @@ pub(crate) unsafe fn execute(
             } else {
                 None
             };
-            let residency = (op.residency).then(|| Residency::new(&environment.reach));
+            let is_bound = |address, size_bytes| environment.reach.is_bound(address, size_bytes);
+            let residency = (op.residency).then(|| Residency::new(&is_bound));
             let residency = residency.as_ref();
             let put_codes = |results: &mut [Row]| {
                 if let Some(residency) = residency {
@@ -207,13 +208,8 @@ unsafe fn block(m: &Machine<'_>, plan: &ImagePlan, subgroup: u16) {
         let images = &*m.block::<u64>(plan.image, subgroup);
         let derived;
         if plan.derives {
-            derived = derivatives(
-                vector::Portable,
-                &plan.op,
-                &rows,
-                m.active[subgroup as usize].bits(),
-            );
-            put_derivatives(&plan.op, &derived, &mut rows);
+            derived = wave::derivatives_of(&plan.op, &rows, m.active[subgroup as usize]);
+            wave::put_derivatives(&plan.op, &derived, &mut rows);
         }
         let samplers = match plan.sampler == Operand::NONE {
             true => &[0; SUBGROUP_SIZE],
@@ -241,32 +237,6 @@ unsafe fn block(m: &Machine<'_>, plan: &ImagePlan, subgroup: u16) {
     }
 }
 
-/// The derivatives of a sample's coordinates, of which it has one to three: in x, then in y.
-#[inline(always)]
-pub(super) fn derivatives<V: Vector>(v: V, op: &ImageOp, rows: &[&Row], active: u16) -> [Row; 6] {
-    let spatial = op.spatial_count().min(3);
-    let mut derived = [[0; SUBGROUP_SIZE]; 6];
-    for axis in 0..spatial {
-        let coordinate = v.load(rows[axis]);
-        v.store(
-            v.derivative::<{ quad::X }>(coordinate, active),
-            &mut derived[axis],
-        );
-        let y = v.derivative::<{ quad::Y }>(coordinate, active);
-        v.store(y, &mut derived[spatial + axis]);
-    }
-    derived
-}
-
-/// Puts those in the place of operands.
-#[inline(always)]
-pub(super) fn put_derivatives<'r>(op: &ImageOp, derived: &'r [Row; 6], rows: &mut [&'r Row]) {
-    let places = &mut rows[op.rows_before_lod()..];
-    for (place, row) in places.iter_mut().zip(derived).take(2 * op.spatial_count()) {
-        *place = row;
-    }
-}
-
 fn split(lanes: &[u64; SUBGROUP_SIZE]) -> (Row, Row) {
     (
         std::array::from_fn(|k| lanes[k] as u32),
@@ -280,14 +250,17 @@ fn join(low: &Row, high: &Row) -> [u64; SUBGROUP_SIZE] {
 
 /// A sample that [`fast::may_apply`] to: subgroups whose lanes share an image and a sampler take
 /// the short way, if that serves for those.
-struct Sample<V>(PhantomData<V>);
+struct Sample<T>(PhantomData<T>);
 
-impl<V: Vector> Kernel for Sample<V> {
+impl<T: Tier> Kernel for Sample<T> {
     #[inline(always)]
     unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
         let plan = &m.code.images[i.x as usize];
-        // SAFETY: the tier is the token's; for the rest, as for `image`.
+        // SAFETY: as for `image`; what descriptors point to outlives the dispatch. All operands and
+        // results of such a sample are of 32 bits.
         unsafe {
+            let operands = operand_rows(m, plan);
+            let wave = wave_of(m, plan, &m.active, &operands);
             let mut known = (0, 0);
             let mut sample = None;
             let mut listed = m.listed();
@@ -301,107 +274,78 @@ impl<V: Vector> Kernel for Sample<V> {
                     known = descriptors;
                     sample = resolve(m.environment, &plan.op, plan.wanted, descriptors);
                 }
-                listed = match &sample {
-                    Some(sample) if V::IS_MACHINES && !sample.has_more => {
-                        let mut same = match plan.image.is_uniform() && plan.sampler.is_uniform() {
-                            true => listed.len(),
-                            false => 1,
-                        };
-                        while let Some(&next) = listed.get(same)
-                            && both(m, plan, next) == Some(descriptors)
-                        {
-                            same += 1;
-                        }
-                        let (numbers, others) = listed.split_at(same);
-                        let wave = OfWave { m, plan, numbers };
-                        sample.planes(V::new(), wave);
-                        others
-                    }
-                    Some(sample) => {
-                        whole_block(V::new(), sample, m, plan, subgroup);
-                        rest
-                    }
-                    None => {
-                        block(m, plan, subgroup);
-                        rest
-                    }
+                let Some(sample) = &sample else {
+                    block(m, plan, subgroup);
+                    listed = rest;
+                    continue;
                 };
+                let mut same = match plan.image.is_uniform() && plan.sampler.is_uniform() {
+                    true => listed.len(),
+                    false => 1,
+                };
+                while let Some(&next) = listed.get(same)
+                    && both(m, plan, next) == Some(descriptors)
+                {
+                    same += 1;
+                }
+                let (subgroups, others) = listed.split_at(same);
+                wave::sample(T::KIND, sample, &Wave { subgroups, ..wave });
+                listed = others;
             }
         }
     }
 }
 
-/// The subgroups of a wave that sample an image with a sampler.
-struct OfWave<'a, 'p> {
-    m: &'a Machine<'p>,
-    plan: &'a ImagePlan,
-    /// Their numbers in the wave.
-    numbers: &'a [u16],
+/// The rows of an operation's operands, all of 32 bits.
+///
+/// # Safety
+/// As [`block`].
+#[inline(always)]
+unsafe fn operand_rows(m: &Machine<'_>, plan: &ImagePlan) -> [Rows; wave::MAX_OPERANDS] {
+    let mut rows = [Rows::NONE; wave::MAX_OPERANDS];
+    for (rows, &(operand, _)) in rows.iter_mut().zip(&plan.operands) {
+        // SAFETY: the caller's promise.
+        *rows = unsafe { rows_of(m, operand) };
+    }
+    rows
 }
 
-impl OfWave<'_, '_> {
-    /// # Safety
-    /// As for `block`; all operands of such a sample are of 32 bits.
-    #[inline(always)]
-    unsafe fn row(&self, subgroup: usize, operand: usize) -> &Row {
-        // SAFETY: as the caller promises.
-        unsafe {
-            let subgroup = *self.numbers.get_unchecked(subgroup);
-            &*self.m.block::<u32>(self.plan.operands[operand].0, subgroup)
-        }
+/// # Safety
+/// As [`Machine::row`].
+#[inline(always)]
+unsafe fn rows_of(m: &Machine<'_>, operand: Operand) -> Rows {
+    // SAFETY: the caller's promise.
+    let (first, step_bytes) = unsafe { m.row(operand) };
+    Rows {
+        first: first.cast(),
+        step_bytes,
     }
 }
 
-impl<V: Vector> fast::Subgroups<V> for OfWave<'_, '_> {
-    const IS_WAVE: bool = true;
-
-    #[inline(always)]
-    fn count(&self) -> usize {
-        self.numbers.len()
-    }
-
-    #[inline(always)]
-    fn derives(&self) -> bool {
-        self.plan.derives
-    }
-
-    #[inline(always)]
-    unsafe fn mask(&self, subgroup: usize) -> u16 {
-        self.m.active[self.numbers[subgroup] as usize].bits()
-    }
-
-    #[inline(always)]
-    unsafe fn coordinate(&self, subgroup: usize, index: usize) -> &Row {
-        // SAFETY: as the caller promises: the first operands.
-        unsafe { self.row(subgroup, index) }
-    }
-
-    #[inline(always)]
-    unsafe fn reference(&self, subgroup: usize) -> &Row {
-        // SAFETY: as the caller promises: the operand after the coordinates.
-        unsafe { self.row(subgroup, self.plan.op.coordinate_count()) }
-    }
-
-    #[inline(always)]
-    unsafe fn lod(&self, subgroup: usize, index: usize) -> &Row {
-        // SAFETY: as the caller promises.
-        unsafe { self.row(subgroup, self.plan.op.rows_before_lod() + index) }
-    }
-
-    #[inline(always)]
-    unsafe fn offset(&self, subgroup: usize, index: usize) -> &Row {
-        let first = self.plan.operands.len() - self.plan.op.spatial_count();
-        // SAFETY: as the caller promises: the last operands, one an axis.
-        unsafe { self.row(subgroup, first + index) }
-    }
-
-    #[inline(always)]
-    unsafe fn put(&mut self, v: V, subgroup: usize, values: [V::F; 4]) {
-        // SAFETY: as for `block`.
-        unsafe {
-            let subgroup = *self.numbers.get_unchecked(subgroup);
-            put_all(v, self.m, self.plan, subgroup, values);
+/// A wave without subgroups.
+///
+/// # Safety
+/// As [`block`]; the results are of 32 bits.
+#[inline(always)]
+unsafe fn wave_of<'w>(
+    m: &Machine<'_>,
+    plan: &ImagePlan,
+    lanes: &'w [LaneMask],
+    operands: &'w [Rows],
+) -> Wave<'w> {
+    let mut results = [Rows::NONE; 4];
+    for (index, rows) in results.iter_mut().enumerate() {
+        if let (Some(&(result, _)), 1) = (plan.results.get(index), plan.wanted >> index & 1) {
+            // SAFETY: the caller's promise.
+            *rows = unsafe { rows_of(m, result) };
         }
+    }
+    Wave {
+        subgroups: &[],
+        lanes,
+        operands: &operands[..plan.operands.len().min(operands.len())],
+        results,
+        derives: plan.derives,
     }
 }
 
@@ -441,164 +385,90 @@ pub(super) unsafe fn resolve<'p>(
     Fast::new(op, image, info, sampler?, wanted)
 }
 
-/// # Safety
-/// As [`block`].
-#[inline(always)]
-unsafe fn whole_block<V: Vector>(
-    v: V,
-    sample: &Fast<'_>,
-    m: &Machine<'_>,
-    plan: &ImagePlan,
-    subgroup: u16,
-) {
-    let mask = m.active[subgroup as usize].bits();
-    let mut rows = [&[0; SUBGROUP_SIZE]; fast::MAX_OPERANDS];
-    // SAFETY: as for `block`; all operands of such a sample are of 32 bits.
-    unsafe {
-        for (row, &(operand, _)) in rows.iter_mut().zip(&plan.operands) {
-            *row = &*m.block::<u32>(operand, subgroup);
-        }
-        let derived;
-        if plan.derives && sample.takes_derivatives() {
-            derived = derivatives(v, &plan.op, &rows, mask);
-            put_derivatives(&plan.op, &derived, &mut rows);
-        }
-        let count = plan.operands.len().min(fast::MAX_OPERANDS);
-        let operands = Operands::new(&plan.op, &rows[..count]);
-        put_all(v, m, plan, subgroup, sample.whole(v, &operands, mask));
-    }
-}
-
-/// Writes the results of a sample, of 32 bits each.
-///
-/// # Safety
-/// As [`block`].
-#[inline(always)]
-unsafe fn put_all<V: Vector>(
-    v: V,
-    m: &Machine<'_>,
-    plan: &ImagePlan,
-    subgroup: u16,
-    values: [V::F; 4],
-) {
-    // SAFETY: as the caller promises. One by one: a loop would keep them in memory.
-    unsafe {
-        put(v, m, plan, subgroup, 0, v.bits_of(values[0]));
-        put(v, m, plan, subgroup, 1, v.bits_of(values[1]));
-        put(v, m, plan, subgroup, 2, v.bits_of(values[2]));
-        put(v, m, plan, subgroup, 3, v.bits_of(values[3]));
-    }
-}
-
-/// Writes a result of 32 bits, if it is wanted.
-///
-/// # Safety
-/// As [`block`].
-#[inline(always)]
-unsafe fn put<V: Vector>(
-    v: V,
-    m: &Machine<'_>,
-    plan: &ImagePlan,
-    subgroup: u16,
-    row: usize,
-    value: V::I,
-) {
-    if let (Some(&(result, _)), 1) = (plan.results.get(row), plan.wanted >> row & 1) {
-        // SAFETY: as the caller promises.
-        unsafe { v.store_i(value, &mut *m.block::<u32>(result, subgroup)) };
-    }
-}
-
 /// A load or store that [`plain::may_apply`] to: subgroups whose lanes share an image take the
-/// short way, if that serves for it. Stores are functions of their own: beside the code of loads
-/// they are slower.
-struct Access<V, const WRITES: bool>(PhantomData<V>);
+/// short way, if that serves for it.
+struct Access<T, const WRITES: bool>(PhantomData<T>);
 
-impl<V: Vector, const WRITES: bool> Kernel for Access<V, WRITES> {
+impl<T: Tier, const WRITES: bool> Kernel for Access<T, WRITES> {
     #[inline(always)]
     unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
         let plan = &m.code.images[i.x as usize];
-        // SAFETY: the tier is the token's; for the rest, as for `image`; what descriptors point to
-        // outlives the dispatch.
+        let effective;
+        let masks = match WRITES {
+            true => {
+                effective = std::array::from_fn(|subgroup| m.effective(subgroup as u16));
+                &effective
+            }
+            false => &m.active,
+        };
+        // SAFETY: as for `image`; what descriptors point to outlives the dispatch. All operands and
+        // results are of 32 bits, since texels are.
         unsafe {
+            let operands = operand_rows(m, plan);
+            let wave = wave_of(m, plan, masks, &operands);
             let mut listed = m.listed();
             while let Some((&subgroup, rest)) = listed.split_first() {
-                let mask = lanes(m, plan, subgroup);
-                if mask == 0 {
+                let mask = masks[subgroup as usize];
+                if mask.is_empty() {
                     listed = rest;
                     continue;
                 }
-                let Some(address) = m.common(plan.image, subgroup, LaneMask::from_bits(mask))
-                else {
+                let Some(address) = m.common(plan.image, subgroup, mask) else {
                     block(m, plan, subgroup);
                     listed = rest;
                     continue;
                 };
+                // This subgroup, and those behind it that share the image.
+                let shares = |&next: &u16| {
+                    let mask = masks[next as usize];
+                    mask.is_empty() || m.common(plan.image, next, mask) == Some(address)
+                };
+                let same = match plan.image.is_uniform() {
+                    true => listed.len(),
+                    false => listed.iter().take_while(|next| shares(next)).count(),
+                };
+                let (subgroups, others) = listed.split_at(same);
                 let descriptor = m.environment.descriptor(address);
                 let held = m.environment.held_image(&descriptor);
                 let image = match &held {
                     Some(image) => Some(image),
                     None => descriptor.viewed_image().as_ref(),
                 };
-                let access =
+                let plain =
                     usable(image).and_then(|(image, info)| Plain::new(&plan.op, image, info));
-                // This subgroup, and those behind it that share the image.
-                while let Some((&subgroup, rest)) = listed.split_first() {
-                    let mask = lanes(m, plan, subgroup);
-                    if mask != 0 {
-                        if m.common(plan.image, subgroup, LaneMask::from_bits(mask))
-                            != Some(address)
-                        {
-                            break;
-                        }
-                        // No closure: it would not be compiled for the tier.
-                        let done = match &access {
-                            Some(access) => {
-                                let v = V::new();
-                                access_block::<V, WRITES>(v, access, m, plan, subgroup, mask)
-                            }
-                            None => false,
-                        };
-                        if !done {
-                            block(m, plan, subgroup);
-                        }
-                    }
-                    listed = rest;
-                }
+                access::<T, WRITES>(m, plan, plain.as_ref(), Wave { subgroups, ..wave });
+                listed = others;
             }
         }
     }
 }
 
+/// Accesses of subgroups that share an image, one subgroup after the other.
+///
 /// # Safety
-/// As [`block`].
+/// As [`block`]; the wave is the plan's.
 #[inline(always)]
-unsafe fn access_block<V: Vector, const WRITES: bool>(
-    v: V,
-    access: &Plain<'_>,
+unsafe fn access<T: Tier, const WRITES: bool>(
     m: &Machine<'_>,
     plan: &ImagePlan,
-    subgroup: u16,
-    mask: u16,
-) -> bool {
-    let mut rows = [&[0; SUBGROUP_SIZE]; MAX_OPERAND_ROWS];
-    // SAFETY: as for `block`. All operands are of 32 bits, since texels are.
-    unsafe {
-        for (row, &(operand, _)) in rows.iter_mut().zip(&plan.operands) {
-            *row = &*m.block::<u32>(operand, subgroup);
+    plain: Option<&Plain<'_>>,
+    mut wave: Wave<'_>,
+) {
+    while !wave.subgroups.is_empty() {
+        // SAFETY: the caller's promise.
+        unsafe {
+            let done = match plain {
+                Some(plain) if WRITES => wave::store(T::KIND, plain, &wave),
+                Some(plain) => wave::load(T::KIND, plain, &wave),
+                None => 0,
+            };
+            let Some((&subgroup, rest)) = wave.subgroups[done..].split_first() else {
+                return;
+            };
+            if !wave.lanes[subgroup as usize].is_empty() {
+                block(m, plan, subgroup);
+            }
+            wave.subgroups = rest;
         }
-        let operands = Operands::new(&plan.op, &rows[..plan.operands.len()]);
-        if WRITES {
-            return access.write(v, &operands, mask);
-        }
-        let Some(texel) = access.read(v, &operands, mask) else {
-            return false;
-        };
-        // One by one: a loop would keep the components in memory.
-        put(v, m, plan, subgroup, 0, texel[0]);
-        put(v, m, plan, subgroup, 1, texel[1]);
-        put(v, m, plan, subgroup, 2, texel[2]);
-        put(v, m, plan, subgroup, 3, texel[3]);
-        true
     }
 }

@@ -16,7 +16,7 @@ mod descriptors;
 mod emit;
 mod fusion;
 mod gather;
-pub(crate) mod images;
+mod images;
 mod kernels;
 mod machine;
 mod memory;

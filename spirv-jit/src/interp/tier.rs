@@ -1,5 +1,7 @@
 //! Kernels in instruction sets: written once, instantiated in each; the results are the same bits.
 
+use lanes::Tier as TierKind;
+
 use super::machine::{Handler, Instr, Machine};
 
 /// Something that performs an instruction; its `run` is inlined into a shell that has the tier's
@@ -12,6 +14,8 @@ pub(super) trait Kernel {
 
 /// A set of target features.
 pub(super) trait Tier: 'static {
+    const KIND: TierKind;
+
     /// The kernel, compiled for this tier.
     fn handler<K: Kernel>() -> Handler;
 }
@@ -22,6 +26,8 @@ macro_rules! tier {
         pub(super) struct $name;
 
         impl Tier for $name {
+            const KIND: TierKind = TierKind::$name;
+
             fn handler<K: Kernel>() -> Handler {
                 $(#[target_feature(enable = $features)])?
                 unsafe fn shell<K: Kernel>(machine: &mut Machine<'_>, instr: &Instr) {

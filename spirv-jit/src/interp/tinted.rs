@@ -2,19 +2,18 @@
 //! the same bits as the program's.
 
 use lanes::vector::Vector;
+use lanes::{LANES, LaneMask};
 
 use super::descriptors::Entries;
-use super::images::{derivatives, put_derivatives, resolve};
-use crate::SUBGROUP_SIZE;
+use super::images::resolve;
 use crate::environment::Environment;
 use crate::image::fast::Fast;
-use crate::image::operands::Operands;
+use crate::image::wave::{self, Rows, Wave};
 use crate::ir::tinted::{Bound, Tinted};
 
 /// An image and a sampler that the common way of sampling serves for.
 #[derive(Clone, Copy)]
 pub struct Sampling<'a> {
-    tinted: &'a Tinted,
     fast: Fast<'a>,
 }
 
@@ -30,7 +29,7 @@ impl<'a> Sampling<'a> {
         // SAFETY: the addresses are of descriptors of the environment; for what they point to, the
         // caller's promise.
         let fast = unsafe { resolve(environment, &tinted.op, tinted.wanted, descriptors) }?;
-        Some(Self { tinted, fast })
+        Some(Self { fast })
     }
 
     /// Whether lanes have to be quads, whose coordinates choose the level and the samples.
@@ -45,19 +44,30 @@ impl<'a> Sampling<'a> {
     /// As [`Self::new`].
     #[inline(always)]
     pub unsafe fn texels<V: Vector>(&self, v: V, [s, t]: [V::F; 2], active: u16) -> [V::F; 4] {
-        let op = &self.tinted.op;
-        let mut coordinates = [[0; SUBGROUP_SIZE]; 2];
+        let mut coordinates = [[0; LANES]; 2];
         v.store(s, &mut coordinates[0]);
         v.store(t, &mut coordinates[1]);
-        let [s, t] = &coordinates;
-        let mut rows = [s, t, s, t, s, t];
-        let derived;
-        if self.fast.takes_derivatives() {
-            derived = derivatives(v, op, &rows, active);
-            put_derivatives(op, &derived, &mut rows);
-        }
-        let operands = Operands::new(op, &rows);
-        // SAFETY: the caller's promise.
-        unsafe { self.fast.values(v, &operands, active) }
+        let mut texels = [[0; LANES]; 4];
+        let one = |first| Rows {
+            first,
+            step_bytes: 0,
+        };
+        let [s, t] = coordinates.each_mut().map(|row| one(&raw mut *row));
+        let wave = Wave {
+            subgroups: &[0],
+            lanes: &[LaneMask::from_bits(active)],
+            operands: &[s, t, s, t, s, t],
+            results: texels.each_mut().map(|row| one(&raw mut *row)),
+            derives: true,
+        };
+        // SAFETY: the rows are the coordinates', in the places of derivatives, too, and those of
+        // the texels; for the rest, the caller's promise.
+        unsafe { wave::sample(V::TIER, &self.fast, &wave) };
+        [
+            v.load(&texels[0]),
+            v.load(&texels[1]),
+            v.load(&texels[2]),
+            v.load(&texels[3]),
+        ]
     }
 }

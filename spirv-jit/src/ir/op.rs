@@ -4,7 +4,8 @@
 use super::{FunctionId, VariableId};
 use crate::facts::Fact;
 
-pub use crate::types::{AtomicOp, Trace, Type};
+pub use crate::image::AtomicOp;
+pub use crate::types::{Trace, Type};
 
 /// Where a memory access goes: see the table in the [module's prose](super).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

@@ -401,16 +401,13 @@ fn check_subgroup(kind: SubgroupOp, args: &[Type], results: &[Type]) -> Checked 
 /// See [`ImageOp`] for the order of operands.
 fn check_image(op: &ImageOp, args: &[Type], results: &[Type]) -> Checked {
     use ImageOpKind as Kind;
-    use Type::{Descriptor, F32, I32, I64};
+    use Type::{Descriptor, F32, I32};
     let sampled = matches!(op.kind, Kind::Sample | Kind::Gather(_) | Kind::QueryLod);
     let query = matches!(
         op.kind,
         Kind::QuerySize | Kind::QueryLevels | Kind::QuerySamples
     );
-    require(
-        matches!(op.texel, F32 | I32 | I64) && !matches!(op.kind, Kind::Gather(4..)),
-        "no such texels",
-    )?;
+    require(!matches!(op.kind, Kind::Gather(4..)), "no such texels")?;
     let mut expected = vec![Descriptor];
     if sampled {
         expected.push(Descriptor);
@@ -461,9 +458,9 @@ fn check_image(op: &ImageOp, args: &[Type], results: &[Type]) -> Checked {
     let result_type = match op.kind {
         Kind::QuerySize | Kind::QueryLevels | Kind::QuerySamples => I32,
         Kind::QueryLod => F32,
-        _ => op.texel,
+        _ => op.texel.into(),
     };
-    expected.extend(std::iter::repeat_n(op.texel, texels));
+    expected.extend(std::iter::repeat_n(Type::from(op.texel), texels));
     require(args == expected, "wrong image operands")?;
     let tells = matches!(
         op.kind,

@@ -9,8 +9,8 @@ use std::collections::HashMap;
 use super::module::{Module, Node, Terminator};
 use super::op::DescriptorBinding;
 use super::passed::Passed;
-use super::{Inst, Op, Type, Value};
-use crate::image::{Dim, ImageOp, ImageOpKind, LodMode};
+use super::{Inst, Op, Value};
+use crate::image::{Dim, ImageOp, ImageOpKind, LodMode, TexelType};
 
 /// A descriptor, by a constant index.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -143,7 +143,7 @@ impl Finder {
         let is_plain = op.kind == ImageOpKind::Sample
             && op.dim == Dim::D2
             && op.lod == LodMode::Grad
-            && op.texel == Type::F32
+            && op.texel == TexelType::F32
             && !(op.arrayed || op.depth_compare || op.has_min_lod || op.has_offset);
         let &[image, sampler, s, t, ref slopes @ ..] = args else {
             return None;

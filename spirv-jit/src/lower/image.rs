@@ -7,7 +7,7 @@ use super::Lowerer;
 use super::types::{ImageType, TypeKind};
 use super::values::{Place, Pointer, Val};
 use crate::Error;
-use crate::image::{Dim, Format, ImageOp, ImageOpKind, LodMode};
+use crate::image::{Dim, Format, ImageOp, ImageOpKind, LodMode, TexelType};
 use crate::ir::op::AtomicOp;
 use crate::ir::stage::{Builtin, Stage};
 use crate::ir::{self, InputRow, Type, Value};
@@ -174,14 +174,14 @@ impl Lowerer<'_> {
             }
         };
         let texel = match self.types.kind(image.sampled_type)? {
-            TypeKind::Void => Type::F32,
-            _ => self.types.scalar(image.sampled_type)?,
+            TypeKind::Void => Some(TexelType::F32),
+            _ => self.types.scalar(image.sampled_type)?.as_texel(),
         };
-        if !matches!(texel, Type::F32 | Type::I32 | Type::I64) {
+        let Some(texel) = texel else {
             return Err(self
                 .b
                 .invalid("texels are 32-bit floats or 32- or 64-bit integers"));
-        }
+        };
         Ok(ImageOp {
             // The layer of an input attachment is the one that is drawn to.
             arrayed: image.arrayed || image.dim == spirv::Dim::DimSubpassData,
@@ -320,7 +320,7 @@ impl Lowerer<'_> {
             ImageOpKind::QuerySize | ImageOpKind::QueryLevels | ImageOpKind::QuerySamples => {
                 Type::I32
             }
-            _ => op.texel,
+            _ => op.texel.into(),
         };
         let mut types: SmallVec<[Type; 5]> = SmallVec::from_elem(ty, results);
         if op.residency {
@@ -472,10 +472,11 @@ impl Lowerer<'_> {
         let extras = self.extras(&operands[3..])?;
         self.push_extras(&mut op, &extras, &mut arguments)?;
         let texel = self.leaves(operands[2])?;
-        let zero = self.b.constant(op.texel, 0);
+        let ty = Type::from(op.texel);
+        let zero = self.b.constant(ty, 0);
         for index in 0..4 {
             let value = texel.get(index).copied().unwrap_or(zero);
-            if self.b.ty(value) != op.texel {
+            if self.b.ty(value) != ty {
                 return Err(self.b.invalid("the texel does not have the image's type"));
             }
             arguments.push(value);
@@ -570,10 +571,8 @@ impl Lowerer<'_> {
         };
         let image_type = self.image_type_of(*image_type)?;
         let mut op = self.image_op(image_type, ImageOpKind::Atomic(kind))?;
-        op.texel = self.types.scalar(pointer.pointee)?;
-        if !matches!(op.texel, Type::F32 | Type::I32 | Type::I64) {
-            return Err(self.b.invalid("this texel has no atomics"));
-        }
+        let texel = self.types.scalar(pointer.pointee)?.as_texel();
+        op.texel = texel.ok_or_else(|| self.b.invalid("this texel has no atomics"))?;
         let mut arguments = vec![self.b.descriptor(*image)?];
         arguments.extend_from_slice(coordinate);
         if op.multisampled {

@@ -20,15 +20,13 @@ use super::lod;
 use super::operands::Operands;
 use super::{
     AddressMode, Dim, Filter, ImageDescriptor, ImageOp, ImageOpKind, LodMode, Reduction,
-    SamplerDescriptor,
+    SamplerDescriptor, TexelType,
 };
-use crate::types::Type;
-pub(crate) use planes::Subgroups;
 pub(super) use taps::index_in_block;
 use whole::Whole;
 
 /// Whether an operation is one of these, as far as its instruction tells.
-pub(crate) fn may_apply(op: &ImageOp) -> bool {
+pub fn may_apply(op: &ImageOp) -> bool {
     let dim_fits = match op.dim {
         Dim::D1 | Dim::D2 | Dim::D3 => true,
         Dim::Cube => !op.has_offset,
@@ -36,16 +34,12 @@ pub(crate) fn may_apply(op: &ImageOp) -> bool {
     };
     let kind_fits = matches!(op.kind, ImageOpKind::Sample | ImageOpKind::Gather(_));
     let has_others = op.has_min_lod || op.has_offsets || op.residency;
-    kind_fits && dim_fits && !has_others && op.texel != Type::I64
+    kind_fits && dim_fits && !has_others && op.texel != TexelType::I64
 }
-
-/// Most operand rows of an operation that [`may_apply`]: of a 3D image, three coordinates,
-/// six derivatives and three offsets.
-pub(crate) const MAX_OPERANDS: usize = 12;
 
 /// An operation that [`may_apply`], with an image and a sampler for which it does.
 #[derive(Clone, Copy)]
-pub(crate) struct Fast<'a> {
+pub struct Fast<'a> {
     op: &'a ImageOp,
     image: &'a ImageDescriptor,
     info: &'a FormatInfo,
@@ -76,12 +70,11 @@ pub(crate) struct Fast<'a> {
     /// A gather from a plane of texels of a word each.
     gathers_words: bool,
     /// There is more to do than [`planes`] has code for: see [`Whole`].
-    pub(crate) has_more: bool,
+    has_more: bool,
 }
 
 impl<'a> Fast<'a> {
-    #[inline(always)]
-    pub(crate) fn new(
+    pub fn new(
         op: &'a ImageOp,
         image: &'a ImageDescriptor,
         info: &'a FormatInfo,
@@ -176,6 +169,11 @@ impl<'a> Fast<'a> {
     }
 
     #[inline(always)]
+    pub(super) fn op(&self) -> &ImageOp {
+        self.op
+    }
+
+    #[inline(always)]
     fn is_gather(&self) -> bool {
         self.op.kind != ImageOpKind::Sample
     }
@@ -191,8 +189,8 @@ impl<'a> Fast<'a> {
     }
 
     /// Whether derivatives are looked at, where the operation has them.
-    #[inline(always)]
-    pub(crate) fn takes_derivatives(&self) -> bool {
+    #[inline]
+    pub fn takes_derivatives(&self) -> bool {
         self.has_levels() || self.is_anisotropic
     }
 }
@@ -204,118 +202,19 @@ fn has_words(info: &FormatInfo) -> bool {
 }
 
 /// The sample of a lane, in units (see [`block`]).
-pub(crate) type Components<V> = [<V as Vector>::F; 4];
+pub(super) type Components<V> = [<V as Vector>::F; 4];
 
 /// Offsets of an operation that has some, in texels along the axes.
-pub(crate) type Offsets<V> = [Option<<V as Vector>::I>; 3];
-
-/// Results of a block; only those that are wanted are written.
-type Results<'r> = &'r mut [Row];
-
-/// One subgroup by itself.
-struct Block<'b, V: Vector> {
-    operands: &'b Operands<'b>,
-    mask: u16,
-    values: Components<V>,
-}
-
-impl<V: Vector> Subgroups<V> for Block<'_, V> {
-    const IS_WAVE: bool = false;
-
-    #[inline(always)]
-    fn count(&self) -> usize {
-        1
-    }
-
-    #[inline(always)]
-    fn derives(&self) -> bool {
-        false
-    }
-
-    #[inline(always)]
-    unsafe fn mask(&self, _: usize) -> u16 {
-        self.mask
-    }
-
-    #[inline(always)]
-    unsafe fn coordinate(&self, _: usize, index: usize) -> &Row {
-        self.operands.coordinates[index]
-    }
-
-    #[inline(always)]
-    unsafe fn reference(&self, _: usize) -> &Row {
-        self.operands.depth_reference.expect("a comparison has one")
-    }
-
-    #[inline(always)]
-    unsafe fn lod(&self, _: usize, index: usize) -> &Row {
-        self.operands.lod[index]
-    }
-
-    #[inline(always)]
-    unsafe fn offset(&self, _: usize, index: usize) -> &Row {
-        self.operands.offsets[index]
-    }
-
-    #[inline(always)]
-    unsafe fn put(&mut self, _: V, _: usize, values: Components<V>) {
-        self.values = values;
-    }
-}
+pub(super) type Offsets<V> = [Option<<V as Vector>::I>; 3];
 
 impl Fast<'_> {
-    /// Samples the lanes of `mask`, which is not empty.
+    /// The results of any sample of the lanes of `mask`, which is not empty. Those that are not
+    /// wanted are anything.
     ///
     /// # Safety
     /// The image's memory stays allocated during the call.
     #[inline(always)]
-    pub(crate) unsafe fn sample<V: Vector>(
-        &self,
-        v: V,
-        operands: &Operands<'_>,
-        mask: u16,
-        results: Results<'_>,
-    ) {
-        // SAFETY: as the caller promises.
-        let values = unsafe { self.values(v, operands, mask) };
-        let count = self.op.result_rows();
-        for (value, row) in values.into_iter().zip(results).take(count) {
-            v.store(value, row);
-        }
-    }
-
-    /// The same, but the results are returned. Those that are not wanted are anything.
-    ///
-    /// # Safety
-    /// As [`Self::sample`].
-    #[inline(always)]
-    pub(crate) unsafe fn values<V: Vector>(
-        &self,
-        v: V,
-        operands: &Operands<'_>,
-        mask: u16,
-    ) -> Components<V> {
-        let block = Block {
-            operands,
-            mask,
-            values: [v.splat(0.0); 4],
-        };
-        // SAFETY: as the caller promises.
-        unsafe {
-            if self.is_of_planes::<V>() {
-                self.planes(v, block).values
-            } else {
-                self.whole(v, operands, mask)
-            }
-        }
-    }
-
-    /// [`Self::values`] of any sample, one subgroup at a time.
-    ///
-    /// # Safety
-    /// As [`Self::sample`].
-    #[inline(always)]
-    pub(crate) unsafe fn whole<V: Vector>(
+    pub(super) unsafe fn whole<V: Vector>(
         &self,
         v: V,
         operands: &Operands<'_>,

@@ -5,46 +5,17 @@
 
 use std::hint::assert_unchecked;
 
+use lanes::quad;
 use lanes::vector::{Task, Vector};
-use lanes::{Row, quad};
 
 use super::super::decode::Field;
+use super::super::wave::Wave;
 use super::super::{AddressMode, LodMode};
 use super::axis::{Along, Axis};
 use super::levels::{Anisotropy, Levels, levels_of};
 use super::taps::Taps;
 use super::whole::gathered_component;
 use super::{Components, Fast};
-
-/// The subgroups that sample, and their operands.
-pub(crate) trait Subgroups<V: Vector> {
-    /// Whether they are a wave's: code for the common images and samplers pays off.
-    const IS_WAVE: bool;
-
-    fn count(&self) -> usize;
-
-    /// Whether samples are at the derivatives of their coordinates, which are no operands then.
-    fn derives(&self) -> bool;
-
-    /// The lanes that sample.
-    ///
-    /// # Safety
-    /// Here and below, `subgroup` is less than the count, and the operation has the operand.
-    unsafe fn mask(&self, subgroup: usize) -> u16;
-
-    unsafe fn coordinate(&self, subgroup: usize, index: usize) -> &Row;
-
-    /// The depth that texels are compared with.
-    unsafe fn reference(&self, subgroup: usize) -> &Row;
-
-    /// Bias, level or derivatives.
-    unsafe fn lod(&self, subgroup: usize, index: usize) -> &Row;
-
-    unsafe fn offset(&self, subgroup: usize, index: usize) -> &Row;
-
-    /// Takes the results; those that are not wanted are anything.
-    unsafe fn put(&mut self, v: V, subgroup: usize, values: Components<V>);
-}
 
 /// How both coordinates are brought into a level.
 mod mode {
@@ -67,10 +38,6 @@ mod texels {
     pub const BYTES: u8 = 0;
     /// Four bytes, sRGB, linear between them.
     pub const SRGB: u8 = 1;
-    /// One texel of any format.
-    pub const NEAREST: u8 = 2;
-    /// Any format, linear between texels.
-    pub const LINEAR: u8 = 3;
     /// Depths, compared before they are weighed.
     pub const COMPARED: u8 = 4;
     pub const ANY: u8 = 5;
@@ -85,19 +52,22 @@ mod texels {
     pub const VOLUME: u8 = 10;
 }
 
-struct Planes<'a, 'b, S, const LEVELS: u8, const MODE: u8, const TEXELS: u8>(&'b Fast<'a>, S);
+struct Planes<'a, 'b, const LEVELS: u8, const MODE: u8, const TEXELS: u8>(
+    &'b Fast<'a>,
+    &'b Wave<'b>,
+);
 
-impl<V: Vector, S: Subgroups<V>, const LEVELS: u8, const MODE: u8, const TEXELS: u8> Task<V>
-    for Planes<'_, '_, S, LEVELS, MODE, TEXELS>
+impl<V: Vector, const LEVELS: u8, const MODE: u8, const TEXELS: u8> Task<V>
+    for Planes<'_, '_, LEVELS, MODE, TEXELS>
 {
-    type Output = S;
+    type Output = ();
 
     #[inline(always)]
-    unsafe fn run(self, v: V) -> S {
-        let Planes(fast, mut subgroups) = self;
-        // A copy that results are not written to, as far as the compiler can see: what is known of
-        // it before the first subgroup holds for all.
-        let fast = &{ *fast };
+    unsafe fn run(self, v: V) {
+        let Planes(fast, wave) = self;
+        // Copies that results are not written to, as far as the compiler can see: what is known of
+        // them before the first subgroup holds for all.
+        let (fast, wave) = (&{ *fast }, &{ *wave });
         // SAFETY: `Fast::planes` chose this.
         unsafe {
             assert_unchecked(!fast.is_cube || TEXELS == texels::GATHERED_ANY);
@@ -125,8 +95,6 @@ impl<V: Vector, S: Subgroups<V>, const LEVELS: u8, const MODE: u8, const TEXELS:
                     assert_unchecked(fast.srgb == (TEXELS == texels::NEAREST_SRGB));
                     assert_unchecked(fast.straight == (TEXELS == texels::NEAREST_BYTES));
                 }
-                texels::NEAREST => assert_unchecked(fast.is_nearest),
-                texels::LINEAR => assert_unchecked(!fast.is_nearest),
                 texels::GATHERED => {
                     assert_unchecked(!fast.is_nearest && fast.info.size_bytes == 4);
                     assert_unchecked(fast.block_shift == 0);
@@ -138,51 +106,51 @@ impl<V: Vector, S: Subgroups<V>, const LEVELS: u8, const MODE: u8, const TEXELS:
             }
         }
         let first = levels_of(v, &fast.image.levels[0]);
-        for subgroup in 0..subgroups.count() {
+        for subgroup in 0..wave.subgroups.len() {
             // SAFETY: the caller's promise; levels are the image's, layers the view's.
             unsafe {
-                let mask = subgroups.mask(subgroup);
-                let s = v.load(subgroups.coordinate(subgroup, 0));
-                let t = v.load(subgroups.coordinate(subgroup, 1));
+                let mask = wave.mask(subgroup);
+                let s = v.load(wave.operand(subgroup, 0));
+                let t = v.load(wave.operand(subgroup, 1));
                 let layer = match fast.op.arrayed {
-                    true => Some(subgroups.coordinate(subgroup, 2)),
+                    true => Some(wave.operand(subgroup, 2)),
                     false => None,
                 };
                 let layer = fast.layer_offset(v, layer);
                 let offsets = match fast.op.has_offset {
                     true => [
-                        Some(v.load_i(subgroups.offset(subgroup, 0))),
-                        Some(v.load_i(subgroups.offset(subgroup, 1))),
+                        Some(v.load_i(wave.offset(fast.op, subgroup, 0))),
+                        Some(v.load_i(wave.offset(fast.op, subgroup, 1))),
                         match TEXELS {
-                            texels::VOLUME => Some(v.load_i(subgroups.offset(subgroup, 2))),
+                            texels::VOLUME => Some(v.load_i(wave.offset(fast.op, subgroup, 2))),
                             _ => None,
                         },
                     ],
                     false => [None; 3],
                 };
                 let r = match TEXELS {
-                    texels::VOLUME => v.load(subgroups.coordinate(subgroup, 2)),
+                    texels::VOLUME => v.load(wave.operand(subgroup, 2)),
                     _ => v.splat(0.0),
                 };
                 let places = [(s, offsets[0]), (t, offsets[1]), (r, offsets[2])];
                 if TEXELS == texels::GATHERED_ANY {
                     let reference = match fast.op.depth_compare {
-                        true => Some(subgroups.reference(subgroup)),
+                        true => Some(wave.reference(fast.op, subgroup)),
                         false => None,
                     };
                     // Those that there are: a cube's layer is the last.
                     let count = fast.op.coordinate_count();
-                    let mut coordinates = [subgroups.coordinate(subgroup, 0); 4];
+                    let mut coordinates = [wave.operand(subgroup, 0); 4];
                     for (index, row) in coordinates.iter_mut().enumerate().take(count).skip(1) {
-                        *row = subgroups.coordinate(subgroup, index);
+                        *row = wave.operand(subgroup, index);
                     }
                     let coordinates = &coordinates[..count.min(4)];
                     let texels = fast.gathered(v, coordinates, offsets, reference, mask);
-                    subgroups.put(v, subgroup, fast.gathered_values(v, texels));
+                    wave.put_numbers(v, subgroup, fast.gathered_values(v, texels));
                     continue;
                 }
                 if TEXELS == texels::COMPARED {
-                    let reference = fast.reference(v, subgroups.reference(subgroup));
+                    let reference = fast.reference(v, wave.reference(fast.op, subgroup));
                     let axes = axes::<V, MODE>(fast, v, &first, places, mask);
                     let passed = match fast.has_words() && !fast.is_nearest {
                         true => fast.compared_words(v, &first, layer, &axes, reference, mask),
@@ -192,7 +160,7 @@ impl<V: Vector, S: Subgroups<V>, const LEVELS: u8, const MODE: u8, const TEXELS:
                             fast.blended(v, &mut taps, Some(reference), None)[0]
                         }
                     };
-                    subgroups.put(v, subgroup, [passed; 4]);
+                    wave.put_numbers(v, subgroup, [passed; 4]);
                     continue;
                 }
                 if TEXELS == texels::GATHERED {
@@ -221,16 +189,15 @@ impl<V: Vector, S: Subgroups<V>, const LEVELS: u8, const MODE: u8, const TEXELS:
                             v.bits_to_f(words[0]),
                         ],
                     };
-                    subgroups.put(v, subgroup, fast.gathered_values(v, gathered));
+                    wave.put_numbers(v, subgroup, fast.gathered_values(v, gathered));
                     continue;
                 }
                 if LEVELS == levels::ONE || TEXELS == texels::VOLUME && !fast.has_levels() {
                     let sampled = of_level::<V, MODE, TEXELS>(fast, v, &first, layer, places, mask);
-                    subgroups.put(v, subgroup, fast.finish(v, sampled));
+                    wave.put_numbers(v, subgroup, fast.finish(v, sampled));
                     continue;
                 }
-                let (level, weight, anisotropy) =
-                    levels_of_detail(fast, v, &subgroups, subgroup, mask);
+                let (level, weight, anisotropy) = levels_of_detail(fast, v, wave, subgroup, mask);
                 let near = fast.levels(v, level, mask);
                 let far = match v.gt(weight, v.splat(0.0)) & mask != 0 {
                     true => Some(fast.levels(v, fast.next_level(v, level), mask)),
@@ -244,7 +211,7 @@ impl<V: Vector, S: Subgroups<V>, const LEVELS: u8, const MODE: u8, const TEXELS:
                 };
                 let Some(along) = anisotropy else {
                     let sampled = of_levels.sample::<MODE, TEXELS>(fast, v, places, mask);
-                    subgroups.put(v, subgroup, fast.finish(v, sampled));
+                    wave.put_numbers(v, subgroup, fast.finish(v, sampled));
                     continue;
                 };
                 let mut total = [v.splat(0.0); 4];
@@ -277,10 +244,9 @@ impl<V: Vector, S: Subgroups<V>, const LEVELS: u8, const MODE: u8, const TEXELS:
                     v.div(total[2], along.count),
                     v.div(total[3], along.count),
                 ];
-                subgroups.put(v, subgroup, fast.finish(v, mean));
+                wave.put_numbers(v, subgroup, fast.finish(v, mean));
             }
         }
-        subgroups
     }
 }
 
@@ -333,21 +299,21 @@ impl<V: Vector> OfLevels<'_, V> {
 /// The level of each lane, the weight of the next, and where samples are, if there may be several.
 ///
 /// # Safety
-/// As [`Subgroups::mask`].
+/// As [`Wave::mask`].
 #[inline(always)]
-unsafe fn levels_of_detail<V: Vector, S: Subgroups<V>>(
+unsafe fn levels_of_detail<V: Vector>(
     fast: &Fast<'_>,
     v: V,
-    subgroups: &S,
+    wave: &Wave<'_>,
     subgroup: usize,
     active: u16,
 ) -> (V::I, V::F, Option<Anisotropy<V>>) {
     // SAFETY: the caller's promise.
     let footprint = unsafe {
         match fast.op.lod {
-            LodMode::Grad if subgroups.derives() => {
-                let s = v.load(subgroups.coordinate(subgroup, 0));
-                let t = v.load(subgroups.coordinate(subgroup, 1));
+            LodMode::Grad if wave.derives => {
+                let s = v.load(wave.operand(subgroup, 0));
+                let t = v.load(wave.operand(subgroup, 1));
                 let zero = v.splat(0.0);
                 let derivatives = [
                     [
@@ -367,20 +333,20 @@ unsafe fn levels_of_detail<V: Vector, S: Subgroups<V>>(
                 let zero = v.splat(0.0);
                 let derivatives = [
                     [
-                        v.load(subgroups.lod(subgroup, 0)),
-                        v.load(subgroups.lod(subgroup, 1)),
+                        v.load(wave.lod(fast.op, subgroup, 0)),
+                        v.load(wave.lod(fast.op, subgroup, 1)),
                         zero,
                     ],
                     [
-                        v.load(subgroups.lod(subgroup, 2)),
-                        v.load(subgroups.lod(subgroup, 3)),
+                        v.load(wave.lod(fast.op, subgroup, 2)),
+                        v.load(wave.lod(fast.op, subgroup, 3)),
                         zero,
                     ],
                 ];
                 fast.footprint(v, derivatives)
             }
             LodMode::Bias | LodMode::Lod => {
-                let lod = Some(subgroups.lod(subgroup, 0));
+                let lod = Some(wave.lod(fast.op, subgroup, 0));
                 let (level, weight) = fast.chosen_levels(v, lod, None);
                 return (level, weight, None);
             }
@@ -516,7 +482,7 @@ impl Fast<'_> {
     /// Whether [`Self::planes`] is for these samples. Where operations are no instructions, only
     /// the most common ones are worth their code.
     #[inline(always)]
-    pub(super) fn is_of_planes<V: Vector>(&self) -> bool {
+    pub(in super::super) fn is_of_planes<V: Vector>(&self) -> bool {
         let is_common = V::IS_MACHINES
             || !self.has_levels()
                 && !self.op.depth_compare
@@ -529,9 +495,9 @@ impl Fast<'_> {
     /// Samples of subgroups, each of which has lanes that sample.
     ///
     /// # Safety
-    /// The image's memory stays allocated during the call.
+    /// As [`sample`](super::super::wave::sample).
     #[inline(always)]
-    pub(crate) unsafe fn planes<V: Vector, S: Subgroups<V>>(&self, v: V, subgroups: S) -> S {
+    pub(in super::super) unsafe fn planes<V: Vector>(&self, v: V, wave: &Wave<'_>) {
         use AddressMode::{ClampToEdge, Repeat};
         debug_assert!(self.is_of_planes::<V>());
         let texels = match self.is_nearest {
@@ -553,11 +519,10 @@ impl Fast<'_> {
             macro_rules! run {
                 ($levels:ident $texels:ident $mode:ident) => {
                     v.apart(Planes::<
-                        S,
                         { levels::$levels },
                         { mode::$mode },
                         { texels::$texels },
-                    >(self, subgroups))
+                    >(self, wave))
                 };
             }
             if !V::IS_MACHINES {
@@ -580,14 +545,6 @@ impl Fast<'_> {
                 true => levels::MANY,
                 false => levels::ONE,
             };
-            if !S::IS_WAVE {
-                return match (levels, self.is_nearest) {
-                    (levels::ONE, true) => run!(ONE NEAREST ANY),
-                    (levels::ONE, false) => run!(ONE LINEAR ANY),
-                    (levels::MANY, _) => run!(MANY ANY ANY),
-                    _ => run!(ANISOTROPIC ANY ANY),
-                };
-            }
             match (levels, texels, mode) {
                 (levels::ONE, texels::BYTES, mode::CLAMP) => run!(ONE BYTES CLAMP),
                 (levels::ONE, texels::BYTES, mode::REPEAT) => run!(ONE BYTES REPEAT),

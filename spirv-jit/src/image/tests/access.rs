@@ -1,7 +1,6 @@
 //! Fetches, stores, atomics and queries.
 
 use super::*;
-use crate::environment::Environment;
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(effort::rounds(2000)))]
@@ -53,7 +52,7 @@ proptest! {
             let info = format.info().unwrap();
             if info.is_wide() || info.blocks().is_some() { continue; }
             let image = Image::new(format, Dim::D2, [8, 8, 1], 1, 1, seed);
-            let texel = if info.numeric.is_integer() { Type::I32 } else { Type::F32 };
+            let texel = if info.numeric.is_integer() { TexelType::I32 } else { TexelType::F32 };
             let write = ImageOp { texel, ..ImageOp::plain(ImageOpKind::Write, Dim::D2) };
             let before: Vec<[u32; 4]> = (0..64).map(|i| image.words(0, 0, [i % 8, i / 8, 0])).collect();
             let mut expected = before.clone();
@@ -81,7 +80,7 @@ fn queries_of_the_image() {
     let size = ImageOp {
         arrayed: true,
         lod: LodMode::Lod,
-        texel: Type::I32,
+        texel: TexelType::I32,
         ..ImageOp::plain(ImageOpKind::QuerySize, Dim::D2)
     };
     let results = run(&size, &image.descriptor, None, 1, &[[1; 16]]);
@@ -116,7 +115,7 @@ fn atomics_return_the_old_value_in_lane_order() {
     let image = Image::new(Format::R32_UINT, Dim::D2, [4, 4, 1], 1, 1, 1);
     let old = image.words(0, 0, [1, 2, 0])[0];
     let op = ImageOp {
-        texel: Type::I32,
+        texel: TexelType::I32,
         ..ImageOp::plain(ImageOpKind::Atomic(AtomicOp::IAdd), Dim::D2)
     };
     let results = run(
@@ -134,7 +133,7 @@ fn atomics_return_the_old_value_in_lane_order() {
 
     let image = Image::new(Format::R64_SINT, Dim::D1, [4, 1, 1], 1, 1, 1);
     let op = ImageOp {
-        texel: Type::I64,
+        texel: TexelType::I64,
         ..ImageOp::plain(ImageOpKind::Write, Dim::D1)
     };
     let zero = [0; 16];
@@ -156,7 +155,7 @@ fn atomics_return_the_old_value_in_lane_order() {
         ],
     );
     let op = ImageOp {
-        texel: Type::I64,
+        texel: TexelType::I64,
         ..ImageOp::plain(ImageOpKind::Atomic(AtomicOp::SMin), Dim::D1)
     };
     let results = run(
@@ -168,7 +167,7 @@ fn atomics_return_the_old_value_in_lane_order() {
     );
     assert_eq!([results[0][0], results[1][0]], [7, u32::MAX]);
     let read = ImageOp {
-        texel: Type::I64,
+        texel: TexelType::I64,
         ..ImageOp::plain(ImageOpKind::Read, Dim::D1)
     };
     let results = run(&read, &image.descriptor, None, 1, &[[3; 16]]);
@@ -201,7 +200,7 @@ fn samples_of_multisampled_images_are_separate() {
     image.descriptor.layer_count = 1;
     let op = ImageOp {
         multisampled: true,
-        texel: Type::I32,
+        texel: TexelType::I32,
         ..ImageOp::plain(ImageOpKind::Fetch, Dim::D2)
     };
     let mut samples = [0; 16];
@@ -223,42 +222,4 @@ fn null_descriptors_read_zero() {
     // SAFETY: no image.
     unsafe { execute_block(&op, None, None, 1, &[&[0; 16], &[0; 16]], &mut results) };
     assert_eq!(results.map(|row| row[0])[..4], [0; 4]);
-}
-
-#[test]
-fn lanes_with_different_images_keep_their_own_texels() {
-    let images =
-        [1, 2, 3].map(|side| Image::new(Format::R8G8B8A8_UINT, Dim::D2, [side, 4, 1], 1, 1, side));
-    let descriptors = images.each_ref().map(|image| Descriptor {
-        image: &image.descriptor,
-        ..Descriptor::NULL
-    });
-    let addresses: [u64; 16] = std::array::from_fn(|lane| &raw const descriptors[lane % 3] as u64);
-    let op = ImageOp {
-        texel: Type::I32,
-        ..ImageOp::plain(ImageOpKind::Fetch, Dim::D2)
-    };
-    let mut results = [[7; 16]; 8];
-    let rows: [&Row; 2] = [&[0; 16], &[3; 16]];
-    // SAFETY: descriptors and images are alive.
-    unsafe {
-        execute(
-            &op,
-            &Environment::unbound(),
-            &addresses,
-            &[0; 16],
-            0x7fff,
-            &rows,
-            &mut results,
-        )
-    };
-    for lane in 0..15 {
-        let expected = images[lane % 3].words(0, 0, [0, 3, 0]);
-        assert_eq!(
-            std::array::from_fn(|c| results[c][lane]),
-            expected,
-            "lane {lane}"
-        );
-    }
-    assert_eq!(results[0][15], 7);
 }

@@ -4,14 +4,12 @@
 
 use fastrand::Rng;
 use lanes::Tier;
-use lanes::vector::Vector;
 
 use super::super::decode::Decoder;
 use super::super::fast::Fast;
 use super::super::operands::Operands;
 use super::super::plain::Plain;
-use super::super::{lod, sample};
-use super::vectors::{Case, in_every_tier};
+use super::super::{lod, sample, wave};
 use super::*;
 
 /// Memory between pages that cannot be read: its last byte is a page's last.
@@ -123,38 +121,6 @@ fn any_image(
     (memory, descriptor)
 }
 
-/// A sample or a gather.
-struct Sampled<'s> {
-    fast: Fast<'s>,
-    op: &'s ImageOp,
-    rows: &'s [&'s Row],
-    mask: u16,
-    is_integer: bool,
-    expected: [Row; 8],
-    what: String,
-}
-
-impl Case for Sampled<'_> {
-    #[inline(always)]
-    unsafe fn run<V: Vector>(&mut self, v: V) {
-        let operands = Operands::new(self.op, self.rows);
-        let mut results = [[0; 16]; 8];
-        // SAFETY: the image's memory is there; as the trait says.
-        unsafe { self.fast.sample(v, &operands, self.mask, &mut results) };
-        for lane in (0..16).filter(|lane| self.mask >> lane & 1 == 1) {
-            for component in 0..self.op.result_rows() {
-                let (a, b) = (results[component][lane], self.expected[component][lane]);
-                let is_nan = |word: u32| f32::from_bits(word).is_nan() && !self.is_integer;
-                assert!(
-                    a == b || is_nan(a) && is_nan(b),
-                    "{a:x}, not {b:x}, in lane {lane}, component {component}: {}",
-                    self.what
-                );
-            }
-        }
-    }
-}
-
 fn pick<T: Copy>(random: &mut Rng, all: &[T]) -> T {
     all[random.usize(..all.len())]
 }
@@ -255,7 +221,11 @@ fn compare_one(random: &mut Rng, format: Format) {
         depth_compare: compares,
         lod,
         has_offset: !is_cube && random.u32(..3) == 0,
-        texel: if is_integer { Type::I32 } else { Type::F32 },
+        texel: if is_integer {
+            TexelType::I32
+        } else {
+            TexelType::F32
+        },
         signed: info.numeric == super::super::format::Numeric::Sint,
         ..ImageOp::plain(
             match is_gather {
@@ -335,46 +305,21 @@ fn compare_one(random: &mut Rng, format: Format) {
         let tier = Tier::best();
         sample::sample(tier, &op, &operands, &image, info, &s, mask, &mut expected);
     }
-    in_every_tier(&mut Sampled {
-        fast,
-        op: &op,
-        rows: &rows,
-        mask,
-        is_integer,
-        expected,
-        what,
-    });
-}
-
-/// A fetch.
-struct Fetched<'s> {
-    plain: Plain<'s>,
-    op: &'s ImageOp,
-    rows: &'s [&'s Row],
-    mask: u16,
-    expected: [Row; 8],
-    what: String,
-}
-
-impl Case for Fetched<'_> {
-    #[inline(always)]
-    unsafe fn run<V: Vector>(&mut self, v: V) {
-        let operands = Operands::new(self.op, self.rows);
-        // SAFETY: the image's memory is there; as the trait says.
-        let texel = unsafe { self.plain.read(v, &operands, self.mask) };
-        // Lanes of no level that there is are not for vectors.
-        let Some(texel) = texel else {
-            return;
-        };
-        let mut results = [[0; 16]; 4];
-        for (component, row) in texel.into_iter().zip(&mut results) {
-            v.store_i(component, row);
-        }
-        for lane in (0..16).filter(|lane| self.mask >> lane & 1 == 1) {
-            for component in 0..4 {
-                let (a, b) = (results[component][lane], self.expected[component][lane]);
-                let what = &self.what;
-                assert_eq!(a, b, "in lane {lane}, component {component}: {what}");
+    for &tier in Tier::available() {
+        let mut results = [[0; 16]; 8];
+        let rows_of_results = &mut results[..op.result_rows()];
+        wave::of_one(&rows, mask, rows_of_results, |one| {
+            // SAFETY: the image's memory is there, and the machine has the tier.
+            unsafe { wave::sample(tier, &fast, one) };
+        });
+        for lane in (0..16).filter(|lane| mask >> lane & 1 == 1) {
+            for component in 0..op.result_rows() {
+                let (a, b) = (results[component][lane], expected[component][lane]);
+                let is_nan = |word: u32| f32::from_bits(word).is_nan() && !is_integer;
+                assert!(
+                    a == b || is_nan(a) && is_nan(b),
+                    "{a:x}, not {b:x}, in lane {lane}, component {component}, {tier}: {what}"
+                );
             }
         }
     }
@@ -399,9 +344,9 @@ fn compare_fetch(random: &mut Rng, format: Format) {
         lod: LodMode::Lod,
         has_offset: random.u32(..3) == 0,
         texel: if info.numeric.is_integer() {
-            Type::I32
+            TexelType::I32
         } else {
-            Type::F32
+            TexelType::F32
         },
         ..ImageOp::plain(ImageOpKind::Fetch, dim)
     };
@@ -430,14 +375,26 @@ fn compare_fetch(random: &mut Rng, format: Format) {
         assert!(Decoder::of(info) == Decoder::Each, "{what}");
         return;
     };
-    in_every_tier(&mut Fetched {
-        plain,
-        op: &op,
-        rows: &rows,
-        mask,
-        expected,
-        what,
-    });
+    for &tier in Tier::available() {
+        let mut results = [[0; 16]; 4];
+        let done = wave::of_one(&rows, mask, &mut results, |one| {
+            // SAFETY: the image's memory is there, and the machine has the tier.
+            unsafe { wave::load(tier, &plain, one) }
+        });
+        // Lanes of no level that there is are not for vectors.
+        if done == 0 {
+            return;
+        }
+        for lane in (0..16).filter(|lane| mask >> lane & 1 == 1) {
+            for component in 0..4 {
+                let (a, b) = (results[component][lane], expected[component][lane]);
+                assert_eq!(
+                    a, b,
+                    "in lane {lane}, component {component}, {tier}: {what}"
+                );
+            }
+        }
+    }
 }
 
 /// Formats of every kind, and those of other blocks than vectors take.

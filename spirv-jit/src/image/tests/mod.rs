@@ -3,10 +3,6 @@
 
 use super::execute::execute_block;
 use super::*;
-use crate::environment::Descriptor;
-use crate::interp::images::execute;
-use crate::types::AtomicOp;
-use crate::types::Type;
 use lanes::Row;
 use proptest::prelude::*;
 

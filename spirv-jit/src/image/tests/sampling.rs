@@ -242,8 +242,8 @@ proptest! {
         // SAFETY: the image's memory is alive.
         unsafe {
             sample::sample(Tier::best(), &op, &operands, &image.descriptor, info, &s, mask, &mut general);
-            sample::sample_fast(Tier::best(), &fast_sample, &operands, mask, &mut fast);
-            fast_sample.sample(lanes::vector::Portable, &operands, mask, &mut portable);
+            wave::of_one(&rows, mask, &mut fast[..op.result_rows()], |one| wave::sample(Tier::best(), &fast_sample, one));
+            wave::of_one(&rows, mask, &mut portable[..op.result_rows()], |one| wave::sample(Tier::Portable, &fast_sample, one));
         }
         for lane in (0..16).filter(|lane| mask >> lane & 1 == 1) {
             for component in 0..op.result_rows() {
@@ -308,8 +308,8 @@ proptest! {
         let (mut fast, mut portable, mut general) = ([[0; 16]; 8], [[0; 16]; 8], [[0; 16]; 8]);
         // SAFETY: the image's memory is alive.
         unsafe {
-            sample::sample_fast(Tier::best(), &fast_sample, &operands, mask, &mut fast);
-            fast_sample.sample(lanes::vector::Portable, &operands, mask, &mut portable);
+            wave::of_one(&rows, mask, &mut fast[..op.result_rows()], |one| wave::sample(Tier::best(), &fast_sample, one));
+            wave::of_one(&rows, mask, &mut portable[..op.result_rows()], |one| wave::sample(Tier::Portable, &fast_sample, one));
             sample::sample(Tier::best(), &op, &operands, &image.descriptor, info, &s, mask, &mut general);
         }
         for lane in (0..16).filter(|lane| mask >> lane & 1 == 1) {

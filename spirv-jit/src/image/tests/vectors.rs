@@ -1,50 +1,14 @@
 //! Texels in vectors against the formats' own code for one texel, in every instruction set that the
 //! machine has.
 
+use super::super::format::FormatInfo;
 use super::super::format::block::{self, Texels};
-use super::super::operands::Operands;
 use super::super::plain::Plain;
 use super::super::texels;
+use super::super::wave::{self, Wave};
 use super::*;
 use lanes::Tier;
-use lanes::vector::{self, Vector};
 use shaders::sparse::Sparse;
-
-/// The test body for each instruction set.
-pub(super) trait Case {
-    /// # Safety
-    /// The machine has the instruction set.
-    unsafe fn run<V: Vector>(&mut self, v: V);
-}
-
-pub(super) fn in_every_tier(case: &mut impl Case) {
-    for tier in Tier::available() {
-        // SAFETY: the tier is present.
-        unsafe {
-            match tier {
-                #[cfg(target_arch = "x86_64")]
-                Tier::Avx2 => avx2(case),
-                #[cfg(target_arch = "x86_64")]
-                Tier::Avx512 => avx512(case),
-                _ => case.run(vector::Portable::new()),
-            }
-        }
-    }
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2,fma,f16c")]
-unsafe fn avx2(case: &mut impl Case) {
-    // SAFETY: the function's features.
-    unsafe { case.run(vector::Avx2::new()) }
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx512bw,avx2,fma,f16c")]
-unsafe fn avx512(case: &mut impl Case) {
-    // SAFETY: the function's features.
-    unsafe { case.run(vector::Avx512::new()) }
-}
 
 fn formats() -> impl Iterator<Item = Format> {
     Format::all().filter(|format| format.info().unwrap().in_vectors)
@@ -54,63 +18,52 @@ fn decoded_formats() -> impl Iterator<Item = Format> {
     Format::all().filter(|format| format.info().unwrap().decoded_in_vectors)
 }
 
-/// Stores words as texels at places.
-struct Store {
-    format: Format,
-    words: Texels,
-    places: [u32; 16],
-    mask: u16,
-}
-
-impl Case for Store {
-    #[inline(always)]
-    unsafe fn run<V: Vector>(&mut self, v: V) {
-        let info = self.format.info().unwrap();
-        let size = info.size_bytes as usize;
-        let mut memory = vec![0xcdu8; 4096];
-        let mut expected = memory.clone();
-        for lane in (0..16).filter(|lane| self.mask >> lane & 1 == 1) {
-            let mut texel = [0; 32];
-            info.encode(self.words.map(|row| row[lane]), &mut texel);
-            expected[self.places[lane] as usize..][..size].copy_from_slice(&texel[..size]);
-        }
-        let texels = [
-            v.load_i(&self.words[0]),
-            v.load_i(&self.words[1]),
-            v.load_i(&self.words[2]),
-            v.load_i(&self.words[3]),
-        ];
-        // SAFETY: the places are in the memory.
-        unsafe {
-            let at = v.load_i(&self.places);
-            texels::store(v, info, memory.as_mut_ptr(), at, self.mask, &texels);
-        }
-        assert!(memory == expected, "{} of {:x?}", info.name, self.words);
+/// Stores words as texels at places, in every tier.
+fn store(format: Format, words: &Texels, places: &[u32; 16], mask: u16) {
+    let info = format.info().unwrap();
+    let size = info.size_bytes as usize;
+    let before = vec![0xcdu8; 4096];
+    let mut expected = before.clone();
+    for lane in (0..16).filter(|lane| mask >> lane & 1 == 1) {
+        let mut texel = [0; 32];
+        info.encode(words.map(|row| row[lane]), &mut texel);
+        expected[places[lane] as usize..][..size].copy_from_slice(&texel[..size]);
+    }
+    for &tier in Tier::available() {
+        let mut memory = before.clone();
+        // SAFETY: the places are in the memory, and the machine has the tier.
+        unsafe { texels::store_vectors(tier, info, memory.as_mut_ptr(), places, mask, words) };
+        assert!(memory == expected, "{} of {words:x?}, {tier}", info.name);
     }
 }
 
-/// Loads texels from places.
-struct Load<'m> {
-    format: Format,
-    memory: &'m [u8],
-    places: [u32; 16],
-}
-
-impl Case for Load<'_> {
-    #[inline(always)]
-    unsafe fn run<V: Vector>(&mut self, v: V) {
-        let info = self.format.info().unwrap();
-        let size = info.size_bytes as usize;
+lanes::vectors! {
+    /// Texels from places.
+    ///
+    /// # Safety
+    /// They are readable.
+    unsafe fn texels_at<V>(v, info: &FormatInfo, base: *const u8, places: &[u32; 16]) -> Texels {
         let mut texels = [[0; 16]; 4];
-        // SAFETY: the places are in the memory.
-        let loaded = unsafe { texels::load(v, info, self.memory.as_ptr(), v.load_i(&self.places)) };
+        // SAFETY: the caller's promise.
+        let loaded = unsafe { texels::load(v, info, base, v.load_i(places)) };
         for (row, words) in texels.iter_mut().zip(loaded) {
             v.store_i(words, row);
         }
+        texels
+    }
+}
+
+/// Loads texels from places, in every tier.
+fn load(format: Format, memory: &[u8], places: &[u32; 16]) {
+    let info = format.info().unwrap();
+    let size = info.size_bytes as usize;
+    for &tier in Tier::available() {
+        // SAFETY: the places are in the memory, and the machine has the tier.
+        let mut texels = unsafe { texels_at(tier, info, memory.as_ptr(), places) };
         block::finish(info, &mut texels);
         for lane in 0..16 {
-            let words = info.decode(&self.memory[self.places[lane] as usize..][..size]);
-            assert_eq!(texels.map(|row| row[lane]), words, "{}", info.name);
+            let words = info.decode(&memory[places[lane] as usize..][..size]);
+            assert_eq!(texels.map(|row| row[lane]), words, "{}, {tier}", info.name);
         }
     }
 }
@@ -182,7 +135,7 @@ proptest! {
             let size = format.size_bytes() as u32;
             let places = places.map(|place| place * size + 3);
             let mask = if all { u16::MAX } else { mask };
-            in_every_tier(&mut Store { format, words: words(seed), places, mask });
+            store(format, &words(seed), &places, mask);
         }
     }
 
@@ -194,7 +147,7 @@ proptest! {
             // Nothing lies behind the last texel.
             let end = places.iter().max().unwrap() + size;
             let memory = memory[..end as usize].to_vec();
-            in_every_tier(&mut Load { format, memory: &memory, places });
+            load(format, &memory, &places);
         }
     }
 }
@@ -230,74 +183,51 @@ fn srgb_codes_are_the_same_at_every_threshold() {
     }
     for chunk in numbers.chunks(16) {
         let row = std::array::from_fn(|lane| chunk[lane % chunk.len()]);
-        in_every_tier(&mut Store {
-            format: Format::R8G8B8A8_SRGB,
-            words: [row; 4],
-            places: std::array::from_fn(|lane| lane as u32 * 4),
-            mask: u16::MAX,
-        });
+        let places = std::array::from_fn(|lane| lane as u32 * 4);
+        store(Format::R8G8B8A8_SRGB, &[row; 4], &places, u16::MAX);
     }
 }
 
-/// A whole operation.
-struct Operation<'o> {
-    op: ImageOp,
-    /// An image that is used, and one of the same contents whose operation is the reference.
-    images: [&'o Image; 2],
-    rows: Vec<Row>,
-    mask: u16,
-}
-
-impl Case for Operation<'_> {
-    #[inline(always)]
-    unsafe fn run<V: Vector>(&mut self, v: V) {
-        let rows: Vec<&Row> = self.rows.iter().collect();
-        let [image, reference] = self.images.map(|image| &image.descriptor);
-        let info = image.format.info().unwrap();
-        let plain = Plain::new(&self.op, image, info).expect("one for vectors");
-        let operands = Operands::new(&self.op, &rows);
-        let mut results = [[0; 16]; 8];
-        let mut expected = [[0; 16]; 8];
-        // SAFETY: the images' memory is there; as the trait says.
-        let done = unsafe {
-            execute_block(
-                &self.op,
-                Some(reference),
-                None,
-                self.mask,
-                &rows,
-                &mut expected,
-            );
-            match self.op.kind {
-                ImageOpKind::Write => plain.write(v, &operands, self.mask),
-                _ => match plain.read(v, &operands, self.mask) {
-                    Some(texel) => {
-                        for (component, row) in texel.into_iter().zip(&mut results) {
-                            v.store_i(component, row);
-                        }
-                        true
-                    }
-                    None => false,
-                },
+/// Performs an operation in a tier on one image, and in the general way on another of the same
+/// contents.
+fn operate(tier: Tier, op: &ImageOp, images: [&Image; 2], rows: &[&Row], mask: u16) {
+    let [image, reference] = images.map(|image| &image.descriptor);
+    let info = image.format.info().unwrap();
+    let plain = Plain::new(op, image, info).expect("one for vectors");
+    let mut results = [[0; 16]; 4];
+    let mut expected = [[0; 16]; 8];
+    let done = wave::of_one(rows, mask, &mut results, |one| {
+        // SAFETY: the images' memory is there, and the machine has the tier.
+        unsafe {
+            execute_block(op, Some(reference), None, mask, rows, &mut expected);
+            match op.kind {
+                ImageOpKind::Write => wave::store(tier, &plain, one),
+                _ => wave::load(tier, &plain, one),
             }
-        };
-        // Lanes of different levels, or of none that there is, are not for vectors.
-        let lods = self.op.lod == LodMode::Lod;
-        assert!(done || lods);
-        if !done {
-            return;
         }
-        for lane in (0..16).filter(|lane| self.mask >> lane & 1 == 1) {
-            let of = |rows: &[Row; 8]| [0, 1, 2, 3].map(|c: usize| rows[c][lane]);
-            assert_eq!(of(&results), of(&expected), "{}", info.name);
-        }
-        assert_eq!(
-            self.images[0].bytes(),
-            self.images[1].bytes(),
-            "{}",
-            info.name
-        );
+    });
+    // Lanes of different levels, or of none that there is, are not for vectors.
+    assert!(done == 1 || op.lod == LodMode::Lod);
+    if done == 0 {
+        return;
     }
+    if op.kind != ImageOpKind::Write {
+        for lane in (0..16).filter(|lane| mask >> lane & 1 == 1) {
+            let expected = [0, 1, 2, 3].map(|c: usize| expected[c][lane]);
+            assert_eq!(
+                results.map(|row| row[lane]),
+                expected,
+                "{}, {tier}",
+                info.name
+            );
+        }
+    }
+    assert_eq!(
+        images[0].bytes(),
+        images[1].bytes(),
+        "{}, {tier}",
+        info.name
+    );
 }
 
 proptest! {
@@ -318,7 +248,7 @@ proptest! {
         let kind = [ImageOpKind::Fetch, ImageOpKind::Read, ImageOpKind::Write][kind];
         for format in formats() {
             let info = format.info().unwrap();
-            let texel = if info.numeric.is_integer() { Type::I32 } else { Type::F32 };
+            let texel = if info.numeric.is_integer() { TexelType::I32 } else { TexelType::F32 };
             let is_fetch = kind == ImageOpKind::Fetch && dim != Dim::Cube;
             let op = ImageOp {
                 arrayed: layers > 1 && dim != Dim::Cube,
@@ -337,84 +267,77 @@ proptest! {
                 if kind != ImageOpKind::Write { image.descriptor.swizzle = swizzle; }
                 image
             };
-            in_every_tier(&mut Operation { op, images: [&image(), &image()], rows, mask });
+            let rows: Vec<&Row> = rows.iter().collect();
+            for &tier in Tier::available() {
+                operate(tier, &op, [&image(), &image()], &rows, mask);
+            }
         }
     }
 }
 
-/// Reads and writes sixteen texels of a large buffer.
-struct Far<'m> {
-    memory: &'m Sparse,
-    format: Format,
-    /// Of the buffer, whose last texels these are.
-    size_bytes: u64,
-}
-
-impl Case for Far<'_> {
-    #[inline(always)]
-    unsafe fn run<V: Vector>(&mut self, v: V) {
-        let info = self.format.info().unwrap();
-        let (data, texel_bytes) = (self.memory.as_mut_ptr(), u64::from(info.size_bytes));
-        let image = ImageDescriptor::texel_buffer(data, self.size_bytes, self.format);
-        let texels = self.size_bytes / texel_bytes;
-        // Apart, and the last one last.
-        let index = |lane: u64| texels - 1 - 3 * (15 - lane);
-        let words: Texels = std::array::from_fn(|component| {
-            std::array::from_fn(|lane| (component as u32 + 1) * (16 + lane as u32))
-        });
-        let op = |kind| ImageOp {
-            texel: Type::I32,
-            ..ImageOp::plain(kind, Dim::Buffer)
+/// Reads and writes the last sixteen texels of a large buffer.
+fn access_far(tier: Tier, memory: &Sparse, format: Format, size_bytes: u64) {
+    let info = format.info().unwrap();
+    let (data, texel_bytes) = (memory.as_mut_ptr(), u64::from(info.size_bytes));
+    let image = ImageDescriptor::texel_buffer(data, size_bytes, format);
+    let texels = size_bytes / texel_bytes;
+    // Apart, and the last one last.
+    let index = |lane: u64| texels - 1 - 3 * (15 - lane);
+    let words: Texels = std::array::from_fn(|component| {
+        std::array::from_fn(|lane| (component as u32 + 1) * (16 + lane as u32))
+    });
+    let op = |kind| ImageOp {
+        texel: TexelType::I32,
+        ..ImageOp::plain(kind, Dim::Buffer)
+    };
+    let (write, read) = (op(ImageOpKind::Write), op(ImageOpKind::Read));
+    let place: Row = std::array::from_fn(|lane| index(lane as u64) as u32);
+    let rows = [&place, &words[0], &words[1], &words[2], &words[3]];
+    let plain = |op| Plain::new(op, &image, info);
+    // Offsets in vectors have a sign.
+    let is_small = size_bytes <= i32::MAX as u64;
+    assert_eq!(plain(&read).is_some(), is_small);
+    let mut results = [[0; 16]; 4];
+    let mut no_results = [];
+    // SAFETY: the memory is there, and the machine has the tier.
+    unsafe {
+        match plain(&write) {
+            Some(plain) => {
+                let store = |one: &Wave<'_>| wave::store(tier, &plain, one);
+                assert_eq!(wave::of_one(&rows, u16::MAX, &mut no_results, store), 1);
+            }
+            None => execute_block(&write, Some(&image), None, u16::MAX, &rows, &mut no_results),
+        }
+        let rows = &rows[..1];
+        match plain(&read) {
+            Some(plain) => {
+                let load = |one: &Wave<'_>| wave::load(tier, &plain, one);
+                assert_eq!(wave::of_one(rows, u16::MAX, &mut results, load), 1);
+            }
+            None => execute_block(&read, Some(&image), None, u16::MAX, rows, &mut results),
+        }
+    }
+    for lane in 0..16 {
+        let mut texel = [0; 32];
+        info.encode(words.map(|row| row[lane]), &mut texel);
+        let stored: [u8; 16] = match texel_bytes {
+            16 => memory.read(index(lane as u64) * texel_bytes),
+            _ => {
+                let first = index(lane as u64) * texel_bytes;
+                std::array::from_fn(|k| match (k as u64) < texel_bytes {
+                    true => memory.read::<1>(first + k as u64)[0],
+                    false => 0,
+                })
+            }
         };
-        let (write, read) = (op(ImageOpKind::Write), op(ImageOpKind::Read));
-        let place: Row = std::array::from_fn(|lane| index(lane as u64) as u32);
-        let rows = [&place, &words[0], &words[1], &words[2], &words[3]];
-        let plain = |op| Plain::new(op, &image, info);
-        // Offsets in vectors have a sign.
-        let is_small = self.size_bytes <= i32::MAX as u64;
-        assert_eq!(plain(&read).is_some(), is_small);
-        let mut results = [[0; 16]; 8];
-        // SAFETY: the memory is there; as the trait says.
-        unsafe {
-            match plain(&write) {
-                Some(plain) => assert!(plain.write(v, &Operands::new(&write, &rows), u16::MAX)),
-                None => execute_block(&write, Some(&image), None, u16::MAX, &rows, &mut results),
-            }
-            match plain(&read) {
-                Some(plain) => {
-                    let texel = plain.read(v, &Operands::new(&read, &rows[..1]), u16::MAX);
-                    for (component, row) in texel.unwrap().into_iter().zip(&mut results) {
-                        v.store_i(component, row);
-                    }
-                }
-                None => {
-                    let rows = &rows[..1];
-                    execute_block(&read, Some(&image), None, u16::MAX, rows, &mut results);
-                }
-            }
-        }
-        for lane in 0..16 {
-            let mut texel = [0; 32];
-            info.encode(words.map(|row| row[lane]), &mut texel);
-            let stored: [u8; 16] = match texel_bytes {
-                16 => self.memory.read(index(lane as u64) * texel_bytes),
-                _ => {
-                    let first = index(lane as u64) * texel_bytes;
-                    std::array::from_fn(|k| match (k as u64) < texel_bytes {
-                        true => self.memory.read::<1>(first + k as u64)[0],
-                        false => 0,
-                    })
-                }
-            };
-            assert_eq!(stored, texel[..16], "{} {}", info.name, self.size_bytes);
-            let read: [u32; 4] = std::array::from_fn(|component| results[component][lane]);
-            assert_eq!(
-                read,
-                info.decode(&texel[..texel_bytes as usize]),
-                "{}",
-                info.name
-            );
-        }
+        assert_eq!(stored, texel[..16], "{} {}", info.name, size_bytes);
+        let read: [u32; 4] = std::array::from_fn(|component| results[component][lane]);
+        assert_eq!(
+            read,
+            info.decode(&texel[..texel_bytes as usize]),
+            "{}",
+            info.name
+        );
     }
 }
 
@@ -435,11 +358,9 @@ fn texels_of_large_buffers() {
             .into_iter()
             .filter(|size| size / texel_bytes < 1 << 32)
         {
-            in_every_tier(&mut Far {
-                memory: &memory,
-                format,
-                size_bytes,
-            });
+            for &tier in Tier::available() {
+                access_far(tier, &memory, format, size_bytes);
+            }
         }
     }
 }

@@ -5,6 +5,7 @@ mod atomics;
 mod control;
 mod gather;
 mod halves;
+mod images;
 mod kernels;
 mod memory;
 mod native;

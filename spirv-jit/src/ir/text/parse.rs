@@ -758,7 +758,7 @@ fn image_from_text(name: &str, words: &[&str]) -> Option<ImageOp> {
         return None;
     };
     let mut op = ImageOp {
-        texel: type_from_text(texel)?,
+        texel: type_from_text(texel)?.as_texel()?,
         lod: lod_from_text(lod)?,
         format: Format(format.parse().ok()?),
         ..ImageOp::plain(kind, dim_from_text(dim)?)

@@ -415,7 +415,7 @@ fn image_text(op: &ImageOp) -> String {
     };
     let mut words = vec![
         dim_text(op.dim).to_string(),
-        type_text(op.texel).to_string(),
+        type_text(op.texel.into()).to_string(),
         lod_text(op.lod).to_string(),
         format!("format {}", op.format.0),
     ];

@@ -4,7 +4,7 @@ use std::arch::x86_64::*;
 
 use super::quads::{half_of_pairs, put_quads, put_quads_of_shorts, quad_at, quads_of_shorts};
 use super::{Line, Task, Vector};
-use crate::{Row, quad};
+use crate::{Row, Tier, quad};
 
 /// AVX2, FMA and F16C.
 #[derive(Clone, Copy)]
@@ -32,6 +32,8 @@ macro_rules! halves {
 impl Vector for Avx2 {
     type F = F;
     type I = I;
+
+    const TIER: Tier = Tier::Avx2;
 
     #[inline(always)]
     unsafe fn new() -> Self {

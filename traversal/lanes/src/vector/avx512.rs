@@ -5,7 +5,7 @@ use std::arch::x86_64::*;
 use super::avx2::four_scalars;
 use super::quads::{half_of_pairs, put_quads, put_quads_of_shorts, quad_at, quads_of_shorts};
 use super::{ByteTable, Line, Task, Vector, gathered_bytes};
-use crate::{Row, gathers_slowly, has_byte_permutes, quad};
+use crate::{Row, Tier, gathers_slowly, has_byte_permutes, quad};
 
 /// AVX-512 F, VL, DQ and BW.
 #[derive(Clone, Copy)]
@@ -29,6 +29,8 @@ macro_rules! intrinsics {
 impl Vector for Avx512 {
     type F = F;
     type I = I;
+
+    const TIER: Tier = Tier::Avx512;
 
     #[inline(always)]
     unsafe fn new() -> Self {
@@ -488,7 +490,6 @@ unsafe fn parts(a: I) -> [__m128i; 4] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Tier;
 
     /// Of the two ways a machine takes one; both read the words that are there.
     #[test]

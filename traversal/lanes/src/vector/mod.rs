@@ -21,7 +21,7 @@ pub use avx2::Avx2;
 pub use avx512::Avx512;
 pub use portable::Portable;
 
-use crate::{Row, quad};
+use crate::{Row, Tier, quad};
 
 /// 1.5 · 2^23: the last place of a sum with it is worth 1, so that a fused multiply-add rounds its
 /// product to an integer, once.
@@ -99,6 +99,8 @@ pub trait Vector: Copy {
     /// Whether operations are instructions of the machine: versions of code for the common cases
     /// are worth their place.
     const IS_MACHINES: bool = true;
+    /// The tier of the instruction set.
+    const TIER: Tier;
 
     /// # Safety
     /// The machine has the instruction set.

@@ -2,7 +2,7 @@
 
 use super::{QUADS, Task, Vector};
 use crate::bounds::quiet;
-use crate::{LANES, Row, halves, map};
+use crate::{LANES, Row, Tier, halves, map};
 
 #[derive(Clone, Copy)]
 pub struct Portable;
@@ -27,6 +27,8 @@ fn bits<T: Copy>(a: &[T; 16], b: &[T; 16], f: impl Fn(T, T) -> bool) -> u16 {
 impl Vector for Portable {
     type F = F;
     type I = I;
+
+    const TIER: Tier = Tier::Portable;
     const IS_MACHINES: bool = false;
 
     #[inline(always)]

@@ -1,7 +1,7 @@
 //! Vectors of each instruction set that the machine has, against the same on single lanes.
 
 use super::*;
-use crate::{LANES, Tier};
+use crate::LANES;
 
 /// The test body for each instruction set.
 trait Case {
