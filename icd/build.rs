@@ -9,9 +9,12 @@ fn main() {
     // stay mapped.
     println!("cargo:rustc-cdylib-link-arg=-Wl,-z,nodelete");
     // Stored programs are read by the compiler that made them only.
-    let compiler = Path::new("../spirv-jit/src");
-    println!("cargo:rerun-if-changed={}", compiler.display());
-    let hash = hash_sources(0xCBF2_9CE4_8422_2325, compiler);
+    let compiler = ["../spirv-jit/src", "../spirv-jit/images/src"].map(Path::new);
+    let mut hash = 0xCBF2_9CE4_8422_2325;
+    for folder in compiler {
+        println!("cargo:rerun-if-changed={}", folder.display());
+        hash = hash_sources(hash, folder);
+    }
     println!("cargo:rustc-env=TUFF_COMPILER_HASH={hash:016x}");
 }
 

@@ -5,7 +5,8 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use crate::image::{Format, ImageDescriptor, Level, SamplerDescriptor};
+use images::{Format, ImageDescriptor, Level, SamplerDescriptor};
+
 use crate::printf::Prints;
 use crate::reach::{Reach, Strays};
 use crate::views::{Key, Views};

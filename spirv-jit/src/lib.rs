@@ -17,7 +17,6 @@ pub mod facts;
 #[cfg(target_arch = "x86_64")]
 mod half_vectors;
 pub mod hit_object;
-pub mod image;
 pub mod interp;
 pub mod ir;
 pub mod lower;

@@ -4,7 +4,7 @@
 
 use std::fmt;
 
-use crate::image::TexelType;
+use images::TexelType;
 
 /// A scalar type.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]

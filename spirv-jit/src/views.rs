@@ -7,7 +7,7 @@ use std::collections::{HashMap, VecDeque};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 
-use crate::image::{ImageDescriptor, SamplerDescriptor};
+use images::{ImageDescriptor, SamplerDescriptor};
 
 /// Names a slot: twice its number, so that bit 0 is clear, and in the upper half a check of 31
 /// bits, which is never zero and changes with each use of the slot.

@@ -1,9 +1,9 @@
 //! Storage buffers of `maxStorageBufferRange`, 2³²−1 bytes. Offsets use all 32 bits, and indices
 //! past the end do not wrap back into the buffer.
 
+use effort::sparse::Sparse;
 use shaders::compute::{Memory, compile, dispatch_over};
 use shaders::glsl;
-use shaders::sparse::Sparse;
 use spirv_jit::environment::Descriptor;
 use spirv_jit::program::Stage;
 

@@ -1,7 +1,7 @@
 //! Shaders of every kind pass through the front end into modules that the verifier accepts.
 
+use images::ImageOpKind;
 use shaders::{glsl, lower, lower_glsl, request, samples};
-use spirv_jit::image::ImageOpKind;
 use spirv_jit::ir::op::Trace;
 use spirv_jit::ir::{Op, Terminator, Type};
 use spirv_jit::printf::Message;

@@ -11,7 +11,13 @@ const ASKING: [&str; 1] = ["traversal/lanes/src/tier.rs"];
 fn the_processor_is_asked_in_one_place() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     let mut asking = Vec::new();
-    for name in ["icd", "spirv-jit", "traversal", "traversal/lanes"] {
+    for name in [
+        "icd",
+        "spirv-jit",
+        "spirv-jit/images",
+        "traversal",
+        "traversal/lanes",
+    ] {
         collect(&root.join(name).join("src"), &mut asking);
     }
     let mut found: Vec<String> = asking
@@ -35,7 +41,13 @@ fn the_processor_is_asked_in_one_place() {
 fn what_is_for_one_architecture_follows_its_attribute() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     let mut files = Vec::new();
-    for name in ["icd", "spirv-jit", "traversal", "traversal/lanes"] {
+    for name in [
+        "icd",
+        "spirv-jit",
+        "spirv-jit/images",
+        "traversal",
+        "traversal/lanes",
+    ] {
         collect(&root.join(name).join("src"), &mut files);
     }
     let mut seen = 0;

@@ -18,7 +18,7 @@ fn is_test(file: &Path) -> bool {
 #[test]
 fn the_environment_is_asked_in_one_place() {
     let mut asking = Vec::new();
-    for name in ["icd", "spirv-jit", "traversal"] {
+    for name in ["icd", "spirv-jit", "spirv-jit/images", "traversal"] {
         let mut files = Vec::new();
         collect(&root().join(name).join("src"), &mut files);
         asking.extend(files.into_iter().filter(|file| {

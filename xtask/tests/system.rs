@@ -7,11 +7,12 @@ use std::path::{Path, PathBuf};
 use proc_macro2::{Delimiter, TokenStream, TokenTree};
 
 /// The sources that ship, and the room of each: a folder or a file, if there is one.
-const SHIPPED: [(&str, Option<&str>); 6] = [
+const SHIPPED: [(&str, Option<&str>); 7] = [
     ("icd/src", Some("icd/src/os")),
     ("icd/control-group/src", None),
     ("packaging/tuff/src", Some("packaging/tuff/src/os.rs")),
     ("spirv-jit/src", None),
+    ("spirv-jit/images/src", None),
     ("traversal/src", None),
     ("traversal/lanes/src", None),
 ];

@@ -1,7 +1,7 @@
 //! Buffers and texel buffer views.
 
 use ash::vk::{self, Handle};
-use spirv_jit::image::{Format, ImageDescriptor};
+use images::{Format, ImageDescriptor};
 
 use super::address_report::report;
 use super::define::entry;

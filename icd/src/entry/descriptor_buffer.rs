@@ -6,9 +6,9 @@
 use std::ffi::c_void;
 
 use ash::vk;
+use images::Format;
 use smallvec::SmallVec;
 use spirv_jit::environment::{Descriptor, StoredDescriptor};
-use spirv_jit::image::Format;
 use spirv_jit::views::Views;
 
 use super::define::{commands, entry};

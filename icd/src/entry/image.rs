@@ -1,7 +1,7 @@
 //! Images, image views and samplers.
 
 use ash::vk;
-use spirv_jit::image::{AddressMode, CompareOp, Filter, Reduction, SamplerDescriptor};
+use images::{AddressMode, CompareOp, Filter, Reduction, SamplerDescriptor};
 use spirv_jit::reach::Range;
 use spirv_jit::views::Key;
 

@@ -4,7 +4,7 @@
 #![forbid(unsafe_code)]
 
 use ash::vk;
-use spirv_jit::image::format::{FormatInfo, Numeric};
+use images::format::{FormatInfo, Numeric};
 
 use super::{is_luma_and_chroma, texel_format};
 

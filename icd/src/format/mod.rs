@@ -1,4 +1,4 @@
-//! The uses of each format, derived from its texel description in `spirv_jit::image::format`.
+//! The uses of each format, derived from its texel description in `images::format`.
 
 #![forbid(unsafe_code)]
 
@@ -6,9 +6,9 @@ mod attachment;
 pub mod structure;
 
 use ash::vk;
-use spirv_jit::image::Format;
-use spirv_jit::image::format::{Aspect, FormatInfo, Numeric};
-use spirv_jit::image::ycbcr::Planes;
+use images::Format;
+use images::format::{Aspect, FormatInfo, Numeric};
+use images::ycbcr::Planes;
 
 use self::structure::radius_format;
 use self::structure::vertex_format;

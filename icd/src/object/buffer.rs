@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use ash::vk;
-use spirv_jit::image::ImageDescriptor;
+use images::ImageDescriptor;
 
 use super::image_view::ViewEntry;
 use super::sparse::Reservation;

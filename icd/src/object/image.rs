@@ -6,8 +6,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use ash::vk;
-use spirv_jit::image::format::FormatInfo;
-use spirv_jit::image::{Level, MAX_LEVELS};
+use images::format::FormatInfo;
+use images::{Level, MAX_LEVELS};
 use spirv_jit::reach::Range;
 
 use super::address_space::GRANULE;

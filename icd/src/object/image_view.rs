@@ -4,8 +4,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use ash::vk;
-use spirv_jit::image::ycbcr::Conversion;
-use spirv_jit::image::{Dim, Format, ImageDescriptor, Level, MAX_LEVELS};
+use images::ycbcr::Conversion;
+use images::{Dim, Format, ImageDescriptor, Level, MAX_LEVELS};
 use spirv_jit::views::{Key, StoreError, Table, Views};
 
 use super::image::Image;
@@ -302,7 +302,7 @@ pub fn swizzle(mapping: vk::ComponentMapping) -> [u8; 4] {
 
 #[cfg(test)]
 mod tests {
-    use spirv_jit::image::SamplerDescriptor;
+    use images::SamplerDescriptor;
 
     use super::super::image::tests::image;
     use super::*;

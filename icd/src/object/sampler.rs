@@ -2,7 +2,7 @@
 
 #![forbid(unsafe_code)]
 
-use spirv_jit::image::SamplerDescriptor;
+use images::SamplerDescriptor;
 
 use super::image_view::ViewEntry;
 

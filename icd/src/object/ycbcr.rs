@@ -3,8 +3,8 @@
 #![forbid(unsafe_code)]
 
 use ash::vk;
-use spirv_jit::image::Filter;
-use spirv_jit::image::ycbcr::{Conversion, Model, Planes};
+use images::Filter;
+use images::ycbcr::{Conversion, Model, Planes};
 
 use super::image_view::swizzle;
 use crate::VkResult;

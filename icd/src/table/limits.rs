@@ -8,7 +8,7 @@ use ash::vk;
 
 use crate::os::address_space::max_mappings;
 
-/// Texels along a side of an image: what `spirv_jit::image::MAX_LEVELS` has levels for.
+/// Texels along a side of an image: what `images::MAX_LEVELS` has levels for.
 pub const MAX_IMAGE_DIMENSION: u32 = 16384;
 pub const MAX_IMAGE_DIMENSION_3D: u32 = MAX_IMAGE_DIMENSION;
 pub const MAX_IMAGE_ARRAY_LAYERS: u32 = 2048;

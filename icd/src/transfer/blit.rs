@@ -3,16 +3,16 @@
 //! it by all workers.
 
 use ash::vk;
-use spirv_jit::SUBGROUP_SIZE;
-use spirv_jit::image::execute::execute_block;
-use spirv_jit::image::format::block::Texels;
-use spirv_jit::image::halve::Halving;
-use spirv_jit::image::operands::MAX_RESULT_ROWS;
-use spirv_jit::image::texels::store_block;
-use spirv_jit::image::{
+use images::execute::execute_block;
+use images::format::block::Texels;
+use images::halve::Halving;
+use images::operands::MAX_RESULT_ROWS;
+use images::texels::store_block;
+use images::{
     AddressMode, Dim, Filter, Format, ImageDescriptor, ImageOp, ImageOpKind, Level, MAX_LEVELS,
     SamplerDescriptor,
 };
+use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::program::Row;
 
 use super::rows::for_rows;

@@ -1,7 +1,7 @@
 //! Clears outside of rendering (spec, "Clear Commands").
 
 use ash::vk;
-use spirv_jit::image::format::MAX_TEXEL_BYTES;
+use images::format::MAX_TEXEL_BYTES;
 
 use super::pattern::Pattern;
 use super::surface::{Region, Surface, aspects};

@@ -1,8 +1,8 @@
 //! Resolving multisampled images (spec, "Resolving Multisample Images").
 
 use ash::vk;
+use images::format::{FormatInfo, MAX_TEXEL_BYTES, Numeric};
 use rayon::prelude::*;
-use spirv_jit::image::format::{FormatInfo, MAX_TEXEL_BYTES, Numeric};
 
 use super::surface::{Region, Surface, region, slice_count};
 use crate::object::Image;

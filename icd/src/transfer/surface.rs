@@ -6,9 +6,9 @@
 //! kinds pairs them (spec, "Copying Data Between Images").
 
 use ash::vk;
+use images::Level;
+use images::format::FormatInfo;
 use spirv_jit::environment::Samples;
-use spirv_jit::image::Level;
-use spirv_jit::image::format::FormatInfo;
 
 use crate::format::texel_format;
 use crate::object::{Image, ImageView};

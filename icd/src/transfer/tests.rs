@@ -4,7 +4,7 @@
 use std::sync::{Arc, OnceLock};
 
 use ash::vk;
-use spirv_jit::image::format::MAX_TEXEL_BYTES;
+use images::format::MAX_TEXEL_BYTES;
 
 use super::{blit, clear, copy, resolve};
 use crate::format::texel_format;
@@ -301,7 +301,7 @@ fn depth_and_stencil_are_copied_apart() {
 
 #[test]
 fn clears_cover_their_range_in_every_format() {
-    for format in spirv_jit::image::Format::all() {
+    for format in images::Format::all() {
         let info = format.info().unwrap();
         let is_written = info.is_color() && info.blocks().is_none();
         if !is_written || info.channels[0].bits == 64 || info.channels[0].bits == 0 {

@@ -11,7 +11,6 @@ mod glsl;
 pub mod raster;
 #[cfg(feature = "glsl")]
 pub mod samples;
-pub mod sparse;
 
 use std::sync::LazyLock;
 

@@ -1,7 +1,8 @@
 //! The tables that instructions refer to.
 
+use images::ImageOp;
+
 use super::operand::Operand;
-use crate::image::ImageOp;
 use crate::ir::op::{AtomicOp, SubgroupOp};
 use crate::ir::{Space, Type};
 use crate::plan::Live;

@@ -3,10 +3,10 @@
 //! sample takes its level of detail from.
 
 use foldhash::HashMap;
+use images::{LodMode, fast};
 use lanes::Tier as TierKind;
 
 use super::kernels::{Side, fused};
-use crate::image::{LodMode, fast};
 use crate::ir::{Body, Function, Inst, Node, Op, Type, Value};
 use crate::plan::Liveness;
 

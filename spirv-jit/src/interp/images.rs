@@ -3,23 +3,22 @@
 
 use std::marker::PhantomData;
 
-use lanes::{LaneMask, Row, Tier as TierKind};
-
 use super::code::ImagePlan;
 use super::machine::{Handler, Instr, Machine};
 use super::operand::Operand;
 use super::tier::{Kernel, Portable, Tier};
 use crate::SUBGROUP_SIZE;
 use crate::environment::Environment;
-use crate::image::execute::execute_resident;
-use crate::image::fast::{self, Fast};
-use crate::image::format::block::each_lane;
-use crate::image::operands::{MAX_RESULT_ROWS, usable};
-use crate::image::plain::{self, Plain};
-use crate::image::residency::Residency;
-use crate::image::wave::{self, Rows, Wave};
-use crate::image::{ImageDescriptor, ImageOp, ImageOpKind, SamplerDescriptor};
 use crate::ir::op::AtomicOp;
+use images::execute::execute_resident;
+use images::fast::{self, Fast};
+use images::format::block::each_lane;
+use images::operands::{MAX_RESULT_ROWS, usable};
+use images::plain::{self, Plain};
+use images::residency::Residency;
+use images::wave::{self, Rows, Wave};
+use images::{ImageDescriptor, ImageOp, ImageOpKind, SamplerDescriptor};
+use lanes::{LaneMask, Row, Tier as TierKind};
 
 /// Most operand rows: coordinates, derivatives, offsets and texels of the widest operation, with
 /// room.

@@ -1,15 +1,14 @@
 //! The sample of a program that does little else ([`Tinted`]), computed from the program's inputs:
 //! the same bits as the program's.
 
-use lanes::vector::Vector;
-use lanes::{LANES, LaneMask};
-
 use super::descriptors::Entries;
 use super::images::resolve;
 use crate::environment::Environment;
-use crate::image::fast::Fast;
-use crate::image::wave::{self, Rows, Wave};
 use crate::ir::tinted::{Bound, Tinted};
+use images::fast::Fast;
+use images::wave::{self, Rows, Wave};
+use lanes::vector::Vector;
+use lanes::{LANES, LaneMask};
 
 /// An image and a sampler that the common way of sampling serves for.
 #[derive(Clone, Copy)]

@@ -4,8 +4,8 @@
 use super::{FunctionId, VariableId};
 use crate::facts::Fact;
 
-pub use crate::image::AtomicOp;
 pub use crate::types::{Trace, Type};
+pub use images::AtomicOp;
 
 /// Where a memory access goes: see the table in the [module's prose](super).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -312,8 +312,8 @@ macro_rules! define_ops {
             /// `() -> i32`: a word that is the same in the whole dispatch
             /// ([`Environment::uniforms`](crate::environment::Environment::uniforms)).
             Uniform(u32) "uniform" Pure;
-            /// Image operations: operands and results at [`ImageOp`](crate::image::ImageOp).
-            Image(crate::image::ImageOp) "image" Read;
+            /// Image operations: operands and results at [`ImageOp`](images::ImageOp).
+            Image(images::ImageOp) "image" Read;
             /// Subgroup operations: at [`SubgroupOp`].
             Subgroup(SubgroupOp) "subgroup" Read;
             /// `(key words…, argument words…) -> ()`: adds a message to the dispatch's

@@ -1,9 +1,10 @@
 //! Operand and result types of every operation, as the verifier checks them.
 
+use images::{Dim, ImageOp, ImageOpKind, LodMode};
+
 use super::op::{Access, AtomicOp, MAX_TABLE_RESULTS, Signature, Space, SubgroupOp};
 use super::{Function, Inst, Module, Op, Type, VariableId};
 use crate::hit_object::{IDENTITY, TRACED, word};
-use crate::image::{Dim, ImageOp, ImageOpKind, LodMode};
 use crate::printf::Message;
 
 type Checked = Result<(), String>;

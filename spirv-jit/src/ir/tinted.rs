@@ -6,11 +6,12 @@
 
 use std::collections::HashMap;
 
+use images::{Dim, ImageOp, ImageOpKind, LodMode, TexelType};
+
 use super::module::{Module, Node, Terminator};
 use super::op::DescriptorBinding;
 use super::passed::Passed;
 use super::{Inst, Op, Value};
-use crate::image::{Dim, ImageOp, ImageOpKind, LodMode, TexelType};
 
 /// A descriptor, by a constant index.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -4,11 +4,12 @@
 
 #![forbid(unsafe_code)]
 
+use images::ImageOpKind;
+
 use super::module::{InputRow, Module, Node};
 use super::op::{AtomicOp, Space};
 use super::stage::{Builtin, Stage};
 use super::{Body, Function, Inst, Op, Step};
-use crate::image::ImageOpKind;
 
 /// Whether invocations of different workgroups may share a subgroup: they look at no other lane,
 /// share nothing that a workgroup has one of, and never wait for each other. Lanes of a subgroup go

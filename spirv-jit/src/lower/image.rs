@@ -1,5 +1,6 @@
 //! Image instructions: one description of what is asked, one list of operands.
 
+use images::{Dim, Format, ImageOp, ImageOpKind, LodMode, TexelType};
 use rspirv::spirv::{self, ImageOperands, Op};
 use smallvec::SmallVec;
 
@@ -7,7 +8,6 @@ use super::Lowerer;
 use super::types::{ImageType, TypeKind};
 use super::values::{Place, Pointer, Val};
 use crate::Error;
-use crate::image::{Dim, Format, ImageOp, ImageOpKind, LodMode, TexelType};
 use crate::ir::op::AtomicOp;
 use crate::ir::stage::{Builtin, Stage};
 use crate::ir::{self, InputRow, Type, Value};

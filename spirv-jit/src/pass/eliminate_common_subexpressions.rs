@@ -6,11 +6,11 @@ use std::hash::{BuildHasher, Hash, Hasher};
 
 use foldhash::HashMap;
 use foldhash::fast::RandomState;
+use images::{ImageOpKind, LodMode};
 
 use super::edit::{Edit, Fate, edit_body};
 use super::effects::{Effects, find_effects};
 use super::substitution::Substitution;
-use crate::image::{ImageOpKind, LodMode};
 use crate::ir::{Body, Function, Inst, Node, Op, Space, Step, Type, Value};
 
 /// Merges equal operations.

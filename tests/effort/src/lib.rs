@@ -1,5 +1,7 @@
 //! How much tests do, and what it takes, whatever else the machine does.
 
+pub mod sparse;
+
 use std::sync::OnceLock;
 use std::time::Duration;
 

@@ -148,7 +148,7 @@ fn emulated(options: &Options, architecture: Architecture) -> Result<ExitCode> {
     let driver = Driver::build_for(architecture, &emulation)?;
     let mut inner = workspace::cargo();
     inner.arg("test");
-    for package in ["traversal", "spirv-jit", "icd"] {
+    for package in ["lanes", "images", "traversal", "spirv-jit", "icd"] {
         inner.args(["--package", package]);
     }
     inner.arg("--no-fail-fast");

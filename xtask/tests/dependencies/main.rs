@@ -23,7 +23,7 @@ struct House {
     still_back: &'static [(&'static str, &'static str)],
 }
 
-const HOUSES: [House; 3] = [
+const HOUSES: [House; 4] = [
     House {
         name: "icd",
         order: &[
@@ -72,7 +72,6 @@ const HOUSES: [House; 3] = [
             "state",
             "environment",
             "views",
-            "image",
             "reach",
             "printf",
             "query",
@@ -82,6 +81,30 @@ const HOUSES: [House; 3] = [
             "half_vectors",
             "error",
             "types",
+        ],
+        still_back: &[],
+    },
+    House {
+        name: "spirv-jit/images",
+        order: &[
+            "ycbcr",
+            "execute",
+            "block",
+            "wave",
+            "plain",
+            "fast",
+            "sample",
+            "access",
+            "texels",
+            "decode",
+            "cube",
+            "lod",
+            "address",
+            "operands",
+            "residency",
+            "halve",
+            "format",
+            "compressed",
         ],
         still_back: &[],
     },

@@ -3,7 +3,7 @@
 use std::sync::atomic::Ordering;
 
 use ash::vk::PrimitiveTopology as Topology;
-use spirv_jit::image::format::Numeric;
+use images::format::Numeric;
 use spirv_jit::program::{Domain, TessellationModes};
 use spirv_jit::reach::Reach;
 use spirv_jit::{Program, SUBGROUP_SIZE};

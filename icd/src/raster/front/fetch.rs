@@ -1,10 +1,10 @@
 //! The inputs of vertex invocations: attributes, converted by their formats, and built-ins.
 
 use ash::vk;
+use images::format::{FormatInfo, Numeric};
+use images::texels::decode_words;
 use lanes::Tier;
 use smallvec::SmallVec;
-use spirv_jit::image::format::{FormatInfo, Numeric};
-use spirv_jit::image::texels::decode_words;
 use spirv_jit::program::{AlignedRow, Builtin, InputRow};
 use spirv_jit::reach::Reach;
 use spirv_jit::{Program, SUBGROUP_SIZE};

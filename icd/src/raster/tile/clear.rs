@@ -1,8 +1,8 @@
 //! Clears: load operations and `vkCmdClearAttachments`.
 
 use ash::vk;
+use images::format::MAX_TEXEL_BYTES;
 use rayon::prelude::*;
-use spirv_jit::image::format::MAX_TEXEL_BYTES;
 
 use crate::raster::primitive::Bounds;
 use crate::raster::{Clear, ClearValue, Target, Targets};

@@ -1,10 +1,10 @@
 //! A colour attachment that a draw writes: how colours become its texels, sixteen pixels at a time.
 
 use ash::vk::{BlendFactor, ColorComponentFlags, LogicOp};
+use images::format::{FormatInfo, Numeric};
+use images::texels::{decode_words, encode_words};
 use lanes::Tier;
 use lanes::vector::Vector;
-use spirv_jit::image::format::{FormatInfo, Numeric};
-use spirv_jit::image::texels::{decode_words, encode_words};
 use spirv_jit::program::AlignedRow;
 
 use super::advanced::blend_advanced;

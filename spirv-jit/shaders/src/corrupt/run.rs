@@ -2,8 +2,8 @@
 //! and writes only what is bound.
 
 use fastrand::Rng;
+use images::{Format, ImageDescriptor, Level, SamplerDescriptor};
 use spirv_jit::environment::{Descriptor, DescriptorSet, Environment, uniform};
-use spirv_jit::image::{Format, ImageDescriptor, Level, SamplerDescriptor};
 use spirv_jit::program::{AlignedRow, Event, Frame, IO_DATA_ROW, SiteKind, Wave};
 use spirv_jit::reach::{Range, Reach};
 use spirv_jit::{LaneMask, Program};

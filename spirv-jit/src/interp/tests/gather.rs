@@ -1,7 +1,7 @@
 //! Loads and stores of whole subgroups, in every tier, against copies of single bytes.
 
+use effort::sparse::Sparse;
 use lanes::{LaneMask, Row, Tier as TierKind};
-use shaders::sparse::Sparse;
 
 use crate::SUBGROUP_SIZE;
 use crate::interp::gather::{self, Gather};

@@ -1,10 +1,9 @@
 //! Image operations of lanes that differ in their descriptors.
 
-use lanes::Row;
-
 use crate::environment::{Descriptor, Environment};
-use crate::image::{Dim, Format, ImageDescriptor, ImageOp, ImageOpKind, TexelType};
 use crate::interp::images::execute;
+use images::{Dim, Format, ImageDescriptor, ImageOp, ImageOpKind, TexelType};
+use lanes::Row;
 
 #[test]
 fn lanes_with_different_images_keep_their_own_texels() {

@@ -1,7 +1,8 @@
 //! The words of the text form for everything that is an enumeration. One table each, read in both
 //! directions.
 
-use crate::image::{Dim, LodMode};
+use images::{Dim, LodMode};
+
 use crate::ir::Type;
 use crate::ir::op::{AtomicOp, ReduceOp, Space, SubgroupOp};
 use crate::ir::stage::{Builtin, Stage};

@@ -1,11 +1,11 @@
 //! Text to module. What it accepts is well-formed text, not a valid module: see
 //! [`verify`](crate::ir::verify::verify).
 
+use images::{Format, ImageOp, ImageOpKind};
 use smallvec::SmallVec;
 
 use super::names::*;
 use crate::facts::Fact;
-use crate::image::{Format, ImageOp, ImageOpKind};
 use crate::ir::build::{BodyBuilder, Ended};
 use crate::ir::op::{Access, DescriptorBinding};
 use crate::ir::stage::Stage;

@@ -3,9 +3,9 @@
 use std::fmt::Write;
 
 use half::f16;
+use images::{ImageOp, ImageOpKind};
 
 use super::names::*;
-use crate::image::{ImageOp, ImageOpKind};
 use crate::ir::op::{Access, DescriptorBinding};
 use crate::ir::{
     Body, Function, InputRow, Inst, Label, Module, Node, Op, Step, Terminator, Type, Value,

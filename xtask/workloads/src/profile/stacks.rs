@@ -27,7 +27,7 @@ const PARTS: &[(&str, &[&str])] = &[
             "spirv-jit/src/reach",
         ],
     ),
-    ("images in shaders", &["spirv-jit/src/image"]),
+    ("images in shaders", &["spirv-jit/images/src"]),
     (
         "ray queries and hit objects in shaders",
         &["spirv-jit/src/query", "spirv-jit/src/hit_object"],
@@ -152,7 +152,12 @@ impl Frame {
     }
 
     fn is_ours(&self) -> bool {
-        const OURS: [&str; 3] = ["traversal/src/", "spirv-jit/src/", "icd/src/"];
+        const OURS: [&str; 4] = [
+            "traversal/src/",
+            "spirv-jit/src/",
+            "spirv-jit/images/src/",
+            "icd/src/",
+        ];
         let file = self.file.as_deref().unwrap_or_default();
         OURS.iter().any(|path| file.contains(path))
     }

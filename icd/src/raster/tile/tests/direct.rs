@@ -151,7 +151,7 @@ fn fragment(
     let attachment = &state.blend.attachments[0];
     let mut written = new_color;
     if attachment.enable {
-        use spirv_jit::image::format::Numeric;
+        use images::format::Numeric;
         let limit = |it: f32| match info.numeric {
             Numeric::Unorm | Numeric::Srgb => it.clamp(0.0, 1.0),
             Numeric::Snorm => it.clamp(-1.0, 1.0),

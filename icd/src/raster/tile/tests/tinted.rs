@@ -2,9 +2,9 @@
 //! by two, and so have to run: all bits, in every tier.
 
 use ash::vk;
+use images::{AddressMode, Filter, Format, ImageDescriptor, Level, SamplerDescriptor};
 use lanes::Tier;
 use spirv_jit::environment::{Descriptor, DescriptorSet, Environment};
-use spirv_jit::image::{AddressMode, Filter, Format, ImageDescriptor, Level, SamplerDescriptor};
 use spirv_jit::program::Program;
 use std::sync::Arc;
 

@@ -194,7 +194,7 @@ impl Fast<'_> {
 
 /// A texel's index in a block of four by four.
 #[inline(always)]
-pub(in crate::image) fn index_in_block<V: Vector>(v: V, x: V::I, y: V::I) -> V::I {
+pub(crate) fn index_in_block<V: Vector>(v: V, x: V::I, y: V::I) -> V::I {
     let three = v.splat_i(3);
     v.add_i(v.and_i(x, three), v.left_i(v.and_i(y, three), 2))
 }

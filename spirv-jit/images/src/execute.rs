@@ -38,7 +38,7 @@ pub unsafe fn execute_block(
 ///
 /// # Safety
 /// As there.
-pub(crate) unsafe fn execute_resident(
+pub unsafe fn execute_resident(
     op: &ImageOp,
     image: Option<&ImageDescriptor>,
     sampler: Option<&SamplerDescriptor>,

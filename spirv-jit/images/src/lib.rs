@@ -1,4 +1,4 @@
-//! Images as shaders see them: descriptors, texel formats, addressing, filtering.
+//! Images: descriptors, texel formats, addressing, filtering; for shaders, transfers and drawing.
 //!
 //! Texels are exchanged as four 32-bit words: f32 bits for float and normalised formats, integers
 //! (sign- or zero-extended) for integer formats; 64-bit integer texels as (low, high) in the first

@@ -7,8 +7,8 @@ use super::super::plain::Plain;
 use super::super::texels;
 use super::super::wave::{self, Wave};
 use super::*;
+use effort::sparse::Sparse;
 use lanes::Tier;
-use shaders::sparse::Sparse;
 
 fn formats() -> impl Iterator<Item = Format> {
     Format::all().filter(|format| format.info().unwrap().in_vectors)

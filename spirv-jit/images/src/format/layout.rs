@@ -1,7 +1,7 @@
 //! The meaning of a format's name: the bits of a texel for each component, and their numeric
 //! interpretation.
 
-use crate::image::compressed::{Blocks, Scheme};
+use crate::compressed::{Blocks, Scheme};
 
 /// How the bits of a component are read (spec, "Interpretation of Numeric Format").
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -77,7 +77,7 @@ pub struct FormatInfo {
     pub has_depth: bool,
     pub has_stencil: bool,
     pub(crate) codec: Codec,
-    /// Vectors decode and encode it ([`texels`](crate::image::texels)).
+    /// Vectors decode and encode it ([`texels`](crate::texels)).
     pub(crate) in_vectors: bool,
     /// Vectors decode it, whether or not they encode it.
     pub(crate) decoded_in_vectors: bool,

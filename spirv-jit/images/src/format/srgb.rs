@@ -5,7 +5,7 @@ use lanes::vector::ByteTable;
 
 /// Linear values of the 256 codes, as f32 bits.
 #[rustfmt::skip]
-pub(in crate::image) static LINEAR: ByteTable = ByteTable::new([
+pub(crate) static LINEAR: ByteTable = ByteTable::new([
     0x00000000, 0x399f22b4, 0x3a1f22b4, 0x3a6eb40e, 0x3a9f22b4, 0x3ac6eb61, 0x3aeeb40e, 0x3b0b3e5d, 0x3b1f22b4, 0x3b33070a,
     0x3b46eb61, 0x3b5b518e, 0x3b70f18f, 0x3b83e1c6, 0x3b8fe616, 0x3b9c87fd, 0x3ba9c9b6, 0x3bb7ad6f, 0x3bc6354a, 0x3bd56360,
     0x3be539c1, 0x3bf5ba71, 0x3c0373b6, 0x3c0c6153, 0x3c15a705, 0x3c1f45be, 0x3c293e6b, 0x3c3391f7, 0x3c3e4149, 0x3c494d44,
@@ -72,16 +72,16 @@ pub fn decode(code: u8) -> f32 {
 }
 
 /// Numbers below this, 2^-13, have code 0.
-pub(in crate::image) const FIRST: u32 = 114 << 23;
+pub(crate) const FIRST: u32 = 114 << 23;
 /// Bits of a number that do not choose its piece.
-pub(in crate::image) const REST_BITS: u32 = 16;
+pub(crate) const REST_BITS: u32 = 16;
 /// The last piece is that of 1.
 const PIECES: usize = (13 << (23 - REST_BITS)) + 1;
 
 /// The codes of the numbers from [`FIRST`] to 1, in pieces of 128 to an octave, in none of which
 /// there is more than one threshold. An entry is the code below the threshold, shifted by 17 bits,
 /// and what of the threshold's bits its piece leaves open: 2^16 where there is none.
-pub(in crate::image) static PIECE: [u32; PIECES] = {
+pub(crate) static PIECE: [u32; PIECES] = {
     let mut pieces = [0; PIECES];
     let mut code = 0;
     let mut index = 0;

@@ -9,7 +9,7 @@ use lanes::{LANES, map};
 use super::codec::encode_unorm;
 use super::layout::{BLOCK_INDEX_SHIFT, Codec, FormatInfo};
 use super::srgb;
-use crate::image::compressed::Blocks;
+use crate::compressed::Blocks;
 
 /// A word per lane.
 pub type Lanes = [u32; LANES];

@@ -20,7 +20,7 @@ impl ImageOp {
     }
 
     /// Queries that take no coordinates.
-    pub(crate) fn is_size_query(&self) -> bool {
+    pub fn is_size_query(&self) -> bool {
         matches!(
             self.kind,
             ImageOpKind::QuerySize | ImageOpKind::QueryLevels | ImageOpKind::QuerySamples
@@ -82,7 +82,7 @@ impl ImageOp {
     }
 
     /// Operand rows before those of the level of detail.
-    pub(crate) fn rows_before_lod(&self) -> usize {
+    pub fn rows_before_lod(&self) -> usize {
         self.coordinate_count() + self.depth_compare as usize
     }
 
@@ -107,9 +107,7 @@ fn atomic_operands(op: AtomicOp) -> usize {
 
 /// An image that is there, and its format.
 #[inline(always)]
-pub(crate) fn usable(
-    image: Option<&ImageDescriptor>,
-) -> Option<(&ImageDescriptor, &'static FormatInfo)> {
+pub fn usable(image: Option<&ImageDescriptor>) -> Option<(&ImageDescriptor, &'static FormatInfo)> {
     let image = image.filter(|image| {
         !image.data.is_null() && image.level_count != 0 && image.levels[0].width != 0
     })?;

@@ -4,7 +4,7 @@
 #![forbid(unsafe_code)]
 
 use super::{ONE, Texel};
-use crate::image::format::srgb;
+use crate::format::srgb;
 
 /// The fourth colour of a block with three.
 #[derive(Clone, Copy, PartialEq, Eq)]
