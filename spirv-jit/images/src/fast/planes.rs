@@ -525,8 +525,10 @@ impl Fast<'_> {
                     >(self, wave))
                 };
             }
-            if !V::IS_MACHINES {
-                return run!(ONE ANY ANY);
+            // The constant alone decides: where it is false, nothing behind it is compiled.
+            match V::IS_MACHINES {
+                false => return run!(ONE ANY ANY),
+                true => {}
             }
             if self.gathers_words {
                 return run!(ONE GATHERED ANY);
