@@ -6,8 +6,9 @@
 use lanes::vector::Vector;
 
 use super::compressed::Scheme;
+use super::format::block;
 use super::format::layout::{Codec, FormatInfo, Numeric};
-use super::format::{block, srgb};
+use super::srgb;
 
 /// The way from the words of texels to words that are weighted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,8 +1,9 @@
 //! Levels of half the size, as chains of mip levels are made: each texel the mean of the four that
 //! it covers, which is what linear filtering gives in the middle between them.
 
+use super::format::FormatInfo;
 use super::format::layout::Codec;
-use super::format::{FormatInfo, srgb};
+use super::srgb;
 
 /// Texels that are computed together.
 const BLOCK: usize = 16;

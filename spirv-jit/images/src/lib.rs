@@ -18,7 +18,9 @@ pub mod lod;
 pub mod operands;
 pub mod plain;
 pub mod residency;
+mod rows;
 mod sample;
+mod srgb;
 #[cfg(test)]
 mod tests;
 pub mod texels;

@@ -9,7 +9,7 @@ use lanes::{LANES, Tier, map};
 
 use super::format::block::{self, Texels};
 use super::format::layout::{Channel, FormatInfo, Numeric};
-use super::format::srgb;
+use super::srgb;
 
 /// From the exponent of E5B9G9R9, whose bias is 15 and whose mantissas are integers of 9 bits, to
 /// that of a 32-bit float.

@@ -2,9 +2,9 @@
 //!
 //! A path is followed through imports and re-exports to the file that defines what it names. So a
 //! `pub use` is no use of a file, and a type that lies elsewhere counts where it lies. A folder's
-//! own file (`mod.rs`, or the file of the folder's name) holds what its files share and calls them:
-//! its use of them does not count. Tests (`#[cfg(test)]`) may use what they like. Method calls name
-//! no file.
+//! own file (`mod.rs`, `lib.rs` or the file of the folder's name) holds what its files share and
+//! calls them: its use of them does not count. Tests (`#[cfg(test)]`) may use what they like. Method
+//! calls name no file.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -123,7 +123,7 @@ impl Files {
 
 /// Whether a file lies in the folder whose own file is `face`.
 fn lies_under(file: &Path, face: &Path) -> bool {
-    let folder = match face.ends_with("mod.rs") {
+    let folder = match face.ends_with("mod.rs") || face.ends_with("lib.rs") {
         true => face
             .parent()
             .expect("a file lies in a folder")

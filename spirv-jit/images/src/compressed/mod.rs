@@ -14,7 +14,7 @@ mod tests;
 
 use std::cell::RefCell;
 
-use super::format::srgb;
+use crate::srgb;
 
 /// How a block is encoded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

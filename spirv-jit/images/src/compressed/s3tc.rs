@@ -4,7 +4,7 @@
 #![forbid(unsafe_code)]
 
 use super::{ONE, Texel};
-use crate::format::srgb;
+use crate::srgb;
 
 /// The fourth colour of a block with three.
 #[derive(Clone, Copy, PartialEq, Eq)]

@@ -9,7 +9,7 @@ use lanes::quad;
 use lanes::vector::{Task, Vector};
 
 use super::super::decode::Field;
-use super::super::wave::Wave;
+use super::super::rows::Wave;
 use super::super::{AddressMode, LodMode};
 use super::axis::{Along, Axis};
 use super::levels::{Anisotropy, Levels, levels_of};

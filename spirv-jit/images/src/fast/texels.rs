@@ -4,8 +4,9 @@ use lanes::LANES;
 use lanes::vector::{QUADS, Task, Vector};
 
 use super::super::Level;
+use super::super::format::FormatInfo;
 use super::super::format::layout::Codec;
-use super::super::format::{FormatInfo, srgb};
+use super::super::srgb;
 use super::super::texels;
 use super::axis::Axis;
 use super::levels::Levels;

@@ -8,8 +8,8 @@ use lanes::{LANES, map};
 
 use super::codec::encode_unorm;
 use super::layout::{BLOCK_INDEX_SHIFT, Codec, FormatInfo};
-use super::srgb;
 use crate::compressed::Blocks;
+use crate::srgb;
 
 /// A word per lane.
 pub type Lanes = [u32; LANES];

@@ -4,8 +4,9 @@
 use lanes::halves;
 
 use super::layout::{Channel, Codec, FormatInfo, Numeric};
-use super::{MAX_TEXEL_BYTES, small_float, srgb};
+use super::{MAX_TEXEL_BYTES, small_float};
 use crate::compressed::MAX_BLOCK_BYTES;
+use crate::srgb;
 
 /// A block of at most 16 bytes, as a little-endian number.
 pub(super) fn block_bits(block: &[u8]) -> u128 {

@@ -11,7 +11,6 @@ pub mod block;
 mod codec;
 pub mod layout;
 pub mod small_float;
-pub(super) mod srgb;
 mod table;
 #[cfg(test)]
 mod tests;

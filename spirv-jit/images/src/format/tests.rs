@@ -2,7 +2,8 @@
 
 use super::block;
 use super::layout::{Aspect, Numeric};
-use super::{Format, small_float, srgb};
+use super::{Format, small_float};
+use crate::srgb;
 use proptest::prelude::*;
 
 #[test]
