@@ -63,26 +63,90 @@ impl Random {
     }
 }
 
-fn accesses_of<G: Gather, T: Lane, const N: usize>(random: &mut Random) {
+/// Rows of lanes of 64 bits at most.
+type Rows = [[u8; 8 * SUBGROUP_SIZE]; 4];
+
+/// Loads and stores of `count` scalars of a type in a tier: one body tests all of them.
+struct Access {
+    count: usize,
+    size: usize,
+    slot: usize,
+    load: unsafe fn((*const u8, u64), &Row, LaneMask, &mut Rows) -> LaneMask,
+    store: unsafe fn((*mut u8, u64), &Row, LaneMask, &mut Rows) -> LaneMask,
+}
+
+impl Access {
+    fn of<G: Gather, T: Lane, const N: usize>() -> Access {
+        /// # Safety
+        /// As [`gather::load`].
+        unsafe fn load<G: Gather, T: Lane, const N: usize>(
+            from: (*const u8, u64),
+            offsets: &Row,
+            active: LaneMask,
+            rows: &mut Rows,
+        ) -> LaneMask {
+            let to = std::array::from_fn(|k| rows[k].as_mut_ptr());
+            // SAFETY: as the caller promises; rows are as long as those of 64-bit lanes.
+            unsafe { gather::load::<G, T, N>(from, offsets, active, to) }
+        }
+        /// # Safety
+        /// As [`gather::store`].
+        unsafe fn store<G: Gather, T: Lane, const N: usize>(
+            to: (*mut u8, u64),
+            offsets: &Row,
+            active: LaneMask,
+            rows: &mut Rows,
+        ) -> LaneMask {
+            let from = std::array::from_fn(|k| rows[k].as_mut_ptr());
+            // SAFETY: as for `load`.
+            unsafe { gather::store::<G, T, N>(to, offsets, active, from) }
+        }
+        Access {
+            count: N,
+            size: size_of::<T>(),
+            slot: size_of::<T::Slot>(),
+            load: load::<G, T, N>,
+            store: store::<G, T, N>,
+        }
+    }
+
+    /// All of a tier.
+    fn all<G: Gather>() -> Vec<Access> {
+        macro_rules! of_all_counts {
+            ($($scalar:ty)*) => {
+                vec![$(
+                    Access::of::<G, $scalar, 1>(),
+                    Access::of::<G, $scalar, 2>(),
+                    Access::of::<G, $scalar, 3>(),
+                    Access::of::<G, $scalar, 4>(),
+                )*]
+            };
+        }
+        of_all_counts!(u8 u16 u32 u64)
+    }
+}
+
+fn accesses_of(access: &Access, random: &mut Random) {
     let memory: Vec<u8> = (0..SIZE_BYTES).map(|_| random.below(256) as u8).collect();
-    let (size, slot) = (size_of::<T>(), size_of::<T::Slot>());
+    let &Access {
+        count, size, slot, ..
+    } = access;
     for _ in 0..400 {
-        let (offsets, active) = (random.offsets(N * size), random.active());
+        let (offsets, active) = (random.offsets(count * size), random.active());
         // Some memory is smaller than one lane's access.
         let size_bytes = match random.below(8) {
-            0 => random.below((N * size) as u64) as usize,
+            0 => random.below((count * size) as u64) as usize,
             _ => SIZE_BYTES,
         };
-        let is_inside = |lane: usize| offsets[lane] as usize + N * size <= size_bytes;
+        let is_inside = |lane: usize| offsets[lane] as usize + count * size <= size_bytes;
         let outside = active - LaneMask::from_fn(is_inside);
 
-        let mut rows = [[BEFORE; 8 * SUBGROUP_SIZE]; N];
-        let to = rows.each_mut().map(|row| row.as_mut_ptr());
+        let mut rows = [[BEFORE; 8 * SUBGROUP_SIZE]; 4];
         let from = (memory.as_ptr(), size_bytes as u64);
-        // SAFETY: the machine has the tier; rows are as long as those of 64-bit lanes.
-        let left = unsafe { gather::load::<G, T, N>(from, &offsets, active, to) };
+        // SAFETY: the machine has the tier.
+        let left = unsafe { (access.load)(from, &offsets, active, &mut rows) };
         assert_eq!(left, outside, "{offsets:?}, {active:?}");
-        for (k, row) in rows.iter().enumerate() {
+        for (k, row) in rows[..count].iter().enumerate() {
             for lane in active {
                 let given = &row[lane * slot..][..slot];
                 let mut expected = vec![0; slot];
@@ -92,7 +156,7 @@ fn accesses_of<G: Gather, T: Lane, const N: usize>(random: &mut Random) {
                 }
                 assert_eq!(
                     given, expected,
-                    "scalar {k} of {N}, lane {lane}, {size} bytes"
+                    "scalar {k} of {count}, lane {lane}, {size} bytes"
                 );
             }
         }
@@ -100,39 +164,34 @@ fn accesses_of<G: Gather, T: Lane, const N: usize>(random: &mut Random) {
         for byte in rows.as_flattened_mut() {
             *byte = random.below(256) as u8;
         }
-        let from = rows.each_mut().map(|row| row.as_mut_ptr());
         let (mut given, mut expected) = (memory.clone(), memory.clone());
         let to = (given.as_mut_ptr(), size_bytes as u64);
         // SAFETY: as above.
-        let left = unsafe { gather::store::<G, T, N>(to, &offsets, active, from) };
+        let left = unsafe { (access.store)(to, &offsets, active, &mut rows) };
         assert_eq!(left, outside, "{offsets:?}, {active:?}");
         for lane in active - outside {
-            for (k, row) in rows.iter().enumerate() {
+            for (k, row) in rows[..count].iter().enumerate() {
                 let at = offsets[lane] as usize + k * size;
                 expected[at..at + size].copy_from_slice(&row[lane * slot..][..size]);
             }
         }
-        assert_eq!(given, expected, "{N} of {size} bytes, {active:?}");
+        assert_eq!(given, expected, "{count} of {size} bytes, {active:?}");
     }
 }
 
 fn accesses<G: Gather>() {
     let random = &mut Random(7);
-    macro_rules! of_all_counts {
-        ($($scalar:ty)*) => {$(
-            accesses_of::<G, $scalar, 1>(random);
-            accesses_of::<G, $scalar, 2>(random);
-            accesses_of::<G, $scalar, 3>(random);
-            accesses_of::<G, $scalar, 4>(random);
-        )*};
+    for access in Access::all::<G>() {
+        accesses_of(&access, random);
     }
-    of_all_counts!(u8 u16 u32 u64);
 }
 
-/// `N` scalars a lane in 4 GiB, at offsets of all 32 bits.
-fn far_accesses_of<G: Gather, T: Lane, const N: usize>(memory: &Sparse, random: &mut Random) {
-    let (size, slot) = (size_of::<T>(), size_of::<T::Slot>());
-    let total = (N * size) as u32;
+/// Scalars in 4 GiB, at offsets of all 32 bits.
+fn far_accesses_of(access: &Access, memory: &Sparse, random: &mut Random) {
+    let &Access {
+        count, size, slot, ..
+    } = access;
+    let total = (count * size) as u32;
     let last = (memory.size_bytes() - u64::from(total)) as u32;
     let run = |first: u32| std::array::from_fn(|k| first + k as u32 * total);
     let apart = |k: usize| (k as u32 % 4) * (1 << 30) + (last % (1 << 30)) / 16 * k as u32;
@@ -145,20 +204,18 @@ fn far_accesses_of<G: Gather, T: Lane, const N: usize>(memory: &Sparse, random: 
     ];
     for offsets in layouts {
         for active in [LaneMask::ALL, random.active()] {
-            let mut rows = [[0; 8 * SUBGROUP_SIZE]; N];
+            let mut rows = [[0; 8 * SUBGROUP_SIZE]; 4];
             for byte in rows.as_flattened_mut() {
                 *byte = random.below(256) as u8;
             }
             let at = (memory.as_mut_ptr(), memory.size_bytes());
-            let from = rows.each_mut().map(|row| row.as_mut_ptr());
-            // SAFETY: the machine has the tier; rows are as long as those of 64-bit lanes.
-            let left = unsafe { gather::store::<G, T, N>(at, &offsets, active, from) };
+            // SAFETY: the machine has the tier.
+            let left = unsafe { (access.store)(at, &offsets, active, &mut rows) };
             assert!(left.is_empty(), "{offsets:x?}");
-            let mut loaded = [[BEFORE; 8 * SUBGROUP_SIZE]; N];
-            let to = loaded.each_mut().map(|row| row.as_mut_ptr());
+            let mut loaded = [[BEFORE; 8 * SUBGROUP_SIZE]; 4];
             let from = (at.0.cast_const(), at.1);
             // SAFETY: as above.
-            let left = unsafe { gather::load::<G, T, N>(from, &offsets, active, to) };
+            let left = unsafe { (access.load)(from, &offsets, active, &mut loaded) };
             assert!(left.is_empty(), "{offsets:x?}");
             for lane in active {
                 // Of lanes at one place the last one's stays.
@@ -166,7 +223,7 @@ fn far_accesses_of<G: Gather, T: Lane, const N: usize>(memory: &Sparse, random: 
                     .iter()
                     .filter(|&other| offsets[other] == offsets[lane]);
                 let writer = same.last().expect("the lane itself");
-                for k in 0..N {
+                for k in 0..count {
                     let stored = &rows[k][writer * slot..][..size];
                     for (byte, &stored) in stored.iter().enumerate() {
                         let place = u64::from(offsets[lane]) + (k * size + byte) as u64;
@@ -181,9 +238,8 @@ fn far_accesses_of<G: Gather, T: Lane, const N: usize>(memory: &Sparse, random: 
             }
             let mut outside = offsets;
             outside[active.first()] = last.wrapping_add(1);
-            let from = rows.each_mut().map(|row| row.as_mut_ptr());
             // SAFETY: as above.
-            let left = unsafe { gather::store::<G, T, N>(at, &outside, active, from) };
+            let left = unsafe { (access.store)(at, &outside, active, &mut rows) };
             // One byte is inside up to the last offset.
             let all_inside = last == u32::MAX;
             assert_eq!(left.is_empty(), all_inside, "{offsets:x?}");
@@ -194,15 +250,9 @@ fn far_accesses_of<G: Gather, T: Lane, const N: usize>(memory: &Sparse, random: 
 fn far_accesses<G: Gather>() {
     let memory = &Sparse::new(1 << 32);
     let random = &mut Random(13);
-    macro_rules! of_all_counts {
-        ($($scalar:ty)*) => {$(
-            far_accesses_of::<G, $scalar, 1>(memory, random);
-            far_accesses_of::<G, $scalar, 2>(memory, random);
-            far_accesses_of::<G, $scalar, 3>(memory, random);
-            far_accesses_of::<G, $scalar, 4>(memory, random);
-        )*};
+    for access in Access::all::<G>() {
+        far_accesses_of(&access, memory, random);
     }
-    of_all_counts!(u8 u16 u32 u64);
 }
 
 fn straddling<G: Gather>() {

@@ -162,7 +162,7 @@ fn program(op: &str, from: &[Type], to: Type) -> String {
 }
 
 /// Runs `op` over the samples on every tier and compares with `reference`, NaN payloads aside.
-fn check(op: &str, from: &[Type], to: Type, reference: impl Fn([u64; 3]) -> u64) {
+fn check(op: &str, from: &[Type], to: Type, reference: fn([u64; 3]) -> u64) {
     let text = program(op, from, to);
     let columns: Vec<Vec<u64>> = (0..from.len())
         .map(|k| {

@@ -137,6 +137,14 @@ fn check<T: Scalar, R: Scalar>(
     lanes: Option<bool>,
     reference: impl Fn(&Lanes<T>, &Lanes<u32>, LaneMask) -> Lanes<R>,
 ) {
+    check_with(op, lanes, &reference);
+}
+
+/// What gives lanes' expected results.
+type Reference<'r, T, R> = &'r dyn Fn(&Lanes<T>, &Lanes<u32>, LaneMask) -> Lanes<R>;
+
+/// [`check`], compiled once for types.
+fn check_with<T: Scalar, R: Scalar>(op: &str, lanes: Option<bool>, reference: Reference<'_, T, R>) {
     const SUBGROUPS: usize = 5;
     let text = program(op, T::TYPE, lanes.is_some(), R::TYPE);
     let is_nan = |bits: u64| match R::TYPE {
