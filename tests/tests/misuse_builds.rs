@@ -162,7 +162,7 @@ const CHECKS: &[(&str, Misuse)] = &[
         "VUID-VkMicromapBuildInfoEXT-subdivisionLevel-11659",
         |gpu| {
             micromap(gpu, |parts| {
-                parts.triangles.write(8, &[0u32, 13 | 1 << 16]);
+                parts.triangles.write(8, &[0u32, 16 | 1 << 16]);
             });
         },
     ),

@@ -30,7 +30,7 @@ const VERSION: u32 = 1;
 pub(crate) const ALIGNMENT: u64 = 256;
 
 /// Subdivision levels, at most: coordinates of parts have this many bits.
-pub const MAX_LEVEL: u32 = 12;
+pub const MAX_LEVEL: u32 = 15;
 
 /// The opacity of a part of a triangle; the values of the four-state format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -85,13 +85,13 @@ impl MicromapFormat {
         }
     }
 
-    fn bits(self) -> u32 {
+    const fn bits(self) -> u32 {
         self as u32
     }
 
     /// Bytes of one triangle's states; `level` is at most [`MAX_LEVEL`].
-    pub fn triangle_bytes(self, level: u32) -> u64 {
-        ((1u64 << (2 * level)) * u64::from(self.bits())).div_ceil(8)
+    pub const fn triangle_bytes(self, level: u32) -> u64 {
+        ((1u64 << (2 * level)) * self.bits() as u64).div_ceil(8)
     }
 }
 

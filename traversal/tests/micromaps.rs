@@ -232,3 +232,38 @@ fn corrupt_micromaps_are_walked_to_the_end() {
         bottom.copy_from_slice(&good);
     }
 }
+
+#[test]
+fn a_map_of_the_last_level_needs_its_memory() {
+    use micromap::MAX_LEVEL;
+    let format = MicromapFormat::FourStates;
+    let usage = MicromapUsage {
+        count: 1,
+        level: MAX_LEVEL,
+        format,
+    };
+    assert_eq!(format.triangle_bytes(MAX_LEVEL), 256 << 20);
+    assert_eq!(micromap_size([usage]), Some((256 << 20) + 256));
+    let record = [0u16, 0, MAX_LEVEL as u16, format as u16];
+    let build = |bytes: &[u8], room: u64| {
+        let mut blob = Bytes::new(room);
+        let input = MicromapInput {
+            triangles: memory(&record),
+            stride_bytes: 8,
+            count: 1,
+            data: memory(bytes),
+        };
+        // SAFETY: both arrays are alive.
+        unsafe { build_micromap(&input, &mut blob) }
+    };
+    // States that are not there make a triangle that asks; so small a map fits.
+    assert_eq!(build(&[0; 4096], 4096), Ok(256));
+    let states = vec![0; 256 << 20];
+    assert_eq!(build(&states, 4096), Err(BuildError::Destination));
+    // The level after the last is none.
+    let usage = MicromapUsage {
+        level: MAX_LEVEL + 1,
+        ..usage
+    };
+    assert_eq!(micromap_size([usage]), Some((256 << 20) + 256));
+}

@@ -4,7 +4,7 @@
 use ash::vk;
 use rayon::prelude::*;
 use spirv_jit::reach::Reach;
-use traversal::{BuildError, Live, Micromap, MicromapInput};
+use traversal::{BuildError, Live, Micromap, MicromapFormat, MicromapInput};
 
 use super::acceleration_structure::{report, storage_bytes};
 use crate::command::micromap::MicromapBuild;
@@ -14,7 +14,8 @@ use crate::validate::Checks;
 use crate::wave::reachable::{around, readable, writable};
 
 /// Offsets into a micromap's data have 32 bits; the longest states of a triangle follow.
-const MAX_DATA_BYTES: u64 = (1 << 32) + (1 << 22);
+const MAX_DATA_BYTES: u64 =
+    (1 << 32) + MicromapFormat::FourStates.triangle_bytes(traversal::micromap::MAX_LEVEL);
 
 /// The identifiers at the head of serialized data.
 const HEAD_BYTES: u64 = 32;
