@@ -64,6 +64,9 @@ impl Device {
             // A program that a cache has from a device without validation says nothing of
             // alignment.
             checks_alignment: self.validator().is_some(),
+            // The older extension has no such mode: its queries always look at micromaps.
+            micromaps_by_mode: self.extensions.contains(Extension::KHR_OPACITY_MICROMAP)
+                && !self.extensions.contains(Extension::EXT_OPACITY_MICROMAP),
         }
     }
 

@@ -56,6 +56,7 @@ fn compile_entries(path: &str, words: &[u32], capabilities: &[Capability]) {
             accuracy: spirv_jit::Accuracy::Spec,
             prints: true,
             checks_alignment: false,
+            micromaps_by_mode: false,
             view_index_is_device_index: false,
         };
         let start = Instant::now();

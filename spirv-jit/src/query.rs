@@ -26,6 +26,9 @@ pub mod row {
     pub const WORDS: usize = 14;
 }
 
+/// In the row of flags: the shader's queries do not look at micromaps. SPIR-V has no such flag.
+pub const IGNORE_OPACITY_MICROMAPS: u32 = 1 << 31;
+
 /// Where a query stands.
 pub mod state {
     /// Never initialised, terminated, or at its end: there is nothing to proceed with.

@@ -23,6 +23,9 @@ pub struct CompileRequest<'a> {
     /// Whether accesses through physical pointers say when those are less aligned than the module
     /// promises.
     pub checks_alignment: bool,
+    /// Whether ray queries look at opacity micromaps only where an execution mode
+    /// `OpacityMicromapIdKHR` says so, and not where there is none.
+    pub micromaps_by_mode: bool,
     /// Whether inputs decorated as `ViewIndex` hold the device index
     /// (`VK_PIPELINE_CREATE_VIEW_INDEX_FROM_DEVICE_INDEX_BIT`).
     pub view_index_is_device_index: bool,

@@ -82,6 +82,8 @@ struct Opening {
     by_driver: bool,
     /// With capture and replay of addresses.
     replays: bool,
+    /// Without an extension that the device has.
+    without: Option<&'static CStr>,
 }
 
 impl Gpu {
@@ -137,6 +139,14 @@ impl Gpu {
         Gpu::open(Opening::default())
     }
 
+    /// The same without an extension that the device may have.
+    pub fn without(extension: &'static CStr) -> Gpu {
+        Gpu::open(Opening {
+            without: Some(extension),
+            ..Opening::default()
+        })
+    }
+
     /// The device's name.
     pub fn name(&self) -> String {
         // SAFETY: the physical device is of this instance.
@@ -167,6 +177,7 @@ impl Gpu {
             validate,
             by_driver,
             replays,
+            without,
         } = opening;
         // SAFETY: the loader's initialisers only set up its own state.
         let entry = unsafe { ash::Entry::load() }.expect("there is a Vulkan loader");
@@ -216,7 +227,8 @@ impl Gpu {
                 .expect("extensions can be enumerated");
             let has = |name: &CStr| {
                 let since = crate::newer::NEWER.iter().find(|newer| newer.0 == name);
-                let hidden = since.is_some_and(|since| layer.is_some_and(|layer| layer < since.1));
+                let hidden = since.is_some_and(|since| layer.is_some_and(|layer| layer < since.1))
+                    || without == Some(name);
                 let mut names = offered.iter().map(|e| e.extension_name_as_c_str());
                 !hidden && names.any(|n| n.is_ok_and(|n| n == name))
             };

@@ -46,9 +46,17 @@ pub use graphics::{Canvas, Corner, Painting};
 pub use image::{Picture, Shape, all_of, flat_info};
 pub use known::unless_known;
 pub use memory::Buffer;
-pub use micromap::{MicroTriangle, Micromap, MicromapParts, part_centres};
+pub use micromap::{
+    MicroTriangle, Micromap, MicromapForm, MicromapParts, part_centre, part_centres,
+};
 pub use misuse::Misuse;
-pub use newer::{DeviceAddressRangeKHR, PresentTimingInfoEXT, SwapchainTimingPropertiesEXT};
+pub use newer::{
+    ACCELERATION_STRUCTURE_TYPE_OPACITY_MICROMAP_KHR,
+    AccelerationStructureTrianglesOpacityMicromapKHR,
+    BUILD_ACCELERATION_STRUCTURE_MICROMAP_LOSSY_BIT_KHR, DeviceAddressRangeKHR,
+    GEOMETRY_TYPE_MICROMAP_KHR, PhysicalDeviceOpacityMicromapPropertiesKHR, PresentTimingInfoEXT,
+    SwapchainTimingPropertiesEXT,
+};
 pub use nv_ray_tracing::{DescribedNv, StructureNv, TableNv, TablesNv};
 pub use optional::Optional;
 pub use patience::{PATIENCE, PATIENCE_NS, comes, enough};

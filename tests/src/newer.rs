@@ -11,6 +11,9 @@ pub const LINEAR_SWEPT_SPHERES: &CStr = c"VK_NV_ray_tracing_linear_swept_spheres
 /// `VK_KHR_device_address_commands`.
 pub const DEVICE_ADDRESS_COMMANDS: &CStr = c"VK_KHR_device_address_commands";
 
+/// `VK_KHR_opacity_micromap`.
+pub const OPACITY_MICROMAP: &CStr = c"VK_KHR_opacity_micromap";
+
 /// `VK_KHR_copy_memory_indirect`.
 pub const COPY_MEMORY_INDIRECT: &CStr = c"VK_KHR_copy_memory_indirect";
 
@@ -58,6 +61,7 @@ pub const NEWER: &[(&CStr, u32)] = &[
     ),
     (ash::khr::maintenance5::NAME, make_api_version(0, 1, 3, 260)),
     (DEVICE_ADDRESS_COMMANDS, make_api_version(0, 1, 4, 340)),
+    (OPACITY_MICROMAP, make_api_version(0, 1, 4, 359)),
     (COPY_MEMORY_INDIRECT, make_api_version(0, 1, 4, 330)),
     (MAINTENANCE_8, make_api_version(0, 1, 4, 330)),
     (MAINTENANCE_9, make_api_version(0, 1, 4, 330)),
@@ -67,6 +71,11 @@ pub const NEWER: &[(&CStr, u32)] = &[
     ),
 ];
 
+pub const GEOMETRY_TYPE_MICROMAP_KHR: GeometryTypeKHR = GeometryTypeKHR::from_raw(1_000_623_000);
+pub const ACCELERATION_STRUCTURE_TYPE_OPACITY_MICROMAP_KHR: AccelerationStructureTypeKHR =
+    AccelerationStructureTypeKHR::from_raw(1_000_623_000);
+pub const BUILD_ACCELERATION_STRUCTURE_MICROMAP_LOSSY_BIT_KHR: BuildAccelerationStructureFlagsKHR =
+    BuildAccelerationStructureFlagsKHR::from_raw(1 << 10);
 pub const GEOMETRY_TYPE_SPHERES_NV: GeometryTypeKHR = GeometryTypeKHR::from_raw(1_000_429_004);
 pub const GEOMETRY_TYPE_LINEAR_SWEPT_SPHERES_NV: GeometryTypeKHR =
     GeometryTypeKHR::from_raw(1_000_429_005);
@@ -121,6 +130,29 @@ impl Default for PhysicalDeviceDeviceAddressCommandsFeaturesKHR<'_> {
 
 // SAFETY: the registry says so.
 unsafe impl ExtendsPhysicalDeviceFeatures2 for PhysicalDeviceDeviceAddressCommandsFeaturesKHR<'_> {}
+
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct PhysicalDeviceOpacityMicromapFeaturesKHR<'a> {
+    pub s_type: StructureType,
+    pub p_next: *mut c_void,
+    pub micromap: Bool32,
+    pub _marker: PhantomData<&'a ()>,
+}
+
+impl Default for PhysicalDeviceOpacityMicromapFeaturesKHR<'_> {
+    fn default() -> Self {
+        Self {
+            s_type: StructureType::from_raw(1_000_623_000),
+            p_next: std::ptr::null_mut(),
+            micromap: FALSE,
+            _marker: PhantomData,
+        }
+    }
+}
+
+// SAFETY: the registry says so.
+unsafe impl ExtendsPhysicalDeviceFeatures2 for PhysicalDeviceOpacityMicromapFeaturesKHR<'_> {}
 
 #[repr(C)]
 #[derive(Clone, Copy)]
@@ -254,6 +286,33 @@ macro_rules! structures {
 }
 
 structures! {
+    AccelerationStructureCreateInfo2KHR 1_000_318_015 *const c_void {
+        create_flags: AccelerationStructureCreateFlagsKHR,
+        address_range: DeviceAddressRangeKHR,
+        address_flags: Flags,
+        ty: AccelerationStructureTypeKHR,
+    }
+    PhysicalDeviceOpacityMicromapPropertiesKHR 1_000_623_001 *mut c_void {
+        max_opacity2_state_subdivision_level: u32,
+        max_opacity4_state_subdivision_level: u32,
+        max_opacity_lossy4_state_subdivision_level: u32,
+        max_micromap_triangles: u64,
+    }
+    AccelerationStructureGeometryMicromapDataKHR 1_000_623_002 *const c_void {
+        usage_counts_count: u32,
+        p_usage_counts: *const MicromapUsageEXT,
+        pp_usage_counts: *const *const MicromapUsageEXT,
+        data: DeviceAddress,
+        triangle_array: DeviceAddress,
+        triangle_array_stride: DeviceSize,
+    }
+    AccelerationStructureTrianglesOpacityMicromapKHR 1_000_623_003 *mut c_void {
+        index_type: IndexType,
+        index_buffer: DeviceAddress,
+        index_stride: DeviceSize,
+        base_triangle: u32,
+        micromap: AccelerationStructureKHR,
+    }
     PhysicalDevicePresentId2FeaturesKHR 1_000_479_002 *mut c_void {
         present_id2: Bool32,
     }

@@ -6,7 +6,7 @@ use ash::{ext, huawei, khr, nv};
 
 use crate::newer::{
     self as vk, COPY_MEMORY_INDIRECT, DEVICE_ADDRESS_COMMANDS, LINEAR_SWEPT_SPHERES, MAINTENANCE_8,
-    MAINTENANCE_9,
+    MAINTENANCE_9, OPACITY_MICROMAP,
 };
 
 macro_rules! optional {
@@ -85,6 +85,8 @@ optional! {
     maintenance8: MAINTENANCE_8, PhysicalDeviceMaintenance8FeaturesKHR {};
     maintenance9: MAINTENANCE_9, PhysicalDeviceMaintenance9FeaturesKHR {};
     micromap: ext::opacity_micromap::NAME, PhysicalDeviceOpacityMicromapFeaturesEXT { micromap_capture_replay };
+    /// Off where there is validation, as above.
+    micromap_khr: OPACITY_MICROMAP, PhysicalDeviceOpacityMicromapFeaturesKHR {};
     derivatives: nv::compute_shader_derivatives::NAME, PhysicalDeviceComputeShaderDerivativesFeaturesNV {};
     /// Off where there is validation, as above.
     maximal_reconvergence: khr::shader_maximal_reconvergence::NAME, PhysicalDeviceShaderMaximalReconvergenceFeaturesKHR {};

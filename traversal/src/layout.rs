@@ -474,6 +474,8 @@ pub(crate) fn micromap_part_bytes(geometries: u64, primitives: u64) -> u64 {
 pub(crate) mod micromap_reference {
     /// The rest is an offset from the start of the part.
     pub const INSIDE: u64 = 1;
+    /// The rest is an address that serialized data lists.
+    pub const LISTED: u64 = 2;
 }
 
 /// Bytes of one leaf, or of one unit.

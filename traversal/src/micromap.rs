@@ -24,7 +24,8 @@ use crate::memory::Memory;
 use curve::part_index;
 pub use geometry::GeometryMicromap;
 
-const MAGIC: u64 = u64::from_le_bytes(*b"TuffOMv\0");
+/// The first word of a micromap.
+pub const MAGIC: u64 = u64::from_le_bytes(*b"TuffOMv\0");
 const VERSION: u32 = 1;
 /// Alignment of a micromap in memory, in bytes.
 pub(crate) const ALIGNMENT: u64 = 256;

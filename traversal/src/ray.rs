@@ -26,6 +26,8 @@ pub mod ray_flags {
     pub const SKIP_AABBS: u32 = 0x200;
     /// Micromaps have two states: unknown ones become transparent or opaque.
     pub const FORCE_OPACITY_MICROMAP_2_STATE: u32 = 0x400;
+    /// Micromaps are not looked at, as by instances that disable them. Not a flag of SPIR-V.
+    pub const IGNORE_OPACITY_MICROMAPS: u32 = 1 << 31;
 }
 
 /// `hit_kind` of a triangle seen from its front.

@@ -58,9 +58,18 @@ pub struct Serialized {
     pub serialized_bytes: u64,
     /// Bytes that deserialization needs.
     pub deserialized_bytes: u64,
-    /// Number of bottom-level references that follow the head.
+    /// Number of bottom-level references that follow the head; of a bottom level whose micromaps
+    /// are listed, [`LISTS`] and the number of blocks of addresses.
     pub reference_count: u64,
 }
+
+/// In the upper half of the word for references: blocks of addresses follow
+/// (`VK_KHR_opacity_micromap`).
+const LISTS: u64 = 0xFFFF_FFFF << 32;
+
+/// Bytes of a block before its addresses: its type, which is that of opacity micromaps
+/// (`VkAccelerationStructureSerializedBlockTypeKHR`, 0), and their number.
+const BLOCK_HEAD: usize = 16;
 
 impl Serialized {
     /// Bytes of the head, before the references.
@@ -89,11 +98,13 @@ impl Serialized {
 
 /// The parts of a structure's serialized data after the head: the references, the blob without its
 /// reference table, and the micromaps that it refers to. Deserialization needs no other live
-/// object.
+/// object, unless micromaps are listed.
 struct Split {
     size: usize,
     references_start: usize,
     references_bytes: usize,
+    /// Of the block of micromaps' addresses, which has one for each geometry; 0 without.
+    block_bytes: usize,
     micromaps: Vec<Enclosed>,
 }
 
@@ -107,8 +118,16 @@ impl Split {
     /// # Safety
     /// As for [`outside_micromaps`].
     unsafe fn of(structure: &Structure, header: &Header, live: &Live) -> Split {
+        let is_listed = |geometry| {
+            let reference = structure.micromap_reference(geometry);
+            reference.is_some_and(|reference| listed(reference) != 0)
+        };
+        let geometries = 0..structure.geometry_count();
+        let has_micromaps = structure.micromap_bytes() > 0;
+        let lists = has_micromaps && geometries.clone().any(is_listed);
         Split {
             size: structure.size_bytes() as usize,
+            block_bytes: usize::from(lists) * (BLOCK_HEAD + 8 * geometries.len()),
             references_start: header.references_offset as usize,
             references_bytes: 8 * structure.reference_count() as usize,
             // SAFETY: the caller's promise.
@@ -124,11 +143,19 @@ impl Split {
 
     fn serialized_bytes(&self) -> usize {
         self.deserialized_bytes()
-            .saturating_add(Serialized::HEAD_BYTES)
+            .saturating_add(Serialized::HEAD_BYTES + self.block_bytes)
     }
 }
 
-/// The micromaps that a structure refers to and does not hold itself, by address.
+/// The address in a geometry's reference that serialized data lists; 0 if there is none.
+fn listed(reference: u64) -> u64 {
+    match reference & (micromap_reference::INSIDE | micromap_reference::LISTED) {
+        micromap_reference::LISTED => reference & !micromap_reference::LISTED,
+        _ => 0,
+    }
+}
+
+/// The micromaps that a structure refers to, and neither holds itself nor lists, by address.
 ///
 /// # Safety
 /// `live` is there as long as they are in use; see [`Micromap::at`].
@@ -138,6 +165,11 @@ unsafe fn outside_micromaps(structure: &Structure, live: &Live) -> Vec<Enclosed>
     }
     let inside = structure.addresses();
     let mut addresses: Vec<u64> = (0..structure.geometry_count())
+        .filter(|&geometry| {
+            structure
+                .micromap_reference(geometry)
+                .is_some_and(|it| listed(it) == 0)
+        })
         .filter_map(|geometry| structure.micromap_address(geometry))
         .filter(|address| !inside.contains(address))
         .collect();
@@ -192,10 +224,22 @@ pub unsafe fn serialize(
     let words = [
         bytes as u64,
         split.deserialized_bytes() as u64,
-        structure.reference_count(),
+        match split.block_bytes {
+            0 => structure.reference_count(),
+            _ => LISTS | 1,
+        },
     ];
     for (place, word) in head[32..].chunks_exact_mut(8).zip(words) {
         place.copy_from_slice(&word.to_le_bytes());
+    }
+    let (block, rest) = rest.split_at_mut(split.block_bytes);
+    if let Some((head, addresses)) = block.split_at_mut_checked(BLOCK_HEAD) {
+        head[..8].fill(0);
+        head[8..].copy_from_slice(&(addresses.len() as u64 / 8).to_le_bytes());
+        for (geometry, place) in (0..).zip(addresses.chunks_exact_mut(8)) {
+            let address = structure.micromap_reference(geometry).map_or(0, listed);
+            place.copy_from_slice(&address.to_le_bytes());
+        }
     }
     let references_end = split.references_start + split.references_bytes;
     let (references, body) = rest.split_at_mut(split.references_bytes);
@@ -235,8 +279,12 @@ unsafe fn enclose(structure: &Structure, split: &Split, blob: &mut [u8]) {
         let found =
             (split.micromaps).binary_search_by_key(&address, |enclosed| Some(enclosed.address));
         let outside = address.is_none_or(|address| !structure.addresses().contains(&address));
+        let is_listed = structure
+            .micromap_reference(geometry)
+            .is_some_and(|it| listed(it) != 0);
         // Only micromaps are referred to elsewhere.
         let reference = match found {
+            _ if is_listed => 0,
             Ok(index) => offsets[index] | micromap_reference::INSIDE,
             Err(_) if outside => 0,
             Err(_) => continue,
@@ -261,14 +309,19 @@ pub fn deserialize(
 ) -> Result<u64, StructureError> {
     let head = Serialized::read(data)?;
     let size = usize::try_from(head.deserialized_bytes).map_err(|_| StructureError::Corrupt)?;
-    let references_bytes = usize::try_from(head.reference_count)
+    let data = &data[Serialized::HEAD_BYTES..];
+    let (reference_count, addresses, data) = match head.reference_count {
+        blocks @ LISTS.. => {
+            let (addresses, data) = read_block(blocks & !LISTS, data)?;
+            (0, addresses, data)
+        }
+        count => (count, &[][..], data),
+    };
+    let references_bytes = usize::try_from(reference_count)
         .ok()
         .and_then(|count| count.checked_mul(8))
         .ok_or(StructureError::Corrupt)?;
-    let data = data
-        .get(Serialized::HEAD_BYTES..)
-        .and_then(|data| data.get(..size))
-        .ok_or(StructureError::Truncated)?;
+    let data = data.get(..size).ok_or(StructureError::Truncated)?;
     let (references, body) = data
         .split_at_checked(references_bytes)
         .ok_or(StructureError::Truncated)?;
@@ -304,19 +357,53 @@ pub fn deserialize(
     out_after.copy_from_slice(after);
     let checked = validate(out).and_then(|()| {
         let (structure, _) = Structure::of(out)?;
-        let same = structure.reference_count() == head.reference_count
-            && structure.size_bytes() == head.deserialized_bytes;
+        let geometries = structure.geometry_count() as usize;
+        let same = structure.reference_count() == reference_count
+            && structure.size_bytes() == head.deserialized_bytes
+            && (addresses.is_empty()
+                || addresses.len() == geometries && structure.micromap_bytes() > 0);
         let holds_its_micromaps = (0..structure.geometry_count())
             .filter_map(|geometry| structure.micromap_address(geometry))
             .all(|address| address == 0 || structure.addresses().contains(&address));
         (same && holds_its_micromaps)
-            .then_some(())
+            .then_some(size - structure.micromap_bytes() as usize)
             .ok_or(StructureError::Corrupt)
     });
-    if let Err(error) = checked {
-        // A corrupt structure must not be walked.
-        out[..size_of::<Header>().min(size)].fill(0);
-        return Err(error);
+    let part = match checked {
+        Ok(part) => part,
+        Err(error) => {
+            // A corrupt structure must not be walked.
+            out[..size_of::<Header>().min(size)].fill(0);
+            return Err(error);
+        }
+    };
+    let (own, _) = out[part..].as_chunks_mut::<8>();
+    for (own, &address) in own.iter_mut().zip(addresses) {
+        let address = u64::from_le_bytes(address);
+        // References to micromaps that are not inside are 0 now.
+        if u64::from_le_bytes(*own) == 0
+            && address.is_multiple_of(ALIGNMENT)
+            && live.contains(address, Micromap::HEADER_BYTES)
+        {
+            *own = (address | micromap_reference::LISTED).to_le_bytes();
+        }
     }
     Ok(size as u64)
+}
+
+/// The addresses of the only block of serialized data, if it has one, and what comes after it.
+fn read_block(blocks: u64, data: &[u8]) -> Result<(&[[u8; 8]], &[u8]), StructureError> {
+    if blocks == 0 {
+        return Ok((&[], data));
+    }
+    let (head, rest) = (data.split_at_checked(BLOCK_HEAD)).ok_or(StructureError::Truncated)?;
+    let (words, _) = head.as_chunks::<8>();
+    // The upper half of the first word is reserved.
+    if blocks > 1 || words[0][..4] != [0; 4] {
+        return Err(StructureError::Corrupt);
+    }
+    let bytes = usize::try_from(u64::from_le_bytes(words[1])).ok();
+    let bytes = (bytes.and_then(|count| count.checked_mul(8))).ok_or(StructureError::Corrupt)?;
+    let (addresses, rest) = (rest.split_at_checked(bytes)).ok_or(StructureError::Truncated)?;
+    Ok((addresses.as_chunks().0, rest))
 }

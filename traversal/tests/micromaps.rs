@@ -37,7 +37,7 @@ fn micromap(states: [u8; 16]) -> Bytes {
 }
 
 /// All triangles have the micromap's first.
-fn geometry(mesh: &Mesh, micromap: &Bytes) -> TriangleGeometry {
+fn geometry(mesh: &Mesh, micromap: &Bytes, listed: bool) -> TriangleGeometry {
     static FIRST: u32 = 0;
     TriangleGeometry {
         micromap: Some(GeometryMicromap {
@@ -46,15 +46,21 @@ fn geometry(mesh: &Mesh, micromap: &Bytes) -> TriangleGeometry {
             index_stride_bytes: 0,
             base_triangle: 0,
             micromap: micromap.address(),
+            listed,
         }),
         ..mesh.geometry()
     }
 }
 
 fn sphere(states: [u8; 16]) -> Sphere {
+    sphere_of(states, false)
+}
+
+/// The same; its micromap may be listed in what it is serialized to.
+fn sphere_of(states: [u8; 16], listed: bool) -> Sphere {
     let mesh = Mesh::icosphere(2, false, |p| p);
     let micromap = micromap(states);
-    let geometry = geometry(&mesh, &micromap);
+    let geometry = geometry(&mesh, &micromap, listed);
     let input = BuildInput {
         flags: BuildFlags(BuildFlags::ALLOW_UPDATE),
         geometries: Geometries::Triangles(&[geometry]),
@@ -170,7 +176,7 @@ fn an_update_replaces_what_was_taken_along() {
     let opaque = micromap([1; 16]);
     let input = BuildInput {
         flags: BuildFlags(BuildFlags::ALLOW_UPDATE),
-        geometries: Geometries::Triangles(&[geometry(&original.mesh, &opaque)]),
+        geometries: Geometries::Triangles(&[geometry(&original.mesh, &opaque, false)]),
     };
     // Into memory as large as a new structure's, and in place.
     let mut copy = Bytes::new(original.bottom.len() as u64);
@@ -230,6 +236,83 @@ fn corrupt_micromaps_are_walked_to_the_end() {
             closest(&top, ray);
         }
         bottom.copy_from_slice(&good);
+    }
+}
+
+/// How many rays hit, and how many meet candidates.
+fn met(bottom: &Bytes, rays: &[Ray]) -> [usize; 2] {
+    let top = build_instances(&[InstanceRecord::new(bottom, IDENTITY)], 0);
+    let hits = rays.iter().filter(|ray| closest(&top, ray).is_some());
+    let asked = rays.iter().filter(|ray| !candidates(&top, ray).is_empty());
+    [hits.count(), asked.count()]
+}
+
+/// Places of the words for blocks, of the block's type and of its first address (chapter
+/// Acceleration Structures, the header of serialized data).
+const BLOCKS: usize = 48;
+const TYPE: usize = 56;
+const COUNT: usize = 64;
+const ADDRESS: usize = 72;
+
+fn put_word(data: &mut [u8], place: usize, word: u64) {
+    data[place..place + 8].copy_from_slice(&word.to_le_bytes());
+}
+
+#[test]
+fn listed_micromaps_are_where_the_list_says() {
+    let original = sphere_of([1; 16], true);
+    let rays = rays(&original.mesh);
+    let all = rays.len();
+    let mut data = serialized(&original.bottom);
+    let word =
+        |data: &[u8], place: usize| u64::from_le_bytes(data[place..place + 8].try_into().unwrap());
+    let words = [BLOCKS, TYPE, COUNT, ADDRESS].map(|place| word(&data, place));
+    let micromap_address = original._micromap.address();
+    assert_eq!(words, [0xFFFF_FFFF_0000_0001, 0, 1, micromap_address]);
+    assert_eq!(word(&data, 32), data.len() as u64);
+    let (bottom, _) = deserialized(&data);
+    assert_eq!(met(&bottom, &rays), [all, 0]);
+    // Serialized again, it is the same.
+    assert!(serialized(&bottom) == data);
+    drop((bottom, original));
+
+    let unknown = micromap([2; 16]);
+    put_word(&mut data, ADDRESS, unknown.address());
+    let (bottom, _) = deserialized(&data);
+    assert_eq!(met(&bottom, &rays), [all, all]);
+    // Nowhere: a shader is asked.
+    for nowhere in [0, unknown.address() + 64, 256] {
+        put_word(&mut data, ADDRESS, nowhere);
+        let (bottom, _) = deserialized(&data);
+        assert_eq!(met(&bottom, &rays), [all, all]);
+    }
+}
+
+#[test]
+fn wrong_lists_are_refused() {
+    let original = sphere_of([1; 16], true);
+    let data = serialized(&original.bottom);
+    for (place, word) in [
+        (BLOCKS, 0xFFFF_FFFF_0000_0002),
+        (BLOCKS, 0xFFFF_FFFF_0000_0000),
+        (BLOCKS, 0xFFFF_FFFE_0000_0001),
+        (BLOCKS, 0),
+        (TYPE, 1),
+        (COUNT, 0),
+        (COUNT, 2),
+        (COUNT, u64::MAX),
+        (COUNT, 1 << 61),
+    ] {
+        let mut bad = data.clone();
+        put_word(&mut bad, place, word);
+        let mut destination = Bytes::new(original.bottom.len() as u64);
+        let done = deserialize(&bad, &mut destination, &EVERYWHERE);
+        assert!(done.is_err(), "{place} {word:#x}");
+    }
+    for length in [BLOCKS + 4, TYPE, TYPE + 4, COUNT + 8, data.len() - 1] {
+        let mut destination = Bytes::new(original.bottom.len() as u64);
+        let done = deserialize(&data[..length], &mut destination, &EVERYWHERE);
+        assert!(done.is_err(), "{length}");
     }
 }
 

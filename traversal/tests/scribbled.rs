@@ -88,6 +88,7 @@ fn mapped(mesh: &Mesh, micromap: u64, indices: &[u32]) -> Bytes {
                 index_stride_bytes: 4,
                 base_triangle: 0,
                 micromap,
+                listed: true,
             }),
             ..mesh.geometry()
         }]),

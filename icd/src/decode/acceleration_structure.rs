@@ -6,6 +6,7 @@ use traversal::{
 };
 
 use super::index_type::index_type;
+use super::micromap::is_micromap;
 use crate::VkResult;
 use crate::command::build::{Aabbs, Build, BuildGeometries, MotionTriangles, Triangles};
 use crate::command::instances::Instances;
@@ -128,7 +129,7 @@ pub unsafe fn decode_build(info: &vk::AccelerationStructureBuildGeometryInfoKHR<
     }
 }
 
-/// Copies builds with their ranges.
+/// Copies builds with their ranges; those of micromaps, which have none, are left out.
 ///
 /// # Safety
 /// The infos are valid, their handles are alive, and each has as many ranges as geometries.
@@ -150,7 +151,9 @@ pub unsafe fn decode_builds(
             }
             build
         };
-        slice(infos, count).iter().zip(ranges).map(decode).collect()
+        let builds = slice(infos, count).iter().zip(ranges);
+        let of_structures = |(info, _): &(&_, _)| !is_micromap(info);
+        builds.filter(of_structures).map(decode).collect()
     }
 }
 
@@ -200,10 +203,16 @@ unsafe fn end_vertices(geometry: &vk::AccelerationStructureGeometryKHR<'_>) -> O
 /// # Safety
 /// The geometry is valid.
 pub unsafe fn has_micromap(geometry: &vk::AccelerationStructureGeometryKHR<'_>) -> bool {
-    type Info = vk::AccelerationStructureTrianglesOpacityMicromapEXT<'static>;
+    type Ext = vk::AccelerationStructureTrianglesOpacityMicromapEXT<'static>;
+    type Khr = vk::AccelerationStructureTrianglesOpacityMicromapKHR<'static>;
+    if geometry.geometry_type != vk::GeometryTypeKHR::TRIANGLES {
+        return false;
+    }
     // SAFETY: the caller's promise; triangles are read only of what is one of triangles.
-    geometry.geometry_type == vk::GeometryTypeKHR::TRIANGLES
-        && unsafe { find::<Info>(geometry.geometry.triangles.p_next) }.is_some()
+    unsafe {
+        let next = geometry.geometry.triangles.p_next;
+        find::<Ext>(next).is_some() || find::<Khr>(next).is_some()
+    }
 }
 
 /// # Safety

@@ -1,11 +1,12 @@
-//! `VkMicromapBuildInfoEXT` to an owned [`MicromapBuild`], and micromaps of geometries.
+//! `VkMicromapBuildInfoEXT`, and builds of structures that are micromaps, to an owned
+//! [`MicromapBuild`]; micromaps of geometries.
 
-use ash::vk;
 use traversal::{GeometryMicromap, IndexType, MicromapFormat, MicromapUsage};
 
+use super::acceleration_structure::{self, geometries};
 use super::index_type::index_type;
 use crate::command::micromap::MicromapBuild;
-use crate::ffi::{find, slice};
+use crate::ffi::{find, slice, vk};
 use crate::handle;
 use crate::object::Micromap;
 use crate::object::acceleration_structure::Storage;
@@ -23,9 +24,12 @@ pub unsafe fn storage(handle: vk::MicromapEXT) -> Storage {
 /// not are left out.
 ///
 /// # Safety
-/// The info's arrays have `usageCountsCount` elements.
-pub unsafe fn usages(info: &vk::MicromapBuildInfoEXT<'_>) -> Vec<MicromapUsage> {
-    let count = info.usage_counts_count;
+/// The array has so many elements.
+unsafe fn read_usages(
+    count: u32,
+    usages: *const vk::MicromapUsageEXT,
+    pointers: *const *const vk::MicromapUsageEXT,
+) -> Vec<MicromapUsage> {
     let usage = |usage: &vk::MicromapUsageEXT| {
         Some(MicromapUsage {
             count: usage.count,
@@ -36,13 +40,95 @@ pub unsafe fn usages(info: &vk::MicromapBuildInfoEXT<'_>) -> Vec<MicromapUsage> 
     // SAFETY: the caller's promise; at most one of the arrays is not null
     // (VUID-VkMicromapBuildInfoEXT-pUsageCounts-07516).
     unsafe {
-        if info.p_usage_counts.is_null() && !info.pp_usage_counts.is_null() {
-            let pointers = slice(info.pp_usage_counts, count);
+        if usages.is_null() && !pointers.is_null() {
+            let pointers = slice(pointers, count);
             pointers.iter().filter_map(|&one| usage(&*one)).collect()
         } else {
-            let usages = slice(info.p_usage_counts, count);
-            usages.iter().filter_map(usage).collect()
+            slice(usages, count).iter().filter_map(usage).collect()
         }
+    }
+}
+
+/// The usage counts of a build.
+///
+/// # Safety
+/// The info's arrays have `usageCountsCount` elements.
+pub unsafe fn usages(info: &vk::MicromapBuildInfoEXT<'_>) -> Vec<MicromapUsage> {
+    // SAFETY: the caller's promise.
+    unsafe {
+        read_usages(
+            info.usage_counts_count,
+            info.p_usage_counts,
+            info.pp_usage_counts,
+        )
+    }
+}
+
+/// Whether a structure that is built is a micromap.
+///
+/// # Safety
+/// The info is valid.
+pub unsafe fn is_micromap(info: &vk::AccelerationStructureBuildGeometryInfoKHR<'_>) -> bool {
+    // SAFETY: the caller's promise.
+    let geometries = unsafe { geometries(info) };
+    info.ty == vk::ACCELERATION_STRUCTURE_TYPE_OPACITY_MICROMAP_KHR
+        || (geometries.iter()).any(|it| it.geometry_type == vk::GEOMETRY_TYPE_MICROMAP_KHR)
+}
+
+/// The data of a structure's build if that is a micromap; of no triangles if it lacks them.
+///
+/// # Safety
+/// The info is valid, but for its handles.
+unsafe fn data_of(
+    info: &vk::AccelerationStructureBuildGeometryInfoKHR<'_>,
+) -> Option<vk::AccelerationStructureGeometryMicromapDataKHR<'static>> {
+    type Data = vk::AccelerationStructureGeometryMicromapDataKHR<'static>;
+    // SAFETY: the caller's promise.
+    unsafe {
+        if !is_micromap(info) {
+            return None;
+        }
+        let geometries = geometries(info);
+        let data = (geometries.first()).and_then(|geometry| find::<Data>(geometry.p_next));
+        Some(data.copied().unwrap_or_default())
+    }
+}
+
+/// The usage counts of a structure's build if that is a micromap.
+///
+/// # Safety
+/// The info is valid, but for its handles.
+pub unsafe fn structure_usages(
+    info: &vk::AccelerationStructureBuildGeometryInfoKHR<'_>,
+) -> Option<Vec<MicromapUsage>> {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let data = data_of(info)?;
+        Some(read_usages(
+            data.usage_counts_count,
+            data.p_usage_counts,
+            data.pp_usage_counts,
+        ))
+    }
+}
+
+/// Copies a structure's build if that is a micromap.
+///
+/// # Safety
+/// The info is valid and its handles are alive.
+pub unsafe fn decode_structure(
+    info: &vk::AccelerationStructureBuildGeometryInfoKHR<'_>,
+) -> Option<MicromapBuild> {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let data = data_of(info)?;
+        Some(MicromapBuild {
+            destination: acceleration_structure::storage(info.dst_acceleration_structure),
+            data: data.data,
+            triangles: data.triangle_array,
+            stride_bytes: data.triangle_array_stride,
+            usages: structure_usages(info)?,
+        })
     }
 }
 
@@ -71,15 +157,30 @@ pub unsafe fn decode_build(info: &vk::MicromapBuildInfoEXT<'_>) -> MicromapBuild
 pub unsafe fn of_geometry(next: *const std::ffi::c_void) -> Option<GeometryMicromap> {
     // SAFETY: the caller's promise; both members of an address union are 64 bits.
     unsafe {
-        let info = find::<vk::AccelerationStructureTrianglesOpacityMicromapEXT<'_>>(next)?;
-        let index_type = index_type(info.index_type);
+        let ext = find::<vk::AccelerationStructureTrianglesOpacityMicromapEXT<'_>>(next);
+        let khr = find::<vk::AccelerationStructureTrianglesOpacityMicromapKHR<'_>>(next);
+        let (ty, indices, stride, base_triangle, micromap) = match (khr, ext) {
+            (Some(it), _) => (
+                it.index_type,
+                it.index_buffer,
+                it.index_stride,
+                it.base_triangle,
+                (it.micromap != vk::AccelerationStructureKHR::null())
+                    .then(|| acceleration_structure::storage(it.micromap)),
+            ),
+            (None, Some(it)) => (
+                it.index_type,
+                it.index_buffer.device_address,
+                it.index_stride,
+                it.base_triangle,
+                (it.micromap != vk::MicromapEXT::null()).then(|| storage(it.micromap)),
+            ),
+            (None, None) => return None,
+        };
+        let index_type = index_type(ty);
         let indices = match index_type {
             IndexType::None => 0,
-            _ => info.index_buffer.device_address,
-        };
-        let micromap = match info.micromap == vk::MicromapEXT::null() {
-            true => 0,
-            false => storage(info.micromap).address,
+            _ => indices,
         };
         Some(GeometryMicromap {
             index_type,
@@ -88,9 +189,10 @@ pub unsafe fn of_geometry(next: *const std::ffi::c_void) -> Option<GeometryMicro
                 base: indices as *const u8,
                 bytes: 0,
             },
-            index_stride_bytes: info.index_stride,
-            base_triangle: info.base_triangle,
-            micromap,
+            index_stride_bytes: stride,
+            base_triangle,
+            micromap: micromap.map_or(0, |storage| storage.address),
+            listed: khr.is_some(),
         })
     }
 }

@@ -221,6 +221,7 @@ pub unsafe fn create_pipeline_nv(
                 .collect::<VkResult<_>>()?,
             groups.iter().map(group).collect(),
             &layout,
+            &device.compiler(),
             cache.cloned(),
             info.max_recursion_depth,
             flags,

@@ -18,6 +18,7 @@ use crate::command::{Command, RayTracingCommand};
 use crate::decode::acceleration_structure::{
     decode_build, decode_builds, geometries, has_micromap, kind, resolve_host_instances, storage,
 };
+use crate::decode::micromap;
 use crate::device::Device;
 use crate::ffi::slice;
 use crate::handle::{self, from_handle, retain};
@@ -25,6 +26,7 @@ use crate::object::acceleration_structure::{Location, ReplayableStructure};
 use crate::object::addressed::{AddressEvent, Addressed};
 use crate::object::{AccelerationStructure, Buffer};
 use crate::structures::build;
+use crate::structures::micromap::SCRATCH_BYTES;
 use crate::table::limits;
 use crate::validate::Caller;
 
@@ -105,6 +107,12 @@ entry! {
         max_primitive_counts: *const u32,
         sizes: *mut vk::AccelerationStructureBuildSizesInfoKHR<'_>,
     ) {
+        if let Some(usages) = micromap::structure_usages(&*info) {
+            (*sizes).acceleration_structure_size = traversal::micromap_size(usages).unwrap_or(u64::MAX);
+            (*sizes).build_scratch_size = SCRATCH_BYTES;
+            (*sizes).update_scratch_size = 0;
+            return;
+        }
         let geometries = geometries(&*info);
         let kind = kind(&*info, &geometries);
         let counts = slice(max_primitive_counts, (*info).geometry_count);
@@ -154,7 +162,16 @@ commands! {
         infos: *const vk::AccelerationStructureBuildGeometryInfoKHR<'_>,
         ranges: *const *const vk::AccelerationStructureBuildRangeInfoKHR,
     ) {
+        let infos_of = slice(infos, count).iter();
+        let micromaps: Vec<_> = infos_of.filter_map(|info| micromap::decode_structure(info)).collect();
         let builds = decode_builds(count, infos, ranges);
+        // None of one command depends on another.
+        if !micromaps.is_empty() {
+            command_buffer.push(Command::RayTracing(RayTracingCommand::BuildMicromaps(micromaps)))?;
+        }
+        if builds.is_empty() {
+            return Ok(());
+        }
         command_buffer.push(Command::RayTracing(RayTracingCommand::Build(builds)))
     }
 
@@ -168,7 +185,9 @@ commands! {
     ) {
         let (addresses, strides) = (slice(addresses, count), slice(strides, count));
         let counts = slice(max_primitive_counts, count);
-        let builds = slice(infos, count).iter().enumerate().map(|(index, info)| IndirectBuild {
+        let infos = slice(infos, count).iter().enumerate();
+        let infos = infos.filter(|(_, info)| !micromap::is_micromap(info));
+        let builds = infos.map(|(index, info)| IndirectBuild {
             build: decode_build(info),
             ranges: addresses[index],
             stride_bytes: strides[index],

@@ -48,6 +48,13 @@ pub struct DepthClampRangeEXT {
     pub max_depth_clamp: f32,
 }
 
+/// `VK_GEOMETRY_TYPE_MICROMAP_KHR`.
+pub const GEOMETRY_TYPE_MICROMAP_KHR: GeometryTypeKHR = GeometryTypeKHR::from_raw(1_000_623_000);
+
+/// `VK_ACCELERATION_STRUCTURE_TYPE_OPACITY_MICROMAP_KHR`.
+pub const ACCELERATION_STRUCTURE_TYPE_OPACITY_MICROMAP_KHR: AccelerationStructureTypeKHR =
+    AccelerationStructureTypeKHR::from_raw(1_000_623_000);
+
 /// The version 1.4 of Vulkan.
 pub const API_VERSION_1_4: u32 = make_api_version(0, 1, 4, 0);
 
@@ -311,6 +318,35 @@ structures! {
         address_range: DeviceAddressRangeKHR,
         address_flags: AddressCommandFlagsKHR,
         ty: AccelerationStructureTypeKHR,
+    }
+    /// `VK_KHR_opacity_micromap`.
+    PhysicalDeviceOpacityMicromapFeaturesKHR 1_000_623_000 *mut c_void {
+        micromap: Bool32,
+    }
+    PhysicalDeviceOpacityMicromapPropertiesKHR 1_000_623_001 *mut c_void {
+        max_opacity2_state_subdivision_level: u32,
+        max_opacity4_state_subdivision_level: u32,
+        max_opacity_lossy4_state_subdivision_level: u32,
+        max_micromap_triangles: u64,
+    }
+    AccelerationStructureGeometryMicromapDataKHR 1_000_623_002 *const c_void {
+        usage_counts_count: u32,
+        p_usage_counts: *const MicromapUsageEXT,
+        pp_usage_counts: *const *const MicromapUsageEXT,
+        data: DeviceAddress,
+        triangle_array: DeviceAddress,
+        triangle_array_stride: DeviceSize,
+    }
+    AccelerationStructureTrianglesOpacityMicromapKHR 1_000_623_003 *mut c_void {
+        index_type: IndexType,
+        index_buffer: DeviceAddress,
+        index_stride: DeviceSize,
+        base_triangle: u32,
+        micromap: AccelerationStructureKHR,
+    }
+    /// `VK_ARM_pipeline_opacity_micromap`.
+    PhysicalDevicePipelineOpacityMicromapFeaturesARM 1_000_596_000 *mut c_void {
+        pipeline_opacity_micromap: Bool32,
     }
     /// `VK_KHR_present_mode_fifo_latest_ready`.
     PhysicalDevicePresentModeFifoLatestReadyFeaturesKHR 1_000_361_000 *mut c_void {

@@ -40,11 +40,15 @@ impl DeferredPipeline {
         stages: Vec<ShaderStage>,
         group_infos: Vec<GroupInfo>,
         layout: &PipelineLayout,
+        compiler: &Compiler<'_>,
         cache: Option<Ref<PipelineCache>>,
         max_recursion_depth: u32,
         flags: vk::PipelineCreateFlags,
     ) -> Self {
-        let keys: Vec<ProgramKey> = stages.iter().map(|stage| stage.key(layout)).collect();
+        let keys: Vec<ProgramKey> = stages
+            .iter()
+            .map(|stage| stage.key(layout, compiler))
+            .collect();
         let deferred = |stage| DeferredStage {
             stage,
             program: OnceLock::new(),

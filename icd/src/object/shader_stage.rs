@@ -29,6 +29,8 @@ pub struct Compiler<'a> {
     pub messengers: &'a Messengers,
     /// Programs count misaligned pointers, for validation.
     pub checks_alignment: bool,
+    /// Ray queries look at micromaps where an execution mode says so.
+    pub micromaps_by_mode: bool,
 }
 
 /// `VkPipelineShaderStageCreateInfo`, copied.
@@ -54,21 +56,23 @@ pub struct Compiled {
 
 impl ShaderStage {
     /// The identity of a compilation: module, entry point, stage, specialization, descriptor
-    /// locations, accuracy of functions, the meaning of its view index, and whether it prints.
-    pub fn key(&self, layout: &PipelineLayout) -> ProgramKey {
+    /// locations, accuracy of functions, the meaning of its view index, whether its queries look at
+    /// micromaps only in a mode, and whether it prints.
+    pub fn key(&self, layout: &PipelineLayout, compiler: &Compiler<'_>) -> ProgramKey {
         let mut hash = Xxh3::new();
         for word in self.words.iter() {
             hash.update(&word.to_le_bytes());
         }
         hash.update(&(self.words.len() as u64).to_le_bytes());
         hash.update(self.entry_point.as_bytes());
-        let view_index = u8::from(self.view_index_is_device_index);
+        let switches =
+            u8::from(self.view_index_is_device_index) | u8::from(compiler.micromaps_by_mode) << 1;
         let prints = u8::from(settings().prints.is_some());
         hash.update(&[
             0,
             self.stage as u8,
             settings().accuracy as u8,
-            view_index,
+            switches,
             prints,
         ]);
         for (id, bytes) in &self.specialization {
@@ -119,7 +123,7 @@ impl ShaderStage {
         layout: &PipelineLayout,
         may_compile: bool,
     ) -> VkResult<Compiled> {
-        let key = self.key(layout);
+        let key = self.key(layout, compiler);
         let cached = cache.and_then(|cache| cache.find(&key));
         // Data from the application may be arbitrary.
         if let Some(program) = cached.filter(|program| program.stage() == self.stage) {
@@ -148,6 +152,7 @@ impl ShaderStage {
             accuracy: settings().accuracy,
             prints: settings().prints.is_some(),
             checks_alignment: compiler.checks_alignment,
+            micromaps_by_mode: compiler.micromaps_by_mode,
             view_index_is_device_index: self.view_index_is_device_index,
         };
         let _span = timeline::span(Kind::Compilation, || {

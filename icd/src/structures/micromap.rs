@@ -4,14 +4,14 @@
 use ash::vk;
 use rayon::prelude::*;
 use spirv_jit::reach::Reach;
+use traversal::transfer::Uuids;
 use traversal::{BuildError, Live, Micromap, MicromapFormat, MicromapInput};
 
 use super::acceleration_structure::{report, storage_bytes};
 use crate::command::micromap::MicromapBuild;
 use crate::object::acceleration_structure::Storage;
-use crate::table::limits;
 use crate::validate::Checks;
-use crate::wave::reachable::{around, readable, writable};
+use crate::wave::reachable::{around, read, readable, writable};
 
 /// Offsets into a micromap's data have 32 bits; the longest states of a triangle follow.
 const MAX_DATA_BYTES: u64 =
@@ -61,6 +61,25 @@ pub unsafe fn build(builds: &[MicromapBuild], reach: &Reach, live: &Live, checks
     });
 }
 
+/// Whether a micromap lies at an address.
+///
+/// # Safety
+/// `live` is there during the call.
+pub unsafe fn is_at(live: &Live, address: u64) -> bool {
+    // SAFETY: the caller's promise.
+    unsafe { Micromap::at(address, live) }.is_some()
+}
+
+/// Whether serialized data is that of a micromap: that of other structures has its size there.
+///
+/// # Safety
+/// Nothing writes what lies in `reach` meanwhile.
+pub unsafe fn is_serialized_at(reach: &Reach, address: u64) -> bool {
+    let address = address.wrapping_add(HEAD_BYTES);
+    // SAFETY: the caller's promise.
+    unsafe { read::<u64>(reach, address) == Some(traversal::micromap::MAGIC) }
+}
+
 /// The bytes in use of the micromap at an address, or `None` where none was built.
 ///
 /// # Safety
@@ -91,7 +110,13 @@ pub unsafe fn copy(source: Storage, destination: Storage, live: &Live) {
 ///
 /// # Safety
 /// As [`copy`], and `destination`, which lies in `reach`, is writable for the serialized size.
-pub unsafe fn serialize(source: Storage, destination: u64, reach: &Reach, live: &Live) {
+pub unsafe fn serialize(
+    source: Storage,
+    uuids: &Uuids,
+    destination: u64,
+    reach: &Reach,
+    live: &Live,
+) {
     // SAFETY: the caller's promise.
     unsafe {
         let Some(source) = bytes(live, source.address) else {
@@ -101,7 +126,7 @@ pub unsafe fn serialize(source: Storage, destination: u64, reach: &Reach, live: 
         let Some((head, body)) = out.split_at_mut_checked(HEAD_BYTES as usize) else {
             return;
         };
-        head.copy_from_slice(limits::micromap_uuids().as_flattened());
+        head.copy_from_slice(uuids.as_flattened());
         body.copy_from_slice(source);
     }
 }
@@ -131,7 +156,8 @@ pub unsafe fn property(address: u64, query_type: vk::QueryType, live: &Live) -> 
     // SAFETY: the caller's promise.
     let size_bytes = unsafe { bytes(live, address) }.map_or(0, |bytes| bytes.len() as u64);
     match query_type {
-        vk::QueryType::MICROMAP_SERIALIZATION_SIZE_EXT => size_bytes + HEAD_BYTES,
+        vk::QueryType::MICROMAP_SERIALIZATION_SIZE_EXT
+        | vk::QueryType::ACCELERATION_STRUCTURE_SERIALIZATION_SIZE_KHR => size_bytes + HEAD_BYTES,
         _ => size_bytes,
     }
 }

@@ -12,6 +12,7 @@ use traversal::Live;
 
 use crate::command::RayTracingCommand;
 use crate::command::ray_tracing::{Built, BuiltCopy};
+use crate::table::limits;
 use crate::validate::Checks;
 use build::{build, with_ranges};
 
@@ -62,8 +63,23 @@ pub fn execute(command: &RayTracingCommand, reach: &Reach, live: &Live, checks: 
 /// [`deserialize`](acceleration_structure::deserialize).
 pub unsafe fn copy(built: Built, what: BuiltCopy, reach: &Reach, live: &Live) {
     use acceleration_structure as structure;
+    // Serialized data says which command has written it.
+    let uuids = match built {
+        Built::Structure => limits::serialization_uuids(),
+        Built::Micromap => limits::micromap_uuids(),
+    };
     // SAFETY: the caller's promise.
     unsafe {
+        let is_micromap = match what {
+            BuiltCopy::Whole { source, .. } | BuiltCopy::Serialize { source, .. } => {
+                micromap::is_at(live, source.address)
+            }
+            BuiltCopy::Deserialize { source, .. } => micromap::is_serialized_at(reach, source),
+        };
+        let built = match is_micromap {
+            true => Built::Micromap,
+            false => built,
+        };
         match what {
             BuiltCopy::Whole {
                 source,
@@ -78,7 +94,9 @@ pub unsafe fn copy(built: Built, what: BuiltCopy, reach: &Reach, live: &Live) {
                 destination,
             } => match built {
                 Built::Structure => structure::serialize(source, destination, reach, live),
-                Built::Micromap => micromap::serialize(source, destination, reach, live),
+                Built::Micromap => {
+                    micromap::serialize(source, &uuids, destination, reach, live);
+                }
             },
             BuiltCopy::Deserialize {
                 source,
@@ -99,8 +117,10 @@ pub unsafe fn property(of: Built, address: u64, query_type: vk::QueryType, live:
     // SAFETY: the caller's promise.
     unsafe {
         match of {
-            Built::Structure => acceleration_structure::property(address, query_type, live),
-            Built::Micromap => micromap::property(address, query_type, live),
+            Built::Structure if !micromap::is_at(live, address) => {
+                acceleration_structure::property(address, query_type, live)
+            }
+            _ => micromap::property(address, query_type, live),
         }
     }
 }

@@ -116,6 +116,7 @@ extensions! {
     Device KHR_MAINTENANCE_9 c"VK_KHR_maintenance9" 1;
     Device KHR_MAP_MEMORY_2 c"VK_KHR_map_memory2" 1;
     Device KHR_MULTIVIEW c"VK_KHR_multiview" 1;
+    Device KHR_OPACITY_MICROMAP c"VK_KHR_opacity_micromap" 1;
     Device KHR_PIPELINE_LIBRARY c"VK_KHR_pipeline_library" 1;
     Device KHR_PRESENT_ID c"VK_KHR_present_id" 1;
     Device KHR_PRESENT_ID_2 c"VK_KHR_present_id2" 1;
@@ -256,6 +257,7 @@ extensions! {
     Device EXT_YCBCR_2PLANE_444_FORMATS c"VK_EXT_ycbcr_2plane_444_formats" 1;
     Device EXT_YCBCR_IMAGE_ARRAYS c"VK_EXT_ycbcr_image_arrays" 1;
     Device EXT_ZERO_INITIALIZE_DEVICE_MEMORY c"VK_EXT_zero_initialize_device_memory" 1;
+    Device ARM_PIPELINE_OPACITY_MICROMAP c"VK_ARM_pipeline_opacity_micromap" 1;
     Device ARM_RASTERIZATION_ORDER_ATTACHMENT_ACCESS c"VK_ARM_rasterization_order_attachment_access" 1;
     Device GOOGLE_DECORATE_STRING c"VK_GOOGLE_decorate_string" 1;
     Device GOOGLE_HLSL_FUNCTIONALITY_1 c"VK_GOOGLE_hlsl_functionality1" 1;

@@ -199,6 +199,8 @@ features! {
         spheres: PhysicalDeviceRayTracingLinearSweptSpheresFeaturesNV => RayTracingSpheresGeometryNV;
         linear_swept_spheres: PhysicalDeviceRayTracingLinearSweptSpheresFeaturesNV => RayTracingLinearSweptSpheresGeometryNV;
         micromap: PhysicalDeviceOpacityMicromapFeaturesEXT => RayTracingOpacityMicromapEXT;
+        micromap: PhysicalDeviceOpacityMicromapFeaturesKHR;
+        pipeline_opacity_micromap: PhysicalDevicePipelineOpacityMicromapFeaturesARM;
         micromap_capture_replay: PhysicalDeviceOpacityMicromapFeaturesEXT;
         micromap_host_commands: PhysicalDeviceOpacityMicromapFeaturesEXT;
         pipeline_library_group_handles: PhysicalDevicePipelineLibraryGroupHandlesFeaturesEXT;

@@ -590,6 +590,14 @@ unsafe fn fill(machine: &Machine, node: *mut vk::BaseOutStructure<'static>) {
                 max_opacity4_state_subdivision_level: traversal::micromap::MAX_LEVEL,
                 ..Default::default()
             });
+            // Nothing is lost where an application allows it: levels are the same.
+            PhysicalDeviceOpacityMicromapPropertiesKHR(vk::PhysicalDeviceOpacityMicromapPropertiesKHR {
+                max_opacity2_state_subdivision_level: traversal::micromap::MAX_LEVEL,
+                max_opacity4_state_subdivision_level: traversal::micromap::MAX_LEVEL,
+                max_opacity_lossy4_state_subdivision_level: traversal::micromap::MAX_LEVEL,
+                max_micromap_triangles: limits::MAX_PRIMITIVES,
+                ..Default::default()
+            });
             PhysicalDeviceMaintenance5PropertiesKHR(vulkan14()) {
                 early_fragment_multisample_coverage_after_sample_counting, early_fragment_sample_mask_test_before_sample_counting,
                 depth_stencil_swizzle_one_support, polygon_mode_point_size,

@@ -48,6 +48,7 @@ pub fn request(stage: Stage, words: &[u32]) -> CompileRequest<'_> {
         accuracy: Accuracy::Spec,
         prints: true,
         checks_alignment: false,
+        micromaps_by_mode: false,
         view_index_is_device_index: false,
     }
 }

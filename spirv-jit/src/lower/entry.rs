@@ -7,7 +7,7 @@ use crate::Error;
 use crate::error::ErrorKind;
 use crate::ir::MAX_INVOCATIONS;
 use crate::ir::stage::Stage;
-use crate::parse::{EntryPoint, ParsedModule};
+use crate::parse::{EntryPoint, ParsedModule, newer};
 use crate::request::CompileRequest;
 
 /// The entry point that a request names.
@@ -46,15 +46,29 @@ pub(super) fn find_entry<'a>(
 impl Lowerer<'_> {
     /// The entry point's execution modes that the specification names, each with its operands.
     pub(super) fn execution_modes(&self) -> impl Iterator<Item = (ExecutionMode, &[u32])> {
+        let known = |(mode, operands)| Some((ExecutionMode::from_u32(mode)?, operands));
+        self.raw_execution_modes().filter_map(known)
+    }
+
+    /// The same by their numbers, with those that are newer than the bindings.
+    fn raw_execution_modes(&self) -> impl Iterator<Item = (u32, &[u32])> {
         let modes = self.module.execution_modes.iter();
         modes.filter_map(|&index| {
             let operands = self.module.operands(self.module.instruction(index));
             let &[function, mode, ref operands @ ..] = operands else {
                 return None;
             };
-            let mode = ExecutionMode::from_u32(mode)?;
             (function == self.entry.function).then_some((mode, operands))
         })
+    }
+
+    /// Whether ray queries leave opacity micromaps aside.
+    pub(super) fn ignores_micromaps(&self) -> Result<bool, Error> {
+        let mut modes = self.raw_execution_modes();
+        match modes.find(|&(mode, _)| mode == newer::OPACITY_MICROMAP_ID) {
+            Some((_, &[enable, ..])) => Ok(*self.constants.bits(&self.types, enable)? == [0]),
+            _ => Ok(self.request.micromaps_by_mode),
+        }
     }
 
     /// The workgroup's size: the `WorkgroupSize` constant before the execution modes.

@@ -11,7 +11,7 @@ use crate::facts::Fact;
 use crate::ir::op::Access;
 use crate::ir::{self, Space, Type, Value};
 use crate::parse::{Id, Instruction, ParsedModule};
-use crate::query::{QueryWord, row, state};
+use crate::query::{IGNORE_OPACITY_MICROMAPS, QueryWord, row, state};
 
 /// `OpRayQueryGetIntersectionTypeKHR` of a committed intersection.
 pub(super) const COMMITTED_TRIANGLE: u32 = 1;
@@ -191,7 +191,12 @@ impl Lowerer<'_> {
     fn initialize_query(&mut self, query: &Pointer, operands: &[Id]) -> Result<(), Error> {
         let structure = self.scalar(operands[0])?;
         let mut words: Vec<Value> = self.b.unpack64(structure)?.to_vec();
-        words.push(self.word(operands[1])?);
+        let mut flags = self.word(operands[1])?;
+        if self.ignores_micromaps()? {
+            let ours = self.b.i32(IGNORE_OPACITY_MICROMAPS);
+            flags = self.b.binary(ir::Op::Or, flags, ours)?;
+        }
+        words.push(flags);
         let (cull_mask, low_bits) = (self.word(operands[2])?, self.b.i32(0xFF));
         words.push(self.b.binary(ir::Op::And, cull_mask, low_bits)?);
         for &id in &operands[3..7] {
@@ -323,28 +328,28 @@ impl Lowerer<'_> {
         first: usize,
         types: &[Type],
     ) -> Result<Vec<Value>, Error> {
-        match query.place {
-            Place::Local { local, row } => {
-                let mut values = Vec::with_capacity(types.len());
-                for (index, &ty) in types.iter().enumerate() {
-                    let (variable, row) = self.locals[local].find(row + (first + index) as u32);
+        let mut values = Vec::with_capacity(types.len());
+        for (index, &ty) in types.iter().enumerate() {
+            let place = first + index;
+            let mut value = match query.place {
+                Place::Local { local, row } => {
+                    let (variable, row) = self.locals[local].find(row + place as u32);
                     let op = ir::Op::VarLoad(variable, row);
-                    values.push(self.b.emit_unchecked(op, &[], &[ty])?[0]);
+                    self.b.emit_unchecked(op, &[], &[ty])?[0]
                 }
-                Ok(values)
-            }
-            _ => {
-                let mut values = Vec::with_capacity(types.len());
-                for (index, &ty) in types.iter().enumerate() {
-                    let address = self.address(query, (first + index) as u64)?;
-                    values.extend(
-                        self.b
-                            .load(Access::plain(Space::Private), &address, &[ty])?,
-                    );
+                _ => {
+                    let address = self.address(query, place as u64)?;
+                    let access = Access::plain(Space::Private);
+                    self.b.load(access, &address, &[ty])?[0]
                 }
-                Ok(values)
+            };
+            if place == row::FLAGS && self.ignores_micromaps()? {
+                let theirs = self.b.i32(!IGNORE_OPACITY_MICROMAPS);
+                value = self.b.binary(ir::Op::And, value, theirs)?;
             }
+            values.push(value);
         }
+        Ok(values)
     }
 
     fn store_query_rows(

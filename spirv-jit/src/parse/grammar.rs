@@ -14,6 +14,7 @@ use rspirv::grammar::{
 use rspirv::spirv::{self, Op};
 
 use super::instruction::Id;
+use super::newer;
 
 /// Grammar entries by opcode.
 struct Index {
@@ -252,7 +253,13 @@ impl<'a> Walk<'a> {
             }
             Kind::StorageClass => self.enumerant(spirv::StorageClass::from_u32).map(drop),
             Kind::BuiltIn => self.enumerant(spirv::BuiltIn::from_u32).map(drop),
-            Kind::Capability => self.enumerant(spirv::Capability::from_u32).map(drop),
+            Kind::Capability => {
+                let find = |word| match word {
+                    newer::OPACITY_MICROMAP_EXECUTION_MODE => Some(()),
+                    _ => spirv::Capability::from_u32(word).map(drop),
+                };
+                self.enumerant(find)
+            }
             Kind::ExecutionModel => self.enumerant(spirv::ExecutionModel::from_u32).map(drop),
             Kind::AddressingModel => self.enumerant(spirv::AddressingModel::from_u32).map(drop),
             Kind::MemoryModel => self.enumerant(spirv::MemoryModel::from_u32).map(drop),
@@ -265,6 +272,10 @@ impl<'a> Walk<'a> {
             Kind::Decoration => {
                 let found = self.enumerant(spirv::Decoration::from_u32)?;
                 self.parameters(&Operand::Decoration(found))
+            }
+            Kind::ExecutionMode if self.rest.first() == Some(&newer::OPACITY_MICROMAP_ID) => {
+                self.skip(1)?;
+                self.id()
             }
             Kind::ExecutionMode => {
                 let found = self.enumerant(spirv::ExecutionMode::from_u32)?;

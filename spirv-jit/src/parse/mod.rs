@@ -21,6 +21,14 @@ pub use module::{Block, EntryPoint, Function, Merge, ParsedModule};
 
 use crate::Error;
 
+/// Numbers of SPIR-V that the bindings lack.
+pub(crate) mod newer {
+    /// Execution mode of `SPV_KHR_opacity_micromap`; its operand is a boolean constant.
+    pub const OPACITY_MICROMAP_ID: u32 = 6031;
+    /// The capability of that.
+    pub const OPACITY_MICROMAP_EXECUTION_MODE: u32 = 6032;
+}
+
 /// Parses and checks a module.
 ///
 /// # Errors

@@ -14,9 +14,9 @@ fn micromap_property(gpu: &Gpu, micromap: vk::MicromapEXT, ty: vk::QueryType) ->
 }
 
 /// A micromap of one triangle with states of all kinds, and what rays at its parts' middles find.
-fn motley(gpu: &Gpu) -> (Micromap, Vec<u32>) {
+pub fn motley(gpu: &Gpu, form: MicromapForm) -> (Micromap, Vec<u32>) {
     let state = |part: u32| (part.wrapping_mul(7) >> 1) as u8 & 3;
-    let micromap = gpu.micromap(&[MicroTriangle::of(2, FOUR_STATES, state)]);
+    let micromap = gpu.micromap_in(form, &[MicroTriangle::of(2, FOUR_STATES, state)]);
     (micromap, (0..16).map(|part| outcome(state(part))).collect())
 }
 
@@ -29,90 +29,66 @@ fn found_with(gpu: &Gpu, micromap: &Micromap) -> Vec<u32> {
 
 #[test]
 fn copies_are_as_good() {
-    let Some(gpu) = gpu_with_micromaps() else {
-        return;
-    };
-    let (original, expected) = motley(&gpu);
-    let compacted_size = micromap_property(
-        &gpu,
-        original.handle,
-        vk::QueryType::MICROMAP_COMPACTED_SIZE_EXT,
-    );
-    assert!(compacted_size > 0 && compacted_size <= original.size_bytes);
-    for (mode, size) in [
-        (vk::CopyMicromapModeEXT::CLONE, original.size_bytes),
-        (vk::CopyMicromapModeEXT::COMPACT, compacted_size),
-    ] {
-        let copy = Micromap {
-            handle: gpu.empty_micromap(size),
-            ..original.clone()
-        };
-        let info = vk::CopyMicromapInfoEXT::default()
-            .src(original.handle)
-            .dst(copy.handle)
-            .mode(mode);
-        gpu.run(|commands| {
-            // SAFETY: both live as long as the device.
-            unsafe { (gpu.micromaps.fp().cmd_copy_micromap_ext)(commands, &info) };
-        });
-        assert_eq!(found_with(&gpu, &copy), expected, "{mode:?}");
-    }
+    in_each_form(|gpu, form| {
+        let (original, expected) = motley(gpu, form);
+        let [compacted_size, _] = gpu.micromap_sizes(&original);
+        assert!(compacted_size > 0 && compacted_size <= original.size_bytes);
+        for (compact, size) in [(false, original.size_bytes), (true, compacted_size)] {
+            let copy = gpu.room_for_copy(&original, size);
+            gpu.run(|commands| gpu.record_micromap_copy(commands, &original, &copy, compact));
+            assert_eq!(found_with(gpu, &copy), expected, "{form:?} {compact}");
+        }
+    });
 }
 
 #[test]
 fn serialized_micromaps_come_back() {
-    let Some(gpu) = gpu_with_micromaps() else {
-        return;
-    };
-    let (original, expected) = motley(&gpu);
-    let ty = vk::QueryType::MICROMAP_SERIALIZATION_SIZE_EXT;
-    let size = micromap_property(&gpu, original.handle, ty);
-    let buffer = gpu.buffer(size + 256);
-    let aligned = buffer.address.next_multiple_of(256);
-    let copy = Micromap {
-        handle: gpu.empty_micromap(original.size_bytes),
-        ..original.clone()
-    };
-    let out = vk::CopyMicromapToMemoryInfoEXT::default()
-        .src(original.handle)
-        .dst(vk::DeviceOrHostAddressKHR {
-            device_address: aligned,
-        })
-        .mode(vk::CopyMicromapModeEXT::SERIALIZE);
-    let back = vk::CopyMemoryToMicromapInfoEXT::default()
-        .src(vk::DeviceOrHostAddressConstKHR {
-            device_address: aligned,
-        })
-        .dst(copy.handle)
-        .mode(vk::CopyMicromapModeEXT::DESERIALIZE);
-    gpu.run(|commands| {
-        // SAFETY: all of it lives as long as the device.
-        unsafe { (gpu.micromaps.fp().cmd_copy_micromap_to_memory_ext)(commands, &out) };
-        gpu.barrier(commands);
-        // SAFETY: as above.
-        unsafe { (gpu.micromaps.fp().cmd_copy_memory_to_micromap_ext)(commands, &back) };
-    });
-    assert_eq!(found_with(&gpu, &copy), expected);
+    in_each_form(|gpu, form| {
+        let (original, expected) = motley(gpu, form);
+        let [_, size] = gpu.micromap_sizes(&original);
+        let buffer = gpu.buffer(size + 256);
+        let aligned = buffer.address.next_multiple_of(256);
+        let copy = gpu.room_for_copy(&original, original.size_bytes);
+        gpu.run(|commands| {
+            gpu.record_micromap_out(commands, &original, aligned);
+            gpu.barrier(commands);
+            gpu.record_micromap_in(commands, aligned, &copy);
+        });
+        assert_eq!(found_with(gpu, &copy), expected);
 
-    let bytes: Vec<u8> = buffer.read();
-    let start = (aligned - buffer.address) as usize;
-    let mut head: [u8; 32] = bytes[start..start + 32].try_into().expect("32 bytes");
-    let mut is_compatible = |change: u8| {
-        head[20] ^= change;
-        let info = vk::MicromapVersionInfoEXT::default().version_data(&head);
-        let mut found = vk::AccelerationStructureCompatibilityKHR::INCOMPATIBLE;
-        // SAFETY: the info outlives the call.
-        unsafe {
-            (gpu.micromaps.fp().get_device_micromap_compatibility_ext)(
-                gpu.device.handle(),
-                &info,
-                &mut found,
-            );
+        let bytes: Vec<u8> = buffer.read();
+        let start = (aligned - buffer.address) as usize;
+        let head: [u8; 32] = bytes[start..start + 32].try_into().expect("32 bytes");
+        assert!(is_compatible(gpu, form, head));
+        assert!(!is_compatible(gpu, form, {
+            let mut other = head;
+            other[20] ^= 0x80;
+            other
+        }));
+    });
+}
+
+/// Whether the device says that it can deserialize data with this head.
+fn is_compatible(gpu: &Gpu, form: MicromapForm, head: [u8; 32]) -> bool {
+    let mut found = vk::AccelerationStructureCompatibilityKHR::INCOMPATIBLE;
+    let device = gpu.device.handle();
+    // SAFETY: the infos outlive the calls.
+    unsafe {
+        match form {
+            MicromapForm::Ext => {
+                let info = vk::MicromapVersionInfoEXT::default().version_data(&head);
+                let ask = gpu.micromaps.fp().get_device_micromap_compatibility_ext;
+                ask(device, &info, &mut found);
+            }
+            MicromapForm::Khr => {
+                let info = vk::AccelerationStructureVersionInfoKHR::default().version_data(&head);
+                let fp = gpu.acceleration.fp();
+                let ask = fp.get_device_acceleration_structure_compatibility_khr;
+                ask(device, &info, &mut found);
+            }
         }
-        found == vk::AccelerationStructureCompatibilityKHR::COMPATIBLE
-    };
-    assert!(is_compatible(0));
-    assert!(!is_compatible(0x80));
+    }
+    found == vk::AccelerationStructureCompatibilityKHR::COMPATIBLE
 }
 
 #[test]
@@ -123,7 +99,7 @@ fn the_host_does_the_same() {
     if gpu.optional.micromap.micromap_host_commands == 0 {
         return;
     }
-    let (original, expected) = motley(&gpu);
+    let (original, expected) = motley(&gpu, MicromapForm::Ext);
     let device = gpu.device.handle();
     let none = vk::DeferredOperationKHR::null();
     let micromaps = gpu.micromaps.fp();
@@ -217,7 +193,7 @@ fn structures_with_micromaps_are_copied_and_serialized() {
     let Some(gpu) = gpu_with_micromaps() else {
         return;
     };
-    let (micromap, expected) = motley(&gpu);
+    let (micromap, expected) = motley(&gpu, MicromapForm::Ext);
     let original = bottom(&gpu, 1, &Use::of(&micromap), Flags::ALLOW_COMPACTION);
     let property = |ty| {
         gpu.query(ty, |commands, pool| {

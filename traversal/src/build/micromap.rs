@@ -16,8 +16,8 @@ const CHUNK: usize = 16384;
 pub(crate) unsafe fn write(list: &[&TriangleGeometry], part: &mut [u8]) {
     let (references, mut words) = part.split_at_mut(8 * list.len());
     for (geometry, reference) in list.iter().zip(references.chunks_exact_mut(8)) {
-        let address = geometry.micromap.map_or(0, |micromap| micromap.micromap);
-        reference.copy_from_slice(&address.to_le_bytes());
+        let word = (geometry.micromap).map_or(0, |micromap| micromap.reference());
+        reference.copy_from_slice(&word.to_le_bytes());
         let (own, rest) = words.split_at_mut(4 * geometry.primitive_count as usize);
         words = rest;
         let Some(micromap) = geometry.micromap else {

@@ -2,6 +2,7 @@
 
 use super::{FIRST_SPECIAL, Opacity};
 
+use crate::layout::micromap_reference;
 use crate::memory::{IndexType, Memory};
 
 /// How the triangles of a geometry find their opacity
@@ -18,9 +19,20 @@ pub struct GeometryMicromap {
     pub base_triangle: u32,
     /// Address of a built micromap, or 0 where all indices are special.
     pub micromap: u64,
+    /// Whether serialized structures list that address, for the application to replace
+    /// (`VK_KHR_opacity_micromap`), and do not take the micromap along.
+    pub listed: bool,
 }
 
 impl GeometryMicromap {
+    /// The word that a bottom level keeps for the geometry.
+    pub(crate) fn reference(&self) -> u64 {
+        match self.listed && self.micromap != 0 {
+            true => self.micromap | micromap_reference::LISTED,
+            false => self.micromap,
+        }
+    }
+
     /// The micromap's triangle for the geometry's triangle `index`; none where one state stands for
     /// all of it.
     ///

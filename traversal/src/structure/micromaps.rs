@@ -25,17 +25,22 @@ impl Structure {
             })
     }
 
-    /// The address of a geometry's micromap, wherever it lies; 0 where there is none.
-    pub(crate) fn micromap_address(&self, geometry: u32) -> Option<u64> {
+    /// The word that says where a geometry's micromap is.
+    pub(crate) fn micromap_reference(&self, geometry: u32) -> Option<u64> {
         if geometry >= self.geometry_count {
             return None;
         }
-        let (part, bytes) = self.micromap_part()?;
         // SAFETY: references are eight bytes.
-        let reference: u64 = unsafe { self.read_part(8 * u64::from(geometry)) }?;
+        unsafe { self.read_part(8 * u64::from(geometry)) }
+    }
+
+    /// The address of a geometry's micromap, wherever it lies; 0 where there is none.
+    pub(crate) fn micromap_address(&self, geometry: u32) -> Option<u64> {
+        let reference = self.micromap_reference(geometry)?;
         if reference & micromap_reference::INSIDE == 0 {
-            return Some(reference);
+            return Some(reference & !micromap_reference::LISTED);
         }
+        let (part, bytes) = self.micromap_part()?;
         let offset = reference & !micromap_reference::INSIDE;
         (offset.is_multiple_of(ALIGNMENT) && offset < bytes)
             .then(|| part.expose_provenance() as u64 + offset)

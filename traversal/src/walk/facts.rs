@@ -94,6 +94,7 @@ impl InstanceFacts {
 
     fn ignores_micromaps(&self) -> bool {
         self.flags & instance_flags::DISABLE_OPACITY_MICROMAPS != 0
+            || self.ray_flags & ray_flags::IGNORE_OPACITY_MICROMAPS != 0
     }
 
     /// Whether a geometry is opaque to this ray; `None` if it is culled for that.

@@ -301,6 +301,9 @@ impl Flights for One<'_> {
     }
 }
 
+const _: () =
+    assert!(spirv_jit::query::IGNORE_OPACITY_MICROMAPS == ray_flags::IGNORE_OPACITY_MICROMAPS);
+
 /// Reads the rays of queries.
 fn load(object: &[AlignedRow], rays: &mut RayRows) {
     for axis in 0..3 {
