@@ -1,13 +1,16 @@
 //! Link options of the shared library, and the compiler's identity.
 
+use std::env;
 use std::fs;
 use std::path::Path;
 
 fn main() {
     println!("cargo:rerun-if-changed=build.rs");
     // Worker threads and thread-local destructors may outlive the last `dlclose`: the code must
-    // stay mapped.
-    println!("cargo:rustc-cdylib-link-arg=-Wl,-z,nodelete");
+    // stay mapped. Elsewhere `os` sees to it.
+    if env::var_os("CARGO_CFG_UNIX").is_some() {
+        println!("cargo:rustc-cdylib-link-arg=-Wl,-z,nodelete");
+    }
     // Stored programs are read by the compiler that made them only.
     let compiler = ["../spirv-jit/src", "../spirv-jit/images/src"].map(Path::new);
     let mut hash = 0xCBF2_9CE4_8422_2325;

@@ -9,6 +9,7 @@ mod acceleration;
 mod alone;
 mod bind;
 mod case;
+#[cfg(unix)]
 mod compositor;
 mod compute;
 mod drawing;
@@ -29,6 +30,7 @@ mod query;
 mod shader;
 mod skip;
 mod trace;
+#[cfg(unix)]
 mod window;
 mod words;
 
@@ -38,6 +40,7 @@ pub use acceleration::{
 pub use alone::alone;
 pub use bind::{Bound, Set};
 pub use case::Case;
+#[cfg(unix)]
 pub use compositor::{Compositor, Offers};
 pub use compute::Kernel;
 pub use drawing::{BLACK, COVER, PUSHED, Pass, RGBA, WHITE};
@@ -65,6 +68,7 @@ pub use presenter::{Asked, Chain, Presenter, red_first, screen_picture};
 pub use shader::{Stage, glsl, glsl_for, glsl_nv};
 pub use skip::has;
 pub use trace::{Group, Rays, Record, Table};
+#[cfg(unix)]
 pub use window::{Window, Xvfb};
 pub use words::{MISS, RESULTS, WORLD, layers};
 

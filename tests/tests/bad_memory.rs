@@ -1,5 +1,6 @@
 //! Memory and sizes that break the rules. Vulkan leaves their effect open, so these tests look only
 //! at Tuff, which promises an error, a lost device or zeros, and a process that lives on.
+#![cfg(unix)]
 
 use std::ffi::CStr;
 use std::os::fd::{AsRawFd, FromRawFd, OwnedFd};

@@ -1,4 +1,5 @@
 //! Memory, semaphores and fences that two devices share by file descriptors.
+#![cfg(unix)]
 
 use std::ffi::CStr;
 use std::os::fd::{AsRawFd, FromRawFd, OwnedFd, RawFd};

@@ -1,6 +1,6 @@
 //! `TUFF_TIER` binds all that the driver computes: instructions that are at work are counted, by
 //! how they are encoded.
-#![cfg(target_arch = "x86_64")]
+#![cfg(all(target_arch = "x86_64", unix))]
 
 use std::process::Command;
 use std::sync::OnceLock;

@@ -6,6 +6,7 @@
 //! Then each place has a process of its own, in which the first such block is refused. Vulkan
 //! leaves open what a driver can bear (most would end the process), so this test looks only at
 //! Tuff.
+#![cfg(unix)]
 
 use std::collections::BTreeSet;
 use std::ffi::{CStr, c_int, c_void};

@@ -1,4 +1,5 @@
 //! When presentations are to be seen, and when they were: `VK_EXT_present_timing`.
+#![cfg(unix)]
 
 use std::sync::atomic::Ordering;
 use std::time::Instant;

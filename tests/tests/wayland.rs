@@ -1,4 +1,5 @@
 //! Surfaces of Wayland, on a compositor of the test's own.
+#![cfg(unix)]
 
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};

@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 use std::sync::OnceLock;
 
+use super::*;
 use crate::ffi::vk;
 use crate::table::extensions::{Extension, ExtensionSet, Kind};
 
@@ -70,45 +71,50 @@ pub fn rows(name: &[u8]) -> impl Iterator<Item = &'static Command> {
     index.get(name).into_iter().flatten().copied()
 }
 
-/// The name a row goes by: its alias, or its function's.
-macro_rules! command_name {
-    ($name:ident) => {
-        stringify!($name)
-    };
-    ($name:ident $alias:ident) => {
-        stringify!($alias)
-    };
-}
-
 /// A row is `Level Availability [| Availability]* PFN_type module::function [as alias];`. That the
 /// function has the PFN's type is checked by the compiler.
 macro_rules! commands {
     ($($level:ident $($extension:ident)|+ $pfn:ident $module:ident::$name:ident $(as $alias:ident)?;)*) => {
-        /// All rows, one for each availability.
-        pub fn table() -> &'static [Command] {
-            static TABLE: OnceLock<Vec<Command>> = OnceLock::new();
-            TABLE.get_or_init(|| {
-                let mut rows = Vec::new();
-                $({
-                    let function: vk::$pfn = crate::entry::$module::$name;
-                    // SAFETY: `PFN_vkVoidFunction` is the type that such pointers are passed around
-                    // as; callers cast back.
-                    let function = unsafe { std::mem::transmute::<vk::$pfn, unsafe extern "system" fn()>(function) };
-                    let name = command_name!($name $($alias)?);
-                    let level = Level::$level;
-                    let availabilities = [$(commands!(@availability $extension)),+];
-                    rows.extend(availabilities.map(|availability| Command { name, level, availability, function }));
-                })*
-                rows
-            })
+        /// Adds the rows, one for each availability.
+        #[allow(unused_variables)]
+        pub fn add_rows(rows: &mut Vec<$crate::entry::commands::Command>) {
+            $({
+                let function: vk::$pfn = $module::$name;
+                // SAFETY: `PFN_vkVoidFunction` is the type that such pointers are passed around
+                // as; callers cast back.
+                let function = unsafe { std::mem::transmute::<vk::$pfn, unsafe extern "system" fn()>(function) };
+                let name = commands!(@name $name $($alias)?);
+                let level = $crate::entry::commands::Level::$level;
+                let availabilities = [$(commands!(@availability $extension)),+];
+                rows.extend(availabilities.map(|availability| {
+                    $crate::entry::commands::Command { name, level, availability, function }
+                }));
+            })*
         }
     };
-    (@availability Core) => { Availability::Core(vk::API_VERSION_1_0) };
-    (@availability Core11) => { Availability::Core(vk::API_VERSION_1_1) };
-    (@availability Core12) => { Availability::Core(vk::API_VERSION_1_2) };
-    (@availability Core13) => { Availability::Core(vk::API_VERSION_1_3) };
-    (@availability Core14) => { Availability::Core(vk::API_VERSION_1_4) };
-    (@availability $extension:ident) => { Availability::Extension(Extension::$extension) };
+    (@name $name:ident) => { stringify!($name) };
+    (@name $name:ident $alias:ident) => { stringify!($alias) };
+    (@availability Core) => { $crate::entry::commands::Availability::Core($crate::ffi::vk::API_VERSION_1_0) };
+    (@availability Core11) => { $crate::entry::commands::Availability::Core($crate::ffi::vk::API_VERSION_1_1) };
+    (@availability Core12) => { $crate::entry::commands::Availability::Core($crate::ffi::vk::API_VERSION_1_2) };
+    (@availability Core13) => { $crate::entry::commands::Availability::Core($crate::ffi::vk::API_VERSION_1_3) };
+    (@availability Core14) => { $crate::entry::commands::Availability::Core($crate::ffi::vk::API_VERSION_1_4) };
+    (@availability $extension:ident) => {
+        $crate::entry::commands::Availability::Extension($crate::table::extensions::Extension::$extension)
+    };
+}
+
+pub(super) use commands;
+
+/// All rows, those of this system included.
+pub fn table() -> &'static [Command] {
+    static TABLE: OnceLock<Vec<Command>> = OnceLock::new();
+    TABLE.get_or_init(|| {
+        let mut rows = Vec::new();
+        add_rows(&mut rows);
+        system::add_rows(&mut rows);
+        rows
+    })
 }
 
 commands! {
@@ -199,12 +205,6 @@ commands! {
     Device Core PFN_vkGetDeviceMemoryCommitment memory::vkGetDeviceMemoryCommitment;
     Device Core12 PFN_vkGetDeviceMemoryOpaqueCaptureAddress memory::vkGetDeviceMemoryOpaqueCaptureAddress;
     Device KHR_BUFFER_DEVICE_ADDRESS PFN_vkGetDeviceMemoryOpaqueCaptureAddress memory::vkGetDeviceMemoryOpaqueCaptureAddress as vkGetDeviceMemoryOpaqueCaptureAddressKHR;
-    Device KHR_EXTERNAL_FENCE_FD PFN_vkGetFenceFdKHR sync::vkGetFenceFdKHR;
-    Device KHR_EXTERNAL_FENCE_FD PFN_vkImportFenceFdKHR sync::vkImportFenceFdKHR;
-    Device KHR_EXTERNAL_SEMAPHORE_FD PFN_vkGetSemaphoreFdKHR sync::vkGetSemaphoreFdKHR;
-    Device KHR_EXTERNAL_SEMAPHORE_FD PFN_vkImportSemaphoreFdKHR sync::vkImportSemaphoreFdKHR;
-    Device KHR_EXTERNAL_MEMORY_FD PFN_vkGetMemoryFdKHR memory::vkGetMemoryFdKHR;
-    Device KHR_EXTERNAL_MEMORY_FD PFN_vkGetMemoryFdPropertiesKHR memory::vkGetMemoryFdPropertiesKHR;
     Device EXT_EXTERNAL_MEMORY_HOST PFN_vkGetMemoryHostPointerPropertiesEXT memory::vkGetMemoryHostPointerPropertiesEXT;
     Device Core PFN_vkInvalidateMappedMemoryRanges memory::vkInvalidateMappedMemoryRanges;
     Device Core PFN_vkMapMemory memory::vkMapMemory;
@@ -626,9 +626,6 @@ commands! {
     Device KHR_MAINTENANCE_6 PFN_vkCmdBindDescriptorBufferEmbeddedSamplers2EXT descriptor_buffer::vkCmdBindDescriptorBufferEmbeddedSamplers2EXT;
 
     Instance EXT_HEADLESS_SURFACE PFN_vkCreateHeadlessSurfaceEXT surface::vkCreateHeadlessSurfaceEXT;
-    Instance KHR_WAYLAND_SURFACE PFN_vkCreateWaylandSurfaceKHR surface::vkCreateWaylandSurfaceKHR;
-    Instance KHR_XCB_SURFACE PFN_vkCreateXcbSurfaceKHR surface::vkCreateXcbSurfaceKHR;
-    Instance KHR_XLIB_SURFACE PFN_vkCreateXlibSurfaceKHR surface::vkCreateXlibSurfaceKHR;
     Instance KHR_SURFACE PFN_vkDestroySurfaceKHR surface::vkDestroySurfaceKHR;
     PhysicalDevice KHR_SWAPCHAIN PFN_vkGetPhysicalDevicePresentRectanglesKHR surface::vkGetPhysicalDevicePresentRectanglesKHR;
     PhysicalDevice KHR_SURFACE PFN_vkGetPhysicalDeviceSurfaceCapabilitiesKHR surface::vkGetPhysicalDeviceSurfaceCapabilitiesKHR;
@@ -637,9 +634,6 @@ commands! {
     PhysicalDevice KHR_GET_SURFACE_CAPABILITIES_2 PFN_vkGetPhysicalDeviceSurfaceFormats2KHR surface::vkGetPhysicalDeviceSurfaceFormats2KHR;
     PhysicalDevice KHR_SURFACE PFN_vkGetPhysicalDeviceSurfacePresentModesKHR surface::vkGetPhysicalDeviceSurfacePresentModesKHR;
     PhysicalDevice KHR_SURFACE PFN_vkGetPhysicalDeviceSurfaceSupportKHR surface::vkGetPhysicalDeviceSurfaceSupportKHR;
-    PhysicalDevice KHR_WAYLAND_SURFACE PFN_vkGetPhysicalDeviceWaylandPresentationSupportKHR surface::vkGetPhysicalDeviceWaylandPresentationSupportKHR;
-    PhysicalDevice KHR_XCB_SURFACE PFN_vkGetPhysicalDeviceXcbPresentationSupportKHR surface::vkGetPhysicalDeviceXcbPresentationSupportKHR;
-    PhysicalDevice KHR_XLIB_SURFACE PFN_vkGetPhysicalDeviceXlibPresentationSupportKHR surface::vkGetPhysicalDeviceXlibPresentationSupportKHR;
 
     Device KHR_SWAPCHAIN PFN_vkAcquireNextImage2KHR swapchain::vkAcquireNextImage2KHR;
     Device KHR_SWAPCHAIN PFN_vkAcquireNextImageKHR swapchain::vkAcquireNextImageKHR;

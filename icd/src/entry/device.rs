@@ -5,6 +5,7 @@ use std::ffi::c_char;
 use ash::vk;
 
 use super::define::entry;
+use super::system;
 use crate::device::Device;
 use crate::device::Enabled;
 use crate::entry::commands;
@@ -98,11 +99,7 @@ entry! {
         let start = Clock::Monotonic.now_ns();
         let timestamps = array::slice_mut(timestamps, count);
         for (info, out) in ffi::slice(infos, count).iter().zip(timestamps) {
-            let clock = match info.time_domain {
-                vk::TimeDomainKHR::CLOCK_MONOTONIC_RAW => Clock::MonotonicRaw,
-                _ => Clock::Monotonic,
-            };
-            *out = clock.now_ns();
+            *out = system::time(info.time_domain);
         }
         // All were read between here and `start`; one more for the clocks' own period.
         *max_deviation = Clock::Monotonic.now_ns() - start + 1;

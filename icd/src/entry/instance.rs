@@ -10,6 +10,7 @@ use crate::ffi::{self, array, enumerate};
 use crate::handle;
 use crate::object::messenger::Messengers;
 use crate::object::{Instance, Messenger, PhysicalDevice};
+use crate::os;
 use crate::table::extensions::{self, Extension, ExtensionSet, Kind};
 use crate::table::limits::API_VERSION;
 
@@ -53,6 +54,10 @@ entry! {
         _allocator: *const vk::AllocationCallbacks,
         out: *mut vk::Instance,
     ) -> vk::Result {
+        if let Some(what) = os::missing() {
+            log::error!("the driver needs {what}");
+            return Err(vk::Result::ERROR_INCOMPATIBLE_DRIVER);
+        }
         let info = &*info;
         let names = ffi::slice(info.pp_enabled_extension_names, info.enabled_extension_count);
         let extensions = ExtensionSet::from_names(Kind::Instance, names.iter().map(|&name| ffi::string(name)))

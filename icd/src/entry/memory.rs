@@ -1,11 +1,12 @@
 //! Device memory.
 
-use std::ffi::{c_int, c_void};
+use std::ffi::c_void;
 
 use ash::vk;
 
 use super::address_report::{destroy_addressed, report};
 use super::define::entry;
+use super::system::imported_memory;
 use crate::VkResult;
 use crate::device::Device;
 use crate::ffi::chain;
@@ -14,8 +15,7 @@ use crate::object::DeviceMemory;
 use crate::object::address_space::Placement;
 use crate::object::addressed::AddressEvent;
 use crate::object::memory::Source;
-use crate::os::handle::{Handle, RawHandle, close};
-use crate::os::section::Section;
+use crate::os::handle::{RawHandle, close};
 use crate::table::limits::PAGE_BYTES;
 
 destroy_addressed! {
@@ -38,12 +38,8 @@ unsafe fn source(
         {
             return Ok((Source::HostPointer(import.p_host_pointer.cast()), None));
         }
-        if let Some(import) = chain::find::<vk::ImportMemoryFdInfoKHR>(info.p_next)
-            && !import.handle_type.is_empty()
-        {
-            let copy = Handle::duplicate(import.fd);
-            let copy = copy.ok_or(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE)?;
-            return Ok((Source::Exported(copy), Some(import.fd)));
+        if let Some((copy, imported)) = imported_memory(info.p_next)? {
+            return Ok((Source::Exported(copy), Some(imported)));
         }
         let export =
             chain::find::<vk::ExportMemoryAllocateInfo>(info.p_next).is_some_and(|export| {
@@ -168,23 +164,6 @@ entry! {
         info: *const vk::DeviceMemoryOpaqueCaptureAddressInfo,
     ) -> u64 {
         from_handle::<DeviceMemory>((*info).memory).address
-    }
-
-    fn vkGetMemoryFdKHR(_device: vk::Device, info: *const vk::MemoryGetFdInfoKHR, out: *mut c_int) -> vk::Result {
-        *out = from_handle::<DeviceMemory>((*info).memory).export()?.into_raw();
-        Ok(())
-    }
-
-    fn vkGetMemoryFdPropertiesKHR(
-        _device: vk::Device,
-        _ty: vk::ExternalMemoryHandleTypeFlags,
-        fd: c_int,
-        out: *mut vk::MemoryFdPropertiesKHR,
-    ) -> vk::Result {
-        let section = Handle::duplicate(fd).and_then(|handle| Section::import(handle, 1));
-        section.ok_or(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE)?;
-        (*out).memory_type_bits = 1;
-        Ok(())
     }
 
     fn vkGetMemoryHostPointerPropertiesEXT(

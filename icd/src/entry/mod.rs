@@ -42,6 +42,7 @@ pub mod shader_object;
 pub mod surface;
 pub mod swapchain;
 pub mod sync;
+pub mod system;
 pub mod transform_feedback;
 
 /// Defines `vkDestroy*` entry points that do nothing but give the handle's count back.

@@ -6,6 +6,7 @@ use ash::vk;
 
 use super::define::entry;
 use super::instance::extension_properties;
+use super::system;
 use crate::VkResult;
 use crate::ffi::enumerate::enumerate_with;
 use crate::ffi::{chain, enumerate, vk as newer};
@@ -16,6 +17,7 @@ use crate::object::image::supported_image;
 use crate::object::memory::used_bytes;
 use crate::object::resident;
 use crate::object::shading_rate::RATES;
+use crate::os;
 use crate::queue::MAX_QUEUES;
 use crate::table::extensions::{self, Kind};
 use crate::table::{features, limits, properties};
@@ -70,7 +72,7 @@ fn format_properties(format: vk::Format) -> vk::FormatProperties {
 /// `VkExternalMemoryProperties` of a handle type.
 fn external_memory(ty: vk::ExternalMemoryHandleTypeFlags) -> vk::ExternalMemoryProperties {
     let features = match ty {
-        vk::ExternalMemoryHandleTypeFlags::OPAQUE_FD => {
+        vk::ExternalMemoryHandleTypeFlags::OPAQUE_FD if os::HAS_DESCRIPTORS => {
             vk::ExternalMemoryFeatureFlags::EXPORTABLE | vk::ExternalMemoryFeatureFlags::IMPORTABLE
         }
         vk::ExternalMemoryHandleTypeFlags::HOST_ALLOCATION_EXT => {
@@ -333,7 +335,7 @@ entry! {
         use vk::{ExternalFenceFeatureFlags as Feature, ExternalFenceHandleTypeFlags as Type};
         let both = Type::OPAQUE_FD | Type::SYNC_FD;
         let (features, own, both) = match (*info).handle_type {
-            ty if both.contains(ty) => (Feature::EXPORTABLE | Feature::IMPORTABLE, ty, both),
+            ty if os::HAS_DESCRIPTORS && both.contains(ty) => (Feature::EXPORTABLE | Feature::IMPORTABLE, ty, both),
             _ => Default::default(),
         };
         (*out).export_from_imported_handle_types = own;
@@ -351,7 +353,7 @@ entry! {
         let is_timeline = chain::find::<vk::SemaphoreTypeCreateInfo>((*info).p_next)
             .is_some_and(|info| info.semaphore_type == vk::SemaphoreType::TIMELINE);
         let (features, own, both) = match (*info).handle_type {
-            ty if both.contains(ty) && !is_timeline => (Feature::EXPORTABLE | Feature::IMPORTABLE, ty, both),
+            ty if os::HAS_DESCRIPTORS && both.contains(ty) && !is_timeline => (Feature::EXPORTABLE | Feature::IMPORTABLE, ty, both),
             _ => Default::default(),
         };
         (*out).export_from_imported_handle_types = own;
@@ -372,13 +374,11 @@ entry! {
         count: *mut u32,
         out: *mut vk::TimeDomainKHR,
     ) -> vk::Result {
-        let domains = [
-            vk::TimeDomainKHR::DEVICE,
-            vk::TimeDomainKHR::CLOCK_MONOTONIC,
-            vk::TimeDomainKHR::CLOCK_MONOTONIC_RAW,
-            newer::TIME_DOMAIN_PRESENT_STAGE_LOCAL_EXT,
-            newer::TIME_DOMAIN_SWAPCHAIN_LOCAL_EXT,
-        ];
+        let domains: Vec<_> = [vk::TimeDomainKHR::DEVICE]
+            .into_iter()
+            .chain(system::TIME_DOMAINS)
+            .chain([newer::TIME_DOMAIN_PRESENT_STAGE_LOCAL_EXT, newer::TIME_DOMAIN_SWAPCHAIN_LOCAL_EXT])
+            .collect();
         enumerate(count, out, domains.into_iter())
     }
 }

@@ -5,7 +5,7 @@ use crate::ffi::enumerate::enumerate;
 use crate::ffi::{array, vk};
 use crate::handle::from_handle;
 use crate::present::Swapchain;
-use crate::present::timing::{DOMAINS, Report, Target, Timing};
+use crate::present::timing::{Report, Target, Timing, domains};
 
 /// The timing request of a presentation.
 pub fn timing(info: &vk::PresentTimingInfoEXT<'_>) -> Timing {
@@ -24,8 +24,8 @@ pub fn timing(info: &vk::PresentTimingInfoEXT<'_>) -> Timing {
 /// # Safety
 /// `out` has room for as many stages as it says.
 unsafe fn tell(out: &mut vk::PastPresentationTimingEXT<'_>, report: &Report) {
-    let domain = DOMAINS.iter().find(|(_, id)| *id == report.domain_id);
-    (out.time_domain, out.time_domain_id) = *domain.unwrap_or(&DOMAINS[0]);
+    let domain = domains().iter().find(|(_, id)| *id == report.domain_id);
+    (out.time_domain, out.time_domain_id) = *domain.unwrap_or(&domains()[0]);
     out.present_id = report.id;
     out.target_time = report.target_ns;
     out.report_complete = vk::TRUE;
@@ -79,8 +79,8 @@ entry! {
         }
         let out = &mut *out;
         let mut count = out.time_domain_count;
-        let domains = DOMAINS.iter().map(|(domain, _)| *domain);
-        let ids = DOMAINS.iter().map(|(_, id)| *id);
+        let ids = domains().iter().map(|(_, id)| *id);
+        let domains = domains().iter().map(|(domain, _)| *domain);
         // Both arrays have the same room, and the same answer.
         let _ = enumerate(&mut count, out.p_time_domains, domains);
         enumerate(&mut out.time_domain_count, out.p_time_domain_ids, ids)

@@ -1,7 +1,6 @@
 //! Surfaces: `VK_KHR_surface`, the kinds of windows, and what can be presented to them.
 
 use std::ffi::c_void;
-use std::sync::Arc;
 
 use ash::vk::Handle;
 
@@ -11,8 +10,6 @@ use crate::ffi::enumerate::enumerate_with;
 use crate::ffi::{chain, enumerate, vk};
 use crate::handle::{self, from_handle, optional};
 use crate::object::PhysicalDevice;
-use crate::present::wayland::WaylandWindow;
-use crate::present::x11::{self, X11Window};
 use crate::present::{
     DEEP_FORMATS, FORMATS, IMAGE_USAGE, MODES, SURFACELESS_MODES, Scaling, Surface,
     compatible_modes,
@@ -117,42 +114,6 @@ entry! {
         Ok(())
     }
 
-    fn vkCreateXcbSurfaceKHR(
-        _instance: vk::Instance,
-        info: *const vk::XcbSurfaceCreateInfoKHR,
-        _allocator: *const vk::AllocationCallbacks,
-        out: *mut vk::SurfaceKHR,
-    ) -> vk::Result {
-        let window = X11Window::new((*info).connection.cast(), (*info).window)?;
-        *out = handle::create(Surface::of(Arc::new(window)));
-        Ok(())
-    }
-
-    fn vkCreateXlibSurfaceKHR(
-        _instance: vk::Instance,
-        info: *const vk::XlibSurfaceCreateInfoKHR,
-        _allocator: *const vk::AllocationCallbacks,
-        out: *mut vk::SurfaceKHR,
-    ) -> vk::Result {
-        let connection = x11::connection_of((*info).dpy.cast())
-            .ok_or(vk::Result::ERROR_INITIALIZATION_FAILED)?;
-        // A window's name has 32 bits, in whatever Xlib keeps it.
-        let window = X11Window::new(connection, (*info).window as u32)?;
-        *out = handle::create(Surface::of(Arc::new(window)));
-        Ok(())
-    }
-
-    fn vkCreateWaylandSurfaceKHR(
-        _instance: vk::Instance,
-        info: *const vk::WaylandSurfaceCreateInfoKHR,
-        _allocator: *const vk::AllocationCallbacks,
-        out: *mut vk::SurfaceKHR,
-    ) -> vk::Result {
-        let window = WaylandWindow::new((*info).display.cast(), (*info).surface.cast());
-        *out = handle::create(Surface::of(Arc::new(window)));
-        Ok(())
-    }
-
     fn vkDestroySurfaceKHR(
         _instance: vk::Instance,
         surface: vk::SurfaceKHR,
@@ -161,34 +122,6 @@ entry! {
         if let Some(surface) = handle::take::<Surface>(surface) {
             surface.close();
         }
-    }
-
-    fn vkGetPhysicalDeviceXcbPresentationSupportKHR(
-        _device: vk::PhysicalDevice,
-        _family: u32,
-        connection: *mut vk::xcb_connection_t,
-        visual: vk::xcb_visualid_t,
-    ) -> vk::Bool32 {
-        x11::presents_visual(connection.cast(), visual).into()
-    }
-
-    fn vkGetPhysicalDeviceXlibPresentationSupportKHR(
-        _device: vk::PhysicalDevice,
-        _family: u32,
-        display: *mut vk::Display,
-        visual: vk::VisualID,
-    ) -> vk::Bool32 {
-        let connection = x11::connection_of(display.cast());
-        connection.is_some_and(|connection| x11::presents_visual(connection, visual as u32)).into()
-    }
-
-    fn vkGetPhysicalDeviceWaylandPresentationSupportKHR(
-        _device: vk::PhysicalDevice,
-        _family: u32,
-        _display: *mut vk::wl_display,
-    ) -> vk::Bool32 {
-        // Every compositor has `wl_shm` and the two formats that are needed.
-        vk::TRUE
     }
 
     fn vkGetPhysicalDeviceSurfaceSupportKHR(

@@ -1,37 +1,15 @@
 //! Fences, semaphores and events.
 
-use std::ffi::c_int;
 use std::sync::Arc;
 
 use ash::vk;
 
 use super::define::entry;
-use crate::VkResult;
 use crate::device::Device;
 use crate::ffi;
 use crate::handle;
-use crate::object::external_sync::{External, Import};
+use crate::object::external_sync::External;
 use crate::object::{Event, Fence, Semaphore};
-use crate::os::handle::{Handle, RawHandle};
-
-/// A payload to import, whose file is owned from here on.
-///
-/// # Errors
-/// `VK_ERROR_INVALID_EXTERNAL_HANDLE` for what is no file; the file is not owned then.
-///
-/// # Safety
-/// The file is the application's to give away.
-unsafe fn import(fd: RawHandle, is_sync: bool, is_temporary: bool) -> VkResult<Import> {
-    if is_sync && fd == -1 {
-        return Ok(Import::Sync(None));
-    }
-    // SAFETY: the caller's promise.
-    let file = unsafe { Handle::adopt(fd) }.ok_or(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE)?;
-    Ok(match is_sync {
-        true => Import::Sync(Some(file)),
-        false => Import::Opaque { file, is_temporary },
-    })
-}
 
 entry! {
     fn vkCreateFence(
@@ -97,53 +75,6 @@ entry! {
             .is_some_and(|export| export.handle_types.contains(vk::ExternalSemaphoreHandleTypeFlags::OPAQUE_FD));
         let external = External::new(is_opaque && ty == vk::SemaphoreType::BINARY, false)?;
         *out = handle::create(Semaphore::with(ty, value, Arc::clone(&device.engine.waiting), external));
-        Ok(())
-    }
-
-    fn vkImportSemaphoreFdKHR(_device: vk::Device, info: *const vk::ImportSemaphoreFdInfoKHR) -> vk::Result {
-        let info = &*info;
-        let is_temporary = info.flags.contains(vk::SemaphoreImportFlags::TEMPORARY);
-        let is_sync = info.handle_type == vk::ExternalSemaphoreHandleTypeFlags::SYNC_FD;
-        let semaphore = handle::from_handle::<Semaphore>(info.semaphore);
-        semaphore.external.import(import(info.fd, is_sync, is_temporary)?);
-        Ok(())
-    }
-
-    /// Sync files come to be when the semaphore has been signaled, for which this waits; exporting
-    /// one is a wait to the semaphore, too.
-    fn vkGetSemaphoreFdKHR(device: vk::Device, info: *const vk::SemaphoreGetFdInfoKHR, out: *mut c_int) -> vk::Result {
-        let semaphore = handle::from_handle::<Semaphore>((*info).semaphore);
-        if (*info).handle_type != vk::ExternalSemaphoreHandleTypeFlags::SYNC_FD {
-            *out = semaphore.external.export()?.into_raw();
-            return Ok(());
-        }
-        let waiting = &handle::from_handle::<Device>(device).engine.waiting;
-        waiting.wait(u64::MAX, semaphore.external.is_there(), || semaphore.has_reached(1))?;
-        semaphore.consume();
-        *out = -1;
-        Ok(())
-    }
-
-    fn vkImportFenceFdKHR(_device: vk::Device, info: *const vk::ImportFenceFdInfoKHR) -> vk::Result {
-        let info = &*info;
-        let is_temporary = info.flags.contains(vk::FenceImportFlags::TEMPORARY);
-        let is_sync = info.handle_type == vk::ExternalFenceHandleTypeFlags::SYNC_FD;
-        let fence = handle::from_handle::<Fence>(info.fence);
-        fence.external.import(import(info.fd, is_sync, is_temporary)?);
-        Ok(())
-    }
-
-    /// As [`vkGetSemaphoreFdKHR`]; exporting a sync file resets the fence.
-    fn vkGetFenceFdKHR(device: vk::Device, info: *const vk::FenceGetFdInfoKHR, out: *mut c_int) -> vk::Result {
-        let fence = handle::from_handle::<Fence>((*info).fence);
-        if (*info).handle_type != vk::ExternalFenceHandleTypeFlags::SYNC_FD {
-            *out = fence.external.export()?.into_raw();
-            return Ok(());
-        }
-        let waiting = &handle::from_handle::<Device>(device).engine.waiting;
-        waiting.wait(u64::MAX, fence.external.is_there(), || fence.is_signaled())?;
-        fence.set(false);
-        *out = -1;
         Ok(())
     }
 

@@ -11,7 +11,7 @@
 //! | [`clock`] | monotonic time |
 //! | [`event`] | flags that threads and processes wait for |
 //! | [`executable`] | pages of native code |
-//! | [`handle`] | handles that pass between drivers and processes: file descriptors |
+//! | [`handle`] | handles that pass between drivers and processes: file descriptors on Linux |
 //! | [`memory`] | the machine's memory |
 //! | [`processors`] | processor count and thread affinity |
 //! | [`quota`] | limits of the process: control groups, job objects |
@@ -19,11 +19,22 @@
 //! | [`thread`] | names of threads |
 //! | [`window_server`] | memory and sockets of X11 and Wayland: Linux alone |
 //!
+//! [`missing`] says why the driver cannot run here, [`HAS_DESCRIPTORS`] whether handles are file
+//! descriptors, as Vulkan's extensions for them want, and [`HAS_X11_AND_WAYLAND`] whether windows
+//! are those of [`window_server`].
+//!
 //! No item knows Vulkan. A refusal of the system is `None`, `false` or
 //! [`Refused`](section::Refused), and the caller maps it to its own error.
 
 #[cfg(unix)]
 mod unix;
+#[cfg(windows)]
+mod windows;
 
 #[cfg(unix)]
 pub use unix::*;
+#[cfg(windows)]
+pub use windows::*;
+
+#[cfg(test)]
+mod tests;

@@ -21,7 +21,9 @@ mod surface;
 mod swapchain;
 mod thread;
 pub mod timing;
+#[cfg(unix)]
 pub mod wayland;
+#[cfg(unix)]
 pub mod x11;
 
 use std::sync::Arc;
@@ -99,7 +101,8 @@ impl Pictures {
         self.images[index as usize].data() as u64 - self.memory.address
     }
 
-    /// The pixels of an image that presentation reads.
+    /// The pixels of an image that presentation to a window reads.
+    #[cfg(unix)]
     fn picture(&self, index: u32) -> pixels::Picture {
         let image = &self.images[index as usize];
         let level = &image.planes[0].levels[0];

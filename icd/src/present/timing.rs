@@ -1,8 +1,8 @@
 //! When presentations are to be seen, and when they were (`VK_EXT_present_timing`).
 //!
-//! All times are nanoseconds of `CLOCK_MONOTONIC`, in whichever domain they are asked for: it is
-//! the device's clock, and the one by which servers of X11 and compositors of Wayland tell the time
-//! on this machine.
+//! All times are nanoseconds of [`Clock::Monotonic`](crate::os::clock::Clock), in whichever domain
+//! they are asked for: it is the device's clock, and the one by which servers of X11 and compositors
+//! of Wayland tell the time on this machine.
 
 #![forbid(unsafe_code)]
 
@@ -13,15 +13,21 @@ use ash::vk;
 
 use crate::VkResult;
 use crate::ffi::vk as newer;
+use crate::os::clock::IS_POSIX;
 use newer::PresentStageFlagsEXT as Stages;
 
 /// The clocks that a swapchain's times can be had by, and their names there.
-pub const DOMAINS: [(vk::TimeDomainKHR, u64); 4] = [
+const DOMAINS: [(vk::TimeDomainKHR, u64); 4] = [
     (newer::TIME_DOMAIN_PRESENT_STAGE_LOCAL_EXT, 1),
     (newer::TIME_DOMAIN_SWAPCHAIN_LOCAL_EXT, 2),
-    (vk::TimeDomainKHR::CLOCK_MONOTONIC, 3),
     (vk::TimeDomainKHR::DEVICE, 4),
+    (vk::TimeDomainKHR::CLOCK_MONOTONIC, 3),
 ];
+
+/// Those of this system.
+pub fn domains() -> &'static [(vk::TimeDomainKHR, u64)] {
+    &DOMAINS[..if IS_POSIX { 4 } else { 3 }]
+}
 
 /// The stages known for every presentation: when this swapchain could show it, and when it was
 /// handed on.

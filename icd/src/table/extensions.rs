@@ -5,6 +5,8 @@
 
 use std::ffi::CStr;
 
+use crate::os;
+
 macro_rules! extensions {
     ($($kind:ident $variant:ident $name:literal $version:literal;)*) => {
         /// An extension that the driver has.
@@ -15,8 +17,8 @@ macro_rules! extensions {
         }
 
         impl Extension {
-            /// All of them.
-            pub const ALL: &[Extension] = &[$(Extension::$variant,)*];
+            /// All of them, those of other systems included.
+            const ALL: &[Extension] = &[$(Extension::$variant,)*];
 
             /// The extension's name.
             pub fn name(self) -> &'static CStr {
@@ -306,7 +308,22 @@ impl ExtensionSet {
 /// The extensions of a kind.
 pub fn of_kind(kind: Kind) -> impl Iterator<Item = Extension> {
     let all = Extension::ALL.iter().copied();
-    all.filter(move |extension| extension.kind() == kind)
+    all.filter(move |extension| extension.kind() == kind && extension.is_of_this_system())
+}
+
+impl Extension {
+    /// Whether the system has the objects of the extension.
+    fn is_of_this_system(self) -> bool {
+        match self {
+            Self::KHR_EXTERNAL_FENCE_FD
+            | Self::KHR_EXTERNAL_MEMORY_FD
+            | Self::KHR_EXTERNAL_SEMAPHORE_FD => os::HAS_DESCRIPTORS,
+            Self::KHR_WAYLAND_SURFACE | Self::KHR_XCB_SURFACE | Self::KHR_XLIB_SURFACE => {
+                os::HAS_X11_AND_WAYLAND
+            }
+            _ => true,
+        }
+    }
 }
 
 #[cfg(test)]

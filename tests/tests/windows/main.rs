@@ -1,4 +1,5 @@
 //! Windows of X11: what is presented is on the screen.
+#![cfg(unix)]
 
 mod failing;
 mod pace;

@@ -167,30 +167,4 @@ mod tests {
             }
         }
     }
-
-    #[test]
-    fn used_addresses_are_not_reserved_again() {
-        let address = reserve(4 * ALIGNMENT, ALIGNMENT).unwrap();
-        assert_eq!(reserve_at(address + ALIGNMENT, ALIGNMENT), None);
-        assert!(is_mapped(address, 4 * ALIGNMENT));
-        // SAFETY: the test's own mapping, which nothing else uses.
-        unsafe { release(address, 4 * ALIGNMENT) };
-    }
-
-    #[test]
-    fn discarded_and_replaced_pages_read_as_zeros() {
-        let address = reserve(ALIGNMENT, ALIGNMENT).unwrap();
-        let word = address as *mut u64;
-        assert!(commit(address, ALIGNMENT));
-        // SAFETY: the test's own mapping, which nothing else uses.
-        unsafe {
-            word.write_volatile(7);
-            discard(address, ALIGNMENT);
-            assert_eq!(word.read_volatile(), 0);
-            word.write_volatile(7);
-            assert!(replace_by_zeros(address, ALIGNMENT));
-            assert_eq!(word.read_volatile(), 0);
-            release(address, ALIGNMENT);
-        }
-    }
 }

@@ -1,5 +1,8 @@
 //! Clocks (clock_gettime(2)).
 
+/// Whether the clocks are those of POSIX.
+pub const IS_POSIX: bool = true;
+
 /// A clock that never goes back, and that all processes of the machine share.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Clock {

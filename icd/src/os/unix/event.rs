@@ -89,35 +89,3 @@ fn readable(fd: i32) -> libc::pollfd {
 fn milliseconds(time: Duration) -> i32 {
     i32::try_from(time.as_micros().div_ceil(1000)).unwrap_or(i32::MAX)
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_signal_before_the_wait_is_heard_once() {
-        let event = Event::new(false).unwrap();
-        event.signal();
-        assert!(!event.wait(None, None));
-        let start = Instant::now();
-        let deadline = start + Duration::from_millis(20);
-        event.wait(Some(deadline), None);
-        assert!(Instant::now() >= deadline);
-    }
-
-    #[test]
-    fn the_flag_is_shared_by_its_handles() {
-        let event = Event::new(true).unwrap();
-        let other = Event::from_handle(event.handle().try_clone().unwrap());
-        assert!(other.is_signaled());
-        other.clear();
-        assert!(!event.is_signaled());
-        other.signal();
-        other.signal();
-        assert!(event.is_signaled());
-        // A signaled event beside the wait ends it, and stays as it is.
-        let bell = Event::new(false).unwrap();
-        assert!(bell.wait(None, Some(event.handle().borrow())));
-        assert!(event.is_signaled());
-    }
-}

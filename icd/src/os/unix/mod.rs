@@ -11,3 +11,14 @@ pub mod quota;
 pub mod section;
 pub mod thread;
 pub mod window_server;
+
+/// Whether [`handle`]'s handles are file descriptors.
+pub const HAS_DESCRIPTORS: bool = true;
+
+/// Whether windows are those of X11 and Wayland.
+pub const HAS_X11_AND_WAYLAND: bool = true;
+
+/// What the driver needs of the system and this one lacks; `None` if nothing is missing.
+pub fn missing() -> Option<&'static str> {
+    None
+}

@@ -136,37 +136,7 @@ fn file_size(file: &Handle) -> u64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::address_space::{release, replace_by_zeros, reserve};
     use super::*;
-
-    const SIZE: u64 = 64 << 10;
-
-    fn word(address: u64) -> *mut u64 {
-        address as *mut u64
-    }
-
-    #[test]
-    fn a_part_shows_at_several_addresses() {
-        let places = reserve(4 * SIZE, SIZE).unwrap();
-        for section in [Section::private(), Section::exportable(2 * SIZE).unwrap()] {
-            let alias = places + 3 * SIZE;
-            // SAFETY: the test's own reservation, which nothing else uses.
-            unsafe {
-                assert!(section.map(places, 2 * SIZE));
-                word(places + SIZE).write_volatile(7);
-                assert!(section.alias(places, SIZE, SIZE, alias));
-                assert_eq!(word(alias).read_volatile(), 7);
-                word(alias).write_volatile(8);
-                assert_eq!(word(places + SIZE).read_volatile(), 8);
-                assert!(replace_by_zeros(alias, SIZE));
-                assert_eq!(word(alias).read_volatile(), 0);
-                assert_eq!(word(places + SIZE).read_volatile(), 8);
-                assert!(replace_by_zeros(places, 2 * SIZE));
-            }
-        }
-        // SAFETY: as above.
-        unsafe { release(places, 4 * SIZE) };
-    }
 
     #[test]
     fn sizes_of_exported_sections_stay() {

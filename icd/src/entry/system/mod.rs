@@ -1,0 +1,12 @@
+//! Entry points and clocks that belong to one operating system: the only such part outside of
+//! [`os`](crate::os) and [`present`](crate::present).
+
+#[cfg(unix)]
+mod unix;
+#[cfg(windows)]
+mod windows;
+
+#[cfg(unix)]
+pub use unix::*;
+#[cfg(windows)]
+pub use windows::*;

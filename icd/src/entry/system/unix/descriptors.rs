@@ -1,0 +1,119 @@
+//! File descriptors: memory, semaphores and fences to share with other devices and processes.
+
+use std::ffi::{c_int, c_void};
+
+use ash::vk;
+
+use crate::VkResult;
+use crate::device::Device;
+use crate::entry::define::entry;
+use crate::ffi::chain;
+use crate::handle::from_handle;
+use crate::object::external_sync::Import;
+use crate::object::{DeviceMemory, Fence, Semaphore};
+use crate::os::handle::{Handle, RawHandle};
+use crate::os::section::Section;
+
+/// A payload to import, whose file is owned from here on.
+///
+/// # Errors
+/// `VK_ERROR_INVALID_EXTERNAL_HANDLE` for what is no file; the file is not owned then.
+///
+/// # Safety
+/// The file is the application's to give away.
+unsafe fn import(fd: RawHandle, is_sync: bool, is_temporary: bool) -> VkResult<Import> {
+    if is_sync && fd == -1 {
+        return Ok(Import::Sync(None));
+    }
+    // SAFETY: the caller's promise.
+    let file = unsafe { Handle::adopt(fd) }.ok_or(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE)?;
+    Ok(match is_sync {
+        true => Import::Sync(Some(file)),
+        false => Import::Opaque { file, is_temporary },
+    })
+}
+
+/// The memory that an allocation is to import: another handle of it, and the application's own,
+/// which is closed on success.
+///
+/// # Errors
+/// `VK_ERROR_INVALID_EXTERNAL_HANDLE` for what is no file.
+///
+/// # Safety
+/// `next` is a valid chain of `VkMemoryAllocateInfo`.
+pub unsafe fn imported_memory(next: *const c_void) -> VkResult<Option<(Handle, RawHandle)>> {
+    // SAFETY: the caller's promise.
+    let import = unsafe { chain::find::<vk::ImportMemoryFdInfoKHR>(next) };
+    let Some(import) = import.filter(|import| !import.handle_type.is_empty()) else {
+        return Ok(None);
+    };
+    let copy = Handle::duplicate(import.fd);
+    let copy = copy.ok_or(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE)?;
+    Ok(Some((copy, import.fd)))
+}
+
+entry! {
+    fn vkImportSemaphoreFdKHR(_device: vk::Device, info: *const vk::ImportSemaphoreFdInfoKHR) -> vk::Result {
+        let info = &*info;
+        let is_temporary = info.flags.contains(vk::SemaphoreImportFlags::TEMPORARY);
+        let is_sync = info.handle_type == vk::ExternalSemaphoreHandleTypeFlags::SYNC_FD;
+        let semaphore = from_handle::<Semaphore>(info.semaphore);
+        semaphore.external.import(import(info.fd, is_sync, is_temporary)?);
+        Ok(())
+    }
+
+    /// Sync files come to be when the semaphore has been signaled, for which this waits; exporting
+    /// one is a wait to the semaphore, too.
+    fn vkGetSemaphoreFdKHR(device: vk::Device, info: *const vk::SemaphoreGetFdInfoKHR, out: *mut c_int) -> vk::Result {
+        let semaphore = from_handle::<Semaphore>((*info).semaphore);
+        if (*info).handle_type != vk::ExternalSemaphoreHandleTypeFlags::SYNC_FD {
+            *out = semaphore.external.export()?.into_raw();
+            return Ok(());
+        }
+        let waiting = &from_handle::<Device>(device).engine.waiting;
+        waiting.wait(u64::MAX, semaphore.external.is_there(), || semaphore.has_reached(1))?;
+        semaphore.consume();
+        *out = -1;
+        Ok(())
+    }
+
+    fn vkImportFenceFdKHR(_device: vk::Device, info: *const vk::ImportFenceFdInfoKHR) -> vk::Result {
+        let info = &*info;
+        let is_temporary = info.flags.contains(vk::FenceImportFlags::TEMPORARY);
+        let is_sync = info.handle_type == vk::ExternalFenceHandleTypeFlags::SYNC_FD;
+        let fence = from_handle::<Fence>(info.fence);
+        fence.external.import(import(info.fd, is_sync, is_temporary)?);
+        Ok(())
+    }
+
+    /// As [`vkGetSemaphoreFdKHR`]; exporting a sync file resets the fence.
+    fn vkGetFenceFdKHR(device: vk::Device, info: *const vk::FenceGetFdInfoKHR, out: *mut c_int) -> vk::Result {
+        let fence = from_handle::<Fence>((*info).fence);
+        if (*info).handle_type != vk::ExternalFenceHandleTypeFlags::SYNC_FD {
+            *out = fence.external.export()?.into_raw();
+            return Ok(());
+        }
+        let waiting = &from_handle::<Device>(device).engine.waiting;
+        waiting.wait(u64::MAX, fence.external.is_there(), || fence.is_signaled())?;
+        fence.set(false);
+        *out = -1;
+        Ok(())
+    }
+
+    fn vkGetMemoryFdKHR(_device: vk::Device, info: *const vk::MemoryGetFdInfoKHR, out: *mut c_int) -> vk::Result {
+        *out = from_handle::<DeviceMemory>((*info).memory).export()?.into_raw();
+        Ok(())
+    }
+
+    fn vkGetMemoryFdPropertiesKHR(
+        _device: vk::Device,
+        _ty: vk::ExternalMemoryHandleTypeFlags,
+        fd: c_int,
+        out: *mut vk::MemoryFdPropertiesKHR,
+    ) -> vk::Result {
+        let section = Handle::duplicate(fd).and_then(|handle| Section::import(handle, 1));
+        section.ok_or(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE)?;
+        (*out).memory_type_bits = 1;
+        Ok(())
+    }
+}

@@ -1,0 +1,417 @@
+//! Address space: reserved ranges of pages, and their mappings.
+//!
+//! A reservation is a row of pieces: placeholders, memory, and views of sections. A placeholder
+//! takes no memory, and the processor faults on access. A handler of exceptions then puts zeroed
+//! memory in its place and lets the access go on, so that every reserved page reads as zeros.
+//!
+//! The system replaces no piece in one step. The table of pieces stays locked from the first step
+//! to the last; the handler takes the same lock, so that an access that faults in between waits for
+//! the new pages. System calls alone are refused pages without memory.
+
+use std::collections::BTreeMap;
+use std::sync::{Arc, Once};
+
+use parking_lot::Mutex;
+use windows_sys::Win32::Foundation::EXCEPTION_ACCESS_VIOLATION;
+use windows_sys::Win32::System::Diagnostics::Debug::{
+    AddVectoredExceptionHandler, EXCEPTION_POINTERS,
+};
+use windows_sys::Win32::System::LibraryLoader::{
+    GET_MODULE_HANDLE_EX_FLAG_FROM_ADDRESS, GET_MODULE_HANDLE_EX_FLAG_PIN, GetModuleHandleExW,
+};
+use windows_sys::Win32::System::Memory::{
+    MEM_COMMIT, MEMORY_BASIC_INFORMATION, PAGE_GUARD, PAGE_NOACCESS, VirtualQuery,
+};
+
+use super::handle::Handle;
+use super::placeholder::{self, Functions};
+
+/// Sections are mapped at multiples of this ("allocation granularity").
+const GRANULE: u64 = 64 << 10;
+
+/// Bytes of a page of the system: sections are mapped at multiples of this.
+pub fn page_bytes() -> u64 {
+    GRANULE
+}
+
+/// Mappings that the process may have: the system has no limit but memory.
+pub fn max_mappings() -> u32 {
+    1 << 20
+}
+
+/// The content of a piece.
+#[derive(Clone, Debug)]
+enum Content {
+    Placeholder,
+    Memory,
+    /// A view of a section from an offset on.
+    View(Arc<Handle>, u64),
+}
+
+#[derive(Clone, Debug)]
+struct Piece {
+    size_bytes: u64,
+    content: Content,
+}
+
+/// All reservations of the process: pieces by address.
+struct Pieces(BTreeMap<u64, Piece>);
+
+static PIECES: Mutex<Pieces> = Mutex::new(Pieces(BTreeMap::new()));
+
+impl Pieces {
+    /// The piece that an address lies in.
+    fn at(&self, address: u64) -> Option<(u64, &Piece)> {
+        let (&start, piece) = self.0.range(..=address).next_back()?;
+        (address - start < piece.size_bytes).then_some((start, piece))
+    }
+
+    fn put(&mut self, address: u64, size_bytes: u64, content: Content) {
+        let piece = Piece {
+            size_bytes,
+            content,
+        };
+        self.0.insert(address, piece);
+    }
+
+    /// Makes a range placeholders; false if the system refuses.
+    ///
+    /// # Safety
+    /// The range is a part of a reservation, and no reference to it is alive.
+    unsafe fn clear(&mut self, functions: Functions, start: u64, end: u64) -> bool {
+        let mut at = start;
+        while at < end {
+            let Some((first, piece)) = self.at(at) else {
+                return false;
+            };
+            let piece = piece.clone();
+            let last = first + piece.size_bytes;
+            let stop = last.min(end);
+            // SAFETY: the caller's promise; parts of pieces outside of the range keep what they have.
+            let is_clear = unsafe {
+                match &piece.content {
+                    Content::Placeholder if (first, last) == (at, stop) => true,
+                    Content::Placeholder | Content::Memory => placeholder::separate(at, stop - at),
+                    Content::View(..) => functions.unmap(first),
+                }
+            };
+            if !is_clear {
+                return false;
+            }
+            let around = [(first, at), (stop, last)].map(|(from, to)| (from, to.max(from) - from));
+            if let Content::View(section, offset) = &piece.content {
+                self.put(first, piece.size_bytes, Content::Placeholder);
+                for (from, size_bytes) in around.into_iter().filter(|(_, bytes)| *bytes != 0) {
+                    let offset = offset + (from - first);
+                    // SAFETY: as above: the view again, a part each.
+                    if !unsafe { self.view(functions, from, size_bytes, section, offset) } {
+                        return false;
+                    }
+                }
+                // The parts around have split the placeholder.
+                self.put(at, stop - at, Content::Placeholder);
+            } else {
+                for (from, size_bytes) in around.into_iter().filter(|(_, bytes)| *bytes != 0) {
+                    self.put(from, size_bytes, piece.content.clone());
+                }
+                self.put(at, stop - at, Content::Placeholder);
+            }
+            at = stop;
+        }
+        true
+    }
+
+    /// Makes one placeholder of those from `start` to `end`; false if the system refuses.
+    fn coalesce(&mut self, start: u64, end: u64) -> bool {
+        let first = self.0.get(&start);
+        if first.is_some_and(|piece| piece.size_bytes == end - start) {
+            return true;
+        }
+        // SAFETY: the process's own placeholders, as the table says.
+        if !unsafe { placeholder::coalesce(start, end - start) } {
+            return false;
+        }
+        let merged: Vec<u64> = self.0.range(start..end).map(|(&start, _)| start).collect();
+        merged.iter().for_each(|start| drop(self.0.remove(start)));
+        self.put(start, end - start, Content::Placeholder);
+        true
+    }
+
+    /// The placeholders on both sides of a range of placeholders, with it: where they start and end.
+    /// Those of other reservations are not theirs to merge with.
+    fn with_neighbours(&self, start: u64, end: u64, whole: (u64, u64)) -> (u64, u64) {
+        let is_free = |piece: &Piece| matches!(piece.content, Content::Placeholder);
+        let before = (start > whole.0).then(|| self.at(start - 1)).flatten();
+        let behind = (end < whole.1).then(|| self.at(end)).flatten();
+        (
+            before
+                .filter(|(_, piece)| is_free(piece))
+                .map_or(start, |(first, _)| first),
+            behind
+                .filter(|(_, piece)| is_free(piece))
+                .map_or(end, |(first, piece)| first + piece.size_bytes),
+        )
+    }
+
+    /// Makes a part of a placeholder one of its own; false if the system refuses.
+    fn separate(&mut self, start: u64, end: u64) -> bool {
+        let Some((first, piece)) = self.at(start) else {
+            return false;
+        };
+        let last = first + piece.size_bytes;
+        if (first, last) == (start, end) {
+            return true;
+        }
+        // SAFETY: the process's own placeholder, as the table says.
+        if !unsafe { placeholder::separate(start, end - start) } {
+            return false;
+        }
+        for (from, to) in [(first, start), (start, end), (end, last)] {
+            if from < to {
+                self.put(from, to - from, Content::Placeholder);
+            }
+        }
+        true
+    }
+
+    /// Puts zeroed memory in place of a part of a placeholder; false if the system has not so much.
+    fn commit(&mut self, functions: Functions, start: u64, end: u64) -> bool {
+        // SAFETY: the process's own placeholder, as the table says.
+        let is_there = self.separate(start, end) && unsafe { functions.commit(start, end - start) };
+        if is_there {
+            self.put(start, end - start, Content::Memory);
+        }
+        is_there
+    }
+
+    /// Puts a view in place of a part of a placeholder; false if the system refuses.
+    ///
+    /// # Safety
+    /// The section is large enough.
+    unsafe fn view(
+        &mut self,
+        functions: Functions,
+        start: u64,
+        size_bytes: u64,
+        section: &Arc<Handle>,
+        offset: u64,
+    ) -> bool {
+        // SAFETY: the process's own placeholder, as the table says; the caller's promise.
+        let is_there = self.separate(start, start + size_bytes)
+            && unsafe { functions.map(start, size_bytes, section.raw(), offset) };
+        if is_there {
+            self.put(
+                start,
+                size_bytes,
+                Content::View(Arc::clone(section), offset),
+            );
+        }
+        is_there
+    }
+}
+
+/// Reservations by address, and their sizes.
+static RESERVATIONS: Mutex<BTreeMap<u64, u64>> = Mutex::new(BTreeMap::new());
+
+/// The reservation that an address lies in: where it starts and ends.
+fn reservation(address: u64) -> Option<(u64, u64)> {
+    let reservations = RESERVATIONS.lock();
+    let (&start, &size_bytes) = reservations.range(..=address).next_back()?;
+    (address - start < size_bytes).then_some((start, start + size_bytes))
+}
+
+fn round_up(bytes: u64) -> u64 {
+    bytes.next_multiple_of(GRANULE)
+}
+
+/// Reserves address space at a multiple of `alignment_bytes`; `None` if the system has none left.
+pub fn reserve(size_bytes: u64, alignment_bytes: u64) -> Option<u64> {
+    reserve_by(size_bytes, |functions, size_bytes| {
+        functions.reserve(0, size_bytes, alignment_bytes.max(GRANULE))
+    })
+}
+
+/// Reserves the address space from `address` on; `None` if some of it is in use.
+pub fn reserve_at(address: u64, size_bytes: u64) -> Option<u64> {
+    reserve_by(size_bytes, |functions, size_bytes| {
+        functions.reserve(address, size_bytes, 0)
+    })
+}
+
+fn reserve_by(size_bytes: u64, reserve: impl FnOnce(Functions, u64) -> Option<u64>) -> Option<u64> {
+    let functions = Functions::of_system()?;
+    handle_faults();
+    let size_bytes = size_bytes.checked_next_multiple_of(GRANULE)?;
+    let address = reserve(functions, size_bytes)?;
+    PIECES.lock().put(address, size_bytes, Content::Placeholder);
+    RESERVATIONS.lock().insert(address, size_bytes);
+    Some(address)
+}
+
+/// Gives a whole reservation back, with all its mappings.
+///
+/// # Safety
+/// It is a reservation of the caller's, and nothing accesses it any more.
+pub unsafe fn release(address: u64, size_bytes: u64) {
+    let end = address + round_up(size_bytes);
+    let Some(functions) = Functions::of_system() else {
+        return;
+    };
+    let pieces = &mut *PIECES.lock();
+    // SAFETY: the caller's promise.
+    let is_clear = unsafe { pieces.clear(functions, address, end) };
+    if is_clear && pieces.coalesce(address, end) {
+        // SAFETY: a single placeholder now.
+        unsafe { placeholder::release(address) };
+        pieces.0.remove(&address);
+        RESERVATIONS.lock().remove(&address);
+    }
+}
+
+/// Promises memory for a part of a reservation; false if the system has not that much left.
+#[must_use]
+pub fn commit(address: u64, size_bytes: u64) -> bool {
+    let Some(functions) = Functions::of_system() else {
+        return false;
+    };
+    let end = address + round_up(size_bytes);
+    let pieces = &mut *PIECES.lock();
+    let mut at = address;
+    while at < end {
+        let Some((first, piece)) = pieces.at(at) else {
+            return false;
+        };
+        let stop = (first + piece.size_bytes).min(end);
+        let is_placeholder = matches!(piece.content, Content::Placeholder);
+        if is_placeholder && !pieces.commit(functions, at, stop) {
+            return false;
+        }
+        at = stop;
+    }
+    true
+}
+
+/// Discards the contents of a part of a reservation: it reads as zeros, and its memory goes back to
+/// the system.
+///
+/// # Safety
+/// The part is the caller's, no section is mapped there, and no reference to it is alive.
+pub unsafe fn discard(address: u64, size_bytes: u64) {
+    // SAFETY: the caller's promise.
+    unsafe { replace_by_zeros(address, size_bytes) };
+}
+
+/// Replaces the mappings in a part of a reservation by pages of zeros; false if the system refuses.
+///
+/// # Safety
+/// The part is the caller's, and no reference to it is alive.
+pub unsafe fn replace_by_zeros(address: u64, size_bytes: u64) -> bool {
+    let end = address + round_up(size_bytes);
+    let (Some(functions), Some(whole)) = (Functions::of_system(), reservation(address)) else {
+        return false;
+    };
+    let pieces = &mut *PIECES.lock();
+    // SAFETY: the caller's promise.
+    if !unsafe { pieces.clear(functions, address, end) } {
+        return false;
+    }
+    let (start, end) = pieces.with_neighbours(address, end, whole);
+    pieces.coalesce(start, end)
+}
+
+/// Maps a section in place of the pages at an address; false if the system refuses.
+///
+/// # Safety
+/// The range is a part of a reservation of the caller's, no reference to it is alive, and the
+/// section is as large from the offset on.
+pub(super) unsafe fn replace_by_view(
+    address: u64,
+    size_bytes: u64,
+    section: &Arc<Handle>,
+    offset: u64,
+) -> bool {
+    let size_bytes = round_up(size_bytes);
+    let Some(functions) = Functions::of_system() else {
+        return false;
+    };
+    let pieces = &mut *PIECES.lock();
+    // SAFETY: the caller's promise.
+    unsafe {
+        pieces.clear(functions, address, address + size_bytes)
+            && pieces.coalesce(address, address + size_bytes)
+            && pieces.view(functions, address, size_bytes, section, offset)
+    }
+}
+
+/// Whether all pages of a range are mapped, by any library of the process. Accesses no memory, so
+/// that the address may be any number.
+pub fn is_mapped(address: u64, size_bytes: u64) -> bool {
+    let Some(end) = address.checked_add(size_bytes) else {
+        return false;
+    };
+    let mut at = address;
+    while at < end {
+        if let Some((_, end)) = reservation(at) {
+            at = end;
+            continue;
+        }
+        // SAFETY: plain data, which the call fills. It looks at mappings, not at memory.
+        let (found, pages) = unsafe {
+            let mut pages: MEMORY_BASIC_INFORMATION = std::mem::zeroed();
+            let size_bytes = size_of::<MEMORY_BASIC_INFORMATION>();
+            let found = VirtualQuery(at as *const _, &raw mut pages, size_bytes);
+            (found != 0, pages)
+        };
+        let is_closed = pages.Protect & (PAGE_NOACCESS | PAGE_GUARD) != 0;
+        if !found || pages.State != MEM_COMMIT || is_closed {
+            return false;
+        }
+        at = pages.BaseAddress as u64 + pages.RegionSize as u64;
+    }
+    address != 0
+}
+
+/// Has [`on_exception`] called first for each exception of the process, from now on. The library
+/// stays mapped: `FreeLibrary` does not remove the handler.
+fn handle_faults() {
+    static ONCE: Once = Once::new();
+    const HOW: u32 = GET_MODULE_HANDLE_EX_FLAG_FROM_ADDRESS | GET_MODULE_HANDLE_EX_FLAG_PIN;
+    ONCE.call_once(|| {
+        let mut module = std::ptr::null_mut();
+        let own = on_exception as *const () as *const u16;
+        // SAFETY: an address of this library, and a function that the system can call on any
+        // thread.
+        unsafe {
+            GetModuleHandleExW(HOW, own, &mut module);
+            AddVectoredExceptionHandler(1, Some(on_exception));
+        }
+    });
+}
+
+/// Zeroed memory for pages of a reservation that have none.
+unsafe extern "system" fn on_exception(exception: *mut EXCEPTION_POINTERS) -> i32 {
+    const GO_ON: i32 = -1;
+    const SEARCH: i32 = 0;
+    /// `ExceptionInformation[0]` of reads and writes; 8 is the execution of data.
+    const WRITE: usize = 1;
+    // SAFETY: the system passes valid structures.
+    let record = unsafe { &*(*exception).ExceptionRecord };
+    let [access, address, ..] = record.ExceptionInformation;
+    if record.ExceptionCode != EXCEPTION_ACCESS_VIOLATION || access > WRITE {
+        return SEARCH;
+    }
+    let Some(functions) = Functions::of_system() else {
+        return SEARCH;
+    };
+    let granule = address as u64 & !(GRANULE - 1);
+    let pieces = &mut *PIECES.lock();
+    let is_there = match pieces.at(granule) {
+        None => false,
+        Some((_, piece)) => match piece.content {
+            Content::Placeholder => pieces.commit(functions, granule, granule + GRANULE),
+            // The access fell into a replacement that is done by now.
+            Content::Memory | Content::View(..) => true,
+        },
+    };
+    if is_there { GO_ON } else { SEARCH }
+}
