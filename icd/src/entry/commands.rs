@@ -3,59 +3,17 @@
 use std::collections::HashMap;
 use std::sync::OnceLock;
 
-use super::*;
+use super::row::commands;
+pub use super::row::{Availability, Command, Level};
+use super::{
+    acceleration_structure, buffer, command, command_image, command_transfer, debug, deferred,
+    descriptor, descriptor_buffer, descriptor_set, device, device_address, device_fault, graphics,
+    graphics_address, graphics_draw, graphics_pass, graphics_state, host_image_copy, image,
+    instance, maintenance5, memory, micromap, nv_ray_tracing, physical_device, pipeline,
+    present_timing, push_descriptor, query, queue, ray_tracing, shader_object, surface, swapchain,
+    sync, system, transform_feedback,
+};
 use crate::ffi::vk;
-use crate::table::extensions::{Extension, ExtensionSet, Kind};
-
-/// The object of a command's first argument.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Level {
-    Global,
-    Instance,
-    PhysicalDevice,
-    /// Devices, queues and command buffers.
-    Device,
-}
-
-/// The condition under which a command is available.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Availability {
-    /// A version of Vulkan, or a later one.
-    Core(u32),
-    Extension(Extension),
-}
-
-/// A row of the table.
-#[derive(Clone, Copy)]
-pub struct Command {
-    pub name: &'static str,
-    pub level: Level,
-    pub availability: Availability,
-    pub function: unsafe extern "system" fn(),
-}
-
-impl Command {
-    /// Whether `vkGetInstanceProcAddr` gives it: instance extensions must be enabled.
-    pub fn available_to_instance(&self, enabled: ExtensionSet) -> bool {
-        match self.availability {
-            Availability::Core(_) => true,
-            Availability::Extension(extension) => match extension.kind() {
-                Kind::Device => true,
-                Kind::Instance => enabled.contains(extension),
-            },
-        }
-    }
-
-    /// Whether `vkGetDeviceProcAddr` gives it to an application that asked for a version of Vulkan.
-    /// `enabled` has the extensions of the device and of its instance.
-    pub fn available_to_device(&self, version: u32, enabled: ExtensionSet) -> bool {
-        self.level == Level::Device
-            && match self.availability {
-                Availability::Core(since) => since <= version,
-                Availability::Extension(extension) => enabled.contains(extension),
-            }
-    }
-}
 
 /// The rows of a name: several, where several extensions bring a command.
 pub fn rows(name: &[u8]) -> impl Iterator<Item = &'static Command> {
@@ -70,41 +28,6 @@ pub fn rows(name: &[u8]) -> impl Iterator<Item = &'static Command> {
     });
     index.get(name).into_iter().flatten().copied()
 }
-
-/// A row is `Level Availability [| Availability]* PFN_type module::function [as alias];`. That the
-/// function has the PFN's type is checked by the compiler.
-macro_rules! commands {
-    ($($level:ident $($extension:ident)|+ $pfn:ident $module:ident::$name:ident $(as $alias:ident)?;)*) => {
-        /// Adds the rows, one for each availability.
-        #[allow(unused_variables)]
-        pub fn add_rows(rows: &mut Vec<$crate::entry::commands::Command>) {
-            $({
-                let function: vk::$pfn = $module::$name;
-                // SAFETY: `PFN_vkVoidFunction` is the type that such pointers are passed around
-                // as; callers cast back.
-                let function = unsafe { std::mem::transmute::<vk::$pfn, unsafe extern "system" fn()>(function) };
-                let name = commands!(@name $name $($alias)?);
-                let level = $crate::entry::commands::Level::$level;
-                let availabilities = [$(commands!(@availability $extension)),+];
-                rows.extend(availabilities.map(|availability| {
-                    $crate::entry::commands::Command { name, level, availability, function }
-                }));
-            })*
-        }
-    };
-    (@name $name:ident) => { stringify!($name) };
-    (@name $name:ident $alias:ident) => { stringify!($alias) };
-    (@availability Core) => { $crate::entry::commands::Availability::Core($crate::ffi::vk::API_VERSION_1_0) };
-    (@availability Core11) => { $crate::entry::commands::Availability::Core($crate::ffi::vk::API_VERSION_1_1) };
-    (@availability Core12) => { $crate::entry::commands::Availability::Core($crate::ffi::vk::API_VERSION_1_2) };
-    (@availability Core13) => { $crate::entry::commands::Availability::Core($crate::ffi::vk::API_VERSION_1_3) };
-    (@availability Core14) => { $crate::entry::commands::Availability::Core($crate::ffi::vk::API_VERSION_1_4) };
-    (@availability $extension:ident) => {
-        $crate::entry::commands::Availability::Extension($crate::table::extensions::Extension::$extension)
-    };
-}
-
-pub(super) use commands;
 
 /// All rows, those of this system included.
 pub fn table() -> &'static [Command] {

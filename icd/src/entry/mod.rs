@@ -38,6 +38,7 @@ pub mod push_descriptor;
 pub mod query;
 pub mod queue;
 pub mod ray_tracing;
+mod row;
 pub mod shader_object;
 pub mod surface;
 pub mod swapchain;

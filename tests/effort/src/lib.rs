@@ -22,6 +22,7 @@ pub fn rounds(usual: u32) -> u32 {
 
 /// Processor time that this process has taken so far, in all of its threads: a limit on it holds on
 /// a busy machine, too.
+#[cfg(unix)]
 pub fn processor_time() -> Duration {
     let mut time = libc::timespec {
         tv_sec: 0,
@@ -31,6 +32,21 @@ pub fn processor_time() -> Duration {
     let code = unsafe { libc::clock_gettime(libc::CLOCK_PROCESS_CPUTIME_ID, &raw mut time) };
     assert_eq!(code, 0, "Linux has this clock");
     Duration::new(time.tv_sec as u64, time.tv_nsec as u32)
+}
+
+/// As on Linux, in the system's hundreds of nanoseconds.
+#[cfg(windows)]
+pub fn processor_time() -> Duration {
+    use windows_sys::Win32::Foundation::FILETIME;
+    use windows_sys::Win32::System::Threading::{GetCurrentProcess, GetProcessTimes};
+    let mut times = [FILETIME::default(); 4];
+    let [start, end, kernel, user] = &mut times;
+    // SAFETY: the call fills the structures.
+    let found = unsafe { GetProcessTimes(GetCurrentProcess(), start, end, kernel, user) };
+    assert_ne!(found, 0, "Windows counts these");
+    let hundreds =
+        |time: &FILETIME| u64::from(time.dwHighDateTime) << 32 | u64::from(time.dwLowDateTime);
+    Duration::from_nanos((hundreds(kernel) + hundreds(user)) * 100)
 }
 
 #[cfg(test)]

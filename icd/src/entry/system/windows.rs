@@ -3,7 +3,7 @@
 use std::ffi::c_void;
 
 use crate::VkResult;
-use crate::entry::commands::commands;
+use crate::entry::row::commands;
 use crate::ffi::vk;
 use crate::os::clock::{Clock, ticks};
 use crate::os::handle::{Handle, RawHandle};

@@ -5,7 +5,7 @@ mod surfaces;
 
 pub use descriptors::imported_memory;
 
-use crate::entry::commands::commands;
+use crate::entry::row::commands;
 use crate::ffi::vk;
 use crate::os::clock::Clock;
 
