@@ -87,7 +87,7 @@ impl Pieces {
             let piece = piece.clone();
             let last = first + piece.size_bytes;
             let stop = last.min(end);
-            // SAFETY: the caller's promise; parts of pieces outside of the range keep what they have.
+            // SAFETY: the caller's promise; parts outside of the range keep what they have.
             let is_clear = unsafe {
                 match &piece.content {
                     Content::Placeholder if (first, last) == (at, stop) => true,
@@ -137,7 +137,7 @@ impl Pieces {
         true
     }
 
-    /// The placeholders on both sides of a range of placeholders, with it: where they start and end.
+    /// The placeholders on both sides of a range of placeholders, with it: start and end of all.
     /// Those of other reservations are not theirs to merge with.
     fn with_neighbours(&self, start: u64, end: u64, whole: (u64, u64)) -> (u64, u64) {
         let is_free = |piece: &Piece| matches!(piece.content, Content::Placeholder);

@@ -53,8 +53,8 @@ impl Event {
         unsafe { ResetEvent(self.0.raw()) };
     }
 
-    /// Sleeps until the flag is set, `beside` is signaled, or the deadline is over; whether `beside`
-    /// is. Clears the flag.
+    /// Sleeps until the flag is set, `beside` is signaled, or the deadline is over; whether
+    /// `beside` is. Clears the flag.
     pub fn wait(&self, deadline: Option<Instant>, beside: Option<BorrowedHandle<'_>>) -> bool {
         let beside = beside.map(|handle| handle.as_raw_handle());
         let handles = [self.0.raw(), beside.unwrap_or_default()];

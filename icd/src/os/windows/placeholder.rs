@@ -75,8 +75,8 @@ impl Functions {
         })
     }
 
-    /// A placeholder at `address`, or (0) at a multiple of `alignment_bytes`, a power of two; `None`
-    /// if the system refuses. It takes no memory.
+    /// A placeholder at `address`, or (0) at a multiple of `alignment_bytes`, a power of two;
+    /// `None` if the system refuses. It takes no memory.
     pub fn reserve(self, address: u64, size_bytes: u64, alignment_bytes: u64) -> Option<u64> {
         let mut requirements = MEM_ADDRESS_REQUIREMENTS {
             LowestStartingAddress: std::ptr::null_mut(),
