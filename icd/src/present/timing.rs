@@ -1,8 +1,8 @@
 //! When presentations are to be seen, and when they were (`VK_EXT_present_timing`).
 //!
 //! All times are nanoseconds of [`Clock::Monotonic`](crate::os::clock::Clock), in whichever domain
-//! they are asked for: it is the device's clock, and the one by which servers of X11 and compositors
-//! of Wayland tell the time on this machine.
+//! they are asked for: it is the device's clock, and the one by which servers of X11 and
+//! compositors of Wayland tell the time on this machine.
 
 #![forbid(unsafe_code)]
 

@@ -18,7 +18,7 @@ pub const HAS_DESCRIPTORS: bool = true;
 /// Whether windows are those of X11 and Wayland.
 pub const HAS_X11_AND_WAYLAND: bool = true;
 
-/// What the driver needs of the system and this one lacks; `None` if nothing is missing.
+/// A need of the driver that this system does not meet; `None` if it meets all.
 pub fn missing() -> Option<&'static str> {
     None
 }

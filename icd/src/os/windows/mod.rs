@@ -16,7 +16,7 @@ pub mod thread;
 pub const HAS_DESCRIPTORS: bool = false;
 pub const HAS_X11_AND_WAYLAND: bool = false;
 
-/// What the driver needs of the system and this one lacks; `None` if nothing is missing.
+/// A need of the driver that this system does not meet; `None` if it meets all.
 pub fn missing() -> Option<&'static str> {
     match placeholder::Functions::of_system() {
         Some(_) => None,
