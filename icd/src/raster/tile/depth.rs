@@ -301,8 +301,10 @@ impl Tests {
         mask: u16,
     ) -> u16 {
         let places = tested.places;
+        let none = v.splat_i(0);
         let mut mask = mask;
-        let mut stored = None;
+        let mut near = u16::MAX;
+        let mut written = None;
         if let Some(depth) = &self.depth {
             // SAFETY: the caller's promise.
             let words = unsafe { load(v, &depth.target, places, sample, mask) };
@@ -310,38 +312,54 @@ impl Tests {
             if let Some(bounds) = depth.bounds {
                 mask &= depth.in_bounds(v, old, bounds);
             }
-            stored = depth.test.then_some((depth, old));
+            if depth.test {
+                let (codes, new) = depth.codes(v, tested.depths);
+                near = compare_depths(v, depth.compare, new, old);
+                written = depth.write.then_some((depth, codes));
+            }
         }
-        let mut passed = mask;
-        let stencils = self.stencil.as_ref().map(|stencil| {
+        let mut passed = mask & near;
+        if let Some(stencil) = &self.stencil
+            && !stencil.is_idle(tested.front, mask & !near, passed)
+        {
             // SAFETY: the caller's promise.
             let [old, ..] = unsafe { load(v, &stencil.target, places, sample, mask) };
             let old = row_of(v, old);
-            passed &= stencil_passes(stencil, tested.front, tested.references, &old);
-            (stencil, old)
-        });
-        let stencil_passed = passed;
-        if let Some((depth, old)) = stored {
-            let (codes, new) = depth.codes(v, tested.depths);
-            passed &= compare_depths(v, depth.compare, new, old);
-            if depth.write && passed != 0 {
-                let none = v.splat_i(0);
-                let words = [codes, none, none, none];
-                // SAFETY: the caller's promise.
-                unsafe { store(v, &depth.target, places, sample, passed, &words) };
-            }
-        }
-        if let Some((stencil, old)) = stencils {
-            let failed = mask & !stencil_passed;
-            let depth_failed = stencil_passed & !passed;
             let (front, references) = (tested.front, tested.references);
+            let stencil_passed = mask & stencil_passes(stencil, front, references, &old);
+            let failed = mask & !stencil_passed;
+            passed &= stencil_passed;
+            let depth_failed = stencil_passed & !passed;
             let new = stencil_writes(stencil, front, references, &old, failed, depth_failed);
-            let none = v.splat_i(0);
             let words = [v.load_i(&new), none, none, none];
             // SAFETY: the caller's promise.
             unsafe { store(v, &stencil.target, places, sample, mask, &words) };
         }
+        if let Some((depth, codes)) = written.filter(|_| passed != 0) {
+            let words = [codes, none, none, none];
+            // SAFETY: the caller's promise.
+            unsafe { store(v, &depth.target, places, sample, passed, &words) };
+        }
         passed
+    }
+}
+
+impl Stencil {
+    /// Whether all lanes pass the stencil test, and none of those that fail the depth test or pass
+    /// all changes its value.
+    #[inline(always)]
+    fn is_idle(&self, front: u16, depth_failed: u16, passed: u16) -> bool {
+        let keeps = |op: StencilOp, lanes: u16| lanes == 0 || op == StencilOp::KEEP;
+        let [face, back] = &self.faces;
+        let [failed, back_failed] = [depth_failed & front, depth_failed & !front];
+        let [passed, back_passed] = [passed & front, passed & !front];
+        let is_idle = |face: &StencilFace, failed: u16, passed: u16| {
+            failed | passed == 0
+                || face.compare == CompareOp::ALWAYS
+                    && keeps(face.depth_fail, failed)
+                    && keeps(face.pass, passed)
+        };
+        is_idle(face, failed, passed) && is_idle(back, back_failed, back_passed)
     }
 }
 
