@@ -10,7 +10,7 @@ use crate::SUBGROUP_SIZE;
 use crate::error::Error;
 use crate::interp;
 use crate::ir::tinted::{Tinted, tinted};
-use crate::ir::workgroups::{may_share_subgroups, may_wait_for_workgroups};
+use crate::ir::workgroups::{looks_at_lanes, may_share_subgroups, may_wait_for_workgroups};
 use crate::ir::{self, passed::passed};
 use crate::native;
 use crate::origin::{Origin, Place, line_at};
@@ -89,6 +89,7 @@ pub struct Program {
     outputs: Vec<OutputRow>,
     passed: Option<Vec<Passed>>,
     tinted: Option<Tinted>,
+    looks_at_lanes: bool,
     tessellation: Option<TessellationFacts>,
     geometry: Option<GeometryFacts>,
     mesh: Option<MeshFacts>,
@@ -157,6 +158,7 @@ impl Program {
             },
             passed: passed(module),
             tinted: tinted(module),
+            looks_at_lanes: looks_at_lanes(module),
             tessellation: module.tessellation.clone(),
             geometry: module.geometry,
             mesh: module.mesh.clone(),
@@ -298,6 +300,12 @@ impl Program {
     #[inline]
     pub fn tinted(&self) -> Option<&Tinted> {
         self.tinted.as_ref()
+    }
+
+    /// Whether lanes look at others of their quad or subgroup.
+    #[inline]
+    pub fn looks_at_lanes(&self) -> bool {
+        self.looks_at_lanes
     }
 
     /// Fragment: what the rasterizer must know.

@@ -1,10 +1,11 @@
 //! Compute shaders whose invocations cannot tell which others are in their subgroup: their
 //! subgroups may be filled with several small workgroups. And compute shaders whose workgroups may
-//! wait for each other: each of their workgroups runs by itself.
+//! wait for each other: each of their workgroups runs by itself. And shaders whose lanes look at
+//! other lanes at all.
 
 #![forbid(unsafe_code)]
 
-use images::ImageOpKind;
+use images::{ImageOpKind, LodMode};
 
 use super::module::{InputRow, Module, Node};
 use super::op::{AtomicOp, Space};
@@ -43,6 +44,24 @@ fn sees_others(inst: &Inst) -> bool {
         inst.op,
         Op::LaneIndex | Op::Subgroup(_) | Op::DerivativeX | Op::DerivativeY | Op::Barrier
     )
+}
+
+/// Whether lanes look at other lanes: by derivatives, those that samples take themselves included,
+/// or as subgroups do.
+pub fn looks_at_lanes(module: &Module) -> bool {
+    let looks = |inst: &Inst| sees_others(inst) || takes_derivatives(inst);
+    (module.functions.iter()).any(|function| has(&function.body, looks))
+}
+
+fn takes_derivatives(inst: &Inst) -> bool {
+    let Op::Image(op) = inst.op else {
+        return false;
+    };
+    let is_sampled = matches!(
+        op.kind,
+        ImageOpKind::Sample | ImageOpKind::Gather(_) | ImageOpKind::QueryLod
+    );
+    is_sampled && matches!(op.lod, LodMode::Implicit | LodMode::Bias)
 }
 
 /// Whether a loop, or a body that may be in one, looks at what others change meanwhile.

@@ -10,16 +10,20 @@ use super::samples::from_center;
 use crate::raster::primitive::{Plane, Record};
 
 impl Inputs {
-    /// Fills the input rows of a subgroup of one primitive, with its [`Self::steps`].
+    /// Fills the input rows of a subgroup of one primitive, with its [`Self::steps`]; or some of
+    /// their lanes.
     #[inline(always)]
     pub fn fill_uniform<V: Vector>(
         &self,
         v: V,
         fragments: &Fragments<'_>,
         steps: &Steps,
+        lanes: u16,
         rows: &mut [AlignedRow],
     ) {
-        Filling::<V, true>::new(v, self, fragments, steps).fill(rows);
+        let mut filling = Filling::<V, true>::new(v, self, fragments, steps);
+        filling.lanes = lanes;
+        filling.fill(rows);
     }
 
     /// Fills those of a subgroup of several.
@@ -36,6 +40,8 @@ struct Filling<'a, V: Vector, const UNIFORM: bool> {
     fragments: &'a Fragments<'a>,
     /// Of one record.
     steps: &'a [[f32; 3]],
+    /// The lanes that are filled.
+    lanes: u16,
     /// By index of [`Weights`]: the coordinates of the second and third vertex, once they are
     /// known.
     weights: [Option<[V::F; 2]>; 6],
@@ -49,6 +55,7 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
             inputs,
             fragments,
             steps,
+            lanes: u16::MAX,
             weights: [None; 6],
         }
     }
@@ -238,7 +245,7 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
         let Some(common) = inputs.common else {
             for (index, (row, fill)) in rows.iter_mut().zip(&inputs.fills).enumerate() {
                 let words = self.row(index, fill);
-                self.v.store_i(words, &mut row.0);
+                self.put(words, row);
             }
             return;
         };
@@ -250,8 +257,18 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
                 Fill::Varying(word, _) => self.varying(index, word, weights),
                 _ => self.row(index, fill),
             };
-            self.v.store_i(words, &mut row.0);
+            self.put(words, row);
         }
+    }
+
+    #[inline(always)]
+    fn put(&self, words: V::I, row: &mut AlignedRow) {
+        let v = self.v;
+        let words = match self.lanes {
+            u16::MAX => words,
+            lanes => v.select(lanes, words, v.load_i(&row.0)),
+        };
+        v.store_i(words, &mut row.0);
     }
 
     /// A word's interpolation, for the row of that index.

@@ -1,6 +1,7 @@
 //! Fragments gathered for a wave: quads of several primitives share a subgroup where they are
 //! small, but never two at one pixel, and what comes later in primitive order comes later in the
-//! wave.
+//! wave. Where no lane looks at others, the pixels of a quad may be of several primitives, too:
+//! those along the edges that primitives share.
 
 use super::lanes::{lanes_of, quads_of};
 use super::samples::{MAX_SAMPLES, any};
@@ -36,6 +37,17 @@ pub struct Pack {
     pub coverage: [u16; MAX_SAMPLES],
     /// A bit a quad that is there.
     pub quads: u32,
+    /// The first of its [`Joined`], plus one; 0: none.
+    pub joined: u32,
+}
+
+/// Fragments that were added to a pack, in lanes that its own primitives leave free.
+#[derive(Clone, Copy, Debug)]
+pub struct Joined {
+    pub origin: Origin,
+    pub lanes: u16,
+    /// The next one in the pack, plus one; 0: none.
+    pub next: u32,
 }
 
 impl Pack {
@@ -75,6 +87,7 @@ pub struct Went {
 /// The packs of a wave.
 pub struct Packs {
     pub packs: Vec<Pack>,
+    pub joined: Vec<Joined>,
     /// The pack that takes single quads.
     open: Option<usize>,
     /// By quad of the tile: the last pack that took a single quad there.
@@ -95,6 +108,7 @@ impl Default for Packs {
     fn default() -> Self {
         Self {
             packs: Vec::new(),
+            joined: Vec::new(),
             open: None,
             quads: Box::new([Last::default(); SIDE * SIDE]),
             blocks: Box::new([Last::default(); BLOCKS * BLOCKS]),
@@ -144,6 +158,7 @@ impl Packs {
     /// Forgets all.
     pub fn clear(&mut self) {
         self.packs.clear();
+        self.joined.clear();
         self.open = None;
         self.wave = self.wave.wrapping_add(1);
         if self.wave == 0 {
@@ -154,11 +169,20 @@ impl Packs {
         }
     }
 
+    /// The pack of a note, plus one; 0 if it is of an earlier wave.
+    #[inline(always)]
+    fn of_wave(&self, last: Last) -> usize {
+        if last.wave == self.wave {
+            last.pack as usize
+        } else {
+            0
+        }
+    }
+
     /// The last pack with a fragment in a quad, plus one; 0 if there is none.
     fn last(&self, place: [i32; 2]) -> usize {
-        let of_wave = |last: Last| if last.wave == self.wave { last.pack } else { 0 };
-        let quad = of_wave(self.quads[cell(place)]);
-        quad.max(of_wave(self.blocks[block(place)])) as usize
+        let quad = self.of_wave(self.quads[cell(place)]);
+        quad.max(self.of_wave(self.blocks[block(place)]))
     }
 
     /// Records the last use of a pack.
@@ -175,9 +199,93 @@ impl Packs {
         (0..4).any(|quad| quads >> quad & 1 != 0 && self.last(quad_place(place, quad)) != 0)
     }
 
-    /// Adds the fragments of a block.
-    pub fn add(&mut self, found: &Found<'_>) {
-        self.add_with(found, |_| ());
+    /// Adds the fragments of a block. `joins`: to quads of other primitives, too.
+    pub fn add(&mut self, found: &Found<'_>, joins: bool) {
+        if !joins {
+            return self.add_with(found, |_| ());
+        }
+        if self.join_block(found) {
+            return;
+        }
+        let quads = quads_of(found.lanes);
+        if quads.count_ones() >= OWN {
+            return self.add_with(found, |_| ());
+        }
+        for quad in 0..4 {
+            if quads >> quad & 1 != 0 && !self.join_quad(found, quad) {
+                self.add_quad(found, quad);
+            }
+        }
+    }
+
+    /// Adds a block to the pack that is all of it, if its pixels are free there and nothing later
+    /// lies over them. Else gives false.
+    fn join_block(&mut self, found: &Found<'_>) -> bool {
+        let last = self.of_wave(self.blocks[block(found.place)]);
+        let quads = quads_of(found.lanes);
+        let is_over = |quad: usize| {
+            let later = self.quads[cell(quad_place(found.place, quad))];
+            quads >> quad & 1 != 0 && self.of_wave(later) > last
+        };
+        if last == 0 || (0..4).any(is_over) {
+            return false;
+        }
+        let pack = &mut self.packs[last - 1];
+        if pack.covered() & found.lanes != 0 || pack.places.layer[0] != found.layer {
+            return false;
+        }
+        for (mask, more) in pack.masks.iter_mut().zip(found.masks) {
+            *mask |= more;
+        }
+        pack.quads |= quads;
+        let is_same = pack.origins[0] == found.origin;
+        self.join(last - 1, found.origin, found.lanes, is_same);
+        true
+    }
+
+    /// Adds a quad of a block to the last pack with fragments there, if its pixels are free. Else
+    /// gives false.
+    fn join_quad(&mut self, found: &Found<'_>, quad: usize) -> bool {
+        let at = quad_place(found.place, quad);
+        let last = self.last(at);
+        if last == 0 {
+            return false;
+        }
+        let pack = &mut self.packs[last - 1];
+        let is_there = |place: &usize| {
+            [pack.places.x[*place], pack.places.y[*place]] == at && pack.quads >> place & 1 != 0
+        };
+        let Some(place) = (0..4).find(is_there) else {
+            return false;
+        };
+        let lanes = (found.lanes >> (4 * quad) & 0xf) << (4 * place);
+        if pack.covered() & lanes != 0 || pack.places.layer[place] != found.layer {
+            return false;
+        }
+        move_quad(found.masks, quad, &mut pack.masks, place);
+        let is_same = pack.origins[place] == found.origin;
+        self.join(last - 1, found.origin, lanes, is_same);
+        true
+    }
+
+    /// Notes the primitive of lanes that were added to a pack, unless theirs `is_same` anyway.
+    fn join(&mut self, pack: usize, origin: Origin, lanes: u16, is_same: bool) {
+        if is_same {
+            return;
+        }
+        let first = &mut self.packs[pack].joined;
+        let next = *first;
+        match self.joined.get_mut((next as usize).wrapping_sub(1)) {
+            Some(latest) if latest.origin == origin => latest.lanes |= lanes,
+            _ => {
+                self.joined.push(Joined {
+                    origin,
+                    lanes,
+                    next,
+                });
+                *first = self.joined.len() as u32;
+            }
+        }
     }
 
     /// The same, and tells where they went.
@@ -199,6 +307,7 @@ impl Packs {
                 masks: *found.masks,
                 coverage: *found.coverage,
                 quads,
+                joined: 0,
             });
             return;
         }

@@ -58,6 +58,9 @@ pub struct Fragment<'a> {
     pub is_serial: bool,
     /// It sees coverage as it was before the early tests (without `PostDepthCoverage`).
     pub sees_coverage: bool,
+    /// Pixels of one quad may be of several primitives: no lane looks at others, and nothing but
+    /// inputs depends on the primitive.
+    pub joins: bool,
     /// Subgroups that run together.
     pub subgroups: usize,
 }
@@ -111,13 +114,19 @@ impl<'a> Plan<'a> {
             .filter(|_| output.smooth_alpha.is_none() && coarse.is_none());
         let sampled = (tinted.zip(inputs.as_ref()))
             .and_then(|(tinted, inputs)| Sampled::new(tinted, inputs, &output));
-        let program = fragment.zip(inputs).map(|(program, inputs)| Fragment {
-            program,
-            per_sample: per_sample && samples > 1,
-            is_serial: facts.reads_attachments || facts.interlock.is_some(),
-            sees_coverage: inputs.see_coverage() && !facts.post_depth_coverage,
-            inputs,
-            subgroups: subgroups_at_once(program),
+        let program = fragment.zip(inputs).map(|(program, inputs)| {
+            let is_serial = facts.reads_attachments || facts.interlock.is_some();
+            let is_plain = !(is_serial || facts.writes_memory || facts.full_quads || per_sample);
+            let is_seen = inputs.see_coverage() || output.smooth_alpha.is_some();
+            Fragment {
+                program,
+                per_sample: per_sample && samples > 1,
+                is_serial,
+                sees_coverage: inputs.see_coverage() && !facts.post_depth_coverage,
+                inputs,
+                joins: is_plain && !is_seen && order == Order::Early && !program.looks_at_lanes(),
+                subgroups: subgroups_at_once(program),
+            }
         });
         Self {
             program,

@@ -11,7 +11,7 @@ use super::depth::Tested;
 use super::inputs::{Fragments, Inputs, Steps};
 use super::interpolation::{clamp, depths};
 use super::lanes::{IN_BLOCK, LANE_X, LANE_Y, Row, lanes_of};
-use super::pack::Pack;
+use super::pack::{Joined, Origin, Pack};
 use super::plan::{Order, Plan};
 use super::samples::{Counts, MAX_SAMPLES, any, count, from_center, masks_of};
 use super::texels::{Pattern, Places};
@@ -73,8 +73,8 @@ lanes::vectors! {
 }
 
 lanes::vectors! {
-    /// Puts a wave's subgroups at the program's entry, with their inputs. `spread`: of packs whose
-    /// fragments are of several pixels.
+    /// Puts a wave's subgroups at the program's entry, with their inputs. `joined`: of the packs;
+    /// `spread`: of packs whose fragments are of several pixels.
     pub fn start<V>(
         v,
         chunks: &[Chunk],
@@ -82,34 +82,48 @@ lanes::vectors! {
         inputs: &Inputs,
         outputs: usize,
         packs: &[Pack],
+        joined: &[Joined],
         spread: &[Spread],
         runner: &mut Runner,
         counts: &mut Counts,
     ) {
         let first = program.layout().inputs;
-        let mut steps = Steps::new();
-        let mut steps_of = None;
+        // Of the packs' own primitives, and of those that joined: most of a wave is of few.
+        let mut steps = [Steps::new(), Steps::new()];
+        let mut steps_of = [None; 2];
         for (index, (pack, state)) in packs.iter().zip(runner.states()).enumerate() {
             let (active, covered) = (pack.active(), pack.covered());
             let helpers = LaneMask::from_bits(active & !covered);
             let active = LaneMask::from_bits(active);
             program.start_fragments(state, active, helpers, Some(outputs));
             counts.invocations += u64::from(covered.count_ones());
+            let rows = &mut state[first..];
+            let (mut lanes, mut next, mut turn) = (u16::MAX, pack.joined, 0);
             let mut fragments = fragments_of(chunks, pack);
             if let Some(spread) = spread.get(index) {
                 fragments.coverage = spread.coverage();
             }
-            let rows = &mut state[first..];
+            let mut origin = pack.origins[0];
             if !pack.is_uniform {
                 inputs.fill_mixed(v, &fragments, rows);
-                continue;
+                lanes = 0;
             }
-            // Most of a wave is of few primitives, whose subgroups follow each other.
-            if steps_of != Some(pack.origins[0]) {
-                steps_of = Some(pack.origins[0]);
-                inputs.steps(&fragments, &mut steps);
+            // One loop for both, so that filling stands in the code once.
+            loop {
+                if lanes != 0 {
+                    if steps_of[turn] != Some(origin) {
+                        steps_of[turn] = Some(origin);
+                        inputs.steps(&fragments, &mut steps[turn]);
+                    }
+                    inputs.fill_uniform(v, &fragments, &steps[turn], lanes, rows);
+                }
+                let Some(it) = joined.get((next as usize).wrapping_sub(1)) else {
+                    break;
+                };
+                Joined { origin, lanes, next } = *it;
+                turn = 1;
+                fragments.set_origin(chunks, origin);
             }
-            inputs.fill_uniform(v, &fragments, &steps, rows);
         }
     }
 }
@@ -221,31 +235,40 @@ fn fade(fragments: &Fragments<'_>, alpha: &mut Row) {
     }
 }
 
+/// The record of a primitive, and the words of its chunk's vertices.
+#[inline(always)]
+fn record_of(chunks: &[Chunk], origin: Origin) -> (&Record, &[u32]) {
+    let chunk = &chunks[origin.chunk as usize];
+    (&chunk.records[origin.record as usize], &chunk.outputs)
+}
+
+impl<'a> Fragments<'a> {
+    /// Makes them those of one primitive.
+    #[inline(always)]
+    fn set_origin(&mut self, chunks: &'a [Chunk], origin: Origin) {
+        let (record, outputs) = record_of(chunks, origin);
+        (self.records, self.outputs) = ([record; 4], [outputs; 4]);
+    }
+}
+
 /// The fragments of a subgroup.
 fn fragments_of<'a>(chunks: &'a [Chunk], pack: &'a Pack) -> Fragments<'a> {
-    let chunk = |quad: usize| &chunks[pack.origins[quad].chunk as usize];
-    let is_uniform = pack.is_uniform;
-    let record = |quad: usize| &chunk(quad).records[pack.origins[quad].record as usize];
-    let (records, outputs): ([&Record; 4], [&[u32]; 4]) = match is_uniform {
-        true => ([record(0); 4], [&chunk(0).outputs; 4]),
-        false => (
-            [record(0), record(1), record(2), record(3)],
-            [
-                &chunk(0).outputs,
-                &chunk(1).outputs,
-                &chunk(2).outputs,
-                &chunk(3).outputs,
-            ],
-        ),
-    };
-    Fragments {
-        records,
-        outputs,
+    let (record, outputs) = record_of(chunks, pack.origins[0]);
+    let mut fragments = Fragments {
+        records: [record; 4],
+        outputs: [outputs; 4],
         x: pack.places.x,
         y: pack.places.y,
         sample: pack.sample,
         coverage: &pack.coverage,
+    };
+    if !pack.is_uniform {
+        for (quad, &origin) in pack.origins.iter().enumerate().skip(1) {
+            let (record, outputs) = record_of(chunks, origin);
+            (fragments.records[quad], fragments.outputs[quad]) = (record, outputs);
+        }
     }
+    fragments
 }
 
 /// Depths of a subgroup's fragments at a sample: what the program wrote, or the planes' values.

@@ -483,18 +483,19 @@ impl<'a> Visit<'a> {
     fn add(&mut self, fragment: &Fragment<'_>, found: &Found<'_>) -> Result<(), Stopped> {
         let packs = &mut self.worker.packs;
         if !fragment.per_sample {
-            packs.add(found);
+            packs.add(found, fragment.joins);
         } else {
             let masks = found.masks.iter().enumerate();
             for (sample, &mask) in masks.filter(|(_, mask)| **mask != 0) {
                 let mut masks = [0; MAX_SAMPLES];
                 masks[sample] = mask;
-                packs.add(&Found {
+                let found = Found {
                     sample: sample as u8,
                     lanes: mask,
                     masks: &masks,
                     ..*found
-                });
+                };
+                packs.add(&found, false);
             }
         }
         // A block adds at most four subgroups, or as many as samples.
@@ -531,7 +532,12 @@ impl<'a> Visit<'a> {
     ) -> Result<(), Stopped> {
         let program = fragment.program;
         let (tier, chunks) = (self.round.tier, self.round.chunks);
-        let Worker { runner, gather, .. } = &mut *self.worker;
+        let Worker {
+            runner,
+            gather,
+            packs: waiting,
+            ..
+        } = &mut *self.worker;
         let limits = self.round.context.limits;
         let outputs = current.plan.output.rows;
         let kind = (current.plan.coarse.as_ref()).map(|coarse| &coarse.kinds[gather.kind]);
@@ -547,6 +553,7 @@ impl<'a> Visit<'a> {
             kind.map_or(&fragment.inputs, |kind| &kind.inputs),
             outputs,
             packs,
+            &waiting.joined,
             &gather.packs,
             runner,
             &mut self.counts,
