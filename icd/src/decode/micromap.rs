@@ -78,7 +78,7 @@ pub unsafe fn is_micromap(info: &vk::AccelerationStructureBuildGeometryInfoKHR<'
 /// The data of a structure's build if that is a micromap; of no triangles if it lacks them.
 ///
 /// # Safety
-/// The info is valid, but for its handles.
+/// The info is valid; its handles are not looked at.
 unsafe fn data_of(
     info: &vk::AccelerationStructureBuildGeometryInfoKHR<'_>,
 ) -> Option<vk::AccelerationStructureGeometryMicromapDataKHR<'static>> {
@@ -97,7 +97,7 @@ unsafe fn data_of(
 /// The usage counts of a structure's build if that is a micromap.
 ///
 /// # Safety
-/// The info is valid, but for its handles.
+/// The info is valid; its handles are not looked at.
 pub unsafe fn structure_usages(
     info: &vk::AccelerationStructureBuildGeometryInfoKHR<'_>,
 ) -> Option<Vec<MicromapUsage>> {

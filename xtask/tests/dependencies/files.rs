@@ -3,8 +3,8 @@
 //! A path is followed through imports and re-exports to the file that defines what it names. So a
 //! `pub use` is no use of a file, and a type that lies elsewhere counts where it lies. A folder's
 //! own file (`mod.rs`, `lib.rs` or the file of the folder's name) holds what its files share and
-//! calls them: its use of them does not count. Tests (`#[cfg(test)]`) may use what they like. Method
-//! calls name no file.
+//! calls them: its use of them does not count. Tests (`#[cfg(test)]`) may use what they like.
+//! Method calls name no file.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;

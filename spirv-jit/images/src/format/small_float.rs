@@ -1,6 +1,6 @@
-//! Floats of fewer than 32 bits that have no sign: unsigned 11- and 10-bit, and the shared exponent (spec,
-//! "Fixed-Point Data Conversions" and the sections on 16-bit, 11-bit and 10-bit floats and on
-//! `VK_FORMAT_E5B9G9R9_UFLOAT_PACK32`).
+//! Floats of fewer than 32 bits that have no sign: unsigned 11- and 10-bit, and the shared exponent
+//! (spec, "Fixed-Point Data Conversions" and the sections on 16-bit, 11-bit and 10-bit floats and
+//! on `VK_FORMAT_E5B9G9R9_UFLOAT_PACK32`).
 #![forbid(unsafe_code)]
 
 use lanes::halves::half_to_f32;

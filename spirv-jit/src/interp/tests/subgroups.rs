@@ -140,7 +140,7 @@ fn check<T: Scalar, R: Scalar>(
     check_with(op, lanes, &reference);
 }
 
-/// What gives lanes' expected results.
+/// Lanes' expected results.
 type Reference<'r, T, R> = &'r dyn Fn(&Lanes<T>, &Lanes<u32>, LaneMask) -> Lanes<R>;
 
 /// [`check`], compiled once for types.
