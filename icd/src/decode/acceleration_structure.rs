@@ -5,6 +5,7 @@ use traversal::{
     BuildFlags, EndCaps, GeometryFlags, Indexing, InstanceArray, RadiusFormat, VertexFormat,
 };
 
+use super::geometries::{geometries, storage};
 use super::index_type::index_type;
 use super::micromap::is_micromap;
 use crate::VkResult;
@@ -16,38 +17,7 @@ use crate::ffi::vk::Handle as _;
 use crate::ffi::{find, slice, vk};
 use crate::format::structure::radius_format;
 use crate::format::structure::vertex_format;
-use crate::handle;
-use crate::object::AccelerationStructure;
-use crate::object::acceleration_structure::Storage;
 use crate::validate::Checks;
-
-/// The geometries of a build info, through whichever of its two arrays is set.
-///
-/// # Safety
-/// The info's arrays have `geometryCount` elements.
-pub unsafe fn geometries<'a>(
-    info: &vk::AccelerationStructureBuildGeometryInfoKHR<'a>,
-) -> Vec<&'a vk::AccelerationStructureGeometryKHR<'a>> {
-    let count = info.geometry_count as usize;
-    // SAFETY: the caller's promise; exactly one of the arrays is not null
-    // (VUID-VkAccelerationStructureBuildGeometryInfoKHR-pGeometries-03788).
-    unsafe {
-        if count == 0 {
-            Vec::new()
-        } else if !info.p_geometries.is_null() {
-            std::slice::from_raw_parts(info.p_geometries, count)
-                .iter()
-                .collect()
-        } else if !info.pp_geometries.is_null() {
-            std::slice::from_raw_parts(info.pp_geometries, count)
-                .iter()
-                .map(|&geometry| &*geometry)
-                .collect()
-        } else {
-            Vec::new()
-        }
-    }
-}
 
 /// The kind of structure that holds these geometries. Without geometries it is triangles, or
 /// instances for a top level.
@@ -172,15 +142,6 @@ const NO_INSTANCES: Instances = Instances {
     address: 0,
     count: 0,
 };
-
-/// Where an acceleration structure lies.
-///
-/// # Safety
-/// The handle is alive.
-pub unsafe fn storage(handle: vk::AccelerationStructureKHR) -> Storage {
-    // SAFETY: the caller's promise.
-    unsafe { handle::from_handle::<AccelerationStructure>(handle) }.storage()
-}
 
 /// Where the vertices of a geometry of triangles are at time 1, if they move.
 ///

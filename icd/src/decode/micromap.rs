@@ -3,7 +3,7 @@
 
 use traversal::{GeometryMicromap, IndexType, MicromapFormat, MicromapUsage};
 
-use super::acceleration_structure::{self, geometries};
+use super::geometries::{self, geometries};
 use super::index_type::index_type;
 use crate::command::micromap::MicromapBuild;
 use crate::ffi::{find, slice, vk};
@@ -123,7 +123,7 @@ pub unsafe fn decode_structure(
     unsafe {
         let data = data_of(info)?;
         Some(MicromapBuild {
-            destination: acceleration_structure::storage(info.dst_acceleration_structure),
+            destination: geometries::storage(info.dst_acceleration_structure),
             data: data.data,
             triangles: data.triangle_array,
             stride_bytes: data.triangle_array_stride,
@@ -166,7 +166,7 @@ pub unsafe fn of_geometry(next: *const std::ffi::c_void) -> Option<GeometryMicro
                 it.index_stride,
                 it.base_triangle,
                 (it.micromap != vk::AccelerationStructureKHR::null())
-                    .then(|| acceleration_structure::storage(it.micromap)),
+                    .then(|| geometries::storage(it.micromap)),
             ),
             (None, Some(it)) => (
                 it.index_type,

@@ -2,6 +2,7 @@
 //! call before they act.
 
 pub mod acceleration_structure;
+pub mod geometries;
 pub mod graphics;
 mod index_type;
 pub mod micromap;

@@ -16,8 +16,9 @@ use crate::VkResult;
 use crate::command::ray_tracing::{Built, BuiltCopy, CopyMode, IndirectBuild};
 use crate::command::{Command, RayTracingCommand};
 use crate::decode::acceleration_structure::{
-    decode_build, decode_builds, geometries, has_micromap, kind, resolve_host_instances, storage,
+    decode_build, decode_builds, has_micromap, kind, resolve_host_instances,
 };
+use crate::decode::geometries::{geometries, storage};
 use crate::decode::micromap;
 use crate::device::Device;
 use crate::ffi::slice;
