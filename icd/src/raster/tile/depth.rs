@@ -238,12 +238,6 @@ impl Tests {
         Self { depth, stencil }
     }
 
-    /// The attachments that they read.
-    pub fn targets(&self) -> impl Iterator<Item = &Target> {
-        let depth = self.depth.iter().map(|depth| &depth.target);
-        depth.chain(self.stencil.iter().map(|stencil| &stencil.target))
-    }
-
     /// Whether there are none.
     pub fn is_empty(&self) -> bool {
         self.depth.is_none() && self.stencil.is_none()

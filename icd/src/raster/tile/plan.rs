@@ -15,7 +15,7 @@ use super::samples::Locations;
 use super::tinted::Sampled;
 use crate::compute::waves::subgroups_at_once;
 use crate::object::shading_rate::Rate;
-use crate::raster::{Chunk, Draw, Target, Targets, Work};
+use crate::raster::{Chunk, Draw, Targets, Work};
 
 /// When the tests are done.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -141,14 +141,6 @@ impl<'a> Plan<'a> {
             sample_mask: multisample.sample_mask,
             clamps_depth: state.rasterization.depth_clamp,
         }
-    }
-}
-
-impl Plan<'_> {
-    /// The attachments that fragments read or write.
-    pub fn targets(&self) -> impl Iterator<Item = &Target> {
-        let colors = self.output.colors.iter().map(|color| &color.target);
-        colors.chain(self.tests.targets())
     }
 }
 

@@ -26,12 +26,6 @@ use crate::wave::Stopped;
 /// Shapes between two looks at the limits.
 const SHAPES: usize = 1024;
 
-/// Distance in a tile's list at which the memory of vertices' outputs and of texels is asked for.
-/// That of records is asked for at twice the distance, and that of shapes at three times, since
-/// shapes name records, and records name vertices. A tile's primitives are strewn over its chunks,
-/// which the second cache does not hold.
-const AHEAD: usize = 4;
-
 /// A bit a sample.
 const ALL_SAMPLES: u32 = (1 << MAX_SAMPLES) - 1;
 
@@ -122,63 +116,21 @@ impl<'a> Visit<'a> {
         for shapes in chunk.bins.shapes_of(tile).chunks(SHAPES) {
             self.round.context.limits.check()?;
             let mut rest = shapes;
-            for &shape in shapes.iter().take(2 * AHEAD) {
-                fetch(chunk.shapes.get(shape as usize));
-            }
             while let Some((&first, others)) = rest.split_first() {
                 let shape = &chunk.shapes[first as usize];
+                rest = others;
                 let second = others.first().filter(|&&second| second == first + 1);
-                let second = second.map(|&second| &chunk.shapes[second as usize]);
-                let taken = match second.filter(|second| second.bounds == shape.bounds) {
-                    Some(second) if self.pair(chunk, shape, second)? => 2,
-                    _ => {
-                        self.shape(index, chunk, shape)?;
-                        1
-                    }
-                };
-                for at in 0..taken {
-                    self.fetch_ahead(chunk, &rest[at..]);
+                if let Some(second) = second.map(|&second| &chunk.shapes[second as usize])
+                    && shape.bounds == second.bounds
+                    && self.pair(chunk, shape, second)?
+                {
+                    rest = &others[1..];
+                    continue;
                 }
-                rest = &rest[taken..];
+                self.shape(index, chunk, shape)?;
             }
         }
         Ok(())
-    }
-
-    /// Asks for the memory of shapes that come later in a list, each at its turn.
-    #[inline(always)]
-    fn fetch_ahead(&self, chunk: &Chunk, shapes: &[u32]) {
-        let shape = |at: usize| chunk.shapes.get(*shapes.get(at)? as usize);
-        let record = |at: usize| chunk.records.get(shape(at)?.record as usize);
-        fetch(shape(3 * AHEAD));
-        fetch(record(2 * AHEAD));
-        let (Some(shape), Some(record)) = (shape(AHEAD), record(AHEAD)) else {
-            return;
-        };
-        let Some(Current { plan, .. }) = self.current else {
-            return;
-        };
-        if record.layer >= self.round.targets.layers {
-            return;
-        }
-        if plan.program.is_some() {
-            for vertex in record.vertices {
-                fetch_at(chunk.outputs.as_ptr().wrapping_add(vertex as usize).cast());
-            }
-        }
-        let [x, y] = [
-            shape.bounds.left.max(self.bounds.left),
-            shape.bounds.top.max(self.bounds.top),
-        ];
-        let rows = shape.bounds.bottom.min(y + 4) - y;
-        for target in plan.targets() {
-            let (surface, slice) = (&target.surface, target.first_layer + record.layer);
-            let mut row = surface.texel(x as u32, y as u32, slice, 0);
-            for _ in 0..rows {
-                fetch_at(row);
-                row = row.wrapping_add(surface.row_stride_bytes as usize);
-            }
-        }
     }
 
     /// Goes on with a draw, after all that the one before has left to do.
@@ -577,31 +529,6 @@ impl<'a> Visit<'a> {
         // SAFETY: as above.
         unsafe { gather.finish(&wave, packs, runner, counts) }
     }
-}
-
-/// Asks for the memory of a value, which is needed soon.
-#[inline(always)]
-fn fetch<T>(value: Option<&T>) {
-    if let Some(value) = value {
-        let first = std::ptr::from_ref(value).cast::<u8>();
-        for at in (0..size_of::<T>()).step_by(64) {
-            fetch_at(first.wrapping_add(at));
-        }
-        fetch_at(first.wrapping_add(size_of::<T>() - 1));
-    }
-}
-
-/// Asks for the line of memory at an address, if there is one.
-#[inline(always)]
-fn fetch_at(address: *const u8) {
-    #[cfg(target_arch = "x86_64")]
-    {
-        use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
-        // SAFETY: a hint; addresses need not be valid.
-        unsafe { _mm_prefetch::<_MM_HINT_T0>(address.cast()) };
-    }
-    #[cfg(not(target_arch = "x86_64"))]
-    let _ = address;
 }
 
 /// Tests the fragments of a program that samples and multiplies, and writes them.
