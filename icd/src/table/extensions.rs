@@ -18,7 +18,7 @@ macro_rules! extensions {
 
         impl Extension {
             /// All of them, those of other systems included.
-            const ALL: &[Extension] = &[$(Extension::$variant,)*];
+            pub const ALL: &[Extension] = &[$(Extension::$variant,)*];
 
             /// The extension's name.
             pub fn name(self) -> &'static CStr {
