@@ -370,6 +370,12 @@ impl Program {
         self.code.has_native_code()
     }
 
+    /// Loops that are native code.
+    #[cfg(test)]
+    pub(crate) fn native_loops(&self) -> usize {
+        self.code.native_loops()
+    }
+
     /// Differs from every other program's in the process.
     pub fn number(&self) -> u64 {
         self.number

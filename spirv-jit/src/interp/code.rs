@@ -99,6 +99,19 @@ pub(super) struct PhysicalAccess {
     pub writes: bool,
 }
 
+/// A loop of native code.
+pub(super) struct LoopPlan {
+    /// Mask of its label, and of the one that lanes leave it to.
+    pub label: u32,
+    pub left_to: u32,
+    /// Subgroups that take it together, and where the code of the others' is: so many bytes behind
+    /// the code of those.
+    pub together: usize,
+    pub single: usize,
+    /// Memory that it loads from: descriptors that are uniform.
+    pub regions: Vec<Operand>,
+}
+
 /// Where a wave goes on after a call.
 pub(super) struct Return {
     pub pc: u32,

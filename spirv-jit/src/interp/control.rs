@@ -17,7 +17,7 @@ use crate::state::Event;
 /// # Safety
 /// `index` is one of the program's.
 #[inline(always)]
-unsafe fn mask<'m>(m: &Machine<'_>, index: u32) -> &'m mut Mask {
+pub(super) unsafe fn mask<'m>(m: &Machine<'_>, index: u32) -> &'m mut Mask {
     // SAFETY: the frame holds every mask that the program names, and nothing else refers to it
     // meanwhile.
     unsafe { &mut *m.masks.add(index as usize) }

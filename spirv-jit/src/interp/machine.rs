@@ -11,8 +11,8 @@ use std::cell::Cell;
 use lanes::{AlignedRow, LaneMask};
 
 use super::code::{
-    AccessPlan, AtomicPlan, ImagePlan, PhysicalAccess, Place, PrintPlan, Remade, Return, Saved,
-    SubgroupPlan,
+    AccessPlan, AtomicPlan, ImagePlan, LoopPlan, PhysicalAccess, Place, PrintPlan, Remade, Return,
+    Saved, SubgroupPlan,
 };
 use super::operand::Operand;
 use crate::SUBGROUP_SIZE;
@@ -64,6 +64,7 @@ pub(crate) struct Code {
     /// In the plan's order.
     pub(super) points: Vec<Place>,
     pub(super) calls: Vec<Return>,
+    pub(super) loops: Vec<LoopPlan>,
     /// Ascending by `pc`.
     pub(super) physical: Vec<PhysicalAccess>,
     /// Words of tables, and zeros behind them.

@@ -96,6 +96,14 @@ impl Code {
         self.native.is_some()
     }
 
+    /// Loops that are native code.
+    #[cfg(test)]
+    pub fn native_loops(&self) -> usize {
+        let run: machine::Handler = native::run_loop;
+        let is_loop = |i: &&machine::Instr| std::ptr::fn_addr_eq(i.handler, run);
+        self.instrs.iter().filter(is_loop).count()
+    }
+
     /// The SPIR-V instruction, by its word offset, of an access through a physical pointer, and
     /// whether it writes. Accesses are known by the instruction behind them.
     pub fn physical_access(&self, behind: usize) -> Option<(u32, bool)> {

@@ -1,11 +1,20 @@
 //! Stretches of native code as instructions.
 
-use super::machine::{Instr, Machine};
-use crate::native::Code;
+use std::mem::MaybeUninit;
+
+use lanes::LaneMask;
+
+use super::control::mask;
+use super::machine::{Instr, Machine, NO_LANES, occupied};
+use crate::native::{Code, LoopCode, LoopContext, Region, STAYING};
 
 /// Where a stretch's code is, in an instruction's two words.
 pub(super) fn words(address: u64) -> (u32, u32) {
     (address as u32, (address >> 32) as u32)
+}
+
+fn address(i: &Instr) -> usize {
+    i.x as usize | (i.y as usize) << 32
 }
 
 /// The stretch whose code is at the address in `x` and `y`.
@@ -13,15 +22,79 @@ pub(super) fn words(address: u64) -> (u32, u32) {
 /// # Safety
 /// The instruction was emitted for the program that the machine runs, which owns the code.
 pub(super) unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
-    let address = i.x as usize | (i.y as usize) << 32;
     let (runs, count) = m.runs();
     // SAFETY: as the caller promises; subgroups are the wave's, whose frames follow one another.
     unsafe {
-        let code = std::mem::transmute::<usize, Code>(address);
+        let code = std::mem::transmute::<usize, Code>(address(i));
         for &subgroup in runs {
             let frame = m.vectors.add(subgroup as usize * m.frame_bytes);
             let lanes = m.active.as_ptr().add(subgroup as usize);
             code(frame, m.uniforms, count, m.frame_bytes, lanes);
         }
+    }
+}
+
+/// All turns of loop `a`, whose code is at the address in `x` and `y`: lanes that leave it are
+/// parked at the label that it is left to, those that stay when the fuel is out at its own.
+///
+/// # Safety
+/// As [`run`].
+pub(super) unsafe fn run_loop(m: &mut Machine<'_>, i: &Instr) {
+    const { assert!(STAYING == size_of_val(&NO_LANES)) };
+    let plan = &m.code.loops[i.a.raw() as usize];
+    // Masks of lanes that stay lie behind those of active ones.
+    let mut lanes = [m.active, NO_LANES];
+    // A turn of a wave costs as much as one of each subgroup, and code counts half subgroups.
+    let parts = 2 * m.list_len.max(1) as i64;
+    let fuel = m.fuel.min(1 << 40) as i64 * parts;
+    // Only the regions that there are are written.
+    let mut context = MaybeUninit::<LoopContext>::uninit();
+    let context = context.as_mut_ptr();
+    // SAFETY: as the caller promises; subgroups are the wave's, whose frames follow one another.
+    // Descriptors are uniform: the same in every lane. A plan has at most `MAX_REGIONS` regions.
+    unsafe {
+        (*context).fuel = fuel;
+        let regions = (&raw mut (*context).regions).cast::<Region>();
+        for (k, &operand) in plan.regions.iter().enumerate() {
+            let descriptor = m.environment.descriptor(m.lane(operand, 0, 0, true));
+            let base = descriptor.address as *const u8;
+            (regions.add(k)).write(Region::new(base, descriptor.size_bytes));
+        }
+        let together = std::mem::transmute::<usize, LoopCode>(address(i));
+        let single = std::mem::transmute::<usize, LoopCode>(address(i) + plan.single);
+        let mut rest = m.listed();
+        while let Some(&subgroup) = rest.first() {
+            let neighbours = (rest.iter().zip(subgroup..)).take_while(|(a, b)| **a == *b);
+            let count = neighbours.count();
+            rest = &rest[count..];
+            let frame = m.vectors.add(subgroup as usize * m.frame_bytes);
+            let lanes = lanes.as_mut_ptr().cast::<LaneMask>().add(subgroup as usize);
+            let all = count / plan.together;
+            let done = all * plan.together;
+            if all != 0 {
+                together(frame, m.uniforms, all, m.frame_bytes, lanes, context);
+            }
+            if count != done {
+                let (frame, lanes) = (frame.add(done * m.frame_bytes), lanes.add(done));
+                single(
+                    frame,
+                    m.uniforms,
+                    count - done,
+                    m.frame_bytes,
+                    lanes,
+                    context,
+                );
+            }
+        }
+        let [entered, staying] = lanes;
+        for (s, parked) in mask(m, plan.left_to).iter_mut().enumerate() {
+            *parked |= entered[s] - staying[s];
+        }
+        *mask(m, plan.label) = staying;
+        let burnt = (fuel - (*context).fuel) as u64;
+        m.fuel = match occupied(&staying) {
+            0 => m.fuel.saturating_sub(burnt.div_ceil(parts as u64)),
+            _ => 0,
+        };
     }
 }

@@ -3,6 +3,10 @@
 
 use super::encode::{Assembler, Base, Encoding, Memory, Opcode, Operand, Register, opcode};
 
+mod carry;
+
+pub(super) use carry::{Carried, allocate_turn};
+
 /// A value of the stretch: one register's worth.
 pub(super) type Virtual = u32;
 
@@ -48,6 +52,12 @@ pub(super) enum Form {
     OfMasks,
     /// `reg = op(the mask of active lanes)`, into a vector or a mask register.
     OfLanes,
+    /// Loads words at the places that the first operand says, in lanes of the second, which is used
+    /// no more; zeros elsewhere. The immediate is the region's number.
+    Gather,
+    /// Stores the second operand, in lanes of the first, to the result's place in memory; the
+    /// result's register is scratch.
+    Leave,
 }
 
 /// An instruction of the stretch.
@@ -86,35 +96,13 @@ pub(super) fn allocate(
     values: Vec<Info>,
     assembler: &mut Assembler,
 ) -> Result<(), TooManyLive> {
-    let (after, first) = next_uses(steps, values.len());
-    let mut a = Allocation {
-        assembler,
-        registers: vec![None; values.len()],
-        next: first,
-        values,
-        vectors: Vec::new(),
-        masks: Vec::new(),
-        held: Vec::new(),
-        results: Vec::new(),
-    };
-    a.vectors = match a.assembler.encoding {
-        Encoding::Vex => (0..16).rev().collect(),
-        Encoding::Evex => (0..SCRATCH).rev().collect(),
-    };
-    // `k0` means no mask.
-    a.masks = (1..8).rev().collect();
-    for (step, after) in steps.iter().zip(after) {
-        a.step(step, after)?;
-        if step.ends {
-            a.end_operation()?;
-        }
-    }
-    Ok(())
+    let (after, first) = next_uses(steps, vec![NEVER; values.len()]);
+    Allocation::new(values, first, assembler).steps(steps, after)
 }
 
-/// By step, when its operands are used again; by value, when it is first used.
-fn next_uses(steps: &[Step], values: usize) -> (Vec<[u32; 3]>, Vec<u32>) {
-    let mut next = vec![NEVER; values];
+/// By step, when its operands are used again; by value, when it is first used. `next`: when it is
+/// used behind the steps.
+fn next_uses(steps: &[Step], mut next: Vec<u32>) -> (Vec<[u32; 3]>, Vec<u32>) {
     let mut after = vec![[NEVER; 3]; steps.len()];
     for (index, step) in steps.iter().enumerate().rev() {
         let from = &step.from[..step.count];
@@ -135,6 +123,8 @@ struct Allocation<'a> {
     registers: Vec<Option<Register>>,
     /// By value: its next use.
     next: Vec<u32>,
+    /// The registers that values had best be in.
+    preferred: Vec<(Virtual, Register)>,
     /// Free registers.
     vectors: Vec<Register>,
     masks: Vec<Register>,
@@ -144,7 +134,37 @@ struct Allocation<'a> {
     results: Vec<Virtual>,
 }
 
-impl Allocation<'_> {
+impl<'a> Allocation<'a> {
+    /// Nothing is in a register yet. `first`: by value, when it is first used.
+    fn new(values: Vec<Info>, first: Vec<u32>, assembler: &'a mut Assembler) -> Allocation<'a> {
+        let vectors = match assembler.encoding {
+            Encoding::Vex => (0..16).rev().collect(),
+            Encoding::Evex => (0..SCRATCH).rev().collect(),
+        };
+        Allocation {
+            assembler,
+            registers: vec![None; values.len()],
+            next: first,
+            preferred: Vec::new(),
+            values,
+            vectors,
+            // `k0` means no mask.
+            masks: (1..8).rev().collect(),
+            held: Vec::new(),
+            results: Vec::new(),
+        }
+    }
+
+    fn steps(&mut self, steps: &[Step], after: Vec<[u32; 3]>) -> Result<(), TooManyLive> {
+        for (step, after) in steps.iter().zip(after) {
+            self.step(step, after)?;
+            if step.ends {
+                self.end_operation()?;
+            }
+        }
+        Ok(())
+    }
+
     fn step(&mut self, step: &Step, after: [u32; 3]) -> Result<(), TooManyLive> {
         let from = &step.from[..step.count];
         // Which operand stays in memory: the last, if nothing else will want it in a register.
@@ -189,6 +209,15 @@ impl Allocation<'_> {
         if step.form == Form::MultiplyAdd {
             let dying = [0, 1, 2].map(|k| memory != Some(k) && dies(self, k));
             self.multiply_add(step, operands, memory, dying)?;
+        } else if matches!(step.form, Form::Leave | Form::Gather) {
+            // The result's register is written before the operands are read.
+            let to = self.take_apart(step.to, from, &operands)?;
+            self.write(step, to, operands, memory);
+            for k in 0..from.len() {
+                if dies(self, k) {
+                    self.release(from[k]);
+                }
+            }
         } else {
             for k in 0..from.len() {
                 if dies(self, k) {
@@ -230,16 +259,19 @@ impl Allocation<'_> {
                     2 => (register(a), b),
                     _ => (0, a),
                 };
+                let operands = (to, second, rm);
                 self.assembler
-                    .mask(step.op, to, second, rm, step.count == 2);
+                    .mask(step.op, operands, step.count == 2, step.immediate);
             }
             Form::OfLanes => {
                 let lanes = Operand::Memory(Memory::At(Base::Lanes, 0));
                 match encoding {
                     Encoding::Vex => vector((to, 0, lanes), 0, None),
-                    Encoding::Evex => self.assembler.mask(step.op, to, 0, lanes, false),
+                    Encoding::Evex => self.assembler.mask(step.op, (to, 0, lanes), false, None),
                 }
             }
+            Form::Gather => self.gather(step, to, register(a), register(b)),
+            Form::Leave => self.leave(step, to, register(a), register(b)),
             Form::MultiplyAdd => unreachable!("has its own function"),
         }
     }
@@ -366,11 +398,15 @@ impl Allocation<'_> {
             Class::Vector => &mut self.vectors,
             Class::Mask => &mut self.masks,
         };
-        let register = match free.pop() {
+        let preferred = self.preferred.iter().find(|&&(other, _)| other == value);
+        let place = preferred.and_then(|&(_, best)| free.iter().position(|&r| r == best));
+        let register = match place.map(|place| free.remove(place)).or_else(|| free.pop()) {
             Some(register) => register,
             None => {
                 let can_leave = |&&other: &&Virtual| {
+                    // Values without a place in memory stay.
                     self.values[other as usize].class == class
+                        && self.values[other as usize].home.is_some()
                         && !from.contains(&other)
                         && !self.results.contains(&other)
                 };

@@ -29,13 +29,18 @@ pub(super) enum Base {
     Frame = 7,
     /// `rsi`: uniform rows.
     Uniforms = 6,
-    /// `r8`: with [`Encoding::Vex`], the half of the frame's 32-bit lanes that is computed.
+    /// `r8`: with [`Encoding::Vex`], the half of the frame's 32-bit lanes that is computed. In a
+    /// loop that several subgroups take together, the second one's frame.
     Half = 8,
-    /// `r9`: the same of 64-bit lanes.
+    /// `r9`: the same of 64-bit lanes, or the third one's frame.
     WideHalf = 9,
+    /// `rax`: the fourth one's frame.
+    FourthFrame = 0,
     /// `r10`: the mask of the subgroup's active lanes, 16 bits; with [`Encoding::Vex`] the half's,
     /// 8 bits.
     Lanes = 10,
+    /// `r14`: what a loop is given besides, [`LoopContext`](crate::native::LoopContext).
+    Context = 14,
 }
 
 /// A place in memory of as many bytes as a register has.
@@ -81,6 +86,11 @@ pub(super) const fn opcode(map: u8, prefix: u8, w: u8, byte: u8) -> Opcode {
     }
 }
 
+/// Conditions of jumps.
+pub(super) const ZERO: u8 = 4;
+pub(super) const NOT_ZERO: u8 = 5;
+pub(super) const NOT_NEGATIVE: u8 = 9;
+
 /// Code that is being written.
 pub(super) struct Assembler {
     pub encoding: Encoding,
@@ -114,8 +124,38 @@ impl Assembler {
     }
 
     /// An instruction on mask registers.
-    pub fn mask(&mut self, op: Opcode, reg: Register, second: Register, rm: Operand, long: bool) {
-        self.vex(op, (reg, second, rm), long, None);
+    pub fn mask(
+        &mut self,
+        op: Opcode,
+        (reg, second, rm): (Register, Register, Operand),
+        long: bool,
+        immediate: Option<u8>,
+    ) {
+        self.vex(op, (reg, second, rm), long, immediate);
+    }
+
+    /// `reg = op` of words at `rbx` plus the lanes of `index`, in lanes of `mask`, which is
+    /// cleared.
+    pub fn gather(&mut self, op: Opcode, reg: Register, index: Register, mask: Register) {
+        let high = |register: Register, bit| not_if(register & bit != 0);
+        match self.encoding {
+            Encoding::Vex => self.bytes.extend([
+                0xc4,
+                high(reg, 8) << 7 | high(index, 8) << 6 | 1 << 5 | op.map,
+                (op.w as u8) << 7 | (!mask & 15) << 3 | 1 << 2 | op.prefix,
+                op.byte,
+            ]),
+            Encoding::Evex => self.bytes.extend([
+                0x62,
+                high(reg, 8) << 7 | high(index, 8) << 6 | 1 << 5 | high(reg, 16) << 4 | op.map,
+                (op.w as u8) << 7 | 15 << 3 | 1 << 2 | op.prefix,
+                0b10 << 5 | high(index, 16) << 3 | mask,
+                op.byte,
+            ]),
+        }
+        // Base 3 is `rbx`.
+        self.bytes
+            .extend([(reg & 7) << 3 | 4, (index & 7) << 3 | 3]);
     }
 
     fn vex(
@@ -191,10 +231,25 @@ impl Assembler {
 
     /// `jnz` to a place before this one.
     pub fn jump_if_not_zero(&mut self, target: usize) {
-        self.bytes.extend([0x0f, 0x85]);
-        let behind = self.bytes.len() + 4;
-        self.bytes
-            .extend((target as i32 - behind as i32).to_le_bytes());
+        let jump = self.jump_ahead(NOT_ZERO);
+        self.land_at(jump, target);
+    }
+
+    /// A jump under a condition to a place that is named later.
+    pub fn jump_ahead(&mut self, condition: u8) -> usize {
+        self.bytes.extend([0x0f, 0x80 | condition, 0, 0, 0, 0]);
+        self.bytes.len()
+    }
+
+    /// Says where a jump leads: here.
+    pub fn land(&mut self, jump: usize) {
+        self.land_at(jump, self.bytes.len());
+    }
+
+    /// Says where a jump leads.
+    pub fn land_at(&mut self, jump: usize, target: usize) {
+        let distance = target as i32 - jump as i32;
+        self.bytes[jump - 4..jump].copy_from_slice(&distance.to_le_bytes());
     }
 
     /// Appends the pool, and lets its users find it.

@@ -22,11 +22,13 @@ mod stretch;
 
 use lanes::{LaneMask, Tier};
 
+use crate::SUBGROUP_SIZE;
+
 pub(crate) use encode::Encoding;
 pub(crate) use group::group;
 pub(crate) use memory::Executable;
 pub use memory::{CodePages, provide};
-pub(crate) use stretch::{Place, Row, Stretch};
+pub(crate) use stretch::{Lanes, Merged, Place, Row, Stretch, Turns};
 
 /// A stretch: the first subgroup's frame, the uniform rows, how many subgroups follow one another,
 /// how many bytes their frames are apart, and the subgroups' masks of active lanes.
@@ -35,6 +37,73 @@ pub(crate) type Code = unsafe extern "sysv64" fn(*mut u8, *const u8, usize, usiz
 /// No tier of this machine's has native code.
 #[cfg(not(target_arch = "x86_64"))]
 pub(crate) type Code = unsafe extern "C" fn(*mut u8, *const u8, usize, usize, *const LaneMask);
+
+/// A loop: as [`Code`], with what else it is given. Lanes that are still in the loop when
+/// the fuel is out are written as far behind the active lanes' masks as [`STAYING`] says.
+#[cfg(target_arch = "x86_64")]
+pub(crate) type LoopCode =
+    unsafe extern "sysv64" fn(*mut u8, *const u8, usize, usize, *mut LaneMask, *mut LoopContext);
+/// No tier of this machine's has native code.
+#[cfg(not(target_arch = "x86_64"))]
+pub(crate) type LoopCode =
+    unsafe extern "C" fn(*mut u8, *const u8, usize, usize, *mut LaneMask, *mut LoopContext);
+
+/// Bytes from the mask of a subgroup's active lanes to that of those that stay in a loop.
+pub(crate) const STAYING: usize = 32;
+
+/// Memory that a loop loads words from.
+#[repr(C, align(64))]
+#[derive(Clone, Copy)]
+pub(crate) struct Region {
+    /// The highest offset of a word, minus 2³¹, in all lanes.
+    last: [i32; SUBGROUP_SIZE],
+    /// The address of the offset 2³¹, whether that is inside or not.
+    base: *const u8,
+}
+
+impl Region {
+    pub const EMPTY: Region = Region {
+        last: [i32::MIN; SUBGROUP_SIZE],
+        base: (&raw const ZEROS).cast::<u8>().wrapping_add(1 << 31),
+    };
+
+    /// Of so many bytes, of which words are loaded that are inside as a whole.
+    pub fn new(base: *const u8, size_bytes: u64) -> Region {
+        match size_bytes.min(1 << 32).checked_sub(4) {
+            Some(last) => Region {
+                last: [(last as u32 ^ 1 << 31) as i32; SUBGROUP_SIZE],
+                base: base.wrapping_add(1 << 31),
+            },
+            None => Region::EMPTY,
+        }
+    }
+}
+
+/// A loop loads from so many regions, at most.
+pub(crate) const MAX_REGIONS: usize = 8;
+
+/// Fuel and memory of a loop.
+#[repr(C, align(64))]
+pub(crate) struct LoopContext {
+    /// Fuel; below zero where it is out.
+    pub fuel: i64,
+    pub regions: [Region; MAX_REGIONS],
+}
+
+/// The word of regions that have none.
+static ZEROS: u32 = 0;
+
+impl LoopContext {
+    /// How far behind the context's start the last offsets of a region are.
+    const fn last(region: usize) -> i32 {
+        (std::mem::offset_of!(LoopContext, regions) + region * size_of::<Region>()) as i32
+    }
+
+    /// The same of its base.
+    const fn base(region: usize) -> i32 {
+        Self::last(region) + std::mem::offset_of!(Region, base) as i32
+    }
+}
 
 /// How a tier's instructions are written; `None` for tiers without native code, or where no pages
 /// are provided for it.

@@ -35,6 +35,7 @@ pub(super) const PSUBQ: Opcode = opcode(F, X66, 1, 0xfb);
 pub(super) const PMULLD: Opcode = opcode(F38, X66, 0, 0x40);
 pub(super) const PMULLQ: Opcode = opcode(F38, X66, 1, 0x40);
 pub(super) const PAND: Opcode = opcode(F, X66, 0, 0xdb);
+pub(super) const PANDN: Opcode = opcode(F, X66, 0, 0xdf);
 pub(super) const POR: Opcode = opcode(F, X66, 0, 0xeb);
 pub(super) const PXOR: Opcode = opcode(F, X66, 0, 0xef);
 pub(super) const PMINSD: Opcode = opcode(F38, X66, 0, 0x39);
@@ -52,6 +53,7 @@ pub(super) const PCMPGTD: Opcode = opcode(F, X66, 0, 0x66);
 pub(super) const PCMPD: Opcode = opcode(F3A, X66, 0, 0x1f);
 pub(super) const PCMPUD: Opcode = opcode(F3A, X66, 0, 0x1e);
 pub(super) const PBLENDMD: Opcode = opcode(F38, X66, 0, 0x64);
+pub(super) const PBLENDMQ: Opcode = opcode(F38, X66, 1, 0x64);
 pub(super) const BLENDVPS: Opcode = opcode(F3A, X66, 0, 0x4a);
 pub(super) const PMOVZXDQ: Opcode = opcode(F38, X66, 0, 0x35);
 pub(super) const PMOVSXDQ: Opcode = opcode(F38, X66, 0, 0x25);
@@ -72,3 +74,13 @@ pub(super) const KNOT: Opcode = opcode(F, NONE, 0, 0x44);
 pub(super) const KOR: Opcode = opcode(F, NONE, 0, 0x45);
 pub(super) const KXNOR: Opcode = opcode(F, NONE, 0, 0x46);
 pub(super) const KXOR: Opcode = opcode(F, NONE, 0, 0x47);
+pub(super) const KSHIFTRW: Opcode = opcode(F3A, X66, 1, 0x30);
+pub(super) const KORTESTW: Opcode = opcode(F, NONE, 0, 0x98);
+/// From a mask register to a general one.
+pub(super) const KMOV_OUT: Opcode = opcode(F, NONE, 0, 0x93);
+pub(super) const TESTPS: Opcode = opcode(F38, X66, 0, 0x0e);
+/// Signs of a vector's lanes to a general register.
+pub(super) const MOVMSKPS: Opcode = opcode(F, NONE, 0, 0x50);
+/// Stores lanes of 64 bits, where masks count them.
+pub(super) const STORE_WIDE: Opcode = opcode(F, X66, 1, 0x11);
+pub(super) const PGATHERDD: Opcode = opcode(F38, X66, 0, 0x90);

@@ -11,6 +11,9 @@ use crate::ir::{Op, Type, Value};
 mod lower;
 #[cfg(test)]
 mod tests;
+mod turns;
+
+pub(crate) use turns::{Lanes, Merged, Turns};
 
 /// The row of a value in a frame, or among uniform rows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -50,7 +53,17 @@ pub(crate) struct Stretch {
     /// The active lanes, once they were asked for.
     lanes: Option<Virtual>,
     operations: usize,
+    /// The half of the subgroup that is computed, where code takes both halves at once; AVX2 only.
+    half: Option<i32>,
+    /// The subgroup's number among those that take a loop together.
+    subgroup: usize,
 }
+
+/// Subgroups that take a loop together, at most.
+pub(crate) const MOST_TOGETHER: usize = 4;
+
+/// Where frames of subgroups are that take a loop together.
+const FRAMES: [Base; MOST_TOGETHER] = [Base::Frame, Base::Half, Base::WideHalf, Base::FourthFrame];
 
 /// How much of a stretch there is.
 pub(crate) struct Mark {
@@ -70,6 +83,8 @@ impl Stretch {
             results: Vec::new(),
             lanes: None,
             operations: 0,
+            half: None,
+            subgroup: 0,
         }
     }
 
@@ -225,14 +240,20 @@ impl Stretch {
 
     fn home(&self, place: &Place, part: i32) -> Option<Memory> {
         let offset = part * self.encoding.vector_bytes();
+        let frame = FRAMES[self.subgroup];
         Some(match (place.row, self.encoding) {
             // All lanes of uniform rows are equal.
             (Row::Uniform(row), _) => Memory::At(Base::Uniforms, row as i32 * 64),
-            (Row::Frame(row), Encoding::Evex) => Memory::At(Base::Frame, row as i32 * 64 + offset),
-            (Row::Frame(row), Encoding::Vex) if place.ty.rows() == 2 => {
-                Memory::At(Base::WideHalf, row as i32 * 64 + offset)
+            (Row::Frame(row), Encoding::Evex) => Memory::At(frame, row as i32 * 64 + offset),
+            (Row::Frame(row), Encoding::Vex) => {
+                let row = row as i32 * 64;
+                match (self.half, place.ty.rows()) {
+                    (None, 2) => Memory::At(Base::WideHalf, row + offset),
+                    (None, _) => Memory::At(Base::Half, row),
+                    (Some(half), 2) => Memory::At(frame, row + 64 * half + offset),
+                    (Some(half), _) => Memory::At(frame, row + 32 * half),
+                }
             }
-            (Row::Frame(row), Encoding::Vex) => Memory::At(Base::Half, row as i32 * 64),
             (Row::Nowhere, _) => return None,
         })
     }

@@ -87,7 +87,12 @@ impl<'m> Emitter<'m> {
     fn fuel_since(&self, start: Target) -> Operand {
         let start = self.targets[start.0] as usize;
         let length = self.code.instrs.len() - start + self.native_operations_since(start);
-        Operand::number(1 + length as u32 / INSTRS_PER_FUEL)
+        Operand::number(Self::fuel_of(length))
+    }
+
+    /// The fuel for code of a length.
+    pub(super) fn fuel_of(length: usize) -> u32 {
+        1 + length as u32 / INSTRS_PER_FUEL
     }
 
     /// The entry's variables are zero from `Program::start` on.
@@ -127,6 +132,12 @@ impl<'m> Emitter<'m> {
                 Step::Inst(inst) => self.emit_inst(inst, exit)?,
                 Step::Open(node) => {
                     let construct = self.open_construct(node, exit)?;
+                    if self.emit_turns(node, construct.mask) {
+                        self.close_construct(node, construct);
+                        steps.skip_construct();
+                        steps.skip_rest();
+                        continue;
+                    }
                     exit = construct.first_exit;
                     open.push(construct);
                 }

@@ -10,6 +10,7 @@ mod body;
 mod inst;
 mod native;
 mod prologue;
+mod turns;
 
 use super::code::{DescriptorSource, Remade, Saved};
 use super::fusion::Fusion;

@@ -12,7 +12,7 @@ use crate::native::{Encoding, Executable, Place, Row, Stretch};
 const LEAST_OPERATIONS: usize = 2;
 
 /// Code starts at multiples of this.
-const ALIGNMENT: usize = 64;
+pub(super) const ALIGNMENT: usize = 64;
 
 /// A program's native code while it is emitted.
 pub(super) struct Native<'m> {
@@ -38,6 +38,10 @@ struct Open<'m> {
 }
 
 impl Native<'_> {
+    pub fn encoding(&self) -> Encoding {
+        self.encoding
+    }
+
     pub fn new(encoding: Encoding) -> Self {
         Native {
             encoding,
@@ -49,6 +53,14 @@ impl Native<'_> {
 }
 
 impl<'m> Native<'m> {
+    /// Appends code; gives where it begins.
+    fn append(&mut self, code: &[u8]) -> u32 {
+        let start = self.bytes.len().next_multiple_of(ALIGNMENT);
+        self.bytes.resize(start, 0);
+        self.bytes.extend(code);
+        start as u32
+    }
+
     /// The stretch that may go on, or a new one.
     fn take_open(&mut self) -> Open<'m> {
         self.open.take().unwrap_or_else(|| Open {
@@ -109,7 +121,7 @@ impl<'m> Emitter<'m> {
         true
     }
 
-    fn perform(&self, stretch: &mut Stretch, inst: &Inst) -> bool {
+    pub(super) fn perform(&self, stretch: &mut Stretch, inst: &Inst) -> bool {
         let places = |values: &[Value]| values.iter().map(|&v| self.place(v)).collect::<Vec<_>>();
         let mark = stretch.mark();
         if let Some(pair) = self.placed().fusion.of(inst) {
@@ -133,7 +145,7 @@ impl<'m> Emitter<'m> {
         performed
     }
 
-    fn place(&self, value: Value) -> Place {
+    pub(super) fn place(&self, value: Value) -> Place {
         let operand = self.operand(value);
         let (row, constant) = match operand {
             Operand::NONE => (Row::Nowhere, None),
@@ -174,20 +186,22 @@ impl<'m> Emitter<'m> {
             LEAST_OPERATIONS.. => open.stretch.assemble(is_kept),
             _ => None,
         };
-        let (Some(code), Some(native)) = (code, &mut self.native) else {
+        let Some(code) = code else {
             (open.insts.into_iter()).try_for_each(|inst| self.interpret(inst))?;
             open.moves.iter().for_each(|m| self.emit_move(m));
             return Ok(());
         };
-        let start = native.bytes.len().next_multiple_of(ALIGNMENT);
-        native.bytes.resize(start, 0);
-        native.bytes.extend(code);
-        native.calls.push((self.code.instrs.len(), operations));
-        self.push(Instr {
-            x: start as u32,
-            ..instr(native::run)
-        });
+        self.push_native(&code, operations, instr(native::run));
         Ok(())
+    }
+
+    /// Emits the instruction that runs native code of so many operations.
+    pub(super) fn push_native(&mut self, code: &[u8], operations: usize, i: Instr) {
+        if let Some(native) = &mut self.native {
+            let x = native.append(code);
+            native.calls.push((self.code.instrs.len(), operations));
+            self.push(Instr { x, ..i });
+        }
     }
 
     /// The half-step of the last use in a stretch: values that are used behind it are used later.

@@ -1,6 +1,7 @@
 //! Native code against the interpreter: straight programs on every tier, as native code and
 //! interpreted, give what the interpreter gives on the portable one.
 
+mod loops;
 mod random;
 mod refused;
 
@@ -9,11 +10,13 @@ use std::fmt::Write;
 use lanes::Tier as TierKind;
 
 use super::Bench;
+use crate::environment::Descriptor;
 use crate::eval::f16;
 use crate::ir::text::parse_module;
 use crate::ir::verify::verify;
 use crate::ir::{Module, Type};
 use crate::program::Program;
+use crate::state::Event;
 
 /// A word of an input row; those of floats have exponents of all kinds, and special ones.
 fn word(seed: u64, row: usize, lane: usize) -> u32 {
@@ -66,16 +69,37 @@ fn word(seed: u64, row: usize, lane: usize) -> u32 {
     }
 }
 
+/// Memory of programs that load: no multiple of any scalar's size.
+fn memory() -> Descriptor {
+    static BYTES: [u8; 203] = {
+        let mut bytes = [0; 203];
+        let mut k = 0;
+        while k < bytes.len() {
+            bytes[k] = (k * 37 + k * k / 5) as u8;
+            k += 1;
+        }
+        bytes
+    };
+    Descriptor {
+        address: BYTES.as_ptr() as u64,
+        size_bytes: BYTES.len() as u64,
+        ..Descriptor::NULL
+    }
+}
+
 /// The results of a program in each lane, by output row.
 type Outputs = Vec<Vec<u32>>;
 
 fn run(program: Program, seed: u64, subgroups: usize) -> Outputs {
     let subgroups = subgroups.min(program.max_wave_subgroups());
     let mut bench = Bench::of(program, subgroups);
+    bench.environment.push_constants = memory();
     for row in 0..bench.program.inputs().len() {
         bench.input(row, |lane| word(seed, row, lane));
     }
-    bench.run_to_end();
+    // Some are suspended now and then.
+    let fuel = [1_000_000, 1, 3][seed as usize % 3];
+    while bench.run(&mut fuel.clone()) == Event::OutOfFuel {}
     let rows = 0..bench.program.output_rows() as usize;
     rows.map(|row| bench.io(row)).collect()
 }
@@ -94,7 +118,7 @@ fn assert_alike(given: &Outputs, expected: &Outputs, floats: &[bool], what: impl
     }
 }
 
-const WAVES: [usize; 4] = [16, 1, 2, 3];
+const WAVES: [usize; 5] = [16, 1, 2, 3, 7];
 
 /// Runs a program in all ways; true if it has native code wherever there is such.
 fn agrees(module: &Module, floats: &[bool], seed: u64, text: &str) -> bool {

@@ -40,7 +40,7 @@ impl Stretch {
         self.condition(CMPPS, a, b, how)
     }
 
-    fn condition(&mut self, op: Opcode, a: Virtual, b: Virtual, how: u8) -> Virtual {
+    pub(super) fn condition(&mut self, op: Opcode, a: Virtual, b: Virtual, how: u8) -> Virtual {
         let class = self.class_of(Type::I1);
         let to = self.step(class, op, Form::Binary, &[a, b]);
         self.steps.last_mut().expect("pushed").immediate = Some(how);
@@ -221,7 +221,7 @@ impl Stretch {
     }
 
     /// Lanes of 32 bits as lanes of 64.
-    fn widen(&mut self, op: Opcode, a: Virtual) -> Held {
+    pub(super) fn widen(&mut self, op: Opcode, a: Virtual) -> Held {
         let low = self.step(Class::Vector, op, Form::Registers, &[a]);
         let upper = self.upper(a);
         Held::Two(low, self.step(Class::Vector, op, Form::Registers, &[upper]))
@@ -283,7 +283,7 @@ impl Stretch {
 
     /// Notes where a result is. It is made in the last steps, so that no row of an operand is lost
     /// before.
-    fn give(&mut self, place: &Place, held: Held) {
+    pub(super) fn give(&mut self, place: &Place, held: Held) {
         for (k, part) in held.parts().enumerate() {
             self.infos[part as usize].home = self.home(place, k as i32);
         }

@@ -6,6 +6,8 @@ use fastrand::Rng;
 
 use super::{Writer, agrees};
 use crate::ir::{Module, Type};
+use crate::program::Program;
+use lanes::Tier as TierKind;
 
 use Type::{F16, F32, I1, I8, I16, I32, I64};
 
@@ -39,6 +41,9 @@ const FLOAT_COMPARE: &[&str] = &[
 ];
 const FLOAT_TEST: &[&str] = &["fis_nan", "fis_inf"];
 
+/// The descriptor of the memory that is there to load from.
+const MEMORY: &str = "v0";
+
 const INPUTS: usize = 7;
 const OUTPUTS: usize = 8;
 
@@ -48,6 +53,13 @@ struct Maker {
     values: Vec<(Type, String)>,
     /// How far back operands come from, at most: few values live at once, or many.
     reach: usize,
+    /// Words and floats alone, and operations that have native code.
+    is_plain: bool,
+}
+
+/// The last operations of a list left out, which have no native code.
+fn plain<'l>(list: &'l [&'l str], is_plain: bool) -> &'l [&'l str] {
+    &list[..list.len() - if is_plain { 2 } else { 0 }]
 }
 
 impl Maker {
@@ -98,19 +110,21 @@ impl Maker {
     }
 
     fn operation(&mut self) {
+        let is_plain = self.is_plain;
         // Half of them are of the types that have most native code.
-        let int = match self.random.bool() {
+        let int = match is_plain || self.random.bool() {
             true => I32,
             false => self.choose(&INTEGERS),
         };
-        let float = if self.random.u32(..5) == 0 { F16 } else { F32 };
+        let is_half = self.random.u32(..5) == 0 && !is_plain;
+        let float = if is_half { F16 } else { F32 };
         match self.random.u32(..20) {
             0..5 => {
-                let name = self.choose(INT_BINARY);
+                let name = self.choose(plain(INT_BINARY, is_plain));
                 self.emit(int, name, &[int; 2]);
             }
             5 => {
-                let name = self.choose(INT_UNARY);
+                let name = self.choose(plain(INT_UNARY, is_plain));
                 self.emit(int, name, &[int]);
             }
             6 | 7 => {
@@ -131,7 +145,7 @@ impl Maker {
                 self.emit(float, name, &[float; 2]);
             }
             13 => {
-                let name = self.choose(FLOAT_UNARY);
+                let name = self.choose(plain(FLOAT_UNARY, is_plain));
                 self.emit(float, name, &[float]);
             }
             14 => self.emit(float, "ffma", &[float; 3]),
@@ -150,7 +164,10 @@ impl Maker {
     fn conversion(&mut self, int: Type, float: Type) {
         match self.random.u32(..8) {
             0 | 1 => {
-                let to = self.choose(&INTEGERS);
+                let to = match self.is_plain {
+                    true => self.choose(&[I32, I64]),
+                    false => self.choose(&INTEGERS),
+                };
                 let name = self.choose(&["uconvert", "sconvert"]);
                 // Between equal types, too: a copy.
                 self.emit(to, name, &[int]);
@@ -186,6 +203,8 @@ impl Maker {
     /// Values of all types, from words of the input.
     fn inputs(&mut self) {
         let w = &mut self.w;
+        w.text += "v0: descriptor = push_constants\n";
+        w.next += 1;
         let words: Vec<String> = (0..INPUTS - 2)
             .map(|k| w.line(I32, &format!("input[{k}]")))
             .collect();
@@ -254,6 +273,161 @@ impl Maker {
     }
 }
 
+impl Maker {
+    /// Names of values that a construct defines, of some types, and their text behind the label.
+    fn defined(&mut self, types: &[Type]) -> (Vec<String>, String) {
+        let names: Vec<String> = (0..types.len())
+            .map(|k| format!("v{}", self.w.next + k as u32))
+            .collect();
+        self.w.next += types.len() as u32;
+        let typed = names.iter().zip(types);
+        let text: Vec<String> = typed.map(|(name, ty)| format!("{name}: {ty}")).collect();
+        (names, text.join(", "))
+    }
+
+    fn types(&mut self, most: usize) -> Vec<Type> {
+        let count = self.random.usize(..=most);
+        (0..count)
+            .map(|_| self.choose(&[I1, I8, I32, I32, F32, F32, I64, F16]))
+            .collect()
+    }
+
+    fn operations(&mut self, most: usize) {
+        for _ in 0..self.random.usize(..=most) {
+            match self.random.u32(..8) {
+                0 => self.load(),
+                _ => self.operation(),
+            }
+        }
+    }
+
+    /// Words from memory that lanes mostly hit.
+    fn load(&mut self) {
+        let mut offset = self.pick(I32);
+        if self.random.u32(..4) != 0 {
+            let size = self.w.constant(I32, 255);
+            offset = self.w.op(I32, "and", &[&offset, &size]);
+        }
+        let ty = match self.random.u32(..6) {
+            0..3 => I32,
+            3 | 4 => F32,
+            _ if self.is_plain => I32,
+            _ => self.choose(&[I8, I16, I64]),
+        };
+        let types = vec![ty; self.random.usize(1..=4)];
+        let (names, text) = self.defined(&types);
+        self.write(&format!("{text} = load.buffer {MEMORY}, {offset}\n"));
+        self.values.extend(types.into_iter().zip(names));
+    }
+
+    /// Operands of a `br`: some of what is there.
+    fn picks(&mut self, types: &[Type]) -> String {
+        let picked: Vec<String> = types.iter().map(|&ty| self.pick(ty)).collect();
+        picked.join(", ")
+    }
+
+    fn write(&mut self, text: &str) {
+        self.w.text += text;
+    }
+
+    /// A loop that some lanes leave sooner than others, with branches inside.
+    fn turns(&mut self) {
+        let left = self.types(4);
+        let carried = self.types(8);
+        let (seven, one, zero) = (
+            self.w.constant(I32, self.random.u64(0..8)),
+            self.w.constant(I32, 1),
+            self.w.constant(I32, 0),
+        );
+        let word = self.pick(I32);
+        let bound = self.w.op(I32, "and", &[&word, &seven]);
+        let (results, text) = self.defined(&left);
+        self.write(&format!("block L0{} {{\n", arrow(&text)));
+        let outside = self.values.len();
+        let first = self.picks(&carried);
+        let (names, text) = self.defined(&carried);
+        let (counter, _) = self.defined(&[I32]);
+        let counter = &counter[0];
+        let comma = if carried.is_empty() { "" } else { ", " };
+        self.write(&format!(
+            "loop L1 ({counter}: i32{comma}{text}) = ({zero}{comma}{first}) {{\n"
+        ));
+        self.values.extend(carried.iter().copied().zip(names));
+        self.show(I32, counter.clone());
+        self.operations(5);
+        let goes_on = self.w.op(I1, "ult", &[counter, &bound]);
+        let leaves = self.picks(&left);
+        self.write(&format!(
+            "if {goes_on}, L2 {{\nbr L2\n}} else {{\n{}\n}}\n",
+            branch(0, &leaves)
+        ));
+        self.operations(8);
+        let next = self.w.op(I32, "iadd", &[counter, &one]);
+        for label in 3..3 + self.random.u32(..3) {
+            let condition = self.pick(I1);
+            let types = self.types(3);
+            let (names, text) = self.defined(&types);
+            self.write(&format!("if {condition}, L{label}{} {{\n", arrow(&text)));
+            let inside = self.values.len();
+            self.operations(4);
+            let joined = self.picks(&types);
+            self.write(&format!("{}\n}} else {{\n", branch(label, &joined)));
+            self.values.truncate(inside);
+            self.operations(4);
+            let end = match self.random.u32(..3) {
+                0 => branch(0, &self.picks(&left)),
+                1 => format!("br L1({next}{comma}{})", self.picks(&carried)),
+                _ => branch(label, &self.picks(&types)),
+            };
+            self.write(&format!("{end}\n}}\n"));
+            self.values.truncate(inside);
+            self.values.extend(types.into_iter().zip(names));
+        }
+        self.operations(5);
+        let last = self.picks(&carried);
+        self.write(&format!(
+            "br L1({next}{comma}{last})\n}}\nunreachable\n}}\n"
+        ));
+        self.values.truncate(outside);
+        self.values.extend(left.into_iter().zip(results));
+    }
+}
+
+fn arrow(results: &str) -> String {
+    match results {
+        "" => String::new(),
+        _ => format!(" -> ({results})"),
+    }
+}
+
+fn branch(label: u32, operands: &str) -> String {
+    match operands {
+        "" => format!("br L{label}"),
+        _ => format!("br L{label}({operands})"),
+    }
+}
+
+/// A program with a loop, its text, and which of its outputs are floats.
+fn program_with_loop(seed: u64) -> (Module, String, Vec<bool>) {
+    let mut random = Rng::with_seed(seed);
+    let reach = [4, 12, 1000][random.usize(..3)];
+    let mut m = Maker {
+        random,
+        w: Writer::new(INPUTS, OUTPUTS),
+        values: Vec::new(),
+        reach,
+        is_plain: false,
+    };
+    m.is_plain = m.random.u32(..4) != 0;
+    m.inputs();
+    m.operations(6);
+    m.turns();
+    m.operations(3);
+    let (outputs, floats) = m.outputs();
+    let (module, text) = m.w.end(&outputs);
+    (module, text, floats)
+}
+
 /// A program, its text, and which of its outputs are floats.
 fn program(seed: u64) -> (Module, String, Vec<bool>) {
     let mut random = Rng::with_seed(seed);
@@ -263,6 +437,7 @@ fn program(seed: u64) -> (Module, String, Vec<bool>) {
         w: Writer::new(INPUTS, OUTPUTS),
         values: Vec::new(),
         reach,
+        is_plain: false,
     };
     m.inputs();
     let count = m.random.usize(2..=60);
@@ -322,13 +497,37 @@ fn program(seed: u64) -> (Module, String, Vec<bool>) {
     }
 }
 
+/// The first seed, and how many there are.
+fn seeds(cases: u32) -> (u64, u64) {
+    let number = |name: &str| std::env::var(name).ok().and_then(|text| text.parse().ok());
+    (
+        number("TUFF_SEED").unwrap_or(0),
+        number("TUFF_CASES").unwrap_or(u64::from(effort::rounds(cases))),
+    )
+}
+
+/// Loops, as native code in one piece, and by single turns where the fuel is short.
+#[test]
+fn native_loops_give_what_the_interpreter_gives() {
+    let (first, cases) = seeds(300);
+    let mut native = 0;
+    for seed in first..first + cases {
+        let (module, text, floats) = program_with_loop(seed);
+        agrees(&module, &floats, seed, &text);
+        let program = Program::with_tier(&module, TierKind::best()).unwrap();
+        native += program.native_loops() as u64;
+    }
+    if lanes::Tier::available().len() > 1 {
+        assert!(
+            native * 4 > cases || cases < 100,
+            "{native} of {cases} loops are native code"
+        );
+    }
+}
+
 #[test]
 fn native_code_gives_what_the_interpreter_gives() {
-    let number = |name: &str| std::env::var(name).ok().and_then(|text| text.parse().ok());
-    let (first, cases) = (
-        number("TUFF_SEED").unwrap_or(0),
-        number("TUFF_CASES").unwrap_or(u64::from(effort::rounds(400))),
-    );
+    let (first, cases) = seeds(400);
     let mut native = 0;
     for seed in first..first + cases {
         let (module, text, floats) = program(seed);

@@ -1,0 +1,399 @@
+//! Loops as native code: those whose bodies are pure operations, branches, and loads of words.
+
+use foldhash::HashSet;
+use smallvec::SmallVec;
+
+use super::native::{ALIGNMENT, Native};
+use super::{Emitter, instr};
+use crate::interp::code::LoopPlan;
+use crate::interp::native;
+use crate::interp::operand::Operand;
+use crate::ir::op::Access;
+use crate::ir::{Body, Inst, Label, Node, Op, Space, Step, Terminator, Value};
+use crate::native::{Encoding, Lanes, MAX_REGIONS, Merged, Place, Row, Turns};
+
+/// Operations in branches, at most: code computes all of them in each turn, whichever way lanes go.
+const MOST_IN_BRANCHES: usize = 96;
+
+/// Parameters of loops that both halves of a subgroup take together, at most: more have too few
+/// registers.
+const MOST_PAIRED: usize = 4;
+
+/// Operations of a turn of all subgroups that take it together, at most: a processor looks so far
+/// ahead.
+const MOST_OPERATIONS: usize = 256;
+
+/// Branches of a turn, at least, with which a loop is native code that takes one subgroup after
+/// another. With fewer, the interpreter is faster: its operations of several subgroups overlap.
+const LEAST_BRANCHES: usize = 3;
+
+/// Operations of a turn, at least, for each load from a place that another load decides: gathers of
+/// words that lie apart are slower than the interpreter's loads.
+const OPERATIONS_OF_LOAD: usize = 16;
+
+/// A loop's code.
+struct Written {
+    code: Vec<u8>,
+    /// Of a turn of one subgroup.
+    operations: usize,
+    branches: usize,
+    /// As [`LoopPlan`] has them.
+    left_to: u32,
+    regions: Vec<Operand>,
+}
+
+/// A construct inside the loop.
+struct Open<'m> {
+    label: Label,
+    results: &'m [Value],
+    /// Lanes that have come to its end, and what its results are then.
+    joined: Option<(Lanes, Vec<Merged>)>,
+    /// Lanes for the second body.
+    pending: Option<Lanes>,
+}
+
+/// The way of lanes through a turn.
+struct Ways<'m> {
+    turns: Turns,
+    open: Vec<Open<'m>>,
+    /// Where lanes are; `None`: there are none.
+    lanes: Option<Lanes>,
+    branches: usize,
+    /// Mask of the label that lanes leave to.
+    left_to: Option<u32>,
+    /// As [`LoopPlan`] has them.
+    regions: Vec<Operand>,
+}
+
+/// How many loads of a loop are from places that other loads of the loop decide.
+fn indirect_loads(node: &Node) -> usize {
+    let Node::Loop { body, .. } = node else {
+        return 0;
+    };
+    let mut loaded: HashSet<Value> = HashSet::default();
+    loop {
+        let before = loaded.len();
+        let mut loads = 0;
+        let mut results: Vec<(Label, &[Value])> = node
+            .label()
+            .map(|label| (label, node.definitions()))
+            .into_iter()
+            .collect();
+        for step in body.steps() {
+            match step {
+                Step::Inst(inst) => {
+                    let depends = inst.args.iter().any(|arg| loaded.contains(arg));
+                    let is_load = matches!(inst.op, Op::Load(_));
+                    loads += (is_load && depends) as usize;
+                    if is_load || depends {
+                        loaded.extend(&inst.results);
+                    }
+                }
+                Step::Open(node) => {
+                    results.extend(node.label().map(|label| (label, node.definitions())));
+                }
+                Step::End(Body {
+                    end: Terminator::Br(label, args),
+                    ..
+                }) => {
+                    let target = results.iter().find(|(other, _)| other == label);
+                    let pairs = target.into_iter().flat_map(|(_, to)| to.iter().zip(args));
+                    let from_loads = pairs.filter(|(_, from)| loaded.contains(from));
+                    let to: Vec<Value> = from_loads.map(|(&to, _)| to).collect();
+                    loaded.extend(to);
+                }
+                _ => {}
+            }
+        }
+        if loaded.len() == before {
+            return loads;
+        }
+    }
+}
+
+impl<'m> Emitter<'m> {
+    /// Emits a loop, whose parameters are in their rows, as native code; false if it has none.
+    /// `mask` is its label's.
+    pub(super) fn emit_turns(&mut self, node: &'m Node, mask: u32) -> bool {
+        let Some(single) = self.assemble_turns(node, 1) else {
+            return false;
+        };
+        let together = (self.most_together(&single).iter())
+            .find_map(|&count| Some((count, self.assemble_turns(node, count)?)));
+        let is_slow = together.is_none() && single.branches < LEAST_BRANCHES;
+        if is_slow || single.operations < OPERATIONS_OF_LOAD * indirect_loads(node) {
+            return false;
+        }
+        let (together, mut code) = match together {
+            Some((count, written)) => (count, written.code),
+            None => (1, Vec::new()),
+        };
+        code.resize(code.len().next_multiple_of(ALIGNMENT), 0);
+        let run = super::Instr {
+            a: Operand::number(self.code.loops.len() as u32),
+            ..instr(native::run_loop)
+        };
+        self.code.loops.push(LoopPlan {
+            label: mask,
+            left_to: single.left_to,
+            together,
+            single: code.len(),
+            regions: single.regions,
+        });
+        code.extend(single.code);
+        self.push_native(&code, single.operations.max(1), run);
+        true
+    }
+
+    /// How many subgroups may take a loop together: the most first.
+    fn most_together(&self, single: &Written) -> &'static [usize] {
+        let is_long = |count: usize| count * single.operations > MOST_OPERATIONS;
+        let encoding = self.native.as_ref().map(Native::encoding);
+        match encoding {
+            _ if is_long(2) => &[],
+            Some(Encoding::Evex) if !is_long(4) => &[4, 2],
+            _ => &[2],
+        }
+    }
+
+    /// The code of a loop that so many subgroups take together.
+    fn assemble_turns(&self, node: &'m Node, subgroups: usize) -> Option<Written> {
+        let Ways {
+            turns,
+            branches,
+            left_to,
+            regions,
+            ..
+        } = self.turns(node, subgroups)?;
+        let copies = turns.copies();
+        let operations = turns.stretch.operations() / copies;
+        Some(Written {
+            code: turns.assemble(Self::fuel_of(operations))?,
+            operations,
+            branches: branches / copies,
+            left_to: left_to?,
+            regions,
+        })
+    }
+
+    fn turns(&self, node: &'m Node, subgroups: usize) -> Option<Ways<'m>> {
+        let Node::Loop {
+            label,
+            params,
+            body,
+            ..
+        } = node
+        else {
+            return None;
+        };
+        let encoding = self.native.as_ref()?.encoding();
+        let (params, indices): (Vec<Place>, Vec<usize>) = (params.iter().enumerate())
+            .filter(|&(_, &param)| self.operand(param) != Operand::NONE)
+            .map(|(k, &param)| (self.place(param), k))
+            .unzip();
+        let is_paired = params.len() <= MOST_PAIRED;
+        if subgroups > 1 && !is_paired && encoding == Encoding::Vex {
+            return None;
+        }
+        let mut ways = Ways {
+            turns: Turns::new(encoding, is_paired, subgroups),
+            open: Vec::new(),
+            lanes: None,
+            branches: 0,
+            left_to: None,
+            regions: Vec::new(),
+        };
+        for copy in 0..ways.turns.copies() {
+            let first = Open {
+                label: *label,
+                results: &[],
+                joined: None,
+                pending: None,
+            };
+            ways.open.push(first);
+            ways.lanes = Some(ways.turns.begin(copy, &params));
+            self.follow(body, &params, &indices, &mut ways)?;
+            let (lanes, ends) = ways.open.pop()?.joined?;
+            ways.turns.end(lanes, &ends);
+        }
+        Some(ways)
+    }
+
+    /// A turn from its start to its end.
+    fn follow(
+        &self,
+        body: &'m Body,
+        params: &[Place],
+        indices: &[usize],
+        ways: &mut Ways<'m>,
+    ) -> Option<()> {
+        let uniform = &self.plan().uniform;
+        let mut in_branches = 0;
+        for step in body.steps() {
+            match step {
+                Step::Inst(inst) => {
+                    let in_prologue = inst.results.first().is_some_and(|r| uniform[r.index()]);
+                    if in_prologue || self.placed().fusion.absorbs(inst) || ways.lanes.is_none() {
+                        continue;
+                    }
+                    in_branches += (ways.open.len() > 1) as usize;
+                    let performed = match inst.op {
+                        Op::Load(access) => self.load(access, inst, ways).is_some(),
+                        _ => self.perform(&mut ways.turns.stretch, inst),
+                    };
+                    if !performed || in_branches > MOST_IN_BRANCHES {
+                        return None;
+                    }
+                }
+                Step::Open(node) => {
+                    let mut open = Open {
+                        label: node.label()?,
+                        results: node.definitions(),
+                        joined: None,
+                        pending: None,
+                    };
+                    match node {
+                        Node::If { condition, .. } => {
+                            ways.branches += 1;
+                            let condition = self.place(*condition);
+                            let both = match ways.lanes {
+                                Some(lanes) => Some(ways.turns.split(lanes, &condition)?),
+                                None => None,
+                            };
+                            ways.lanes = both.map(|[yes, _]| yes);
+                            open.pending = both.map(|[_, no]| no);
+                        }
+                        Node::Loop { .. } => return None,
+                        _ => {}
+                    }
+                    ways.open.push(open);
+                }
+                Step::Else(_) => ways.lanes = ways.open.last_mut()?.pending.take(),
+                Step::End(body) => {
+                    if let Some(lanes) = ways.lanes.take() {
+                        self.branch(lanes, &body.end, params, indices, ways)?;
+                    }
+                }
+                Step::Close(_) => {
+                    let open = ways.open.pop()?;
+                    if let Some((lanes, results)) = open.joined {
+                        ways.lanes = Some(lanes);
+                        let kept = self.kept(open.results);
+                        for (result, merged) in kept.into_iter().zip(results) {
+                            ways.turns.define(open.results[result], merged);
+                        }
+                    }
+                }
+            }
+        }
+        Some(())
+    }
+
+    /// A load of words, in memory that all lanes share.
+    fn load(&self, access: Access, inst: &Inst, ways: &mut Ways<'m>) -> Option<()> {
+        let region = match (access.space, &inst.args[..]) {
+            (Space::Buffer, [descriptor, _]) if !access.volatile => self.operand(*descriptor),
+            _ => return None,
+        };
+        if !region.is_uniform() {
+            return None;
+        }
+        let known = ways.regions.iter().position(|&other| other == region);
+        let number = known.unwrap_or(ways.regions.len());
+        if number == MAX_REGIONS {
+            return None;
+        }
+        if known.is_none() {
+            ways.regions.push(region);
+        }
+        let offset = self.place(*inst.args.last()?);
+        let results: SmallVec<[Option<Place>; 4]> = (inst.results.iter())
+            .map(|&result| {
+                let place = self.place(result);
+                (place.row != Row::Nowhere).then_some(place)
+            })
+            .collect();
+        let is_word = |place: &Place| place.ty.rows() == 1 && place.ty.size_bytes() == 4;
+        if !results.iter().flatten().all(is_word) {
+            return None;
+        }
+        ways.turns.load(ways.lanes?, number, &offset, &results)
+    }
+
+    /// Which of some values have rows.
+    fn kept(&self, values: &[Value]) -> SmallVec<[usize; 4]> {
+        (0..values.len())
+            .filter(|&k| self.operand(values[k]) != Operand::NONE)
+            .collect()
+    }
+
+    /// The end of a body, to which lanes have come.
+    fn branch(
+        &self,
+        lanes: Lanes,
+        end: &Terminator,
+        params: &[Place],
+        indices: &[usize],
+        ways: &mut Ways<'m>,
+    ) -> Option<()> {
+        let Terminator::Br(label, args) = end else {
+            return None;
+        };
+        let depth = ways.open.iter().position(|open| open.label == *label);
+        let Some(depth) = depth else {
+            let (mask, to) = self.labels.get(label)?;
+            if *ways.left_to.get_or_insert(*mask) != *mask {
+                return None;
+            }
+            for (&to, &from) in to.iter().zip(args) {
+                let row = self.operand(to);
+                if row != Operand::NONE {
+                    let from = self.place(from);
+                    ways.turns.leave(lanes, &from, Row::Frame(row.index()));
+                }
+            }
+            return Some(());
+        };
+        let open = &mut ways.open[depth];
+        let before = open.joined.take();
+        let is_loop = depth == 0;
+        let results: Vec<Place> = match is_loop {
+            true => params.to_vec(),
+            false => {
+                let kept = self.kept(open.results);
+                (kept.iter().map(|&k| self.place(open.results[k]))).collect()
+            }
+        };
+        let args: Vec<Place> = match is_loop {
+            true => indices.iter().map(|&k| self.place(args[k])).collect(),
+            false => {
+                let kept = self.kept(open.results);
+                kept.iter().map(|&k| self.place(args[k])).collect()
+            }
+        };
+        let turns = &mut ways.turns;
+        let merged = (args.iter().zip(&results).enumerate())
+            .map(|(k, (arg, result))| {
+                let others = before.as_ref().map(|(_, results)| results[k]);
+                if is_loop {
+                    // The row may still be read.
+                    let nowhere = Place {
+                        row: Row::Nowhere,
+                        ..*result
+                    };
+                    return match (others, ways.open.len()) {
+                        (None, 1) => turns.only(arg),
+                        _ => turns.merge(lanes, arg, others, &nowhere),
+                    };
+                }
+                turns.merge(lanes, arg, others, result)
+            })
+            .collect();
+        let joined = match before {
+            Some((others, _)) => turns.join(others, lanes),
+            None => lanes,
+        };
+        ways.open[depth].joined = Some((joined, merged));
+        Some(())
+    }
+}

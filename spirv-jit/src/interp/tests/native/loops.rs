@@ -1,0 +1,218 @@
+//! Loops in native code: memory that they load from, and fuel.
+
+use effort::sparse::Sparse;
+
+use crate::environment::Descriptor;
+use crate::interp::tests::{Bench, on_tiers};
+use crate::state::Event;
+use lanes::Tier as TierKind;
+
+fn is_native(bench: &Bench, tier: TierKind) -> bool {
+    bench.program.native_loops() == (tier != TierKind::Portable) as usize
+}
+
+/// Offsets use all 32 bits; the words of one load wrap behind the last one, and those that are not
+/// inside as a whole are zero.
+#[test]
+fn loops_load_from_large_buffers() {
+    const SIZE_BYTES: u64 = (1 << 32) - 6;
+    let memory = Sparse::new(1 << 32);
+    let places: [u32; 16] = [
+        0,
+        4,
+        0x7fff_fff8,
+        0x7fff_fffc,
+        0x7fff_fffe,
+        0x8000_0000,
+        0x8000_0001,
+        0xbfff_fff0,
+        0xffff_fff0,
+        0xffff_fff4,
+        0xffff_fff6,
+        0xffff_fff7,
+        0xffff_fff8,
+        0xffff_fffc,
+        0xffff_ffff,
+        0x1234_5678,
+    ];
+    let bytes = |at: u64| (at as u32).wrapping_mul(0x9e37_79b9).to_le_bytes()[3];
+    for place in places {
+        for at in place as u64..place as u64 + 12 {
+            memory.write(at & 0xffff_ffff, &[bytes(at & 0xffff_ffff)]);
+        }
+    }
+    let word = |at: u64| match at + 4 <= SIZE_BYTES {
+        true => u32::from_le_bytes([at, at + 1, at + 2, at + 3].map(bytes)),
+        false => 0,
+    };
+    on_tiers(|tier| {
+        let mut bench = Bench::new(
+            "module closest_hit
+            inputs payload.0
+            output_rows 2
+            func f0 {
+                v0: descriptor = push_constants
+                v1: i32 = input[0]
+                v2: i32 = const 0
+                v3: i32 = const 1
+                v4: i32 = const 3
+                block L0 -> (v5: i32, v6: i32) {
+                    loop L1 (v7: i32, v8: i32, v9: i32) = (v2, v2, v2) {
+                        v10: i1 = ult v7, v4
+                        if v10, L2 {
+                            br L2
+                        } else {
+                            br L0(v8, v9)
+                        }
+                        v11: i32, v12: i32 = load.buffer v0, v1
+                        v13: i32 = iadd v8, v11
+                        v14: i32 = iadd v9, v12
+                        v15: i32 = iadd v7, v3
+                        br L1(v15, v13, v14)
+                    }
+                    unreachable
+                }
+                end(v5, v6)
+            }",
+            tier,
+            1,
+        );
+        assert!(is_native(&bench, tier), "{tier:?}");
+        bench.environment.push_constants = Descriptor {
+            address: memory.as_mut_ptr() as u64,
+            size_bytes: SIZE_BYTES,
+            ..Descriptor::NULL
+        };
+        bench.input(0, |lane| places[lane]);
+        bench.run_to_end();
+        for row in 0..2 {
+            for (&place, sum) in places.iter().zip(bench.io(row)) {
+                let at = place.wrapping_add(4 * row as u32) as u64;
+                assert_eq!(sum, word(at).wrapping_mul(3), "{place:#x}, {tier:?}");
+            }
+        }
+        // Memory of less than a word.
+        bench.environment.push_constants.size_bytes = 3;
+        let states = bench.states.iter_mut();
+        states.for_each(|state| bench.program.start(state, lanes::LaneMask::ALL));
+        bench.input(0, |_| 0);
+        bench.run_to_end();
+        assert_eq!(bench.io(0), [0; 16], "{tier:?}");
+    });
+}
+
+/// A loop that no lane ever leaves comes back each time that its fuel is out, and so does one that
+/// lanes leave late: with the same result as with fuel for all turns.
+#[test]
+fn loops_end_when_their_fuel_is_out() {
+    let text = |bound: &str| {
+        format!(
+            "module closest_hit
+            inputs payload.0
+            output_rows 2
+            func f0 {{
+                v0: i32 = input[0]
+                v1: i32 = const {bound}
+                v2: i32 = const 1
+                v3: i32 = umin v0, v1
+                v4: i32 = const 5
+                block L0 -> (v5: i32, v6: i32) {{
+                    loop L1 (v7: i32, v8: i32) = (v3, v0) {{
+                        v9: i32 = imul v8, v4
+                        v10: i1 = ine v7, v1
+                        if v10, L2 {{
+                            br L2
+                        }} else {{
+                            br L0(v7, v9)
+                        }}
+                        v11: i32 = iadd v7, v2
+                        br L1(v11, v9)
+                    }}
+                    unreachable
+                }}
+                end(v5, v6)
+            }}"
+        )
+    };
+    on_tiers(|tier| {
+        let mut bench = Bench::new(&text("700"), tier, 3);
+        assert!(is_native(&bench, tier), "{tier:?}");
+        bench.input(0, |i| 13 * i as u32 + 1);
+        let mut runs = 0;
+        loop {
+            let mut fuel = 20;
+            match bench.run(&mut fuel) {
+                Event::OutOfFuel => assert_eq!(fuel, 0, "{tier:?}"),
+                Event::End => break,
+                other => panic!("{other:?}"),
+            }
+            runs += 1;
+        }
+        // 20 turns of a wave each, or as many turns of single subgroups as that are.
+        assert!((10..=700 / 10).contains(&runs), "{runs}, {tier:?}");
+        assert_eq!(bench.io(0), [700; 48], "{tier:?}");
+        for (i, given) in bench.io(1).into_iter().enumerate() {
+            let first = 13 * i as u32 + 1;
+            let expected = first.wrapping_mul(5u32.wrapping_pow(700 - first + 1));
+            assert_eq!(given, expected, "{i}, {tier:?}");
+        }
+
+        // The counter stands still.
+        let endless = text("700").replace("v2: i32 = const 1", "v2: i32 = const 0");
+        let mut bench = Bench::new(&endless, tier, 2);
+        assert!(is_native(&bench, tier), "{tier:?}");
+        bench.input(0, |i| i as u32);
+        for _ in 0..3 {
+            let mut fuel = 1000;
+            assert_eq!(bench.run(&mut fuel), Event::OutOfFuel, "{tier:?}");
+        }
+    });
+}
+
+/// Short loops that follow one load to the next are the interpreter's; where there is much else to
+/// do in a turn, they are native code.
+#[test]
+fn short_loops_that_chase_loads_are_interpreted() {
+    let text = |others: usize| {
+        let more: String = (0..others)
+            .map(|k| format!("v{}: i32 = imul v{}, v1\n", 30 + k + 1, 30 + k))
+            .collect();
+        format!(
+            "module closest_hit
+            inputs payload.0
+            output_rows 1
+            func f0 {{
+                v0: descriptor = push_constants
+                v1: i32 = input[0]
+                v2: i32 = const 0
+                v3: i32 = const 1
+                v4: i32 = const 9
+                v5: i32 = const 124
+                block L0 -> (v6: i32) {{
+                    loop L1 (v7: i32, v8: i32) = (v2, v1) {{
+                        v9: i1 = ult v7, v4
+                        if v9, L2 {{
+                            br L2
+                        }} else {{
+                            br L0(v8)
+                        }}
+                        v10: i32 = and v8, v5
+                        v11: i32 = load.buffer v0, v10
+                        v30: i32 = iadd v11, v7
+                        {more}
+                        v12: i32 = iadd v7, v3
+                        br L1(v12, v{})
+                    }}
+                    unreachable
+                }}
+                end(v6)
+            }}",
+            30 + others
+        )
+    };
+    on_tiers(|tier| {
+        let loops = |others| Bench::new(&text(others), tier, 1).program.native_loops();
+        assert_eq!(loops(2), 0, "{tier:?}");
+        assert_eq!(loops(16), (tier != TierKind::Portable) as usize, "{tier:?}");
+    });
+}

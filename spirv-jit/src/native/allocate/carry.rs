@@ -1,0 +1,239 @@
+//! Registers of a loop: what one turn hands to the next stays in registers as far as those suffice,
+//! and in its row of the frame where they do not.
+
+use super::*;
+use crate::native::LoopContext;
+use crate::native::encode::ZERO;
+use crate::native::opcodes::*;
+
+/// A value that a turn takes from the turn before.
+pub(in crate::native) struct Carried {
+    /// In this turn, and what it is in the next.
+    pub before: Virtual,
+    pub after: Virtual,
+    /// Lanes that are in the loop: the first turn's are the active ones, whose mask is so many bytes
+    /// behind the first one.
+    pub lanes: Option<i32>,
+    /// Where it is between two turns; `None`: in its row.
+    pub register: Option<Register>,
+}
+
+/// Registers that are left to a turn's own values.
+const LEFT: usize = 6;
+
+/// Writes the first turn's beginning, then the turn. Gives where turns begin.
+///
+/// `bits`: the vector of lanes' bits in masks, for [`Encoding::Vex`].
+pub(in crate::native) fn allocate_turn(
+    steps: &[Step],
+    values: Vec<Info>,
+    carried: &mut [Carried],
+    bits: Memory,
+    assembler: &mut Assembler,
+) -> Result<usize, TooManyLive> {
+    let mut behind = vec![NEVER; values.len()];
+    for value in &*carried {
+        behind[value.after as usize] = steps.len() as u32;
+    }
+    let (after, first) = next_uses(steps, behind);
+    let mut a = Allocation::new(values, first, assembler);
+    let mut uses = vec![0u32; a.values.len()];
+    for step in steps {
+        (step.from[..step.count].iter()).for_each(|&value| uses[value as usize] += 1);
+    }
+    let mut order: Vec<usize> = (0..carried.len()).collect();
+    order.sort_by_key(|&k| {
+        let value = &carried[k];
+        (
+            value.lanes.is_none(),
+            u32::MAX - uses[value.before as usize],
+        )
+    });
+    for k in order {
+        let value = &mut carried[k];
+        let is_lanes = value.lanes.is_some();
+        let free = match a.values[value.before as usize].class {
+            Class::Vector if a.vectors.len() > LEFT => &mut a.vectors,
+            Class::Mask if is_lanes => &mut a.masks,
+            _ if is_lanes => return Err(TooManyLive),
+            _ => continue,
+        };
+        let register = free.pop().ok_or(TooManyLive)?;
+        value.register = Some(register);
+        match value.lanes {
+            Some(half) => enter(a.assembler, register, half, bits),
+            None => {
+                let home = a.values[value.before as usize].home.ok_or(TooManyLive)?;
+                let home = Operand::Memory(home);
+                a.assembler.vector(LOAD, (register, 0, home), 0, None);
+            }
+        }
+        a.put(value.before, register);
+        a.values[value.before as usize].is_home = false;
+        a.preferred.push((value.after, register));
+    }
+    // Those that no step uses.
+    for value in &*carried {
+        if a.next[value.before as usize] == NEVER {
+            a.release(value.before);
+        }
+    }
+    let head = a.assembler.bytes.len();
+    a.steps(steps, after)?;
+    a.hand_on(carried)?;
+    Ok(head)
+}
+
+/// The lanes that are in the loop at first.
+fn enter(a: &mut Assembler, register: Register, half: i32, bits: Memory) {
+    let lanes = Operand::Memory(Memory::At(Base::Lanes, half));
+    match a.encoding {
+        Encoding::Evex => a.mask(KMOV, (register, 0, lanes), false, None),
+        Encoding::Vex => {
+            a.vector(PBROADCASTB, (register, 0, lanes), 0, None);
+            let bits = Operand::Memory(bits);
+            a.vector(PAND, (register, register, bits), 0, None);
+            a.vector(PCMPEQD, (register, register, bits), 0, None);
+        }
+    }
+}
+
+impl Allocation<'_> {
+    /// The end of a turn: each carried value goes where the next turn looks for it, as if all did
+    /// at once.
+    fn hand_on(&mut self, carried: &[Carried]) -> Result<(), TooManyLive> {
+        let in_rows = |value: &&Carried| value.register.is_none() && value.before != value.after;
+        for value in carried.iter().filter(in_rows) {
+            let is_row = |other: &Carried| other.register.is_none() && other.before == value.after;
+            if carried.iter().any(is_row) {
+                // Its row is written here, too.
+                return Err(TooManyLive);
+            }
+            let home = self.values[value.before as usize].home.ok_or(TooManyLive)?;
+            self.bring(value.after, &[value.after])?;
+            let info = &mut self.values[value.after as usize];
+            let (own, was_home) = (info.home.replace(home), info.is_home);
+            self.store(value.after)?;
+            let info = &mut self.values[value.after as usize];
+            (info.home, info.is_home) = (own, was_home || own == Some(home));
+        }
+        let mut moves: Vec<(Class, Register, Virtual)> = Vec::new();
+        for value in carried {
+            if let Some(register) = value.register
+                && self.registers[value.after as usize] != Some(register)
+            {
+                let class = self.values[value.before as usize].class;
+                moves.push((class, register, value.after));
+            }
+        }
+        while !moves.is_empty() {
+            let reads = |value: Virtual, class: Class, register: Register| {
+                self.values[value as usize].class == class
+                    && self.registers[value as usize] == Some(register)
+            };
+            // One that overwrites nothing that another still reads.
+            let free = moves.iter().position(|&(class, to, _)| {
+                !(moves.iter()).any(|&(_, other, value)| other != to && reads(value, class, to))
+            });
+            match free {
+                Some(index) => {
+                    let (class, to, value) = moves.swap_remove(index);
+                    self.copy_into(class, to, value)?;
+                }
+                None => self.break_cycle(&moves, carried)?,
+            }
+        }
+        Ok(())
+    }
+
+    fn copy_into(&mut self, class: Class, to: Register, value: Virtual) -> Result<(), TooManyLive> {
+        let info = &self.values[value as usize];
+        match (self.registers[value as usize], class) {
+            (Some(from), Class::Vector) => {
+                let from = Operand::Register(from);
+                self.assembler.vector(MOVE, (to, 0, from), 0, None);
+            }
+            (Some(from), Class::Mask) => {
+                let from = Operand::Register(from);
+                self.assembler.mask(KMOV, (to, 0, from), false, None);
+            }
+            (None, Class::Vector) if info.is_home => {
+                let home = Operand::Memory(info.home.ok_or(TooManyLive)?);
+                self.assembler.vector(LOAD, (to, 0, home), 0, None);
+            }
+            _ => return Err(TooManyLive),
+        }
+        Ok(())
+    }
+
+    /// Frees the register that the first move writes.
+    fn break_cycle(
+        &mut self,
+        moves: &[(Class, Register, Virtual)],
+        carried: &[Carried],
+    ) -> Result<(), TooManyLive> {
+        let (class, to, _) = moves[0];
+        let is_taken = |r: Register| {
+            carried.iter().any(|value| {
+                self.values[value.before as usize].class == class
+                    && (value.register == Some(r)
+                        || self.registers[value.after as usize] == Some(r))
+            })
+        };
+        let aside = match (class, self.assembler.encoding) {
+            (Class::Vector, Encoding::Evex) => Some(SCRATCH),
+            (Class::Vector, Encoding::Vex) => self.vectors.iter().copied().find(|&r| !is_taken(r)),
+            (Class::Mask, _) => self.masks.iter().copied().find(|&r| !is_taken(r)),
+        };
+        let aside = aside.ok_or(TooManyLive)?;
+        let readers: Vec<Virtual> = (moves.iter())
+            .map(|&(.., value)| value)
+            .filter(|&value| {
+                self.values[value as usize].class == class
+                    && self.registers[value as usize] == Some(to)
+            })
+            .collect();
+        self.copy_into(class, aside, readers[0])?;
+        for value in readers {
+            self.registers[value as usize] = Some(aside);
+        }
+        Ok(())
+    }
+
+    /// Loads words of a region; the result's register is none of the operands'.
+    pub(super) fn gather(&mut self, step: &Step, to: Register, index: Register, lanes: Register) {
+        let a = &mut *self.assembler;
+        let region = LoopContext::base(step.immediate.unwrap_or(0).into());
+        // mov rbx, [r14 + region]
+        a.bytes.extend([0x49, 0x8b, 0x9e]);
+        a.bytes.extend(region.to_le_bytes());
+        a.vector(PXOR, (to, to, Operand::Register(to)), 0, None);
+        a.gather(step.op, to, index, lanes);
+    }
+
+    /// Writes a value in some lanes to memory, for code behind the loop.
+    pub(super) fn leave(&mut self, step: &Step, to: Register, lanes: Register, value: Register) {
+        let home = self.values[step.to as usize].home.expect("a row");
+        let home = Operand::Memory(home);
+        let a = &mut *self.assembler;
+        if a.encoding == Encoding::Evex {
+            let mut from = value;
+            if self.values[step.from[1] as usize].class == Class::Mask {
+                let mask = Operand::Register(value);
+                a.vector(MASK_TO_VECTOR, (SCRATCH, 0, mask), 0, None);
+                from = SCRATCH;
+            }
+            a.vector(step.op, (from, 0, home), lanes, None);
+            return;
+        }
+        // Mostly none leaves.
+        let mask = Operand::Register(lanes);
+        a.vector(TESTPS, (lanes, 0, mask), 0, None);
+        let none = a.jump_ahead(ZERO);
+        a.vector(LOAD, (to, 0, home), 0, None);
+        let new = Operand::Register(value);
+        a.vector(BLENDVPS, (to, to, new), 0, Some(lanes << 4));
+        a.vector(STORE, (to, 0, home), 0, None);
+        a.land(none);
+    }
+}
