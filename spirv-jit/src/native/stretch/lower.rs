@@ -319,6 +319,18 @@ impl Stretch {
             (_, &[Held::One(a), Held::One(b)]) => {
                 self.lower_binary(op, from, to, [&places[0], &places[1]], a, b)
             }
+            (Op::Select, &[Held::One(condition), Held::Two(a, b), Held::Two(x, y)]) => {
+                let [low, high] = self.wide_lanes(condition);
+                Some(Held::Two(
+                    self.select_wide(low, a, x),
+                    self.select_wide(high, b, y),
+                ))
+            }
+            (Op::FFma, &[Held::Two(a, x), Held::Two(b, y), Held::Two(c, z)]) => {
+                let [low, high] = [[a, b, c], [x, y, z]]
+                    .map(|from| self.step(Class::Vector, FMAPD, Form::MultiplyAdd, &from));
+                Some(Held::Two(low, high))
+            }
             (Op::FFma, &[Held::One(a), Held::One(b), Held::One(c)]) if to == Type::F32 => {
                 let from = [a, b, c];
                 Some(Held::One(self.step(
@@ -483,6 +495,7 @@ impl Stretch {
         match (op, to) {
             (Op::UConvert | Op::SConvert, Type::I32) => Some(Held::One(self.low_words(a, b))),
             (Op::Bitcast, _) => Some(Held::Two(self.copy(a), self.copy(b))),
+            (Op::FSqrt, Type::F64) => Some(Held::Two(self.unary(SQRTPD, a), self.unary(SQRTPD, b))),
             _ => None,
         }
     }
@@ -498,10 +511,15 @@ impl Stretch {
         let &[Held::Two(a0, a1), Held::Two(b0, b1)] = held else {
             return None;
         };
-        if (from, to) != (Type::I64, Type::I64) {
+        if from != to {
             return None;
         }
         let (op, form) = match op {
+            Op::FAdd => (ADDPD, Form::Binary),
+            Op::FSub => (SUBPD, Form::Binary),
+            Op::FMul => (MULPD, Form::Binary),
+            Op::FDiv => (DIVPD, Form::Binary),
+            _ if to != Type::I64 => return None,
             Op::IAdd => (PADDQ, Form::Commutative),
             Op::ISub => (PSUBQ, Form::Binary),
             Op::And => (PAND, Form::Commutative),

@@ -9,10 +9,10 @@ use crate::ir::{Module, Type};
 use crate::program::Program;
 use lanes::Tier as TierKind;
 
-use Type::{F16, F32, I1, I8, I16, I32, I64};
+use Type::{F16, F32, F64, I1, I8, I16, I32, I64};
 
 const INTEGERS: [Type; 4] = [I8, I16, I32, I64];
-const ALL: [Type; 7] = [I1, I8, I16, I32, I64, F16, F32];
+const ALL: [Type; 8] = [I1, I8, I16, I32, I64, F16, F32, F64];
 
 /// Of integers. The last ones of each list have no native code for any type.
 const INT_UNARY: &[&str] = &["not", "ineg", "iabs", "bit_count", "isign"];
@@ -94,6 +94,7 @@ impl Maker {
         let bits = match (ty, self.random.u32(..4)) {
             (F32, 0) => self.choose(&[0, 1 << 31, 0x7f80_0000, 0xff80_0000, 0x7fc0_0000, 1]),
             (F32, 1..3) => ((any % 1000) as f32 / 8.0 - 60.0).to_bits() as u64,
+            (F64, 0..3) => ((any % 1000) as f64 / 8.0 - 60.0).to_bits(),
             (F16, 0..3) => self.choose(&[0, 0x8000, 0x3c00, 0xbc00, 0x7c00, 0x7e00, 1, 0x4900]),
             (_, 0) => any % 70,
             (_, 1) => mask >> (any % 3),
@@ -117,7 +118,11 @@ impl Maker {
             false => self.choose(&INTEGERS),
         };
         let is_half = self.random.u32(..5) == 0 && !is_plain;
-        let float = if is_half { F16 } else { F32 };
+        let float = match self.random.u32(..5) {
+            _ if is_half => F16,
+            0 if !is_plain => F64,
+            _ => F32,
+        };
         match self.random.u32(..20) {
             0..5 => {
                 let name = self.choose(plain(INT_BINARY, is_plain));
@@ -139,6 +144,10 @@ impl Maker {
             9 => {
                 let name = self.choose(FLOAT_TEST);
                 self.emit(I1, name, &[float]);
+            }
+            10..13 if is_plain && self.random.u32(..4) == 0 => {
+                let name = self.choose(&FLOAT_BINARY[..4]);
+                self.emit(F64, name, &[F64; 2]);
             }
             10..13 => {
                 let name = self.choose(FLOAT_BINARY);
@@ -244,6 +253,11 @@ impl Maker {
                 let [low, high] = w.words(value);
                 w.op(I32, "xor", &[&low, &high])
             }
+            F64 => {
+                let bits = w.bits(F64, value);
+                let [low, high] = w.words(&bits);
+                w.op(I32, "xor", &[&low, &high])
+            }
             F16 => {
                 let bits = w.bits(F16, value);
                 w.op(I32, "uconvert", &[&bits])
@@ -288,7 +302,7 @@ impl Maker {
     fn types(&mut self, most: usize) -> Vec<Type> {
         let count = self.random.usize(..=most);
         (0..count)
-            .map(|_| self.choose(&[I1, I8, I32, I32, F32, F32, I64, F16]))
+            .map(|_| self.choose(&[I1, I8, I32, I32, F32, F32, F64, I64, F16]))
             .collect()
     }
 
