@@ -3,7 +3,7 @@
 use super::{Becomes, Is, Outcome, Simplifier, becomes, mask};
 use crate::ir::{Op, Type, Value};
 use crate::pass::fold_constants::fold;
-use smallvec::smallvec;
+use smallvec::{SmallVec, smallvec};
 
 impl Simplifier<'_> {
     pub(super) fn apply_int_rules(&mut self, op: &Op, args: &[Value], ty: Type) -> Option<Outcome> {
@@ -20,6 +20,9 @@ impl Simplifier<'_> {
         {
             return Some(outcome);
         }
+        if let Some(outcome) = self.cancel_terms(op, a, b, ty) {
+            return Some(outcome);
+        }
         let k = self.constant(b);
         let comparison = matches!(
             op,
@@ -29,6 +32,38 @@ impl Simplifier<'_> {
             return self.comparison_rules(op, a, b, k);
         }
         self.constant_operand(op, a, k?, ty)
+    }
+
+    /// A sum or difference whose operands are such, of which terms cancel out.
+    fn cancel_terms(&mut self, op: &Op, a: Value, b: Value, ty: Type) -> Option<Outcome> {
+        if !matches!(op, Op::IAdd | Op::ISub) || ty == Type::I1 {
+            return None;
+        }
+        let mut terms = self.terms(a);
+        for (value, is_positive) in self.terms(b) {
+            let is_positive = is_positive == (*op == Op::IAdd);
+            let opposite = (value, !is_positive);
+            match terms.iter().position(|&term| term == opposite) {
+                Some(index) => drop(terms.swap_remove(index)),
+                None => terms.push((value, is_positive)),
+            }
+        }
+        match terms[..] {
+            [] => Some(Outcome::Constant(0)),
+            [(value, true)] => Some(Is(value)),
+            [(value, false)] => becomes(Op::INeg, &[value]),
+            _ => None,
+        }
+    }
+
+    /// The values that add up to one, and whether each is added or taken away.
+    fn terms(&self, value: Value) -> SmallVec<[(Value, bool); 4]> {
+        match self.pure(value) {
+            Some((Op::IAdd, [x, y, _])) => smallvec![(x, true), (y, true)],
+            Some((Op::ISub, [x, y, _])) => smallvec![(x, true), (y, false)],
+            Some((Op::INeg, [x, ..])) => smallvec![(x, false)],
+            _ => smallvec![(value, true)],
+        }
     }
 
     fn not_rules(&mut self, a: Value) -> Option<Outcome> {
