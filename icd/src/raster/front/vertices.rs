@@ -20,20 +20,22 @@ pub const SUBGROUPS: usize = 16;
 /// Entries of [`Unique`]: more than twice the vertices of a chunk.
 const ENTRIES: usize = 8192;
 
+/// Bits of a place, behind which the generation and the index stand.
+const PLACE_BITS: u32 = 20;
+const GENERATIONS: u64 = 1 << (32 - PLACE_BITS);
+
 /// Which vertices there are already, by index: an open hash table, emptied by counting up.
 pub struct Unique {
-    /// Generation in the high half, index in the low one.
-    tags: Box<[u64]>,
-    places: Box<[u32]>,
-    generation: u32,
+    /// Index, generation, place, from the high bits on.
+    entries: Box<[u64]>,
+    generation: u64,
     used: usize,
 }
 
 impl Default for Unique {
     fn default() -> Self {
         Self {
-            tags: vec![0; ENTRIES].into(),
-            places: vec![0; ENTRIES].into(),
+            entries: vec![0; ENTRIES].into(),
             generation: 0,
             used: 0,
         }
@@ -44,35 +46,35 @@ impl Unique {
     /// Empties it.
     pub fn clear(&mut self) {
         self.used = 0;
-        self.generation = match self.generation.checked_add(1) {
-            Some(generation) => generation,
-            None => {
-                self.tags.fill(0);
-                1
-            }
-        };
+        self.generation = (self.generation + 1) % GENERATIONS;
+        if self.generation == 0 {
+            self.entries.fill(0);
+            self.generation = 1;
+        }
     }
 
-    /// The place of a vertex; `new` if there was none.
+    /// The place of a vertex, less than 2²⁰; `new` if there was none.
     #[inline(always)]
     pub fn place(&mut self, index: u32, new: u32) -> u32 {
         if self.used > ENTRIES / 2 {
             // Full: vertices from here on may come twice.
             self.clear();
         }
-        let tag = u64::from(self.generation) << 32 | u64::from(index);
-        let mut at = (index.wrapping_mul(0x9E37_79B1) >> 19) as usize % ENTRIES;
+        let tag = u64::from(index) << (32 - PLACE_BITS) | self.generation;
+        // Neighbours lie side by side, and what they push aside lies anywhere.
+        let mut at = index as usize % ENTRIES;
         loop {
-            if self.tags[at] == tag {
-                return self.places[at];
+            let entry = self.entries[at];
+            if entry >> PLACE_BITS == tag {
+                return (entry as u32) & ((1 << PLACE_BITS) - 1);
             }
-            if (self.tags[at] >> 32) as u32 != self.generation {
-                self.tags[at] = tag;
-                self.places[at] = new;
+            if (entry >> PLACE_BITS) % GENERATIONS != self.generation {
+                self.entries[at] = tag << PLACE_BITS | u64::from(new);
                 self.used += 1;
                 return new;
             }
-            at = (at + 1) % ENTRIES;
+            let step = index.wrapping_mul(0x9E37_79B1) >> 19 | 1;
+            at = (at + step as usize) % ENTRIES;
         }
     }
 }

@@ -10,6 +10,7 @@ mod lines;
 mod projecting;
 mod tessellation;
 mod topology;
+mod whole;
 
 use ash::vk;
 
