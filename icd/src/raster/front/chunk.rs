@@ -13,7 +13,6 @@ use super::cut::{Job, Span, parts_of_spans};
 use super::facts::{DepthFormat, Facts};
 use super::fetch::{Common, Fetch, Vertex};
 use super::geometry::{Geometry, Input, emitted_topology};
-use super::indices::Indices;
 use super::mesh::{self, Made, Mesh, Part, Tasks};
 use super::outputs::OutputPlaces;
 use super::patches::{
@@ -30,20 +29,20 @@ use super::whole::Batch;
 use super::{Expanded, draw_of};
 use crate::compute::waves::Runner;
 use crate::raster::primitive::Grid;
-use crate::raster::{Chunk, Draw, DrawCall, Targets, Work};
+use crate::raster::{Chunk, Draw, Targets, Work};
 use crate::wave::{Limits, Stopped};
 
 /// A worker's memory.
 #[derive(Default)]
 pub struct Worker {
     runner: Runner,
-    unique: Unique,
-    vertices: Vec<Vertex>,
-    commons: Vec<Common>,
-    primitives: Vec<Assembled>,
+    pub(super) unique: Unique,
+    pub(super) vertices: Vec<Vertex>,
+    pub(super) commons: Vec<Common>,
+    pub(super) primitives: Vec<Assembled>,
     /// Of a draw with a geometry or control shader: the vertices of each input primitive, as many
     /// as it takes, the words of all vertices, and its input.
-    corners: Vec<u32>,
+    pub(super) corners: Vec<u32>,
     words: Vec<u32>,
     inputs: Vec<Assembled>,
     /// Of a draw with patches.
@@ -517,122 +516,6 @@ impl Worker {
                 .fetch_add(self.primitives.len() as u64, Ordering::Relaxed);
         }
         Ok(())
-    }
-
-    /// Lists the primitives of spans, and the vertices that they need; patches of so many points.
-    fn assemble(&mut self, round: &Round<'_>, draw: &Draw, spans: &[Span], points: Option<usize>) {
-        self.vertices.clear();
-        self.commons.clear();
-        self.primitives.clear();
-        self.corners.clear();
-        let topology = draw.state.topology;
-        let geometry = draw.stages.geometry().and_then(Program::geometry);
-        let last = draw.state.rasterization.provoking_last;
-        let indices = draw
-            .indices
-            .as_ref()
-            .map(|buffer| Indices::new(buffer, round.reach));
-        let mut before: Option<(u32, u32, u32)> = None;
-        for span in spans {
-            let call = &draw.calls[span.call as usize];
-            let place = (span.call, span.instance, span.view);
-            if before.replace(place) != Some(place) {
-                self.unique.clear();
-                self.commons.push(Common {
-                    first_instance: call.first_instance,
-                    instance: span.instance,
-                    base_vertex: match indices {
-                        Some(_) => call.vertex_offset as u32,
-                        None => call.first,
-                    },
-                    draw_index: call.draw_index,
-                    view: span.view,
-                });
-            }
-            let common = self.commons.len() as u32 - 1;
-            let start = u64::from(call.first) + u64::from(span.start);
-            let run = match &indices {
-                Some(_) => None,
-                None => topology::run(topology, &span.primitives),
-            };
-            let base = self.vertices.len() as u32;
-            if let Some(run) = &run {
-                self.vertices.extend(run.clone().map(|place| Vertex {
-                    index: (start + u64::from(place)) as u32,
-                    common,
-                }));
-            }
-            let ids = (span.first_id..).zip(span.primitives.clone());
-            for (primitive_id, primitive) in ids {
-                let taken = points.or(geometry.map(|facts| facts.vertices as usize));
-                if let Some(taken) = taken {
-                    let of_segment = span.of_segment;
-                    let (places, count) = topology::corners(topology, primitive, of_segment, last);
-                    for corner in 0..taken {
-                        // A topology that does not fit the shader lacks vertices.
-                        let place = match points {
-                            Some(points) => primitive * points as u32 + corner as u32,
-                            None => places[corner.min(count - 1)],
-                        };
-                        let corner = match &run {
-                            Some(run) => base + (place - run.start),
-                            None => self.vertex(start, place, indices.as_ref(), call, common),
-                        };
-                        self.corners.push(corner);
-                    }
-                    self.primitives.push(Assembled {
-                        vertices: [0; 3],
-                        primitive_id,
-                        common,
-                        provoking: 0,
-                        stream: 0,
-                    });
-                    continue;
-                }
-                let places = topology::vertices(topology, primitive, last);
-                let vertices = match &run {
-                    Some(run) => places.map(|place| base + (place - run.start)),
-                    None => {
-                        // No closure: it would be called.
-                        let mut vertices = places;
-                        for vertex in &mut vertices {
-                            *vertex = self.vertex(start, *vertex, indices.as_ref(), call, common);
-                        }
-                        vertices
-                    }
-                };
-                self.primitives.push(Assembled {
-                    vertices,
-                    primitive_id,
-                    common,
-                    provoking: topology::provoking(topology, last),
-                    stream: 0,
-                });
-            }
-        }
-    }
-
-    /// The place in the run of a vertex of a segment.
-    #[inline(always)]
-    fn vertex(
-        &mut self,
-        start: u64,
-        place: u32,
-        indices: Option<&Indices>,
-        call: &DrawCall,
-        common: u32,
-    ) -> u32 {
-        let place = start + u64::from(place);
-        let index = match indices {
-            Some(indices) => indices.at(place).wrapping_add(call.vertex_offset as u32),
-            None => place as u32,
-        };
-        let new = self.vertices.len() as u32;
-        let found = self.unique.place(index, new);
-        if found == new {
-            self.vertices.push(Vertex { index, common });
-        }
-        found
     }
 
     /// Makes records and shapes of the primitives.

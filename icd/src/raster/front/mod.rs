@@ -18,6 +18,7 @@
 //! Where jobs are cut follows from the draws alone, and a chunk from its job alone: no result
 //! depends on the number of threads.
 
+mod assemble;
 mod bins;
 mod bresenham;
 mod chunk;
