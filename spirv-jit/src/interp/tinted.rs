@@ -7,8 +7,10 @@ use crate::environment::Environment;
 use crate::ir::tinted::{Bound, Tinted};
 use images::fast::Fast;
 use images::wave::{self, Rows, Wave};
-use lanes::vector::Vector;
-use lanes::{LANES, LaneMask};
+use lanes::{LaneMask, Row, Tier};
+
+/// How many times sixteen texels are sampled in one call, at most.
+pub const TOGETHER: usize = 4;
 
 /// An image and a sampler that the common way of sampling serves for.
 #[derive(Clone, Copy)]
@@ -36,37 +38,39 @@ impl<'a> Sampling<'a> {
         self.fast.takes_derivatives()
     }
 
-    /// The texels at sixteen coordinates, of which those of `active` lanes are looked at: there are
-    /// some. Components that the program does not want are anything.
+    /// The texels at sixteen coordinates each, of which those of `active` lanes are looked at: each
+    /// has some. Components that the program does not want are anything.
     ///
     /// # Safety
     /// As [`Self::new`].
-    #[inline(always)]
-    pub unsafe fn texels<V: Vector>(&self, v: V, [s, t]: [V::F; 2], active: u16) -> [V::F; 4] {
-        let mut coordinates = [[0; LANES]; 2];
-        v.store(s, &mut coordinates[0]);
-        v.store(t, &mut coordinates[1]);
-        let mut texels = [[0; LANES]; 4];
-        let one = |first| Rows {
-            first,
-            step_bytes: 0,
+    pub unsafe fn texels(
+        &self,
+        tier: Tier,
+        at: &mut [[Row; 2]; TOGETHER],
+        active: &[LaneMask],
+        texels: &mut [[Row; 4]; TOGETHER],
+    ) {
+        const NUMBERS: [u16; TOGETHER] = [0, 1, 2, 3];
+        let coordinate = |axis: usize| Rows {
+            first: at.as_mut_ptr().cast::<Row>().wrapping_add(axis),
+            step_bytes: size_of::<[Row; 2]>(),
         };
-        let [s, t] = coordinates.each_mut().map(|row| one(&raw mut *row));
+        let texels = texels.as_mut_ptr().cast::<Row>();
+        let result = |component: usize| Rows {
+            first: texels.wrapping_add(component),
+            step_bytes: size_of::<[Row; 4]>(),
+        };
+        let [s, t] = [0, 1].map(coordinate);
+        let count = active.len().min(TOGETHER);
         let wave = Wave {
-            subgroups: &[0],
-            lanes: &[LaneMask::from_bits(active)],
+            subgroups: &NUMBERS[..count],
+            lanes: active,
             operands: &[s, t, s, t, s, t],
-            results: texels.each_mut().map(|row| one(&raw mut *row)),
+            results: [0, 1, 2, 3].map(result),
             derives: true,
         };
         // SAFETY: the rows are the coordinates', in the places of derivatives, too, and those of
         // the texels; for the rest, the caller's promise.
-        unsafe { wave::sample(V::TIER, &self.fast, &wave) };
-        [
-            v.load(&texels[0]),
-            v.load(&texels[1]),
-            v.load(&texels[2]),
-            v.load(&texels[3]),
-        ]
+        unsafe { wave::sample(tier, &self.fast, &wave) };
     }
 }

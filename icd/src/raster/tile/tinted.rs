@@ -1,15 +1,15 @@
 //! Fragments of programs that do no more than sample an image once and multiply what they find
 //! ([`Tinted`]): straight from coverage to attachments of four bytes, sixteen pixels at a time.
 
-use lanes::Tier;
 use lanes::vector::Vector;
+use lanes::{LaneMask, Tier};
 use smallvec::SmallVec;
-use spirv_jit::interp::tinted::Sampling;
+use spirv_jit::interp::tinted::{Sampling, TOGETHER};
 use spirv_jit::ir::tinted::{Tint, Tinted};
 use spirv_jit::program::Passed;
 
 use super::color::Rows;
-use super::coverage::Covered;
+use super::coverage::{Covered, Square};
 use super::inputs::{Inputs, Slope};
 use super::interpolation::{interpolate, perspective_weights, plane_at};
 use super::lanes::{IN_BLOCK, IN_ROW, Row, lanes_of, quads_of};
@@ -75,26 +75,14 @@ lanes::vectors! {
     ) {
         let primitive = Primitive::new(sampled, part);
         let painter = Painter::new(v, kind, output, sampled, sampling);
-        let layer = part.record.layer;
-        for square in &covered.squares {
-            let size = i32::from(square.size);
-            counts.invocations += (size * size) as u64;
-            let [left, top] = square.place(part.corner);
-            for y in top..top + size {
-                for x in (left..left + size).step_by(16) {
-                    // SAFETY: the caller's promise: squares lie in the render area.
-                    unsafe { painter.paint(&primitive, &Places::row(x, y, layer), u16::MAX) };
-                }
-            }
-        }
-        for block in &covered.blocks {
-            let mask = block.masks[0];
-            if mask != 0 {
-                counts.invocations += u64::from(mask.count_ones());
-                let places = Places::block(block.place(part.corner), layer, part.area);
-                // SAFETY: the caller's promise.
-                unsafe { painter.paint(&primitive, &places, mask) };
-            }
+        let invocations = |square: &Square| u64::from(square.size) * u64::from(square.size);
+        counts.invocations += covered.squares.iter().map(invocations).sum::<u64>();
+        let of_blocks = covered.blocks.iter().map(|block| block.masks[0].count_ones());
+        counts.invocations += u64::from(of_blocks.sum::<u32>());
+        let mut fragments = Fragments::new(covered, part);
+        while let Some(some) = Batch::of(&mut fragments) {
+            // SAFETY: the caller's promise: squares lie in the render area.
+            unsafe { painter.paint(&primitive, some) };
         }
     }
 }
@@ -135,20 +123,82 @@ lanes::vectors! {
     }
 }
 
-lanes::vectors! {
-    /// Texels at sixteen coordinates.
-    ///
-    /// # Safety
-    /// The sampled image exists.
-    unsafe fn sample<V>(v, sampling: &Sampling<'_>, at: &[Row; 2], active: u16) -> [Row; 4] {
-        let mut texels = [[0; 16]; 4];
-        // SAFETY: the caller's promise.
-        let sampled = unsafe { sampling.texels(v, [v.load(&at[0]), v.load(&at[1])], active) };
-        v.store(sampled[0], &mut texels[0]);
-        v.store(sampled[1], &mut texels[1]);
-        v.store(sampled[2], &mut texels[2]);
-        v.store(sampled[3], &mut texels[3]);
-        texels
+/// Up to as many times sixteen pixels as are sampled in one call: their places, and masks that are
+/// not empty.
+struct Batch {
+    places: [Places; TOGETHER],
+    masks: [u16; TOGETHER],
+    count: usize,
+}
+
+impl Batch {
+    /// The next ones.
+    #[inline(always)]
+    fn of(from: &mut impl Iterator<Item = (Places, u16)>) -> Option<Self> {
+        let mut some = Self {
+            places: [Places::default(); TOGETHER],
+            masks: [0; TOGETHER],
+            count: 0,
+        };
+        while some.count < TOGETHER {
+            let Some((places, mask)) = from.next() else {
+                break;
+            };
+            if mask != 0 {
+                (some.places[some.count], some.masks[some.count]) = (places, mask);
+                some.count += 1;
+            }
+        }
+        (some.count != 0).then_some(some)
+    }
+}
+
+/// The pixels of what is covered: sixteen of a row each, then blocks.
+struct Fragments<'a> {
+    covered: &'a Covered,
+    corner: [i32; 2],
+    area: &'a Bounds,
+    layer: u32,
+    /// The next square, and pixels of it that were given; then the next block.
+    square: usize,
+    given: usize,
+    block: usize,
+}
+
+impl<'a> Fragments<'a> {
+    fn new(covered: &'a Covered, part: &Part<'a>) -> Self {
+        Self {
+            covered,
+            corner: part.corner,
+            area: part.area,
+            layer: part.record.layer,
+            square: 0,
+            given: 0,
+            block: 0,
+        }
+    }
+}
+
+impl Iterator for Fragments<'_> {
+    type Item = (Places, u16);
+
+    #[inline(always)]
+    fn next(&mut self) -> Option<Self::Item> {
+        if let Some(square) = self.covered.squares.get(self.square) {
+            let [left, top] = square.place(self.corner);
+            let size = usize::from(square.size);
+            let (x, y) = ((self.given % size) as i32, (self.given / size) as i32);
+            self.given += 16;
+            if self.given == size * size {
+                (self.square, self.given) = (self.square + 1, 0);
+            }
+            return Some((Places::row(left + x, top + y, self.layer), u16::MAX));
+        }
+        let block = self.covered.blocks.get(self.block)?;
+        self.block += 1;
+        let place = block.place(self.corner);
+        let places = Places::block(place, self.layer, self.area);
+        Some((places, block.masks[0]))
     }
 }
 
@@ -214,26 +264,29 @@ impl<'a, V: Vector> Painter<'a, V> {
         }
     }
 
-    /// Samples and writes sixteen pixels.
+    /// Samples and writes some pixels.
     ///
     /// # Safety
-    /// As [`draw`], for these places; the mask is not empty.
+    /// As [`draw`], for these places.
     #[inline(always)]
-    unsafe fn paint(&self, primitive: &Primitive<'_>, places: &Places, mask: u16) {
-        // The others of their quads decide with the covered lanes what level is sampled; in rows
-        // there is one level.
-        let active = match places.pattern {
-            Pattern::Row => mask,
-            _ => lanes_of(quads_of(mask)),
-        };
-        let weights = self.weights(primitive, places);
-        let coordinates = self.coordinates(primitive, weights);
+    unsafe fn paint(&self, primitive: &Primitive<'_>, some: Batch) {
+        let mut weights = [[self.v.splat(0.0); 2]; TOGETHER];
+        let mut at = [[[0; 16]; 2]; TOGETHER];
+        for index in 0..some.count {
+            weights[index] = self.weights(primitive, &some.places[index]);
+            let coordinates = self.coordinates(primitive, weights[index]);
+            self.v.store(coordinates[0], &mut at[index][0]);
+            self.v.store(coordinates[1], &mut at[index][1]);
+        }
         // SAFETY: the caller's promise.
-        let texels = unsafe { self.sample(coordinates, active) };
-        for color in &self.output.colors {
-            let source = self.colors(&color.source, primitive, weights, &texels);
-            // SAFETY: the caller's promise.
-            unsafe { color.put_colors(self.v, source, places, mask) };
+        let texels = unsafe { self.sample(&mut at, &some) };
+        for index in 0..some.count {
+            for color in &self.output.colors {
+                let texels = &texels[index];
+                let source = self.colors(&color.source, primitive, weights[index], texels);
+                // SAFETY: the caller's promise.
+                unsafe { color.put_colors(self.v, source, &some.places[index], some.masks[index]) };
+            }
         }
     }
 
@@ -247,28 +300,40 @@ impl<'a, V: Vector> Painter<'a, V> {
         let v = self.v;
         let [first, second] = primitives;
         let side = Side::new(v, diagonal);
-        for (places, mask) in cells {
-            let inside = side.inside(v, &places);
-            let weights = [self.weights(first, &places), self.weights(second, &places)];
-            let of_first = self.coordinates(first, weights[0]);
-            let of_second = self.coordinates(second, weights[1]);
-            let coordinates = [
-                self.select(inside, of_first[0], of_second[0]),
-                self.select(inside, of_first[1], of_second[1]),
-            ];
+        let mut cells = cells;
+        while let Some(some) = Batch::of(&mut cells) {
+            let mut insides = [0; TOGETHER];
+            let mut weights = [[[v.splat(0.0); 2]; 2]; TOGETHER];
+            let mut at = [[[0; 16]; 2]; TOGETHER];
+            for index in 0..some.count {
+                let places = &some.places[index];
+                let inside = side.inside(v, places);
+                let both = [self.weights(first, places), self.weights(second, places)];
+                let of_first = self.coordinates(first, both[0]);
+                let of_second = self.coordinates(second, both[1]);
+                let [to_s, to_t] = &mut at[index];
+                v.store(self.select(inside, of_first[0], of_second[0]), to_s);
+                v.store(self.select(inside, of_first[1], of_second[1]), to_t);
+                (insides[index], weights[index]) = (inside, both);
+            }
             // SAFETY: the caller's promise.
-            let texels = unsafe { self.sample(coordinates, mask) };
-            for color in &self.output.colors {
-                let of_first = self.colors(&color.source, first, weights[0], &texels);
-                let of_second = self.colors(&color.source, second, weights[1], &texels);
-                let source = [
-                    v.select(inside, of_first[0], of_second[0]),
-                    v.select(inside, of_first[1], of_second[1]),
-                    v.select(inside, of_first[2], of_second[2]),
-                    v.select(inside, of_first[3], of_second[3]),
-                ];
-                // SAFETY: the caller's promise.
-                unsafe { color.put_colors(v, source, &places, mask) };
+            let texels = unsafe { self.sample(&mut at, &some) };
+            for index in 0..some.count {
+                let (inside, texels) = (insides[index], &texels[index]);
+                let [weights_of_first, weights_of_second] = weights[index];
+                for color in &self.output.colors {
+                    let of_first = self.colors(&color.source, first, weights_of_first, texels);
+                    let of_second = self.colors(&color.source, second, weights_of_second, texels);
+                    let source = [
+                        v.select(inside, of_first[0], of_second[0]),
+                        v.select(inside, of_first[1], of_second[1]),
+                        v.select(inside, of_first[2], of_second[2]),
+                        v.select(inside, of_first[3], of_second[3]),
+                    ];
+                    let (places, mask) = (&some.places[index], some.masks[index]);
+                    // SAFETY: the caller's promise.
+                    unsafe { color.put_colors(v, source, places, mask) };
+                }
             }
         }
     }
@@ -281,9 +346,15 @@ impl<'a, V: Vector> Painter<'a, V> {
     unsafe fn paint_same(&self, primitive: &Primitive<'_>, cells: Cells) {
         let v = self.v;
         let none = [v.splat(0.0); 2];
+        let coordinates = self.coordinates(primitive, none);
+        let mut at = [[[0; 16]; 2]; TOGETHER];
+        v.store(coordinates[0], &mut at[0][0]);
+        v.store(coordinates[1], &mut at[0][1]);
+        let mut texels = [[[0; 16]; 4]; TOGETHER];
+        let one = [LaneMask::from_bits(1)];
         // SAFETY: the caller's promise.
-        let texels = unsafe { self.sample(self.coordinates(primitive, none), 1) };
-        let texels = texels.map(|row| [row[0]; 16]);
+        unsafe { self.sampling.texels(self.kind, &mut at, &one, &mut texels) };
+        let texels = texels[0].map(|row| [row[0]; 16]);
         let [color] = &self.output.colors[..] else {
             for (places, mask) in cells {
                 for color in &self.output.colors {
@@ -348,15 +419,27 @@ impl<'a, V: Vector> Painter<'a, V> {
         }
     }
 
+    /// The texels at some pixels' coordinates.
+    ///
     /// # Safety
-    /// The sampled image exists; `active` is not empty.
+    /// The sampled image exists.
     #[inline(always)]
-    unsafe fn sample(&self, coordinates: [V::F; 2], active: u16) -> [Row; 4] {
-        let mut at = [[0; 16]; 2];
-        self.v.store(coordinates[0], &mut at[0]);
-        self.v.store(coordinates[1], &mut at[1]);
+    unsafe fn sample(&self, at: &mut [[Row; 2]; TOGETHER], some: &Batch) -> [[Row; 4]; TOGETHER] {
+        let mut active = [LaneMask::NONE; TOGETHER];
+        for index in 0..some.count {
+            // The others of their quads decide with the covered lanes what level is sampled; in
+            // rows there is one level.
+            let mask = some.masks[index];
+            active[index] = LaneMask::from_bits(match some.places[index].pattern {
+                Pattern::Row => mask,
+                _ => lanes_of(quads_of(mask)),
+            });
+        }
+        let mut texels = [[[0; 16]; 4]; TOGETHER];
+        let active = &active[..some.count];
         // SAFETY: the caller's promise.
-        unsafe { sample(self.kind, self.sampling, &at, active) }
+        unsafe { self.sampling.texels(self.kind, at, active, &mut texels) };
+        texels
     }
 
     #[inline(always)]
