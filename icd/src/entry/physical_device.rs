@@ -20,7 +20,7 @@ use crate::object::shading_rate::RATES;
 use crate::os;
 use crate::queue::MAX_QUEUES;
 use crate::table::extensions::{self, Kind};
-use crate::table::{features, limits, properties};
+use crate::table::{cooperative_matrices, features, limits, properties};
 
 fn queue_family() -> vk::QueueFamilyProperties {
     vk::QueueFamilyProperties {
@@ -316,6 +316,16 @@ entry! {
             let [width, height] = rate.pixels().map(|side| side as u32);
             out.sample_counts = rate.samples();
             out.fragment_size = vk::Extent2D { width, height };
+        })
+    }
+
+    fn vkGetPhysicalDeviceCooperativeMatrixPropertiesKHR(
+        _device: vk::PhysicalDevice,
+        count: *mut u32,
+        out: *mut vk::CooperativeMatrixPropertiesKHR<'_>,
+    ) -> vk::Result {
+        enumerate_with(count, out, cooperative_matrices::products(), |out, product| {
+            cooperative_matrices::describe(&product, out);
         })
     }
 

@@ -35,6 +35,9 @@ macro_rules! structures {
     };
 }
 
+/// `VK_COMPONENT_TYPE_BFLOAT16_KHR`.
+pub const COMPONENT_TYPE_BFLOAT16_KHR: ComponentTypeKHR = ComponentTypeKHR::from_raw(1_000_141_000);
+
 /// `VK_DYNAMIC_STATE_DEPTH_CLAMP_RANGE_EXT`.
 pub const DYNAMIC_STATE_DEPTH_CLAMP_RANGE_EXT: DynamicState = DynamicState::from_raw(1_000_582_000);
 
@@ -116,6 +119,12 @@ structures! {
     /// `VK_EXT_shader_replicated_composites`.
     PhysicalDeviceShaderReplicatedCompositesFeaturesEXT 1_000_564_000 *mut c_void {
         shader_replicated_composites: Bool32,
+    }
+    /// `VK_KHR_shader_bfloat16`.
+    PhysicalDeviceShaderBfloat16FeaturesKHR 1_000_141_000 *mut c_void {
+        shader_b_float16_type: Bool32,
+        shader_b_float16_dot_product: Bool32,
+        shader_b_float16_cooperative_matrix: Bool32,
     }
     /// `VK_KHR_shader_untyped_pointers`.
     PhysicalDeviceShaderUntypedPointersFeaturesKHR 1_000_387_000 *mut c_void {

@@ -76,6 +76,7 @@ extensions! {
     Device KHR_BUFFER_DEVICE_ADDRESS c"VK_KHR_buffer_device_address" 1;
     Device KHR_CALIBRATED_TIMESTAMPS c"VK_KHR_calibrated_timestamps" 1;
     Device KHR_COMPUTE_SHADER_DERIVATIVES c"VK_KHR_compute_shader_derivatives" 1;
+    Device KHR_COOPERATIVE_MATRIX c"VK_KHR_cooperative_matrix" 2;
     Device KHR_COPY_COMMANDS_2 c"VK_KHR_copy_commands2" 1;
     Device KHR_COPY_MEMORY_INDIRECT c"VK_KHR_copy_memory_indirect" 1;
     Device KHR_CREATE_RENDERPASS_2 c"VK_KHR_create_renderpass2" 1;
@@ -136,6 +137,7 @@ extensions! {
     Device KHR_SAMPLER_YCBCR_CONVERSION c"VK_KHR_sampler_ycbcr_conversion" 14;
     Device KHR_SEPARATE_DEPTH_STENCIL_LAYOUTS c"VK_KHR_separate_depth_stencil_layouts" 1;
     Device KHR_SHADER_ATOMIC_INT64 c"VK_KHR_shader_atomic_int64" 1;
+    Device KHR_SHADER_BFLOAT16 c"VK_KHR_shader_bfloat16" 1;
     Device KHR_SHADER_CLOCK c"VK_KHR_shader_clock" 1;
     Device KHR_SHADER_DRAW_PARAMETERS c"VK_KHR_shader_draw_parameters" 1;
     Device KHR_SHADER_EXPECT_ASSUME c"VK_KHR_shader_expect_assume" 1;

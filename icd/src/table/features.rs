@@ -243,6 +243,11 @@ features! {
         shader_subgroup_rotate: PhysicalDeviceVulkan14Features PhysicalDeviceShaderSubgroupRotateFeaturesKHR => GroupNonUniformRotateKHR;
         shader_subgroup_rotate_clustered: PhysicalDeviceVulkan14Features PhysicalDeviceShaderSubgroupRotateFeaturesKHR;
         shader_subgroup_partitioned: PhysicalDeviceShaderSubgroupPartitionedFeaturesEXT;
+        cooperative_matrix: PhysicalDeviceCooperativeMatrixFeaturesKHR => CooperativeMatrixKHR;
+        cooperative_matrix_robust_buffer_access: PhysicalDeviceCooperativeMatrixFeaturesKHR;
+        shader_b_float16_type: PhysicalDeviceShaderBfloat16FeaturesKHR => BFloat16TypeKHR;
+        shader_b_float16_dot_product: PhysicalDeviceShaderBfloat16FeaturesKHR => BFloat16DotProductKHR;
+        shader_b_float16_cooperative_matrix: PhysicalDeviceShaderBfloat16FeaturesKHR => BFloat16CooperativeMatrixKHR;
         shader_untyped_pointers: PhysicalDeviceShaderUntypedPointersFeaturesKHR => UntypedPointersKHR;
         workgroup_memory_explicit_layout: PhysicalDeviceWorkgroupMemoryExplicitLayoutFeaturesKHR => WorkgroupMemoryExplicitLayoutKHR;
         workgroup_memory_explicit_layout_scalar_block_layout: PhysicalDeviceWorkgroupMemoryExplicitLayoutFeaturesKHR;

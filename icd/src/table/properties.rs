@@ -585,6 +585,10 @@ unsafe fn fill(machine: &Machine, node: *mut vk::BaseOutStructure<'static>) {
             });
             PhysicalDeviceMeshShaderPropertiesEXT(mesh_shader());
             PhysicalDeviceFragmentShadingRatePropertiesKHR(fragment_shading_rate());
+            PhysicalDeviceCooperativeMatrixPropertiesKHR(vk::PhysicalDeviceCooperativeMatrixPropertiesKHR {
+                cooperative_matrix_supported_stages: vk::ShaderStageFlags::COMPUTE,
+                ..Default::default()
+            });
             PhysicalDeviceOpacityMicromapPropertiesEXT(vk::PhysicalDeviceOpacityMicromapPropertiesEXT {
                 max_opacity2_state_subdivision_level: traversal::micromap::MAX_LEVEL,
                 max_opacity4_state_subdivision_level: traversal::micromap::MAX_LEVEL,

@@ -11,6 +11,7 @@ mod convert;
 mod fast;
 mod float;
 mod int;
+pub mod matrix;
 pub(crate) mod narrow;
 pub mod quad;
 pub mod subgroup;

@@ -55,6 +55,15 @@ pub(super) fn f16_from_f32(value: f32) -> f16 {
     f16::from_bits((number | bits >> 16 & 0x8000) as u16)
 }
 
+/// The nearest number with the high half of an f32, ties to even; a NaN becomes quiet.
+#[inline(always)]
+pub(crate) fn bfloat16_from_f32(value: f32) -> u16 {
+    let bits = value.to_bits();
+    let nearest = bits.wrapping_add(0x7fff + (bits >> 16 & 1)) >> 16;
+    let nan = bits >> 16 | 0x40;
+    (if value.is_nan() { nan } else { nearest }) as u16
+}
+
 /// Rounds once: by way of an `f32` that is rounded to odd.
 #[inline(always)]
 pub(crate) fn f16_from_f64(value: f64) -> f16 {

@@ -3,7 +3,7 @@
 use images::ImageOp;
 
 use super::operand::Operand;
-use crate::ir::op::{AtomicOp, SubgroupOp};
+use crate::ir::op::{AtomicOp, MatrixProduct, SubgroupOp};
 use crate::ir::{Space, Type};
 use crate::plan::Live;
 use crate::printf::Message;
@@ -35,6 +35,14 @@ pub(super) struct SubgroupPlan {
     pub op: SubgroupOp,
     /// Helper invocations take part like all others.
     pub with_helpers: bool,
+}
+
+/// A product of matrices: the rows of the factors, of the third matrix, and of the results.
+#[derive(Clone, Copy)]
+pub(super) struct ProductPlan {
+    pub product: MatrixProduct,
+    /// First of the operands.
+    pub operands: u32,
 }
 
 /// An image operation: descriptor operands, then the rest with their types, then results.

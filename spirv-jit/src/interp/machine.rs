@@ -11,8 +11,8 @@ use std::cell::Cell;
 use lanes::{AlignedRow, LaneMask};
 
 use super::code::{
-    AccessPlan, AtomicPlan, ImagePlan, LoopPlan, PhysicalAccess, Place, PrintPlan, Remade, Return,
-    Saved, SubgroupPlan,
+    AccessPlan, AtomicPlan, ImagePlan, LoopPlan, PhysicalAccess, Place, PrintPlan, ProductPlan,
+    Remade, Return, Saved, SubgroupPlan,
 };
 use super::operand::Operand;
 use crate::SUBGROUP_SIZE;
@@ -56,6 +56,7 @@ pub(crate) struct Code {
     pub(super) atomics: Vec<AtomicPlan>,
     pub(super) bindings: Vec<DescriptorBinding>,
     pub(super) subgroups: Vec<SubgroupPlan>,
+    pub(super) products: Vec<ProductPlan>,
     pub(super) images: Vec<ImagePlan>,
     pub(super) prints: Vec<PrintPlan>,
     /// As many as the plan keeps, in the same order.

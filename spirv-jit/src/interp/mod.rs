@@ -5,7 +5,7 @@
 //! ```
 //!
 //! * [`machine`]: a running wave; [`tier`]: instruction sets; [`kernels`]: pure operations;
-//!   [`access`] by [`gather`], [`memory`], [`descriptors`], [`atomics`], [`subgroup`], [`images`]:
+//!   [`access`] by [`gather`], [`memory`], [`descriptors`], [`atomics`], [`subgroup`], [`matrix`], [`images`]:
 //!   the others; [`control`]: masks and jumps; [`yields`]: suspending and resuming.
 
 mod access;
@@ -19,6 +19,7 @@ mod gather;
 mod images;
 mod kernels;
 mod machine;
+mod matrix;
 mod memory;
 mod native;
 mod operand;

@@ -2,7 +2,9 @@
 
 use images::{Dim, ImageOp, ImageOpKind, LodMode};
 
-use super::op::{Access, AtomicOp, MAX_TABLE_RESULTS, Signature, Space, SubgroupOp};
+use super::op::{
+    Access, AtomicOp, Component, MAX_TABLE_RESULTS, MatrixProduct, Signature, Space, SubgroupOp,
+};
 use super::{Function, Inst, Module, Op, Type, VariableId};
 use crate::hit_object::{IDENTITY, TRACED, word};
 use crate::printf::Message;
@@ -214,6 +216,7 @@ fn check_other(
         Op::Uniform(_) | Op::LaneIndex => takes(&[]).and_then(|()| gives(&[I32])),
         Op::Image(image) => check_image(image, args, results),
         Op::Subgroup(kind) => check_subgroup(*kind, args, results),
+        Op::MatrixProduct(product) => check_product(product, args, results),
         Op::DerivativeX | Op::DerivativeY => {
             gives_one()?;
             require(results[0].is_float(), "not a float")?;
@@ -397,6 +400,21 @@ fn check_subgroup(kind: SubgroupOp, args: &[Type], results: &[Type]) -> Checked 
         _ => false,
     };
     require(holds, "wrong operands or results")
+}
+
+fn check_product(product: &MatrixProduct, args: &[Type], results: &[Type]) -> Checked {
+    let are = |values: &[Type], component: Component| {
+        values.len() == MatrixProduct::SIZE && values.iter().all(|&ty| ty == component.ty())
+    };
+    let mut matrices = args.chunks(MatrixProduct::SIZE);
+    let mut next_are = |component| matrices.next().is_some_and(|values| are(values, component));
+    let holds = product.is_valid()
+        && [product.a, product.b, product.sum]
+            .into_iter()
+            .all(&mut next_are)
+        && matrices.next().is_none()
+        && are(results, product.sum);
+    require(holds, "wrong operands or results of a product")
 }
 
 /// See [`ImageOp`] for the order of operands.

@@ -42,7 +42,12 @@ fn has(body: &Body, is_such: fn(&Inst) -> bool) -> bool {
 fn sees_others(inst: &Inst) -> bool {
     matches!(
         inst.op,
-        Op::LaneIndex | Op::Subgroup(_) | Op::DerivativeX | Op::DerivativeY | Op::Barrier
+        Op::LaneIndex
+            | Op::Subgroup(_)
+            | Op::MatrixProduct(_)
+            | Op::DerivativeX
+            | Op::DerivativeY
+            | Op::Barrier
     )
 }
 

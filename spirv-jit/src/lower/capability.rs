@@ -140,6 +140,10 @@ pub const SUPPORTED: &[Capability] = &[
     Capability::ComputeDerivativeGroupLinearKHR,
     Capability::ReplicatedCompositesEXT,
     Capability::UntypedPointersKHR,
+    Capability::CooperativeMatrixKHR,
+    Capability::BFloat16TypeKHR,
+    Capability::BFloat16DotProductKHR,
+    Capability::BFloat16CooperativeMatrixKHR,
 ];
 
 /// Whether a capability is taken although its feature is off. For the inputs `PrimitiveId`, `Layer`

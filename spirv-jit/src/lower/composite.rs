@@ -3,8 +3,10 @@
 use rspirv::spirv::Op;
 
 use super::Lowerer;
+use super::types::TypeKind;
 use super::values::Values;
 use crate::Error;
+use crate::ir::op::MatrixProduct;
 use crate::ir::{self, Value};
 use crate::parse::Instruction;
 
@@ -17,7 +19,12 @@ impl Lowerer<'_> {
                 for &id in operands {
                     values.extend_from_slice(&self.leaves(id)?);
                 }
-                values
+                match self.types.kind(instruction.result_type)? {
+                    TypeKind::CooperativeMatrix { .. } if values.len() == 1 => {
+                        Values::from_elem(values[0], MatrixProduct::SIZE)
+                    }
+                    _ => values,
+                }
             }
             Op::CompositeConstructReplicateEXT => {
                 let part = self.leaves(operands[0])?;

@@ -52,6 +52,9 @@ impl Lowerer<'_> {
             .id(instruction.result, Decoration::FPRoundingMode);
         let toward_zero = instruction.opcode == Op::FConvert
             && rounding == Some(spirv::FPRoundingMode::RTZ as u32);
+        if self.lower_bfloat16_conversion(instruction, op, toward_zero)? {
+            return Ok(());
+        }
         let mut values = Values::with_capacity(parts.len());
         for &part in parts.iter() {
             let same = self.b.ty(part) == ty && !matches!(op, ir::Op::FQuantizeF16);
@@ -68,7 +71,7 @@ impl Lowerer<'_> {
 
     /// A narrower float that is no larger in magnitude: the nearest one, or the one before it.
     /// Magnitudes are ordered like their bits.
-    fn convert_toward_zero(&mut self, x: Value, ty: Type) -> Result<Value, Error> {
+    pub(super) fn convert_toward_zero(&mut self, x: Value, ty: Type) -> Result<Value, Error> {
         let nearest = self.b.emit(ir::Op::FConvert, &[x], ty)?;
         let back = self.b.emit(ir::Op::FConvert, &[nearest], self.b.ty(x))?;
         let (size, wanted) = (

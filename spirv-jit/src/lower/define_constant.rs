@@ -82,10 +82,11 @@ impl Constants {
         instruction: &Instruction,
         operands: &[u32],
     ) -> Result<Contents, Error> {
+        let kind = types.kind(instruction.result_type)?;
         let replicated = matches!(
             instruction.opcode,
             Op::ConstantCompositeReplicateEXT | Op::SpecConstantCompositeReplicateEXT
-        );
+        ) || matches!(kind, TypeKind::CooperativeMatrix { .. });
         let count = types.element_count(instruction.result_type)?;
         let given = if replicated { 1 } else { count as usize };
         let Some(parts) = operands.get(..given) else {

@@ -33,6 +33,10 @@ pub(super) fn fold_operation(
         Ok((constant.ty, constants.bits(types, id)?))
     };
     match opcode {
+        Op::CooperativeMatrixLengthKHR => {
+            let ty = operands.first().copied().unwrap_or(0);
+            Ok(vec![types.element_count(ty)?.into()])
+        }
         Op::CompositeExtract => {
             let (ty, bits) = argument(0)?;
             let (first, element) = types.path(ty, &operands[1..])?;
@@ -71,6 +75,12 @@ pub(super) fn fold_operation(
                 rest.push(argument(index)?.1);
             }
             let count = types.leaves(instruction.result_type)?.len();
+            if opcode == Op::FConvert {
+                let is_bfloat16 = [ty, instruction.result_type].map(|ty| types.is_bfloat16(ty));
+                let fold = |&bits: &u64| fold_float((from, result), is_bfloat16, bits);
+                let folded: Option<Vec<u64>> = first.iter().map(fold).collect();
+                return folded.ok_or_else(|| Error::invalid(at, "OpFConvert cannot be folded"));
+            }
             let lane =
                 |bits: &[u64], index: usize| bits.get(index).or(bits.first()).copied().unwrap_or(0);
             (0..count)
@@ -99,7 +109,6 @@ fn fold_scalar(opcode: Op, from: Type, to: Type, [a, b, c]: [u64; 3]) -> Option<
     let out = match opcode {
         Op::SConvert => sa as u64,
         Op::UConvert => a,
-        Op::FConvert => return fold_float(from, to, a),
         Op::QuantizeToF16 => {
             let value = f32::from_bits(a as u32);
             let mut half = half::f16::from_f32(value).to_f32();
@@ -157,14 +166,20 @@ fn fold_scalar(opcode: Op, from: Type, to: Type, [a, b, c]: [u64; 3]) -> Option<
     Some(truncate(out, to))
 }
 
-fn fold_float(from: Type, to: Type, bits: u64) -> Option<u64> {
+/// A conversion of floats; `is_bfloat16`: the first or the second type is of that encoding.
+fn fold_float((from, to): (Type, Type), is_bfloat16: [bool; 2], bits: u64) -> Option<u64> {
     let value = match from {
+        _ if is_bfloat16[0] => f32::from_bits((bits as u32) << 16) as f64,
         Type::F16 => half::f16::from_bits(bits as u16).to_f64(),
         Type::F32 => f32::from_bits(bits as u32) as f64,
         Type::F64 => f64::from_bits(bits),
         _ => return None,
     };
     match to {
+        _ if is_bfloat16[1] => {
+            let odd = eval::narrow::odd_f32_from_f64(value);
+            Some(eval::narrow::bfloat16_from_f32(odd).into())
+        }
         Type::F16 => Some(eval::narrow::f16_from_f64(value).to_bits() as u64),
         Type::F32 => Some((value as f32).to_bits() as u64),
         Type::F64 => Some(value.to_bits()),

@@ -28,6 +28,10 @@ impl Lowerer<'_> {
             | Op::UntypedInBoundsAccessChainKHR
             | Op::UntypedPtrAccessChainKHR
             | Op::UntypedInBoundsPtrAccessChainKHR => self.lower_access_chain(instruction),
+            Op::CooperativeMatrixLoadKHR
+            | Op::CooperativeMatrixStoreKHR
+            | Op::CooperativeMatrixMulAddKHR
+            | Op::CooperativeMatrixLengthKHR => self.lower_cooperative_matrix(instruction),
             Op::ArrayLength | Op::UntypedArrayLengthKHR => self.lower_array_length(instruction),
             Op::CopyObject | Op::ExpectKHR => {
                 let value = self.value(self.module.operands(instruction)[0])?;

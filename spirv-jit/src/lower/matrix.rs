@@ -76,8 +76,13 @@ impl Lowerer<'_> {
         let b = self.matrix(operands[1])?;
         match instruction.opcode {
             Op::MatrixTimesScalar | Op::VectorTimesScalar => {
+                // Components of cooperative matrices may be integers.
+                let op = match self.b.ty(b.values[0]).is_float() {
+                    true => ir::Op::FMul,
+                    false => ir::Op::IMul,
+                };
                 for &component in &a.values {
-                    values.push(self.b.binary(ir::Op::FMul, component, b.values[0])?);
+                    values.push(self.b.binary(op, component, b.values[0])?);
                 }
             }
             Op::VectorTimesMatrix => {
@@ -97,6 +102,14 @@ impl Lowerer<'_> {
                         values.push(self.b.binary(ir::Op::FMul, left, right)?);
                     }
                 }
+            }
+            _ if self.types.is_bfloat16(instruction.result_type) => {
+                let mut factors = [a.values, b.values];
+                for value in factors.iter_mut().flatten() {
+                    *value = self.widen_bfloat16(*value)?;
+                }
+                let sum = self.dot(&factors[0], &factors[1])?;
+                values.push(self.narrow_to_bfloat16(sum, false)?);
             }
             _ => values.push(self.dot(&a.values, &b.values)?),
         }

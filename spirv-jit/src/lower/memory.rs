@@ -421,7 +421,7 @@ impl Lowerer<'_> {
 
 /// How memory some bytes behind a pointer is accessed: as aligned as the pointer and the distance
 /// are.
-fn access(pointer: &Pointer, offset: u64) -> Access {
+pub(super) fn access(pointer: &Pointer, offset: u64) -> Access {
     Access {
         space: space(pointer),
         volatile: pointer.volatile,

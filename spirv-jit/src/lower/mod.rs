@@ -17,6 +17,7 @@
 mod arithmetic;
 mod atomic;
 mod barrier;
+mod bfloat16;
 mod builder;
 mod builtin;
 mod call;
@@ -25,6 +26,7 @@ mod capture;
 mod composite;
 mod constants;
 mod convert;
+mod cooperative_matrix;
 mod debug_printf;
 mod define_constant;
 mod derivative;
@@ -314,17 +316,19 @@ impl<'a> Lowerer<'a> {
                     let defined =
                         constants.define(module, &self.types, specialization, instruction);
                     if !defined.map_err(locate)? {
-                        let count = match instruction.opcode {
-                            Op::TypeArray => {
-                                let length = self.constants.unsigned(&self.types, operands[1]);
-                                length.map_err(locate)?
-                            }
-                            _ => 1,
+                        let named = match instruction.opcode {
+                            Op::TypeArray => &operands[1..2],
+                            Op::TypeCooperativeMatrixKHR => &operands[1..],
+                            _ => &[],
                         };
-                        if count == 0 {
+                        let sizes: Result<Vec<u32>, Error> = (named.iter())
+                            .map(|&id| self.constants.unsigned(&self.types, id))
+                            .collect();
+                        let sizes = sizes.map_err(locate)?;
+                        if instruction.opcode == Op::TypeArray && sizes == [0] {
                             return Err(Error::invalid(at, "an array has no elements"));
                         }
-                        let declared = self.types.declare(module, instruction, count);
+                        let declared = self.types.declare(module, instruction, &sizes);
                         declared.map_err(locate)?;
                     }
                 }

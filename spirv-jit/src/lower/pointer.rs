@@ -7,7 +7,7 @@ use super::stage_interface::Evaluation;
 use super::types::{TypeKind, UNTYPED};
 use super::values::{Place, Pointer, Shape, Val};
 use crate::Error;
-use crate::ir::op::DescriptorBinding;
+use crate::ir::op::{DescriptorBinding, MatrixProduct};
 use crate::ir::{self, Type, Value};
 use crate::parse::{Id, Instruction};
 
@@ -330,6 +330,7 @@ impl Lowerer<'_> {
             TypeKind::Vector { count, .. }
             | TypeKind::Matrix { count, .. }
             | TypeKind::Array { count, .. } => Elements::Counted(count),
+            TypeKind::CooperativeMatrix { .. } => Elements::Counted(MatrixProduct::SIZE as u32),
             TypeKind::RuntimeArray { .. } => Elements::Open,
             // A member is one step of its offset.
             _ => Elements::Around,
@@ -530,7 +531,7 @@ impl Lowerer<'_> {
         self.b.i32_of(index, false)
     }
 
-    fn add(&mut self, sum: Option<Value>, term: Value) -> Result<Value, Error> {
+    pub(super) fn add(&mut self, sum: Option<Value>, term: Value) -> Result<Value, Error> {
         match sum {
             Some(sum) => self.b.binary(ir::Op::IAdd, sum, term),
             None => Ok(term),

@@ -8,6 +8,7 @@ use super::id_table::IdTable;
 use crate::Error;
 use crate::hit_object::word;
 use crate::ir::Type;
+use crate::ir::op::MatrixProduct;
 use crate::parse::{Annotations, Id, Instruction, ParsedModule, opcode_name};
 
 /// Rows of private memory that one invocation may have.
@@ -47,6 +48,13 @@ pub(super) enum TypeKind {
     Scalar {
         ty: Type,
         signed: bool,
+        /// A float of the encoding `BFloat16KHR`: values hold its bits.
+        is_bfloat16: bool,
+    },
+    /// A matrix of a subgroup, of 16 rows and columns: a value is a row, with a column in each
+    /// lane.
+    CooperativeMatrix {
+        component: Id,
     },
     Vector {
         component: Id,
@@ -142,7 +150,9 @@ impl Types {
     /// The type of the scalars of a scalar, vector or matrix.
     pub fn component(&self, id: Id) -> Result<Type, Error> {
         match *self.kind(id)? {
-            TypeKind::Vector { component, .. } => self.scalar(component),
+            TypeKind::Vector { component, .. } | TypeKind::CooperativeMatrix { component } => {
+                self.scalar(component)
+            }
             TypeKind::Matrix { column, .. } => self.component(column),
             _ => self.scalar(id),
         }
@@ -152,7 +162,21 @@ impl Types {
     pub fn is_signed(&self, id: Id) -> bool {
         match self.kind(id) {
             Ok(TypeKind::Scalar { signed, .. }) => *signed,
-            Ok(&TypeKind::Vector { component, .. }) => self.is_signed(component),
+            Ok(
+                &TypeKind::Vector { component, .. } | &TypeKind::CooperativeMatrix { component },
+            ) => self.is_signed(component),
+            _ => false,
+        }
+    }
+
+    /// Whether the scalars of a scalar, vector or cooperative matrix are of the encoding
+    /// `BFloat16KHR`.
+    pub fn is_bfloat16(&self, id: Id) -> bool {
+        match self.kind(id) {
+            Ok(TypeKind::Scalar { is_bfloat16, .. }) => *is_bfloat16,
+            Ok(
+                &TypeKind::Vector { component, .. } | &TypeKind::CooperativeMatrix { component },
+            ) => self.is_bfloat16(component),
             _ => false,
         }
     }
@@ -168,7 +192,9 @@ impl Types {
     /// The element type that an index selects from a composite; structures need the member.
     pub fn element(&self, id: Id, member: Option<u32>) -> Result<Id, Error> {
         match self.kind(id)? {
-            TypeKind::Vector { component, .. } => Ok(*component),
+            TypeKind::Vector { component, .. } | TypeKind::CooperativeMatrix { component } => {
+                Ok(*component)
+            }
             TypeKind::Matrix { column, .. } => Ok(*column),
             TypeKind::Array { element, .. } | TypeKind::RuntimeArray { element } => Ok(*element),
             TypeKind::Struct { members } => member
@@ -185,6 +211,7 @@ impl Types {
             | TypeKind::Matrix { count, .. }
             | TypeKind::Array { count, .. } => Ok(*count),
             TypeKind::Struct { members } => Ok(members.len() as u32),
+            TypeKind::CooperativeMatrix { .. } => Ok(MatrixProduct::SIZE as u32),
             _ => Err(Error::invalid(0, format!("type {id} has no elements"))),
         }
     }
@@ -283,6 +310,9 @@ impl Types {
                 _ if info.leaf_count == 0 => {}
                 TypeKind::Void => {}
                 TypeKind::Scalar { ty, .. } => out.push(*ty),
+                TypeKind::CooperativeMatrix { component } => {
+                    out.extend([self.scalar(*component)?; MatrixProduct::SIZE]);
+                }
                 TypeKind::Vector {
                     component: element,
                     count,
@@ -310,12 +340,13 @@ impl Types {
         Ok(out)
     }
 
-    /// Adds the type that an instruction declares; `array_length` matters to arrays only.
+    /// Adds the type that an instruction declares; `sizes`: the constants that it names, which are
+    /// the length of an array, or scope, rows, columns and use of a cooperative matrix.
     pub fn declare(
         &mut self,
         module: &ParsedModule,
         instruction: &Instruction,
-        array_length: u32,
+        sizes: &[u32],
     ) -> Result<(), Error> {
         let operands = module.operands(instruction);
         let operand = |index: usize| operands.get(index).copied().unwrap_or(0);
@@ -324,7 +355,18 @@ impl Types {
             Op::TypeVoid => TypeKind::Void,
             Op::TypeBool => scalar(Type::I1, false),
             Op::TypeInt => scalar(int_type(at, operand(0))?, operand(1) != 0),
+            Op::TypeFloat if operands == BFLOAT16 => TypeKind::Scalar {
+                ty: Type::I16,
+                signed: true,
+                is_bfloat16: true,
+            },
             Op::TypeFloat => scalar(float_type(at, operands)?, true),
+            Op::TypeCooperativeMatrixKHR => {
+                cooperative_matrix(at, sizes)?;
+                TypeKind::CooperativeMatrix {
+                    component: operand(0),
+                }
+            }
             Op::TypeVector => TypeKind::Vector {
                 component: operand(0),
                 count: operand(1),
@@ -335,7 +377,7 @@ impl Types {
             },
             Op::TypeArray => TypeKind::Array {
                 element: operand(0),
-                count: array_length,
+                count: sizes.first().copied().unwrap_or(0),
             },
             Op::TypeRuntimeArray => TypeKind::RuntimeArray {
                 element: operand(0),
@@ -412,6 +454,13 @@ impl Types {
                     return Err(Error::invalid(at, "vectors have 2 to 4 components"));
                 }
                 (*count as u64, *count as u64 * ty.rows() as u64)
+            }
+            TypeKind::CooperativeMatrix { component } => {
+                let TypeKind::Scalar { ty, .. } = part(*component)?.kind else {
+                    return Err(Error::invalid(at, "components of matrices must be scalars"));
+                };
+                let size = MatrixProduct::SIZE as u64;
+                (size, size * u64::from(ty.rows()))
             }
             TypeKind::Matrix { column, count } => {
                 let info = part(*column)?;
@@ -610,7 +659,27 @@ fn is_through_descriptor(class: StorageClass) -> bool {
 }
 
 fn scalar(ty: Type, signed: bool) -> TypeKind {
-    TypeKind::Scalar { ty, signed }
+    TypeKind::Scalar {
+        ty,
+        signed,
+        is_bfloat16: false,
+    }
+}
+
+/// Operands of `OpTypeFloat`: width, and the encoding `BFloat16KHR`.
+const BFLOAT16: &[u32] = &[16, 0];
+
+/// Refuses cooperative matrices other than those that the device says it has.
+fn cooperative_matrix(at: u32, sizes: &[u32]) -> Result<(), Error> {
+    let [scope, rows, columns, _] = *sizes else {
+        return Err(Error::invalid(at, "a cooperative matrix lacks its sizes"));
+    };
+    let size = MatrixProduct::SIZE as u32;
+    if scope == spirv::Scope::Subgroup as u32 && [rows, columns] == [size; 2] {
+        return Ok(());
+    }
+    let message = format!("only {size} by {size} cooperative matrices of a subgroup are supported");
+    Err(Error::unsupported(at, message))
 }
 
 fn int_type(at: u32, bits: u32) -> Result<Type, Error> {

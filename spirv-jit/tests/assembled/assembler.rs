@@ -1,5 +1,5 @@
-//! SPIR-V written instruction by instruction: a compute shader of one invocation that reads a word
-//! and writes one.
+//! SPIR-V written instruction by instruction: a compute shader, mostly of one invocation, that reads
+//! a word and writes one.
 
 use rspirv::spirv::{
     AddressingModel, Capability, Decoration, ExecutionMode, ExecutionModel, FunctionControl,
@@ -30,6 +30,8 @@ pub struct Assembler {
     pub input: u32,
     /// The word that was read.
     pub given: u32,
+    /// Invocations: one at first.
+    pub invocations: u32,
 }
 
 /// One instruction.
@@ -57,6 +59,7 @@ impl Assembler {
             main: 0,
             input: 0,
             given: 0,
+            invocations: 1,
         };
         new.void = new.global(Op::TypeVoid, &[]);
         new.bool = new.global(Op::TypeBool, &[]);
@@ -249,7 +252,12 @@ impl Assembler {
             &[&head[..], &name, &interface].concat(),
         );
         let mode = ExecutionMode::LocalSize as u32;
-        put(&mut words, Op::ExecutionMode, &[self.main, mode, 1, 1, 1]);
+        let size = [self.invocations, 1, 1];
+        put(
+            &mut words,
+            Op::ExecutionMode,
+            &[&[self.main, mode], &size[..]].concat(),
+        );
         for part in [self.annotations, self.globals, self.functions, self.body] {
             words.extend(part);
         }

@@ -1,6 +1,8 @@
 //! Modules written instruction by instruction: forms that compilers of GLSL do not make.
 
 mod assembler;
+mod bfloat16;
+mod cooperative_matrices;
 mod depth;
 mod information;
 mod large;

@@ -123,8 +123,25 @@ pub fn render(rows: &[Row], options: &Options) -> String {
             );
         }
     }
+    text.push_str(PRODUCTS);
     text
 }
+
+/// Sums have an order, not a measured error.
+const PRODUCTS: &str = "
+## Products of matrices
+
+An element of `OpCooperativeMatrixMulAddKHR` is summed in one order, the same on every tier and
+machine: it begins with the element of `C` and goes on with the products, that of the first column
+of `A` and the first row of `B` first. Products and sums are f32, each rounded by itself; products
+of 16-bit floats are exact. A result of 16 bits, of either encoding, is rounded once, from the last
+sum. Integers are exact: the products and the element of `C` are added, then wrapped, or clamped
+with `SaturatingAccumulationKHR`. `OpDot` of bfloat16 sums from the first component on, in f32, and
+rounds once.
+
+Conversions to bfloat16 round once, to the nearest even number, from every float and from integers
+of up to 32 bits. Integers of 64 bits become an f64 first.
+";
 
 fn error(units: f64) -> String {
     match units {

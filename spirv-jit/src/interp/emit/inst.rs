@@ -3,16 +3,16 @@
 use super::{Emitter, instr};
 use crate::Error;
 use crate::interp::code::{
-    AccessPlan, AtomicPlan, ImagePlan, PhysicalAccess, PrintPlan, SubgroupPlan,
+    AccessPlan, AtomicPlan, ImagePlan, PhysicalAccess, PrintPlan, ProductPlan, SubgroupPlan,
 };
 use crate::interp::fusion::Fused;
 use crate::interp::kernels::{self, Unpack64, elementwise, fused};
 use crate::interp::machine::{Handler, Instr};
 use crate::interp::operand::Operand;
 use crate::interp::{
-    access, atomics, control, descriptors, images, memory, prints, subgroup, yields,
+    access, atomics, control, descriptors, images, matrix, memory, prints, subgroup, yields,
 };
-use crate::ir::op::{Access, AtomicOp, MAX_TABLE_RESULTS, Signature};
+use crate::ir::op::{Access, AtomicOp, MAX_TABLE_RESULTS, MatrixProduct, Signature};
 use crate::ir::stage::Stage;
 use crate::ir::{Inst, Op, Space, Type, Value, VariableId};
 use crate::plan::takes_helpers;
@@ -105,6 +105,10 @@ impl Emitter<'_> {
                 let i = plain(handler, self.code.subgroups.len() as u32);
                 self.code.subgroups.push(plan);
                 i
+            }
+            Op::MatrixProduct(product) => {
+                self.emit_product(*product, inst);
+                return Ok(());
             }
             Op::DerivativeX | Op::DerivativeY => {
                 let ty = self.ty(inst.results[0]);
@@ -299,6 +303,17 @@ impl Emitter<'_> {
         });
         self.note_physical(access, inst, true);
         Ok(())
+    }
+
+    fn emit_product(&mut self, product: MatrixProduct, inst: &Inst) {
+        let operands = self.list(&inst.args);
+        self.list(&inst.results);
+        let plan = self.code.products.len() as u32;
+        self.code.products.push(ProductPlan { product, operands });
+        self.push(Instr {
+            x: plan,
+            ..instr(matrix::handler(self.tier))
+        });
     }
 
     fn emit_print(&mut self, table: u32, inst: &Inst) -> Result<(), Error> {

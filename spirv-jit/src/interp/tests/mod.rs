@@ -7,6 +7,7 @@ mod gather;
 mod halves;
 mod images;
 mod kernels;
+mod matrices;
 mod memory;
 mod native;
 mod pairs;

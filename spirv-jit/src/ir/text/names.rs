@@ -4,7 +4,7 @@
 use images::{Dim, LodMode};
 
 use crate::ir::Type;
-use crate::ir::op::{AtomicOp, ReduceOp, Space, SubgroupOp};
+use crate::ir::op::{AtomicOp, Component, MatrixProduct, ReduceOp, Space, SubgroupOp};
 use crate::ir::stage::{Builtin, Stage};
 
 macro_rules! names {
@@ -74,6 +74,35 @@ names!(Dim, dim_text, dim_from_text:
 
 names!(LodMode, lod_text, lod_from_text:
     Implicit = "implicit", Bias = "bias", Lod = "lod", Grad = "grad");
+
+names!(Component, component_text, component_from_text:
+    F16 = "f16", BFloat16 = "bfloat16", F32 = "f32", S8 = "s8", U8 = "u8", S32 = "s32", U32 = "u32");
+
+/// The contents of a product's brackets.
+pub fn product_text(product: &MatrixProduct) -> String {
+    let [a, b, sum] = [product.a, product.b, product.sum].map(component_text);
+    let saturates = if product.saturates {
+        ", saturating"
+    } else {
+        ""
+    };
+    format!("{a}, {b}, {sum}{saturates}")
+}
+
+/// The inverse of [`product_text`], the words taken apart.
+pub fn product_from_text(words: &[&str]) -> Option<MatrixProduct> {
+    let (&[a, b, sum], rest) = words.split_first_chunk::<3>()?;
+    Some(MatrixProduct {
+        a: component_from_text(a)?,
+        b: component_from_text(b)?,
+        sum: component_from_text(sum)?,
+        saturates: match rest {
+            [] => false,
+            ["saturating"] => true,
+            _ => return None,
+        },
+    })
+}
 
 /// A subgroup operation's name after `subgroup.` and what its brackets hold.
 pub fn subgroup_text(op: SubgroupOp) -> (&'static str, String) {

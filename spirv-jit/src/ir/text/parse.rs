@@ -595,6 +595,7 @@ impl<'a> Parser<'a> {
             "call" => index_from_text("f", &words).map(|id| Op::Call(FunctionId(id))),
             "image" => image_from_text(rest, &words).map(Op::Image),
             "subgroup" => subgroup_from_text(rest, &words).map(Op::Subgroup),
+            "matrix_product" => product_from_text(&words).map(Op::MatrixProduct),
             "hit_object_get" => Fact::from_text(rest).map(Op::HitObjectGet),
             _ if words.is_empty() => Op::from_text(name),
             _ => None,

@@ -382,6 +382,7 @@ pub fn print_op(op: &Op) -> String {
             (kind, words) if words.is_empty() => format!("{name}.{kind}"),
             (kind, words) => format!("{name}.{kind}[{words}]"),
         },
+        Op::MatrixProduct(product) => format!("{name}[{}]", product_text(product)),
         Op::HitObjectGet(fact) => format!("{name}.{}", fact.text()),
         _ => name.into(),
     }

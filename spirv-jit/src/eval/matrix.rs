@@ -1,0 +1,61 @@
+//! Products of matrices, on the bits of components as rows hold them: see
+//! [`MatrixProduct`](crate::ir::op::MatrixProduct).
+
+use lanes::Row;
+
+use super::narrow::{bfloat16_from_f32, f16_from_f32, f32_from_f16};
+use crate::eval::f16;
+use crate::ir::op::{Component, MatrixProduct};
+
+/// A matrix by its rows.
+pub type Rows = [Row; MatrixProduct::SIZE];
+
+/// A component of a factor as an f32, which holds each exactly.
+pub fn widen(component: Component, bits: u32) -> f32 {
+    match component {
+        Component::F16 => f32_from_f16(f16::from_bits(bits as u16)),
+        Component::BFloat16 => f32::from_bits(bits << 16),
+        Component::F32 => f32::from_bits(bits),
+        Component::S8 => f32::from(bits as i8),
+        Component::U8 => f32::from(bits as u8),
+        Component::S32 | Component::U32 => unreachable!("no factor has such components"),
+    }
+}
+
+/// An f32 as the bits of a float component.
+pub fn narrow(component: Component, value: f32) -> u32 {
+    match component {
+        Component::F16 => f16_from_f32(value).to_bits().into(),
+        Component::BFloat16 => bfloat16_from_f32(value).into(),
+        _ => value.to_bits(),
+    }
+}
+
+/// An integer plus a sum of products, of 32 bits, as the product says.
+#[inline(always)]
+pub fn accumulate(product: &MatrixProduct, c: u32, sum: i32) -> u32 {
+    let exact = |c: i64, least: i64, most: i64| (c + i64::from(sum)).clamp(least, most) as u32;
+    match (product.saturates, product.sum) {
+        (false, _) => c.wrapping_add(sum as u32),
+        (_, Component::U32) => exact(c.into(), 0, u32::MAX.into()),
+        _ => exact((c as i32).into(), i32::MIN.into(), i32::MAX.into()),
+    }
+}
+
+/// The product of matrices.
+pub fn product(product: &MatrixProduct, [a, b, c]: [&Rows; 3]) -> Rows {
+    let element = |row: usize, column: usize| {
+        let c = c[row][column];
+        let is_float = product.sum.is_float();
+        let mut sum = if is_float { widen(product.sum, c) } else { 0.0 };
+        for k in 0..MatrixProduct::SIZE {
+            sum += widen(product.a, a[row][k]) * widen(product.b, b[k][column]);
+        }
+        match is_float {
+            true => narrow(product.sum, sum),
+            // At most 16 products of 16 bits: exact.
+            false => accumulate(product, c, sum as i32),
+        }
+    };
+    std::array::from_fn(|row| std::array::from_fn(|column| element(row, column)))
+}

@@ -1,0 +1,259 @@
+//! Cooperative matrices: a matrix has 16 rows and columns, a value is a row, and a lane has the
+//! column of its number. What works on single components is lowered as for vectors.
+
+use rspirv::spirv::{CooperativeMatrixLayout, CooperativeMatrixOperands, Op};
+
+use super::Lowerer;
+use super::memory::access;
+use super::types::{TypeKind, UNTYPED};
+use super::values::{Place, Pointer, Values};
+use crate::Error;
+use crate::ir::op::{Component, MatrixProduct};
+use crate::ir::{self, Type, Value};
+use crate::parse::{Id, Instruction};
+
+const SIZE: usize = MatrixProduct::SIZE;
+
+/// Consecutive components of a lane that one load or store moves.
+const RUN: usize = 4;
+
+/// Bytes from a line of a matrix to the next: an i32 if it is computed.
+#[derive(Clone, Copy)]
+enum Stride {
+    Constant(u64),
+    Value(Value),
+}
+
+/// Where the components of a matrix lie.
+struct Lines {
+    /// The first component of the lane's column.
+    pointer: Pointer,
+    /// From one to the next.
+    stride: Stride,
+    ty: Type,
+}
+
+impl Lowerer<'_> {
+    pub(super) fn lower_cooperative_matrix(
+        &mut self,
+        instruction: &Instruction,
+    ) -> Result<(), Error> {
+        let operands = self.module.operands(instruction);
+        match instruction.opcode {
+            Op::CooperativeMatrixLoadKHR => {
+                let ty = instruction.result_type;
+                let lines = self.matrix_lines(operands[0], ty, &operands[1..])?;
+                let values = self.load_lines(lines)?;
+                self.define_typed(instruction, values)
+            }
+            Op::CooperativeMatrixStoreKHR => {
+                let ty = self.type_of(operands[1])?;
+                let values = self.leaves(operands[1])?;
+                let lines = self.matrix_lines(operands[0], ty, &operands[2..])?;
+                self.store_lines(lines, &values)
+            }
+            Op::CooperativeMatrixLengthKHR => {
+                let length = self.types.element_count(operands[0])?;
+                let length = self.b.i32(length);
+                self.define_typed(instruction, [length])
+            }
+            _ => self.lower_matrix_product(instruction, operands),
+        }
+    }
+
+    /// The components of a matrix behind a pointer; `operands`: layout, stride, and operands of
+    /// memory accesses.
+    fn matrix_lines(&mut self, id: Id, matrix: Id, operands: &[u32]) -> Result<Lines, Error> {
+        let TypeKind::CooperativeMatrix { component } = *self.types.kind(matrix)? else {
+            return Err(self.b.invalid("a cooperative matrix is expected"));
+        };
+        let ty = self.types.scalar(component)?;
+        let mut pointer = self.pointer(id)?;
+        pointer = self.with_access(pointer, operands.get(2..).unwrap_or_default());
+        if !matches!(
+            pointer.place,
+            Place::Shared { .. } | Place::Buffer { .. } | Place::Global { .. }
+        ) {
+            return Err(self.b.invalid("a matrix is not loaded or stored there"));
+        }
+        let size_bytes = u64::from(ty.size_bytes());
+        // Components in a line follow each other, wherever lines begin.
+        pointer.alignment = pointer.alignment.min(size_bytes.ilog2() as u8);
+        // A stride counts what the pointer leads to.
+        let (_, pointee) = self.types.pointer(self.type_of(id)?)?;
+        let unit = match pointee {
+            UNTYPED => 1,
+            pointee => self.layout().natural(pointee)?.0,
+        };
+        let stride = match operands.get(1) {
+            None => return Err(self.b.invalid("a matrix in memory lacks its stride")),
+            Some(&id) if self.constants.find(id).is_some() => {
+                let stride = self.constants.integer(&self.types, id)?;
+                Stride::Constant((stride as u64).wrapping_mul(unit))
+            }
+            Some(&id) => {
+                let value = self.scalar(id)?;
+                let value = self.resize(value, Type::I32)?;
+                Stride::Value(self.b.scale(value, unit)?)
+            }
+        };
+        let component = Stride::Constant(size_bytes);
+        let layout = self.constants.unsigned(&self.types, operands[0])?;
+        let (of_lane, stride) = match CooperativeMatrixLayout::from_u32(layout) {
+            Some(CooperativeMatrixLayout::RowMajorKHR) => (component, stride),
+            Some(CooperativeMatrixLayout::ColumnMajorKHR) => (stride, component),
+            _ => {
+                let message = format!("matrices of layout {layout} are not supported");
+                return Err(Error::unsupported(self.b.source, message));
+            }
+        };
+        let lane = self.b.emit(ir::Op::LaneIndex, &[], Type::I32)?;
+        let bytes = match of_lane {
+            Stride::Constant(bytes) => self.b.scale(lane, bytes)?,
+            Stride::Value(bytes) => self.b.binary(ir::Op::IMul, lane, bytes)?,
+        };
+        let pointer = self.moved(&pointer, bytes)?;
+        Ok(Lines {
+            pointer,
+            stride,
+            ty,
+        })
+    }
+
+    /// The place some bytes further on.
+    fn moved(&mut self, pointer: &Pointer, bytes: Value) -> Result<Pointer, Error> {
+        let mut pointer = pointer.clone();
+        match &mut pointer.place {
+            Place::Shared { offset, .. } | Place::Buffer { offset, .. } => {
+                *offset = Some(self.add(*offset, bytes)?);
+            }
+            Place::Global { address, .. } => {
+                let bytes = self.b.i64_of(bytes, true)?;
+                *address = self.b.binary(ir::Op::IAdd, *address, bytes)?;
+            }
+            _ => {}
+        }
+        Ok(pointer)
+    }
+
+    /// The place of each load or store of a matrix: where it is, how far behind the pointer, and
+    /// how many components it moves.
+    fn runs(&mut self, lines: Lines) -> Result<Vec<(Pointer, u64, usize)>, Error> {
+        let Lines {
+            mut pointer,
+            stride,
+            ty,
+        } = lines;
+        let mut runs = Vec::with_capacity(SIZE);
+        match stride {
+            Stride::Constant(bytes) if bytes == u64::from(ty.size_bytes()) => {
+                for first in (0..SIZE).step_by(RUN) {
+                    runs.push((pointer.clone(), first as u64 * bytes, RUN));
+                }
+            }
+            Stride::Constant(bytes) => {
+                for row in 0..SIZE as u64 {
+                    runs.push((pointer.clone(), bytes.wrapping_mul(row), 1));
+                }
+            }
+            Stride::Value(bytes) => {
+                for row in 0..SIZE {
+                    if row > 0 {
+                        pointer = self.moved(&pointer, bytes)?;
+                    }
+                    runs.push((pointer.clone(), 0, 1));
+                }
+            }
+        }
+        Ok(runs)
+    }
+
+    fn load_lines(&mut self, lines: Lines) -> Result<Values, Error> {
+        let ty = lines.ty;
+        let mut values = Values::with_capacity(SIZE);
+        for (pointer, offset, count) in self.runs(lines)? {
+            let address = self.address(&pointer, offset)?;
+            let types = &[ty; RUN][..count];
+            let loaded = (self.b).load(access(&pointer, offset), &address, types)?;
+            values.extend(loaded);
+        }
+        Ok(values)
+    }
+
+    fn store_lines(&mut self, lines: Lines, mut values: &[Value]) -> Result<(), Error> {
+        for (pointer, offset, count) in self.runs(lines)? {
+            let address = self.address(&pointer, offset)?;
+            let (run, rest) = values.split_at(count);
+            self.b.store(access(&pointer, offset), &address, run)?;
+            values = rest;
+        }
+        Ok(())
+    }
+
+    /// What the components of a matrix are.
+    fn matrix_component(&self, matrix: Id, signed: bool) -> Result<Component, Error> {
+        let kind = match *self.types.kind(matrix)? {
+            TypeKind::CooperativeMatrix { component } => self.types.kind(component)?,
+            _ => return Err(self.b.invalid("a cooperative matrix is expected")),
+        };
+        Ok(match (kind, signed) {
+            (
+                TypeKind::Scalar {
+                    is_bfloat16: true, ..
+                },
+                _,
+            ) => Component::BFloat16,
+            (TypeKind::Scalar { ty: Type::F16, .. }, _) => Component::F16,
+            (TypeKind::Scalar { ty: Type::F32, .. }, _) => Component::F32,
+            (TypeKind::Scalar { ty: Type::I8, .. }, true) => Component::S8,
+            (TypeKind::Scalar { ty: Type::I8, .. }, false) => Component::U8,
+            (TypeKind::Scalar { ty: Type::I32, .. }, true) => Component::S32,
+            (TypeKind::Scalar { ty: Type::I32, .. }, false) => Component::U32,
+            _ => return Err(self.no_product()),
+        })
+    }
+
+    fn no_product(&self) -> Error {
+        let message = "a product of matrices of these types is not supported";
+        Error::unsupported(self.b.source, message)
+    }
+
+    /// `OpCooperativeMatrixMulAddKHR`.
+    fn lower_matrix_product(
+        &mut self,
+        instruction: &Instruction,
+        operands: &[u32],
+    ) -> Result<(), Error> {
+        type Bits = CooperativeMatrixOperands;
+        let bits = Bits::from_bits_truncate(operands.get(3).copied().unwrap_or(0));
+        let [a, b, c] = [operands[0], operands[1], operands[2]];
+        let product = MatrixProduct {
+            a: self.matrix_component(
+                self.type_of(a)?,
+                bits.contains(Bits::MATRIX_A_SIGNED_COMPONENTS_KHR),
+            )?,
+            b: self.matrix_component(
+                self.type_of(b)?,
+                bits.contains(Bits::MATRIX_B_SIGNED_COMPONENTS_KHR),
+            )?,
+            sum: self.matrix_component(
+                instruction.result_type,
+                bits.contains(Bits::MATRIX_RESULT_SIGNED_COMPONENTS_KHR),
+            )?,
+            saturates: bits.contains(Bits::SATURATING_ACCUMULATION_KHR),
+        };
+        let mut args = Values::with_capacity(3 * SIZE);
+        for id in [a, b, c] {
+            args.extend_from_slice(&self.leaves(id)?);
+        }
+        let sums = args[2 * SIZE..].iter();
+        let is_of_sum = |&value: &Value| self.b.ty(value) == product.sum.ty();
+        if !product.is_valid() || !sums.clone().all(is_of_sum) {
+            return Err(self.no_product());
+        }
+        let results = [product.sum.ty(); SIZE];
+        let op = ir::Op::MatrixProduct(product);
+        let values = self.b.emit_unchecked(op, &args, &results)?;
+        self.define_typed(instruction, &values[..])
+    }
+}
