@@ -9,7 +9,7 @@ use std::marker::PhantomData;
 use lanes::{LaneMask, Row, Tier as TierKind};
 
 use super::code::AccessPlan;
-use super::gather::{self, Gather};
+use super::gather::{self, Gather, Layout};
 use super::kernels::Lane;
 use super::machine::{Handler, Instr, Machine};
 use super::operand::Operand;
@@ -26,6 +26,28 @@ pub(super) fn handler(tier: TierKind, ty: Type, count: usize, store: bool) -> Ha
         #[cfg(target_arch = "x86_64")]
         TierKind::Avx512 => in_tier::<super::tier::Avx512>(ty, count, store),
         _ => in_tier::<Portable>(ty, count, store),
+    }
+}
+
+/// The handler of strided accesses.
+pub(super) fn strided(tier: TierKind, ty: Type, store: bool) -> Handler {
+    match tier {
+        #[cfg(target_arch = "x86_64")]
+        TierKind::Avx2 => strided_in::<super::tier::Avx2>(ty, store),
+        #[cfg(target_arch = "x86_64")]
+        TierKind::Avx512 => strided_in::<super::tier::Avx512>(ty, store),
+        _ => strided_in::<Portable>(ty, store),
+    }
+}
+
+fn strided_in<G: Gather>(ty: Type, store: bool) -> Handler {
+    match (ty.size_bytes(), store) {
+        (1, false) => G::handler::<Strided<In, G, u8>>(),
+        (2, false) => G::handler::<Strided<In, G, u16>>(),
+        (_, false) => G::handler::<Strided<In, G, u32>>(),
+        (1, true) => G::handler::<Strided<Out, G, u8>>(),
+        (2, true) => G::handler::<Strided<Out, G, u16>>(),
+        (_, true) => G::handler::<Strided<Out, G, u32>>(),
     }
 }
 
@@ -94,6 +116,11 @@ trait Copying: 'static {
         active: LaneMask,
         rows: gather::Rows<N>,
     ) -> LaneMask;
+    /// A scalar of each lane, side by side in memory.
+    ///
+    /// # Safety
+    /// As for [`Kernel::run`]: the address is of so many scalars, and the row one of the frame's.
+    unsafe fn copy_line<T: Lane>(at: *mut u8, row: *mut u8);
     /// # Safety
     /// As for [`Kernel::run`]: the address is of a scalar, and the row one of the frame's.
     unsafe fn copy<T: Lane>(at: *mut T, row: *mut [T::Slot; SUBGROUP_SIZE], lane: usize);
@@ -127,6 +154,12 @@ impl Copying for In {
     }
 
     #[inline(always)]
+    unsafe fn copy_line<T: Lane>(at: *mut u8, row: *mut u8) {
+        // SAFETY: as the caller promises.
+        unsafe { gather::load_run::<T, 1>(at, [row]) }
+    }
+
+    #[inline(always)]
     unsafe fn copy<T: Lane>(at: *mut T, row: *mut [T::Slot; SUBGROUP_SIZE], lane: usize) {
         // SAFETY: as the caller promises.
         unsafe { (*row)[lane] = at.read_unaligned().write() };
@@ -155,6 +188,12 @@ impl Copying for Out {
     ) -> LaneMask {
         // SAFETY: as the caller promises.
         unsafe { G::store::<T, N>(memory, offsets, active, rows) }
+    }
+
+    #[inline(always)]
+    unsafe fn copy_line<T: Lane>(at: *mut u8, row: *mut u8) {
+        // SAFETY: as the caller promises.
+        unsafe { gather::store_run::<T>(at, row) }
     }
 
     #[inline(always)]
@@ -218,13 +257,7 @@ impl<C: Copying, G: Gather, T: Lane, const N: usize> Kernel for Accessing<C, G, 
                             (memory, &*from.cast())
                         }
                         None => {
-                            copy_scalars::<C, T>(
-                                m,
-                                plan.space,
-                                (address, scalars),
-                                subgroup,
-                                active,
-                            );
+                            copy_scalars::<C, T>(m, plan, (address, scalars), subgroup, active);
                             continue;
                         }
                     },
@@ -236,7 +269,66 @@ impl<C: Copying, G: Gather, T: Lane, const N: usize> Kernel for Accessing<C, G, 
                     left = gather::straddling::<G>(offsets, left, (memory.1, total));
                 }
                 if !left.is_empty() {
-                    copy_scalars::<C, T>(m, plan.space, (address, scalars), subgroup, left);
+                    copy_scalars::<C, T>(m, plan, (address, scalars), subgroup, left);
+                }
+            }
+        }
+    }
+}
+
+/// A strided load or store by plan `x`: of a matrix, mostly, of which each lane has a column.
+struct Strided<C, G, T>(PhantomData<(C, G, T)>);
+
+impl<C: Copying, G: Gather, T: Lane> Kernel for Strided<C, G, T> {
+    #[inline(always)]
+    unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
+        let plan = &m.code.accesses[i.x as usize];
+        let (address, scalars) = operands(m, plan);
+        let size_bytes = size_of::<T>() as u32;
+        // SAFETY: as the caller promises; rows of results are apart from those of addresses.
+        unsafe {
+            for &subgroup in m.listed() {
+                let active = C::lanes(m, subgroup);
+                if active.is_empty() {
+                    continue;
+                }
+                let memory = match plan.space {
+                    Space::Shared => Some(m.workgroup_memory(subgroup)),
+                    _ => m.common(address[0], subgroup, active).map(|descriptor| {
+                        let descriptor = m.environment.descriptor(descriptor);
+                        (descriptor.address as *mut u8, descriptor.size_bytes)
+                    }),
+                };
+                let Some(memory) = memory else {
+                    copy_scalars::<C, T>(m, plan, (address, scalars), subgroup, active);
+                    continue;
+                };
+                let mut offsets = *m.block::<u32>(address[address.len() - 1], subgroup);
+                let strides = &*m.block::<u32>(plan.stride, subgroup);
+                let stride = u64::from(strides[0]);
+                // Lines of which each is a run of scalars, all inside.
+                let last = u64::from(offsets[0])
+                    + stride * (scalars.len() as u64 - 1)
+                    + (SUBGROUP_SIZE as u32 * size_bytes) as u64;
+                if active == LaneMask::ALL
+                    && last <= memory.1.min(1 << 32)
+                    && G::layout(&offsets, u32::MAX - size_bytes, size_bytes) == Layout::Run
+                    && G::layout(strides, u32::MAX, 0) == Layout::Same
+                {
+                    let mut at = memory.0.add(offsets[0] as usize);
+                    for &scalar in scalars {
+                        C::copy_line::<T>(at, m.block::<u32>(scalar, subgroup).cast());
+                        at = at.wrapping_add(stride as usize);
+                    }
+                    continue;
+                }
+                for &scalar in scalars {
+                    let row = m.block::<T::Slot>(scalar, subgroup).cast();
+                    // Nothing is left to do for lanes outside: scalars are inside or not.
+                    C::copy_all::<G, T, 1>(memory, &offsets, active, [row]);
+                    for lane in 0..SUBGROUP_SIZE {
+                        offsets[lane] = offsets[lane].wrapping_add(strides[lane]);
+                    }
                 }
             }
         }
@@ -296,7 +388,7 @@ unsafe fn copy_block<C: Copying, G: Gather, T: Lane, const N: usize>(
 #[inline(never)]
 unsafe fn copy_scalars<C: Copying, T: Lane>(
     m: &Machine<'_>,
-    space: Space,
+    plan: &AccessPlan,
     (address, scalars): (&[Operand], &[Operand]),
     subgroup: u16,
     lanes: LaneMask,
@@ -305,10 +397,14 @@ unsafe fn copy_scalars<C: Copying, T: Lane>(
     for lane in lanes {
         // SAFETY: as the caller promises; addresses are checked.
         unsafe {
-            let region = region(m, space, address, subgroup, lane);
+            let region = region(m, plan.space, address, subgroup, lane);
+            let stride = match plan.stride {
+                Operand::NONE => size,
+                stride => m.lane(stride, subgroup, lane, false),
+            };
             for (k, &scalar) in scalars.iter().enumerate() {
                 let row = m.block::<T::Slot>(scalar, subgroup);
-                match region.at(k as u64 * size, size) {
+                match region.at(k as u64 * stride, size) {
                     Some(at) => C::copy(at.cast::<T>(), row, lane),
                     None => C::miss::<T>(row, lane),
                 }

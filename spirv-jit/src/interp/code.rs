@@ -16,6 +16,8 @@ pub(super) struct AccessPlan {
     pub ty: Type,
     /// As [`Access`](crate::ir::op::Access) has it.
     pub alignment: u8,
+    /// From one scalar to the next, in bytes; none where they are consecutive.
+    pub stride: Operand,
     /// First of the operands: address, then results (load) or values (store).
     pub operands: u32,
     pub scalars: u32,

@@ -197,15 +197,7 @@ pub(super) unsafe fn store<G: Gather, T: Lane, const N: usize>(
             _ if inside != LaneMask::ALL => {
                 store_singly::<T, N>(base, offsets, rows, inside);
             }
-            Layout::Run if N == 1 => {
-                let from = &*rows[0].cast::<[T::Slot; SUBGROUP_SIZE]>();
-                let to = base.add(offsets[0] as usize);
-                let mut scalars = [T::read(from[0]); SUBGROUP_SIZE];
-                for k in 0..SUBGROUP_SIZE {
-                    scalars[k] = T::read(from[k]);
-                }
-                to.cast::<[T; SUBGROUP_SIZE]>().write_unaligned(scalars);
-            }
+            Layout::Run if N == 1 => store_run::<T>(base.add(offsets[0] as usize), rows[0]),
             _ => {
                 // As in `load`.
                 let offsets = std::hint::black_box(offsets as *const Row);
@@ -268,7 +260,7 @@ unsafe fn clear<T: Lane, const N: usize>(rows: Rows<N>, kept: LaneMask) {
 /// # Safety
 /// There are as many scalars at the address; the rows are a frame's.
 #[inline(always)]
-unsafe fn load_run<T: Lane, const N: usize>(at: *const u8, rows: Rows<N>) {
+pub(super) unsafe fn load_run<T: Lane, const N: usize>(at: *const u8, rows: Rows<N>) {
     // SAFETY: as the caller promises.
     unsafe {
         if N == 1 {
@@ -287,6 +279,23 @@ unsafe fn load_run<T: Lane, const N: usize>(at: *const u8, rows: Rows<N>) {
                 to[lane] = from[lane] >> (k as u32 * bits) & ((1 << bits) - 1);
             }
         }
+    }
+}
+
+/// Stores a scalar of each lane, one lane's behind another's.
+///
+/// # Safety
+/// There are as many scalars at the address; the row is a frame's.
+#[inline(always)]
+pub(super) unsafe fn store_run<T: Lane>(at: *mut u8, row: *mut u8) {
+    // SAFETY: as the caller promises.
+    unsafe {
+        let from = &*row.cast::<[T::Slot; SUBGROUP_SIZE]>();
+        let mut scalars = [T::read(from[0]); SUBGROUP_SIZE];
+        for k in 0..SUBGROUP_SIZE {
+            scalars[k] = T::read(from[k]);
+        }
+        at.cast::<[T; SUBGROUP_SIZE]>().write_unaligned(scalars);
     }
 }
 

@@ -292,9 +292,10 @@ macro_rules! define_ops {
             /// `(index: i32) -> (i32 | f32, …)`: consecutive words, at most [`MAX_TABLE_RESULTS`],
             /// of one of the function's [tables](super::Function::tables); zeros from its end on.
             Table(u32) "table" Pure;
-            /// `(address…) -> (T, …)`: consecutive scalars of the results' type.
+            /// `(address…) -> (T, …)`: consecutive scalars of the results' type; `(address…, stride:
+            /// i32)` if they are strided.
             Load(Access) "load" Read;
-            /// `(address…, T, …) -> ()`.
+            /// `(address…, T, …) -> ()`, with a stride as above.
             Store(Access) "store" Change;
             /// `(address…, operand…) -> T`: returns the old value. Operands: none for load (result
             /// only), one for most, (value, comparator) for compare-exchange; `Store` has one
@@ -410,6 +411,9 @@ pub struct Access {
     /// log₂ of what a device address must be a multiple of, where that is to be checked; 0 asks
     /// nothing.
     pub alignment: u8,
+    /// The scalars are not consecutive, but as many bytes apart as an operand behind the address
+    /// says, an i32: in a buffer or workgroup memory.
+    pub is_strided: bool,
 }
 
 impl Access {
@@ -420,7 +424,13 @@ impl Access {
             volatile: false,
             constant: false,
             alignment: 0,
+            is_strided: false,
         }
+    }
+
+    /// Number of operands before the scalars: address and stride.
+    pub const fn place_operands(&self) -> usize {
+        self.space.address_operands() + self.is_strided as usize
     }
 }
 

@@ -186,7 +186,7 @@ fn check_other(
             require(fits, "operands do not match the message")
         }
         Op::Load(access) => {
-            takes(address_types(access.space))?;
+            require(check_address(access, args)?.is_empty(), "wrong operands")?;
             require(
                 !access.constant || access.space == Space::Buffer && !access.volatile,
                 "only buffers hold uniform blocks",
@@ -195,9 +195,14 @@ fn check_other(
         }
         Op::Store(access) => {
             gives(&[])?;
+            check_written(access)?;
             check_scalars(access, check_address(access, args)?)
         }
-        Op::Atomic(kind, access) => check_atomic(*kind, check_address(access, args)?, results),
+        Op::Atomic(kind, access) => {
+            check_written(access)?;
+            require(!access.is_strided, "an atomic is on one scalar")?;
+            check_atomic(*kind, check_address(access, args)?, results)
+        }
         Op::BufferSize => takes(&[Descriptor]).and_then(|()| gives(&[I32])),
         Op::Descriptor(_) => takes(&[I32]).and_then(|()| gives(&[Descriptor])),
         Op::DescriptorReference(_) => takes(&[I32]).and_then(|()| gives(&[I64])),
@@ -325,20 +330,35 @@ fn address_types(space: Space) -> &'static [Type] {
     }
 }
 
-/// Checks the leading address operands and gives the rest.
+fn check_written(access: &Access) -> Checked {
+    require(!access.constant, "uniform blocks are not written")?;
+    require(
+        access.alignment == 0 || access.space == Space::Global,
+        "only device addresses have an alignment",
+    )
+}
+
+/// Checks the leading operands, address and stride, and gives the rest.
 fn check_address<'a>(access: &Access, args: &'a [Type]) -> Result<&'a [Type], String> {
-    if access.constant {
-        return Err("uniform blocks are not written".into());
+    let rest = args.strip_prefix(address_types(access.space));
+    let rest = rest.ok_or("wrong address operands")?;
+    if !access.is_strided {
+        return Ok(rest);
     }
-    if access.alignment != 0 && access.space != Space::Global {
-        return Err("only device addresses have an alignment".into());
-    }
-    args.strip_prefix(address_types(access.space))
-        .ok_or_else(|| "wrong address operands".into())
+    require(
+        matches!(access.space, Space::Shared | Space::Buffer),
+        "no stride in this memory",
+    )?;
+    let rest = rest.strip_prefix(&[Type::I32]);
+    Ok(rest.ok_or("a strided access lacks its stride")?)
 }
 
 fn check_scalars(access: &Access, scalars: &[Type]) -> Checked {
     require(!scalars.is_empty(), "accesses nothing")?;
+    require(
+        !access.is_strided || scalars[0].bits() <= 32,
+        "only words and less are strided",
+    )?;
     require(all_equal(scalars), "accesses scalars of different types")?;
     require(
         scalars[0] != Type::I1 || access.space == Space::Private,

@@ -97,6 +97,7 @@ impl Lowerer<'_> {
             volatile: true,
             constant: false,
             alignment: 0,
+            is_strided: false,
         };
         let results: &[Type] = if op == AtomicOp::Store { &[] } else { &[ty] };
         let op = ir::Op::Atomic(op, access);

@@ -2,20 +2,21 @@
 //! column of its number. What works on single components is lowered as for vectors.
 
 use rspirv::spirv::{CooperativeMatrixLayout, CooperativeMatrixOperands, Op};
+use smallvec::SmallVec;
 
 use super::Lowerer;
 use super::memory::access;
 use super::types::{TypeKind, UNTYPED};
 use super::values::{Place, Pointer, Values};
 use crate::Error;
-use crate::ir::op::{Component, MatrixProduct};
-use crate::ir::{self, Type, Value};
+use crate::ir::op::{Access, Component, MatrixProduct};
+use crate::ir::{self, Space, Type, Value};
 use crate::parse::{Id, Instruction};
 
 const SIZE: usize = MatrixProduct::SIZE;
 
-/// Consecutive components of a lane that one load or store moves.
-const RUN: usize = 4;
+/// Of an access.
+type Operands = SmallVec<[Value; 2]>;
 
 /// Bytes from a line of a matrix to the next: an i32 if it is computed.
 #[derive(Clone, Copy)]
@@ -136,55 +137,66 @@ impl Lowerer<'_> {
         Ok(pointer)
     }
 
-    /// The place of each load or store of a matrix: where it is, how far behind the pointer, and
-    /// how many components it moves.
-    fn runs(&mut self, lines: Lines) -> Result<Vec<(Pointer, u64, usize)>, Error> {
+    /// The accesses to a matrix, each with its operands: how, and to how many components.
+    fn accesses(&mut self, lines: Lines) -> Result<Vec<(Access, Operands, usize)>, Error> {
         let Lines {
             mut pointer,
             stride,
             ty,
         } = lines;
-        let mut runs = Vec::with_capacity(SIZE);
+        let whole = access(&pointer, 0);
+        let mut operands = self.address(&pointer, 0)?;
         match stride {
             Stride::Constant(bytes) if bytes == u64::from(ty.size_bytes()) => {
-                for first in (0..SIZE).step_by(RUN) {
-                    runs.push((pointer.clone(), first as u64 * bytes, RUN));
-                }
+                Ok(vec![(whole, operands, SIZE)])
             }
-            Stride::Constant(bytes) => {
+            _ if whole.space != Space::Global => {
+                operands.push(match stride {
+                    Stride::Constant(bytes) => self.b.i32(bytes as u32),
+                    Stride::Value(bytes) => bytes,
+                });
+                let strided = Access {
+                    is_strided: true,
+                    ..whole
+                };
+                Ok(vec![(strided, operands, SIZE)])
+            }
+            _ => {
+                let mut all = Vec::with_capacity(SIZE);
                 for row in 0..SIZE as u64 {
-                    runs.push((pointer.clone(), bytes.wrapping_mul(row), 1));
-                }
-            }
-            Stride::Value(bytes) => {
-                for row in 0..SIZE {
-                    if row > 0 {
+                    let offset = match stride {
+                        Stride::Constant(bytes) => bytes.wrapping_mul(row),
+                        Stride::Value(_) => 0,
+                    };
+                    let operands = self.address(&pointer, offset)?;
+                    all.push((access(&pointer, offset), operands, 1));
+                    if let Stride::Value(bytes) = stride {
                         pointer = self.moved(&pointer, bytes)?;
                     }
-                    runs.push((pointer.clone(), 0, 1));
                 }
+                Ok(all)
             }
         }
-        Ok(runs)
     }
 
     fn load_lines(&mut self, lines: Lines) -> Result<Values, Error> {
         let ty = lines.ty;
         let mut values = Values::with_capacity(SIZE);
-        for (pointer, offset, count) in self.runs(lines)? {
-            let address = self.address(&pointer, offset)?;
-            let types = &[ty; RUN][..count];
-            let loaded = (self.b).load(access(&pointer, offset), &address, types)?;
+        for (access, operands, count) in self.accesses(lines)? {
+            let loaded = self.b.load(access, &operands, &[ty; SIZE][..count])?;
             values.extend(loaded);
         }
         Ok(values)
     }
 
     fn store_lines(&mut self, lines: Lines, mut values: &[Value]) -> Result<(), Error> {
-        for (pointer, offset, count) in self.runs(lines)? {
-            let address = self.address(&pointer, offset)?;
-            let (run, rest) = values.split_at(count);
-            self.b.store(access(&pointer, offset), &address, run)?;
+        for (access, operands, count) in self.accesses(lines)? {
+            let (part, rest) = values.split_at(count);
+            let access = Access {
+                constant: false,
+                ..access
+            };
+            self.b.store(access, &operands, part)?;
             values = rest;
         }
         Ok(())

@@ -427,6 +427,7 @@ pub(super) fn access(pointer: &Pointer, offset: u64) -> Access {
         volatile: pointer.volatile,
         constant: pointer.constant && !pointer.volatile,
         alignment: pointer.alignment.min(offset.trailing_zeros() as u8),
+        is_strided: false,
     }
 }
 

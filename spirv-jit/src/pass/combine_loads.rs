@@ -226,7 +226,7 @@ impl Combiner<'_> {
     fn add_load(&mut self, node: usize, access: Access, inst: &Inst) {
         let ty = self.function.ty(inst.results[0]);
         let bytes = inst.results.len() as i64 * ty.size_bytes() as i64;
-        if access.space == Space::Private || bytes > MAX_BYTES {
+        if access.space == Space::Private || access.is_strided || bytes > MAX_BYTES {
             return;
         }
         let address = inst.args[access.space.address_operands() - 1];

@@ -1,5 +1,5 @@
-//! SPIR-V written instruction by instruction: a compute shader, mostly of one invocation, that reads
-//! a word and writes one.
+//! SPIR-V written instruction by instruction: a compute shader, mostly of one invocation, that
+//! reads a word and writes one.
 
 use rspirv::spirv::{
     AddressingModel, Capability, Decoration, ExecutionMode, ExecutionModel, FunctionControl,

@@ -6,7 +6,7 @@ use shaders::compute::{Memory, compile, dispatch};
 
 use crate::assembler::Assembler;
 
-/// Conversions, and the bits of numbers that lie on and beside the steps of bfloat16.
+/// Numbers on the steps of bfloat16, and in and beside the middle between two.
 fn numbers() -> Vec<f64> {
     let mut numbers = vec![
         0.0, 1.0, 0.1, 3.0e38, 3.4e38, 1e300, 1e-38, 1e-40, 1e-45, 9.0e-41,

@@ -123,6 +123,7 @@ impl Generator<'_> {
             volatile: self.random.one_in(10),
             constant: false,
             alignment: 0,
+            is_strided: false,
         };
         let which = self.random.below(3);
         let descriptor = self.descriptor(which, nodes);

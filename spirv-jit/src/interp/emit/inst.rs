@@ -229,7 +229,7 @@ impl Emitter<'_> {
     }
 
     fn emit_access(&mut self, place: Access, inst: &Inst, store: bool) -> Result<(), Error> {
-        let (address, values) = inst.args.split_at(place.space.address_operands());
+        let (address, values) = inst.args.split_at(place.place_operands());
         let scalars = if store { values } else { &inst.results[..] };
         let Some(&first) = scalars.first() else {
             return Ok(());
@@ -238,6 +238,8 @@ impl Emitter<'_> {
         if ty == Type::I1 && place.space != Space::Private {
             return Err(Error::invalid(inst.source, "boolean in memory"));
         }
+        let (address, stride) = address.split_at(place.space.address_operands());
+        let stride = stride.first().map_or(Operand::NONE, |&v| self.operand(v));
         let operands = self.list(address);
         self.list(scalars);
         let plan = self.code.accesses.len() as u32;
@@ -245,11 +247,13 @@ impl Emitter<'_> {
             space: place.space,
             ty,
             alignment: place.alignment,
+            stride,
             operands,
             scalars: scalars.len() as u32,
         });
         let handler: Handler = match (place.space, store) {
             (Space::Private, store) => memory::private(self.tier, ty, store),
+            _ if place.is_strided => access::strided(self.tier, ty, store),
             (_, store) => access::handler(self.tier, ty, scalars.len(), store),
         };
         self.push(Instr {

@@ -11,6 +11,7 @@ mod matrices;
 mod memory;
 mod native;
 mod pairs;
+mod strided;
 mod subgroups;
 mod yields;
 

@@ -682,11 +682,16 @@ fn access_from_text(text: &str) -> Option<Access> {
         Some((space, bytes)) => (space, log2(bytes.parse().ok()?)?),
         None => (space, 0),
     };
+    let (space, is_strided) = match space.strip_suffix(".strided") {
+        Some(space) => (space, true),
+        None => (space, false),
+    };
     Some(Access {
         space: space_from_text(space)?,
         volatile,
         constant,
         alignment,
+        is_strided,
     })
 }
 

@@ -354,7 +354,9 @@ fn access_text(access: &Access) -> String {
         0 => String::new(),
         alignment => format!(".align{}", 1u64 << alignment.min(63)),
     };
-    format!("{}{aligned}{constant}{volatile}", space_text(access.space))
+    let strided = if access.is_strided { ".strided" } else { "" };
+    let space = space_text(access.space);
+    format!("{space}{strided}{aligned}{constant}{volatile}")
 }
 
 /// The text form of an operation with what stands in its brackets, but without operands and the
