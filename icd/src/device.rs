@@ -112,6 +112,7 @@ impl Device {
                 wild_addresses: enabled.device_fault,
                 clamps_to_one: enabled.depth_clamp_zero_one
                     && !extensions.contains(Extension::EXT_DEPTH_RANGE_UNRESTRICTED),
+                serializes_blocks: extensions.contains(Extension::KHR_OPACITY_MICROMAP),
                 ..Watch::default()
             },
         );

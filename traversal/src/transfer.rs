@@ -58,8 +58,8 @@ pub struct Serialized {
     pub serialized_bytes: u64,
     /// Bytes that deserialization needs.
     pub deserialized_bytes: u64,
-    /// Number of bottom-level references that follow the head; of a bottom level whose micromaps
-    /// are listed, [`LISTS`] and the number of blocks of addresses.
+    /// Number of bottom-level references that follow the head; of a bottom level in blocks,
+    /// [`LISTS`] and the number of blocks of addresses.
     pub reference_count: u64,
 }
 
@@ -198,7 +198,9 @@ pub unsafe fn serialized_size(source: &[u8], live: &Live) -> Result<u64, Structu
     Ok(unsafe { Split::of(&structure, &header, live) }.serialized_bytes() as u64)
 }
 
-/// Writes a structure for storage; returns the bytes written.
+/// Writes a structure for storage; returns the bytes written. A bottom level's head counts blocks
+/// of addresses with `in_blocks` or where micromaps are listed (`VK_KHR_opacity_micromap`); other
+/// heads count bottom-level references.
 ///
 /// # Errors
 /// `source` is no structure, or `destination` is too small.
@@ -208,6 +210,7 @@ pub unsafe fn serialized_size(source: &[u8], live: &Live) -> Result<u64, Structu
 pub unsafe fn serialize(
     source: &[u8],
     uuids: &Uuids,
+    in_blocks: bool,
     destination: &mut [u8],
     live: &Live,
 ) -> Result<u64, StructureError> {
@@ -225,6 +228,7 @@ pub unsafe fn serialize(
         bytes as u64,
         split.deserialized_bytes() as u64,
         match split.block_bytes {
+            0 if in_blocks && structure.kind() != Kind::Instances => LISTS,
             0 => structure.reference_count(),
             _ => LISTS | 1,
         },

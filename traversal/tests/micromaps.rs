@@ -142,7 +142,7 @@ fn serialized(blob: &[u8]) -> Vec<u8> {
     // SAFETY: the micromaps are alive, or inside.
     unsafe {
         let mut data = vec![0; serialized_size(blob, &EVERYWHERE).unwrap() as usize];
-        serialize(blob, &[[0; 16]; 2], &mut data, &EVERYWHERE).unwrap();
+        serialize(blob, &[[0; 16]; 2], false, &mut data, &EVERYWHERE).unwrap();
         data
     }
 }

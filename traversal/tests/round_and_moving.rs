@@ -89,7 +89,7 @@ fn check<'g>(
     // SAFETY: there are no micromaps.
     let stored = unsafe {
         let mut stored = vec![0; serialized_size(&bottom, &EVERYWHERE).unwrap() as usize];
-        serialize(&bottom, &[[0; 16]; 2], &mut stored, &EVERYWHERE).unwrap();
+        serialize(&bottom, &[[0; 16]; 2], false, &mut stored, &EVERYWHERE).unwrap();
         stored
     };
     let mut restored = Bytes::new(Serialized::read(&stored).unwrap().deserialized_bytes);

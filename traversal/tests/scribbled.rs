@@ -278,7 +278,7 @@ fn transfer(arena: &Arena, live: &Live, place: &std::ops::Range<usize>, room: &m
     let _ = validate(room);
     let mut data = Bytes::new(1 << 20);
     // SAFETY: as above.
-    if unsafe { serialize(blob, &[[7; 16]; 2], &mut data, live) }.is_ok() {
+    if unsafe { serialize(blob, &[[7; 16]; 2], false, &mut data, live) }.is_ok() {
         let _ = deserialize(&data, room, live);
     }
 }

@@ -389,22 +389,27 @@ fn copies_and_serialized_structures_walk_the_same() {
     assert_eq!(hits(&copy), expected);
 
     let uuids = [[7; 16], [9; 16]];
-    let store = |blob: &Bytes| {
+    let store = |blob: &Bytes, in_blocks: bool| {
         // SAFETY: there are no micromaps.
         let size = unsafe { serialized_size(blob, &EVERYWHERE) }.unwrap();
         let mut data = vec![0; size as usize];
         // SAFETY: as above.
-        let done = unsafe { serialize(blob, &uuids, &mut data, &EVERYWHERE) };
+        let done = unsafe { serialize(blob, &uuids, in_blocks, &mut data, &EVERYWHERE) };
         assert_eq!(done, Ok(size));
         data
     };
-    let stored_bottom = store(&bottom);
-    let mut stored_top = store(&top);
+    let stored_bottom = store(&bottom, false);
+    let mut stored_top = store(&top, false);
     let head = Serialized::read(&stored_top).unwrap();
     assert_eq!(head.uuids, uuids);
     assert_eq!(head.serialized_bytes, stored_top.len() as u64);
     assert_eq!(head.reference_count, 2);
     assert_eq!(Serialized::read(&stored_bottom).unwrap().reference_count, 0);
+    // The heads of bottom levels alone count blocks.
+    assert_eq!(store(&top, true), stored_top);
+    let in_blocks = store(&bottom, true);
+    let count = Serialized::read(&in_blocks).unwrap().reference_count;
+    assert_eq!(count, 0xFFFF_FFFF << 32);
 
     let restore = |data: &[u8]| {
         let size = Serialized::read(data).unwrap().deserialized_bytes;
@@ -412,6 +417,7 @@ fn copies_and_serialized_structures_walk_the_same() {
         assert_eq!(deserialize(data, &mut blob, &EVERYWHERE), Ok(size));
         blob
     };
+    assert!(restore(&in_blocks)[..] == restore(&stored_bottom)[..]);
     let moved = restore(&stored_bottom);
     drop(bottom);
     for reference in stored_top[Serialized::HEAD_BYTES..][..16].chunks_exact_mut(8) {
@@ -428,7 +434,7 @@ fn corrupt_data_is_refused_and_corrupt_structures_are_walked_safely() {
     // SAFETY: there are no micromaps.
     let mut data = vec![0; unsafe { serialized_size(&bottom, &EVERYWHERE) }.unwrap() as usize];
     // SAFETY: as above.
-    unsafe { serialize(&bottom, &[[0; 16]; 2], &mut data, &EVERYWHERE) }.unwrap();
+    unsafe { serialize(&bottom, &[[0; 16]; 2], false, &mut data, &EVERYWHERE) }.unwrap();
     let size = compacted_size(&bottom).unwrap();
     let mut random = Random(99);
     for length in [0, 8, 55, 56, 57, 200, 311, data.len() - 1] {

@@ -52,8 +52,9 @@ pub unsafe fn copy(
     // SAFETY: the caller's promise.
     unsafe {
         let live = live(device);
+        let in_blocks = from_handle::<Device>(device).engine.serializes_blocks;
         defer(operation, 1, move || {
-            structures::copy(built, what, &Reach::everywhere(), &live);
+            structures::copy(built, what, in_blocks, &Reach::everywhere(), &live);
             Ok(())
         })
     }

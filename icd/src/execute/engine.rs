@@ -39,6 +39,8 @@ pub struct Engine {
     budget: Arc<Budget>,
     /// Depths in floating-point attachments are clamped to 0 to 1.
     pub clamps_to_one: bool,
+    /// `VK_KHR_opacity_micromap` is enabled: serialized bottom levels list blocks of addresses.
+    pub serializes_blocks: bool,
     /// Validation, where it is on.
     pub validator: Option<Arc<Validator>>,
     messengers: Arc<Messengers>,
@@ -65,6 +67,8 @@ pub struct Watch {
     pub wild_addresses: bool,
     /// The feature `depthClampZeroOne` is enabled, without `VK_EXT_depth_range_unrestricted`.
     pub clamps_to_one: bool,
+    /// `VK_KHR_opacity_micromap` is enabled.
+    pub serializes_blocks: bool,
 }
 
 impl Default for Watch {
@@ -75,6 +79,7 @@ impl Default for Watch {
             timeout: settings().timeout,
             wild_addresses: false,
             clamps_to_one: false,
+            serializes_blocks: false,
         }
     }
 }
@@ -97,6 +102,7 @@ impl Engine {
             views: Arc::default(),
             budget: Arc::default(),
             clamps_to_one: watch.clamps_to_one,
+            serializes_blocks: watch.serializes_blocks,
             validator: watch.validator,
             messengers,
             cancelled: Arc::default(),

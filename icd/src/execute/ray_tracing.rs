@@ -86,9 +86,9 @@ pub fn execute(
         }
         _ => {
             let _span = timeline::span(Kind::Build, || spans::build(command));
-            engine
-                .workers
-                .install(|| structures::execute(command, reach, live, checks));
+            engine.workers.install(|| {
+                structures::execute(command, engine.serializes_blocks, reach, live, checks)
+            });
             Ok(())
         }
     }

@@ -63,11 +63,17 @@ pub unsafe fn copy(source: Storage, destination: Storage, mode: CopyMode, live: 
     }
 }
 
-/// `VkCopyAccelerationStructureToMemoryInfoKHR`.
+/// `VkCopyAccelerationStructureToMemoryInfoKHR`; `in_blocks` as in [`traversal::serialize`].
 ///
 /// # Safety
 /// As [`copy`], and `destination`, which lies in `reach`, is writable for the serialized size.
-pub unsafe fn serialize(source: Storage, destination: u64, reach: &Reach, live: &Live) {
+pub unsafe fn serialize(
+    source: Storage,
+    destination: u64,
+    in_blocks: bool,
+    reach: &Reach,
+    live: &Live,
+) {
     // SAFETY: the caller's promise.
     unsafe {
         let Some(source) = structure_bytes(live, source.address) else {
@@ -78,7 +84,7 @@ pub unsafe fn serialize(source: Storage, destination: u64, reach: &Reach, live: 
         };
         let destination = writable(reach, destination, size_bytes);
         let uuids = limits::serialization_uuids();
-        let done = traversal::serialize(source, &uuids, destination, live);
+        let done = traversal::serialize(source, &uuids, in_blocks, destination, live);
         report(done, "acceleration structure serialization");
     }
 }

@@ -16,8 +16,14 @@ use crate::table::limits;
 use crate::validate::Checks;
 use build::{build, with_ranges};
 
-/// Performs a command on structures, on the current rayon pool.
-pub fn execute(command: &RayTracingCommand, reach: &Reach, live: &Live, checks: Option<&Checks>) {
+/// Performs a command on structures, on the current rayon pool; `in_blocks` as in [`copy`].
+pub fn execute(
+    command: &RayTracingCommand,
+    in_blocks: bool,
+    reach: &Reach,
+    live: &Live,
+    checks: Option<&Checks>,
+) {
     // SAFETY, for each block: as in `execute`.
     match command {
         RayTracingCommand::Build(builds) => build(builds, reach, live, checks),
@@ -36,7 +42,9 @@ pub fn execute(command: &RayTracingCommand, reach: &Reach, live: &Live, checks: 
             unsafe { micromap::build(builds, reach, live, checks) };
         }
         // SAFETY: as above.
-        &RayTracingCommand::Copy(built, what) => unsafe { copy(built, what, reach, live) },
+        &RayTracingCommand::Copy(built, what) => unsafe {
+            copy(built, what, in_blocks, reach, live);
+        },
         RayTracingCommand::WriteProperties {
             of,
             addresses,
@@ -56,12 +64,13 @@ pub fn execute(command: &RayTracingCommand, reach: &Reach, live: &Live, checks: 
     }
 }
 
-/// Copies what was built.
+/// Copies what was built. Serialized bottom levels list blocks of addresses where `in_blocks`: on
+/// devices with `VK_KHR_opacity_micromap`.
 ///
 /// # Safety
 /// As [`acceleration_structure::copy`], [`serialize`](acceleration_structure::serialize) and
 /// [`deserialize`](acceleration_structure::deserialize).
-pub unsafe fn copy(built: Built, what: BuiltCopy, reach: &Reach, live: &Live) {
+pub unsafe fn copy(built: Built, what: BuiltCopy, in_blocks: bool, reach: &Reach, live: &Live) {
     use acceleration_structure as structure;
     // Serialized data says which command has written it.
     let uuids = match built {
@@ -93,7 +102,9 @@ pub unsafe fn copy(built: Built, what: BuiltCopy, reach: &Reach, live: &Live) {
                 source,
                 destination,
             } => match built {
-                Built::Structure => structure::serialize(source, destination, reach, live),
+                Built::Structure => {
+                    structure::serialize(source, destination, in_blocks, reach, live);
+                }
                 Built::Micromap => {
                     micromap::serialize(source, &uuids, destination, reach, live);
                 }

@@ -77,7 +77,7 @@ fuzz_target!(|given: Given| {
         let size = unsafe { serialized_size(whole, &EVERYWHERE) }.unwrap();
         let mut data = Bytes::new(size);
         // SAFETY: as above.
-        unsafe { serialize(whole, &[[7; 16]; 2], &mut data, &EVERYWHERE) }.unwrap();
+        unsafe { serialize(whole, &[[7; 16]; 2], false, &mut data, &EVERYWHERE) }.unwrap();
         corrupt(&mut data, 0, &given.writes);
         let mut place = Bytes::new(compacted_size(whole).unwrap());
         if deserialize(&data, &mut place, &EVERYWHERE).is_ok() {
