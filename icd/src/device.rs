@@ -67,6 +67,7 @@ impl Device {
             // The older extension has no such mode: its queries always look at micromaps.
             micromaps_by_mode: self.extensions.contains(Extension::KHR_OPACITY_MICROMAP)
                 && !self.extensions.contains(Extension::EXT_OPACITY_MICROMAP),
+            keeps_modules: false,
         }
     }
 

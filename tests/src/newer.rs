@@ -23,6 +23,9 @@ pub const MAINTENANCE_8: &CStr = c"VK_KHR_maintenance8";
 /// `VK_KHR_maintenance9`.
 pub const MAINTENANCE_9: &CStr = c"VK_KHR_maintenance9";
 
+/// `VK_KHR_pipeline_binary`.
+pub const PIPELINE_BINARY: &CStr = c"VK_KHR_pipeline_binary";
+
 /// Extensions that a validation layer may be too old for, and the version that knows them: enabled
 /// only without an older layer.
 pub const NEWER: &[(&CStr, u32)] = &[
@@ -63,6 +66,7 @@ pub const NEWER: &[(&CStr, u32)] = &[
     (DEVICE_ADDRESS_COMMANDS, make_api_version(0, 1, 4, 340)),
     (OPACITY_MICROMAP, make_api_version(0, 1, 4, 359)),
     (COPY_MEMORY_INDIRECT, make_api_version(0, 1, 4, 330)),
+    (PIPELINE_BINARY, make_api_version(0, 1, 3, 294)),
     (MAINTENANCE_8, make_api_version(0, 1, 4, 330)),
     (MAINTENANCE_9, make_api_version(0, 1, 4, 330)),
     (
@@ -224,6 +228,38 @@ impl Default for PhysicalDeviceCopyMemoryIndirectFeaturesKHR<'_> {
 
 // SAFETY: the registry says so.
 unsafe impl ExtendsPhysicalDeviceFeatures2 for PhysicalDeviceCopyMemoryIndirectFeaturesKHR<'_> {}
+
+/// Structures of features alone.
+macro_rules! features {
+    ($($name:ident $ty:literal { $($field:ident)* })*) => {$(
+        #[repr(C)]
+        #[derive(Clone, Copy)]
+        pub struct $name<'a> {
+            pub s_type: StructureType,
+            pub p_next: *mut c_void,
+            $(pub $field: Bool32,)*
+            pub _marker: PhantomData<&'a ()>,
+        }
+
+        impl Default for $name<'_> {
+            fn default() -> Self {
+                Self {
+                    s_type: StructureType::from_raw($ty),
+                    p_next: std::ptr::null_mut(),
+                    $($field: FALSE,)*
+                    _marker: PhantomData,
+                }
+            }
+        }
+
+        // SAFETY: the registry says so.
+        unsafe impl ExtendsPhysicalDeviceFeatures2 for $name<'_> {}
+    )*};
+}
+
+features! {
+    PhysicalDevicePipelineBinaryFeaturesKHR 1_000_483_000 { pipeline_binaries }
+}
 
 /// `VkDeviceAddressRangeKHR`.
 #[repr(C)]

@@ -6,7 +6,7 @@ use ash::{ext, huawei, khr, nv};
 
 use crate::newer::{
     self as vk, COPY_MEMORY_INDIRECT, DEVICE_ADDRESS_COMMANDS, LINEAR_SWEPT_SPHERES, MAINTENANCE_8,
-    MAINTENANCE_9, OPACITY_MICROMAP,
+    MAINTENANCE_9, OPACITY_MICROMAP, PIPELINE_BINARY,
 };
 
 macro_rules! optional {
@@ -87,6 +87,8 @@ optional! {
     micromap: ext::opacity_micromap::NAME, PhysicalDeviceOpacityMicromapFeaturesEXT { micromap_capture_replay };
     /// Off where there is validation, as above.
     micromap_khr: OPACITY_MICROMAP, PhysicalDeviceOpacityMicromapFeaturesKHR {};
+    pipeline_binary: PIPELINE_BINARY, PhysicalDevicePipelineBinaryFeaturesKHR {};
+    executables: khr::pipeline_executable_properties::NAME, PhysicalDevicePipelineExecutablePropertiesFeaturesKHR {};
     derivatives: nv::compute_shader_derivatives::NAME, PhysicalDeviceComputeShaderDerivativesFeaturesNV {};
     /// Off where there is validation, as above.
     maximal_reconvergence: khr::shader_maximal_reconvergence::NAME, PhysicalDeviceShaderMaximalReconvergenceFeaturesKHR {};

@@ -14,6 +14,7 @@ use crate::ffi::{find, slice};
 use crate::format::structure::vertex_format;
 use crate::handle::{self, Ref, from_handle, retain};
 use crate::object::acceleration_structure::Storage;
+use crate::object::captured::Captured;
 use crate::object::deferred_pipeline::DeferredPipeline;
 use crate::object::pipeline::PipelineKind;
 use crate::object::{AccelerationStructureNv, Buffer, Pipeline, PipelineCache, PipelineLayout};
@@ -229,6 +230,7 @@ pub unsafe fn create_pipeline_nv(
         Ok(Pipeline {
             layout,
             kind: PipelineKind::Deferred(deferred),
+            captured: Captured::default(),
         })
     }
 }

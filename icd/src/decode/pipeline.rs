@@ -8,10 +8,13 @@ use spirv_jit::origin::Name;
 use spirv_jit::program::Stage;
 
 use crate::VkResult;
-use crate::ffi::{find, slice, string};
-use crate::handle;
-use crate::object::ShaderModule;
-use crate::object::shader_stage::ShaderStage;
+use crate::device::Device;
+use crate::ffi::{find, slice, string, vk as newer};
+use crate::handle::{self, from_handle};
+use crate::object::captured::{Captured, keeps_modules};
+use crate::object::pipeline_binary::StoredModule;
+use crate::object::shader_stage::{Compiled, Compiler, ShaderStage};
+use crate::object::{Pipeline, PipelineBinary, PipelineCache, PipelineLayout, ShaderModule};
 
 /// A pipeline's creation flags: those of the chained `VkPipelineCreateFlags2CreateInfo` instead,
 /// where there is one. Bits above the lower 32 ask for nothing here.
@@ -29,12 +32,91 @@ pub unsafe fn create_flags(
     })
 }
 
+/// The way to the programs of a pipeline that is being created.
+pub struct Source<'a> {
+    compiler: Compiler<'a>,
+    cache: Option<&'a PipelineCache>,
+    /// The programs of its binary, by stage: nothing is compiled.
+    stored: Option<&'a [StoredModule]>,
+    flags: vk::PipelineCreateFlags,
+}
+
+impl<'a> Source<'a> {
+    /// The source that a pipeline's flags and chain name.
+    ///
+    /// # Errors
+    /// `VK_ERROR_UNKNOWN` for several binaries: no pipeline has more than one.
+    ///
+    /// # Safety
+    /// The chain is valid, and its handles are alive for `'a`.
+    pub unsafe fn of(
+        device: &'a Device,
+        cache: Option<&'a PipelineCache>,
+        flags: vk::PipelineCreateFlags,
+        next: *const std::ffi::c_void,
+    ) -> VkResult<Self> {
+        // SAFETY: the caller's promise.
+        let binaries = unsafe {
+            let info = find::<newer::PipelineBinaryInfoKHR<'_>>(next);
+            info.map_or(&[][..], |it| slice(it.p_pipeline_binaries, it.binary_count))
+        };
+        let stored = match *binaries {
+            [] => None,
+            // SAFETY: as above.
+            [binary] => Some(unsafe { &from_handle::<'a, PipelineBinary>(binary).modules[..] }),
+            _ => return Err(vk::Result::ERROR_UNKNOWN),
+        };
+        let compiler = Compiler {
+            keeps_modules: keeps_modules(flags),
+            ..device.compiler()
+        };
+        Ok(Self {
+            compiler,
+            cache,
+            stored,
+            flags,
+        })
+    }
+
+    /// The program of a stage, which counts stages that are compiled.
+    ///
+    /// # Errors
+    /// As [`ShaderStage::compile`] and [`ShaderStage::load`].
+    pub fn program(
+        &self,
+        index: usize,
+        stage: &ShaderStage,
+        layout: &PipelineLayout,
+    ) -> VkResult<Compiled> {
+        if let Some(stored) = self.stored {
+            return stage.load(stored.get(index).ok_or(vk::Result::ERROR_UNKNOWN)?);
+        }
+        let may_compile =
+            !(self.flags).contains(vk::PipelineCreateFlags::FAIL_ON_PIPELINE_COMPILE_REQUIRED);
+        stage.compile(&self.compiler, self.cache, layout, may_compile)
+    }
+}
+
+/// Captures of the libraries in a `VkPipelineLibraryCreateInfoKHR`.
+///
+/// # Safety
+/// The info is valid, and its libraries are alive for `'a`.
+pub unsafe fn captured_libraries<'a>(
+    info: Option<&vk::PipelineLibraryCreateInfoKHR<'_>>,
+) -> impl Iterator<Item = &'a Captured> {
+    // SAFETY: the caller's promise.
+    let libraries =
+        unsafe { info.map_or(&[][..], |it| slice(it.p_libraries, it.library_count)) }.to_vec();
+    // SAFETY: as above.
+    (libraries.into_iter()).map(|library| unsafe { &from_handle::<'a, Pipeline>(library).captured })
+}
+
 /// Copies a stage: its words are shared with the module, or taken from the chained create info
-/// where there is none (`VK_EXT_graphics_pipeline_library`, maintenance5).
+/// where there is none (`VK_EXT_graphics_pipeline_library`, maintenance5). With neither it has no
+/// words, which only a pipeline with a binary can do without.
 ///
 /// # Errors
-/// `VK_ERROR_UNKNOWN` for a stage that is not advertised, an entry point name that is not UTF-8, or
-/// no module at all.
+/// `VK_ERROR_UNKNOWN` for a stage that is not advertised or an entry point name that is not UTF-8.
 ///
 /// # Safety
 /// The info is valid and its module alive.
@@ -44,10 +126,11 @@ pub unsafe fn decode_stage(info: &vk::PipelineShaderStageCreateInfo<'_>) -> VkRe
         let (words, name) = match handle::optional::<ShaderModule>(info.module) {
             Some(module) => (Arc::clone(&module.words), Arc::clone(&module.name)),
             None => {
-                let module = find::<vk::ShaderModuleCreateInfo>(info.p_next)
-                    .ok_or(vk::Result::ERROR_UNKNOWN)?;
-                let words: Arc<[u32]> = slice(module.p_code, (module.code_size / 4) as u32).into();
-                (words, chained_name(info.p_next))
+                let module = find::<vk::ShaderModuleCreateInfo>(info.p_next);
+                let words = module.map_or(&[][..], |module| {
+                    slice(module.p_code, (module.code_size / 4) as u32)
+                });
+                (words.into(), chained_name(info.p_next))
             }
         };
         Ok(ShaderStage {

@@ -5,11 +5,12 @@ use std::time::{Duration, Instant};
 use ash::vk;
 use rayon::prelude::*;
 
-use super::pipeline::{create_flags, decode_stage};
+use super::pipeline::{Source, captured_libraries, create_flags, decode_stage};
 use crate::VkResult;
 use crate::device::Device;
 use crate::ffi::{find, slice};
 use crate::handle::{from_handle, retain};
+use crate::object::captured::Captured;
 use crate::object::pipeline::PipelineKind;
 use crate::object::ray_tracing_pipeline::{GroupInfo, RayTracingPipeline};
 use crate::object::shader_stage::ShaderStage;
@@ -46,8 +47,7 @@ pub unsafe fn create_pipeline(
         let started = Instant::now();
         let layout = retain::<PipelineLayout>(info.layout);
         let flags = create_flags(info.flags, info.p_next);
-        let may_compile =
-            !flags.contains(vk::PipelineCreateFlags::FAIL_ON_PIPELINE_COMPILE_REQUIRED);
+        let source = Source::of(device, cache, flags, info.p_next)?;
         let stages = slice(info.p_stages, info.stage_count);
         let feedback = find::<vk::PipelineCreationFeedbackCreateInfo>(info.p_next);
         let mut programs = Vec::with_capacity(stages.len());
@@ -56,16 +56,20 @@ pub unsafe fn create_pipeline(
             .iter()
             .map(|stage| decode_stage(stage))
             .collect::<VkResult<_>>()?;
-        let compile = |stage: &ShaderStage| {
+        let compile = |(index, stage): (usize, &ShaderStage)| {
             let started = Instant::now();
-            let compiled = stage.compile(&device.compiler(), cache, &layout, may_compile)?;
+            let compiled = source.program(index, stage, &layout)?;
             Ok((compiled, started.elapsed()))
         };
         // The threads of a deferred operation share the stages.
         let compiled: Vec<_> = if rayon::current_thread_index().is_some() {
-            decoded.par_iter().map(compile).collect::<VkResult<_>>()?
+            (decoded.par_iter().enumerate())
+                .map(compile)
+                .collect::<VkResult<_>>()?
         } else {
-            decoded.iter().map(compile).collect::<VkResult<_>>()?
+            (decoded.iter().enumerate())
+                .map(compile)
+                .collect::<VkResult<_>>()?
         };
         for (index, (compiled, duration)) in compiled.into_iter().enumerate() {
             all_hits &= compiled.cache_hit;
@@ -74,14 +78,13 @@ pub unsafe fn create_pipeline(
                 && (index as u32) < feedback.pipeline_stage_creation_feedback_count
             {
                 let out = feedback.p_pipeline_stage_creation_feedbacks.add(index);
-                let hit = cache.is_some() && compiled.cache_hit;
-                out.write(creation_feedback(duration, hit));
+                out.write(creation_feedback(duration, compiled.cache_hit));
             }
         }
         if let Some(feedback) =
             feedback.filter(|feedback| !feedback.p_pipeline_creation_feedback.is_null())
         {
-            let hit = cache.is_some() && all_hits && !stages.is_empty();
+            let hit = all_hits && !stages.is_empty();
             feedback
                 .p_pipeline_creation_feedback
                 .write(creation_feedback(started.elapsed(), hit));
@@ -91,8 +94,10 @@ pub unsafe fn create_pipeline(
             .map(group)
             .collect();
         let libraries = libraries(info)?;
+        let captured = captured_libraries(info.p_library_info.as_ref());
         Ok(Pipeline {
             layout,
+            captured: Captured::of(flags, programs.clone(), captured),
             kind: PipelineKind::RayTracing(RayTracingPipeline::link(
                 programs,
                 &groups,

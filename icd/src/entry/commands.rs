@@ -10,8 +10,8 @@ use super::{
     descriptor, descriptor_buffer, descriptor_set, device, device_address, device_fault, graphics,
     graphics_address, graphics_draw, graphics_pass, graphics_state, host_image_copy, image,
     instance, maintenance5, memory, micromap, nv_ray_tracing, physical_device, pipeline,
-    present_timing, push_descriptor, query, queue, ray_tracing, shader_object, surface, swapchain,
-    sync, system, transform_feedback,
+    pipeline_binary, pipeline_executable, present_timing, push_descriptor, query, queue,
+    ray_tracing, shader_object, surface, swapchain, sync, system, transform_feedback,
 };
 use crate::ffi::vk;
 
@@ -249,6 +249,14 @@ commands! {
     Device Core PFN_vkDestroyShaderModule pipeline::vkDestroyShaderModule;
     Device Core PFN_vkGetPipelineCacheData pipeline::vkGetPipelineCacheData;
     Device Core PFN_vkMergePipelineCaches pipeline::vkMergePipelineCaches;
+    Device KHR_PIPELINE_BINARY PFN_vkCreatePipelineBinariesKHR pipeline_binary::vkCreatePipelineBinariesKHR;
+    Device KHR_PIPELINE_BINARY PFN_vkDestroyPipelineBinaryKHR pipeline_binary::vkDestroyPipelineBinaryKHR;
+    Device KHR_PIPELINE_BINARY PFN_vkGetPipelineBinaryDataKHR pipeline_binary::vkGetPipelineBinaryDataKHR;
+    Device KHR_PIPELINE_BINARY PFN_vkGetPipelineKeyKHR pipeline_binary::vkGetPipelineKeyKHR;
+    Device KHR_PIPELINE_BINARY PFN_vkReleaseCapturedPipelineDataKHR pipeline_binary::vkReleaseCapturedPipelineDataKHR;
+    Device KHR_PIPELINE_EXECUTABLE_PROPERTIES PFN_vkGetPipelineExecutableInternalRepresentationsKHR pipeline_executable::vkGetPipelineExecutableInternalRepresentationsKHR;
+    Device KHR_PIPELINE_EXECUTABLE_PROPERTIES PFN_vkGetPipelineExecutablePropertiesKHR pipeline_executable::vkGetPipelineExecutablePropertiesKHR;
+    Device KHR_PIPELINE_EXECUTABLE_PROPERTIES PFN_vkGetPipelineExecutableStatisticsKHR pipeline_executable::vkGetPipelineExecutableStatisticsKHR;
 
     Device Core PFN_vkAllocateCommandBuffers command::vkAllocateCommandBuffers;
     Device Core PFN_vkBeginCommandBuffer command::vkBeginCommandBuffer;

@@ -3,6 +3,7 @@
 //! a queue (VUID-vkCreateGraphicsPipelines-device-09662), and are refused with
 //! `VK_ERROR_VALIDATION_FAILED` and one message.
 
+use std::sync::Arc;
 use std::time::Instant;
 
 use ash::vk;
@@ -12,13 +13,14 @@ use super::destroy;
 use super::pipeline::create_each;
 use crate::VkResult;
 use crate::decode::graphics::{Decoded, decode};
-use crate::decode::pipeline::create_flags;
+use crate::decode::pipeline::{Source, captured_libraries, create_flags};
 use crate::decode::ray_tracing::creation_feedback;
 use crate::decode::render_pass::{framebuffer, render_pass, render_pass2};
 use crate::device::Device;
 use crate::ffi::array::slice_mut;
 use crate::ffi::{find, slice};
 use crate::handle::{self, Ref, from_handle, optional, retain};
+use crate::object::captured::Captured;
 use crate::object::graphics_pipeline::GraphicsPipeline;
 use crate::object::pipeline::PipelineKind;
 use crate::object::{Framebuffer, Pipeline, PipelineCache, PipelineLayout, RenderPass};
@@ -50,34 +52,36 @@ unsafe fn create_graphics(
             Some(_) if !stages.is_empty() || !libraries.is_empty() => retain(info.layout),
             _ => handle::new(PipelineLayout::new(Vec::new(), 0)),
         };
-        let allowed = !create_flags(info.flags, info.p_next)
-            .contains(vk::PipelineCreateFlags::FAIL_ON_PIPELINE_COMPILE_REQUIRED);
+        let flags = create_flags(info.flags, info.p_next);
+        let source = Source::of(device, cache, flags, info.p_next)?;
+        let mut programs = Vec::new();
         let feedback = find::<vk::PipelineCreationFeedbackCreateInfo>(info.p_next);
         let out = feedback.map_or(&mut [][..], |it| {
             let count = it.pipeline_stage_creation_feedback_count;
             slice_mut(it.p_pipeline_stage_creation_feedbacks, count)
         });
         let mut all_hits = !stages.is_empty();
-        for (index, stage) in &stages {
+        for (place, (index, stage)) in stages.iter().enumerate() {
             let start = Instant::now();
-            let compiled = stage.compile(&device.compiler(), cache, &layout, allowed)?;
+            let compiled = source.program(place, stage, &layout)?;
             all_hits &= compiled.cache_hit;
             if let Some(out) = out.get_mut(*index) {
-                let hit = cache.is_some() && compiled.cache_hit;
-                *out = creation_feedback(start.elapsed(), hit);
+                *out = creation_feedback(start.elapsed(), compiled.cache_hit);
             }
-            own.set_program(stage.stage, compiled.program.program);
+            own.set_program(stage.stage, Arc::clone(&compiled.program.program));
+            programs.push(compiled.program);
         }
         let mut pipeline = GraphicsPipeline::empty();
         for part in libraries.into_iter().chain([&own]) {
             pipeline.link(part);
         }
         if let Some(out) = feedback.and_then(|it| it.p_pipeline_creation_feedback.as_mut()) {
-            let hit = cache.is_some() && all_hits;
-            *out = creation_feedback(start.elapsed(), hit);
+            *out = creation_feedback(start.elapsed(), all_hits);
         }
+        let captured = captured_libraries(find(info.p_next));
         Ok(handle::create(Pipeline {
             layout,
+            captured: Captured::of(flags, programs, captured),
             kind: PipelineKind::Graphics(Box::new(pipeline)),
         }))
     }

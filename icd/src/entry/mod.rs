@@ -33,6 +33,8 @@ pub mod micromap;
 pub mod nv_ray_tracing;
 pub mod physical_device;
 pub mod pipeline;
+pub mod pipeline_binary;
+pub mod pipeline_executable;
 pub mod present_timing;
 pub mod push_descriptor;
 pub mod query;

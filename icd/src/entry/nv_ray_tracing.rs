@@ -153,7 +153,8 @@ entry! {
         let pipeline = from_handle::<Pipeline>(pipeline);
         match &pipeline.kind {
             PipelineKind::Deferred(deferred) => {
-                deferred.compile(&from_handle::<Device>(device).compiler(), &pipeline.layout, shader)
+                let device = from_handle::<Device>(device);
+                deferred.compile(device, &pipeline.layout, &pipeline.captured, shader)
             }
             _ => Err(vk::Result::ERROR_UNKNOWN),
         }

@@ -9,11 +9,12 @@ use ash::vk;
 use super::define::entry;
 use super::destroy;
 use crate::VkResult;
-use crate::decode::pipeline::{create_flags, decode_stage};
+use crate::decode::pipeline::{Source, create_flags, decode_stage};
 use crate::device::Device;
 use crate::ffi::enumerate::enumerate_bytes;
 use crate::ffi::{self, array, chain};
 use crate::handle::{self, from_handle, optional, retain};
+use crate::object::captured::Captured;
 use crate::object::pipeline::PipelineKind;
 use crate::object::shader_stage::Compiled;
 use crate::object::{DescriptorSetLayout, Pipeline, PipelineCache, PipelineLayout, ShaderModule};
@@ -81,14 +82,14 @@ unsafe fn create_compute(
         let start = Instant::now();
         let layout = retain::<PipelineLayout>(info.layout);
         let stage = decode_stage(&info.stage)?;
-        let allowed = !create_flags(info.flags, info.p_next)
-            .contains(vk::PipelineCreateFlags::FAIL_ON_PIPELINE_COMPILE_REQUIRED);
-        let Compiled { program, cache_hit } =
-            stage.compile(&device.compiler(), cache, &layout, allowed)?;
+        let flags = create_flags(info.flags, info.p_next);
+        let source = Source::of(device, cache, flags, info.p_next)?;
+        let Compiled { program, cache_hit } = source.program(0, &stage, &layout)?;
         write_feedback(info.p_next, start, &[cache_hit]);
         Ok(handle::create(Pipeline {
             layout,
-            kind: PipelineKind::Compute(program.program),
+            kind: PipelineKind::Compute(Arc::clone(&program.program)),
+            captured: Captured::of(flags, vec![program], std::iter::empty()),
         }))
     }
 }

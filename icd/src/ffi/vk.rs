@@ -357,6 +357,42 @@ structures! {
     PhysicalDevicePipelineOpacityMicromapFeaturesARM 1_000_596_000 *mut c_void {
         pipeline_opacity_micromap: Bool32,
     }
+    /// `VK_KHR_pipeline_binary`.
+    PhysicalDevicePipelineBinaryFeaturesKHR 1_000_483_000 *mut c_void {
+        pipeline_binaries: Bool32,
+    }
+    PipelineBinaryCreateInfoKHR 1_000_483_001 *const c_void {
+        p_keys_and_data_info: *const PipelineBinaryKeysAndDataKHR<'a>,
+        pipeline: Pipeline,
+        p_pipeline_create_info: *const PipelineCreateInfoKHR<'a>,
+    }
+    PipelineBinaryInfoKHR 1_000_483_002 *const c_void {
+        binary_count: u32,
+        p_pipeline_binaries: *const PipelineBinaryKHR,
+    }
+    PipelineBinaryKeyKHR 1_000_483_003 *mut c_void {
+        key_size: u32,
+        key: [u8; 32],
+    }
+    PhysicalDevicePipelineBinaryPropertiesKHR 1_000_483_004 *mut c_void {
+        pipeline_binary_internal_cache: Bool32,
+        pipeline_binary_internal_cache_control: Bool32,
+        pipeline_binary_prefers_internal_cache: Bool32,
+        pipeline_binary_precompiled_internal_cache: Bool32,
+        pipeline_binary_compressed_data: Bool32,
+    }
+    ReleaseCapturedPipelineDataInfoKHR 1_000_483_005 *mut c_void {
+        pipeline: Pipeline,
+    }
+    PipelineBinaryDataInfoKHR 1_000_483_006 *mut c_void {
+        pipeline_binary: PipelineBinaryKHR,
+    }
+    PipelineCreateInfoKHR 1_000_483_007 *mut c_void {
+    }
+    PipelineBinaryHandlesInfoKHR 1_000_483_009 *const c_void {
+        pipeline_binary_count: u32,
+        p_pipeline_binaries: *mut PipelineBinaryKHR,
+    }
     /// `VK_KHR_present_mode_fifo_latest_ready`.
     PhysicalDevicePresentModeFifoLatestReadyFeaturesKHR 1_000_361_000 *mut c_void {
         present_mode_fifo_latest_ready: Bool32,
@@ -435,6 +471,45 @@ structures! {
         present_stage_queries: PresentStageFlagsEXT,
     }
 }
+
+/// `VkPipelineBinaryKHR`.
+#[repr(transparent)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PipelineBinaryKHR(u64);
+
+impl Handle for PipelineBinaryKHR {
+    const TYPE: ObjectType = ObjectType::from_raw(1_000_483_000);
+
+    fn as_raw(self) -> u64 {
+        self.0
+    }
+
+    fn from_raw(raw: u64) -> Self {
+        Self(raw)
+    }
+}
+
+/// `VkPipelineBinaryKeysAndDataKHR`.
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct PipelineBinaryKeysAndDataKHR<'a> {
+    pub binary_count: u32,
+    pub p_pipeline_binary_keys: *const PipelineBinaryKeyKHR<'a>,
+    pub p_pipeline_binary_data: *const PipelineBinaryDataKHR,
+}
+
+/// `VkPipelineBinaryDataKHR`.
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct PipelineBinaryDataKHR {
+    pub data_size: usize,
+    pub p_data: *mut c_void,
+}
+
+/// `VK_PIPELINE_BINARY_MISSING_KHR`.
+pub const PIPELINE_BINARY_MISSING_KHR: Result = Result::from_raw(1_000_483_000);
+/// `VK_ERROR_NOT_ENOUGH_SPACE_KHR`.
+pub const ERROR_NOT_ENOUGH_SPACE_KHR: Result = Result::from_raw(-1_000_483_000);
 
 /// `VkDefaultVertexAttributeValueKHR`.
 #[repr(transparent)]
@@ -548,6 +623,19 @@ functions! {
     ) -> Result;
     PFN_vkSetSwapchainPresentTimingQueueSizeEXT(Device, SwapchainKHR, u32) -> Result;
     PFN_vkWaitForPresent2KHR(Device, SwapchainKHR, *const PresentWait2InfoKHR<'_>) -> Result;
+    PFN_vkCreatePipelineBinariesKHR(
+        Device, *const PipelineBinaryCreateInfoKHR<'_>, *const AllocationCallbacks<'_>, *mut PipelineBinaryHandlesInfoKHR<'_>
+    ) -> Result;
+    PFN_vkDestroyPipelineBinaryKHR(Device, PipelineBinaryKHR, *const AllocationCallbacks<'_>);
+    PFN_vkGetPipelineBinaryDataKHR(
+        Device, *const PipelineBinaryDataInfoKHR<'_>, *mut PipelineBinaryKeyKHR<'_>, *mut usize, *mut c_void
+    ) -> Result;
+    PFN_vkGetPipelineKeyKHR(
+        Device, *const PipelineCreateInfoKHR<'_>, *mut PipelineBinaryKeyKHR<'_>
+    ) -> Result;
+    PFN_vkReleaseCapturedPipelineDataKHR(
+        Device, *const ReleaseCapturedPipelineDataInfoKHR<'_>, *const AllocationCallbacks<'_>
+    ) -> Result;
     PFN_vkCreateAccelerationStructure2KHR(
         Device, *const AccelerationStructureCreateInfo2KHR<'_>, *const AllocationCallbacks<'_>, *mut AccelerationStructureKHR
     ) -> Result;

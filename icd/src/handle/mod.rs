@@ -147,7 +147,7 @@ pub unsafe fn take<T: Handled>(handle: T::Handle) -> Option<Ref<T>> {
 macro_rules! handled {
     ($($ty:ty => $handle:ident),* $(,)?) => {$(
         impl $crate::handle::Handled for $ty {
-            type Handle = ash::vk::$handle;
+            type Handle = $crate::ffi::vk::$handle;
         }
     )*};
 }

@@ -7,12 +7,14 @@ use std::sync::OnceLock;
 
 use ash::vk;
 
+use super::captured::{Captured, keeps_modules};
 use super::ray_tracing_pipeline::{GroupInfo, RayTracingPipeline, new_groups};
 use super::shader_stage::Compiler;
 use super::shader_stage::ShaderStage;
 use super::stage_program::{ProgramKey, StageProgram};
 use super::{PipelineCache, PipelineLayout};
 use crate::VkResult;
+use crate::device::Device;
 use crate::handle::Ref;
 use crate::wave::table::Group;
 
@@ -71,16 +73,23 @@ impl DeferredPipeline {
     /// As [`ShaderStage::compile`]; `VK_ERROR_UNKNOWN` for a shader that there is not.
     pub fn compile(
         &self,
-        compiler: &Compiler<'_>,
+        device: &Device,
         layout: &PipelineLayout,
+        captured: &Captured,
         shader: u32,
     ) -> VkResult {
         let deferred = self.stages.get(shader as usize);
         let deferred = deferred.ok_or(vk::Result::ERROR_UNKNOWN)?;
         if deferred.program.get().is_none() {
             let cache = self.cache.as_ref().map(|cache| &***cache);
-            let compiled = deferred.stage.compile(compiler, cache, layout, true)?;
-            let _ = deferred.program.set(compiled.program);
+            let compiler = Compiler {
+                keeps_modules: keeps_modules(self.flags),
+                ..device.compiler()
+            };
+            let compiled = deferred.stage.compile(&compiler, cache, layout, true)?;
+            if deferred.program.set(compiled.program.clone()).is_ok() {
+                captured.add(compiled.program);
+            }
         }
         let programs = self.stages.iter().map(|stage| stage.program.get().cloned());
         if let Some(programs) = programs.collect() {

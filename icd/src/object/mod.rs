@@ -4,6 +4,7 @@ pub mod acceleration_structure;
 pub mod address_space;
 pub mod addressed;
 pub mod buffer;
+pub mod captured;
 pub mod deferred;
 pub mod deferred_pipeline;
 pub mod descriptor;
@@ -21,6 +22,7 @@ pub mod micromap;
 pub mod page_binds;
 pub mod physical_device;
 pub mod pipeline;
+pub mod pipeline_binary;
 pub mod pipeline_cache;
 pub mod pipeline_layout;
 pub mod private_data;
@@ -52,6 +54,7 @@ pub use messenger::Messenger;
 pub use micromap::Micromap;
 pub use physical_device::PhysicalDevice;
 pub use pipeline::{Pipeline, ShaderModule};
+pub use pipeline_binary::PipelineBinary;
 pub use pipeline_cache::PipelineCache;
 pub use pipeline_layout::PipelineLayout;
 pub use private_data::PrivateDataSlot;
@@ -86,6 +89,7 @@ handled!(
     Micromap => MicromapEXT,
     PhysicalDevice => PhysicalDevice,
     Pipeline => Pipeline,
+    PipelineBinary => PipelineBinaryKHR,
     PipelineCache => PipelineCache,
     PipelineLayout => PipelineLayout,
     PrivateDataSlot => PrivateDataSlot,

@@ -9,6 +9,7 @@ use spirv_jit::Program;
 use spirv_jit::origin::Name;
 
 use super::PipelineLayout;
+use super::captured::Captured;
 use super::deferred_pipeline::DeferredPipeline;
 use super::graphics_pipeline::GraphicsPipeline;
 use super::ray_tracing_pipeline::RayTracingPipeline;
@@ -25,6 +26,7 @@ pub struct ShaderModule {
 pub struct Pipeline {
     pub layout: Ref<PipelineLayout>,
     pub kind: PipelineKind,
+    pub captured: Captured,
 }
 
 /// The programs of a pipeline, by bind point.
@@ -49,17 +51,21 @@ impl Pipeline {
     /// Tells its programs what the application calls it. Pipelines that share programs through a
     /// cache share their names.
     pub fn set_name(&self, name: &str) {
-        let set = |program: &Arc<Program>| {
+        for program in self.programs() {
             if let Some(origin) = program.origin() {
                 origin.pipeline.set(name);
             }
-        };
+        }
+    }
+
+    /// Its programs, as far as they are compiled.
+    pub fn programs(&self) -> Vec<&Arc<Program>> {
         match &self.kind {
-            PipelineKind::Compute(program) => set(program),
-            PipelineKind::Graphics(it) => it.stages.iter().for_each(set),
+            PipelineKind::Compute(program) => vec![program],
+            PipelineKind::Graphics(it) => it.stages.iter().collect(),
             PipelineKind::RayTracing(_) | PipelineKind::Deferred(_) => {
                 let linked = self.ray_tracing();
-                (linked.iter().flat_map(|it| &it.shaders.programs)).for_each(set);
+                (linked.iter().flat_map(|it| &it.shaders.programs)).collect()
             }
         }
     }

@@ -44,11 +44,7 @@ impl PipelineCache {
     /// compiler's.
     pub fn with_data(data: &[u8]) -> Self {
         let mut entries = HashMap::new();
-        let mut rest = match data.split_at_checked(HEADER_BYTES) {
-            Some((head, rest)) if head == header() => rest,
-            _ => &[],
-        };
-        while let Some((key, bytes, tail)) = split_entry(rest) {
+        for (key, bytes) in stored_modules(data) {
             if let Some(bytes) = bytes {
                 entries.insert(
                     key,
@@ -58,25 +54,24 @@ impl PipelineCache {
                     },
                 );
             }
-            rest = tail;
         }
         Self {
             entries: Mutex::new(entries),
         }
     }
 
-    /// The program of a key. One that came as data is made ready first.
-    pub fn find(&self, key: &ProgramKey) -> Option<Arc<Program>> {
+    /// The program of a key, with its module's bytes. One that came as data is made ready first.
+    pub fn find(&self, key: &ProgramKey) -> Option<(Arc<Program>, Arc<[u8]>)> {
         let entry = self.entries.lock().get(key).cloned()?;
-        if entry.program.is_some() {
-            return entry.program;
+        if let Some(program) = entry.program {
+            return Some((program, entry.bytes));
         }
         match spirv_jit::program::from_bytes(&entry.bytes) {
             Ok(program) => {
                 if let Some(entry) = self.entries.lock().get_mut(key) {
                     entry.program = Some(Arc::clone(&program));
                 }
-                Some(program)
+                Some((program, entry.bytes))
             }
             Err(_) => {
                 self.entries.lock().remove(key);
@@ -86,9 +81,9 @@ impl PipelineCache {
     }
 
     /// Adds a program, with its module's bytes.
-    pub fn insert(&self, key: ProgramKey, bytes: Vec<u8>, program: Arc<Program>) {
+    pub fn insert(&self, key: ProgramKey, bytes: Arc<[u8]>, program: Arc<Program>) {
         let entry = Entry {
-            bytes: bytes.into(),
+            bytes,
             program: Some(program),
         };
         self.entries.lock().insert(key, entry);
@@ -117,17 +112,35 @@ impl PipelineCache {
             if room - data.len() < ENTRY_HEAD_BYTES + entry.bytes.len() {
                 return (data, false);
             }
-            data.extend_from_slice(key);
-            data.extend_from_slice(&(entry.bytes.len() as u32).to_le_bytes());
-            data.extend_from_slice(&hash(key, &entry.bytes).to_le_bytes());
-            data.extend_from_slice(&entry.bytes);
+            store_module(&mut data, key, &entry.bytes);
         }
         (data, true)
     }
 }
 
+/// Appends an entry.
+pub fn store_module(data: &mut Vec<u8>, key: &ProgramKey, bytes: &[u8]) {
+    data.extend_from_slice(key);
+    data.extend_from_slice(&(bytes.len() as u32).to_le_bytes());
+    data.extend_from_slice(&hash(key, bytes).to_le_bytes());
+    data.extend_from_slice(bytes);
+}
+
+/// The entries of data, each with its module if that is intact; none if another compiler made them.
+pub fn stored_modules(data: &[u8]) -> impl Iterator<Item = (ProgramKey, Option<&[u8]>)> {
+    let mut rest = match data.split_at_checked(HEADER_BYTES) {
+        Some((head, rest)) if head == header() => rest,
+        _ => &[],
+    };
+    std::iter::from_fn(move || {
+        let (key, bytes, tail) = split_entry(rest)?;
+        rest = tail;
+        Some((key, bytes))
+    })
+}
+
 /// `VkPipelineCacheHeaderVersionOne`.
-fn header() -> Vec<u8> {
+pub fn header() -> Vec<u8> {
     let words = [
         HEADER_BYTES as u32,
         vk::PipelineCacheHeaderVersion::ONE.as_raw() as u32,
@@ -171,7 +184,7 @@ mod tests {
             );
             let bytes = binary::encode(&text::parse_module(&module).unwrap());
             let program = spirv_jit::program::from_bytes(&bytes).unwrap();
-            cache.insert([key; 16], bytes, program);
+            cache.insert([key; 16], bytes.into(), program);
         }
         cache
     }

@@ -8,6 +8,7 @@ use ash::vk;
 use spirv_jit::Program;
 use spirv_jit::program::Stage;
 
+use super::captured::Captured;
 use super::pipeline::PipelineKind;
 use super::shader_stage::{Compiler, ShaderStage};
 use super::stage_program::ProgramKey;
@@ -50,7 +51,7 @@ impl ShaderObject {
         let split = data.split_first_chunk::<{ size_of::<ProgramKey>() }>();
         let (key, data) = split.ok_or(vk::Result::INCOMPATIBLE_SHADER_BINARY_EXT)?;
         let cache = PipelineCache::with_data(data);
-        let program = cache
+        let (program, _) = cache
             .find(key)
             .ok_or(vk::Result::INCOMPATIBLE_SHADER_BINARY_EXT)?;
         Ok(Self::new(program, *key, cache, layout))
@@ -66,6 +67,7 @@ impl ShaderObject {
             handle::new(Pipeline {
                 layout,
                 kind: PipelineKind::Compute(Arc::clone(&program)),
+                captured: Captured::default(),
             })
         });
         Self {

@@ -16,6 +16,7 @@ use spirv_jit::program::{CompileRequest, Stage};
 use xxhash_rust::xxh3::Xxh3;
 
 use super::messenger::Messengers;
+use super::pipeline_binary::StoredModule;
 use super::stage_program::{ProgramKey, StageProgram};
 use super::{PipelineCache, PipelineLayout};
 use crate::VkResult;
@@ -31,6 +32,8 @@ pub struct Compiler<'a> {
     pub checks_alignment: bool,
     /// Ray queries look at micromaps where an execution mode says so.
     pub micromaps_by_mode: bool,
+    /// Programs come with their modules' bytes.
+    pub keeps_modules: bool,
 }
 
 /// `VkPipelineShaderStageCreateInfo`, copied.
@@ -126,9 +129,13 @@ impl ShaderStage {
         let key = self.key(layout, compiler);
         let cached = cache.and_then(|cache| cache.find(&key));
         // Data from the application may be arbitrary.
-        if let Some(program) = cached.filter(|program| program.stage() == self.stage) {
+        if let Some((program, module)) = cached.filter(|(it, _)| it.stage() == self.stage) {
             program.set_origin(self.origin());
-            let program = StageProgram { program, key };
+            let program = StageProgram {
+                program,
+                key,
+                module: compiler.keeps_modules.then_some(module),
+            };
             return Ok(Compiled {
                 program,
                 cache_hit: true,
@@ -184,11 +191,37 @@ impl ShaderStage {
             start.elapsed().as_secs_f64() * 1e3,
         );
         log::debug!("{stage:?} shader \"{name}\" compiled in {milliseconds:.2} ms");
-        if let Some(cache) = cache {
-            cache.insert(key, binary::encode(&module), Arc::clone(&program));
+        let wanted = compiler.keeps_modules || cache.is_some();
+        let bytes = wanted.then(|| Arc::<[u8]>::from(binary::encode(&module)));
+        if let (Some(cache), Some(bytes)) = (cache, &bytes) {
+            cache.insert(key, Arc::clone(bytes), Arc::clone(&program));
         }
         program.set_origin(self.origin());
-        let program = StageProgram { program, key };
+        let program = StageProgram {
+            program,
+            key,
+            module: bytes.filter(|_| compiler.keeps_modules),
+        };
+        Ok(Compiled {
+            program,
+            cache_hit: false,
+        })
+    }
+
+    /// Takes the program from a pipeline's binary, whatever the stage's module is.
+    ///
+    /// # Errors
+    /// `VK_ERROR_UNKNOWN` for a binary of other stages.
+    pub fn load(&self, stored: &StoredModule) -> VkResult<Compiled> {
+        let program = spirv_jit::program::from_bytes(&stored.bytes).ok();
+        let program = program.filter(|program| program.stage() == self.stage);
+        let program = program.ok_or(vk::Result::ERROR_UNKNOWN)?;
+        program.set_origin(self.origin());
+        let program = StageProgram {
+            program,
+            key: stored.key,
+            module: Some(Arc::clone(&stored.bytes)),
+        };
         Ok(Compiled {
             program,
             cache_hit: false,

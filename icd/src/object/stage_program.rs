@@ -15,4 +15,6 @@ pub type ProgramKey = [u8; 16];
 pub struct StageProgram {
     pub program: Arc<Program>,
     pub key: ProgramKey,
+    /// Bytes of the module (`spirv_jit::ir::binary`), where the application captures them.
+    pub module: Option<Arc<[u8]>>,
 }

@@ -10,6 +10,7 @@ use super::{Queue, Submission};
 use crate::command::Command;
 use crate::execute::{Engine, Watch};
 use crate::handle::{self, Ref};
+use crate::object::captured::Captured;
 use crate::object::live_memory::LiveMemory;
 use crate::object::pipeline::PipelineKind;
 use crate::object::{Event, Fence, Pipeline, PipelineLayout, QueryPool, Semaphore};
@@ -150,6 +151,7 @@ fn dispatch(body: &str) -> Arc<Vec<Command>> {
     let text = format!("module compute\nfunc f0 {{\n{body}\n}}");
     let program = Program::new(&parse_module(&text).unwrap()).unwrap();
     let pipeline = Pipeline {
+        captured: Captured::default(),
         layout: handle::new(PipelineLayout::new(Vec::new(), 0)),
         kind: PipelineKind::Compute(Arc::new(program)),
     };

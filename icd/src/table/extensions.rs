@@ -120,6 +120,8 @@ extensions! {
     Device KHR_MAP_MEMORY_2 c"VK_KHR_map_memory2" 1;
     Device KHR_MULTIVIEW c"VK_KHR_multiview" 1;
     Device KHR_OPACITY_MICROMAP c"VK_KHR_opacity_micromap" 1;
+    Device KHR_PIPELINE_BINARY c"VK_KHR_pipeline_binary" 1;
+    Device KHR_PIPELINE_EXECUTABLE_PROPERTIES c"VK_KHR_pipeline_executable_properties" 1;
     Device KHR_PIPELINE_LIBRARY c"VK_KHR_pipeline_library" 1;
     Device KHR_PRESENT_ID c"VK_KHR_present_id" 1;
     Device KHR_PRESENT_ID_2 c"VK_KHR_present_id2" 1;

@@ -383,6 +383,8 @@ features! {
         shader_object: PhysicalDeviceShaderObjectFeaturesEXT;
         maintenance6: PhysicalDeviceVulkan14Features PhysicalDeviceMaintenance6FeaturesKHR;
         pipeline_robustness: PhysicalDeviceVulkan14Features PhysicalDevicePipelineRobustnessFeaturesEXT;
+        pipeline_binaries: PhysicalDevicePipelineBinaryFeaturesKHR;
+        pipeline_executable_info: PhysicalDevicePipelineExecutablePropertiesFeaturesKHR;
         primitive_topology_list_restart: PhysicalDevicePrimitiveTopologyListRestartFeaturesEXT;
         primitive_topology_patch_list_restart: PhysicalDevicePrimitiveTopologyListRestartFeaturesEXT;
         provoking_vertex_last: PhysicalDeviceProvokingVertexFeaturesEXT;

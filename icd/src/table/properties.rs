@@ -659,6 +659,11 @@ unsafe fn fill(machine: &Machine, node: *mut vk::BaseOutStructure<'static>) {
                 default_vertex_attribute_value: vk::DefaultVertexAttributeValueKHR::ZERO_ZERO_ZERO_ZERO,
                 ..Default::default()
             });
+            PhysicalDevicePipelineBinaryPropertiesKHR(vk::PhysicalDevicePipelineBinaryPropertiesKHR::default()) {
+                pipeline_binary_internal_cache, pipeline_binary_internal_cache_control,
+                pipeline_binary_prefers_internal_cache, pipeline_binary_precompiled_internal_cache,
+                pipeline_binary_compressed_data,
+            };
             PhysicalDeviceLayeredApiPropertiesListKHR(vk::PhysicalDeviceLayeredApiPropertiesListKHR::default()) {
                 layered_api_count,
             };

@@ -1,0 +1,204 @@
+//! `VK_KHR_pipeline_executable_properties`: each program of a pipeline is an executable.
+
+use std::ffi::c_char;
+
+use ash::vk;
+use spirv_jit::ir::{Module, Node, text};
+use spirv_jit::program::Stage;
+use spirv_jit::{Program, SUBGROUP_SIZE};
+
+use super::define::entry;
+use crate::VkResult;
+use crate::ffi::array;
+use crate::ffi::enumerate::{enumerate_bytes, enumerate_with};
+use crate::handle::from_handle;
+use crate::object::Pipeline;
+
+fn stage_flag(stage: Stage) -> vk::ShaderStageFlags {
+    match stage {
+        Stage::Compute => vk::ShaderStageFlags::COMPUTE,
+        Stage::RayGeneration => vk::ShaderStageFlags::RAYGEN_KHR,
+        Stage::Intersection => vk::ShaderStageFlags::INTERSECTION_KHR,
+        Stage::AnyHit => vk::ShaderStageFlags::ANY_HIT_KHR,
+        Stage::ClosestHit => vk::ShaderStageFlags::CLOSEST_HIT_KHR,
+        Stage::Miss => vk::ShaderStageFlags::MISS_KHR,
+        Stage::Callable => vk::ShaderStageFlags::CALLABLE_KHR,
+        Stage::Vertex => vk::ShaderStageFlags::VERTEX,
+        Stage::TessellationControl => vk::ShaderStageFlags::TESSELLATION_CONTROL,
+        Stage::TessellationEvaluation => vk::ShaderStageFlags::TESSELLATION_EVALUATION,
+        Stage::Geometry => vk::ShaderStageFlags::GEOMETRY,
+        Stage::Task => vk::ShaderStageFlags::TASK_EXT,
+        Stage::Mesh => vk::ShaderStageFlags::MESH_EXT,
+        Stage::Fragment => vk::ShaderStageFlags::FRAGMENT,
+    }
+}
+
+/// The value of a statistic.
+enum Value {
+    Is(bool),
+    Count(u64),
+}
+
+type Statistic = (&'static str, &'static str, Value);
+
+/// The statistics of a program, and of its module where that was captured.
+fn statistics(program: &Program, module: Option<&Module>) -> Vec<Statistic> {
+    let count = |value: usize| Value::Count(value as u64);
+    let mut all: Vec<Statistic> = Vec::new();
+    if let Some(module) = module {
+        let mut operations = 0;
+        for function in &module.functions {
+            (function.body)
+                .visit(&mut |node| operations += usize::from(matches!(node, Node::Inst(_))));
+        }
+        let functions = module.functions.len();
+        all.push((
+            "Operations",
+            "Operations of the optimised IR",
+            count(operations),
+        ));
+        all.push((
+            "Functions",
+            "Functions that were not inlined",
+            count(functions),
+        ));
+    }
+    let rows = program.layout().rows;
+    let lane_bytes = program.stack_size_bytes() as usize;
+    let frame_bytes = program.frame_bytes(1);
+    let shared_bytes = program.shared_size_bytes() as usize;
+    let subgroups = program.max_wave_subgroups();
+    all.extend([
+        (
+            "Frame",
+            "Bytes of a subgroup's values while it runs",
+            count(frame_bytes),
+        ),
+        (
+            "State Rows",
+            "Rows of a subgroup's state while it is suspended",
+            count(rows),
+        ),
+        (
+            "Lane State",
+            "Bytes of one invocation's state while it is suspended",
+            count(lane_bytes),
+        ),
+        (
+            "Workgroup Memory",
+            "Bytes of a workgroup's memory",
+            count(shared_bytes),
+        ),
+        (
+            "Wave",
+            "Subgroups that run side by side at most",
+            count(subgroups),
+        ),
+        (
+            "Native Code",
+            "Whether stretches of arithmetic are native code",
+            Value::Is(program.has_native_code()),
+        ),
+    ]);
+    all
+}
+
+fn write_statistic(out: &mut vk::PipelineExecutableStatisticKHR<'_>, statistic: Statistic) {
+    let (name, description, value) = statistic;
+    array::write_text(&mut out.name, name);
+    array::write_text(&mut out.description, description);
+    // Readers of any member find defined bytes.
+    out.value = vk::PipelineExecutableStatisticValueKHR { u64: 0 };
+    match value {
+        Value::Is(it) => {
+            out.format = vk::PipelineExecutableStatisticFormatKHR::BOOL32;
+            out.value.b32 = it.into();
+        }
+        Value::Count(it) => {
+            out.format = vk::PipelineExecutableStatisticFormatKHR::UINT64;
+            out.value.u64 = it;
+        }
+    }
+}
+
+/// Writes the name of an executable, `"fragment main"`, and what it was made of.
+fn describe(program: &Program, name: &mut [c_char; 256], description: &mut [c_char; 256]) {
+    let stage = format!("{:?}", program.stage());
+    let place = program.place_of(&[]);
+    let entry_point = place.entry_point.as_deref().unwrap_or("main");
+    array::write_text(name, &format!("{stage} {entry_point}"));
+    array::write_text(description, &place.to_string());
+}
+
+/// An executable of a pipeline, and its module if that was captured.
+///
+/// # Errors
+/// `VK_ERROR_UNKNOWN` for one that there is not.
+///
+/// # Safety
+/// The info is valid.
+unsafe fn executable<'a>(
+    info: &vk::PipelineExecutableInfoKHR<'_>,
+) -> VkResult<(&'a Program, Option<Module>)> {
+    // SAFETY: the caller's promise.
+    let pipeline = unsafe { from_handle::<'a, Pipeline>(info.pipeline) };
+    let programs = pipeline.programs();
+    let program = programs.get(info.executable_index as usize);
+    let program: &Program = program.ok_or(vk::Result::ERROR_UNKNOWN)?;
+    Ok((program, pipeline.captured.module(program)))
+}
+
+entry! {
+    fn vkGetPipelineExecutablePropertiesKHR(
+        _device: vk::Device,
+        info: *const vk::PipelineInfoKHR<'_>,
+        count: *mut u32,
+        out: *mut vk::PipelineExecutablePropertiesKHR<'_>,
+    ) -> vk::Result {
+        let programs = from_handle::<Pipeline>((*info).pipeline).programs();
+        enumerate_with(count, out, programs.into_iter(), |out, program| {
+            out.stages = stage_flag(program.stage());
+            out.subgroup_size = SUBGROUP_SIZE as u32;
+            describe(program, &mut out.name, &mut out.description);
+        })
+    }
+
+    fn vkGetPipelineExecutableStatisticsKHR(
+        _device: vk::Device,
+        info: *const vk::PipelineExecutableInfoKHR<'_>,
+        count: *mut u32,
+        out: *mut vk::PipelineExecutableStatisticKHR<'_>,
+    ) -> vk::Result {
+        let (program, module) = executable(&*info)?;
+        let all = statistics(program, module.as_ref());
+        enumerate_with(count, out, all.into_iter(), write_statistic)
+    }
+
+    /// The optimised IR as text, where it was captured.
+    fn vkGetPipelineExecutableInternalRepresentationsKHR(
+        _device: vk::Device,
+        info: *const vk::PipelineExecutableInfoKHR<'_>,
+        count: *mut u32,
+        out: *mut vk::PipelineExecutableInternalRepresentationKHR<'_>,
+    ) -> vk::Result {
+        let (_, module) = executable(&*info)?;
+        let mut written = Ok(());
+        enumerate_with(count, out, module.iter(), |out, module| {
+            array::write_text(&mut out.name, "IR");
+            array::write_text(&mut out.description, "The compiler's IR after its passes");
+            out.is_text = vk::TRUE;
+            let room = out.data_size;
+            written = enumerate_bytes(&mut out.data_size, out.p_data.cast(), |_| {
+                let mut text = text::print_module(module).into_bytes();
+                text.push(0);
+                let all = text.len() <= room || out.p_data.is_null();
+                if !all {
+                    text.truncate(room);
+                    text.last_mut().into_iter().for_each(|last| *last = 0);
+                }
+                (text, all)
+            });
+        })?;
+        written
+    }
+}
