@@ -68,6 +68,7 @@ impl Device {
             micromaps_by_mode: self.extensions.contains(Extension::KHR_OPACITY_MICROMAP)
                 && !self.extensions.contains(Extension::EXT_OPACITY_MICROMAP),
             keeps_modules: false,
+            samplers: &self.engine.heap_samplers,
         }
     }
 

@@ -51,6 +51,7 @@ fn compile_entries(path: &str, words: &[u32], capabilities: &[Capability]) {
             entry_point: &entry.name,
             stage,
             specialization: &[],
+            mappings: &[],
             bindings: &binding,
             capabilities,
             accuracy: spirv_jit::Accuracy::Spec,

@@ -16,6 +16,7 @@ pub mod eval;
 pub mod facts;
 #[cfg(target_arch = "x86_64")]
 mod half_vectors;
+pub mod heap;
 pub mod hit_object;
 pub mod interp;
 pub mod ir;

@@ -3,7 +3,7 @@
 #![forbid(unsafe_code)]
 
 use crate::accuracy::Accuracy;
-use crate::ir;
+use crate::{heap, ir};
 
 /// The inputs for compiling a module's entry point into a program.
 pub struct CompileRequest<'a> {
@@ -15,6 +15,9 @@ pub struct CompileRequest<'a> {
     /// Where each (set, binding) lies in the pipeline layout; a pair that gives `None` is a null
     /// descriptor.
     pub bindings: &'a dyn Fn(u32, u32) -> Option<ir::op::DescriptorBinding>,
+    /// Where pairs lie that no layout has: in heaps, push data or shader records. The first that
+    /// fits counts, before `bindings`.
+    pub mappings: &'a [heap::Mapping],
     /// Capabilities that the device has enabled; a module that declares others is refused.
     pub capabilities: &'a [rspirv::spirv::Capability],
     pub accuracy: Accuracy,

@@ -20,7 +20,7 @@ mod known;
 mod memory;
 mod micromap;
 mod misuse;
-mod newer;
+pub mod newer;
 mod nv_ray_tracing;
 mod optional;
 mod patience;

@@ -14,6 +14,9 @@ pub const DEVICE_ADDRESS_COMMANDS: &CStr = c"VK_KHR_device_address_commands";
 /// `VK_KHR_opacity_micromap`.
 pub const OPACITY_MICROMAP: &CStr = c"VK_KHR_opacity_micromap";
 
+/// `VK_EXT_descriptor_heap`.
+pub const DESCRIPTOR_HEAP: &CStr = c"VK_EXT_descriptor_heap";
+
 /// `VK_KHR_copy_memory_indirect`.
 pub const COPY_MEMORY_INDIRECT: &CStr = c"VK_KHR_copy_memory_indirect";
 
@@ -65,6 +68,7 @@ pub const NEWER: &[(&CStr, u32)] = &[
     (ash::khr::maintenance5::NAME, make_api_version(0, 1, 3, 260)),
     (DEVICE_ADDRESS_COMMANDS, make_api_version(0, 1, 4, 340)),
     (OPACITY_MICROMAP, make_api_version(0, 1, 4, 359)),
+    (DESCRIPTOR_HEAP, make_api_version(0, 1, 4, 340)),
     (COPY_MEMORY_INDIRECT, make_api_version(0, 1, 4, 330)),
     (PIPELINE_BINARY, make_api_version(0, 1, 3, 294)),
     (MAINTENANCE_8, make_api_version(0, 1, 4, 330)),
@@ -261,6 +265,39 @@ features! {
     PhysicalDevicePipelineBinaryFeaturesKHR 1_000_483_000 { pipeline_binaries }
 }
 
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct PhysicalDeviceDescriptorHeapFeaturesEXT<'a> {
+    pub s_type: StructureType,
+    pub p_next: *mut c_void,
+    pub descriptor_heap: Bool32,
+    pub descriptor_heap_capture_replay: Bool32,
+    pub _marker: PhantomData<&'a ()>,
+}
+
+impl Default for PhysicalDeviceDescriptorHeapFeaturesEXT<'_> {
+    fn default() -> Self {
+        Self {
+            s_type: StructureType::from_raw(1_000_135_009),
+            p_next: std::ptr::null_mut(),
+            descriptor_heap: FALSE,
+            descriptor_heap_capture_replay: FALSE,
+            _marker: PhantomData,
+        }
+    }
+}
+
+// SAFETY: the registry says so.
+unsafe impl ExtendsPhysicalDeviceFeatures2 for PhysicalDeviceDescriptorHeapFeaturesEXT<'_> {}
+
+/// `VkHostAddressRangeEXT` and `VkHostAddressRangeConstEXT`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct HostAddressRangeEXT {
+    pub address: *mut c_void,
+    pub size: usize,
+}
+
 /// `VkDeviceAddressRangeKHR`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
@@ -349,6 +386,64 @@ structures! {
         base_triangle: u32,
         micromap: AccelerationStructureKHR,
     }
+    TexelBufferDescriptorInfoEXT 1_000_135_000 *const c_void {
+        format: Format,
+        address_range: DeviceAddressRangeKHR,
+    }
+    ImageDescriptorInfoEXT 1_000_135_001 *const c_void {
+        p_view: *const ImageViewCreateInfo<'static>,
+        layout: ImageLayout,
+    }
+    ResourceDescriptorInfoEXT 1_000_135_002 *const c_void {
+        ty: DescriptorType,
+        data: *const c_void,
+    }
+    BindHeapInfoEXT 1_000_135_003 *const c_void {
+        heap_range: DeviceAddressRangeKHR,
+        reserved_range_offset: DeviceSize,
+        reserved_range_size: DeviceSize,
+    }
+    PushDataInfoEXT 1_000_135_004 *const c_void {
+        offset: u32,
+        data: HostAddressRangeEXT,
+    }
+    DescriptorSetAndBindingMappingEXT 1_000_135_005 *const c_void {
+        descriptor_set: u32,
+        first_binding: u32,
+        binding_count: u32,
+        resource_mask: u32,
+        source: i32,
+        source_data: DescriptorMappingSourceDataEXT,
+    }
+    ShaderDescriptorSetAndBindingMappingInfoEXT 1_000_135_006 *const c_void {
+        mapping_count: u32,
+        p_mappings: *const DescriptorSetAndBindingMappingEXT,
+    }
+    PhysicalDeviceDescriptorHeapPropertiesEXT 1_000_135_008 *mut c_void {
+        sampler_heap_alignment: DeviceSize,
+        resource_heap_alignment: DeviceSize,
+        max_sampler_heap_size: DeviceSize,
+        max_resource_heap_size: DeviceSize,
+        min_sampler_heap_reserved_range: DeviceSize,
+        min_sampler_heap_reserved_range_with_embedded: DeviceSize,
+        min_resource_heap_reserved_range: DeviceSize,
+        sampler_descriptor_size: DeviceSize,
+        image_descriptor_size: DeviceSize,
+        buffer_descriptor_size: DeviceSize,
+        sampler_descriptor_alignment: DeviceSize,
+        image_descriptor_alignment: DeviceSize,
+        buffer_descriptor_alignment: DeviceSize,
+        max_push_data_size: DeviceSize,
+        image_capture_replay_opaque_data_size: usize,
+        max_descriptor_heap_embedded_samplers: u32,
+        sampler_ycbcr_conversion_count: u32,
+        sparse_descriptor_heaps: Bool32,
+        protected_descriptor_heaps: Bool32,
+    }
+    CommandBufferInheritanceDescriptorHeapInfoEXT 1_000_135_010 *const c_void {
+        p_sampler_heap_bind_info: *const BindHeapInfoEXT,
+        p_resource_heap_bind_info: *const BindHeapInfoEXT,
+    }
     PhysicalDevicePresentId2FeaturesKHR 1_000_479_002 *mut c_void {
         present_id2: Bool32,
     }
@@ -419,4 +514,41 @@ structures! {
 pub struct PresentStageTimeEXT {
     pub stage: Flags,
     pub time: u64,
+}
+
+/// `VkDescriptorMappingSourceConstantOffsetEXT`.
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct ConstantOffset {
+    pub heap_offset: u32,
+    pub heap_array_stride: u32,
+    pub p_embedded_sampler: *const SamplerCreateInfo<'static>,
+    pub sampler_heap_offset: u32,
+    pub sampler_heap_array_stride: u32,
+}
+
+/// `VkDescriptorMappingSourcePushIndexEXT`.
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct PushIndex {
+    pub heap_offset: u32,
+    pub push_offset: u32,
+    pub heap_index_stride: u32,
+    pub heap_array_stride: u32,
+    pub p_embedded_sampler: *const SamplerCreateInfo<'static>,
+    pub use_combined_image_sampler_index: Bool32,
+    pub sampler_heap_offset: u32,
+    pub sampler_push_offset: u32,
+    pub sampler_heap_index_stride: u32,
+    pub sampler_heap_array_stride: u32,
+}
+
+/// `VkDescriptorMappingSourceDataEXT`, as large as its largest member.
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub union DescriptorMappingSourceDataEXT {
+    pub constant_offset: ConstantOffset,
+    pub push_index: PushIndex,
+    pub words: [u32; 2],
+    pub size: [u64; 7],
 }

@@ -5,8 +5,8 @@ use std::ffi::{CStr, c_void};
 use ash::{ext, huawei, khr, nv};
 
 use crate::newer::{
-    self as vk, COPY_MEMORY_INDIRECT, DEVICE_ADDRESS_COMMANDS, LINEAR_SWEPT_SPHERES, MAINTENANCE_8,
-    MAINTENANCE_9, OPACITY_MICROMAP, PIPELINE_BINARY,
+    self as vk, COPY_MEMORY_INDIRECT, DESCRIPTOR_HEAP, DEVICE_ADDRESS_COMMANDS,
+    LINEAR_SWEPT_SPHERES, MAINTENANCE_8, MAINTENANCE_9, OPACITY_MICROMAP, PIPELINE_BINARY,
 };
 
 macro_rules! optional {
@@ -96,6 +96,8 @@ optional! {
     /// Null descriptors alone.
     robustness2: ext::robustness2::NAME, PhysicalDeviceRobustness2FeaturesEXT { robust_buffer_access2 robust_image_access2 };
     descriptor_buffer: ext::descriptor_buffer::NAME, PhysicalDeviceDescriptorBufferFeaturesEXT {};
+    /// Off where there is validation, as above.
+    heaps: DESCRIPTOR_HEAP, PhysicalDeviceDescriptorHeapFeaturesEXT { descriptor_heap_capture_replay };
     mutable: ext::mutable_descriptor_type::NAME, PhysicalDeviceMutableDescriptorTypeFeaturesEXT {};
     reorder: nv::ray_tracing_invocation_reorder::NAME, PhysicalDeviceRayTracingInvocationReorderFeaturesNV {};
     motion: nv::ray_tracing_motion_blur::NAME, PhysicalDeviceRayTracingMotionBlurFeaturesNV {};

@@ -23,6 +23,7 @@ use std::sync::Arc;
 
 use ash::vk;
 use smallvec::SmallVec;
+use spirv_jit::heap::Table;
 
 use crate::handle::Ref;
 use crate::object::{DescriptorSet, DescriptorSetLayout, Event, Image, Pipeline, QueryPool};
@@ -57,6 +58,7 @@ pub enum Command {
     BindInvocationMask(Option<InvocationMask>),
     BindDescriptorSets(BindDescriptorSets),
     BindDescriptorBuffer(BindDescriptorBuffer),
+    BindHeap(BindHeap),
     PushConstants {
         offset: u32,
         bytes: SmallVec<[u8; 32]>,
@@ -172,6 +174,13 @@ pub struct BindDescriptorSets {
     pub first_set: u32,
     pub sets: SmallVec<[Option<Ref<DescriptorSet>>; 4]>,
     pub dynamic_offsets: SmallVec<[u32; 4]>,
+}
+
+/// `vkCmdBindResourceHeapEXT`, `vkCmdBindSamplerHeapEXT`.
+pub struct BindHeap {
+    pub table: Table,
+    pub address: u64,
+    pub size_bytes: u64,
 }
 
 /// One set of `vkCmdSetDescriptorBufferOffsetsEXT`.

@@ -4,9 +4,11 @@
 pub mod acceleration_structure;
 pub mod geometries;
 pub mod graphics;
+mod heap;
 mod index_type;
 pub mod micromap;
 pub mod nv_ray_tracing;
 pub mod pipeline;
 pub mod ray_tracing;
 pub mod render_pass;
+pub mod sampler;

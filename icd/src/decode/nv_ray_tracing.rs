@@ -4,7 +4,7 @@ use ash::vk;
 use traversal::{BuildFlags, GeometryFlags, InstanceArray, Kind, VertexFormat};
 
 use super::index_type::index_type;
-use super::pipeline::{create_flags, decode_stage};
+use super::pipeline::{create_flags, decode_stage, pipeline_layout};
 use super::ray_tracing::{create_pipeline, group};
 use crate::VkResult;
 use crate::command::build::{Aabbs, Build, BuildGeometries, Triangles};
@@ -12,12 +12,12 @@ use crate::command::instances::Instances;
 use crate::device::Device;
 use crate::ffi::{find, slice};
 use crate::format::structure::vertex_format;
-use crate::handle::{self, Ref, from_handle, retain};
+use crate::handle::{self, Ref, from_handle};
 use crate::object::acceleration_structure::Storage;
 use crate::object::captured::Captured;
 use crate::object::deferred_pipeline::DeferredPipeline;
 use crate::object::pipeline::PipelineKind;
-use crate::object::{AccelerationStructureNv, Buffer, Pipeline, PipelineCache, PipelineLayout};
+use crate::object::{AccelerationStructureNv, Buffer, Pipeline, PipelineCache};
 use crate::wave::table::Region;
 
 /// Where a structure lies.
@@ -213,7 +213,7 @@ pub unsafe fn create_pipeline_nv(
             return create_pipeline(device, cache.map(|cache| &***cache), &info);
         }
         no_feedback(info.p_next);
-        let layout = retain::<PipelineLayout>(info.layout);
+        let layout = pipeline_layout(info.layout);
         let stages = slice(info.p_stages, info.stage_count);
         let deferred = DeferredPipeline::new(
             stages

@@ -7,10 +7,11 @@ use ash::vk;
 use spirv_jit::origin::Name;
 use spirv_jit::program::Stage;
 
+use super::heap::{Mappings, decode_mappings};
 use crate::VkResult;
 use crate::device::Device;
 use crate::ffi::{find, slice, string, vk as newer};
-use crate::handle::{self, from_handle};
+use crate::handle::{self, Ref, from_handle};
 use crate::object::captured::{Captured, keeps_modules};
 use crate::object::pipeline_binary::StoredModule;
 use crate::object::shader_stage::{Compiled, Compiler, ShaderStage};
@@ -89,7 +90,10 @@ impl<'a> Source<'a> {
         layout: &PipelineLayout,
     ) -> VkResult<Compiled> {
         if let Some(stored) = self.stored {
-            return stage.load(stored.get(index).ok_or(vk::Result::ERROR_UNKNOWN)?);
+            return stage.load(
+                &self.compiler,
+                stored.get(index).ok_or(vk::Result::ERROR_UNKNOWN)?,
+            );
         }
         let may_compile =
             !(self.flags).contains(vk::PipelineCreateFlags::FAIL_ON_PIPELINE_COMPILE_REQUIRED);
@@ -109,6 +113,18 @@ pub unsafe fn captured_libraries<'a>(
         unsafe { info.map_or(&[][..], |it| slice(it.p_libraries, it.library_count)) }.to_vec();
     // SAFETY: as above.
     (libraries.into_iter()).map(|library| unsafe { &from_handle::<'a, Pipeline>(library).captured })
+}
+
+/// A pipeline's layout: an empty one where there is none, since its bindings are mapped onto heaps.
+///
+/// # Safety
+/// The handle is null or of a living layout.
+pub unsafe fn pipeline_layout(layout: vk::PipelineLayout) -> Ref<PipelineLayout> {
+    if layout == vk::PipelineLayout::null() {
+        return handle::new(PipelineLayout::new(Vec::new(), 0));
+    }
+    // SAFETY: the caller's promise.
+    unsafe { handle::retain::<PipelineLayout>(layout) }
 }
 
 /// Copies a stage: its words are shared with the module, or taken from the chained create info
@@ -133,7 +149,10 @@ pub unsafe fn decode_stage(info: &vk::PipelineShaderStageCreateInfo<'_>) -> VkRe
                 (words.into(), chained_name(info.p_next))
             }
         };
+        let Mappings { mappings, embedded } = decode_mappings(info.p_next);
         Ok(ShaderStage {
+            mappings,
+            embedded,
             words,
             name,
             entry_point: entry_point(info.p_name)?,
@@ -181,7 +200,10 @@ pub unsafe fn decode_shader(info: &vk::ShaderCreateInfoEXT<'_>) -> VkResult<Shad
     let words = words.map_err(|_| vk::Result::ERROR_OUT_OF_HOST_MEMORY)?;
     // SAFETY: the caller's promise.
     unsafe {
+        let Mappings { mappings, embedded } = decode_mappings(info.p_next);
         Ok(ShaderStage {
+            mappings,
+            embedded,
             words: slice(info.p_code.cast::<u32>(), words).into(),
             name: Arc::default(),
             entry_point: entry_point(info.p_name)?,

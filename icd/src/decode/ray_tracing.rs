@@ -5,16 +5,16 @@ use std::time::{Duration, Instant};
 use ash::vk;
 use rayon::prelude::*;
 
-use super::pipeline::{Source, captured_libraries, create_flags, decode_stage};
+use super::pipeline::{Source, captured_libraries, create_flags, decode_stage, pipeline_layout};
 use crate::VkResult;
 use crate::device::Device;
 use crate::ffi::{find, slice};
-use crate::handle::{from_handle, retain};
+use crate::handle::from_handle;
 use crate::object::captured::Captured;
 use crate::object::pipeline::PipelineKind;
 use crate::object::ray_tracing_pipeline::{GroupInfo, RayTracingPipeline};
 use crate::object::shader_stage::ShaderStage;
-use crate::object::{Pipeline, PipelineCache, PipelineLayout};
+use crate::object::{Pipeline, PipelineCache};
 use crate::wave::table::Region;
 
 /// `VkStridedDeviceAddressRegionKHR`, or none.
@@ -45,7 +45,7 @@ pub unsafe fn create_pipeline(
     // SAFETY: the caller's promise.
     unsafe {
         let started = Instant::now();
-        let layout = retain::<PipelineLayout>(info.layout);
+        let layout = pipeline_layout(info.layout);
         let flags = create_flags(info.flags, info.p_next);
         let source = Source::of(device, cache, flags, info.p_next)?;
         let stages = slice(info.p_stages, info.stage_count);

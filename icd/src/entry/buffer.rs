@@ -14,8 +14,8 @@ use crate::handle::{self, from_handle};
 use crate::object::address_space::GRANULE;
 use crate::object::address_space::Placement;
 use crate::object::addressed::AddressEvent;
-use crate::object::image_view::ViewEntry;
 use crate::object::sparse::Reservation;
+use crate::object::view_entry::ViewEntry;
 use crate::object::{Buffer, BufferView, DeviceMemory};
 use crate::table::limits::{MAX_BUFFER_BYTES, MEMORY_ALIGNMENT};
 

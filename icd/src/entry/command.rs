@@ -4,6 +4,7 @@ use ash::vk::{self, Handle};
 use smallvec::SmallVec;
 
 use super::define::{commands, entry};
+use super::descriptor_heap::inherit_heaps;
 use super::push_descriptor::bind_points;
 use crate::VkResult;
 use crate::command::{
@@ -45,7 +46,8 @@ fn barrier(commands: &mut Recording, destination: vk::PipelineStageFlags2) -> Vk
     Ok(())
 }
 
-/// Starts a secondary command buffer with the locations of colour attachments that it inherits. All
+/// Starts a secondary command buffer with the heaps and locations of colour attachments that it
+/// inherits. All
 /// else is a promise that nothing here needs: lists are shared by count, and a secondary command
 /// buffer inherits no other state.
 ///
@@ -54,6 +56,9 @@ unsafe fn inherit(commands: &mut Recording, info: &vk::CommandBufferBeginInfo<'_
     // SAFETY: the caller's promise.
     unsafe {
         let inherited = info.p_inheritance_info.as_ref();
+        if let Some(inherited) = inherited {
+            inherit_heaps(commands, inherited.p_next)?;
+        }
         let chained = inherited.and_then(|inherited| {
             ffi::chain::find::<vk::RenderingAttachmentLocationInfoKHR<'_>>(inherited.p_next)
         });

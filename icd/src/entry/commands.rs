@@ -7,11 +7,12 @@ use super::row::commands;
 pub use super::row::{Availability, Command, Level};
 use super::{
     acceleration_structure, buffer, command, command_image, command_transfer, debug, deferred,
-    descriptor, descriptor_buffer, descriptor_set, device, device_address, device_fault, graphics,
-    graphics_address, graphics_draw, graphics_pass, graphics_state, host_image_copy, image,
-    instance, maintenance5, memory, micromap, nv_ray_tracing, physical_device, pipeline,
-    pipeline_binary, pipeline_executable, present_timing, push_descriptor, query, queue,
-    ray_tracing, shader_object, surface, swapchain, sync, system, transform_feedback,
+    descriptor, descriptor_buffer, descriptor_heap, descriptor_set, device, device_address,
+    device_fault, graphics, graphics_address, graphics_draw, graphics_pass, graphics_state,
+    host_image_copy, image, instance, maintenance5, memory, micromap, nv_ray_tracing,
+    physical_device, pipeline, pipeline_binary, pipeline_executable, present_timing,
+    push_descriptor, query, queue, ray_tracing, shader_object, surface, swapchain, sync, system,
+    transform_feedback,
 };
 use crate::ffi::vk;
 
@@ -85,6 +86,7 @@ commands! {
     PhysicalDevice Core PFN_vkGetPhysicalDeviceSparseImageFormatProperties physical_device::vkGetPhysicalDeviceSparseImageFormatProperties;
     PhysicalDevice KHR_COOPERATIVE_MATRIX PFN_vkGetPhysicalDeviceCooperativeMatrixPropertiesKHR physical_device::vkGetPhysicalDeviceCooperativeMatrixPropertiesKHR;
     PhysicalDevice KHR_FRAGMENT_SHADING_RATE PFN_vkGetPhysicalDeviceFragmentShadingRatesKHR physical_device::vkGetPhysicalDeviceFragmentShadingRatesKHR;
+    PhysicalDevice EXT_DESCRIPTOR_HEAP PFN_vkGetPhysicalDeviceDescriptorSizeEXT descriptor_heap::vkGetPhysicalDeviceDescriptorSizeEXT;
     PhysicalDevice EXT_SAMPLE_LOCATIONS PFN_vkGetPhysicalDeviceMultisamplePropertiesEXT physical_device::vkGetPhysicalDeviceMultisamplePropertiesEXT;
     PhysicalDevice Core11 PFN_vkGetPhysicalDeviceSparseImageFormatProperties2 physical_device::vkGetPhysicalDeviceSparseImageFormatProperties2;
     PhysicalDevice KHR_GET_PHYSICAL_DEVICE_PROPERTIES_2 PFN_vkGetPhysicalDeviceSparseImageFormatProperties2 physical_device::vkGetPhysicalDeviceSparseImageFormatProperties2 as vkGetPhysicalDeviceSparseImageFormatProperties2KHR;
@@ -227,6 +229,14 @@ commands! {
     Device Core14 PFN_vkCmdPushDescriptorSetWithTemplateKHR push_descriptor::vkCmdPushDescriptorSetWithTemplateKHR as vkCmdPushDescriptorSetWithTemplate;
     Device KHR_PUSH_DESCRIPTOR PFN_vkCmdPushDescriptorSetWithTemplateKHR push_descriptor::vkCmdPushDescriptorSetWithTemplateKHR;
 
+    Device EXT_DESCRIPTOR_HEAP PFN_vkCmdBindResourceHeapEXT descriptor_heap::vkCmdBindResourceHeapEXT;
+    Device EXT_DESCRIPTOR_HEAP PFN_vkCmdBindSamplerHeapEXT descriptor_heap::vkCmdBindSamplerHeapEXT;
+    Device EXT_DESCRIPTOR_HEAP PFN_vkCmdPushDataEXT descriptor_heap::vkCmdPushDataEXT;
+    Device EXT_DESCRIPTOR_HEAP PFN_vkGetImageOpaqueCaptureDataEXT descriptor_heap::vkGetImageOpaqueCaptureDataEXT;
+    Device EXT_DESCRIPTOR_HEAP PFN_vkRegisterCustomBorderColorEXT descriptor_heap::vkRegisterCustomBorderColorEXT;
+    Device EXT_DESCRIPTOR_HEAP PFN_vkUnregisterCustomBorderColorEXT descriptor_heap::vkUnregisterCustomBorderColorEXT;
+    Device EXT_DESCRIPTOR_HEAP PFN_vkWriteResourceDescriptorsEXT descriptor_heap::vkWriteResourceDescriptorsEXT;
+    Device EXT_DESCRIPTOR_HEAP PFN_vkWriteSamplerDescriptorsEXT descriptor_heap::vkWriteSamplerDescriptorsEXT;
     Device EXT_DESCRIPTOR_BUFFER PFN_vkCmdBindDescriptorBufferEmbeddedSamplersEXT descriptor_buffer::vkCmdBindDescriptorBufferEmbeddedSamplersEXT;
     Device EXT_DESCRIPTOR_BUFFER PFN_vkCmdBindDescriptorBuffersEXT descriptor_buffer::vkCmdBindDescriptorBuffersEXT;
     Device EXT_DESCRIPTOR_BUFFER PFN_vkCmdSetDescriptorBufferOffsetsEXT descriptor_buffer::vkCmdSetDescriptorBufferOffsetsEXT;

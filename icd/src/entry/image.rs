@@ -1,7 +1,7 @@
 //! Images, image views and samplers.
 
 use ash::vk;
-use images::{AddressMode, CompareOp, Filter, Reduction, SamplerDescriptor};
+use images::ImageDescriptor;
 use spirv_jit::reach::Range;
 use spirv_jit::views::Key;
 
@@ -11,15 +11,17 @@ use super::define::entry;
 use super::descriptor_buffer::captured;
 use super::destroy;
 use crate::VkResult;
+use crate::decode::sampler::decode_sampler;
 use crate::device::Device;
 use crate::ffi::enumerate::enumerate_with;
 use crate::ffi::{self, chain, enumerate};
 use crate::handle::{self, from_handle};
 use crate::object::address_space::Placement;
 use crate::object::addressed::AddressEvent;
-use crate::object::image_view::{ViewEntry, sliced, view_descriptor};
+use crate::object::image_view::{sliced, view_descriptor};
 use crate::object::resident;
 use crate::object::sparse::Reservation;
+use crate::object::view_entry::ViewEntry;
 use crate::object::{DeviceMemory, Image, ImageView, Sampler, YcbcrConversion};
 use crate::present::Swapchain;
 
@@ -51,103 +53,40 @@ pub(super) fn subresource_layout(
     })
 }
 
-fn filter(filter: vk::Filter) -> Filter {
-    if filter == vk::Filter::LINEAR {
-        Filter::Linear
-    } else {
-        Filter::Nearest
-    }
-}
-
-fn address_mode(mode: vk::SamplerAddressMode) -> AddressMode {
-    match mode {
-        vk::SamplerAddressMode::MIRRORED_REPEAT => AddressMode::MirroredRepeat,
-        vk::SamplerAddressMode::CLAMP_TO_EDGE => AddressMode::ClampToEdge,
-        vk::SamplerAddressMode::CLAMP_TO_BORDER => AddressMode::ClampToBorder,
-        vk::SamplerAddressMode::MIRROR_CLAMP_TO_EDGE => AddressMode::MirrorClampToEdge,
-        _ => AddressMode::Repeat,
-    }
-}
-
-fn compare(op: vk::CompareOp) -> CompareOp {
-    match op {
-        vk::CompareOp::LESS => CompareOp::Less,
-        vk::CompareOp::EQUAL => CompareOp::Equal,
-        vk::CompareOp::LESS_OR_EQUAL => CompareOp::LessOrEqual,
-        vk::CompareOp::GREATER => CompareOp::Greater,
-        vk::CompareOp::NOT_EQUAL => CompareOp::NotEqual,
-        vk::CompareOp::GREATER_OR_EQUAL => CompareOp::GreaterOrEqual,
-        vk::CompareOp::ALWAYS => CompareOp::Always,
-        _ => CompareOp::Never,
-    }
-}
-
-fn border_color(color: vk::BorderColor) -> [u32; 4] {
-    const ONE: u32 = 1f32.to_bits();
-    match color {
-        vk::BorderColor::FLOAT_OPAQUE_BLACK => [0, 0, 0, ONE],
-        vk::BorderColor::INT_OPAQUE_BLACK => [0, 0, 0, 1],
-        vk::BorderColor::FLOAT_OPAQUE_WHITE => [ONE; 4],
-        vk::BorderColor::INT_OPAQUE_WHITE => [1; 4],
-        _ => [0; 4],
-    }
-}
-
-/// The border color of a sampler, a custom one where it is given.
+/// The descriptor through which shaders read a view.
+///
+/// # Errors
+/// `VK_ERROR_UNKNOWN` for an image without memory, and as [`view_descriptor`].
 ///
 /// # Safety
-/// `info` is valid usage of `vkCreateSampler`.
-unsafe fn border(info: &vk::SamplerCreateInfo<'_>) -> [u32; 4] {
-    // SAFETY: the caller's promise. A clear color is four words, whatever they mean.
-    unsafe {
-        chain::find::<vk::SamplerCustomBorderColorCreateInfoEXT>(info.p_next)
-            .filter(|_| info.border_color.as_raw() >= vk::BorderColor::FLOAT_CUSTOM_EXT.as_raw())
-            .map_or_else(
-                || border_color(info.border_color),
-                |custom| custom.custom_border_color.uint32,
-            )
+/// `info` is valid usage of `vkCreateImageView`.
+pub(super) unsafe fn view(info: &vk::ImageViewCreateInfo<'_>) -> VkResult<ImageDescriptor> {
+    // SAFETY: the caller's promise.
+    let (image, min_lod, conversion, slices) = unsafe {
+        (
+            from_handle::<Image>(info.image),
+            chain::find::<vk::ImageViewMinLodCreateInfoEXT>(info.p_next),
+            chain::find::<vk::SamplerYcbcrConversionInfo>(info.p_next)
+                .and_then(|info| handle::optional::<YcbcrConversion>(info.conversion)),
+            chain::find::<vk::ImageViewSlicedCreateInfoEXT>(info.p_next),
+        )
+    };
+    if image.data().is_null() {
+        return Err(vk::Result::ERROR_UNKNOWN);
     }
-}
-
-fn sampler_descriptor(
-    info: &vk::SamplerCreateInfo<'_>,
-    reduction: vk::SamplerReductionMode,
-    border_color: [u32; 4],
-) -> SamplerDescriptor {
-    SamplerDescriptor {
-        mag_filter: filter(info.mag_filter),
-        min_filter: filter(info.min_filter),
-        mipmap_mode: if info.mipmap_mode == vk::SamplerMipmapMode::LINEAR {
-            Filter::Linear
-        } else {
-            Filter::Nearest
-        },
-        address_mode: [
-            info.address_mode_u,
-            info.address_mode_v,
-            info.address_mode_w,
-        ]
-        .map(address_mode),
-        mip_lod_bias: info.mip_lod_bias,
-        min_lod: info.min_lod,
-        max_lod: info.max_lod,
-        max_anisotropy: if info.anisotropy_enable == vk::TRUE {
-            info.max_anisotropy
-        } else {
-            1.0
-        },
-        compare: (info.compare_enable == vk::TRUE).then(|| compare(info.compare_op)),
-        reduction: match reduction {
-            vk::SamplerReductionMode::MIN => Reduction::Min,
-            vk::SamplerReductionMode::MAX => Reduction::Max,
-            _ => Reduction::WeightedAverage,
-        },
-        border_color,
-        unnormalized_coordinates: info.unnormalized_coordinates == vk::TRUE,
-        non_seamless: info
-            .flags
-            .contains(vk::SamplerCreateFlags::NON_SEAMLESS_CUBE_MAP_EXT),
-    }
+    let descriptor = view_descriptor(
+        image,
+        info.view_type,
+        info.format,
+        info.components,
+        &info.subresource_range,
+        min_lod.map_or(0.0, |min| min.min_lod),
+        conversion.map(|conversion| conversion.conversion),
+    )?;
+    Ok(match slices {
+        Some(slices) if info.view_type == vk::ImageViewType::TYPE_3D => sliced(descriptor, slices),
+        _ => descriptor,
+    })
 }
 
 fn is_sparse(flags: vk::ImageCreateFlags) -> bool {
@@ -304,27 +243,11 @@ entry! {
     ) -> vk::Result {
         let device = from_handle::<Device>(device);
         let info = &*info;
-        let image = from_handle::<Image>(info.image);
-        if image.data().is_null() {
-            return Err(vk::Result::ERROR_UNKNOWN);
-        }
-        let range = info.subresource_range;
-        let min_lod = chain::find::<vk::ImageViewMinLodCreateInfoEXT>(info.p_next).map_or(0.0, |min| min.min_lod);
-        let conversion = chain::find::<vk::SamplerYcbcrConversionInfo>(info.p_next)
-            .and_then(|info| handle::optional::<YcbcrConversion>(info.conversion))
-            .map(|conversion| conversion.conversion);
-        let slices = chain::find::<vk::ImageViewSlicedCreateInfoEXT>(info.p_next)
-            .filter(|_| info.view_type == vk::ImageViewType::TYPE_3D);
-        let descriptor =
-            view_descriptor(image, info.view_type, info.format, info.components, &range, min_lod, conversion)?;
-        let descriptor = match slices {
-            Some(slices) => sliced(descriptor, slices),
-            None => descriptor,
-        };
+        let descriptor = view(info)?;
         let replays = info.flags.contains(vk::ImageViewCreateFlags::DESCRIPTOR_BUFFER_CAPTURE_REPLAY_EXT);
         let replay = replays.then(|| captured(info.p_next).map(Key));
         let descriptor = ViewEntry::store(&device.engine.views, |it| &it.images, descriptor, replay)?;
-        let image = handle::retain(info.image);
+        let (image, range) = (handle::retain(info.image), info.subresource_range);
         *out = handle::create(ImageView { descriptor, image, format: info.format, range });
         Ok(())
     }
@@ -347,9 +270,7 @@ entry! {
     ) -> vk::Result {
         let device = from_handle::<Device>(device);
         let info = &*info;
-        let reduction = chain::find::<vk::SamplerReductionModeCreateInfo>(info.p_next)
-            .map_or(vk::SamplerReductionMode::WEIGHTED_AVERAGE, |reduction| reduction.reduction_mode);
-        let contents = sampler_descriptor(info, reduction, border(info));
+        let contents = decode_sampler(info);
         let replays = info.flags.contains(vk::SamplerCreateFlags::DESCRIPTOR_BUFFER_CAPTURE_REPLAY_EXT);
         let replay = replays.then(|| captured(info.p_next).map(Key));
         let descriptor = ViewEntry::store(&device.engine.views, |it| &it.samplers, contents, replay)?;

@@ -14,6 +14,7 @@ pub mod deferred;
 mod define;
 pub mod descriptor;
 pub mod descriptor_buffer;
+pub mod descriptor_heap;
 pub mod descriptor_set;
 pub mod device;
 pub mod device_address;

@@ -9,7 +9,7 @@ use ash::vk;
 use super::define::entry;
 use super::destroy;
 use crate::VkResult;
-use crate::decode::pipeline::{Source, create_flags, decode_stage};
+use crate::decode::pipeline::{Source, create_flags, decode_stage, pipeline_layout};
 use crate::device::Device;
 use crate::ffi::enumerate::enumerate_bytes;
 use crate::ffi::{self, array, chain};
@@ -80,7 +80,7 @@ unsafe fn create_compute(
     // SAFETY: the caller's promise.
     unsafe {
         let start = Instant::now();
-        let layout = retain::<PipelineLayout>(info.layout);
+        let layout = pipeline_layout(info.layout);
         let stage = decode_stage(&info.stage)?;
         let flags = create_flags(info.flags, info.p_next);
         let source = Source::of(device, cache, flags, info.p_next)?;

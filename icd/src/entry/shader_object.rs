@@ -44,7 +44,8 @@ unsafe fn create(
         let layout = handle::new(PipelineLayout::new(sets.collect(), ends.max().unwrap_or(0)));
         let object = match info.code_type {
             vk::ShaderCodeTypeEXT::BINARY => {
-                ShaderObject::from_binary(bytes(info.p_code, info.code_size), layout)?
+                let data = bytes(info.p_code, info.code_size);
+                ShaderObject::from_binary(data, &device.compiler(), layout)?
             }
             _ => ShaderObject::compile(&decode_shader(info)?, &device.compiler(), layout)?,
         };

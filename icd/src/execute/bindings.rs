@@ -6,9 +6,10 @@ use ash::vk;
 use spirv_jit::environment::{
     Descriptor, DescriptorSet, Environment, InlineBlock, MAX_SETS, StoredDescriptor, uniform,
 };
+use spirv_jit::heap::Table;
 use spirv_jit::reach::Reach;
 
-use crate::command::{BindDescriptorBuffer, BindDescriptorSets};
+use crate::command::{BindDescriptorBuffer, BindDescriptorSets, BindHeap};
 use crate::object::Pipeline;
 use crate::object::pipeline_layout::DYNAMIC_OF_SET;
 use crate::wave::Surroundings;
@@ -70,12 +71,64 @@ pub struct Bindings<'a> {
     ray_tracing: BindPoint<'a>,
     graphics: BindPoint<'a>,
     push_constants: Box<PushConstants>,
+    /// Descriptor heaps, which all bind points share, while no set is bound.
+    heaps: Option<Box<Heaps>>,
     /// The bindings that draws see until the next change, and their epoch.
     snapshot: Option<(u64, Snapshot)>,
     /// `vkCmdBindInvocationMaskHUAWEI`.
     pub invocation_mask: Option<InvocationMask>,
     /// `vkCmdSetRayTracingPipelineStackSizeKHR`.
     pub stack_bytes: Option<u32>,
+}
+
+/// The bound heaps.
+#[derive(Clone)]
+struct Heaps {
+    resources: HeapRange,
+    samplers: HeapRange,
+    embedded: DescriptorSet,
+    /// The resource heap as a buffer.
+    data: Descriptor,
+}
+
+#[derive(Clone, Copy, Default)]
+struct HeapRange {
+    address: u64,
+    size_bytes: u64,
+}
+
+impl HeapRange {
+    /// The descriptors of a heap, as far as it is memory that is there.
+    fn entries(&self, reach: &Reach) -> DescriptorSet {
+        let size_bytes = size_of::<StoredDescriptor>() as u64;
+        // A valid address is a multiple of the heap's alignment.
+        let start = self.address & !(align_of::<StoredDescriptor>() as u64 - 1);
+        DescriptorSet {
+            entries: start as *const Descriptor,
+            count: (reach.clip(start, self.size_bytes) / size_bytes) as u32,
+            stored: true,
+            ..DescriptorSet::NONE
+        }
+    }
+}
+
+impl Heaps {
+    /// The tables of programs that use heaps, which point into `self`.
+    fn place(&mut self, sets: &mut [DescriptorSet; MAX_SETS], reach: &Reach) {
+        self.data = Descriptor {
+            address: self.resources.address,
+            size_bytes: reach.clip(self.resources.address, self.resources.size_bytes),
+            ..Descriptor::NULL
+        };
+        sets[Table::Resources as usize] = self.resources.entries(reach);
+        sets[Table::Samplers as usize] = self.samplers.entries(reach);
+        sets[Table::Embedded as usize] = self.embedded;
+        sets[Table::Data as usize] = DescriptorSet {
+            entries: &raw const self.data,
+            count: 1,
+            ..DescriptorSet::NONE
+        };
+    }
 }
 
 /// The bindings that a draw sees; they may change before the draw executes.
@@ -92,6 +145,8 @@ pub struct Kept {
     push_constants: PushConstants,
     dynamic: Vec<Descriptor>,
     blocks: Vec<Vec<InlineBlock>>,
+    #[allow(dead_code, reason = "the environment points to it")]
+    heaps: Option<Box<Heaps>>,
 }
 
 // SAFETY: inline blocks are plain data, as descriptors are.
@@ -161,11 +216,13 @@ impl<'a> Bindings<'a> {
 
     /// `vkCmdBindDescriptorSets`, and pushed descriptors.
     pub fn bind_descriptor_sets(&mut self, bind: &'a BindDescriptorSets) {
+        self.heaps = None;
         self.bind_point(bind.bind_point).bind(bind);
     }
 
     /// One set of `vkCmdSetDescriptorBufferOffsetsEXT`.
     pub fn bind_descriptor_buffer(&mut self, bind: &'a BindDescriptorBuffer) {
+        self.heaps = None;
         let bound = self.bind_point(bind.bind_point);
         let number = bind.set as usize;
         if number < MAX_SETS {
@@ -177,7 +234,28 @@ impl<'a> Bindings<'a> {
         }
     }
 
-    /// `vkCmdPushConstants`.
+    /// Binds a heap, instead of all sets. `embedded` are the samplers that programs embed.
+    pub fn bind_heap(&mut self, bind: &BindHeap, embedded: DescriptorSet) {
+        self.snapshot = None;
+        let heaps = self.heaps.get_or_insert_with(|| {
+            Box::new(Heaps {
+                resources: HeapRange::default(),
+                samplers: HeapRange::default(),
+                embedded,
+                data: Descriptor::NULL,
+            })
+        });
+        let range = match bind.table {
+            Table::Samplers => &mut heaps.samplers,
+            _ => &mut heaps.resources,
+        };
+        *range = HeapRange {
+            address: bind.address,
+            size_bytes: bind.size_bytes,
+        };
+    }
+
+    /// `vkCmdPushConstants` and `vkCmdPushDataEXT`.
     pub fn push_constants(&mut self, offset: u32, bytes: &[u8]) {
         self.snapshot = None;
         let start = (offset as usize).min(PUSH_CONSTANT_BYTES);
@@ -208,13 +286,18 @@ impl<'a> Bindings<'a> {
         let pipeline = bound.pipeline?;
         bound.place_dynamic();
         bound.place_stored(&surroundings.reach);
+        let mut sets = bound.sets;
+        let (dynamic, dynamic_count) = (bound.dynamic.as_ptr(), bound.dynamic.len() as u32);
+        if let Some(heaps) = &mut self.heaps {
+            heaps.place(&mut sets, &surroundings.reach);
+        }
         let mut uniforms = [0; uniform::COUNT];
         uniforms[first_uniform..first_uniform + 3].copy_from_slice(&extent);
         let environment = Environment {
             number: Environment::next_number(),
-            sets: bound.sets,
-            dynamic: bound.dynamic.as_ptr(),
-            dynamic_count: bound.dynamic.len() as u32,
+            sets,
+            dynamic,
+            dynamic_count,
             push_constants,
             uniforms,
             reach: Arc::clone(&surroundings.shader_reach),
@@ -243,7 +326,13 @@ impl<'a> Bindings<'a> {
         bound.place_dynamic();
         bound.place_stored(&surroundings.reach);
         let stored = bound.stored.iter().any(Option::is_some);
+        let mut sets = bound.sets;
+        let mut heaps = self.heaps.clone();
+        if let Some(heaps) = &mut heaps {
+            heaps.place(&mut sets, &surroundings.reach);
+        }
         let keep = Arc::new(Kept {
+            heaps,
             push_constants: (*self.push_constants).clone(),
             dynamic: bound.dynamic.clone(),
             blocks: if stored {
@@ -252,7 +341,6 @@ impl<'a> Bindings<'a> {
                 Vec::new()
             },
         });
-        let mut sets = bound.sets;
         for (set, blocks) in sets.iter_mut().zip(&keep.blocks) {
             set.blocks = blocks.as_ptr();
         }

@@ -13,6 +13,7 @@ use ash::vk;
 use spirv_jit::views::Views;
 
 use crate::compute::Dispatcher;
+use crate::object::heap::HeapSamplers;
 use crate::object::live_memory::LiveMemory;
 use crate::object::messenger::Messengers;
 use crate::object::sync::Waiting;
@@ -35,6 +36,8 @@ pub struct Engine {
     pub memory: Arc<LiveMemory>,
     /// Image views and samplers.
     pub views: Arc<Views>,
+    /// Samplers that are no objects.
+    pub heap_samplers: HeapSamplers,
     /// The memory budget of invocations in flight, for all workers together.
     budget: Arc<Budget>,
     /// Depths in floating-point attachments are clamped to 0 to 1.
@@ -92,14 +95,16 @@ impl Engine {
         memory: Arc<LiveMemory>,
         watch: Watch,
     ) -> Arc<Self> {
+        let views = Arc::default();
         Arc::new(Self {
+            heap_samplers: HeapSamplers::new(&views),
+            views,
             workers: Workers::new(thread_count),
             waiting: Arc::default(),
             dispatcher: Dispatcher::default(),
             tracer: Tracer::default(),
             rasterizer: Rasterizer::default(),
             memory,
-            views: Arc::default(),
             budget: Arc::default(),
             clamps_to_one: watch.clamps_to_one,
             serializes_blocks: watch.serializes_blocks,

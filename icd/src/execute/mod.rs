@@ -137,6 +137,7 @@ fn sees_pictures(command: &Command) -> bool {
         Command::BindPipeline(_)
             | Command::BindDescriptorSets(_)
             | Command::BindDescriptorBuffer(_)
+            | Command::BindHeap(_)
             | Command::BindInvocationMask(_)
             | Command::SetRayTracingStackSize(_)
             | Command::PushConstants { .. }
@@ -161,6 +162,7 @@ fn perform<'a>(mut painter: Painter<'_, 'a>, command: &'a Command) -> Result<(),
         }
         Command::BindDescriptorSets(bind) => bindings.bind_descriptor_sets(bind),
         Command::BindDescriptorBuffer(bind) => bindings.bind_descriptor_buffer(bind),
+        Command::BindHeap(bind) => bindings.bind_heap(bind, engine.heap_samplers.embedded()),
         &Command::BindInvocationMask(mask) => bindings.invocation_mask = mask,
         &Command::SetRayTracingStackSize(bytes) => bindings.stack_bytes = Some(bytes),
         Command::PushConstants { offset, bytes } => bindings.push_constants(*offset, bytes),

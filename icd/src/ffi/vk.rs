@@ -329,6 +329,68 @@ structures! {
         ty: AccelerationStructureTypeKHR,
     }
     /// `VK_KHR_opacity_micromap`.
+    TexelBufferDescriptorInfoEXT 1_000_135_000 *const c_void {
+        format: Format,
+        address_range: DeviceAddressRangeKHR,
+    }
+    ImageDescriptorInfoEXT 1_000_135_001 *const c_void {
+        p_view: *const ImageViewCreateInfo<'a>,
+        layout: ImageLayout,
+    }
+    ResourceDescriptorInfoEXT 1_000_135_002 *const c_void {
+        ty: DescriptorType,
+        data: ResourceDescriptorDataEXT<'a>,
+    }
+    BindHeapInfoEXT 1_000_135_003 *const c_void {
+        heap_range: DeviceAddressRangeKHR,
+        reserved_range_offset: DeviceSize,
+        reserved_range_size: DeviceSize,
+    }
+    PushDataInfoEXT 1_000_135_004 *const c_void {
+        offset: u32,
+        data: HostAddressRangeEXT,
+    }
+    DescriptorSetAndBindingMappingEXT 1_000_135_005 *const c_void {
+        descriptor_set: u32,
+        first_binding: u32,
+        binding_count: u32,
+        resource_mask: u32,
+        source: i32,
+        source_data: DescriptorMappingSourceDataEXT<'a>,
+    }
+    ShaderDescriptorSetAndBindingMappingInfoEXT 1_000_135_006 *const c_void {
+        mapping_count: u32,
+        p_mappings: *const DescriptorSetAndBindingMappingEXT<'a>,
+    }
+    PhysicalDeviceDescriptorHeapPropertiesEXT 1_000_135_008 *mut c_void {
+        sampler_heap_alignment: DeviceSize,
+        resource_heap_alignment: DeviceSize,
+        max_sampler_heap_size: DeviceSize,
+        max_resource_heap_size: DeviceSize,
+        min_sampler_heap_reserved_range: DeviceSize,
+        min_sampler_heap_reserved_range_with_embedded: DeviceSize,
+        min_resource_heap_reserved_range: DeviceSize,
+        sampler_descriptor_size: DeviceSize,
+        image_descriptor_size: DeviceSize,
+        buffer_descriptor_size: DeviceSize,
+        sampler_descriptor_alignment: DeviceSize,
+        image_descriptor_alignment: DeviceSize,
+        buffer_descriptor_alignment: DeviceSize,
+        max_push_data_size: DeviceSize,
+        image_capture_replay_opaque_data_size: usize,
+        max_descriptor_heap_embedded_samplers: u32,
+        sampler_ycbcr_conversion_count: u32,
+        sparse_descriptor_heaps: Bool32,
+        protected_descriptor_heaps: Bool32,
+    }
+    PhysicalDeviceDescriptorHeapFeaturesEXT 1_000_135_009 *mut c_void {
+        descriptor_heap: Bool32,
+        descriptor_heap_capture_replay: Bool32,
+    }
+    CommandBufferInheritanceDescriptorHeapInfoEXT 1_000_135_010 *const c_void {
+        p_sampler_heap_bind_info: *const BindHeapInfoEXT<'a>,
+        p_resource_heap_bind_info: *const BindHeapInfoEXT<'a>,
+    }
     PhysicalDeviceOpacityMicromapFeaturesKHR 1_000_623_000 *mut c_void {
         micromap: Bool32,
     }
@@ -564,6 +626,97 @@ pub struct DeviceAddressRangeKHR {
     pub size: DeviceSize,
 }
 
+/// `VkHostAddressRangeEXT` and `VkHostAddressRangeConstEXT`.
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct HostAddressRangeEXT {
+    pub address: *mut c_void,
+    pub size: usize,
+}
+
+/// `VkResourceDescriptorDataEXT`.
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub union ResourceDescriptorDataEXT<'a> {
+    pub p_image: *const ImageDescriptorInfoEXT<'a>,
+    pub p_texel_buffer: *const TexelBufferDescriptorInfoEXT<'a>,
+    pub p_address_range: *const DeviceAddressRangeKHR,
+}
+
+/// `VkDescriptorMappingSourceConstantOffsetEXT`.
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct DescriptorMappingSourceConstantOffsetEXT<'a> {
+    pub heap_offset: u32,
+    pub heap_array_stride: u32,
+    pub p_embedded_sampler: *const SamplerCreateInfo<'a>,
+    pub sampler_heap_offset: u32,
+    pub sampler_heap_array_stride: u32,
+}
+
+/// `VkDescriptorMappingSourcePushIndexEXT`, and `VkDescriptorMappingSourceShaderRecordIndexEXT`.
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct DescriptorMappingSourceIndexEXT<'a> {
+    pub heap_offset: u32,
+    /// In push data, or in the shader record.
+    pub index_offset: u32,
+    pub heap_index_stride: u32,
+    pub heap_array_stride: u32,
+    pub p_embedded_sampler: *const SamplerCreateInfo<'a>,
+    pub use_combined_image_sampler_index: Bool32,
+    pub sampler_heap_offset: u32,
+    pub sampler_index_offset: u32,
+    pub sampler_heap_index_stride: u32,
+    pub sampler_heap_array_stride: u32,
+}
+
+/// `VkDescriptorMappingSourceIndirectIndexEXT`.
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct DescriptorMappingSourceIndirectIndexEXT<'a> {
+    pub heap_offset: u32,
+    pub push_offset: u32,
+    pub address_offset: u32,
+    pub heap_index_stride: u32,
+    pub heap_array_stride: u32,
+    pub p_embedded_sampler: *const SamplerCreateInfo<'a>,
+    pub use_combined_image_sampler_index: Bool32,
+    pub sampler_heap_offset: u32,
+    pub sampler_push_offset: u32,
+    pub sampler_address_offset: u32,
+    pub sampler_heap_index_stride: u32,
+    pub sampler_heap_array_stride: u32,
+}
+
+/// `VkDescriptorMappingSourceIndirectIndexArrayEXT`.
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct DescriptorMappingSourceIndirectIndexArrayEXT<'a> {
+    pub heap_offset: u32,
+    pub push_offset: u32,
+    pub address_offset: u32,
+    pub heap_index_stride: u32,
+    pub p_embedded_sampler: *const SamplerCreateInfo<'a>,
+    pub use_combined_image_sampler_index: Bool32,
+    pub sampler_heap_offset: u32,
+    pub sampler_push_offset: u32,
+    pub sampler_address_offset: u32,
+    pub sampler_heap_index_stride: u32,
+}
+
+/// `VkDescriptorMappingSourceDataEXT`; the structures of two words and the single words are
+/// `words`.
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub union DescriptorMappingSourceDataEXT<'a> {
+    pub constant_offset: DescriptorMappingSourceConstantOffsetEXT<'a>,
+    pub index: DescriptorMappingSourceIndexEXT<'a>,
+    pub indirect_index: DescriptorMappingSourceIndirectIndexEXT<'a>,
+    pub indirect_index_array: DescriptorMappingSourceIndirectIndexArrayEXT<'a>,
+    pub words: [u32; 2],
+}
+
 /// `VkStridedDeviceAddressRangeKHR`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default)]
@@ -635,6 +788,21 @@ functions! {
     ) -> Result;
     PFN_vkReleaseCapturedPipelineDataKHR(
         Device, *const ReleaseCapturedPipelineDataInfoKHR<'_>, *const AllocationCallbacks<'_>
+    ) -> Result;
+    PFN_vkCmdBindResourceHeapEXT(CommandBuffer, *const BindHeapInfoEXT<'_>);
+    PFN_vkCmdBindSamplerHeapEXT(CommandBuffer, *const BindHeapInfoEXT<'_>);
+    PFN_vkCmdPushDataEXT(CommandBuffer, *const PushDataInfoEXT<'_>);
+    PFN_vkGetImageOpaqueCaptureDataEXT(Device, u32, *const Image, *mut HostAddressRangeEXT) -> Result;
+    PFN_vkGetPhysicalDeviceDescriptorSizeEXT(PhysicalDevice, DescriptorType) -> DeviceSize;
+    PFN_vkRegisterCustomBorderColorEXT(
+        Device, *const SamplerCustomBorderColorCreateInfoEXT<'_>, Bool32, *mut u32
+    ) -> Result;
+    PFN_vkUnregisterCustomBorderColorEXT(Device, u32);
+    PFN_vkWriteResourceDescriptorsEXT(
+        Device, u32, *const ResourceDescriptorInfoEXT<'_>, *const HostAddressRangeEXT
+    ) -> Result;
+    PFN_vkWriteSamplerDescriptorsEXT(
+        Device, u32, *const SamplerCreateInfo<'_>, *const HostAddressRangeEXT
     ) -> Result;
     PFN_vkCreateAccelerationStructure2KHR(
         Device, *const AccelerationStructureCreateInfo2KHR<'_>, *const AllocationCallbacks<'_>, *mut AccelerationStructureKHR

@@ -10,7 +10,7 @@ use ash::vk;
 use spirv_jit::views::{Key, Views};
 
 use super::Buffer;
-use super::image_view::store_failure;
+use super::view_entry::store_failure;
 use crate::VkResult;
 use crate::handle::Ref;
 

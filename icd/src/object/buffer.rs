@@ -8,8 +8,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use ash::vk;
 use images::ImageDescriptor;
 
-use super::image_view::ViewEntry;
 use super::sparse::Reservation;
+use super::view_entry::ViewEntry;
 use crate::VkResult;
 
 /// A buffer: a size, and an address once memory is bound.

@@ -7,12 +7,15 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use ash::vk;
 use images::format::FormatInfo;
-use images::{Level, MAX_LEVELS};
+use images::{ImageDescriptor, Level, MAX_LEVELS};
+use parking_lot::Mutex;
 use spirv_jit::reach::Range;
+use spirv_jit::views::{Key, Views};
 
 use super::address_space::GRANULE;
 use super::resident;
 use super::sparse::Reservation;
+use super::view_entry::ViewEntry;
 use crate::VkResult;
 use crate::format::{self, PlaneFormat, texel_format};
 use crate::os::address_space::page_bytes;
@@ -60,6 +63,8 @@ pub struct Image {
     bindings: Vec<Binding>,
     /// Of a sparse image.
     pub reservation: Option<Arc<Reservation>>,
+    /// The views that descriptors in heaps name, as long as the image lives.
+    heap_views: Mutex<Vec<ViewEntry<ImageDescriptor>>>,
 }
 
 /// A part of an image that is bound as a whole.
@@ -119,6 +124,7 @@ impl Image {
                 })
                 .collect(),
             reservation: None,
+            heap_views: Mutex::default(),
         })
     }
 
@@ -138,6 +144,24 @@ impl Image {
             reservation: Some(reservation),
             ..self
         }
+    }
+
+    /// The key of a view of the image in heaps: the same for the same view.
+    ///
+    /// # Errors
+    /// `VK_ERROR_OUT_OF_HOST_MEMORY`.
+    pub fn heap_view(&self, views: &Arc<Views>, view: ImageDescriptor) -> VkResult<Key> {
+        let mut known = self.heap_views.lock();
+        if let Some(entry) = known.iter().find(|it| ***it == view) {
+            return Ok(entry.key);
+        }
+        known
+            .try_reserve(1)
+            .map_err(|_| vk::Result::ERROR_OUT_OF_HOST_MEMORY)?;
+        let entry = ViewEntry::store(views, |it| &it.images, view, None)?;
+        let key = entry.key;
+        known.push(entry);
+        Ok(key)
     }
 
     /// Host address of the first byte, of a disjoint image's first plane; null while unbound.

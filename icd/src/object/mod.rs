@@ -12,6 +12,7 @@ pub mod dynamic_state;
 pub mod external_sync;
 pub mod graphics_pipeline;
 pub mod graphics_state;
+pub mod heap;
 pub mod image;
 pub mod image_view;
 pub mod instance;
@@ -40,6 +41,7 @@ pub mod sparse;
 pub mod stage_program;
 pub mod sync;
 mod update_template;
+pub mod view_entry;
 pub mod ycbcr;
 
 pub use acceleration_structure::{AccelerationStructure, AccelerationStructureNv};

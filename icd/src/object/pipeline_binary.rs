@@ -7,6 +7,7 @@ use std::sync::Arc;
 
 use xxhash_rust::xxh3::xxh3_128_with_seed;
 
+use super::heap::EmbeddedSampler;
 use super::pipeline_cache::{header, store_module, stored_modules};
 use super::stage_program::{ProgramKey, StageProgram};
 
@@ -15,7 +16,28 @@ use super::stage_program::{ProgramKey, StageProgram};
 pub struct StoredModule {
     /// The identity of its compilation.
     pub key: ProgramKey,
+    /// The samplers that the program embeds.
+    pub embedded: Arc<[EmbeddedSampler]>,
     pub bytes: Arc<[u8]>,
+}
+
+impl StoredModule {
+    /// From what a binary stores: the number of samplers, the samplers, the module.
+    fn from_stored(key: ProgramKey, stored: &[u8]) -> Option<Self> {
+        let (&count, rest) = stored.split_first()?;
+        let bytes = usize::from(count) * size_of::<EmbeddedSampler>();
+        let (embedded, bytes) = rest.split_at_checked(bytes)?;
+        Some(Self {
+            key,
+            embedded: embedded.as_chunks().0.into(),
+            bytes: bytes.into(),
+        })
+    }
+
+    fn stored(&self) -> Vec<u8> {
+        let count = [self.embedded.len() as u8];
+        [&count, self.embedded.as_flattened(), &self.bytes].concat()
+    }
 }
 
 /// A pipeline binary.
@@ -31,6 +53,7 @@ impl PipelineBinary {
         let stored = |it: &StageProgram| {
             Some(StoredModule {
                 key: it.key,
+                embedded: Arc::clone(&it.embedded),
                 bytes: Arc::clone(it.module.as_ref()?),
             })
         };
@@ -40,10 +63,7 @@ impl PipelineBinary {
 
     /// From what [`Self::data`] gave; `None` from any other data.
     pub fn with_data(data: &[u8]) -> Option<Self> {
-        let stored = |(key, bytes): (_, Option<&[u8]>)| {
-            let bytes = bytes?.into();
-            Some(StoredModule { key, bytes })
-        };
+        let stored = |(key, stored): (_, Option<&[u8]>)| StoredModule::from_stored(key, stored?);
         let modules = stored_modules(data).map(stored).collect::<Option<_>>()?;
         let binary = Self { modules };
         (!binary.modules.is_empty() && binary.data() == data).then_some(binary)
@@ -53,7 +73,7 @@ impl PipelineBinary {
     pub fn data(&self) -> Vec<u8> {
         let mut data = header();
         for module in &self.modules {
-            store_module(&mut data, &module.key, &module.bytes);
+            store_module(&mut data, &module.key, &module.stored());
         }
         data
     }
@@ -71,6 +91,7 @@ mod tests {
     fn binary() -> PipelineBinary {
         let module = |key: u8| StoredModule {
             key: [key; 16],
+            embedded: vec![[key; 20]; usize::from(key)].into(),
             bytes: [key; 40].into(),
         };
         PipelineBinary {

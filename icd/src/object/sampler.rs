@@ -4,7 +4,7 @@
 
 use images::SamplerDescriptor;
 
-use super::image_view::ViewEntry;
+use super::view_entry::ViewEntry;
 
 /// A sampler, resolved to what shaders read.
 pub struct Sampler {

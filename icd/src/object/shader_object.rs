@@ -9,6 +9,7 @@ use spirv_jit::Program;
 use spirv_jit::program::Stage;
 
 use super::captured::Captured;
+use super::heap::EmbeddedSampler;
 use super::pipeline::PipelineKind;
 use super::shader_stage::{Compiler, ShaderStage};
 use super::stage_program::ProgramKey;
@@ -22,7 +23,9 @@ pub struct ShaderObject {
     /// A compute shader as a pipeline.
     pub compute: Option<Ref<Pipeline>>,
     key: ProgramKey,
-    /// With this program alone: its data is the shader's binary, after the key.
+    /// The samplers that the program has by numbers of the device, fewer than 256.
+    embedded: Vec<EmbeddedSampler>,
+    /// With this program alone: its data is the shader's binary, after the key and the samplers.
     cache: PipelineCache,
 }
 
@@ -40,21 +43,40 @@ impl ShaderObject {
         let compiled = stage
             .compile(compiler, Some(&cache), &layout, true)?
             .program;
-        Ok(Self::new(compiled.program, compiled.key, cache, layout))
+        let embedded = stage.embedded_samplers(compiler)?;
+        Ok(Self::new(
+            compiled.program,
+            compiled.key,
+            cache,
+            layout,
+            embedded,
+        ))
     }
 
     /// From what [`Self::binary`] gave.
     ///
     /// # Errors
     /// `VK_INCOMPATIBLE_SHADER_BINARY_EXT`.
-    pub fn from_binary(data: &[u8], layout: Ref<PipelineLayout>) -> VkResult<Self> {
+    pub fn from_binary(
+        data: &[u8],
+        compiler: &Compiler<'_>,
+        layout: Ref<PipelineLayout>,
+    ) -> VkResult<Self> {
         let split = data.split_first_chunk::<{ size_of::<ProgramKey>() }>();
-        let (key, data) = split.ok_or(vk::Result::INCOMPATIBLE_SHADER_BINARY_EXT)?;
+        let incompatible = vk::Result::INCOMPATIBLE_SHADER_BINARY_EXT;
+        let (key, data) = split.ok_or(incompatible)?;
+        let (&count, data) = data.split_first().ok_or(incompatible)?;
+        let bytes = usize::from(count) * size_of::<EmbeddedSampler>();
+        let (embedded, data) = data.split_at_checked(bytes).ok_or(incompatible)?;
+        let embedded = embedded.as_chunks().0.to_vec();
+        if !embedded.iter().all(|it| compiler.samplers.has(it)) {
+            return Err(incompatible);
+        }
         let cache = PipelineCache::with_data(data);
         let (program, _) = cache
             .find(key)
             .ok_or(vk::Result::INCOMPATIBLE_SHADER_BINARY_EXT)?;
-        Ok(Self::new(program, *key, cache, layout))
+        Ok(Self::new(program, *key, cache, layout, embedded))
     }
 
     fn new(
@@ -62,6 +84,7 @@ impl ShaderObject {
         key: ProgramKey,
         cache: PipelineCache,
         layout: Ref<PipelineLayout>,
+        embedded: Vec<EmbeddedSampler>,
     ) -> Self {
         let compute = (program.stage() == Stage::Compute).then(|| {
             handle::new(Pipeline {
@@ -74,12 +97,21 @@ impl ShaderObject {
             program,
             compute,
             key,
+            embedded,
             cache,
         }
     }
 
     /// `vkGetShaderBinaryDataEXT`.
     pub fn binary(&self) -> Vec<u8> {
-        [&self.key[..], &self.cache.data(usize::MAX).0].concat()
+        let count = self.embedded.len() as u8;
+        let embedded = self.embedded.as_flattened();
+        [
+            &self.key[..],
+            &[count],
+            embedded,
+            &self.cache.data(usize::MAX).0,
+        ]
+        .concat()
     }
 }

@@ -2,19 +2,23 @@
 
 #![forbid(unsafe_code)]
 
+use std::hash::Hash;
 use std::sync::Arc;
 use std::time::Instant;
 
 use ash::vk;
+use images::SamplerDescriptor;
 use rspirv::spirv::Capability;
 use serde_json::json;
 use spirv_jit::Program;
 use spirv_jit::error::ErrorKind;
+use spirv_jit::heap::{Mapping, Source};
 use spirv_jit::ir::binary;
 use spirv_jit::origin::{Name, Origin, has_lines};
 use spirv_jit::program::{CompileRequest, Stage};
 use xxhash_rust::xxh3::Xxh3;
 
+use super::heap::{EmbeddedSampler, HeapSamplers};
 use super::messenger::Messengers;
 use super::pipeline_binary::StoredModule;
 use super::stage_program::{ProgramKey, StageProgram};
@@ -34,6 +38,8 @@ pub struct Compiler<'a> {
     pub micromaps_by_mode: bool,
     /// Programs come with their modules' bytes.
     pub keeps_modules: bool,
+    /// The samplers that programs embed.
+    pub samplers: &'a HeapSamplers,
 }
 
 /// `VkPipelineShaderStageCreateInfo`, copied.
@@ -49,6 +55,9 @@ pub struct ShaderStage {
     /// `VK_PIPELINE_CREATE_VIEW_INDEX_FROM_DEVICE_INDEX_BIT` of the pipeline, or of the library
     /// that the stage comes with.
     pub view_index_is_device_index: bool,
+    /// Mappings of bindings onto heaps, which name samplers by their places in `embedded`.
+    pub mappings: Vec<Mapping>,
+    pub embedded: Vec<SamplerDescriptor>,
 }
 
 /// A program, and whether it was in the cache.
@@ -59,8 +68,8 @@ pub struct Compiled {
 
 impl ShaderStage {
     /// The identity of a compilation: module, entry point, stage, specialization, descriptor
-    /// locations, accuracy of functions, the meaning of its view index, whether its queries look at
-    /// micromaps only in a mode, and whether it prints.
+    /// locations and mappings, accuracy of functions, the meaning of its view index, whether its
+    /// queries look at micromaps only in a mode, and whether it prints.
     pub fn key(&self, layout: &PipelineLayout, compiler: &Compiler<'_>) -> ProgramKey {
         let mut hash = Xxh3::new();
         for word in self.words.iter() {
@@ -99,7 +108,39 @@ impl ShaderStage {
                 }
             }
         }
+        if !self.mappings.is_empty() {
+            // Without memory for a sampler, the compilation fails.
+            self.numbered(compiler).unwrap_or_default().hash(&mut hash);
+            // The same number may be another sampler's in another process.
+            hash.update(format!("{:?}", self.embedded).as_bytes());
+        }
         hash.digest128().to_le_bytes()
+    }
+
+    /// The mappings, with the numbers of the samplers that they embed.
+    fn numbered(&self, compiler: &Compiler<'_>) -> VkResult<Vec<Mapping>> {
+        let mut mappings = self.mappings.clone();
+        for mapping in &mut mappings {
+            if let Source::Heap(source) = &mut mapping.source
+                && let Some(at) = &mut source.embedded
+            {
+                *at = compiler.samplers.embed(&self.embedded[*at as usize])?;
+            }
+        }
+        Ok(mappings)
+    }
+
+    /// The samplers that the program embeds.
+    ///
+    /// # Errors
+    /// `VK_ERROR_OUT_OF_HOST_MEMORY`, also for more than 255.
+    pub fn embedded_samplers(&self, compiler: &Compiler<'_>) -> VkResult<Vec<EmbeddedSampler>> {
+        if self.embedded.len() > usize::from(u8::MAX) {
+            return Err(vk::Result::ERROR_OUT_OF_HOST_MEMORY);
+        }
+        let embed = |sampler| compiler.samplers.embed(sampler);
+        let identified = |sampler| Ok(HeapSamplers::identify(embed(sampler)?, sampler));
+        self.embedded.iter().map(identified).collect()
     }
 
     /// The origin that reports name for the program. Words with line numbers are kept for it.
@@ -127,6 +168,10 @@ impl ShaderStage {
         may_compile: bool,
     ) -> VkResult<Compiled> {
         let key = self.key(layout, compiler);
+        let embedded = match compiler.keeps_modules {
+            true => self.embedded_samplers(compiler)?.into(),
+            false => Arc::default(),
+        };
         let cached = cache.and_then(|cache| cache.find(&key));
         // Data from the application may be arbitrary.
         if let Some((program, module)) = cached.filter(|(it, _)| it.stage() == self.stage) {
@@ -135,6 +180,7 @@ impl ShaderStage {
                 program,
                 key,
                 module: compiler.keeps_modules.then_some(module),
+                embedded,
             };
             return Ok(Compiled {
                 program,
@@ -144,6 +190,7 @@ impl ShaderStage {
         if !may_compile {
             return Err(vk::Result::PIPELINE_COMPILE_REQUIRED);
         }
+        let mappings = self.numbered(compiler)?;
         let specialization: Vec<_> = self
             .specialization
             .iter()
@@ -154,6 +201,7 @@ impl ShaderStage {
             entry_point: &self.entry_point,
             stage: self.stage,
             specialization: &specialization,
+            mappings: &mappings,
             bindings: &|set, binding| layout.descriptor_binding(set, binding),
             capabilities: compiler.capabilities,
             accuracy: settings().accuracy,
@@ -201,6 +249,7 @@ impl ShaderStage {
             program,
             key,
             module: bytes.filter(|_| compiler.keeps_modules),
+            embedded,
         };
         Ok(Compiled {
             program,
@@ -211,8 +260,13 @@ impl ShaderStage {
     /// Takes the program from a pipeline's binary, whatever the stage's module is.
     ///
     /// # Errors
-    /// `VK_ERROR_UNKNOWN` for a binary of other stages.
-    pub fn load(&self, stored: &StoredModule) -> VkResult<Compiled> {
+    /// `VK_ERROR_UNKNOWN` for a binary of other stages, or of a device that numbers embedded
+    /// samplers in another way.
+    pub fn load(&self, compiler: &Compiler<'_>, stored: &StoredModule) -> VkResult<Compiled> {
+        self.embedded_samplers(compiler)?;
+        if !stored.embedded.iter().all(|it| compiler.samplers.has(it)) {
+            return Err(vk::Result::ERROR_UNKNOWN);
+        }
         let program = spirv_jit::program::from_bytes(&stored.bytes).ok();
         let program = program.filter(|program| program.stage() == self.stage);
         let program = program.ok_or(vk::Result::ERROR_UNKNOWN)?;
@@ -221,6 +275,7 @@ impl ShaderStage {
             program,
             key: stored.key,
             module: Some(Arc::clone(&stored.bytes)),
+            embedded: Arc::clone(&stored.embedded),
         };
         Ok(Compiled {
             program,

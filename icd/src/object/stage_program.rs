@@ -6,6 +6,8 @@ use std::sync::Arc;
 
 use spirv_jit::Program;
 
+use super::heap::EmbeddedSampler;
+
 /// The identity of a compilation: module, entry point, stage, specialization and descriptor
 /// locations.
 pub type ProgramKey = [u8; 16];
@@ -17,4 +19,6 @@ pub struct StageProgram {
     pub key: ProgramKey,
     /// Bytes of the module (`spirv_jit::ir::binary`), where the application captures them.
     pub module: Option<Arc<[u8]>>,
+    /// The samplers that it embeds, there likewise.
+    pub embedded: Arc<[EmbeddedSampler]>,
 }

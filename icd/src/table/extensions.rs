@@ -187,6 +187,7 @@ extensions! {
     Device EXT_DEPTH_CLIP_ENABLE c"VK_EXT_depth_clip_enable" 1;
     Device EXT_DEPTH_RANGE_UNRESTRICTED c"VK_EXT_depth_range_unrestricted" 1;
     Device EXT_DESCRIPTOR_BUFFER c"VK_EXT_descriptor_buffer" 1;
+    Device EXT_DESCRIPTOR_HEAP c"VK_EXT_descriptor_heap" 1;
     Device EXT_DESCRIPTOR_INDEXING c"VK_EXT_descriptor_indexing" 2;
     Device EXT_DEVICE_ADDRESS_BINDING_REPORT c"VK_EXT_device_address_binding_report" 1;
     Device EXT_DEVICE_FAULT c"VK_EXT_device_fault" 2;

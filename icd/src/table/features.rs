@@ -270,6 +270,7 @@ features! {
         descriptor_buffer_capture_replay: PhysicalDeviceDescriptorBufferFeaturesEXT;
         descriptor_buffer_image_layout_ignored: PhysicalDeviceDescriptorBufferFeaturesEXT;
         descriptor_buffer_push_descriptors: PhysicalDeviceDescriptorBufferFeaturesEXT;
+        descriptor_heap: PhysicalDeviceDescriptorHeapFeaturesEXT => DescriptorHeapEXT;
         mutable_descriptor_type: PhysicalDeviceMutableDescriptorTypeFeaturesEXT;
         memory_priority: PhysicalDeviceMemoryPriorityFeaturesEXT;
         pageable_device_local_memory: PhysicalDevicePageableDeviceLocalMemoryFeaturesEXT;

@@ -13,6 +13,8 @@ pub const MAX_IMAGE_DIMENSION: u32 = 16384;
 pub const MAX_IMAGE_DIMENSION_3D: u32 = MAX_IMAGE_DIMENSION;
 pub const MAX_IMAGE_ARRAY_LAYERS: u32 = 2048;
 pub const MAX_PUSH_CONSTANTS_BYTES: u32 = 256;
+/// `maxDescriptorHeapEmbeddedSamplers`.
+pub const MAX_EMBEDDED_SAMPLERS: u32 = 4096;
 /// Descriptors of a kind in a set or in a stage. They are entries of one array each, so there is no
 /// technical bound.
 pub const MAX_DESCRIPTORS: u32 = 1 << 20;

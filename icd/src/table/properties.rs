@@ -4,6 +4,7 @@
 use ash::vk::TaggedStructure;
 use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::environment::{Descriptor, MAX_SETS};
+use spirv_jit::heap::DESCRIPTOR_BYTES;
 use spirv_jit::program::{MAX_CAPTURE_BUFFERS, MAX_STREAMS};
 
 use super::limits::{self, API_VERSION, CAPTURE_BYTES, HANDLE_SIZE};
@@ -304,6 +305,29 @@ fn descriptor_buffer() -> vk::PhysicalDeviceDescriptorBufferPropertiesEXT<'stati
     }
 }
 
+/// Nothing of a heap is reserved, and all descriptors have one size.
+fn descriptor_heap() -> vk::PhysicalDeviceDescriptorHeapPropertiesEXT<'static> {
+    const SIZE: u64 = DESCRIPTOR_BYTES as u64;
+    const MAX_HEAP_BYTES: u64 = 1 << 30;
+    vk::PhysicalDeviceDescriptorHeapPropertiesEXT {
+        sampler_heap_alignment: SIZE,
+        resource_heap_alignment: SIZE,
+        max_sampler_heap_size: MAX_HEAP_BYTES,
+        max_resource_heap_size: MAX_HEAP_BYTES,
+        sampler_descriptor_size: SIZE,
+        image_descriptor_size: SIZE,
+        buffer_descriptor_size: SIZE,
+        sampler_descriptor_alignment: SIZE,
+        image_descriptor_alignment: SIZE,
+        buffer_descriptor_alignment: SIZE,
+        max_push_data_size: limits::MAX_PUSH_CONSTANTS_BYTES.into(),
+        max_descriptor_heap_embedded_samplers: limits::MAX_EMBEDDED_SAMPLERS,
+        sampler_ycbcr_conversion_count: 1,
+        sparse_descriptor_heaps: vk::TRUE,
+        ..Default::default()
+    }
+}
+
 fn mesh_shader() -> vk::PhysicalDeviceMeshShaderPropertiesEXT<'static> {
     let payload_bytes = limits::MAX_TASK_PAYLOAD_BYTES;
     let all_bytes = payload_bytes + limits::MAX_SHARED_BYTES;
@@ -571,6 +595,7 @@ unsafe fn fill(machine: &Machine, node: *mut vk::BaseOutStructure<'static>) {
             PhysicalDeviceRayTracingPipelinePropertiesKHR(ray_tracing_pipeline());
             PhysicalDeviceRayTracingPropertiesNV(ray_tracing_nv());
             PhysicalDeviceDescriptorBufferPropertiesEXT(descriptor_buffer());
+            PhysicalDeviceDescriptorHeapPropertiesEXT(descriptor_heap());
             PhysicalDeviceDescriptorBufferDensityMapPropertiesEXT(vk::PhysicalDeviceDescriptorBufferDensityMapPropertiesEXT {
                 combined_image_sampler_density_map_descriptor_size: size_of::<Descriptor>(),
                 ..Default::default()

@@ -46,7 +46,7 @@ pub enum Dim {
 
 /// A level of an image view.
 #[repr(C)]
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Level {
     /// First texel of the level in the view's first layer.
     pub offset_bytes: u64,
@@ -72,7 +72,7 @@ impl Level {
 /// An image view, resolved: what an access needs and nothing else. Levels and layers count from the
 /// view's first.
 #[repr(C)]
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ImageDescriptor {
     pub data: *mut u8,
     /// Bytes from `data` that may be accessed.
@@ -200,7 +200,7 @@ pub enum Reduction {
 
 /// A sampler, resolved.
 #[repr(C)]
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SamplerDescriptor {
     pub mag_filter: Filter,
     pub min_filter: Filter,

@@ -43,6 +43,7 @@ pub fn request(stage: Stage, words: &[u32]) -> CompileRequest<'_> {
         entry_point: "main",
         stage,
         specialization: &[],
+        mappings: &[],
         bindings: &bindings,
         capabilities: &CAPABILITIES,
         accuracy: Accuracy::Spec,

@@ -144,6 +144,7 @@ pub const SUPPORTED: &[Capability] = &[
     Capability::BFloat16TypeKHR,
     Capability::BFloat16DotProductKHR,
     Capability::BFloat16CooperativeMatrixKHR,
+    Capability::DescriptorHeapEXT,
 ];
 
 /// Whether a capability is taken although its feature is off. For the inputs `PrimitiveId`, `Layer`

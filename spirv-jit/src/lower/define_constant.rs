@@ -8,6 +8,7 @@ use super::constants::{Constant, Constants, Contents, MAX_SCALARS, truncate};
 use super::fold::fold_operation;
 use super::types::{TypeKind, Types};
 use crate::Error;
+use crate::heap::DESCRIPTOR_BYTES;
 use crate::ir::Type;
 use crate::parse::{Id, Instruction, ParsedModule};
 
@@ -56,6 +57,7 @@ impl Constants {
             | Op::SpecConstantCompositeReplicateEXT => {
                 self.compose(types, instruction, operands)?
             }
+            Op::ConstantSizeOfEXT => bits(vec![DESCRIPTOR_BYTES.into()]),
             Op::SpecConstantOp => bits(fold_operation(types, self, instruction, operands)?),
             _ => return Ok(false),
         };

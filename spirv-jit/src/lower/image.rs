@@ -123,7 +123,9 @@ impl Lowerer<'_> {
                 let pair = self.leaves(operands[0])?;
                 self.define_typed(instruction, &pair[..pair.len().min(1)])
             }
-            Op::ImageTexelPointer => self.lower_texel_pointer(instruction, operands),
+            Op::ImageTexelPointer | Op::UntypedImageTexelPointerEXT => {
+                self.lower_texel_pointer(instruction, operands)
+            }
             Op::ImageFetch | Op::ImageRead => self.lower_texel_read(instruction, operands),
             Op::ImageWrite => self.lower_texel_write(operands),
             Op::ImageGather | Op::ImageDrefGather => self.lower_gather(instruction, operands),
@@ -537,7 +539,14 @@ impl Lowerer<'_> {
         operands: &[u32],
     ) -> Result<(), Error> {
         let (_, pointee) = self.types.pointer(instruction.result_type)?;
-        let pointer = self.pointer(operands[0])?;
+        let (pointer, operands) = match instruction.opcode {
+            // It says first what the image is.
+            Op::UntypedImageTexelPointerEXT => (
+                self.pointer(operands[1])?.retyped(operands[0]),
+                &operands[1..],
+            ),
+            _ => (self.pointer(operands[0])?, operands),
+        };
         let image_type = pointer.pointee;
         let image = self.image_type_of(image_type)?;
         let op = self.image_op(image, ImageOpKind::Atomic(AtomicOp::Load))?;

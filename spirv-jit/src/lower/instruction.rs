@@ -32,6 +32,7 @@ impl Lowerer<'_> {
             | Op::CooperativeMatrixStoreKHR
             | Op::CooperativeMatrixMulAddKHR
             | Op::CooperativeMatrixLengthKHR => self.lower_cooperative_matrix(instruction),
+            Op::BufferPointerEXT => self.lower_buffer_pointer(instruction),
             Op::ArrayLength | Op::UntypedArrayLengthKHR => self.lower_array_length(instruction),
             Op::CopyObject | Op::ExpectKHR => {
                 let value = self.value(self.module.operands(instruction)[0])?;
@@ -116,6 +117,7 @@ impl Lowerer<'_> {
             Op::SampledImage
             | Op::Image
             | Op::ImageTexelPointer
+            | Op::UntypedImageTexelPointerEXT
             | Op::ImageSampleImplicitLod
             | Op::ImageSampleExplicitLod
             | Op::ImageSampleDrefImplicitLod

@@ -3,6 +3,7 @@
 
 use rspirv::spirv::Decoration;
 
+use super::constants::Constants;
 use super::types::{TypeKind, Types, is_physical, pointer_leaves};
 use super::values::Shape;
 use crate::Error;
@@ -14,6 +15,7 @@ use crate::parse::{Annotations, Id};
 pub(super) struct Layout<'a> {
     pub types: &'a Types,
     pub annotations: &'a Annotations,
+    pub constants: &'a Constants,
     /// `ArrayStride` counts: not in workgroup memory that the compiler lays out.
     pub has_strides: bool,
 }
@@ -29,6 +31,9 @@ impl Layout<'_> {
     fn stride(&self, given_by: Id, element: Id) -> Result<u64, Error> {
         if let Some(stride) = self.given_stride(given_by) {
             return Ok(stride);
+        }
+        if let Some(stride) = self.annotations.id(given_by, Decoration::ArrayStrideIdEXT) {
+            return self.constants.unsigned(self.types, stride).map(u64::from);
         }
         let (size, align) = self.natural(element)?;
         Ok(size.next_multiple_of(align))
@@ -51,6 +56,10 @@ impl Layout<'_> {
             .member(structure, member, Decoration::Offset);
         if let Some(offset) = given {
             return Ok(offset as u64);
+        }
+        let given = (self.annotations).member(structure, member, Decoration::OffsetIdEXT);
+        if let Some(offset) = given {
+            return self.constants.unsigned(self.types, offset).map(u64::from);
         }
         let TypeKind::Struct { members } = self.types.kind(structure)? else {
             return Err(Error::invalid(0, "a structure is expected"));

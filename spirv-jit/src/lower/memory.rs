@@ -6,7 +6,7 @@ use smallvec::SmallVec;
 use super::Lowerer;
 use super::stage_interface::Evaluation;
 use super::types::{MAX_LEAVES, TypeKind, UNTYPED};
-use super::values::{Place, Pointer, Scalars, Val, Values};
+use super::values::{Handles, Place, Pointer, Scalars, Val, Values};
 use crate::Error;
 use crate::ir::op::Access;
 use crate::ir::{self, Space, Type, Value};
@@ -88,7 +88,7 @@ impl Lowerer<'_> {
                 let at = Evaluation::of(pointer);
                 self.load_input(variable, row, index, ty, at)
             }
-            Place::Handle { .. } | Place::Descriptor(_) => {
+            Place::Handle { .. } | Place::Descriptor(_) | Place::Heap { .. } => {
                 self.load_handle(pointer).map(Values::from)
             }
             Place::Texel { .. } => Err(self.b.invalid("a texel is not loaded through a pointer")),
@@ -104,7 +104,7 @@ impl Lowerer<'_> {
         }
     }
 
-    fn load_runs(
+    pub(super) fn load_runs(
         &mut self,
         pointer: &Pointer,
         leaves: &[(Type, u64)],
@@ -237,9 +237,21 @@ impl Lowerer<'_> {
     /// A descriptor's meaning as a value: image and sampler are references, an acceleration
     /// structure is a device address.
     fn load_handle(&mut self, pointer: &Pointer) -> Result<Vec<Value>, Error> {
+        if let Place::Handle {
+            binding: Handles::Mapped(at),
+            index,
+            constant,
+        } = pointer.place
+        {
+            let mapping = &self.request.mappings[at];
+            return self.load_mapped(mapping, pointer.pointee, (index, constant));
+        }
         let reference = self.reference(pointer)?;
         match self.types.kind(pointer.pointee)? {
             TypeKind::Image(_) | TypeKind::Sampler => Ok(vec![reference]),
+            TypeKind::SampledImage { .. } if matches!(pointer.place, Place::Descriptor(_)) => {
+                self.combined_references(reference)
+            }
             TypeKind::SampledImage { .. } => Ok(vec![reference, reference]),
             TypeKind::AccelerationStructure => {
                 let descriptor = self.b.descriptor(reference)?;

@@ -39,6 +39,7 @@ mod fragment;
 mod frame;
 mod function;
 mod glsl;
+mod heap;
 mod hit_object;
 mod id_table;
 mod image;
@@ -80,7 +81,7 @@ use self::layout::Layout;
 use self::phi::PhiSources;
 use self::stage_interface::{Evaluation, InterfaceWord};
 use self::structure::Plan;
-use self::types::Types;
+use self::types::{Types, UNTYPED};
 use self::values::{Local, Place, Val};
 use crate::error::ErrorKind;
 use crate::ir::InputRow;
@@ -250,6 +251,7 @@ impl<'a> Lowerer<'a> {
         Layout {
             types: &self.types,
             annotations: &self.module.annotations,
+            constants: &self.constants,
             has_strides: true,
         }
     }
@@ -293,14 +295,20 @@ impl<'a> Lowerer<'a> {
                         .map_err(locate)?;
                     let mut rest = &operands[1..];
                     if instruction.opcode == Op::UntypedVariableKHR {
-                        let Some((&data, after)) = rest.split_first() else {
-                            let message = "an untyped variable without a data type";
-                            return Err(Error::unsupported(at, message));
+                        let is_heap = self.heap_of(instruction.result).is_some();
+                        (pointee, rest) = match rest.split_first() {
+                            Some((&data, after)) => (data, after),
+                            None if is_heap => (UNTYPED, rest),
+                            None => {
+                                let message = "an untyped variable without a data type";
+                                return Err(Error::unsupported(at, message));
+                            }
                         };
-                        (pointee, rest) = (data, after);
                     }
-                    self.types.info(pointee).map_err(locate)?;
-                    self.check_variable(class, pointee)?;
+                    if pointee != UNTYPED {
+                        self.types.info(pointee).map_err(locate)?;
+                        self.check_variable(class, pointee)?;
+                    }
                     let variable = ModuleVariable {
                         class,
                         pointee,

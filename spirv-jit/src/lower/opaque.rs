@@ -7,7 +7,7 @@
 use rspirv::spirv::{Op, StorageClass};
 
 use super::Lowerer;
-use super::types::TypeKind;
+use super::types::{TypeKind, UNTYPED};
 use crate::Error;
 use crate::parse::{Id, Instruction};
 
@@ -24,7 +24,11 @@ impl Lowerer<'_> {
         }
         let operands = self.module.operands(instruction);
         let same = match instruction.opcode {
-            Op::Load => self.types.pointer(self.type_of(operands[0])?)?.1 == ty,
+            // The target of an untyped pointer is checked where it is used.
+            Op::Load => {
+                let pointer = self.types.pointer(self.type_of(operands[0])?)?;
+                pointer.1 == ty || pointer == (StorageClass::UniformConstant, UNTYPED)
+            }
             Op::CopyObject | Op::ExpectKHR => self.type_of(operands[0])? == ty,
             Op::Select => self.type_of(operands[1])? == ty && self.type_of(operands[2])? == ty,
             Op::Phi => self.are_all(operands.iter().step_by(2), ty)?,
@@ -69,6 +73,8 @@ impl Lowerer<'_> {
                 let base = self.types.pointer(self.type_of(operands[1])?)?.0;
                 base == self.types.pointer(ty)?.0
             }
+            // The heap's descriptors are checked where they are used.
+            Op::BufferPointerEXT => true,
             Op::Undef | Op::FunctionCall => true,
             _ => false,
         };

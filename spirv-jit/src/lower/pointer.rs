@@ -5,7 +5,7 @@ use rspirv::spirv::{Decoration, Op, StorageClass};
 use super::Lowerer;
 use super::stage_interface::Evaluation;
 use super::types::{TypeKind, UNTYPED};
-use super::values::{Place, Pointer, Shape, Val};
+use super::values::{Handles, Place, Pointer, Shape, Val};
 use crate::Error;
 use crate::ir::op::{DescriptorBinding, MatrixProduct};
 use crate::ir::{self, Type, Value};
@@ -92,6 +92,14 @@ impl Lowerer<'_> {
     pub(super) fn module_pointer(&mut self, id: Id) -> Result<Pointer, Error> {
         let variable = self.variables[&id];
         let (class, pointee) = (variable.class, variable.pointee);
+        if let Some(table) = self.heap_of(id) {
+            let place = Place::Heap {
+                table,
+                offset: None,
+                constant: 0,
+            };
+            return Ok(Pointer::new(pointee, place));
+        }
         if let Some(place) = self.patch_place(id)? {
             return Ok(Pointer::new(pointee, place));
         }
@@ -100,9 +108,19 @@ impl Lowerer<'_> {
                 let find = |decoration| self.module.annotations.id(id, decoration);
                 let set = find(Decoration::DescriptorSet).unwrap_or(0);
                 let binding = find(Decoration::Binding).unwrap_or(0);
-                let binding = (self.request.bindings)(set, binding).unwrap_or(NO_BINDING);
-                let mut pointer = self.handle_pointer(id, pointee, binding)?;
+                let (handles, first) = match self.mapping(id, (class, pointee), (set, binding))? {
+                    Some(at) => {
+                        let first = binding - self.request.mappings[at].first_binding;
+                        (Handles::Mapped(at), first)
+                    }
+                    None => {
+                        let found = (self.request.bindings)(set, binding);
+                        (Handles::Bound(found.unwrap_or(NO_BINDING)), 0)
+                    }
+                };
+                let mut pointer = self.handle_pointer(id, pointee, handles, first)?;
                 pointer.constant = class == StorageClass::Uniform
+                    && !matches!(pointer.place, Place::Global { .. })
                     && find(Decoration::Aliased).is_none()
                     && self.is_uniform_block(pointee)?;
                 return Ok(pointer);
@@ -160,12 +178,13 @@ impl Lowerer<'_> {
         &mut self,
         id: Id,
         pointee: Id,
-        binding: DescriptorBinding,
+        binding: Handles,
+        constant: u32,
     ) -> Result<Pointer, Error> {
         let place = Place::Handle {
             binding,
             index: None,
-            constant: 0,
+            constant,
         };
         let mut pointer = Pointer::new(pointee, place);
         let volatile = self.module.annotations.id(id, Decoration::Volatile);
@@ -176,14 +195,22 @@ impl Lowerer<'_> {
     /// A pointer to a descriptor of a buffer becomes a pointer into the buffer.
     fn enter_block(&mut self, mut pointer: Pointer) -> Result<Pointer, Error> {
         let is_block = matches!(self.types.kind(pointer.pointee)?, TypeKind::Struct { .. });
-        if is_block && matches!(pointer.place, Place::Handle { .. }) {
-            let reference = self.reference(&pointer)?;
-            pointer.place = Place::Buffer {
-                reference,
+        if !is_block {
+            return Ok(pointer);
+        }
+        pointer.place = match pointer.place {
+            Place::Handle {
+                binding: Handles::Mapped(at),
+                index,
+                constant,
+            } => self.mapped_buffer(&self.request.mappings[at], (index, constant))?,
+            Place::Handle { .. } => Place::Buffer {
+                reference: self.reference(&pointer)?,
                 offset: None,
                 constant: 0,
-            };
-        }
+            },
+            _ => return Ok(pointer),
+        };
         Ok(pointer)
     }
 
@@ -191,13 +218,26 @@ impl Lowerer<'_> {
     pub(super) fn reference(&mut self, pointer: &Pointer) -> Result<Value, Error> {
         match &pointer.place {
             Place::Descriptor(value) => Ok(*value),
+            &Place::Heap {
+                table,
+                offset,
+                constant,
+            } => self.heap_entry(table, offset, constant),
+            &Place::Handle {
+                binding: Handles::Mapped(at),
+                index,
+                constant,
+            } => {
+                let mapping = &self.request.mappings[at];
+                self.mapped_scalar(mapping, pointer.pointee, (index, constant))
+            }
             Place::Handle {
-                binding,
+                binding: Handles::Bound(binding),
                 index: None,
                 constant,
             } => Ok(self.b.constant_reference(*binding, *constant)),
             Place::Handle {
-                binding,
+                binding: Handles::Bound(binding),
                 index,
                 constant,
             } => {
@@ -291,7 +331,10 @@ impl Lowerer<'_> {
     fn step_element(&mut self, pointer: Pointer, base: Id, index: Id) -> Result<Pointer, Error> {
         let index = self.index(index, true)?;
         let stride = match &pointer.place {
-            Place::Shared { .. } | Place::Buffer { .. } | Place::Global { .. } => {
+            Place::Shared { .. }
+            | Place::Buffer { .. }
+            | Place::Global { .. }
+            | Place::Heap { .. } => {
                 let layout = self.layout_in(&pointer.place);
                 layout.pointer_stride(base, pointer.pointee)?
             }
@@ -365,7 +408,10 @@ impl Lowerer<'_> {
                 };
                 self.advance(pointer, index, stride, elements)
             }
-            Place::Shared { .. } | Place::Buffer { .. } | Place::Global { .. } => {
+            Place::Shared { .. }
+            | Place::Buffer { .. }
+            | Place::Global { .. }
+            | Place::Heap { .. } => {
                 let shape = pointer.shape;
                 let (stride, index) = match (&kind, member) {
                     (_, Some(member)) => {
@@ -437,7 +483,10 @@ impl Lowerer<'_> {
                     *address = self.b.binary(ir::Op::IAdd, *address, step)?;
                 }
             },
-            Place::Shared { offset, constant } => {
+            Place::Shared { offset, constant }
+            | Place::Heap {
+                offset, constant, ..
+            } => {
                 self.move_offset((offset, constant), index, stride, &Limits::default())?;
             }
             Place::Buffer {
@@ -577,7 +626,9 @@ impl Lowerer<'_> {
             } => Ok(vec![reference, self.b.add_terms(offset, constant)?]),
             Place::Shared { offset, constant } => Ok(vec![self.b.add_terms(offset, constant)?]),
             Place::Private { row, constant } => Ok(vec![self.b.add_terms(Some(row), constant)?]),
-            Place::Handle { .. } | Place::Descriptor(_) => Ok(vec![self.reference(pointer)?]),
+            Place::Handle { .. } | Place::Descriptor(_) | Place::Heap { .. } => {
+                Ok(vec![self.reference(pointer)?])
+            }
             Place::Local { .. } | Place::Input { .. } => {
                 let pointer = self.materialize(pointer.clone())?;
                 self.pointer_scalars(&pointer)

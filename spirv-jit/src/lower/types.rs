@@ -6,6 +6,7 @@ use rspirv::spirv::{self, Decoration, Op, StorageClass};
 
 use super::id_table::IdTable;
 use crate::Error;
+use crate::heap::DESCRIPTOR_BYTES;
 use crate::hit_object::word;
 use crate::ir::Type;
 use crate::ir::op::MatrixProduct;
@@ -84,6 +85,8 @@ pub(super) enum TypeKind {
         image: Id,
     },
     AccelerationStructure,
+    /// `OpTypeBufferEXT`: a buffer's descriptor in a heap.
+    Buffer,
     RayQuery,
     /// See [`crate::hit_object`].
     HitObject,
@@ -329,9 +332,10 @@ impl Types {
                     work.extend(members.iter().rev().map(|&member| Work::Type(member)));
                 }
                 TypeKind::Pointer { class, .. } => out.extend_from_slice(pointer_leaves(*class)),
-                TypeKind::Image(_) | TypeKind::Sampler | TypeKind::AccelerationStructure => {
-                    out.push(Type::I64);
-                }
+                TypeKind::Image(_)
+                | TypeKind::Sampler
+                | TypeKind::AccelerationStructure
+                | TypeKind::Buffer => out.push(Type::I64),
                 TypeKind::SampledImage { .. } => out.extend([Type::I64, Type::I64]),
                 TypeKind::HitObject => out.extend((0..word::COUNT).map(word::ty)),
                 TypeKind::RayQuery => out.extend((0..self.query_rows).map(|_| Type::I32)),
@@ -391,7 +395,9 @@ impl Types {
             },
             Op::TypeUntypedPointerKHR => {
                 let class = storage_class(at, operand(0))?;
-                if !has_layout(class) {
+                let is_of_heap =
+                    matches!(class, StorageClass::UniformConstant | StorageClass::Image);
+                if !has_layout(class) && !is_of_heap {
                     let message = format!("an untyped pointer to {class:?} is not supported");
                     return Err(Error::unsupported(at, message));
                 }
@@ -412,6 +418,7 @@ impl Types {
             Op::TypeSampler => TypeKind::Sampler,
             Op::TypeSampledImage => TypeKind::SampledImage { image: operand(0) },
             Op::TypeAccelerationStructureKHR => TypeKind::AccelerationStructure,
+            Op::TypeBufferEXT => TypeKind::Buffer,
             Op::TypeRayQueryKHR => TypeKind::RayQuery,
             Op::TypeHitObjectNV | Op::TypeHitObjectEXT => TypeKind::HitObject,
             Op::TypeFunction => TypeKind::Function {
@@ -493,7 +500,10 @@ impl Types {
                 let rows = leaves.iter().map(|ty| ty.rows() as u64).sum();
                 (leaves.len() as u64, rows)
             }
-            TypeKind::Image(_) | TypeKind::Sampler | TypeKind::AccelerationStructure => (1, 2),
+            TypeKind::Image(_)
+            | TypeKind::Sampler
+            | TypeKind::AccelerationStructure
+            | TypeKind::Buffer => (1, 2),
             TypeKind::RayQuery => (self.query_rows, self.query_rows),
             TypeKind::HitObject => (word::COUNT as u64, word::COUNT as u64),
             TypeKind::SampledImage { image } => {
@@ -504,7 +514,10 @@ impl Types {
             }
         };
         let is_opaque = match &kind {
-            TypeKind::Image(_) | TypeKind::Sampler | TypeKind::SampledImage { .. } => true,
+            TypeKind::Image(_)
+            | TypeKind::Sampler
+            | TypeKind::SampledImage { .. }
+            | TypeKind::Buffer => true,
             TypeKind::Pointer { class, .. } => is_through_descriptor(*class),
             TypeKind::Array { element, .. } | TypeKind::RuntimeArray { element } => {
                 part(*element)?.is_opaque
@@ -598,6 +611,10 @@ impl Types {
                 Some((size, leaves[0].size_bytes() as u64))
             }
             TypeKind::RuntimeArray { .. } => Some((0, 1)),
+            TypeKind::Image(_)
+            | TypeKind::Sampler
+            | TypeKind::AccelerationStructure
+            | TypeKind::Buffer => Some((DESCRIPTOR_BYTES.into(), DESCRIPTOR_BYTES.into())),
             _ => None,
         }
     }

@@ -5,6 +5,7 @@ use std::rc::Rc;
 
 use smallvec::SmallVec;
 
+use crate::heap::Table;
 use crate::ir::op::DescriptorBinding;
 use crate::ir::{Value, VariableId};
 use crate::parse::Id;
@@ -100,14 +101,21 @@ pub(super) enum Place {
     },
     /// A device address.
     Global { address: Value, constant: u64 },
-    /// A descriptor, or an array of them: `index * 1 + constant` counts in the binding.
+    /// A descriptor, or an array of them: `index * 1 + constant` counts in the binding, or in the
+    /// mapping.
     Handle {
-        binding: DescriptorBinding,
+        binding: Handles,
         index: Option<Value>,
         constant: u32,
     },
     /// A descriptor by its reference.
     Descriptor(Value),
+    /// Bytes of a descriptor heap.
+    Heap {
+        table: Table,
+        offset: Option<Value>,
+        constant: u32,
+    },
     /// An input, from a row of its value on: a fixed one and a computed one.
     Input {
         variable: Id,
@@ -122,6 +130,14 @@ pub(super) enum Place {
         coordinate: SmallVec<[Value; 4]>,
         sample: Value,
     },
+}
+
+/// Where the descriptors of a variable are.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Handles {
+    Bound(DescriptorBinding),
+    /// An index in the request's mappings.
+    Mapped(usize),
 }
 
 /// Per-lane memory: one IR variable, or several where a structure is split.
@@ -171,7 +187,9 @@ impl Pointer {
             Place::Local { .. } => SmallVec::new(),
             Place::Input { index, .. } => index.iter().copied().collect(),
             Place::Private { row, .. } => SmallVec::from_slice(&[*row]),
-            Place::Shared { offset, .. } => offset.iter().copied().collect(),
+            Place::Shared { offset, .. } | Place::Heap { offset, .. } => {
+                offset.iter().copied().collect()
+            }
             Place::Buffer {
                 reference, offset, ..
             } => [*reference].into_iter().chain(*offset).collect(),
@@ -203,7 +221,9 @@ impl Pointer {
             Place::Local { .. } => {}
             Place::Input { index, .. } => index.iter_mut().for_each(take),
             Place::Private { row, .. } => take(row),
-            Place::Shared { offset, .. } => offset.iter_mut().for_each(take),
+            Place::Shared { offset, .. } | Place::Heap { offset, .. } => {
+                offset.iter_mut().for_each(take);
+            }
             Place::Buffer {
                 reference, offset, ..
             } => {

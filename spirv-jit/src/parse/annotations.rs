@@ -55,7 +55,7 @@ impl Annotations {
                     out.has_volatile |= note.0 == Decoration::Volatile as u32;
                     out.ids.entry(operands[0]).or_default().push(note);
                 }
-                Op::MemberDecorate => {
+                Op::MemberDecorate | Op::MemberDecorateIdEXT => {
                     let note = (operands[2], operands.get(3).copied().unwrap_or(0));
                     let key = (operands[0], operands[1]);
                     out.members.entry(key).or_default().push(note);

@@ -196,6 +196,7 @@ fn is_annotation(opcode: Op) -> bool {
             | Op::DecorateId
             | Op::DecorateString
             | Op::MemberDecorate
+            | Op::MemberDecorateIdEXT
             | Op::MemberDecorateString
             | Op::GroupDecorate
             | Op::GroupMemberDecorate

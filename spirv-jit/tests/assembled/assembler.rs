@@ -152,6 +152,23 @@ impl Assembler {
         id
     }
 
+    /// A decoration whose operand is an id.
+    pub fn decorate_with_id(&mut self, id: u32, decoration: Decoration, operand: u32) {
+        let operands = [id, decoration as u32, operand];
+        put(&mut self.annotations, Op::DecorateId, &operands);
+    }
+
+    /// The same of a structure's member.
+    pub fn decorate_member_with_id(
+        &mut self,
+        (structure, member): (u32, u32),
+        decoration: Decoration,
+        operand: u32,
+    ) {
+        let operands = [structure, member, decoration as u32, operand];
+        put(&mut self.annotations, Op::MemberDecorateIdEXT, &operands);
+    }
+
     /// An extended instruction of the module's scope.
     pub fn inform(&mut self, set: u32, operands: &[u32]) -> u32 {
         self.value(self.void, Op::ExtInst, &[&[set], operands].concat())

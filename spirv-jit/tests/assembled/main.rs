@@ -4,6 +4,7 @@ mod assembler;
 mod bfloat16;
 mod cooperative_matrices;
 mod depth;
+mod heaps;
 mod information;
 mod large;
 mod meets;

@@ -65,6 +65,7 @@ const HOUSES: [House; 4] = [
             "pass",
             "lower",
             "request",
+            "heap",
             "accuracy",
             "parse",
             "origin",

@@ -1,0 +1,92 @@
+//! Entries of the tables of what shaders read through views.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use ash::vk;
+use spirv_jit::views::{Key, StoreError, Table, Views};
+
+use crate::VkResult;
+
+/// An entry of a table of the device's [`Views`], under its key until the object is gone.
+/// Descriptor sets hold the contents' address, which stays readable for the device's life;
+/// descriptors in buffers hold the key.
+pub struct ViewEntry<T: Copy + 'static> {
+    pub key: Key,
+    views: Arc<Views>,
+    table: fn(&Views) -> &Table<T>,
+    /// The table no longer holds the contents under the key for this object.
+    removed: AtomicBool,
+}
+
+/// Vulkan's code for the failure.
+pub fn store_failure(error: StoreError) -> vk::Result {
+    match error {
+        StoreError::OutOfMemory => vk::Result::ERROR_OUT_OF_HOST_MEMORY,
+        StoreError::Taken => vk::Result::ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS,
+    }
+}
+
+impl<T: Copy> ViewEntry<T> {
+    /// Stores contents; with `replay` under a key that can be asked for again, that which it holds
+    /// if there is one.
+    ///
+    /// # Errors
+    /// `VK_ERROR_OUT_OF_HOST_MEMORY`; `VK_ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS` if the key is
+    /// taken.
+    pub fn store(
+        views: &Arc<Views>,
+        table: fn(&Views) -> &Table<T>,
+        contents: T,
+        replay: Option<Option<Key>>,
+    ) -> VkResult<Self> {
+        let key = match replay {
+            None => table(views).store(contents),
+            Some(wanted) => table(views).store_replayable(contents, wanted),
+        };
+        Ok(Self {
+            key: key.map_err(store_failure)?,
+            views: Arc::clone(views),
+            table,
+            removed: AtomicBool::new(false),
+        })
+    }
+
+    /// Frees a key that can be asked for again, at the object's destruction: framebuffers, recorded
+    /// passes and set layouts may hold the object longer, but a replayed object may have its key
+    /// from now on.
+    pub fn release(&self) {
+        if self.key.is_replayable() {
+            self.remove();
+        }
+    }
+
+    fn remove(&self) {
+        if !self.removed.swap(true, Ordering::Relaxed) {
+            (self.table)(&self.views).remove(self.key);
+        }
+    }
+
+    /// The pointer that descriptor sets store.
+    pub fn as_ptr(&self) -> *const T {
+        (self.table)(&self.views).get(self.key)
+    }
+}
+
+impl<T: Copy> std::ops::Deref for ViewEntry<T> {
+    type Target = T;
+
+    fn deref(&self) -> &T {
+        let slot = (self.table)(&self.views).slot_of(self.key);
+        // SAFETY: the slot was filled by `store` and lives as long as the table. It is written
+        // again only after the object's destruction, whose valid usage is that nothing uses the
+        // object any more.
+        unsafe { slot.as_ref() }.expect("filled when the object was made")
+    }
+}
+
+impl<T: Copy> Drop for ViewEntry<T> {
+    fn drop(&mut self) {
+        self.remove();
+    }
+}

@@ -1,0 +1,493 @@
+//! `VK_EXT_descriptor_heap`: descriptors in memory, without sets.
+
+use std::ffi::{CStr, c_void};
+use std::ptr::from_ref;
+
+use bytemuck::Pod;
+use tuff_tests::newer as vk;
+use tuff_tests::*;
+use vk::DescriptorType as Ty;
+
+const HEAP_WITH_CONSTANT_OFFSET: i32 = 0;
+const HEAP_WITH_PUSH_INDEX: i32 = 1;
+const PUSH_DATA: i32 = 5;
+const PUSH_ADDRESS: i32 = 6;
+
+/// `VK_SPIRV_RESOURCE_TYPE_ALL_EXT`.
+const ALL: u32 = 0x7fff_ffff;
+
+/// Places of descriptors in each of a test's heaps.
+const PLACES: u64 = 16;
+
+type WriteSamplers = unsafe extern "system" fn(
+    vk::Device,
+    u32,
+    *const vk::SamplerCreateInfo<'_>,
+    *const vk::HostAddressRangeEXT,
+) -> vk::Result;
+type WriteResources = unsafe extern "system" fn(
+    vk::Device,
+    u32,
+    *const vk::ResourceDescriptorInfoEXT,
+    *const vk::HostAddressRangeEXT,
+) -> vk::Result;
+type BindHeap = unsafe extern "system" fn(vk::CommandBuffer, *const vk::BindHeapInfoEXT);
+type PushData = unsafe extern "system" fn(vk::CommandBuffer, *const vk::PushDataInfoEXT);
+
+/// Two heaps, and the extension's commands.
+struct Heaps<'a> {
+    gpu: &'a Gpu,
+    write_samplers: WriteSamplers,
+    write_resources: WriteResources,
+    bind_resources: BindHeap,
+    bind_samplers: BindHeap,
+    push: PushData,
+    resources: Buffer,
+    samplers: Buffer,
+    /// Bytes from one place to the next in either heap, and before the first.
+    stride: u64,
+    first: u64,
+}
+
+fn gpu_with_heaps() -> Option<Gpu> {
+    Gpu::validated_since(vk::make_api_version(0, 1, 4, 340)).with("VK_EXT_descriptor_heap", |gpu| {
+        gpu.optional.heaps.descriptor_heap != 0
+    })
+}
+
+impl<'a> Heaps<'a> {
+    fn new(gpu: &'a Gpu) -> Self {
+        let mut p = vk::PhysicalDeviceDescriptorHeapPropertiesEXT::default();
+        let mut all = vk::PhysicalDeviceProperties2 {
+            p_next: (&raw mut p).cast(),
+            ..Default::default()
+        };
+        // SAFETY: the physical device is of the instance; the chain outlives the call.
+        unsafe {
+            gpu.instance
+                .get_physical_device_properties2(gpu.physical, &mut all);
+        }
+        assert!(p.sampler_descriptor_size <= 32 && p.max_push_data_size >= 256);
+        let sizes = [
+            p.sampler_descriptor_size,
+            p.image_descriptor_size,
+            p.buffer_descriptor_size,
+        ];
+        let stride = sizes.into_iter().max().unwrap().next_power_of_two();
+        let reserved = [
+            p.min_sampler_heap_reserved_range_with_embedded,
+            p.min_resource_heap_reserved_range,
+        ];
+        let reserved = reserved.into_iter().max().unwrap();
+        let first = reserved.next_multiple_of(stride);
+        let heap = |_| {
+            let usage = vk::BufferUsageFlags::from_raw(1 << 28);
+            gpu.buffer_for(first + PLACES * stride, usage)
+        };
+        let [resources, samplers] = [0, 1].map(heap);
+        let find = |name: &CStr| {
+            let device = gpu.device.handle();
+            // SAFETY: the device is of the instance.
+            unsafe { gpu.instance.get_device_proc_addr(device, name.as_ptr()) }
+        };
+        // SAFETY: the commands have these types.
+        unsafe {
+            Self {
+                gpu,
+                write_samplers: std::mem::transmute::<vk::PFN_vkVoidFunction, _>(find(
+                    c"vkWriteSamplerDescriptorsEXT",
+                )),
+                write_resources: std::mem::transmute::<vk::PFN_vkVoidFunction, _>(find(
+                    c"vkWriteResourceDescriptorsEXT",
+                )),
+                bind_resources: std::mem::transmute::<vk::PFN_vkVoidFunction, _>(find(
+                    c"vkCmdBindResourceHeapEXT",
+                )),
+                bind_samplers: std::mem::transmute::<vk::PFN_vkVoidFunction, _>(find(
+                    c"vkCmdBindSamplerHeapEXT",
+                )),
+                push: std::mem::transmute::<vk::PFN_vkVoidFunction, _>(find(c"vkCmdPushDataEXT")),
+                resources,
+                samplers,
+                stride,
+                first,
+            }
+        }
+    }
+
+    /// The offset of a place in either heap.
+    fn at(&self, place: u64) -> u32 {
+        (self.first + place * self.stride) as u32
+    }
+
+    fn bytes(&self, write: impl FnOnce(&vk::HostAddressRangeEXT) -> vk::Result) -> Vec<u8> {
+        let mut bytes = vec![0u8; self.stride as usize];
+        let range = vk::HostAddressRangeEXT {
+            address: bytes.as_mut_ptr().cast(),
+            size: bytes.len(),
+        };
+        assert_eq!(write(&range), vk::Result::SUCCESS);
+        bytes
+    }
+
+    fn sampler(&self, info: &vk::SamplerCreateInfo<'_>) -> Vec<u8> {
+        let device = self.gpu.device.handle();
+        // SAFETY: the info and the range are valid.
+        self.bytes(|range| unsafe { (self.write_samplers)(device, 1, info, range) })
+    }
+
+    fn resource<T>(&self, ty: Ty, data: &T) -> Vec<u8> {
+        let info = vk::ResourceDescriptorInfoEXT {
+            ty,
+            data: from_ref(data).cast(),
+            ..Default::default()
+        };
+        let device = self.gpu.device.handle();
+        // SAFETY: the data is of the type; the range is valid.
+        self.bytes(|range| unsafe { (self.write_resources)(device, 1, &info, range) })
+    }
+
+    fn put_buffer(&self, place: u64, ty: Ty, buffer: &Buffer) {
+        let range = range_of(buffer);
+        let bytes = self.resource(ty, &range);
+        self.resources.write(self.at(place) as usize, &bytes);
+    }
+
+    fn bind(&self, commands: vk::CommandBuffer) {
+        // SAFETY: the heaps outlive the commands.
+        unsafe {
+            (self.bind_resources)(commands, &self.binding(&self.resources));
+            (self.bind_samplers)(commands, &self.binding(&self.samplers));
+        }
+    }
+
+    fn binding(&self, heap: &Buffer) -> vk::BindHeapInfoEXT {
+        vk::BindHeapInfoEXT {
+            heap_range: range_of(heap),
+            reserved_range_size: self.first,
+            ..Default::default()
+        }
+    }
+
+    fn push<T: Pod>(&self, commands: vk::CommandBuffer, data: &[T]) {
+        let info = vk::PushDataInfoEXT {
+            data: vk::HostAddressRangeEXT {
+                address: data.as_ptr().cast::<c_void>().cast_mut(),
+                size: size_of_val(data),
+            },
+            ..Default::default()
+        };
+        // SAFETY: the data outlives the call.
+        unsafe { (self.push)(commands, &info) };
+    }
+
+    /// A compute pipeline of mapped bindings.
+    fn kernel(
+        &self,
+        source: &str,
+        mappings: &[vk::DescriptorSetAndBindingMappingEXT],
+    ) -> vk::Pipeline {
+        let device = &self.gpu.device;
+        let words = glsl(Stage::Compute, source);
+        let module = vk::ShaderModuleCreateInfo::default().code(&words);
+        let info = vk::ShaderDescriptorSetAndBindingMappingInfoEXT {
+            mapping_count: mappings.len() as u32,
+            p_mappings: mappings.as_ptr(),
+            ..Default::default()
+        };
+        // SAFETY: the structures outlive the calls.
+        unsafe {
+            let module = device
+                .create_shader_module(&module, None)
+                .expect("a module");
+            let mut stage = vk::PipelineShaderStageCreateInfo::default()
+                .stage(vk::ShaderStageFlags::COMPUTE)
+                .module(module)
+                .name(c"main");
+            stage.p_next = from_ref(&info).cast();
+            let mut flags = vk::PipelineCreateFlags2CreateInfoKHR::default()
+                .flags(vk::PipelineCreateFlags2KHR::from_raw(1 << 36));
+            let info = vk::ComputePipelineCreateInfo::default()
+                .stage(stage)
+                .push_next(&mut flags);
+            let made = device.create_compute_pipelines(vk::PipelineCache::null(), &[info], None);
+            device.destroy_shader_module(module, None);
+            let pipeline = made.expect("a pipeline")[0];
+            self.gpu.keep_pipeline(pipeline);
+            pipeline
+        }
+    }
+
+    fn dispatch(&self, commands: vk::CommandBuffer, kernel: vk::Pipeline) {
+        // SAFETY: the pipeline outlives the commands.
+        unsafe {
+            let device = &self.gpu.device;
+            device.cmd_bind_pipeline(commands, vk::PipelineBindPoint::COMPUTE, kernel);
+            device.cmd_dispatch(commands, 1, 1, 1);
+        }
+    }
+}
+
+fn range_of(buffer: &Buffer) -> vk::DeviceAddressRangeKHR {
+    vk::DeviceAddressRangeKHR {
+        address: buffer.address,
+        size: buffer.size_bytes,
+    }
+}
+
+fn mapping(
+    binding: u32,
+    source: i32,
+    data: vk::DescriptorMappingSourceDataEXT,
+) -> vk::DescriptorSetAndBindingMappingEXT {
+    vk::DescriptorSetAndBindingMappingEXT {
+        first_binding: binding,
+        binding_count: 1,
+        resource_mask: ALL,
+        source,
+        source_data: data,
+        ..Default::default()
+    }
+}
+
+/// A mapping onto a place, and the next ones for the elements of an array.
+fn constant(it: &Heaps<'_>, binding: u32, place: u64) -> vk::DescriptorSetAndBindingMappingEXT {
+    let constant_offset = vk::ConstantOffset {
+        heap_offset: it.at(place),
+        heap_array_stride: it.stride as u32,
+        p_embedded_sampler: std::ptr::null(),
+        sampler_heap_offset: it.at(place),
+        sampler_heap_array_stride: it.stride as u32,
+    };
+    let data = vk::DescriptorMappingSourceDataEXT { constant_offset };
+    mapping(binding, HEAP_WITH_CONSTANT_OFFSET, data)
+}
+
+fn words(binding: u32, source: i32, offset: u32) -> vk::DescriptorSetAndBindingMappingEXT {
+    let words = [offset, 0];
+    let data = vk::DescriptorMappingSourceDataEXT { words };
+    mapping(binding, source, data)
+}
+
+#[test]
+fn buffers_are_found_at_offsets_by_indices_and_by_addresses() {
+    let Some(gpu) = gpu_with_heaps() else { return };
+    let it = Heaps::new(&gpu);
+    let results = gpu.buffer(64);
+    let numbers = [10u32, 20, 30].map(|k| gpu.buffer_with(&[k, k + 1]));
+    it.put_buffer(1, Ty::STORAGE_BUFFER, &results);
+    for (place, buffer) in (4..).zip(&numbers) {
+        it.put_buffer(place, Ty::STORAGE_BUFFER, buffer);
+    }
+    let push_index = vk::PushIndex {
+        heap_offset: it.at(0),
+        push_offset: 4,
+        heap_index_stride: it.stride as u32,
+        heap_array_stride: it.stride as u32,
+        p_embedded_sampler: std::ptr::null(),
+        use_combined_image_sampler_index: 0,
+        sampler_heap_offset: 0,
+        sampler_push_offset: 0,
+        sampler_heap_index_stride: 0,
+        sampler_heap_array_stride: 0,
+    };
+    let indexed = vk::DescriptorMappingSourceDataEXT { push_index };
+    let mappings = [
+        constant(&it, 0, 1),
+        constant(&it, 1, 4),
+        mapping(2, HEAP_WITH_PUSH_INDEX, indexed),
+        words(3, PUSH_DATA, 16),
+        words(4, PUSH_ADDRESS, 8),
+    ];
+    let source = "
+    layout(local_size_x = 1) in;
+    layout(set = 0, binding = 0) buffer R { uint r[]; };
+    layout(set = 0, binding = 1) buffer A { uint a[]; } arrays[3];
+    layout(set = 0, binding = 2) buffer I { uint i[]; } indexed[2];
+    layout(set = 0, binding = 3) uniform D { uvec2 d; };
+    layout(set = 0, binding = 4) readonly buffer P { uint p[2]; };
+    layout(push_constant) uniform Push { uint which; };
+    void main() {
+        r[0] = arrays[which].a[0];
+        r[1] = uint(arrays[1].a.length());
+        r[2] = indexed[1].i[1];
+        r[3] = d.y;
+        r[4] = p[1];
+        r[5] = arrays[which].a[2];
+    }";
+    let kernel = it.kernel(source, &mappings);
+    let address = numbers[0].address;
+    let push = [2u32, 4, address as u32, (address >> 32) as u32, 7, 8];
+    gpu.run(|commands| {
+        it.bind(commands);
+        it.push(commands, &push);
+        it.dispatch(commands, kernel);
+    });
+    assert_eq!(results.read::<u32>()[..6], [30, 2, 21, 8, 11, 0]);
+}
+
+#[test]
+fn images_are_sampled_by_samplers_of_the_heap_and_by_embedded_ones() {
+    let Some(gpu) = gpu_with_heaps() else { return };
+    let it = Heaps::new(&gpu);
+    let shape = Shape::flat(vk::Format::R32_SFLOAT, 2, 1);
+    let usage = vk::ImageUsageFlags::SAMPLED
+        | vk::ImageUsageFlags::STORAGE
+        | vk::ImageUsageFlags::TRANSFER_DST;
+    let picture = gpu.picture(shape, usage);
+    gpu.upload(&picture, 0, &[1.0f32, 3.0]);
+    let view = vk::ImageViewCreateInfo::default()
+        .image(picture.handle)
+        .view_type(vk::ImageViewType::TYPE_2D)
+        .format(vk::Format::R32_SFLOAT)
+        .subresource_range(all_of(shape));
+    let image = vk::ImageDescriptorInfoEXT {
+        p_view: &view,
+        layout: vk::ImageLayout::GENERAL,
+        ..Default::default()
+    };
+    let nearest = vk::SamplerCreateInfo::default();
+    let linear = vk::SamplerCreateInfo::default()
+        .mag_filter(vk::Filter::LINEAR)
+        .address_mode_u(vk::SamplerAddressMode::CLAMP_TO_EDGE)
+        .address_mode_v(vk::SamplerAddressMode::CLAMP_TO_EDGE);
+    let results = gpu.buffer(64);
+    it.put_buffer(1, Ty::STORAGE_BUFFER, &results);
+    let sampled = it.resource(Ty::SAMPLED_IMAGE, &image);
+    assert!(sampled == it.resource(Ty::SAMPLED_IMAGE, &image));
+    it.resources.write(it.at(2) as usize, &sampled);
+    let stored = it.resource(Ty::STORAGE_IMAGE, &image);
+    it.resources.write(it.at(3) as usize, &stored);
+    // The same sampler has the same bits.
+    assert!(it.sampler(&linear) == it.sampler(&linear));
+    it.samplers.write(it.at(2) as usize, &it.sampler(&nearest));
+    it.samplers.write(it.at(3) as usize, &it.sampler(&linear));
+    let mut embedded = constant(&it, 5, 2);
+    embedded.source_data.constant_offset = vk::ConstantOffset {
+        heap_offset: it.at(2),
+        heap_array_stride: 0,
+        p_embedded_sampler: &linear,
+        sampler_heap_offset: 0,
+        sampler_heap_array_stride: 0,
+    };
+    let mappings = [
+        constant(&it, 0, 1),
+        constant(&it, 1, 2),
+        constant(&it, 2, 2),
+        constant(&it, 3, 3),
+        constant(&it, 4, 2),
+        embedded,
+    ];
+    let source = "
+    layout(local_size_x = 1) in;
+    layout(set = 0, binding = 0) buffer R { float r[]; };
+    layout(set = 0, binding = 1) uniform texture2D image;
+    layout(set = 0, binding = 2) uniform sampler samplers[2];
+    layout(set = 0, binding = 3, r32f) uniform image2D stored;
+    layout(set = 0, binding = 4) uniform sampler2D combined;
+    layout(set = 0, binding = 5) uniform sampler2D embedded;
+    float at(sampler2D image) { return textureLod(image, vec2(0.5, 0.5), 0.0).x; }
+    void main() {
+        r[0] = textureLod(sampler2D(image, samplers[0]), vec2(0.7, 0.5), 0.0).x;
+        r[1] = textureLod(sampler2D(image, samplers[1]), vec2(0.5, 0.5), 0.0).x;
+        r[2] = imageLoad(stored, ivec2(1, 0)).x;
+        r[3] = textureLod(combined, vec2(0.2, 0.5), 0.0).x;
+        r[4] = at(embedded);
+    }";
+    let kernel = it.kernel(source, &mappings);
+    gpu.run(|commands| {
+        it.bind(commands);
+        it.dispatch(commands, kernel);
+    });
+    assert_eq!(results.read::<f32>()[..5], [3.0, 2.0, 3.0, 1.0, 2.0]);
+}
+
+/// Other bytes than descriptors in a heap are misuse, which other drivers do not survive.
+#[test]
+fn forged_descriptors_read_zeros_and_write_nothing() {
+    let Some(gpu) = gpu_with_heaps() else { return };
+    if !gpu.is_tuff() {
+        return;
+    }
+    let it = Heaps::new(&gpu);
+    let results = gpu.buffer_with(&[9u32; 8]);
+    it.put_buffer(1, Ty::STORAGE_BUFFER, &results);
+    let mappings = [
+        constant(&it, 0, 1),
+        constant(&it, 1, 2),
+        constant(&it, 2, 2),
+    ];
+    let source = "
+    layout(local_size_x = 1) in;
+    layout(set = 0, binding = 0) buffer R { uint r[]; };
+    layout(set = 0, binding = 1) buffer F { uint f[]; } forged[4];
+    layout(set = 0, binding = 2) uniform sampler2D images[4];
+    void main() {
+        for (uint k = 0; k < 4; ++k) {
+            r[k] = forged[k].f[k];
+            forged[k].f[k] = 1u;
+            r[4 + k] = floatBitsToUint(textureLod(images[k], vec2(0.5), 0.0).x);
+        }
+    }";
+    let kernel = it.kernel(source, &mappings);
+    for words in [
+        [u64::MAX; 4],
+        [4096, 1 << 40, 2, 2],
+        [1 << 63 | 2; 4],
+        [8; 4],
+    ] {
+        for place in 2..6 {
+            it.resources.write(it.at(place) as usize, &words);
+            it.samplers.write(it.at(place) as usize, &words);
+        }
+        results.write(0, &[9u32; 8]);
+        gpu.run(|commands| {
+            it.bind(commands);
+            it.dispatch(commands, kernel);
+        });
+        assert_eq!(results.read::<u32>()[..8], [0; 8], "{words:x?}");
+    }
+}
+
+#[test]
+fn secondary_command_buffers_inherit_heaps() {
+    let Some(gpu) = gpu_with_heaps() else { return };
+    let it = Heaps::new(&gpu);
+    let results = gpu.buffer(64);
+    it.put_buffer(1, Ty::STORAGE_BUFFER, &results);
+    let source = "
+    layout(local_size_x = 1) in;
+    layout(set = 0, binding = 0) buffer R { uint r[]; };
+    void main() { r[0] = 5u; }";
+    let kernel = it.kernel(source, &[constant(&it, 0, 1)]);
+    let (resources, samplers) = (it.binding(&it.resources), it.binding(&it.samplers));
+    let heaps = vk::CommandBufferInheritanceDescriptorHeapInfoEXT {
+        p_sampler_heap_bind_info: &samplers,
+        p_resource_heap_bind_info: &resources,
+        ..Default::default()
+    };
+    let mut inheritance = vk::CommandBufferInheritanceInfo::default();
+    inheritance.p_next = from_ref(&heaps).cast();
+    let info = vk::CommandBufferAllocateInfo::default()
+        .command_pool(gpu.pool)
+        .level(vk::CommandBufferLevel::SECONDARY)
+        .command_buffer_count(1);
+    let begin = vk::CommandBufferBeginInfo::default().inheritance_info(&inheritance);
+    // SAFETY: the structures outlive the calls; the commands are executed once.
+    let secondary = unsafe {
+        let device = &gpu.device;
+        let secondary = device.allocate_command_buffers(&info).expect("commands")[0];
+        device
+            .begin_command_buffer(secondary, &begin)
+            .expect("a beginning");
+        it.dispatch(secondary, kernel);
+        device.end_command_buffer(secondary).expect("an end");
+        secondary
+    };
+    gpu.run(|commands| {
+        it.bind(commands);
+        // SAFETY: the commands are complete.
+        unsafe { gpu.device.cmd_execute_commands(commands, &[secondary]) };
+    });
+    assert_eq!(results.read::<u32>()[0], 5);
+}
