@@ -40,6 +40,8 @@ pub struct Device {
     /// The feature `sparseBinding` is enabled: memory must be fit for it.
     pub sparse_binding: bool,
     pub queues: Vec<Ref<Queue>>,
+    /// Creation flags of the queues.
+    pub queue_flags: vk::DeviceQueueCreateFlags,
     pub private_data: Mutex<PrivateData>,
     /// Where the feature `reportAddressBinding` is enabled.
     pub address_report: Option<AddressReport>,
@@ -53,6 +55,8 @@ pub struct Enabled {
     pub device_fault: bool,
     pub report_address_binding: bool,
     pub depth_clamp_zero_one: bool,
+    /// Creation flags of the queues. Queues synchronize themselves with any flags.
+    pub queue_flags: vk::DeviceQueueCreateFlags,
 }
 
 impl Device {
@@ -125,6 +129,7 @@ impl Device {
             messengers: Arc::clone(&physical.messengers),
             capabilities: features::capabilities(),
             queues: (0..queue_count).map(queue).collect(),
+            queue_flags: enabled.queue_flags,
             engine,
             window,
             sparse_binding: enabled.sparse_binding,

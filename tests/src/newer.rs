@@ -26,6 +26,9 @@ pub const MAINTENANCE_8: &CStr = c"VK_KHR_maintenance8";
 /// `VK_KHR_maintenance9`.
 pub const MAINTENANCE_9: &CStr = c"VK_KHR_maintenance9";
 
+/// `VK_KHR_shader_fma`.
+pub const SHADER_FMA: &CStr = c"VK_KHR_shader_fma";
+
 /// `VK_KHR_pipeline_binary`.
 pub const PIPELINE_BINARY: &CStr = c"VK_KHR_pipeline_binary";
 
@@ -71,6 +74,7 @@ pub const NEWER: &[(&CStr, u32)] = &[
     (DESCRIPTOR_HEAP, make_api_version(0, 1, 4, 340)),
     (COPY_MEMORY_INDIRECT, make_api_version(0, 1, 4, 330)),
     (PIPELINE_BINARY, make_api_version(0, 1, 3, 294)),
+    (SHADER_FMA, make_api_version(0, 1, 4, 340)),
     (MAINTENANCE_8, make_api_version(0, 1, 4, 330)),
     (MAINTENANCE_9, make_api_version(0, 1, 4, 330)),
     (
@@ -263,6 +267,9 @@ macro_rules! features {
 
 features! {
     PhysicalDevicePipelineBinaryFeaturesKHR 1_000_483_000 { pipeline_binaries }
+    PhysicalDeviceShaderFmaFeaturesKHR 1_000_579_000 {
+        shader_fma_float16 shader_fma_float32 shader_fma_float64
+    }
 }
 
 #[repr(C)]

@@ -424,3 +424,63 @@ fn packing_and_bit_casts() {
         assert_eq!(got[7], mantissa.to_bits() ^ exponent as u32, "{}", v[1]);
     }
 }
+
+/// `OpFmaKHR` in the place of each `Fma` of GLSL.std.450.
+fn with_fma_khr(words: &[u32]) -> Vec<u32> {
+    const CAPABILITY: u32 = 17;
+    const EXT_INST: u32 = 12;
+    const FMA_KHR: u32 = 4427;
+    const FMA_CAPABILITY: u32 = 6030;
+    const GLSL_FMA: u32 = 50;
+    let mut out = words[..5].to_vec();
+    out.extend([2 << 16 | CAPABILITY, FMA_CAPABILITY]);
+    let mut rest = &words[5..];
+    while let Some(&first) = rest.first() {
+        let (instruction, tail) = rest.split_at((first >> 16) as usize);
+        match *instruction {
+            [head, ty, result, _, GLSL_FMA, a, b, c] if head & 0xFFFF == EXT_INST => {
+                out.extend([6 << 16 | FMA_KHR, ty, result, a, b, c]);
+            }
+            _ => out.extend_from_slice(instruction),
+        }
+        rest = tail;
+    }
+    out
+}
+
+#[test]
+fn fma_rounds_once() {
+    let gpu = Gpu::validated_since(vk::make_api_version(0, 1, 4, 340));
+    let Some(gpu) = gpu.with("VK_KHR_shader_fma", |gpu| {
+        gpu.optional.shader_fma.shader_fma_float32 != 0
+    }) else {
+        return;
+    };
+    let source = r"
+    layout(local_size_x = 64) in;
+    layout(set = 0, binding = 0, std430) buffer I { vec4 inputs[]; };
+    layout(set = 0, binding = 1, std430) buffer O { vec2 o[]; };
+    void main() {
+        uint i = gl_GlobalInvocationID.x;
+        vec4 v = inputs[i];
+        o[i] = fma(v.xy, v.yx, v.zw);
+    }";
+    // Products whose lower half decides: they cancel against the rounded product.
+    let inputs: Vec<[f32; 4]> = (0..64)
+        .map(|i| {
+            let (a, b) = (
+                1.0 + f32::EPSILON * i as f32,
+                3.0 - f32::EPSILON * 7.0 * i as f32,
+            );
+            [a, b, -(a * b), i as f32]
+        })
+        .collect();
+    let words = with_fma_khr(&glsl(Stage::Compute, source));
+    let (input, output) = (gpu.buffer_with(&inputs), gpu.buffer(64 * 8));
+    let set = gpu.set_of(&[input.into(), output.into()]);
+    let kernel = gpu.kernel_of(&words, &[set.layout]);
+    gpu.dispatch::<u32>(kernel, &[set], &[], [1, 1, 1]);
+    for (&[a, b, c, d], got) in inputs.iter().zip(output.read::<[f32; 2]>()) {
+        assert_eq!(got, [a.mul_add(b, c), b.mul_add(a, d)], "{a} {b}");
+    }
+}

@@ -373,3 +373,74 @@ fn format_support_includes_what_vulkan_requires() {
     }
     assert!(!gpu.supports(F::UNDEFINED, Has::SAMPLED_IMAGE));
 }
+
+/// `VK_DEVICE_QUEUE_CREATE_INTERNALLY_SYNCHRONIZED_BIT_KHR`.
+const INTERNALLY_SYNCHRONIZED: vk::DeviceQueueCreateFlags =
+    vk::DeviceQueueCreateFlags::from_raw(1 << 2);
+
+/// `VkPhysicalDeviceInternallySynchronizedQueuesFeaturesKHR`.
+#[repr(C)]
+struct SynchronizedQueues {
+    s_type: vk::StructureType,
+    p_next: *mut std::ffi::c_void,
+    internally_synchronized_queues: vk::Bool32,
+}
+
+#[test]
+fn threads_share_a_queue_that_synchronizes_itself() {
+    let gpu = Gpu::without_validation();
+    let mut feature = SynchronizedQueues {
+        s_type: vk::StructureType::from_raw(1_000_504_000),
+        p_next: std::ptr::null_mut(),
+        internally_synchronized_queues: vk::FALSE,
+    };
+    let mut features = vk::PhysicalDeviceFeatures2 {
+        p_next: (&raw mut feature).cast(),
+        ..Default::default()
+    };
+    // SAFETY: the chain is the two structures above.
+    unsafe { (gpu.instance).get_physical_device_features2(gpu.physical, &mut features) };
+    // SAFETY: as above; read through a pointer, because the driver wrote through one.
+    let has_feature = unsafe { (&raw const feature.internally_synchronized_queues).read() };
+    if !has("VK_KHR_internally_synchronized_queues", has_feature != 0) {
+        return;
+    }
+    let queues = [vk::DeviceQueueCreateInfo::default()
+        .flags(INTERNALLY_SYNCHRONIZED)
+        .queue_family_index(gpu.family)
+        .queue_priorities(&[1.0])];
+    let names = [c"VK_KHR_internally_synchronized_queues".as_ptr()];
+    let mut info = vk::DeviceCreateInfo::default()
+        .queue_create_infos(&queues)
+        .enabled_extension_names(&names);
+    info.p_next = (&raw const feature).cast();
+    // SAFETY: the infos outlive the calls, and the device is destroyed last, when it is idle.
+    unsafe {
+        let device = gpu.instance.create_device(gpu.physical, &info, None);
+        let device = device.expect("vkCreateDevice");
+        let queue = |flags| {
+            let info = vk::DeviceQueueInfo2::default()
+                .queue_family_index(gpu.family)
+                .flags(flags);
+            device.get_device_queue2(&info)
+        };
+        let shared = queue(INTERNALLY_SYNCHRONIZED);
+        assert_ne!(shared, vk::Queue::null());
+        std::thread::scope(|scope| {
+            for _ in 0..4 {
+                scope.spawn(|| {
+                    for _ in 0..50 {
+                        let fence = device.create_fence(&vk::FenceCreateInfo::default(), None);
+                        let fence = fence.expect("vkCreateFence");
+                        let submitted = device.queue_submit(shared, &[], fence);
+                        submitted.expect("vkQueueSubmit");
+                        device.queue_wait_idle(shared).expect("vkQueueWaitIdle");
+                        assert_eq!(device.get_fence_status(fence), Ok(true));
+                        device.destroy_fence(fence, None);
+                    }
+                });
+            }
+        });
+        device.destroy_device(None);
+    }
+}

@@ -26,6 +26,7 @@ use smallvec::SmallVec;
 use spirv_jit::heap::Table;
 
 use crate::handle::Ref;
+use crate::object::render_pass::ResolveMode;
 use crate::object::{DescriptorSet, DescriptorSetLayout, Event, Image, Pipeline, QueryPool};
 use crate::wave::mask::InvocationMask;
 
@@ -124,6 +125,9 @@ pub enum Command {
         source: Ref<Image>,
         destination: Ref<Image>,
         regions: Vec<vk::ImageResolve>,
+        /// Of stencil values, and of all others.
+        stencil: ResolveMode,
+        other: ResolveMode,
     },
     ClearColorImage {
         image: Ref<Image>,

@@ -11,6 +11,7 @@ use smallvec::SmallVec;
 
 use crate::handle::Ref;
 use crate::object::graphics_state::MAX_COLOR_ATTACHMENTS;
+use crate::object::render_pass::ResolveMode;
 use crate::object::{ImageView, RenderPass};
 
 /// `VkRenderingInfo`, or a subpass.
@@ -44,14 +45,13 @@ pub struct Attachment {
     pub clear: Option<(vk::ClearValue, u32)>,
     pub resolve: Option<Resolve>,
     /// How samples of the pass become the attachment's only one, where it draws with more.
-    pub mode: vk::ResolveModeFlags,
+    pub mode: ResolveMode,
 }
 
 /// A resolve at the end of a pass.
 pub struct Resolve {
     pub view: Ref<ImageView>,
-    /// One mode.
-    pub mode: vk::ResolveModeFlags,
+    pub mode: ResolveMode,
 }
 
 /// A clear at the beginning of a pass.
@@ -149,17 +149,25 @@ impl PassRecorder {
                 mode,
             })
         };
-        let resolve = |index: u32, mode: vk::ResolveModeFlags| {
-            let (view, _) = self.attachment(index)?;
+        let resolve = |index: u32, mode: ResolveMode| {
+            let (view, info) = self.attachment(index)?;
+            let mode = ResolveMode {
+                encoded_mean: info.encoded_mean,
+                ..mode
+            };
             let view = Ref::clone(view);
-            (!mode.is_empty()).then_some(Resolve { view, mode })
+            (!mode.mode.is_empty()).then_some(Resolve { view, mode })
         };
         let colors = std::array::from_fn(|color| {
             let index = subpass.colors.get(color).copied().flatten()?;
             let (_, info) = self.attachment(index)?;
             let destination = subpass.resolves.get(color).copied().flatten();
-            let resolve = destination.and_then(|it| resolve(it, vk::ResolveModeFlags::AVERAGE));
-            attachment(index, info.clears, resolve, vk::ResolveModeFlags::AVERAGE)
+            let resolve = destination.and_then(|it| resolve(it, ResolveMode::AVERAGE));
+            let mode = ResolveMode {
+                encoded_mean: info.encoded_mean,
+                ..ResolveMode::AVERAGE
+            };
+            attachment(index, info.clears, resolve, mode)
         });
         let side = |stencil: bool| {
             let index = subpass.depth_stencil?;
@@ -174,6 +182,7 @@ impl PassRecorder {
                 (Some(modes), false) => modes.depth,
                 (Some(modes), true) => modes.stencil,
             };
+            let mode = ResolveMode::linear(mode);
             let to = subpass.depth_stencil_resolve.and_then(|it| it.attachment);
             let resolve = to.and_then(|to| resolve(to, mode));
             attachment(index, clears, resolve, mode)

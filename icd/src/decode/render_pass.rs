@@ -6,9 +6,9 @@ use ash::vk;
 use smallvec::SmallVec;
 
 use crate::command::pass::{Attachment, Pass, PassRecorder, Resolve, inside};
-use crate::ffi::{find, slice};
+use crate::ffi::{find, slice, vk as newer};
 use crate::handle::{Ref, from_handle, optional, retain};
-use crate::object::render_pass::{DepthStencilResolve, PassAttachment, Subpass};
+use crate::object::render_pass::{DepthStencilResolve, PassAttachment, ResolveMode, Subpass};
 use crate::object::{Framebuffer, ImageView, RenderPass};
 
 fn used(attachment: u32) -> Option<u32> {
@@ -36,6 +36,8 @@ pub unsafe fn render_pass(info: &vk::RenderPassCreateInfo<'_>) -> RenderPass {
             samples: it.samples.as_raw(),
             clears: is_clear(it.load_op),
             clears_stencil: is_clear(it.stencil_load_op),
+            encoded_mean: (it.flags)
+                .contains(newer::ATTACHMENT_DESCRIPTION_RESOLVE_SKIP_TRANSFER_FUNCTION_KHR),
         };
         let subpasses = slice(info.p_subpasses, info.subpass_count)
             .iter()
@@ -79,6 +81,8 @@ pub unsafe fn render_pass2(info: &vk::RenderPassCreateInfo2<'_>) -> RenderPass {
             samples: it.samples.as_raw(),
             clears: is_clear(it.load_op),
             clears_stencil: is_clear(it.stencil_load_op),
+            encoded_mean: (it.flags)
+                .contains(newer::ATTACHMENT_DESCRIPTION_RESOLVE_SKIP_TRANSFER_FUNCTION_KHR),
         };
         let subpass = |it: &vk::SubpassDescription2<'_>| {
             let list = |start: *const vk::AttachmentReference2<'_>, count: u32| {
@@ -218,17 +222,21 @@ unsafe fn rendering_attachment(info: &vk::RenderingAttachmentInfo<'_>) -> Option
     // SAFETY: the caller's promise.
     unsafe {
         let view = optional_view(info.image_view)?;
+        let flags = find::<newer::RenderingAttachmentFlagsInfoKHR<'_>>(info.p_next);
+        let mode = ResolveMode {
+            mode: info.resolve_mode,
+            encoded_mean: flags.is_some_and(|it| {
+                it.flags & newer::RENDERING_ATTACHMENT_RESOLVE_SKIP_TRANSFER_FUNCTION_KHR != 0
+            }),
+        };
         let resolve = (!info.resolve_mode.is_empty())
             .then(|| optional_view(info.resolve_image_view))
             .flatten();
         Some(Attachment {
             view,
             clear: is_clear(info.load_op).then_some((info.clear_value, u32::MAX)),
-            resolve: resolve.map(|view| Resolve {
-                view,
-                mode: info.resolve_mode,
-            }),
-            mode: info.resolve_mode,
+            resolve: resolve.map(|view| Resolve { view, mode }),
+            mode,
         })
     }
 }

@@ -6,8 +6,9 @@ use ash::vk;
 use super::define::commands;
 use crate::VkResult;
 use crate::command::{Command, copied};
-use crate::ffi;
+use crate::ffi::{self, vk as newer};
 use crate::handle::{self, from_handle};
+use crate::object::render_pass::ResolveMode;
 use crate::object::{Buffer, Image};
 
 commands! {
@@ -136,11 +137,23 @@ commands! {
             source: handle::retain::<Image>(source),
             destination: handle::retain::<Image>(destination),
             regions: copied(ffi::slice(regions, count), |&region| region)?,
+            stencil: ResolveMode::linear(vk::ResolveModeFlags::SAMPLE_ZERO),
+            other: ResolveMode::AVERAGE,
         })
     }
 
     fn vkCmdResolveImage2(commands, info: *const vk::ResolveImageInfo2) {
         let info = &*info;
+        let modes = ffi::find::<newer::ResolveImageModeInfoKHR<'_>>(info.p_next);
+        let mut other = ResolveMode::AVERAGE;
+        let mut stencil = vk::ResolveModeFlags::SAMPLE_ZERO;
+        if let Some(modes) = modes {
+            other = ResolveMode {
+                mode: modes.resolve_mode,
+                encoded_mean: modes.flags & newer::RESOLVE_IMAGE_SKIP_TRANSFER_FUNCTION_KHR != 0,
+            };
+            stencil = modes.stencil_resolve_mode;
+        }
         commands.push(Command::ResolveImage {
             source: handle::retain::<Image>(info.src_image),
             destination: handle::retain::<Image>(info.dst_image),
@@ -151,6 +164,8 @@ commands! {
                 dst_offset: region.dst_offset,
                 extent: region.extent,
             })?,
+            stencil: ResolveMode::linear(stencil),
+            other,
         })
     }
 

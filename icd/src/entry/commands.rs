@@ -447,6 +447,7 @@ commands! {
     Device Core PFN_vkCmdEndRenderPass graphics_pass::vkCmdEndRenderPass;
     Device Core12 PFN_vkCmdEndRenderPass2 graphics_pass::vkCmdEndRenderPass2;
     Device Core13 PFN_vkCmdEndRendering graphics_pass::vkCmdEndRendering;
+    Device KHR_MAINTENANCE_10 PFN_vkCmdEndRendering2KHR graphics_pass::vkCmdEndRendering2KHR;
     Device Core PFN_vkCmdNextSubpass graphics_pass::vkCmdNextSubpass;
     Device Core12 PFN_vkCmdNextSubpass2 graphics_pass::vkCmdNextSubpass2;
     Device Core PFN_vkCmdSetBlendConstants graphics_state::vkCmdSetBlendConstants;

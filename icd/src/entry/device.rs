@@ -29,7 +29,9 @@ unsafe fn enabled(info: &vk::DeviceCreateInfo<'_>) -> Enabled {
         let fault = ffi::find::<vk::PhysicalDeviceFaultFeaturesEXT>(info.p_next);
         let addresses = ffi::find::<vk::PhysicalDeviceAddressBindingReportFeaturesEXT>(info.p_next);
         let zero_one = ffi::find::<vk::PhysicalDeviceDepthClampZeroOneFeaturesEXT>(info.p_next);
+        let queues = ffi::slice(info.p_queue_create_infos, info.queue_create_info_count);
         Enabled {
+            queue_flags: queues.first().map_or_else(Default::default, |it| it.flags),
             sparse_binding: (chained.into_iter().chain(info.p_enabled_features.as_ref()))
                 .any(|features| features.sparse_binding != vk::FALSE),
             device_fault: fault.is_some_and(|features| features.device_fault != vk::FALSE),

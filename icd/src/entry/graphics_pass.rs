@@ -82,6 +82,10 @@ commands! {
         commands.push(Command::Graphics(GraphicsCommand::EndPass))
     }
 
+    fn vkCmdEndRendering2KHR(commands, _info: *const std::ffi::c_void) {
+        commands.push(Command::Graphics(GraphicsCommand::EndPass))
+    }
+
     fn vkCmdSetRenderingAttachmentLocationsKHR(
         commands,
         info: *const vk::RenderingAttachmentLocationInfoKHR<'_>,

@@ -23,11 +23,10 @@ entry! {
     }
 
     fn vkGetDeviceQueue2(device: vk::Device, info: *const vk::DeviceQueueInfo2, out: *mut vk::Queue) {
-        // Protected queues do not exist: a query for flags that no queue was created with gives
-        // none.
-        *out = match (*info).flags {
-            flags if flags.is_empty() => queue(device, (*info).queue_index),
-            _ => vk::Queue::null(),
+        // A query for flags that no queue was created with gives none.
+        *out = match (*info).flags == handle::from_handle::<Device>(device).queue_flags {
+            true => queue(device, (*info).queue_index),
+            false => vk::Queue::null(),
         };
     }
 

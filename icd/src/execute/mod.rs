@@ -234,9 +234,13 @@ fn perform<'a>(mut painter: Painter<'_, 'a>, command: &'a Command) -> Result<(),
             source,
             destination,
             regions,
-        } => regions
-            .iter()
-            .for_each(|region| resolve::resolve_image(source, destination, region)),
+            stencil,
+            other,
+        } => engine.workers.install(|| {
+            for region in regions {
+                resolve::resolve_image(source, destination, region, *stencil, *other);
+            }
+        }),
         Command::ClearColorImage {
             image,
             value,

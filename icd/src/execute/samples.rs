@@ -5,6 +5,7 @@
 use ash::vk;
 use spirv_jit::environment;
 
+use crate::object::render_pass::ResolveMode;
 use crate::raster::Target;
 use crate::transfer::resolve::{resolve_attachment, spread};
 use crate::wave::Workers;
@@ -16,7 +17,7 @@ pub struct Samples {
     /// The same with its samples.
     pub many: Target,
     /// How the samples are resolved.
-    mode: vk::ResolveModeFlags,
+    mode: ResolveMode,
     /// Not loaded yet.
     is_new: bool,
     /// Holds the texels of `many`.
@@ -29,7 +30,7 @@ impl Samples {
     pub fn new(
         single: Target,
         samples: u32,
-        mode: vk::ResolveModeFlags,
+        mode: ResolveMode,
         kept: Option<Samples>,
     ) -> Option<Self> {
         let is_same = |it: &Samples| {
@@ -90,7 +91,7 @@ impl Samples {
         layers: impl Iterator<Item = u32> + Send,
         area: &vk::Rect2D,
     ) {
-        if self.mode.is_empty() {
+        if self.mode.mode.is_empty() {
             return;
         }
         let (from, to) = (&self.many, &self.single);

@@ -193,6 +193,33 @@ structures! {
     QueueFamilyOwnershipTransferPropertiesKHR 1_000_584_002 *mut c_void {
         optimal_image_transfer_to_queue_families: u32,
     }
+    /// `VK_KHR_internally_synchronized_queues`.
+    PhysicalDeviceInternallySynchronizedQueuesFeaturesKHR 1_000_504_000 *mut c_void {
+        internally_synchronized_queues: Bool32,
+    }
+    /// `VK_KHR_shader_fma`.
+    PhysicalDeviceShaderFmaFeaturesKHR 1_000_579_000 *mut c_void {
+        shader_fma_float16: Bool32,
+        shader_fma_float32: Bool32,
+        shader_fma_float64: Bool32,
+    }
+    /// `VK_KHR_maintenance10`.
+    PhysicalDeviceMaintenance10FeaturesKHR 1_000_630_000 *mut c_void {
+        maintenance10: Bool32,
+    }
+    PhysicalDeviceMaintenance10PropertiesKHR 1_000_630_001 *mut c_void {
+        rgba4_opaque_black_swizzled: Bool32,
+        resolve_srgb_format_applies_transfer_function: Bool32,
+        resolve_srgb_format_supports_transfer_function_control: Bool32,
+    }
+    RenderingAttachmentFlagsInfoKHR 1_000_630_002 *const c_void {
+        flags: Flags,
+    }
+    ResolveImageModeInfoKHR 1_000_630_004 *const c_void {
+        flags: Flags,
+        resolve_mode: ResolveModeFlags,
+        stencil_resolve_mode: ResolveModeFlags,
+    }
     /// `VK_KHR_unified_image_layouts`.
     PhysicalDeviceUnifiedImageLayoutsFeaturesKHR 1_000_527_000 *mut c_void {
         unified_image_layouts: Bool32,
@@ -534,6 +561,14 @@ structures! {
     }
 }
 
+/// `VK_ATTACHMENT_DESCRIPTION_RESOLVE_SKIP_TRANSFER_FUNCTION_BIT_KHR`.
+pub const ATTACHMENT_DESCRIPTION_RESOLVE_SKIP_TRANSFER_FUNCTION_KHR: AttachmentDescriptionFlags =
+    AttachmentDescriptionFlags::from_raw(1 << 1);
+/// `VK_RENDERING_ATTACHMENT_RESOLVE_SKIP_TRANSFER_FUNCTION_BIT_KHR`.
+pub const RENDERING_ATTACHMENT_RESOLVE_SKIP_TRANSFER_FUNCTION_KHR: Flags = 1 << 1;
+/// `VK_RESOLVE_IMAGE_SKIP_TRANSFER_FUNCTION_BIT_KHR`.
+pub const RESOLVE_IMAGE_SKIP_TRANSFER_FUNCTION_KHR: Flags = 1;
+
 /// `VkPipelineBinaryKHR`.
 #[repr(transparent)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -776,6 +811,7 @@ functions! {
     ) -> Result;
     PFN_vkSetSwapchainPresentTimingQueueSizeEXT(Device, SwapchainKHR, u32) -> Result;
     PFN_vkWaitForPresent2KHR(Device, SwapchainKHR, *const PresentWait2InfoKHR<'_>) -> Result;
+    PFN_vkCmdEndRendering2KHR(CommandBuffer, *const c_void);
     PFN_vkCreatePipelineBinariesKHR(
         Device, *const PipelineBinaryCreateInfoKHR<'_>, *const AllocationCallbacks<'_>, *mut PipelineBinaryHandlesInfoKHR<'_>
     ) -> Result;

@@ -23,6 +23,30 @@ pub struct PassAttachment {
     /// Of colour, or of depth.
     pub clears: bool,
     pub clears_stencil: bool,
+    /// `VK_ATTACHMENT_DESCRIPTION_RESOLVE_SKIP_TRANSFER_FUNCTION_BIT_KHR`.
+    pub encoded_mean: bool,
+}
+
+/// The way in which samples become one.
+#[derive(Clone, Copy, Debug)]
+pub struct ResolveMode {
+    /// One mode, or none.
+    pub mode: vk::ResolveModeFlags,
+    /// Means of sRGB samples are those of their codes.
+    pub encoded_mean: bool,
+}
+
+impl ResolveMode {
+    /// The mean of colours in linear light.
+    pub const AVERAGE: Self = Self::linear(vk::ResolveModeFlags::AVERAGE);
+
+    /// A mode that gives means in linear light.
+    pub const fn linear(mode: vk::ResolveModeFlags) -> Self {
+        Self {
+            mode,
+            encoded_mean: false,
+        }
+    }
 }
 
 /// `VkSubpassDescription`: attachments by index; none where one is unused.

@@ -106,9 +106,11 @@ extensions! {
     Device KHR_IMAGE_FORMAT_LIST c"VK_KHR_image_format_list" 1;
     Device KHR_INCREMENTAL_PRESENT c"VK_KHR_incremental_present" 2;
     Device KHR_INDEX_TYPE_UINT8 c"VK_KHR_index_type_uint8" 1;
+    Device KHR_INTERNALLY_SYNCHRONIZED_QUEUES c"VK_KHR_internally_synchronized_queues" 1;
     Device KHR_LINE_RASTERIZATION c"VK_KHR_line_rasterization" 1;
     Device KHR_LOAD_STORE_OP_NONE c"VK_KHR_load_store_op_none" 1;
     Device KHR_MAINTENANCE_1 c"VK_KHR_maintenance1" 2;
+    Device KHR_MAINTENANCE_10 c"VK_KHR_maintenance10" 1;
     Device KHR_MAINTENANCE_2 c"VK_KHR_maintenance2" 1;
     Device KHR_MAINTENANCE_3 c"VK_KHR_maintenance3" 1;
     Device KHR_MAINTENANCE_4 c"VK_KHR_maintenance4" 2;
@@ -146,6 +148,7 @@ extensions! {
     Device KHR_SHADER_FLOAT16_INT8 c"VK_KHR_shader_float16_int8" 1;
     Device KHR_SHADER_FLOAT_CONTROLS c"VK_KHR_shader_float_controls" 4;
     Device KHR_SHADER_FLOAT_CONTROLS_2 c"VK_KHR_shader_float_controls2" 1;
+    Device KHR_SHADER_FMA c"VK_KHR_shader_fma" 1;
     Device KHR_SHADER_INTEGER_DOT_PRODUCT c"VK_KHR_shader_integer_dot_product" 1;
     Device KHR_SHADER_MAXIMAL_RECONVERGENCE c"VK_KHR_shader_maximal_reconvergence" 1;
     Device KHR_SHADER_NON_SEMANTIC_INFO c"VK_KHR_shader_non_semantic_info" 1;

@@ -359,6 +359,11 @@ features! {
         indirect_memory_to_image_copy: PhysicalDeviceCopyMemoryIndirectFeaturesKHR;
         maintenance8: PhysicalDeviceMaintenance8FeaturesKHR;
         maintenance9: PhysicalDeviceMaintenance9FeaturesKHR;
+        internally_synchronized_queues: PhysicalDeviceInternallySynchronizedQueuesFeaturesKHR;
+        shader_fma_float16: PhysicalDeviceShaderFmaFeaturesKHR => FMAKHR;
+        shader_fma_float32: PhysicalDeviceShaderFmaFeaturesKHR => FMAKHR;
+        shader_fma_float64: PhysicalDeviceShaderFmaFeaturesKHR => FMAKHR;
+        maintenance10: PhysicalDeviceMaintenance10FeaturesKHR;
         fragment_shader_barycentric: PhysicalDeviceFragmentShaderBarycentricFeaturesKHR => FragmentBarycentricKHR;
         pipeline_fragment_shading_rate: PhysicalDeviceFragmentShadingRateFeaturesKHR => FragmentShadingRateKHR;
         primitive_fragment_shading_rate: PhysicalDeviceFragmentShadingRateFeaturesKHR => FragmentShadingRateKHR;

@@ -684,6 +684,12 @@ unsafe fn fill(machine: &Machine, node: *mut vk::BaseOutStructure<'static>) {
                 default_vertex_attribute_value: vk::DefaultVertexAttributeValueKHR::ZERO_ZERO_ZERO_ZERO,
                 ..Default::default()
             });
+            PhysicalDeviceMaintenance10PropertiesKHR(vk::PhysicalDeviceMaintenance10PropertiesKHR {
+                rgba4_opaque_black_swizzled: vk::TRUE,
+                resolve_srgb_format_applies_transfer_function: vk::TRUE,
+                resolve_srgb_format_supports_transfer_function_control: vk::TRUE,
+                ..Default::default()
+            });
             PhysicalDevicePipelineBinaryPropertiesKHR(vk::PhysicalDevicePipelineBinaryPropertiesKHR::default()) {
                 pipeline_binary_internal_cache, pipeline_binary_internal_cache_control,
                 pipeline_binary_prefers_internal_cache, pipeline_binary_precompiled_internal_cache,

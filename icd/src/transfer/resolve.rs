@@ -6,80 +6,66 @@ use rayon::prelude::*;
 
 use super::surface::{Region, Surface, region, slice_count};
 use crate::object::Image;
+use crate::object::render_pass::ResolveMode;
 
-/// `vkCmdResolveImage`, one region: the mean of a texel's samples; of integers, depth and stencil,
-/// sample zero.
-pub fn resolve_image(source: &Image, destination: &Image, resolve: &vk::ImageResolve) {
+/// `vkCmdResolveImage`, one region: each aspect by its mode; of integers the mean is sample zero.
+pub fn resolve_image(
+    source: &Image,
+    destination: &Image,
+    resolve: &vk::ImageResolve,
+    stencil: ResolveMode,
+    other: ResolveMode,
+) {
     let (from_layers, to_layers) = (&resolve.src_subresource, &resolve.dst_subresource);
     let slices = slice_count(source, from_layers, 1).min(slice_count(
         destination,
         to_layers,
         resolve.extent.depth,
     ));
-    let surfaces = (
-        Surface::new(source, from_layers.aspect_mask, from_layers.mip_level),
-        Surface::new(destination, to_layers.aspect_mask, to_layers.mip_level),
-    );
-    let (Some(from), Some(to)) = surfaces else {
-        return;
-    };
-    let regions = (
-        region(
-            source,
-            from_layers,
-            resolve.src_offset,
-            resolve.extent,
-            slices,
-        )
-        .and_then(|region| from.inside(region)),
-        region(
-            destination,
-            to_layers,
-            resolve.dst_offset,
-            resolve.extent,
-            slices,
-        )
-        .and_then(|region| to.inside(region)),
-    );
-    let (Some(from_region), Some(to_region)) = regions else {
-        return;
-    };
-    let is_averaged = from.format.is_color() && !from.format.numeric.is_integer();
-    let sample_count = if is_averaged { from.samples } else { 1 };
-    for slice in 0..from_region.slices {
-        for y in 0..from_region.height {
-            for x in 0..from_region.width {
-                let mean = mean(&from, sample_count, |sample| {
-                    from.texel(
-                        from_region.x + x,
-                        from_region.y + y,
-                        from_region.slice + slice,
-                        sample,
-                    )
-                });
-                let mut texel = [0; MAX_TEXEL_BYTES];
-                to.format.encode(mean, &mut texel);
-                let address =
-                    to.texel(to_region.x + x, to_region.y + y, to_region.slice + slice, 0);
-                // SAFETY: a texel inside the image, which is bound to memory that the application
-                // keeps for the time of execution.
-                unsafe {
-                    std::ptr::copy_nonoverlapping(texel.as_ptr(), address, to.texel_size_bytes);
-                }
-            }
+    for (aspect, mode) in [
+        (vk::ImageAspectFlags::COLOR, other),
+        (vk::ImageAspectFlags::DEPTH, other),
+        (vk::ImageAspectFlags::STENCIL, stencil),
+    ] {
+        let (from, to) = (from_layers.aspect_mask, to_layers.aspect_mask);
+        if !(from & to).contains(aspect) || mode.mode.is_empty() {
+            continue;
+        }
+        let surfaces = (
+            Surface::new(source, aspect, from_layers.mip_level),
+            Surface::new(destination, aspect, to_layers.mip_level),
+        );
+        let (Some(from), Some(to)) = surfaces else {
+            return;
+        };
+        let (start, end) = (resolve.src_offset, resolve.dst_offset);
+        let regions = (
+            region(source, from_layers, start, resolve.extent, slices)
+                .and_then(|region| from.inside(region)),
+            region(destination, to_layers, end, resolve.extent, slices)
+                .and_then(|region| to.inside(region)),
+        );
+        let (Some(from_region), Some(to_region)) = regions else {
+            return;
+        };
+        for slice in 0..from_region.slices {
+            let of = |region: Region| Region {
+                slice: region.slice + slice,
+                slices: 1,
+                ..region
+            };
+            resolve_slice((&from, of(from_region)), (&to, of(to_region)), mode);
         }
     }
 }
 
-/// The resolve of an attachment at the end of a pass, one layer: of colours that are not integers,
-/// the mean, of integers sample zero, of depth and stencil as the mode says.
+/// The resolve of an attachment at the end of a pass, one layer.
 pub fn resolve_attachment(
     (from, from_slice): (&Surface, u32),
     (to, to_slice): (&Surface, u32),
-    mode: vk::ResolveModeFlags,
+    mode: ResolveMode,
     area: &vk::Rect2D,
 ) {
-    let is_integer = from.format.numeric.is_integer() || from.format.has_stencil;
     let region = area_of(area, from_slice);
     let destination = Region {
         slice: to_slice,
@@ -88,22 +74,40 @@ pub fn resolve_attachment(
     if from.inside(region).is_none() || to.inside(destination).is_none() {
         return;
     }
+    resolve_slice((from, region), (to, destination), mode);
+}
+
+/// Resolves one slice, on the current rayon pool: of colours that are not integers, the mean, of
+/// integers sample zero, of depth and stencil as the mode says. The regions are of one size, inside
+/// of their surfaces.
+fn resolve_slice(
+    (from, region): (&Surface, Region),
+    (to, destination): (&Surface, Region),
+    mode: ResolveMode,
+) {
+    let (mut from, mut to) = (*from, *to);
+    if mode.encoded_mean {
+        (from.format, to.format) = (from.format.codes(), to.format.codes());
+    }
+    let (from, to, mode) = (&from, &to, mode.mode);
+    let is_integer = from.format.numeric.is_integer() || from.format.has_stencil;
     let bytes = is_bytes(from.format) && std::ptr::eq(from.format, to.format);
     let bytes = bytes && mode == vk::ResolveModeFlags::AVERAGE;
     (0..region.height)
         .into_par_iter()
         .with_min_len(16)
         .for_each(|row| {
-            let y = region.y + row;
+            let (y, to_y) = (region.y + row, destination.y + row);
             if bytes {
                 let length = region.width as usize * from.texel_size_bytes;
-                let source = |sample| from.texel(region.x, y, from_slice, sample).cast_const();
-                let target = to.texel(region.x, y, to_slice, 0);
+                let source = |sample| from.texel(region.x, y, region.slice, sample).cast_const();
+                let target = to.texel(destination.x, to_y, destination.slice, 0);
                 // SAFETY: rows inside the images, as above, and no two of the destination are one.
                 return unsafe { mean_bytes(source, from.samples, target, length) };
             }
-            for x in region.x..region.x + region.width {
-                let texel = |sample| from.texel(x, y, from_slice, sample);
+            for column in 0..region.width {
+                let x = region.x + column;
+                let texel = |sample| from.texel(x, y, region.slice, sample);
                 let words = |sample| {
                     // SAFETY: a texel inside the image, as above.
                     let bytes =
@@ -132,7 +136,7 @@ pub fn resolve_attachment(
                 };
                 let mut texel = [0; MAX_TEXEL_BYTES];
                 to.format.encode(value, &mut texel);
-                let address = to.texel(x, y, to_slice, 0);
+                let address = to.texel(destination.x + column, to_y, destination.slice, 0);
                 // SAFETY: as above.
                 unsafe {
                     std::ptr::copy_nonoverlapping(texel.as_ptr(), address, to.texel_size_bytes)

@@ -9,6 +9,7 @@ use images::format::MAX_TEXEL_BYTES;
 use super::{blit, clear, copy, resolve};
 use crate::format::texel_format;
 use crate::object::Image;
+use crate::object::render_pass::ResolveMode;
 use crate::wave::Workers;
 
 const COLOR: vk::ImageAspectFlags = vk::ImageAspectFlags::COLOR;
@@ -389,7 +390,8 @@ fn resolves_average_samples_and_integers_take_the_first() {
             dst_offset: offset([0, 0, 0]),
             extent: extent([1, 1, 1]),
         };
-        resolve::resolve_image(&from, &to, &region);
+        let (stencil, other) = (ResolveMode::AVERAGE, ResolveMode::AVERAGE);
+        resolve::resolve_image(&from, &to, &region, stencil, other);
         let expected = if is_averaged { 1.5f32.to_bits() } else { 10 };
         assert_eq!(get(&to, COLOR, 0, 0, [0, 0, 0])[0], expected);
         assert_eq!(get(&to, COLOR, 0, 0, [1, 0, 0])[0], 0xcdcd_cdcd);

@@ -1,6 +1,6 @@
 //! Arithmetic, logic and comparison, component by component.
 
-use rspirv::spirv::{Op, StorageClass};
+use rspirv::spirv::{GlslStd450Op as GLOp, Op, StorageClass};
 
 use super::Lowerer;
 use super::types::{TypeKind, UNTYPED, pointer_leaves};
@@ -124,6 +124,7 @@ impl Lowerer<'_> {
         let operands = self.module.operands(instruction);
         match instruction.opcode {
             Op::Select => self.lower_select(instruction),
+            Op::FmaKHR => self.lower_elementwise(instruction, GLOp::Fma, operands),
             Op::Any | Op::All => {
                 let op = if instruction.opcode == Op::Any {
                     ir::Op::Or

@@ -23,6 +23,7 @@ pub const SUPPORTED: &[Capability] = &[
     Capability::Shader,
     Capability::Float16,
     Capability::Float64,
+    Capability::FMAKHR,
     Capability::Int8,
     Capability::Int16,
     Capability::Int64,

@@ -146,7 +146,7 @@ impl Lowerer<'_> {
         self.define_typed(instruction, values)
     }
 
-    fn lower_elementwise(
+    pub(super) fn lower_elementwise(
         &mut self,
         instruction: &Instruction,
         op: GLOp,

@@ -28,6 +28,22 @@ pub const MAX_TEXEL_BYTES: usize = 32;
 /// Formats `1..=CORE_COUNT` stand in the table at their number less one.
 const CORE_COUNT: u32 = 184;
 
+impl FormatInfo {
+    /// The format with the same layout that reads the codes of an sRGB format as normalized
+    /// numbers; of any other format, itself.
+    pub fn codes(&'static self) -> &'static FormatInfo {
+        let Some((before, after)) = self.name.split_once("SRGB") else {
+            return self;
+        };
+        let is_twin = |it: &&FormatInfo| {
+            let rest = it.name.strip_prefix(before);
+            rest.and_then(|rest| rest.strip_prefix("UNORM")) == Some(after)
+        };
+        let all = table::FORMATS.iter().map(|(_, info)| info);
+        all.into_iter().find(is_twin).unwrap_or(self)
+    }
+}
+
 impl Format {
     pub const UNDEFINED: Format = Format(0);
 
