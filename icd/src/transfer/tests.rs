@@ -398,6 +398,83 @@ fn resolves_average_samples_and_integers_take_the_first() {
     }
 }
 
+/// Resolves an image of one texel with two samples, whose first bytes are those given; returns the
+/// first bytes of the result.
+fn resolved<const N: usize>(
+    format: vk::Format,
+    aspect: vk::ImageAspectFlags,
+    samples: [[u8; N]; 2],
+    mode: ResolveMode,
+) -> [u8; N] {
+    let from = image(Kind {
+        samples: vk::SampleCountFlags::TYPE_2,
+        ..kind(format, 1, 1)
+    });
+    let to = image(kind(format, 1, 1));
+    let plane = from.plane(aspect).expect("the aspect's plane");
+    for (sample, bytes) in (0..).zip(samples) {
+        let at = plane.levels[0].offset_bytes + sample * plane.sample_stride_bytes;
+        let place = from.plane_data(plane).wrapping_add(at as usize);
+        // SAFETY: the only texel of the sample.
+        unsafe { place.cast::<[u8; N]>().write_unaligned(bytes) };
+    }
+    let region = vk::ImageResolve {
+        src_subresource: layers(aspect, 0, 0, 1),
+        dst_subresource: layers(aspect, 0, 0, 1),
+        extent: extent([1, 1, 1]),
+        ..Default::default()
+    };
+    let none = ResolveMode::linear(vk::ResolveModeFlags::NONE);
+    let is_stencil = aspect == vk::ImageAspectFlags::STENCIL;
+    let (stencil, other) = if is_stencil {
+        (mode, none)
+    } else {
+        (none, mode)
+    };
+    resolve::resolve_image(&from, &to, &region, stencil, other);
+    let plane = to.plane(aspect).expect("the aspect's plane");
+    let place = to.plane_data(plane);
+    let place = place.wrapping_add(plane.levels[0].offset_bytes as usize);
+    // SAFETY: the only texel.
+    unsafe { place.cast::<[u8; N]>().read_unaligned() }
+}
+
+/// `VkResolveImageModeInfoKHR`.
+#[test]
+fn resolves_follow_their_mode() {
+    use vk::ResolveModeFlags as Mode;
+    let linear = linear_of_srgb(254.0 / 255.0) / 2.0;
+    let mean = (srgb_of_linear(linear) * 255.0).round() as u8;
+    let codes = [[0, 254, 0, 0], [254, 0, 0, 254]];
+    for format in [vk::Format::R8G8B8A8_SRGB, vk::Format::A8B8G8R8_SRGB_PACK32] {
+        let of = |mode| resolved(format, COLOR, codes, mode);
+        assert_eq!(of(ResolveMode::AVERAGE), [mean, mean, 0, 127]);
+        let encoded = ResolveMode {
+            encoded_mean: true,
+            ..ResolveMode::AVERAGE
+        };
+        assert_eq!(of(encoded), [127, 127, 0, 127]);
+    }
+    let depths = [0.75f32, 0.25].map(f32::to_le_bytes);
+    for (mode, expected) in [
+        (Mode::SAMPLE_ZERO, 0.75f32),
+        (Mode::MIN, 0.25),
+        (Mode::MAX, 0.75),
+        (Mode::AVERAGE, 0.5),
+    ] {
+        let (format, aspect) = (vk::Format::D32_SFLOAT, vk::ImageAspectFlags::DEPTH);
+        let found = resolved(format, aspect, depths, ResolveMode::linear(mode));
+        assert_eq!(f32::from_le_bytes(found), expected, "{mode:?}");
+    }
+    for (mode, expected) in [(Mode::SAMPLE_ZERO, 9), (Mode::MIN, 9), (Mode::MAX, 200)] {
+        for format in [vk::Format::S8_UINT, vk::Format::D32_SFLOAT_S8_UINT] {
+            let aspect = vk::ImageAspectFlags::STENCIL;
+            let found = resolved(format, aspect, [[9], [200]], ResolveMode::linear(mode));
+            assert_eq!(found, [expected], "{mode:?}");
+        }
+    }
+}
+
 /// One axis of the spec's equation for a blit's source coordinates.
 fn source_coordinate(d: i32, source: [i32; 2], destination: [i32; 2]) -> f64 {
     let scale = f64::from(source[1] - source[0]) / f64::from(destination[1] - destination[0]);
