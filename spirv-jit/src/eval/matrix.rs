@@ -1,11 +1,11 @@
 //! Products of matrices, on the bits of components as rows hold them: see
-//! [`MatrixProduct`](crate::ir::op::MatrixProduct).
+//! [`MatrixProduct`].
 
 use lanes::Row;
 
 use super::narrow::{bfloat16_from_f32, f16_from_f32, f32_from_f16};
 use crate::eval::f16;
-use crate::ir::op::{Component, MatrixProduct};
+use crate::types::{Component, MatrixProduct};
 
 /// A matrix by its rows.
 pub type Rows = [Row; MatrixProduct::SIZE];

@@ -5,8 +5,8 @@
 //! ```
 //!
 //! * [`machine`]: a running wave; [`tier`]: instruction sets; [`kernels`]: pure operations;
-//!   [`access`] by [`gather`], [`memory`], [`descriptors`], [`atomics`], [`subgroup`], [`matrix`], [`images`]:
-//!   the others; [`control`]: masks and jumps; [`yields`]: suspending and resuming.
+//!   [`access`] by [`gather`], [`memory`], [`descriptors`], [`atomics`], [`subgroup`], [`matrix`],
+//!   [`images`]: the others; [`control`]: masks and jumps; [`yields`]: suspending and resuming.
 
 mod access;
 mod atomics;

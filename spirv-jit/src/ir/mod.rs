@@ -83,9 +83,9 @@
 //! | `global` | `address: i64` | a device address, which is a host address: reads where the device has no memory give zero; each word of a load that is partly there may be zero |
 //!
 //! A load or store moves one or more consecutive scalars of one type, tightly packed (in `private`,
-//! consecutive rows), or in `shared` and `buffer` as many bytes apart as a `strided` one says. Booleans are not storable outside `private`. The row or offset of each scalar
-//! is computed modulo 2^32: an access of several scalars is the same as one access for each,
-//! whatever the address.
+//! consecutive rows), or in `shared` and `buffer` as many bytes apart as a `strided` one says.
+//! Booleans are not storable outside `private`. The row or offset of each scalar is computed modulo
+//! 2^32: an access of several scalars is the same as one access for each, whatever the address.
 //!
 //! A `constant` load is from a uniform block, which nothing writes during a dispatch: it may be
 //! performed once for all invocations.

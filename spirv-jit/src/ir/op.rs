@@ -4,7 +4,7 @@
 use super::{FunctionId, VariableId};
 use crate::facts::Fact;
 
-pub use crate::types::{Trace, Type};
+pub use crate::types::{Component, MatrixProduct, Trace, Type};
 pub use images::AtomicOp;
 
 /// Where a memory access goes: see the table in the [module's prose](super).
@@ -292,8 +292,8 @@ macro_rules! define_ops {
             /// `(index: i32) -> (i32 | f32, …)`: consecutive words, at most [`MAX_TABLE_RESULTS`],
             /// of one of the function's [tables](super::Function::tables); zeros from its end on.
             Table(u32) "table" Pure;
-            /// `(address…) -> (T, …)`: consecutive scalars of the results' type; `(address…, stride:
-            /// i32)` if they are strided.
+            /// `(address…) -> (T, …)`: consecutive scalars of the results' type; `(address…,
+            /// stride: i32)` if they are strided.
             Load(Access) "load" Read;
             /// `(address…, T, …) -> ()`, with a stride as above.
             Store(Access) "store" Change;
@@ -485,83 +485,6 @@ pub enum SubgroupOp {
     PartitionedInclusiveScan(ReduceOp),
     /// `(T, lanes: i32) -> T`: the identity in a part's first lane.
     PartitionedExclusiveScan(ReduceOp),
-}
-
-/// What a component of a matrix is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Component {
-    F16,
-    /// The high half of an f32, as an i16.
-    BFloat16,
-    F32,
-    S8,
-    U8,
-    S32,
-    U32,
-}
-
-impl Component {
-    /// All kinds.
-    pub const ALL: [Component; 7] = [
-        Component::F16,
-        Component::BFloat16,
-        Component::F32,
-        Component::S8,
-        Component::U8,
-        Component::S32,
-        Component::U32,
-    ];
-
-    /// The type of values that hold such components.
-    pub const fn ty(self) -> Type {
-        match self {
-            Component::F16 => Type::F16,
-            Component::BFloat16 => Type::I16,
-            Component::F32 => Type::F32,
-            Component::S8 | Component::U8 => Type::I8,
-            Component::S32 | Component::U32 => Type::I32,
-        }
-    }
-
-    /// A float, not an integer.
-    pub const fn is_float(self) -> bool {
-        matches!(self, Component::F16 | Component::BFloat16 | Component::F32)
-    }
-}
-
-/// A product of matrices `a` and `b`, plus a matrix `c`. Each has 16 rows, a value each, and 16
-/// columns, one in each lane. All lanes of the subgroup take part, active or not.
-///
-/// Floats: the sum of an element begins with `c` and goes on with the products, those of the first
-/// column of `a` first. Each product and each sum is rounded to f32, the last sum to the type of
-/// the results. Integers: the exact sum, wrapped or saturated to 32 bits.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct MatrixProduct {
-    pub a: Component,
-    pub b: Component,
-    /// Of `c` and of the results.
-    pub sum: Component,
-    /// Integers saturate.
-    pub saturates: bool,
-}
-
-impl MatrixProduct {
-    /// Rows and columns of each matrix.
-    pub const SIZE: usize = crate::SUBGROUP_SIZE;
-
-    /// Whether there is such a product.
-    pub const fn is_valid(&self) -> bool {
-        match self.sum {
-            Component::S8 | Component::U8 => false,
-            Component::S32 | Component::U32 => {
-                !self.a.is_float()
-                    && !self.b.is_float()
-                    && self.a.ty().bits() == 8
-                    && self.b.ty().bits() == 8
-            }
-            _ => self.a.is_float() && self.b.is_float() && !self.saturates,
-        }
-    }
 }
 
 /// The combining operation of a reduction or scan.

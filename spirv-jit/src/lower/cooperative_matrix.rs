@@ -202,7 +202,7 @@ impl Lowerer<'_> {
         Ok(())
     }
 
-    /// What the components of a matrix are.
+    /// The kind of a matrix's components.
     fn matrix_component(&self, matrix: Id, signed: bool) -> Result<Component, Error> {
         let kind = match *self.types.kind(matrix)? {
             TypeKind::CooperativeMatrix { component } => self.types.kind(component)?,
