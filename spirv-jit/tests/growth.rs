@@ -4,8 +4,8 @@
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
-use std::time::Duration;
 
+use effort::thread_time;
 use shaders::request;
 use spirv_jit::program::Stage;
 
@@ -43,18 +43,6 @@ unsafe impl GlobalAlloc for Counting {
 
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
-
-/// Processor time of this thread, on which other work on the machine does not count.
-fn processor_time() -> Duration {
-    let mut time = libc::timespec {
-        tv_sec: 0,
-        tv_nsec: 0,
-    };
-    // SAFETY: the place is there.
-    let result = unsafe { libc::clock_gettime(libc::CLOCK_THREAD_CPUTIME_ID, &mut time) };
-    assert_eq!(result, 0);
-    Duration::new(time.tv_sec as u64, time.tv_nsec as u32)
-}
 
 /// A module of one compute shader, as words.
 struct Words {
@@ -282,11 +270,11 @@ fn cost(words: &[u32]) -> (f64, f64) {
     shaders::code_pages::allow_native_code();
     let mut least = (f64::INFINITY, f64::INFINITY);
     for _ in 0..2 {
-        let (start, before) = (processor_time(), NOW.get());
+        let (start, before) = (thread_time(), NOW.get());
         MOST.set(before);
         let program = spirv_jit::compile(&request(Stage::Compute, words));
         program.expect("the module is taken");
-        let time = (processor_time() - start).as_secs_f64();
+        let time = (thread_time() - start).as_secs_f64();
         least = (least.0.min((MOST.get() - before) as f64), least.1.min(time));
     }
     least

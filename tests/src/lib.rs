@@ -65,7 +65,7 @@ pub use optional::Optional;
 pub use patience::{PATIENCE, PATIENCE_NS, comes, enough};
 pub use present_times::{PresentTimes, Stages, Told};
 pub use presenter::{Asked, Chain, Presenter, red_first, screen_picture};
-pub use shader::{Stage, glsl, glsl_for, glsl_nv};
+pub use shader::{Stage, glsl, glsl_nv};
 pub use skip::has;
 pub use trace::{Group, Rays, Record, Table};
 #[cfg(unix)]

@@ -1,12 +1,7 @@
 //! GLSL to SPIR-V.
 
-use std::sync::Mutex;
-
 use ash::vk;
-use glslang::{
-    Compiler, CompilerOptions, Shader, ShaderInput, ShaderMessage, ShaderSource, ShaderStage,
-    SourceLanguage, SpirvVersion, Target, VulkanVersion,
-};
+use glsl::Version;
 
 /// The stages that the tests use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -47,39 +42,29 @@ impl Stage {
         }
     }
 
-    fn of_glslang(self) -> ShaderStage {
+    /// The name that glslang's program gives the files of this stage.
+    fn name(self) -> &'static str {
         match self {
-            Stage::Compute => ShaderStage::Compute,
-            Stage::RayGeneration => ShaderStage::RayGeneration,
-            Stage::Miss => ShaderStage::Miss,
-            Stage::ClosestHit => ShaderStage::ClosestHit,
-            Stage::AnyHit => ShaderStage::AnyHit,
-            Stage::Intersection => ShaderStage::Intersect,
-            Stage::Callable => ShaderStage::Callable,
-            Stage::Vertex => ShaderStage::Vertex,
-            Stage::TessellationControl => ShaderStage::TesselationControl,
-            Stage::TessellationEvaluation => ShaderStage::TesselationEvaluation,
-            Stage::Geometry => ShaderStage::Geometry,
-            Stage::Task => ShaderStage::Task,
-            Stage::Mesh => ShaderStage::Mesh,
-            Stage::Fragment => ShaderStage::Fragment,
+            Stage::Compute => "comp",
+            Stage::RayGeneration => "rgen",
+            Stage::Miss => "rmiss",
+            Stage::ClosestHit => "rchit",
+            Stage::AnyHit => "rahit",
+            Stage::Intersection => "rint",
+            Stage::Callable => "rcall",
+            Stage::Vertex => "vert",
+            Stage::TessellationControl => "tesc",
+            Stage::TessellationEvaluation => "tese",
+            Stage::Geometry => "geom",
+            Stage::Task => "task",
+            Stage::Mesh => "mesh",
+            Stage::Fragment => "frag",
         }
     }
 }
 
 /// Compiles GLSL; the version line and the extensions that the tests use are put before it.
 pub fn glsl(stage: Stage, source: &str) -> Vec<u32> {
-    glsl_for(stage, source, SpirvVersion::SPIRV1_6)
-}
-
-/// Compiles GLSL with `GL_NV_ray_tracing` in place of the newer extensions.
-pub fn glsl_nv(stage: Stage, source: &str) -> Vec<u32> {
-    let extensions = ["GL_NV_ray_tracing", "GL_EXT_scalar_block_layout"];
-    compile(stage, &extensions, source, SpirvVersion::SPIRV1_4)
-}
-
-/// The same as [`glsl`], to a given version of SPIR-V.
-pub fn glsl_for(stage: Stage, source: &str, version: SpirvVersion) -> Vec<u32> {
     let mut extensions = vec![
         "GL_EXT_scalar_block_layout",
         "GL_EXT_nonuniform_qualifier",
@@ -113,33 +98,20 @@ pub fn glsl_for(stage: Stage, source: &str, version: SpirvVersion) -> Vec<u32> {
         extensions.push("GL_EXT_ray_cull_mask");
         extensions.push("GL_EXT_opacity_micromap");
     }
-    compile(stage, &extensions, source, version)
+    compile(stage, &extensions, source, Version::V1_6)
 }
 
-fn compile(stage: Stage, extensions: &[&str], source: &str, version: SpirvVersion) -> Vec<u32> {
-    // glslang keeps state that is shared by all threads.
-    static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
-    let _guard = ONE_AT_A_TIME
-        .lock()
-        .unwrap_or_else(|poisoned| poisoned.into_inner());
+/// Compiles GLSL with `GL_NV_ray_tracing` in place of the newer extensions.
+pub fn glsl_nv(stage: Stage, source: &str) -> Vec<u32> {
+    let extensions = ["GL_NV_ray_tracing", "GL_EXT_scalar_block_layout"];
+    compile(stage, &extensions, source, Version::V1_4)
+}
+
+fn compile(stage: Stage, extensions: &[&str], source: &str, version: Version) -> Vec<u32> {
     let mut text = String::from("#version 460\n");
     for extension in extensions {
         text += &format!("#extension {extension} : enable\n");
     }
     text += source;
-    let options = CompilerOptions {
-        source_language: SourceLanguage::GLSL,
-        target: Target::Vulkan {
-            version: VulkanVersion::Vulkan1_3,
-            spirv_version: version,
-        },
-        version_profile: None,
-        messages: ShaderMessage::DEFAULT,
-    };
-    let compiler = Compiler::acquire().expect("glslang starts");
-    let source = ShaderSource::from(text.as_str());
-    ShaderInput::new(&source, stage.of_glslang(), &options, None, None)
-        .and_then(|input| Shader::new(compiler, input).parse())
-        .and_then(|shader| shader.compile())
-        .unwrap_or_else(|error| panic!("{error}\n{text}"))
+    glsl::compile(stage.name(), version, &text).unwrap_or_else(|error| panic!("{error}\n{text}"))
 }

@@ -1,51 +1,15 @@
 //! Executable pages for programs of tests, examples and searches, so that these run native code as
-//! the driver does.
+//! the driver does: its own source.
 
-use std::ptr::NonNull;
+#[cfg_attr(unix, path = "../../../icd/src/os/unix/executable.rs")]
+#[cfg_attr(windows, path = "../../../icd/src/os/windows/executable.rs")]
+mod executable;
 
-use spirv_jit::native::{CodePages, provide};
+pub use executable::{map, unmap};
 
 /// Has programs that are made from now on run native code.
 pub fn allow_native_code() {
-    // SAFETY: both functions' documentation promises it.
-    provide(Some(unsafe { CodePages::new(map, unmap) }));
-}
-
-/// Copies code into new pages, which are made read-only and executable then. `None` where the
-/// system refuses that.
-pub fn map(code: &[u8]) -> Option<NonNull<u8>> {
-    let length = code.len().max(1);
-    // SAFETY: new pages, which no other code knows yet; they are as long as the copied code.
-    unsafe {
-        let start = libc::mmap(
-            std::ptr::null_mut(),
-            length,
-            libc::PROT_READ | libc::PROT_WRITE,
-            libc::MAP_PRIVATE | libc::MAP_ANONYMOUS,
-            -1,
-            0,
-        );
-        if start == libc::MAP_FAILED {
-            return None;
-        }
-        let start = NonNull::new(start.cast::<u8>())?;
-        start.copy_from_nonoverlapping(NonNull::from(code).cast(), code.len());
-        let rights = libc::PROT_READ | libc::PROT_EXEC;
-        if libc::mprotect(start.as_ptr().cast(), length, rights) != 0 {
-            unmap(start, code.len());
-            return None;
-        }
-        Some(start)
-    }
-}
-
-/// Gives the pages of code back.
-///
-/// # Safety
-/// [`map`] gave them for code of this length, and nothing runs it any more.
-pub unsafe fn unmap(start: NonNull<u8>, length: usize) {
-    // SAFETY: the caller's promise.
-    unsafe { libc::munmap(start.as_ptr().cast(), length.max(1)) };
+    spirv_jit::native::provide(Some(executable::CODE_PAGES));
 }
 
 #[cfg(all(test, feature = "glsl", target_arch = "x86_64"))]

@@ -1,11 +1,6 @@
 //! GLSL to modules.
 
-use std::sync::Mutex;
-
-use glslang::{
-    Compiler, CompilerOptions, Shader, ShaderInput, ShaderMessage, ShaderSource, ShaderStage,
-    SourceLanguage, SpirvVersion, Target, VulkanVersion,
-};
+use glsl::Version;
 use spirv_jit::program::Stage;
 
 /// Extensions that every test shader may use.
@@ -48,32 +43,28 @@ const RASTER_EXTENSIONS: &[&str] = &[
     "GL_ARB_shader_viewport_layer_array",
 ];
 
-fn glslang_stage(stage: Stage) -> ShaderStage {
+/// The name that glslang's program gives the files of a stage.
+fn name(stage: Stage) -> &'static str {
     match stage {
-        Stage::Compute => ShaderStage::Compute,
-        Stage::RayGeneration => ShaderStage::RayGeneration,
-        Stage::Miss => ShaderStage::Miss,
-        Stage::ClosestHit => ShaderStage::ClosestHit,
-        Stage::AnyHit => ShaderStage::AnyHit,
-        Stage::Intersection => ShaderStage::Intersect,
-        Stage::Callable => ShaderStage::Callable,
-        Stage::Vertex => ShaderStage::Vertex,
-        Stage::TessellationControl => ShaderStage::TesselationControl,
-        Stage::TessellationEvaluation => ShaderStage::TesselationEvaluation,
-        Stage::Geometry => ShaderStage::Geometry,
-        Stage::Task => ShaderStage::Task,
-        Stage::Mesh => ShaderStage::Mesh,
-        Stage::Fragment => ShaderStage::Fragment,
+        Stage::Compute => "comp",
+        Stage::RayGeneration => "rgen",
+        Stage::Miss => "rmiss",
+        Stage::ClosestHit => "rchit",
+        Stage::AnyHit => "rahit",
+        Stage::Intersection => "rint",
+        Stage::Callable => "rcall",
+        Stage::Vertex => "vert",
+        Stage::TessellationControl => "tesc",
+        Stage::TessellationEvaluation => "tese",
+        Stage::Geometry => "geom",
+        Stage::Task => "task",
+        Stage::Mesh => "mesh",
+        Stage::Fragment => "frag",
     }
 }
 
 /// Compiles GLSL without its version line.
 pub fn glsl(stage: Stage, source: &str) -> Vec<u32> {
-    // glslang keeps state that is shared by all threads.
-    static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
-    let _guard = ONE_AT_A_TIME
-        .lock()
-        .unwrap_or_else(|poisoned| poisoned.into_inner());
     let mut text = String::from("#version 460\n");
     for extension in EXTENSIONS {
         text += &format!("#extension {extension} : enable\n");
@@ -100,19 +91,6 @@ pub fn glsl(stage: Stage, source: &str) -> Vec<u32> {
         text += "#extension GL_EXT_ray_tracing_position_fetch : enable\n";
     }
     text += source;
-    let options = CompilerOptions {
-        source_language: SourceLanguage::GLSL,
-        target: Target::Vulkan {
-            version: VulkanVersion::Vulkan1_3,
-            spirv_version: SpirvVersion::SPIRV1_6,
-        },
-        version_profile: None,
-        messages: ShaderMessage::DEFAULT,
-    };
-    let compiler = Compiler::acquire().expect("glslang starts");
-    let source = ShaderSource::from(text.as_str());
-    ShaderInput::new(&source, glslang_stage(stage), &options, None, None)
-        .and_then(|input| Shader::new(compiler, input).parse())
-        .and_then(|shader| shader.compile())
+    glsl::compile(name(stage), Version::V1_6, &text)
         .unwrap_or_else(|error| panic!("{error}\n{text}"))
 }

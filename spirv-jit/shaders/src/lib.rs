@@ -15,7 +15,7 @@ pub mod samples;
 use std::sync::LazyLock;
 
 #[cfg(feature = "glsl")]
-pub use glsl::glsl;
+pub use self::glsl::glsl;
 use rspirv::spirv::Capability;
 use spirv_jit::ir::op::DescriptorBinding;
 use spirv_jit::program::Stage;

@@ -10,22 +10,9 @@ impl Sparse {
     /// Reserves addresses.
     pub fn new(size_bytes: u64) -> Self {
         let size_bytes = usize::try_from(size_bytes).expect("addresses have 64 bits");
-        // SAFETY: a new mapping, of which nothing else knows.
-        let start = unsafe {
-            libc::mmap(
-                std::ptr::null_mut(),
-                size_bytes,
-                libc::PROT_READ | libc::PROT_WRITE,
-                libc::MAP_PRIVATE | libc::MAP_ANONYMOUS | libc::MAP_NORESERVE,
-                -1,
-                0,
-            )
-        };
-        assert_ne!(start, libc::MAP_FAILED, "{size_bytes} bytes of addresses");
-        Self {
-            start: start.cast(),
-            size_bytes,
-        }
+        let start = map(size_bytes);
+        assert!(!start.is_null(), "{size_bytes} bytes of addresses");
+        Self { start, size_bytes }
     }
 
     pub fn as_mut_ptr(&self) -> *mut u8 {
@@ -63,6 +50,58 @@ impl Sparse {
 impl Drop for Sparse {
     fn drop(&mut self) {
         // SAFETY: the mapping of `new`, which nothing uses any more.
-        unsafe { libc::munmap(self.start.cast(), self.size_bytes) };
+        unsafe { unmap(self.start, self.size_bytes) };
     }
+}
+
+/// New zeroed pages; null if the system refuses.
+#[cfg(unix)]
+fn map(size_bytes: usize) -> *mut u8 {
+    // SAFETY: a new mapping, of which nothing else knows.
+    let start = unsafe {
+        libc::mmap(
+            std::ptr::null_mut(),
+            size_bytes,
+            libc::PROT_READ | libc::PROT_WRITE,
+            libc::MAP_PRIVATE | libc::MAP_ANONYMOUS | libc::MAP_NORESERVE,
+            -1,
+            0,
+        )
+    };
+    match start {
+        libc::MAP_FAILED => std::ptr::null_mut(),
+        start => start.cast(),
+    }
+}
+
+/// As on Linux, but the system promises memory for all of them.
+#[cfg(windows)]
+fn map(size_bytes: usize) -> *mut u8 {
+    use windows_sys::Win32::System::Memory::{
+        MEM_COMMIT, MEM_RESERVE, PAGE_READWRITE, VirtualAlloc,
+    };
+    let how = MEM_RESERVE | MEM_COMMIT;
+    // SAFETY: new pages, of which nothing else knows.
+    unsafe { VirtualAlloc(std::ptr::null(), size_bytes, how, PAGE_READWRITE).cast() }
+}
+
+/// Gives pages back.
+///
+/// # Safety
+/// [`map`] gave them, and nothing uses them any more.
+#[cfg(unix)]
+unsafe fn unmap(start: *mut u8, size_bytes: usize) {
+    // SAFETY: the caller's promise.
+    unsafe { libc::munmap(start.cast(), size_bytes) };
+}
+
+/// As on Linux.
+///
+/// # Safety
+/// As there.
+#[cfg(windows)]
+unsafe fn unmap(start: *mut u8, _size_bytes: usize) {
+    use windows_sys::Win32::System::Memory::{MEM_RELEASE, VirtualFree};
+    // SAFETY: the caller's promise.
+    unsafe { VirtualFree(start.cast(), 0, MEM_RELEASE) };
 }

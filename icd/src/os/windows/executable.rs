@@ -17,7 +17,7 @@ pub const CODE_PAGES: CodePages = unsafe { CodePages::new(map, unmap) };
 /// Copies code into new pages, which are made read-only and executable then. `None` where the
 /// system gives no such pages: too little memory, or a policy against them (dynamic code
 /// prohibited).
-fn map(code: &[u8]) -> Option<NonNull<u8>> {
+pub fn map(code: &[u8]) -> Option<NonNull<u8>> {
     let length = code.len().max(1);
     // SAFETY: new pages, which no other code knows yet; they are as long as the copied code.
     unsafe {
@@ -40,7 +40,7 @@ fn map(code: &[u8]) -> Option<NonNull<u8>> {
 ///
 /// # Safety
 /// [`map`] gave them for code of this length, and nothing runs it any more.
-unsafe fn unmap(start: NonNull<u8>, _length: usize) {
+pub unsafe fn unmap(start: NonNull<u8>, _length: usize) {
     // SAFETY: the caller's promise.
     unsafe { VirtualFree(start.as_ptr().cast(), 0, MEM_RELEASE) };
 }

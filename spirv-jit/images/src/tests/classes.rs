@@ -15,6 +15,7 @@ use super::*;
 /// Memory between pages that cannot be read: its last byte is a page's last.
 struct Guarded {
     map: *mut u8,
+    #[cfg_attr(windows, expect(dead_code, reason = "Windows knows it"))]
     size: usize,
     data: *mut u8,
 }
@@ -22,6 +23,7 @@ struct Guarded {
 const PAGE: usize = 65536;
 
 impl Guarded {
+    #[cfg(unix)]
     fn new(bytes: usize) -> Guarded {
         let inner = bytes.next_multiple_of(PAGE);
         let size = inner + 2 * PAGE;
@@ -38,12 +40,40 @@ impl Guarded {
             Guarded { map, size, data }
         }
     }
+
+    #[cfg(windows)]
+    fn new(bytes: usize) -> Guarded {
+        use windows_sys::Win32::System::Memory::{
+            MEM_COMMIT, MEM_RESERVE, PAGE_NOACCESS, PAGE_READWRITE, VirtualAlloc,
+        };
+        let inner = bytes.next_multiple_of(PAGE);
+        let size = inner + 2 * PAGE;
+        // SAFETY: new pages, of which the middle becomes accessible.
+        unsafe {
+            let map = VirtualAlloc(std::ptr::null(), size, MEM_RESERVE, PAGE_NOACCESS).cast::<u8>();
+            assert!(!map.is_null());
+            let middle = map.add(PAGE);
+            let there = VirtualAlloc(middle.cast(), inner, MEM_COMMIT, PAGE_READWRITE);
+            assert!(!there.is_null());
+            let data = middle.add(inner - bytes);
+            Guarded { map, size, data }
+        }
+    }
 }
 
 impl Drop for Guarded {
     fn drop(&mut self) {
         // SAFETY: the mapping is this one's own.
-        unsafe { libc::munmap(self.map.cast(), self.size) };
+        #[cfg(unix)]
+        unsafe {
+            libc::munmap(self.map.cast(), self.size);
+        }
+        // SAFETY: as above.
+        #[cfg(windows)]
+        unsafe {
+            use windows_sys::Win32::System::Memory::{MEM_RELEASE, VirtualFree};
+            VirtualFree(self.map.cast(), 0, MEM_RELEASE);
+        }
     }
 }
 
