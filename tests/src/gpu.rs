@@ -14,6 +14,9 @@ use crate::patience::PATIENCE_NS;
 /// How long any one test may take before the process is given up.
 const TEST_PATIENCE: Duration = Duration::from_secs(1800);
 
+/// Set where the device is to be Tuff's: a loader that reads other variables finds others.
+const TUFF_ALONE: &str = "TUFF_UNDER_TEST";
+
 const VALIDATION: &CStr = c"VK_LAYER_KHRONOS_validation";
 
 /// A device and everything that a test has made on it, destroyed together at the end.
@@ -24,6 +27,8 @@ pub struct Gpu {
     pub device: ash::Device,
     pub family: u32,
     pub queue: vk::Queue,
+    /// Another queue of the family, if it has two.
+    pub second_queue: Option<vk::Queue>,
     pub pool: vk::CommandPool,
     pub memory: vk::PhysicalDeviceMemoryProperties,
     pub limits: vk::PhysicalDeviceLimits,
@@ -194,11 +199,11 @@ impl Gpu {
                 .into_iter()
                 .next()
                 .expect("there is a device");
-            let family = instance
-                .get_physical_device_queue_family_properties(physical)
-                .iter()
+            let families = instance.get_physical_device_queue_family_properties(physical);
+            let family = (families.iter())
                 .position(|family| family.queue_flags.contains(vk::QueueFlags::COMPUTE))
                 .expect("some queue computes") as u32;
+            let queue_count = families[family as usize].queue_count.min(2) as usize;
 
             let mut features11 = vk::PhysicalDeviceVulkan11Features::default();
             let mut features12 = vk::PhysicalDeviceVulkan12Features::default();
@@ -253,7 +258,7 @@ impl Gpu {
                 .collect();
             let queues = [vk::DeviceQueueCreateInfo::default()
                 .queue_family_index(family)
-                .queue_priorities(&[1.0])];
+                .queue_priorities(&[1.0; 2][..queue_count])];
             let (mut f11, mut f12, mut f13) = (features11, features12, features13);
             f11.p_next = std::ptr::null_mut();
             f12.p_next = std::ptr::null_mut();
@@ -278,6 +283,7 @@ impl Gpu {
                 .create_device(physical, &info, None)
                 .expect("vkCreateDevice");
             let queue = device.get_device_queue(family, 0);
+            let second_queue = (queue_count > 1).then(|| device.get_device_queue(family, 1));
             let pool = vk::CommandPoolCreateInfo::default()
                 .queue_family_index(family)
                 .flags(vk::CommandPoolCreateFlags::RESET_COMMAND_BUFFER);
@@ -299,7 +305,7 @@ impl Gpu {
             features11.p_next = std::ptr::null_mut();
             features12.p_next = std::ptr::null_mut();
             features13.p_next = std::ptr::null_mut();
-            Gpu {
+            let gpu = Gpu {
                 memory: instance.get_physical_device_memory_properties(physical),
                 limits,
                 acceleration: khr::acceleration_structure::Device::new(&instance, &device),
@@ -324,12 +330,17 @@ impl Gpu {
                 device,
                 family,
                 queue,
+                second_queue,
                 pool,
                 debug,
                 complaints,
                 made: RefCell::new(Vec::new()),
                 _watchdog: watchdog(),
-            }
+            };
+            let name = gpu.name();
+            let is_wanted = gpu.is_tuff() || std::env::var_os(TUFF_ALONE).is_none();
+            assert!(is_wanted, "the loader found {name}");
+            gpu
         }
     }
 

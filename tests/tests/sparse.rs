@@ -127,6 +127,109 @@ fn a_buffer_is_bound_in_pieces() {
     unsafe { gpu.device.destroy_buffer(sparse, None) };
 }
 
+/// Only accesses to a bound range itself must not race with the binding (vkQueueBindSparse): the
+/// rest of the buffer, which was bound in one piece with it, stays readable all the time.
+#[test]
+fn a_buffer_is_read_while_another_queue_binds_a_part() {
+    let Some(gpu) = gpu_with_sparse_binding() else {
+        return;
+    };
+    let Some(gpu) = gpu.with("two queues", |gpu| gpu.second_queue.is_some()) else {
+        return;
+    };
+    let Some(gpu) = gpu.with("sparse residency of buffers", |gpu| {
+        gpu.features.sparse_residency_buffer != 0
+    }) else {
+        return;
+    };
+    let uses = vk::BufferUsageFlags::STORAGE_BUFFER | vk::BufferUsageFlags::SHADER_DEVICE_ADDRESS;
+    let info = vk::BufferCreateInfo::default()
+        .flags(vk::BufferCreateFlags::SPARSE_BINDING | vk::BufferCreateFlags::SPARSE_RESIDENCY)
+        .size(3 << 20)
+        .usage(uses | vk::BufferUsageFlags::TRANSFER_DST);
+    // SAFETY: `info` outlives the call; the buffer is destroyed at the end.
+    let (sparse, needs) = unsafe {
+        let buffer = (gpu.device.create_buffer(&info, None)).expect("vkCreateBuffer");
+        (buffer, gpu.device.get_buffer_memory_requirements(buffer))
+    };
+    let block = needs.alignment;
+    let memory = gpu.allocate(needs, true);
+    let whole = [piece(0, needs.size, memory, 0)];
+    bind_buffer(&gpu, sparse, &whole);
+    // The block in the middle, which is taken away and given back.
+    let middle = needs.size / block / 2 * block;
+    gpu.run(|commands| {
+        // SAFETY: the buffer is bound, and lives as long as the device.
+        unsafe {
+            (gpu.device).cmd_fill_buffer(commands, sparse, 0, vk::WHOLE_SIZE, 7);
+        }
+    });
+
+    let source = "
+        layout(local_size_x = 64) in;
+        layout(buffer_reference, std430) buffer Words { uint words[]; };
+        layout(push_constant) uniform Push { Words read; Words counts; uint first; uint last; uint all; };
+        void main() {
+            uint at = gl_GlobalInvocationID.x * 97;
+            uint good = 0;
+            for (uint i = 0; i < 1024; i++) {
+                at = (at + 4099) % all;
+                if (at >= first && at < last) at = last % all;
+                good += read.words[at] == 7 ? 1 : 0;
+            }
+            counts.words[gl_GlobalInvocationID.x] = good;
+        }";
+    let kernel = gpu.kernel(source, &[]);
+    let counts = gpu.buffer(4 * 64 * 16);
+    let address = vk::BufferDeviceAddressInfo::default().buffer(sparse);
+    // SAFETY: the buffer is of this device.
+    let address = unsafe { gpu.device.get_buffer_device_address(&address) };
+    let words = |bytes: u64| bytes / 4;
+    let push = [
+        address,
+        counts.address,
+        words(middle) | words(middle + block) << 32,
+        words(info.size),
+    ];
+    let (device, queue) = (&gpu.device.clone(), gpu.second_queue);
+    std::thread::scope(|scope| {
+        let binder = scope.spawn(move || {
+            // SAFETY: only this thread uses the queue; the fence is destroyed behind the last wait.
+            unsafe {
+                let fence = device.create_fence(&vk::FenceCreateInfo::default(), None);
+                let fence = [fence.expect("vkCreateFence")];
+                for _ in 0..100 {
+                    for memory in [vk::DeviceMemory::null(), memory] {
+                        let binds = [piece(middle, block, memory, middle)];
+                        let buffers = [vk::SparseBufferMemoryBindInfo::default()
+                            .buffer(sparse)
+                            .binds(&binds)];
+                        let info = [vk::BindSparseInfo::default().buffer_binds(&buffers)];
+                        let queue = queue.expect("two queues");
+                        (device.queue_bind_sparse(queue, &info, fence[0]))
+                            .expect("vkQueueBindSparse");
+                        (device.wait_for_fences(&fence, true, PATIENCE_NS))
+                            .expect("the bindings are made");
+                        device.reset_fences(&fence).expect("vkResetFences");
+                    }
+                }
+                device.destroy_fence(fence[0], None);
+            }
+        });
+        let mut rounds = 0;
+        while rounds < 10 || !binder.is_finished() {
+            gpu.dispatch(kernel, &[], &push, [16, 1, 1]);
+            assert!(counts.read::<u32>() == [1024; 64 * 16], "round {rounds}");
+            rounds += 1;
+        }
+    });
+    // The block has the memory again that it had at first.
+    gpu.dispatch(kernel, &[], &[push[0], push[1], 0, push[3]], [16, 1, 1]);
+    assert_eq!(counts.read::<u32>(), [1024; 64 * 16]);
+    // SAFETY: nothing uses it any more.
+    unsafe { gpu.device.destroy_buffer(sparse, None) };
+}
+
 #[test]
 fn an_image_is_bound_in_pieces() {
     let Some(gpu) = gpu_with_sparse_binding() else {
