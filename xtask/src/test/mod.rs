@@ -3,12 +3,13 @@
 mod programs;
 mod run;
 mod times;
+mod wine;
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
 
-use anyhow::{Result, anyhow};
-use clap::Args;
+use anyhow::{Result, anyhow, ensure};
+use clap::{Args, ValueEnum};
 
 use crate::architecture::{Architecture, Emulation};
 use crate::driver::{Driver, select_other};
@@ -24,17 +25,32 @@ pub struct Options {
     /// Run only the black-box tests, on another driver, given by its manifest
     #[arg(long, value_name = "MANIFEST")]
     icd: Option<PathBuf>,
-    /// Run what the driver is made of, and the black-box tests, for another architecture: by its
-    /// cross compiler and QEMU. Takes hours
-    #[arg(long, value_name = "ARCHITECTURE", conflicts_with = "icd")]
-    target: Option<Architecture>,
+    /// Run the tests for another platform. aarch64: what the driver is made of and the black-box
+    /// tests, by QEMU; takes hours. x86_64-pc-windows-gnu: some black-box tests by Wine, and all
+    /// with --deep
+    #[arg(long, value_name = "PLATFORM", conflicts_with = "icd")]
+    target: Option<Target>,
+    /// For Windows: the Khronos Vulkan loader, a vulkan-1.dll
+    #[arg(long, value_name = "FILE", requires = "target")]
+    loader: Option<PathBuf>,
     /// Also what takes hours: twenty times as many rounds of the property tests, a hundred times as
     /// many cases of the fuzzer
-    #[arg(long, conflicts_with_all = ["icd", "target"])]
+    #[arg(long, conflicts_with = "icd")]
     deep: bool,
     /// Arguments for the test programs, such as a test's name
     #[arg(last = true)]
     arguments: Vec<String>,
+}
+
+/// A platform that tests run on.
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Target {
+    #[value(name = "x86_64", alias = "x86_64-unknown-linux-gnu")]
+    X86_64,
+    #[value(name = "aarch64", alias = "aarch64-unknown-linux-gnu")]
+    Aarch64,
+    #[value(name = wine::PLATFORM)]
+    Windows,
 }
 
 /// Most programs that run at a time, however many processors there are: some take a gigabyte.
@@ -47,7 +63,20 @@ const DEEP_ROUNDS: &str = "20";
 const FUZZ_CASES: [u64; 2] = [500, 50_000];
 
 pub fn test(options: &Options) -> Result<ExitCode> {
-    if let Some(architecture) = options.target.filter(|target| !target.is_here()) {
+    let architecture = match options.target {
+        None => None,
+        Some(Target::X86_64) => Some(Architecture::X86_64),
+        Some(Target::Aarch64) => Some(Architecture::Aarch64),
+        Some(Target::Windows) => {
+            return wine::test(&wine::Order {
+                loader: wine::named(options.loader.as_ref())?,
+                is_whole: options.deep,
+                arguments: &options.arguments,
+            });
+        }
+    };
+    if let Some(architecture) = architecture.filter(|it| !it.is_here()) {
+        ensure!(!options.deep, "--deep runs here alone");
         return emulated(options, architecture);
     }
     match &options.icd {
