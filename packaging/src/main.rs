@@ -58,7 +58,7 @@ struct Arguments {
 }
 
 /// The most bytes that a stripped driver may have.
-const MAX_DRIVER_BYTES: usize = 14_000_000;
+const MAX_DRIVER_BYTES: usize = 14_500_000;
 
 /// The common name of all packages.
 pub struct Release {

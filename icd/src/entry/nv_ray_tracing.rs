@@ -154,7 +154,7 @@ entry! {
         match &pipeline.kind {
             PipelineKind::Deferred(deferred) => {
                 let device = from_handle::<Device>(device);
-                deferred.compile(device, &pipeline.layout, &pipeline.captured, shader)
+                deferred.compile(&device.compiler(), &pipeline.layout, &pipeline.captured, shader)
             }
             _ => Err(vk::Result::ERROR_UNKNOWN),
         }

@@ -9,12 +9,10 @@ use ash::vk;
 
 use super::captured::{Captured, keeps_modules};
 use super::ray_tracing_pipeline::{GroupInfo, RayTracingPipeline, new_groups};
-use super::shader_stage::Compiler;
-use super::shader_stage::ShaderStage;
+use super::shader_stage::{Compiler, ShaderStage};
 use super::stage_program::{ProgramKey, StageProgram};
 use super::{PipelineCache, PipelineLayout};
 use crate::VkResult;
-use crate::device::Device;
 use crate::handle::Ref;
 use crate::wave::table::Group;
 
@@ -73,7 +71,7 @@ impl DeferredPipeline {
     /// As [`ShaderStage::compile`]; `VK_ERROR_UNKNOWN` for a shader that there is not.
     pub fn compile(
         &self,
-        device: &Device,
+        compiler: &Compiler<'_>,
         layout: &PipelineLayout,
         captured: &Captured,
         shader: u32,
@@ -84,7 +82,7 @@ impl DeferredPipeline {
             let cache = self.cache.as_ref().map(|cache| &***cache);
             let compiler = Compiler {
                 keeps_modules: keeps_modules(self.flags),
-                ..device.compiler()
+                ..*compiler
             };
             let compiled = deferred.stage.compile(&compiler, cache, layout, true)?;
             if deferred.program.set(compiled.program.clone()).is_ok() {

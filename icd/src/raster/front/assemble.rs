@@ -11,7 +11,7 @@ use super::indices::Indices;
 use super::topology::{self, Assembled};
 use crate::raster::{Draw, DrawCall};
 
-/// What a span of a draw was listed as.
+/// The vertices and primitives that a span of a draw was listed as.
 struct Listed {
     /// The place of its first index or vertex, what is added to indices, and its primitives.
     source: (u64, i32, Range<u32>),

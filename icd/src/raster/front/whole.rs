@@ -1,5 +1,5 @@
-//! Filled triangles that need no clipping, sixteen at a time: first which of them are seen at all,
-//! then the planes of those.
+//! Filled triangles that need no clipping, sixteen at a time: a sieve leaves those that are seen,
+//! which then get edges and planes.
 //!
 //! Loops over lanes become vectors by themselves. Their bits are those of
 //! [`SetUp::whole_triangle`]: near the screen's origin f64 holds each product and each sum of
@@ -57,7 +57,7 @@ struct Seen {
     is_positive: Words,
 }
 
-/// What decides which triangles are seen.
+/// The state that decides which triangles are seen.
 struct Sieve {
     centers_only: bool,
     cull_positive: bool,

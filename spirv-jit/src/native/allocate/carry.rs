@@ -11,8 +11,8 @@ pub(in crate::native) struct Carried {
     /// In this turn, and what it is in the next.
     pub before: Virtual,
     pub after: Virtual,
-    /// Lanes that are in the loop: the first turn's are the active ones, whose mask is so many bytes
-    /// behind the first one.
+    /// Lanes that are in the loop: the first turn's are the active ones, whose mask is so many
+    /// bytes behind the first one.
     pub lanes: Option<i32>,
     /// Where it is between two turns; `None`: in its row.
     pub register: Option<Register>,

@@ -1,11 +1,11 @@
 //! Loops without suspensions, calls and stores, in native code.
 //!
 //! A subgroup takes all its turns, then the next one does. Up to four subgroups take their turns
-//! together where registers suffice, so that none waits for its own results. Where control goes is in masks of lanes: both
-//! sides of a branch are computed, and their results are blended. A lane that leaves the loop has
-//! what it takes along written to the rows of the construct that it leaves to. A subgroup stops
-//! when none of its lanes stays, or when the fuel is out: then what the next turn needs is in the
-//! rows, and the interpreter suspends the wave as behind any turn.
+//! together where registers suffice, so that none waits for its own results. Masks of lanes say
+//! where control is: both sides of a branch are computed, and their results are blended. Results of
+//! a lane that leaves the loop go to the rows of the construct that it leaves to. A subgroup stops
+//! when none of its lanes stays, or when the fuel is out: then the values for the next turn are in
+//! the rows, and the interpreter suspends the wave as behind any turn.
 
 use super::lower::int;
 use super::{Class, Form, Held, Place, Row, Stretch, Virtual};
