@@ -216,7 +216,10 @@ pub fn swizzle(mapping: vk::ComponentMapping) -> [u8; 4] {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use images::SamplerDescriptor;
+    use spirv_jit::views::Views;
 
     use super::super::image::tests::image;
     use super::*;

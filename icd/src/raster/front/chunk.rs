@@ -25,7 +25,6 @@ use super::set_up::{Corners, Primitive, SetUp};
 use super::streams;
 use super::topology::{self, Assembled, Kind};
 use super::vertices::{Shaded, Unique, shade};
-use super::whole::Batch;
 use super::{Expanded, draw_of};
 use crate::compute::waves::Runner;
 use crate::raster::primitive::Grid;
@@ -49,7 +48,6 @@ pub struct Worker {
     subdivided: Subdivided,
     domain_vertices: Vec<DomainVertex>,
     on_screen: Vec<ScreenVertex>,
-    batch: Batch,
 }
 
 /// The source of a chunk's primitives.
@@ -562,51 +560,37 @@ impl Worker {
             .map(|harmless| !harmless);
         let is_line = kind == Some(Kind::Line);
         let is_projected = !places.chooses_viewports() && !facts.views.is_empty();
-        let Worker {
-            primitives,
-            commons,
-            on_screen: all_on_screen,
-            batch,
-            ..
-        } = self;
-        let layers = match has_views {
-            true => u32::MAX,
-            false => facts.layers.max(1),
-        };
-        let layer_of = |number: usize, assembled: &Assembled| match has_views {
-            true => commons[assembled.common as usize].view,
-            false => shaded.layer(assembled.provoking_vertex(), number),
-        };
-        // Made where it is needed: one place in memory for all would be written and read again in
-        // pieces of other sizes.
-        let primitive_of = |number: u32| {
-            let assembled = &primitives[number as usize];
+        let mut last = None;
+        for (number, assembled) in self.primitives.iter().enumerate() {
             // Arrays are written out here and in what is called: closures of `map` would be called,
             // too.
             let [a, b, c] = assembled.vertices;
-            Primitive {
+            let provoking = assembled.vertices[usize::from(assembled.provoking)];
+            let common = &self.commons[assembled.common as usize];
+            let (layer, layers) = match has_views {
+                true => (common.view, u32::MAX),
+                false => (shaded.layer(provoking, number), facts.layers.max(1)),
+            };
+            let viewport = shaded.viewport(provoking, number);
+            // Made where it is needed: one place in memory for all would be written and read again
+            // in pieces of other sizes.
+            let primitive = || Primitive {
                 draw: draw_index,
                 primitive_id: assembled.primitive_id,
-                layer: layer_of(number as usize, assembled),
-                view_index: commons[assembled.common as usize].view,
-                viewport: shaded.viewport(assembled.provoking_vertex(), number as usize),
+                layer,
+                view_index: common.view,
+                viewport,
                 vertices: [
                     first_word + a * places.words as u32,
                     first_word + b * places.words as u32,
                     first_word + c * places.words as u32,
                 ],
                 provoking: assembled.provoking,
-                words: first_of_primitives + number * primitive_words,
-            }
-        };
-        let mut last = None;
-        for (number, assembled) in primitives.iter().enumerate() {
-            let [a, b, c] = assembled.vertices;
-            if layer_of(number, assembled) >= layers {
+                words: first_of_primitives + number as u32 * primitive_words,
+            };
+            if layer >= layers {
                 continue;
             }
-            let viewport = shaded.viewport(assembled.provoking_vertex(), number);
-            let number = number as u32;
             // A pattern starts anew with each line that does not continue the one before it.
             let follows = last == Some((assembled.vertices[0], assembled.common));
             if !(continues && follows) {
@@ -617,9 +601,9 @@ impl Worker {
             let view = facts.views.get(viewport as usize);
             let on_screen: [&ScreenVertex; 3] = match (is_projected, view) {
                 (true, _) => [
-                    &all_on_screen[a as usize],
-                    &all_on_screen[b as usize],
-                    &all_on_screen[c as usize],
+                    &self.on_screen[a as usize],
+                    &self.on_screen[b as usize],
+                    &self.on_screen[c as usize],
                 ],
                 (false, Some(view)) => {
                     own = assembled
@@ -636,24 +620,18 @@ impl Worker {
             }
             if harmful.is_some_and(|harmful| all & harmful == 0) {
                 set_up.clipped += 1;
-                if !is_projected {
-                    set_up.whole_triangle(&primitive_of(number), on_screen);
-                } else if batch.add(number, assembled.vertices, on_screen) {
-                    set_up.whole_triangles(batch, all_on_screen, &primitive_of, false);
-                }
+                set_up.whole_triangle(&primitive(), on_screen);
                 continue;
             }
             if is_line && all & code::CUT == 0 {
-                set_up.whole_line(&primitive_of(number), [on_screen[0], on_screen[1]]);
+                set_up.whole_line(&primitive(), [on_screen[0], on_screen[1]]);
                 continue;
             }
             if kind == Some(Kind::Point) {
                 let size = shaded.point_size(a);
-                set_up.point(&primitive_of(number), on_screen[0], size, 0, (true, 0.0));
+                set_up.point(&primitive(), on_screen[0], size, 0, (true, 0.0));
                 continue;
             }
-            // Triangles keep their order.
-            set_up.whole_triangles(batch, all_on_screen, &primitive_of, true);
             let corners = Corners {
                 screen: on_screen,
                 positions: assembled.vertices.map(|vertex| shaded.position(vertex)),
@@ -662,14 +640,13 @@ impl Worker {
                     .map(|vertex| shaded.clip_distances(vertex)),
                 point_sizes: assembled.vertices.map(|vertex| shaded.point_size(vertex)),
             };
-            let primitive = primitive_of(number);
+            let primitive = primitive();
             match kind {
                 Some(Kind::Triangle) => set_up.triangle(&primitive, &corners),
                 Some(Kind::Line) => set_up.line(&primitive, &corners, [0, 1], true, 0.0),
                 _ => {}
             }
         }
-        set_up.whole_triangles(batch, all_on_screen, &primitive_of, true);
         let clipped = set_up.clipped;
         for counters in &draw.counters {
             counters

@@ -115,14 +115,6 @@ impl Facts {
         })
     }
 
-    /// The range that depths of fragments are clamped to.
-    pub fn depth_range(&self, view: &View) -> [f32; 2] {
-        match self.depth_clamp {
-            true => self.depth_clamp_range.unwrap_or(view.screen.depth_range),
-            false => [f32::NEG_INFINITY, f32::INFINITY],
-        }
-    }
-
     /// Of a draw with that state into `area`.
     pub fn new(
         state: &GraphicsState,

@@ -44,7 +44,6 @@ mod tests;
 mod topology;
 mod triangle;
 mod vertices;
-mod whole;
 
 use std::collections::VecDeque;
 use std::sync::Arc;

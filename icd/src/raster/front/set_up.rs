@@ -101,7 +101,12 @@ impl SetUp<'_> {
             words: primitive.words,
             origin: planes.origin,
             depth: depth.narrow(),
-            depth_range: self.facts.depth_range(view),
+            depth_range: if self.facts.depth_clamp {
+                let range = self.facts.depth_clamp_range;
+                range.unwrap_or(view.screen.depth_range)
+            } else {
+                [f32::NEG_INFINITY, f32::INFINITY]
+            },
             perspective: narrow(&planes.perspective),
             is_affine: planes.perspective == planes.linear,
             linear: narrow(&planes.linear),

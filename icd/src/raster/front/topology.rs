@@ -21,14 +21,6 @@ pub struct Assembled {
     pub stream: u8,
 }
 
-impl Assembled {
-    /// The vertex that provides flat varyings.
-    #[inline(always)]
-    pub fn provoking_vertex(&self) -> u32 {
-        self.vertices[usize::from(self.provoking)]
-    }
-}
-
 /// The kind of a primitive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {

@@ -10,7 +10,7 @@ mod lines;
 mod projecting;
 mod tessellation;
 mod topology;
-mod whole;
+mod vertices;
 
 use ash::vk;
 
