@@ -104,9 +104,8 @@ impl Allocation<'_> {
     fn hand_on(&mut self, carried: &[Carried]) -> Result<(), TooManyLive> {
         let in_rows = |value: &&Carried| value.register.is_none() && value.before != value.after;
         for value in carried.iter().filter(in_rows) {
-            let is_row = |other: &Carried| other.register.is_none() && other.before == value.after;
-            if carried.iter().any(is_row) {
-                // Its row is written here, too.
+            if carried.iter().any(|other| other.after == value.before) {
+                // Its row is written here, and another value is what it held.
                 return Err(TooManyLive);
             }
             let home = self.values[value.before as usize].home.ok_or(TooManyLive)?;

@@ -216,3 +216,95 @@ fn short_loops_that_chase_loads_are_interpreted() {
         assert_eq!(loops(16), (tier != TierKind::Portable) as usize, "{tier:?}");
     });
 }
+
+/// Values that a loop hands round: with some numbers of them, a few stay in rows, which are
+/// written while others are still to be handed on.
+#[test]
+fn loops_hand_values_round() {
+    let list = |from: usize, count: usize| {
+        let names: Vec<String> = (from..from + count).map(|v| format!("v{v}")).collect();
+        names.join(", ")
+    };
+    let text = |count: usize| {
+        let last = 100 + count - 1;
+        let typed: Vec<String> = (100..=last).map(|v| format!("v{v}: i32")).collect();
+        let typed = typed.join(", ");
+        let starts: String = (0..count)
+            .map(|k| {
+                format!(
+                    "v{}: i32 = const {}\nv{}: i32 = iadd v0, v{}\n",
+                    40 + k,
+                    7 * k,
+                    200 + k,
+                    40 + k
+                )
+            })
+            .collect();
+        let results: Vec<String> = (300..300 + count).map(|v| format!("v{v}: i32")).collect();
+        format!(
+            "module closest_hit
+            inputs payload.0, payload.1
+            output_rows {count}
+            func f0 {{
+                v0: i32 = input[0]
+                v1: i32 = input[1]
+                v2: i32 = const 0
+                v3: i32 = const 1
+                {starts}
+                block L0 -> ({}) {{
+                    loop L1 (v4: i32, {typed}) = (v2, {}) {{
+                        v5: i1 = ult v4, v1
+                        if v5, L2 {{
+                            br L2
+                        }} else {{
+                            br L0({})
+                        }}
+                        v6: i1 = ult v4, v3
+                        if v6, L3 -> (v7: i32) {{
+                            br L3(v4)
+                        }} else {{
+                            br L3(v2)
+                        }}
+                        if v6, L4 -> (v8: i32) {{
+                            br L4(v7)
+                        }} else {{
+                            br L4(v2)
+                        }}
+                        v9: i32 = iadd v4, v3
+                        v10: i32 = iadd v9, v8
+                        v11: i32 = isub v10, v8
+                        br L1(v11, {}, v100)
+                    }}
+                    unreachable
+                }}
+                end({})
+            }}",
+            results.join(", "),
+            list(200, count),
+            list(100, count),
+            list(101, count - 1),
+            list(300, count),
+        )
+    };
+    on_tiers(|tier| {
+        let mut native = 0;
+        for count in 2..28 {
+            let mut bench = Bench::new(&text(count), tier, 7);
+            native += bench.program.native_loops();
+            bench.input(0, |i| 1000 * i as u32);
+            bench.input(1, |i| i as u32 % 9);
+            bench.run_to_end();
+            for row in 0..count {
+                for (i, given) in bench.io(row).into_iter().enumerate() {
+                    let from = (row + i % 9) % count;
+                    let expected = 1000 * i as u32 + 7 * from as u32;
+                    assert_eq!(given, expected, "{row} of {count}, lane {i}, {tier:?}");
+                }
+            }
+        }
+        assert!(
+            tier == TierKind::Portable || native > 4,
+            "{native}, {tier:?}"
+        );
+    });
+}
