@@ -91,7 +91,7 @@ mod tests {
     fn binary() -> PipelineBinary {
         let module = |key: u8| StoredModule {
             key: [key; 16],
-            embedded: vec![[key; 20]; usize::from(key)].into(),
+            embedded: [[key; 20]; 2].into(),
             bytes: [key; 40].into(),
         };
         PipelineBinary {
