@@ -317,7 +317,7 @@ macro_rules! define_ops {
             Image(images::ImageOp) "image" Read;
             /// Subgroup operations: at [`SubgroupOp`].
             Subgroup(SubgroupOp) "subgroup" Read;
-            /// `(a…, b…, c…) -> (a·b + c…)`: a product of matrices, a row of a matrix each value:
+            /// `(a…, b…, c…) -> (a·b + c…)`: a product of matrices, each value a row:
             /// see [`MatrixProduct`].
             MatrixProduct(MatrixProduct) "matrix_product" Read;
             /// `(key words…, argument words…) -> ()`: adds a message to the dispatch's

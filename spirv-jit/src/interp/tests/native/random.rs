@@ -63,6 +63,18 @@ fn plain<'l>(list: &'l [&'l str], is_plain: bool) -> &'l [&'l str] {
 }
 
 impl Maker {
+    fn new(seed: u64) -> Self {
+        let mut random = Rng::with_seed(seed);
+        let reach = [4, 12, 1000][random.usize(..3)];
+        Self {
+            random,
+            w: Writer::new(INPUTS, OUTPUTS),
+            values: Vec::new(),
+            reach,
+            is_plain: false,
+        }
+    }
+
     fn choose<T: Copy>(&mut self, list: &[T]) -> T {
         list[self.random.usize(..list.len())]
     }
@@ -423,15 +435,7 @@ fn branch(label: u32, operands: &str) -> String {
 
 /// A program with a loop, its text, and which of its outputs are floats.
 fn program_with_loop(seed: u64) -> (Module, String, Vec<bool>) {
-    let mut random = Rng::with_seed(seed);
-    let reach = [4, 12, 1000][random.usize(..3)];
-    let mut m = Maker {
-        random,
-        w: Writer::new(INPUTS, OUTPUTS),
-        values: Vec::new(),
-        reach,
-        is_plain: false,
-    };
+    let mut m = Maker::new(seed);
     m.is_plain = m.random.u32(..4) != 0;
     m.inputs();
     m.operations(6);
@@ -444,15 +448,7 @@ fn program_with_loop(seed: u64) -> (Module, String, Vec<bool>) {
 
 /// A program, its text, and which of its outputs are floats.
 fn program(seed: u64) -> (Module, String, Vec<bool>) {
-    let mut random = Rng::with_seed(seed);
-    let reach = [4, 12, 1000][random.usize(..3)];
-    let mut m = Maker {
-        random,
-        w: Writer::new(INPUTS, OUTPUTS),
-        values: Vec::new(),
-        reach,
-        is_plain: false,
-    };
+    let mut m = Maker::new(seed);
     m.inputs();
     let count = m.random.usize(2..=60);
     match m.random.u32(..3) {

@@ -1,0 +1,111 @@
+//! Instructions of loops: the memory that they touch, and gathers.
+
+use super::*;
+
+/// Loops touch what stretches do, and besides: masks of lanes, what they are given, and the words
+/// that they gather at `rbx`. Only their first and last instructions touch the stack.
+#[test]
+fn memory_of_loops_is_at_the_pointers_that_code_was_given() {
+    use iced_x86::Register as R;
+    for (encoding, is_paired, subgroups) in [
+        (Encoding::Vex, false, 1),
+        (Encoding::Vex, true, 1),
+        (Encoding::Vex, true, 2),
+        (Encoding::Evex, false, 1),
+        (Encoding::Evex, false, 2),
+        (Encoding::Evex, false, 4),
+    ] {
+        let mut turns = Turns::new(encoding, is_paired, subgroups);
+        let at = |value: u32, ty| place(value, ty, Row::Frame(2 * value as usize));
+        let (counter, sum) = (at(0, Type::I32), at(1, Type::I64));
+        for copy in 0..turns.copies() {
+            let lanes = turns.begin(copy, &[counter, sum]);
+            let (less, word, wide) = (at(2, Type::I1), at(3, Type::I32), at(4, Type::I64));
+            let bound = at(5, Type::I32);
+            assert!(turns.stretch.perform(&Op::ULt, &[counter, bound], &[less]));
+            let [stay, go] = turns.split(lanes, &less).unwrap();
+            turns.leave(go, &sum, Row::Frame(20));
+            turns.load(stay, 3, &counter, &[Some(word)]).unwrap();
+            assert!(turns.stretch.perform(&Op::UConvert, &[word], &[wide]));
+            turns.stretch.end_operation();
+            let ends = [turns.only(&word), turns.only(&wide)];
+            turns.end(stay, &ends);
+        }
+        let copies = turns.copies();
+        let all = function(&turns.assemble(1).unwrap());
+        let end = all.iter().position(|(_, text)| text == "ret").unwrap();
+        let pointers = [R::RDI, R::RSI, R::R8, R::R9, R::RAX, R::R10, R::R14];
+        let frames = [
+            "lea r8,[rdi+rcx]",
+            "lea r9,[rdi+rcx*2]",
+            "lea rax,[r8+rcx*2]",
+        ];
+        let next = [
+            "lea rdi,[rdi+rcx]",
+            "lea rdi,[rdi+rcx*2]",
+            "lea rdi,[rdi+rcx*4]",
+        ];
+        let is_frame = |text: &str| frames.contains(&text) || next.contains(&text);
+        let frames_written: Vec<&str> = (all[..end].iter())
+            .map(|(_, text)| &text[..])
+            .filter(|text| is_frame(text))
+            .collect();
+        let expected = (frames[..subgroups - 1].iter()).chain([&next[subgroups.ilog2() as usize]]);
+        assert_eq!(frames_written, expected.copied().collect::<Vec<_>>());
+        let mut gathers = 0;
+        for (instruction, text) in &all[..end] {
+            let is_gather = text.starts_with("vpgatherdd");
+            gathers += is_gather as usize;
+            let has_memory =
+                (0..instruction.op_count()).any(|k| instruction.op_kind(k) == OpKind::Memory);
+            if has_memory && !is_frame(text) {
+                let base = instruction.memory_base();
+                assert!(
+                    pointers.contains(&base) && instruction.memory_index() == R::None
+                        || instruction.is_ip_rel_memory_operand()
+                        || is_gather && base == R::RBX,
+                    "{text}"
+                );
+            }
+        }
+        assert_eq!(gathers, copies);
+        let text = |k: usize| &all[k].1[..];
+        let saved = ["push rbx", "push r14"];
+        assert_eq!([text(0), text(1)], saved);
+        assert_eq!([text(end - 3), text(end - 2)], ["pop r14", "pop rbx"]);
+        let is_of_stack = |(_, text): &(_, String)| text.contains("rsp") || text.contains("push");
+        assert!(!all[2..end].iter().any(is_of_stack));
+    }
+}
+
+/// Gathers of every register: words at `rbx` in lanes of a mask.
+#[test]
+fn gathers_are_decoded_as_they_were_encoded() {
+    for encoding in BOTH {
+        let count = match encoding {
+            Encoding::Vex => 16,
+            Encoding::Evex => 32,
+        };
+        for reg in 0..count {
+            // Three registers, else it is no instruction.
+            let index = (reg + 11) % count;
+            let mut a = Assembler::new(encoding);
+            let (mask, text) = match encoding {
+                Encoding::Vex => {
+                    let mask = (reg + 5) % count;
+                    (mask, format!("ymm{reg},[rbx+ymm{index}],ymm{mask}"))
+                }
+                Encoding::Evex => {
+                    let mask = 1 + reg % 7;
+                    (mask, format!("zmm{reg}{{k{mask}}},[rbx+zmm{index}]"))
+                }
+            };
+            a.gather(PGATHERDD, reg, index, mask);
+            let all = decoded(&a.bytes);
+            assert_eq!(all.len(), 1);
+            let given = ["dword ", "yword ", "zword "].iter();
+            let given = given.fold(all[0].1.clone(), |text, size| text.replace(size, ""));
+            assert_eq!(given, format!("vpgatherdd {text}"));
+        }
+    }
+}
