@@ -321,9 +321,9 @@ impl Lowerer<'_> {
         let stride = match class {
             // An array of bytes.
             _ if pointee == UNTYPED => 1,
-            StorageClass::Workgroup => self.shared_layout().pointer_stride(pointer, pointee)?,
+            StorageClass::Workgroup => self.shared_layout().stride(pointer, pointee)?,
             _ if *pointer_leaves(class) == [Type::I32] => self.types.info(pointee)?.rows,
-            _ => self.layout().pointer_stride(pointer, pointee)?,
+            _ => self.layout().stride(pointer, pointee)?,
         };
         // Offsets into a buffer may be more than 2³¹ apart.
         let [a, b] = [self.b.i64_of(a, false)?, self.b.i64_of(b, false)?];

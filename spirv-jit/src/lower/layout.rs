@@ -27,8 +27,9 @@ impl Layout<'_> {
         given.filter(|_| self.has_strides).map(u64::from)
     }
 
-    /// Bytes between elements of a type in an array.
-    fn stride(&self, given_by: Id, element: Id) -> Result<u64, Error> {
+    /// Bytes between elements of a type in an array; `given_by` is the type of the array, or of the
+    /// pointer that leads into it.
+    pub fn stride(&self, given_by: Id, element: Id) -> Result<u64, Error> {
         if let Some(stride) = self.given_stride(given_by) {
             return Ok(stride);
         }
@@ -42,11 +43,6 @@ impl Layout<'_> {
     /// Bytes between the elements of an array.
     pub fn array_stride(&self, array: Id) -> Result<u64, Error> {
         self.stride(array, self.types.element(array, None)?)
-    }
-
-    /// Bytes between the elements of the array that pointers of a type lead into.
-    pub fn pointer_stride(&self, pointer: Id, element: Id) -> Result<u64, Error> {
-        self.stride(pointer, element)
     }
 
     /// Bytes before a member.

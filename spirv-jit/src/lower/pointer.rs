@@ -336,7 +336,7 @@ impl Lowerer<'_> {
             | Place::Global { .. }
             | Place::Heap { .. } => {
                 let layout = self.layout_in(&pointer.place);
-                layout.pointer_stride(base, pointer.pointee)?
+                layout.stride(base, pointer.pointee)?
             }
             Place::Local { .. } | Place::Private { .. } => self.types.info(pointer.pointee)?.rows,
             _ => return Err(self.b.invalid("this pointer cannot be moved")),

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use lanes::LaneMask;
 
+use super::numbers::Random;
 use super::{Bench, on_tiers};
 use crate::environment::{Descriptor, DescriptorSet};
 use crate::eval::{self, f16};
@@ -12,22 +13,6 @@ use crate::reach::{Range, Reach};
 
 /// Words of memory.
 const WORDS: usize = 16;
-
-/// Numbers that look random (Steele, Lea, Flood 2014).
-struct Random(u64);
-
-impl Random {
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let x = (self.0 ^ self.0 >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let x = (x ^ x >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-        x ^ x >> 31
-    }
-
-    fn below(&mut self, bound: u64) -> u64 {
-        self.next() % bound
-    }
-}
 
 /// The new contents of a cell, by the names of the operation and the type. Bits are zero-extended.
 fn update(op: &str, ty: &str, old: u64, value: u64, comparator: u64) -> u64 {

@@ -3,6 +3,7 @@
 use effort::sparse::Sparse;
 use lanes::{LaneMask, Row, Tier as TierKind};
 
+use super::numbers::Random;
 use crate::SUBGROUP_SIZE;
 use crate::interp::gather::{self, Gather};
 use crate::interp::kernels::Lane;
@@ -16,17 +17,7 @@ const SIZE_BYTES: usize = 203;
 /// The byte that fills rows beforehand.
 const BEFORE: u8 = 0xa5;
 
-/// Numbers that look random (Steele, Lea, Flood 2014).
-struct Random(u64);
-
 impl Random {
-    fn below(&mut self, bound: u64) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let x = (self.0 ^ self.0 >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let x = (x ^ x >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-        (x ^ x >> 31) % bound
-    }
-
     /// Offsets of lanes that load so many bytes: of all layouts, mostly inside.
     fn offsets(&mut self, total: usize) -> Row {
         let last = (SIZE_BYTES - total) as u64;
@@ -55,7 +46,7 @@ impl Random {
         offsets
     }
 
-    fn active(&mut self) -> LaneMask {
+    fn some_lanes(&mut self) -> LaneMask {
         match self.below(2) {
             0 => LaneMask::ALL,
             _ => LaneMask::from_bits(1 + self.below(u16::MAX as u64) as u16),
@@ -132,7 +123,7 @@ fn accesses_of(access: &Access, random: &mut Random) {
         count, size, slot, ..
     } = access;
     for _ in 0..400 {
-        let (offsets, active) = (random.offsets(count * size), random.active());
+        let (offsets, active) = (random.offsets(count * size), random.some_lanes());
         // Some memory is smaller than one lane's access.
         let size_bytes = match random.below(8) {
             0 => random.below((count * size) as u64) as usize,
@@ -203,7 +194,7 @@ fn far_accesses_of(access: &Access, memory: &Sparse, random: &mut Random) {
         std::array::from_fn(apart),
     ];
     for offsets in layouts {
-        for active in [LaneMask::ALL, random.active()] {
+        for active in [LaneMask::ALL, random.some_lanes()] {
             let mut rows = [[0; 8 * SUBGROUP_SIZE]; 4];
             for byte in rows.as_flattened_mut() {
                 *byte = random.below(256) as u8;
@@ -285,7 +276,7 @@ fn straddling<G: Gather>() {
         };
         let all = |lane: usize| (0..count).all(|k| is_inside(lane, k));
         let any = |lane: usize| (0..count).any(|k| is_inside(lane, k));
-        let outside = random.active() - LaneMask::from_fn(all);
+        let outside = random.some_lanes() - LaneMask::from_fn(all);
         // SAFETY: the machine has the tier.
         let given =
             unsafe { gather::straddling::<G>(&offsets, outside, (size_bytes, count * size)) };

@@ -3,6 +3,7 @@
 
 use std::fmt::Write;
 
+use super::numbers::Random;
 use super::{Bench, on_tiers};
 use crate::eval::f16;
 use crate::eval::matrix::{self, Rows};
@@ -116,17 +117,7 @@ fn run(product: &MatrixProduct, matrices: [&Rows; 3]) -> Rows {
     results.unwrap()
 }
 
-/// Numbers that look random (Steele, Lea, Flood 2014).
-struct Random(u64);
-
 impl Random {
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let x = (self.0 ^ self.0 >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let x = (x ^ x >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-        x ^ x >> 31
-    }
-
     fn matrix(&mut self, mut component: impl FnMut(u64) -> u32) -> Rows {
         std::array::from_fn(|_| std::array::from_fn(|_| component(self.next())))
     }

@@ -10,6 +10,7 @@ mod kernels;
 mod matrices;
 mod memory;
 mod native;
+mod numbers;
 mod pairs;
 mod strided;
 mod subgroups;

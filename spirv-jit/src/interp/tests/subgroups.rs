@@ -5,6 +5,7 @@ use std::fmt::Write;
 use lanes::LaneMask;
 
 use super::kernels::{Scalar, make};
+use super::numbers::Random;
 use super::{Bench, on_tiers};
 use crate::SUBGROUP_SIZE;
 use crate::eval::subgroup::{self, Combination, Lanes};
@@ -58,21 +59,7 @@ fn program(op: &str, from: Type, takes_lanes: bool, to: Type) -> String {
     text
 }
 
-/// Numbers that look random (Steele, Lea, Flood 2014).
-struct Random(u64);
-
 impl Random {
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let x = (self.0 ^ self.0 >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let x = (x ^ x >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-        x ^ x >> 31
-    }
-
-    fn below(&mut self, bound: u64) -> u64 {
-        self.next() % bound
-    }
-
     /// Scalars of a type: two different ones, moderate ones whose sums round, or corner cases and
     /// random bits.
     fn scalars(&mut self, ty: Type) -> Lanes<u64> {
