@@ -54,8 +54,9 @@ impl Random {
     }
 }
 
-/// Rows of lanes of 64 bits at most.
-type Rows = [[u8; 8 * SUBGROUP_SIZE]; 4];
+/// Rows of lanes of 64 bits at most, which lie as a frame's do: at a multiple of any scalar's size.
+#[repr(align(64))]
+struct Rows([[u8; 8 * SUBGROUP_SIZE]; 4]);
 
 /// Loads and stores of `count` scalars of a type in a tier: one body tests all of them.
 struct Access {
@@ -76,7 +77,7 @@ impl Access {
             active: LaneMask,
             rows: &mut Rows,
         ) -> LaneMask {
-            let to = std::array::from_fn(|k| rows[k].as_mut_ptr());
+            let to = std::array::from_fn(|k| rows.0[k].as_mut_ptr());
             // SAFETY: as the caller promises; rows are as long as those of 64-bit lanes.
             unsafe { gather::load::<G, T, N>(from, offsets, active, to) }
         }
@@ -88,7 +89,7 @@ impl Access {
             active: LaneMask,
             rows: &mut Rows,
         ) -> LaneMask {
-            let from = std::array::from_fn(|k| rows[k].as_mut_ptr());
+            let from = std::array::from_fn(|k| rows.0[k].as_mut_ptr());
             // SAFETY: as for `load`.
             unsafe { gather::store::<G, T, N>(to, offsets, active, from) }
         }
@@ -132,12 +133,12 @@ fn accesses_of(access: &Access, random: &mut Random) {
         let is_inside = |lane: usize| offsets[lane] as usize + count * size <= size_bytes;
         let outside = active - LaneMask::from_fn(is_inside);
 
-        let mut rows = [[BEFORE; 8 * SUBGROUP_SIZE]; 4];
+        let mut rows = Rows([[BEFORE; 8 * SUBGROUP_SIZE]; 4]);
         let from = (memory.as_ptr(), size_bytes as u64);
         // SAFETY: the machine has the tier.
         let left = unsafe { (access.load)(from, &offsets, active, &mut rows) };
         assert_eq!(left, outside, "{offsets:?}, {active:?}");
-        for (k, row) in rows[..count].iter().enumerate() {
+        for (k, row) in rows.0[..count].iter().enumerate() {
             for lane in active {
                 let given = &row[lane * slot..][..slot];
                 let mut expected = vec![0; slot];
@@ -152,7 +153,7 @@ fn accesses_of(access: &Access, random: &mut Random) {
             }
         }
 
-        for byte in rows.as_flattened_mut() {
+        for byte in rows.0.as_flattened_mut() {
             *byte = random.below(256) as u8;
         }
         let (mut given, mut expected) = (memory.clone(), memory.clone());
@@ -161,7 +162,7 @@ fn accesses_of(access: &Access, random: &mut Random) {
         let left = unsafe { (access.store)(to, &offsets, active, &mut rows) };
         assert_eq!(left, outside, "{offsets:?}, {active:?}");
         for lane in active - outside {
-            for (k, row) in rows[..count].iter().enumerate() {
+            for (k, row) in rows.0[..count].iter().enumerate() {
                 let at = offsets[lane] as usize + k * size;
                 expected[at..at + size].copy_from_slice(&row[lane * slot..][..size]);
             }
@@ -195,15 +196,15 @@ fn far_accesses_of(access: &Access, memory: &Sparse, random: &mut Random) {
     ];
     for offsets in layouts {
         for active in [LaneMask::ALL, random.some_lanes()] {
-            let mut rows = [[0; 8 * SUBGROUP_SIZE]; 4];
-            for byte in rows.as_flattened_mut() {
+            let mut rows = Rows([[0; 8 * SUBGROUP_SIZE]; 4]);
+            for byte in rows.0.as_flattened_mut() {
                 *byte = random.below(256) as u8;
             }
             let at = (memory.as_mut_ptr(), memory.size_bytes());
             // SAFETY: the machine has the tier.
             let left = unsafe { (access.store)(at, &offsets, active, &mut rows) };
             assert!(left.is_empty(), "{offsets:x?}");
-            let mut loaded = [[BEFORE; 8 * SUBGROUP_SIZE]; 4];
+            let mut loaded = Rows([[BEFORE; 8 * SUBGROUP_SIZE]; 4]);
             let from = (at.0.cast_const(), at.1);
             // SAFETY: as above.
             let left = unsafe { (access.load)(from, &offsets, active, &mut loaded) };
@@ -215,13 +216,13 @@ fn far_accesses_of(access: &Access, memory: &Sparse, random: &mut Random) {
                     .filter(|&other| offsets[other] == offsets[lane]);
                 let writer = same.last().expect("the lane itself");
                 for k in 0..count {
-                    let stored = &rows[k][writer * slot..][..size];
+                    let stored = &rows.0[k][writer * slot..][..size];
                     for (byte, &stored) in stored.iter().enumerate() {
                         let place = u64::from(offsets[lane]) + (k * size + byte) as u64;
                         assert_eq!(memory.read(place), [stored], "{offsets:x?} {lane}");
                     }
                     assert_eq!(
-                        &loaded[k][lane * slot..][..size],
+                        &loaded.0[k][lane * slot..][..size],
                         stored,
                         "{offsets:x?} {lane}"
                     );
