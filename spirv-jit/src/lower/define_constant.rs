@@ -10,7 +10,7 @@ use super::types::{TypeKind, Types};
 use crate::Error;
 use crate::heap::DESCRIPTOR_BYTES;
 use crate::ir::Type;
-use crate::parse::{Id, Instruction, ParsedModule};
+use crate::parse::{Id, Instruction, ParsedModule, newer};
 
 fn is_of_workgroup(pointer: Result<(StorageClass, Id), Error>) -> bool {
     matches!(pointer, Ok((StorageClass::Workgroup, _)))
@@ -40,6 +40,9 @@ impl Constants {
                 let default = (instruction.opcode == Op::SpecConstantTrue) as u64;
                 let given = specialized(module, specialization, instruction.result);
                 bits(vec![given.map_or(default, |bits| (bits != 0) as u64)])
+            }
+            Op::Constant | Op::SpecConstant if is_data(module, instruction) => {
+                bits(data(module, types, specialization, instruction)?)
             }
             Op::Constant | Op::SpecConstant => {
                 let ty = types.scalar(instruction.result_type)?;
@@ -139,10 +142,71 @@ fn check(types: &Types, instruction: &Instruction, contents: &Contents) -> Resul
 
 /// The value that the pipeline gives to a specialization constant.
 fn specialized(module: &ParsedModule, given: &[(u32, &[u8])], id: Id) -> Option<u64> {
+    specialized_bytes(module, given, id).map(padded)
+}
+
+fn specialized_bytes<'a>(
+    module: &ParsedModule,
+    given: &[(u32, &'a [u8])],
+    id: Id,
+) -> Option<&'a [u8]> {
     let spec_id = module.annotations.id(id, Decoration::SpecId)?;
-    let bytes = given.iter().find(|entry| entry.0 == spec_id)?.1;
+    Some(given.iter().find(|entry| entry.0 == spec_id)?.1)
+}
+
+/// A number of up to 8 bytes, the lowest first.
+fn padded(bytes: &[u8]) -> u64 {
     let mut padded = [0u8; 8];
     let count = bytes.len().min(8);
     padded[..count].copy_from_slice(&bytes[..count]);
-    Some(u64::from_le_bytes(padded))
+    u64::from_le_bytes(padded)
+}
+
+fn is_data(module: &ParsedModule, instruction: &Instruction) -> bool {
+    let opcode = module.written_opcode(instruction);
+    matches!(opcode, newer::CONSTANT_DATA | newer::SPEC_CONSTANT_DATA)
+}
+
+/// The integers of `OpConstantDataKHR` and `OpSpecConstantDataKHR`, which lie in words, or in what
+/// the pipeline gives, without gaps.
+fn data(
+    module: &ParsedModule,
+    types: &Types,
+    specialization: &[(u32, &[u8])],
+    instruction: &Instruction,
+) -> Result<Vec<u64>, Error> {
+    let wrong = |message: &str| Error::invalid(instruction.offset, message);
+    let &TypeKind::Array { element, count } = types.kind(instruction.result_type)? else {
+        return Err(wrong("the type of constant data is no array"));
+    };
+    let width = match types.kind(element)? {
+        TypeKind::Scalar {
+            ty: Type::I8 | Type::I16 | Type::I32 | Type::I64,
+            is_bfloat16: false,
+            ..
+        } => types.scalar(element)?.size_bytes() as usize,
+        _ => return Err(wrong("the elements of constant data are no integers")),
+    };
+    let size = count as usize * width;
+    let given = match instruction.opcode {
+        Op::SpecConstant => specialized_bytes(module, specialization, instruction.result),
+        _ => None,
+    };
+    let words: Vec<u8>;
+    let bytes = match given {
+        Some(bytes) if bytes.len() == size => bytes,
+        Some(_) => return Err(wrong("the given data do not fit the length of the array")),
+        None => {
+            let operands = module.operands(instruction);
+            if operands.len() != size.div_ceil(4) {
+                return Err(wrong("the data do not fit the length of the array"));
+            }
+            words = operands
+                .iter()
+                .flat_map(|word| word.to_le_bytes())
+                .collect();
+            &words[..size]
+        }
+    };
+    Ok(bytes.chunks_exact(width).map(padded).collect())
 }

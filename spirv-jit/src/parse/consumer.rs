@@ -8,6 +8,7 @@ use rspirv::spirv::{MAGIC_NUMBER, Op};
 use super::framing::Frame;
 use super::grammar::{self, Head, Stop, Walk, Widths, only_informs};
 use super::instruction::{Id, Instruction, InstructionTable, decode_string};
+use super::newer;
 use crate::Error;
 
 /// Holds framed words against the grammar.
@@ -76,7 +77,12 @@ fn check_instruction(
             Ok(head) => return Ok((entry.opcode, head)),
             Err(stop) => stop,
         },
-        None => Stop::Refused,
+        None => {
+            if let Some(data) = constant_data(opcode, known) {
+                return Ok(data);
+            }
+            Stop::Refused
+        }
     };
     uses.truncate(used);
     let parsed = parse(words, frame)?;
@@ -95,6 +101,24 @@ fn check_instruction(
         true => (Op::SpecConstantOp, head),
         false => (parsed.class.opcode, head),
     })
+}
+
+/// A constant of `SPV_KHR_constant_data`: a type, a result and words.
+fn constant_data(opcode: u32, operands: &[u32]) -> Option<(Op, Head)> {
+    let stands_for = match opcode {
+        newer::CONSTANT_DATA => Op::Constant,
+        newer::SPEC_CONSTANT_DATA => Op::SpecConstant,
+        _ => return None,
+    };
+    let &[result_type, result, ..] = operands else {
+        return None;
+    };
+    let head = Head {
+        result_type,
+        result,
+        words: 2,
+    };
+    Some((stands_for, head))
 }
 
 /// Keeps the only instruction of a module.

@@ -255,7 +255,9 @@ impl<'a> Walk<'a> {
             Kind::BuiltIn => self.enumerant(spirv::BuiltIn::from_u32).map(drop),
             Kind::Capability => {
                 let find = |word| match word {
-                    newer::OPACITY_MICROMAP_EXECUTION_MODE => Some(()),
+                    newer::OPACITY_MICROMAP_EXECUTION_MODE | newer::CONSTANT_DATA_CAPABILITY => {
+                        Some(())
+                    }
                     _ => spirv::Capability::from_u32(word).map(drop),
                 };
                 self.enumerant(find)
@@ -269,6 +271,7 @@ impl<'a> Walk<'a> {
             Kind::ImageFormat => self.enumerant(spirv::ImageFormat::from_u32).map(drop),
             Kind::FunctionControl => self.enumerant(spirv::FunctionControl::from_bits).map(drop),
             Kind::SelectionControl => self.enumerant(spirv::SelectionControl::from_bits).map(drop),
+            Kind::Decoration if self.rest.first() == Some(&newer::UTF_ENCODED) => self.skip(1),
             Kind::Decoration => {
                 let found = self.enumerant(spirv::Decoration::from_u32)?;
                 self.parameters(&Operand::Decoration(found))

@@ -91,6 +91,12 @@ impl ParsedModule {
         instruction.operands(&self.words)
     }
 
+    /// The opcode as it stands in the words: [`Instruction::opcode`] has what one that is newer
+    /// than the bindings stands for.
+    pub(crate) fn written_opcode(&self, instruction: &Instruction) -> u32 {
+        self.words[instruction.offset as usize] & 0xffff
+    }
+
     /// Ids among an instruction's operands.
     pub fn uses(&self, instruction: &Instruction) -> &[Id] {
         &self.table.uses[instruction.first_use as usize..instruction.end_use as usize]

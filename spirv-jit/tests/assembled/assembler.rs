@@ -181,6 +181,16 @@ impl Assembler {
         id
     }
 
+    /// A constant by an opcode that is newer than the bindings.
+    pub fn newer_value(&mut self, ty: u32, opcode: u32, operands: &[u32]) -> u32 {
+        let id = self.id();
+        self.globals
+            .push((operands.len() as u32 + 3) << 16 | opcode);
+        self.globals.extend([ty, id]);
+        self.globals.extend_from_slice(operands);
+        id
+    }
+
     pub fn number(&mut self, number: u32) -> u32 {
         self.value(self.word, Op::Constant, &[number])
     }

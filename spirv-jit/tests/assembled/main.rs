@@ -2,6 +2,7 @@
 
 mod assembler;
 mod bfloat16;
+mod constant_data;
 mod cooperative_matrices;
 mod depth;
 mod heaps;
