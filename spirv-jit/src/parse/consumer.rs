@@ -77,12 +77,10 @@ fn check_instruction(
             Ok(head) => return Ok((entry.opcode, head)),
             Err(stop) => stop,
         },
-        None => {
-            if let Some(data) = constant_data(opcode, known) {
-                return Ok(data);
-            }
-            Stop::Refused
-        }
+        None => match constant_data(opcode, known) {
+            Some(data) => return Ok(data),
+            None => Stop::Refused,
+        },
     };
     uses.truncate(used);
     let parsed = parse(words, frame)?;

@@ -27,9 +27,9 @@ pub(crate) mod newer {
     pub const OPACITY_MICROMAP_ID: u32 = 6031;
     /// The capability of that.
     pub const OPACITY_MICROMAP_EXECUTION_MODE: u32 = 6032;
-    /// Decoration of `SPV_KHR_constant_data`, which says nothing of values.
+    /// Decoration of `SPV_KHR_constant_data`: the data are text. It changes no value.
     pub const UTF_ENCODED: u32 = 5145;
-    /// The capability of that and of the two instructions.
+    /// Capability of `SPV_KHR_constant_data`.
     pub const CONSTANT_DATA_CAPABILITY: u32 = 5146;
     /// `OpConstantDataKHR`, parsed as an `OpConstant` of as many words as it has.
     pub const CONSTANT_DATA: u32 = 5147;

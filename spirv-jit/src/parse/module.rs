@@ -91,8 +91,8 @@ impl ParsedModule {
         instruction.operands(&self.words)
     }
 
-    /// The opcode as it stands in the words: [`Instruction::opcode`] has what one that is newer
-    /// than the bindings stands for.
+    /// The opcode in the module's words. [`Instruction::opcode`] is another where the instruction
+    /// is newer than the bindings and is parsed as one that they have.
     pub(crate) fn written_opcode(&self, instruction: &Instruction) -> u32 {
         self.words[instruction.offset as usize] & 0xffff
     }
