@@ -59,6 +59,7 @@ fn compile_entries(path: &str, words: &[u32], capabilities: &[Capability]) {
             checks_alignment: false,
             micromaps_by_mode: false,
             view_index_is_device_index: false,
+            indexes_in_64_bits: false,
         };
         let start = Instant::now();
         let lowered = spirv_jit::lower::lower_module(&parsed, &request);

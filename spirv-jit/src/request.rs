@@ -32,4 +32,8 @@ pub struct CompileRequest<'a> {
     /// Whether inputs decorated as `ViewIndex` hold the device index
     /// (`VK_PIPELINE_CREATE_VIEW_INDEX_FROM_DEVICE_INDEX_BIT`).
     pub view_index_is_device_index: bool,
+    /// Whether offsets in storage buffers have 64 bits, as they have where the entry point's
+    /// execution mode `Shader64BitIndexingEXT` asks for it
+    /// (`VK_PIPELINE_CREATE_2_64_BIT_INDEXING_BIT_EXT`).
+    pub indexes_in_64_bits: bool,
 }

@@ -52,7 +52,24 @@ impl Gpu {
         let words = glsl(Stage::Compute, source);
         let layout = self.layout(sets);
         let constants = vk::SpecializationInfo::default();
-        let made = self.try_kernel_with(&words, c"main", layout, &constants, flags);
+        let info = vk::ComputePipelineCreateInfo::default().flags(flags);
+        let made = self.try_kernel_with(&words, c"main", layout, &constants, info);
+        let pipeline = made.expect("vkCreateComputePipelines");
+        Kernel { pipeline, layout }
+    }
+
+    /// The same as [`Self::kernel_of`], with flags of 64 bits for the pipeline.
+    pub fn kernel_with_flags2(
+        &self,
+        words: &[u32],
+        sets: &[vk::DescriptorSetLayout],
+        flags: vk::PipelineCreateFlags2KHR,
+    ) -> Kernel {
+        let layout = self.layout(sets);
+        let constants = vk::SpecializationInfo::default();
+        let mut flags = vk::PipelineCreateFlags2CreateInfoKHR::default().flags(flags);
+        let info = vk::ComputePipelineCreateInfo::default().push_next(&mut flags);
+        let made = self.try_kernel_with(words, c"main", layout, &constants, info);
         let pipeline = made.expect("vkCreateComputePipelines");
         Kernel { pipeline, layout }
     }
@@ -75,8 +92,8 @@ impl Gpu {
         layout: vk::PipelineLayout,
         constants: &vk::SpecializationInfo,
     ) -> Result<vk::Pipeline, vk::Result> {
-        let flags = vk::PipelineCreateFlags::empty();
-        self.try_kernel_with(words, entry_point, layout, constants, flags)
+        let info = vk::ComputePipelineCreateInfo::default();
+        self.try_kernel_with(words, entry_point, layout, constants, info)
     }
 
     fn try_kernel_with(
@@ -85,7 +102,7 @@ impl Gpu {
         entry_point: &std::ffi::CStr,
         layout: vk::PipelineLayout,
         constants: &vk::SpecializationInfo,
-        flags: vk::PipelineCreateFlags,
+        pipeline: vk::ComputePipelineCreateInfo<'_>,
     ) -> Result<vk::Pipeline, vk::Result> {
         let info = vk::ShaderModuleCreateInfo::default().code(words);
         // SAFETY: the structures outlive the calls; the module goes when the pipeline is made.
@@ -98,10 +115,7 @@ impl Gpu {
             if constants.map_entry_count > 0 {
                 stage = stage.specialization_info(constants);
             }
-            let info = vk::ComputePipelineCreateInfo::default()
-                .flags(flags)
-                .stage(stage)
-                .layout(layout);
+            let info = pipeline.stage(stage).layout(layout);
             let made =
                 self.device
                     .create_compute_pipelines(vk::PipelineCache::null(), &[info], None);

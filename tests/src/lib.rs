@@ -7,6 +7,7 @@
 
 mod acceleration;
 mod alone;
+pub mod assembly;
 mod bind;
 mod case;
 #[cfg(unix)]

@@ -26,6 +26,13 @@ pub const MAINTENANCE_8: &CStr = c"VK_KHR_maintenance8";
 /// `VK_KHR_maintenance9`.
 pub const MAINTENANCE_9: &CStr = c"VK_KHR_maintenance9";
 
+/// `VK_EXT_shader_64bit_indexing`.
+pub const SHADER_64BIT_INDEXING: &CStr = c"VK_EXT_shader_64bit_indexing";
+
+/// `VK_PIPELINE_CREATE_2_64_BIT_INDEXING_BIT_EXT`.
+pub const PIPELINE_CREATE_2_64_BIT_INDEXING_EXT: PipelineCreateFlags2KHR =
+    PipelineCreateFlags2KHR::from_raw(1 << 43);
+
 /// `VK_KHR_shader_fma`.
 pub const SHADER_FMA: &CStr = c"VK_KHR_shader_fma";
 
@@ -75,6 +82,7 @@ pub const NEWER: &[(&CStr, u32)] = &[
     (COPY_MEMORY_INDIRECT, make_api_version(0, 1, 4, 330)),
     (PIPELINE_BINARY, make_api_version(0, 1, 3, 294)),
     (SHADER_FMA, make_api_version(0, 1, 4, 340)),
+    (SHADER_64BIT_INDEXING, make_api_version(0, 1, 4, 340)),
     (MAINTENANCE_8, make_api_version(0, 1, 4, 330)),
     (MAINTENANCE_9, make_api_version(0, 1, 4, 330)),
     (
@@ -267,6 +275,7 @@ macro_rules! features {
 
 features! {
     PhysicalDevicePipelineBinaryFeaturesKHR 1_000_483_000 { pipeline_binaries }
+    PhysicalDeviceShader64BitIndexingFeaturesEXT 1_000_627_000 { shader64_bit_indexing }
     PhysicalDeviceShaderFmaFeaturesKHR 1_000_579_000 {
         shader_fma_float16 shader_fma_float32 shader_fma_float64
     }

@@ -7,7 +7,7 @@ use ash::{ext, huawei, khr, nv};
 use crate::newer::{
     self as vk, COPY_MEMORY_INDIRECT, DESCRIPTOR_HEAP, DEVICE_ADDRESS_COMMANDS,
     LINEAR_SWEPT_SPHERES, MAINTENANCE_8, MAINTENANCE_9, OPACITY_MICROMAP, PIPELINE_BINARY,
-    SHADER_FMA,
+    SHADER_64BIT_INDEXING, SHADER_FMA,
 };
 
 macro_rules! optional {
@@ -88,6 +88,7 @@ optional! {
     micromap: ext::opacity_micromap::NAME, PhysicalDeviceOpacityMicromapFeaturesEXT { micromap_capture_replay };
     /// Off where there is validation, as above.
     micromap_khr: OPACITY_MICROMAP, PhysicalDeviceOpacityMicromapFeaturesKHR {};
+    shader_64bit_indexing: SHADER_64BIT_INDEXING, PhysicalDeviceShader64BitIndexingFeaturesEXT {};
     shader_fma: SHADER_FMA, PhysicalDeviceShaderFmaFeaturesKHR {};
     pipeline_binary: PIPELINE_BINARY, PhysicalDevicePipelineBinaryFeaturesKHR {};
     executables: khr::pipeline_executable_properties::NAME, PhysicalDevicePipelineExecutablePropertiesFeaturesKHR {};

@@ -124,7 +124,8 @@ pub unsafe fn decode<'a>(info: &vk::GraphicsPipelineCreateInfo<'_>) -> VkResult<
                 state.color_locations = color_locations(locations);
             }
         }
-        let view_index_is_device_index = create_flags(info.flags, info.p_next)
+        let next = info.p_next;
+        let view_index_is_device_index = create_flags(info.flags, next)
             .contains(vk::PipelineCreateFlags::VIEW_INDEX_FROM_DEVICE_INDEX);
         let mut stages = SmallVec::new();
         for (index, info) in info_stages.iter().enumerate() {
@@ -135,7 +136,7 @@ pub unsafe fn decode<'a>(info: &vk::GraphicsPipelineCreateInfo<'_>) -> VkResult<
             if wanted {
                 let stage = ShaderStage {
                     view_index_is_device_index,
-                    ..decode_stage(info)?
+                    ..decode_stage(info, next)?
                 };
                 stages.push((index, stage));
             }

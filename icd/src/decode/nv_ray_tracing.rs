@@ -218,7 +218,7 @@ pub unsafe fn create_pipeline_nv(
         let deferred = DeferredPipeline::new(
             stages
                 .iter()
-                .map(|stage| decode_stage(stage))
+                .map(|stage| decode_stage(stage, info.p_next))
                 .collect::<VkResult<_>>()?,
             groups.iter().map(group).collect(),
             &layout,

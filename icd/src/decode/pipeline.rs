@@ -18,7 +18,7 @@ use crate::object::shader_stage::{Compiled, Compiler, ShaderStage};
 use crate::object::{Pipeline, PipelineBinary, PipelineCache, PipelineLayout, ShaderModule};
 
 /// A pipeline's creation flags: those of the chained `VkPipelineCreateFlags2CreateInfo` instead,
-/// where there is one. Bits above the lower 32 ask for nothing here.
+/// where there is one. The lower 32 bits.
 ///
 /// # Safety
 /// The chain is valid.
@@ -30,6 +30,19 @@ pub unsafe fn create_flags(
     let chained = unsafe { find::<vk::PipelineCreateFlags2CreateInfoKHR<'_>>(next) };
     chained.map_or(flags, |chained| {
         vk::PipelineCreateFlags::from_raw(chained.flags.as_raw() as u32)
+    })
+}
+
+/// Whether the chain of a pipeline's creation asks for 64-bit indexing.
+///
+/// # Safety
+/// The chain is valid.
+unsafe fn indexes_in_64_bits(next: *const std::ffi::c_void) -> bool {
+    // SAFETY: the caller's promise.
+    let chained = unsafe { find::<vk::PipelineCreateFlags2CreateInfoKHR<'_>>(next) };
+    chained.is_some_and(|it| {
+        it.flags
+            .contains(newer::PIPELINE_CREATE_2_64_BIT_INDEXING_EXT)
     })
 }
 
@@ -129,14 +142,18 @@ pub unsafe fn pipeline_layout(layout: vk::PipelineLayout) -> Ref<PipelineLayout>
 
 /// Copies a stage: its words are shared with the module, or taken from the chained create info
 /// where there is none (`VK_EXT_graphics_pipeline_library`, maintenance5). With neither it has no
-/// words, which only a pipeline with a binary can do without.
+/// words, which only a pipeline with a binary can do without. `next` is the chain of the pipeline's
+/// own creation.
 ///
 /// # Errors
 /// `VK_ERROR_UNKNOWN` for a stage that is not advertised or an entry point name that is not UTF-8.
 ///
 /// # Safety
-/// The info is valid and its module alive.
-pub unsafe fn decode_stage(info: &vk::PipelineShaderStageCreateInfo<'_>) -> VkResult<ShaderStage> {
+/// The info and the chain are valid and the module alive.
+pub unsafe fn decode_stage(
+    info: &vk::PipelineShaderStageCreateInfo<'_>,
+    next: *const std::ffi::c_void,
+) -> VkResult<ShaderStage> {
     // SAFETY: the caller's promise.
     unsafe {
         let (words, name) = match handle::optional::<ShaderModule>(info.module) {
@@ -159,6 +176,7 @@ pub unsafe fn decode_stage(info: &vk::PipelineShaderStageCreateInfo<'_>) -> VkRe
             stage: program_stage(info.stage).ok_or(vk::Result::ERROR_UNKNOWN)?,
             specialization: specialization(info.p_specialization_info),
             view_index_is_device_index: false,
+            indexes_in_64_bits: indexes_in_64_bits(next),
         })
     }
 }
@@ -210,6 +228,7 @@ pub unsafe fn decode_shader(info: &vk::ShaderCreateInfoEXT<'_>) -> VkResult<Shad
             stage: program_stage(info.stage).ok_or(vk::Result::ERROR_UNKNOWN)?,
             specialization: specialization(info.p_specialization_info),
             view_index_is_device_index: false,
+            indexes_in_64_bits: (info.flags).contains(newer::SHADER_CREATE_64_BIT_INDEXING_EXT),
         })
     }
 }

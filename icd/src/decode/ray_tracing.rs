@@ -54,7 +54,7 @@ pub unsafe fn create_pipeline(
         let mut all_hits = true;
         let decoded: Vec<_> = stages
             .iter()
-            .map(|stage| decode_stage(stage))
+            .map(|stage| decode_stage(stage, info.p_next))
             .collect::<VkResult<_>>()?;
         let compile = |(index, stage): (usize, &ShaderStage)| {
             let started = Instant::now();

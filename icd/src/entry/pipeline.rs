@@ -81,7 +81,7 @@ unsafe fn create_compute(
     unsafe {
         let start = Instant::now();
         let layout = pipeline_layout(info.layout);
-        let stage = decode_stage(&info.stage)?;
+        let stage = decode_stage(&info.stage, info.p_next)?;
         let flags = create_flags(info.flags, info.p_next);
         let source = Source::of(device, cache, flags, info.p_next)?;
         let Compiled { program, cache_hit } = source.program(0, &stage, &layout)?;

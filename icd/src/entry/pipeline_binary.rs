@@ -43,7 +43,7 @@ unsafe fn own_stages(info: *const c_void) -> VkResult<(Vec<ShaderStage>, vk::Pip
         match (*first).s_type {
             vk::ComputePipelineCreateInfo::STRUCTURE_TYPE => {
                 let info = &*first.cast::<vk::ComputePipelineCreateInfo<'_>>();
-                Ok((vec![decode_stage(&info.stage)?], info.layout))
+                Ok((vec![decode_stage(&info.stage, info.p_next)?], info.layout))
             }
             vk::GraphicsPipelineCreateInfo::STRUCTURE_TYPE => {
                 let info = &*first.cast::<vk::GraphicsPipelineCreateInfo<'_>>();
@@ -53,7 +53,7 @@ unsafe fn own_stages(info: *const c_void) -> VkResult<(Vec<ShaderStage>, vk::Pip
             vk::RayTracingPipelineCreateInfoKHR::STRUCTURE_TYPE => {
                 let info = &*first.cast::<vk::RayTracingPipelineCreateInfoKHR<'_>>();
                 let stages = slice(info.p_stages, info.stage_count);
-                let stages = stages.iter().map(|it| decode_stage(it));
+                let stages = stages.iter().map(|it| decode_stage(it, info.p_next));
                 Ok((stages.collect::<VkResult<_>>()?, info.layout))
             }
             _ => Err(vk::Result::ERROR_UNKNOWN),

@@ -203,6 +203,10 @@ structures! {
         shader_fma_float32: Bool32,
         shader_fma_float64: Bool32,
     }
+    /// `VK_EXT_shader_64bit_indexing`.
+    PhysicalDeviceShader64BitIndexingFeaturesEXT 1_000_627_000 *mut c_void {
+        shader64_bit_indexing: Bool32,
+    }
     /// `VK_KHR_maintenance10`.
     PhysicalDeviceMaintenance10FeaturesKHR 1_000_630_000 *mut c_void {
         maintenance10: Bool32,
@@ -560,6 +564,13 @@ structures! {
         present_stage_queries: PresentStageFlagsEXT,
     }
 }
+
+/// `VK_PIPELINE_CREATE_2_64_BIT_INDEXING_BIT_EXT`.
+pub const PIPELINE_CREATE_2_64_BIT_INDEXING_EXT: PipelineCreateFlags2KHR =
+    PipelineCreateFlags2KHR::from_raw(1 << 43);
+/// `VK_SHADER_CREATE_64_BIT_INDEXING_BIT_EXT`.
+pub const SHADER_CREATE_64_BIT_INDEXING_EXT: ShaderCreateFlagsEXT =
+    ShaderCreateFlagsEXT::from_raw(1 << 15);
 
 /// `VK_ATTACHMENT_DESCRIPTION_RESOLVE_SKIP_TRANSFER_FUNCTION_BIT_KHR`.
 pub const ATTACHMENT_DESCRIPTION_RESOLVE_SKIP_TRANSFER_FUNCTION_KHR: AttachmentDescriptionFlags =

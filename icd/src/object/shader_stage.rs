@@ -55,6 +55,9 @@ pub struct ShaderStage {
     /// `VK_PIPELINE_CREATE_VIEW_INDEX_FROM_DEVICE_INDEX_BIT` of the pipeline, or of the library
     /// that the stage comes with.
     pub view_index_is_device_index: bool,
+    /// `VK_PIPELINE_CREATE_2_64_BIT_INDEXING_BIT_EXT` of the pipeline or library, or
+    /// `VK_SHADER_CREATE_64_BIT_INDEXING_BIT_EXT` of the shader.
+    pub indexes_in_64_bits: bool,
     /// Mappings of bindings onto heaps, which name samplers by their places in `embedded`.
     pub mappings: Vec<Mapping>,
     pub embedded: Vec<SamplerDescriptor>,
@@ -69,7 +72,8 @@ pub struct Compiled {
 impl ShaderStage {
     /// The identity of a compilation: module, entry point, stage, specialization, descriptor
     /// locations and mappings, accuracy of functions, the meaning of its view index, whether its
-    /// queries look at micromaps only in a mode, and whether it prints.
+    /// queries look at micromaps only in a mode, whether its indices have 64 bits, and whether it
+    /// prints.
     pub fn key(&self, layout: &PipelineLayout, compiler: &Compiler<'_>) -> ProgramKey {
         let mut hash = Xxh3::new();
         for word in self.words.iter() {
@@ -77,8 +81,9 @@ impl ShaderStage {
         }
         hash.update(&(self.words.len() as u64).to_le_bytes());
         hash.update(self.entry_point.as_bytes());
-        let switches =
-            u8::from(self.view_index_is_device_index) | u8::from(compiler.micromaps_by_mode) << 1;
+        let switches = u8::from(self.view_index_is_device_index)
+            | u8::from(compiler.micromaps_by_mode) << 1
+            | u8::from(self.indexes_in_64_bits) << 2;
         let prints = u8::from(settings().prints.is_some());
         hash.update(&[
             0,
@@ -209,6 +214,7 @@ impl ShaderStage {
             checks_alignment: compiler.checks_alignment,
             micromaps_by_mode: compiler.micromaps_by_mode,
             view_index_is_device_index: self.view_index_is_device_index,
+            indexes_in_64_bits: self.indexes_in_64_bits,
         };
         let _span = timeline::span(Kind::Compilation, || {
             let sizes = json!({

@@ -246,6 +246,7 @@ extensions! {
     Device EXT_SAMPLER_FILTER_MINMAX c"VK_EXT_sampler_filter_minmax" 2;
     Device EXT_SCALAR_BLOCK_LAYOUT c"VK_EXT_scalar_block_layout" 1;
     Device EXT_SEPARATE_STENCIL_USAGE c"VK_EXT_separate_stencil_usage" 1;
+    Device EXT_SHADER_64BIT_INDEXING c"VK_EXT_shader_64bit_indexing" 1;
     Device EXT_SHADER_ATOMIC_FLOAT c"VK_EXT_shader_atomic_float" 1;
     Device EXT_SHADER_ATOMIC_FLOAT_2 c"VK_EXT_shader_atomic_float2" 1;
     Device EXT_SHADER_DEMOTE_TO_HELPER_INVOCATION c"VK_EXT_shader_demote_to_helper_invocation" 1;

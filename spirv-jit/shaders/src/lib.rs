@@ -51,6 +51,7 @@ pub fn request(stage: Stage, words: &[u32]) -> CompileRequest<'_> {
         checks_alignment: false,
         micromaps_by_mode: false,
         view_index_is_device_index: false,
+        indexes_in_64_bits: false,
     }
 }
 

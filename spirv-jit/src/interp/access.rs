@@ -249,6 +249,24 @@ impl<C: Copying, G: Gather, T: Lane, const N: usize> Kernel for Accessing<C, G, 
                         let size_bytes = near.size_bytes.min(u32::MAX.into());
                         ((near.start as *mut u8, size_bytes), &distances)
                     }
+                    (None, Space::Buffer64) => {
+                        let start;
+                        (start, distances) =
+                            match offsets_in_64_bits::<G>(m, address, subgroup, active) {
+                                Some(found) => found,
+                                None => {
+                                    copy_scalars::<C, T>(
+                                        m,
+                                        plan,
+                                        (address, scalars),
+                                        subgroup,
+                                        active,
+                                    );
+                                    continue;
+                                }
+                            };
+                        (start, &distances)
+                    }
                     // Descriptors that lanes may differ in, but mostly do not.
                     _ => match m.common(address[0], subgroup, active) {
                         Some(descriptor) => {
@@ -263,7 +281,8 @@ impl<C: Copying, G: Gather, T: Lane, const N: usize> Kernel for Accessing<C, G, 
                     },
                 };
                 let mut left = copy_block::<C, G, T, N>(memory, offsets, active, rows, all);
-                if plan.space != Space::Global && !left.is_empty() {
+                let is_whole = matches!(plan.space, Space::Shared | Space::Buffer);
+                if is_whole && !left.is_empty() {
                     // Outside this memory there is none. Scalars may still be inside one by one.
                     let total = (scalars.len() * size_of::<T>()) as u64;
                     left = gather::straddling::<G>(offsets, left, (memory.1, total));
@@ -273,6 +292,33 @@ impl<C: Copying, G: Gather, T: Lane, const N: usize> Kernel for Accessing<C, G, 
                 }
             }
         }
+    }
+}
+
+/// A part of the buffer that the lanes share, and how far behind its start each accesses it: the
+/// part from the first lane's offset less 2 GiB on. `u32::MAX` stands for offsets outside the part.
+///
+/// # Safety
+/// As [`Kernel::run`]; the access is to a buffer with offsets of 64 bits.
+#[inline(always)]
+unsafe fn offsets_in_64_bits<G: Gather>(
+    m: &Machine<'_>,
+    address: &[Operand],
+    subgroup: u16,
+    active: LaneMask,
+) -> Option<((*mut u8, u64), Row)> {
+    // SAFETY: as the caller promises.
+    unsafe {
+        let descriptor = m.common(address[0], subgroup, active)?;
+        let descriptor = m.environment.descriptor(descriptor);
+        let offsets = &*m.block::<u64>(address[1], subgroup);
+        let first = offsets[active.first() & (SUBGROUP_SIZE - 1)];
+        let start = first.saturating_sub(1 << 31).min(descriptor.size_bytes);
+        let distances = G::distances(offsets, start);
+        // `u32::MAX` must be outside.
+        let size_bytes = (descriptor.size_bytes - start).min(u32::MAX.into());
+        let base = (descriptor.address as *mut u8).wrapping_add(start as usize);
+        Some(((base, size_bytes), distances))
     }
 }
 

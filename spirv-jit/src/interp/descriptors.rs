@@ -220,7 +220,7 @@ pub(super) unsafe fn descriptor_address(m: &mut Machine<'_>, i: &Instr) {
     }
 }
 
-/// A descriptor's size, saturated.
+/// A descriptor's size, of 64 bits if `y` is not 0, else of 32 and saturated.
 ///
 /// # Safety
 /// As [`descriptor`].
@@ -230,8 +230,10 @@ pub(super) unsafe fn buffer_size(m: &mut Machine<'_>, i: &Instr) {
             // SAFETY: as the caller promises; active lanes hold addresses of descriptors.
             unsafe {
                 let descriptor = m.environment.descriptor(m.lane(i.a, subgroup, lane, true));
-                let size = descriptor.size_bytes.min(u32::MAX as u64);
-                m.set_lane(i.d, subgroup, lane, false, size);
+                let is_wide = i.y != 0;
+                let most = if is_wide { u64::MAX } else { u32::MAX.into() };
+                let size = descriptor.size_bytes.min(most);
+                m.set_lane(i.d, subgroup, lane, is_wide, size);
             }
         }
     }

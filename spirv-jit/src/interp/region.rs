@@ -13,22 +13,29 @@ pub(super) struct Region {
     pub(super) base: *mut u8,
     pub(super) size_bytes: u64,
     offset: u64,
+    /// The bits of an offset: 32 or 64 bits wide.
+    mask: u64,
 }
+
+/// The mask of offsets of 32 bits.
+const WORD: u64 = u32::MAX as u64;
 
 impl Region {
     const NOWHERE: Region = Region {
         base: std::ptr::null_mut(),
         size_bytes: 0,
         offset: 0,
+        mask: WORD,
     };
 
     /// The address of `size_bytes` bytes at `skip` past the offset, if they are inside.
     #[inline(always)]
     pub(super) fn at(&self, skip: u64, size_bytes: u64) -> Option<*mut u8> {
-        // Offsets are 32 bits wide and wrap, also between the scalars of one access.
-        let first = (self.offset + skip) as u32 as u64;
+        // Offsets wrap, also between the scalars of one access.
+        let first = self.offset.wrapping_add(skip) & self.mask;
+        let end = first.checked_add(size_bytes)?;
         // SAFETY: the access is inside the region.
-        (first + size_bytes <= self.size_bytes).then(|| unsafe { self.base.add(first as usize) })
+        (end <= self.size_bytes).then(|| unsafe { self.base.add(first as usize) })
     }
 }
 
@@ -54,6 +61,7 @@ pub(super) unsafe fn region(
                     base,
                     size_bytes,
                     offset: m.lane(address[0], offset, lane, false),
+                    mask: WORD,
                 }
             }
             Space::Buffer => {
@@ -64,6 +72,18 @@ pub(super) unsafe fn region(
                     base: descriptor.address as *mut u8,
                     size_bytes: descriptor.size_bytes,
                     offset: m.lane(address[1], offset, lane, false),
+                    mask: WORD,
+                }
+            }
+            Space::Buffer64 => {
+                let descriptor = m
+                    .environment
+                    .descriptor(m.lane(address[0], offset, lane, true));
+                Region {
+                    base: descriptor.address as *mut u8,
+                    size_bytes: descriptor.size_bytes,
+                    offset: m.lane(address[1], offset, lane, true),
+                    mask: u64::MAX,
                 }
             }
             Space::Global => {
@@ -73,6 +93,7 @@ pub(super) unsafe fn region(
                     base: address as *mut u8,
                     size_bytes: if near > 0 { near } else { look_up(m, address) },
                     offset: 0,
+                    mask: WORD,
                 }
             }
         }

@@ -80,12 +80,13 @@
 //! | `private` | `row: i32` | per-lane memory, counted in 32-bit rows; 64-bit scalars take two rows (low first), narrower ones one row each |
 //! | `shared` | `offset: i32` | workgroup memory, bytes; accesses outside it read zero and are dropped |
 //! | `buffer` | `descriptor, offset: i32` | bytes (unsigned) from the descriptor's address, bounds-checked against its size per scalar: reads outside give zero, writes are dropped |
+//! | `buffer64` | `descriptor, offset: i64` | as `buffer`, with offsets of 64 bits (unsigned) |
 //! | `global` | `address: i64` | a device address, which is a host address: reads where the device has no memory give zero; each word of a load that is partly there may be zero |
 //!
 //! A load or store moves one or more consecutive scalars of one type, tightly packed (in `private`,
 //! consecutive rows), or in `shared` and `buffer` as many bytes apart as a `strided` one says.
 //! Booleans are not storable outside `private`. The row or offset of each scalar is computed modulo
-//! 2^32: an access of several scalars is the same as one access for each, whatever the address.
+//! 2^32, in `buffer64` modulo 2^64: an access of several scalars is the same as one access for each, whatever the address.
 //!
 //! A `constant` load is from a uniform block, which nothing writes during a dispatch: it may be
 //! performed once for all invocations.

@@ -13,6 +13,8 @@ pub enum Space {
     Private,
     Shared,
     Buffer,
+    /// A buffer with offsets of 64 bits.
+    Buffer64,
     Global,
 }
 
@@ -20,9 +22,14 @@ impl Space {
     /// Number of address operands.
     pub const fn address_operands(self) -> usize {
         match self {
-            Space::Buffer => 2,
+            Space::Buffer | Space::Buffer64 => 2,
             _ => 1,
         }
+    }
+
+    /// Whether a descriptor is the first address operand.
+    pub const fn is_buffer(self) -> bool {
+        matches!(self, Space::Buffer | Space::Buffer64)
     }
 }
 
@@ -234,7 +241,8 @@ macro_rules! define_ops {
             Pack64 "pack64" Pure;
             /// `(i64 | f64) -> (low: i32, high: i32)`.
             Unpack64 "unpack64" Pure;
-            /// `(descriptor) -> i32`: size in bytes of what a buffer descriptor covers, saturated.
+            /// `(descriptor) -> i32 | i64`: size in bytes of what a buffer descriptor covers,
+            /// saturated.
             BufferSize "buffer_size" Read;
             /// `(reference: i64) -> descriptor`: what a reference names; the null descriptor for a
             /// number that is none.
@@ -531,7 +539,7 @@ impl Op {
     pub fn descriptor_operands(&self) -> usize {
         match self {
             Op::Load(access) | Op::Store(access) | Op::Atomic(_, access) => {
-                (access.space == Space::Buffer) as usize
+                access.space.is_buffer() as usize
             }
             Op::BufferSize | Op::DescriptorAddress => 1,
             Op::Image(image) => 1 + image.has_sampler() as usize,

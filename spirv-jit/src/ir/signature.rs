@@ -203,7 +203,11 @@ fn check_other(
             require(!access.is_strided, "an atomic is on one scalar")?;
             check_atomic(*kind, check_address(access, args)?, results)
         }
-        Op::BufferSize => takes(&[Descriptor]).and_then(|()| gives(&[I32])),
+        Op::BufferSize => {
+            takes(&[Descriptor])?;
+            let is_size = matches!(results, [I32 | I64]);
+            require(is_size, "a size is an i32 or an i64")
+        }
         Op::Descriptor(_) => takes(&[I32]).and_then(|()| gives(&[Descriptor])),
         Op::DescriptorReference(_) => takes(&[I32]).and_then(|()| gives(&[I64])),
         Op::DescriptorAt => takes(&[I64]).and_then(|()| gives(&[Descriptor])),
@@ -326,6 +330,7 @@ fn address_types(space: Space) -> &'static [Type] {
     match space {
         Space::Private | Space::Shared => &[Type::I32],
         Space::Buffer => &[Type::Descriptor, Type::I32],
+        Space::Buffer64 => &[Type::Descriptor, Type::I64],
         Space::Global => &[Type::I64],
     }
 }

@@ -154,7 +154,7 @@ fn waits_in_loop(function: &Function, in_loop: bool, writes_images: bool) -> boo
 
 /// Whether several workgroups have this memory in common.
 fn is_between(space: Space) -> bool {
-    matches!(space, Space::Buffer | Space::Global)
+    matches!(space, Space::Buffer | Space::Buffer64 | Space::Global)
 }
 
 #[cfg(test)]

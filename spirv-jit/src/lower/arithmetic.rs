@@ -3,7 +3,7 @@
 use rspirv::spirv::{GlslStd450Op as GLOp, Op, StorageClass};
 
 use super::Lowerer;
-use super::types::{TypeKind, UNTYPED, pointer_leaves};
+use super::types::{TypeKind, UNTYPED};
 use super::values::Values;
 use crate::Error;
 use crate::ir::{self, Type, Value};
@@ -322,7 +322,7 @@ impl Lowerer<'_> {
             // An array of bytes.
             _ if pointee == UNTYPED => 1,
             StorageClass::Workgroup => self.shared_layout().stride(pointer, pointee)?,
-            _ if *pointer_leaves(class) == [Type::I32] => self.types.info(pointee)?.rows,
+            _ if *self.types.pointer_leaves(class) == [Type::I32] => self.types.info(pointee)?.rows,
             _ => self.layout().stride(pointer, pointee)?,
         };
         // Offsets into a buffer may be more than 2³¹ apart.

@@ -83,6 +83,7 @@ impl Lowerer<'_> {
         let space = match pointer.place {
             Place::Shared { .. } => Space::Shared,
             Place::Buffer { .. } => Space::Buffer,
+            Place::Buffer64 { .. } => Space::Buffer64,
             Place::Global { .. } => Space::Global,
             // Memory of one lane: no other lane can intervene.
             Place::Local { .. } | Place::Private { .. } => {

@@ -392,6 +392,16 @@ impl Builder {
         }
     }
 
+    /// [`Self::add_terms`] of i64.
+    pub fn add_terms64(&mut self, a: Option<Value>, b: u64) -> Result<Value, Error> {
+        let constant = self.i64(b);
+        match a {
+            Some(a) if b != 0 => self.binary(Op::IAdd, a, constant),
+            Some(a) => Ok(a),
+            None => Ok(constant),
+        }
+    }
+
     /// `a * factor`.
     pub fn scale(&mut self, a: Value, factor: u64) -> Result<Value, Error> {
         let ty = self.ty(a);

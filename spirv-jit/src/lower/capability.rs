@@ -146,6 +146,7 @@ pub const SUPPORTED: &[Capability] = &[
     Capability::BFloat16DotProductKHR,
     Capability::BFloat16CooperativeMatrixKHR,
     Capability::DescriptorHeapEXT,
+    Capability::Shader64BitIndexingEXT,
 ];
 
 /// Whether a capability is taken although its feature is off. For the inputs `PrimitiveId`, `Layer`

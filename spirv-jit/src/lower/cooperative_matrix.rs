@@ -18,7 +18,8 @@ const SIZE: usize = MatrixProduct::SIZE;
 /// Of an access.
 type Operands = SmallVec<[Value; 2]>;
 
-/// Bytes from a line of a matrix to the next: an i32 if it is computed.
+/// Bytes from a line of a matrix to the next. A computed stride is an i32, or an i64 in shaders with
+/// 64-bit indexing.
 #[derive(Clone, Copy)]
 enum Stride {
     Constant(u64),
@@ -73,7 +74,10 @@ impl Lowerer<'_> {
         pointer = self.with_access(pointer, operands.get(2..).unwrap_or_default());
         if !matches!(
             pointer.place,
-            Place::Shared { .. } | Place::Buffer { .. } | Place::Global { .. }
+            Place::Shared { .. }
+                | Place::Buffer { .. }
+                | Place::Buffer64 { .. }
+                | Place::Global { .. }
         ) {
             return Err(self.b.invalid("a matrix is not loaded or stored there"));
         }
@@ -94,7 +98,12 @@ impl Lowerer<'_> {
             }
             Some(&id) => {
                 let value = self.scalar(id)?;
-                let value = self.resize(value, Type::I32)?;
+                let value = match self.types.has_wide_offsets {
+                    true => self
+                        .b
+                        .i64_of(value, self.types.is_signed(self.type_of(id)?))?,
+                    false => self.resize(value, Type::I32)?,
+                };
                 Stride::Value(self.b.scale(value, unit)?)
             }
         };
@@ -109,6 +118,10 @@ impl Lowerer<'_> {
             }
         };
         let lane = self.b.emit(ir::Op::LaneIndex, &[], Type::I32)?;
+        let lane = match self.types.has_wide_offsets {
+            true => self.b.i64_of(lane, false)?,
+            false => lane,
+        };
         let bytes = match of_lane {
             Stride::Constant(bytes) => self.b.scale(lane, bytes)?,
             Stride::Value(bytes) => self.b.binary(ir::Op::IMul, lane, bytes)?,
@@ -126,6 +139,11 @@ impl Lowerer<'_> {
         let mut pointer = pointer.clone();
         match &mut pointer.place {
             Place::Shared { offset, .. } | Place::Buffer { offset, .. } => {
+                let bytes = self.resize(bytes, Type::I32)?;
+                *offset = Some(self.add(*offset, bytes)?);
+            }
+            Place::Buffer64 { offset, .. } => {
+                let bytes = self.b.i64_of(bytes, true)?;
                 *offset = Some(self.add(*offset, bytes)?);
             }
             Place::Global { address, .. } => {
@@ -150,10 +168,10 @@ impl Lowerer<'_> {
             Stride::Constant(bytes) if bytes == u64::from(ty.size_bytes()) => {
                 Ok(vec![(whole, operands, SIZE)])
             }
-            _ if whole.space != Space::Global => {
+            _ if matches!(whole.space, Space::Shared | Space::Buffer) => {
                 operands.push(match stride {
                     Stride::Constant(bytes) => self.b.i32(bytes as u32),
-                    Stride::Value(bytes) => bytes,
+                    Stride::Value(bytes) => self.resize(bytes, Type::I32)?,
                 });
                 let strided = Access {
                     is_strided: true,

@@ -62,6 +62,13 @@ impl Lowerer<'_> {
         })
     }
 
+    /// Whether the pipeline or the entry point asks for 64-bit indexing.
+    pub(super) fn indexes_in_64_bits(&self) -> bool {
+        let mut modes = self.execution_modes();
+        self.request.indexes_in_64_bits
+            || modes.any(|(mode, _)| mode == ExecutionMode::Shader64BitIndexingEXT)
+    }
+
     /// Whether ray queries leave opacity micromaps aside.
     pub(super) fn ignores_micromaps(&self) -> Result<bool, Error> {
         let mut modes = self.raw_execution_modes();

@@ -350,12 +350,10 @@ impl Lowerer<'_> {
                 .b
                 .invalid("a buffer's pointer has another storage class"));
         }
-        let place = Place::Buffer {
-            reference: self.reference(&buffer)?,
-            offset: None,
-            constant: 0,
-        };
+        let is_wide = self.types.has_wide_offsets && class == StorageClass::StorageBuffer;
+        let place = Self::buffer_place(self.reference(&buffer)?, is_wide);
         let pointer = Pointer {
+            is_wide,
             constant: class == StorageClass::Uniform && aliased.is_none(),
             volatile: volatile.is_some(),
             ..Pointer::new(pointee, place)

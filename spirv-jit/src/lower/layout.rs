@@ -4,7 +4,7 @@
 use rspirv::spirv::Decoration;
 
 use super::constants::Constants;
-use super::types::{TypeKind, Types, is_physical, pointer_leaves};
+use super::types::{TypeKind, Types, is_physical};
 use super::values::Shape;
 use crate::Error;
 use crate::ir::Type;
@@ -168,7 +168,7 @@ impl Layout<'_> {
                 }
                 TypeKind::Pointer { class, .. } if is_physical(*class) => {
                     let mut at = at;
-                    for &ty in pointer_leaves(*class) {
+                    for &ty in self.types.pointer_leaves(*class) {
                         out.push((ty, at));
                         at = at.wrapping_add(ty.size_bytes() as u64);
                     }

@@ -97,7 +97,10 @@ impl Lowerer<'_> {
                 let leaves = row_leaves(&types);
                 self.load_runs(pointer, &leaves, |ty| ty.rows() as u64)
             }
-            Place::Shared { .. } | Place::Buffer { .. } | Place::Global { .. } => {
+            Place::Shared { .. }
+            | Place::Buffer { .. }
+            | Place::Buffer64 { .. }
+            | Place::Global { .. } => {
                 let leaves = self.layout_in(&pointer.place).leaves(ty, pointer.shape)?;
                 self.load_runs(pointer, &leaves, |ty| ty.size_bytes() as u64)
             }
@@ -161,7 +164,10 @@ impl Lowerer<'_> {
                 let leaves = row_leaves(&types);
                 self.store_runs(pointer, &leaves, values, |ty| ty.rows() as u64)
             }
-            Place::Shared { .. } | Place::Buffer { .. } | Place::Global { .. } => {
+            Place::Shared { .. }
+            | Place::Buffer { .. }
+            | Place::Buffer64 { .. }
+            | Place::Global { .. } => {
                 let leaves = self.layout_in(&pointer.place).leaves(ty, pointer.shape)?;
                 self.store_runs(pointer, &leaves, values, |ty| ty.size_bytes() as u64)
             }
@@ -220,6 +226,15 @@ impl Lowerer<'_> {
             } => {
                 let descriptor = self.b.descriptor(reference)?;
                 let offset = self.b.add_terms(offset, constant.wrapping_add(more32))?;
+                SmallVec::from_slice(&[descriptor, offset])
+            }
+            Place::Buffer64 {
+                reference,
+                offset,
+                constant,
+            } => {
+                let descriptor = self.b.descriptor(reference)?;
+                let offset = self.b.add_terms64(offset, constant.wrapping_add(more))?;
                 SmallVec::from_slice(&[descriptor, offset])
             }
             Place::Global { address, constant } => {
@@ -443,10 +458,11 @@ pub(super) fn access(pointer: &Pointer, offset: u64) -> Access {
     }
 }
 
-fn space(pointer: &Pointer) -> Space {
+pub(super) fn space(pointer: &Pointer) -> Space {
     match pointer.place {
         Place::Shared { .. } => Space::Shared,
         Place::Buffer { .. } => Space::Buffer,
+        Place::Buffer64 { .. } => Space::Buffer64,
         Place::Global { .. } => Space::Global,
         _ => Space::Private,
     }

@@ -18,6 +18,7 @@ mod arithmetic;
 mod atomic;
 mod barrier;
 mod bfloat16;
+mod buffer;
 mod builder;
 mod builtin;
 mod call;
@@ -243,6 +244,7 @@ impl<'a> Lowerer<'a> {
             rows: 0,
         };
         lowerer.types.query_rows = Self::query_rows(&lowerer.query_words);
+        lowerer.types.has_wide_offsets = lowerer.indexes_in_64_bits();
         lowerer.declare_globals()?;
         Ok(lowerer)
     }

@@ -33,7 +33,7 @@ pub(super) enum Index {
 
 /// The elements that an index selects from.
 #[derive(Clone, Copy)]
-enum Elements {
+pub(super) enum Elements {
     /// The elements of an array, a vector or a matrix of this many.
     Counted(u32),
     /// The elements of a runtime array.
@@ -118,7 +118,8 @@ impl Lowerer<'_> {
                         (Handles::Bound(found.unwrap_or(NO_BINDING)), 0)
                     }
                 };
-                let mut pointer = self.handle_pointer(id, pointee, handles, first)?;
+                let is_wide = self.is_wide(class, pointee)?;
+                let mut pointer = self.handle_pointer(id, pointee, (handles, first), is_wide)?;
                 pointer.constant = class == StorageClass::Uniform
                     && !matches!(pointer.place, Place::Global { .. })
                     && find(Decoration::Aliased).is_none()
@@ -165,7 +166,7 @@ impl Lowerer<'_> {
 
     /// Whether a variable of storage class `Uniform` holds uniform blocks, not storage buffers as
     /// SPIR-V had them before 1.3.
-    fn is_uniform_block(&self, mut pointee: Id) -> Result<bool, Error> {
+    pub(super) fn is_uniform_block(&self, mut pointee: Id) -> Result<bool, Error> {
         while let TypeKind::Array { element, .. } | TypeKind::RuntimeArray { element, .. } =
             self.types.kind(pointee)?
         {
@@ -178,8 +179,8 @@ impl Lowerer<'_> {
         &mut self,
         id: Id,
         pointee: Id,
-        binding: Handles,
-        constant: u32,
+        (binding, constant): (Handles, u32),
+        is_wide: bool,
     ) -> Result<Pointer, Error> {
         let place = Place::Handle {
             binding,
@@ -189,6 +190,7 @@ impl Lowerer<'_> {
         let mut pointer = Pointer::new(pointee, place);
         let volatile = self.module.annotations.id(id, Decoration::Volatile);
         pointer.volatile = volatile.is_some();
+        pointer.is_wide = is_wide;
         self.enter_block(pointer)
     }
 
@@ -203,12 +205,18 @@ impl Lowerer<'_> {
                 binding: Handles::Mapped(at),
                 index,
                 constant,
-            } => self.mapped_buffer(&self.request.mappings[at], (index, constant))?,
-            Place::Handle { .. } => Place::Buffer {
-                reference: self.reference(&pointer)?,
-                offset: None,
-                constant: 0,
-            },
+            } => {
+                let mapping = &self.request.mappings[at];
+                match self.mapped_buffer(mapping, (index, constant))? {
+                    Place::Buffer {
+                        reference,
+                        offset: None,
+                        constant: 0,
+                    } => Self::buffer_place(reference, pointer.is_wide),
+                    place => place,
+                }
+            }
+            Place::Handle { .. } => Self::buffer_place(self.reference(&pointer)?, pointer.is_wide),
             _ => return Ok(pointer),
         };
         Ok(pointer)
@@ -333,6 +341,7 @@ impl Lowerer<'_> {
         let stride = match &pointer.place {
             Place::Shared { .. }
             | Place::Buffer { .. }
+            | Place::Buffer64 { .. }
             | Place::Global { .. }
             | Place::Heap { .. } => {
                 let layout = self.layout_in(&pointer.place);
@@ -348,7 +357,15 @@ impl Lowerer<'_> {
     fn step(&mut self, pointer: Pointer, index: Id) -> Result<Pointer, Error> {
         // SPIR-V: each index "is treated as signed". Logical pointers have no valid index below 0:
         // there a narrow unsigned index keeps its value.
-        let index = self.index(index, matches!(pointer.place, Place::Global { .. }))?;
+        let is_signed = matches!(pointer.place, Place::Global { .. })
+            || matches!(pointer.place, Place::Buffer64 { .. })
+                && self.types.is_signed(self.type_of(index)?);
+        let index = match self.index(index, is_signed)? {
+            Index::Value(value) if matches!(pointer.place, Place::Buffer64 { .. }) => {
+                Index::Value(self.b.i64_of(value, is_signed)?)
+            }
+            index => index,
+        };
         self.step_by(pointer, index)
     }
 
@@ -410,6 +427,7 @@ impl Lowerer<'_> {
             }
             Place::Shared { .. }
             | Place::Buffer { .. }
+            | Place::Buffer64 { .. }
             | Place::Global { .. }
             | Place::Heap { .. } => {
                 let shape = pointer.shape;
@@ -496,6 +514,11 @@ impl Lowerer<'_> {
                 let size = stride + 3 * u64::from(pointer.shape.component_stride);
                 let limits = Limits::of(offset.is_some(), *constant, (stride, size), elements);
                 self.move_offset((offset, constant), index, stride, &limits)?;
+            }
+            Place::Buffer64 {
+                offset, constant, ..
+            } => {
+                self.move_offset64((offset, constant), index, stride, elements)?;
             }
             _ => return Err(self.b.invalid("this pointer cannot be moved")),
         }
@@ -609,7 +632,7 @@ impl Lowerer<'_> {
     }
 
     /// The scalars that stand for a pointer where it must be a value (see
-    /// [`super::types::pointer_leaves`]).
+    /// [`super::types::Types::pointer_leaves`]).
     pub(super) fn pointer_scalars(&mut self, pointer: &Pointer) -> Result<Vec<Value>, Error> {
         match pointer.place {
             Place::Global { address, constant } => {
@@ -623,7 +646,18 @@ impl Lowerer<'_> {
                 reference,
                 offset,
                 constant,
-            } => Ok(vec![reference, self.b.add_terms(offset, constant)?]),
+            } => {
+                let mut offset = self.b.add_terms(offset, constant)?;
+                if self.types.has_wide_offsets {
+                    offset = self.b.i64_of(offset, false)?;
+                }
+                Ok(vec![reference, offset])
+            }
+            Place::Buffer64 {
+                reference,
+                offset,
+                constant,
+            } => Ok(vec![reference, self.b.add_terms64(offset, constant)?]),
             Place::Shared { offset, constant } => Ok(vec![self.b.add_terms(offset, constant)?]),
             Place::Private { row, constant } => Ok(vec![self.b.add_terms(Some(row), constant)?]),
             Place::Handle { .. } | Place::Descriptor(_) | Place::Heap { .. } => {
@@ -652,6 +686,11 @@ impl Lowerer<'_> {
                 address,
                 constant: 0,
             },
+            (_, &[reference, offset]) if self.types.has_wide_offsets => Place::Buffer64 {
+                reference,
+                offset: Some(offset),
+                constant: 0,
+            },
             (_, &[reference, offset]) => Place::Buffer {
                 reference,
                 offset: Some(offset),
@@ -676,38 +715,5 @@ impl Lowerer<'_> {
             _ => return Err(self.b.invalid("a value is used as a pointer")),
         };
         Ok(Pointer::new(pointee, place))
-    }
-
-    /// `OpArrayLength` and `OpUntypedArrayLengthKHR`: elements of the runtime array at the end of a
-    /// block.
-    pub(super) fn lower_array_length(&mut self, instruction: &Instruction) -> Result<(), Error> {
-        let operands = self.module.operands(instruction);
-        let (pointer, member) = match *operands {
-            [block, pointer, member] => (self.pointer(pointer)?.retyped(block), member),
-            _ => (self.pointer(operands[0])?, operands[1]),
-        };
-        let block = pointer.pointee;
-        let array = self.types.element(block, Some(member))?;
-        let stride = self.layout().array_stride(array)?.clamp(1, u32::MAX as u64);
-        let first = self.layout().member_offset(block, member)? as u32;
-        let Place::Buffer {
-            reference,
-            offset,
-            constant,
-        } = pointer.place
-        else {
-            return Err(self
-                .b
-                .invalid("the length of an array is asked outside a buffer"));
-        };
-        let descriptor = self.b.descriptor(reference)?;
-        let size = self.b.emit(ir::Op::BufferSize, &[descriptor], Type::I32)?;
-        let before = self.b.add_terms(offset, constant.wrapping_add(first))?;
-        // A buffer may end before the array starts.
-        let before = self.b.binary(ir::Op::UMin, before, size)?;
-        let bytes = self.b.binary(ir::Op::ISub, size, before)?;
-        let stride = self.b.i32(stride as u32);
-        let length = self.b.binary(ir::Op::UDiv, bytes, stride)?;
-        self.define(instruction.result, Self::scalars([length]))
     }
 }

@@ -122,6 +122,8 @@ pub(super) struct Types {
     infos: IdTable<TypeInfo>,
     /// Rows of a ray query's object.
     pub query_rows: u64,
+    /// Offsets in storage buffers have 64 bits (`Shader64BitIndexingEXT`).
+    pub has_wide_offsets: bool,
     leaves: std::cell::RefCell<IdTable<Rc<[Type]>>>,
 }
 
@@ -131,6 +133,23 @@ impl Types {
         self.infos
             .get(id)
             .ok_or_else(|| Error::invalid(0, format!("id {id} is not a type")))
+    }
+
+    /// The value form of a logical pointer: in a phi, a selection, or a call that is not inlined.
+    pub fn pointer_leaves(&self, class: StorageClass) -> &'static [Type] {
+        match class {
+            StorageClass::PhysicalStorageBuffer | StorageClass::ShaderRecordBufferKHR => {
+                &[Type::I64]
+            }
+            StorageClass::Uniform | StorageClass::StorageBuffer | StorageClass::PushConstant => {
+                match self.has_wide_offsets {
+                    true => &[Type::I64, Type::I64],
+                    false => &[Type::I64, Type::I32],
+                }
+            }
+            StorageClass::UniformConstant => &[Type::I64],
+            _ => &[Type::I32],
+        }
     }
 
     /// Scalars in a value of a type; none if there is no such type.
@@ -258,7 +277,7 @@ impl Types {
     }
 
     /// The scalars of a value of this type, in order. Images and samplers are references to
-    /// descriptors, logical pointers what [`pointer_leaves`] says.
+    /// descriptors, logical pointers what [`Self::pointer_leaves`] says.
     pub fn leaves(&self, id: Id) -> Result<Rc<[Type]>, Error> {
         if let Some(found) = self.leaves.borrow().get(id) {
             return Ok(found.clone());
@@ -331,7 +350,9 @@ impl Types {
                 TypeKind::Struct { members } => {
                     work.extend(members.iter().rev().map(|&member| Work::Type(member)));
                 }
-                TypeKind::Pointer { class, .. } => out.extend_from_slice(pointer_leaves(*class)),
+                TypeKind::Pointer { class, .. } => {
+                    out.extend_from_slice(self.pointer_leaves(*class))
+                }
                 TypeKind::Image(_)
                 | TypeKind::Sampler
                 | TypeKind::AccelerationStructure
@@ -496,7 +517,7 @@ impl Types {
                 sum
             }
             TypeKind::Pointer { class, .. } => {
-                let leaves = pointer_leaves(*class);
+                let leaves = self.pointer_leaves(*class);
                 let rows = leaves.iter().map(|ty| ty.rows() as u64).sum();
                 (leaves.len() as u64, rows)
             }
@@ -606,7 +627,7 @@ impl Types {
                 Some((end.saturating_add(most - 1) / most * most, most))
             }
             TypeKind::Pointer { class, .. } if is_physical(*class) => {
-                let leaves = pointer_leaves(*class);
+                let leaves = self.pointer_leaves(*class);
                 let size = leaves.iter().map(|ty| ty.size_bytes() as u64).sum();
                 Some((size, leaves[0].size_bytes() as u64))
             }
@@ -628,18 +649,6 @@ impl Types {
         let info = self.measure(at, id, kind, &Annotations::default())?;
         self.infos.insert(id, info);
         Ok(())
-    }
-}
-
-/// The value form of a logical pointer: in a phi, a selection, or a call that is not inlined.
-pub(super) fn pointer_leaves(class: StorageClass) -> &'static [Type] {
-    match class {
-        StorageClass::PhysicalStorageBuffer | StorageClass::ShaderRecordBufferKHR => &[Type::I64],
-        StorageClass::Uniform | StorageClass::StorageBuffer | StorageClass::PushConstant => {
-            &[Type::I64, Type::I32]
-        }
-        StorageClass::UniformConstant => &[Type::I64],
-        _ => &[Type::I32],
     }
 }
 

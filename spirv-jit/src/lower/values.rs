@@ -80,6 +80,8 @@ pub(super) struct Pointer {
     pub constant: bool,
     /// log₂ of what its address must be a multiple of, where that is to be checked.
     pub alignment: u8,
+    /// It leads to a storage buffer in a shader with 64-bit indexing.
+    pub is_wide: bool,
 }
 
 #[derive(Clone, Debug)]
@@ -98,6 +100,12 @@ pub(super) enum Place {
         reference: Value,
         offset: Option<Value>,
         constant: u32,
+    },
+    /// The same, of a storage buffer in a shader with 64-bit indexing: offsets are i64.
+    Buffer64 {
+        reference: Value,
+        offset: Option<Value>,
+        constant: u64,
     },
     /// A device address.
     Global { address: Value, constant: u64 },
@@ -165,6 +173,7 @@ impl Pointer {
             volatile: false,
             constant: false,
             alignment: 0,
+            is_wide: false,
         }
     }
 
@@ -191,6 +200,9 @@ impl Pointer {
                 offset.iter().copied().collect()
             }
             Place::Buffer {
+                reference, offset, ..
+            }
+            | Place::Buffer64 {
                 reference, offset, ..
             } => [*reference].into_iter().chain(*offset).collect(),
             Place::Global { address, .. } => SmallVec::from_slice(&[*address]),
@@ -225,6 +237,9 @@ impl Pointer {
                 offset.iter_mut().for_each(take);
             }
             Place::Buffer {
+                reference, offset, ..
+            }
+            | Place::Buffer64 {
                 reference, offset, ..
             } => {
                 take(reference);

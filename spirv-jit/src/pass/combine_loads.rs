@@ -241,7 +241,7 @@ impl Combiner<'_> {
         let family = Family {
             space: access.space,
             constant: access.constant,
-            descriptor: (access.space == Space::Buffer).then(|| inst.args[0]),
+            descriptor: access.space.is_buffer().then(|| inst.args[0]),
             base: linear.base,
             factor: linear.factor,
             ty: alone,

@@ -32,6 +32,8 @@ pub struct Assembler {
     pub given: u32,
     /// Invocations: one at first.
     pub invocations: u32,
+    /// Execution modes without operands.
+    pub modes: Vec<ExecutionMode>,
 }
 
 /// One instruction.
@@ -60,6 +62,7 @@ impl Assembler {
             input: 0,
             given: 0,
             invocations: 1,
+            modes: Vec::new(),
         };
         new.void = new.global(Op::TypeVoid, &[]);
         new.bool = new.global(Op::TypeBool, &[]);
@@ -285,6 +288,9 @@ impl Assembler {
             Op::ExecutionMode,
             &[&[self.main, mode], &size[..]].concat(),
         );
+        for mode in self.modes {
+            put(&mut words, Op::ExecutionMode, &[self.main, mode as u32]);
+        }
         for part in [self.annotations, self.globals, self.functions, self.body] {
             words.extend(part);
         }

@@ -6,6 +6,7 @@ mod constant_data;
 mod cooperative_matrices;
 mod depth;
 mod heaps;
+mod indexing;
 mod information;
 mod large;
 mod meets;

@@ -70,7 +70,10 @@ impl Emitter<'_> {
             Op::Load(access) => return self.emit_access(*access, inst, false),
             Op::Store(access) => return self.emit_access(*access, inst, true),
             Op::Atomic(op, access) => return self.emit_atomic(*op, *access, inst),
-            Op::BufferSize => plain(descriptors::buffer_size, 0),
+            Op::BufferSize => Instr {
+                y: (self.ty(inst.results[0]) == Type::I64) as u32,
+                ..plain(descriptors::buffer_size, 0)
+            },
             Op::DescriptorAddress => plain(descriptors::descriptor_address, 0),
             Op::Descriptor(binding) => {
                 let i = plain(descriptors::descriptor, self.code.bindings.len() as u32);

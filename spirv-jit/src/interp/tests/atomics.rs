@@ -87,6 +87,7 @@ fn program(op: &str, ty: &str, space: &str, base: u64) -> String {
     let address = match space {
         "shared" => "v10",
         "buffer" => "v1, v10",
+        "buffer64" => "v1, v17",
         _ => "v19",
     };
     let operands = match op {
@@ -240,7 +241,7 @@ fn check(op: &str, ty: &str, size: usize, space: &str) {
 
 #[test]
 fn lanes_go_one_after_another() {
-    for space in ["buffer", "shared", "global"] {
+    for space in ["buffer", "buffer64", "shared", "global"] {
         for (ty, size) in [("i16", 2), ("i32", 4), ("i64", 8)] {
             for op in [
                 "load",

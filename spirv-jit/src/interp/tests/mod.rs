@@ -2,6 +2,7 @@
 //! computed by plain Rust beside them.
 
 mod atomics;
+mod buffers;
 mod control;
 mod gather;
 mod halves;

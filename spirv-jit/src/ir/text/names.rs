@@ -29,7 +29,7 @@ names!(Type, type_text, type_from_text:
     Descriptor = "descriptor");
 
 names!(Space, space_text, space_from_text:
-    Private = "private", Shared = "shared", Buffer = "buffer", Global = "global");
+    Private = "private", Shared = "shared", Buffer = "buffer", Buffer64 = "buffer64", Global = "global");
 
 names!(Stage, stage_text, stage_from_text:
     Compute = "compute", RayGeneration = "ray_generation", Intersection = "intersection", AnyHit = "any_hit",
