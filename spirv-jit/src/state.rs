@@ -66,6 +66,12 @@ pub enum SiteKind {
     /// Workgroup barrier. No event where the wave is whole ([`Wave::is_whole`]) and all its
     /// subgroups come to it.
     Barrier,
+    /// The first half of a split barrier: the subgroup has come, and goes on. No event where the
+    /// wave is whole, as above.
+    BarrierArrive,
+    /// The second half: the subgroup waits until each one of its workgroup has come as often as it
+    /// has, or has ended. No event where the wave is whole, as above.
+    BarrierWait,
     /// Row 0: the first private row of a ray query's object ([`crate::query`]), which is read and
     /// rewritten there; then, over it, 1 if the query stands at a candidate, or 0. The lanes'
     /// memory is [`Program::private_rows`](crate::Program::private_rows).

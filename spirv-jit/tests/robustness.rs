@@ -53,6 +53,7 @@ fn answers(stage: Stage, kind: &SiteKind) -> bool {
     use Stage::*;
     match kind {
         SiteKind::Barrier => stage.has_workgroups() || stage == TessellationControl,
+        SiteKind::BarrierArrive | SiteKind::BarrierWait => stage == Compute,
         SiteKind::RayQueryProceed => true,
         SiteKind::ReportIntersection { .. } => stage == Intersection,
         SiteKind::ReorderThread => stage == RayGeneration,

@@ -33,6 +33,9 @@ pub const SHADER_64BIT_INDEXING: &CStr = c"VK_EXT_shader_64bit_indexing";
 pub const PIPELINE_CREATE_2_64_BIT_INDEXING_EXT: PipelineCreateFlags2KHR =
     PipelineCreateFlags2KHR::from_raw(1 << 43);
 
+/// `VK_EXT_shader_split_barrier`.
+pub const SHADER_SPLIT_BARRIER: &CStr = c"VK_EXT_shader_split_barrier";
+
 /// `VK_KHR_shader_fma`.
 pub const SHADER_FMA: &CStr = c"VK_KHR_shader_fma";
 
@@ -82,6 +85,7 @@ pub const NEWER: &[(&CStr, u32)] = &[
     (COPY_MEMORY_INDIRECT, make_api_version(0, 1, 4, 330)),
     (PIPELINE_BINARY, make_api_version(0, 1, 3, 294)),
     (SHADER_FMA, make_api_version(0, 1, 4, 340)),
+    (SHADER_SPLIT_BARRIER, make_api_version(0, 1, 4, 359)),
     (SHADER_64BIT_INDEXING, make_api_version(0, 1, 4, 340)),
     (MAINTENANCE_8, make_api_version(0, 1, 4, 330)),
     (MAINTENANCE_9, make_api_version(0, 1, 4, 330)),
@@ -275,6 +279,7 @@ macro_rules! features {
 
 features! {
     PhysicalDevicePipelineBinaryFeaturesKHR 1_000_483_000 { pipeline_binaries }
+    PhysicalDeviceShaderSplitBarrierFeaturesEXT 1_000_305_000 { shader_split_barrier }
     PhysicalDeviceShader64BitIndexingFeaturesEXT 1_000_627_000 { shader64_bit_indexing }
     PhysicalDeviceShaderFmaFeaturesKHR 1_000_579_000 {
         shader_fma_float16 shader_fma_float32 shader_fma_float64

@@ -188,7 +188,7 @@ impl<'a> Plan<'a> {
         let starter = Starter::new(program);
         let subgroups_per_workgroup = starter.subgroups_per_workgroup;
         let shared_bytes = program.shared_size_bytes() as usize;
-        let meets = shared_bytes > 0 || program.sites().contains(&SiteKind::Barrier);
+        let meets = shared_bytes > 0 || waves::has_barriers(program);
         // So many workgroups fill subgroups without an empty lane.
         let filling = SUBGROUP_SIZE >> invocations.trailing_zeros().min(SUBGROUP_SIZE.ilog2());
         let packed = filling > 1

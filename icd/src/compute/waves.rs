@@ -49,6 +49,8 @@ enum Status {
     /// workgroups may be what they wait for.
     Past,
     AtBarrier,
+    /// At the second half of a split barrier.
+    AtWait,
     Ended,
 }
 
@@ -112,6 +114,9 @@ pub struct Runner {
     shared: Vec<AlignedRow>,
     /// Rows of one workgroup's memory.
     shared_rows: usize,
+    /// How often each subgroup has come to a split barrier's first half, less the times that all of
+    /// its workgroup have come together in one wave. Kept where the program has such barriers.
+    arrivals: Vec<u32>,
     /// The program has barriers.
     has_barriers: bool,
     /// Made by the first shader with a ray query.
@@ -187,7 +192,7 @@ impl Runner {
         self.rows = program.layout().rows;
         self.of_workgroup = subgroups.of_workgroup;
         self.shared_rows = shared_rows(program);
-        self.has_barriers = program.sites().contains(&SiteKind::Barrier);
+        self.has_barriers = has_barriers(program);
         // The caller starts as many states, and each clears its own.
         let cleared = (self.states.len() + self.shared.len()) / ROWS_PER_FUEL;
         self.burn(cleared as u64, limits)?;
@@ -196,7 +201,11 @@ impl Runner {
         self.points.clear();
         self.points.resize(subgroups.count, ResumePoint::default());
         self.workgroups.clear();
+        self.arrivals.clear();
         if self.has_barriers {
+            if program.sites().contains(&SiteKind::BarrierArrive) {
+                self.arrivals.resize(subgroups.count, 0);
+            }
             let workgroup = Workgroup {
                 running: subgroups.of_workgroup,
                 waiting: 0,
@@ -416,8 +425,19 @@ impl Runner {
                 Event::End => Status::Ended,
                 Event::OutOfFuel => Status::Ready,
                 Event::Yield(site) => match program.sites()[site.0 as usize] {
-                    SiteKind::Barrier if program.event_mask(state).is_empty() => Status::Past,
+                    SiteKind::Barrier | SiteKind::BarrierArrive | SiteKind::BarrierWait
+                        if program.event_mask(state).is_empty() =>
+                    {
+                        Status::Past
+                    }
                     SiteKind::Barrier => Status::AtBarrier,
+                    SiteKind::BarrierArrive => {
+                        self.arrivals[member] = self.arrivals[member].wrapping_add(1);
+                        Status::Ready
+                    }
+                    // Without a first half there is nothing to wait for.
+                    SiteKind::BarrierWait if self.arrivals.is_empty() => Status::Ready,
+                    SiteKind::BarrierWait => Status::AtWait,
                     SiteKind::RayQueryProceed => {
                         self.queries.proceed(
                             self.walker.get_or_insert_with(|| settings().walker()),
@@ -444,6 +464,25 @@ impl Runner {
             .all(|(workgroup, members)| members.len() == self.workgroups[workgroup].running)
     }
 
+    /// Lets those subgroups of a workgroup go on from split barriers that wait for none: each one
+    /// that has not ended has come as often as they have. One that has come least of all waits for
+    /// none, so never all of them wait.
+    fn pass_waits(&mut self, workgroup: usize) {
+        let range = workgroup * self.of_workgroup..(workgroup + 1) * self.of_workgroup;
+        let (status, arrivals) = (&mut self.status[range.clone()], &self.arrivals[range]);
+        if !status.contains(&Status::AtWait) {
+            return;
+        }
+        let running = status.iter().zip(arrivals);
+        let running = running.filter(|(status, _)| **status != Status::Ended);
+        let least = running.map(|(_, &count)| count).min().unwrap_or(0);
+        for (status, &count) in status.iter_mut().zip(arrivals) {
+            if *status == Status::AtWait && count <= least {
+                *status = Status::Ready;
+            }
+        }
+    }
+
     /// Counts members that have ended or come to a barrier. The subgroups of a workgroup go on when
     /// all of them that have not ended have come: a workgroup waits for its own subgroups alone,
     /// since another one may wait for it.
@@ -466,6 +505,9 @@ impl Runner {
                     }
                 }
             }
+            if !self.arrivals.is_empty() {
+                self.pass_waits(index);
+            }
         }
     }
 }
@@ -480,6 +522,16 @@ fn by_workgroup(members: &[usize], of_workgroup: usize) -> impl Iterator<Item = 
         let (members, others) = left.split_at(of_one);
         left = others;
         Some((workgroup, members))
+    })
+}
+
+/// Whether subgroups of a workgroup wait for each other at barriers.
+pub fn has_barriers(program: &Program) -> bool {
+    (program.sites().iter()).any(|site| {
+        matches!(
+            site,
+            SiteKind::Barrier | SiteKind::BarrierArrive | SiteKind::BarrierWait
+        )
     })
 }
 

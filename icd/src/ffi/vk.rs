@@ -203,6 +203,13 @@ structures! {
         shader_fma_float32: Bool32,
         shader_fma_float64: Bool32,
     }
+    /// `VK_EXT_shader_split_barrier`.
+    PhysicalDeviceShaderSplitBarrierFeaturesEXT 1_000_305_000 *mut c_void {
+        shader_split_barrier: Bool32,
+    }
+    PhysicalDeviceShaderSplitBarrierPropertiesEXT 1_000_305_001 *mut c_void {
+        split_barrier_reserved_shared_memory: u32,
+    }
     /// `VK_EXT_shader_64bit_indexing`.
     PhysicalDeviceShader64BitIndexingFeaturesEXT 1_000_627_000 *mut c_void {
         shader64_bit_indexing: Bool32,

@@ -253,6 +253,7 @@ extensions! {
     Device EXT_SHADER_IMAGE_ATOMIC_INT64 c"VK_EXT_shader_image_atomic_int64" 1;
     Device EXT_SHADER_OBJECT c"VK_EXT_shader_object" 1;
     Device EXT_SHADER_REPLICATED_COMPOSITES c"VK_EXT_shader_replicated_composites" 1;
+    Device EXT_SHADER_SPLIT_BARRIER c"VK_EXT_shader_split_barrier" 1;
     Device EXT_SHADER_STENCIL_EXPORT c"VK_EXT_shader_stencil_export" 1;
     Device EXT_SHADER_SUBGROUP_BALLOT c"VK_EXT_shader_subgroup_ballot" 1;
     Device EXT_SHADER_SUBGROUP_PARTITIONED c"VK_EXT_shader_subgroup_partitioned" 1;

@@ -684,6 +684,10 @@ unsafe fn fill(machine: &Machine, node: *mut vk::BaseOutStructure<'static>) {
                 default_vertex_attribute_value: vk::DefaultVertexAttributeValueKHR::ZERO_ZERO_ZERO_ZERO,
                 ..Default::default()
             });
+            // Arrivals are counted outside of workgroup memory.
+            PhysicalDeviceShaderSplitBarrierPropertiesEXT(
+                vk::PhysicalDeviceShaderSplitBarrierPropertiesEXT::default()
+            );
             PhysicalDeviceMaintenance10PropertiesKHR(vk::PhysicalDeviceMaintenance10PropertiesKHR {
                 rgba4_opaque_black_swizzled: vk::TRUE,
                 resolve_srgb_format_applies_transfer_function: vk::TRUE,

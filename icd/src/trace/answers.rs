@@ -28,7 +28,9 @@ impl Batch<'_> {
             | SiteKind::HitObjectGet { .. }
             | SiteKind::ReorderThread
             | SiteKind::RayQueryProceed
-            | SiteKind::Barrier => 0,
+            | SiteKind::Barrier
+            | SiteKind::BarrierArrive
+            | SiteKind::BarrierWait => 0,
         };
         if site == SiteKind::ReorderThread && !mask.is_empty() {
             self.reordering.push(index);

@@ -99,7 +99,7 @@
 //! ## Yields
 //!
 //! `trace_ray`, `report_intersection`, `execute_callable`, `hit_object_*`, `reorder_thread` and
-//! `barrier` suspend the wave: see [`program::Event`](crate::state::Event). Their operands and
+//! `barrier`, `barrier_arrive` and `barrier_wait` suspend the wave: see [`program::Event`](crate::state::Event). Their operands and
 //! results are 32-bit words. After those that SPIR-V calls invocation repack instructions a lane
 //! may be another one, of another subgroup.
 

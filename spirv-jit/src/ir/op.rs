@@ -284,6 +284,11 @@ macro_rules! define_ops {
             ReorderThread "reorder_thread" Yield;
             /// `() -> ()`: waits for all invocations of the workgroup.
             Barrier "barrier" Yield;
+            /// `() -> ()`: says that the subgroup has come, and goes on.
+            BarrierArrive "barrier_arrive" Yield;
+            /// `() -> ()`: waits until each subgroup of the workgroup has come as often as this one,
+            /// or has ended.
+            BarrierWait "barrier_wait" Yield;
             /// `(row: i32) -> i1`: advances the ray query whose object starts at that row of
             /// private memory, and rewrites the object; false when the walk is over.
             RayQueryProceed "ray_query_proceed" Yield;

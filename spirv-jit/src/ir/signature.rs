@@ -240,7 +240,9 @@ fn check_other(
             gives(&[])
         }
         Op::IsHelper => takes(&[]).and_then(|()| gives(&[I1])),
-        Op::MemoryBarrier | Op::Barrier | Op::Demote => takes(&[]).and_then(|()| gives(&[])),
+        Op::MemoryBarrier | Op::Barrier | Op::BarrierArrive | Op::BarrierWait | Op::Demote => {
+            takes(&[]).and_then(|()| gives(&[]))
+        }
         Op::RayQueryProceed => takes(&[I32]).and_then(|()| gives(&[I1])),
         Op::Call(callee) => {
             let Some(callee) = module.functions.get(callee.index()) else {

@@ -442,6 +442,7 @@ fn check_stage(stage: Stage, op: &Op) -> Result<(), String> {
             access.space != Space::Shared || has_shared(stage)
         }
         Op::Barrier => has_shared(stage),
+        Op::BarrierArrive | Op::BarrierWait => stage == Stage::Compute,
         Op::Demote | Op::IsHelper => stage == Stage::Fragment,
         Op::Emit => stage == Stage::Geometry,
         Op::RayQueryProceed => true,

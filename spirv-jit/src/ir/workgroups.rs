@@ -48,6 +48,8 @@ fn sees_others(inst: &Inst) -> bool {
             | Op::DerivativeX
             | Op::DerivativeY
             | Op::Barrier
+            | Op::BarrierArrive
+            | Op::BarrierWait
     )
 }
 
@@ -136,7 +138,7 @@ fn waits_in_loop(function: &Function, in_loop: bool, writes_images: bool) -> boo
                         _ => false,
                     };
                     leads_to_barrier &= inst.op == Op::MemoryBarrier;
-                    leads_to_barrier |= inst.op == Op::Barrier;
+                    leads_to_barrier |= is_barrier(inst.op);
                     if in_loop && sees {
                         return true;
                     }
@@ -150,6 +152,10 @@ fn waits_in_loop(function: &Function, in_loop: bool, writes_images: bool) -> boo
         }
     }
     false
+}
+
+fn is_barrier(op: Op) -> bool {
+    matches!(op, Op::Barrier | Op::BarrierArrive | Op::BarrierWait)
 }
 
 /// Whether several workgroups have this memory in common.

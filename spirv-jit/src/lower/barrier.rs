@@ -1,9 +1,10 @@
-//! Barriers and clocks.
+//! Barriers, whole and split (`SPV_EXT_split_barrier`), and clocks.
 
 use rspirv::spirv::{Op, Scope};
 
 use super::Lowerer;
 use crate::Error;
+use crate::ir::stage::Stage;
 use crate::ir::{self, Type};
 use crate::parse::Instruction;
 
@@ -23,6 +24,8 @@ impl Lowerer<'_> {
                 }
                 Ok(())
             }
+            Op::ControlBarrierArriveINTEL => self.half_barrier(operands, ir::Op::BarrierArrive),
+            Op::ControlBarrierWaitINTEL => self.half_barrier(operands, ir::Op::BarrierWait),
             Op::ReadClockKHR => {
                 let time = self.b.emit(ir::Op::ReadClock, &[], Type::I64)?;
                 let values = match self.types.leaves(instruction.result_type)?.len() {
@@ -33,5 +36,18 @@ impl Lowerer<'_> {
             }
             _ => self.b.emit_effect(ir::Op::MemoryBarrier, &[]),
         }
+    }
+
+    /// `OpControlBarrierArriveEXT` and `OpControlBarrierWaitEXT`, which are compute shaders' alone.
+    fn half_barrier(&mut self, operands: &[u32], half: ir::Op) -> Result<(), Error> {
+        let scope = self.constants.unsigned(&self.types, operands[0])?;
+        self.b.emit_effect(ir::Op::MemoryBarrier, &[])?;
+        if scope == Scope::Subgroup as u32 {
+            return Ok(());
+        }
+        if self.request.stage != Stage::Compute {
+            return Err(self.b.invalid("split barriers are for compute shaders"));
+        }
+        self.b.emit_effect(half, &[])
     }
 }

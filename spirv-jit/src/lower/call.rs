@@ -216,6 +216,8 @@ impl Lowerer<'_> {
                     | Op::ReportIntersectionKHR
                     | Op::RayQueryProceedKHR
                     | Op::ControlBarrier
+                    | Op::ControlBarrierArriveINTEL
+                    | Op::ControlBarrierWaitINTEL
                     | Op::EmitVertex
                     | Op::EndPrimitive
                     | Op::EmitStreamVertex

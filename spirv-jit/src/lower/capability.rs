@@ -147,6 +147,7 @@ pub const SUPPORTED: &[Capability] = &[
     Capability::BFloat16CooperativeMatrixKHR,
     Capability::DescriptorHeapEXT,
     Capability::Shader64BitIndexingEXT,
+    Capability::SplitBarrierINTEL,
 ];
 
 /// Whether a capability is taken although its feature is off. For the inputs `PrimitiveId`, `Layer`

@@ -166,9 +166,11 @@ impl Lowerer<'_> {
             | Op::AtomicFMinEXT
             | Op::AtomicFMaxEXT => self.lower_atomic(instruction),
 
-            Op::ControlBarrier | Op::MemoryBarrier | Op::ReadClockKHR => {
-                self.lower_barrier(instruction)
-            }
+            Op::ControlBarrier
+            | Op::ControlBarrierArriveINTEL
+            | Op::ControlBarrierWaitINTEL
+            | Op::MemoryBarrier
+            | Op::ReadClockKHR => self.lower_barrier(instruction),
 
             opcode if super::hit_object::is_hit_object(opcode) => {
                 self.lower_hit_object(instruction)

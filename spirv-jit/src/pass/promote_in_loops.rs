@@ -159,7 +159,7 @@ impl<'f> Survey<'f> {
                 }
                 return;
             }
-            Op::Barrier => return,
+            Op::Barrier | Op::BarrierArrive | Op::BarrierWait => return,
             Op::Call(_) => return self.barred.push(self.position),
             op if op.is_yield() => return self.barred.push(self.position),
             _ => return,

@@ -145,6 +145,8 @@ impl Site {
             }
             Op::RayQueryProceed => (1, SiteKind::RayQueryProceed, Answer::Verdict),
             Op::ReorderThread => (4, SiteKind::ReorderThread, data),
+            Op::BarrierArrive => (0, SiteKind::BarrierArrive, data),
+            Op::BarrierWait => (0, SiteKind::BarrierWait, data),
             _ => (0, SiteKind::Barrier, data),
         };
         Site {
@@ -157,7 +159,7 @@ impl Site {
     /// Rows of `io` that the yield needs.
     pub fn io_rows(&self, inst: &Inst) -> usize {
         match self.kind {
-            SiteKind::Barrier => 0,
+            SiteKind::Barrier | SiteKind::BarrierArrive | SiteKind::BarrierWait => 0,
             SiteKind::RayQueryProceed => 1,
             _ => IO_DATA_ROW + inst.args.len().max(inst.results.len()),
         }

@@ -10,6 +10,7 @@ mod indexing;
 mod information;
 mod large;
 mod meets;
+mod split_barriers;
 mod untyped;
 
 use shaders::compute::{Memory, compile, dispatch};

@@ -266,7 +266,9 @@ fn answer(program: &Program, kind: SiteKind, state: &mut [AlignedRow], digests: 
         SiteKind::HitObjectGet { fact } => ((0..9).collect(), (0..fact.words()).collect()),
         SiteKind::ReorderThread => ((0..4).collect(), Vec::new()),
         SiteKind::RayQueryProceed => (vec![0], vec![0]),
-        SiteKind::Barrier => (Vec::new(), Vec::new()),
+        SiteKind::Barrier | SiteKind::BarrierArrive | SiteKind::BarrierWait => {
+            (Vec::new(), Vec::new())
+        }
     };
     let mask = program.event_mask(state);
     for k in mask {

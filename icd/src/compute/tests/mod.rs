@@ -1,4 +1,5 @@
 mod budget;
+mod split_barriers;
 mod workgroups;
 
 use std::sync::atomic::{AtomicU32, Ordering};

@@ -11,7 +11,7 @@ use super::{no_limits, run, words, zeros};
 use crate::wave::Limits;
 
 /// A guard against hanging: nothing here takes as long.
-fn guarded() -> Limits {
+pub fn guarded() -> Limits {
     Limits {
         deadline: Some(Instant::now() + Duration::from_secs(120)),
         ..no_limits()

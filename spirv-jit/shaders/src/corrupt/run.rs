@@ -159,7 +159,10 @@ fn answer_rows(site: SiteKind) -> std::iter::Chain<std::ops::Range<usize>, std::
         SiteKind::ExecuteCallable { data_words } => (0, data_words),
         SiteKind::HitObjectGet { fact } => (fact.words(), 0),
         SiteKind::ReportIntersection { .. } | SiteKind::RayQueryProceed => (1, 0),
-        SiteKind::ReorderThread | SiteKind::Barrier => (0, 0),
+        SiteKind::ReorderThread
+        | SiteKind::Barrier
+        | SiteKind::BarrierArrive
+        | SiteKind::BarrierWait => (0, 0),
     };
     (0..first).chain(IO_DATA_ROW..IO_DATA_ROW + data as usize)
 }

@@ -513,7 +513,9 @@ impl<'m> Emitter<'m> {
         let point = self.new_point(after);
         let first = self.list(&inst.args);
         let handler = match site.kind {
-            SiteKind::Barrier => self.kernel::<yields::Barrier>(),
+            SiteKind::Barrier | SiteKind::BarrierArrive | SiteKind::BarrierWait => {
+                self.kernel::<yields::Barrier>()
+            }
             _ => self.kernel::<yields::Yield>(),
         };
         self.push(Instr {
