@@ -36,6 +36,9 @@ pub const PIPELINE_CREATE_2_64_BIT_INDEXING_EXT: PipelineCreateFlags2KHR =
 /// `VK_EXT_shader_split_barrier`.
 pub const SHADER_SPLIT_BARRIER: &CStr = c"VK_EXT_shader_split_barrier";
 
+/// `VK_EXT_shader_long_vector`.
+pub const SHADER_LONG_VECTOR: &CStr = c"VK_EXT_shader_long_vector";
+
 /// `VK_KHR_shader_fma`.
 pub const SHADER_FMA: &CStr = c"VK_KHR_shader_fma";
 
@@ -86,6 +89,7 @@ pub const NEWER: &[(&CStr, u32)] = &[
     (PIPELINE_BINARY, make_api_version(0, 1, 3, 294)),
     (SHADER_FMA, make_api_version(0, 1, 4, 340)),
     (SHADER_SPLIT_BARRIER, make_api_version(0, 1, 4, 359)),
+    (SHADER_LONG_VECTOR, make_api_version(0, 1, 4, 340)),
     (SHADER_64BIT_INDEXING, make_api_version(0, 1, 4, 340)),
     (MAINTENANCE_8, make_api_version(0, 1, 4, 330)),
     (MAINTENANCE_9, make_api_version(0, 1, 4, 330)),
@@ -280,6 +284,7 @@ macro_rules! features {
 features! {
     PhysicalDevicePipelineBinaryFeaturesKHR 1_000_483_000 { pipeline_binaries }
     PhysicalDeviceShaderSplitBarrierFeaturesEXT 1_000_305_000 { shader_split_barrier }
+    PhysicalDeviceShaderLongVectorFeaturesEXT 1_000_635_000 { long_vector }
     PhysicalDeviceShader64BitIndexingFeaturesEXT 1_000_627_000 { shader64_bit_indexing }
     PhysicalDeviceShaderFmaFeaturesKHR 1_000_579_000 {
         shader_fma_float16 shader_fma_float32 shader_fma_float64
@@ -310,6 +315,29 @@ impl Default for PhysicalDeviceDescriptorHeapFeaturesEXT<'_> {
 
 // SAFETY: the registry says so.
 unsafe impl ExtendsPhysicalDeviceFeatures2 for PhysicalDeviceDescriptorHeapFeaturesEXT<'_> {}
+
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct PhysicalDeviceShaderLongVectorPropertiesEXT<'a> {
+    pub s_type: StructureType,
+    pub p_next: *mut c_void,
+    pub max_vector_components: u32,
+    pub _marker: PhantomData<&'a ()>,
+}
+
+impl Default for PhysicalDeviceShaderLongVectorPropertiesEXT<'_> {
+    fn default() -> Self {
+        Self {
+            s_type: StructureType::from_raw(1_000_635_001),
+            p_next: std::ptr::null_mut(),
+            max_vector_components: 0,
+            _marker: PhantomData,
+        }
+    }
+}
+
+// SAFETY: the registry says so.
+unsafe impl ExtendsPhysicalDeviceProperties2 for PhysicalDeviceShaderLongVectorPropertiesEXT<'_> {}
 
 /// `VkHostAddressRangeEXT` and `VkHostAddressRangeConstEXT`.
 #[repr(C)]

@@ -7,7 +7,7 @@ use ash::{ext, huawei, khr, nv};
 use crate::newer::{
     self as vk, COPY_MEMORY_INDIRECT, DESCRIPTOR_HEAP, DEVICE_ADDRESS_COMMANDS,
     LINEAR_SWEPT_SPHERES, MAINTENANCE_8, MAINTENANCE_9, OPACITY_MICROMAP, PIPELINE_BINARY,
-    SHADER_64BIT_INDEXING, SHADER_FMA, SHADER_SPLIT_BARRIER,
+    SHADER_64BIT_INDEXING, SHADER_FMA, SHADER_LONG_VECTOR, SHADER_SPLIT_BARRIER,
 };
 
 macro_rules! optional {
@@ -90,6 +90,7 @@ optional! {
     micromap_khr: OPACITY_MICROMAP, PhysicalDeviceOpacityMicromapFeaturesKHR {};
     shader_64bit_indexing: SHADER_64BIT_INDEXING, PhysicalDeviceShader64BitIndexingFeaturesEXT {};
     split_barrier: SHADER_SPLIT_BARRIER, PhysicalDeviceShaderSplitBarrierFeaturesEXT {};
+    long_vector: SHADER_LONG_VECTOR, PhysicalDeviceShaderLongVectorFeaturesEXT {};
     shader_fma: SHADER_FMA, PhysicalDeviceShaderFmaFeaturesKHR {};
     pipeline_binary: PIPELINE_BINARY, PhysicalDevicePipelineBinaryFeaturesKHR {};
     executables: khr::pipeline_executable_properties::NAME, PhysicalDevicePipelineExecutablePropertiesFeaturesKHR {};

@@ -210,6 +210,13 @@ structures! {
     PhysicalDeviceShaderSplitBarrierPropertiesEXT 1_000_305_001 *mut c_void {
         split_barrier_reserved_shared_memory: u32,
     }
+    /// `VK_EXT_shader_long_vector`.
+    PhysicalDeviceShaderLongVectorFeaturesEXT 1_000_635_000 *mut c_void {
+        long_vector: Bool32,
+    }
+    PhysicalDeviceShaderLongVectorPropertiesEXT 1_000_635_001 *mut c_void {
+        max_vector_components: u32,
+    }
     /// `VK_EXT_shader_64bit_indexing`.
     PhysicalDeviceShader64BitIndexingFeaturesEXT 1_000_627_000 *mut c_void {
         shader64_bit_indexing: Bool32,

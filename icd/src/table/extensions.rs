@@ -251,6 +251,7 @@ extensions! {
     Device EXT_SHADER_ATOMIC_FLOAT_2 c"VK_EXT_shader_atomic_float2" 1;
     Device EXT_SHADER_DEMOTE_TO_HELPER_INVOCATION c"VK_EXT_shader_demote_to_helper_invocation" 1;
     Device EXT_SHADER_IMAGE_ATOMIC_INT64 c"VK_EXT_shader_image_atomic_int64" 1;
+    Device EXT_SHADER_LONG_VECTOR c"VK_EXT_shader_long_vector" 1;
     Device EXT_SHADER_OBJECT c"VK_EXT_shader_object" 1;
     Device EXT_SHADER_REPLICATED_COMPOSITES c"VK_EXT_shader_replicated_composites" 1;
     Device EXT_SHADER_SPLIT_BARRIER c"VK_EXT_shader_split_barrier" 1;

@@ -364,6 +364,7 @@ features! {
         shader_fma_float32: PhysicalDeviceShaderFmaFeaturesKHR => FMAKHR;
         shader_fma_float64: PhysicalDeviceShaderFmaFeaturesKHR => FMAKHR;
         shader_split_barrier: PhysicalDeviceShaderSplitBarrierFeaturesEXT => SplitBarrierINTEL;
+        long_vector: PhysicalDeviceShaderLongVectorFeaturesEXT => LongVectorEXT;
         shader64_bit_indexing: PhysicalDeviceShader64BitIndexingFeaturesEXT => Shader64BitIndexingEXT;
         maintenance10: PhysicalDeviceMaintenance10FeaturesKHR;
         fragment_shader_barycentric: PhysicalDeviceFragmentShaderBarycentricFeaturesKHR => FragmentBarycentricKHR;

@@ -21,6 +21,8 @@ pub const MAX_DESCRIPTORS: u32 = 1 << 20;
 pub const MAX_DYNAMIC_BUFFERS: u32 = 32;
 pub const MAX_INLINE_UNIFORM_BYTES: u32 = 4096;
 pub const MAX_PUSH_DESCRIPTORS: u32 = 32;
+/// `maxVectorComponents`.
+pub const MAX_VECTOR_COMPONENTS: u32 = spirv_jit::lower::MAX_VECTOR_COMPONENTS;
 pub const MAX_WORKGROUP_INVOCATIONS: u32 = spirv_jit::ir::MAX_INVOCATIONS as u32;
 pub const MAX_SHARED_BYTES: u32 = 64 << 10;
 /// `maxTaskPayloadSize`.

@@ -684,6 +684,10 @@ unsafe fn fill(machine: &Machine, node: *mut vk::BaseOutStructure<'static>) {
                 default_vertex_attribute_value: vk::DefaultVertexAttributeValueKHR::ZERO_ZERO_ZERO_ZERO,
                 ..Default::default()
             });
+            PhysicalDeviceShaderLongVectorPropertiesEXT(vk::PhysicalDeviceShaderLongVectorPropertiesEXT {
+                max_vector_components: limits::MAX_VECTOR_COMPONENTS,
+                ..Default::default()
+            });
             // Arrivals are counted outside of workgroup memory.
             PhysicalDeviceShaderSplitBarrierPropertiesEXT(
                 vk::PhysicalDeviceShaderSplitBarrierPropertiesEXT::default()

@@ -235,6 +235,11 @@ impl Builder {
         self.emit_one(Op::DescriptorAt, &[reference], Type::Descriptor)
     }
 
+    /// Allows so many operations more.
+    pub fn allow(&mut self, more: usize) {
+        self.budget = self.budget.saturating_add(more);
+    }
+
     pub fn new_label(&mut self) -> Label {
         self.function.new_label()
     }

@@ -148,6 +148,7 @@ pub const SUPPORTED: &[Capability] = &[
     Capability::DescriptorHeapEXT,
     Capability::Shader64BitIndexingEXT,
     Capability::SplitBarrierINTEL,
+    Capability::LongVectorEXT,
 ];
 
 /// Whether a capability is taken although its feature is off. For the inputs `PrimitiveId`, `Layer`

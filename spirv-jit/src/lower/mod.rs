@@ -66,11 +66,12 @@ mod types;
 mod values;
 
 pub use self::capability::SUPPORTED as SUPPORTED_CAPABILITIES;
+pub use self::types::MAX_COMPONENTS as MAX_VECTOR_COMPONENTS;
 
 use foldhash::HashMap;
 use std::rc::Rc;
 
-use rspirv::spirv::{Op, StorageClass};
+use rspirv::spirv::{Capability, Op, StorageClass};
 
 use self::builder::Builder;
 use self::call::{Outlined, Summary};
@@ -197,6 +198,10 @@ struct Lowerer<'a> {
 impl<'a> Lowerer<'a> {
     /// Operations per instruction of the module that lowering may emit, beyond a fixed allowance.
     const GROWTH: usize = 64;
+    /// The same for each component of the longest vector, as far as it is longer than four.
+    const GROWTH_OF_COMPONENT: usize = 4;
+    /// Operations that lowering may emit for long vectors beyond those, at most.
+    const MAX_LONG_GROWTH: usize = 8_000_000;
 
     fn new(
         module: &'a ParsedModule,
@@ -245,8 +250,20 @@ impl<'a> Lowerer<'a> {
         };
         lowerer.types.query_rows = Self::query_rows(&lowerer.query_words);
         lowerer.types.has_wide_offsets = lowerer.indexes_in_64_bits();
+        let mut capabilities = module.capabilities.iter();
+        lowerer.types.has_long_vectors =
+            capabilities.any(|&(capability, _)| capability == Capability::LongVectorEXT);
         lowerer.declare_globals()?;
+        lowerer.allow_long_vectors();
         Ok(lowerer)
+    }
+
+    /// Allows more operations where vectors are long: an instruction is some for each component.
+    fn allow_long_vectors(&mut self) {
+        let components = self.types.longest_vector().saturating_sub(4) as usize;
+        let more = self.module.instruction_count().saturating_mul(components);
+        let more = more.saturating_mul(Self::GROWTH_OF_COMPONENT);
+        self.b.allow(more.min(Self::MAX_LONG_GROWTH));
     }
 
     fn layout(&self) -> Layout<'_> {
@@ -327,7 +344,7 @@ impl<'a> Lowerer<'a> {
                         constants.define(module, &self.types, specialization, instruction);
                     if !defined.map_err(locate)? {
                         let named = match instruction.opcode {
-                            Op::TypeArray => &operands[1..2],
+                            Op::TypeArray | Op::TypeVectorIdEXT => &operands[1..2],
                             Op::TypeCooperativeMatrixKHR => &operands[1..],
                             _ => &[],
                         };

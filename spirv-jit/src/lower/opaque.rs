@@ -107,6 +107,22 @@ impl Lowerer<'_> {
 
     /// Checks the type of what a variable holds: such values stay in memory of the invocation.
     pub(super) fn check_variable(&self, class: StorageClass, pointee: Id) -> Result<(), Error> {
+        let may_be_long = matches!(
+            class,
+            StorageClass::Function
+                | StorageClass::Private
+                | StorageClass::UniformConstant
+                | StorageClass::Uniform
+                | StorageClass::Workgroup
+                | StorageClass::StorageBuffer
+                | StorageClass::PhysicalStorageBuffer
+                | StorageClass::PushConstant
+                | StorageClass::ShaderRecordBufferKHR
+        );
+        if !may_be_long && self.types.is_long(pointee) {
+            let message = format!("a {class:?} variable cannot hold vectors of so many components");
+            return Err(self.b.invalid(message));
+        }
         let may_hold = matches!(
             class,
             StorageClass::UniformConstant | StorageClass::Function | StorageClass::Private

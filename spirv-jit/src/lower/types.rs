@@ -28,6 +28,12 @@ pub(super) const LOCATION_WORDS: u32 = 4;
 /// The pointee of pointers that have none (`OpTypeUntypedPointerKHR`): no type has this id.
 pub(super) const UNTYPED: Id = 0;
 
+/// Components of a vector (`maxVectorComponents`), with the capability `LongVectorEXT`.
+pub const MAX_COMPONENTS: u32 = 1024;
+
+/// Components of a vector without it.
+const FEW_COMPONENTS: u32 = 4;
+
 /// Scalars of a value that is taken apart; larger ones lie in memory (see [`super::large`]).
 pub(super) const MAX_LEAVES: u64 = 1 << 14;
 
@@ -107,6 +113,8 @@ pub(super) struct TypeInfo {
     /// Images, samplers and pointers that go through a descriptor: their values are references,
     /// which nothing else may become.
     pub is_opaque: bool,
+    /// Components of the longest vector in a value.
+    pub components: u32,
     /// Locations of a stage's interface that a value takes, saturated.
     pub locations: u32,
     /// Size and alignment in memory without decorations, each scalar aligned to its size; `None`
@@ -124,6 +132,9 @@ pub(super) struct Types {
     pub query_rows: u64,
     /// Offsets in storage buffers have 64 bits (`Shader64BitIndexingEXT`).
     pub has_wide_offsets: bool,
+    /// Vectors may have one component, or more than four (`LongVectorEXT`).
+    pub has_long_vectors: bool,
+    longest_vector: u32,
     leaves: std::cell::RefCell<IdTable<Rc<[Type]>>>,
 }
 
@@ -133,6 +144,16 @@ impl Types {
         self.infos
             .get(id)
             .ok_or_else(|| Error::invalid(0, format!("id {id} is not a type")))
+    }
+
+    /// Components of the longest vector of the module.
+    pub fn longest_vector(&self) -> u32 {
+        self.longest_vector
+    }
+
+    /// Whether a value contains vectors of more than four components.
+    pub fn is_long(&self, id: Id) -> bool {
+        (self.infos.get(id)).is_some_and(|info| info.components > FEW_COMPONENTS)
     }
 
     /// The value form of a logical pointer: in a phi, a selection, or a call that is not inlined.
@@ -366,7 +387,7 @@ impl Types {
     }
 
     /// Adds the type that an instruction declares; `sizes`: the constants that it names, which are
-    /// the length of an array, or scope, rows, columns and use of a cooperative matrix.
+    /// the length of an array or a vector, or scope, rows, columns and use of a cooperative matrix.
     pub fn declare(
         &mut self,
         module: &ParsedModule,
@@ -395,6 +416,10 @@ impl Types {
             Op::TypeVector => TypeKind::Vector {
                 component: operand(0),
                 count: operand(1),
+            },
+            Op::TypeVectorIdEXT => TypeKind::Vector {
+                component: operand(0),
+                count: sizes.first().copied().unwrap_or(0),
             },
             Op::TypeMatrix => TypeKind::Matrix {
                 column: operand(0),
@@ -454,6 +479,7 @@ impl Types {
             }
         };
         let info = self.measure(at, instruction.result, kind, &module.annotations)?;
+        self.longest_vector = self.longest_vector.max(info.components);
         self.infos.insert(instruction.result, info);
         Ok(())
     }
@@ -478,8 +504,13 @@ impl Types {
                 let TypeKind::Scalar { ty, .. } = part(*component)?.kind else {
                     return Err(Error::invalid(at, "vector components must be scalars"));
                 };
-                if !matches!(count, 2..=4 | 8 | 16) {
-                    return Err(Error::invalid(at, "vectors have 2 to 4 components"));
+                let is_possible = match self.has_long_vectors {
+                    true => matches!(*count, 1..=MAX_COMPONENTS),
+                    false => matches!(*count, 2..=FEW_COMPONENTS),
+                };
+                if !is_possible {
+                    let message = format!("a vector cannot have {count} components");
+                    return Err(Error::invalid(at, message));
                 }
                 (*count as u64, *count as u64 * ty.rows() as u64)
             }
@@ -492,8 +523,16 @@ impl Types {
             }
             TypeKind::Matrix { column, count } => {
                 let info = part(*column)?;
-                if !matches!(info.kind, TypeKind::Vector { .. }) || !matches!(count, 2..=4) {
-                    return Err(Error::invalid(at, "a matrix has 2 to 4 columns of vectors"));
+                let of_columns = matches!(
+                    info.kind,
+                    TypeKind::Vector {
+                        count: 2..=FEW_COMPONENTS,
+                        ..
+                    }
+                );
+                if !of_columns || !matches!(count, 2..=4) {
+                    let message = "a matrix has 2 to 4 columns of 2 to 4 components";
+                    return Err(Error::invalid(at, message));
                 }
                 (info.leaf_count * *count as u64, info.rows * *count as u64)
             }
@@ -552,6 +591,16 @@ impl Types {
             }
             _ => false,
         };
+        let components = match &kind {
+            TypeKind::Vector { count, .. } => *count,
+            TypeKind::Array { element, .. } | TypeKind::RuntimeArray { element } => {
+                part(*element)?.components
+            }
+            TypeKind::Struct { members } => members.iter().try_fold(0, |most: u32, &member| {
+                Ok::<_, Error>(most.max(part(member)?.components))
+            })?,
+            _ => 0,
+        };
         let locations = match &kind {
             TypeKind::Vector { .. } => (rows as u32).div_ceil(LOCATION_WORDS),
             TypeKind::Matrix {
@@ -573,6 +622,7 @@ impl Types {
             leaf_count,
             rows,
             is_opaque,
+            components,
             locations,
             natural,
             packed,

@@ -9,6 +9,7 @@ mod heaps;
 mod indexing;
 mod information;
 mod large;
+mod long_vectors;
 mod meets;
 mod split_barriers;
 mod untyped;
