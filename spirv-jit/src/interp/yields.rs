@@ -214,10 +214,10 @@ impl Kernel for Yield {
     }
 }
 
-/// A barrier of the workgroup or a half of one, in the place of a [`Yield`] without operands. If all
-/// subgroups of the wave's workgroups that have not ended are in the wave and have come to it, all
-/// have met: they go on without an event. Each has come once more to a split barrier then, which
-/// leaves their counts as far apart as they were.
+/// A barrier of the workgroup, or a half of one, in the place of a [`Yield`] without operands. If
+/// all subgroups of the wave's workgroups that have not ended are in the wave and have come to it,
+/// all have met: they go on without an event. Each has come once more to a split barrier then,
+/// which leaves their counts as far apart as they were.
 pub(super) struct Barrier;
 
 impl Kernel for Barrier {

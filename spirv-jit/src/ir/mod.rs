@@ -86,7 +86,8 @@
 //! A load or store moves one or more consecutive scalars of one type, tightly packed (in `private`,
 //! consecutive rows), or in `shared` and `buffer` as many bytes apart as a `strided` one says.
 //! Booleans are not storable outside `private`. The row or offset of each scalar is computed modulo
-//! 2^32, in `buffer64` modulo 2^64: an access of several scalars is the same as one access for each, whatever the address.
+//! 2^32, in `buffer64` modulo 2^64: an access of several scalars is the same as one access for
+//! each, whatever the address.
 //!
 //! A `constant` load is from a uniform block, which nothing writes during a dispatch: it may be
 //! performed once for all invocations.
@@ -99,7 +100,8 @@
 //! ## Yields
 //!
 //! `trace_ray`, `report_intersection`, `execute_callable`, `hit_object_*`, `reorder_thread` and
-//! `barrier`, `barrier_arrive` and `barrier_wait` suspend the wave: see [`program::Event`](crate::state::Event). Their operands and
+//! `barrier`, `barrier_arrive` and `barrier_wait` suspend the wave: see
+//! [`program::Event`](crate::state::Event). Their operands and
 //! results are 32-bit words. After those that SPIR-V calls invocation repack instructions a lane
 //! may be another one, of another subgroup.
 

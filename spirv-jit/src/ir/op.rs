@@ -286,8 +286,8 @@ macro_rules! define_ops {
             Barrier "barrier" Yield;
             /// `() -> ()`: says that the subgroup has come, and goes on.
             BarrierArrive "barrier_arrive" Yield;
-            /// `() -> ()`: waits until each subgroup of the workgroup has come as often as this one,
-            /// or has ended.
+            /// `() -> ()`: waits until each subgroup of the workgroup has come as often as this
+            /// one, or has ended.
             BarrierWait "barrier_wait" Yield;
             /// `(row: i32) -> i1`: advances the ray query whose object starts at that row of
             /// private memory, and rewrites the object; false when the walk is over.

@@ -18,8 +18,8 @@ const SIZE: usize = MatrixProduct::SIZE;
 /// Of an access.
 type Operands = SmallVec<[Value; 2]>;
 
-/// Bytes from a line of a matrix to the next. A computed stride is an i32, or an i64 in shaders with
-/// 64-bit indexing.
+/// Bytes from a line of a matrix to the next. A computed stride is an i32, or an i64 in shaders
+/// with 64-bit indexing.
 #[derive(Clone, Copy)]
 enum Stride {
     Constant(u64),

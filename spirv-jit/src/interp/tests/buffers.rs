@@ -127,7 +127,7 @@ fn offsets_have_64_bits() {
                             layout == 1 || random.below(3) > 0,
                         )
                     });
-                    // What lies where they copy from.
+                    // The scalars that they copy.
                     let places =
                         |from: u64| (0..count as u64).map(move |j| from.wrapping_add(j * size));
                     let is_inside = |memory: &Sparse, at: u64| {
@@ -149,7 +149,8 @@ fn offsets_have_64_bits() {
                             memories[buffer as usize].write(at, &[0xee; 8][..size as usize]);
                         }
                     }
-                    // In the small buffer a source may be where another lane copies to; loads come first.
+                    // In the small buffer lanes copy from where others copy to; loads come
+                    // first.
                     let sources: Vec<Vec<Vec<u8>>> = copies
                         .iter()
                         .map(|&(from, _, buffer, _)| {
