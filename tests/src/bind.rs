@@ -219,10 +219,20 @@ impl Gpu {
 
     /// A pipeline layout for these sets, with 128 bytes of push constants for all stages.
     pub fn layout(&self, sets: &[vk::DescriptorSetLayout]) -> vk::PipelineLayout {
+        self.layout_with(vk::PipelineLayoutCreateFlags::empty(), sets)
+    }
+
+    /// The same, with flags.
+    pub fn layout_with(
+        &self,
+        flags: vk::PipelineLayoutCreateFlags,
+        sets: &[vk::DescriptorSetLayout],
+    ) -> vk::PipelineLayout {
         let push = [vk::PushConstantRange::default()
             .stage_flags(vk::ShaderStageFlags::ALL)
             .size(128)];
         let info = vk::PipelineLayoutCreateInfo::default()
+            .flags(flags)
             .set_layouts(sets)
             .push_constant_ranges(&push);
         // SAFETY: `info` outlives the call.

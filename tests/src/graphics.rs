@@ -444,12 +444,24 @@ impl Gpu {
         pipeline
     }
 
-    /// A shader object for these set layouts, from SPIR-V or from another one's binary.
+    /// A shader object without sets, from SPIR-V or from another one's binary.
     pub fn shader_object(
         &self,
         stage: Stage,
         code_type: vk::ShaderCodeTypeEXT,
         code: &[u8],
+    ) -> vk::ShaderEXT {
+        let flags = vk::ShaderCreateFlagsEXT::empty();
+        self.shader_object_with(stage, (code_type, code), flags, &[])
+    }
+
+    /// The same with flags, and with sets.
+    pub fn shader_object_with(
+        &self,
+        stage: Stage,
+        (code_type, code): (vk::ShaderCodeTypeEXT, &[u8]),
+        flags: vk::ShaderCreateFlagsEXT,
+        sets: &[vk::DescriptorSetLayout],
     ) -> vk::ShaderEXT {
         let push = [vk::PushConstantRange::default()
             .stage_flags(vk::ShaderStageFlags::ALL)
@@ -471,6 +483,8 @@ impl Gpu {
             _ => vk::ShaderStageFlags::empty(),
         };
         let info = vk::ShaderCreateInfoEXT::default()
+            .flags(flags)
+            .set_layouts(sets)
             .stage(stage.flag())
             .next_stage(next)
             .code_type(code_type)

@@ -39,6 +39,12 @@ pub const SHADER_SPLIT_BARRIER: &CStr = c"VK_EXT_shader_split_barrier";
 /// `VK_EXT_shader_long_vector`.
 pub const SHADER_LONG_VECTOR: &CStr = c"VK_EXT_shader_long_vector";
 
+/// `VK_KHR_maintenance11`.
+pub const MAINTENANCE_11: &CStr = c"VK_KHR_maintenance11";
+
+/// `VK_KHR_extended_flags`.
+pub const EXTENDED_FLAGS: &CStr = c"VK_KHR_extended_flags";
+
 /// `VK_KHR_shader_fma`.
 pub const SHADER_FMA: &CStr = c"VK_KHR_shader_fma";
 
@@ -93,6 +99,8 @@ pub const NEWER: &[(&CStr, u32)] = &[
     (SHADER_64BIT_INDEXING, make_api_version(0, 1, 4, 340)),
     (MAINTENANCE_8, make_api_version(0, 1, 4, 330)),
     (MAINTENANCE_9, make_api_version(0, 1, 4, 330)),
+    (MAINTENANCE_11, make_api_version(0, 1, 4, 356)),
+    (EXTENDED_FLAGS, make_api_version(0, 1, 4, 356)),
     (
         ash::khr::ray_tracing_position_fetch::NAME,
         make_api_version(0, 1, 3, 249),
@@ -289,6 +297,8 @@ features! {
     PhysicalDeviceShaderFmaFeaturesKHR 1_000_579_000 {
         shader_fma_float16 shader_fma_float32 shader_fma_float64
     }
+    PhysicalDeviceMaintenance11FeaturesKHR 1_000_657_000 { maintenance11 }
+    PhysicalDeviceExtendedFlagsFeaturesKHR 1_000_668_004 { extended_flags }
 }
 
 #[repr(C)]
@@ -434,6 +444,29 @@ structures! {
         index_stride: DeviceSize,
         base_triangle: u32,
         micromap: AccelerationStructureKHR,
+    }
+    QueueFamilyOptimalImageTransferGranularityPropertiesKHR 1_000_657_001 *mut c_void {
+        optimal_image_transfer_granularity: Extent3D,
+    }
+    FormatProperties4KHR 1_000_668_000 *mut c_void {
+        linear_tiling_features: u64,
+        optimal_tiling_features: u64,
+        buffer_features: u64,
+    }
+    ImageCreateFlags2CreateInfoKHR 1_000_668_001 *const c_void {
+        flags: u64,
+    }
+    ImageUsageFlags2CreateInfoKHR 1_000_668_002 *const c_void {
+        usage: u64,
+    }
+    ImageViewUsage2CreateInfoKHR 1_000_668_003 *const c_void {
+        usage: u64,
+    }
+    ImageStencilUsage2CreateInfoKHR 1_000_668_005 *const c_void {
+        stencil_usage: u64,
+    }
+    SharedPresentSurfaceCapabilities2KHR 1_000_668_006 *mut c_void {
+        shared_present_supported_usage_flags: u64,
     }
     TexelBufferDescriptorInfoEXT 1_000_135_000 *const c_void {
         format: Format,

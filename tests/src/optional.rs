@@ -5,9 +5,7 @@ use std::ffi::{CStr, c_void};
 use ash::{ext, huawei, khr, nv};
 
 use crate::newer::{
-    self as vk, COPY_MEMORY_INDIRECT, DESCRIPTOR_HEAP, DEVICE_ADDRESS_COMMANDS,
-    LINEAR_SWEPT_SPHERES, MAINTENANCE_8, MAINTENANCE_9, OPACITY_MICROMAP, PIPELINE_BINARY,
-    SHADER_64BIT_INDEXING, SHADER_FMA, SHADER_LONG_VECTOR, SHADER_SPLIT_BARRIER,
+    self as vk, COPY_MEMORY_INDIRECT, DESCRIPTOR_HEAP, DEVICE_ADDRESS_COMMANDS, EXTENDED_FLAGS, LINEAR_SWEPT_SPHERES, MAINTENANCE_11, MAINTENANCE_8, MAINTENANCE_9, OPACITY_MICROMAP, PIPELINE_BINARY, SHADER_64BIT_INDEXING, SHADER_FMA, SHADER_LONG_VECTOR, SHADER_SPLIT_BARRIER,
 };
 
 macro_rules! optional {
@@ -85,6 +83,10 @@ optional! {
     indirect_copies: COPY_MEMORY_INDIRECT, PhysicalDeviceCopyMemoryIndirectFeaturesKHR {};
     maintenance8: MAINTENANCE_8, PhysicalDeviceMaintenance8FeaturesKHR {};
     maintenance9: MAINTENANCE_9, PhysicalDeviceMaintenance9FeaturesKHR {};
+    maintenance11: MAINTENANCE_11, PhysicalDeviceMaintenance11FeaturesKHR {};
+    extended_flags: EXTENDED_FLAGS, PhysicalDeviceExtendedFlagsFeaturesKHR {};
+    depth_clip: ext::depth_clip_enable::NAME, PhysicalDeviceDepthClipEnableFeaturesEXT {};
+    dynamic_state3: ext::extended_dynamic_state3::NAME, PhysicalDeviceExtendedDynamicState3FeaturesEXT {};
     micromap: ext::opacity_micromap::NAME, PhysicalDeviceOpacityMicromapFeaturesEXT { micromap_capture_replay };
     /// Off where there is validation, as above.
     micromap_khr: OPACITY_MICROMAP, PhysicalDeviceOpacityMicromapFeaturesKHR {};

@@ -113,6 +113,9 @@ fn bind_shaders(
         if gpu.features.depth_clamp == vk::TRUE {
             objects.cmd_set_depth_clamp_enable(commands, false);
         }
+        if gpu.optional.depth_clip.depth_clip_enable == vk::TRUE {
+            objects.cmd_set_depth_clip_enable(commands, true);
+        }
         device.cmd_set_depth_bias_enable(commands, false);
         device.cmd_set_depth_test_enable(commands, false);
         device.cmd_set_depth_write_enable(commands, false);
@@ -651,6 +654,105 @@ fn view_indices_are_device_indices_where_pipelines_say_so() {
         assert_eq!(linked(from_device, from_device), [[0, 0]; 3]);
         assert_eq!(linked(from_device, none), [[0, 0], [0, 1], [0, 2]]);
         assert_eq!(linked(none, from_device), [[0, 0], [1, 0], [2, 0]]);
+    }
+}
+
+/// `VK_SHADER_CREATE_INDEPENDENT_SETS_BIT_KHR`.
+const INDEPENDENT_SETS: vk::ShaderCreateFlagsEXT = vk::ShaderCreateFlagsEXT::from_raw(1 << 18);
+
+/// Each stage knows the layouts of its own sets; dynamic offsets are those of all sets.
+#[test]
+fn shader_objects_know_some_of_the_sets() {
+    let Some(gpu) = Gpu::new().drawing() else {
+        return;
+    };
+    let has_objects = gpu.optional.shader_object.shader_object == vk::TRUE;
+    let is_newer = gpu.optional.maintenance11.maintenance11 == vk::TRUE;
+    if !has("VK_EXT_shader_object", has_objects) || !has("VK_KHR_maintenance11", is_newer) {
+        return;
+    }
+    let vertex = "
+        layout(set = 1, binding = 0) uniform Depths { float depth; };
+        layout(location = 0) flat out uint number;
+        void main() {
+            vec2 place = vec2(gl_VertexIndex == 1 ? 3.0 : -1.0, gl_VertexIndex == 2 ? 3.0 : -1.0);
+            number = uint(depth * 64.0);
+            gl_Position = vec4(place, depth, 1.0);
+        }";
+    let fragment = "
+        layout(location = 0) flat in uint number;
+        layout(set = 0, binding = 0) uniform Before { uint before; };
+        layout(set = 2, binding = 1) uniform Behind { uint behind; };
+        layout(location = 0) out vec4 color;
+        void main() { color = vec4(number, before, behind, 255.0) / 255.0; }";
+    let step = gpu.limits.min_uniform_buffer_offset_alignment.max(4) as u32;
+    let words = |words: [u32; 3]| {
+        let mut room = vec![0u32; 3 * step as usize / 4];
+        for (index, word) in words.into_iter().enumerate() {
+            room[index * step as usize / 4] = word;
+        }
+        gpu.buffer_with(&room)
+    };
+    let depths = words([0.25f32, 0.5, 0.75].map(f32::to_bits));
+    let (before, behind) = (words([1, 2, 3]), words([4, 5, 6]));
+    let sets = [
+        gpu.set(&[(0, &[Bound::UniformDynamic(before, 4)])]),
+        gpu.set(&[(0, &[Bound::UniformDynamic(depths, 4)])]),
+        gpu.set(&[
+            (0, &[Bound::UniformDynamic(before, 4)]),
+            (1, &[Bound::UniformDynamic(behind, 4)]),
+        ]),
+    ];
+    let [first, second, third] = sets.map(|set| set.layout);
+    let none = vk::DescriptorSetLayout::null();
+    let objects = ext::shader_object::Device::new(&gpu.instance, &gpu.device);
+    let spirv = vk::ShaderCodeTypeEXT::SPIRV;
+    let make = |code_type, codes: [&[u8]; 2]| {
+        let [vertex, fragment] = codes;
+        [
+            gpu.shader_object_with(
+                Stage::Vertex,
+                (code_type, vertex),
+                INDEPENDENT_SETS,
+                &[none, second],
+            ),
+            gpu.shader_object_with(
+                Stage::Fragment,
+                (code_type, fragment),
+                INDEPENDENT_SETS,
+                &[first, none, third],
+            ),
+        ]
+    };
+    let words = [glsl(Stage::Vertex, vertex), glsl(Stage::Fragment, fragment)];
+    let compiled = make(
+        spirv,
+        [0, 1].map(|stage| bytemuck::cast_slice(&words[stage])),
+    );
+    // SAFETY: the shaders are of this device.
+    let binaries = compiled.map(|it| unsafe { objects.get_shader_binary_data(it) }.unwrap());
+    let binary = vk::ShaderCodeTypeEXT::BINARY;
+    let again = make(binary, [&binaries[0], &binaries[1]]);
+    let layout = gpu.layout_with(
+        vk::PipelineLayoutCreateFlags::INDEPENDENT_SETS_EXT,
+        &[first, second, third],
+    );
+    let canvas = gpu.canvas(RGBA, 16, 16);
+    let offsets = [step, 2 * step, 0, 2 * step];
+    for shaders in [compiled, again] {
+        gpu.draw(&Pass::black(&canvas), |commands| {
+            bind_shaders(&gpu, commands, shaders, &canvas, 1);
+            let handles = sets.map(|set| set.handle);
+            let point = vk::PipelineBindPoint::GRAPHICS;
+            // SAFETY: the command buffer is being recorded; the sets live as long as the device.
+            unsafe {
+                let device = &gpu.device;
+                device.cmd_bind_descriptor_sets(commands, point, layout, 0, &handles, &offsets);
+            }
+            gpu.draw_vertices(commands, 3);
+        });
+        // Of depth 0.75, and the second and third words.
+        assert!(gpu.colors(&canvas).iter().all(|&it| it == [48, 2, 6, 255]));
     }
 }
 

@@ -5,6 +5,7 @@ pub mod acceleration_structure;
 pub mod geometries;
 pub mod graphics;
 mod heap;
+pub mod image;
 mod index_type;
 pub mod micromap;
 pub mod nv_ray_tracing;

@@ -11,6 +11,7 @@ use super::define::entry;
 use super::descriptor_buffer::captured;
 use super::destroy;
 use crate::VkResult;
+use crate::decode::image::image_info;
 use crate::decode::sampler::decode_sampler;
 use crate::device::Device;
 use crate::ffi::enumerate::enumerate_with;
@@ -112,7 +113,7 @@ entry! {
         _allocator: *const vk::AllocationCallbacks,
         out: *mut vk::Image,
     ) -> vk::Result {
-        let mut image = Image::new(&*info)?;
+        let mut image = Image::new(&image_info(&*info))?;
         if is_sparse(image.flags) {
             let window = &from_handle::<Device>(device).window;
             let reservation = Reservation::new(window, image.size_bytes, Placement::Ordinary)?;
@@ -147,8 +148,8 @@ entry! {
     ) {
         // Valid usage makes the creation succeed; an impossible image asks for more than there is.
         let aspect = (*info).plane_aspect;
-        let info = &*(*info).p_create_info;
-        let size_bytes = Image::new(info)
+        let info = image_info(&*(*info).p_create_info);
+        let size_bytes = Image::new(&info)
             .map_or(1 << 62, |image| image.binding_size_bytes(Some(aspect)));
         write_requirements(out, size_bytes, Image::alignment(info.flags));
     }
@@ -181,7 +182,7 @@ entry! {
         count: *mut u32,
         out: *mut vk::SparseImageMemoryRequirements2,
     ) {
-        let info = &*(*info).p_create_info;
+        let info = image_info(&*(*info).p_create_info);
         let all = resident::requirements(info.flags, info.format, info.mip_levels);
         let _ = enumerate_with(count, out, all.into_iter(), |out, it| out.memory_requirements = it);
     }

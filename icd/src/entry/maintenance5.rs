@@ -4,6 +4,7 @@ use ash::vk;
 
 use super::define::entry;
 use super::image::subresource_layout;
+use crate::decode::image::image_info;
 use crate::ffi::chain;
 use crate::handle::from_handle;
 use crate::object::Image;
@@ -48,7 +49,7 @@ entry! {
         out: *mut vk::SubresourceLayout2KHR<'_>,
     ) {
         let info = &*info;
-        let image = Image::new(&*info.p_create_info);
+        let image = Image::new(&image_info(&*info.p_create_info));
         let layout = image.and_then(|image| subresource_layout(&image, &(*info.p_subresource).image_subresource));
         write_layout(out, layout.unwrap_or_default());
     }

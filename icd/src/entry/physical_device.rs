@@ -7,7 +7,7 @@ use ash::vk;
 use super::define::entry;
 use super::instance::extension_properties;
 use super::system;
-use crate::VkResult;
+use crate::decode::image::{described_image, resident_usage};
 use crate::ffi::enumerate::enumerate_with;
 use crate::ffi::{chain, enumerate, vk as newer};
 use crate::format;
@@ -91,12 +91,6 @@ fn external_memory(ty: vk::ExternalMemoryHandleTypeFlags) -> vk::ExternalMemoryP
         },
         compatible_handle_types: ty,
     }
-}
-
-fn image_format_properties(
-    info: &vk::PhysicalDeviceImageFormatInfo2<'_>,
-) -> VkResult<vk::ImageFormatProperties> {
-    supported_image(info.format, info.ty, info.tiling, info.usage, info.flags)
 }
 
 /// The planes of images that can be resident in parts; none if images like this cannot.
@@ -188,6 +182,10 @@ entry! {
                 // No layout depends on the family.
                 transfer.optimal_image_transfer_to_queue_families = u32::MAX;
             }
+            if let Some(transfer) = chain::find_mut::<newer::QueueFamilyOptimalImageTransferGranularityPropertiesKHR<'_>>(out.p_next) {
+                // Images are linear: no region is better than another.
+                transfer.optimal_image_transfer_granularity = family.min_image_transfer_granularity;
+            }
         });
     }
 
@@ -226,6 +224,12 @@ entry! {
             out3.optimal_tiling_features = features.image;
             out3.buffer_features = features.buffer;
         }
+        if let Some(out4) = chain::find_mut::<newer::FormatProperties4KHR<'_>>((*out).p_next) {
+            // None is defined yet.
+            out4.linear_tiling_features = 0;
+            out4.optimal_tiling_features = 0;
+            out4.buffer_features = 0;
+        }
         if let Some(out) = chain::find_mut::<vk::SubpassResolvePerformanceQueryEXT>((*out).p_next) {
             // Samples of every format are resolved in the same way as those of other attachments.
             out.optimal = vk::TRUE;
@@ -258,7 +262,7 @@ entry! {
         if !external.is_empty() && external_properties.external_memory_features.is_empty() {
             return Err(vk::Result::ERROR_FORMAT_NOT_SUPPORTED);
         }
-        (*out).image_format_properties = image_format_properties(&*info)?;
+        (*out).image_format_properties = described_image(&*info)?;
         if let Some(out) = chain::find_mut::<vk::SamplerYcbcrConversionImageFormatProperties>((*out).p_next) {
             // A descriptor of any other combined image sampler is no smaller.
             out.combined_image_sampler_descriptor_count = 1;
@@ -294,7 +298,8 @@ entry! {
         out: *mut vk::SparseImageFormatProperties2,
     ) {
         let info = &*info;
-        let all = resident_planes(info.format, info.ty, info.samples, info.usage, info.tiling);
+        let planes = |usage| resident_planes(info.format, info.ty, info.samples, usage, info.tiling);
+        let all = resident_usage(info).map_or_else(Vec::new, planes);
         let _ = enumerate_with(count, out, all.into_iter(), |out, it| out.properties = it);
     }
 

@@ -63,6 +63,12 @@ unsafe fn fill_capabilities(
         if let Some(out) = chain::find_mut::<vk::SharedPresentSurfaceCapabilitiesKHR>(next) {
             out.shared_present_supported_usage_flags = IMAGE_USAGE;
         }
+        if let Some(out) = chain::find_mut::<vk::SharedPresentSurfaceCapabilities2KHR<'_>>(next) {
+            out.shared_present_supported_usage_flags = IMAGE_USAGE.as_raw().into();
+        }
+        if let Some(out) = chain::find_mut::<vk::ImageUsageFlags2CreateInfoKHR<'_>>(next) {
+            out.usage = capabilities.supported_usage_flags.as_raw().into();
+        }
         if let Some(out) = chain::find_mut::<vk::SurfaceCapabilitiesPresentId2KHR>(next) {
             out.present_id2_supported = vk::TRUE;
         }

@@ -7,6 +7,7 @@ use super::address_report::report;
 use super::define::entry;
 use super::present_timing;
 use crate::VkResult;
+use crate::decode::image::swapchain_usage;
 use crate::device::Device;
 use crate::ffi::enumerate::enumerate;
 use crate::ffi::{array, chain, slice, vk};
@@ -18,7 +19,12 @@ use crate::present::{Creation, Request, Scaling, Surface, Swapchain};
 use crate::queue::{Queue, Submission};
 
 /// The images of a swapchain.
-fn image_info<'a>(info: &vk::SwapchainCreateInfoKHR<'_>) -> vk::ImageCreateInfo<'a> {
+///
+/// # Safety
+/// `info` is valid usage of `vkCreateSwapchainKHR`.
+unsafe fn image_info<'a>(info: &vk::SwapchainCreateInfoKHR<'_>) -> vk::ImageCreateInfo<'a> {
+    // SAFETY: the caller's promise.
+    let usage = unsafe { swapchain_usage(info) };
     let mutable = info
         .flags
         .contains(vk::SwapchainCreateFlagsKHR::MUTABLE_FORMAT);
@@ -39,7 +45,7 @@ fn image_info<'a>(info: &vk::SwapchainCreateInfoKHR<'_>) -> vk::ImageCreateInfo<
         .array_layers(info.image_array_layers)
         .samples(vk::SampleCountFlags::TYPE_1)
         .tiling(vk::ImageTiling::OPTIMAL)
-        .usage(info.image_usage)
+        .usage(usage)
 }
 
 /// The creation parameters of a swapchain.
@@ -48,13 +54,18 @@ fn image_info<'a>(info: &vk::SwapchainCreateInfoKHR<'_>) -> vk::ImageCreateInfo<
 /// `info` is valid usage of `vkCreateSwapchainKHR`.
 unsafe fn creation<'a>(info: &vk::SwapchainCreateInfoKHR<'a>) -> Creation<'a> {
     // SAFETY: the caller's promise.
-    let scaling = unsafe { chain::find::<vk::SwapchainPresentScalingCreateInfoEXT>(info.p_next) };
+    let (images, scaling) = unsafe {
+        (
+            image_info(info),
+            chain::find::<vk::SwapchainPresentScalingCreateInfoEXT>(info.p_next),
+        )
+    };
     let scaling = scaling.map_or_else(Scaling::default, |scaling| Scaling {
         behavior: scaling.scaling_behavior,
         gravity: [scaling.present_gravity_x, scaling.present_gravity_y],
     });
     Creation {
-        images: image_info(info),
+        images,
         count: info.min_image_count,
         mode: info.present_mode,
         color_space: info.image_color_space,

@@ -238,6 +238,34 @@ structures! {
         resolve_mode: ResolveModeFlags,
         stencil_resolve_mode: ResolveModeFlags,
     }
+    /// `VK_KHR_maintenance11`.
+    PhysicalDeviceMaintenance11FeaturesKHR 1_000_657_000 *mut c_void {
+        maintenance11: Bool32,
+    }
+    QueueFamilyOptimalImageTransferGranularityPropertiesKHR 1_000_657_001 *mut c_void {
+        optimal_image_transfer_granularity: Extent3D,
+    }
+    /// `VK_KHR_extended_flags`.
+    FormatProperties4KHR 1_000_668_000 *mut c_void {
+        linear_tiling_features: Flags64,
+        optimal_tiling_features: Flags64,
+        buffer_features: Flags64,
+    }
+    ImageCreateFlags2CreateInfoKHR 1_000_668_001 *const c_void {
+        flags: Flags64,
+    }
+    ImageUsageFlags2CreateInfoKHR 1_000_668_002 *const c_void {
+        usage: Flags64,
+    }
+    PhysicalDeviceExtendedFlagsFeaturesKHR 1_000_668_004 *mut c_void {
+        extended_flags: Bool32,
+    }
+    ImageStencilUsage2CreateInfoKHR 1_000_668_005 *const c_void {
+        stencil_usage: Flags64,
+    }
+    SharedPresentSurfaceCapabilities2KHR 1_000_668_006 *mut c_void {
+        shared_present_supported_usage_flags: Flags64,
+    }
     /// `VK_KHR_unified_image_layouts`.
     PhysicalDeviceUnifiedImageLayoutsFeaturesKHR 1_000_527_000 *mut c_void {
         unified_image_layouts: Bool32,

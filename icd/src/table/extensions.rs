@@ -91,6 +91,7 @@ extensions! {
     Device KHR_DRIVER_PROPERTIES c"VK_KHR_driver_properties" 1;
     Device KHR_DYNAMIC_RENDERING c"VK_KHR_dynamic_rendering" 1;
     Device KHR_DYNAMIC_RENDERING_LOCAL_READ c"VK_KHR_dynamic_rendering_local_read" 1;
+    Device KHR_EXTENDED_FLAGS c"VK_KHR_extended_flags" 1;
     Device KHR_EXTERNAL_FENCE c"VK_KHR_external_fence" 1;
     Device KHR_EXTERNAL_FENCE_FD c"VK_KHR_external_fence_fd" 1;
     Device KHR_EXTERNAL_MEMORY c"VK_KHR_external_memory" 1;
@@ -111,6 +112,7 @@ extensions! {
     Device KHR_LOAD_STORE_OP_NONE c"VK_KHR_load_store_op_none" 1;
     Device KHR_MAINTENANCE_1 c"VK_KHR_maintenance1" 2;
     Device KHR_MAINTENANCE_10 c"VK_KHR_maintenance10" 1;
+    Device KHR_MAINTENANCE_11 c"VK_KHR_maintenance11" 1;
     Device KHR_MAINTENANCE_2 c"VK_KHR_maintenance2" 1;
     Device KHR_MAINTENANCE_3 c"VK_KHR_maintenance3" 1;
     Device KHR_MAINTENANCE_4 c"VK_KHR_maintenance4" 2;

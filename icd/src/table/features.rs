@@ -367,6 +367,8 @@ features! {
         long_vector: PhysicalDeviceShaderLongVectorFeaturesEXT => LongVectorEXT;
         shader64_bit_indexing: PhysicalDeviceShader64BitIndexingFeaturesEXT => Shader64BitIndexingEXT;
         maintenance10: PhysicalDeviceMaintenance10FeaturesKHR;
+        maintenance11: PhysicalDeviceMaintenance11FeaturesKHR;
+        extended_flags: PhysicalDeviceExtendedFlagsFeaturesKHR;
         fragment_shader_barycentric: PhysicalDeviceFragmentShaderBarycentricFeaturesKHR => FragmentBarycentricKHR;
         pipeline_fragment_shading_rate: PhysicalDeviceFragmentShadingRateFeaturesKHR => FragmentShadingRateKHR;
         primitive_fragment_shading_rate: PhysicalDeviceFragmentShadingRateFeaturesKHR => FragmentShadingRateKHR;
