@@ -17,9 +17,13 @@ pub struct Options {
     /// The registry, vk.xml [default: where VULKAN_SDK or the system has it]
     #[arg(long, value_name = "FILE")]
     registry: Option<PathBuf>,
+    /// Files of profiles, as Vulkan-Profiles publishes them: lists what the driver lacks of each
+    #[arg(long, value_name = "FILES", num_args = 1..)]
+    profiles: Vec<PathBuf>,
 }
 
-/// Checks the style, then runs the test that compares the tables with a registry, which must exist.
+/// Checks the style, then runs the tests that compare the tables with a registry, which must exist,
+/// and with files of profiles.
 pub fn audit(options: &Options) -> Result<ExitCode> {
     let findings = prose::findings()?;
     ensure!(
@@ -40,6 +44,15 @@ pub fn audit(options: &Options) -> Result<ExitCode> {
     cargo.args(["test", "--quiet", "--package", "icd", "--test", "audit"]);
     cargo.args(["--", "--nocapture"]);
     cargo.env("VULKAN_REGISTRY", registry);
+    if !options.profiles.is_empty() {
+        let mut files = Vec::new();
+        for path in &options.profiles {
+            ensure!(path.is_file(), "there is no {}", path.display());
+            files.push(std::path::absolute(path).context("a file of profiles")?);
+        }
+        let list = std::env::join_paths(files).context("the files of profiles")?;
+        cargo.env("VULKAN_PROFILES", list);
+    }
     workspace::run(cargo)
 }
 

@@ -2,18 +2,16 @@
 //! application would.
 
 use std::collections::{BTreeMap, BTreeSet, HashSet};
-use std::sync::Arc;
 
 use ash::vk;
 use vulkan_tuff::entry::commands::{self, Availability, Level};
-use vulkan_tuff::object::PhysicalDevice;
-use vulkan_tuff::object::messenger::Messengers;
-use vulkan_tuff::table::extensions::{Extension, ExtensionSet, Kind};
+use vulkan_tuff::table::extensions::{Extension, Kind};
+use vulkan_tuff::table::features;
 use vulkan_tuff::table::limits::API_VERSION;
-use vulkan_tuff::table::{features, properties};
 
+use crate::answers::{UNTOUCHED, answer};
 use crate::condition::evaluate;
-use crate::registry::{Registry, Require, Structure};
+use crate::registry::{Registry, Require};
 
 /// The version that the driver reports.
 const VERSION: (u32, u32) = (
@@ -222,7 +220,12 @@ impl Audit<'_> {
         let mut wanted = BTreeSet::new();
         let mut features = BTreeSet::new();
         for (_, _, require) in self.required() {
-            wanted.extend(require.types.iter().map(|name| self.resolved(name)));
+            wanted.extend(
+                require
+                    .types
+                    .iter()
+                    .map(|name| self.registry.resolved(name)),
+            );
             features.extend(require.features.iter().cloned());
         }
         let mut answered = 0;
@@ -292,19 +295,15 @@ impl Audit<'_> {
         })
     }
 
-    fn resolved<'a>(&'a self, name: &'a str) -> &'a str {
-        self.registry
-            .aliases
-            .get(name)
-            .map_or(name, |alias| self.resolved(alias))
-    }
-
     /// A feature's value; `None` if this registry does not know it.
     fn feature(&self, structure: &str, member: &str) -> Option<bool> {
         if structure == "VkPhysicalDeviceFeatures" {
             return core_feature(member);
         }
-        let structure = self.registry.structures.get(self.resolved(structure))?;
+        let structure = self
+            .registry
+            .structures
+            .get(self.registry.resolved(structure))?;
         let index = structure.members.iter().position(|name| name == member)?;
         let word = answer(structure)?[index * 4..][..4].try_into().ok()?;
         Some(u32::from_ne_bytes(word) == vk::TRUE)
@@ -332,42 +331,4 @@ fn core_feature(member: &str) -> Option<bool> {
         _ => return None,
     };
     Some(value == vk::TRUE)
-}
-
-/// The byte that fills the driver's answer beforehand.
-const UNTOUCHED: u8 = 0xAA;
-
-/// A structure, after `sType` and `pNext`, as the driver fills it; `None` if it is neither of
-/// features nor of properties, or has pointers for the driver to write through.
-fn answer(structure: &Structure) -> Option<Vec<u8>> {
-    if structure.has_pointers {
-        return None;
-    }
-    const ROOM_BYTES: usize = 4096;
-    const HEAD_BYTES: usize = 16;
-    let extends = |what: &str| structure.extends.iter().any(|name| name == what);
-    let mut room = vec![u64::from_ne_bytes([UNTOUCHED; 8]); ROOM_BYTES / 8];
-    let head = room.as_mut_ptr().cast::<vk::BaseOutStructure<'_>>();
-    // SAFETY: the room is larger than any structure of the registry, and begins with a type and a
-    // null pointer. A driver that knows the type fills it in.
-    unsafe {
-        if extends("VkPhysicalDeviceFeatures2") {
-            (*head).s_type = vk::StructureType::from_raw(structure.ty);
-            (*head).p_next = std::ptr::null_mut();
-            features::fill_chain(head.cast());
-        } else if extends("VkPhysicalDeviceProperties2") {
-            (*head).s_type = vk::StructureType::from_raw(structure.ty);
-            (*head).p_next = std::ptr::null_mut();
-            let device = PhysicalDevice::new(
-                API_VERSION,
-                Arc::new(Messengers::default()),
-                ExtensionSet::default(),
-            );
-            properties::fill_chain(&device.machine(), head.cast());
-        } else {
-            return None;
-        }
-    }
-    let bytes = room.iter().flat_map(|word| word.to_ne_bytes());
-    Some(bytes.skip(HEAD_BYTES).collect())
 }

@@ -4,6 +4,9 @@ use std::collections::{BTreeMap, HashMap};
 
 use roxmltree::{Document, Node};
 
+use crate::layout::Layouts;
+use crate::xml::{child_text, elements, is_vulkan};
+
 /// An extension.
 pub struct Extension {
     pub name: String,
@@ -52,18 +55,26 @@ pub struct Registry {
     pub structures: BTreeMap<String, Structure>,
     /// Old names of structures.
     pub aliases: HashMap<String, String>,
+    pub layouts: Layouts,
 }
 
 impl Registry {
+    /// The newest name of a structure.
+    pub fn resolved<'a>(&'a self, name: &'a str) -> &'a str {
+        (self.aliases.get(name)).map_or(name, |alias| self.resolved(alias))
+    }
+
     /// Reads `vk.xml`.
     pub fn parse(text: &str) -> Result<Self, roxmltree::Error> {
         let document = Document::parse(text)?;
         let root = document.root_element();
-        let mut registry = Self::default();
-        let structure_types = structure_types(root);
+        let mut registry = Self {
+            layouts: Layouts::read(root),
+            ..Self::default()
+        };
         for node in root.descendants().filter(|node| node.is_element()) {
             match node.tag_name().name() {
-                "type" => registry.add_type(node, &structure_types),
+                "type" => registry.add_type(node),
                 "command" => registry.add_command(node),
                 "feature" if node.has_attribute("number") => registry.add_version(node),
                 "extension" => registry.add_extension(node),
@@ -73,7 +84,7 @@ impl Registry {
         Ok(registry)
     }
 
-    fn add_type(&mut self, node: Node<'_, '_>, structure_types: &HashMap<String, i32>) {
+    fn add_type(&mut self, node: Node<'_, '_>) {
         if !is_vulkan(node) {
             return;
         }
@@ -95,7 +106,7 @@ impl Registry {
         let (Some(ty), Some(extends)) = (ty, node.attribute("structextends")) else {
             return;
         };
-        let Some(&ty) = structure_types.get(ty) else {
+        let Some(Ok(ty)) = self.layouts.constant(ty).map(i32::try_from) else {
             return;
         };
         let is_pointer = |member: &Node<'_, '_>| {
@@ -200,61 +211,4 @@ fn requires(node: Node<'_, '_>) -> Vec<Require> {
             }
         })
         .collect()
-}
-
-/// The values of `VkStructureType`.
-fn structure_types(root: Node<'_, '_>) -> HashMap<String, i32> {
-    let mut values = HashMap::new();
-    let mut aliases = Vec::new();
-    for node in root.descendants().filter(|node| node.has_tag_name("enum")) {
-        let Some(name) = node
-            .attribute("name")
-            .filter(|name| name.starts_with("VK_STRUCTURE_TYPE_"))
-        else {
-            continue;
-        };
-        let number = |attribute: &str| node.attribute(attribute)?.parse::<i32>().ok();
-        let extension = || {
-            node.ancestors()
-                .find_map(|parent| parent.attribute("number")?.parse::<i32>().ok())
-        };
-        if let Some(alias) = node.attribute("alias") {
-            aliases.push((name.to_owned(), alias.to_owned()));
-        } else if let Some(value) = number("value") {
-            values.insert(name.to_owned(), value);
-        } else if let (Some(offset), Some(extension)) =
-            (number("offset"), number("extnumber").or_else(extension))
-        {
-            values.insert(
-                name.to_owned(),
-                1_000_000_000 + (extension - 1) * 1000 + offset,
-            );
-        }
-    }
-    for (name, alias) in aliases {
-        if let Some(&value) = values.get(&alias) {
-            values.insert(name, value);
-        }
-    }
-    values
-}
-
-fn is_vulkan(node: Node<'_, '_>) -> bool {
-    let apis = node.attribute("api").unwrap_or("vulkan");
-    apis.split(',')
-        .any(|api| api == "vulkan" || api == "vulkanbase")
-}
-
-fn elements<'a, 'input: 'a>(
-    node: Node<'a, 'input>,
-    tag: &'static str,
-) -> impl Iterator<Item = Node<'a, 'input>> {
-    node.children()
-        .filter(move |child| child.has_tag_name(tag) && is_vulkan(*child))
-}
-
-fn child_text<'a>(node: Node<'a, '_>, tag: &'static str) -> Option<&'a str> {
-    node.children()
-        .find(|child| child.has_tag_name(tag))?
-        .text()
 }
