@@ -55,6 +55,7 @@ pub struct Enabled {
     pub device_fault: bool,
     pub report_address_binding: bool,
     pub depth_clamp_zero_one: bool,
+    pub heap_capture_replay: bool,
     /// Creation flags of the queues. Queues synchronize themselves with any flags.
     pub queue_flags: vk::DeviceQueueCreateFlags,
 }
@@ -119,6 +120,7 @@ impl Device {
                 clamps_to_one: enabled.depth_clamp_zero_one
                     && !extensions.contains(Extension::EXT_DEPTH_RANGE_UNRESTRICTED),
                 serializes_blocks: extensions.contains(Extension::KHR_OPACITY_MICROMAP),
+                replays_heaps: enabled.heap_capture_replay,
                 ..Watch::default()
             },
         );

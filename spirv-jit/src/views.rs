@@ -1,20 +1,34 @@
 //! Tables of image views, samplers and replayable structures, for descriptors that lie in memory
-//! which applications and shaders write: those name a slot by a [`Key`]. A key that was never given
-//! out, or whose object is gone, finds nothing.
+//! which applications and shaders write: those name a slot by a [`Key`], or by a key that follows
+//! from what it names ([`Key::named`]). A key that was never given out, or whose object is gone,
+//! finds nothing.
 
 use std::cell::UnsafeCell;
 use std::collections::{HashMap, VecDeque};
 use std::sync::atomic::{AtomicU32, Ordering};
-use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError, RwLock};
 
 use images::{ImageDescriptor, SamplerDescriptor};
 
 /// Names a slot: twice its number, so that bit 0 is clear, and in the upper half a check of 31
 /// bits, which is never zero and changes with each use of the slot.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Key(pub u64);
 
+/// The bit of a number that no slot has: the key is a name.
+const NAME: u32 = 1 << 30;
+
 impl Key {
+    /// The name of contents with this hash: the same on every device.
+    pub fn named(hash: u64) -> Self {
+        let check = (hash >> 32) as u32 & (u32::MAX >> 1);
+        Self::new(NAME | (hash as u32 & (NAME - 1)), check.max(1))
+    }
+
+    fn is_name(self) -> bool {
+        self.number() & NAME != 0
+    }
+
     fn new(number: u32, check: u32) -> Self {
         Self(u64::from(number) << 1 | u64::from(check) << 32)
     }
@@ -27,9 +41,9 @@ impl Key {
         (self.0 >> 32) as u32
     }
 
-    /// Whether it can be asked for again ([`Table::store_replayable`]).
+    /// Whether it can be asked for again ([`Table::store_replayable`], [`Table::store_named`]).
     pub fn is_replayable(self) -> bool {
-        !self.number().is_multiple_of(2)
+        self.is_name() || !self.number().is_multiple_of(2)
     }
 }
 
@@ -64,6 +78,8 @@ type Chunk<T> = OnceLock<Box<[Slot<T>]>>;
 pub struct Table<T> {
     groups: Box<[OnceLock<Box<[Chunk<T>]>>]>,
     state: Mutex<State>,
+    /// The keys of slots by name.
+    named: RwLock<HashMap<Key, Key>>,
     /// The contents of free slots.
     null: T,
     /// Makes a slot's contents harmless to those that read it meanwhile.
@@ -111,6 +127,7 @@ impl<T: Copy> Table<T> {
         Self {
             groups: (0..GROUPS).map(|_| OnceLock::new()).collect(),
             state: Mutex::default(),
+            named: RwLock::default(),
             null,
             nullify,
         }
@@ -155,6 +172,28 @@ impl<T: Copy> Table<T> {
     /// [`StoreError`].
     pub fn store_replayable(&self, contents: T, wanted: Option<Key>) -> Result<Key, StoreError> {
         self.store_at(contents, true, wanted)
+    }
+
+    /// Stores contents under a name, and returns the key of the slot that has them.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub fn store_named(&self, contents: T, name: Key) -> Result<Key, StoreError> {
+        let mut named = self.named.write().unwrap_or_else(PoisonError::into_inner);
+        if named.contains_key(&name) || !name.is_name() {
+            return Err(StoreError::Taken);
+        }
+        named.try_reserve(1).map_err(|_| StoreError::OutOfMemory)?;
+        let slot = self.store(contents)?;
+        named.insert(name, slot);
+        Ok(slot)
+    }
+
+    /// The key of the slot that a name names.
+    #[cold]
+    fn slot_named(&self, name: Key) -> Option<Key> {
+        let named = self.named.read().unwrap_or_else(PoisonError::into_inner);
+        named.get(&name).copied()
     }
 
     fn store_at(&self, contents: T, odd: bool, wanted: Option<Key>) -> Result<Key, StoreError> {
@@ -208,6 +247,14 @@ impl<T: Copy> Table<T> {
 
     /// Forgets a key: it finds nothing any more, and its contents are made null.
     pub fn remove(&self, key: Key) {
+        let mut key = key;
+        if key.is_name() {
+            let mut named = self.named.write().unwrap_or_else(PoisonError::into_inner);
+            let Some(slot) = named.remove(&key) else {
+                return;
+            };
+            key = slot;
+        }
         let state = &mut *self.state();
         let Some(slot) = self.slot(key.number()) else {
             return;
@@ -235,6 +282,13 @@ impl<T: Copy> Table<T> {
     /// The contents that a key names, or null. They stay readable as long as the table.
     #[inline]
     pub fn get(&self, key: Key) -> *const T {
+        let mut key = key;
+        if key.is_name() {
+            let Some(slot) = self.slot_named(key) else {
+                return std::ptr::null();
+            };
+            key = slot;
+        }
         match self.slot(key.number()) {
             Some(slot) if key.check() != 0 && slot.check.load(Ordering::Acquire) == key.check() => {
                 slot.contents.get()
@@ -363,9 +417,34 @@ mod tests {
         assert!((0..100).all(|k| fresh.store_replayable(k, None).unwrap() != key));
         assert_eq!(read(&fresh, key), Some(7));
         assert_eq!(read(&fresh, others[3]), Some(3));
-        for wild in [0, 2, u64::MAX, u64::MAX - 1, 1 << 32] {
+        let name = Key::named(1 << 40).0;
+        for wild in [0, 2, u64::MAX, u64::MAX - 1, 1 << 32, name] {
             let wild = fresh.store_replayable(1, Some(Key(wild)));
             assert_eq!(wild, Err(StoreError::Taken));
         }
+    }
+
+    #[test]
+    fn names_are_the_same_in_every_table() {
+        let (table, fresh) = (table(), self::table());
+        let names = [3, u64::MAX, 0x8123_4567_89ab_cdef].map(Key::named);
+        for (k, &name) in (10..).zip(&names) {
+            assert_eq!(name.0 & 1, 0);
+            assert_eq!(read(&table, name), None);
+            let slot = table.store_named(k, name).unwrap();
+            assert_eq!(table.store_named(k, name), Err(StoreError::Taken));
+            assert_eq!((read(&table, name), read(&table, slot)), (Some(k), Some(k)));
+        }
+        for (k, &name) in (20..).zip(names.iter().rev()) {
+            fresh.store_named(k, name).unwrap();
+        }
+        assert_eq!(read(&fresh, names[0]), Some(22));
+        table.remove(names[1]);
+        assert_eq!(read(&table, names[1]), None);
+        assert_eq!(read(&table, names[2]), Some(12));
+        table.store_named(30, names[1]).unwrap();
+        assert_eq!(read(&table, names[1]), Some(30));
+        let other = table.store(1).unwrap();
+        assert_eq!(table.store_named(1, other), Err(StoreError::Taken));
     }
 }

@@ -247,6 +247,9 @@ impl Gpu {
                 ext::sample_locations::NAME,
             ];
             let mut optional = Optional::of(&instance, physical, has);
+            if !replays {
+                optional.heaps.descriptor_heap_capture_replay = vk::FALSE;
+            }
             if !by_driver {
                 optional.driver_validation.ray_tracing_validation = vk::FALSE;
             }

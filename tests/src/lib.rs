@@ -16,6 +16,7 @@ mod compute;
 mod drawing;
 mod gpu;
 mod graphics;
+pub mod heaps;
 mod image;
 mod known;
 mod memory;

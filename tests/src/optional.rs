@@ -104,7 +104,7 @@ optional! {
     robustness2: ext::robustness2::NAME, PhysicalDeviceRobustness2FeaturesEXT { robust_buffer_access2 robust_image_access2 };
     descriptor_buffer: ext::descriptor_buffer::NAME, PhysicalDeviceDescriptorBufferFeaturesEXT {};
     /// Off where there is validation, as above.
-    heaps: DESCRIPTOR_HEAP, PhysicalDeviceDescriptorHeapFeaturesEXT { descriptor_heap_capture_replay };
+    heaps: DESCRIPTOR_HEAP, PhysicalDeviceDescriptorHeapFeaturesEXT {};
     mutable: ext::mutable_descriptor_type::NAME, PhysicalDeviceMutableDescriptorTypeFeaturesEXT {};
     reorder: nv::ray_tracing_invocation_reorder::NAME, PhysicalDeviceRayTracingInvocationReorderFeaturesNV {};
     motion: nv::ray_tracing_motion_blur::NAME, PhysicalDeviceRayTracingMotionBlurFeaturesNV {};

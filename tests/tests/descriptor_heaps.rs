@@ -1,266 +1,19 @@
 //! `VK_EXT_descriptor_heap`: descriptors in memory, without sets.
 
-use std::ffi::{CStr, c_void};
 use std::ptr::from_ref;
 
-use bytemuck::Pod;
+use tuff_tests::heaps::{HEAP_WITH_PUSH_INDEX, Heaps, PUSH_ADDRESS, PUSH_DATA, mapping};
 use tuff_tests::newer as vk;
 use tuff_tests::*;
 use vk::DescriptorType as Ty;
 
-const HEAP_WITH_CONSTANT_OFFSET: i32 = 0;
-const HEAP_WITH_PUSH_INDEX: i32 = 1;
-const PUSH_DATA: i32 = 5;
-const PUSH_ADDRESS: i32 = 6;
-
-/// `VK_SPIRV_RESOURCE_TYPE_ALL_EXT`.
-const ALL: u32 = 0x7fff_ffff;
-
 /// Places of descriptors in each of a test's heaps.
 const PLACES: u64 = 16;
-
-type WriteSamplers = unsafe extern "system" fn(
-    vk::Device,
-    u32,
-    *const vk::SamplerCreateInfo<'_>,
-    *const vk::HostAddressRangeEXT,
-) -> vk::Result;
-type WriteResources = unsafe extern "system" fn(
-    vk::Device,
-    u32,
-    *const vk::ResourceDescriptorInfoEXT,
-    *const vk::HostAddressRangeEXT,
-) -> vk::Result;
-type BindHeap = unsafe extern "system" fn(vk::CommandBuffer, *const vk::BindHeapInfoEXT);
-type PushData = unsafe extern "system" fn(vk::CommandBuffer, *const vk::PushDataInfoEXT);
-
-/// Two heaps, and the extension's commands.
-struct Heaps<'a> {
-    gpu: &'a Gpu,
-    write_samplers: WriteSamplers,
-    write_resources: WriteResources,
-    bind_resources: BindHeap,
-    bind_samplers: BindHeap,
-    push: PushData,
-    resources: Buffer,
-    samplers: Buffer,
-    /// Bytes from one place to the next in either heap, and before the first.
-    stride: u64,
-    first: u64,
-}
 
 fn gpu_with_heaps() -> Option<Gpu> {
     Gpu::validated_since(vk::make_api_version(0, 1, 4, 340)).with("VK_EXT_descriptor_heap", |gpu| {
         gpu.optional.heaps.descriptor_heap != 0
     })
-}
-
-impl<'a> Heaps<'a> {
-    fn new(gpu: &'a Gpu) -> Self {
-        let mut p = vk::PhysicalDeviceDescriptorHeapPropertiesEXT::default();
-        let mut all = vk::PhysicalDeviceProperties2 {
-            p_next: (&raw mut p).cast(),
-            ..Default::default()
-        };
-        // SAFETY: the physical device is of the instance; the chain outlives the call.
-        unsafe {
-            gpu.instance
-                .get_physical_device_properties2(gpu.physical, &mut all);
-        }
-        assert!(p.sampler_descriptor_size <= 32 && p.max_push_data_size >= 256);
-        let sizes = [
-            p.sampler_descriptor_size,
-            p.image_descriptor_size,
-            p.buffer_descriptor_size,
-        ];
-        let stride = sizes.into_iter().max().unwrap().next_power_of_two();
-        let reserved = [
-            p.min_sampler_heap_reserved_range_with_embedded,
-            p.min_resource_heap_reserved_range,
-        ];
-        let reserved = reserved.into_iter().max().unwrap();
-        let first = reserved.next_multiple_of(stride);
-        let heap = |_| {
-            let usage = vk::BufferUsageFlags::from_raw(1 << 28);
-            gpu.buffer_for(first + PLACES * stride, usage)
-        };
-        let [resources, samplers] = [0, 1].map(heap);
-        let find = |name: &CStr| {
-            let device = gpu.device.handle();
-            // SAFETY: the device is of the instance.
-            unsafe { gpu.instance.get_device_proc_addr(device, name.as_ptr()) }
-        };
-        // SAFETY: the commands have these types.
-        unsafe {
-            Self {
-                gpu,
-                write_samplers: std::mem::transmute::<vk::PFN_vkVoidFunction, _>(find(
-                    c"vkWriteSamplerDescriptorsEXT",
-                )),
-                write_resources: std::mem::transmute::<vk::PFN_vkVoidFunction, _>(find(
-                    c"vkWriteResourceDescriptorsEXT",
-                )),
-                bind_resources: std::mem::transmute::<vk::PFN_vkVoidFunction, _>(find(
-                    c"vkCmdBindResourceHeapEXT",
-                )),
-                bind_samplers: std::mem::transmute::<vk::PFN_vkVoidFunction, _>(find(
-                    c"vkCmdBindSamplerHeapEXT",
-                )),
-                push: std::mem::transmute::<vk::PFN_vkVoidFunction, _>(find(c"vkCmdPushDataEXT")),
-                resources,
-                samplers,
-                stride,
-                first,
-            }
-        }
-    }
-
-    /// The offset of a place in either heap.
-    fn at(&self, place: u64) -> u32 {
-        (self.first + place * self.stride) as u32
-    }
-
-    fn bytes(&self, write: impl FnOnce(&vk::HostAddressRangeEXT) -> vk::Result) -> Vec<u8> {
-        let mut bytes = vec![0u8; self.stride as usize];
-        let range = vk::HostAddressRangeEXT {
-            address: bytes.as_mut_ptr().cast(),
-            size: bytes.len(),
-        };
-        assert_eq!(write(&range), vk::Result::SUCCESS);
-        bytes
-    }
-
-    fn sampler(&self, info: &vk::SamplerCreateInfo<'_>) -> Vec<u8> {
-        let device = self.gpu.device.handle();
-        // SAFETY: the info and the range are valid.
-        self.bytes(|range| unsafe { (self.write_samplers)(device, 1, info, range) })
-    }
-
-    fn resource<T>(&self, ty: Ty, data: &T) -> Vec<u8> {
-        let info = vk::ResourceDescriptorInfoEXT {
-            ty,
-            data: from_ref(data).cast(),
-            ..Default::default()
-        };
-        let device = self.gpu.device.handle();
-        // SAFETY: the data is of the type; the range is valid.
-        self.bytes(|range| unsafe { (self.write_resources)(device, 1, &info, range) })
-    }
-
-    fn put_buffer(&self, place: u64, ty: Ty, buffer: &Buffer) {
-        let range = range_of(buffer);
-        let bytes = self.resource(ty, &range);
-        self.resources.write(self.at(place) as usize, &bytes);
-    }
-
-    fn bind(&self, commands: vk::CommandBuffer) {
-        // SAFETY: the heaps outlive the commands.
-        unsafe {
-            (self.bind_resources)(commands, &self.binding(&self.resources));
-            (self.bind_samplers)(commands, &self.binding(&self.samplers));
-        }
-    }
-
-    fn binding(&self, heap: &Buffer) -> vk::BindHeapInfoEXT {
-        vk::BindHeapInfoEXT {
-            heap_range: range_of(heap),
-            reserved_range_size: self.first,
-            ..Default::default()
-        }
-    }
-
-    fn push<T: Pod>(&self, commands: vk::CommandBuffer, data: &[T]) {
-        let info = vk::PushDataInfoEXT {
-            data: vk::HostAddressRangeEXT {
-                address: data.as_ptr().cast::<c_void>().cast_mut(),
-                size: size_of_val(data),
-            },
-            ..Default::default()
-        };
-        // SAFETY: the data outlives the call.
-        unsafe { (self.push)(commands, &info) };
-    }
-
-    /// A compute pipeline of mapped bindings.
-    fn kernel(
-        &self,
-        source: &str,
-        mappings: &[vk::DescriptorSetAndBindingMappingEXT],
-    ) -> vk::Pipeline {
-        let device = &self.gpu.device;
-        let words = glsl(Stage::Compute, source);
-        let module = vk::ShaderModuleCreateInfo::default().code(&words);
-        let info = vk::ShaderDescriptorSetAndBindingMappingInfoEXT {
-            mapping_count: mappings.len() as u32,
-            p_mappings: mappings.as_ptr(),
-            ..Default::default()
-        };
-        // SAFETY: the structures outlive the calls.
-        unsafe {
-            let module = device
-                .create_shader_module(&module, None)
-                .expect("a module");
-            let mut stage = vk::PipelineShaderStageCreateInfo::default()
-                .stage(vk::ShaderStageFlags::COMPUTE)
-                .module(module)
-                .name(c"main");
-            stage.p_next = from_ref(&info).cast();
-            let mut flags = vk::PipelineCreateFlags2CreateInfoKHR::default()
-                .flags(vk::PipelineCreateFlags2KHR::from_raw(1 << 36));
-            let info = vk::ComputePipelineCreateInfo::default()
-                .stage(stage)
-                .push_next(&mut flags);
-            let made = device.create_compute_pipelines(vk::PipelineCache::null(), &[info], None);
-            device.destroy_shader_module(module, None);
-            let pipeline = made.expect("a pipeline")[0];
-            self.gpu.keep_pipeline(pipeline);
-            pipeline
-        }
-    }
-
-    fn dispatch(&self, commands: vk::CommandBuffer, kernel: vk::Pipeline) {
-        // SAFETY: the pipeline outlives the commands.
-        unsafe {
-            let device = &self.gpu.device;
-            device.cmd_bind_pipeline(commands, vk::PipelineBindPoint::COMPUTE, kernel);
-            device.cmd_dispatch(commands, 1, 1, 1);
-        }
-    }
-}
-
-fn range_of(buffer: &Buffer) -> vk::DeviceAddressRangeKHR {
-    vk::DeviceAddressRangeKHR {
-        address: buffer.address,
-        size: buffer.size_bytes,
-    }
-}
-
-fn mapping(
-    binding: u32,
-    source: i32,
-    data: vk::DescriptorMappingSourceDataEXT,
-) -> vk::DescriptorSetAndBindingMappingEXT {
-    vk::DescriptorSetAndBindingMappingEXT {
-        first_binding: binding,
-        binding_count: 1,
-        resource_mask: ALL,
-        source,
-        source_data: data,
-        ..Default::default()
-    }
-}
-
-/// A mapping onto a place, and the next ones for the elements of an array.
-fn constant(it: &Heaps<'_>, binding: u32, place: u64) -> vk::DescriptorSetAndBindingMappingEXT {
-    let constant_offset = vk::ConstantOffset {
-        heap_offset: it.at(place),
-        heap_array_stride: it.stride as u32,
-        p_embedded_sampler: std::ptr::null(),
-        sampler_heap_offset: it.at(place),
-        sampler_heap_array_stride: it.stride as u32,
-    };
-    let data = vk::DescriptorMappingSourceDataEXT { constant_offset };
-    mapping(binding, HEAP_WITH_CONSTANT_OFFSET, data)
 }
 
 fn words(binding: u32, source: i32, offset: u32) -> vk::DescriptorSetAndBindingMappingEXT {
@@ -272,7 +25,7 @@ fn words(binding: u32, source: i32, offset: u32) -> vk::DescriptorSetAndBindingM
 #[test]
 fn buffers_are_found_at_offsets_by_indices_and_by_addresses() {
     let Some(gpu) = gpu_with_heaps() else { return };
-    let it = Heaps::new(&gpu);
+    let it = Heaps::new(&gpu, PLACES);
     let results = gpu.buffer(64);
     let numbers = [10u32, 20, 30].map(|k| gpu.buffer_with(&[k, k + 1]));
     it.put_buffer(1, Ty::STORAGE_BUFFER, &results);
@@ -293,8 +46,8 @@ fn buffers_are_found_at_offsets_by_indices_and_by_addresses() {
     };
     let indexed = vk::DescriptorMappingSourceDataEXT { push_index };
     let mappings = [
-        constant(&it, 0, 1),
-        constant(&it, 1, 4),
+        it.constant(0, 1),
+        it.constant(1, 4),
         mapping(2, HEAP_WITH_PUSH_INDEX, indexed),
         words(3, PUSH_DATA, 16),
         words(4, PUSH_ADDRESS, 8),
@@ -329,7 +82,7 @@ fn buffers_are_found_at_offsets_by_indices_and_by_addresses() {
 #[test]
 fn images_are_sampled_by_samplers_of_the_heap_and_by_embedded_ones() {
     let Some(gpu) = gpu_with_heaps() else { return };
-    let it = Heaps::new(&gpu);
+    let it = Heaps::new(&gpu, PLACES);
     let shape = Shape::flat(vk::Format::R32_SFLOAT, 2, 1);
     let usage = vk::ImageUsageFlags::SAMPLED
         | vk::ImageUsageFlags::STORAGE
@@ -362,7 +115,7 @@ fn images_are_sampled_by_samplers_of_the_heap_and_by_embedded_ones() {
     assert!(it.sampler(&linear) == it.sampler(&linear));
     it.samplers.write(it.at(2) as usize, &it.sampler(&nearest));
     it.samplers.write(it.at(3) as usize, &it.sampler(&linear));
-    let mut embedded = constant(&it, 5, 2);
+    let mut embedded = it.constant(5, 2);
     embedded.source_data.constant_offset = vk::ConstantOffset {
         heap_offset: it.at(2),
         heap_array_stride: 0,
@@ -371,11 +124,11 @@ fn images_are_sampled_by_samplers_of_the_heap_and_by_embedded_ones() {
         sampler_heap_array_stride: 0,
     };
     let mappings = [
-        constant(&it, 0, 1),
-        constant(&it, 1, 2),
-        constant(&it, 2, 2),
-        constant(&it, 3, 3),
-        constant(&it, 4, 2),
+        it.constant(0, 1),
+        it.constant(1, 2),
+        it.constant(2, 2),
+        it.constant(3, 3),
+        it.constant(4, 2),
         embedded,
     ];
     let source = "
@@ -409,14 +162,10 @@ fn forged_descriptors_read_zeros_and_write_nothing() {
     if !gpu.is_tuff() {
         return;
     }
-    let it = Heaps::new(&gpu);
+    let it = Heaps::new(&gpu, PLACES);
     let results = gpu.buffer_with(&[9u32; 8]);
     it.put_buffer(1, Ty::STORAGE_BUFFER, &results);
-    let mappings = [
-        constant(&it, 0, 1),
-        constant(&it, 1, 2),
-        constant(&it, 2, 2),
-    ];
+    let mappings = [it.constant(0, 1), it.constant(1, 2), it.constant(2, 2)];
     let source = "
     layout(local_size_x = 1) in;
     layout(set = 0, binding = 0) buffer R { uint r[]; };
@@ -452,14 +201,14 @@ fn forged_descriptors_read_zeros_and_write_nothing() {
 #[test]
 fn secondary_command_buffers_inherit_heaps() {
     let Some(gpu) = gpu_with_heaps() else { return };
-    let it = Heaps::new(&gpu);
+    let it = Heaps::new(&gpu, PLACES);
     let results = gpu.buffer(64);
     it.put_buffer(1, Ty::STORAGE_BUFFER, &results);
     let source = "
     layout(local_size_x = 1) in;
     layout(set = 0, binding = 0) buffer R { uint r[]; };
     void main() { r[0] = 5u; }";
-    let kernel = it.kernel(source, &[constant(&it, 0, 1)]);
+    let kernel = it.kernel(source, &[it.constant(0, 1)]);
     let (resources, samplers) = (it.binding(&it.resources), it.binding(&it.samplers));
     let heaps = vk::CommandBufferInheritanceDescriptorHeapInfoEXT {
         p_sampler_heap_bind_info: &samplers,

@@ -68,14 +68,9 @@ unsafe fn descriptor(
                 })
             }
             Ty::ACCELERATION_STRUCTURE_KHR | Ty::ACCELERATION_STRUCTURE_NV => {
+                // The address alone: the same range has the same bits on every device.
                 let address = data.p_address_range.as_ref().map_or(0, |it| it.address);
-                StoredDescriptor {
-                    address: match views.structure_key(address) {
-                        Some(key) => key.0 | StoredDescriptor::STRUCTURE,
-                        None => address,
-                    },
-                    ..null
-                }
+                StoredDescriptor { address, ..null }
             }
             _ => {
                 let range = data.p_address_range.as_ref().filter(|it| it.address != 0);
@@ -166,15 +161,17 @@ entry! {
         Ok(())
     }
 
-    /// Without the feature `descriptorHeapCaptureReplay` there is nothing to capture.
     fn vkGetImageOpaqueCaptureDataEXT(
         _device: vk::Device,
         count: u32,
-        _images: *const vk::Image,
+        images: *const vk::Image,
         data: *mut vk::HostAddressRangeEXT,
     ) -> vk::Result {
-        for range in slice_mut(data, count) {
-            range.size = 0;
+        let targets = slice_mut(data, count);
+        for (&image, to) in ffi::slice(images, count).iter().zip(targets) {
+            let captured = from_handle::<Image>(image).capture_data().to_ne_bytes();
+            let size = to.size.min(captured.len());
+            to.address.cast::<u8>().copy_from(captured.as_ptr(), size);
         }
         Ok(())
     }

@@ -9,7 +9,7 @@ use super::system;
 use crate::device::Device;
 use crate::device::Enabled;
 use crate::entry::commands;
-use crate::ffi::{self, array};
+use crate::ffi::{self, array, vk as newer};
 use crate::handle::{self, from_handle};
 use crate::object::{PhysicalDevice, PrivateDataSlot};
 use crate::os::clock::Clock;
@@ -29,8 +29,11 @@ unsafe fn enabled(info: &vk::DeviceCreateInfo<'_>) -> Enabled {
         let fault = ffi::find::<vk::PhysicalDeviceFaultFeaturesEXT>(info.p_next);
         let addresses = ffi::find::<vk::PhysicalDeviceAddressBindingReportFeaturesEXT>(info.p_next);
         let zero_one = ffi::find::<vk::PhysicalDeviceDepthClampZeroOneFeaturesEXT>(info.p_next);
+        let heaps = ffi::find::<newer::PhysicalDeviceDescriptorHeapFeaturesEXT<'_>>(info.p_next);
         let queues = ffi::slice(info.p_queue_create_infos, info.queue_create_info_count);
         Enabled {
+            heap_capture_replay: heaps
+                .is_some_and(|features| features.descriptor_heap_capture_replay != vk::FALSE),
             queue_flags: queues.first().map_or_else(Default::default, |it| it.flags),
             sparse_binding: (chained.into_iter().chain(info.p_enabled_features.as_ref()))
                 .any(|features| features.sparse_binding != vk::FALSE),

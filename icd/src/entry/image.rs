@@ -5,7 +5,7 @@ use images::ImageDescriptor;
 use spirv_jit::reach::Range;
 use spirv_jit::views::Key;
 
-use super::address_report::{destroy_addressed, report, report_bound};
+use super::address_report::{report, report_bound};
 use super::buffer::{requirements, write_requirements};
 use super::define::entry;
 use super::descriptor_buffer::captured;
@@ -15,7 +15,7 @@ use crate::decode::image::image_info;
 use crate::decode::sampler::decode_sampler;
 use crate::device::Device;
 use crate::ffi::enumerate::enumerate_with;
-use crate::ffi::{self, chain, enumerate};
+use crate::ffi::{self, chain, enumerate, vk as newer};
 use crate::handle::{self, from_handle};
 use crate::object::address_space::Placement;
 use crate::object::addressed::AddressEvent;
@@ -25,10 +25,7 @@ use crate::object::sparse::Reservation;
 use crate::object::view_entry::ViewEntry;
 use crate::object::{DeviceMemory, Image, ImageView, Sampler, YcbcrConversion};
 use crate::present::Swapchain;
-
-destroy_addressed! {
-    vkDestroyImage: Image, Image;
-}
+use crate::table::limits::CAPTURE_BYTES;
 
 destroy! {
     vkDestroySamplerYcbcrConversion: YcbcrConversion, SamplerYcbcrConversion;
@@ -94,7 +91,37 @@ fn is_sparse(flags: vk::ImageCreateFlags) -> bool {
     flags.contains(vk::ImageCreateFlags::SPARSE_BINDING)
 }
 
+/// The opaque data that an image captured (`VkOpaqueCaptureDataCreateInfoEXT`), to have the same
+/// descriptors in heaps again.
+///
+/// # Errors
+/// `VK_ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS` for data of another size.
+///
+/// # Safety
+/// As [`chain::nodes`].
+unsafe fn captured_image(next: *const std::ffi::c_void) -> VkResult<Option<u64>> {
+    // SAFETY: the caller's promise: the range holds as many bytes as it says.
+    unsafe {
+        let info = chain::find::<newer::OpaqueCaptureDataCreateInfoEXT<'_>>(next);
+        let Some(range) = info.and_then(|info| info.p_data.as_ref()) else {
+            return Ok(None);
+        };
+        if range.size != CAPTURE_BYTES || range.address.is_null() {
+            return Err(vk::Result::ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS);
+        }
+        Ok(Some(range.address.cast::<u64>().read_unaligned()))
+    }
+}
+
 entry! {
+    fn vkDestroyImage(device: vk::Device, image: vk::Image, _allocator: *const vk::AllocationCallbacks) {
+        if let Some(image) = handle::optional::<Image>(image) {
+            image.forget_identity();
+        }
+        report::<Image>(device, image, AddressEvent::Unbound);
+        drop(handle::take::<Image>(image));
+    }
+
     fn vkDestroyImageView(_device: vk::Device, view: vk::ImageView, _allocator: *const vk::AllocationCallbacks) {
         if let Some(view) = handle::take::<ImageView>(view) {
             view.descriptor.release();
@@ -113,7 +140,12 @@ entry! {
         _allocator: *const vk::AllocationCallbacks,
         out: *mut vk::Image,
     ) -> vk::Result {
-        let mut image = Image::new(&image_info(&*info))?;
+        let info = image_info(&*info);
+        let mut image = Image::new(&info)?;
+        if info.flags.contains(vk::ImageCreateFlags::DESCRIPTOR_BUFFER_CAPTURE_REPLAY_EXT) {
+            let identities = &from_handle::<Device>(device).engine.image_identities;
+            image = image.identified(identities.take(captured_image(info.p_next)?)?);
+        }
         if is_sparse(image.flags) {
             let window = &from_handle::<Device>(device).window;
             let reservation = Reservation::new(window, image.size_bytes, Placement::Ordinary)?;

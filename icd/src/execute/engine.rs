@@ -14,6 +14,7 @@ use spirv_jit::views::Views;
 
 use crate::compute::Dispatcher;
 use crate::object::heap::HeapSamplers;
+use crate::object::heap_replay::Identities;
 use crate::object::live_memory::LiveMemory;
 use crate::object::messenger::Messengers;
 use crate::object::sync::Waiting;
@@ -38,6 +39,7 @@ pub struct Engine {
     pub views: Arc<Views>,
     /// Samplers that are no objects.
     pub heap_samplers: HeapSamplers,
+    pub image_identities: Arc<Identities>,
     /// The memory budget of invocations in flight, for all workers together.
     budget: Arc<Budget>,
     /// Depths in floating-point attachments are clamped to 0 to 1.
@@ -72,6 +74,8 @@ pub struct Watch {
     pub clamps_to_one: bool,
     /// `VK_KHR_opacity_micromap` is enabled.
     pub serializes_blocks: bool,
+    /// The feature `descriptorHeapCaptureReplay` is enabled.
+    pub replays_heaps: bool,
 }
 
 impl Default for Watch {
@@ -83,6 +87,7 @@ impl Default for Watch {
             wild_addresses: false,
             clamps_to_one: false,
             serializes_blocks: false,
+            replays_heaps: false,
         }
     }
 }
@@ -97,7 +102,8 @@ impl Engine {
     ) -> Arc<Self> {
         let views = Arc::default();
         Arc::new(Self {
-            heap_samplers: HeapSamplers::new(&views),
+            heap_samplers: HeapSamplers::new(&views, watch.replays_heaps),
+            image_identities: Arc::default(),
             views,
             workers: Workers::new(thread_count),
             waiting: Arc::default(),

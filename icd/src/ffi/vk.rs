@@ -435,6 +435,9 @@ structures! {
         mapping_count: u32,
         p_mappings: *const DescriptorSetAndBindingMappingEXT<'a>,
     }
+    OpaqueCaptureDataCreateInfoEXT 1_000_135_007 *const c_void {
+        p_data: *const HostAddressRangeEXT,
+    }
     PhysicalDeviceDescriptorHeapPropertiesEXT 1_000_135_008 *mut c_void {
         sampler_heap_alignment: DeviceSize,
         resource_heap_alignment: DeviceSize,

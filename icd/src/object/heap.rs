@@ -12,6 +12,7 @@ use spirv_jit::environment::{Descriptor, DescriptorSet};
 use spirv_jit::views::{Key, Views};
 use xxhash_rust::xxh3::xxh3_128;
 
+use super::heap_replay;
 use super::view_entry::store_failure;
 use crate::VkResult;
 use crate::table::limits::MAX_EMBEDDED_SAMPLERS;
@@ -25,6 +26,8 @@ pub struct HeapSamplers {
     known: Mutex<Known>,
     /// Embedded samplers by number, [`MAX_EMBEDDED_SAMPLERS`] of them once there is one.
     embedded: OnceLock<Box<[Entry]>>,
+    /// Samplers have names, which are the same on every device.
+    replays: bool,
     /// Indices of registered border colors. The colors come with each sampler.
     pub border_colors: Mutex<HashSet<u32>>,
 }
@@ -44,25 +47,39 @@ unsafe impl Sync for Entry {}
 unsafe impl Send for Entry {}
 
 impl Known {
-    fn find(&mut self, views: &Views, sampler: &SamplerDescriptor) -> VkResult<usize> {
+    fn find(
+        &mut self,
+        views: &Views,
+        sampler: &SamplerDescriptor,
+        replays: bool,
+    ) -> VkResult<usize> {
         if let Some(index) = self.samplers.iter().position(|known| known.0 == *sampler) {
             return Ok(index);
         }
         let no_memory = vk::Result::ERROR_OUT_OF_HOST_MEMORY;
         self.samplers.try_reserve(1).map_err(|_| no_memory)?;
-        let key = views.samplers.store(*sampler).map_err(store_failure)?;
+        let samplers = &views.samplers;
+        let key = match replays {
+            true => {
+                let name = heap_replay::name(sampler, 0);
+                samplers.store_named(*sampler, name).map(|_| name)
+            }
+            false => samplers.store(*sampler),
+        };
+        let key = key.map_err(store_failure)?;
         self.samplers.push((*sampler, key));
         Ok(self.samplers.len() - 1)
     }
 }
 
 impl HeapSamplers {
-    /// No samplers.
-    pub fn new(views: &Arc<Views>) -> Self {
+    /// No samplers. With `replays` the same samplers have the same keys on every device.
+    pub fn new(views: &Arc<Views>, replays: bool) -> Self {
         Self {
             views: Arc::clone(views),
             known: Mutex::default(),
             embedded: OnceLock::new(),
+            replays,
             border_colors: Mutex::default(),
         }
     }
@@ -70,10 +87,11 @@ impl HeapSamplers {
     /// The key of a sampler: the same for the same sampler.
     ///
     /// # Errors
-    /// `VK_ERROR_OUT_OF_HOST_MEMORY`.
+    /// `VK_ERROR_OUT_OF_HOST_MEMORY`; `VK_ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS` if another sampler
+    /// has the name.
     pub fn key(&self, sampler: &SamplerDescriptor) -> VkResult<Key> {
         let mut known = self.known.lock();
-        let index = known.find(&self.views, sampler)?;
+        let index = known.find(&self.views, sampler, self.replays)?;
         Ok(known.samplers[index].1)
     }
 
@@ -83,7 +101,7 @@ impl HeapSamplers {
     /// `VK_ERROR_OUT_OF_HOST_MEMORY`, also for more than [`MAX_EMBEDDED_SAMPLERS`].
     pub fn embed(&self, sampler: &SamplerDescriptor) -> VkResult<u32> {
         let mut known = self.known.lock();
-        let index = known.find(&self.views, sampler)?;
+        let index = known.find(&self.views, sampler, self.replays)?;
         if let Some(number) = known.embedded.iter().position(|&it| it == index) {
             return Ok(number as u32);
         }

@@ -13,6 +13,7 @@ use spirv_jit::reach::Range;
 use spirv_jit::views::{Key, Views};
 
 use super::address_space::GRANULE;
+use super::heap_replay::Identity;
 use super::resident;
 use super::sparse::Reservation;
 use super::view_entry::ViewEntry;
@@ -65,6 +66,8 @@ pub struct Image {
     pub reservation: Option<Arc<Reservation>>,
     /// The views that descriptors in heaps name, as long as the image lives.
     heap_views: Mutex<Vec<ViewEntry<ImageDescriptor>>>,
+    /// Of an image whose descriptors in heaps can be had again, until it is destroyed.
+    identity: Mutex<Option<Identity>>,
 }
 
 /// A part of an image that is bound as a whole.
@@ -125,7 +128,30 @@ impl Image {
                 .collect(),
             reservation: None,
             heap_views: Mutex::default(),
+            identity: Mutex::default(),
         })
+    }
+
+    /// An image whose descriptors in heaps can be had again.
+    pub fn identified(self, identity: Identity) -> Self {
+        Self {
+            identity: Mutex::new(Some(identity)),
+            ..self
+        }
+    }
+
+    /// The opaque capture data of descriptors in heaps; zero of an image without an identity.
+    pub fn capture_data(&self) -> u64 {
+        self.identity.lock().as_ref().map_or(0, Identity::data)
+    }
+
+    /// Gives the identity back, at the image's destruction: recorded commands may hold the image
+    /// longer, but another image may have its identity and its views from now on.
+    pub fn forget_identity(&self) {
+        let identity = self.identity.lock().take();
+        if identity.is_some() {
+            self.heap_views.lock().clear();
+        }
     }
 
     /// The alignment of memory bindings, and of the place in memory.
@@ -149,7 +175,8 @@ impl Image {
     /// The key of a view of the image in heaps: the same for the same view.
     ///
     /// # Errors
-    /// `VK_ERROR_OUT_OF_HOST_MEMORY`.
+    /// `VK_ERROR_OUT_OF_HOST_MEMORY`; `VK_ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS` if something else
+    /// has the view's name.
     pub fn heap_view(&self, views: &Arc<Views>, view: ImageDescriptor) -> VkResult<Key> {
         let mut known = self.heap_views.lock();
         if let Some(entry) = known.iter().find(|it| ***it == view) {
@@ -158,7 +185,11 @@ impl Image {
         known
             .try_reserve(1)
             .map_err(|_| vk::Result::ERROR_OUT_OF_HOST_MEMORY)?;
-        let entry = ViewEntry::store(views, |it| &it.images, view, None)?;
+        let name = self.identity.lock().as_ref().map(|it| it.name(&view));
+        let entry = match name {
+            Some(name) => ViewEntry::named(views, |it| &it.images, view, name)?,
+            None => ViewEntry::store(views, |it| &it.images, view, None)?,
+        };
         let key = entry.key;
         known.push(entry);
         Ok(key)

@@ -13,6 +13,7 @@ pub mod external_sync;
 pub mod graphics_pipeline;
 pub mod graphics_state;
 pub mod heap;
+pub mod heap_replay;
 pub mod image;
 pub mod image_view;
 pub mod instance;

@@ -13,6 +13,8 @@ use crate::VkResult;
 /// descriptors in buffers hold the key.
 pub struct ViewEntry<T: Copy + 'static> {
     pub key: Key,
+    /// The key of the slot; the same, unless `key` is a name.
+    slot: Key,
     views: Arc<Views>,
     table: fn(&Views) -> &Table<T>,
     /// The table no longer holds the contents under the key for this object.
@@ -44,12 +46,32 @@ impl<T: Copy> ViewEntry<T> {
             None => table(views).store(contents),
             Some(wanted) => table(views).store_replayable(contents, wanted),
         };
-        Ok(Self {
-            key: key.map_err(store_failure)?,
+        let key = key.map_err(store_failure)?;
+        Ok(Self::of(views, table, key, key))
+    }
+
+    /// Stores contents under a name.
+    ///
+    /// # Errors
+    /// As [`Self::store`].
+    pub fn named(
+        views: &Arc<Views>,
+        table: fn(&Views) -> &Table<T>,
+        contents: T,
+        name: Key,
+    ) -> VkResult<Self> {
+        let slot = table(views).store_named(contents, name);
+        Ok(Self::of(views, table, name, slot.map_err(store_failure)?))
+    }
+
+    fn of(views: &Arc<Views>, table: fn(&Views) -> &Table<T>, key: Key, slot: Key) -> Self {
+        Self {
+            key,
+            slot,
             views: Arc::clone(views),
             table,
             removed: AtomicBool::new(false),
-        })
+        }
     }
 
     /// Frees a key that can be asked for again, at the object's destruction: framebuffers, recorded
@@ -77,7 +99,7 @@ impl<T: Copy> std::ops::Deref for ViewEntry<T> {
     type Target = T;
 
     fn deref(&self) -> &T {
-        let slot = (self.table)(&self.views).slot_of(self.key);
+        let slot = (self.table)(&self.views).slot_of(self.slot);
         // SAFETY: the slot was filled by `store` and lives as long as the table. It is written
         // again only after the object's destruction, whose valid usage is that nothing uses the
         // object any more.

@@ -271,6 +271,7 @@ features! {
         descriptor_buffer_image_layout_ignored: PhysicalDeviceDescriptorBufferFeaturesEXT;
         descriptor_buffer_push_descriptors: PhysicalDeviceDescriptorBufferFeaturesEXT;
         descriptor_heap: PhysicalDeviceDescriptorHeapFeaturesEXT => DescriptorHeapEXT;
+        descriptor_heap_capture_replay: PhysicalDeviceDescriptorHeapFeaturesEXT;
         mutable_descriptor_type: PhysicalDeviceMutableDescriptorTypeFeaturesEXT;
         memory_priority: PhysicalDeviceMemoryPriorityFeaturesEXT;
         pageable_device_local_memory: PhysicalDevicePageableDeviceLocalMemoryFeaturesEXT;

@@ -321,6 +321,7 @@ fn descriptor_heap() -> vk::PhysicalDeviceDescriptorHeapPropertiesEXT<'static> {
         image_descriptor_alignment: SIZE,
         buffer_descriptor_alignment: SIZE,
         max_push_data_size: limits::MAX_PUSH_CONSTANTS_BYTES.into(),
+        image_capture_replay_opaque_data_size: CAPTURE_BYTES,
         max_descriptor_heap_embedded_samplers: limits::MAX_EMBEDDED_SAMPLERS,
         sampler_ycbcr_conversion_count: 1,
         sparse_descriptor_heaps: vk::TRUE,
