@@ -4,6 +4,7 @@ mod builds;
 mod caches;
 mod descriptors;
 mod draws;
+mod heaps;
 mod modules;
 mod scribbles;
 mod structures;
@@ -21,7 +22,7 @@ pub struct Target {
     pub run: fn(&World, &Case),
 }
 
-const TARGETS: [Target; 10] = [
+const TARGETS: [Target; 11] = [
     Target {
         name: "modules",
         run: modules::run,
@@ -53,6 +54,10 @@ const TARGETS: [Target; 10] = [
     Target {
         name: "descriptors",
         run: descriptors::run,
+    },
+    Target {
+        name: "heaps",
+        run: heaps::run,
     },
     Target {
         name: "draws",
