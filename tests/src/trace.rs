@@ -165,6 +165,22 @@ impl Gpu {
         flags: vk::PipelineCreateFlags,
         cache: vk::PipelineCache,
     ) -> Result<vk::Pipeline, vk::Result> {
+        let info = vk::RayTracingPipelineCreateInfoKHR::default()
+            .flags(flags)
+            .max_pipeline_ray_recursion_depth(recursion)
+            .layout(layout);
+        self.try_rays_of(shaders, groups, info, std::ptr::null(), cache)
+    }
+
+    /// The same of an info without stages and groups, and with what is chained to each stage.
+    pub(crate) fn try_rays_of(
+        &self,
+        shaders: &[(Stage, Vec<u32>)],
+        groups: &[Group],
+        info: vk::RayTracingPipelineCreateInfoKHR<'_>,
+        next: *const std::ffi::c_void,
+        cache: vk::PipelineCache,
+    ) -> Result<vk::Pipeline, vk::Result> {
         let mut modules = Vec::new();
         for (_, words) in shaders {
             let info = vk::ShaderModuleCreateInfo::default().code(words);
@@ -177,20 +193,17 @@ impl Gpu {
             .iter()
             .zip(&modules)
             .map(|((stage, _), module)| {
-                vk::PipelineShaderStageCreateInfo::default()
+                let mut info = vk::PipelineShaderStageCreateInfo::default()
                     .stage(stage.flag())
                     .module(*module)
-                    .name(c"main")
+                    .name(c"main");
+                info.p_next = next;
+                info
             })
             .collect();
         let groups: Vec<vk::RayTracingShaderGroupCreateInfoKHR> =
             groups.iter().map(group_info).collect();
-        let info = vk::RayTracingPipelineCreateInfoKHR::default()
-            .flags(flags)
-            .stages(&stages)
-            .groups(&groups)
-            .max_pipeline_ray_recursion_depth(recursion)
-            .layout(layout);
+        let info = info.stages(&stages).groups(&groups);
         // SAFETY: the structures outlive the call.
         let made = unsafe {
             self.ray_tracing.create_ray_tracing_pipelines(

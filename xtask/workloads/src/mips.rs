@@ -67,13 +67,17 @@ impl Texture {
 
     /// To be sampled with repetition and trilinearly.
     pub fn bound(&self, gpu: &Gpu) -> Bound {
-        let sampler = vk::SamplerCreateInfo::default()
-            .mag_filter(vk::Filter::LINEAR)
-            .min_filter(vk::Filter::LINEAR)
-            .mipmap_mode(vk::SamplerMipmapMode::LINEAR)
-            .max_lod(vk::LOD_CLAMP_NONE);
-        Bound::Sampled(self.picture.view, gpu.sampler(&sampler))
+        Bound::Sampled(self.picture.view, gpu.sampler(&trilinear()))
     }
+}
+
+/// A sampler with repetition.
+pub fn trilinear() -> vk::SamplerCreateInfo<'static> {
+    vk::SamplerCreateInfo::default()
+        .mag_filter(vk::Filter::LINEAR)
+        .min_filter(vk::Filter::LINEAR)
+        .mipmap_mode(vk::SamplerMipmapMode::LINEAR)
+        .max_lod(vk::LOD_CLAMP_NONE)
 }
 
 /// Texels of all levels but the first.

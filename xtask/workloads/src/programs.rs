@@ -1,6 +1,8 @@
 //! Workloads that look like programs: frames into images, as applications make them.
 
-use tuff_tests::{Bound, Gpu, Group, Picture, Rays, Record, Set, Shape, Stage, Table, vk};
+use tuff_tests::heaps::{HEAP_WITH_CONSTANT_OFFSET, Heaps, mapping};
+use tuff_tests::newer::{ConstantOffset, DescriptorMappingSourceDataEXT};
+use tuff_tests::{Bound, Buffer, Gpu, Group, Picture, Rays, Record, Set, Shape, Stage, Table, vk};
 
 use crate::mips::{self, Texture};
 use crate::scene::Mesh;
@@ -116,56 +118,116 @@ pub fn textured(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
     Some(drawn(gpu, scale, turn, &world, &image))
 }
 
+/// Textures that closest hits pick from.
+const TEXTURES: u32 = 64;
+
 /// Closest hits that pick one of many textures by their material.
-pub fn bindless(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
-    const TEXTURES: u32 = 64;
-    if gpu
-        .features12
-        .shader_sampled_image_array_non_uniform_indexing
-        == vk::FALSE
-    {
-        return None;
-    }
-    let parts = Parts::new(
-        shader::raygen(shader::TEXTURED),
-        shader::MISS,
-        shader::bindless_hit(TEXTURES),
-    );
-    let textures: Vec<Bound> = (0..TEXTURES)
-        .map(|number| {
+struct Bindless {
+    parts: Parts,
+    textures: Vec<Texture>,
+    materials: Buffer,
+    world: World,
+    image: Picture,
+}
+
+impl Bindless {
+    /// `None` where the device lacks what the shader needs.
+    fn new(gpu: &Gpu, scale: &Scale) -> Option<Bindless> {
+        if gpu
+            .features12
+            .shader_sampled_image_array_non_uniform_indexing
+            == vk::FALSE
+        {
+            return None;
+        }
+        let texture = |number| {
             let texture = Texture::filled(gpu, vk::Format::R8G8B8A8_UNORM, 256, number);
             gpu.run(|commands| texture.record_mips(gpu, commands));
-            texture.bound(gpu)
-        })
-        .collect();
-    let materials: Vec<[u32; 8]> = (0..97u32)
-        .map(|number| {
+            texture
+        };
+        let material = |number: u32| {
             let part = |k: u32| (0.4 + 0.05 * ((number * 7 + k * 5) % 12) as f32).to_bits();
             let scale = (0.1 + 0.02 * (number % 9) as f32).to_bits();
             let gloss = (0.01 * (number % 20) as f32).to_bits();
-            [
-                part(0),
-                part(1),
-                part(2),
-                0,
-                number * 5 % TEXTURES,
-                scale,
-                gloss,
-                0,
-            ]
+            let texture = number * 5 % TEXTURES;
+            [part(0), part(1), part(2), 0, texture, scale, gloss, 0]
+        };
+        let materials: Vec<[u32; 8]> = (0..97).map(material).collect();
+        Some(Bindless {
+            parts: Parts::new(
+                shader::raygen(shader::TEXTURED),
+                shader::MISS,
+                shader::bindless_hit(TEXTURES),
+            ),
+            textures: (0..TEXTURES).map(texture).collect(),
+            world: World::landscape(gpu, &few(scale), 1),
+            image: canvas(gpu, scale),
+            materials: gpu.buffer_with(&materials),
         })
-        .collect();
-    let world = World::landscape(gpu, &few(scale), 1);
-    let image = canvas(gpu, scale);
-    let materials = [Bound::Storage(gpu.buffer_with(&materials))];
-    let target = [Bound::StorageImage(image.view)];
-    let bindings = world.bindings();
+    }
+}
+
+/// The textures in a descriptor set.
+pub fn bindless(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
+    let it = Bindless::new(gpu, scale)?;
+    let textures: Vec<Bound> = it.textures.iter().map(|it| it.bound(gpu)).collect();
+    let materials = [Bound::Storage(it.materials)];
+    let target = [Bound::StorageImage(it.image.view)];
+    let bindings = it.world.bindings();
     let mut all = borrowed(&bindings);
     all.extend([(5, &textures[..]), (IMAGE, &target), (7, &materials)]);
     let set = gpu.set(&all);
-    let rays = rays_of(gpu, &parts, set);
+    let rays = rays_of(gpu, &it.parts, set);
     let turn = launch(gpu, scale, &rays, 1);
-    Some(drawn(gpu, scale, turn, &world, &image))
+    Some(drawn(gpu, scale, turn, &it.world, &it.image))
+}
+
+/// The same picture with the descriptors in heaps.
+pub fn bindless_heaps(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
+    use vk::DescriptorType as Ty;
+    /// The first texture's place; bindings before it have the places of their numbers.
+    const FIRST: u64 = 8;
+    if gpu.optional.heaps.descriptor_heap == vk::FALSE {
+        return None;
+    }
+    let it = Bindless::new(gpu, scale)?;
+    let heaps = Heaps::new(gpu, FIRST + u64::from(TEXTURES));
+    heaps.put_structure(0, &it.world.top);
+    let storage = [
+        (1, &it.world.out),
+        (2, &it.world.corners),
+        (3, &it.world.indices),
+    ];
+    for (place, buffer) in storage.into_iter().chain([(7, &it.materials)]) {
+        heaps.put_buffer(place, Ty::STORAGE_BUFFER, buffer);
+    }
+    heaps.put_buffer(4, Ty::UNIFORM_BUFFER, &it.world.camera);
+    heaps.put_picture(IMAGE.into(), Ty::STORAGE_IMAGE, &it.image);
+    heaps.put_sampler(0, &mips::trilinear());
+    for (place, texture) in (FIRST..).zip(&it.textures) {
+        heaps.put_picture(place, Ty::SAMPLED_IMAGE, &texture.picture);
+    }
+    let textures = ConstantOffset {
+        heap_offset: heaps.at(FIRST),
+        heap_array_stride: heaps.stride as u32,
+        p_embedded_sampler: std::ptr::null(),
+        sampler_heap_offset: heaps.at(0),
+        sampler_heap_array_stride: 0,
+    };
+    let textures = DescriptorMappingSourceDataEXT {
+        constant_offset: textures,
+    };
+    let plain = [0, 1, 2, 3, 4, IMAGE, 7].map(|binding| heaps.constant(binding, binding.into()));
+    let mut mappings = plain.to_vec();
+    mappings.push(mapping(5, HEAP_WITH_CONSTANT_OFFSET, textures));
+    let parts = &it.parts;
+    let rays = heaps.rays(&parts.shaders, &parts.groups, parts.recursion, &mappings);
+    let regions = gpu.regions(&rays, &plain_table());
+    let turn = gpu.record(|commands| {
+        heaps.record_trace(commands, &rays, &regions, [scale.width, scale.height, 1]);
+        gpu.barrier(commands);
+    });
+    Some(drawn(gpu, scale, turn, &it.world, &it.image))
 }
 
 /// A frame as hybrid renderers make it: what was drawn is copied in, rays add light to it, a

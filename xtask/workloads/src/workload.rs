@@ -173,6 +173,12 @@ const TRACING: &[Workload] = &[
         programs::bindless,
     ),
     row(
+        "bindless heaps",
+        "the same with the descriptors in heaps",
+        Bounds::Programs,
+        programs::bindless_heaps,
+    ),
+    row(
         "hybrid",
         "a frame: copied in, traced, tone mapped, copied out",
         Bounds::Programs,

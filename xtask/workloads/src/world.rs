@@ -35,9 +35,9 @@ impl Scale {
 pub struct World {
     pub top: Structure,
     pub out: Buffer,
-    corners: Buffer,
-    indices: Buffer,
-    camera: Buffer,
+    pub corners: Buffer,
+    pub indices: Buffer,
+    pub camera: Buffer,
 }
 
 impl World {
