@@ -15,7 +15,7 @@ pub const LIBRARY: &str = "libvulkan_tuff.so";
 /// The file name of its manifest.
 pub const MANIFEST: &str = "tuff_icd.json";
 /// The Vulkan version the driver reports.
-const API_VERSION: &str = "1.4.303";
+const API_VERSION: &str = "1.4.356";
 const TEMPLATE: &str = include_str!("../../manifests/tuff_icd.json.in");
 
 /// A driver that is ready to be loaded.

@@ -102,7 +102,7 @@ pub unsafe fn described_image(
     let is_stencil = |it: &format::PlaneFormat| it.aspect == vk::ImageAspectFlags::STENCIL;
     let has_stencil = format::planes(info.format).iter().any(is_stencil);
     if let Some(stencil) = stencil.filter(|_| has_stencil) {
-        supported(stencil)?;
+        let _stencil = supported(stencil)?;
     }
     supported(usage)
 }

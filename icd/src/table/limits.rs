@@ -216,9 +216,9 @@ pub fn serialization_uuids() -> [[u8; 16]; 2] {
     [*b"tuff vulkan cpu\0", *b"tuff structure 2"]
 }
 
-/// The API version of instance and device: the first revision of the specification that describes
-/// it.
-pub const API_VERSION: u32 = vk::make_api_version(0, 1, 4, 303);
+/// The API version of instance and device, with the revision of the specification that describes
+/// the newest extensions.
+pub const API_VERSION: u32 = vk::make_api_version(0, 1, 4, 356);
 
 /// Bytes of what captures an object: its address, or that of its descriptor.
 pub const CAPTURE_BYTES: usize = size_of::<u64>();
