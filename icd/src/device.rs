@@ -65,6 +65,7 @@ impl Device {
     pub fn compiler(&self) -> Compiler<'_> {
         Compiler {
             capabilities: &self.capabilities,
+            newer_capabilities: features::NEWER_CAPABILITIES,
             messengers: &self.messengers,
             // A program that a cache has from a device without validation says nothing of
             // alignment.

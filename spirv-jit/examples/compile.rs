@@ -54,6 +54,7 @@ fn compile_entries(path: &str, words: &[u32], capabilities: &[Capability]) {
             mappings: &[],
             bindings: &binding,
             capabilities,
+            newer_capabilities: spirv_jit::parse::NewerCapability::ALL,
             accuracy: spirv_jit::Accuracy::Spec,
             prints: true,
             checks_alignment: false,

@@ -3,6 +3,7 @@
 #![forbid(unsafe_code)]
 
 use crate::accuracy::Accuracy;
+use crate::parse::NewerCapability;
 use crate::{heap, ir};
 
 /// The inputs for compiling a module's entry point into a program.
@@ -20,6 +21,8 @@ pub struct CompileRequest<'a> {
     pub mappings: &'a [heap::Mapping],
     /// Capabilities that the device has enabled; a module that declares others is refused.
     pub capabilities: &'a [rspirv::spirv::Capability],
+    /// Of capabilities that the bindings lack, those that the device has enabled.
+    pub newer_capabilities: &'a [NewerCapability],
     pub accuracy: Accuracy,
     /// Whether the shader's messages (`NonSemantic.DebugPrintf`) are kept.
     pub prints: bool,

@@ -6,6 +6,7 @@ use std::collections::BTreeSet;
 use rspirv::spirv::Capability;
 use shaders::request;
 use spirv_jit::CompileRequest;
+use spirv_jit::parse::NewerCapability;
 use spirv_jit::program::Stage;
 
 const PAGE: &str = include_str!("../../docs/capabilities.md");
@@ -80,6 +81,11 @@ fn is_refused(capability: Capability) -> bool {
 
 /// A module of one empty entry point, whose execution model is that of the stage.
 fn empty_module(stage: Stage, capability: Capability) -> Vec<u32> {
+    module_with(stage, capability as u32)
+}
+
+/// The same, with the capability of a number.
+fn module_with(stage: Stage, capability: u32) -> Vec<u32> {
     const NAME: [u32; 2] = [u32::from_le_bytes(*b"main"), 0];
     let (model, mode) = match stage {
         // OriginUpperLeft.
@@ -87,8 +93,8 @@ fn empty_module(stage: Stage, capability: Capability) -> Vec<u32> {
         _ => (0, vec![]),
     };
     let mut words = vec![0x0723_0203, 0x0001_0300, 0, 10, 0];
-    for capability in [Capability::Shader, capability] {
-        words.extend([2 << 16 | 17, capability as u32]);
+    for capability in [Capability::Shader as u32, capability] {
+        words.extend([2 << 16 | 17, capability]);
     }
     words.extend([3 << 16 | 14, 0, 1]);
     words.extend([5 << 16 | 15, model, 1, NAME[0], NAME[1]]);
@@ -123,6 +129,25 @@ fn takes(stage: Stage, capability: Capability) -> bool {
             assert!(message.contains("is not enabled"), "{message}");
             false
         }
+    }
+}
+
+/// The capabilities that the bindings lack need their feature, too.
+#[test]
+fn newer_capabilities_are_refused_where_they_are_off() {
+    for &capability in NewerCapability::ALL {
+        let words = module_with(Stage::Compute, capability as u32);
+        let given = request(Stage::Compute, &words);
+        assert!(spirv_jit::compile(&given).is_ok());
+        let mut others = NewerCapability::ALL.to_vec();
+        others.retain(|&it| it != capability);
+        let request = CompileRequest {
+            newer_capabilities: &others,
+            ..given
+        };
+        let error = spirv_jit::compile(&request).err().expect("refused");
+        let message = format!("capability {capability:?} is not enabled");
+        assert!(error.to_string().contains(&message), "{error}");
     }
 }
 

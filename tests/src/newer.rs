@@ -48,6 +48,9 @@ pub const EXTENDED_FLAGS: &CStr = c"VK_KHR_extended_flags";
 /// `VK_KHR_shader_fma`.
 pub const SHADER_FMA: &CStr = c"VK_KHR_shader_fma";
 
+/// `VK_KHR_shader_constant_data`.
+pub const SHADER_CONSTANT_DATA: &CStr = c"VK_KHR_shader_constant_data";
+
 /// `VK_KHR_pipeline_binary`.
 pub const PIPELINE_BINARY: &CStr = c"VK_KHR_pipeline_binary";
 
@@ -93,6 +96,7 @@ pub const NEWER: &[(&CStr, u32)] = &[
     (DESCRIPTOR_HEAP, make_api_version(0, 1, 4, 340)),
     (COPY_MEMORY_INDIRECT, make_api_version(0, 1, 4, 330)),
     (PIPELINE_BINARY, make_api_version(0, 1, 3, 294)),
+    (SHADER_CONSTANT_DATA, make_api_version(0, 1, 4, 347)),
     (SHADER_FMA, make_api_version(0, 1, 4, 340)),
     (SHADER_SPLIT_BARRIER, make_api_version(0, 1, 4, 359)),
     (SHADER_LONG_VECTOR, make_api_version(0, 1, 4, 340)),
@@ -294,6 +298,7 @@ features! {
     PhysicalDeviceShaderSplitBarrierFeaturesEXT 1_000_305_000 { shader_split_barrier }
     PhysicalDeviceShaderLongVectorFeaturesEXT 1_000_635_000 { long_vector }
     PhysicalDeviceShader64BitIndexingFeaturesEXT 1_000_627_000 { shader64_bit_indexing }
+    PhysicalDeviceShaderConstantDataFeaturesKHR 1_000_231_000 { shader_constant_data }
     PhysicalDeviceShaderFmaFeaturesKHR 1_000_579_000 {
         shader_fma_float16 shader_fma_float32 shader_fma_float64
     }

@@ -197,6 +197,10 @@ structures! {
     PhysicalDeviceInternallySynchronizedQueuesFeaturesKHR 1_000_504_000 *mut c_void {
         internally_synchronized_queues: Bool32,
     }
+    /// `VK_KHR_shader_constant_data`.
+    PhysicalDeviceShaderConstantDataFeaturesKHR 1_000_231_000 *mut c_void {
+        shader_constant_data: Bool32,
+    }
     /// `VK_KHR_shader_fma`.
     PhysicalDeviceShaderFmaFeaturesKHR 1_000_579_000 *mut c_void {
         shader_fma_float16: Bool32,

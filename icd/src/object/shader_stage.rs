@@ -15,6 +15,7 @@ use spirv_jit::error::ErrorKind;
 use spirv_jit::heap::{Mapping, Source};
 use spirv_jit::ir::binary;
 use spirv_jit::origin::{Name, Origin, has_lines};
+use spirv_jit::parse::NewerCapability;
 use spirv_jit::program::{CompileRequest, Stage};
 use xxhash_rust::xxh3::Xxh3;
 
@@ -31,6 +32,8 @@ use crate::timeline::{self, Kind};
 pub struct Compiler<'a> {
     /// Capabilities that modules may declare.
     pub capabilities: &'a [Capability],
+    /// Those that the bindings of SPIR-V lack.
+    pub newer_capabilities: &'a [NewerCapability],
     pub messengers: &'a Messengers,
     /// Programs count misaligned pointers, for validation.
     pub checks_alignment: bool,
@@ -209,6 +212,7 @@ impl ShaderStage {
             mappings: &mappings,
             bindings: &|set, binding| layout.descriptor_binding(set, binding),
             capabilities: compiler.capabilities,
+            newer_capabilities: compiler.newer_capabilities,
             accuracy: settings().accuracy,
             prints: settings().prints.is_some(),
             checks_alignment: compiler.checks_alignment,

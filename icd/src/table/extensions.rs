@@ -145,6 +145,7 @@ extensions! {
     Device KHR_SHADER_ATOMIC_INT64 c"VK_KHR_shader_atomic_int64" 1;
     Device KHR_SHADER_BFLOAT16 c"VK_KHR_shader_bfloat16" 1;
     Device KHR_SHADER_CLOCK c"VK_KHR_shader_clock" 1;
+    Device KHR_SHADER_CONSTANT_DATA c"VK_KHR_shader_constant_data" 1;
     Device KHR_SHADER_DRAW_PARAMETERS c"VK_KHR_shader_draw_parameters" 1;
     Device KHR_SHADER_EXPECT_ASSUME c"VK_KHR_shader_expect_assume" 1;
     Device KHR_SHADER_FLOAT16_INT8 c"VK_KHR_shader_float16_int8" 1;

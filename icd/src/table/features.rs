@@ -3,6 +3,7 @@
 
 use ash::vk::TaggedStructure;
 use rspirv::spirv::Capability;
+use spirv_jit::parse::NewerCapability;
 
 use crate::VkResult;
 use crate::ffi::{chain, vk};
@@ -13,7 +14,7 @@ const HEAD_BYTES: usize = size_of::<vk::BaseOutStructure<'_>>();
 macro_rules! features {
     (
         core { $($core:ident $($core_capability:ident)*;)* }
-        chained { $($feature:ident: $($structure:ident)+ $(=> $($capability:ident)+)?;)* }
+        chained { $($feature:ident: $($structure:ident)+ $(=> $($capability:ident)+)? $(-> $newer:ident)?;)* }
         without_support { $($empty:ident)* }
     ) => {
         /// `VkPhysicalDeviceFeatures`.
@@ -54,6 +55,11 @@ macro_rules! features {
         const FEATURE_CAPABILITIES: &[Capability] = &[
             $($(Capability::$core_capability,)*)*
             $($($(Capability::$capability,)+)?)*
+        ];
+
+        /// Those of them that the bindings of SPIR-V lack (`->` in the table).
+        pub const NEWER_CAPABILITIES: &[NewerCapability] = &[
+            $($(NewerCapability::$newer,)?)*
         ];
     };
 }
@@ -199,7 +205,7 @@ features! {
         spheres: PhysicalDeviceRayTracingLinearSweptSpheresFeaturesNV => RayTracingSpheresGeometryNV;
         linear_swept_spheres: PhysicalDeviceRayTracingLinearSweptSpheresFeaturesNV => RayTracingLinearSweptSpheresGeometryNV;
         micromap: PhysicalDeviceOpacityMicromapFeaturesEXT => RayTracingOpacityMicromapEXT;
-        micromap: PhysicalDeviceOpacityMicromapFeaturesKHR;
+        micromap: PhysicalDeviceOpacityMicromapFeaturesKHR -> RayTracingOpacityMicromapExecutionModeKHR;
         pipeline_opacity_micromap: PhysicalDevicePipelineOpacityMicromapFeaturesARM;
         micromap_capture_replay: PhysicalDeviceOpacityMicromapFeaturesEXT;
         micromap_host_commands: PhysicalDeviceOpacityMicromapFeaturesEXT;
@@ -361,6 +367,7 @@ features! {
         maintenance8: PhysicalDeviceMaintenance8FeaturesKHR;
         maintenance9: PhysicalDeviceMaintenance9FeaturesKHR;
         internally_synchronized_queues: PhysicalDeviceInternallySynchronizedQueuesFeaturesKHR;
+        shader_constant_data: PhysicalDeviceShaderConstantDataFeaturesKHR -> ConstantDataKHR;
         shader_fma_float16: PhysicalDeviceShaderFmaFeaturesKHR => FMAKHR;
         shader_fma_float32: PhysicalDeviceShaderFmaFeaturesKHR => FMAKHR;
         shader_fma_float64: PhysicalDeviceShaderFmaFeaturesKHR => FMAKHR;
@@ -577,6 +584,9 @@ mod tests {
         let enabled = capabilities();
         let mut missing = spirv_jit::lower::SUPPORTED_CAPABILITIES.to_vec();
         missing.retain(|it| !enabled.contains(it));
+        assert!(missing.is_empty(), "{missing:?}");
+        let mut missing = NewerCapability::ALL.to_vec();
+        missing.retain(|it| !NEWER_CAPABILITIES.contains(it));
         assert!(missing.is_empty(), "{missing:?}");
     }
 }

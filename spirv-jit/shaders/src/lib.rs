@@ -18,6 +18,7 @@ use std::sync::LazyLock;
 pub use self::glsl::glsl;
 use rspirv::spirv::Capability;
 use spirv_jit::ir::op::DescriptorBinding;
+use spirv_jit::parse::NewerCapability;
 use spirv_jit::program::Stage;
 use spirv_jit::{Accuracy, CompileRequest, Error, ir};
 
@@ -46,6 +47,7 @@ pub fn request(stage: Stage, words: &[u32]) -> CompileRequest<'_> {
         mappings: &[],
         bindings: &bindings,
         capabilities: &CAPABILITIES,
+        newer_capabilities: NewerCapability::ALL,
         accuracy: Accuracy::Spec,
         prints: true,
         checks_alignment: false,

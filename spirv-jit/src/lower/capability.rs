@@ -175,5 +175,11 @@ pub(super) fn check_capabilities(
             return Err(Error::unsupported(offset, message));
         }
     }
+    for &(capability, offset) in &parsed.newer_capabilities {
+        if !request.newer_capabilities.contains(&capability) {
+            let message = format!("capability {capability:?} is not enabled");
+            return Err(Error::unsupported(offset, message));
+        }
+    }
     Ok(())
 }

@@ -254,11 +254,9 @@ impl<'a> Walk<'a> {
             Kind::StorageClass => self.enumerant(spirv::StorageClass::from_u32).map(drop),
             Kind::BuiltIn => self.enumerant(spirv::BuiltIn::from_u32).map(drop),
             Kind::Capability => {
-                let find = |word| match word {
-                    newer::OPACITY_MICROMAP_EXECUTION_MODE | newer::CONSTANT_DATA_CAPABILITY => {
-                        Some(())
-                    }
-                    _ => spirv::Capability::from_u32(word).map(drop),
+                let find = |word| match newer::NewerCapability::from_u32(word) {
+                    Some(_) => Some(()),
+                    None => spirv::Capability::from_u32(word).map(drop),
                 };
                 self.enumerant(find)
             }

@@ -8,6 +8,7 @@ use super::annotations::Annotations;
 use super::framing;
 use super::grammar::opcode_name;
 use super::instruction::{Id, Instruction, InstructionTable, decode_string};
+use super::newer::NewerCapability;
 use crate::Error;
 
 /// `OpEntryPoint`.
@@ -62,6 +63,8 @@ pub struct ParsedModule {
     pub bound: u32,
     /// With the word offset of the declaration.
     pub capabilities: Vec<(Capability, u32)>,
+    /// Those that the bindings lack.
+    pub newer_capabilities: Vec<(NewerCapability, u32)>,
     /// With the word offset of the declaration.
     pub extensions: Vec<(String, u32)>,
     /// Imported sets of extended instructions, by id.
@@ -125,6 +128,7 @@ pub(super) fn sort_module(words: &[u32], table: InstructionTable) -> Result<Pars
         version: framing::version(words),
         bound,
         capabilities: Vec::new(),
+        newer_capabilities: Vec::new(),
         extensions: Vec::new(),
         instruction_sets: HashMap::default(),
         entry_points: Vec::new(),
@@ -218,6 +222,9 @@ fn sort_global(module: &mut ParsedModule, index: u32, instruction: &Instruction)
         Op::Capability => {
             if let Some(capability) = Capability::from_u32(operands[0]) {
                 module.capabilities.push((capability, offset));
+            }
+            if let Some(capability) = NewerCapability::from_u32(operands[0]) {
+                module.newer_capabilities.push((capability, offset));
             }
         }
         Op::Extension => module.extensions.push((decode_string(operands), offset)),
