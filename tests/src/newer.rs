@@ -1,6 +1,6 @@
 //! Vulkan's types: those of `ash`, and the structures that are newer than it.
 
-use std::ffi::{CStr, c_void};
+use std::ffi::{CStr, c_char, c_void};
 use std::marker::PhantomData;
 
 pub use ash::vk::*;
@@ -47,6 +47,9 @@ pub const EXTENDED_FLAGS: &CStr = c"VK_KHR_extended_flags";
 
 /// `VK_KHR_shader_fma`.
 pub const SHADER_FMA: &CStr = c"VK_KHR_shader_fma";
+
+/// `VK_KHR_device_fault`.
+pub const DEVICE_FAULT: &CStr = c"VK_KHR_device_fault";
 
 /// `VK_KHR_shader_constant_data`.
 pub const SHADER_CONSTANT_DATA: &CStr = c"VK_KHR_shader_constant_data";
@@ -96,6 +99,7 @@ pub const NEWER: &[(&CStr, u32)] = &[
     (DESCRIPTOR_HEAP, make_api_version(0, 1, 4, 340)),
     (COPY_MEMORY_INDIRECT, make_api_version(0, 1, 4, 330)),
     (PIPELINE_BINARY, make_api_version(0, 1, 3, 294)),
+    (DEVICE_FAULT, make_api_version(0, 1, 4, 347)),
     (SHADER_CONSTANT_DATA, make_api_version(0, 1, 4, 347)),
     (SHADER_FMA, make_api_version(0, 1, 4, 340)),
     (SHADER_SPLIT_BARRIER, make_api_version(0, 1, 4, 359)),
@@ -298,6 +302,10 @@ features! {
     PhysicalDeviceShaderSplitBarrierFeaturesEXT 1_000_305_000 { shader_split_barrier }
     PhysicalDeviceShaderLongVectorFeaturesEXT 1_000_635_000 { long_vector }
     PhysicalDeviceShader64BitIndexingFeaturesEXT 1_000_627_000 { shader64_bit_indexing }
+    PhysicalDeviceFaultFeaturesKHR 1_000_573_000 {
+        device_fault device_fault_vendor_binary device_fault_report_masked
+        device_fault_device_lost_on_masked
+    }
     PhysicalDeviceShaderConstantDataFeaturesKHR 1_000_231_000 { shader_constant_data }
     PhysicalDeviceShaderFmaFeaturesKHR 1_000_579_000 {
         shader_fma_float16 shader_fma_float32 shader_fma_float64
@@ -423,6 +431,21 @@ macro_rules! structures {
 }
 
 structures! {
+    PhysicalDeviceFaultPropertiesKHR 1_000_573_001 *mut c_void {
+        max_device_fault_count: u32,
+    }
+    DeviceFaultInfoKHR 1_000_573_002 *mut c_void {
+        flags: Flags,
+        group_id: u64,
+        description: [c_char; MAX_DESCRIPTION_SIZE],
+        fault_address_info: DeviceFaultAddressInfoEXT,
+        instruction_address_info: DeviceFaultAddressInfoEXT,
+        vendor_info: DeviceFaultVendorInfoEXT,
+    }
+    DeviceFaultDebugInfoKHR 1_000_573_003 *mut c_void {
+        vendor_binary_size: u32,
+        p_vendor_binary_data: *mut c_void,
+    }
     AccelerationStructureCreateInfo2KHR 1_000_318_015 *const c_void {
         create_flags: AccelerationStructureCreateFlagsKHR,
         address_range: DeviceAddressRangeKHR,

@@ -5,7 +5,10 @@ use std::ffi::{CStr, c_void};
 use ash::{ext, huawei, khr, nv};
 
 use crate::newer::{
-    self as vk, COPY_MEMORY_INDIRECT, DESCRIPTOR_HEAP, DEVICE_ADDRESS_COMMANDS, EXTENDED_FLAGS, LINEAR_SWEPT_SPHERES, MAINTENANCE_11, MAINTENANCE_8, MAINTENANCE_9, OPACITY_MICROMAP, PIPELINE_BINARY, SHADER_64BIT_INDEXING, SHADER_CONSTANT_DATA, SHADER_FMA, SHADER_LONG_VECTOR, SHADER_SPLIT_BARRIER,
+    self as vk, COPY_MEMORY_INDIRECT, DESCRIPTOR_HEAP, DEVICE_ADDRESS_COMMANDS, DEVICE_FAULT,
+    EXTENDED_FLAGS, LINEAR_SWEPT_SPHERES, MAINTENANCE_8, MAINTENANCE_9, MAINTENANCE_11,
+    OPACITY_MICROMAP, PIPELINE_BINARY, SHADER_64BIT_INDEXING, SHADER_CONSTANT_DATA, SHADER_FMA,
+    SHADER_LONG_VECTOR, SHADER_SPLIT_BARRIER,
 };
 
 macro_rules! optional {
@@ -116,6 +119,8 @@ optional! {
     address_report: ext::device_address_binding_report::NAME, PhysicalDeviceAddressBindingReportFeaturesEXT {};
     /// Without the vendor's binary.
     fault: ext::device_fault::NAME, PhysicalDeviceFaultFeaturesEXT { device_fault_vendor_binary };
+    /// Off where there is validation, as above.
+    fault_khr: DEVICE_FAULT, PhysicalDeviceFaultFeaturesKHR { device_fault_vendor_binary device_fault_report_masked device_fault_device_lost_on_masked };
     list_restart: ext::primitive_topology_list_restart::NAME, PhysicalDevicePrimitiveTopologyListRestartFeaturesEXT {};
     swept_spheres: LINEAR_SWEPT_SPHERES, PhysicalDeviceRayTracingLinearSweptSpheresFeaturesNV {};
 }

@@ -101,6 +101,8 @@ commands! {
     Device EXT_PRIVATE_DATA PFN_vkDestroyPrivateDataSlot device::vkDestroyPrivateDataSlot as vkDestroyPrivateDataSlotEXT;
     Device KHR_CALIBRATED_TIMESTAMPS PFN_vkGetCalibratedTimestampsKHR device::vkGetCalibratedTimestampsKHR;
     Device EXT_CALIBRATED_TIMESTAMPS PFN_vkGetCalibratedTimestampsKHR device::vkGetCalibratedTimestampsKHR as vkGetCalibratedTimestampsEXT;
+    Device KHR_DEVICE_FAULT PFN_vkGetDeviceFaultDebugInfoKHR device_fault::vkGetDeviceFaultDebugInfoKHR;
+    Device KHR_DEVICE_FAULT PFN_vkGetDeviceFaultReportsKHR device_fault::vkGetDeviceFaultReportsKHR;
     Device EXT_DEVICE_FAULT PFN_vkGetDeviceFaultInfoEXT device_fault::vkGetDeviceFaultInfoEXT;
     Device Core11 PFN_vkGetDeviceGroupPeerMemoryFeatures device::vkGetDeviceGroupPeerMemoryFeatures;
     Device KHR_DEVICE_GROUP PFN_vkGetDeviceGroupPeerMemoryFeatures device::vkGetDeviceGroupPeerMemoryFeatures as vkGetDeviceGroupPeerMemoryFeaturesKHR;

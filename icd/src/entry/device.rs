@@ -26,7 +26,8 @@ unsafe fn enabled(info: &vk::DeviceCreateInfo<'_>) -> Enabled {
     unsafe {
         let chained = ffi::find::<vk::PhysicalDeviceFeatures2>(info.p_next).map(|f| &f.features);
         let validation = ffi::find::<vk::PhysicalDeviceRayTracingValidationFeaturesNV>(info.p_next);
-        let fault = ffi::find::<vk::PhysicalDeviceFaultFeaturesEXT>(info.p_next);
+        let fault = ffi::find::<newer::PhysicalDeviceFaultFeaturesKHR<'_>>(info.p_next);
+        let older_fault = ffi::find::<vk::PhysicalDeviceFaultFeaturesEXT>(info.p_next);
         let addresses = ffi::find::<vk::PhysicalDeviceAddressBindingReportFeaturesEXT>(info.p_next);
         let zero_one = ffi::find::<vk::PhysicalDeviceDepthClampZeroOneFeaturesEXT>(info.p_next);
         let heaps = ffi::find::<newer::PhysicalDeviceDescriptorHeapFeaturesEXT<'_>>(info.p_next);
@@ -37,7 +38,8 @@ unsafe fn enabled(info: &vk::DeviceCreateInfo<'_>) -> Enabled {
             queue_flags: queues.first().map_or_else(Default::default, |it| it.flags),
             sparse_binding: (chained.into_iter().chain(info.p_enabled_features.as_ref()))
                 .any(|features| features.sparse_binding != vk::FALSE),
-            device_fault: fault.is_some_and(|features| features.device_fault != vk::FALSE),
+            device_fault: fault.is_some_and(|features| features.device_fault != vk::FALSE)
+                || older_fault.is_some_and(|features| features.device_fault != vk::FALSE),
             report_address_binding: addresses
                 .is_some_and(|features| features.report_address_binding != vk::FALSE),
             depth_clamp_zero_one: zero_one

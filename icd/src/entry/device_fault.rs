@@ -1,4 +1,4 @@
-//! `VK_EXT_device_fault`: how a device was lost, as far as it is known.
+//! `VK_KHR_device_fault` and `VK_EXT_device_fault`: how a device was lost, as far as it is known.
 
 use std::mem::MaybeUninit;
 
@@ -7,14 +7,19 @@ use ash::vk;
 use super::define::entry;
 use crate::VkResult;
 use crate::device::Device;
-use crate::ffi::array;
-use crate::ffi::enumerate::enumerate;
+use crate::ffi::enumerate::{enumerate, enumerate_with};
+use crate::ffi::{array, vk as newer};
 use crate::handle::from_handle;
-use crate::wave::{Fault, WildAddress};
+use crate::wave::{Cause, Fault, Stopped, WildAddress};
 
 /// Vendor fault codes of wild addresses: those of causes come before.
 const CODE_READ: u64 = 6;
 const CODE_WRITE: u64 = 7;
+/// Vendor fault code of addresses that were not kept.
+const CODE_DROPPED: u64 = 8;
+
+/// All reports of a device are of the fault that it was lost by.
+const GROUP: u64 = 1;
 
 fn address_info(wild: &WildAddress) -> vk::DeviceFaultAddressInfoEXT {
     vk::DeviceFaultAddressInfoEXT {
@@ -38,18 +43,63 @@ fn vendor_info(description: &str, code: u64, data: u64) -> vk::DeviceFaultVendor
     info
 }
 
-/// First the cause, with where that was found, then the wild addresses.
-fn vendor_infos(fault: &Fault) -> Vec<vk::DeviceFaultVendorInfoEXT> {
+/// The cause, with where it was found.
+fn cause_info(fault: &Fault) -> vk::DeviceFaultVendorInfoEXT {
     let (place, depth) = match &fault.at {
         Some(at) => (at.to_string(), at.depth),
         None => (fault.cause.to_string(), 0),
     };
-    let cause = vendor_info(&place, fault.cause.code(), u64::from(depth));
-    let wild = fault.wild.iter().map(|wild| {
-        let code = if wild.writes { CODE_WRITE } else { CODE_READ };
-        vendor_info(&wild.place.to_string(), code, wild.address)
+    vendor_info(&place, fault.cause.code(), u64::from(depth))
+}
+
+fn wild_info(wild: &WildAddress) -> vk::DeviceFaultVendorInfoEXT {
+    let code = if wild.writes { CODE_WRITE } else { CODE_READ };
+    vendor_info(&wild.place.to_string(), code, wild.address)
+}
+
+/// First the cause, then the wild addresses, then how many more there were.
+fn vendor_infos(fault: &Fault) -> Vec<vk::DeviceFaultVendorInfoEXT> {
+    let dropped = (fault.dropped > 0).then(|| {
+        let text = format!("{} earlier invalid addresses were not kept", fault.dropped);
+        vendor_info(&text, CODE_DROPPED, fault.dropped)
     });
-    std::iter::once(cause).chain(wild).collect()
+    let wild = fault.wild.iter().map(wild_info);
+    (std::iter::once(cause_info(fault))
+        .chain(wild)
+        .chain(dropped))
+    .collect()
+}
+
+/// Writes a report of a lost device: a wild address, or the loss, which is the last one.
+fn write_report(fault: &Fault, index: usize, out: &mut newer::DeviceFaultInfoKHR<'_>) {
+    out.flags = newer::DEVICE_FAULT_FLAG_VENDOR_KHR;
+    out.group_id = GROUP;
+    out.fault_address_info = Default::default();
+    out.instruction_address_info = Default::default();
+    let description = match fault.wild.get(index) {
+        Some(wild) => {
+            out.flags |= newer::DEVICE_FAULT_FLAG_MEMORY_ADDRESS_KHR;
+            out.fault_address_info = address_info(wild);
+            out.vendor_info = wild_info(wild);
+            let access = if wild.writes { "written" } else { "read" };
+            format!(
+                "invalid address {:#x} {access}: {}",
+                wild.address, wild.place
+            )
+        }
+        None => {
+            out.flags |= newer::DEVICE_FAULT_FLAG_DEVICE_LOST_KHR;
+            if fault.cause == Cause::Stopped(Stopped::TimedOut) {
+                out.flags |= newer::DEVICE_FAULT_FLAG_WATCHDOG_TIMEOUT_KHR;
+            }
+            out.vendor_info = cause_info(fault);
+            fault.to_string()
+        }
+    };
+    if index == 0 && fault.dropped > 0 {
+        out.flags |= newer::DEVICE_FAULT_FLAG_OVERFLOW_KHR;
+    }
+    array::write_text(&mut out.description, &description);
 }
 
 /// Writes as many as fit, none to a null pointer, and how many those are.
@@ -102,5 +152,36 @@ entry! {
             write_infos(vendor, &mut counts.vendor_info_count, info.p_vendor_infos),
         ];
         wrote.into_iter().collect()
+    }
+
+    /// The reports of a lost device; those of its wild addresses come first. When all are returned,
+    /// there are none left, and nothing to wait for.
+    fn vkGetDeviceFaultReportsKHR(
+        device: vk::Device,
+        timeout: u64,
+        count: *mut u32,
+        out: *mut newer::DeviceFaultInfoKHR<'_>,
+    ) -> vk::Result {
+        let engine = &from_handle::<Device>(device).engine;
+        let waited = engine.wait_for_reports(timeout);
+        let left = waited.inspect_err(|_| *count = 0)?;
+        if out.is_null() {
+            *count = left;
+            return Ok(());
+        }
+        let Some(fault) = engine.fault() else { return Ok(()) };
+        let taken = engine.take_reports(*count);
+        let is_last = taken.end == fault.report_count();
+        enumerate_with(count, out, taken, |out, index| write_report(&fault, index as usize, out))?;
+        if is_last { Ok(()) } else { Err(vk::Result::INCOMPLETE) }
+    }
+
+    /// There is no vendor binary.
+    fn vkGetDeviceFaultDebugInfoKHR(
+        _device: vk::Device,
+        info: *mut newer::DeviceFaultDebugInfoKHR<'_>,
+    ) -> vk::Result {
+        (*info).vendor_binary_size = 0;
+        Ok(())
     }
 }

@@ -5,6 +5,7 @@
 use std::borrow::Cow;
 use std::ffi::CStr;
 use std::io::Write;
+use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
@@ -12,6 +13,7 @@ use std::time::{Duration, Instant};
 use ash::vk;
 use spirv_jit::views::Views;
 
+use crate::VkResult;
 use crate::compute::Dispatcher;
 use crate::object::heap::HeapSamplers;
 use crate::object::heap_replay::Identities;
@@ -23,7 +25,7 @@ use crate::settings::settings;
 use crate::trace::Tracer;
 use crate::validate::{Caller, Checks, Queried, Validator};
 use crate::wave::{
-    Budget, Cause, Fault, Limits, QueryObserver, Surroundings, WildAddresses, Workers,
+    Budget, Cause, Fault, Limits, QueryObserver, Returned, Surroundings, WildAddresses, Workers,
 };
 
 /// Workers, the memory that they keep, all waiting of the device, and how it is lost.
@@ -57,6 +59,8 @@ pub struct Engine {
     pub wild: Option<WildAddresses>,
     /// How the device was lost.
     fault: OnceLock<Fault>,
+    /// Reports that the application has.
+    returned: Returned,
 }
 
 /// The name of messages of shaders: that of the validation layers, which programs look for.
@@ -120,6 +124,7 @@ impl Engine {
             timeout: watch.timeout,
             wild: watch.wild_addresses.then(WildAddresses::default),
             fault: OnceLock::new(),
+            returned: Returned::default(),
         })
     }
 
@@ -196,9 +201,11 @@ impl Engine {
 
     /// Loses the device: everyone who waits gets `VK_ERROR_DEVICE_LOST`, and running work ends at
     /// its next look at its limits. The first reason is reported, and kept for
-    /// `vkGetDeviceFaultInfoEXT`.
+    /// `vkGetDeviceFaultReportsKHR` and `vkGetDeviceFaultInfoEXT`.
     pub fn lose(&self, mut fault: Fault) {
-        fault.wild = self.wild.iter().flat_map(WildAddresses::all).collect();
+        if let Some(wild) = &self.wild {
+            wild.tell(&mut fault);
+        }
         if self.waiting.lost.check().is_ok() && self.fault.set(fault).is_ok() {
             let why = self.fault.get().map(Fault::to_string).unwrap_or_default();
             self.messengers
@@ -213,6 +220,24 @@ impl Engine {
             true => Some(Cow::Owned(Fault::new(Cause::Forked))),
             false => self.fault.get().map(Cow::Borrowed),
         }
+    }
+
+    /// Waits until the device is lost; gives the number of reports that were not returned yet.
+    ///
+    /// # Errors
+    /// `VK_TIMEOUT`.
+    pub fn wait_for_reports(&self, timeout_ns: u64) -> VkResult<u32> {
+        // A device that is being destroyed has no report.
+        let waited = (self.waiting).wait_until(timeout_ns, || self.fault().is_some());
+        waited.map_err(|_| vk::Result::TIMEOUT)?;
+        let all = self.fault().map_or(0, |fault| fault.report_count());
+        Ok(all.saturating_sub(self.returned.count(std::process::id())))
+    }
+
+    /// Takes reports, at most `room`, and gives their numbers in [`Self::fault`].
+    pub fn take_reports(&self, room: u32) -> Range<u32> {
+        let available = self.fault().map_or(0, |fault| fault.report_count());
+        (self.returned).take(std::process::id(), available, room)
     }
 
     /// Ends all waiting and all running work, without a word. Before a device is destroyed the

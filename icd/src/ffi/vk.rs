@@ -1,6 +1,6 @@
 //! Vulkan's types: those of `ash`, and the structures that are newer than it, in the same style.
 
-use std::ffi::c_void;
+use std::ffi::{c_char, c_void};
 use std::marker::PhantomData;
 
 pub use ash::vk::*;
@@ -196,6 +196,28 @@ structures! {
     /// `VK_KHR_internally_synchronized_queues`.
     PhysicalDeviceInternallySynchronizedQueuesFeaturesKHR 1_000_504_000 *mut c_void {
         internally_synchronized_queues: Bool32,
+    }
+    /// `VK_KHR_device_fault`.
+    PhysicalDeviceFaultFeaturesKHR 1_000_573_000 *mut c_void {
+        device_fault: Bool32,
+        device_fault_vendor_binary: Bool32,
+        device_fault_report_masked: Bool32,
+        device_fault_device_lost_on_masked: Bool32,
+    }
+    PhysicalDeviceFaultPropertiesKHR 1_000_573_001 *mut c_void {
+        max_device_fault_count: u32,
+    }
+    DeviceFaultInfoKHR 1_000_573_002 *mut c_void {
+        flags: Flags,
+        group_id: u64,
+        description: [c_char; MAX_DESCRIPTION_SIZE],
+        fault_address_info: DeviceFaultAddressInfoEXT,
+        instruction_address_info: DeviceFaultAddressInfoEXT,
+        vendor_info: DeviceFaultVendorInfoEXT,
+    }
+    DeviceFaultDebugInfoKHR 1_000_573_003 *mut c_void {
+        vendor_binary_size: u32,
+        p_vendor_binary_data: *mut c_void,
     }
     /// `VK_KHR_shader_constant_data`.
     PhysicalDeviceShaderConstantDataFeaturesKHR 1_000_231_000 *mut c_void {
@@ -621,6 +643,13 @@ pub const PIPELINE_CREATE_2_64_BIT_INDEXING_EXT: PipelineCreateFlags2KHR =
 pub const SHADER_CREATE_64_BIT_INDEXING_EXT: ShaderCreateFlagsEXT =
     ShaderCreateFlagsEXT::from_raw(1 << 15);
 
+/// `VkDeviceFaultFlagBitsKHR`.
+pub const DEVICE_FAULT_FLAG_DEVICE_LOST_KHR: Flags = 1 << 0;
+pub const DEVICE_FAULT_FLAG_MEMORY_ADDRESS_KHR: Flags = 1 << 1;
+pub const DEVICE_FAULT_FLAG_VENDOR_KHR: Flags = 1 << 3;
+pub const DEVICE_FAULT_FLAG_WATCHDOG_TIMEOUT_KHR: Flags = 1 << 4;
+pub const DEVICE_FAULT_FLAG_OVERFLOW_KHR: Flags = 1 << 5;
+
 /// `VK_ATTACHMENT_DESCRIPTION_RESOLVE_SKIP_TRANSFER_FUNCTION_BIT_KHR`.
 pub const ATTACHMENT_DESCRIPTION_RESOLVE_SKIP_TRANSFER_FUNCTION_KHR: AttachmentDescriptionFlags =
     AttachmentDescriptionFlags::from_raw(1 << 1);
@@ -871,6 +900,8 @@ functions! {
     ) -> Result;
     PFN_vkSetSwapchainPresentTimingQueueSizeEXT(Device, SwapchainKHR, u32) -> Result;
     PFN_vkWaitForPresent2KHR(Device, SwapchainKHR, *const PresentWait2InfoKHR<'_>) -> Result;
+    PFN_vkGetDeviceFaultReportsKHR(Device, u64, *mut u32, *mut DeviceFaultInfoKHR<'_>) -> Result;
+    PFN_vkGetDeviceFaultDebugInfoKHR(Device, *mut DeviceFaultDebugInfoKHR<'_>) -> Result;
     PFN_vkCmdEndRendering2KHR(CommandBuffer, *const c_void);
     PFN_vkCreatePipelineBinariesKHR(
         Device, *const PipelineBinaryCreateInfoKHR<'_>, *const AllocationCallbacks<'_>, *mut PipelineBinaryHandlesInfoKHR<'_>

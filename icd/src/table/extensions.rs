@@ -86,6 +86,7 @@ extensions! {
     Device KHR_DEPTH_STENCIL_RESOLVE c"VK_KHR_depth_stencil_resolve" 1;
     Device KHR_DESCRIPTOR_UPDATE_TEMPLATE c"VK_KHR_descriptor_update_template" 1;
     Device KHR_DEVICE_ADDRESS_COMMANDS c"VK_KHR_device_address_commands" 1;
+    Device KHR_DEVICE_FAULT c"VK_KHR_device_fault" 1;
     Device KHR_DEVICE_GROUP c"VK_KHR_device_group" 4;
     Device KHR_DRAW_INDIRECT_COUNT c"VK_KHR_draw_indirect_count" 1;
     Device KHR_DRIVER_PROPERTIES c"VK_KHR_driver_properties" 1;

@@ -285,7 +285,7 @@ features! {
         format_a4r4g4b4: PhysicalDevice4444FormatsFeaturesEXT;
         format_a4b4g4r4: PhysicalDevice4444FormatsFeaturesEXT;
         report_address_binding: PhysicalDeviceAddressBindingReportFeaturesEXT;
-        device_fault: PhysicalDeviceFaultFeaturesEXT;
+        device_fault: PhysicalDeviceFaultFeaturesKHR PhysicalDeviceFaultFeaturesEXT;
         null_descriptor: PhysicalDeviceRobustness2FeaturesEXT;
         robust_buffer_access2: PhysicalDeviceRobustness2FeaturesEXT;
         robust_image_access2: PhysicalDeviceRobustness2FeaturesEXT;

@@ -63,6 +63,8 @@ pub const MAX_LINE_WIDTH: f32 = 64.0;
 /// `maxTessellationGenerationLevel`.
 pub const MAX_TESSELLATION_LEVEL: u32 = 64;
 /// `maxCommandBufferNestingLevel`: each level is a call on the queue's thread.
+/// Reports of a device (`maxDeviceFaultCount`): 64 invalid addresses and the loss.
+pub const MAX_DEVICE_FAULT_COUNT: u32 = 65;
 pub const MAX_COMMAND_BUFFER_NESTING: u32 = 64;
 
 /// Of a device's window, what sparse resources may take together.

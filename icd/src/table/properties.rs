@@ -693,6 +693,10 @@ unsafe fn fill(machine: &Machine, node: *mut vk::BaseOutStructure<'static>) {
             PhysicalDeviceShaderSplitBarrierPropertiesEXT(
                 vk::PhysicalDeviceShaderSplitBarrierPropertiesEXT::default()
             );
+            PhysicalDeviceFaultPropertiesKHR(vk::PhysicalDeviceFaultPropertiesKHR {
+                max_device_fault_count: limits::MAX_DEVICE_FAULT_COUNT,
+                ..Default::default()
+            });
             PhysicalDeviceMaintenance10PropertiesKHR(vk::PhysicalDeviceMaintenance10PropertiesKHR {
                 rgba4_opaque_black_swizzled: vk::TRUE,
                 resolve_srgb_format_applies_transfer_function: vk::TRUE,

@@ -1,14 +1,19 @@
-//! Why a device was lost, and where: what `VK_EXT_device_fault` tells.
+//! Why a device was lost, and where: the report behind `VK_KHR_device_fault` and
+//! `VK_EXT_device_fault`.
 
 #![forbid(unsafe_code)]
 
 use std::fmt;
+use std::ops::Range;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use parking_lot::Mutex;
 use spirv_jit::Program;
 use spirv_jit::origin::Place;
 use spirv_jit::reach::Stray;
+
+use crate::table::limits::MAX_DEVICE_FAULT_COUNT;
 
 /// Why a command was given up: the device is lost.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -75,17 +80,25 @@ pub struct StoppedAt {
 /// An address that a shader followed to nowhere: it read zeros there, or wrote nothing.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct WildAddress {
+    /// The program's number, and the access in it.
+    instruction: (u64, usize),
     pub address: u64,
     pub writes: bool,
     pub place: Place,
 }
 
-/// Wild addresses that are kept, the latest ones.
-const KEPT_ADDRESSES: usize = 64;
+/// Wild addresses that are kept, the latest ones. The last report is that of the loss.
+const KEPT_ADDRESSES: usize = MAX_DEVICE_FAULT_COUNT as usize - 1;
 
 /// Wild accesses of shaders so far, one for each instruction.
 #[derive(Debug, Default)]
-pub struct WildAddresses(Mutex<Vec<WildAddress>>);
+pub struct WildAddresses(Mutex<Kept>);
+
+#[derive(Debug, Default)]
+struct Kept {
+    addresses: Vec<WildAddress>,
+    dropped: u64,
+}
 
 impl WildAddresses {
     /// Adds what programs did. Misaligned pointers and those of other programs are left out.
@@ -99,23 +112,30 @@ impl WildAddresses {
             let mut programs = programs.clone();
             let program = programs.find(|program| program.number() == stray.program);
             if let Some((place, writes)) = program.and_then(|it| it.place_of_access(stray.site)) {
+                let instruction = (stray.program, stray.site);
                 let wild = WildAddress {
+                    instruction,
                     address: stray.address,
                     writes,
                     place,
                 };
-                kept.retain(|other| (other.writes, &other.place) != (writes, &wild.place));
-                if kept.len() == KEPT_ADDRESSES {
-                    kept.remove(0);
+                let addresses = &mut kept.addresses;
+                addresses.retain(|other| other.instruction != instruction);
+                let is_full = addresses.len() == KEPT_ADDRESSES;
+                if is_full {
+                    addresses.remove(0);
                 }
-                kept.push(wild);
+                addresses.push(wild);
+                kept.dropped += u64::from(is_full);
             }
         }
     }
 
-    /// All that are kept, the latest last.
-    pub fn all(&self) -> Vec<WildAddress> {
-        self.0.lock().clone()
+    /// Adds the kept addresses to a report, the latest last.
+    pub fn tell(&self, fault: &mut Fault) {
+        let kept = self.0.lock();
+        fault.wild.clone_from(&kept.addresses);
+        fault.dropped = kept.dropped;
     }
 }
 
@@ -126,15 +146,57 @@ pub struct Fault {
     pub at: Option<StoppedAt>,
     /// Addresses that shaders followed before, the latest last.
     pub wild: Vec<WildAddress>,
+    /// Earlier addresses, which are not kept.
+    pub dropped: u64,
 }
 
 impl Fault {
+    /// Reports of `vkGetDeviceFaultReportsKHR`: the wild addresses, then the loss.
+    pub fn report_count(&self) -> u32 {
+        self.wild.len() as u32 + 1
+    }
+
     /// One that is not of a shader.
     pub fn new(cause: Cause) -> Self {
         Self {
             cause,
             at: None,
             wild: Vec::new(),
+            dropped: 0,
+        }
+    }
+}
+
+/// How many of its reports a device has returned: `vkGetDeviceFaultReportsKHR` returns each once,
+/// to one of the threads that ask. A child process has reports of its own, whatever its parent has
+/// returned.
+#[derive(Debug, Default)]
+pub struct Returned(AtomicU64);
+
+impl Returned {
+    /// The number of reports that a process has returned.
+    pub fn count(&self, process: u32) -> u32 {
+        Self::of(self.0.load(Ordering::Relaxed), process)
+    }
+
+    /// Takes the next reports of `available` ones, at most `room`.
+    pub fn take(&self, process: u32, available: u32, room: u32) -> Range<u32> {
+        let mut old = self.0.load(Ordering::Relaxed);
+        loop {
+            let first = Self::of(old, process).min(available);
+            let end = first + room.min(available - first);
+            let new = u64::from(process) << 32 | u64::from(end);
+            match (self.0).compare_exchange_weak(old, new, Ordering::Relaxed, Ordering::Relaxed) {
+                Ok(_) => return first..end,
+                Err(other) => old = other,
+            }
+        }
+    }
+
+    fn of(both: u64, process: u32) -> u32 {
+        match (both >> 32) as u32 == process {
+            true => both as u32,
+            false => 0,
         }
     }
 }
@@ -162,5 +224,42 @@ impl fmt::Display for Fault {
             Some(at) => write!(f, ": {at}"),
             None => Ok(()),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_report_is_returned_once_to_each_process() {
+        let returned = Returned::default();
+        assert_eq!(returned.take(7, 5, 2), 0..2);
+        assert_eq!(returned.take(7, 5, 0), 2..2);
+        assert_eq!(returned.count(7), 2);
+        // A child.
+        assert_eq!(returned.count(8), 0);
+        assert_eq!(returned.take(8, 1, 4), 0..1);
+        assert_eq!(returned.take(8, 1, 4), 1..1);
+    }
+
+    #[test]
+    fn threads_share_the_reports() {
+        let returned = Returned::default();
+        let all = std::thread::scope(|scope| {
+            let take = || {
+                let mut mine = Vec::new();
+                while let Some(next) = returned.take(1, 1000, 1).next() {
+                    mine.push(next);
+                }
+                mine
+            };
+            let threads: Vec<_> = (0..4).map(|_| scope.spawn(take)).collect();
+            let taken = threads.into_iter().map(|thread| thread.join().unwrap());
+            let mut all: Vec<u32> = taken.flatten().collect();
+            all.sort_unstable();
+            all
+        });
+        assert!(all.into_iter().eq(0..1000));
     }
 }

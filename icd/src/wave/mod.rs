@@ -10,6 +10,6 @@ pub mod table;
 mod workers;
 
 pub use budget::{Budget, Share};
-pub use fault::{Cause, Fault, Stopped, StoppedAt, WildAddress, WildAddresses};
+pub use fault::{Cause, Fault, Returned, Stopped, StoppedAt, WildAddress, WildAddresses};
 pub use limits::{Limits, QueryObserver, Surroundings};
 pub use workers::Workers;
