@@ -4,9 +4,9 @@
 //! An integer of up to 24 bits is exact in an f32, so that all formats are compared as numbers.
 
 use ash::vk::{CompareOp, StencilOp};
-use lanes::vector::Vector;
+use lanes::vector::{Task, Vector};
 
-use super::lanes::{Row, lanes_where, row_of};
+use super::lanes::Row;
 use super::texels::{Places, load, store};
 use crate::object::graphics_state::{DepthStencil, StencilFace};
 use crate::raster::{Target, Targets};
@@ -97,39 +97,35 @@ fn compare_depths<V: Vector>(v: V, op: CompareOp, new: V::F, old: V::F) -> u16 {
     }
 }
 
-/// The reference against the stencil values.
+/// The reference against the stencil values: numbers of 8 bits.
 #[inline(always)]
-fn compare_stencils(op: CompareOp, reference: &Row, old: &Row) -> u16 {
+fn compare_stencils<V: Vector>(v: V, op: CompareOp, reference: V::I, old: V::I) -> u16 {
     match op {
         CompareOp::NEVER => 0,
-        CompareOp::LESS => lanes_where(|lane| reference[lane] < old[lane]),
-        CompareOp::EQUAL => lanes_where(|lane| reference[lane] == old[lane]),
-        CompareOp::LESS_OR_EQUAL => lanes_where(|lane| reference[lane] <= old[lane]),
-        CompareOp::GREATER => lanes_where(|lane| reference[lane] > old[lane]),
-        CompareOp::NOT_EQUAL => lanes_where(|lane| reference[lane] != old[lane]),
-        CompareOp::GREATER_OR_EQUAL => lanes_where(|lane| reference[lane] >= old[lane]),
+        CompareOp::LESS => v.lt_u(reference, old),
+        CompareOp::EQUAL => !v.ne_i(reference, old),
+        CompareOp::LESS_OR_EQUAL => !v.lt_u(old, reference),
+        CompareOp::GREATER => v.lt_u(old, reference),
+        CompareOp::NOT_EQUAL => v.ne_i(reference, old),
+        CompareOp::GREATER_OR_EQUAL => !v.lt_u(reference, old),
         _ => u16::MAX,
     }
 }
 
 /// A stencil operation on the 8 bits of each lane; results have other bits, too.
-fn operated(op: StencilOp, old: &Row, reference: &Row) -> Row {
-    let mut new = *old;
+#[inline(always)]
+fn operated<V: Vector>(v: V, op: StencilOp, old: V::I, reference: V::I) -> V::I {
+    let (none, one) = (v.splat_i(0), v.splat_i(1));
     match op {
-        StencilOp::ZERO => new = [0; 16],
-        StencilOp::REPLACE => new = *reference,
-        StencilOp::INCREMENT_AND_CLAMP => new
-            .iter_mut()
-            .for_each(|it| *it = it.saturating_add(1).min(0xff)),
-        StencilOp::DECREMENT_AND_CLAMP => {
-            new.iter_mut().for_each(|it| *it = it.saturating_sub(1));
-        }
-        StencilOp::INVERT => new.iter_mut().for_each(|it| *it = !*it),
-        StencilOp::INCREMENT_AND_WRAP => new.iter_mut().for_each(|it| *it = it.wrapping_add(1)),
-        StencilOp::DECREMENT_AND_WRAP => new.iter_mut().for_each(|it| *it = it.wrapping_sub(1)),
-        _ => {}
+        StencilOp::ZERO => none,
+        StencilOp::REPLACE => reference,
+        StencilOp::INCREMENT_AND_CLAMP => v.min_i(v.add_i(old, one), v.splat_i(0xff)),
+        StencilOp::DECREMENT_AND_CLAMP => v.max_i(v.sub_i(old, one), none),
+        StencilOp::INVERT => v.xor_i(old, v.splat_i(-1)),
+        StencilOp::INCREMENT_AND_WRAP => v.add_i(old, one),
+        StencilOp::DECREMENT_AND_WRAP => v.sub_i(old, one),
+        _ => old,
     }
-    new
 }
 
 impl Depth {
@@ -322,18 +318,17 @@ impl Tests {
         if let Some(stencil) = &self.stencil
             && !stencil.is_idle(tested.front, mask & !near, passed)
         {
+            let task = StencilTest {
+                stencil,
+                places,
+                sample,
+                front: tested.front,
+                references: tested.references,
+                mask,
+                near,
+            };
             // SAFETY: the caller's promise.
-            let [old, ..] = unsafe { load(v, &stencil.target, places, sample, mask) };
-            let old = row_of(v, old);
-            let (front, references) = (tested.front, tested.references);
-            let stencil_passed = mask & stencil_passes(stencil, front, references, &old);
-            let failed = mask & !stencil_passed;
-            passed &= stencil_passed;
-            let depth_failed = stencil_passed & !passed;
-            let new = stencil_writes(stencil, front, references, &old, failed, depth_failed);
-            let words = [v.load_i(&new), none, none, none];
-            // SAFETY: the caller's promise.
-            unsafe { store(v, &stencil.target, places, sample, mask, &words) };
+            passed = unsafe { v.apart(task) };
         }
         if let Some((depth, codes)) = written.filter(|_| passed != 0) {
             let words = [codes, none, none, none];
@@ -363,60 +358,71 @@ impl Stencil {
     }
 }
 
-/// Lanes that pass the stencil test.
-#[inline(never)]
-fn stencil_passes(stencil: &Stencil, front: u16, references: Option<&Row>, old: &Row) -> u16 {
-    let mut passed = 0;
-    for (face, lanes) in stencil.faces.iter().zip([front, !front]) {
-        if lanes == 0 {
-            continue;
-        }
-        let masked = face.compare_mask & 0xff;
-        let (mut reference, mut stored) = ([0; 16], [0; 16]);
-        for lane in 0..16 {
-            let given = references.map_or(face.reference, |row| row[lane]);
-            reference[lane] = given & masked;
-            stored[lane] = old[lane] & masked;
-        }
-        passed |= lanes & compare_stencils(face.compare, &reference, &stored);
-    }
-    passed
+/// The stencil test of a sample, out of line: passes of few draws have one.
+struct StencilTest<'a> {
+    stencil: &'a Stencil,
+    places: &'a Places,
+    sample: u32,
+    /// Lanes of primitives that face front.
+    front: u16,
+    /// In the place of the faces' references.
+    references: Option<&'a Row>,
+    mask: u16,
+    /// Lanes that pass the depth test.
+    near: u16,
 }
 
-/// The stencil values after the tests.
-#[inline(never)]
-fn stencil_writes(
-    stencil: &Stencil,
-    front: u16,
-    references: Option<&Row>,
-    old: &Row,
-    failed: u16,
-    depth_failed: u16,
-) -> Row {
-    let mut new = *old;
-    let passed = !(failed | depth_failed);
-    for (face, facing) in stencil.faces.iter().zip([front, !front]) {
-        let ops = [
-            (face.fail, failed),
-            (face.depth_fail, depth_failed),
-            (face.pass, passed),
-        ];
-        for (op, lanes) in ops {
-            let lanes = lanes & facing;
-            if lanes == 0 || op == StencilOp::KEEP {
+impl<V: Vector> Task<V> for StencilTest<'_> {
+    /// The lanes that pass both tests.
+    type Output = u16;
+
+    /// # Safety
+    /// As [`load`], for the stencil attachment.
+    #[inline(always)]
+    unsafe fn run(self, v: V) -> u16 {
+        let Self {
+            stencil,
+            places,
+            sample,
+            mask,
+            ..
+        } = self;
+        let none = v.splat_i(0);
+        // SAFETY: the caller's promise.
+        let [old, ..] = unsafe { load(v, &stencil.target, places, sample, mask) };
+        let (mut new, mut passed) = (old, 0);
+        for (face, facing) in stencil.faces.iter().zip([self.front, !self.front]) {
+            let lanes = mask & facing;
+            if lanes == 0 {
                 continue;
             }
-            let reference = *references.unwrap_or(&[face.reference; 16]);
-            let written = operated(op, old, &reference);
-            let mask = face.write_mask & 0xff;
-            for lane in 0..16 {
-                let changed = match lanes & 1 << lane {
-                    0 => 0,
-                    _ => mask,
-                };
-                new[lane] = new[lane] & !changed | written[lane] & changed;
+            let reference = match self.references {
+                Some(row) => v.load_i(row),
+                None => v.splat_i(face.reference as i32),
+            };
+            let compared = v.splat_i((face.compare_mask & 0xff) as i32);
+            let (masked, stored) = (v.and_i(reference, compared), v.and_i(old, compared));
+            let succeeds = lanes & compare_stencils(v, face.compare, masked, stored);
+            passed |= succeeds & self.near;
+            let ops = [
+                (face.fail, lanes & !succeeds),
+                (face.depth_fail, succeeds & !self.near),
+                (face.pass, succeeds & self.near),
+            ];
+            let written = v.splat_i((face.write_mask & 0xff) as i32);
+            for (op, lanes) in ops {
+                if lanes != 0 && op != StencilOp::KEEP {
+                    let changed = v.xor_i(operated(v, op, old, reference), old);
+                    let value = v.xor_i(old, v.and_i(changed, written));
+                    new = v.select(lanes, value, new);
+                }
             }
         }
+        if mask & v.ne_i(new, old) != 0 {
+            let words = [new, none, none, none];
+            // SAFETY: the caller's promise.
+            unsafe { store(v, &stencil.target, places, sample, mask, &words) };
+        }
+        passed
     }
-    new
 }
