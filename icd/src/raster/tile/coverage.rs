@@ -11,7 +11,7 @@ use std::ops::{Add, BitOr, Mul};
 use lanes::vector::Vector;
 use smallvec::SmallVec;
 
-use super::lanes::{COLUMNS, IN_BLOCK, LANE_X, LANE_Y, ROWS, negative};
+use super::lanes::{COLUMNS, IN_BLOCK, LANE_X, LANE_Y, ROWS, Row, negative};
 use super::samples::{CENTER, Location, MAX_SAMPLES, fixed_point, masks_of};
 use crate::raster::primitive::{Bounds, Edge};
 
@@ -232,6 +232,14 @@ fn cells_of<W: Word>(sides: &[Side<W>], clip: &Bounds, x: i32, y: i32, size: i32
             partly[lane] = partly[lane] | (here + least);
         }
     }
+    let (touched, inside) = cells_in(clip, x, y, size);
+    let touched = touched & !W::negative(&out);
+    (touched, touched & inside & !W::negative(&partly))
+}
+
+/// Of sixteen squares of `size` pixels from (x, y) on: those that a clip touches, and those inside.
+#[inline(always)]
+fn cells_in(clip: &Bounds, x: i32, y: i32, size: i32) -> (u16, u16) {
     let down = |end: i32, from: i32| (end - from).div_euclid(size);
     let up = |end: i32, from: i32| (end - from + size - 1).div_euclid(size);
     let touched = cells(
@@ -242,8 +250,7 @@ fn cells_of<W: Word>(sides: &[Side<W>], clip: &Bounds, x: i32, y: i32, size: i32
         [up(clip.left, x), down(clip.right, x)],
         [up(clip.top, y), down(clip.bottom, y)],
     );
-    let touched = touched & !W::negative(&out);
-    (touched, touched & inside & !W::negative(&partly))
+    (touched, inside)
 }
 
 /// Lanes of the block at (x, y) that lie in the clip.
@@ -435,9 +442,132 @@ lanes::vectors! {
     }
 }
 
+/// Columns and rows of sixteen cells, row by row.
+static CELLS: [Row; 2] = [
+    [0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3],
+    [0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3],
+];
+
+/// An edge in a tile with one sample a pixel.
+#[derive(Clone, Copy)]
+struct CenterSide<V: Vector> {
+    a: i32,
+    b: i32,
+    constant: i32,
+    /// `a x + b y + constant` of the pixels of the tile's first block.
+    pixels: V::I,
+    /// `a x + b y` of the upper left corners of sixteen cells of one pixel.
+    cells: V::I,
+}
+
+/// [`cells_of`] with one sample a pixel, for squares of `1 << log` pixels.
+#[inline(always)]
+fn center_cells<V: Vector, const N: usize>(
+    v: V,
+    sides: &[CenterSide<V>; N],
+    clip: &Bounds,
+    x: i32,
+    y: i32,
+    log: u32,
+) -> (u16, u16) {
+    let size = 1 << log;
+    let last = size - 1;
+    let none = v.splat_i(0);
+    let (mut out, mut partly) = (none, none);
+    for i in 0..N {
+        let side = &sides[i];
+        let first = side.a * x + side.b * y + side.constant;
+        let (along_a, along_b) = (side.a * last, side.b * last);
+        let here = v.left_i(side.cells, log);
+        let most = first + along_a.max(0) + along_b.max(0);
+        let least = first + along_a.min(0) + along_b.min(0);
+        out = v.or_i(out, v.add_i(here, v.splat_i(most)));
+        partly = v.or_i(partly, v.add_i(here, v.splat_i(least)));
+    }
+    let (touched, inside) = cells_in(clip, x, y, size);
+    let touched = touched & !v.ne_i(v.sign_i(out), none);
+    (touched, touched & inside & !v.ne_i(v.sign_i(partly), none))
+}
+
+/// Squares and blocks with one sample a pixel.
+#[inline(always)]
+fn scan_squares<V: Vector, const N: usize>(
+    v: V,
+    edges: [&Edge; N],
+    corner: [i64; 2],
+    clip: &Bounds,
+    covered: &mut Covered,
+) {
+    let steps = [v.load_i(&IN_BLOCK[0]), v.load_i(&IN_BLOCK[1])];
+    let grid = [v.load_i(&CELLS[0]), v.load_i(&CELLS[1])];
+    let none = v.splat_i(0);
+    let empty = CenterSide {
+        a: 0,
+        b: 0,
+        constant: 0,
+        pixels: none,
+        cells: none,
+    };
+    let mut sides: [CenterSide<V>; N] = [empty; N];
+    for i in 0..N {
+        let (a, b) = (edges[i].a, edges[i].b);
+        let (across, down) = (v.splat_i(a), v.splat_i(b));
+        let pixels = v.add_i(v.mul_i(across, steps[0]), v.mul_i(down, steps[1]));
+        let constant = at_sample::<i32>(edges[i], at_corner(edges[i], corner), CENTER) as i32;
+        sides[i] = CenterSide {
+            a,
+            b,
+            constant,
+            pixels: v.add_i(pixels, v.splat_i(constant)),
+            cells: v.add_i(v.mul_i(across, grid[0]), v.mul_i(down, grid[1])),
+        };
+    }
+    let Covered { squares, blocks } = covered;
+    let (touched, full) = center_cells(v, &sides, clip, 0, 0, 4);
+    let square = |x: i32, y: i32, size: u8| Square {
+        x: x as u8,
+        y: y as u8,
+        size,
+    };
+    if full == u16::MAX {
+        return squares.push(square(0, 0, crate::raster::TILE as u8));
+    }
+    let mut left = touched;
+    while let Some((x, y, bit)) = next_cell(&mut left, 16) {
+        if full & bit != 0 {
+            squares.push(square(x, y, 16));
+            continue;
+        }
+        let (touched, full) = center_cells(v, &sides, clip, x, y, 2);
+        let mut left = touched;
+        while let Some((dx, dy, bit)) = next_cell(&mut left, 4) {
+            let (x, y) = (x + dx, y + dy);
+            if full & bit != 0 {
+                blocks.push(whole(x, y, 1));
+                continue;
+            }
+            let mut out = none;
+            for i in 0..N {
+                let first = v.splat_i(sides[i].a * x + sides[i].b * y);
+                out = v.or_i(out, v.add_i(sides[i].pixels, first));
+            }
+            let mask = inside(clip, x, y) & !v.ne_i(v.sign_i(out), none);
+            if mask != 0 {
+                blocks.push(Block::new(x, y, mask.into()));
+            }
+        }
+    }
+}
+
 lanes::vectors! {
-    fn scan_narrow<V>(_v, edges: &[Edge], corner: [i64; 2], clip: &Bounds, locations: &[Location], covered: &mut Covered) {
-        scan_words::<i32>(edges, corner, clip, locations, covered);
+    fn scan_narrow<V>(v, edges: &[Edge], corner: [i64; 2], clip: &Bounds, locations: &[Location], covered: &mut Covered) {
+        // The commonest, whose edges stay in registers.
+        match (locations.len(), edges) {
+            (1, [first, second, third]) => {
+                scan_squares(v, [first, second, third], corner, clip, covered);
+            }
+            _ => scan_words::<i32>(edges, corner, clip, locations, covered),
+        }
     }
 }
 
