@@ -329,7 +329,10 @@ impl<'a> Allocation<'a> {
             true => (MULTIPLY_ADD_231, 0, 1),
             false => (MULTIPLY_ADD_213, 1 - place, 2),
         };
-        let op = Opcode { w: step.op.w, ..op };
+        let op = Opcode {
+            byte: op.byte,
+            ..step.op
+        };
         let written = (to, register(second), operands[rm]);
         self.assembler.vector(op, written, 0, None);
         Ok(())

@@ -66,7 +66,8 @@ pub(super) enum Operand {
     Memory(Memory),
 }
 
-/// An instruction's name: opcode map (1: 0F, 2: 0F38, 3: 0F3A), prefix (1: 66, 2: F3, 3: F2), `W`,
+/// An instruction's name: opcode map (1: 0F, 2: 0F38, 3: 0F3A, 5 and 6: those of AVX-512 FP16),
+/// prefix (1: 66, 2: F3, 3: F2), `W`,
 /// opcode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Opcode {

@@ -6,6 +6,9 @@ use super::encode::{Opcode, opcode};
 const F: u8 = 1;
 const F38: u8 = 2;
 const F3A: u8 = 3;
+/// Maps of AVX-512 FP16.
+const MAP5: u8 = 5;
+const MAP6: u8 = 6;
 /// Prefixes.
 const NONE: u8 = 0;
 const X66: u8 = 1;
@@ -34,6 +37,10 @@ pub(super) const CVTTPS2DQ: Opcode = opcode(F, XF3, 0, 0x5b);
 pub(super) const CVTTPS2UDQ: Opcode = opcode(F, NONE, 0, 0x78);
 pub(super) const CVTPH2PS: Opcode = opcode(F38, X66, 0, 0x13);
 pub(super) const CVTPS2PH: Opcode = opcode(F3A, X66, 0, 0x1d);
+pub(super) const ADDPH: Opcode = opcode(MAP5, NONE, 0, 0x58);
+pub(super) const SUBPH: Opcode = opcode(MAP5, NONE, 0, 0x5c);
+pub(super) const MULPH: Opcode = opcode(MAP5, NONE, 0, 0x59);
+pub(super) const FMAPH: Opcode = opcode(MAP6, X66, 0, 0xa8);
 pub(super) const PADDD: Opcode = opcode(F, X66, 0, 0xfe);
 pub(super) const PADDQ: Opcode = opcode(F, X66, 1, 0xd4);
 pub(super) const PSUBD: Opcode = opcode(F, X66, 0, 0xfa);

@@ -44,6 +44,8 @@ enum Held {
 /// Operations one behind another, without branches and memory of the shader's.
 pub(crate) struct Stretch {
     encoding: Encoding,
+    /// The processor has instructions for 16-bit floats.
+    has_halves: bool,
     steps: Vec<Step>,
     infos: Vec<Info>,
     pool: Vec<Constant>,
@@ -76,6 +78,7 @@ impl Stretch {
     pub fn new(encoding: Encoding) -> Stretch {
         Stretch {
             encoding,
+            has_halves: encoding == Encoding::Evex && lanes::has_half_arithmetic(),
             steps: Vec::new(),
             infos: Vec::new(),
             pool: Vec::new(),

@@ -12,7 +12,7 @@ mod tier;
 pub mod vector;
 
 pub use mask::LaneMask;
-pub use tier::Tier;
+pub use tier::{Tier, has_half_arithmetic};
 #[cfg(target_arch = "x86_64")]
 pub use tier::{gathers_slowly, has_byte_permutes};
 

@@ -27,6 +27,18 @@ pub fn has_byte_permutes() -> bool {
     is_x86_feature_detected!("avx512vbmi")
 }
 
+/// Whether the processor adds and multiplies 16-bit floats (AVX-512 FP16): not all processors with
+/// [`Tier::Avx512`] do. The results are the same with and without.
+#[inline]
+pub fn has_half_arithmetic() -> bool {
+    #[cfg(target_arch = "x86_64")]
+    {
+        is_x86_feature_detected!("avx512fp16")
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    false
+}
+
 /// Whether AVX-512's gathers take longer than loads one by one: they do on AMD's processors, and
 /// not on Intel's. The results are the same.
 #[cfg(target_arch = "x86_64")]

@@ -1,6 +1,8 @@
 //! From operations to instructions. What each must give, to the bit (NaN payloads aside), `eval`
 //! says.
 
+use smallvec::SmallVec;
+
 use super::{Held, Place, Stretch};
 use crate::ir::{Op, Type};
 use crate::native::allocate::{Class, Form, MOVE, Virtual};
@@ -260,6 +262,104 @@ impl Stretch {
         self.step(Class::Vector, PMOVZXWD, Form::Registers, &[halves])
     }
 
+    /// An operation on 16-bit floats, each in the lower half of a lane whose upper half is zero.
+    ///
+    /// By the processor's own instructions where it has them: they take the upper halves for zeros,
+    /// and leave zeros there. Else in 32 bits: a sum, difference, product, quotient or root of
+    /// 16-bit floats that is rounded to 24 bits and then to 11 is the one that is rounded once,
+    /// because 24 ≥ 2·11 + 2 (Figueroa, "When is double rounding innocuous?", 1995). Whole numbers
+    /// and the lesser of two are exact.
+    fn of_halves(&mut self, op: &Op, to: Type, from: &[Virtual]) -> Option<Virtual> {
+        let own = match (op, from) {
+            (Op::FAdd, &[a, b]) => Some((ADDPH, a, b)),
+            (Op::FSub, &[a, b]) => Some((SUBPH, a, b)),
+            (Op::FMul, &[a, b]) => Some((MULPH, a, b)),
+            _ => None,
+        };
+        match (own, op, from) {
+            (Some((op, a, b)), ..) if self.has_halves => return Some(self.binary(op, a, b)),
+            (_, Op::FFma, &[_, _, _]) if self.has_halves => {
+                return Some(self.step(Class::Vector, FMAPH, Form::MultiplyAdd, from));
+            }
+            (_, Op::FNeg, &[a]) => {
+                let sign = self.words(0x8000);
+                return Some(self.commutative(PXOR, a, sign));
+            }
+            (_, Op::FAbs, &[a]) => return Some(self.and(a, 0x7fff)),
+            (_, Op::FFma | Op::FInverseSqrt, _) => return None,
+            _ => {}
+        }
+        let mut wide = SmallVec::<[Virtual; 2]>::new();
+        for &half in from {
+            let number = self.half_to_float(half);
+            wide.push(number);
+        }
+        let number = match *wide {
+            [a] => self.of_float(op, a)?,
+            [a, b] => match op {
+                Op::FMin => self.least(MINPS, POR, a, b),
+                Op::FMax => self.least(MAXPS, PAND, a, b),
+                _ => self.of_floats(op, a, b)?,
+            },
+            _ => return None,
+        };
+        Some(match to {
+            Type::F16 => self.float_to_half(number),
+            _ => number,
+        })
+    }
+
+    /// An operation on a 32-bit float that gives one, or a condition.
+    fn of_float(&mut self, op: &Op, a: Virtual) -> Option<Virtual> {
+        Some(match op {
+            Op::FNeg => {
+                let sign = self.words(1 << 31);
+                self.commutative(PXOR, a, sign)
+            }
+            Op::FAbs => self.and(a, !(1 << 31)),
+            Op::FSqrt => self.unary(SQRTPS, a),
+            Op::FInverseSqrt => {
+                let root = self.unary(SQRTPS, a);
+                let one = self.words(1f32.to_bits());
+                self.binary(DIVPS, one, root)
+            }
+            Op::FRoundEven => self.round(a, 0),
+            Op::FFloor => self.round(a, 1),
+            Op::FCeil => self.round(a, 2),
+            Op::FTrunc => self.round(a, 3),
+            Op::FFract => {
+                let floor = self.round(a, 1);
+                self.binary(SUBPS, a, floor)
+            }
+            Op::FIsNan => self.compare(a, a, float::UNORDERED),
+            Op::FIsInf => {
+                let size = self.and(a, !(1 << 31));
+                let infinity = self.words(f32::INFINITY.to_bits());
+                self.compare(size, infinity, float::EQ)
+            }
+            _ => return None,
+        })
+    }
+
+    /// An operation on two 32-bit floats that gives one, or a condition.
+    fn of_floats(&mut self, op: &Op, a: Virtual, b: Virtual) -> Option<Virtual> {
+        Some(match op {
+            Op::FAdd => self.binary(ADDPS, a, b),
+            Op::FSub => self.binary(SUBPS, a, b),
+            Op::FMul => self.binary(MULPS, a, b),
+            Op::FDiv => self.binary(DIVPS, a, b),
+            Op::FOEq => self.compare(a, b, float::EQ),
+            Op::FONe => self.compare(a, b, float::NE),
+            Op::FOLt => self.compare(a, b, float::LT),
+            Op::FOLe => self.compare(a, b, float::LE),
+            Op::FUEq => self.compare(a, b, float::EQ_OR_UNORDERED),
+            Op::FUNe => self.compare(a, b, float::NE_OR_UNORDERED),
+            Op::FULt => self.compare(a, b, float::LT_OR_UNORDERED),
+            Op::FULe => self.compare(a, b, float::LE_OR_UNORDERED),
+            _ => return None,
+        })
+    }
+
     pub(super) fn lower(&mut self, op: &Op, operands: &[Place], results: &[Place]) -> Option<()> {
         if *op == Op::Unpack64 {
             let Held::Two(a, b) = self.operand(&operands[0]) else {
@@ -340,6 +440,9 @@ impl Stretch {
                     &from,
                 )))
             }
+            (Op::FFma, &[Held::One(a), Held::One(b), Held::One(c)]) if to == Type::F16 => {
+                Some(Held::One(self.of_halves(op, to, &[a, b, c])?))
+            }
             (_, &[Held::Two(a, b)]) => self.lower_wide_unary(op, to, a, b),
             (_, &[Held::Two(..), Held::Two(..)]) => self.lower_wide(op, from, to, places, held),
             _ => None,
@@ -356,39 +459,31 @@ impl Stretch {
                 self.binary(PSUBD, zero, a)
             }
             (Op::IAbs, Type::I32, _) => self.unary(PABSD, a),
-            (Op::FNeg, Type::F32, _) => {
-                let sign = self.words(1 << 31);
-                self.commutative(PXOR, a, sign)
-            }
-            (Op::FAbs, Type::F32, _) => self.and(a, !(1 << 31)),
-            (Op::FSqrt, Type::F32, _) => self.unary(SQRTPS, a),
-            (Op::FInverseSqrt, Type::F32, _) => {
-                let root = self.unary(SQRTPS, a);
-                let one = self.words(1f32.to_bits());
-                self.binary(DIVPS, one, root)
-            }
-            (Op::FRoundEven, Type::F32, _) => self.round(a, 0),
-            (Op::FFloor, Type::F32, _) => self.round(a, 1),
-            (Op::FCeil, Type::F32, _) => self.round(a, 2),
-            (Op::FTrunc, Type::F32, _) => self.round(a, 3),
-            (Op::FFract, Type::F32, _) => {
-                let floor = self.round(a, 1);
-                self.binary(SUBPS, a, floor)
-            }
-            (Op::FIsNan, Type::F32, _) => self.compare(a, a, float::UNORDERED),
-            (Op::FIsInf, Type::F32, _) => {
-                let size = self.and(a, !(1 << 31));
-                let infinity = self.words(f32::INFINITY.to_bits());
-                self.compare(size, infinity, float::EQ)
-            }
             (Op::SToF, Type::I8 | Type::I16 | Type::I32, Type::F32) => {
                 let a = self.extend(from, a);
                 self.unary(CVTDQ2PS, a)
             }
             (Op::UToF, Type::I8 | Type::I16, Type::F32) => self.unary(CVTDQ2PS, a),
             (Op::UToF, Type::I32, Type::F32) => self.unsigned_to_float(a),
+            (Op::SToF, Type::I8 | Type::I16, Type::F16) => {
+                let a = self.extend(from, a);
+                let number = self.unary(CVTDQ2PS, a);
+                self.float_to_half(number)
+            }
+            (Op::UToF, Type::I8 | Type::I16, Type::F16) => {
+                let number = self.unary(CVTDQ2PS, a);
+                self.float_to_half(number)
+            }
             (Op::FToS, Type::F32, Type::I32) => self.float_to_signed(a),
             (Op::FToU, Type::F32, Type::I32) => self.float_to_unsigned(a),
+            (Op::FToS, Type::F16, Type::I32) => {
+                let number = self.half_to_float(a);
+                self.float_to_signed(number)
+            }
+            (Op::FToU, Type::F16, Type::I32) => {
+                let number = self.half_to_float(a);
+                self.float_to_unsigned(number)
+            }
             (Op::FConvert, Type::F16, Type::F32) => self.half_to_float(a),
             (Op::FConvert, Type::F32, Type::F16) => self.float_to_half(a),
             (Op::UConvert, Type::I32, Type::I64) => return Some(self.widen(PMOVZXDQ, a)),
@@ -406,6 +501,8 @@ impl Stretch {
                 }
             }
             (Op::Bitcast, _, _) => self.copy(a),
+            (_, Type::F32, Type::F32 | Type::I1) => self.of_float(op, a)?,
+            (_, Type::F16, Type::F16 | Type::I1) => self.of_halves(op, to, &[a])?,
             _ => return None,
         };
         // A conversion between equal types is a copy.
@@ -435,19 +532,9 @@ impl Stretch {
             .map(|count| count as u32 & (from.bits().max(1) - 1));
         let one = match op {
             _ if from == Type::I1 => self.logic(op, a, b)?,
-            Op::FAdd if is_float => self.binary(ADDPS, a, b),
-            Op::FSub if is_float => self.binary(SUBPS, a, b),
-            Op::FMul if is_float => self.binary(MULPS, a, b),
-            Op::FDiv if is_float => self.binary(DIVPS, a, b),
             Op::FMin | Op::FMax if is_float => self.extreme(op, places, a, b),
-            Op::FOEq if is_float => self.compare(a, b, float::EQ),
-            Op::FONe if is_float => self.compare(a, b, float::NE),
-            Op::FOLt if is_float => self.compare(a, b, float::LT),
-            Op::FOLe if is_float => self.compare(a, b, float::LE),
-            Op::FUEq if is_float => self.compare(a, b, float::EQ_OR_UNORDERED),
-            Op::FUNe if is_float => self.compare(a, b, float::NE_OR_UNORDERED),
-            Op::FULt if is_float => self.compare(a, b, float::LT_OR_UNORDERED),
-            Op::FULe if is_float => self.compare(a, b, float::LE_OR_UNORDERED),
+            _ if is_float => self.of_floats(op, a, b)?,
+            _ if from == Type::F16 => self.of_halves(op, to, &[a, b])?,
             Op::And if is_word || is_narrow => self.commutative(PAND, a, b),
             Op::Or if is_word || is_narrow => self.commutative(POR, a, b),
             Op::Xor if is_word || is_narrow => self.commutative(PXOR, a, b),

@@ -150,6 +150,10 @@ fn in_vex() -> Vec<Listed> {
 fn in_evex() -> Vec<Listed> {
     let mut list = in_both();
     list.extend([
+        listed!(ADDPH, "vaddph", "r v m"),
+        listed!(SUBPH, "vsubph", "r v m"),
+        listed!(MULPH, "vmulph", "r v m"),
+        listed!(FMAPH, "vfmadd213ph", "r v m"),
         listed!(ROUNDPS, "vrndscaleps", "r m i").immediate(9),
         listed!(CMPPS, "vcmpps", "rk v m i").immediate(float::GE),
         listed!(CVTUDQ2PS, "vcvtudq2ps", "r m"),
