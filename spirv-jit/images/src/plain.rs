@@ -10,7 +10,7 @@ use super::fast::index_in_block;
 use super::format::FormatInfo;
 use super::format::block::{self, Texels};
 use super::operands::Operands;
-use super::texels;
+use super::texels::{self, Wanted};
 use super::{Dim, ImageDescriptor, ImageOp, ImageOpKind, LodMode, TexelType};
 
 /// Whether an operation is one of these, as far as its instruction tells.
@@ -141,8 +141,16 @@ impl<'a> Plain<'a> {
         true
     }
 
+    /// The components that a load is asked for, of those that results have rows for.
+    pub(super) fn wanted(&self, results: [bool; 4]) -> Wanted {
+        match self.image.swizzle {
+            [0, 1, 2, 3] => Wanted::new(self.info, results),
+            _ => Wanted::ALL,
+        }
+    }
+
     /// `OpImageFetch`, `OpImageRead` in the lanes of `mask`, which is not empty: the texel's
-    /// components. None where it does not apply after all.
+    /// components that are wanted. None where it does not apply after all.
     ///
     /// # Safety
     /// As [`Self::write`].
@@ -152,6 +160,7 @@ impl<'a> Plain<'a> {
         v: V,
         operands: &Operands<'_>,
         mask: u16,
+        wanted: Wanted,
     ) -> Option<[V::I; 4]> {
         let level = self.level(v, operands, mask)?;
         let (info, data) = (self.info, self.image.data.cast_const());
@@ -160,7 +169,7 @@ impl<'a> Plain<'a> {
             match self.blocks {
                 None => {
                     let (offsets, _, inside) = self.locate::<V, false>(v, operands, mask, level);
-                    (texels::load(v, info, data, offsets), inside)
+                    (texels::load(v, info, data, offsets, wanted), inside)
                 }
                 Some(decoder) => {
                     let (offsets, index, inside) = self.locate::<V, true>(v, operands, mask, level);
@@ -176,10 +185,10 @@ impl<'a> Plain<'a> {
             }
         };
         let components = [
-            self.component(v, 0, loaded[0], inside),
-            self.component(v, 1, loaded[1], inside),
-            self.component(v, 2, loaded[2], inside),
-            self.component(v, 3, loaded[3], inside),
+            self.component(v, 0, loaded[0], inside, wanted),
+            self.component(v, 1, loaded[1], inside, wanted),
+            self.component(v, 2, loaded[2], inside, wanted),
+            self.component(v, 3, loaded[3], inside, wanted),
         ];
         if self.image.swizzle == [0, 1, 2, 3] {
             return Some(components);
@@ -199,7 +208,17 @@ impl<'a> Plain<'a> {
 
     /// A component as the format has it, in the lanes with a texel.
     #[inline(always)]
-    fn component<V: Vector>(&self, v: V, component: usize, word: V::I, inside: u16) -> V::I {
+    fn component<V: Vector>(
+        &self,
+        v: V,
+        component: usize,
+        word: V::I,
+        inside: u16,
+        wanted: Wanted,
+    ) -> V::I {
+        if !wanted.has(component) {
+            return word;
+        }
         if self.info.channels[component].bits == 0 {
             return v.splat_i(self.info.missing(component) as i32);
         }

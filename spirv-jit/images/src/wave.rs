@@ -107,6 +107,7 @@ lanes::vectors! {
     /// # Safety
     /// As [`sample`].
     pub unsafe fn load<V>(v, plain: &Plain<'_>, wave: &Wave<'_>) -> usize {
+        let wanted = plain.wanted(wave.results.map(|rows| !rows.first.is_null()));
         // SAFETY: the caller's promise.
         unsafe {
             for index in 0..wave.subgroups.len() {
@@ -116,7 +117,7 @@ lanes::vectors! {
                 }
                 let (rows, count) = rows(wave, index);
                 let operands = Operands::new(plain.op(), &rows[..count]);
-                let Some(texel) = plain.read(v, &operands, mask) else {
+                let Some(texel) = plain.read(v, &operands, mask, wanted) else {
                     return index;
                 };
                 wave.put(v, index, texel);

@@ -7,7 +7,7 @@ use super::super::Level;
 use super::super::format::FormatInfo;
 use super::super::format::layout::Codec;
 use super::super::srgb;
-use super::super::texels;
+use super::super::texels::{self, Wanted};
 use super::axis::Axis;
 use super::levels::Levels;
 use super::taps::Taps;
@@ -421,7 +421,7 @@ impl<V: Vector> Task<V> for Load<'_, V::I> {
     #[inline(always)]
     unsafe fn run(self, v: V) -> Self::Output {
         // SAFETY: the caller's promise.
-        let words = unsafe { texels::load(v, self.info, self.data, self.at) };
+        let words = unsafe { texels::load(v, self.info, self.data, self.at, Wanted::ALL) };
         [
             v.bits_to_f(words[0]),
             v.bits_to_f(words[1]),
