@@ -26,7 +26,7 @@ use lanes::LaneMask;
 use parking_lot::Mutex;
 use rayon::prelude::*;
 use spirv_jit::environment::Environment;
-use spirv_jit::program::{AlignedRow, Builtin, InputRow, Row, SiteKind};
+use spirv_jit::program::{AlignedRow, Builtin, InputRow, Row};
 use spirv_jit::{Program, SUBGROUP_SIZE};
 use waves::{Runner, Subgroups};
 
