@@ -38,7 +38,7 @@ type PushData = unsafe extern "system" fn(vk::CommandBuffer, *const vk::PushData
 
 /// Two heaps of `VK_EXT_descriptor_heap`, and the extension's commands.
 pub struct Heaps<'a> {
-    gpu: &'a Gpu,
+    pub gpu: &'a Gpu,
     write_samplers: WriteSamplers,
     write_resources: WriteResources,
     bind_resources: BindHeap,

@@ -240,3 +240,105 @@ fn secondary_command_buffers_inherit_heaps() {
     });
     assert_eq!(results.read::<u32>()[0], 5);
 }
+
+/// `VK_SHADER_CREATE_DESCRIPTOR_HEAP_BIT_EXT`.
+const SHADER_WITH_HEAPS: vk::ShaderCreateFlagsEXT = vk::ShaderCreateFlagsEXT::from_raw(1 << 10);
+
+/// A compute shader that samples with an embedded sampler, from SPIR-V or from a binary.
+fn sampling_shader(
+    it: &Heaps<'_>,
+    sampler: &vk::SamplerCreateInfo<'static>,
+    (code_type, code): (vk::ShaderCodeTypeEXT, &[u8]),
+) -> vk::ShaderEXT {
+    let mut embedded = it.constant(1, 2);
+    embedded.source_data.constant_offset = vk::ConstantOffset {
+        heap_offset: it.at(2),
+        heap_array_stride: 0,
+        p_embedded_sampler: sampler,
+        sampler_heap_offset: 0,
+        sampler_heap_array_stride: 0,
+    };
+    let mappings = [it.constant(0, 1), embedded];
+    let mapped = vk::ShaderDescriptorSetAndBindingMappingInfoEXT {
+        mapping_count: 2,
+        p_mappings: mappings.as_ptr(),
+        ..Default::default()
+    };
+    let mut info = vk::ShaderCreateInfoEXT::default()
+        .flags(SHADER_WITH_HEAPS)
+        .stage(vk::ShaderStageFlags::COMPUTE)
+        .code_type(code_type)
+        .code(code)
+        .name(c"main");
+    info.p_next = from_ref(&mapped).cast();
+    let objects = ash::ext::shader_object::Device::new(&it.gpu.instance, &it.gpu.device);
+    // SAFETY: the structures outlive the call.
+    let made = unsafe { objects.create_shaders(&[info], None) };
+    made.map_err(|(_, code)| code).expect("vkCreateShadersEXT")[0]
+}
+
+/// A binary's samplers are those of its mappings on a device that knows others before.
+#[test]
+fn binaries_have_their_embedded_samplers_on_other_devices() {
+    let linear = vk::SamplerCreateInfo::default()
+        .mag_filter(vk::Filter::LINEAR)
+        .address_mode_u(vk::SamplerAddressMode::CLAMP_TO_EDGE)
+        .address_mode_v(vk::SamplerAddressMode::CLAMP_TO_EDGE);
+    let others = [0.25, 0.5, 0.75].map(|lod| linear.max_lod(lod));
+    let source = "
+    layout(local_size_x = 1) in;
+    layout(set = 0, binding = 0) buffer R { float r[]; };
+    layout(set = 0, binding = 1) uniform sampler2D image;
+    void main() { r[0] = textureLod(image, vec2(0.5), 0.0).x; }";
+    let words = glsl(Stage::Compute, source);
+    let spirv = (vk::ShaderCodeTypeEXT::SPIRV, bytemuck::cast_slice(&words));
+    let mut binary: Option<Vec<u8>> = None;
+    for _ in 0..2 {
+        let Some(gpu) = gpu_with_heaps() else { return };
+        if !has(
+            "VK_EXT_shader_object",
+            gpu.optional.shader_object.shader_object == vk::TRUE,
+        ) {
+            return;
+        }
+        let it = Heaps::new(&gpu, PLACES);
+        let objects = ash::ext::shader_object::Device::new(&gpu.instance, &gpu.device);
+        let shape = Shape::flat(vk::Format::R32_SFLOAT, 2, 1);
+        let usage = vk::ImageUsageFlags::SAMPLED | vk::ImageUsageFlags::TRANSFER_DST;
+        let picture = gpu.picture(shape, usage);
+        gpu.upload(&picture, 0, &[1.0f32, 3.0]);
+        let results = gpu.buffer(16);
+        it.put_buffer(1, Ty::STORAGE_BUFFER, &results);
+        it.put_picture(2, Ty::SAMPLED_IMAGE, &picture);
+        let mut shaders = Vec::new();
+        let shader = match &binary {
+            None => sampling_shader(&it, &linear, spirv),
+            Some(binary) => {
+                shaders.extend(
+                    others
+                        .each_ref()
+                        .map(|other| sampling_shader(&it, other, spirv)),
+                );
+                let code = (vk::ShaderCodeTypeEXT::BINARY, &binary[..]);
+                sampling_shader(&it, &linear, code)
+            }
+        };
+        shaders.push(shader);
+        gpu.run(|commands| {
+            it.bind(commands);
+            // SAFETY: the shader outlives the commands.
+            unsafe {
+                objects.cmd_bind_shaders(commands, &[vk::ShaderStageFlags::COMPUTE], &[shader]);
+                gpu.device.cmd_dispatch(commands, 1, 1, 1);
+            }
+        });
+        assert_eq!(results.read::<f32>()[0], 2.0);
+        // SAFETY: nothing uses the shaders any more.
+        unsafe {
+            binary = Some(objects.get_shader_binary_data(shader).expect("a binary"));
+            for shader in shaders {
+                objects.destroy_shader(shader, None);
+            }
+        }
+    }
+}

@@ -1,8 +1,13 @@
 //! Samplers of descriptor heaps (`VK_EXT_descriptor_heap`): they are no objects, so the device
 //! keeps each that is described until its own end.
+//!
+//! A program names a sampler that it embeds by a number, which follows from the sampler's contents,
+//! so that stored programs run on other devices. Two samplers with the same number are rare: the
+//! second has the next free one.
 
-use std::cell::UnsafeCell;
-use std::collections::HashSet;
+use std::alloc::Layout;
+use std::collections::{HashMap, HashSet};
+use std::ptr::NonNull;
 use std::sync::{Arc, OnceLock};
 
 use ash::vk;
@@ -10,7 +15,7 @@ use images::SamplerDescriptor;
 use parking_lot::Mutex;
 use spirv_jit::environment::{Descriptor, DescriptorSet};
 use spirv_jit::views::{Key, Views};
-use xxhash_rust::xxh3::xxh3_128;
+use xxhash_rust::xxh3::{xxh3_64, xxh3_128};
 
 use super::heap_replay;
 use super::view_entry::store_failure;
@@ -24,8 +29,8 @@ pub type EmbeddedSampler = [u8; 20];
 pub struct HeapSamplers {
     views: Arc<Views>,
     known: Mutex<Known>,
-    /// Embedded samplers by number, [`MAX_EMBEDDED_SAMPLERS`] of them once there is one.
-    embedded: OnceLock<Box<[Entry]>>,
+    /// Embedded samplers by number, once there is one.
+    embedded: OnceLock<Entries>,
     /// Samplers have names, which are the same on every device.
     replays: bool,
     /// Indices of registered border colors. The colors come with each sampler.
@@ -35,16 +40,40 @@ pub struct HeapSamplers {
 #[derive(Default)]
 struct Known {
     samplers: Vec<(SamplerDescriptor, Key)>,
-    /// By number: indices of samplers.
-    embedded: Vec<usize>,
+    /// By number: indices of samplers. A sampler may have several numbers.
+    embedded: HashMap<u32, usize>,
 }
 
-struct Entry(UnsafeCell<Descriptor>);
+/// Numbers of embedded samplers: many more than there are samplers.
+const NUMBERS: u32 = 1 << 20;
+
+/// Descriptors by number, of which the system gives memory for those that are used.
+struct Entries(NonNull<Descriptor>);
 
 // SAFETY: an entry is written once, under the lock, before a program names it.
-unsafe impl Sync for Entry {}
+unsafe impl Sync for Entries {}
 // SAFETY: descriptors are plain data.
-unsafe impl Send for Entry {}
+unsafe impl Send for Entries {}
+
+impl Entries {
+    fn layout() -> Layout {
+        Layout::array::<Descriptor>(NUMBERS as usize).expect("fewer bytes than addresses")
+    }
+
+    /// Null descriptors, which are zeros; `None` without memory.
+    fn new() -> Option<Self> {
+        // SAFETY: the layout is not empty.
+        let start = unsafe { std::alloc::alloc_zeroed(Self::layout()) };
+        NonNull::new(start.cast()).map(Self)
+    }
+}
+
+impl Drop for Entries {
+    fn drop(&mut self) {
+        // SAFETY: allocated by `new` with this layout.
+        unsafe { std::alloc::dealloc(self.0.as_ptr().cast(), Self::layout()) };
+    }
+}
 
 impl Known {
     fn find(
@@ -102,24 +131,37 @@ impl HeapSamplers {
     pub fn embed(&self, sampler: &SamplerDescriptor) -> VkResult<u32> {
         let mut known = self.known.lock();
         let index = known.find(&self.views, sampler, self.replays)?;
-        if let Some(number) = known.embedded.iter().position(|&it| it == index) {
-            return Ok(number as u32);
+        let wanted = xxh3_64(format!("{sampler:?}").as_bytes()) as u32;
+        for number in (0..NUMBERS).map(|step| wanted.wrapping_add(step) % NUMBERS) {
+            match known.embedded.get(&number) {
+                Some(&it) if it == index => return Ok(number),
+                Some(_) => {}
+                None => return self.put(&mut known, number, index).map(|()| number),
+            }
         }
-        let null = || Entry(UnsafeCell::new(Descriptor::NULL));
-        let entries = self
-            .embedded
-            .get_or_init(|| (0..MAX_EMBEDDED_SAMPLERS).map(|_| null()).collect());
-        let number = known.embedded.len();
-        let entry = entries.get(number);
-        let entry = entry.ok_or(vk::Result::ERROR_OUT_OF_HOST_MEMORY)?;
+        Err(vk::Result::ERROR_OUT_OF_HOST_MEMORY)
+    }
+
+    /// Gives a free number to a sampler.
+    fn put(&self, known: &mut Known, number: u32, index: usize) -> VkResult {
+        const NO_MEMORY: vk::Result = vk::Result::ERROR_OUT_OF_HOST_MEMORY;
+        if known.embedded.len() >= MAX_EMBEDDED_SAMPLERS as usize {
+            return Err(NO_MEMORY);
+        }
+        known.embedded.try_reserve(1).map_err(|_| NO_MEMORY)?;
+        if self.embedded.get().is_none() {
+            // The lock is held: there is none yet.
+            let _ = self.embedded.set(Entries::new().ok_or(NO_MEMORY)?);
+        }
+        let entries = self.embedded.get().ok_or(NO_MEMORY)?;
         let descriptor = Descriptor {
             sampler: self.views.samplers.get(known.samplers[index].1),
             ..Descriptor::NULL
         };
-        // SAFETY: the lock is held, and no program has this number yet.
-        unsafe { *entry.0.get() = descriptor };
-        known.embedded.push(index);
-        Ok(number as u32)
+        // SAFETY: the number is one of the table. The lock is held, and no program has it yet.
+        unsafe { entries.0.add(number as usize).write(descriptor) };
+        known.embedded.insert(number, index);
+        Ok(())
     }
 
     /// An embedded sampler as data names it.
@@ -131,13 +173,22 @@ impl HeapSamplers {
         identity
     }
 
-    /// Whether an embedded sampler of data has its number on this device.
-    pub fn has(&self, wanted: &EmbeddedSampler) -> bool {
-        let known = self.known.lock();
+    /// Whether an embedded sampler of data has its number on this device: one of `samplers` has it
+    /// from now on, if that is the sampler and if the number is free.
+    pub fn place(&self, wanted: &EmbeddedSampler, samplers: &[SamplerDescriptor]) -> bool {
+        let mut known = self.known.lock();
         let [a, b, c, d, ..] = *wanted;
         let number = u32::from_le_bytes([a, b, c, d]);
-        let index = known.embedded.get(number as usize);
-        index.is_some_and(|&index| Self::identify(number, &known.samplers[index].0) == *wanted)
+        let is_wanted = |sampler: &SamplerDescriptor| Self::identify(number, sampler) == *wanted;
+        if let Some(&index) = known.embedded.get(&number) {
+            return is_wanted(&known.samplers[index].0);
+        }
+        let sampler = samplers.iter().find(|it| is_wanted(it));
+        let Some(sampler) = sampler.filter(|_| number < NUMBERS) else {
+            return false;
+        };
+        let index = known.find(&self.views, sampler, self.replays);
+        index.is_ok_and(|index| self.put(&mut known, number, index).is_ok())
     }
 
     /// The table of embedded samplers.
@@ -146,9 +197,61 @@ impl HeapSamplers {
             return DescriptorSet::NONE;
         };
         DescriptorSet {
-            entries: entries.as_ptr().cast(),
-            count: MAX_EMBEDDED_SAMPLERS,
+            entries: entries.0.as_ptr().cast(),
+            count: NUMBERS,
             ..DescriptorSet::NONE
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sampler(lod: f32) -> SamplerDescriptor {
+        SamplerDescriptor {
+            max_lod: lod,
+            ..SamplerDescriptor::DEFAULT
+        }
+    }
+
+    fn entry(samplers: &HeapSamplers, number: u32) -> Descriptor {
+        let entries = samplers.embedded.get().unwrap();
+        // SAFETY: a number of the table.
+        unsafe { entries.0.add(number as usize).read() }
+    }
+
+    #[test]
+    fn samplers_have_the_same_numbers_in_every_order() {
+        let [first, second] = [(); 2].map(|()| HeapSamplers::new(&Arc::default(), false));
+        let lods = [1.0, 2.0, 3.0, 4.0];
+        let numbers = lods.map(|lod| first.embed(&sampler(lod)).unwrap());
+        assert_eq!(numbers[1], first.embed(&sampler(2.0)).unwrap());
+        for (number, lod) in numbers.into_iter().zip(lods).rev() {
+            assert_eq!(second.embed(&sampler(lod)).unwrap(), number);
+            // SAFETY: the sampler of a table that lives.
+            let embedded = unsafe { entry(&second, number).sampler.as_ref() };
+            assert_eq!(embedded, Some(&sampler(lod)));
+        }
+    }
+
+    #[test]
+    fn stored_numbers_are_had_again_if_they_are_free() {
+        let samplers = HeapSamplers::new(&Arc::default(), false);
+        let known = [sampler(1.0), sampler(2.0)];
+        // A number that the sampler does not have by itself.
+        let stored = HeapSamplers::identify(7, &known[1]);
+        assert!(!samplers.place(&stored, &known[..1]));
+        assert!(samplers.place(&stored, &known));
+        assert!(samplers.place(&stored, &[]));
+        let taken = HeapSamplers::identify(7, &known[0]);
+        assert!(!samplers.place(&taken, &known));
+        // SAFETY: the sampler of a table that lives.
+        let embedded = unsafe { entry(&samplers, 7).sampler.as_ref() };
+        assert_eq!(embedded, Some(&known[1]));
+        let outside = HeapSamplers::identify(NUMBERS, &known[0]);
+        assert!(!samplers.place(&outside, &known));
+        let own = samplers.embed(&known[1]).unwrap();
+        assert_eq!(samplers.embed(&known[1]), Ok(own));
     }
 }

@@ -5,6 +5,7 @@
 use std::sync::Arc;
 
 use ash::vk;
+use images::SamplerDescriptor;
 use spirv_jit::Program;
 use spirv_jit::program::Stage;
 
@@ -53,12 +54,13 @@ impl ShaderObject {
         ))
     }
 
-    /// From what [`Self::binary`] gave.
+    /// From what [`Self::binary`] gave, with the samplers that its mappings embed.
     ///
     /// # Errors
     /// `VK_INCOMPATIBLE_SHADER_BINARY_EXT`.
     pub fn from_binary(
         data: &[u8],
+        samplers: &[SamplerDescriptor],
         compiler: &Compiler<'_>,
         layout: Ref<PipelineLayout>,
     ) -> VkResult<Self> {
@@ -69,7 +71,8 @@ impl ShaderObject {
         let bytes = usize::from(count) * size_of::<EmbeddedSampler>();
         let (embedded, data) = data.split_at_checked(bytes).ok_or(incompatible)?;
         let embedded = embedded.as_chunks().0.to_vec();
-        if !embedded.iter().all(|it| compiler.samplers.has(it)) {
+        let place = |it| compiler.samplers.place(it, samplers);
+        if !embedded.iter().all(place) {
             return Err(incompatible);
         }
         let cache = PipelineCache::with_data(data);

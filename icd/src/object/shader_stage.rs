@@ -270,11 +270,11 @@ impl ShaderStage {
     /// Takes the program from a pipeline's binary, whatever the stage's module is.
     ///
     /// # Errors
-    /// `VK_ERROR_UNKNOWN` for a binary of other stages, or of a device that numbers embedded
-    /// samplers in another way.
+    /// `VK_ERROR_UNKNOWN` for a binary of other stages, and if another sampler has the number of
+    /// one that the program embeds.
     pub fn load(&self, compiler: &Compiler<'_>, stored: &StoredModule) -> VkResult<Compiled> {
-        self.embedded_samplers(compiler)?;
-        if !stored.embedded.iter().all(|it| compiler.samplers.has(it)) {
+        let place = |it| compiler.samplers.place(it, &self.embedded);
+        if !stored.embedded.iter().all(place) {
             return Err(vk::Result::ERROR_UNKNOWN);
         }
         let program = spirv_jit::program::from_bytes(&stored.bytes).ok();
