@@ -308,7 +308,10 @@ fn meets(way: &str, index: usize, there: Number, wanted: Number) -> bool {
         "range" if index == 0 => there <= wanted,
         "range" => there >= wanted,
         "pot" => u128::try_from(whole(there)).is_ok_and(u128::is_power_of_two),
-        "mul" => whole(wanted).checked_rem(whole(there)) == Some(0),
+        "mul" => match (there, wanted) {
+            (Number::Float(there), Number::Float(wanted)) => (wanted / there).fract() == 0.0,
+            _ => whole(wanted).checked_rem(whole(there)) == Some(0),
+        },
         "bitmask" => whole(there) & whole(wanted) == whole(wanted),
         _ => there == wanted,
     }
@@ -335,6 +338,7 @@ mod tests {
                 <member limittype="range"><type>float</type> <name>range</name>[2]</member>
                 <member limittype="max"><type>VkPair</type> <name>pair</name></member>
                 <member limittype="exact"><type>int32_t</type> <name>same</name></member>
+                <member limittype="min,mul"><type>float</type> <name>grain</name></member>
             </type>
             <type category="struct" name="VkOld" alias="VkMadeUp"/>
         </types>
@@ -356,11 +360,24 @@ mod tests {
             (name == "VK_EXT_there").then_some(2)
         }
 
-        /// 9, 16, `VK_WAY_A`, [-1.0, 8.0], (3, 5), -4.
+        /// 9, 16, `VK_WAY_A`, [-1.0, 8.0], (3, 5), -4, 0.125.
         fn structure(&self, _registry: &Registry, name: &str) -> Option<Vec<u8>> {
             assert_eq!(name, "VkMadeUp");
             let range = [(-1.0f32).to_bits(), 8.0f32.to_bits()];
-            let words = [9, 0, 16, 0, 1, range[0], range[1], 3, 5, -4i32 as u32];
+            let grain = 0.125f32.to_bits();
+            let words = [
+                9,
+                0,
+                16,
+                0,
+                1,
+                range[0],
+                range[1],
+                3,
+                5,
+                -4i32 as u32,
+                grain,
+            ];
             Some(words.into_iter().flat_map(u32::to_le_bytes).collect())
         }
 
@@ -387,7 +404,7 @@ mod tests {
             "extensions": { "VK_EXT_there": 1 },
             "properties": { "VkOld": {
                 "most": 9, "step": 64, "ways": ["VK_WAY_A"], "range": [-0.5, 8],
-                "pair": { "width": 2, "height": 5 }, "same": -4,
+                "pair": { "width": 2, "height": 5 }, "same": -4, "grain": 0.5,
             } },
             "formats": { "VK_FORMAT_MADE_UP": { "VkFormatProperties": {
                 "optimalTilingFeatures": ["VK_WAY_A", "VK_WAY_B"],
@@ -402,7 +419,7 @@ mod tests {
             "extensions": { "VK_EXT_there": 3, "VK_EXT_not_there": 1 },
             "properties": { "VkMadeUp": {
                 "most": 10, "step": 8, "ways": ["VK_WAY_A", "VK_WAY_B"], "range": [-2.0, 8.5],
-                "pair": { "height": 6 }, "same": 4, "newer": true,
+                "pair": { "height": 6 }, "same": 4, "newer": true, "grain": 0.3,
             } },
             "formats": { "VK_FORMAT_MADE_UP": { "VkFormatProperties": {
                 "linearTilingFeatures": ["VK_WAY_B"],
@@ -414,6 +431,7 @@ mod tests {
                 "VK_EXT_not_there",
                 "VK_EXT_there of revision 3: 2 is there",
                 "VK_FORMAT_MADE_UP, linearTilingFeatures: \"VK_WAY_B\"",
+                "VkMadeUp::grain = 0.3: it is 0.125",
                 "VkMadeUp::most = 10: it is 9",
                 "VkMadeUp::newer: not in this registry",
                 "VkMadeUp::pair::height = 6: it is 5",

@@ -4,7 +4,7 @@ use tuff_tests::{Bound, Gpu, Picture, Shape, vk};
 
 /// A square texture, its first level filled.
 pub struct Texture {
-    picture: Picture,
+    pub picture: Picture,
     side: u32,
 }
 
