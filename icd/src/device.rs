@@ -5,6 +5,7 @@ use std::sync::Arc;
 use ash::vk;
 use parking_lot::Mutex;
 use rspirv::spirv::Capability;
+use spirv_jit::abort::Aborts;
 
 use crate::VkResult;
 use crate::execute::{Engine, Watch};
@@ -53,6 +54,7 @@ pub struct Enabled {
     pub sparse_binding: bool,
     pub ray_tracing_validation: bool,
     pub device_fault: bool,
+    pub shader_abort: bool,
     pub report_address_binding: bool,
     pub depth_clamp_zero_one: bool,
     pub heap_capture_replay: bool,
@@ -111,12 +113,15 @@ impl Device {
         let validates = enabled.ray_tracing_validation || settings.validate;
         let validator =
             validates.then(|| Arc::new(Validator::new(Arc::clone(&physical.messengers))));
+        let aborts = enabled.shader_abort.then(Aborts::new).transpose();
+        let aborts = aborts.map_err(|_| vk::Result::ERROR_OUT_OF_HOST_MEMORY)?;
         let engine = Engine::new(
             physical.thread_count,
             Arc::clone(&physical.messengers),
             Arc::clone(&window.live),
             Watch {
                 validator,
+                aborts: aborts.map(Arc::new),
                 wild_addresses: enabled.device_fault,
                 clamps_to_one: enabled.depth_clamp_zero_one
                     && !extensions.contains(Extension::EXT_DEPTH_RANGE_UNRESTRICTED),

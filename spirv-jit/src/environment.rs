@@ -7,6 +7,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use images::{Format, ImageDescriptor, Level, SamplerDescriptor};
 
+use crate::abort::Aborts;
 use crate::printf::Prints;
 use crate::reach::{Reach, Strays};
 use crate::views::{Key, Views};
@@ -146,8 +147,8 @@ pub struct DescriptorSet {
 /// or compared.
 ///
 /// The low half is the entry, the high half the table: 0 for none, so that 0 is the null
-/// descriptor; then the sets, the dynamic descriptors, and the push constants. Every use of a
-/// reference checks both halves, so any number may be one.
+/// descriptor; then the sets, the dynamic descriptors, the push constants, and the messages of
+/// invocations that abort. Every use of a reference checks both halves, so any number may be one.
 pub mod reference {
     use super::MAX_SETS;
 
@@ -158,6 +159,9 @@ pub mod reference {
     /// [`Environment::push_constants`](super::Environment::push_constants), which is the only
     /// entry.
     pub const PUSH_CONSTANTS: u32 = DYNAMIC + 1;
+
+    /// The buffer of [`Environment::aborts`](super::Environment::aborts), which is the only entry.
+    pub const ABORTS: u32 = PUSH_CONSTANTS + 1;
 
     /// The reference to an entry of a table.
     pub const fn of(table: u32, entry: u32) -> u64 {
@@ -270,6 +274,8 @@ pub struct Environment {
     pub strays: Option<Arc<Strays>>,
     /// Takes the messages of shaders; none are printed without it.
     pub prints: Option<Arc<Prints>>,
+    /// Takes the messages of invocations that abort; without it they only end.
+    pub aborts: Option<Arc<Aborts>>,
     /// The views that keys in stored descriptors name.
     pub views: Arc<Views>,
     /// Where the samples of some images are, if a pass has several of images with one.
@@ -335,6 +341,7 @@ impl Environment {
             reach: Arc::new(Reach::everywhere()),
             strays: None,
             prints: None,
+            aborts: None,
             views: Arc::default(),
             samples: None,
         }

@@ -9,6 +9,7 @@
 //! constants, dispatch size) and the states of up to a wave of subgroups; the program runs until
 //! the wave *yields* and the caller answers the event.
 
+pub mod abort;
 mod accuracy;
 pub mod environment;
 pub mod error;

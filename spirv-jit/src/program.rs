@@ -423,7 +423,7 @@ impl Program {
     }
 
     /// The place of the SPIR-V instruction at a word offset, or of none in particular (0).
-    fn place_in_source(&self, source: u32) -> Place {
+    pub fn place_in_source(&self, source: u32) -> Place {
         let origin = self.origin();
         let words = origin.and_then(|origin| origin.words.as_ref());
         let line = words.filter(|_| source != 0);

@@ -51,6 +51,9 @@ pub const SHADER_FMA: &CStr = c"VK_KHR_shader_fma";
 /// `VK_KHR_device_fault`.
 pub const DEVICE_FAULT: &CStr = c"VK_KHR_device_fault";
 
+/// `VK_KHR_shader_abort`.
+pub const SHADER_ABORT: &CStr = c"VK_KHR_shader_abort";
+
 /// `VK_KHR_shader_constant_data`.
 pub const SHADER_CONSTANT_DATA: &CStr = c"VK_KHR_shader_constant_data";
 
@@ -100,6 +103,7 @@ pub const NEWER: &[(&CStr, u32)] = &[
     (COPY_MEMORY_INDIRECT, make_api_version(0, 1, 4, 330)),
     (PIPELINE_BINARY, make_api_version(0, 1, 3, 294)),
     (DEVICE_FAULT, make_api_version(0, 1, 4, 347)),
+    (SHADER_ABORT, make_api_version(0, 1, 4, 347)),
     (SHADER_CONSTANT_DATA, make_api_version(0, 1, 4, 347)),
     (SHADER_FMA, make_api_version(0, 1, 4, 340)),
     (SHADER_SPLIT_BARRIER, make_api_version(0, 1, 4, 359)),
@@ -306,6 +310,7 @@ features! {
         device_fault device_fault_vendor_binary device_fault_report_masked
         device_fault_device_lost_on_masked
     }
+    PhysicalDeviceShaderAbortFeaturesKHR 1_000_233_000 { shader_abort }
     PhysicalDeviceShaderConstantDataFeaturesKHR 1_000_231_000 { shader_constant_data }
     PhysicalDeviceShaderFmaFeaturesKHR 1_000_579_000 {
         shader_fma_float16 shader_fma_float32 shader_fma_float64
@@ -431,6 +436,13 @@ macro_rules! structures {
 }
 
 structures! {
+    DeviceFaultShaderAbortMessageInfoKHR 1_000_233_001 *mut c_void {
+        message_data_size: u64,
+        p_message_data: *mut c_void,
+    }
+    PhysicalDeviceShaderAbortPropertiesKHR 1_000_233_002 *mut c_void {
+        max_shader_abort_message_size: u64,
+    }
     PhysicalDeviceFaultPropertiesKHR 1_000_573_001 *mut c_void {
         max_device_fault_count: u32,
     }

@@ -7,8 +7,8 @@ use ash::{ext, huawei, khr, nv};
 use crate::newer::{
     self as vk, COPY_MEMORY_INDIRECT, DESCRIPTOR_HEAP, DEVICE_ADDRESS_COMMANDS, DEVICE_FAULT,
     EXTENDED_FLAGS, LINEAR_SWEPT_SPHERES, MAINTENANCE_8, MAINTENANCE_9, MAINTENANCE_11,
-    OPACITY_MICROMAP, PIPELINE_BINARY, SHADER_64BIT_INDEXING, SHADER_CONSTANT_DATA, SHADER_FMA,
-    SHADER_LONG_VECTOR, SHADER_SPLIT_BARRIER,
+    OPACITY_MICROMAP, PIPELINE_BINARY, SHADER_64BIT_INDEXING, SHADER_ABORT, SHADER_CONSTANT_DATA,
+    SHADER_FMA, SHADER_LONG_VECTOR, SHADER_SPLIT_BARRIER,
 };
 
 macro_rules! optional {
@@ -96,6 +96,7 @@ optional! {
     shader_64bit_indexing: SHADER_64BIT_INDEXING, PhysicalDeviceShader64BitIndexingFeaturesEXT {};
     split_barrier: SHADER_SPLIT_BARRIER, PhysicalDeviceShaderSplitBarrierFeaturesEXT {};
     long_vector: SHADER_LONG_VECTOR, PhysicalDeviceShaderLongVectorFeaturesEXT {};
+    shader_abort: SHADER_ABORT, PhysicalDeviceShaderAbortFeaturesKHR {};
     constant_data: SHADER_CONSTANT_DATA, PhysicalDeviceShaderConstantDataFeaturesKHR {};
     shader_fma: SHADER_FMA, PhysicalDeviceShaderFmaFeaturesKHR {};
     pipeline_binary: PIPELINE_BINARY, PhysicalDevicePipelineBinaryFeaturesKHR {};

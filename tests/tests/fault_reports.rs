@@ -1,21 +1,14 @@
 //! `VK_KHR_device_fault`: reports of how a device was lost, each of which is returned once. What
 //! they tell is left to drivers: of others than Tuff only their form is checked.
 
-use std::ffi::{CStr, c_char, c_void};
+use std::ffi::c_void;
 use std::time::{Duration, Instant};
 
+use tuff_tests::fault::{DEVICE_LOST, MEMORY_ADDRESS, OVERFLOW, VENDOR, WATCHDOG_TIMEOUT};
 use tuff_tests::newer::{
     DeviceFaultDebugInfoKHR, DeviceFaultInfoKHR, PhysicalDeviceFaultPropertiesKHR,
 };
 use tuff_tests::*;
-
-/// `VkDeviceFaultFlagBitsKHR`.
-const DEVICE_LOST: u32 = 1;
-const MEMORY_ADDRESS: u32 = 2;
-const VENDOR: u32 = 8;
-const WATCHDOG_TIMEOUT: u32 = 16;
-const OVERFLOW: u32 = 32;
-const ALL: u32 = 63;
 
 /// An endless loop for the driver, which cannot know the buffer.
 const SPIN: &str = r"
@@ -27,76 +20,11 @@ void main() {
 
 const LOST: Result<(), vk::Result> = Err(vk::Result::ERROR_DEVICE_LOST);
 
-type Reports =
-    unsafe extern "system" fn(vk::Device, u64, *mut u32, *mut DeviceFaultInfoKHR) -> vk::Result;
-type DebugInfo = unsafe extern "system" fn(vk::Device, *mut DeviceFaultDebugInfoKHR) -> vk::Result;
-
 /// A device that a test may lose.
 fn open() -> Option<Gpu> {
     Gpu::without_validation().with("VK_KHR_device_fault", |gpu| {
         gpu.optional.fault_khr.device_fault == vk::TRUE
     })
-}
-
-fn function(gpu: &Gpu, name: &CStr) -> unsafe extern "system" fn() {
-    // SAFETY: the name ends in a zero.
-    let found = unsafe {
-        (gpu.instance.fp_v1_0().get_device_proc_addr)(gpu.device.handle(), name.as_ptr())
-    };
-    found.unwrap_or_else(|| panic!("no {name:?}"))
-}
-
-/// How many reports there are, without taking them.
-fn count(gpu: &Gpu, timeout: u64) -> (u32, vk::Result) {
-    // SAFETY: the type is the command's.
-    let reports: Reports =
-        unsafe { std::mem::transmute(function(gpu, c"vkGetDeviceFaultReportsKHR")) };
-    let mut count = 77;
-    // SAFETY: without infos the count is asked for.
-    let result = unsafe {
-        reports(
-            gpu.device.handle(),
-            timeout,
-            &mut count,
-            std::ptr::null_mut(),
-        )
-    };
-    (count, result)
-}
-
-/// Takes reports, at most so many.
-fn take(gpu: &Gpu, timeout: u64, room: usize) -> (Vec<DeviceFaultInfoKHR>, vk::Result) {
-    // SAFETY: the type is the command's.
-    let reports: Reports =
-        unsafe { std::mem::transmute(function(gpu, c"vkGetDeviceFaultReportsKHR")) };
-    let mut infos = vec![DeviceFaultInfoKHR::default(); room + 1];
-    for info in &mut infos {
-        info.flags = !0;
-    }
-    let mut count = room as u32;
-    // SAFETY: there is room for as many.
-    let result = unsafe { reports(gpu.device.handle(), timeout, &mut count, infos.as_mut_ptr()) };
-    assert!(count as usize <= room);
-    assert!(
-        infos[count as usize..].iter().all(|info| info.flags == !0),
-        "past the count"
-    );
-    infos.truncate(count as usize);
-    for info in &infos {
-        assert_eq!(info.flags & !ALL, 0);
-        text(&info.description);
-        if info.flags & MEMORY_ADDRESS != 0 {
-            assert!(info.fault_address_info.address_precision.is_power_of_two());
-        }
-    }
-    (infos, result)
-}
-
-/// Text that ends inside of its array.
-fn text(chars: &[c_char]) -> String {
-    let bytes: Vec<u8> = chars.iter().map(|&c| c.cast_unsigned()).collect();
-    let text = CStr::from_bytes_until_nul(&bytes).expect("it ends");
-    text.to_str().expect("it is UTF-8").to_owned()
 }
 
 /// Runs a shader over a buffer of words, the first of which are given.
@@ -145,9 +73,9 @@ fn most(gpu: &Gpu) -> u32 {
 #[test]
 fn a_device_that_is_not_lost_has_no_reports() {
     let Some(gpu) = open() else { return };
-    assert_eq!(count(&gpu, 0), (0, vk::Result::TIMEOUT));
+    assert_eq!(gpu.faults().count(0), (0, vk::Result::TIMEOUT));
     let start = Instant::now();
-    let (infos, result) = take(&gpu, 20_000_000, 2);
+    let (infos, result) = gpu.faults().take(20_000_000, 2);
     assert_eq!((infos.len(), result), (0, vk::Result::TIMEOUT));
     assert!(start.elapsed() >= Duration::from_millis(19));
 }
@@ -160,17 +88,17 @@ fn a_hang_is_reported_once() {
     }
     let Some(gpu) = open() else { return };
     assert_eq!(run(&gpu, SPIN, &[0; 4]), LOST);
-    let (there, result) = count(&gpu, u64::MAX);
+    let (there, result) = gpu.faults().count(u64::MAX);
     assert_eq!(result, vk::Result::SUCCESS);
     assert!((1..=most(&gpu)).contains(&there));
     assert_eq!(
-        count(&gpu, 0),
+        gpu.faults().count(0),
         (there, vk::Result::SUCCESS),
         "a count takes nothing"
     );
-    let (none, result) = take(&gpu, 0, 0);
+    let (none, result) = gpu.faults().take(0, 0);
     assert_eq!((none.len(), result), (0, vk::Result::INCOMPLETE));
-    let (infos, result) = take(&gpu, 0, there as usize + 3);
+    let (infos, result) = gpu.faults().take(0, there as usize + 3);
     assert_eq!((infos.len() as u32, result), (there, vk::Result::SUCCESS));
     let (last, others) = infos.split_last().unwrap();
     assert_ne!(last.flags & DEVICE_LOST, 0);
@@ -178,9 +106,9 @@ fn a_hang_is_reported_once() {
     if gpu.is_tuff() {
         assert_eq!(last.flags, DEVICE_LOST | VENDOR | WATCHDOG_TIMEOUT);
         assert_eq!(last.vendor_info.vendor_fault_code, 1);
-        assert!(text(&last.description).contains("TUFF_TIMEOUT"));
-        assert_eq!(count(&gpu, u64::MAX), (0, vk::Result::SUCCESS));
-        let (none, result) = take(&gpu, u64::MAX, 4);
+        assert!(fault_text(&last.description).contains("TUFF_TIMEOUT"));
+        assert_eq!(gpu.faults().count(u64::MAX), (0, vk::Result::SUCCESS));
+        let (none, result) = gpu.faults().take(u64::MAX, 4);
         assert_eq!((none.len(), result), (0, vk::Result::SUCCESS));
     }
 }
@@ -192,12 +120,16 @@ fn a_thread_may_wait_for_a_fault() {
         return;
     }
     let Some(gpu) = open() else { return };
+    let faults = gpu.faults();
     std::thread::scope(|scope| {
-        let waiting = scope.spawn(|| take(&gpu, u64::MAX, 64));
+        let waiting = scope.spawn(move || {
+            let (infos, result) = faults.take(u64::MAX, 99);
+            let is_lost = infos.iter().any(|info| info.flags & DEVICE_LOST != 0);
+            (is_lost, result)
+        });
         assert_eq!(run(&gpu, SPIN, &[0; 4]), LOST);
-        let (infos, result) = waiting.join().unwrap();
-        assert_eq!(result, vk::Result::SUCCESS);
-        assert!(infos.iter().any(|info| info.flags & DEVICE_LOST != 0));
+        let (is_lost, result) = waiting.join().unwrap();
+        assert_eq!((is_lost, result), (true, vk::Result::SUCCESS));
     });
 }
 
@@ -217,10 +149,10 @@ fn invalid_addresses_are_reported_in_order() {
     };
     let start = 0x1230;
     assert_eq!(run(&gpu, &wild(3), &[start, 0, 0, 0]), LOST);
-    assert_eq!(count(&gpu, 0), (4, vk::Result::SUCCESS));
-    let (first, result) = take(&gpu, 0, 1);
+    assert_eq!(gpu.faults().count(0), (4, vk::Result::SUCCESS));
+    let (first, result) = gpu.faults().take(0, 1);
     assert_eq!(result, vk::Result::INCOMPLETE);
-    let (rest, result) = take(&gpu, 0, 3);
+    let (rest, result) = gpu.faults().take(0, 3);
     assert_eq!(result, vk::Result::SUCCESS);
     let infos = [first, rest].concat();
     for (info, address) in infos[..3].iter().zip((start..).step_by(16)) {
@@ -237,7 +169,7 @@ fn invalid_addresses_are_reported_in_order() {
             (vendor.vendor_fault_code, vendor.vendor_fault_data),
             (6, address)
         );
-        assert!(text(&info.description).contains(&format!("{address:#x}")));
+        assert!(fault_text(&info.description).contains(&format!("{address:#x}")));
     }
     assert!(infos.iter().all(|info| info.group_id == infos[0].group_id));
     assert_eq!(infos[3].flags, DEVICE_LOST | VENDOR | WATCHDOG_TIMEOUT);
@@ -257,7 +189,7 @@ fn lost_reports_are_told() {
     let (kept, more) = (u64::from(most(&gpu)) - 1, 3);
     let start = 0x1000;
     assert_eq!(run(&gpu, &wild(kept + more), &[start, 0, 0, 0]), LOST);
-    let (infos, result) = take(&gpu, 0, 100);
+    let (infos, result) = gpu.faults().take(0, 100);
     assert_eq!(
         (infos.len() as u32, result),
         (most(&gpu), vk::Result::SUCCESS)
@@ -297,12 +229,13 @@ fn each_report_goes_to_one_thread() {
     }
     let Some(gpu) = open() else { return };
     assert_eq!(run(&gpu, &wild(40), &[0x1000, 0, 0, 0]), LOST);
-    let (all, _) = count(&gpu, 0);
+    let (all, _) = gpu.faults().count(0);
+    let faults = gpu.faults();
     let taken: Vec<DeviceFaultInfoKHR> = std::thread::scope(|scope| {
-        let ask = || {
+        let ask = move || {
             let mut mine = Vec::new();
             loop {
-                let (infos, _) = take(&gpu, 0, 1);
+                let (infos, _) = faults.take(0, 1);
                 if infos.is_empty() {
                     return mine;
                 }
@@ -340,9 +273,6 @@ fn there_is_no_vendor_binary() {
     }
     let Some(gpu) = open() else { return };
     assert_eq!(run(&gpu, SPIN, &[0; 4]), LOST);
-    // SAFETY: the type is the command's.
-    let ask: DebugInfo =
-        unsafe { std::mem::transmute(function(&gpu, c"vkGetDeviceFaultDebugInfoKHR")) };
     let mut bytes = [0xa5u8; 256];
     for data in [std::ptr::null_mut(), bytes.as_mut_ptr().cast::<c_void>()] {
         let mut info = DeviceFaultDebugInfoKHR {
@@ -350,8 +280,7 @@ fn there_is_no_vendor_binary() {
             p_vendor_binary_data: data,
             ..Default::default()
         };
-        // SAFETY: there is room for as many bytes.
-        let result = unsafe { ask(gpu.device.handle(), &mut info) };
+        let result = gpu.faults().debug_info(&mut info);
         assert_eq!((result, info.vendor_binary_size), (vk::Result::SUCCESS, 0));
         assert_eq!(info.p_vendor_binary_data, data);
     }
@@ -380,12 +309,12 @@ fn a_child_has_a_report_of_its_own() {
         unsafe {
             let child = fork();
             if child == 0 {
-                let (infos, result) = take(&gpu, u64::MAX, 4);
+                let (infos, result) = gpu.faults().take(u64::MAX, 4);
                 let told = result == vk::Result::SUCCESS
                     && infos.len() == 1
                     && infos[0].flags == DEVICE_LOST | VENDOR
                     && infos[0].vendor_info.vendor_fault_code == 5;
-                let (none, result) = take(&gpu, u64::MAX, 4);
+                let (none, result) = gpu.faults().take(u64::MAX, 4);
                 let over = none.is_empty() && result == vk::Result::SUCCESS;
                 _exit(if told && over { 7 } else { 8 });
             }
@@ -396,14 +325,14 @@ fn a_child_has_a_report_of_its_own() {
     };
     child();
     assert_eq!(
-        count(&gpu, 0),
+        gpu.faults().count(0),
         (0, vk::Result::TIMEOUT),
         "the parent's device is not lost"
     );
     assert_eq!(run(&gpu, &wild(2), &[0x1000, 0, 0, 0]), LOST);
-    let (first, _) = take(&gpu, 0, 1);
+    let (first, _) = gpu.faults().take(0, 1);
     assert_eq!(first[0].fault_address_info.reported_address, 0x1000);
     child();
-    let (rest, result) = take(&gpu, 0, 4);
+    let (rest, result) = gpu.faults().take(0, 4);
     assert_eq!((rest.len(), result), (2, vk::Result::SUCCESS));
 }

@@ -1,6 +1,7 @@
 //! `VK_KHR_shader_constant_data`: arrays of constants whose elements are data of one instruction.
 
 use bytemuck::Pod;
+use tuff_tests::spirv::{instructions, literal, put};
 use tuff_tests::*;
 
 const CAPABILITY: u32 = 17;
@@ -22,74 +23,46 @@ const SPEC_CONSTANT_DATA: u32 = 5148;
 const LENGTH_ID: u32 = 1;
 const DATA_ID: u32 = 2;
 
-/// Instructions of a module.
-fn instructions(words: &[u32]) -> Vec<&[u32]> {
-    let mut all = Vec::new();
-    let mut rest = &words[5..];
-    while let Some(&head) = rest.first() {
-        let (instruction, tail) = rest.split_at((head >> 16) as usize);
-        all.push(instruction);
-        rest = tail;
-    }
-    all
-}
-
-fn opcode(instruction: &[u32]) -> u32 {
-    instruction[0] & 0xffff
-}
-
-fn put(words: &mut Vec<u32>, opcode: u32, operands: &[u32]) {
-    words.push((operands.len() as u32 + 1) << 16 | opcode);
-    words.extend_from_slice(operands);
-}
-
-/// A text as SPIR-V has it.
-fn literal(text: &str) -> Vec<u32> {
-    let mut bytes = text.as_bytes().to_vec();
-    bytes.resize(text.len() / 4 * 4 + 4, 0);
-    bytemuck::pod_collect_to_vec(&bytes)
-}
-
 /// Data in the place of each constant array of integers, specialized or not. What is left of a last
 /// word is set, which changes nothing.
 fn with_data(words: &[u32], specialized: bool) -> Vec<u32> {
     let all = instructions(words);
-    let width = |ty: u32| {
-        let found = all.iter().find(|it| opcode(it) == TYPE_INT && it[1] == ty);
-        found.map(|it| it[2] as usize / 8)
+    let find = |opcode, place: usize, id: u32| {
+        let mut found = all.iter().filter(|it| it.0 == opcode);
+        found.find(|it| it.1[place] == id).map(|it| it.1)
     };
     let number = |id: u32| {
-        let found = all.iter().find(|it| opcode(it) == CONSTANT && it[2] == id);
-        found.map(|it| bytemuck::pod_collect_to_vec::<u32, u8>(&it[3..]))
+        let found = find(CONSTANT, 1, id)?;
+        Some(bytemuck::pod_collect_to_vec::<u32, u8>(&found[2..]))
     };
-    // Type, result, length and data of an array.
-    let array = |it: &[u32]| {
-        let ty = *all
-            .iter()
-            .find(|ty| opcode(ty) == TYPE_ARRAY && ty[1] == it[1])?;
-        let width = width(ty[2])?;
+    // Type and result, length, data and bytes of an element.
+    let array = |opcode: u32, it: &[u32]| {
+        if opcode != CONSTANT_COMPOSITE {
+            return None;
+        }
+        let ty = find(TYPE_ARRAY, 0, it[0])?;
+        let width = find(TYPE_INT, 0, ty[1])?[1] as usize / 8;
         let mut data = Vec::new();
-        for &element in &it[3..] {
+        for &element in &it[2..] {
             data.extend(&number(element)?[..width]);
         }
         data.resize(data.len().next_multiple_of(4), 0xff);
         let data: Vec<u32> = bytemuck::pod_collect_to_vec(&data);
-        Some(([it[1], it[2]], ty[3], data, width))
+        Some(([it[0], it[1]], ty[2], data, width))
     };
-    let composites = all.iter().filter(|it| opcode(it) == CONSTANT_COMPOSITE);
-    let arrays: Vec<_> = composites.filter_map(|it| array(it)).collect();
+    let arrays: Vec<_> = all.iter().filter_map(|it| array(it.0, it.1)).collect();
     assert!(!arrays.is_empty());
     let is_length = |id: u32| arrays.iter().any(|it| it.1 == id);
 
     let mut out = words[..5].to_vec();
     let (mut declared, mut annotated) = (false, false);
-    for it in &all {
-        if !declared && opcode(it) != CAPABILITY {
+    for &(opcode, operands) in &all {
+        if !declared && opcode != CAPABILITY {
             put(&mut out, CAPABILITY, &[CONSTANT_DATA_CAPABILITY]);
             put(&mut out, EXTENSION, &literal("SPV_KHR_constant_data"));
             declared = true;
         }
-        if !annotated && opcode(it) == TYPE_VOID {
+        if !annotated && opcode == TYPE_VOID {
             for ([ty, result], length, _, width) in &arrays {
                 if *width == 1 {
                     put(&mut out, DECORATE, &[*ty, UTF_ENCODED]);
@@ -101,23 +74,17 @@ fn with_data(words: &[u32], specialized: bool) -> Vec<u32> {
             }
             annotated = true;
         }
-        let made = (opcode(it) == CONSTANT_COMPOSITE)
-            .then(|| array(it))
-            .flatten();
-        match made {
-            Some((head, _, data, _)) => {
-                let opcode = if specialized {
-                    SPEC_CONSTANT_DATA
-                } else {
-                    CONSTANT_DATA
-                };
-                put(&mut out, opcode, &[&head[..], &data].concat());
+        let (opcode, operands) = match array(opcode, operands) {
+            Some((head, _, data, _)) if specialized => {
+                (SPEC_CONSTANT_DATA, [&head[..], &data].concat())
             }
-            None if specialized && opcode(it) == CONSTANT && is_length(it[2]) => {
-                put(&mut out, SPEC_CONSTANT, &it[1..]);
+            Some((head, _, data, _)) => (CONSTANT_DATA, [&head[..], &data].concat()),
+            None if specialized && opcode == CONSTANT && is_length(operands[1]) => {
+                (SPEC_CONSTANT, operands.to_vec())
             }
-            None => out.extend_from_slice(it),
-        }
+            None => (opcode, operands.to_vec()),
+        };
+        put(&mut out, opcode, &operands);
     }
     out
 }

@@ -27,6 +27,7 @@ unsafe fn enabled(info: &vk::DeviceCreateInfo<'_>) -> Enabled {
         let chained = ffi::find::<vk::PhysicalDeviceFeatures2>(info.p_next).map(|f| &f.features);
         let validation = ffi::find::<vk::PhysicalDeviceRayTracingValidationFeaturesNV>(info.p_next);
         let fault = ffi::find::<newer::PhysicalDeviceFaultFeaturesKHR<'_>>(info.p_next);
+        let abort = ffi::find::<newer::PhysicalDeviceShaderAbortFeaturesKHR<'_>>(info.p_next);
         let older_fault = ffi::find::<vk::PhysicalDeviceFaultFeaturesEXT>(info.p_next);
         let addresses = ffi::find::<vk::PhysicalDeviceAddressBindingReportFeaturesEXT>(info.p_next);
         let zero_one = ffi::find::<vk::PhysicalDeviceDepthClampZeroOneFeaturesEXT>(info.p_next);
@@ -40,6 +41,7 @@ unsafe fn enabled(info: &vk::DeviceCreateInfo<'_>) -> Enabled {
                 .any(|features| features.sparse_binding != vk::FALSE),
             device_fault: fault.is_some_and(|features| features.device_fault != vk::FALSE)
                 || older_fault.is_some_and(|features| features.device_fault != vk::FALSE),
+            shader_abort: abort.is_some_and(|features| features.shader_abort != vk::FALSE),
             report_address_binding: addresses
                 .is_some_and(|features| features.report_address_binding != vk::FALSE),
             depth_clamp_zero_one: zero_one

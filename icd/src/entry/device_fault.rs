@@ -3,12 +3,13 @@
 use std::mem::MaybeUninit;
 
 use ash::vk;
+use spirv_jit::abort;
 
 use super::define::entry;
 use crate::VkResult;
 use crate::device::Device;
 use crate::ffi::enumerate::{enumerate, enumerate_with};
-use crate::ffi::{array, vk as newer};
+use crate::ffi::{array, chain, vk as newer};
 use crate::handle::from_handle;
 use crate::wave::{Cause, Fault, Stopped, WildAddress};
 
@@ -121,6 +122,32 @@ unsafe fn write_infos<T>(infos: Vec<T>, count: &mut u32, out: *mut T) -> VkResul
     unsafe { enumerate(count, out, infos.into_iter()) }
 }
 
+/// Writes abort messages, or their size.
+///
+/// # Errors
+/// `VK_INCOMPLETE` if not all fit.
+///
+/// # Safety
+/// The data pointer is null, or there is room for as many bytes as `info` says.
+unsafe fn write_messages(
+    all: &[u8],
+    info: &mut newer::DeviceFaultShaderAbortMessageInfoKHR<'_>,
+) -> VkResult {
+    if info.p_message_data.is_null() {
+        info.message_data_size = all.len() as u64;
+        return Ok(());
+    }
+    let fitting = &all[..abort::whole_messages(all, info.message_data_size)];
+    let to = info.p_message_data.cast::<u8>();
+    // SAFETY: the caller's promise.
+    unsafe { to.copy_from_nonoverlapping(fitting.as_ptr(), fitting.len()) };
+    info.message_data_size = fitting.len() as u64;
+    match fitting.len() == all.len() {
+        true => Ok(()),
+        false => Err(vk::Result::INCOMPLETE),
+    }
+}
+
 entry! {
     /// A device that is not lost has nothing to tell.
     fn vkGetDeviceFaultInfoEXT(
@@ -176,12 +203,17 @@ entry! {
         if is_last { Ok(()) } else { Err(vk::Result::INCOMPLETE) }
     }
 
-    /// There is no vendor binary.
+    /// There is no vendor binary. Messages are written as far as they fit whole.
     fn vkGetDeviceFaultDebugInfoKHR(
-        _device: vk::Device,
+        device: vk::Device,
         info: *mut newer::DeviceFaultDebugInfoKHR<'_>,
     ) -> vk::Result {
+        let engine = &from_handle::<Device>(device).engine;
         (*info).vendor_binary_size = 0;
-        Ok(())
+        let next = (*info).p_next;
+        match chain::find_mut::<newer::DeviceFaultShaderAbortMessageInfoKHR<'_>>(next) {
+            Some(info) => engine.with_abort_messages(|all| write_messages(all, info)),
+            None => Ok(()),
+        }
     }
 }

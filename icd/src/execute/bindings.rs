@@ -303,6 +303,7 @@ impl<'a> Bindings<'a> {
             reach: Arc::clone(&surroundings.shader_reach),
             strays: surroundings.strays.clone(),
             prints: None,
+            aborts: surroundings.aborts.clone(),
             views: Arc::clone(&surroundings.views),
             samples: None,
         };
@@ -358,6 +359,7 @@ impl<'a> Bindings<'a> {
             reach: surroundings.shader_reach,
             strays: surroundings.strays,
             prints: None,
+            aborts: surroundings.aborts,
             views: surroundings.views,
             samples: None,
         };

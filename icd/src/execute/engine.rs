@@ -11,6 +11,7 @@ use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
 use ash::vk;
+use spirv_jit::abort::Aborts;
 use spirv_jit::views::Views;
 
 use crate::VkResult;
@@ -57,6 +58,8 @@ pub struct Engine {
     timeout: Option<Duration>,
     /// Addresses that shaders followed to nowhere, where they are noted.
     pub wild: Option<WildAddresses>,
+    /// Messages of shaders that abort, where those may.
+    pub aborts: Option<Arc<Aborts>>,
     /// How the device was lost.
     fault: OnceLock<Fault>,
     /// Reports that the application has.
@@ -74,6 +77,8 @@ pub struct Watch {
     pub timeout: Option<Duration>,
     /// The feature `deviceFault` is enabled: shaders' wild addresses are noted.
     pub wild_addresses: bool,
+    /// Takes the messages of shaders that abort, where the feature `shaderAbort` is enabled.
+    pub aborts: Option<Arc<Aborts>>,
     /// The feature `depthClampZeroOne` is enabled, without `VK_EXT_depth_range_unrestricted`.
     pub clamps_to_one: bool,
     /// `VK_KHR_opacity_micromap` is enabled.
@@ -89,6 +94,7 @@ impl Default for Watch {
             validator: None,
             timeout: settings().timeout,
             wild_addresses: false,
+            aborts: None,
             clamps_to_one: false,
             serializes_blocks: false,
             replays_heaps: false,
@@ -122,6 +128,7 @@ impl Engine {
             messengers,
             cancelled: Arc::default(),
             timeout: watch.timeout,
+            aborts: watch.aborts,
             wild: watch.wild_addresses.then(WildAddresses::default),
             fault: OnceLock::new(),
             returned: Returned::default(),
@@ -132,6 +139,7 @@ impl Engine {
     pub fn limits(&self) -> Limits {
         Limits {
             cancelled: Arc::clone(&self.cancelled),
+            aborts: self.aborts.clone(),
             deadline: self
                 .timeout
                 .and_then(|timeout| Instant::now().checked_add(timeout)),
@@ -159,6 +167,7 @@ impl Engine {
                 reach,
                 live,
                 strays: self.wild.is_some().then(Arc::default),
+                aborts: self.aborts.clone(),
                 views: Arc::clone(&self.views),
             },
             Some(validator) => Surroundings {
@@ -166,6 +175,7 @@ impl Engine {
                 reach,
                 live,
                 strays: Some(Arc::default()),
+                aborts: self.aborts.clone(),
                 views: Arc::clone(&self.views),
             },
         }
@@ -203,6 +213,9 @@ impl Engine {
     /// its next look at its limits. The first reason is reported, and kept for
     /// `vkGetDeviceFaultReportsKHR` and `vkGetDeviceFaultInfoEXT`.
     pub fn lose(&self, mut fault: Fault) {
+        if let Some(aborts) = &self.aborts {
+            aborts.close();
+        }
         if let Some(wild) = &self.wild {
             wild.tell(&mut fault);
         }
@@ -219,6 +232,15 @@ impl Engine {
         match self.waiting.lost.is_inherited() {
             true => Some(Cow::Owned(Fault::new(Cause::Forked))),
             false => self.fault.get().map(Cow::Borrowed),
+        }
+    }
+
+    /// Calls a function with the messages of shaders that aborted, as
+    /// `VkDeviceFaultShaderAbortMessageInfoKHR` has them.
+    pub fn with_abort_messages<R>(&self, take: impl FnOnce(&[u8]) -> R) -> R {
+        match &self.aborts {
+            Some(aborts) if !self.waiting.lost.is_inherited() => aborts.with_messages(take),
+            _ => take(&[]),
         }
     }
 

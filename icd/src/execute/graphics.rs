@@ -18,7 +18,7 @@ use super::engine::Engine;
 use super::pass::Active;
 use super::query::ActiveQuery;
 use super::samples::Samples;
-use super::{Failure, note_strays, prints, spans};
+use super::{Failure, check_aborted, note_strays, prints, spans};
 use crate::command::GraphicsCommand;
 use crate::command::graphics::{
     BindVertexBuffers, Draw, DrawByteCount, DrawIndirect, DrawMulti, IndexBinding, Numbers,
@@ -229,7 +229,7 @@ impl<'a> Drawing<'a> {
             reach: &reach,
         };
         let prints = std::mem::take(&mut self.prints);
-        let watched = match engine.wild.is_some() || prints {
+        let watched = match engine.wild.is_some() || engine.aborts.is_some() || prints {
             true => self.batch.watched(),
             false => Vec::new(),
         };
@@ -245,6 +245,7 @@ impl<'a> Drawing<'a> {
                 prints::print(engine, prints, stages.iter());
             }
         }
+        check_aborted(engine, watched.iter().flat_map(|(_, stages)| stages.iter()))?;
         drawn.map_err(|why| limits.fault(why).into())
     }
 

@@ -48,7 +48,7 @@ use crate::object::pipeline::PipelineKind;
 use crate::timeline::{self, Kind};
 use crate::transfer::{blit, buffer, clear, copy, resolve};
 use crate::validate::{Caller, Checks};
-use crate::wave::{Fault, Stopped, reachable};
+use crate::wave::{Fault, Stopped, StoppedAt, reachable};
 use graphics::{Current, Drawing, Painter};
 use ray_tracing::Access;
 
@@ -67,7 +67,11 @@ pub enum Failure {
 
 impl From<Stopped> for Failure {
     fn from(why: Stopped) -> Self {
-        Fault::from(why).into()
+        match why {
+            // The command whose shader it was reports it.
+            Stopped::Aborted => Self::AlreadyLost,
+            why => Fault::from(why).into(),
+        }
     }
 }
 
@@ -329,6 +333,7 @@ fn run_dispatch(
     if let Some(prints) = &environment.prints {
         prints::print(engine, prints, std::iter::once(program));
     }
+    check_aborted(engine, std::iter::once(program))?;
     ran.map_err(|why| limits.fault(why))?;
     if !painter.drawing.queries.is_empty() {
         let sizes = count.into_iter().chain(program.local_size());
@@ -356,6 +361,33 @@ fn note_strays<'a>(
     if let Some(wild) = &engine.wild {
         wild.add(&strays, programs);
     }
+}
+
+/// Ends a command after which the device is lost because a shader aborted.
+///
+/// # Errors
+/// With a report if the shader is one of these programs. If not, its own command has the report.
+fn check_aborted<'a>(
+    engine: &Engine,
+    mut programs: impl Iterator<Item = &'a Arc<Program>>,
+) -> Result<(), Failure> {
+    let Some(aborts) = engine.aborts.as_ref().filter(|it| it.happened()) else {
+        return Ok(());
+    };
+    let Some(at) = aborts.first() else {
+        return Err(Failure::AlreadyLost);
+    };
+    let program = programs.find(|program| program.number() == at.program);
+    let program = program.ok_or(Failure::AlreadyLost)?;
+    let at = StoppedAt {
+        place: program.place_in_source(at.source),
+        depth: 0,
+    };
+    Err(Fault {
+        at: Some(at),
+        ..Stopped::Aborted.into()
+    }
+    .into())
 }
 
 /// Copies whose parameters (`VkCopyMemoryIndirectCommandKHR`) are in memory. Those that are not
@@ -452,6 +484,5 @@ fn run_ray_tracing(
         surroundings: &surroundings,
         checks,
     };
-    ray_tracing::execute(command, access, bound, engine).map_err(|why| limits.fault(why))?;
-    Ok(())
+    ray_tracing::execute(command, access, bound, engine)
 }

@@ -5,7 +5,7 @@ use lanes::Tier;
 use spirv_jit::environment::{Environment, uniform};
 
 use super::engine::Engine;
-use super::{note_strays, prints, spans};
+use super::{Failure, check_aborted, note_strays, prints, spans};
 use crate::command::RayTracingCommand;
 use crate::object::ray_tracing_pipeline::RayTracingPipeline;
 use crate::settings::settings;
@@ -13,11 +13,11 @@ use crate::structures;
 use crate::timeline::{self, Kind};
 use crate::trace::Dispatch;
 use crate::validate::{Checks, Traced, invocations};
+use crate::wave::Limits;
 use crate::wave::Surroundings;
 use crate::wave::mask::{InvocationMask, LiveMask};
 use crate::wave::reachable::read;
 use crate::wave::table::{Region, Tables};
-use crate::wave::{Limits, Stopped};
 
 /// The bindings of the ray tracing bind point.
 pub struct Bound<'a> {
@@ -45,7 +45,7 @@ pub fn execute(
     access: Access<'_>,
     bound: Option<Bound<'_>>,
     engine: &Engine,
-) -> Result<(), Stopped> {
+) -> Result<(), Failure> {
     let reach = &*access.surroundings.reach;
     let live = &access.surroundings.live;
     let checks = access.checks.as_ref();
@@ -133,7 +133,7 @@ fn trace_rays(
     access: Access<'_>,
     bound: Option<Bound<'_>>,
     engine: &Engine,
-) -> Result<(), Stopped> {
+) -> Result<(), Failure> {
     let Some(Bound {
         pipeline: Some(pipeline),
         mut environment,
@@ -189,7 +189,8 @@ fn trace_rays(
         note_strays(engine, checks, strays, programs.clone());
     }
     if let Some(prints) = &environment.prints {
-        prints::print(engine, prints, programs);
+        prints::print(engine, prints, programs.clone());
     }
-    traced
+    check_aborted(engine, programs)?;
+    traced.map_err(|why| limits.fault(why).into())
 }

@@ -219,6 +219,17 @@ structures! {
         vendor_binary_size: u32,
         p_vendor_binary_data: *mut c_void,
     }
+    /// `VK_KHR_shader_abort`.
+    PhysicalDeviceShaderAbortFeaturesKHR 1_000_233_000 *mut c_void {
+        shader_abort: Bool32,
+    }
+    DeviceFaultShaderAbortMessageInfoKHR 1_000_233_001 *mut c_void {
+        message_data_size: u64,
+        p_message_data: *mut c_void,
+    }
+    PhysicalDeviceShaderAbortPropertiesKHR 1_000_233_002 *mut c_void {
+        max_shader_abort_message_size: u64,
+    }
     /// `VK_KHR_shader_constant_data`.
     PhysicalDeviceShaderConstantDataFeaturesKHR 1_000_231_000 *mut c_void {
         shader_constant_data: Bool32,

@@ -143,6 +143,7 @@ extensions! {
     Device KHR_SAMPLER_MIRROR_CLAMP_TO_EDGE c"VK_KHR_sampler_mirror_clamp_to_edge" 3;
     Device KHR_SAMPLER_YCBCR_CONVERSION c"VK_KHR_sampler_ycbcr_conversion" 14;
     Device KHR_SEPARATE_DEPTH_STENCIL_LAYOUTS c"VK_KHR_separate_depth_stencil_layouts" 1;
+    Device KHR_SHADER_ABORT c"VK_KHR_shader_abort" 1;
     Device KHR_SHADER_ATOMIC_INT64 c"VK_KHR_shader_atomic_int64" 1;
     Device KHR_SHADER_BFLOAT16 c"VK_KHR_shader_bfloat16" 1;
     Device KHR_SHADER_CLOCK c"VK_KHR_shader_clock" 1;

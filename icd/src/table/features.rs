@@ -367,6 +367,7 @@ features! {
         maintenance8: PhysicalDeviceMaintenance8FeaturesKHR;
         maintenance9: PhysicalDeviceMaintenance9FeaturesKHR;
         internally_synchronized_queues: PhysicalDeviceInternallySynchronizedQueuesFeaturesKHR;
+        shader_abort: PhysicalDeviceShaderAbortFeaturesKHR -> AbortKHR;
         shader_constant_data: PhysicalDeviceShaderConstantDataFeaturesKHR -> ConstantDataKHR;
         shader_fma_float16: PhysicalDeviceShaderFmaFeaturesKHR => FMAKHR;
         shader_fma_float32: PhysicalDeviceShaderFmaFeaturesKHR => FMAKHR;

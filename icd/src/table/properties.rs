@@ -3,6 +3,7 @@
 
 use ash::vk::TaggedStructure;
 use spirv_jit::SUBGROUP_SIZE;
+use spirv_jit::abort::MAX_MESSAGE_BYTES;
 use spirv_jit::environment::{Descriptor, MAX_SETS};
 use spirv_jit::heap::DESCRIPTOR_BYTES;
 use spirv_jit::program::{MAX_CAPTURE_BUFFERS, MAX_STREAMS};
@@ -695,6 +696,10 @@ unsafe fn fill(machine: &Machine, node: *mut vk::BaseOutStructure<'static>) {
             );
             PhysicalDeviceFaultPropertiesKHR(vk::PhysicalDeviceFaultPropertiesKHR {
                 max_device_fault_count: limits::MAX_DEVICE_FAULT_COUNT,
+                ..Default::default()
+            });
+            PhysicalDeviceShaderAbortPropertiesKHR(vk::PhysicalDeviceShaderAbortPropertiesKHR {
+                max_shader_abort_message_size: MAX_MESSAGE_BYTES,
                 ..Default::default()
             });
             PhysicalDeviceMaintenance10PropertiesKHR(vk::PhysicalDeviceMaintenance10PropertiesKHR {

@@ -21,6 +21,8 @@ pub enum Stopped {
     TimedOut,
     /// Invocations in flight would need more memory than there is for them.
     OutOfMemory,
+    /// An invocation executed `OpAbortKHR`.
+    Aborted,
 }
 
 impl fmt::Display for Stopped {
@@ -28,6 +30,7 @@ impl fmt::Display for Stopped {
         f.write_str(match self {
             Self::TimedOut => "a command ran for longer than TUFF_TIMEOUT allows",
             Self::OutOfMemory => "a command's invocations need more memory than there is for them",
+            Self::Aborted => "a shader aborted",
         })
     }
 }
@@ -54,6 +57,8 @@ impl Cause {
             Self::SparseBinding(_) => 3,
             Self::Internal(_) => 4,
             Self::Forked => 5,
+            // 6 to 8 are of addresses.
+            Self::Stopped(Stopped::Aborted) => 9,
         }
     }
 }

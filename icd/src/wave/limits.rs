@@ -3,6 +3,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::Instant;
 
+use spirv_jit::abort::Aborts;
 use spirv_jit::reach::{Reach, Strays};
 use spirv_jit::views::Views;
 use traversal::{EVERYWHERE, Kind, Live, Ray, Structure};
@@ -19,6 +20,8 @@ pub struct Surroundings {
     pub shader_reach: Arc<Reach>,
     /// Counts what shaders do wrong, where there is validation.
     pub strays: Option<Arc<Strays>>,
+    /// Takes the messages of shaders that abort, where the feature `shaderAbort` is enabled.
+    pub aborts: Option<Arc<Aborts>>,
     /// The views that descriptors in buffers can name.
     pub views: Arc<Views>,
 }
@@ -34,6 +37,8 @@ pub trait QueryObserver: Send + Sync {
 pub struct Limits {
     /// Set from outside to make every worker stop at its next budget check.
     pub cancelled: Arc<AtomicBool>,
+    /// Stops every worker at its next budget check when a shader has aborted.
+    pub aborts: Option<Arc<Aborts>>,
     /// When the dispatch counts as hanging (`TUFF_TIMEOUT`).
     pub deadline: Option<Instant>,
     /// Where structures may lie.
@@ -51,6 +56,7 @@ impl Default for Limits {
     fn default() -> Self {
         Self {
             cancelled: Arc::default(),
+            aborts: None,
             deadline: None,
             live: EVERYWHERE.clone(),
             memory: Arc::default(),
@@ -85,6 +91,9 @@ impl Limits {
     /// # Errors
     /// When a limit is reached.
     pub fn check(&self) -> Result<(), Stopped> {
+        if self.aborts.as_ref().is_some_and(|aborts| aborts.happened()) {
+            return Err(Stopped::Aborted);
+        }
         let late = self
             .deadline
             .is_some_and(|deadline| Instant::now() >= deadline);

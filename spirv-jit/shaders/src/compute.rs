@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use spirv_jit::abort::Aborts;
 use spirv_jit::environment::{Descriptor, DescriptorSet, Environment, uniform};
 use spirv_jit::program::{AlignedRow, Builtin, Event, InputRow, Stage, Wave};
 use spirv_jit::{CompileRequest, LaneMask, Program};
@@ -26,6 +27,8 @@ pub struct Memory {
     /// Buffers of set 0: descriptor index (16 × binding + array index) and contents.
     pub buffers: Vec<(usize, Vec<u32>)>,
     pub push_constants: Vec<u32>,
+    /// Takes messages of invocations that abort.
+    pub aborts: Option<Arc<Aborts>>,
 }
 
 /// Runs `groups` workgroups along x, one after the other.
@@ -49,6 +52,7 @@ pub fn dispatch_over(
     }
     let mut environment = Environment {
         push_constants: descriptor(&mut memory.push_constants),
+        aborts: memory.aborts.clone(),
         ..Environment::unbound()
     };
     environment.sets[0] = DescriptorSet {
@@ -183,6 +187,7 @@ pub fn check(declarations: &str, body: &str, inputs: &[u32], reference: impl Fn(
     let mut memory = Memory {
         buffers: vec![(0, given.clone()), (16, vec![0; count])],
         push_constants: Vec::new(),
+        ..Memory::default()
     };
     dispatch(&program, count as u32 / 16, &mut memory);
     for (index, (&x, &result)) in given.iter().zip(&memory.buffers[1].1).enumerate() {

@@ -91,6 +91,14 @@ fn follow(environment: &Environment, number: u64) -> u64 {
             ..DescriptorSet::NONE
         },
         reference::DYNAMIC => dynamic(environment),
+        reference::ABORTS => match &environment.aborts {
+            Some(aborts) => DescriptorSet {
+                entries: &raw const aborts.descriptor,
+                count: 1,
+                ..DescriptorSet::NONE
+            },
+            None => DescriptorSet::NONE,
+        },
         table => {
             let set = table.checked_sub(reference::SETS);
             let set = set.and_then(|set| environment.sets.get(set as usize));

@@ -8,6 +8,7 @@
 //!   [`access`] by [`gather`], [`memory`], [`descriptors`], [`atomics`], [`subgroup`], [`matrix`],
 //!   [`images`]: the others; [`control`]: masks and jumps; [`yields`]: suspending and resuming.
 
+mod aborts;
 mod access;
 mod atomics;
 mod code;

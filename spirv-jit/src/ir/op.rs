@@ -261,6 +261,12 @@ macro_rules! define_ops {
             DerivativeY "derivative_y" Read;
             /// `() -> ()`: the lane becomes a helper invocation.
             Demote "demote" Change;
+            /// `(size: i32) -> i32`: room for an abort message of so many bytes; its place in the
+            /// buffer that [`ABORTS`](crate::environment::reference::ABORTS) names, or
+            /// [`NO_PLACE`](crate::abort::NO_PLACE), which helper invocations get.
+            AbortMessage "abort_message" Change;
+            /// `(place: i32) -> ()`: the message at a place is complete, and the device is to stop.
+            Abort "abort" Change;
             /// `(vertex: i32, starts: i32, words…) -> ()`: the outputs of the vertex of that
             /// number, counted from 0, which the invocation emits; each word i32 or f32. `starts`:
             /// 1 for the first vertex of a strip, else 0, plus twice the number of the stream. A

@@ -239,6 +239,8 @@ fn check_other(
             )?;
             gives(&[])
         }
+        Op::AbortMessage => takes(&[I32]).and_then(|()| gives(&[I32])),
+        Op::Abort => takes(&[I32]).and_then(|()| gives(&[])),
         Op::IsHelper => takes(&[]).and_then(|()| gives(&[I1])),
         Op::MemoryBarrier | Op::Barrier | Op::BarrierArrive | Op::BarrierWait | Op::Demote => {
             takes(&[]).and_then(|()| gives(&[]))

@@ -21,7 +21,7 @@ use super::values::{Place, Pointer, Val};
 use super::{Lowerer, budget};
 use crate::Error;
 use crate::ir::{self, Body, FunctionId, Label, Node, Type, Value};
-use crate::parse::{Id, Instruction};
+use crate::parse::{Id, Instruction, newer};
 
 /// Instructions from which on a function with several call sites is not lowered in place.
 const LARGE: usize = 400;
@@ -230,6 +230,8 @@ impl Lowerer<'_> {
                     | Op::TerminateRayNV
                     | Op::Kill
                     | Op::TerminateInvocation => {
+                        // An abort ends the invocation of every stage, with its outputs.
+                        summary.yields |= module.written_opcode(instruction) == newer::ABORT;
                         summary.variables.extend(self.output_variable());
                     }
                     _ => {}

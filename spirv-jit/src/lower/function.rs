@@ -15,7 +15,7 @@ use super::{Lowerer, budget};
 use crate::Error;
 use crate::ir::stage::Stage;
 use crate::ir::{self, Label, Node, Terminator, Type, Value, VariableId};
-use crate::parse::{Block, Function, Id, opcode_name};
+use crate::parse::{Block, Function, Id, newer, opcode_name};
 
 impl<'a> Lowerer<'a> {
     /// Lowers the entry; returns the outermost body's terminator.
@@ -443,6 +443,9 @@ impl<'a> Lowerer<'a> {
                 }
             }
             Op::Unreachable => Ok(Terminator::Unreachable),
+            Op::TerminateInvocation if self.module.written_opcode(terminator) == newer::ABORT => {
+                self.lower_abort(operands)
+            }
             Op::Kill | Op::TerminateInvocation => {
                 if self.request.stage == Stage::Fragment {
                     self.b.emit_effect(ir::Op::Demote, &[])?;

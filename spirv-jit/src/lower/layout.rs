@@ -4,7 +4,7 @@
 use rspirv::spirv::Decoration;
 
 use super::constants::Constants;
-use super::types::{TypeKind, Types, is_physical};
+use super::types::{MAX_ROWS, TypeKind, Types, is_physical};
 use super::values::Shape;
 use crate::Error;
 use crate::ir::Type;
@@ -102,6 +102,46 @@ impl Layout<'_> {
             false => info.packed,
         };
         natural.ok_or_else(no_layout)
+    }
+
+    /// Bytes from the beginning of a value in memory to the end of its last scalar; `u64::MAX` for
+    /// values of more scalars than [`MAX_ROWS`].
+    pub fn extent(&self, id: Id, shape: Shape) -> Result<u64, Error> {
+        if self.types.leaf_count(id) > MAX_ROWS {
+            return Ok(u64::MAX);
+        }
+        let mut end = 0u64;
+        let mut work = vec![(id, shape, 0u64)];
+        while let Some((id, shape, at)) = work.pop() {
+            // The last of some equal parts lies behind the others.
+            let last = |count: u32, stride: u64| {
+                at.saturating_add(u64::from(count.saturating_sub(1)).saturating_mul(stride))
+            };
+            match self.types.kind(id)? {
+                _ if self.types.leaf_count(id) == 0 => {}
+                TypeKind::Array { element, count } => {
+                    work.push((*element, shape, last(*count, self.array_stride(id)?)));
+                }
+                TypeKind::Struct { members } => {
+                    for (index, &member) in members.iter().enumerate() {
+                        let offset = self.member_offset(id, index as u32)?;
+                        let shape = self.member_shape(id, index as u32);
+                        work.push((member, shape, at.saturating_add(offset)));
+                    }
+                }
+                _ => {
+                    for (ty, offset) in self.leaves(id, shape)? {
+                        let size = match ty {
+                            // A word.
+                            Type::I1 => 4,
+                            ty => u64::from(ty.size_bytes()),
+                        };
+                        end = end.max(at.saturating_add(offset).saturating_add(size));
+                    }
+                }
+            }
+        }
+        Ok(end)
     }
 
     /// The scalars of a value in memory with their byte offsets, in the order of [`Types::leaves`].

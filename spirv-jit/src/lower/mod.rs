@@ -14,6 +14,7 @@
 
 #![forbid(unsafe_code)]
 
+mod abort;
 mod arithmetic;
 mod atomic;
 mod barrier;

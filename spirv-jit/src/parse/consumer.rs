@@ -77,8 +77,11 @@ fn check_instruction(
             Ok(head) => return Ok((entry.opcode, head)),
             Err(stop) => stop,
         },
-        None => match constant_data(opcode, known) {
-            Some(data) => return Ok(data),
+        None => match newer_instruction(opcode, known) {
+            Some((stands_for, head)) => {
+                uses.extend(&known[head.words as usize..][..ids(stands_for)]);
+                return Ok((stands_for, head));
+            }
             None => Stop::Refused,
         },
     };
@@ -101,13 +104,22 @@ fn check_instruction(
     })
 }
 
-/// A constant of `SPV_KHR_constant_data`: a type, a result and words.
-fn constant_data(opcode: u32, operands: &[u32]) -> Option<(Op, Head)> {
+/// An instruction that is newer than the bindings: the opcode that it is parsed as, and its head.
+fn newer_instruction(opcode: u32, operands: &[u32]) -> Option<(Op, Head)> {
     let stands_for = match opcode {
         newer::CONSTANT_DATA => Op::Constant,
         newer::SPEC_CONSTANT_DATA => Op::SpecConstant,
+        newer::ABORT if operands.len() == 2 => {
+            let head = Head {
+                result_type: 0,
+                result: 0,
+                words: 0,
+            };
+            return Some((Op::TerminateInvocation, head));
+        }
         _ => return None,
     };
+    // A type, a result and words.
     let &[result_type, result, ..] = operands else {
         return None;
     };
@@ -117,6 +129,14 @@ fn constant_data(opcode: u32, operands: &[u32]) -> Option<(Op, Head)> {
         words: 2,
     };
     Some((stands_for, head))
+}
+
+/// Ids behind the head of such an instruction.
+fn ids(stands_for: Op) -> usize {
+    match stands_for {
+        Op::TerminateInvocation => 2,
+        _ => 0,
+    }
 }
 
 /// Keeps the only instruction of a module.

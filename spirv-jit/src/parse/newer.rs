@@ -9,6 +9,9 @@ pub const CONSTANT_DATA: u32 = 5147;
 /// `OpSpecConstantDataKHR`, parsed as an `OpSpecConstant`.
 pub const SPEC_CONSTANT_DATA: u32 = 5148;
 
+/// `OpAbortKHR`, parsed as an `OpTerminateInvocation` with two ids.
+pub const ABORT: u32 = 5121;
+
 macro_rules! capabilities {
     ($($(#[$doc:meta])* $name:ident = $number:literal;)*) => {
         /// Capabilities that the bindings lack.
@@ -33,6 +36,8 @@ macro_rules! capabilities {
 }
 
 capabilities! {
+    /// `SPV_KHR_abort`.
+    AbortKHR = 5120;
     /// `SPV_KHR_constant_data`.
     ConstantDataKHR = 5146;
     /// `SPV_KHR_opacity_micromap`.

@@ -12,7 +12,7 @@ pub fn note_effects(module: &mut Module) {
         function.body.visit_insts(&mut |inst| match &inst.op {
             Op::Demote => facts.discards = true,
             Op::Store(access) => facts.writes_memory |= access.space != Space::Private,
-            Op::Atomic(..) | Op::DebugPrintf(_) => facts.writes_memory = true,
+            Op::Atomic(..) | Op::DebugPrintf(_) | Op::AbortMessage => facts.writes_memory = true,
             Op::Image(image) => facts.writes_memory |= !image.is_read(),
             _ => {}
         });

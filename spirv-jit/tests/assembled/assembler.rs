@@ -9,7 +9,7 @@ use rspirv::spirv::{
 /// A module that is being written.
 pub struct Assembler {
     next_id: u32,
-    capabilities: Vec<Capability>,
+    capabilities: Vec<u32>,
     imports: Vec<u32>,
     annotations: Vec<u32>,
     globals: Vec<u32>,
@@ -46,7 +46,7 @@ impl Assembler {
     pub fn new() -> Self {
         let mut new = Self {
             next_id: 1,
-            capabilities: vec![Capability::Shader],
+            capabilities: vec![Capability::Shader as u32],
             imports: Vec::new(),
             annotations: Vec::new(),
             globals: Vec::new(),
@@ -102,7 +102,12 @@ impl Assembler {
     }
 
     pub fn capability(&mut self, capability: Capability) {
-        self.capabilities.push(capability);
+        self.newer_capability(capability as u32);
+    }
+
+    /// A capability that is newer than the bindings.
+    pub fn newer_capability(&mut self, number: u32) {
+        self.capabilities.push(number);
     }
 
     pub fn decorate(&mut self, id: u32, decoration: Decoration, operands: &[u32]) {
@@ -219,6 +224,12 @@ impl Assembler {
         put(&mut self.body, op, operands);
     }
 
+    /// An instruction without a result that is newer than the bindings.
+    pub fn act_newer(&mut self, opcode: u32, operands: &[u32]) {
+        (self.body).push((operands.len() as u32 + 1) << 16 | opcode);
+        self.body.extend_from_slice(operands);
+    }
+
     /// An instruction with a result.
     pub fn make(&mut self, ty: u32, op: Op, operands: &[u32]) -> u32 {
         let id = self.id();
@@ -268,7 +279,7 @@ impl Assembler {
         self.act(Op::FunctionEnd, &[]);
         let mut words = vec![rspirv::spirv::MAGIC_NUMBER, 0x0001_0600, 0, self.next_id, 0];
         for capability in self.capabilities {
-            put(&mut words, Op::Capability, &[capability as u32]);
+            put(&mut words, Op::Capability, &[capability]);
         }
         words.extend(self.imports);
         let models = [AddressingModel::Logical as u32, MemoryModel::GLSL450 as u32];

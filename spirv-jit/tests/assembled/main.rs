@@ -1,5 +1,6 @@
 //! Modules written instruction by instruction: forms that compilers of GLSL do not make.
 
+mod aborts;
 mod assembler;
 mod bfloat16;
 mod constant_data;

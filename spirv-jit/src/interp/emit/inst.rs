@@ -10,7 +10,7 @@ use crate::interp::kernels::{self, Unpack64, elementwise, fused};
 use crate::interp::machine::{Handler, Instr};
 use crate::interp::operand::Operand;
 use crate::interp::{
-    access, atomics, control, descriptors, images, matrix, memory, prints, subgroup, yields,
+    aborts, access, atomics, control, descriptors, images, matrix, memory, prints, subgroup, yields,
 };
 use crate::ir::op::{Access, AtomicOp, MAX_TABLE_RESULTS, MatrixProduct, Signature};
 use crate::ir::stage::Stage;
@@ -129,6 +129,8 @@ impl Emitter<'_> {
                     ..emit
                 }
             }
+            Op::AbortMessage => plain(aborts::abort_message, 0),
+            Op::Abort => plain(aborts::abort, inst.source),
             Op::Demote => plain(control::demote, 0),
             Op::IsHelper => plain(control::is_helper, 0),
             Op::DebugPrintf(table) => return self.emit_print(*table, inst),
