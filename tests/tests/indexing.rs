@@ -139,10 +139,11 @@ fn addresses_reach_past_4_gib() {
         "layout(local_size_x = 10) in;
         layout(set = 0, binding = 0, std430) readonly buffer Indices {{ uint indices[]; }};
         layout(set = 0, binding = 1, std430) buffer Results {{ uvec4 results[]; }};
-        layout(buffer_reference, std430) buffer Data {{ uvec4 data[]; }};
+        layout(buffer_reference, std430) buffer Elements {{ uvec4 element[]; }};
         void main() {{
             uint k = gl_LocalInvocationIndex, i = indices[k];
-            if (i < 0x18000000u) results[k] = Data({}ul).data[i];
+            Elements elements = Elements({}ul);
+            if (i < 0x18000000u) results[k] = elements.element[i];
         }}",
         buffer.address
     );
