@@ -235,7 +235,7 @@ fn images_and_samplers_are_replayed() {
         assert_eq!(capture(picture), *data);
     }
 
-    // What the descriptors lead to is the new images.
+    // The descriptors lead to the new images.
     gpu.upload(&pictures[0].picture, 0, &[[1.5f32; 64], [2.5; 64]].concat());
     let results = gpu.buffer(16);
     it.put_buffer(1, Ty::STORAGE_BUFFER, &results);

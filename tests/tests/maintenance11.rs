@@ -277,7 +277,7 @@ fn images_are_made_with_flags_of_64_bits() {
     let mut info = flat_info(RGBA, 4, 4);
     info.p_next = (&raw const flags).cast();
     let handle = gpu.image(&info);
-    // What a description alone needs is what the image needs.
+    // A description alone has the requirements of the image.
     let described = vk::DeviceImageMemoryRequirements::default().create_info(&info);
     let mut needs = vk::MemoryRequirements2::default();
     // SAFETY: the structures outlive the calls.
