@@ -125,11 +125,16 @@ pub enum Component {
     U8,
     S32,
     U32,
+    /// A float of 8 bits, 3 of them fraction, without infinities, as an i8: matrices in memory have
+    /// such, values do not.
+    E4M3,
+    /// A float of 8 bits, 2 of them fraction: the high half of a 16-bit float, as an i8.
+    E5M2,
 }
 
 impl Component {
     /// All kinds.
-    pub const ALL: [Component; 7] = [
+    pub const ALL: [Component; 9] = [
         Component::F16,
         Component::BFloat16,
         Component::F32,
@@ -137,6 +142,8 @@ impl Component {
         Component::U8,
         Component::S32,
         Component::U32,
+        Component::E4M3,
+        Component::E5M2,
     ];
 
     /// The type of values that hold such components.
@@ -145,14 +152,19 @@ impl Component {
             Component::F16 => Type::F16,
             Component::BFloat16 => Type::I16,
             Component::F32 => Type::F32,
-            Component::S8 | Component::U8 => Type::I8,
+            Component::S8 | Component::U8 | Component::E4M3 | Component::E5M2 => Type::I8,
             Component::S32 | Component::U32 => Type::I32,
         }
     }
 
     /// A float, not an integer.
     pub const fn is_float(self) -> bool {
-        matches!(self, Component::F16 | Component::BFloat16 | Component::F32)
+        self.is_float8() || matches!(self, Component::F16 | Component::BFloat16 | Component::F32)
+    }
+
+    /// A float of 8 bits.
+    pub const fn is_float8(self) -> bool {
+        matches!(self, Component::E4M3 | Component::E5M2)
     }
 }
 
@@ -178,6 +190,9 @@ impl MatrixProduct {
 
     /// Whether there is such a product.
     pub const fn is_valid(&self) -> bool {
+        if self.a.is_float8() || self.b.is_float8() || self.sum.is_float8() {
+            return false;
+        }
         match self.sum {
             Component::S8 | Component::U8 => false,
             Component::S32 | Component::U32 => {
@@ -189,6 +204,56 @@ impl MatrixProduct {
             _ => self.a.is_float() && self.b.is_float() && !self.saturates,
         }
     }
+}
+
+/// A product of a matrix in memory and a vector, plus a vector if it `adds`. Each invocation has
+/// its own vectors, whose components are a value each, and its own place of the matrix.
+///
+/// Floats: a sum begins with the added component, else with 0, and goes on with the products, those
+/// of the first column first. Each product and each sum is rounded to f32, the last sum to the type
+/// of the results. Integers: the exact sum, wrapped to 32 bits.
+///
+/// The matrix lies in lines, its rows or columns, whose elements follow each other. Elements
+/// outside of the memory are zeros.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct VectorProduct {
+    pub matrix: Component,
+    pub vector: Component,
+    /// Of the added vector and of the results.
+    pub sum: Component,
+    /// Lines are columns.
+    pub by_columns: bool,
+    pub adds: bool,
+}
+
+impl VectorProduct {
+    /// Rows and columns that a matrix has at most
+    /// (`VkPhysicalDeviceCooperativeVectorPropertiesNV::maxCooperativeVectorComponents`).
+    pub const MAX_COMPONENTS: usize = 256;
+
+    /// Whether there is such a product.
+    pub const fn is_valid(&self) -> bool {
+        use Component::{E4M3, E5M2, F16, F32, S8, S32, U8, U32};
+        match self.matrix {
+            F16 | F32 | E4M3 | E5M2 => {
+                matches!(self.vector, F16 | F32) && matches!(self.sum, F16 | F32)
+            }
+            S8 | U8 => matches!(self.vector, S8 | U8) && matches!(self.sum, S32 | U32),
+            _ => false,
+        }
+    }
+
+    /// Whether each product of two components is an f32.
+    pub const fn is_exact(&self) -> bool {
+        !matches!(self.matrix, Component::F32) && !matches!(self.vector, Component::F32)
+    }
+}
+
+/// Bytes from a line of a matrix to the next in the layouts that are the implementation's: rows of
+/// whole sixteens of elements (`VK_COOPERATIVE_VECTOR_MATRIX_LAYOUT_INFERENCING_OPTIMAL_NV` and
+/// `…_TRAINING_OPTIMAL_NV`, which are the same).
+pub const fn optimal_stride_bytes(columns: u64, element_bytes: u64) -> u64 {
+    (columns.div_ceil(16) * 16).saturating_mul(element_bytes)
 }
 
 /// How a ray is traced.

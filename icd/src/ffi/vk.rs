@@ -38,6 +38,28 @@ macro_rules! structures {
 /// `VK_COMPONENT_TYPE_BFLOAT16_KHR`.
 pub const COMPONENT_TYPE_BFLOAT16_KHR: ComponentTypeKHR = ComponentTypeKHR::from_raw(1_000_141_000);
 
+/// `VK_COMPONENT_TYPE_SINT8_PACKED_NV`.
+pub const COMPONENT_TYPE_SINT8_PACKED_NV: ComponentTypeKHR =
+    ComponentTypeKHR::from_raw(1_000_491_000);
+/// `VK_COMPONENT_TYPE_UINT8_PACKED_NV`.
+pub const COMPONENT_TYPE_UINT8_PACKED_NV: ComponentTypeKHR =
+    ComponentTypeKHR::from_raw(1_000_491_001);
+/// `VK_COMPONENT_TYPE_FLOAT_E4M3_NV`.
+pub const COMPONENT_TYPE_FLOAT_E4M3_NV: ComponentTypeKHR =
+    ComponentTypeKHR::from_raw(1_000_491_002);
+/// `VK_COMPONENT_TYPE_FLOAT_E5M2_NV`.
+pub const COMPONENT_TYPE_FLOAT_E5M2_NV: ComponentTypeKHR =
+    ComponentTypeKHR::from_raw(1_000_491_003);
+
+/// `VkCooperativeVectorMatrixLayoutNV`.
+#[repr(transparent)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct CooperativeVectorMatrixLayoutNV(pub i32);
+
+impl CooperativeVectorMatrixLayoutNV {
+    pub const COLUMN_MAJOR: Self = Self(1);
+}
+
 /// `VK_DYNAMIC_STATE_DEPTH_CLAMP_RANGE_EXT`.
 pub const DYNAMIC_STATE_DEPTH_CLAMP_RANGE_EXT: DynamicState = DynamicState::from_raw(1_000_582_000);
 
@@ -119,6 +141,39 @@ structures! {
     /// `VK_EXT_shader_replicated_composites`.
     PhysicalDeviceShaderReplicatedCompositesFeaturesEXT 1_000_564_000 *mut c_void {
         shader_replicated_composites: Bool32,
+    }
+    /// `VK_NV_cooperative_vector`.
+    PhysicalDeviceCooperativeVectorFeaturesNV 1_000_491_000 *mut c_void {
+        cooperative_vector: Bool32,
+        cooperative_vector_training: Bool32,
+    }
+    PhysicalDeviceCooperativeVectorPropertiesNV 1_000_491_001 *mut c_void {
+        cooperative_vector_supported_stages: ShaderStageFlags,
+        cooperative_vector_training_float16_accumulation: Bool32,
+        cooperative_vector_training_float32_accumulation: Bool32,
+        max_cooperative_vector_components: u32,
+    }
+    CooperativeVectorPropertiesNV 1_000_491_002 *mut c_void {
+        input_type: ComponentTypeKHR,
+        input_interpretation: ComponentTypeKHR,
+        matrix_interpretation: ComponentTypeKHR,
+        bias_interpretation: ComponentTypeKHR,
+        result_type: ComponentTypeKHR,
+        transpose: Bool32,
+    }
+    ConvertCooperativeVectorMatrixInfoNV 1_000_491_004 *const c_void {
+        src_size: usize,
+        src_data: DeviceOrHostAddressConstKHR,
+        p_dst_size: *mut usize,
+        dst_data: DeviceOrHostAddressKHR,
+        src_component_type: ComponentTypeKHR,
+        dst_component_type: ComponentTypeKHR,
+        num_rows: u32,
+        num_columns: u32,
+        src_layout: CooperativeVectorMatrixLayoutNV,
+        src_stride: usize,
+        dst_layout: CooperativeVectorMatrixLayoutNV,
+        dst_stride: usize,
     }
     /// `VK_KHR_shader_bfloat16`.
     PhysicalDeviceShaderBfloat16FeaturesKHR 1_000_141_000 *mut c_void {
@@ -882,6 +937,15 @@ functions! {
     PFN_vkCmdSetPrimitiveRestartIndexEXT(CommandBuffer, u32);
     PFN_vkCmdSetDepthClampRangeEXT(CommandBuffer, i32, *const DepthClampRangeEXT);
     PFN_vkCmdCopyImageToMemoryKHR(CommandBuffer, *const CopyDeviceMemoryImageInfoKHR<'_>);
+    PFN_vkCmdConvertCooperativeVectorMatrixNV(
+        CommandBuffer, u32, *const ConvertCooperativeVectorMatrixInfoNV<'_>
+    );
+    PFN_vkConvertCooperativeVectorMatrixNV(
+        Device, *const ConvertCooperativeVectorMatrixInfoNV<'_>
+    ) -> Result;
+    PFN_vkGetPhysicalDeviceCooperativeVectorPropertiesNV(
+        PhysicalDevice, *mut u32, *mut CooperativeVectorPropertiesNV<'_>
+    ) -> Result;
     PFN_vkCmdCopyMemoryIndirectKHR(CommandBuffer, *const CopyMemoryIndirectInfoKHR<'_>);
     PFN_vkCmdCopyMemoryToImageIndirectKHR(CommandBuffer, *const CopyMemoryToImageIndirectInfoKHR<'_>);
     PFN_vkCmdCopyMemoryKHR(CommandBuffer, *const CopyDeviceMemoryInfoKHR<'_>);

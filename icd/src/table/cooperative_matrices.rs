@@ -42,6 +42,8 @@ fn component(component: Component) -> vk::ComponentTypeKHR {
         Component::U8 => Type::UINT8,
         Component::S32 => Type::SINT32,
         Component::U32 => Type::UINT32,
+        Component::E4M3 => vk::COMPONENT_TYPE_FLOAT_E4M3_NV,
+        Component::E5M2 => vk::COMPONENT_TYPE_FLOAT_E5M2_NV,
     }
 }
 

@@ -10,6 +10,7 @@
 mod convert;
 mod fast;
 mod float;
+pub mod float8;
 mod int;
 pub mod matrix;
 pub(crate) mod narrow;

@@ -3,7 +3,7 @@
 use images::ImageOp;
 
 use super::operand::Operand;
-use crate::ir::op::{AtomicOp, MatrixProduct, SubgroupOp};
+use crate::ir::op::{AtomicOp, MatrixProduct, SubgroupOp, VectorProduct};
 use crate::ir::{Space, Type};
 use crate::plan::Live;
 use crate::printf::Message;
@@ -45,6 +45,18 @@ pub(super) struct ProductPlan {
     pub product: MatrixProduct,
     /// First of the operands.
     pub operands: u32,
+}
+
+/// A product of a matrix in memory and a vector: its operands are the address, the stride, the
+/// vector, the added sums if there are any, and the results.
+#[derive(Clone, Copy)]
+pub(super) struct VectorPlan {
+    pub product: VectorProduct,
+    pub space: Space,
+    /// First of the operands.
+    pub operands: u32,
+    pub rows: u32,
+    pub columns: u32,
 }
 
 /// An image operation: descriptor operands, then the rest with their types, then results.

@@ -12,7 +12,7 @@ use lanes::{AlignedRow, LaneMask};
 
 use super::code::{
     AccessPlan, AtomicPlan, ImagePlan, LoopPlan, PhysicalAccess, Place, PrintPlan, ProductPlan,
-    Remade, Return, Saved, SubgroupPlan,
+    Remade, Return, Saved, SubgroupPlan, VectorPlan,
 };
 use super::operand::Operand;
 use crate::SUBGROUP_SIZE;
@@ -57,6 +57,7 @@ pub(crate) struct Code {
     pub(super) bindings: Vec<DescriptorBinding>,
     pub(super) subgroups: Vec<SubgroupPlan>,
     pub(super) products: Vec<ProductPlan>,
+    pub(super) vector_products: Vec<VectorPlan>,
     pub(super) images: Vec<ImagePlan>,
     pub(super) prints: Vec<PrintPlan>,
     /// As many as the plan keeps, in the same order.

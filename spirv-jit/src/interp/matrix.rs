@@ -81,13 +81,24 @@ impl<V: Vector + 'static, const SUMS: usize> Kernel for Product<V, SUMS> {
 
 /// A row of components as f32.
 #[inline(always)]
-fn widen<V: Vector>(v: V, component: Component, row: &Row) -> V::F {
+pub(super) fn widen<V: Vector>(v: V, component: Component, row: &Row) -> V::F {
     let words = v.load_i(row);
     match component {
         Component::F16 => v.quiet_half_to_f(words),
         Component::BFloat16 => v.bits_to_f(v.left_i(words, 16)),
         Component::S8 => v.to_f(v.right_i(v.left_i(words, 24), 24)),
         Component::U8 => v.to_f(words),
+        Component::E5M2 => v.quiet_half_to_f(v.left_i(words, 8)),
+        Component::E4M3 => {
+            // As in `float8`.
+            let magnitude = v.and_i(words, v.splat_i(0x7f));
+            let sign = v.left_i(v.and_i(words, v.splat_i(0x80)), 8);
+            let half = v.or_i(sign, v.left_i(magnitude, 7));
+            let number = v.mul(v.quiet_half_to_f(half), v.splat(256.0));
+            let is_number = v.ne_i(magnitude, v.splat_i(0x7f));
+            let nan = v.splat_i(f32::NAN.to_bits() as i32);
+            v.bits_to_f(v.select(is_number, v.bits_of(number), nan))
+        }
         _ => v.bits_to_f(words),
     }
 }

@@ -6,7 +6,8 @@
 //!
 //! * [`machine`]: a running wave; [`tier`]: instruction sets; [`kernels`]: pure operations;
 //!   [`access`] by [`gather`], [`memory`], [`descriptors`], [`atomics`], [`subgroup`], [`matrix`],
-//!   [`images`]: the others; [`control`]: masks and jumps; [`yields`]: suspending and resuming.
+//!   [`vector_product`], [`images`]: the others; [`control`]: masks and jumps; [`yields`]:
+//!   suspending and resuming.
 
 mod aborts;
 mod access;
@@ -30,6 +31,7 @@ mod slots;
 mod subgroup;
 mod tier;
 pub mod tinted;
+mod vector_product;
 mod yields;
 
 #[cfg(test)]

@@ -37,6 +37,15 @@ impl Region {
         // SAFETY: the access is inside the region.
         (end <= self.size_bytes).then(|| unsafe { self.base.add(first as usize) })
     }
+
+    /// The same without wrapping, for what lies within so many bytes of the offset.
+    #[inline(always)]
+    pub(super) fn bytes(&self, skip: u64, size_bytes: usize) -> Option<*const u8> {
+        let first = self.offset.checked_add(skip)?;
+        let end = first.checked_add(size_bytes as u64)?;
+        // SAFETY: the access is inside the region.
+        (end <= self.size_bytes).then(|| unsafe { self.base.add(first as usize).cast_const() })
+    }
 }
 
 /// The memory that one lane's address operands mean; not for private memory.

@@ -4,7 +4,9 @@
 use super::{FunctionId, VariableId};
 use crate::facts::Fact;
 
-pub use crate::types::{Component, MatrixProduct, Trace, Type};
+pub use crate::types::{
+    Component, MatrixProduct, Trace, Type, VectorProduct, optimal_stride_bytes,
+};
 pub use images::AtomicOp;
 
 /// Where a memory access goes: see the table in the [module's prose](super).
@@ -339,6 +341,10 @@ macro_rules! define_ops {
             /// `(a…, b…, c…) -> (a·b + c…)`: a product of matrices, each value a row:
             /// see [`MatrixProduct`].
             MatrixProduct(MatrixProduct) "matrix_product" Read;
+            /// `(address…, stride: i32, vector…, sums…) -> (sums…)`: the product of a matrix at an
+            /// address, whose lines are so many bytes apart, and a vector; sums are operands where
+            /// the product adds: see [`VectorProduct`].
+            VectorProduct(VectorProduct, Space) "vector_product" Read;
             /// `(key words…, argument words…) -> ()`: adds a message to the dispatch's
             /// [`Prints`](crate::printf::Prints). The table holds the
             /// [`Message`](crate::printf::Message); the key is as [`key`](super::stage::Stage::key)
@@ -552,6 +558,7 @@ impl Op {
             Op::Load(access) | Op::Store(access) | Op::Atomic(_, access) => {
                 access.space.is_buffer() as usize
             }
+            Op::VectorProduct(_, space) => (*space == Space::Buffer) as usize,
             Op::BufferSize | Op::DescriptorAddress => 1,
             Op::Image(image) => 1 + image.has_sampler() as usize,
             _ => 0,

@@ -4,6 +4,7 @@ use images::{Dim, ImageOp, ImageOpKind, LodMode};
 
 use super::op::{
     Access, AtomicOp, Component, MAX_TABLE_RESULTS, MatrixProduct, Signature, Space, SubgroupOp,
+    VectorProduct,
 };
 use super::{Function, Inst, Module, Op, Type, VariableId};
 use crate::hit_object::{IDENTITY, TRACED, word};
@@ -226,6 +227,7 @@ fn check_other(
         Op::Image(image) => check_image(image, args, results),
         Op::Subgroup(kind) => check_subgroup(*kind, args, results),
         Op::MatrixProduct(product) => check_product(product, args, results),
+        Op::VectorProduct(product, space) => check_vector_product(product, *space, args, results),
         Op::DerivativeX | Op::DerivativeY => {
             gives_one()?;
             require(results[0].is_float(), "not a float")?;
@@ -442,6 +444,30 @@ fn check_product(product: &MatrixProduct, args: &[Type], results: &[Type]) -> Ch
             .into_iter()
             .all(&mut next_are)
         && matrices.next().is_none()
+        && are(results, product.sum);
+    require(holds, "wrong operands or results of a product")
+}
+
+fn check_vector_product(
+    product: &VectorProduct,
+    space: Space,
+    args: &[Type],
+    results: &[Type],
+) -> Checked {
+    let has_matrices = matches!(space, Space::Buffer | Space::Global);
+    require(has_matrices, "no matrix lies in that memory")?;
+    let vectors = args.strip_prefix(address_types(space));
+    let vectors = vectors.and_then(|rest| rest.strip_prefix(&[Type::I32]));
+    let added = if product.adds { results.len() } else { 0 };
+    let columns = vectors.map_or(0, |rest| rest.len().saturating_sub(added));
+    let is_count = |count: usize| (1..=VectorProduct::MAX_COMPONENTS).contains(&count);
+    let are = |values: &[Type], component: Component| values.iter().all(|&v| v == component.ty());
+    let holds = product.is_valid()
+        && is_count(columns)
+        && is_count(results.len())
+        && vectors.is_some_and(|rest| {
+            are(&rest[..columns], product.vector) && are(&rest[columns..], product.sum)
+        })
         && are(results, product.sum);
     require(holds, "wrong operands or results of a product")
 }

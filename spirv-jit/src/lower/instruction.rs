@@ -32,6 +32,10 @@ impl Lowerer<'_> {
             | Op::CooperativeMatrixStoreKHR
             | Op::CooperativeMatrixMulAddKHR
             | Op::CooperativeMatrixLengthKHR => self.lower_cooperative_matrix(instruction),
+            Op::CooperativeVectorLoadNV
+            | Op::CooperativeVectorStoreNV
+            | Op::CooperativeVectorMatrixMulNV
+            | Op::CooperativeVectorMatrixMulAddNV => self.lower_cooperative_vector(instruction),
             Op::BufferPointerEXT => self.lower_buffer_pointer(instruction),
             Op::ArrayLength | Op::UntypedArrayLengthKHR => self.lower_array_length(instruction),
             Op::CopyObject | Op::ExpectKHR => {

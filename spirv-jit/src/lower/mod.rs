@@ -29,6 +29,7 @@ mod composite;
 mod constants;
 mod convert;
 mod cooperative_matrix;
+mod cooperative_vector;
 mod debug_printf;
 mod define_constant;
 mod derivative;
@@ -252,8 +253,13 @@ impl<'a> Lowerer<'a> {
         lowerer.types.query_rows = Self::query_rows(&lowerer.query_words);
         lowerer.types.has_wide_offsets = lowerer.indexes_in_64_bits();
         let mut capabilities = module.capabilities.iter();
-        lowerer.types.has_long_vectors =
-            capabilities.any(|&(capability, _)| capability == Capability::LongVectorEXT);
+        // A cooperative vector is a long one.
+        lowerer.types.has_long_vectors = capabilities.any(|&(capability, _)| {
+            matches!(
+                capability,
+                Capability::LongVectorEXT | Capability::CooperativeVectorNV
+            )
+        });
         lowerer.declare_globals()?;
         lowerer.allow_long_vectors();
         Ok(lowerer)

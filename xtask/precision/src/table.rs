@@ -139,6 +139,12 @@ sum. Integers are exact: the products and the element of `C` are added, then wra
 with `SaturatingAccumulationKHR`. `OpDot` of bfloat16 sums from the first component on, in f32, and
 rounds once.
 
+A component of `OpCooperativeVectorMatrixMulNV` and `OpCooperativeVectorMatrixMulAddNV` is summed
+in the same way: it begins with the bias, or with 0, and goes on with the products, that of the
+first column first. Products and sums are f32, each rounded by itself; products of floats of 16 and
+8 bits are exact. A 16-bit result is rounded once, from the last sum. Integers are exact, and wrap.
+An input of 16-bit floats that is read as 8-bit floats keeps its 16 bits.
+
 Conversions to bfloat16 round once, to the nearest even number, from every float and from integers
 of up to 32 bits. Integers of 64 bits become an f64 first.
 ";

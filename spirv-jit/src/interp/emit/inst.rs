@@ -4,15 +4,17 @@ use super::{Emitter, instr};
 use crate::Error;
 use crate::interp::code::{
     AccessPlan, AtomicPlan, ImagePlan, PhysicalAccess, PrintPlan, ProductPlan, SubgroupPlan,
+    VectorPlan,
 };
 use crate::interp::fusion::Fused;
 use crate::interp::kernels::{self, Unpack64, elementwise, fused};
 use crate::interp::machine::{Handler, Instr};
 use crate::interp::operand::Operand;
 use crate::interp::{
-    aborts, access, atomics, control, descriptors, images, matrix, memory, prints, subgroup, yields,
+    aborts, access, atomics, control, descriptors, images, matrix, memory, prints, subgroup,
+    vector_product, yields,
 };
-use crate::ir::op::{Access, AtomicOp, MAX_TABLE_RESULTS, MatrixProduct, Signature};
+use crate::ir::op::{Access, AtomicOp, MAX_TABLE_RESULTS, MatrixProduct, Signature, VectorProduct};
 use crate::ir::stage::Stage;
 use crate::ir::{Inst, Op, Space, Type, Value, VariableId};
 use crate::plan::takes_helpers;
@@ -111,6 +113,10 @@ impl Emitter<'_> {
             }
             Op::MatrixProduct(product) => {
                 self.emit_product(*product, inst);
+                return Ok(());
+            }
+            Op::VectorProduct(product, space) => {
+                self.emit_vector_product(*product, *space, inst);
                 return Ok(());
             }
             Op::DerivativeX | Op::DerivativeY => {
@@ -265,13 +271,13 @@ impl Emitter<'_> {
             x: plan,
             ..instr(handler)
         });
-        self.note_physical(place, inst, store);
+        self.note_physical(place.space, inst, store);
         Ok(())
     }
 
     /// Notes the access that was emitted last, for reports of where it led.
-    fn note_physical(&mut self, place: Access, inst: &Inst, writes: bool) {
-        if place.space == Space::Global {
+    fn note_physical(&mut self, space: Space, inst: &Inst, writes: bool) {
+        if space == Space::Global {
             self.code.physical.push(PhysicalAccess {
                 pc: self.code.instrs.len() as u32,
                 source: inst.source,
@@ -310,7 +316,7 @@ impl Emitter<'_> {
             d,
             ..instr(handler)
         });
-        self.note_physical(access, inst, true);
+        self.note_physical(access.space, inst, true);
         Ok(())
     }
 
@@ -323,6 +329,26 @@ impl Emitter<'_> {
             x: plan,
             ..instr(matrix::handler(self.tier))
         });
+    }
+
+    fn emit_vector_product(&mut self, product: VectorProduct, space: Space, inst: &Inst) {
+        let operands = self.list(&inst.args);
+        self.list(&inst.results);
+        let rows = inst.results.len();
+        let added = if product.adds { rows } else { 0 };
+        let plan = self.code.vector_products.len() as u32;
+        self.code.vector_products.push(VectorPlan {
+            product,
+            space,
+            operands,
+            rows: rows as u32,
+            columns: (inst.args.len() - space.address_operands() - 1 - added) as u32,
+        });
+        self.push(Instr {
+            x: plan,
+            ..instr(vector_product::handler(self.tier))
+        });
+        self.note_physical(space, inst, false);
     }
 
     fn emit_print(&mut self, table: u32, inst: &Inst) -> Result<(), Error> {

@@ -132,6 +132,7 @@ fn encode(component: Component, number: i64) -> u32 {
         Component::F32 => float.to_bits(),
         Component::S8 | Component::U8 => u32::from(number as u8),
         Component::S32 | Component::U32 => number as u32,
+        Component::E4M3 | Component::E5M2 => unreachable!("no matrix of a subgroup has such"),
     }
 }
 

@@ -15,6 +15,7 @@ mod numbers;
 mod pairs;
 mod strided;
 mod subgroups;
+mod vector_products;
 mod yields;
 
 use lanes::{AlignedRow, LaneMask, Tier as TierKind};

@@ -4,7 +4,9 @@
 use images::{Dim, LodMode};
 
 use crate::ir::Type;
-use crate::ir::op::{AtomicOp, Component, MatrixProduct, ReduceOp, Space, SubgroupOp};
+use crate::ir::op::{
+    AtomicOp, Component, MatrixProduct, ReduceOp, Space, SubgroupOp, VectorProduct,
+};
 use crate::ir::stage::{Builtin, Stage};
 
 macro_rules! names {
@@ -76,7 +78,8 @@ names!(LodMode, lod_text, lod_from_text:
     Implicit = "implicit", Bias = "bias", Lod = "lod", Grad = "grad");
 
 names!(Component, component_text, component_from_text:
-    F16 = "f16", BFloat16 = "bfloat16", F32 = "f32", S8 = "s8", U8 = "u8", S32 = "s32", U32 = "u32");
+    F16 = "f16", BFloat16 = "bfloat16", F32 = "f32", S8 = "s8", U8 = "u8", S32 = "s32", U32 = "u32",
+    E4M3 = "e4m3", E5M2 = "e5m2");
 
 /// The contents of a product's brackets.
 pub fn product_text(product: &MatrixProduct) -> String {
@@ -101,6 +104,37 @@ pub fn product_from_text(words: &[&str]) -> Option<MatrixProduct> {
             ["saturating"] => true,
             _ => return None,
         },
+    })
+}
+
+/// The contents of the brackets of a product with a vector.
+pub fn vector_product_text(product: &VectorProduct) -> String {
+    let [matrix, vector, sum] = [product.matrix, product.vector, product.sum].map(component_text);
+    let by_columns = if product.by_columns {
+        ", by_columns"
+    } else {
+        ""
+    };
+    let adds = if product.adds { ", adds" } else { "" };
+    format!("{matrix}, {vector}, {sum}{by_columns}{adds}")
+}
+
+/// The inverse of [`vector_product_text`], the words taken apart.
+pub fn vector_product_from_text(words: &[&str]) -> Option<VectorProduct> {
+    let (&[matrix, vector, sum], rest) = words.split_first_chunk::<3>()?;
+    let (by_columns, adds) = match rest {
+        [] => (false, false),
+        ["by_columns"] => (true, false),
+        ["adds"] => (false, true),
+        ["by_columns", "adds"] => (true, true),
+        _ => return None,
+    };
+    Some(VectorProduct {
+        matrix: component_from_text(matrix)?,
+        vector: component_from_text(vector)?,
+        sum: component_from_text(sum)?,
+        by_columns,
+        adds,
     })
 }
 

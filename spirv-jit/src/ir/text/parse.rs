@@ -596,6 +596,9 @@ impl<'a> Parser<'a> {
             "image" => image_from_text(rest, &words).map(Op::Image),
             "subgroup" => subgroup_from_text(rest, &words).map(Op::Subgroup),
             "matrix_product" => product_from_text(&words).map(Op::MatrixProduct),
+            "vector_product" => space_from_text(rest)
+                .zip(vector_product_from_text(&words))
+                .map(|(space, product)| Op::VectorProduct(product, space)),
             "hit_object_get" => Fact::from_text(rest).map(Op::HitObjectGet),
             _ if words.is_empty() => Op::from_text(name),
             _ => None,

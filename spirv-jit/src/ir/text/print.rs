@@ -385,6 +385,10 @@ pub fn print_op(op: &Op) -> String {
             (kind, words) => format!("{name}.{kind}[{words}]"),
         },
         Op::MatrixProduct(product) => format!("{name}[{}]", product_text(product)),
+        Op::VectorProduct(product, space) => {
+            let (space, words) = (space_text(*space), vector_product_text(product));
+            format!("{name}.{space}[{words}]")
+        }
         Op::HitObjectGet(fact) => format!("{name}.{}", fact.text()),
         _ => name.into(),
     }

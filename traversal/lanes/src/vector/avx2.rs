@@ -122,6 +122,16 @@ impl Vector for Avx2 {
         }
     }
     #[inline(always)]
+    fn add_exact_product(self, sum: F, a: F, b: F) -> F {
+        // SAFETY: the token.
+        unsafe {
+            [
+                _mm256_fmadd_ps(a[0], b[0], sum[0]),
+                _mm256_fmadd_ps(a[1], b[1], sum[1]),
+            ]
+        }
+    }
+    #[inline(always)]
     fn div_units(self, a: F, divisor: f32) -> F {
         let (d, r) = (self.splat(divisor), self.splat(1.0 / divisor));
         let q = self.mul(a, r);

@@ -49,6 +49,7 @@ impl Vector for Avx512 {
         fn add(a: F, b: F) -> F = _mm512_add_ps(a, b);
         fn sub(a: F, b: F) -> F = _mm512_sub_ps(a, b);
         fn mul(a: F, b: F) -> F = _mm512_mul_ps(a, b);
+        fn add_exact_product(sum: F, a: F, b: F) -> F = _mm512_fmadd_ps(a, b, sum);
         fn div_units(a: F, divisor: f32) -> F = {
             let (d, r) = (_mm512_set1_ps(divisor), _mm512_set1_ps(1.0 / divisor));
             let quotient = _mm512_mul_ps(a, r);

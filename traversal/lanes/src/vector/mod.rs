@@ -119,6 +119,8 @@ pub trait Vector: Copy {
     fn add(self, a: Self::F, b: Self::F) -> Self::F;
     fn sub(self, a: Self::F, b: Self::F) -> Self::F;
     fn mul(self, a: Self::F, b: Self::F) -> Self::F;
+    /// `sum + a * b`, where an `f32` holds the product exactly: fused or not, the bits are equal.
+    fn add_exact_product(self, sum: Self::F, a: Self::F, b: Self::F) -> Self::F;
     /// `a / divisor`, for a divisor of 255 or 65535 and `a` between 0 and `divisor + 1`. Correctly
     /// rounded, though no division where there are fused multiply-adds: that was checked for every
     /// such `a`.

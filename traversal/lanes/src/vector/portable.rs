@@ -81,6 +81,10 @@ impl Vector for Portable {
         zip(&a, &b, |x, y| x * y)
     }
     #[inline(always)]
+    fn add_exact_product(self, sum: F, a: F, b: F) -> F {
+        self.add(sum, self.mul(a, b))
+    }
+    #[inline(always)]
     fn div_units(self, a: F, divisor: f32) -> F {
         map(&a, |x| x / divisor)
     }

@@ -1,0 +1,343 @@
+//! Products of a matrix in memory and a vector of each lane, on rows.
+//!
+//! [`eval::matrix`](crate::eval::matrix) defines the results. A component of the vector is a row,
+//! and an element of a matrix that lanes share is one number: each step adds a row, times that
+//! number, to a row of sums. Matrices are widened to f32 in tiles of 16 by 16 elements. Every
+//! product of elements of 8 bits, and a sum of 16 such products, is exact in f32.
+//!
+//! Lanes whose matrices lie elsewhere have their turns one after another.
+
+use std::marker::PhantomData;
+
+use lanes::vector::{self, Vector};
+use lanes::{AlignedRow, LaneMask, Row, Tier as TierKind};
+
+use super::code::VectorPlan;
+use super::machine::{Handler, Instr, Machine};
+use super::matrix::widen;
+use super::operand::Operand;
+use super::region::{Region, region};
+use super::tier::{Kernel, Portable, Tier};
+use crate::SUBGROUP_SIZE;
+use crate::ir::Space;
+use crate::ir::op::{Component, VectorProduct};
+
+/// Rows and columns of a tile.
+const TILE: usize = 16;
+
+/// The kernel of products: `x` is the plan.
+pub(super) fn handler(tier: TierKind) -> Handler {
+    match tier {
+        #[cfg(target_arch = "x86_64")]
+        TierKind::Avx2 => super::tier::Avx2::handler::<Product<vector::Avx2, 4>>(),
+        #[cfg(target_arch = "x86_64")]
+        TierKind::Avx512 => super::tier::Avx512::handler::<Product<vector::Avx512, 16>>(),
+        _ => Portable::handler::<Product<vector::Portable, 1>>(),
+    }
+}
+
+/// The operands of a product by their parts.
+struct Parts<'c> {
+    address: &'c [Operand],
+    stride: Operand,
+    vector: &'c [Operand],
+    added: &'c [Operand],
+    results: &'c [Operand],
+}
+
+impl<'c> Parts<'c> {
+    #[inline(always)]
+    fn new(m: &Machine<'c>, plan: &VectorPlan) -> Parts<'c> {
+        let (rows, columns) = (plan.rows as usize, plan.columns as usize);
+        let all = &m.code.operands[plan.operands as usize..];
+        let (address, rest) = all.split_at(plan.space.address_operands());
+        let (vector, rest) = rest[1..].split_at(columns);
+        let (added, rest) = rest.split_at(if plan.product.adds { rows } else { 0 });
+        Parts {
+            address,
+            stride: all[address.len()],
+            vector,
+            added,
+            results: &rest[..rows],
+        }
+    }
+}
+
+/// `SUMS` rows of the results at once: as many as the registers hold, since each sum waits for the
+/// one before it.
+struct Product<V, const SUMS: usize>(PhantomData<V>);
+
+impl<V: Vector + 'static, const SUMS: usize> Kernel for Product<V, SUMS> {
+    #[inline(always)]
+    unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
+        let plan = &m.code.vector_products[i.x as usize];
+        let parts = Parts::new(m, plan);
+        let mut factors = [AlignedRow::default(); VectorProduct::MAX_COMPONENTS];
+        // SAFETY: the tier is the token's; rows are the program's, and those of the results are
+        // not among the others.
+        unsafe {
+            let v = V::new();
+            for &subgroup in m.listed() {
+                for k in 0..parts.vector.len() {
+                    let row = &*m.block::<u32>(parts.vector[k], subgroup);
+                    let factor = widen(v, plan.product.vector, row);
+                    v.store(factor, &mut factors[k].0);
+                }
+                let factors = &factors[..parts.vector.len()];
+                let active = m.active[subgroup as usize];
+                let mut left = active;
+                while !left.is_empty() {
+                    let lane = left.first();
+                    let lanes = lanes_like(m, plan, &parts, (subgroup, lane), left);
+                    let region = region(m, plan.space, parts.address, subgroup, lane);
+                    let matrix = Matrix {
+                        region,
+                        stride_bytes: m.lane(parts.stride, subgroup, lane, false),
+                        product: plan.product,
+                    };
+                    let lanes_written = match lanes == active {
+                        true => LaneMask::ALL,
+                        false => lanes,
+                    };
+                    multiply::<V, SUMS>(v, m, &matrix, &parts, factors, (subgroup, lanes_written));
+                    left -= lanes;
+                }
+            }
+        }
+    }
+}
+
+/// The lanes of some whose matrix is the one of a lane.
+///
+/// # Safety
+/// As [`Kernel::run`]; the lane is one of them.
+#[inline(always)]
+unsafe fn lanes_like(
+    m: &Machine<'_>,
+    plan: &VectorPlan,
+    parts: &Parts<'_>,
+    (subgroup, lane): (u16, usize),
+    among: LaneMask,
+) -> LaneMask {
+    let mut lanes = among;
+    // SAFETY: as the caller promises: an address begins with 64 bits; the rest are 32.
+    unsafe {
+        let (place, rest) = (parts.address[0], &parts.address[1..]);
+        if !place.is_uniform() {
+            let places = &*m.block::<u64>(place, subgroup);
+            lanes &= same(places, lane);
+        }
+        if plan.space == Space::Buffer && !rest[0].is_uniform() {
+            lanes &= same(&*m.block::<u32>(rest[0], subgroup), lane);
+        }
+        if !parts.stride.is_uniform() {
+            lanes &= same(&*m.block::<u32>(parts.stride, subgroup), lane);
+        }
+    }
+    lanes
+}
+
+/// The lanes that have a lane's number.
+#[inline(always)]
+fn same<T: Copy + PartialEq>(numbers: &[T; SUBGROUP_SIZE], lane: usize) -> LaneMask {
+    let number = numbers[lane & (SUBGROUP_SIZE - 1)];
+    let mut bits = 0u16;
+    for (lane, &other) in numbers.iter().enumerate() {
+        bits |= u16::from(other == number) << lane;
+    }
+    LaneMask::from_bits(bits)
+}
+
+/// A matrix that lanes share.
+struct Matrix {
+    region: Region,
+    stride_bytes: u64,
+    product: VectorProduct,
+}
+
+impl Matrix {
+    /// 16 elements of a line as f32, from one on; zeros where memory ends.
+    ///
+    /// # Safety
+    /// The region is one of memory that is alive.
+    #[inline(always)]
+    unsafe fn part<V: Vector>(&self, v: V, line: usize, first: usize) -> V::F {
+        let component = self.product.matrix;
+        let size = component.ty().size_bytes() as usize;
+        let skip = line as u64 * self.stride_bytes + (first * size) as u64;
+        let mut words: Row = [0; TILE];
+        // SAFETY: as many bytes are inside. Others may write them meanwhile, which the memory
+        // model of the shader language forbids the application.
+        unsafe {
+            let copy;
+            let at = match self.region.bytes(skip, TILE * size) {
+                Some(at) => at,
+                None => {
+                    copy = self.copy(skip, size);
+                    copy.as_ptr()
+                }
+            };
+            match size {
+                1 => {
+                    let bytes = at.cast::<[u8; TILE]>().read_unaligned();
+                    for k in 0..TILE {
+                        words[k] = bytes[k].into();
+                    }
+                }
+                2 => {
+                    let halves = at.cast::<[u16; TILE]>().read_unaligned();
+                    for k in 0..TILE {
+                        words[k] = halves[k].into();
+                    }
+                }
+                _ => words = at.cast::<Row>().read_unaligned(),
+            }
+        }
+        widen(v, component, &words)
+    }
+
+    /// The bytes of 16 elements of so many bytes each, of which some are outside.
+    ///
+    /// # Safety
+    /// As [`Self::part`].
+    #[cold]
+    #[inline(never)]
+    unsafe fn copy(&self, skip: u64, size: usize) -> [u8; size_of::<Row>()] {
+        let mut bytes = [0; size_of::<Row>()];
+        for (k, element) in bytes.chunks_exact_mut(size).take(TILE).enumerate() {
+            if let Some(at) = self.region.bytes(skip + (k * size) as u64, size) {
+                // SAFETY: the element is inside.
+                unsafe { element.as_mut_ptr().copy_from_nonoverlapping(at, size) };
+            }
+        }
+        bytes
+    }
+}
+
+/// The product of a matrix and the vectors of some lanes of a subgroup, whose components are
+/// `factors`.
+///
+/// # Safety
+/// As [`Kernel::run`]; the region is as [`Matrix::part`] wants it.
+#[inline(always)]
+unsafe fn multiply<V: Vector, const SUMS: usize>(
+    v: V,
+    m: &Machine<'_>,
+    matrix: &Matrix,
+    parts: &Parts<'_>,
+    factors: &[AlignedRow],
+    (subgroup, lanes): (u16, LaneMask),
+) {
+    let product = &matrix.product;
+    let is_integer = !product.sum.is_float();
+    for top in (0..parts.results.len()).step_by(TILE) {
+        let rows = TILE.min(parts.results.len() - top);
+        let mut sums = [AlignedRow::default(); TILE];
+        // SAFETY: as the caller promises.
+        unsafe {
+            if product.adds {
+                for row in 0..rows {
+                    let added = &*m.block::<u32>(parts.added[top + row], subgroup);
+                    match is_integer {
+                        true => sums[row].0 = *added,
+                        false => v.store(widen(v, product.sum, added), &mut sums[row].0),
+                    }
+                }
+            }
+            let mut left = 0;
+            for factors in factors.chunks(TILE) {
+                let mut tile = [AlignedRow::default(); TILE];
+                match product.by_columns {
+                    true => {
+                        for column in 0..factors.len() {
+                            let part = matrix.part(v, left + column, top);
+                            v.store(part, &mut tile[column].0);
+                        }
+                    }
+                    false => {
+                        for row in 0..rows {
+                            let part = matrix.part(v, top + row, left);
+                            v.store(part, &mut tile[row].0);
+                        }
+                    }
+                }
+                for first in (0..rows).step_by(SUMS) {
+                    let sums = &mut sums[first..first + SUMS];
+                    match (product.by_columns, product.is_exact()) {
+                        (true, true) => {
+                            add::<V, SUMS, true, true>(v, &tile, factors, first, is_integer, sums);
+                        }
+                        (true, false) => {
+                            add::<V, SUMS, true, false>(v, &tile, factors, first, is_integer, sums);
+                        }
+                        (false, true) => {
+                            add::<V, SUMS, false, true>(v, &tile, factors, first, is_integer, sums);
+                        }
+                        (false, false) => {
+                            add::<V, SUMS, false, false>(
+                                v, &tile, factors, first, is_integer, sums,
+                            );
+                        }
+                    }
+                }
+                left += TILE;
+            }
+            for row in 0..rows {
+                let sum = v.load(&sums[row].0);
+                let result = match product.sum {
+                    Component::F16 => v.to_half(sum),
+                    _ => v.bits_of(sum),
+                };
+                let to = &mut *m.block::<u32>(parts.results[top + row], subgroup);
+                let result = match lanes {
+                    LaneMask::ALL => result,
+                    _ => v.select(lanes.bits(), result, v.load_i(to)),
+                };
+                v.store_i(result, to);
+            }
+        }
+    }
+}
+
+/// Adds the products of a tile's rows, from one on, and the factors to rows of sums.
+#[inline(always)]
+fn add<V: Vector, const SUMS: usize, const BY_COLUMNS: bool, const IS_EXACT: bool>(
+    v: V,
+    tile: &[AlignedRow; TILE],
+    factors: &[AlignedRow],
+    first: usize,
+    is_integer: bool,
+    sums: &mut [AlignedRow],
+) {
+    let mut parts = [v.splat(0.0); SUMS];
+    if !is_integer {
+        for k in 0..SUMS {
+            parts[k] = v.load(&sums[k].0);
+        }
+    }
+    let rows = &tile[first..first + SUMS];
+    for step in 0..factors.len() {
+        let factor = v.load(&factors[step].0);
+        let column = &tile[step % TILE].0[first..first + SUMS];
+        for k in 0..SUMS {
+            let element = match BY_COLUMNS {
+                true => column[k],
+                false => rows[k].0[step % TILE],
+            };
+            let element = v.splat(f32::from_bits(element));
+            parts[k] = match IS_EXACT {
+                true => v.add_exact_product(parts[k], element, factor),
+                false => v.add(parts[k], v.mul(element, factor)),
+            };
+        }
+    }
+    for k in 0..SUMS {
+        match is_integer {
+            true => {
+                let sum = v.add_i(v.load_i(&sums[k].0), v.to_i(parts[k]));
+                v.store_i(sum, &mut sums[k].0);
+            }
+            false => v.store(parts[k], &mut sums[k].0),
+        }
+    }
+}
