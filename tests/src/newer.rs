@@ -60,6 +60,12 @@ pub const SHADER_CONSTANT_DATA: &CStr = c"VK_KHR_shader_constant_data";
 /// `VK_KHR_pipeline_binary`.
 pub const PIPELINE_BINARY: &CStr = c"VK_KHR_pipeline_binary";
 
+/// `VK_NV_cooperative_vector`.
+pub const COOPERATIVE_VECTOR: &CStr = c"VK_NV_cooperative_vector";
+
+/// `VK_EXT_shader_replicated_composites`.
+pub const REPLICATED_COMPOSITES: &CStr = c"VK_EXT_shader_replicated_composites";
+
 /// Extensions that a validation layer may be too old for, and the version that knows them: enabled
 /// only without an older layer.
 pub const NEWER: &[(&CStr, u32)] = &[
@@ -105,6 +111,8 @@ pub const NEWER: &[(&CStr, u32)] = &[
     (DEVICE_FAULT, make_api_version(0, 1, 4, 347)),
     (SHADER_ABORT, make_api_version(0, 1, 4, 347)),
     (SHADER_CONSTANT_DATA, make_api_version(0, 1, 4, 347)),
+    (REPLICATED_COMPOSITES, make_api_version(0, 1, 3, 294)),
+    (COOPERATIVE_VECTOR, make_api_version(0, 1, 4, 309)),
     (SHADER_FMA, make_api_version(0, 1, 4, 340)),
     (SHADER_SPLIT_BARRIER, make_api_version(0, 1, 4, 359)),
     (SHADER_LONG_VECTOR, make_api_version(0, 1, 4, 340)),
@@ -302,6 +310,9 @@ macro_rules! features {
 }
 
 features! {
+    PhysicalDeviceCooperativeVectorFeaturesNV 1_000_491_000 {
+        cooperative_vector cooperative_vector_training
+    }
     PhysicalDevicePipelineBinaryFeaturesKHR 1_000_483_000 { pipeline_binaries }
     PhysicalDeviceShaderSplitBarrierFeaturesEXT 1_000_305_000 { shader_split_barrier }
     PhysicalDeviceShaderLongVectorFeaturesEXT 1_000_635_000 { long_vector }
@@ -312,6 +323,7 @@ features! {
     }
     PhysicalDeviceShaderAbortFeaturesKHR 1_000_233_000 { shader_abort }
     PhysicalDeviceShaderConstantDataFeaturesKHR 1_000_231_000 { shader_constant_data }
+    PhysicalDeviceShaderReplicatedCompositesFeaturesEXT 1_000_564_000 { shader_replicated_composites }
     PhysicalDeviceShaderFmaFeaturesKHR 1_000_579_000 {
         shader_fma_float16 shader_fma_float32 shader_fma_float64
     }
@@ -568,6 +580,30 @@ structures! {
     CommandBufferInheritanceDescriptorHeapInfoEXT 1_000_135_010 *const c_void {
         p_sampler_heap_bind_info: *const BindHeapInfoEXT,
         p_resource_heap_bind_info: *const BindHeapInfoEXT,
+    }
+    PhysicalDeviceCooperativeVectorPropertiesNV 1_000_491_001 *mut c_void {
+        cooperative_vector_supported_stages: ShaderStageFlags,
+        cooperative_vector_training_float16_accumulation: Bool32,
+        cooperative_vector_training_float32_accumulation: Bool32,
+        max_cooperative_vector_components: u32,
+    }
+    CooperativeVectorPropertiesNV 1_000_491_002 *mut c_void {
+        types: [ComponentTypeKHR; 5],
+        transpose: Bool32,
+    }
+    ConvertCooperativeVectorMatrixInfoNV 1_000_491_004 *const c_void {
+        src_size: usize,
+        src_data: u64,
+        p_dst_size: *mut usize,
+        dst_data: u64,
+        src_component_type: ComponentTypeKHR,
+        dst_component_type: ComponentTypeKHR,
+        num_rows: u32,
+        num_columns: u32,
+        src_layout: i32,
+        src_stride: usize,
+        dst_layout: i32,
+        dst_stride: usize,
     }
     PhysicalDevicePresentId2FeaturesKHR 1_000_479_002 *mut c_void {
         present_id2: Bool32,

@@ -5,10 +5,11 @@ use std::ffi::{CStr, c_void};
 use ash::{ext, huawei, khr, nv};
 
 use crate::newer::{
-    self as vk, COPY_MEMORY_INDIRECT, DESCRIPTOR_HEAP, DEVICE_ADDRESS_COMMANDS, DEVICE_FAULT,
-    EXTENDED_FLAGS, LINEAR_SWEPT_SPHERES, MAINTENANCE_8, MAINTENANCE_9, MAINTENANCE_11,
-    OPACITY_MICROMAP, PIPELINE_BINARY, SHADER_64BIT_INDEXING, SHADER_ABORT, SHADER_CONSTANT_DATA,
-    SHADER_FMA, SHADER_LONG_VECTOR, SHADER_SPLIT_BARRIER,
+    self as vk, COOPERATIVE_VECTOR, COPY_MEMORY_INDIRECT, DESCRIPTOR_HEAP, DEVICE_ADDRESS_COMMANDS,
+    DEVICE_FAULT, EXTENDED_FLAGS, LINEAR_SWEPT_SPHERES, MAINTENANCE_8, MAINTENANCE_9,
+    MAINTENANCE_11, OPACITY_MICROMAP, PIPELINE_BINARY, REPLICATED_COMPOSITES,
+    SHADER_64BIT_INDEXING, SHADER_ABORT, SHADER_CONSTANT_DATA, SHADER_FMA, SHADER_LONG_VECTOR,
+    SHADER_SPLIT_BARRIER,
 };
 
 macro_rules! optional {
@@ -98,6 +99,9 @@ optional! {
     long_vector: SHADER_LONG_VECTOR, PhysicalDeviceShaderLongVectorFeaturesEXT {};
     shader_abort: SHADER_ABORT, PhysicalDeviceShaderAbortFeaturesKHR {};
     constant_data: SHADER_CONSTANT_DATA, PhysicalDeviceShaderConstantDataFeaturesKHR {};
+    replicated_composites: REPLICATED_COMPOSITES, PhysicalDeviceShaderReplicatedCompositesFeaturesEXT {};
+    /// Off where there is validation, as above.
+    cooperative_vector: COOPERATIVE_VECTOR, PhysicalDeviceCooperativeVectorFeaturesNV { cooperative_vector_training };
     shader_fma: SHADER_FMA, PhysicalDeviceShaderFmaFeaturesKHR {};
     pipeline_binary: PIPELINE_BINARY, PhysicalDevicePipelineBinaryFeaturesKHR {};
     executables: khr::pipeline_executable_properties::NAME, PhysicalDevicePipelineExecutablePropertiesFeaturesKHR {};

@@ -72,6 +72,7 @@ pub fn glsl(stage: Stage, source: &str) -> Vec<u32> {
         "GL_EXT_shader_explicit_arithmetic_types",
         "GL_EXT_ray_query",
         "GL_EXT_ray_flags_primitive_culling",
+        "GL_NV_cooperative_vector",
     ];
     let draws = matches!(
         stage,

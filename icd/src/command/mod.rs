@@ -12,6 +12,7 @@ mod buffer;
 pub mod build;
 pub mod graphics;
 pub mod instances;
+pub mod matrix;
 pub mod micromap;
 pub mod pass;
 mod pool;
@@ -32,6 +33,7 @@ use crate::wave::mask::InvocationMask;
 
 pub use buffer::{CommandBuffer, Recording, copied};
 pub use graphics::GraphicsCommand;
+pub use matrix::MatrixConversion;
 pub use pool::CommandPool;
 pub use ray_tracing::RayTracingCommand;
 
@@ -97,6 +99,8 @@ pub enum Command {
         destination: Ref<Image>,
         regions: Vec<vk::BufferImageCopy>,
     },
+    /// `vkCmdConvertCooperativeVectorMatrixNV`.
+    ConvertMatrices(Vec<MatrixConversion>),
     /// `vkCmdCopyMemoryIndirectKHR`.
     CopyMemoryIndirect {
         parameters: Parameters,

@@ -7,6 +7,7 @@ pub mod graphics;
 mod heap;
 pub mod image;
 mod index_type;
+pub mod matrix;
 pub mod micromap;
 pub mod nv_ray_tracing;
 pub mod pipeline;

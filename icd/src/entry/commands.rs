@@ -6,13 +6,13 @@ use std::sync::OnceLock;
 use super::row::commands;
 pub use super::row::{Availability, Command, Level};
 use super::{
-    acceleration_structure, buffer, command, command_image, command_transfer, debug, deferred,
-    descriptor, descriptor_buffer, descriptor_heap, descriptor_set, device, device_address,
-    device_fault, graphics, graphics_address, graphics_draw, graphics_pass, graphics_state,
-    host_image_copy, image, instance, maintenance5, memory, micromap, nv_ray_tracing,
-    physical_device, pipeline, pipeline_binary, pipeline_executable, present_timing,
-    push_descriptor, query, queue, ray_tracing, shader_object, surface, swapchain, sync, system,
-    transform_feedback,
+    acceleration_structure, buffer, command, command_image, command_transfer, cooperative_vector,
+    debug, deferred, descriptor, descriptor_buffer, descriptor_heap, descriptor_set, device,
+    device_address, device_fault, graphics, graphics_address, graphics_draw, graphics_pass,
+    graphics_state, host_image_copy, image, instance, maintenance5, memory, micromap,
+    nv_ray_tracing, physical_device, pipeline, pipeline_binary, pipeline_executable,
+    present_timing, push_descriptor, query, queue, ray_tracing, shader_object, surface, swapchain,
+    sync, system, transform_feedback,
 };
 use crate::ffi::vk;
 
@@ -85,6 +85,7 @@ commands! {
     PhysicalDevice KHR_GET_PHYSICAL_DEVICE_PROPERTIES_2 PFN_vkGetPhysicalDeviceQueueFamilyProperties2 physical_device::vkGetPhysicalDeviceQueueFamilyProperties2 as vkGetPhysicalDeviceQueueFamilyProperties2KHR;
     PhysicalDevice Core PFN_vkGetPhysicalDeviceSparseImageFormatProperties physical_device::vkGetPhysicalDeviceSparseImageFormatProperties;
     PhysicalDevice KHR_COOPERATIVE_MATRIX PFN_vkGetPhysicalDeviceCooperativeMatrixPropertiesKHR physical_device::vkGetPhysicalDeviceCooperativeMatrixPropertiesKHR;
+    PhysicalDevice NV_COOPERATIVE_VECTOR PFN_vkGetPhysicalDeviceCooperativeVectorPropertiesNV cooperative_vector::vkGetPhysicalDeviceCooperativeVectorPropertiesNV;
     PhysicalDevice KHR_FRAGMENT_SHADING_RATE PFN_vkGetPhysicalDeviceFragmentShadingRatesKHR physical_device::vkGetPhysicalDeviceFragmentShadingRatesKHR;
     PhysicalDevice EXT_DESCRIPTOR_HEAP PFN_vkGetPhysicalDeviceDescriptorSizeEXT descriptor_heap::vkGetPhysicalDeviceDescriptorSizeEXT;
     PhysicalDevice EXT_SAMPLE_LOCATIONS PFN_vkGetPhysicalDeviceMultisamplePropertiesEXT physical_device::vkGetPhysicalDeviceMultisamplePropertiesEXT;
@@ -394,6 +395,8 @@ commands! {
     Device KHR_ACCELERATION_STRUCTURE PFN_vkWriteAccelerationStructuresPropertiesKHR acceleration_structure::vkWriteAccelerationStructuresPropertiesKHR;
 
     Device KHR_RAY_TRACING_PIPELINE PFN_vkCmdSetRayTracingPipelineStackSizeKHR ray_tracing::vkCmdSetRayTracingPipelineStackSizeKHR;
+    Device NV_COOPERATIVE_VECTOR PFN_vkCmdConvertCooperativeVectorMatrixNV cooperative_vector::vkCmdConvertCooperativeVectorMatrixNV;
+    Device NV_COOPERATIVE_VECTOR PFN_vkConvertCooperativeVectorMatrixNV cooperative_vector::vkConvertCooperativeVectorMatrixNV;
     Device NV_RAY_TRACING PFN_vkBindAccelerationStructureMemoryNV nv_ray_tracing::vkBindAccelerationStructureMemoryNV;
     Device NV_RAY_TRACING PFN_vkCmdBuildAccelerationStructureNV nv_ray_tracing::vkCmdBuildAccelerationStructureNV;
     Device NV_RAY_TRACING PFN_vkCmdCopyAccelerationStructureNV nv_ray_tracing::vkCmdCopyAccelerationStructureNV;

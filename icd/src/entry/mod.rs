@@ -9,6 +9,7 @@ pub mod command;
 pub mod command_image;
 pub mod command_transfer;
 pub mod commands;
+pub mod cooperative_vector;
 pub mod debug;
 pub mod deferred;
 mod define;

@@ -41,12 +41,12 @@ use ash::vk;
 use spirv_jit::Program;
 use spirv_jit::reach::Strays;
 
-use crate::command::{Command, Parameters, RayTracingCommand};
+use crate::command::{Command, MatrixConversion, Parameters, RayTracingCommand};
 use crate::compute;
 use crate::object::Image;
 use crate::object::pipeline::PipelineKind;
 use crate::timeline::{self, Kind};
-use crate::transfer::{blit, buffer, clear, copy, resolve};
+use crate::transfer::{blit, buffer, clear, copy, matrix, resolve};
 use crate::validate::{Caller, Checks};
 use crate::wave::{Fault, Stopped, StoppedAt, reachable};
 use graphics::{Current, Drawing, Painter};
@@ -208,6 +208,7 @@ fn perform<'a>(mut painter: Painter<'_, 'a>, command: &'a Command) -> Result<(),
             .for_each(|region| {
                 copy::copy_buffer_to_image(&engine.workers, *source, destination, region);
             }),
+        Command::ConvertMatrices(conversions) => convert_matrices(engine, conversions)?,
         &Command::CopyMemoryIndirect { parameters, count } => {
             copy_indirect(engine, parameters, count)?;
         }
@@ -388,6 +389,17 @@ fn check_aborted<'a>(
         ..Stopped::Aborted.into()
     }
     .into())
+}
+
+fn convert_matrices(engine: &Engine, conversions: &[MatrixConversion]) -> Result<(), Failure> {
+    let limits = engine.limits();
+    for conversion in conversions {
+        limits.check()?;
+        // SAFETY: what is in reach is memory; the queue's commands are performed one after the
+        // other.
+        unsafe { matrix::convert(conversion, &engine.memory.reach()) };
+    }
+    Ok(())
 }
 
 /// Copies whose parameters (`VkCopyMemoryIndirectCommandKHR`) are in memory. Those that are not

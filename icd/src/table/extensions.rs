@@ -282,6 +282,7 @@ extensions! {
     Device GOOGLE_USER_TYPE c"VK_GOOGLE_user_type" 1;
     Device NV_COMPUTE_SHADER_DERIVATIVES c"VK_NV_compute_shader_derivatives" 1;
     Device HUAWEI_INVOCATION_MASK c"VK_HUAWEI_invocation_mask" 1;
+    Device NV_COOPERATIVE_VECTOR c"VK_NV_cooperative_vector" 4;
     Device NV_SHADER_SUBGROUP_PARTITIONED c"VK_NV_shader_subgroup_partitioned" 1;
     Device NV_RAY_TRACING c"VK_NV_ray_tracing" 3;
     Device NV_RAY_TRACING_INVOCATION_REORDER c"VK_NV_ray_tracing_invocation_reorder" 1;

@@ -251,6 +251,7 @@ features! {
         shader_subgroup_partitioned: PhysicalDeviceShaderSubgroupPartitionedFeaturesEXT;
         cooperative_matrix: PhysicalDeviceCooperativeMatrixFeaturesKHR => CooperativeMatrixKHR;
         cooperative_matrix_robust_buffer_access: PhysicalDeviceCooperativeMatrixFeaturesKHR;
+        cooperative_vector: PhysicalDeviceCooperativeVectorFeaturesNV => CooperativeVectorNV;
         shader_b_float16_type: PhysicalDeviceShaderBfloat16FeaturesKHR => BFloat16TypeKHR;
         shader_b_float16_dot_product: PhysicalDeviceShaderBfloat16FeaturesKHR => BFloat16DotProductKHR;
         shader_b_float16_cooperative_matrix: PhysicalDeviceShaderBfloat16FeaturesKHR => BFloat16CooperativeMatrixKHR;

@@ -6,6 +6,7 @@ use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::abort::MAX_MESSAGE_BYTES;
 use spirv_jit::environment::{Descriptor, MAX_SETS};
 use spirv_jit::heap::DESCRIPTOR_BYTES;
+use spirv_jit::ir::op::VectorProduct;
 use spirv_jit::program::{MAX_CAPTURE_BUFFERS, MAX_STREAMS};
 
 use super::limits::{self, API_VERSION, CAPTURE_BYTES, HANDLE_SIZE};
@@ -614,6 +615,11 @@ unsafe fn fill(machine: &Machine, node: *mut vk::BaseOutStructure<'static>) {
             PhysicalDeviceFragmentShadingRatePropertiesKHR(fragment_shading_rate());
             PhysicalDeviceCooperativeMatrixPropertiesKHR(vk::PhysicalDeviceCooperativeMatrixPropertiesKHR {
                 cooperative_matrix_supported_stages: vk::ShaderStageFlags::COMPUTE,
+                ..Default::default()
+            });
+            PhysicalDeviceCooperativeVectorPropertiesNV(vk::PhysicalDeviceCooperativeVectorPropertiesNV {
+                cooperative_vector_supported_stages: SUBGROUP_STAGES,
+                max_cooperative_vector_components: VectorProduct::MAX_COMPONENTS as u32,
                 ..Default::default()
             });
             PhysicalDeviceOpacityMicromapPropertiesEXT(vk::PhysicalDeviceOpacityMicromapPropertiesEXT {

@@ -4,6 +4,7 @@ pub mod blit;
 pub mod buffer;
 pub mod clear;
 pub mod copy;
+pub mod matrix;
 pub mod pattern;
 pub mod resolve;
 mod rows;

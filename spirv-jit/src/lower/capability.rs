@@ -142,6 +142,7 @@ pub const SUPPORTED: &[Capability] = &[
     Capability::ReplicatedCompositesEXT,
     Capability::UntypedPointersKHR,
     Capability::CooperativeMatrixKHR,
+    Capability::CooperativeVectorNV,
     Capability::BFloat16TypeKHR,
     Capability::BFloat16DotProductKHR,
     Capability::BFloat16CooperativeMatrixKHR,

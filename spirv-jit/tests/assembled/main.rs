@@ -5,6 +5,7 @@ mod assembler;
 mod bfloat16;
 mod constant_data;
 mod cooperative_matrices;
+mod cooperative_vectors;
 mod depth;
 mod heaps;
 mod indexing;
