@@ -168,9 +168,16 @@ impl<G: Gather, const ROWS: usize> Kernel for StorePrivate<G, ROWS> {
                         }
                         Rows::Apart(offsets, inside) => {
                             let offsets = &*std::hint::black_box(&raw const offsets);
-                            for lane in inside {
-                                for (part, words) in words.iter().enumerate() {
-                                    let to = base.add(part).cast::<u8>();
+                            for (part, words) in words.iter().enumerate() {
+                                let to = base.add(part).cast::<u8>();
+                                // Written out where there is no need to look for lanes.
+                                if inside == LaneMask::ALL {
+                                    for lane in 0..SUBGROUP_SIZE {
+                                        *to.add(offsets[lane] as usize).cast() = words[lane];
+                                    }
+                                    continue;
+                                }
+                                for lane in inside {
                                     *to.add(offsets[lane] as usize).cast() = words[lane];
                                 }
                             }
