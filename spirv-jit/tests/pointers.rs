@@ -152,7 +152,7 @@ fn run(words: &[u32], buffer: Vec<u32>, push_constants: Vec<u32>) -> Vec<u32> {
     let mut memory = Memory {
         buffers: vec![(0, buffer), (16, vec![0; 64])],
         push_constants,
-        aborts: None,
+        ..Memory::default()
     };
     dispatch(&compile(words), 1, &mut memory);
     memory.buffers.swap_remove(0).1

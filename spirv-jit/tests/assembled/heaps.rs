@@ -73,6 +73,7 @@ fn run(request: &CompileRequest<'_>, input: &[u32], push: &[u32]) -> u32 {
     let mut memory = Memory {
         buffers: vec![(0, input.to_vec()), (16, vec![0; 3]), (40, vec![70, 71])],
         push_constants: push.to_vec(),
+        ..Memory::default()
     };
     dispatch(&compile_as(request), 1, &mut memory);
     memory.buffers[1].1[0]
