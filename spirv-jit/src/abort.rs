@@ -11,7 +11,7 @@ use std::collections::TryReserveError;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard};
 
-use crate::environment::Descriptor;
+use crate::descriptor::Descriptor;
 
 /// Size of a message, at most (`maxShaderAbortMessageSize`).
 pub const MAX_MESSAGE_BYTES: u64 = 1 << 16;

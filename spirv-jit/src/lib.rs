@@ -11,6 +11,7 @@
 
 pub mod abort;
 mod accuracy;
+mod descriptor;
 pub mod environment;
 pub mod error;
 pub mod eval;

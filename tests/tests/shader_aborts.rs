@@ -764,10 +764,9 @@ fn ray_tracing_shaders_abort() {
     }
 }
 
-/// Without the feature no module may declare the capability.
+/// The instruction needs its capability.
 #[test]
-fn the_capability_asks_for_the_extension() {
-    // Devices that have the extension may take the module, but the instruction needs the capability.
+fn aborts_need_the_capability() {
     let Some(gpu) = open() else { return };
     let Some(gpu) = gpu.with("a driver that refuses invalid modules", Gpu::is_tuff) else {
         return;

@@ -27,8 +27,6 @@ pub struct Memory {
     /// Buffers of set 0: descriptor index (16 × binding + array index) and contents.
     pub buffers: Vec<(usize, Vec<u32>)>,
     pub push_constants: Vec<u32>,
-    /// Takes messages of invocations that abort.
-    pub aborts: Option<Arc<Aborts>>,
 }
 
 /// Runs `groups` workgroups along x, one after the other.
@@ -43,6 +41,25 @@ pub fn dispatch_over(
     memory: &mut Memory,
     others: &[(usize, Descriptor)],
 ) {
+    dispatch_in(program, groups, memory, others, Environment::unbound());
+}
+
+/// The same as [`dispatch`], with room for messages of invocations that abort.
+pub fn dispatch_until(program: &Program, groups: u32, memory: &mut Memory, aborts: &Arc<Aborts>) {
+    let environment = Environment {
+        aborts: Some(Arc::clone(aborts)),
+        ..Environment::unbound()
+    };
+    dispatch_in(program, groups, memory, &[], environment);
+}
+
+fn dispatch_in(
+    program: &Program,
+    groups: u32,
+    memory: &mut Memory,
+    others: &[(usize, Descriptor)],
+    environment: Environment,
+) {
     let mut entries = vec![Descriptor::NULL; 256];
     for &(index, descriptor) in others {
         entries[index] = descriptor;
@@ -52,8 +69,7 @@ pub fn dispatch_over(
     }
     let mut environment = Environment {
         push_constants: descriptor(&mut memory.push_constants),
-        aborts: memory.aborts.clone(),
-        ..Environment::unbound()
+        ..environment
     };
     environment.sets[0] = DescriptorSet {
         entries: entries.as_ptr(),
@@ -187,7 +203,6 @@ pub fn check(declarations: &str, body: &str, inputs: &[u32], reference: impl Fn(
     let mut memory = Memory {
         buffers: vec![(0, given.clone()), (16, vec![0; count])],
         push_constants: Vec::new(),
-        ..Memory::default()
     };
     dispatch(&program, count as u32 / 16, &mut memory);
     for (index, (&x, &result)) in given.iter().zip(&memory.buffers[1].1).enumerate() {

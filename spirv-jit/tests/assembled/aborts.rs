@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use rspirv::spirv::{BuiltIn, Decoration, Op, SelectionControl, StorageClass};
-use shaders::compute::{Memory, compile, dispatch};
+use shaders::compute::{Memory, compile, dispatch, dispatch_until};
 use shaders::request;
 use spirv_jit::abort::{Aborts, MAX_MESSAGE_BYTES};
 use spirv_jit::program::Stage;
@@ -55,10 +55,13 @@ fn run(words: &[u32], given: u32, takes: bool) -> (Vec<u8>, u32) {
     let aborts = Arc::new(Aborts::new().unwrap());
     let mut memory = Memory {
         buffers: vec![(0, vec![given]), (16, vec![0])],
-        aborts: takes.then(|| Arc::clone(&aborts)),
         ..Memory::default()
     };
-    dispatch(&compile(words), 1, &mut memory);
+    let program = compile(words);
+    match takes {
+        true => dispatch_until(&program, 1, &mut memory, &aborts),
+        false => dispatch(&program, 1, &mut memory),
+    }
     let messages = aborts.with_messages(<[u8]>::to_vec);
     assert_eq!(aborts.happened(), !messages.is_empty());
     (messages, memory.buffers[1].1[0])

@@ -72,6 +72,8 @@ const HOUSES: [House; 4] = [
             "ir",
             "state",
             "environment",
+            "abort",
+            "descriptor",
             "views",
             "reach",
             "printf",
