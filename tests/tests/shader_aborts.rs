@@ -13,7 +13,7 @@ use tuff_tests::*;
 
 const LOST: Result<(), vk::Result> = Err(vk::Result::ERROR_DEVICE_LOST);
 
-/// What `die` is called with, and a function that [`aborting`] makes abort.
+/// The message of `die`, a function that [`aborting`] makes abort.
 const DIE: &str = "
 struct Message { uint code; uint who; };
 void die(Message m) {}
@@ -222,7 +222,7 @@ fn messages_of_64_kib_are_possible() {
     assert!(aborts.max_shader_abort_message_size >= 65536);
 }
 
-/// What stands before the abort is done, and nothing behind it.
+/// Effects before the abort are there, and none after it.
 #[test]
 fn one_invocation_aborts() {
     let Some(gpu) = open() else { return };
