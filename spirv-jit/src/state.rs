@@ -101,7 +101,8 @@ pub struct Wave<'a> {
     /// the same. Empty for programs without workgroup memory.
     pub shared: &'a [*mut u8],
     /// Compute: of each workgroup with a subgroup in the wave, all subgroups that have not ended
-    /// are in it. Barriers that all of them come to are no events then: the wave goes on in place.
+    /// are in it, and have come to split barriers equally often. Barriers that all of them come to
+    /// are no events then: the wave goes on in place.
     pub is_whole: bool,
     pub environment: &'a Environment,
 }

@@ -54,8 +54,8 @@ fn what_was_stored_before_an_arrival_is_there_after_the_wait() {
     let Some(gpu) = gpu() else {
         return;
     };
-    const INVOCATIONS: u32 = 128;
-    const TURNS: u32 = 9;
+    const INVOCATIONS: u32 = 256;
+    const TURNS: u32 = 6;
     let source = format!(
         "layout(local_size_x = {INVOCATIONS}) in;
         layout(set = 0, binding = 0, std430) buffer Results {{ uint results[]; }};
@@ -65,7 +65,7 @@ fn what_was_stored_before_an_arrival_is_there_after_the_wait() {
             for (uint turn = 0u; turn < {TURNS}u; turn++) {{
                 places[turn & 1u][(i + 37u) % {INVOCATIONS}u] = x;
                 barrier();
-                for (uint k = 0u; k < 1000u * ((turn + i / 32u) & 3u); k++)
+                for (uint k = 0u; k < 8000u * ((turn + i / 16u) & 3u); k++)
                     work = work * 5u + k;
                 barrier();
                 x = places[turn & 1u][i];

@@ -458,10 +458,15 @@ impl Runner {
         Ok(())
     }
 
-    /// Whether all subgroups of the members' workgroups that have not ended are members.
+    /// Whether all subgroups of the members' workgroups that have not ended are members, and those
+    /// of each workgroup have come to split barriers equally often: they may stand at one point in
+    /// different turns of a loop.
     fn is_whole(&self, members: &[usize]) -> bool {
-        by_workgroup(members, self.of_workgroup)
-            .all(|(workgroup, members)| members.len() == self.workgroups[workgroup].running)
+        by_workgroup(members, self.of_workgroup).all(|(workgroup, members)| {
+            let arrivals = |&member: &usize| self.arrivals.get(member);
+            members.len() == self.workgroups[workgroup].running
+                && (members.windows(2)).all(|pair| arrivals(&pair[0]) == arrivals(&pair[1]))
+        })
     }
 
     /// Lets those subgroups of a workgroup go on from split barriers that wait for none: each one
