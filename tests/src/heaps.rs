@@ -19,7 +19,7 @@ pub const PUSH_ADDRESS: i32 = 6;
 const ALL: u32 = 0x7fff_ffff;
 
 /// `VK_PIPELINE_CREATE_2_DESCRIPTOR_HEAP_BIT_EXT`.
-const WITH_HEAPS: vk::PipelineCreateFlags2KHR = vk::PipelineCreateFlags2KHR::from_raw(1 << 36);
+pub const WITH_HEAPS: vk::PipelineCreateFlags2KHR = vk::PipelineCreateFlags2KHR::from_raw(1 << 36);
 
 type WriteSamplers = unsafe extern "system" fn(
     vk::Device,
@@ -120,6 +120,24 @@ impl<'a> Heaps<'a> {
             p_embedded_sampler: std::ptr::null(),
             sampler_heap_offset: self.at(place),
             sampler_heap_array_stride: self.stride as u32,
+        };
+        let data = vk::DescriptorMappingSourceDataEXT { constant_offset };
+        mapping(binding, HEAP_WITH_CONSTANT_OFFSET, data)
+    }
+
+    /// A mapping of a binding onto an image's place, with a sampler that programs embed.
+    pub fn embedding(
+        &self,
+        binding: u32,
+        place: u64,
+        sampler: &vk::SamplerCreateInfo<'static>,
+    ) -> vk::DescriptorSetAndBindingMappingEXT {
+        let constant_offset = vk::ConstantOffset {
+            heap_offset: self.at(place),
+            heap_array_stride: 0,
+            p_embedded_sampler: sampler,
+            sampler_heap_offset: 0,
+            sampler_heap_array_stride: 0,
         };
         let data = vk::DescriptorMappingSourceDataEXT { constant_offset };
         mapping(binding, HEAP_WITH_CONSTANT_OFFSET, data)
@@ -336,7 +354,7 @@ impl<'a> Heaps<'a> {
 }
 
 /// The mappings in the chain of a stage.
-fn chained(
+pub fn chained(
     mappings: &[vk::DescriptorSetAndBindingMappingEXT],
 ) -> vk::ShaderDescriptorSetAndBindingMappingInfoEXT {
     vk::ShaderDescriptorSetAndBindingMappingInfoEXT {

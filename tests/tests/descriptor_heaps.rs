@@ -2,7 +2,7 @@
 
 use std::ptr::from_ref;
 
-use tuff_tests::heaps::{HEAP_WITH_PUSH_INDEX, Heaps, PUSH_ADDRESS, PUSH_DATA, mapping};
+use tuff_tests::heaps::{HEAP_WITH_PUSH_INDEX, Heaps, PUSH_ADDRESS, PUSH_DATA, chained, mapping};
 use tuff_tests::newer as vk;
 use tuff_tests::*;
 use vk::DescriptorType as Ty;
@@ -115,21 +115,13 @@ fn images_are_sampled_by_samplers_of_the_heap_and_by_embedded_ones() {
     assert!(it.sampler(&linear) == it.sampler(&linear));
     it.samplers.write(it.at(2) as usize, &it.sampler(&nearest));
     it.samplers.write(it.at(3) as usize, &it.sampler(&linear));
-    let mut embedded = it.constant(5, 2);
-    embedded.source_data.constant_offset = vk::ConstantOffset {
-        heap_offset: it.at(2),
-        heap_array_stride: 0,
-        p_embedded_sampler: &linear,
-        sampler_heap_offset: 0,
-        sampler_heap_array_stride: 0,
-    };
     let mappings = [
         it.constant(0, 1),
         it.constant(1, 2),
         it.constant(2, 2),
         it.constant(3, 3),
         it.constant(4, 2),
-        embedded,
+        it.embedding(5, 2, &linear),
     ];
     let source = "
     layout(local_size_x = 1) in;
@@ -250,20 +242,8 @@ fn sampling_shader(
     sampler: &vk::SamplerCreateInfo<'static>,
     (code_type, code): (vk::ShaderCodeTypeEXT, &[u8]),
 ) -> vk::ShaderEXT {
-    let mut embedded = it.constant(1, 2);
-    embedded.source_data.constant_offset = vk::ConstantOffset {
-        heap_offset: it.at(2),
-        heap_array_stride: 0,
-        p_embedded_sampler: sampler,
-        sampler_heap_offset: 0,
-        sampler_heap_array_stride: 0,
-    };
-    let mappings = [it.constant(0, 1), embedded];
-    let mapped = vk::ShaderDescriptorSetAndBindingMappingInfoEXT {
-        mapping_count: 2,
-        p_mappings: mappings.as_ptr(),
-        ..Default::default()
-    };
+    let mappings = [it.constant(0, 1), it.embedding(1, 2, sampler)];
+    let mapped = chained(&mappings);
     let mut info = vk::ShaderCreateInfoEXT::default()
         .flags(SHADER_WITH_HEAPS)
         .stage(vk::ShaderStageFlags::COMPUTE)

@@ -2,6 +2,7 @@
 
 use std::ffi::{CStr, c_void};
 
+use tuff_tests::heaps::{Heaps, WITH_HEAPS, chained};
 use tuff_tests::*;
 use vk::Handle;
 use vk::PipelineCreateFlags as Flags;
@@ -447,5 +448,99 @@ fn texts(
             .zip(data)
             .filter(|(one, _)| one.is_text != vk::FALSE);
         texts.map(|(_, data)| data).collect()
+    }
+}
+
+/// A kernel that uses heaps: of SPIR-V with mappings, captured, or of binaries without either.
+fn kernel_with_heaps(
+    it: &Heaps<'_>,
+    source: Option<(&[u32], &[newer::DescriptorSetAndBindingMappingEXT])>,
+    binaries: &mut [u64],
+) -> vk::Pipeline {
+    let binary_info = binaries_info(2, binaries);
+    let capture = match source {
+        Some(_) => CAPTURE_DATA,
+        None => vk::PipelineCreateFlags2KHR::empty(),
+    };
+    let mut flags = vk::PipelineCreateFlags2CreateInfoKHR::default().flags(WITH_HEAPS | capture);
+    flags.p_next = (&raw const binary_info).cast();
+    let mappings = source.map(|(_, mappings)| chained(mappings));
+    let mut stage = vk::PipelineShaderStageCreateInfo::default()
+        .stage(vk::ShaderStageFlags::COMPUTE)
+        .name(c"main");
+    if let (Some((words, _)), Some(mappings)) = (source, &mappings) {
+        stage = stage.module(it.gpu.module(words));
+        stage.p_next = std::ptr::from_ref(mappings).cast();
+    }
+    let mut info = vk::ComputePipelineCreateInfo::default().stage(stage);
+    info.p_next = (&raw const flags).cast();
+    // SAFETY: the structures outlive the call.
+    let made = unsafe {
+        (it.gpu.device).create_compute_pipelines(vk::PipelineCache::null(), &[info], None)
+    };
+    let pipeline = made.expect("vkCreateComputePipelines")[0];
+    it.gpu.keep_pipeline(pipeline);
+    pipeline
+}
+
+/// With binaries, mappings are ignored: binaries describe the samplers that programs embed, also to
+/// a device that knows others.
+#[test]
+fn binaries_have_the_samplers_that_programs_embed() {
+    let linear = vk::SamplerCreateInfo::default()
+        .mag_filter(vk::Filter::LINEAR)
+        .address_mode_u(vk::SamplerAddressMode::CLAMP_TO_EDGE)
+        .address_mode_v(vk::SamplerAddressMode::CLAMP_TO_EDGE);
+    let other = linear.max_lod(0.5);
+    let words = glsl(
+        Stage::Compute,
+        "layout(local_size_x = 1) in;
+        layout(set = 0, binding = 0) buffer R { float r[]; };
+        layout(set = 0, binding = 1) uniform sampler2D image;
+        void main() { r[0] = textureLod(image, vec2(0.5), 0.0).x; }",
+    );
+    let mut stored: Option<Vec<(PipelineBinaryKeyKHR, Vec<u8>)>> = None;
+    for _ in 0..2 {
+        let gpu = Gpu::validated_since(vk::make_api_version(0, 1, 4, 340));
+        let there = gpu.optional.pipeline_binary.pipeline_binaries != 0
+            && gpu.optional.heaps.descriptor_heap != 0;
+        if !has("VK_KHR_pipeline_binary and VK_EXT_descriptor_heap", there) {
+            return;
+        }
+        let (api, it) = (Binaries::of(&gpu), Heaps::new(&gpu, 8));
+        let shape = Shape::flat(vk::Format::R32_SFLOAT, 2, 1);
+        let usage = vk::ImageUsageFlags::SAMPLED | vk::ImageUsageFlags::TRANSFER_DST;
+        let picture = gpu.picture(shape, usage);
+        gpu.upload(&picture, 0, &[1.0f32, 3.0]);
+        let results = gpu.buffer(16);
+        it.put_buffer(1, vk::DescriptorType::STORAGE_BUFFER, &results);
+        it.put_picture(2, vk::DescriptorType::SAMPLED_IMAGE, &picture);
+        let compiled = |sampler| {
+            let mappings = [it.constant(0, 1), it.embedding(1, 2, sampler)];
+            kernel_with_heaps(&it, Some((&words, &mappings)), &mut [])
+        };
+        let (kernel, binaries) = match &stored {
+            None => {
+                let kernel = compiled(&linear);
+                let binaries = api.create(kernel, &[]).expect("binaries of a pipeline");
+                stored = Some(binaries.iter().map(|&it| api.stored(it)).collect());
+                (kernel, binaries)
+            }
+            Some(stored) => {
+                compiled(&other);
+                let binaries = api.create(vk::Pipeline::null(), stored);
+                let mut binaries = binaries.expect("binaries of data");
+                (kernel_with_heaps(&it, None, &mut binaries), binaries)
+            }
+        };
+        gpu.run(|commands| {
+            it.bind(commands);
+            it.dispatch(commands, kernel);
+        });
+        assert_eq!(results.read::<f32>()[0], 2.0);
+        for binary in binaries {
+            // SAFETY: nothing uses the binaries any more.
+            unsafe { (api.destroy)(gpu.device.handle(), binary, std::ptr::null()) };
+        }
     }
 }

@@ -4,7 +4,6 @@ use std::ffi::c_char;
 use std::sync::Arc;
 
 use ash::vk;
-use images::SamplerDescriptor;
 use spirv_jit::origin::Name;
 use spirv_jit::program::Stage;
 
@@ -205,15 +204,6 @@ unsafe fn chained_name(next: *const std::ffi::c_void) -> Arc<Name> {
         }
     }
     name
-}
-
-/// The samplers that the mappings in a stage's chain embed.
-///
-/// # Safety
-/// The chain is valid.
-pub unsafe fn embedded_samplers(next: *const std::ffi::c_void) -> Vec<SamplerDescriptor> {
-    // SAFETY: the caller's promise.
-    unsafe { decode_mappings(next) }.embedded
 }
 
 /// Copies the shader of a `VkShaderCreateInfoEXT` in SPIR-V.

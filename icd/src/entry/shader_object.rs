@@ -9,7 +9,7 @@ use super::define::{commands, entry};
 use super::destroy;
 use crate::VkResult;
 use crate::command::{Command, GraphicsCommand};
-use crate::decode::pipeline::{decode_shader, embedded_samplers, program_stage};
+use crate::decode::pipeline::{decode_shader, program_stage};
 use crate::device::Device;
 use crate::ffi::array::{bytes, slice_mut};
 use crate::ffi::enumerate::enumerate_bytes;
@@ -45,8 +45,7 @@ unsafe fn create(
         let object = match info.code_type {
             vk::ShaderCodeTypeEXT::BINARY => {
                 let data = bytes(info.p_code, info.code_size);
-                let samplers = embedded_samplers(info.p_next);
-                ShaderObject::from_binary(data, &samplers, &device.compiler(), layout)?
+                ShaderObject::from_binary(data, &device.compiler(), layout)?
             }
             _ => ShaderObject::compile(&decode_shader(info)?, &device.compiler(), layout)?,
         };

@@ -15,15 +15,13 @@ use images::SamplerDescriptor;
 use parking_lot::Mutex;
 use spirv_jit::environment::{Descriptor, DescriptorSet};
 use spirv_jit::views::{Key, Views};
-use xxhash_rust::xxh3::{xxh3_64, xxh3_128};
+use xxhash_rust::xxh3::xxh3_64;
 
+use super::embedded_sampler::{EmbeddedSampler, decode, encode};
 use super::heap_replay;
 use super::view_entry::store_failure;
 use crate::VkResult;
 use crate::table::limits::MAX_EMBEDDED_SAMPLERS;
-
-/// The identity of an embedded sampler: its number, and a hash of its contents.
-pub type EmbeddedSampler = [u8; 20];
 
 /// The samplers of a device's heaps and programs, and its custom border colors.
 pub struct HeapSamplers {
@@ -164,31 +162,21 @@ impl HeapSamplers {
         Ok(())
     }
 
-    /// An embedded sampler as data names it.
-    pub fn identify(number: u32, sampler: &SamplerDescriptor) -> EmbeddedSampler {
-        let contents = xxh3_128(format!("{sampler:?}").as_bytes()).to_le_bytes();
-        let mut identity = EmbeddedSampler::default();
-        identity[..4].copy_from_slice(&number.to_le_bytes());
-        identity[4..].copy_from_slice(&contents);
-        identity
-    }
-
-    /// Whether an embedded sampler of data has its number on this device: one of `samplers` has it
-    /// from now on, if that is the sampler and if the number is free.
-    pub fn place(&self, wanted: &EmbeddedSampler, samplers: &[SamplerDescriptor]) -> bool {
-        let mut known = self.known.lock();
-        let [a, b, c, d, ..] = *wanted;
-        let number = u32::from_le_bytes([a, b, c, d]);
-        let is_wanted = |sampler: &SamplerDescriptor| Self::identify(number, sampler) == *wanted;
-        if let Some(&index) = known.embedded.get(&number) {
-            return is_wanted(&known.samplers[index].0);
-        }
-        let sampler = samplers.iter().find(|it| is_wanted(it));
-        let Some(sampler) = sampler.filter(|_| number < NUMBERS) else {
+    /// Whether an embedded sampler of data has its number on this device: it does from now on, if
+    /// the number is free.
+    pub fn place(&self, stored: &EmbeddedSampler) -> bool {
+        let Some((number, sampler)) = decode(stored).filter(|it| it.0 < NUMBERS) else {
             return false;
         };
-        let index = known.find(&self.views, sampler, self.replays);
-        index.is_ok_and(|index| self.put(&mut known, number, index).is_ok())
+        let mut known = self.known.lock();
+        match known.embedded.get(&number) {
+            // The bits decide, not whether the numbers are equal: NaN is none.
+            Some(&index) => encode(number, &known.samplers[index].0) == *stored,
+            None => {
+                let index = known.find(&self.views, &sampler, self.replays);
+                index.is_ok_and(|index| self.put(&mut known, number, index).is_ok())
+            }
+        }
     }
 
     /// The table of embedded samplers.
@@ -240,17 +228,14 @@ mod tests {
         let samplers = HeapSamplers::new(&Arc::default(), false);
         let known = [sampler(1.0), sampler(2.0)];
         // A number that the sampler does not have by itself.
-        let stored = HeapSamplers::identify(7, &known[1]);
-        assert!(!samplers.place(&stored, &known[..1]));
-        assert!(samplers.place(&stored, &known));
-        assert!(samplers.place(&stored, &[]));
-        let taken = HeapSamplers::identify(7, &known[0]);
-        assert!(!samplers.place(&taken, &known));
+        let stored = encode(7, &known[1]);
+        assert!(samplers.place(&stored));
+        assert!(samplers.place(&stored));
+        assert!(!samplers.place(&encode(7, &known[0])));
         // SAFETY: the sampler of a table that lives.
         let embedded = unsafe { entry(&samplers, 7).sampler.as_ref() };
         assert_eq!(embedded, Some(&known[1]));
-        let outside = HeapSamplers::identify(NUMBERS, &known[0]);
-        assert!(!samplers.place(&outside, &known));
+        assert!(!samplers.place(&encode(NUMBERS, &known[0])));
         let own = samplers.embed(&known[1]).unwrap();
         assert_eq!(samplers.embed(&known[1]), Ok(own));
     }

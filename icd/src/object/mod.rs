@@ -9,6 +9,7 @@ pub mod deferred;
 pub mod deferred_pipeline;
 pub mod descriptor;
 pub mod dynamic_state;
+pub mod embedded_sampler;
 pub mod external_sync;
 pub mod graphics_pipeline;
 pub mod graphics_state;

@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use xxhash_rust::xxh3::xxh3_128_with_seed;
 
-use super::heap::EmbeddedSampler;
+use super::embedded_sampler::EmbeddedSampler;
 use super::pipeline_cache::{header, store_module, stored_modules};
 use super::stage_program::{ProgramKey, StageProgram};
 
@@ -86,12 +86,13 @@ pub fn key_of(content: &[u8]) -> [u8; 16] {
 
 #[cfg(test)]
 mod tests {
+    use super::super::embedded_sampler::STORED_BYTES;
     use super::*;
 
     fn binary() -> PipelineBinary {
         let module = |key: u8| StoredModule {
             key: [key; 16],
-            embedded: [[key; 20]; 2].into(),
+            embedded: [[key; STORED_BYTES]; 2].into(),
             bytes: [key; 40].into(),
         };
         PipelineBinary {

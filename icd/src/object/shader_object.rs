@@ -5,12 +5,11 @@
 use std::sync::Arc;
 
 use ash::vk;
-use images::SamplerDescriptor;
 use spirv_jit::Program;
 use spirv_jit::program::Stage;
 
 use super::captured::Captured;
-use super::heap::EmbeddedSampler;
+use super::embedded_sampler::EmbeddedSampler;
 use super::pipeline::PipelineKind;
 use super::shader_stage::{Compiler, ShaderStage};
 use super::stage_program::ProgramKey;
@@ -54,13 +53,12 @@ impl ShaderObject {
         ))
     }
 
-    /// From what [`Self::binary`] gave, with the samplers that its mappings embed.
+    /// From what [`Self::binary`] gave.
     ///
     /// # Errors
     /// `VK_INCOMPATIBLE_SHADER_BINARY_EXT`.
     pub fn from_binary(
         data: &[u8],
-        samplers: &[SamplerDescriptor],
         compiler: &Compiler<'_>,
         layout: Ref<PipelineLayout>,
     ) -> VkResult<Self> {
@@ -71,8 +69,7 @@ impl ShaderObject {
         let bytes = usize::from(count) * size_of::<EmbeddedSampler>();
         let (embedded, data) = data.split_at_checked(bytes).ok_or(incompatible)?;
         let embedded = embedded.as_chunks().0.to_vec();
-        let place = |it| compiler.samplers.place(it, samplers);
-        if !embedded.iter().all(place) {
+        if !embedded.iter().all(|it| compiler.samplers.place(it)) {
             return Err(incompatible);
         }
         let cache = PipelineCache::with_data(data);

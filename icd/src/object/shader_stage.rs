@@ -19,7 +19,8 @@ use spirv_jit::parse::NewerCapability;
 use spirv_jit::program::{CompileRequest, Stage};
 use xxhash_rust::xxh3::Xxh3;
 
-use super::heap::{EmbeddedSampler, HeapSamplers};
+use super::embedded_sampler::{EmbeddedSampler, encode};
+use super::heap::HeapSamplers;
 use super::messenger::Messengers;
 use super::pipeline_binary::StoredModule;
 use super::stage_program::{ProgramKey, StageProgram};
@@ -147,7 +148,7 @@ impl ShaderStage {
             return Err(vk::Result::ERROR_OUT_OF_HOST_MEMORY);
         }
         let embed = |sampler| compiler.samplers.embed(sampler);
-        let identified = |sampler| Ok(HeapSamplers::identify(embed(sampler)?, sampler));
+        let identified = |sampler| Ok(encode(embed(sampler)?, sampler));
         self.embedded.iter().map(identified).collect()
     }
 
@@ -273,8 +274,7 @@ impl ShaderStage {
     /// `VK_ERROR_UNKNOWN` for a binary of other stages, and if another sampler has the number of
     /// one that the program embeds.
     pub fn load(&self, compiler: &Compiler<'_>, stored: &StoredModule) -> VkResult<Compiled> {
-        let place = |it| compiler.samplers.place(it, &self.embedded);
-        if !stored.embedded.iter().all(place) {
+        if !(stored.embedded.iter()).all(|it| compiler.samplers.place(it)) {
             return Err(vk::Result::ERROR_UNKNOWN);
         }
         let program = spirv_jit::program::from_bytes(&stored.bytes).ok();

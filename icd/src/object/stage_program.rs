@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use spirv_jit::Program;
 
-use super::heap::EmbeddedSampler;
+use super::embedded_sampler::EmbeddedSampler;
 
 /// The identity of a compilation: module, entry point, stage, specialization and descriptor
 /// locations.
