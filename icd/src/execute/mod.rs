@@ -61,7 +61,8 @@ pub use query::{timestamp_ns, write_results};
 pub enum Failure {
     /// A command was stopped: the device is to be lost.
     Stopped(Box<Fault>),
-    /// The device was lost, or is being destroyed, while a command waited.
+    /// The device was lost, or is being destroyed, while a command waited; or a shader of another
+    /// command aborted, which loses the device.
     AlreadyLost,
 }
 

@@ -31,10 +31,13 @@ use crate::object::sparse::SparseBind;
 use crate::object::{Fence, Semaphore};
 use crate::present::{Request, Swapchain};
 use crate::timeline::{self, Kind};
-use crate::wave::{Cause, Fault};
+use crate::wave::{Cause, Fault, Stopped};
 
 /// Queues that a device can have, all of one family.
 pub const MAX_QUEUES: u32 = 4;
+
+/// Time for the command whose shader aborted to lose the device: 5 seconds.
+const LOSS_PATIENCE_NS: u64 = 5_000_000_000;
 
 /// A batch of work, as `vkQueueSubmit` takes it.
 #[derive(Default)]
@@ -177,6 +180,15 @@ impl Line {
         }
     }
 
+    /// Returns when the device is lost. Where a shader aborted, the command that it belongs to loses
+    /// the device, perhaps on another queue. If that takes too long, the device is lost here.
+    fn await_loss(&self) {
+        let waited = self.engine.waiting.wait_until(LOSS_PATIENCE_NS, || false);
+        if waited == Err(vk::Result::TIMEOUT) {
+            self.engine.lose(Stopped::Aborted.into());
+        }
+    }
+
     /// Waits, executes, signals. On a lost device nothing is executed and nothing signaled.
     fn perform(&self, submission: Submission) {
         let Submission {
@@ -218,7 +230,7 @@ impl Line {
         }));
         match result {
             Ok(Ok(())) => {}
-            Ok(Err(Failure::AlreadyLost)) => return,
+            Ok(Err(Failure::AlreadyLost)) => return self.await_loss(),
             Ok(Err(Failure::Stopped(why))) => return self.engine.lose(*why),
             Err(payload) => {
                 let cause = Cause::Internal(panic_text(&*payload));
