@@ -180,8 +180,8 @@ impl Line {
         }
     }
 
-    /// Returns when the device is lost. Where a shader aborted, the command that it belongs to loses
-    /// the device, perhaps on another queue. If that takes too long, the device is lost here.
+    /// Returns when the device is lost. Where a shader aborted, its own command loses the device,
+    /// perhaps on another queue. If that takes too long, the device is lost here.
     fn await_loss(&self) {
         let waited = self.engine.waiting.wait_until(LOSS_PATIENCE_NS, || false);
         if waited == Err(vk::Result::TIMEOUT) {
