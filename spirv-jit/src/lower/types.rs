@@ -413,9 +413,6 @@ impl Types {
                     component: operand(0),
                 }
             }
-            Op::TypeVector if !matches!(operand(1), 2..=4 | 8 | 16) => {
-                return Err(Error::invalid(at, "vectors have 2 to 4 components"));
-            }
             Op::TypeVector => TypeKind::Vector {
                 component: operand(0),
                 count: operand(1),
