@@ -13,6 +13,7 @@ mod drawing;
 mod formats;
 mod measure;
 mod mips;
+mod network;
 mod operations;
 mod probe;
 mod profile;

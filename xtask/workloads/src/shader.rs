@@ -38,6 +38,10 @@ pub const TEXTURED_HIT: &str = include_str!("shaders/textured_hit.glsl");
 pub const HYBRID: &str = include_str!("shaders/hybrid.glsl");
 pub const FORMATS: &str = include_str!("shaders/formats.glsl");
 pub const STACK: &str = include_str!("shaders/stack.glsl");
+pub const NETWORK: &str = include_str!("shaders/network.glsl");
+pub const NETWORK_VECTORS: &str = include_str!("shaders/network_vectors.glsl");
+pub const NETWORK_PLAIN: &str = include_str!("shaders/network_plain.glsl");
+const NETWORK_HIT: &str = include_str!("shaders/network_hit.glsl");
 const PATTERN: &str = include_str!("shaders/pattern.glsl");
 const BINDLESS_HIT: &str = include_str!("shaders/bindless_hit.glsl");
 const TONE: &str = include_str!("shaders/tone.glsl");
@@ -138,4 +142,12 @@ pub fn pattern(number: u32) -> Vec<u32> {
 pub fn bindless_hit(textures: u32) -> Vec<u32> {
     let source = format!("const int TEXTURES = {textures};\n{COMMON}{BINDLESS_HIT}");
     glsl(Stage::ClosestHit, &source)
+}
+
+/// The closest-hit shader that evaluates the network whose source this is.
+pub fn network_hit(network: &str) -> Vec<u32> {
+    glsl(
+        Stage::ClosestHit,
+        &format!("{network}{COMMON}{NETWORK_HIT}"),
+    )
 }

@@ -5,6 +5,7 @@ use tuff_tests::{Bound, Buffer, Group, Picture, Rays, Shape, Stage, Table};
 use tuff_tests::{Gpu, vk};
 
 use crate::drawing;
+use crate::network;
 use crate::programs;
 use crate::shader;
 use crate::world::{Scale, World};
@@ -95,6 +96,20 @@ const TRACING: &[Workload] = &[
         Bounds::Shading,
         materials,
     ),
+    Workload {
+        name: "network",
+        about: "three layers of 64 for each hit, by cooperative vectors",
+        unit: "Mhit/s",
+        bounds: Bounds::Shading,
+        prepare: network::vectors,
+    },
+    Workload {
+        name: "network plain",
+        about: "the same in loops over a buffer",
+        unit: "Mhit/s",
+        bounds: Bounds::Shading,
+        prepare: network::plain,
+    },
     row(
         "query",
         "the paths by ray queries in a compute shader",
