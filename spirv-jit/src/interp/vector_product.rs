@@ -78,10 +78,11 @@ impl<V: Vector + 'static, const SUMS: usize> Kernel for Product<V, SUMS> {
         unsafe {
             let v = V::new();
             for &subgroup in m.listed() {
-                for k in 0..parts.vector.len() {
-                    let row = &*m.block::<u32>(parts.vector[k], subgroup);
-                    let factor = widen(v, plan.product.vector, row);
-                    v.store(factor, &mut factors[k].0);
+                match plan.product.vector {
+                    Component::F16 => {
+                        widen_all(v, m, Component::F16, parts.vector, subgroup, &mut factors);
+                    }
+                    other => widen_all(v, m, other, parts.vector, subgroup, &mut factors),
                 }
                 let factors = &factors[..parts.vector.len()];
                 let active = m.active[subgroup as usize];
@@ -104,6 +105,27 @@ impl<V: Vector + 'static, const SUMS: usize> Kernel for Product<V, SUMS> {
                 }
             }
         }
+    }
+}
+
+/// Rows of components as f32. Callers name the most common component, so that the loop is compiled
+/// for it.
+///
+/// # Safety
+/// As [`Kernel::run`].
+#[inline(always)]
+unsafe fn widen_all<V: Vector>(
+    v: V,
+    m: &Machine<'_>,
+    component: Component,
+    rows: &[Operand],
+    subgroup: u16,
+    to: &mut [AlignedRow],
+) {
+    for (&row, to) in rows.iter().zip(to) {
+        // SAFETY: as the caller promises.
+        let row = unsafe { &*m.block::<u32>(row, subgroup) };
+        v.store(widen(v, component, row), &mut to.0);
     }
 }
 
@@ -156,13 +178,53 @@ struct Matrix {
 }
 
 impl Matrix {
-    /// 16 elements of a line as f32, from one on; zeros where memory ends.
+    /// Lines of a tile, whose first element is at `(line, first)`.
     ///
     /// # Safety
     /// The region is one of memory that is alive.
     #[inline(always)]
-    unsafe fn part<V: Vector>(&self, v: V, line: usize, first: usize) -> V::F {
-        let component = self.product.matrix;
+    unsafe fn fill<V: Vector>(&self, v: V, (line, first): (usize, usize), tile: &mut [AlignedRow]) {
+        // SAFETY: as the caller promises.
+        unsafe {
+            match self.product.matrix {
+                Component::F16 => self.fill_with(v, Component::F16, (line, first), tile),
+                other => self.fill_with(v, other, (line, first), tile),
+            }
+        }
+    }
+
+    /// The same of elements of a component, which callers may name as a constant: the loop is
+    /// compiled for it.
+    ///
+    /// # Safety
+    /// As [`Self::fill`].
+    #[inline(always)]
+    unsafe fn fill_with<V: Vector>(
+        &self,
+        v: V,
+        component: Component,
+        (line, first): (usize, usize),
+        tile: &mut [AlignedRow],
+    ) {
+        for (k, to) in tile.iter_mut().enumerate() {
+            // SAFETY: as the caller promises.
+            let part = unsafe { self.part(v, component, line + k, first) };
+            v.store(part, &mut to.0);
+        }
+    }
+
+    /// 16 elements of a line as f32, from one on; zeros where memory ends.
+    ///
+    /// # Safety
+    /// As [`Self::fill`].
+    #[inline(always)]
+    unsafe fn part<V: Vector>(
+        &self,
+        v: V,
+        component: Component,
+        line: usize,
+        first: usize,
+    ) -> V::F {
         let size = component.ty().size_bytes() as usize;
         let skip = line as u64 * self.stride_bytes + (first * size) as u64;
         let mut words: Row = [0; TILE];
@@ -199,7 +261,7 @@ impl Matrix {
     /// The bytes of 16 elements of so many bytes each, of which some are outside.
     ///
     /// # Safety
-    /// As [`Self::part`].
+    /// As [`Self::fill`].
     #[cold]
     #[inline(never)]
     unsafe fn copy(&self, skip: u64, size: usize) -> [u8; size_of::<Row>()] {
@@ -218,7 +280,7 @@ impl Matrix {
 /// `factors`.
 ///
 /// # Safety
-/// As [`Kernel::run`]; the region is as [`Matrix::part`] wants it.
+/// As [`Kernel::run`]; the region is as [`Matrix::fill`] wants it.
 #[inline(always)]
 unsafe fn multiply<V: Vector, const SUMS: usize>(
     v: V,
@@ -247,20 +309,11 @@ unsafe fn multiply<V: Vector, const SUMS: usize>(
             let mut left = 0;
             for factors in factors.chunks(TILE) {
                 let mut tile = [AlignedRow::default(); TILE];
-                match product.by_columns {
-                    true => {
-                        for column in 0..factors.len() {
-                            let part = matrix.part(v, left + column, top);
-                            v.store(part, &mut tile[column].0);
-                        }
-                    }
-                    false => {
-                        for row in 0..rows {
-                            let part = matrix.part(v, top + row, left);
-                            v.store(part, &mut tile[row].0);
-                        }
-                    }
-                }
+                let (lines, first) = match product.by_columns {
+                    true => (factors.len(), (left, top)),
+                    false => (rows, (top, left)),
+                };
+                matrix.fill(v, first, &mut tile[..lines]);
                 for first in (0..rows).step_by(SUMS) {
                     let sums = &mut sums[first..first + SUMS];
                     match (product.by_columns, product.is_exact()) {
