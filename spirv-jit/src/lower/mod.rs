@@ -85,12 +85,13 @@ use self::layout::Layout;
 use self::phi::PhiSources;
 use self::stage_interface::{Evaluation, InterfaceWord};
 use self::structure::Plan;
-use self::types::{Types, UNTYPED};
+use self::types::{FEW_COMPONENTS, Types, UNTYPED};
 use self::values::{Local, Place, Val};
 use crate::error::ErrorKind;
 use crate::ir::InputRow;
 use crate::ir::interface::OutputRow;
 use crate::ir::mesh::MeshFacts;
+use crate::ir::op::VectorProduct;
 use crate::ir::tessellation::TessellationFacts;
 use crate::parse::{EntryPoint, Id, ParsedModule};
 use crate::query::QueryWord;
@@ -252,14 +253,15 @@ impl<'a> Lowerer<'a> {
         };
         lowerer.types.query_rows = Self::query_rows(&lowerer.query_words);
         lowerer.types.has_wide_offsets = lowerer.indexes_in_64_bits();
-        let mut capabilities = module.capabilities.iter();
-        // A cooperative vector is a long one.
-        lowerer.types.has_long_vectors = capabilities.any(|&(capability, _)| {
-            matches!(
-                capability,
-                Capability::LongVectorEXT | Capability::CooperativeVectorNV
-            )
-        });
+        let has = |wanted: Capability| module.capabilities.iter().any(|it| it.0 == wanted);
+        lowerer.types.components = if has(Capability::LongVectorEXT) {
+            [1, MAX_VECTOR_COMPONENTS]
+        } else if has(Capability::CooperativeVectorNV) {
+            // A cooperative vector is a vector of any number of components.
+            [1, VectorProduct::MAX_COMPONENTS as u32]
+        } else {
+            [2, FEW_COMPONENTS]
+        };
         lowerer.declare_globals()?;
         lowerer.allow_long_vectors();
         Ok(lowerer)

@@ -32,7 +32,7 @@ pub(super) const UNTYPED: Id = 0;
 pub const MAX_COMPONENTS: u32 = 1024;
 
 /// Components of a vector without it.
-const FEW_COMPONENTS: u32 = 4;
+pub(super) const FEW_COMPONENTS: u32 = 4;
 
 /// Scalars of a value that is taken apart; larger ones lie in memory (see [`super::large`]).
 pub(super) const MAX_LEAVES: u64 = 1 << 14;
@@ -132,8 +132,8 @@ pub(super) struct Types {
     pub query_rows: u64,
     /// Offsets in storage buffers have 64 bits (`Shader64BitIndexingEXT`).
     pub has_wide_offsets: bool,
-    /// Vectors may have one component, or more than four (`LongVectorEXT`).
-    pub has_long_vectors: bool,
+    /// Components that vectors may have, at least and at most.
+    pub components: [u32; 2],
     longest_vector: u32,
     leaves: std::cell::RefCell<IdTable<Rc<[Type]>>>,
 }
@@ -504,11 +504,8 @@ impl Types {
                 let TypeKind::Scalar { ty, .. } = part(*component)?.kind else {
                     return Err(Error::invalid(at, "vector components must be scalars"));
                 };
-                let is_possible = match self.has_long_vectors {
-                    true => matches!(*count, 1..=MAX_COMPONENTS),
-                    false => matches!(*count, 2..=FEW_COMPONENTS),
-                };
-                if !is_possible {
+                let [least, most] = self.components;
+                if !(least..=most).contains(count) {
                     let message = format!("a vector cannot have {count} components");
                     return Err(Error::invalid(at, message));
                 }

@@ -469,11 +469,8 @@ fn vectors_pass_through_workgroup_memory() {
 #[test]
 fn vectors_of_too_many_components_are_refused() {
     for (count, message) in [
-        (
-            257,
-            "a cooperative vector of 257 components is not supported",
-        ),
-        (0, "a cooperative vector has no components"),
+        (257, "a vector cannot have 257 components"),
+        (0, "a vector cannot have 0 components"),
     ] {
         let mut v = Vectors::new();
         let ty = v.vector(v.a.word, count);
