@@ -158,8 +158,8 @@ fn structures_are_written_out_and_read_back() {
         structure
     };
     let written = write(bottom);
-    // No references. Of devices with `VK_KHR_opacity_micromap` the references stand in blocks: their
-    // number is the lower half of this word, whose upper half is all ones.
+    // No references. On devices with `VK_KHR_opacity_micromap` they stand in blocks. The number of
+    // blocks is the lower half of this word; its upper half is all ones.
     let blocks = match gpu.optional.micromap_khr.micromap {
         0 => 0,
         _ => u64::from(u32::MAX) << 32,

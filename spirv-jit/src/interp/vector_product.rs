@@ -142,15 +142,21 @@ unsafe fn lanes_like(
     among: LaneMask,
 ) -> LaneMask {
     let mut lanes = among;
-    // SAFETY: as the caller promises: an address begins with 64 bits; the rest are 32.
+    // SAFETY: as the caller promises: rows are read as the types of an address say.
     unsafe {
         let (place, rest) = (parts.address[0], &parts.address[1..]);
         if !place.is_uniform() {
             let places = &*m.block::<u64>(place, subgroup);
             lanes &= same(places, lane);
         }
-        if plan.space == Space::Buffer && !rest[0].is_uniform() {
-            lanes &= same(&*m.block::<u32>(rest[0], subgroup), lane);
+        match plan.space {
+            Space::Buffer if !rest[0].is_uniform() => {
+                lanes &= same(&*m.block::<u32>(rest[0], subgroup), lane);
+            }
+            Space::Buffer64 if !rest[0].is_uniform() => {
+                lanes &= same(&*m.block::<u64>(rest[0], subgroup), lane);
+            }
+            _ => {}
         }
         if !parts.stride.is_uniform() {
             lanes &= same(&*m.block::<u32>(parts.stride, subgroup), lane);

@@ -558,7 +558,7 @@ impl Op {
             Op::Load(access) | Op::Store(access) | Op::Atomic(_, access) => {
                 access.space.is_buffer() as usize
             }
-            Op::VectorProduct(_, space) => (*space == Space::Buffer) as usize,
+            Op::VectorProduct(_, space) => space.is_buffer() as usize,
             Op::BufferSize | Op::DescriptorAddress => 1,
             Op::Image(image) => 1 + image.has_sampler() as usize,
             _ => 0,

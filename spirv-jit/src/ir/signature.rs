@@ -454,7 +454,7 @@ fn check_vector_product(
     args: &[Type],
     results: &[Type],
 ) -> Checked {
-    let has_matrices = matches!(space, Space::Buffer | Space::Global);
+    let has_matrices = matches!(space, Space::Buffer | Space::Buffer64 | Space::Global);
     require(has_matrices, "no matrix lies in that memory")?;
     let vectors = args.strip_prefix(address_types(space));
     let vectors = vectors.and_then(|rest| rest.strip_prefix(&[Type::I32]));

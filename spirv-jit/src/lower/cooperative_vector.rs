@@ -87,6 +87,10 @@ impl Lowerer<'_> {
                 let bytes = self.b.i32_of(bytes, false)?;
                 *offset = Some(self.add(*offset, bytes)?);
             }
+            Place::Buffer64 { offset, .. } => {
+                let bytes = self.b.i64_of(bytes, false)?;
+                *offset = Some(self.add(*offset, bytes)?);
+            }
             Place::Global { address, .. } => {
                 let bytes = self.b.i64_of(bytes, false)?;
                 *address = self.b.binary(ir::Op::IAdd, *address, bytes)?;
