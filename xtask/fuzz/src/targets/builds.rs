@@ -7,7 +7,7 @@ use crate::case::{Case, wild};
 use crate::world::World;
 
 /// An address, mostly one at which there is something.
-fn address(world: &World, rng: &mut Rng) -> u64 {
+pub fn address(world: &World, rng: &mut Rng) -> u64 {
     let buffer = world.guarded[0].buffer;
     match rng.u32(0..5) {
         0 => wild(rng),
@@ -30,7 +30,7 @@ fn format(rng: &mut Rng) -> vk::Format {
 }
 
 /// A stride or a count, mostly a modest one.
-fn modest(rng: &mut Rng) -> u64 {
+pub fn modest(rng: &mut Rng) -> u64 {
     match rng.u32(0..6) {
         0 => wild(rng),
         _ => rng.u64(0..64),
@@ -84,19 +84,23 @@ fn geometry(world: &World, rng: &mut Rng) -> vk::AccelerationStructureGeometryKH
         .flags(vk::GeometryFlagsKHR::from_raw(rng.u32(0..4)))
 }
 
-pub fn run(world: &World, case: &Case) {
-    let gpu = &world.gpu;
-    let mut rng = case.common();
-    // The memory that builds read: numbers of all kinds, some of which are addresses.
+/// Fills the memory that builds read: numbers of all kinds, some of which are addresses.
+pub fn fill(world: &World, rng: &mut Rng) {
     let buffer = world.guarded[0].buffer;
     let words: Vec<u64> = (0..world.guarded[0].size_bytes / 8)
         .map(|_| match rng.u32(0..4) {
-            0 => address(world, &mut rng),
-            1 => wild(&mut rng),
+            0 => address(world, rng),
+            1 => wild(rng),
             _ => u64::from(rng.f32().to_bits()) << 32 | u64::from((-rng.f32()).to_bits()),
         })
         .collect();
     buffer.write(crate::guard::MARGIN as usize, &words);
+}
+
+pub fn run(world: &World, case: &Case) {
+    let gpu = &world.gpu;
+    let mut rng = case.common();
+    fill(world, &mut rng);
     for mut rng in case.steps().take(4) {
         let rng = &mut rng;
         let geometry = geometry(world, rng);

@@ -5,6 +5,7 @@ mod caches;
 mod descriptors;
 mod draws;
 mod heaps;
+mod micromaps;
 mod modules;
 mod scribbles;
 mod structures;
@@ -22,7 +23,7 @@ pub struct Target {
     pub run: fn(&World, &Case),
 }
 
-const TARGETS: [Target; 11] = [
+const TARGETS: [Target; 12] = [
     Target {
         name: "modules",
         run: modules::run,
@@ -50,6 +51,10 @@ const TARGETS: [Target; 11] = [
     Target {
         name: "builds",
         run: builds::run,
+    },
+    Target {
+        name: "micromaps",
+        run: micromaps::run,
     },
     Target {
         name: "descriptors",
