@@ -2,7 +2,7 @@
 
 use std::cell::RefCell;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::Once;
+use std::sync::{Mutex, Once};
 
 use ash::vk;
 use log::Level;
@@ -47,6 +47,10 @@ thread_local! {
     static PANICKED_AT: RefCell<String> = const { RefCell::new(String::new()) };
 }
 
+/// Where any thread of the driver panicked last: a pool hands a worker's panic to the thread that
+/// waits for it.
+static LAST_PANIC_AT: Mutex<String> = Mutex::new(String::new());
+
 /// From now on the panics of this library are printed where they are caught, as `TUFF_LOG` has it,
 /// and not when they begin. (The standard library is linked statically: the application's own
 /// panics have another hook.)
@@ -57,14 +61,22 @@ pub fn catch_panic_messages() {
             let place = info.location().map(|place| format!(" at {place}"));
             let place = place.unwrap_or_default();
             log::debug!("panic{place}");
+            if let Ok(mut last) = LAST_PANIC_AT.lock() {
+                last.clone_from(&place);
+            }
             PANICKED_AT.with(|at| *at.borrow_mut() = place);
         }));
     });
 }
 
-/// The message of a panic, and where it was if this is its thread.
+/// The message of a panic, and where it was: on this thread, or else the last on any.
 pub fn panic_text(payload: &(dyn std::any::Any + Send)) -> String {
-    let place = PANICKED_AT.with(|at| std::mem::take(&mut *at.borrow_mut()));
+    let mut place = PANICKED_AT.with(|at| std::mem::take(&mut *at.borrow_mut()));
+    if place.is_empty()
+        && let Ok(last) = LAST_PANIC_AT.lock()
+    {
+        place.clone_from(&last);
+    }
     format!("{}{place}", panic_message(payload))
 }
 

@@ -86,7 +86,7 @@ impl BuildGeometries {
                     return;
                 };
                 geometry.primitive_count = range.primitive_count;
-                geometry.boxes += offset;
+                geometry.boxes = geometry.boxes.wrapping_add(offset);
             }
             Self::Swept(list) => {
                 if let Some(geometry) = list.get_mut(index) {
@@ -95,7 +95,7 @@ impl BuildGeometries {
             }
             Self::Instances(instances) if index == 0 => {
                 instances.count = range.primitive_count;
-                instances.address += offset;
+                instances.address = instances.address.wrapping_add(offset);
             }
             Self::Instances(_) => {}
         }
@@ -149,11 +149,13 @@ impl Triangles {
         self.primitive_count = range.primitive_count;
         self.first_vertex = range.first_vertex;
         match self.index_type {
-            IndexType::None => self.vertices += offset,
-            _ => self.indices += offset,
+            IndexType::None => self.vertices = self.vertices.wrapping_add(offset),
+            _ => self.indices = self.indices.wrapping_add(offset),
         }
         if self.transform != 0 {
-            self.transform += u64::from(range.transform_offset);
+            self.transform = self
+                .transform
+                .wrapping_add(u64::from(range.transform_offset));
         }
     }
 }
@@ -163,7 +165,9 @@ impl MotionTriangles {
     fn apply_range(&mut self, range: &Range) {
         self.start.apply_range(range);
         if self.start.index_type == IndexType::None {
-            self.end_vertices += u64::from(range.primitive_offset);
+            self.end_vertices = self
+                .end_vertices
+                .wrapping_add(u64::from(range.primitive_offset));
         }
     }
 }

@@ -51,10 +51,10 @@ impl Swept {
         self.first_vertex = range.first_vertex;
         match self.index_type {
             IndexType::None => {
-                self.vertices += offset;
-                self.radii += offset;
+                self.vertices = self.vertices.wrapping_add(offset);
+                self.radii = self.radii.wrapping_add(offset);
             }
-            _ => self.indices += offset,
+            _ => self.indices = self.indices.wrapping_add(offset),
         }
     }
 }

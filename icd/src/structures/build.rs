@@ -127,7 +127,9 @@ impl Triangles {
             _ => self.first_vertex as u64 + self.max_vertex as u64 + 1,
         };
         // The last vertex counts with a whole stride or its own size, whichever is larger.
-        let vertex_bytes = vertex_count * self.vertex_stride_bytes + MAX_VERTEX_BYTES;
+        let vertex_bytes = vertex_count
+            .saturating_mul(self.vertex_stride_bytes)
+            .saturating_add(MAX_VERTEX_BYTES);
         TriangleGeometry {
             vertices: readable(reach, self.vertices, vertex_bytes),
             vertex_stride_bytes: self.vertex_stride_bytes,
@@ -180,9 +182,11 @@ const AABB_BYTES: u64 = 24;
 
 impl Aabbs {
     fn resolve(&self, reach: &Reach) -> AabbGeometry {
-        let last = (self.primitive_count as u64).saturating_sub(1) * self.stride_bytes;
+        let last = u64::from(self.primitive_count)
+            .saturating_sub(1)
+            .saturating_mul(self.stride_bytes);
         AabbGeometry {
-            boxes: readable(reach, self.boxes, last + AABB_BYTES),
+            boxes: readable(reach, self.boxes, last.saturating_add(AABB_BYTES)),
             stride_bytes: self.stride_bytes,
             primitive_count: self.primitive_count,
             flags: self.flags,

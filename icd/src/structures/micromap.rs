@@ -30,12 +30,12 @@ impl MicromapBuild {
     /// promise (valid usage of `vkCmdBuildMicromapsEXT`), and not written by anyone else meanwhile.
     unsafe fn execute(&self, reach: &Reach, live: &Live) -> Result<u64, BuildError> {
         let count = self.count();
-        let last = u64::from(count.saturating_sub(1)) * self.stride_bytes;
+        let last = u64::from(count.saturating_sub(1)).saturating_mul(self.stride_bytes);
         let input = MicromapInput {
             triangles: readable(
                 reach,
                 self.triangles,
-                last + size_of::<vk::MicromapTriangleEXT>() as u64,
+                last.saturating_add(size_of::<vk::MicromapTriangleEXT>() as u64),
             ),
             stride_bytes: self.stride_bytes,
             count,

@@ -49,7 +49,10 @@ impl Swept {
             indices: readable(
                 reach,
                 self.indices,
-                numbers.saturating_sub(1) * self.index_stride_bytes + index_bytes,
+                numbers
+                    .saturating_sub(1)
+                    .saturating_mul(self.index_stride_bytes)
+                    .saturating_add(index_bytes),
             ),
             index_stride_bytes: self.index_stride_bytes,
             indexing: self.indexing,

@@ -41,7 +41,9 @@ impl Checks {
                 }),
                 BuildGeometries::Aabbs(list) => list.iter().for_each(|list| {
                     if let Some(last) = list.primitive_count.checked_sub(1) {
-                        let bytes = u64::from(last) * list.stride_bytes + 24;
+                        let bytes = u64::from(last)
+                            .saturating_mul(list.stride_bytes)
+                            .saturating_add(24);
                         self.input("boxes", list.boxes, bytes, reach);
                     }
                 }),
@@ -238,5 +240,6 @@ fn vertex_bytes(list: &Triangles) -> u64 {
         _ => u64::from(list.max_vertex),
     };
     // The smallest position that there is: two components of 8 bits.
-    last * list.vertex_stride_bytes + 2
+    last.saturating_mul(list.vertex_stride_bytes)
+        .saturating_add(2)
 }

@@ -34,7 +34,9 @@ impl Checks {
         let Some(last) = build.count().checked_sub(1) else {
             return;
         };
-        let bytes = (u64::from(last) * build.stride_bytes).saturating_add(size);
+        let bytes = u64::from(last)
+            .saturating_mul(build.stride_bytes)
+            .saturating_add(size);
         self.input("micromap triangles", build.triangles, bytes, reach);
         // How many triangles there may still be of each usage.
         let mut left: Vec<u32> = build.usages.iter().map(|usage| usage.count).collect();

@@ -83,6 +83,9 @@ fn run(arguments: &Arguments) -> Result<ExitCode> {
             count,
             progress,
         }) => child::run(&Which::parse(case)?, *count, Some(progress)),
+        Some(Command::Again { .. }) if std::env::var_os(parent::TIMEOUT_NAME).is_none() => {
+            parent::again()
+        }
         Some(Command::Again { case }) => child::run(&Which::parse(case)?, 1, None),
         None => {
             let targets = targets::named(&arguments.targets)?;

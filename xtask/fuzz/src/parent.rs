@@ -32,7 +32,10 @@ const MINIMISING: Duration = Duration::from_secs(60);
 /// Cases that a child is given: more than it comes to.
 const MANY: u64 = 1 << 40;
 
-/// Seconds after which a dispatch of the driver under test is given up.
+/// The variable that says after how many seconds the driver gives a dispatch up.
+pub const TIMEOUT_NAME: &str = "TUFF_TIMEOUT";
+
+/// Its value for the driver under test.
 const TIMEOUT: &str = "0.5";
 
 /// How much a run does.
@@ -55,6 +58,19 @@ enum End {
 
 pub struct Parent {
     out: PathBuf,
+}
+
+/// Runs this program once more, with the time limit that its children have.
+pub fn again() -> Result<ExitCode> {
+    let status = Command::new(std::env::current_exe()?)
+        .args(std::env::args_os().skip(1))
+        .env(TIMEOUT_NAME, TIMEOUT)
+        .status()
+        .context("starting the case")?;
+    Ok(match status.success() {
+        true => ExitCode::SUCCESS,
+        false => ExitCode::FAILURE,
+    })
 }
 
 impl Parent {
@@ -129,7 +145,7 @@ impl Parent {
         let mut child = Command::new(std::env::current_exe()?)
             .args(["child", &first.to_string(), &count.to_string()])
             .arg(&progress)
-            .env("TUFF_TIMEOUT", TIMEOUT)
+            .env(TIMEOUT_NAME, TIMEOUT)
             .env("RUST_BACKTRACE", "1")
             .stdout(Stdio::null())
             .stderr(file)
