@@ -107,7 +107,7 @@ impl Structure {
     pub const HEADER_BYTES: u64 = HEADER_BYTES;
 
     /// No structure: without nodes and leaves.
-    pub(crate) const NOWHERE: Structure = Structure {
+    pub(crate) const EMPTY: Structure = Structure {
         base: std::ptr::null(),
         kind: Kind::Instances,
         form: Form::Groups,
@@ -125,7 +125,7 @@ impl Structure {
         micromap_bytes: 0,
     };
 
-    /// Whether the header in memory still says what its copy says; not of [`Self::NOWHERE`].
+    /// Whether the header in memory still says what its copy says; not of [`Self::EMPTY`].
     #[inline(always)]
     pub(crate) fn is_still(&self, header: &Header) -> bool {
         // SAFETY: a header was found here.

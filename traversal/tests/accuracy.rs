@@ -84,7 +84,7 @@ fn a_near_hit_of_a_far_triangle_is_exact() {
         bits([0x3c2e_45b7, 0xbda7_d818, 0xbcd6_3a75]),
         bits([0xc06b_8ce3, 0x409b_948e, 0x4014_daa4]),
     );
-    let truth = exact::meet(&ray, &triangle).expect("the line meets it");
+    let truth = exact::intersect(&ray, &triangle).expect("the line meets it");
     let mesh = Mesh {
         vertices: triangle.to_vec(),
         indices: vec![[0, 1, 2]],

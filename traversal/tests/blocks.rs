@@ -65,7 +65,7 @@ fn rays(meshes: &[Mesh]) -> Vec<Ray> {
 }
 
 /// Clears the location of the primitive.
-fn told(hit: Hit) -> Hit {
+fn without_slot(hit: Hit) -> Hit {
     Hit { slot: 0, ..hit }
 }
 
@@ -93,7 +93,11 @@ fn hits_are_those_of_other_builds() {
                 if ray.flags & ray_flags::TERMINATE_ON_FIRST_HIT != 0 {
                     assert_eq!(found.is_some(), expected.is_some(), "{ray:?}");
                 } else if [found, expected].iter().flatten().all(|hit| hit.opaque) {
-                    assert_eq!(found.map(told), expected.map(told), "{tier:?} {ray:?}");
+                    assert_eq!(
+                        found.map(without_slot),
+                        expected.map(without_slot),
+                        "{tier:?} {ray:?}"
+                    );
                 } else {
                     // Of coincident ones, any may be asked about first.
                     let t = |hit: Option<Hit>| hit.map(|hit| hit.t);

@@ -7,17 +7,17 @@ use scenes::*;
 use traversal::*;
 
 /// The result of a ray: its hit, and the boxes at which it stood.
-type Found = (Option<Hit>, Vec<Hit>);
+type RayResult = (Option<Hit>, Vec<Hit>);
 
-struct World {
+struct TestScene {
     top: Bytes,
     boxes: Vec<[f32; 6]>,
     _bottoms: [Bytes; 2],
 }
 
-impl World {
+impl TestScene {
     /// Boxes in one instance, or in several with a ball among them.
-    fn new(random: &mut Random, transforms: &[[f32; 12]]) -> World {
+    fn new(random: &mut Random, transforms: &[[f32; 12]]) -> TestScene {
         let boxes: Vec<[f32; 6]> = (0..300)
             .map(|i| {
                 // On whole numbers, so that rays start on planes; a few are flat or large.
@@ -33,7 +33,7 @@ impl World {
         if transforms.len() > 1 {
             instances.push(InstanceRecord::new(&ball, IDENTITY));
         }
-        World {
+        TestScene {
             top: build_instances(&instances, 0),
             boxes,
             _bottoms: [bottom, ball],
@@ -52,7 +52,7 @@ impl World {
     }
 
     /// A ray by itself.
-    fn alone(&self, walker: &mut Walker, ray: &Ray) -> Found {
+    fn alone(&self, walker: &mut Walker, ray: &Ray) -> RayResult {
         // SAFETY: the structures are alive.
         let mut walk = unsafe { Walk::new(self.top.address(), ray) };
         let mut met = Vec::new();
@@ -89,7 +89,7 @@ impl World {
     }
 
     /// Holds what groups found against each ray by itself.
-    fn compare(&self, rays: &[Ray], found: &[Found]) {
+    fn compare(&self, rays: &[Ray], found: &[RayResult]) {
         let mut walker = Walker::with_tier(Tier::Portable).expect("every machine has it");
         for (ray, found) in rays.iter().zip(found) {
             assert_eq!(*found, self.alone(&mut walker, ray), "{ray:?}");
@@ -156,7 +156,7 @@ fn placements() -> [Vec<[f32; 12]>; 4] {
 fn groups_meet_the_boxes_of_single_rays() {
     let mut random = Random(0x0B0E_5000);
     for (round, transforms) in placements().iter().cycle().take(12).enumerate() {
-        let world = World::new(&mut random, transforms);
+        let world = TestScene::new(&mut random, transforms);
         let flags = [0, ray_flags::TERMINATE_ON_FIRST_HIT, ray_flags::CULL_OPAQUE][round / 4];
         let rays = rays(&mut random, 16 * PACKET - 3, flags);
         for &tier in Tier::available() {
@@ -179,7 +179,7 @@ fn groups_meet_the_boxes_of_single_rays() {
                 unsafe { groups.trace(&mut walker, 1) };
                 let hits = groups.found(rays.len());
                 let met = std::mem::take(&mut groups.met).into_iter().flatten();
-                let found: Vec<Found> = hits.into_iter().zip(met).collect();
+                let found: Vec<RayResult> = hits.into_iter().zip(met).collect();
                 world.compare(&rays, &found);
             }
         }
@@ -190,7 +190,7 @@ fn groups_meet_the_boxes_of_single_rays() {
 fn moved_rays_go_on_where_they_stood() {
     let mut random = Random(0x0B0E_5001);
     for transforms in placements() {
-        let world = World::new(&mut random, &transforms);
+        let world = TestScene::new(&mut random, &transforms);
         let rays = rays(&mut random, PACKET, 0);
         for &tier in Tier::available() {
             let mut walker = Walker::with_tier(tier).expect("the tier is available");
@@ -240,7 +240,7 @@ fn moved_rays_go_on_where_they_stood() {
                 let resumed = unsafe { walker.resume(&waiting, &mut groups) };
                 assert!(resumed.is_ok());
             }
-            let found: Vec<Found> = (0..PACKET)
+            let found: Vec<RayResult> = (0..PACKET)
                 .map(|lane| {
                     let place = places[lane];
                     let flight = &groups.flights[place / PACKET];

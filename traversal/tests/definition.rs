@@ -105,7 +105,7 @@ fn a_ray_does_not_meet_the_triangle_that_it_starts_on() {
             a[k] + eighths[0] * (b[k] - a[k]) + eighths[1] * (c[k] - a[k])
         }));
         let ray = ray(origin, narrow(random.direction()));
-        let truth = exact::meet(&ray, &triangle);
+        let truth = exact::intersect(&ray, &triangle);
         let scene = Scene::new(&[soup(&[triangle], true)], 0);
         let expected = truth.is_some_and(|crossing| crossing.t > 0.0);
         for (way, hits) in all_ways(&scene.top, &[ray]) {
@@ -190,7 +190,7 @@ fn needles_are_crossed_once() {
     for ray in &rays {
         let found = candidates(&glass.top, ray);
         let crossed = (0..mesh.indices.len())
-            .filter(|&i| exact::meet(ray, &mesh.triangle(i)).is_some())
+            .filter(|&i| exact::intersect(ray, &mesh.triangle(i)).is_some())
             .count();
         assert!(
             found.len() <= crossed && !found.is_empty(),

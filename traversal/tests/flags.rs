@@ -12,7 +12,7 @@ type Key = (u32, u32, u32);
 /// ten-thousandth.
 const GRAZING: f64 = 1e-4;
 
-struct World {
+struct FlagScene {
     bottoms: Vec<Bottom>,
     instances: Vec<InstanceRecord>,
     top: Bytes,
@@ -86,7 +86,7 @@ fn random_transform(random: &mut Random) -> [f32; 12] {
     })
 }
 
-fn random_world(random: &mut Random) -> World {
+fn random_world(random: &mut Random) -> FlagScene {
     let bottoms: Vec<Bottom> = (0..3)
         .map(|i| {
             let count = |random: &mut Random| (random.unit() * 24.0) as usize;
@@ -148,7 +148,7 @@ fn random_world(random: &mut Random) -> World {
         })
         .collect();
     let top = build_instances(&instances, random_flags(random));
-    World {
+    FlagScene {
         bottoms,
         instances,
         top,
@@ -173,7 +173,7 @@ struct Expected {
     triangle: bool,
 }
 
-impl World {
+impl FlagScene {
     /// Every candidate by the specification's rules; `None` if rounding could decide.
     fn expected(&self, ray: &Ray) -> Option<BTreeMap<Key, Expected>> {
         use ray_flags::*;
@@ -317,7 +317,7 @@ fn key(hit: &Hit) -> Key {
 /// Walks, accepting any-hit candidates or not; a box is hit where the ray enters it. Returns the
 /// hit and what was asked.
 fn walk_through(
-    world: &World,
+    world: &FlagScene,
     ray: &Ray,
     expected: &BTreeMap<Key, Expected>,
     accept: bool,
@@ -361,7 +361,7 @@ fn walk_through(
     }
 }
 
-fn check(world: &World, ray: &Ray, walker: &mut Walker) -> Result<bool, TestCaseError> {
+fn check(world: &FlagScene, ray: &Ray, walker: &mut Walker) -> Result<bool, TestCaseError> {
     let Some(expected) = world.expected(ray) else {
         return Ok(false);
     };

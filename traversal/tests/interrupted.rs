@@ -50,7 +50,7 @@ enum Content {
 }
 
 /// A top level of a few instances, and rays.
-struct World {
+struct InterruptedScene {
     top: Bytes,
     /// By instance.
     contents: Vec<Content>,
@@ -64,7 +64,7 @@ struct World {
 
 /// The result of a ray, and the candidates at which it stood.
 #[derive(Clone, Debug, Default, PartialEq)]
-struct Found {
+struct RayResult {
     hit: Option<Hit>,
     candidates: Vec<Hit>,
 }
@@ -142,8 +142,8 @@ fn moved(at: DVec3) -> [f32; 12] {
     matrix
 }
 
-impl World {
-    fn new(random: &mut Random, quest: Quest) -> World {
+impl InterruptedScene {
+    fn new(random: &mut Random, quest: Quest) -> InterruptedScene {
         let flags = pick(random, &QUALITIES);
         let count = 1 + (3.0 * random.unit()) as usize;
         // The kind of most: mixtures of all seldom walk in streams.
@@ -189,7 +189,7 @@ impl World {
                 (build_moving_instances(&records, flags), false)
             }
         };
-        World {
+        InterruptedScene {
             rays: rays(random, quest.flags(), &places),
             top,
             contents,
@@ -215,8 +215,13 @@ impl World {
     }
 
     /// Takes a ray to its end, so much fuel at a time; how often it ended.
-    fn alone(&self, walker: &mut Walker, (ray, time): &(Ray, f32), fuel: u64) -> (Found, usize) {
-        let mut found = Found::default();
+    fn alone(
+        &self,
+        walker: &mut Walker,
+        (ray, time): &(Ray, f32),
+        fuel: u64,
+    ) -> (RayResult, usize) {
+        let mut found = RayResult::default();
         let (mut verdict, mut refills) = (Verdict::Continue, 0);
         // SAFETY: the structures are alive.
         let mut walk = unsafe { Walk::new(self.top.address(), ray) };
@@ -280,7 +285,7 @@ impl World {
     }
 
     /// Takes all rays to their ends.
-    fn together(&self, walker: &mut Walker, way: &Way) -> (Vec<Found>, usize) {
+    fn together(&self, walker: &mut Walker, way: &Way) -> (Vec<RayResult>, usize) {
         let mut turn = 0;
         let decide = |rows: &RayRows, flight: &mut Flight| {
             let mut lanes = flight.candidates().found;
@@ -305,7 +310,7 @@ impl World {
         let hits = groups.found(self.rays.len());
         let met = std::mem::take(&mut groups.met);
         let found = hits.into_iter().zip(met.into_iter().flatten());
-        let found = found.map(|(hit, candidates)| Found { hit, candidates });
+        let found = found.map(|(hit, candidates)| RayResult { hit, candidates });
         (found.collect(), refills)
     }
 }
@@ -429,7 +434,13 @@ fn as_set(candidates: &[Hit], once: bool) -> Vec<(u32, u32, u32, u32)> {
 }
 
 /// Holds what rays found in groups against what each finds by itself.
-fn compare(world: &World, way: &Way, found: &[Found], expected: &[Found], case: &str) {
+fn compare(
+    world: &InterruptedScene,
+    way: &Way,
+    found: &[RayResult],
+    expected: &[RayResult],
+    case: &str,
+) {
     for (i, (found, expected)) in found.iter().zip(expected).enumerate() {
         let case = || format!("{case}, {}, ray {i}: {:?}", way.name, world.rays[i]);
         match world.quest == Quest::First && !way.shows_first_hit {
@@ -449,7 +460,7 @@ fn compare(world: &World, way: &Way, found: &[Found], expected: &[Found], case: 
 
 /// Holds what rays find by themselves against exact arithmetic, where all is triangles in places
 /// that need no rounding.
-fn compare_exactly(world: &World, expected: &[Found], case: &str) -> bool {
+fn compare_exactly(world: &InterruptedScene, expected: &[RayResult], case: &str) -> bool {
     let Some(places) = &world.places else {
         return false;
     };
@@ -539,10 +550,10 @@ fn interrupted_walks_find_what_others_find() {
     for seed in 0..160u64 {
         let mut random = Random(0x9E37_79B9_7F4A_7C15u64.wrapping_mul(seed + 1));
         let quest = Quest::ALL[seed as usize % 4];
-        let world = World::new(&mut random, quest);
+        let world = InterruptedScene::new(&mut random, quest);
         let mut plain = plain();
         let alone = |ray| world.alone(&mut plain, ray, u64::MAX).0;
-        let expected: Vec<Found> = world.rays.iter().map(alone).collect();
+        let expected: Vec<RayResult> = world.rays.iter().map(alone).collect();
         tally.candidates += expected
             .iter()
             .map(|found| found.candidates.len())
@@ -601,7 +612,7 @@ fn no_step_is_a_wrong_one_to_stop_at() {
             false => &[Quest::Closest],
         };
         for &quest in quests {
-            let world = World {
+            let world = InterruptedScene {
                 top: build_instances(&records, 0),
                 contents: vec![
                     Content::Triangles(mesh.clone()),
@@ -614,7 +625,7 @@ fn no_step_is_a_wrong_one_to_stop_at() {
             };
             let mut plain = plain();
             let alone = |ray| world.alone(&mut plain, ray, u64::MAX).0;
-            let expected: Vec<Found> = world.rays.iter().map(alone).collect();
+            let expected: Vec<RayResult> = world.rays.iter().map(alone).collect();
             compare_exactly(&world, &expected, "all steps");
             for tier in tiers() {
                 for way in WAYS.iter().filter(|way| !way.shows_order) {

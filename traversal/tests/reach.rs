@@ -90,7 +90,7 @@ fn quick_answers_are_exact() {
                 *number = f32::from_bits(number.to_bits() ^ (random.unit() * 4.0) as u32);
             }
         }
-        let met = Surface::new(&mesh).meet(&ray);
+        let met = Surface::new(&mesh).intersect(&ray);
         assert!(
             closed::is_exactly(&met, &mesh, &ray),
             "{met:?} {mesh:?} {ray:?}"

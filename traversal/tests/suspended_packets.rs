@@ -6,14 +6,14 @@ use scenes::*;
 use traversal::*;
 
 /// A top level, and the boxes of its instances that hold boxes.
-struct World {
+struct PacketScene {
     top: Bytes,
     boxes: Vec<[f32; 6]>,
     /// Of so many boxes, one holds something.
     one_in: u32,
 }
 
-impl World {
+impl PacketScene {
     /// Where a ray is taken to meet what is in a box, if it does.
     fn reported(&self, ray: &Ray, hit: &Hit) -> Option<f32> {
         let bounds = &self.boxes[hit.primitive_index as usize];
@@ -23,7 +23,7 @@ impl World {
 }
 
 /// A ray by itself.
-fn alone(walker: &mut Walker, world: &World, ray: &Ray) -> Option<Hit> {
+fn alone(walker: &mut Walker, world: &PacketScene, ray: &Ray) -> Option<Hit> {
     // SAFETY: the structures are alive.
     let mut walk = unsafe { Walk::new(world.top.address(), ray) };
     finish(&mut walk, walker, world);
@@ -31,7 +31,7 @@ fn alone(walker: &mut Walker, world: &World, ray: &Ray) -> Option<Hit> {
 }
 
 /// Takes a walk to its end.
-fn finish(walk: &mut Walk, walker: &mut Walker, world: &World) {
+fn finish(walk: &mut Walk, walker: &mut Walker, world: &PacketScene) {
     let mut verdict = Verdict::Continue;
     loop {
         verdict = match walk.resume(walker, verdict, &mut { u64::MAX }) {
@@ -73,7 +73,7 @@ impl Tally {
 }
 
 /// Rays together, as a scheduler would do it.
-fn together(walker: &mut Walker, world: &World, rays: &[Ray], tally: &mut Tally) {
+fn together(walker: &mut Walker, world: &PacketScene, rays: &[Ray], tally: &mut Tally) {
     let lanes = LaneMask::full(rays.len());
     let any = rays[0].flags & ray_flags::TERMINATE_ON_FIRST_HIT != 0;
     let before = walker.counts();
@@ -173,7 +173,7 @@ fn boxes(random: &mut Random) -> Vec<[f32; 6]> {
         .collect()
 }
 
-fn check(world: &World, parts: bool) {
+fn check(world: &PacketScene, parts: bool) {
     // Shaders are asked about the same, in the same order, whatever the instruction set.
     let seen: Vec<u64> = (Tier::ALL.into_iter().filter_map(Walker::with_tier))
         .map(|walker| check_with(world, walker, parts))
@@ -181,7 +181,7 @@ fn check(world: &World, parts: bool) {
     assert!(seen.iter().all(|other| *other == seen[0]), "{seen:?}");
 }
 
-fn check_with(world: &World, mut walker: Box<Walker>, parts: bool) -> u64 {
+fn check_with(world: &PacketScene, mut walker: Box<Walker>, parts: bool) -> u64 {
     let mut random = Random(0x0BAD_5EED_1357_2468);
     let vertices = sphere(1.0, true).vertices;
     let mut tally = Tally::default();
@@ -208,7 +208,7 @@ fn triangles_are_decided_on_in_one_instance() {
             &[sphere(1.0, false), sphere(0.9, true), sphere(0.95, false)],
             flags,
         );
-        let world = World {
+        let world = PacketScene {
             top: scene.top,
             boxes: Vec::new(),
             one_in: 1,
@@ -222,7 +222,7 @@ fn boxes_are_decided_on_in_one_instance() {
     let boxes = boxes(&mut Random(5));
     let blob = build_boxes(&boxes, true, 0);
     let top = build_instances(&[InstanceRecord::new(&blob, IDENTITY)], 0);
-    let world = World {
+    let world = PacketScene {
         top,
         boxes,
         one_in: 1,
@@ -256,7 +256,7 @@ fn rays_part_where_they_must() {
         })
         .collect();
     let top = build_instances(&instances, 0);
-    let world = World {
+    let world = PacketScene {
         top,
         boxes,
         one_in: 1,
@@ -275,7 +275,7 @@ fn rays_part_on_long_journeys() {
         .collect();
     let blob = build_boxes(&boxes, false, 0);
     let top = build_instances(&[InstanceRecord::new(&blob, IDENTITY)], 0);
-    let world = World {
+    let world = PacketScene {
         top,
         boxes,
         one_in: 69_001,

@@ -8,14 +8,14 @@ use traversal::*;
 use traversal_fuzz::*;
 
 #[derive(Arbitrary, Debug)]
-struct Given {
+struct FuzzInput {
     kind: u8,
-    list: GivenList,
+    list: FuzzList,
     copies: u8,
     tier: u8,
     /// Where, as a share of the length, and what.
     writes: Vec<(u16, u32, u8)>,
-    rays: Vec<GivenRay>,
+    rays: Vec<FuzzRay>,
 }
 
 /// Corrupts what comes after `start`.
@@ -41,29 +41,29 @@ fn corrupt(bytes: &mut [u8], start: usize, writes: &[(u16, u32, u8)]) {
 const FUEL: u64 = 20_000;
 const HEADER: usize = 256;
 
-fuzz_target!(|given: Given| {
-    let mut given = given;
-    given.rays.truncate(4);
-    let walker = &mut walker(given.tier);
-    given.writes.truncate(64);
-    let rays: Vec<Ray> = given.rays.iter().map(|ray| ray.ray(ray.flags())).collect();
+fuzz_target!(|input: FuzzInput| {
+    let mut input = input;
+    input.rays.truncate(4);
+    let walker = &mut walker(input.tier);
+    input.writes.truncate(64);
+    let rays: Vec<Ray> = input.rays.iter().map(|ray| ray.ray(ray.flags())).collect();
     // Updatable structures have no blocks.
-    let flags = match given.kind / 4 % 2 {
+    let flags = match input.kind / 4 % 2 {
         0 => BuildFlags::ALLOW_UPDATE,
         _ => BuildFlags::LOW_MEMORY,
     };
-    let geometries = match given.kind % 4 {
-        0 => Geometries::Triangles(&[given.list.triangles()]),
-        1 => Geometries::Aabbs(&[given.list.boxes()]),
-        2 => Geometries::Swept(&[given.list.swept()]),
-        _ => Geometries::Motion(&[given.list.motion()]),
+    let geometries = match input.kind % 4 {
+        0 => Geometries::Triangles(&[input.list.triangles()]),
+        1 => Geometries::Aabbs(&[input.list.boxes()]),
+        2 => Geometries::Swept(&[input.list.swept()]),
+        _ => Geometries::Motion(&[input.list.motion()]),
     };
     let input = BuildInput {
         flags: BuildFlags(flags),
         geometries,
     };
     let bottom = build_blob(&input);
-    let records: Vec<_> = (0..1 + given.copies % 20)
+    let records: Vec<_> = (0..1 + input.copies % 20)
         .map(|i| {
             let mut transform = IDENTITY;
             transform[3] = f32::from(i);
@@ -78,7 +78,7 @@ fuzz_target!(|given: Given| {
         let mut data = Bytes::new(size);
         // SAFETY: as above.
         unsafe { serialize(whole, &[[7; 16]; 2], false, &mut data, &EVERYWHERE) }.unwrap();
-        corrupt(&mut data, 0, &given.writes);
+        corrupt(&mut data, 0, &input.writes);
         let mut place = Bytes::new(compacted_size(whole).unwrap());
         if deserialize(&data, &mut place, &EVERYWHERE).is_ok() {
             assert_eq!(validate(&place), Ok(()));
@@ -94,14 +94,14 @@ fuzz_target!(|given: Given| {
         // In memory, with its header, which only validation has to bear.
         let mut place = Bytes::new(compacted_size(whole).unwrap());
         compact_into(whole, &mut place).unwrap();
-        corrupt(&mut place, 0, &given.writes);
+        corrupt(&mut place, 0, &input.writes);
         let _ = validate(&place);
     }
 
     // The bottom level without its header, and the top level's nodes without its references.
     let mut place = Bytes::new(compacted_size(&bottom).unwrap());
     compact_into(&bottom, &mut place).unwrap();
-    corrupt(&mut place, HEADER, &given.writes);
+    corrupt(&mut place, HEADER, &input.writes);
     let tops = over(&place, IDENTITY, 0);
     for ray in &rays {
         walked(walker, &tops, ray, FUEL);
@@ -119,7 +119,7 @@ fuzz_target!(|given: Given| {
     let mut place = Bytes::new(compacted_size(&top).unwrap());
     compact_into(&top, &mut place).unwrap();
     let references = HEADER + 256 + (8 * records.len()).next_multiple_of(256);
-    corrupt(&mut place, references, &given.writes);
+    corrupt(&mut place, references, &input.writes);
     for ray in &rays {
         walked(walker, &place, ray, FUEL);
     }

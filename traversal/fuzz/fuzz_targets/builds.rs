@@ -11,15 +11,15 @@ use traversal::*;
 use traversal_fuzz::*;
 
 #[derive(Arbitrary, Debug)]
-struct Given {
+struct FuzzInput {
     kind: u8,
     repeat: u8,
     parallel: bool,
     change: u8,
     tier: u8,
     transform: Option<[f32; 12]>,
-    lists: Vec<GivenList>,
-    rays: Vec<GivenRay>,
+    lists: Vec<FuzzList>,
+    rays: Vec<FuzzRay>,
 }
 
 static POOL: LazyLock<rayon::ThreadPool> = LazyLock::new(|| {
@@ -32,18 +32,18 @@ static POOL: LazyLock<rayon::ThreadPool> = LazyLock::new(|| {
 /// Calls `then` with the lists as geometries of one kind, to be built with `flags`.
 fn with<T>(
     kind: u8,
-    lists: &[GivenList],
+    lists: &[FuzzList],
     flags: u32,
     then: impl FnOnce(&BuildInput<'_>) -> T,
 ) -> T {
-    fn all<T>(lists: &[GivenList], geometry: impl Fn(&GivenList) -> T) -> Vec<T> {
+    fn all<T>(lists: &[FuzzList], geometry: impl Fn(&FuzzList) -> T) -> Vec<T> {
         lists.iter().map(geometry).collect()
     }
     let geometries = match kind % 8 {
-        0..=3 => Geometries::Triangles(&all(lists, GivenList::triangles)),
-        4 | 5 => Geometries::Aabbs(&all(lists, GivenList::boxes)),
-        6 => Geometries::Swept(&all(lists, GivenList::swept)),
-        _ => Geometries::Motion(&all(lists, GivenList::motion)),
+        0..=3 => Geometries::Triangles(&all(lists, FuzzList::triangles)),
+        4 | 5 => Geometries::Aabbs(&all(lists, FuzzList::boxes)),
+        6 => Geometries::Swept(&all(lists, FuzzList::swept)),
+        _ => Geometries::Motion(&all(lists, FuzzList::motion)),
     };
     let flags = BuildFlags(flags);
     then(&BuildInput { flags, geometries })
@@ -52,7 +52,7 @@ fn with<T>(
 /// No walk through so little takes more steps.
 const FUEL: u64 = 10_000_000;
 
-fuzz_target!(|given: Given| {
+fuzz_target!(|given: FuzzInput| {
     let mut given = given;
     given.lists.truncate(3);
     given.rays.truncate(8);

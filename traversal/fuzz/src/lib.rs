@@ -7,7 +7,7 @@ use traversal::*;
 
 /// A geometry of any kind, out of bytes.
 #[derive(Arbitrary, Clone, Debug)]
-pub struct GivenList {
+pub struct FuzzList {
     format: u8,
     index_type: u8,
     stride: u8,
@@ -49,7 +49,7 @@ const FORMATS: [VertexFormat; 23] = {
     ]
 };
 
-impl GivenList {
+impl FuzzList {
     /// Changes positions, and nothing that an update may not.
     pub fn move_by(&mut self, change: u8) {
         for byte in self.vertices.iter_mut().step_by(3) {
@@ -140,13 +140,13 @@ pub fn over(bottom: &Bytes, transform: [f32; 12], flags: u32) -> Bytes {
 
 /// A ray out of numbers; every other one starts and goes where there may be something.
 #[derive(Arbitrary, Clone, Copy, Debug)]
-pub struct GivenRay {
+pub struct FuzzRay {
     numbers: [f32; 6],
     small: Option<[i8; 6]>,
     flags: u8,
 }
 
-impl GivenRay {
+impl FuzzRay {
     pub fn ray(&self, flags: u32) -> Ray {
         let numbers = match self.small {
             Some(small) => small.map(|number| f32::from(number) / 64.0),

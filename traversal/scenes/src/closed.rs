@@ -5,7 +5,7 @@
 mod meshes;
 
 use crate::exact;
-use crate::surface::{Met, Place, Surface};
+use crate::surface::{Containment, Met, Surface};
 use crate::ways::{all_ways, walkers};
 use crate::*;
 pub use meshes::cuboid;
@@ -195,8 +195,8 @@ fn rays(
         clear,
     } = start;
     let meant = match inside {
-        true => Place::Inside,
-        false => Place::Outside,
+        true => Containment::Inside,
+        false => Containment::Outside,
     };
     let mut rays = Vec::new();
     for _ in 0..64 * count {
@@ -400,7 +400,7 @@ pub fn faults(
             let first = found.next().expect("there is one");
             faults.unequal += found.filter(|found| *found != first).count() as u64;
             let found = first;
-            let met = placement.is_exact().then(|| surface.meet(&given[i]));
+            let met = placement.is_exact().then(|| surface.intersect(&given[i]));
             let right = match (family.shape, inside) {
                 (Shape::Convex, true) => found.len() == 1,
                 (Shape::Convex, false) => found.is_empty() || found.len() == 2,
@@ -459,14 +459,14 @@ pub fn misjudged(family: &Family, length: f64, inside: bool, seed: u64, count: u
     };
     let rays = rays(&mesh, &mut surface, &mut Random(seed), count, start);
     rays.iter()
-        .filter(|ray| !is_exactly(&surface.meet(ray), &mesh, ray))
+        .filter(|ray| !is_exactly(&surface.intersect(ray), &mesh, ray))
         .count()
 }
 
 /// Whether whole numbers say the same without any help by f64.
 pub fn is_exactly(met: &Met, mesh: &Mesh, ray: &Ray) -> bool {
     let triangles = || (0..mesh.indices.len()).map(|index| mesh.triangle(index));
-    let found = triangles().filter_map(|triangle| exact::meet(ray, &triangle));
+    let found = triangles().filter_map(|triangle| exact::intersect(ray, &triangle));
     let ahead = found.map(|found| found.t).filter(|&t| t > 0.0);
     let nearest = ahead.filter(|&t| (t as f32).is_finite());
     let nearest = nearest.min_by(f64::total_cmp);

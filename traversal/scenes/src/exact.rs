@@ -53,7 +53,7 @@ fn quotient(above: &BigInt, below: &BigInt) -> f64 {
 }
 
 /// Where a ray's line meets a triangle.
-pub fn meet(ray: &Ray, triangle: &[[f32; 3]; 3]) -> Option<Crossing> {
+pub fn intersect(ray: &Ray, triangle: &[[f32; 3]; 3]) -> Option<Crossing> {
     let origin = ray.origin.map(whole);
     let direction = ray.direction.map(whole);
     let [a, b, c] = triangle.map(|vertex| {
@@ -91,7 +91,7 @@ fn moved_sign(edge: &BigInt, direction: &Whole, from: &Whole, to: &Whole) -> i32
 /// Whether a ray crosses a triangle after its origin; at edges and vertices, as the ray does whose
 /// origin is moved by an infinitesimal (ε, ε², ε³).
 pub fn crosses(ray: &Ray, triangle: &[[f32; 3]; 3]) -> bool {
-    if meet(ray, triangle).is_none_or(|found| found.t <= 0.0) {
+    if intersect(ray, triangle).is_none_or(|found| found.t <= 0.0) {
         return false;
     }
     let direction = ray.direction.map(whole);
@@ -136,7 +136,7 @@ pub fn nearest(mesh: &Mesh, ray: &Ray) -> Option<(usize, Crossing)> {
         if is_beside(ray, &triangle) {
             continue;
         }
-        if let Some(found) = meet(ray, &triangle)
+        if let Some(found) = intersect(ray, &triangle)
             && found.t > f64::from(ray.t_min)
             && found.t < f64::from(ray.t_max)
             && (found.t as f32).is_finite()

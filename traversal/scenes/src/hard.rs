@@ -12,7 +12,7 @@ pub struct Hard {
 }
 
 /// A way in which scenes get harder.
-pub struct Case {
+pub struct HardSeries {
     pub name: &'static str,
     pub title: &'static str,
     /// The meaning of the columns.
@@ -21,36 +21,36 @@ pub struct Case {
     make: fn(f64, &mut Random, usize) -> Hard,
 }
 
-impl Case {
+impl HardSeries {
     /// The scene of one column, with so many rays.
     pub fn make(&self, column: f64, count: usize) -> Hard {
         (self.make)(column, &mut Random(0x9E37_79B9_7F4A_7C15), count)
     }
 }
 
-pub const CASES: &[Case] = &[
-    Case {
+pub const CASES: &[HardSeries] = &[
+    HardSeries {
         name: "slivers",
         title: "Slivers: a closed mesh of needles",
         across: "length of a needle over its width",
         columns: &[1.0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9],
         make: slivers,
     },
-    Case {
+    HardSeries {
         name: "reach",
         title: "Reach: a box whose walls are hit near their seams, from inside",
         across: "how far the walls reach, over the distance of the hit",
         columns: &[1.0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8],
         make: reach,
     },
-    Case {
+    HardSeries {
         name: "needles",
         title: "Needles: strips side by side",
         across: "length of a strip over its width",
         columns: &[1.0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6],
         make: needles,
     },
-    Case {
+    HardSeries {
         name: "offset",
         title: "Far away: a closed mesh of radius 1",
         across: "distance from the origin of space",
@@ -60,7 +60,7 @@ pub const CASES: &[Case] = &[
             ball(&|p| p + offset, 1.0, 1.0, random, count)
         },
     },
-    Case {
+    HardSeries {
         name: "scale",
         title: "Size: a closed mesh, seen from two radii away",
         across: "radius",
@@ -69,7 +69,7 @@ pub const CASES: &[Case] = &[
         ],
         make: |scale, random, count| ball(&|p| p * scale, scale, 1.0, random, count),
     },
-    Case {
+    HardSeries {
         name: "direction",
         title: "Directions that are not of unit length",
         across: "length of the direction",
@@ -78,42 +78,42 @@ pub const CASES: &[Case] = &[
         ],
         make: |length, random, count| ball(&|p| p, 1.0, length, random, count),
     },
-    Case {
+    HardSeries {
         name: "grazing",
         title: "Grazing rays at a flat grid",
         across: "angle to the surface",
         columns: &[1.0, 1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7],
         make: grazing,
     },
-    Case {
+    HardSeries {
         name: "parallel",
         title: "Rays along an axis, at the edges and vertices of a grid",
         across: "the direction's other components",
         columns: &[1.0, 1e-5, 1e-10, 1e-20, 1e-30, 1e-38, 1e-41, 1e-44, 0.0],
         make: parallel,
     },
-    Case {
+    HardSeries {
         name: "start",
         title: "Hits near the ray's start",
         across: "distance of the surface, whose triangles are of size 0.1",
         columns: &[1.0, 1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9],
         make: near_start,
     },
-    Case {
+    HardSeries {
         name: "end",
         title: "Hits near the end of the ray's interval, before and behind it",
         across: "distance from the end, of the distance",
         columns: &[1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 3e-7],
         make: near_end,
     },
-    Case {
+    HardSeries {
         name: "layers",
         title: "Stacks: four layers, one behind the other",
         across: "distance between layers",
         columns: &[1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 3e-7, 1e-7, 0.0],
         make: layers,
     },
-    Case {
+    HardSeries {
         name: "nested",
         title: "Nested triangles, each a tenth smaller: deep trees",
         across: "triangles",

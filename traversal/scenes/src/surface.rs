@@ -40,7 +40,7 @@ pub struct Surface<'a> {
     vertices: Vec<DVec3>,
     planes: Vec<[Plane; 4]>,
     /// Per vertex, of the ray at hand.
-    seen: Vec<Seen>,
+    seen: Vec<RelativeVertex>,
 }
 
 /// Points by how far they are before it.
@@ -65,7 +65,7 @@ impl Plane {
 
 /// A vertex as a ray sees it.
 #[derive(Clone, Copy)]
-struct Seen {
+struct RelativeVertex {
     /// From the ray's origin.
     at: DVec3,
     /// The direction × that.
@@ -83,7 +83,7 @@ enum Sides {
 
 /// The position of a point by f64: inside, outside or uncertain.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Place {
+pub enum Containment {
     Inside,
     Outside,
     Unsure,
@@ -110,7 +110,7 @@ impl<'a> Surface<'a> {
         self.seen.clear();
         self.seen.extend(self.vertices.iter().map(|&vertex| {
             let at = vertex - origin;
-            Seen {
+            RelativeVertex {
                 at,
                 turned: direction.cross(at),
                 length: at.length(),
@@ -119,7 +119,7 @@ impl<'a> Surface<'a> {
     }
 
     /// How the ray's line passes a triangle; `length` is the direction's.
-    fn sides(&self, corners: &[Seen; 3], length: f64) -> Sides {
+    fn sides(&self, corners: &[RelativeVertex; 3], length: f64) -> Sides {
         let [a, b, c] = corners;
         let margin = CERTAIN * length;
         let [mut above, mut below] = [0u32; 2];
@@ -139,12 +139,12 @@ impl<'a> Surface<'a> {
         }
     }
 
-    fn corners(&self, index: usize) -> [Seen; 3] {
+    fn corners(&self, index: usize) -> [RelativeVertex; 3] {
         self.mesh.indices[index].map(|i| self.seen[i as usize])
     }
 
     /// The hits of a finite ray from its origin on, for any interval.
-    pub fn meet(&mut self, ray: &Ray) -> Met {
+    pub fn intersect(&mut self, ray: &Ray) -> Met {
         let direction = wide(ray.direction);
         self.look(wide(ray.origin), direction);
         let length = direction.length();
@@ -160,7 +160,7 @@ impl<'a> Surface<'a> {
                 None => {
                     met.asked += 1;
                     let triangle = self.mesh.triangle(index);
-                    let found = exact::meet(ray, &triangle).filter(|found| found.t > 0.0);
+                    let found = exact::intersect(ray, &triangle).filter(|found| found.t > 0.0);
                     (exact::crosses(ray, &triangle), found.map(|found| found.t))
                 }
             };
@@ -176,7 +176,7 @@ impl<'a> Surface<'a> {
     }
 
     /// How far a triangle is that is met, where f64 is certain of that to this part of it.
-    fn certainly(&self, corners: &[Seen; 3], sides: &Sides, enough: f64) -> Option<f64> {
+    fn certainly(&self, corners: &[RelativeVertex; 3], sides: &Sides, enough: f64) -> Option<f64> {
         let Sides::Inside(sum, off) = *sides else {
             return None;
         };
@@ -191,9 +191,9 @@ impl<'a> Surface<'a> {
     /// Where a point is if the mesh is closed: by the crossings of rays, none of which comes near
     /// an edge. Unsure if it is not further from the surface than by this part of how far it is
     /// from the origin of space.
-    pub fn place(&mut self, point: DVec3, clear: f64) -> Place {
+    pub fn place(&mut self, point: DVec3, clear: f64) -> Containment {
         if !self.is_clear(point, clear) {
-            return Place::Unsure;
+            return Containment::Unsure;
         }
         const WAYS: [[f64; 3]; 3] = [
             [0.531, 0.622, 0.575],
@@ -215,9 +215,9 @@ impl<'a> Surface<'a> {
             Some(inside)
         });
         match inside {
-            Some(true) => Place::Inside,
-            Some(false) => Place::Outside,
-            None => Place::Unsure,
+            Some(true) => Containment::Inside,
+            Some(false) => Containment::Outside,
+            None => Containment::Unsure,
         }
     }
 

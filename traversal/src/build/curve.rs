@@ -12,11 +12,11 @@ use super::primitive::{CHUNK, Primitive};
 use super::split::{Extent, SplitRules};
 use super::sweep::{Blocks, Stretch};
 use super::tree::{self, BinaryNode, HEURISTIC_DEPTH, PARALLEL, Subtree};
-use super::vector::{Portable, Vector};
+use super::vector::{PortableBounds, Vector};
 use crate::pool::in_pool;
 
 #[cfg(target_arch = "x86_64")]
-use super::vector::Avx2;
+use super::vector::Avx2Bounds;
 
 /// Bits of a code for each axis.
 const BITS: u32 = 10;
@@ -181,7 +181,7 @@ pub(crate) fn grow_all(
         // SAFETY: the machine has it.
         return unsafe { build_avx2(primitives, nodes, blocks, rules, curve, corners) };
     }
-    let blocks = Blocks::new::<Portable>(primitives, blocks);
+    let blocks = Blocks::new::<PortableBounds>(primitives, blocks);
     #[cfg(not(target_arch = "x86_64"))]
     let _ = vectors;
     let growth = Growth {
@@ -204,7 +204,7 @@ unsafe fn build_avx2(
     curve: Curve,
     corners: &Corners,
 ) {
-    let blocks = Blocks::new::<Avx2>(primitives, blocks);
+    let blocks = Blocks::new::<Avx2Bounds>(primitives, blocks);
     let growth = Growth {
         curve,
         blocks,
@@ -233,7 +233,7 @@ unsafe fn grow_avx2(
     depth: u32,
 ) {
     let instances = (grow_avx2 as Grow, tree::subtree_avx2 as Subtree);
-    grow::<Avx2>(growth, primitives, first, nodes, corners, depth, instances);
+    grow::<Avx2Bounds>(growth, primitives, first, nodes, corners, depth, instances);
 }
 
 fn grow_portable(
@@ -245,7 +245,7 @@ fn grow_portable(
     depth: u32,
 ) {
     let instances = (grow_portable as Grow, tree::subtree_portable as Subtree);
-    grow::<Portable>(growth, primitives, first, nodes, corners, depth, instances);
+    grow::<PortableBounds>(growth, primitives, first, nodes, corners, depth, instances);
 }
 
 /// Builds the tree of the stretch from `first` on. Inlined into one function for each instruction

@@ -254,7 +254,7 @@ impl Target<'_> {
         }
         // SAFETY: the caller's promise.
         unsafe { self.write_node(node_index, &node) };
-        let run = |(subtree, first, node_index, leaf_index): Task<'_>| {
+        let run = |(subtree, first, node_index, leaf_index): BinarySubtree<'_>| {
             let own = &primitives[first as usize..][..subtree[0].count as usize];
             if subtree[0].count <= NEAR && nodes[0].count > NEAR {
                 // SAFETY: the caller's promise.
@@ -275,4 +275,4 @@ impl Target<'_> {
     }
 }
 
-type Task<'a> = (&'a [BinaryNode], u32, u32, u32);
+type BinarySubtree<'a> = (&'a [BinaryNode], u32, u32, u32);

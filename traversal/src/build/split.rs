@@ -2,7 +2,7 @@
 
 use super::corners::Corners;
 use super::primitive::Primitive;
-use super::vector::{Portable, Vector};
+use super::vector::{PortableBounds, Vector};
 
 /// How splits are chosen.
 #[derive(Clone, Copy, Debug)]
@@ -378,7 +378,7 @@ fn sort_middle(primitives: &mut [Primitive], middle: usize, axis: usize) {
 
 /// Orders primitives into two halves at `middle` along the longest axis of their centers.
 pub(crate) fn divide(primitives: &mut [Primitive], middle: usize) {
-    let size = Extent::of::<Portable>(primitives).centers.edges();
+    let size = Extent::of::<PortableBounds>(primitives).centers.edges();
     if middle > 0 && middle < primitives.len() && size[..3].iter().any(|&size| size > 0.0) {
         sort_middle(primitives, middle, longest(size));
     }

@@ -11,8 +11,8 @@ use super::corners::Corners;
 use super::primitive::Primitive;
 use super::split::{Extent, SplitRules, choose, choose_quickly, halve, partition};
 #[cfg(target_arch = "x86_64")]
-use super::vector::Avx2;
-use super::vector::{Portable, Vector};
+use super::vector::Avx2Bounds;
+use super::vector::{PortableBounds, Vector};
 use crate::layout::Bounds;
 use crate::pool::in_pool;
 
@@ -133,7 +133,7 @@ pub(crate) fn extent(primitives: &[Primitive]) -> Extent {
         // SAFETY: the machine has it.
         return unsafe { extent_avx2(primitives) };
     }
-    Extent::of::<Portable>(primitives)
+    Extent::of::<PortableBounds>(primitives)
 }
 
 /// # Safety
@@ -141,7 +141,7 @@ pub(crate) fn extent(primitives: &[Primitive]) -> Extent {
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
 unsafe fn extent_avx2(primitives: &[Primitive]) -> Extent {
-    Extent::of::<Avx2>(primitives)
+    Extent::of::<Avx2Bounds>(primitives)
 }
 
 /// One of the two instances of [`subtree`]; returns how many nodes there are.
@@ -162,7 +162,7 @@ pub(crate) unsafe fn subtree_avx2(
     extent: Extent,
     depth: u32,
 ) -> usize {
-    subtree::<Avx2>(primitives, nodes, rules, extent, depth, subtree_avx2)
+    subtree::<Avx2Bounds>(primitives, nodes, rules, extent, depth, subtree_avx2)
 }
 
 pub(crate) fn subtree_portable(
@@ -172,7 +172,7 @@ pub(crate) fn subtree_portable(
     extent: Extent,
     depth: u32,
 ) -> usize {
-    subtree::<Portable>(primitives, nodes, rules, extent, depth, subtree_portable)
+    subtree::<PortableBounds>(primitives, nodes, rules, extent, depth, subtree_portable)
 }
 
 /// Inlined into one function for each instruction set, `again`, which is also who builds the

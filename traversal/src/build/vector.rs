@@ -47,18 +47,18 @@ pub(crate) unsafe trait Vector: Copy {
 
 /// Everywhere.
 #[derive(Clone, Copy)]
-pub(crate) struct Portable([f32; 8]);
+pub(crate) struct PortableBounds([f32; 8]);
 
 // SAFETY: needs nothing.
-unsafe impl Vector for Portable {
+unsafe impl Vector for PortableBounds {
     #[inline(always)]
-    fn of(corners: &Corners) -> Portable {
-        Portable(corners.0)
+    fn of(corners: &Corners) -> PortableBounds {
+        PortableBounds(corners.0)
     }
 
     #[inline(always)]
-    fn of_primitive(primitive: &Primitive) -> Portable {
-        Portable(primitive.corners().0)
+    fn of_primitive(primitive: &Primitive) -> PortableBounds {
+        PortableBounds(primitive.corners().0)
     }
 
     #[inline(always)]
@@ -67,19 +67,19 @@ unsafe impl Vector for Portable {
     }
 
     #[inline(always)]
-    fn join(self, other: Portable) -> Portable {
-        Portable(Corners(self.0).join(&Corners(other.0)).0)
+    fn join(self, other: PortableBounds) -> PortableBounds {
+        PortableBounds(Corners(self.0).join(&Corners(other.0)).0)
     }
 
     #[inline(always)]
-    fn center(self) -> Portable {
-        Portable(Corners::point(Corners(self.0).center()).0)
+    fn center(self) -> PortableBounds {
+        PortableBounds(Corners::point(Corners(self.0).center()).0)
     }
 
     #[inline(always)]
-    fn only_if(self, wanted: bool) -> Portable {
+    fn only_if(self, wanted: bool) -> PortableBounds {
         let least = LEAST[usize::from(wanted)];
-        Portable(
+        PortableBounds(
             self.0
                 .map(|number| if number > least { number } else { least }),
         )
@@ -105,7 +105,7 @@ unsafe impl Vector for Portable {
     }
 
     #[inline(always)]
-    fn costs(boxes: [Portable; 3], scale: f32, counts: [u32; 4], shift: u32) -> [f32; 4] {
+    fn costs(boxes: [PortableBounds; 3], scale: f32, counts: [u32; 4], shift: u32) -> [f32; 4] {
         let areas = boxes.map(|part| Corners(part.0).half_area(scale));
         std::array::from_fn(|i| match areas.get(i) {
             Some(area) => {
@@ -147,10 +147,10 @@ const LEAST: [f32; 2] = [f32::INFINITY, f32::NEG_INFINITY];
 /// Where there is AVX2.
 #[cfg(target_arch = "x86_64")]
 #[derive(Clone, Copy)]
-pub(crate) struct Avx2(__m256);
+pub(crate) struct Avx2Bounds(__m256);
 
 #[cfg(target_arch = "x86_64")]
-impl Avx2 {
+impl Avx2Bounds {
     /// The lengths of the edges, and a number that means nothing.
     #[inline(always)]
     fn edges(self) -> __m128 {
@@ -165,19 +165,19 @@ impl Avx2 {
 
 // SAFETY: by the trait's promise, the machine has AVX2 wherever one of these runs.
 #[cfg(target_arch = "x86_64")]
-unsafe impl Vector for Avx2 {
+unsafe impl Vector for Avx2Bounds {
     #[inline(always)]
-    fn of(corners: &Corners) -> Avx2 {
+    fn of(corners: &Corners) -> Avx2Bounds {
         // SAFETY: eight aligned numbers.
-        Avx2(unsafe { _mm256_load_ps(corners.0.as_ptr()) })
+        Avx2Bounds(unsafe { _mm256_load_ps(corners.0.as_ptr()) })
     }
 
     #[inline(always)]
-    fn of_primitive(primitive: &Primitive) -> Avx2 {
+    fn of_primitive(primitive: &Primitive) -> Avx2Bounds {
         // SAFETY: as large and as aligned as eight numbers, and any bits are some.
         unsafe {
             let words = _mm256_load_ps(std::ptr::from_ref(primitive).cast());
-            Avx2(_mm256_blend_ps::<0b1000_1000>(words, _mm256_setzero_ps()))
+            Avx2Bounds(_mm256_blend_ps::<0b1000_1000>(words, _mm256_setzero_ps()))
         }
     }
 
@@ -190,23 +190,23 @@ unsafe impl Vector for Avx2 {
     }
 
     #[inline(always)]
-    fn join(self, other: Avx2) -> Avx2 {
+    fn join(self, other: Avx2Bounds) -> Avx2Bounds {
         // SAFETY: the trait's promise.
-        Avx2(unsafe { _mm256_min_ps(self.0, other.0) })
+        Avx2Bounds(unsafe { _mm256_min_ps(self.0, other.0) })
     }
 
     #[inline(always)]
-    fn center(self) -> Avx2 {
+    fn center(self) -> Avx2Bounds {
         // SAFETY: the trait's promise.
-        Avx2(unsafe { _mm256_sub_ps(self.0, _mm256_permute2f128_ps::<1>(self.0, self.0)) })
+        Avx2Bounds(unsafe { _mm256_sub_ps(self.0, _mm256_permute2f128_ps::<1>(self.0, self.0)) })
     }
 
     #[inline(always)]
-    fn only_if(self, wanted: bool) -> Avx2 {
+    fn only_if(self, wanted: bool) -> Avx2Bounds {
         // SAFETY: the trait's promise.
         unsafe {
             let least = _mm256_broadcast_ss(&LEAST[usize::from(wanted)]);
-            Avx2(_mm256_max_ps(self.0, least))
+            Avx2Bounds(_mm256_max_ps(self.0, least))
         }
     }
 
@@ -242,7 +242,7 @@ unsafe impl Vector for Avx2 {
     }
 
     #[inline(always)]
-    fn costs(boxes: [Avx2; 3], scale: f32, counts: __m128i, shift: u32) -> __m128 {
+    fn costs(boxes: [Avx2Bounds; 3], scale: f32, counts: __m128i, shift: u32) -> __m128 {
         // SAFETY: the trait's promise.
         unsafe {
             let [a, b, c] = [boxes[0].edges(), boxes[1].edges(), boxes[2].edges()];

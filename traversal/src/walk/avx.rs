@@ -167,7 +167,10 @@ impl<const WIDE: bool> Kernel for Avx<WIDE> {
     }
 
     #[inline(always)]
-    unsafe fn meet<const CLOSED: bool>(beam: &AvxBeam, node: NodeAt<'_>) -> (u32, __m256) {
+    unsafe fn intersect_node<const CLOSED: bool>(
+        beam: &AvxBeam,
+        node: NodeAt<'_>,
+    ) -> (u32, __m256) {
         // SAFETY: the caller promises AVX; nodes are aligned, and rows are below six.
         unsafe {
             let base = node.bounds();

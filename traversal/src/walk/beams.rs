@@ -89,7 +89,7 @@ fn longest(x: f32, y: f32, z: f32) -> (bool, bool) {
 /// The values of rays that box tests need, by the axes of space.
 #[cfg(target_arch = "x86_64")]
 #[repr(C, align(64))]
-pub(crate) struct Boxes {
+pub(crate) struct BoxRays {
     pub origin: [Lanes; 3],
     pub far_origin: [Lanes; 3],
     pub near_inverse: [Lanes; 3],
@@ -98,7 +98,7 @@ pub(crate) struct Boxes {
 
 /// Rays in world space.
 #[repr(C, align(64))]
-pub(crate) struct Given {
+pub(crate) struct WorldRays {
     pub origin: [Lanes; 3],
     pub direction: [Lanes; 3],
     pub t_min: Lanes,
@@ -106,18 +106,18 @@ pub(crate) struct Given {
     pub sound: Words,
 }
 
-impl Given {
+impl WorldRays {
     /// The rays of some lanes; the others repeat the first of them, so that nothing odd is computed
     /// there.
     #[inline(always)]
-    pub fn new(rays: &RayRows, lanes: LaneMask) -> Given {
+    pub fn new(rays: &RayRows, lanes: LaneMask) -> WorldRays {
         let first = lanes.first();
         let pick = |row: &Lanes| {
             let mut picked = [row[first]; PACKET];
             blend(&mut picked, row, lanes);
             picked
         };
-        let mut given = Given {
+        let mut world_rays = WorldRays {
             origin: [
                 pick(&rays.origin[0]),
                 pick(&rays.origin[1]),
@@ -131,15 +131,15 @@ impl Given {
             t_min: pick(&rays.t_min),
             sound: [0; PACKET],
         };
-        let (o, d) = (&given.origin, &given.direction);
+        let (o, d) = (&world_rays.origin, &world_rays.direction);
         for i in 0..PACKET {
             let most = magnitude(o[0][i]).max(magnitude(o[1][i]).max(magnitude(o[2][i])));
             let most = magnitude(d[0][i]).max(magnitude(d[1][i]).max(magnitude(d[2][i]).max(most)));
             let there = lanes.contains(i);
-            let sound = (most < INFINITE) & (given.t_min[i] <= rays.t_max[i]) & there;
-            given.sound[i] = u32::from(sound);
+            let sound = (most < INFINITE) & (world_rays.t_min[i] <= rays.t_max[i]) & there;
+            world_rays.sound[i] = u32::from(sound);
         }
-        given
+        world_rays
     }
 }
 
@@ -176,7 +176,7 @@ pub(crate) struct Beams {
 
 impl Beams {
     /// No rays.
-    pub const NOWHERE: Beams = Beams {
+    pub const EMPTY: Beams = Beams {
         origin: [[0.0; PACKET]; 3],
         far_origin: [[0.0; PACKET]; 3],
         near_inverse: [[0.0; PACKET]; 3],
@@ -195,35 +195,35 @@ impl Beams {
     /// Sets rays up in an instance that does not move; returns the lanes in which that is all there
     /// is to say: the ray is sound and of ordinary length.
     #[inline(always)]
-    pub fn set_up(&mut self, given: &Given, record: &InstanceRecord) -> LaneMask {
-        self.start_instance(given, record);
-        self.derive(given)
+    pub fn set_up(&mut self, world_rays: &WorldRays, record: &InstanceRecord) -> LaneMask {
+        self.start_instance(world_rays, record);
+        self.derive(world_rays)
     }
 
     /// Sets rays up in a top level; returns what [`Self::set_up`] does. `origin_error`: as for
     /// [`Self::widen`].
     #[cfg(target_arch = "x86_64")]
     #[inline(always)]
-    pub fn set_up_top(&mut self, given: &Given, origin_error: f32) -> LaneMask {
-        self.start_top(given);
-        let sound = self.derive(given);
-        self.widen(given, origin_error);
+    pub fn set_up_top(&mut self, world_rays: &WorldRays, origin_error: f32) -> LaneMask {
+        self.start_top(world_rays);
+        let sound = self.derive(world_rays);
+        self.widen(world_rays, origin_error);
         sound
     }
 
     /// Takes rays of a packet as they are in a top level; what follows is
     /// [`Self::set_up_together`].
     #[inline(always)]
-    pub fn start_top(&mut self, given: &Given) {
-        self.space_origin = given.origin;
-        self.space_direction = given.direction;
+    pub fn start_top(&mut self, world_rays: &WorldRays) {
+        self.space_origin = world_rays.origin;
+        self.space_direction = world_rays.direction;
     }
 
     /// Takes rays of a packet to an instance that does not move; what follows is
     /// [`Self::set_up_together`].
     #[inline(always)]
-    pub fn start_instance(&mut self, given: &Given, record: &InstanceRecord) {
-        self.start_top(given);
+    pub fn start_instance(&mut self, world_rays: &WorldRays, record: &InstanceRecord) {
+        self.start_top(world_rays);
         if record.words.state & instance_state::IDENTITY == 0 {
             self.turn(record);
         }
@@ -247,8 +247,8 @@ impl Beams {
     /// Sets rays up that go the same way as the one in a lane, wherever they are; returns 1 for the
     /// lanes that this is for: see [`Self::set_up`].
     #[inline(always)]
-    pub fn set_up_together(&mut self, given: &Given, lane: usize) -> Words {
-        let mut sound = given.sound;
+    pub fn set_up_together(&mut self, world_rays: &WorldRays, lane: usize) -> Words {
+        let mut sound = world_rays.sound;
         let direction = self.space_direction.map(|row| row[lane]);
         let axes = match longest(direction[0], direction[1], direction[2]) {
             (true, _) => [1, 2, 0],
@@ -276,15 +276,15 @@ impl Beams {
             }
             directions[k] = d;
         }
-        self.derive_shear(given, &directions, &mut sound);
+        self.derive_shear(world_rays, &directions, &mut sound);
         sound
     }
 
     /// Makes boxes larger by how far off rays may be in a top level, relative to how far from the
     /// origin of space they start.
     #[inline(always)]
-    pub fn widen(&mut self, given: &Given, origin_error: f32) {
-        let o = &given.origin;
+    pub fn widen(&mut self, world_rays: &WorldRays, origin_error: f32) {
+        let o = &world_rays.origin;
         for i in 0..PACKET {
             let reach = max(o[0][i].abs(), max(o[1][i].abs(), o[2][i].abs()));
             let uncertainty = reach * origin_error;
@@ -320,8 +320,8 @@ impl Beams {
 
     /// Sets up from origins and directions; returns the lanes that this is for.
     #[inline(always)]
-    fn derive(&mut self, given: &Given) -> LaneMask {
-        let mut sound = given.sound;
+    fn derive(&mut self, world_rays: &WorldRays) -> LaneMask {
+        let mut sound = world_rays.sound;
         let d = &self.space_direction;
         // The longest axis, as `Space::set` finds it, and the two that follow in turn.
         let mut axes = [[0u32; PACKET]; 3];
@@ -360,20 +360,20 @@ impl Beams {
             self.derive_axis(1, &axes[1], &mut sound),
             self.derive_axis(2, &axes[2], &mut sound),
         ];
-        self.derive_shear(given, &directions, &mut sound);
+        self.derive_shear(world_rays, &directions, &mut sound);
         LaneMask::from_bits((0..PACKET).fold(0, |mask, i| mask | sound[i] << i) as u16)
     }
 
     /// Sets up what tests of triangles need, from directions along the rays' own axes.
     #[inline(always)]
-    fn derive_shear(&mut self, given: &Given, directions: &[Lanes; 3], sound: &mut Words) {
+    fn derive_shear(&mut self, world_rays: &WorldRays, directions: &[Lanes; 3], sound: &mut Words) {
         for i in 0..PACKET {
             let length = directions[2][i].abs();
             self.shear[0][i] = directions[0][i] / directions[2][i];
             self.shear[1][i] = directions[1][i] / directions[2][i];
             self.inverse_z[i] = -(1.0 / directions[2][i]);
             self.direction_z[i] = -directions[2][i];
-            self.t_min[i] = max(given.t_min[i], 0.0);
+            self.t_min[i] = max(world_rays.t_min[i], 0.0);
             sound[i] &= u32::from((*MODEST.start() <= length) & (length <= *MODEST.end()));
         }
     }
@@ -405,9 +405,9 @@ impl Beams {
     /// `origin_error`: as for [`Self::set_up_top`].
     #[cfg(target_arch = "x86_64")]
     #[inline(always)]
-    pub fn by_axes(&self, origin_error: Option<f32>) -> Boxes {
+    pub fn by_axes(&self, origin_error: Option<f32>) -> BoxRays {
         let o = &self.space_origin;
-        let mut boxes = Boxes {
+        let mut boxes = BoxRays {
             origin: *o,
             far_origin: [[0.0; PACKET]; 3],
             near_inverse: [[0.0; PACKET]; 3],
@@ -469,7 +469,7 @@ impl Beams {
 
     /// Origin and direction of a lane, by the axes of space.
     #[inline(always)]
-    pub fn given(&self, lane: usize) -> ([f32; 3], [f32; 3]) {
+    pub fn world_ray(&self, lane: usize) -> ([f32; 3], [f32; 3]) {
         let (o, d) = (&self.space_origin, &self.space_direction);
         (
             [o[0][lane], o[1][lane], o[2][lane]],
@@ -480,9 +480,9 @@ impl Beams {
     /// A ray as it is set up by itself.
     #[inline(always)]
     pub fn space(&self, lane: usize) -> Space {
-        let mut space = Space::NOWHERE;
+        let mut space = Space::EMPTY;
         space.tolerance = self.tolerance;
-        let (origin, direction) = self.given(lane);
+        let (origin, direction) = self.world_ray(lane);
         space.set(origin, direction, self.t_min[lane], 0.0);
         space
     }

@@ -8,18 +8,18 @@ use lanes::LaneMask;
 #[cfg(target_arch = "x86_64")]
 use lanes::Tier;
 
-use super::beams::Given;
+use super::beams::WorldRays;
 use super::children::{LARGE, fetch};
 use super::entry::{Entry, STACK};
 use super::facts::InstanceFacts;
 use super::kernel::Kernel;
 use super::level::only_instance;
 use super::options::Specialisation;
-use super::portable::Portable;
+use super::portable::PortableKernel;
 use super::rows::{HitRows, RayRows};
 use super::slabs::Common;
 use super::suspended::{Decided, Suspended};
-use super::{Event, State, Walker};
+use super::{Event, WalkState, Walker};
 use crate::layout::{InstanceRecord, WIDTH, child, geometry_word, instance_state};
 use crate::ray::{Hit, Ray, ray_flags};
 use crate::structure::{Kind, Structure};
@@ -57,7 +57,7 @@ impl Walker {
             return LaneMask::NONE;
         };
         let common = Common::new(address, &ray, index);
-        let task = Task {
+        let task = ResumedRays {
             decided: Decided::going_on(rays.alike(first, lanes)),
             set_up: Some((rays, &record, common)),
             starts: true,
@@ -77,7 +77,7 @@ impl Walker {
     ) -> Decided {
         let mut rest = decided.lanes;
         while !rest.is_empty() {
-            let (lanes, common) = suspended.standing_together(rest);
+            let (lanes, common) = suspended.in_same_instance(rest);
             rest -= lanes;
             let ray = *suspended.walk(lanes.first()).ray();
             let is_set_up = suspended.slabs.holds(lanes, &common);
@@ -100,7 +100,7 @@ impl Walker {
             }
             let set_up =
                 (rows.as_ref().zip(record.as_ref())).map(|(rays, record)| (rays, record, common));
-            let task = Task {
+            let task = ResumedRays {
                 decided: Decided { lanes, ..decided },
                 set_up,
                 starts: false,
@@ -154,7 +154,7 @@ impl Walker {
     /// Walks rays on in the bottom level that was entered.
     fn go_on_in_boxes(
         &mut self,
-        task: &Task<'_>,
+        task: &ResumedRays<'_>,
         hits: &mut HitRows,
         suspended: &mut Suspended,
         fuel: &mut u64,
@@ -167,13 +167,13 @@ impl Walker {
             // SAFETY: likewise.
             Tier::Avx2 => unsafe { go_avx2(self, task, hits, suspended, fuel) },
             // SAFETY: every machine has plain Rust.
-            _ => unsafe { go::<Portable>(self, task, hits, suspended, fuel) },
+            _ => unsafe { go::<PortableKernel>(self, task, hits, suspended, fuel) },
         }
     }
 }
 
 /// Rays to be walked on in the bottom level that was entered.
-struct Task<'a> {
+struct ResumedRays<'a> {
     decided: Decided,
     /// The rays and the instance, if they are not set up there.
     set_up: Option<(&'a RayRows, &'a InstanceRecord, Common)>,
@@ -195,7 +195,7 @@ struct Gone {
 #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
 unsafe fn go_avx512(
     walker: &mut Walker,
-    task: &Task<'_>,
+    task: &ResumedRays<'_>,
     hits: &mut HitRows,
     suspended: &mut Suspended,
     fuel: &mut u64,
@@ -210,7 +210,7 @@ unsafe fn go_avx512(
 #[target_feature(enable = "avx2,bmi1,bmi2")]
 unsafe fn go_avx2(
     walker: &mut Walker,
-    task: &Task<'_>,
+    task: &ResumedRays<'_>,
     hits: &mut HitRows,
     suspended: &mut Suspended,
     fuel: &mut u64,
@@ -226,7 +226,7 @@ unsafe fn go_avx2(
 #[inline(always)]
 unsafe fn go<K: Kernel>(
     walker: &mut Walker,
-    task: &Task<'_>,
+    task: &ResumedRays<'_>,
     hits: &mut HitRows,
     suspended: &mut Suspended,
     fuel: &mut u64,
@@ -239,15 +239,15 @@ unsafe fn go<K: Kernel>(
         beams,
         ..
     } = walker;
-    let Task {
+    let ResumedRays {
         decided, starts, ..
     } = task;
     if let Some((rays, record, common)) = &task.set_up {
-        let given = Given::new(rays, decided.lanes);
-        suspended.slabs.set_up(beams, &given, record, *common);
+        let world_rays = WorldRays::new(rays, decided.lanes);
+        suspended.slabs.set_up(beams, &world_rays, record, *common);
     }
     let walked = decided.lanes & suspended.slabs.lanes;
-    let way = Boxes {
+    let way = BoxLevel {
         structure: &bottom.structure,
         instance,
         fetches_ahead: prefetches && bottom.structure.node_count() > LARGE,
@@ -302,7 +302,7 @@ unsafe fn go<K: Kernel>(
         walk.pending.clear();
         walk.pending.extend_from_slice(&stack[..length]);
         (walk.instance, walk.floor, walk.leaf) = (instance.index, floor as u32, None);
-        walk.state = State::after(event);
+        walk.state = WalkState::after(event);
         walk.candidate = Hit {
             t: walk.ray.t_min,
             ..candidate
@@ -314,13 +314,13 @@ unsafe fn go<K: Kernel>(
 }
 
 /// A bottom level of boxes.
-pub(super) struct Boxes<'a> {
+pub(super) struct BoxLevel<'a> {
     pub structure: &'a Structure,
     instance: &'a InstanceFacts,
     fetches_ahead: bool,
 }
 
-impl Boxes<'_> {
+impl BoxLevel<'_> {
     /// Goes on with the entries on the stack from `floor` on, up to the next candidate, the end, or
     /// the end of fuel.
     /// Of the candidate, all is known but `t`. `ANY`: as for [`super::descend::run`].
@@ -363,7 +363,7 @@ impl Boxes<'_> {
                     continue 'next;
                 }
                 // SAFETY: the caller's promise.
-                let (mask, near) = unsafe { K::meet::<true>(beam, node) };
+                let (mask, near) = unsafe { K::intersect_node::<true>(beam, node) };
                 if mask == 0 {
                     continue 'next;
                 }

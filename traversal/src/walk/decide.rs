@@ -137,7 +137,7 @@ impl<'a> Scene<'a> {
 
     /// Where the ray's line meets the triangle: the distance, and the weights of the second and the
     /// third vertex. `None` if that is not in front of the ray's start. `edges`: of one sign.
-    fn meet(&self, mut edges: [Estimate; 3]) -> Option<(f64, [f64; 2])> {
+    fn distance_and_weights(&self, mut edges: [Estimate; 3]) -> Option<(f64, [f64; 2])> {
         let d = &self.direction;
         let axis = (0..3).fold(0, |best, axis| {
             if d[axis].abs() > d[best].abs() {
@@ -201,7 +201,7 @@ fn sides(scene: &Scene<'_>, triangle: &[[f32; 3]; 3], rim: Rim) -> Option<[Estim
 
 /// Where a ray hits a triangle, in front of its start: whether it sees the front, the distance, and
 /// the weights of the second and the third vertex.
-pub(crate) fn meet(
+pub(crate) fn intersect_exactly(
     origin: [f32; 3],
     direction: [f32; 3],
     triangle: &[[f32; 3]; 3],
@@ -209,7 +209,7 @@ pub(crate) fn meet(
 ) -> Option<(bool, f64, [f64; 2])> {
     let scene = Scene::new(origin, direction, triangle);
     let edges = sides(&scene, triangle, rim)?;
-    let (t, weights) = scene.meet(edges)?;
+    let (t, weights) = scene.distance_and_weights(edges)?;
     Some((edges.iter().any(|edge| edge.value > 0.0), t, weights))
 }
 

@@ -172,7 +172,7 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
                     continue 'next;
                 }
                 // SAFETY: the caller's promise.
-                let (mask, near) = unsafe { K::meet::<true>(&ray, node) };
+                let (mask, near) = unsafe { K::intersect_node::<true>(&ray, node) };
                 if mask == 0 {
                     continue 'next;
                 }

@@ -39,7 +39,7 @@ pub(crate) unsafe fn intersect<S: Sight>(
         if inside == 0 {
             return 0;
         }
-        let place = Place::new(&sides);
+        let place = ScaledHit::new(&sides);
         let decided = sides.is_decided(&place);
         // Surely not in the interval: mostly the surface that the ray starts from. Edge functions
         // that are off by the bound move what is between three distances by three times that at
@@ -63,7 +63,7 @@ pub(crate) unsafe fn intersect<S: Sight>(
         }
         // Known values go straight to their destination: there are few registers.
         place.store(found);
-        let boxes = Boxes::new(ray, &sides);
+        let boxes = TriangleBounds::new(ray, &sides);
         let [weight_error, z_error] = place.rough_errors(ray, &boxes);
         let narrow = _mm256_cmp_ps::<_CMP_LT_OQ>(weight_error, _mm256_set1_ps(rounding::MOST));
         let precise = _mm256_and_ps(narrow, place.is_within(ray, z_error));
@@ -102,8 +102,8 @@ unsafe fn decide_rest<S: Sight>(
     // SAFETY: the caller promises AVX2; groups are aligned, and axes are below three.
     unsafe {
         let sides = Sides::new(ray, groups);
-        let place = Place::new(&sides);
-        let boxes = Boxes::new(ray, &sides);
+        let place = ScaledHit::new(&sides);
+        let boxes = TriangleBounds::new(ray, &sides);
         let [weight_error, z_error] = place.errors(ray, &sides);
         let narrow = _mm256_cmp_ps::<_CMP_LT_OQ>(weight_error, _mm256_set1_ps(rounding::MOST));
         let precise = _mm256_and_ps(narrow, place.is_within(ray, z_error));
@@ -170,7 +170,7 @@ impl Rest {
         groups: [&TriangleGroup; 2],
         [t_min, t_far]: [f32; 2],
     ) -> u32 {
-        let (origin, direction) = ray.given();
+        let (origin, direction) = ray.world_ray();
         let (mut hits, mut rest) = (0, self.lanes);
         while rest != 0 {
             let lane = rest.trailing_zeros() as usize % LEAF_TRIANGLES;
@@ -190,7 +190,7 @@ impl Rest {
                 }
             }
             let Some((front, t, weights)) =
-                decide::meet(origin, direction, &triangle, Rim::Included)
+                decide::intersect_exactly(origin, direction, &triangle, Rim::Included)
             else {
                 continue;
             };
@@ -215,7 +215,7 @@ impl Rest {
 
 /// On which sides of triangles' edges the ray passes.
 struct Sides {
-    vertices: [Flat; 3],
+    vertices: [ShearedVertex; 3],
     edges: [__m256; 3],
     least: __m256,
     most: __m256,
@@ -259,7 +259,7 @@ impl Sides {
 
     /// Whether all edges are surely of one sign, and their sum of ordinary size.
     #[inline(always)]
-    unsafe fn is_decided(&self, place: &Place) -> __m256 {
+    unsafe fn is_decided(&self, place: &ScaledHit) -> __m256 {
         // SAFETY: the callers'.
         unsafe {
             let within = _mm256_max_ps(self.least, minus(self.most));
@@ -270,7 +270,7 @@ impl Sides {
 }
 
 /// Where the ray meets triangles that it passes inside.
-struct Place {
+struct ScaledHit {
     /// The sum of the edge functions.
     whole: __m256,
     /// One over its size.
@@ -280,9 +280,9 @@ struct Place {
     z: __m256,
 }
 
-impl Place {
+impl ScaledHit {
     #[inline(always)]
-    unsafe fn new(sides: &Sides) -> Place {
+    unsafe fn new(sides: &Sides) -> ScaledHit {
         // SAFETY: the callers'.
         unsafe {
             let [u, v, w] = sides.edges;
@@ -300,7 +300,7 @@ impl Place {
             ];
             let second = _mm256_mul_ps(v, _mm256_sub_ps(bz, az));
             let third = _mm256_mul_ps(w, _mm256_sub_ps(cz, az));
-            Place {
+            ScaledHit {
                 whole,
                 inverse_size: absolute(inverse),
                 weights: [u, v, w],
@@ -386,7 +386,7 @@ impl Place {
     /// No less than [`Self::errors`], where edges are decided, and found with less: see
     /// [`rounding::ROUGH`].
     #[inline(always)]
-    unsafe fn rough_errors<S: Sight>(&self, ray: S, boxes: &Boxes) -> [__m256; 2] {
+    unsafe fn rough_errors<S: Sight>(&self, ray: S, boxes: &TriangleBounds) -> [__m256; 2] {
         // SAFETY: the callers'.
         unsafe {
             let shear_x = _mm256_set1_ps(ray.shear(0).abs());
@@ -437,7 +437,7 @@ impl Place {
 }
 
 /// The boxes around triangles.
-struct Boxes {
+struct TriangleBounds {
     /// By the axes of the ray.
     sides: [__m256; 3],
     /// Where the ray is inside them; see [`Space::slab`](super::space::Space::slab).
@@ -445,16 +445,16 @@ struct Boxes {
     far: __m256,
 }
 
-impl Boxes {
+impl TriangleBounds {
     /// As rounding is monotone, the extreme products are those of the extreme vertices. Operand
     /// order decides what NaN does: where a zero of the direction meets the plane that counts, the
     /// axis does not.
     #[inline(always)]
-    unsafe fn new<S: Sight>(ray: S, sides: &Sides) -> Boxes {
+    unsafe fn new<S: Sight>(ray: S, sides: &Sides) -> TriangleBounds {
         let [a, b, c] = &sides.vertices;
         // SAFETY: the callers'.
         unsafe {
-            let mut boxes = Boxes {
+            let mut boxes = TriangleBounds {
                 sides: a.apart,
                 near: _mm256_set1_ps(f32::NEG_INFINITY),
                 far: _mm256_set1_ps(f32::INFINITY),
@@ -523,7 +523,7 @@ unsafe fn extent(a: __m256, b: __m256, c: __m256) -> __m256 {
 
 /// A vertex as seen from the ray's origin, by the axes of the ray.
 #[derive(Clone, Copy)]
-struct Flat {
+struct ShearedVertex {
     /// From the vertex to the origin.
     apart: [__m256; 3],
     /// In the plane across the ray.
@@ -545,13 +545,13 @@ unsafe fn apart<S: Sight>(ray: S, vertices: [*const u8; 2], offset: usize, axis:
 }
 
 #[inline(always)]
-unsafe fn flat<S: Sight>(ray: S, vertices: [*const u8; 2], offset: usize) -> Flat {
+unsafe fn flat<S: Sight>(ray: S, vertices: [*const u8; 2], offset: usize) -> ShearedVertex {
     // SAFETY: the callers'.
     unsafe {
         let x = apart(ray, vertices, offset, 0);
         let y = apart(ray, vertices, offset, 1);
         let z = apart(ray, vertices, offset, 2);
-        Flat {
+        ShearedVertex {
             apart: [x, y, z],
             x: _mm256_sub_ps(x, _mm256_mul_ps(_mm256_set1_ps(ray.shear(0)), z)),
             y: _mm256_sub_ps(y, _mm256_mul_ps(_mm256_set1_ps(ray.shear(1)), z)),
@@ -560,7 +560,7 @@ unsafe fn flat<S: Sight>(ray: S, vertices: [*const u8; 2], offset: usize) -> Fla
 }
 
 #[inline(always)]
-unsafe fn edge(p: Flat, q: Flat) -> __m256 {
+unsafe fn edge(p: ShearedVertex, q: ShearedVertex) -> __m256 {
     // SAFETY: the callers'.
     unsafe { _mm256_sub_ps(_mm256_mul_ps(p.x, q.y), _mm256_mul_ps(p.y, q.x)) }
 }
@@ -588,8 +588,8 @@ mod tests {
         // SAFETY: this function's features.
         let (decided, rough, fine) = unsafe {
             let sides = Sides::new(ray, [group; 2]);
-            let place = Place::new(&sides);
-            let rough = place.rough_errors(ray, &Boxes::new(ray, &sides));
+            let place = ScaledHit::new(&sides);
+            let rough = place.rough_errors(ray, &TriangleBounds::new(ray, &sides));
             let decided = _mm256_movemask_ps(sides.is_decided(&place));
             (decided, rough, place.errors(ray, &sides))
         };
@@ -644,12 +644,12 @@ mod tests {
                     (case.origin, case.direction, case.triangle)
                 }
             };
-            let mut space = Space::NOWHERE;
+            let mut space = Space::EMPTY;
             space.set(origin, direction, 0.0, 0.0);
             if space.scale != 1.0 || direction == [0.0; 3] {
                 continue;
             }
-            let mut beams = Beams::NOWHERE;
+            let mut beams = Beams::EMPTY;
             beams.set(0, &space);
             let mut group = TriangleGroup::EMPTY;
             group.set_triangle(0, &triangle);

@@ -65,7 +65,10 @@ pub(crate) trait Kernel {
     ///
     /// # Safety
     /// The machine has the instruction set.
-    unsafe fn meet<const CLOSED: bool>(beam: &Self::Beam, node: NodeAt<'_>) -> (u32, Self::Near);
+    unsafe fn intersect_node<const CLOSED: bool>(
+        beam: &Self::Beam,
+        node: NodeAt<'_>,
+    ) -> (u32, Self::Near);
 
     /// Pushes the two or more children of a node in `mask` down from `place` on, farthest first,
     /// except the nearest. Returns the nearest child's word and the number of pushed children. With

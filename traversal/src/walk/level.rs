@@ -61,9 +61,9 @@ pub(crate) struct Level {
 
 impl Level {
     /// A level with nothing in it, to be entered.
-    pub const NOWHERE: Level = Level {
-        structure: Structure::NOWHERE,
-        space: Space::NOWHERE,
+    pub const EMPTY: Level = Level {
+        structure: Structure::EMPTY,
+        space: Space::EMPTY,
         address: 0,
         header: Header::NONE,
         live: Live::EVERYWHERE,

@@ -4,16 +4,16 @@ use lanes::LaneMask;
 #[cfg(target_arch = "x86_64")]
 use lanes::Tier;
 
-use super::beams::Given;
+use super::beams::WorldRays;
 use super::children::LARGE;
 use super::entry::Entry;
 use super::kernel::Kernel;
 use super::level::{Entered, only_instance};
 use super::opaque::{End, Nearest, Opaque, Pending};
 use super::options::Specialisation;
-use super::portable::Portable;
+use super::portable::PortableKernel;
 use super::rows::{HitRows, RayRows};
-use super::{Event, State, Verdict, Walk, Walker, run};
+use super::{Event, Verdict, Walk, WalkState, Walker, run};
 use crate::layout::instance_state;
 use crate::ray::ray_flags;
 use crate::structure::Kind;
@@ -55,7 +55,7 @@ impl Walker {
             // SAFETY: likewise.
             Tier::Avx2 => unsafe { run_avx2(&mut turns, self, fuel) },
             // SAFETY: every machine has plain Rust.
-            _ => unsafe { turns.run::<Portable>(self, fuel) },
+            _ => unsafe { turns.run::<PortableKernel>(self, fuel) },
         }
     }
 }
@@ -165,7 +165,7 @@ impl Turns<'_, '_> {
             return LaneMask::NONE;
         }
         let alike = rays.alike(first, self.lanes);
-        let sound = beams.set_up(&Given::new(rays, alike), &record);
+        let sound = beams.set_up(&WorldRays::new(rays, alike), &record);
         let fetches_ahead =
             bottom.structure.node_count() > LARGE && !without.contains(Specialisation::Prefetch);
         let any = ray.flags & ray_flags::TERMINATE_ON_FIRST_HIT != 0;
@@ -206,7 +206,7 @@ impl Turns<'_, '_> {
             if let Some(hit) = hit {
                 (walk.hit, walk.has_hit) = (hit, true);
             }
-            (walk.state, walk.instance) = (State::OutOfFuel, index);
+            (walk.state, walk.instance) = (WalkState::OutOfFuel, index);
             walk.pending.extend_from_slice(&stack[..length]);
             (self.suspend)(lane, walk, Event::OutOfFuel);
         }

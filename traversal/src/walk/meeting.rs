@@ -7,7 +7,7 @@ use lanes::LaneMask;
 
 use super::PACKET;
 use super::beams::ROW;
-use super::boxes::Boxes;
+use super::boxes::BoxLevel;
 use super::kernel::Kernel;
 use super::rows::Lanes;
 use super::slabs::Slabs;
@@ -99,7 +99,7 @@ impl Bundle {
     /// # Safety
     /// The machine has the kernel's instruction set.
     #[inline(always)]
-    unsafe fn meet<K: Kernel>(&self, node: NodeAt<'_>) -> u32 {
+    unsafe fn intersect_node<K: Kernel>(&self, node: NodeAt<'_>) -> u32 {
         let (mut near, mut far) = ([self.t_min; WIDTH], [self.t_far; WIDTH]);
         for axis in &self.axes {
             for i in 0..WIDTH {
@@ -121,7 +121,7 @@ impl Bundle {
 /// # Safety
 /// The machine has the kernel's instruction set.
 #[inline(always)]
-unsafe fn meet_child<K: Kernel>(
+unsafe fn intersect_child<K: Kernel>(
     slabs: &Slabs,
     bundle: &Bundle,
     t_max: &Lanes,
@@ -151,7 +151,7 @@ unsafe fn meet_child<K: Kernel>(
     LaneMask::from_bits(bits as u16)
 }
 
-impl Boxes<'_> {
+impl BoxLevel<'_> {
     /// Which rays, that start, meet any box; all where that is not found out soon.
     ///
     /// # Safety
@@ -192,12 +192,13 @@ impl Boxes<'_> {
                 return lanes;
             }
             // SAFETY: the caller's promise, here and below.
-            let mut rest = unsafe { bundle.meet::<K>(node) };
+            let mut rest = unsafe { bundle.intersect_node::<K>(node) };
             while rest != 0 {
                 let child = rest.trailing_zeros() as usize;
                 rest &= rest - 1;
                 // SAFETY: as above.
-                let inside = here & unsafe { meet_child::<K>(slabs, &bundle, t_max, node, child) };
+                let inside =
+                    here & unsafe { intersect_child::<K>(slabs, &bundle, t_max, node, child) };
                 if !inside.is_empty() {
                     stack[length] = (node.child(child), inside);
                     length += 1;

@@ -8,11 +8,11 @@ use super::space::Space;
 use super::triangle::{Intersection, intersect};
 use crate::layout::geometry_word;
 
-/// Meets a triangle of a geometry with a micromap; whether it is opaque there. What is opaque
-/// includes its rim; elsewhere the point must be the triangle's own.
+/// Intersects a ray with a triangle of a geometry with a micromap. Returns whether the triangle is
+/// opaque there. Opaque parts include the rim; elsewhere the point must be the triangle's own.
 #[cold]
 #[inline(never)]
-pub(crate) fn meet(
+pub(crate) fn intersect_micromap(
     level: &Level,
     space: &Space,
     instance: &InstanceFacts,

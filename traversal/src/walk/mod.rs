@@ -123,7 +123,7 @@ pub struct Walk {
     /// When the ray is cast, for what moves.
     time: f32,
     has_hit: bool,
-    state: State,
+    state: WalkState,
     /// The instance that the walk is in.
     instance: u32,
     /// Entries of `pending` that belong to the top level.
@@ -134,7 +134,7 @@ pub struct Walk {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum State {
+enum WalkState {
     Fresh,
     /// Waiting for a verdict on the candidate.
     AnyHit,
@@ -143,14 +143,14 @@ enum State {
     Done,
 }
 
-impl State {
+impl WalkState {
     #[inline(always)]
-    fn after(event: Event) -> State {
+    fn after(event: Event) -> WalkState {
         match event {
-            Event::Done => State::Done,
-            Event::AnyHitCandidate => State::AnyHit,
-            Event::ProceduralCandidate => State::Procedural,
-            Event::OutOfFuel => State::OutOfFuel,
+            Event::Done => WalkState::Done,
+            Event::AnyHitCandidate => WalkState::AnyHit,
+            Event::ProceduralCandidate => WalkState::Procedural,
+            Event::OutOfFuel => WalkState::OutOfFuel,
         }
     }
 }
@@ -183,7 +183,7 @@ impl Walk {
             candidate: Hit::default(),
             time: 0.0,
             has_hit: false,
-            state: State::Fresh,
+            state: WalkState::Fresh,
             instance: Self::NO_INSTANCE,
             floor: 0,
             leaf: None,
@@ -202,7 +202,7 @@ impl Walk {
         self.time = 0.0;
         self.hit.t = ray.t_max;
         self.has_hit = false;
-        self.state = State::Fresh;
+        self.state = WalkState::Fresh;
         self.instance = Self::NO_INSTANCE;
         self.floor = 0;
         self.leaf = None;
@@ -221,12 +221,12 @@ impl Walk {
         let accepts = matches!(verdict, Verdict::Accept | Verdict::AcceptAndTerminate);
         let ends = matches!(verdict, Verdict::Terminate | Verdict::AcceptAndTerminate);
         let over = match self.state {
-            State::Fresh => !walker::is_sound(&self.ray),
-            State::AnyHit if accepts => self.commit(self.candidate),
+            WalkState::Fresh => !walker::is_sound(&self.ray),
+            WalkState::AnyHit if accepts => self.commit(self.candidate),
             // An intersection shader's hit may have ended the walk already.
-            State::Procedural => self.has_hit && self.terminates_on_first_hit(),
-            State::AnyHit | State::OutOfFuel => false,
-            State::Done => true,
+            WalkState::Procedural => self.has_hit && self.terminates_on_first_hit(),
+            WalkState::AnyHit | WalkState::OutOfFuel => false,
+            WalkState::Done => true,
         };
         over || ends
     }
@@ -299,7 +299,7 @@ impl Walk {
         candidate: Hit::NONE,
         time: 0.0,
         has_hit: false,
-        state: State::Done,
+        state: WalkState::Done,
         instance: Self::NO_INSTANCE,
         floor: 0,
         leaf: None,
@@ -318,7 +318,7 @@ impl Walk {
         if let Some(hit) = found {
             (self.hit, self.has_hit) = (hit, true);
         }
-        self.state = State::OutOfFuel;
+        self.state = WalkState::OutOfFuel;
         self.pending.extend(top);
         if let Some(index) = instance {
             self.instance = index;
@@ -332,7 +332,7 @@ impl Walk {
         self.pending.clear();
         self.pending.extend_from_slice(top);
         (self.instance, self.floor, self.leaf) = (Self::NO_INSTANCE, 0, None);
-        self.state = State::OutOfFuel;
+        self.state = WalkState::OutOfFuel;
     }
 
     /// Whether something in the top level is known to be beyond the ray's end.
@@ -343,7 +343,7 @@ impl Walk {
     }
 
     fn is_fresh(&self) -> bool {
-        self.state == State::Fresh
+        self.state == WalkState::Fresh
     }
 
     #[inline(always)]

@@ -19,7 +19,7 @@ pub(crate) fn test_leaf(
     word: u32,
     t_far: &mut f32,
 ) -> Leaf {
-    let Some(hit) = meet(walk, level, instance, word & child::INDEX) else {
+    let Some(hit) = intersect_moving(walk, level, instance, word & child::INDEX) else {
         return Leaf::Finished;
     };
     if !hit.opaque {
@@ -33,11 +33,16 @@ pub(crate) fn test_leaf(
     Leaf::Finished
 }
 
-fn meet(walk: &Walk, level: &Level, instance: &InstanceFacts, slot: u32) -> Option<Hit> {
+fn intersect_moving(
+    walk: &Walk,
+    level: &Level,
+    instance: &InstanceFacts,
+    slot: u32,
+) -> Option<Hit> {
     let entry = level.structure.motion_entry(slot)?;
     let triangle = triangle_at(&entry.triangles, walk.time);
     let (opaque, found) = if instance.uses_micromap(entry.geometry) {
-        micromap::meet(
+        micromap::intersect_micromap(
             level,
             &level.space,
             instance,

@@ -13,9 +13,9 @@ use super::space::{Space, max, min};
 use crate::layout::{Block, GROUP, NodeAt, TriangleGroup, WIDTH};
 
 /// Plain Rust, which compilers vectorise as far as the target allows.
-pub(crate) struct Portable;
+pub(crate) struct PortableKernel;
 
-impl Kernel for Portable {
+impl Kernel for PortableKernel {
     type Beam = (Space, f32);
     type Shear = Space;
     type Near = [f32; WIDTH];
@@ -32,7 +32,7 @@ impl Kernel for Portable {
 
     #[inline(always)]
     unsafe fn load_slabs(slabs: &Slabs, lane: usize, t_far: f32) -> (Space, f32) {
-        let mut space = Space::NOWHERE;
+        let mut space = Space::EMPTY;
         for axis in 0..3 {
             space.near_origin[axis] = slabs.near_origin[axis][lane];
             space.far_origin[axis] = slabs.far_origin[axis][lane];
@@ -90,7 +90,7 @@ impl Kernel for Portable {
     }
 
     #[inline(always)]
-    unsafe fn meet<const CLOSED: bool>(
+    unsafe fn intersect_node<const CLOSED: bool>(
         (ray, t_far): &(Space, f32),
         node: NodeAt<'_>,
     ) -> (u32, [f32; WIDTH]) {
@@ -147,7 +147,8 @@ impl Kernel for Portable {
         let mut mask = 0;
         for (i, group) in groups.into_iter().enumerate() {
             // SAFETY: every machine has plain Rust.
-            mask |= unsafe { Portable::test_group(space, group, interval[1]) & 0xF } << (GROUP * i);
+            mask |= unsafe { PortableKernel::test_group(space, group, interval[1]) & 0xF }
+                << (GROUP * i);
         }
         found.intersect_each(space, groups, mask & lanes, interval)
     }
@@ -161,12 +162,12 @@ impl Kernel for Portable {
         fuel: &mut u64,
     ) -> End {
         // SAFETY: every machine has plain Rust.
-        unsafe { way.run::<Portable, ANY>(best, pending, found, fuel) }
+        unsafe { way.run::<PortableKernel, ANY>(best, pending, found, fuel) }
     }
 
     #[inline(never)]
     unsafe fn test_leaf(leaf: &Triangles<'_>, walk: &mut Walk, t_far: &mut f32) -> Leaf {
         // SAFETY: every machine has plain Rust.
-        unsafe { leaf.test::<Portable>(walk, t_far) }
+        unsafe { leaf.test::<PortableKernel>(walk, t_far) }
     }
 }

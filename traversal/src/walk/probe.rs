@@ -15,7 +15,7 @@ pub struct TriangleTest {
 impl TriangleTest {
     /// Sets up a finite ray.
     pub fn new(ray: &Ray, accuracy: Accuracy) -> TriangleTest {
-        let mut space = Space::NOWHERE;
+        let mut space = Space::EMPTY;
         space.tolerance = accuracy.tolerance();
         space.set(ray.origin, ray.direction, ray.t_min, 0.0);
         TriangleTest { space }
@@ -24,7 +24,7 @@ impl TriangleTest {
     /// Where the ray's line meets an opaque triangle: the distance, and the weights of the second
     /// and the third vertex.
     #[inline]
-    pub fn meet(&self, triangle: &[[f32; 3]; 3]) -> Option<(f32, [f32; 2])> {
+    pub fn intersect_triangle(&self, triangle: &[[f32; 3]; 3]) -> Option<(f32, [f32; 2])> {
         intersect(&self.space, triangle, Rim::Included).map(|hit| (hit.t, hit.barycentrics))
     }
 }

@@ -5,8 +5,8 @@ use lanes::Tier;
 
 use super::kernel::Kernel;
 use super::level::Entered;
-use super::portable::Portable;
-use super::{Event, State, Verdict, Walk, Walker, descend};
+use super::portable::PortableKernel;
+use super::{Event, Verdict, Walk, WalkState, Walker, descend};
 
 /// Runs a walk until something has to be decided outside. What the walk before entered may be in
 /// `entered`.
@@ -25,7 +25,7 @@ pub(crate) fn run(
         // SAFETY: likewise.
         Tier::Avx2 => unsafe { run_avx2(walk, verdict, walker, entered, fuel) },
         // SAFETY: every machine has plain Rust.
-        _ => unsafe { run_with::<Portable>(walk, verdict, walker, entered, fuel) },
+        _ => unsafe { run_with::<PortableKernel>(walk, verdict, walker, entered, fuel) },
     }
 }
 
@@ -72,7 +72,7 @@ pub(crate) unsafe fn run_with<K: Kernel>(
     fuel: &mut u64,
 ) -> Event {
     if walk.is_over(verdict) {
-        walk.state = State::Done;
+        walk.state = WalkState::Done;
         return Event::Done;
     }
     // SAFETY: the caller's promise.
@@ -83,6 +83,6 @@ pub(crate) unsafe fn run_with<K: Kernel>(
             descend::run::<K, false>(walk, walker, entered, fuel)
         }
     };
-    walk.state = State::after(event);
+    walk.state = WalkState::after(event);
     event
 }

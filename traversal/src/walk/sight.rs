@@ -15,7 +15,7 @@ pub(crate) trait Sight: Copy {
     fn direction_z(self) -> f32;
     fn tolerance(self) -> f32;
     /// Origin and direction as given, by the axes of space.
-    fn given(self) -> ([f32; 3], [f32; 3]);
+    fn world_ray(self) -> ([f32; 3], [f32; 3]);
 }
 
 /// A ray of a list.
@@ -67,7 +67,7 @@ impl Sight for LaneOf<'_> {
     }
 
     #[inline(always)]
-    fn given(self) -> ([f32; 3], [f32; 3]) {
-        self.beams.given(self.lane)
+    fn world_ray(self) -> ([f32; 3], [f32; 3]) {
+        self.beams.world_ray(self.lane)
     }
 }

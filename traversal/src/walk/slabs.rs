@@ -5,7 +5,7 @@
 use lanes::LaneMask;
 
 use super::PACKET;
-use super::beams::{Beams, Given, ROW};
+use super::beams::{Beams, ROW, WorldRays};
 use super::rows::{Lanes, Words};
 use super::space::{MARGIN, MODEST, max};
 use crate::layout::InstanceRecord;
@@ -73,17 +73,17 @@ impl Slabs {
     pub fn set_up(
         &mut self,
         beams: &mut Beams,
-        given: &Given,
+        world_rays: &WorldRays,
         record: &InstanceRecord,
         common: Common,
     ) {
-        beams.start_instance(given, record);
+        beams.start_instance(world_rays, record);
         let (o, d) = (&beams.space_origin, &beams.space_direction);
-        let mut sound = given.sound;
+        let mut sound = world_rays.sound;
         for i in 0..PACKET {
             let length = max(d[0][i].abs(), max(d[1][i].abs(), d[2][i].abs()));
             sound[i] &= u32::from((*MODEST.start() <= length) & (length <= *MODEST.end()));
-            self.t_min[i] = max(given.t_min[i], 0.0);
+            self.t_min[i] = max(world_rays.t_min[i], 0.0);
         }
         for axis in 0..3 {
             for i in 0..PACKET {

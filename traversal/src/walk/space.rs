@@ -68,7 +68,7 @@ const AXES: [[[u32; 4]; 2]; 3] = [
 
 impl Space {
     /// No ray.
-    pub const NOWHERE: Space = Space {
+    pub const EMPTY: Space = Space {
         origin: [0.0; 4],
         direction: [0.0; 4],
         near_origin: [0.0; 4],

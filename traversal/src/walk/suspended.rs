@@ -6,7 +6,7 @@ use super::entry::Entry;
 use super::found::Found;
 use super::rows::{HitRows, Lanes, RayRows, Words, blend};
 use super::slabs::{Common, Slabs};
-use super::{Event, PACKET, State, Verdict, Walk};
+use super::{Event, PACKET, Verdict, Walk, WalkState};
 use crate::layout::LEAF_TRIANGLES;
 use crate::ray::Hit;
 
@@ -42,7 +42,7 @@ pub(crate) struct Suspended {
     pub(crate) bottom: Ahead,
     /// The instance they are in, and those that entered it.
     pub(crate) instance: Option<(u32, LaneMask)>,
-    pub(crate) leaf: Standing,
+    pub(crate) leaf: SuspendedLeaf,
     /// Rays that decisions have ended since they wait.
     pub(crate) ended: LaneMask,
     /// They go one by one: of what is above, only candidates and ends of intervals are theirs.
@@ -114,14 +114,14 @@ impl Ahead {
 
 /// The leaf at which rays stand.
 #[derive(Clone, Copy)]
-pub(crate) struct Standing {
+pub(crate) struct SuspendedLeaf {
     pub word: u32,
     /// By triangle: rays that have not been tested against it yet.
     pub rest: [LaneMask; LEAF_TRIANGLES],
 }
 
-impl Standing {
-    pub const NOWHERE: Standing = Standing {
+impl SuspendedLeaf {
+    pub const EMPTY: SuspendedLeaf = SuspendedLeaf {
         word: 0,
         rest: [LaneMask::NONE; LEAF_TRIANGLES],
     };
@@ -140,7 +140,7 @@ impl Default for Suspended {
             top: Ahead::default(),
             bottom: Ahead::default(),
             instance: None,
-            leaf: Standing::NOWHERE,
+            leaf: SuspendedLeaf::EMPTY,
             ended: LaneMask::NONE,
             is_single: false,
             walks: Vec::new(),
@@ -326,7 +326,7 @@ impl Suspended {
     /// Records that the walk of a ray is over.
     pub(crate) fn finish(&mut self, lane: usize, hits: &mut HitRows) {
         let walk = &mut self.walks[lane];
-        walk.state = State::Done;
+        walk.state = WalkState::Done;
         if self.stale.contains(lane)
             && let Some(hit) = walk.committed()
         {
@@ -362,7 +362,7 @@ impl Suspended {
 
     /// The rays, the first of some and those that stand in the same instance as it, and what they
     /// have in common.
-    pub(crate) fn standing_together(&self, lanes: LaneMask) -> (LaneMask, Common) {
+    pub(crate) fn in_same_instance(&self, lanes: LaneMask) -> (LaneMask, Common) {
         let common = |lane: usize| {
             let walk = &self.walks[lane];
             Common::new(walk.top_level(), walk.ray(), walk.instance)

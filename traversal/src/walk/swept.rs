@@ -16,7 +16,7 @@ use super::leaf::Leaf;
 
 /// Where a ray meets a primitive.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Meeting {
+pub(crate) struct SweptHit {
     pub t: f32,
     /// Position along the axis: 0 and 1 are the end caps.
     pub u: f32,
@@ -95,7 +95,7 @@ pub(crate) fn intersect(
     origin: [f32; 3],
     direction: [f32; 3],
     entry: &SweptEntry,
-) -> Option<Meeting> {
+) -> Option<SweptHit> {
     let origin = origin.map(f64::from);
     let direction = direction.map(f64::from);
     let ends = entry.positions.map(|position| position.map(f64::from));
@@ -138,7 +138,7 @@ pub(crate) fn intersect(
         }
     };
     let (t, u, is_there) = found;
-    is_there.then_some(Meeting {
+    is_there.then_some(SweptHit {
         t: (t + shift) as f32,
         u: u as f32,
     })
@@ -217,18 +217,18 @@ mod tests {
     #[test]
     fn a_sphere_is_met_in_front() {
         let sphere = entry_of([[0.0, 0.0, 5.0]; 2], [2.0; 2], swept_flags::SPHERE);
-        let meet = |origin: [f32; 3], direction| intersect(origin, direction, &sphere);
-        let front = meet([0.0; 3], [0.0, 0.0, 0.5]).expect("it is there");
+        let intersect = |origin: [f32; 3], direction| intersect(origin, direction, &sphere);
+        let front = intersect([0.0; 3], [0.0, 0.0, 0.5]).expect("it is there");
         assert_eq!((front.t, front.u), (6.0, 0.0));
         // From inside, the entry lies behind.
         assert_eq!(
-            meet([0.0, 0.0, 5.0], [0.0, 0.0, 1.0]).map(|m| m.t),
+            intersect([0.0, 0.0, 5.0], [0.0, 0.0, 1.0]).map(|m| m.t),
             Some(-2.0)
         );
-        assert_eq!(meet([2.1, 0.0, 0.0], [0.0, 0.0, 1.0]), None);
+        assert_eq!(intersect([2.1, 0.0, 0.0], [0.0, 0.0, 1.0]), None);
         // From far away, to the last bit.
         assert_eq!(
-            meet([1.0e7, 0.0, 5.0], [-1.0, 0.0, 0.0]).map(|m| m.t),
+            intersect([1.0e7, 0.0, 5.0], [-1.0, 0.0, 0.0]).map(|m| m.t),
             Some(1.0e7 - 2.0)
         );
     }
@@ -260,10 +260,10 @@ mod tests {
     fn the_larger_end_hides_the_smaller() {
         let it = entry_of([[0.0; 3], [1.0, 0.0, 0.0]], [3.0, 0.5], CAPS);
         let met = intersect([0.0, 0.0, 9.0], [0.0, 0.0, -1.0], &it);
-        assert_eq!(met, Some(Meeting { t: 6.0, u: 0.0 }));
+        assert_eq!(met, Some(SweptHit { t: 6.0, u: 0.0 }));
         let it = entry_of([[1.0, 0.0, 0.0], [0.0; 3]], [0.5, 3.0], CAPS);
         let met = intersect([0.0, 0.0, 9.0], [0.0, 0.0, -1.0], &it);
-        assert_eq!(met, Some(Meeting { t: 6.0, u: 1.0 }));
+        assert_eq!(met, Some(SweptHit { t: 6.0, u: 1.0 }));
     }
 
     /// The hull of the spheres against spheres in small steps along the axis.

@@ -132,7 +132,7 @@ impl Triangles<'_> {
         let geometry = group.geometries[lane];
         let (opaque, found) = if self.instance.uses_micromap(geometry) {
             let (triangle, primitive) = (group.triangle(lane), group.primitives[lane]);
-            micromap::meet(
+            micromap::intersect_micromap(
                 self.level,
                 &self.level.space,
                 self.instance,

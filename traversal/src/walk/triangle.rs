@@ -93,17 +93,17 @@ pub(crate) mod rounding {
 }
 
 /// Three vertices as seen from the ray's start: sheared, and along the ray.
-pub(crate) struct Flat {
+pub(crate) struct ShearedTriangle {
     x: [f32; 3],
     y: [f32; 3],
     pub z: [f32; 3],
 }
 
-impl Flat {
+impl ShearedTriangle {
     #[inline(always)]
-    pub fn new(space: &Space, triangle: &[[f32; 3]; 3]) -> Flat {
+    pub fn new(space: &Space, triangle: &[[f32; 3]; 3]) -> ShearedTriangle {
         let [x_axis, y_axis, z_axis] = space.axes();
-        let mut flat = Flat {
+        let mut flat = ShearedTriangle {
             x: [0.0; 3],
             y: [0.0; 3],
             z: [0.0; 3],
@@ -127,7 +127,7 @@ impl Flat {
 /// Intersects a ray with a triangle, whatever the ray's interval.
 #[inline(always)]
 pub(crate) fn intersect(space: &Space, triangle: &[[f32; 3]; 3], rim: Rim) -> Option<Intersection> {
-    let flat = Flat::new(space, triangle);
+    let flat = ShearedTriangle::new(space, triangle);
     let edges = [flat.edge(2, 1), flat.edge(0, 2), flat.edge(1, 0)];
     let [u, v, w] = edges;
     let error = Margin::of(triangle).error(flat.z[0].abs());
@@ -141,19 +141,19 @@ pub(crate) fn intersect(space: &Space, triangle: &[[f32; 3]; 3], rim: Rim) -> Op
     if !(ordinary && (front || most < -error)) {
         return intersect_exactly(space, triangle, &flat, edges, rim);
     }
-    match place(space, &flat, edges) {
-        Place::At(t, barycentrics) => Some(Intersection {
+    match estimate_hit(space, &flat, edges) {
+        HitEstimate::At(t, barycentrics) => Some(Intersection {
             t: t_in_slab(space, triangle, t),
             barycentrics,
             front,
         }),
-        Place::Behind => None,
-        Place::Uncertain => meet_exactly(space, triangle, rim),
+        HitEstimate::Behind => None,
+        HitEstimate::Uncertain => intersect_unrounded(space, triangle, rim),
     }
 }
 
 /// Where a triangle is hit.
-enum Place {
+enum HitEstimate {
     At(f32, [f32; 2]),
     /// Surely not after the start of the interval: mostly the surface that the ray starts from.
     Behind,
@@ -163,9 +163,9 @@ enum Place {
 
 /// Where a triangle is hit whose edge functions have one sign and a sum of ordinary size.
 #[inline(always)]
-fn place(space: &Space, flat: &Flat, [u, v, w]: [f32; 3]) -> Place {
+fn estimate_hit(space: &Space, flat: &ShearedTriangle, [u, v, w]: [f32; 3]) -> HitEstimate {
     let z_axis = space.axes()[2];
-    let Flat { x, y, z } = flat;
+    let ShearedTriangle { x, y, z } = flat;
     let inverse_whole = 1.0 / (u + v + w);
     let [u, v, w] = [u * inverse_whole, v * inverse_whole, w * inverse_whole];
     // From the first vertex, so that errors of weights count by the triangle's size.
@@ -179,18 +179,18 @@ fn place(space: &Space, flat: &Flat, [u, v, w]: [f32; 3]) -> Place {
     let weight_error = inverse_whole.abs() * moved + rounding::WEIGHTS;
     let z_error = extent(z) * weight_error + (z_mean * rounding::DISTANCE + rounding::LEAST);
     if weight_error >= rounding::MOST {
-        return Place::Uncertain;
+        return HitEstimate::Uncertain;
     }
     if z_error <= space.tolerance * z_hit.abs() {
         return match space.scale == 1.0 {
-            true => Place::At(z_hit / space.direction[z_axis], [v, w]),
-            false => Place::Uncertain,
+            true => HitEstimate::At(z_hit / space.direction[z_axis], [v, w]),
+            false => HitEstimate::Uncertain,
         };
     }
     let last = z_hit * space.inverse_z + z_error * space.inverse_z.abs() * ROOM;
     match space.scale == 1.0 && last <= space.t_min {
-        true => Place::Behind,
-        false => Place::Uncertain,
+        true => HitEstimate::Behind,
+        false => HitEstimate::Uncertain,
     }
 }
 
@@ -218,7 +218,7 @@ fn t_in_slab(space: &Space, triangle: &[[f32; 3]; 3], t: f32) -> f32 {
 fn intersect_exactly(
     space: &Space,
     triangle: &[[f32; 3]; 3],
-    flat: &Flat,
+    flat: &ShearedTriangle,
     edges: [f32; 3],
     rim: Rim,
 ) -> Option<Intersection> {
@@ -227,14 +227,14 @@ fn intersect_exactly(
     let one_sign = u > 0.0 && v > 0.0 && w > 0.0 || u < 0.0 && v < 0.0 && w < 0.0;
     let ordinary = ORDINARY[0] < whole.abs() && whole.abs() < ORDINARY[1];
     if !(one_sign && ordinary) {
-        return meet_exactly(space, triangle, rim);
+        return intersect_unrounded(space, triangle, rim);
     }
     // The work of a test of several triangles after its bounds have decided.
-    match place(space, flat, edges) {
-        Place::At(t, barycentrics) => {
+    match estimate_hit(space, flat, edges) {
+        HitEstimate::At(t, barycentrics) => {
             let front = decide::faces(first(space.origin), first(space.direction), triangle, rim)?;
             if front != (whole > 0.0) {
-                return meet_exactly(space, triangle, rim);
+                return intersect_unrounded(space, triangle, rim);
             }
             Some(Intersection {
                 t: t_in_slab(space, triangle, t),
@@ -242,7 +242,7 @@ fn intersect_exactly(
                 front,
             })
         }
-        Place::Behind | Place::Uncertain => meet_exactly(space, triangle, rim),
+        HitEstimate::Behind | HitEstimate::Uncertain => intersect_unrounded(space, triangle, rim),
     }
 }
 
@@ -250,12 +250,12 @@ fn first([x, y, z, _]: [f32; 4]) -> [f32; 3] {
     [x, y, z]
 }
 
-/// All of it from the numbers that were given.
+/// Computes all of it from the vertices as they are, without shearing them in f32.
 #[cold]
 #[inline(never)]
-fn meet_exactly(space: &Space, triangle: &[[f32; 3]; 3], rim: Rim) -> Option<Intersection> {
+fn intersect_unrounded(space: &Space, triangle: &[[f32; 3]; 3], rim: Rim) -> Option<Intersection> {
     let (front, t, weights) =
-        decide::meet(first(space.origin), first(space.direction), triangle, rim)?;
+        decide::intersect_exactly(first(space.origin), first(space.direction), triangle, rim)?;
     Some(Intersection {
         t: t_in_slab(space, triangle, t as f32),
         barycentrics: weights.map(|weight| weight as f32),

@@ -73,7 +73,7 @@ impl Opaque<'_> {
                 // SAFETY: below the count, and the caller's promise.
                 let (node, (mask, near)) = unsafe {
                     let node = self.structure.node_at(word);
-                    (node, K::meet::<false>(&beam, node))
+                    (node, K::intersect_node::<false>(&beam, node))
                 };
                 if mask == 0 {
                     continue 'next;

@@ -68,9 +68,9 @@ impl Walker {
 
     /// A walker as described; `None` if the machine does not have its instruction set.
     pub fn with(options: Options) -> Option<Box<Walker>> {
-        let mut level = Level::NOWHERE;
+        let mut level = Level::EMPTY;
         level.space.tolerance = options.accuracy.tolerance();
-        let mut beams = Beams::NOWHERE;
+        let mut beams = Beams::EMPTY;
         beams.tolerance = options.accuracy.tolerance();
         options.tier.is_available().then(|| {
             Box::new(Walker {

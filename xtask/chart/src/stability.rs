@@ -15,7 +15,7 @@ use crate::report::Report;
 use crate::triangles::Test;
 use crate::walks::Engine;
 use embree::{Embree, Quality};
-use scenes::hard::{CASES, Case, Hard, fault};
+use scenes::hard::{CASES, Hard, HardSeries, fault};
 
 /// A share of wrong answers, as a cell.
 fn cell(wrong: usize, all: usize) -> Option<Cell> {
@@ -160,7 +160,7 @@ impl Map {
 }
 
 fn case(
-    case: &Case,
+    case: &HardSeries,
     options: &Options,
     embree: Option<&Embree>,
     report: &mut Report,

@@ -14,7 +14,7 @@ use scenes::exact;
 use scenes::{DVec3, Mesh, Random, narrow, normalize, ray, wide};
 
 /// Where a ray meets a triangle: distance, and the weights of the second and the third vertex.
-pub type Meeting = (f32, [f32; 2]);
+pub type TriangleHit = (f32, [f32; 2]);
 type Triangle = [[f32; 3]; 3];
 
 /// A way to test triangles.
@@ -61,7 +61,7 @@ impl Test {
         self,
         ray: &Ray,
         triangles: impl Iterator<Item = &'a Triangle>,
-        mut met: impl FnMut(usize, Meeting),
+        mut met: impl FnMut(usize, TriangleHit),
     ) {
         let triangles = triangles.enumerate();
         match self {
@@ -75,7 +75,7 @@ impl Test {
             Test::Woop => {
                 let sheared = Sheared::new(ray);
                 for (index, triangle) in triangles {
-                    if let Some(found) = sheared.meet(triangle) {
+                    if let Some(found) = sheared.intersect_triangle(triangle) {
                         met(index, found);
                     }
                 }
@@ -83,7 +83,7 @@ impl Test {
             Test::Ours(accuracy) => {
                 let test = TriangleTest::new(ray, accuracy);
                 for (index, triangle) in triangles {
-                    if let Some(found) = test.meet(triangle) {
+                    if let Some(found) = test.intersect_triangle(triangle) {
                         met(index, found);
                     }
                 }
@@ -97,7 +97,7 @@ impl Test {
             }
             Test::Whole => {
                 for (index, triangle) in triangles {
-                    if let Some(found) = exact::meet(ray, triangle) {
+                    if let Some(found) = exact::intersect(ray, triangle) {
                         let weights = found.weights.map(|weight| weight as f32);
                         met(index, (found.t as f32, weights));
                     }
@@ -111,8 +111,8 @@ impl Test {
         self,
         ray: &Ray,
         triangles: impl Iterator<Item = &'a Triangle>,
-    ) -> Option<(usize, Meeting)> {
-        let mut best: Option<(usize, Meeting)> = None;
+    ) -> Option<(usize, TriangleHit)> {
+        let mut best: Option<(usize, TriangleHit)> = None;
         self.each(ray, triangles, |index, found| {
             let inside = ray.t_min < found.0 && found.0 < ray.t_max;
             if inside && best.is_none_or(|(_, best)| found.0 < best.0) {
@@ -124,7 +124,7 @@ impl Test {
 }
 
 /// Möller and Trumbore (1997).
-fn moller_trumbore(ray: &Ray, triangle: &Triangle) -> Option<Meeting> {
+fn moller_trumbore(ray: &Ray, triangle: &Triangle) -> Option<TriangleHit> {
     let minus = |a: [f32; 3], b: [f32; 3]| [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
     let times = |a: [f32; 3], b: [f32; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
     let across = |a: [f32; 3], b: [f32; 3]| {
@@ -156,7 +156,7 @@ fn moller_trumbore(ray: &Ray, triangle: &Triangle) -> Option<Meeting> {
 }
 
 /// The same in f64.
-fn moller_trumbore_wide(ray: &Ray, triangle: &Triangle) -> Option<Meeting> {
+fn moller_trumbore_wide(ray: &Ray, triangle: &Triangle) -> Option<TriangleHit> {
     let [a, b, c] = triangle.map(wide);
     let (origin, direction) = (wide(ray.origin), wide(ray.direction));
     let (first, second) = (b - a, c - a);
@@ -207,7 +207,7 @@ impl Sheared {
         }
     }
 
-    fn meet(&self, triangle: &Triangle) -> Option<Meeting> {
+    fn intersect_triangle(&self, triangle: &Triangle) -> Option<TriangleHit> {
         let [x, y, z] = self.axes;
         let moved = triangle.map(|vertex| {
             let at = |axis: usize| vertex[axis] - self.origin[axis];
@@ -285,7 +285,7 @@ fn errors(test: Test, count: usize) -> (f64, f64) {
             let length = 0.3 + random.unit();
             let way = (inner - wide(aimed.origin)) * length / scale;
             let ray = ray(aimed.origin, narrow(way));
-            let Some(truth) = exact::meet(&ray, &triangle) else {
+            let Some(truth) = exact::intersect(&ray, &triangle) else {
                 continue;
             };
             let outer = 1.0 - truth.weights[0] - truth.weights[1];

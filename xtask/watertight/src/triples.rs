@@ -111,7 +111,7 @@ pub fn faults(kind: usize, seed: u64, count: usize) -> Faults {
             ..non_opaque.clone()
         };
         let pair = [one(0), one(1)];
-        let met = [0, 1].map(|i| exact::meet(&ray, &non_opaque.triangle(i)));
+        let met = [0, 1].map(|i| exact::intersect(&ray, &non_opaque.triangle(i)));
         let ordinary = |t: f64| t <= 0.0 || DISTANCES.contains(&t);
         if !met.iter().flatten().all(|crossing| ordinary(crossing.t)) {
             continue;

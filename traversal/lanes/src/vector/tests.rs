@@ -4,13 +4,13 @@ use super::*;
 use crate::LANES;
 
 /// The test body for each instruction set.
-trait Case {
+trait TierTest {
     /// # Safety
     /// The machine has the instruction set.
     unsafe fn run<V: Vector>(&mut self, v: V);
 }
 
-fn in_every_tier(case: &mut impl Case) {
+fn in_every_tier(case: &mut impl TierTest) {
     for tier in Tier::available() {
         // SAFETY: the tier is present.
         unsafe {
@@ -27,7 +27,7 @@ fn in_every_tier(case: &mut impl Case) {
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt,f16c")]
-unsafe fn avx2(case: &mut impl Case) {
+unsafe fn avx2(case: &mut impl TierTest) {
     // SAFETY: the function's features.
     unsafe { case.run(Avx2::new()) }
 }
@@ -36,7 +36,7 @@ unsafe fn avx2(case: &mut impl Case) {
 #[target_feature(
     enable = "avx512f,avx512vl,avx512dq,avx512bw,avx2,fma,bmi1,bmi2,lzcnt,popcnt,f16c"
 )]
-unsafe fn avx512(case: &mut impl Case) {
+unsafe fn avx512(case: &mut impl TierTest) {
     // SAFETY: the function's features.
     unsafe { case.run(Avx512::new()) }
 }
@@ -73,7 +73,7 @@ struct Quads {
     mask: u16,
 }
 
-impl Case for Quads {
+impl TierTest for Quads {
     #[inline(always)]
     unsafe fn run<V: Vector>(&mut self, v: V) {
         let a = &self.words;
@@ -127,7 +127,7 @@ struct Window {
 /// Words of a row of the memory that the window lies in.
 const ACROSS: usize = 11;
 
-impl Case for Window {
+impl TierTest for Window {
     unsafe fn run<V: Vector>(&mut self, v: V) {
         let (columns, rows) = (v.load_i(&self.columns), v.load_i(&self.rows));
         // SAFETY: there are five rows, of which eight words are taken.
@@ -162,7 +162,7 @@ struct Pairs {
     stride: usize,
 }
 
-impl Case for Pairs {
+impl TierTest for Pairs {
     #[inline(always)]
     unsafe fn run<V: Vector>(&mut self, v: V) {
         let from: Vec<u8> = (0..3 * self.stride + 32)
@@ -204,7 +204,7 @@ struct Shorts {
     stride: usize,
 }
 
-impl Case for Shorts {
+impl TierTest for Shorts {
     #[inline(always)]
     unsafe fn run<V: Vector>(&mut self, v: V) {
         let from: Vec<u8> = (0..3 * self.stride + 8)
@@ -247,7 +247,7 @@ struct EachQuad {
     mask: u16,
 }
 
-impl Case for EachQuad {
+impl TierTest for EachQuad {
     #[inline(always)]
     unsafe fn run<V: Vector>(&mut self, v: V) {
         let (stride, size) = (149, 4 * self.words);

@@ -93,7 +93,7 @@ impl Random {
 
 /// A ray and a triangle.
 #[derive(Debug)]
-pub(in crate::walk) struct Case {
+pub(in crate::walk) struct RayTriangle {
     pub origin: [f32; 3],
     pub direction: [f32; 3],
     pub triangle: [[f32; 3]; 3],
@@ -102,7 +102,7 @@ pub(in crate::walk) struct Case {
 /// Cases of several kinds in turn: an edge through the ray as far as f32 can say it, all of the
 /// triangle in the ray's plane nearly, whole numbers, all exponents, triangles in front of a ray of
 /// ordinary numbers, determinants of one unit.
-pub(in crate::walk) fn case(kind: usize, random: &mut Random) -> Case {
+pub(in crate::walk) fn case(kind: usize, random: &mut Random) -> RayTriangle {
     loop {
         let case = any_case(kind, random);
         let below = |v: [f32; 3]| v.iter().all(|c| c.abs() < 4e37);
@@ -112,14 +112,14 @@ pub(in crate::walk) fn case(kind: usize, random: &mut Random) -> Case {
     }
 }
 
-fn any_case(kind: usize, random: &mut Random) -> Case {
+fn any_case(kind: usize, random: &mut Random) -> RayTriangle {
     let scale = [1.0, random.size(-3.0, 3.0), random.size(-38.0, 36.0)][random.bits() as usize % 3];
     let mut direction = random.vector(1.0);
     let reach = scale * random.size(-3.0, 1.0);
     let mut origin = random.vector(reach);
     if kind == 2 {
         let mut small = |range: f64| [0; 3].map(|_| (random.signed() * range).round() as f32);
-        return Case {
+        return RayTriangle {
             origin: small(4.0),
             direction: small(3.0),
             triangle: [small(4.0), small(4.0), small(4.0)],
@@ -135,7 +135,7 @@ fn any_case(kind: usize, random: &mut Random) -> Case {
             if value.is_finite() { value } else { 0.0 }
         };
         let mut point = || [any(), any(), any()];
-        return Case {
+        return RayTriangle {
             origin: point(),
             direction: point(),
             triangle: [point(), point(), point()],
@@ -184,7 +184,7 @@ fn any_case(kind: usize, random: &mut Random) -> Case {
     };
     let mut triangle = [narrow(p), narrow(q), narrow(r)];
     triangle.rotate_left(random.bits() as usize % 3);
-    Case {
+    RayTriangle {
         origin,
         direction,
         triangle,
@@ -206,7 +206,7 @@ fn divisor(x: i128, y: i128) -> [i128; 3] {
 
 /// A ray from the origin with a determinant of 1 or little more, though its products have 70 bits:
 /// a direction that differs from the plane of two vertices by less than any of its digits.
-fn least(random: &mut Random) -> Option<Case> {
+fn least(random: &mut Random) -> Option<RayTriangle> {
     let mut point = || [0; 3].map(|_| (random.signed() * f64::from(1 << 22)) as i128);
     let (p, q, r) = (point(), point(), point());
     let n = [(1, 2), (2, 0), (0, 1)].map(|(j, k): (usize, usize)| p[j] * q[k] - p[k] * q[j]);
@@ -231,7 +231,7 @@ fn least(random: &mut Random) -> Option<Case> {
     let scale = random.size(-9.0, 9.0).log2().round().exp2() as f32;
     let fits = d.iter().all(|c| c.abs() < 1 << 24);
     let narrow = |v: [i128; 3]| v.map(|c| c as f32 * scale);
-    fits.then(|| Case {
+    fits.then(|| RayTriangle {
         origin: [0.0; 3],
         direction: d.map(|c| (c * if sign == 0 { 1 } else { sign }) as f32),
         triangle: [narrow(p), narrow(q), narrow(r)],
@@ -246,7 +246,7 @@ struct Truth {
 }
 
 impl Truth {
-    fn of(case: &Case) -> Truth {
+    fn of(case: &RayTriangle) -> Truth {
         let (o, d) = (case.origin.map(whole), case.direction.map(whole));
         let moved = case.triangle.map(|vertex| less(&vertex.map(whole), &o));
         let edges = EDGES.map(|[p, q]| dot(&d, &cross(&moved[p], &moved[q])));
@@ -259,7 +259,7 @@ impl Truth {
     }
 
     /// Signs of the edges for an origin that is moved.
-    fn owned(&self, case: &Case) -> [i32; 3] {
+    fn owned(&self, case: &RayTriangle) -> [i32; 3] {
         let d = case.direction.map(whole);
         std::array::from_fn(|i| {
             let [p, q] = EDGES[i].map(|vertex| case.triangle[vertex].map(whole));
@@ -271,7 +271,7 @@ impl Truth {
         })
     }
 
-    fn faces(&self, case: &Case, rim: Rim) -> Option<bool> {
+    fn faces(&self, case: &RayTriangle, rim: Rim) -> Option<bool> {
         let signs = match rim {
             Rim::Included => self.edges.each_ref().map(sign),
             Rim::Owned => self.owned(case),
@@ -284,7 +284,7 @@ impl Truth {
     }
 }
 
-fn is_sound(case: &Case) -> bool {
+fn is_sound(case: &RayTriangle) -> bool {
     case.direction != [0.0; 3]
 }
 
@@ -325,7 +325,7 @@ fn signs_are_those_of_whole_numbers() {
 /// is as large as the triangle.
 #[test]
 fn shears_that_underflow_are_seen() {
-    let case = Case {
+    let case = RayTriangle {
         origin: [0.030209808, 7.5756125e-31, 399.14517],
         direction: [1.8067319e-33, -2.758205e-39, 86058110.0],
         triangle: [
@@ -335,7 +335,7 @@ fn shears_that_underflow_are_seen() {
         ],
     };
     let truth = Truth::of(&case);
-    let mut space = Space::NOWHERE;
+    let mut space = Space::EMPTY;
     space.set(case.origin, case.direction, 0.0, 0.0);
     let found = intersect(&space, &case.triangle, Rim::Included).expect("it is hit");
     let t = quotient(&-&truth.volume, &truth.whole);
@@ -358,7 +358,7 @@ fn bounds_hold() {
         if !is_sound(&case) {
             continue;
         }
-        let mut space = Space::NOWHERE;
+        let mut space = Space::EMPTY;
         space.tolerance = Accuracy::Spec.tolerance();
         space.set(case.origin, case.direction, 0.0, 0.0);
 

@@ -9,7 +9,7 @@ use super::rays::Rays;
 #[cfg(target_arch = "x86_64")]
 use super::rays::{load, store};
 #[cfg(target_arch = "x86_64")]
-use super::triangle::{meet, test_triangle};
+use super::triangle::{intersect_triangle, test_triangle};
 use crate::layout::{Block, TriangleGroup};
 #[cfg(target_arch = "x86_64")]
 use crate::layout::{GROUP, LEAF_TRIANGLES, child, geometry_word};
@@ -27,7 +27,7 @@ use crate::walk::found::Found;
 use crate::walk::rows::HitRows;
 use crate::walk::rows::Lanes;
 #[cfg(target_arch = "x86_64")]
-use crate::walk::suspended::Standing;
+use crate::walk::suspended::SuspendedLeaf;
 use crate::walk::triangle::intersect;
 
 /// Tests the opaque triangles of a leaf, and notes at which others rays have to look.
@@ -40,14 +40,14 @@ pub(super) fn test_some(
     (word, lanes): (u32, LaneMask),
     t_far: f32,
     found: &mut Found,
-) -> Standing {
-    let mut standing = Standing {
+) -> SuspendedLeaf {
+    let mut leaf = SuspendedLeaf {
         word,
-        ..Standing::NOWHERE
+        ..SuspendedLeaf::EMPTY
     };
     let mut room = None;
     let Some((groups, there)) = structure.leaf_groups(word, &mut room, in_full) else {
-        return standing;
+        return leaf;
     };
     let first_slot = structure.first_slot(word & child::INDEX);
     let mut rest = there & rays.test_triangles(groups, t_far);
@@ -60,11 +60,11 @@ pub(super) fn test_some(
                 let slot = first_slot + i as u32;
                 test_triangle(rays, structure, (group, lane), slot, lanes, found);
             }
-            Some(false) => standing.rest[i] = lanes,
+            Some(false) => leaf.rest[i] = lanes,
             None => {}
         }
     }
-    standing
+    leaf
 }
 
 /// As [`Block::expand`], with what is known of the triangles besides.
@@ -82,29 +82,29 @@ pub(super) fn next_candidates(
     rays: &Rays,
     structure: &Structure,
     facts: &InstanceFacts,
-    standing: &mut Standing,
+    leaf: &mut SuspendedLeaf,
     live: LaneMask,
     found: &Found,
     candidates: &mut HitRows,
 ) {
     candidates.found = LaneMask::NONE;
-    let rest = (standing.rest.iter()).fold(LaneMask::NONE, |all, &lanes| all | lanes) & live;
+    let rest = (leaf.rest.iter()).fold(LaneMask::NONE, |all, &lanes| all | lanes) & live;
     if rest.is_empty() {
         return;
     }
     let mut room = None;
-    let Some((groups, _)) = structure.leaf_groups(standing.word, &mut room, in_full) else {
+    let Some((groups, _)) = structure.leaf_groups(leaf.word, &mut room, in_full) else {
         return;
     };
-    let first_slot = structure.first_slot(standing.word & child::INDEX);
+    let first_slot = structure.first_slot(leaf.word & child::INDEX);
     for i in 0..LEAF_TRIANGLES {
-        let lanes = standing.rest[i] & (live - candidates.found);
+        let lanes = leaf.rest[i] & (live - candidates.found);
         if lanes.is_empty() {
             continue;
         }
-        standing.rest[i] -= lanes;
+        leaf.rest[i] -= lanes;
         let (group, lane) = (groups[i / GROUP], i % GROUP);
-        let Some(meeting) = meet(rays, (group, lane), lanes, load(&found.t)) else {
+        let Some(meeting) = intersect_triangle(rays, (group, lane), lanes, load(&found.t)) else {
             continue;
         };
         let slot = first_slot + i as u32;
@@ -114,7 +114,7 @@ pub(super) fn next_candidates(
             slot,
             ..facts.hit()
         };
-        let mut place = Place {
+        let mut place = IntersectionRows {
             t: [0.0; PACKET],
             barycentrics: [[0.0; PACKET]; 2],
         };
@@ -128,7 +128,7 @@ pub(super) fn next_candidates(
         let mut front = meeting.front;
         if !meeting.undecided.is_empty() {
             let triangle = group.triangle(lane);
-            let exactly = place.meet_exactly(rays, &triangle, meeting.undecided, found);
+            let exactly = place.intersect_exactly(rays, &triangle, meeting.undecided, found);
             met |= exactly.0;
             front = (front - meeting.undecided) | exactly.1;
         }
@@ -138,18 +138,18 @@ pub(super) fn next_candidates(
 }
 
 /// Where rays meet a triangle, in memory.
-pub(super) struct Place {
+pub(super) struct IntersectionRows {
     pub t: Lanes,
     pub barycentrics: [Lanes; 2],
 }
 
-impl Place {
+impl IntersectionRows {
     /// One ray after the other, by the rule that gives an edge to one of its triangles. Returns
     /// those that meet the triangle nearer than what was found, and those of them that see its
     /// front.
     #[cold]
     #[inline(never)]
-    pub fn meet_exactly(
+    pub fn intersect_exactly(
         &mut self,
         rays: &Rays,
         triangle: &[[f32; 3]; 3],

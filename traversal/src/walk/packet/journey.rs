@@ -10,7 +10,7 @@ use crate::structure::Kind;
 use crate::walk::Walker;
 use crate::walk::facts::InstanceFacts;
 use crate::walk::rows::HitRows;
-use crate::walk::suspended::{Progress, Standing};
+use crate::walk::suspended::{Progress, SuspendedLeaf};
 
 /// The outcome of entering an instance.
 pub(super) enum Entering {
@@ -65,9 +65,9 @@ impl Packet<'_> {
                 Entering::Nothing => {}
                 Entering::Inside(way) => {
                     let instance = (index, lanes);
-                    let standing = Standing::NOWHERE;
+                    let suspended_leaf = SuspendedLeaf::EMPTY;
                     // SAFETY: as above.
-                    if unsafe { self.walk_instance::<K>(walker, way, instance, standing) } {
+                    if unsafe { self.walk_instance::<K>(walker, way, instance, suspended_leaf) } {
                         self.open(hits);
                         return Progress::Candidates;
                     }
@@ -140,7 +140,7 @@ impl Packet<'_> {
             _ => return Entering::Unusual,
         };
         // SAFETY: the caller's promise.
-        if !unsafe { K::set_up_instance(rays, &self.given, &record, lanes) } {
+        if !unsafe { K::set_up_instance(rays, &self.world_rays, &record, lanes) } {
             return Entering::Singly;
         }
         self.found.instance = index;
@@ -162,14 +162,14 @@ impl Packet<'_> {
         walker: &mut Walker,
         way: Way,
         instance: (u32, LaneMask),
-        mut standing: Standing,
+        mut suspended_leaf: SuspendedLeaf,
     ) -> bool {
         let structure = walker.bottom.structure;
         let facts = walker.instance;
         loop {
             // SAFETY: the caller's promise, here and below.
             let stands = way == Way::Mixed
-                && unsafe { self.stands::<K>(walker, &facts, instance, &mut standing) };
+                && unsafe { self.stands::<K>(walker, &facts, instance, &mut suspended_leaf) };
             if stands {
                 return true;
             }
@@ -184,7 +184,7 @@ impl Packet<'_> {
                 // SAFETY: as above.
                 Way::Opaque => unsafe { K::test_leaf(rays, &structure, leaf, t_far, found) },
                 Way::Mixed => {
-                    standing =
+                    suspended_leaf =
                         // SAFETY: as above.
                         unsafe { K::test_some(rays, &structure, &facts, leaf, t_far, found) };
                 }
@@ -207,7 +207,7 @@ impl Packet<'_> {
         walker: &Walker,
         facts: &InstanceFacts,
         instance: (u32, LaneMask),
-        standing: &mut Standing,
+        suspended_leaf: &mut SuspendedLeaf,
     ) -> bool {
         let (live, structure) = (self.live(), &walker.bottom.structure);
         let Some(suspended) = self.suspended.as_deref_mut() else {
@@ -220,7 +220,7 @@ impl Packet<'_> {
                 rays,
                 structure,
                 facts,
-                standing,
+                suspended_leaf,
                 live,
                 &self.found,
                 candidates,
@@ -229,7 +229,7 @@ impl Packet<'_> {
         if suspended.candidates.found.is_empty() {
             return false;
         }
-        suspended.leaf = *standing;
+        suspended.leaf = *suspended_leaf;
         self.keep(walker, instance);
         true
     }
@@ -259,7 +259,7 @@ impl Packet<'_> {
         };
         suspended.candidates.found = LaneMask::NONE;
         suspended.candidates.set_box(lanes, &hit, &self.rays.t_min);
-        suspended.leaf = Standing::NOWHERE;
+        suspended.leaf = SuspendedLeaf::EMPTY;
         self.keep(walker, instance);
         true
     }

@@ -8,12 +8,12 @@ use super::{Packet, Stack};
 use crate::layout::{InstanceRecord, NodeAt, TriangleGroup, WIDTH};
 use crate::structure::Structure;
 use crate::walk::Walker;
-use crate::walk::beams::Given;
+use crate::walk::beams::WorldRays;
 use crate::walk::facts::InstanceFacts;
 use crate::walk::found::Found;
 use crate::walk::level::Level;
 use crate::walk::rows::{HitRows, Lanes, RayRows, Words};
-use crate::walk::suspended::{Progress, Standing, Suspended};
+use crate::walk::suspended::{Progress, Suspended, SuspendedLeaf};
 
 /// The tests of packets with one instruction set, and the functions that are made of them.
 ///
@@ -106,7 +106,7 @@ pub(super) trait PacketKernel: Sized {
         leaf: (u32, LaneMask),
         t_far: f32,
         found: &mut Found,
-    ) -> Standing;
+    ) -> SuspendedLeaf;
 
     /// Looks for one candidate for each of the rays of `live`, in the leaf where they stand.
     ///
@@ -116,7 +116,7 @@ pub(super) trait PacketKernel: Sized {
         rays: &Rays,
         structure: &Structure,
         facts: &InstanceFacts,
-        standing: &mut Standing,
+        leaf: &mut SuspendedLeaf,
         live: LaneMask,
         found: &Found,
         candidates: &mut HitRows,
@@ -145,7 +145,7 @@ pub(super) trait PacketKernel: Sized {
     /// As above.
     unsafe fn set_up_top(
         rays: &mut Rays,
-        given: &Given,
+        world_rays: &WorldRays,
         origin_error: f32,
         lanes: LaneMask,
     ) -> bool;
@@ -156,7 +156,7 @@ pub(super) trait PacketKernel: Sized {
     /// As above.
     unsafe fn set_up_instance(
         rays: &mut Rays,
-        given: &Given,
+        world_rays: &WorldRays,
         record: &InstanceRecord,
         lanes: LaneMask,
     ) -> bool;
@@ -210,23 +210,23 @@ macro_rules! compiled {
         $(#[$feature])?
         unsafe fn set_up_top(
             rays: &mut Rays,
-            given: &Given,
+            world_rays: &WorldRays,
             origin_error: f32,
             lanes: LaneMask,
         ) -> bool {
             // SAFETY: the caller's promise.
-            unsafe { rays.set_up_top::<$kernel>(given, origin_error, lanes) }
+            unsafe { rays.set_up_top::<$kernel>(world_rays, origin_error, lanes) }
         }
 
         $(#[$feature])?
         unsafe fn set_up_instance(
             rays: &mut Rays,
-            given: &Given,
+            world_rays: &WorldRays,
             record: &InstanceRecord,
             lanes: LaneMask,
         ) -> bool {
             // SAFETY: the caller's promise.
-            unsafe { rays.set_up_instance::<$kernel>(given, record, lanes) }
+            unsafe { rays.set_up_instance::<$kernel>(world_rays, record, lanes) }
         }
 
         $(#[$feature])?

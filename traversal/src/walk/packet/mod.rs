@@ -25,7 +25,7 @@ mod vectors;
 #[cfg(target_arch = "x86_64")]
 mod wide;
 
-use super::beams::Given;
+use super::beams::WorldRays;
 use super::children::{LARGE, fetch};
 use super::entry::{Entry, STACK};
 use super::facts::InstanceFacts;
@@ -34,7 +34,7 @@ use super::level::{Level, only_instance};
 use super::rows::{HitRows, RayRows, blend};
 use super::space::max;
 use super::suspended::{Progress, Suspended};
-use super::{Event, PACKET, State, Verdict, Walk, Walker};
+use super::{Event, PACKET, Verdict, Walk, WalkState, Walker};
 use crate::layout::{WIDTH, child};
 use crate::ray::{Ray, ray_flags};
 use crate::structure::{Kind, Structure};
@@ -86,9 +86,11 @@ pub(crate) unsafe fn run(
         Tier::Avx512 => unsafe { wide::Avx512::trace_packet(rays, lanes, hits, walker, suspended) },
         #[cfg(target_arch = "x86_64")]
         // SAFETY: likewise.
-        Tier::Avx2 => unsafe { plain::Avx2::trace_packet(rays, lanes, hits, walker, suspended) },
+        Tier::Avx2 => unsafe {
+            plain::Avx2Packets::trace_packet(rays, lanes, hits, walker, suspended)
+        },
         // SAFETY: the caller's promise; every machine has plain Rust.
-        _ => unsafe { plain::Portable::trace_packet(rays, lanes, hits, walker, suspended) },
+        _ => unsafe { plain::PortablePackets::trace_packet(rays, lanes, hits, walker, suspended) },
     }
 }
 
@@ -108,9 +110,9 @@ pub(crate) unsafe fn resume(
         Tier::Avx512 => unsafe { wide::Avx512::resume_packet(rays, hits, walker, suspended) },
         #[cfg(target_arch = "x86_64")]
         // SAFETY: likewise.
-        Tier::Avx2 => unsafe { plain::Avx2::resume_packet(rays, hits, walker, suspended) },
+        Tier::Avx2 => unsafe { plain::Avx2Packets::resume_packet(rays, hits, walker, suspended) },
         // SAFETY: likewise.
-        _ => unsafe { plain::Portable::resume_packet(rays, hits, walker, suspended) },
+        _ => unsafe { plain::PortablePackets::resume_packet(rays, hits, walker, suspended) },
     }
 }
 
@@ -162,8 +164,8 @@ unsafe fn are_alike<K: PacketKernel>(rays: &RayRows, lanes: LaneMask) -> bool {
 /// # Safety
 /// The machine has the kernel's instruction set.
 #[inline(always)]
-unsafe fn cohere<K: PacketKernel>(given: &Given, lanes: LaneMask) -> bool {
-    let (o, d) = (&given.origin, &given.direction);
+unsafe fn cohere<K: PacketKernel>(world_rays: &WorldRays, lanes: LaneMask) -> bool {
+    let (o, d) = (&world_rays.origin, &world_rays.direction);
     let longest = most(&[d[0][0], d[1][0], d[2][0]]);
     let farthest = most(&[o[0][0], o[1][0], o[2][0]]);
     let (spread, width) = (SPREAD * longest, WIDTH_OF_BEAM * farthest);
@@ -181,7 +183,7 @@ unsafe fn cohere<K: PacketKernel>(given: &Given, lanes: LaneMask) -> bool {
         );
         let close = (turned <= spread) & (moved <= width)
             | (turned <= spread_of_parallel) & (moved <= width_of_parallel);
-        near[i] = u32::from(close) & given.sound[i];
+        near[i] = u32::from(close) & world_rays.sound[i];
     }
     // SAFETY: the caller's promise.
     (lanes - unsafe { K::equal(&near, 1) }).is_empty()
@@ -206,9 +208,9 @@ unsafe fn trace_packet<K: PacketKernel>(
     if !unsafe { are_alike::<K>(rays, lanes) } {
         return Progress::Singly;
     }
-    let given = Given::new(rays, lanes);
+    let world_rays = WorldRays::new(rays, lanes);
     // SAFETY: as above.
-    if !unsafe { cohere::<K>(&given, lanes) } {
+    if !unsafe { cohere::<K>(&world_rays, lanes) } {
         return Progress::Singly;
     }
     let first = lanes.first();
@@ -226,7 +228,7 @@ unsafe fn trace_packet<K: PacketKernel>(
         any: first.flags & ray_flags::TERMINATE_ON_FIRST_HIT != 0,
         patience: patience(walker),
         found: Found::new(rays),
-        given,
+        world_rays,
         first,
         rays,
         has_asked: false,
@@ -236,7 +238,7 @@ unsafe fn trace_packet<K: PacketKernel>(
     if only.is_none() {
         let (ways, origin_error) = (&mut walker.packet.ways, structure.origin_error());
         // SAFETY: as above.
-        if !unsafe { K::set_up_top(ways, &packet.given, origin_error, lanes) } {
+        if !unsafe { K::set_up_top(ways, &packet.world_rays, origin_error, lanes) } {
             return Progress::Singly;
         }
         walker.packet.top.start(lanes);
@@ -261,7 +263,7 @@ unsafe fn resume_packet<K: PacketKernel>(
         any: suspended.any,
         patience: suspended.patience,
         found: suspended.found.clone(),
-        given: Given::new(rays, started),
+        world_rays: WorldRays::new(rays, started),
         first: rays.ray(first),
         rays,
         has_asked: true,
@@ -278,7 +280,7 @@ unsafe fn resume_packet<K: PacketKernel>(
         unsafe {
             K::set_up_top(
                 &mut walker.packet.ways,
-                &packet.given,
+                &packet.world_rays,
                 origin_error,
                 started,
             )
@@ -293,10 +295,10 @@ unsafe fn resume_packet<K: PacketKernel>(
             return unsafe { K::finish(&packet, hits, &walker.top) };
         };
         walker.packet.bottom.restore(&suspended.bottom);
-        let standing = suspended.leaf;
+        let leaf = suspended.leaf;
         packet.suspended = Some(suspended);
         // SAFETY: as above.
-        if unsafe { packet.walk_instance::<K>(walker, way, (index, lanes), standing) } {
+        if unsafe { packet.walk_instance::<K>(walker, way, (index, lanes), leaf) } {
             return Progress::Candidates;
         }
         if packet.patience == 0 {
@@ -322,7 +324,7 @@ struct Packet<'a> {
     any: bool,
     patience: u32,
     found: Found,
-    given: Given,
+    world_rays: WorldRays,
     /// Shaders have decided on candidates: there is no way back.
     has_asked: bool,
     /// Keeps them while shaders decide.
@@ -426,7 +428,7 @@ impl Packet<'_> {
                 (walk.hit, walk.has_hit) = (self.found.hit(lane, &structure, &facts), true);
             }
             let before = (walk.has_hit, walk.hit);
-            (walk.state, walk.instance) = (State::OutOfFuel, index);
+            (walk.state, walk.instance) = (WalkState::OutOfFuel, index);
             walk.pending.push(Entry::ROOT);
             // A corrupt structure may lead in circles: then the walk that starts anew runs out of
             // its fuel.

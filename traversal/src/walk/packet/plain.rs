@@ -3,7 +3,7 @@
 
 use lanes::LaneMask;
 
-use super::candidates::{Place, in_full};
+use super::candidates::{IntersectionRows, in_full};
 use super::kernel::{PacketKernel, compiled};
 use super::rays::{Rays, STEEP};
 #[cfg(target_arch = "x86_64")]
@@ -14,7 +14,7 @@ use crate::layout::{
 };
 use crate::ray::Hit;
 use crate::structure::Structure;
-use crate::walk::beams::{AXIS, Given, ROW};
+use crate::walk::beams::{AXIS, ROW, WorldRays};
 use crate::walk::facts::InstanceFacts;
 use crate::walk::found::Found;
 use crate::walk::group_hits::GroupHits;
@@ -22,16 +22,16 @@ use crate::walk::kernel::Kernel;
 use crate::walk::level::Level;
 use crate::walk::rows::{HitRows, Lanes, RayRows, Words};
 use crate::walk::space::{max, min};
-use crate::walk::suspended::{Progress, Standing, Suspended};
+use crate::walk::suspended::{Progress, Suspended, SuspendedLeaf};
 use crate::walk::triangle::Intersection;
 use crate::walk::{PACKET, Walker};
 
 /// The baseline that every machine has.
-pub(super) struct Portable;
+pub(super) struct PortablePackets;
 
 /// AVX2.
 #[cfg(target_arch = "x86_64")]
-pub(super) struct Avx2;
+pub(super) struct Avx2Packets;
 
 /// Eight numbers, one for each child or triangle.
 type Eight = [f32; WIDTH];
@@ -215,14 +215,14 @@ unsafe fn test_some<P: PacketKernel, K: Kernel>(
     (word, lanes): (u32, LaneMask),
     t_far: f32,
     found: &mut Found,
-) -> Standing {
-    let mut standing = Standing {
+) -> SuspendedLeaf {
+    let mut leaf = SuspendedLeaf {
         word,
-        ..Standing::NOWHERE
+        ..SuspendedLeaf::EMPTY
     };
     let mut room = None;
     let Some((groups, there)) = structure.leaf_groups(word, &mut room, in_full) else {
-        return standing;
+        return leaf;
     };
     let first_slot = structure.first_slot(word & child::INDEX);
     // SAFETY: the caller's promise.
@@ -242,7 +242,7 @@ unsafe fn test_some<P: PacketKernel, K: Kernel>(
             // SAFETY: likewise.
             unsafe { test_each::<K>(rays, structure, groups, (opaque, first_slot), lanes, found) };
         }
-        return standing;
+        return leaf;
     }
     for lane in lanes {
         let mut hits = GroupHits::NONE;
@@ -254,7 +254,7 @@ unsafe fn test_some<P: PacketKernel, K: Kernel>(
             let i = mask.trailing_zeros() as usize % LEAF_TRIANGLES;
             mask &= mask - 1;
             if others >> i & 1 != 0 {
-                standing.rest[i].insert(lane);
+                leaf.rest[i].insert(lane);
             } else {
                 found.offer(structure, lane, first_slot + i as u32, &hit_of(&hits, i));
             }
@@ -262,7 +262,7 @@ unsafe fn test_some<P: PacketKernel, K: Kernel>(
         rays.hits[lane] = hits;
     }
     rays.hits_of = word;
-    standing
+    leaf
 }
 
 /// Weights of a hit that is not near an edge: so far from 0 that no rounding matters.
@@ -282,35 +282,35 @@ unsafe fn next_candidates<K: Kernel>(
     rays: &Rays,
     structure: &Structure,
     facts: &InstanceFacts,
-    standing: &mut Standing,
+    leaf: &mut SuspendedLeaf,
     live: LaneMask,
     found: &Found,
     candidates: &mut HitRows,
 ) {
     candidates.found = LaneMask::NONE;
-    let rest = (standing.rest.iter()).fold(LaneMask::NONE, |all, &lanes| all | lanes) & live;
+    let rest = (leaf.rest.iter()).fold(LaneMask::NONE, |all, &lanes| all | lanes) & live;
     if rest.is_empty() {
         return;
     }
     let mut room = None;
-    let Some((groups, _)) = structure.leaf_groups(standing.word, &mut room, in_full) else {
+    let Some((groups, _)) = structure.leaf_groups(leaf.word, &mut room, in_full) else {
         return;
     };
-    let first_slot = structure.first_slot(standing.word & child::INDEX);
+    let first_slot = structure.first_slot(leaf.word & child::INDEX);
     for i in 0..LEAF_TRIANGLES {
-        let lanes = standing.rest[i] & (live - candidates.found);
+        let lanes = leaf.rest[i] & (live - candidates.found);
         if lanes.is_empty() {
             continue;
         }
-        standing.rest[i] -= lanes;
+        leaf.rest[i] -= lanes;
         let (group, lane) = (groups[i / GROUP], i % GROUP);
-        let mut place = Place {
+        let mut place = IntersectionRows {
             t: [0.0; PACKET],
             barycentrics: [[0.0; PACKET]; 2],
         };
         let [mut met, mut front, mut undecided] = [LaneMask::NONE; 3];
         for lane in lanes {
-            let hit = if rays.hits_of == standing.word {
+            let hit = if rays.hits_of == leaf.word {
                 hit_of(&rays.hits[lane], i)
             } else {
                 let mut hits = GroupHits::NONE;
@@ -334,7 +334,7 @@ unsafe fn next_candidates<K: Kernel>(
                 (hit.barycentrics[0], hit.barycentrics[1]);
         }
         if !undecided.is_empty() {
-            let exactly = place.meet_exactly(rays, &group.triangle(lane), undecided, found);
+            let exactly = place.intersect_exactly(rays, &group.triangle(lane), undecided, found);
             met |= exactly.0;
             front |= exactly.1;
         }
@@ -462,7 +462,7 @@ macro_rules! plain {
                 leaf: (u32, LaneMask),
                 t_far: f32,
                 found: &mut Found,
-            ) -> Standing {
+            ) -> SuspendedLeaf {
                 // SAFETY: as above.
                 unsafe { test_some::<$name, $kernel>(rays, structure, facts, leaf, t_far, found) }
             }
@@ -472,7 +472,7 @@ macro_rules! plain {
                 rays: &Rays,
                 structure: &Structure,
                 facts: &InstanceFacts,
-                standing: &mut Standing,
+                leaf: &mut SuspendedLeaf,
                 live: LaneMask,
                 found: &Found,
                 candidates: &mut HitRows,
@@ -480,7 +480,7 @@ macro_rules! plain {
                 // SAFETY: as above.
                 unsafe {
                     next_candidates::<$kernel>(
-                        rays, structure, facts, standing, live, found, candidates,
+                        rays, structure, facts, leaf, live, found, candidates,
                     );
                 }
             }
@@ -490,11 +490,15 @@ macro_rules! plain {
     };
 }
 
-plain!(Portable, crate::walk::portable::Portable, portable);
+plain!(
+    PortablePackets,
+    crate::walk::portable::PortableKernel,
+    portable
+);
 
 #[cfg(target_arch = "x86_64")]
 plain!(
-    Avx2,
+    Avx2Packets,
     crate::walk::avx::Avx<false>,
     vectors,
     #[target_feature(enable = "avx2,bmi1,bmi2")]

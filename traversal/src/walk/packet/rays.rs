@@ -62,8 +62,8 @@ pub(super) struct Interval {
 }
 
 impl Rays {
-    pub const NOWHERE: Rays = Rays {
-        beams: Beams::NOWHERE,
+    pub const EMPTY: Rays = Rays {
+        beams: Beams::EMPTY,
         near_rows: [0; 3],
         axes: [0; 3],
         interval: Interval {

@@ -5,7 +5,7 @@ use lanes::LaneMask;
 use super::kernel::PacketKernel;
 use super::rays::Rays;
 use crate::layout::InstanceRecord;
-use crate::walk::beams::{Given, ROW};
+use crate::walk::beams::{ROW, WorldRays};
 use crate::walk::space::MARGIN;
 
 impl Rays {
@@ -16,13 +16,13 @@ impl Rays {
     #[inline(always)]
     pub unsafe fn set_up_top<K: PacketKernel>(
         &mut self,
-        given: &Given,
+        world_rays: &WorldRays,
         origin_error: f32,
         lanes: LaneMask,
     ) -> bool {
-        self.beams.start_top(given);
+        self.beams.start_top(world_rays);
         // SAFETY: the caller's promise.
-        unsafe { self.set_up::<K>(given, Some(origin_error), lanes) }
+        unsafe { self.set_up::<K>(world_rays, Some(origin_error), lanes) }
     }
 
     /// Sets the rays of `lanes` up for an instance; false if they are not alike.
@@ -32,13 +32,13 @@ impl Rays {
     #[inline(always)]
     pub unsafe fn set_up_instance<K: PacketKernel>(
         &mut self,
-        given: &Given,
+        world_rays: &WorldRays,
         record: &InstanceRecord,
         lanes: LaneMask,
     ) -> bool {
-        self.beams.start_instance(given, record);
+        self.beams.start_instance(world_rays, record);
         // SAFETY: the caller's promise.
-        unsafe { self.set_up::<K>(given, None, lanes) }
+        unsafe { self.set_up::<K>(world_rays, None, lanes) }
     }
 
     /// Sets rays up that the beams have taken, and finds what they have in common.
@@ -48,7 +48,7 @@ impl Rays {
     #[inline(always)]
     unsafe fn set_up<K: PacketKernel>(
         &mut self,
-        given: &Given,
+        world_rays: &WorldRays,
         origin_error: Option<f32>,
         lanes: LaneMask,
     ) -> bool {
@@ -59,13 +59,13 @@ impl Rays {
         if unsafe { K::equal(&ways, ways[first]) } & lanes != lanes {
             return false;
         }
-        let sound = self.beams.set_up_together(given, first);
+        let sound = self.beams.set_up_together(world_rays, first);
         // SAFETY: as above.
         if unsafe { K::equal(&sound, 1) } & lanes != lanes {
             return false;
         }
         if let Some(origin_error) = origin_error {
-            self.beams.widen(given, origin_error);
+            self.beams.widen(world_rays, origin_error);
         }
         let (beams, interval) = (&self.beams, &mut self.interval);
         let mut flat = lanes;

@@ -59,7 +59,7 @@ impl PacketSpace {
     pub const EMPTY: PacketSpace = PacketSpace {
         top: Stack::EMPTY,
         bottom: Stack::EMPTY,
-        ways: Rays::NOWHERE,
-        rays: Rays::NOWHERE,
+        ways: Rays::EMPTY,
+        rays: Rays::EMPTY,
     };
 }

@@ -85,11 +85,11 @@ fn test_singly(
     }
 }
 
-type Flat = (__m512, __m512, __m512);
+type ShearedRow = (__m512, __m512, __m512);
 
 /// Where rays meet a triangle: after the lower ends of their intervals, and not surely after the
 /// upper ones.
-pub(super) struct Meeting {
+pub(super) struct TriangleHits {
     /// Those that meet it inside, for sure.
     pub lanes: LaneMask,
     /// Those for which that is to be found out one by one.
@@ -111,7 +111,7 @@ pub(super) fn test_triangle(
     found: &mut Found,
 ) {
     let t_far = load(&found.t);
-    let Some(meeting) = meet(rays, place, lanes, t_far) else {
+    let Some(meeting) = intersect_triangle(rays, place, lanes, t_far) else {
         return;
     };
     let (accepted, t) = (meeting.lanes.bits(), meeting.t);
@@ -146,12 +146,12 @@ pub(super) fn test_triangle(
 /// `None` if no ray meets the triangle.
 #[inline]
 #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
-pub(super) fn meet(
+pub(super) fn intersect_triangle(
     rays: &Rays,
     (group, i): (&TriangleGroup, usize),
     lanes: LaneMask,
     t_far: __m512,
-) -> Option<Meeting> {
+) -> Option<TriangleHits> {
     let beams = &rays.beams;
     let axes = rays.axes.map(|axis| axis / AXIS as usize % 3);
     let moved = |vertex: usize, k: usize| {
@@ -161,7 +161,7 @@ pub(super) fn meet(
         )
     };
     let (shear_x, shear_y) = (load(&beams.shear[0]), load(&beams.shear[1]));
-    let flat = |vertex: usize| -> Flat {
+    let flat = |vertex: usize| -> ShearedRow {
         let z = moved(vertex, 2);
         (
             _mm512_sub_ps(moved(vertex, 0), _mm512_mul_ps(shear_x, z)),
@@ -169,7 +169,9 @@ pub(super) fn meet(
             z,
         )
     };
-    let edge = |p: Flat, q: Flat| _mm512_sub_ps(_mm512_mul_ps(p.0, q.1), _mm512_mul_ps(p.1, q.0));
+    let edge = |p: ShearedRow, q: ShearedRow| {
+        _mm512_sub_ps(_mm512_mul_ps(p.0, q.1), _mm512_mul_ps(p.1, q.0))
+    };
     let (a, b, c) = (flat(0), flat(1), flat(2));
     let (u, v, w) = (edge(c, b), edge(a, c), edge(b, a));
     let least = _mm512_min_ps(u, _mm512_min_ps(v, w));
@@ -278,7 +280,7 @@ pub(super) fn meet(
     }
     let t = _mm512_min_ps(_mm512_max_ps(t, near), far);
     let accepted = precise & _mm512_cmp_ps_mask::<_CMP_GT_OQ>(t, load(&beams.t_min));
-    Some(Meeting {
+    Some(TriangleHits {
         lanes: LaneMask::from_bits(accepted),
         undecided: LaneMask::from_bits(inside & !precise),
         t,

@@ -13,12 +13,12 @@ use super::triangle;
 use crate::layout::{InstanceRecord, NodeAt, TriangleGroup, WIDTH};
 use crate::structure::Structure;
 use crate::walk::Walker;
-use crate::walk::beams::Given;
+use crate::walk::beams::WorldRays;
 use crate::walk::facts::InstanceFacts;
 use crate::walk::found::Found;
 use crate::walk::level::Level;
 use crate::walk::rows::{HitRows, Lanes, RayRows, Words};
-use crate::walk::suspended::{Progress, Standing, Suspended};
+use crate::walk::suspended::{Progress, Suspended, SuspendedLeaf};
 
 /// AVX-512: a row is one vector.
 pub(super) struct Avx512;
@@ -119,7 +119,7 @@ impl PacketKernel for Avx512 {
         leaf: (u32, LaneMask),
         t_far: f32,
         found: &mut Found,
-    ) -> Standing {
+    ) -> SuspendedLeaf {
         // SAFETY: as above.
         unsafe { candidates::test_some(rays, structure, facts, leaf, t_far, found) }
     }
@@ -129,14 +129,14 @@ impl PacketKernel for Avx512 {
         rays: &Rays,
         structure: &Structure,
         facts: &InstanceFacts,
-        standing: &mut Standing,
+        leaf: &mut SuspendedLeaf,
         live: LaneMask,
         found: &Found,
         candidates: &mut HitRows,
     ) {
         // SAFETY: as above.
         unsafe {
-            candidates::next_candidates(rays, structure, facts, standing, live, found, candidates);
+            candidates::next_candidates(rays, structure, facts, leaf, live, found, candidates);
         }
     }
 

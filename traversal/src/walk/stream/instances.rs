@@ -4,7 +4,7 @@ use lanes::LaneMask;
 
 use super::leaf::{Bottom, comes_to};
 use super::lists::{List, Stream};
-use super::octant_stacks::Place;
+use super::octant_stacks::LeafVisitor;
 use super::rays;
 use crate::layout::{child, instance_state};
 use crate::ray::{Hit, Ray};
@@ -38,7 +38,7 @@ pub(super) struct Top<'a> {
     pub fetches_ahead: bool,
 }
 
-impl Place for Top<'_> {
+impl LeafVisitor for Top<'_> {
     fn structure(&self) -> &Structure {
         &self.top.structure
     }
@@ -72,8 +72,8 @@ impl Place for Top<'_> {
         inner.clear();
         let listed = list.first as usize..(list.first + list.count) as usize;
         for offsets in stream.words[listed].chunks(PACKET) {
-            let (given, t_far, names) = rays::given(&stream.rays, offsets);
-            let sound = self.beams.set_up(&given, &record);
+            let (world_rays, t_far, names) = rays::world_rays(&stream.rays, offsets);
+            let sound = self.beams.set_up(&world_rays, &record);
             let mut going = LaneMask::NONE;
             for (lane, &offset) in offsets.iter().enumerate() {
                 let ray = &mut stream.rays[rays::index(offset)];

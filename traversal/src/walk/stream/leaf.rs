@@ -3,7 +3,7 @@
 use std::arch::x86_64::*;
 
 use super::lists::{List, Stream};
-use super::octant_stacks::Place;
+use super::octant_stacks::LeafVisitor;
 use super::rays::{self, StreamRay, View};
 use crate::layout::{LEAF_TRIANGLES, MARGIN_RISE, Margin, TriangleGroup, child};
 use crate::ray::Hit;
@@ -28,7 +28,7 @@ pub(super) struct Bottom<'a> {
     pub fetches_ahead: bool,
 }
 
-impl Place for Bottom<'_> {
+impl LeafVisitor for Bottom<'_> {
     #[inline(always)]
     fn structure(&self) -> &Structure {
         &self.bottom.structure

@@ -21,7 +21,7 @@ mod octant_stacks;
 mod rays;
 mod waiting;
 
-use super::beams::Given;
+use super::beams::WorldRays;
 use super::children::LARGE;
 use super::facts::InstanceFacts;
 use super::level::only_instance;
@@ -89,7 +89,7 @@ impl Walker {
             streams,
             ..
         } = self;
-        let given = Given::new(rays, lanes);
+        let world_rays = WorldRays::new(rays, lanes);
         let names: Words = std::array::from_fn(|lane| rays::name(group, lane));
         let found = |lane: usize| (Nearest::none_in(rays.t_min[lane], rays.t_max[lane]), 0);
         let t_far = &rays.t_max;
@@ -97,13 +97,13 @@ impl Walker {
             let Some(record) = top.structure.instance(index) else {
                 return LaneMask::NONE;
             };
-            let sound = beams.set_up(&given, &record);
+            let sound = beams.set_up(&world_rays, &record);
             let put = |places: &mut _| rays::put(beams, t_far, &names, places);
             streams.outer.add(sound, put, found);
             sound
         } else {
             let origin_error = top.structure.origin_error();
-            let sound = beams.set_up_top(&given, 0.0);
+            let sound = beams.set_up_top(&world_rays, 0.0);
             let put = |places: &mut _| rays::put_at_top(beams, origin_error, t_far, &names, places);
             streams.outer.add(sound, put, found);
             sound

@@ -132,10 +132,10 @@ impl Planes {
     }
 
     /// Which children a ray meets, and where it enters them, all ones where it does not; as
-    /// [`Kernel::meet`] does it.
+    /// [`Kernel::intersect_node`] does it.
     #[inline]
     #[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
-    fn meet(&self, ray: &StreamRay) -> (u8, __m256i) {
+    fn intersect_node(&self, ray: &StreamRay) -> (u8, __m256i) {
         let (n, o, i) = (&self.near, &ray.minus_origin, &ray.near_inverse);
         let t_min = _mm256_castps_si256(_mm256_set1_ps(ray.t_min));
         let near = _mm256_max_epi32(
@@ -154,34 +154,34 @@ impl Planes {
     }
 }
 
-/// [`meet_with`] AVX2.
+/// [`intersect_node_with`] AVX2.
 ///
 /// # Safety
 /// As there.
 #[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
-pub(super) unsafe fn meet<const ANY: bool>(
+pub(super) unsafe fn intersect_node<const ANY: bool>(
     stream: &mut Stream,
     octant_stack: &mut OctantStack,
     list: &List,
     node: NodeAt<'_>,
 ) {
     // SAFETY: the caller's promise.
-    unsafe { meet_with::<ANY, false>(stream, octant_stack, list, node) }
+    unsafe { intersect_node_with::<ANY, false>(stream, octant_stack, list, node) }
 }
 
-/// [`meet_with`] the 32 registers and the masks of AVX-512.
+/// [`intersect_node_with`] the 32 registers and the masks of AVX-512.
 ///
 /// # Safety
 /// As there.
 #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
-pub(super) unsafe fn meet_wide<const ANY: bool>(
+pub(super) unsafe fn intersect_node_wide<const ANY: bool>(
     stream: &mut Stream,
     octant_stack: &mut OctantStack,
     list: &List,
     node: NodeAt<'_>,
 ) {
     // SAFETY: the caller's promise.
-    unsafe { meet_with::<ANY, true>(stream, octant_stack, list, node) }
+    unsafe { intersect_node_with::<ANY, true>(stream, octant_stack, list, node) }
 }
 
 /// Tests the rays of a list against the children of a node, and makes lists of those that meet
@@ -190,7 +190,7 @@ pub(super) unsafe fn meet_wide<const ANY: bool>(
 /// # Safety
 /// The machine has the instruction set. There is room for eight lists.
 #[inline(always)]
-unsafe fn meet_with<const ANY: bool, const WIDE: bool>(
+unsafe fn intersect_node_with<const ANY: bool, const WIDE: bool>(
     stream: &mut Stream,
     octant_stack: &mut OctantStack,
     list: &List,
@@ -226,7 +226,7 @@ unsafe fn meet_with<const ANY: bool, const WIDE: bool>(
                 while at < end {
                     // Words of lists are offsets of rays.
                     let ray = &*all_rays.byte_add(*here.add(at) as usize);
-                    let (mask, near) = planes.meet(ray);
+                    let (mask, near) = planes.intersect_node(ray);
                     if !ANY {
                         least = _mm256_min_epu32(least, near);
                     }

@@ -6,7 +6,7 @@ use std::mem::MaybeUninit;
 use lanes::LaneMask;
 
 use super::lists::{List, Stream};
-use super::nodes::{meet, meet_wide, put_chosen};
+use super::nodes::{intersect_node, intersect_node_wide, put_chosen};
 use super::rays::{self, StreamRay};
 use crate::layout::{WIDTH, child};
 use crate::structure::Structure;
@@ -26,7 +26,7 @@ const SLACK: usize = 16;
 const REST: usize = 8 * SLACK;
 
 /// A structure with what is needed at its leaves.
-pub(super) trait Place {
+pub(super) trait LeafVisitor {
     fn structure(&self) -> &Structure;
 
     /// Whether nodes and leaves are fetched ahead.
@@ -131,7 +131,13 @@ impl Stream {
     ///
     /// # Safety
     /// The machine has the instruction set.
-    pub unsafe fn run<P: Place>(&mut self, place: &mut P, any: bool, wide: bool, fuel: &mut u64) {
+    pub unsafe fn run<P: LeafVisitor>(
+        &mut self,
+        place: &mut P,
+        any: bool,
+        wide: bool,
+        fuel: &mut u64,
+    ) {
         // SAFETY: the caller's promise.
         unsafe {
             let going = self.start();
@@ -203,7 +209,7 @@ impl Stream {
 /// The machine has it.
 #[inline(never)]
 #[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
-unsafe fn run<P: Place, const ANY: bool>(
+unsafe fn run<P: LeafVisitor, const ANY: bool>(
     stream: &mut Stream,
     place: &mut P,
     going: u32,
@@ -219,7 +225,7 @@ unsafe fn run<P: Place, const ANY: bool>(
 /// The machine has it.
 #[inline(never)]
 #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
-unsafe fn run_wide<P: Place, const ANY: bool>(
+unsafe fn run_wide<P: LeafVisitor, const ANY: bool>(
     stream: &mut Stream,
     place: &mut P,
     going: u32,
@@ -235,7 +241,7 @@ unsafe fn run_wide<P: Place, const ANY: bool>(
 /// # Safety
 /// The machine has the instruction set.
 #[inline(always)]
-unsafe fn run_with<P: Place, const ANY: bool, const WIDE: bool>(
+unsafe fn run_with<P: LeafVisitor, const ANY: bool, const WIDE: bool>(
     stream: &mut Stream,
     place: &mut P,
     mut going: u32,
@@ -275,9 +281,9 @@ unsafe fn run_with<P: Place, const ANY: bool, const WIDE: bool>(
                 *fuel = left;
                 let node = place.structure().node_at(list.word);
                 if WIDE {
-                    meet_wide::<ANY>(stream, octant_stack, &list, node);
+                    intersect_node_wide::<ANY>(stream, octant_stack, &list, node);
                 } else {
-                    meet::<ANY>(stream, octant_stack, &list, node);
+                    intersect_node::<ANY>(stream, octant_stack, &list, node);
                 }
             }
         }

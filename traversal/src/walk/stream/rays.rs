@@ -4,7 +4,7 @@ use std::arch::x86_64::*;
 use std::mem::MaybeUninit;
 
 use crate::walk::PACKET;
-use crate::walk::beams::{AXIS, Beams, Boxes, Given, ROW};
+use crate::walk::beams::{AXIS, Beams, BoxRays, ROW, WorldRays};
 use crate::walk::rows::{Lanes, Words};
 use crate::walk::sight::Sight;
 use crate::walk::space::min;
@@ -187,7 +187,7 @@ impl Sight for View<'_> {
     }
 
     #[inline(always)]
-    fn given(self) -> ([f32; 3], [f32; 3]) {
+    fn world_ray(self) -> ([f32; 3], [f32; 3]) {
         (self.0.minus_origin.map(|c| -c), self.0.direction)
     }
 }
@@ -228,7 +228,7 @@ pub(super) fn put(
 }
 
 /// Puts rays that were set up together in a top level down one after the other; returns their
-/// octants. What instances have of them is in the second line: see [`given`].
+/// octants. What instances have of them is in the second line: see [`world_rays`].
 #[inline]
 #[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
 pub(super) fn put_at_top(
@@ -251,10 +251,10 @@ pub(super) fn put_at_top(
 /// Lanes without a ray repeat the first.
 #[inline]
 #[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
-pub(super) fn given(rays: &[StreamRay], offsets: &[u32]) -> (Given, Lanes, Words) {
+pub(super) fn world_rays(rays: &[StreamRay], offsets: &[u32]) -> (WorldRays, Lanes, Words) {
     let (mut t_min, mut t_far) = ([0.0; PACKET], [0.0; PACKET]);
     let (mut names, mut sound) = ([0; PACKET], [0; PACKET]);
-    let lines: [Row; PACKET] = std::array::from_fn(|lane| {
+    let lines: [RayHalves; PACKET] = std::array::from_fn(|lane| {
         let offset = *offsets.get(lane).unwrap_or(&offsets[0]);
         let ray = &rays[index(offset)];
         sound[lane] = u32::from(lane < offsets.len());
@@ -273,13 +273,13 @@ pub(super) fn given(rays: &[StreamRay], offsets: &[u32]) -> (Given, Lanes, Words
         }
         row
     };
-    let given = Given {
+    let world_rays = WorldRays {
         origin: [row(0), row(1), row(2)],
         direction: [row(13), row(14), row(15)],
         t_min,
         sound,
     };
-    (given, t_far, names)
+    (world_rays, t_far, names)
 }
 
 /// Puts rays down of which the second line is there; returns their octants.
@@ -287,10 +287,10 @@ pub(super) fn given(rays: &[StreamRay], offsets: &[u32]) -> (Given, Lanes, Words
 #[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
 fn with_boxes(
     beams: &Beams,
-    boxes: &Boxes,
+    boxes: &BoxRays,
     t_far: &Lanes,
     names: &Words,
-    last: [Row; PACKET],
+    last: [RayHalves; PACKET],
     places: &mut [MaybeUninit<StreamRay>; PACKET],
 ) -> Words {
     let mut octants = [0; PACKET];
@@ -332,24 +332,24 @@ fn with_boxes(
 }
 
 /// Sixteen numbers.
-type Row = [__m256; 2];
+type RayHalves = [__m256; 2];
 
 #[inline]
 #[target_feature(enable = "avx2")]
-fn minus(row: &Lanes) -> Row {
+fn minus(row: &Lanes) -> RayHalves {
     load(row).map(|half| _mm256_xor_ps(half, _mm256_set1_ps(-0.0)))
 }
 
 #[inline]
 #[target_feature(enable = "avx2")]
-fn load(row: &Lanes) -> Row {
+fn load(row: &Lanes) -> RayHalves {
     // SAFETY: sixteen numbers.
     unsafe { [0, 8].map(|i| _mm256_loadu_ps(row.as_ptr().add(i))) }
 }
 
 #[inline]
 #[target_feature(enable = "avx2")]
-fn load_words(row: &Words) -> Row {
+fn load_words(row: &Words) -> RayHalves {
     // SAFETY: sixteen words.
     unsafe { [0, 8].map(|i| _mm256_loadu_ps(row.as_ptr().add(i).cast())) }
 }
@@ -357,7 +357,7 @@ fn load_words(row: &Words) -> Row {
 /// Rows become columns.
 #[inline]
 #[target_feature(enable = "avx2")]
-fn transpose(rows: [Row; PACKET]) -> [Row; PACKET] {
+fn transpose(rows: [RayHalves; PACKET]) -> [RayHalves; PACKET] {
     let mut columns = [[_mm256_setzero_ps(); 2]; PACKET];
     for upper in 0..2 {
         for right in 0..2 {

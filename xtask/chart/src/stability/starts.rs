@@ -14,7 +14,7 @@ use scenes::{DVec3, Mesh, Random, Scene, closest_with, narrow, normalize, ray, w
 /// Where a ray starts that leaves a surface: how the point is found, and how it is moved.
 struct Way {
     name: &'static str,
-    start: fn(&Seen<'_>) -> Start,
+    start: fn(&SourceHit<'_>) -> Start,
 }
 
 struct Start {
@@ -23,7 +23,7 @@ struct Start {
 }
 
 /// A hit from which a ray is to leave.
-struct Seen<'a> {
+struct SourceHit<'a> {
     ray: &'a Ray,
     hit: &'a Hit,
     triangle: [[f32; 3]; 3],
@@ -31,7 +31,7 @@ struct Seen<'a> {
     normal: [f32; 3],
 }
 
-impl Seen<'_> {
+impl SourceHit<'_> {
     /// The point along the ray.
     fn along(&self) -> [f32; 3] {
         std::array::from_fn(|i| self.ray.origin[i] + self.hit.t * self.ray.direction[i])
@@ -178,7 +178,7 @@ pub fn measure(options: &Options, report: &mut Report) -> Result<()> {
             let triangle = mesh.triangle(hit.primitive_index as usize);
             let normal = scenes::hard::unit_normal(&triangle);
             let toward = if normal.dot(way) < 0.0 { -1.0 } else { 1.0 };
-            let seen = Seen {
+            let seen = SourceHit {
                 ray: &coming,
                 hit: &hit,
                 triangle,

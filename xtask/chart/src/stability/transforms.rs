@@ -22,7 +22,7 @@ const ROWS: [&str; 4] = [
 ];
 
 /// A kind of transform, by its condition number.
-struct Kind {
+struct TransformKind {
     name: &'static str,
     title: &'static str,
     scale: fn(f64) -> [f64; 3],
@@ -30,20 +30,20 @@ struct Kind {
     shear: fn(f64) -> f64,
 }
 
-const KINDS: [Kind; 3] = [
-    Kind {
+const KINDS: [TransformKind; 3] = [
+    TransformKind {
         name: "stretched",
         title: "Instances stretched along one axis and turned",
         scale: |condition| [1.0, 1.0, condition],
         shear: |_| 0.0,
     },
-    Kind {
+    TransformKind {
         name: "mirrored",
         title: "Instances mirrored, squeezed along one axis and turned",
         scale: |condition| [-1.0, 1.0, 1.0 / condition],
         shear: |_| 0.0,
     },
-    Kind {
+    TransformKind {
         name: "sheared",
         title: "Instances sheared and turned",
         scale: |_| [1.0; 3],
@@ -52,7 +52,7 @@ const KINDS: [Kind; 3] = [
 ];
 
 /// Two turns about axes, in between stretched or sheared; moved a little.
-fn transform(kind: &Kind, condition: f64) -> [f32; 12] {
+fn transform(kind: &TransformKind, condition: f64) -> [f32; 12] {
     // By rows; so a product is written from right to left.
     const FIRST: DMat3 =
         DMat3::from_cols_array_2d(&[[0.8, -0.6, 0.0], [0.6, 0.8, 0.0], [0.0, 0.0, 1.0]]);
@@ -157,7 +157,7 @@ fn aim(mesh: &Mesh, placed: &[f32; 12], random: &mut Random) -> (Ray, f64) {
         let mut best: Option<f64> = None;
         for number in 0..mesh.indices.len() {
             let [a, b, c] = mesh.triangle(number).map(|p| apply(placed, wide(p), 1.0));
-            if let Some(t) = meet(&aimed, a, b, c)
+            if let Some(t) = intersect(&aimed, a, b, c)
                 && best.is_none_or(|best| t < best)
             {
                 best = Some(t);
@@ -171,7 +171,7 @@ fn aim(mesh: &Mesh, placed: &[f32; 12], random: &mut Random) -> (Ray, f64) {
     }
 }
 
-fn meet(ray: &Ray, a: DVec3, b: DVec3, c: DVec3) -> Option<f64> {
+fn intersect(ray: &Ray, a: DVec3, b: DVec3, c: DVec3) -> Option<f64> {
     let (origin, direction) = (wide(ray.origin), wide(ray.direction));
     let (first, second) = (b - a, c - a);
     let p = direction.cross(second);
