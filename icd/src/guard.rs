@@ -102,7 +102,7 @@ pub fn refused(name: &str, code: vk::Result) {
 }
 
 /// The code of a command's result; an error is [said](refused).
-pub fn told(name: &str, result: VkResult) -> vk::Result {
+pub fn logged_code(name: &str, result: VkResult) -> vk::Result {
     if let Err(code) = result {
         refused(name, code);
     }

@@ -152,7 +152,7 @@ pub struct Starter {
 
 /// Values that the workgroups of a draw are given: those of a dispatch have none of them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Given {
+pub struct DrawParameters {
     pub num_workgroups: [u32; 3],
     pub draw_index: u32,
     pub view: u32,
@@ -276,7 +276,7 @@ impl<'a> Plan<'a> {
                 .take(self.starter.subgroups_per_workgroup)
                 .enumerate()
             {
-                let given = Given::default();
+                let given = DrawParameters::default();
                 self.starter.start(program, state, id, subgroup, &given);
             }
         }
@@ -374,7 +374,7 @@ impl Starter {
         state: &mut [AlignedRow],
         workgroup_id: [u32; 3],
         subgroup: usize,
-        given: &Given,
+        given: &DrawParameters,
     ) {
         let is_last = subgroup + 1 == self.subgroups_per_workgroup;
         let lanes = if is_last {

@@ -47,7 +47,7 @@ unsafe fn indexes_in_64_bits(next: *const std::ffi::c_void) -> bool {
 }
 
 /// The way to the programs of a pipeline that is being created.
-pub struct Source<'a> {
+pub struct ProgramSource<'a> {
     compiler: Compiler<'a>,
     cache: Option<&'a PipelineCache>,
     /// The programs of its binary, by stage: nothing is compiled.
@@ -55,7 +55,7 @@ pub struct Source<'a> {
     flags: vk::PipelineCreateFlags,
 }
 
-impl<'a> Source<'a> {
+impl<'a> ProgramSource<'a> {
     /// The source that a pipeline's flags and chain name.
     ///
     /// # Errors

@@ -5,7 +5,9 @@ use std::time::{Duration, Instant};
 use ash::vk;
 use rayon::prelude::*;
 
-use super::pipeline::{Source, captured_libraries, create_flags, decode_stage, pipeline_layout};
+use super::pipeline::{
+    ProgramSource, captured_libraries, create_flags, decode_stage, pipeline_layout,
+};
 use crate::VkResult;
 use crate::device::Device;
 use crate::ffi::{find, slice};
@@ -47,7 +49,7 @@ pub unsafe fn create_pipeline(
         let started = Instant::now();
         let layout = pipeline_layout(info.layout);
         let flags = create_flags(info.flags, info.p_next);
-        let source = Source::of(device, cache, flags, info.p_next)?;
+        let source = ProgramSource::of(device, cache, flags, info.p_next)?;
         let stages = slice(info.p_stages, info.stage_count);
         let feedback = find::<vk::PipelineCreationFeedbackCreateInfo>(info.p_next);
         let mut programs = Vec::with_capacity(stages.len());

@@ -8,7 +8,7 @@ macro_rules! entry {
         $(#[$meta])*
         #[allow(non_snake_case)]
         pub(crate) unsafe extern "system" fn $name($($arg: $ty),*) -> vk::Result {
-            $crate::guard::told(stringify!($name), $crate::guard::guard(stringify!($name), move || -> $crate::VkResult {
+            $crate::guard::logged_code(stringify!($name), $crate::guard::guard(stringify!($name), move || -> $crate::VkResult {
                 // SAFETY: the application keeps this command's valid usage: handles are alive and
                 // of their type, pointers are valid for what they count, chains are well formed,
                 // what is externally synchronised is not used elsewhere.

@@ -13,7 +13,7 @@ use super::destroy;
 use super::pipeline::create_each;
 use crate::VkResult;
 use crate::decode::graphics::{Decoded, decode};
-use crate::decode::pipeline::{Source, captured_libraries, create_flags};
+use crate::decode::pipeline::{ProgramSource, captured_libraries, create_flags};
 use crate::decode::ray_tracing::creation_feedback;
 use crate::decode::render_pass::{framebuffer, render_pass, render_pass2};
 use crate::device::Device;
@@ -53,7 +53,7 @@ unsafe fn create_graphics(
             _ => handle::new(PipelineLayout::new(Vec::new(), 0)),
         };
         let flags = create_flags(info.flags, info.p_next);
-        let source = Source::of(device, cache, flags, info.p_next)?;
+        let source = ProgramSource::of(device, cache, flags, info.p_next)?;
         let mut programs = Vec::new();
         let feedback = find::<vk::PipelineCreationFeedbackCreateInfo>(info.p_next);
         let out = feedback.map_or(&mut [][..], |it| {

@@ -9,7 +9,7 @@ use ash::vk;
 use super::define::entry;
 use super::destroy;
 use crate::VkResult;
-use crate::decode::pipeline::{Source, create_flags, decode_stage, pipeline_layout};
+use crate::decode::pipeline::{ProgramSource, create_flags, decode_stage, pipeline_layout};
 use crate::device::Device;
 use crate::ffi::enumerate::enumerate_bytes;
 use crate::ffi::{self, array, chain};
@@ -83,7 +83,7 @@ unsafe fn create_compute(
         let layout = pipeline_layout(info.layout);
         let stage = decode_stage(&info.stage, info.p_next)?;
         let flags = create_flags(info.flags, info.p_next);
-        let source = Source::of(device, cache, flags, info.p_next)?;
+        let source = ProgramSource::of(device, cache, flags, info.p_next)?;
         let Compiled { program, cache_hit } = source.program(0, &stage, &layout)?;
         write_feedback(info.p_next, start, &[cache_hit]);
         Ok(handle::create(Pipeline {

@@ -1,6 +1,6 @@
 //! A row of the table of commands, and the macro that writes rows.
 
-use crate::table::extensions::{Extension, ExtensionSet, Kind};
+use crate::table::extensions::{Extension, ExtensionKind, ExtensionSet};
 
 /// The object of a command's first argument.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -35,8 +35,8 @@ impl Command {
         match self.availability {
             Availability::Core(_) => true,
             Availability::Extension(extension) => match extension.kind() {
-                Kind::Device => true,
-                Kind::Instance => enabled.contains(extension),
+                ExtensionKind::Device => true,
+                ExtensionKind::Instance => enabled.contains(extension),
             },
         }
     }

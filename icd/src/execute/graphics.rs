@@ -353,14 +353,14 @@ impl<'a> Drawing<'a> {
 }
 
 /// A command buffer that draws, and the submission that it is in.
-pub struct Painter<'p, 'a> {
+pub struct DrawContext<'p, 'a> {
     pub engine: &'p Engine,
     pub bindings: &'p mut Bindings<'a>,
     pub current: &'p mut Current,
     pub drawing: &'p mut Drawing<'a>,
 }
 
-impl<'a> Painter<'_, 'a> {
+impl<'a> DrawContext<'_, 'a> {
     /// Performs a command.
     ///
     /// # Errors

@@ -49,7 +49,7 @@ use crate::timeline::{self, Kind};
 use crate::transfer::{blit, buffer, clear, copy, matrix, resolve};
 use crate::validate::{Caller, Checks};
 use crate::wave::{Fault, Stopped, StoppedAt, reachable};
-use graphics::{Current, Drawing, Painter};
+use graphics::{Current, DrawContext, Drawing};
 use ray_tracing::Access;
 
 pub use bindings::Bindings;
@@ -117,7 +117,7 @@ fn replay<'a>(
     let depth = drawing.spans.depth();
     (drawing.spans).begin(Kind::CommandBuffer, || spans::command_buffer(commands));
     let performed = commands.iter().try_for_each(|command| {
-        let painter = Painter {
+        let painter = DrawContext {
             engine,
             bindings: &mut bindings,
             current: &mut current,
@@ -152,7 +152,7 @@ fn sees_pictures(command: &Command) -> bool {
 }
 
 /// Performs one command. The table of commands: a row each, the work in named functions.
-fn perform<'a>(mut painter: Painter<'_, 'a>, command: &'a Command) -> Result<(), Failure> {
+fn perform<'a>(mut painter: DrawContext<'_, 'a>, command: &'a Command) -> Result<(), Failure> {
     if sees_pictures(command) {
         painter.drawing.flush(painter.engine)?;
     }
@@ -298,7 +298,7 @@ fn has_bytes(engine: &Engine, buffer: u64, image: &Image, region: &vk::BufferIma
 }
 
 fn run_dispatch(
-    painter: &mut Painter<'_, '_>,
+    painter: &mut DrawContext<'_, '_>,
     base: [u32; 3],
     count: [u32; 3],
 ) -> Result<(), Failure> {

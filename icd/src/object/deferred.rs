@@ -15,15 +15,15 @@ use crate::handle::Ref;
 
 /// `VkDeferredOperationKHR`.
 #[derive(Default)]
-pub struct DeferredOperation(Mutex<State>);
+pub struct DeferredOperation(Mutex<DeferredState>);
 
-enum State {
+enum DeferredState {
     /// With the result of the last command; at first there was none, and that is a success.
     Complete(VkResult),
     Pending(Pool),
 }
 
-impl Default for State {
+impl Default for DeferredState {
     fn default() -> Self {
         Self::Complete(Ok(()))
     }
@@ -59,10 +59,10 @@ impl DeferredOperation {
         let this = Ref::clone(operation);
         pool.spawn(move || {
             let result = guard("deferred operation", work);
-            let pool = std::mem::replace(&mut *this.0.lock(), State::Complete(result));
+            let pool = std::mem::replace(&mut *this.0.lock(), DeferredState::Complete(result));
             drop(pool);
         });
-        *operation.0.lock() = State::Pending(Pool { _pool: pool, seats });
+        *operation.0.lock() = DeferredState::Pending(Pool { _pool: pool, seats });
         Ok(())
     }
 
@@ -70,9 +70,9 @@ impl DeferredOperation {
     /// complete.
     pub fn max_concurrency(&self) -> u32 {
         match &*self.0.lock() {
-            State::Complete(_) => 0,
+            DeferredState::Complete(_) => 0,
             // A pending operation has at least the threads that are in it.
-            State::Pending(pool) => pool.seats.len().max(1) as u32,
+            DeferredState::Pending(pool) => pool.seats.len().max(1) as u32,
         }
     }
 
@@ -82,8 +82,8 @@ impl DeferredOperation {
     /// Its own, or `VK_NOT_READY`.
     pub fn result(&self) -> VkResult {
         match &*self.0.lock() {
-            State::Complete(result) => *result,
-            State::Pending(_) => Err(vk::Result::NOT_READY),
+            DeferredState::Complete(result) => *result,
+            DeferredState::Pending(_) => Err(vk::Result::NOT_READY),
         }
     }
 
@@ -93,8 +93,8 @@ impl DeferredOperation {
     /// `VK_THREAD_DONE_KHR` if there is nothing left for a further thread.
     pub fn join(&self) -> VkResult {
         let seat = match &mut *self.0.lock() {
-            State::Complete(_) => return Ok(()),
-            State::Pending(pool) => pool.seats.pop(),
+            DeferredState::Complete(_) => return Ok(()),
+            DeferredState::Pending(pool) => pool.seats.pop(),
         };
         seat.ok_or(vk::Result::THREAD_DONE_KHR)?.run();
         Ok(())

@@ -26,7 +26,7 @@ use crate::table::limits::MAX_EMBEDDED_SAMPLERS;
 /// The samplers of a device's heaps and programs, and its custom border colors.
 pub struct HeapSamplers {
     views: Arc<Views>,
-    known: Mutex<Known>,
+    known: Mutex<EmbeddedSamplers>,
     /// Embedded samplers by number, once there is one.
     embedded: OnceLock<Entries>,
     /// Samplers have names, which are the same on every device.
@@ -36,7 +36,7 @@ pub struct HeapSamplers {
 }
 
 #[derive(Default)]
-struct Known {
+struct EmbeddedSamplers {
     samplers: Vec<(SamplerDescriptor, Key)>,
     /// By number: indices of samplers. A sampler may have several numbers.
     embedded: HashMap<u32, usize>,
@@ -73,7 +73,7 @@ impl Drop for Entries {
     }
 }
 
-impl Known {
+impl EmbeddedSamplers {
     fn find(
         &mut self,
         views: &Views,
@@ -141,7 +141,7 @@ impl HeapSamplers {
     }
 
     /// Gives a free number to a sampler.
-    fn put(&self, known: &mut Known, number: u32, index: usize) -> VkResult {
+    fn put(&self, known: &mut EmbeddedSamplers, number: u32, index: usize) -> VkResult {
         const NO_MEMORY: vk::Result = vk::Result::ERROR_OUT_OF_HOST_MEMORY;
         if known.embedded.len() >= MAX_EMBEDDED_SAMPLERS as usize {
             return Err(NO_MEMORY);

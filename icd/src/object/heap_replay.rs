@@ -19,11 +19,11 @@ use crate::VkResult;
 /// The identities of a device's images.
 #[derive(Default)]
 pub struct Identities {
-    state: Mutex<State>,
+    state: Mutex<IdentityAllocator>,
 }
 
 #[derive(Default)]
-struct State {
+struct IdentityAllocator {
     last: u32,
     used: HashSet<u32>,
 }

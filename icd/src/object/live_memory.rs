@@ -10,10 +10,10 @@ use traversal::Live;
 
 /// The live allocations of a device, and the address space of its sparse resources.
 #[derive(Default)]
-pub struct LiveMemory(Mutex<State>);
+pub struct LiveMemory(Mutex<LiveRanges>);
 
 #[derive(Default)]
-struct State {
+struct LiveRanges {
     ranges: Vec<Range>,
     /// Parts of sparse resources without memory: their ends, by their starts.
     unbound: BTreeMap<u64, u64>,
@@ -21,7 +21,7 @@ struct State {
     reach: Option<(Arc<Reach>, Live)>,
 }
 
-impl State {
+impl LiveRanges {
     fn reach(&mut self) -> &(Arc<Reach>, Live) {
         let Self {
             ranges,
@@ -66,9 +66,9 @@ fn of_reach(reach: Reach) -> (Arc<Reach>, Live) {
 impl LiveMemory {
     /// Where everything is live: for work on memory that is not a device's.
     pub fn everywhere() -> Arc<Self> {
-        Arc::new(Self(Mutex::new(State {
+        Arc::new(Self(Mutex::new(LiveRanges {
             reach: Some(of_reach(Reach::everywhere())),
-            ..State::default()
+            ..LiveRanges::default()
         })))
     }
 

@@ -29,9 +29,9 @@ pub fn used_bytes() -> u64 {
 static MAPPED: AtomicU32 = AtomicU32::new(0);
 
 /// One of so many that there can be; gives its place back when dropped.
-struct Place<'a>(Option<&'a AtomicU32>);
+struct AllocationSlot<'a>(Option<&'a AtomicU32>);
 
-impl<'a> Place<'a> {
+impl<'a> AllocationSlot<'a> {
     fn take(count: &'a AtomicU32) -> VkResult<Self> {
         count
             .fetch_update(Ordering::Relaxed, Ordering::Relaxed, |count| {
@@ -47,7 +47,7 @@ impl<'a> Place<'a> {
     }
 }
 
-impl Drop for Place<'_> {
+impl Drop for AllocationSlot<'_> {
     fn drop(&mut self) {
         if let Some(count) = self.0 {
             count.fetch_sub(1, Ordering::Relaxed);
@@ -164,7 +164,7 @@ enum Backing {
 }
 
 /// Where an allocation's bytes come from.
-pub enum Source {
+pub enum MemorySource {
     Fresh,
     /// Fresh, and sparse resources can be bound to it.
     Shared,
@@ -198,15 +198,15 @@ impl DeviceMemory {
     pub fn allocate(
         window: &Arc<AddressWindow>,
         size_bytes: u64,
-        source: Source,
+        source: MemorySource,
         placement: Placement,
     ) -> VkResult<Self> {
         let section = match source {
-            Source::HostPointer(pointer) => {
+            MemorySource::HostPointer(pointer) => {
                 if !is_mapped(pointer as u64, size_bytes) {
                     return Err(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE);
                 }
-                Place::take(&window.allocations)?.keep();
+                AllocationSlot::take(&window.allocations)?.keep();
                 window.live.add(pointer as u64, size_bytes);
                 return Ok(Self {
                     address: pointer as u64,
@@ -216,16 +216,16 @@ impl DeviceMemory {
                     },
                 });
             }
-            Source::Fresh => None,
-            Source::Shared => Some(Section::private()),
-            Source::Exportable => {
+            MemorySource::Fresh => None,
+            MemorySource::Shared => Some(Section::private()),
+            MemorySource::Exportable => {
                 let section = Section::exportable(size_bytes).map_err(|refused| match refused {
                     Refused::Handles => vk::Result::ERROR_TOO_MANY_OBJECTS,
                     Refused::Memory => vk::Result::ERROR_OUT_OF_DEVICE_MEMORY,
                 });
                 Some(section?)
             }
-            Source::Exported(handle) => {
+            MemorySource::Exported(handle) => {
                 let section = Section::import(handle, size_bytes);
                 Some(section.ok_or(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE)?)
             }
@@ -234,8 +234,8 @@ impl DeviceMemory {
             .max(1)
             .checked_next_multiple_of(GRANULE)
             .ok_or(vk::Result::ERROR_OUT_OF_DEVICE_MEMORY)?;
-        let place = Place::take(&window.allocations)?;
-        let mapping = (section.as_ref()).map(|_| Place::take(&MAPPED));
+        let place = AllocationSlot::take(&window.allocations)?;
+        let mapping = (section.as_ref()).map(|_| AllocationSlot::take(&MAPPED));
         let mapping = mapping.transpose()?;
         let address = window.take(mapped_bytes, placement)?;
         place.keep();
@@ -357,7 +357,7 @@ mod tests {
     }
 
     fn allocate(window: &Arc<AddressWindow>, size: u64) -> VkResult<DeviceMemory> {
-        DeviceMemory::allocate(window, size, Source::Fresh, Placement::Ordinary)
+        DeviceMemory::allocate(window, size, MemorySource::Fresh, Placement::Ordinary)
     }
 
     #[test]
@@ -413,7 +413,7 @@ mod tests {
             DeviceMemory::allocate(
                 &window,
                 bytes,
-                Source::HostPointer(pointer as *mut u8),
+                MemorySource::HostPointer(pointer as *mut u8),
                 Placement::Ordinary,
             )
         };
@@ -435,8 +435,9 @@ mod tests {
     fn an_address_can_be_had_again() {
         let window = AddressWindow::reserve(1 << 30).ok().unwrap();
         let first = allocate(&window, 1).ok().unwrap();
-        let again =
-            |address| DeviceMemory::allocate(&window, 1, Source::Fresh, Placement::At(address));
+        let again = |address| {
+            DeviceMemory::allocate(&window, 1, MemorySource::Fresh, Placement::At(address))
+        };
         assert!(again(first.address).is_err());
         let address = first.address + 8 * GRANULE;
         drop(first);
@@ -453,7 +454,7 @@ mod tests {
             let [first, second] = [0; 2].map(|_| AddressWindow::reserve(1 << 30).ok().unwrap());
             let address = allocate(&second, 1).ok().unwrap().address;
             let placement = Placement::At(address);
-            let again = || DeviceMemory::allocate(&first, 1, Source::Fresh, placement);
+            let again = || DeviceMemory::allocate(&first, 1, MemorySource::Fresh, placement);
             assert!(again().is_err());
             drop(second);
             let Ok(memory) = again() else { continue };
@@ -472,12 +473,12 @@ mod tests {
         let window = AddressWindow::reserve(1 << 30).ok().unwrap();
         let allocate =
             |size, source| DeviceMemory::allocate(&window, size, source, Placement::Ordinary);
-        let a = allocate(4096, Source::Exportable).ok().unwrap();
-        let handle = Source::Exported(a.export().ok().unwrap());
+        let a = allocate(4096, MemorySource::Exportable).ok().unwrap();
+        let handle = MemorySource::Exported(a.export().ok().unwrap());
         let b = allocate(4096, handle).ok().unwrap();
         write(a.address, 99);
         assert_eq!(read(b.address), 99);
-        let too_long = Source::Exported(a.export().ok().unwrap());
+        let too_long = MemorySource::Exported(a.export().ok().unwrap());
         assert!(allocate(1 << 20, too_long).is_err());
     }
 }

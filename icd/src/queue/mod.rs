@@ -61,20 +61,20 @@ crate::handle::handled!(Queue => Queue);
 /// `VkQueue`.
 pub struct Queue {
     pub index: u32,
-    line: Arc<Line>,
+    line: Arc<QueueShared>,
     /// Started by the first submission.
     thread: Mutex<Option<JoinHandle<()>>>,
 }
 
 /// State shared by a queue and its thread.
-struct Line {
+struct QueueShared {
     engine: Arc<Engine>,
-    state: Mutex<State>,
+    state: Mutex<QueueState>,
     arrived: Condvar,
 }
 
 #[derive(Default)]
-struct State {
+struct QueueState {
     pending: VecDeque<Submission>,
     /// Submissions so far, and those of them that are over.
     submitted: u64,
@@ -87,7 +87,7 @@ impl Queue {
     pub fn new(index: u32, engine: Arc<Engine>) -> Self {
         Self {
             index,
-            line: Arc::new(Line {
+            line: Arc::new(QueueShared {
                 engine,
                 state: Mutex::default(),
                 arrived: Condvar::new(),
@@ -158,7 +158,7 @@ impl Queue {
     }
 }
 
-impl Line {
+impl QueueShared {
     fn run(&self) {
         while let Some(submission) = self.next() {
             self.perform(submission);

@@ -30,7 +30,7 @@ fn wait(engine: &Engine, fence: &Fence) -> crate::VkResult {
         .wait_until(10_000_000_000, || fence.is_signaled())
 }
 
-type Words = [AtomicU32; 5];
+type BufferWords = [AtomicU32; 5];
 
 fn fill(words: &[AtomicU32], word: u32) -> Arc<Vec<Command>> {
     Arc::new(vec![Command::FillBuffer {
@@ -50,7 +50,7 @@ fn a_wait_may_be_submitted_before_its_signal() {
     let timeline = semaphore(&engine, vk::SemaphoreType::TIMELINE);
     let binary = semaphore(&engine, vk::SemaphoreType::BINARY);
     let fence = handle::new(Fence::new(false));
-    let (source, copy) = (Words::default(), Words::default());
+    let (source, copy) = (BufferWords::default(), BufferWords::default());
     let waits_for_both = Submission {
         waits: vec![(Arc::clone(&timeline), 7), (Arc::clone(&binary), 0)],
         commands: vec![Arc::new(vec![Command::CopyBuffer {

@@ -51,7 +51,7 @@ pub struct Shape {
 /// `at + dx * (x - x0) + dy * (y - y0)`, for pixel coordinates from the record's `origin` on;
 /// computed without fused multiply-adds.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Plane {
+pub struct PlaneEquation {
     pub at: f32,
     pub dx: f32,
     pub dy: f32,
@@ -81,20 +81,20 @@ pub struct Record {
     /// The pixel that planes start at: its centre has coordinates 0, 0.
     pub origin: [i32; 2],
     /// Depth after viewport and bias, before clamping to the viewport's range and to the format's.
-    pub depth: Plane,
+    pub depth: PlaneEquation,
     /// Clamps of depth where the state asks for them: the viewport's least and greatest depth.
     pub depth_range: [f32; 2],
     /// For vertex i: λᵢ / wᵢ, λ the linear barycentric coordinate on the screen.
     /// Perspective-correct coordinates are these divided by their sum, which is 1 / w
     /// (`FragCoord.w`).
-    pub perspective: [Plane; 3],
+    pub perspective: [PlaneEquation; 3],
     /// All w are 1: perspective-correct coordinates are the linear ones, whose sum is 1.
     pub is_affine: bool,
     /// λᵢ (`NoPerspective`).
-    pub linear: [Plane; 3],
+    pub linear: [PlaneEquation; 3],
     /// `PointCoord` of a point. Of a smooth line: the distances of a pixel's centre from its
     /// middle, across and along it, in pixels.
-    pub point_coord: [Plane; 2],
+    pub point_coord: [PlaneEquation; 2],
     /// Half the width and half the length of a smooth line, in pixels; zeros for other primitives.
     pub half: [f32; 2],
 }

@@ -49,7 +49,7 @@ pub fn blit_image(
 
 /// A destination's side of the region on one axis, and where its texels' centres lie in the source.
 #[derive(Clone, Copy)]
-struct Side {
+struct BlitAxis {
     /// Destination texels.
     first: i64,
     count: i64,
@@ -59,7 +59,7 @@ struct Side {
     scale: f64,
 }
 
-impl Side {
+impl BlitAxis {
     /// From corners of the source and of the destination, clipped to the destination's size.
     fn new(source: [i32; 2], destination: [i32; 2], size: u32) -> Option<Self> {
         let [s0, s1] = source.map(f64::from);
@@ -95,8 +95,8 @@ fn blit_surface(
     let [s0, s1] = blit.src_offsets;
     let [d0, d1] = blit.dst_offsets;
     let sides = (
-        Side::new([s0.x, s1.x], [d0.x, d1.x], to.width),
-        Side::new([s0.y, s1.y], [d0.y, d1.y], to.height),
+        BlitAxis::new([s0.x, s1.x], [d0.x, d1.x], to.width),
+        BlitAxis::new([s0.y, s1.y], [d0.y, d1.y], to.height),
     );
     let (Some(x_side), Some(y_side)) = sides else {
         return;
@@ -104,7 +104,7 @@ fn blit_surface(
     let is_volume = |image: &Image| image.image_type == vk::ImageType::TYPE_3D;
     // Slices are scaled between depths, and paired one to one where either side has layers.
     let z_side = if is_volume(source) && is_volume(destination) {
-        Side::new([s0.z, s1.z], [d0.z, d1.z], to.slices)
+        BlitAxis::new([s0.z, s1.z], [d0.z, d1.z], to.slices)
     } else {
         let first = |image: &Image, z: [i32; 2], layers: &vk::ImageSubresourceLayers| {
             match is_volume(image) {
@@ -123,7 +123,7 @@ fn blit_surface(
             &blit.dst_subresource,
         )) as i32;
         let span = |first: i32| [first, first.saturating_add(slices)];
-        Side::new(span(from_first), span(to_first), to.slices)
+        BlitAxis::new(span(from_first), span(to_first), to.slices)
     };
     let Some(z_side) = z_side else {
         return;
@@ -173,14 +173,14 @@ impl<'a> Halved<'a> {
         from: &'a Surface,
         to: &'a Surface,
         reader: &Reader,
-        [x, y, z]: [&Side; 3],
+        [x, y, z]: [&BlitAxis; 3],
     ) -> Option<Self> {
         let is_half = reader.sampler.mag_filter == Filter::Linear
             && !reader.is_volume
             && from.format.name == to.format.name
             && [x.scale, y.scale, z.scale] == [2.0, 2.0, 1.0];
         let halving = Halving::new(to.format).filter(|_| is_half)?;
-        let first = |side: &Side, size: u32| {
+        let first = |side: &BlitAxis, size: u32| {
             let first = side.origin + side.first as f64 * side.scale;
             let end = first + side.count as f64 * side.scale;
             (first >= 0.0 && end <= f64::from(size)).then_some(first as u32)
@@ -222,7 +222,7 @@ impl<'a> Halved<'a> {
 unsafe fn blit_row(
     reader: &Reader,
     to: &Surface,
-    x_side: &Side,
+    x_side: &BlitAxis,
     (y, v): (i64, f32),
     (z, w): (i64, f32),
 ) {

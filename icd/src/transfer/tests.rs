@@ -29,7 +29,7 @@ impl std::ops::Deref for Bound {
 }
 
 #[derive(Clone, Copy)]
-struct Kind {
+struct ImageSpec {
     ty: vk::ImageType,
     format: vk::Format,
     extent: [u32; 3],
@@ -44,8 +44,8 @@ fn workers() -> &'static Workers {
     WORKERS.get_or_init(|| Workers::new(2))
 }
 
-fn kind(format: vk::Format, width: u32, height: u32) -> Kind {
-    Kind {
+fn kind(format: vk::Format, width: u32, height: u32) -> ImageSpec {
+    ImageSpec {
         ty: vk::ImageType::TYPE_2D,
         format,
         extent: [width, height, 1],
@@ -55,7 +55,7 @@ fn kind(format: vk::Format, width: u32, height: u32) -> Kind {
     }
 }
 
-fn image(kind: Kind) -> Bound {
+fn image(kind: ImageSpec) -> Bound {
     let info = vk::ImageCreateInfo {
         image_type: kind.ty,
         format: kind.format,
@@ -168,7 +168,7 @@ fn mark(x: i32, y: i32, z: i32) -> [u32; 4] {
 
 #[test]
 fn buffers_are_addressed_by_row_length_and_image_height() {
-    let to = image(Kind {
+    let to = image(ImageSpec {
         layers: 3,
         levels: 2,
         ..kind(vk::Format::R32_UINT, 8, 8)
@@ -210,14 +210,14 @@ fn buffers_are_addressed_by_row_length_and_image_height() {
 
 #[test]
 fn copies_pair_slices_with_layers() {
-    let volume = Kind {
+    let volume = ImageSpec {
         ty: vk::ImageType::TYPE_3D,
         extent: [4, 4, 4],
         ..kind(vk::Format::R32_UINT, 0, 0)
     };
     let (from, to) = (
         image(volume),
-        image(Kind {
+        image(ImageSpec {
             layers: 5,
             ..kind(vk::Format::R32_SFLOAT, 4, 4)
         }),
@@ -309,7 +309,7 @@ fn clears_cover_their_range_in_every_format() {
             continue;
         }
         let raw = vk::Format::from_raw(format.0 as i32);
-        let to = image(Kind {
+        let to = image(ImageSpec {
             layers: 3,
             levels: 3,
             ..kind(raw, 8, 4)
@@ -364,7 +364,7 @@ fn resolves_average_samples_and_integers_take_the_first() {
         (vk::Format::R32_SFLOAT, true),
         (vk::Format::R32_UINT, false),
     ] {
-        let from = image(Kind {
+        let from = image(ImageSpec {
             samples: vk::SampleCountFlags::TYPE_4,
             ..kind(format, 3, 2)
         });
@@ -406,7 +406,7 @@ fn resolved<const N: usize>(
     samples: [[u8; N]; 2],
     mode: ResolveMode,
 ) -> [u8; N] {
-    let from = image(Kind {
+    let from = image(ImageSpec {
         samples: vk::SampleCountFlags::TYPE_2,
         ..kind(format, 1, 1)
     });
@@ -583,7 +583,7 @@ fn blits_to_half_the_size_give_the_means_of_four_texels() {
             true => srgb_of_linear(linear) * 255.0,
             false => linear * 255.0,
         };
-        let of_layers = |format, [width, height]: [u32; 2]| Kind {
+        let of_layers = |format, [width, height]: [u32; 2]| ImageSpec {
             layers: 3,
             ..kind(format, width, height)
         };
@@ -654,11 +654,11 @@ fn blits_to_half_the_size_give_the_means_of_four_texels() {
 
 #[test]
 fn blits_convert_formats_and_pair_layers() {
-    let from = image(Kind {
+    let from = image(ImageSpec {
         layers: 3,
         ..kind(vk::Format::R8G8B8A8_UNORM, 2, 2)
     });
-    let to = image(Kind {
+    let to = image(ImageSpec {
         layers: 3,
         ..kind(vk::Format::B8G8R8A8_SRGB, 2, 2)
     });
@@ -702,7 +702,7 @@ fn blits_convert_formats_and_pair_layers() {
 
 #[test]
 fn volumes_are_scaled_in_depth() {
-    let volume = |depth| Kind {
+    let volume = |depth| ImageSpec {
         ty: vk::ImageType::TYPE_3D,
         extent: [1, 1, depth],
         ..kind(vk::Format::R32_SFLOAT, 0, 0)

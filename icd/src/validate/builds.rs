@@ -191,14 +191,14 @@ impl Checks {
 
     /// Looks at where an indirect build's ranges are.
     pub fn ranges(&self, address: u64, size_bytes: u64) {
-        use super::registry::Known;
+        use super::registry::BufferCoverage;
         use ash::vk;
         let place = || format!("the ranges are at {address:#x}, {size_bytes} bytes");
         let is_aligned = address.is_multiple_of(4);
         self.require(is_aligned, Rule::RangeAlignment, address, place);
         match self.validator.registry.find(address, size_bytes) {
-            Known::Outside => self.broken(Rule::RangeMemory, address, place),
-            Known::Inside(usage) => self.require(
+            BufferCoverage::Outside => self.broken(Rule::RangeMemory, address, place),
+            BufferCoverage::Inside(usage) => self.require(
                 usage.contains(vk::BufferUsageFlags::INDIRECT_BUFFER),
                 Rule::RangeUsage,
                 address,

@@ -28,7 +28,7 @@ struct Buffer {
 
 /// The state of a range of addresses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Known {
+pub enum BufferCoverage {
     /// It lies in a buffer as a whole; of the usages, all that one of these buffers has.
     Inside(vk::BufferUsageFlags),
     Outside,
@@ -77,18 +77,18 @@ impl Registry {
     }
 
     /// The state of a range of addresses.
-    pub fn find(&self, address: u64, size_bytes: u64) -> Known {
+    pub fn find(&self, address: u64, size_bytes: u64) -> BufferCoverage {
         let last = address.saturating_add(size_bytes.max(1));
         let buffers = self.buffers.lock();
         let below = buffers.range(..=(address, u64::MAX));
-        let mut known = Known::Outside;
+        let mut known = BufferCoverage::Outside;
         for (&(start, _), buffer) in below {
             if last > start.saturating_add(buffer.size_bytes) {
                 continue;
             }
-            known = Known::Inside(match known {
-                Known::Inside(usage) => usage | buffer.usage,
-                Known::Outside => buffer.usage,
+            known = BufferCoverage::Inside(match known {
+                BufferCoverage::Inside(usage) => usage | buffer.usage,
+                BufferCoverage::Outside => buffer.usage,
             });
         }
         known
@@ -124,13 +124,16 @@ mod tests {
         registry.add_buffer(1, 0x1000, 0x100, TABLE);
         registry.add_buffer(2, 0x1000, 0x80, ADDRESS);
         registry.add_buffer(3, 0x2000, 0x10, ADDRESS);
-        assert_eq!(registry.find(0x1000, 0x80), Known::Inside(TABLE | ADDRESS));
-        assert_eq!(registry.find(0x1000, 0x81), Known::Inside(TABLE));
-        assert_eq!(registry.find(0x10F0, 0x11), Known::Outside);
+        assert_eq!(
+            registry.find(0x1000, 0x80),
+            BufferCoverage::Inside(TABLE | ADDRESS)
+        );
+        assert_eq!(registry.find(0x1000, 0x81), BufferCoverage::Inside(TABLE));
+        assert_eq!(registry.find(0x10F0, 0x11), BufferCoverage::Outside);
         assert!(registry.reach(Arc::default()).contains(0x2000, 0x10));
         assert!(!registry.reach(Arc::default()).contains(0x1080, 1));
         registry.remove_buffer(1, 0x1000);
-        assert_eq!(registry.find(0x1080, 1), Known::Outside);
+        assert_eq!(registry.find(0x1080, 1), BufferCoverage::Outside);
     }
 
     #[test]

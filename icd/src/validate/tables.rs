@@ -4,7 +4,7 @@
 use ash::vk;
 use spirv_jit::reach::Stray;
 
-use super::registry::Known;
+use super::registry::BufferCoverage;
 use super::{Checks, Rule};
 use crate::table::limits::{
     MAX_RAY_DISPATCH_INVOCATIONS, MAX_SHADER_GROUP_STRIDE, SHADER_GROUP_BASE_ALIGNMENT,
@@ -91,10 +91,10 @@ impl Checks {
         let is_aligned = address.is_multiple_of(SHADER_GROUP_BASE_ALIGNMENT.into());
         self.require(is_aligned, rules.alignment, address, place);
         match self.validator.registry.find(address, size_bytes) {
-            Known::Outside => self.broken(Rule::TableSize, address, || {
+            BufferCoverage::Outside => self.broken(Rule::TableSize, address, || {
                 format!("{}, which no buffer holds", place())
             }),
-            Known::Inside(usage) => self.require(
+            BufferCoverage::Inside(usage) => self.require(
                 usage.contains(vk::BufferUsageFlags::SHADER_BINDING_TABLE_KHR),
                 rules.usage,
                 address,
@@ -147,10 +147,10 @@ impl Checks {
         let is_aligned = address.is_multiple_of(4);
         self.require(is_aligned, Rule::IndirectAlignment, address, place);
         match self.validator.registry.find(address, size_bytes) {
-            Known::Outside => self.broken(Rule::IndirectSize, address, || {
+            BufferCoverage::Outside => self.broken(Rule::IndirectSize, address, || {
                 format!("{}, where no buffer has {size_bytes} bytes", place())
             }),
-            Known::Inside(usage) => self.require(
+            BufferCoverage::Inside(usage) => self.require(
                 usage.contains(vk::BufferUsageFlags::INDIRECT_BUFFER),
                 Rule::IndirectUsage,
                 address,

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet, HashSet};
 
 use ash::vk;
 use vulkan_tuff::entry::commands::{self, Availability, Level};
-use vulkan_tuff::table::extensions::{Extension, Kind};
+use vulkan_tuff::table::extensions::{Extension, ExtensionKind};
 use vulkan_tuff::table::features;
 use vulkan_tuff::table::limits::API_VERSION;
 
@@ -41,7 +41,7 @@ const CONDITIONAL: [&str; 15] = [
 
 /// The findings of the audit.
 #[derive(Default)]
-pub struct Report {
+pub struct CheckReport {
     pub summary: String,
     /// Questions that this registry cannot answer.
     pub notes: Vec<String>,
@@ -52,16 +52,16 @@ pub struct Report {
 struct Audit<'a> {
     registry: &'a Registry,
     advertised: HashSet<&'static str>,
-    report: Report,
+    report: CheckReport,
 }
 
 /// Holds the tables against the registry.
-pub fn run(registry: &Registry) -> Report {
+pub fn run(registry: &Registry) -> CheckReport {
     let names = Extension::ALL.iter().copied().map(name);
     let mut audit = Audit {
         registry,
         advertised: names.collect(),
-        report: Report::default(),
+        report: CheckReport::default(),
     };
     audit.extensions();
     audit.commands();
@@ -123,7 +123,7 @@ impl Audit<'_> {
                 }
                 continue;
             };
-            if known.is_instance != (extension.kind() == Kind::Instance) {
+            if known.is_instance != (extension.kind() == ExtensionKind::Instance) {
                 self.find(format!("{name} is listed as {:?}", extension.kind()));
             }
             if !evaluate(&known.depends, &|name| self.holds(name)) {

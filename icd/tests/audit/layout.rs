@@ -8,7 +8,7 @@ use crate::xml::{child_text, elements, is_vulkan};
 
 /// A member's type, as far as values of it are compared.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Kind {
+pub enum MemberKind {
     /// Of a size in bytes: numbers, flags, booleans.
     Unsigned(usize),
     /// Signed numbers, and enumerations.
@@ -21,13 +21,13 @@ pub enum Kind {
 
 /// The place of a member in its structure.
 #[derive(Clone, Debug)]
-pub struct Place {
+pub struct MemberLayout {
     pub offset_bytes: usize,
     /// Of one element.
     pub size_bytes: usize,
     /// Elements of an array; one, if it is none.
     pub count: usize,
-    pub kind: Kind,
+    pub kind: MemberKind,
     /// The way to compare (`limittype`).
     pub limit: Option<String>,
 }
@@ -71,13 +71,13 @@ impl Layouts {
     }
 
     /// The place of a member; `None` where the registry does not know it.
-    pub fn place(&self, structure: &str, member: &str) -> Option<Place> {
+    pub fn place(&self, structure: &str, member: &str) -> Option<MemberLayout> {
         let mut offset_bytes = 0usize;
         for it in self.structures.get(structure)? {
             let (size_bytes, alignment) = self.size(it)?;
             offset_bytes = offset_bytes.next_multiple_of(alignment);
             if it.name == member {
-                return Some(Place {
+                return Some(MemberLayout {
                     offset_bytes,
                     size_bytes,
                     count: it.count,
@@ -139,27 +139,27 @@ impl Layouts {
         })
     }
 
-    fn kind(&self, member: &Member) -> Option<Kind> {
+    fn kind(&self, member: &Member) -> Option<MemberKind> {
         match member.is_pointer {
-            true => Some(Kind::Pointer),
+            true => Some(MemberKind::Pointer),
             false => self.kind_of(&member.ty),
         }
     }
 
-    fn kind_of(&self, ty: &str) -> Option<Kind> {
+    fn kind_of(&self, ty: &str) -> Option<MemberKind> {
         Some(match ty {
-            "char" | "uint8_t" => Kind::Unsigned(1),
-            "uint16_t" => Kind::Unsigned(2),
-            "uint32_t" => Kind::Unsigned(4),
-            "uint64_t" | "size_t" => Kind::Unsigned(8),
-            "int8_t" => Kind::Signed(1),
-            "int16_t" => Kind::Signed(2),
-            "int32_t" => Kind::Signed(4),
-            "int64_t" => Kind::Signed(8),
-            "float" => Kind::Float(4),
-            "double" => Kind::Float(8),
-            _ if self.structures.contains_key(ty) => Kind::Structure(ty.into()),
-            _ if self.enumerations.contains(ty) => Kind::Signed(4),
+            "char" | "uint8_t" => MemberKind::Unsigned(1),
+            "uint16_t" => MemberKind::Unsigned(2),
+            "uint32_t" => MemberKind::Unsigned(4),
+            "uint64_t" | "size_t" => MemberKind::Unsigned(8),
+            "int8_t" => MemberKind::Signed(1),
+            "int16_t" => MemberKind::Signed(2),
+            "int32_t" => MemberKind::Signed(4),
+            "int64_t" => MemberKind::Signed(8),
+            "float" => MemberKind::Float(4),
+            "double" => MemberKind::Float(8),
+            _ if self.structures.contains_key(ty) => MemberKind::Structure(ty.into()),
+            _ if self.enumerations.contains(ty) => MemberKind::Signed(4),
             _ => return self.kind_of(self.names.get(ty)?),
         })
     }
@@ -167,9 +167,11 @@ impl Layouts {
     /// Size and alignment of an element, in bytes.
     fn size(&self, member: &Member) -> Option<(usize, usize)> {
         Some(match self.kind(member)? {
-            Kind::Unsigned(size) | Kind::Signed(size) | Kind::Float(size) => (size, size),
-            Kind::Pointer => (8, 8),
-            Kind::Structure(name) => {
+            MemberKind::Unsigned(size) | MemberKind::Signed(size) | MemberKind::Float(size) => {
+                (size, size)
+            }
+            MemberKind::Pointer => (8, 8),
+            MemberKind::Structure(name) => {
                 let (mut end, mut most) = (0usize, 1);
                 for member in self.structures.get(&name)? {
                     let (size, alignment) = self.size(member)?;

@@ -3,7 +3,7 @@
 
 use serde_json::{Map, Value};
 
-use crate::layout::{Kind, Place, whole};
+use crate::layout::{MemberKind, MemberLayout, whole};
 use crate::registry::Registry;
 
 /// A device's answers.
@@ -185,7 +185,7 @@ impl Check<'_> {
                 continue;
             };
             let limit = place.limit.as_deref().unwrap_or(inherited);
-            if let (Kind::Structure(name), Some(wanted)) = (&place.kind, wanted.as_object()) {
+            if let (MemberKind::Structure(name), Some(wanted)) = (&place.kind, wanted.as_object()) {
                 let bytes = bytes.get(place.offset_bytes..).unwrap_or_default();
                 self.members(&path, name, bytes, wanted, limit);
                 continue;
@@ -198,7 +198,7 @@ impl Check<'_> {
                 let there = read(&place, index, bytes);
                 let met = self.number(wanted).zip(there).map(|(wanted, there)| {
                     let mut ways = limit.split(',');
-                    ways.all(|way| meets(way, index, there, wanted))
+                    ways.all(|way| satisfies(way, index, there, wanted))
                 });
                 let there = match there {
                     Some(Number::Whole(number)) => number.to_string(),
@@ -272,27 +272,27 @@ impl Check<'_> {
 }
 
 /// An element of a member.
-fn read(place: &Place, index: usize, bytes: &[u8]) -> Option<Number> {
+fn read(place: &MemberLayout, index: usize, bytes: &[u8]) -> Option<Number> {
     let start = place.offset_bytes + index * place.size_bytes;
     let bytes = bytes.get(start..start + place.size_bytes)?;
     let mut wide = [0; 8];
     wide.get_mut(..bytes.len())?.copy_from_slice(bytes);
     let unsigned = u64::from_le_bytes(wide);
     Some(match place.kind {
-        Kind::Unsigned(_) => Number::Whole(unsigned.into()),
-        Kind::Signed(size) => {
+        MemberKind::Unsigned(_) => Number::Whole(unsigned.into()),
+        MemberKind::Signed(size) => {
             let unused = 64 - 8 * size as u32;
             Number::Whole(((unsigned << unused) as i64 >> unused).into())
         }
-        Kind::Float(4) => Number::Float(f32::from_bits(unsigned as u32).into()),
-        Kind::Float(_) => Number::Float(f64::from_bits(unsigned)),
-        Kind::Structure(_) | Kind::Pointer => return None,
+        MemberKind::Float(4) => Number::Float(f32::from_bits(unsigned as u32).into()),
+        MemberKind::Float(_) => Number::Float(f64::from_bits(unsigned)),
+        MemberKind::Structure(_) | MemberKind::Pointer => return None,
     })
 }
 
 /// Whether a device's value meets what is wanted, by one way to compare (`limittype`, appendix
 /// "Vulkan XML Schema").
-fn meets(way: &str, index: usize, there: Number, wanted: Number) -> bool {
+fn satisfies(way: &str, index: usize, there: Number, wanted: Number) -> bool {
     let whole = |number| match number {
         Number::Whole(number) => number,
         Number::Float(number) => number as i128,
@@ -349,9 +349,9 @@ mod tests {
         </enums>
     </registry>"#;
 
-    struct Made;
+    struct FakeDevice;
 
-    impl Device for Made {
+    impl Device for FakeDevice {
         fn version(&self) -> [u32; 3] {
             [1, 2, 3]
         }
@@ -393,7 +393,7 @@ mod tests {
             "profiles": { "VP_made_up": { "api-version": "1.2.3", "capabilities": ["all"] } },
         });
         let registry = Registry::parse(REGISTRY).unwrap();
-        let mut all = missing(&registry, &Made, &[file]).unwrap();
+        let mut all = missing(&registry, &FakeDevice, &[file]).unwrap();
         assert_eq!(all.len(), 1);
         all.remove(0).1
     }
@@ -460,11 +460,11 @@ mod tests {
             },
         });
         let registry = Registry::parse(REGISTRY).unwrap();
-        let lost = missing(&registry, &Made, std::slice::from_ref(&file));
+        let lost = missing(&registry, &FakeDevice, std::slice::from_ref(&file));
         assert_eq!(lost.err().unwrap(), "no file has the profile VP_none");
         let mut file = file;
         file["profiles"].as_object_mut().unwrap().remove("VP_lost");
-        let all = missing(&registry, &Made, &[file]).unwrap();
+        let all = missing(&registry, &FakeDevice, &[file]).unwrap();
         let old = "Vulkan 1.2.4: the device has 1.2.3".to_owned();
         let choice = "one of: VkMadeUp::most = 10: it is 9; or VkMadeUp::most = 11: it is 9";
         assert_eq!(

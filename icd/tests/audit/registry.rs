@@ -8,7 +8,7 @@ use crate::layout::Layouts;
 use crate::xml::{child_text, elements, is_vulkan};
 
 /// An extension.
-pub struct Extension {
+pub struct RegistryExtension {
     pub name: String,
     pub is_instance: bool,
     /// Empty if there is no such condition.
@@ -49,7 +49,7 @@ pub struct Structure {
 pub struct Registry {
     pub header_version: u32,
     pub versions: Vec<Version>,
-    pub extensions: BTreeMap<String, Extension>,
+    pub extensions: BTreeMap<String, RegistryExtension>,
     /// First argument's type, by command.
     pub commands: HashMap<String, String>,
     pub structures: BTreeMap<String, Structure>,
@@ -159,7 +159,7 @@ impl Registry {
             return;
         }
         let name = node.attribute("name").unwrap_or_default();
-        let extension = Extension {
+        let extension = RegistryExtension {
             name: name.into(),
             is_instance: node.attribute("type") == Some("instance"),
             depends: dependencies(node),

@@ -30,14 +30,14 @@ fn any(name: &str) -> Option<String> {
 }
 
 /// Who looks after a statement.
-struct Row {
+struct StatementCoverage {
     name: String,
     tuff: Option<Rule>,
     layers: bool,
     reason: Option<String>,
 }
 
-fn rows() -> Vec<Row> {
+fn rows() -> Vec<StatementCoverage> {
     let rules: BTreeMap<String, Rule> = Rule::ALL
         .iter()
         .flat_map(|&rule| rule.vuids().into_iter().map(move |name| (name, rule)))
@@ -53,7 +53,7 @@ fn rows() -> Vec<Row> {
         .map(|name| {
             let all = any(&name).expect("a command and a rule");
             let traces = name.starts_with("VUID-vkCmdTraceRays");
-            Row {
+            StatementCoverage {
                 tuff: rules.get(&name).copied(),
                 layers: layers.contains(&name) || traces && layers.contains(&all),
                 reason: reasons.get(&name).or_else(|| reasons.get(&all)).cloned(),
@@ -63,8 +63,9 @@ fn rows() -> Vec<Row> {
         .collect()
 }
 
-fn table(rows: &[Row]) -> String {
-    let count = |has: &dyn Fn(&Row) -> bool| rows.iter().filter(|row| has(row)).count();
+fn table(rows: &[StatementCoverage]) -> String {
+    let count =
+        |has: &dyn Fn(&StatementCoverage) -> bool| rows.iter().filter(|row| has(row)).count();
     let mut text = format!(
         "# Valid usage\n\n\
         Who looks after each of the {} valid-usage statements of the ray tracing chapter: the driver's own validation reports {}\n\

@@ -4,8 +4,8 @@ use std::ops::Range;
 
 use spirv_jit::Program;
 
-use super::chunk::{Round, Worker};
-use super::cut::Span;
+use super::chunk::{ChunkWorker, Round};
+use super::cut::PrimitiveRange;
 use super::fetch::{Common, Vertex};
 use super::indices::Indices;
 use super::topology::{self, Assembled};
@@ -20,13 +20,13 @@ struct Listed {
     primitives: Range<usize>,
 }
 
-impl Worker {
+impl ChunkWorker {
     /// Lists the primitives of spans, and the vertices that they need; patches of so many points.
     pub(super) fn assemble(
         &mut self,
         round: &Round<'_>,
         draw: &Draw,
-        spans: &[Span],
+        spans: &[PrimitiveRange],
         points: Option<usize>,
     ) {
         self.vertices.clear();

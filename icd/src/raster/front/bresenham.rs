@@ -55,7 +55,7 @@ impl MajorLine {
     }
 
     /// The rows in which the line crosses the middles of columns, from one on.
-    fn rows(&self, column: i64) -> Rows {
+    fn rows(&self, column: i64) -> LineRows {
         let center = column * i64::from(PIXEL) + HALF;
         let [du, dv] = [self.to[0] - self.from[0], self.to[1] - self.from[1]];
         // v at the centre is from + dv (centre − from) / du, in units of a row: numerator /
@@ -63,7 +63,7 @@ impl MajorLine {
         let (du, dv) = if du < 0 { (-du, -dv) } else { (du, dv) };
         let numerator = self.from[1] * du + dv * (center - self.from[0]);
         let denominator = du * i64::from(PIXEL);
-        Rows {
+        LineRows {
             row: numerator.div_euclid(denominator),
             rest: numerator.rem_euclid(denominator),
             step: dv * i64::from(PIXEL),
@@ -97,7 +97,7 @@ impl MajorLine {
 
 /// The place of a line at the middles of columns, one after the other: `row + rest / denominator`
 /// rows.
-struct Rows {
+struct LineRows {
     row: i64,
     rest: i64,
     /// The growth of `rest` by a column; at most the denominator, up or down.
@@ -106,7 +106,7 @@ struct Rows {
     stays: bool,
 }
 
-impl Rows {
+impl LineRows {
     #[inline(always)]
     fn row(&self) -> i64 {
         // Between two rows: the move takes an x-major line down its slope's way first, then up; a

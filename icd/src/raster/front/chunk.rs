@@ -9,21 +9,21 @@ use spirv_jit::reach::Reach;
 use spirv_jit::{Program, SUBGROUP_SIZE};
 
 use super::bins;
-use super::cut::{Job, Span, parts_of_spans};
+use super::cut::{Job, PrimitiveRange, parts_of_spans};
 use super::facts::{DepthFormat, Facts};
 use super::fetch::{Common, Fetch, Vertex};
-use super::geometry::{Geometry, Input, emitted_topology};
-use super::mesh::{self, Made, Mesh, Part, Tasks};
+use super::geometry::{Geometry, GeometryInput, emitted_topology};
+use super::mesh::{self, Mesh, MeshOutput, Part, Tasks};
 use super::outputs::OutputPlaces;
 use super::patches::{
-    Control, DomainVertex, Evaluation, Input as PatchInput, Patches, Pieces, Subdivided,
-    control_points, list,
+    Control, ControlInput, DomainVertex, Evaluation, Patches, Pieces, Subdivided, control_points,
+    list,
 };
 use super::project::Projection;
 use super::screen::{ScreenVertex, code};
 use super::set_up::{Corners, Primitive, SetUp};
 use super::streams;
-use super::topology::{self, Assembled, Kind};
+use super::topology::{self, Assembled, PrimitiveKind};
 use super::vertices::{Shaded, Unique, shade};
 use super::{Expanded, draw_of};
 use crate::compute::waves::Runner;
@@ -33,7 +33,7 @@ use crate::wave::{Limits, Stopped};
 
 /// A worker's memory.
 #[derive(Default)]
-pub struct Worker {
+pub struct ChunkWorker {
     runner: Runner,
     pub(super) unique: Unique,
     pub(super) vertices: Vec<Vertex>,
@@ -51,9 +51,9 @@ pub struct Worker {
 }
 
 /// The source of a chunk's primitives.
-enum Source<'a> {
+enum ChunkSource<'a> {
     /// Consecutive spans of a draw.
-    Spans(&'a [Span]),
+    Spans(&'a [PrimitiveRange]),
     Pieces(&'a Pieces),
 }
 
@@ -121,7 +121,7 @@ impl Round<'_> {
     }
 }
 
-impl Worker {
+impl ChunkWorker {
     /// Ends its part of a round.
     pub fn rest(&mut self) {
         self.runner.rest();
@@ -153,7 +153,7 @@ impl Worker {
             let index = pieces.patches.draw;
             if let Some(draw) = draw_of(index) {
                 round.limits.check()?;
-                self.draw(round, draw, index, &Source::Pieces(pieces), chunk)?;
+                self.draw(round, draw, index, &ChunkSource::Pieces(pieces), chunk)?;
             }
         }
         for spans in job.spans.chunk_by(|a, b| a.draw == b.draw) {
@@ -166,7 +166,7 @@ impl Worker {
                     self.draw_meshes(round, draw, index, parts, None, chunk)?;
                     continue;
                 }
-                self.draw(round, draw, index, &Source::Spans(spans), chunk)?;
+                self.draw(round, draw, index, &ChunkSource::Spans(spans), chunk)?;
             }
         }
         bins::fill(&mut chunk.bins, &round.grid, &chunk.shapes)
@@ -244,7 +244,7 @@ impl Worker {
         self.commons.extend_from_slice(commons);
         self.set_order_of(parts);
         let first_word = chunk.outputs.len();
-        let mut made = Made {
+        let mut made = MeshOutput {
             vertices: &mut chunk.outputs,
             primitives: &mut self.words,
             assembled: &mut self.primitives,
@@ -305,7 +305,7 @@ impl Worker {
         let shaded = self.shade(round, draw, vertex, &job.spans, None, &mut words);
         self.words = words;
         shaded?;
-        let input = PatchInput {
+        let input = ControlInput {
             words: &self.words,
             corners: &self.corners,
             points,
@@ -329,7 +329,7 @@ impl Worker {
         round: &Round<'_>,
         draw: &Draw,
         vertex: &Program,
-        spans: &[Span],
+        spans: &[PrimitiveRange],
         projection: Option<Projection<'_>>,
         words: &mut Vec<u32>,
     ) -> Result<(), Stopped> {
@@ -414,7 +414,7 @@ impl Worker {
         round: &Round<'_>,
         draw: &Draw,
         index: u32,
-        source: &Source<'_>,
+        source: &ChunkSource<'_>,
         chunk: &mut Chunk,
     ) -> Result<(), Stopped> {
         let (Some(vertex), Some(last)) = (draw.stages.vertex(), draw.stages.last()) else {
@@ -422,12 +422,12 @@ impl Worker {
         };
         // The program whose primitives a geometry shader takes.
         let before = match (source, draw.stages.tessellation()) {
-            (Source::Pieces(pieces), Some((_, evaluation))) => {
+            (ChunkSource::Pieces(pieces), Some((_, evaluation))) => {
                 self.list_pieces(draw, pieces);
                 evaluation
             }
-            (Source::Pieces(_), None) => return Ok(()),
-            (Source::Spans(spans), _) => {
+            (ChunkSource::Pieces(_), None) => return Ok(()),
+            (ChunkSource::Spans(spans), _) => {
                 self.assemble(round, draw, spans, None);
                 vertex
             }
@@ -443,8 +443,8 @@ impl Worker {
         self.on_screen.clear();
         self.words.clear();
         let count = match source {
-            Source::Spans(_) => self.vertices.len(),
-            Source::Pieces(_) => self.domain_vertices.len(),
+            ChunkSource::Spans(_) => self.vertices.len(),
+            ChunkSource::Pieces(_) => self.domain_vertices.len(),
         };
         (self.on_screen.try_reserve(count + SUBGROUP_SIZE)).map_err(|_| Stopped::OutOfMemory)?;
         let first_word = chunk.outputs.len() as u32;
@@ -454,8 +454,8 @@ impl Worker {
             Some(_) => (&mut own, None),
         };
         let shaded = match source {
-            Source::Spans(spans) => self.shade(round, draw, vertex, spans, projected, words),
-            Source::Pieces(pieces) => self.evaluate(round, draw, pieces, projected, words),
+            ChunkSource::Spans(spans) => self.shade(round, draw, vertex, spans, projected, words),
+            ChunkSource::Pieces(pieces) => self.evaluate(round, draw, pieces, projected, words),
         };
         self.words = own;
         shaded?;
@@ -488,7 +488,7 @@ impl Worker {
         std::mem::swap(&mut self.primitives, &mut self.inputs);
         self.primitives.clear();
         let first_word = outputs.len();
-        let input = Input {
+        let input = GeometryInput {
             words: &self.words,
             corners: &self.corners,
             primitives: &self.inputs,
@@ -556,9 +556,9 @@ impl Worker {
         // Of filled triangles: what needs a closer look.
         let harmful = facts
             .harmless_codes()
-            .filter(|_| kind == Some(Kind::Triangle))
+            .filter(|_| kind == Some(PrimitiveKind::Triangle))
             .map(|harmless| !harmless);
-        let is_line = kind == Some(Kind::Line);
+        let is_line = kind == Some(PrimitiveKind::Line);
         let is_projected = !places.chooses_viewports() && !facts.views.is_empty();
         let mut last = None;
         for (number, assembled) in self.primitives.iter().enumerate() {
@@ -627,7 +627,7 @@ impl Worker {
                 set_up.whole_line(&primitive(), [on_screen[0], on_screen[1]]);
                 continue;
             }
-            if kind == Some(Kind::Point) {
+            if kind == Some(PrimitiveKind::Point) {
                 let size = shaded.point_size(a);
                 set_up.point(&primitive(), on_screen[0], size, 0, (true, 0.0));
                 continue;
@@ -642,8 +642,8 @@ impl Worker {
             };
             let primitive = primitive();
             match kind {
-                Some(Kind::Triangle) => set_up.triangle(&primitive, &corners),
-                Some(Kind::Line) => set_up.line(&primitive, &corners, [0, 1], true, 0.0),
+                Some(PrimitiveKind::Triangle) => set_up.triangle(&primitive, &corners),
+                Some(PrimitiveKind::Line) => set_up.line(&primitive, &corners, [0, 1], true, 0.0),
                 _ => {}
             }
         }

@@ -29,7 +29,7 @@ pub type Polygon = SmallVec<[Vertex; MAX_VERTICES]>;
 
 /// A plane of the volume.
 #[derive(Clone, Copy, Debug)]
-enum Plane {
+enum ClipPlane {
     Near,
     Far,
     Distance(usize),
@@ -39,7 +39,7 @@ enum Plane {
     Guard(usize, f64),
 }
 
-impl Plane {
+impl ClipPlane {
     /// How far inside a vertex is; negative outside.
     fn distance(self, vertex: &Vertex, screen: &Screen, volume: &Volume) -> f64 {
         let position = &vertex.position;
@@ -57,20 +57,20 @@ impl Plane {
 }
 
 /// The planes that a primitive with vertices outside of `codes` is cut at, in their order.
-fn planes(codes: u32, sides: bool) -> impl Iterator<Item = Plane> {
-    let when = |condition: bool, plane: Plane| condition.then_some(plane);
+fn planes(codes: u32, sides: bool) -> impl Iterator<Item = ClipPlane> {
+    let when = |condition: bool, plane: ClipPlane| condition.then_some(plane);
     let has = move |bit: u32| codes & bit != 0;
     let distances = (0..MAX_CLIP_DISTANCES).filter_map(move |index| {
         when(
             has(1 << (code::CLIP as usize + index)),
-            Plane::Distance(index),
+            ClipPlane::Distance(index),
         )
     });
-    let side = |bit: u32, axis, sign| when(sides && codes & bit != 0, Plane::Side(axis, sign));
+    let side = |bit: u32, axis, sign| when(sides && codes & bit != 0, ClipPlane::Side(axis, sign));
     let nowhere = has(code::NOWHERE);
     [
-        when(has(code::NEAR), Plane::Near),
-        when(has(code::FAR), Plane::Far),
+        when(has(code::NEAR), ClipPlane::Near),
+        when(has(code::FAR), ClipPlane::Far),
     ]
     .into_iter()
     .flatten()
@@ -81,10 +81,10 @@ fn planes(codes: u32, sides: bool) -> impl Iterator<Item = Plane> {
             side(code::RIGHT, 0, -1.0),
             side(code::TOP, 1, 1.0),
             side(code::BOTTOM, 1, -1.0),
-            when(nowhere, Plane::Guard(0, 1.0)),
-            when(nowhere, Plane::Guard(0, -1.0)),
-            when(nowhere, Plane::Guard(1, 1.0)),
-            when(nowhere, Plane::Guard(1, -1.0)),
+            when(nowhere, ClipPlane::Guard(0, 1.0)),
+            when(nowhere, ClipPlane::Guard(0, -1.0)),
+            when(nowhere, ClipPlane::Guard(1, 1.0)),
+            when(nowhere, ClipPlane::Guard(1, -1.0)),
         ]
         .into_iter()
         .flatten(),

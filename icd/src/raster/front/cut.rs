@@ -34,7 +34,7 @@ const SCAN: u64 = 1 << 20;
 
 /// Consecutive primitives of a segment, in one instance of one call of a draw, for one view.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Span {
+pub struct PrimitiveRange {
     /// Index of the draw in the batch's work.
     pub draw: u32,
     pub call: u32,
@@ -55,7 +55,7 @@ pub struct Span {
 pub struct Job {
     /// A clear: its index in the batch's work.
     pub clear: Option<u32>,
-    pub spans: Vec<Span>,
+    pub spans: Vec<PrimitiveRange>,
     /// Primitives of all spans. Those of mesh draws are workgroups.
     pub primitives: u32,
     /// Some of them run a geometry or mesh shader, which may make many of each.
@@ -210,7 +210,7 @@ impl Cutter<'_> {
             if taken == 0 {
                 return Ok(false);
             }
-            job.spans.push(Span {
+            job.spans.push(PrimitiveRange {
                 draw: cursor.work as u32,
                 call: cursor.call as u32,
                 instance: cursor.instance,
@@ -336,14 +336,14 @@ fn next_work(cursor: &mut Cursor) {
 }
 
 /// The workgroups of spans, and the values that those of a call and a view share.
-pub fn parts_of_spans(spans: &[Span], calls: &[DrawCall]) -> (Vec<Part>, Vec<Common>) {
-    let part = |(span, common): (&Span, u32)| Part {
+pub fn parts_of_spans(spans: &[PrimitiveRange], calls: &[DrawCall]) -> (Vec<Part>, Vec<Common>) {
+    let part = |(span, common): (&PrimitiveRange, u32)| Part {
         grid: calls[span.call as usize].groups,
         workgroups: span.primitives.start.into()..span.primitives.end.into(),
         common,
         task: None,
     };
-    let common = |span: &Span| Common {
+    let common = |span: &PrimitiveRange| Common {
         draw_index: calls[span.call as usize].draw_index,
         view: span.view,
         ..Common::default()

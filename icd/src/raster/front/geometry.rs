@@ -35,7 +35,7 @@ pub fn emitted_topology(facts: &GeometryFacts) -> Topology {
 
 /// The source of an input row.
 #[derive(Clone, Copy)]
-enum Fill {
+enum GeometryRowSource {
     /// A word of a vertex of the primitive.
     Vertex {
         vertex: usize,
@@ -48,7 +48,7 @@ enum Fill {
 }
 
 /// The primitives that a geometry program runs for.
-pub struct Input<'a> {
+pub struct GeometryInput<'a> {
     /// Outputs of the vertices, one behind the other.
     pub words: &'a [u32],
     /// The vertices of all primitives, as many each as the program takes.
@@ -72,7 +72,7 @@ struct Emitted<'a> {
 pub struct Geometry<'a> {
     program: &'a Program,
     facts: GeometryFacts,
-    fills: Vec<Fill>,
+    fills: Vec<GeometryRowSource>,
     /// Words of a vertex of its input.
     stride: usize,
     places: &'a OutputPlaces,
@@ -93,17 +93,17 @@ impl<'a> Geometry<'a> {
             InputRow::Varying(varying) => {
                 let wanted = varying.output();
                 match vertex.outputs().iter().position(|row| *row == wanted) {
-                    Some(word) => Fill::Vertex {
+                    Some(word) => GeometryRowSource::Vertex {
                         vertex: varying.vertex().into(),
                         word,
                     },
-                    None => Fill::Zero,
+                    None => GeometryRowSource::Zero,
                 }
             }
-            InputRow::Builtin(Builtin::PrimitiveId, _) => Fill::PrimitiveId,
-            InputRow::Builtin(Builtin::InvocationId, _) => Fill::InvocationId,
-            InputRow::Builtin(Builtin::ViewIndex, _) => Fill::View,
-            _ => Fill::Zero,
+            InputRow::Builtin(Builtin::PrimitiveId, _) => GeometryRowSource::PrimitiveId,
+            InputRow::Builtin(Builtin::InvocationId, _) => GeometryRowSource::InvocationId,
+            InputRow::Builtin(Builtin::ViewIndex, _) => GeometryRowSource::View,
+            _ => GeometryRowSource::Zero,
         };
         Self {
             program,
@@ -130,7 +130,7 @@ impl<'a> Geometry<'a> {
         runner: &mut Runner,
         environment: &Environment,
         limits: &Limits,
-        input: &Input<'_>,
+        input: &GeometryInput<'_>,
         outputs: &mut Vec<u32>,
         primitives: &mut Vec<Assembled>,
     ) -> Result<(), Stopped> {
@@ -166,7 +166,12 @@ impl<'a> Geometry<'a> {
     }
 
     /// Fills the inputs of a subgroup's state, for those invocations.
-    fn fill(&self, state: &mut [AlignedRow], lanes: std::ops::Range<usize>, input: &Input<'_>) {
+    fn fill(
+        &self,
+        state: &mut [AlignedRow],
+        lanes: std::ops::Range<usize>,
+        input: &GeometryInput<'_>,
+    ) {
         let rows = &mut state[self.program.layout().inputs..];
         let each = self.facts.invocations as usize;
         let size = self.facts.vertices as usize;
@@ -179,19 +184,23 @@ impl<'a> Geometry<'a> {
         for (row, fill) in rows.iter_mut().zip(&self.fills) {
             let row = row.0.iter_mut().zip(at);
             match *fill {
-                Fill::Vertex { vertex, word } => row.for_each(|(to, &(primitive, _))| {
-                    let vertex = input.corners[primitive * size + vertex] as usize;
-                    *to = input.words[vertex * self.stride + word];
-                }),
-                Fill::PrimitiveId => row.for_each(|(to, &(primitive, _))| {
+                GeometryRowSource::Vertex { vertex, word } => {
+                    row.for_each(|(to, &(primitive, _))| {
+                        let vertex = input.corners[primitive * size + vertex] as usize;
+                        *to = input.words[vertex * self.stride + word];
+                    })
+                }
+                GeometryRowSource::PrimitiveId => row.for_each(|(to, &(primitive, _))| {
                     *to = input.primitives[primitive].primitive_id;
                 }),
-                Fill::InvocationId => row.for_each(|(to, &(_, invocation))| *to = invocation),
-                Fill::View => row.for_each(|(to, &(primitive, _))| {
+                GeometryRowSource::InvocationId => {
+                    row.for_each(|(to, &(_, invocation))| *to = invocation)
+                }
+                GeometryRowSource::View => row.for_each(|(to, &(primitive, _))| {
                     let common = input.primitives[primitive].common;
                     *to = input.commons[common as usize].view;
                 }),
-                Fill::Zero => row.for_each(|(to, _)| *to = 0),
+                GeometryRowSource::Zero => row.for_each(|(to, _)| *to = 0),
             }
         }
     }

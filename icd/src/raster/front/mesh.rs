@@ -21,7 +21,7 @@ use super::patches::get;
 use super::topology::{self, Assembled};
 use super::vertices::SUBGROUPS;
 use crate::compute::waves::{Runner, Subgroups, subgroups_at_once};
-use crate::compute::{Given, STEP_SHARED_BYTES, Starter, workgroup_id};
+use crate::compute::{DrawParameters, STEP_SHARED_BYTES, Starter, workgroup_id};
 use crate::raster::CHUNK_PRIMITIVES;
 use crate::wave::{Limits, Stopped};
 
@@ -254,7 +254,7 @@ fn run(
         runner.begin(program, shape, limits)?;
         for (place, &(part, index)) in chosen.iter().enumerate() {
             let common = &commons[part.common as usize];
-            let given = Given {
+            let given = DrawParameters {
                 num_workgroups: part.grid,
                 draw_index: common.draw_index,
                 view: common.view,
@@ -320,7 +320,7 @@ pub fn run_tasks(
 
 /// Output of a mesh program: words of vertices and of primitives, one behind the other, and the
 /// primitives, whose vertices are counted from the first one here.
-pub struct Made<'a> {
+pub struct MeshOutput<'a> {
     pub vertices: &'a mut Vec<u32>,
     pub primitives: &'a mut Vec<u32>,
     pub assembled: &'a mut Vec<Assembled>,
@@ -348,7 +348,7 @@ impl Mesh<'_> {
         parts: &[Part],
         commons: &[Common],
         tasks: Option<&Tasks>,
-        made: &mut Made<'_>,
+        made: &mut MeshOutput<'_>,
     ) -> Result<(), Stopped> {
         let room = self.facts.payload_bytes as usize / 4;
         let fill = |part: &Part, memory: &mut [AlignedRow]| {
@@ -377,7 +377,7 @@ impl Mesh<'_> {
         part: &Part,
         memory: &[AlignedRow],
         first_word: usize,
-        made: &mut Made<'_>,
+        made: &mut MeshOutput<'_>,
     ) -> Result<(), Stopped> {
         let facts = self.facts;
         let count = |index: u32| word(memory, facts.counts_offset + 4 * index);

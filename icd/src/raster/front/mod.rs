@@ -51,7 +51,7 @@ use std::sync::Arc;
 use parking_lot::Mutex;
 use rayon::prelude::*;
 
-use self::chunk::{Round, Worker};
+use self::chunk::{ChunkWorker, Round};
 use self::cut::{Cursor, Cutter, Job, longest_chunk};
 use self::mesh::{TaskCursor, Tasks};
 use self::patches::Patches;
@@ -76,13 +76,13 @@ const ROUND_BYTES: usize = 64 << 20;
 /// The front end's memory, kept from one flush to the next.
 #[derive(Default)]
 pub struct FrontEnd {
-    idle: Mutex<Vec<Worker>>,
+    idle: Mutex<Vec<ChunkWorker>>,
     /// Chunks to fill again.
     spare: Mutex<Vec<Chunk>>,
 }
 
 /// Work that waits for a round.
-enum Waiting {
+enum QueuedWork {
     Job(Job),
     /// Workgroups of mesh shaders, which become jobs in turn.
     Tasks(TaskCursor),
@@ -98,7 +98,7 @@ enum Expanded {
 pub struct Rounds {
     cursor: Cursor,
     /// Work of control and task shaders that have run, and jobs that come after them.
-    waiting: VecDeque<Waiting>,
+    waiting: VecDeque<QueuedWork>,
     grid: Grid,
     /// Chunks of the next round.
     chunks: usize,
@@ -153,7 +153,7 @@ impl FrontEnd {
         let mut jobs: Vec<Job> = Vec::new();
         while jobs.len() < rounds.chunks {
             match rounds.waiting.front_mut() {
-                Some(Waiting::Tasks(cursor)) => {
+                Some(QueuedWork::Tasks(cursor)) => {
                     let draw = draw_of(work, cursor.draw());
                     match draw.and_then(|draw| cursor.next(longest_chunk(draw))) {
                         Some((workgroups, count)) => jobs.push(Job {
@@ -166,7 +166,7 @@ impl FrontEnd {
                     }
                     continue;
                 }
-                Some(Waiting::Job(job)) => {
+                Some(QueuedWork::Job(job)) => {
                     jobs.push(std::mem::take(job));
                     rounds.waiting.pop_front();
                     continue;
@@ -259,7 +259,7 @@ impl FrontEnd {
                 Expanded::Patches(patches) => patches,
                 Expanded::Tasks(tasks) => {
                     let cursor = TaskCursor::new(tasks);
-                    rounds.waiting.push_back(Waiting::Tasks(cursor));
+                    rounds.waiting.push_back(QueuedWork::Tasks(cursor));
                     continue;
                 }
             };
@@ -268,7 +268,7 @@ impl FrontEnd {
             };
             let most = longest_chunk(draw).min(CHUNK_PRIMITIVES as u32);
             patches::cut(&Arc::new(patches), most, |pieces, primitives| {
-                rounds.waiting.push_back(Waiting::Job(Job {
+                rounds.waiting.push_back(QueuedWork::Job(Job {
                     pieces: Some(pieces),
                     primitives,
                     amplifies: draw.stages.geometry().is_some(),
@@ -276,7 +276,7 @@ impl FrontEnd {
                 }));
             });
         }
-        rounds.waiting.extend(after.map(Waiting::Job));
+        rounds.waiting.extend(after.map(QueuedWork::Job));
         Ok(())
     }
 

@@ -191,7 +191,7 @@ fn place(rows: usize, offset: u32) -> Option<(usize, u32)> {
 }
 
 /// The patches that a control program runs for.
-pub struct Input<'a> {
+pub struct ControlInput<'a> {
     /// Outputs of the vertices, one behind the other.
     pub words: &'a [u32],
     /// The vertices of all patches, as many each.
@@ -246,7 +246,7 @@ impl<'a> Control<'a> {
         runner: &mut Runner,
         environment: &Environment,
         limits: &Limits,
-        input: &Input<'_>,
+        input: &ControlInput<'_>,
         draw: u32,
     ) -> Result<Patches, Stopped> {
         let mut made = Patches {
@@ -296,7 +296,7 @@ impl<'a> Control<'a> {
         state: &mut [AlignedRow],
         subgroup: usize,
         patches: &[Assembled],
-        input: &Input<'_>,
+        input: &ControlInput<'_>,
     ) {
         let vertices = self.facts.vertices as usize;
         let first = subgroup * SUBGROUP_SIZE;
@@ -324,7 +324,13 @@ impl<'a> Control<'a> {
     }
 
     /// Fills the memory of a patch with the outputs of its vertices.
-    fn fill(&self, memory: &mut [AlignedRow], patch: usize, of_patch: usize, input: &Input<'_>) {
+    fn fill(
+        &self,
+        memory: &mut [AlignedRow],
+        patch: usize,
+        of_patch: usize,
+        input: &ControlInput<'_>,
+    ) {
         let base = patch as u32 * self.facts.patch_bytes;
         let points = input.points as usize;
         let corners = &input.corners[of_patch * points..][..points];
@@ -449,7 +455,7 @@ pub fn list(
 
 /// The source of an input row.
 #[derive(Clone, Copy)]
-enum Fill {
+enum PatchRowSource {
     /// A word of the patch.
     Word(usize),
     Coordinate(usize),
@@ -460,7 +466,7 @@ enum Fill {
 
 /// An evaluation program behind a control program.
 pub struct Evaluation {
-    fills: Vec<Fill>,
+    fills: Vec<PatchRowSource>,
     /// Words of a patch.
     stride: usize,
     inputs: usize,
@@ -475,15 +481,19 @@ impl Evaluation {
         let fill = |row: &InputRow| match *row {
             InputRow::Varying(varying) => {
                 match layout.find(varying.output(), varying.vertex().into()) {
-                    Some(word) => Fill::Word(word),
-                    None => Fill::Constant(0),
+                    Some(word) => PatchRowSource::Word(word),
+                    None => PatchRowSource::Constant(0),
                 }
             }
-            InputRow::Builtin(Builtin::TessCoord, index) => Fill::Coordinate(index.into()),
-            InputRow::Builtin(Builtin::PrimitiveId, _) => Fill::PrimitiveId,
-            InputRow::Builtin(Builtin::PatchVertices, _) => Fill::Constant(facts.vertices),
-            InputRow::Builtin(Builtin::ViewIndex, _) => Fill::View,
-            _ => Fill::Constant(0),
+            InputRow::Builtin(Builtin::TessCoord, index) => {
+                PatchRowSource::Coordinate(index.into())
+            }
+            InputRow::Builtin(Builtin::PrimitiveId, _) => PatchRowSource::PrimitiveId,
+            InputRow::Builtin(Builtin::PatchVertices, _) => {
+                PatchRowSource::Constant(facts.vertices)
+            }
+            InputRow::Builtin(Builtin::ViewIndex, _) => PatchRowSource::View,
+            _ => PatchRowSource::Constant(0),
         };
         Some(Self {
             fills: program.inputs().iter().map(fill).collect(),
@@ -499,17 +509,19 @@ impl Evaluation {
         for (row, fill) in rows.iter_mut().zip(&self.fills) {
             let row = row.0.iter_mut().zip(vertices);
             match *fill {
-                Fill::Word(word) => row.for_each(|(to, vertex)| {
+                PatchRowSource::Word(word) => row.for_each(|(to, vertex)| {
                     *to = from.words[vertex.patch as usize * self.stride + word];
                 }),
-                Fill::Coordinate(index) => {
+                PatchRowSource::Coordinate(index) => {
                     row.for_each(|(to, vertex)| *to = vertex.coordinate[index.min(2)].to_bits());
                 }
-                Fill::PrimitiveId => row.for_each(|(to, it)| *to = patch(it).primitive_id),
-                Fill::View => row.for_each(|(to, vertex)| {
+                PatchRowSource::PrimitiveId => {
+                    row.for_each(|(to, it)| *to = patch(it).primitive_id)
+                }
+                PatchRowSource::View => row.for_each(|(to, vertex)| {
                     *to = from.commons[patch(vertex).common as usize].view;
                 }),
-                Fill::Constant(word) => row.for_each(|(to, _)| *to = word),
+                PatchRowSource::Constant(word) => row.for_each(|(to, _)| *to = word),
             }
         }
     }

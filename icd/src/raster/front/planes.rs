@@ -4,7 +4,7 @@
 #![forbid(unsafe_code)]
 
 use super::screen::{Clip, PIXEL, Screen, ScreenVertex};
-use crate::raster::primitive::Plane;
+use crate::raster::primitive::PlaneEquation;
 
 /// A value at the centre of the origin's pixel, and its change a pixel to the right and a pixel
 /// down.
@@ -44,8 +44,8 @@ impl Wide {
     }
 
     #[inline(always)]
-    pub fn narrow(self) -> Plane {
-        Plane {
+    pub fn narrow(self) -> PlaneEquation {
+        PlaneEquation {
             at: self.at as f32,
             dx: self.dx as f32,
             dy: self.dy as f32,

@@ -1,6 +1,6 @@
 //! Vertices of a subgroup put on the screen together.
 
-use lanes::Tier;
+use lanes::{Row, Tier};
 use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::program::AlignedRow;
 
@@ -15,9 +15,6 @@ pub struct Projection<'a> {
     pub volume: &'a Volume,
     pub places: &'a OutputPlaces,
 }
-
-/// Words of a subgroup.
-type Row = [u32; SUBGROUP_SIZE];
 
 lanes::vectors! {
     /// Puts the vertices of a subgroup on the screen, by their positions' rows.

@@ -6,7 +6,7 @@ use super::clip::{self, MAX_CLIP_DISTANCES};
 use super::facts::Facts;
 use super::planes::{Planes, Wide};
 use super::screen::{Clip, ScreenVertex};
-use crate::raster::primitive::{Bounds, Chunk, Edge, Plane, Record};
+use crate::raster::primitive::{Bounds, Chunk, Edge, PlaneEquation, Record};
 
 /// The facts of a primitive that set-up needs besides its vertices.
 #[derive(Clone, Copy, Debug, Default)]
@@ -71,7 +71,7 @@ pub fn is_empty(bounds: &Bounds) -> bool {
 }
 
 #[inline(always)]
-fn narrow([a, b, c]: &[Wide; 3]) -> [Plane; 3] {
+fn narrow([a, b, c]: &[Wide; 3]) -> [PlaneEquation; 3] {
     [a.narrow(), b.narrow(), c.narrow()]
 }
 

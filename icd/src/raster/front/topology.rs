@@ -23,36 +23,36 @@ pub struct Assembled {
 
 /// The kind of a primitive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
+pub enum PrimitiveKind {
     Point,
     Line,
     Triangle,
 }
 
-impl Kind {
+impl PrimitiveKind {
     /// Vertices of a primitive.
     pub fn corners(self) -> usize {
         match self {
-            Kind::Point => 1,
-            Kind::Line => 2,
-            Kind::Triangle => 3,
+            PrimitiveKind::Point => 1,
+            PrimitiveKind::Line => 2,
+            PrimitiveKind::Triangle => 3,
         }
     }
 }
 
 /// The kind of a topology's primitives; none for topologies of unsupported stages.
-pub fn kind(topology: Topology) -> Option<Kind> {
+pub fn kind(topology: Topology) -> Option<PrimitiveKind> {
     match topology {
-        Topology::POINT_LIST => Some(Kind::Point),
+        Topology::POINT_LIST => Some(PrimitiveKind::Point),
         Topology::LINE_LIST
         | Topology::LINE_STRIP
         | Topology::LINE_LIST_WITH_ADJACENCY
-        | Topology::LINE_STRIP_WITH_ADJACENCY => Some(Kind::Line),
+        | Topology::LINE_STRIP_WITH_ADJACENCY => Some(PrimitiveKind::Line),
         Topology::TRIANGLE_LIST
         | Topology::TRIANGLE_STRIP
         | Topology::TRIANGLE_FAN
         | Topology::TRIANGLE_LIST_WITH_ADJACENCY
-        | Topology::TRIANGLE_STRIP_WITH_ADJACENCY => Some(Kind::Triangle),
+        | Topology::TRIANGLE_STRIP_WITH_ADJACENCY => Some(PrimitiveKind::Triangle),
         _ => None,
     }
 }
@@ -140,7 +140,10 @@ pub fn corners(
                 (_, true) => ([a, before, b, side, c, after], 6),
             }
         }
-        _ => ([a, b, c, 0, 0, 0], kind(topology).map_or(0, Kind::corners)),
+        _ => (
+            [a, b, c, 0, 0, 0],
+            kind(topology).map_or(0, PrimitiveKind::corners),
+        ),
     }
 }
 
@@ -164,8 +167,8 @@ pub fn run(topology: Topology, primitives: &Range<u32>) -> Option<Range<u32>> {
 #[inline]
 pub fn provoking(topology: Topology, last: bool) -> u8 {
     match (kind(topology), last) {
-        (_, false) | (Some(Kind::Point) | None, _) => 0,
-        (Some(Kind::Line), true) => 1,
-        (Some(Kind::Triangle), true) => 2,
+        (_, false) | (Some(PrimitiveKind::Point) | None, _) => 0,
+        (Some(PrimitiveKind::Line), true) => 1,
+        (Some(PrimitiveKind::Triangle), true) => 2,
     }
 }

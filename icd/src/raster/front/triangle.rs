@@ -12,11 +12,11 @@ use super::set_up::{Corners, Primitive, SetUp, edge, is_empty};
 use crate::raster::primitive::{Bounds, Coverage, Edge, Shape};
 
 /// A place on the screen in fixed point.
-type Place = [i32; 2];
+type FixedPoint = [i32; 2];
 
 /// Twice the area; positive if the vertices go round clockwise (y is down).
 #[inline(always)]
-fn area(a: Place, b: Place, c: Place) -> i64 {
+fn area(a: FixedPoint, b: FixedPoint, c: FixedPoint) -> i64 {
     let difference = |p: i32, q: i32| i64::from(p) - i64::from(q);
     difference(b[0], a[0]) * difference(c[1], a[1])
         - difference(c[0], a[0]) * difference(b[1], a[1])
@@ -24,7 +24,7 @@ fn area(a: Place, b: Place, c: Place) -> i64 {
 
 /// The pixels that samples of a triangle can be in.
 #[inline(always)]
-fn around(places: [Place; 3], centers_only: bool) -> Bounds {
+fn around(places: [FixedPoint; 3], centers_only: bool) -> Bounds {
     let [a, b, c] = places;
     let least = |i: usize| a[i].min(b[i]).min(c[i]);
     let greatest = |i: usize| a[i].max(b[i]).max(c[i]);
@@ -40,8 +40,8 @@ fn around(places: [Place; 3], centers_only: bool) -> Bounds {
 
 /// The edges of a triangle with positive or negative area.
 #[inline(always)]
-fn edges(places: [Place; 3], is_positive: bool) -> [Edge; 4] {
-    let side = |from: Place, to: Place| {
+fn edges(places: [FixedPoint; 3], is_positive: bool) -> [Edge; 4] {
+    let side = |from: FixedPoint, to: FixedPoint| {
         let sign = if is_positive { 1 } else { -1 };
         let a = (from[1] - to[1]) * sign;
         let b = (to[0] - from[0]) * sign;
@@ -162,7 +162,7 @@ impl SetUp<'_> {
             &facts.volume,
         );
         self.clipped += u64::from(polygon.len() >= 3);
-        let places: smallvec::SmallVec<[Place; 24]> = polygon
+        let places: smallvec::SmallVec<[FixedPoint; 24]> = polygon
             .iter()
             .map(|vertex| clip::snap(&screen, &vertex.position))
             .collect();
@@ -242,7 +242,7 @@ impl SetUp<'_> {
 }
 
 /// The pixels that samples of a polygon can be in.
-fn hull(places: &[Place], centers_only: bool) -> Bounds {
+fn hull(places: &[FixedPoint], centers_only: bool) -> Bounds {
     let range = |axis: usize| {
         let values = || places.iter().map(|place| place[axis]);
         (

@@ -6,7 +6,7 @@ use lanes::vector::Vector;
 
 use super::blend::Range;
 use super::lanes::{load_words, numbers, rows_of, words};
-use super::texels::Words;
+use super::texels::TexelWords;
 use crate::object::graphics_state::{AdvancedBlend, BlendAttachment};
 
 /// Whether an operation is an advanced one.
@@ -22,9 +22,9 @@ lanes::vectors! {
         state: &BlendAttachment,
         range: Range,
         step: f32,
-        source: &Words,
-        destination: &Words,
-    ) -> Words {
+        source: &TexelWords,
+        destination: &TexelWords,
+    ) -> TexelWords {
         let source = range.clamp_colors(v, &numbers(v, &load_words(v, source)));
         let destination = range.clamp_colors(v, &numbers(v, &load_words(v, destination)));
         let modes = Modes { v, step };
@@ -48,7 +48,7 @@ struct Modes<V> {
 }
 
 /// Weights of the parts of a pixel that both colours cover, only the source, only the destination.
-type Weights<F> = [F; 3];
+type OverlapWeights<F> = [F; 3];
 
 impl<V: Vector> Modes<V> {
     #[inline(always)]
@@ -121,7 +121,7 @@ impl<V: Vector> Modes<V> {
     }
 
     #[inline(always)]
-    fn weighted(self, weights: &Weights<V::F>, both: V::F, s: V::F, d: V::F) -> V::F {
+    fn weighted(self, weights: &OverlapWeights<V::F>, both: V::F, s: V::F, d: V::F) -> V::F {
         let v = self.v;
         let covered = v.add(v.mul(both, weights[0]), v.mul(s, weights[1]));
         v.add(covered, v.mul(d, weights[2]))
@@ -154,7 +154,7 @@ impl<V: Vector> Modes<V> {
     }
 
     #[inline(always)]
-    fn weights(self, overlap: BlendOverlapEXT, s: V::F, d: V::F) -> Weights<V::F> {
+    fn weights(self, overlap: BlendOverlapEXT, s: V::F, d: V::F) -> OverlapWeights<V::F> {
         let (v, zero) = (self.v, self.number(0.0));
         match overlap {
             BlendOverlapEXT::CONJOINT => [

@@ -3,7 +3,7 @@
 use ash::vk::{BlendFactor, BlendOp, LogicOp};
 use lanes::vector::Vector;
 
-use super::texels::Words;
+use super::texels::TexelWords;
 use crate::object::graphics_state::BlendAttachment;
 
 /// The numbers of a fixed-point format, to which everything is clamped before blending.
@@ -226,7 +226,7 @@ pub fn operate(op: LogicOp, source: u32, destination: u32) -> u32 {
 }
 
 /// A logical operation on texels' words.
-pub fn operate_words(op: LogicOp, source: &Words, destination: &Words) -> Words {
+pub fn operate_words(op: LogicOp, source: &TexelWords, destination: &TexelWords) -> TexelWords {
     let mut words = *source;
     for (row, destination) in words.iter_mut().zip(destination) {
         for (word, destination) in row.iter_mut().zip(destination) {

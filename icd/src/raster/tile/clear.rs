@@ -45,15 +45,15 @@ fn inside(rect: &vk::ClearRect, area: &vk::Rect2D, bounds: Option<&Bounds>) -> O
             bottom: end(rect.offset.y, rect.extent.height),
         }
     };
-    let mut inside = meet(&ends(&rect.rect), &ends(area));
+    let mut inside = intersect(&ends(&rect.rect), &ends(area));
     if let Some(bounds) = bounds {
-        inside = meet(&inside, bounds);
+        inside = intersect(&inside, bounds);
     }
     (inside.left < inside.right && inside.top < inside.bottom).then_some(inside)
 }
 
 /// Intersection of two bounds.
-pub fn meet(a: &Bounds, b: &Bounds) -> Bounds {
+pub fn intersect(a: &Bounds, b: &Bounds) -> Bounds {
     Bounds {
         left: a.left.max(b.left),
         top: a.top.max(b.top),

@@ -35,9 +35,9 @@ pub struct Coarse {
     state: ShadingRate,
     samples: u32,
     /// The place of primitives' rates in the outputs of the stage before.
-    primitive: Option<Place>,
+    primitive: Option<RateWord>,
     attachment: Option<Target>,
-    pub kinds: SmallVec<[Kind; 1]>,
+    pub kinds: SmallVec<[RateGroup; 1]>,
     /// Inputs depend on coverage.
     has_coverage: bool,
     /// And on that before the early tests.
@@ -45,19 +45,19 @@ pub struct Coarse {
 }
 
 /// Fragments of one size.
-pub struct Kind {
+pub struct RateGroup {
     pub rate: Rate,
     pub inputs: Inputs,
 }
 
 /// A word of the provoking vertex, or one that a mesh program gave to the primitive.
 #[derive(Clone, Copy)]
-enum Place {
+enum RateWord {
     OfVertex(u32),
     OfPrimitive(u32),
 }
 
-impl Place {
+impl RateWord {
     fn new(before: &Program) -> Option<Self> {
         let mut outputs = before.outputs().iter();
         let word = outputs.position(|row| *row == OutputRow::ShadingRate)? as u32;
@@ -91,7 +91,7 @@ impl Coarse {
     ) -> Option<Self> {
         let state = draw.state.shading_rate;
         let [primitive, attachment] = state.uses();
-        let primitive = (draw.stages.last().filter(|_| primitive)).and_then(Place::new);
+        let primitive = (draw.stages.last().filter(|_| primitive)).and_then(RateWord::new);
         let attachment = targets.rates.filter(|_| attachment);
         let one = Rate::default();
         let fixed = state.at(state.of_primitive(one), one, samples);
@@ -104,11 +104,11 @@ impl Coarse {
         let has_samples = |rate: &Rate| rate.samples().as_raw() & samples != 0;
         let rates = RATES.into_iter().filter(has_samples);
         let rates = rates.filter(|&rate| varies || rate == fixed);
-        let kind = |rate| Kind {
+        let kind = |rate| RateGroup {
             rate,
             inputs: inputs(rate),
         };
-        let kinds: SmallVec<[Kind; 1]> = rates.map(kind).collect();
+        let kinds: SmallVec<[RateGroup; 1]> = rates.map(kind).collect();
         let has_coverage = kinds.iter().any(|kind| kind.inputs.see_coverage());
         Some(Self {
             state,

@@ -10,7 +10,7 @@ use spirv_jit::program::AlignedRow;
 use super::advanced::blend_advanced;
 use super::blend::{Over, Range, operate_words};
 use super::lanes::{load_words, numbers, rows_of, words};
-use super::texels::{Places, Words, load, load_word, store, store_word};
+use super::texels::{Places, TexelWords, load, load_word, store, store_word};
 use crate::object::graphics_state::{BlendAttachment, GraphicsState};
 use crate::raster::Target;
 
@@ -26,7 +26,7 @@ const SECOND: [BlendFactor; 4] = [
 ];
 
 /// Output rows of a colour, by component; none for what the program does not write.
-pub type Rows = [Option<usize>; 4];
+pub type ComponentRows = [Option<usize>; 4];
 
 /// How colours become texels.
 #[derive(Clone, Copy)]
@@ -55,8 +55,8 @@ pub(super) struct Bytes {
 pub struct Color {
     tier: Tier,
     pub target: Target,
-    pub source: Rows,
-    pub second: Rows,
+    pub source: ComponentRows,
+    pub second: ComponentRows,
     /// Factors of blending ask for the second colour.
     pub has_second: bool,
     pub(super) blend: Option<BlendAttachment>,
@@ -73,13 +73,13 @@ pub struct Color {
 }
 
 lanes::vectors! {
-    fn encode_rows<V>(v, info: &FormatInfo, rows: &Words) -> Words {
+    fn encode_rows<V>(v, info: &FormatInfo, rows: &TexelWords) -> TexelWords {
         rows_of(v, &encode_words(v, info, &load_words(v, rows)))
     }
 }
 
 lanes::vectors! {
-    fn decode_rows<V>(v, info: &FormatInfo, rows: &Words) -> Words {
+    fn decode_rows<V>(v, info: &FormatInfo, rows: &TexelWords) -> TexelWords {
         rows_of(v, &decode_words(v, info, &load_words(v, rows)))
     }
 }
@@ -138,8 +138,8 @@ pub(super) fn color(
     target: &Target,
     state: &GraphicsState,
     attachment: usize,
-    source: Rows,
-    second: Rows,
+    source: ComponentRows,
+    second: ComponentRows,
 ) -> Option<Color> {
     let blend = &state.blend.attachments[attachment];
     let info = target.surface.format;
@@ -340,7 +340,12 @@ impl Color {
     }
 
     #[inline(always)]
-    pub(super) fn rows<V: Vector>(&self, v: V, places: &Rows, rows: &[AlignedRow]) -> [V::I; 4] {
+    pub(super) fn rows<V: Vector>(
+        &self,
+        v: V,
+        places: &ComponentRows,
+        rows: &[AlignedRow],
+    ) -> [V::I; 4] {
         // One by one: a loop would keep them in memory.
         let colors = [
             component(v, places[0], rows),

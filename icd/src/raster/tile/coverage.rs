@@ -90,11 +90,11 @@ impl Covered {
 }
 
 /// Steps of edges inside a tile that 32 bits hold: 63 of `|a| + |b|` and a constant of
-/// [`Word::LIMIT`].
+/// [`EdgeInteger::LIMIT`].
 pub const NARROW: u64 = 1 << 24;
 
 /// An integer for edges.
-trait Word: Copy + Ord + Add<Output = Self> + Mul<Output = Self> + BitOr<Output = Self> {
+trait EdgeInteger: Copy + Ord + Add<Output = Self> + Mul<Output = Self> + BitOr<Output = Self> {
     /// Constants beyond it are the same to a tile.
     const LIMIT: i64;
 
@@ -103,7 +103,7 @@ trait Word: Copy + Ord + Add<Output = Self> + Mul<Output = Self> + BitOr<Output 
     fn negative(row: &[Self; 16]) -> u16;
 }
 
-impl Word for i32 {
+impl EdgeInteger for i32 {
     const LIMIT: i64 = (1 << 30) - 1;
 
     #[inline(always)]
@@ -117,7 +117,7 @@ impl Word for i32 {
     }
 }
 
-impl Word for i64 {
+impl EdgeInteger for i64 {
     const LIMIT: i64 = 1 << 60;
 
     #[inline(always)]
@@ -146,7 +146,7 @@ fn at_corner(edge: &Edge, corner: [i64; 2]) -> i64 {
 
 /// Its constant for a sample, as far as a tile tells it.
 #[inline(always)]
-fn at_sample<W: Word>(edge: &Edge, at_corner: i64, location: Location) -> i64 {
+fn at_sample<W: EdgeInteger>(edge: &Edge, at_corner: i64, location: Location) -> i64 {
     let [x, y] = fixed_point(location).map(i64::from);
     let inside = i64::from(edge.a) * x + i64::from(edge.b) * y;
     (at_corner.wrapping_add(inside) >> 8).clamp(-W::LIMIT, W::LIMIT)
@@ -154,7 +154,7 @@ fn at_sample<W: Word>(edge: &Edge, at_corner: i64, location: Location) -> i64 {
 
 /// An edge in a tile.
 #[derive(Clone, Copy)]
-struct Side<W> {
+struct TileEdge<W> {
     a: W,
     b: W,
     /// By sample.
@@ -166,7 +166,7 @@ struct Side<W> {
     blocks: [W; 16],
 }
 
-impl<W: Word> Side<W> {
+impl<W: EdgeInteger> TileEdge<W> {
     #[inline(always)]
     fn new(edge: &Edge, corner: [i64; 2], locations: &[Location]) -> Self {
         let (a, b) = (i64::from(edge.a), i64::from(edge.b));
@@ -217,7 +217,13 @@ fn cells(columns: [i32; 2], rows: [i32; 2]) -> u16 {
 /// Of sixteen squares of `size` pixels from (x, y) on: those that are touched, and those whose
 /// samples are all covered.
 #[inline(always)]
-fn cells_of<W: Word>(sides: &[Side<W>], clip: &Bounds, x: i32, y: i32, size: i32) -> (u16, u16) {
+fn cells_of<W: EdgeInteger>(
+    sides: &[TileEdge<W>],
+    clip: &Bounds,
+    x: i32,
+    y: i32,
+    size: i32,
+) -> (u16, u16) {
     let zero = W::from_wide(0);
     let (step, last) = (W::from_wide(size.into()), W::from_wide((size - 1).into()));
     let (mut out, mut partly) = ([zero; 16], [zero; 16]);
@@ -262,7 +268,7 @@ fn inside(clip: &Bounds, x: i32, y: i32) -> u16 {
 
 /// Lanes of the block at (x, y) whose sample lies inside of all sides.
 #[inline(always)]
-fn inside_of<W: Word>(sides: &[Side<W>], x: i32, y: i32, sample: usize) -> u16 {
+fn inside_of<W: EdgeInteger>(sides: &[TileEdge<W>], x: i32, y: i32, sample: usize) -> u16 {
     let mut out = [W::from_wide(0); 16];
     for side in sides {
         let first = side.at(x, y) + side.constants[sample];
@@ -275,8 +281,8 @@ fn inside_of<W: Word>(sides: &[Side<W>], x: i32, y: i32, sample: usize) -> u16 {
 
 /// The covered samples of one block.
 #[inline(always)]
-fn pixels<W: Word>(
-    sides: &[Side<W>],
+fn pixels<W: EdgeInteger>(
+    sides: &[TileEdge<W>],
     clip: &Bounds,
     x: i32,
     y: i32,
@@ -313,7 +319,7 @@ fn next_cell(mask: &mut u16, size: i32) -> Option<(i32, i32, u16)> {
 }
 
 #[inline(always)]
-fn scan_words<W: Word>(
+fn scan_words<W: EdgeInteger>(
     edges: &[Edge],
     corner: [i64; 2],
     clip: &Bounds,
@@ -322,9 +328,9 @@ fn scan_words<W: Word>(
 ) {
     let samples = locations.len() as u32;
     let Covered { squares, blocks } = covered;
-    let mut sides = SmallVec::<[Side<W>; 4]>::new();
+    let mut sides = SmallVec::<[TileEdge<W>; 4]>::new();
     for edge in edges {
-        sides.push(Side::new(edge, corner, locations));
+        sides.push(TileEdge::new(edge, corner, locations));
     }
     let sides = &sides[..];
     let (touched, full) = cells_of(sides, clip, 0, 0, 16);

@@ -5,7 +5,7 @@
 use lanes::vector::Vector;
 use smallvec::SmallVec;
 
-use super::color::{Rows, SourceOver};
+use super::color::{ComponentRows, SourceOver};
 use super::coverage::Covered;
 use super::depth::Tested;
 use super::interpolation::{clamped, depths, interpolate, perspective_weights, plane_at};
@@ -42,15 +42,15 @@ lanes::vectors! {
             }
         }
         let solid = passed.constant.as_ref().or(solid.as_ref());
-        let painter = Painter {
+        let painter = DirectPrimitive {
             v,
             plan,
             part,
             has_program: passed.slopes.is_some(),
             values: &values,
             solid,
-            glaze: match solid {
-                None => glaze_of(v, plan, &values),
+            source_over: match solid {
+                None => source_over_of(v, plan, &values),
                 Some(_) => None,
             },
         };
@@ -61,7 +61,7 @@ lanes::vectors! {
 
 /// The blend of a primitive of one colour over the only attachment, if blending is of that kind.
 #[inline(always)]
-fn glaze_of<V: Vector>(v: V, plan: &Plan<'_>, values: &[Value]) -> Option<SourceOver<V>> {
+fn source_over_of<V: Vector>(v: V, plan: &Plan<'_>, values: &[Value]) -> Option<SourceOver<V>> {
     let ([color], 1) = (&plan.output.colors[..], plan.samples) else {
         return None;
     };
@@ -85,7 +85,7 @@ fn steps_of(places: &Places) -> &'static [Row; 2] {
 }
 
 /// A primitive while it is drawn.
-struct Painter<'a, V: Vector> {
+struct DirectPrimitive<'a, V: Vector> {
     v: V,
     plan: &'a Plan<'a>,
     part: &'a Part<'a>,
@@ -95,10 +95,10 @@ struct Painter<'a, V: Vector> {
     /// The texel of each attachment, where they are the same everywhere in the primitive.
     solid: Option<&'a Texels>,
     /// The blend over the only attachment, if the colour is uniform.
-    glaze: Option<SourceOver<V>>,
+    source_over: Option<SourceOver<V>>,
 }
 
-impl<V: Vector> Painter<'_, V> {
+impl<V: Vector> DirectPrimitive<'_, V> {
     /// # Safety
     /// As [`draw`].
     #[inline(always)]
@@ -130,18 +130,18 @@ impl<V: Vector> Painter<'_, V> {
                 }
             }
         }
-        let glazed = self.glaze.as_ref().filter(|_| plan.tests.is_empty());
-        if let (Some(glaze), [color]) = (glazed, &plan.output.colors[..]) {
+        let source_over = self.source_over.as_ref().filter(|_| plan.tests.is_empty());
+        if let (Some(source_over), [color]) = (source_over, &plan.output.colors[..]) {
             for square in &covered.squares {
                 let pixels = u64::from(square.size) * u64::from(square.size);
                 counts.samples += pixels;
                 counts.invocations += pixels;
                 let place = square.place(part.corner);
                 // SAFETY: the caller's promise: squares lie in the render area.
-                unsafe { self.lay(glaze, &color.target, place, square.size) };
+                unsafe { self.lay(source_over, &color.target, place, square.size) };
             }
         }
-        let squares = match filled.is_some() || glazed.is_some() {
+        let squares = match filled.is_some() || source_over.is_some() {
             true => &[],
             false => &covered.squares[..],
         };
@@ -207,19 +207,19 @@ impl<V: Vector> Painter<'_, V> {
     /// # Safety
     /// As [`draw`], for this square.
     #[inline(always)]
-    unsafe fn lay(&self, glaze: &SourceOver<V>, target: &Target, [x, y]: [i32; 2], size: u8) {
+    unsafe fn lay(&self, source_over: &SourceOver<V>, target: &Target, [x, y]: [i32; 2], size: u8) {
         let (v, surface) = (self.v, &target.surface);
         let slice = target.first_layer + self.part.record.layer;
         let mut row = surface.texel(x as u32, y as u32, slice, 0);
         // A copy, that stays in registers.
-        let glaze = *glaze;
+        let source_over = *source_over;
         for _ in 0..size {
             for across in 0..usize::from(size) / 16 {
                 let texels = row.wrapping_add(64 * across).cast::<Row>();
                 // SAFETY: the caller's promise.
                 unsafe {
                     let old = v.load_i(&texels.read_unaligned());
-                    texels.write_unaligned(row_of(v, glaze.over(v, old)));
+                    texels.write_unaligned(row_of(v, source_over.over(v, old)));
                 }
             }
             row = row.wrapping_add(surface.row_stride_bytes as usize);
@@ -338,11 +338,11 @@ impl<V: Vector> Painter<'_, V> {
             }
             return;
         }
-        if let (Some(glaze), [color]) = (&self.glaze, &plan.output.colors[..]) {
+        if let (Some(source_over), [color]) = (&self.source_over, &plan.output.colors[..]) {
             // SAFETY: the caller's promise.
             unsafe {
                 let old = load_word(v, &color.target, places, 0, masks[0]);
-                let new = glaze.over(v, old);
+                let new = source_over.over(v, old);
                 store_word(v, &color.target, places, 0, masks[0], new);
             }
             return;
@@ -353,7 +353,7 @@ impl<V: Vector> Painter<'_, V> {
             v.to_f(v.add_i(x, v.load_i(&steps[0]))),
             v.to_f(v.add_i(y, v.load_i(&steps[1]))),
         ];
-        let mut weights = Weights {
+        let mut weights = LazyBarycentrics {
             at,
             linear: None,
             perspective: None,
@@ -373,7 +373,7 @@ impl<V: Vector> Painter<'_, V> {
 
     /// Components of sixteen colours.
     #[inline(always)]
-    fn colors(&self, rows: &Rows, weights: &mut Weights<V>) -> [V::I; 4] {
+    fn colors(&self, rows: &ComponentRows, weights: &mut LazyBarycentrics<V>) -> [V::I; 4] {
         // One by one: a loop would keep them in memory.
         [
             self.component(rows[0], weights),
@@ -384,7 +384,7 @@ impl<V: Vector> Painter<'_, V> {
     }
 
     #[inline(always)]
-    fn component(&self, place: Option<usize>, weights: &mut Weights<V>) -> V::I {
+    fn component(&self, place: Option<usize>, weights: &mut LazyBarycentrics<V>) -> V::I {
         let v = self.v;
         let Some(place) = place else {
             return v.splat_i(0);
@@ -406,14 +406,14 @@ impl<V: Vector> Painter<'_, V> {
 }
 
 /// Barycentric coordinates of the second and third vertex in sixteen pixels, once they are known.
-struct Weights<V: Vector> {
+struct LazyBarycentrics<V: Vector> {
     /// From the record's origin on.
     at: [V::F; 2],
     linear: Option<[V::F; 2]>,
     perspective: Option<[V::F; 2]>,
 }
 
-impl<V: Vector> Weights<V> {
+impl<V: Vector> LazyBarycentrics<V> {
     #[inline(always)]
     fn of(&mut self, v: V, record: &Record, perspective: bool) -> [V::F; 2] {
         let perspective = perspective && !record.is_affine;

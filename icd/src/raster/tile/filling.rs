@@ -3,11 +3,11 @@
 use lanes::vector::Vector;
 use spirv_jit::program::{AlignedRow, Position};
 
-use super::inputs::{Fill, Fragments, Inputs, Steps, Weights};
+use super::inputs::{BarycentricMode, Fragments, InputRowSource, Inputs, Steps};
 use super::interpolation::{interpolate, perspective_weights};
 use super::lanes::{Row, lanes_of};
 use super::samples::from_center;
-use crate::raster::primitive::{Plane, Record};
+use crate::raster::primitive::{PlaneEquation, Record};
 
 impl Inputs {
     /// Fills the input rows of a subgroup of one primitive, with its [`Self::steps`]; or some of
@@ -42,7 +42,7 @@ struct Filling<'a, V: Vector, const UNIFORM: bool> {
     steps: &'a [[f32; 3]],
     /// The lanes that are filled.
     lanes: u16,
-    /// By index of [`Weights`]: the coordinates of the second and third vertex, once they are
+    /// By index of [`BarycentricMode`]: the coordinates of the second and third vertex, once they are
     /// known.
     weights: [Option<[V::F; 2]>; 6],
 }
@@ -167,7 +167,7 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
     }
 
     #[inline(always)]
-    fn plane(&self, [x, y]: [V::F; 2], plane: impl Fn(&Record) -> Plane) -> V::F {
+    fn plane(&self, [x, y]: [V::F; 2], plane: impl Fn(&Record) -> PlaneEquation) -> V::F {
         let v = self.v;
         let at = self.number_of_records(|record| plane(record).at);
         let dx = self.number_of_records(|record| plane(record).dx);
@@ -213,7 +213,7 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
 
     /// Barycentric coordinates of the second and third vertex.
     #[inline(always)]
-    fn weights(&mut self, weights: Weights) -> [V::F; 2] {
+    fn weights(&mut self, weights: BarycentricMode) -> [V::F; 2] {
         if let Some(known) = self.weights[weights.index()] {
             return known;
         }
@@ -254,7 +254,7 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
         let weights = self.weights(common);
         for (index, (row, fill)) in rows.iter_mut().zip(&inputs.fills).enumerate() {
             let words = match *fill {
-                Fill::Varying(word, _) => self.varying(index, word, weights),
+                InputRowSource::Varying(word, _) => self.varying(index, word, weights),
                 _ => self.row(index, fill),
             };
             self.put(words, row);
@@ -287,24 +287,24 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
     }
 
     #[inline(always)]
-    fn row(&mut self, index: usize, fill: &Fill) -> V::I {
+    fn row(&mut self, index: usize, fill: &InputRowSource) -> V::I {
         let v = self.v;
         let position = self.inputs.position;
         let fragments = self.fragments;
         match *fill {
-            Fill::Constant(word) => v.splat_i(word as i32),
-            Fill::Flat(word) => {
+            InputRowSource::Constant(word) => v.splat_i(word as i32),
+            InputRowSource::Flat(word) => {
                 self.of_vertices(word, |it| it.vertices[usize::from(it.provoking.min(2))])
             }
-            Fill::PerVertex(word, vertex) => {
+            InputRowSource::PerVertex(word, vertex) => {
                 self.of_vertices(word, |record| record.vertices[vertex])
             }
-            Fill::OfPrimitive(word) => self.of_vertices(word, |record| record.words),
-            Fill::Varying(word, weights) => {
+            InputRowSource::OfPrimitive(word) => self.of_vertices(word, |record| record.words),
+            InputRowSource::Varying(word, weights) => {
                 let weights = self.weights(weights);
                 self.varying(index, word, weights)
             }
-            Fill::Barycentric(vertex, weights) => {
+            InputRowSource::Barycentric(vertex, weights) => {
                 let [second, third] = self.weights(weights);
                 v.bits_of(match vertex {
                     0 => v.sub(v.sub(v.splat(1.0), second), third),
@@ -312,36 +312,36 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
                     _ => third,
                 })
             }
-            Fill::CoordX => self.coordinate(&fragments.x, 0),
-            Fill::CoordY => self.coordinate(&fragments.y, 1),
-            Fill::Depth => {
+            InputRowSource::CoordX => self.coordinate(&fragments.x, 0),
+            InputRowSource::CoordY => self.coordinate(&fragments.y, 1),
+            InputRowSource::Depth => {
                 let at = self.coordinates(position);
                 v.bits_of(self.plane(at, |record| record.depth))
             }
-            Fill::InverseW => {
+            InputRowSource::InverseW => {
                 let at = self.coordinates(position);
                 v.bits_of(self.inverse_w(at))
             }
-            Fill::PointCoord(axis) => {
+            InputRowSource::PointCoord(axis) => {
                 let at = self.coordinates(position);
                 v.bits_of(self.plane(at, |record| record.point_coord[axis]))
             }
-            Fill::SampleId => {
+            InputRowSource::SampleId => {
                 let [a, b, c, d] = fragments.sample;
                 v.quads(&[a.into(), b.into(), c.into(), d.into()])
             }
-            Fill::SamplePosition(axis) => {
+            InputRowSource::SamplePosition(axis) => {
                 let inside = self.inside_pixel(position);
                 v.bits_of(v.add(v.splat(0.5), inside[axis]))
             }
-            Fill::SampleMask => v.load_i(&self.sample_mask()),
-            Fill::Front => self.of_records(|record| u32::from(record.front)),
-            Fill::Layer => self.of_records(|record| record.layer),
-            Fill::Viewport => self.of_records(|record| record.viewport),
-            Fill::Primitive => self.of_records(|record| record.primitive_id),
-            Fill::View => self.of_records(|record| record.view_index),
-            Fill::SampleLocations(axis) => v.splat_i(self.inputs.packed[axis] as i32),
-            Fill::Planes(perspective, index) => self.planes(perspective, index),
+            InputRowSource::SampleMask => v.load_i(&self.sample_mask()),
+            InputRowSource::Front => self.of_records(|record| u32::from(record.front)),
+            InputRowSource::Layer => self.of_records(|record| record.layer),
+            InputRowSource::Viewport => self.of_records(|record| record.viewport),
+            InputRowSource::Primitive => self.of_records(|record| record.primitive_id),
+            InputRowSource::View => self.of_records(|record| record.view_index),
+            InputRowSource::SampleLocations(axis) => v.splat_i(self.inputs.packed[axis] as i32),
+            InputRowSource::Planes(perspective, index) => self.planes(perspective, index),
         }
     }
 

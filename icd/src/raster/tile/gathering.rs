@@ -5,7 +5,7 @@ use super::coverage::Covered;
 use super::pack::Found;
 use super::passed::Part;
 use super::samples::MAX_SAMPLES;
-use super::visit::{Current, Visit, Worker};
+use super::visit::{Current, TileWorker, Visit};
 use crate::wave::Stopped;
 
 impl<'a> Visit<'a> {
@@ -36,7 +36,7 @@ impl<'a> Visit<'a> {
             part.record,
             &mut covered.blocks,
         );
-        let Worker {
+        let TileWorker {
             gather, coverage, ..
         } = &mut *self.worker;
         gather.add(coarse, part, covered, coverage);
@@ -86,7 +86,7 @@ impl<'a> Visit<'a> {
                 masks: &masks,
                 coverage: &masks,
             };
-            let Worker { gather, packs, .. } = &mut *self.worker;
+            let TileWorker { gather, packs, .. } = &mut *self.worker;
             gather.pack(coarse, block, &found, packs);
             if packs.packs.len() >= fragment.subgroups {
                 self.run_wave()?;

@@ -13,7 +13,7 @@ use crate::raster::primitive::Record;
 
 /// One row of inputs.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Fill {
+pub(super) enum InputRowSource {
     Constant(u32),
     /// A word of the provoking vertex, or of vertex 0 to 2.
     Flat(u32),
@@ -21,8 +21,8 @@ pub(super) enum Fill {
     /// A word that a mesh program gave to the primitive.
     OfPrimitive(u32),
     /// A word's interpolation.
-    Varying(u32, Weights),
-    Barycentric(usize, Weights),
+    Varying(u32, BarycentricMode),
+    Barycentric(usize, BarycentricMode),
     /// x or y of the fragment.
     CoordX,
     CoordY,
@@ -44,12 +44,12 @@ pub(super) enum Fill {
 
 /// Which barycentric coordinates.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Weights {
+pub(super) struct BarycentricMode {
     pub(super) perspective: bool,
     pub(super) position: Position,
 }
 
-impl Weights {
+impl BarycentricMode {
     pub(super) fn index(self) -> usize {
         let position = match self.position {
             Position::Center => 0,
@@ -62,9 +62,9 @@ impl Weights {
 
 /// How rows are filled: a program's inputs, or the outputs of one that computes nothing.
 pub struct Inputs {
-    pub(super) fills: Vec<Fill>,
+    pub(super) fills: Vec<InputRowSource>,
     /// The coordinates of the varyings, where all have the same.
-    pub(super) common: Option<Weights>,
+    pub(super) common: Option<BarycentricMode>,
     /// Samples of a fragment.
     pub(super) locations: Locations,
     /// Those of a pixel along each axis, [packed](Locations::packed).
@@ -95,27 +95,27 @@ pub enum Slope {
 }
 
 /// The coordinates of all varyings, if there is one and they are the same.
-fn common(fills: &[Fill]) -> Option<Weights> {
+fn common(fills: &[InputRowSource]) -> Option<BarycentricMode> {
     let mut weights = fills.iter().filter_map(|fill| match *fill {
-        Fill::Varying(_, weights) => Some(weights),
+        InputRowSource::Varying(_, weights) => Some(weights),
         _ => None,
     });
     let first = weights.next()?;
     weights.all(|other| other == first).then_some(first)
 }
 
-fn slope(fill: &Fill) -> Option<Slope> {
+fn slope(fill: &InputRowSource) -> Option<Slope> {
     Some(match *fill {
-        Fill::Constant(word) => Slope::Constant(word),
-        Fill::Flat(word) => Slope::Flat(word),
-        Fill::PerVertex(word, vertex) => Slope::PerVertex(word, vertex),
-        Fill::OfPrimitive(word) => Slope::OfPrimitive(word),
-        Fill::Front => Slope::Front,
-        Fill::Layer => Slope::Layer,
-        Fill::Viewport => Slope::Viewport,
-        Fill::Primitive => Slope::Primitive,
-        Fill::View => Slope::View,
-        Fill::Varying(word, weights) if weights.position == Position::Center => {
+        InputRowSource::Constant(word) => Slope::Constant(word),
+        InputRowSource::Flat(word) => Slope::Flat(word),
+        InputRowSource::PerVertex(word, vertex) => Slope::PerVertex(word, vertex),
+        InputRowSource::OfPrimitive(word) => Slope::OfPrimitive(word),
+        InputRowSource::Front => Slope::Front,
+        InputRowSource::Layer => Slope::Layer,
+        InputRowSource::Viewport => Slope::Viewport,
+        InputRowSource::Primitive => Slope::Primitive,
+        InputRowSource::View => Slope::View,
+        InputRowSource::Varying(word, weights) if weights.position == Position::Center => {
             Slope::Varying(word, weights.perspective)
         }
         _ => return None,
@@ -123,12 +123,12 @@ fn slope(fill: &Fill) -> Option<Slope> {
 }
 
 /// Whether coverage decides what a row is.
-fn sees_coverage(fill: &Fill) -> bool {
+fn sees_coverage(fill: &InputRowSource) -> bool {
     match fill {
-        Fill::Varying(_, weights) | Fill::Barycentric(_, weights) => {
+        InputRowSource::Varying(_, weights) | InputRowSource::Barycentric(_, weights) => {
             weights.position == Position::Centroid
         }
-        Fill::SampleMask => true,
+        InputRowSource::SampleMask => true,
         _ => false,
     }
 }
@@ -183,23 +183,23 @@ impl Inputs {
                 let of_vertex = vertex_words(before);
                 match (word, varying.place) {
                     (Some(word), VaryingPlace::Primitive(_)) => {
-                        Fill::OfPrimitive(word.saturating_sub(of_vertex))
+                        InputRowSource::OfPrimitive(word.saturating_sub(of_vertex))
                     }
                     _ => varying_fill(word, varying.mode, place),
                 }
             }
-            InputRow::Barycentric(it) => Fill::Barycentric(
+            InputRow::Barycentric(it) => InputRowSource::Barycentric(
                 usize::from(it.vertex.min(2)),
-                Weights {
+                BarycentricMode {
                     perspective: it.perspective,
                     position: place(it.position),
                 },
             ),
-            InputRow::Builtin(Builtin::ShadingRate, _) => Fill::Constant(rate.word()),
+            InputRow::Builtin(Builtin::ShadingRate, _) => InputRowSource::Constant(rate.word()),
             InputRow::Builtin(builtin, component) => builtin_fill(builtin, component.into()),
-            _ => Fill::Constant(0),
+            _ => InputRowSource::Constant(0),
         };
-        let fills: Vec<Fill> = fragment.inputs().iter().map(fill).collect();
+        let fills: Vec<InputRowSource> = fragment.inputs().iter().map(fill).collect();
         Self {
             common: common(&fills),
             fills,
@@ -216,12 +216,12 @@ impl Inputs {
     /// Of a program that computes nothing, its outputs instead.
     pub fn passed(&self, outputs: &[Passed]) -> Self {
         let fill = |output: &Passed| match *output {
-            Passed::Constant(word) => Fill::Constant(word),
+            Passed::Constant(word) => InputRowSource::Constant(word),
             Passed::Input(row) => {
-                (self.fills.get(row as usize).copied()).unwrap_or(Fill::Constant(0))
+                (self.fills.get(row as usize).copied()).unwrap_or(InputRowSource::Constant(0))
             }
         };
-        let fills: Vec<Fill> = outputs.iter().map(fill).collect();
+        let fills: Vec<InputRowSource> = outputs.iter().map(fill).collect();
         Self {
             common: common(&fills),
             fills,
@@ -245,7 +245,7 @@ impl Inputs {
         let (record, outputs) = (fragments.records[0], fragments.outputs[0]);
         steps.clear();
         for fill in &self.fills {
-            let Fill::Varying(word, _) = *fill else {
+            let InputRowSource::Varying(word, _) = *fill else {
                 steps.push([0.0; 3]);
                 continue;
             };
@@ -285,45 +285,47 @@ fn varying_fill(
     word: Option<u32>,
     mode: VaryingMode,
     place: impl Fn(Position) -> Position,
-) -> Fill {
+) -> InputRowSource {
     let Some(word) = word else {
-        return Fill::Constant(0);
+        return InputRowSource::Constant(0);
     };
     let weights = |perspective, position| {
-        Fill::Varying(
+        InputRowSource::Varying(
             word,
-            Weights {
+            BarycentricMode {
                 perspective,
                 position: place(position),
             },
         )
     };
     match mode {
-        VaryingMode::Flat => Fill::Flat(word),
-        VaryingMode::PerVertex(vertex) => Fill::PerVertex(word, usize::from(vertex.min(2))),
+        VaryingMode::Flat => InputRowSource::Flat(word),
+        VaryingMode::PerVertex(vertex) => {
+            InputRowSource::PerVertex(word, usize::from(vertex.min(2)))
+        }
         VaryingMode::Smooth(position) => weights(true, position),
         VaryingMode::Linear(position) => weights(false, position),
     }
 }
 
-fn builtin_fill(builtin: Builtin, component: usize) -> Fill {
+fn builtin_fill(builtin: Builtin, component: usize) -> InputRowSource {
     match (builtin, component) {
-        (Builtin::FragCoord, 0) => Fill::CoordX,
-        (Builtin::FragCoord, 1) => Fill::CoordY,
-        (Builtin::FragCoord, 2) => Fill::Depth,
-        (Builtin::FragCoord, _) => Fill::InverseW,
-        (Builtin::FrontFacing, _) => Fill::Front,
-        (Builtin::PointCoord, _) => Fill::PointCoord(component.min(1)),
-        (Builtin::SampleId, _) => Fill::SampleId,
-        (Builtin::SamplePosition, _) => Fill::SamplePosition(component.min(1)),
-        (Builtin::SampleMask, _) => Fill::SampleMask,
-        (Builtin::Layer | Builtin::AttachmentLayer, _) => Fill::Layer,
-        (Builtin::ViewportIndex, _) => Fill::Viewport,
-        (Builtin::PrimitiveId, _) => Fill::Primitive,
-        (Builtin::ViewIndex, _) => Fill::View,
-        (Builtin::SampleLocations, _) => Fill::SampleLocations(component.min(1)),
-        (Builtin::PerspectivePlanes, _) => Fill::Planes(true, component.min(8)),
-        (Builtin::LinearPlanes, _) => Fill::Planes(false, component.min(8)),
-        _ => Fill::Constant(0),
+        (Builtin::FragCoord, 0) => InputRowSource::CoordX,
+        (Builtin::FragCoord, 1) => InputRowSource::CoordY,
+        (Builtin::FragCoord, 2) => InputRowSource::Depth,
+        (Builtin::FragCoord, _) => InputRowSource::InverseW,
+        (Builtin::FrontFacing, _) => InputRowSource::Front,
+        (Builtin::PointCoord, _) => InputRowSource::PointCoord(component.min(1)),
+        (Builtin::SampleId, _) => InputRowSource::SampleId,
+        (Builtin::SamplePosition, _) => InputRowSource::SamplePosition(component.min(1)),
+        (Builtin::SampleMask, _) => InputRowSource::SampleMask,
+        (Builtin::Layer | Builtin::AttachmentLayer, _) => InputRowSource::Layer,
+        (Builtin::ViewportIndex, _) => InputRowSource::Viewport,
+        (Builtin::PrimitiveId, _) => InputRowSource::Primitive,
+        (Builtin::ViewIndex, _) => InputRowSource::View,
+        (Builtin::SampleLocations, _) => InputRowSource::SampleLocations(component.min(1)),
+        (Builtin::PerspectivePlanes, _) => InputRowSource::Planes(true, component.min(8)),
+        (Builtin::LinearPlanes, _) => InputRowSource::Planes(false, component.min(8)),
+        _ => InputRowSource::Constant(0),
     }
 }

@@ -5,11 +5,11 @@ use lanes::vector::Vector;
 
 use super::lanes::Row;
 use super::samples::from_center;
-use crate::raster::primitive::{Plane, Record};
+use crate::raster::primitive::{PlaneEquation, Record};
 
 /// The value of a plane at coordinates from its origin on.
 #[inline(always)]
-pub fn plane_at<V: Vector>(v: V, plane: &Plane, [x, y]: [V::F; 2]) -> V::F {
+pub fn plane_at<V: Vector>(v: V, plane: &PlaneEquation, [x, y]: [V::F; 2]) -> V::F {
     let across = v.add(v.splat(plane.at), v.mul(v.splat(plane.dx), x));
     v.add(across, v.mul(v.splat(plane.dy), y))
 }

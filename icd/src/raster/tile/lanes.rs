@@ -5,10 +5,9 @@
 //! for each instruction set. All of them compute the same bits: nothing is fused, nothing is
 //! reordered.
 
+pub use lanes::Row;
 use lanes::vector::Vector;
 
-/// A word a lane.
-pub type Row = [u32; 16];
 /// A number a lane.
 pub type Floats = [f32; 16];
 

@@ -50,7 +50,7 @@ use super::{Chunk, Context, Targets, Work};
 use crate::timeline;
 use crate::wave::Stopped;
 use plan::Plans;
-use visit::{Round, Worker};
+use visit::{Round, TileWorker};
 
 /// Pixels of shapes' bounds up to which a round without programs is too little to hand out.
 const LITTLE: u64 = 1 << 12;
@@ -58,7 +58,7 @@ const LITTLE: u64 = 1 << 12;
 /// The tiles' memory, kept from one round to the next.
 #[derive(Default)]
 pub struct Tiles {
-    idle: Mutex<Vec<Worker>>,
+    idle: Mutex<Vec<TileWorker>>,
 }
 
 impl Tiles {

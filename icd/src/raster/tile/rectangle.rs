@@ -177,7 +177,7 @@ impl Iterator for Cells {
 }
 
 /// Which of sixteen pixels are on the inside of an edge.
-pub struct Side<V: Vector> {
+pub struct EdgeTest<V: Vector> {
     edge: Edge,
     /// Floor of its value at the centre of the pixel at the origin, in pixels.
     at_origin: i64,
@@ -193,7 +193,7 @@ fn steps<V: Vector>(v: V, edge: &Edge, lanes: &[[u32; 16]; 2]) -> V::I {
     v.add_i(x, v.mul_i(v.splat_i(edge.b), v.load_i(&lanes[1])))
 }
 
-impl<V: Vector> Side<V> {
+impl<V: Vector> EdgeTest<V> {
     /// Of an edge of at most [`NARROW`] units.
     #[inline(always)]
     pub fn new(v: V, edge: &Edge) -> Self {

@@ -62,7 +62,7 @@ impl Places {
 }
 
 /// The texels of an attachment, up to four words each.
-pub type Words = [Row; 4];
+pub type TexelWords = [Row; 4];
 
 /// The first byte of a quad's texels.
 #[inline(always)]
@@ -124,7 +124,12 @@ large_texel!(2, 3, 4);
 /// # Safety
 /// As [`load`].
 #[inline(always)]
-unsafe fn load_as<T: Texel>(target: &Target, places: &Places, sample: u32, mask: u16) -> Words {
+unsafe fn load_as<T: Texel>(
+    target: &Target,
+    places: &Places,
+    sample: u32,
+    mask: u16,
+) -> TexelWords {
     let stride = target.surface.row_stride_bytes as usize;
     let mut texels = [T::default(); 16];
     // SAFETY: texels of pixels of the mask, or of a block that is inside the render area; those are
@@ -183,7 +188,7 @@ unsafe fn store_as<T: Texel>(
     places: &Places,
     sample: u32,
     mask: u16,
-    words: &Words,
+    words: &TexelWords,
 ) {
     let stride = target.surface.row_stride_bytes as usize;
     let mut texels = [T::default(); 16];
@@ -330,7 +335,7 @@ pub unsafe fn load_word<V: Vector>(
 /// # Safety
 /// As [`load`].
 #[inline(never)]
-unsafe fn load_rows(target: &Target, places: &Places, sample: u32, mask: u16) -> Words {
+unsafe fn load_rows(target: &Target, places: &Places, sample: u32, mask: u16) -> TexelWords {
     // SAFETY: the caller's promise.
     unsafe {
         match target.surface.texel_size_bytes {
@@ -695,7 +700,7 @@ impl<V: Vector> Task<V> for Storing<'_, V> {
 /// # Safety
 /// As [`load`].
 #[inline(never)]
-unsafe fn store_rows(target: &Target, places: &Places, sample: u32, mask: u16, words: &Words) {
+unsafe fn store_rows(target: &Target, places: &Places, sample: u32, mask: u16, words: &TexelWords) {
     // SAFETY: the caller's promise.
     unsafe {
         match target.surface.texel_size_bytes {

@@ -8,14 +8,14 @@ use spirv_jit::interp::tinted::{Sampling, TOGETHER};
 use spirv_jit::ir::tinted::{Tint, Tinted};
 use spirv_jit::program::Passed;
 
-use super::color::Rows;
+use super::color::ComponentRows;
 use super::coverage::{Covered, Square};
 use super::inputs::{Inputs, Slope};
 use super::interpolation::{interpolate, perspective_weights, plane_at};
 use super::lanes::{IN_BLOCK, IN_ROW, Row, lanes_of, quads_of};
 use super::output::Output;
 use super::passed::{Change, Part, Value};
-use super::rectangle::{Cells, Rectangle, Side};
+use super::rectangle::{Cells, EdgeTest, Rectangle};
 use super::samples::Counts;
 use super::texels::{Pattern, Places, load_word, store_word};
 use crate::raster::primitive::{Bounds, Edge, Record};
@@ -74,13 +74,13 @@ lanes::vectors! {
         counts: &mut Counts,
     ) {
         let primitive = Primitive::new(sampled, part);
-        let painter = Painter::new(v, kind, output, sampled, sampling);
+        let painter = SampledPrimitives::new(v, kind, output, sampled, sampling);
         let invocations = |square: &Square| u64::from(square.size) * u64::from(square.size);
         counts.invocations += covered.squares.iter().map(invocations).sum::<u64>();
         let of_blocks = covered.blocks.iter().map(|block| block.masks[0].count_ones());
         counts.invocations += u64::from(of_blocks.sum::<u32>());
         let mut fragments = Fragments::new(covered, part);
-        while let Some(some) = Batch::of(&mut fragments) {
+        while let Some(some) = SampleBatch::of(&mut fragments) {
             // SAFETY: the caller's promise: squares lie in the render area.
             unsafe { painter.paint(&primitive, some) };
         }
@@ -111,7 +111,7 @@ lanes::vectors! {
             Primitive::new(sampled, parts[0]),
             Primitive::new(sampled, parts[1]),
         ];
-        let painter = Painter::new(v, kind, output, sampled, sampling);
+        let painter = SampledPrimitives::new(v, kind, output, sampled, sampling);
         let cells = rectangle.cells(limit, parts[0].record.layer);
         // SAFETY: the caller's promise.
         unsafe {
@@ -125,13 +125,13 @@ lanes::vectors! {
 
 /// Up to as many times sixteen pixels as are sampled in one call: their places, and masks that are
 /// not empty.
-struct Batch {
+struct SampleBatch {
     places: [Places; TOGETHER],
     masks: [u16; TOGETHER],
     count: usize,
 }
 
-impl Batch {
+impl SampleBatch {
     /// The next ones.
     #[inline(always)]
     fn of(from: &mut impl Iterator<Item = (Places, u16)>) -> Option<Self> {
@@ -233,7 +233,7 @@ impl<'a> Primitive<'a> {
 }
 
 /// Primitives while they are drawn.
-struct Painter<'a, V: Vector> {
+struct SampledPrimitives<'a, V: Vector> {
     v: V,
     /// That of the vectors.
     kind: Tier,
@@ -244,9 +244,9 @@ struct Painter<'a, V: Vector> {
 }
 
 /// Barycentric coordinates of the second and third vertex in sixteen pixels.
-type Weights<V> = [<V as Vector>::F; 2];
+type Barycentrics<V> = [<V as Vector>::F; 2];
 
-impl<'a, V: Vector> Painter<'a, V> {
+impl<'a, V: Vector> SampledPrimitives<'a, V> {
     #[inline(always)]
     fn new(
         v: V,
@@ -269,7 +269,7 @@ impl<'a, V: Vector> Painter<'a, V> {
     /// # Safety
     /// As [`draw`], for these places.
     #[inline(always)]
-    unsafe fn paint(&self, primitive: &Primitive<'_>, some: Batch) {
+    unsafe fn paint(&self, primitive: &Primitive<'_>, some: SampleBatch) {
         let mut weights = [[self.v.splat(0.0); 2]; TOGETHER];
         let mut at = [[[0; 16]; 2]; TOGETHER];
         for index in 0..some.count {
@@ -299,9 +299,9 @@ impl<'a, V: Vector> Painter<'a, V> {
     unsafe fn paint_both(&self, primitives: &[Primitive<'_>; 2], diagonal: &Edge, cells: Cells) {
         let v = self.v;
         let [first, second] = primitives;
-        let side = Side::new(v, diagonal);
+        let side = EdgeTest::new(v, diagonal);
         let mut cells = cells;
-        while let Some(some) = Batch::of(&mut cells) {
+        while let Some(some) = SampleBatch::of(&mut cells) {
             let mut insides = [0; TOGETHER];
             let mut weights = [[[v.splat(0.0); 2]; 2]; TOGETHER];
             let mut at = [[[0; 16]; 2]; TOGETHER];
@@ -366,13 +366,13 @@ impl<'a, V: Vector> Painter<'a, V> {
             return;
         };
         let source = self.colors(&color.source, primitive, none, &texels);
-        let glaze = color.source_over(v, source);
+        let source_over = color.source_over(v, source);
         for (places, mask) in cells {
             // SAFETY: the caller's promise.
             unsafe {
-                if let Some(glaze) = &glaze {
+                if let Some(source_over) = &source_over {
                     let old = load_word(v, &color.target, &places, 0, mask);
-                    store_word(v, &color.target, &places, 0, mask, glaze.over(v, old));
+                    store_word(v, &color.target, &places, 0, mask, source_over.over(v, old));
                 } else {
                     color.put_colors(v, source, &places, mask);
                 }
@@ -382,7 +382,7 @@ impl<'a, V: Vector> Painter<'a, V> {
 
     /// In sixteen pixels.
     #[inline(always)]
-    fn weights(&self, primitive: &Primitive<'_>, places: &Places) -> Weights<V> {
+    fn weights(&self, primitive: &Primitive<'_>, places: &Places) -> Barycentrics<V> {
         let (v, record) = (self.v, primitive.record);
         let steps = match places.pattern {
             Pattern::Row => &IN_ROW,
@@ -412,7 +412,7 @@ impl<'a, V: Vector> Painter<'a, V> {
 
     /// Where the image is sampled.
     #[inline(always)]
-    fn coordinates(&self, primitive: &Primitive<'_>, weights: Weights<V>) -> [V::F; 2] {
+    fn coordinates(&self, primitive: &Primitive<'_>, weights: Barycentrics<V>) -> [V::F; 2] {
         match &primitive.values[..] {
             [.., s, t] => [self.value(s, weights), self.value(t, weights)],
             _ => [self.v.splat(0.0); 2],
@@ -424,7 +424,11 @@ impl<'a, V: Vector> Painter<'a, V> {
     /// # Safety
     /// The sampled image exists.
     #[inline(always)]
-    unsafe fn sample(&self, at: &mut [[Row; 2]; TOGETHER], some: &Batch) -> [[Row; 4]; TOGETHER] {
+    unsafe fn sample(
+        &self,
+        at: &mut [[Row; 2]; TOGETHER],
+        some: &SampleBatch,
+    ) -> [[Row; 4]; TOGETHER] {
         let mut active = [LaneMask::NONE; TOGETHER];
         for index in 0..some.count {
             // The others of their quads decide with the covered lanes what level is sampled; in
@@ -449,7 +453,7 @@ impl<'a, V: Vector> Painter<'a, V> {
     }
 
     #[inline(always)]
-    fn value(&self, value: &Value, weights: Weights<V>) -> V::F {
+    fn value(&self, value: &Value, weights: Barycentrics<V>) -> V::F {
         let v = self.v;
         let first = v.splat(f32::from_bits(value.word));
         if value.change == Change::None {
@@ -463,9 +467,9 @@ impl<'a, V: Vector> Painter<'a, V> {
     #[inline(always)]
     fn colors(
         &self,
-        rows: &Rows,
+        rows: &ComponentRows,
         primitive: &Primitive<'_>,
-        weights: Weights<V>,
+        weights: Barycentrics<V>,
         texels: &[Row; 4],
     ) -> [V::I; 4] {
         let v = self.v;

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use lanes::Tier;
 use spirv_jit::interp::tinted::Sampling;
 
-use super::clear::{clear_tile, meet};
+use super::clear::{clear_tile, intersect};
 use super::coarse::{Gather, Of};
 use super::coverage::{Block, Covered, Square, convex, listed};
 use super::direct;
@@ -43,7 +43,7 @@ pub struct Round<'a> {
 
 /// A worker's memory, kept from one tile to the next.
 #[derive(Default)]
-pub struct Worker {
+pub struct TileWorker {
     runner: Runner,
     covered: Covered,
     /// Blocks' masks before the tests.
@@ -52,7 +52,7 @@ pub struct Worker {
     pub(super) gather: Gather,
 }
 
-impl Worker {
+impl TileWorker {
     /// Ends its part of a round.
     pub fn rest(&mut self) {
         self.runner.rest();
@@ -73,7 +73,7 @@ pub struct Current<'a> {
 /// A visit.
 pub struct Visit<'a> {
     pub(super) round: &'a Round<'a>,
-    pub(super) worker: &'a mut Worker,
+    pub(super) worker: &'a mut TileWorker,
     pub(super) bounds: Bounds,
     pub(super) current: Option<Current<'a>>,
     /// The sample of the draw's program, if the program does little else.
@@ -81,7 +81,7 @@ pub struct Visit<'a> {
     counts: Counts,
 }
 
-impl Worker {
+impl TileWorker {
     /// Works all chunks of a round off in a tile.
     ///
     /// # Errors
@@ -180,7 +180,7 @@ impl<'a> Visit<'a> {
 
     fn shape(&mut self, index: u32, chunk: &Chunk, shape: &Shape) -> Result<(), Stopped> {
         let record = &chunk.records[shape.record as usize];
-        let clip = meet(&shape.bounds, &meet(&self.bounds, &self.round.area));
+        let clip = intersect(&shape.bounds, &intersect(&self.bounds, &self.round.area));
         let is_outside = clip.left >= clip.right || clip.top >= clip.bottom;
         if is_outside || record.layer >= self.round.targets.layers {
             return Ok(());
@@ -257,8 +257,8 @@ impl<'a> Visit<'a> {
         if !is_plain || !is_one {
             return Ok(false);
         }
-        let limit = meet(&self.bounds, &self.round.area);
-        let clip = meet(&first.bounds, &limit);
+        let limit = intersect(&self.bounds, &self.round.area);
+        let clip = intersect(&first.bounds, &limit);
         let Some(rectangle) = Rectangle::of(first, second, &clip) else {
             return Ok(false);
         };
@@ -484,7 +484,7 @@ impl<'a> Visit<'a> {
     ) -> Result<(), Stopped> {
         let program = fragment.program;
         let (tier, chunks) = (self.round.tier, self.round.chunks);
-        let Worker {
+        let TileWorker {
             runner,
             gather,
             packs: waiting,

@@ -12,7 +12,7 @@ const SCALE: i128 = 1 << 40;
 
 /// Whether the open diamond around a centre meets the segment; `None` if the segment lies beside
 /// it.
-fn meets(from: [i128; 2], to: [i128; 2], center: [i128; 2]) -> bool {
+fn crosses(from: [i128; 2], to: [i128; 2], center: [i128; 2]) -> bool {
     // |x| + |y| < half: four half-planes. The part of the segment inside is where all distances are positive.
     let half = 128 * SCALE;
     let (mut low, mut high) = ((0i128, 1i128), (1i128, 1i128));
@@ -61,7 +61,7 @@ fn reference(from: [i64; 2], to: [i64; 2]) -> BTreeSet<(i16, i16)> {
     for y in 0..SIDE as i16 {
         for x in 0..SIDE as i16 {
             let center = [x, y].map(|c| (i128::from(c) * 256 + 128) * SCALE);
-            if meets(from, to, center) && !inside(to, center) {
+            if crosses(from, to, center) && !inside(to, center) {
                 pixels.insert((x, y));
             }
         }

@@ -1,9 +1,9 @@
 //! Clipping changes coverage alone: planes are those of the whole primitive.
 
 use super::*;
-use crate::raster::primitive::{Plane, Record};
+use crate::raster::primitive::{PlaneEquation, Record};
 
-fn value(plane: &Plane, record: &Record, x: f64, y: f64) -> f64 {
+fn value(plane: &PlaneEquation, record: &Record, x: f64, y: f64) -> f64 {
     let [dx, dy] = [
         x - f64::from(record.origin[0]) - 0.5,
         y - f64::from(record.origin[1]) - 0.5,
@@ -39,7 +39,7 @@ fn planes_of_clipped_triangles_are_those_of_whole_ones() {
             continue;
         };
         // Only where planes start may differ.
-        let differ = |a: &Plane, b: &Plane| {
+        let differ = |a: &PlaneEquation, b: &PlaneEquation| {
             a.dx.to_bits() != b.dx.to_bits() || a.dy.to_bits() != b.dy.to_bits()
         };
         assert!(!differ(&whole_record.depth, &cut_record.depth));

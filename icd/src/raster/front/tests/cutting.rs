@@ -146,9 +146,9 @@ fn chunks(
 
 /// The contents of a primitive: its number, its vertices' indices, instance, view, and its
 /// provoking vertex.
-type Made = (u32, [u32; 3], u32, u32, u8);
+type PrimitiveContents = (u32, [u32; 3], u32, u32, u8);
 
-fn made(chunks: &[Chunk]) -> Vec<Made> {
+fn made(chunks: &[Chunk]) -> Vec<PrimitiveContents> {
     chunks
         .iter()
         .flat_map(|chunk| {
@@ -176,7 +176,7 @@ fn expected(
     indices: &[u32],
     restart: Option<u32>,
     instances: u32,
-) -> Vec<Made> {
+) -> Vec<PrimitiveContents> {
     let mut all = Vec::new();
     for instance in 0..instances {
         let mut id = 0;

@@ -9,7 +9,7 @@ use super::support::{
     COMPARE, Canvas, Random, chunk_of, draw, edges, halve_and_double, pass_on, run, targets,
 };
 use crate::object::graphics_state::GraphicsState;
-use crate::raster::primitive::{Edge, Plane};
+use crate::raster::primitive::{Edge, PlaneEquation};
 use crate::raster::tile::samples::{fixed_point, from_center, standard};
 use crate::raster::{Targets, Work};
 
@@ -49,8 +49,8 @@ const FACTORS: [BlendFactor; 7] = [
 /// A triangle and the numbers at its corners.
 pub struct Drawn {
     pub edges: [Edge; 4],
-    pub depth: Plane,
-    pub linear: [Plane; 2],
+    pub depth: PlaneEquation,
+    pub linear: [PlaneEquation; 2],
     pub origin: [i32; 2],
     pub colors: [[f32; 4]; 3],
 }
@@ -61,7 +61,7 @@ impl Drawn {
         let middle = extent.map(|it| random.i64(0..i64::from(it) * 256));
         let corners =
             [(); 3].map(|()| middle.map(|it| (it + random.i64(-reach..reach + 1)) as i32));
-        let mut plane = || Plane {
+        let mut plane = || PlaneEquation {
             at: random.f32() * 2.0 - 0.5,
             dx: (random.f32() - 0.5) / 32.0,
             dy: (random.f32() - 0.5) / 32.0,
@@ -87,7 +87,7 @@ impl Drawn {
             .all(|edge| i128::from(edge.a) * x + i128::from(edge.b) * y + i128::from(edge.c) >= 0)
     }
 
-    fn plane(&self, plane: &Plane, [x, y]: [i32; 2], [sx, sy]: [f32; 2]) -> f32 {
+    fn plane(&self, plane: &PlaneEquation, [x, y]: [i32; 2], [sx, sy]: [f32; 2]) -> f32 {
         let x = sx + (x - self.origin[0]) as f32;
         let y = sy + (y - self.origin[1]) as f32;
         plane.at + plane.dx * x + plane.dy * y

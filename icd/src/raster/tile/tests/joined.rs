@@ -9,7 +9,7 @@ use super::support::{
 };
 use crate::object::graphics_state::GraphicsState;
 use crate::raster::Work;
-use crate::raster::primitive::{Bounds, Edge, Plane};
+use crate::raster::primitive::{Bounds, Edge, PlaneEquation};
 use crate::raster::tile::pack::{Found, Origin, Packs};
 use crate::raster::tile::samples::{MAX_SAMPLES, standard};
 
@@ -103,7 +103,7 @@ fn check(random: &mut Random, samples: u32, is_tested: bool) {
         state,
         Some(halve_and_double("linear.center")),
     ))];
-    let plane = |at, dx, dy| Plane { at, dx, dy };
+    let plane = |at, dx, dy| PlaneEquation { at, dx, dy };
     let chunks: Vec<_> = all
         .chunks(100)
         .map(|some| {

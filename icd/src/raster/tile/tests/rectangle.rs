@@ -5,7 +5,7 @@ use lanes::vector::{Portable, Vector};
 use super::support::{Random, edges};
 use crate::raster::primitive::{Bounds, Coverage, Edge, Shape};
 use crate::raster::tile::lanes::{LANE_X, LANE_Y};
-use crate::raster::tile::rectangle::{Rectangle, Side};
+use crate::raster::tile::rectangle::{EdgeTest, Rectangle};
 use crate::raster::tile::texels::Pattern;
 
 /// The triangles of a rectangle, cut along one of its diagonals.
@@ -79,7 +79,7 @@ fn cells_are_the_pixels_of_both_triangles() {
         }
         let [first, second] = corners.map(|corners| shape(corners, limit));
         let found = Rectangle::of(&first, &second, &limit).expect("they are a rectangle");
-        let side = Side::new(v, &found.diagonal);
+        let side = EdgeTest::new(v, &found.diagonal);
         let mut seen = [[None; 64]; 64];
         for (places, mask) in found.cells(&limit, 0) {
             let inside = side.inside(v, &places);

@@ -11,7 +11,7 @@ use spirv_jit::reach::Reach;
 
 use crate::object::Image;
 use crate::object::graphics_state::{GraphicsState, MAX_VERTEX_INPUTS};
-use crate::raster::primitive::{Bins, Bounds, Coverage, Edge, Grid, Plane, Record, Shape};
+use crate::raster::primitive::{Bins, Bounds, Coverage, Edge, Grid, PlaneEquation, Record, Shape};
 use crate::raster::tile::Tiles;
 use crate::raster::{Chunk, Context, Counters, Draw, Stages, Target, Targets, VertexBuffer, Work};
 use crate::transfer::surface::Surface;
@@ -273,7 +273,7 @@ pub fn chunk(draw: u32, targets: &Targets, triangles: &[Triangle]) -> Chunk {
     for triangle in triangles {
         let first = chunk.outputs.len() as u32;
         chunk.outputs.extend(triangle.color);
-        let flat = |at| Plane {
+        let flat = |at| PlaneEquation {
             at,
             dx: 0.0,
             dy: 0.0,
@@ -312,7 +312,13 @@ pub fn chunk(draw: u32, targets: &Targets, triangles: &[Triangle]) -> Chunk {
 
 /// Edges, depth, the linear coordinates of the second and third vertex, their origin, and the
 /// vertices' words of location 0.
-pub type Sloped = ([Edge; 4], Plane, [Plane; 2], [i32; 2], [[u32; 4]; 3]);
+pub type Sloped = (
+    [Edge; 4],
+    PlaneEquation,
+    [PlaneEquation; 2],
+    [i32; 2],
+    [[u32; 4]; 3],
+);
 
 /// A chunk of triangles with slopes, of one draw.
 pub fn chunk_of(draw: u32, targets: &Targets, shapes: impl Iterator<Item = Sloped>) -> Chunk {
@@ -332,7 +338,7 @@ pub fn chunk_of(draw: u32, targets: &Targets, shapes: impl Iterator<Item = Slope
         record.vertices = [first, first + 4, first + 8];
         record.depth = depth;
         record.origin = origin;
-        record.linear = [Plane::default(), linear[0], linear[1]];
+        record.linear = [PlaneEquation::default(), linear[0], linear[1]];
         whole.shapes.push(shape);
         whole.records.push(record);
     }

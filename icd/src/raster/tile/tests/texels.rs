@@ -5,7 +5,7 @@ use ash::vk;
 use lanes::Tier;
 
 use super::super::lanes::{LANE_X, LANE_Y, load_words, rows_of};
-use super::super::texels::{Pattern, Places, Words, load, store};
+use super::super::texels::{Pattern, Places, TexelWords, load, store};
 use super::support::{Canvas, Random};
 use crate::raster::Target;
 use crate::raster::primitive::Bounds;
@@ -15,7 +15,7 @@ lanes::vectors! {
     ///
     /// # Safety
     /// As [`load`].
-    unsafe fn exchange<V>(v, target: &Target, places: &Places, mask: u16, words: &Words) -> Words {
+    unsafe fn exchange<V>(v, target: &Target, places: &Places, mask: u16, words: &TexelWords) -> TexelWords {
         // SAFETY: the caller's promise.
         unsafe {
             let loaded = load(v, target, places, 0, mask);
@@ -64,8 +64,8 @@ fn check(tier: Tier, random: &mut Random, format: vk::Format, places: &Places, m
             }
         }
     }
-    let words: Words = [(); 4].map(|()| [(); 16].map(|()| random.u32(..)));
-    let texel_bytes = |words: &Words, lane: usize| -> Vec<u8> {
+    let words: TexelWords = [(); 4].map(|()| [(); 16].map(|()| random.u32(..)));
+    let texel_bytes = |words: &TexelWords, lane: usize| -> Vec<u8> {
         let bytes = words.iter().flat_map(|row| row[lane].to_le_bytes());
         bytes.take(size).collect()
     };
