@@ -57,11 +57,11 @@ pub struct Aborts {
     /// Covers the pool.
     pub descriptor: Descriptor,
     happened: AtomicBool,
-    state: Mutex<State>,
+    state: Mutex<AbortState>,
 }
 
 #[derive(Default)]
-struct State {
+struct AbortState {
     /// Units of the pool.
     used: usize,
     /// Committed messages as the application gets them. There is capacity for all of the pool.
@@ -86,7 +86,7 @@ impl Aborts {
         pool.try_reserve_exact(POOL_BYTES / UNIT)?;
         pool.resize_with(POOL_BYTES / UNIT, UnsafeCell::default);
         let pool = pool.into_boxed_slice();
-        let mut state = State::default();
+        let mut state = AbortState::default();
         state.messages.try_reserve_exact(POOL_BYTES)?;
         let descriptor = Descriptor {
             address: pool.as_ptr() as u64,
@@ -101,7 +101,7 @@ impl Aborts {
         })
     }
 
-    fn state(&self) -> MutexGuard<'_, State> {
+    fn state(&self) -> MutexGuard<'_, AbortState> {
         self.state.lock().unwrap_or_else(|it| it.into_inner())
     }
 

@@ -42,7 +42,7 @@ pub struct Origin {
 
 /// A place in a program.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Place {
+pub struct CodeLocation {
     pub stage: Stage,
     pub entry_point: Option<String>,
     /// The name of the module or shader.
@@ -70,7 +70,7 @@ impl fmt::Display for SourceLine {
     }
 }
 
-impl fmt::Display for Place {
+impl fmt::Display for CodeLocation {
     /// `RayGeneration shader "name", entry point "main", pipeline "name", file.rgen:12:3`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{:?} shader", self.stage)?;

@@ -13,7 +13,7 @@ use crate::ir::tinted::{Tinted, tinted};
 use crate::ir::workgroups::{looks_at_lanes, may_share_subgroups, may_wait_for_workgroups};
 use crate::ir::{self, passed::passed};
 use crate::native;
-use crate::origin::{Origin, Place, line_at};
+use crate::origin::{CodeLocation, Origin, line_at};
 use crate::plan::{self, Plan};
 use crate::printf::Record;
 use crate::query::QueryWord;
@@ -394,14 +394,14 @@ impl Program {
 
     /// The place of a state, for a report: where it was suspended, to the line if that is known. An
     /// empty state is nowhere in particular.
-    pub fn place_of(&self, state: &[AlignedRow]) -> Place {
-        let source = (state.first()).map(|_| self.plan.standing(state).source);
+    pub fn place_of(&self, state: &[AlignedRow]) -> CodeLocation {
+        let source = (state.first()).map(|_| self.plan.save_point_of(state).source);
         self.place_in_source(source.unwrap_or(0))
     }
 
     /// The place of an access that a [`Stray`](crate::reach::Stray) of this program is of, and
     /// whether it writes.
-    pub fn place_of_access(&self, site: usize) -> Option<(Place, bool)> {
+    pub fn place_of_access(&self, site: usize) -> Option<(CodeLocation, bool)> {
         let (source, writes) = self.code.physical_access(site)?;
         Some((self.place_in_source(source), writes))
     }
@@ -423,11 +423,11 @@ impl Program {
     }
 
     /// The place of the SPIR-V instruction at a word offset, or of none in particular (0).
-    pub fn place_in_source(&self, source: u32) -> Place {
+    pub fn place_in_source(&self, source: u32) -> CodeLocation {
         let origin = self.origin();
         let words = origin.and_then(|origin| origin.words.as_ref());
         let line = words.filter(|_| source != 0);
-        Place {
+        CodeLocation {
             stage: self.stage,
             entry_point: origin.map(|origin| origin.entry_point.clone()),
             name: origin.and_then(|origin| origin.name.text()),

@@ -77,7 +77,7 @@ type Chunk<T> = OnceLock<Box<[Slot<T>]>>;
 /// keys have odd numbers, others even ones.
 pub struct Table<T> {
     groups: Box<[OnceLock<Box<[Chunk<T>]>>]>,
-    state: Mutex<State>,
+    state: Mutex<KeyAllocator>,
     /// The keys of slots by name.
     named: RwLock<HashMap<Key, Key>>,
     /// The contents of free slots.
@@ -87,7 +87,7 @@ pub struct Table<T> {
 }
 
 #[derive(Default)]
-struct State {
+struct KeyAllocator {
     numbers: [Numbers; 2],
     check: u32,
 }
@@ -133,7 +133,7 @@ impl<T: Copy> Table<T> {
         }
     }
 
-    fn state(&self) -> MutexGuard<'_, State> {
+    fn state(&self) -> MutexGuard<'_, KeyAllocator> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 

@@ -20,7 +20,7 @@ const SIZE_BYTES: u64 = 158;
 
 /// Loads at `v30` and at offsets of 4, 8, 12 bytes behind it, `v31` to `v33`, in some space; of
 /// global ones the addresses are `v40` and so on.
-struct Case {
+struct LoadCase {
     loads: &'static str,
     /// How many become of them.
     combined: usize,
@@ -30,15 +30,15 @@ struct Case {
     unit: u32,
 }
 
-const CASES: &[Case] = &[
-    Case {
+const CASES: &[LoadCase] = &[
+    LoadCase {
         loads: "v50: f32, v51: f32, v52: f32 = load.buffer v2, v30
             v53: i32 = load.buffer v2, v33",
         combined: 1,
         results: &["v50", "v51", "v52", "v53"],
         unit: 4,
     },
-    Case {
+    LoadCase {
         loads: "v50: i32 = load.buffer v2, v32
             v51: f32 = load.buffer v2, v31
             v52: i32 = load.buffer v2, v30",
@@ -46,7 +46,7 @@ const CASES: &[Case] = &[
         results: &["v50", "v51", "v52"],
         unit: 4,
     },
-    Case {
+    LoadCase {
         loads: "v50: i32 = load.buffer v2, v33
             v51: i32 = load.buffer v2, v31
             v52: i32 = load.buffer v2, v30",
@@ -54,7 +54,7 @@ const CASES: &[Case] = &[
         results: &["v50", "v51", "v52"],
         unit: 4,
     },
-    Case {
+    LoadCase {
         loads: "v60: i64 = load.buffer v2, v32
             v61: i64 = load.buffer v2, v30
             v62: f32 = load.buffer v2, v31
@@ -64,14 +64,14 @@ const CASES: &[Case] = &[
         results: &["v50", "v51", "v52", "v53", "v62"],
         unit: 4,
     },
-    Case {
+    LoadCase {
         loads: "v50: f32 = load.shared v31
             v51: i32 = load.shared v30",
         combined: 1,
         results: &["v50", "v51"],
         unit: 4,
     },
-    Case {
+    LoadCase {
         loads: "v50: f32 = load.global v41
             v51: i32 = load.global v40
             v52: f32 = load.global v43",
@@ -79,7 +79,7 @@ const CASES: &[Case] = &[
         results: &["v50", "v51", "v52"],
         unit: 4,
     },
-    Case {
+    LoadCase {
         loads: "v50: f32 = load.global v42
             v60: i64 = load.global v40
             v51: i32 = load.global v43
@@ -90,7 +90,7 @@ const CASES: &[Case] = &[
     },
 ];
 
-fn module(case: &Case) -> Module {
+fn module(case: &LoadCase) -> Module {
     let mut addresses = String::new();
     for (k, distance) in [0, 4, 8, 12].into_iter().enumerate() {
         let (narrow, wide) = (10 + k, 20 + k);

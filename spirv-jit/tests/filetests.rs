@@ -43,7 +43,7 @@ fn files() -> Vec<PathBuf> {
 }
 
 /// A case's parts: comment, `pass` and `run` lines, input, expectation.
-struct Case<'a> {
+struct FileTest<'a> {
     head: &'a str,
     passes: Vec<&'a str>,
     /// Inputs and outputs.
@@ -52,7 +52,7 @@ struct Case<'a> {
     expectation: &'a str,
 }
 
-fn split_case(text: &str) -> Result<Case<'_>, String> {
+fn split_case(text: &str) -> Result<FileTest<'_>, String> {
     let head_end = text.find("\nmodule ").ok_or("no module")? + 1;
     let (head, rest) = text.split_at(head_end);
     let passes = head.lines().find_map(|line| line.strip_prefix("pass "));
@@ -60,7 +60,7 @@ fn split_case(text: &str) -> Result<Case<'_>, String> {
         Some((input, expectation)) => (input, expectation.trim_start()),
         None => (rest, ""),
     };
-    Ok(Case {
+    Ok(FileTest {
         head,
         passes: passes
             .ok_or("no `pass` line")?
@@ -94,7 +94,7 @@ fn parse_run(line: &str) -> Result<(Vec<u32>, Vec<u32>), String> {
 }
 
 /// The module after the passes, as text.
-fn apply(case: &Case<'_>) -> Result<String, String> {
+fn apply(case: &FileTest<'_>) -> Result<String, String> {
     let mut module = parse_module(case.input)?;
     verify(&module)?;
     for pass in &case.passes {
@@ -109,7 +109,7 @@ fn apply(case: &Case<'_>) -> Result<String, String> {
 
 /// The module as it came, after the case's passes and after all of them must do the same, and what
 /// the `run` lines say.
-fn check_runs(case: &Case<'_>, after_passes: &Module) -> Result<(), String> {
+fn check_runs(case: &FileTest<'_>, after_passes: &Module) -> Result<(), String> {
     let original = parse_module(case.input)?;
     let mut optimised = original.clone();
     optimize(&mut optimised).map_err(|error| error.to_string())?;
@@ -154,7 +154,7 @@ fn each_pass_has_a_case() {
     let texts: Vec<String> = (files().iter())
         .map(|path| std::fs::read_to_string(path).unwrap())
         .collect();
-    let cases: Vec<Case<'_>> = texts.iter().map(|text| split_case(text).unwrap()).collect();
+    let cases: Vec<FileTest<'_>> = texts.iter().map(|text| split_case(text).unwrap()).collect();
     for pass in pass::names() {
         let has_case = cases.iter().any(|case| case.passes.contains(&pass));
         assert!(has_case, "{pass}");

@@ -1,7 +1,7 @@
 //! Vertex and fragment shaders: their interface, helper invocations, quads and interpolation.
 
 use shaders::lower_glsl;
-use shaders::raster::{ALL, Lanes, program, run};
+use shaders::raster::{ALL, ActiveLanes, program, run};
 use spirv_jit::LaneMask;
 use spirv_jit::program::{
     Barycentric, Builtin, DepthMode, InputRow, Interlock, OutputRow, Position, Stage, Varying,
@@ -230,7 +230,7 @@ fn helpers_change_no_memory_and_atomics_give_them_zero() {
     let helpers = LaneMask::from_bits(0b1010_0000_1111_0110);
     let mut buffer = [0; 18];
     buffer[0] = 7;
-    let lanes = Lanes {
+    let lanes = ActiveLanes {
         active: LaneMask::ALL,
         helpers,
     };
@@ -268,7 +268,7 @@ fn a_demoted_lane_is_still_a_neighbour() {
     );
     let value = |lane: usize| [1.0, 5.0, 12.0, 40.0][lane % 4] + lane as f32;
     let mut buffer = [0; 16];
-    let lanes = Lanes {
+    let lanes = ActiveLanes {
         active: LaneMask::ALL,
         helpers: LaneMask::of(9),
     };
@@ -376,7 +376,7 @@ fn subgroups_leave_helpers_out() {
          }",
     );
     let mut buffer = [99; 2];
-    let lanes = Lanes {
+    let lanes = ActiveLanes {
         active: LaneMask::ALL,
         helpers: LaneMask::from_bits(0xF003),
     };

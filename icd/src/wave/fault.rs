@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use parking_lot::Mutex;
 use spirv_jit::Program;
-use spirv_jit::origin::Place;
+use spirv_jit::origin::CodeLocation;
 use spirv_jit::reach::Stray;
 
 use crate::table::limits::MAX_DEVICE_FAULT_COUNT;
@@ -77,7 +77,7 @@ impl fmt::Display for Cause {
 /// Where a command was given up.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct StoppedAt {
-    pub place: Place,
+    pub place: CodeLocation,
     /// Shader calls that wait for this one, where they could matter.
     pub depth: u32,
 }
@@ -89,7 +89,7 @@ pub struct WildAddress {
     instruction: (u64, usize),
     pub address: u64,
     pub writes: bool,
-    pub place: Place,
+    pub place: CodeLocation,
 }
 
 /// Wild addresses that are kept, the latest ones. The last report is that of the loss.

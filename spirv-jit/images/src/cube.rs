@@ -8,7 +8,7 @@ use super::address::{Floats, Ints};
 
 /// A direction's place on the cube: the face and the coordinates on it, in 0..1, and their
 /// derivatives if the direction has some.
-pub(super) struct Place {
+pub(super) struct CubeCoordinates {
     pub face: Ints,
     pub s: Floats,
     pub t: Floats,
@@ -42,7 +42,7 @@ fn major_face(x: f32, y: f32, z: f32) -> i32 {
 
 /// Selects the face per lane.
 #[inline(always)]
-pub(super) fn place(direction: [&Floats; 3]) -> Place {
+pub(super) fn place(direction: [&Floats; 3]) -> CubeCoordinates {
     let mut face = [0; LANES];
     let (mut s, mut t) = ([0.0; LANES], [0.0; LANES]);
     for lane in 0..LANES {
@@ -60,7 +60,7 @@ pub(super) fn place(direction: [&Floats; 3]) -> Place {
         s[lane] = 0.5 * (sc / magnitude) + 0.5;
         t[lane] = 0.5 * (tc / magnitude) + 0.5;
     }
-    Place { face, s, t }
+    CubeCoordinates { face, s, t }
 }
 
 /// Derivatives of a face's (s, t) for a derivative of the direction ("Cube Map Derivative

@@ -30,7 +30,7 @@ lanes::vectors! {
 }
 
 /// Where the lanes sample, apart from the level.
-struct Place {
+struct SampleCoordinates {
     /// Coordinates along the image's axes; in cubes, on the face.
     coordinates: [Floats; 3],
     face: Ints,
@@ -45,9 +45,9 @@ fn place(
     operands: &Operands<'_>,
     image: &ImageDescriptor,
     info: &FormatInfo,
-) -> Place {
+) -> SampleCoordinates {
     let spatial = op.spatial_count();
-    let mut place = Place {
+    let mut place = SampleCoordinates {
         coordinates: [[0.0; LANES]; 3],
         face: [0; LANES],
         layer: [0; LANES],
@@ -340,7 +340,7 @@ struct Footprint<'a> {
     /// Axes that are filtered.
     spatial: usize,
     level: &'a LevelLanes,
-    place: &'a Place,
+    place: &'a SampleCoordinates,
     /// Lanes that take texels.
     lanes: u16,
 }

@@ -50,12 +50,12 @@ impl Ended {
 }
 
 /// Who runs, and on what.
-pub struct Lanes {
+pub struct ActiveLanes {
     pub active: LaneMask,
     pub helpers: LaneMask,
 }
 
-pub const ALL: Lanes = Lanes {
+pub const ALL: ActiveLanes = ActiveLanes {
     active: LaneMask::ALL,
     helpers: LaneMask::NONE,
 };
@@ -64,7 +64,7 @@ pub const ALL: Lanes = Lanes {
 /// 0, binding 0. Little fuel at a time: the subgroup is suspended at back-edges again and again.
 pub fn run(
     program: &Program,
-    lanes: Lanes,
+    lanes: ActiveLanes,
     buffer: &mut [u32],
     input: impl Fn(InputRow, usize) -> u32,
 ) -> Ended {
@@ -111,7 +111,7 @@ pub fn run_geometry(
 
 fn run_to_end(
     program: &Program,
-    lanes: Lanes,
+    lanes: ActiveLanes,
     buffer: &mut [u32],
     input: impl Fn(InputRow, usize) -> u32,
 ) -> Vec<AlignedRow> {

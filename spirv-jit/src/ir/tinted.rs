@@ -46,7 +46,7 @@ pub enum Tint {
 
 /// The origin of a value.
 #[derive(Clone, Copy)]
-enum Known {
+enum ValueOrigin {
     Output(Tint),
     Descriptor(Bound),
     /// The derivative of a coordinate, along an axis.
@@ -56,23 +56,26 @@ enum Known {
 /// The description of a module, if it does nothing else.
 pub fn tinted(module: &Module) -> Option<Tinted> {
     let body = &module.functions.first()?.body;
-    let mut finder = Finder::default();
+    let mut analysis = TintAnalysis::default();
     for node in &body.nodes {
         let Node::Inst(inst) = node else {
             return None;
         };
-        finder.add(inst)?;
+        analysis.add(inst)?;
     }
     let Terminator::End(outputs) = &body.end else {
         return None;
     };
-    let outputs: Option<Vec<Tint>> = outputs.iter().map(|value| finder.output(*value)).collect();
+    let outputs: Option<Vec<Tint>> = outputs
+        .iter()
+        .map(|value| analysis.output(*value))
+        .collect();
     let outputs = outputs?;
     let wanted = outputs.iter().fold(0, |wanted, tint| match *tint {
         Tint::Passed(_) => wanted,
         Tint::Texel(component) | Tint::Product(component, _) => wanted | 1 << component,
     });
-    let (op, image, sampler, coordinates) = finder.sample?;
+    let (op, image, sampler, coordinates) = analysis.sample?;
     (wanted != 0).then_some(Tinted {
         op,
         image,
@@ -84,15 +87,15 @@ pub fn tinted(module: &Module) -> Option<Tinted> {
 }
 
 #[derive(Default)]
-struct Finder {
-    known: HashMap<Value, Known>,
+struct TintAnalysis {
+    known: HashMap<Value, ValueOrigin>,
     sample: Option<(ImageOp, Bound, Bound, [u32; 2])>,
 }
 
-impl Finder {
+impl TintAnalysis {
     fn output(&self, value: Value) -> Option<Tint> {
         match self.known.get(&value)? {
-            Known::Output(tint) => Some(*tint),
+            ValueOrigin::Output(tint) => Some(*tint),
             _ => None,
         }
     }
@@ -106,29 +109,31 @@ impl Finder {
 
     fn descriptor(&self, value: Value) -> Option<Bound> {
         match self.known.get(&value)? {
-            Known::Descriptor(bound) => Some(*bound),
+            ValueOrigin::Descriptor(bound) => Some(*bound),
             _ => None,
         }
     }
 
     fn add(&mut self, inst: &Inst) -> Option<()> {
         let known = match (&inst.op, inst.args.as_slice()) {
-            (Op::Const(bits), _) => Known::Output(Tint::Passed(Passed::Constant(*bits as u32))),
-            (Op::Input(row), _) => Known::Output(Tint::Passed(Passed::Input(*row))),
+            (Op::Const(bits), _) => {
+                ValueOrigin::Output(Tint::Passed(Passed::Constant(*bits as u32)))
+            }
+            (Op::Input(row), _) => ValueOrigin::Output(Tint::Passed(Passed::Input(*row))),
             (Op::Bitcast, [from]) => *self.known.get(from)?,
             (Op::Descriptor(binding), [index]) => match self.passed(*index)? {
-                Passed::Constant(index) => Known::Descriptor(Bound {
+                Passed::Constant(index) => ValueOrigin::Descriptor(Bound {
                     binding: *binding,
                     index,
                 }),
                 Passed::Input(_) => return None,
             },
-            (Op::DerivativeX, [of]) => Known::Slope(0, *of),
-            (Op::DerivativeY, [of]) => Known::Slope(1, *of),
+            (Op::DerivativeX, [of]) => ValueOrigin::Slope(0, *of),
+            (Op::DerivativeY, [of]) => ValueOrigin::Slope(1, *of),
             (Op::FMul, [a, b]) => match (self.output(*a)?, self.output(*b)?) {
                 (Tint::Texel(texel), Tint::Passed(factor))
                 | (Tint::Passed(factor), Tint::Texel(texel)) => {
-                    Known::Output(Tint::Product(texel, factor))
+                    ValueOrigin::Output(Tint::Product(texel, factor))
                 }
                 _ => return None,
             },
@@ -152,7 +157,7 @@ impl Finder {
         let expected = [(0, s), (0, t), (1, s), (1, t)];
         let is_one = |(slope, (axis, of)): (&Value, (usize, Value))| {
             let known = self.known.get(slope);
-            matches!(known, Some(Known::Slope(along, value)) if (*along, *value) == (axis, of))
+            matches!(known, Some(ValueOrigin::Slope(along, value)) if (*along, *value) == (axis, of))
         };
         let are_its = slopes.len() == expected.len() && slopes.iter().zip(expected).all(is_one);
         if !is_plain || !are_its || self.sample.is_some() || inst.results.len() != 4 {
@@ -164,7 +169,7 @@ impl Finder {
         let (image, sampler) = (self.descriptor(image)?, self.descriptor(sampler)?);
         self.sample = Some((*op, image, sampler, [s, t]));
         for (component, result) in (0..).zip(&inst.results) {
-            let known = Known::Output(Tint::Texel(component));
+            let known = ValueOrigin::Output(Tint::Texel(component));
             self.known.insert(*result, known);
         }
         Some(())

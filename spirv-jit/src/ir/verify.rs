@@ -479,33 +479,33 @@ fn describe(function: &Function, inst: &Inst, message: &str) -> String {
 fn check_call_graph(module: &Module) -> Result<(), String> {
     let callees: Vec<Vec<FunctionId>> = module.functions.iter().map(called_functions).collect();
     #[derive(Clone, Copy, PartialEq)]
-    enum State {
+    enum VisitState {
         New,
         Open,
         Done,
     }
-    let mut states = vec![State::New; callees.len()];
+    let mut states = vec![VisitState::New; callees.len()];
     for root in 0..callees.len() {
-        if states[root] != State::New {
+        if states[root] != VisitState::New {
             continue;
         }
-        states[root] = State::Open;
+        states[root] = VisitState::Open;
         let mut stack = vec![(root, 0)];
         while let Some((function, next)) = stack.last_mut() {
             match callees[*function].get(*next) {
                 Some(callee) => {
                     *next += 1;
                     match states[callee.index()] {
-                        State::New => {
-                            states[callee.index()] = State::Open;
+                        VisitState::New => {
+                            states[callee.index()] = VisitState::Open;
                             stack.push((callee.index(), 0));
                         }
-                        State::Open => return Err(format!("{callee} calls itself")),
-                        State::Done => {}
+                        VisitState::Open => return Err(format!("{callee} calls itself")),
+                        VisitState::Done => {}
                     }
                 }
                 None => {
-                    states[*function] = State::Done;
+                    states[*function] = VisitState::Done;
                     stack.pop();
                 }
             }

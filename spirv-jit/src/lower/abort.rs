@@ -2,7 +2,7 @@
 
 use super::Lowerer;
 use super::interface::Verdict;
-use super::values::{Place, Pointer, Shape};
+use super::values::{MemoryLocation, Pointer, Shape};
 use crate::Error;
 use crate::abort::{MAX_MESSAGE_BYTES, NO_PLACE};
 use crate::environment::reference;
@@ -22,7 +22,7 @@ impl Lowerer<'_> {
             return Err(self.b.invalid("the instruction lacks operands"));
         };
         let reference = self.b.i64(reference::of(reference::ABORTS, 0));
-        let place = |offset| Place::Buffer {
+        let place = |offset| MemoryLocation::Buffer {
             reference,
             offset,
             constant: 0,

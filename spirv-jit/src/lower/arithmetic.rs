@@ -11,7 +11,7 @@ use crate::parse::Instruction;
 
 /// How a SPIR-V operation is one of the IR.
 #[derive(Clone, Copy)]
-enum Row {
+enum OpMapping {
     Unary(ir::Op),
     Binary(ir::Op),
     Compare(ir::Op),
@@ -23,8 +23,8 @@ enum Row {
 }
 
 /// Operations that are one of the IR's.
-fn row(opcode: Op) -> Option<Row> {
-    use Row::{Binary, Compare, Shift, Swapped, Test, Unary};
+fn row(opcode: Op) -> Option<OpMapping> {
+    use OpMapping::{Binary, Compare, Shift, Swapped, Test, Unary};
     Some(match opcode {
         Op::SNegate => Unary(ir::Op::INeg),
         Op::FNegate => Unary(ir::Op::FNeg),
@@ -97,12 +97,12 @@ impl Lowerer<'_> {
         let mut values = Values::with_capacity(a.len());
         for (&a, &b) in a.iter().zip(b.iter()) {
             values.push(match row {
-                Row::Unary(op) => self.b.unary(op, a)?,
-                Row::Binary(op) => self.b.binary(op, a, b)?,
-                Row::Compare(op) => self.b.compare(op, a, b)?,
-                Row::Swapped(op) => self.b.compare(op, b, a)?,
-                Row::Test(op) => self.b.emit(op, &[a], Type::I1)?,
-                Row::Shift(op) => {
+                OpMapping::Unary(op) => self.b.unary(op, a)?,
+                OpMapping::Binary(op) => self.b.binary(op, a, b)?,
+                OpMapping::Compare(op) => self.b.compare(op, a, b)?,
+                OpMapping::Swapped(op) => self.b.compare(op, b, a)?,
+                OpMapping::Test(op) => self.b.emit(op, &[a], Type::I1)?,
+                OpMapping::Shift(op) => {
                     let count = self.resize(b, self.b.ty(a))?;
                     self.b.binary(op, a, count)?
                 }

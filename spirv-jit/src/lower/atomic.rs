@@ -3,7 +3,7 @@
 use rspirv::spirv::Op;
 
 use super::Lowerer;
-use super::values::{Place, Pointer};
+use super::values::{MemoryLocation, Pointer};
 use crate::Error;
 use crate::ir::op::{Access, AtomicOp};
 use crate::ir::{self, Space, Type, Value};
@@ -64,7 +64,7 @@ impl Lowerer<'_> {
             return Err(self.b.invalid("an atomic operation has the wrong type"));
         }
         let result = match &pointer.place {
-            Place::Texel { .. } => self.texel_atomic(&pointer, op, &arguments)?,
+            MemoryLocation::Texel { .. } => self.texel_atomic(&pointer, op, &arguments)?,
             _ => self.memory_atomic(&pointer, op, &arguments, ty)?,
         };
         match result {
@@ -81,12 +81,12 @@ impl Lowerer<'_> {
         ty: Type,
     ) -> Result<Option<Value>, Error> {
         let space = match pointer.place {
-            Place::Shared { .. } => Space::Shared,
-            Place::Buffer { .. } => Space::Buffer,
-            Place::Buffer64 { .. } => Space::Buffer64,
-            Place::Global { .. } => Space::Global,
+            MemoryLocation::Shared { .. } => Space::Shared,
+            MemoryLocation::Buffer { .. } => Space::Buffer,
+            MemoryLocation::Buffer64 { .. } => Space::Buffer64,
+            MemoryLocation::Global { .. } => Space::Global,
             // Memory of one lane: no other lane can intervene.
-            Place::Local { .. } | Place::Private { .. } => {
+            MemoryLocation::Local { .. } | MemoryLocation::Private { .. } => {
                 return self.private_atomic(pointer, op, arguments).map(Some);
             }
             _ => return Err(self.b.invalid("this memory has no atomics")),

@@ -5,7 +5,7 @@ use rspirv::spirv::StorageClass;
 
 use super::Lowerer;
 use super::pointer::{Elements, Index};
-use super::values::Place;
+use super::values::MemoryLocation;
 use crate::Error;
 use crate::ir::{self, Type, Value};
 use crate::parse::{Id, Instruction};
@@ -27,14 +27,14 @@ impl Lowerer<'_> {
     }
 
     /// The start of a buffer.
-    pub(super) fn buffer_place(reference: Value, is_wide: bool) -> Place {
+    pub(super) fn buffer_place(reference: Value, is_wide: bool) -> MemoryLocation {
         match is_wide {
-            true => Place::Buffer64 {
+            true => MemoryLocation::Buffer64 {
                 reference,
                 offset: None,
                 constant: 0,
             },
-            false => Place::Buffer {
+            false => MemoryLocation::Buffer {
                 reference,
                 offset: None,
                 constant: 0,
@@ -90,7 +90,7 @@ impl Lowerer<'_> {
         let stride = self.layout().array_stride(array)?.clamp(1, u32::MAX as u64);
         let first = self.layout().member_offset(block, member)? as u32;
         let (reference, before, ty) = match pointer.place {
-            Place::Buffer {
+            MemoryLocation::Buffer {
                 reference,
                 offset,
                 constant,
@@ -98,7 +98,7 @@ impl Lowerer<'_> {
                 let before = self.b.add_terms(offset, constant.wrapping_add(first))?;
                 (reference, before, Type::I32)
             }
-            Place::Buffer64 {
+            MemoryLocation::Buffer64 {
                 reference,
                 offset,
                 constant,

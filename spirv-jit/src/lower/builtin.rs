@@ -9,7 +9,7 @@ use crate::ir::stage::{Builtin, Stage};
 use crate::ir::{self, InputRow, Type, Value};
 
 /// Where a built-in comes from.
-enum Source {
+enum BuiltinSource {
     /// The invocation's input record.
     Record(Builtin),
     /// The dispatch: first word.
@@ -20,68 +20,68 @@ enum Source {
     LaneMask(BuiltIn),
 }
 
-fn source(built_in: BuiltIn) -> Option<Source> {
+fn source(built_in: BuiltIn) -> Option<BuiltinSource> {
     Some(match built_in {
-        BuiltIn::LaunchIdKHR => Source::Record(Builtin::LaunchId),
-        BuiltIn::LaunchSizeKHR => Source::Uniform(uniform::LAUNCH_SIZE),
-        BuiltIn::NumWorkgroups => Source::Uniform(uniform::NUM_WORKGROUPS),
-        BuiltIn::DeviceIndex => Source::Uniform(uniform::DEVICE_INDEX),
-        BuiltIn::WorkgroupId => Source::Record(Builtin::WorkgroupId),
-        BuiltIn::LocalInvocationId => Source::Record(Builtin::LocalInvocationId),
-        BuiltIn::LocalInvocationIndex => Source::Record(Builtin::LocalInvocationIndex),
-        BuiltIn::GlobalInvocationId => Source::Record(Builtin::GlobalInvocationId),
-        BuiltIn::SubgroupId => Source::Record(Builtin::SubgroupId),
-        BuiltIn::NumSubgroups => Source::Record(Builtin::NumSubgroups),
-        BuiltIn::PrimitiveId => Source::Record(Builtin::PrimitiveId),
-        BuiltIn::InstanceId => Source::Record(Builtin::InstanceId),
-        BuiltIn::InstanceCustomIndexKHR => Source::Record(Builtin::InstanceCustomIndex),
-        BuiltIn::RayGeometryIndexKHR => Source::Record(Builtin::GeometryIndex),
-        BuiltIn::WorldRayOriginKHR => Source::Record(Builtin::WorldRayOrigin),
-        BuiltIn::WorldRayDirectionKHR => Source::Record(Builtin::WorldRayDirection),
-        BuiltIn::ObjectRayOriginKHR => Source::Record(Builtin::ObjectRayOrigin),
-        BuiltIn::ObjectRayDirectionKHR => Source::Record(Builtin::ObjectRayDirection),
-        BuiltIn::RayTminKHR => Source::Record(Builtin::RayTmin),
-        BuiltIn::RayTmaxKHR | BuiltIn::HitTNV => Source::Record(Builtin::RayTmax),
-        BuiltIn::IncomingRayFlagsKHR => Source::Record(Builtin::IncomingRayFlags),
-        BuiltIn::CullMaskKHR => Source::Record(Builtin::CullMask),
-        BuiltIn::HitKindKHR => Source::Record(Builtin::HitKind),
-        BuiltIn::ObjectToWorldKHR => Source::Record(Builtin::ObjectToWorld),
-        BuiltIn::WorldToObjectKHR => Source::Record(Builtin::WorldToObject),
+        BuiltIn::LaunchIdKHR => BuiltinSource::Record(Builtin::LaunchId),
+        BuiltIn::LaunchSizeKHR => BuiltinSource::Uniform(uniform::LAUNCH_SIZE),
+        BuiltIn::NumWorkgroups => BuiltinSource::Uniform(uniform::NUM_WORKGROUPS),
+        BuiltIn::DeviceIndex => BuiltinSource::Uniform(uniform::DEVICE_INDEX),
+        BuiltIn::WorkgroupId => BuiltinSource::Record(Builtin::WorkgroupId),
+        BuiltIn::LocalInvocationId => BuiltinSource::Record(Builtin::LocalInvocationId),
+        BuiltIn::LocalInvocationIndex => BuiltinSource::Record(Builtin::LocalInvocationIndex),
+        BuiltIn::GlobalInvocationId => BuiltinSource::Record(Builtin::GlobalInvocationId),
+        BuiltIn::SubgroupId => BuiltinSource::Record(Builtin::SubgroupId),
+        BuiltIn::NumSubgroups => BuiltinSource::Record(Builtin::NumSubgroups),
+        BuiltIn::PrimitiveId => BuiltinSource::Record(Builtin::PrimitiveId),
+        BuiltIn::InstanceId => BuiltinSource::Record(Builtin::InstanceId),
+        BuiltIn::InstanceCustomIndexKHR => BuiltinSource::Record(Builtin::InstanceCustomIndex),
+        BuiltIn::RayGeometryIndexKHR => BuiltinSource::Record(Builtin::GeometryIndex),
+        BuiltIn::WorldRayOriginKHR => BuiltinSource::Record(Builtin::WorldRayOrigin),
+        BuiltIn::WorldRayDirectionKHR => BuiltinSource::Record(Builtin::WorldRayDirection),
+        BuiltIn::ObjectRayOriginKHR => BuiltinSource::Record(Builtin::ObjectRayOrigin),
+        BuiltIn::ObjectRayDirectionKHR => BuiltinSource::Record(Builtin::ObjectRayDirection),
+        BuiltIn::RayTminKHR => BuiltinSource::Record(Builtin::RayTmin),
+        BuiltIn::RayTmaxKHR | BuiltIn::HitTNV => BuiltinSource::Record(Builtin::RayTmax),
+        BuiltIn::IncomingRayFlagsKHR => BuiltinSource::Record(Builtin::IncomingRayFlags),
+        BuiltIn::CullMaskKHR => BuiltinSource::Record(Builtin::CullMask),
+        BuiltIn::HitKindKHR => BuiltinSource::Record(Builtin::HitKind),
+        BuiltIn::ObjectToWorldKHR => BuiltinSource::Record(Builtin::ObjectToWorld),
+        BuiltIn::WorldToObjectKHR => BuiltinSource::Record(Builtin::WorldToObject),
         BuiltIn::HitTriangleVertexPositionsKHR => {
-            Source::Record(Builtin::HitTriangleVertexPositions)
+            BuiltinSource::Record(Builtin::HitTriangleVertexPositions)
         }
-        BuiltIn::CurrentRayTimeNV => Source::Record(Builtin::CurrentRayTime),
-        BuiltIn::HitIsSphereNV => Source::Record(Builtin::HitIsSphere),
-        BuiltIn::HitIsLSSNV => Source::Record(Builtin::HitIsLss),
-        BuiltIn::HitSpherePositionNV => Source::Record(Builtin::HitSpherePosition),
-        BuiltIn::HitSphereRadiusNV => Source::Record(Builtin::HitSphereRadius),
-        BuiltIn::HitLSSPositionsNV => Source::Record(Builtin::HitLssPositions),
-        BuiltIn::HitLSSRadiiNV => Source::Record(Builtin::HitLssRadii),
-        BuiltIn::VertexIndex => Source::Record(Builtin::VertexIndex),
-        BuiltIn::InstanceIndex => Source::Record(Builtin::InstanceIndex),
-        BuiltIn::BaseVertex => Source::Record(Builtin::BaseVertex),
-        BuiltIn::BaseInstance => Source::Record(Builtin::BaseInstance),
-        BuiltIn::DrawIndex => Source::Record(Builtin::DrawIndex),
-        BuiltIn::ViewIndex => Source::Record(Builtin::ViewIndex),
-        BuiltIn::InvocationId => Source::Record(Builtin::InvocationId),
-        BuiltIn::PatchVertices => Source::Record(Builtin::PatchVertices),
-        BuiltIn::TessCoord => Source::Record(Builtin::TessCoord),
-        BuiltIn::FragCoord => Source::Record(Builtin::FragCoord),
-        BuiltIn::FrontFacing => Source::Record(Builtin::FrontFacing),
-        BuiltIn::PointCoord => Source::Record(Builtin::PointCoord),
-        BuiltIn::SampleId => Source::Record(Builtin::SampleId),
-        BuiltIn::SamplePosition => Source::Record(Builtin::SamplePosition),
-        BuiltIn::SampleMask => Source::Record(Builtin::SampleMask),
-        BuiltIn::Layer => Source::Record(Builtin::Layer),
-        BuiltIn::ViewportIndex => Source::Record(Builtin::ViewportIndex),
-        BuiltIn::ShadingRateKHR => Source::Record(Builtin::ShadingRate),
-        BuiltIn::SubgroupSize => Source::SubgroupSize,
-        BuiltIn::SubgroupLocalInvocationId => Source::LaneIndex,
+        BuiltIn::CurrentRayTimeNV => BuiltinSource::Record(Builtin::CurrentRayTime),
+        BuiltIn::HitIsSphereNV => BuiltinSource::Record(Builtin::HitIsSphere),
+        BuiltIn::HitIsLSSNV => BuiltinSource::Record(Builtin::HitIsLss),
+        BuiltIn::HitSpherePositionNV => BuiltinSource::Record(Builtin::HitSpherePosition),
+        BuiltIn::HitSphereRadiusNV => BuiltinSource::Record(Builtin::HitSphereRadius),
+        BuiltIn::HitLSSPositionsNV => BuiltinSource::Record(Builtin::HitLssPositions),
+        BuiltIn::HitLSSRadiiNV => BuiltinSource::Record(Builtin::HitLssRadii),
+        BuiltIn::VertexIndex => BuiltinSource::Record(Builtin::VertexIndex),
+        BuiltIn::InstanceIndex => BuiltinSource::Record(Builtin::InstanceIndex),
+        BuiltIn::BaseVertex => BuiltinSource::Record(Builtin::BaseVertex),
+        BuiltIn::BaseInstance => BuiltinSource::Record(Builtin::BaseInstance),
+        BuiltIn::DrawIndex => BuiltinSource::Record(Builtin::DrawIndex),
+        BuiltIn::ViewIndex => BuiltinSource::Record(Builtin::ViewIndex),
+        BuiltIn::InvocationId => BuiltinSource::Record(Builtin::InvocationId),
+        BuiltIn::PatchVertices => BuiltinSource::Record(Builtin::PatchVertices),
+        BuiltIn::TessCoord => BuiltinSource::Record(Builtin::TessCoord),
+        BuiltIn::FragCoord => BuiltinSource::Record(Builtin::FragCoord),
+        BuiltIn::FrontFacing => BuiltinSource::Record(Builtin::FrontFacing),
+        BuiltIn::PointCoord => BuiltinSource::Record(Builtin::PointCoord),
+        BuiltIn::SampleId => BuiltinSource::Record(Builtin::SampleId),
+        BuiltIn::SamplePosition => BuiltinSource::Record(Builtin::SamplePosition),
+        BuiltIn::SampleMask => BuiltinSource::Record(Builtin::SampleMask),
+        BuiltIn::Layer => BuiltinSource::Record(Builtin::Layer),
+        BuiltIn::ViewportIndex => BuiltinSource::Record(Builtin::ViewportIndex),
+        BuiltIn::ShadingRateKHR => BuiltinSource::Record(Builtin::ShadingRate),
+        BuiltIn::SubgroupSize => BuiltinSource::SubgroupSize,
+        BuiltIn::SubgroupLocalInvocationId => BuiltinSource::LaneIndex,
         BuiltIn::SubgroupEqMask
         | BuiltIn::SubgroupGeMask
         | BuiltIn::SubgroupGtMask
         | BuiltIn::SubgroupLeMask
-        | BuiltIn::SubgroupLtMask => Source::LaneMask(built_in),
+        | BuiltIn::SubgroupLtMask => BuiltinSource::LaneMask(built_in),
         _ => return None,
     })
 }
@@ -100,7 +100,9 @@ impl Lowerer<'_> {
         };
         let is_drawn = matches!(self.request.stage, Stage::Task | Stage::Mesh);
         let source = match built_in {
-            BuiltIn::NumWorkgroups if is_drawn => Some(Source::Record(Builtin::NumWorkgroups)),
+            BuiltIn::NumWorkgroups if is_drawn => {
+                Some(BuiltinSource::Record(Builtin::NumWorkgroups))
+            }
             other => source(other),
         };
         let Some(source) = source else {
@@ -110,7 +112,12 @@ impl Lowerer<'_> {
         self.builtin_word(&source, word, ty)
     }
 
-    fn builtin_word(&mut self, source: &Source, word: u32, ty: Type) -> Result<Value, Error> {
+    fn builtin_word(
+        &mut self,
+        source: &BuiltinSource,
+        word: u32,
+        ty: Type,
+    ) -> Result<Value, Error> {
         if ty == Type::I1 {
             let word = self.builtin_word(source, word, Type::I32)?;
             return self.word_to_bool(word);
@@ -118,7 +125,7 @@ impl Lowerer<'_> {
         if !matches!(ty, Type::I32 | Type::F32) {
             return Err(self.b.invalid("a built-in has the wrong type"));
         }
-        if let (Source::Record(Builtin::RayTmax), Some(variable)) = (source, self.ray_tmax) {
+        if let (BuiltinSource::Record(Builtin::RayTmax), Some(variable)) = (source, self.ray_tmax) {
             return match ty {
                 Type::F32 => self.b.emit(ir::Op::VarLoad(variable, 0), &[], ty),
                 _ => Err(self.b.invalid("a built-in has the wrong type")),
@@ -126,24 +133,24 @@ impl Lowerer<'_> {
         }
         match *source {
             // There are no samples beyond the first word's.
-            Source::Record(Builtin::SampleMask) if word > 0 => Ok(self.b.constant(ty, 0)),
-            Source::Record(built_in) => {
+            BuiltinSource::Record(Builtin::SampleMask) if word > 0 => Ok(self.b.constant(ty, 0)),
+            BuiltinSource::Record(built_in) => {
                 let last = u32::from(built_in.words()) - 1;
                 self.input(InputRow::Builtin(built_in, word.min(last) as u8), ty)
             }
             _ => {
                 let value = match *source {
-                    Source::Uniform(first) => {
+                    BuiltinSource::Uniform(first) => {
                         let last = uniform::COUNT as u32 - 1;
                         let op = ir::Op::Uniform(first.saturating_add(word).min(last));
                         self.b.emit(op, &[], Type::I32)?
                     }
-                    Source::SubgroupSize => self.b.i32(crate::SUBGROUP_SIZE as u32),
-                    Source::LaneIndex => self.b.emit(ir::Op::LaneIndex, &[], Type::I32)?,
+                    BuiltinSource::SubgroupSize => self.b.i32(crate::SUBGROUP_SIZE as u32),
+                    BuiltinSource::LaneIndex => self.b.emit(ir::Op::LaneIndex, &[], Type::I32)?,
                     // Lanes from 32 on do not exist.
-                    Source::LaneMask(_) if word > 0 => self.b.i32(0),
-                    Source::LaneMask(which) => self.lane_mask(which)?,
-                    Source::Record(_) => self.b.i32(0),
+                    BuiltinSource::LaneMask(_) if word > 0 => self.b.i32(0),
+                    BuiltinSource::LaneMask(which) => self.lane_mask(which)?,
+                    BuiltinSource::Record(_) => self.b.i32(0),
                 };
                 match ty {
                     Type::I32 => Ok(value),

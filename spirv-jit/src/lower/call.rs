@@ -14,10 +14,10 @@ use std::rc::Rc;
 use rspirv::spirv::{Op, StorageClass};
 
 use super::builder::Builder;
-use super::frame::{After, GivenBack, Outlining, ReturnTo, Scope};
+use super::frame::{After, ExtraResults, Outlining, ReturnTo, Scope};
 use super::hit_object::is_hit_object;
 use super::types::TypeKind;
-use super::values::{Place, Pointer, Val};
+use super::values::{MemoryLocation, Pointer, Val};
 use super::{Lowerer, budget};
 use crate::Error;
 use crate::ir::{self, Body, FunctionId, Label, Node, Type, Value};
@@ -319,7 +319,7 @@ impl Lowerer<'_> {
             }
             match argument {
                 Val::Pointer(Pointer {
-                    place: Place::Local { local, .. },
+                    place: MemoryLocation::Local { local, .. },
                     ..
                 }) if !seen.contains(local) => seen.push(*local),
                 _ => return Ok(true),
@@ -379,7 +379,7 @@ impl Lowerer<'_> {
             carried: carried.clone(),
             scope,
         }));
-        let return_to = ReturnTo::Caller(Rc::new(GivenBack { pointers, carried }));
+        let return_to = ReturnTo::Caller(Rc::new(ExtraResults { pointers, carried }));
         self.open_function(callee, plan, return_to, arguments, after)
     }
 
@@ -413,7 +413,7 @@ impl Lowerer<'_> {
         results.extend_from_slice(&self.types.leaves(pointee)?);
         let values = self.new_params(pointee)?;
         let local = self.new_local("", pointee)?;
-        let pointer = Pointer::new(pointee, Place::Local { local, row: 0 });
+        let pointer = Pointer::new(pointee, MemoryLocation::Local { local, row: 0 });
         self.store(&pointer, &values)?;
         Ok((local, pointer))
     }
@@ -427,7 +427,7 @@ impl Lowerer<'_> {
     }
 
     /// The values that a function of the IR gives back behind its result.
-    pub(super) fn given_back(&mut self, given: &GivenBack) -> Result<Vec<Value>, Error> {
+    pub(super) fn extra_results(&mut self, given: &ExtraResults) -> Result<Vec<Value>, Error> {
         let mut values = Vec::new();
         for pointer in &given.pointers {
             values.extend(self.load(pointer)?);

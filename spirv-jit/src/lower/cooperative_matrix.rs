@@ -7,7 +7,7 @@ use smallvec::SmallVec;
 use super::Lowerer;
 use super::memory::access;
 use super::types::{TypeKind, UNTYPED};
-use super::values::{Place, Pointer, Values};
+use super::values::{MemoryLocation, Pointer, Values};
 use crate::Error;
 use crate::ir::op::{Access, Component, MatrixProduct};
 use crate::ir::{self, Space, Type, Value};
@@ -16,7 +16,7 @@ use crate::parse::{Id, Instruction};
 const SIZE: usize = MatrixProduct::SIZE;
 
 /// Of an access.
-type Operands = SmallVec<[Value; 2]>;
+type MatrixOperands = SmallVec<[Value; 2]>;
 
 /// Bytes from a line of a matrix to the next. A computed stride is an i32, or an i64 in shaders
 /// with 64-bit indexing.
@@ -74,10 +74,10 @@ impl Lowerer<'_> {
         pointer = self.with_access(pointer, operands.get(2..).unwrap_or_default());
         if !matches!(
             pointer.place,
-            Place::Shared { .. }
-                | Place::Buffer { .. }
-                | Place::Buffer64 { .. }
-                | Place::Global { .. }
+            MemoryLocation::Shared { .. }
+                | MemoryLocation::Buffer { .. }
+                | MemoryLocation::Buffer64 { .. }
+                | MemoryLocation::Global { .. }
         ) {
             return Err(self.b.invalid("a matrix is not loaded or stored there"));
         }
@@ -138,15 +138,15 @@ impl Lowerer<'_> {
     fn moved(&mut self, pointer: &Pointer, bytes: Value) -> Result<Pointer, Error> {
         let mut pointer = pointer.clone();
         match &mut pointer.place {
-            Place::Shared { offset, .. } | Place::Buffer { offset, .. } => {
+            MemoryLocation::Shared { offset, .. } | MemoryLocation::Buffer { offset, .. } => {
                 let bytes = self.resize(bytes, Type::I32)?;
                 *offset = Some(self.add(*offset, bytes)?);
             }
-            Place::Buffer64 { offset, .. } => {
+            MemoryLocation::Buffer64 { offset, .. } => {
                 let bytes = self.b.i64_of(bytes, true)?;
                 *offset = Some(self.add(*offset, bytes)?);
             }
-            Place::Global { address, .. } => {
+            MemoryLocation::Global { address, .. } => {
                 let bytes = self.b.i64_of(bytes, true)?;
                 *address = self.b.binary(ir::Op::IAdd, *address, bytes)?;
             }
@@ -156,7 +156,7 @@ impl Lowerer<'_> {
     }
 
     /// The accesses to a matrix, each with its operands: how, and to how many components.
-    fn accesses(&mut self, lines: Lines) -> Result<Vec<(Access, Operands, usize)>, Error> {
+    fn accesses(&mut self, lines: Lines) -> Result<Vec<(Access, MatrixOperands, usize)>, Error> {
         let Lines {
             mut pointer,
             stride,

@@ -6,7 +6,7 @@ use rspirv::spirv::{CooperativeMatrixOperands, CooperativeVectorMatrixLayout, Op
 use super::Lowerer;
 use super::memory::{access, space};
 use super::types::TypeKind;
-use super::values::{Place, Pointer, Values};
+use super::values::{MemoryLocation, Pointer, Values};
 use crate::Error;
 use crate::ir::op::{Component, VectorProduct, optimal_stride_bytes};
 use crate::ir::{self, Type, Value};
@@ -83,15 +83,15 @@ impl Lowerer<'_> {
         // Components follow each other, wherever the vector begins.
         pointer.alignment = 0;
         match &mut pointer.place {
-            Place::Shared { offset, .. } | Place::Buffer { offset, .. } => {
+            MemoryLocation::Shared { offset, .. } | MemoryLocation::Buffer { offset, .. } => {
                 let bytes = self.b.i32_of(bytes, false)?;
                 *offset = Some(self.add(*offset, bytes)?);
             }
-            Place::Buffer64 { offset, .. } => {
+            MemoryLocation::Buffer64 { offset, .. } => {
                 let bytes = self.b.i64_of(bytes, false)?;
                 *offset = Some(self.add(*offset, bytes)?);
             }
-            Place::Global { address, .. } => {
+            MemoryLocation::Global { address, .. } => {
                 let bytes = self.b.i64_of(bytes, false)?;
                 *address = self.b.binary(ir::Op::IAdd, *address, bytes)?;
             }
@@ -187,7 +187,7 @@ impl Lowerer<'_> {
         };
 
         let pointer = self.vector_place(operands[2], operands[3])?;
-        if let Place::Shared { .. } = pointer.place {
+        if let MemoryLocation::Shared { .. } = pointer.place {
             return Err(self.b.invalid("matrices are not in workgroup memory"));
         }
         let mut args: Values = self.address(&pointer, 0)?.into_iter().collect();

@@ -12,7 +12,7 @@ use crate::parse::{Block, Function, Id, ParsedModule};
 pub(super) type BlockIndex = usize;
 
 /// The target of cases, and the selector's values that lead there.
-pub(super) type Case = (BlockIndex, Vec<u64>);
+pub(super) type SwitchCase = (BlockIndex, Vec<u64>);
 
 #[derive(Clone, Copy)]
 pub(super) struct Flow<'a> {
@@ -89,10 +89,10 @@ impl<'a> Flow<'a> {
     }
 
     /// The default of a switch, and its cases, those with one target put together.
-    pub fn switch(self, at: BlockIndex) -> Result<(BlockIndex, Vec<Case>), Error> {
+    pub fn switch(self, at: BlockIndex) -> Result<(BlockIndex, Vec<SwitchCase>), Error> {
         let (_, operands) = self.terminator(at);
         let default = self.find(at, operands[1])?;
-        let mut cases: Vec<Case> = Vec::new();
+        let mut cases: Vec<SwitchCase> = Vec::new();
         let mut places: HashMap<BlockIndex, usize> = HashMap::default();
         for (literal, label) in self.switch_cases(at) {
             let target = self.find(at, label)?;

@@ -14,13 +14,13 @@ use crate::ir::{Body, Label, Node, Value, VariableId};
 use crate::parse::{Id, Instruction};
 
 /// The values that a function of the IR returns after its result.
-pub(super) struct GivenBack {
+pub(super) struct ExtraResults {
     pub(super) pointers: Vec<Pointer>,
     pub(super) carried: Rc<[Id]>,
 }
 
 /// A function that is being lowered.
-pub(super) struct Frame {
+pub(super) struct FunctionFrame {
     pub(super) function: usize,
     pub(super) plan: Rc<Plan>,
     /// The plan's body that is open.
@@ -83,7 +83,7 @@ pub(super) struct Outlining {
 /// The state of lowering that belongs to one function of the IR.
 pub(super) struct Scope {
     pub(super) builder: Builder,
-    pub(super) frames: Vec<Frame>,
+    pub(super) frames: Vec<FunctionFrame>,
     pub(super) locals: Vec<Local>,
     pub(super) module_locals: HashMap<Id, usize>,
     pub(super) input_locals: HashMap<(Id, Evaluation), usize>,
@@ -100,7 +100,7 @@ pub(super) enum ReturnTo {
     /// memory.
     Block(Label, Option<Pointer>),
     /// A function of the IR returns its result and what it took.
-    Caller(Rc<GivenBack>),
+    Caller(Rc<ExtraResults>),
 }
 
 /// An id that is used beyond the body of its definition.

@@ -6,9 +6,9 @@ use std::rc::Rc;
 use rspirv::spirv::Op;
 use smallvec::SmallVec;
 
-use super::frame::{After, Escaped, Frame, OpenBody, ReturnTo};
-use super::large::Source;
-use super::structure::{BodyIndex, Condition, End, Plan, Step, plan_function};
+use super::frame::{After, Escaped, FunctionFrame, OpenBody, ReturnTo};
+use super::large::ContentsSource;
+use super::structure::{BodyIndex, Condition, ControlStep, End, Plan, plan_function};
 use super::types::{MAX_LEAVES, MAX_ROWS, TypeKind, too_many_rows};
 use super::values::{Local, Pointer, Scalars, Val};
 use super::{Lowerer, budget};
@@ -48,7 +48,7 @@ impl<'a> Lowerer<'a> {
         for (&param, argument) in params.iter().zip(arguments) {
             self.values.insert(param, argument);
         }
-        self.frames.push(Frame {
+        self.frames.push(FunctionFrame {
             function: index,
             body: 0,
             labels: vec![None; plan.labels],
@@ -76,11 +76,11 @@ impl<'a> Lowerer<'a> {
         Ok(plan)
     }
 
-    fn frame(&self) -> &Frame {
+    fn frame(&self) -> &FunctionFrame {
         &self.frames[self.frames.len() - 1]
     }
 
-    fn frame_mut(&mut self) -> &mut Frame {
+    fn frame_mut(&mut self) -> &mut FunctionFrame {
         let last = self.frames.len() - 1;
         &mut self.frames[last]
     }
@@ -126,7 +126,7 @@ impl<'a> Lowerer<'a> {
         let body = &plan.bodies[index];
         let top = self.open.len() - 1;
         while let Some(step) = body.steps.get(self.open[top].step) {
-            if let Step::Code(block) = step {
+            if let ControlStep::Code(block) = step {
                 if !self.emit_code(*block)? {
                     return Ok(None);
                 }
@@ -135,14 +135,14 @@ impl<'a> Lowerer<'a> {
             }
             self.open[top].step += 1;
             match step {
-                Step::Code(_) => {}
-                Step::Edge(from, to) => {
+                ControlStep::Code(_) => {}
+                ControlStep::Edge(from, to) => {
                     self.emit_edge(*from, *to)?;
                     continue;
                 }
-                Step::Block { label, body } => self.open_body(*body, After::Block(*label)),
-                Step::Loop { label, body } => self.open_body(*body, After::Loop(*label)),
-                Step::If {
+                ControlStep::Block { label, body } => self.open_body(*body, After::Block(*label)),
+                ControlStep::Loop { label, body } => self.open_body(*body, After::Loop(*label)),
+                ControlStep::If {
                     at,
                     condition,
                     label,
@@ -284,7 +284,7 @@ impl<'a> Lowerer<'a> {
                 let ty = instruction.result_type;
                 let place = self.new_place("", ty)?;
                 let phi = self.large_phi(instruction.result, ty)?;
-                self.fill(place.clone(), Source::Memory(phi))?;
+                self.fill(place.clone(), ContentsSource::Memory(phi))?;
                 self.define(instruction.result, Val::Kept(place))?;
             } else if instruction.opcode == Op::Phi {
                 self.check_opaque_result(instruction)?;
@@ -436,7 +436,7 @@ impl<'a> Lowerer<'a> {
                 match return_to {
                     ReturnTo::Block(label, _) => Ok(Terminator::Br(label, values)),
                     ReturnTo::Caller(given) => {
-                        values.extend(self.given_back(&given)?);
+                        values.extend(self.extra_results(&given)?);
                         Ok(Terminator::Return(values))
                     }
                     ReturnTo::End => Ok(Terminator::Unreachable),

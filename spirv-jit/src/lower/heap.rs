@@ -4,7 +4,7 @@ use rspirv::spirv::{BuiltIn, Decoration, StorageClass};
 
 use super::Lowerer;
 use super::types::{TypeKind, UNTYPED};
-use super::values::{Place, Pointer, Val};
+use super::values::{MemoryLocation, Pointer, Val};
 use crate::Error;
 use crate::environment::reference;
 use crate::heap::{DESCRIPTOR_BYTES, HeapPlace, Mapping, Source, Table, Word, resource};
@@ -20,7 +20,7 @@ const EMBEDDED: u32 = 1 << 31;
 
 /// The part of an index in memory that counts.
 #[derive(Clone, Copy)]
-enum Part {
+enum IndexPart {
     Whole,
     Image,
     Sampler,
@@ -95,9 +95,9 @@ impl Lowerer<'_> {
         &mut self,
         mapping: &Mapping,
         number: (Option<Value>, u32),
-    ) -> Result<Place, Error> {
+    ) -> Result<MemoryLocation, Error> {
         match &mapping.source {
-            Source::Heap(_) => Ok(Place::Buffer {
+            Source::Heap(_) => Ok(MemoryLocation::Buffer {
                 reference: self.mapped_reference(mapping, number)?,
                 offset: None,
                 constant: 0,
@@ -105,13 +105,13 @@ impl Lowerer<'_> {
             &Source::Data(word) => self.word_place(word, None),
             &Source::HeapData { offset_bytes, push } => {
                 let offset = self.heap_word(Word::Push(push), None, Type::I32)?;
-                Ok(Place::Buffer {
+                Ok(MemoryLocation::Buffer {
                     reference: self.b.constant_reference(Table::Data.binding(), 0),
                     offset: Some(offset),
                     constant: offset_bytes,
                 })
             }
-            &Source::Address(word) => Ok(Place::Global {
+            &Source::Address(word) => Ok(MemoryLocation::Global {
                 address: self.heap_word(word, None, Type::I64)?,
                 constant: 0,
             }),
@@ -127,7 +127,7 @@ impl Lowerer<'_> {
     ) -> Result<Value, Error> {
         match &mapping.source {
             Source::Heap(source) => {
-                self.heap_reference(Table::Resources, &source.place, number, Part::Whole)
+                self.heap_reference(Table::Resources, &source.place, number, IndexPart::Whole)
             }
             _ => Err(self.b.invalid("a mapping to data has no descriptor")),
         }
@@ -147,12 +147,14 @@ impl Lowerer<'_> {
         match self.types.kind(ty)? {
             TypeKind::Sampler => Ok(vec![match source.embedded {
                 Some(at) => embedded(self, at),
-                None => self.heap_reference(Table::Samplers, &source.place, number, Part::Whole)?,
+                None => {
+                    self.heap_reference(Table::Samplers, &source.place, number, IndexPart::Whole)?
+                }
             }]),
             TypeKind::SampledImage { .. } => {
                 let (image, sampler) = match source.is_packed {
-                    true => (Part::Image, Part::Sampler),
-                    false => (Part::Whole, Part::Whole),
+                    true => (IndexPart::Image, IndexPart::Sampler),
+                    false => (IndexPart::Whole, IndexPart::Whole),
                 };
                 let mut place = source.sampler.clone();
                 if source.is_packed {
@@ -237,7 +239,7 @@ impl Lowerer<'_> {
         table: Table,
         place: &HeapPlace,
         (number, constant): (Option<Value>, u32),
-        part: Part,
+        part: IndexPart,
     ) -> Result<Value, Error> {
         let first = place
             .first
@@ -254,12 +256,12 @@ impl Lowerer<'_> {
             let mut index = self.heap_word(word, at, Type::I32)?;
             let bits = self.b.i32(IMAGE_INDEX_BITS);
             index = match part {
-                Part::Whole => index,
-                Part::Image => {
+                IndexPart::Whole => index,
+                IndexPart::Image => {
                     let mask = self.b.i32((1 << IMAGE_INDEX_BITS) - 1);
                     self.b.binary(ir::Op::And, index, mask)?
                 }
-                Part::Sampler => self.b.binary(ir::Op::LShr, index, bits)?,
+                IndexPart::Sampler => self.b.binary(ir::Op::LShr, index, bits)?,
             };
             // An index need not count descriptors: it may count bytes.
             let stride = place.index_stride_bytes;
@@ -303,10 +305,10 @@ impl Lowerer<'_> {
     }
 
     /// The place of a word, or of the one that many words behind it.
-    fn word_place(&mut self, word: Word, at: Option<Value>) -> Result<Place, Error> {
+    fn word_place(&mut self, word: Word, at: Option<Value>) -> Result<MemoryLocation, Error> {
         let (mut address, constant) = match word {
             Word::Push(constant) => {
-                return Ok(Place::Buffer {
+                return Ok(MemoryLocation::Buffer {
                     reference: self.b.push_constants(),
                     offset: None,
                     constant,
@@ -322,7 +324,7 @@ impl Lowerer<'_> {
             let step = self.b.scale(at, 4)?;
             address = self.b.binary(ir::Op::IAdd, address, step)?;
         }
-        Ok(Place::Global {
+        Ok(MemoryLocation::Global {
             address,
             constant: constant.into(),
         })
@@ -332,7 +334,7 @@ impl Lowerer<'_> {
     fn heap_word(&mut self, word: Word, at: Option<Value>, ty: Type) -> Result<Value, Error> {
         let place = self.word_place(word, at)?;
         let pointer = Pointer {
-            constant: matches!(place, Place::Buffer { .. }),
+            constant: matches!(place, MemoryLocation::Buffer { .. }),
             ..Pointer::new(UNTYPED, place)
         };
         let size = |ty: Type| u64::from(ty.size_bytes());

@@ -6,7 +6,7 @@ use smallvec::SmallVec;
 
 use super::Lowerer;
 use super::types::{ImageType, TypeKind};
-use super::values::{Place, Pointer, Val};
+use super::values::{MemoryLocation, Pointer, Val};
 use crate::Error;
 use crate::ir::op::AtomicOp;
 use crate::ir::stage::{Builtin, Stage};
@@ -552,7 +552,7 @@ impl Lowerer<'_> {
         let op = self.image_op(image, ImageOpKind::Atomic(AtomicOp::Load))?;
         let coordinate = self.integers(operands[1], op.coordinate_count())?;
         let sample = self.scalar(operands[2])?;
-        let place = Place::Texel {
+        let place = MemoryLocation::Texel {
             image_type,
             image: self.reference(&pointer)?,
             coordinate: coordinate.into(),
@@ -569,7 +569,7 @@ impl Lowerer<'_> {
         kind: AtomicOp,
         operands: &[Value],
     ) -> Result<Option<Value>, Error> {
-        let Place::Texel {
+        let MemoryLocation::Texel {
             image_type,
             image,
             coordinate,

@@ -8,7 +8,7 @@
 use rspirv::spirv::{BuiltIn, Decoration, StorageClass};
 
 use super::types::MAX_LEAVES;
-use super::values::{Place, Pointer};
+use super::values::{MemoryLocation, Pointer};
 use super::{Lowerer, budget};
 use crate::Error;
 use crate::ir::op::Access;
@@ -107,7 +107,7 @@ impl Lowerer<'_> {
         let name = self.module.annotations.name(id).to_owned();
         let local = self.new_local(&name, variable.pointee)?;
         self.module_locals.insert(id, local);
-        let pointer = Pointer::new(variable.pointee, Place::Local { local, row: 0 });
+        let pointer = Pointer::new(variable.pointee, MemoryLocation::Local { local, row: 0 });
         let incoming: Option<fn(u32) -> InputRow> = match variable.class {
             StorageClass::IncomingRayPayloadKHR => Some(InputRow::Payload),
             StorageClass::IncomingCallableDataKHR => Some(InputRow::CallableData),

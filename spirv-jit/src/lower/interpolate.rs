@@ -7,7 +7,7 @@ use rspirv::spirv::GlslStd450Op as GLOp;
 
 use super::Lowerer;
 use super::stage_interface::Evaluation;
-use super::values::Place;
+use super::values::MemoryLocation;
 use super::values::Values;
 use crate::Error;
 use crate::ir::stage::Builtin;
@@ -23,7 +23,7 @@ impl Lowerer<'_> {
     ) -> Result<Values, Error> {
         let pointer = self.pointer(operands[0])?;
         let ty = pointer.pointee;
-        let Place::Input {
+        let MemoryLocation::Input {
             variable,
             row,
             index,

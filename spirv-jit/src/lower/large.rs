@@ -11,7 +11,7 @@ use rspirv::spirv::Op;
 use super::Lowerer;
 use super::pointer::Index;
 use super::types::{MAX_LEAVES, MAX_ROWS, TypeKind, too_many_rows};
-use super::values::{Place, Pointer, Val, Values};
+use super::values::{MemoryLocation, Pointer, Val, Values};
 use crate::Error;
 use crate::ir::op::MAX_TABLE_RESULTS;
 use crate::ir::{self, Node, Terminator, Type, Value};
@@ -25,7 +25,7 @@ const MAX_ELEMENTS: u64 = 16;
 
 /// Where the contents of a value come from.
 #[derive(Clone)]
-pub(super) enum Source {
+pub(super) enum ContentsSource {
     Memory(Pointer),
     Zero(Id),
     /// A constant, as rows: a table of the function, and a row in it.
@@ -36,7 +36,7 @@ pub(super) enum Source {
         constant: u32,
     },
     /// The same value for each element.
-    Element(Rc<Source>),
+    Element(Rc<ContentsSource>),
     /// A value that is taken apart.
     Scalars(Rc<[Value]>),
 }
@@ -81,7 +81,7 @@ impl Lowerer<'_> {
                     }
                     _ => {
                         let (target, source) = self.copied(instruction)?;
-                        (target, Source::Memory(source))
+                        (target, ContentsSource::Memory(source))
                     }
                 };
                 self.fill(target, source)?;
@@ -97,7 +97,7 @@ impl Lowerer<'_> {
             Op::Load => {
                 let pointer = self.pointer_to(operands[0], ty)?;
                 let pointer = self.with_access(pointer, &operands[1..]);
-                self.define_filled(instruction, Source::Memory(pointer))?;
+                self.define_filled(instruction, ContentsSource::Memory(pointer))?;
             }
             Op::CopyLogical => {
                 let source = self.source(operands[0])?;
@@ -116,7 +116,7 @@ impl Lowerer<'_> {
                 self.define(instruction.result, Val::Kept(place))?;
             }
             Op::CompositeConstructReplicateEXT => {
-                let source = Source::Element(self.source(operands[0])?.into());
+                let source = ContentsSource::Element(self.source(operands[0])?.into());
                 self.define_filled(instruction, source)?;
             }
             Op::CompositeInsert => {
@@ -200,10 +200,14 @@ impl Lowerer<'_> {
     /// Per-lane memory for a value.
     pub(super) fn new_place(&mut self, name: &str, ty: Id) -> Result<Pointer, Error> {
         let local = self.new_local(name, ty)?;
-        Ok(Pointer::new(ty, Place::Local { local, row: 0 }))
+        Ok(Pointer::new(ty, MemoryLocation::Local { local, row: 0 }))
     }
 
-    fn define_filled(&mut self, instruction: &Instruction, source: Source) -> Result<(), Error> {
+    fn define_filled(
+        &mut self,
+        instruction: &Instruction,
+        source: ContentsSource,
+    ) -> Result<(), Error> {
         let place = self.new_place("", instruction.result_type)?;
         self.fill(place.clone(), source)?;
         self.define(instruction.result, Val::Kept(place))
@@ -217,9 +221,9 @@ impl Lowerer<'_> {
         Ok(Val::Kept(place))
     }
 
-    fn constant_source(&mut self, id: Id, ty: Id) -> Result<Source, Error> {
+    fn constant_source(&mut self, id: Id, ty: Id) -> Result<ContentsSource, Error> {
         if self.constants.is_null(id) {
-            return Ok(Source::Zero(ty));
+            return Ok(ContentsSource::Zero(ty));
         }
         let rows = self.types.info(ty)?.rows;
         if rows > MAX_ROWS {
@@ -236,7 +240,7 @@ impl Lowerer<'_> {
         }
         let tables = &mut self.b.function.tables;
         tables.push(words);
-        Ok(Source::Table {
+        Ok(ContentsSource::Table {
             ty,
             table: tables.len() as u32 - 1,
             row: None,
@@ -245,15 +249,15 @@ impl Lowerer<'_> {
     }
 
     /// Where the contents of an id come from.
-    pub(super) fn source(&mut self, id: Id) -> Result<Source, Error> {
+    pub(super) fn source(&mut self, id: Id) -> Result<ContentsSource, Error> {
         if let Some(ty) = self.constants.find(id).map(|constant| constant.ty)
             && self.is_large(ty)
         {
             return self.constant_source(id, ty);
         }
         Ok(match self.value(id)? {
-            Val::Kept(pointer) => Source::Memory(pointer),
-            _ => Source::Scalars(self.leaves(id)?[..].into()),
+            Val::Kept(pointer) => ContentsSource::Memory(pointer),
+            _ => ContentsSource::Scalars(self.leaves(id)?[..].into()),
         })
     }
 
@@ -265,7 +269,7 @@ impl Lowerer<'_> {
 
     /// Fills memory. It recurses only into elements of arrays of two or more that are themselves
     /// filled by loops, so its depth is bounded by the logarithm of a frame's bound.
-    pub(super) fn fill(&mut self, target: Pointer, source: Source) -> Result<(), Error> {
+    pub(super) fn fill(&mut self, target: Pointer, source: ContentsSource) -> Result<(), Error> {
         // Last first.
         let mut work = vec![(target, source)];
         while let Some((target, source)) = work.pop() {
@@ -276,7 +280,7 @@ impl Lowerer<'_> {
             if info.leaf_count == 0 {
                 continue;
             }
-            if let Source::Scalars(values) = &source {
+            if let ContentsSource::Scalars(values) = &source {
                 self.store(&target, values)?;
                 continue;
             }
@@ -319,7 +323,7 @@ impl Lowerer<'_> {
     fn fill_array(
         &mut self,
         target: &Pointer,
-        source: &Source,
+        source: &ContentsSource,
         count: u32,
         together: u32,
     ) -> Result<(), Error> {
@@ -386,23 +390,28 @@ impl Lowerer<'_> {
     }
 
     /// The type of what a source has, where that is known.
-    fn source_type(&self, source: &Source) -> Option<Id> {
+    fn source_type(&self, source: &ContentsSource) -> Option<Id> {
         match source {
-            Source::Memory(pointer) => Some(pointer.pointee),
-            Source::Zero(ty) | Source::Table { ty, .. } => Some(*ty),
-            Source::Element(_) | Source::Scalars(_) => None,
+            ContentsSource::Memory(pointer) => Some(pointer.pointee),
+            ContentsSource::Zero(ty) | ContentsSource::Table { ty, .. } => Some(*ty),
+            ContentsSource::Element(_) | ContentsSource::Scalars(_) => None,
         }
     }
 
     /// A source must be made of as many parts as what it fills.
-    fn check_parts(&self, source: &Source, count: u32, is_struct: bool) -> Result<(), Error> {
+    fn check_parts(
+        &self,
+        source: &ContentsSource,
+        count: u32,
+        is_struct: bool,
+    ) -> Result<(), Error> {
         let fits = match (self.source_type(source), source) {
             (Some(ty), _) => {
                 let kind = self.types.kind(ty)?;
                 matches!(kind, TypeKind::Struct { .. }) == is_struct
                     && self.types.element_count(ty)? == count
             }
-            (None, Source::Element(_)) => true,
+            (None, ContentsSource::Element(_)) => true,
             (None, _) => false,
         };
         if fits {
@@ -412,7 +421,11 @@ impl Lowerer<'_> {
     }
 
     /// A part of a source.
-    fn source_step(&mut self, source: &Source, index: Index) -> Result<Source, Error> {
+    fn source_step(
+        &mut self,
+        source: &ContentsSource,
+        index: Index,
+    ) -> Result<ContentsSource, Error> {
         let element = |ty: Id| {
             let member = match index {
                 Index::Constant(index) => u32::try_from(index).ok(),
@@ -421,13 +434,15 @@ impl Lowerer<'_> {
             self.types.element(ty, member)
         };
         Ok(match source {
-            Source::Memory(pointer) => Source::Memory(self.step_by(pointer.clone(), index)?),
-            Source::Zero(ty) => Source::Zero(element(*ty)?),
-            Source::Element(each) => (**each).clone(),
-            Source::Scalars(_) => {
+            ContentsSource::Memory(pointer) => {
+                ContentsSource::Memory(self.step_by(pointer.clone(), index)?)
+            }
+            ContentsSource::Zero(ty) => ContentsSource::Zero(element(*ty)?),
+            ContentsSource::Element(each) => (**each).clone(),
+            ContentsSource::Scalars(_) => {
                 return Err(self.b.invalid("an object of another type is expected"));
             }
-            &Source::Table {
+            &ContentsSource::Table {
                 ty,
                 table,
                 row,
@@ -449,7 +464,7 @@ impl Lowerer<'_> {
                         (Some(row), constant)
                     }
                 };
-                Source::Table {
+                ContentsSource::Table {
                     ty: element,
                     table,
                     row,
@@ -460,15 +475,15 @@ impl Lowerer<'_> {
     }
 
     /// The scalars of a source that is small.
-    fn read(&mut self, source: &Source) -> Result<Values, Error> {
+    fn read(&mut self, source: &ContentsSource) -> Result<Values, Error> {
         match source {
-            Source::Memory(pointer) => self.load(pointer),
-            Source::Scalars(values) => Ok(Values::from_slice(values)),
-            Source::Zero(of) => {
+            ContentsSource::Memory(pointer) => self.load(pointer),
+            ContentsSource::Scalars(values) => Ok(Values::from_slice(values)),
+            ContentsSource::Zero(of) => {
                 let types = self.types.leaves(*of)?;
                 Ok(types.iter().map(|&ty| self.b.constant(ty, 0)).collect())
             }
-            Source::Table {
+            ContentsSource::Table {
                 ty,
                 table,
                 row,
@@ -486,7 +501,9 @@ impl Lowerer<'_> {
                 }
                 Ok(self.words_to_scalars(&words, &types)?.into())
             }
-            Source::Element(_) => Err(self.b.invalid("an object of another type is expected")),
+            ContentsSource::Element(_) => {
+                Err(self.b.invalid("an object of another type is expected"))
+            }
         }
     }
 }

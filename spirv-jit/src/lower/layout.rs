@@ -12,7 +12,7 @@ use crate::parse::{Annotations, Id};
 
 /// Types of a module together with their decorations.
 #[derive(Clone, Copy)]
-pub(super) struct Layout<'a> {
+pub(super) struct TypeLayout<'a> {
     pub types: &'a Types,
     pub annotations: &'a Annotations,
     pub constants: &'a Constants,
@@ -20,9 +20,9 @@ pub(super) struct Layout<'a> {
     pub has_strides: bool,
 }
 
-impl Layout<'_> {
+impl TypeLayout<'_> {
     /// The stride that the decoration of an array, or of a pointer into one, gives to its elements.
-    fn given_stride(&self, id: Id) -> Option<u64> {
+    fn stride_decoration(&self, id: Id) -> Option<u64> {
         let given = self.annotations.id(id, Decoration::ArrayStride);
         given.filter(|_| self.has_strides).map(u64::from)
     }
@@ -30,7 +30,7 @@ impl Layout<'_> {
     /// Bytes between elements of a type in an array; `given_by` is the type of the array, or of the
     /// pointer that leads into it.
     pub fn stride(&self, given_by: Id, element: Id) -> Result<u64, Error> {
-        if let Some(stride) = self.given_stride(given_by) {
+        if let Some(stride) = self.stride_decoration(given_by) {
             return Ok(stride);
         }
         if let Some(stride) = self.annotations.id(given_by, Decoration::ArrayStrideIdEXT) {

@@ -6,7 +6,7 @@ use smallvec::SmallVec;
 use super::Lowerer;
 use super::stage_interface::Evaluation;
 use super::types::{MAX_LEAVES, TypeKind, UNTYPED};
-use super::values::{Handles, Place, Pointer, Scalars, Val, Values};
+use super::values::{Handles, MemoryLocation, Pointer, Scalars, Val, Values};
 use crate::Error;
 use crate::ir::op::Access;
 use crate::ir::{self, Space, Type, Value};
@@ -68,7 +68,7 @@ impl Lowerer<'_> {
     pub(super) fn load(&mut self, pointer: &Pointer) -> Result<Values, Error> {
         let ty = pointer.pointee;
         match &pointer.place {
-            Place::Local { local, row } => {
+            MemoryLocation::Local { local, row } => {
                 let types = self.types.leaves(ty)?;
                 let mut values = Values::with_capacity(types.len());
                 let mut at = *row;
@@ -80,7 +80,7 @@ impl Lowerer<'_> {
                 }
                 Ok(values)
             }
-            &Place::Input {
+            &MemoryLocation::Input {
                 variable,
                 row,
                 index,
@@ -88,19 +88,21 @@ impl Lowerer<'_> {
                 let at = Evaluation::of(pointer);
                 self.load_input(variable, row, index, ty, at)
             }
-            Place::Handle { .. } | Place::Descriptor(_) | Place::Heap { .. } => {
-                self.load_handle(pointer).map(Values::from)
+            MemoryLocation::Handle { .. }
+            | MemoryLocation::Descriptor(_)
+            | MemoryLocation::Heap { .. } => self.load_handle(pointer).map(Values::from),
+            MemoryLocation::Texel { .. } => {
+                Err(self.b.invalid("a texel is not loaded through a pointer"))
             }
-            Place::Texel { .. } => Err(self.b.invalid("a texel is not loaded through a pointer")),
-            Place::Private { .. } => {
+            MemoryLocation::Private { .. } => {
                 let types = self.types.leaves(ty)?;
                 let leaves = row_leaves(&types);
                 self.load_runs(pointer, &leaves, |ty| ty.rows() as u64)
             }
-            Place::Shared { .. }
-            | Place::Buffer { .. }
-            | Place::Buffer64 { .. }
-            | Place::Global { .. } => {
+            MemoryLocation::Shared { .. }
+            | MemoryLocation::Buffer { .. }
+            | MemoryLocation::Buffer64 { .. }
+            | MemoryLocation::Global { .. } => {
                 let leaves = self.layout_in(&pointer.place).leaves(ty, pointer.shape)?;
                 self.load_runs(pointer, &leaves, |ty| ty.size_bytes() as u64)
             }
@@ -150,7 +152,7 @@ impl Lowerer<'_> {
                 .invalid("the stored object does not have the pointee's type"));
         }
         match &pointer.place {
-            Place::Local { local, row } => {
+            MemoryLocation::Local { local, row } => {
                 let mut at = *row;
                 for (&ty, &value) in types.iter().zip(values) {
                     let (variable, row) = self.locals[*local].find(at);
@@ -160,14 +162,14 @@ impl Lowerer<'_> {
                 }
                 Ok(())
             }
-            Place::Private { .. } => {
+            MemoryLocation::Private { .. } => {
                 let leaves = row_leaves(&types);
                 self.store_runs(pointer, &leaves, values, |ty| ty.rows() as u64)
             }
-            Place::Shared { .. }
-            | Place::Buffer { .. }
-            | Place::Buffer64 { .. }
-            | Place::Global { .. } => {
+            MemoryLocation::Shared { .. }
+            | MemoryLocation::Buffer { .. }
+            | MemoryLocation::Buffer64 { .. }
+            | MemoryLocation::Global { .. } => {
                 let leaves = self.layout_in(&pointer.place).leaves(ty, pointer.shape)?;
                 self.store_runs(pointer, &leaves, values, |ty| ty.size_bytes() as u64)
             }
@@ -211,15 +213,15 @@ impl Lowerer<'_> {
     ) -> Result<SmallVec<[Value; 2]>, Error> {
         let more32 = more as u32;
         Ok(match pointer.place {
-            Place::Private { row, constant } => {
+            MemoryLocation::Private { row, constant } => {
                 let row = self.b.add_terms(Some(row), constant.wrapping_add(more32))?;
                 SmallVec::from_slice(&[row])
             }
-            Place::Shared { offset, constant } => {
+            MemoryLocation::Shared { offset, constant } => {
                 let offset = self.b.add_terms(offset, constant.wrapping_add(more32))?;
                 SmallVec::from_slice(&[offset])
             }
-            Place::Buffer {
+            MemoryLocation::Buffer {
                 reference,
                 offset,
                 constant,
@@ -228,7 +230,7 @@ impl Lowerer<'_> {
                 let offset = self.b.add_terms(offset, constant.wrapping_add(more32))?;
                 SmallVec::from_slice(&[descriptor, offset])
             }
-            Place::Buffer64 {
+            MemoryLocation::Buffer64 {
                 reference,
                 offset,
                 constant,
@@ -237,7 +239,7 @@ impl Lowerer<'_> {
                 let offset = self.b.add_terms64(offset, constant.wrapping_add(more))?;
                 SmallVec::from_slice(&[descriptor, offset])
             }
-            Place::Global { address, constant } => {
+            MemoryLocation::Global { address, constant } => {
                 let total = constant.wrapping_add(more);
                 if total == 0 {
                     return Ok(SmallVec::from_slice(&[address]));
@@ -252,7 +254,7 @@ impl Lowerer<'_> {
     /// A descriptor's meaning as a value: image and sampler are references, an acceleration
     /// structure is a device address.
     fn load_handle(&mut self, pointer: &Pointer) -> Result<Vec<Value>, Error> {
-        if let Place::Handle {
+        if let MemoryLocation::Handle {
             binding: Handles::Mapped(at),
             index,
             constant,
@@ -264,7 +266,9 @@ impl Lowerer<'_> {
         let reference = self.reference(pointer)?;
         match self.types.kind(pointer.pointee)? {
             TypeKind::Image(_) | TypeKind::Sampler => Ok(vec![reference]),
-            TypeKind::SampledImage { .. } if matches!(pointer.place, Place::Descriptor(_)) => {
+            TypeKind::SampledImage { .. }
+                if matches!(pointer.place, MemoryLocation::Descriptor(_)) =>
+            {
                 self.combined_references(reference)
             }
             TypeKind::SampledImage { .. } => Ok(vec![reference, reference]),
@@ -396,7 +400,7 @@ impl Lowerer<'_> {
         }
         let name = self.module.annotations.name(instruction.result).to_owned();
         let local = self.new_local(&name, pointee)?;
-        let pointer = Pointer::new(pointee, Place::Local { local, row: 0 });
+        let pointer = Pointer::new(pointee, MemoryLocation::Local { local, row: 0 });
         if let Some(&initializer) = operands.get(1) {
             let values = self.leaves(initializer)?;
             self.store(&pointer, &values)?;
@@ -460,10 +464,10 @@ pub(super) fn access(pointer: &Pointer, offset: u64) -> Access {
 
 pub(super) fn space(pointer: &Pointer) -> Space {
     match pointer.place {
-        Place::Shared { .. } => Space::Shared,
-        Place::Buffer { .. } => Space::Buffer,
-        Place::Buffer64 { .. } => Space::Buffer64,
-        Place::Global { .. } => Space::Global,
+        MemoryLocation::Shared { .. } => Space::Shared,
+        MemoryLocation::Buffer { .. } => Space::Buffer,
+        MemoryLocation::Buffer64 { .. } => Space::Buffer64,
+        MemoryLocation::Global { .. } => Space::Global,
         _ => Space::Private,
     }
 }

@@ -3,7 +3,7 @@
 //! ```text
 //! types, constants ([`types`], [`constants`], [`fold`])  specialized, in order
 //!   └─ the entry's variables ([`interface`])
-//!        └─ functions: a tree of bodies ([`structure`], [`meets`]), emitted along it ([`function`])
+//!        └─ functions: a tree of bodies ([`structure`], [`join_points`]), emitted along it ([`function`])
 //!             └─ instructions by group: a table ([`instruction`]) and a file a group
 //! ```
 //!
@@ -49,10 +49,10 @@ mod image;
 mod instruction;
 mod interface;
 mod interpolate;
+mod join_points;
 mod large;
 mod layout;
 mod matrix;
-mod meets;
 mod memory;
 mod mesh;
 mod opaque;
@@ -79,14 +79,14 @@ use self::builder::Builder;
 use self::call::{Outlined, Summary};
 use self::constants::Constants;
 use self::emission::Emission;
-use self::frame::{Frame, OpenBody};
+use self::frame::{FunctionFrame, OpenBody};
 use self::id_table::IdTable;
-use self::layout::Layout;
+use self::layout::TypeLayout;
 use self::phi::PhiSources;
 use self::stage_interface::{Evaluation, InterfaceWord};
 use self::structure::Plan;
 use self::types::{FEW_COMPONENTS, Types, UNTYPED};
-use self::values::{Local, Place, Val};
+use self::values::{Local, MemoryLocation, Val};
 use crate::error::ErrorKind;
 use crate::ir::InputRow;
 use crate::ir::interface::OutputRow;
@@ -145,7 +145,7 @@ struct Lowerer<'a> {
     /// The entry function: calls are lowered in place.
     b: Builder,
     /// Functions that are being lowered, innermost last.
-    frames: Vec<Frame>,
+    frames: Vec<FunctionFrame>,
     /// Bodies that are being emitted, innermost last.
     open: Vec<OpenBody>,
     /// The values of ids, of all frames, innermost last.
@@ -275,8 +275,8 @@ impl<'a> Lowerer<'a> {
         self.b.allow(more.min(Self::MAX_LONG_GROWTH));
     }
 
-    fn layout(&self) -> Layout<'_> {
-        Layout {
+    fn layout(&self) -> TypeLayout<'_> {
+        TypeLayout {
             types: &self.types,
             annotations: &self.module.annotations,
             constants: &self.constants,
@@ -285,17 +285,17 @@ impl<'a> Lowerer<'a> {
     }
 
     /// The layout of workgroup memory.
-    fn shared_layout(&self) -> Layout<'_> {
-        Layout {
+    fn shared_layout(&self) -> TypeLayout<'_> {
+        TypeLayout {
             has_strides: self.lays_out_shared,
             ..self.layout()
         }
     }
 
     /// The layout of the memory that a place is in.
-    fn layout_in(&self, place: &Place) -> Layout<'_> {
+    fn layout_in(&self, place: &MemoryLocation) -> TypeLayout<'_> {
         match place {
-            Place::Shared { .. } => self.shared_layout(),
+            MemoryLocation::Shared { .. } => self.shared_layout(),
             _ => self.layout(),
         }
     }

@@ -4,7 +4,7 @@
 use rspirv::spirv::{BuiltIn, Decoration, ExecutionMode, StorageClass};
 
 use super::types::TypeKind;
-use super::values::{Place, Pointer, Shape};
+use super::values::{MemoryLocation, Pointer, Shape};
 use super::{Lowerer, budget};
 use crate::ir::stage::{Builtin, Stage};
 use crate::ir::tessellation::{
@@ -214,7 +214,7 @@ impl Lowerer<'_> {
     }
 
     /// The place of an input or output of a control or mesh shader that lies in workgroup memory.
-    pub(super) fn patch_place(&mut self, id: Id) -> Result<Option<Place>, Error> {
+    pub(super) fn patch_place(&mut self, id: Id) -> Result<Option<MemoryLocation>, Error> {
         let is_there = self.is_control() || self.is_mesh();
         let Some(&constant) = self.shared.get(&id).filter(|_| is_there) else {
             return Ok(None);
@@ -223,7 +223,7 @@ impl Lowerer<'_> {
             true => self.patch_offset()?,
             false => None,
         };
-        Ok(Some(Place::Shared { offset, constant }))
+        Ok(Some(MemoryLocation::Shared { offset, constant }))
     }
 
     /// Where the memory of the invocation's patch starts, if there are several in a subgroup.

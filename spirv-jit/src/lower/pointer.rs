@@ -5,7 +5,7 @@ use rspirv::spirv::{Decoration, Op, StorageClass};
 use super::Lowerer;
 use super::stage_interface::Evaluation;
 use super::types::{TypeKind, UNTYPED};
-use super::values::{Handles, Place, Pointer, Shape, Val};
+use super::values::{Handles, MemoryLocation, Pointer, Shape, Val};
 use crate::Error;
 use crate::ir::op::{DescriptorBinding, MatrixProduct};
 use crate::ir::{self, Type, Value};
@@ -93,7 +93,7 @@ impl Lowerer<'_> {
         let variable = self.variables[&id];
         let (class, pointee) = (variable.class, variable.pointee);
         if let Some(table) = self.heap_of(id) {
-            let place = Place::Heap {
+            let place = MemoryLocation::Heap {
                 table,
                 offset: None,
                 constant: 0,
@@ -121,26 +121,28 @@ impl Lowerer<'_> {
                 let is_wide = self.is_wide(class, pointee)?;
                 let mut pointer = self.handle_pointer(id, pointee, (handles, first), is_wide)?;
                 pointer.constant = class == StorageClass::Uniform
-                    && !matches!(pointer.place, Place::Global { .. })
+                    && !matches!(pointer.place, MemoryLocation::Global { .. })
                     && find(Decoration::Aliased).is_none()
                     && self.is_uniform_block(pointee)?;
                 return Ok(pointer);
             }
-            StorageClass::PushConstant => Place::Buffer {
+            StorageClass::PushConstant => MemoryLocation::Buffer {
                 reference: self.b.push_constants(),
                 offset: None,
                 constant: 0,
             },
-            StorageClass::Workgroup | StorageClass::TaskPayloadWorkgroupEXT => Place::Shared {
-                offset: None,
-                constant: self.shared_offset(id)?,
-            },
-            StorageClass::Input => Place::Input {
+            StorageClass::Workgroup | StorageClass::TaskPayloadWorkgroupEXT => {
+                MemoryLocation::Shared {
+                    offset: None,
+                    constant: self.shared_offset(id)?,
+                }
+            }
+            StorageClass::Input => MemoryLocation::Input {
                 variable: id,
                 row: 0,
                 index: None,
             },
-            StorageClass::ShaderRecordBufferKHR => Place::Global {
+            StorageClass::ShaderRecordBufferKHR => MemoryLocation::Global {
                 address: self.shader_record_address()?,
                 constant: 0,
             },
@@ -152,7 +154,7 @@ impl Lowerer<'_> {
             | StorageClass::HitObjectAttributeEXT
             | StorageClass::CallableDataKHR
             | StorageClass::IncomingCallableDataKHR
-            | StorageClass::Output => Place::Local {
+            | StorageClass::Output => MemoryLocation::Local {
                 local: self.module_local(id)?,
                 row: 0,
             },
@@ -182,7 +184,7 @@ impl Lowerer<'_> {
         (binding, constant): (Handles, u32),
         is_wide: bool,
     ) -> Result<Pointer, Error> {
-        let place = Place::Handle {
+        let place = MemoryLocation::Handle {
             binding,
             index: None,
             constant,
@@ -201,14 +203,14 @@ impl Lowerer<'_> {
             return Ok(pointer);
         }
         pointer.place = match pointer.place {
-            Place::Handle {
+            MemoryLocation::Handle {
                 binding: Handles::Mapped(at),
                 index,
                 constant,
             } => {
                 let mapping = &self.request.mappings[at];
                 match self.mapped_buffer(mapping, (index, constant))? {
-                    Place::Buffer {
+                    MemoryLocation::Buffer {
                         reference,
                         offset: None,
                         constant: 0,
@@ -216,7 +218,9 @@ impl Lowerer<'_> {
                     place => place,
                 }
             }
-            Place::Handle { .. } => Self::buffer_place(self.reference(&pointer)?, pointer.is_wide),
+            MemoryLocation::Handle { .. } => {
+                Self::buffer_place(self.reference(&pointer)?, pointer.is_wide)
+            }
             _ => return Ok(pointer),
         };
         Ok(pointer)
@@ -225,13 +229,13 @@ impl Lowerer<'_> {
     /// The reference to the descriptor that a handle selects.
     pub(super) fn reference(&mut self, pointer: &Pointer) -> Result<Value, Error> {
         match &pointer.place {
-            Place::Descriptor(value) => Ok(*value),
-            &Place::Heap {
+            MemoryLocation::Descriptor(value) => Ok(*value),
+            &MemoryLocation::Heap {
                 table,
                 offset,
                 constant,
             } => self.heap_entry(table, offset, constant),
-            &Place::Handle {
+            &MemoryLocation::Handle {
                 binding: Handles::Mapped(at),
                 index,
                 constant,
@@ -239,12 +243,12 @@ impl Lowerer<'_> {
                 let mapping = &self.request.mappings[at];
                 self.mapped_scalar(mapping, pointer.pointee, (index, constant))
             }
-            Place::Handle {
+            MemoryLocation::Handle {
                 binding: Handles::Bound(binding),
                 index: None,
                 constant,
             } => Ok(self.b.constant_reference(*binding, *constant)),
-            Place::Handle {
+            MemoryLocation::Handle {
                 binding: Handles::Bound(binding),
                 index,
                 constant,
@@ -339,15 +343,17 @@ impl Lowerer<'_> {
     fn step_element(&mut self, pointer: Pointer, base: Id, index: Id) -> Result<Pointer, Error> {
         let index = self.index(index, true)?;
         let stride = match &pointer.place {
-            Place::Shared { .. }
-            | Place::Buffer { .. }
-            | Place::Buffer64 { .. }
-            | Place::Global { .. }
-            | Place::Heap { .. } => {
+            MemoryLocation::Shared { .. }
+            | MemoryLocation::Buffer { .. }
+            | MemoryLocation::Buffer64 { .. }
+            | MemoryLocation::Global { .. }
+            | MemoryLocation::Heap { .. } => {
                 let layout = self.layout_in(&pointer.place);
                 layout.stride(base, pointer.pointee)?
             }
-            Place::Local { .. } | Place::Private { .. } => self.types.info(pointer.pointee)?.rows,
+            MemoryLocation::Local { .. } | MemoryLocation::Private { .. } => {
+                self.types.info(pointer.pointee)?.rows
+            }
             _ => return Err(self.b.invalid("this pointer cannot be moved")),
         };
         self.advance(pointer, index, stride, Elements::Around)
@@ -357,11 +363,11 @@ impl Lowerer<'_> {
     fn step(&mut self, pointer: Pointer, index: Id) -> Result<Pointer, Error> {
         // SPIR-V: each index "is treated as signed". Logical pointers have no valid index below 0:
         // there a narrow unsigned index keeps its value.
-        let is_signed = matches!(pointer.place, Place::Global { .. })
-            || matches!(pointer.place, Place::Buffer64 { .. })
+        let is_signed = matches!(pointer.place, MemoryLocation::Global { .. })
+            || matches!(pointer.place, MemoryLocation::Buffer64 { .. })
                 && self.types.is_signed(self.type_of(index)?);
         let index = match self.index(index, is_signed)? {
-            Index::Value(value) if matches!(pointer.place, Place::Buffer64 { .. }) => {
+            Index::Value(value) if matches!(pointer.place, MemoryLocation::Buffer64 { .. }) => {
                 Index::Value(self.b.i64_of(value, is_signed)?)
             }
             index => index,
@@ -396,7 +402,7 @@ impl Lowerer<'_> {
             _ => Elements::Around,
         };
         match &mut pointer.place {
-            Place::Handle {
+            MemoryLocation::Handle {
                 index: at,
                 constant,
                 ..
@@ -415,7 +421,9 @@ impl Lowerer<'_> {
                 }
                 self.enter_block(pointer)
             }
-            Place::Local { .. } | Place::Private { .. } | Place::Input { .. } => {
+            MemoryLocation::Local { .. }
+            | MemoryLocation::Private { .. }
+            | MemoryLocation::Input { .. } => {
                 let (index, stride) = match member {
                     Some(member) => {
                         let rows = self.types.row_offset(ty, member)?;
@@ -425,11 +433,11 @@ impl Lowerer<'_> {
                 };
                 self.advance(pointer, index, stride, elements)
             }
-            Place::Shared { .. }
-            | Place::Buffer { .. }
-            | Place::Buffer64 { .. }
-            | Place::Global { .. }
-            | Place::Heap { .. } => {
+            MemoryLocation::Shared { .. }
+            | MemoryLocation::Buffer { .. }
+            | MemoryLocation::Buffer64 { .. }
+            | MemoryLocation::Global { .. }
+            | MemoryLocation::Heap { .. } => {
                 let shape = pointer.shape;
                 let (stride, index) = match (&kind, member) {
                     (_, Some(member)) => {
@@ -463,7 +471,7 @@ impl Lowerer<'_> {
                 };
                 self.advance(pointer, index, stride, elements)
             }
-            Place::Descriptor(_) | Place::Texel { .. } => {
+            MemoryLocation::Descriptor(_) | MemoryLocation::Texel { .. } => {
                 Err(self.b.invalid("this pointer has no elements"))
             }
         }
@@ -488,10 +496,12 @@ impl Lowerer<'_> {
         elements: Elements,
     ) -> Result<Pointer, Error> {
         match &mut pointer.place {
-            Place::Local { .. } | Place::Private { .. } | Place::Input { .. } => {
+            MemoryLocation::Local { .. }
+            | MemoryLocation::Private { .. }
+            | MemoryLocation::Input { .. } => {
                 return self.advance_rows(pointer, index, stride, elements);
             }
-            Place::Global { address, constant } => match index {
+            MemoryLocation::Global { address, constant } => match index {
                 Index::Constant(index) => {
                     *constant = constant.wrapping_add((index as u64).wrapping_mul(stride));
                 }
@@ -501,13 +511,13 @@ impl Lowerer<'_> {
                     *address = self.b.binary(ir::Op::IAdd, *address, step)?;
                 }
             },
-            Place::Shared { offset, constant }
-            | Place::Heap {
+            MemoryLocation::Shared { offset, constant }
+            | MemoryLocation::Heap {
                 offset, constant, ..
             } => {
                 self.move_offset((offset, constant), index, stride, &Limits::default())?;
             }
-            Place::Buffer {
+            MemoryLocation::Buffer {
                 offset, constant, ..
             } => {
                 // In a row-major matrix the components of a column are apart.
@@ -515,7 +525,7 @@ impl Lowerer<'_> {
                 let limits = Limits::of(offset.is_some(), *constant, (stride, size), elements);
                 self.move_offset((offset, constant), index, stride, &limits)?;
             }
-            Place::Buffer64 {
+            MemoryLocation::Buffer64 {
                 offset, constant, ..
             } => {
                 self.move_offset64((offset, constant), index, stride, elements)?;
@@ -543,24 +553,28 @@ impl Lowerer<'_> {
                 let index = last.map_or(index, |last| index.clamp(0, last as i64));
                 let step = (index as u64).wrapping_mul(stride) as u32;
                 match &mut pointer.place {
-                    Place::Local { row, .. } | Place::Input { row, .. } => {
+                    MemoryLocation::Local { row, .. } | MemoryLocation::Input { row, .. } => {
                         *row = row.wrapping_add(step);
                     }
-                    Place::Private { constant, .. } => *constant = constant.wrapping_add(step),
+                    MemoryLocation::Private { constant, .. } => {
+                        *constant = constant.wrapping_add(step)
+                    }
                     _ => return Err(self.b.invalid("this pointer cannot be moved")),
                 }
                 return Ok(pointer);
             }
             Index::Value(index) => index,
         };
-        if !matches!(pointer.place, Place::Input { .. }) {
+        if !matches!(pointer.place, MemoryLocation::Input { .. }) {
             pointer = self.materialize(pointer)?;
         }
         let index = self.at_most(index, last)?;
         let step = self.b.scale(index, stride)?;
         match &mut pointer.place {
-            Place::Private { row, .. } => *row = self.b.binary(ir::Op::IAdd, *row, step)?,
-            Place::Input { index, .. } => *index = Some(self.add(*index, step)?),
+            MemoryLocation::Private { row, .. } => {
+                *row = self.b.binary(ir::Op::IAdd, *row, step)?
+            }
+            MemoryLocation::Input { index, .. } => *index = Some(self.add(*index, step)?),
             _ => return Err(self.b.invalid("this pointer cannot be moved")),
         }
         Ok(pointer)
@@ -612,7 +626,7 @@ impl Lowerer<'_> {
 
     /// A pointer to per-lane memory as a computed row: what a computed index needs.
     fn materialize(&mut self, mut pointer: Pointer) -> Result<Pointer, Error> {
-        if let Place::Input {
+        if let MemoryLocation::Input {
             variable,
             row,
             index,
@@ -620,10 +634,10 @@ impl Lowerer<'_> {
         {
             pointer.place = self.input_place(variable, Evaluation::Decorated, row, index)?;
         }
-        if let Place::Local { local, row } = pointer.place {
+        if let MemoryLocation::Local { local, row } = pointer.place {
             let (variable, row) = self.locals[local].find(row);
             let address = ir::Op::VarAddress(variable);
-            pointer.place = Place::Private {
+            pointer.place = MemoryLocation::Private {
                 row: self.b.emit(address, &[], Type::I32)?,
                 constant: row,
             };
@@ -635,14 +649,14 @@ impl Lowerer<'_> {
     /// [`super::types::Types::pointer_leaves`]).
     pub(super) fn pointer_scalars(&mut self, pointer: &Pointer) -> Result<Vec<Value>, Error> {
         match pointer.place {
-            Place::Global { address, constant } => {
+            MemoryLocation::Global { address, constant } => {
                 let constant = match constant {
                     0 => return Ok(vec![address]),
                     constant => self.b.i64(constant),
                 };
                 Ok(vec![self.b.binary(ir::Op::IAdd, address, constant)?])
             }
-            Place::Buffer {
+            MemoryLocation::Buffer {
                 reference,
                 offset,
                 constant,
@@ -653,21 +667,27 @@ impl Lowerer<'_> {
                 }
                 Ok(vec![reference, offset])
             }
-            Place::Buffer64 {
+            MemoryLocation::Buffer64 {
                 reference,
                 offset,
                 constant,
             } => Ok(vec![reference, self.b.add_terms64(offset, constant)?]),
-            Place::Shared { offset, constant } => Ok(vec![self.b.add_terms(offset, constant)?]),
-            Place::Private { row, constant } => Ok(vec![self.b.add_terms(Some(row), constant)?]),
-            Place::Handle { .. } | Place::Descriptor(_) | Place::Heap { .. } => {
-                Ok(vec![self.reference(pointer)?])
+            MemoryLocation::Shared { offset, constant } => {
+                Ok(vec![self.b.add_terms(offset, constant)?])
             }
-            Place::Local { .. } | Place::Input { .. } => {
+            MemoryLocation::Private { row, constant } => {
+                Ok(vec![self.b.add_terms(Some(row), constant)?])
+            }
+            MemoryLocation::Handle { .. }
+            | MemoryLocation::Descriptor(_)
+            | MemoryLocation::Heap { .. } => Ok(vec![self.reference(pointer)?]),
+            MemoryLocation::Local { .. } | MemoryLocation::Input { .. } => {
                 let pointer = self.materialize(pointer.clone())?;
                 self.pointer_scalars(&pointer)
             }
-            Place::Texel { .. } => Err(self.b.invalid("a texel's pointer cannot be a value")),
+            MemoryLocation::Texel { .. } => {
+                Err(self.b.invalid("a texel's pointer cannot be a value"))
+            }
         }
     }
 
@@ -682,23 +702,23 @@ impl Lowerer<'_> {
             (
                 StorageClass::PhysicalStorageBuffer | StorageClass::ShaderRecordBufferKHR,
                 &[address],
-            ) => Place::Global {
+            ) => MemoryLocation::Global {
                 address,
                 constant: 0,
             },
-            (_, &[reference, offset]) if self.types.has_wide_offsets => Place::Buffer64 {
+            (_, &[reference, offset]) if self.types.has_wide_offsets => MemoryLocation::Buffer64 {
                 reference,
                 offset: Some(offset),
                 constant: 0,
             },
-            (_, &[reference, offset]) => Place::Buffer {
+            (_, &[reference, offset]) => MemoryLocation::Buffer {
                 reference,
                 offset: Some(offset),
                 constant: 0,
             },
-            (StorageClass::UniformConstant, &[reference]) => Place::Descriptor(reference),
+            (StorageClass::UniformConstant, &[reference]) => MemoryLocation::Descriptor(reference),
             (StorageClass::Workgroup | StorageClass::TaskPayloadWorkgroupEXT, &[offset]) => {
-                Place::Shared {
+                MemoryLocation::Shared {
                     offset: Some(offset),
                     constant: 0,
                 }
@@ -706,12 +726,12 @@ impl Lowerer<'_> {
             (StorageClass::Input | StorageClass::Output, &[offset])
                 if self.is_control() || self.is_mesh() =>
             {
-                Place::Shared {
+                MemoryLocation::Shared {
                     offset: Some(offset),
                     constant: 0,
                 }
             }
-            (_, &[row]) => Place::Private { row, constant: 0 },
+            (_, &[row]) => MemoryLocation::Private { row, constant: 0 },
             _ => return Err(self.b.invalid("a value is used as a pointer")),
         };
         Ok(Pointer::new(pointee, place))

@@ -4,7 +4,7 @@
 use rspirv::spirv::{Op, RayQueryIntersection};
 
 use super::types::TypeKind;
-use super::values::{Place, Pointer};
+use super::values::{MemoryLocation, Pointer};
 use super::{Lowerer, facts};
 use crate::Error;
 use crate::facts::Fact;
@@ -332,7 +332,7 @@ impl Lowerer<'_> {
         for (index, &ty) in types.iter().enumerate() {
             let place = first + index;
             let mut value = match query.place {
-                Place::Local { local, row } => {
+                MemoryLocation::Local { local, row } => {
                     let (variable, row) = self.locals[local].find(row + place as u32);
                     let op = ir::Op::VarLoad(variable, row);
                     self.b.emit_unchecked(op, &[], &[ty])?[0]
@@ -360,7 +360,7 @@ impl Lowerer<'_> {
     ) -> Result<(), Error> {
         for (index, &value) in values.iter().enumerate() {
             match query.place {
-                Place::Local { local, row } => {
+                MemoryLocation::Local { local, row } => {
                     let (variable, row) = self.locals[local].find(row + (first + index) as u32);
                     let op = ir::Op::VarStore(variable, row);
                     self.b.emit_effect(op, &[value])?;

@@ -10,7 +10,7 @@ use rspirv::spirv::{BuiltIn, Decoration, StorageClass};
 
 use super::types::{LOCATION_WORDS, TypeKind};
 use super::values::Values;
-use super::values::{Place, Pointer};
+use super::values::{MemoryLocation, Pointer};
 use super::{Lowerer, budget};
 use crate::Error;
 use crate::ir::interface::{Barycentric, OutputRow, Position, Varying, VaryingMode, VaryingPlace};
@@ -28,12 +28,12 @@ const MAX_VERTICES: u32 = MAX_PATCH_VERTICES;
 /// One row of a variable's value, as a stage's interface has it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct InterfaceWord {
-    place: WordPlace,
+    place: WordLocation,
     how: Interpolation,
 }
 
 #[derive(Clone, Copy, Debug)]
-enum WordPlace {
+enum WordLocation {
     /// A word of what begins at a location: from word 4 on it lies in the next one.
     Location {
         location: u32,
@@ -91,7 +91,7 @@ struct Start {
 
 /// Values of one type that follow each other and are to be placed.
 #[derive(Clone, Copy)]
-struct Part {
+struct InterfacePart {
     ty: Id,
     start: Start,
     how: Interpolation,
@@ -131,19 +131,19 @@ impl InterfaceWord {
     /// Which barycentric coordinate it is, and whether that is perspective-correct.
     pub fn barycentric(self) -> Option<(u32, bool)> {
         match self.place {
-            WordPlace::BuiltIn(BuiltIn::BaryCoordKHR, word) => Some((word, true)),
-            WordPlace::BuiltIn(BuiltIn::BaryCoordNoPerspKHR, word) => Some((word, false)),
+            WordLocation::BuiltIn(BuiltIn::BaryCoordKHR, word) => Some((word, true)),
+            WordLocation::BuiltIn(BuiltIn::BaryCoordNoPerspKHR, word) => Some((word, false)),
             _ => None,
         }
     }
 
     /// Words of the sample mask behind the first have no samples.
     fn is_row(self) -> bool {
-        !matches!(self.place, WordPlace::BuiltIn(BuiltIn::SampleMask, 1..))
+        !matches!(self.place, WordLocation::BuiltIn(BuiltIn::SampleMask, 1..))
     }
 }
 
-impl WordPlace {
+impl WordLocation {
     /// Location and component of a word that stages hand each other.
     fn of_location(location: u32, word: u32) -> (u16, u8) {
         let location = location.saturating_add(word / LOCATION_WORDS);
@@ -306,7 +306,7 @@ impl Lowerer<'_> {
             return Err(budget("a stage's interface is too large"));
         }
         words.extend((0..rows as u32).map(|word| InterfaceWord {
-            place: WordPlace::BuiltIn(built_in, word),
+            place: WordLocation::BuiltIn(built_in, word),
             how,
         }));
         Ok(())
@@ -321,7 +321,7 @@ impl Lowerer<'_> {
         how: Interpolation,
     ) -> Result<(), Error> {
         // Last first.
-        let mut parts = vec![Part {
+        let mut parts = vec![InterfacePart {
             ty,
             start,
             how,
@@ -349,7 +349,7 @@ impl Lowerer<'_> {
                     column: element,
                     count,
                 }
-                | TypeKind::Array { element, count } => parts.push(Part {
+                | TypeKind::Array { element, count } => parts.push(InterfacePart {
                     ty: *element,
                     start,
                     how: part.how,
@@ -367,7 +367,7 @@ impl Lowerer<'_> {
                     let first = start.component;
                     words.extend(
                         (first..first.saturating_add(rows)).map(|word| InterfaceWord {
-                            place: WordPlace::Location {
+                            place: WordLocation::Location {
                                 location: start.location,
                                 word,
                             },
@@ -383,7 +383,7 @@ impl Lowerer<'_> {
     /// Adds the members of a structure to the parts that are to be placed.
     fn push_members(
         &self,
-        parts: &mut Vec<Part>,
+        parts: &mut Vec<InterfacePart>,
         ty: Id,
         members: &[Id],
         start: Start,
@@ -396,7 +396,7 @@ impl Lowerer<'_> {
             let built_in = find(Decoration::BuiltIn).and_then(BuiltIn::from_u32);
             let given = find(Decoration::Location).filter(|_| built_in.is_none());
             next = given.map_or(next, |given| given.saturating_add(start.shift));
-            parts.push(Part {
+            parts.push(InterfacePart {
                 ty: member,
                 start: Start {
                     location: next,
@@ -451,15 +451,15 @@ impl Lowerer<'_> {
         at: Evaluation,
         row: u32,
         index: Option<Value>,
-    ) -> Result<Place, Error> {
+    ) -> Result<MemoryLocation, Error> {
         let local = self.input_local(variable, at)?;
         let Some(index) = index else {
-            return Ok(Place::Local { local, row });
+            return Ok(MemoryLocation::Local { local, row });
         };
         let (variable, row) = self.locals[local].find(row);
         let address = ir::Op::VarAddress(variable);
         let first = self.b.emit(address, &[], Type::I32)?;
-        Ok(Place::Private {
+        Ok(MemoryLocation::Private {
             row: self.b.binary(ir::Op::IAdd, first, index)?,
             constant: row,
         })
@@ -472,7 +472,7 @@ impl Lowerer<'_> {
         let pointee = self.variables[&variable].pointee;
         let local = self.new_local("", pointee)?;
         self.input_locals.insert((variable, at), local);
-        let pointer = Pointer::new(pointee, Place::Local { local, row: 0 });
+        let pointer = Pointer::new(pointee, MemoryLocation::Local { local, row: 0 });
         let nodes = self.b.enter_prologue();
         let stored = self
             .load_input(variable, 0, None, pointee, at)
@@ -490,7 +490,7 @@ impl Lowerer<'_> {
         ty: Type,
         at: Evaluation,
     ) -> Result<Value, Error> {
-        if let WordPlace::BuiltIn(built_in, word) = rows[0].place {
+        if let WordLocation::BuiltIn(built_in, word) = rows[0].place {
             return self.input_built_in(variable, built_in, word, rows[0].how, ty, at);
         }
         // Attributes and varyings of 16 bits are floats of 32 on their way here.
@@ -515,7 +515,7 @@ impl Lowerer<'_> {
         ty: Type,
         at: Evaluation,
     ) -> Result<InputRow, Error> {
-        let WordPlace::Location { location, word } = row.place else {
+        let WordLocation::Location { location, word } = row.place else {
             return Err(self.b.invalid("a part of an input is a built-in"));
         };
         if self.request.stage == Stage::Vertex {
@@ -524,7 +524,7 @@ impl Lowerer<'_> {
                 component: word.min(u32::from(u8::MAX)) as u8,
             });
         }
-        let (location, component) = WordPlace::of_location(location, word);
+        let (location, component) = WordLocation::of_location(location, word);
         Ok(InputRow::Varying(Varying {
             place: match (row.how.patch, row.how.primitive) {
                 (true, _) => VaryingPlace::Patch(location),
@@ -636,8 +636,8 @@ impl Lowerer<'_> {
 
     pub(super) fn output_row(&self, word: InterfaceWord) -> Result<OutputRow, Error> {
         Ok(match word.place {
-            WordPlace::Location { location, word: at } => {
-                let (location, component) = WordPlace::of_location(location, at);
+            WordLocation::Location { location, word: at } => {
+                let (location, component) = WordLocation::of_location(location, at);
                 if word.how.patch {
                     return Ok(OutputRow::Patch {
                         location,
@@ -656,7 +656,7 @@ impl Lowerer<'_> {
                     index: word.how.index,
                 }
             }
-            WordPlace::BuiltIn(built_in, index) => {
+            WordLocation::BuiltIn(built_in, index) => {
                 let index = index.min(u32::from(u8::MAX)) as u8;
                 match built_in {
                     BuiltIn::Position => OutputRow::Position(index),

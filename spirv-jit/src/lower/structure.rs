@@ -4,7 +4,7 @@
 //! A SPIR-V function that keeps the rules of structured control flow (SPIR-V specification, section
 //! Structured Control Flow) is walked along its merge instructions. A branch to a block that some
 //! enclosing construct has announced (merge block, continue target, loop header) becomes a `br` to
-//! that construct's label, as does one to a block where branches [meet](super::meets); any other
+//! that construct's label, as does one to a block where branches [join_point](super::join_points); any other
 //! block is lowered in place, once. What breaks the rules reaches a block twice and is refused.
 //!
 //! A list of tasks holds the remaining work: a function may nest constructs as deeply as its
@@ -15,7 +15,7 @@ use foldhash::{HashMap, HashSet};
 use rspirv::spirv::Op;
 
 use super::flow::{BlockIndex, Flow};
-use super::meets::find_meets;
+use super::join_points::find_join_points;
 use crate::Error;
 use crate::parse::{Function, Id, Merge, ParsedModule};
 
@@ -34,7 +34,7 @@ pub(super) enum Condition {
 }
 
 #[derive(Clone, Debug)]
-pub(super) enum Step {
+pub(super) enum ControlStep {
     /// The instructions of a block, without its terminator.
     Code(BlockIndex),
     /// The arguments of the second block's phis for an edge from the first.
@@ -69,7 +69,7 @@ pub(super) enum End {
 pub(super) struct PlanBody {
     /// The body around it; the root has itself.
     parent: BodyIndex,
-    pub steps: Vec<Step>,
+    pub steps: Vec<ControlStep>,
     pub end: End,
 }
 
@@ -132,7 +132,7 @@ pub(super) fn plan_function(module: &ParsedModule, function: &Function) -> Resul
         bodies: Vec::new(),
         labels: 0,
         targets: HashMap::default(),
-        meets: find_meets(flow),
+        join_points: find_join_points(flow),
         block_body: vec![None; function.blocks.len()],
         tasks: Vec::new(),
     };
@@ -178,7 +178,7 @@ struct Planner<'a> {
     targets: HashMap<BlockIndex, Vec<LabelIndex>>,
     /// By block: the blocks where branches meet that it decides about, in the order of control
     /// flow.
-    meets: HashMap<BlockIndex, Vec<BlockIndex>>,
+    join_points: HashMap<BlockIndex, Vec<BlockIndex>>,
     /// The body that a block is lowered in.
     block_body: Vec<Option<BodyIndex>>,
     /// Last first.
@@ -236,7 +236,7 @@ impl Planner<'_> {
     /// Opens a block in a body.
     fn open_block(&mut self, outer: BodyIndex, label: LabelIndex) -> BodyIndex {
         let body = self.new_body(outer);
-        let step = Step::Block { label, body };
+        let step = ControlStep::Block { label, body };
         self.bodies[outer].steps.push(step);
         body
     }
@@ -251,7 +251,7 @@ impl Planner<'_> {
         if let Some(from) = from
             && self.has_phis(to)
         {
-            self.bodies[body].steps.push(Step::Edge(from, to));
+            self.bodies[body].steps.push(ControlStep::Edge(from, to));
         }
         if let Some(label) = self.target(to) {
             self.bodies[body].end = End::Br(label);
@@ -285,7 +285,7 @@ impl Planner<'_> {
 
     fn place(&mut self, body: BodyIndex, block: BlockIndex) {
         self.block_body[block] = Some(body);
-        self.bodies[body].steps.push(Step::Code(block));
+        self.bodies[body].steps.push(ControlStep::Code(block));
     }
 
     fn visit_loop(
@@ -299,7 +299,7 @@ impl Planner<'_> {
         let loop_label = self.new_label();
         let merge_body = self.open_block(body, merge_label);
         let loop_body = self.new_body(merge_body);
-        self.bodies[merge_body].steps.push(Step::Loop {
+        self.bodies[merge_body].steps.push(ControlStep::Loop {
             label: loop_label,
             body: loop_body,
         });
@@ -352,14 +352,14 @@ impl Planner<'_> {
             },
         ]);
         match self.flow.terminator(at).0 {
-            Op::BranchConditional if !self.meets.contains_key(&at) => {
+            Op::BranchConditional if !self.join_points.contains_key(&at) => {
                 let fork = self.fork(at)?;
                 if fork.no == fork.yes {
                     let then_body = self.open_block(body, label);
                     self.walk_arms(at, [(then_body, fork.yes)]);
                 } else {
                     let (then_body, else_body) = (self.new_body(body), self.new_body(body));
-                    self.bodies[body].steps.push(Step::If {
+                    self.bodies[body].steps.push(ControlStep::If {
                         at,
                         condition: Condition::Id(fork.condition),
                         label,
@@ -391,16 +391,16 @@ impl Planner<'_> {
     fn visit_terminator(&mut self, body: BodyIndex, at: BlockIndex) -> Result<(), Error> {
         let mut body = body;
         // The last one to come is the outermost.
-        for meet in self.meets.remove(&at).into_iter().flatten().rev() {
+        for join_point in self.join_points.remove(&at).into_iter().flatten().rev() {
             let label = self.new_label();
             let inner = self.open_block(body, label);
-            self.announce(meet, label);
+            self.announce(join_point, label);
             self.next([
-                Task::Withdraw(meet),
+                Task::Withdraw(join_point),
                 Task::Walk {
                     body,
                     from: None,
-                    to: meet,
+                    to: join_point,
                 },
             ]);
             body = inner;
@@ -435,7 +435,7 @@ impl Planner<'_> {
         } else {
             self.walk_arms(at, [(then_body, fork.yes), (else_body, fork.no)]);
         }
-        self.bodies[body].steps.push(Step::If {
+        self.bodies[body].steps.push(ControlStep::If {
             at,
             condition: Condition::Id(fork.condition),
             label,
@@ -457,7 +457,7 @@ impl Planner<'_> {
             let label = self.new_label();
             let (then_body, else_body) = (self.new_body(body), self.new_body(body));
             self.bodies[else_body].end = End::Br(label);
-            self.bodies[body].steps.push(Step::If {
+            self.bodies[body].steps.push(ControlStep::If {
                 at,
                 condition: Condition::Cases(literals),
                 label,

@@ -73,7 +73,7 @@ pub(super) struct Shape {
 #[derive(Clone, Debug)]
 pub(super) struct Pointer {
     pub pointee: Id,
-    pub place: Place,
+    pub place: MemoryLocation,
     pub shape: Shape,
     pub volatile: bool,
     /// It leads into a uniform block; see [`Access::constant`](crate::ir::op::Access::constant).
@@ -85,7 +85,7 @@ pub(super) struct Pointer {
 }
 
 #[derive(Clone, Debug)]
-pub(super) enum Place {
+pub(super) enum MemoryLocation {
     /// A fixed row of per-lane memory of this function.
     Local { local: usize, row: u32 },
     /// Per-lane memory at a row that is computed.
@@ -165,7 +165,7 @@ impl Local {
 }
 
 impl Pointer {
-    pub fn new(pointee: Id, place: Place) -> Self {
+    pub fn new(pointee: Id, place: MemoryLocation) -> Self {
         Self {
             pointee,
             place,
@@ -193,22 +193,22 @@ impl Pointer {
     /// made in.
     pub fn values(&self) -> SmallVec<[Value; 8]> {
         match &self.place {
-            Place::Local { .. } => SmallVec::new(),
-            Place::Input { index, .. } => index.iter().copied().collect(),
-            Place::Private { row, .. } => SmallVec::from_slice(&[*row]),
-            Place::Shared { offset, .. } | Place::Heap { offset, .. } => {
+            MemoryLocation::Local { .. } => SmallVec::new(),
+            MemoryLocation::Input { index, .. } => index.iter().copied().collect(),
+            MemoryLocation::Private { row, .. } => SmallVec::from_slice(&[*row]),
+            MemoryLocation::Shared { offset, .. } | MemoryLocation::Heap { offset, .. } => {
                 offset.iter().copied().collect()
             }
-            Place::Buffer {
+            MemoryLocation::Buffer {
                 reference, offset, ..
             }
-            | Place::Buffer64 {
+            | MemoryLocation::Buffer64 {
                 reference, offset, ..
             } => [*reference].into_iter().chain(*offset).collect(),
-            Place::Global { address, .. } => SmallVec::from_slice(&[*address]),
-            Place::Handle { index, .. } => index.iter().copied().collect(),
-            Place::Descriptor(reference) => SmallVec::from_slice(&[*reference]),
-            Place::Texel {
+            MemoryLocation::Global { address, .. } => SmallVec::from_slice(&[*address]),
+            MemoryLocation::Handle { index, .. } => index.iter().copied().collect(),
+            MemoryLocation::Descriptor(reference) => SmallVec::from_slice(&[*reference]),
+            MemoryLocation::Texel {
                 image,
                 coordinate,
                 sample,
@@ -230,25 +230,25 @@ impl Pointer {
             }
         };
         match &mut out.place {
-            Place::Local { .. } => {}
-            Place::Input { index, .. } => index.iter_mut().for_each(take),
-            Place::Private { row, .. } => take(row),
-            Place::Shared { offset, .. } | Place::Heap { offset, .. } => {
+            MemoryLocation::Local { .. } => {}
+            MemoryLocation::Input { index, .. } => index.iter_mut().for_each(take),
+            MemoryLocation::Private { row, .. } => take(row),
+            MemoryLocation::Shared { offset, .. } | MemoryLocation::Heap { offset, .. } => {
                 offset.iter_mut().for_each(take);
             }
-            Place::Buffer {
+            MemoryLocation::Buffer {
                 reference, offset, ..
             }
-            | Place::Buffer64 {
+            | MemoryLocation::Buffer64 {
                 reference, offset, ..
             } => {
                 take(reference);
                 offset.iter_mut().for_each(take);
             }
-            Place::Global { address, .. } => take(address),
-            Place::Handle { index, .. } => index.iter_mut().for_each(take),
-            Place::Descriptor(reference) => take(reference),
-            Place::Texel {
+            MemoryLocation::Global { address, .. } => take(address),
+            MemoryLocation::Handle { index, .. } => index.iter_mut().for_each(take),
+            MemoryLocation::Descriptor(reference) => take(reference),
+            MemoryLocation::Texel {
                 image,
                 coordinate,
                 sample,

@@ -5,14 +5,17 @@ use rspirv::binary::{Consumer, DecodeError, ParseAction, ParseState, Parser};
 use rspirv::dr;
 use rspirv::spirv::{MAGIC_NUMBER, Op};
 
-use super::framing::Frame;
+use super::framing::InstructionSpan;
 use super::grammar::{self, Head, Stop, Walk, Widths, only_informs};
 use super::instruction::{Id, Instruction, InstructionTable, decode_string};
 use super::newer;
 use crate::Error;
 
 /// Holds framed words against the grammar.
-pub(super) fn check_grammar(words: &[u32], frames: &[Frame]) -> Result<InstructionTable, Error> {
+pub(super) fn check_grammar(
+    words: &[u32],
+    frames: &[InstructionSpan],
+) -> Result<InstructionTable, Error> {
     let mut table = InstructionTable {
         instructions: Vec::with_capacity(frames.len()),
         uses: Vec::with_capacity(words.len() / 2),
@@ -56,7 +59,7 @@ pub(super) fn check_grammar(words: &[u32], frames: &[Frame]) -> Result<Instructi
 /// One instruction: its opcode and head. The ids that it uses go behind `uses`.
 fn check_instruction(
     words: &[u32],
-    frame: Frame,
+    frame: InstructionSpan,
     widths: &Widths,
     uses: &mut Vec<Id>,
 ) -> Result<(Op, Head), Error> {
@@ -163,7 +166,7 @@ impl Consumer for Keeper {
 
 /// Lets `rspirv` parse an instruction. It knows one operand of each kind in `OpSpecConstantOp`, so
 /// the operation stands there itself; and it does not get operands that are newer than it.
-fn parse(words: &[u32], frame: Frame) -> Result<dr::Instruction, Error> {
+fn parse(words: &[u32], frame: InstructionSpan) -> Result<dr::Instruction, Error> {
     let at = frame.offset as usize;
     let count = usize::from(frame.count - frame.newer_ids);
     let mut module = vec![MAGIC_NUMBER, words[1], 0, words[3], 0];

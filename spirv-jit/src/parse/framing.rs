@@ -12,7 +12,7 @@ const MAX_BOUND: u32 = 0x3f_ffff;
 
 /// An instruction's place: offset of its first word, number of words.
 #[derive(Clone, Copy)]
-pub(super) struct Frame {
+pub(super) struct InstructionSpan {
     pub offset: u32,
     pub count: u16,
     /// `OpSpecConstantOp`, of an operation that it may have.
@@ -28,7 +28,7 @@ fn newer_ids(opcode: u32, count: u16) -> u16 {
 }
 
 /// Cuts the words into instructions.
-pub(super) fn check_framing(words: &[u32]) -> Result<Vec<Frame>, Error> {
+pub(super) fn check_framing(words: &[u32]) -> Result<Vec<InstructionSpan>, Error> {
     if words.len() < HEADER_WORDS || words[0] != spirv::MAGIC_NUMBER {
         return Err(Error::invalid(0, "this is not a SPIR-V module"));
     }
@@ -62,7 +62,7 @@ pub(super) fn check_framing(words: &[u32]) -> Result<Vec<Frame>, Error> {
         }
         let opcode = words[offset] & 0xffff;
         check_nested_opcode(words, offset, opcode)?;
-        frames.push(Frame {
+        frames.push(InstructionSpan {
             offset: offset as u32,
             count,
             is_specialized: opcode == Op::SpecConstantOp as u32,

@@ -24,7 +24,7 @@ const WORD_BYTES: i64 = 4;
 pub fn combine_loads(function: &mut Function) -> bool {
     let mut body = std::mem::take(&mut function.body);
     let mut combiner = Combiner {
-        known: vec![Known::default(); function.value_types.len()],
+        known: vec![ValueFacts::default(); function.value_types.len()],
         instructions: 0,
         has_combined: false,
         function,
@@ -48,7 +48,7 @@ struct Linear {
 
 /// Facts about a value.
 #[derive(Clone, Copy, Default)]
-struct Known {
+struct ValueFacts {
     /// How many instructions stand before the one that gives it; 0 for results and parameters of
     /// constructs.
     place: u32,
@@ -113,7 +113,7 @@ struct Stretch {
 
 struct Combiner<'a> {
     function: &'a mut Function,
-    known: Vec<Known>,
+    known: Vec<ValueFacts>,
     /// How many were visited.
     instructions: u32,
     has_combined: bool,

@@ -33,7 +33,7 @@ pub(super) trait Edit {
 
 /// A body that is being edited: nodes before `kept` stay, those from `next` on are still to come.
 #[derive(Default)]
-struct Open {
+struct EditedBody {
     body: Body,
     kept: usize,
     next: usize,
@@ -43,7 +43,7 @@ struct Open {
     is_second: bool,
 }
 
-impl Open {
+impl EditedBody {
     fn new(body: Body) -> Self {
         Self {
             body,
@@ -88,8 +88,8 @@ impl Open {
 /// Goes through a body and those inside.
 pub(super) fn edit_body(body: &mut Body, pass: &mut impl Edit) {
     let mut before = Vec::new();
-    let mut open = Open::new(std::mem::take(body));
-    let mut outer: Vec<Open> = Vec::new();
+    let mut open = EditedBody::new(std::mem::take(body));
+    let mut outer: Vec<EditedBody> = Vec::new();
     loop {
         let mut inner = None;
         while let Some(node) = open.body.nodes.get_mut(open.next) {
@@ -102,7 +102,7 @@ pub(super) fn edit_body(body: &mut Body, pass: &mut impl Edit) {
             open.pass(stays, &mut before);
         }
         if let Some(inner) = inner {
-            outer.push(std::mem::replace(&mut open, Open::new(inner)));
+            outer.push(std::mem::replace(&mut open, EditedBody::new(inner)));
             continue;
         }
         open.finish();
@@ -116,7 +116,7 @@ pub(super) fn edit_body(body: &mut Body, pass: &mut impl Edit) {
         let second = put_back(&mut open, done);
         if let Some(second) = second {
             pass.between();
-            outer.push(std::mem::replace(&mut open, Open::new(second)));
+            outer.push(std::mem::replace(&mut open, EditedBody::new(second)));
             continue;
         }
         let Some(construct) = open.body.nodes.get_mut(open.next) else {
@@ -136,7 +136,7 @@ pub(super) fn edit_body(body: &mut Body, pass: &mut impl Edit) {
 
 /// Gives the construct that comes next in a body the one of its bodies that was taken. Returns the
 /// next one of them, if there is one.
-fn put_back(open: &mut Open, done: Body) -> Option<Body> {
+fn put_back(open: &mut EditedBody, done: Body) -> Option<Body> {
     let construct = open.body.nodes.get_mut(open.next)?;
     let has_second = matches!(construct, Node::If { .. }) && !open.is_second;
     let place = construct.bodies_mut().nth(usize::from(open.is_second))?;
@@ -153,7 +153,7 @@ pub(super) fn edit_nodes(
     nodes: &mut Vec<Node>,
     mut edit: impl FnMut(&mut Node, &mut Vec<Node>) -> bool,
 ) {
-    let mut open = Open::default();
+    let mut open = EditedBody::default();
     std::mem::swap(&mut open.body.nodes, nodes);
     let mut before = Vec::new();
     while let Some(node) = open.body.nodes.get_mut(open.next) {

@@ -35,7 +35,7 @@ pub fn promote_in_loops(function: &mut Function) -> bool {
     if owned.is_empty() {
         return false;
     }
-    let mut rewriter = Rewriter {
+    let mut rewriter = LoopRewriter {
         looks: MAX_LOOKS * survey.position,
         around: vec![None; function.variables.len()],
         owned,
@@ -286,7 +286,7 @@ struct OpenLoop {
     exits: Exits,
 }
 
-struct Rewriter<'f> {
+struct LoopRewriter<'f> {
     function: &'f mut Function,
     owned: BTreeMap<Label, Vec<Owned>>,
     /// By variable: the variable and rows that an enclosing loop has instead.
@@ -298,7 +298,7 @@ struct Rewriter<'f> {
     changed_end: Option<Terminator>,
 }
 
-impl Edit for Rewriter<'_> {
+impl Edit for LoopRewriter<'_> {
     fn inst(&mut self, inst: &mut Inst, _: &mut Vec<Node>) -> bool {
         if let Op::VarLoad(variable, row) | Op::VarStore(variable, row) = &mut inst.op
             && let Some((own, rows)) = self.around.get(variable.index()).and_then(Option::as_ref)
@@ -348,7 +348,7 @@ fn nothing() -> Node {
     })
 }
 
-impl Rewriter<'_> {
+impl LoopRewriter<'_> {
     /// Makes the variables of a loop.
     fn enter(&mut self, label: Label, body: &Body) -> Option<OpenLoop> {
         let owned = self.owned.remove(&label)?;

@@ -9,7 +9,7 @@ use crate::ir::{Function, Inst, Node, Op, Space, Type, Value, VariableId};
 /// Rewrites loads and stores of known rows inside a variable; others stay as they are.
 pub fn resolve_variable_addresses(function: &mut Function) {
     let mut resolver = Resolver {
-        known: vec![Known::Nothing; function.value_types.len()],
+        known: vec![AddressFact::Nothing; function.value_types.len()],
         types: &function.value_types,
         rows: function.variables.iter().map(|v| v.rows).collect(),
     };
@@ -18,15 +18,15 @@ pub fn resolve_variable_addresses(function: &mut Function) {
 
 /// Facts about an i32.
 #[derive(Clone, Copy)]
-enum Known {
+enum AddressFact {
     Nothing,
     Constant(u32),
     /// That row of a variable.
-    Row(VariableId, u32),
+    VariableRow(VariableId, u32),
 }
 
 struct Resolver<'a> {
-    known: Vec<Known>,
+    known: Vec<AddressFact>,
     types: &'a [Type],
     rows: Vec<u32>,
 }
@@ -42,18 +42,18 @@ impl Edit for Resolver<'_> {
 }
 
 impl Resolver<'_> {
-    fn known(&self, value: Value) -> Known {
+    fn known(&self, value: Value) -> AddressFact {
         self.known[value.index()]
     }
 
     fn learn(&mut self, inst: &Inst) {
         let known = match inst.op {
-            Op::Const(bits) => Known::Constant(bits as u32),
-            Op::VarAddress(variable) => Known::Row(variable, 0),
+            Op::Const(bits) => AddressFact::Constant(bits as u32),
+            Op::VarAddress(variable) => AddressFact::VariableRow(variable, 0),
             Op::IAdd => match (self.known(inst.args[0]), self.known(inst.args[1])) {
-                (Known::Row(variable, row), Known::Constant(more))
-                | (Known::Constant(more), Known::Row(variable, row)) => {
-                    Known::Row(variable, row.wrapping_add(more))
+                (AddressFact::VariableRow(variable, row), AddressFact::Constant(more))
+                | (AddressFact::Constant(more), AddressFact::VariableRow(variable, row)) => {
+                    AddressFact::VariableRow(variable, row.wrapping_add(more))
                 }
                 _ => return,
             },
@@ -72,7 +72,7 @@ impl Resolver<'_> {
         if access.space != Space::Private {
             return None;
         }
-        let Known::Row(variable, first) = self.known(inst.args[0]) else {
+        let AddressFact::VariableRow(variable, first) = self.known(inst.args[0]) else {
             return None;
         };
         let stride = self.types[scalars[0].index()].rows();

@@ -32,11 +32,11 @@ struct Simplifier {
     /// How many `br` lead to each label.
     branches: Vec<i32>,
     /// Bodies that are being simplified, innermost last.
-    open: Vec<Open>,
+    open: Vec<SimplifiedBody>,
 }
 
 /// A body that is being simplified: its nodes so far, and those that are still to come.
-struct Open {
+struct SimplifiedBody {
     body: Box<Body>,
     rest: std::vec::IntoIter<Node>,
     /// The code behind the blocks that are being written out in this body, innermost last.
@@ -142,7 +142,7 @@ impl Simplifier {
             }
         }
         body.nodes.reserve(rest.len());
-        self.open.push(Open {
+        self.open.push(SimplifiedBody {
             body,
             rest: rest.into_iter(),
             after: Vec::new(),
@@ -226,7 +226,7 @@ impl Simplifier {
     /// Puts what the innermost body belongs to into the body around it, and leaves that one, too,
     /// if nothing comes after. Returns the function's body.
     fn leave(&mut self) -> Option<Box<Body>> {
-        while let Some(Open { body, of, .. }) = self.open.pop() {
+        while let Some(SimplifiedBody { body, of, .. }) = self.open.pop() {
             if let Of::Then { head, else_body } = of {
                 let then_body = body;
                 self.enter(else_body, Of::Else { head, then_body });

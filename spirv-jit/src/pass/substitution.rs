@@ -59,7 +59,7 @@ pub fn rewrite_function(
     is_dropped: &dyn Fn(Value) -> bool,
     keeps: &dyn Fn(&Inst) -> bool,
 ) {
-    let mut rewriter = Rewriter {
+    let mut rewriter = SubstitutionRewriter {
         substitution,
         is_dropped,
         keeps,
@@ -68,7 +68,7 @@ pub fn rewrite_function(
     edit_body(&mut function.body, &mut rewriter);
 }
 
-struct Rewriter<'a> {
+struct SubstitutionRewriter<'a> {
     substitution: &'a Substitution,
     is_dropped: &'a dyn Fn(Value) -> bool,
     keeps: &'a dyn Fn(&Inst) -> bool,
@@ -76,7 +76,7 @@ struct Rewriter<'a> {
     dropped: Vec<Vec<bool>>,
 }
 
-impl Edit for Rewriter<'_> {
+impl Edit for SubstitutionRewriter<'_> {
     fn inst(&mut self, inst: &mut Inst, _: &mut Vec<Node>) -> bool {
         let stays = (self.keeps)(inst);
         if stays {
@@ -126,7 +126,7 @@ impl Edit for Rewriter<'_> {
     }
 }
 
-impl Rewriter<'_> {
+impl SubstitutionRewriter<'_> {
     fn mark(&mut self, label: usize, values: &mut Vec<Value>) {
         if values.iter().any(|&value| (self.is_dropped)(value)) {
             let marks: Vec<bool> = values

@@ -23,7 +23,7 @@ pub fn tabulate_variables(function: &mut Function) {
     if tables.iter().all(Option::is_none) {
         return;
     }
-    let mut rewriter = Rewriter {
+    let mut rewriter = TableRewriter {
         tables: &tables,
         indices: vec![None; function.value_types.len()],
     };
@@ -33,7 +33,7 @@ pub fn tabulate_variables(function: &mut Function) {
 /// The contents of each variable from its last store on, if they are the same in all invocations
 /// and every other use is a later load.
 fn find(function: &Function) -> Vec<Option<Vec<u32>>> {
-    let mut finder = Finder {
+    let mut analysis = TableAnalysis {
         function,
         constants: vec![None; function.value_types.len()],
         places: vec![None; function.value_types.len()],
@@ -42,9 +42,9 @@ fn find(function: &Function) -> Vec<Option<Vec<u32>>> {
             .collect(),
         is_read: vec![false; function.variables.len()],
     };
-    finder.body(&function.body);
-    let mut contents = finder.contents;
-    for (words, is_read) in contents.iter_mut().zip(finder.is_read) {
+    analysis.body(&function.body);
+    let mut contents = analysis.contents;
+    for (words, is_read) in contents.iter_mut().zip(analysis.is_read) {
         if !is_read {
             *words = None;
         }
@@ -52,7 +52,7 @@ fn find(function: &Function) -> Vec<Option<Vec<u32>>> {
     contents
 }
 
-struct Finder<'f> {
+struct TableAnalysis<'f> {
     function: &'f Function,
     constants: Vec<Option<u32>>,
     /// By value: the variable of which it is an address, at whatever row.
@@ -63,7 +63,7 @@ struct Finder<'f> {
     is_read: Vec<bool>,
 }
 
-impl Finder<'_> {
+impl TableAnalysis<'_> {
     fn body(&mut self, body: &Body) {
         let mut depth = 0;
         for step in body.steps() {
@@ -137,14 +137,14 @@ impl Finder<'_> {
     }
 }
 
-struct Rewriter<'f> {
+struct TableRewriter<'f> {
     /// By variable.
     tables: &'f [Option<u32>],
     /// By value: the table that it is an index of.
     indices: Vec<Option<u32>>,
 }
 
-impl Edit for Rewriter<'_> {
+impl Edit for TableRewriter<'_> {
     fn inst(&mut self, inst: &mut Inst, before: &mut Vec<Node>) -> bool {
         match inst.op {
             Op::VarStore(variable, _) => return self.tables[variable.index()].is_none(),

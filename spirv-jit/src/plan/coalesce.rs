@@ -27,22 +27,22 @@ pub(crate) struct Candidate {
 
 /// A function's candidates, inner constructs first.
 pub(crate) fn candidates(body: &Body) -> Vec<Candidate> {
-    let mut finder = Finder {
+    let mut analysis = CoalescingAnalysis {
         branches: HashMap::default(),
         candidates: Vec::new(),
     };
-    finder.walk(body);
-    finder.candidates
+    analysis.walk(body);
+    analysis.candidates
 }
 
-struct Finder<'b> {
+struct CoalescingAnalysis<'b> {
     /// Branches by label, of the constructs that are closed: how many, and what one of them takes
     /// along.
     branches: HashMap<Label, (u32, &'b [Value])>,
     candidates: Vec<Candidate>,
 }
 
-impl<'b> Finder<'b> {
+impl<'b> CoalescingAnalysis<'b> {
     fn walk(&mut self, body: &'b Body) {
         for step in body.steps() {
             match step {

@@ -179,7 +179,7 @@ pub(super) fn find(planned: &mut Planned<'_>) -> Result<(), Error> {
     let mut next_point = 0;
     for f in planned.order.clone() {
         let function = &planned.module.functions[f];
-        let mut finder = Finder {
+        let mut builder = SavePointBuilder {
             masks: planned.function(f).mask_base + 1,
             planned,
             function: f,
@@ -193,11 +193,11 @@ pub(super) fn find(planned: &mut Planned<'_>) -> Result<(), Error> {
         // Fuel is burnt at the start of each function, except the entry, where states begin.
         let live = match f {
             0 => Live::NOTHING,
-            _ => finder.live(Liveness::START)?,
+            _ => builder.live(Liveness::START)?,
         };
-        finder.point(0, None, live)?;
-        finder.body(&function.body)?;
-        next_point = finder.next_point;
+        builder.point(0, None, live)?;
+        builder.body(&function.body)?;
+        next_point = builder.next_point;
         let kept = &planned.plan.kept;
         let ends = (
             kept.values.entries().len(),
@@ -209,7 +209,7 @@ pub(super) fn find(planned: &mut Planned<'_>) -> Result<(), Error> {
     Ok(())
 }
 
-struct Finder<'p, 'm> {
+struct SavePointBuilder<'p, 'm> {
     planned: &'p mut Planned<'m>,
     function: usize,
     next_point: u64,
@@ -231,7 +231,7 @@ struct Living {
     /// How many values, in the order of their starts, have begun.
     begun: usize,
     /// Those that live, by the half-steps of their ends.
-    ends: BinaryHeap<Reverse<(u32, Value, Slot)>>,
+    ends: BinaryHeap<Reverse<(u32, Value, ListEntry)>>,
     rows: LiveRows,
     /// Numbers for what takes no row of its own.
     input_slots: LiveRows,
@@ -243,13 +243,13 @@ struct Living {
 
 /// Where a value stands in its list.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-enum Slot {
+enum ListEntry {
     Saved(u32),
     Input(u32),
     Remade(u32),
 }
 
-impl Finder<'_, '_> {
+impl SavePointBuilder<'_, '_> {
     fn body(&mut self, body: &Body) -> Result<(), Error> {
         let mut steps = body.steps();
         while let Some(step) = steps.next() {
@@ -352,15 +352,15 @@ impl Finder<'_, '_> {
         {
             living.ends.pop();
             match slot {
-                Slot::Saved(row) => {
+                ListEntry::Saved(row) => {
                     living.rows.release(row, function.ty(value).rows() == 2);
                     living.saved.set(row as usize, None);
                 }
-                Slot::Input(slot) => {
+                ListEntry::Input(slot) => {
                     living.input_slots.release(slot, false);
                     living.inputs.set(slot as usize, None);
                 }
-                Slot::Remade(slot) => {
+                ListEntry::Remade(slot) => {
                     living.descriptor_slots.release(slot, false);
                     living.remade.set(slot as usize, None);
                 }
@@ -395,7 +395,7 @@ impl Finder<'_, '_> {
                     from,
                 };
                 living.remade.set(slot as usize, Some(remade));
-                Slot::Remade(slot)
+                ListEntry::Remade(slot)
             } else {
                 let wide = function.ty(value).rows() == 2;
                 let saved = |row| Saved { value, row, wide };
@@ -404,13 +404,13 @@ impl Finder<'_, '_> {
                         let slot = living.input_slots.take(false);
                         let row = plan.layout.inputs as u32 + input;
                         living.inputs.set(slot as usize, Some(saved(row)));
-                        Slot::Input(slot)
+                        ListEntry::Input(slot)
                     }
                     None => {
                         let row = living.rows.take(wide);
                         let saved = saved(first as u32 + row);
                         living.saved.set(row as usize, Some(saved));
-                        Slot::Saved(row)
+                        ListEntry::Saved(row)
                     }
                 }
             };

@@ -61,13 +61,13 @@ impl Plan {
     }
 
     /// Where a state stands.
-    pub fn standing(&self, state: &[AlignedRow]) -> &SavePoint {
+    pub fn save_point_of(&self, state: &[AlignedRow]) -> &SavePoint {
         &self.points[self.point_of(state[0].0[0]).0]
     }
 
     /// Whether a lane is parked or pending in a construct around where a state stands.
     pub fn has_parked_lanes(&self, state: &[AlignedRow]) -> bool {
-        (0..self.standing(state).masks as usize).any(|k| {
+        (0..self.save_point_of(state).masks as usize).any(|k| {
             let word = CONTROL_WORDS + k / 2;
             state[word / SUBGROUP_SIZE].0[word % SUBGROUP_SIZE] >> (k % 2 * 16) & 0xffff != 0
         })

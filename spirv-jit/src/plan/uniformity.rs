@@ -19,7 +19,7 @@ const MAX_EARLY_SCALARS: usize = 256;
 /// the function, and uniform blocks are not written while such invocations run.
 pub(super) fn find_uniform_values(function: &Function, starts: bool) -> Vec<bool> {
     let values = function.value_types.len();
-    let mut finder = Finder {
+    let mut analysis = UniformityAnalysis {
         uniform: vec![false; values],
         push_constants: vec![false; values],
         blocks: HashMap::default(),
@@ -30,16 +30,16 @@ pub(super) fn find_uniform_values(function: &Function, starts: bool) -> Vec<bool
     };
     if starts {
         let mut constants = HashMap::default();
-        (function.body).visit_insts(&mut |inst| finder.note_block(inst, &mut constants));
-        finder.find_certain(&function.body);
+        (function.body).visit_insts(&mut |inst| analysis.note_block(inst, &mut constants));
+        analysis.find_certain(&function.body);
     }
-    function.body.visit_insts(&mut |inst| finder.visit(inst));
-    finder.uniform
+    function.body.visit_insts(&mut |inst| analysis.visit(inst));
+    analysis.uniform
 }
 
 /// A descriptor of a binding: one of a constant number, or of a value.
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
-struct Block {
+struct DescriptorRef {
     binding: DescriptorBinding,
     index: Result<u64, Value>,
 }
@@ -52,23 +52,23 @@ struct Way {
     left: usize,
 }
 
-struct Finder {
+struct UniformityAnalysis {
     uniform: Vec<bool>,
     /// The value is the descriptor of the push constants.
     push_constants: Vec<bool>,
     /// Which descriptor a value is.
-    blocks: HashMap<Value, Block>,
+    blocks: HashMap<Value, DescriptorRef>,
     /// The value is the first of a load from a uniform block, or of a query of an image's size,
     /// that every invocation performs.
     certain: Vec<bool>,
     /// Uniform blocks that every invocation reads.
-    read: HashSet<Block>,
+    read: HashSet<DescriptorRef>,
     early_scalars: usize,
     /// By label: how deep its construct is nested, from 1 on.
     depths: Vec<usize>,
 }
 
-impl Finder {
+impl UniformityAnalysis {
     fn note_block(&mut self, inst: &Inst, constants: &mut HashMap<Value, u64>) {
         match inst.op {
             Op::Const(bits) => {
@@ -77,7 +77,7 @@ impl Finder {
             Op::Descriptor(binding) => {
                 let index = inst.args[0];
                 let index = constants.get(&index).copied().ok_or(index);
-                (self.blocks).insert(inst.results[0], Block { binding, index });
+                (self.blocks).insert(inst.results[0], DescriptorRef { binding, index });
             }
             _ => {}
         }

@@ -28,12 +28,12 @@ impl Record {
     }
 
     /// Where it stands among the others. Records of the same place keep their order.
-    fn place(&self) -> Place {
+    fn place(&self) -> MessageOrder {
         (self.key, self.order)
     }
 }
 
-type Place = ([u32; MAX_KEY_WORDS], u64);
+type MessageOrder = ([u32; MAX_KEY_WORDS], u64);
 
 /// The messages of one dispatch. The first ones in the order of invocations are kept, as many as
 /// fit: they depend on no order of execution.
@@ -50,7 +50,7 @@ struct Kept {
     bytes: usize,
     dropped: u64,
     /// The first place that did not fit: nothing from there on does.
-    end: Option<Place>,
+    end: Option<MessageOrder>,
 }
 
 /// All messages of a dispatch.

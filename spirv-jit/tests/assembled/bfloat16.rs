@@ -63,7 +63,7 @@ impl BFloats {
     }
 
     /// A word of the input.
-    fn given(&mut self, index: usize) -> u32 {
+    fn input_word(&mut self, index: usize) -> u32 {
         let class = rspirv::spirv::StorageClass::StorageBuffer;
         let pointer = self.a.pointer(class, self.a.word);
         let chain = [self.a.input, self.a.numbers[0], self.a.numbers[index]];
@@ -132,7 +132,7 @@ fn assert_same(found: u32, expected: bf16, given: f64) {
 #[test]
 fn floats_become_the_nearest_one() {
     let mut b = BFloats::new();
-    let word = b.given(0);
+    let word = b.input_word(0);
     let number = b.convert(Op::Bitcast, b.float, word);
     let result = b.convert(Op::FConvert, b.bfloat, number);
     let singles = numbers()
@@ -145,7 +145,7 @@ fn floats_become_the_nearest_one() {
 
     let mut b = BFloats::new();
     let pair = b.a.global(Op::TypeVector, &[b.a.word, 2]);
-    let words = [b.given(0), b.given(1)];
+    let words = [b.input_word(0), b.given(1)];
     let words = b.a.make(pair, Op::CompositeConstruct, &words);
     let number = b.convert(Op::Bitcast, b.double, words);
     let result = b.convert(Op::FConvert, b.bfloat, number);
@@ -159,7 +159,7 @@ fn floats_become_the_nearest_one() {
     });
 
     let mut b = BFloats::new();
-    let word = b.given(0);
+    let word = b.input_word(0);
     let bits = b.convert(Op::UConvert, b.short, word);
     let number = b.convert(Op::Bitcast, b.half, bits);
     let result = b.convert(Op::FConvert, b.bfloat, number);
@@ -173,7 +173,7 @@ fn floats_become_the_nearest_one() {
 #[test]
 fn floats_are_cut_where_the_decoration_says_so() {
     let mut b = BFloats::new();
-    let word = b.given(0);
+    let word = b.input_word(0);
     let number = b.convert(Op::Bitcast, b.float, word);
     let result = b.convert(Op::FConvert, b.bfloat, number);
     let mode = FPRoundingMode::RTZ as u32;
@@ -207,7 +207,7 @@ fn integers_are_rounded_once() {
     ];
     for op in [Op::ConvertSToF, Op::ConvertUToF] {
         let mut b = BFloats::new();
-        let word = b.given(0);
+        let word = b.input_word(0);
         let result = b.convert(op, b.bfloat, word);
         let given = numbers.map(|number| vec![number as u32]);
         run(&b.finish(result), given, |found, given| {
@@ -226,7 +226,7 @@ fn numbers_come_back_as_floats_and_integers() {
     let number = |bits: u32| bf16::from_bits(bits as u16);
 
     let mut b = BFloats::new();
-    let word = b.given(0);
+    let word = b.input_word(0);
     let bits = b.convert(Op::UConvert, b.short, word);
     let value = b.convert(Op::Bitcast, b.bfloat, bits);
     let float = b.convert(Op::FConvert, b.float, value);
@@ -237,7 +237,7 @@ fn numbers_come_back_as_floats_and_integers() {
     });
 
     let mut b = BFloats::new();
-    let word = b.given(0);
+    let word = b.input_word(0);
     let bits = b.convert(Op::UConvert, b.short, word);
     let value = b.convert(Op::Bitcast, b.bfloat, bits);
     let result = b.convert(Op::ConvertFToS, b.a.word, value);
@@ -258,7 +258,7 @@ fn vectors_hold_them_and_have_products() {
     let left = b.a.value(triple, Op::ConstantComposite, &parts);
     let right = b.a.value(triple, Op::ConstantComposite, &[one; 3]);
     let null = b.a.value(triple, Op::ConstantNull, &[]);
-    let word = b.given(0);
+    let word = b.input_word(0);
     let is_zero = b.a.make(b.a.bool, Op::IEqual, &[word, b.a.numbers[0]]);
     let flags = b.a.global(Op::TypeVector, &[b.a.bool, 3]);
     let conditions = b.a.make(flags, Op::CompositeConstruct, &[is_zero; 3]);

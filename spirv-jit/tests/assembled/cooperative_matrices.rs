@@ -55,13 +55,13 @@ impl Kind {
 
 /// How a matrix lies in memory.
 #[derive(Clone, Copy)]
-struct Layout {
+struct MatrixLayout {
     column_major: bool,
     /// From line to line.
     stride_bytes: usize,
 }
 
-impl Layout {
+impl MatrixLayout {
     fn offset(self, kind: Kind, row: usize, column: usize) -> usize {
         let (line, place) = match self.column_major {
             true => (column, row),
@@ -156,7 +156,7 @@ fn run(words: &[u32], input: &[u8], result_bytes: usize) -> Vec<u8> {
 
 /// How memory is accessed.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Access {
+enum MatrixAccess {
     /// Through a pointer to words, which strides count; with constant strides.
     Words,
     /// The same with a stride that is loaded.
@@ -166,16 +166,16 @@ enum Access {
 }
 
 /// A product of matrices in memory.
-fn check_product(kind: Kind, sum: Kind, access: Access, column_major: bool) {
+fn check_product(kind: Kind, sum: Kind, access: MatrixAccess, column_major: bool) {
     let unit = match access {
-        Access::Untyped => 1,
+        MatrixAccess::Untyped => 1,
         _ => 4,
     };
     // Odd strides, as far as the unit lets them be.
-    let layout = |kind: Kind| Layout {
+    let layout = |kind: Kind| MatrixLayout {
         column_major,
         stride_bytes: match access {
-            Access::Untyped => 19 * kind.bytes(),
+            MatrixAccess::Untyped => 19 * kind.bytes(),
             _ => 4 * (4 * kind.bytes() + 3),
         },
     };
@@ -210,7 +210,7 @@ fn check_product(kind: Kind, sum: Kind, access: Access, column_major: bool) {
     let types = types.map(|(ty, r#use)| m.ty(ty, r#use));
     let major = m.a.numbers[column_major as usize];
     let stride = |m: &mut Matrices, of_sum: bool| match access {
-        Access::Computed => {
+        MatrixAccess::Computed => {
             let at = m.at(m.a.input, of_sum as u32);
             m.a.make(m.a.word, Op::Load, &[at])
         }
@@ -221,7 +221,7 @@ fn check_product(kind: Kind, sum: Kind, access: Access, column_major: bool) {
     };
     let strides = [false, true].map(|of_sum| stride(&mut m, of_sum));
     let at = |m: &mut Matrices, buffer: u32, bytes: usize| match access {
-        Access::Untyped => {
+        MatrixAccess::Untyped => {
             let words = m.a.open_array(m.a.word, 4);
             let index = m.a.number(bytes as u32 / 4);
             let block = m.a.block(&[(words, 0)]);
@@ -274,7 +274,11 @@ fn matrices_in_memory_are_multiplied() {
         (Kind::U8, Kind::I32),
     ];
     for (kind, sum) in kinds {
-        for access in [Access::Words, Access::Computed, Access::Untyped] {
+        for access in [
+            MatrixAccess::Words,
+            MatrixAccess::Computed,
+            MatrixAccess::Untyped,
+        ] {
             for column_major in [false, true] {
                 check_product(kind, sum, access, column_major);
             }
@@ -403,7 +407,7 @@ fn matrices_pass_through_functions_and_workgroup_memory() {
     m.a.act(Op::CooperativeMatrixStoreKHR, &[to, turned, rows, eight]);
     let words = m.finish();
 
-    let layout = Layout {
+    let layout = MatrixLayout {
         column_major: false,
         stride_bytes: 32,
     };

@@ -24,12 +24,12 @@ pub const READABLE_WORDS: usize = 64;
 /// The observable outcome of a run.
 #[derive(Debug, PartialEq)]
 pub enum Outcome {
-    Ended(Box<Seen>),
+    Ended(Box<Observation>),
     OutOfFuel,
 }
 
 #[derive(Debug, PartialEq)]
-pub struct Seen {
+pub struct Observation {
     /// Output words, by row and lane.
     pub outputs: Vec<Vec<u32>>,
     /// The writable buffer.
@@ -230,7 +230,7 @@ fn execute_program(
     let outputs = (0..program.output_rows() as usize)
         .map(|row| states.iter().flat_map(|state| state[io + row].0).collect())
         .collect();
-    Outcome::Ended(Box::new(Seen {
+    Outcome::Ended(Box::new(Observation {
         outputs,
         memory: writable,
         yields,

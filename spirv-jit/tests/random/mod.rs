@@ -130,7 +130,7 @@ fn generate(random: &mut Random, index: usize, stage: Stage, callees: &[Function
 
 /// An open construct.
 #[derive(Clone)]
-struct Open {
+struct OpenConstruct {
     label: Label,
     types: Vec<Type>,
     /// A loop's first parameter, which counts.
@@ -146,7 +146,7 @@ pub struct Generator<'a> {
     visible: Vec<Value>,
     /// Descriptors: which buffer each is of, as [`Self::buffer_access`] numbers them.
     buffers: Vec<(Value, usize)>,
-    labels: Vec<Open>,
+    labels: Vec<OpenConstruct>,
     /// Instructions that may still be made.
     budget: i32,
     /// Barriers so far.
@@ -334,7 +334,7 @@ impl Generator<'_> {
 
     fn open(&mut self, types: &[Type], counter: Option<Value>) -> Label {
         let label = self.function.new_label();
-        self.labels.push(Open {
+        self.labels.push(OpenConstruct {
             label,
             types: types.to_vec(),
             counter,

@@ -276,7 +276,7 @@ impl<V: Vector> OfLevels<'_, V> {
         &self,
         fast: &Fast<'_>,
         v: V,
-        places: [Place<V>; 3],
+        places: [AxisCoordinate<V>; 3],
         mask: u16,
     ) -> Components<V> {
         // SAFETY: the caller's promise.
@@ -361,7 +361,7 @@ unsafe fn levels_of_detail<V: Vector>(
 }
 
 /// A coordinate, and an offset in texels.
-type Place<V> = (<V as Vector>::F, Option<<V as Vector>::I>);
+type AxisCoordinate<V> = (<V as Vector>::F, Option<<V as Vector>::I>);
 
 #[inline(always)]
 fn modes<const MODE: u8>(fast: &Fast<'_>) -> [AddressMode; 2] {
@@ -378,7 +378,7 @@ fn axes<V: Vector, const MODE: u8>(
     fast: &Fast<'_>,
     v: V,
     levels: &Levels<'_, V>,
-    [s, t, r]: [Place<V>; 3],
+    [s, t, r]: [AxisCoordinate<V>; 3],
     mask: u16,
 ) -> [Axis<V>; 3] {
     let [mode_s, mode_t] = modes::<MODE>(fast);
@@ -424,7 +424,7 @@ unsafe fn of_level<V: Vector, const MODE: u8, const TEXELS: u8>(
     v: V,
     levels: &Levels<'_, V>,
     layer: V::I,
-    places: [Place<V>; 3],
+    places: [AxisCoordinate<V>; 3],
     mask: u16,
 ) -> Components<V> {
     if let (texels::NEAREST_BYTES | texels::NEAREST_SRGB, [(s, None), (t, None), _]) =

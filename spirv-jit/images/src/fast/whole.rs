@@ -45,7 +45,7 @@ impl<V: Vector> Task<V> for Whole<'_, '_> {
 }
 
 /// Where lanes sample: coordinates along the image's axes or on the face, and the layer.
-struct Place<V: Vector> {
+struct LaneCoordinates<V: Vector> {
     coordinates: [V::F; 3],
     /// The layer's offset, in bytes.
     layer: V::I,
@@ -278,7 +278,7 @@ impl Fast<'_> {
         &self,
         v: V,
         levels: &Levels<'_, V>,
-        place: &Place<V>,
+        place: &LaneCoordinates<V>,
         axes: &[Axis<V>; 3],
         taps: &mut Taps<V>,
     ) {
@@ -295,7 +295,7 @@ impl Fast<'_> {
         &self,
         v: V,
         levels: &Levels<'_, V>,
-        place: &Place<V>,
+        place: &LaneCoordinates<V>,
         [x, y]: [&Axis<V>; 2],
         taps: &mut Taps<V>,
     ) {
@@ -334,9 +334,9 @@ impl Fast<'_> {
 
     /// Where the lanes sample.
     #[inline(always)]
-    fn place<V: Vector>(&self, v: V, coordinates: &[&Row]) -> Place<V> {
+    fn place<V: Vector>(&self, v: V, coordinates: &[&Row]) -> LaneCoordinates<V> {
         if !self.is_cube {
-            let mut place = Place {
+            let mut place = LaneCoordinates {
                 coordinates: [v.splat(0.0); 3],
                 layer: self.layer_offset(v, coordinates.get(self.spatial).copied()),
                 first_face: v.splat_i(0),
@@ -363,7 +363,7 @@ impl Fast<'_> {
         };
         let layer = v.add_i(first_face, vector_of(v, &on_cube.face));
         let layer = v.min_i(layer, v.splat_i(layers - 1));
-        Place {
+        LaneCoordinates {
             coordinates: [
                 v.load(&lod::words(&on_cube.s)),
                 v.load(&lod::words(&on_cube.t)),

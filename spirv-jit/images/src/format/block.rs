@@ -12,9 +12,9 @@ use crate::compressed::Blocks;
 use crate::srgb;
 
 /// A word per lane.
-pub type Lanes = [u32; LANES];
+pub type LaneWords = [u32; LANES];
 /// Four components of a texel per lane.
-pub type Texels = [Lanes; 4];
+pub type Texels = [LaneWords; 4];
 /// A byte offset per lane.
 pub type Offsets = [u64; LANES];
 
@@ -61,7 +61,7 @@ pub(crate) unsafe fn gather<T: Copy + Default, O: Offset>(
 
 /// Units of a byte of each lane's word.
 #[inline(always)]
-fn byte_units(words: &Lanes, shift: u32) -> Lanes {
+fn byte_units(words: &LaneWords, shift: u32) -> LaneWords {
     map(words, |word| {
         (((word >> shift) & 0xff) as i32 as f32).to_bits()
     })

@@ -14,11 +14,11 @@ use super::flow::{BlockIndex, Flow};
 use crate::parse::Merge;
 
 /// Blocks by their immediate dominators, in the order of control flow.
-pub(super) fn find_meets(flow: Flow<'_>) -> HashMap<BlockIndex, Vec<BlockIndex>> {
-    let mut meets: HashMap<BlockIndex, Vec<BlockIndex>> = HashMap::default();
+pub(super) fn find_join_points(flow: Flow<'_>) -> HashMap<BlockIndex, Vec<BlockIndex>> {
+    let mut join_points: HashMap<BlockIndex, Vec<BlockIndex>> = HashMap::default();
     let announced = find_announced(flow);
-    if !may_meet(flow, &announced) {
-        return meets;
+    if !may_join(flow, &announced) {
+        return join_points;
     }
     let order = reverse_postorder(flow);
     let mut place = vec![usize::MAX; announced.len()];
@@ -48,10 +48,10 @@ pub(super) fn find_meets(flow: Flow<'_>) -> HashMap<BlockIndex, Vec<BlockIndex>>
             && !announced[block]
             && let Some(dominator) = dominators[at]
         {
-            meets.entry(order[dominator]).or_default().push(block);
+            join_points.entry(order[dominator]).or_default().push(block);
         }
     }
-    meets
+    join_points
 }
 
 /// The blocks that a block's merge instruction names.
@@ -76,7 +76,7 @@ fn find_announced(flow: Flow<'_>) -> Vec<bool> {
 
 /// Whether several blocks branch to one that no merge instruction names. Hardly any function has
 /// such.
-fn may_meet(flow: Flow<'_>, announced: &[bool]) -> bool {
+fn may_join(flow: Flow<'_>, announced: &[bool]) -> bool {
     let mut branches = vec![0; announced.len()];
     for block in 0..announced.len() {
         for to in flow.successors(block) {
