@@ -49,14 +49,14 @@ pub struct Manners {
     /// has: one at most.
     pub waited: AtomicUsize,
     pub barriers: AtomicUsize,
-    pub shown: Mutex<Shown>,
+    pub shown: Mutex<ScreenContents>,
     /// When frames were shown that were asked about, in nanoseconds of `CLOCK_MONOTONIC`.
     pub presented: Mutex<Vec<u64>>,
 }
 
 /// The contents of the screen: rows of blue, green, red, alpha.
 #[derive(Clone, Default)]
-pub struct Shown {
+pub struct ScreenContents {
     pub width: usize,
     pub height: usize,
     pub has_alpha: bool,
@@ -106,7 +106,7 @@ pub struct Offers {
     pub barriers: bool,
 }
 
-struct State {
+struct CompositorState {
     manners: Arc<Manners>,
     /// The uncommitted changes.
     pending: Update,
@@ -195,18 +195,18 @@ impl Drop for Compositor {
 }
 
 fn compose(stream: UnixStream, manners: Arc<Manners>, is_over: &AtomicBool, offers: Offers) {
-    let mut display = Display::<State>::new().unwrap();
+    let mut display = Display::<CompositorState>::new().unwrap();
     let mut handle = display.handle();
-    handle.create_global::<State, WlCompositor, ()>(4, ());
-    handle.create_global::<State, WlShm, ()>(1, ());
+    handle.create_global::<CompositorState, WlCompositor, ()>(4, ());
+    handle.create_global::<CompositorState, WlShm, ()>(1, ());
     if offers.times {
-        handle.create_global::<State, WpPresentation, ()>(1, ());
+        handle.create_global::<CompositorState, WpPresentation, ()>(1, ());
     }
     if offers.barriers {
-        handle.create_global::<State, WpFifoManagerV1, ()>(1, ());
+        handle.create_global::<CompositorState, WpFifoManagerV1, ()>(1, ());
     }
     handle.insert_client(stream, Arc::new(Quiet)).unwrap();
-    let mut state = State {
+    let mut state = CompositorState {
         manners,
         pending: Update::default(),
         queued: VecDeque::new(),
@@ -238,7 +238,7 @@ fn compose(stream: UnixStream, manners: Arc<Manners>, is_over: &AtomicBool, offe
 }
 
 /// Reads a part of a file.
-fn read(part: &Part) -> Shown {
+fn read(part: &Part) -> ScreenContents {
     let size = part.offset + part.stride * part.height;
     // SAFETY: a mapping of the client's file, which is as large as it said, or this test fails by a
     // signal.
@@ -254,7 +254,7 @@ fn read(part: &Part) -> Shown {
             .copied()
             .collect();
         libc::munmap(data, size);
-        Shown {
+        ScreenContents {
             width: part.width,
             height: part.height,
             has_alpha: part.has_alpha,
@@ -274,7 +274,7 @@ fn now_ns() -> u64 {
     now.tv_sec as u64 * 1_000_000_000 + now.tv_nsec as u64
 }
 
-impl State {
+impl CompositorState {
     /// Tells that what was committed is on the screen.
     fn present(&mut self, refresh: u32) {
         let now = now_ns();
@@ -328,7 +328,7 @@ impl State {
 
 macro_rules! global {
     ($interface:ty) => {
-        impl GlobalDispatch<$interface, ()> for State {
+        impl GlobalDispatch<$interface, ()> for CompositorState {
             fn bind(
                 _: &mut Self,
                 _: &DisplayHandle,
@@ -362,7 +362,7 @@ global!(WpFifoManagerV1);
 
 macro_rules! dispatch {
     ($interface:ty, $data:ty, |$state:ident, $resource:ident, $request:ident, $own:ident, $init:ident| $body:block) => {
-        impl Dispatch<$interface, $data> for State {
+        impl Dispatch<$interface, $data> for CompositorState {
             fn request(
                 $state: &mut Self,
                 _: &Client,

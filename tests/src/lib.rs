@@ -68,7 +68,7 @@ pub use newer::{
 pub use nv_ray_tracing::{DescribedNv, StructureNv, TableNv, TablesNv};
 pub use optional::Optional;
 pub use patience::{PATIENCE, PATIENCE_NS, comes, enough};
-pub use present_times::{PresentTimes, Stages, Told};
+pub use present_times::{PresentTimes, PresentationTiming, Stages};
 pub use presenter::{Asked, Chain, Presenter, red_first, screen_picture};
 pub use shader::{Stage, glsl, glsl_nv};
 pub use skip::has;

@@ -48,7 +48,7 @@ impl Stages {
 
 /// The times of a presentation.
 #[derive(Clone, Debug)]
-pub struct Told {
+pub struct PresentationTiming {
     pub id: u64,
     pub target: u64,
     /// Stages and their times.
@@ -57,7 +57,7 @@ pub struct Told {
     pub is_complete: bool,
 }
 
-impl Told {
+impl PresentationTiming {
     /// A stage's time, which was asked for.
     #[track_caller]
     pub fn at(&self, stage: u32) -> u64 {
@@ -190,7 +190,12 @@ impl<'a> PresentTimes<'a> {
     }
 
     /// The times of at most so many presentations, and whether these are all.
-    pub fn past(&self, swapchain: vk::SwapchainKHR, flags: u32, most: u32) -> (Vec<Told>, bool) {
+    pub fn past(
+        &self,
+        swapchain: vk::SwapchainKHR,
+        flags: u32,
+        most: u32,
+    ) -> (Vec<PresentationTiming>, bool) {
         let info = vk::PastPresentationTimingInfoEXT {
             flags,
             swapchain,
@@ -216,7 +221,7 @@ impl<'a> PresentTimes<'a> {
         let of = |(told, stages): (
             &vk::PastPresentationTimingEXT,
             &[vk::PresentStageTimeEXT; 4],
-        )| Told {
+        )| PresentationTiming {
             id: told.present_id,
             target: told.target_time,
             times: stages[..told.present_stage_count as usize]
@@ -246,7 +251,7 @@ impl<'a> PresentTimes<'a> {
 
     /// Waits for the results of so many presentations.
     #[track_caller]
-    pub fn wait(&self, swapchain: vk::SwapchainKHR, count: usize) -> Vec<Told> {
+    pub fn wait(&self, swapchain: vk::SwapchainKHR, count: usize) -> Vec<PresentationTiming> {
         let mut all = Vec::new();
         let has_all = comes(|| {
             all.extend(self.past(swapchain, 0, 64).0);

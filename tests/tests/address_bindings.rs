@@ -10,7 +10,7 @@ use tuff_tests::*;
 
 /// A region of addresses of an object, as a message has it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Told {
+struct BindingReport {
     binds: bool,
     flags: vk::DeviceAddressBindingFlagsEXT,
     object: (vk::ObjectType, u64),
@@ -27,13 +27,13 @@ const INTERNAL: vk::DeviceAddressBindingFlagsEXT =
 struct Listener {
     api: ext::debug_utils::Instance,
     messenger: vk::DebugUtilsMessengerEXT,
-    told: Box<Mutex<Vec<Told>>>,
+    told: Box<Mutex<Vec<BindingReport>>>,
 }
 
 impl Listener {
     fn new(entry: &ash::Entry, instance: &ash::Instance) -> Listener {
         let api = ext::debug_utils::Instance::new(entry, instance);
-        let told = Box::<Mutex<Vec<Told>>>::default();
+        let told = Box::<Mutex<Vec<BindingReport>>>::default();
         let info = vk::DebugUtilsMessengerCreateInfoEXT::default()
             .message_severity(vk::DebugUtilsMessageSeverityFlagsEXT::INFO)
             .message_type(vk::DebugUtilsMessageTypeFlagsEXT::DEVICE_ADDRESS_BINDING)
@@ -49,12 +49,12 @@ impl Listener {
     }
 
     /// Takes the reports so far; the list is empty afterwards.
-    fn take(&self) -> Vec<Told> {
+    fn take(&self) -> Vec<BindingReport> {
         std::mem::take(&mut *self.told.lock().unwrap())
     }
 
     /// The same, of one object.
-    fn take_of<T: Handle>(&self, object: T) -> Vec<Told> {
+    fn take_of<T: Handle>(&self, object: T) -> Vec<BindingReport> {
         let object = (T::TYPE, object.as_raw());
         let told = self.take();
         told.into_iter().filter(|it| it.object == object).collect()
@@ -93,14 +93,14 @@ unsafe extern "system" fn hear(
         );
         assert!(data.object_count >= 1);
         let object = &*data.p_objects;
-        let told = Told {
+        let told = BindingReport {
             binds: binding.binding_type == vk::DeviceAddressBindingTypeEXT::BIND,
             flags: binding.flags,
             object: (object.object_type, object.object_handle),
             address: binding.base_address,
             size_bytes: binding.size,
         };
-        let list = &*list.cast::<Mutex<Vec<Told>>>();
+        let list = &*list.cast::<Mutex<Vec<BindingReport>>>();
         if let Ok(mut list) = list.lock() {
             list.push(told);
         }
@@ -120,9 +120,9 @@ fn open() -> Option<(Gpu, Listener)> {
 
 /// Fails unless what got addresses lost the same.
 #[track_caller]
-fn all_lost(told: &[Told]) {
+fn all_lost(told: &[BindingReport]) {
     for (at, bound) in told.iter().enumerate() {
-        let of = |it: &&Told| {
+        let of = |it: &&BindingReport| {
             it.binds != bound.binds
                 && (it.object, it.address, it.size_bytes)
                     == (bound.object, bound.address, bound.size_bytes)
@@ -140,14 +140,15 @@ fn all_lost(told: &[Told]) {
 #[track_caller]
 fn got_and_lost(
     gpu: &Gpu,
-    told: &[Told],
+    told: &[BindingReport],
     flags: vk::DeviceAddressBindingFlagsEXT,
     address: u64,
     size_bytes: u64,
 ) {
     all_lost(told);
-    let covers =
-        |it: &&Told| it.address <= address && address + size_bytes <= it.address + it.size_bytes;
+    let covers = |it: &&BindingReport| {
+        it.address <= address && address + size_bytes <= it.address + it.size_bytes
+    };
     let binding = told.iter().filter(|it| it.binds).find(covers);
     let binding = binding.unwrap_or_else(|| panic!("no {address:#x} in {told:?}"));
     assert_eq!(binding.flags, flags);
@@ -389,7 +390,7 @@ fn swapchain_images_are_told() {
     all_lost(&told);
     for image in images {
         let object = (vk::ObjectType::IMAGE, image.as_raw());
-        let of = |it: &&Told| it.object == object && it.binds;
+        let of = |it: &&BindingReport| it.object == object && it.binds;
         let bound = told.iter().find(of).expect("it has memory");
         assert!(bound.flags == INTERNAL && bound.size_bytes >= 64 * 32 * 4);
     }

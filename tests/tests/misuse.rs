@@ -11,7 +11,7 @@ const RAYGEN: &str =
     "traceRayEXT(world, 0u, 0xff, 0, 0, 0, vec3(0, 0, 1), 0.0, vec3(0, 0, -1), 9.0, 0);";
 
 /// A trace that is right as it stands; each test spoils a part.
-struct Parts<'a> {
+struct Setup<'a> {
     /// The ray generation shader's use of `payload`, `world`, `words` and `numbers`.
     raygen: &'a str,
     hit: &'a str,
@@ -23,7 +23,7 @@ struct Parts<'a> {
     numbers: [f32; 8],
 }
 
-const RIGHT: Parts = Parts {
+const RIGHT: Setup = Setup {
     raygen: RAYGEN,
     hit: "payload = 2u;",
     callable: None,
@@ -58,10 +58,10 @@ fn shader(body: &str, storage: &str) -> String {
 impl<'a> Trace<'a> {
     /// The trace of this ray generation shader.
     fn by(gpu: &'a Gpu, raygen: &str) -> Self {
-        Self::new(gpu, &Parts { raygen, ..RIGHT })
+        Self::new(gpu, &Setup { raygen, ..RIGHT })
     }
 
-    fn new(gpu: &'a Gpu, parts: &Parts<'_>) -> Self {
+    fn new(gpu: &'a Gpu, parts: &Setup<'_>) -> Self {
         let geometry = match parts.boxes {
             true => Geometry::boxes(
                 &[[-1.0, -1.0, -1.0, 1.0, 1.0, 0.0]],
@@ -137,7 +137,7 @@ const CHECKS: &[(&str, Misuse)] = &[
     ("VUID-vkCmdTraceRaysKHR-None-03429", |gpu| {
         let other = Trace::new(
             gpu,
-            &Parts {
+            &Setup {
                 hit: "payload = 77u;",
                 ..RIGHT
             },
@@ -147,7 +147,7 @@ const CHECKS: &[(&str, Misuse)] = &[
         assert_eq!(trace.run(1), 9);
     }),
     ("VUID-vkCmdTraceRaysKHR-flags-03511", |gpu| {
-        let parts = Parts {
+        let parts = Setup {
             raygen: "traceRayEXT(world, 0u, 0xff, 0, 0, 0, vec3(0, 0, 1), 0.0, vec3(0, 0, 1), 9.0, 0);",
             flags: Flags::RAY_TRACING_NO_NULL_MISS_SHADERS_KHR,
             ..RIGHT
@@ -157,7 +157,7 @@ const CHECKS: &[(&str, Misuse)] = &[
         assert_eq!(trace.run(1), 9);
     }),
     ("VUID-vkCmdTraceRaysKHR-flags-03513", |gpu| {
-        let parts = Parts {
+        let parts = Setup {
             flags: Flags::RAY_TRACING_NO_NULL_CLOSEST_HIT_SHADERS_KHR,
             ..RIGHT
         };
@@ -216,7 +216,7 @@ const CHECKS: &[(&str, Misuse)] = &[
     (
         "VUID-vkCmdTraceRaysKHR-pHitShaderBindingTable-04736",
         |gpu| {
-            let parts = Parts {
+            let parts = Setup {
                 boxes: true,
                 ..RIGHT
             };
@@ -230,7 +230,7 @@ const CHECKS: &[(&str, Misuse)] = &[
     (
         "VUID-vkCmdTraceRaysKHR-maxPipelineRayRecursionDepth-03679",
         |gpu| {
-            let parts = Parts {
+            let parts = Setup {
                 raygen: "payload = 0u; traceRayEXT(world, 0u, 0xff, 0, 0, 0, vec3(0, 0, 1), 0.0, vec3(0, 0, -1), 9.0, 0);",
                 hit: "payload++; if (payload < 40u) traceRayEXT(world, 0u, 0xff, 0, 0, 0, vec3(0, 0, 1), 0.0, vec3(0, 0, -1), 9.0, 0);",
                 ..RIGHT
@@ -244,7 +244,7 @@ const CHECKS: &[(&str, Misuse)] = &[
             let call = "layout(location = 0) callableDataInEXT uint data;
             layout(location = 1) callableDataEXT uint deeper;
             void main() { deeper = data + 1u; if (deeper < 20u) executeCallableEXT(0, 1); data = deeper; }";
-            let parts = Parts {
+            let parts = Setup {
                 raygen: "data = 0u; executeCallableEXT(0, 1); payload = data;",
                 callable: Some(call),
                 ..RIGHT
@@ -267,7 +267,7 @@ const CHECKS: &[(&str, Misuse)] = &[
         }
     }),
     ("VUID-RuntimeSpirv-OpReportIntersectionKHR-06998", |gpu| {
-        let parts = Parts {
+        let parts = Setup {
             boxes: true,
             hit: "payload = gl_HitKindEXT;",
             intersection: Some("void main() { reportIntersectionEXT(1.0, 200u); }"),
@@ -330,7 +330,7 @@ fn trace_numbers(gpu: &Gpu, flags: u32, numbers: [f32; 8]) {
         "traceRayEXT(world, {flags}u, 0xff, 0, 0, 0, vec3(numbers[0], numbers[1], numbers[2]), numbers[3],
             vec3(numbers[4], numbers[5], numbers[6]), numbers[7], 0);"
     );
-    let parts = Parts {
+    let parts = Setup {
         raygen: &raygen,
         numbers,
         ..RIGHT

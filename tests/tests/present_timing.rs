@@ -18,7 +18,7 @@ const MILLISECOND: u64 = 1_000_000;
 /// How far a refresh of Xvfb is from the time it is due: its timer counts milliseconds.
 const JITTER: u64 = 2 * MILLISECOND;
 
-fn nowhere() -> Option<Presenter> {
+fn headless() -> Option<Presenter> {
     Presenter::new(ext::headless_surface::NAME, |entry, instance| {
         let surfaces = ext::headless_surface::Instance::new(entry, instance);
         let info = vk::HeadlessSurfaceCreateInfoEXT::default();
@@ -82,7 +82,7 @@ fn domain(
 
 #[test]
 fn results_are_queued_until_they_are_asked_for() {
-    let Some(presenter) = nowhere() else { return };
+    let Some(presenter) = headless() else { return };
     let Some(times) = PresentTimes::of(&presenter) else {
         return;
     };
@@ -117,7 +117,7 @@ fn results_are_queued_until_they_are_asked_for() {
 
 #[test]
 fn a_refused_image_is_still_acquired() {
-    let Some(presenter) = nowhere() else { return };
+    let Some(presenter) = headless() else { return };
     let Some(times) = PresentTimes::of(&presenter) else {
         return;
     };
@@ -147,7 +147,7 @@ fn a_refused_image_is_still_acquired() {
 
 #[test]
 fn times_are_by_the_clocks_that_can_be_asked() {
-    let Some(presenter) = nowhere() else { return };
+    let Some(presenter) = headless() else { return };
     let Some(times) = PresentTimes::of(&presenter) else {
         return;
     };
@@ -174,7 +174,7 @@ fn times_are_by_the_clocks_that_can_be_asked() {
 
 #[test]
 fn presentations_wait_for_their_times() {
-    let Some(presenter) = nowhere() else { return };
+    let Some(presenter) = headless() else { return };
     let Some(times) = PresentTimes::of(&presenter) else {
         return;
     };
@@ -219,7 +219,7 @@ fn presentations_wait_for_their_times() {
 #[test]
 fn the_latest_of_those_whose_time_has_come_is_shown() {
     let latest_ready = vk::PresentModeKHR::from_raw(1_000_361_000);
-    let Some(presenter) = nowhere() else { return };
+    let Some(presenter) = headless() else { return };
     let Some(times) = PresentTimes::of(&presenter) else {
         return;
     };

@@ -178,7 +178,7 @@ pub fn random_draw(random: &mut Rng, able: Able, samples: u32, attachments: usiz
             false => blend,
         })
         .collect();
-    let state = State {
+    let state = DrawState {
         viewport,
         scissor: match random.bool() {
             true => random_area(random),

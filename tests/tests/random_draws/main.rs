@@ -9,7 +9,7 @@ mod chance;
 mod reference;
 
 use chance::{Able, pick, random_area, random_color, random_depth, random_draw};
-use reference::{Area, Fragment, Frame, GRID, Primitive, State};
+use reference::{Area, DrawState, Fragment, Frame, GRID, Primitive};
 use tuff_tests::*;
 
 const DEPTH: vk::Format = vk::Format::D32_SFLOAT_S8_UINT;
@@ -83,7 +83,7 @@ const SPREAD: &str = "
 
 /// One draw: what is bound, and which vertices it takes.
 struct Draw {
-    state: State,
+    state: DrawState,
     topology: vk::PrimitiveTopology,
     point_size: f32,
     /// Places in the framebuffer in parts of a pixel, with depth and colour.

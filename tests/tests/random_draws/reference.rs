@@ -52,7 +52,7 @@ pub enum Fragment {
 
 /// All state of a draw that fragments meet.
 #[derive(Clone, Debug)]
-pub struct State {
+pub struct DrawState {
     pub viewport: Area,
     pub scissor: Area,
     pub cull: vk::CullModeFlags,
@@ -118,7 +118,7 @@ impl Frame {
     }
 
     /// Draws a primitive; answers how many samples pass all tests.
-    pub fn draw(&mut self, state: &State, primitive: &Primitive) -> u64 {
+    pub fn draw(&mut self, state: &DrawState, primitive: &Primitive) -> u64 {
         let back = match primitive.shape {
             Shape::Triangle(corners) => {
                 let area = doubled_area(corners);
@@ -173,7 +173,7 @@ impl Frame {
     /// Stencil test, depth test, and output of one sample: true if it passes.
     fn fragment(
         &mut self,
-        state: &State,
+        state: &DrawState,
         primitive: &Primitive,
         back: usize,
         index: usize,
