@@ -230,7 +230,7 @@ fn errors(function: &Function, accuracy: Accuracy, samples: u32) -> (f64, f64) {
 }
 
 /// The measurements of one function.
-struct Row {
+struct FunctionMeasurement {
     accuracy: Accuracy,
     name: &'static str,
     cost: f64,
@@ -238,7 +238,7 @@ struct Row {
     mean: f64,
 }
 
-fn rows(rounds: usize, samples: u32) -> Result<Vec<Row>> {
+fn rows(rounds: usize, samples: u32) -> Result<Vec<FunctionMeasurement>> {
     const RUNS: usize = 40;
     let mut benches = Vec::new();
     for function in FUNCTIONS {
@@ -272,7 +272,7 @@ fn rows(rounds: usize, samples: u32) -> Result<Vec<Row>> {
         .map(|(((function, accuracy, _), time), lanes)| {
             let (worst, mean) = errors(function, *accuracy, samples);
             let operations = RUNS as f64 * lanes * f64::from(REPEATED);
-            Row {
+            FunctionMeasurement {
                 accuracy: *accuracy,
                 name: function.name,
                 cost: time / operations * 1e9,

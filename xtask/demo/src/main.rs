@@ -13,7 +13,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use demo::limits::{self, Tile};
 use demo::raster::{Drawing, Rasterizer};
-use demo::render::{self, Renderer, Settings, World};
+use demo::render::{self, DeviceScene, Renderer, Settings};
 use demo::scene::Scene;
 use demo::{picture, vulkan};
 
@@ -105,7 +105,7 @@ fn main() -> Result<()> {
 
     let set_layout = render::set_layout(&context, scene.textures.len() as u32)?;
     let pipeline = make_pipeline(&context, set_layout, arguments.pipeline_cache.as_deref())?;
-    let world = World::new(&context, set_layout, &scene)?;
+    let world = DeviceScene::new(&context, set_layout, &scene)?;
     let renderer = Renderer::new(&world, &pipeline, &scene, &scene.camera, settings)?;
     eprintln!(
         "{}: {} triangles, {} with instances, {} instances, {} textures",

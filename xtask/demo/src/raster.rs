@@ -12,7 +12,7 @@ use vk::{
     ShaderStageFlags as Stage,
 };
 
-use crate::render::{Renderer, World};
+use crate::render::{DeviceScene, Renderer};
 use crate::scene::{Model, NONE, Scene};
 use crate::structures::{hit_group, rows};
 use crate::vulkan::{Buffer, Context, DrawInput, DrawPipeline, Target, change_layout, viewport};
@@ -30,10 +30,10 @@ const SEEN: vk::Format = vk::Format::R32G32B32A32_UINT;
 const DEPTH: vk::Format = vk::Format::D32_SFLOAT;
 const COLOR: vk::Format = vk::Format::R32G32B32A32_SFLOAT;
 
-/// `Instance` in raster.glsl.
+/// `RasterInstance` in raster.glsl.
 #[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
-struct Instance {
+struct RasterInstance {
     rows: [[f32; 4]; 3],
     hit_group: u32,
     unused: [u32; 3],
@@ -41,7 +41,7 @@ struct Instance {
 
 /// Which pipeline draws it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum Kind {
+enum PipelineKind {
     Opaque,
     HasHoles,
     Procedural,
@@ -50,7 +50,7 @@ enum Kind {
 /// One draw: all instances of one geometry or procedural primitive.
 #[derive(Clone, Copy, Debug)]
 struct Draw {
-    kind: Kind,
+    kind: PipelineKind,
     /// `model` in raster.glsl.
     model: u32,
     vertex_count: u32,
@@ -68,7 +68,7 @@ pub struct Rasterizer<'a> {
     set_layout: vk::DescriptorSetLayout,
     layout: vk::PipelineLayout,
     sampler: vk::Sampler,
-    /// By [`Kind`].
+    /// By [`PipelineKind`].
     pipelines: [DrawPipeline<'a>; 3],
     shading: DrawPipeline<'a>,
     /// The instances, and their numbers in the order of the draws.
@@ -100,14 +100,14 @@ const KINDS: [(DescriptorType, Stage); 3] = [
 ];
 
 impl<'a> Rasterizer<'a> {
-    pub fn new(world: &World<'a>, scene: &Scene) -> Result<Rasterizer<'a>> {
+    pub fn new(world: &DeviceScene<'a>, scene: &Scene) -> Result<Rasterizer<'a>> {
         let context = world.context;
-        let instances = scene.instances.iter().map(|instance| Instance {
+        let instances = scene.instances.iter().map(|instance| RasterInstance {
             rows: rows(instance),
             hit_group: hit_group(scene, instance),
             unused: [0; 3],
         });
-        let instances: Vec<Instance> = instances.collect();
+        let instances: Vec<RasterInstance> = instances.collect();
         let (draws, drawn) = draw_list(scene);
         let buffers = [
             Buffer::with(context, &instances, Usage::STORAGE_BUFFER)?,
@@ -435,14 +435,14 @@ fn draw_list(scene: &Scene) -> (Vec<Draw>, Vec<u32>) {
                 let geometry = &scene.geometries[number as usize];
                 let material = &scene.materials[geometry.material as usize];
                 let kind = match material.alpha_cutoff > 0.0 && material.base_texture != NONE {
-                    true => Kind::HasHoles,
-                    false => Kind::Opaque,
+                    true => PipelineKind::HasHoles,
+                    false => PipelineKind::Opaque,
                 };
                 draw(kind, number, geometry.index_count / 3 * 3)
             })),
             None => {
                 let number = (model - scene.meshes.len()) as u32;
-                draws.push(draw(Kind::Procedural, number, BOX_VERTICES));
+                draws.push(draw(PipelineKind::Procedural, number, BOX_VERTICES));
             }
         }
         drawn.extend(instances);

@@ -107,7 +107,7 @@ pub struct Rendering {
 }
 
 /// A scene on the device.
-pub struct World<'a> {
+pub struct DeviceScene<'a> {
     pub context: &'a Context,
     pub set_layout: vk::DescriptorSetLayout,
     /// Those of bindings 3 to 7.
@@ -214,14 +214,14 @@ struct Launch {
     bounces: u32,
 }
 
-impl<'a> World<'a> {
+impl<'a> DeviceScene<'a> {
     /// Uploads a scene and builds its acceleration structures; `set_layout` is that of
     /// [`set_layout`] for its textures.
     pub fn new(
         context: &'a Context,
         set_layout: vk::DescriptorSetLayout,
         scene: &Scene,
-    ) -> Result<World<'a>> {
+    ) -> Result<DeviceScene<'a>> {
         let images = upload_images(context, &scene.textures).context("textures")?;
         let input = Usage::STORAGE_BUFFER | Usage::ACCELERATION_STRUCTURE_BUILD_INPUT_READ_ONLY_KHR;
         let vertices = Buffer::with(context, &scene.vertices, input)?;
@@ -257,7 +257,7 @@ impl<'a> World<'a> {
             Buffer::with(context, &scene.materials, Usage::STORAGE_BUFFER)?,
             Buffer::with(context, &procedurals, Usage::STORAGE_BUFFER)?,
         ];
-        Ok(World {
+        Ok(DeviceScene {
             context,
             set_layout,
             buffers,
@@ -269,7 +269,7 @@ impl<'a> World<'a> {
 
 impl<'a> Renderer<'a> {
     pub fn new(
-        world: &World<'a>,
+        world: &DeviceScene<'a>,
         pipeline: &'a Pipeline<'a>,
         scene: &Scene,
         camera: &Camera,

@@ -6,7 +6,7 @@ use super::functions::{Allowance, Domain, SEVERAL, UNARY};
 use super::measure::{self, F16, F32, Format, Options, Worst};
 
 #[derive(Debug)]
-pub struct Row {
+pub struct OperationError {
     name: &'static str,
     half: bool,
     inputs: String,
@@ -16,7 +16,7 @@ pub struct Row {
     bound: f64,
 }
 
-impl Row {
+impl OperationError {
     /// Inside what Vulkan allows and what we hold ourselves to.
     pub fn holds(&self) -> bool {
         self.worst.share <= 1.0 && self.worst.error <= self.bound
@@ -26,7 +26,7 @@ impl Row {
 /// A 16-bit result is a 32-bit one rounded again.
 const HALF_BOUND: f64 = 0.51;
 
-pub fn measure_all(options: &Options) -> Vec<Row> {
+pub fn measure_all(options: &Options) -> Vec<OperationError> {
     let mut rows = Vec::new();
     for format in [F32, F16] {
         let half = half(format);
@@ -45,7 +45,7 @@ pub fn measure_all(options: &Options) -> Vec<Row> {
                     thousands(worst.count)
                 ),
             };
-            rows.push(Row {
+            rows.push(OperationError {
                 name: function.name,
                 half,
                 inputs,
@@ -59,7 +59,7 @@ pub fn measure_all(options: &Options) -> Vec<Row> {
             eprint!("{} …", function.name);
             let worst = measure::several(function, format, options);
             eprintln!(" {:.3}", worst.error);
-            rows.push(Row {
+            rows.push(OperationError {
                 name: function.name,
                 half,
                 inputs: format!("{} samples", thousands(worst.count)),
@@ -78,7 +78,7 @@ fn half(format: Format) -> bool {
 }
 
 /// The page.
-pub fn render(rows: &[Row], options: &Options) -> String {
+pub fn render(rows: &[OperationError], options: &Options) -> String {
     let coverage = match options.step.get() {
         1 => "all 2³² inputs".into(),
         step => format!("every {}th of the 2³² inputs", thousands(step)),
@@ -173,7 +173,7 @@ fn allowed(allowance: Allowance, half: bool) -> String {
     }
 }
 
-fn share(row: &Row) -> String {
+fn share(row: &OperationError) -> String {
     match row.allowance {
         Allowance::Inherited(..) => String::new(),
         _ if row.worst.share == 0.0 => String::new(),

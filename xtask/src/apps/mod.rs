@@ -16,7 +16,7 @@ use clap::Args;
 
 use crate::driver::{Driver, existing};
 use crate::workspace;
-use once::{Application, Outcome};
+use once::{Application, RunOutcome};
 use picture::Picture;
 
 #[derive(Args)]
@@ -89,7 +89,7 @@ pub fn apps(options: &Options) -> Result<ExitCode> {
 }
 
 /// The outcomes of each driver's runs.
-type Runs = [Vec<Outcome>; 2];
+type Runs = [Vec<RunOutcome>; 2];
 
 fn in_turn(application: &Application, drivers: &[PathBuf; 2], options: &Options) -> Result<Runs> {
     let mut runs = [Vec::new(), Vec::new()];
@@ -101,7 +101,7 @@ fn in_turn(application: &Application, drivers: &[PathBuf; 2], options: &Options)
     Ok(runs)
 }
 
-fn run(application: &Application, manifest: &Path, options: &Options) -> Result<Outcome> {
+fn run(application: &Application, manifest: &Path, options: &Options) -> Result<RunOutcome> {
     application.run(manifest, options.through.as_deref(), options.patience)
 }
 
@@ -180,12 +180,12 @@ fn median(values: impl Iterator<Item = f64>) -> f64 {
 mod tests {
     use super::*;
 
-    fn outcome(frames: Option<f64>, wall_seconds: f64) -> Outcome {
-        Outcome {
+    fn outcome(frames: Option<f64>, wall_seconds: f64) -> RunOutcome {
+        RunOutcome {
             frames,
             wall_seconds,
             processor_seconds: 2.0 * wall_seconds,
-            ..Outcome::default()
+            ..RunOutcome::default()
         }
     }
 

@@ -23,7 +23,7 @@ pub struct Application {
 
 /// The outcome of one run.
 #[derive(Default)]
-pub struct Outcome {
+pub struct RunOutcome {
     /// Why it did not come to its end.
     pub failure: Option<String>,
     /// Frames a second, as it printed them.
@@ -67,7 +67,7 @@ impl Application {
     }
 
     /// Runs it on the driver of a manifest, for as many seconds at most.
-    pub fn run(&self, manifest: &Path, through: Option<&str>, patience: u64) -> Result<Outcome> {
+    pub fn run(&self, manifest: &Path, through: Option<&str>, patience: u64) -> Result<RunOutcome> {
         let mut words = through.unwrap_or_default().split_whitespace();
         let mut words: Vec<&str> = words.by_ref().collect();
         words.extend(self.command.iter().map(String::as_str));
@@ -97,7 +97,7 @@ impl Application {
         let failure = wait(&mut child, Duration::from_secs(patience))?;
         let wall_seconds = start.elapsed().as_secs_f64();
         let text = reader.join().unwrap_or_default();
-        Ok(Outcome {
+        Ok(RunOutcome {
             failure,
             frames: frames(&String::from_utf8_lossy(&text)),
             wall_seconds,

@@ -29,7 +29,7 @@ pub struct Options {
     /// tests, by QEMU; takes hours. x86_64-pc-windows-gnu: some black-box tests by Wine, and all
     /// with --deep
     #[arg(long, value_name = "PLATFORM", conflicts_with = "icd")]
-    target: Option<Target>,
+    target: Option<TestPlatform>,
     /// For Windows: the Khronos Vulkan loader, a vulkan-1.dll
     #[arg(long, value_name = "FILE", requires = "target")]
     loader: Option<PathBuf>,
@@ -44,7 +44,7 @@ pub struct Options {
 
 /// A platform that tests run on.
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Target {
+enum TestPlatform {
     #[value(name = "x86_64", alias = "x86_64-unknown-linux-gnu")]
     X86_64,
     #[value(name = "aarch64", alias = "aarch64-unknown-linux-gnu")]
@@ -65,9 +65,9 @@ const FUZZ_CASES: [u64; 2] = [500, 50_000];
 pub fn test(options: &Options) -> Result<ExitCode> {
     let architecture = match options.target {
         None => None,
-        Some(Target::X86_64) => Some(Architecture::X86_64),
-        Some(Target::Aarch64) => Some(Architecture::Aarch64),
-        Some(Target::Windows) => {
+        Some(TestPlatform::X86_64) => Some(Architecture::X86_64),
+        Some(TestPlatform::Aarch64) => Some(Architecture::Aarch64),
+        Some(TestPlatform::Windows) => {
             return wine::test(&wine::Order {
                 loader: wine::named(options.loader.as_ref())?,
                 is_whole: options.deep,

@@ -24,7 +24,7 @@ const PATIENCE: Duration = Duration::from_secs(60);
 
 /// The options of the command line.
 #[derive(Clone, Copy, Debug)]
-pub struct Order {
+pub struct WindowOptions {
     pub size: (u32, u32),
     pub spp: u32,
     /// After so many presented pictures it ends.
@@ -33,7 +33,7 @@ pub struct Order {
 
 pub struct App<'a> {
     studio: Studio<'a>,
-    order: Order,
+    order: WindowOptions,
     open: Option<Open<'a>>,
     commands: vk::CommandBuffer,
     finished: vk::Fence,
@@ -55,7 +55,7 @@ pub struct App<'a> {
 }
 
 impl<'a> App<'a> {
-    pub fn new(studio: Studio<'a>, order: Order) -> Result<App<'a>> {
+    pub fn new(studio: Studio<'a>, order: WindowOptions) -> Result<App<'a>> {
         let context = studio.context;
         let info = vk::CommandBufferAllocateInfo::default()
             .command_pool(context.pool)

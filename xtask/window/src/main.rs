@@ -21,12 +21,12 @@ use anyhow::{Context as _, Result, anyhow, ensure};
 use clap::Parser;
 use demo::limits;
 use demo::raster::Rasterizer;
-use demo::render::{self, World};
+use demo::render::{self, DeviceScene};
 use demo::scene::Scene;
 use demo::vulkan::{Context, PipelineCache, Wish};
 use winit::event_loop::EventLoop;
 
-use app::{App, Order};
+use app::{App, WindowOptions};
 use progress::Studio;
 
 #[derive(Parser)]
@@ -95,7 +95,7 @@ fn run() -> Result<()> {
     let set_layout = render::set_layout(&context, scene.textures.len() as u32)?;
     let cache = PipelineCache::new(&context, &[])?;
     let pipeline = render::pipeline(&context, set_layout, &cache)?;
-    let world = World::new(&context, set_layout, &scene)?;
+    let world = DeviceScene::new(&context, set_layout, &scene)?;
     let rasterizer = Rasterizer::new(&world, &scene)?;
     let studio = Studio {
         context: &context,
@@ -105,7 +105,7 @@ fn run() -> Result<()> {
         rasterizer: &rasterizer,
         frame: arguments.frame,
     };
-    let order = Order {
+    let order = WindowOptions {
         size: arguments.size,
         spp: arguments.spp,
         frames: arguments.frames,

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use anyhow::Result;
 use ash::vk;
 use demo::raster::{Drawing, Rasterizer};
-use demo::render::{Renderer, Settings, World};
+use demo::render::{DeviceScene, Renderer, Settings};
 use demo::scene::{Camera, Scene};
 use demo::vulkan::{Context, Pipeline, change_layout};
 
@@ -19,7 +19,7 @@ const SMALLER: u32 = 4;
 pub struct Studio<'a> {
     pub context: &'a Context,
     pub scene: &'a Scene,
-    pub world: &'a World<'a>,
+    pub world: &'a DeviceScene<'a>,
     pub pipeline: &'a Pipeline<'a>,
     pub rasterizer: &'a Rasterizer<'a>,
     /// Of the animation.

@@ -14,7 +14,7 @@ const SHOW: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/show.frag.spv"));
 /// `Show` in show.frag.
 #[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
-struct Push {
+struct ShowConstants {
     size: [u32; 2],
     small_size: [u32; 2],
     split: u32,
@@ -56,7 +56,7 @@ impl<'a> Show<'a> {
         let info = vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings);
         let push = [vk::PushConstantRange::default()
             .stage_flags(Stage::FRAGMENT)
-            .size(size_of::<Push>() as u32)];
+            .size(size_of::<ShowConstants>() as u32)];
         let sizes = [KINDS[0], KINDS[2]].map(|ty| vk::DescriptorPoolSize {
             ty,
             descriptor_count: 2,
@@ -132,7 +132,7 @@ impl<'a> Show<'a> {
 
     /// Draws inside a pass with viewport and scissor.
     pub fn record(&self, commands: vk::CommandBuffer, progress: &Progress, exposure: f32) {
-        let push = Push {
+        let push = ShowConstants {
             size: progress.size.into(),
             small_size: progress.small_size.into(),
             split: progress.sight.split,

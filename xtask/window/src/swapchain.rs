@@ -17,13 +17,13 @@ pub struct Swapchain<'a> {
     handle: vk::SwapchainKHR,
     pub format: vk::Format,
     pub extent: vk::Extent2D,
-    images: Vec<Shown>,
+    images: Vec<SwapchainImage>,
     acquired: vk::Semaphore,
 }
 
 /// An image of it.
 #[derive(Clone, Copy)]
-pub struct Shown {
+pub struct SwapchainImage {
     pub image: vk::Image,
     pub view: vk::ImageView,
     drawn: vk::Semaphore,
@@ -144,7 +144,7 @@ impl<'a> Swapchain<'a> {
                     .view_type(vk::ImageViewType::TYPE_2D)
                     .format(format.format)
                     .subresource_range(range);
-                swapchain.images.push(Shown {
+                swapchain.images.push(SwapchainImage {
                     image,
                     view: device.create_image_view(&view, None)?,
                     drawn: device.create_semaphore(&semaphore, None)?,
@@ -161,7 +161,7 @@ impl<'a> Swapchain<'a> {
         &mut self,
         commands: vk::CommandBuffer,
         finished: vk::Fence,
-        record: impl FnOnce(vk::CommandBuffer, Shown),
+        record: impl FnOnce(vk::CommandBuffer, SwapchainImage),
     ) -> Result<Outcome> {
         let device = &self.context.device;
         // SAFETY: the semaphore was waited for by the last picture's submission, whose fence was

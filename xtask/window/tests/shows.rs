@@ -9,7 +9,7 @@ use std::time::Duration;
 use ash::vk;
 use demo::picture::encoded;
 use demo::raster::{Drawing, Rasterizer};
-use demo::render::{self, BOUNCES, Renderer, Settings, World};
+use demo::render::{self, BOUNCES, DeviceScene, Renderer, Settings};
 use demo::scene::Scene;
 use demo::vulkan::{Context, PipelineCache, Wish};
 use tuff_tests::{Window, Xvfb, comes};
@@ -40,7 +40,7 @@ fn off_screen() -> [Vec<u8>; 2] {
     let set_layout = render::set_layout(&context, scene.textures.len() as u32).unwrap();
     let cache = PipelineCache::new(&context, &[]).unwrap();
     let pipeline = render::pipeline(&context, set_layout, &cache).unwrap();
-    let world = World::new(&context, set_layout, &scene).unwrap();
+    let world = DeviceScene::new(&context, set_layout, &scene).unwrap();
     let rasterizer = Rasterizer::new(&world, &scene).unwrap();
     let pictures = SIZES.map(|(width, height)| {
         let settings = Settings {
@@ -108,7 +108,7 @@ struct Panel {
 
 impl Panel {
     /// As the program tells it once a picture is done: the next line.
-    fn told(lines: &mut impl BufRead, size: (u32, u32)) -> Panel {
+    fn read(lines: &mut impl BufRead, size: (u32, u32)) -> Panel {
         let mut told = String::new();
         lines.read_line(&mut told).unwrap();
         print!("{told}");
@@ -230,7 +230,7 @@ fn the_window_shows_what_is_computed_off_screen() {
         .spawn()
         .unwrap();
     let mut lines = BufReader::new(window.stdout.take().unwrap());
-    let panel = Panel::told(&mut lines, first);
+    let panel = Panel::read(&mut lines, first);
     let screen = server.window(1, 1);
     panel.comes_before(&screen, first, &pictures[0]);
 
@@ -238,7 +238,7 @@ fn the_window_shows_what_is_computed_off_screen() {
     let size = ConfigureWindowAux::new().width(smaller.0).height(smaller.1);
     screen.x.configure_window(shown, &size).unwrap();
     screen.x.sync().unwrap();
-    let panel = Panel::told(&mut lines, smaller);
+    let panel = Panel::read(&mut lines, smaller);
     panel.comes_before(&screen, smaller, &pictures[1]);
 
     // A hidden window returns unchanged.

@@ -182,7 +182,7 @@ impl Tree {
                 continue;
             }
             for triangle in &self.triangles[node.first..node.first + node.count] {
-                if let Some(t) = meet(origin, way, &triangle.corners)
+                if let Some(t) = intersect(origin, way, &triangle.corners)
                     && t > constant(1e-3)
                     && t < far
                 {
@@ -223,7 +223,7 @@ fn split(nodes: &mut Vec<Node>, triangles: &mut [Triangle], first: usize, count:
 }
 
 /// Möller and Trumbore (1997).
-fn meet(origin: DVec3, way: DVec3, [a, b, c]: &[DVec3; 3]) -> Option<f64> {
+fn intersect(origin: DVec3, way: DVec3, [a, b, c]: &[DVec3; 3]) -> Option<f64> {
     let (first, second) = (*b - *a, *c - *a);
     let p = way.cross(second);
     let inverse = 1.0 / first.dot(p);
@@ -254,7 +254,7 @@ mod tests {
             let all = tree
                 .triangles
                 .iter()
-                .filter_map(|it| meet(eye, way, &it.corners));
+                .filter_map(|it| intersect(eye, way, &it.corners));
             let nearest = all.filter(|&t| t > 1e-3 && t < 1e6).min_by(f64::total_cmp);
             assert_eq!(tree.closest(eye, way).map(|found| found.0), nearest);
         }

@@ -16,10 +16,10 @@ use clap::Args;
 use traversal::{BuildFlags, Ray, Tier};
 
 use embree::{Embree, Quality};
-use rays::Kind;
+use rays::RayKind;
 use scene::{RECIPES, Recipe};
-use table::{Row, Table};
-use tuff::{How, Place, Tuff};
+use table::{EngineRates, Table};
+use tuff::{How, StructureMemory, Tuff};
 
 #[derive(Args)]
 pub struct Options {
@@ -100,9 +100,9 @@ enum Engine<'a> {
 }
 
 impl Engine<'_> {
-    fn trace(&self, kind: Kind, rays: &[Ray]) -> (usize, f64) {
+    fn trace(&self, kind: RayKind, rays: &[Ray]) -> (usize, f64) {
         match self {
-            Engine::Embree(built) if kind == Kind::Shadow => built.occluded(rays),
+            Engine::Embree(built) if kind == RayKind::Shadow => built.occluded(rays),
             Engine::Embree(built) => built.closest(rays),
             Engine::Tuff(tuff, how) => tuff.trace(rays, *how),
             Engine::Singly(tuff) => tuff.trace_singly(rays),
@@ -158,9 +158,9 @@ fn run_scene(
         })
         .collect();
 
-    let mut rows: Vec<Row> = contestants
+    let mut rows: Vec<EngineRates> = contestants
         .iter()
-        .map(|(name, _)| Row::new(recipe.name, recipe.counts, name))
+        .map(|(name, _)| EngineRates::new(recipe.name, recipe.counts, name))
         .collect();
     for _ in 0..options.builds {
         for (row, (_, who)) in rows.iter_mut().zip(&contestants) {
@@ -175,7 +175,7 @@ fn run_scene(
                     | Contestant::Singly(flags),
                     _,
                 ) => {
-                    let mut place = Place::new(&scene.mesh, *flags);
+                    let mut place = StructureMemory::new(&scene.mesh, *flags);
                     timed(|| place.build(&scene.mesh)).0
                 }
                 _ => continue,
@@ -200,7 +200,7 @@ fn run_scene(
                 | Contestant::Singly(flags),
                 _,
             ) => {
-                let tuff = Tuff::new(&scene.mesh, Place::new(&scene.mesh, *flags))?;
+                let tuff = Tuff::new(&scene.mesh, StructureMemory::new(&scene.mesh, *flags))?;
                 row.bytes = tuff.bytes as f64 / triangles as f64;
                 row.reported = tuff.reported.map(|bytes| bytes as f64 / triangles as f64);
                 engines.push(match who {
@@ -214,10 +214,10 @@ fn run_scene(
         }
     }
 
-    let reference = Tuff::new(&scene.mesh, Place::new(&scene.mesh, 0))?;
+    let reference = Tuff::new(&scene.mesh, StructureMemory::new(&scene.mesh, 0))?;
     let primary = rays::primary(&scene, options.size);
     let (shadow, diffuse) = rays::secondary(&scene, &reference, &primary);
-    for (kind, rays) in Kind::ALL.into_iter().zip([primary, shadow, diffuse]) {
+    for (kind, rays) in RayKind::ALL.into_iter().zip([primary, shadow, diffuse]) {
         if !options.rays.is_empty() && !options.rays.iter().any(|name| name == kind.name()) {
             continue;
         }
@@ -241,7 +241,7 @@ fn run_scene(
 fn check(
     engine: &str,
     scene: &str,
-    kind: Kind,
+    kind: RayKind,
     (hits, sum): (usize, f64),
     (found_hits, found_sum): (usize, f64),
 ) -> Result<()> {
@@ -252,7 +252,7 @@ fn check(
         kind.name()
     );
     ensure!(
-        kind == Kind::Shadow || (sum - found_sum).abs() <= 1e-3 * sum.abs(),
+        kind == RayKind::Shadow || (sum - found_sum).abs() <= 1e-3 * sum.abs(),
         "{engine}: distances of {} rays in {scene} add up to {found_sum}, not {sum}",
         kind.name()
     );

@@ -9,7 +9,7 @@ use super::tuff::Tuff;
 
 /// A kind of rays.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
+pub enum RayKind {
     /// From the eye through a picture's pixels, in tiles of 4 × 4; closest hits.
     Primary,
     /// From their hits to a light; any hit.
@@ -18,14 +18,14 @@ pub enum Kind {
     Diffuse,
 }
 
-impl Kind {
-    pub const ALL: [Kind; 3] = [Kind::Primary, Kind::Shadow, Kind::Diffuse];
+impl RayKind {
+    pub const ALL: [RayKind; 3] = [RayKind::Primary, RayKind::Shadow, RayKind::Diffuse];
 
     pub fn name(self) -> &'static str {
         match self {
-            Kind::Primary => "primary",
-            Kind::Shadow => "shadow",
-            Kind::Diffuse => "diffuse",
+            RayKind::Primary => "primary",
+            RayKind::Shadow => "shadow",
+            RayKind::Diffuse => "diffuse",
         }
     }
 }

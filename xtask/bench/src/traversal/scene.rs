@@ -17,14 +17,14 @@ pub struct Scene {
 }
 
 /// A mesh, an eye, what it looks at, and a light.
-type Parts = (Mesh, [f32; 3], [f32; 3], [f32; 3]);
+type SceneParts = (Mesh, [f32; 3], [f32; 3], [f32; 3]);
 
 /// How a scene is made, to be called when its turn comes.
 pub struct Recipe {
     pub name: &'static str,
     /// Part of the goal; the others have rows of their own.
     pub counts: bool,
-    make: fn() -> Parts,
+    make: fn() -> SceneParts,
 }
 
 /// All scenes, in the order of the table.
@@ -130,7 +130,7 @@ fn noise(p: Vec3) -> f32 {
 }
 
 /// A lump with creases, about 70,000 small triangles: what a scan is like.
-fn bunny() -> Parts {
+fn bunny() -> SceneParts {
     let mut mesh = opaque();
     mesh.sphere(59, |d| {
         let mut radius = 1.0;
@@ -143,7 +143,7 @@ fn bunny() -> Parts {
 }
 
 /// A furnished room seen from a corner: walls of two triangles, vases of thousands.
-fn interior() -> Parts {
+fn interior() -> SceneParts {
     let mut mesh = opaque();
     let mut random = Rng::with_seed(7);
     mesh.cuboid([0.0, -0.1, 0.0], [10.0, 0.0, 8.0]);
@@ -236,7 +236,7 @@ fn interior() -> Parts {
 }
 
 /// A thousand balls of a thousand triangles, in rows.
-fn grid() -> Parts {
+fn grid() -> SceneParts {
     let mut mesh = opaque();
     for z in 0..9 {
         for y in 0..9 {
@@ -255,7 +255,7 @@ fn grid() -> Parts {
 }
 
 /// A million small triangles anywhere.
-fn soup() -> Parts {
+fn soup() -> SceneParts {
     let mut mesh = opaque();
     let mut random = Rng::with_seed(11);
     for _ in 0..1_000_000 {
@@ -266,7 +266,7 @@ fn soup() -> Parts {
 }
 
 /// Long thin triangles at every angle: boxes say little about them.
-fn needles() -> Parts {
+fn needles() -> SceneParts {
     let mut mesh = opaque();
     let mut random = Rng::with_seed(13);
     for _ in 0..300_000 {

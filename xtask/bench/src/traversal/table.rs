@@ -6,10 +6,10 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use serde_json::{Value, json};
 
-use super::rays::Kind;
+use super::rays::RayKind;
 
 /// The rates of one engine in one scene, one a turn.
-pub struct Row {
+pub struct EngineRates {
     pub scene: &'static str,
     pub counts: bool,
     pub engine: &'static str,
@@ -23,9 +23,9 @@ pub struct Row {
     pub reported: [f64; 2],
 }
 
-impl Row {
-    pub fn new(scene: &'static str, counts: bool, engine: &'static str) -> Row {
-        Row {
+impl EngineRates {
+    pub fn new(scene: &'static str, counts: bool, engine: &'static str) -> EngineRates {
+        EngineRates {
             scene,
             counts,
             engine,
@@ -52,12 +52,12 @@ fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
 /// All rows. The first of a scene is what its others are compared with.
 #[derive(Default)]
 pub struct Table {
-    rows: Vec<(Row, [Option<f64>; 4])>,
+    rows: Vec<(EngineRates, [Option<f64>; 4])>,
 }
 
 impl Table {
     /// Adds and prints the rows of a scene.
-    pub fn add(&mut self, scene: &str, triangles: usize, rows: Vec<Row>) {
+    pub fn add(&mut self, scene: &str, triangles: usize, rows: Vec<EngineRates>) {
         println!();
         println!(
             "{:<24}{:>16}{:>16}{:>16}{:>16}{:>9}{:>14}",
@@ -159,4 +159,4 @@ impl Table {
     }
 }
 
-const _: () = assert!(Kind::Primary as usize == 0 && Kind::Diffuse as usize == 2);
+const _: () = assert!(RayKind::Primary as usize == 0 && RayKind::Diffuse as usize == 2);

@@ -11,17 +11,17 @@ use traversal::{
 };
 
 /// Memory for the bottom level of a mesh, taken before the clock starts, as applications do.
-pub struct Place {
+pub struct StructureMemory {
     flags: BuildFlags,
     blob: Bytes,
     scratch: Bytes,
 }
 
-impl Place {
-    pub fn new(mesh: &Mesh, flags: u32) -> Place {
+impl StructureMemory {
+    pub fn new(mesh: &Mesh, flags: u32) -> StructureMemory {
         let flags = BuildFlags(flags);
         let sizes = build_sizes(Kind::Triangles, flags, &[mesh.indices.len() as u32]);
-        Place {
+        StructureMemory {
             flags,
             blob: Bytes::new(sizes.structure_bytes),
             scratch: Bytes::new(sizes.build_scratch_bytes),
@@ -105,7 +105,7 @@ pub struct Tuff {
 }
 
 impl Tuff {
-    pub fn new(mesh: &Mesh, mut place: Place) -> Result<Tuff> {
+    pub fn new(mesh: &Mesh, mut place: StructureMemory) -> Result<Tuff> {
         let bytes = place.build(mesh)?;
         let instance = InstanceRecord::new(&place.blob, IDENTITY);
         let top = build_instances(&[instance], place.flags.0);

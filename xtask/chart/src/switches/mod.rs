@@ -29,7 +29,7 @@ fn switches() -> [(&'static str, Vec<&'static str>); 3] {
 }
 
 /// One switch on one workload.
-struct Cell<'a> {
+struct SwitchCell<'a> {
     switch: &'a str,
     column: &'a Column,
 }
@@ -49,9 +49,13 @@ pub fn measure(options: &Options, report: &mut Report) -> Result<()> {
             .filter(|column| column.of.contains(&owner))
             .filter(|column| !options.quick || column.quick)
             .collect();
-        let cells: Vec<Cell<'_>> = names
+        let cells: Vec<SwitchCell<'_>> = names
             .iter()
-            .flat_map(|&switch| columns.iter().map(move |&column| Cell { switch, column }))
+            .flat_map(|&switch| {
+                columns
+                    .iter()
+                    .map(move |&column| SwitchCell { switch, column })
+            })
             .collect();
         let bar = ProgressBar::new((cells.len() * rounds) as u64);
         bar.set_style(ProgressStyle::with_template(
@@ -100,7 +104,12 @@ pub fn measure(options: &Options, report: &mut Report) -> Result<()> {
 
 /// How much longer it takes without, by pairs of processes; whether the one with or the one without
 /// goes first, alternates.
-fn gain(options: &Options, cell: &Cell<'_>, rounds: usize, bar: &ProgressBar) -> Result<Gain> {
+fn gain(
+    options: &Options,
+    cell: &SwitchCell<'_>,
+    rounds: usize,
+    bar: &ProgressBar,
+) -> Result<Gain> {
     let Column {
         workload, turns, ..
     } = *cell.column;

@@ -8,7 +8,7 @@ use ash::vk;
 use glam::{DMat3, DVec2, DVec3, Vec3};
 
 use super::{Drawing, Rasterizer, SEEN};
-use crate::render::{self, BOUNCES, Renderer, Settings, World};
+use crate::render::{self, BOUNCES, DeviceScene, Renderer, Settings};
 use crate::scene::{Model, Scene};
 use crate::vulkan::{Context, Wish};
 
@@ -25,7 +25,7 @@ const MAX_SHARE: f64 = 0.003;
 
 /// The object at a pixel's centre: an instance's number plus one, a geometry or procedural
 /// primitive, a primitive; and the bits of a depth (rasterized) or of a distance (traced).
-type Seen = [u32; 4];
+type PixelObject = [u32; 4];
 
 /// The camera that the shaders have.
 struct Eye {
@@ -54,10 +54,10 @@ impl Eye {
 }
 
 /// A triangle in the picture.
-struct Triangle([DVec3; 3]);
+struct PictureTriangle([DVec3; 3]);
 
-impl Triangle {
-    fn of(scene: &Scene, eye: &Eye, seen: Seen) -> Option<Triangle> {
+impl PictureTriangle {
+    fn of(scene: &Scene, eye: &Eye, seen: PixelObject) -> Option<PictureTriangle> {
         let instance = &scene.instances[seen[0] as usize - 1];
         let Model::Mesh(_) = instance.model else {
             return None;
@@ -71,7 +71,7 @@ impl Triangle {
             Vec3::from(m.z_axis).as_dvec3(),
         );
         let shift = Vec3::from(instance.transform.translation).as_dvec3();
-        Some(Triangle(std::array::from_fn(|i| {
+        Some(PictureTriangle(std::array::from_fn(|i| {
             let vertex = geometry.first_vertex + scene.indices[first + i];
             let position = scene.vertices[vertex as usize].position.as_dvec3();
             eye.see(turn * position + shift)
@@ -112,12 +112,18 @@ impl Triangle {
 }
 
 /// Why two primitives may both be seen at a place; or what is wrong.
-fn excuse(scene: &Scene, eye: &Eye, at: DVec2, drawn: Seen, traced: Seen) -> Result<f64, String> {
+fn excuse(
+    scene: &Scene,
+    eye: &Eye,
+    at: DVec2,
+    drawn: PixelObject,
+    traced: PixelObject,
+) -> Result<f64, String> {
     let mut on_edge: Option<f64> = None;
     let mut depths = Vec::new();
     for (seen, who) in [(drawn, "rasterization"), (traced, "the ray")] {
         let Some(triangle) = (seen[0] != 0)
-            .then(|| Triangle::of(scene, eye, seen))
+            .then(|| PictureTriangle::of(scene, eye, seen))
             .flatten()
         else {
             continue;
@@ -164,14 +170,14 @@ fn rasterization_and_rays_have_the_same_silhouettes() {
     };
     let set_layout = render::set_layout(&context, scene.textures.len() as u32).unwrap();
     let pipeline = render::seen_pipeline(&context, set_layout).unwrap();
-    let world = World::new(&context, set_layout, &scene).unwrap();
+    let world = DeviceScene::new(&context, set_layout, &scene).unwrap();
     let renderer = Renderer::new(&world, &pipeline, &scene, &scene.camera, settings).unwrap();
     let rasterizer = Rasterizer::new(&world, &scene).unwrap();
     let drawing = Drawing::new(&rasterizer, &renderer).unwrap();
     let traced = renderer.render(|_| ()).unwrap().radiance;
-    let traced: &[Seen] = bytemuck::cast_slice(&traced);
+    let traced: &[PixelObject] = bytemuck::cast_slice(&traced);
     let area = vk::Rect2D::default().extent(vk::Extent2D { width, height });
-    let drawn: Vec<Seen> = drawing.seen(area).unwrap();
+    let drawn: Vec<PixelObject> = drawing.seen(area).unwrap();
     assert_eq!(SEEN, vk::Format::R32G32B32A32_UINT);
 
     let eye = Eye::new(&scene, settings);
@@ -188,7 +194,7 @@ fn rasterization_and_rays_have_the_same_silhouettes() {
             Err(why) => wrong.push(format!("({x}, {y}): {drawn:?}, {traced:?}: {why}")),
         }
     }
-    let sky = |seen: &[Seen]| seen.iter().filter(|seen| seen[0] == 0).count();
+    let sky = |seen: &[PixelObject]| seen.iter().filter(|seen| seen[0] == 0).count();
     println!(
         "{differ} of {} pixels differ, at most {farthest:.5} pixels from an edge; sky: {} and {}",
         drawn.len(),

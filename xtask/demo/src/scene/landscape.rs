@@ -5,7 +5,7 @@ use glam::{Affine3A, Vec3};
 use super::mesh::Part;
 use super::random::Random;
 use super::terrain::{self, from_lake, height, normal, water};
-use super::tree::{Tree, broadleaf, conifer, grass_tuft, standing};
+use super::tree::{Tree, broadleaf, conifer, grass_tuft, upright_transform};
 use super::{
     Camera, Material, Model, NONE, Procedural, Roles, Scene, Shape, Sun, kind, paint, shapes,
 };
@@ -13,7 +13,7 @@ use super::{
 const TAU: f32 = std::f32::consts::TAU;
 
 pub fn landscape() -> Scene {
-    let parts = Parts::make();
+    let parts = LandscapeParts::make();
     let mut scene = Scene {
         vertices: Vec::new(),
         indices: Vec::new(),
@@ -69,7 +69,7 @@ pub fn landscape() -> Scene {
 }
 
 /// Parts that take long to make, made in parallel.
-struct Parts {
+struct LandscapeParts {
     terrain: Part,
     knot: Part,
     trees: Vec<Tree>,
@@ -86,8 +86,8 @@ const NEEDLES: u32 = 7;
 const BLADES: u32 = 8;
 const SLABS: u32 = 9;
 
-impl Parts {
-    fn make() -> Parts {
+impl LandscapeParts {
+    fn make() -> LandscapeParts {
         let (mut terrain, mut knot) = (Part::default(), Part::default());
         let (mut trees, mut grass, mut boulders) = (Vec::new(), Vec::new(), Vec::new());
         let mut textures = Vec::new();
@@ -115,7 +115,7 @@ impl Parts {
                 ];
             });
         });
-        Parts {
+        LandscapeParts {
             terrain,
             knot,
             trees,
@@ -164,7 +164,7 @@ fn plant_trees(scene: &mut Scene, trees: &[Tree]) {
     let plant = |scene: &mut Scene, model: usize, x: f32, z: f32, size: f32, turn: f32| {
         let foot = Vec3::new(x, height(x, z) - 0.05, z);
         let shape = Vec3::new(size * 1.05, size, size * 1.05);
-        scene.place(models[model], standing(foot, turn, shape));
+        scene.place(models[model], upright_transform(foot, turn, shape));
     };
     // The frame: chosen trees at both sides of the view.
     for (model, x, z, size, turn) in [
@@ -243,7 +243,7 @@ fn sow_grass(scene: &mut Scene, tufts: &[Part]) {
                 continue;
             }
             let ground = normal(x, z, 0.4);
-            let upright = standing(Vec3::new(x, height(x, z), z), turn, Vec3::splat(size));
+            let upright = upright_transform(Vec3::new(x, height(x, z), z), turn, Vec3::splat(size));
             // Shear, so that the tuft follows the slope and its blades stay upright.
             let mut slope = Affine3A::IDENTITY;
             slope.matrix3.x_axis.y = -ground.x / ground.y;
@@ -337,7 +337,7 @@ fn set_sculptures(scene: &mut Scene, knot: &Part) {
     });
     scene.place(
         sponge,
-        standing(at(-4.4, 0.56 + 1.125, 2.6), 0.62, Vec3::ONE),
+        upright_transform(at(-4.4, 0.56 + 1.125, 2.6), 0.62, Vec3::ONE),
     );
 
     // The knot in gold.
@@ -351,7 +351,7 @@ fn set_sculptures(scene: &mut Scene, knot: &Part) {
     let knot = scene.add_mesh(&[(knot, gold)]);
     scene.place(
         knot,
-        standing(at(4.1, 0.56 + 1.66, 2.6), -0.35, Vec3::splat(0.98)),
+        upright_transform(at(4.1, 0.56 + 1.66, 2.6), -0.35, Vec3::splat(0.98)),
     );
 
     // Balls of glass and metal.
@@ -400,7 +400,7 @@ fn scatter_boulders(scene: &mut Scene, boulders: &[Part]) {
         let foot = Vec3::new(x, height(x, z) + 0.12 * size, z);
         scene.place(
             model,
-            standing(foot, turn, Vec3::new(size * 1.25, size * 0.8, size)),
+            upright_transform(foot, turn, Vec3::new(size * 1.25, size * 0.8, size)),
         );
     }
 }

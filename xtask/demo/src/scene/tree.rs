@@ -264,7 +264,7 @@ pub fn grass_tuft(seed: u32, blades: u32) -> Part {
 }
 
 /// A place, a turn about the vertical and a size.
-pub fn standing(position: Vec3, angle: f32, size: Vec3) -> Affine3A {
+pub fn upright_transform(position: Vec3, angle: f32, size: Vec3) -> Affine3A {
     let rotation = Mat3::from_quat(turn(Vec3::Y, angle));
     Affine3A::from_mat3_translation(rotation * Mat3::from_diagonal(size), position)
 }

@@ -369,7 +369,7 @@ fn counted(rng: &mut Rng) -> u32 {
 }
 
 /// The attachments of a pass, all with one number of samples.
-struct Target {
+struct PassAttachments {
     colors: Vec<Attachment>,
     depth: Option<Attachment>,
     /// Fragment shading rates: whatever its memory holds.
@@ -379,8 +379,8 @@ struct Target {
     samples: u32,
 }
 
-impl Target {
-    fn new(world: &World, rng: &mut Rng) -> Target {
+impl PassAttachments {
+    fn new(world: &World, rng: &mut Rng) -> PassAttachments {
         let extent = [rng.u32(1..90), rng.u32(1..90)];
         let samples = one_of(rng, &[1, 1, 1, 2, 4, 8]);
         let layers = one_of(rng, &[1, 1, 2]);
@@ -393,7 +393,7 @@ impl Target {
             let layers = rng.u32(1..3);
             Attachment::new(&world.gpu, vk::Format::R8_UINT, extent, layers, 1)
         });
-        Target {
+        PassAttachments {
             colors,
             depth: (format != vk::Format::UNDEFINED).then(|| of(format)),
             rates,
@@ -427,7 +427,7 @@ fn blend(rng: &mut Rng) -> vk::PipelineColorBlendAttachmentState {
 }
 
 /// A pipeline for a target; its states are valid or nearly so.
-fn painting<'a>(world: &World, rng: &mut Rng, target: &Target) -> Painting<'a> {
+fn painting<'a>(world: &World, rng: &mut Rng, target: &PassAttachments) -> Painting<'a> {
     let format = target.depth.as_ref().map(|it| it.format);
     let format = format.unwrap_or(vk::Format::UNDEFINED);
     let has_stencil = [DEPTHS[3], DEPTHS[4]].contains(&format);
@@ -506,7 +506,7 @@ fn painting<'a>(world: &World, rng: &mut Rng, target: &Target) -> Painting<'a> {
 
 pub fn run(world: &World, case: &Case) {
     let mut rng = case.common();
-    let target = Target::new(world, &mut rng);
+    let target = PassAttachments::new(world, &mut rng);
     let mut painting = painting(world, &mut rng, &target);
     let mut words = shaders()
         .each_ref()
@@ -579,7 +579,7 @@ fn record(
     world: &World,
     case: &Case,
     rng: &mut Rng,
-    target: &Target,
+    target: &PassAttachments,
     pipeline: vk::Pipeline,
     commands: vk::CommandBuffer,
 ) {
@@ -653,7 +653,12 @@ fn record(
 ///
 /// # Safety
 /// The commands are being recorded, in a pass over the target.
-unsafe fn step(world: &World, rng: &mut Rng, target: &Target, commands: vk::CommandBuffer) {
+unsafe fn step(
+    world: &World,
+    rng: &mut Rng,
+    target: &PassAttachments,
+    commands: vk::CommandBuffer,
+) {
     let device = &world.gpu.device;
     let buffer = world.guarded[0].buffer.handle;
     let [width, height] = target.extent;

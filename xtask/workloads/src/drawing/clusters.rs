@@ -243,17 +243,17 @@ fn ground(triangles: usize) -> Mesh {
 }
 
 /// The scene of both rows.
-struct Scene {
+struct ClusterScene {
     meshes: [Mesh; 2],
     places: Vec<Affine3A>,
 }
 
-impl Scene {
-    fn new(scale: &Scale) -> Scene {
+impl ClusterScene {
+    fn new(scale: &Scale) -> ClusterScene {
         let placements = scene::placements(scale.instances, 1);
         let mut places = vec![Affine3A::IDENTITY];
         places.extend(placements.iter().map(|it| it.transform));
-        Scene {
+        ClusterScene {
             meshes: [ground(scale.triangles), scene::ball(4).welded()],
             places,
         }
@@ -310,7 +310,7 @@ pub fn by_mesh_shaders(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
         return None;
     }
     let meshes = ext::mesh_shader::Device::new(&gpu.instance, &gpu.device);
-    let scene = Scene::new(scale);
+    let scene = ClusterScene::new(scale);
     let mut clusters = Clusters::default();
     let ranges = scene.meshes.each_ref().map(|mesh| {
         let first = clusters.clusters.len() as u32;
@@ -367,7 +367,7 @@ pub fn by_vertex_shaders(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
     if !draws(gpu) {
         return None;
     }
-    let scene = Scene::new(scale);
+    let scene = ClusterScene::new(scale);
     let vertex = format!("{COLORS}{VERTEX}");
     let mut painting = Painting::new(gpu, &vertex, FRAGMENT, RGBA);
     let rates = [

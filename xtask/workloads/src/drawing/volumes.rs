@@ -287,7 +287,7 @@ fn check(gpu: &Gpu, view: &View, color: &Canvas, balls: &[Vec4]) -> Result<()> {
             *t > 0.0 && at.x.abs() < reach && at.z.abs() < reach
         });
         let of_ball = |ball: &Vec4| {
-            let t = meets(*ball, view.eye, ray)?;
+            let t = intersect(*ball, view.eye, ray)?;
             let normal = view.eye + ray * t - ball.truncate().as_dvec3();
             Some((t, normal.normalize(), f64::from(ball.x)))
         };
@@ -299,8 +299,8 @@ fn check(gpu: &Gpu, view: &View, color: &Canvas, balls: &[Vec4]) -> Result<()> {
         let at = view.eye + ray * t;
         let towards = light - at;
         let start = at + towards.normalize() * 1e-2;
-        let is_dark =
-            (balls.iter()).any(|ball| meets(*ball, start, light - start).is_some_and(|t| t < 1.0));
+        let is_dark = (balls.iter())
+            .any(|ball| intersect(*ball, start, light - start).is_some_and(|t| t < 1.0));
         let share = match is_dark {
             true => 0.0,
             false => normal.dot(towards.normalize()).max(0.0),
@@ -326,7 +326,7 @@ fn check(gpu: &Gpu, view: &View, color: &Canvas, balls: &[Vec4]) -> Result<()> {
 }
 
 /// How far along a ray it first meets a ball.
-fn meets(ball: Vec4, origin: DVec3, ray: DVec3) -> Option<f64> {
+fn intersect(ball: Vec4, origin: DVec3, ray: DVec3) -> Option<f64> {
     let from = origin - ball.truncate().as_dvec3();
     let half = from.dot(ray) / ray.length_squared();
     let rest = (from.length_squared() - f64::from(ball.w).powi(2)) / ray.length_squared();

@@ -43,7 +43,7 @@ pub fn compare(
 ) -> Result<()> {
     ensure!(icds.len() == 2, "formats are compared between two drivers");
     let accesses = ACCESSES.map(Access::name);
-    let names: Vec<String> = table::ALL.iter().map(table::Row::name).collect();
+    let names: Vec<String> = table::ALL.iter().map(table::FormatEntry::name).collect();
     let (wanted_accesses, wanted): (Vec<_>, Vec<_>) = only
         .iter()
         .cloned()

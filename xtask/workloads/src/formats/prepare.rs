@@ -2,7 +2,7 @@
 
 use tuff_tests::{Bound, Buffer, Gpu, Kernel, Painting, Pass, Set, Stage, vk};
 
-use super::table::Row;
+use super::table::FormatEntry;
 use super::{Access, HEIGHT, Shape, TURNS, WIDTH};
 use crate::shader;
 use crate::workload::borrowed;
@@ -31,7 +31,7 @@ const FRAGMENT: &str = "
     void main() { color = vec4(gl_FragCoord.xy / 256.0, 0.6, 0.25); }";
 
 /// `None` where the driver lacks what the cell needs.
-pub fn prepare(gpu: &Gpu, row: &Row, access: Access, shape: Shape) -> Option<Prepared> {
+pub fn prepare(gpu: &Gpu, row: &FormatEntry, access: Access, shape: Shape) -> Option<Prepared> {
     use vk::FormatFeatureFlags as Feature;
     let linear = Feature::SAMPLED_IMAGE_FILTER_LINEAR;
     let of_access = match access {
@@ -54,7 +54,7 @@ pub fn prepare(gpu: &Gpu, row: &Row, access: Access, shape: Shape) -> Option<Pre
     }
 }
 
-fn sample(gpu: &Gpu, row: &Row, access: Access, shape: Shape) -> Option<Prepared> {
+fn sample(gpu: &Gpu, row: &FormatEntry, access: Access, shape: Shape) -> Option<Prepared> {
     let has_levels = access == Access::Trilinear;
     let usage = vk::ImageUsageFlags::SAMPLED;
     let (_, view) = image(gpu, row, shape, has_levels, usage)?;
@@ -66,7 +66,7 @@ fn sample(gpu: &Gpu, row: &Row, access: Access, shape: Shape) -> Option<Prepared
     })
 }
 
-fn store(gpu: &Gpu, row: &Row) -> Option<Prepared> {
+fn store(gpu: &Gpu, row: &FormatEntry) -> Option<Prepared> {
     if gpu.features.shader_storage_image_write_without_format != vk::TRUE {
         return None;
     }
@@ -85,7 +85,7 @@ fn store(gpu: &Gpu, row: &Row) -> Option<Prepared> {
     })
 }
 
-fn blend(gpu: &Gpu, row: &Row) -> Option<Prepared> {
+fn blend(gpu: &Gpu, row: &FormatEntry) -> Option<Prepared> {
     if !gpu.has_graphics() || gpu.features13.dynamic_rendering != vk::TRUE {
         return None;
     }
@@ -116,7 +116,7 @@ fn blend(gpu: &Gpu, row: &Row) -> Option<Prepared> {
     })
 }
 
-fn blit(gpu: &Gpu, row: &Row) -> Option<Prepared> {
+fn blit(gpu: &Gpu, row: &FormatEntry) -> Option<Prepared> {
     let usage = vk::ImageUsageFlags::SAMPLED;
     let [from, to] = [(); 2].map(|()| image(gpu, row, Shape::Flat, false, usage));
     let ((from, _), (to, view)) = (from?, to?);
@@ -166,7 +166,13 @@ struct Reading {
 }
 
 impl Reading {
-    fn of(gpu: &Gpu, row: &Row, access: Access, shape: Shape, view: vk::ImageView) -> Reading {
+    fn of(
+        gpu: &Gpu,
+        row: &FormatEntry,
+        access: Access,
+        shape: Shape,
+        view: vk::ImageView,
+    ) -> Reading {
         let filter = match access {
             Access::Linear | Access::Trilinear | Access::Shadow => vk::Filter::LINEAR,
             _ => vk::Filter::NEAREST,
@@ -206,7 +212,7 @@ impl Reading {
 
 fn kernel(
     gpu: &Gpu,
-    row: &Row,
+    row: &FormatEntry,
     access: Access,
     shape: Shape,
     bindings: &[(u32, [Bound; 1])],
@@ -263,7 +269,7 @@ pub fn source(prefix: &str, access: Access, shape: Shape) -> String {
 /// A filled image and the view that is sampled.
 fn image(
     gpu: &Gpu,
-    row: &Row,
+    row: &FormatEntry,
     shape: Shape,
     has_levels: bool,
     usage: vk::ImageUsageFlags,
