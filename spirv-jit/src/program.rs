@@ -34,6 +34,7 @@ pub use crate::ir::tessellation::{
     ControlFacts, Domain, MAX_PATCH_VERTICES, PatchWord, Spacing, TessellationFacts,
     TessellationModes, Width,
 };
+pub use crate::native::NativeCounts;
 pub use crate::request::CompileRequest;
 pub use crate::state::{Event, IO_DATA_ROW, ResumePoint, SiteId, SiteKind, StateLayout, Wave};
 pub use crate::types::Trace;
@@ -368,6 +369,17 @@ impl Program {
     /// Whether stretches of it are native code.
     pub fn has_native_code(&self) -> bool {
         self.code.has_native_code()
+    }
+
+    /// Counts of its native code; zeros if it has none.
+    pub fn native_counts(&self) -> NativeCounts {
+        self.code.native_counts()
+    }
+
+    /// The instructions of its native code as text, if it has any: a heading for each stretch and
+    /// loop, then a line for each instruction.
+    pub fn native_text(&self) -> Option<String> {
+        self.code.native_text()
     }
 
     /// Loops that are native code.

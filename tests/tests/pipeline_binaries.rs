@@ -399,12 +399,33 @@ fn executables_show_their_statistics_and_ir() {
         // A product, a sum and a store at least.
         // SAFETY: counts are unsigned.
         assert!(unsafe { operations.value.u64 } >= 3);
+        let count = |name: &std::ffi::CStr| {
+            let found = (statistics.iter()).find(|it| it.name_as_c_str() == Ok(name));
+            // SAFETY: as above; truth values are followed by zeros.
+            unsafe { found.expect("it is counted").value.u64 }
+        };
         let texts = texts(&gpu, &api, &info);
         let text = String::from_utf8(texts[0].clone()).expect("UTF-8");
         assert!(
             text.starts_with("module compute") && text.contains("imul"),
             "{text}"
         );
+        // The product and the sum are one stretch on processors with AVX2.
+        let is_native = count(c"Native Code") != 0;
+        assert_eq!(texts.len(), 1 + usize::from(is_native));
+        assert_eq!(count(c"Native Stretches") != 0, is_native);
+        assert_eq!(count(c"Native Code Size") != 0, is_native);
+        if is_native {
+            let text = String::from_utf8(texts[1].clone()).expect("UTF-8");
+            let stretches = text.lines().filter(|line| line.starts_with("stretch of "));
+            assert_eq!(stretches.count() as u64, count(c"Native Stretches"));
+            assert!(
+                text.contains("vpmulld") && text.contains(": ret\n"),
+                "{text}"
+            );
+            assert!(count(c"Native Operations") >= 2);
+            assert!((1..=32).contains(&count(c"Vector Registers")));
+        }
     }
 }
 

@@ -68,6 +68,7 @@ fn statistics(program: &Program, module: Option<&Module>) -> Vec<Statistic> {
     let frame_bytes = program.frame_bytes(1);
     let shared_bytes = program.shared_size_bytes() as usize;
     let subgroups = program.max_wave_subgroups();
+    let native = program.native_counts();
     all.extend([
         (
             "Frame",
@@ -99,6 +100,26 @@ fn statistics(program: &Program, module: Option<&Module>) -> Vec<Statistic> {
             "Whether stretches of arithmetic are native code",
             Value::Is(program.has_native_code()),
         ),
+        (
+            "Native Stretches",
+            "Stretches and loops that are native code",
+            count(native.stretches),
+        ),
+        (
+            "Native Operations",
+            "Operations that native code performs",
+            count(native.operations),
+        ),
+        (
+            "Native Code Size",
+            "Bytes of native code and its constants",
+            count(native.size_bytes),
+        ),
+        (
+            "Vector Registers",
+            "Vector registers that one stretch uses at most",
+            count(native.vector_registers),
+        ),
     ]);
     all
 }
@@ -119,6 +140,49 @@ fn write_statistic(out: &mut vk::PipelineExecutableStatisticKHR<'_>, statistic: 
             out.value.u64 = it;
         }
     }
+}
+
+/// A text that an executable is shown as: its name, a description, and the text itself.
+type Representation = (&'static str, &'static str, String);
+
+/// The texts of a program whose module was captured: the IR, and native code if there is any.
+fn representations(program: &Program, module: &Module) -> Vec<Representation> {
+    let ir = (
+        "IR",
+        "The compiler's IR after its passes",
+        text::print_module(module),
+    );
+    let native = program.native_text().map(|text| {
+        let description = "Instructions of the stretches and loops that are native code";
+        ("Native Code", description, text)
+    });
+    std::iter::once(ir).chain(native).collect()
+}
+
+/// Writes a text, cut to the room there is and terminated.
+///
+/// # Errors
+/// `VK_INCOMPLETE` if it was cut.
+///
+/// # Safety
+/// The data is null or has room for as many bytes as the structure says.
+unsafe fn write_representation(
+    out: &mut vk::PipelineExecutableInternalRepresentationKHR<'_>,
+    (name, description, text): Representation,
+) -> VkResult {
+    array::write_text(&mut out.name, name);
+    array::write_text(&mut out.description, description);
+    out.is_text = vk::TRUE;
+    let (room, data) = (out.data_size, out.p_data.cast());
+    let mut text = text.into_bytes();
+    text.push(0);
+    let all = text.len() <= room || out.p_data.is_null();
+    if !all {
+        text.truncate(room);
+        text.last_mut().into_iter().for_each(|last| *last = 0);
+    }
+    // SAFETY: the caller's promise.
+    unsafe { enumerate_bytes(&mut out.data_size, data, |_| (text, all)) }
 }
 
 /// Writes the name of an executable, `"fragment main"`, and what it was made of.
@@ -174,30 +238,18 @@ entry! {
         enumerate_with(count, out, all.into_iter(), write_statistic)
     }
 
-    /// The optimised IR as text, where it was captured.
+    /// The optimised IR and native code as text, where the module was captured.
     fn vkGetPipelineExecutableInternalRepresentationsKHR(
         _device: vk::Device,
         info: *const vk::PipelineExecutableInfoKHR<'_>,
         count: *mut u32,
         out: *mut vk::PipelineExecutableInternalRepresentationKHR<'_>,
     ) -> vk::Result {
-        let (_, module) = executable(&*info)?;
+        let (program, module) = executable(&*info)?;
+        let all = module.map_or_else(Vec::new, |module| representations(program, &module));
         let mut written = Ok(());
-        enumerate_with(count, out, module.iter(), |out, module| {
-            array::write_text(&mut out.name, "IR");
-            array::write_text(&mut out.description, "The compiler's IR after its passes");
-            out.is_text = vk::TRUE;
-            let room = out.data_size;
-            written = enumerate_bytes(&mut out.data_size, out.p_data.cast(), |_| {
-                let mut text = text::print_module(module).into_bytes();
-                text.push(0);
-                let all = text.len() <= room || out.p_data.is_null();
-                if !all {
-                    text.truncate(room);
-                    text.last_mut().into_iter().for_each(|last| *last = 0);
-                }
-                (text, all)
-            });
+        enumerate_with(count, out, all.into_iter(), |out, representation| {
+            written = written.and(write_representation(out, representation));
         })?;
         written
     }

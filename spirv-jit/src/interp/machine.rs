@@ -18,7 +18,7 @@ use super::operand::Operand;
 use crate::SUBGROUP_SIZE;
 use crate::environment::Environment;
 use crate::ir::op::DescriptorBinding;
-use crate::native::Executable;
+use crate::native::{Executable, Listed};
 use crate::plan::Plan;
 use crate::reach::Range;
 use crate::state::Event;
@@ -73,6 +73,8 @@ pub(crate) struct Code {
     pub(super) tables: Vec<Vec<u32>>,
     /// The pages of native stretches.
     pub(super) native: Option<Executable>,
+    /// Its stretches and loops, for tools.
+    pub(super) listed: Vec<Listed>,
     /// Constants: the first uniform rows.
     pub(super) constants: Vec<AlignedRow>,
     /// Behind the instructions that compute uniform rows.

@@ -42,6 +42,7 @@ use std::collections::TryReserveError;
 
 use lanes::{AlignedRow, LaneMask};
 
+use crate::native as native_code;
 use crate::plan::Plan;
 use crate::state::{Event, Wave};
 pub(crate) use code::PrintPlan;
@@ -98,6 +99,20 @@ impl Code {
     /// Whether stretches of it are native code.
     pub fn has_native_code(&self) -> bool {
         self.native.is_some()
+    }
+
+    /// Counts of its native code; zeros if it has none.
+    pub fn native_counts(&self) -> native_code::NativeCounts {
+        let code = self.native.as_ref().map(|native| native.bytes());
+        code.map_or_else(Default::default, |code| {
+            native_code::count(code, &self.listed)
+        })
+    }
+
+    /// The text of its native code, if it has any.
+    pub fn native_text(&self) -> Option<String> {
+        let code = self.native.as_ref()?.bytes();
+        Some(native_code::text(code, &self.listed))
     }
 
     /// Loops that are native code.

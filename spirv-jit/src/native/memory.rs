@@ -75,6 +75,13 @@ impl Executable {
     pub fn start(&self) -> *const u8 {
         self.start.as_ptr()
     }
+
+    /// The code.
+    pub fn bytes(&self) -> &[u8] {
+        // SAFETY: mapped by `new`, which copied so many bytes there; readable, and unchanged while
+        // it lives.
+        unsafe { std::slice::from_raw_parts(self.start.as_ptr(), self.length) }
+    }
 }
 
 impl Drop for Executable {

@@ -16,6 +16,7 @@
 mod allocate;
 mod encode;
 mod group;
+mod listing;
 mod memory;
 mod opcodes;
 mod stretch;
@@ -26,6 +27,8 @@ use crate::SUBGROUP_SIZE;
 
 pub(crate) use encode::Encoding;
 pub(crate) use group::group;
+pub use listing::NativeCounts;
+pub(crate) use listing::{Listed, ListedTurns, count, text};
 pub(crate) use memory::Executable;
 pub use memory::{CodePages, provide};
 pub(crate) use stretch::{Lanes, Merged, Place, Row, Stretch, Turns};

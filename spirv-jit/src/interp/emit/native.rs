@@ -6,7 +6,7 @@ use crate::interp::machine::Instr;
 use crate::interp::native;
 use crate::interp::operand::Operand;
 use crate::ir::{Inst, Value};
-use crate::native::{Encoding, Executable, Place, Row, Stretch};
+use crate::native::{Encoding, Executable, Listed, ListedTurns, Place, Row, Stretch};
 
 /// Fewer operations are left to the interpreter: one call costs as much as another.
 const LEAST_OPERATIONS: usize = 2;
@@ -20,9 +20,8 @@ pub(super) struct Native<'m> {
     /// The stretch that may go on.
     open: Option<Open<'m>>,
     bytes: Vec<u8>,
-    /// Instructions that run a stretch, whose `x` is where its code begins, and how many operations
-    /// it has.
-    calls: Vec<(usize, usize)>,
+    /// Instructions that run a stretch or a loop, and that code.
+    calls: Vec<(usize, Listed)>,
 }
 
 /// A stretch, and what it is made of.
@@ -54,11 +53,11 @@ impl Native<'_> {
 
 impl<'m> Native<'m> {
     /// Appends code; gives where it begins.
-    fn append(&mut self, code: &[u8]) -> u32 {
+    fn append(&mut self, code: &[u8]) -> usize {
         let start = self.bytes.len().next_multiple_of(ALIGNMENT);
         self.bytes.resize(start, 0);
         self.bytes.extend(code);
-        start as u32
+        start
     }
 
     /// The stretch that may go on, or a new one.
@@ -191,16 +190,26 @@ impl<'m> Emitter<'m> {
             open.moves.iter().for_each(|m| self.emit_move(m));
             return Ok(());
         };
-        self.push_native(&code, operations, instr(native::run));
+        self.push_native(&code, operations, None, instr(native::run));
         Ok(())
     }
 
-    /// Emits the instruction that runs native code of so many operations.
-    pub(super) fn push_native(&mut self, code: &[u8], operations: usize, i: Instr) {
+    /// Emits the instruction that runs native code of so many operations. `turns`: a loop's.
+    pub(super) fn push_native(
+        &mut self,
+        code: &[u8],
+        operations: usize,
+        turns: Option<ListedTurns>,
+        i: Instr,
+    ) {
         if let Some(native) = &mut self.native {
-            let x = native.append(code);
-            native.calls.push((self.code.instrs.len(), operations));
-            self.push(Instr { x, ..i });
+            let listed = Listed {
+                start: native.append(code),
+                operations,
+                turns,
+            };
+            native.calls.push((self.code.instrs.len(), listed));
+            self.push(i);
         }
     }
 
@@ -228,8 +237,8 @@ impl<'m> Emitter<'m> {
             .native
             .iter()
             .flat_map(|native| native.calls.iter().rev());
-        let later = calls.take_while(|&&(call, _)| call >= instr);
-        later.map(|&(_, operations)| operations - 1).sum()
+        let later = calls.take_while(|(call, _)| *call >= instr);
+        later.map(|(_, listed)| listed.operations - 1).sum()
     }
 
     /// Puts the code where it can be run; false if the system refuses that.
@@ -240,10 +249,10 @@ impl<'m> Emitter<'m> {
         let Some(executable) = Executable::new(&native.bytes) else {
             return false;
         };
-        for (call, _) in native.calls {
+        for (call, listed) in native.calls {
             let i = &mut self.code.instrs[call];
-            let address = executable.start() as u64 + i.x as u64;
-            (i.x, i.y) = native::words(address);
+            (i.x, i.y) = native::words(executable.start() as u64 + listed.start as u64);
+            self.code.listed.push(listed);
         }
         self.code.native = Some(executable);
         true

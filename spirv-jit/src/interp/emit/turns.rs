@@ -10,7 +10,7 @@ use crate::interp::native;
 use crate::interp::operand::Operand;
 use crate::ir::op::Access;
 use crate::ir::{Body, Inst, Label, Node, Op, Space, Step, Terminator, Value};
-use crate::native::{Encoding, Lanes, MAX_REGIONS, Merged, Place, Row, Turns};
+use crate::native::{Encoding, Lanes, ListedTurns, MAX_REGIONS, Merged, Place, Row, Turns};
 
 /// Operations in branches, at most: code computes all of them in each turn, whichever way lanes go.
 const MOST_IN_BRANCHES: usize = 96;
@@ -133,15 +133,19 @@ impl<'m> Emitter<'m> {
             a: Operand::number(self.code.loops.len() as u32),
             ..instr(native::run_loop)
         };
+        let turns = ListedTurns {
+            together,
+            single: code.len(),
+        };
         self.code.loops.push(LoopPlan {
             label: mask,
             left_to: single.left_to,
             together,
-            single: code.len(),
+            single: turns.single,
             regions: single.regions,
         });
         code.extend(single.code);
-        self.push_native(&code, single.operations.max(1), run);
+        self.push_native(&code, single.operations.max(1), Some(turns), run);
         true
     }
 

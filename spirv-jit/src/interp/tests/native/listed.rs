@@ -1,0 +1,77 @@
+//! Native code as tools see it.
+
+use lanes::Tier as TierKind;
+
+use crate::interp::tests::{Bench, on_tiers};
+use crate::native::NativeCounts;
+
+/// A stretch of three operations before a loop of native code, which adds words of a buffer.
+const TEXT: &str = "module closest_hit
+    inputs payload.0
+    output_rows 2
+    func f0 {
+        v0: descriptor = push_constants
+        v1: i32 = input[0]
+        v2: i32 = const 0
+        v3: i32 = const 1
+        v4: i32 = const 9
+        v5: i32 = const 124
+        v6: i32 = iadd v1, v4
+        v7: i32 = imul v6, v6
+        v8: i32 = xor v7, v1
+        block L0 -> (v9: i32) {
+            loop L1 (v10: i32, v11: i32) = (v2, v8) {
+                v12: i1 = ult v10, v4
+                if v12, L2 {
+                    br L2
+                } else {
+                    br L0(v11)
+                }
+                v13: i32 = and v11, v5
+                v14: i32 = load.buffer v0, v13
+                v15: i32 = iadd v14, v10
+                v16: i32 = imul v15, v15
+                v17: i32 = iadd v16, v11
+                v18: i32 = iadd v10, v3
+                br L1(v18, v17)
+            }
+            unreachable
+        }
+        end(v9, v8)
+    }";
+
+#[test]
+fn native_code_is_listed_to_the_end_of_each_function() {
+    on_tiers(|tier| {
+        let bench = Bench::new(TEXT, tier, 1);
+        let counts = bench.program.native_counts();
+        if tier == TierKind::Portable {
+            assert_eq!(counts, NativeCounts::default());
+            assert_eq!(bench.program.native_text(), None);
+            return;
+        }
+        let text = bench.program.native_text().expect("it has native code");
+        let functions: Vec<&str> = text.trim_end().split("\n\n").collect();
+        let begin_with = |start: &str| functions.iter().filter(|it| it.starts_with(start)).count();
+        assert_eq!(begin_with("stretch of 3 operations\n"), 1, "{text}");
+        assert_eq!(begin_with("loop of "), functions.len() - 1, "{text}");
+        assert!(begin_with("loop of ") >= 1, "{text}");
+        for function in &functions {
+            assert!(function.ends_with(": ret"), "{function}");
+            assert_eq!(function.matches(": ret").count(), 1, "{function}");
+            assert!(!function.contains("(bad)"), "{function}");
+        }
+        // The square, in the registers of the tier, and a constant behind the code.
+        let vector = if tier == TierKind::Avx2 { "ymm" } else { "zmm" };
+        let is_product = |line: &&str| line.contains(&format!("vpmulld {vector}"));
+        assert!(text.lines().filter(is_product).count() >= 2, "{text}");
+        assert!(text.contains("[rel ") && text.contains(" ; "), "{text}");
+
+        assert_eq!(counts.stretches, 2);
+        assert!(
+            counts.operations > 3 && counts.size_bytes > 64,
+            "{counts:?}"
+        );
+        assert!((3..=32).contains(&counts.vector_registers), "{counts:?}");
+    });
+}
