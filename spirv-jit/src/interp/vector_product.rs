@@ -2,12 +2,14 @@
 //!
 //! [`eval::matrix`](crate::eval::matrix) defines the results. A component of the vector is a row,
 //! and an element of a matrix that lanes share is one number: each step adds a row, times that
-//! number, to a row of sums. Matrices are widened to f32 in tiles of 16 by 16 elements. Every
-//! product of elements of 8 bits, and a sum of 16 such products, is exact in f32.
+//! number, to a row of sums. Matrices are widened to f32 in tiles of 16 by 16 elements, 16 rows at a
+//! time, for all subgroups of a wave that share them. Every product of elements of 8 bits, and a sum
+//! of 16 such products, is exact in f32.
 //!
 //! Lanes whose matrices lie elsewhere have their turns one after another.
 
 use std::marker::PhantomData;
+use std::mem::MaybeUninit;
 
 use lanes::vector::{self, Vector};
 use lanes::{AlignedRow, LaneMask, Row, Tier as TierKind};
@@ -63,6 +65,33 @@ impl<'c> Parts<'c> {
     }
 }
 
+/// Rows of 32-bit floats that a kernel writes before it reads them.
+struct Scratch([MaybeUninit<AlignedRow>; VectorProduct::MAX_COMPONENTS]);
+
+impl Scratch {
+    #[inline(always)]
+    fn new() -> Scratch {
+        Scratch([const { MaybeUninit::uninit() }; VectorProduct::MAX_COMPONENTS])
+    }
+
+    #[inline(always)]
+    fn write<V: Vector>(&mut self, v: V, at: usize, row: V::F) {
+        // SAFETY: a row is words, of any bits, and is only written.
+        v.store(row, unsafe { &mut (*self.0[at].as_mut_ptr()).0 });
+    }
+
+    /// Rows that were written.
+    ///
+    /// # Safety
+    /// All of them were.
+    #[inline(always)]
+    unsafe fn rows(&self, first: usize, count: usize) -> &[AlignedRow] {
+        let rows = &self.0[first..first + count];
+        // SAFETY: as the caller promises.
+        unsafe { std::slice::from_raw_parts(rows.as_ptr().cast(), count) }
+    }
+}
+
 /// `SUMS` rows of the results at once: as many as the registers hold, since each sum waits for the
 /// one before it.
 struct Product<V, const SUMS: usize>(PhantomData<V>);
@@ -72,35 +101,64 @@ impl<V: Vector + 'static, const SUMS: usize> Kernel for Product<V, SUMS> {
     unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
         let plan = &m.code.vector_products[i.x as usize];
         let parts = Parts::new(m, plan);
-        let mut factors = [AlignedRow::default(); VectorProduct::MAX_COMPONENTS];
+        let columns = parts.vector.len();
+        let mut factors = Scratch::new();
+        // Subgroups that share a matrix widen it once.
+        let is_shared = plan.space != Space::Shared
+            && (parts.address.iter().chain([&parts.stride])).all(|operand| operand.is_uniform());
+        let together = match is_shared {
+            true => VectorProduct::MAX_COMPONENTS / columns,
+            false => 1,
+        };
         // SAFETY: the tier is the token's; rows are the program's, and those of the results are
         // not among the others.
         unsafe {
             let v = V::new();
-            for &subgroup in m.listed() {
-                match plan.product.vector {
-                    Component::F16 => {
-                        widen_all(v, m, Component::F16, parts.vector, subgroup, &mut factors);
+            for subgroups in m.listed().chunks(together) {
+                for (k, &subgroup) in subgroups.iter().enumerate() {
+                    let first = k * columns;
+                    match plan.product.vector {
+                        Component::F16 => {
+                            let component = Component::F16;
+                            widen_all(
+                                v,
+                                m,
+                                component,
+                                parts.vector,
+                                subgroup,
+                                (&mut factors, first),
+                            );
+                        }
+                        other => {
+                            widen_all(v, m, other, parts.vector, subgroup, (&mut factors, first));
+                        }
                     }
-                    other => widen_all(v, m, other, parts.vector, subgroup, &mut factors),
                 }
-                let factors = &factors[..parts.vector.len()];
+                let factors = factors.rows(0, subgroups.len() * columns);
+                let matrix = |subgroup, lane| Matrix {
+                    region: region(m, plan.space, parts.address, subgroup, lane),
+                    stride_bytes: m.lane(parts.stride, subgroup, lane, false),
+                    product: plan.product,
+                };
+                if is_shared {
+                    let matrix = matrix(subgroups[0], 0);
+                    let all = (subgroups, LaneMask::ALL);
+                    multiply::<V, SUMS>(v, m, &matrix, &parts, factors, all);
+                    continue;
+                }
+                let subgroup = subgroups[0];
                 let active = m.active[subgroup as usize];
                 let mut left = active;
                 while !left.is_empty() {
                     let lane = left.first();
                     let lanes = lanes_like(m, plan, &parts, (subgroup, lane), left);
-                    let region = region(m, plan.space, parts.address, subgroup, lane);
-                    let matrix = Matrix {
-                        region,
-                        stride_bytes: m.lane(parts.stride, subgroup, lane, false),
-                        product: plan.product,
-                    };
+                    let matrix = matrix(subgroup, lane);
                     let lanes_written = match lanes == active {
                         true => LaneMask::ALL,
                         false => lanes,
                     };
-                    multiply::<V, SUMS>(v, m, &matrix, &parts, factors, (subgroup, lanes_written));
+                    let some = (subgroups, lanes_written);
+                    multiply::<V, SUMS>(v, m, &matrix, &parts, factors, some);
                     left -= lanes;
                 }
             }
@@ -108,8 +166,8 @@ impl<V: Vector + 'static, const SUMS: usize> Kernel for Product<V, SUMS> {
     }
 }
 
-/// Rows of components as f32. Callers name the most common component, so that the loop is compiled
-/// for it.
+/// Rows of components as f32, written to scratch rows from one on. Callers name the most common
+/// component, so that the loop is compiled for it.
 ///
 /// # Safety
 /// As [`Kernel::run`].
@@ -120,12 +178,12 @@ unsafe fn widen_all<V: Vector>(
     component: Component,
     rows: &[Operand],
     subgroup: u16,
-    to: &mut [AlignedRow],
+    (to, first): (&mut Scratch, usize),
 ) {
-    for (&row, to) in rows.iter().zip(to) {
+    for (k, &row) in rows.iter().enumerate() {
         // SAFETY: as the caller promises.
         let row = unsafe { &*m.block::<u32>(row, subgroup) };
-        v.store(widen(v, component, row), &mut to.0);
+        to.write(v, first + k, widen(v, component, row));
     }
 }
 
@@ -184,38 +242,57 @@ struct Matrix {
 }
 
 impl Matrix {
-    /// Lines of a tile, whose first element is at `(line, first)`.
+    /// Widens up to 16 rows from one on: a tile for each 16 columns. Lines that a tile lacks are
+    /// zeros.
     ///
     /// # Safety
     /// The region is one of memory that is alive.
     #[inline(always)]
-    unsafe fn fill<V: Vector>(&self, v: V, (line, first): (usize, usize), tile: &mut [AlignedRow]) {
-        // SAFETY: as the caller promises.
-        unsafe {
-            match self.product.matrix {
-                Component::F16 => self.fill_with(v, Component::F16, (line, first), tile),
-                other => self.fill_with(v, other, (line, first), tile),
+    unsafe fn fill<V: Vector>(
+        &self,
+        v: V,
+        (top, rows): (usize, usize),
+        columns: usize,
+        tiles: &mut Scratch,
+    ) {
+        for left in (0..columns).step_by(TILE) {
+            let (lines, first) = match self.product.by_columns {
+                true => (TILE.min(columns - left), (left, top)),
+                false => (rows, (top, left)),
+            };
+            // SAFETY: as the caller promises.
+            unsafe {
+                match self.product.matrix {
+                    Component::F16 => {
+                        self.fill_tile(v, Component::F16, first, lines, (tiles, left));
+                    }
+                    other => self.fill_tile(v, other, first, lines, (tiles, left)),
+                }
+            }
+            for line in lines..TILE {
+                tiles.write(v, left + line, v.splat(0.0));
             }
         }
     }
 
-    /// The same of elements of a component, which callers may name as a constant: the loop is
-    /// compiled for it.
+    /// Lines of a tile, whose first element is at `(line, first)`. Callers name the most common
+    /// component, so that the loop is compiled for it.
     ///
     /// # Safety
     /// As [`Self::fill`].
     #[inline(always)]
-    unsafe fn fill_with<V: Vector>(
+    unsafe fn fill_tile<V: Vector>(
         &self,
         v: V,
         component: Component,
         (line, first): (usize, usize),
-        tile: &mut [AlignedRow],
+        lines: usize,
+        (to, at): (&mut Scratch, usize),
     ) {
-        for (k, to) in tile.iter_mut().enumerate() {
+        for k in 0..lines {
             // SAFETY: as the caller promises.
             let part = unsafe { self.part(v, component, line + k, first) };
-            v.store(part, &mut to.0);
+            to.write(v, at + k, part);
         }
     }
 
@@ -282,7 +359,7 @@ impl Matrix {
     }
 }
 
-/// The product of a matrix and the vectors of some lanes of a subgroup, whose components are
+/// The products of a matrix and the vectors of some lanes of each subgroup, whose components are
 /// `factors`.
 ///
 /// # Safety
@@ -294,75 +371,115 @@ unsafe fn multiply<V: Vector, const SUMS: usize>(
     matrix: &Matrix,
     parts: &Parts<'_>,
     factors: &[AlignedRow],
-    (subgroup, lanes): (u16, LaneMask),
+    (subgroups, lanes): (&[u16], LaneMask),
 ) {
-    let product = &matrix.product;
-    let is_integer = !product.sum.is_float();
+    let columns = parts.vector.len();
+    let mut tiles = Scratch::new();
     for top in (0..parts.results.len()).step_by(TILE) {
         let rows = TILE.min(parts.results.len() - top);
-        let mut sums = [AlignedRow::default(); TILE];
-        // SAFETY: as the caller promises.
+        // SAFETY: as the caller promises; all lines of tiles are written.
         unsafe {
-            if product.adds {
-                for row in 0..rows {
-                    let added = &*m.block::<u32>(parts.added[top + row], subgroup);
-                    match is_integer {
-                        true => sums[row].0 = *added,
-                        false => v.store(widen(v, product.sum, added), &mut sums[row].0),
+            matrix.fill(v, (top, rows), columns, &mut tiles);
+            let tiles = tiles.rows(0, columns.next_multiple_of(TILE));
+            for (&subgroup, factors) in subgroups.iter().zip(factors.chunks_exact(columns)) {
+                let added = parts.added.get(top..top + rows).unwrap_or_default();
+                let results = &parts.results[top..top + rows];
+                let rows = (added, results);
+                match matrix.product.sum {
+                    Component::F16 => {
+                        let sum = Component::F16;
+                        add_up::<V, SUMS>(
+                            v,
+                            m,
+                            (matrix, sum),
+                            rows,
+                            (tiles, factors),
+                            (subgroup, lanes),
+                        );
+                    }
+                    sum => {
+                        add_up::<V, SUMS>(
+                            v,
+                            m,
+                            (matrix, sum),
+                            rows,
+                            (tiles, factors),
+                            (subgroup, lanes),
+                        );
                     }
                 }
-            }
-            let mut left = 0;
-            for factors in factors.chunks(TILE) {
-                let mut tile = [AlignedRow::default(); TILE];
-                let (lines, first) = match product.by_columns {
-                    true => (factors.len(), (left, top)),
-                    false => (rows, (top, left)),
-                };
-                matrix.fill(v, first, &mut tile[..lines]);
-                for first in (0..rows).step_by(SUMS) {
-                    let sums = &mut sums[first..first + SUMS];
-                    match (product.by_columns, product.is_exact()) {
-                        (true, true) => {
-                            add::<V, SUMS, true, true>(v, &tile, factors, first, is_integer, sums);
-                        }
-                        (true, false) => {
-                            add::<V, SUMS, true, false>(v, &tile, factors, first, is_integer, sums);
-                        }
-                        (false, true) => {
-                            add::<V, SUMS, false, true>(v, &tile, factors, first, is_integer, sums);
-                        }
-                        (false, false) => {
-                            add::<V, SUMS, false, false>(
-                                v, &tile, factors, first, is_integer, sums,
-                            );
-                        }
-                    }
-                }
-                left += TILE;
-            }
-            for row in 0..rows {
-                let sum = v.load(&sums[row].0);
-                let result = match product.sum {
-                    Component::F16 => v.to_half(sum),
-                    _ => v.bits_of(sum),
-                };
-                let to = &mut *m.block::<u32>(parts.results[top + row], subgroup);
-                let result = match lanes {
-                    LaneMask::ALL => result,
-                    _ => v.select(lanes.bits(), result, v.load_i(to)),
-                };
-                v.store_i(result, to);
             }
         }
     }
 }
 
-/// Adds the products of a tile's rows, from one on, and the factors to rows of sums.
+/// Up to 16 rows of the results for a subgroup, from the tiles of as many rows of the matrix.
+/// Callers name the most common component of sums.
+///
+/// # Safety
+/// As [`Kernel::run`].
+#[inline(always)]
+unsafe fn add_up<V: Vector, const SUMS: usize>(
+    v: V,
+    m: &Machine<'_>,
+    (matrix, sum): (&Matrix, Component),
+    (added, results): (&[Operand], &[Operand]),
+    (tiles, factors): (&[AlignedRow], &[AlignedRow]),
+    (subgroup, lanes): (u16, LaneMask),
+) {
+    let product = &matrix.product;
+    let is_integer = !sum.is_float();
+    let mut sums = [AlignedRow::default(); TILE];
+    for (&added, to) in added.iter().zip(&mut sums) {
+        // SAFETY: as the caller promises.
+        let added = unsafe { &*m.block::<u32>(added, subgroup) };
+        match is_integer {
+            true => to.0 = *added,
+            false => v.store(widen(v, sum, added), &mut to.0),
+        }
+    }
+    // Sums of whole numbers are exact in f32 for the length of a tile.
+    let span = if is_integer { TILE } else { tiles.len() };
+    for (tiles, factors) in tiles.chunks(span).zip(factors.chunks(span)) {
+        for first in (0..results.len()).step_by(SUMS) {
+            let sums = &mut sums[first..first + SUMS];
+            match (product.by_columns, product.is_exact()) {
+                (true, true) => {
+                    add::<V, SUMS, true, true>(v, tiles, factors, first, is_integer, sums);
+                }
+                (true, false) => {
+                    add::<V, SUMS, true, false>(v, tiles, factors, first, is_integer, sums);
+                }
+                (false, true) => {
+                    add::<V, SUMS, false, true>(v, tiles, factors, first, is_integer, sums);
+                }
+                (false, false) => {
+                    add::<V, SUMS, false, false>(v, tiles, factors, first, is_integer, sums);
+                }
+            }
+        }
+    }
+    for (&to, from) in results.iter().zip(&sums) {
+        let total = v.load(&from.0);
+        let result = match sum {
+            Component::F16 => v.to_half(total),
+            _ => v.bits_of(total),
+        };
+        // SAFETY: as the caller promises.
+        let to = unsafe { &mut *m.block::<u32>(to, subgroup) };
+        let result = match lanes {
+            LaneMask::ALL => result,
+            _ => v.select(lanes.bits(), result, v.load_i(to)),
+        };
+        v.store_i(result, to);
+    }
+}
+
+/// Adds the products of the tiles' rows, from one on, and the factors to rows of sums.
 #[inline(always)]
 fn add<V: Vector, const SUMS: usize, const BY_COLUMNS: bool, const IS_EXACT: bool>(
     v: V,
-    tile: &[AlignedRow; TILE],
+    tiles: &[AlignedRow],
     factors: &[AlignedRow],
     first: usize,
     is_integer: bool,
@@ -374,20 +491,22 @@ fn add<V: Vector, const SUMS: usize, const BY_COLUMNS: bool, const IS_EXACT: boo
             parts[k] = v.load(&sums[k].0);
         }
     }
-    let rows = &tile[first..first + SUMS];
-    for step in 0..factors.len() {
-        let factor = v.load(&factors[step].0);
-        let column = &tile[step % TILE].0[first..first + SUMS];
-        for k in 0..SUMS {
-            let element = match BY_COLUMNS {
-                true => column[k],
-                false => rows[k].0[step % TILE],
-            };
-            let element = v.splat(f32::from_bits(element));
-            parts[k] = match IS_EXACT {
-                true => v.add_exact_product(parts[k], element, factor),
-                false => v.add(parts[k], v.mul(element, factor)),
-            };
+    for (tile, factors) in tiles.chunks_exact(TILE).zip(factors.chunks(TILE)) {
+        let rows = &tile[first..first + SUMS];
+        for step in 0..factors.len() {
+            let factor = v.load(&factors[step].0);
+            let column = &tile[step % TILE].0[first..first + SUMS];
+            for k in 0..SUMS {
+                let element = match BY_COLUMNS {
+                    true => column[k],
+                    false => rows[k].0[step % TILE],
+                };
+                let element = v.splat(f32::from_bits(element));
+                parts[k] = match IS_EXACT {
+                    true => v.add_exact_product(parts[k], element, factor),
+                    false => v.add(parts[k], v.mul(element, factor)),
+                };
+            }
         }
     }
     for k in 0..SUMS {

@@ -40,13 +40,21 @@ struct Case {
     rows: usize,
     columns: usize,
     space: Space,
+    /// Offset and stride where all lanes of all subgroups have one matrix.
+    shared: Option<[usize; 2]>,
+    /// Of the wave.
+    subgroups: usize,
 }
 
 impl Case {
-    /// Inputs: the offset of the matrix, its stride, whether the lane is active, the vector, and
-    /// the sums.
+    /// Inputs: the offset of the matrix, its stride, whether the lane is active, its number, the
+    /// vector, and the sums.
     fn inputs(&self) -> usize {
-        3 + self.columns + self.rows
+        4 + self.columns + self.rows
+    }
+
+    fn lanes(&self) -> usize {
+        SUBGROUP_SIZE * self.subgroups
     }
 
     /// A program that writes the components of a result to buffer 1, a row of words each. Memory
@@ -55,6 +63,10 @@ impl Case {
         let inputs: Vec<String> = (0..self.inputs())
             .map(|row| format!("payload.{row}"))
             .collect();
+        let place = |input: usize| match self.shared {
+            Some(place) => format!("const {}", place[input]),
+            None => format!("input[{input}]"),
+        };
         let mut text = format!(
             "module closest_hit
             inputs {}
@@ -63,19 +75,22 @@ impl Case {
             v0: i32 = const 0
             v1: descriptor = descriptor[set 0, first 0, count 1] v0
             v2: descriptor = descriptor[set 0, first 1, count 1] v0
-            v3: i32 = lane_index
+            v3: i32 = input[3]
             v4: i32 = const 2
             v5: i32 = shl v3, v4
-            v6: i32 = input[0]
-            v7: i32 = input[1]
+            v6: i32 = {}
+            v7: i32 = {}
             v8: i32 = input[2]
             v9: i1 = ine v8, v0
             v10: i64 = const {base}
             v11: i64 = uconvert v6
             v12: i64 = iadd v10, v11
-            v13: i32 = const 64
+            v13: i32 = const {}
             ",
-            inputs.join(", ")
+            inputs.join(", "),
+            place(0),
+            place(1),
+            4 * self.lanes(),
         );
         let mut next = 14;
         let mut value = |text: &mut String, definition: &str| {
@@ -84,8 +99,8 @@ impl Case {
             next - 1
         };
         let mut args = Vec::new();
-        for row in 3..self.inputs() {
-            let component = match row - 3 < self.columns {
+        for row in 4..self.inputs() {
+            let component = match row - 4 < self.columns {
                 true => self.product.vector,
                 false => self.product.sum,
             };
@@ -180,7 +195,7 @@ impl Case {
         for (word, bytes) in memory.iter_mut().zip(bytes.as_chunks::<4>().0) {
             *word = u32::from_le_bytes(*bytes);
         }
-        let components: Vec<Vec<u32>> = (0..SUBGROUP_SIZE)
+        let components: Vec<Vec<u32>> = (0..self.lanes())
             .map(|_| {
                 let vector = (0..self.columns).map(|_| component(self.product.vector));
                 let vector: Vec<u32> = vector.collect();
@@ -191,14 +206,14 @@ impl Case {
         let base = memory.as_ptr() as u64;
         let text = self.program(base);
         on_tiers(|tier| {
-            let mut target = vec![0u32; SUBGROUP_SIZE * self.rows];
+            let mut target = vec![0u32; self.lanes() * self.rows];
             let entry = |words: &[u32]| Descriptor {
                 address: words.as_ptr() as u64,
                 size_bytes: size_of_val(words) as u64,
                 ..Descriptor::NULL
             };
             let entries = [entry(&memory), entry(&target)];
-            let mut bench = Bench::new(&text, tier, 1);
+            let mut bench = Bench::new(&text, tier, self.subgroups);
             bench.environment.sets[0] = DescriptorSet {
                 entries: entries.as_ptr(),
                 count: 2,
@@ -210,18 +225,20 @@ impl Case {
             }]));
             bench.input(0, |lane| places(lane)[0] as u32);
             bench.input(1, |lane| places(lane)[1] as u32);
-            bench.input(2, |lane| u32::from(active >> lane & 1));
-            for row in 3..self.inputs() {
-                bench.input(row, |lane| components[lane][row - 3]);
+            let is_active = |lane: usize| active >> (lane % SUBGROUP_SIZE) & 1 == 1;
+            bench.input(2, |lane| u32::from(is_active(lane)));
+            bench.input(3, |lane| lane as u32);
+            for row in 4..self.inputs() {
+                bench.input(row, |lane| components[lane][row - 4]);
             }
             bench.run_to_end();
             // The program wrote there.
             let target = std::hint::black_box(&mut target);
-            for lane in 0..SUBGROUP_SIZE {
+            for lane in 0..self.lanes() {
                 let expected = self.expected(&bytes, places(lane), &components[lane]);
                 for (row, &expected) in expected.iter().enumerate() {
-                    let found = target[row * SUBGROUP_SIZE + lane];
-                    let expected = if active >> lane & 1 == 1 { expected } else { 0 };
+                    let found = target[row * self.lanes() + lane];
+                    let expected = if is_active(lane) { expected } else { 0 };
                     let are_nan =
                         is_nan(self.product.sum, found) && is_nan(self.product.sum, expected);
                     assert!(
@@ -259,6 +276,8 @@ fn every_product_gives_the_bits_of_its_definition() {
             } else {
                 Space::Global
             },
+            shared: None,
+            subgroups: 1,
         };
         let size = product.matrix.ty().size_bytes() as usize;
         let elements = if product.by_columns { rows } else { columns };
@@ -276,6 +295,35 @@ fn every_product_gives_the_bits_of_its_definition() {
                 case.check(&mut random, places, [0xffff, 0x7bef, 0x00ff][index / 5 % 3]);
             }
         }
+    }
+}
+
+/// Subgroups of a wave share a matrix: several of them at once, and as many as are left.
+#[test]
+fn subgroups_share_a_matrix() {
+    let mut random = Random(29);
+    let shapes = [(16, 64), (5, 33), (20, 96), (1, 256), (33, 7)];
+    for (index, product) in products().enumerate() {
+        let (rows, columns) = shapes[index % 5];
+        let size = product.matrix.ty().size_bytes() as usize;
+        let elements = if product.by_columns { rows } else { columns };
+        let stride = elements * size + [0, 3, 16][index % 3];
+        let lines = if product.by_columns { columns } else { rows };
+        // The end of the matrix is outside every other time.
+        let offset = match index % 2 {
+            0 => 4,
+            _ => MEMORY_BYTES.saturating_sub(stride * lines - 5),
+        };
+        let place = [offset, stride];
+        let case = Case {
+            product,
+            rows,
+            columns,
+            space: [Space::Buffer, Space::Global][index / 2 % 2],
+            shared: Some(place),
+            subgroups: [2, 5, 3, 9][index % 4],
+        };
+        case.check(&mut random, &|_| place, [0xffff, 0x7bef][index / 3 % 2]);
     }
 }
 
@@ -298,6 +346,8 @@ fn long_sums_of_integers_are_exact() {
         rows: 1,
         columns,
         space: Space::Buffer,
+        shared: None,
+        subgroups: 1,
     };
     case.check(&mut Random(5), &|_| [0, columns], u16::MAX);
 }
