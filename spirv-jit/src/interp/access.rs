@@ -402,14 +402,27 @@ unsafe fn copy_block<C: Copying, G: Gather, T: Lane, const N: usize>(
     // Offsets past 32 bits would wrap.
     let size_bytes = size_bytes.min(1 << 32);
     let mut outside = LaneMask::NONE;
+    // Shorter scalars as many at once as fill four words.
+    let most = (16 / size_of::<T>()).max(4);
+    let mut done = 0;
     // A loop without closures: those have no tier, and its instructions would be calls in them.
-    for k in (0..count).step_by(4) {
+    while done < count {
+        let k = done;
         let skip = k * size_of::<T>();
+        done += if count - k < most { 4 } else { most };
         // SAFETY: as the caller promises.
         outside |= unsafe {
             let rest = size_bytes.saturating_sub(skip as u64);
             let memory = (base.wrapping_add(skip), rest);
             match count - k {
+                _ if size_of::<T>() == 1 && done - k == 16 => {
+                    let rows = std::array::from_fn(|scalar| row(k + scalar));
+                    C::copy_all::<G, T, 16>(memory, offsets, active, rows)
+                }
+                _ if size_of::<T>() == 2 && done - k == 8 => {
+                    let rows = std::array::from_fn(|scalar| row(k + scalar));
+                    C::copy_all::<G, T, 8>(memory, offsets, active, rows)
+                }
                 1 => C::copy_all::<G, T, 1>(memory, offsets, active, [row(k)]),
                 2 => C::copy_all::<G, T, 2>(memory, offsets, active, [row(k), row(k + 1)]),
                 3 => {

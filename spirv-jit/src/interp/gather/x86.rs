@@ -25,6 +25,8 @@ pub(super) trait Register: Copy {
     unsafe fn load(from: *const u8) -> Self;
     unsafe fn splat(word: u32) -> Self;
     unsafe fn and(self, other: Self) -> Self;
+    unsafe fn or(self, other: Self) -> Self;
+    unsafe fn shift_left(self, bits: u32) -> Self;
     unsafe fn shift_right(self, bits: u32) -> Self;
     /// The first words of two registers by turns.
     unsafe fn low_words(self, other: Self) -> Self;
@@ -42,7 +44,7 @@ macro_rules! register {
     (
         $register:ty, $quarters:literal,
         $join:item $quarters_of:item
-        $load:ident $store:ident $splat:ident $shift_right:ident
+        $load:ident $store:ident $splat:ident $shift_left:ident $shift_right:ident
         $($name:ident: $instruction:ident),*;
         $shuffle:ident $to_floats:ident $to_integers:ident
     ) => {
@@ -66,6 +68,11 @@ macro_rules! register {
             unsafe fn splat(word: u32) -> Self {
                 // SAFETY: as the caller promises.
                 unsafe { $splat(word as i32) }
+            }
+            #[inline(always)]
+            unsafe fn shift_left(self, bits: u32) -> Self {
+                // SAFETY: as the caller promises.
+                unsafe { $shift_left(self, _mm_cvtsi32_si128(bits as i32)) }
             }
             #[inline(always)]
             unsafe fn shift_right(self, bits: u32) -> Self {
@@ -103,8 +110,8 @@ register! {
         let zero = unsafe { _mm_setzero_si128() };
         [self, zero, zero, zero]
     }
-    _mm_loadu_si128 _mm_storeu_si128 _mm_set1_epi32 _mm_srl_epi32
-    and: _mm_and_si128, low_words: _mm_unpacklo_epi32, high_words: _mm_unpackhi_epi32,
+    _mm_loadu_si128 _mm_storeu_si128 _mm_set1_epi32 _mm_sll_epi32 _mm_srl_epi32
+    and: _mm_and_si128, or: _mm_or_si128, low_words: _mm_unpacklo_epi32, high_words: _mm_unpackhi_epi32,
     low_pair: _mm_unpacklo_epi64, high_pair: _mm_unpackhi_epi64;
     _mm_shuffle_ps _mm_castsi128_ps _mm_castps_si128
 }
@@ -121,8 +128,8 @@ register! {
             [low, high, _mm_setzero_si128(), _mm_setzero_si128()]
         }
     }
-    _mm256_loadu_si256 _mm256_storeu_si256 _mm256_set1_epi32 _mm256_srl_epi32
-    and: _mm256_and_si256, low_words: _mm256_unpacklo_epi32, high_words: _mm256_unpackhi_epi32,
+    _mm256_loadu_si256 _mm256_storeu_si256 _mm256_set1_epi32 _mm256_sll_epi32 _mm256_srl_epi32
+    and: _mm256_and_si256, or: _mm256_or_si256, low_words: _mm256_unpacklo_epi32, high_words: _mm256_unpackhi_epi32,
     low_pair: _mm256_unpacklo_epi64, high_pair: _mm256_unpackhi_epi64;
     _mm256_shuffle_ps _mm256_castsi256_ps _mm256_castps_si256
 }
@@ -147,8 +154,8 @@ register! {
             ]
         }
     }
-    _mm512_loadu_si512 _mm512_storeu_si512 _mm512_set1_epi32 _mm512_srl_epi32
-    and: _mm512_and_si512, low_words: _mm512_unpacklo_epi32, high_words: _mm512_unpackhi_epi32,
+    _mm512_loadu_si512 _mm512_storeu_si512 _mm512_set1_epi32 _mm512_sll_epi32 _mm512_srl_epi32
+    and: _mm512_and_si512, or: _mm512_or_si512, low_words: _mm512_unpacklo_epi32, high_words: _mm512_unpackhi_epi32,
     low_pair: _mm512_unpacklo_epi64, high_pair: _mm512_unpackhi_epi64;
     _mm512_shuffle_ps _mm512_castsi512_ps _mm512_castps_si512
 }
@@ -166,7 +173,7 @@ pub(super) unsafe fn load_apart<R: Register, T: Lane, const N: usize>(
     // SAFETY: as the caller promises.
     unsafe {
         match (size_of::<T>(), N) {
-            (1 | 2 | 4, 1..=4) => {
+            (1 | 2 | 4, 1..=4) | (1, 16) | (2, 8) => {
                 for quarter in (0..SUBGROUP_SIZE / TOGETHER).step_by(R::QUARTERS) {
                     load_quarters::<R, T, N>(base, offsets, rows, quarter);
                 }
@@ -242,6 +249,24 @@ unsafe fn load_quarters<R: Register, T: Lane, const N: usize>(
                 }
             };
         }
+        // Words 0 to 3 of each lane.
+        macro_rules! fours {
+            () => {{
+                let whole = |q, k| _mm_loadu_si128(at(q, k).cast());
+                let a = join!(R, q => whole(q, 0));
+                let b = join!(R, q => whole(q, 1));
+                let c = join!(R, q => whole(q, 2));
+                let d = join!(R, q => whole(q, 3));
+                let low = (a.low_words(b), c.low_words(d));
+                let high = (a.high_words(b), c.high_words(d));
+                [
+                    low.0.low_pair(low.1),
+                    low.0.high_pair(low.1),
+                    high.0.low_pair(high.1),
+                    high.0.high_pair(high.1),
+                ]
+            }};
+        }
         match (size, N) {
             (1, 1) => put!(0, words!(u8, 0)),
             (2, 1) => put!(0, words!(u16, 0)),
@@ -276,18 +301,15 @@ unsafe fn load_quarters<R: Register, T: Lane, const N: usize>(
                     put!(2, words!(u32, 8));
                 }
             }
+            (1, 16) | (2, 8) => {
+                for (k, lanes) in fours!().into_iter().enumerate() {
+                    split!(k * 4 / size, 4 / size, lanes);
+                }
+            }
             _ => {
-                let whole = |q, k| _mm_loadu_si128(at(q, k).cast());
-                let a = join!(R, q => whole(q, 0));
-                let b = join!(R, q => whole(q, 1));
-                let c = join!(R, q => whole(q, 2));
-                let d = join!(R, q => whole(q, 3));
-                let (ab, cd) = (a.low_words(b), c.low_words(d));
-                put!(0, ab.low_pair(cd));
-                put!(1, ab.high_pair(cd));
-                let (ab, cd) = (a.high_words(b), c.high_words(d));
-                put!(2, ab.low_pair(cd));
-                put!(3, ab.high_pair(cd));
+                for (k, lanes) in fours!().into_iter().enumerate() {
+                    put!(k, lanes);
+                }
             }
         }
     }
@@ -341,9 +363,9 @@ pub(super) unsafe fn store_apart<R: Register, T: Lane, const N: usize>(
     // SAFETY: as the caller promises.
     unsafe {
         match (size_of::<T>(), N) {
-            (4, 2 | 4) => {
+            (4, 2 | 4) | (2, 4 | 8) | (1, 16) => {
                 for quarter in (0..SUBGROUP_SIZE / TOGETHER).step_by(R::QUARTERS) {
-                    store_quarters::<R, N>(base, offsets, rows, quarter);
+                    store_quarters::<R, T, N>(base, offsets, rows, quarter);
                 }
             }
             _ => store_singly::<T, N>(base, offsets, rows, LaneMask::ALL),
@@ -351,12 +373,12 @@ pub(super) unsafe fn store_apart<R: Register, T: Lane, const N: usize>(
     }
 }
 
-/// Two or four words, of as many lanes as a register has words.
+/// Scalars that fill two or four words, of as many lanes as a register has words.
 ///
 /// # Safety
 /// As [`Gather::store_apart`].
 #[inline(always)]
-unsafe fn store_quarters<R: Register, const N: usize>(
+unsafe fn store_quarters<R: Register, T: Lane, const N: usize>(
     base: *mut u8,
     offsets: &Row,
     rows: Rows<N>,
@@ -366,13 +388,27 @@ unsafe fn store_quarters<R: Register, const N: usize>(
     unsafe {
         let at =
             |quarter: usize, k: usize| base.add(offsets[TOGETHER * (first + quarter) + k] as usize);
-        macro_rules! row {
-            ($row:expr) => {
-                R::load(rows[$row].add(16 * first))
-            };
+        let size = size_of::<T>();
+        // A word of each lane: the scalars of one or of several rows.
+        macro_rules! word {
+            ($word:expr) => {{
+                let count = 4 / size;
+                let row = $word * count;
+                let mut word = R::load(rows[row].add(16 * first));
+                if count > 1 {
+                    let bits = 8 * size as u32;
+                    let mask = R::splat((1u32 << bits).wrapping_sub(1));
+                    word = word.and(mask);
+                    for k in 1..count {
+                        let scalar = R::load(rows[row + k].add(16 * first)).and(mask);
+                        word = word.or(scalar.shift_left(k as u32 * bits));
+                    }
+                }
+                word
+            }};
         }
-        if N == 2 {
-            let (a, b) = (row!(0), row!(1));
+        if N * size == 8 {
+            let (a, b) = (word!(0), word!(1));
             let (low, high) = (a.low_words(b).quarters(), a.high_words(b).quarters());
             for quarter in 0..R::QUARTERS {
                 for (k, pairs) in [low, high].into_iter().enumerate() {
@@ -383,7 +419,7 @@ unsafe fn store_quarters<R: Register, const N: usize>(
             }
             return;
         }
-        let (a, b, c, d) = (row!(0), row!(1), row!(2), row!(3));
+        let (a, b, c, d) = (word!(0), word!(1), word!(2), word!(3));
         let low = (a.low_words(b), c.low_words(d));
         let high = (a.high_words(b), c.high_words(d));
         let lanes = [

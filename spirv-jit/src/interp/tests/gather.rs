@@ -14,6 +14,9 @@ use crate::interp::tier::{Avx2, Avx512};
 /// Bytes that lanes load from.
 const SIZE_BYTES: usize = 203;
 
+/// Scalars of one access, at most.
+const MOST: usize = 16;
+
 /// The byte that fills rows beforehand.
 const BEFORE: u8 = 0xa5;
 
@@ -56,7 +59,7 @@ impl Random {
 
 /// Rows of lanes of 64 bits at most, which lie as a frame's do: at a multiple of any scalar's size.
 #[repr(align(64))]
-struct Rows([[u8; 8 * SUBGROUP_SIZE]; 4]);
+struct Rows([[u8; 8 * SUBGROUP_SIZE]; MOST]);
 
 /// Loads and stores of `count` scalars of a type in a tier: one body tests all of them.
 struct Access {
@@ -114,7 +117,10 @@ impl Access {
                 )*]
             };
         }
-        of_all_counts!(u8 u16 u32 u64)
+        let mut all = of_all_counts!(u8 u16 u32 u64);
+        // As many as fill four words.
+        all.extend([Access::of::<G, u8, 16>(), Access::of::<G, u16, 8>()]);
+        all
     }
 }
 
@@ -133,7 +139,7 @@ fn accesses_of(access: &Access, random: &mut Random) {
         let is_inside = |lane: usize| offsets[lane] as usize + count * size <= size_bytes;
         let outside = active - LaneMask::from_fn(is_inside);
 
-        let mut rows = Rows([[BEFORE; 8 * SUBGROUP_SIZE]; 4]);
+        let mut rows = Rows([[BEFORE; 8 * SUBGROUP_SIZE]; MOST]);
         let from = (memory.as_ptr(), size_bytes as u64);
         // SAFETY: the machine has the tier.
         let left = unsafe { (access.load)(from, &offsets, active, &mut rows) };
@@ -196,7 +202,7 @@ fn far_accesses_of(access: &Access, memory: &Sparse, random: &mut Random) {
     ];
     for offsets in layouts {
         for active in [LaneMask::ALL, random.some_lanes()] {
-            let mut rows = Rows([[0; 8 * SUBGROUP_SIZE]; 4]);
+            let mut rows = Rows([[0; 8 * SUBGROUP_SIZE]; MOST]);
             for byte in rows.0.as_flattened_mut() {
                 *byte = random.below(256) as u8;
             }
@@ -204,7 +210,7 @@ fn far_accesses_of(access: &Access, memory: &Sparse, random: &mut Random) {
             // SAFETY: the machine has the tier.
             let left = unsafe { (access.store)(at, &offsets, active, &mut rows) };
             assert!(left.is_empty(), "{offsets:x?}");
-            let mut loaded = Rows([[BEFORE; 8 * SUBGROUP_SIZE]; 4]);
+            let mut loaded = Rows([[BEFORE; 8 * SUBGROUP_SIZE]; MOST]);
             let from = (at.0.cast_const(), at.1);
             // SAFETY: as above.
             let left = unsafe { (access.load)(from, &offsets, active, &mut loaded) };
