@@ -3,17 +3,25 @@
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 
-use crate::Release;
+use crate::symbols::GlibcVersion;
 use crate::tarball::packed;
 use crate::tree::{Entry, Tree};
+use crate::{Release, System};
 
 /// Writes `tuff-vulkan_VERSION_ARCHITECTURE.deb`.
 ///
 /// # Errors
-/// The file cannot be written.
+/// The file cannot be written, or the binaries are of another system.
 pub fn write(tree: &Tree, release: &Release, out: &Path) -> Result<PathBuf> {
+    let System::Linux {
+        glibc,
+        needs_libgcc,
+    } = release.system
+    else {
+        bail!("Debian packages are of Linux");
+    };
     let architecture = match release.architecture.as_str() {
         "x86_64" => "amd64",
         "aarch64" => "arm64",
@@ -32,8 +40,9 @@ pub fn write(tree: &Tree, release: &Release, out: &Path) -> Result<PathBuf> {
         "usr/share/doc/tuff-vulkan/copyright",
         Entry::file(copyright.into_bytes()),
     );
+    let depends = depends(glibc, needs_libgcc);
     let mut control = Tree::default();
-    let text = control_file(&installed, release, architecture);
+    let text = control_file(&installed, &release.version, architecture, &depends);
     control.add("control", Entry::file(text.into_bytes()));
     let parts = [
         ("debian-binary", b"2.0\n".to_vec()),
@@ -58,27 +67,32 @@ pub fn write(tree: &Tree, release: &Release, out: &Path) -> Result<PathBuf> {
     Ok(path)
 }
 
+/// The packages that the binaries need.
+fn depends(glibc: GlibcVersion, needs_libgcc: bool) -> String {
+    let mut depends = format!("libc6 (>= {glibc})");
+    if needs_libgcc {
+        depends += ", libgcc-s1";
+    }
+    depends
+}
+
 /// The fields of Debian Policy 5.3.
-fn control_file(installed: &Tree, release: &Release, architecture: &str) -> String {
+fn control_file(installed: &Tree, version: &str, architecture: &str, depends: &str) -> String {
     let kilobytes: usize = installed
         .files()
         .map(|(_, it)| it.bytes.len().div_ceil(1024))
         .sum();
-    let mut depends = format!("libc6 (>= {})", release.glibc);
-    if release.needs_libgcc {
-        depends += ", libgcc-s1";
-    }
     let mut text = String::new();
     let fields = [
         ("Package", "tuff-vulkan".into()),
-        ("Version", release.version.clone()),
+        ("Version", version.into()),
         ("Architecture", architecture.into()),
         (
             "Maintainer",
             "The Tuff maintainers <tuff@project.invalid>".into(),
         ),
         ("Installed-Size", kilobytes.to_string()),
-        ("Depends", depends),
+        ("Depends", depends.into()),
         ("Recommends", "libvulkan1".into()),
         ("Provides", "vulkan-icd".into()),
         ("Section", "libs".into()),

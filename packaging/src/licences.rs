@@ -11,24 +11,28 @@ use serde_json::Value;
 ///
 /// # Errors
 /// Cargo does not tell what is linked, or a crate of somebody else has no licence.
-pub fn all(root: &Path, packages: &[&str]) -> Result<Vec<(String, String)>> {
+pub fn all(root: &Path, packages: &[&str], platform: &str) -> Result<Vec<(String, String)>> {
     let mut licences = Vec::new();
     for name in ["LICENSE-MIT", "LICENSE-APACHE"] {
         let text =
             std::fs::read_to_string(root.join(name)).with_context(|| format!("reading {name}"))?;
         licences.push((name.to_owned(), text));
     }
-    licences.push(("THIRD-PARTY.txt".into(), third_party(root, packages)?));
+    licences.push((
+        "THIRD-PARTY.txt".into(),
+        third_party(root, packages, platform)?,
+    ));
     Ok(licences)
 }
 
-fn third_party(root: &Path, packages: &[&str]) -> Result<String> {
-    let linked = linked(root, packages)?;
+fn third_party(root: &Path, packages: &[&str], platform: &str) -> Result<String> {
+    let linked = linked(root, packages, platform)?;
     let metadata = cargo(root, &["metadata", "--format-version", "1", "--locked"])?;
     let metadata: Value = serde_json::from_str(&metadata).context("cargo metadata")?;
     let mut text = String::from(
         "Crates that are linked into Tuff, with their licences. The Rust standard library (MIT OR Apache-2.0) is linked, too, and in\n\
-         packages for old systems LLVM's libunwind (Apache-2.0 WITH LLVM-exception).\n",
+         packages for old systems LLVM's libunwind (Apache-2.0 WITH LLVM-exception), in those for Windows the start-up code\n\
+         of mingw-w64 (public domain and MIT) and libgcc (GPL-3.0 WITH GCC-exception-3.1).\n",
     );
     // A text that many crates share, word for word, stands once.
     let mut seen = BTreeSet::new();
@@ -89,10 +93,11 @@ fn without_file(root: &Path, licence: &str, authors: &[&str]) -> Result<String> 
     ))
 }
 
-/// Crates that packages are linked with, as `NAME vVERSION`.
-fn linked(root: &Path, packages: &[&str]) -> Result<BTreeSet<String>> {
+/// Crates that packages are linked with on a platform, as `NAME vVERSION`.
+fn linked(root: &Path, packages: &[&str], platform: &str) -> Result<BTreeSet<String>> {
     let mut arguments = vec![
-        "tree", "--locked", "--edges", "normal", "--prefix", "none", "--format", "{p}",
+        "tree", "--locked", "--edges", "normal", "--prefix", "none", "--format", "{p}", "--target",
+        platform,
     ];
     for package in packages {
         arguments.extend(["--package", package]);
@@ -151,11 +156,17 @@ mod tests {
 
     #[test]
     fn every_linked_crate_has_a_text() {
-        let text = third_party(root(), &["icd", "tuff"]).unwrap();
-        let rule = "=".repeat(72);
-        let mut sections = text.split(rule.as_str()).skip(1);
-        assert!(text.contains("\nx11rb "), "{text}");
-        assert!(sections.all(|section| section.contains("\n--- ")));
+        let text = |platform| third_party(root(), &["icd", "tuff"], platform).unwrap();
+        for (platform, own, others) in [
+            ("x86_64-unknown-linux-gnu", "\nx11rb ", "\nwindows-sys "),
+            ("x86_64-pc-windows-gnu", "\nwindows-sys ", "\nx11rb "),
+        ] {
+            let text = text(platform);
+            let rule = "=".repeat(72);
+            let mut sections = text.split(rule.as_str()).skip(1);
+            assert!(text.contains(own) && !text.contains(others), "{text}");
+            assert!(sections.all(|section| section.contains("\n--- ")));
+        }
     }
 
     #[test]

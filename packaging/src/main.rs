@@ -1,8 +1,8 @@
 //! Packages of a built driver: `cargo xtask package` builds it and calls this.
 //!
 //! ```text
-//! driver, tuff, loader ──> Tree: bin/ lib/ share/ ──> tarball
-//!                                                ├──> .deb (below /usr)
+//! driver, tuff, loader ──> Tree: bin/ lib/ share/ ──> tarball, for Windows a zip
+//!                                                ├──> .deb (below /usr), for Linux alone
 //!                                                └──> wheel (inside the Python package)
 //! ```
 //!
@@ -11,13 +11,15 @@
 
 mod deb;
 mod hash;
+mod imports;
 mod licences;
 mod symbols;
 mod tarball;
 mod tree;
 mod wheel;
+mod zipfile;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, ensure};
@@ -46,9 +48,12 @@ struct Arguments {
     /// The binaries' architecture, by Rust's name
     #[arg(long, value_name = "NAME", default_value = std::env::consts::ARCH)]
     architecture: String,
+    /// The binaries are of Windows
+    #[arg(long)]
+    windows: bool,
     /// The newest glibc that driver and program may need
-    #[arg(long, value_name = "VERSION")]
-    glibc: GlibcVersion,
+    #[arg(long, value_name = "VERSION", required_unless_present = "windows")]
+    glibc: Option<GlibcVersion>,
     /// The repository
     #[arg(long, value_name = "FOLDER")]
     root: PathBuf,
@@ -60,18 +65,59 @@ struct Arguments {
 /// The most bytes that a stripped driver may have.
 const MAX_DRIVER_BYTES: usize = 14_500_000;
 
+/// The system that packages are for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum System {
+    Linux {
+        /// The glibc version that the binaries need.
+        glibc: GlibcVersion,
+        /// Whether they are linked with the compiler's library for unwinding.
+        needs_libgcc: bool,
+    },
+    Windows,
+}
+
 /// The common name of all packages.
 pub struct Release {
     pub version: String,
     /// By Rust's name.
     pub architecture: String,
-    /// The glibc version that the binaries need.
-    pub glibc: GlibcVersion,
-    /// Whether they are linked with the compiler's library for unwinding.
-    pub needs_libgcc: bool,
+    pub system: System,
     /// The time of all files, in seconds since 1970.
     pub time: u64,
 }
+
+impl Release {
+    /// The name of packages that can be unpacked anywhere.
+    fn name(&self) -> String {
+        let system = match self.system {
+            System::Linux { .. } => "linux",
+            System::Windows => "windows",
+        };
+        format!(
+            "tuff-vulkan-{}-{system}-{}",
+            self.version, self.architecture
+        )
+    }
+}
+
+/// Where files lie in an installation.
+struct Places {
+    driver: &'static str,
+    program: &'static str,
+    loader: &'static str,
+}
+
+const ON_LINUX: Places = Places {
+    driver: "lib/tuff/libvulkan_tuff.so",
+    program: "bin/tuff",
+    loader: "lib/tuff/loader/libvulkan.so.1",
+};
+const ON_WINDOWS: Places = Places {
+    driver: "lib/tuff/vulkan_tuff.dll",
+    program: "bin/tuff.exe",
+    loader: "lib/tuff/loader/vulkan-1.dll",
+};
 
 fn main() -> ExitCode {
     match package(&Arguments::parse()) {
@@ -87,7 +133,7 @@ fn package(arguments: &Arguments) -> Result<()> {
     let out = &arguments.out;
     std::fs::create_dir_all(out).with_context(|| format!("making {}", out.display()))?;
     let scratch = out.join("stripped");
-    let tools = Tools::of(&arguments.architecture);
+    let tools = Tools::of(&arguments.architecture, arguments.windows);
     let driver = tools.separate(&arguments.driver, &scratch)?;
     let program = tools.separate(&arguments.program, &scratch)?;
     let size = driver.stripped.len();
@@ -95,15 +141,18 @@ fn package(arguments: &Arguments) -> Result<()> {
         size <= MAX_DRIVER_BYTES,
         "the stripped driver has {size} bytes, more than {MAX_DRIVER_BYTES}"
     );
-    let licences = licences::all(&arguments.root, &["icd", "tuff"])?;
+    let places = match arguments.windows {
+        true => ON_WINDOWS,
+        false => ON_LINUX,
+    };
+    let platform = match arguments.windows {
+        true => format!("{}-pc-windows-gnu", arguments.architecture),
+        false => format!("{}-unknown-linux-gnu", arguments.architecture),
+    };
+    let licences = licences::all(&arguments.root, &["icd", "tuff"], &platform)?;
     let mut tree = Tree::default();
-    tree.add("lib/tuff/libvulkan_tuff.so", Entry::file(driver.stripped));
-    // Its functions give other bits in other versions, and on other architectures.
-    ensure!(
-        !symbols::is_linked_with(&tree, "libm.so.6", &scratch)?,
-        "the driver is linked with the system's libm"
-    );
-    tree.add("bin/tuff", Entry::program(program.stripped));
+    tree.add(places.driver, Entry::file(driver.stripped));
+    tree.add(places.program, Entry::program(program.stripped));
     let manifest = read(&arguments.manifest)?;
     tree.add("share/vulkan/icd.d/tuff_icd.json", Entry::file(manifest));
     for (name, text) in licences {
@@ -112,57 +161,88 @@ fn package(arguments: &Arguments) -> Result<()> {
             Entry::file(text.into_bytes()),
         );
     }
-    let glibc = symbols::newest_glibc(&tree, &scratch)?;
-    ensure!(
-        glibc <= arguments.glibc,
-        "the binaries need glibc {glibc}, more than {}",
-        arguments.glibc
-    );
+    let system = match arguments.glibc {
+        Some(glibc) if !arguments.windows => needs_on_linux(&tree, glibc, &scratch)?,
+        _ => System::Windows,
+    };
     let mut with_loader = tree.clone();
-    // A system that is older than the loader has to have one: `tuff info` says so there.
-    let mut loaders_glibc = None;
     if let (Some(loader), Some(licence)) = (&arguments.loader, &arguments.loader_licence) {
-        let mut alone = Tree::default();
-        let bytes = read(loader)?;
-        alone.add("libvulkan.so.1", Entry::file(bytes.clone()));
-        loaders_glibc = Some(symbols::newest_glibc(&alone, &scratch)?);
-        with_loader.add("lib/tuff/loader/libvulkan.so.1", Entry::file(bytes));
+        with_loader.add(places.loader, Entry::file(read(loader)?));
         let name = "share/doc/tuff-vulkan/LICENSE-vulkan-loader.txt";
         with_loader.add(name, Entry::file(read(licence)?));
     }
+    if system == System::Windows {
+        let missing = imports::missing(&with_loader)?;
+        ensure!(
+            missing.is_empty(),
+            "some Windows 10 lack what the binaries are linked with: {}",
+            missing.join(", ")
+        );
+    }
+    let needed_glibc = symbols::newest_glibc(&tree, &scratch)?;
+    // A system that is older than the loader has to have one: `tuff info` says so there.
+    let loaders_glibc = symbols::newest_glibc(&with_loader.only(places.loader), &scratch)?;
     let release = Release {
         version: env!("CARGO_PKG_VERSION").into(),
         architecture: arguments.architecture.clone(),
-        glibc: arguments.glibc,
-        needs_libgcc: symbols::is_linked_with(&tree, "libgcc_s.so.1", &scratch)?,
+        system,
         time: time(std::env::var("SOURCE_DATE_EPOCH").ok().as_deref())?,
     };
     std::fs::remove_dir_all(&scratch).context("removing what was stripped")?;
-    let packages = [
-        tarball::write(&with_loader, &release, out)?,
-        deb::write(&tree, &release, out)?,
-        wheel::write(
-            &with_loader,
-            &release,
-            &arguments.root.join("packaging/python"),
-            out,
-        )?,
-        tarball::write_debug(&[driver.debug, program.debug], &release, out)?,
-    ];
+    let debug = [driver.debug, program.debug];
+    let wheel = || {
+        let sources = arguments.root.join("packaging/python");
+        wheel::write(&with_loader, &release, &sources, out)
+    };
+    let packages = match system {
+        System::Linux { .. } => vec![
+            tarball::write(&with_loader, &release, out)?,
+            deb::write(&tree, &release, out)?,
+            wheel()?,
+            tarball::write_debug(&debug, &release, out)?,
+        ],
+        System::Windows => vec![
+            zipfile::write(&with_loader, &release, out)?,
+            wheel()?,
+            zipfile::write_debug(&debug, &release, out)?,
+        ],
+    };
     for package in &packages {
         let bytes = std::fs::metadata(package)?.len();
         println!("{} ({:.1} MB)", package.display(), bytes as f64 / 1e6);
     }
     let sums = hash::write_sums(&packages, out)?;
     println!(
-        "{}\ndriver: {:.1} MB stripped; needs glibc {glibc}",
+        "{}\ndriver: {:.1} MB stripped",
         sums.display(),
         size as f64 / 1e6
     );
+    if let Some(glibc) = needed_glibc {
+        println!("driver and tuff: need glibc {glibc}");
+    }
     if let Some(glibc) = loaders_glibc {
         println!("loader: the distribution's; needs glibc {glibc}");
     }
     Ok(())
+}
+
+/// Holds the binaries of Linux to what is promised of them.
+fn needs_on_linux(tree: &Tree, promised: GlibcVersion, scratch: &Path) -> Result<System> {
+    // Its functions give other bits in other versions, and on other architectures.
+    ensure!(
+        !symbols::is_linked_with(tree, "libm.so.6", scratch)?,
+        "the driver is linked with the system's libm"
+    );
+    let glibc = symbols::newest_glibc(tree, scratch)?;
+    let glibc = glibc.context("no binary asks for a version of glibc")?;
+    ensure!(
+        glibc <= promised,
+        "the binaries need glibc {glibc}, more than {promised}"
+    );
+    Ok(System::Linux {
+        glibc: promised,
+        needs_libgcc: symbols::is_linked_with(tree, "libgcc_s.so.1", scratch)?,
+    })
 }
 
 fn read(path: &PathBuf) -> Result<Vec<u8>> {

@@ -42,10 +42,7 @@ pub fn packed(tree: &Tree, start: &str, time: u64) -> Result<Vec<u8>> {
 /// # Errors
 /// The file cannot be written.
 pub fn write(tree: &Tree, release: &Release, out: &Path) -> Result<PathBuf> {
-    let name = format!(
-        "tuff-vulkan-{}-linux-{}",
-        release.version, release.architecture
-    );
+    let name = release.name();
     write_file(
         &tree.below(&name),
         release,
@@ -58,10 +55,7 @@ pub fn write(tree: &Tree, release: &Release, out: &Path) -> Result<PathBuf> {
 /// # Errors
 /// The file cannot be written.
 pub fn write_debug(files: &[(String, Vec<u8>)], release: &Release, out: &Path) -> Result<PathBuf> {
-    let name = format!(
-        "tuff-vulkan-{}-linux-{}-debug",
-        release.version, release.architecture
-    );
+    let name = format!("{}-debug", release.name());
     let mut tree = Tree::default();
     for (file, bytes) in files {
         tree.add(file, Entry::file(bytes.clone()));

@@ -61,6 +61,16 @@ impl Tree {
             .collect()
     }
 
+    /// The file of this path alone, if it is there.
+    pub fn only(&self, path: &str) -> Tree {
+        let file = self.0.get_key_value(path);
+        Tree(
+            file.map(|(path, entry)| (path.clone(), entry.clone()))
+                .into_iter()
+                .collect(),
+        )
+    }
+
     /// The same below a folder.
     pub fn below(&self, folder: &str) -> Tree {
         let files = self.0.iter();

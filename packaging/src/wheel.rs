@@ -1,20 +1,18 @@
 //! The Python wheel (the binary distribution format of packaging.python.org).
 
-use std::io::{Cursor, Write};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use zip::write::SimpleFileOptions;
 
 use crate::tree::{Entry, Tree};
-use crate::{Release, hash};
+use crate::{Release, System, hash, zipfile};
 
 /// The distribution's name, as file names have it.
 const NAME: &str = "tuff_vulkan";
 /// Where the tree goes, inside the Python package `tuff`.
 const PREFIX: &str = "tuff/prefix";
 
-/// Writes `tuff_vulkan-VERSION-py3-none-manylinux….whl`, with the Python sources of `sources`.
+/// Writes `tuff_vulkan-VERSION-py3-none-PLATFORM.whl`, with the Python sources of `sources`.
 ///
 /// # Errors
 /// A file cannot be read or written.
@@ -53,13 +51,20 @@ pub fn write(tree: &Tree, release: &Release, sources: &Path, out: &Path) -> Resu
     Ok(path)
 }
 
-/// The compatibility tag: any Python 3, and a Linux with this glibc or a newer one (PEP 600).
+/// The compatibility tag: any Python 3, and a Linux with this glibc or a newer one (PEP 600), or
+/// Windows (PEP 425).
 fn tag(release: &Release) -> String {
-    let glibc = release.glibc;
-    format!(
-        "py3-none-manylinux_{}_{}_{}",
-        glibc.major, glibc.minor, release.architecture
-    )
+    let architecture = &release.architecture;
+    let platform = match release.system {
+        System::Linux { glibc, .. } => {
+            format!("manylinux_{}_{}_{architecture}", glibc.major, glibc.minor)
+        }
+        System::Windows => match architecture.as_str() {
+            "x86_64" => "win_amd64".into(),
+            other => format!("win_{other}"),
+        },
+    };
+    format!("py3-none-{platform}")
 }
 
 const ENTRY_POINTS: &str = "[console_scripts]
@@ -81,12 +86,16 @@ License-File: LICENSE-APACHE
 License-File: THIRD-PARTY.txt
 Requires-Python: >=3.8
 Classifier: Framework :: Pytest
-Classifier: Operating System :: POSIX :: Linux
+Classifier: Operating System :: {}
 Classifier: Topic :: Multimedia :: Graphics :: 3D Rendering
 Description-Content-Type: text/markdown
 
 {readme}",
-        release.version
+        release.version,
+        match release.system {
+            System::Linux { .. } => "POSIX :: Linux",
+            System::Windows => "Microsoft :: Windows",
+        }
     )
 }
 
@@ -123,42 +132,11 @@ fn record(wheel: &Tree, info: &str) -> String {
     text + &format!("{info}/RECORD,,\n")
 }
 
+/// The format recommends that the metadata comes last.
 fn zipped(wheel: &Tree, info: &str, time: u64) -> Result<Vec<u8>> {
-    let mut zip = zip::ZipWriter::new(Cursor::new(Vec::new()));
-    // The format recommends that the metadata comes last.
     let (last, first): (Vec<_>, Vec<_>) =
         wheel.files().partition(|(path, _)| path.starts_with(info));
-    for (path, entry) in first.into_iter().chain(last) {
-        let options = SimpleFileOptions::default()
-            .compression_method(zip::CompressionMethod::Deflated)
-            .compression_level(Some(9))
-            .last_modified_time(zip_time(time)?)
-            .unix_permissions(entry.mode());
-        zip.start_file(path, options)?;
-        zip.write_all(&entry.bytes)?;
-    }
-    Ok(zip.finish()?.into_inner())
-}
-
-/// A day of the calendar from seconds since 1970, at midnight (the algorithm is Howard Hinnant's
-/// `civil_from_days`).
-fn zip_time(seconds: u64) -> Result<zip::DateTime> {
-    let days = seconds / 86_400 + 719_468;
-    let era = days / 146_097;
-    let day_of_era = days % 146_097;
-    let year_of_era =
-        (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
-    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
-    let shifted = (5 * day_of_year + 2) / 153;
-    let day = day_of_year - (153 * shifted + 2) / 5 + 1;
-    let month = if shifted < 10 {
-        shifted + 3
-    } else {
-        shifted - 9
-    };
-    let year = year_of_era + era * 400 + u64::from(month <= 2);
-    zip::DateTime::from_date_and_time(year as u16, month as u8, day as u8, 0, 0, 0)
-        .map_err(|_| anyhow::anyhow!("a zip file cannot name the year {year}"))
+    zipfile::packed(first.into_iter().chain(last), time)
 }
 
 #[cfg(test)]
@@ -166,28 +144,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn days_are_those_of_the_calendar() {
-        // `date -u -d @SECONDS`.
-        for (seconds, expected) in [
-            (315_532_800, (1980, 1, 1)),
-            (951_782_400, (2000, 2, 29)),
-            (1_790_000_000, (2026, 9, 21)),
-            (1_798_675_200, (2026, 12, 31)),
-        ] {
-            let day = zip_time(seconds).unwrap();
-            assert_eq!((day.year(), day.month(), day.day()), expected);
-        }
-    }
-
-    #[test]
     fn tags_say_what_is_needed() {
-        let release = Release {
+        let mut release = Release {
             version: "0.1.0".into(),
             architecture: "x86_64".into(),
-            glibc: "2.28".parse().unwrap(),
-            needs_libgcc: false,
+            system: System::Linux {
+                glibc: "2.28".parse().unwrap(),
+                needs_libgcc: false,
+            },
             time: 0,
         };
         assert_eq!(tag(&release), "py3-none-manylinux_2_28_x86_64");
+        release.system = System::Windows;
+        assert_eq!(tag(&release), "py3-none-win_amd64");
     }
 }

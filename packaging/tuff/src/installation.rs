@@ -1,12 +1,12 @@
 //! Where the driver lies, and the variables that point the loader at it.
 
 use std::ffi::OsString;
-use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 
-use crate::loader;
+use crate::shell::Shell;
+use crate::{loader, os};
 
 /// The manifest below the folder that a package is unpacked to.
 const MANIFEST: &str = "share/vulkan/icd.d/tuff_icd.json";
@@ -65,16 +65,14 @@ impl Installation {
             .with_context(|| format!("{shown} names no library"))?;
         // A name with a folder is relative to the manifest's; one without is searched for by the
         // system.
-        let folder = self.manifest.parent().unwrap_or(Path::new("/"));
-        let library = match named.contains('/') {
-            true => folder.join(named),
-            false => PathBuf::from(named),
-        };
-        match named.contains('/') {
-            true => std::fs::canonicalize(&library)
-                .with_context(|| format!("the driver {} cannot be read", library.display())),
-            false => Ok(library),
+        let library = PathBuf::from(named);
+        if !os::names_a_folder(library.as_os_str()) {
+            return Ok(library);
         }
+        let folder = self.manifest.parent().unwrap_or(Path::new("/"));
+        let library = folder.join(library);
+        os::real_path(&library)
+            .with_context(|| format!("the driver {} cannot be read", library.display()))
     }
 
     /// Variables that make programs see Tuff and no other driver: `VK_DRIVER_FILES` for loaders
@@ -86,30 +84,42 @@ impl Installation {
             ("VK_DRIVER_FILES", manifest.clone()),
             ("VK_ICD_FILENAMES", manifest),
         ];
-        let own = self.own_loader.as_ref().ok();
-        if let Some(folder) = own.filter(|_| loader::System::find().is_none()) {
-            let path = std::env::var_os("LD_LIBRARY_PATH").filter(|path| !path.is_empty());
+        if let Some(folder) = self.needed_loader() {
+            let path = std::env::var_os(os::LIBRARY_FOLDERS).filter(|path| !path.is_empty());
             let with_own = match path {
                 Some(mut path) => {
-                    path.push(":");
+                    path.push(os::LIST_SEPARATOR);
                     path.push(folder);
                     path
                 }
-                None => folder.clone().into_os_string(),
+                None => folder.into(),
             };
-            variables.push(("LD_LIBRARY_PATH", with_own));
+            variables.push((os::LIBRARY_FOLDERS, with_own));
         }
         variables
     }
 
-    /// Lines for a shell's `eval`.
-    pub fn exports(&self) -> String {
-        let mut text = String::from("unset VK_ADD_DRIVER_FILES\n");
+    /// The folder of the loader that came along, where the system has none.
+    fn needed_loader(&self) -> Option<&Path> {
+        let own = self.own_loader.as_ref().ok();
+        own.filter(|_| loader::System::find().is_none())
+            .map(PathBuf::as_path)
+    }
+
+    /// Lines for a shell to evaluate.
+    pub fn exports(&self, shell: Shell) -> String {
+        let mut lines = vec![shell.unset("VK_ADD_DRIVER_FILES")];
         for (name, value) in self.variables() {
-            let quoted = value.display().to_string().replace('\'', r"'\''");
-            let _ = writeln!(text, "export {name}='{quoted}'");
+            // Shells of Unix on Windows have a `PATH` of their own form.
+            lines.push(match self.needed_loader() {
+                Some(folder) if shell == Shell::Sh && name == "PATH" => format!(
+                    "{}; export PATH=\"$PATH:$(cygpath \"$folder\")\"; unset folder",
+                    shell.set("folder", folder.as_os_str())
+                ),
+                _ => shell.set(name, &value),
+            });
         }
-        text
+        lines.join("\n") + "\n"
     }
 }
 
@@ -170,7 +180,10 @@ mod tests {
     #[test]
     fn shells_read_the_lines() {
         let (folder, installation) = with_manifest("exports", "{}");
-        let script = format!("{}\nprintf %s \"$VK_DRIVER_FILES\"", installation.exports());
+        let script = format!(
+            "{}\nprintf %s \"$VK_DRIVER_FILES\"",
+            installation.exports(Shell::Sh)
+        );
         let shell = std::process::Command::new("sh")
             .args(["-c", &script])
             .output()

@@ -6,7 +6,10 @@ use std::path::{Path, PathBuf};
 use crate::os;
 
 /// The name by which programs open it.
-pub const LIBRARY: &str = "libvulkan.so.1";
+pub const LIBRARY: &str = match cfg!(windows) {
+    true => "vulkan-1.dll",
+    false => "libvulkan.so.1",
+};
 
 /// The loader that programs find without help.
 pub struct System {
@@ -53,6 +56,9 @@ fn loads(file: &Path) -> Result<(), String> {
 
 /// The command that installs the loader on this system.
 pub fn install_command() -> &'static str {
+    if cfg!(windows) {
+        return "winget install KhronosGroup.VulkanRT";
+    }
     let has = |program: &str| Path::new("/usr/bin").join(program).exists();
     if has("dnf") {
         "sudo dnf install vulkan-loader"

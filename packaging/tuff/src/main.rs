@@ -1,4 +1,5 @@
-//! `tuff run | env | info`: what comes with the driver in every package.
+//! `tuff run | env | info`, on Windows `install | uninstall`, too: what comes with the driver in
+//! every package.
 //!
 //! Nothing here renders. It points Vulkan's loader at the driver beside this program, and tells
 //! what programs then find.
@@ -9,15 +10,20 @@ mod loader;
 mod os;
 mod program;
 mod refusals;
+#[cfg(any(windows, test))]
+mod registration;
+mod shell;
 
 use std::ffi::OsString;
+use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use clap::{Parser, Subcommand};
 
 use installation::Installation;
+use shell::Shell;
 
 #[derive(Parser)]
 #[command(
@@ -46,8 +52,21 @@ enum Command {
         #[arg(required = true, trailing_var_arg = true, value_name = "PROGRAM")]
         program: Vec<OsString>,
     },
-    /// Print the export lines that make a shell's Vulkan programs use Tuff: eval "$(tuff env)"
-    Env,
+    /// Print the lines that make a shell's Vulkan programs use Tuff. sh: eval "$(tuff env)";
+    /// PowerShell: tuff env | Out-String | Invoke-Expression; cmd: for /f "delims=" %i in ('tuff
+    /// env --shell cmd') do @%i
+    Env {
+        /// The shell that evaluates them
+        #[arg(long, value_enum, default_value_t = Shell::HERE)]
+        shell: Shell,
+    },
+    /// Register the driver for every program: for all users or, without an administrator's rights,
+    /// for this one
+    #[cfg(windows)]
+    Install,
+    /// Take out what `install` registered; the files stay. With --manifest: another installation's
+    #[cfg(windows)]
+    Uninstall,
     /// Tell what programs find here: loader, drivers, limits; and what mends what is wrong
     Info,
     /// Print the devices that this process finds, for `info`
@@ -75,13 +94,43 @@ fn done(arguments: &Arguments) -> Result<ExitCode> {
             program,
             conformance,
         } => program::run(&installation, program, conformance.as_deref()),
-        Command::Env => {
+        Command::Env { shell } => {
             // A shell that evaluates nothing is better off than one that is pointed nowhere.
             installation.library().map_err(program::with_what_mends)?;
-            print!("{}", installation.exports());
+            program::tell_of_rights();
+            let lines = installation.exports(*shell);
+            match shell {
+                Shell::Cmd => {
+                    let bytes = os::letters_of_shells(&lines);
+                    print(&bytes.context("these lines cannot be handed to cmd")?)
+                }
+                Shell::Sh | Shell::Powershell => print(lines.as_bytes()),
+            }
+            Ok(ExitCode::SUCCESS)
+        }
+        #[cfg(windows)]
+        Command::Install => {
+            installation.library().map_err(program::with_what_mends)?;
+            let lines = registration::install(&registration::System, &installation.manifest)?;
+            print((lines.join("\n") + "\n").as_bytes());
+            Ok(ExitCode::SUCCESS)
+        }
+        #[cfg(windows)]
+        Command::Uninstall => {
+            let lines = registration::uninstall(&registration::System, &installation.manifest)?;
+            print((lines.join("\n") + "\n").as_bytes());
             Ok(ExitCode::SUCCESS)
         }
         Command::Info => Ok(info::print(&installation)),
         Command::Probe => unreachable!("done above"),
+    }
+}
+
+/// Prints on standard output. A reader that has seen enough (`tuff info | more`) ends this program
+/// where the system does not (`os::end_with_the_reader`).
+pub fn print(text: &[u8]) {
+    let mut out = std::io::stdout().lock();
+    if out.write_all(text).and_then(|()| out.flush()).is_err() {
+        std::process::exit(1);
     }
 }

@@ -1,4 +1,5 @@
-//! `tuff run`: becomes another program, with the driver selected.
+//! `tuff run`: becomes another program, with the driver selected; on Windows, where no program
+//! becomes another one, runs it and ends as it does.
 
 use std::ffi::{OsStr, OsString};
 use std::io::Read;
@@ -40,7 +41,8 @@ pub fn run(
             loader::install_command()
         );
     }
-    if path.metadata().is_ok_and(|file| os::has_more_rights(&file)) {
+    tell_of_rights();
+    if os::has_more_rights(&path) {
         eprintln!(
             "tuff: note: {} runs with more rights than its user: the loader then ignores VK_DRIVER_FILES, and finds only installed drivers",
             path.display()
@@ -57,6 +59,16 @@ pub fn run(
         .with_context(|| format!("starting {}", path.display()))
 }
 
+/// Says that programs of this process do not see variables, where that is so.
+pub fn tell_of_rights() {
+    if os::variables_are_ignored() {
+        eprintln!(
+            "tuff: note: this process runs as administrator: the loader then ignores VK_DRIVER_FILES, and finds only installed drivers; \
+             `tuff install` registers this one"
+        );
+    }
+}
+
 /// Adds the problem of the installed driver, and its fix, to an error.
 pub fn with_what_mends(error: anyhow::Error) -> anyhow::Error {
     anyhow::anyhow!(
@@ -66,20 +78,28 @@ pub fn with_what_mends(error: anyhow::Error) -> anyhow::Error {
 
 /// The file that a name means; or else an exit code, and what is wrong.
 fn find(name: &OsStr, search: Option<&OsStr>) -> Result<PathBuf, (u8, String)> {
-    let path = match name.as_encoded_bytes().contains(&b'/') {
-        true => PathBuf::from(name),
+    let path = match os::names_a_folder(name) {
+        true => {
+            let files = os::files_of_program(Path::new(name)).into_iter();
+            let mut there = files.filter(|path| path.exists());
+            there.next().unwrap_or_else(|| name.into())
+        }
         false => std::env::split_paths(search.unwrap_or_default())
-            .map(|folder| folder.join(name))
-            .find(|path| is_executable(path))
+            .flat_map(|folder| os::files_of_program(&folder.join(name)))
+            .find(|path| os::is_executable(path))
             .ok_or_else(|| (NOT_FOUND, "no such program in the folders of PATH".into()))?,
     };
     match path.metadata() {
         Err(error) => return Err((NOT_FOUND, error.to_string())),
         Ok(file) if file.is_dir() => return Err((NOT_EXECUTABLE, "is a folder".into())),
-        Ok(_) if !is_executable(&path) => return Err((NOT_EXECUTABLE, "is not executable".into())),
+        Ok(_) if !os::is_executable(&path) => {
+            return Err((NOT_EXECUTABLE, "is not executable".into()));
+        }
         Ok(_) => {}
     }
-    match is_32_bit(&path) {
+    let mut head = Vec::new();
+    let read = std::fs::File::open(&path).and_then(|file| file.take(4096).read_to_end(&mut head));
+    match read.is_ok() && is_32_bit(&head) {
         true => Err((
             NOT_EXECUTABLE,
             "is a 32-bit program, which cannot load Tuff: use a 64-bit build of it".into(),
@@ -88,22 +108,61 @@ fn find(name: &OsStr, search: Option<&OsStr>) -> Result<PathBuf, (u8, String)> {
     }
 }
 
-fn is_executable(path: &Path) -> bool {
-    path.metadata().is_ok_and(|file| os::is_executable(&file))
-}
-
-/// Whether the file is an ELF program of class 32 (System V ABI, ELF header).
-fn is_32_bit(path: &Path) -> bool {
-    let mut header = [0; 5];
-    let read = std::fs::File::open(path).and_then(|mut file| file.read_exact(&mut header));
-    read.is_ok() && header == *b"\x7fELF\x01"
+/// Whether a file that begins so is an ELF program of class 32 (System V ABI, ELF header) or a PE
+/// program for an i386 (PE Format, "COFF File Header"). Programs of .NET, which have a CLI header,
+/// run on any processor and say i386, too.
+fn is_32_bit(head: &[u8]) -> bool {
+    const I386: &[u8] = &0x014c_u16.to_le_bytes();
+    const PE32: &[u8] = &0x010b_u16.to_le_bytes();
+    /// From the signature: behind it the COFF header, then the optional header, in which the data
+    /// directories start.
+    const OPTIONAL: usize = 4 + 20;
+    const CLI_DIRECTORY: usize = OPTIONAL + 96 + 14 * 8;
+    if head.starts_with(b"\x7fELF") {
+        return head.get(4) == Some(&1);
+    }
+    let at = head.get(0x3c..0x40).and_then(|bytes| bytes.try_into().ok());
+    let signature = at.map_or(0, u32::from_le_bytes) as usize;
+    let part = |offset: usize, length: usize| {
+        let start = signature.checked_add(offset)?;
+        head.get(start..start.checked_add(length)?)
+    };
+    head.starts_with(b"MZ")
+        && part(0, 4) == Some(b"PE\0\0")
+        && part(4, 2) == Some(I386)
+        && part(OPTIONAL, 2) == Some(PE32)
+        && part(CLI_DIRECTORY, 4).is_none_or(|address| address == [0; 4])
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::os::unix::fs::PermissionsExt;
 
+    #[test]
+    fn programs_of_32_bits_are_known_by_their_heads() {
+        assert!(is_32_bit(b"\x7fELF\x01\x01\x01"));
+        assert!(!is_32_bit(b"\x7fELF\x02\x01\x01"));
+        assert!(!is_32_bit(b""));
+        // Of PE Format: the signature's place at 0x3c, the machine behind the signature.
+        let program = |machine: u16, magic: u16, cli: u32| {
+            let mut head = vec![0; 0x200];
+            head[..2].copy_from_slice(b"MZ");
+            head[0x3c] = 0x80;
+            head[0x80..0x84].copy_from_slice(b"PE\0\0");
+            head[0x84..0x86].copy_from_slice(&machine.to_le_bytes());
+            head[0x98..0x9a].copy_from_slice(&magic.to_le_bytes());
+            head[0x168..0x16c].copy_from_slice(&cli.to_le_bytes());
+            head
+        };
+        assert!(is_32_bit(&program(0x014c, 0x010b, 0)));
+        assert!(!is_32_bit(&program(0x014c, 0x010b, 0x2008)));
+        assert!(!is_32_bit(&program(0x8664, 0x020b, 0)));
+        let mut forged = program(0x014c, 0x010b, 0);
+        forged[0x3c..0x40].fill(0xff);
+        assert!(!is_32_bit(&forged));
+    }
+
+    #[cfg(unix)]
     #[test]
     fn what_cannot_be_started_is_told() {
         let find = |name: &str| super::find(OsStr::new(name), Some(OsStr::new("/usr/bin:/bin")));
@@ -122,6 +181,7 @@ mod tests {
                 "{name}: {found} {why}"
             );
         }
+        use std::os::unix::fs::PermissionsExt;
         let old = std::env::temp_dir().join(format!("tuff-32-{}", std::process::id()));
         std::fs::write(&old, b"\x7fELF\x01\x01\x01").unwrap();
         std::fs::set_permissions(&old, PermissionsExt::from_mode(0o755)).unwrap();

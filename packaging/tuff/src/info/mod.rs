@@ -24,6 +24,16 @@ pub struct Seen {
     pub group: Option<control_group::Memory>,
     /// Variables that matter to loader and driver, and their values.
     pub variables: Vec<(String, String)>,
+    /// Whether the loader ignores them in programs that start from here.
+    pub are_variables_ignored: bool,
+    /// Manifests of Tuff in Windows' registry, and the users that they are for.
+    pub registered: Vec<Registered>,
+}
+
+/// An entry of Windows' registry.
+pub struct Registered {
+    pub manifest: String,
+    pub is_for_all_users: bool,
 }
 
 /// Prints all that is known; fails where programs cannot use Tuff.
@@ -36,12 +46,14 @@ pub fn print(installation: &Installation) -> ExitCode {
         unselected: probe::ask(&[]),
         group: control_group::Groups::open(os::read_at).memory(),
         variables: variables(),
+        are_variables_ignored: os::variables_are_ignored(),
+        registered: registered(),
     };
-    print!("{}", text(installation, &seen));
-    let problems = problems::find(&seen);
-    for Problem { what, mend } in &problems {
-        println!("\nproblem: {what}\n   mend: {mend}");
+    let mut told = text(installation, &seen);
+    for Problem { what, mend } in problems::find(&seen) {
+        told += &format!("\nproblem: {what}\n   mend: {mend}\n");
     }
+    crate::print(told.as_bytes());
     let works = seen
         .selected
         .devices
@@ -51,6 +63,22 @@ pub fn print(installation: &Installation) -> ExitCode {
         true => ExitCode::SUCCESS,
         false => ExitCode::FAILURE,
     }
+}
+
+/// Only Windows has a registry.
+#[cfg(not(windows))]
+fn registered() -> Vec<Registered> {
+    Vec::new()
+}
+
+#[cfg(windows)]
+fn registered() -> Vec<Registered> {
+    let found = crate::registration::of_tuff(&crate::registration::System);
+    let entry = |(hive, manifest)| Registered {
+        manifest,
+        is_for_all_users: hive == os::Hive::Machine,
+    };
+    found.into_iter().map(entry).collect()
 }
 
 /// Variables that loader, driver and Mesa's layer that puts a device first
@@ -65,7 +93,7 @@ fn variables() -> Vec<(String, String)> {
             ["VK_", "TUFF_", "MESA_VK_"]
                 .iter()
                 .any(|start| name.starts_with(start))
-                || name == "LD_LIBRARY_PATH"
+                || name == os::LIBRARY_FOLDERS && !cfg!(windows)
         })
         .collect();
     set.sort();
@@ -97,6 +125,13 @@ fn text(installation: &Installation, seen: &Seen) -> String {
             line("heap", format!("{} MiB", device.heap_bytes >> 20));
         }
         None => line("device", "none: see below".into()),
+    }
+    for entry in &seen.registered {
+        let users = match entry.is_for_all_users {
+            true => "for all users",
+            false => "for this user",
+        };
+        line("registered", format!("{users}: {}", entry.manifest));
     }
     let usable = std::thread::available_parallelism().map_or(1, usize::from);
     let processors = os::processors();
@@ -132,9 +167,17 @@ fn text(installation: &Installation, seen: &Seen) -> String {
         .map(|(_, value)| value.as_str());
     lines.extend(refusals::lines(conformance));
     lines.push(
-        "Programs with more rights than their user (setuid, file capabilities) ignore VK_DRIVER_FILES and\n\
-         VK_ICD_FILENAMES: they find only drivers that are installed for the whole system."
-            .into(),
+        match cfg!(windows) {
+            true => {
+                "Programs that run as administrator ignore VK_DRIVER_FILES and VK_ICD_FILENAMES: they find only\n\
+                 drivers that are registered for all users (tuff install)."
+            }
+            false => {
+                "Programs with more rights than their user (setuid, file capabilities) ignore VK_DRIVER_FILES and\n\
+                 VK_ICD_FILENAMES: they find only drivers that are installed for the whole system."
+            }
+        }
+        .into(),
     );
     lines.join("\n") + "\n"
 }

@@ -1,7 +1,8 @@
 //! Problems that keep programs from using Tuff, in plain words, with the command that fixes each.
 
 use super::Seen;
-use crate::loader;
+use crate::shell::Shell;
+use crate::{loader, os};
 
 /// Something wrong.
 #[derive(Debug, PartialEq, Eq)]
@@ -37,7 +38,7 @@ pub fn find(seen: &Seen) -> Vec<Problem> {
     for line in &refused {
         let what = line.trim_start_matches("tuff: ");
         let name = what.split(':').next().unwrap_or(what);
-        add(what.into(), format!("unset {name}"));
+        add(what.into(), Shell::HERE.unset(name));
     }
     let tuff = seen.selected.devices.iter().find(|device| device.is_tuff());
     match tuff {
@@ -49,7 +50,8 @@ pub fn find(seen: &Seen) -> Vec<Problem> {
                     "the loader does not load the driver: {}",
                     seen.selected.said.join("; ")
                 ),
-                "VK_LOADER_DEBUG=all tuff run -- vulkaninfo --summary tells every step".into(),
+                "with the variable VK_LOADER_DEBUG=all `tuff run -- vulkaninfo --summary` tells every step"
+                    .into(),
             )
         }
         Some(device) if device.created != "yes" && refused.is_empty() => add(
@@ -58,8 +60,11 @@ pub fn find(seen: &Seen) -> Vec<Problem> {
                 device.created,
                 seen.selected.said.join("; ")
             ),
-            "give the process more memory or threads (ulimit -a, and the container's limits)"
-                .into(),
+            match cfg!(windows) {
+                true => "give the process more memory: a larger page file, or a larger limit of its job object",
+                false => "give the process more memory or threads (ulimit -a, and the container's limits)",
+            }
+            .into(),
         ),
         _ => {}
     }
@@ -74,6 +79,7 @@ pub fn find(seen: &Seen) -> Vec<Problem> {
         );
     }
     of_variables(seen, &mut add);
+    of_registry(seen, &mut add);
     let unselected = &seen.unselected.devices;
     if let Some(place) = unselected
         .iter()
@@ -86,7 +92,10 @@ pub fn find(seen: &Seen) -> Vec<Problem> {
                 unselected[0].name,
                 place + 1
             ),
-            "tuff run -- PROGRAM, or for a whole shell: eval \"$(tuff env)\"".into(),
+            format!(
+                "tuff run -- PROGRAM, or for a whole shell: {}",
+                Shell::HERE.evaluation()
+            ),
         );
     }
     problems
@@ -103,13 +112,17 @@ fn of_variables(seen: &Seen, add: &mut dyn FnMut(String, String)) {
     for name in ["VK_DRIVER_FILES", "VK_ICD_FILENAMES", "VK_ADD_DRIVER_FILES"] {
         for file in value(name)
             .unwrap_or_default()
-            .split(':')
+            .split(os::LIST_SEPARATOR)
             .filter(|file| !file.is_empty())
         {
             if !std::path::Path::new(file).exists() {
                 add(
                     format!("{name} names {file}, which is not there"),
-                    format!("unset {name}, or eval \"$(tuff env)\""),
+                    format!(
+                        "{}, or {}",
+                        Shell::HERE.unset(name),
+                        Shell::HERE.evaluation()
+                    ),
                 );
             }
         }
@@ -122,7 +135,38 @@ fn of_variables(seen: &Seen, add: &mut dyn FnMut(String, String)) {
                 "the loader, {}, is too old to read VK_DRIVER_FILES",
                 loader.unwrap_or("?")
             ),
-            "export VK_ICD_FILENAMES=\"$VK_DRIVER_FILES\"".into(),
+            Shell::HERE.set(
+                "VK_ICD_FILENAMES",
+                value("VK_DRIVER_FILES").unwrap_or_default().as_ref(),
+            ),
+        );
+    }
+}
+
+/// Entries of Windows' registry, and the rights without which programs find Tuff by those alone.
+fn of_registry(seen: &Seen, add: &mut dyn FnMut(String, String)) {
+    for entry in &seen.registered {
+        if !std::path::Path::new(&entry.manifest).exists() {
+            add(
+                format!("{} is registered, and not there", entry.manifest),
+                format!("tuff --manifest \"{}\" uninstall", entry.manifest),
+            );
+        }
+    }
+    if let [first, .., last] = &seen.registered[..] {
+        add(
+            format!(
+                "two versions are registered, and programs find both: {} and {}",
+                first.manifest, last.manifest
+            ),
+            format!("tuff --manifest \"{}\" uninstall", last.manifest),
+        );
+    }
+    let is_found = |found: &super::probe::Found| found.devices.iter().any(|it| it.is_tuff());
+    if seen.are_variables_ignored && !is_found(&seen.selected) {
+        add(
+            "this process runs as administrator: the loader ignores VK_DRIVER_FILES and drivers of one user".into(),
+            "tuff install".into(),
         );
     }
 }
@@ -161,6 +205,8 @@ mod tests {
             unselected: found,
             group: None,
             variables: vec![],
+            are_variables_ignored: false,
+            registered: vec![],
         }
     }
 
@@ -196,7 +242,7 @@ mod tests {
         };
         expect(
             &seen,
-            "no Vulkan loader (libvulkan.so.1; none came along)",
+            &format!("no Vulkan loader ({}; none came along)", loader::LIBRARY),
             "install",
         );
         let mut seen = well();
@@ -208,7 +254,7 @@ mod tests {
         seen.selected
             .said
             .push("tuff: TUFF_TIER: \"x\" is not one of".into());
-        expect(&seen, "TUFF_TIER: \"x\"", "unset TUFF_TIER");
+        expect(&seen, "TUFF_TIER: \"x\"", &Shell::HERE.unset("TUFF_TIER"));
         assert_eq!(find(&seen).len(), 1);
         let mut seen = well();
         seen.selected.devices[0].heap_bytes = 75 << 20;
@@ -223,6 +269,31 @@ mod tests {
     }
 
     #[test]
+    fn entries_of_the_registry_are_looked_at() {
+        let entry = |manifest: &str| super::super::Registered {
+            manifest: manifest.into(),
+            is_for_all_users: true,
+        };
+        let mut seen = well();
+        seen.registered = vec![entry("/")];
+        seen.are_variables_ignored = true;
+        assert_eq!(find(&seen), []);
+        seen.registered.push(entry("/no/such.json"));
+        expect(
+            &seen,
+            "/no/such.json is registered, and not there",
+            "--manifest \"/no/such.json\" uninstall",
+        );
+        expect(
+            &seen,
+            "programs find both: / and /no/such.json",
+            "uninstall",
+        );
+        seen.selected.devices.clear();
+        expect(&seen, "runs as administrator", "tuff install");
+    }
+
+    #[test]
     fn variables_that_lead_astray_are_named() {
         let variable = |name: &str, value: &str| vec![(name.to_owned(), value.to_owned())];
         let mut seen = well();
@@ -230,11 +301,11 @@ mod tests {
         expect(
             &seen,
             "names /no/such.json, which is not there",
-            "unset VK_ICD_FILENAMES",
+            &Shell::HERE.unset("VK_ICD_FILENAMES"),
         );
         seen.variables = variable("VK_DRIVER_FILES", "/");
         assert_eq!(find(&seen), []);
         seen.selected.loader_version = Some("1.3.204".into());
-        expect(&seen, "1.3.204, is too old", "export VK_ICD_FILENAMES");
+        expect(&seen, "1.3.204, is too old", "VK_ICD_FILENAMES");
     }
 }

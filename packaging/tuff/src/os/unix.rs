@@ -1,13 +1,17 @@
-//! The operating system: no other file of this program names `libc` or `std::os`
-//! (`xtask/tests/system.rs`).
+//! Linux.
 
 use std::ffi::{CStr, OsStr, c_void};
-use std::fs::{File, Metadata};
+use std::fs::File;
 use std::io;
 use std::os::unix::fs::{FileExt, PermissionsExt};
 use std::os::unix::process::CommandExt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::Command;
+
+/// The variable that lists the folders of libraries.
+pub const LIBRARY_FOLDERS: &str = "LD_LIBRARY_PATH";
+/// What stands between the entries of a list in a variable.
+pub const LIST_SEPARATOR: &str = ":";
 
 /// Has a reader that has seen enough (`tuff info | head`) end this program by SIGPIPE, as it ends
 /// others. Rust's programs start with that signal ignored, and panic when they print.
@@ -27,14 +31,48 @@ pub fn read_at(file: &File, out: &mut [u8], offset: u64) -> io::Result<usize> {
     file.read_at(out, offset)
 }
 
+/// Whether a program's name says in which folder it lies.
+pub fn names_a_folder(name: &OsStr) -> bool {
+    name.as_encoded_bytes().contains(&b'/')
+}
+
+/// The files that a program's name may mean, the first choice first.
+pub fn files_of_program(name: &Path) -> Vec<PathBuf> {
+    vec![name.into()]
+}
+
 /// Whether some user may start the file.
-pub fn is_executable(file: &Metadata) -> bool {
-    file.is_file() && file.permissions().mode() & 0o111 != 0
+pub fn is_executable(path: &Path) -> bool {
+    let file = path.metadata();
+    file.is_ok_and(|file| file.is_file() && file.permissions().mode() & 0o111 != 0)
 }
 
 /// Whether the program in the file changes its user or group when it starts.
-pub fn has_more_rights(file: &Metadata) -> bool {
-    file.permissions().mode() & 0o6000 != 0
+pub fn has_more_rights(path: &Path) -> bool {
+    let file = path.metadata();
+    file.is_ok_and(|file| file.permissions().mode() & 0o6000 != 0)
+}
+
+/// Whether the loader ignores its variables in every program that this one starts: no program here
+/// inherits more rights than its user has.
+pub fn variables_are_ignored() -> bool {
+    false
+}
+
+/// The path of a file without links and without `..`.
+///
+/// # Errors
+/// The file is not there.
+pub fn real_path(path: &Path) -> io::Result<PathBuf> {
+    std::fs::canonicalize(path)
+}
+
+/// A text as shells read it from a pipe.
+///
+/// # Errors
+/// None here.
+pub fn letters_of_shells(text: &str) -> io::Result<Vec<u8>> {
+    Ok(text.into())
 }
 
 /// Becomes the program, which sees this name as its own; returns only where that is not possible.

@@ -1,0 +1,102 @@
+//! The libraries that binaries of Windows are linked with: every Windows 10 has them.
+
+use anyhow::{Context, Result};
+use object::LittleEndian;
+use object::read::pe::PeFile64;
+
+use crate::tree::{Entry, Tree};
+
+/// Libraries of every Windows 10. Those that start with [`SETS`] are sets of interfaces that the
+/// system itself maps to its libraries.
+const LIBRARIES: [&str; 22] = [
+    "advapi32.dll",
+    "bcrypt.dll",
+    "bcryptprimitives.dll",
+    "cfgmgr32.dll",
+    "crypt32.dll",
+    "dxgi.dll",
+    "gdi32.dll",
+    "kernel32.dll",
+    "kernelbase.dll",
+    "msvcrt.dll",
+    "ntdll.dll",
+    "ole32.dll",
+    "oleaut32.dll",
+    "powrprof.dll",
+    "psapi.dll",
+    "rpcrt4.dll",
+    "shell32.dll",
+    "shlwapi.dll",
+    "ucrtbase.dll",
+    "user32.dll",
+    "userenv.dll",
+    "ws2_32.dll",
+];
+const SETS: [&str; 2] = ["api-ms-win-core-", "api-ms-win-crt-"];
+
+/// Functions that came with versions of Windows 10 after the first: a library that is linked with
+/// one does not load on older systems, and so cannot say what it needs.
+const NEWER: [&str; 10] = [
+    "CreateFileMapping2",
+    "GetThreadDescription",
+    "MapViewOfFile3",
+    "MapViewOfFile3FromApp",
+    "MapViewOfFileNuma2",
+    "SetThreadDescription",
+    "UnmapViewOfFile2",
+    "VirtualAlloc2",
+    "VirtualAlloc2FromApp",
+    "VirtualAllocFromApp",
+];
+
+/// The imports that some Windows 10 may lack, each with the file that has it.
+///
+/// # Errors
+/// A file of the tree whose name says that it is a binary is none.
+pub fn missing(tree: &Tree) -> Result<Vec<String>> {
+    let mut missing = Vec::new();
+    for (path, Entry { bytes, .. }) in tree.files().filter(|(path, _)| is_binary(path)) {
+        let imports = imports(bytes).with_context(|| format!("{path} is no binary of Windows"))?;
+        for (library, function) in imports {
+            let name = library.to_lowercase();
+            let is_there =
+                LIBRARIES.contains(&name.as_str()) || SETS.iter().any(|set| name.starts_with(set));
+            if !is_there || NEWER.contains(&function.as_str()) {
+                missing.push(format!("{path}: {function} of {library}"));
+            }
+        }
+    }
+    Ok(missing)
+}
+
+fn is_binary(path: &str) -> bool {
+    [".dll", ".exe"].iter().any(|ending| path.ends_with(ending))
+}
+
+/// Libraries and their functions, of which those that are imported by number have none but that.
+fn imports(bytes: &[u8]) -> Result<Vec<(String, String)>> {
+    let file = PeFile64::parse(bytes)?;
+    let mut imports = Vec::new();
+    let Some(table) = file.import_table()? else {
+        return Ok(imports);
+    };
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    let mut descriptors = table.descriptors()?;
+    while let Some(descriptor) = descriptors.next()? {
+        let library = text(table.name(descriptor.name.get(LittleEndian))?);
+        let first = descriptor.original_first_thunk.get(LittleEndian);
+        let first = match first {
+            0 => descriptor.first_thunk.get(LittleEndian),
+            first => first,
+        };
+        let mut thunks = table.thunks(first)?;
+        while let Some(thunk) = thunks.next::<object::pe::ImageNtHeaders64>()? {
+            let function = match table.import::<object::pe::ImageNtHeaders64>(thunk)? {
+                object::read::pe::Import::Ordinal(number) => format!("number {number}"),
+                object::read::pe::Import::Name(_, name) => text(name),
+            };
+            imports.push((library.clone(), function));
+        }
+    }
+    Ok(imports)
+}
