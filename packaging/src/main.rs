@@ -133,7 +133,8 @@ fn package(arguments: &Arguments) -> Result<()> {
     let out = &arguments.out;
     std::fs::create_dir_all(out).with_context(|| format!("making {}", out.display()))?;
     let scratch = out.join("stripped");
-    let tools = Tools::of(&arguments.architecture, arguments.windows);
+    let time = time(std::env::var("SOURCE_DATE_EPOCH").ok().as_deref())?;
+    let tools = Tools::of(&arguments.architecture, arguments.windows, time);
     let driver = tools.separate(&arguments.driver, &scratch)?;
     let program = tools.separate(&arguments.program, &scratch)?;
     let size = driver.stripped.len();
@@ -186,7 +187,7 @@ fn package(arguments: &Arguments) -> Result<()> {
         version: env!("CARGO_PKG_VERSION").into(),
         architecture: arguments.architecture.clone(),
         system,
-        time: time(std::env::var("SOURCE_DATE_EPOCH").ok().as_deref())?,
+        time,
     };
     std::fs::remove_dir_all(&scratch).context("removing what was stripped")?;
     let debug = [driver.debug, program.debug];

@@ -23,12 +23,14 @@ pub struct Separated {
 pub struct Tools {
     /// The prefix of their names.
     prefix: String,
+    /// The time that binaries of Windows get, in seconds since 1970.
+    time: u64,
 }
 
 impl Tools {
     /// Those of an architecture, by Rust's name, for Linux or Windows: another one's than this
     /// machine's have its name before theirs. Those of x86-64 know its binaries of Windows, too.
-    pub fn of(architecture: &str, is_windows: bool) -> Tools {
+    pub fn of(architecture: &str, is_windows: bool, time: u64) -> Tools {
         let of_windows = format!("{architecture}-w64-mingw32-");
         let folders = std::env::var_os("PATH").unwrap_or_default();
         let is_there = |name: String| {
@@ -40,7 +42,7 @@ impl Tools {
             false if is_windows => of_windows,
             false => format!("{architecture}-linux-gnu-"),
         };
-        Tools { prefix }
+        Tools { prefix, time }
     }
 
     fn tool(&self, name: &str) -> Command {
@@ -66,6 +68,9 @@ impl Tools {
                 .arg(binary)
                 .arg(&debug),
         )?;
+        // The link holds a sum of the debug file.
+        let debug_bytes = self.timed(&debug)?;
+        std::fs::write(&debug, &debug_bytes)?;
         tool(self.tool("strip").arg("--strip-unneeded").arg(&stripped))?;
         // The link names the file without a folder: the command runs where it lies.
         let mut link = self.tool("objcopy");
@@ -74,9 +79,31 @@ impl Tools {
             .arg(name);
         tool(&mut link)?;
         Ok(Separated {
-            stripped: std::fs::read(&stripped)?,
-            debug: (debug_name, std::fs::read(&debug)?),
+            stripped: self.timed(&stripped)?,
+            debug: (debug_name, debug_bytes),
         })
+    }
+
+    /// The bytes of a binary. Those of Windows name the time at which the tools wrote them, in the
+    /// COFF header behind the signature, and a sum that only drivers of the kernel need (PE Format,
+    /// "COFF File Header", "Optional Header Windows-Specific Fields"): they get the release's time
+    /// and no sum.
+    fn timed(&self, path: &Path) -> Result<Vec<u8>> {
+        const TIME: usize = 8;
+        const SUM: usize = 4 + 20 + 64;
+        let mut bytes = std::fs::read(path)?;
+        if !bytes.starts_with(b"MZ") {
+            return Ok(bytes);
+        }
+        let signature = bytes.get(0x3c..0x40).and_then(|it| it.try_into().ok());
+        let signature = signature.map_or(0, u32::from_le_bytes) as usize;
+        let header = (signature.checked_add(SUM + 4))
+            .and_then(|end| bytes.get_mut(signature..end))
+            .filter(|header| header.starts_with(b"PE\0\0"))
+            .with_context(|| format!("{} has no PE header", path.display()))?;
+        header[TIME..TIME + 4].copy_from_slice(&(self.time as u32).to_le_bytes());
+        header[SUM..].fill(0);
+        Ok(bytes)
     }
 }
 
@@ -192,7 +219,7 @@ mod tests {
     fn binaries_are_taken_apart() {
         let scratch = std::env::temp_dir().join(format!("tuff-symbols-{}", std::process::id()));
         let program = std::env::current_exe().unwrap();
-        let here = Tools::of(std::env::consts::ARCH, false);
+        let here = Tools::of(std::env::consts::ARCH, false, 0);
         let separated = here.separate(&program, &scratch).unwrap();
         let whole = std::fs::metadata(&program).unwrap().len() as usize;
         assert!(separated.stripped.len() < whole / 2);

@@ -96,7 +96,7 @@ impl Runner {
         fs::create_dir_all(runner.0.join("temp")).expect("a folder can be made");
         // The tarball of a release, as far as the step uses it.
         runner.write("tuff-0/share/vulkan/icd.d/tuff_icd.json", "{}");
-        let program = "#!/bin/sh\nhere=$(cd \"$(dirname \"$0\")/..\" && pwd)\n\
+        let program = "#!/bin/sh\n[ \"$*\" = 'env --shell sh' ] || exit 1\nhere=$(cd \"$(dirname \"$0\")/..\" && pwd)\n\
             echo \"export VK_DRIVER_FILES='$here/m.json'\"\n\
             echo \"export VK_ICD_FILENAMES='$here/m.json'\"\n\
             echo \"export LD_LIBRARY_PATH='$here/lib'\"\n";
@@ -233,4 +233,50 @@ fn releases_are_fetched_and_checked() {
         &runner.step(&[("VERSION", "9"), good[1]]),
         "could not be downloaded",
     );
+}
+
+/// On Windows the shell is that of Git, the runner's folders have its separators, and the driver is
+/// registered.
+#[test]
+fn runners_of_windows_get_a_registered_driver() {
+    let runner = Runner::new("windows");
+    runner.write_program(
+        "programs/uname",
+        "#!/bin/sh\n[ \"$1\" = -m ] && echo x86_64 || echo MINGW64_NT-10.0-26100\n",
+    );
+    // Of two forms of a path the one of Windows has a letter before it.
+    let cygpath = "#!/bin/sh\n[ \"$1\" = --windows ] && echo \"D:$2\" || echo \"${2#D:}\"\n";
+    runner.write_program("programs/cygpath", cygpath);
+    // As the zip's only folder; the archive itself is not needed.
+    let unzip = format!(
+        "#!/bin/sh\ncp -r '{}' \"$4\"/\n",
+        runner.0.join("tuff-1").display()
+    );
+    runner.write_program("programs/unzip", &unzip);
+    runner.write("tuff-1/share/vulkan/icd.d/tuff_icd.json", "{}");
+    let program = "#!/bin/sh\ncase $* in\n'env --shell sh')\n\
+        echo \"export VK_DRIVER_FILES='D:\\\\m.json'\"\n\
+        echo \"export VK_ICD_FILENAMES='D:\\\\m.json'\"\n\
+        echo 'export PATH=\"$PATH:/loader\"' ;;\n\
+        install) echo registered for all users ;;\n\
+        *) exit 1 ;;\nesac\n";
+    runner.write_program("tuff-1/bin/tuff.exe", program);
+    runner.write("tuff.zip", "");
+    let zip = runner.0.join("tuff.zip");
+    let temp = format!("D:{}", runner.0.join("temp").display());
+    let variables = [
+        ("FROM", zip.to_str().expect("UTF-8")),
+        ("RUNNER_TEMP", &temp),
+    ];
+    let output = runner.step(&variables);
+    assert!(output.status.success(), "{output:?}");
+    let said = String::from_utf8_lossy(&output.stdout);
+    assert!(said.contains("registered for all users"), "{said}");
+    let expected = "VK_DRIVER_FILES=D:\\m.json\nVK_ICD_FILENAMES=D:\\m.json\n";
+    assert_eq!(runner.read("GITHUB_ENV"), expected);
+    let prefix = format!("D:{}/temp/tuff/tuff-1", runner.0.display());
+    let expected = format!("{prefix}/lib/tuff/loader\n{prefix}/bin\n");
+    assert_eq!(runner.read("GITHUB_PATH"), expected);
+    let expected = format!("manifest={prefix}/share/vulkan/icd.d/tuff_icd.json\n");
+    assert_eq!(runner.read("GITHUB_OUTPUT"), expected);
 }

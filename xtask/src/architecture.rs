@@ -7,20 +7,35 @@ use std::process::Command;
 use anyhow::{Context, Result, bail, ensure};
 use clap::ValueEnum;
 
-use crate::{system, workspace};
+use crate::{system, windows, workspace};
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Architecture {
-    #[value(name = "x86_64")]
     X86_64,
-    #[value(name = "aarch64")]
     Aarch64,
+}
+
+/// A platform that commands build for, by Rust's name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Target {
+    #[value(name = "x86_64-unknown-linux-gnu", alias = "x86_64")]
+    X86_64,
+    #[value(name = "aarch64-unknown-linux-gnu", alias = "aarch64")]
+    Aarch64,
+    #[value(name = windows::PLATFORM)]
+    Windows,
 }
 
 /// The variable by which QEMU limits the address space of what it runs.
 const ADDRESS_SPACE: &str = "QEMU_RESERVED_VA";
 
 impl Architecture {
+    /// This machine's own, if Tuff is built for it.
+    pub fn here() -> Option<Architecture> {
+        let all = [Architecture::X86_64, Architecture::Aarch64];
+        all.into_iter().find(|it| it.is_here())
+    }
+
     /// By Rust's name, which is also that of GNU's tools and of QEMU.
     pub fn name(self) -> &'static str {
         match self {
@@ -214,6 +229,16 @@ mod tests {
                 "{name}"
             );
         }
+    }
+
+    #[test]
+    fn targets_are_triples_or_architectures() {
+        let target = |text: &str| Target::from_str(text, false).ok();
+        assert_eq!(target("aarch64"), Some(Target::Aarch64));
+        assert_eq!(target("aarch64-unknown-linux-gnu"), Some(Target::Aarch64));
+        assert_eq!(target("x86_64"), Some(Target::X86_64));
+        assert_eq!(target("x86_64-pc-windows-gnu"), Some(Target::Windows));
+        assert_eq!(target("aarch64-apple-darwin"), None);
     }
 
     #[test]

@@ -24,6 +24,7 @@ mod system;
 mod test;
 mod vuids;
 mod watertight;
+mod windows;
 mod workspace;
 
 use std::process::ExitCode;
@@ -64,7 +65,7 @@ enum Command {
     Uninstall(install::Options),
     /// Tell what programs find here: loader, drivers, limits; and what mends what is wrong
     Info(info::Options),
-    /// Build what users install: a Python wheel, a Debian package and a tarball
+    /// Build what users install: a Python wheel, a Debian package and a tarball; for Windows a zip
     Package(package::Options),
     /// Measure: `bench traversal` compares walks and builds with Embree's
     Bench(bench::Options),

@@ -1,17 +1,20 @@
-//! `cargo xtask package`: builds the driver for old and new systems alike, and packs it.
+//! `cargo xtask package`: builds the driver for old and new systems alike, or for Windows, and
+//! packs it.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
 
-use anyhow::{Context, Result, anyhow, bail, ensure};
-use clap::{Args, ValueEnum};
+use anyhow::{Context, Result, bail, ensure};
+use clap::Args;
 
-use crate::architecture::{Architecture, Loader};
+use crate::architecture::{Architecture, Loader, Target};
 use crate::driver::{LIBRARY, MANIFEST, manifest_text};
-use crate::{system, workspace};
+use crate::{system, windows, workspace};
 
 /// Where the library lies, seen from the manifest's folder.
 const LIBRARY_FROM_MANIFEST: &str = "../../../lib/tuff/libvulkan_tuff.so";
+/// On Windows, whose loader knows a path by this separator.
+const DLL_FROM_MANIFEST: &str = r"..\..\..\lib\tuff\vulkan_tuff.dll";
 /// The tool that cross-compiles against an old glibc.
 const ZIGBUILD: &str = "cargo-zigbuild";
 
@@ -22,24 +25,36 @@ pub struct Options {
     #[arg(long, value_name = "VERSION", default_value = "2.28")]
     glibc: String,
     /// A Vulkan loader to bring along, with LICENSE.txt or copyright beside it, or `none` [default:
-    /// the distribution's, of the package libvulkan1]
+    /// the distribution's, of the package libvulkan1; for Windows there is none]
     #[arg(long, value_name = "FILE")]
     loader: Option<PathBuf>,
     /// Where packages go [default: package in the target directory]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// The architecture to build for [default: this machine's]
-    #[arg(long, value_name = "ARCHITECTURE")]
-    target: Option<Architecture>,
+    /// The platform to build for, by Rust's name, or an architecture of Linux [default: this
+    /// machine's]. For Windows: needs mingw, and Rust's library for the platform
+    #[arg(long, value_name = "PLATFORM")]
+    target: Option<Target>,
 }
 
 pub fn package(options: &Options) -> Result<ExitCode> {
+    match options.target {
+        Some(Target::X86_64) => for_linux(options, Architecture::X86_64),
+        Some(Target::Aarch64) => for_linux(options, Architecture::Aarch64),
+        Some(Target::Windows) => for_windows(options),
+        None => {
+            let here = Architecture::here();
+            let name = std::env::consts::ARCH;
+            for_linux(
+                options,
+                here.with_context(|| format!("there are no packages for {name}"))?,
+            )
+        }
+    }
+}
+
+fn for_linux(options: &Options, architecture: Architecture) -> Result<ExitCode> {
     let target = workspace::target()?.join("package");
-    let architecture = match options.target {
-        Some(architecture) => architecture,
-        None => Architecture::from_str(std::env::consts::ARCH, false)
-            .map_err(|_| anyhow!("there are no packages for {}", std::env::consts::ARCH))?,
-    };
     let old = (options.glibc != "here").then_some(options.glibc.as_str());
     ensure!(
         old.is_none() || system::is_program(ZIGBUILD),
@@ -58,9 +73,8 @@ pub fn package(options: &Options) -> Result<ExitCode> {
         architecture.name()
     );
     // Before minutes of building.
-    let loader = match &options.loader {
-        Some(none) if none.as_os_str() == "none" => None,
-        Some(file) => Some(Loader::named(file)?),
+    let loader = match named_loader(options)? {
+        Some(named) => named,
         None => {
             if architecture.is_here() {
                 system::require(&[&system::LOADER])?;
@@ -76,31 +90,75 @@ pub fn package(options: &Options) -> Result<ExitCode> {
             workspace::target()?.join("release")
         }
     };
-    std::fs::create_dir_all(&target).with_context(|| format!("making {}", target.display()))?;
-    let manifest = target.join(MANIFEST);
-    std::fs::write(&manifest, manifest_text(LIBRARY_FROM_MANIFEST))
-        .context("writing the manifest")?;
-    // Of the tests' profile, as they build it: packing takes seconds.
-    let mut packaging = workspace::cargo();
-    packaging.args(["run", "--quiet", "--package", "packaging", "--"]);
+    let mut packaging = packaging(options, LIBRARY_FROM_MANIFEST, loader)?;
     packaging.arg("--driver").arg(built.join(LIBRARY));
     packaging.arg("--program").arg(built.join("tuff"));
+    packaging
+        .arg("--glibc")
+        .arg(old.map_or_else(glibc_here, |old| Ok(old.into()))?);
+    packaging.args(["--architecture", architecture.name()]);
+    workspace::run(packaging)
+}
+
+fn for_windows(options: &Options) -> Result<ExitCode> {
+    let loader = named_loader(options)?.context(
+        "Windows has a Vulkan loader where a graphics driver brought it: give the Khronos one \
+         (https://github.com/KhronosGroup/Vulkan-Loader) for systems without by --loader vulkan-1.dll, or do without \
+         by --loader none",
+    )?;
+    for (package, kind) in [
+        ("icd", ["--lib", "--release"]),
+        ("tuff", ["--bins", "--release"]),
+    ] {
+        let mut cargo = windows::cargo("rustc")?;
+        cargo.args(["--package", package]).args(kind);
+        // The same sources give the same bytes.
+        cargo.args(["--", "-Clink-arg=-Wl,--no-insert-timestamp"]);
+        let status = cargo.status().context("starting cargo")?;
+        ensure!(status.success(), "building {package} failed");
+    }
+    let built = workspace::target()?.join(windows::PLATFORM).join("release");
+    let mut packaging = packaging(options, DLL_FROM_MANIFEST, loader)?;
+    packaging.arg("--driver").arg(built.join(windows::LIBRARY));
+    packaging.arg("--program").arg(built.join("tuff.exe"));
+    packaging.args(["--windows", "--architecture", Architecture::X86_64.name()]);
+    workspace::run(packaging)
+}
+
+/// The loader that the user names, or that none is wanted; none where the user says nothing.
+fn named_loader(options: &Options) -> Result<Option<Option<Loader>>> {
+    match &options.loader {
+        Some(none) if none.as_os_str() == "none" => Ok(Some(None)),
+        Some(file) => Ok(Some(Some(Loader::named(file)?))),
+        None => Ok(None),
+    }
+}
+
+/// The program that packs, with what it is told for every system. It is of the tests' profile, as
+/// they build it: packing takes seconds.
+fn packaging(
+    options: &Options,
+    library_from_manifest: &str,
+    loader: Option<Loader>,
+) -> Result<Command> {
+    let target = workspace::target()?.join("package");
+    std::fs::create_dir_all(&target).with_context(|| format!("making {}", target.display()))?;
+    let manifest = target.join(MANIFEST);
+    std::fs::write(&manifest, manifest_text(library_from_manifest))
+        .context("writing the manifest")?;
+    let mut packaging = workspace::cargo();
+    packaging.args(["run", "--quiet", "--package", "packaging", "--"]);
     packaging.arg("--manifest").arg(&manifest);
     if let Some(loader) = loader {
         packaging.arg("--loader").arg(loader.library);
         packaging.arg("--loader-licence").arg(loader.licence);
     }
-    let here = || glibc_here();
     let out = options.out.as_deref().unwrap_or(&target);
-    packaging
-        .arg("--glibc")
-        .arg(old.map_or_else(here, |old| Ok(old.into()))?);
-    packaging.args(["--architecture", architecture.name()]);
     packaging.arg("--root").arg(workspace::root());
     packaging
         .arg("--out")
         .arg(std::path::absolute(out).context("the packages' folder")?);
-    workspace::run(packaging)
+    Ok(packaging)
 }
 
 /// Driver and program for an old glibc, each built alone; the folder that they lie in.

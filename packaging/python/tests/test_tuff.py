@@ -7,10 +7,12 @@ import sys
 
 import tuff
 
+IS_WINDOWS = sys.platform == "win32"
+
 
 def devices():
     """Names of the devices that this process finds, by the Vulkan loader alone."""
-    vulkan = ctypes.CDLL("libvulkan.so.1")
+    vulkan = ctypes.CDLL("vulkan-1.dll" if IS_WINDOWS else "libvulkan.so.1")
 
     class InstanceCreateInfo(ctypes.Structure):
         _fields_ = [
@@ -80,7 +82,8 @@ def test_info_has_no_problem():
 
 
 def test_programs_exit_codes_pass_through():
-    run = subprocess.run([str(tuff.program()), "run", "--", "sh", "-c", "exit 7"], check=False)
+    shell = ["cmd", "/c"] if IS_WINDOWS else ["sh", "-c"]
+    run = subprocess.run([str(tuff.program()), "run", "--", *shell, "exit 7"], check=False)
     assert run.returncode == 7
     missing = subprocess.run([str(tuff.program()), "run", "no-such-program"], capture_output=True, text=True, check=False)
     assert missing.returncode == 127

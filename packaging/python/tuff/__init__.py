@@ -12,6 +12,7 @@ tells what programs find, and what mends what is wrong.
 
 import ctypes
 import os
+import sys
 from pathlib import Path
 from typing import Dict, Optional
 
@@ -20,8 +21,20 @@ __all__ = ["activate", "environment", "loader", "manifest", "program"]
 #: The folders bin, lib and share of the installation.
 _PREFIX = Path(__file__).resolve().parent / "prefix"
 
+_IS_WINDOWS = sys.platform == "win32"
+
 #: The name by which programs open the Vulkan loader.
-_LOADER = "libvulkan.so.1"
+_LOADER = "vulkan-1.dll" if _IS_WINDOWS else "libvulkan.so.1"
+
+#: The variable with the folders of libraries.
+_LIBRARY_FOLDERS = "PATH" if _IS_WINDOWS else "LD_LIBRARY_PATH"
+
+#: What brings a loader to this system.
+_INSTALL_LOADER = (
+    "`winget install KhronosGroup.VulkanRT`"
+    if _IS_WINDOWS
+    else "`apt-get install libvulkan1`, or as your distribution names it"
+)
 
 #: What was opened stays open.
 _opened: Optional[ctypes.CDLL] = None
@@ -34,7 +47,7 @@ def manifest() -> Path:
 
 def program() -> Path:
     """The program ``tuff``."""
-    return _PREFIX / "bin" / "tuff"
+    return _PREFIX / "bin" / ("tuff.exe" if _IS_WINDOWS else "tuff")
 
 
 def loader() -> Optional[Path]:
@@ -45,7 +58,8 @@ def loader() -> Optional[Path]:
 
 def _system_has_loader() -> bool:
     try:
-        ctypes.CDLL(_LOADER)
+        # On Windows as programs look for it: in the folders of PATH, too.
+        ctypes.CDLL(_LOADER, **({"winmode": 0} if _IS_WINDOWS else {}))
     except OSError:
         return False
     return True
@@ -54,7 +68,7 @@ def _system_has_loader() -> bool:
 def environment() -> Dict[str, str]:
     """Variables with which a child process sees Tuff and no other driver.
 
-    ``LD_LIBRARY_PATH`` is among them where the system has no Vulkan loader. Merge them with ``os.environ``.
+    ``LD_LIBRARY_PATH`` (on Windows ``PATH``) is among them where the system has no Vulkan loader. Merge them with ``os.environ``.
     """
     variables = {
         "VK_DRIVER_FILES": str(manifest()),
@@ -64,10 +78,10 @@ def environment() -> Dict[str, str]:
     own = loader()
     # What activate() opened is not the system's.
     if own is not None and (_opened is not None or not _system_has_loader()):
-        folders = [folder for folder in os.environ.get("LD_LIBRARY_PATH", "").split(":") if folder]
+        folders = [folder for folder in os.environ.get(_LIBRARY_FOLDERS, "").split(os.pathsep) if folder]
         if str(own.parent) not in folders:
             folders.append(str(own.parent))
-        variables["LD_LIBRARY_PATH"] = ":".join(folders)
+        variables[_LIBRARY_FOLDERS] = os.pathsep.join(folders)
     return variables
 
 
@@ -75,13 +89,19 @@ def activate() -> None:
     """Makes Vulkan programs of this process, and of its children, use Tuff.
 
     Call it before anything creates a Vulkan instance: the loader reads its variables then. A system's loader wins; where there is
-    none, the one that came along is opened, so that whoever asks for ``libvulkan.so.1`` later gets it.
+    none, the one that came along is opened, so that whoever asks for ``libvulkan.so.1`` (on Windows ``vulkan-1.dll``) later gets it.
 
     Raises ``RuntimeError`` where there is no loader that can be loaded, or where the process has more rights than its user: the loader would
-    ignore the variables.
+    ignore the variables. On Windows that is a process that runs as administrator; it finds a driver that ``tuff install`` registered
+    for all users, and nothing is raised then.
     """
     global _opened
-    if _runs_with_more_rights():
+    if _IS_WINDOWS and _runs_as_administrator() and not _is_registered_for_all_users():
+        raise RuntimeError(
+            "tuff: this process runs as administrator, and the Vulkan loader then ignores VK_DRIVER_FILES: say `tuff install`, "
+            "which registers the driver for all users"
+        )
+    if not _IS_WINDOWS and _runs_with_more_rights():
         raise RuntimeError(
             "tuff: this process has more rights than its user, and the Vulkan loader then ignores VK_DRIVER_FILES: "
             "install the driver for the whole system (the package tuff-vulkan)"
@@ -89,17 +109,14 @@ def activate() -> None:
     if _opened is None and not _system_has_loader():
         own = loader()
         if own is None:
-            raise RuntimeError(
-                "tuff: there is no Vulkan loader (libvulkan.so.1): install it with `apt-get install libvulkan1`, or as your "
-                "distribution names it"
-            )
+            raise RuntimeError(f"tuff: there is no Vulkan loader ({_LOADER}): install it with {_INSTALL_LOADER}")
         try:
             _opened = ctypes.CDLL(str(own), mode=ctypes.RTLD_GLOBAL)
         except OSError as error:
             # It is a distribution's, and may need a newer C library than this system has.
             raise RuntimeError(
-                f"tuff: there is no Vulkan loader (libvulkan.so.1; the one that came along does not load: {error}): install it "
-                "with `apt-get install libvulkan1`, or as your distribution names it"
+                f"tuff: there is no Vulkan loader ({_LOADER}; the one that came along does not load: {error}): install it with "
+                f"{_INSTALL_LOADER}"
             ) from error
     os.environ.update(environment())
     os.environ.pop("VK_ADD_DRIVER_FILES", None)
@@ -112,3 +129,44 @@ def _runs_with_more_rights() -> bool:
     getauxval.restype = ctypes.c_ulong
     getauxval.argtypes = [ctypes.c_ulong]
     return getauxval(at_secure) != 0
+
+
+def _runs_as_administrator() -> bool:
+    """Whether this process has Windows' integrity level high, as the loader asks, too."""
+    token_query, token_integrity_level, high = 0x8, 25, 0x3000
+    pointer = ctypes.c_void_p
+    system, rights = ctypes.WinDLL("kernel32"), ctypes.WinDLL("advapi32")
+    system.GetCurrentProcess.restype = pointer
+    system.CloseHandle.argtypes = [pointer]
+    rights.OpenProcessToken.argtypes = [pointer, ctypes.c_uint32, ctypes.POINTER(pointer)]
+    rights.GetTokenInformation.argtypes = [pointer, ctypes.c_int, pointer, ctypes.c_uint32, ctypes.POINTER(ctypes.c_uint32)]
+    rights.GetSidSubAuthorityCount.argtypes = [pointer]
+    rights.GetSidSubAuthorityCount.restype = ctypes.POINTER(ctypes.c_uint8)
+    rights.GetSidSubAuthority.argtypes = [pointer, ctypes.c_uint32]
+    rights.GetSidSubAuthority.restype = ctypes.POINTER(ctypes.c_uint32)
+    token = pointer()
+    if not rights.OpenProcessToken(system.GetCurrentProcess(), token_query, ctypes.byref(token)):
+        return False
+    try:
+        # TOKEN_MANDATORY_LABEL: a pointer to the SID, which lies behind it, and attributes.
+        label, length = (pointer * 16)(), ctypes.c_uint32()
+        if not rights.GetTokenInformation(token, token_integrity_level, label, ctypes.sizeof(label), ctypes.byref(length)):
+            return False
+        count = rights.GetSidSubAuthorityCount(label[0])[0]
+        return count > 0 and rights.GetSidSubAuthority(label[0], count - 1)[0] >= high
+    finally:
+        system.CloseHandle(token)
+
+
+def _is_registered_for_all_users() -> bool:
+    """Whether ``tuff install`` wrote this manifest for all users of Windows."""
+    import winreg
+
+    wanted = os.path.normcase(manifest())
+    try:
+        with winreg.OpenKey(winreg.HKEY_LOCAL_MACHINE, r"SOFTWARE\Khronos\Vulkan\Drivers") as key:
+            count = winreg.QueryInfoKey(key)[1]
+            values = [winreg.EnumValue(key, index) for index in range(count)]
+    except OSError:
+        return False
+    return any(os.path.normcase(name) == wanted and value == 0 for name, value, _ in values)

@@ -10,6 +10,7 @@ mod loader;
 mod os;
 mod program;
 mod refusals;
+mod registered;
 #[cfg(any(windows, test))]
 mod registration;
 mod shell;
@@ -97,7 +98,7 @@ fn done(arguments: &Arguments) -> Result<ExitCode> {
         Command::Env { shell } => {
             // A shell that evaluates nothing is better off than one that is pointed nowhere.
             installation.library().map_err(program::with_what_mends)?;
-            program::tell_of_rights();
+            program::tell_of_rights(&installation);
             let lines = installation.exports(*shell);
             match shell {
                 Shell::Cmd => {

@@ -9,6 +9,7 @@ use std::process::{Command, ExitCode};
 use anyhow::{Context, Result};
 
 use crate::installation::Installation;
+use crate::registered::{self, Registered};
 use crate::{loader, os, refusals};
 
 /// The exit codes of shells for a missing program, and for one that cannot be started.
@@ -41,7 +42,7 @@ pub fn run(
             loader::install_command()
         );
     }
-    tell_of_rights();
+    tell_of_rights(installation);
     if os::has_more_rights(&path) {
         eprintln!(
             "tuff: note: {} runs with more rights than its user: the loader then ignores VK_DRIVER_FILES, and finds only installed drivers",
@@ -59,9 +60,12 @@ pub fn run(
         .with_context(|| format!("starting {}", path.display()))
 }
 
-/// Says that programs of this process do not see variables, where that is so.
-pub fn tell_of_rights() {
-    if os::variables_are_ignored() {
+/// Says that programs of this process do not see variables, where that is so and the driver is not
+/// registered for them.
+pub fn tell_of_rights(installation: &Installation) {
+    let own = installation.manifest.to_string_lossy();
+    let is_own = |it: &Registered| it.is_for_all_users && it.manifest.eq_ignore_ascii_case(&own);
+    if os::variables_are_ignored() && !registered::all().iter().any(is_own) {
         eprintln!(
             "tuff: note: this process runs as administrator: the loader then ignores VK_DRIVER_FILES, and finds only installed drivers; \
              `tuff install` registers this one"

@@ -1,5 +1,7 @@
 //! The program as a shell sees it: its exit codes, and what it says where.
 
+#![cfg(unix)]
+
 use std::fs;
 use std::path::PathBuf;
 use std::process::{Command, Output};

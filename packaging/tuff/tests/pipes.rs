@@ -1,5 +1,7 @@
 //! Output that is not read to its end: `tuff info | head`.
 
+#![cfg(unix)]
+
 use std::os::unix::process::ExitStatusExt;
 use std::process::Command;
 

@@ -9,9 +9,9 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
 
 use anyhow::{Result, anyhow, ensure};
-use clap::{Args, ValueEnum};
+use clap::Args;
 
-use crate::architecture::{Architecture, Emulation};
+use crate::architecture::{Architecture, Emulation, Target};
 use crate::driver::{Driver, select_other};
 use crate::skips::Skips;
 use crate::system::{self, COMPILER, LOADER, PYTHON, XVFB};
@@ -29,7 +29,7 @@ pub struct Options {
     /// tests, by QEMU; takes hours. x86_64-pc-windows-gnu: some black-box tests by Wine, and all
     /// with --deep
     #[arg(long, value_name = "PLATFORM", conflicts_with = "icd")]
-    target: Option<TestPlatform>,
+    target: Option<Target>,
     /// For Windows: the Khronos Vulkan loader, a vulkan-1.dll
     #[arg(long, value_name = "FILE", requires = "target")]
     loader: Option<PathBuf>,
@@ -40,17 +40,6 @@ pub struct Options {
     /// Arguments for the test programs, such as a test's name
     #[arg(last = true)]
     arguments: Vec<String>,
-}
-
-/// A platform that tests run on.
-#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum TestPlatform {
-    #[value(name = "x86_64", alias = "x86_64-unknown-linux-gnu")]
-    X86_64,
-    #[value(name = "aarch64", alias = "aarch64-unknown-linux-gnu")]
-    Aarch64,
-    #[value(name = wine::PLATFORM)]
-    Windows,
 }
 
 /// Most programs that run at a time, however many processors there are: some take a gigabyte.
@@ -65,9 +54,9 @@ const FUZZ_CASES: [u64; 2] = [500, 50_000];
 pub fn test(options: &Options) -> Result<ExitCode> {
     let architecture = match options.target {
         None => None,
-        Some(TestPlatform::X86_64) => Some(Architecture::X86_64),
-        Some(TestPlatform::Aarch64) => Some(Architecture::Aarch64),
-        Some(TestPlatform::Windows) => {
+        Some(Target::X86_64) => Some(Architecture::X86_64),
+        Some(Target::Aarch64) => Some(Architecture::Aarch64),
+        Some(Target::Windows) => {
             return wine::test(&wine::Order {
                 loader: wine::named(options.loader.as_ref())?,
                 is_whole: options.deep,

@@ -13,16 +13,11 @@ use anyhow::{Context, Result, ensure};
 
 use crate::driver::write_manifest;
 use crate::skips::Skips;
+use crate::windows::{self, LOADER, PLATFORM};
 use crate::{system, workspace};
-
-/// Rust's name of the platform.
-pub const PLATFORM: &str = "x86_64-pc-windows-gnu";
 
 /// The variable by which tests find the compiler of GLSL.
 const GLSL_SERVER: &str = "TUFF_GLSL_SERVER";
-
-/// The file name of the Vulkan loader.
-const LOADER: &str = "vulkan-1.dll";
 
 /// Where the loader finds drivers.
 const DRIVERS: &str = r"HKLM\SOFTWARE\Khronos\Vulkan\Drivers";
@@ -53,10 +48,10 @@ pub struct Order<'a> {
 }
 
 pub fn test(order: &Order) -> Result<ExitCode> {
-    for program in ["x86_64-w64-mingw32-gcc", "wine", "xvfb-run", "xauth"] {
+    for program in ["wine", "xvfb-run", "xauth"] {
         ensure!(
             system::is_program(program),
-            "{program} is needed; install it with `sudo apt-get install gcc-mingw-w64-x86-64-posix wine xvfb xauth`"
+            "{program} is needed; install it with `sudo apt-get install wine xvfb xauth`"
         );
     }
     let loader = std::path::absolute(order.loader).context("the loader's path")?;
@@ -71,7 +66,7 @@ pub fn test(order: &Order) -> Result<ExitCode> {
     ensure!(status.success(), "building icd failed");
     let folder = workspace::target()?.join(PLATFORM).join("debug");
     let manifest = folder.join("tuff_icd.json");
-    let library = on_drive(&folder.join("vulkan_tuff.dll"));
+    let library = on_drive(&folder.join(windows::LIBRARY));
     write_manifest(&manifest, library.as_ref())?;
     // Beside the test programs: Wine's own loader lies in a folder that it searches next.
     let beside = folder.join("deps");
@@ -90,6 +85,10 @@ pub fn test(order: &Order) -> Result<ExitCode> {
         inner = run(tests, &compiler, order)?;
     }
     let skips = Skips::new()?;
+    // The program that comes with the driver: seconds.
+    let mut program = cargo("test")?;
+    program.args(["--package", "tuff"]);
+    let program = run(program, &compiler, order)?;
     let mut tests = cargo("test")?;
     tests.args(["--package", "tuff-tests"]);
     if !order.is_whole {
@@ -102,19 +101,16 @@ pub fn test(order: &Order) -> Result<ExitCode> {
     tests.env("TUFF_UNDER_TEST", "1");
     let outer = run(tests, &compiler, order)?;
     skips.print()?;
-    let is_good = [inner, outer].iter().all(|it| *it == ExitCode::SUCCESS);
+    let is_good = [inner, program, outer]
+        .iter()
+        .all(|it| *it == ExitCode::SUCCESS);
     Ok(super::code(is_good))
 }
 
 /// Cargo for programs of the platform, in the development profile.
 fn cargo(command: &str) -> Result<Command> {
-    let mut cargo = workspace::cargo();
-    cargo.args([command, "--target", PLATFORM]);
+    let mut cargo = windows::cargo(command)?;
     let variable = PLATFORM.to_uppercase().replace('-', "_");
-    cargo.env(
-        format!("CARGO_TARGET_{variable}_LINKER"),
-        "x86_64-w64-mingw32-gcc",
-    );
     cargo.env(
         format!("CARGO_TARGET_{variable}_RUNNER"),
         "xvfb-run --auto-servernum wine",

@@ -6,6 +6,7 @@ mod problems;
 use std::process::ExitCode;
 
 use crate::installation::Installation;
+use crate::registered::{self, Registered};
 use crate::{loader, os, refusals};
 use problems::Problem;
 
@@ -30,12 +31,6 @@ pub struct Seen {
     pub registered: Vec<Registered>,
 }
 
-/// An entry of Windows' registry.
-pub struct Registered {
-    pub manifest: String,
-    pub is_for_all_users: bool,
-}
-
 /// Prints all that is known; fails where programs cannot use Tuff.
 pub fn print(installation: &Installation) -> ExitCode {
     let seen = Seen {
@@ -47,7 +42,7 @@ pub fn print(installation: &Installation) -> ExitCode {
         group: control_group::Groups::open(os::read_at).memory(),
         variables: variables(),
         are_variables_ignored: os::variables_are_ignored(),
-        registered: registered(),
+        registered: registered::all(),
     };
     let mut told = text(installation, &seen);
     for Problem { what, mend } in problems::find(&seen) {
@@ -63,22 +58,6 @@ pub fn print(installation: &Installation) -> ExitCode {
         true => ExitCode::SUCCESS,
         false => ExitCode::FAILURE,
     }
-}
-
-/// Only Windows has a registry.
-#[cfg(not(windows))]
-fn registered() -> Vec<Registered> {
-    Vec::new()
-}
-
-#[cfg(windows)]
-fn registered() -> Vec<Registered> {
-    let found = crate::registration::of_tuff(&crate::registration::System);
-    let entry = |(hive, manifest)| Registered {
-        manifest,
-        is_for_all_users: hive == os::Hive::Machine,
-    };
-    found.into_iter().map(entry).collect()
 }
 
 /// Variables that loader, driver and Mesa's layer that puts a device first

@@ -270,7 +270,7 @@ mod tests {
 
     #[test]
     fn entries_of_the_registry_are_looked_at() {
-        let entry = |manifest: &str| super::super::Registered {
+        let entry = |manifest: &str| crate::registered::Registered {
             manifest: manifest.into(),
             is_for_all_users: true,
         };

@@ -10,7 +10,7 @@ use std::process::Command;
 
 /// The variable that lists the folders of libraries.
 pub const LIBRARY_FOLDERS: &str = "LD_LIBRARY_PATH";
-/// What stands between the entries of a list in a variable.
+/// The separator between the entries of a list in a variable.
 pub const LIST_SEPARATOR: &str = ":";
 
 /// Has a reader that has seen enough (`tuff info | head`) end this program by SIGPIPE, as it ends

@@ -34,7 +34,7 @@ pub use registry::{drivers, forget, register, set_users_variable, users_variable
 
 /// The variable that lists the folders of libraries, and of programs.
 pub const LIBRARY_FOLDERS: &str = "PATH";
-/// What stands between the entries of a list in a variable.
+/// The separator between the entries of a list in a variable.
 pub const LIST_SEPARATOR: &str = ";";
 
 /// A reader that has seen enough ends no program here.
