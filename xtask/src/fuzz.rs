@@ -60,7 +60,7 @@ pub fn fuzz(options: &Options) -> Result<ExitCode> {
 /// compiler that both need, in C++, is not built a second time.
 pub fn of_tests(driver: &Driver, cases: u64) -> Result<Command> {
     let mut build = workspace::cargo();
-    build.args(["build", "--package", "fuzz"]);
+    build.args(["build", "--workspace", "--bin", "fuzz"]);
     let status = build.status().context("starting cargo")?;
     ensure!(status.success(), "building fuzz failed");
     let target = workspace::target()?;

@@ -16,7 +16,7 @@ use crate::driver::{Driver, select_other};
 use crate::skips::Skips;
 use crate::system::{self, COMPILER, LOADER, PYTHON, XVFB};
 use crate::{fuzz, workspace};
-use programs::{Program, Stack};
+use programs::{Program, Stack, Surroundings};
 use run::Order;
 use times::Times;
 
@@ -44,6 +44,12 @@ pub struct Options {
 
 /// Most programs that run at a time, however many processors there are: some take a gigabyte.
 const MOST_AT_A_TIME: usize = 4;
+
+/// The folders of the packages whose tests see nothing but Vulkan.
+const BLACK_BOX: [&str; 4] = ["tests", "workloads", "demo", "window"];
+
+/// The folder of the package whose tests need a person or another program.
+const BY_HAND: &str = "by-hand";
 
 /// How many times as many rounds property tests make with `--deep`.
 const DEEP_ROUNDS: &str = "20";
@@ -78,9 +84,15 @@ pub fn test(options: &Options) -> Result<ExitCode> {
 fn on_another_driver(options: &Options, manifest: &Path) -> Result<ExitCode> {
     system::require(&[&COMPILER, &LOADER, &XVFB])?;
     let skips = Skips::new()?;
-    let mut tests = black_box_tests(&skips);
-    select_other(&mut tests, manifest)?;
-    let programs = programs::build(tests, &options.arguments, Stack::Usual)?;
+    let mut around = Surroundings {
+        variables: Command::new("cargo"),
+        stack: Stack::Usual,
+    };
+    skips.tell(&mut around.variables);
+    select_other(&mut around.variables, manifest)?;
+    let mut cargo = black_box_packages();
+    cargo.args(["--package", "window"]);
+    let programs = programs::build(cargo, &options.arguments, |_| Some(&around))?;
     let passed = run_all(options, programs)?;
     skips.print()?;
     Ok(code(passed))
@@ -107,8 +119,9 @@ fn everything(options: &Options) -> Result<ExitCode> {
 
 /// Builds all programs of tests, to run on a driver.
 fn programs_on(driver: &Driver, options: &Options, skips: &Skips) -> Result<Vec<Program>> {
-    let inner = inner_tests();
-    let mut outer = black_box_tests(skips);
+    let mut inner = Command::new("cargo");
+    let mut outer = Command::new("cargo");
+    skips.tell(&mut outer);
     driver.select_for(&mut outer);
     outer.env("TUFF_UNDER_TEST", "1");
     // A dispatch that hangs loses its device after this time. No dispatch of the tests takes as
@@ -116,20 +129,36 @@ fn programs_on(driver: &Driver, options: &Options, skips: &Skips) -> Result<Vec<
     if std::env::var_os("TUFF_TIMEOUT").is_none() {
         outer.env("TUFF_TIMEOUT", "300");
     }
-    let mut all = Vec::new();
-    for (mut tests, stack) in [(inner, Stack::Small), (outer, Stack::Usual)] {
-        if options.deep {
-            tests.env("TUFF_DEEP", DEEP_ROUNDS);
+    if options.deep {
+        for variables in [&mut inner, &mut outer] {
+            variables.env("TUFF_DEEP", DEEP_ROUNDS);
         }
-        all.extend(programs::build(tests, &options.arguments, stack)?);
     }
+    let inner = Surroundings {
+        variables: inner,
+        stack: Stack::Small,
+    };
+    let outer = Surroundings {
+        variables: outer,
+        stack: Stack::Usual,
+    };
+    let surroundings = |folder: &str| match folder {
+        BY_HAND => None,
+        _ if BLACK_BOX.contains(&folder) => Some(&outer),
+        _ => Some(&inner),
+    };
+    // All packages at once: built in parts, those that both parts use would be built twice, for the
+    // features that each part asks for.
+    let mut cargo = workspace::cargo();
+    cargo.args(["test", "--workspace"]);
+    let mut all = programs::build(cargo, &options.arguments, surroundings)?;
     // A name of a test asks for that test alone.
     if options.arguments.iter().all(|word| word.starts_with('-')) {
         let fuzz = fuzz::of_tests(driver, FUZZ_CASES[usize::from(options.deep)])?;
         all.push(Program::alone("fuzz", &fuzz));
         // Cargo alone knows the examples of documentation.
-        let mut examples = inner_tests();
-        examples.args(["--doc", "--quiet"]);
+        let mut examples = workspace::cargo();
+        examples.args(["test", "--workspace", "--doc", "--quiet"]);
         all.push(Program::alone("documentation", &examples));
     }
     Ok(all)
@@ -186,24 +215,6 @@ fn emulated(options: &Options, architecture: Architecture) -> Result<ExitCode> {
     Ok(code(
         [inner, outer].iter().all(|it| *it == ExitCode::SUCCESS),
     ))
-}
-
-/// The tests of what the driver and all around it is made of.
-fn inner_tests() -> Command {
-    let mut tests = workspace::cargo();
-    tests.args(["test", "--workspace"]);
-    for other in ["tuff-tests", "workloads", "demo", "window", "by-hand"] {
-        tests.args(["--exclude", other]);
-    }
-    tests
-}
-
-/// The tests that see nothing but Vulkan.
-fn black_box_tests(skips: &Skips) -> Command {
-    let mut tests = black_box_packages();
-    tests.args(["--package", "window"]);
-    skips.tell(&mut tests);
-    tests
 }
 
 fn black_box_packages() -> Command {

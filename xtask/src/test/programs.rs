@@ -113,12 +113,24 @@ fn variables(command: &Command) -> Vec<(String, Option<String>)> {
         .collect()
 }
 
-/// Builds test programs by a command of cargo, which is to end with `--no-run`; they run with the
-/// command's variables, and the tests that `arguments` choose, as the programs understand them.
+/// The surroundings of the programs of some packages.
+pub struct Surroundings {
+    /// The variables that this command sets and removes.
+    pub variables: Command,
+    pub stack: Stack,
+}
+
+/// Builds test programs by a command of cargo, which is to end with `--no-run`. `surroundings`
+/// says by the folder of a package how its programs run, or that they do not. They run the tests
+/// that `arguments` choose, as the programs understand them.
 ///
 /// # Errors
 /// A program cannot be built, or does not tell its tests.
-pub fn build(mut cargo: Command, arguments: &[String], stack: Stack) -> Result<Vec<Program>> {
+pub fn build<'a>(
+    mut cargo: Command,
+    arguments: &[String],
+    surroundings: impl Fn(&str) -> Option<&'a Surroundings>,
+) -> Result<Vec<Program>> {
     cargo.args(["--no-run", "--message-format", "json-render-diagnostics"]);
     let mut child = cargo
         .stdout(Stdio::piped())
@@ -129,8 +141,17 @@ pub fn build(mut cargo: Command, arguments: &[String], stack: Stack) -> Result<V
     let mut programs = Vec::new();
     for message in messages.into_iter::<Value>() {
         let message = message.context("what cargo says")?;
-        let program = program(&message, arguments, variables(&cargo));
-        programs.extend(program.map(|program| Program { stack, ..program }));
+        let Some(program) = program(&message, arguments) else {
+            continue;
+        };
+        let package = program.folder.file_name().and_then(|it| it.to_str());
+        if let Some(around) = package.and_then(&surroundings) {
+            programs.push(Program {
+                variables: variables(&around.variables),
+                stack: around.stack,
+                ..program
+            });
+        }
     }
     let status = child.wait().context("waiting for cargo")?;
     ensure!(status.success(), "building the tests failed");
@@ -142,11 +163,7 @@ pub fn build(mut cargo: Command, arguments: &[String], stack: Stack) -> Result<V
 }
 
 /// The test program of a message of cargo (The Cargo Book, "External tools").
-fn program(
-    message: &Value,
-    arguments: &[String],
-    variables: Vec<(String, Option<String>)>,
-) -> Option<Program> {
+fn program(message: &Value, arguments: &[String]) -> Option<Program> {
     let executable = message["executable"].as_str()?;
     if message["profile"]["test"] != true {
         return None;
@@ -171,8 +188,7 @@ fn program(
         folder,
         tests: Vec::new(),
         arguments: words,
-        // Variables of cargo alone, such as flags of the compiler, do no harm to what it built.
-        variables,
+        variables: Vec::new(),
         stack: Stack::Usual,
     })
 }
@@ -211,7 +227,7 @@ mod tests {
             (message("bin", "other", false), None),
             (serde_json::json!({"reason": "build-finished"}), None),
         ] {
-            let found = program(&message, &[], Vec::new());
+            let found = program(&message, &[]);
             assert_eq!(found.map(|it| it.name).as_deref(), expected);
         }
     }
