@@ -6,12 +6,15 @@
 pub mod bounds;
 pub mod halves;
 mod mask;
+#[allow(unsafe_code)]
+mod prefetch;
 pub mod quad;
 mod tier;
 #[allow(unsafe_code)]
 pub mod vector;
 
 pub use mask::LaneMask;
+pub use prefetch::prefetch;
 pub use tier::{Tier, has_half_arithmetic};
 #[cfg(target_arch = "x86_64")]
 pub use tier::{gathers_slowly, has_byte_permutes};

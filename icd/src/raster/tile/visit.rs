@@ -26,6 +26,10 @@ use crate::wave::Stopped;
 /// Shapes between two looks at the limits.
 const SHAPES: usize = 1024;
 
+/// Shapes from the one that is drawn to the one whose record is fetched ahead. Small primitives lie
+/// in memory in the order of their draw, and a tile visits them in leaps.
+const AHEAD: usize = 4;
+
 /// A bit a sample.
 const ALL_SAMPLES: u32 = (1 << MAX_SAMPLES) - 1;
 
@@ -117,6 +121,7 @@ impl<'a> Visit<'a> {
             self.round.context.limits.check()?;
             let mut rest = shapes;
             while let Some((&first, others)) = rest.split_first() {
+                fetch_ahead(chunk, rest);
                 let shape = &chunk.shapes[first as usize];
                 rest = others;
                 let second = others.first().filter(|&&second| second == first + 1);
@@ -528,6 +533,19 @@ impl<'a> Visit<'a> {
         };
         // SAFETY: as above.
         unsafe { gather.finish(&wave, packs, runner, counts) }
+    }
+}
+
+/// Asks for what the shapes that follow the first of a list need: the shapes themselves, and the
+/// records of those that were asked for before.
+#[inline(always)]
+fn fetch_ahead(chunk: &Chunk, shapes: &[u32]) {
+    let shape = |ahead: usize| chunk.shapes.get(*shapes.get(ahead)? as usize);
+    if let Some(record) = shape(AHEAD).and_then(|it| chunk.records.get(it.record as usize)) {
+        lanes::prefetch(record);
+    }
+    if let Some(shape) = shape(2 * AHEAD) {
+        lanes::prefetch(shape);
     }
 }
 

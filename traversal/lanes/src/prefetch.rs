@@ -1,0 +1,27 @@
+//! Hints to fetch memory ahead of its use.
+
+/// Bytes of a cache line.
+const LINE_BYTES: usize = 64;
+
+/// Asks for the cache lines of a value that is read soon.
+#[inline(always)]
+pub fn prefetch<T>(value: &T) {
+    let address = std::ptr::from_ref(value).cast::<i8>();
+    for offset in (0..size_of::<T>()).step_by(LINE_BYTES) {
+        prefetch_line(address.wrapping_add(offset));
+    }
+    // A value that does not start at a line's start may end in one line more.
+    prefetch_line(address.wrapping_add(size_of::<T>().saturating_sub(1)));
+}
+
+#[inline(always)]
+fn prefetch_line(address: *const i8) {
+    #[cfg(target_arch = "x86_64")]
+    // SAFETY: a hint; addresses need not be valid.
+    unsafe {
+        use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+        _mm_prefetch::<_MM_HINT_T0>(address);
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = address;
+}
