@@ -333,7 +333,7 @@ impl Gpu {
         self.create_structure(level, size_bytes, None)
     }
 
-    /// The same; with a number of instances, for what moves.
+    /// The same with a number of instances, for structures in motion.
     fn create_structure(
         &self,
         level: vk::AccelerationStructureTypeKHR,

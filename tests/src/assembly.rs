@@ -1,4 +1,4 @@
-//! Changes to modules of SPIR-V, for what the compiler of GLSL does not know.
+//! Changes to modules of SPIR-V, for instructions that the GLSL compiler lacks.
 
 const OP_EXTENSION: u32 = 10;
 const OP_ENTRY_POINT: u32 = 15;

@@ -1,4 +1,4 @@
-//! Descriptor sets from lists of what is to be bound.
+//! Descriptor sets from lists of the resources to bind.
 
 use ash::vk;
 

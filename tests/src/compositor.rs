@@ -34,7 +34,7 @@ use crate::{Presenter, comes};
 /// Between refreshes.
 const REFRESH: Duration = Duration::from_micros(16_667);
 
-/// How the compositor misbehaves, and what it has seen.
+/// The compositor's faults, and its observations.
 #[derive(Default)]
 pub struct Manners {
     /// Shown frames are not reported, as for a hidden window.
@@ -113,12 +113,12 @@ struct CompositorState {
     /// The changes that wait for the barrier, the oldest first.
     queued: VecDeque<Update>,
     has_barrier: bool,
-    /// Callbacks of what was committed.
+    /// Callbacks of the committed state.
     due: Vec<WlCallback>,
     /// Buffers that were replaced, the oldest first.
     replaced: Vec<WlBuffer>,
     current: Option<WlBuffer>,
-    /// Of what is not yet shown.
+    /// Callbacks of a frame that is not yet shown.
     promised: Vec<WpPresentationFeedback>,
 }
 
@@ -275,7 +275,7 @@ fn now_ns() -> u64 {
 }
 
 impl CompositorState {
-    /// Tells that what was committed is on the screen.
+    /// Reports that the committed frame is on the screen.
     fn present(&mut self, refresh: u32) {
         let now = now_ns();
         let (seconds, rest) = (now / 1_000_000_000, now % 1_000_000_000);
@@ -293,7 +293,7 @@ impl CompositorState {
         self.take_up();
     }
 
-    /// Applies what was committed, up to what waits for the barrier.
+    /// Applies the committed updates, up to the one that waits for the barrier.
     fn take_up(&mut self) {
         while let Some(next) = self.queued.pop_front() {
             if self.has_barrier && next.waits {

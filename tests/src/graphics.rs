@@ -262,7 +262,7 @@ impl Gpu {
         self.painting_with(painting, vk::PipelineCreateFlags::empty(), std::ptr::null())
     }
 
-    /// The same, with flags and what is put before its chain.
+    /// The same, with flags and structures that are put before its chain.
     pub fn painting_with(
         &self,
         painting: &Painting<'_>,

@@ -2,7 +2,7 @@
 
 use crate::Gpu;
 
-/// Breaks one rule; what it asserts holds with validation and without.
+/// Breaks one rule; its assertions hold with validation and without.
 pub type Misuse = fn(&Gpu);
 
 /// Of drivers that survive broken rules beyond what the specification asks for.

@@ -130,12 +130,12 @@ impl Gpu {
         }
     }
 
-    /// Room for what is described.
+    /// Creates a structure with room for the described geometry.
     pub fn structure_nv(&self, described: &DescribedNv) -> StructureNv {
         self.create_nv(&vk::AccelerationStructureCreateInfoNV::default().info(described.info()))
     }
 
-    /// Room for what a compacting copy of such a structure needs.
+    /// Creates a structure with room for a compacted copy of such a structure.
     pub fn compact_structure_nv(&self, described: &DescribedNv, size_bytes: u64) -> StructureNv {
         let info = vk::AccelerationStructureInfoNV::default()
             .ty(described.level)

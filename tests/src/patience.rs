@@ -3,13 +3,13 @@
 
 use std::time::{Duration, Instant};
 
-/// How long tests wait for what must come. It guards against waiting for ever, and is far longer
-/// than anything takes.
+/// Limit of a test's wait for an event that must come. It guards against waiting for ever, and is
+/// far longer than any event takes.
 pub const PATIENCE: Duration = Duration::from_secs(300);
 /// The same for Vulkan's commands.
 pub const PATIENCE_NS: u64 = 300_000_000_000;
 
-/// Waits until something is so; false if it does not come to be.
+/// Waits for a condition; returns false if it does not become true in time.
 pub fn comes(mut is_so: impl FnMut() -> bool) -> bool {
     let start = Instant::now();
     loop {

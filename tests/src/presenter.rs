@@ -327,7 +327,7 @@ impl Presenter {
     }
 
     /// Acquires an image, copies pixels there that lie as its format has them, and presents it; the
-    /// index, and what was said.
+    /// index, and the result.
     pub fn frame(
         &self,
         swapchain: vk::SwapchainKHR,

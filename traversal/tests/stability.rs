@@ -5,7 +5,7 @@ use scenes::*;
 use traversal::*;
 
 /// Faults by column, in walks of this accuracy.
-fn faults(case: &hard::Case, accuracy: Accuracy, rays: usize) -> Vec<(f64, usize)> {
+fn faults(case: &hard::HardSeries, accuracy: Accuracy, rays: usize) -> Vec<(f64, usize)> {
     let options = Options {
         accuracy,
         ..Options::default()

@@ -345,7 +345,7 @@ unsafe fn rasterization(info: &vk::PipelineRasterizationStateCreateInfo<'_>) -> 
     }
 }
 
-/// `VkPipelineViewportStateCreateInfo`; what is dynamic is not looked at.
+/// `VkPipelineViewportStateCreateInfo`; dynamic state is ignored.
 ///
 /// # Safety
 /// The info is valid.

@@ -38,7 +38,7 @@ pub(super) fn copy_mode(mode: vk::CopyAccelerationStructureModeKHR) -> CopyMode 
     }
 }
 
-/// A new structure's handle; validation is told of it, and who listens to addresses.
+/// The handle of a new structure, which is reported to validation and to address callbacks.
 pub fn create(device: &Device, structure: AccelerationStructure) -> vk::AccelerationStructureKHR {
     let structure = handle::new(structure);
     let handle: vk::AccelerationStructureKHR = handle::into_handle(Arc::clone(&structure));

@@ -72,7 +72,7 @@ unsafe fn range_of<'a>(
     unsafe { info.as_ref() }.filter(|info| info.address != 0)
 }
 
-/// The descriptor of what a `VkDescriptorGetInfoEXT` describes.
+/// The descriptor that a `VkDescriptorGetInfoEXT` describes.
 ///
 /// # Safety
 /// Valid usage of `vkGetDescriptorEXT`.

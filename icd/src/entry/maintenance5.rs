@@ -1,4 +1,4 @@
-//! `VK_KHR_maintenance5`: what it adds that no other file has.
+//! `VK_KHR_maintenance5`: the commands that belong to no other file.
 
 use ash::vk;
 

@@ -1,5 +1,5 @@
-//! Entry points, by what they act on. Each decodes its C structures, calls one method and encodes
-//! the result.
+//! Entry points, by the object that they act on. Each decodes its C structures, calls one method
+//! and encodes the result.
 
 pub mod acceleration_structure;
 pub mod address_report;

@@ -185,7 +185,7 @@ unsafe fn write_representation(
     unsafe { enumerate_bytes(&mut out.data_size, data, |_| (text, all)) }
 }
 
-/// Writes the name of an executable, `"fragment main"`, and what it was made of.
+/// Writes the name of an executable, `"fragment main"`, and its source.
 fn describe(program: &Program, name: &mut [c_char; 256], description: &mut [c_char; 256]) {
     let stage = format!("{:?}", program.stage());
     let place = program.place_of(&[]);

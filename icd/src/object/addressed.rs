@@ -86,7 +86,7 @@ pub enum AddressEvent {
     Unbound,
 }
 
-/// Who hears of addresses that objects have.
+/// The callbacks that are notified of the addresses of objects.
 pub struct AddressReport(Arc<Messengers>);
 
 impl AddressReport {

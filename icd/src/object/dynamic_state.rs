@@ -142,7 +142,7 @@ impl GraphicsState {
         *self = new;
     }
 
-    /// Writes what is dynamic into `new`, a pipeline's state.
+    /// Writes the dynamic state into `new`, a pipeline's state.
     fn keep_in(&self, new: &mut Self, dynamic: impl Fn(vk::DynamicState) -> bool) {
         use vk::DynamicState as State;
         macro_rules! keep {

@@ -220,7 +220,7 @@ impl Image {
         self.bindings[self.binding_of(aspect)].size_bytes
     }
 
-    /// The addresses of what is bound of it.
+    /// The addresses of its bound memory.
     pub fn bound_ranges(&self) -> impl Iterator<Item = Range> {
         let ranges = self.bindings.iter().map(|binding| Range {
             start: binding.address.load(Ordering::Relaxed),

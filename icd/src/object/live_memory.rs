@@ -106,7 +106,7 @@ impl LiveMemory {
         Arc::clone(&self.0.lock().reach().0)
     }
 
-    /// The same, for what structures refer to.
+    /// The same, for the memory that structures refer to.
     pub fn structures(&self) -> Live {
         self.0.lock().reach().1.clone()
     }

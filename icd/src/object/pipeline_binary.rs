@@ -79,7 +79,7 @@ impl PipelineBinary {
     }
 }
 
-/// The key of a binary, by its data, or of a pipeline, by what its stages are compiled from.
+/// The key of a binary, by its data, or of a pipeline, by the inputs of its stages' compilation.
 pub fn key_of(content: &[u8]) -> [u8; 16] {
     xxh3_128_with_seed(content, 3).to_le_bytes()
 }

@@ -14,7 +14,7 @@ use crate::VkResult;
 /// A query pool: 64-bit values of each query, and whether they are there.
 pub struct QueryPool {
     pub ty: vk::QueryType,
-    /// Of pipeline statistics: what is counted, a value each in the order of the bits.
+    /// Pipeline statistics: one counter for each bit, in the order of the bits.
     pub statistics: vk::QueryPipelineStatisticFlags,
     /// Those of one query after those of the other.
     values: Vec<AtomicU64>,

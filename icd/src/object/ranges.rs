@@ -19,7 +19,7 @@ pub struct Taken {
     pub was_used: bool,
 }
 
-/// Free are all addresses from `next` to `end`, and what was freed.
+/// The addresses from `next` to `end` are free, and so are the freed ranges.
 #[derive(Default)]
 pub struct Ranges {
     base: u64,
@@ -77,7 +77,7 @@ impl Ranges {
         })
     }
 
-    /// Takes certain addresses: of the window, or of what was given back.
+    /// Takes certain addresses: of the window, or of the freed ranges.
     pub fn take_at(&mut self, addresses: &Range<u64>) -> Option<Taken> {
         let is_fresh = self.next <= addresses.start && addresses.end <= self.end;
         if self.next < addresses.end && addresses.end <= self.end {

@@ -64,7 +64,7 @@ pub struct SparseBind {
     pub resource: Arc<Reservation>,
     pub resource_offset: u64,
     pub size_bytes: u64,
-    /// Memory and an offset into it; `None` takes away what was bound.
+    /// Memory and an offset into it; `None` unbinds.
     pub memory: Option<(Ref<DeviceMemory>, u64)>,
 }
 
@@ -72,7 +72,7 @@ impl SparseBind {
     /// Performs it.
     ///
     /// # Errors
-    /// Says what is wrong: a range that is outside, or memory that cannot be bound.
+    /// Names the fault: a range that is outside, or memory that cannot be bound.
     pub fn perform(&self) -> Result<(), &'static str> {
         let inside = |offset: u64, whole: u64| {
             (offset.checked_add(self.size_bytes)).is_some_and(|end| end <= whole)

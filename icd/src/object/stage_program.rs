@@ -1,4 +1,4 @@
-//! A compiled stage, and the key that names what it was compiled from.
+//! A compiled stage, and the key of its sources.
 
 #![forbid(unsafe_code)]
 

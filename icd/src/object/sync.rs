@@ -12,7 +12,7 @@ use parking_lot::{Condvar, Mutex};
 use super::external_sync::External;
 use crate::VkResult;
 
-/// How long a wait for what lies in a file sleeps, at first and at most, before it looks again.
+/// First and longest pause between two looks of a wait for an object that lies in a file.
 const FIRST_LOOK: Duration = Duration::from_micros(20);
 const LAST_LOOK: Duration = Duration::from_millis(1);
 
@@ -64,7 +64,7 @@ pub struct Waiting {
 }
 
 impl Waiting {
-    /// Tells everyone who waits that something has changed.
+    /// Notifies all waiters of a change.
     pub fn notify(&self) {
         // A waiter holds the lock from its check until it sleeps, so this notification is not lost.
         drop(self.changed_lock.lock());
@@ -149,7 +149,7 @@ impl Fence {
         external.unwrap_or_else(|| self.signaled.load(Ordering::Acquire))
     }
 
-    /// Sets or resets the fence. Who sets it also [notifies](Waiting::notify).
+    /// Sets or resets the fence. The caller that sets it also [notifies](Waiting::notify).
     pub fn set(&self, signaled: bool) {
         let is_external = match signaled {
             true => self.external.signal(),

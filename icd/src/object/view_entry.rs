@@ -1,4 +1,4 @@
-//! Entries of the tables of what shaders read through views.
+//! Table entries of the resources that shaders read through views.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};

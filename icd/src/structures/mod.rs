@@ -120,7 +120,7 @@ pub unsafe fn copy(built: Built, what: BuiltCopy, in_blocks: bool, reach: &Reach
     }
 }
 
-/// A property of what was built.
+/// A property of a built structure.
 ///
 /// # Safety
 /// As [`acceleration_structure::property`].

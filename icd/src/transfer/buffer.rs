@@ -1,5 +1,5 @@
 //! Copying, filling and updating buffers. Ranges were checked against their buffers when they were
-//! recorded, if they were given as such; what is given by its address is left alone if there is no
+//! recorded, if they were given as such; ranges given by address are left alone if there is no
 //! memory.
 
 use spirv_jit::reach::Reach;

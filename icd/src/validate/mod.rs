@@ -132,7 +132,7 @@ impl Checks {
 }
 
 impl Drop for Checks {
-    /// Reports what is new.
+    /// Reports new findings.
     fn drop(&mut self) {
         for ((rule, place), found) in std::mem::take(self.found.get_mut()) {
             let Some(name) = rule.vuid(self.caller) else {

@@ -254,7 +254,7 @@ impl<'a> Verifier<'a> {
         }
     }
 
-    /// Ends the visibility of what was defined since the scope had that length.
+    /// Hides the values that were defined since the scope had that length.
     fn leave(&mut self, length: usize) {
         for value in self.scope.drain(length..) {
             self.visible[value.index()] = false;
@@ -279,7 +279,7 @@ impl<'a> Verifier<'a> {
         }
     }
 
-    /// The operands of a `br` or a loop's initial values against what they define.
+    /// Checks the operands of a `br`, or a loop's initial values, against the values they define.
     fn check_passed(&self, label: Label, passed: &[Value], taken: &[Value]) -> Result<(), String> {
         if passed.len() != taken.len() {
             return Err(format!(

@@ -41,7 +41,7 @@ impl<'b> Steps<'b> {
         self.open.pop();
     }
 
-    /// Leaves out what is left of the innermost open body, its [`Step::End`] included.
+    /// Skips the rest of the innermost open body, its [`Step::End`] included.
     pub fn skip_rest(&mut self) {
         if let Some(open) = self.open.last_mut() {
             open.next = open.body.nodes.len() + 1;
@@ -122,7 +122,7 @@ impl Node {
         first.into_iter().chain(second).map(|body| &mut **body)
     }
 
-    /// A copy without what is in its bodies.
+    /// A copy with empty bodies.
     fn head(&self) -> Node {
         match self {
             Node::Inst(inst) => Node::Inst(inst.clone()),
@@ -247,7 +247,7 @@ impl Body {
         }
     }
 
-    /// The nodes of this body and of those inside, each before what is in it.
+    /// The nodes of this body and of nested ones, each before its content.
     pub fn visit<'b>(&'b self, f: &mut impl FnMut(&'b Node)) {
         let mut open = vec![self.nodes.iter()];
         while let Some(nodes) = open.last_mut() {

@@ -101,7 +101,7 @@ impl Builder {
         self.head_values.contains(&value)
     }
 
-    /// Opens a nested body; what was open goes on after [`Self::close`].
+    /// Opens a nested body; the outer one goes on after [`Self::close`].
     pub fn open(&mut self) -> Vec<Node> {
         std::mem::take(&mut self.nodes)
     }

@@ -160,7 +160,7 @@ fn serves_inputs(capability: Capability, parsed: &ParsedModule) -> bool {
     capability == Capability::Geometry && entries.any(|it| it.model == ExecutionModel::Fragment)
 }
 
-/// Refuses a module that asks for what the device has not enabled, or what cannot be lowered.
+/// Refuses a module with capabilities that the device has not enabled, or that cannot be lowered.
 pub(super) fn check_capabilities(
     parsed: &ParsedModule,
     request: &CompileRequest<'_>,

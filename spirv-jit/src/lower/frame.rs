@@ -99,7 +99,7 @@ pub(super) enum ReturnTo {
     /// A function lowered in place leaves the block around it, with its result or with that in
     /// memory.
     Block(Label, Option<Pointer>),
-    /// A function of the IR returns its result and what it took.
+    /// A function of the IR returns its result and the values that it took.
     Caller(Rc<ExtraResults>),
 }
 

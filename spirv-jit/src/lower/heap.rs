@@ -304,7 +304,7 @@ impl Lowerer<'_> {
         self.b.binary(ir::Op::LShr, bytes, bits)
     }
 
-    /// The place of a word, or of the one that many words behind it.
+    /// The location of a word, plus an offset in words.
     fn word_place(&mut self, word: Word, at: Option<Value>) -> Result<MemoryLocation, Error> {
         let (mut address, constant) = match word {
             Word::Push(constant) => {

@@ -43,8 +43,8 @@ impl<T> IdTable<T> {
         self.items.len()
     }
 
-    /// Forgets what was put in since the table had that length. Ids that were replaced meanwhile
-    /// are forgotten as well.
+    /// Removes the entries that were added since the table had that length, and the ids that were
+    /// replaced meanwhile.
     pub fn truncate(&mut self, length: usize) {
         for (id, _) in self.items.drain(length..) {
             self.places[id as usize] = 0;

@@ -1,4 +1,4 @@
-//! Image instructions: one description of what is asked, one list of operands.
+//! Image instructions: one description of the request, one list of operands.
 
 use images::{Dim, Format, ImageOp, ImageOpKind, LodMode, TexelType};
 use rspirv::spirv::{self, ImageOperands, Op};

@@ -56,7 +56,7 @@ impl Lowerer<'_> {
         }
     }
 
-    /// The entry's variable of a storage class of which there is one at most.
+    /// The entry's variable of a storage class that has one variable at most.
     pub(super) fn interface_variable(&self, class: StorageClass) -> Option<Id> {
         let of_class = self.variables.iter().filter(|(_, v)| v.class == class);
         of_class

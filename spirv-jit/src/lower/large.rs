@@ -389,7 +389,7 @@ impl Lowerer<'_> {
         Ok(())
     }
 
-    /// The type of what a source has, where that is known.
+    /// The type of a source's contents, where that is known.
     fn source_type(&self, source: &ContentsSource) -> Option<Id> {
         match source {
             ContentsSource::Memory(pointer) => Some(pointer.pointee),
@@ -398,7 +398,7 @@ impl Lowerer<'_> {
         }
     }
 
-    /// A source must be made of as many parts as what it fills.
+    /// Checks that a source has as many parts as its destination.
     fn check_parts(
         &self,
         source: &ContentsSource,

@@ -72,7 +72,7 @@ impl TypeLayout<'_> {
         Err(Error::invalid(0, "structure member index out of range"))
     }
 
-    /// The matrix layout that a member's decorations give to what is in it.
+    /// The matrix layout that a member's decorations give to the matrices inside.
     pub fn member_shape(&self, structure: Id, member: u32) -> Shape {
         let find = |decoration| self.annotations.member(structure, member, decoration);
         Shape {

@@ -116,7 +116,7 @@ pub fn lower_module(
     lowerer.finish(end)
 }
 
-/// An error for what is well-formed but too large.
+/// An error for code that is well-formed but too large.
 fn budget(message: &str) -> Error {
     Error {
         kind: ErrorKind::Budget,

@@ -105,7 +105,7 @@ impl Lowerer<'_> {
         self.require_same(!self.is_opaque(ty)?)
     }
 
-    /// Checks the type of what a variable holds: such values stay in memory of the invocation.
+    /// Checks the type of a variable's contents: such values stay in memory of the invocation.
     pub(super) fn check_variable(&self, class: StorageClass, pointee: Id) -> Result<(), Error> {
         let may_be_long = matches!(
             class,

@@ -259,7 +259,7 @@ impl Lowerer<'_> {
         self.store_query_row_if(query, row::STATE, inside, generated)
     }
 
-    /// Makes what getters say about the candidate what they say about the committed intersection.
+    /// Copies the getters' answers for the candidate to those for the committed intersection.
     fn commit_candidate(
         &mut self,
         query: &Pointer,

@@ -34,7 +34,7 @@ pub(super) struct InterfaceWord {
 
 #[derive(Clone, Copy, Debug)]
 enum WordLocation {
-    /// A word of what begins at a location: from word 4 on it lies in the next one.
+    /// A word of a value that begins at a location: from word 4 on it lies in the next location.
     Location {
         location: u32,
         word: u32,

@@ -78,7 +78,7 @@ pub(super) struct Pointer {
     pub volatile: bool,
     /// It leads into a uniform block; see [`Access::constant`](crate::ir::op::Access::constant).
     pub constant: bool,
-    /// log₂ of what its address must be a multiple of, where that is to be checked.
+    /// log₂ of its alignment, where that is to be checked.
     pub alignment: u8,
     /// It leads to a storage buffer in a shader with 64-bit indexing.
     pub is_wide: bool,

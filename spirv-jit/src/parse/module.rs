@@ -196,7 +196,7 @@ fn check_uses(table: &InstructionTable, definitions: &[u32]) -> Result<(), Error
     Ok(())
 }
 
-/// Debug information and decorations: what they name need not exist for the module to be run.
+/// Debug information and decorations: the ids that they name need not exist.
 fn is_annotation(opcode: Op) -> bool {
     matches!(
         opcode,

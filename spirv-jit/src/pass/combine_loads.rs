@@ -1,4 +1,4 @@
-//! Loads of what lies side by side, made one: members of a record that are read by separate loads
+//! Combines loads of neighbouring memory: members of a record that are read by separate loads
 //! are found and checked together.
 //!
 //! Only loads of one body between which nothing is written, no access is ordered and no construct
@@ -64,7 +64,7 @@ struct Family {
     descriptor: Option<Value>,
     base: Option<Value>,
     factor: u64,
-    /// The type of scalars that are combined with their like only; `None` for what words make up.
+    /// The type of scalars that are combined only with scalars of that type; `None` for words.
     ty: Option<Type>,
 }
 

@@ -233,7 +233,7 @@ fn eliminate_unused_functions(module: &mut Module) {
     }
 }
 
-/// Drops what is not used and gives the new index of each that is.
+/// Drops unused entries; returns the new index of each used one.
 fn keep_used<T>(items: &mut Vec<T>, used: &[bool]) -> Vec<u32> {
     let mut numbers = Vec::with_capacity(used.len());
     let mut next = 0;

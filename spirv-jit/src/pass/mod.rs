@@ -128,7 +128,7 @@ const BEFORE: Stages = &[
     ),
 ];
 
-/// Unrolling, and what it opens up. Loops inside one that was unrolled may be next.
+/// Unrolling, and the passes that gain from it. Loops inside an unrolled one may be next.
 const ROUND: Stages = &[
     (When::Loops, &[UNROLL]),
     (
@@ -206,7 +206,7 @@ const UNROLL: &str = "unroll_loops";
 const PROMOTE_IN_LOOPS: &str = "promote_in_loops";
 const COMBINE: &str = "combine_loads";
 
-/// Addresses made rows, and what is left of them removed, so that the variables can be promoted.
+/// Resolves addresses to rows and removes the rest of them, so that variables can be promoted.
 const ADDRESSES: &[&str] = &["resolve_variable_addresses", "eliminate_dead_code"];
 
 /// All of them in order, as if each had something to do.

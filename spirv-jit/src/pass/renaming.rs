@@ -2,7 +2,7 @@
 
 use crate::ir::{Body, Label, Terminator, Value};
 
-/// New names for what a copy of a body uses and defines.
+/// New names for the values that a copy of a body uses and defines.
 pub struct Renaming {
     pub values: Vec<Value>,
     pub labels: Vec<Label>,

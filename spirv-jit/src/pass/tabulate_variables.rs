@@ -7,7 +7,7 @@ use super::edit::{Edit, edit_body};
 use crate::ir::op::MAX_TABLE_RESULTS;
 use crate::ir::{Body, Function, Inst, Node, Op, Space, Step, Type, Value, VariableId};
 
-/// Larger variables stay what they are.
+/// Larger variables stay variables.
 const MAX_ROWS: u32 = 1 << 14;
 
 /// Makes tables of the variables that qualify, and takes their stores away.

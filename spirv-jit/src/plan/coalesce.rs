@@ -16,7 +16,7 @@ use foldhash::HashMap;
 
 use crate::ir::{Body, Label, Node, Step, Terminator, Value};
 
-/// A value and what it would be copied to.
+/// A value and the destination of its copy.
 pub(crate) struct Candidate {
     pub from: Value,
     pub to: Value,

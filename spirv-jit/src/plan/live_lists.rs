@@ -1,7 +1,7 @@
-//! Lists of what lives at each of many places. Lists of neighbouring places have most entries in
+//! Lists of the values that live at each of many positions. Neighbouring lists have most entries in
 //! common. Each list is a tree over numbered slots, and lists share the parts of their trees in
 //! which no slot differs. So all lists together take memory in proportion to the changes between
-//! them, not to places times values.
+//! them, not to positions times values.
 #![forbid(unsafe_code)]
 
 use std::ops::Range;

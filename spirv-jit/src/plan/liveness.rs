@@ -63,7 +63,7 @@ impl Liveness {
         after: 1,
     };
 
-    /// Across a position: what is defined before it and used after it lives there.
+    /// Values that are defined before a position and used after it live across it.
     pub fn across(position: u32) -> HalfSteps {
         HalfSteps {
             before: 2 * position,
@@ -102,7 +102,7 @@ struct Walk<'f> {
     loops: Vec<(u32, Vec<Value>)>,
     /// Positions where the wave can be suspended, ascending.
     suspensions: Vec<u32>,
-    /// Descriptors, and what they are made of.
+    /// Descriptors, and the values that they are made of.
     descriptors: Vec<(Value, Value)>,
 }
 

@@ -233,7 +233,7 @@ struct Living {
     /// Those that live, by the half-steps of their ends.
     ends: BinaryHeap<Reverse<(u32, Value, ListEntry)>>,
     rows: LiveRows,
-    /// Numbers for what takes no row of its own.
+    /// Numbers of the values that take no row of their own.
     input_slots: LiveRows,
     descriptor_slots: LiveRows,
     saved: Changing<Saved>,

@@ -145,7 +145,7 @@ fn floats_become_the_nearest_one() {
 
     let mut b = BFloats::new();
     let pair = b.a.global(Op::TypeVector, &[b.a.word, 2]);
-    let words = [b.input_word(0), b.given(1)];
+    let words = [b.input_word(0), b.input_word(1)];
     let words = b.a.make(pair, Op::CompositeConstruct, &words);
     let number = b.convert(Op::Bitcast, b.double, words);
     let result = b.convert(Op::FConvert, b.bfloat, number);

@@ -57,7 +57,7 @@ enum ChunkSource<'a> {
     Pieces(&'a Pieces),
 }
 
-/// The topology of what a patch becomes.
+/// The topology of the primitives that a patch becomes.
 fn domain_topology(modes: &TessellationModes) -> Topology {
     match modes.domain {
         _ if modes.point_mode => Topology::POINT_LIST,
@@ -66,7 +66,7 @@ fn domain_topology(modes: &TessellationModes) -> Topology {
     }
 }
 
-/// The topology of what the last stage before rasterization makes.
+/// The topology of the primitives that the last stage before rasterization makes.
 fn made_topology(draw: &Draw) -> Topology {
     let geometry = draw.stages.geometry().and_then(Program::geometry);
     match (geometry, draw.stages.tessellation()) {

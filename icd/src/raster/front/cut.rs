@@ -231,7 +231,7 @@ impl Cutter<'_> {
         Ok(true)
     }
 
-    /// Finds where the segment at the cursor ends, and counts what it has.
+    /// Finds the end of the segment at the cursor, and counts its primitives.
     fn end_of_segment(
         &self,
         draw: &Draw,

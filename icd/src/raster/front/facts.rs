@@ -37,7 +37,7 @@ pub enum BiasUnit {
     FloatOf,
 }
 
-/// How a depth attachment stores what it stores.
+/// The encoding of depths in an attachment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DepthFormat {
     None,

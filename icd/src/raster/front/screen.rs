@@ -10,7 +10,7 @@ use crate::raster::primitive::Bounds;
 pub const PIXEL: i32 = 256;
 
 /// Pixels from the origin within which positions are snapped; what reaches further is clipped.
-/// Edges of what is inside have coefficients in 31 bits.
+/// Edges of primitives inside have coefficients in 31 bits.
 pub const GUARD: f64 = (1 << 21) as f64;
 
 /// Rounds to the nearest integer, ties to even. The value is less than 2³¹ in magnitude.

@@ -20,11 +20,11 @@ pub struct Primitive {
     /// First words of the vertices' outputs.
     pub vertices: [u32; 3],
     pub provoking: u8,
-    /// First word of what a mesh program gave to it.
+    /// First of the words that a mesh program gave to it.
     pub words: u32,
 }
 
-/// Vertices of a primitive: what they are on the screen, and what they were.
+/// Vertices of a primitive, on the screen and before projection.
 pub struct Corners<'a> {
     pub screen: [&'a ScreenVertex; 3],
     pub positions: [Clip; 3],

@@ -175,7 +175,7 @@ impl<V: Vector> Modes<V> {
         }
     }
 
-    /// Operations that combine colours without a look at what they cover.
+    /// Operations that combine colours and ignore coverage.
     #[inline(always)]
     fn combined(self, op: BlendOp, s: [V::F; 4], d: [V::F; 4]) -> [V::F; 4] {
         let v = self.v;

@@ -25,7 +25,7 @@ const SECOND: [BlendFactor; 4] = [
     BlendFactor::ONE_MINUS_SRC1_ALPHA,
 ];
 
-/// Output rows of a colour, by component; none for what the program does not write.
+/// Output rows of a colour, by component; none for components that the program does not write.
 pub type ComponentRows = [Option<usize>; 4];
 
 /// How colours become texels.
@@ -47,7 +47,7 @@ enum Coding {
 pub(super) struct Bytes {
     /// The colour's component that each byte is.
     components: [usize; 4],
-    /// If the colour is laid over what is there: which bytes are multiplied with alpha first.
+    /// For source-over blending: the bytes that are multiplied with alpha first.
     over: Option<[bool; 4]>,
 }
 
@@ -217,7 +217,7 @@ fn to_bytes<V: Vector>(v: V, numbers: [V::F; 4]) -> V::I {
     v.or_i(low, high)
 }
 
-/// Sixteen colours that are laid over what is there, in the order of their bytes.
+/// Sixteen colours of source-over blending, in the order of their bytes.
 #[derive(Clone, Copy)]
 pub struct SourceOver<V: Vector> {
     /// The addends.
@@ -297,7 +297,7 @@ fn with_missing<V: Vector>(
     components
 }
 
-/// A row of a program's outputs; zeros for what it does not write.
+/// A row of a program's outputs; zeros if the program does not write it.
 #[inline(always)]
 fn component<V: Vector>(v: V, place: Option<usize>, rows: &[AlignedRow]) -> V::I {
     match place {

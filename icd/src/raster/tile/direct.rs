@@ -18,7 +18,7 @@ use crate::raster::Target;
 use crate::raster::primitive::Record;
 
 lanes::vectors! {
-    /// Tests a primitive's fragments and writes what they leave.
+    /// Tests a primitive's fragments and writes their colours and depths.
     ///
     /// # Safety
     /// The covered area lies in the render area, except for blocks at its edge, and so in all

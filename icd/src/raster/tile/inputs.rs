@@ -1,4 +1,4 @@
-//! The inputs of fragment programs and what they come from: varyings, planes, built-ins (spec,
+//! The inputs of fragment programs and their sources: varyings, planes, built-ins (spec,
 //! "Fragment Shader Interpolation").
 
 use smallvec::SmallVec;

@@ -124,7 +124,7 @@ impl Output {
         }
     }
 
-    /// Whether fragments lose samples by what the program leaves.
+    /// Whether fragments lose samples by outputs of the program.
     pub fn drops_samples(&self) -> bool {
         self.sample_mask.is_some() || self.alpha.is_some()
     }

@@ -153,7 +153,7 @@ impl SampleBatch {
     }
 }
 
-/// The pixels of what is covered: sixteen of a row each, then blocks.
+/// The covered pixels: sixteen of a row each, then blocks.
 struct Fragments<'a> {
     covered: &'a Covered,
     corner: [i32; 2],

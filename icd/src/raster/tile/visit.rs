@@ -462,7 +462,7 @@ impl<'a> Visit<'a> {
         }
     }
 
-    /// Runs the fragments that wait, and writes what they leave, in order.
+    /// Runs the waiting fragments, and writes their results in order.
     pub(super) fn run_wave(&mut self) -> Result<(), Stopped> {
         let Some(current) = self.current else {
             return Ok(());

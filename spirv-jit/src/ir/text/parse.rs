@@ -18,7 +18,7 @@ use crate::query::QueryWord;
 /// Reads the text form of a module.
 ///
 /// # Errors
-/// The line and what was expected there.
+/// The line, and the token that was expected there.
 pub fn parse_module(text: &str) -> Result<Module, String> {
     let mut parser = Parser::new(text)?;
     parser

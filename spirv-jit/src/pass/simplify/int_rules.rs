@@ -207,7 +207,7 @@ impl Simplifier<'_> {
         Some(Becomes(op, smallvec![a, k]))
     }
 
-    /// `(x op c) op k` is `x op (c op k)` for what is associative.
+    /// `(x op c) op k` is `x op (c op k)` for associative operations.
     fn chain_rules(&mut self, op: &Op, a: Value, k: u64, ty: Type) -> Option<Outcome> {
         let (inner, args) = self.pure(a)?;
         if inner != *op {

@@ -140,7 +140,7 @@ pub trait Vector: Copy {
     /// `a < b ? a : b`, and `a > b ? a : b`: with a NaN, `b`.
     fn min(self, a: Self::F, b: Self::F) -> Self::F;
     fn max(self, a: Self::F, b: Self::F) -> Self::F;
-    /// Truncated; unspecified for what no `i32` holds.
+    /// Truncated; unspecified where no `i32` holds the result.
     fn to_i(self, a: Self::F) -> Self::I;
     fn to_f(self, a: Self::I) -> Self::F;
     /// 16-bit floats in the words' low halves, the high ones being zero: nearest, ties to even.

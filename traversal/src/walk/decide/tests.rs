@@ -10,7 +10,7 @@ use super::*;
 use crate::layout::Margin;
 use crate::walk::options::Accuracy;
 use crate::walk::space::Space;
-use crate::walk::triangle::{Flat, intersect, rounding};
+use crate::walk::triangle::{ShearedTriangle, intersect, rounding};
 
 pub(in crate::walk) fn count() -> usize {
     let given = std::env::var("TRIPLES").ok();
@@ -362,7 +362,7 @@ fn bounds_hold() {
         space.tolerance = Accuracy::Spec.tolerance();
         space.set(case.origin, case.direction, 0.0, 0.0);
 
-        let flat = Flat::new(&space, &case.triangle);
+        let flat = ShearedTriangle::new(&space, &case.triangle);
         let edges = [flat.edge(2, 1), flat.edge(0, 2), flat.edge(1, 0)];
         let one_sign = edges.iter().all(|&e| e > 0.0) || edges.iter().all(|&e| e < 0.0);
         let error = Margin::of(&case.triangle).error(flat.z[0].abs());

@@ -17,7 +17,7 @@ use crate::os::section::Section;
 /// A payload to import, whose file is owned from here on.
 ///
 /// # Errors
-/// `VK_ERROR_INVALID_EXTERNAL_HANDLE` for what is no file; the file is not owned then.
+/// `VK_ERROR_INVALID_EXTERNAL_HANDLE` if it is no file; the file is not owned then.
 ///
 /// # Safety
 /// The file is the application's to give away.
@@ -37,7 +37,7 @@ unsafe fn import(fd: RawHandle, is_sync: bool, is_temporary: bool) -> VkResult<I
 /// which is closed on success.
 ///
 /// # Errors
-/// `VK_ERROR_INVALID_EXTERNAL_HANDLE` for what is no file.
+/// `VK_ERROR_INVALID_EXTERNAL_HANDLE` if it is no file.
 ///
 /// # Safety
 /// `next` is a valid chain of `VkMemoryAllocateInfo`.

@@ -1,4 +1,4 @@
-//! Bins list what is drawn, in order.
+//! Bins list the shapes to draw, in order.
 
 use ash::vk;
 

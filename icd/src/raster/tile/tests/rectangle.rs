@@ -1,4 +1,4 @@
-//! Rectangles of two triangles: what they cover, pixel by pixel.
+//! Rectangles of two triangles: their coverage, pixel by pixel.
 
 use lanes::vector::{Portable, Vector};
 

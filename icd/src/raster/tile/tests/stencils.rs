@@ -47,7 +47,7 @@ fn operated(op: StencilOp, old: u8, reference: u8) -> u8 {
     }
 }
 
-/// One depth in a format's units: what it is rounded to.
+/// A depth, rounded to a format's units.
 fn rounded(format: vk::Format, depth: f32) -> f64 {
     let units = match format {
         vk::Format::D16_UNORM => 65535.0,
