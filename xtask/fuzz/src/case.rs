@@ -3,7 +3,7 @@
 use anyhow::{Context, Result, bail};
 use fastrand::Rng;
 
-use crate::targets::{self, Target};
+use crate::targets::{self, FuzzTarget};
 
 /// Steps of a case, at most.
 const MOST: u32 = 16;
@@ -11,7 +11,7 @@ const MOST: u32 = 16;
 /// A case by name.
 #[derive(Clone)]
 pub struct Which {
-    pub target: &'static Target,
+    pub target: &'static FuzzTarget,
     pub seed: u64,
     pub number: u64,
     /// The only steps that are done; `None`: all.

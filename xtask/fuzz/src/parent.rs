@@ -10,7 +10,7 @@ use anyhow::{Context, Result};
 
 use crate::case::Which;
 use crate::child::progress_text;
-use crate::targets::Target;
+use crate::targets::FuzzTarget;
 use crate::world::World;
 
 /// How long a child runs, mostly, once its first case is done: on a loaded machine a device and its
@@ -81,14 +81,19 @@ impl Parent {
     }
 
     /// Runs targets in turn. Fails if anything was found.
-    pub fn run(&self, targets: &[&'static Target], seed: u64, amount: Amount) -> Result<ExitCode> {
+    pub fn run(
+        &self,
+        targets: &[&'static FuzzTarget],
+        seed: u64,
+        amount: Amount,
+    ) -> Result<ExitCode> {
         // Panics, and says why, where no device is to be had. To a child any panic of the harness
         // is an answer: without a driver no case would fail.
         drop(World::open());
         let mut next: BTreeMap<&str, u64> = BTreeMap::new();
         let mut findings = 0;
         // Runs cases of a target in a child, which ends by itself or by its time.
-        let mut some = |target: &'static Target, most: Option<u64>, time| -> Result<u64> {
+        let mut some = |target: &'static FuzzTarget, most: Option<u64>, time| -> Result<u64> {
             let number = next.entry(target.name).or_default();
             let first = Which {
                 target,
@@ -202,7 +207,7 @@ impl Parent {
         ))
     }
 
-    fn log(&self, target: &Target) -> PathBuf {
+    fn log(&self, target: &FuzzTarget) -> PathBuf {
         self.out.join(format!("{}.log", target.name))
     }
 

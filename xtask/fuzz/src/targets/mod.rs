@@ -18,65 +18,65 @@ use crate::case::Case;
 use crate::world::World;
 
 /// A kind of nonsense.
-pub struct Target {
+pub struct FuzzTarget {
     pub name: &'static str,
     pub run: fn(&World, &Case),
 }
 
-const TARGETS: [Target; 12] = [
-    Target {
+const TARGETS: [FuzzTarget; 12] = [
+    FuzzTarget {
         name: "modules",
         run: modules::run,
     },
-    Target {
+    FuzzTarget {
         name: "structures",
         run: structures::run,
     },
-    Target {
+    FuzzTarget {
         name: "blobs",
         run: structures::run_serialized,
     },
-    Target {
+    FuzzTarget {
         name: "scribbles",
         run: scribbles::run,
     },
-    Target {
+    FuzzTarget {
         name: "caches",
         run: caches::run,
     },
-    Target {
+    FuzzTarget {
         name: "transfers",
         run: transfers::run,
     },
-    Target {
+    FuzzTarget {
         name: "builds",
         run: builds::run,
     },
-    Target {
+    FuzzTarget {
         name: "micromaps",
         run: micromaps::run,
     },
-    Target {
+    FuzzTarget {
         name: "descriptors",
         run: descriptors::run,
     },
-    Target {
+    FuzzTarget {
         name: "heaps",
         run: heaps::run,
     },
-    Target {
+    FuzzTarget {
         name: "draws",
         run: draws::run,
     },
-    Target {
+    FuzzTarget {
         name: "tables",
         run: tables::run,
     },
 ];
 
 /// Targets by name; all if none is named.
-pub fn named(names: &[String]) -> Result<Vec<&'static Target>> {
-    static ALL: &[Target] = &TARGETS;
+pub fn named(names: &[String]) -> Result<Vec<&'static FuzzTarget>> {
+    static ALL: &[FuzzTarget] = &TARGETS;
     if names.is_empty() {
         return Ok(ALL.iter().collect());
     }
