@@ -38,7 +38,7 @@ fn main() {
     }
 }
 
-/// The stage that a file name ends in; `None` for what is only included.
+/// The stage that a file name ends in; `None` for included files.
 fn stage_of(path: &Path) -> Option<ShaderStage> {
     Some(match path.extension()?.to_str()? {
         "vert" => ShaderStage::Vertex,

@@ -26,7 +26,7 @@ pub enum Target {
     Windows,
 }
 
-/// The variable by which QEMU limits the address space of what it runs.
+/// The variable by which QEMU limits the address space of its program.
 const ADDRESS_SPACE: &str = "QEMU_RESERVED_VA";
 
 impl Architecture {
@@ -98,7 +98,7 @@ impl Emulation {
         })
     }
 
-    /// Has cargo build for the architecture, and run what it built.
+    /// Makes cargo build for the architecture, and run the result.
     pub fn select_for(&self, cargo: &mut Command) {
         let name = self.architecture.name();
         let platform = self.architecture.platform();

@@ -63,7 +63,7 @@ enum Command {
     Install(install::Options),
     /// Remove what `install` put there
     Uninstall(install::Options),
-    /// Tell what programs find here: loader, drivers, limits; and what mends what is wrong
+    /// Show the loader, drivers and limits that programs find here, and how to fix problems
     Info(info::Options),
     /// Build what users install: a Python wheel, a Debian package and a tarball; for Windows a zip
     Package(package::Options),
@@ -81,7 +81,7 @@ enum Command {
     Profile(profile::Options),
     /// Run slangpy's ray tracing examples, compiled by the Slang compiler; fetches both
     Slang(slang::Options),
-    /// Write docs/valid-usage.md: who looks after which rule of valid usage
+    /// Write docs/valid-usage.md: the code that checks each rule of valid usage
     Vuids,
     /// Hold the driver's tables against the Vulkan registry (vk.xml)
     Audit(audit::Options),

@@ -25,7 +25,7 @@ impl Skips {
         tests.env("TUFF_TEST_SKIPS", &self.0);
     }
 
-    /// Prints what is on the list; how many there are.
+    /// Prints the entries of the list; returns their count.
     pub fn print(&self) -> Result<usize> {
         let list = fs::read_to_string(&self.0).context("reading the list of skipped tests")?;
         let mut lines: Vec<_> = list.lines().collect();

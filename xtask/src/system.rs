@@ -66,7 +66,7 @@ pub fn install_nothing() {
     MAY_INSTALL.store(false, Ordering::Relaxed);
 }
 
-/// Sees to it that all of this is there: installs what is missing where this program may.
+/// Installs the missing packages, where this program may.
 ///
 /// # Errors
 /// Something is missing; the message says what to install.
@@ -107,7 +107,7 @@ fn packages(needs: &[&Need], manager: usize) -> Vec<&'static str> {
     needs.iter().map(|need| need.packages[manager]).collect()
 }
 
-/// Installs packages; the caller sees by what is there whether that went well.
+/// Installs packages; the caller looks for them to see whether that succeeded.
 fn install(prefix: &str, packages: &[&str]) {
     let apt = |arguments: &[&str]| {
         let mut words = prefix.split_whitespace().chain(["env"]);
@@ -125,7 +125,7 @@ fn install(prefix: &str, packages: &[&str]) {
     let _ = apt(&install) || (apt(&["update"]) && apt(&install));
 }
 
-/// One line: what is missing, and what a person would type to install it here.
+/// One line: the missing packages, and the command that installs them here.
 fn missing_line(missing: &[&Need], is_program: impl Fn(&str) -> bool) -> String {
     let names: Vec<&str> = missing.iter().map(|need| need.name).collect();
     let managers = [

@@ -19,7 +19,7 @@ pub struct HeatMap {
     pub foot: String,
 }
 
-/// A cell: what it says, and how bad it is from 0 (well) to 1.
+/// A cell: its text, and its badness from 0 (good) to 1.
 pub type Cell = (String, f64);
 
 const LEFT: i32 = 190;

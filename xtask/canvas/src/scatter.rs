@@ -267,7 +267,7 @@ fn extent(corner: (i32, i32), (width, height): (i32, i32)) -> Rectangle4 {
     [corner.0, corner.1, corner.0 + width, corner.1 + height]
 }
 
-/// The upper left corner of a label near a point, beside what is there already.
+/// The upper left corner of a label near a point, beside the labels already placed.
 fn free_place(at: (i32, i32), size: (i32, i32), taken: &[Rectangle4]) -> (i32, i32) {
     let (width, height) = size;
     let mut best = (i64::MAX, at);

@@ -91,7 +91,7 @@ impl Report {
         });
     }
 
-    /// Notes methods, draws them, and prints who is dominated.
+    /// Notes methods, draws them, and prints the dominated ones.
     pub fn frontier(&mut self, out: &Path, chart: &Chart<'_>, points: Vec<Point>) -> Result<()> {
         let pairs: Vec<_> = points.iter().map(|point| (point.x, point.y)).collect();
         let mut rows = Vec::new();

@@ -117,7 +117,7 @@ pub struct Contestant {
 }
 
 impl Contestant {
-    /// The engine over a mesh; `None` where the machine lacks what it needs.
+    /// The engine over a mesh; `None` where the machine lacks its instruction set.
     pub fn over(&self, mesh: &Mesh) -> Option<Engine> {
         (self.make)(mesh)
     }

@@ -52,7 +52,7 @@ fn arguments(command: &mut Command, scale: &Scale) {
     }
 }
 
-/// Measures a workload; `None` where the driver lacks what it needs.
+/// Measures a workload; `None` where the driver lacks a feature that it needs.
 pub fn measure(
     options: &Options,
     icd: &Path,

@@ -76,7 +76,7 @@ fn the_wheel_works_in_a_fresh_environment() {
     }
 }
 
-/// Holds the table of docs/compatibility.md against what was packed.
+/// Compares the table of docs/compatibility.md with the packages.
 fn sizes_are_told(driver: &Path, out: &Path) {
     let page = std::fs::read_to_string(root().join("docs/compatibility.md"));
     let page = page.expect("the page can be read");

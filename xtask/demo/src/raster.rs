@@ -1,4 +1,4 @@
-//! The scene, rasterized: one pass finds who is seen at each pixel's centre, a second one shades
+//! The scene, rasterized: one pass finds the object at each pixel's centre, a second one shades
 //! that, with ray queries for shadows, mirrors and glass.
 
 #[cfg(test)]
@@ -253,7 +253,7 @@ impl<'r, 'a> Drawing<'r, 'a> {
         change_layout(self.rasterizer.context, commands, image, from, to);
     }
 
-    /// Finds who is seen at each pixel's centre in `area`, and nowhere else.
+    /// Finds the object at each pixel's centre in `area`, and nowhere else.
     pub fn record_seen(&self, commands: vk::CommandBuffer, area: vk::Rect2D) {
         let attached = Layout::COLOR_ATTACHMENT_OPTIMAL;
         self.change(commands, &self.seen, Layout::UNDEFINED, attached);
@@ -290,7 +290,7 @@ impl<'r, 'a> Drawing<'r, 'a> {
         self.change(commands, &self.seen, attached, read);
     }
 
-    /// Shades `area`, where it is known who is seen; what is outside stays unless this `is_first`.
+    /// Shades `area`, whose objects are known; pixels outside stay unless this `is_first`.
     pub fn record_shading(&self, commands: vk::CommandBuffer, area: vk::Rect2D, is_first: bool) {
         let attached = Layout::COLOR_ATTACHMENT_OPTIMAL;
         let read = Layout::SHADER_READ_ONLY_OPTIMAL;
@@ -344,7 +344,7 @@ impl<'r, 'a> Drawing<'r, 'a> {
         self.run(area, &self.color)
     }
 
-    /// Draws `area` and reads who is seen at each pixel's centre, row by row.
+    /// Draws `area` and reads the object at each pixel's centre, row by row.
     #[cfg(test)]
     fn seen(&self, area: vk::Rect2D) -> Result<Vec<[u32; 4]>> {
         self.run(area, &self.seen)

@@ -93,7 +93,7 @@ pub const BOUNCES: u32 = 8;
 /// Frames of a second of the animation.
 const FRAMES_PER_SECOND: f32 = 24.0;
 
-/// A picture's sums, and what it cost.
+/// A picture's sums, and its cost.
 pub struct Rendering {
     /// Row-major sums of linear radiance, of the rows that were asked for; the fourth component
     /// counts samples.

@@ -3,7 +3,7 @@
 use ash::vk;
 use tuff_tests::{Buffer, Gpu, flat_info};
 
-/// Bytes before and after what is bound.
+/// Bytes before and after the bound range.
 pub const MARGIN: u64 = 4096;
 
 const PATTERN: u64 = 0x5AFE_C0DE_DEAD_BEA7;

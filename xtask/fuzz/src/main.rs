@@ -44,7 +44,7 @@ struct Arguments {
     /// The seed of all cases
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Where what is found is kept
+    /// Folder of the findings
     #[arg(long, default_value = "target/fuzz")]
     out: PathBuf,
     /// All by default

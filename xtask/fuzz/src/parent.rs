@@ -52,7 +52,7 @@ pub enum Amount {
 enum End {
     /// Of itself, or because its time was over.
     Well,
-    /// It died, or had to be: what was said of it.
+    /// It died or was killed: its message.
     Badly(String),
 }
 

@@ -189,7 +189,7 @@ impl World {
         true
     }
 
-    /// Ray queries through what is at an address.
+    /// Ray queries through the structure at an address.
     pub fn query(&self, address: u64, flags: u32) {
         let push = [address as u32, (address >> 32) as u32, flags];
         self.run(|commands| {

@@ -119,7 +119,7 @@ pub struct Worst {
     pub error: f64,
     /// Where it is.
     pub at: [f64; 3],
-    /// The greatest share of what is allowed.
+    /// The greatest share of the allowance.
     pub share: f64,
     pub count: u64,
 }

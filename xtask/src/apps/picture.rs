@@ -82,7 +82,7 @@ fn ppm(path: &Path) -> Result<Pixels> {
     Ok((size, channels.to_vec()))
 }
 
-/// A word of the header and the white space behind it; remarks are left out.
+/// A word of the header and the white space after it; comments are skipped.
 fn next_word(rest: &mut &[u8]) -> Option<String> {
     loop {
         let start = rest.iter().position(|byte| !byte.is_ascii_whitespace())?;

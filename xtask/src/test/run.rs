@@ -209,7 +209,7 @@ fn running_text(running: &Running) -> String {
     }
 }
 
-/// A runner that panicked has said so; what it left can be told.
+/// A runner that panicked has printed a message; its results are still reported.
 fn lock(board: &Mutex<Board>) -> MutexGuard<'_, Board> {
     board.lock().unwrap_or_else(PoisonError::into_inner)
 }

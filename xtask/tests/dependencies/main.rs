@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use proc_macro2::{TokenStream, TokenTree};
 use syn::visit::{self, Visit};
 
-/// A crate's folders, from what uses to what is used.
+/// A crate's folders, from users to used ones.
 struct House {
     name: &'static str,
     order: &'static [&'static str],

@@ -1,4 +1,4 @@
-//! The panel: what can be set, and what is there so far.
+//! The panel: the settings, and the progress so far.
 #![forbid(unsafe_code)]
 
 use egui::{Context, Frame, Rect, Shadow, Slider, Window};

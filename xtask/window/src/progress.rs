@@ -106,7 +106,7 @@ pub struct Progress<'a> {
     small: Layer<'a>,
     pub sight: Sight,
     small_is_done: bool,
-    /// Whether it is known who is seen left of the split.
+    /// Whether the objects left of the split are known.
     is_seen: bool,
     /// Rows that are drawn left of the split.
     pub drawn_rows: u32,
@@ -236,7 +236,7 @@ impl<'a> Progress<'a> {
         Ok(())
     }
 
-    /// Sums of what is traced: of the whole picture and of the small one.
+    /// Sums of the traced picture: of the whole one and of the small one.
     pub fn traced(&self) -> [vk::Buffer; 2] {
         [&self.whole, &self.small].map(|layer| layer.renderer.radiance.handle)
     }

@@ -19,7 +19,7 @@ use x11rb::protocol::xproto::{
 };
 use x11rb::wrapper::ConnectionExt as _;
 
-/// In pixels: the window's at first, and what it is resized to.
+/// Sizes of the window in pixels, at first and after the resize.
 const SIZES: [(u32, u32); 2] = [(480, 270), (400, 240)];
 const SAMPLES: u32 = 2;
 /// The same light is encoded by a shader in the window and by a table off screen: where it lies

@@ -6,7 +6,7 @@ use fastrand::Rng;
 use glam::{Vec3, vec3};
 use scenes::Mesh;
 
-/// A mesh and who looks at it.
+/// A mesh, a viewpoint and a light.
 pub struct Scene {
     pub name: &'static str,
     pub mesh: Mesh,
@@ -16,7 +16,7 @@ pub struct Scene {
     pub light: Vec3,
 }
 
-/// A mesh, an eye, what it looks at, and a light.
+/// A mesh, an eye, its target, and a light.
 type SceneParts = (Mesh, [f32; 3], [f32; 3], [f32; 3]);
 
 /// How a scene is made, to be called when its turn comes.

@@ -111,7 +111,7 @@ impl PictureTriangle {
     }
 }
 
-/// Why two primitives may both be seen at a place; or what is wrong.
+/// The reason why either of two primitives may be seen at a place, or the fault.
 fn excuse(
     scene: &Scene,
     eye: &Eye,

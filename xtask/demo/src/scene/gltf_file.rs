@@ -63,7 +63,7 @@ const READ_EXTENSIONS: [&str; 5] = [
     "KHR_texture_transform",
 ];
 
-/// Says what is wrong with a file that cannot be read for a plain reason.
+/// Names the fault of a file that cannot be read for a plain reason.
 fn check(path: &Path) -> Result<()> {
     let bytes = std::fs::read(path).with_context(|| format!("reading {}", path.display()))?;
     let is_gltf = bytes.starts_with(b"glTF") || bytes.trim_ascii_start().starts_with(b"{");

@@ -24,7 +24,7 @@ pub struct Texture {
 
 impl Texture {
     /// Filters the mip levels of a picture. Averages are taken of linear colours, weighted by
-    /// alpha, so that what is invisible does not bleed.
+    /// alpha, so that invisible texels do not bleed.
     pub fn new(width: u32, height: u32, texels: Vec<[u8; 4]>, srgb: bool, wrap: Wrap) -> Texture {
         assert_eq!(texels.len(), (width * height) as usize);
         let mut levels = vec![texels];

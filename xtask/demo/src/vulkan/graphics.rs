@@ -130,10 +130,10 @@ pub struct DrawInput<'i> {
     /// The fragment shader's specialization constant 0.
     pub has_holes: bool,
     pub color: vk::Format,
-    /// With a depth test that lets what is greater pass.
+    /// With a depth test that passes greater depths.
     pub depth: Option<vk::Format>,
     pub vertex_input: vk::PipelineVertexInputStateCreateInfo<'i>,
-    /// Color is added to what is there, times what alpha leaves of it.
+    /// Blends by premultiplied alpha.
     pub blends: bool,
     pub layout: vk::PipelineLayout,
 }

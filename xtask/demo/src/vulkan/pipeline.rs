@@ -38,7 +38,7 @@ pub struct PipelineCache<'a> {
 }
 
 impl<'a> PipelineCache<'a> {
-    /// A cache that starts with what an earlier one held; drivers pass over what is not theirs.
+    /// A cache with the data of an earlier one; drivers ignore data of other drivers.
     pub fn new(context: &'a Context, data: &[u8]) -> Result<PipelineCache<'a>> {
         let info = vk::PipelineCacheCreateInfo::default().initial_data(data);
         // SAFETY: `info` outlives the call.

@@ -59,7 +59,7 @@ pub fn run(world: &World, case: &Case) {
     }
 }
 
-/// A structure's memory, and what it was.
+/// A structure's memory, and its original contents.
 struct Level<'a> {
     storage: Buffer,
     good: &'a [u32],

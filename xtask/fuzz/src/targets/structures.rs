@@ -61,7 +61,7 @@ pub fn run(world: &World, case: &Case) {
     drop(restore);
 }
 
-/// Puts back what was there.
+/// Restores the original contents.
 struct Restore<'a>(Buffer, &'a [u32]);
 
 impl Drop for Restore<'_> {

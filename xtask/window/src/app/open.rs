@@ -1,4 +1,4 @@
-//! The window, and what is made for it: its surface, swapchain, picture and drawers.
+//! The window with its surface, swapchain, picture and drawers.
 
 use anyhow::{Context as _, Result, bail};
 use ash::vk;
@@ -62,7 +62,7 @@ impl App<'_> {
         Ok(())
     }
 
-    /// Makes what is not there yet or no longer fits; tells whether there is something to draw on.
+    /// Creates the missing or misfit parts; returns whether there is something to draw on.
     pub(super) fn fit(&mut self) -> Result<bool> {
         let Some(open) = &mut self.open else {
             return Ok(false);

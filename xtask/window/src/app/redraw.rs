@@ -18,7 +18,7 @@ use crate::swapchain::Outcome;
 const LONGEST_STEP: Duration = Duration::from_millis(200);
 
 impl App<'_> {
-    /// Does a piece of the picture and shows what is there.
+    /// Computes a part of the picture and shows the picture so far.
     pub(super) fn redraw(&mut self, events: &ActiveEventLoop) -> Result<()> {
         let now = Instant::now();
         let step = (now - self.last_frame).min(LONGEST_STEP).as_secs_f32();
