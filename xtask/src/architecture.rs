@@ -98,7 +98,7 @@ impl Emulation {
         })
     }
 
-    /// Makes cargo build for the architecture, and run the result.
+    /// Has cargo build for the architecture, and run what it built.
     pub fn select_for(&self, cargo: &mut Command) {
         let name = self.architecture.name();
         let platform = self.architecture.platform();
