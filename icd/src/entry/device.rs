@@ -14,7 +14,7 @@ use crate::handle::{self, from_handle};
 use crate::object::{PhysicalDevice, PrivateDataSlot};
 use crate::os::clock::Clock;
 use crate::queue::MAX_QUEUES;
-use crate::table::extensions::{ExtensionKind, ExtensionSet};
+use crate::table::extensions::{ExtensionSet, Kind};
 use crate::table::features;
 
 /// The features of a device that change how it works.
@@ -62,7 +62,7 @@ entry! {
         let physical = from_handle::<PhysicalDevice>(physical);
         let info = &*info;
         let names = ffi::slice(info.pp_enabled_extension_names, info.enabled_extension_count);
-        let extensions = ExtensionSet::from_names(ExtensionKind::Device, names.iter().map(|&name| ffi::string(name)))
+        let extensions = ExtensionSet::from_names(Kind::Device, names.iter().map(|&name| ffi::string(name)))
             .ok_or(vk::Result::ERROR_EXTENSION_NOT_PRESENT)?;
         features::check_requested(info)?;
         let queues = ffi::slice(info.p_queue_create_infos, info.queue_create_info_count);

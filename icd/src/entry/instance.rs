@@ -11,7 +11,7 @@ use crate::handle;
 use crate::object::messenger::Messengers;
 use crate::object::{Instance, Messenger, PhysicalDevice};
 use crate::os;
-use crate::table::extensions::{self, Extension, ExtensionKind, ExtensionSet};
+use crate::table::extensions::{self, Extension, ExtensionSet, Kind};
 use crate::table::limits::API_VERSION;
 
 /// A row of an extension enumeration.
@@ -45,7 +45,7 @@ entry! {
         if !layer.is_null() {
             return Err(vk::Result::ERROR_LAYER_NOT_PRESENT);
         }
-        let all: Vec<_> = extensions::of_kind(ExtensionKind::Instance).collect();
+        let all: Vec<_> = extensions::of_kind(Kind::Instance).collect();
         enumerate(count, out, all.into_iter().map(extension_properties))
     }
 
@@ -60,7 +60,7 @@ entry! {
         }
         let info = &*info;
         let names = ffi::slice(info.pp_enabled_extension_names, info.enabled_extension_count);
-        let extensions = ExtensionSet::from_names(ExtensionKind::Instance, names.iter().map(|&name| ffi::string(name)))
+        let extensions = ExtensionSet::from_names(Kind::Instance, names.iter().map(|&name| ffi::string(name)))
             .ok_or(vk::Result::ERROR_EXTENSION_NOT_PRESENT)?;
         let asked = info.p_application_info.as_ref().map_or(0, |application| application.api_version);
         let api_version = asked.max(vk::API_VERSION_1_0);

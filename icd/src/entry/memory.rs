@@ -14,7 +14,7 @@ use crate::handle::{self, from_handle};
 use crate::object::DeviceMemory;
 use crate::object::address_space::Placement;
 use crate::object::addressed::AddressEvent;
-use crate::object::memory::MemorySource;
+use crate::object::memory::Source;
 use crate::os::handle::{RawHandle, close};
 use crate::table::limits::PAGE_BYTES;
 
@@ -30,19 +30,16 @@ destroy_addressed! {
 unsafe fn source(
     device: &Device,
     info: &vk::MemoryAllocateInfo<'_>,
-) -> VkResult<(MemorySource, Option<RawHandle>)> {
+) -> VkResult<(Source, Option<RawHandle>)> {
     // SAFETY: the caller's promise.
     unsafe {
         if let Some(import) = chain::find::<vk::ImportMemoryHostPointerInfoEXT>(info.p_next)
             && !import.handle_type.is_empty()
         {
-            return Ok((
-                MemorySource::HostPointer(import.p_host_pointer.cast()),
-                None,
-            ));
+            return Ok((Source::HostPointer(import.p_host_pointer.cast()), None));
         }
         if let Some((copy, imported)) = imported_memory(info.p_next)? {
-            return Ok((MemorySource::Exported(copy), Some(imported)));
+            return Ok((Source::Exported(copy), Some(imported)));
         }
         let export =
             chain::find::<vk::ExportMemoryAllocateInfo>(info.p_next).is_some_and(|export| {
@@ -52,11 +49,11 @@ unsafe fn source(
             });
         Ok((
             if export {
-                MemorySource::Exportable
+                Source::Exportable
             } else if device.sparse_binding {
-                MemorySource::Shared
+                Source::Shared
             } else {
-                MemorySource::Fresh
+                Source::Fresh
             },
             None,
         ))

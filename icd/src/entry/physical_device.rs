@@ -19,7 +19,7 @@ use crate::object::resident;
 use crate::object::shading_rate::RATES;
 use crate::os;
 use crate::queue::MAX_QUEUES;
-use crate::table::extensions::{self, ExtensionKind};
+use crate::table::extensions::{self, Kind};
 use crate::table::{cooperative_matrices, features, limits, properties};
 
 fn queue_family() -> vk::QueueFamilyProperties {
@@ -118,7 +118,7 @@ entry! {
         if !layer.is_null() {
             return Err(vk::Result::ERROR_LAYER_NOT_PRESENT);
         }
-        let all: Vec<_> = extensions::of_kind(ExtensionKind::Device).collect();
+        let all: Vec<_> = extensions::of_kind(Kind::Device).collect();
         enumerate(count, out, all.into_iter().map(extension_properties))
     }
 

@@ -1,6 +1,6 @@
 //! A row of the table of commands, and the macro that writes rows.
 
-use crate::table::extensions::{Extension, ExtensionKind, ExtensionSet};
+use crate::table::extensions::{Extension, ExtensionSet, Kind};
 
 /// The object of a command's first argument.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -35,8 +35,8 @@ impl Command {
         match self.availability {
             Availability::Core(_) => true,
             Availability::Extension(extension) => match extension.kind() {
-                ExtensionKind::Device => true,
-                ExtensionKind::Instance => enabled.contains(extension),
+                Kind::Device => true,
+                Kind::Instance => enabled.contains(extension),
             },
         }
     }

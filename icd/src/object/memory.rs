@@ -164,7 +164,7 @@ enum Backing {
 }
 
 /// Where an allocation's bytes come from.
-pub enum MemorySource {
+pub enum Source {
     Fresh,
     /// Fresh, and sparse resources can be bound to it.
     Shared,
@@ -198,11 +198,11 @@ impl DeviceMemory {
     pub fn allocate(
         window: &Arc<AddressWindow>,
         size_bytes: u64,
-        source: MemorySource,
+        source: Source,
         placement: Placement,
     ) -> VkResult<Self> {
         let section = match source {
-            MemorySource::HostPointer(pointer) => {
+            Source::HostPointer(pointer) => {
                 if !is_mapped(pointer as u64, size_bytes) {
                     return Err(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE);
                 }
@@ -216,16 +216,16 @@ impl DeviceMemory {
                     },
                 });
             }
-            MemorySource::Fresh => None,
-            MemorySource::Shared => Some(Section::private()),
-            MemorySource::Exportable => {
+            Source::Fresh => None,
+            Source::Shared => Some(Section::private()),
+            Source::Exportable => {
                 let section = Section::exportable(size_bytes).map_err(|refused| match refused {
                     Refused::Handles => vk::Result::ERROR_TOO_MANY_OBJECTS,
                     Refused::Memory => vk::Result::ERROR_OUT_OF_DEVICE_MEMORY,
                 });
                 Some(section?)
             }
-            MemorySource::Exported(handle) => {
+            Source::Exported(handle) => {
                 let section = Section::import(handle, size_bytes);
                 Some(section.ok_or(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE)?)
             }
@@ -357,7 +357,7 @@ mod tests {
     }
 
     fn allocate(window: &Arc<AddressWindow>, size: u64) -> VkResult<DeviceMemory> {
-        DeviceMemory::allocate(window, size, MemorySource::Fresh, Placement::Ordinary)
+        DeviceMemory::allocate(window, size, Source::Fresh, Placement::Ordinary)
     }
 
     #[test]
@@ -413,7 +413,7 @@ mod tests {
             DeviceMemory::allocate(
                 &window,
                 bytes,
-                MemorySource::HostPointer(pointer as *mut u8),
+                Source::HostPointer(pointer as *mut u8),
                 Placement::Ordinary,
             )
         };
@@ -435,9 +435,8 @@ mod tests {
     fn an_address_can_be_had_again() {
         let window = AddressWindow::reserve(1 << 30).ok().unwrap();
         let first = allocate(&window, 1).ok().unwrap();
-        let again = |address| {
-            DeviceMemory::allocate(&window, 1, MemorySource::Fresh, Placement::At(address))
-        };
+        let again =
+            |address| DeviceMemory::allocate(&window, 1, Source::Fresh, Placement::At(address));
         assert!(again(first.address).is_err());
         let address = first.address + 8 * GRANULE;
         drop(first);
@@ -454,7 +453,7 @@ mod tests {
             let [first, second] = [0; 2].map(|_| AddressWindow::reserve(1 << 30).ok().unwrap());
             let address = allocate(&second, 1).ok().unwrap().address;
             let placement = Placement::At(address);
-            let again = || DeviceMemory::allocate(&first, 1, MemorySource::Fresh, placement);
+            let again = || DeviceMemory::allocate(&first, 1, Source::Fresh, placement);
             assert!(again().is_err());
             drop(second);
             let Ok(memory) = again() else { continue };
@@ -473,12 +472,12 @@ mod tests {
         let window = AddressWindow::reserve(1 << 30).ok().unwrap();
         let allocate =
             |size, source| DeviceMemory::allocate(&window, size, source, Placement::Ordinary);
-        let a = allocate(4096, MemorySource::Exportable).ok().unwrap();
-        let handle = MemorySource::Exported(a.export().ok().unwrap());
+        let a = allocate(4096, Source::Exportable).ok().unwrap();
+        let handle = Source::Exported(a.export().ok().unwrap());
         let b = allocate(4096, handle).ok().unwrap();
         write(a.address, 99);
         assert_eq!(read(b.address), 99);
-        let too_long = MemorySource::Exported(a.export().ok().unwrap());
+        let too_long = Source::Exported(a.export().ok().unwrap());
         assert!(allocate(1 << 20, too_long).is_err());
     }
 }

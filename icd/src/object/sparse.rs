@@ -109,7 +109,7 @@ impl SparseBind {
 
 #[cfg(test)]
 mod tests {
-    use super::super::memory::MemorySource;
+    use super::super::memory::Source;
     use super::*;
     use crate::handle;
 
@@ -123,7 +123,7 @@ mod tests {
         let window = AddressWindow::reserve(1 << 30).ok().unwrap();
         let allocate =
             |source| DeviceMemory::allocate(&window, 4 * GRANULE, source, Placement::Ordinary);
-        let memory = handle::new(allocate(MemorySource::Shared).ok().unwrap());
+        let memory = handle::new(allocate(Source::Shared).ok().unwrap());
         let resource = Reservation::new(&window, 3 * GRANULE, Placement::Ordinary);
         let resource = resource.ok().unwrap();
         let bind = |offset: u64, size_bytes: u64, memory: Option<(Ref<DeviceMemory>, u64)>| {
@@ -149,7 +149,7 @@ mod tests {
 
         assert!(bind(3 * GRANULE, GRANULE, None).is_err());
         assert!(bind(0, 2 * GRANULE, Some((Arc::clone(&memory), 3 * GRANULE))).is_err());
-        let own = handle::new(allocate(MemorySource::Fresh).ok().unwrap());
+        let own = handle::new(allocate(Source::Fresh).ok().unwrap());
         assert!(bind(0, GRANULE, Some((own, 0))).is_err());
         let address = resource.address();
         drop(resource);

@@ -28,7 +28,7 @@ use crate::ffi::vk::{
 };
 use crate::handle::{self, Ref};
 use crate::object::address_space::Placement;
-use crate::object::memory::{AddressWindow, MemorySource};
+use crate::object::memory::{AddressWindow, Source};
 use crate::object::sync::Waiting;
 use crate::object::{DeviceMemory, Image};
 use crate::table::limits::MEMORY_ALIGNMENT;
@@ -143,10 +143,10 @@ impl Swapchain {
         let allocate =
             |source| DeviceMemory::allocate(addresses, size_bytes, source, Placement::Ordinary);
         // A window's server reads the images where they are, if it can.
-        let shareable = window.is_some().then(|| allocate(MemorySource::Exportable));
+        let shareable = window.is_some().then(|| allocate(Source::Exportable));
         let memory = match shareable {
             Some(Ok(memory)) => memory,
-            _ => allocate(MemorySource::Fresh)?,
+            _ => allocate(Source::Fresh)?,
         };
         for (index, image) in (0..).zip(&images) {
             image.bind(memory.address + index * stride);

@@ -35,9 +35,9 @@ macro_rules! extensions {
             }
 
             /// Whether instances or devices enable it.
-            pub fn kind(self) -> ExtensionKind {
+            pub fn kind(self) -> Kind {
                 match self {
-                    $(Extension::$variant => ExtensionKind::$kind,)*
+                    $(Extension::$variant => Kind::$kind,)*
                 }
             }
         }
@@ -46,7 +46,7 @@ macro_rules! extensions {
 
 /// The way in which an extension is enabled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ExtensionKind {
+pub enum Kind {
     Instance,
     Device,
 }
@@ -313,10 +313,7 @@ impl ExtensionSet {
     }
 
     /// The set that an application asks for by name; `None` if one is not advertised for this kind.
-    pub fn from_names<'a>(
-        kind: ExtensionKind,
-        names: impl Iterator<Item = &'a CStr>,
-    ) -> Option<Self> {
+    pub fn from_names<'a>(kind: Kind, names: impl Iterator<Item = &'a CStr>) -> Option<Self> {
         let mut set = Self::default();
         for name in names {
             set.insert(of_kind(kind).find(|extension| extension.name() == name)?);
@@ -326,7 +323,7 @@ impl ExtensionSet {
 }
 
 /// The extensions of a kind.
-pub fn of_kind(kind: ExtensionKind) -> impl Iterator<Item = Extension> {
+pub fn of_kind(kind: Kind) -> impl Iterator<Item = Extension> {
     let all = Extension::ALL.iter().copied();
     all.filter(move |extension| extension.kind() == kind && extension.is_of_this_system())
 }
@@ -354,12 +351,10 @@ mod tests {
     fn sets_know_kinds_and_hold_all() {
         assert!(Extension::ALL.len() <= 256);
         assert!(
-            ExtensionSet::from_names(ExtensionKind::Device, [c"VK_EXT_debug_utils"].into_iter())
-                .is_none()
+            ExtensionSet::from_names(Kind::Device, [c"VK_EXT_debug_utils"].into_iter()).is_none()
         );
         let set =
-            ExtensionSet::from_names(ExtensionKind::Instance, [c"VK_EXT_debug_utils"].into_iter())
-                .unwrap();
+            ExtensionSet::from_names(Kind::Instance, [c"VK_EXT_debug_utils"].into_iter()).unwrap();
         assert!(set.contains(Extension::EXT_DEBUG_UTILS));
         assert!(!set.contains(Extension::KHR_8BIT_STORAGE));
     }

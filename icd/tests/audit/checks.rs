@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet, HashSet};
 
 use ash::vk;
 use vulkan_tuff::entry::commands::{self, Availability, Level};
-use vulkan_tuff::table::extensions::{Extension, ExtensionKind};
+use vulkan_tuff::table::extensions::{Extension, Kind};
 use vulkan_tuff::table::features;
 use vulkan_tuff::table::limits::API_VERSION;
 
@@ -123,7 +123,7 @@ impl Audit<'_> {
                 }
                 continue;
             };
-            if known.is_instance != (extension.kind() == ExtensionKind::Instance) {
+            if known.is_instance != (extension.kind() == Kind::Instance) {
                 self.find(format!("{name} is listed as {:?}", extension.kind()));
             }
             if !evaluate(&known.depends, &|name| self.holds(name)) {

@@ -11,10 +11,10 @@ use super::section::sealed_file;
 pub struct SharedMemory {
     data: *mut u8,
     size_bytes: usize,
-    kind: Kind,
+    kind: MemoryBacking,
 }
 
-enum Kind {
+enum MemoryBacking {
     /// A file without a name, which the server need not fear to become shorter.
     File(Handle),
     /// `shmget`: for servers that take no descriptors. The system forgets it with its last user.
@@ -44,7 +44,7 @@ impl SharedMemory {
         (data != libc::MAP_FAILED).then(|| Self {
             data: data.cast(),
             size_bytes,
-            kind: Kind::File(file),
+            kind: MemoryBacking::File(file),
         })
     }
 
@@ -64,7 +64,7 @@ impl SharedMemory {
             Some(Self {
                 data: data.cast(),
                 size_bytes,
-                kind: Kind::Segment(id),
+                kind: MemoryBacking::Segment(id),
             })
         }
     }
@@ -72,23 +72,23 @@ impl SharedMemory {
     /// The file, to be given to the server.
     pub fn handle(&self) -> Option<&Handle> {
         match &self.kind {
-            Kind::File(file) => Some(file),
-            Kind::Segment(_) => None,
+            MemoryBacking::File(file) => Some(file),
+            MemoryBacking::Segment(_) => None,
         }
     }
 
     /// The segment's number, to be told to the server.
     pub fn segment_id(&self) -> Option<i32> {
         match self.kind {
-            Kind::File(_) => None,
-            Kind::Segment(id) => Some(id),
+            MemoryBacking::File(_) => None,
+            MemoryBacking::Segment(id) => Some(id),
         }
     }
 
     /// Removes the name: the server has attached the segment or never will, and no other process
     /// must find it.
     pub fn unname(&self) {
-        if let Kind::Segment(id) = self.kind {
+        if let MemoryBacking::Segment(id) = self.kind {
             // SAFETY: a plain system call. The segment lives on while it is attached.
             unsafe { libc::shmctl(id, libc::IPC_RMID, std::ptr::null_mut()) };
         }
@@ -107,8 +107,8 @@ impl Drop for SharedMemory {
         // SAFETY: the object's own mapping.
         unsafe {
             match self.kind {
-                Kind::File(_) => libc::munmap(self.data.cast(), self.size_bytes),
-                Kind::Segment(_) => libc::shmdt(self.data.cast()),
+                MemoryBacking::File(_) => libc::munmap(self.data.cast(), self.size_bytes),
+                MemoryBacking::Segment(_) => libc::shmdt(self.data.cast()),
             };
         }
     }
