@@ -34,6 +34,8 @@ mod shader;
 mod skip;
 pub mod spirv;
 mod trace;
+#[cfg(windows)]
+mod win32_window;
 #[cfg(unix)]
 mod window;
 mod words;
@@ -73,6 +75,8 @@ pub use presenter::{Asked, Chain, Presenter, red_first, screen_picture};
 pub use shader::{Stage, glsl, glsl_nv};
 pub use skip::has;
 pub use trace::{Group, Rays, Record, Table};
+#[cfg(windows)]
+pub use win32_window::Win32Window;
 #[cfg(unix)]
 pub use window::{Window, Xvfb};
 pub use words::{MISS, RESULTS, WORLD, layers};

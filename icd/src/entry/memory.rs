@@ -6,7 +6,7 @@ use ash::vk;
 
 use super::address_report::{destroy_addressed, report};
 use super::define::entry;
-use super::system::imported_memory;
+use super::system::{exported_memory, imported_memory};
 use crate::VkResult;
 use crate::device::Device;
 use crate::ffi::chain;
@@ -23,7 +23,7 @@ destroy_addressed! {
 }
 
 /// Where an allocation's bytes shall come from. An imported handle is duplicated here; the
-/// application's own is closed on success.
+/// application's own, where it gives that away, is closed on success.
 ///
 /// # Safety
 /// `info` is valid usage of `vkAllocateMemory`.
@@ -39,24 +39,14 @@ unsafe fn source(
             return Ok((Source::HostPointer(import.p_host_pointer.cast()), None));
         }
         if let Some((copy, imported)) = imported_memory(info.p_next)? {
-            return Ok((Source::Exported(copy), Some(imported)));
+            return Ok((Source::Exported(copy), imported));
         }
-        let export =
-            chain::find::<vk::ExportMemoryAllocateInfo>(info.p_next).is_some_and(|export| {
-                export
-                    .handle_types
-                    .contains(vk::ExternalMemoryHandleTypeFlags::OPAQUE_FD)
-            });
-        Ok((
-            if export {
-                Source::Exportable
-            } else if device.sparse_binding {
-                Source::Shared
-            } else {
-                Source::Fresh
-            },
-            None,
-        ))
+        let source = match exported_memory(info.p_next) {
+            Some(sharing) => Source::Exportable(sharing),
+            None if device.sparse_binding => Source::Shared,
+            None => Source::Fresh,
+        };
+        Ok((source, None))
     }
 }
 

@@ -17,7 +17,6 @@ use crate::object::image::supported_image;
 use crate::object::memory::used_bytes;
 use crate::object::resident;
 use crate::object::shading_rate::RATES;
-use crate::os;
 use crate::queue::MAX_QUEUES;
 use crate::table::extensions::{self, Kind};
 use crate::table::{cooperative_matrices, features, limits, properties};
@@ -72,7 +71,7 @@ fn format_properties(format: vk::Format) -> vk::FormatProperties {
 /// `VkExternalMemoryProperties` of a handle type.
 fn external_memory(ty: vk::ExternalMemoryHandleTypeFlags) -> vk::ExternalMemoryProperties {
     let features = match ty {
-        vk::ExternalMemoryHandleTypeFlags::OPAQUE_FD if os::HAS_DESCRIPTORS => {
+        system::MEMORY_HANDLES => {
             vk::ExternalMemoryFeatureFlags::EXPORTABLE | vk::ExternalMemoryFeatureFlags::IMPORTABLE
         }
         vk::ExternalMemoryHandleTypeFlags::HOST_ALLOCATION_EXT => {
@@ -347,14 +346,14 @@ entry! {
         info: *const vk::PhysicalDeviceExternalFenceInfo,
         out: *mut vk::ExternalFenceProperties,
     ) {
-        use vk::{ExternalFenceFeatureFlags as Feature, ExternalFenceHandleTypeFlags as Type};
-        let both = Type::OPAQUE_FD | Type::SYNC_FD;
-        let (features, own, both) = match (*info).handle_type {
-            ty if os::HAS_DESCRIPTORS && both.contains(ty) => (Feature::EXPORTABLE | Feature::IMPORTABLE, ty, both),
+        use vk::ExternalFenceFeatureFlags as Feature;
+        let all = system::FENCE_HANDLES;
+        let (features, own, all) = match (*info).handle_type {
+            ty if all.contains(ty) => (Feature::EXPORTABLE | Feature::IMPORTABLE, ty, all),
             _ => Default::default(),
         };
         (*out).export_from_imported_handle_types = own;
-        (*out).compatible_handle_types = both;
+        (*out).compatible_handle_types = all;
         (*out).external_fence_features = features;
     }
 
@@ -363,16 +362,16 @@ entry! {
         info: *const vk::PhysicalDeviceExternalSemaphoreInfo,
         out: *mut vk::ExternalSemaphoreProperties,
     ) {
-        use vk::{ExternalSemaphoreFeatureFlags as Feature, ExternalSemaphoreHandleTypeFlags as Type};
-        let both = Type::OPAQUE_FD | Type::SYNC_FD;
+        use vk::ExternalSemaphoreFeatureFlags as Feature;
+        let all = system::SEMAPHORE_HANDLES;
         let is_timeline = chain::find::<vk::SemaphoreTypeCreateInfo>((*info).p_next)
             .is_some_and(|info| info.semaphore_type == vk::SemaphoreType::TIMELINE);
-        let (features, own, both) = match (*info).handle_type {
-            ty if os::HAS_DESCRIPTORS && both.contains(ty) && !is_timeline => (Feature::EXPORTABLE | Feature::IMPORTABLE, ty, both),
+        let (features, own, all) = match (*info).handle_type {
+            ty if all.contains(ty) && !is_timeline => (Feature::EXPORTABLE | Feature::IMPORTABLE, ty, all),
             _ => Default::default(),
         };
         (*out).export_from_imported_handle_types = own;
-        (*out).compatible_handle_types = both;
+        (*out).compatible_handle_types = all;
         (*out).external_semaphore_features = features;
     }
 

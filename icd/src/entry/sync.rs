@@ -5,6 +5,7 @@ use std::sync::Arc;
 use ash::vk;
 
 use super::define::entry;
+use super::system::{exported_fence, exported_semaphore};
 use crate::device::Device;
 use crate::ffi;
 use crate::handle;
@@ -19,9 +20,8 @@ entry! {
         out: *mut vk::Fence,
     ) -> vk::Result {
         let is_signaled = (*info).flags.contains(vk::FenceCreateFlags::SIGNALED);
-        let is_opaque = ffi::find::<vk::ExportFenceCreateInfo>((*info).p_next)
-            .is_some_and(|export| export.handle_types.contains(vk::ExternalFenceHandleTypeFlags::OPAQUE_FD));
-        *out = handle::create(Fence::with(is_signaled, External::new(is_opaque, is_signaled)?));
+        let external = External::new(exported_fence((*info).p_next), is_signaled)?;
+        *out = handle::create(Fence::with(is_signaled, external));
         Ok(())
     }
 
@@ -71,9 +71,8 @@ entry! {
             Some(info) => (info.semaphore_type, info.initial_value),
             None => (vk::SemaphoreType::BINARY, 0),
         };
-        let is_opaque = ffi::find::<vk::ExportSemaphoreCreateInfo>((*info).p_next)
-            .is_some_and(|export| export.handle_types.contains(vk::ExternalSemaphoreHandleTypeFlags::OPAQUE_FD));
-        let external = External::new(is_opaque && ty == vk::SemaphoreType::BINARY, false)?;
+        let sharing = exported_semaphore((*info).p_next);
+        let external = External::new(sharing.filter(|_| ty == vk::SemaphoreType::BINARY), false)?;
         *out = handle::create(Semaphore::with(ty, value, Arc::clone(&device.engine.waiting), external));
         Ok(())
     }

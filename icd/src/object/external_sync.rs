@@ -1,6 +1,6 @@
 //! Payloads of semaphores and fences that lie in files, to be shared with other devices and
-//! processes (`VK_KHR_external_semaphore_fd`, `VK_KHR_external_fence_fd`; spec, "Importing
-//! Semaphore Payloads").
+//! processes (`VK_KHR_external_semaphore_fd`, `VK_KHR_external_fence_fd` and those of `_win32`;
+//! spec, "Importing Semaphore Payloads"). A file is a handle of the system here, whichever that has.
 //!
 //! An opaque file is an event of the system, set while the payload is signaled. A sync
 //! file is someone else's, another driver's or the kernel's, and only imported, for one wait; what
@@ -11,7 +11,8 @@ use parking_lot::Mutex;
 
 use crate::VkResult;
 use crate::os::event::Event;
-use crate::os::handle::Handle;
+use crate::os::handle::{Handle, Sharing};
+use crate::os::section::Refused;
 
 /// The payloads of a semaphore or fence that are not its own.
 #[derive(Default)]
@@ -37,7 +38,8 @@ pub enum Import {
         file: Handle,
         is_temporary: bool,
     },
-    /// Temporary always. None: −1.
+    /// Temporary always. None: −1. Linux alone has such.
+    #[cfg_attr(windows, allow(dead_code))]
     Sync(Option<Handle>),
 }
 
@@ -45,10 +47,14 @@ impl External {
     /// None, or a payload that can be exported as an opaque file.
     ///
     /// # Errors
-    /// `VK_ERROR_OUT_OF_HOST_MEMORY` where the process can have no more files.
-    pub fn new(is_opaque: bool, is_signaled: bool) -> VkResult<Self> {
-        let new = || Event::new(is_signaled).ok_or(vk::Result::ERROR_OUT_OF_HOST_MEMORY);
-        let permanent = is_opaque.then(new).transpose()?;
+    /// `VK_ERROR_OUT_OF_HOST_MEMORY` where the process can have no more files, `VK_ERROR_UNKNOWN`
+    /// where another object has the name.
+    pub fn new(sharing: Option<Sharing>, is_signaled: bool) -> VkResult<Self> {
+        let permanent = sharing.map(|sharing| Event::exportable(is_signaled, &sharing));
+        let permanent = permanent.transpose().map_err(|refused| match refused {
+            Refused::Handles | Refused::Memory => vk::Result::ERROR_OUT_OF_HOST_MEMORY,
+            Refused::Name => vk::Result::ERROR_UNKNOWN,
+        })?;
         Ok(Self(Mutex::new(Payloads {
             permanent,
             temporary: None,
@@ -88,8 +94,7 @@ impl External {
             (Some(Temporary::Opaque(event)), _) | (None, Some(event)) => event,
             _ => return Err(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE),
         };
-        let copy = event.handle().try_clone();
-        copy.ok_or(vk::Result::ERROR_TOO_MANY_OBJECTS)
+        event.export().ok_or(vk::Result::ERROR_TOO_MANY_OBJECTS)
     }
 
     /// Whether the payload is signaled; none if it lies in no file.
@@ -140,9 +145,13 @@ impl External {
 mod tests {
     use super::*;
 
+    fn exportable(is_signaled: bool) -> External {
+        External::new(Some(Sharing::default()), is_signaled).unwrap()
+    }
+
     #[test]
     fn opaque_files_are_one_payload() {
-        let (one, other) = (External::new(true, false).unwrap(), External::default());
+        let (one, other) = (exportable(false), External::default());
         assert!(!other.is_there() && !other.signal() && other.export().is_err());
         other.import(Import::Opaque {
             file: one.export().unwrap(),
@@ -165,8 +174,8 @@ mod tests {
         assert_eq!(semaphore.is_signaled(), Some(true));
         assert!(semaphore.consume());
         assert_eq!(semaphore.is_signaled(), None);
-        let fence = External::new(true, true).unwrap();
-        let other = External::new(true, false).unwrap();
+        let fence = exportable(true);
+        let other = exportable(false);
         fence.import(Import::Opaque {
             file: other.export().unwrap(),
             is_temporary: true,

@@ -13,7 +13,7 @@ use super::live_memory::LiveMemory;
 use super::ranges::Taken;
 use crate::VkResult;
 use crate::os::address_space::{commit, discard, is_mapped, replace_by_zeros};
-use crate::os::handle::Handle;
+use crate::os::handle::{Handle, Sharing};
 use crate::os::section::{Refused, Section};
 use crate::table::limits::max_allocations;
 
@@ -169,7 +169,7 @@ pub enum Source {
     /// Fresh, and sparse resources can be bound to it.
     Shared,
     /// Fresh, and it can be exported.
-    Exportable,
+    Exportable(Sharing),
     /// A section that another allocation exported.
     Exported(Handle),
     HostPointer(*mut u8),
@@ -192,8 +192,8 @@ impl DeviceMemory {
     ///
     /// # Errors
     /// `VK_ERROR_OUT_OF_DEVICE_MEMORY` past the heap's budget; `VK_ERROR_INVALID_EXTERNAL_HANDLE`
-    /// for a section that is too short, can be made shorter or cannot be mapped, and for a host
-    /// pointer to what is not there; `VK_ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS` if an address that
+    /// for a section that is too short, can be made shorter or cannot be mapped, for a name that is
+    /// taken, and for a host pointer to what is not there; `VK_ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS` if an address that
     /// is asked for is taken; `VK_ERROR_TOO_MANY_OBJECTS` past [`max_allocations`].
     pub fn allocate(
         window: &Arc<AddressWindow>,
@@ -218,12 +218,13 @@ impl DeviceMemory {
             }
             Source::Fresh => None,
             Source::Shared => Some(Section::private()),
-            Source::Exportable => {
-                let section = Section::exportable(size_bytes).map_err(|refused| match refused {
+            Source::Exportable(sharing) => {
+                let section = Section::exportable(size_bytes, &sharing);
+                Some(section.map_err(|refused| match refused {
                     Refused::Handles => vk::Result::ERROR_TOO_MANY_OBJECTS,
                     Refused::Memory => vk::Result::ERROR_OUT_OF_DEVICE_MEMORY,
-                });
-                Some(section?)
+                    Refused::Name => vk::Result::ERROR_INVALID_EXTERNAL_HANDLE,
+                })?)
             }
             Source::Exported(handle) => {
                 let section = Section::import(handle, size_bytes);
@@ -312,10 +313,9 @@ impl DeviceMemory {
     /// `VK_ERROR_INVALID_EXTERNAL_HANDLE` for other memory, `VK_ERROR_TOO_MANY_OBJECTS` if the
     /// process can have no more handles.
     pub fn export(&self) -> VkResult<Handle> {
-        let handle = self.section().and_then(Section::handle);
-        let handle = handle.ok_or(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE)?;
-        let copy = handle.try_clone();
-        copy.ok_or(vk::Result::ERROR_TOO_MANY_OBJECTS)
+        let section = self.section().filter(|section| section.handle().is_some());
+        let section = section.ok_or(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE)?;
+        section.export().ok_or(vk::Result::ERROR_TOO_MANY_OBJECTS)
     }
 }
 
@@ -472,7 +472,9 @@ mod tests {
         let window = AddressWindow::reserve(1 << 30).ok().unwrap();
         let allocate =
             |size, source| DeviceMemory::allocate(&window, size, source, Placement::Ordinary);
-        let a = allocate(4096, Source::Exportable).ok().unwrap();
+        let a = allocate(4096, Source::Exportable(Sharing::default()))
+            .ok()
+            .unwrap();
         let handle = Source::Exported(a.export().ok().unwrap());
         let b = allocate(4096, handle).ok().unwrap();
         write(a.address, 99);

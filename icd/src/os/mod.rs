@@ -18,10 +18,11 @@
 //! | [`section`] | memory that is mapped at several addresses or by several processes |
 //! | [`thread`] | names of threads |
 //! | [`window_server`] | memory and sockets of X11 and Wayland: Linux alone |
+//! | `window` | windows, and pixels that are copied to them: Windows alone |
 //!
 //! [`missing`] says why the driver cannot run here, [`HAS_DESCRIPTORS`] whether handles are file
-//! descriptors, as Vulkan's extensions for them want, and [`HAS_X11_AND_WAYLAND`] whether windows
-//! are those of [`window_server`].
+//! descriptors, as Vulkan's extensions for them want, [`HAS_X11_AND_WAYLAND`] whether windows are
+//! those of [`window_server`], and [`HAS_WIN32`] whether handles and windows are those of Win32.
 //!
 //! No item knows Vulkan. A refusal of the system is `None`, `false` or
 //! [`Refused`](section::Refused), and the caller maps it to its own error.

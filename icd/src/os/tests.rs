@@ -8,6 +8,7 @@ use super::address_space::{
 };
 use super::clock::Clock;
 use super::event::Event;
+use super::handle::Sharing;
 use super::section::Section;
 
 /// At least a page of the system.
@@ -63,7 +64,8 @@ fn discarded_and_replaced_pages_read_as_zeros() {
 #[test]
 fn a_part_shows_at_several_addresses() {
     let places = reserve(4 * SIZE, SIZE).unwrap();
-    for section in [Section::private(), Section::exportable(2 * SIZE).unwrap()] {
+    let exportable = Section::exportable(2 * SIZE, &Sharing::default()).unwrap();
+    for section in [Section::private(), exportable] {
         let alias = places + 3 * SIZE;
         // SAFETY: the test's own reservation, which nothing else uses.
         unsafe {
@@ -154,8 +156,8 @@ fn a_signal_before_the_wait_is_heard_once() {
 
 #[test]
 fn the_flag_is_shared_by_its_handles() {
-    let event = Event::new(true).unwrap();
-    let other = Event::from_handle(event.handle().try_clone().unwrap());
+    let event = Event::exportable(true, &Sharing::default()).unwrap();
+    let other = Event::from_handle(event.export().unwrap());
     assert!(other.is_signaled());
     other.clear();
     assert!(!event.is_signaled());

@@ -23,6 +23,8 @@ mod thread;
 pub mod timing;
 #[cfg(unix)]
 pub mod wayland;
+#[cfg(windows)]
+pub mod win32;
 #[cfg(unix)]
 pub mod x11;
 
@@ -102,7 +104,6 @@ impl Pictures {
     }
 
     /// The pixels of an image that presentation to a window reads.
-    #[cfg(unix)]
     fn picture(&self, index: u32) -> pixels::Picture {
         let image = &self.images[index as usize];
         let level = &image.planes[0].levels[0];

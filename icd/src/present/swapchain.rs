@@ -31,6 +31,7 @@ use crate::object::address_space::Placement;
 use crate::object::memory::{AddressWindow, Source};
 use crate::object::sync::Waiting;
 use crate::object::{DeviceMemory, Image};
+use crate::os::handle::Sharing;
 use crate::table::limits::MEMORY_ALIGNMENT;
 
 /// The creation parameters of a swapchain.
@@ -143,7 +144,8 @@ impl Swapchain {
         let allocate =
             |source| DeviceMemory::allocate(addresses, size_bytes, source, Placement::Ordinary);
         // A window's server reads the images where they are, if it can.
-        let shareable = window.is_some().then(|| allocate(Source::Exportable));
+        let exportable = Source::Exportable(Sharing::default());
+        let shareable = window.is_some().then(|| allocate(exportable));
         let memory = match shareable {
             Some(Ok(memory)) => memory,
             _ => allocate(Source::Fresh)?,

@@ -62,6 +62,7 @@ extensions! {
     Instance KHR_SURFACE_MAINTENANCE_1 c"VK_KHR_surface_maintenance1" 1;
     Instance KHR_SURFACE_PROTECTED_CAPABILITIES c"VK_KHR_surface_protected_capabilities" 1;
     Instance KHR_WAYLAND_SURFACE c"VK_KHR_wayland_surface" 6;
+    Instance KHR_WIN32_SURFACE c"VK_KHR_win32_surface" 6;
     Instance KHR_XCB_SURFACE c"VK_KHR_xcb_surface" 6;
     Instance KHR_XLIB_SURFACE c"VK_KHR_xlib_surface" 6;
     Instance EXT_DEBUG_UTILS c"VK_EXT_debug_utils" 2;
@@ -95,10 +96,13 @@ extensions! {
     Device KHR_EXTENDED_FLAGS c"VK_KHR_extended_flags" 1;
     Device KHR_EXTERNAL_FENCE c"VK_KHR_external_fence" 1;
     Device KHR_EXTERNAL_FENCE_FD c"VK_KHR_external_fence_fd" 1;
+    Device KHR_EXTERNAL_FENCE_WIN32 c"VK_KHR_external_fence_win32" 1;
     Device KHR_EXTERNAL_MEMORY c"VK_KHR_external_memory" 1;
     Device KHR_EXTERNAL_MEMORY_FD c"VK_KHR_external_memory_fd" 1;
+    Device KHR_EXTERNAL_MEMORY_WIN32 c"VK_KHR_external_memory_win32" 1;
     Device KHR_EXTERNAL_SEMAPHORE c"VK_KHR_external_semaphore" 1;
     Device KHR_EXTERNAL_SEMAPHORE_FD c"VK_KHR_external_semaphore_fd" 1;
+    Device KHR_EXTERNAL_SEMAPHORE_WIN32 c"VK_KHR_external_semaphore_win32" 1;
     Device KHR_FORMAT_FEATURE_FLAGS_2 c"VK_KHR_format_feature_flags2" 2;
     Device KHR_FRAGMENT_SHADER_BARYCENTRIC c"VK_KHR_fragment_shader_barycentric" 1;
     Device KHR_FRAGMENT_SHADING_RATE c"VK_KHR_fragment_shading_rate" 2;
@@ -322,10 +326,15 @@ impl ExtensionSet {
     }
 }
 
-/// The extensions of a kind.
-pub fn of_kind(kind: Kind) -> impl Iterator<Item = Extension> {
+/// The extensions of this system.
+pub fn of_system() -> impl Iterator<Item = Extension> {
     let all = Extension::ALL.iter().copied();
-    all.filter(move |extension| extension.kind() == kind && extension.is_of_this_system())
+    all.filter(|extension| extension.is_of_this_system())
+}
+
+/// The extensions of this system of a kind.
+pub fn of_kind(kind: Kind) -> impl Iterator<Item = Extension> {
+    of_system().filter(move |extension| extension.kind() == kind)
 }
 
 impl Extension {
@@ -335,6 +344,10 @@ impl Extension {
             Self::KHR_EXTERNAL_FENCE_FD
             | Self::KHR_EXTERNAL_MEMORY_FD
             | Self::KHR_EXTERNAL_SEMAPHORE_FD => os::HAS_DESCRIPTORS,
+            Self::KHR_EXTERNAL_FENCE_WIN32
+            | Self::KHR_EXTERNAL_MEMORY_WIN32
+            | Self::KHR_EXTERNAL_SEMAPHORE_WIN32
+            | Self::KHR_WIN32_SURFACE => os::HAS_WIN32,
             Self::KHR_WAYLAND_SURFACE | Self::KHR_XCB_SURFACE | Self::KHR_XLIB_SURFACE => {
                 os::HAS_X11_AND_WAYLAND
             }

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet, HashSet};
 
 use ash::vk;
 use vulkan_tuff::entry::commands::{self, Availability, Level};
-use vulkan_tuff::table::extensions::{Extension, Kind};
+use vulkan_tuff::table::extensions::{Extension, Kind, of_system};
 use vulkan_tuff::table::features;
 use vulkan_tuff::table::limits::API_VERSION;
 
@@ -57,7 +57,7 @@ struct Audit<'a> {
 
 /// Holds the tables against the registry.
 pub fn run(registry: &Registry) -> CheckReport {
-    let names = Extension::ALL.iter().copied().map(name);
+    let names = of_system().map(name);
     let mut audit = Audit {
         registry,
         advertised: names.collect(),
@@ -68,7 +68,7 @@ pub fn run(registry: &Registry) -> CheckReport {
     let structures = audit.structures();
     audit.report.summary = format!(
         "{} extensions, {} commands, {structures} structures",
-        Extension::ALL.len(),
+        of_system().count(),
         commands::table().len(),
     );
     audit.report
@@ -112,7 +112,7 @@ impl Audit<'_> {
 
     /// Extensions are known, of their kind, and what they depend on is there.
     fn extensions(&mut self) {
-        for &extension in Extension::ALL {
+        for extension in of_system() {
             let name = name(extension);
             let Some(known) = self.registry.extensions.get(name) else {
                 self.report
@@ -147,7 +147,7 @@ impl Audit<'_> {
                 (version.name.clone(), since, require)
             })
         });
-        let extensions = Extension::ALL.iter().filter_map(|&extension| {
+        let extensions = of_system().filter_map(|extension| {
             let known = self.registry.extensions.get(name(extension))?;
             Some(known.requires.iter().map(move |require| {
                 let by = Availability::Extension(extension);

@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use ash::vk;
 use registry::Registry;
 use vulkan_tuff::format;
-use vulkan_tuff::table::extensions::Extension;
+use vulkan_tuff::table::extensions::of_system;
 use vulkan_tuff::table::limits::API_VERSION;
 
 /// Where the registry is: what `VULKAN_REGISTRY` names, or where packages and SDKs put it.
@@ -61,7 +61,7 @@ impl profiles::Device for Driver {
     }
 
     fn extension(&self, name: &str) -> Option<u32> {
-        let mut all = Extension::ALL.iter();
+        let mut all = of_system();
         let extension = all.find(|it| it.name().to_str() == Ok(name))?;
         Some(extension.version())
     }

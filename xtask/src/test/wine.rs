@@ -23,11 +23,12 @@ const GLSL_SERVER: &str = "TUFF_GLSL_SERVER";
 const DRIVERS: &str = r"HKLM\SOFTWARE\Khronos\Vulkan\Drivers";
 
 /// The black-box tests that run without `--deep`: what depends on the system most.
-const CHOSEN: [&str; 11] = [
+const CHOSEN: [&str; 13] = [
     "compute",
     "descriptors",
     "device",
     "draws",
+    "external_handles",
     "float_functions",
     "large_buffers",
     "ray_shaders",
@@ -35,6 +36,7 @@ const CHOSEN: [&str; 11] = [
     "sparse",
     "structures",
     "swapchains",
+    "win32_windows",
 ];
 
 /// The selection of tests.

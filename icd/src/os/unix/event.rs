@@ -3,7 +3,8 @@
 use std::os::fd::AsRawFd;
 use std::time::{Duration, Instant};
 
-use super::handle::{BorrowedHandle, Handle};
+use super::handle::{BorrowedHandle, Handle, Sharing};
+use super::section::Refused;
 
 /// A flag that stays set until it is cleared (an `eventfd`, whose counter is not zero then).
 #[derive(Debug)]
@@ -18,15 +19,28 @@ impl Event {
         file.map(Self)
     }
 
+    /// An event that others can use.
+    ///
+    /// # Errors
+    /// The system refuses.
+    pub fn exportable(is_signaled: bool, _sharing: &Sharing) -> Result<Self, Refused> {
+        Self::new(is_signaled).ok_or(Refused::Handles)
+    }
+
     /// An event of another device or process, or a sync file of the kernel's: that has
     /// [`Self::is_signaled`] alone.
     pub fn from_handle(handle: Handle) -> Self {
         Self(handle)
     }
 
-    /// The handle by which others can use it.
+    #[cfg(test)]
     pub fn handle(&self) -> &Handle {
         &self.0
+    }
+
+    /// A new handle by which others can use it; `None` where the process can have no more.
+    pub fn export(&self) -> Option<Handle> {
+        self.0.try_clone()
     }
 
     /// Sets the flag, and wakes its waiters.

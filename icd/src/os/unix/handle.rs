@@ -71,6 +71,11 @@ impl From<Handle> for OwnedFd {
     }
 }
 
+/// The name, security attributes and access rights of an object that is shared by handles: file
+/// descriptors have none.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Sharing(());
+
 /// Closes a handle.
 ///
 /// # Safety

@@ -18,6 +18,9 @@ pub const HAS_DESCRIPTORS: bool = true;
 /// Whether windows are those of X11 and Wayland.
 pub const HAS_X11_AND_WAYLAND: bool = true;
 
+/// Whether handles and windows are those of Win32.
+pub const HAS_WIN32: bool = false;
+
 /// A need of the driver that this system does not meet; `None` if it meets all.
 pub fn missing() -> Option<&'static str> {
     None

@@ -3,7 +3,7 @@
 use std::ffi::CStr;
 
 use super::address_space::map_anonymous;
-use super::handle::Handle;
+use super::handle::{Handle, Sharing};
 
 /// The resource that the system refuses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -11,6 +11,9 @@ pub enum Refused {
     /// The process can have no more handles.
     Handles,
     Memory,
+    /// Another object has the name. No object of this system has one.
+    #[allow(dead_code)]
+    Name,
 }
 
 /// Zeros at first. The memory lives as long as it is mapped somewhere or has a handle.
@@ -31,7 +34,7 @@ impl Section {
     ///
     /// # Errors
     /// The system refuses.
-    pub fn exportable(size_bytes: u64) -> Result<Self, Refused> {
+    pub fn exportable(size_bytes: u64, _sharing: &Sharing) -> Result<Self, Refused> {
         let file = sealed_file(c"tuff", size_bytes)?;
         Ok(Self { file: Some(file) })
     }
@@ -46,6 +49,12 @@ impl Section {
     /// The handle by which others can map it; `None` for a private section.
     pub fn handle(&self) -> Option<&Handle> {
         self.file.as_ref()
+    }
+
+    /// A new handle by which others can map it; `None` where the process can have no more, and for a
+    /// private section.
+    pub fn export(&self) -> Option<Handle> {
+        self.handle().and_then(Handle::try_clone)
     }
 
     /// Maps the section from its beginning, in place of the pages at `address`; false if the system
@@ -140,7 +149,7 @@ mod tests {
 
     #[test]
     fn sizes_of_exported_sections_stay() {
-        let section = Section::exportable(4096).unwrap();
+        let section = Section::exportable(4096, &Sharing::default()).unwrap();
         let file = section.handle().unwrap();
         // SAFETY: a plain system call.
         assert_eq!(unsafe { libc::ftruncate(file.raw(), 0) }, -1);

@@ -2,9 +2,14 @@
 
 #[cfg(test)]
 use std::os::windows::io::AsHandle;
-use std::os::windows::io::{AsRawHandle, FromRawHandle, OwnedHandle};
+use std::os::windows::io::{AsRawHandle, FromRawHandle, IntoRawHandle, OwnedHandle};
 
-use windows_sys::Win32::Foundation::{CloseHandle, HANDLE};
+use windows_sys::Win32::Foundation::{
+    CloseHandle, DUPLICATE_SAME_ACCESS, DuplicateHandle, ERROR_ALREADY_EXISTS, GetLastError, HANDLE,
+};
+use windows_sys::Win32::Security::SECURITY_ATTRIBUTES;
+use windows_sys::Win32::System::Threading::GetCurrentProcess;
+use windows_sys::core::PCWSTR;
 
 /// A handle as C declares it.
 pub type RawHandle = HANDLE;
@@ -26,9 +31,50 @@ impl Handle {
         (!raw.is_null()).then(|| Self(unsafe { OwnedHandle::from_raw_handle(raw) }))
     }
 
+    /// The answer of a system call that makes an object which may have a name. The inner `None`
+    /// says that another object has it.
+    ///
+    /// # Safety
+    /// As for [`Self::created`], and no other system call comes in between.
+    pub(super) unsafe fn new_object(raw: HANDLE) -> Option<Option<Self>> {
+        // SAFETY: a plain system call; and the caller's promise.
+        unsafe {
+            let is_new = GetLastError() != ERROR_ALREADY_EXISTS;
+            let handle = Self::created(raw)?;
+            Some(is_new.then_some(handle))
+        }
+    }
+
+    /// Another handle of the same object, with the same access rights. `None` where the number is
+    /// no handle or the process can have no more of them.
+    pub fn duplicate(raw: RawHandle) -> Option<Self> {
+        duplicate(raw, 0, false, DUPLICATE_SAME_ACCESS)
+    }
+
+    /// Another handle of the same object, with these access rights. `None` where the number is no
+    /// handle or the system refuses.
+    pub(super) fn with_access(raw: RawHandle, access: u32) -> Option<Self> {
+        duplicate(raw, access, false, 0)
+    }
+
     /// Another handle of the same object; `None` where the process can have no more.
+    #[cfg(test)]
     pub fn try_clone(&self) -> Option<Self> {
         self.0.try_clone().ok().map(Self)
+    }
+
+    /// Another handle of the same object, for others. It has the rights that drivers `need` at
+    /// least. `None` where the process can have no more or the system refuses.
+    pub(super) fn share(&self, need: u32, rights: Rights) -> Option<Self> {
+        match rights.access {
+            0 => duplicate(self.raw(), 0, rights.is_inherited, DUPLICATE_SAME_ACCESS),
+            access => duplicate(self.raw(), access | need, rights.is_inherited, 0),
+        }
+    }
+
+    /// The handle, which the caller owns from now on.
+    pub fn into_raw(self) -> RawHandle {
+        self.0.into_raw_handle()
     }
 
     /// The handle, for a call.
@@ -40,6 +86,94 @@ impl Handle {
     pub(super) fn raw(&self) -> HANDLE {
         self.0.as_raw_handle()
     }
+}
+
+fn duplicate(raw: HANDLE, access: u32, is_inherited: bool, options: u32) -> Option<Handle> {
+    let mut copy = std::ptr::null_mut();
+    // SAFETY: a plain system call that gives a new handle, owned from its creation on.
+    unsafe {
+        let process = GetCurrentProcess();
+        let is_there = DuplicateHandle(
+            process,
+            raw,
+            process,
+            &mut copy,
+            access,
+            is_inherited.into(),
+            options,
+        );
+        (is_there != 0).then(|| Handle::created(copy)).flatten()
+    }
+}
+
+/// The rights of handles that others get.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Rights {
+    /// 0: all.
+    access: u32,
+    /// Child processes have the handle, too.
+    is_inherited: bool,
+}
+
+/// The name, security attributes and access rights of an object that is shared by handles.
+#[derive(Clone, Copy, Debug)]
+pub struct Sharing {
+    attributes: *const SECURITY_ATTRIBUTES,
+    name: PCWSTR,
+    access: u32,
+}
+
+/// No name, and what the system has for the rest.
+impl Default for Sharing {
+    fn default() -> Self {
+        Self {
+            attributes: std::ptr::null(),
+            name: std::ptr::null(),
+            access: 0,
+        }
+    }
+}
+
+impl Sharing {
+    /// As an application has it: each may be null, and an access of 0 is all.
+    ///
+    /// # Safety
+    /// The attributes are valid and the name ends with a zero, as long as this is used.
+    pub unsafe fn new(attributes: *const std::ffi::c_void, name: *const u16, access: u32) -> Self {
+        Self {
+            attributes: attributes.cast(),
+            name,
+            access,
+        }
+    }
+
+    pub(super) fn name(&self) -> PCWSTR {
+        self.name
+    }
+
+    /// The attributes of the driver's own handle, which no child process has.
+    pub(super) fn attributes(&self) -> Option<SECURITY_ATTRIBUTES> {
+        // SAFETY: the promise of `new`.
+        let attributes = unsafe { self.attributes.as_ref() }?;
+        Some(SECURITY_ATTRIBUTES {
+            bInheritHandle: 0,
+            ..*attributes
+        })
+    }
+
+    pub(super) fn rights(&self) -> Rights {
+        // SAFETY: the promise of `new`.
+        let attributes = unsafe { self.attributes.as_ref() };
+        Rights {
+            access: self.access,
+            is_inherited: attributes.is_some_and(|attributes| attributes.bInheritHandle != 0),
+        }
+    }
+}
+
+/// The attributes, for a call.
+pub(super) fn pointer_to(attributes: Option<&SECURITY_ATTRIBUTES>) -> *const SECURITY_ATTRIBUTES {
+    attributes.map_or(std::ptr::null(), std::ptr::from_ref)
 }
 
 /// Closes a handle.

@@ -12,9 +12,11 @@ pub mod processors;
 pub mod quota;
 pub mod section;
 pub mod thread;
+pub mod window;
 
 pub const HAS_DESCRIPTORS: bool = false;
 pub const HAS_X11_AND_WAYLAND: bool = false;
+pub const HAS_WIN32: bool = true;
 
 /// A need of the driver that this system does not meet; `None` if it meets all.
 pub fn missing() -> Option<&'static str> {

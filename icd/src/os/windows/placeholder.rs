@@ -2,7 +2,7 @@
 //! take the place of (VirtualAlloc2, "Placeholders"). Their functions are not in the first versions
 //! of Windows 10 and are looked up at run time.
 
-use std::ffi::c_void;
+use std::ffi::{CStr, c_void};
 use std::sync::OnceLock;
 
 use windows_sys::Win32::Foundation::HANDLE;
@@ -14,7 +14,6 @@ use windows_sys::Win32::System::Memory::{
     MemExtendedParameterAddressRequirements, PAGE_NOACCESS, PAGE_READWRITE, VirtualFree,
 };
 use windows_sys::Win32::System::Threading::GetCurrentProcess;
-use windows_sys::core::PCSTR;
 
 type VirtualAlloc2 = unsafe extern "system" fn(
     HANDLE,
@@ -50,12 +49,21 @@ pub struct Functions {
 ///
 /// # Safety
 /// `F` is the type of the function of this name.
-pub unsafe fn system_function<F: Copy>(name: PCSTR) -> Option<F> {
+pub unsafe fn system_function<F: Copy>(name: &CStr) -> Option<F> {
+    // SAFETY: the caller's promise.
+    unsafe { function_of(c"kernelbase.dll", name) }
+}
+
+/// As [`system_function`], of a library that every process has loaded and never unloads.
+///
+/// # Safety
+/// As of [`system_function`].
+pub unsafe fn function_of<F: Copy>(library: &CStr, name: &CStr) -> Option<F> {
     const { assert!(size_of::<F>() == size_of::<usize>()) };
     // SAFETY: both names end with a zero; the module is never unloaded.
     let function = unsafe {
-        let module = GetModuleHandleA(c"kernelbase.dll".as_ptr().cast());
-        GetProcAddress(module, name)?
+        let module = GetModuleHandleA(library.as_ptr().cast());
+        GetProcAddress(module, name.as_ptr().cast())?
     };
     // SAFETY: a function pointer of the size of another; the caller names its type.
     Some(unsafe { std::mem::transmute_copy(&function) })
@@ -68,9 +76,9 @@ impl Functions {
         // SAFETY: the types are those of the system's headers.
         *FUNCTIONS.get_or_init(|| unsafe {
             Some(Self {
-                allocate: system_function(c"VirtualAlloc2".as_ptr().cast())?,
-                map: system_function(c"MapViewOfFile3".as_ptr().cast())?,
-                unmap: system_function(c"UnmapViewOfFile2".as_ptr().cast())?,
+                allocate: system_function(c"VirtualAlloc2")?,
+                map: system_function(c"MapViewOfFile3")?,
+                unmap: system_function(c"UnmapViewOfFile2")?,
             })
         })
     }

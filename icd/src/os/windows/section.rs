@@ -3,14 +3,17 @@
 use std::sync::{Arc, OnceLock};
 
 use windows_sys::Win32::Foundation::{
-    ERROR_NO_SYSTEM_RESOURCES, ERROR_TOO_MANY_OPEN_FILES, GetLastError, INVALID_HANDLE_VALUE,
+    ERROR_INVALID_HANDLE, ERROR_NO_SYSTEM_RESOURCES, ERROR_SUCCESS, ERROR_TOO_MANY_OPEN_FILES,
+    GetLastError, INVALID_HANDLE_VALUE, SetLastError,
 };
 use windows_sys::Win32::System::Memory::{
-    CreateFileMappingW, FILE_MAP_WRITE, MapViewOfFile, PAGE_READWRITE, UnmapViewOfFile,
+    CreateFileMappingW, FILE_MAP_READ, FILE_MAP_WRITE, MEM_COMMIT, MEMORY_BASIC_INFORMATION,
+    MEMORY_MAPPED_VIEW_ADDRESS, MapViewOfFile, OpenFileMappingW, PAGE_READWRITE, UnmapViewOfFile,
+    VirtualQuery,
 };
 
 use super::address_space::{page_bytes, replace_by_view};
-use super::handle::Handle;
+use super::handle::{Handle, Rights, Sharing, pointer_to};
 
 /// The resource that the system refuses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -18,7 +21,12 @@ pub enum Refused {
     /// The process can have no more handles.
     Handles,
     Memory,
+    /// Another object has the name.
+    Name,
 }
+
+/// The rights that drivers need: to map a section, and to write to it.
+const NEEDS: u32 = FILE_MAP_READ | FILE_MAP_WRITE;
 
 /// Zeros at first. The memory lives as long as it is mapped somewhere or has a handle.
 #[derive(Debug)]
@@ -26,6 +34,8 @@ pub struct Section {
     /// Filled by [`Self::map`] in a private section.
     file: OnceLock<Arc<Handle>>,
     is_private: bool,
+    /// Of the handles that others get.
+    rights: Rights,
 }
 
 impl Section {
@@ -35,6 +45,7 @@ impl Section {
         Self {
             file: OnceLock::new(),
             is_private: true,
+            rights: Rights::default(),
         }
     }
 
@@ -42,15 +53,16 @@ impl Section {
     ///
     /// # Errors
     /// The system refuses.
-    pub fn exportable(size_bytes: u64) -> Result<Self, Refused> {
+    pub fn exportable(size_bytes: u64, sharing: &Sharing) -> Result<Self, Refused> {
         Ok(Self {
-            file: OnceLock::from(create(size_bytes)?),
+            file: OnceLock::from(create(size_bytes, sharing)?),
             is_private: false,
+            rights: sharing.rights(),
         })
     }
 
     /// A section that another device or process exported. `None` where it is smaller than
-    /// `size_bytes`.
+    /// `size_bytes`, or its pages are reserved alone: an access would be a fault.
     pub fn import(file: Handle, size_bytes: u64) -> Option<Self> {
         let size_bytes = usize::try_from(size_bytes.max(1)).ok()?;
         // SAFETY: a view that nothing else knows: the system gives none past the section's end.
@@ -59,11 +71,16 @@ impl Section {
             if view.Value.is_null() {
                 return None;
             }
+            let is_committed = is_committed(&view, size_bytes);
             UnmapViewOfFile(view);
+            if !is_committed {
+                return None;
+            }
         }
         Some(Self {
             file: OnceLock::from(Arc::new(file)),
             is_private: false,
+            rights: Rights::default(),
         })
     }
 
@@ -71,6 +88,12 @@ impl Section {
     pub fn handle(&self) -> Option<&Handle> {
         let file = self.file.get().filter(|_| !self.is_private);
         file.map(Arc::as_ref)
+    }
+
+    /// A new handle by which others can map it; `None` where the process can have no more, and for a
+    /// private section.
+    pub fn export(&self) -> Option<Handle> {
+        self.handle()?.share(NEEDS, self.rights)
     }
 
     /// Maps the section from its beginning, in place of the pages at `address`; false if the system
@@ -82,7 +105,7 @@ impl Section {
     #[must_use]
     pub unsafe fn map(&self, address: u64, size_bytes: u64) -> bool {
         if self.file.get().is_none() {
-            let Ok(file) = create(size_bytes) else {
+            let Ok(file) = create(size_bytes, &Sharing::default()) else {
                 return false;
             };
             self.file.get_or_init(|| file);
@@ -115,26 +138,81 @@ impl Section {
     }
 }
 
-/// A section of whole pages without a name.
-fn create(size_bytes: u64) -> Result<Arc<Handle>, Refused> {
+/// Whether all pages of a view have memory.
+fn is_committed(view: &MEMORY_MAPPED_VIEW_ADDRESS, size_bytes: usize) -> bool {
+    // SAFETY: plain data, which the call fills.
+    unsafe {
+        let mut pages: MEMORY_BASIC_INFORMATION = std::mem::zeroed();
+        let size = size_of::<MEMORY_BASIC_INFORMATION>();
+        VirtualQuery(view.Value, &mut pages, size) != 0
+            && pages.State == MEM_COMMIT
+            && pages.RegionSize >= size_bytes
+    }
+}
+
+/// A handle of a section that another device or process exported, by a name. `None` where there is
+/// none.
+///
+/// # Safety
+/// The name is null or ends with a zero.
+pub unsafe fn named(name: *const u16) -> Option<Handle> {
+    if name.is_null() {
+        return None;
+    }
+    // SAFETY: a plain system call; the handle is owned from its creation on.
+    unsafe { Handle::created(OpenFileMappingW(NEEDS, 0, name)) }
+}
+
+/// A section of whole pages.
+fn create(size_bytes: u64, sharing: &Sharing) -> Result<Arc<Handle>, Refused> {
     let size_bytes = size_bytes.max(1).checked_next_multiple_of(page_bytes());
     let size_bytes = size_bytes.ok_or(Refused::Memory)?;
     let (high, low) = ((size_bytes >> 32) as u32, size_bytes as u32);
-    let (security, name) = (std::ptr::null(), std::ptr::null());
+    let attributes = sharing.attributes();
+    let security = pointer_to(attributes.as_ref());
     // SAFETY: a plain system call; the handle is owned from its creation on.
     let file = unsafe {
+        SetLastError(ERROR_SUCCESS);
         let file = CreateFileMappingW(
             INVALID_HANDLE_VALUE,
             security,
             PAGE_READWRITE,
             high,
             low,
-            name,
+            sharing.name(),
         );
-        Handle::created(file).ok_or_else(|| match GetLastError() {
+        Handle::new_object(file).ok_or_else(|| match GetLastError() {
             ERROR_NO_SYSTEM_RESOURCES | ERROR_TOO_MANY_OPEN_FILES => Refused::Handles,
+            // An object of another kind has it.
+            ERROR_INVALID_HANDLE => Refused::Name,
             _ => Refused::Memory,
         })
     };
-    file.map(Arc::new)
+    file?.map(Arc::new).ok_or(Refused::Name)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sections_without_memory_are_not_imported() {
+        const SEC_RESERVE: u32 = 0x400_0000;
+        let own = create(1 << 20, &Sharing::default()).unwrap();
+        let own = Handle::duplicate(own.raw()).unwrap();
+        assert!(Section::import(own, 1 << 20).is_some());
+        // SAFETY: a plain system call; the handle is owned from its creation on.
+        let reserved = unsafe {
+            let (none, kind) = (std::ptr::null(), PAGE_READWRITE | SEC_RESERVE);
+            let name = std::ptr::null();
+            let file = CreateFileMappingW(INVALID_HANDLE_VALUE, none, kind, 0, 1 << 20, name);
+            Handle::created(file).unwrap()
+        };
+        assert!(Section::import(reserved, 1 << 20).is_none());
+        for number in [0, -1, -2, 0x7fff_fff0_isize] {
+            let handle = Handle::duplicate(number as _);
+            let section = handle.and_then(|handle| Section::import(handle, 1));
+            assert!(section.is_none(), "{number}");
+        }
+    }
 }

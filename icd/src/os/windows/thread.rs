@@ -12,8 +12,7 @@ pub fn name() -> Option<String> {
     // SAFETY: the type is that of the system's headers. The call gives a text that ends with a zero
     // and that its caller frees.
     unsafe {
-        let describe: GetThreadDescription =
-            system_function(c"GetThreadDescription".as_ptr().cast())?;
+        let describe: GetThreadDescription = system_function(c"GetThreadDescription")?;
         let mut text: PWSTR = std::ptr::null_mut();
         if describe(GetCurrentThread(), &mut text) < 0 || text.is_null() {
             return None;

@@ -11,8 +11,59 @@ use crate::ffi::chain;
 use crate::handle::from_handle;
 use crate::object::external_sync::Import;
 use crate::object::{DeviceMemory, Fence, Semaphore};
-use crate::os::handle::{Handle, RawHandle};
+use crate::os::handle::{Handle, RawHandle, Sharing};
 use crate::os::section::Section;
+
+/// The handle types of memory that is exported and imported.
+pub const MEMORY_HANDLES: vk::ExternalMemoryHandleTypeFlags =
+    vk::ExternalMemoryHandleTypeFlags::OPAQUE_FD;
+
+/// Those of semaphores.
+pub const SEMAPHORE_HANDLES: vk::ExternalSemaphoreHandleTypeFlags =
+    vk::ExternalSemaphoreHandleTypeFlags::from_raw(
+        vk::ExternalSemaphoreHandleTypeFlags::OPAQUE_FD.as_raw()
+            | vk::ExternalSemaphoreHandleTypeFlags::SYNC_FD.as_raw(),
+    );
+
+/// Those of fences.
+pub const FENCE_HANDLES: vk::ExternalFenceHandleTypeFlags =
+    vk::ExternalFenceHandleTypeFlags::from_raw(
+        vk::ExternalFenceHandleTypeFlags::OPAQUE_FD.as_raw()
+            | vk::ExternalFenceHandleTypeFlags::SYNC_FD.as_raw(),
+    );
+
+/// How an allocation's memory is shared; `None` if it is not exported.
+///
+/// # Safety
+/// `next` is a valid chain of `VkMemoryAllocateInfo`.
+pub unsafe fn exported_memory(next: *const c_void) -> Option<Sharing> {
+    // SAFETY: the caller's promise.
+    let export = unsafe { chain::find::<vk::ExportMemoryAllocateInfo>(next) }?;
+    let opaque = vk::ExternalMemoryHandleTypeFlags::OPAQUE_FD;
+    (export.handle_types.contains(opaque)).then(Sharing::default)
+}
+
+/// How a semaphore's payload is shared; `None` if it lies in no file.
+///
+/// # Safety
+/// `next` is a valid chain of `VkSemaphoreCreateInfo`.
+pub unsafe fn exported_semaphore(next: *const c_void) -> Option<Sharing> {
+    // SAFETY: the caller's promise.
+    let export = unsafe { chain::find::<vk::ExportSemaphoreCreateInfo>(next) }?;
+    let opaque = vk::ExternalSemaphoreHandleTypeFlags::OPAQUE_FD;
+    (export.handle_types.contains(opaque)).then(Sharing::default)
+}
+
+/// How a fence's payload is shared; `None` if it lies in no file.
+///
+/// # Safety
+/// `next` is a valid chain of `VkFenceCreateInfo`.
+pub unsafe fn exported_fence(next: *const c_void) -> Option<Sharing> {
+    // SAFETY: the caller's promise.
+    let export = unsafe { chain::find::<vk::ExportFenceCreateInfo>(next) }?;
+    let opaque = vk::ExternalFenceHandleTypeFlags::OPAQUE_FD;
+    (export.handle_types.contains(opaque)).then(Sharing::default)
+}
 
 /// A payload to import, whose file is owned from here on.
 ///
@@ -33,15 +84,17 @@ unsafe fn import(fd: RawHandle, is_sync: bool, is_temporary: bool) -> VkResult<I
     })
 }
 
-/// The memory that an allocation is to import: another handle of it, and the application's own,
-/// which is closed on success.
+/// The memory that an allocation is to import: another handle of it, and the application's own if
+/// that is to be closed on success.
 ///
 /// # Errors
 /// `VK_ERROR_INVALID_EXTERNAL_HANDLE` if it is no file.
 ///
 /// # Safety
 /// `next` is a valid chain of `VkMemoryAllocateInfo`.
-pub unsafe fn imported_memory(next: *const c_void) -> VkResult<Option<(Handle, RawHandle)>> {
+pub unsafe fn imported_memory(
+    next: *const c_void,
+) -> VkResult<Option<(Handle, Option<RawHandle>)>> {
     // SAFETY: the caller's promise.
     let import = unsafe { chain::find::<vk::ImportMemoryFdInfoKHR>(next) };
     let Some(import) = import.filter(|import| !import.handle_type.is_empty()) else {
@@ -49,7 +102,7 @@ pub unsafe fn imported_memory(next: *const c_void) -> VkResult<Option<(Handle, R
     };
     let copy = Handle::duplicate(import.fd);
     let copy = copy.ok_or(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE)?;
-    Ok(Some((copy, import.fd)))
+    Ok(Some((copy, Some(import.fd))))
 }
 
 entry! {

@@ -3,7 +3,10 @@
 mod descriptors;
 mod surfaces;
 
-pub use descriptors::imported_memory;
+pub use descriptors::{
+    FENCE_HANDLES, MEMORY_HANDLES, SEMAPHORE_HANDLES, exported_fence, exported_memory,
+    exported_semaphore, imported_memory,
+};
 
 use crate::entry::row::commands;
 use crate::ffi::vk;
