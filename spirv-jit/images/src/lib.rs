@@ -25,6 +25,7 @@ mod srgb;
 mod tests;
 pub mod texels;
 pub mod wave;
+mod words;
 pub mod ycbcr;
 
 pub use format::Format;

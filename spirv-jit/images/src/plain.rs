@@ -60,6 +60,11 @@ impl<'a> Plain<'a> {
         self.op
     }
 
+    /// The operation, the image and its format.
+    pub(super) fn parts(&self) -> (&ImageOp, &ImageDescriptor, &FormatInfo) {
+        (self.op, self.image, self.info)
+    }
+
     /// The level that all lanes of the mask name, if they name one.
     #[inline(always)]
     fn level<V: Vector>(&self, v: V, operands: &Operands<'_>, mask: u16) -> Option<usize> {

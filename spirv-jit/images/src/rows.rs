@@ -123,6 +123,25 @@ impl Wave<'_> {
         }
     }
 
+    /// Writes one of a subgroup's results, which is wanted.
+    ///
+    /// # Safety
+    /// As [`Self::mask`].
+    #[inline(always)]
+    pub(super) unsafe fn put_component<V: Vector>(
+        &self,
+        v: V,
+        index: usize,
+        component: usize,
+        value: V::I,
+    ) {
+        // SAFETY: the caller's promise, and the type's.
+        unsafe {
+            let subgroup = *self.subgroups.get_unchecked(index);
+            v.store_i(value, &mut *self.results[component].of(subgroup));
+        }
+    }
+
     /// As [`Self::put`], of numbers.
     ///
     /// # Safety

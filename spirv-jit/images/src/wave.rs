@@ -10,6 +10,7 @@ use super::operands::Operands;
 use super::plain::Plain;
 pub(super) use super::rows::of_one;
 pub use super::rows::{MAX_OPERANDS, Rows, Wave};
+use super::words::Words;
 
 lanes::vectors! {
     /// Samples of subgroups each of which has lanes that sample.
@@ -110,6 +111,10 @@ lanes::vectors! {
         let wanted = plain.wanted(wave.results.map(|rows| !rows.first.is_null()));
         // SAFETY: the caller's promise.
         unsafe {
+            if let Some(words) = Words::new(plain, wave) {
+                words.load(v, wave);
+                return wave.subgroups.len();
+            }
             for index in 0..wave.subgroups.len() {
                 let mask = wave.mask(index);
                 if mask == 0 {

@@ -1,7 +1,10 @@
 //! Registers for a straight stretch of code: each value is loaded where it is first used, and
 //! leaves its register when it is used no more or when another is needed sooner (Belady 1966).
 
-use super::encode::{Assembler, Base, Encoding, Memory, Opcode, Operand, Register, opcode};
+use super::encode::{
+    Assembler, Base, Encoding, Memory, Opcode, Operand, Register, SCRATCH_WORD, ZEROING, opcode,
+};
+use super::opcodes::KMOV_OUT;
 
 mod carry;
 
@@ -53,11 +56,33 @@ pub(super) enum Form {
     /// `reg = op(the mask of active lanes)`, into a vector or a mask register.
     OfLanes,
     /// Loads words at the places that the first operand says, in lanes of the second, which is used
-    /// no more; zeros elsewhere. The immediate is the region's number.
+    /// no more; zeros elsewhere. The immediate is the region's number. With a third operand, the
+    /// distances of words that lie one behind another: such are loaded at once.
     Gather,
+    /// In all lanes the word so many bytes behind the place that the operand's first lane says;
+    /// zero if that is outside. The immediate is the region's number. AVX-512 only.
+    LoadOne(u32),
+    /// `reg = op(vvvv, rm)` of the second and the third operand in lanes of the first, zeros
+    /// elsewhere. AVX-512 only.
+    Zeroing,
+    /// `rm = op(reg)` of the second operand in lanes of the first, zeros elsewhere. AVX-512 only.
+    ReverseZeroing,
+    /// A mask of all lanes or of none, from a mask: see [`Vote`].
+    OfVote(Vote),
+    /// The bits of a mask in each lane of a vector.
+    OfBits,
     /// Stores the second operand, in lanes of the first, to the result's place in memory; the
     /// result's register is scratch.
     Leave,
+}
+
+/// When a vote gives all lanes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Vote {
+    /// The mask has lanes.
+    Some,
+    /// It has none.
+    None,
 }
 
 /// An instruction of the stretch.
@@ -186,6 +211,7 @@ impl<'a> Allocation<'a> {
                 _ => 0,
             },
             Form::Blend => 1,
+            Form::Zeroing => 2,
             _ => usize::MAX,
         };
         let memory = (memory != usize::MAX && in_memory(self, memory)).then_some(memory);
@@ -270,7 +296,23 @@ impl<'a> Allocation<'a> {
                     Encoding::Evex => self.assembler.mask(step.op, (to, 0, lanes), false, None),
                 }
             }
-            Form::Gather => self.gather(step, to, register(a), register(b)),
+            Form::Zeroing => vector((to, register(b), c), register(a) | ZEROING, step.immediate),
+            Form::ReverseZeroing => {
+                let to = Operand::Register(to);
+                vector((register(b), 0, to), register(a) | ZEROING, step.immediate);
+            }
+            Form::OfVote(vote) => self.vote(to, register(a), vote),
+            Form::OfBits => {
+                self.assembler
+                    .mask(KMOV_OUT, (SCRATCH_WORD, 0, a), false, None);
+                let word = Operand::Register(SCRATCH_WORD);
+                self.assembler.vector(step.op, (to, 0, word), 0, None);
+            }
+            Form::Gather => {
+                let steps = (step.count == 3).then(|| register(c));
+                self.gather(step, to, [register(a), register(b)], steps);
+            }
+            Form::LoadOne(behind) => self.load_one(step, to, register(a), behind),
             Form::Leave => self.leave(step, to, register(a), register(b)),
             Form::MultiplyAdd => unreachable!("has its own function"),
         }

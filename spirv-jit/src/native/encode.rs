@@ -1,6 +1,8 @@
 //! Bytes of vector instructions: VEX for AVX2, EVEX for AVX-512 ("Intel 64 and IA-32 Architectures
 //! Software Developer's Manual", volume 2, sections 2.3 and 2.7).
 
+use crate::SUBGROUP_SIZE;
+
 /// A vector register, or a mask register of AVX-512.
 pub(super) type Register = u8;
 
@@ -39,6 +41,8 @@ pub(super) enum Base {
     /// `r10`: the mask of the subgroup's active lanes, 16 bits; with [`Encoding::Vex`] the half's,
     /// 8 bits.
     Lanes = 10,
+    /// `rbx`: a word that a loop loads.
+    Word = 3,
     /// `r14`: what a loop is given besides, [`LoopContext`](crate::native::LoopContext).
     Context = 14,
 }
@@ -58,6 +62,8 @@ pub(super) enum Constant {
     Word(u32),
     /// In each lane the bit that it has in masks.
     LaneBits,
+    /// In each lane a word of its own. [`Encoding::Evex`] only: lanes of halves differ.
+    Words([u32; SUBGROUP_SIZE]),
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -87,7 +93,14 @@ pub(super) const fn opcode(map: u8, prefix: u8, w: u8, byte: u8) -> Opcode {
     }
 }
 
+/// With a mask: zeros in all other lanes.
+pub(super) const ZEROING: u8 = 0x80;
+
+/// `rbx`, which holds nothing between two steps.
+pub(super) const SCRATCH_WORD: Register = 3;
+
 /// Conditions of jumps.
+pub(super) const OVERFLOW: u8 = 0;
 pub(super) const ZERO: u8 = 4;
 pub(super) const NOT_ZERO: u8 = 5;
 pub(super) const NOT_NEGATIVE: u8 = 9;
@@ -110,7 +123,7 @@ impl Assembler {
     }
 
     /// An instruction with operands `reg`, `vvvv` and `rm`, under `mask` (0: in all lanes; only
-    /// EVEX has others).
+    /// EVEX has others; [`ZEROING`] is added to it).
     pub fn vector(
         &mut self,
         op: Opcode,
@@ -236,6 +249,25 @@ impl Assembler {
         self.land_at(jump, target);
     }
 
+    /// `ebx` = the first lane of a vector, which AVX-512 has.
+    pub fn first_word(&mut self, from: Register) {
+        // vmovd ebx, from
+        self.bytes.extend([
+            0x62,
+            not_if(from & 8 != 0) << 7 | 0b11 << 5 | not_if(from & 16 != 0) << 4 | 1,
+            0x7d,
+            0x08,
+            0x7e,
+            0xc3 | (from & 7) << 3,
+        ]);
+    }
+
+    /// A jump to a place that is named later.
+    pub fn jump(&mut self) -> usize {
+        self.bytes.extend([0xe9, 0, 0, 0, 0]);
+        self.bytes.len()
+    }
+
     /// A jump under a condition to a place that is named later.
     pub fn jump_ahead(&mut self, condition: u8) -> usize {
         self.bytes.extend([0x0f, 0x80 | condition, 0, 0, 0, 0]);
@@ -272,6 +304,7 @@ impl Assembler {
                 let word: u32 = match constant {
                     Constant::Word(word) => *word,
                     Constant::LaneBits => 1 << lane,
+                    Constant::Words(words) => words[lane],
                 };
                 self.bytes.extend(word.to_le_bytes());
             }

@@ -62,22 +62,26 @@ pub(crate) struct Region {
     last: [i32; SUBGROUP_SIZE],
     /// The address of the offset 2³¹, whether that is inside or not.
     base: *const u8,
+    /// How far a word of zeros is behind that.
+    zero: isize,
 }
 
 impl Region {
-    pub const EMPTY: Region = Region {
-        last: [i32::MIN; SUBGROUP_SIZE],
-        base: (&raw const ZEROS).cast::<u8>().wrapping_add(1 << 31),
-    };
+    fn at(last: i32, start: *const u8) -> Region {
+        let base = start.wrapping_add(1 << 31);
+        let zero = (&raw const ZEROS).addr().wrapping_sub(base.addr());
+        Region {
+            last: [last; SUBGROUP_SIZE],
+            base,
+            zero: zero.cast_signed(),
+        }
+    }
 
     /// Of so many bytes, of which words are loaded that are inside as a whole.
     pub fn new(base: *const u8, size_bytes: u64) -> Region {
         match size_bytes.min(1 << 32).checked_sub(4) {
-            Some(last) => Region {
-                last: [(last as u32 ^ 1 << 31) as i32; SUBGROUP_SIZE],
-                base: base.wrapping_add(1 << 31),
-            },
-            None => Region::EMPTY,
+            Some(last) => Region::at((last as u32 ^ 1 << 31) as i32, base),
+            None => Region::at(i32::MIN, (&raw const ZEROS).cast()),
         }
     }
 }
@@ -105,6 +109,11 @@ impl LoopContext {
     /// The same of its base.
     const fn base(region: usize) -> i32 {
         Self::last(region) + std::mem::offset_of!(Region, base) as i32
+    }
+
+    /// The same of the distance to a word of zeros.
+    const fn zero(region: usize) -> i32 {
+        Self::last(region) + std::mem::offset_of!(Region, zero) as i32
     }
 }
 

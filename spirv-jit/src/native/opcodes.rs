@@ -97,3 +97,22 @@ pub(super) const MOVMSKPS: Opcode = opcode(F, NONE, 0, 0x50);
 /// Stores lanes of 64 bits, where masks count them.
 pub(super) const STORE_WIDE: Opcode = opcode(F, X66, 1, 0x11);
 pub(super) const PGATHERDD: Opcode = opcode(F38, X66, 0, 0x90);
+pub(super) const KADD: Opcode = opcode(F, NONE, 0, 0x4a);
+/// Lanes that the first operand numbers, of the second.
+pub(super) const PERMD: Opcode = opcode(F38, X66, 0, 0x36);
+/// Within each four words, as the immediate says.
+pub(super) const PSHUFD: Opcode = opcode(F, X66, 0, 0x70);
+/// Quarters of both operands, as the immediate says.
+pub(super) const SHUFFLE_QUARTERS: Opcode = opcode(F3A, X66, 1, 0x43);
+/// Words from so many places behind the second operand's start on, the first operand behind it.
+pub(super) const ALIGND: Opcode = opcode(F3A, X66, 0, 0x03);
+/// Words of some lanes, one behind another.
+pub(super) const PCOMPRESSD: Opcode = opcode(F38, X66, 0, 0x8b);
+pub(super) const PBROADCASTD: Opcode = opcode(F38, X66, 0, 0x58);
+/// From a general register.
+pub(super) const PBROADCASTD_OF: Opcode = opcode(F38, X66, 0, 0x7c);
+pub(super) const PTESTMD: Opcode = opcode(F38, X66, 0, 0x27);
+/// From a general register to a mask register.
+pub(super) const KMOV_IN: Opcode = opcode(F, NONE, 0, 0x92);
+pub(super) const POPCNTD: Opcode = opcode(F38, X66, 0, 0x55);
+pub(super) const LZCNTD: Opcode = opcode(F38, X66, 0, 0x44);

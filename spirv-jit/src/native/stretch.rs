@@ -8,6 +8,7 @@ use super::encode::{Assembler, Base, Constant, Encoding, Memory, Opcode};
 use super::opcodes::*;
 use crate::ir::{Op, Type, Value};
 
+mod across;
 mod lower;
 #[cfg(test)]
 mod tests;
@@ -46,6 +47,8 @@ pub(crate) struct Stretch {
     encoding: Encoding,
     /// The processor has instructions for 16-bit floats.
     has_halves: bool,
+    /// The processor has instructions that count bits.
+    has_counts: bool,
     steps: Vec<Step>,
     infos: Vec<Info>,
     pool: Vec<Constant>,
@@ -79,6 +82,7 @@ impl Stretch {
         Stretch {
             encoding,
             has_halves: encoding == Encoding::Evex && lanes::has_half_arithmetic(),
+            has_counts: encoding == Encoding::Evex && lanes::has_bit_counts(),
             steps: Vec::new(),
             infos: Vec::new(),
             pool: Vec::new(),

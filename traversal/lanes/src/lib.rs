@@ -15,7 +15,7 @@ pub mod vector;
 
 pub use mask::LaneMask;
 pub use prefetch::prefetch;
-pub use tier::{Tier, has_half_arithmetic};
+pub use tier::{Tier, has_bit_counts, has_half_arithmetic};
 #[cfg(target_arch = "x86_64")]
 pub use tier::{gathers_slowly, has_byte_permutes};
 

@@ -39,6 +39,18 @@ pub fn has_half_arithmetic() -> bool {
     false
 }
 
+/// Whether the processor counts bits in lanes, and zeros above the highest one (AVX-512 VPOPCNTDQ
+/// and CD): not all processors with [`Tier::Avx512`] do. The results are the same with and without.
+#[inline]
+pub fn has_bit_counts() -> bool {
+    #[cfg(target_arch = "x86_64")]
+    {
+        is_x86_feature_detected!("avx512vpopcntdq") && is_x86_feature_detected!("avx512cd")
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    false
+}
+
 /// Whether AVX-512's gathers take longer than loads one by one: they do on AMD's processors, and
 /// not on Intel's. The results are the same.
 #[cfg(target_arch = "x86_64")]

@@ -94,6 +94,7 @@ const HOUSES: [House; 4] = [
             "ycbcr",
             "block",
             "wave",
+            "words",
             "plain",
             "fast",
             "sample",

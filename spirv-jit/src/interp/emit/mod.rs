@@ -6,6 +6,7 @@
 use foldhash::HashMap;
 use lanes::Tier as TierKind;
 
+mod alike;
 mod body;
 mod inst;
 mod native;

@@ -3,14 +3,17 @@
 use foldhash::HashSet;
 use smallvec::SmallVec;
 
+use super::alike::alike;
 use super::native::{ALIGNMENT, Native};
 use super::{Emitter, instr};
 use crate::interp::code::LoopPlan;
 use crate::interp::native;
 use crate::interp::operand::Operand;
-use crate::ir::op::Access;
+use crate::ir::op::{Access, SubgroupOp};
+use crate::ir::stage::Stage;
 use crate::ir::{Body, Inst, Label, Node, Op, Space, Step, Terminator, Value};
 use crate::native::{Encoding, Lanes, ListedTurns, MAX_REGIONS, Merged, Place, Row, Turns};
+use crate::plan::takes_helpers;
 
 /// Operations in branches, at most: code computes all of them in each turn, whichever way lanes go.
 const MOST_IN_BRANCHES: usize = 96;
@@ -63,6 +66,8 @@ struct Ways<'m> {
     left_to: Option<u32>,
     /// As [`LoopPlan`] has them.
     regions: Vec<Operand>,
+    /// Values that are the same in all lanes that come to them.
+    alike: HashSet<Value>,
 }
 
 /// How many loads of a loop are from places that other loads of the loop decide.
@@ -206,6 +211,7 @@ impl<'m> Emitter<'m> {
             branches: 0,
             left_to: None,
             regions: Vec::new(),
+            alike: alike(node, |value| self.operand(value).is_uniform()),
         };
         for copy in 0..ways.turns.copies() {
             let first = Open {
@@ -243,7 +249,15 @@ impl<'m> Emitter<'m> {
                     in_branches += (ways.open.len() > 1) as usize;
                     let performed = match inst.op {
                         Op::Load(access) => self.load(access, inst, ways).is_some(),
-                        _ => self.perform(&mut ways.turns.stretch, inst),
+                        Op::Subgroup(op) => self.across(op, inst, ways).is_some(),
+                        Op::LaneIndex => {
+                            let result = self.place(inst.results[0]);
+                            ways.turns.lane_index(&result).is_some()
+                        }
+                        _ => {
+                            self.fold(inst, ways).is_some()
+                                || self.perform(&mut ways.turns.stretch, inst)
+                        }
                     };
                     if !performed || in_branches > MOST_IN_BRANCHES {
                         return None;
@@ -321,7 +335,30 @@ impl<'m> Emitter<'m> {
         if !results.iter().flatten().all(is_word) {
             return None;
         }
-        ways.turns.load(ways.lanes?, number, &offset, &results)
+        match ways.alike.contains(inst.args.last()?) {
+            true => (ways.turns).load_at_one_place(ways.lanes?, number, &offset, &results),
+            false => ways.turns.load(ways.lanes?, number, &offset, &results),
+        }
+    }
+
+    /// An operation on values that are known for each lane.
+    fn fold(&self, inst: &Inst, ways: &mut Ways<'m>) -> Option<()> {
+        let &[a, b] = &inst.args[..] else {
+            return None;
+        };
+        let operands = [self.place(a), self.place(b)];
+        let result = self.place(*inst.results.first()?);
+        ways.turns.fold(&inst.op, &operands, &result)
+    }
+
+    fn across(&self, op: SubgroupOp, inst: &Inst, ways: &mut Ways<'m>) -> Option<()> {
+        // Code does not know which lanes are helper invocations.
+        if self.module.stage == Stage::Fragment && !takes_helpers(self.module, op) {
+            return None;
+        }
+        let operands: SmallVec<[Place; 2]> = inst.args.iter().map(|&v| self.place(v)).collect();
+        let result = self.place(*inst.results.first()?);
+        ways.turns.across(ways.lanes?, op, &operands, &result)
     }
 
     /// Which of some values have rows.

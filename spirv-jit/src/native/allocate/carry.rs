@@ -2,8 +2,9 @@
 //! and in its row of the frame where they do not.
 
 use super::*;
+use crate::SUBGROUP_SIZE;
 use crate::native::LoopContext;
-use crate::native::encode::ZERO;
+use crate::native::encode::{NOT_ZERO, OVERFLOW, ZERO};
 use crate::native::opcodes::*;
 
 /// A value that a turn takes from the turn before.
@@ -17,6 +18,9 @@ pub(in crate::native) struct Carried {
     /// Where it is between two turns; `None`: in its row.
     pub register: Option<Register>,
 }
+
+/// A comparison of [`PCMPD`].
+const NOT_EQUAL: u8 = 4;
 
 /// Registers that are left to a turn's own values.
 const LEFT: usize = 6;
@@ -96,6 +100,39 @@ fn enter(a: &mut Assembler, register: Register, half: i32, bits: Memory) {
             a.vector(PCMPEQD, (register, register, bits), 0, None);
         }
     }
+}
+
+/// Bytes from a run's first word to its last one.
+const LAST_OF_RUN: i32 = 4 * (SUBGROUP_SIZE as i32 - 1);
+
+/// Puts the place of a run's last word into `rbx`. Jumps where lanes' words lie otherwise, and
+/// where places overflow within the run.
+fn find_run(
+    a: &mut Assembler,
+    to: Register,
+    [index, lanes]: [Register; 2],
+    steps: Register,
+) -> [usize; 2] {
+    /// No mask for instructions, but they write it.
+    const DIFFERENT: Register = 0;
+    let register = Operand::Register;
+    a.vector(PSUBD, (to, index, register(steps)), 0, None);
+    a.vector(PBROADCASTD, (SCRATCH, 0, register(to)), 0, None);
+    a.vector(
+        PCMPD,
+        (DIFFERENT, to, register(SCRATCH)),
+        lanes,
+        Some(NOT_EQUAL),
+    );
+    a.mask(KORTESTW, (DIFFERENT, 0, register(DIFFERENT)), false, None);
+    let apart = a.jump_ahead(NOT_ZERO);
+    a.first_word(SCRATCH);
+    // add ebx, LAST_OF_RUN
+    a.bytes.extend([0x83, 0xc3, LAST_OF_RUN as u8]);
+    let over = a.jump_ahead(OVERFLOW);
+    // movsxd rbx, ebx
+    a.bytes.extend([0x48, 0x63, 0xdb]);
+    [apart, over]
 }
 
 impl Allocation<'_> {
@@ -199,15 +236,77 @@ impl Allocation<'_> {
         Ok(())
     }
 
-    /// Loads words of a region; the result's register is none of the operands'.
-    pub(super) fn gather(&mut self, step: &Step, to: Register, index: Register, lanes: Register) {
+    /// All lanes or none, as a vote on a mask says.
+    pub(super) fn vote(&mut self, to: Register, lanes: Register, vote: Vote) {
         let a = &mut *self.assembler;
-        let region = LoopContext::base(step.immediate.unwrap_or(0).into());
+        a.mask(
+            KMOV_OUT,
+            (SCRATCH_WORD, 0, Operand::Register(lanes)),
+            false,
+            None,
+        );
+        // The carry says whether there are lanes, or whether there are none.
+        match vote {
+            // neg ebx
+            Vote::Some => a.bytes.extend([0xf7, 0xdb]),
+            // cmp ebx, 1
+            Vote::None => a.bytes.extend([0x83, 0xfb, 1]),
+        }
+        // sbb ebx, ebx
+        a.bytes.extend([0x19, 0xdb]);
+        let word = Operand::Register(SCRATCH_WORD);
+        a.mask(KMOV_IN, (to, 0, word), false, None);
+    }
+
+    /// Loads words of a region; the result's register is none of the operands'.
+    pub(super) fn gather(
+        &mut self,
+        step: &Step,
+        to: Register,
+        [index, lanes]: [Register; 2],
+        steps: Option<Register>,
+    ) {
+        let a = &mut *self.assembler;
+        let region = step.immediate.unwrap_or(0).into();
+        let done = steps.map(|steps| {
+            let [apart, over] = find_run(a, to, [index, lanes], steps);
+            // add rbx, [r14 + region]
+            a.bytes.extend([0x49, 0x03, 0x9e]);
+            a.bytes.extend(LoopContext::base(region).to_le_bytes());
+            let first = Operand::Memory(Memory::At(Base::Word, -LAST_OF_RUN));
+            a.vector(LOAD, (to, 0, first), lanes | ZEROING, None);
+            let done = a.jump();
+            a.land(apart);
+            a.land(over);
+            done
+        });
         // mov rbx, [r14 + region]
         a.bytes.extend([0x49, 0x8b, 0x9e]);
-        a.bytes.extend(region.to_le_bytes());
+        a.bytes.extend(LoopContext::base(region).to_le_bytes());
         a.vector(PXOR, (to, to, Operand::Register(to)), 0, None);
         a.gather(step.op, to, index, lanes);
+        if let Some(done) = done {
+            a.land(done);
+        }
+    }
+
+    /// Loads one word for all lanes.
+    pub(super) fn load_one(&mut self, step: &Step, to: Register, place: Register, behind: u32) {
+        let a = &mut *self.assembler;
+        let region = step.immediate.unwrap_or(0).into();
+        a.first_word(place);
+        // Signed numbers in the order of unsigned ones: add ebx, 2^31 + behind
+        a.bytes.extend([0x81, 0xc3]);
+        a.bytes.extend((1 << 31 | behind).to_le_bytes());
+        // cmp ebx, [r14 + last]; movsxd rbx, ebx; cmovg rbx, [r14 + zero]; add rbx, [r14 + base]
+        a.bytes.extend([0x41, 0x3b, 0x9e]);
+        a.bytes.extend(LoopContext::last(region).to_le_bytes());
+        a.bytes.extend([0x48, 0x63, 0xdb, 0x49, 0x0f, 0x4f, 0x9e]);
+        a.bytes.extend(LoopContext::zero(region).to_le_bytes());
+        a.bytes.extend([0x49, 0x03, 0x9e]);
+        a.bytes.extend(LoopContext::base(region).to_le_bytes());
+        let word = Operand::Memory(Memory::At(Base::Word, 0));
+        a.vector(step.op, (to, 0, word), 0, None);
     }
 
     /// Writes a value in some lanes to memory, for code behind the loop.

@@ -163,6 +163,32 @@ impl Stretch {
         }
     }
 
+    /// How many bits are set, or the number of the lowest or the highest one; all ones if there is
+    /// none.
+    fn count_bits(&mut self, op: &Op, ty: Type, a: Virtual) -> Option<Virtual> {
+        if !self.has_counts || !matches!(ty, Type::I8 | Type::I16 | Type::I32) {
+            return None;
+        }
+        let marked = match op {
+            Op::BitCount => return Some(self.unary(POPCNTD, a)),
+            Op::FindLsb => {
+                let zero = self.words(0);
+                let negative = self.binary(PSUBD, zero, a);
+                self.commutative(PAND, a, negative)
+            }
+            Op::FindSMsb => {
+                // The highest bit that differs from the sign.
+                let number = self.extend(ty, a);
+                let sign = self.shift(PSHIFTD, RIGHT_SIGNED, number, 31);
+                self.commutative(PXOR, number, sign)
+            }
+            _ => a,
+        };
+        let above = self.unary(LZCNTD, marked);
+        let last = self.words(31);
+        Some(self.binary(PSUBD, last, above))
+    }
+
     fn unsigned_to_float(&mut self, a: Virtual) -> Virtual {
         if self.encoding == Encoding::Evex {
             return self.unary(CVTUDQ2PS, a);
@@ -459,6 +485,10 @@ impl Stretch {
                 self.binary(PSUBD, zero, a)
             }
             (Op::IAbs, Type::I32, _) => self.unary(PABSD, a),
+            (Op::BitCount | Op::FindLsb | Op::FindUMsb | Op::FindSMsb, _, _) => {
+                let number = self.count_bits(op, from, a)?;
+                self.narrow(to, number)
+            }
             (Op::SToF, Type::I8 | Type::I16 | Type::I32, Type::F32) => {
                 let a = self.extend(from, a);
                 self.unary(CVTDQ2PS, a)
@@ -515,7 +545,7 @@ impl Stretch {
         self.unary(MOVE, a)
     }
 
-    fn lower_binary(
+    pub(super) fn lower_binary(
         &mut self,
         op: &Op,
         from: Type,
@@ -601,30 +631,38 @@ impl Stretch {
         if from != to {
             return None;
         }
-        let (op, form) = match op {
+        if let Op::Shl | Op::LShr = op {
+            if to != Type::I64 {
+                return None;
+            }
+            let count = places[1].constant? as u32 & 63;
+            let number = if *op == Op::Shl { LEFT } else { RIGHT };
+            let [a0, a1] = [a0, a1].map(|part| self.shift(PSHIFTQ, number, part, count));
+            return Some(Held::Two(a0, a1));
+        }
+        let (op, form) = self.wide_opcode(op, to)?;
+        let low = self.step(Class::Vector, op, form, &[a0, b0]);
+        Some(Held::Two(
+            low,
+            self.step(Class::Vector, op, form, &[a1, b1]),
+        ))
+    }
+
+    /// The instruction that performs an operation on lanes of 64 bits.
+    pub(super) fn wide_opcode(&self, op: &Op, ty: Type) -> Option<(Opcode, Form)> {
+        Some(match op {
             Op::FAdd => (ADDPD, Form::Binary),
             Op::FSub => (SUBPD, Form::Binary),
             Op::FMul => (MULPD, Form::Binary),
             Op::FDiv => (DIVPD, Form::Binary),
-            _ if to != Type::I64 => return None,
+            _ if ty != Type::I64 => return None,
             Op::IAdd => (PADDQ, Form::Commutative),
             Op::ISub => (PSUBQ, Form::Binary),
             Op::And => (PAND, Form::Commutative),
             Op::Or => (POR, Form::Commutative),
             Op::Xor => (PXOR, Form::Commutative),
             Op::IMul if self.encoding == Encoding::Evex => (PMULLQ, Form::Commutative),
-            Op::Shl | Op::LShr => {
-                let count = places[1].constant? as u32 & 63;
-                let number = if *op == Op::Shl { LEFT } else { RIGHT };
-                let [a0, a1] = [a0, a1].map(|part| self.shift(PSHIFTQ, number, part, count));
-                return Some(Held::Two(a0, a1));
-            }
             _ => return None,
-        };
-        let low = self.step(Class::Vector, op, form, &[a0, b0]);
-        Some(Held::Two(
-            low,
-            self.step(Class::Vector, op, form, &[a1, b1]),
-        ))
+        })
     }
 }

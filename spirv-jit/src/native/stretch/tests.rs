@@ -8,7 +8,7 @@ use iced_x86::{
 };
 
 use super::super::allocate::*;
-use super::super::encode::{Operand, Register};
+use super::super::encode::{Operand, Register, ZEROING};
 use super::lower::*;
 use super::*;
 
@@ -26,8 +26,9 @@ struct Listed {
     immediate: Option<u8>,
     /// The number in reg, of instructions that have such.
     number: Option<u8>,
-    /// Whether it is used with a mask of lanes.
+    /// Whether it is used with a mask of lanes, and what is added to that.
     masked: bool,
+    zeroing: u8,
 }
 
 impl Listed {
@@ -46,6 +47,11 @@ impl Listed {
         self
     }
 
+    fn zeroing(mut self) -> Listed {
+        self.zeroing = ZEROING;
+        self.masked()
+    }
+
     /// Whether the operand in rm may be in memory: a whole vector.
     fn has_memory(&self) -> bool {
         self.operands.split(' ').any(|operand| operand == "m")
@@ -62,6 +68,7 @@ macro_rules! listed {
             immediate: None,
             number: None,
             masked: false,
+            zeroing: 0,
         }
     };
 }
@@ -173,6 +180,16 @@ fn in_evex() -> Vec<Listed> {
         listed!(INSERT_HALF, "vinserti64x4", "r v mh i").immediate(1),
         listed!(PBLENDMQ, "vpblendmq", "r v m").masked(),
         listed!(STORE_WIDE, "vmovupd", "m r"),
+        listed!(POPCNTD, "vpopcntd", "r m"),
+        listed!(LZCNTD, "vplzcntd", "r m"),
+        listed!(PERMD, "vpermd", "r v m"),
+        listed!(PERMD, "vpermd", "r v m").zeroing(),
+        listed!(PSHUFD, "vpshufd", "r m i").immediate(0xb1),
+        listed!(SHUFFLE_QUARTERS, "vshufi64x2", "r v m i").immediate(0x4e),
+        listed!(ALIGND, "valignd", "r v m i").immediate(15),
+        listed!(PCOMPRESSD, "vpcompressd", "mr r").zeroing(),
+        listed!(PBROADCASTD, "vpbroadcastd", "r mx"),
+        listed!(PTESTMD, "vptestmd", "rk v m"),
     ]);
     list
 }
@@ -182,6 +199,7 @@ fn of_masks() -> Vec<Listed> {
     vec![
         listed!(KAND, "kandw", "rk vk mk"),
         listed!(KANDN, "kandnw", "rk vk mk"),
+        listed!(KADD, "kaddw", "rk vk mk"),
         listed!(KOR, "korw", "rk vk mk"),
         listed!(KXNOR, "kxnorw", "rk vk mk"),
         listed!(KXOR, "kxorw", "rk vk mk"),
@@ -224,6 +242,7 @@ fn memory_text(base: Base, displacement: i32) -> String {
         Base::WideHalf => "r9",
         Base::FourthFrame => "rax",
         Base::Lanes => "r10",
+        Base::Word => "rbx",
         Base::Context => "r14",
     };
     match displacement {
@@ -244,32 +263,42 @@ fn expected(
         Encoding::Vex => ("ymm", "xmm"),
         Encoding::Evex => ("zmm", "ymm"),
     };
-    let operands = listed.operands.split(' ').map(|operand| {
-        let (field, class) = operand.split_at(1);
-        let class = match class {
-            "h" => half,
-            "k" => "k",
-            _ => whole,
-        };
-        let immediate = listed.immediate.unwrap_or(0);
-        match (field, rm) {
-            ("r", _) if mask != 0 => format!("{class}{reg}{{k{mask}}}"),
-            ("r", _) => format!("{class}{reg}"),
-            ("v", _) => format!("{class}{second}"),
-            ("m", Operand::Register(register)) => format!("{class}{register}"),
-            ("m", Operand::Memory(Memory::At(base, displacement))) => {
-                let size = if encoding == Encoding::Vex {
-                    "yword"
-                } else {
-                    "zword"
-                };
-                format!("{size} {}", memory_text(base, displacement))
+    let lanes = match (mask, listed.zeroing) {
+        (0, _) => String::new(),
+        (_, 0) => format!("{{k{mask}}}"),
+        _ => format!("{{k{mask}}}{{z}}"),
+    };
+    let operands = listed
+        .operands
+        .split(' ')
+        .enumerate()
+        .map(|(place, operand)| {
+            let (field, class) = operand.split_at(1);
+            let lanes = if place == 0 { &lanes[..] } else { "" };
+            let class = match class {
+                "x" => "xmm",
+                "h" => half,
+                "k" => "k",
+                _ => whole,
+            };
+            let immediate = listed.immediate.unwrap_or(0);
+            match (field, rm) {
+                ("r", _) => format!("{class}{reg}{lanes}"),
+                ("v", _) => format!("{class}{second}"),
+                ("m", Operand::Register(register)) => format!("{class}{register}{lanes}"),
+                ("m", Operand::Memory(Memory::At(base, displacement))) => {
+                    let size = if encoding == Encoding::Vex {
+                        "yword"
+                    } else {
+                        "zword"
+                    };
+                    format!("{size} {}{lanes}", memory_text(base, displacement))
+                }
+                ("s", _) => format!("{class}{}", immediate >> 4),
+                ("i", _) => number(immediate.into()),
+                _ => unreachable!("no such field"),
             }
-            ("s", _) => format!("{class}{}", immediate >> 4),
-            ("i", _) => number(immediate.into()),
-            _ => unreachable!("no such field"),
-        }
-    });
+        });
     format!("{} {}", listed.name, operands.collect::<Vec<_>>().join(","))
 }
 
@@ -306,7 +335,7 @@ fn check(
     a.vector(
         listed.op,
         (listed.number.unwrap_or(reg), second, rm),
-        mask,
+        mask | if mask != 0 { listed.zeroing } else { 0 },
         listed.immediate,
     );
     let all = decoded(&a.bytes);
@@ -507,6 +536,8 @@ fn every_opcode_is_listed() {
         listed!(PBROADCASTB, "vpbroadcastb", "r m"),
         listed!(KMOV, "kmovw", "rk m"),
         listed!(KMOV_OUT, "kmovw", ""),
+        listed!(KMOV_IN, "kmovw", ""),
+        listed!(PBROADCASTD_OF, "vpbroadcastd", ""),
         listed!(MOVMSKPS, "vmovmskps", ""),
         listed!(PGATHERDD, "vpgatherdd", ""),
     ];

@@ -19,7 +19,7 @@ use crate::native::{LoopContext, STAYING};
 
 /// Lanes on one of the ways through a turn.
 #[derive(Clone, Copy)]
-pub(crate) struct Lanes(Virtual);
+pub(crate) struct Lanes(pub(super) Virtual);
 
 /// A value that depends on the way that lanes came.
 #[derive(Clone, Copy)]
@@ -208,7 +208,48 @@ impl Turns {
                     s.binary(PANDN, outside, lanes.0)
                 }
             };
-            let to = s.step(Class::Vector, PGATHERDD, Form::Gather, &[offset, inside]);
+            let to = match (s.encoding, results.len()) {
+                // Lanes often load words that lie one behind another.
+                (Encoding::Evex, 1) => {
+                    let words = std::array::from_fn(|lane| 4 * lane as u32);
+                    let steps = s.constant(Constant::Words(words));
+                    let from = [offset, inside, steps];
+                    s.step(Class::Vector, PGATHERDD, Form::Gather, &from)
+                }
+                _ => s.step(Class::Vector, PGATHERDD, Form::Gather, &[offset, inside]),
+            };
+            s.steps.last_mut().expect("pushed").immediate = Some(region as u8);
+            s.give(result, Held::One(to));
+            s.operations += 1;
+            s.end_operation();
+        }
+        Some(())
+    }
+
+    /// As [`Self::load`], of an offset that is the same in all of the lanes.
+    pub fn load_at_one_place(
+        &mut self,
+        lanes: Lanes,
+        region: usize,
+        offset: &Place,
+        results: &[Option<Place>],
+    ) -> Option<()> {
+        let s = &mut self.stretch;
+        if s.encoding == Encoding::Vex {
+            return self.load(lanes, region, offset, results);
+        }
+        let Held::One(offset) = s.operand(offset) else {
+            return None;
+        };
+        // Other lanes have offsets of their own.
+        let from = [lanes.0, offset];
+        let first = s.step(Class::Vector, PCOMPRESSD, Form::ReverseZeroing, &from);
+        for (k, result) in results.iter().enumerate() {
+            let Some(result) = result else {
+                continue;
+            };
+            let form = Form::LoadOne(4 * k as u32);
+            let to = s.step(Class::Vector, PBROADCASTD, form, &[first]);
             s.steps.last_mut().expect("pushed").immediate = Some(region as u8);
             s.give(result, Held::One(to));
             s.operations += 1;

@@ -11,8 +11,9 @@ fn is_native(bench: &Bench, tier: TierKind) -> bool {
     bench.program.native_loops() == (tier != TierKind::Portable) as usize
 }
 
-/// Offsets use all 32 bits; the words of one load wrap behind the last one, and those that are not
-/// inside as a whole are zero.
+/// Offsets use all 32 bits, also of words that lie one behind another and of one word for all
+/// lanes; the words of one load wrap behind the last one, and those that are not inside as a whole
+/// are zero.
 #[test]
 fn loops_load_from_large_buffers() {
     const SIZE_BYTES: u64 = (1 << 32) - 6;
@@ -35,8 +36,12 @@ fn loops_load_from_large_buffers() {
         0xffff_ffff,
         0x1234_5678,
     ];
+    // Words that lie one behind another: also where offsets change their sign, and behind the end.
+    let run = |start: u32| std::array::from_fn(|lane| start.wrapping_add(4 * lane as u32));
+    let starts = [0, 0x1234_5678, 0x7fff_ffe0, 0xffff_ffc0, 0xffff_ffe2];
+    let all = || starts.map(run).into_iter().chain([places]);
     let bytes = |at: u64| (at as u32).wrapping_mul(0x9e37_79b9).to_le_bytes()[3];
-    for place in places {
+    for place in all().flatten() {
         for at in place as u64..place as u64 + 12 {
             memory.write(at & 0xffff_ffff, &[bytes(at & 0xffff_ffff)]);
         }
@@ -49,30 +54,35 @@ fn loops_load_from_large_buffers() {
         let mut bench = Bench::new(
             "module closest_hit
             inputs payload.0
-            output_rows 2
+            output_rows 3
             func f0 {
                 v0: descriptor = push_constants
                 v1: i32 = input[0]
                 v2: i32 = const 0
                 v3: i32 = const 1
                 v4: i32 = const 3
-                block L0 -> (v5: i32, v6: i32) {
-                    loop L1 (v7: i32, v8: i32, v9: i32) = (v2, v2, v2) {
+                v20: i32 = const 2
+                block L0 -> (v5: i32, v6: i32, v21: i32) {
+                    loop L1 (v7: i32, v8: i32, v9: i32, v23: i32) = (v2, v2, v2, v2) {
                         v10: i1 = ult v7, v4
                         if v10, L2 {
                             br L2
                         } else {
-                            br L0(v8, v9)
+                            br L0(v8, v9, v23)
                         }
-                        v11: i32, v12: i32 = load.buffer v0, v1
+                        v11: i32 = load.buffer v0, v1
+                        v24: i32, v12: i32 = load.buffer v0, v1
+                        v25: i32 = shl v7, v20
+                        v26: i32 = load.buffer v0, v25
                         v13: i32 = iadd v8, v11
                         v14: i32 = iadd v9, v12
+                        v27: i32 = iadd v23, v26
                         v15: i32 = iadd v7, v3
-                        br L1(v15, v13, v14)
+                        br L1(v15, v13, v14, v27)
                     }
                     unreachable
                 }
-                end(v5, v6)
+                end(v5, v6, v21)
             }",
             tier,
             1,
@@ -83,13 +93,19 @@ fn loops_load_from_large_buffers() {
             size_bytes: SIZE_BYTES,
             ..Descriptor::NULL
         };
-        bench.input(0, |lane| places[lane]);
-        bench.run_to_end();
-        for row in 0..2 {
-            for (&place, sum) in places.iter().zip(bench.io(row)) {
-                let at = place.wrapping_add(4 * row as u32) as u64;
-                assert_eq!(sum, word(at).wrapping_mul(3), "{place:#x}, {tier:?}");
+        for places in all() {
+            let states = bench.states.iter_mut();
+            states.for_each(|state| bench.program.start(state, lanes::LaneMask::ALL));
+            bench.input(0, |lane| places[lane]);
+            bench.run_to_end();
+            for (row, behind) in [0, 4].into_iter().enumerate() {
+                for (&place, sum) in places.iter().zip(bench.io(row)) {
+                    let at = place.wrapping_add(behind) as u64;
+                    assert_eq!(sum, word(at).wrapping_mul(3), "{place:#x}, {tier:?}");
+                }
             }
+            let first = (0..3).fold(0u32, |sum, k| sum.wrapping_add(word(4 * k)));
+            assert_eq!(bench.io(2), [first; 16], "{tier:?}");
         }
         // Memory of less than a word.
         bench.environment.push_constants.size_bytes = 3;
@@ -97,7 +113,9 @@ fn loops_load_from_large_buffers() {
         states.for_each(|state| bench.program.start(state, lanes::LaneMask::ALL));
         bench.input(0, |_| 0);
         bench.run_to_end();
-        assert_eq!(bench.io(0), [0; 16], "{tier:?}");
+        for row in 0..3 {
+            assert_eq!(bench.io(row), [0; 16], "{tier:?}");
+        }
     });
 }
 

@@ -16,12 +16,17 @@ const ALL: [Type; 8] = [I1, I8, I16, I32, I64, F16, F32, F64];
 
 /// Of integers. The last ones of each list have no native code for any type.
 const INT_UNARY: &[&str] = &["not", "ineg", "iabs", "bit_count", "isign"];
+const COUNTS: &[&str] = &["bit_count", "find_lsb", "find_umsb", "find_smsb"];
 const INT_BINARY: &[&str] = &[
     "iadd", "isub", "imul", "and", "or", "xor", "shl", "lshr", "ashr", "smin", "smax", "umin",
     "umax", "umul_hi", "udiv",
 ];
 const INT_COMPARE: &[&str] = &["ieq", "ine", "ult", "ule", "slt", "sle"];
 const LOGIC: &[&str] = &["and", "or", "xor", "ieq", "ine"];
+/// Combining operations of subgroups.
+const REDUCTIONS: &[&str] = &[
+    "iadd", "imul", "smin", "umin", "smax", "umax", "and", "or", "xor",
+];
 const FLOAT_UNARY: &[&str] = &[
     "fneg",
     "fabs",
@@ -55,6 +60,8 @@ struct Maker {
     reach: usize,
     /// Words and floats alone, and operations that have native code.
     is_plain: bool,
+    /// Loops have operations across lanes, and count bits.
+    is_across: bool,
 }
 
 /// The last operations of a list left out, which have no native code.
@@ -72,6 +79,7 @@ impl Maker {
             values: Vec::new(),
             reach,
             is_plain: false,
+            is_across: false,
         }
     }
 
@@ -283,7 +291,7 @@ impl Maker {
     fn outputs(&mut self) -> (Vec<String>, Vec<bool>) {
         if self.random.bool() {
             // Values of all types cross the end of a stretch.
-            self.emit(I32, "bit_count", &[I32]);
+            self.emit(I32, "isign", &[I32]);
         }
         let mut outputs = Vec::new();
         let newest = self.random.bool();
@@ -320,11 +328,84 @@ impl Maker {
 
     fn operations(&mut self, most: usize) {
         for _ in 0..self.random.usize(..=most) {
-            match self.random.u32(..8) {
+            match self.random.u32(..if self.is_across { 12 } else { 8 }) {
                 0 => self.load(),
+                8..11 => self.across(),
+                11 => {
+                    let ty = self.choose(&INTEGERS[..3]);
+                    let name = self.choose(COUNTS);
+                    self.emit(ty, name, &[ty]);
+                }
                 _ => self.operation(),
             }
         }
+    }
+
+    /// An operation across the lanes that come to it.
+    fn across(&mut self) {
+        let int = match self.random.u32(..3) {
+            0 => self.choose(&INTEGERS),
+            _ => I32,
+        };
+        match self.random.u32(..12) {
+            0 => self.emit(I1, "subgroup.elect", &[]),
+            1 => self.emit(I1, "subgroup.all", &[I1]),
+            2 => self.emit(I1, "subgroup.any", &[I1]),
+            3 => self.emit(I32, "subgroup.ballot", &[I1]),
+            4 => {
+                let ty = self.choose(&[I8, I32, F32, F16]);
+                self.emit(I1, "subgroup.all_equal", &[ty]);
+            }
+            5 => {
+                let ty = self.choose(&[I16, I32, F32, F16]);
+                self.emit(ty, "subgroup.broadcast_first", &[ty]);
+            }
+            6 => {
+                let name = self.choose(&["fmin", "fmax", "fadd"]);
+                let name = format!("subgroup.reduce[{name}, {}]", 1 << self.random.u32(..5));
+                self.emit(F32, &name, &[F32]);
+            }
+            7 | 8 => {
+                let name = self.choose(REDUCTIONS);
+                let name = format!("subgroup.reduce[{name}, {}]", 1 << self.random.u32(..5));
+                self.emit(int, &name, &[int]);
+            }
+            9 => {
+                let kind = self.choose(&["inclusive", "exclusive"]);
+                let name = self.choose(REDUCTIONS);
+                self.emit(int, &format!("subgroup.{kind}_scan[{name}]"), &[int]);
+            }
+            _ => self.shuffle(),
+        }
+    }
+
+    /// The value of another lane: zero where that one does not come here, or is none.
+    fn shuffle(&mut self) {
+        let index = self.w.line(I32, "lane_index");
+        let other = match self.random.u32(..3) {
+            0 => self.pick(I32),
+            _ => self.constant(I32),
+        };
+        let few = self.w.constant(I32, self.random.u64(..4) * 8 + 7);
+        let other = self.w.op(I32, "and", &[&other, &few]);
+        let name = self.choose(&["xor", "iadd", "isub", "or"]);
+        let from = self.w.op(I32, name, &[&index, &other]);
+        let ty = self.choose(&[I32, I32, F32, I16, I64]);
+        let value = self.pick(ty);
+        if self.random.bool() {
+            let result = self.w.op(ty, "subgroup.quad_shuffle", &[&value, &from]);
+            return self.show(ty, result);
+        }
+        let all = self.w.constant(I1, 1);
+        let active = self.w.op(I32, "subgroup.ballot", &[&all]);
+        let (one, zero) = (self.w.constant(I32, 1), self.w.constant(I32, 0));
+        let bit = self.w.op(I32, "lshr", &[&active, &from]);
+        let bit = self.w.op(I32, "and", &[&bit, &one]);
+        let is_active = self.w.op(I1, "ine", &[&bit, &zero]);
+        let result = self.w.op(ty, "subgroup.shuffle", &[&value, &from]);
+        let nothing = self.w.constant(ty, 0);
+        let result = self.w.op(ty, "select", &[&is_active, &result, &nothing]);
+        self.show(ty, result);
     }
 
     /// Words from memory that lanes mostly hit.
@@ -434,11 +515,12 @@ fn branch(label: u32, operands: &str) -> String {
 }
 
 /// A program with a loop, its text, and which of its outputs are floats.
-fn program_with_loop(seed: u64) -> (Module, String, Vec<bool>) {
+fn program_with_loop(seed: u64, is_across: bool) -> (Module, String, Vec<bool>) {
     let mut m = Maker::new(seed);
     m.is_plain = m.random.u32(..4) != 0;
     m.inputs();
     m.operations(6);
+    m.is_across = is_across;
     m.turns();
     m.operations(3);
     let (outputs, floats) = m.outputs();
@@ -520,16 +602,37 @@ fn seeds(cases: u32) -> (u64, u64) {
 /// third, on AVX2.
 const HANDED_ON_FROM_ROWS: [u64; 5] = [12496, 20620, 20960, 40855, 51035];
 
+/// Compares a program with a loop in all tiers; whether the loop is native code in the best one.
+fn agrees_with_loop(seed: u64, is_across: bool) -> u64 {
+    let (module, text, floats) = program_with_loop(seed, is_across);
+    agrees(&module, &floats, seed, &text);
+    let program = Program::with_tier(&module, TierKind::best()).unwrap();
+    program.native_loops() as u64
+}
+
+/// As [`native_loops_give_what_the_interpreter_gives`], with operations across lanes: on AVX-512
+/// they are native code, too.
+#[test]
+fn native_loops_combine_lanes_as_the_interpreter_does() {
+    let (first, cases) = seeds(300);
+    let native: u64 = (first..first + cases)
+        .map(|seed| agrees_with_loop(seed, true))
+        .sum();
+    if TierKind::best() == TierKind::Avx512 {
+        assert!(
+            native * 5 > cases || cases < 100,
+            "{native} of {cases} loops are native code"
+        );
+    }
+}
+
 /// Loops, as native code in one piece, and by single turns where the fuel is short.
 #[test]
 fn native_loops_give_what_the_interpreter_gives() {
     let (first, cases) = seeds(300);
     let mut native = 0;
     for seed in (first..first + cases).chain(HANDED_ON_FROM_ROWS) {
-        let (module, text, floats) = program_with_loop(seed);
-        agrees(&module, &floats, seed, &text);
-        let program = Program::with_tier(&module, TierKind::best()).unwrap();
-        native += program.native_loops() as u64;
+        native += agrees_with_loop(seed, false);
     }
     if lanes::Tier::available().len() > 1 {
         assert!(

@@ -63,7 +63,7 @@ fn memory_of_loops_is_at_the_pointers_that_code_was_given() {
                 assert!(
                     pointers.contains(&base) && instruction.memory_index() == R::None
                         || instruction.is_ip_rel_memory_operand()
-                        || is_gather && base == R::RBX,
+                        || base == R::RBX,
                     "{text}"
                 );
             }

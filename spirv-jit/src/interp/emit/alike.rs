@@ -1,0 +1,84 @@
+//! Values of a loop that are the same in all lanes that come to them.
+
+use foldhash::{HashMap, HashSet};
+
+use crate::ir::{Inst, Node, Op, Space, Step, Terminator, Value};
+
+/// Values that a loop defines and that are the same in all lanes of a subgroup that come to them.
+/// `is_uniform` tells values from outside that are the same in all lanes.
+///
+/// Lanes that take a turn have all taken the turns before. So a parameter is one of these values if
+/// the loop is entered with such a value, and all ways back hand one and the same such value on.
+pub(super) fn alike(node: &Node, is_uniform: impl Fn(Value) -> bool) -> HashSet<Value> {
+    let Node::Loop { params, init, .. } = node else {
+        return HashSet::default();
+    };
+    let entered = params.iter().zip(init);
+    let mut held: HashSet<Value> = entered
+        .filter(|&(_, &value)| is_uniform(value))
+        .map(|(&param, _)| param)
+        .collect();
+    // Fewer in each round.
+    loop {
+        let (found, lost) = turn(node, &held, &is_uniform);
+        if lost.is_empty() {
+            return found;
+        }
+        held.retain(|param| !lost.contains(param));
+    }
+}
+
+/// The values that are alike in a turn if some parameters are, and those of the parameters that are
+/// not alike in the next turn.
+fn turn(
+    node: &Node,
+    held: &HashSet<Value>,
+    is_uniform: impl Fn(Value) -> bool,
+) -> (HashSet<Value>, HashSet<Value>) {
+    let (mut found, mut lost) = (held.clone(), HashSet::default());
+    let Node::Loop {
+        label,
+        params,
+        body,
+        ..
+    } = node
+    else {
+        return (found, lost);
+    };
+    let mut handed_on: HashMap<Value, Value> = HashMap::default();
+    for step in body.steps() {
+        match step {
+            Step::Inst(inst) if keeps_alike(inst) => {
+                let mut args = inst.args.iter();
+                if args.all(|arg| found.contains(arg) || is_uniform(*arg)) {
+                    found.extend(&inst.results);
+                }
+            }
+            Step::End(body) => {
+                let Terminator::Br(to, args) = &body.end else {
+                    continue;
+                };
+                if to != label {
+                    continue;
+                }
+                for (&param, &arg) in params.iter().zip(args) {
+                    let first = *handed_on.entry(param).or_insert(arg);
+                    let is_alike = first == arg && (found.contains(&arg) || is_uniform(arg));
+                    if held.contains(&param) && !is_alike {
+                        lost.insert(param);
+                    }
+                }
+            }
+            _ => {}
+        }
+    }
+    (found, lost)
+}
+
+/// Whether an operation gives all lanes the same if its operands are the same.
+fn keeps_alike(inst: &Inst) -> bool {
+    match inst.op {
+        Op::Load(access) => access.space == Space::Buffer && !access.volatile,
+        _ => inst.op.is_pure(),
+    }
+}
