@@ -8,7 +8,7 @@ use crate::tree::{Entry, Tree};
 
 /// Libraries of every Windows 10. Those that start with [`SETS`] are sets of interfaces that the
 /// system itself maps to its libraries.
-const LIBRARIES: [&str; 22] = [
+const LIBRARIES: [&str; 23] = [
     "advapi32.dll",
     "bcrypt.dll",
     "bcryptprimitives.dll",
@@ -18,6 +18,7 @@ const LIBRARIES: [&str; 22] = [
     "gdi32.dll",
     "kernel32.dll",
     "kernelbase.dll",
+    "ktmw32.dll",
     "msvcrt.dll",
     "ntdll.dll",
     "ole32.dll",

@@ -33,11 +33,14 @@ impl Installation {
             .ancestors()
             .nth(2)
             .context("a folder above this program's")?;
-        let loader = prefix.join(LOADER_FOLDER);
+        // On Windows with its own separators.
+        let own =
+            |path: &str| std::path::absolute(prefix.join(path)).context("this program's path");
+        let loader = own(LOADER_FOLDER)?;
         Ok(Installation {
             manifest: match manifest {
                 Some(manifest) => std::path::absolute(manifest).context("the manifest's path")?,
-                None => prefix.join(MANIFEST),
+                None => own(MANIFEST)?,
             },
             own_loader: loader::usable(&loader).map(|()| loader),
         })

@@ -116,6 +116,7 @@ fn text(installation: &Installation, seen: &Seen) -> String {
     let processors = os::processors();
     let limited = match usable as i64 == processors {
         true => "",
+        false if cfg!(windows) => ", by affinity or a group of processors",
         false => ", by affinity or the control group's CPU quota",
     };
     line(

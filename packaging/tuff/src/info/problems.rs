@@ -163,7 +163,8 @@ fn of_registry(seen: &Seen, add: &mut dyn FnMut(String, String)) {
         );
     }
     let is_found = |found: &super::probe::Found| found.devices.iter().any(|it| it.is_tuff());
-    if seen.are_variables_ignored && !is_found(&seen.selected) {
+    let is_for_all_users = seen.registered.iter().any(|it| it.is_for_all_users);
+    if seen.are_variables_ignored && !is_for_all_users && !is_found(&seen.selected) {
         add(
             "this process runs as administrator: the loader ignores VK_DRIVER_FILES and drivers of one user".into(),
             "tuff install".into(),
@@ -290,6 +291,8 @@ mod tests {
             "uninstall",
         );
         seen.selected.devices.clear();
+        assert!(!find(&seen).iter().any(|it| it.mend == "tuff install"));
+        seen.registered.clear();
         expect(&seen, "runs as administrator", "tuff install");
     }
 

@@ -43,7 +43,11 @@ pub fn end_with_the_reader() {}
 /// Processors of the machine that are at work.
 pub fn processors() -> i64 {
     // SAFETY: a plain system call.
-    i64::from(unsafe { GetActiveProcessorCount(ALL_PROCESSOR_GROUPS) })
+    match unsafe { GetActiveProcessorCount(ALL_PROCESSOR_GROUPS) } {
+        // Not known.
+        0 => std::thread::available_parallelism().map_or(1, |count| count.get() as i64),
+        count => i64::from(count),
+    }
 }
 
 /// Reads from an offset of a file.
