@@ -43,6 +43,7 @@ sys.modules["winreg"] = types.SimpleNamespace(
     HKEY_LOCAL_MACHINE=0, OpenKey=lambda root, key: Key(), QueryInfoKey=lambda key: (0, len(registered), 0),
     EnumValue=lambda key, index: (registered[index], 0, 4))
 os.environ["PATH"] = "C:\\Windows"
+os.path.samefile = lambda a, b: str(a) == str(b)
 import tuff
 
 def error():

@@ -162,11 +162,17 @@ def _is_registered_for_all_users() -> bool:
     """Whether ``tuff install`` wrote this manifest for all users of Windows."""
     import winreg
 
-    wanted = os.path.normcase(manifest())
+    def is_this(path: str) -> bool:
+        try:
+            # It may be registered by its folder's short name.
+            return os.path.samefile(path, manifest())
+        except OSError:
+            return False
+
     try:
         with winreg.OpenKey(winreg.HKEY_LOCAL_MACHINE, r"SOFTWARE\Khronos\Vulkan\Drivers") as key:
             count = winreg.QueryInfoKey(key)[1]
             values = [winreg.EnumValue(key, index) for index in range(count)]
     except OSError:
         return False
-    return any(os.path.normcase(name) == wanted and value == 0 for name, value, _ in values)
+    return any(value == 0 and is_this(name) for name, value, _ in values)

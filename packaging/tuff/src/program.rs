@@ -63,8 +63,7 @@ pub fn run(
 /// Says that programs of this process do not see variables, where that is so and the driver is not
 /// registered for them.
 pub fn tell_of_rights(installation: &Installation) {
-    let own = installation.manifest.to_string_lossy();
-    let is_own = |it: &Registered| it.is_for_all_users && it.manifest.eq_ignore_ascii_case(&own);
+    let is_own = |it: &Registered| it.is_for_all_users && it.is_of(&installation.manifest);
     if os::variables_are_ignored() && !registered::all().iter().any(is_own) {
         eprintln!(
             "tuff: note: this process runs as administrator: the loader then ignores VK_DRIVER_FILES, and finds only installed drivers; \

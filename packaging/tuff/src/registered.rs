@@ -1,9 +1,20 @@
 //! Entries of Tuff in Windows' registry; other systems have none.
 
+use std::path::Path;
+
 /// An entry.
 pub struct Registered {
     pub manifest: String,
     pub is_for_all_users: bool,
+}
+
+impl Registered {
+    /// Whether it is this manifest's. It may be registered by its folder's short name.
+    pub fn is_of(&self, manifest: &Path) -> bool {
+        let real = |path: &Path| std::fs::canonicalize(path).ok();
+        let own = real(Path::new(&self.manifest));
+        own.is_some() && own == real(manifest)
+    }
 }
 
 #[cfg(not(windows))]

@@ -5,6 +5,9 @@
 //! user's half gets the same value for loaders that read it, and the user's variable
 //! `VK_ADD_DRIVER_FILES` names the manifest for the Khronos loader since 1.3.207. Programs with an
 //! administrator's rights read neither.
+//!
+//! The loader reads names of values in the system's code page, and takes them for UTF-8: paths are
+//! registered in ASCII, by the folder's short name if it has one.
 
 use std::io::{self, ErrorKind};
 use std::path::Path;
@@ -32,6 +35,8 @@ pub trait Registry {
     /// # Errors
     /// As [`Registry::register`].
     fn forget(&self, hive: Hive, manifest: &str) -> io::Result<()>;
+    /// The short form (8.3) of a folder's path.
+    fn short(&self, folder: &Path) -> Option<String>;
     /// The user's [`VARIABLE`].
     fn variable(&self) -> Option<String>;
     /// # Errors
@@ -57,6 +62,10 @@ impl Registry for System {
         crate::os::forget(hive, manifest)
     }
 
+    fn short(&self, folder: &Path) -> Option<String> {
+        crate::os::short_path(folder)
+    }
+
     fn variable(&self) -> Option<String> {
         crate::os::users_variable(VARIABLE)
     }
@@ -70,9 +79,16 @@ impl Registry for System {
 /// lines to print.
 ///
 /// # Errors
-/// The registry cannot be read or written.
+/// The registry cannot be read or written, or cannot hold the path.
 pub fn install(registry: &dyn Registry, manifest: &Path) -> Result<Vec<String>> {
-    let manifest = text(manifest)?;
+    let long = manifest;
+    let manifest = in_ascii(registry, long).with_context(|| {
+        format!(
+            "the Vulkan loader reads no registered path with letters outside of ASCII, and the folder of {} has no short \
+             name: move Tuff to another folder, such as C:\\tuff",
+            long.display()
+        )
+    })?;
     let mut lines = Vec::new();
     let mut add = |line: String| lines.push(line);
     if spelled(&registry.drivers(Hive::Machine)?, &manifest).is_some() {
@@ -131,7 +147,8 @@ const MEND_RIGHTS: &str =
 /// # Errors
 /// It is not registered, or may not be taken out by this user.
 pub fn uninstall(registry: &dyn Registry, manifest: &Path) -> Result<Vec<String>> {
-    let manifest = text(manifest)?;
+    let manifest = in_ascii(registry, manifest)
+        .with_context(|| format!("{} is not registered", manifest.display()))?;
     let mut lines = Vec::new();
     if forget_users(registry, &manifest)? {
         lines.push(format!("{manifest} is no longer registered for this user"));
@@ -172,12 +189,22 @@ pub fn of_tuff(registry: &dyn Registry) -> Vec<(Hive, String)> {
     found
 }
 
-/// A path as the registry has it, which holds text.
-fn text(manifest: &Path) -> Result<String> {
-    let text = manifest
-        .to_str()
-        .context("the manifest's path is no Unicode: move the folder")?;
-    Ok(text.into())
+/// A manifest's path as it is registered; none if there is no form of it in ASCII.
+fn in_ascii(registry: &dyn Registry, manifest: &Path) -> Option<String> {
+    let ascii = |path: &str| path.is_ascii().then(|| path.to_owned());
+    if let Some(path) = manifest.to_str().and_then(ascii) {
+        return Some(path);
+    }
+    // Of the folder alone: the manifest may be gone, and is known by its name.
+    let name = manifest
+        .file_name()
+        .and_then(|name| name.to_str())
+        .and_then(ascii)?;
+    let folder = registry.short(manifest.parent()?)?;
+    Some(format!(
+        "{}\\{name}",
+        ascii(&folder)?.trim_end_matches('\\')
+    ))
 }
 
 /// Paths of Windows do not tell capital letters from small ones.
@@ -248,6 +275,8 @@ mod tests {
         machine: RefCell<Vec<String>>,
         user: RefCell<Vec<String>>,
         variable: RefCell<Option<String>>,
+        /// Whether folders have short names.
+        has_short_names: bool,
     }
 
     impl Fake {
@@ -278,6 +307,10 @@ mod tests {
             Ok(())
         }
 
+        fn short(&self, _: &Path) -> Option<String> {
+            self.has_short_names.then(|| r"C:\Users\JRGEN~1\".into())
+        }
+
         fn variable(&self) -> Option<String> {
             self.variable.borrow().clone()
         }
@@ -288,8 +321,32 @@ mod tests {
         }
     }
 
-    /// With a space, and letters outside of ASCII.
-    const MANIFEST: &str = r"C:\Users\Jürgen Żak\tuff\share\vulkan\icd.d\tuff_icd.json";
+    const MANIFEST: &str = r"C:\Program Files\tuff\share\vulkan\icd.d\tuff_icd.json";
+
+    #[test]
+    fn paths_are_registered_in_ascii() {
+        let mut registry = Fake {
+            is_administrators: true,
+            ..Fake::default()
+        };
+        // Separators of Linux, where this test runs, too.
+        let manifest = Path::new("C:/Users/Jürgen Żak/tuff_icd.json");
+        let error = format!("{:#}", install(&registry, manifest).unwrap_err());
+        assert!(
+            error.contains("Jürgen Żak") && error.contains(r"such as C:\tuff"),
+            "{error}"
+        );
+        let error = uninstall(&registry, manifest).unwrap_err().to_string();
+        assert!(error.ends_with("is not registered"), "{error}");
+        registry.has_short_names = true;
+        install(&registry, manifest).unwrap();
+        assert_eq!(
+            *registry.machine.borrow(),
+            [r"C:\Users\JRGEN~1\tuff_icd.json"]
+        );
+        uninstall(&registry, manifest).unwrap();
+        assert!(registry.machine.borrow().is_empty());
+    }
 
     #[test]
     fn administrators_register_for_all_users() {

@@ -68,37 +68,41 @@ fn registered() -> String {
 #[test]
 fn drivers_are_registered_and_taken_out() {
     let installed = Installed::new("install");
-    // Its number alone: `reg` prints other letters in a code page.
-    let mark = format!("tuff install {}", std::process::id());
-    assert!(!registered().contains(&mark));
+    let before = registered();
+    assert!(
+        !before.contains("tuff_icd.json"),
+        "a Tuff is registered: {before}"
+    );
     let output = installed.output(&["install"]);
     let said = text(&output.stdout);
     assert!(output.status.success(), "{said}{}", text(&output.stderr));
     assert!(said.starts_with("registered for "), "{said}");
-    assert!(said.contains(&installed.manifest()), "{said}");
     let found = registered();
-    let line = found
-        .lines()
-        .find(|line| line.contains(&mark))
-        .expect("the value");
+    let mut lines = found.lines();
+    let line = lines.find(|line| line.contains("tuff_icd.json"));
+    let line = line.expect("the value").trim();
     assert!(
-        line.contains("tuff_icd.json") && line.contains("REG_DWORD") && line.contains("0x0"),
+        line.contains("REG_DWORD") && line.ends_with("0x0"),
         "{line}"
     );
+    // The loader reads nothing else.
+    assert!(line.is_ascii(), "{line}");
+    let path = line.split("    ").next().expect("a path");
+    assert!(fs::read(path).is_ok(), "{path}");
     let again = installed.output(&["install"]);
     assert!(again.status.success(), "{}", text(&again.stderr));
-    assert_eq!(registered().matches(&mark).count(), 1);
+    assert_eq!(registered(), found);
     let info = text(&installed.output(&["info"]).stdout);
     assert!(
-        info.contains("  registered  for ") && info.contains(&installed.manifest()),
+        info.contains("  registered  for ") && info.contains(path),
         "{info}"
     );
-    // A folder that was deleted can still be taken out.
+    // The files may be gone.
     fs::remove_file(installed.0.join("lib.dll")).expect("removed");
     fs::remove_file(installed.manifest()).expect("removed");
     let output = installed.output(&["uninstall"]);
     assert!(output.status.success(), "{}", text(&output.stderr));
-    assert!(!registered().contains(&mark));
+    assert!(!registered().contains("tuff_icd.json"));
     let output = installed.output(&["uninstall"]);
     assert_eq!(output.status.code(), Some(1));
     assert!(

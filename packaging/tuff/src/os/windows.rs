@@ -5,7 +5,7 @@ mod registry;
 use std::ffi::{OsStr, OsString, c_void};
 use std::fs::File;
 use std::io;
-use std::os::windows::ffi::OsStringExt;
+use std::os::windows::ffi::{OsStrExt, OsStringExt};
 use std::os::windows::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -19,6 +19,7 @@ use windows_sys::Win32::Security::{
     GetSidSubAuthority, GetSidSubAuthorityCount, GetTokenInformation, TOKEN_MANDATORY_LABEL,
     TOKEN_QUERY, TokenIntegrityLevel,
 };
+use windows_sys::Win32::Storage::FileSystem::GetShortPathNameW;
 use windows_sys::Win32::System::Console::{
     CTRL_BREAK_EVENT, CTRL_C_EVENT, GetConsoleOutputCP, SetConsoleCtrlHandler,
 };
@@ -196,6 +197,23 @@ pub fn letters_of_shells(text: &str) -> io::Result<Vec<u8>> {
     }
     bytes.truncate(written as usize);
     Ok(bytes)
+}
+
+/// The short form (8.3) of a path that is there, if the drive has such names.
+pub fn short_path(path: &Path) -> Option<String> {
+    let wide: Vec<u16> = path.as_os_str().encode_wide().chain([0]).collect();
+    // SAFETY: the path ends with a zero; the first call writes nothing, the second one at most as
+    // many letters as `short` has.
+    let short = unsafe {
+        let length = GetShortPathNameW(wide.as_ptr(), null_mut(), 0);
+        let mut short = vec![0u16; length as usize];
+        let written = GetShortPathNameW(wide.as_ptr(), short.as_mut_ptr(), length);
+        short
+            .get(..written as usize)
+            .filter(|_| written > 0)?
+            .to_vec()
+    };
+    String::from_utf16(&short).ok()
 }
 
 /// The file that a function was loaded from. Its library is open.
