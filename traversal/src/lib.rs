@@ -90,6 +90,7 @@ mod motion;
 mod pool;
 pub mod ray;
 pub mod structure;
+pub mod survey;
 pub mod transfer;
 pub mod walk;
 
@@ -109,6 +110,7 @@ pub use micromap::{
 };
 pub use ray::{Hit, Ray, Swept, ray_flags};
 pub use structure::{Kind, Structure, validate};
+pub use survey::{Fate, Met, Survey};
 pub use transfer::{
     Serialized, compact_into, compacted_size, copy_into, deserialize, serialize, serialized_size,
 };

@@ -111,17 +111,26 @@ impl InstanceFacts {
 
     /// Whether a point of this opacity is opaque to this ray; `None` if it is no candidate.
     pub fn micromap_opacity(&self, opacity: Opacity) -> Option<bool> {
-        let two_states = self.flags & instance_flags::FORCE_OPACITY_MICROMAP_2_STATE != 0
-            || self.ray_flags & ray_flags::FORCE_OPACITY_MICROMAP_2_STATE != 0;
-        let opacity = if two_states {
-            opacity.in_two_states()
-        } else {
-            opacity
-        };
-        match opacity {
+        match self.micromap_state(opacity) {
             Opacity::Transparent => None,
             Opacity::Opaque => self.unless_culled(true),
             Opacity::UnknownTransparent | Opacity::UnknownOpaque => self.unless_culled(false),
+        }
+    }
+
+    /// Whether a point of this opacity is transparent to this ray.
+    pub fn is_transparent(&self, opacity: Opacity) -> bool {
+        self.micromap_state(opacity) == Opacity::Transparent
+    }
+
+    /// An opacity with as many states as this ray sees.
+    fn micromap_state(&self, opacity: Opacity) -> Opacity {
+        let two_states = self.flags & instance_flags::FORCE_OPACITY_MICROMAP_2_STATE != 0
+            || self.ray_flags & ray_flags::FORCE_OPACITY_MICROMAP_2_STATE != 0;
+        if two_states {
+            opacity.in_two_states()
+        } else {
+            opacity
         }
     }
 

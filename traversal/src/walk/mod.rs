@@ -33,7 +33,7 @@ mod decide;
 mod descend;
 mod entry;
 mod expansion;
-mod facts;
+pub(crate) mod facts;
 mod flights;
 mod found;
 #[cfg(target_arch = "x86_64")]
