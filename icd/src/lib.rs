@@ -10,6 +10,7 @@
 //! [`entry::loader`] has the three symbols that the shared library exports; [`entry::commands`]
 //! names every entry point.
 
+mod capture;
 pub mod command;
 pub mod compute;
 mod decode;

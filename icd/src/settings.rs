@@ -3,6 +3,7 @@
 
 #![forbid(unsafe_code)]
 
+use std::ops::RangeInclusive;
 use std::sync::OnceLock;
 use std::time::Duration;
 
@@ -47,9 +48,55 @@ pub struct Settings {
     pub prints: Option<usize>,
     /// The file of the timeline (`TUFF_TRACE`).
     pub trace: Option<&'static str>,
+    /// The invocation whose rays are captured (`TUFF_CAPTURE_PIXEL`).
+    pub capture: Option<CapturePixel>,
     /// The value of `VkPhysicalDeviceDriverProperties::conformanceVersion` (`TUFF_CONFORMANCE`).
     /// Zeros, the default, claim nothing.
     pub conformance: ConformanceVersion,
+}
+
+/// An invocation whose rays are captured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct CapturePixel {
+    /// Launch index, or global invocation index.
+    pub invocation: [u32; 3],
+    /// Where the files are written (`TUFF_CAPTURE`); unset: text goes to standard error.
+    pub folder: Option<&'static str>,
+    /// The first frame and the last (`TUFF_CAPTURE_FRAMES`); unset: all.
+    frames: Option<[u64; 2]>,
+}
+
+impl CapturePixel {
+    /// The frames of which commands are captured, counted in presents.
+    pub fn frames(&self) -> RangeInclusive<u64> {
+        let [first, last] = self.frames.unwrap_or([0, u64::MAX]);
+        first..=last
+    }
+
+    /// # Errors
+    /// As [`Settings::parse`].
+    fn read(read: &Read<'_>) -> Result<Option<Self>, String> {
+        let pixel = read.parsed("TUFF_CAPTURE_PIXEL", PIXEL, invocation)?;
+        let frames = read.parsed("TUFF_CAPTURE_FRAMES", FRAMES, frames)?;
+        let folder = (read.value)("TUFF_CAPTURE");
+        let Some(invocation) = pixel else {
+            return match (folder, frames) {
+                (Some(_), _) => Err(without_pixel("TUFF_CAPTURE")),
+                (None, Some(_)) => Err(without_pixel("TUFF_CAPTURE_FRAMES")),
+                (None, None) => Ok(None),
+            };
+        };
+        Ok(Some(Self {
+            invocation,
+            // Settings are read once.
+            folder: folder.map(|path| &*path.leak()),
+            frames,
+        }))
+    }
+}
+
+fn without_pixel(name: &str) -> String {
+    format!("{name}: without TUFF_CAPTURE_PIXEL nothing is captured")
 }
 
 /// The switch for [`Settings::opaque_without_any_hit`].
@@ -115,6 +162,7 @@ impl Settings {
             prints: prints.then(|| print_bytes.unwrap_or(PRINT_BYTES)),
             // Settings are read once.
             trace: value("TUFF_TRACE").map(|path| &*path.leak()),
+            capture: CapturePixel::read(&read)?,
             conformance: (read.parsed("TUFF_CONFORMANCE", CONFORMANCE, conformance)?)
                 .unwrap_or_default(),
             walks: Options {
@@ -178,6 +226,26 @@ fn threads(text: &str) -> Option<usize> {
 
 fn bytes(text: &str) -> Option<usize> {
     text.parse().ok()
+}
+
+const PIXEL: &str = "two or three whole numbers, such as 320,200";
+const FRAMES: &str = "a number of a frame or two, such as 10..12";
+
+fn invocation(text: &str) -> Option<[u32; 3]> {
+    let numbers: Vec<u32> = (text.split(','))
+        .map(|number| number.trim().parse().ok())
+        .collect::<Option<_>>()?;
+    match numbers[..] {
+        [x, y] => Some([x, y, 0]),
+        [x, y, z] => Some([x, y, z]),
+        _ => None,
+    }
+}
+
+fn frames(text: &str) -> Option<[u64; 2]> {
+    let (first, last) = text.split_once("..").unwrap_or((text, text));
+    let frames = [first.trim().parse().ok()?, last.trim().parse().ok()?];
+    (frames[0] <= frames[1]).then_some(frames)
 }
 
 fn level(text: &str) -> Option<LevelFilter> {
@@ -336,6 +404,28 @@ mod tests {
     }
 
     #[test]
+    fn captures_are_of_an_invocation_and_of_frames() {
+        let pixel = |values: &[(&str, &str)]| parse(values).map(|it| it.capture);
+        assert_eq!(pixel(&[]), Ok(None));
+        let plain = pixel(&[("TUFF_CAPTURE_PIXEL", "3, 4")]).unwrap().unwrap();
+        assert_eq!((plain.invocation, plain.folder), ([3, 4, 0], None));
+        assert_eq!(plain.frames(), 0..=u64::MAX);
+        let set = pixel(&[
+            ("TUFF_CAPTURE_PIXEL", "3,4,5"),
+            ("TUFF_CAPTURE", "here"),
+            ("TUFF_CAPTURE_FRAMES", "10..12"),
+        ]);
+        let set = set.unwrap().unwrap();
+        assert_eq!((set.invocation, set.folder), ([3, 4, 5], Some("here")));
+        assert_eq!(set.frames(), 10..=12);
+        for name in ["TUFF_CAPTURE", "TUFF_CAPTURE_FRAMES"] {
+            let message = pixel(&[(name, "7")]).unwrap_err();
+            let expected = format!("{name}: without TUFF_CAPTURE_PIXEL nothing is captured");
+            assert_eq!(message, expected);
+        }
+    }
+
+    #[test]
     fn nonsense_is_refused_by_name() {
         let cases = [
             (
@@ -366,6 +456,15 @@ mod tests {
             ("TUFF_TIMEOUT", "soon", "is not a number of seconds"),
             ("TUFF_VALIDATE", "yes", "is not 0 or 1"),
             ("TUFF_STATS", "2", "is not 0 or 1"),
+            ("TUFF_CAPTURE_PIXEL", "3", "is not two or three whole"),
+            ("TUFF_CAPTURE_PIXEL", "3,-4", "is not two or three whole"),
+            ("TUFF_CAPTURE_PIXEL", "1,2,3,4", "is not two or three whole"),
+            (
+                "TUFF_CAPTURE_FRAMES",
+                "12..10",
+                "is not a number of a frame",
+            ),
+            ("TUFF_CAPTURE_FRAMES", "1..", "is not a number of a frame"),
             ("TUFF_DEBUG_PRINTF", "on", "is not 0 or 1"),
             ("TUFF_DEBUG_PRINTF_BYTES", "1k", "is not a number of bytes"),
             (

@@ -36,8 +36,15 @@ pub struct Origin {
     pub name: Arc<Name>,
     /// Of the pipeline.
     pub pipeline: Name,
-    /// The module's words, if they say which lines they come from.
+    /// The module's words, if they say which file or lines they come from.
     pub words: Option<Arc<[u32]>>,
+}
+
+impl Origin {
+    /// The file that the program was compiled from, if its module says so.
+    pub fn file(&self) -> Option<String> {
+        file_of(self.words.as_ref()?)
+    }
 }
 
 /// A place in a program.
@@ -105,6 +112,23 @@ pub fn has_lines(words: &[u32]) -> bool {
         lines.see(instruction);
         lines.current.is_some()
     })
+}
+
+/// The file that a module names: as its source (`OpSource`), else with its first line. Words may be
+/// anything.
+pub fn file_of(words: &[u32]) -> Option<String> {
+    let mut lines = Lines::default();
+    let mut first = None;
+    for (_, instruction) in instructions(words) {
+        lines.see(instruction);
+        if let (Some(Op::Source), [_, _, file, ..]) =
+            (Op::from_u32(instruction[0] & 0xffff), &instruction[1..])
+        {
+            return lines.strings.get(file).cloned();
+        }
+        first = first.or(lines.current.map(|(file, ..)| file));
+    }
+    lines.strings.get(&first?).cloned()
 }
 
 /// The line that the instruction at a word offset comes from: the last one stated before it in its
@@ -232,6 +256,19 @@ mod tests {
         assert_eq!(line_at(&words, at(6)), None);
         assert_eq!(line_at(&words, u32::MAX), None);
         assert!(!has_lines(&head) && !has_lines(&[]));
+        assert_eq!(file_of(&words).as_deref(), Some("a.comp"));
+        assert_eq!((file_of(&head), file_of(&[])), (None, None));
+    }
+
+    #[test]
+    fn sources_name_their_file_without_lines() {
+        let head = vec![0; HEADER_WORDS];
+        let file = instruction(Op::String, &[&[7][..], &text("b.rgen")].concat());
+        let with = instruction(Op::Source, &[2, 460, 7]);
+        let without = instruction(Op::Source, &[2, 460]);
+        let words = |source: &[u32]| [&head[..], &file, source].concat();
+        assert_eq!(file_of(&words(&with)).as_deref(), Some("b.rgen"));
+        assert_eq!(file_of(&words(&without)), None);
     }
 
     #[test]

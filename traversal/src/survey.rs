@@ -62,7 +62,7 @@ pub struct Met {
     pub fate: Fate,
 }
 
-/// What lies on a ray's line.
+/// All primitives on a ray's line.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Survey {
     /// Boxes, then the others by distance.

@@ -14,6 +14,12 @@ use crate::workspace;
 
 #[derive(Args)]
 pub struct Options {
+    /// Tell what the rays of this pixel do: `x,y` or `x,y,z` (TUFF_CAPTURE_PIXEL)
+    #[arg(long, value_name = "X,Y")]
+    capture_pixel: Option<OsString>,
+    /// The folder for that; without, it goes to standard error (TUFF_CAPTURE)
+    #[arg(long, value_name = "FOLDER", requires = "capture_pixel")]
+    capture: Option<OsString>,
     /// The program and its arguments
     #[arg(required = true, trailing_var_arg = true, value_name = "PROGRAM")]
     program: Vec<OsString>,
@@ -28,8 +34,17 @@ pub fn run(options: &Options) -> Result<ExitCode> {
     let driver = Driver::build(&[])?;
     let mut program = Command::new(name);
     driver.select_for(&mut program);
-    program.args(arguments);
+    program.args(arguments).envs(options.variables());
     workspace::run(program)
+}
+
+impl Options {
+    /// The driver's variables that options stand for.
+    fn variables(&self) -> impl Iterator<Item = (&'static str, &OsString)> {
+        let pixel = self.capture_pixel.iter();
+        let folder = self.capture.iter();
+        (pixel.map(|it| ("TUFF_CAPTURE_PIXEL", it))).chain(folder.map(|it| ("TUFF_CAPTURE", it)))
+    }
 }
 
 /// Sees to it that a program can be started: by its path, or by a name that a folder of `search`
@@ -78,6 +93,27 @@ pub fn print_environment() -> Result<ExitCode> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn options_become_variables() {
+        #[derive(clap::Parser)]
+        struct Line {
+            #[command(flatten)]
+            options: Options,
+        }
+        let parse = |line: &str| {
+            let line = <Line as clap::Parser>::try_parse_from(line.split(' '))?;
+            let variables = line.options.variables();
+            let variables = variables.map(|(name, value)| format!("{name}={}", value.display()));
+            Ok::<_, clap::Error>((variables.collect::<Vec<_>>(), line.options.program.len()))
+        };
+        assert_eq!(parse("run sh -c true").unwrap(), (vec![], 3));
+        let (variables, words) =
+            parse("run --capture-pixel 3,4 --capture here -- sh --capture x").unwrap();
+        assert_eq!(variables, ["TUFF_CAPTURE_PIXEL=3,4", "TUFF_CAPTURE=here"]);
+        assert_eq!(words, 3);
+        assert!(parse("run --capture here sh").is_err());
+    }
 
     #[test]
     fn programs_are_looked_for_first() {

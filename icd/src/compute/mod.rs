@@ -31,6 +31,8 @@ use spirv_jit::{Program, SUBGROUP_SIZE};
 use waves::{Runner, Subgroups};
 
 use crate::timeline;
+use crate::trace::Seen;
+use crate::wave::observer::Observer;
 use crate::wave::{Limits, Stopped, StoppedAt, Workers};
 
 /// Steps that a worker takes at once, at most.
@@ -56,6 +58,8 @@ pub struct Dispatch<'a> {
     pub count: [u32; 3],
     pub environment: &'a Environment,
     pub limits: &'a Limits,
+    /// A capture, where it is on.
+    pub observer: Option<&'a dyn Observer>,
 }
 
 /// The workers' memory, kept from one dispatch to the next.
@@ -267,7 +271,7 @@ impl<'a> Plan<'a> {
             for state in states {
                 self.start_packed(state, &mut next, last);
             }
-            return runner.run(program, environment, limits);
+            return runner.run_seen(program, environment, limits, self.seen(first, last));
         }
         for workgroup in first..last {
             let id = self.workgroup_id(workgroup);
@@ -280,7 +284,46 @@ impl<'a> Plan<'a> {
                 self.starter.start(program, state, id, subgroup, &given);
             }
         }
-        runner.run(program, environment, limits)
+        runner.run_seen(program, environment, limits, self.seen(first, last))
+    }
+
+    /// The subgroup and the lane of the observed invocation, if it is one of a step's workgroups.
+    fn seen(&self, first: u64, last: u64) -> Option<(usize, Seen<'a>)> {
+        let observer = self.dispatch.observer?;
+        let invocation = observer.invocation();
+        let size = self.dispatch.program.local_size();
+        let mut workgroup = 0u64;
+        for axis in [2, 1, 0] {
+            let id = (invocation[axis] / size[axis]).checked_sub(self.dispatch.base[axis])?;
+            if id >= self.dispatch.count[axis] {
+                return None;
+            }
+            workgroup = workgroup * u64::from(self.dispatch.count[axis]) + u64::from(id);
+        }
+        if !(first..last).contains(&workgroup) {
+            return None;
+        }
+        let [x, y, z] = [0, 1, 2].map(|axis: usize| invocation[axis] % size[axis]);
+        let index = (z * size[1] + y) * size[0] + x;
+        let place = (0..self.invocations as u32).find(|&place| {
+            let placed = match self.dispatch.program.quads() {
+                true => index_in_quads(place, size[0], size[1]),
+                false => place,
+            };
+            placed == index
+        })? as usize;
+        let before = (workgroup - first) as usize;
+        let (subgroup, lane) = match self.packed {
+            true => {
+                let place = before * self.invocations + place;
+                (place / SUBGROUP_SIZE, place % SUBGROUP_SIZE)
+            }
+            false => (
+                before * self.starter.subgroups_per_workgroup + place / SUBGROUP_SIZE,
+                place % SUBGROUP_SIZE,
+            ),
+        };
+        Some((subgroup, Seen { observer, lane }))
     }
 
     /// Puts the next invocations of the workgroups before `last` at the program's entry.

@@ -13,7 +13,7 @@ use traversal::Walker;
 
 use crate::os::memory::trim_heap;
 use crate::settings::settings;
-use crate::trace::{Owned, Queries};
+use crate::trace::{Owned, Queries, Seen};
 use crate::wave::{Limits, Share, Stopped, StoppedAt};
 
 /// Fuel of a wave between two looks at the limits.
@@ -272,11 +272,29 @@ impl Runner {
         environment: &Environment,
         limits: &Limits,
     ) -> Result<(), Stopped> {
+        self.run_seen(program, environment, limits, None)
+    }
+
+    /// The same, while an observer sees the ray queries of one lane of one subgroup.
+    ///
+    /// # Panics
+    /// As [`Self::run`].
+    ///
+    /// # Errors
+    /// As [`Self::run`].
+    pub fn run_seen(
+        &mut self,
+        program: &Program,
+        environment: &Environment,
+        limits: &Limits,
+        seen: Option<(usize, Seen<'_>)>,
+    ) -> Result<(), Stopped> {
         assert_eq!(self.program, program.number(), "begun with another program");
         let run = Run {
             program,
             environment,
             limits,
+            seen,
         };
         if self.run_at_once(&run)? {
             return Ok(());
@@ -445,6 +463,7 @@ impl Runner {
                             state,
                             &mut self.waiting[member],
                             run.limits,
+                            run.seen_of(member),
                         )?;
                         Status::Ready
                     }
@@ -550,6 +569,17 @@ struct Run<'a> {
     program: &'a Program,
     environment: &'a Environment,
     limits: &'a Limits,
+    /// The observed subgroup and its lane.
+    seen: Option<(usize, Seen<'a>)>,
+}
+
+impl<'a> Run<'a> {
+    /// The lane of a subgroup that an observer sees.
+    fn seen_of(&self, subgroup: usize) -> Option<Seen<'a>> {
+        self.seen
+            .filter(|(observed, _)| *observed == subgroup)
+            .map(|(_, seen)| seen)
+    }
 }
 
 /// Resizes, keeping what is there. Looks at the limits on the way: new memory costs time that no

@@ -41,6 +41,7 @@ use ash::vk;
 use spirv_jit::Program;
 use spirv_jit::reach::Strays;
 
+use crate::capture::{self as recording, Recording};
 use crate::command::{Command, MatrixConversion, Parameters, RayTracingCommand};
 use crate::compute;
 use crate::object::Image;
@@ -318,6 +319,7 @@ fn run_dispatch(
     environment.prints = prints::of(std::iter::once(program));
     let _span = timeline::span(Kind::Dispatch, || spans::dispatch(program, count));
     let limits = engine.limits();
+    let recording = recording::dispatch(program, base, count);
     let ran = engine.dispatcher.run(
         &engine.workers,
         &compute::Dispatch {
@@ -326,8 +328,15 @@ fn run_dispatch(
             count,
             environment: &environment,
             limits: &limits,
+            observer: recording.as_ref().map(Recording::observer),
         },
     );
+    if let Some(recording) = recording {
+        let programs = std::iter::once(&**program);
+        // SAFETY: the application keeps the structures that shaders name until the command is
+        // complete.
+        unsafe { recording.finish(programs, None, &surroundings.live, ran.is_err()) };
+    }
     if let Some(strays) = &surroundings.strays {
         let checks = engine.checks(Caller::Other);
         note_strays(engine, checks.as_ref(), strays, std::iter::once(program));

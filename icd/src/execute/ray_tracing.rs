@@ -6,6 +6,7 @@ use spirv_jit::environment::{Environment, uniform};
 
 use super::engine::Engine;
 use super::{Failure, check_aborted, note_strays, prints, spans};
+use crate::capture::{self, Recording};
 use crate::command::RayTracingCommand;
 use crate::object::ray_tracing_pipeline::RayTracingPipeline;
 use crate::settings::settings;
@@ -164,6 +165,7 @@ fn trace_rays(
     if pipeline.shaders.prints {
         environment.prints = prints::of(programs.clone());
     }
+    let recording = capture::trace(&pipeline.shaders, extent);
     let dispatch = Dispatch {
         shaders: &pipeline.shaders,
         tier: Tier::best(),
@@ -181,9 +183,21 @@ fn trace_rays(
         mask: mask.and_then(|mask| unsafe { LiveMask::new(mask, &surroundings.reach) }),
         limits,
         checks: checks.as_ref(),
+        observer: recording.as_ref().map(Recording::observer),
     };
     let _span = timeline::span(Kind::Trace, || spans::trace(pipeline, extent));
     let traced = engine.tracer.trace_rays(&dispatch, &engine.workers);
+    let live_tables = dispatch.tables;
+    if let Some(recording) = recording {
+        let table = capture::Traced {
+            shaders: &pipeline.shaders,
+            given: tables,
+            live: &live_tables,
+        };
+        let programs = programs.clone().map(|program| &**program);
+        // SAFETY: as above.
+        unsafe { recording.finish(programs, Some(table), &surroundings.live, traced.is_err()) };
+    }
     if let Some(strays) = &surroundings.strays {
         let checks = checks.as_ref().map(|traced| &traced.checks);
         note_strays(engine, checks, strays, programs.clone());

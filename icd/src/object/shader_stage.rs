@@ -14,7 +14,7 @@ use spirv_jit::Program;
 use spirv_jit::error::ErrorKind;
 use spirv_jit::heap::{Mapping, Source};
 use spirv_jit::ir::binary;
-use spirv_jit::origin::{Name, Origin, has_lines};
+use spirv_jit::origin::{Name, Origin, file_of, has_lines};
 use spirv_jit::parse::NewerCapability;
 use spirv_jit::program::{CompileRequest, Stage};
 use xxhash_rust::xxh3::Xxh3;
@@ -152,13 +152,15 @@ impl ShaderStage {
         self.embedded.iter().map(identified).collect()
     }
 
-    /// The origin that reports name for the program. Words with line numbers are kept for it.
+    /// The origin that reports name for the program. Words that name files or lines are kept
+    /// for it.
     fn origin(&self) -> Origin {
+        let is_told = has_lines(&self.words) || file_of(&self.words).is_some();
         Origin {
             entry_point: self.entry_point.clone(),
             name: Arc::clone(&self.name),
             pipeline: Name::default(),
-            words: has_lines(&self.words).then(|| Arc::clone(&self.words)),
+            words: is_told.then(|| Arc::clone(&self.words)),
         }
     }
 

@@ -22,6 +22,7 @@ use parking_lot::{Condvar, Mutex};
 use serde_json::json;
 
 use crate::VkResult;
+use crate::capture;
 use crate::command::Command;
 use crate::execute::{self, Engine, Failure};
 use crate::float_environment::DefaultEnvironment;
@@ -243,6 +244,9 @@ impl QueueShared {
         // and free their memory, and take the addresses again: the queue drops its references
         // first.
         drop((commands, binds));
+        if !presents.is_empty() {
+            capture::end_frame();
+        }
         for (swapchain, request) in presents {
             swapchain.enqueue(request);
         }

@@ -7,7 +7,7 @@
 
 #![forbid(unsafe_code)]
 
-mod file;
+pub mod file;
 
 use std::cell::Cell;
 use std::collections::HashMap;
@@ -18,7 +18,7 @@ use std::time::Instant;
 use parking_lot::Mutex;
 use serde_json::{Value, json};
 
-use file::TraceFile;
+use file::ArrayFile;
 
 static ON: AtomicBool = AtomicBool::new(false);
 static TIMELINE: OnceLock<Timeline> = OnceLock::new();
@@ -34,7 +34,7 @@ struct Timeline {
 }
 
 struct Written {
-    file: TraceFile,
+    file: ArrayFile,
     /// Events that are not in the file yet, each behind a comma.
     waiting: String,
 }
@@ -48,7 +48,8 @@ pub fn start(path: &str) {
             "ph": "M", "name": "process_name", "pid": process, "tid": 0,
             "args": { "name": "Tuff" },
         });
-        let file = TraceFile::new(path, &first.to_string());
+        let subject = ("TUFF_TRACE", "the timeline");
+        let file = ArrayFile::new(subject, path, &first.to_string());
         ON.store(file.is_open(), Ordering::Relaxed);
         Timeline {
             start: Instant::now(),

@@ -10,7 +10,6 @@ use super::batch::{Batch, Worker};
 use super::lanes::{copy_lanes, copy_row, floats, put_word};
 use super::rays::{Report, alike, record_indices};
 use super::subgroup::{LaneRef, Role, SubgroupIndex, by_index, in_place, lanes_named};
-use crate::validate::{Instruction, Need};
 use crate::wave::Stopped;
 
 impl Batch<'_> {
@@ -100,12 +99,8 @@ impl Batch<'_> {
         group.start(index, io, lanes);
         group.fills_hit_object = trace.to_hit_object;
         group.has_time = trace.motion;
-        if let Some(traced) = self.dispatch.checks {
-            let instruction = Instruction {
-                fills_hit_object: trace.to_hit_object,
-                has_time: trace.motion,
-            };
-            self.check_rays(traced, group_index, instruction);
+        if self.is_watched {
+            self.watch_rays(group_index, trace);
         }
         group_index
     }
@@ -116,10 +111,8 @@ impl Batch<'_> {
         let callables = subgroup.rows[program.layout().io].0;
         let shaders = self.dispatch.shaders;
         let table = &self.dispatch.tables.callable;
-        if let Some(traced) = self.dispatch.checks {
-            for lane in lanes {
-                self.check_record(traced, Need::Callable, callables[lane]);
-            }
+        if self.is_watched {
+            self.watch_callables(index, &callables, lanes);
         }
         let (mut rest, mut silent) = (lanes, LaneMask::NONE);
         while !rest.is_empty() {
@@ -149,10 +142,8 @@ impl Batch<'_> {
         lanes: LaneMask,
         attribute_words: usize,
     ) -> Result<(), Stopped> {
-        if let Some(traced) = self.dispatch.checks {
-            for lane in lanes {
-                self.check_report(traced, index, lane);
-            }
+        if self.is_watched {
+            self.watch_reports(index, lanes, attribute_words);
         }
         let subgroup = &self.worker.subgroups[index];
         let of = subgroup.of;
@@ -305,6 +296,11 @@ impl Batch<'_> {
             worker.queries.release(&mut subgroup.queries);
             return self.give_back(index);
         }
+        if self.is_watched {
+            self.watch_end(index);
+        }
+        let worker = &mut *self.worker;
+        let subgroup = &mut worker.subgroups[index];
         let program = &self.dispatch.shaders.programs[subgroup.program as usize];
         let (role, lanes, of) = (subgroup.role, subgroup.lanes, subgroup.of);
         let is_in_place = subgroup.is_in_place;

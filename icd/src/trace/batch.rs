@@ -110,6 +110,8 @@ pub struct Batch<'a> {
     /// Whether lines of ray generation shaders are taken on directly; see
     /// [`direct`](super::direct).
     pub(super) is_direct: bool,
+    /// Validation or an observer sees what happens.
+    pub(super) is_watched: bool,
     /// A line is being answered.
     pub(super) in_line: bool,
     /// Subgroups at traces and calls that are to be answered as lines.
@@ -168,7 +170,8 @@ impl<'a> Batch<'a> {
             deciding: Calls::default(),
             calls: Calls::default(),
             reordering: Vec::new(),
-            is_direct: settings().direct && dispatch.checks.is_none(),
+            is_direct: settings().direct && !dispatch.is_watched(),
+            is_watched: dispatch.is_watched(),
             in_line: false,
             standing: Vec::new(),
             noted: Vec::new(),
@@ -549,6 +552,10 @@ impl<'a> Batch<'a> {
 
     /// Advances the ray queries of a subgroup, which then goes on.
     fn proceed(&mut self, index: SubgroupIndex) -> Result<(), Stopped> {
+        let seen = match self.is_watched {
+            true => self.seen(index),
+            false => None,
+        };
         let worker = &mut *self.worker;
         let walker = worker.walker.as_mut().expect("no rays are traced now");
         let subgroup = &mut worker.subgroups[index];
@@ -559,6 +566,7 @@ impl<'a> Batch<'a> {
             &mut subgroup.rows,
             &mut subgroup.queries,
             self.dispatch.limits,
+            seen,
         );
         proceeded.inspect_err(|_| self.note_stop(index))?;
         self.make_ready(index);

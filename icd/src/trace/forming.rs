@@ -60,10 +60,8 @@ impl Batch<'_> {
         lanes: LaneMask,
     ) -> Result<(), Stopped> {
         let of = by_lane(|lane| LaneRef::new(caller, lane));
-        if let Some(traced) = self.dispatch.checks {
-            for lane in lanes {
-                self.check_call(traced, program, role, of[lane]);
-            }
+        if self.is_watched {
+            self.watch_calls((program, role), lanes.iter().map(|lane| of[lane]));
         }
         let index = self.new_subgroup(program, role, lanes);
         let index = index.inspect_err(|_| self.note_call(role, of[0]))?;
@@ -77,6 +75,9 @@ impl Batch<'_> {
         (subgroup.of, subgroup.launch) = (of, launch);
         subgroup.is_in_place = true;
         self.fill_inputs(index, &[record; SUBGROUP_SIZE]);
+        if self.is_watched {
+            self.watch_start(index, &[record; SUBGROUP_SIZE]);
+        }
         self.make_ready(index);
         Ok(())
     }
@@ -116,10 +117,8 @@ impl Batch<'_> {
         role: Role,
         calls: &[Call],
     ) -> Result<(), Stopped> {
-        if let Some(traced) = self.dispatch.checks {
-            for call in calls {
-                self.check_call(traced, program, role, call.of);
-            }
+        if self.is_watched {
+            self.watch_calls((program, role), calls.iter().map(|call| call.of));
         }
         let lanes = LaneMask::full(calls.len());
         let index = self.new_subgroup(program, role, lanes);
@@ -143,6 +142,9 @@ impl Batch<'_> {
         (subgroup.of, subgroup.launch) = (of, launch);
         subgroup.is_in_place = false;
         self.fill_inputs(index, &records);
+        if self.is_watched {
+            self.watch_start(index, &records);
+        }
         self.make_ready(index);
         Ok(())
     }

@@ -11,6 +11,7 @@ use super::batch::{Batch, Worker};
 use super::facts::{Lanes, OfHit, Subjects, Told, hit_word, take};
 use super::rays::{Operands, RayGroup, operand, record_indices};
 use super::subgroup::{Subgroup, SubgroupIndex};
+use crate::wave::observer::Instruction;
 use crate::wave::table::HANDLE_SIZE;
 use crate::wave::{Limits, Stopped};
 
@@ -92,7 +93,12 @@ impl Batch<'_> {
         group.in_flight -= empty;
         match group.in_flight {
             LaneMask::NONE => worker.ray_groups.remove(group_index),
-            _ => self.end_walks(group_index)?,
+            _ => {
+                if self.is_watched {
+                    self.watch_ray(group_index, Instruction::HitObjectExecute);
+                }
+                self.end_walks(group_index)?;
+            }
         }
         if !empty.is_empty() {
             self.answered(index, empty);

@@ -38,6 +38,7 @@ mod subgroup;
 #[cfg(test)]
 mod tests;
 mod walks;
+mod watched;
 
 use std::sync::Mutex;
 
@@ -49,10 +50,11 @@ use spirv_jit::program::SiteKind;
 use crate::timeline;
 use crate::validate::Traced;
 use crate::wave::mask::LiveMask;
+use crate::wave::observer::Observer;
 use crate::wave::table::{self, Live, Shaders, Tables};
 use crate::wave::{Limits, Stopped, Workers};
 pub use grid::Grid;
-pub use queries::{Owned, Queries};
+pub use queries::{Owned, Queries, Seen};
 
 /// One `vkCmdTraceRays*`, whatever command it came from.
 pub struct Dispatch<'a> {
@@ -72,6 +74,8 @@ pub struct Dispatch<'a> {
     pub limits: &'a Limits,
     /// Validation, where it is on.
     pub checks: Option<&'a Traced>,
+    /// Captures, where they are on.
+    pub observer: Option<&'a dyn Observer>,
 }
 
 /// The workers' memory, kept from one dispatch to the next.
@@ -125,6 +129,11 @@ impl Tracer {
 }
 
 impl Dispatch<'_> {
+    /// Validation or an observer sees what happens. Lines are then not taken on directly.
+    fn is_watched(&self) -> bool {
+        self.checks.is_some() || self.observer.is_some()
+    }
+
     /// The ray generation shader and its record.
     fn raygen(&self) -> Option<(table::ProgramIndex, u64)> {
         let (record, handle) = self.tables.raygen.handle(0)?;

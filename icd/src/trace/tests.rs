@@ -368,6 +368,7 @@ fn every_kind_of_shader_call_returns_to_its_caller() {
         mask: None,
         limits: &Limits::default(),
         checks: None,
+        observer: None,
     };
     Tracer::default()
         .trace_rays(&dispatch, &workers())
@@ -446,6 +447,7 @@ fn is_stopped(text: &str) {
         mask: None,
         limits: &limits,
         checks: None,
+        observer: None,
     };
     assert_eq!(
         Tracer::default().trace_rays(&dispatch, &workers()),

@@ -7,7 +7,6 @@ use traversal::{Flight, Flights, RayRows, Start};
 use super::batch::Batch;
 use super::rays::{alike, load_rays, record_indices, shows_first_hit, skips_closest_hit};
 use super::subgroup::Role;
-use crate::validate::Need;
 use crate::wave::Stopped;
 use crate::wave::table::ProgramIndex;
 
@@ -93,14 +92,8 @@ impl Batch<'_> {
             group.operands(&worker.subgroups),
         );
         let triangles = candidates.built_in();
-        if let Some(traced) = self.dispatch.checks {
-            for lane in lanes {
-                let need = match triangles.contains(lane) {
-                    true => Need::AnyHit,
-                    false => Need::Intersection,
-                };
-                self.check_hit_record(traced, need, records[lane], &candidates.hit(lane));
-            }
+        if self.is_watched {
+            self.watch_candidates(index, lanes, &records);
         }
         let (mut rest, mut undecided) = (lanes, LaneMask::NONE);
         let mut callees: SmallVec<[_; 4]> = SmallVec::new();
@@ -139,7 +132,7 @@ impl Batch<'_> {
     }
 
     /// The shader that decides on a candidate, and the record, if the record's group has one.
-    fn find_decider(&mut self, index: u32, role: Role) -> Option<(ProgramIndex, u64)> {
+    pub(super) fn find_decider(&mut self, index: u32, role: Role) -> Option<(ProgramIndex, u64)> {
         let (shaders, table) = (self.dispatch.shaders, &self.dispatch.tables.hit);
         let (group, record) = self.worker.records.find(shaders, table, index)?;
         let program = match role {
@@ -156,6 +149,11 @@ impl Batch<'_> {
         let group = &worker.ray_groups[index];
         let lanes = group.in_flight;
         if group.fills_hit_object {
+            if self.is_watched {
+                let operands = group.operands(&worker.subgroups);
+                let records = record_indices(self.dispatch.tier, &group.flight.hits, operands);
+                self.watch_end_of_walks(index, &records);
+            }
             self.fill_hit_objects(index, lanes);
             return Ok(());
         }
@@ -163,15 +161,8 @@ impl Batch<'_> {
         let records = record_indices(self.dispatch.tier, &group.flight.hits, operands);
         let hits = group.flight.hits.found & lanes;
         let mut silent = hits & skips_closest_hit(operands);
-        if let Some(traced) = self.dispatch.checks {
-            for lane in lanes - silent {
-                match group.flight.hits.get(lane) {
-                    Some(hit) => {
-                        self.check_hit_record(traced, Need::ClosestHit, records[lane], &hit)
-                    }
-                    None => self.check_record(traced, Need::Miss, records[lane]),
-                }
-            }
+        if self.is_watched {
+            self.watch_end_of_walks(index, &records);
         }
         let (tables, shaders) = (&self.dispatch.tables, self.dispatch.shaders);
         let mut rest = lanes - silent;

@@ -5,6 +5,7 @@ mod fault;
 mod lent_thread;
 mod limits;
 pub mod mask;
+pub mod observer;
 pub mod reachable;
 pub mod table;
 mod workers;

@@ -155,6 +155,23 @@ impl Live {
         &self.0
     }
 
+    /// A copy of the region's first bytes, at most so many.
+    pub fn bytes(&self, most: usize) -> Vec<u8> {
+        let Region {
+            address,
+            size_bytes,
+            ..
+        } = self.0;
+        if address == 0 {
+            return Vec::new();
+        }
+        let mut bytes = vec![0; most.min(usize::try_from(size_bytes).unwrap_or(most))];
+        let start = std::ptr::with_exposed_provenance::<u8>(address as usize);
+        // SAFETY: the region is memory as far as its size says, by the promise of `new`.
+        unsafe { start.copy_to_nonoverlapping(bytes.as_mut_ptr(), bytes.len()) };
+        bytes
+    }
+
     /// As [`Region::record`].
     pub fn record(&self, index: u32) -> Option<u64> {
         self.0.record(index)
@@ -171,6 +188,14 @@ impl Live {
 }
 
 impl Region {
+    /// Records that lie inside: the indices that have one. A stride of zero has one.
+    pub fn record_count(&self) -> u64 {
+        match self.size_bytes.checked_sub(HANDLE_SIZE as u64) {
+            Some(rest) if self.address != 0 => rest.checked_div(self.stride_bytes).unwrap_or(0) + 1,
+            _ => 0,
+        }
+    }
+
     /// Address of the record at `index`, or `None` where the region has none: address zero, or past
     /// its end. A stride of zero makes every index the first record.
     pub fn record(&self, index: u32) -> Option<u64> {
@@ -232,6 +257,15 @@ mod tests {
         };
         assert_eq!(region.record(2), Some(0x1080));
         assert_eq!(region.record(3), None);
+        assert_eq!(region.record_count(), 3);
+        for size_bytes in [0, 31, 32, 95, 96, 97] {
+            let region = Region {
+                size_bytes,
+                ..region
+            };
+            let inside = (0..9).take_while(|&index| region.record(index).is_some());
+            assert_eq!(region.record_count(), inside.count() as u64, "{size_bytes}");
+        }
         assert_eq!(
             Region {
                 address: 0,

@@ -39,6 +39,7 @@ const HOUSES: [House; 4] = [
             "structures",
             "transfer",
             "validate",
+            "capture",
             "command",
             "object",
             "format",
@@ -117,6 +118,7 @@ const HOUSES: [House; 4] = [
     House {
         name: "traversal",
         order: &[
+            "survey",
             "transfer",
             "build",
             "walk",

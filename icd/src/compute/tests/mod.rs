@@ -55,6 +55,7 @@ fn run(
             count,
             environment: &environment,
             limits,
+            observer: None,
         },
     )
 }
@@ -273,6 +274,7 @@ fn small_workgroups_share_subgroups() {
             count: [workgroups, 1, 1],
             environment: &environment,
             limits: &no_limits(),
+            observer: None,
         };
         let plan = super::Plan::new(&dispatch, 1);
         assert_eq!(plan.subgroups(workgroups as usize).count, subgroups);

@@ -27,6 +27,7 @@ fn per_step(text: &str, workgroups: u32, workers: usize) -> u64 {
         count: [workgroups, 1, 1],
         environment: &Environment::unbound(),
         limits: &no_limits(),
+        observer: None,
     };
     Plan::new(&dispatch, workers).workgroups_per_step
 }

@@ -5,10 +5,12 @@
 //! the ray on its way, is kept only while it waits at a candidate: opaque triangles never are.
 
 mod describe;
+mod seen;
 mod waiting;
 
 use lanes::{LaneMask, Tier};
 use spirv_jit::Program;
+use spirv_jit::origin::CodeLocation;
 use spirv_jit::program::AlignedRow;
 use spirv_jit::query::{row, state};
 use traversal::{Flight, Flights, RayRows, Start, Walker, ray_flags};
@@ -17,6 +19,7 @@ use super::facts::{Lanes, addresses};
 use super::lanes::put_word;
 use crate::wave::{Limits, Stopped};
 use describe::{describe_candidates, describe_committed, shows_committed};
+pub use seen::Seen;
 pub use waiting::Owned;
 use waiting::Waiting;
 
@@ -42,6 +45,8 @@ struct Context<'a> {
     program: &'a Program,
     limits: &'a Limits,
     owned: &'a mut Owned,
+    /// The lane that an observer sees, and where the shader stands.
+    seen: Option<(Seen<'a>, CodeLocation)>,
 }
 
 /// The queries of lanes whose objects lie in the same rows.
@@ -64,12 +69,14 @@ impl Queries {
         rows: &mut [AlignedRow],
         owned: &mut Owned,
         limits: &Limits,
+        seen: Option<Seen<'_>>,
     ) -> Result<(), Stopped> {
         // SAFETY: the memory is there until the dispatch is complete, and no walk goes on after it.
         unsafe { walker.set_live(&limits.live) };
         let io = program.layout().io;
         let mask = program.event_mask(rows);
         let first = rows[io].0;
+        let seen = seen.map(|seen| (seen, program.place_of(rows)));
         let private = program.private_rows(rows);
         let tier = self.tier;
         let mut context = Context {
@@ -78,6 +85,7 @@ impl Queries {
             program,
             limits,
             owned,
+            seen,
         };
         // Lanes that stand at a candidate.
         let (mut rest, mut stand) = (mask, LaneMask::NONE);
@@ -126,6 +134,9 @@ impl Queries {
         if context.limits.queried.is_some() {
             check(context, object, lanes);
         }
+        if let Some((seen, place)) = &context.seen {
+            seen.start(place, object, lanes);
+        }
         // Together, rays that their first hit ends may find another one: nothing is to show which.
         let ends =
             |lane: usize| object.rows[row::FLAGS].0[lane] & ray_flags::TERMINATE_ON_FIRST_HIT;
@@ -150,6 +161,9 @@ impl Queries {
             flight,
             lanes,
         );
+        if let Some((seen, _)) = &context.seen {
+            seen.settled(object, flight, lanes);
+        }
         self.waiting.keep(object.first, context.owned)?;
         Ok(stand)
     }
@@ -175,6 +189,9 @@ impl Queries {
         object.set_state(context.tier, going - waiting, state::OVER);
         let going = going & waiting;
         flight.hold(waiting - going);
+        if let Some((seen, _)) = &context.seen {
+            seen.decision(object, flight, going);
+        }
         decide(flight, object, going);
         let mut one = One {
             flight: &mut *flight,
@@ -194,6 +211,9 @@ impl Queries {
             flight,
             going,
         );
+        if let Some((seen, _)) = &context.seen {
+            seen.settled(object, flight, going);
+        }
         // Also of lanes that are over, which the shader may have ended.
         let over = lanes - stand;
         self.waiting.forget(object.first, over, context.owned);

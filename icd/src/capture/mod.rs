@@ -1,0 +1,290 @@
+//! Captures (`TUFF_CAPTURE_PIXEL`): the rays of one invocation of each command that traces, what
+//! they met, which shaders they called, and the binding table as it was read; as text and as JSON.
+//!
+//! A [`Recording`] observes one command and writes when it is complete. Without the setting a
+//! command costs one comparison, and its rays nothing. What is on a ray's line is looked up after
+//! the command, in the structures as they are then: no command changes them while it traces.
+
+mod json;
+mod meeting;
+mod output;
+mod path;
+mod recorder;
+mod table;
+mod text;
+
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use parking_lot::Mutex;
+use spirv_jit::Program;
+use spirv_jit::program::SiteKind;
+use traversal::{Live, Ray, Survey, ray_flags};
+
+use crate::settings::{CapturePixel, settings};
+use crate::wave::observer::{Observer, TableKind};
+use crate::wave::table::{self as binding, Shaders, Tables};
+use meeting::{Meetings, meetings};
+use output::Output;
+use path::Path;
+use recorder::Recorder;
+use table::ReadRegion;
+
+/// Commands that are captured, at most.
+const MAX_COMMANDS: u64 = 64;
+/// Bytes of text and JSON after which no command is captured any more.
+const MAX_BYTES: usize = 64 << 20;
+/// Primitives on a ray's line that are looked at, at most.
+const MAX_MET: usize = 4096;
+
+static CAPTURE: OnceLock<Option<Capture>> = OnceLock::new();
+/// Presents so far.
+static FRAME: AtomicU64 = AtomicU64::new(0);
+
+/// The captures of the process.
+struct Capture {
+    pixel: CapturePixel,
+    process: u32,
+    state: Mutex<State>,
+}
+
+struct State {
+    output: Output,
+    /// Commands that trace, within the wanted frames.
+    commands: u64,
+    captured: u64,
+    dropped: u64,
+    /// That a command is too small for the pixel is said once.
+    told_outside: bool,
+}
+
+/// A frame ends: images are presented.
+pub fn end_frame() {
+    FRAME.fetch_add(1, Ordering::Relaxed);
+}
+
+/// The capture, if the setting asks for one.
+fn capture() -> Option<&'static Capture> {
+    let pixel = settings().capture?;
+    let made = || {
+        Some(Capture {
+            pixel,
+            process: std::process::id(),
+            state: Mutex::new(State {
+                output: Output::new(&pixel),
+                commands: 0,
+                captured: 0,
+                dropped: 0,
+                told_outside: false,
+            }),
+        })
+    };
+    // A fork has a copy of this, and the same files.
+    (CAPTURE.get_or_init(made).as_ref()).filter(|capture| capture.process == std::process::id())
+}
+
+/// A command that is being captured.
+pub struct Recording {
+    recorder: Recorder,
+    number: u64,
+    frame: u64,
+    what: &'static str,
+    extent: [u32; 3],
+}
+
+/// A captured command.
+pub struct Captured<'a> {
+    number: u64,
+    frame: u64,
+    what: &'static str,
+    extent: [u32; 3],
+    invocation: [u32; 3],
+    programs: Vec<&'a Program>,
+    shaders: Option<&'a Shaders>,
+    path: Path,
+    /// By ray.
+    meetings: Vec<Meetings>,
+    table: Option<Vec<ReadRegion>>,
+    stopped: bool,
+}
+
+/// The binding table of a trace.
+pub struct Traced<'a> {
+    pub shaders: &'a Shaders,
+    pub given: &'a Tables,
+    pub live: &'a Tables<binding::Live>,
+}
+
+/// Begins to record a trace of so many invocations, if it is to be captured.
+pub fn trace(shaders: &Shaders, extent: [u32; 3]) -> Option<Recording> {
+    let capture = capture()?;
+    let programs = shaders.programs.iter().map(|program| &**program);
+    capture.begin("trace", [0; 3], extent, programs)
+}
+
+/// Begins to record a dispatch of workgroups, if it is to be captured: if its shader has ray
+/// queries.
+pub fn dispatch(program: &Program, base: [u32; 3], count: [u32; 3]) -> Option<Recording> {
+    let capture = capture()?;
+    if !program.sites().contains(&SiteKind::RayQueryProceed) {
+        return None;
+    }
+    let size = program.local_size();
+    let invocations =
+        |groups: [u32; 3]| [0, 1, 2].map(|i: usize| groups[i].saturating_mul(size[i]));
+    let (first, extent) = (invocations(base), invocations(count));
+    capture.begin("dispatch", first, extent, std::iter::once(program))
+}
+
+impl Capture {
+    fn begin<'a>(
+        &self,
+        what: &'static str,
+        first: [u32; 3],
+        extent: [u32; 3],
+        programs: impl Iterator<Item = &'a Program>,
+    ) -> Option<Recording> {
+        let frame = FRAME.load(Ordering::Relaxed);
+        let (pixel, state) = (&self.pixel, &mut *self.state.lock());
+        if !pixel.frames().contains(&frame) || !state.output.is_open() {
+            return None;
+        }
+        let invocation = pixel.invocation;
+        let is_inside = (0..3).all(|axis| {
+            let place = invocation[axis].checked_sub(first[axis]);
+            place.is_some_and(|place| place < extent[axis])
+        });
+        if !is_inside {
+            if !std::mem::replace(&mut state.told_outside, true) {
+                let ([x, y, z], [w, h, d]) = (invocation, extent);
+                state.output.say(&format!(
+                    "invocation ({x}, {y}, {z}) is outside of a {what} of {w} x {h} x {d}"
+                ));
+            }
+            return None;
+        }
+        let number = state.commands;
+        state.commands += 1;
+        if state.captured == MAX_COMMANDS || state.output.bytes() > MAX_BYTES {
+            state.dropped += 1;
+            state.output.drop_command(state.dropped, state.captured);
+            return None;
+        }
+        state.captured += 1;
+        let stages = programs.map(|program| program.stage()).collect();
+        Some(Recording {
+            recorder: Recorder::new(invocation, stages),
+            number,
+            frame,
+            what,
+            extent,
+        })
+    }
+}
+
+impl Recording {
+    /// The observer for the command.
+    pub fn observer(&self) -> &dyn Observer {
+        &self.recorder
+    }
+
+    /// Writes what was seen of a command that is complete, or `stopped`. Structures lie in `live`.
+    ///
+    /// # Safety
+    /// The structures that the command's rays name are still there.
+    pub unsafe fn finish<'a>(
+        self,
+        programs: impl Iterator<Item = &'a Program>,
+        traced: Option<Traced<'a>>,
+        live: &Live,
+        stopped: bool,
+    ) {
+        let Some(capture) = capture() else {
+            return;
+        };
+        let invocation = self.recorder.invocation();
+        let (path, lookups) = self.recorder.finish();
+        let mut walker = settings().walker();
+        let surveys = path.rays.iter().map(|ray| {
+            if !ray.is_traversed() {
+                return Meetings::default();
+            }
+            let start = &ray.start;
+            let line = Ray {
+                flags: start.ray.flags | start.pipeline_flags,
+                ..start.ray
+            };
+            let (at, time) = (start.structure, start.time);
+            // SAFETY: the caller's promise.
+            let survey = unsafe { Survey::new(&mut walker, at, &line, time, live, MAX_MET) };
+            meetings(ray, survey)
+        });
+        let meetings = surveys.collect();
+        let launched = self.extent.into_iter().map(u64::from).product();
+        let captured = Captured {
+            number: self.number,
+            frame: self.frame,
+            what: self.what,
+            extent: self.extent,
+            invocation,
+            programs: programs.collect(),
+            shaders: traced.as_ref().map(|traced| traced.shaders),
+            path,
+            meetings,
+            table: (traced.as_ref()).map(|traced| {
+                let Traced {
+                    shaders,
+                    given,
+                    live,
+                } = traced;
+                table::read(given, live, shaders, &lookups, launched)
+            }),
+            stopped,
+        };
+        let (text, json) = (text::command(&captured), json::command(&captured));
+        capture.state.lock().output.write(&text, &json);
+    }
+}
+
+/// The name of a region, as in JSON.
+fn kind_name(kind: TableKind) -> &'static str {
+    match kind {
+        TableKind::RayGeneration => "ray_generation",
+        TableKind::Miss => "miss",
+        TableKind::Hit => "hit",
+        TableKind::Callable => "callable",
+    }
+}
+
+/// SPIR-V's names of ray flags.
+const FLAGS: [(u32, &str); 11] = [
+    (ray_flags::OPAQUE, "OpaqueKHR"),
+    (ray_flags::NO_OPAQUE, "NoOpaqueKHR"),
+    (ray_flags::TERMINATE_ON_FIRST_HIT, "TerminateOnFirstHitKHR"),
+    (
+        ray_flags::SKIP_CLOSEST_HIT_SHADER,
+        "SkipClosestHitShaderKHR",
+    ),
+    (
+        ray_flags::CULL_BACK_FACING_TRIANGLES,
+        "CullBackFacingTrianglesKHR",
+    ),
+    (
+        ray_flags::CULL_FRONT_FACING_TRIANGLES,
+        "CullFrontFacingTrianglesKHR",
+    ),
+    (ray_flags::CULL_OPAQUE, "CullOpaqueKHR"),
+    (ray_flags::CULL_NO_OPAQUE, "CullNoOpaqueKHR"),
+    (ray_flags::SKIP_TRIANGLES, "SkipTrianglesKHR"),
+    (ray_flags::SKIP_AABBS, "SkipAABBsKHR"),
+    (
+        ray_flags::FORCE_OPACITY_MICROMAP_2_STATE,
+        "ForceOpacityMicromap2StateEXT",
+    ),
+];
+
+/// The names of the ray flags that are set.
+fn flags(flags: u32) -> Vec<&'static str> {
+    let set = FLAGS.iter().filter(|(bit, _)| flags & bit != 0);
+    set.map(|(_, name)| *name).collect()
+}
