@@ -38,17 +38,14 @@ impl Listed {
     /// The functions: their headings, and where they begin.
     fn functions(&self) -> impl Iterator<Item = (String, usize)> {
         let operations = self.operations;
+        let of_loop = |subgroups: &str| format!("loop of {operations} operations, {subgroups}");
         let first = match self.turns {
             None => format!("stretch of {operations} operations"),
-            Some(ListedTurns { together, .. }) => {
-                format!("loop of {operations} operations, {together} subgroups at once")
-            }
+            Some(ListedTurns { together: 1, .. }) => of_loop("one subgroup"),
+            Some(ListedTurns { together, .. }) => of_loop(&format!("{together} subgroups at once")),
         };
         let single = self.turns.map_or(0, |turns| turns.single);
-        let rest = (single != 0).then(|| {
-            let heading = format!("loop of {operations} operations, one subgroup");
-            (heading, self.start + single)
-        });
+        let rest = (single != 0).then(|| (of_loop("one subgroup"), self.start + single));
         std::iter::once((first, self.start)).chain(rest)
     }
 }
