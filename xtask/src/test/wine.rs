@@ -22,6 +22,10 @@ const GLSL_SERVER: &str = "TUFF_GLSL_SERVER";
 /// Where the loader finds drivers.
 const DRIVERS: &str = r"HKLM\SOFTWARE\Khronos\Vulkan\Drivers";
 
+/// Wine's DXGI starts without OpenGL so. With it, programs take long to end once they have passed,
+/// and Wine kills them on a busy machine: the exit status is 137.
+const DIRECT3D: &str = r"HKCU\Software\Wine\Direct3D";
+
 /// The black-box tests that run without `--deep`: what depends on the system most.
 const CHOSEN: [&str; 13] = [
     "compute",
@@ -133,21 +137,25 @@ fn set_wine(program: &mut Command) -> Result<()> {
     Ok(())
 }
 
-/// Makes a driver the only one that is registered.
+/// Makes a driver the only one that is registered, and sets Wine up.
 fn register(manifest: &Path) -> Result<()> {
     let reg = |arguments: &[&str]| -> Result<ExitStatus> {
         let mut reg = Command::new("wine");
-        reg.args(["reg", arguments[0], DRIVERS])
-            .args(&arguments[1..]);
+        reg.arg("reg").args(arguments);
         set_wine(&mut reg)?;
         reg.stdout(Stdio::null()).stderr(Stdio::null());
         reg.status().context("starting wine")
     };
     // There may be none.
-    reg(&["delete", "/f"])?;
+    reg(&["delete", DRIVERS, "/f"])?;
     let name = on_drive(manifest);
-    let added = reg(&["add", "/v", &name, "/t", "REG_DWORD", "/d", "0", "/f"])?;
+    let add = |key: &str, value: &str, kind: &str, data: &str| {
+        reg(&["add", key, "/v", value, "/t", kind, "/d", data, "/f"])
+    };
+    let added = add(DRIVERS, &name, "REG_DWORD", "0")?;
     ensure!(added.success(), "wine does not register {name}");
+    let set = add(DIRECT3D, "renderer", "REG_SZ", "no3d")?;
+    ensure!(set.success(), "wine does not set {DIRECT3D}");
     Ok(())
 }
 

@@ -98,27 +98,26 @@ impl Event {
     /// `beside` is. Clears the flag.
     pub fn wait(&self, deadline: Option<Instant>, beside: Option<BorrowedHandle<'_>>) -> bool {
         let beside = beside.map(|handle| handle.as_raw_handle());
-        let alarm = deadline.and_then(Alarm::at);
-        let all = [
-            Some(self.handle.raw()),
-            beside,
-            alarm.as_ref().map(Alarm::raw),
-        ];
-        let mut handles = [std::ptr::null_mut(); 3];
-        let mut count = 0;
-        for handle in all.into_iter().flatten() {
-            handles[count] = handle;
-            count += 1;
-        }
         loop {
+            let alarm = deadline.and_then(Alarm::at);
+            let all = [
+                Some(self.handle.raw()),
+                beside,
+                alarm.as_ref().map(Alarm::raw),
+            ];
+            let mut handles = [std::ptr::null_mut(); 3];
+            let mut count = 0;
+            for handle in all.into_iter().flatten() {
+                handles[count as usize] = handle;
+                count += 1;
+            }
             let left = deadline.map(|deadline| deadline.saturating_duration_since(Instant::now()));
             let timeout_ms = left.map_or(INFINITE, milliseconds);
             // SAFETY: so many handles that are open.
-            let why =
-                unsafe { WaitForMultipleObjects(count as u32, handles.as_ptr(), 0, timeout_ms) };
-            // The system's clock of waits is coarser than the deadline's.
+            let why = unsafe { WaitForMultipleObjects(count, handles.as_ptr(), 0, timeout_ms) };
+            // Clocks of waits are coarser than the deadline's.
             let is_early = deadline.is_some_and(|deadline| Instant::now() < deadline);
-            let is_alarm = alarm.is_some() && why == WAIT_OBJECT_0 + count as u32 - 1;
+            let is_alarm = alarm.is_some() && why == WAIT_OBJECT_0 + count - 1;
             if !(why == WAIT_TIMEOUT || is_alarm) || !is_early {
                 break;
             }
