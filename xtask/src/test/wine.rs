@@ -74,11 +74,13 @@ pub fn test(order: &Order) -> Result<ExitCode> {
     let manifest = folder.join("tuff_icd.json");
     let library = on_drive(&folder.join(windows::LIBRARY));
     write_manifest(&manifest, library.as_ref())?;
-    // Beside the test programs: Wine's own loader lies in a folder that it searches next.
-    let beside = folder.join("deps");
-    std::fs::create_dir_all(&beside)
-        .and_then(|()| std::fs::copy(&loader, beside.join(LOADER)))
-        .with_context(|| format!("copying the loader to {}", beside.display()))?;
+    // Beside the test programs, and `tuff`: Wine's own loader lies in a folder that it searches
+    // next.
+    for beside in [&folder, &folder.join("deps")] {
+        std::fs::create_dir_all(beside)
+            .and_then(|()| std::fs::copy(&loader, beside.join(LOADER)))
+            .with_context(|| format!("copying the loader to {}", beside.display()))?;
+    }
     register(&manifest)?;
 
     let compiler = Compiler::start()?;
