@@ -4,8 +4,9 @@
 //! A SPIR-V function that keeps the rules of structured control flow (SPIR-V specification, section
 //! Structured Control Flow) is walked along its merge instructions. A branch to a block that some
 //! enclosing construct has announced (merge block, continue target, loop header) becomes a `br` to
-//! that construct's label, as does one to a block where branches [join_point](super::join_points); any other
-//! block is lowered in place, once. What breaks the rules reaches a block twice and is refused.
+//! that construct's label, as does one to a block where branches [join](super::join_points). Any
+//! other block is lowered in place, once. A function that breaks the rules reaches a block twice and
+//! is refused.
 //!
 //! A list of tasks holds the remaining work: a function may nest constructs as deeply as its
 //! size allows.

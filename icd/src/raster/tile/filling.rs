@@ -42,8 +42,8 @@ struct Filling<'a, V: Vector, const UNIFORM: bool> {
     steps: &'a [[f32; 3]],
     /// The lanes that are filled.
     lanes: u16,
-    /// By index of [`BarycentricMode`]: the coordinates of the second and third vertex, once they are
-    /// known.
+    /// By index of [`BarycentricMode`]: the coordinates of the second and third vertex, once they
+    /// are known.
     weights: [Option<[V::F; 2]>; 6],
 }
 
