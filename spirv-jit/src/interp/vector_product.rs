@@ -2,9 +2,9 @@
 //!
 //! [`eval::matrix`](crate::eval::matrix) defines the results. A component of the vector is a row,
 //! and an element of a matrix that lanes share is one number: each step adds a row, times that
-//! number, to a row of sums. Matrices are widened to f32 in tiles of 16 by 16 elements, 16 rows at a
-//! time, for all subgroups of a wave that share them. Every product of elements of 8 bits, and a sum
-//! of 16 such products, is exact in f32.
+//! number, to a row of sums. Matrices are widened to f32 in tiles of 16 by 16 elements, 16 rows at
+//! a time, for all subgroups of a wave that share them. Every product of elements of 8 bits, and a
+//! sum of 16 such products, is exact in f32.
 //!
 //! Lanes whose matrices lie elsewhere have their turns one after another.
 

@@ -64,8 +64,8 @@ pub(crate) fn count(code: &[u8], all: &[Listed]) -> NativeCounts {
 }
 
 /// The text of a program's native code: a heading for each function, then a line for each of its
-/// instructions, with its distance from the function's start in hexadecimal digits. Constants behind
-/// the code follow the instructions that read them, after a semicolon.
+/// instructions, with its distance from the function's start in hexadecimal digits. Constants
+/// behind the code follow the instructions that read them, after a semicolon.
 pub(crate) fn text(code: &[u8], all: &[Listed]) -> String {
     let mut text = String::new();
     for (heading, start) in all.iter().flat_map(Listed::functions) {
