@@ -1,6 +1,6 @@
 //! Payloads of semaphores and fences that lie in files, to be shared with other devices and
 //! processes (`VK_KHR_external_semaphore_fd`, `VK_KHR_external_fence_fd` and those of `_win32`;
-//! spec, "Importing Semaphore Payloads"). A file is a handle of the system here, whichever that has.
+//! spec, "Importing Semaphore Payloads"). A file here is a handle of the system.
 //!
 //! An opaque file is an event of the system, set while the payload is signaled. A sync
 //! file is someone else's, another driver's or the kernel's, and only imported, for one wait; what

@@ -193,8 +193,9 @@ impl DeviceMemory {
     /// # Errors
     /// `VK_ERROR_OUT_OF_DEVICE_MEMORY` past the heap's budget; `VK_ERROR_INVALID_EXTERNAL_HANDLE`
     /// for a section that is too short, can be made shorter or cannot be mapped, for a name that is
-    /// taken, and for a host pointer to what is not there; `VK_ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS` if an address that
-    /// is asked for is taken; `VK_ERROR_TOO_MANY_OBJECTS` past [`max_allocations`].
+    /// taken, and for a host pointer to what is not there;
+    /// `VK_ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS` if an address that is asked for is taken;
+    /// `VK_ERROR_TOO_MANY_OBJECTS` past [`max_allocations`].
     pub fn allocate(
         window: &Arc<AddressWindow>,
         size_bytes: u64,

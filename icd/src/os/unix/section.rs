@@ -51,8 +51,8 @@ impl Section {
         self.file.as_ref()
     }
 
-    /// A new handle by which others can map it; `None` where the process can have no more, and for a
-    /// private section.
+    /// A new handle by which others can map it; `None` where the process can have no more, and for
+    /// a private section.
     pub fn export(&self) -> Option<Handle> {
         self.handle().and_then(Handle::try_clone)
     }

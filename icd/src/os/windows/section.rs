@@ -90,8 +90,8 @@ impl Section {
         file.map(Arc::as_ref)
     }
 
-    /// A new handle by which others can map it; `None` where the process can have no more, and for a
-    /// private section.
+    /// A new handle by which others can map it; `None` where the process can have no more, and for
+    /// a private section.
     pub fn export(&self) -> Option<Handle> {
         self.handle()?.share(NEEDS, self.rights)
     }
