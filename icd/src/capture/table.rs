@@ -173,3 +173,98 @@ fn handles_between(kind: TableKind, live: &Live, shaders: &Shaders) -> Vec<(u64,
     }
     found
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use spirv_jit::reach::Reach;
+
+    /// Handles of three groups, and one of none, 32 bytes apart.
+    const HANDLES: [Handle; 4] = [
+        [1; HANDLE_SIZE],
+        [2; HANDLE_SIZE],
+        [9; HANDLE_SIZE],
+        [0; 32],
+    ];
+
+    fn shaders() -> Shaders {
+        let groups = [1, 2, 3].map(|byte| Group {
+            handle: [byte; HANDLE_SIZE],
+            kind: GroupKind::Triangles,
+            ..Group::default()
+        });
+        Shaders::new(Vec::new(), groups.into())
+    }
+
+    fn read_hit_region(stride_bytes: u64, size_bytes: u64, lookups: &Lookups) -> ReadRegion {
+        let given = Tables {
+            hit: Region {
+                address: HANDLES.as_ptr().expose_provenance() as u64,
+                stride_bytes,
+                size_bytes,
+            },
+            ..Tables::default()
+        };
+        // SAFETY: the handles are constants of the program.
+        let live = unsafe { given.live(&Reach::everywhere()) };
+        let mut all = read(&given, &live, &shaders(), lookups, 7);
+        all.swap_remove(2)
+    }
+
+    fn looked_up(index: u32, calls: u64) -> ((TableKind, u32), RecordUse) {
+        let candidates = 2 * calls;
+        ((TableKind::Hit, index), RecordUse { candidates, calls })
+    }
+
+    #[test]
+    fn records_have_their_groups_and_uses() {
+        let lookups = Lookups::from([looked_up(1, 5), looked_up(6, 3)]);
+        let region = read_hit_region(32, 128, &lookups);
+        let records: Vec<_> = (region.records.iter())
+            .map(|it| (it.index, it.group, it.is_zero(), it.use_count.calls))
+            .collect();
+        assert_eq!(
+            records,
+            [
+                (0, Some(0), false, 0),
+                (1, Some(1), false, 5),
+                (2, None, false, 0),
+                (3, None, true, 0)
+            ]
+        );
+        let outside: Vec<_> = (region.outside.iter())
+            .map(|(index, used)| (*index, used.candidates))
+            .collect();
+        assert_eq!((outside, region.between), (vec![(6, 6)], vec![]));
+    }
+
+    #[test]
+    fn handles_between_records_show_a_stride_that_is_too_long() {
+        let lookups = Lookups::from([looked_up(1, 1)]);
+        let region = read_hit_region(64, 64, &lookups);
+        assert_eq!((region.record_count, region.outside.len()), (1, 1));
+        assert_eq!(region.between, [(32, 1)]);
+    }
+
+    #[test]
+    fn without_a_stride_all_indices_are_the_first_record() {
+        let lookups = Lookups::from([looked_up(0, 1), looked_up(8, 4)]);
+        let region = read_hit_region(0, 32, &lookups);
+        assert_eq!((region.records.len(), region.outside.len()), (1, 0));
+        assert_eq!(region.records[0].use_count.calls, 5);
+    }
+
+    #[test]
+    fn no_region_has_no_records() {
+        let region = read_hit_region(32, 0, &Lookups::new());
+        assert_eq!((region.record_count, region.records.len()), (0, 0));
+        let nowhere = Tables::default();
+        // SAFETY: there is nothing.
+        let live = unsafe { nowhere.live(&Reach::everywhere()) };
+        let all = read(&nowhere, &live, &shaders(), &Lookups::new(), 0);
+        assert!(
+            all.iter()
+                .all(|it| it.records.is_empty() && it.between.is_empty())
+        );
+    }
+}
