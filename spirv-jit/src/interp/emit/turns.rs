@@ -68,6 +68,8 @@ struct Ways<'m> {
     regions: Vec<Operand>,
     /// Values that are the same in all lanes that come to them.
     alike: HashSet<Value>,
+    /// Multiples of four, and what lanes have in common added: offsets of words by their numbers.
+    of_words: HashSet<Value>,
 }
 
 /// How many loads of a loop are from places that other loads of the loop decide.
@@ -212,6 +214,7 @@ impl<'m> Emitter<'m> {
             left_to: None,
             regions: Vec::new(),
             alike: alike(node, |value| self.operand(value).is_uniform()),
+            of_words: HashSet::default(),
         };
         for copy in 0..ways.turns.copies() {
             let first = Open {
@@ -247,6 +250,9 @@ impl<'m> Emitter<'m> {
                         continue;
                     }
                     in_branches += (ways.open.len() > 1) as usize;
+                    if self.is_of_words(inst, ways) {
+                        ways.of_words.extend(&inst.results);
+                    }
                     let performed = match inst.op {
                         Op::Load(access) => self.load(access, inst, ways).is_some(),
                         Op::Subgroup(op) => self.across(op, inst, ways).is_some(),
@@ -337,7 +343,27 @@ impl<'m> Emitter<'m> {
         }
         match ways.alike.contains(inst.args.last()?) {
             true => (ways.turns).load_at_one_place(ways.lanes?, number, &offset, &results),
-            false => ways.turns.load(ways.lanes?, number, &offset, &results),
+            false => {
+                let is_run = ways.of_words.contains(inst.args.last()?);
+                (ways.turns).load(ways.lanes?, number, (&offset, is_run), &results)
+            }
+        }
+    }
+
+    /// Whether lanes with neighbouring numbers have offsets of neighbouring words.
+    fn is_of_words(&self, inst: &Inst, ways: &Ways<'m>) -> bool {
+        let &[a, b] = &inst.args[..] else {
+            return false;
+        };
+        let constant = |value| self.place(value).constant;
+        let is_alike = |value| ways.alike.contains(&value) || self.operand(value).is_uniform();
+        match inst.op {
+            Op::Shl => constant(b) == Some(2),
+            Op::IMul => constant(a) == Some(4) || constant(b) == Some(4),
+            Op::IAdd => [(a, b), (b, a)]
+                .into_iter()
+                .any(|(offset, other)| ways.of_words.contains(&offset) && is_alike(other)),
+            _ => false,
         }
     }
 

@@ -177,12 +177,12 @@ impl Turns {
     }
 
     /// Words that lanes load from a region, one behind another from an offset on. Words that are
-    /// not inside are zero.
+    /// not inside are zero. `is_run`: those of one lane after the other may lie so, too.
     pub fn load(
         &mut self,
         lanes: Lanes,
         region: usize,
-        offset: &Place,
+        (offset, is_run): (&Place, bool),
         results: &[Option<Place>],
     ) -> Option<()> {
         let s = &mut self.stretch;
@@ -208,9 +208,8 @@ impl Turns {
                     s.binary(PANDN, outside, lanes.0)
                 }
             };
-            let to = match (s.encoding, results.len()) {
-                // Lanes often load words that lie one behind another.
-                (Encoding::Evex, 1) => {
+            let to = match (s.encoding, is_run && results.len() == 1) {
+                (Encoding::Evex, true) => {
                     let words = std::array::from_fn(|lane| 4 * lane as u32);
                     let steps = s.constant(Constant::Words(words));
                     let from = [offset, inside, steps];
@@ -236,7 +235,7 @@ impl Turns {
     ) -> Option<()> {
         let s = &mut self.stretch;
         if s.encoding == Encoding::Vex {
-            return self.load(lanes, region, offset, results);
+            return self.load(lanes, region, (offset, false), results);
         }
         let Held::One(offset) = s.operand(offset) else {
             return None;

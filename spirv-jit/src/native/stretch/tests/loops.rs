@@ -25,7 +25,8 @@ fn memory_of_loops_is_at_the_pointers_that_code_was_given() {
             assert!(turns.stretch.perform(&Op::ULt, &[counter, bound], &[less]));
             let [stay, go] = turns.split(lanes, &less).unwrap();
             turns.leave(go, &sum, Row::Frame(20));
-            turns.load(stay, 3, &counter, &[Some(word)]).unwrap();
+            let place = (&counter, true);
+            turns.load(stay, 3, place, &[Some(word)]).unwrap();
             assert!(turns.stretch.perform(&Op::UConvert, &[word], &[wide]));
             turns.stretch.end_operation();
             let ends = [turns.only(&word), turns.only(&wide)];
