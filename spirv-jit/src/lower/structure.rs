@@ -5,8 +5,8 @@
 //! Structured Control Flow) is walked along its merge instructions. A branch to a block that some
 //! enclosing construct has announced (merge block, continue target, loop header) becomes a `br` to
 //! that construct's label, as does one to a block where branches [join](super::join_points). Any
-//! other block is lowered in place, once. A function that breaks the rules reaches a block twice and
-//! is refused.
+//! other block is lowered in place, once. A function that breaks the rules reaches a block twice
+//! and is refused.
 //!
 //! A list of tasks holds the remaining work: a function may nest constructs as deeply as its
 //! size allows.
