@@ -8,14 +8,14 @@ use anyhow::{Context, Result, bail};
 use crate::symbols::GlibcVersion;
 use crate::tarball::packed;
 use crate::tree::{Entry, Tree};
-use crate::{Release, System};
+use crate::{PackageSystem, Release};
 
 /// Writes `tuff-vulkan_VERSION_ARCHITECTURE.deb`.
 ///
 /// # Errors
 /// The file cannot be written, or the binaries are of another system.
 pub fn write(tree: &Tree, release: &Release, out: &Path) -> Result<PathBuf> {
-    let System::Linux {
+    let PackageSystem::Linux {
         glibc,
         needs_libgcc,
     } = release.system

@@ -67,7 +67,7 @@ const MAX_DRIVER_BYTES: usize = 14_500_000;
 
 /// The system that packages are for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum System {
+pub enum PackageSystem {
     Linux {
         /// The glibc version that the binaries need.
         glibc: GlibcVersion,
@@ -82,7 +82,7 @@ pub struct Release {
     pub version: String,
     /// By Rust's name.
     pub architecture: String,
-    pub system: System,
+    pub system: PackageSystem,
     /// The time of all files, in seconds since 1970.
     pub time: u64,
 }
@@ -91,8 +91,8 @@ impl Release {
     /// The name of packages that can be unpacked anywhere.
     fn name(&self) -> String {
         let system = match self.system {
-            System::Linux { .. } => "linux",
-            System::Windows => "windows",
+            PackageSystem::Linux { .. } => "linux",
+            PackageSystem::Windows => "windows",
         };
         format!(
             "tuff-vulkan-{}-{system}-{}",
@@ -164,7 +164,7 @@ fn package(arguments: &Arguments) -> Result<()> {
     }
     let system = match arguments.glibc {
         Some(glibc) if !arguments.windows => needs_on_linux(&tree, glibc, &scratch)?,
-        _ => System::Windows,
+        _ => PackageSystem::Windows,
     };
     let mut with_loader = tree.clone();
     if let (Some(loader), Some(licence)) = (&arguments.loader, &arguments.loader_licence) {
@@ -172,7 +172,7 @@ fn package(arguments: &Arguments) -> Result<()> {
         let name = "share/doc/tuff-vulkan/LICENSE-vulkan-loader.txt";
         with_loader.add(name, Entry::file(read(licence)?));
     }
-    if system == System::Windows {
+    if system == PackageSystem::Windows {
         let missing = imports::missing(&with_loader)?;
         ensure!(
             missing.is_empty(),
@@ -196,13 +196,13 @@ fn package(arguments: &Arguments) -> Result<()> {
         wheel::write(&with_loader, &release, &sources, out)
     };
     let packages = match system {
-        System::Linux { .. } => vec![
+        PackageSystem::Linux { .. } => vec![
             tarball::write(&with_loader, &release, out)?,
             deb::write(&tree, &release, out)?,
             wheel()?,
             tarball::write_debug(&debug, &release, out)?,
         ],
-        System::Windows => vec![
+        PackageSystem::Windows => vec![
             zipfile::write(&with_loader, &release, out)?,
             wheel()?,
             zipfile::write_debug(&debug, &release, out)?,
@@ -228,7 +228,7 @@ fn package(arguments: &Arguments) -> Result<()> {
 }
 
 /// Holds the binaries of Linux to what is promised of them.
-fn needs_on_linux(tree: &Tree, promised: GlibcVersion, scratch: &Path) -> Result<System> {
+fn needs_on_linux(tree: &Tree, promised: GlibcVersion, scratch: &Path) -> Result<PackageSystem> {
     // Its functions give other bits in other versions, and on other architectures.
     ensure!(
         !symbols::is_linked_with(tree, "libm.so.6", scratch)?,
@@ -240,7 +240,7 @@ fn needs_on_linux(tree: &Tree, promised: GlibcVersion, scratch: &Path) -> Result
         glibc <= promised,
         "the binaries need glibc {glibc}, more than {promised}"
     );
-    Ok(System::Linux {
+    Ok(PackageSystem::Linux {
         glibc: promised,
         needs_libgcc: symbols::is_linked_with(tree, "libgcc_s.so.1", scratch)?,
     })

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 
 use crate::tree::{Entry, Tree};
-use crate::{Release, System, hash, zipfile};
+use crate::{PackageSystem, Release, hash, zipfile};
 
 /// The distribution's name, as file names have it.
 const NAME: &str = "tuff_vulkan";
@@ -56,10 +56,10 @@ pub fn write(tree: &Tree, release: &Release, sources: &Path, out: &Path) -> Resu
 fn tag(release: &Release) -> String {
     let architecture = &release.architecture;
     let platform = match release.system {
-        System::Linux { glibc, .. } => {
+        PackageSystem::Linux { glibc, .. } => {
             format!("manylinux_{}_{}_{architecture}", glibc.major, glibc.minor)
         }
-        System::Windows => match architecture.as_str() {
+        PackageSystem::Windows => match architecture.as_str() {
             "x86_64" => "win_amd64".into(),
             other => format!("win_{other}"),
         },
@@ -93,8 +93,8 @@ Description-Content-Type: text/markdown
 {readme}",
         release.version,
         match release.system {
-            System::Linux { .. } => "POSIX :: Linux",
-            System::Windows => "Microsoft :: Windows",
+            PackageSystem::Linux { .. } => "POSIX :: Linux",
+            PackageSystem::Windows => "Microsoft :: Windows",
         }
     )
 }
@@ -148,14 +148,14 @@ mod tests {
         let mut release = Release {
             version: "0.1.0".into(),
             architecture: "x86_64".into(),
-            system: System::Linux {
+            system: PackageSystem::Linux {
                 glibc: "2.28".parse().unwrap(),
                 needs_libgcc: false,
             },
             time: 0,
         };
         assert_eq!(tag(&release), "py3-none-manylinux_2_28_x86_64");
-        release.system = System::Windows;
+        release.system = PackageSystem::Windows;
         assert_eq!(tag(&release), "py3-none-win_amd64");
     }
 }

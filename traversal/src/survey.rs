@@ -169,7 +169,7 @@ impl Look<'_> {
                             let index = indices.get(hit.instance_index as usize);
                             hit.instance_index = index.copied().unwrap_or(hit.instance_index);
                         }
-                        survey.met.extend(self.meet(hit));
+                        survey.met.extend(self.candidate(hit));
                     }
                 }
             }
@@ -177,7 +177,7 @@ impl Look<'_> {
     }
 
     /// The fate of a primitive.
-    fn meet(&self, mut hit: Hit) -> Option<Met> {
+    fn candidate(&self, mut hit: Hit) -> Option<Met> {
         let words = self.top.instance_words(hit.instance_index)?;
         let mask = (words.custom_index_and_mask >> 24) as u8;
         // SAFETY: the promise of `Survey::new`.
@@ -251,12 +251,12 @@ fn geometry_word_of(bottom: &Structure, geometry: u32) -> u32 {
 #[repr(align(256))]
 #[derive(Clone, Copy)]
 #[expect(dead_code, reason = "the memory is used as bytes")]
-struct Line([u8; ALIGNMENT as usize]);
+struct AlignedBytes([u8; ALIGNMENT as usize]);
 
 /// Instances with a mask of 0, in a top level that rays can see. Those that move are left out.
 #[derive(Default)]
 struct Unseen {
-    lines: Option<Vec<Line>>,
+    lines: Option<Vec<AlignedBytes>>,
     /// Their indices in the surveyed structure.
     indices: Vec<u32>,
     is_cut: bool,
@@ -294,7 +294,8 @@ impl Unseen {
             return unseen;
         }
         let sizes = build_sizes(Kind::Instances, BuildFlags(0), &[count]);
-        let mut lines = vec![Line([0; 256]); sizes.structure_bytes.div_ceil(ALIGNMENT) as usize];
+        let mut lines =
+            vec![AlignedBytes([0; 256]); sizes.structure_bytes.div_ceil(ALIGNMENT) as usize];
         let mut scratch = vec![0; sizes.build_scratch_bytes as usize];
         let input = BuildInput {
             flags: BuildFlags(0),
@@ -309,7 +310,7 @@ impl Unseen {
                 live,
             }),
         };
-        let bytes = lines.len() * size_of::<Line>();
+        let bytes = lines.len() * size_of::<AlignedBytes>();
         // SAFETY: lines are plain bytes.
         let blob = unsafe { std::slice::from_raw_parts_mut(lines.as_mut_ptr().cast(), bytes) };
         // SAFETY: the records are alive, and name structures in live memory.

@@ -10,7 +10,7 @@ use traversal::{Hit, Opacity, Swept};
 use super::meeting::{Meeting, Meetings};
 use super::path::{Asked, Path, PathRay, Ran};
 use super::table::{ReadRecord, ReadRegion};
-use super::{Captured, flags, kind_name};
+use super::{CapturedCommand, flags, kind_name};
 use crate::wave::observer::{Instruction, QueryDecision, ReportVerdict};
 use crate::wave::table::{GroupKind, Shaders};
 
@@ -32,8 +32,8 @@ fn address(value: u64) -> Value {
 }
 
 /// The whole command.
-pub fn command(captured: &Captured<'_>) -> Value {
-    let Captured {
+pub fn command(captured: &CapturedCommand<'_>) -> Value {
+    let CapturedCommand {
         number,
         frame,
         what,

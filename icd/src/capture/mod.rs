@@ -45,10 +45,10 @@ static FRAME: AtomicU64 = AtomicU64::new(0);
 struct Capture {
     pixel: CapturePixel,
     process: u32,
-    state: Mutex<State>,
+    state: Mutex<CaptureProgress>,
 }
 
-struct State {
+struct CaptureProgress {
     output: Output,
     /// Commands that trace, within the wanted frames.
     commands: u64,
@@ -70,7 +70,7 @@ fn capture() -> Option<&'static Capture> {
         Some(Capture {
             pixel,
             process: std::process::id(),
-            state: Mutex::new(State {
+            state: Mutex::new(CaptureProgress {
                 output: Output::new(&pixel),
                 commands: 0,
                 captured: 0,
@@ -93,7 +93,7 @@ pub struct Recording {
 }
 
 /// A captured command.
-pub struct Captured<'a> {
+pub struct CapturedCommand<'a> {
     number: u64,
     frame: u64,
     what: &'static str,
@@ -221,7 +221,7 @@ impl Recording {
         });
         let meetings = surveys.collect();
         let launched = self.extent.into_iter().map(u64::from).product();
-        let captured = Captured {
+        let captured = CapturedCommand {
             number: self.number,
             frame: self.frame,
             what: self.what,

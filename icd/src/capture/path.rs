@@ -36,13 +36,13 @@ pub struct Ran {
 
 /// A hit that an intersection shader reported.
 #[derive(Debug)]
-pub struct Report {
+pub struct ReportedHit {
     pub reported: Reported,
     /// The any-hit shader.
     pub ran: Option<Ran>,
 }
 
-impl Report {
+impl ReportedHit {
     /// Whether it counted.
     pub fn is_committed(&self) -> bool {
         match self.reported.verdict {
@@ -69,7 +69,7 @@ pub struct Asked {
     /// The record's group has a shader that decides.
     pub has_shader: bool,
     pub ran: Option<Ran>,
-    pub reports: Vec<Report>,
+    pub reports: Vec<ReportedHit>,
     pub decision: Option<QueryDecision>,
 }
 
@@ -174,7 +174,7 @@ impl Path {
                     && asked.reports.len() < MAX_REPORTS
                 {
                     let (reported, ran) = (*reported, None);
-                    asked.reports.push(Report { reported, ran });
+                    asked.reports.push(ReportedHit { reported, ran });
                 }
             }
             Observation::Settled {
@@ -534,7 +534,7 @@ mod tests {
             settled(None),
         ]);
         let reports = &path.rays[0].asked[0].reports;
-        let committed: Vec<bool> = reports.iter().map(Report::is_committed).collect();
+        let committed: Vec<bool> = reports.iter().map(ReportedHit::is_committed).collect();
         assert_eq!(committed, [false, true, false]);
         assert!(
             path.rays[0].asked[0]

@@ -8,7 +8,7 @@ use parking_lot::Mutex;
 use spirv_jit::program::Stage;
 
 use super::path::Path;
-use crate::wave::observer::{Lookup, Observation, Observer, TableKind};
+use crate::wave::observer::{LookupPurpose, Observation, Observer, TableKind};
 
 /// How often rays have looked up each record, by table and index.
 pub type Lookups = BTreeMap<(TableKind, u32), RecordUse>;
@@ -62,7 +62,7 @@ impl Observer for Recorder {
         self.path.lock().add(event, stage);
     }
 
-    fn look_up(&self, table: TableKind, index: u32, purpose: Lookup, rays: u32) {
+    fn look_up(&self, table: TableKind, index: u32, purpose: LookupPurpose, rays: u32) {
         let mut lookups = self.lookups.lock();
         let key = (table, index);
         if lookups.len() == MAX_INDICES && !lookups.contains_key(&key) {
@@ -70,8 +70,8 @@ impl Observer for Recorder {
         }
         let found = lookups.entry(key).or_default();
         match purpose {
-            Lookup::Candidate => found.candidates += u64::from(rays),
-            Lookup::Call => found.calls += u64::from(rays),
+            LookupPurpose::Candidate => found.candidates += u64::from(rays),
+            LookupPurpose::Call => found.calls += u64::from(rays),
         }
     }
 }

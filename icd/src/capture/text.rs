@@ -11,12 +11,12 @@ use super::json::{opacity_name, payload_after};
 use super::meeting::{Meeting, Meetings, Outcome};
 use super::path::{Asked, PathRay, Ran};
 use super::table::{ReadRecord, ReadRegion};
-use super::{Captured, flags, kind_name};
+use super::{CapturedCommand, flags, kind_name};
 use crate::wave::observer::{Instruction, QueryDecision, ReportVerdict, TableKind};
 use crate::wave::table::Shaders;
 
 /// The whole command.
-pub fn command(captured: &Captured<'_>) -> String {
+pub fn command(captured: &CapturedCommand<'_>) -> String {
     let mut text = String::new();
     let [width, height, depth] = captured.extent;
     let [x, y, z] = captured.invocation;

@@ -11,8 +11,8 @@ use super::rays::{alike, load_rays, operand, record_indices, skips_closest_hit, 
 use super::subgroup::{LaneRef, Role, SubgroupIndex};
 use crate::validate::{self, Need};
 use crate::wave::observer::{
-    Instruction, Lookup, Observation, Observer, RayStart, ReportVerdict, Reported, TableKind,
-    TableOperands,
+    Instruction, LookupPurpose, Observation, Observer, RayStart, ReportVerdict, Reported,
+    TableKind, TableOperands,
 };
 use crate::wave::table::ProgramIndex;
 
@@ -40,7 +40,7 @@ impl<'a> Batch<'a> {
     }
 
     /// Rays of lanes look up records.
-    fn look_up(&self, kind: TableKind, indices: &Row, purpose: Lookup, lanes: LaneMask) {
+    fn look_up(&self, kind: TableKind, indices: &Row, purpose: LookupPurpose, lanes: LaneMask) {
         let Some(observer) = self.dispatch.observer else {
             return;
         };
@@ -128,7 +128,7 @@ impl<'a> Batch<'a> {
                 self.check_hit_record(traced, need, records[lane], &candidates.hit(lane));
             }
         }
-        self.look_up(TableKind::Hit, records, Lookup::Candidate, lanes);
+        self.look_up(TableKind::Hit, records, LookupPurpose::Candidate, lanes);
         let Some((_, lane)) = self.observed(group.caller, lanes) else {
             return;
         };
@@ -218,8 +218,8 @@ impl<'a> Batch<'a> {
             }
         }
         if !fills {
-            self.look_up(TableKind::Hit, records, Lookup::Call, hits);
-            self.look_up(TableKind::Miss, records, Lookup::Call, lanes - hits);
+            self.look_up(TableKind::Hit, records, LookupPurpose::Call, hits);
+            self.look_up(TableKind::Miss, records, LookupPurpose::Call, lanes - hits);
         }
         let Some((_, lane)) = self.observed(group.caller, lanes) else {
             return;
@@ -262,7 +262,7 @@ impl<'a> Batch<'a> {
                 self.check_record(traced, Need::Callable, callables[lane]);
             }
         }
-        self.look_up(TableKind::Callable, callables, Lookup::Call, lanes);
+        self.look_up(TableKind::Callable, callables, LookupPurpose::Call, lanes);
         let Some((_, lane)) = self.observed(index, lanes) else {
             return;
         };

@@ -16,7 +16,7 @@ pub trait Observer: Send + Sync {
     fn observe(&self, event: Observation);
 
     /// Rays of any invocations look up a record of a table.
-    fn look_up(&self, table: TableKind, index: u32, purpose: Lookup, rays: u32);
+    fn look_up(&self, table: TableKind, index: u32, purpose: LookupPurpose, rays: u32);
 }
 
 /// A region of a binding table.
@@ -30,7 +30,7 @@ pub enum TableKind {
 
 /// The reason for which a record is looked up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Lookup {
+pub enum LookupPurpose {
     /// For the shader that decides on a candidate.
     Candidate,
     /// For the shader at the end of a ray, or for a callable; rays that skip the closest-hit shader

@@ -10,7 +10,7 @@ use super::operands::Operands;
 use super::plain::Plain;
 pub(super) use super::rows::of_one;
 pub use super::rows::{MAX_OPERANDS, Rows, Wave};
-use super::words::Words;
+use super::words::WordLoads;
 
 lanes::vectors! {
     /// Samples of subgroups each of which has lanes that sample.
@@ -111,7 +111,7 @@ lanes::vectors! {
         let wanted = plain.wanted(wave.results.map(|rows| !rows.first.is_null()));
         // SAFETY: the caller's promise.
         unsafe {
-            if let Some(words) = Words::new(plain, wave) {
+            if let Some(words) = WordLoads::new(plain, wave) {
                 words.load(v, wave);
                 return wave.subgroups.len();
             }

@@ -12,7 +12,7 @@ use super::{Dim, ImageDescriptor, ImageOp, LodMode};
 
 /// An axis of an image, or its layers.
 #[derive(Clone, Copy)]
-struct Axis {
+struct ImageAxis {
     operand: usize,
     size: u32,
     stride_bytes: u32,
@@ -29,22 +29,22 @@ enum Component {
 }
 
 /// Loads that [`Plain`] applies to, from one level.
-pub(super) struct Words {
+pub(super) struct WordLoads {
     /// The level's first texel.
     base: *const u8,
-    axes: [Axis; 4],
+    axes: [ImageAxis; 4],
     axis_count: usize,
     texel_bytes: u32,
     components: [Component; 4],
 }
 
-impl Words {
+impl WordLoads {
     /// `None` if components are no words, if lanes may differ in their level, or if the wave has no
     /// such level.
     ///
     /// # Safety
     /// As [`Wave`] says; the operation is that of `plain`.
-    pub unsafe fn new(plain: &Plain<'_>, wave: &Wave<'_>) -> Option<Words> {
+    pub unsafe fn new(plain: &Plain<'_>, wave: &Wave<'_>) -> Option<WordLoads> {
         let (op, image, info) = plain.parts();
         let is_word = |bits: u8| matches!(bits, 0 | 32);
         let are_words = info.channels.iter().all(|channel| is_word(channel.bits));
@@ -59,7 +59,7 @@ impl Words {
             channel if channel.bits == 0 => Component::Missing(info.missing(index)),
             channel => Component::Word(channel.offset as usize / 8),
         };
-        Some(Words {
+        Some(WordLoads {
             base: (image.data.cast_const()).wrapping_add(image.levels[level].offset_bytes as usize),
             axes,
             axis_count,
@@ -159,7 +159,7 @@ impl Words {
 /// The level that all lanes of all subgroups name, where one row names it.
 ///
 /// # Safety
-/// As [`Words::new`].
+/// As [`WordLoads::new`].
 unsafe fn level(op: &ImageOp, wave: &Wave<'_>) -> Option<usize> {
     if op.lod != LodMode::Lod {
         return Some(0);
@@ -175,7 +175,7 @@ fn axes(
     image: &ImageDescriptor,
     info: &FormatInfo,
     level: usize,
-) -> ([Axis; 4], usize) {
+) -> ([ImageAxis; 4], usize) {
     let level = &image.levels[level];
     let (slices, slice_bytes) = match op.dim {
         Dim::Cube => (image.layer_count, image.layer_stride_bytes),
@@ -186,12 +186,12 @@ fn axes(
     let spatial = op.spatial_count();
     let count = op.coordinate_count();
     let axis = |operand: usize| match operand < spatial {
-        true => Axis {
+        true => ImageAxis {
             operand,
             size: sizes[operand.min(2)],
             stride_bytes: strides[operand.min(2)] as u32,
         },
-        false => Axis {
+        false => ImageAxis {
             operand,
             size: image.layer_count,
             stride_bytes: image.layer_stride_bytes as u32,
