@@ -12,6 +12,7 @@ mod digest;
 mod drawing;
 mod formats;
 mod measure;
+mod micromaps;
 mod mips;
 mod network;
 mod operations;

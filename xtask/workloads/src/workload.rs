@@ -5,6 +5,7 @@ use tuff_tests::{Bound, Buffer, Group, Picture, Rays, Shape, Stage, Table};
 use tuff_tests::{Gpu, vk};
 
 use crate::drawing;
+use crate::micromaps;
 use crate::network;
 use crate::programs;
 use crate::shader;
@@ -83,6 +84,18 @@ const TRACING: &[Workload] = &[
         "leaves cut out by an any-hit shader",
         Bounds::Traversal,
         foliage,
+    ),
+    row(
+        "foliage micromaps",
+        "the same leaves, their outline in opacity micromaps",
+        Bounds::Traversal,
+        micromaps::ext,
+    ),
+    row(
+        "foliage khr micromaps",
+        "the same with micromaps that are acceleration structures",
+        Bounds::Traversal,
+        micromaps::khr,
     ),
     row(
         "spheres",
@@ -320,14 +333,20 @@ fn reflection(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
     traced(gpu, scale, &parts, &World::landscape(gpu, scale, 1), 1)
 }
 
-fn foliage(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
+/// The shaders of `foliage`.
+pub fn foliage_parts(scale: &Scale) -> Parts {
     let mut parts = plain(shader::FOLIAGE);
     if !scale.no_any_hit {
         let any_hit = shader::with_common(Stage::AnyHit, shader::FOLIAGE_ANY_HIT);
         parts.shaders.push((Stage::AnyHit, any_hit));
         parts.groups[2].any_hit = Some(3);
     }
-    traced(gpu, scale, &parts, &World::foliage(gpu, scale), 1)
+    parts
+}
+
+pub fn foliage(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
+    let world = World::foliage(gpu, scale);
+    traced(gpu, scale, &foliage_parts(scale), &world, 1)
 }
 
 fn spheres(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
@@ -491,8 +510,17 @@ pub fn borrowed(bindings: &[(u32, [Bound; 1])]) -> Vec<(u32, &[Bound])> {
 }
 
 pub fn pipeline(gpu: &Gpu, parts: &Parts, bindings: &[(u32, [Bound; 1])]) -> Rays {
+    pipeline_with(gpu, parts, bindings, vk::PipelineCreateFlags::empty())
+}
+
+/// As [`pipeline`], with flags.
+pub fn pipeline_with(
+    gpu: &Gpu,
+    parts: &Parts,
+    bindings: &[(u32, [Bound; 1])],
+    flags: vk::PipelineCreateFlags,
+) -> Rays {
     let set = gpu.set(&borrowed(bindings));
-    let flags = vk::PipelineCreateFlags::empty();
     gpu.rays_of_words(&parts.shaders, &parts.groups, parts.recursion, set, flags)
 }
 

@@ -70,9 +70,16 @@ impl World {
 
     /// Ground, and leaves over it that an any-hit shader cuts out.
     pub fn foliage(gpu: &Gpu, scale: &Scale) -> World {
+        World::foliage_of(gpu, scale, |leaves| {
+            gpu.bottom(&[geometry(leaves, vk::GeometryFlagsKHR::empty())])
+        })
+    }
+
+    /// The same with the structure that `below` makes of the leaves.
+    pub fn foliage_of(gpu: &Gpu, scale: &Scale, below: impl Fn(&Mesh) -> Structure) -> World {
         let (ground, leaves) = (scene::hills(scale.triangles / 4), scene::leaves(30_000));
         let ground_below = gpu.bottom(&[geometry(&ground, vk::GeometryFlagsKHR::OPAQUE)]);
-        let leaves_below = gpu.bottom(&[geometry(&leaves, vk::GeometryFlagsKHR::empty())]);
+        let leaves_below = below(&leaves);
         let top = gpu.top(&[
             Instance::of(ground_below),
             Instance {
