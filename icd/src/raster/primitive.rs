@@ -27,6 +27,18 @@ pub struct Bounds {
     pub bottom: i32,
 }
 
+impl Bounds {
+    /// The pixels of both.
+    pub fn intersection(self, other: Bounds) -> Bounds {
+        Bounds {
+            left: self.left.max(other.left),
+            top: self.top.max(other.top),
+            right: self.right.min(other.right),
+            bottom: self.bottom.min(other.bottom),
+        }
+    }
+}
+
 /// Which samples a primitive covers.
 #[derive(Clone, Copy, Debug)]
 pub enum Coverage {

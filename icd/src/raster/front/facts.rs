@@ -82,16 +82,6 @@ pub struct Facts {
     pub discard: bool,
 }
 
-/// Intersection of two bounds.
-pub fn intersect(a: Bounds, b: Bounds) -> Bounds {
-    Bounds {
-        left: a.left.max(b.left),
-        top: a.top.max(b.top),
-        right: a.right.min(b.right),
-        bottom: a.bottom.min(b.bottom),
-    }
-}
-
 /// Of a rectangle, whatever it is.
 pub fn bounds_of(rect: &vk::Rect2D) -> Bounds {
     let end = |first: i32, size: u32| first.saturating_add_unsigned(size);
@@ -134,11 +124,11 @@ impl Facts {
             .map(|(index, viewport)| {
                 let screen = Screen::new(viewport, rasterization.negative_one_to_one);
                 let scissor = viewports.scissors.get(index).map_or(area, bounds_of);
-                let scissor = intersect(scissor, area);
+                let scissor = scissor.intersection(area);
                 View {
                     screen,
                     scissor,
-                    clipped: intersect(scissor, screen.inside),
+                    clipped: scissor.intersection(screen.inside),
                 }
             })
             .collect();

@@ -6,7 +6,7 @@
 use smallvec::SmallVec;
 
 use super::clip;
-use super::facts::{View, intersect};
+use super::facts::View;
 use super::planes::{Planes, Wide};
 use super::screen::{PIXEL, ScreenVertex, code, pixels};
 use super::set_up::{Corners, Primitive, SetUp, edge, is_empty};
@@ -301,8 +301,8 @@ impl SetUp<'_> {
             right: inside.right.saturating_add(beyond),
             bottom: inside.bottom.saturating_add(beyond),
         };
-        let limits = intersect(view.scissor, inside);
-        let bounds = intersect(around, limits);
+        let limits = view.scissor.intersection(inside);
+        let bounds = around.intersection(limits);
         let length = segment.length();
         let stippled = self.stippled;
         if lines.stipple.is_some() && !lines.bresenham {

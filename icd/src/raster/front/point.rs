@@ -2,7 +2,6 @@
 
 #![forbid(unsafe_code)]
 
-use super::facts::intersect;
 use super::planes::{Planes, Wide};
 use super::screen::{PIXEL, ScreenVertex, code, pixels};
 use super::set_up::{Primitive, SetUp, edge, is_empty};
@@ -44,7 +43,7 @@ impl SetUp<'_> {
             right: end_x,
             bottom: end_y,
         };
-        let bounds = intersect(around, view.scissor);
+        let bounds = around.intersection(view.scissor);
         if is_empty(&bounds) {
             return;
         }

@@ -5,7 +5,6 @@
 use ash::vk;
 
 use super::clip;
-use super::facts::intersect;
 use super::planes::{self, Planes};
 use super::screen::{PIXEL, Screen, ScreenVertex, code, pixels};
 use super::set_up::{Corners, Primitive, SetUp, edge, is_empty};
@@ -101,7 +100,7 @@ impl SetUp<'_> {
         let [a, b, c] = vertices;
         let places = [[a.x, a.y], [b.x, b.y], [c.x, c.y]];
         let around = around(places, self.facts.centers_only);
-        let bounds = intersect(around, view.clipped);
+        let bounds = around.intersection(view.clipped);
         let area = area(places[0], places[1], places[2]);
         if is_empty(&bounds) | self.is_culled(area) {
             return;
@@ -194,7 +193,7 @@ impl SetUp<'_> {
             vk::PolygonMode::POINT => return self.corner_points(primitive, corners, front, offset),
             _ => {}
         }
-        if is_empty(&intersect(hull, view.clipped)) {
+        if is_empty(&hull.intersection(view.clipped)) {
             return;
         }
         let clipped = view.clipped;
@@ -202,7 +201,7 @@ impl SetUp<'_> {
         for pair in rest.windows(2) {
             let piece = [first, pair[0], pair[1]];
             let area = area(first, pair[0], pair[1]);
-            let bounds = intersect(around(piece, facts.centers_only), clipped);
+            let bounds = around(piece, facts.centers_only).intersection(clipped);
             // Snapped, a polygon may have a corner that points inwards: what it folds over is
             // covered by others.
             if area == 0 || (area > 0) != (whole > 0) || is_empty(&bounds) {

@@ -45,21 +45,11 @@ fn inside(rect: &vk::ClearRect, area: &vk::Rect2D, bounds: Option<&Bounds>) -> O
             bottom: end(rect.offset.y, rect.extent.height),
         }
     };
-    let mut inside = intersect(&ends(&rect.rect), &ends(area));
+    let mut inside = ends(&rect.rect).intersection(ends(area));
     if let Some(bounds) = bounds {
-        inside = intersect(&inside, bounds);
+        inside = inside.intersection(*bounds);
     }
     (inside.left < inside.right && inside.top < inside.bottom).then_some(inside)
-}
-
-/// Intersection of two bounds.
-pub fn intersect(a: &Bounds, b: &Bounds) -> Bounds {
-    Bounds {
-        left: a.left.max(b.left),
-        top: a.top.max(b.top),
-        right: a.right.min(b.right),
-        bottom: a.bottom.min(b.bottom),
-    }
 }
 
 /// Fills rows of one sample of one layer.

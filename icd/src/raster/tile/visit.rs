@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use lanes::Tier;
 use spirv_jit::interp::tinted::Sampling;
 
-use super::clear::{clear_tile, intersect};
+use super::clear::clear_tile;
 use super::coarse::{Gather, Of};
 use super::coverage::{Block, Covered, Square, convex, listed};
 use super::direct;
@@ -185,7 +185,7 @@ impl<'a> Visit<'a> {
 
     fn shape(&mut self, index: u32, chunk: &Chunk, shape: &Shape) -> Result<(), Stopped> {
         let record = &chunk.records[shape.record as usize];
-        let clip = intersect(&shape.bounds, &intersect(&self.bounds, &self.round.area));
+        let clip = (shape.bounds).intersection(self.bounds.intersection(self.round.area));
         let is_outside = clip.left >= clip.right || clip.top >= clip.bottom;
         if is_outside || record.layer >= self.round.targets.layers {
             return Ok(());
@@ -262,8 +262,8 @@ impl<'a> Visit<'a> {
         if !is_plain || !is_one {
             return Ok(false);
         }
-        let limit = intersect(&self.bounds, &self.round.area);
-        let clip = intersect(&first.bounds, &limit);
+        let limit = self.bounds.intersection(self.round.area);
+        let clip = first.bounds.intersection(limit);
         let Some(rectangle) = Rectangle::of(first, second, &clip) else {
             return Ok(false);
         };
