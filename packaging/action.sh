@@ -5,8 +5,8 @@
 #   VERSION   a release below the address RELEASES, and
 #   SHA256    the sum that its tarball must have; empty: the sum in the release's SHA256SUMS
 #
-# On Windows the shell is that of Git, and the driver is registered, too: the runner's programs are an administrator's, in which the
-# loader ignores variables.
+# On Windows the shell is that of Git, and the driver is registered, too: the runner's programs are
+# an administrator's, in which the loader ignores variables.
 #
 # RUNNER_TEMP, GITHUB_ENV, GITHUB_PATH and GITHUB_OUTPUT are the runner's.
 set -euo pipefail

@@ -3,7 +3,8 @@
 //! ```text
 //! types, constants ([`types`], [`constants`], [`fold`])  specialized, in order
 //!   └─ the entry's variables ([`interface`])
-//!        └─ functions: a tree of bodies ([`structure`], [`join_points`]), emitted along it ([`function`])
+//!        └─ functions: a tree of bodies ([`structure`], [`join_points`]), emitted along it
+//!           ([`function`])
 //!             └─ instructions by group: a table ([`instruction`]) and a file a group
 //! ```
 //!
