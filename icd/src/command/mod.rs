@@ -19,6 +19,7 @@ mod pool;
 pub mod range;
 pub mod ray_tracing;
 pub mod swept;
+mod transfer;
 
 use std::sync::Arc;
 
@@ -27,8 +28,7 @@ use smallvec::SmallVec;
 use spirv_jit::heap::Table;
 
 use crate::handle::Ref;
-use crate::object::render_pass::ResolveMode;
-use crate::object::{DescriptorSet, DescriptorSetLayout, Event, Image, Pipeline, QueryPool};
+use crate::object::{DescriptorSet, DescriptorSetLayout, Event, Pipeline, QueryPool};
 use crate::wave::mask::InvocationMask;
 
 pub use buffer::{CommandBuffer, Recording, copied};
@@ -36,6 +36,7 @@ pub use graphics::GraphicsCommand;
 pub use matrix::MatrixConversion;
 pub use pool::CommandPool;
 pub use ray_tracing::RayTracingCommand;
+pub use transfer::{Parameters, TransferCommand};
 
 crate::handle::handled!(
     CommandBuffer => CommandBuffer,
@@ -74,75 +75,6 @@ pub enum Command {
         /// Device address of a `VkDispatchIndirectCommand`.
         address: u64,
     },
-    CopyBuffer {
-        source: u64,
-        destination: u64,
-        size_bytes: u64,
-    },
-    FillBuffer {
-        address: u64,
-        size_bytes: u64,
-        word: u32,
-    },
-    UpdateBuffer {
-        address: u64,
-        bytes: Box<[u8]>,
-    },
-    CopyImage {
-        source: Ref<Image>,
-        destination: Ref<Image>,
-        regions: Vec<vk::ImageCopy>,
-    },
-    CopyBufferToImage {
-        /// Device address of the buffer's first byte.
-        source: u64,
-        destination: Ref<Image>,
-        regions: Vec<vk::BufferImageCopy>,
-    },
-    /// `vkCmdConvertCooperativeVectorMatrixNV`.
-    ConvertMatrices(Vec<MatrixConversion>),
-    /// `vkCmdCopyMemoryIndirectKHR`.
-    CopyMemoryIndirect {
-        parameters: Parameters,
-        count: u32,
-    },
-    /// `vkCmdCopyMemoryToImageIndirectKHR`; each copy is to the layers that were named when it was
-    /// recorded.
-    CopyMemoryToImageIndirect {
-        parameters: Parameters,
-        destination: Ref<Image>,
-        layers: Vec<vk::ImageSubresourceLayers>,
-    },
-    CopyImageToBuffer {
-        source: Ref<Image>,
-        /// Device address of the buffer's first byte.
-        destination: u64,
-        regions: Vec<vk::BufferImageCopy>,
-    },
-    BlitImage {
-        source: Ref<Image>,
-        destination: Ref<Image>,
-        regions: Vec<vk::ImageBlit>,
-        filter: vk::Filter,
-    },
-    ResolveImage {
-        source: Ref<Image>,
-        destination: Ref<Image>,
-        regions: Vec<vk::ImageResolve>,
-        /// Of stencil values, and of all others.
-        stencil: ResolveMode,
-        other: ResolveMode,
-    },
-    ClearColorImage {
-        image: Ref<Image>,
-        value: vk::ClearColorValue,
-        ranges: Vec<vk::ImageSubresourceRange>,
-    },
-    ClearDepthStencilImage {
-        image: Ref<Image>,
-        value: vk::ClearDepthStencilValue,
-        ranges: Vec<vk::ImageSubresourceRange>,
-    },
     ResetQueryPool {
         pool: Ref<QueryPool>,
         first: u32,
@@ -157,23 +89,9 @@ pub enum Command {
     ResetEvent(Ref<Event>),
     WaitEvents(Vec<Ref<Event>>),
     ExecuteCommands(Vec<Arc<Vec<Command>>>),
+    Transfer(TransferCommand),
     RayTracing(RayTracingCommand),
     Graphics(GraphicsCommand),
-}
-
-/// Where the parameters of commands are: device addresses.
-#[derive(Clone, Copy, Debug)]
-pub struct Parameters {
-    pub address: u64,
-    pub stride_bytes: u64,
-}
-
-impl Parameters {
-    /// The address of one command's.
-    pub fn of(&self, index: u32) -> u64 {
-        self.address
-            .wrapping_add(self.stride_bytes.wrapping_mul(index.into()))
-    }
 }
 
 /// `vkCmdBindDescriptorSets`, or pushed descriptors as a set of their own.

@@ -5,7 +5,7 @@ use ash::vk;
 
 use super::define::commands;
 use crate::VkResult;
-use crate::command::{Command, copied};
+use crate::command::{Command, TransferCommand, copied};
 use crate::ffi::{self, vk as newer};
 use crate::handle::{self, from_handle};
 use crate::object::render_pass::ResolveMode;
@@ -21,16 +21,16 @@ commands! {
         count: u32,
         regions: *const vk::ImageCopy,
     ) {
-        commands.push(Command::CopyImage {
+        commands.push(Command::Transfer(TransferCommand::CopyImage {
             source: handle::retain::<Image>(source),
             destination: handle::retain::<Image>(destination),
             regions: copied(ffi::slice(regions, count), |&region| region)?,
-        })
+        }))
     }
 
     fn vkCmdCopyImage2(commands, info: *const vk::CopyImageInfo2) {
         let info = &*info;
-        commands.push(Command::CopyImage {
+        commands.push(Command::Transfer(TransferCommand::CopyImage {
             source: handle::retain::<Image>(info.src_image),
             destination: handle::retain::<Image>(info.dst_image),
             regions: copied(ffi::slice(info.p_regions, info.region_count), |region| vk::ImageCopy {
@@ -40,7 +40,7 @@ commands! {
                 dst_offset: region.dst_offset,
                 extent: region.extent,
             })?,
-        })
+        }))
     }
 
     fn vkCmdCopyBufferToImage(
@@ -51,20 +51,20 @@ commands! {
         count: u32,
         regions: *const vk::BufferImageCopy,
     ) {
-        commands.push(Command::CopyBufferToImage {
+        commands.push(Command::Transfer(TransferCommand::CopyBufferToImage {
             source: address(source)?,
             destination: handle::retain::<Image>(destination),
             regions: copied(ffi::slice(regions, count), |&region| region)?,
-        })
+        }))
     }
 
     fn vkCmdCopyBufferToImage2(commands, info: *const vk::CopyBufferToImageInfo2) {
         let info = &*info;
-        commands.push(Command::CopyBufferToImage {
+        commands.push(Command::Transfer(TransferCommand::CopyBufferToImage {
             source: address(info.src_buffer)?,
             destination: handle::retain::<Image>(info.dst_image),
             regions: copied(ffi::slice(info.p_regions, info.region_count), buffer_image_copy)?,
-        })
+        }))
     }
 
     fn vkCmdCopyImageToBuffer(
@@ -75,20 +75,20 @@ commands! {
         count: u32,
         regions: *const vk::BufferImageCopy,
     ) {
-        commands.push(Command::CopyImageToBuffer {
+        commands.push(Command::Transfer(TransferCommand::CopyImageToBuffer {
             source: handle::retain::<Image>(source),
             destination: address(destination)?,
             regions: copied(ffi::slice(regions, count), |&region| region)?,
-        })
+        }))
     }
 
     fn vkCmdCopyImageToBuffer2(commands, info: *const vk::CopyImageToBufferInfo2) {
         let info = &*info;
-        commands.push(Command::CopyImageToBuffer {
+        commands.push(Command::Transfer(TransferCommand::CopyImageToBuffer {
             source: handle::retain::<Image>(info.src_image),
             destination: address(info.dst_buffer)?,
             regions: copied(ffi::slice(info.p_regions, info.region_count), buffer_image_copy)?,
-        })
+        }))
     }
 
     fn vkCmdBlitImage(
@@ -101,17 +101,17 @@ commands! {
         regions: *const vk::ImageBlit,
         filter: vk::Filter,
     ) {
-        commands.push(Command::BlitImage {
+        commands.push(Command::Transfer(TransferCommand::BlitImage {
             source: handle::retain::<Image>(source),
             destination: handle::retain::<Image>(destination),
             regions: copied(ffi::slice(regions, count), |&region| region)?,
             filter,
-        })
+        }))
     }
 
     fn vkCmdBlitImage2(commands, info: *const vk::BlitImageInfo2) {
         let info = &*info;
-        commands.push(Command::BlitImage {
+        commands.push(Command::Transfer(TransferCommand::BlitImage {
             source: handle::retain::<Image>(info.src_image),
             destination: handle::retain::<Image>(info.dst_image),
             regions: copied(ffi::slice(info.p_regions, info.region_count), |region| vk::ImageBlit {
@@ -121,7 +121,7 @@ commands! {
                 dst_offsets: region.dst_offsets,
             })?,
             filter: info.filter,
-        })
+        }))
     }
 
     fn vkCmdResolveImage(
@@ -133,13 +133,13 @@ commands! {
         count: u32,
         regions: *const vk::ImageResolve,
     ) {
-        commands.push(Command::ResolveImage {
+        commands.push(Command::Transfer(TransferCommand::ResolveImage {
             source: handle::retain::<Image>(source),
             destination: handle::retain::<Image>(destination),
             regions: copied(ffi::slice(regions, count), |&region| region)?,
             stencil: ResolveMode::linear(vk::ResolveModeFlags::SAMPLE_ZERO),
             other: ResolveMode::AVERAGE,
-        })
+        }))
     }
 
     fn vkCmdResolveImage2(commands, info: *const vk::ResolveImageInfo2) {
@@ -154,7 +154,7 @@ commands! {
             };
             stencil = modes.stencil_resolve_mode;
         }
-        commands.push(Command::ResolveImage {
+        commands.push(Command::Transfer(TransferCommand::ResolveImage {
             source: handle::retain::<Image>(info.src_image),
             destination: handle::retain::<Image>(info.dst_image),
             regions: copied(ffi::slice(info.p_regions, info.region_count), |region| vk::ImageResolve {
@@ -166,7 +166,7 @@ commands! {
             })?,
             stencil: ResolveMode::linear(stencil),
             other,
-        })
+        }))
     }
 
     fn vkCmdClearColorImage(
@@ -177,11 +177,11 @@ commands! {
         count: u32,
         ranges: *const vk::ImageSubresourceRange,
     ) {
-        commands.push(Command::ClearColorImage {
+        commands.push(Command::Transfer(TransferCommand::ClearColorImage {
             image: handle::retain::<Image>(image),
             value: *value,
             ranges: copied(ffi::slice(ranges, count), |&range| range)?,
-        })
+        }))
     }
 
     fn vkCmdClearDepthStencilImage(
@@ -192,11 +192,11 @@ commands! {
         count: u32,
         ranges: *const vk::ImageSubresourceRange,
     ) {
-        commands.push(Command::ClearDepthStencilImage {
+        commands.push(Command::Transfer(TransferCommand::ClearDepthStencilImage {
             image: handle::retain::<Image>(image),
             value: *value,
             ranges: copied(ffi::slice(ranges, count), |&range| range)?,
-        })
+        }))
     }
 }
 

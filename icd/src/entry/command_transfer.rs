@@ -4,7 +4,7 @@ use ash::vk;
 
 use super::define::commands;
 use crate::VkResult;
-use crate::command::{Command, Recording, copied};
+use crate::command::{Command, Recording, TransferCommand, copied};
 use crate::ffi;
 use crate::handle;
 use crate::object::Buffer;
@@ -41,7 +41,7 @@ commands! {
     ) {
         // With VK_WHOLE_SIZE the bytes after the last whole word stay as they are.
         let (address, size_bytes) = handle::from_handle::<Buffer>(buffer).range(offset, size_bytes)?;
-        commands.push(Command::FillBuffer { address: address as u64, size_bytes, word })
+        commands.push(Command::Transfer(TransferCommand::FillBuffer { address: address as u64, size_bytes, word }))
     }
 
     fn vkCmdUpdateBuffer(
@@ -55,7 +55,7 @@ commands! {
         // At most 65,536 bytes (VUID-vkCmdUpdateBuffer-dataSize-00037).
         let bytes = ffi::slice::<u8>(data.cast(), size_bytes as u32);
         let bytes = copied(bytes, |&byte| byte)?.into();
-        commands.push(Command::UpdateBuffer { address: address as u64, bytes })
+        commands.push(Command::Transfer(TransferCommand::UpdateBuffer { address: address as u64, bytes }))
     }
 }
 
@@ -76,9 +76,9 @@ unsafe fn copy_buffer(
     };
     let (source, _) = source.range(region.src_offset, region.size)?;
     let (destination, size_bytes) = destination.range(region.dst_offset, region.size)?;
-    commands.push(Command::CopyBuffer {
+    commands.push(Command::Transfer(TransferCommand::CopyBuffer {
         source: source as u64,
         destination: destination as u64,
         size_bytes,
-    })
+    }))
 }

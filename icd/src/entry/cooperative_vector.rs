@@ -3,7 +3,7 @@
 use spirv_jit::reach::Reach;
 
 use super::define::{commands, entry};
-use crate::command::Command;
+use crate::command::{Command, TransferCommand};
 use crate::decode::matrix::{conversion, destination};
 use crate::ffi::enumerate::enumerate_with;
 use crate::ffi::{slice, vk};
@@ -55,6 +55,6 @@ commands! {
             let fits = to.size_bytes() <= *info.p_dst_size as u64;
             conversion(info, info.src_data.device_address, to).filter(|_| fits)
         });
-        commands.push(Command::ConvertMatrices(conversions.collect()))
+        commands.push(Command::Transfer(TransferCommand::ConvertMatrices(conversions.collect())))
     }
 }

@@ -5,7 +5,7 @@
 use super::acceleration_structure::create;
 use super::define::{commands, entry};
 use crate::VkResult;
-use crate::command::{Command, CopyQueryPoolResults, Parameters, Recording};
+use crate::command::{Command, CopyQueryPoolResults, Parameters, Recording, TransferCommand};
 use crate::device::Device;
 use crate::ffi;
 use crate::ffi::vk;
@@ -18,11 +18,11 @@ fn copy_memory(commands: &mut Recording, copy: &vk::DeviceMemoryCopyKHR<'_>) -> 
     if source.address == 0 || destination.address == 0 {
         return Ok(());
     }
-    commands.push(Command::CopyBuffer {
+    commands.push(Command::Transfer(TransferCommand::CopyBuffer {
         source: source.address,
         destination: destination.address,
         size_bytes: source.size.min(destination.size),
-    })
+    }))
 }
 
 /// The copy that a region stands for, from or to the start of its range.
@@ -65,19 +65,19 @@ fn parameters(range: vk::StridedDeviceAddressRangeKHR) -> Parameters {
 commands! {
     fn vkCmdCopyMemoryIndirectKHR(commands, info: *const vk::CopyMemoryIndirectInfoKHR<'_>) {
         let info = &*info;
-        commands.push(Command::CopyMemoryIndirect {
+        commands.push(Command::Transfer(TransferCommand::CopyMemoryIndirect {
             parameters: parameters(info.copy_address_range),
             count: info.copy_count,
-        })
+        }))
     }
 
     fn vkCmdCopyMemoryToImageIndirectKHR(commands, info: *const vk::CopyMemoryToImageIndirectInfoKHR<'_>) {
         let info = &*info;
-        commands.push(Command::CopyMemoryToImageIndirect {
+        commands.push(Command::Transfer(TransferCommand::CopyMemoryToImageIndirect {
             parameters: parameters(info.copy_address_range),
             destination: retain::<Image>(info.dst_image),
             layers: ffi::slice(info.p_image_subresources, info.copy_count).to_vec(),
-        })
+        }))
     }
 
     fn vkCmdCopyMemoryKHR(commands, info: *const vk::CopyDeviceMemoryInfoKHR<'_>) {
@@ -88,22 +88,22 @@ commands! {
     fn vkCmdCopyMemoryToImageKHR(commands, info: *const vk::CopyDeviceMemoryImageInfoKHR<'_>) {
         let regions = ffi::slice((*info).p_regions, (*info).region_count);
         regions.iter().filter(|region| region.address_range.address != 0).try_for_each(|region| {
-            commands.push(Command::CopyBufferToImage {
+            commands.push(Command::Transfer(TransferCommand::CopyBufferToImage {
                 source: region.address_range.address,
                 destination: retain::<Image>((*info).image),
                 regions: vec![image_copy(region)],
-            })
+            }))
         })
     }
 
     fn vkCmdCopyImageToMemoryKHR(commands, info: *const vk::CopyDeviceMemoryImageInfoKHR<'_>) {
         let regions = ffi::slice((*info).p_regions, (*info).region_count);
         regions.iter().filter(|region| region.address_range.address != 0).try_for_each(|region| {
-            commands.push(Command::CopyImageToBuffer {
+            commands.push(Command::Transfer(TransferCommand::CopyImageToBuffer {
                 source: retain::<Image>((*info).image),
                 destination: region.address_range.address,
                 regions: vec![image_copy(region)],
-            })
+            }))
         })
     }
 
@@ -119,7 +119,7 @@ commands! {
             return Ok(());
         }
         let bytes = ffi::slice::<u8>(data.cast(), size_bytes.min(range.size) as u32).into();
-        commands.push(Command::UpdateBuffer { address: range.address, bytes })
+        commands.push(Command::Transfer(TransferCommand::UpdateBuffer { address: range.address, bytes }))
     }
 
     fn vkCmdFillMemoryKHR(
@@ -132,7 +132,7 @@ commands! {
         if address == 0 {
             return Ok(());
         }
-        commands.push(Command::FillBuffer { address, size_bytes: size, word })
+        commands.push(Command::Transfer(TransferCommand::FillBuffer { address, size_bytes: size, word }))
     }
 
     fn vkCmdDispatchIndirect2KHR(commands, info: *const vk::DispatchIndirect2InfoKHR<'_>) {

@@ -8,21 +8,6 @@
 //! `vkCmdPipelineBarrier` requires. Image layouts have no meaning, since images have one storage
 //! layout, and one queue family needs no ownership transfers. Of the synchronization commands only
 //! events remain, which queues and the host can wait for.
-//!
-//! Each kind of work is a function of what the command holds. Those on images take the objects and
-//! the regions as recorded:
-//!
-//! ```text
-//! copy::copy_image(workers: &Workers, source: &Image, destination: &Image, region: &vk::ImageCopy)
-//! copy::copy_buffer_to_image(workers: &Workers, source: u64, destination: &Image, region: &vk::BufferImageCopy)
-//! copy::copy_image_to_buffer(workers: &Workers, source: &Image, destination: u64, region: &vk::BufferImageCopy)
-//! blit::blit_image(workers: &Workers, source: &Image, destination: &Image, region: &vk::ImageBlit, filter: vk::Filter)
-//! resolve::resolve_image(source: &Image, destination: &Image, region: &vk::ImageResolve)
-//! clear::clear_color_image(image: &Image, value: &vk::ClearColorValue, range: &vk::ImageSubresourceRange)
-//! clear::clear_depth_stencil_image(image: &Image, value: &vk::ClearDepthStencilValue, range: &vk::ImageSubresourceRange)
-//! ```
-//!
-//! Buffers are device addresses of their first byte.
 
 pub mod bindings;
 mod capture;
@@ -34,6 +19,7 @@ pub mod query;
 pub mod ray_tracing;
 mod samples;
 mod spans;
+mod transfer;
 
 use std::sync::Arc;
 
@@ -42,12 +28,10 @@ use spirv_jit::Program;
 use spirv_jit::reach::Strays;
 
 use crate::capture::{self as recording, Recording};
-use crate::command::{Command, MatrixConversion, Parameters, RayTracingCommand};
+use crate::command::{Command, RayTracingCommand};
 use crate::compute;
-use crate::object::Image;
 use crate::object::pipeline::PipelineKind;
 use crate::timeline::{self, Kind};
-use crate::transfer::{blit, buffer, clear, copy, matrix, resolve};
 use crate::validate::{Caller, Checks};
 use crate::wave::{Fault, Stopped, StoppedAt, reachable};
 use graphics::{Current, DrawContext, Drawing};
@@ -118,13 +102,13 @@ fn replay<'a>(
     let depth = drawing.spans.depth();
     (drawing.spans).begin(Kind::CommandBuffer, || spans::command_buffer(commands));
     let performed = commands.iter().try_for_each(|command| {
-        let painter = DrawContext {
+        let context = DrawContext {
             engine,
             bindings: &mut bindings,
             current: &mut current,
             drawing: &mut *drawing,
         };
-        perform(painter, command)
+        perform(context, command)
     });
     if drawing.spans.depth() > depth {
         // Draws that wait belong to the command buffer that they are in.
@@ -153,17 +137,17 @@ fn sees_pictures(command: &Command) -> bool {
 }
 
 /// Performs one command. The table of commands: a row each, the work in named functions.
-fn perform<'a>(mut painter: DrawContext<'_, 'a>, command: &'a Command) -> Result<(), Failure> {
+fn perform<'a>(mut context: DrawContext<'_, 'a>, command: &'a Command) -> Result<(), Failure> {
     if sees_pictures(command) {
-        painter.drawing.flush(painter.engine)?;
+        context.drawing.flush(context.engine)?;
     }
-    let (engine, bindings) = (painter.engine, &mut *painter.bindings);
+    let (engine, bindings) = (context.engine, &mut *context.bindings);
     match command {
-        Command::Mark(mark) => spans::mark(&mut painter.drawing.spans, mark),
+        Command::Mark(mark) => spans::mark(&mut context.drawing.spans, mark),
         Command::BindPipeline(pipeline) => {
             bindings.bind_pipeline(pipeline);
             if let PipelineKind::Graphics(pipeline) = &pipeline.kind {
-                painter.current.bind_pipeline(pipeline);
+                context.current.bind_pipeline(pipeline);
             }
         }
         Command::BindDescriptorSets(bind) => bindings.bind_descriptor_sets(bind),
@@ -172,99 +156,18 @@ fn perform<'a>(mut painter: DrawContext<'_, 'a>, command: &'a Command) -> Result
         &Command::BindInvocationMask(mask) => bindings.invocation_mask = mask,
         &Command::SetRayTracingStackSize(bytes) => bindings.stack_bytes = Some(bytes),
         Command::PushConstants { offset, bytes } => bindings.push_constants(*offset, bytes),
-        &Command::Dispatch { base, count } => run_dispatch(&mut painter, base, count)?,
+        &Command::Dispatch { base, count } => run_dispatch(&mut context, base, count)?,
         &Command::DispatchIndirect { address } => {
             // SAFETY: the queue's commands are performed one after the other: nothing writes the
             // parameters now.
             if let Some(count) = unsafe { reachable::read(&engine.memory.reach(), address) } {
-                run_dispatch(&mut painter, [0; 3], count)?;
+                run_dispatch(&mut context, [0; 3], count)?;
             }
         }
-        &Command::CopyBuffer {
-            source,
-            destination,
-            size_bytes,
-        } => buffer::copy(&engine.memory.reach(), source, destination, size_bytes),
-        &Command::FillBuffer {
-            address,
-            size_bytes,
-            word,
-        } => buffer::fill(&engine.memory.reach(), address, size_bytes, word),
-        Command::UpdateBuffer { address, bytes } => {
-            buffer::update(&engine.memory.reach(), *address, bytes);
-        }
-        Command::CopyImage {
-            source,
-            destination,
-            regions,
-        } => regions
-            .iter()
-            .for_each(|region| copy::copy_image(&engine.workers, source, destination, region)),
-        Command::CopyBufferToImage {
-            source,
-            destination,
-            regions,
-        } => regions
-            .iter()
-            .filter(|region| has_bytes(engine, *source, destination, region))
-            .for_each(|region| {
-                copy::copy_buffer_to_image(&engine.workers, *source, destination, region);
-            }),
-        Command::ConvertMatrices(conversions) => convert_matrices(engine, conversions)?,
-        &Command::CopyMemoryIndirect { parameters, count } => {
-            copy_indirect(engine, parameters, count)?;
-        }
-        Command::CopyMemoryToImageIndirect {
-            parameters,
-            destination,
-            layers,
-        } => copy_to_image_indirect(engine, *parameters, destination, layers),
-        Command::CopyImageToBuffer {
-            source,
-            destination,
-            regions,
-        } => regions
-            .iter()
-            .filter(|region| has_bytes(engine, *destination, source, region))
-            .for_each(|region| {
-                copy::copy_image_to_buffer(&engine.workers, source, *destination, region);
-            }),
-        Command::BlitImage {
-            source,
-            destination,
-            regions,
-            filter,
-        } => regions.iter().for_each(|region| {
-            blit::blit_image(&engine.workers, source, destination, region, *filter);
-        }),
-        Command::ResolveImage {
-            source,
-            destination,
-            regions,
-            stencil,
-            other,
-        } => engine.workers.install(|| {
-            for region in regions {
-                resolve::resolve_image(source, destination, region, *stencil, *other);
-            }
-        }),
-        Command::ClearColorImage {
-            image,
-            value,
-            ranges,
-        } => ranges
-            .iter()
-            .for_each(|range| clear::clear_color_image(image, value, range)),
-        Command::ClearDepthStencilImage {
-            image,
-            value,
-            ranges,
-        } => ranges
-            .iter()
-            .for_each(|range| clear::clear_depth_stencil_image(image, value, range)),
+        Command::Transfer(command) => transfer::perform(engine, command)?,
         Command::ResetQueryPool { pool, first, count } => pool.reset(*first, *count),
         Command::WriteTimestamp { pool, query } => {
-            painter
+            context
                 .drawing
                 .write_timestamp(pool, *query, timestamp_ns());
         }
@@ -280,33 +183,26 @@ fn perform<'a>(mut painter: DrawContext<'_, 'a>, command: &'a Command) -> Result
             wait_for(engine, || events.iter().all(|event| event.is_set()))?;
         }
         Command::ExecuteCommands(buffers) => {
-            let drawing = &mut *painter.drawing;
+            let drawing = &mut *context.drawing;
             buffers
                 .iter()
                 .try_for_each(|list| replay(engine, drawing, list))?;
         }
         Command::RayTracing(command) => run_ray_tracing(engine, bindings, command)?,
-        Command::Graphics(command) => painter.perform(command)?,
+        Command::Graphics(command) => context.perform(command)?,
     }
     Ok(())
 }
 
-/// Whether there is memory for what a region touches of a buffer.
-fn has_bytes(engine: &Engine, buffer: u64, image: &Image, region: &vk::BufferImageCopy) -> bool {
-    let start = buffer.wrapping_add(region.buffer_offset);
-    copy::buffer_size_bytes(image, region)
-        .is_some_and(|bytes| bytes == 0 || engine.memory.reach().contains(start, bytes))
-}
-
 fn run_dispatch(
-    painter: &mut DrawContext<'_, '_>,
+    context: &mut DrawContext<'_, '_>,
     base: [u32; 3],
     count: [u32; 3],
 ) -> Result<(), Failure> {
-    if painter.drawing.skips {
+    if context.drawing.skips {
         return Ok(());
     }
-    let (engine, bindings) = (painter.engine, &mut *painter.bindings);
+    let (engine, bindings) = (context.engine, &mut *context.bindings);
     let surroundings = engine.surroundings();
     let bind_point = vk::PipelineBindPoint::COMPUTE;
     let Some((pipeline, mut environment)) = bindings.environment(bind_point, count, &surroundings)
@@ -346,12 +242,12 @@ fn run_dispatch(
     }
     check_aborted(engine, std::iter::once(program))?;
     ran.map_err(|why| limits.fault(why))?;
-    if !painter.drawing.queries.is_empty() {
+    if !context.drawing.queries.is_empty() {
         let sizes = count.into_iter().chain(program.local_size());
         let invocations = sizes.fold(1u64, |product, size| {
             product.saturating_mul(u64::from(size))
         });
-        for query in &mut painter.drawing.queries {
+        for query in &mut context.drawing.queries {
             query.compute_invocations = query.compute_invocations.saturating_add(invocations);
         }
     }
@@ -399,80 +295,6 @@ fn check_aborted<'a>(
         ..Stopped::Aborted.into()
     }
     .into())
-}
-
-fn convert_matrices(engine: &Engine, conversions: &[MatrixConversion]) -> Result<(), Failure> {
-    let limits = engine.limits();
-    for conversion in conversions {
-        limits.check()?;
-        // SAFETY: what is in reach is memory; the queue's commands are performed one after the
-        // other.
-        unsafe { matrix::convert(conversion, &engine.memory.reach()) };
-    }
-    Ok(())
-}
-
-/// Copies whose parameters (`VkCopyMemoryIndirectCommandKHR`) are in memory. Those that are not
-/// there copy nothing.
-fn copy_indirect(engine: &Engine, parameters: Parameters, count: u32) -> Result<(), Failure> {
-    let limits = engine.limits();
-    for index in 0..count {
-        limits.check()?;
-        let reach = engine.memory.reach();
-        // SAFETY: the queue's commands are performed one after the other; any bytes are numbers.
-        let copy = unsafe { reachable::read::<[u64; 3]>(&reach, parameters.of(index)) };
-        if let Some([source, destination, size_bytes]) = copy {
-            buffer::copy(&reach, source, destination, size_bytes);
-        }
-    }
-    Ok(())
-}
-
-/// The same, to an image (`VkCopyMemoryToImageIndirectCommandKHR`). The recorded layers name the
-/// slices of a 3D image, in place of the offset and extent in memory
-/// (`vkCmdCopyMemoryToImageIndirectKHR`).
-fn copy_to_image_indirect(
-    engine: &Engine,
-    parameters: Parameters,
-    destination: &Image,
-    layers: &[vk::ImageSubresourceLayers],
-) {
-    /// A copy within memory, for any purpose.
-    #[repr(C)]
-    #[derive(Clone, Copy)]
-    struct Copy {
-        source: u64,
-        row_length: u32,
-        image_height: u32,
-        layers: [u32; 4],
-        offset: [i32; 3],
-        extent: [u32; 3],
-    }
-    for (&layers, index) in layers.iter().zip(0..) {
-        // SAFETY: as above.
-        let copy = unsafe { reachable::read::<Copy>(&engine.memory.reach(), parameters.of(index)) };
-        let Some(copy) = copy else { continue };
-        let ([x, y, mut z], [width, height, mut depth]) = (copy.offset, copy.extent);
-        if destination.image_type == vk::ImageType::TYPE_3D {
-            z = layers.base_array_layer as i32;
-            depth = destination.slice_count(&layers);
-        }
-        let region = vk::BufferImageCopy {
-            buffer_offset: 0,
-            buffer_row_length: copy.row_length,
-            buffer_image_height: copy.image_height,
-            image_subresource: layers,
-            image_offset: vk::Offset3D { x, y, z },
-            image_extent: vk::Extent3D {
-                width,
-                height,
-                depth,
-            },
-        };
-        if has_bytes(engine, copy.source, destination, &region) {
-            copy::copy_buffer_to_image(&engine.workers, copy.source, destination, &region);
-        }
-    }
 }
 
 /// Commands of the ray tracing extensions.

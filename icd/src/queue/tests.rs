@@ -7,7 +7,7 @@ use spirv_jit::Program;
 use spirv_jit::ir::text::parse_module;
 
 use super::{Queue, Submission};
-use crate::command::Command;
+use crate::command::{Command, TransferCommand};
 use crate::execute::{Engine, Watch};
 use crate::handle::{self, Ref};
 use crate::object::captured::Captured;
@@ -33,11 +33,11 @@ fn wait(engine: &Engine, fence: &Fence) -> crate::VkResult {
 type BufferWords = [AtomicU32; 5];
 
 fn fill(words: &[AtomicU32], word: u32) -> Arc<Vec<Command>> {
-    Arc::new(vec![Command::FillBuffer {
+    Arc::new(vec![Command::Transfer(TransferCommand::FillBuffer {
         address: words.as_ptr() as u64,
         size_bytes: size_of_val(words) as u64,
         word,
-    }])
+    })])
 }
 
 #[test]
@@ -53,11 +53,13 @@ fn a_wait_may_be_submitted_before_its_signal() {
     let (source, copy) = (BufferWords::default(), BufferWords::default());
     let waits_for_both = Submission {
         waits: vec![(Arc::clone(&timeline), 7), (Arc::clone(&binary), 0)],
-        commands: vec![Arc::new(vec![Command::CopyBuffer {
-            source: source.as_ptr() as u64,
-            destination: copy.as_ptr() as u64,
-            size_bytes: 20,
-        }])],
+        commands: vec![Arc::new(vec![Command::Transfer(
+            TransferCommand::CopyBuffer {
+                source: source.as_ptr() as u64,
+                destination: copy.as_ptr() as u64,
+                size_bytes: 20,
+            },
+        )])],
         fence: Some(Arc::clone(&fence)),
         ..Submission::default()
     };
