@@ -1,17 +1,18 @@
-//! `VkPhysicalDeviceProperties2` and what extends it. What several structures say is written once,
-//! in the core ones.
+//! `VkPhysicalDeviceProperties2` and the structures that extend it. A value that several structures
+//! share is written once, in the core one.
 
-use ash::vk::TaggedStructure;
+mod structures;
+
 use spirv_jit::SUBGROUP_SIZE;
-use spirv_jit::abort::MAX_MESSAGE_BYTES;
 use spirv_jit::environment::{Descriptor, MAX_SETS};
 use spirv_jit::heap::DESCRIPTOR_BYTES;
-use spirv_jit::ir::op::VectorProduct;
 use spirv_jit::program::{MAX_CAPTURE_BUFFERS, MAX_STREAMS};
 
 use super::limits::{self, API_VERSION, CAPTURE_BYTES, HANDLE_SIZE};
-use crate::ffi::{array, chain, enumerate, vk};
+use crate::ffi::{array, vk};
 use crate::settings;
+
+pub use structures::fill_chain;
 
 /// Stages whose shaders may use subgroup operations.
 const SUBGROUP_STAGES: vk::ShaderStageFlags = vk::ShaderStageFlags::from_raw(
@@ -37,7 +38,7 @@ const DRIVER_UUID: [u8; vk::UUID_SIZE] = *b"tuff-driver-0001";
 /// Identifies the device: the host CPU as this driver presents it.
 const DEVICE_UUID: [u8; vk::UUID_SIZE] = *b"tuff-cpu-device1";
 
-/// Names the form of pipeline cache data: programs of another compiler are not this one's.
+/// Identifies the form of pipeline cache data: it changes with the compiler's sources.
 pub fn pipeline_cache_uuid() -> [u8; vk::UUID_SIZE] {
     let mut uuid = *b"tuff/00000000000";
     // The build script's hash of the compiler's sources.
@@ -47,7 +48,7 @@ pub fn pipeline_cache_uuid() -> [u8; vk::UUID_SIZE] {
     uuid
 }
 
-/// Our own numbers: no vendor and no device of anyone's registry is claimed.
+/// Numbers of no registry: the driver claims no registered vendor or device.
 pub const VENDOR_ID: u32 = 0;
 pub const DEVICE_ID: u32 = 1;
 
@@ -109,7 +110,7 @@ fn vulkan12() -> vk::PhysicalDeviceVulkan12Properties<'static> {
     let stencil_resolves =
         vk::ResolveModeFlags::SAMPLE_ZERO | vk::ResolveModeFlags::MIN | vk::ResolveModeFlags::MAX;
     let mut properties = vk::PhysicalDeviceVulkan12Properties {
-        // No registered driver, and no conformance is claimed but what the user asks for.
+        // No registered driver, and no conformance except the version that the user asks for.
         driver_id: vk::DriverId::from_raw(0),
         conformance_version: settings::checked().map_or_else(
             |_| vk::ConformanceVersion::default(),
@@ -199,7 +200,7 @@ fn vulkan13() -> vk::PhysicalDeviceVulkan13Properties<'static> {
     }
 }
 
-/// All but what [`copy_layouts`] gives.
+/// All members except the layouts for host copies, which [`fill_chain`] writes.
 fn vulkan14() -> vk::PhysicalDeviceVulkan14Properties<'static> {
     use vk::PipelineRobustnessBufferBehaviorEXT as Buffers;
     vk::PhysicalDeviceVulkan14Properties {
@@ -418,363 +419,5 @@ fn invocation_reorder() -> vk::PhysicalDeviceRayTracingInvocationReorderProperti
             vk::RayTracingInvocationReorderModeNV::REORDER,
         max_shader_binding_table_record_index: u32::MAX,
         ..Default::default()
-    }
-}
-
-/// Every layout but `UNDEFINED`.
-const COPY_LAYOUTS: [vk::ImageLayout; 21] = [
-    vk::ImageLayout::GENERAL,
-    vk::ImageLayout::PREINITIALIZED,
-    vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL,
-    vk::ImageLayout::DEPTH_STENCIL_ATTACHMENT_OPTIMAL,
-    vk::ImageLayout::DEPTH_STENCIL_READ_ONLY_OPTIMAL,
-    vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL,
-    vk::ImageLayout::TRANSFER_SRC_OPTIMAL,
-    vk::ImageLayout::TRANSFER_DST_OPTIMAL,
-    vk::ImageLayout::DEPTH_READ_ONLY_STENCIL_ATTACHMENT_OPTIMAL,
-    vk::ImageLayout::DEPTH_ATTACHMENT_STENCIL_READ_ONLY_OPTIMAL,
-    vk::ImageLayout::DEPTH_ATTACHMENT_OPTIMAL,
-    vk::ImageLayout::DEPTH_READ_ONLY_OPTIMAL,
-    vk::ImageLayout::STENCIL_ATTACHMENT_OPTIMAL,
-    vk::ImageLayout::STENCIL_READ_ONLY_OPTIMAL,
-    vk::ImageLayout::READ_ONLY_OPTIMAL,
-    vk::ImageLayout::ATTACHMENT_OPTIMAL,
-    vk::ImageLayout::RENDERING_LOCAL_READ_KHR,
-    vk::ImageLayout::ATTACHMENT_FEEDBACK_LOOP_OPTIMAL_EXT,
-    vk::ImageLayout::PRESENT_SRC_KHR,
-    vk::ImageLayout::SHARED_PRESENT_KHR,
-    vk::ImageLayout::FRAGMENT_SHADING_RATE_ATTACHMENT_OPTIMAL_KHR,
-];
-
-/// The host copy layouts of [`vulkan14`] and `VkPhysicalDeviceHostImageCopyProperties`: counted
-/// arrays of layouts, each filled if there is one.
-macro_rules! copy_layouts {
-    ($out:expr) => {{
-        let out = $out;
-        // Too few elements are no error here.
-        let (count, layouts) = (&mut out.copy_src_layout_count, out.p_copy_src_layouts);
-        let _ = enumerate(count, layouts, COPY_LAYOUTS.into_iter());
-        let (count, layouts) = (&mut out.copy_dst_layout_count, out.p_copy_dst_layouts);
-        let _ = enumerate(count, layouts, COPY_LAYOUTS.into_iter());
-        // All tilings are stored linearly.
-        out.optimal_tiling_layout_uuid = *b"tuff-image-rows1";
-        out.identical_memory_type_requirements = vk::TRUE;
-    }};
-}
-
-/// Answers structures: `Type(source) { field, field: source_field, … }` copies fields,
-/// `Type(source)` all of them.
-macro_rules! answer {
-    ($node:expr; $($structure:ident($source:expr) $({$($field:ident $(: $from:ident)?),* $(,)?})?;)*) => {
-        match (*$node).s_type {
-            $(<vk::$structure<'_> as vk::TaggedStructure>::STRUCTURE_TYPE => {
-                #[allow(unused_mut)]
-                let mut source = $source;
-                let out = &mut *$node.cast::<vk::$structure<'_>>();
-                answer!(@copy out source $({$($field $(: $from)?),*})?);
-            })*
-            _ => {}
-        }
-    };
-    (@copy $out:ident $source:ident {$($field:ident $(: $from:ident)?),*}) => {
-        $($out.$field = answer!(@field $source $field $($from)?);)*
-    };
-    (@copy $out:ident $source:ident) => {
-        $source.p_next = $out.p_next;
-        *$out = $source;
-    };
-    (@field $source:ident $field:ident $from:ident) => { $source.$from };
-    (@field $source:ident $field:ident) => { $source.$field };
-}
-
-/// Answers every property structure of an output chain.
-///
-/// # Safety
-/// As [`chain::nodes_mut`].
-pub unsafe fn fill_chain(machine: &Machine, next: *mut std::ffi::c_void) {
-    // SAFETY: the caller's promise; the type word says what a structure is.
-    unsafe {
-        for node in chain::nodes_mut(next) {
-            fill(machine, node);
-        }
-    }
-}
-
-/// # Safety
-/// `node` is a structure of the type that its `sType` says.
-unsafe fn fill(machine: &Machine, node: *mut vk::BaseOutStructure<'static>) {
-    // SAFETY: the caller's promise.
-    unsafe {
-        let ty = (*node).s_type;
-        if ty == vk::PhysicalDeviceHostImageCopyPropertiesEXT::STRUCTURE_TYPE {
-            copy_layouts!(&mut *node.cast::<vk::PhysicalDeviceHostImageCopyPropertiesEXT<'_>>());
-        } else if ty == vk::PhysicalDeviceVulkan14Properties::STRUCTURE_TYPE {
-            copy_layouts!(&mut *node.cast::<vk::PhysicalDeviceVulkan14Properties<'_>>());
-        }
-        answer! { node;
-            PhysicalDeviceVulkan11Properties(vulkan11(machine));
-            PhysicalDeviceVulkan12Properties(vulkan12());
-            PhysicalDeviceVulkan13Properties(vulkan13());
-            PhysicalDeviceVulkan14Properties(vulkan14()) {
-                line_sub_pixel_precision_bits, max_vertex_attrib_divisor, supports_non_zero_first_instance, max_push_descriptors,
-                dynamic_rendering_local_read_depth_stencil_attachments, dynamic_rendering_local_read_multisampled_attachments,
-                early_fragment_multisample_coverage_after_sample_counting, early_fragment_sample_mask_test_before_sample_counting,
-                depth_stencil_swizzle_one_support, polygon_mode_point_size,
-                non_strict_single_pixel_wide_lines_use_parallelogram, non_strict_wide_lines_use_parallelogram,
-                block_texel_view_compatible_multiple_layers, max_combined_image_sampler_descriptor_count,
-                fragment_shading_rate_clamp_combiner_inputs,
-                default_robustness_storage_buffers, default_robustness_uniform_buffers, default_robustness_vertex_inputs,
-                default_robustness_images,
-            };
-            PhysicalDeviceIDProperties(vulkan11(machine)) {
-                device_uuid, driver_uuid, device_luid, device_node_mask, device_luid_valid,
-            };
-            PhysicalDeviceSubgroupProperties(vulkan11(machine)) {
-                subgroup_size,
-                supported_stages: subgroup_supported_stages,
-                supported_operations: subgroup_supported_operations,
-                quad_operations_in_all_stages: subgroup_quad_operations_in_all_stages,
-            };
-            PhysicalDevicePointClippingProperties(vulkan11(machine)) { point_clipping_behavior };
-            PhysicalDeviceMultiviewProperties(vulkan11(machine)) { max_multiview_view_count, max_multiview_instance_index };
-            PhysicalDeviceProtectedMemoryProperties(vulkan11(machine)) { protected_no_fault };
-            PhysicalDeviceMaintenance3Properties(vulkan11(machine)) { max_per_set_descriptors, max_memory_allocation_size };
-            PhysicalDeviceDriverProperties(vulkan12()) { driver_id, driver_name, driver_info, conformance_version };
-            PhysicalDeviceFloatControlsProperties(vulkan12()) {
-                denorm_behavior_independence, rounding_mode_independence,
-                shader_signed_zero_inf_nan_preserve_float16, shader_signed_zero_inf_nan_preserve_float32,
-                shader_signed_zero_inf_nan_preserve_float64,
-                shader_denorm_preserve_float16, shader_denorm_preserve_float32, shader_denorm_preserve_float64,
-                shader_denorm_flush_to_zero_float16, shader_denorm_flush_to_zero_float32, shader_denorm_flush_to_zero_float64,
-                shader_rounding_mode_rte_float16, shader_rounding_mode_rte_float32, shader_rounding_mode_rte_float64,
-                shader_rounding_mode_rtz_float16, shader_rounding_mode_rtz_float32, shader_rounding_mode_rtz_float64,
-            };
-            PhysicalDeviceDescriptorIndexingProperties(vulkan12()) {
-                max_update_after_bind_descriptors_in_all_pools,
-                shader_uniform_buffer_array_non_uniform_indexing_native,
-                shader_sampled_image_array_non_uniform_indexing_native,
-                shader_storage_buffer_array_non_uniform_indexing_native,
-                shader_storage_image_array_non_uniform_indexing_native,
-                shader_input_attachment_array_non_uniform_indexing_native,
-                robust_buffer_access_update_after_bind, quad_divergent_implicit_lod,
-                max_per_stage_descriptor_update_after_bind_samplers,
-                max_per_stage_descriptor_update_after_bind_uniform_buffers,
-                max_per_stage_descriptor_update_after_bind_storage_buffers,
-                max_per_stage_descriptor_update_after_bind_sampled_images,
-                max_per_stage_descriptor_update_after_bind_storage_images,
-                max_per_stage_descriptor_update_after_bind_input_attachments,
-                max_per_stage_update_after_bind_resources,
-                max_descriptor_set_update_after_bind_samplers,
-                max_descriptor_set_update_after_bind_uniform_buffers,
-                max_descriptor_set_update_after_bind_uniform_buffers_dynamic,
-                max_descriptor_set_update_after_bind_storage_buffers,
-                max_descriptor_set_update_after_bind_storage_buffers_dynamic,
-                max_descriptor_set_update_after_bind_sampled_images,
-                max_descriptor_set_update_after_bind_storage_images,
-                max_descriptor_set_update_after_bind_input_attachments,
-            };
-            PhysicalDeviceDepthStencilResolveProperties(vulkan12()) {
-                supported_depth_resolve_modes, supported_stencil_resolve_modes, independent_resolve_none, independent_resolve,
-            };
-            PhysicalDeviceSamplerFilterMinmaxProperties(vulkan12()) {
-                filter_minmax_single_component_formats, filter_minmax_image_component_mapping,
-            };
-            PhysicalDeviceTimelineSemaphoreProperties(vulkan12()) { max_timeline_semaphore_value_difference };
-            PhysicalDeviceSubgroupSizeControlProperties(vulkan13()) {
-                min_subgroup_size, max_subgroup_size, max_compute_workgroup_subgroups, required_subgroup_size_stages,
-            };
-            PhysicalDeviceInlineUniformBlockProperties(vulkan13()) {
-                max_inline_uniform_block_size, max_per_stage_descriptor_inline_uniform_blocks,
-                max_per_stage_descriptor_update_after_bind_inline_uniform_blocks,
-                max_descriptor_set_inline_uniform_blocks, max_descriptor_set_update_after_bind_inline_uniform_blocks,
-            };
-            PhysicalDeviceTexelBufferAlignmentProperties(vulkan13()) {
-                storage_texel_buffer_offset_alignment_bytes, storage_texel_buffer_offset_single_texel_alignment,
-                uniform_texel_buffer_offset_alignment_bytes, uniform_texel_buffer_offset_single_texel_alignment,
-            };
-            PhysicalDeviceMaintenance4Properties(vulkan13()) { max_buffer_size };
-            PhysicalDeviceShaderIntegerDotProductProperties(vk::PhysicalDeviceShaderIntegerDotProductProperties::default());
-            PhysicalDeviceAccelerationStructurePropertiesKHR(acceleration_structure());
-            PhysicalDeviceRayTracingPipelinePropertiesKHR(ray_tracing_pipeline());
-            PhysicalDeviceRayTracingPropertiesNV(ray_tracing_nv());
-            PhysicalDeviceDescriptorBufferPropertiesEXT(descriptor_buffer());
-            PhysicalDeviceDescriptorHeapPropertiesEXT(descriptor_heap());
-            PhysicalDeviceDescriptorBufferDensityMapPropertiesEXT(vk::PhysicalDeviceDescriptorBufferDensityMapPropertiesEXT {
-                combined_image_sampler_density_map_descriptor_size: size_of::<Descriptor>(),
-                ..Default::default()
-            });
-            PhysicalDeviceRayTracingInvocationReorderPropertiesNV(invocation_reorder()) {
-                ray_tracing_invocation_reorder_reordering_hint,
-            };
-            PhysicalDeviceRayTracingInvocationReorderPropertiesEXT(invocation_reorder());
-            PhysicalDeviceComputeShaderDerivativesPropertiesKHR(vk::PhysicalDeviceComputeShaderDerivativesPropertiesKHR {
-                mesh_and_task_shader_derivatives: vk::TRUE,
-                ..Default::default()
-            });
-            PhysicalDeviceMeshShaderPropertiesEXT(mesh_shader());
-            PhysicalDeviceFragmentShadingRatePropertiesKHR(fragment_shading_rate());
-            PhysicalDeviceCooperativeMatrixPropertiesKHR(vk::PhysicalDeviceCooperativeMatrixPropertiesKHR {
-                cooperative_matrix_supported_stages: vk::ShaderStageFlags::COMPUTE,
-                ..Default::default()
-            });
-            PhysicalDeviceCooperativeVectorPropertiesNV(vk::PhysicalDeviceCooperativeVectorPropertiesNV {
-                cooperative_vector_supported_stages: SUBGROUP_STAGES,
-                max_cooperative_vector_components: VectorProduct::MAX_COMPONENTS as u32,
-                ..Default::default()
-            });
-            PhysicalDeviceOpacityMicromapPropertiesEXT(vk::PhysicalDeviceOpacityMicromapPropertiesEXT {
-                max_opacity2_state_subdivision_level: traversal::micromap::MAX_LEVEL,
-                max_opacity4_state_subdivision_level: traversal::micromap::MAX_LEVEL,
-                ..Default::default()
-            });
-            // Nothing is lost where an application allows it: levels are the same.
-            PhysicalDeviceOpacityMicromapPropertiesKHR(vk::PhysicalDeviceOpacityMicromapPropertiesKHR {
-                max_opacity2_state_subdivision_level: traversal::micromap::MAX_LEVEL,
-                max_opacity4_state_subdivision_level: traversal::micromap::MAX_LEVEL,
-                max_opacity_lossy4_state_subdivision_level: traversal::micromap::MAX_LEVEL,
-                max_micromap_triangles: limits::MAX_PRIMITIVES,
-                ..Default::default()
-            });
-            PhysicalDeviceMaintenance5PropertiesKHR(vulkan14()) {
-                early_fragment_multisample_coverage_after_sample_counting, early_fragment_sample_mask_test_before_sample_counting,
-                depth_stencil_swizzle_one_support, polygon_mode_point_size,
-                non_strict_single_pixel_wide_lines_use_parallelogram, non_strict_wide_lines_use_parallelogram,
-            };
-            PhysicalDevicePushDescriptorPropertiesKHR(vulkan14()) {
-                max_push_descriptors,
-            };
-            PhysicalDeviceExternalMemoryHostPropertiesEXT(vk::PhysicalDeviceExternalMemoryHostPropertiesEXT {
-                min_imported_host_pointer_alignment: limits::PAGE_BYTES,
-                ..Default::default()
-            });
-            PhysicalDeviceCustomBorderColorPropertiesEXT(vk::PhysicalDeviceCustomBorderColorPropertiesEXT {
-                max_custom_border_color_samplers: u32::MAX,
-                ..Default::default()
-            });
-            PhysicalDeviceRobustness2PropertiesEXT(vk::PhysicalDeviceRobustness2PropertiesEXT {
-                robust_storage_buffer_access_size_alignment: 1,
-                robust_uniform_buffer_access_size_alignment: 1,
-                ..Default::default()
-            });
-            PhysicalDeviceExtendedDynamicState3PropertiesEXT(vk::PhysicalDeviceExtendedDynamicState3PropertiesEXT {
-                dynamic_primitive_topology_unrestricted: vk::TRUE,
-                ..Default::default()
-            });
-            PhysicalDeviceGraphicsPipelineLibraryPropertiesEXT(vk::PhysicalDeviceGraphicsPipelineLibraryPropertiesEXT {
-                graphics_pipeline_library_fast_linking: vk::TRUE,
-                graphics_pipeline_library_independent_interpolation_decoration: vk::TRUE,
-                ..Default::default()
-            });
-            PhysicalDeviceLineRasterizationPropertiesKHR(vulkan14()) {
-                line_sub_pixel_precision_bits,
-            };
-            PhysicalDeviceMaintenance6PropertiesKHR(vulkan14()) {
-                block_texel_view_compatible_multiple_layers, max_combined_image_sampler_descriptor_count,
-                fragment_shading_rate_clamp_combiner_inputs,
-            };
-            PhysicalDeviceMaintenance7PropertiesKHR(vk::PhysicalDeviceMaintenance7PropertiesKHR {
-                separate_depth_stencil_attachment_access: vk::TRUE,
-                max_descriptor_set_total_uniform_buffers_dynamic: limits::MAX_DYNAMIC_BUFFERS,
-                max_descriptor_set_total_storage_buffers_dynamic: limits::MAX_DYNAMIC_BUFFERS,
-                max_descriptor_set_total_buffers_dynamic: 2 * limits::MAX_DYNAMIC_BUFFERS,
-                max_descriptor_set_update_after_bind_total_uniform_buffers_dynamic: limits::MAX_DYNAMIC_BUFFERS,
-                max_descriptor_set_update_after_bind_total_storage_buffers_dynamic: limits::MAX_DYNAMIC_BUFFERS,
-                max_descriptor_set_update_after_bind_total_buffers_dynamic: 2 * limits::MAX_DYNAMIC_BUFFERS,
-                ..Default::default()
-            });
-            PhysicalDeviceCopyMemoryIndirectPropertiesKHR(vk::PhysicalDeviceCopyMemoryIndirectPropertiesKHR {
-                supported_queues: vk::QueueFlags::GRAPHICS | vk::QueueFlags::COMPUTE | vk::QueueFlags::TRANSFER,
-                ..Default::default()
-            });
-            PhysicalDeviceMaintenance9PropertiesKHR(vk::PhysicalDeviceMaintenance9PropertiesKHR {
-                // Slices are rows of pages like layers.
-                image2_d_view_of3_d_sparse: vk::TRUE,
-                default_vertex_attribute_value: vk::DefaultVertexAttributeValueKHR::ZERO_ZERO_ZERO_ZERO,
-                ..Default::default()
-            });
-            PhysicalDeviceShaderLongVectorPropertiesEXT(vk::PhysicalDeviceShaderLongVectorPropertiesEXT {
-                max_vector_components: limits::MAX_VECTOR_COMPONENTS,
-                ..Default::default()
-            });
-            // Arrivals are counted outside of workgroup memory.
-            PhysicalDeviceShaderSplitBarrierPropertiesEXT(
-                vk::PhysicalDeviceShaderSplitBarrierPropertiesEXT::default()
-            );
-            PhysicalDeviceFaultPropertiesKHR(vk::PhysicalDeviceFaultPropertiesKHR {
-                max_device_fault_count: limits::MAX_DEVICE_FAULT_COUNT,
-                ..Default::default()
-            });
-            PhysicalDeviceShaderAbortPropertiesKHR(vk::PhysicalDeviceShaderAbortPropertiesKHR {
-                max_shader_abort_message_size: MAX_MESSAGE_BYTES,
-                ..Default::default()
-            });
-            PhysicalDeviceMaintenance10PropertiesKHR(vk::PhysicalDeviceMaintenance10PropertiesKHR {
-                rgba4_opaque_black_swizzled: vk::TRUE,
-                resolve_srgb_format_applies_transfer_function: vk::TRUE,
-                resolve_srgb_format_supports_transfer_function_control: vk::TRUE,
-                ..Default::default()
-            });
-            PhysicalDevicePipelineBinaryPropertiesKHR(vk::PhysicalDevicePipelineBinaryPropertiesKHR::default()) {
-                pipeline_binary_internal_cache, pipeline_binary_internal_cache_control,
-                pipeline_binary_prefers_internal_cache, pipeline_binary_precompiled_internal_cache,
-                pipeline_binary_compressed_data,
-            };
-            PhysicalDeviceLayeredApiPropertiesListKHR(vk::PhysicalDeviceLayeredApiPropertiesListKHR::default()) {
-                layered_api_count,
-            };
-            PhysicalDeviceFragmentShaderBarycentricPropertiesKHR(
-                vk::PhysicalDeviceFragmentShaderBarycentricPropertiesKHR::default()
-            );
-            PhysicalDeviceShaderObjectPropertiesEXT(vk::PhysicalDeviceShaderObjectPropertiesEXT {
-                shader_binary_uuid: pipeline_cache_uuid(),
-                shader_binary_version: 1,
-                ..Default::default()
-            });
-            PhysicalDeviceMultiDrawPropertiesEXT(vk::PhysicalDeviceMultiDrawPropertiesEXT {
-                max_multi_draw_count: u32::MAX,
-                ..Default::default()
-            });
-            PhysicalDeviceNestedCommandBufferPropertiesEXT(vk::PhysicalDeviceNestedCommandBufferPropertiesEXT {
-                max_command_buffer_nesting_level: limits::MAX_COMMAND_BUFFER_NESTING,
-                ..Default::default()
-            });
-            PhysicalDevicePipelineRobustnessPropertiesEXT(vulkan14()) {
-                default_robustness_storage_buffers, default_robustness_uniform_buffers, default_robustness_vertex_inputs,
-                default_robustness_images,
-            };
-            PhysicalDeviceBlendOperationAdvancedPropertiesEXT(vk::PhysicalDeviceBlendOperationAdvancedPropertiesEXT {
-                advanced_blend_max_color_attachments: limits::MAX_COLOR_ATTACHMENTS,
-                advanced_blend_independent_blend: vk::TRUE,
-                advanced_blend_non_premultiplied_src_color: vk::TRUE,
-                advanced_blend_non_premultiplied_dst_color: vk::TRUE,
-                advanced_blend_correlated_overlap: vk::TRUE,
-                advanced_blend_all_operations: vk::TRUE,
-                ..Default::default()
-            });
-            PhysicalDeviceLegacyVertexAttributesPropertiesEXT(vk::PhysicalDeviceLegacyVertexAttributesPropertiesEXT {
-                native_unaligned_performance: vk::TRUE,
-                ..Default::default()
-            });
-            PhysicalDeviceSampleLocationsPropertiesEXT(vk::PhysicalDeviceSampleLocationsPropertiesEXT {
-                sample_location_sample_counts: limits::SAMPLE_LOCATION_COUNTS,
-                max_sample_location_grid_size: vk::Extent2D { width: 1, height: 1 },
-                sample_location_coordinate_range: [0.0, 15.0 / 16.0],
-                sample_location_sub_pixel_bits: 4,
-                variable_sample_locations: vk::TRUE,
-                ..Default::default()
-            });
-            PhysicalDeviceProvokingVertexPropertiesEXT(vk::PhysicalDeviceProvokingVertexPropertiesEXT {
-                provoking_vertex_mode_per_pipeline: vk::TRUE,
-                transform_feedback_preserves_triangle_fan_provoking_vertex: vk::TRUE,
-                ..Default::default()
-            });
-            PhysicalDeviceTransformFeedbackPropertiesEXT(transform_feedback());
-            PhysicalDeviceVertexAttributeDivisorPropertiesEXT(vulkan14()) {
-                max_vertex_attrib_divisor,
-            };
-            PhysicalDeviceVertexAttributeDivisorPropertiesKHR(vulkan14()) {
-                max_vertex_attrib_divisor, supports_non_zero_first_instance,
-            };
-        }
     }
 }
