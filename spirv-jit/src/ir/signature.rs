@@ -6,13 +6,13 @@ use super::op::{
     Access, AtomicOp, Component, MAX_TABLE_RESULTS, MatrixProduct, Signature, Space, SubgroupOp,
     VectorProduct,
 };
-use super::{Function, Inst, Module, Op, Type, VariableId};
+use super::{Function, FunctionId, Inst, Module, Op, Type, VariableId};
 use crate::hit_object::{IDENTITY, TRACED, word};
 use crate::printf::Message;
 
 type Checked = Result<(), String>;
 
-/// Checks one instruction's operands and results; values are known to be in the table of types.
+/// Checks one instruction's operands and results. The caller has checked that the values exist.
 pub(super) fn check_operation(module: &Module, function: &Function, inst: &Inst) -> Checked {
     let args: Vec<Type> = inst.args.iter().map(|&value| function.ty(value)).collect();
     let results: Vec<Type> = inst
@@ -28,11 +28,17 @@ pub(super) fn check_operation(module: &Module, function: &Function, inst: &Inst)
             "wrong operand or result types",
         );
     }
-    check_other(module, function, &inst.op, &args, &results)
+    let types = OperandTypes {
+        module,
+        function,
+        args: &args,
+        results: &results,
+    };
+    types.check(&inst.op)
 }
 
-/// Descriptors are where an operation says so, and nowhere else: what follows needs to know nothing
-/// of them.
+/// Checks that exactly the operands and results that an operation declares as descriptors are ones.
+/// The other checks need not look for stray descriptors.
 fn check_descriptors(op: &Op, args: &[Type], results: &[Type]) -> Checked {
     let taken = op.descriptor_operands();
     for (index, &ty) in args.iter().enumerate() {
@@ -98,219 +104,263 @@ impl Signature {
     }
 }
 
-fn check_other(
-    module: &Module,
-    function: &Function,
-    op: &Op,
-    args: &[Type],
-    results: &[Type],
-) -> Checked {
-    use Type::{Descriptor, F32, I1, I32, I64};
-    let takes = |expected: &[Type]| -> Checked { require(args == expected, "wrong operands") };
-    let gives = |expected: &[Type]| -> Checked { require(results == expected, "wrong results") };
-    let gives_one = || require(results.len() == 1, "wrong number of results");
-    match op {
-        Op::Const(bits) => {
-            takes(&[])?;
-            gives_one()?;
-            let width = results[0].bits();
-            require(
-                width == 64 || bits >> width == 0,
-                "a constant with bits above its type's width",
-            )
+/// The operands and results of an instruction, by their types.
+struct OperandTypes<'a> {
+    module: &'a Module,
+    function: &'a Function,
+    args: &'a [Type],
+    results: &'a [Type],
+}
+
+impl OperandTypes<'_> {
+    /// Checks an operation that is not elementwise. The table of these: a row each.
+    fn check(&self, op: &Op) -> Checked {
+        use Type::{Descriptor, F32, I1, I32, I64};
+        let (args, results) = (self.args, self.results);
+        match op {
+            Op::Const(bits) => self.check_constant(*bits),
+            Op::Select => {
+                self.has_one_result()?;
+                self.takes(&[I1, results[0], results[0]])
+            }
+            Op::FLdexp => {
+                self.has_one_float_result()?;
+                self.takes(&[results[0], I32])
+            }
+            Op::BitfieldInsert => {
+                self.has_one_integer_result()?;
+                self.takes(&[results[0], results[0], I32, I32])
+            }
+            Op::BitfieldSExtract | Op::BitfieldUExtract => {
+                self.has_one_integer_result()?;
+                self.takes(&[results[0], I32, I32])
+            }
+            Op::Pack64 => self.check_pack(),
+            Op::Unpack64 => self.check_unpack(),
+            Op::VarLoad(variable, row) => self.check_variable_load(*variable, *row),
+            Op::VarStore(variable, row) => self.check_variable_store(*variable, *row),
+            Op::VarAddress(variable) => self.check_variable_address(*variable),
+            Op::Table(index) => self.check_table(*index),
+            Op::DebugPrintf(index) => self.check_printf(*index),
+            Op::Load(access) => self.check_load(access),
+            Op::Store(access) => self.check_store(access),
+            Op::Atomic(kind, access) => {
+                check_written(access)?;
+                require(!access.is_strided, "an atomic is on one scalar")?;
+                check_atomic(*kind, check_address(access, args)?, results)
+            }
+            Op::BufferSize => {
+                self.takes(&[Descriptor])?;
+                require(matches!(results, [I32 | I64]), "a size is an i32 or an i64")
+            }
+            Op::Descriptor(_) => self.maps(&[I32], &[Descriptor]),
+            Op::DescriptorReference(_) => self.maps(&[I32], &[I64]),
+            Op::DescriptorAt => self.maps(&[I64], &[Descriptor]),
+            Op::PushConstants => self.maps(&[], &[Descriptor]),
+            Op::ReadClock => self.maps(&[], &[I64]),
+            Op::DescriptorAddress => self.maps(&[Descriptor], &[I64]),
+            Op::Input(row) => self.check_input(*row),
+            Op::Uniform(_) | Op::LaneIndex => self.maps(&[], &[I32]),
+            Op::Image(image) => check_image(image, args, results),
+            Op::Subgroup(kind) => check_subgroup(*kind, args, results),
+            Op::MatrixProduct(product) => check_product(product, args, results),
+            Op::VectorProduct(product, space) => {
+                check_vector_product(product, *space, args, results)
+            }
+            Op::DerivativeX | Op::DerivativeY => {
+                self.has_one_float_result()?;
+                self.takes(results)
+            }
+            Op::Emit => self.check_emit(),
+            Op::AbortMessage => self.maps(&[I32], &[I32]),
+            Op::Abort => self.maps(&[I32], &[]),
+            Op::IsHelper => self.maps(&[], &[I1]),
+            Op::MemoryBarrier | Op::Barrier | Op::BarrierArrive | Op::BarrierWait | Op::Demote => {
+                self.maps(&[], &[])
+            }
+            Op::RayQueryProceed => self.maps(&[I32], &[I1]),
+            Op::Call(callee) => self.check_call(*callee),
+            Op::TraceRay(trace) => {
+                let traced = if trace.to_hit_object { TRACED.len() } else { 0 };
+                self.passes_words(trace.words(), traced, "payload in and out differ")
+            }
+            Op::ReportIntersection => {
+                require(args.starts_with(&[F32, I32]), "needs t and a hit kind")?;
+                require(args.iter().all(|&ty| is_word(ty)), "attributes are words")?;
+                self.gives(&[I1])
+            }
+            Op::ExecuteCallable => self.check_callable(),
+            Op::HitObjectExecute => self.passes_words(word::COUNT, 0, "payload in and out differ"),
+            Op::HitObjectGet(fact) => {
+                words_only(args, results)?;
+                let fits = args.len() == IDENTITY.len() && results.len() == fact.words();
+                require(fits, "needs the words that name a hit")
+            }
+            Op::ReorderThread => {
+                words_only(args, results)?;
+                require(args.len() == 4 && results.is_empty(), "needs four words")
+            }
+            _ => Err("an operation without a signature".into()),
         }
-        Op::Select => {
-            gives_one()?;
-            takes(&[I1, results[0], results[0]])
-        }
-        Op::FLdexp => {
-            gives_one()?;
-            require(results[0].is_float(), "not a float")?;
-            takes(&[results[0], I32])
-        }
-        Op::BitfieldInsert => {
-            gives_one()?;
-            require(is_int(results[0]), "not an integer")?;
-            takes(&[results[0], results[0], I32, I32])
-        }
-        Op::BitfieldSExtract | Op::BitfieldUExtract => {
-            gives_one()?;
-            require(is_int(results[0]), "not an integer")?;
-            takes(&[results[0], I32, I32])
-        }
-        Op::Pack64 => {
-            gives_one()?;
-            require(results[0].bits() == 64, "the result has not 64 bits")?;
-            takes(&[I32, I32])
-        }
-        Op::Unpack64 => {
-            require(
-                args.len() == 1 && args[0].bits() == 64,
-                "the operand has not 64 bits",
-            )?;
-            gives(&[I32, I32])
-        }
-        Op::VarLoad(variable, row) => {
-            takes(&[])?;
-            gives_one()?;
-            check_variable_row(function, *variable, *row, results[0])
-        }
-        Op::VarStore(variable, row) => {
-            gives(&[])?;
-            require(args.len() == 1, "wrong number of operands")?;
-            check_variable_row(function, *variable, *row, args[0])
-        }
-        Op::VarAddress(variable) => {
-            require(
-                variable.index() < function.variables.len(),
-                "no such variable",
-            )?;
-            takes(&[])?;
-            gives(&[I32])
-        }
-        Op::Table(index) => {
-            require((*index as usize) < function.tables.len(), "no such table")?;
-            takes(&[I32])?;
-            let some = (1..=MAX_TABLE_RESULTS).contains(&results.len());
-            require(
-                some && results.iter().all(|&ty| is_word(ty)),
-                "a table holds words",
-            )
-        }
-        Op::DebugPrintf(index) => {
-            gives(&[])?;
-            let table = function.tables.get(*index as usize);
-            let message = table.and_then(|words| Message::from_table(words));
-            let message = message.ok_or("no such message")?;
-            let words = module.stage.key().len() + message.words();
-            let fits = args.len() == words && args.iter().all(|&ty| is_word(ty));
-            require(fits, "operands do not match the message")
-        }
-        Op::Load(access) => {
-            require(check_address(access, args)?.is_empty(), "wrong operands")?;
-            require(
-                !access.constant || access.space == Space::Buffer && !access.volatile,
-                "only buffers hold uniform blocks",
-            )?;
-            check_scalars(access, results)
-        }
-        Op::Store(access) => {
-            gives(&[])?;
-            check_written(access)?;
-            check_scalars(access, check_address(access, args)?)
-        }
-        Op::Atomic(kind, access) => {
-            check_written(access)?;
-            require(!access.is_strided, "an atomic is on one scalar")?;
-            check_atomic(*kind, check_address(access, args)?, results)
-        }
-        Op::BufferSize => {
-            takes(&[Descriptor])?;
-            let is_size = matches!(results, [I32 | I64]);
-            require(is_size, "a size is an i32 or an i64")
-        }
-        Op::Descriptor(_) => takes(&[I32]).and_then(|()| gives(&[Descriptor])),
-        Op::DescriptorReference(_) => takes(&[I32]).and_then(|()| gives(&[I64])),
-        Op::DescriptorAt => takes(&[I64]).and_then(|()| gives(&[Descriptor])),
-        Op::PushConstants => takes(&[]).and_then(|()| gives(&[Descriptor])),
-        Op::ReadClock => takes(&[]).and_then(|()| gives(&[I64])),
-        Op::DescriptorAddress => takes(&[Descriptor]).and_then(|()| gives(&[I64])),
-        Op::Input(row) => {
-            require((*row as usize) < module.inputs.len(), "no such input row")?;
-            takes(&[])?;
-            require(
-                results.len() == 1 && is_word(results[0]),
-                "an input is a word",
-            )
-        }
-        Op::Uniform(_) | Op::LaneIndex => takes(&[]).and_then(|()| gives(&[I32])),
-        Op::Image(image) => check_image(image, args, results),
-        Op::Subgroup(kind) => check_subgroup(*kind, args, results),
-        Op::MatrixProduct(product) => check_product(product, args, results),
-        Op::VectorProduct(product, space) => check_vector_product(product, *space, args, results),
-        Op::DerivativeX | Op::DerivativeY => {
-            gives_one()?;
-            require(results[0].is_float(), "not a float")?;
-            takes(results)
-        }
-        Op::Emit => {
-            words_only(args, results)?;
-            require(
-                args.first() == Some(&I32) && args.len() == module.outputs.len() + 2,
-                "needs a vertex and all of its words",
-            )?;
-            gives(&[])
-        }
-        Op::AbortMessage => takes(&[I32]).and_then(|()| gives(&[I32])),
-        Op::Abort => takes(&[I32]).and_then(|()| gives(&[])),
-        Op::IsHelper => takes(&[]).and_then(|()| gives(&[I1])),
-        Op::MemoryBarrier | Op::Barrier | Op::BarrierArrive | Op::BarrierWait | Op::Demote => {
-            takes(&[]).and_then(|()| gives(&[]))
-        }
-        Op::RayQueryProceed => takes(&[I32]).and_then(|()| gives(&[I1])),
-        Op::Call(callee) => {
-            let Some(callee) = module.functions.get(callee.index()) else {
-                return Err("no such function".into());
-            };
-            require(
-                callee
-                    .params
-                    .iter()
-                    .map(|&p| callee.ty(p))
-                    .eq(args.iter().copied()),
-                "operands do not match the callee's parameters",
-            )?;
-            require(
-                results == callee.results,
-                "results do not match the callee's",
-            )
-        }
-        Op::TraceRay(trace) => {
-            let traced = if trace.to_hit_object { TRACED.len() } else { 0 };
-            words_only(args, results)?;
-            require(
-                args.len() >= trace.words() && args.len() - trace.words() + traced == results.len(),
-                "payload in and out differ",
-            )
-        }
-        Op::ReportIntersection => {
-            require(
-                args.len() >= 2 && args[0] == F32 && args[1] == I32,
-                "needs t and a hit kind",
-            )?;
-            require(args.iter().all(|&ty| is_word(ty)), "attributes are words")?;
-            gives(&[I1])
-        }
-        Op::ExecuteCallable => {
-            require(args.first() == Some(&I32), "needs an index")?;
-            require(
-                args.iter().chain(results).all(|&ty| is_word(ty)),
-                "callable data are words",
-            )?;
-            require(
-                args.len() - 1 == results.len(),
-                "callable data in and out differ",
-            )
-        }
-        Op::HitObjectExecute => {
-            words_only(args, results)?;
-            require(
-                args.len() >= word::COUNT && args.len() - word::COUNT == results.len(),
-                "payload in and out differ",
-            )
-        }
-        Op::HitObjectGet(fact) => {
-            words_only(args, results)?;
-            require(
-                args.len() == IDENTITY.len() && results.len() == fact.words(),
-                "needs the words that name a hit",
-            )
-        }
-        Op::ReorderThread => {
-            words_only(args, results)?;
-            require(args.len() == 4 && results.is_empty(), "needs four words")
-        }
-        _ => Err("an operation without a signature".into()),
+    }
+
+    fn takes(&self, expected: &[Type]) -> Checked {
+        require(self.args == expected, "wrong operands")
+    }
+
+    fn gives(&self, expected: &[Type]) -> Checked {
+        require(self.results == expected, "wrong results")
+    }
+
+    fn maps(&self, args: &[Type], results: &[Type]) -> Checked {
+        self.takes(args)?;
+        self.gives(results)
+    }
+
+    fn has_one_result(&self) -> Checked {
+        require(self.results.len() == 1, "wrong number of results")
+    }
+
+    fn has_one_float_result(&self) -> Checked {
+        self.has_one_result()?;
+        require(self.results[0].is_float(), "not a float")
+    }
+
+    fn has_one_integer_result(&self) -> Checked {
+        self.has_one_result()?;
+        require(is_int(self.results[0]), "not an integer")
+    }
+
+    /// Words only, with as many words passed through as come back: `extra_args` operands are not
+    /// passed, and `extra_results` results come back besides.
+    fn passes_words(&self, extra_args: usize, extra_results: usize, rule: &str) -> Checked {
+        let (args, results) = (self.args, self.results);
+        words_only(args, results)?;
+        let passed = args.len().checked_sub(extra_args);
+        require(
+            passed.is_some_and(|passed| passed + extra_results == results.len()),
+            rule,
+        )
+    }
+
+    fn check_constant(&self, bits: u64) -> Checked {
+        self.takes(&[])?;
+        self.has_one_result()?;
+        let width = self.results[0].bits();
+        require(
+            width == 64 || bits >> width == 0,
+            "a constant with bits above its type's width",
+        )
+    }
+
+    fn check_pack(&self) -> Checked {
+        self.has_one_result()?;
+        require(self.results[0].bits() == 64, "the result has not 64 bits")?;
+        self.takes(&[Type::I32, Type::I32])
+    }
+
+    fn check_unpack(&self) -> Checked {
+        let is_wide = matches!(self.args, [ty] if ty.bits() == 64);
+        require(is_wide, "the operand has not 64 bits")?;
+        self.gives(&[Type::I32, Type::I32])
+    }
+
+    fn check_variable_load(&self, variable: VariableId, row: u32) -> Checked {
+        self.takes(&[])?;
+        self.has_one_result()?;
+        check_variable_row(self.function, variable, row, self.results[0])
+    }
+
+    fn check_variable_store(&self, variable: VariableId, row: u32) -> Checked {
+        self.gives(&[])?;
+        require(self.args.len() == 1, "wrong number of operands")?;
+        check_variable_row(self.function, variable, row, self.args[0])
+    }
+
+    fn check_variable_address(&self, variable: VariableId) -> Checked {
+        let exists = variable.index() < self.function.variables.len();
+        require(exists, "no such variable")?;
+        self.maps(&[], &[Type::I32])
+    }
+
+    fn check_table(&self, index: u32) -> Checked {
+        let exists = (index as usize) < self.function.tables.len();
+        require(exists, "no such table")?;
+        self.takes(&[Type::I32])?;
+        let some = (1..=MAX_TABLE_RESULTS).contains(&self.results.len());
+        require(
+            some && self.results.iter().all(|&ty| is_word(ty)),
+            "a table holds words",
+        )
+    }
+
+    fn check_printf(&self, index: u32) -> Checked {
+        self.gives(&[])?;
+        let table = self.function.tables.get(index as usize);
+        let message = table.and_then(|words| Message::from_table(words));
+        let message = message.ok_or("no such message")?;
+        let words = self.module.stage.key().len() + message.words();
+        let fits = self.args.len() == words && self.args.iter().all(|&ty| is_word(ty));
+        require(fits, "operands do not match the message")
+    }
+
+    fn check_load(&self, access: &Access) -> Checked {
+        let values = check_address(access, self.args)?;
+        require(values.is_empty(), "wrong operands")?;
+        require(
+            !access.constant || access.space == Space::Buffer && !access.volatile,
+            "only buffers hold uniform blocks",
+        )?;
+        check_scalars(access, self.results)
+    }
+
+    fn check_store(&self, access: &Access) -> Checked {
+        self.gives(&[])?;
+        check_written(access)?;
+        check_scalars(access, check_address(access, self.args)?)
+    }
+
+    fn check_input(&self, row: u32) -> Checked {
+        let exists = (row as usize) < self.module.inputs.len();
+        require(exists, "no such input row")?;
+        self.takes(&[])?;
+        let is_one_word = matches!(self.results, [ty] if is_word(*ty));
+        require(is_one_word, "an input is a word")
+    }
+
+    fn check_emit(&self) -> Checked {
+        words_only(self.args, self.results)?;
+        let is_vertex = self.args.first() == Some(&Type::I32)
+            && self.args.len() == self.module.outputs.len() + 2;
+        require(is_vertex, "needs a vertex and all of its words")?;
+        self.gives(&[])
+    }
+
+    fn check_call(&self, callee: FunctionId) -> Checked {
+        let callee = self.module.functions.get(callee.index());
+        let callee = callee.ok_or("no such function")?;
+        let params = callee.params.iter().map(|&param| callee.ty(param));
+        require(
+            params.eq(self.args.iter().copied()),
+            "operands do not match the callee's parameters",
+        )?;
+        require(
+            self.results == callee.results,
+            "results do not match the callee's",
+        )
+    }
+
+    fn check_callable(&self) -> Checked {
+        let (args, results) = (self.args, self.results);
+        require(args.first() == Some(&Type::I32), "needs an index")?;
+        require(
+            args.iter().chain(results).all(|&ty| is_word(ty)),
+            "callable data are words",
+        )?;
+        require(
+            args.len() - 1 == results.len(),
+            "callable data in and out differ",
+        )
     }
 }
 

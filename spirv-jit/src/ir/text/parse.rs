@@ -7,6 +7,7 @@ use smallvec::SmallVec;
 use super::names::*;
 use crate::facts::Fact;
 use crate::ir::build::{BodyBuilder, Ended};
+use crate::ir::interface::OutputRow;
 use crate::ir::op::{Access, DescriptorBinding};
 use crate::ir::stage::Stage;
 use crate::ir::{
@@ -197,11 +198,7 @@ impl<'a> Parser<'a> {
     }
 
     fn definitions(&mut self) -> Parsed<Vec<Value>> {
-        let mut values = vec![self.definition()?];
-        while self.accept(',') {
-            values.push(self.definition()?);
-        }
-        Ok(values)
+        self.list(Self::definition)
     }
 
     /// `-> (v1: i32)` if there.
@@ -245,55 +242,22 @@ impl<'a> Parser<'a> {
                     module.stage =
                         stage_from_text(word).ok_or_else(|| format!("`{word}` is not a stage"))?;
                 }
-                "inputs" => loop {
-                    module.inputs.push(self.input_row()?);
-                    if !self.accept(',') {
-                        break;
-                    }
-                },
-                "query_words" => loop {
-                    module.query_words.push(self.query_word()?);
-                    if !self.accept(',') {
-                        break;
-                    }
-                },
+                "inputs" => module.inputs.extend(self.list(Self::input_row)?),
+                "query_words" => module.query_words.extend(self.list(Self::query_word)?),
                 "output_rows" => module.output_rows = self.number()?,
-                "outputs" => loop {
-                    let word = self.word("an output row")?;
-                    let row = word.parse();
-                    let row = row.map_err(|()| format!("`{word}` is not an output row"))?;
-                    module.outputs.push(row);
-                    if !self.accept(',') {
-                        break;
-                    }
-                },
-                "tessellation" => loop {
-                    let word = self.word("a fact")?;
-                    if !module.tessellation.get_or_insert_default().set(word) {
-                        return Err(format!("`{word}` is not a fact of tessellation"));
-                    }
-                    if !self.accept(',') {
-                        break;
-                    }
-                },
-                "geometry" => loop {
-                    let word = self.word("a fact")?;
-                    if !module.geometry.get_or_insert_default().set(word) {
-                        return Err(format!("`{word}` is not a fact of geometry shaders"));
-                    }
-                    if !self.accept(',') {
-                        break;
-                    }
-                },
-                "mesh" => loop {
-                    let word = self.word("a fact")?;
-                    if !module.mesh.get_or_insert_default().set(word) {
-                        return Err(format!("`{word}` is not a fact of mesh shaders"));
-                    }
-                    if !self.accept(',') {
-                        break;
-                    }
-                },
+                "outputs" => module.outputs.extend(self.list(Self::output_row)?),
+                "tessellation" => {
+                    let facts = module.tessellation.get_or_insert_default();
+                    self.facts("tessellation", |word| facts.set(word))?;
+                }
+                "geometry" => {
+                    let facts = module.geometry.get_or_insert_default();
+                    self.facts("geometry shaders", |word| facts.set(word))?;
+                }
+                "mesh" => {
+                    let facts = module.mesh.get_or_insert_default();
+                    self.facts("mesh shaders", |word| facts.set(word))?;
+                }
                 "capture" => {
                     // A shader with the mode may capture nothing.
                     let facts = module.capture.get_or_insert_default();
@@ -306,22 +270,11 @@ impl<'a> Parser<'a> {
                         }
                     }
                 }
-                "fragment" => loop {
-                    let word = self.word("a fact")?;
-                    if !module.fragment.get_or_insert_default().set(word) {
-                        return Err(format!("`{word}` is not a fact of fragments"));
-                    }
-                    if !self.accept(',') {
-                        break;
-                    }
-                },
-                "local_size" => {
-                    let x = self.number()?;
-                    self.expect(',')?;
-                    let y = self.number()?;
-                    self.expect(',')?;
-                    module.local_size = [x, y, self.number()?];
+                "fragment" => {
+                    let facts = module.fragment.get_or_insert_default();
+                    self.facts("fragments", |word| facts.set(word))?;
                 }
+                "local_size" => module.local_size = self.local_size()?,
                 "quads" => module.quads = true,
                 "shared" => module.shared_size_bytes = self.number()?,
                 "func" => {
@@ -335,6 +288,43 @@ impl<'a> Parser<'a> {
             }
         }
         Ok(module)
+    }
+
+    /// One or more elements, with commas between them.
+    fn list<T>(&mut self, element: fn(&mut Self) -> Parsed<T>) -> Parsed<Vec<T>> {
+        let mut list = vec![element(self)?];
+        while self.accept(',') {
+            list.push(element(self)?);
+        }
+        Ok(list)
+    }
+
+    /// One or more facts, with commas between them. `set` stores one, and returns false for a word
+    /// that is none.
+    fn facts(&mut self, of: &str, mut set: impl FnMut(&str) -> bool) -> Parsed<()> {
+        loop {
+            let word = self.word("a fact")?;
+            if !set(word) {
+                return Err(format!("`{word}` is not a fact of {of}"));
+            }
+            if !self.accept(',') {
+                return Ok(());
+            }
+        }
+    }
+
+    fn local_size(&mut self) -> Parsed<[u32; 3]> {
+        let x = self.number()?;
+        self.expect(',')?;
+        let y = self.number()?;
+        self.expect(',')?;
+        Ok([x, y, self.number()?])
+    }
+
+    fn output_row(&mut self) -> Parsed<OutputRow> {
+        let word = self.word("an output row")?;
+        word.parse()
+            .map_err(|()| format!("`{word}` is not an output row"))
     }
 
     fn input_row(&mut self) -> Parsed<InputRow> {
