@@ -438,42 +438,62 @@ impl Lowerer<'_> {
             | MemoryLocation::Buffer64 { .. }
             | MemoryLocation::Global { .. }
             | MemoryLocation::Heap { .. } => {
-                let shape = pointer.shape;
-                let (stride, index) = match (&kind, member) {
-                    (_, Some(member)) => {
-                        let annotations = &self.module.annotations;
-                        let volatile = annotations.member(ty, member, Decoration::Volatile);
-                        pointer.volatile |= volatile.is_some();
-                        let layout = self.layout_in(&pointer.place);
-                        let offset = layout.member_offset(ty, member)?;
-                        pointer.shape = layout.member_shape(ty, member);
-                        (offset, Index::Constant(1))
-                    }
-                    (TypeKind::Vector { .. }, _) => {
-                        let size = self.types.component(ty)?.size_bytes();
-                        let tight = shape.component_stride == 0;
-                        pointer.shape = Shape::default();
-                        let stride = if tight { size } else { shape.component_stride };
-                        (stride as u64, index)
-                    }
-                    (TypeKind::Matrix { .. }, _) => {
-                        let stride = self.layout().matrix_stride(ty, shape)?;
-                        let size = self.types.component(ty)?.size_bytes();
-                        pointer.shape = Shape::default();
-                        if shape.row_major {
-                            pointer.shape.component_stride = stride as u32;
-                            (size as u64, index)
-                        } else {
-                            (stride, index)
-                        }
-                    }
-                    _ => (self.layout_in(&pointer.place).array_stride(ty)?, index),
+                let (stride, index) = match member {
+                    Some(member) => (
+                        self.step_to_member(&mut pointer, ty, member)?,
+                        Index::Constant(1),
+                    ),
+                    None => (self.element_stride(&mut pointer, ty, &kind)?, index),
                 };
                 self.advance(pointer, index, stride, elements)
             }
             MemoryLocation::Descriptor(_) | MemoryLocation::Texel { .. } => {
                 Err(self.b.invalid("this pointer has no elements"))
             }
+        }
+    }
+
+    /// The offset in bytes of a structure's member in memory. Gives the pointer the member's layout
+    /// and decorations.
+    fn step_to_member(&self, pointer: &mut Pointer, ty: Id, member: u32) -> Result<u64, Error> {
+        let annotations = &self.module.annotations;
+        let volatile = annotations.member(ty, member, Decoration::Volatile);
+        pointer.volatile |= volatile.is_some();
+        let layout = self.layout_in(&pointer.place);
+        let offset = layout.member_offset(ty, member)?;
+        pointer.shape = layout.member_shape(ty, member);
+        Ok(offset)
+    }
+
+    /// The distance in bytes between elements of a composite in memory. Gives the pointer the
+    /// layout of an element.
+    fn element_stride(
+        &mut self,
+        pointer: &mut Pointer,
+        ty: Id,
+        kind: &TypeKind,
+    ) -> Result<u64, Error> {
+        let shape = pointer.shape;
+        match kind {
+            TypeKind::Vector { .. } => {
+                let size = self.types.component(ty)?.size_bytes();
+                let tight = shape.component_stride == 0;
+                pointer.shape = Shape::default();
+                let stride = if tight { size } else { shape.component_stride };
+                Ok(stride as u64)
+            }
+            TypeKind::Matrix { .. } => {
+                let stride = self.layout().matrix_stride(ty, shape)?;
+                let size = self.types.component(ty)?.size_bytes();
+                pointer.shape = Shape::default();
+                if shape.row_major {
+                    pointer.shape.component_stride = stride as u32;
+                    Ok(size as u64)
+                } else {
+                    Ok(stride)
+                }
+            }
+            _ => self.layout_in(&pointer.place).array_stride(ty),
         }
     }
 

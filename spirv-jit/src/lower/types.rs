@@ -1,12 +1,13 @@
-//! SPIR-V types: what each is made of, how many scalars it has, and which.
+//! SPIR-V types: the parts of each, and the scalars of its values.
+
+mod measure;
 
 use std::rc::Rc;
 
-use rspirv::spirv::{self, Decoration, Op, StorageClass};
+use rspirv::spirv::{self, Op, StorageClass};
 
 use super::id_table::IdTable;
 use crate::Error;
-use crate::heap::DESCRIPTOR_BYTES;
 use crate::hit_object::word;
 use crate::ir::Type;
 use crate::ir::op::MatrixProduct;
@@ -394,297 +395,12 @@ impl Types {
         instruction: &Instruction,
         sizes: &[u32],
     ) -> Result<(), Error> {
-        let operands = module.operands(instruction);
-        let operand = |index: usize| operands.get(index).copied().unwrap_or(0);
         let at = instruction.offset;
-        let kind = match instruction.opcode {
-            Op::TypeVoid => TypeKind::Void,
-            Op::TypeBool => scalar(Type::I1, false),
-            Op::TypeInt => scalar(int_type(at, operand(0))?, operand(1) != 0),
-            Op::TypeFloat if operands == BFLOAT16 => TypeKind::Scalar {
-                ty: Type::I16,
-                signed: true,
-                is_bfloat16: true,
-            },
-            Op::TypeFloat => scalar(float_type(at, operands)?, true),
-            Op::TypeCooperativeMatrixKHR => {
-                cooperative_matrix(at, sizes)?;
-                TypeKind::CooperativeMatrix {
-                    component: operand(0),
-                }
-            }
-            Op::TypeVector => TypeKind::Vector {
-                component: operand(0),
-                count: operand(1),
-            },
-            Op::TypeVectorIdEXT => TypeKind::Vector {
-                component: operand(0),
-                count: sizes.first().copied().unwrap_or(0),
-            },
-            Op::TypeMatrix => TypeKind::Matrix {
-                column: operand(0),
-                count: operand(1),
-            },
-            Op::TypeArray => TypeKind::Array {
-                element: operand(0),
-                count: sizes.first().copied().unwrap_or(0),
-            },
-            Op::TypeRuntimeArray => TypeKind::RuntimeArray {
-                element: operand(0),
-            },
-            Op::TypeStruct => TypeKind::Struct {
-                members: operands.into(),
-            },
-            Op::TypePointer => TypeKind::Pointer {
-                class: storage_class(at, operand(0))?,
-                pointee: operand(1),
-            },
-            Op::TypeUntypedPointerKHR => {
-                let class = storage_class(at, operand(0))?;
-                let is_of_heap =
-                    matches!(class, StorageClass::UniformConstant | StorageClass::Image);
-                if !has_layout(class) && !is_of_heap {
-                    let message = format!("an untyped pointer to {class:?} is not supported");
-                    return Err(Error::unsupported(at, message));
-                }
-                TypeKind::Pointer {
-                    class,
-                    pointee: UNTYPED,
-                }
-            }
-            Op::TypeImage => TypeKind::Image(ImageType {
-                sampled_type: operand(0),
-                dim: spirv::Dim::from_u32(operand(1))
-                    .ok_or_else(|| Error::invalid(at, "unknown image dimension"))?,
-                arrayed: operand(3) != 0,
-                multisampled: operand(4) != 0,
-                sampled: operand(5),
-                format: operand(6),
-            }),
-            Op::TypeSampler => TypeKind::Sampler,
-            Op::TypeSampledImage => TypeKind::SampledImage { image: operand(0) },
-            Op::TypeAccelerationStructureKHR => TypeKind::AccelerationStructure,
-            Op::TypeBufferEXT => TypeKind::Buffer,
-            Op::TypeRayQueryKHR => TypeKind::RayQuery,
-            Op::TypeHitObjectNV | Op::TypeHitObjectEXT => TypeKind::HitObject,
-            Op::TypeFunction => TypeKind::Function {
-                result: operand(0),
-                params: operands[1..].into(),
-            },
-            other => {
-                return Err(Error::unsupported(
-                    at,
-                    format!("Op{} is not supported", opcode_name(other)),
-                ));
-            }
-        };
+        let kind = declared_kind(module.operands(instruction), instruction, sizes)?;
         let info = self.measure(at, instruction.result, kind, &module.annotations)?;
         self.longest_vector = self.longest_vector.max(info.components);
         self.infos.insert(instruction.result, info);
         Ok(())
-    }
-
-    /// The facts that follow from a type's parts, which are declared before it.
-    fn measure(
-        &self,
-        at: u32,
-        id: Id,
-        kind: TypeKind,
-        annotations: &Annotations,
-    ) -> Result<TypeInfo, Error> {
-        let part = |id: Id| {
-            self.infos.get(id).ok_or_else(|| {
-                Error::invalid(at, format!("type {id} is used before it is declared"))
-            })
-        };
-        let (leaf_count, rows) = match &kind {
-            TypeKind::Void | TypeKind::Function { .. } => (0, 0),
-            TypeKind::Scalar { ty, .. } => (1, ty.rows() as u64),
-            TypeKind::Vector { component, count } => {
-                let TypeKind::Scalar { ty, .. } = part(*component)?.kind else {
-                    return Err(Error::invalid(at, "vector components must be scalars"));
-                };
-                let [least, most] = self.components;
-                if !(least..=most).contains(count) {
-                    let message = format!("a vector cannot have {count} components");
-                    return Err(Error::invalid(at, message));
-                }
-                (*count as u64, *count as u64 * ty.rows() as u64)
-            }
-            TypeKind::CooperativeMatrix { component } => {
-                let TypeKind::Scalar { ty, .. } = part(*component)?.kind else {
-                    return Err(Error::invalid(at, "components of matrices must be scalars"));
-                };
-                let size = MatrixProduct::SIZE as u64;
-                (size, size * u64::from(ty.rows()))
-            }
-            TypeKind::Matrix { column, count } => {
-                let info = part(*column)?;
-                let of_columns = matches!(
-                    info.kind,
-                    TypeKind::Vector {
-                        count: 2..=FEW_COMPONENTS,
-                        ..
-                    }
-                );
-                if !of_columns || !matches!(count, 2..=4) {
-                    let message = "a matrix has 2 to 4 columns of 2 to 4 components";
-                    return Err(Error::invalid(at, message));
-                }
-                (info.leaf_count * *count as u64, info.rows * *count as u64)
-            }
-            TypeKind::Array { element, count } => {
-                let info = part(*element)?;
-                let count = *count as u64;
-                let leaves = info.leaf_count.saturating_mul(count);
-                (leaves, info.rows.saturating_mul(count))
-            }
-            TypeKind::RuntimeArray { element } => {
-                part(*element)?;
-                (0, 0)
-            }
-            TypeKind::Struct { members } => {
-                let mut sum = (0u64, 0u64);
-                for &member in members.iter() {
-                    let info = part(member)?;
-                    sum.0 = sum.0.saturating_add(info.leaf_count);
-                    sum.1 = sum.1.saturating_add(info.rows);
-                }
-                sum
-            }
-            TypeKind::Pointer { class, .. } => {
-                let leaves = self.pointer_leaves(*class);
-                let rows = leaves.iter().map(|ty| ty.rows() as u64).sum();
-                (leaves.len() as u64, rows)
-            }
-            TypeKind::Image(_)
-            | TypeKind::Sampler
-            | TypeKind::AccelerationStructure
-            | TypeKind::Buffer => (1, 2),
-            TypeKind::RayQuery => (self.query_rows, self.query_rows),
-            TypeKind::HitObject => (word::COUNT as u64, word::COUNT as u64),
-            TypeKind::SampledImage { image } => {
-                if !matches!(part(*image)?.kind, TypeKind::Image(_)) {
-                    return Err(Error::invalid(at, "a sampled image is made of an image"));
-                }
-                (2, 4)
-            }
-        };
-        let is_opaque = match &kind {
-            TypeKind::Image(_)
-            | TypeKind::Sampler
-            | TypeKind::SampledImage { .. }
-            | TypeKind::Buffer => true,
-            TypeKind::Pointer { class, .. } => is_through_descriptor(*class),
-            TypeKind::Array { element, .. } | TypeKind::RuntimeArray { element } => {
-                part(*element)?.is_opaque
-            }
-            TypeKind::Struct { members } => {
-                let parts = members.iter().map(|&member| part(member));
-                parts
-                    .collect::<Result<Vec<_>, _>>()?
-                    .iter()
-                    .any(|part| part.is_opaque)
-            }
-            _ => false,
-        };
-        let components = match &kind {
-            TypeKind::Vector { count, .. } => *count,
-            TypeKind::Array { element, .. } | TypeKind::RuntimeArray { element } => {
-                part(*element)?.components
-            }
-            TypeKind::Struct { members } => members.iter().try_fold(0, |most: u32, &member| {
-                Ok::<_, Error>(most.max(part(member)?.components))
-            })?,
-            _ => 0,
-        };
-        let locations = match &kind {
-            TypeKind::Vector { .. } => (rows as u32).div_ceil(LOCATION_WORDS),
-            TypeKind::Matrix {
-                column: element,
-                count,
-            }
-            | TypeKind::Array { element, count } => {
-                part(*element)?.locations.saturating_mul(*count)
-            }
-            TypeKind::Struct { members } => members.iter().try_fold(0u32, |sum, &member| {
-                Ok::<_, Error>(sum.saturating_add(part(member)?.locations))
-            })?,
-            _ => 1,
-        };
-        let natural = self.size_and_alignment(id, &kind, annotations, true);
-        let packed = self.size_and_alignment(id, &kind, annotations, false);
-        Ok(TypeInfo {
-            kind,
-            leaf_count,
-            rows,
-            is_opaque,
-            components,
-            locations,
-            natural,
-            packed,
-        })
-    }
-
-    /// See [`TypeInfo::natural`], and [`TypeInfo::packed`] for types without strides.
-    fn size_and_alignment(
-        &self,
-        id: Id,
-        kind: &TypeKind,
-        annotations: &Annotations,
-        has_strides: bool,
-    ) -> Option<(u64, u64)> {
-        let part = |id: Id| {
-            let info = self.infos.get(id)?;
-            match has_strides {
-                true => info.natural,
-                false => info.packed,
-            }
-        };
-        match kind {
-            TypeKind::Scalar { ty, .. } => Some((ty.size_bytes() as u64, ty.size_bytes() as u64)),
-            TypeKind::Vector {
-                component: element,
-                count,
-            }
-            | TypeKind::Matrix {
-                column: element,
-                count,
-            }
-            | TypeKind::Array { element, count } => {
-                let (size, align) = part(*element)?;
-                let given = annotations.id(id, Decoration::ArrayStride);
-                let stride = match given.filter(|_| has_strides) {
-                    Some(stride) => stride as u64,
-                    None => size.checked_next_multiple_of(align)?,
-                };
-                Some((stride.saturating_mul(*count as u64), align))
-            }
-            TypeKind::Struct { members } => {
-                let (mut end, mut most) = (0u64, 1);
-                for (index, &member) in members.iter().enumerate() {
-                    let (size, align) = part(member)?;
-                    let start = match annotations.member(id, index as u32, Decoration::Offset) {
-                        Some(offset) => offset as u64,
-                        None => end.saturating_add(align - 1) / align * align,
-                    };
-                    end = end.max(start.saturating_add(size));
-                    most = most.max(align);
-                }
-                Some((end.saturating_add(most - 1) / most * most, most))
-            }
-            TypeKind::Pointer { class, .. } if is_physical(*class) => {
-                let leaves = self.pointer_leaves(*class);
-                let size = leaves.iter().map(|ty| ty.size_bytes() as u64).sum();
-                Some((size, leaves[0].size_bytes() as u64))
-            }
-            TypeKind::RuntimeArray { .. } => Some((0, 1)),
-            TypeKind::Image(_)
-            | TypeKind::Sampler
-            | TypeKind::AccelerationStructure
-            | TypeKind::Buffer => Some((DESCRIPTOR_BYTES.into(), DESCRIPTOR_BYTES.into())),
-            _ => None,
-        }
     }
 
     /// Announces a pointer type whose pointee comes later (`OpTypeForwardPointer`).
@@ -697,6 +413,98 @@ impl Types {
         self.infos.insert(id, info);
         Ok(())
     }
+}
+
+/// The type that an instruction declares. See [`Types::declare`] for `sizes`.
+fn declared_kind(
+    operands: &[u32],
+    instruction: &Instruction,
+    sizes: &[u32],
+) -> Result<TypeKind, Error> {
+    let operand = |index: usize| operands.get(index).copied().unwrap_or(0);
+    let at = instruction.offset;
+    Ok(match instruction.opcode {
+        Op::TypeVoid => TypeKind::Void,
+        Op::TypeBool => scalar(Type::I1, false),
+        Op::TypeInt => scalar(int_type(at, operand(0))?, operand(1) != 0),
+        Op::TypeFloat if operands == BFLOAT16 => TypeKind::Scalar {
+            ty: Type::I16,
+            signed: true,
+            is_bfloat16: true,
+        },
+        Op::TypeFloat => scalar(float_type(at, operands)?, true),
+        Op::TypeCooperativeMatrixKHR => {
+            cooperative_matrix(at, sizes)?;
+            TypeKind::CooperativeMatrix {
+                component: operand(0),
+            }
+        }
+        Op::TypeVector => TypeKind::Vector {
+            component: operand(0),
+            count: operand(1),
+        },
+        Op::TypeVectorIdEXT => TypeKind::Vector {
+            component: operand(0),
+            count: sizes.first().copied().unwrap_or(0),
+        },
+        Op::TypeMatrix => TypeKind::Matrix {
+            column: operand(0),
+            count: operand(1),
+        },
+        Op::TypeArray => TypeKind::Array {
+            element: operand(0),
+            count: sizes.first().copied().unwrap_or(0),
+        },
+        Op::TypeRuntimeArray => TypeKind::RuntimeArray {
+            element: operand(0),
+        },
+        Op::TypeStruct => TypeKind::Struct {
+            members: operands.into(),
+        },
+        Op::TypePointer => TypeKind::Pointer {
+            class: storage_class(at, operand(0))?,
+            pointee: operand(1),
+        },
+        Op::TypeUntypedPointerKHR => untyped_pointer(at, operand(0))?,
+        Op::TypeImage => TypeKind::Image(ImageType {
+            sampled_type: operand(0),
+            dim: spirv::Dim::from_u32(operand(1))
+                .ok_or_else(|| Error::invalid(at, "unknown image dimension"))?,
+            arrayed: operand(3) != 0,
+            multisampled: operand(4) != 0,
+            sampled: operand(5),
+            format: operand(6),
+        }),
+        Op::TypeSampler => TypeKind::Sampler,
+        Op::TypeSampledImage => TypeKind::SampledImage { image: operand(0) },
+        Op::TypeAccelerationStructureKHR => TypeKind::AccelerationStructure,
+        Op::TypeBufferEXT => TypeKind::Buffer,
+        Op::TypeRayQueryKHR => TypeKind::RayQuery,
+        Op::TypeHitObjectNV | Op::TypeHitObjectEXT => TypeKind::HitObject,
+        Op::TypeFunction => TypeKind::Function {
+            result: operand(0),
+            params: operands[1..].into(),
+        },
+        other => {
+            return Err(Error::unsupported(
+                at,
+                format!("Op{} is not supported", opcode_name(other)),
+            ));
+        }
+    })
+}
+
+fn untyped_pointer(at: u32, class: u32) -> Result<TypeKind, Error> {
+    let class = storage_class(at, class)?;
+    let is_of_heap = matches!(class, StorageClass::UniformConstant | StorageClass::Image);
+    if !has_layout(class) && !is_of_heap {
+        let message = format!("an untyped pointer to {class:?} is not supported");
+        return Err(Error::unsupported(at, message));
+    }
+    Ok(TypeKind::Pointer {
+        class,
+        pointee: UNTYPED,
+    })
 }
 
 /// Memory of bytes: where a type's decorations say how a value lies.
