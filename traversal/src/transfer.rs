@@ -329,24 +329,7 @@ pub fn deserialize(
     let (references, body) = data
         .split_at_checked(references_bytes)
         .ok_or(StructureError::Truncated)?;
-    // The geometry count fixes where the references were taken out; the header has it, and comes
-    // before them.
-    let header = body
-        .get(..size_of::<Header>())
-        .ok_or(StructureError::Truncated)?;
-    // SAFETY: as long as a header, which is plain numbers.
-    let header = unsafe { header.as_ptr().cast::<Header>().read_unaligned() };
-    let kind = if references_bytes == 0 {
-        // Where a table of no bytes is does not matter.
-        Kind::Triangles
-    } else {
-        Kind::Instances
-    };
-    let parts = Parts::new(kind, Form::Groups, header.geometry_count.into(), 0, 0);
-    let (before, after) = body
-        .split_at_checked(parts.references_offset as usize)
-        .ok_or(StructureError::Truncated)?;
-
+    let (before, after) = split_at_references(body, references_bytes)?;
     let out = place(destination, size)?;
     let (out_before, out_rest) = out.split_at_mut(before.len());
     let (out_references, out_after) = out_rest.split_at_mut(references_bytes);
@@ -359,20 +342,7 @@ pub fn deserialize(
         out.copy_from_slice(&reference.to_le_bytes());
     }
     out_after.copy_from_slice(after);
-    let checked = validate(out).and_then(|()| {
-        let (structure, _) = Structure::of(out)?;
-        let geometries = structure.geometry_count() as usize;
-        let same = structure.reference_count() == reference_count
-            && structure.size_bytes() == head.deserialized_bytes
-            && (addresses.is_empty()
-                || addresses.len() == geometries && structure.micromap_bytes() > 0);
-        let holds_its_micromaps = (0..structure.geometry_count())
-            .filter_map(|geometry| structure.micromap_address(geometry))
-            .all(|address| address == 0 || structure.addresses().contains(&address));
-        (same && holds_its_micromaps)
-            .then_some(size - structure.micromap_bytes() as usize)
-            .ok_or(StructureError::Corrupt)
-    });
+    let checked = check_deserialized(out, &head, reference_count, addresses.len());
     let part = match checked {
         Ok(part) => part,
         Err(error) => {
@@ -393,6 +363,50 @@ pub fn deserialize(
         }
     }
     Ok(size as u64)
+}
+
+/// The bytes before and after the place of the references in a structure from which they were taken
+/// out. The geometry count in the header fixes that place.
+fn split_at_references(
+    body: &[u8],
+    references_bytes: usize,
+) -> Result<(&[u8], &[u8]), StructureError> {
+    let header = body
+        .get(..size_of::<Header>())
+        .ok_or(StructureError::Truncated)?;
+    // SAFETY: the slice is as long as a header, whose members are plain numbers.
+    let header = unsafe { header.as_ptr().cast::<Header>().read_unaligned() };
+    let kind = if references_bytes == 0 {
+        // The offset of an empty table does not matter.
+        Kind::Triangles
+    } else {
+        Kind::Instances
+    };
+    let parts = Parts::new(kind, Form::Groups, header.geometry_count.into(), 0, 0);
+    body.split_at_checked(parts.references_offset as usize)
+        .ok_or(StructureError::Truncated)
+}
+
+/// Checks a structure against the data that it was made from; returns the offset of its part for
+/// micromaps.
+fn check_deserialized(
+    out: &[u8],
+    head: &Serialized,
+    reference_count: u64,
+    address_count: usize,
+) -> Result<usize, StructureError> {
+    validate(out)?;
+    let (structure, _) = Structure::of(out)?;
+    let geometries = structure.geometry_count() as usize;
+    let same = structure.reference_count() == reference_count
+        && structure.size_bytes() == head.deserialized_bytes
+        && (address_count == 0 || address_count == geometries && structure.micromap_bytes() > 0);
+    let holds_its_micromaps = (0..structure.geometry_count())
+        .filter_map(|geometry| structure.micromap_address(geometry))
+        .all(|address| address == 0 || structure.addresses().contains(&address));
+    (same && holds_its_micromaps)
+        .then_some(out.len() - structure.micromap_bytes() as usize)
+        .ok_or(StructureError::Corrupt)
 }
 
 /// The addresses of the only block of serialized data, if it has one, and what comes after it.

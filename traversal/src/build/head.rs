@@ -36,43 +36,8 @@ pub(super) unsafe fn write_head(
                 .write_bytes(0, (end - start) as usize);
         }
     };
-    let mut all_features = 0;
-    let mut first_primitive = 0;
-    let mut entry = |index: usize, primitive_count: u32, flags: GeometryFlags| {
-        all_features |= if flags.contains(GeometryFlags::OPAQUE) {
-            features::OPAQUE
-        } else {
-            features::NOT_OPAQUE
-        };
-        let entry = GeometryEntry {
-            first_primitive,
-            primitive_count,
-            flags: flags.0,
-        };
-        first_primitive += u64::from(primitive_count);
-        let offset = parts.geometries_offset as usize + index * size_of::<GeometryEntry>();
-        // SAFETY: inside the geometry table; 16-byte aligned.
-        unsafe { target.base.add(offset).cast::<GeometryEntry>().write(entry) };
-    };
-    match &input.geometries {
-        Geometries::Triangles(list) => list
-            .iter()
-            .enumerate()
-            .for_each(|(i, g)| entry(i, g.primitive_count, g.flags)),
-        Geometries::Aabbs(list) => list
-            .iter()
-            .enumerate()
-            .for_each(|(i, g)| entry(i, g.primitive_count, g.flags)),
-        Geometries::Swept(list) => list
-            .iter()
-            .enumerate()
-            .for_each(|(i, g)| entry(i, g.primitive_count, g.flags)),
-        Geometries::Motion(list) => list
-            .iter()
-            .enumerate()
-            .for_each(|(i, g)| entry(i, g.start.primitive_count, g.start.flags)),
-        Geometries::Instances(source) => entry(0, source.count, source.flags),
-    }
+    // SAFETY: the caller owns the target's parts.
+    let mut all_features = unsafe { write_geometries(target, &input.geometries) };
     if shape.micromap_bytes > 0 {
         all_features |= features::OPAQUE | features::NOT_OPAQUE;
     }
@@ -112,4 +77,50 @@ pub(super) unsafe fn write_head(
     };
     // SAFETY: the blob begins with its header.
     unsafe { target.base.cast::<Header>().write(header) };
+}
+
+/// Writes the geometry table and returns the [`features`] that follow from the geometries' flags.
+///
+/// # Safety
+/// As [`write_head`].
+unsafe fn write_geometries(target: &Target<'_>, geometries: &Geometries<'_>) -> u32 {
+    let mut all_features = 0;
+    let mut first_primitive = 0;
+    let mut entry = |index: usize, primitive_count: u32, flags: GeometryFlags| {
+        all_features |= if flags.contains(GeometryFlags::OPAQUE) {
+            features::OPAQUE
+        } else {
+            features::NOT_OPAQUE
+        };
+        let entry = GeometryEntry {
+            first_primitive,
+            primitive_count,
+            flags: flags.0,
+        };
+        first_primitive += u64::from(primitive_count);
+        let offset = target.parts.geometries_offset as usize + index * size_of::<GeometryEntry>();
+        // SAFETY: the caller owns the geometry table, which has an entry for each geometry and is
+        // aligned to 16 bytes.
+        unsafe { target.base.add(offset).cast::<GeometryEntry>().write(entry) };
+    };
+    match geometries {
+        Geometries::Triangles(list) => list
+            .iter()
+            .enumerate()
+            .for_each(|(i, g)| entry(i, g.primitive_count, g.flags)),
+        Geometries::Aabbs(list) => list
+            .iter()
+            .enumerate()
+            .for_each(|(i, g)| entry(i, g.primitive_count, g.flags)),
+        Geometries::Swept(list) => list
+            .iter()
+            .enumerate()
+            .for_each(|(i, g)| entry(i, g.primitive_count, g.flags)),
+        Geometries::Motion(list) => list
+            .iter()
+            .enumerate()
+            .for_each(|(i, g)| entry(i, g.start.primitive_count, g.start.flags)),
+        Geometries::Instances(source) => entry(0, source.count, source.flags),
+    }
+    all_features
 }

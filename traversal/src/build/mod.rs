@@ -117,22 +117,10 @@ unsafe fn build_to_depth(
         form: Form::Groups,
         geometries: &input.geometries,
     };
-    let mut written = Written {
-        node_count: 1,
-        leaf_count: 0,
-        depth: 1,
-        bounds: Bounds::EMPTY,
-        cost: 0.0,
-    };
-    if active == 0 {
-        target.lay_out(&shape, &mut written);
-        // SAFETY: the promised size has room for a node.
-        unsafe { target.write_node(0, &Node::EMPTY) };
-    }
-    let mut is_written = active == 0;
-    // Where subtrees that moved make the tree too deep, they stay.
+    let mut written = None;
+    // A tree that is too deep with subtrees that moved is built again without moves.
     for moves in [true, false] {
-        if is_written || (!moves && pieces.is_empty()) {
+        if active == 0 || written.is_some() || (!moves && pieces.is_empty()) {
             continue;
         }
         let grown = &mut nodes[..2 * active - 1];
@@ -144,28 +132,14 @@ unsafe fn build_to_depth(
         if takes_blocks(&shape, input.flags, &collected) {
             target.form = Form::Blocks;
         }
-        // SAFETY: the caller's promise for the memory of the geometries.
-        let planned = unsafe { plan(&mut target, &shape, tree, primitives, &costs) };
-        if let Some(planned) = planned.filter(|planned| planned.depth <= max_depth) {
-            written = planned;
-            is_written = true;
-            // SAFETY: the parts are inside the destination, and the plan fills exactly them.
-            unsafe {
-                target.write_tree(tree, primitives, 0, 0);
-                target.end_blocks(tree[0].wide_leaves, written.leaf_count);
-            }
-        }
+        // SAFETY: the caller keeps the geometries' memory readable; the destination has the
+        // promised size.
+        written = unsafe { write_wide(&mut target, &shape, tree, primitives, &costs, max_depth) };
     }
-    if !is_written {
-        target.form = Form::Groups;
-        written.node_count = target.packed_nodes(active);
-        written.leaf_count = target.packed_leaves(active);
-        written.depth = target.packed_depth(active);
-        target.lay_out(&shape, &mut written);
-        debug_assert!(target.parts.size_bytes <= promised);
-        // SAFETY: the parts are inside the destination.
-        written.bounds = unsafe { target.write_packed(primitives, 0, 0) };
-    }
+    let mut written = written.unwrap_or_else(|| {
+        // SAFETY: the destination has the promised size.
+        unsafe { write_packed(&mut target, &shape, primitives) }
+    });
     let mut origin_error = 0.0;
     if let Geometries::Instances(source) = &input.geometries {
         // SAFETY: the caller's promise; the parts have a record for each instance.
@@ -189,6 +163,70 @@ unsafe fn build_to_depth(
     unsafe { write_head(&target, input, &shape, &written, origin_error) };
     debug_assert_eq!(crate::validate(destination), Ok(()));
     Ok(target.parts.size_bytes + shape.micromap_bytes)
+}
+
+/// Collapses a binary tree and writes it. Writes nothing and returns `None` if it would be larger
+/// than promised, or deeper than `max_depth`.
+///
+/// # Safety
+/// The memory of the geometries is readable, and the destination has the promised size.
+unsafe fn write_wide(
+    target: &mut Target<'_>,
+    shape: &Shape,
+    tree: &mut [BinaryNode],
+    primitives: &[Primitive],
+    costs: &Costs,
+    max_depth: u32,
+) -> Option<Written> {
+    // SAFETY: the caller keeps the memory of the geometries readable.
+    let written = unsafe { plan(target, shape, tree, primitives, costs) }?;
+    if written.depth > max_depth {
+        return None;
+    }
+    // SAFETY: the plan has checked that the parts are inside the destination, and fills exactly
+    // them.
+    unsafe {
+        target.write_tree(tree, primitives, 0, 0);
+        target.end_blocks(tree[0].wide_leaves, written.leaf_count);
+    }
+    Some(written)
+}
+
+/// Writes a packed tree, which always fits; for no primitives one empty node.
+///
+/// # Safety
+/// The destination has the promised size.
+unsafe fn write_packed(
+    target: &mut Target<'_>,
+    shape: &Shape,
+    primitives: &mut [Primitive],
+) -> Written {
+    let active = primitives.len();
+    target.form = Form::Groups;
+    let mut written = Written {
+        node_count: 1,
+        leaf_count: 0,
+        depth: 1,
+        bounds: Bounds::EMPTY,
+        cost: 0.0,
+    };
+    if active > 0 {
+        written.node_count = target.packed_nodes(active);
+        written.leaf_count = target.packed_leaves(active);
+        written.depth = target.packed_depth(active);
+    }
+    target.lay_out(shape, &mut written);
+    debug_assert!(
+        target.parts.size_bytes <= structure_bytes(shape.kind, shape.geometries, shape.primitives)
+    );
+    // SAFETY: the parts are inside the destination: the promised size has room for a packed tree.
+    unsafe {
+        match active {
+            0 => target.write_node(0, &Node::EMPTY),
+            _ => written.bounds = target.write_packed(primitives, 0, 0),
+        }
+    }
+    written
 }
 
 /// Writes the part for micromaps, which comes after the others.
