@@ -1,8 +1,8 @@
-//! Passes as they are executed: what is drawn into, and what happens at their beginning and end.
+//! Passes as they are executed: their attachments, load operations and resolves.
 //!
-//! Render passes become passes of this kind when they are recorded, one a subpass: an attachment's
-//! load operation stands in the first subpass that uses it (of each view), a resolve in the subpass
-//! that asks for it. So there is one way to draw.
+//! Recording turns each subpass of a render pass into such a pass. An attachment's load operation
+//! goes to the first subpass that uses the attachment (for each view), a resolve to the subpass that
+//! asks for it. So drawing knows one kind of pass.
 
 #![forbid(unsafe_code)]
 
@@ -11,17 +11,17 @@ use smallvec::SmallVec;
 
 use crate::handle::Ref;
 use crate::object::graphics_state::MAX_COLOR_ATTACHMENTS;
-use crate::object::render_pass::ResolveMode;
+use crate::object::render_pass::{ResolveMode, Subpass};
 use crate::object::{ImageView, RenderPass};
 
 /// `VkRenderingInfo`, or a subpass.
 pub struct Pass {
     pub area: vk::Rect2D,
-    /// Layers that are drawn to; with views, that they may lie in.
+    /// Layers of the pass; with views, the layers that views may lie in.
     pub layers: u32,
     /// 0 without multiview.
     pub view_mask: u32,
-    /// Samples that draws have of attachments with one
+    /// Samples per pixel of draws to attachments with one sample
     /// (`VkMultisampledRenderToSingleSampledInfoEXT`), or 1.
     pub samples: u32,
     pub colors: [Option<Attachment>; MAX_COLOR_ATTACHMENTS],
@@ -29,22 +29,23 @@ pub struct Pass {
     pub stencil: Option<Attachment>,
     /// The attachment of fragment shading rates.
     pub rates: Option<Ref<ImageView>>,
-    /// Load operations of what is not drawn into: input attachments, and destinations of resolves.
+    /// Clears of attachments that the pass does not draw to: input attachments, and destinations of
+    /// resolves.
     pub clears: Vec<ViewClear>,
-    /// It goes on with what an earlier one suspended: nothing is loaded.
+    /// The pass resumes a suspended one, and loads nothing.
     pub resumes: bool,
-    /// A later one goes on: nothing is resolved.
+    /// A later pass resumes this one, which resolves nothing.
     pub suspends: bool,
 }
 
-/// An attachment of a pass; depth and stencil are apart.
+/// An attachment of a pass. Depth and stencil are two attachments.
 pub struct Attachment {
     pub view: Ref<ImageView>,
-    /// `VK_ATTACHMENT_LOAD_OP_CLEAR`: with what, and in which views (all of the pass's, but in
-    /// render passes).
+    /// `VK_ATTACHMENT_LOAD_OP_CLEAR`: the value, and the views to clear. Outside of render passes
+    /// these are all views.
     pub clear: Option<(vk::ClearValue, u32)>,
     pub resolve: Option<Resolve>,
-    /// How samples of the pass become the attachment's only one, where it draws with more.
+    /// How several samples of the pass become the attachment's single sample.
     pub mode: ResolveMode,
 }
 
@@ -57,7 +58,7 @@ pub struct Resolve {
 /// A clear at the beginning of a pass.
 pub struct ViewClear {
     pub view: Ref<ImageView>,
-    /// Of the attachment, those with this load operation.
+    /// The attachment's aspects that are cleared.
     pub aspects: vk::ImageAspectFlags,
     pub value: vk::ClearValue,
     /// 0 without multiview.
@@ -72,7 +73,7 @@ pub struct PassRecorder {
     area: vk::Rect2D,
     layers: u32,
     subpass: usize,
-    /// By attachment: the views whose load operations are done; all bits without multiview.
+    /// For each attachment, the views whose load operations are done; all bits without multiview.
     loaded: Vec<u32>,
 }
 
@@ -110,35 +111,8 @@ impl PassRecorder {
             0 => u32::MAX,
             mask => mask,
         };
-        let (mut loads, mut clears) = (vec![0; self.loaded.len()], Vec::new());
-        for attachment in subpass.attachments() {
-            if let Some(loaded) = self.loaded.get_mut(attachment as usize) {
-                loads[attachment as usize] |= views & !*loaded;
-                *loaded |= views;
-            }
-        }
-        let drawn =
-            |index| subpass.colors.contains(&Some(index)) || subpass.depth_stencil == Some(index);
-        for (index, &load) in loads.iter().enumerate().filter(|(_, load)| **load != 0) {
-            let Some((view, info)) = self.attachment(index as u32) else {
-                continue;
-            };
-            let mut aspects = vk::ImageAspectFlags::empty();
-            if info.clears {
-                aspects |= vk::ImageAspectFlags::COLOR | vk::ImageAspectFlags::DEPTH;
-            }
-            if info.clears_stencil {
-                aspects |= vk::ImageAspectFlags::STENCIL;
-            }
-            if !drawn(index as u32) && !aspects.is_empty() {
-                clears.push(ViewClear {
-                    view: Ref::clone(view),
-                    aspects,
-                    value: self.clear_value(index),
-                    view_mask: load & subpass.view_mask,
-                });
-            }
-        }
+        let loads = self.take_loads(subpass, views);
+        let clears = self.clears(subpass, &loads);
         let attachment = |index: u32, clears: bool, resolve: Option<Resolve>, mode| {
             let (view, _) = self.attachment(index)?;
             let load = loads[index as usize];
@@ -203,6 +177,46 @@ impl PassRecorder {
         })
     }
 
+    /// The views of each attachment that a subpass loads: those that it is the first to use.
+    fn take_loads(&mut self, subpass: &Subpass, views: u32) -> Vec<u32> {
+        let mut loads = vec![0; self.loaded.len()];
+        for attachment in subpass.attachments() {
+            if let Some(loaded) = self.loaded.get_mut(attachment as usize) {
+                loads[attachment as usize] |= views & !*loaded;
+                *loaded |= views;
+            }
+        }
+        loads
+    }
+
+    /// The clears of attachments that a subpass loads and does not draw to.
+    fn clears(&self, subpass: &Subpass, loads: &[u32]) -> Vec<ViewClear> {
+        let drawn =
+            |index| subpass.colors.contains(&Some(index)) || subpass.depth_stencil == Some(index);
+        let mut clears = Vec::new();
+        for (index, &load) in loads.iter().enumerate().filter(|(_, load)| **load != 0) {
+            let Some((view, info)) = self.attachment(index as u32) else {
+                continue;
+            };
+            let mut aspects = vk::ImageAspectFlags::empty();
+            if info.clears {
+                aspects |= vk::ImageAspectFlags::COLOR | vk::ImageAspectFlags::DEPTH;
+            }
+            if info.clears_stencil {
+                aspects |= vk::ImageAspectFlags::STENCIL;
+            }
+            if !drawn(index as u32) && !aspects.is_empty() {
+                clears.push(ViewClear {
+                    view: Ref::clone(view),
+                    aspects,
+                    value: self.clear_value(index),
+                    view_mask: load & subpass.view_mask,
+                });
+            }
+        }
+        clears
+    }
+
     fn attachment(
         &self,
         index: u32,
@@ -219,11 +233,11 @@ impl PassRecorder {
     }
 }
 
-/// The colours of a clear of several attachments, or of one (`VkClearAttachment`).
+/// `VkClearAttachment`.
 #[derive(Clone, Copy)]
 pub struct AttachmentClear {
     pub aspects: vk::ImageAspectFlags,
-    /// Of colour.
+    /// The index of a color attachment.
     pub attachment: u32,
     pub value: vk::ClearValue,
 }
@@ -234,7 +248,7 @@ pub struct AttachmentClears {
     pub rects: SmallVec<[vk::ClearRect; 1]>,
 }
 
-/// An area, as far as it lies inside what has this size.
+/// The part of an area that lies inside an image of this size.
 pub fn inside(area: vk::Rect2D, [width, height]: [u32; 2]) -> vk::Rect2D {
     let side = |first: i32, size: u32, most: u32| {
         let end = (i64::from(first) + i64::from(size)).clamp(0, i64::from(most));

@@ -1,7 +1,7 @@
 //! `VkGraphicsPipelineCreateInfo` and what it points to.
 //!
-//! Parts of it that a pipeline does not use may be anything, pointers to nothing among it (chapter
-//! Pipelines, "Graphics Pipelines"): each is looked at only where it counts.
+//! Members that a pipeline does not use may hold anything, invalid pointers included (chapter
+//! Pipelines, "Graphics Pipelines"). Each is read only where it counts.
 
 use ash::vk;
 use smallvec::SmallVec;
@@ -30,12 +30,11 @@ const ALL: Parts = Parts::from_raw(
         | Parts::FRAGMENT_OUTPUT_INTERFACE.as_raw(),
 );
 
-/// A pipeline to be created: what comes with it but its programs, and the libraries that complete
-/// it.
+/// A pipeline to be created, without its programs, and the libraries that complete it.
 pub struct Decoded<'a> {
     /// The parts that come with the info.
     pub own: GraphicsPipeline,
-    /// With their index among the info's stages.
+    /// The stages, each with its index among the info's stages.
     pub stages: SmallVec<[(usize, ShaderStage); 2]>,
     pub libraries: Vec<&'a GraphicsPipeline>,
 }
@@ -48,7 +47,7 @@ pub struct Decoded<'a> {
 /// # Safety
 /// The info is valid, and its handles are alive for `'a`.
 pub unsafe fn decode<'a>(info: &vk::GraphicsPipelineCreateInfo<'_>) -> VkResult<Decoded<'a>> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller's info is valid, and its handles are alive.
     unsafe {
         let libraries = libraries(info)?;
         let parts = own_parts(info, &libraries);
@@ -57,90 +56,17 @@ pub unsafe fn decode<'a>(info: &vk::GraphicsPipelineCreateInfo<'_>) -> VkResult<
             slice(it.p_dynamic_states, it.dynamic_state_count)
         });
         let dynamic = DynamicStates::of(list, parts);
-        let info_stages = slice(info.p_stages, info.stage_count);
-        // The first stages of mesh pipelines take no vertices.
-        let has_mesh = (info_stages.iter()).any(|it| it.stage == vk::ShaderStageFlags::MESH_EXT);
-        let has = |part| parts.contains(part);
         let mut state = GraphicsState::default();
-        if has(Parts::VERTEX_INPUT_INTERFACE) && !has_mesh {
-            if !dynamic.contains(vk::DynamicState::VERTEX_INPUT_EXT)
-                && let Some(input) = info.p_vertex_input_state.as_ref()
-            {
-                state.vertex_input = vertex_input(input);
-            }
-            if let Some(assembly) = info.p_input_assembly_state.as_ref() {
-                state.topology = assembly.topology;
-                state.primitive_restart = assembly.primitive_restart_enable != vk::FALSE;
-            }
+        decode_input(info, parts, dynamic, &mut state);
+        decode_rasterization(info, parts, &mut state);
+        let discards = parts.contains(Parts::PRE_RASTERIZATION_SHADERS)
+            && state.rasterization.discard
+            && !dynamic.contains(vk::DynamicState::RASTERIZER_DISCARD_ENABLE);
+        if !discards {
+            decode_viewports(info, parts, dynamic, &mut state);
         }
-        let mut discards = false;
-        if has(Parts::PRE_RASTERIZATION_SHADERS) {
-            if let Some(info) = info.p_rasterization_state.as_ref() {
-                state.rasterization = rasterization(info);
-            }
-            if let Some(info) = info.p_tessellation_state.as_ref()
-                && has_tessellation(info_stages)
-            {
-                state.tessellation = tessellation(info);
-            }
-            discards = state.rasterization.discard
-                && !dynamic.contains(vk::DynamicState::RASTERIZER_DISCARD_ENABLE);
-            if !discards && let Some(info) = info.p_viewport_state.as_ref() {
-                state.viewports = viewports(info, dynamic);
-                state.rasterization.negative_one_to_one =
-                    find::<vk::PipelineViewportDepthClipControlCreateInfoEXT>(info.p_next)
-                        .is_some_and(|control| control.negative_one_to_one != vk::FALSE);
-                state.rasterization.depth_clamp_range = find::<
-                    newer::PipelineViewportDepthClampControlCreateInfoEXT,
-                >(info.p_next)
-                .and_then(|it| depth_clamp_range(it.depth_clamp_mode, it.p_depth_clamp_range));
-            }
-        }
-        if parts.intersects(Parts::PRE_RASTERIZATION_SHADERS | Parts::FRAGMENT_SHADER) {
-            let rate = find::<vk::PipelineFragmentShadingRateStateCreateInfoKHR<'_>>(info.p_next);
-            let rate = rate.map(|it| ShadingRate::new(it.fragment_size, it.combiner_ops));
-            state.shading_rate = rate.unwrap_or_default();
-        }
-        let (colors, depth) = attachments(info, parts);
-        if has(Parts::FRAGMENT_SHADER)
-            && !discards
-            && depth
-            && let Some(info) = info.p_depth_stencil_state.as_ref()
-        {
-            state.depth_stencil = depth_stencil(info);
-        }
-        if has(Parts::FRAGMENT_OUTPUT_INTERFACE) && info.render_pass == vk::RenderPass::null() {
-            state.used_attachments = used_attachments(info);
-        }
-        if has(Parts::FRAGMENT_OUTPUT_INTERFACE) && !discards {
-            if let Some(info) = info.p_multisample_state.as_ref() {
-                state.multisample = multisample(info);
-            }
-            if colors && let Some(info) = info.p_color_blend_state.as_ref() {
-                state.blend = color_blend(info);
-            }
-            let locations = find::<vk::RenderingAttachmentLocationInfoKHR>(info.p_next);
-            if let Some(locations) = locations {
-                state.color_locations = color_locations(locations);
-            }
-        }
-        let next = info.p_next;
-        let view_index_is_device_index = create_flags(info.flags, next)
-            .contains(vk::PipelineCreateFlags::VIEW_INDEX_FROM_DEVICE_INDEX);
-        let mut stages = SmallVec::new();
-        for (index, info) in info_stages.iter().enumerate() {
-            let wanted = match info.stage {
-                vk::ShaderStageFlags::FRAGMENT => has(Parts::FRAGMENT_SHADER) && !discards,
-                _ => has(Parts::PRE_RASTERIZATION_SHADERS),
-            };
-            if wanted {
-                let stage = ShaderStage {
-                    view_index_is_device_index,
-                    ..decode_stage(info, next)?
-                };
-                stages.push((index, stage));
-            }
-        }
+        decode_fragments(info, parts, discards, &mut state);
+        let stages = decode_stages(info, parts, discards)?;
         let mut own = GraphicsPipeline::empty();
         (own.parts, own.state, own.dynamic) = (parts, state, dynamic);
         Ok(Decoded {
@@ -151,7 +77,167 @@ pub unsafe fn decode<'a>(info: &vk::GraphicsPipelineCreateInfo<'_>) -> VkResult<
     }
 }
 
-/// Whether a stage uses the state of tessellation: without one it may be anything.
+/// The state of the vertex input interface. Mesh pipelines take no vertices.
+///
+/// # Safety
+/// The info is valid.
+unsafe fn decode_input(
+    info: &vk::GraphicsPipelineCreateInfo<'_>,
+    parts: Parts,
+    dynamic: DynamicStates,
+    state: &mut GraphicsState,
+) {
+    // SAFETY: the caller's info is valid: the pointers of a part that is there are null or valid.
+    unsafe {
+        let mut stages = slice(info.p_stages, info.stage_count).iter();
+        let has_mesh = stages.any(|it| it.stage == vk::ShaderStageFlags::MESH_EXT);
+        if !parts.contains(Parts::VERTEX_INPUT_INTERFACE) || has_mesh {
+            return;
+        }
+        if !dynamic.contains(vk::DynamicState::VERTEX_INPUT_EXT)
+            && let Some(input) = info.p_vertex_input_state.as_ref()
+        {
+            state.vertex_input = vertex_input(input);
+        }
+        if let Some(assembly) = info.p_input_assembly_state.as_ref() {
+            state.topology = assembly.topology;
+            state.primitive_restart = assembly.primitive_restart_enable != vk::FALSE;
+        }
+    }
+}
+
+/// The state before rasterization, except viewports, and the shading rate.
+///
+/// # Safety
+/// The info is valid.
+unsafe fn decode_rasterization(
+    info: &vk::GraphicsPipelineCreateInfo<'_>,
+    parts: Parts,
+    state: &mut GraphicsState,
+) {
+    // SAFETY: the caller's info is valid: the pointers of a part that is there are null or valid.
+    unsafe {
+        if parts.contains(Parts::PRE_RASTERIZATION_SHADERS) {
+            if let Some(info) = info.p_rasterization_state.as_ref() {
+                state.rasterization = rasterization(info);
+            }
+            if has_tessellation(slice(info.p_stages, info.stage_count))
+                && let Some(info) = info.p_tessellation_state.as_ref()
+            {
+                state.tessellation = tessellation(info);
+            }
+        }
+        if parts.intersects(Parts::PRE_RASTERIZATION_SHADERS | Parts::FRAGMENT_SHADER) {
+            let rate = find::<vk::PipelineFragmentShadingRateStateCreateInfoKHR<'_>>(info.p_next);
+            let rate = rate.map(|it| ShadingRate::new(it.fragment_size, it.combiner_ops));
+            state.shading_rate = rate.unwrap_or_default();
+        }
+    }
+}
+
+/// The viewports, and what their structures say of depth.
+///
+/// # Safety
+/// The info is valid.
+unsafe fn decode_viewports(
+    info: &vk::GraphicsPipelineCreateInfo<'_>,
+    parts: Parts,
+    dynamic: DynamicStates,
+    state: &mut GraphicsState,
+) {
+    if !parts.contains(Parts::PRE_RASTERIZATION_SHADERS) {
+        return;
+    }
+    // SAFETY: the caller's info is valid: the pointers of a part that is there are null or valid.
+    unsafe {
+        let Some(info) = info.p_viewport_state.as_ref() else {
+            return;
+        };
+        state.viewports = viewports(info, dynamic);
+        state.rasterization.negative_one_to_one =
+            find::<vk::PipelineViewportDepthClipControlCreateInfoEXT>(info.p_next)
+                .is_some_and(|control| control.negative_one_to_one != vk::FALSE);
+        let clamp = find::<newer::PipelineViewportDepthClampControlCreateInfoEXT>(info.p_next);
+        state.rasterization.depth_clamp_range =
+            clamp.and_then(|it| depth_clamp_range(it.depth_clamp_mode, it.p_depth_clamp_range));
+    }
+}
+
+/// The state of fragments and of the fragment output interface.
+///
+/// # Safety
+/// The info is valid.
+unsafe fn decode_fragments(
+    info: &vk::GraphicsPipelineCreateInfo<'_>,
+    parts: Parts,
+    discards: bool,
+    state: &mut GraphicsState,
+) {
+    // SAFETY: the caller's info is valid: the pointers of a part that is there are null or valid.
+    unsafe {
+        let (colors, depth) = attachments(info, parts);
+        if parts.contains(Parts::FRAGMENT_SHADER)
+            && !discards
+            && depth
+            && let Some(info) = info.p_depth_stencil_state.as_ref()
+        {
+            state.depth_stencil = depth_stencil(info);
+        }
+        if !parts.contains(Parts::FRAGMENT_OUTPUT_INTERFACE) {
+            return;
+        }
+        if info.render_pass == vk::RenderPass::null() {
+            state.used_attachments = used_attachments(info);
+        }
+        if discards {
+            return;
+        }
+        if let Some(info) = info.p_multisample_state.as_ref() {
+            state.multisample = multisample(info);
+        }
+        if colors && let Some(info) = info.p_color_blend_state.as_ref() {
+            state.blend = color_blend(info);
+        }
+        if let Some(locations) = find::<vk::RenderingAttachmentLocationInfoKHR>(info.p_next) {
+            state.color_locations = color_locations(locations);
+        }
+    }
+}
+
+/// The shader stages of the parts that are there, with their index among the info's stages.
+///
+/// # Safety
+/// The info is valid.
+unsafe fn decode_stages(
+    info: &vk::GraphicsPipelineCreateInfo<'_>,
+    parts: Parts,
+    discards: bool,
+) -> VkResult<SmallVec<[(usize, ShaderStage); 2]>> {
+    let mut stages = SmallVec::new();
+    // SAFETY: the caller's info is valid, and so are its stages.
+    unsafe {
+        let view_index_is_device_index = create_flags(info.flags, info.p_next)
+            .contains(vk::PipelineCreateFlags::VIEW_INDEX_FROM_DEVICE_INDEX);
+        for (index, stage) in slice(info.p_stages, info.stage_count).iter().enumerate() {
+            let wanted = match stage.stage {
+                vk::ShaderStageFlags::FRAGMENT => {
+                    parts.contains(Parts::FRAGMENT_SHADER) && !discards
+                }
+                _ => parts.contains(Parts::PRE_RASTERIZATION_SHADERS),
+            };
+            if wanted {
+                let stage = ShaderStage {
+                    view_index_is_device_index,
+                    ..decode_stage(stage, info.p_next)?
+                };
+                stages.push((index, stage));
+            }
+        }
+    }
+    Ok(stages)
+}
+
+/// Whether a stage uses the tessellation state, which may hold anything otherwise.
 fn has_tessellation(stages: &[vk::PipelineShaderStageCreateInfo<'_>]) -> bool {
     (stages.iter()).any(|it| it.stage == vk::ShaderStageFlags::TESSELLATION_EVALUATION)
 }

@@ -8,21 +8,21 @@ use spirv_jit::heap::{DESCRIPTOR_BYTES, HeapPlace, HeapSource, Mapping, Source, 
 use super::sampler::decode_sampler;
 use crate::ffi::{find, slice, vk};
 
-/// Mappings of a stage, and the samplers that they embed, which they name by their places here.
+/// Mappings of a stage, and their embedded samplers. A mapping names a sampler by its index here.
 #[derive(Default)]
 pub struct Mappings {
     pub mappings: Vec<Mapping>,
     pub embedded: Vec<SamplerDescriptor>,
 }
 
-/// Copies the mappings in a stage's chain. One of an unknown source is left out: its resources are
-/// null descriptors.
+/// Copies the mappings in a stage's chain. A mapping of an unknown source is left out, so that its
+/// resources are null descriptors.
 ///
 /// # Safety
 /// The chain is valid.
 pub unsafe fn decode_mappings(next: *const c_void) -> Mappings {
     let mut out = Mappings::default();
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller's chain is valid, and so are the arrays that it points to.
     unsafe {
         let Some(info) = find::<vk::ShaderDescriptorSetAndBindingMappingInfoEXT<'_>>(next) else {
             return out;
@@ -42,7 +42,8 @@ pub unsafe fn decode_mappings(next: *const c_void) -> Mappings {
     out
 }
 
-/// A place, given in bytes: the offset and the stride are multiples of a descriptor's size.
+/// A place in a heap from values in bytes. The offset and the stride are multiples of a
+/// descriptor's size.
 fn place(
     [offset, stride, index_stride_bytes]: [u32; 3],
     index: Option<Word>,
@@ -63,93 +64,35 @@ unsafe fn source(
     mapping: &vk::DescriptorSetAndBindingMappingEXT<'_>,
     embedded: &mut Vec<SamplerDescriptor>,
 ) -> Option<Source> {
+    let data = &mapping.source_data;
     let mut embed = |info: *const vk::SamplerCreateInfo<'_>| {
-        // SAFETY: the caller's promise: null or valid.
+        // SAFETY: the caller's mapping is valid: its sampler is null or valid.
         let sampler = unsafe { info.as_ref().map(|info| decode_sampler(info)) }?;
         embedded.push(sampler);
         Some(embedded.len() as u32 - 1)
     };
-    let data = &mapping.source_data;
-    // SAFETY: the caller's promise: the source says which part of the union there is.
+    let push_or_record = |at| match mapping.source {
+        1 => Word::Push(at),
+        _ => Word::ShaderRecord(at),
+    };
+    // SAFETY: the mapping is valid, so that its source says which member of the union is set.
     Some(unsafe {
         match mapping.source {
             0 => {
                 let it = &data.constant_offset;
-                Source::Heap(Box::new(HeapSource {
-                    place: place([it.heap_offset, it.heap_array_stride, 0], None, false),
-                    sampler: place(
-                        [it.sampler_heap_offset, it.sampler_heap_array_stride, 0],
-                        None,
-                        false,
-                    ),
-                    is_packed: false,
-                    embedded: embed(it.p_embedded_sampler),
-                }))
+                constant_offset(it, embed(it.p_embedded_sampler))
             }
             1 | 8 => {
                 let it = &data.index;
-                let word = |at| match mapping.source {
-                    1 => Word::Push(at),
-                    _ => Word::ShaderRecord(at),
-                };
-                Source::Heap(Box::new(HeapSource {
-                    place: place(
-                        [it.heap_offset, it.heap_array_stride, it.heap_index_stride],
-                        Some(word(it.index_offset)),
-                        false,
-                    ),
-                    sampler: place(
-                        [
-                            it.sampler_heap_offset,
-                            it.sampler_heap_array_stride,
-                            it.sampler_heap_index_stride,
-                        ],
-                        Some(word(it.sampler_index_offset)),
-                        false,
-                    ),
-                    is_packed: it.use_combined_image_sampler_index != vk::FALSE,
-                    embedded: embed(it.p_embedded_sampler),
-                }))
+                index(it, push_or_record, embed(it.p_embedded_sampler))
             }
             2 => {
                 let it = &data.indirect_index;
-                let word = |push, offset| Some(Word::Indirect { push, offset });
-                Source::Heap(Box::new(HeapSource {
-                    place: place(
-                        [it.heap_offset, it.heap_array_stride, it.heap_index_stride],
-                        word(it.push_offset, it.address_offset),
-                        false,
-                    ),
-                    sampler: place(
-                        [
-                            it.sampler_heap_offset,
-                            it.sampler_heap_array_stride,
-                            it.sampler_heap_index_stride,
-                        ],
-                        word(it.sampler_push_offset, it.sampler_address_offset),
-                        false,
-                    ),
-                    is_packed: it.use_combined_image_sampler_index != vk::FALSE,
-                    embedded: embed(it.p_embedded_sampler),
-                }))
+                indirect_index(it, embed(it.p_embedded_sampler))
             }
             3 => {
                 let it = &data.indirect_index_array;
-                let word = |push, offset| Some(Word::Indirect { push, offset });
-                Source::Heap(Box::new(HeapSource {
-                    place: place(
-                        [it.heap_offset, 0, it.heap_index_stride],
-                        word(it.push_offset, it.address_offset),
-                        true,
-                    ),
-                    sampler: place(
-                        [it.sampler_heap_offset, 0, it.sampler_heap_index_stride],
-                        word(it.sampler_push_offset, it.sampler_address_offset),
-                        true,
-                    ),
-                    is_packed: it.use_combined_image_sampler_index != vk::FALSE,
-                    embedded: embed(it.p_embedded_sampler),
-                }))
+                indirect_index_array(it, embed(it.p_embedded_sampler))
             }
             4 => Source::HeapData {
                 offset_bytes: data.words[0],
@@ -166,4 +109,101 @@ unsafe fn source(
             _ => return None,
         }
     })
+}
+
+fn heap(place: HeapPlace, sampler: HeapPlace, is_packed: bool, embedded: Option<u32>) -> Source {
+    Source::Heap(Box::new(HeapSource {
+        place,
+        sampler,
+        is_packed,
+        embedded,
+    }))
+}
+
+fn constant_offset(
+    it: &vk::DescriptorMappingSourceConstantOffsetEXT<'_>,
+    embedded: Option<u32>,
+) -> Source {
+    heap(
+        place([it.heap_offset, it.heap_array_stride, 0], None, false),
+        place(
+            [it.sampler_heap_offset, it.sampler_heap_array_stride, 0],
+            None,
+            false,
+        ),
+        false,
+        embedded,
+    )
+}
+
+/// `word` says where the index of an offset is.
+fn index(
+    it: &vk::DescriptorMappingSourceIndexEXT<'_>,
+    word: impl Fn(u32) -> Word,
+    embedded: Option<u32>,
+) -> Source {
+    heap(
+        place(
+            [it.heap_offset, it.heap_array_stride, it.heap_index_stride],
+            Some(word(it.index_offset)),
+            false,
+        ),
+        place(
+            [
+                it.sampler_heap_offset,
+                it.sampler_heap_array_stride,
+                it.sampler_heap_index_stride,
+            ],
+            Some(word(it.sampler_index_offset)),
+            false,
+        ),
+        it.use_combined_image_sampler_index != vk::FALSE,
+        embedded,
+    )
+}
+
+fn indirect_index(
+    it: &vk::DescriptorMappingSourceIndirectIndexEXT<'_>,
+    embedded: Option<u32>,
+) -> Source {
+    let word = |push, offset| Some(Word::Indirect { push, offset });
+    heap(
+        place(
+            [it.heap_offset, it.heap_array_stride, it.heap_index_stride],
+            word(it.push_offset, it.address_offset),
+            false,
+        ),
+        place(
+            [
+                it.sampler_heap_offset,
+                it.sampler_heap_array_stride,
+                it.sampler_heap_index_stride,
+            ],
+            word(it.sampler_push_offset, it.sampler_address_offset),
+            false,
+        ),
+        it.use_combined_image_sampler_index != vk::FALSE,
+        embedded,
+    )
+}
+
+fn indirect_index_array(
+    it: &vk::DescriptorMappingSourceIndirectIndexArrayEXT<'_>,
+    embedded: Option<u32>,
+) -> Source {
+    let word = |push, offset| Some(Word::Indirect { push, offset });
+    heap(
+        place(
+            [it.heap_offset, 0, it.heap_index_stride],
+            word(it.push_offset, it.address_offset),
+            true,
+        ),
+        place(
+            [it.sampler_heap_offset, 0, it.sampler_heap_index_stride],
+            word(it.sampler_push_offset, it.sampler_address_offset),
+            true,
+        ),
+        it.use_combined_image_sampler_index != vk::FALSE,
+        embedded,
+    )
 }

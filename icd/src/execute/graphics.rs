@@ -1,8 +1,7 @@
-//! Drawing: what is current while a command buffer is performed, and what the pass of a submission
-//! gathers until it is flushed.
+//! Drawing: the current state of a command buffer, and the batch of draws of a submission's pass.
 //!
-//! A pass belongs to the submission: secondary command buffers go on with it. State and bound
-//! buffers belong to the command buffer.
+//! A pass belongs to the submission: secondary command buffers continue it. State and bound buffers
+//! belong to the command buffer.
 
 use std::sync::Arc;
 
@@ -37,21 +36,21 @@ use crate::raster::{
 use crate::timeline::{self, Kind, Stack};
 use crate::wave::reachable;
 
-/// Calls of a batch, at most: what they take of memory is bounded.
+/// Calls of a batch, at most. This bounds their memory.
 const BATCH_CALLS: usize = 1 << 16;
 
 /// The state of a command buffer other than descriptors.
 pub struct Current {
     state: Arc<GraphicsState>,
-    /// Of the bound pipeline, or of bound shader objects.
+    /// The programs of the bound pipeline, or of bound shader objects.
     stages: Arc<Stages>,
     /// Shader objects were bound last, not a pipeline.
     has_shaders: bool,
-    /// The state that commands set since the pass began. Shader objects obey it; a pipeline has
-    /// locations of its own, which equal these in valid usage.
+    /// Color locations that commands have set since the pass began. Shader objects use them; a
+    /// pipeline has its own, which equal these in valid usage.
     locations: ColorLocations,
     vertex_buffers: Arc<[VertexBuffer; MAX_VERTEX_INPUTS]>,
-    /// Strides of vertex buffers are those that they were bound with.
+    /// Vertex buffers use the strides that they were bound with, not the pipeline's.
     has_dynamic_strides: bool,
     strides: [Option<u64>; MAX_VERTEX_INPUTS],
     indices: IndexBuffer,
@@ -126,7 +125,7 @@ impl Current {
             self.locations = locations;
         }
         if let Setting::VertexInput(input) = setting {
-            // It has strides of its own, until buffers are bound with others.
+            // The input's strides hold until buffers are bound with others.
             for binding in &input.bindings {
                 if let Some(stride) = self.strides.get_mut(binding.binding as usize) {
                     *stride = None;
@@ -159,8 +158,8 @@ impl Current {
         }
     }
 
-    /// Takes over what the last draw was drawn with where the current is the same: whatever was
-    /// bound and set again in between, the draws become one.
+    /// Shares the objects of the last draw that equal the current ones. Draws between which the
+    /// same state was bound again then become one.
     fn share(&mut self, last: &Batched) {
         if !Arc::ptr_eq(&self.stages, &last.stages) && self.stages.is_same(&last.stages) {
             self.stages.clone_from(&last.stages);
@@ -191,15 +190,15 @@ pub struct Drawing<'a> {
     batch: Batch,
     /// Calls in the batch.
     calls: usize,
-    /// Changes where programs must look at memory anew: behind barriers, and when everything in the
-    /// batch was drawn.
+    /// Counts the points after which programs must read memory again: barriers and flushes.
     epoch: u64,
     /// Programs of the batch print messages.
     prints: bool,
-    /// Of the timeline: command buffers, labels, passes.
+    /// Open spans of the timeline: command buffers, labels, passes.
     pub spans: Stack,
     pub queries: Vec<ActiveQuery<'a>>,
-    /// A condition does not hold: draws, dispatches and clears inside of passes are left out.
+    /// A condition of conditional rendering does not hold: draws, dispatches and clears inside of
+    /// passes are skipped.
     pub skips: bool,
     /// Transform feedback that has begun and not ended.
     capture: Option<Arc<Capture>>,
@@ -208,7 +207,7 @@ pub struct Drawing<'a> {
 }
 
 impl<'a> Drawing<'a> {
-    /// Does the work that waits.
+    /// Draws the batch.
     ///
     /// # Errors
     /// When a limit stopped it.
@@ -290,7 +289,8 @@ impl<'a> Drawing<'a> {
                 let rects = rects.clone();
                 self.batch.work.push(Work::Clear(Clear { value, rects }));
             };
-            // SAFETY: all members are words, and the aspect says what they are.
+            // SAFETY: all members of the union are plain words, so that each may be read; the aspect
+            // says which one the application wrote.
             unsafe {
                 if clear.aspects.contains(vk::ImageAspectFlags::COLOR) {
                     let index = clear.attachment as usize;
@@ -314,7 +314,7 @@ impl<'a> Drawing<'a> {
         self.queries.push(ActiveQuery::new(pool, query, stream));
     }
 
-    /// Ends a query; within a pass with views it takes one query a view.
+    /// Ends a query. In a pass with views it takes as many queries as there are views.
     fn end_query(
         &mut self,
         engine: &Engine,
@@ -333,7 +333,7 @@ impl<'a> Drawing<'a> {
         Ok(())
     }
 
-    /// Writes a time: in a pass with views, one a view.
+    /// Writes a timestamp; in a pass with views, one query for each view.
     pub fn write_timestamp(&self, pool: &QueryPool, query: u32, time_ns: u64) {
         let views = self
             .active
@@ -352,7 +352,7 @@ impl<'a> Drawing<'a> {
     }
 }
 
-/// A command buffer that draws, and the submission that it is in.
+/// The state of a command buffer and of its submission that commands read and change.
 pub struct DrawContext<'p, 'a> {
     pub engine: &'p Engine,
     pub bindings: &'p mut Bindings<'a>,
@@ -369,101 +369,82 @@ impl<'a> DrawContext<'_, 'a> {
         match command {
             GraphicsCommand::BeginPass(pass) => {
                 self.current.reset_locations();
-                self.drawing.begin_pass(self.engine, pass)
+                return self.drawing.begin_pass(self.engine, pass);
             }
-            GraphicsCommand::EndPass => self.drawing.end_pass(self.engine),
-            GraphicsCommand::VertexBarrier => self.drawing.flush(self.engine),
-            GraphicsCommand::FragmentBarrier => {
-                // Tiles draw in order: only what is kept of memory by the environment's number is
-                // out of date.
-                self.drawing.epoch += 1;
-                Ok(())
-            }
-            GraphicsCommand::ClearAttachments(clears) => {
-                if !self.drawing.skips {
-                    self.drawing.clear(clears);
-                }
-                Ok(())
-            }
-            GraphicsCommand::Set(setting) => {
-                self.current.set(setting);
-                Ok(())
-            }
+            GraphicsCommand::EndPass => return self.drawing.end_pass(self.engine),
+            GraphicsCommand::VertexBarrier => return self.drawing.flush(self.engine),
+            // Tiles draw in order. Only copies of memory that are kept under the environment's
+            // number are out of date.
+            GraphicsCommand::FragmentBarrier => self.drawing.epoch += 1,
+            GraphicsCommand::Set(setting) => self.current.set(setting),
             GraphicsCommand::BindShader(stage, shader) => {
                 let shader = shader.as_ref().map(|shader| &***shader);
                 self.current.bind_shader(*stage, shader);
-                Ok(())
             }
-            GraphicsCommand::BindVertexBuffers(bind) => {
-                self.current.bind_vertex_buffers(bind);
-                Ok(())
-            }
-            GraphicsCommand::BindIndexBuffer(binding) => {
-                self.current.bind_index_buffer(binding);
-                Ok(())
-            }
-            &GraphicsCommand::RestartIndex(index) => {
-                self.current.indices.restart = Some(index);
-                Ok(())
-            }
-            GraphicsCommand::Draw(_)
+            GraphicsCommand::BindVertexBuffers(bind) => self.current.bind_vertex_buffers(bind),
+            GraphicsCommand::BindIndexBuffer(binding) => self.current.bind_index_buffer(binding),
+            &GraphicsCommand::RestartIndex(index) => self.current.indices.restart = Some(index),
+            GraphicsCommand::ClearAttachments(_)
+            | GraphicsCommand::Draw(_)
             | GraphicsCommand::DrawMulti(_)
             | GraphicsCommand::DrawIndirect(_)
             | GraphicsCommand::DrawMeshes(_)
             | GraphicsCommand::DrawByteCount(_)
-                if self.drawing.skips =>
-            {
-                Ok(())
-            }
-            GraphicsCommand::Draw(draw) => self.draw(draw),
-            GraphicsCommand::DrawMulti(draws) => self.draw_multi(draws),
+                if self.drawing.skips => {}
+            GraphicsCommand::ClearAttachments(clears) => self.drawing.clear(clears),
+            GraphicsCommand::Draw(draw) => return self.draw(draw),
+            GraphicsCommand::DrawMulti(draws) => return self.draw_multi(draws),
             &GraphicsCommand::DrawMeshes(groups) => {
-                self.call(false, DrawCall::of_groups(groups, 0))
+                return self.call(false, DrawCall::of_groups(groups, 0));
             }
-            GraphicsCommand::DrawIndirect(draws) => self.draw_indirect(draws),
-            GraphicsCommand::DrawByteCount(draw) => self.draw_byte_count(draw),
+            GraphicsCommand::DrawIndirect(draws) => return self.draw_indirect(draws),
+            GraphicsCommand::DrawByteCount(draw) => return self.draw_byte_count(draw),
             GraphicsCommand::BindCaptureBuffers(binding) => {
                 capture::bind(&mut self.current.capture_buffers, binding);
-                Ok(())
             }
-            GraphicsCommand::BeginCapture(first, counters) => {
-                let reach = self.engine.memory.reach();
-                let buffers = &self.current.capture_buffers;
-                let begun = capture::begin(&reach, buffers, *first, counters);
-                self.drawing.capture = Some(Arc::new(begun));
-                Ok(())
-            }
+            GraphicsCommand::BeginCapture(first, counters) => self.begin_capture(*first, counters),
             GraphicsCommand::EndCapture(first, counters) => {
-                self.drawing.flush(self.engine)?;
-                if let Some(ended) = self.drawing.capture.take() {
-                    capture::end(&self.engine.memory.reach(), &ended, *first, counters);
-                }
-                Ok(())
+                return self.end_capture(*first, counters);
             }
             &GraphicsCommand::BeginConditional { address, inverted } => {
-                // Pending draws may write the condition.
-                self.drawing.flush(self.engine)?;
-                // SAFETY: nothing writes the word while the queue's command is performed.
-                let word = unsafe { reachable::read::<u32>(&self.engine.memory.reach(), address) };
-                self.drawing.skips = (word.unwrap_or(0) == 0) != inverted;
-                Ok(())
+                return self.begin_conditional(address, inverted);
             }
-            GraphicsCommand::EndConditional => {
-                self.drawing.skips = false;
-                Ok(())
-            }
+            GraphicsCommand::EndConditional => self.drawing.skips = false,
             GraphicsCommand::BeginQuery {
                 pool,
                 query,
                 stream,
-            } => {
-                self.drawing.begin_query(pool, *query, *stream);
-                Ok(())
-            }
+            } => self.drawing.begin_query(pool, *query, *stream),
             GraphicsCommand::EndQuery { pool, query } => {
-                self.drawing.end_query(self.engine, pool, *query)
+                return self.drawing.end_query(self.engine, pool, *query);
             }
         }
+        Ok(())
+    }
+
+    fn begin_capture(&mut self, first: u32, counters: &[u64]) {
+        let reach = self.engine.memory.reach();
+        let buffers = &self.current.capture_buffers;
+        let begun = capture::begin(&reach, buffers, first, counters);
+        self.drawing.capture = Some(Arc::new(begun));
+    }
+
+    fn end_capture(&mut self, first: u32, counters: &[u64]) -> Result<(), Failure> {
+        self.drawing.flush(self.engine)?;
+        if let Some(ended) = self.drawing.capture.take() {
+            capture::end(&self.engine.memory.reach(), &ended, first, counters);
+        }
+        Ok(())
+    }
+
+    fn begin_conditional(&mut self, address: u64, inverted: bool) -> Result<(), Failure> {
+        // Pending draws may write the condition.
+        self.drawing.flush(self.engine)?;
+        // SAFETY: commands of a queue run one after the other, and the draws are flushed: nothing
+        // writes the word now.
+        let word = unsafe { reachable::read::<u32>(&self.engine.memory.reach(), address) };
+        self.drawing.skips = (word.unwrap_or(0) == 0) != inverted;
+        Ok(())
     }
 
     fn draw(&mut self, draw: &Draw) -> Result<(), Failure> {
@@ -495,13 +476,13 @@ impl<'a> DrawContext<'_, 'a> {
         Ok(())
     }
 
-    /// Parameters are read now: what wrote them is an earlier command, or the barrier in between
-    /// has flushed.
+    /// Draws with parameters in memory, which are read now: an earlier command wrote them, or a draw
+    /// that the barrier in between has flushed.
     fn draw_indirect(&mut self, draw: &DrawIndirect) -> Result<(), Failure> {
         let reach = self.engine.memory.reach();
         let count = match draw.count {
-            // SAFETY: any word will do, and nothing writes it while the queue's command is
-            // performed.
+            // SAFETY: any word is a valid count. The queue runs one command at a time, and the
+            // application keeps other writers away.
             Some(address) => unsafe { reachable::read::<u32>(&reach, address) }.unwrap_or(0),
             None => u32::MAX,
         };
@@ -511,7 +492,7 @@ impl<'a> DrawContext<'_, 'a> {
             let address = draw.address.wrapping_add(offset);
             let call = match draw.numbers {
                 Numbers::Vertices => {
-                    // SAFETY: as above.
+                    // SAFETY: as for the count; all members are numbers.
                     unsafe { reachable::read::<vk::DrawIndirectCommand>(&reach, address) }.map(
                         |it| DrawCall {
                             first: it.first_vertex,
@@ -525,7 +506,7 @@ impl<'a> DrawContext<'_, 'a> {
                     )
                 }
                 Numbers::Indices => {
-                    // SAFETY: as above.
+                    // SAFETY: as for the count; all members are numbers.
                     unsafe { reachable::read::<vk::DrawIndexedIndirectCommand>(&reach, address) }
                         .map(|it| DrawCall {
                             first: it.first_index,
@@ -537,7 +518,7 @@ impl<'a> DrawContext<'_, 'a> {
                             groups: [0; 3],
                         })
                 }
-                // SAFETY: as above.
+                // SAFETY: as for the count; all members are numbers.
                 Numbers::Workgroups => unsafe { reachable::read::<[u32; 3]>(&reach, address) }
                     .map(|groups| DrawCall::of_groups(groups, draw_index)),
             };
@@ -566,7 +547,7 @@ impl<'a> DrawContext<'_, 'a> {
         self.call(false, call)
     }
 
-    /// Adds a call to the batch: to the last draw, if all else is the same.
+    /// Adds a call to the batch, unless it draws nothing, and flushes a full batch first.
     fn call(&mut self, indexed: bool, call: DrawCall) -> Result<(), Failure> {
         let (current, drawing) = (&mut *self.current, &mut *self.drawing);
         if let Some(Work::Draw(last)) = drawing.batch.work.last() {
@@ -594,7 +575,15 @@ impl<'a> DrawContext<'_, 'a> {
         if let Some(active) = &mut drawing.active {
             active.set_samples(samples);
         }
-        let engine = self.engine;
+        drawing.calls += 1;
+        let indices = indexed.then_some(current.indices);
+        self.add(indices, call);
+        Ok(())
+    }
+
+    /// The environment of the current stages, and what keeps it alive.
+    fn environment(&mut self) -> Snapshot {
+        let (engine, drawing, stages) = (self.engine, &mut *self.drawing, &self.current.stages);
         let Snapshot {
             mut environment,
             keep,
@@ -618,13 +607,18 @@ impl<'a> DrawContext<'_, 'a> {
                 ..(*environment).clone()
             });
         }
-        let indices = indexed.then_some(current.indices);
+        Snapshot { environment, keep }
+    }
+
+    /// Adds a call to the last draw of the batch if everything else is the same, or a draw for it.
+    fn add(&mut self, indices: Option<IndexBuffer>, call: DrawCall) {
+        let Snapshot { environment, keep } = self.environment();
+        let (current, drawing) = (&*self.current, &mut *self.drawing);
         let is_captured =
-            |_: &&Arc<Capture>| stages.last().is_some_and(|it| it.capture().is_some());
+            |_: &&Arc<Capture>| (current.stages.last()).is_some_and(|it| it.capture().is_some());
         let captures = drawing.capture.as_ref().filter(is_captured).cloned();
-        drawing.calls += 1;
         if let Some(Work::Draw(last)) = drawing.batch.work.last_mut()
-            && Arc::ptr_eq(&last.stages, stages)
+            && Arc::ptr_eq(&last.stages, &current.stages)
             && Arc::ptr_eq(&last.state, &current.state)
             && Arc::ptr_eq(&last.environment, &environment)
             && Arc::ptr_eq(&last.vertex_buffers, &current.vertex_buffers)
@@ -635,10 +629,10 @@ impl<'a> DrawContext<'_, 'a> {
                 .all(|(counted, query)| Arc::ptr_eq(counted, &query.counters))
         {
             last.calls.push(call);
-            return Ok(());
+            return;
         }
         let draw = Batched {
-            stages: Arc::clone(stages),
+            stages: Arc::clone(&current.stages),
             state: Arc::clone(&current.state),
             environment,
             keep,
@@ -649,6 +643,5 @@ impl<'a> DrawContext<'_, 'a> {
             capture: captures,
         };
         drawing.batch.work.push(Work::Draw(draw));
-        Ok(())
     }
 }

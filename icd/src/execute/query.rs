@@ -27,8 +27,12 @@ pub struct ActiveQuery<'a> {
     pub compute_invocations: u64,
 }
 
+fn read(counter: &AtomicU64) -> u64 {
+    counter.load(Ordering::Relaxed)
+}
+
 impl<'a> ActiveQuery<'a> {
-    /// Of a vertex stream, if it counts primitives.
+    /// `stream` is the vertex stream of a query that counts primitives.
     pub fn new(pool: &'a QueryPool, query: u32, stream: u32) -> Self {
         Self {
             pool,
@@ -41,52 +45,50 @@ impl<'a> ActiveQuery<'a> {
         }
     }
 
-    /// Makes the result available. In a pass with views the query takes as many as there are: the
-    /// first has the sum (chapter Queries, "Query Operation").
-    pub fn end(&self, views: u32) {
+    /// All pipeline statistics, in the order of their bits.
+    fn statistics(&self) -> [(vk::QueryPipelineStatisticFlags, u64); 13] {
         use vk::QueryPipelineStatisticFlags as Statistic;
         let counters = &*self.counters;
-        let of = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
-        let statistics = [
+        [
             (
                 Statistic::INPUT_ASSEMBLY_VERTICES,
-                of(&counters.input_vertices),
+                read(&counters.input_vertices),
             ),
             (
                 Statistic::INPUT_ASSEMBLY_PRIMITIVES,
-                of(&counters.input_primitives),
+                read(&counters.input_primitives),
             ),
             (
                 Statistic::VERTEX_SHADER_INVOCATIONS,
-                of(&counters.vertex_invocations),
+                read(&counters.vertex_invocations),
             ),
             (
                 Statistic::GEOMETRY_SHADER_INVOCATIONS,
-                of(&counters.geometry_invocations),
+                read(&counters.geometry_invocations),
             ),
             (
                 Statistic::GEOMETRY_SHADER_PRIMITIVES,
-                of(&counters.geometry_primitives),
+                read(&counters.geometry_primitives),
             ),
             (
                 Statistic::CLIPPING_INVOCATIONS,
-                of(&counters.clipping_invocations),
+                read(&counters.clipping_invocations),
             ),
             (
                 Statistic::CLIPPING_PRIMITIVES,
-                of(&counters.clipping_primitives),
+                read(&counters.clipping_primitives),
             ),
             (
                 Statistic::FRAGMENT_SHADER_INVOCATIONS,
-                of(&counters.fragment_invocations),
+                read(&counters.fragment_invocations),
             ),
             (
                 Statistic::TESSELLATION_CONTROL_SHADER_PATCHES,
-                of(&counters.control_patches),
+                read(&counters.control_patches),
             ),
             (
                 Statistic::TESSELLATION_EVALUATION_SHADER_INVOCATIONS,
-                of(&counters.evaluation_invocations),
+                read(&counters.evaluation_invocations),
             ),
             (
                 Statistic::COMPUTE_SHADER_INVOCATIONS,
@@ -94,29 +96,36 @@ impl<'a> ActiveQuery<'a> {
             ),
             (
                 Statistic::TASK_SHADER_INVOCATIONS_EXT,
-                of(&counters.task_invocations),
+                read(&counters.task_invocations),
             ),
             (
                 Statistic::MESH_SHADER_INVOCATIONS_EXT,
-                of(&counters.mesh_invocations),
+                read(&counters.mesh_invocations),
             ),
-        ];
+        ]
+    }
+
+    /// Makes the result available. In a pass with views it fills one query for each view: the first
+    /// with the sum, the others with zeros (chapter Queries, "Query Operation").
+    pub fn end(&self, views: u32) {
+        let counters = &*self.counters;
         let values: SmallVec<[u64; 13]> = match self.pool.ty {
-            vk::QueryType::PIPELINE_STATISTICS => statistics
+            vk::QueryType::PIPELINE_STATISTICS => self
+                .statistics()
                 .iter()
                 .filter(|(bit, _)| self.pool.statistics.contains(*bit))
                 .map(|&(_, value)| value)
                 .collect(),
             vk::QueryType::TRANSFORM_FEEDBACK_STREAM_EXT => {
-                SmallVec::from_slice(&[of(&counters.written), of(&counters.needed)])
+                SmallVec::from_slice(&[read(&counters.written), read(&counters.needed)])
             }
             vk::QueryType::PRIMITIVES_GENERATED_EXT => {
-                SmallVec::from_slice(&[of(&counters.generated)])
+                SmallVec::from_slice(&[read(&counters.generated)])
             }
             vk::QueryType::MESH_PRIMITIVES_GENERATED_EXT => {
-                SmallVec::from_slice(&[of(&counters.mesh_primitives)])
+                SmallVec::from_slice(&[read(&counters.mesh_primitives)])
             }
-            _ => SmallVec::from_slice(&[of(&counters.samples)]),
+            _ => SmallVec::from_slice(&[read(&counters.samples)]),
         };
         self.pool.write_all(self.query, &values);
         for view in 1..views {

@@ -364,6 +364,62 @@ pub fn supported_image(
     usage: vk::ImageUsageFlags,
     flags: vk::ImageCreateFlags,
 ) -> VkResult<vk::ImageFormatProperties> {
+    let features = format::features(format).image;
+    let is_supported = supports_usage(features, usage, flags)
+        && supports_shape(ty, tiling, usage, flags)
+        && supports_residency(format, ty, flags)
+        && supports_planes(format, features, ty, flags)
+        && supports_blocks(format, ty, flags);
+    if !is_supported {
+        return Err(vk::Result::ERROR_FORMAT_NOT_SUPPORTED);
+    }
+    let (side, side_3d) = (limits::MAX_IMAGE_DIMENSION, limits::MAX_IMAGE_DIMENSION_3D);
+    let (width, height, depth) = match ty {
+        vk::ImageType::TYPE_1D => (side, 1, 1),
+        vk::ImageType::TYPE_2D => (side, side, 1),
+        _ => (side_3d, side_3d, side_3d),
+    };
+    let one_sample = tiling == vk::ImageTiling::LINEAR
+        || flags.contains(vk::ImageCreateFlags::SPARSE_RESIDENCY)
+        || ty != vk::ImageType::TYPE_2D
+        || flags.contains(vk::ImageCreateFlags::CUBE_COMPATIBLE)
+        || !features.intersects(ATTACHMENT);
+    Ok(vk::ImageFormatProperties {
+        max_extent: vk::Extent3D {
+            width,
+            height,
+            depth,
+        },
+        max_mip_levels: match format::ycbcr_planes(format) {
+            Some(_) => 1,
+            None => width.ilog2() + 1,
+        },
+        max_array_layers: if ty == vk::ImageType::TYPE_3D {
+            1
+        } else {
+            limits::MAX_IMAGE_ARRAY_LAYERS
+        },
+        sample_counts: if one_sample {
+            vk::SampleCountFlags::TYPE_1
+        } else {
+            limits::SAMPLE_COUNTS
+        },
+        max_resource_size: limits::MAX_BUFFER_BYTES,
+    })
+}
+
+/// Features of formats that attachments may have.
+const ATTACHMENT: vk::FormatFeatureFlags2 = vk::FormatFeatureFlags2::from_raw(
+    vk::FormatFeatureFlags2::COLOR_ATTACHMENT.as_raw()
+        | vk::FormatFeatureFlags2::DEPTH_STENCIL_ATTACHMENT.as_raw(),
+);
+
+/// Whether a format with these features can be used like this.
+fn supports_usage(
+    features: vk::FormatFeatureFlags2,
+    usage: vk::ImageUsageFlags,
+    flags: vk::ImageCreateFlags,
+) -> bool {
     use vk::FormatFeatureFlags2 as Feature;
     use vk::ImageUsageFlags as Usage;
     const NEEDS: [(Usage, Feature); 8] = [
@@ -382,94 +438,68 @@ pub fn supported_image(
             Feature::FRAGMENT_SHADING_RATE_ATTACHMENT_KHR,
         ),
     ];
-    const UNSUPPORTED: vk::Result = vk::Result::ERROR_FORMAT_NOT_SUPPORTED;
-    let attachment = Feature::COLOR_ATTACHMENT | Feature::DEPTH_STENCIL_ATTACHMENT;
-    let features = format::features(format).image;
-    if features.is_empty() {
-        return Err(UNSUPPORTED);
-    }
     let missing = NEEDS
         .iter()
         .any(|&(bit, feature)| usage.contains(bit) && !features.contains(feature));
-    let input = usage.contains(Usage::INPUT_ATTACHMENT) && !features.intersects(attachment);
-    if (missing || input) && !flags.contains(vk::ImageCreateFlags::EXTENDED_USAGE) {
-        return Err(UNSUPPORTED);
-    }
-    let has_rates = usage.contains(Usage::FRAGMENT_SHADING_RATE_ATTACHMENT_KHR);
+    let input = usage.contains(Usage::INPUT_ATTACHMENT) && !features.intersects(ATTACHMENT);
+    let has_features = !missing && !input;
+    !features.is_empty() && (has_features || flags.contains(vk::ImageCreateFlags::EXTENDED_USAGE))
+}
+
+/// Whether an image of any format can have this type, tiling and flags.
+fn supports_shape(
+    ty: vk::ImageType,
+    tiling: vk::ImageTiling,
+    usage: vk::ImageUsageFlags,
+    flags: vk::ImageCreateFlags,
+) -> bool {
+    let has_rates = usage.contains(vk::ImageUsageFlags::FRAGMENT_SHADING_RATE_ATTACHMENT_KHR);
     let is_flat = ty == vk::ImageType::TYPE_2D && tiling == vk::ImageTiling::OPTIMAL;
-    if has_rates && !is_flat {
-        return Err(UNSUPPORTED);
-    }
-    let resident = flags.contains(vk::ImageCreateFlags::SPARSE_RESIDENCY);
-    if flags.contains(vk::ImageCreateFlags::PROTECTED)
-        || (resident && (ty == vk::ImageType::TYPE_1D || !resident::is_divisible(format)))
-        || (tiling != vk::ImageTiling::OPTIMAL && tiling != vk::ImageTiling::LINEAR)
-    {
-        return Err(UNSUPPORTED);
-    }
-    let ycbcr = format::ycbcr_planes(format);
+    let is_cube = flags.contains(vk::ImageCreateFlags::CUBE_COMPATIBLE);
+    let has_slices = flags.intersects(
+        vk::ImageCreateFlags::TYPE_2D_ARRAY_COMPATIBLE
+            | vk::ImageCreateFlags::TYPE_2D_VIEW_COMPATIBLE_EXT,
+    );
+    (tiling == vk::ImageTiling::OPTIMAL || tiling == vk::ImageTiling::LINEAR)
+        && !flags.contains(vk::ImageCreateFlags::PROTECTED)
+        && (!has_rates || is_flat)
+        && (!is_cube || ty == vk::ImageType::TYPE_2D)
+        && (!has_slices || ty == vk::ImageType::TYPE_3D)
+}
+
+/// Whether an image can be resident in parts, if it is to be.
+fn supports_residency(format: vk::Format, ty: vk::ImageType, flags: vk::ImageCreateFlags) -> bool {
+    !flags.contains(vk::ImageCreateFlags::SPARSE_RESIDENCY)
+        || (ty != vk::ImageType::TYPE_1D && resident::is_divisible(format))
+}
+
+/// Whether an image can have the planes of its format, and disjoint ones if it is to.
+fn supports_planes(
+    format: vk::Format,
+    features: vk::FormatFeatureFlags2,
+    ty: vk::ImageType,
+    flags: vk::ImageCreateFlags,
+) -> bool {
     let is_disjoint = flags.contains(vk::ImageCreateFlags::DISJOINT);
     let is_sparse = flags.contains(vk::ImageCreateFlags::SPARSE_BINDING);
-    if (is_disjoint && (is_sparse || !features.contains(Feature::DISJOINT)))
-        || (ycbcr.is_some() && (ty != vk::ImageType::TYPE_2D || resident))
-        || (ycbcr.is_some() && flags.contains(vk::ImageCreateFlags::CUBE_COMPATIBLE))
-    {
-        return Err(UNSUPPORTED);
+    if is_disjoint && (is_sparse || !features.contains(vk::FormatFeatureFlags2::DISJOINT)) {
+        return false;
     }
-    let blocks = texel_format(format).info().and_then(FormatInfo::blocks);
-    match blocks {
-        None if flags.contains(vk::ImageCreateFlags::BLOCK_TEXEL_VIEW_COMPATIBLE) => {
-            return Err(UNSUPPORTED);
+    let not_in_planes =
+        vk::ImageCreateFlags::SPARSE_RESIDENCY | vk::ImageCreateFlags::CUBE_COMPATIBLE;
+    format::ycbcr_planes(format).is_none()
+        || (ty == vk::ImageType::TYPE_2D && !flags.intersects(not_in_planes))
+}
+
+/// Whether an image can have the blocks of its format: textureCompressionETC2 and
+/// textureCompressionASTC_LDR cover 2D images, textureCompressionBC also 3D.
+fn supports_blocks(format: vk::Format, ty: vk::ImageType, flags: vk::ImageCreateFlags) -> bool {
+    match texel_format(format).info().and_then(FormatInfo::blocks) {
+        None => !flags.contains(vk::ImageCreateFlags::BLOCK_TEXEL_VIEW_COMPATIBLE),
+        Some(blocks) => {
+            ty == vk::ImageType::TYPE_2D || (ty != vk::ImageType::TYPE_1D && blocks.is_bc())
         }
-        // textureCompressionETC2 and textureCompressionASTC_LDR cover 2D images,
-        // textureCompressionBC also 3D.
-        Some(blocks)
-            if ty == vk::ImageType::TYPE_1D
-                || (ty != vk::ImageType::TYPE_2D && !blocks.is_bc()) =>
-        {
-            return Err(UNSUPPORTED);
-        }
-        _ => {}
     }
-    let cube = flags.contains(vk::ImageCreateFlags::CUBE_COMPATIBLE);
-    let slices = flags.contains(vk::ImageCreateFlags::TYPE_2D_ARRAY_COMPATIBLE);
-    let slices = slices || flags.contains(vk::ImageCreateFlags::TYPE_2D_VIEW_COMPATIBLE_EXT);
-    if (cube && ty != vk::ImageType::TYPE_2D) || (slices && ty != vk::ImageType::TYPE_3D) {
-        return Err(UNSUPPORTED);
-    }
-    let (side, side_3d) = (limits::MAX_IMAGE_DIMENSION, limits::MAX_IMAGE_DIMENSION_3D);
-    let (width, height, depth) = match ty {
-        vk::ImageType::TYPE_1D => (side, 1, 1),
-        vk::ImageType::TYPE_2D => (side, side, 1),
-        _ => (side_3d, side_3d, side_3d),
-    };
-    let one_sample = tiling == vk::ImageTiling::LINEAR
-        || resident
-        || ty != vk::ImageType::TYPE_2D
-        || cube
-        || !features.intersects(attachment);
-    Ok(vk::ImageFormatProperties {
-        max_extent: vk::Extent3D {
-            width,
-            height,
-            depth,
-        },
-        max_mip_levels: match ycbcr {
-            Some(_) => 1,
-            None => width.ilog2() + 1,
-        },
-        max_array_layers: if ty == vk::ImageType::TYPE_3D {
-            1
-        } else {
-            limits::MAX_IMAGE_ARRAY_LAYERS
-        },
-        sample_counts: if one_sample {
-            vk::SampleCountFlags::TYPE_1
-        } else {
-            limits::SAMPLE_COUNTS
-        },
-        max_resource_size: limits::MAX_BUFFER_BYTES,
-    })
 }
 
 #[cfg(test)]

@@ -88,32 +88,22 @@ pub fn view_descriptor(
     let base_bytes = layer_stride_bytes * u64::from(range.base_array_layer);
     let mut levels = [Level::default(); MAX_LEVELS];
     let from = &plane.levels[range.base_mip_level as usize..][..level_count as usize];
+    // A view of blocks as texels has as many texels as there are blocks ("Image Views",
+    // BLOCK_TEXEL_VIEW_COMPATIBLE).
+    let [block_width, block_height] = match format::block_extent(view_format) {
+        [1, 1] => format::block_extent(plane.format),
+        _ => [1, 1],
+    };
     for (to, from) in levels.iter_mut().zip(from) {
         *to = *from;
         to.offset_bytes += base_bytes;
+        to.width = to.width.div_ceil(block_width);
+        to.height = to.height.div_ceil(block_height);
         if slices {
             to.depth = 1;
         }
-        // A view of blocks as texels has as many texels as there are blocks ("Image Views",
-        // BLOCK_TEXEL_VIEW_COMPATIBLE).
-        if format::block_extent(view_format) == [1, 1] {
-            let [block_width, block_height] = format::block_extent(plane.format);
-            to.width = to.width.div_ceil(block_width);
-            to.height = to.height.div_ceil(block_height);
-        }
     }
-    let dim = match ty {
-        vk::ImageViewType::TYPE_1D | vk::ImageViewType::TYPE_1D_ARRAY => Dim::D1,
-        vk::ImageViewType::TYPE_3D => Dim::D3,
-        vk::ImageViewType::CUBE | vk::ImageViewType::CUBE_ARRAY => Dim::Cube,
-        _ => Dim::D2,
-    };
-    let arrayed = matches!(
-        ty,
-        vk::ImageViewType::TYPE_1D_ARRAY
-            | vk::ImageViewType::TYPE_2D_ARRAY
-            | vk::ImageViewType::CUBE_ARRAY
-    );
+    let (dim, arrayed) = dim_of(ty);
     let is_depth_or_stencil = plane
         .aspect
         .intersects(vk::ImageAspectFlags::DEPTH | vk::ImageAspectFlags::STENCIL);
@@ -130,21 +120,7 @@ pub fn view_descriptor(
     };
     let format = match &conversion {
         Some(conversion) if conversion.planes.requires_conversion() => {
-            // The planes instead of levels: each with its layers' stride, from where the first
-            // plane's offsets count.
-            for (to, plane) in levels.iter_mut().zip(&image.planes) {
-                let Some(level) = plane.levels.first() else {
-                    continue;
-                };
-                *to = *level;
-                let base_bytes = plane.layer_stride_bytes * u64::from(range.base_array_layer);
-                let distance = (image.plane_data(plane) as u64).wrapping_sub(data as u64);
-                to.offset_bytes = level
-                    .offset_bytes
-                    .wrapping_add(base_bytes)
-                    .wrapping_add(distance);
-                to.slice_stride_bytes = plane.layer_stride_bytes;
-            }
+            write_planes(&mut levels, image, data, range.base_array_layer);
             vk::Format::from_raw(conversion.planes.planes[0].format.0 as i32)
         }
         // A conversion that is one only in name: the view's own planes.
@@ -185,6 +161,38 @@ pub fn view_descriptor(
         levels,
         conversion,
     })
+}
+
+/// The dimensions of a view, and whether it is an array.
+fn dim_of(ty: vk::ImageViewType) -> (Dim, bool) {
+    use vk::ImageViewType as Type;
+    match ty {
+        Type::TYPE_1D => (Dim::D1, false),
+        Type::TYPE_1D_ARRAY => (Dim::D1, true),
+        Type::TYPE_2D_ARRAY => (Dim::D2, true),
+        Type::TYPE_3D => (Dim::D3, false),
+        Type::CUBE => (Dim::Cube, false),
+        Type::CUBE_ARRAY => (Dim::Cube, true),
+        _ => (Dim::D2, false),
+    }
+}
+
+/// Writes the image's planes in place of mip levels, for a conversion. Offsets count from `data`,
+/// and a plane's slice stride is the stride of its layers.
+fn write_planes(levels: &mut [Level], image: &Image, data: *mut u8, first_layer: u32) {
+    for (to, plane) in levels.iter_mut().zip(&image.planes) {
+        let Some(level) = plane.levels.first() else {
+            continue;
+        };
+        *to = *level;
+        let base_bytes = plane.layer_stride_bytes * u64::from(first_layer);
+        let distance = (image.plane_data(plane) as u64).wrapping_sub(data as u64);
+        to.offset_bytes = level
+            .offset_bytes
+            .wrapping_add(base_bytes)
+            .wrapping_add(distance);
+        to.slice_stride_bytes = plane.layer_stride_bytes;
+    }
 }
 
 /// The view of a 3D image without the slices outside of a range (`VK_EXT_image_sliced_view_of_3d`).

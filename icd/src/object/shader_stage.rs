@@ -13,7 +13,7 @@ use serde_json::json;
 use spirv_jit::Program;
 use spirv_jit::error::ErrorKind;
 use spirv_jit::heap::{Mapping, Source};
-use spirv_jit::ir::binary;
+use spirv_jit::ir::{Module, binary};
 use spirv_jit::origin::{Name, Origin, file_of, has_lines};
 use spirv_jit::parse::NewerCapability;
 use spirv_jit::program::{CompileRequest, Stage};
@@ -202,6 +202,40 @@ impl ShaderStage {
             return Err(vk::Result::PIPELINE_COMPILE_REQUIRED);
         }
         let mappings = self.numbered(compiler)?;
+        let _span = timeline::span(Kind::Compilation, || {
+            let sizes = json!({
+                "stage": format!("{:?}", self.stage),
+                "words": self.words.len(),
+                "module": self.name.text().as_deref(),
+            });
+            (format!("compile {}", self.entry_point), sizes)
+        });
+        let (program, module) = self.compile_module(compiler, layout, &mappings)?;
+        let wanted = compiler.keeps_modules || cache.is_some();
+        let bytes = wanted.then(|| Arc::<[u8]>::from(binary::encode(&module)));
+        if let (Some(cache), Some(bytes)) = (cache, &bytes) {
+            cache.insert(key, Arc::clone(bytes), Arc::clone(&program));
+        }
+        program.set_origin(self.origin());
+        let program = StageProgram {
+            program,
+            key,
+            module: bytes.filter(|_| compiler.keeps_modules),
+            embedded,
+        };
+        Ok(Compiled {
+            program,
+            cache_hit: false,
+        })
+    }
+
+    /// Compiles the module, and tells the debug messengers why if it cannot.
+    fn compile_module(
+        &self,
+        compiler: &Compiler<'_>,
+        layout: &PipelineLayout,
+        mappings: &[Mapping],
+    ) -> VkResult<(Arc<Program>, Module)> {
         let specialization: Vec<_> = self
             .specialization
             .iter()
@@ -212,7 +246,7 @@ impl ShaderStage {
             entry_point: &self.entry_point,
             stage: self.stage,
             specialization: &specialization,
-            mappings: &mappings,
+            mappings,
             bindings: &|set, binding| layout.descriptor_binding(set, binding),
             capabilities: compiler.capabilities,
             newer_capabilities: compiler.newer_capabilities,
@@ -223,18 +257,10 @@ impl ShaderStage {
             view_index_is_device_index: self.view_index_is_device_index,
             indexes_in_64_bits: self.indexes_in_64_bits,
         };
-        let _span = timeline::span(Kind::Compilation, || {
-            let sizes = json!({
-                "stage": format!("{:?}", self.stage),
-                "words": self.words.len(),
-                "module": self.name.text().as_deref(),
-            });
-            (format!("compile {}", self.entry_point), sizes)
-        });
         let start = Instant::now();
         let compiled = spirv_jit::program::compile_module(&request)
             .and_then(|module| Ok((Arc::new(Program::new(&module)?), module)));
-        let (program, module) = compiled.map_err(|error| {
+        let compiled = compiled.map_err(|error| {
             let message = format!("{:?} shader \"{}\": {error}", self.stage, self.entry_point);
             compiler
                 .messengers
@@ -252,22 +278,7 @@ impl ShaderStage {
             start.elapsed().as_secs_f64() * 1e3,
         );
         log::debug!("{stage:?} shader \"{name}\" compiled in {milliseconds:.2} ms");
-        let wanted = compiler.keeps_modules || cache.is_some();
-        let bytes = wanted.then(|| Arc::<[u8]>::from(binary::encode(&module)));
-        if let (Some(cache), Some(bytes)) = (cache, &bytes) {
-            cache.insert(key, Arc::clone(bytes), Arc::clone(&program));
-        }
-        program.set_origin(self.origin());
-        let program = StageProgram {
-            program,
-            key,
-            module: bytes.filter(|_| compiler.keeps_modules),
-            embedded,
-        };
-        Ok(Compiled {
-            program,
-            cache_hit: false,
-        })
+        Ok(compiled)
     }
 
     /// Takes the program from a pipeline's binary, whatever the stage's module is.
