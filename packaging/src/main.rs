@@ -102,18 +102,18 @@ impl Release {
 }
 
 /// Where files lie in an installation.
-struct Places {
+struct InstallPaths {
     driver: &'static str,
     program: &'static str,
     loader: &'static str,
 }
 
-const ON_LINUX: Places = Places {
+const ON_LINUX: InstallPaths = InstallPaths {
     driver: "lib/tuff/libvulkan_tuff.so",
     program: "bin/tuff",
     loader: "lib/tuff/loader/libvulkan.so.1",
 };
-const ON_WINDOWS: Places = Places {
+const ON_WINDOWS: InstallPaths = InstallPaths {
     driver: "lib/tuff/vulkan_tuff.dll",
     program: "bin/tuff.exe",
     loader: "lib/tuff/loader/vulkan-1.dll",
@@ -142,36 +142,16 @@ fn package(arguments: &Arguments) -> Result<()> {
         size <= MAX_DRIVER_BYTES,
         "the stripped driver has {size} bytes, more than {MAX_DRIVER_BYTES}"
     );
-    let places = match arguments.windows {
+    let paths = match arguments.windows {
         true => ON_WINDOWS,
         false => ON_LINUX,
     };
-    let platform = match arguments.windows {
-        true => format!("{}-pc-windows-gnu", arguments.architecture),
-        false => format!("{}-unknown-linux-gnu", arguments.architecture),
-    };
-    let licences = licences::all(&arguments.root, &["icd", "tuff"], &platform)?;
-    let mut tree = Tree::default();
-    tree.add(places.driver, Entry::file(driver.stripped));
-    tree.add(places.program, Entry::program(program.stripped));
-    let manifest = read(&arguments.manifest)?;
-    tree.add("share/vulkan/icd.d/tuff_icd.json", Entry::file(manifest));
-    for (name, text) in licences {
-        tree.add(
-            &format!("share/doc/tuff-vulkan/{name}"),
-            Entry::file(text.into_bytes()),
-        );
-    }
+    let tree = installed_files(arguments, &paths, driver.stripped, program.stripped)?;
     let system = match arguments.glibc {
         Some(glibc) if !arguments.windows => needs_on_linux(&tree, glibc, &scratch)?,
         _ => PackageSystem::Windows,
     };
-    let mut with_loader = tree.clone();
-    if let (Some(loader), Some(licence)) = (&arguments.loader, &arguments.loader_licence) {
-        with_loader.add(places.loader, Entry::file(read(loader)?));
-        let name = "share/doc/tuff-vulkan/LICENSE-vulkan-loader.txt";
-        with_loader.add(name, Entry::file(read(licence)?));
-    }
+    let with_loader = with_loader(arguments, &paths, &tree)?;
     if system == PackageSystem::Windows {
         let missing = imports::missing(&with_loader)?;
         ensure!(
@@ -182,7 +162,7 @@ fn package(arguments: &Arguments) -> Result<()> {
     }
     let needed_glibc = symbols::newest_glibc(&tree, &scratch)?;
     // A system that is older than the loader has to have one: `tuff info` says so there.
-    let loaders_glibc = symbols::newest_glibc(&with_loader.only(places.loader), &scratch)?;
+    let loaders_glibc = symbols::newest_glibc(&with_loader.only(paths.loader), &scratch)?;
     let release = Release {
         version: env!("CARGO_PKG_VERSION").into(),
         architecture: arguments.architecture.clone(),
@@ -208,10 +188,7 @@ fn package(arguments: &Arguments) -> Result<()> {
             zipfile::write_debug(&debug, &release, out)?,
         ],
     };
-    for package in &packages {
-        let bytes = std::fs::metadata(package)?.len();
-        println!("{} ({:.1} MB)", package.display(), bytes as f64 / 1e6);
-    }
+    print_sizes(&packages)?;
     let sums = hash::write_sums(&packages, out)?;
     println!(
         "{}\ndriver: {:.1} MB stripped",
@@ -227,7 +204,52 @@ fn package(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
-/// Holds the binaries of Linux to what is promised of them.
+/// The files that every package installs.
+fn installed_files(
+    arguments: &Arguments,
+    paths: &InstallPaths,
+    driver: Vec<u8>,
+    program: Vec<u8>,
+) -> Result<Tree> {
+    let platform = match arguments.windows {
+        true => format!("{}-pc-windows-gnu", arguments.architecture),
+        false => format!("{}-unknown-linux-gnu", arguments.architecture),
+    };
+    let licences = licences::all(&arguments.root, &["icd", "tuff"], &platform)?;
+    let mut tree = Tree::default();
+    tree.add(paths.driver, Entry::file(driver));
+    tree.add(paths.program, Entry::program(program));
+    let manifest = read(&arguments.manifest)?;
+    tree.add("share/vulkan/icd.d/tuff_icd.json", Entry::file(manifest));
+    for (name, text) in licences {
+        tree.add(
+            &format!("share/doc/tuff-vulkan/{name}"),
+            Entry::file(text.into_bytes()),
+        );
+    }
+    Ok(tree)
+}
+
+/// The same files and the Vulkan loader, if there is one to pack.
+fn with_loader(arguments: &Arguments, paths: &InstallPaths, tree: &Tree) -> Result<Tree> {
+    let mut with_loader = tree.clone();
+    if let (Some(loader), Some(licence)) = (&arguments.loader, &arguments.loader_licence) {
+        with_loader.add(paths.loader, Entry::file(read(loader)?));
+        let name = "share/doc/tuff-vulkan/LICENSE-vulkan-loader.txt";
+        with_loader.add(name, Entry::file(read(licence)?));
+    }
+    Ok(with_loader)
+}
+
+fn print_sizes(packages: &[PathBuf]) -> Result<()> {
+    for package in packages {
+        let bytes = std::fs::metadata(package)?.len();
+        println!("{} ({:.1} MB)", package.display(), bytes as f64 / 1e6);
+    }
+    Ok(())
+}
+
+/// Checks that the binaries for Linux need no more than the packages promise.
 fn needs_on_linux(tree: &Tree, promised: GlibcVersion, scratch: &Path) -> Result<PackageSystem> {
     // Its functions give other bits in other versions, and on other architectures.
     ensure!(
