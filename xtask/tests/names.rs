@@ -39,13 +39,7 @@ const RIGHT: [(&str, &str, &str); 1] = [(
 )];
 
 /// Files that still have a retired name. This list may only shrink.
-const RETIRED_LEFT: [(&str, &str); 13] = [
-    ("icd/src/present/nowhere.rs", "Nowhere"),
-    ("icd/src/present/swapchain.rs", "Place"),
-    ("icd/src/present/swapchain.rs", "State"),
-    ("icd/src/present/wayland/mod.rs", "Told"),
-    ("icd/src/present/wayland/screen.rs", "Told"),
-    ("icd/src/present/x11/events.rs", "State"),
+const RETIRED_LEFT: [(&str, &str); 7] = [
     ("icd/src/trace/facts.rs", "Told"),
     ("icd/src/trace/hit_object.rs", "Known"),
     ("spirv-jit/src/interp/code.rs", "Place"),
@@ -56,10 +50,8 @@ const RETIRED_LEFT: [(&str, &str); 13] = [
 ];
 
 /// Type names that are still in three files or more of a crate. This list may only shrink.
-const SHARED_LEFT: [(&str, &str); 6] = [
-    ("icd", "Event"),
+const SHARED_LEFT: [(&str, &str); 4] = [
     ("icd", "Object"),
-    ("icd", "Told"),
     ("spirv-jit", "Access"),
     ("spirv-jit", "Lanes"),
     ("spirv-jit", "Rows"),

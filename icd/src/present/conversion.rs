@@ -1,8 +1,8 @@
-//! Texels to pixels of windows: a row of one format to a row of another layout, by vectors where
-//! the processor has them.
+//! Converts rows of texels to the pixel layouts of windows, with vector instructions where the
+//! processor has them.
 //!
-//! Each component goes to the nearest value that the layout has, as conversions to UNORM do (Vulkan
-//! 1.4, section 3.10.1).
+//! Each component becomes the nearest value of the layout, as conversions to UNORM do (Vulkan 1.4,
+//! section 3.10.1).
 
 use std::sync::OnceLock;
 
@@ -10,7 +10,7 @@ use ash::vk;
 use half::f16;
 use lanes::Tier;
 
-/// How a window's pixels lie in 32-bit or 16-bit words.
+/// The layout of a window's pixels in 32-bit or 16-bit words.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Layout {
     /// `VK_FORMAT_B8G8R8A8_UNORM`.
@@ -26,7 +26,7 @@ pub enum Layout {
 }
 
 impl Layout {
-    /// The layout of words of so many bits with these masks of red, green and blue.
+    /// The layout with this word size and these masks of red, green and blue.
     pub fn from_masks(bits: u8, masks: [u32; 3]) -> Option<Self> {
         match (bits, masks) {
             (32, [0xff_0000, 0xff00, 0xff]) => Some(Self::Argb8888),
@@ -42,7 +42,7 @@ impl Layout {
         if self == Self::Rgb565 { 2 } else { 4 }
     }
 
-    /// The formats of images whose pixels lie so already. Those of `_SRGB` are stored encoded, as
+    /// The image formats that have this layout already. `_SRGB` formats are stored encoded, as
     /// windows show them.
     pub fn is_that_of(self, format: vk::Format) -> bool {
         match self {
@@ -61,7 +61,7 @@ impl Layout {
     }
 }
 
-/// A row of texels: so many of a format, one after the other.
+/// A row of consecutive texels of one format.
 #[derive(Clone, Copy)]
 pub struct Texels {
     pub data: *const u8,
@@ -79,11 +79,10 @@ pub fn texel_bytes(format: vk::Format) -> usize {
     }
 }
 
-/// Converts a row; `row` has as many pixels. An opaque pixel has all of its alpha, whatever the
-/// texel has.
+/// Converts a row; `row` has as many pixels. With `is_opaque` every pixel's alpha is one.
 ///
 /// # Safety
-/// The texels can be read, and lie at a multiple of their size.
+/// The texels are readable and aligned to their size.
 pub unsafe fn convert(tier: Tier, texels: Texels, layout: Layout, is_opaque: bool, row: &mut [u8]) {
     assert_eq!(row.len(), texels.count * layout.bytes());
     // SAFETY: the caller's promise.
@@ -120,10 +119,10 @@ unsafe fn to_layout<L: Words>(tier: Tier, texels: Texels, is_opaque: bool, row: 
     }
 }
 
-/// Where red, green, blue and alpha lie in a word.
+/// The bit positions of red, green, blue and alpha in a word.
 trait Words {
     type Word: Copy + TryFrom<u32> + Into<u32>;
-    /// Bits of each component; none of alpha is all of it.
+    /// Bits of each component; a layout without alpha bits is opaque.
     const BITS: [u32; 4];
     const SHIFTS: [u32; 4];
 }
@@ -150,12 +149,12 @@ words! {
     Rgb565: u16, [5, 6, 5, 0], [11, 5, 0, 0];
 }
 
-/// The greatest value of so many bits.
+/// The largest value of this many bits.
 const fn most(bits: u32) -> u32 {
     (1 << bits) - 1
 }
 
-/// A component of one width in another.
+/// A component converted from one width to another.
 #[inline(always)]
 fn rescale(value: u32, from: u32, to: u32) -> u32 {
     match (from, to) {
@@ -165,7 +164,7 @@ fn rescale(value: u32, from: u32, to: u32) -> u32 {
     }
 }
 
-/// Bits that an opaque pixel has at least.
+/// The alpha bits that an opaque pixel sets.
 fn opaque<L: Words>(is_opaque: bool) -> u32 {
     match is_opaque {
         true => most(L::BITS[3]) << L::SHIFTS[3],
@@ -236,9 +235,9 @@ unsafe fn floats<L: Words>(tier: Tier, texels: Texels, is_opaque: bool, row: &mu
     }
 }
 
-/// Converts to bytes of red, green, blue and alpha, or with blue first, eight at a time; how many.
+/// Converts to RGBA or BGRA bytes, eight pixels at a time. Returns the number of converted pixels.
 ///
-/// The products of a half and 255 have 19 bits, so that they and their sums with a half are exact.
+/// The product of a half float and 255 has 19 bits, so it is exact, and so is its sum with 0.5.
 ///
 /// # Safety
 /// As for [`convert`], of 16-bit floats to four bytes each.
@@ -254,18 +253,19 @@ unsafe fn eight_bits(texels: Texels, is_blue_first: bool, alpha: u32, row: &mut 
         |x: i32| (3 + 4 * x) << 24 | (4 * x + 2 - first) << 16 | (4 * x + 1) << 8 | (4 * x + first);
     let places = _mm_set_epi32(word(3), word(2), word(1), word(0));
     let places = _mm256_broadcastsi128_si256(places);
-    // Four vectors of two texels each, packed twice, lie by halves.
+    // Packing works within 128-bit halves: this order undoes it.
     let order = _mm256_set_epi32(7, 3, 6, 2, 5, 1, 4, 0);
     let two = |texel: *const u8| {
-        // SAFETY: two texels from here on (the loop below).
+        // SAFETY: the loop below leaves at least two texels from here on.
         let values = _mm256_cvtph_ps(unsafe { _mm_loadu_si128(texel.cast()) });
-        // The second operand comes out if the first is not a number.
+        // The result is the second operand if the first is NaN.
         let values = _mm256_min_ps(_mm256_max_ps(values, zero), one);
         _mm256_cvttps_epi32(_mm256_add_ps(_mm256_mul_ps(values, most), half))
     };
     let mut done = 0;
     for pixels in row.chunks_exact_mut(32) {
-        // SAFETY: eight texels of eight bytes for the eight pixels of four, which the store fills.
+        // SAFETY: eight texels of eight bytes each are readable, and the store fills eight pixels
+        // of four bytes.
         unsafe {
             let source = texels.data.add(8 * done);
             let low = _mm256_packus_epi32(two(source), two(source.add(16)));
@@ -280,16 +280,16 @@ unsafe fn eight_bits(texels: Texels, is_blue_first: bool, alpha: u32, row: &mut 
     done
 }
 
-/// The value of each 16-bit float in so many bits, clamped to the range of a window.
+/// A table of each 16-bit float's value in a number of bits, clamped to the window's range.
 fn float_table(is_linear: bool, bits: u32) -> &'static [u16; 1 << 16] {
-    // By whether light is linear, and by the bits.
+    // One table for each transfer function and number of bits.
     static TABLES: [[OnceLock<Box<[u16; 1 << 16]>>; 11]; 2] =
         [const { [const { OnceLock::new() }; 11] }; 2];
     TABLES[usize::from(is_linear)][bits as usize].get_or_init(|| {
         let entry = |bits_of_half: u16| {
             let value = f64::from(f16::from_bits(bits_of_half));
             let value = if is_linear { srgb(value) } else { value };
-            // Not a number is black, as the cast has it.
+            // The cast turns NaN to black.
             (value.clamp(0.0, 1.0) * f64::from(most(bits)) + 0.5) as u16
         };
         let table: Box<[u16]> = (0..=u16::MAX).map(entry).collect();
@@ -364,7 +364,7 @@ mod tests {
         row.chunks_exact(layout.bytes()).map(word).collect()
     }
 
-    /// A component as a fraction of all of it; none of it is all.
+    /// A component as a fraction of its largest value; a missing component is one.
     fn share(word: u32, bits: u32, shift: u32) -> f64 {
         match bits {
             0 => 1.0,
@@ -372,7 +372,7 @@ mod tests {
         }
     }
 
-    /// All components lie within half a step of the texel's, whatever tier converts them.
+    /// Every tier converts each component to within half a step of the texel's.
     #[test]
     fn words_become_the_nearest_words() {
         let mut random = 1u64;
@@ -414,8 +414,8 @@ mod tests {
         }
     }
 
-    /// Every float in every component, by every tier: the nearest value, which for linear light is
-    /// that of the transfer function.
+    /// Every tier converts every 16-bit float, in every component, to the nearest value; linear
+    /// light goes through the transfer function.
     #[test]
     fn floats_become_the_nearest_words() {
         let texels: Vec<u64> = (0..=u16::MAX)

@@ -5,15 +5,15 @@
 //!                                                                     │
 //!                              window <── Screen <── swapchain's thread
 //!                                            │
-//! vkAcquireNextImageKHR <── [ free ] <──── Event
+//! vkAcquireNextImageKHR <── [ free ] <──── ScreenEvent
 //! ```
 //!
-//! A [`Window`] is what a surface stands for: it knows its extent and what it can show. A
-//! [`Screen`] is the way of one swapchain's images to it, used by that swapchain's thread alone.
-//! Surfaces without a window need neither: an image comes back when its turn is over.
+//! A [`Window`] is the window of a surface: it reports its extent and capabilities. A [`Screen`]
+//! presents one swapchain's images to the window, on that swapchain's thread. Headless surfaces
+//! have no window; their images are free again once they are presented.
 
 mod conversion;
-mod nowhere;
+mod headless;
 mod offer;
 pub mod pixels;
 mod placement;
@@ -42,37 +42,37 @@ use crate::VkResult;
 use crate::handle::Ref;
 use crate::object::{DeviceMemory, Image};
 /// The wake-up of a swapchain's thread.
-pub use crate::os::event::Event as Bell;
+pub use crate::os::event::Event as WakeEvent;
 use timing::Refresh;
 
 crate::handle::handled!(Surface => SurfaceKHR, Swapchain => SwapchainKHR);
 
-/// The window has gone, or the connection to it: `VK_ERROR_SURFACE_LOST_KHR`.
+/// The window or the connection to it no longer exists: `VK_ERROR_SURFACE_LOST_KHR`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Gone;
+pub struct SurfaceLost;
 
 /// The window of a surface.
 pub trait Window: Send + Sync {
-    /// The window's extent, unless it takes that of the swapchain.
+    /// The window's extent; `None` if the window takes the swapchain's extent.
     ///
     /// # Errors
     /// `VK_ERROR_SURFACE_LOST_KHR`.
     fn extent(&self) -> VkResult<Option<vk::Extent2D>>;
 
-    /// Whether pictures can be shown there.
+    /// Whether images can be presented to the window.
     fn is_presentable(&self) -> bool;
 
-    /// How alpha can be taken.
+    /// The supported composite alpha modes.
     fn composite_alpha(&self) -> vk::CompositeAlphaFlagsKHR;
 
-    /// Whether it is told when pictures were shown.
-    fn tells_times(&self) -> bool;
+    /// Whether the window system reports when images were shown.
+    fn reports_times(&self) -> bool;
 
-    /// A way for a swapchain's images to the window.
+    /// Creates the screen of a swapchain.
     ///
     /// # Errors
-    /// `VK_ERROR_SURFACE_LOST_KHR`, and memory that there is not.
-    fn screen(&self, pictures: Pictures, bell: &Arc<Bell>) -> VkResult<Box<dyn Screen>>;
+    /// `VK_ERROR_SURFACE_LOST_KHR`, or out of memory.
+    fn screen(&self, pictures: Pictures, wake: &Arc<WakeEvent>) -> VkResult<Box<dyn Screen>>;
 }
 
 /// The images of a swapchain, and how they are to be shown.
@@ -84,7 +84,7 @@ pub struct Pictures {
     pub is_linear: bool,
     pub composite_alpha: vk::CompositeAlphaFlagsKHR,
     pub scaling: Scaling,
-    /// Somebody wants to know when each was seen.
+    /// The application asks when images were shown.
     pub is_timed: bool,
 }
 
@@ -98,7 +98,7 @@ impl Pictures {
         self.images[0].format
     }
 
-    /// Bytes from the start of the memory to an image.
+    /// Offset of an image in the memory.
     pub fn offset_bytes(&self, index: u32) -> u64 {
         self.images[index as usize].data() as u64 - self.memory.address
     }
@@ -117,13 +117,13 @@ impl Pictures {
     }
 }
 
-/// How soon an image is to be on the screen.
+/// The time at which an image is shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum When {
     NextRefresh,
     /// At the next refresh, or at once if one has passed since the last image.
     NextRefreshOrLate,
-    /// At the next refresh, unless another one is handed over before.
+    /// At the next refresh, unless another image is presented before it.
     Replaceable,
     AtOnce,
 }
@@ -139,39 +139,43 @@ pub struct Frame<'a> {
 
 /// An event of a screen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Event {
-    /// A frame's turn has come: it is on the screen, or another one instead.
+pub enum ScreenEvent {
+    /// A frame is on the screen, or a later one has replaced it.
     Shown { serial: u32 },
-    /// When a frame's first pixel left for the display, where that is known: once for each frame of
-    /// timed [`Pictures`].
+    /// The time at which a frame's first pixel left for the display, if it is known. Sent once for
+    /// each frame of timed [`Pictures`].
     Out { serial: u32, at_ns: Option<u64> },
-    /// An image is not read any more.
+    /// An image is no longer read.
     Free { index: u32 },
-    /// The window's extent, where it may have changed.
+    /// The window's extent, which may have changed.
     Extent(vk::Extent2D),
 }
 
-/// The way of a swapchain's images to a window.
+/// Presents a swapchain's images to a window.
 pub trait Screen: Send {
-    /// Hands an image over.
+    /// Presents an image.
     ///
     /// # Errors
     /// The window has gone.
-    fn show(&mut self, frame: &Frame<'_>) -> Result<(), Gone>;
+    fn show(&mut self, frame: &Frame<'_>) -> Result<(), SurfaceLost>;
 
-    /// Sleeps until there is something to tell, the bell is rung or the deadline is over, and
-    /// tells.
+    /// Sleeps until there are events, the wake event is signaled or the deadline has passed, and
+    /// appends the events.
     ///
     /// # Errors
     /// The window has gone.
-    fn wait(&mut self, deadline: Option<Instant>, events: &mut Vec<Event>) -> Result<(), Gone>;
+    fn wait(
+        &mut self,
+        deadline: Option<Instant>,
+        events: &mut Vec<ScreenEvent>,
+    ) -> Result<(), SurfaceLost>;
 
-    /// The display's refreshes, as far as they are known.
+    /// The display's refresh cycle, if it is known.
     fn refresh(&self) -> Option<Refresh> {
         None
     }
 
-    /// Whether a shared image is to be shown again and again.
+    /// Whether a shared image must be presented again at each refresh.
     fn is_watched(&self) -> bool {
         true
     }

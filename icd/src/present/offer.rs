@@ -6,12 +6,12 @@ use ash::vk;
 
 use crate::ffi::vk::PRESENT_MODE_FIFO_LATEST_READY_KHR;
 
-/// Images of a swapchain. One is handed to the window while another is drawn.
+/// Image counts of a swapchain. One image is presented while another is drawn.
 pub const MIN_IMAGES: u32 = 2;
 
 pub const MAX_IMAGES: u32 = 16;
 
-/// The formats that can be presented; windows get them converted where they show another one.
+/// The formats that can be presented. Images are converted where the window has another format.
 pub const FORMATS: [vk::Format; 4] = [
     vk::Format::B8G8R8A8_UNORM,
     vk::Format::B8G8R8A8_SRGB,
@@ -19,9 +19,9 @@ pub const FORMATS: [vk::Format; 4] = [
     vk::Format::R8G8B8A8_SRGB,
 ];
 
-/// Formats of more than eight bits, and the color spaces that they can be presented in: for
-/// applications that ask for color spaces (`VK_EXT_swapchain_colorspace`). Others choose the format
-/// of most bits and would pay for bits that their windows do not show.
+/// Formats of more than eight bits, and their color spaces, for applications that enable
+/// `VK_EXT_swapchain_colorspace`. Other applications would choose the format with the most bits and
+/// pay for bits that their windows do not show.
 pub const DEEP_FORMATS: [(vk::Format, vk::ColorSpaceKHR); 3] = [
     (
         vk::Format::A2B10G10R10_UNORM_PACK32,
@@ -37,7 +37,7 @@ pub const DEEP_FORMATS: [(vk::Format, vk::ColorSpaceKHR); 3] = [
     ),
 ];
 
-/// The modes that can be asked for, and whether an extension has to be enabled for one.
+/// The present modes, and whether a mode needs an extension to be enabled.
 pub const MODES: [vk::PresentModeKHR; 7] = [
     vk::PresentModeKHR::FIFO,
     vk::PresentModeKHR::FIFO_RELAXED,
@@ -48,7 +48,7 @@ pub const MODES: [vk::PresentModeKHR; 7] = [
     vk::PresentModeKHR::SHARED_CONTINUOUS_REFRESH,
 ];
 
-/// Those of them that may be named where no surface is (`VK_GOOGLE_surfaceless_query`).
+/// The modes that are reported without a surface (`VK_GOOGLE_surfaceless_query`).
 pub const SURFACELESS_MODES: [vk::PresentModeKHR; 3] = [
     vk::PresentModeKHR::FIFO,
     vk::PresentModeKHR::SHARED_DEMAND_REFRESH,
@@ -65,14 +65,14 @@ pub const IMAGE_USAGE: vk::ImageUsageFlags = vk::ImageUsageFlags::from_raw(
         | vk::ImageUsageFlags::INPUT_ATTACHMENT.as_raw(),
 );
 
-/// Whether a mode presents one image that the application goes on drawing to.
+/// Whether a mode presents one shared image, which the application continues to draw to.
 pub fn is_shared(mode: vk::PresentModeKHR) -> bool {
     mode == vk::PresentModeKHR::SHARED_DEMAND_REFRESH
         || mode == vk::PresentModeKHR::SHARED_CONTINUOUS_REFRESH
 }
 
-/// The modes that a swapchain made for `mode` can change to: itself first, so that it is there
-/// where not all fit.
+/// The modes to which a swapchain made for `mode` can change. `mode` comes first, so that a short
+/// array holds it.
 pub fn compatible_modes(mode: vk::PresentModeKHR) -> impl Iterator<Item = vk::PresentModeKHR> {
     let others = MODES
         .into_iter()

@@ -1,11 +1,11 @@
-//! Pixels of images to pixels of windows, in one pass.
+//! Copies and scales an image's pixels to a window's pixels, in one pass.
 
 use ash::vk;
 use lanes::Tier;
 
 use super::conversion::{self, Layout, Texels, texel_bytes};
 
-/// The layer of an image that is shown.
+/// The pixels of a presented image.
 #[derive(Clone, Copy)]
 pub struct Picture {
     pub data: *const u8,
@@ -19,7 +19,7 @@ pub struct Picture {
 // SAFETY: the creator keeps the memory that it points to alive; it is only read.
 unsafe impl Send for Picture {}
 
-/// Where a picture is on a window: a part of the picture, stretched over a part of the window.
+/// The placement of an image on a window: a part of the image, stretched over a part of the window.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Placement {
     pub from: vk::Rect2D,
@@ -27,7 +27,7 @@ pub struct Placement {
 }
 
 impl Placement {
-    /// Texel for pixel, from the upper left corner, as much as there is of both.
+    /// Texel for pixel, from the upper left corner, over the size that both have.
     pub fn one_to_one(picture: vk::Extent2D, window: vk::Extent2D) -> Self {
         let extent = vk::Extent2D {
             width: picture.width.min(window.width),
@@ -44,20 +44,20 @@ impl Placement {
     }
 }
 
-/// Pixels of a window, `width` a row.
+/// The pixels of a window.
 pub struct Canvas<'a> {
     pub pixels: &'a mut [u8],
     pub row_stride_bytes: usize,
     pub extent: vk::Extent2D,
     pub layout: Layout,
-    /// The window would be seen through, and should not be.
+    /// Alpha is set to one, because the window must not be transparent.
     pub is_opaque: bool,
 }
 
-/// Draws a picture; what it does not cover becomes black.
+/// Draws an image. Pixels outside of it become black.
 ///
 /// # Safety
-/// The picture's memory is alive.
+/// The image's memory is alive.
 pub unsafe fn draw(picture: &Picture, placement: &Placement, canvas: &mut Canvas<'_>) {
     let window = vk::Rect2D {
         offset: vk::Offset2D::default(),
@@ -82,13 +82,13 @@ pub unsafe fn draw(picture: &Picture, placement: &Placement, canvas: &mut Canvas
             + to.offset.x as usize * bytes;
         let row = &mut canvas.pixels[start..][..width * bytes];
         let first = source_y * picture.row_stride_bytes + from.offset.x as usize * texel_bytes;
-        // SAFETY: a texel of the picture, whose memory is alive (the caller's promise).
+        // SAFETY: the offset is inside the image, whose memory the caller keeps alive.
         let mut data = unsafe { picture.data.add(first) };
         if is_stretched {
             let texels = stretched.as_mut_ptr().cast::<u8>();
             for x in 0..width {
-                // SAFETY: a texel of the picture's row, and room for as many texels as there are
-                // pixels.
+                // SAFETY: the texel is inside the image's row, and `row` has room for a texel for
+                // each pixel.
                 unsafe {
                     let source = data.add(column(x as u32) * texel_bytes);
                     source.copy_to_nonoverlapping(texels.add(x * texel_bytes), texel_bytes);
@@ -97,7 +97,7 @@ pub unsafe fn draw(picture: &Picture, placement: &Placement, canvas: &mut Canvas
             data = stretched.as_ptr().cast();
         }
         if is_plain {
-            // SAFETY: as many bytes as the row of texels has.
+            // SAFETY: the slice has as many bytes as the row of texels.
             unsafe { data.copy_to_nonoverlapping(row.as_mut_ptr(), row.len()) };
             continue;
         }
@@ -107,12 +107,12 @@ pub unsafe fn draw(picture: &Picture, placement: &Placement, canvas: &mut Canvas
             format: picture.format,
             is_linear: picture.is_linear,
         };
-        // SAFETY: a row's texels; images lie at multiples of their texels.
+        // SAFETY: the pointer leads to a row's texels; images are aligned to their texel size.
         unsafe { conversion::convert(tier, texels, canvas.layout, canvas.is_opaque, row) };
     }
 }
 
-/// The texel whose middle is nearest to a pixel's.
+/// The index of the texel whose center is nearest to a pixel's center.
 fn nearest(pixel: u32, pixels: u32, texels: u32) -> usize {
     ((2 * u64::from(pixel) + 1) * u64::from(texels) / (2 * u64::from(pixels))) as usize
 }

@@ -1,4 +1,5 @@
-//! Where a picture goes on a window of another size (`VkSwapchainPresentScalingCreateInfoKHR`).
+//! The placement of an image on a window of another size
+//! (`VkSwapchainPresentScalingCreateInfoKHR`).
 
 #![forbid(unsafe_code)]
 
@@ -6,8 +7,8 @@ use ash::vk;
 
 use super::pixels::Placement;
 
-/// How a swapchain is scaled. Without a behavior its images lie in the upper left corner, and it is
-/// suboptimal while the sizes differ.
+/// The scaling of a swapchain. Without a behavior its images lie in the upper left corner, and the
+/// swapchain is suboptimal while the sizes differ.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Scaling {
     pub behavior: vk::PresentScalingFlagsEXT,
@@ -15,25 +16,26 @@ pub struct Scaling {
 }
 
 impl Scaling {
-    /// The behaviors there are.
+    /// The supported behaviors.
     pub const BEHAVIORS: vk::PresentScalingFlagsEXT = vk::PresentScalingFlagsEXT::from_raw(
         vk::PresentScalingFlagsEXT::ONE_TO_ONE.as_raw()
             | vk::PresentScalingFlagsEXT::ASPECT_RATIO_STRETCH.as_raw()
             | vk::PresentScalingFlagsEXT::STRETCH.as_raw(),
     );
-    /// The gravities there are, on either axis.
+    /// The supported gravities, on either axis.
     pub const GRAVITIES: vk::PresentGravityFlagsEXT = vk::PresentGravityFlagsEXT::from_raw(
         vk::PresentGravityFlagsEXT::MIN.as_raw()
             | vk::PresentGravityFlagsEXT::MAX.as_raw()
             | vk::PresentGravityFlagsEXT::CENTERED.as_raw(),
     );
 
-    /// Whether windows of other sizes are as good as any.
+    /// Whether the application asked for scaling, so that a window of another size is not
+    /// suboptimal.
     pub fn is_asked_for(&self) -> bool {
         !self.behavior.is_empty()
     }
 
-    /// Where a picture goes.
+    /// The placement of an image on a window.
     pub fn placement(&self, picture: vk::Extent2D, window: vk::Extent2D) -> Placement {
         let whole = |extent| vk::Rect2D {
             offset: vk::Offset2D::default(),
@@ -57,7 +59,7 @@ impl Scaling {
             }
             vk::PresentScalingFlagsEXT::ONE_TO_ONE => {
                 let Placement { from, .. } = Placement::one_to_one(picture, window);
-                // On each axis one of the two is as large as the part that is seen.
+                // On each axis, the visible part is as large as the image or as the window.
                 Placement {
                     from: vk::Rect2D {
                         offset: self.offset(from.extent, picture),
@@ -89,7 +91,7 @@ impl Scaling {
     }
 }
 
-/// The largest extent of the picture's shape that fits in the window.
+/// The largest extent with the image's aspect ratio that fits in the window.
 fn fitted(picture: vk::Extent2D, window: vk::Extent2D) -> vk::Extent2D {
     let (pw, ph) = (u64::from(picture.width), u64::from(picture.height));
     let (ww, wh) = (u64::from(window.width), u64::from(window.height));

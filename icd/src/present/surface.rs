@@ -1,4 +1,4 @@
-//! Surfaces, and what can be presented to them.
+//! Surfaces and their capabilities.
 
 #![forbid(unsafe_code)]
 
@@ -18,15 +18,15 @@ use crate::table::limits::{MAX_IMAGE_ARRAY_LAYERS, MAX_IMAGE_DIMENSION};
 
 /// `VkSurfaceKHR`.
 pub struct Surface {
-    /// None is a headless surface, which shows nothing.
+    /// `None` for a headless surface, which shows nothing.
     window: Mutex<Option<Arc<dyn Window>>>,
     is_headless: bool,
-    /// Made for it, and not yet gone.
+    /// The swapchains made for this surface that are still alive.
     swapchains: Mutex<Vec<Weak<Shared>>>,
 }
 
 impl Surface {
-    /// Without a window.
+    /// A surface without a window.
     pub fn headless() -> Self {
         Self {
             window: Mutex::new(None),
@@ -43,7 +43,7 @@ impl Surface {
         }
     }
 
-    /// The window, where there is one.
+    /// The window; `None` for a headless surface.
     ///
     /// # Errors
     /// `VK_ERROR_SURFACE_LOST_KHR` once the surface is closed.
@@ -55,8 +55,7 @@ impl Surface {
         Ok(window)
     }
 
-    /// Ends everything that uses the window: when this returns, the application may close its
-    /// connection.
+    /// Ends every use of the window. After this returns, the application may close its connection.
     pub fn close(&self) {
         for swapchain in self.swapchains.lock().drain(..) {
             if let Some(swapchain) = swapchain.upgrade() {
@@ -66,17 +65,17 @@ impl Surface {
         self.window.lock().take();
     }
 
-    /// Whether pictures can be presented.
+    /// Whether images can be presented.
     pub fn is_presentable(&self) -> VkResult<bool> {
         Ok(self.window()?.is_none_or(|window| window.is_presentable()))
     }
 
-    /// The stages of presentations that are timed.
+    /// The presentation stages that have times.
     ///
     /// # Errors
     /// `VK_ERROR_SURFACE_LOST_KHR`.
     pub fn timed_stages(&self) -> VkResult<PresentStageFlagsEXT> {
-        let tells = self.window()?.is_some_and(|window| window.tells_times());
+        let tells = self.window()?.is_some_and(|window| window.reports_times());
         Ok(match tells {
             true => OWN_STAGES | PRESENT_STAGE_IMAGE_FIRST_PIXEL_OUT_EXT,
             false => OWN_STAGES,
@@ -115,10 +114,11 @@ impl Surface {
         })
     }
 
-    /// A new swapchain takes the surface, `old` with it.
+    /// Retires `old`, and checks that a new swapchain can take the surface.
     ///
     /// # Errors
-    /// `VK_ERROR_NATIVE_WINDOW_IN_USE_KHR` if another one that is not retired has the window.
+    /// `VK_ERROR_NATIVE_WINDOW_IN_USE_KHR` if another swapchain that is not retired uses the
+    /// window.
     pub fn take_over(&self, old: Option<&Object<Swapchain>>) -> VkResult {
         let mut swapchains = self.swapchains.lock();
         swapchains.retain(|swapchain| {
@@ -134,7 +134,7 @@ impl Surface {
         Ok(())
     }
 
-    /// Remembers a swapchain that was made for it.
+    /// Adds a swapchain that was made for this surface.
     pub fn add(&self, swapchain: &Ref<Swapchain>) {
         self.swapchains
             .lock()

@@ -1,11 +1,11 @@
-//! Swapchains: whose turn each image is.
+//! Swapchains and the states of their images.
 //!
 //! ```text
 //! Free ──acquire──> Acquired ──vkQueuePresentKHR──> Queued ──shown, and read to the end──> Free
 //! ```
 //!
-//! The image of a shared swapchain stays acquired: it is presented as often as the application
-//! asks, or at each refresh.
+//! The image of a shared swapchain stays acquired. It is presented each time the application asks,
+//! or at each refresh.
 
 #![forbid(unsafe_code)]
 
@@ -16,10 +16,10 @@ use std::thread::JoinHandle;
 use ash::vk;
 use parking_lot::Mutex;
 
-use super::nowhere::Nowhere;
+use super::headless::HeadlessScreen;
 use super::offer::{MAX_IMAGES, MIN_IMAGES, is_shared};
 use super::timing::{Refresh, Timing, Timings};
-use super::{Bell, Pictures, Scaling, Screen, Window};
+use super::{Pictures, Scaling, Screen, WakeEvent, Window};
 use crate::VkResult;
 use crate::execute::query::timestamp_ns;
 use crate::ffi::vk::{
@@ -50,12 +50,12 @@ pub struct Creation<'a> {
 pub struct Swapchain {
     pub images: Vec<Ref<Image>>,
     _memory: Arc<DeviceMemory>,
-    /// As it was made, and as it is presented where no other is named.
+    /// The mode at creation, used by presentations that name no other.
     pub mode: vk::PresentModeKHR,
     shared: Arc<Shared>,
 }
 
-/// A presentation, as `vkQueuePresentKHR` asks for it.
+/// A presentation that `vkQueuePresentKHR` requests.
 pub struct Request {
     pub index: u32,
     /// `VkPresentIdKHR`; 0 for none.
@@ -64,12 +64,12 @@ pub struct Request {
     /// `VkPresentRegionsKHR`; empty if all may have changed.
     pub damage: Vec<vk::Rect2D>,
     pub timing: Timing,
-    /// Its place among the results; 0 for none.
+    /// The request's ticket in [`Timings`]; 0 for none.
     pub ticket: u64,
 }
 
 impl Request {
-    /// Whether it takes the place of one that waits for its turn before it.
+    /// Whether the request replaces an earlier one that still waits.
     fn replaces(&self) -> bool {
         self.mode == vk::PresentModeKHR::MAILBOX || self.mode == PRESENT_MODE_FIFO_LATEST_READY_KHR
     }
@@ -77,10 +77,10 @@ impl Request {
 
 /// State that a swapchain shares with its thread and its surface.
 pub struct Shared {
-    state: Mutex<State>,
-    /// Where there is a thread.
-    pub(super) bell: Option<Arc<Bell>>,
-    /// Until the thread has it.
+    state: Mutex<SwapchainState>,
+    /// Wakes the thread; `None` without a thread.
+    pub(super) wake: Option<Arc<WakeEvent>>,
+    /// The screen, until the thread takes it.
     screen: Mutex<Option<Box<dyn Screen>>>,
     thread: Mutex<Option<JoinHandle<()>>>,
     pub(super) waiting: Arc<Waiting>,
@@ -90,39 +90,39 @@ pub struct Shared {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Place {
+enum ImageState {
     Free,
     Acquired,
     Queued,
 }
 
-struct State {
-    places: Vec<Place>,
-    /// Images that can be acquired, in the order in which they came back.
+struct SwapchainState {
+    image_states: Vec<ImageState>,
+    /// Images that can be acquired, in the order in which they became free.
     free: VecDeque<u32>,
     ready: VecDeque<Request>,
-    /// `VK_SUCCESS`, `VK_SUBOPTIMAL_KHR` or an error that stays.
+    /// `VK_SUCCESS`, `VK_SUBOPTIMAL_KHR` or a permanent error.
     status: vk::Result,
-    /// The largest id whose turn has come.
+    /// The largest id that has been presented.
     shown_id: u64,
     timings: Timings,
-    /// Replaced by another swapchain: no more images are handed out.
+    /// Another swapchain has replaced this one: no more images can be acquired.
     is_retired: bool,
     is_closed: bool,
 }
 
-impl State {
+impl SwapchainState {
     /// An image is not read any more.
     fn release(&mut self, index: u32) {
-        if let Some(place @ Place::Queued) = self.places.get_mut(index as usize) {
-            *place = Place::Free;
+        if let Some(image @ ImageState::Queued) = self.image_states.get_mut(index as usize) {
+            *image = ImageState::Free;
             self.free.push_back(index);
         }
     }
 }
 
 impl Swapchain {
-    /// Images of one kind with memory, and a way to the surface.
+    /// Creates the images, their memory and the screen on the surface.
     ///
     /// # Errors
     /// As for images and memory; `VK_ERROR_SURFACE_LOST_KHR`.
@@ -143,7 +143,7 @@ impl Swapchain {
             .ok_or(vk::Result::ERROR_OUT_OF_DEVICE_MEMORY)?;
         let allocate =
             |source| DeviceMemory::allocate(addresses, size_bytes, source, Placement::Ordinary);
-        // A window's server reads the images where they are, if it can.
+        // The memory can be shared, so that a window server can read the images in place.
         let exportable = Source::Exportable(Sharing::default());
         let shareable = window.is_some().then(|| allocate(exportable));
         let memory = match shareable {
@@ -163,19 +163,20 @@ impl Swapchain {
             is_timed: creation.is_timed,
         };
         let extent = pictures.extent();
-        let (bell, screen) = match window {
+        let (wake, screen) = match window {
             None if !creation.is_timed => (None, None),
             window => {
-                let bell = Arc::new(Bell::new(false).ok_or(vk::Result::ERROR_OUT_OF_HOST_MEMORY)?);
+                let wake =
+                    Arc::new(WakeEvent::new(false).ok_or(vk::Result::ERROR_OUT_OF_HOST_MEMORY)?);
                 let screen: Box<dyn Screen> = match window {
-                    Some(window) => window.screen(pictures, &bell)?,
-                    None => Box::new(Nowhere::new(&bell)),
+                    Some(window) => window.screen(pictures, &wake)?,
+                    None => Box::new(HeadlessScreen::new(&wake)),
                 };
-                (Some(bell), Some(screen))
+                (Some(wake), Some(screen))
             }
         };
-        let state = State {
-            places: vec![Place::Free; count as usize],
+        let state = SwapchainState {
+            image_states: vec![ImageState::Free; count as usize],
             free: (0..count).collect(),
             ready: VecDeque::new(),
             status: vk::Result::SUCCESS,
@@ -190,7 +191,7 @@ impl Swapchain {
             mode: creation.mode,
             shared: Arc::new(Shared {
                 state: Mutex::new(state),
-                bell,
+                wake,
                 screen: Mutex::new(screen),
                 thread: Mutex::default(),
                 waiting,
@@ -205,8 +206,8 @@ impl Swapchain {
         &self.shared
     }
 
-    /// Takes the image that is free for longest, once there is one; whether the swapchain is
-    /// suboptimal.
+    /// Waits for a free image and acquires the one that has been free for longest. Also returns
+    /// whether the swapchain is suboptimal.
     ///
     /// # Errors
     /// `VK_NOT_READY` or `VK_TIMEOUT`; `VK_ERROR_OUT_OF_DATE_KHR` once retired;
@@ -223,9 +224,9 @@ impl Swapchain {
         }
     }
 
-    /// An acquired image is to be presented: `vkQueuePresentKHR` has been called. The code may be
-    /// `VK_SUBOPTIMAL_KHR`, or an error that the window has come to: the image is presented, or
-    /// comes back, all the same.
+    /// Marks an acquired image as queued, for `vkQueuePresentKHR`. Returns the swapchain's status,
+    /// `VK_SUBOPTIMAL_KHR` or an error of the window included. The image is presented or released
+    /// in either case.
     ///
     /// # Errors
     /// `VK_ERROR_PRESENT_TIMING_QUEUE_FULL_EXT`: the image stays acquired.
@@ -233,27 +234,28 @@ impl Swapchain {
         let mut state = self.shared.state.lock();
         request.ticket = state.timings.reserve(request.id, &request.timing)?;
         if !self.shared.is_shared
-            && let Some(place @ Place::Acquired) = state.places.get_mut(request.index as usize)
+            && let Some(image @ ImageState::Acquired) =
+                state.image_states.get_mut(request.index as usize)
         {
-            *place = Place::Queued;
+            *image = ImageState::Queued;
         }
         Ok(state.status)
     }
 
-    /// An image's turn in its queue has come: all that draws it is done. Who calls also
-    /// [notifies](Waiting::notify).
+    /// Presents an image whose drawing is complete. The caller must [notify](Waiting::notify)
+    /// afterwards.
     pub fn enqueue(&self, request: Request) {
         let mut state = self.shared.state.lock();
         let stage = PRESENT_STAGE_QUEUE_OPERATIONS_END_EXT;
         state.timings.reached(request.ticket, stage, timestamp_ns());
-        let Some(bell) = &self.shared.bell else {
+        let Some(wake) = &self.shared.wake else {
             return state.finish(&request);
         };
         if state.is_closed || state.status.as_raw() < 0 {
             return state.finish(&request);
         }
-        // Of one that is replaced the image is free at once (`VK_PRESENT_MODE_MAILBOX_KHR`), not
-        // only when the window has shown the one that is under way.
+        // A mailbox request frees the image that it replaces at once
+        // (`VK_PRESENT_MODE_MAILBOX_KHR`), not only when the window has shown the frame in flight.
         let is_mailbox = request.mode == vk::PresentModeKHR::MAILBOX;
         state.ready.push_back(request);
         if is_mailbox {
@@ -261,15 +263,15 @@ impl Swapchain {
         }
         drop(state);
         self.shared.start_thread();
-        bell.signal();
+        wake.signal();
     }
 
-    /// Gives acquired images back (`vkReleaseSwapchainImagesKHR`).
+    /// Releases acquired images (`vkReleaseSwapchainImagesKHR`).
     pub fn release(&self, indices: &[u32]) {
         let mut state = self.shared.state.lock();
         for &index in indices {
-            if let Some(place @ Place::Acquired) = state.places.get_mut(index as usize) {
-                *place = Place::Queued;
+            if let Some(image @ ImageState::Acquired) = state.image_states.get_mut(index as usize) {
+                *image = ImageState::Queued;
                 state.release(index);
             }
         }
@@ -277,11 +279,11 @@ impl Swapchain {
         self.shared.waiting.notify();
     }
 
-    /// Waits until the turn of a presentation with this id, or a later one, has come
+    /// Waits until the presentation with this id, or a later one, is complete
     /// (`vkWaitForPresentKHR`).
     ///
     /// # Errors
-    /// `VK_TIMEOUT`; what the window has come to; `VK_ERROR_DEVICE_LOST`.
+    /// `VK_TIMEOUT`; an error of the window; `VK_ERROR_DEVICE_LOST`.
     pub fn wait_for_present(&self, id: u64, timeout_ns: u64) -> VkResult {
         let mut status = Ok(());
         self.shared.waiting.wait_until(timeout_ns, || {
@@ -301,7 +303,7 @@ impl Swapchain {
         status
     }
 
-    /// Asks or changes what is known of presentations' times.
+    /// Reads or changes the times of presentations.
     pub fn timings<R>(&self, question: impl FnOnce(&mut Timings) -> R) -> R {
         question(&mut self.shared.state.lock().timings)
     }
@@ -309,7 +311,7 @@ impl Swapchain {
     /// `vkGetSwapchainStatusKHR`.
     ///
     /// # Errors
-    /// `VK_SUBOPTIMAL_KHR`, or what the window has come to.
+    /// `VK_SUBOPTIMAL_KHR`, or an error of the window.
     pub fn status(&self) -> VkResult {
         let state = self.shared.state.lock();
         match state.status {
@@ -319,14 +321,13 @@ impl Swapchain {
         }
     }
 
-    /// Another swapchain takes the surface over.
+    /// Retires the swapchain, because another one takes the surface.
     pub fn retire(&self) {
         self.shared.state.lock().is_retired = true;
         self.shared.waiting.notify();
     }
 
-    /// Ends the thread, after it has handed over what was presented last, and lets go of the
-    /// window.
+    /// Ends the thread, after it has shown the last presented image, and releases the window.
     pub fn close(&self) {
         self.shared.close();
     }
@@ -338,9 +339,9 @@ impl Drop for Swapchain {
     }
 }
 
-impl State {
-    /// Gives back what another presentation, if it is ready, takes the place of, or the end of the
-    /// swapchain. Returns whether there was any.
+impl SwapchainState {
+    /// Releases the images of requests that a later, ready request replaces; of a closed swapchain,
+    /// all except the last. Returns whether any were released.
     fn drop_replaced(&mut self, is_ready: impl Fn(&Request) -> bool) -> bool {
         let before = self.ready.len();
         while let Some(next) = self.ready.get(1)
@@ -382,12 +383,15 @@ impl Shared {
             return Some(Err(state.status));
         }
         if let Some(index) = state.free.pop_front() {
-            state.places[index as usize] = Place::Acquired;
+            state.image_states[index as usize] = ImageState::Acquired;
             return Some(Ok((index, state.status == vk::Result::SUBOPTIMAL_KHR)));
         }
-        // The application has all of them. Its other threads may not use the swapchain meanwhile
-        // (chapter "WSI Swapchain": external synchronization), so none can come back.
-        let all_acquired = state.places.iter().all(|&place| place == Place::Acquired);
+        // The application has acquired all images. Its other threads may not use the swapchain
+        // meanwhile (chapter "WSI Swapchain": external synchronization), so none can become free.
+        let all_acquired = state
+            .image_states
+            .iter()
+            .all(|&image| image == ImageState::Acquired);
         all_acquired.then_some(Err(vk::Result::TIMEOUT))
     }
 
@@ -399,7 +403,7 @@ impl Shared {
         self.state.lock().is_closed
     }
 
-    /// Starts the thread, unless it runs. If the system gives none, nothing can be shown.
+    /// Starts the thread, unless it runs. If no thread can be started, the swapchain fails.
     fn start_thread(self: &Arc<Self>) {
         let mut thread = self.thread.lock();
         let Some(screen) = self.screen.lock().take() else {
@@ -418,12 +422,12 @@ impl Shared {
     /// Implements [`Swapchain::close`].
     pub fn close(&self) {
         self.state.lock().is_closed = true;
-        if let Some(bell) = &self.bell {
-            bell.signal();
+        if let Some(wake) = &self.wake {
+            wake.signal();
         }
         if self.waiting.lost.is_inherited() {
-            // There is no such thread here. Its handle is of no use, and must not be waited for;
-            // nor is its connection ours.
+            // This is a forked child: the thread does not exist here and must not be joined, and
+            // the connection belongs to the parent.
             std::mem::forget(self.thread.try_lock().and_then(|mut thread| thread.take()));
             std::mem::forget(self.screen.try_lock().and_then(|mut screen| screen.take()));
             return;
@@ -438,14 +442,14 @@ impl Shared {
         self.waiting.notify();
     }
 
-    /// The next request whose turn it is; those that it replaces come back. The one before was seen
-    /// at `seen_ns`.
+    /// The thread's next action. Requests that the next one replaces are released. The frame before
+    /// was shown at `seen_ns`.
     pub(super) fn next(&self, seen_ns: Option<u64>, refresh: Option<Refresh>) -> Next {
         let due = |request: &Request| {
             let target = request.timing.target;
             target.map_or(0, |target| target.due_ns(seen_ns, refresh))
         };
-        // A time relative to that of another image waits until that image has been seen.
+        // A relative target time waits until the image before has been shown.
         let is_free = |request: &Request| request.timing.target.is_none_or(|it| !it.is_relative);
         let now = timestamp_ns();
         let mut state = self.state.lock();
@@ -468,7 +472,8 @@ impl Shared {
         next
     }
 
-    /// A presentation's first pixel has left for the display, and all is known of it.
+    /// Records the time at which a presentation's first pixel left for the display, and completes
+    /// its report.
     pub(super) fn out(&self, ticket: u64, at_ns: Option<u64>) {
         let mut state = self.state.lock();
         if let Some(at_ns) = at_ns {
@@ -478,17 +483,17 @@ impl Shared {
         state.timings.finish(ticket);
     }
 
-    /// The display's period is this.
+    /// Sets the display's measured period.
     pub(super) fn measured(&self, period_ns: u64) {
         self.state.lock().timings.measured(period_ns);
     }
 
-    /// Whether the application waits for nothing more.
+    /// Whether the swapchain is closed.
     pub(super) fn is_ending(&self) -> bool {
         self.state.lock().is_closed
     }
 
-    /// The turn of an id has come.
+    /// Marks an id as presented.
     pub(super) fn shown(&self, id: u64) {
         let mut state = self.state.lock();
         state.shown_id = state.shown_id.max(id);
@@ -502,7 +507,7 @@ impl Shared {
         self.waiting.notify();
     }
 
-    /// The window has this extent now.
+    /// Records the window's extent, which decides whether the swapchain is suboptimal.
     pub(super) fn resized(&self, extent: vk::Extent2D) {
         let fits = extent == self.extent || self.scaling.is_asked_for();
         let mut state = self.state.lock();
@@ -514,13 +519,13 @@ impl Shared {
         }
     }
 
-    /// Nothing can be shown any more: everything comes back.
+    /// Fails the swapchain, and releases all images.
     pub(super) fn fail(&self, code: vk::Result) {
         let mut state = self.state.lock();
         state.status = code;
         state.ready.clear();
         state.timings.finish_all();
-        for index in 0..state.places.len() as u32 {
+        for index in 0..state.image_states.len() as u32 {
             state.release(index);
         }
         drop(state);
@@ -531,7 +536,7 @@ impl Shared {
 /// The next action of a swapchain's thread.
 pub(super) enum Next {
     Show(Request),
-    /// There is one whose time comes in so many nanoseconds.
+    /// A request is due in so many nanoseconds.
     At(u64),
     Wait,
     End,

@@ -1,4 +1,4 @@
-//! The thread of a swapchain: one image at a time is on its way to the window.
+//! The thread of a swapchain, which presents one image at a time.
 
 #![forbid(unsafe_code)]
 
@@ -11,16 +11,16 @@ use serde_json::json;
 
 use super::swapchain::{Next, Request, Shared};
 use super::timing::{Refresh, Timing};
-use super::{Event, Frame, Gone, Screen, When};
+use super::{Frame, Screen, ScreenEvent, SurfaceLost, When};
 use crate::execute::query::timestamp_ns;
 use crate::guard::panic_text;
 use crate::timeline::{self, Kind};
 
-/// A hidden window's server may never say that an image's turn has come. Then the next one has its
-/// turn.
+/// A hidden window's server may never report that an image was shown. After this time the next
+/// image is presented.
 const PATIENCE: Duration = Duration::from_secs(1);
 
-/// An image that was handed over and is not yet on the screen.
+/// An image that was presented and is not yet on the screen.
 struct UnderWay {
     serial: u32,
     id: u64,
@@ -28,12 +28,12 @@ struct UnderWay {
 }
 
 impl Shared {
-    /// Shows what is presented until the swapchain is closed or the window has gone.
+    /// Presents images until the swapchain is closed or the window is lost.
     pub(super) fn run(&self, mut screen: Box<dyn Screen>) {
         let result = catch_unwind(AssertUnwindSafe(|| self.present(&mut *screen)));
         let code = match result {
             Ok(Ok(())) => return,
-            Ok(Err(Gone)) => vk::Result::ERROR_SURFACE_LOST_KHR,
+            Ok(Err(SurfaceLost)) => vk::Result::ERROR_SURFACE_LOST_KHR,
             Err(payload) => {
                 let text = panic_text(&*payload);
                 log::error!("presentation panicked: {text}");
@@ -43,14 +43,14 @@ impl Shared {
         self.fail(code);
     }
 
-    fn present(&self, screen: &mut dyn Screen) -> Result<(), Gone> {
+    fn present(&self, screen: &mut dyn Screen) -> Result<(), SurfaceLost> {
         let mut serial = 0u32;
         let mut under_way: Option<UnderWay> = None;
         let mut continuous: Option<Request> = None;
         let mut timed = Timed::default();
         let mut events = Vec::new();
         loop {
-            // The last image presented before the end is handed over, whatever is pending.
+            // The last image before the end is shown, even while another one is pending.
             let mut waits = None;
             if under_way.is_none() || self.is_ending() {
                 let next = match (self.next(timed.seen_ns, screen.refresh()), &continuous) {
@@ -97,15 +97,15 @@ impl Shared {
             screen.wait(deadline.or(waits), &mut events)?;
             for event in events.drain(..) {
                 match event {
-                    Event::Shown { serial } => {
+                    ScreenEvent::Shown { serial } => {
                         if let Some(frame) = under_way.take_if(|frame| frame.serial == serial) {
                             timed.shown(serial);
                             self.shown(frame.id);
                         }
                     }
-                    Event::Out { serial, at_ns } => timed.out(serial, at_ns, self),
-                    Event::Free { index } => self.freed(index),
-                    Event::Extent(extent) => self.resized(extent),
+                    ScreenEvent::Out { serial, at_ns } => timed.out(serial, at_ns, self),
+                    ScreenEvent::Free { index } => self.freed(index),
+                    ScreenEvent::Extent(extent) => self.resized(extent),
                 }
             }
             if let Some(Refresh { period_ns, .. }) = screen.refresh()
@@ -123,19 +123,19 @@ impl Shared {
     }
 }
 
-/// The thread's knowledge of times.
+/// Times that the thread has observed.
 #[derive(Default)]
 struct Timed {
-    /// When the last presentation was seen, and which one that was.
+    /// The time at which the last frame was shown, and its serial.
     seen_ns: Option<u64>,
     seen_serial: u32,
     period_ns: u64,
-    /// Frames, and the presentations that are to be told when they were seen.
+    /// Serials of frames whose time is pending, with the tickets of their requests.
     asked: VecDeque<(u32, u64)>,
 }
 
 impl Timed {
-    /// Windows that tell nothing of so many frames will tell nothing of the first.
+    /// Pending frames at most. A window that has not reported the first of them will not report it.
     const MOST: usize = 64;
 
     fn handed_over(&mut self, serial: u32, ticket: u64, shared: &Shared) {
@@ -149,7 +149,7 @@ impl Timed {
         }
     }
 
-    /// A frame's turn has come. If its time is told, that is better than this one.
+    /// Notes that a frame was shown now. A time that the server reports replaces this one.
     fn shown(&mut self, serial: u32) {
         if self.seen_serial != serial {
             self.seen_serial = serial;
@@ -162,7 +162,7 @@ impl Timed {
         if let Some((_, ticket)) = place.and_then(|place| self.asked.remove(place)) {
             shared.out(ticket, at_ns);
         }
-        // An older one may be told of later.
+        // Reports may arrive out of order.
         if at_ns.is_some() && serial.wrapping_sub(self.seen_serial) < u32::MAX / 2 {
             self.seen_serial = serial;
             self.seen_ns = at_ns;

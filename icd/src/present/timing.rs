@@ -1,8 +1,8 @@
-//! When presentations are to be seen, and when they were (`VK_EXT_present_timing`).
+//! Target times and reported times of presentations (`VK_EXT_present_timing`).
 //!
-//! All times are nanoseconds of [`Clock::Monotonic`](crate::os::clock::Clock), in whichever domain
-//! they are asked for: it is the device's clock, and the one by which servers of X11 and
-//! compositors of Wayland tell the time on this machine.
+//! All times are nanoseconds of [`Clock::Monotonic`](crate::os::clock::Clock), in every time
+//! domain. It is the device's clock, and the clock of X11 servers and Wayland compositors on this
+//! machine.
 
 #![forbid(unsafe_code)]
 
@@ -16,7 +16,7 @@ use crate::ffi::vk as newer;
 use crate::os::clock::IS_POSIX;
 use newer::PresentStageFlagsEXT as Stages;
 
-/// The clocks that a swapchain's times can be had by, and their names there.
+/// The time domains of swapchains, with their ids.
 const DOMAINS: [(vk::TimeDomainKHR, u64); 4] = [
     (newer::TIME_DOMAIN_PRESENT_STAGE_LOCAL_EXT, 1),
     (newer::TIME_DOMAIN_SWAPCHAIN_LOCAL_EXT, 2),
@@ -24,42 +24,42 @@ const DOMAINS: [(vk::TimeDomainKHR, u64); 4] = [
     (vk::TimeDomainKHR::CLOCK_MONOTONIC, 3),
 ];
 
-/// Those of this system.
+/// The time domains of this system.
 pub fn domains() -> &'static [(vk::TimeDomainKHR, u64)] {
     &DOMAINS[..if IS_POSIX { 4 } else { 3 }]
 }
 
-/// The stages known for every presentation: when this swapchain could show it, and when it was
-/// handed on.
+/// The stages that every presentation has times for: the end of its queue operations, and its
+/// dequeuing.
 pub const OWN_STAGES: Stages =
     newer::PRESENT_STAGE_QUEUE_OPERATIONS_END_EXT | newer::PRESENT_STAGE_REQUEST_DEQUEUED_EXT;
 
-/// A presentation whose window has not told for so long when it was seen will never be told of.
+/// The time after which a report completes without the times that are still missing.
 const FORGOTTEN: Duration = Duration::from_secs(3);
 
-/// When a display shows pictures.
+/// A display's refresh cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Refresh {
-    /// One that is past.
+    /// The time of a past refresh.
     pub at_ns: u64,
     pub period_ns: u64,
 }
 
-/// When a presentation is to be seen (`VkPresentTimingInfoEXT`).
+/// The target time of a presentation (`VkPresentTimingInfoEXT`).
 #[derive(Clone, Copy, Debug)]
 pub struct Target {
     pub time_ns: u64,
-    /// It counts from when the presentation before was seen.
+    /// The time is relative to the display of the presentation before.
     pub is_relative: bool,
-    /// The refresh that is nearest will do, even if that is before.
+    /// The nearest refresh is used, even if it is before the time.
     pub is_nearest: bool,
 }
 
 impl Target {
-    /// When it is to be handed over so that it is seen in time; `seen_ns` is when the presentation
-    /// before was. That is a quarter of a period after the refresh before the one that it is meant
-    /// for: neither is so near that a late hand decides. (Xvfb shows what comes in the second half
-    /// of a period not with the next refresh, but one later.)
+    /// The time at which the image must be presented to be shown in time; `seen_ns` is the time at
+    /// which the presentation before was shown. It is a quarter of a period after the refresh
+    /// before the target, so that a small delay does not change the refresh. (Xvfb shows an image
+    /// that arrives in the second half of a period one refresh later.)
     pub fn due_ns(&self, seen_ns: Option<u64>, refresh: Option<Refresh>) -> u64 {
         let wanted = match (self.is_relative, seen_ns) {
             (false, _) => self.time_ns,
@@ -90,19 +90,19 @@ pub struct Timing {
 
 /// A display's period, measured by its count of refreshes.
 #[derive(Default)]
-pub struct Rhythm {
-    /// Times and counts: where the measuring began, and the last.
+pub struct RefreshEstimate {
+    /// Time and refresh count at the start of the measurement.
     first: Option<(u64, u64)>,
     last: (u64, u64),
     period_ns: u64,
 }
 
-impl Rhythm {
-    /// So many refreshes before a first measure, and before a new one begins.
+impl RefreshEstimate {
+    /// Refreshes before the first estimate, and before a new measurement starts.
     const LEAST: u64 = 8;
     const MOST: u64 = 64;
 
-    /// A picture was shown at this time, in this refresh.
+    /// Adds an observation: the time of the refresh with this count.
     pub fn note(&mut self, at_ns: u64, count: u64) {
         let (last_at, last_count) = self.last;
         self.last = (at_ns, count);
@@ -111,7 +111,7 @@ impl Rhythm {
             return;
         };
         if count < last_count || at_ns < last_at {
-            // Another display.
+            // The counter went back: the window is on another display.
             *self = Self::default();
             self.first = Some((at_ns, count));
             self.last = (at_ns, count);
@@ -122,7 +122,7 @@ impl Rhythm {
             return;
         }
         let period = (at_ns - first_at) / passed;
-        // It is told of when it changes, and no two measures are quite the same.
+        // Changes are reported to the application, so small variations are ignored.
         if period.abs_diff(self.period_ns) > self.period_ns / 64 {
             self.period_ns = period;
         }
@@ -140,9 +140,10 @@ impl Rhythm {
     }
 }
 
-/// A time that a server tells, of a picture that it was handed at `sent_ns`: none, if that is by
-/// another clock, as that of another machine is. Servers that copy at once name the refresh before.
-pub fn told_ns(at_ns: u64, sent_ns: u64, now_ns: u64) -> Option<u64> {
+/// A server's time for an image sent at `sent_ns`. `None` if the server uses another clock, for
+/// example on another machine. Servers that copy at once report the refresh before, so the result
+/// is at least `sent_ns`.
+pub fn server_time_ns(at_ns: u64, sent_ns: u64, now_ns: u64) -> Option<u64> {
     const APART: u64 = 1_000_000_000;
     let near = sent_ns.saturating_sub(APART)..=now_ns.saturating_add(APART);
     near.contains(&at_ns).then_some(at_ns.max(sent_ns))
@@ -150,15 +151,15 @@ pub fn told_ns(at_ns: u64, sent_ns: u64, now_ns: u64) -> Option<u64> {
 
 /// The recorded times of one presentation.
 pub struct Report {
-    /// 0 is none.
+    /// Identifies the report; 0 is no report.
     pub ticket: u64,
     pub id: u64,
     pub target_ns: u64,
     pub domain_id: u64,
     stages: Stages,
-    /// The stages of which all is known that ever will be.
+    /// The stages whose time is known, or will never be.
     known: Stages,
-    /// By a stage's bit; 0 if the stage was not reached or its time is unknown.
+    /// Indexed by a stage's bit; 0 if the stage was not reached or its time is unknown.
     times: [u64; 4],
     since: Option<Instant>,
 }
@@ -170,7 +171,7 @@ impl Report {
         self.stages & !self.known == 0
     }
 
-    /// The stages that were asked for.
+    /// The requested stages with their times.
     pub fn times(&self) -> impl Iterator<Item = newer::PresentStageTimeEXT> {
         (0..self.times.len())
             .filter(|bit| self.stages & 1 << bit != 0)
@@ -181,13 +182,13 @@ impl Report {
     }
 }
 
-/// A swapchain's results queue, and what is known of its display.
+/// A swapchain's queue of timing results, and its display's refresh period.
 pub struct Timings {
     size: usize,
     reports: VecDeque<Report>,
     tickets: u64,
     period_ns: u64,
-    /// Larger whenever the period is another.
+    /// Incremented whenever the period changes.
     pub counter: u64,
 }
 
@@ -205,7 +206,7 @@ impl Default for Timings {
 
 impl Timings {
     /// # Errors
-    /// `VK_NOT_READY` if more is outstanding.
+    /// `VK_NOT_READY` if more results are outstanding.
     pub fn resize(&mut self, size: u32) -> VkResult {
         if self.reports.len() > size as usize {
             return Err(vk::Result::NOT_READY);
@@ -214,7 +215,7 @@ impl Timings {
         Ok(())
     }
 
-    /// A place for what is asked of a presentation; 0 if that is nothing.
+    /// Reserves a result for a presentation and returns its ticket; 0 if no stage is requested.
     ///
     /// # Errors
     /// `VK_ERROR_PRESENT_TIMING_QUEUE_FULL_EXT`.
@@ -244,7 +245,7 @@ impl Timings {
         (self.reports.iter_mut()).find(|report| report.ticket == ticket && ticket != 0)
     }
 
-    /// A presentation has reached a stage.
+    /// Records that a presentation has reached a stage.
     pub fn reached(&mut self, ticket: u64, stage: Stages, at_ns: u64) {
         if let Some(report) = self.report(ticket)
             && report.known & stage == 0
@@ -257,14 +258,14 @@ impl Timings {
         }
     }
 
-    /// Nothing more will be known of it.
+    /// Completes a report: no more times will follow.
     pub fn finish(&mut self, ticket: u64) {
         if let Some(report) = self.report(ticket) {
             report.known = Report::ALL;
         }
     }
 
-    /// Nothing more will be known of any.
+    /// Completes all reports.
     pub fn finish_all(&mut self) {
         (self.reports.iter_mut()).for_each(|report| report.known = Report::ALL);
     }
@@ -277,18 +278,18 @@ impl Timings {
         }
     }
 
-    /// Nanoseconds between refreshes; 0 if they are not known.
+    /// The refresh period in nanoseconds; 0 if it is unknown.
     pub fn period_ns(&self) -> u64 {
         self.period_ns
     }
 
-    /// How many results there are.
+    /// The number of results.
     pub fn count(&mut self, flags: vk::Flags) -> u32 {
         self.available(flags).count() as u32
     }
 
-    /// Tells so many results as there is room for, and forgets them; how many those are, and
-    /// whether that is all there is.
+    /// Writes as many results as there is room for and removes them. Returns their number, and
+    /// whether that is all of them.
     pub fn tell(
         &mut self,
         flags: vk::Flags,
@@ -311,9 +312,10 @@ impl Timings {
         (told.len() as u32, is_all)
     }
 
-    /// The results that may be told, in the order of the presentations, unless any will do. Parts
-    /// of results are not told, even where they would do: all of one become known at nearly the
-    /// same time.
+    /// The results that can be reported, in the order of the presentations unless
+    /// `VK_PAST_PRESENTATION_TIMING_ALLOW_OUT_OF_ORDER_RESULTS_BIT_EXT` allows any order. Partial
+    /// results are not reported, even where allowed: all times of a result become known almost
+    /// together.
     fn available(&mut self, flags: vk::Flags) -> impl Iterator<Item = &Report> {
         let in_any_order =
             flags & newer::PAST_PRESENTATION_TIMING_ALLOW_OUT_OF_ORDER_RESULTS_EXT != 0;
@@ -367,34 +369,34 @@ mod tests {
 
     #[test]
     fn rhythms_are_measured_over_many_refreshes_and_begin_anew_elsewhere() {
-        let mut rhythm = Rhythm::default();
+        let mut estimate = RefreshEstimate::default();
         for count in 0..200 {
             // A hand that shakes by a tenth.
-            rhythm.note(count * 1000 + count % 7 * 15, count);
-            let period = rhythm.refresh().map(|refresh| refresh.period_ns);
-            assert_eq!(period.is_some(), count >= Rhythm::LEAST);
+            estimate.note(count * 1000 + count % 7 * 15, count);
+            let period = estimate.refresh().map(|refresh| refresh.period_ns);
+            assert_eq!(period.is_some(), count >= RefreshEstimate::LEAST);
             assert!(
                 period.is_none_or(|period| period.abs_diff(1000) <= 16),
                 "{period:?}"
             );
         }
-        rhythm.note(200_000, 3);
-        assert_eq!(rhythm.refresh(), None);
+        estimate.note(200_000, 3);
+        assert_eq!(estimate.refresh(), None);
     }
 
     #[test]
     fn times_of_another_clock_are_none() {
         let second = 1_000_000_000;
         assert_eq!(
-            told_ns(5 * second, 4 * second, 6 * second),
+            server_time_ns(5 * second, 4 * second, 6 * second),
             Some(5 * second)
         );
         assert_eq!(
-            told_ns(4 * second - 1, 4 * second, 6 * second),
+            server_time_ns(4 * second - 1, 4 * second, 6 * second),
             Some(4 * second)
         );
-        assert_eq!(told_ns(9 * second, 4 * second, 6 * second), None);
-        assert_eq!(told_ns(2 * second, 4 * second, 6 * second), None);
+        assert_eq!(server_time_ns(9 * second, 4 * second, 6 * second), None);
+        assert_eq!(server_time_ns(2 * second, 4 * second, 6 * second), None);
     }
 
     #[test]

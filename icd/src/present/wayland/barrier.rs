@@ -1,6 +1,6 @@
-//! The barrier between images of a surface (`wp_fifo_v1`): the compositor takes an image up after
-//! the last one was shown for a refresh. For a hidden surface it keeps a pace of its own, and frame
-//! callbacks do not come.
+//! The barrier between images of a surface (`wp_fifo_v1`): the compositor commits an image after
+//! the last one was shown for a refresh. For a hidden surface it commits at a rate of its own and
+//! sends no frame callbacks.
 
 use std::ffi::c_void;
 
@@ -10,25 +10,25 @@ use wayland_client::{Connection, EventQueue, Proxy, delegate_noop};
 use wayland_protocols::wp::fifo::v1::client::wp_fifo_manager_v1::WpFifoManagerV1;
 use wayland_protocols::wp::fifo::v1::client::wp_fifo_v1::WpFifoV1;
 
-use super::super::Gone;
+use super::super::SurfaceLost;
 
 pub struct Barrier {
     fifo: WpFifoV1,
-    /// Its objects speak by this connection, which lives as long as they.
+    /// The connection of the barrier's objects, which must live as long.
     connection: Connection,
     _queue: EventQueue<Silent>,
 }
 
-/// Nothing is told of barriers.
+/// The events of barriers: there are none.
 struct Silent;
 
 delegate_noop!(Silent: WpFifoV1);
 
 impl Barrier {
-    /// The barrier of a surface that has none.
+    /// Creates the barrier of a surface that has none.
     ///
     /// # Errors
-    /// The connection has gone.
+    /// The connection is lost.
     ///
     /// # Safety
     /// `display` and `surface` are as in [`WaylandWindow::new`](super::WaylandWindow::new);
@@ -37,8 +37,8 @@ impl Barrier {
         display: *mut c_void,
         surface: *mut c_void,
         manager: &ObjectId,
-    ) -> Result<Self, Gone> {
-        // SAFETY: the caller's promise.
+    ) -> Result<Self, SurfaceLost> {
+        // SAFETY: the caller keeps the display, the surface and the manager alive.
         let (connection, surface, manager) = unsafe {
             (
                 super::connect(display),
@@ -46,9 +46,12 @@ impl Barrier {
                 ObjectId::from_ptr(WpFifoManagerV1::interface(), manager.as_ptr()),
             )
         };
-        let (surface, manager) = (surface.map_err(|_| Gone)?, manager.map_err(|_| Gone)?);
-        let surface = WlSurface::from_id(&connection, surface).map_err(|_| Gone)?;
-        let manager = WpFifoManagerV1::from_id(&connection, manager).map_err(|_| Gone)?;
+        let (surface, manager) = (
+            surface.map_err(|_| SurfaceLost)?,
+            manager.map_err(|_| SurfaceLost)?,
+        );
+        let surface = WlSurface::from_id(&connection, surface).map_err(|_| SurfaceLost)?;
+        let manager = WpFifoManagerV1::from_id(&connection, manager).map_err(|_| SurfaceLost)?;
         let queue = connection.new_event_queue();
         Ok(Self {
             fifo: manager.get_fifo(&surface, &queue.handle(), ()),
@@ -57,7 +60,7 @@ impl Barrier {
         })
     }
 
-    /// The next commit waits for the barrier of the last one that set it, and sets it for the next.
+    /// The next commit waits for the barrier that the last commit set, and sets it again.
     pub fn keep(&self) {
         self.fifo.wait_barrier();
         self.fifo.set_barrier();

@@ -1,8 +1,7 @@
-//! Surfaces of Wayland (`VK_KHR_wayland_surface`): images go to the compositor by `wl_shm`.
+//! Surfaces of Wayland (`VK_KHR_wayland_surface`). The compositor gets the images through `wl_shm`.
 //!
-//! The display and the surface are the application's. What is asked of them is answered to event
-//! queues of the driver's own: one that finds `wl_shm`, for as long as the Vulkan surface lives,
-//! and one a swapchain.
+//! The display and the surface belong to the application. The driver has event queues of its own:
+//! one for the globals, which lives as long as the Vulkan surface, and one for each swapchain.
 
 mod barrier;
 mod screen;
@@ -21,7 +20,7 @@ use wayland_protocols::wp::fifo::v1::client::wp_fifo_manager_v1::WpFifoManagerV1
 use wayland_protocols::wp::presentation_time::client::wp_presentation::{self, WpPresentation};
 
 use self::barrier::Barrier;
-use super::{Bell, Gone, Pictures, Window};
+use super::{Pictures, SurfaceLost, WakeEvent, Window};
 use crate::VkResult;
 use crate::os::clock::Clock;
 
@@ -30,39 +29,39 @@ pub struct WaylandWindow {
     display: *mut c_void,
     surface: *mut c_void,
     globals: Mutex<Option<Globals>>,
-    /// A surface has one, whichever of its swapchains are alive.
+    /// One barrier serves all swapchains of the surface.
     barrier: Mutex<Weak<Barrier>>,
 }
 
-// SAFETY: displays and proxies of libwayland can be used by all threads; the pointers are only
-// passed to it.
+// SAFETY: libwayland's displays and proxies can be used by all threads, and the pointers are only
+// passed to libwayland.
 unsafe impl Send for WaylandWindow {}
-// SAFETY: as above.
+// SAFETY: as for `Send`.
 unsafe impl Sync for WaylandWindow {}
 
 /// The compositor's globals for images, bound once: `wl_shm` cannot be released.
 struct Globals {
     named: Named,
-    _queue: EventQueue<Told>,
+    _queue: EventQueue<GlobalEvents>,
     _connection: Connection,
 }
 
 #[derive(Clone)]
 struct Named {
     shm: ObjectId,
-    /// Tells when pictures were shown, by the clock of Vulkan's times.
+    /// `wp_presentation`, if it uses the clock of Vulkan's times.
     presentation: Option<ObjectId>,
-    /// Makes barriers between a surface's pictures.
+    /// `wp_fifo_manager_v1`, which makes barriers between images.
     fifo: Option<ObjectId>,
 }
 
 /// Pending events of the globals.
 #[derive(Default)]
-struct Told {
+struct GlobalEvents {
     presentation_clock: Option<u32>,
 }
 
-impl Dispatch<WlRegistry, GlobalListContents> for Told {
+impl Dispatch<WlRegistry, GlobalListContents> for GlobalEvents {
     fn event(
         _: &mut Self,
         _: &WlRegistry,
@@ -74,9 +73,9 @@ impl Dispatch<WlRegistry, GlobalListContents> for Told {
     }
 }
 
-impl Dispatch<WpPresentation, ()> for Told {
+impl Dispatch<WpPresentation, ()> for GlobalEvents {
     fn event(
-        told: &mut Self,
+        pending: &mut Self,
         _: &WpPresentation,
         event: wp_presentation::Event,
         (): &(),
@@ -84,29 +83,29 @@ impl Dispatch<WpPresentation, ()> for Told {
         _: &QueueHandle<Self>,
     ) {
         if let wp_presentation::Event::ClockId { clk_id } = event {
-            told.presentation_clock = Some(clk_id);
+            pending.presentation_clock = Some(clk_id);
         }
     }
 }
 
-delegate_noop!(Told: ignore WlShm);
-delegate_noop!(Told: WpFifoManagerV1);
+delegate_noop!(GlobalEvents: ignore WlShm);
+delegate_noop!(GlobalEvents: WpFifoManagerV1);
 
-/// The display with an event queue of its own.
+/// Wraps the application's display.
 ///
 /// # Safety
-/// `display` is a `wl_display *` that stays open as long as what is made of it.
+/// `display` is a `wl_display *` that stays open as long as the objects made from it.
 unsafe fn connect(display: *mut c_void) -> Connection {
     // SAFETY: the caller's promise.
     Connection::from_backend(unsafe { Backend::from_foreign_display(display.cast()) })
 }
 
 impl WaylandWindow {
-    /// A surface of the application's.
+    /// Wraps the application's surface.
     ///
     /// # Safety
-    /// `display` is a `wl_display *` and `surface` a `wl_surface *` of it, and both stay as long as
-    /// the object and the screens made of it.
+    /// `display` is a `wl_display *` and `surface` a `wl_surface *` of it. Both outlive the object
+    /// and its screens.
     pub unsafe fn new(display: *mut c_void, surface: *mut c_void) -> Self {
         Self {
             display,
@@ -116,26 +115,28 @@ impl WaylandWindow {
         }
     }
 
-    /// `wl_shm`, `wp_presentation` if it is of use, and what makes barriers, if there is one.
-    fn globals(&self) -> Result<Named, Gone> {
+    /// Binds `wl_shm`, and `wp_presentation` and `wp_fifo_manager_v1` where they are usable.
+    fn globals(&self) -> Result<Named, SurfaceLost> {
         let mut known = self.globals.lock();
         if let Some(known) = &*known {
             return Ok(known.named.clone());
         }
         // SAFETY: the promise of `new`.
         let connection = unsafe { connect(self.display) };
-        let (globals, mut queue) = registry_queue_init::<Told>(&connection).map_err(|_| Gone)?;
+        let (globals, mut queue) =
+            registry_queue_init::<GlobalEvents>(&connection).map_err(|_| SurfaceLost)?;
         let handle = queue.handle();
-        let shm: WlShm = globals.bind(&handle, 1..=1, ()).map_err(|_| Gone)?;
+        let shm: WlShm = globals.bind(&handle, 1..=1, ()).map_err(|_| SurfaceLost)?;
         let shm = shm.id();
-        let mut told = Told::default();
+        let mut pending = GlobalEvents::default();
         let presentation = globals
             .bind::<WpPresentation, _, _>(&handle, 1..=1, ())
             .ok();
         let presentation = match presentation {
             Some(presentation) => {
-                queue.roundtrip(&mut told).map_err(|_| Gone)?;
-                let is_of_use = told.presentation_clock == Some(Clock::Monotonic.number() as u32);
+                queue.roundtrip(&mut pending).map_err(|_| SurfaceLost)?;
+                let is_of_use =
+                    pending.presentation_clock == Some(Clock::Monotonic.number() as u32);
                 is_of_use.then(|| presentation.id())
             }
             None => None,
@@ -154,8 +155,8 @@ impl WaylandWindow {
         Ok(named)
     }
 
-    /// The surface's barrier, where the compositor has such.
-    fn barrier(&self, fifo: Option<&ObjectId>) -> Result<Option<Arc<Barrier>>, Gone> {
+    /// The surface's barrier, if the compositor supports barriers.
+    fn barrier(&self, fifo: Option<&ObjectId>) -> Result<Option<Arc<Barrier>>, SurfaceLost> {
         let Some(fifo) = fifo else {
             return Ok(None);
         };
@@ -163,7 +164,8 @@ impl WaylandWindow {
         if let Some(barrier) = known.upgrade() {
             return Ok(Some(barrier));
         }
-        // SAFETY: the promise of `new`, and the manager lives as long as the window.
+        // SAFETY: the caller of `new` keeps the display and the surface alive, and the manager
+        // lives as long as the window.
         let barrier = Arc::new(unsafe { Barrier::new(self.display, self.surface, fifo)? });
         *known = Arc::downgrade(&barrier);
         Ok(Some(barrier))
@@ -172,7 +174,7 @@ impl WaylandWindow {
 
 impl Window for WaylandWindow {
     fn extent(&self) -> VkResult<Option<vk::Extent2D>> {
-        // A surface takes the size of what is attached to it.
+        // A surface takes the size of the buffer attached to it.
         Ok(None)
     }
 
@@ -184,21 +186,27 @@ impl Window for WaylandWindow {
         vk::CompositeAlphaFlagsKHR::OPAQUE | vk::CompositeAlphaFlagsKHR::PRE_MULTIPLIED
     }
 
-    fn tells_times(&self) -> bool {
+    fn reports_times(&self) -> bool {
         self.globals()
             .is_ok_and(|named| named.presentation.is_some())
     }
 
-    fn screen(&self, pictures: Pictures, bell: &Arc<Bell>) -> VkResult<Box<dyn super::Screen>> {
+    fn screen(
+        &self,
+        pictures: Pictures,
+        wake: &Arc<WakeEvent>,
+    ) -> VkResult<Box<dyn super::Screen>> {
         const LOST: vk::Result = vk::Result::ERROR_SURFACE_LOST_KHR;
-        let mut named = self.globals().map_err(|Gone| LOST)?;
+        let mut named = self.globals().map_err(|SurfaceLost| LOST)?;
         named.presentation = named.presentation.filter(|_| pictures.is_timed);
-        let barrier = self.barrier(named.fifo.as_ref()).map_err(|Gone| LOST)?;
+        let barrier = self
+            .barrier(named.fifo.as_ref())
+            .map_err(|SurfaceLost| LOST)?;
         // SAFETY: the promise of `new`.
         let screen = unsafe {
             let (display, surface) = (self.display, self.surface);
-            screen::WaylandScreen::new(display, surface, named, barrier, pictures, bell)
+            screen::WaylandScreen::new(display, surface, named, barrier, pictures, wake)
         };
-        Ok(Box::new(screen.map_err(|Gone| LOST)?))
+        Ok(Box::new(screen.map_err(|SurfaceLost| LOST)?))
     }
 }

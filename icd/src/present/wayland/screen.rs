@@ -1,4 +1,4 @@
-//! The way of a swapchain's images to a surface of Wayland.
+//! Presents a swapchain's images to a Wayland surface.
 
 use std::collections::VecDeque;
 use std::ffi::c_void;
@@ -20,60 +20,60 @@ use wayland_protocols::wp::presentation_time::client::wp_presentation_feedback::
 
 use super::super::conversion::Layout;
 use super::super::pixels::{self, Canvas};
-use super::super::timing::{Refresh, told_ns};
-use super::super::{Bell, Event, Frame, Gone, Pictures, Screen, When};
+use super::super::timing::{Refresh, server_time_ns};
+use super::super::{Frame, Pictures, Screen, ScreenEvent, SurfaceLost, WakeEvent, When};
 use super::Named;
 use super::barrier::Barrier;
 use crate::execute::query::timestamp_ns;
 use crate::os::handle::BorrowedHandle;
 use crate::os::window_server::SharedMemory;
 
-/// A surface that is seen gets its frame callback sooner.
+/// The time within which a visible surface gets its frame callback.
 const CALLBACK_PATIENCE: Duration = Duration::from_millis(100);
 
 pub struct WaylandScreen {
     connection: Connection,
-    queue: EventQueue<Told>,
-    told: Told,
+    queue: EventQueue<ScreenEvents>,
+    pending: ScreenEvents,
     surface: WlSurface,
     shm: WlShm,
-    /// Where it is asked when pictures were shown, and can be.
+    /// Reports when images were shown, if the compositor can and the application asks.
     presentation: Option<WpPresentation>,
     barrier: Option<Arc<Barrier>>,
     pictures: Pictures,
-    bell: Arc<Bell>,
+    wake: Arc<WakeEvent>,
     buffers: Vec<WlBuffer>,
-    /// Copies of the images, where the compositor cannot read those.
+    /// Copies of the images, if the compositor cannot read the images themselves.
     copies: Option<SharedMemory>,
 }
 
-/// A frame that somebody wants to know the time of.
+/// A frame with pending presentation feedback.
 struct Sent {
     serial: u32,
     sent_ns: u64,
 }
 
-/// Events of the compositor that are not passed on yet.
+/// Events of the compositor that [`Screen::wait`] has not returned yet.
 #[derive(Default)]
-struct Told {
-    events: VecDeque<Event>,
+struct ScreenEvents {
+    events: VecDeque<ScreenEvent>,
     refresh: Option<Refresh>,
     behind_barrier: Option<BehindBarrier>,
-    /// The last frame had no callback in time.
+    /// The last frame got no callback in time.
     is_hidden: bool,
 }
 
-/// A frame that the compositor takes up in its turn, whether or not somebody sees it.
+/// A frame behind a barrier, which the compositor commits in order even for a hidden surface.
 struct BehindBarrier {
     serial: u32,
     since: Instant,
-    /// An image was given back meanwhile: this one, by a compositor that copies pictures, or one
-    /// before it.
+    /// A buffer was released since: this frame's, by a compositor that copies, or that of a frame
+    /// before.
     is_taken_up: bool,
 }
 
-impl Told {
-    /// Until when a callback can tell better than the images whether a frame's turn has come.
+impl ScreenEvents {
+    /// The time until which to wait for a callback once the frame is committed.
     fn callback_deadline(&self) -> Option<Instant> {
         let frame = (self.behind_barrier.as_ref()).filter(|frame| frame.is_taken_up)?;
         let patience = match self.is_hidden {
@@ -91,14 +91,14 @@ impl Told {
         if let Some(frame) = self.behind_barrier.take_if(|_| is_over) {
             self.is_hidden = true;
             let serial = frame.serial;
-            self.events.push_back(Event::Shown { serial });
+            self.events.push_back(ScreenEvent::Shown { serial });
         }
     }
 }
 
-impl Dispatch<WlBuffer, u32> for Told {
+impl Dispatch<WlBuffer, u32> for ScreenEvents {
     fn event(
-        told: &mut Self,
+        pending: &mut Self,
         _: &WlBuffer,
         event: wl_buffer::Event,
         &index: &u32,
@@ -106,17 +106,17 @@ impl Dispatch<WlBuffer, u32> for Told {
         _: &QueueHandle<Self>,
     ) {
         if let wl_buffer::Event::Release = event {
-            told.events.push_back(Event::Free { index });
-            if let Some(frame) = &mut told.behind_barrier {
+            pending.events.push_back(ScreenEvent::Free { index });
+            if let Some(frame) = &mut pending.behind_barrier {
                 frame.is_taken_up = true;
             }
         }
     }
 }
 
-impl Dispatch<WlCallback, u32> for Told {
+impl Dispatch<WlCallback, u32> for ScreenEvents {
     fn event(
-        told: &mut Self,
+        pending: &mut Self,
         _: &WlCallback,
         event: wl_callback::Event,
         &serial: &u32,
@@ -124,16 +124,18 @@ impl Dispatch<WlCallback, u32> for Told {
         _: &QueueHandle<Self>,
     ) {
         if let wl_callback::Event::Done { .. } = event {
-            told.is_hidden = false;
-            told.behind_barrier.take_if(|frame| frame.serial == serial);
-            told.events.push_back(Event::Shown { serial });
+            pending.is_hidden = false;
+            pending
+                .behind_barrier
+                .take_if(|frame| frame.serial == serial);
+            pending.events.push_back(ScreenEvent::Shown { serial });
         }
     }
 }
 
-impl Dispatch<WpPresentationFeedback, Sent> for Told {
+impl Dispatch<WpPresentationFeedback, Sent> for ScreenEvents {
     fn event(
-        told: &mut Self,
+        pending: &mut Self,
         _: &WpPresentationFeedback,
         event: wp_presentation_feedback::Event,
         &Sent { serial, sent_ns }: &Sent,
@@ -152,23 +154,23 @@ impl Dispatch<WpPresentationFeedback, Sent> for Told {
                 let at_ns = seconds
                     .saturating_mul(1_000_000_000)
                     .saturating_add(tv_nsec.into());
-                let at_ns = told_ns(at_ns, sent_ns, timestamp_ns());
+                let at_ns = server_time_ns(at_ns, sent_ns, timestamp_ns());
                 if let (Some(at_ns), period_ns @ 1..) = (at_ns, u64::from(refresh)) {
-                    told.refresh = Some(Refresh { at_ns, period_ns });
+                    pending.refresh = Some(Refresh { at_ns, period_ns });
                 }
                 at_ns
             }
             wp_presentation_feedback::Event::Discarded => None,
             _ => return,
         };
-        told.events.push_back(Event::Out { serial, at_ns });
+        pending.events.push_back(ScreenEvent::Out { serial, at_ns });
     }
 }
 
-// Its compositor refuses requests that are wrong; none is made.
-delegate_noop!(Told: ignore WpPresentation);
+// The interface's only event reports the clock, which the globals have read.
+delegate_noop!(ScreenEvents: ignore WpPresentation);
 
-impl Dispatch<WlShmPool, ()> for Told {
+impl Dispatch<WlShmPool, ()> for ScreenEvents {
     fn event(
         _: &mut Self,
         _: &WlShmPool,
@@ -181,23 +183,23 @@ impl Dispatch<WlShmPool, ()> for Told {
 }
 
 impl WaylandScreen {
-    /// A way for these pictures.
+    /// Creates the screen of a swapchain's images.
     ///
     /// # Errors
-    /// The connection has gone.
+    /// The connection is lost.
     ///
     /// # Safety
-    /// `display` and `surface` are as in [`WaylandWindow::new`](super::WaylandWindow::new); what is
-    /// named lives as long.
+    /// `display` and `surface` are as in [`WaylandWindow::new`](super::WaylandWindow::new); the
+    /// named objects live as long.
     pub unsafe fn new(
         display: *mut c_void,
         surface: *mut c_void,
         named: Named,
         barrier: Option<Arc<Barrier>>,
         pictures: Pictures,
-        bell: &Arc<Bell>,
-    ) -> Result<Self, Gone> {
-        // SAFETY: the caller's promise.
+        wake: &Arc<WakeEvent>,
+    ) -> Result<Self, SurfaceLost> {
+        // SAFETY: the caller keeps the display, the surface and the named objects alive.
         let (connection, surface, shm, presentation) = unsafe {
             let connection = super::connect(display);
             let surface = ObjectId::from_ptr(WlSurface::interface(), surface.cast());
@@ -206,35 +208,35 @@ impl WaylandScreen {
                 .map(|id| ObjectId::from_ptr(WpPresentation::interface(), id.as_ptr()));
             (
                 connection,
-                surface.map_err(|_| Gone)?,
-                shm.map_err(|_| Gone)?,
-                presentation.transpose().map_err(|_| Gone)?,
+                surface.map_err(|_| SurfaceLost)?,
+                shm.map_err(|_| SurfaceLost)?,
+                presentation.transpose().map_err(|_| SurfaceLost)?,
             )
         };
-        let surface = WlSurface::from_id(&connection, surface).map_err(|_| Gone)?;
-        let shm = WlShm::from_id(&connection, shm).map_err(|_| Gone)?;
+        let surface = WlSurface::from_id(&connection, surface).map_err(|_| SurfaceLost)?;
+        let shm = WlShm::from_id(&connection, shm).map_err(|_| SurfaceLost)?;
         let presentation = presentation
             .map(|id| WpPresentation::from_id(&connection, id))
             .transpose()
-            .map_err(|_| Gone)?;
+            .map_err(|_| SurfaceLost)?;
         let queue = connection.new_event_queue();
         Ok(Self {
             connection,
             queue,
-            told: Told::default(),
+            pending: ScreenEvents::default(),
             surface,
             shm,
             presentation,
             barrier,
             pictures,
-            bell: Arc::clone(bell),
+            wake: Arc::clone(wake),
             buffers: Vec::new(),
             copies: None,
         })
     }
 
-    /// Buffers in the images themselves, or copies of them.
-    fn make_buffers(&mut self) -> Result<(), Gone> {
+    /// Creates buffers in the images' memory, or in copies of the images.
+    fn make_buffers(&mut self) -> Result<(), SurfaceLost> {
         let picture = self.pictures.picture(0);
         let count = self.pictures.images.len() as u32;
         if Layout::Argb8888.is_that_of(picture.format)
@@ -248,9 +250,9 @@ impl WaylandScreen {
         }
         let stride = self.extent().width as usize * Layout::Argb8888.bytes();
         let each = stride * self.extent().height as usize;
-        let size = each.checked_mul(count as usize).ok_or(Gone)?;
-        let memory = SharedMemory::file(size).ok_or(Gone)?;
-        let file = memory.handle().ok_or(Gone)?;
+        let size = each.checked_mul(count as usize).ok_or(SurfaceLost)?;
+        let memory = SharedMemory::file(size).ok_or(SurfaceLost)?;
+        let file = memory.handle().ok_or(SurfaceLost)?;
         let offset = |index| u64::from(index) * each as u64;
         self.buffers = self.pool(file.borrow(), size as u64, stride, count, offset)?;
         self.copies = Some(memory);
@@ -268,9 +270,9 @@ impl WaylandScreen {
         stride: usize,
         count: u32,
         offset: impl Fn(u32) -> u64,
-    ) -> Result<Vec<WlBuffer>, Gone> {
-        // The protocol counts in 31 bits.
-        let whole = |bytes: u64| i32::try_from(bytes).map_err(|_| Gone);
+    ) -> Result<Vec<WlBuffer>, SurfaceLost> {
+        // The protocol's sizes have 31 bits.
+        let whole = |bytes: u64| i32::try_from(bytes).map_err(|_| SurfaceLost);
         let format = match self.pictures.composite_alpha {
             vk::CompositeAlphaFlagsKHR::PRE_MULTIPLIED => wl_shm::Format::Argb8888,
             _ => wl_shm::Format::Xrgb8888,
@@ -288,7 +290,7 @@ impl WaylandScreen {
         buffers
     }
 
-    /// Fills an image's copy, if it is shown by one.
+    /// Fills an image's copy, if there are copies.
     fn copy(&mut self, index: u32) {
         let picture = self.pictures.picture(index);
         let Some(memory) = &mut self.copies else {
@@ -309,27 +311,27 @@ impl WaylandScreen {
         unsafe { pixels::draw(&picture, &placement, &mut canvas) };
     }
 
-    fn flush(&self) -> Result<(), Gone> {
+    fn flush(&self) -> Result<(), SurfaceLost> {
         match self.connection.flush() {
             Ok(()) => Ok(()),
-            // The compositor reads slowly; what is left goes with the next.
+            // The socket is full: the next flush sends the rest.
             Err(WaylandError::Io(error)) if error.kind() == std::io::ErrorKind::WouldBlock => {
                 Ok(())
             }
-            Err(_) => Err(Gone),
+            Err(_) => Err(SurfaceLost),
         }
     }
 
-    fn dispatch(&mut self) -> Result<(), Gone> {
+    fn dispatch(&mut self) -> Result<(), SurfaceLost> {
         self.queue
-            .dispatch_pending(&mut self.told)
-            .map_err(|_| Gone)?;
+            .dispatch_pending(&mut self.pending)
+            .map_err(|_| SurfaceLost)?;
         Ok(())
     }
 }
 
 impl Screen for WaylandScreen {
-    fn show(&mut self, frame: &Frame<'_>) -> Result<(), Gone> {
+    fn show(&mut self, frame: &Frame<'_>) -> Result<(), SurfaceLost> {
         if self.buffers.is_empty() {
             self.make_buffers()?;
         }
@@ -337,7 +339,7 @@ impl Screen for WaylandScreen {
         self.surface
             .attach(Some(&self.buffers[frame.index as usize]), 0, 0);
         if frame.damage.is_empty() || self.surface.version() < 4 {
-            // In the surface's units, whatever these are: all of it.
+            // Damage in surface units: all of the surface.
             self.surface.damage(0, 0, i32::MAX, i32::MAX);
         } else {
             for rectangle in frame.damage {
@@ -348,17 +350,17 @@ impl Screen for WaylandScreen {
                     .damage_buffer(x, y, width as i32, height as i32);
             }
         }
-        self.told.behind_barrier = None;
+        self.pending.behind_barrier = None;
         match frame.when {
-            // The compositor shows what was committed last.
-            When::AtOnce | When::Replaceable => self.told.events.push_back(Event::Shown {
+            // The compositor shows the last committed image.
+            When::AtOnce | When::Replaceable => self.pending.events.push_back(ScreenEvent::Shown {
                 serial: frame.serial,
             }),
             _ => {
                 self.surface.frame(&self.queue.handle(), frame.serial);
                 if let Some(barrier) = &self.barrier {
                     barrier.keep();
-                    self.told.behind_barrier = Some(BehindBarrier {
+                    self.pending.behind_barrier = Some(BehindBarrier {
                         serial: frame.serial,
                         since: Instant::now(),
                         is_taken_up: false,
@@ -373,7 +375,7 @@ impl Screen for WaylandScreen {
                 let sent = Sent { serial, sent_ns };
                 presentation.feedback(&self.surface, &self.queue.handle(), sent);
             }
-            None => self.told.events.push_back(Event::Out {
+            None => self.pending.events.push_back(ScreenEvent::Out {
                 serial,
                 at_ns: None,
             }),
@@ -382,34 +384,38 @@ impl Screen for WaylandScreen {
         self.flush()
     }
 
-    fn wait(&mut self, deadline: Option<Instant>, events: &mut Vec<Event>) -> Result<(), Gone> {
+    fn wait(
+        &mut self,
+        deadline: Option<Instant>,
+        events: &mut Vec<ScreenEvent>,
+    ) -> Result<(), SurfaceLost> {
         self.dispatch()?;
-        self.told.do_without_callback();
-        if self.told.events.is_empty() {
+        self.pending.do_without_callback();
+        if self.pending.events.is_empty() {
             self.flush()?;
-            let ends = [deadline, self.told.callback_deadline()];
+            let ends = [deadline, self.pending.callback_deadline()];
             let deadline = ends.into_iter().flatten().min();
-            // Without a guard there is something to dispatch.
+            // Without a guard there are events to dispatch.
             if let Some(guard) = self.queue.prepare_read() {
                 let connection = guard.connection_fd();
-                if self.bell.wait(deadline, Some(connection)) {
+                if self.wake.wait(deadline, Some(connection)) {
                     match guard.read() {
                         Ok(_) => {}
                         Err(WaylandError::Io(error))
                             if error.kind() == std::io::ErrorKind::WouldBlock => {}
-                        Err(_) => return Err(Gone),
+                        Err(_) => return Err(SurfaceLost),
                     }
                 }
             }
             self.dispatch()?;
-            self.told.do_without_callback();
+            self.pending.do_without_callback();
         }
-        events.extend(self.told.events.drain(..));
+        events.extend(self.pending.events.drain(..));
         Ok(())
     }
 
     fn refresh(&self) -> Option<Refresh> {
-        self.told.refresh
+        self.pending.refresh
     }
 }
 

@@ -1,5 +1,5 @@
-//! Pixmaps that a swapchain's images are shown through: the images themselves where the server can
-//! read them in place, copies in memory that the server shares, or copies that are sent.
+//! The pixmaps of a swapchain's images: the images themselves if the server can read them in place,
+//! copies in shared memory, or copies that are sent.
 
 use std::sync::Arc;
 
@@ -10,12 +10,13 @@ use x11rb::protocol::shm::ConnectionExt as _;
 use x11rb::protocol::xproto::{ConnectionExt as _, ImageFormat};
 
 use super::super::pixels::{self, Canvas};
-use super::super::{Gone, Pictures};
+use super::super::{Pictures, SurfaceLost};
 use super::connection::{Connection, Pixels, Sharing};
 use crate::os::handle::Handle;
 use crate::os::window_server::SharedMemory;
 
-/// Bytes of a request that puts pixels, at most: the application's own requests come in between.
+/// Largest size of a request that puts pixels, so that the application's own requests can come in
+/// between.
 const CHUNK_BYTES: usize = 1 << 20;
 /// Bytes of a `PutImage` request before its data.
 const PUT_IMAGE_BYTES: usize = 28;
@@ -32,24 +33,24 @@ pub struct Buffers {
     segment: Option<u32>,
 }
 
-/// Where the pixels are.
+/// The storage of the pixels.
 enum Contents {
     /// In the images.
     Images,
-    /// In shared memory, a part for each pixmap.
+    /// In shared memory, with a part for each pixmap.
     Shared {
         memory: SharedMemory,
         is_pixmaps: bool,
     },
-    /// On their way.
+    /// In a buffer from which they are sent.
     Sent(Vec<u8>),
 }
 
 impl Buffers {
-    /// Pixmaps of this extent.
+    /// Creates pixmaps of this extent.
     ///
     /// # Errors
-    /// The window or its connection has gone; memory that there is not, too.
+    /// The window or its connection is lost, or memory is exhausted.
     pub fn new(
         connection: &Arc<Connection>,
         window: u32,
@@ -57,7 +58,7 @@ impl Buffers {
         sharing: Sharing,
         pictures: &Pictures,
         extent: vk::Extent2D,
-    ) -> Result<Self, Gone> {
+    ) -> Result<Self, SurfaceLost> {
         let row_bytes = extent.width as usize * pixels.layout.bytes();
         let row_stride_bytes = row_bytes.next_multiple_of(pixels.row_alignment_bytes);
         let mut buffers = Self {
@@ -95,17 +96,17 @@ impl Buffers {
         }
         let mut room = Vec::new();
         room.try_reserve_exact(buffers.size_bytes)
-            .map_err(|_| Gone)?;
+            .map_err(|_| SurfaceLost)?;
         room.resize(buffers.size_bytes, 0);
         buffers.contents = Contents::Sent(room);
         match buffers.make_pixmaps(window, pictures)? {
             true => Ok(buffers),
-            false => Err(Gone),
+            false => Err(SurfaceLost),
         }
     }
 
-    /// A pixmap for each image; whether the server agrees.
-    fn make_pixmaps(&mut self, window: u32, pictures: &Pictures) -> Result<bool, Gone> {
+    /// Creates a pixmap for each image. Returns whether the server accepts them.
+    fn make_pixmaps(&mut self, window: u32, pictures: &Pictures) -> Result<bool, SurfaceLost> {
         let mut all_made = true;
         for index in 0..pictures.images.len() as u32 {
             let pixmap = self.connection.id()?;
@@ -115,7 +116,7 @@ impl Buffers {
         Ok(all_made)
     }
 
-    /// Whether pixmaps lie as the images do.
+    /// Whether pixmaps have the layout of the images.
     fn are_images(&self, pictures: &Pictures) -> bool {
         let picture = pictures.picture(0);
         self.extent == picture.extent
@@ -124,12 +125,12 @@ impl Buffers {
             && !self.hides_alpha(pictures)
     }
 
-    /// The window's pixels can be seen through, and the application does not want it.
+    /// The window has alpha, and the application wants it opaque.
     fn hides_alpha(&self, pictures: &Pictures) -> bool {
         self.pixels.has_alpha && pictures.composite_alpha == vk::CompositeAlphaFlagsKHR::OPAQUE
     }
 
-    /// The server's use of the file. Pixmaps in it want more than reading.
+    /// The server's access to the file: pixmaps in it need more than read access.
     fn attach_file(&self, file: Handle) -> Option<u32> {
         let x = &self.connection.x;
         let segment = self.connection.id().ok()?;
@@ -137,7 +138,7 @@ impl Buffers {
         Some(segment)
     }
 
-    /// Memory that the server has attached.
+    /// Memory attached to the server.
     fn share(&self, sharing: Sharing, count: usize) -> Option<(SharedMemory, u32)> {
         let size_bytes = self.size_bytes.checked_mul(count)?;
         if sharing.descriptors
@@ -166,7 +167,7 @@ impl Buffers {
         window: u32,
         pictures: &Pictures,
         index: u32,
-    ) -> Result<bool, Gone> {
+    ) -> Result<bool, SurfaceLost> {
         let x = &self.connection.x;
         let depth = self.pixels.depth;
         // Images and windows are far smaller than 65,536.
@@ -185,18 +186,18 @@ impl Buffers {
             }
             None => x.create_pixmap(depth, pixmap, window, width, height),
         };
-        match cookie.map_err(|_| Gone)?.check() {
+        match cookie.map_err(|_| SurfaceLost)?.check() {
             Ok(()) => Ok(true),
             Err(ReplyError::X11Error(_)) => Ok(false),
-            Err(ReplyError::ConnectionError(_)) => Err(Gone),
+            Err(ReplyError::ConnectionError(_)) => Err(SurfaceLost),
         }
     }
 
-    /// The pixmap of an image, with what is to be seen of it.
+    /// The pixmap of an image, filled with the image's pixels.
     ///
     /// # Errors
-    /// The connection has gone.
-    pub fn fill(&mut self, pictures: &Pictures, index: u32, gc: u32) -> Result<u32, Gone> {
+    /// The connection is lost.
+    pub fn fill(&mut self, pictures: &Pictures, index: u32, gc: u32) -> Result<u32, SurfaceLost> {
         let pixmap = self.pixmaps[index as usize];
         let is_opaque = self.hides_alpha(pictures);
         let size_bytes = self.size_bytes;
@@ -225,7 +226,7 @@ impl Buffers {
                 let (width, height) = (self.extent.width as u16, self.extent.height as u16);
                 let format = u8::from(ImageFormat::Z_PIXMAP);
                 let depth = self.pixels.depth;
-                let segment = self.segment.ok_or(Gone)?;
+                let segment = self.segment.ok_or(SurfaceLost)?;
                 x.shm_put_image(
                     pixmap,
                     gc,
@@ -243,7 +244,7 @@ impl Buffers {
                     segment,
                     start as u32,
                 )
-                .map_err(|_| Gone)?
+                .map_err(|_| SurfaceLost)?
                 .ignore_error();
             }
             Contents::Sent(room) => self.send(room, pixmap, gc)?,
@@ -253,7 +254,7 @@ impl Buffers {
     }
 
     /// Puts pixels into a pixmap, some rows at a time.
-    fn send(&self, room: &[u8], pixmap: u32, gc: u32) -> Result<(), Gone> {
+    fn send(&self, room: &[u8], pixmap: u32, gc: u32) -> Result<(), SurfaceLost> {
         let x = &self.connection.x;
         let largest = (x.maximum_request_bytes().saturating_sub(PUT_IMAGE_BYTES)).min(CHUNK_BYTES);
         let rows = (largest / self.row_stride_bytes).max(1);
@@ -263,7 +264,7 @@ impl Buffers {
             let height = (chunk.len() / self.row_stride_bytes) as u16;
             let y = (index * rows) as i16;
             x.put_image(format, pixmap, gc, width, height, 0, y, 0, depth, chunk)
-                .map_err(|_| Gone)?
+                .map_err(|_| SurfaceLost)?
                 .ignore_error();
         }
         Ok(())
@@ -271,7 +272,7 @@ impl Buffers {
 }
 
 impl Buffers {
-    /// Gives the server's part back.
+    /// Frees the server's resources.
     fn forget(&mut self) {
         let x = &self.connection.x;
         for pixmap in self.pixmaps.drain(..) {

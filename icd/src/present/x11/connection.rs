@@ -1,5 +1,5 @@
-//! The application's connection. Each request is checked or its error ignored: an error that came
-//! as an event would end the process through Xlib's handler.
+//! The application's connection. Each request is checked, or its error is ignored: Xlib's handler
+//! would end the process at an error event.
 
 use std::ffi::c_void;
 
@@ -10,20 +10,21 @@ use x11rb::protocol::shm::ConnectionExt as _;
 use x11rb::protocol::xproto::{ConnectionExt as _, ImageOrder, VisualClass};
 use x11rb::xcb_ffi::XCBConnection;
 
-use super::super::Gone;
+use super::super::SurfaceLost;
 use super::super::conversion::Layout;
 use super::library;
 use crate::os::window_server;
 
-/// A connection, borrowed from the application for as long as there are surfaces on it.
+/// A connection, borrowed from the application while it has surfaces.
 pub struct Connection {
     pub x: XCBConnection,
     pub raw: *mut c_void,
 }
 
-// SAFETY: libxcb's connections can be used by all threads, and the pointer is only passed to it.
+// SAFETY: libxcb's connections can be used by all threads, and the pointer is only passed to
+// libxcb.
 unsafe impl Send for Connection {}
-// SAFETY: as above.
+// SAFETY: as for `Send`.
 unsafe impl Sync for Connection {}
 
 /// How the server can share memory.
@@ -39,20 +40,20 @@ pub struct Sharing {
 pub struct Pixels {
     pub depth: u8,
     pub layout: Layout,
-    /// Rows start at multiples of this.
+    /// Alignment of rows.
     pub row_alignment_bytes: usize,
-    /// Its pixels can be seen through.
+    /// The window's pixels have alpha.
     pub has_alpha: bool,
 }
 
-/// Facts about a window that are queried once.
+/// Properties of a window that are queried once.
 pub struct Facts {
     pub root: u32,
     pub pixels: Option<Pixels>,
 }
 
 impl Connection {
-    /// Wraps a connection of libxcb's.
+    /// Wraps a connection of libxcb.
     ///
     /// # Errors
     /// `VK_ERROR_INITIALIZATION_FAILED` if libxcb cannot be opened, or the connection is broken.
@@ -64,7 +65,8 @@ impl Connection {
         if raw.is_null() || library::xcb().is_none() {
             return Err(FAILED);
         }
-        // SAFETY: the caller's promise; the connection stays the application's.
+        // SAFETY: the caller passes an open connection, which stays the application's and is not
+        // closed here.
         let x = unsafe { XCBConnection::from_raw_xcb_connection(raw, false) };
         let x = x.map_err(|_| FAILED)?;
         match x.has_error() {
@@ -73,19 +75,22 @@ impl Connection {
         }
     }
 
-    /// Queries the facts of a window.
-    pub fn facts(&self, window: u32) -> Result<Facts, Gone> {
-        let attributes = self.x.get_window_attributes(window).map_err(|_| Gone)?;
-        let geometry = self.x.get_geometry(window).map_err(|_| Gone)?;
-        let attributes = attributes.reply().map_err(|_| Gone)?;
-        let geometry = geometry.reply().map_err(|_| Gone)?;
+    /// Queries the properties of a window.
+    pub fn facts(&self, window: u32) -> Result<Facts, SurfaceLost> {
+        let attributes = self
+            .x
+            .get_window_attributes(window)
+            .map_err(|_| SurfaceLost)?;
+        let geometry = self.x.get_geometry(window).map_err(|_| SurfaceLost)?;
+        let attributes = attributes.reply().map_err(|_| SurfaceLost)?;
+        let geometry = geometry.reply().map_err(|_| SurfaceLost)?;
         Ok(Facts {
             root: geometry.root,
             pixels: self.pixels(attributes.visual),
         })
     }
 
-    /// The pixels of windows of a visual, if they can be drawn.
+    /// The pixel format of windows with this visual, if it is supported.
     pub fn pixels(&self, visual: u32) -> Option<Pixels> {
         let setup = self.x.setup();
         if setup.image_byte_order != ImageOrder::LSB_FIRST {
@@ -116,18 +121,18 @@ impl Connection {
     }
 
     /// A window's extent.
-    pub fn extent(&self, window: u32) -> Result<vk::Extent2D, Gone> {
-        let geometry = self.x.get_geometry(window).map_err(|_| Gone)?;
-        let geometry = geometry.reply().map_err(|_| Gone)?;
+    pub fn extent(&self, window: u32) -> Result<vk::Extent2D, SurfaceLost> {
+        let geometry = self.x.get_geometry(window).map_err(|_| SurfaceLost)?;
+        let geometry = geometry.reply().map_err(|_| SurfaceLost)?;
         Ok(vk::Extent2D {
             width: geometry.width.into(),
             height: geometry.height.into(),
         })
     }
 
-    /// A new resource's name.
-    pub fn id(&self) -> Result<u32, Gone> {
-        self.x.generate_id().map_err(|_| Gone)
+    /// An id for a new resource.
+    pub fn id(&self) -> Result<u32, SurfaceLost> {
+        self.x.generate_id().map_err(|_| SurfaceLost)
     }
 
     /// Whether the server has the Present extension.
@@ -137,11 +142,11 @@ impl Connection {
             && (self.x.present_query_version(1, 0)).is_ok_and(|cookie| cookie.reply().is_ok())
     }
 
-    /// How the server can share memory (MIT-SHM); it may still fail, if the server is elsewhere.
+    /// The way in which the server can share memory (MIT-SHM). Sharing may still fail if the server
+    /// is remote.
     pub fn sharing(&self) -> Sharing {
         const NAME: &str = x11rb::protocol::shm::X11_EXTENSION_NAME;
-        // Descriptors cannot be sent to other machines, and libxcb breaks the connection if one
-        // tries.
+        // Descriptors cannot be sent to other machines: libxcb would shut the connection down.
         if !window_server::is_local(&self.x)
             || !matches!(self.x.extension_information(NAME), Ok(Some(_)))
         {
@@ -162,14 +167,14 @@ impl Connection {
     /// A reader of the socket also moves the application's events into libxcb's queue, where an
     /// application that sleeps in `poll` does not see them. The answer to this request wakes the
     /// application, which then looks into the queue. Nothing here waits for the answer.
-    pub fn wake_pollers(&self) -> Result<(), Gone> {
-        // Dropped, the cookie has libxcb throw the answer away when somebody reads it.
-        drop(self.x.get_input_focus().map_err(|_| Gone)?);
+    pub fn wake_pollers(&self) -> Result<(), SurfaceLost> {
+        // Dropping the cookie makes libxcb discard the reply.
+        drop(self.x.get_input_focus().map_err(|_| SurfaceLost)?);
         self.flush()
     }
 
-    /// Sends what has been asked for.
-    pub fn flush(&self) -> Result<(), Gone> {
-        self.x.flush().map_err(|_| Gone)
+    /// Flushes the pending requests.
+    pub fn flush(&self) -> Result<(), SurfaceLost> {
+        self.x.flush().map_err(|_| SurfaceLost)
     }
 }

@@ -1,5 +1,5 @@
-//! The C libraries of X11, opened when a window is first presented to. What `x11rb` calls it opens
-//! itself; here is what it does not call.
+//! The C libraries of X11, opened when a window is first used. `x11rb` opens the functions that it
+//! calls itself; these are the others.
 
 use std::ffi::{c_char, c_int, c_void};
 use std::sync::OnceLock;
@@ -32,11 +32,11 @@ pub struct Xcb {
     pub wait_for_special_event: Wait,
 }
 
-/// Libxcb, if the machine has it.
+/// Libxcb, if it is installed.
 pub fn xcb() -> Option<&'static Xcb> {
     static XCB: OnceLock<Option<Xcb>> = OnceLock::new();
-    // SAFETY: the library's initialisation is that of a library which the application has loaded
-    // already, and the functions are of these types (xcb.h, xcbext.h).
+    // SAFETY: the application has loaded the library already, so opening it runs no initialisation,
+    // and the functions have these types (xcb.h, xcbext.h).
     let open = || unsafe {
         let library = Library::new("libxcb.so.1").ok()?;
         let xcb = Xcb {
@@ -79,7 +79,7 @@ pub unsafe fn connection_of(display: *mut c_void) -> Option<*mut c_void> {
         Some((library, get))
     };
     let (_, get) = XLIB.get_or_init(open).as_ref()?;
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller passes an open display.
     let connection = unsafe { get(display) };
     (!connection.is_null()).then_some(connection)
 }

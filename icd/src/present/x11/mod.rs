@@ -15,7 +15,7 @@ use parking_lot::Mutex;
 
 pub use library::connection_of;
 
-use super::{Bell, Pictures, Window};
+use super::{Pictures, WakeEvent, Window};
 use crate::VkResult;
 use connection::{Connection, Facts, Sharing};
 use events::Events;
@@ -28,7 +28,7 @@ pub struct X11Window(Arc<Inner>);
 struct Inner {
     connection: Arc<Connection>,
     window: u32,
-    /// Unless it is no window.
+    /// `None` if the window does not exist.
     facts: Option<Facts>,
     server: Mutex<Option<Server>>,
 }
@@ -36,20 +36,19 @@ struct Inner {
 /// The server's capabilities for images, queried by the first swapchain.
 #[derive(Clone)]
 struct Server {
-    /// Where Present is there.
+    /// Events of the Present extension, if the server has it.
     events: Option<Arc<Events>>,
     sharing: Sharing,
 }
 
 impl X11Window {
-    /// A window of a connection of libxcb's.
+    /// A window on a connection of libxcb.
     ///
     /// # Errors
     /// `VK_ERROR_INITIALIZATION_FAILED` without libxcb.
     ///
     /// # Safety
-    /// `connection` is an `xcb_connection_t *` that stays open as long as the object and the
-    /// screens made of it.
+    /// `connection` is an `xcb_connection_t *` that outlives the object and its screens.
     pub unsafe fn new(connection: *mut c_void, window: u32) -> VkResult<Self> {
         // SAFETY: the caller's promise.
         let connection = Arc::new(unsafe { Connection::new(connection)? });
@@ -63,7 +62,7 @@ impl X11Window {
     }
 }
 
-/// Whether windows of a visual can be presented to.
+/// Whether windows with this visual can be presented to.
 ///
 /// # Safety
 /// `connection` is an open `xcb_connection_t *`.
@@ -110,15 +109,19 @@ impl Window for X11Window {
         }
     }
 
-    fn tells_times(&self) -> bool {
+    fn reports_times(&self) -> bool {
         self.0.connection.has_present()
     }
 
-    fn screen(&self, pictures: Pictures, bell: &Arc<Bell>) -> VkResult<Box<dyn super::Screen>> {
+    fn screen(
+        &self,
+        pictures: Pictures,
+        wake: &Arc<WakeEvent>,
+    ) -> VkResult<Box<dyn super::Screen>> {
         let facts = self.0.facts.as_ref().ok_or(LOST)?;
         let pixels = facts.pixels.ok_or(LOST)?;
         let server = self.0.server(facts.root);
-        let screen = screen::X11Screen::new(&self.0, server, pixels, pictures, bell);
+        let screen = screen::X11Screen::new(&self.0, server, pixels, pictures, wake);
         Ok(Box::new(screen.map_err(|_| LOST)?))
     }
 }

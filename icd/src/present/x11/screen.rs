@@ -1,7 +1,7 @@
-//! The way of a swapchain's images to a window of X11.
+//! Presents a swapchain's images to an X11 window.
 //!
-//! Where the server has the Present extension, it copies each pixmap at a refresh and says when it
-//! has. Elsewhere pixmaps are copied at once, and this side keeps the time.
+//! A server with the Present extension copies each pixmap at a refresh and reports the completion.
+//! Other servers copy pixmaps at once, and the driver's clock decides the refreshes.
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -11,19 +11,19 @@ use ash::vk;
 use x11rb::protocol::present::{ConnectionExt as _, Option as PresentOption};
 use x11rb::protocol::xproto::{ConnectionExt as _, CreateGCAux};
 
-use super::super::timing::{Refresh, Rhythm, told_ns};
-use super::super::{Bell, Event, Frame, Gone, Pictures, Screen, When};
+use super::super::timing::{Refresh, RefreshEstimate, server_time_ns};
+use super::super::{Frame, Pictures, Screen, ScreenEvent, SurfaceLost, WakeEvent, When};
 use super::buffers::Buffers;
 use super::connection::{Connection, Pixels, Sharing};
 use super::events::{Events, Inbox};
 use super::{Inner, Server};
 use crate::execute::query::timestamp_ns;
 
-/// Between refreshes, where no server says when they are.
+/// The refresh period where the server reports none.
 const REFRESH: Duration = Duration::from_nanos(16_666_667);
-/// How often a window whose server is silent is looked for.
+/// The interval of window queries while the server is silent.
 const LOOK: Duration = Duration::from_millis(100);
-/// A frame that the server has forgotten: windows that come and go take their frames along.
+/// The time after which a frame counts as lost. Windows that are unmapped lose their frames.
 const FORGOTTEN: Duration = Duration::from_secs(3);
 
 pub struct X11Screen {
@@ -32,78 +32,82 @@ pub struct X11Screen {
     pixels: Pixels,
     sharing: Sharing,
     pictures: Pictures,
-    bell: Arc<Bell>,
+    wake: Arc<WakeEvent>,
     gc: u32,
     buffers: Option<Buffers>,
-    /// The window's, when it was last looked at.
+    /// The window's extent at the last query.
     extent: vk::Extent2D,
     timing: Timing,
     looked: Instant,
-    /// Answers were read since who polls the connection was last woken.
+    /// Replies were read since the application's pollers of the connection were last woken.
     has_read: bool,
-    /// To be told by the next wait.
-    news: Vec<Event>,
+    /// Events for the next wait.
+    pending: Vec<ScreenEvent>,
 }
 
-/// Who knows when a frame is shown.
+/// The source of presentation times.
 enum Timing {
-    /// The server.
+    /// The server's Present extension.
     Present {
         events: Arc<Events>,
         inbox: Arc<Inbox>,
         under_way: Vec<UnderWay>,
         last_msc: u64,
-        rhythm: Rhythm,
+        estimate: RefreshEstimate,
     },
-    /// The clock: when the next refresh would be, and whose turn it is then.
+    /// The driver's clock: the time of the next refresh, and the frame that is shown at it.
     Clock { next: Instant, shown: Option<u32> },
 }
 
-/// A frame that the server has.
+/// A frame that was sent to the server.
 struct UnderWay {
-    /// The server's name for it, and the swapchain's.
+    /// The serial number in the server's events.
     number: u32,
     serial: u32,
     index: u32,
     since: Instant,
     sent_ns: u64,
-    /// The server shows it behind all that it had before.
+    /// The server shows the frame after all earlier ones.
     is_in_order: bool,
 }
 
 impl UnderWay {
-    fn is_over(&self, at_ns: Option<u64>) -> [Event; 3] {
+    fn is_over(&self, at_ns: Option<u64>) -> [ScreenEvent; 3] {
         let (index, serial) = (self.index, self.serial);
-        let out = Event::Out { serial, at_ns };
-        [Event::Free { index }, out, Event::Shown { serial }]
+        let out = ScreenEvent::Out { serial, at_ns };
+        [
+            ScreenEvent::Free { index },
+            out,
+            ScreenEvent::Shown { serial },
+        ]
     }
 }
 
 impl X11Screen {
-    /// A way for these pictures.
+    /// Creates the screen of a swapchain's images.
     ///
     /// # Errors
-    /// The window or its connection has gone.
+    /// The window or its connection is lost.
     pub(super) fn new(
         window: &Arc<Inner>,
         server: Server,
         pixels: Pixels,
         pictures: Pictures,
-        bell: &Arc<Bell>,
-    ) -> Result<Self, Gone> {
+        wake: &Arc<WakeEvent>,
+    ) -> Result<Self, SurfaceLost> {
         let connection = Arc::clone(&window.connection);
         let gc = connection.id()?;
-        // Copies from pixmaps make no events.
+        // Copies from pixmaps generate no events.
         let look = CreateGCAux::new().graphics_exposures(0);
         let made = connection.x.create_gc(gc, window.window, &look);
-        made.map_err(|_| Gone)?.ignore_error();
+        made.map_err(|_| SurfaceLost)?.ignore_error();
         let timing = match server.events {
             Some(events) => Timing::Present {
-                inbox: events.inbox(bell),
+                inbox: events.inbox(wake),
                 events,
                 under_way: Vec::new(),
                 last_msc: 0,
-                rhythm: Rhythm::default(),
+                estimate: RefreshEstimate::default(),
             },
             None => Timing::Clock {
                 next: Instant::now(),
@@ -116,18 +120,18 @@ impl X11Screen {
             pixels,
             sharing: server.sharing,
             pictures,
-            bell: Arc::clone(bell),
+            wake: Arc::clone(wake),
             gc,
             buffers: None,
             timing,
             looked: Instant::now(),
             has_read: false,
-            news: Vec::new(),
+            pending: Vec::new(),
             connection,
         })
     }
 
-    /// The extent of pixmaps.
+    /// The extent of the pixmaps.
     fn buffer_extent(&self) -> vk::Extent2D {
         match self.pictures.scaling.is_asked_for() {
             true => self.extent,
@@ -135,34 +139,34 @@ impl X11Screen {
         }
     }
 
-    /// Whether the server has frames, and its answers about them are read.
+    /// Whether frames are in flight at a server that reports completions.
     fn is_under_way(&self) -> bool {
         matches!(&self.timing, Timing::Present { under_way, .. } if !under_way.is_empty())
     }
 
-    /// Looks whether the window is still there, and how large it is.
-    fn look(&mut self) -> Result<(), Gone> {
+    /// Queries the window's extent, which fails if the window is destroyed.
+    fn look(&mut self) -> Result<(), SurfaceLost> {
         self.looked = Instant::now();
         self.has_read = true;
         self.extent = self.connection.extent(self.window)?;
-        self.news.push(Event::Extent(self.extent));
+        self.pending.push(ScreenEvent::Extent(self.extent));
         Ok(())
     }
 
     /// Collects pending events of the server.
-    fn collect(&mut self) -> Result<(), Gone> {
+    fn collect(&mut self) -> Result<(), SurfaceLost> {
         let Timing::Present {
             events,
             inbox,
             under_way,
             last_msc,
-            rhythm,
+            estimate,
         } = &mut self.timing
         else {
             return Ok(());
         };
         if inbox.is_broken.load(Ordering::Acquire) {
-            return Err(Gone);
+            return Err(SurfaceLost);
         }
         for completed in inbox.completed.lock().drain(..) {
             let mut frames = under_way.iter();
@@ -175,16 +179,16 @@ impl X11Screen {
                 events.settle(frame.number);
             }
             let shown_ns = completed.ust.saturating_mul(1000);
-            let at_ns = told_ns(shown_ns, frame.sent_ns, timestamp_ns());
+            let at_ns = server_time_ns(shown_ns, frame.sent_ns, timestamp_ns());
             if at_ns.is_some() {
-                rhythm.note(shown_ns, completed.msc);
+                estimate.note(shown_ns, completed.msc);
             }
-            // Pixmaps are copied (`PresentOptionCopy`): who has had its turn is not read any more.
-            self.news.extend(frame.is_over(at_ns));
+            // Pixmaps are copied (`PresentOptionCopy`), so a presented pixmap is no longer read.
+            self.pending.extend(frame.is_over(at_ns));
         }
         let forgotten = under_way.extract_if(.., |frame| frame.since.elapsed() > FORGOTTEN);
         for frame in forgotten {
-            self.news.extend(frame.is_over(None));
+            self.pending.extend(frame.is_over(None));
             events.forget(frame.number);
         }
         Ok(())
@@ -192,7 +196,7 @@ impl X11Screen {
 }
 
 impl Screen for X11Screen {
-    fn show(&mut self, frame: &Frame<'_>) -> Result<(), Gone> {
+    fn show(&mut self, frame: &Frame<'_>) -> Result<(), SurfaceLost> {
         let extent = self.buffer_extent();
         let mut buffers = match self.buffers.take() {
             Some(buffers) if buffers.extent == extent => buffers,
@@ -215,7 +219,8 @@ impl Screen for X11Screen {
                 last_msc,
                 ..
             } => {
-                // Frames of the swapchain before may wait for their refresh. They come first.
+                // Frames of the previous swapchain may still wait for their refresh. They come
+                // first.
                 let is_own = |number| under_way.iter().any(|frame| frame.number == number);
                 let when = match events.has_others(is_own) {
                     true => When::NextRefresh,
@@ -246,10 +251,10 @@ impl Screen for X11Screen {
                     target_msc,
                     0,
                     0,
-                    // Servers up to 21.1 crash where other windows are to be told.
+                    // Servers up to 21.1 crash with notifies for other windows.
                     &[],
                 )
-                .map_err(|_| Gone)?
+                .map_err(|_| SurfaceLost)?
                 .ignore_error();
                 under_way.push(UnderWay {
                     number,
@@ -264,26 +269,30 @@ impl Screen for X11Screen {
             Timing::Clock { next, shown } => {
                 let (width, height) = (extent.width as u16, extent.height as u16);
                 x.copy_area(pixmap, self.window, self.gc, 0, 0, 0, 0, width, height)
-                    .map_err(|_| Gone)?
+                    .map_err(|_| SurfaceLost)?
                     .ignore_error();
                 let now = Instant::now();
                 *next = match frame.when {
                     When::AtOnce => now,
-                    // Refreshes that nothing was shown in are past.
+                    // Unused refreshes have passed.
                     _ => (*next + REFRESH).max(now),
                 };
                 *shown = Some(frame.serial);
-                // The server answers in order: after this it has copied.
+                // The server replies in order: after this reply it has copied the pixmap.
                 self.look()?;
-                self.news.push(Event::Free { index: frame.index });
+                self.pending.push(ScreenEvent::Free { index: frame.index });
                 Ok(())
             }
         }
     }
 
-    fn wait(&mut self, deadline: Option<Instant>, events: &mut Vec<Event>) -> Result<(), Gone> {
+    fn wait(
+        &mut self,
+        deadline: Option<Instant>,
+        events: &mut Vec<ScreenEvent>,
+    ) -> Result<(), SurfaceLost> {
         self.collect()?;
-        if self.news.is_empty() {
+        if self.pending.is_empty() {
             let own = match &self.timing {
                 Timing::Present { under_way, .. } if under_way.is_empty() => None,
                 Timing::Present { .. } => Some(self.looked + LOOK),
@@ -297,7 +306,7 @@ impl Screen for X11Screen {
                 self.has_read = false;
                 self.connection.wake_pollers()?;
             }
-            self.bell.wait(until, None);
+            self.wake.wait(until, None);
             self.collect()?;
         }
         match &mut self.timing {
@@ -309,18 +318,18 @@ impl Screen for X11Screen {
             Timing::Clock { next, shown } => {
                 if let Some(serial) = shown.take_if(|_| Instant::now() >= *next) {
                     let at_ns = None;
-                    let out = Event::Out { serial, at_ns };
-                    self.news.extend([out, Event::Shown { serial }]);
+                    let out = ScreenEvent::Out { serial, at_ns };
+                    self.pending.extend([out, ScreenEvent::Shown { serial }]);
                 }
             }
         }
-        events.append(&mut self.news);
+        events.append(&mut self.pending);
         Ok(())
     }
 
     fn refresh(&self) -> Option<Refresh> {
         match &self.timing {
-            Timing::Present { rhythm, .. } => rhythm.refresh(),
+            Timing::Present { estimate, .. } => estimate.refresh(),
             Timing::Clock { .. } => None,
         }
     }
