@@ -21,7 +21,7 @@ pub struct CommandBuffer {
 }
 
 impl CommandBuffer {
-    /// A command buffer in the initial state.
+    /// Creates a command buffer in the initial state.
     pub fn new(level: vk::CommandBufferLevel) -> Self {
         Self {
             level,
@@ -44,9 +44,9 @@ pub struct Recording {
     /// The last push descriptor set of each bind point and set number: the next push changes a
     /// copy.
     pushed: Vec<((vk::PipelineBindPoint, u32), Ref<DescriptorSet>)>,
-    /// Addresses of the descriptor buffers that are bound (`vkCmdBindDescriptorBuffersEXT`).
+    /// Addresses of the bound descriptor buffers (`vkCmdBindDescriptorBuffersEXT`).
     pub descriptor_buffers: SmallVec<[u64; 4]>,
-    /// The render pass that has been begun.
+    /// The current render pass.
     pub render_pass: Option<PassRecorder>,
 }
 
@@ -63,12 +63,12 @@ impl Recording {
         Ok(())
     }
 
-    /// Notes the first failure.
+    /// Keeps the first error.
     pub fn fail(&mut self, code: vk::Result) {
         self.failure.get_or_insert(code);
     }
 
-    /// Back to the initial state. `keep_memory` is for the next recording.
+    /// Returns to the initial state. `keep_memory` keeps the list's memory for the next recording.
     pub fn reset(&mut self, keep_memory: bool) {
         let finished = self
             .finished
@@ -85,7 +85,7 @@ impl Recording {
         self.render_pass = None;
     }
 
-    /// A new set with the contents of the last push to this place.
+    /// A new set with the contents of the last push to this bind point and set number.
     ///
     /// # Errors
     /// `VK_ERROR_OUT_OF_HOST_MEMORY`.
@@ -112,7 +112,7 @@ impl Recording {
     /// `vkEndCommandBuffer`.
     ///
     /// # Errors
-    /// The first error during recording; the buffer cannot be executed then.
+    /// The first error during recording, after which the buffer cannot be executed.
     pub fn finish(&mut self) -> VkResult {
         let commands = std::mem::take(&mut self.commands);
         if let Some(code) = self.failure {

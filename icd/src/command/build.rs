@@ -53,7 +53,7 @@ pub struct Triangles {
     /// Address of a `VkTransformMatrixKHR`, or 0.
     pub transform: u64,
     pub primitive_count: u32,
-    /// Its indices' memory is bounded when the range is known.
+    /// The memory of the indices is bounded once the range is known.
     pub micromap: Option<GeometryMicromap>,
 }
 
@@ -113,12 +113,12 @@ impl BuildGeometries {
         }
     }
 
-    /// Of all geometries.
+    /// The primitive count of all geometries.
     pub fn primitive_count(&self) -> u64 {
         self.primitive_counts().into_iter().map(u64::from).sum()
     }
 
-    /// Of each geometry.
+    /// The primitive count of each geometry.
     pub fn primitive_counts(&self) -> Vec<u32> {
         match self {
             Self::Triangles(list) => list
@@ -143,7 +143,7 @@ impl BuildGeometries {
 }
 
 impl Triangles {
-    /// Restricts it to a range.
+    /// Restricts the geometry to a range.
     fn apply_range(&mut self, range: &Range) {
         let offset = u64::from(range.primitive_offset);
         self.primitive_count = range.primitive_count;
@@ -161,7 +161,7 @@ impl Triangles {
 }
 
 impl MotionTriangles {
-    /// Restricts it to a range; the vertices at both times move alike.
+    /// Restricts the geometry to a range, the vertices at both times alike.
     fn apply_range(&mut self, range: &Range) {
         self.start.apply_range(range);
         if self.start.index_type == IndexType::None {

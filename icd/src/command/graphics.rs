@@ -1,4 +1,4 @@
-//! Commands of graphics: passes, state, buffers, draws, queries.
+//! Graphics commands: passes, state, buffers, draws, queries.
 
 #![forbid(unsafe_code)]
 
@@ -11,7 +11,7 @@ use crate::handle::Ref;
 use crate::object::setting::Setting;
 use crate::object::{QueryPool, ShaderObject};
 
-/// A recorded command of graphics.
+/// A recorded graphics command.
 pub enum GraphicsCommand {
     /// `vkCmdBeginRendering`, or a subpass begins.
     BeginPass(Box<Pass>),
@@ -29,7 +29,7 @@ pub enum GraphicsCommand {
     BindVertexBuffers(Box<BindVertexBuffers>),
     /// `vkCmdBindIndexBuffer2`.
     BindIndexBuffer(IndexBinding),
-    /// `vkCmdSetPrimitiveRestartIndexEXT`: until an index buffer is bound.
+    /// `vkCmdSetPrimitiveRestartIndexEXT`, in effect until an index buffer is bound.
     RestartIndex(u32),
     /// `vkCmdDraw`, `vkCmdDrawIndexed`.
     Draw(Draw),
@@ -48,7 +48,8 @@ pub enum GraphicsCommand {
     EndConditional,
     /// `vkCmdBindTransformFeedbackBuffersEXT`.
     BindCaptureBuffers(Box<CaptureBinding>),
-    /// `vkCmdBeginTransformFeedbackEXT`: addresses of counters, 0 for none, from a buffer on.
+    /// `vkCmdBeginTransformFeedbackEXT`: the first buffer, and device addresses of counters, 0 for
+    /// none.
     BeginCapture(u32, SmallVec<[u64; 4]>),
     EndCapture(u32, SmallVec<[u64; 4]>),
     /// `vkCmdDrawIndirectByteCountEXT`.
@@ -56,7 +57,7 @@ pub enum GraphicsCommand {
     BeginQuery {
         pool: Ref<QueryPool>,
         query: u32,
-        /// The vertex stream whose primitives it counts.
+        /// The vertex stream whose primitives the query counts.
         stream: u32,
     },
     EndQuery {
@@ -65,7 +66,7 @@ pub enum GraphicsCommand {
     },
 }
 
-/// Where vertices come from.
+/// The vertex buffers to bind.
 pub struct BindVertexBuffers {
     pub first: u32,
     pub buffers: SmallVec<[VertexBinding; 4]>,
@@ -74,20 +75,20 @@ pub struct BindVertexBuffers {
 /// A bound vertex buffer.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct VertexBinding {
-    /// Device address at its offset; 0 for none.
+    /// Device address at the offset; 0 for none.
     pub address: u64,
-    /// From there on.
+    /// Size from that address.
     pub size_bytes: u64,
-    /// Where the command has one.
+    /// The stride, if the command sets one.
     pub stride_bytes: Option<u64>,
 }
 
 /// A bound index buffer.
 #[derive(Clone, Copy, Debug)]
 pub struct IndexBinding {
-    /// Device address at its offset; 0 for none.
+    /// Device address at the offset; 0 for none.
     pub address: u64,
-    /// From there on.
+    /// Size from that address.
     pub size_bytes: u64,
     pub ty: vk::IndexType,
 }
@@ -95,11 +96,11 @@ pub struct IndexBinding {
 /// Buffers for transform feedback.
 pub struct CaptureBinding {
     pub first: u32,
-    /// Device addresses, and bytes from there on.
+    /// Device addresses and sizes.
     pub buffers: SmallVec<[(u64, u64); 4]>,
 }
 
-/// A draw of as many vertices as were captured.
+/// A draw of all captured vertices.
 #[derive(Clone, Copy, Debug)]
 pub struct DrawByteCount {
     pub first_instance: u32,
@@ -111,7 +112,7 @@ pub struct DrawByteCount {
     pub stride_bytes: u32,
 }
 
-/// A draw whose numbers stand in the command.
+/// A draw with its parameters in the command.
 #[derive(Clone, Copy, Debug)]
 pub struct Draw {
     pub indexed: bool,
@@ -119,7 +120,7 @@ pub struct Draw {
     pub first: u32,
     /// Vertices, or indices.
     pub count: u32,
-    /// Of an indexed draw.
+    /// The vertex offset of an indexed draw.
     pub vertex_offset: i32,
     pub first_instance: u32,
     pub instances: u32,
@@ -134,7 +135,7 @@ pub struct DrawMulti {
     pub instances: u32,
 }
 
-/// The structure in which the numbers of a draw stand.
+/// The structure of a draw's parameters in memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Numbers {
     /// `VkDrawIndirectCommand`.
@@ -145,15 +146,15 @@ pub enum Numbers {
     Workgroups,
 }
 
-/// Draws whose numbers stand in memory.
+/// Draws with parameters in memory.
 #[derive(Clone, Copy, Debug)]
 pub struct DrawIndirect {
     pub numbers: Numbers,
     /// Device address of the first structure.
     pub address: u64,
     pub stride_bytes: u32,
-    /// At most.
+    /// The largest number of draws.
     pub draws: u32,
-    /// Device address of their number, if that stands in memory, too.
+    /// Device address of the draw count, if it is in memory, too.
     pub count: Option<u64>,
 }

@@ -14,11 +14,11 @@ pub struct Matrix {
     pub component: Component,
     /// Lines are columns.
     pub by_columns: bool,
-    /// Lines, elements of each, and bytes from one to the next.
+    /// The number of lines, the elements of each, and the stride between lines.
     pub lines: u64,
     pub elements: u64,
     pub stride_bytes: u64,
-    /// The bytes behind the elements of a line, and behind the last line, belong to the matrix.
+    /// The bytes after the elements of a line, and after the last line, belong to the matrix.
     pub is_padded: bool,
 }
 
@@ -27,8 +27,8 @@ impl Matrix {
         self.component.ty().size_bytes().into()
     }
 
-    /// Bytes from the first to the last. Those of a padded matrix are whole cache lines, so that
-    /// another matrix, which is aligned like them, may follow.
+    /// The matrix's size. A padded matrix takes whole cache lines, so that an aligned matrix may
+    /// follow.
     pub fn size_bytes(&self) -> u64 {
         let Some(before) = self.lines.checked_sub(1) else {
             return 0;
@@ -46,7 +46,7 @@ impl Matrix {
     }
 }
 
-/// The same matrix twice. Components are of one kind, or floats of both.
+/// A source and a destination of the same shape. Their components have one type, or are floats.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MatrixConversion {
     pub source: Matrix,

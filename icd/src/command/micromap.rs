@@ -17,7 +17,7 @@ pub struct MicromapBuild {
 }
 
 impl MicromapBuild {
-    /// How many triangles there are, as the usage counts have it.
+    /// The number of triangles, from the usage counts.
     pub fn count(&self) -> u32 {
         let counts = self.usages.iter().map(|usage| u64::from(usage.count));
         counts.sum::<u64>().min(u32::MAX.into()) as u32

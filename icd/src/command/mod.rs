@@ -1,10 +1,10 @@
 //! Command buffers: an owned list of commands, recorded once, replayed by
 //! [`execute`](crate::execute).
 //!
-//! Recording copies what the application may free; what it may destroy early is held by count.
-//! Images and queries are named by counted references too: a mistaken application gets a wrong
-//! picture, not a fault. Buffers are resolved to addresses, since they must be bound to memory when
-//! a command that uses them is recorded.
+//! Recording copies data that the application may free, and holds counted references to objects
+//! that it may destroy early. Images and queries are held by counted references, too, so that an
+//! invalid application gets a wrong image instead of a fault. Buffers are resolved to addresses,
+//! since they must be bound to memory when a command that uses them is recorded.
 
 #![forbid(unsafe_code)]
 
@@ -43,7 +43,7 @@ crate::handle::handled!(
     CommandPool => CommandPool,
 );
 
-/// A mark of the application's in a command buffer, recorded where there is a timeline.
+/// A label of the application in a command buffer, recorded if there is a timeline.
 pub enum Mark {
     /// The handle of the command buffer: its first command.
     CommandBuffer(u64),
@@ -58,7 +58,7 @@ pub enum Command {
     BindPipeline(Ref<Pipeline>),
     /// `vkCmdSetRayTracingPipelineStackSizeKHR`.
     SetRayTracingStackSize(u32),
-    /// `vkCmdBindInvocationMaskHUAWEI`; none lets all invocations run.
+    /// `vkCmdBindInvocationMaskHUAWEI`; without a mask all invocations run.
     BindInvocationMask(Option<InvocationMask>),
     BindDescriptorSets(BindDescriptorSets),
     BindDescriptorBuffer(BindDescriptorBuffer),

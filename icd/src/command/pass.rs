@@ -78,7 +78,7 @@ pub struct PassRecorder {
 }
 
 impl PassRecorder {
-    /// Before the first subpass. `views` are the framebuffer's attachments.
+    /// Begins before the first subpass. `views` are the framebuffer's attachments.
     pub fn new(
         render_pass: Ref<RenderPass>,
         views: Vec<Ref<ImageView>>,
@@ -98,7 +98,7 @@ impl PassRecorder {
         }
     }
 
-    /// On to the next subpass.
+    /// Advances to the next subpass.
     pub fn advance(&mut self) {
         self.subpass += 1;
     }

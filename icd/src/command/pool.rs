@@ -10,14 +10,14 @@ use parking_lot::Mutex;
 use super::CommandBuffer;
 use crate::handle::{self, Ref};
 
-/// A command pool: it owns its buffers, and destroys them with itself.
+/// A command pool, which owns its buffers and destroys them with itself.
 #[derive(Default)]
 pub struct CommandPool {
     buffers: Mutex<HashMap<vk::CommandBuffer, Ref<CommandBuffer>>>,
 }
 
 impl CommandPool {
-    /// A new command buffer in the initial state.
+    /// Allocates a command buffer in the initial state.
     pub fn allocate(&self, level: vk::CommandBufferLevel) -> vk::CommandBuffer {
         let buffer = handle::new(CommandBuffer::new(level));
         let handle = handle::handle_of(&buffer);
@@ -25,7 +25,7 @@ impl CommandPool {
         handle
     }
 
-    /// Frees a command buffer; nothing for null handles.
+    /// Frees a command buffer; null handles are ignored.
     pub fn free(&self, buffer: vk::CommandBuffer) {
         self.buffers.lock().remove(&buffer);
     }

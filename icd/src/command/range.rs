@@ -1,4 +1,4 @@
-//! The part of a geometry that a build takes.
+//! The range of a geometry in a build.
 
 #![forbid(unsafe_code)]
 

@@ -49,14 +49,14 @@ pub enum RayTracingCommand {
     },
 }
 
-/// A build whose ranges an earlier command may write.
+/// A build with ranges in memory, which an earlier command may write.
 pub struct IndirectBuild {
-    /// Without ranges.
+    /// The build, before its ranges are read.
     pub build: Build,
     /// Device address of the first `VkAccelerationStructureBuildRangeInfoKHR`.
     pub ranges: u64,
     pub stride_bytes: u32,
-    /// Per geometry: what its range's primitive count may be at most.
+    /// For each geometry, the largest primitive count of its range.
     pub max_primitive_counts: Vec<u32>,
 }
 
@@ -67,7 +67,7 @@ pub enum Built {
     Micromap,
 }
 
-/// A copy of what was built.
+/// A copy of a structure or micromap.
 #[derive(Clone, Copy)]
 pub enum BuiltCopy {
     /// `vkCmdCopyAccelerationStructureKHR`, `vkCmdCopyMicromapEXT`.

@@ -26,7 +26,7 @@ pub struct Swept {
 }
 
 impl Swept {
-    /// A geometry without memory: all of it is inactive.
+    /// A geometry without memory, whose primitives are all inactive.
     pub const NONE: Swept = Swept {
         flags: GeometryFlags(0),
         vertex_format: VertexFormat::F32x3,
@@ -44,7 +44,7 @@ impl Swept {
         primitive_count: 0,
     };
 
-    /// Restricts it to a range (`VkAccelerationStructureBuildRangeInfoKHR`).
+    /// Restricts the geometry to a range (`VkAccelerationStructureBuildRangeInfoKHR`).
     pub fn apply_range(&mut self, range: &Range) {
         let offset = u64::from(range.primitive_offset);
         self.primitive_count = range.primitive_count;

@@ -1,4 +1,4 @@
-//! Compute dispatches: workgroups in order, handed to workers in chunks; in each, subgroups in
+//! Compute dispatches. Workers take workgroups in order, in chunks, and run their subgroups in
 //! waves.
 //!
 //! ```text
@@ -6,15 +6,14 @@
 //!                                                          └─> waves: subgroups at one point
 //! ```
 //!
-//! Workgroups of a step have memory of their own each, and wait at barriers each for itself. Those
-//! that may wait for each other in loops ([`Program::workgroups_may_wait`]) are in a step each,
-//! where they have memory or barriers: in a wave, the one that waits would hold up the one that it
-//! waits for, until its fuel is out.
+//! Each workgroup of a step has its own memory and waits at barriers alone. Workgroups with memory
+//! or barriers that may wait for each other in loops ([`Program::workgroups_may_wait`]) get a step
+//! each: in a shared wave, the waiting workgroup would delay the other one until its fuel runs out.
 //!
-//! Which invocations share a subgroup follows from the dispatch alone: sixteen consecutive ones by
-//! `LocalInvocationIndex`, and where workgroups would leave lanes empty and no invocation can tell,
-//! those of the workgroups behind, too. Workgroups start in order and a worker holds one step at a
-//! time, so that a workgroup may wait for an earlier one.
+//! The dispatch alone decides which invocations share a subgroup: sixteen consecutive ones by
+//! `LocalInvocationIndex`. A subgroup continues with the next workgroups if it would have empty
+//! lanes and no invocation can observe the difference. Workgroups start in order and a worker holds
+//! one step at a time, so that a workgroup may wait for an earlier one.
 
 #[cfg(test)]
 mod tests;
@@ -35,21 +34,19 @@ use crate::trace::Seen;
 use crate::wave::observer::Observer;
 use crate::wave::{Limits, Stopped, StoppedAt, Workers};
 
-/// Steps that a worker takes at once, at most.
+/// Largest number of steps that a worker takes at once.
 const MAX_CHUNK_STEPS: u64 = 64;
 
-/// Chunks that each worker would get if all took the same time.
+/// Chunks per worker, if all took the same time.
 const CHUNKS_PER_WORKER: u64 = 8;
 
-/// Invocations that workgroups may need to fill subgroups together, at most: those of the largest
-/// workgroup.
+/// Largest number of invocations of workgroups that share subgroups: that of the largest workgroup.
 const PACKED_INVOCATIONS: usize = 1024;
 
-/// Bytes of workgroup memory of a step, at most, where it has several workgroups: they stay in a
-/// cache.
+/// Largest workgroup memory of a step with several workgroups, so that it stays in a cache.
 pub const STEP_SHARED_BYTES: usize = 256 << 10;
 
-/// One `vkCmdDispatch*`, whatever command it came from.
+/// A dispatch of any `vkCmdDispatch*` command.
 pub struct Dispatch<'a> {
     pub program: &'a Program,
     /// The first workgroup's id.
@@ -58,23 +55,23 @@ pub struct Dispatch<'a> {
     pub count: [u32; 3],
     pub environment: &'a Environment,
     pub limits: &'a Limits,
-    /// A capture, where it is on.
+    /// The capture, if there is one.
     pub observer: Option<&'a dyn Observer>,
 }
 
-/// The workers' memory, kept from one dispatch to the next.
+/// The workers' memory, reused by the next dispatch.
 #[derive(Default)]
 pub struct Dispatcher {
     idle: Mutex<Vec<Runner>>,
 }
 
 impl Dispatcher {
-    /// Executes a dispatch and returns when it is complete. What a single worker would do anyway is
-    /// done on this thread. A worker for whose step the device's budget has no room leaves the work
-    /// to the others.
+    /// Executes a dispatch and returns when it is complete. Work for a single worker runs on this
+    /// thread. A worker whose step does not fit in the device's budget leaves the work to the
+    /// others.
     ///
     /// # Errors
-    /// When a limit stopped it; what it wrote so far stays written.
+    /// A limit stopped the dispatch. Its writes so far remain.
     pub fn run(&self, workers: &Workers, dispatch: &Dispatch<'_>) -> Result<(), Stopped> {
         let workers_count = workers.current_num_threads();
         let plan = Plan::new(dispatch, workers_count);
@@ -115,7 +112,7 @@ impl Dispatcher {
         }?;
         match next_chunk.into_inner() >= chunks {
             true => Ok(()),
-            // There was room for no worker.
+            // The budget had room for no worker.
             false => {
                 dispatch.limits.note(|| StoppedAt {
                     place: dispatch.program.place_of(&[]),
@@ -127,22 +124,21 @@ impl Dispatcher {
     }
 }
 
-/// How a dispatch is cut up.
+/// The division of a dispatch into steps and chunks.
 struct Plan<'a> {
     dispatch: &'a Dispatch<'a>,
     workgroups: u64,
     /// Invocations of a workgroup.
     invocations: usize,
     starter: Starter,
-    /// Invocations of a step's workgroups follow each other without gaps: workgroups share
-    /// subgroups.
+    /// Workgroups of a step share subgroups: their invocations are consecutive, without gaps.
     packed: bool,
     /// Workgroups that are executed together.
     workgroups_per_step: u64,
     steps: u64,
 }
 
-/// How the subgroups of a program's workgroups start.
+/// The start of the subgroups of a program's workgroups.
 pub struct Starter {
     pub subgroups_per_workgroup: usize,
     /// Lanes of a workgroup's last subgroup.
@@ -154,7 +150,7 @@ pub struct Starter {
     local_rows: Vec<Row>,
 }
 
-/// Values that the workgroups of a draw are given: those of a dispatch have none of them.
+/// Inputs of the workgroups of a draw, which a dispatch does not have.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct DrawParameters {
     pub num_workgroups: [u32; 3],
@@ -162,7 +158,7 @@ pub struct DrawParameters {
     pub view: u32,
 }
 
-/// How an input row follows from its workgroup's id: the local row, plus this.
+/// The value to add to a local input row, which depends on the workgroup's id.
 #[derive(Clone, Copy)]
 enum Input {
     Local,
@@ -193,7 +189,7 @@ impl<'a> Plan<'a> {
         let subgroups_per_workgroup = starter.subgroups_per_workgroup;
         let shared_bytes = program.shared_size_bytes() as usize;
         let meets = shared_bytes > 0 || waves::has_barriers(program);
-        // So many workgroups fill subgroups without an empty lane.
+        // This many workgroups fill subgroups without empty lanes.
         let filling = SUBGROUP_SIZE >> invocations.trailing_zeros().min(SUBGROUP_SIZE.ilog2());
         let packed = filling > 1
             && filling * invocations <= PACKED_INVOCATIONS
@@ -212,7 +208,7 @@ impl<'a> Plan<'a> {
                 let of_worker = workgroups.div_ceil(workers as u64).max(1);
                 (in_wave.min(in_cache) as u64).min(of_worker)
             }
-            // Steps end where subgroups do, so that they do not decide who shares one.
+            // Steps end where subgroups do, so that the step size does not change the subgroups.
             () if packed => {
                 ((wave * SUBGROUP_SIZE / (filling * invocations)).max(1) * filling) as u64
             }
@@ -234,7 +230,7 @@ impl<'a> Plan<'a> {
         workgroup_id(index, self.dispatch.base, self.dispatch.count)
     }
 
-    /// Subgroups that workgroups of a step fill.
+    /// The number of subgroups of a step's workgroups.
     fn subgroups(&self, workgroups: usize) -> Subgroups {
         match self.packed {
             true => Subgroups::apart((workgroups * self.invocations).div_ceil(SUBGROUP_SIZE)),
@@ -242,7 +238,7 @@ impl<'a> Plan<'a> {
         }
     }
 
-    /// Takes memory for the largest step.
+    /// Allocates the memory of the largest step.
     fn reserve(&self, runner: &mut Runner) -> Result<(), Stopped> {
         let workgroups = self.workgroups_per_step.min(self.workgroups) as usize;
         let Dispatch {
@@ -251,7 +247,7 @@ impl<'a> Plan<'a> {
         runner.reserve(program, self.subgroups(workgroups), limits)
     }
 
-    /// Executes the workgroups of a step to their end.
+    /// Executes the workgroups of a step.
     fn run_step(&self, runner: &mut Runner, step: u64) -> Result<(), Stopped> {
         let Dispatch {
             program,
@@ -326,7 +322,7 @@ impl<'a> Plan<'a> {
         Some((subgroup, Seen { observer, lane }))
     }
 
-    /// Puts the next invocations of the workgroups before `last` at the program's entry.
+    /// Starts a subgroup of the next invocations of the workgroups before `last`.
     fn start_packed(&self, state: &mut [AlignedRow], next: &mut Invocation, last: u64) {
         let mut lanes = 0;
         let mut indices = [0; SUBGROUP_SIZE];
@@ -378,7 +374,7 @@ pub fn workgroup_id(index: u64, base: [u32; 3], count: [u32; 3]) -> [u32; 3] {
 }
 
 impl Starter {
-    /// Of a program with workgroups.
+    /// The start of a program with workgroups.
     pub fn new(program: &Program) -> Self {
         let local_size = program.local_size();
         let invocations = local_size.iter().map(|&n| n as usize).product::<usize>();
@@ -410,7 +406,7 @@ impl Starter {
         }
     }
 
-    /// Puts a subgroup of a workgroup at the program's entry.
+    /// Starts a subgroup of a workgroup.
     pub fn start(
         &self,
         program: &Program,
@@ -465,8 +461,8 @@ fn workgroup_input(input: InputRow, local_size: [u32; 3]) -> Input {
     }
 }
 
-/// `LocalInvocationIndex` of the `count`th invocation where those of a quad, two by two, follow
-/// each other.
+/// `LocalInvocationIndex` of the `count`th invocation in an order that keeps the invocations of a
+/// quad consecutive.
 fn index_in_quads(count: u32, size_x: u32, size_y: u32) -> u32 {
     let (quad, corner) = (count / 4, count % 4);
     let (quads_x, quads_y) = ((size_x / 2).max(1), (size_y / 2).max(1));

@@ -1,5 +1,4 @@
-//! Subgroups of one program, run to their end: waves of those that stand at one resume point, in
-//! turns.
+//! Runs subgroups of one program to their end, in waves of subgroups at the same resume point.
 //!
 //! Runs a program's invocations without rays of their own: dispatches, vertices, fragments. The
 //! caller owns a [`Runner`], calls [`Runner::begin`], starts each of [`Runner::states`] and fills
@@ -16,37 +15,37 @@ use crate::settings::settings;
 use crate::trace::{Owned, Queries, Seen};
 use crate::wave::{Limits, Share, Stopped, StoppedAt};
 
-/// Fuel of a wave between two looks at the limits.
+/// Fuel of a wave between two checks of the limits.
 const FUEL: u64 = 1 << 16;
 
-/// Fuel of each subgroup of a wave that ran dry, alone: a subgroup that spins until another one of
-/// its wave has gone on sees it go on.
+/// Fuel of each subgroup, alone, after its wave has run out of fuel. So a subgroup that spins until
+/// another one of its wave proceeds sees it proceed.
 const FUEL_ALONE: u64 = 64;
 
-/// Minimum fuel that a wave costs between two checks of the limits: a wave that always yields burns
-/// none.
+/// Minimum fuel that a wave counts: a wave that yields at once uses none, and the limits must still
+/// be checked.
 const WAVE_FUEL: u64 = FUEL / 1024;
 
 /// Rows that are cleared in the time of one unit of fuel.
 const ROWS_PER_FUEL: usize = 16;
 
-/// Rows that states grow by between two looks at the limits.
+/// Rows by which states grow between two checks of the limits.
 const ROWS_BETWEEN_LOOKS: usize = FUEL as usize * ROWS_PER_FUEL;
 
-/// Bytes of states that a caller runs together where it may choose, at most.
+/// Largest size of the states that a caller runs together, if it can choose.
 const BYTES_AT_ONCE: usize = 4 << 20;
 
-/// Bytes that a runner may keep while it rests.
+/// Largest memory that a runner keeps between uses.
 const KEPT_BYTES: usize = 16 << 20;
 
-/// Where a subgroup stands.
+/// The status of a subgroup.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Status {
     /// Ready, or part of the wave that runs.
     Ready,
-    /// Ready at a barrier that none of its lanes has come to: all have gone past it, or have ended.
-    /// It runs apart from those that have come, which may come back to the barrier for ever: other
-    /// workgroups may be what they wait for.
+    /// Ready at a barrier that none of its lanes has reached: all are past it or have ended. It
+    /// runs apart from subgroups that have reached the barrier, which may return to it forever
+    /// while they wait for other workgroups.
     Past,
     AtBarrier,
     /// At the second half of a split barrier.
@@ -54,12 +53,12 @@ enum Status {
     Ended,
 }
 
-/// Subgroups that run side by side.
+/// The grouping of subgroups that run together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Subgroups {
     pub count: usize,
-    /// Subgroups of a workgroup, which share memory and wait for each other at barriers:
-    /// consecutive ones.
+    /// Consecutive subgroups of a workgroup, which share memory and wait for each other at
+    /// barriers.
     pub of_workgroup: usize,
 }
 
@@ -72,7 +71,7 @@ impl Subgroups {
         }
     }
 
-    /// Those of workgroups that have the same number of them each.
+    /// Workgroups with the same number of subgroups each.
     pub fn of_workgroups(workgroups: usize, of_workgroup: usize) -> Self {
         Self {
             count: workgroups * of_workgroup,
@@ -84,14 +83,14 @@ impl Subgroups {
 /// Subgroups of a workgroup that meet at barriers.
 #[derive(Clone, Copy, Debug)]
 struct Workgroup {
-    /// Those that have not ended.
+    /// Subgroups that have not ended.
     running: usize,
-    /// Those of them that are at a barrier.
+    /// Subgroups at a barrier.
     waiting: usize,
 }
 
-/// One worker's memory for running a program's subgroups, kept from one set of them to the next:
-/// nothing is allocated for each.
+/// One worker's memory to run a program's subgroups. It is reused for the next subgroups without
+/// allocation.
 #[derive(Default)]
 pub struct Runner {
     frame: Frame,
@@ -102,36 +101,35 @@ pub struct Runner {
     /// States of the subgroups, one after the other.
     states: Vec<AlignedRow>,
     status: Vec<Status>,
-    /// Where each subgroup stood after its last run.
+    /// The status of each subgroup after its last run.
     points: Vec<ResumePoint>,
-    /// The subgroups of the wave that runs, ascending.
+    /// The subgroups of the running wave, ascending.
     members: Vec<usize>,
     /// Subgroups of a workgroup.
     of_workgroup: usize,
-    /// Kept where the program has barriers.
+    /// Used by programs with barriers.
     workgroups: Vec<Workgroup>,
-    /// Workgroup memory, one workgroup behind the other.
+    /// The memory of all workgroups, one after the other.
     shared: Vec<AlignedRow>,
     /// Rows of one workgroup's memory.
     shared_rows: usize,
-    /// How often each subgroup has come to a split barrier's first half, less the times that all of
-    /// its workgroup have come together in one wave. Kept where the program has such barriers.
+    /// For each subgroup, its arrivals at the first half of split barriers, without those of its
+    /// whole workgroup in one wave. Used by programs with split barriers.
     arrivals: Vec<u32>,
     /// The program has barriers.
     has_barriers: bool,
-    /// Made by the first shader with a ray query.
+    /// Created by the first shader with a ray query.
     walker: Option<Box<Walker>>,
     queries: Queries,
-    /// The rays of these subgroups' queries that wait.
+    /// Pending rays of these subgroups' ray queries.
     waiting: Vec<Owned>,
-    /// Fuel since the last look at the limits.
+    /// Fuel used since the last check of the limits.
     burnt: u64,
-    /// Its share of the device's budget.
+    /// The runner's share of the device's budget.
     share: Share,
 }
 
-/// Subgroups of a program that a caller best runs together where it may choose: a wave, or fewer
-/// where states are large.
+/// The best number of subgroups for a caller to run together: a wave, or fewer if states are large.
 pub fn subgroups_at_once(program: &Program) -> usize {
     let state_bytes = program.layout().rows * size_of::<AlignedRow>();
     (BYTES_AT_ONCE / state_bytes.max(1)).clamp(1, wave_length(program))
@@ -144,20 +142,20 @@ fn wave_length(program: &Program) -> usize {
 }
 
 impl Runner {
-    /// Tells runs of the same invocations apart, for the messages of their shader.
+    /// Distinguishes runs of the same invocations, for the messages of their shader.
     pub fn set_order(&mut self, order: u64) {
         self.frame.order = order;
     }
 
-    /// Sets how many rows of a program's outputs are read, the first ones; none: all.
+    /// Sets the number of output rows that are read, from the first; `None` means all.
     pub fn set_outputs(&mut self, outputs: Option<usize>) {
         self.frame.outputs = outputs;
     }
 
-    /// Takes memory for subgroups of a program from the device's budget.
+    /// Reserves memory for subgroups of a program in the device's budget.
     ///
     /// # Errors
-    /// When there is none, or a limit was reached.
+    /// The budget is exhausted, or a limit was reached.
     pub fn reserve(
         &mut self,
         program: &Program,
@@ -176,11 +174,11 @@ impl Runner {
         resize(&mut self.shared, shared_rows, limits)
     }
 
-    /// Makes room for subgroups of a program. Their states hold what earlier ones left there until
+    /// Allocates the states of a program's subgroups. They hold old values until
     /// [`Program::start`].
     ///
     /// # Errors
-    /// When there is no memory for them, or a limit was reached.
+    /// Memory is exhausted, or a limit was reached.
     pub fn begin(
         &mut self,
         program: &Program,
@@ -193,7 +191,7 @@ impl Runner {
         self.of_workgroup = subgroups.of_workgroup;
         self.shared_rows = shared_rows(program);
         self.has_barriers = has_barriers(program);
-        // The caller starts as many states, and each clears its own.
+        // The caller starts each state, which clears it.
         let cleared = (self.states.len() + self.shared.len()) / ROWS_PER_FUEL;
         self.burn(cleared as u64, limits)?;
         self.status.clear();
@@ -217,13 +215,13 @@ impl Runner {
             self.queries.release(left);
         }
         self.waiting.resize_with(subgroups.count, Owned::default);
-        // Undefined by the specification; zeros, so that even a faulty shader gives the same result
-        // twice.
+        // The specification leaves the values undefined. Zeros make the results of faulty shaders
+        // repeatable.
         self.shared.fill(AlignedRow::default());
         Ok(())
     }
 
-    /// Ends a turn of work: the budget's bytes go back, and so does memory that is too much to
+    /// Ends a piece of work: returns its bytes to the budget, and frees memory above the size to
     /// keep.
     pub fn rest(&mut self) {
         if self.share.bytes() > KEPT_BYTES {
@@ -233,7 +231,7 @@ impl Runner {
         self.share.give_back();
     }
 
-    /// Counts fuel, and looks at the limits when that much is burnt.
+    /// Counts fuel, and checks the limits after each quota.
     fn burn(&mut self, fuel: u64, limits: &Limits) -> Result<(), Stopped> {
         self.burnt += fuel;
         if self.burnt >= FUEL {
@@ -258,14 +256,14 @@ impl Runner {
         &mut self.shared[workgroup * self.shared_rows..][..self.shared_rows]
     }
 
-    /// Runs all subgroups to their end. They have been started and given their inputs; their
-    /// outputs stand in their `io` rows then.
+    /// Runs all subgroups to their end. The caller has started them and written their inputs. Their
+    /// outputs are in their `io` rows afterwards.
     ///
     /// # Panics
-    /// When the program is not the one that the subgroups were begun with.
+    /// If the program is not the one passed to [`Self::begin`].
     ///
     /// # Errors
-    /// When a limit stopped them; what they wrote so far stays written.
+    /// A limit stopped them. Their writes so far remain.
     pub fn run(
         &mut self,
         program: &Program,
@@ -275,7 +273,7 @@ impl Runner {
         self.run_seen(program, environment, limits, None)
     }
 
-    /// The same, while an observer sees the ray queries of one lane of one subgroup.
+    /// Like [`Self::run`], with an observer of the ray queries of one lane.
     ///
     /// # Panics
     /// As [`Self::run`].
@@ -301,7 +299,7 @@ impl Runner {
         }
         let mut from = 0;
         loop {
-            // Taking turns: a subgroup that spins must not keep the others from running.
+            // Round robin: a subgroup that spins must not starve the others.
             let ready = |index: &usize| matches!(self.status[*index], Status::Ready | Status::Past);
             let next = (from..self.status.len()).chain(0..from).find(ready);
             match next {
@@ -315,8 +313,8 @@ impl Runner {
         }
     }
 
-    /// Runs all subgroups, which stand at the entry, as one wave, if they are few enough for one
-    /// and it never yields. False where there is more to do.
+    /// Runs all subgroups, from the entry, as one wave if they fit in one and it does not yield.
+    /// Returns false if work remains.
     fn run_at_once(&mut self, run: &Run<'_>) -> Result<bool, Stopped> {
         let program = run.program;
         if self.status.len() > wave_length(program) || !program.sites().is_empty() {
@@ -330,7 +328,7 @@ impl Runner {
         Ok(self.status.iter().all(|status| *status == Status::Ended))
     }
 
-    /// Takes `leader` and the ready subgroups that stand where it stands.
+    /// Forms a wave of `leader` and the ready subgroups at the same point.
     fn form_wave(&mut self, program: &Program, leader: usize) {
         let (status, point) = (self.status[leader], self.points[leader]);
         let room = wave_length(program);
@@ -348,7 +346,7 @@ impl Runner {
         self.members = members;
     }
 
-    /// Notes where a subgroup stands that was given up.
+    /// Records the position of an abandoned subgroup, for the fault report.
     #[cold]
     fn note_stop(&self, run: &Run<'_>, index: usize) {
         let state = &self.states[index * self.rows..][..self.rows];
@@ -358,7 +356,7 @@ impl Runner {
         });
     }
 
-    /// Runs the wave to its next event and notes where its subgroups stand then.
+    /// Runs the wave to its next event and records the status of its subgroups.
     fn run_wave(&mut self, run: &Run<'_>, leader: usize) -> Result<(), Stopped> {
         let members = std::mem::take(&mut self.members);
         let ran = self.run_to_event(run, &members);
@@ -385,7 +383,7 @@ impl Runner {
         Ok(())
     }
 
-    /// Runs subgroups, ascending, which stand at one point.
+    /// Runs subgroups at one point, in ascending order.
     fn run_members(
         &mut self,
         run: &Run<'_>,
@@ -406,7 +404,7 @@ impl Runner {
             let mut places = shared.iter_mut();
             for (workgroup, members) in by_workgroup(members, self.of_workgroup) {
                 for place in places.by_ref().take(members.len()) {
-                    // SAFETY: `begin` made room for the memory of each workgroup.
+                    // SAFETY: `begin` has allocated the memory of each workgroup.
                     *place = unsafe { base.add(workgroup * self.shared_rows) }.cast();
                 }
             }
@@ -415,9 +413,9 @@ impl Runner {
             0 => &[],
             _ => &shared[..members.len()],
         };
-        // SAFETY: the commands' bindings keep what the environment names, and the application keeps
-        // what those name; each workgroup's memory has the program's size; the states are the
-        // program's.
+        // SAFETY: the command's bindings keep the environment's data alive, and the application
+        // keeps the memory that the data points to. Each workgroup's memory has the program's size,
+        // and the states are the program's.
         let events = unsafe {
             run.program.run(
                 &mut self.frame,
@@ -433,7 +431,7 @@ impl Runner {
         events.map_err(|_| Stopped::OutOfMemory)
     }
 
-    /// Notes where subgroups stand after a run.
+    /// Records the status of subgroups after a run.
     fn settle(&mut self, run: &Run<'_>, members: &[usize], events: Events) -> Result<(), Stopped> {
         let program = run.program;
         for (&member, event) in members.iter().zip(events.iter()) {
@@ -453,7 +451,7 @@ impl Runner {
                         self.arrivals[member] = self.arrivals[member].wrapping_add(1);
                         Status::Ready
                     }
-                    // Without a first half there is nothing to wait for.
+                    // Without an arrival there is nothing to wait for.
                     SiteKind::BarrierWait if self.arrivals.is_empty() => Status::Ready,
                     SiteKind::BarrierWait => Status::AtWait,
                     SiteKind::RayQueryProceed => {
@@ -477,9 +475,9 @@ impl Runner {
         Ok(())
     }
 
-    /// Whether all subgroups of the members' workgroups that have not ended are members, and those
-    /// of each workgroup have come to split barriers equally often: they may stand at one point in
-    /// different turns of a loop.
+    /// Whether the members include all live subgroups of their workgroups, and those of each
+    /// workgroup have the same number of arrivals: they may be at one point in different iterations
+    /// of a loop.
     fn is_whole(&self, members: &[usize]) -> bool {
         by_workgroup(members, self.of_workgroup).all(|(workgroup, members)| {
             let arrivals = |&member: &usize| self.arrivals.get(member);
@@ -488,9 +486,9 @@ impl Runner {
         })
     }
 
-    /// Lets those subgroups of a workgroup go on from split barriers that wait for none: each one
-    /// that has not ended has come as often as they have. One that has come least of all waits for
-    /// none, so never all of them wait.
+    /// Releases the subgroups of a workgroup whose split barrier is complete: every live subgroup
+    /// has arrived at least as often. The subgroup with the fewest arrivals never waits, so at
+    /// least one can run.
     fn pass_waits(&mut self, workgroup: usize) {
         let range = workgroup * self.of_workgroup..(workgroup + 1) * self.of_workgroup;
         let (status, arrivals) = (&mut self.status[range.clone()], &self.arrivals[range]);
@@ -507,9 +505,9 @@ impl Runner {
         }
     }
 
-    /// Counts members that have ended or come to a barrier. The subgroups of a workgroup go on when
-    /// all of them that have not ended have come: a workgroup waits for its own subgroups alone,
-    /// since another one may wait for it.
+    /// Counts members that have ended or reached a barrier. The subgroups of a workgroup continue
+    /// once all of its live subgroups have reached it. A workgroup waits only for its own
+    /// subgroups, since another one may wait for it.
     fn pass_barriers(&mut self, members: &[usize]) {
         for (index, members) in by_workgroup(members, self.of_workgroup) {
             let count = |status| {
@@ -559,7 +557,7 @@ pub fn has_barriers(program: &Program) -> bool {
     })
 }
 
-/// Rows of a workgroup's memory.
+/// The number of rows of a workgroup's memory.
 fn shared_rows(program: &Program) -> usize {
     (program.shared_size_bytes() as usize).div_ceil(size_of::<AlignedRow>())
 }
@@ -574,7 +572,7 @@ struct Run<'a> {
 }
 
 impl<'a> Run<'a> {
-    /// The lane of a subgroup that an observer sees.
+    /// The observed lane of a subgroup.
     fn seen_of(&self, subgroup: usize) -> Option<Seen<'a>> {
         self.seen
             .filter(|(observed, _)| *observed == subgroup)
@@ -582,8 +580,8 @@ impl<'a> Run<'a> {
     }
 }
 
-/// Resizes, keeping what is there. Looks at the limits on the way: new memory costs time that no
-/// fuel counts.
+/// Resizes and keeps the contents. Checks the limits meanwhile, since new memory takes time that
+/// fuel does not count.
 fn resize(rows: &mut Vec<AlignedRow>, len: usize, limits: &Limits) -> Result<(), Stopped> {
     rows.truncate(len);
     rows.try_reserve_exact(len - rows.len())

@@ -18,17 +18,17 @@ use crate::wave::mask::InvocationMask;
 /// `maxPushConstantsSize`.
 const PUSH_CONSTANT_BYTES: usize = 256;
 
-/// A dynamic buffer in a set, whose offset is not known yet.
+/// A dynamic buffer in a set, before its offset is known.
 pub struct DynamicBuffer {
     pub address: u64,
     /// `VK_WHOLE_SIZE`: to the end of the buffer.
     pub range: u64,
-    /// Bytes from the address to the end of the buffer: no offset leads further.
+    /// Bytes from the address to the end of the buffer, which bound every offset.
     pub rest: u64,
 }
 
 impl DynamicBuffer {
-    /// As an entry of a set, which is none that programs see.
+    /// Encodes the buffer as an entry of a set, which programs never read.
     pub fn stored(&self) -> Descriptor {
         Descriptor {
             address: self.address,
@@ -38,7 +38,7 @@ impl DynamicBuffer {
         }
     }
 
-    /// Of such an entry.
+    /// Decodes such an entry.
     fn of(entry: &Descriptor) -> DynamicBuffer {
         DynamicBuffer {
             address: entry.address,
@@ -47,8 +47,7 @@ impl DynamicBuffer {
         }
     }
 
-    /// The descriptor that programs see. Past the end of the buffer, or without a buffer, it is the
-    /// null descriptor.
+    /// The descriptor that programs read: the null descriptor without a buffer, or past its end.
     fn at(&self, offset: u32) -> Descriptor {
         let offset = u64::from(offset);
         let size_bytes = self.range.min(self.rest.saturating_sub(offset));
@@ -71,9 +70,9 @@ pub struct Bindings<'a> {
     ray_tracing: BindPoint<'a>,
     graphics: BindPoint<'a>,
     push_constants: Box<PushConstants>,
-    /// Descriptor heaps, which all bind points share, while no set is bound.
+    /// The bound descriptor heaps, which all bind points share; none while a set is bound.
     heaps: Option<Box<Heaps>>,
-    /// The bindings that draws see until the next change, and their epoch.
+    /// The bindings of draws until the next change, with their epoch.
     snapshot: Option<(u64, Snapshot)>,
     /// `vkCmdBindInvocationMaskHUAWEI`.
     pub invocation_mask: Option<InvocationMask>,
@@ -98,10 +97,10 @@ struct HeapRange {
 }
 
 impl HeapRange {
-    /// The descriptors of a heap, as far as it is memory that is there.
+    /// The descriptors of a heap, cut to its reachable memory.
     fn entries(&self, reach: &Reach) -> DescriptorSet {
         let size_bytes = size_of::<StoredDescriptor>() as u64;
-        // A valid address is a multiple of the heap's alignment.
+        // Valid usage aligns the address to the heap's alignment.
         let start = self.address & !(align_of::<StoredDescriptor>() as u64 - 1);
         DescriptorSet {
             entries: start as *const Descriptor,
@@ -131,7 +130,7 @@ impl Heaps {
     }
 }
 
-/// The bindings that a draw sees; they may change before the draw executes.
+/// A copy of the bindings of a draw, since they may change before the draw executes.
 #[derive(Clone)]
 pub struct Snapshot {
     pub environment: Arc<Environment>,
@@ -151,11 +150,11 @@ pub struct Kept {
 
 // SAFETY: inline blocks are plain data, as descriptors are.
 unsafe impl Send for Kept {}
-// SAFETY: as above.
+// SAFETY: as for the impl before.
 unsafe impl Sync for Kept {}
 
-/// Aligned as offsets of uniform buffers are; more than memory is anyhow would make each copy for a
-/// draw three times as dear.
+/// Aligned like the offsets of uniform buffers. An alignment above the allocator's default would
+/// triple the cost of each draw's copy.
 #[derive(Clone)]
 #[repr(align(16))]
 struct PushConstants([u8; PUSH_CONSTANT_BYTES]);
@@ -169,13 +168,13 @@ impl Default for PushConstants {
 struct BindPoint<'a> {
     pipeline: Option<&'a Pipeline>,
     sets: [DescriptorSet; MAX_SETS],
-    /// Sets that lie in descriptor buffers, which stand before the others.
+    /// Sets in descriptor buffers, which take precedence over the others.
     stored: [Option<&'a BindDescriptorBuffer>; MAX_SETS],
-    /// The inline uniform blocks of those.
+    /// The inline uniform blocks of the sets in descriptor buffers.
     blocks: [Vec<InlineBlock>; MAX_SETS],
-    /// By set: its dynamic buffers, offsets applied.
+    /// The dynamic buffers of each set, with offsets applied.
     dynamic_of_set: Vec<Vec<Descriptor>>,
-    /// The same, placed as the bound pipeline's layout numbers them.
+    /// The dynamic buffers of all sets, in the order of the bound pipeline's layout.
     dynamic: Vec<Descriptor>,
 }
 
@@ -204,7 +203,7 @@ impl<'a> Bindings<'a> {
         }
     }
 
-    /// `vkCmdBindPipeline`. What draws see of bindings does not depend on it.
+    /// `vkCmdBindPipeline`. The snapshot of a draw's bindings does not depend on it.
     pub fn bind_pipeline(&mut self, pipeline: &'a Pipeline) {
         let bound = match pipeline.bind_point() {
             vk::PipelineBindPoint::RAY_TRACING_KHR => &mut self.ray_tracing,
@@ -227,14 +226,14 @@ impl<'a> Bindings<'a> {
         let number = bind.set as usize;
         if number < MAX_SETS {
             bound.stored[number] = Some(bind);
-            // Dynamic buffers of a set that was bound here before.
+            // Removes the dynamic buffers of the set that was bound here before.
             if let Some(dynamic) = bound.dynamic_of_set.get_mut(number) {
                 dynamic.clear();
             }
         }
     }
 
-    /// Binds a heap, instead of all sets. `embedded` are the samplers that programs embed.
+    /// Binds a heap, and unbinds all sets. `embedded` are the samplers that programs embed.
     pub fn bind_heap(&mut self, bind: &BindHeap, embedded: DescriptorSet) {
         self.snapshot = None;
         let heaps = self.heaps.get_or_insert_with(|| {
@@ -264,9 +263,9 @@ impl<'a> Bindings<'a> {
         room[..count].copy_from_slice(&bytes[..count]);
     }
 
-    /// The bound pipeline and what its programs see; `None` if nothing is bound. `extent` is the
-    /// number of workgroups, or the size of the launch. The environment points into these bindings:
-    /// it is used before they change.
+    /// The bound pipeline and the environment of its programs; `None` if nothing is bound. `extent`
+    /// is the number of workgroups, or the size of the launch. The environment points into these
+    /// bindings and must be used before they change.
     pub fn environment(
         &mut self,
         bind_point: vk::PipelineBindPoint,
@@ -310,8 +309,8 @@ impl<'a> Bindings<'a> {
         Some((pipeline, environment))
     }
 
-    /// The bindings that the next draw sees. Memory contents may differ in another epoch, so data
-    /// that is cached by the environment's number is computed anew.
+    /// A copy of the bindings for the next draw. A new epoch gets a new environment number, because
+    /// memory may have changed and data cached by that number must be computed again.
     pub fn snapshot(
         &mut self,
         epoch: u64,
@@ -390,8 +389,8 @@ impl BindPoint<'_> {
             let dynamic = &mut self.dynamic_of_set[number];
             dynamic.clear();
             for entry in 0..set.layout.dynamic_count as usize {
-                // SAFETY: the set has that many dynamic entries; the application does not update it
-                // while it is in use.
+                // SAFETY: the set has as many dynamic entries as its layout says, and the
+                // application does not update it while it is in use.
                 let descriptor = unsafe { *set.dynamic().add(entry) };
                 let offset = offsets.next().copied().unwrap_or(0);
                 dynamic.push(DynamicBuffer::of(&descriptor).at(offset));
@@ -399,14 +398,14 @@ impl BindPoint<'_> {
         }
     }
 
-    /// Finds the sets in descriptor buffers, as far as those are memory that is there.
+    /// Finds the sets in descriptor buffers. Sets outside of reachable memory are left out.
     fn place_stored(&mut self, reach: &Reach) {
         for (number, bind) in self.stored.iter().enumerate() {
             let Some(bind) = bind else {
                 continue;
             };
             let place = bind.layout.buffer_layout();
-            // A valid address is a multiple of `descriptorBufferOffsetAlignment`.
+            // Valid usage aligns the address to `descriptorBufferOffsetAlignment`.
             let start = bind.address & !(align_of::<StoredDescriptor>() as u64 - 1);
             let entries = start.wrapping_add(place.entries_offset_bytes);
             let size_bytes = size_of::<StoredDescriptor>() as u64;
@@ -434,7 +433,7 @@ impl BindPoint<'_> {
         }
     }
 
-    /// Puts each set's dynamic buffers where layouts have them.
+    /// Orders the dynamic buffers of the sets as pipeline layouts number them.
     fn place_dynamic(&mut self) {
         self.dynamic.clear();
         for (number, dynamic) in self.dynamic_of_set.iter().enumerate() {

@@ -10,7 +10,7 @@ use crate::raster::Capture;
 use crate::raster::capture::CaptureTarget;
 use crate::wave::reachable;
 
-/// Bound buffers: device addresses, and bytes from there on.
+/// Bound buffers: their device addresses and sizes.
 pub type CaptureBuffers = [(u64, u64); MAX_CAPTURE_BUFFERS];
 
 /// `vkCmdBindTransformFeedbackBuffersEXT`.
@@ -28,11 +28,12 @@ fn counter(first: u32, counters: &[u64], buffer: usize) -> Option<u64> {
 }
 
 fn read(reach: &Reach, address: u64) -> Option<u32> {
-    // SAFETY: any word will do, and nothing writes it while the queue's command is performed.
+    // SAFETY: any word is a valid counter, and the queue performs one command at a time.
     unsafe { reachable::read(reach, address) }
 }
 
-/// `vkCmdBeginTransformFeedbackEXT`: goes on where counters say, else starts anew.
+/// `vkCmdBeginTransformFeedbackEXT`: continues at the counters' offsets, or starts at 0 without
+/// counters.
 pub fn begin(reach: &Reach, buffers: &CaptureBuffers, first: u32, counters: &[u64]) -> Capture {
     Capture {
         targets: std::array::from_fn(|index| {
@@ -53,7 +54,7 @@ pub fn end(reach: &Reach, capture: &Capture, first: u32, counters: &[u64]) {
         if let Some(address) = counter(first, counters, index) {
             let next = target.next_bytes.load(Ordering::Relaxed);
             let next = u32::try_from(next).unwrap_or(u32::MAX);
-            // SAFETY: nothing else uses the word while the queue's command is performed.
+            // SAFETY: the queue performs one command at a time, so nothing else uses the word now.
             let word = unsafe { reachable::writable(reach, address, 4) };
             if word.len() == 4 {
                 word.copy_from_slice(&next.to_le_bytes());

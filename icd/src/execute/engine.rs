@@ -29,7 +29,7 @@ use crate::wave::{
     Budget, Cause, Fault, Limits, QueryObserver, Returned, Surroundings, WildAddresses, Workers,
 };
 
-/// Workers, the memory that they keep, all waiting of the device, and how it is lost.
+/// The device's workers and their memory, its waits, and the state of its loss.
 pub struct Engine {
     pub workers: Arc<Workers>,
     pub waiting: Arc<Waiting>,
@@ -40,7 +40,7 @@ pub struct Engine {
     pub memory: Arc<LiveMemory>,
     /// Image views and samplers.
     pub views: Arc<Views>,
-    /// Samplers that are no objects.
+    /// Samplers that heaps embed, which have no objects.
     pub heap_samplers: HeapSamplers,
     pub image_identities: Arc<Identities>,
     /// The memory budget of invocations in flight, for all workers together.
@@ -49,35 +49,35 @@ pub struct Engine {
     pub clamps_to_one: bool,
     /// `VK_KHR_opacity_micromap` is enabled: serialized bottom levels list blocks of addresses.
     pub serializes_blocks: bool,
-    /// Validation, where it is on.
+    /// Validation, if it is enabled.
     pub validator: Option<Arc<Validator>>,
     messengers: Arc<Messengers>,
-    /// Ends what runs: the device is lost or about to go.
+    /// Stops running work: the device is lost or being destroyed.
     cancelled: Arc<AtomicBool>,
     /// How long a dispatch may take.
     timeout: Option<Duration>,
-    /// Addresses that shaders followed to nowhere, where they are noted.
+    /// Invalid addresses that shaders used, if the device records them.
     pub wild: Option<WildAddresses>,
-    /// Messages of shaders that abort, where those may.
+    /// Messages of shaders that abort, if the device enables aborts.
     pub aborts: Option<Arc<Aborts>>,
-    /// How the device was lost.
+    /// The reason why the device was lost.
     fault: OnceLock<Fault>,
-    /// Reports that the application has.
+    /// The number of fault reports that the application has fetched.
     returned: Returned,
 }
 
-/// The name of messages of shaders: that of the validation layers, which programs look for.
+/// The message id of shader messages: that of the validation layers, for which programs look.
 const PRINTF: &CStr = c"WARNING-DEBUG-PRINTF";
 
-/// The conditions that an engine watches during execution.
+/// Optional checks of an engine during execution.
 pub struct Watch {
-    /// Validation, where it is on.
+    /// Validation, if it is enabled.
     pub validator: Option<Arc<Validator>>,
-    /// How long a command may take.
+    /// The time limit of a command.
     pub timeout: Option<Duration>,
-    /// The feature `deviceFault` is enabled: shaders' wild addresses are noted.
+    /// The feature `deviceFault` is enabled: invalid addresses of shaders are recorded.
     pub wild_addresses: bool,
-    /// Takes the messages of shaders that abort, where the feature `shaderAbort` is enabled.
+    /// Receives the messages of shaders that abort, if the feature `shaderAbort` is enabled.
     pub aborts: Option<Arc<Aborts>>,
     /// The feature `depthClampZeroOne` is enabled, without `VK_EXT_depth_range_unrestricted`.
     pub clamps_to_one: bool,
@@ -103,7 +103,7 @@ impl Default for Watch {
 }
 
 impl Engine {
-    /// An engine whose workers are `thread_count` threads. None runs yet.
+    /// An engine with `thread_count` workers, which start with their first work.
     pub fn new(
         thread_count: usize,
         messengers: Arc<Messengers>,
@@ -152,7 +152,7 @@ impl Engine {
         }
     }
 
-    /// How long a command may wait for what the host or another queue does.
+    /// The time for which a command may wait for the host or another queue.
     pub fn patience_ns(&self) -> u64 {
         let timeout = self.timeout.map(|timeout| timeout.as_nanos());
         timeout.map_or(u64::MAX, |ns| u64::try_from(ns).unwrap_or(u64::MAX))
@@ -181,7 +181,7 @@ impl Engine {
         }
     }
 
-    /// Passes messages of shaders on: to the debug messengers that listen to information, else to
+    /// Sends messages of shaders to the debug messengers that accept information, or else to
     /// standard error.
     pub fn print(&self, messages: &[String]) {
         let severity = vk::DebugUtilsMessageSeverityFlagsEXT::INFO;
@@ -198,20 +198,20 @@ impl Engine {
         }
         let mut text = messages.join("\n");
         text.push('\n');
-        // A closed standard error is no reason to end the process.
+        // A closed standard error must not end the process.
         let _ = std::io::stderr().write_all(text.as_bytes());
     }
 
-    /// Validation of one command, where it is on.
+    /// Validation of one command, if it is enabled.
     pub fn checks(&self, caller: Caller) -> Option<Checks> {
         self.validator
             .as_ref()
             .map(|validator| validator.command(caller))
     }
 
-    /// Loses the device: everyone who waits gets `VK_ERROR_DEVICE_LOST`, and running work ends at
-    /// its next look at its limits. The first reason is reported, and kept for
-    /// `vkGetDeviceFaultReportsKHR` and `vkGetDeviceFaultInfoEXT`.
+    /// Loses the device: all waits return `VK_ERROR_DEVICE_LOST`, and running work ends at its next
+    /// check of its limits. The first reason is reported, and kept for `vkGetDeviceFaultReportsKHR`
+    /// and `vkGetDeviceFaultInfoEXT`.
     pub fn lose(&self, mut fault: Fault) {
         if let Some(aborts) = &self.aborts {
             aborts.close();
@@ -227,7 +227,7 @@ impl Engine {
         self.shut_down();
     }
 
-    /// How the device was lost.
+    /// The reason why the device was lost.
     pub fn fault(&self) -> Option<Cow<'_, Fault>> {
         match self.waiting.lost.is_inherited() {
             true => Some(Cow::Owned(Fault::new(Cause::Forked))),
@@ -244,26 +244,27 @@ impl Engine {
         }
     }
 
-    /// Waits until the device is lost; gives the number of reports that were not returned yet.
+    /// Waits until the device is lost. Returns the number of reports that the application has not
+    /// fetched.
     ///
     /// # Errors
     /// `VK_TIMEOUT`.
     pub fn wait_for_reports(&self, timeout_ns: u64) -> VkResult<u32> {
-        // A device that is being destroyed has no report.
+        // A device that is being destroyed has no reports.
         let waited = (self.waiting).wait_until(timeout_ns, || self.fault().is_some());
         waited.map_err(|_| vk::Result::TIMEOUT)?;
         let all = self.fault().map_or(0, |fault| fault.report_count());
         Ok(all.saturating_sub(self.returned.count(std::process::id())))
     }
 
-    /// Takes reports, at most `room`, and gives their numbers in [`Self::fault`].
+    /// Takes at most `room` reports, and returns their indices in [`Self::fault`].
     pub fn take_reports(&self, room: u32) -> Range<u32> {
         let available = self.fault().map_or(0, |fault| fault.report_count());
         (self.returned).take(std::process::id(), available, room)
     }
 
-    /// Ends all waiting and all running work, without a word. Before a device is destroyed the
-    /// application has waited for its work; what is left belongs to one that did not.
+    /// Cancels all queued and running work without reporting an error. Valid applications wait for
+    /// their work before they destroy the device, so work is left only by invalid ones.
     pub fn shut_down(&self) {
         self.waiting.lost.set();
         self.cancelled.store(true, Ordering::Relaxed);

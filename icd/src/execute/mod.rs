@@ -1,5 +1,5 @@
-//! Performs recorded commands, in order, on a queue's thread. What is worth it fans out over the
-//! device's workers.
+//! Performs recorded commands, in order, on a queue's thread. Large commands use the device's
+//! workers.
 //!
 //! **Barriers, pipeline stages and access masks are not recorded,** except barriers inside passes
 //! that shaders wait for. A queue performs one command after the other. Each command is complete,
@@ -41,10 +41,10 @@ pub use bindings::Bindings;
 pub use engine::{Engine, Watch};
 pub use query::{timestamp_ns, write_results};
 
-/// Why replay ended early.
+/// The reason why replay ended early.
 #[derive(Debug, PartialEq, Eq)]
 pub enum Failure {
-    /// A command was stopped: the device is to be lost.
+    /// A command was stopped: the device must be lost.
     Stopped(Box<Fault>),
     /// The device was lost, or is being destroyed, while a command waited; or a shader of another
     /// command aborted, which loses the device.
@@ -54,7 +54,7 @@ pub enum Failure {
 impl From<Stopped> for Failure {
     fn from(why: Stopped) -> Self {
         match why {
-            // The command whose shader it was reports it.
+            // The command of the aborted shader reports it.
             Stopped::Aborted => Self::AlreadyLost,
             why => Fault::from(why).into(),
         }
@@ -67,8 +67,7 @@ impl From<Fault> for Failure {
     }
 }
 
-/// Waits within a command for what the host or another queue does: no longer than a command may
-/// run.
+/// Waits within a command for the host or another queue, for as long as a command may run.
 fn wait_for(engine: &Engine, done: impl FnMut() -> bool) -> Result<(), Failure> {
     match engine.waiting.wait_until(engine.patience_ns(), done) {
         Err(vk::Result::TIMEOUT) => Err(Stopped::TimedOut.into()),
@@ -79,7 +78,7 @@ fn wait_for(engine: &Engine, done: impl FnMut() -> bool) -> Result<(), Failure> 
 /// Performs the command buffers of a submission, one after the other.
 ///
 /// # Errors
-/// See [`Failure`]; what was done so far stays done.
+/// See [`Failure`]. Commands that were performed before keep their effects.
 pub fn replay_all<'a>(
     engine: &Engine,
     lists: impl IntoIterator<Item = &'a [Command]>,
@@ -90,9 +89,9 @@ pub fn replay_all<'a>(
         .try_for_each(|list| replay(engine, &mut drawing, list))
 }
 
-/// Performs a command buffer. It starts with nothing bound, as the specification has it for primary
-/// and secondary ones alike (chapter Command Buffers, "Command Buffer Lifecycle" and
-/// `vkCmdExecuteCommands`), but in the pass that it is executed in.
+/// Performs a command buffer. It starts with nothing bound, primary or secondary (chapter Command
+/// Buffers, "Command Buffer Lifecycle" and `vkCmdExecuteCommands`). A secondary one continues the
+/// current pass.
 fn replay<'a>(
     engine: &Engine,
     drawing: &mut Drawing<'a>,
@@ -111,7 +110,7 @@ fn replay<'a>(
         perform(context, command)
     });
     if drawing.spans.depth() > depth {
-        // Draws that wait belong to the command buffer that they are in.
+        // Pending draws belong to the span of their command buffer.
         let flushed = performed.and_then(|()| drawing.flush(engine));
         drawing.spans.close_from(depth);
         return flushed;
@@ -119,8 +118,8 @@ fn replay<'a>(
     performed
 }
 
-/// Whether a command finds what was drawn before it: all but those that only change what is bound,
-/// and those that draw.
+/// Whether a command can see the results of earlier draws: all commands except those that draw or
+/// only change bindings.
 fn sees_pictures(command: &Command) -> bool {
     !matches!(
         command,
@@ -158,8 +157,8 @@ fn perform<'a>(mut context: DrawContext<'_, 'a>, command: &'a Command) -> Result
         Command::PushConstants { offset, bytes } => bindings.push_constants(*offset, bytes),
         &Command::Dispatch { base, count } => run_dispatch(&mut context, base, count)?,
         &Command::DispatchIndirect { address } => {
-            // SAFETY: the queue's commands are performed one after the other: nothing writes the
-            // parameters now.
+            // SAFETY: the queue performs one command at a time: no earlier command still writes the
+            // parameters.
             if let Some(count) = unsafe { reachable::read(&engine.memory.reach(), address) } {
                 run_dispatch(&mut context, [0; 3], count)?;
             }
@@ -229,7 +228,7 @@ fn run_dispatch(
     );
     if let Some(recording) = recording {
         let programs = std::iter::once(&**program);
-        // SAFETY: the application keeps the structures that shaders name until the command is
+        // SAFETY: the application keeps the structures that shaders use until the command is
         // complete.
         unsafe { recording.finish(programs, None, &surroundings.live, ran.is_err()) };
     }
@@ -254,7 +253,7 @@ fn run_dispatch(
     Ok(())
 }
 
-/// Notes where shaders of a command went astray.
+/// Passes invalid addresses that a command's shaders used to validation and to the fault report.
 fn note_strays<'a>(
     engine: &Engine,
     checks: Option<&Checks>,
@@ -312,7 +311,7 @@ fn run_ray_tracing(
         RayTracingCommand::TraceRaysIndirect2 { .. } => Caller::TraceRaysIndirect2,
         _ => Caller::Other,
     });
-    // The size of the launch may be in memory: who reads it puts it into the environment.
+    // The launch size may be in memory. The code that reads it writes it to the environment.
     let mask = bindings.invocation_mask;
     let stack_bytes = bindings.stack_bytes;
     let bind_point = vk::PipelineBindPoint::RAY_TRACING_KHR;

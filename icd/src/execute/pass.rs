@@ -1,4 +1,4 @@
-//! The pass that a submission is in: its attachments as the rasterizer sees them, load operations,
+//! The current pass of a submission: its attachments in the rasterizer's form, load operations and
 //! resolves.
 
 use std::sync::Arc;
@@ -23,16 +23,16 @@ pub struct Active<'a> {
     pub pass: &'a Pass,
     pub targets: Targets,
     has_attachments: bool,
-    /// Samples of attachments with one sample, where the pass draws with more.
+    /// Samples of attachments with one sample, if the pass draws with more.
     samples: Vec<Samples>,
 }
 
 impl<'a> Active<'a> {
-    /// The pass at its beginning. `clamps_to_one`: see [`Targets`]; `kept`: what the pass that it
-    /// resumes [kept](Self::keep).
+    /// Begins a pass. `clamps_to_one`: see [`Targets`]; `kept`: the samples that the suspended pass
+    /// [kept](Self::keep).
     ///
     /// # Errors
-    /// When memory for samples is short.
+    /// Out of memory for samples.
     pub fn new(pass: &'a Pass, clamps_to_one: bool, kept: Vec<Samples>) -> Result<Self, Stopped> {
         let mut colors: [Option<Target>; MAX_COLOR_ATTACHMENTS] = std::array::from_fn(|index| {
             let attachment = pass.colors[index].as_ref()?;
@@ -41,8 +41,8 @@ impl<'a> Active<'a> {
         let side = |attachment: &Option<Attachment>, aspect| target(attachment.as_ref()?, aspect);
         let mut depth = side(&pass.depth, vk::ImageAspectFlags::DEPTH);
         let mut stencil = side(&pass.stencil, vk::ImageAspectFlags::STENCIL);
-        // Without attachments, too, there are limits (`maxFramebufferWidth`): what drawing takes of
-        // memory follows from the area.
+        // The area is limited without attachments, too (`maxFramebufferWidth`), since it determines
+        // the memory that drawing needs.
         let mut area = inside(pass.area, [MAX_IMAGE_DIMENSION; 2]);
         let mut layers = match pass.view_mask {
             0 => pass.layers.min(MAX_IMAGE_ARRAY_LAYERS),
@@ -94,7 +94,7 @@ impl<'a> Active<'a> {
         })
     }
 
-    /// Loads the samples that the pass does not go on with.
+    /// Loads the samples, except those that the pass resumes with.
     pub fn load_samples(&mut self, workers: &Workers) {
         let layers = layers(self.pass.view_mask, self.targets.layers);
         for samples in &mut self.samples {
@@ -102,31 +102,31 @@ impl<'a> Active<'a> {
         }
     }
 
-    /// The samples as shaders see them; `None` if the pass has no more than its attachments.
+    /// The samples that shaders read; `None` if the pass draws to its attachments alone.
     pub fn seen_samples(&self) -> Option<Arc<[environment::Samples]>> {
         let has_any = !self.samples.is_empty();
         has_any.then(|| self.samples.iter().map(Samples::seen).collect())
     }
 
-    /// The samples, for the pass that resumes this one.
+    /// Hands over the samples for the pass that resumes this one.
     pub fn keep(self) -> Vec<Samples> {
         self.samples
     }
 
-    /// Whether a draw of so many samples fits into the batch as it is: without attachments, draws
-    /// say how many there are.
+    /// Whether a draw with this sample count fits into the batch. Without attachments, draws decide
+    /// the count.
     pub fn takes_samples(&self, samples: u32) -> bool {
         self.has_attachments || self.targets.samples == samples
     }
 
-    /// The batch is empty, or has as many already.
+    /// Sets the sample count; the batch is empty or has the same count.
     pub fn set_samples(&mut self, samples: u32) {
         if !self.has_attachments {
             self.targets.samples = samples;
         }
     }
 
-    /// Load operations.
+    /// Adds the load operations to a batch.
     pub fn load(&self, batch: &mut Batch) {
         for clear in &self.pass.clears {
             let layers = layers(
@@ -159,12 +159,13 @@ impl<'a> Active<'a> {
         };
         for (index, attachment) in self.pass.colors.iter().enumerate() {
             if let Some(attachment) = attachment {
-                // SAFETY: all members are words, and the attachment says what they are.
+                // SAFETY: all members of the union are words, and the attachment's format says
+                // which one is meant.
                 let color = |it: vk::ClearValue| unsafe { it.color };
                 push(attachment, &|it| ClearValue::Color(index, color(it)));
             }
         }
-        // SAFETY: as above.
+        // SAFETY: as for the color.
         let depth_stencil = |it: vk::ClearValue| unsafe { it.depth_stencil };
         if let Some(attachment) = &self.pass.depth {
             push(attachment, &|it| ClearValue::Depth(depth_stencil(it).depth));
@@ -176,8 +177,8 @@ impl<'a> Active<'a> {
         }
     }
 
-    /// A rectangle of `vkCmdClearAttachments`, as far as it lies in the pass: one for each view,
-    /// where there are views.
+    /// The part of a rectangle of `vkCmdClearAttachments` that lies in the pass, once for each
+    /// view.
     pub fn inside(&self, clear: &vk::ClearRect) -> SmallVec<[vk::ClearRect; 1]> {
         let area = &self.targets.area;
         let side = |first: i32, size: u32, least: i32, most: u32| {
@@ -210,7 +211,7 @@ impl<'a> Active<'a> {
         )])
     }
 
-    /// Resolves at the end.
+    /// Performs the resolves at the end of the pass.
     pub fn resolve(&self, workers: &Workers) {
         for samples in &self.samples {
             let layers = layers(self.pass.view_mask, self.targets.layers);
@@ -251,7 +252,7 @@ impl<'a> Active<'a> {
     }
 }
 
-/// The layers of a mask of views; without views, all.
+/// The layers of a view mask; without views, all layers.
 fn layers(view_mask: u32, count: u32) -> impl Iterator<Item = u32> + Clone {
     let views = (0..u32::BITS).filter(move |view| view_mask >> view & 1 != 0);
     let all = 0..if view_mask == 0 { count } else { 0 };

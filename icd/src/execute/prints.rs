@@ -1,5 +1,5 @@
-//! Messages of shaders (`NonSemantic.DebugPrintf`): room for them before a command runs, and their
-//! texts when it is complete.
+//! Messages of shaders (`NonSemantic.DebugPrintf`): a buffer before a command runs, and the texts
+//! when it is complete.
 
 #![forbid(unsafe_code)]
 
@@ -11,14 +11,14 @@ use spirv_jit::printf::Prints;
 use super::engine::Engine;
 use crate::settings::settings;
 
-/// Room for the messages of a command; none if none of its programs prints.
+/// The message buffer of a command; `None` if none of its programs prints.
 pub(super) fn of<'a>(mut programs: impl Iterator<Item = &'a Arc<Program>>) -> Option<Arc<Prints>> {
     let limit_bytes = settings().prints?;
     (programs.any(|program| program.prints())).then(|| Arc::new(Prints::new(limit_bytes)))
 }
 
 /// Prints the messages of a command's programs in the order of its invocations, and the number of
-/// those that did not fit.
+/// messages that did not fit.
 pub(super) fn print<'a>(
     engine: &Engine,
     prints: &Prints,
@@ -34,7 +34,7 @@ pub(super) fn print<'a>(
         let Some(text) = program.and_then(|program| program.printed(record)) else {
             continue;
         };
-        // With the end of the line.
+        // The line break included.
         let Some(rest) = left.checked_sub(text.len() + 1) else {
             dropped += 1;
             break;

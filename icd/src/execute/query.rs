@@ -12,8 +12,8 @@ use ash::vk;
 use smallvec::SmallVec;
 use spirv_jit::reach::Reach;
 
-/// Now, in nanoseconds of `CLOCK_MONOTONIC`: `timestampPeriod` is 1, and the device's time domain
-/// is the host's.
+/// The current time in nanoseconds of `CLOCK_MONOTONIC`: `timestampPeriod` is 1, and the device
+/// uses the host's time domain.
 pub fn timestamp_ns() -> u64 {
     Clock::Monotonic.now_ns()
 }
@@ -146,7 +146,7 @@ pub fn copy_results(copy: &CopyQueryPoolResults, reach: &Reach) {
     if !reach.contains(copy.address, size_bytes) {
         return;
     }
-    // SAFETY: there is memory, which the application keeps for the time of execution.
+    // SAFETY: the range is in reach, and the application keeps its memory during execution.
     unsafe {
         write_results(
             &copy.pool,
@@ -163,8 +163,8 @@ pub fn copy_results(copy: &CopyQueryPoolResults, reach: &Reach) {
     }
 }
 
-/// Writes the results of queries as the flags ask, as far as there is room; whether all were
-/// available.
+/// Writes as many query results as there is room for, in the form that the flags select. Returns
+/// whether all were available.
 ///
 /// # Safety
 /// `out` has room for `size_bytes`.
@@ -188,7 +188,7 @@ pub unsafe fn write_results(
             let (Some(offset), true) = (offset, end.is_some_and(|end| end <= size_bytes)) else {
                 continue;
             };
-            // SAFETY: inside what the caller has room for.
+            // SAFETY: the check before keeps the write inside the caller's `size_bytes`.
             unsafe {
                 let out = out.add(offset as usize);
                 if wide {

@@ -1,4 +1,4 @@
-//! Performing the commands of the ray tracing extensions.
+//! Performs the commands of the ray tracing extensions.
 
 use ash::vk;
 use lanes::Tier;
@@ -29,18 +29,17 @@ pub struct Bound<'a> {
     pub stack_bytes: Option<u32>,
 }
 
-/// The memory that a command's addresses may point into, and the reporter of addresses that point
-/// elsewhere.
+/// The memory that a command's addresses may point into, and the reporter of invalid addresses.
 pub struct Access<'a> {
     pub surroundings: &'a Surroundings,
-    /// Validation, where it is on.
+    /// Validation, if it is enabled.
     pub checks: Option<Checks>,
 }
 
-/// Performs a command. What fans out does so over the device's workers.
+/// Performs a command, with the device's workers where it is large.
 ///
 /// # Errors
-/// A dispatch that was stopped: the device is lost.
+/// A limit stopped a dispatch: the device is lost.
 pub fn execute(
     command: &RayTracingCommand,
     access: Access<'_>,
@@ -50,8 +49,8 @@ pub fn execute(
     let reach = &*access.surroundings.reach;
     let live = &access.surroundings.live;
     let checks = access.checks.as_ref();
-    // SAFETY, for each block: what an address leads to is memory, which the application does not
-    // use otherwise while the command is performed.
+    // SAFETY, for each block: addresses in reach lead to memory, and the application does not use
+    // it otherwise while the command is performed.
     match *command {
         RayTracingCommand::TraceRays { ref tables, extent }
         | RayTracingCommand::TraceRaysNv { ref tables, extent } => {
@@ -64,8 +63,8 @@ pub fn execute(
             if let Some(checks) = checks {
                 checks.indirect(address, size_of::<[u32; 3]>() as u64);
             }
-            // SAFETY: as above; the three words are read when the command is executed, since an
-            // earlier one may have written them.
+            // SAFETY: as for the first block. The words are read when the command executes, since
+            // an earlier command may have written them.
             match unsafe { read(reach, address) } {
                 Some(extent) => trace_rays(tables, extent, access, bound, engine),
                 None => Ok(()),
@@ -169,13 +168,13 @@ fn trace_rays(
     let dispatch = Dispatch {
         shaders: &pipeline.shaders,
         tier: Tier::best(),
-        // SAFETY: the application keeps its memory until the dispatch is over; what it frees before
-        // stays mapped.
+        // SAFETY: the application keeps its memory until the dispatch is over, and memory that it
+        // frees earlier stays mapped.
         tables: unsafe { tables.live(&surroundings.reach) },
         extent,
         environment: &environment,
         pipeline_ray_flags: pipeline.ray_flags,
-        // Validation is to see every record that is looked up.
+        // Validation must see every record that is looked up.
         takes_all_hits: settings().opaque_without_any_hit
             && !pipeline.shaders.has_any_hit
             && checks.is_none(),

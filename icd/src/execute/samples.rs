@@ -14,19 +14,19 @@ use crate::wave::Workers;
 pub struct Samples {
     /// The attachment.
     single: Target,
-    /// The same with its samples.
+    /// An image of the same size with the pass's sample count.
     pub many: Target,
     /// How the samples are resolved.
     mode: ResolveMode,
     /// Not loaded yet.
     is_new: bool,
-    /// Holds the texels of `many`.
+    /// Owns the texels of `many`.
     _memory: Vec<u64>,
 }
 
 impl Samples {
-    /// The samples of an attachment; `kept` are those of the pass that this one resumes. None if
-    /// memory is short.
+    /// The samples of an attachment; `kept` are those of the pass that this one resumes. `None` if
+    /// memory is exhausted.
     pub fn new(
         single: Target,
         samples: u32,
@@ -58,7 +58,7 @@ impl Samples {
         })
     }
 
-    /// The samples as shaders see them that read the attachment.
+    /// The samples, for shaders that read the attachment.
     pub fn seen(&self) -> environment::Samples {
         let single = &self.single;
         let first = single.surface.texel(0, 0, single.first_layer, 0);

@@ -16,7 +16,7 @@ use crate::timeline::{self, Kind, Stack, object_name};
 
 type Described = (String, Value);
 
-/// A command buffer, by its name.
+/// A command buffer's name and number of commands.
 pub(super) fn command_buffer(commands: &[Command]) -> Described {
     let name = match commands.first() {
         Some(Command::Mark(Mark::CommandBuffer(handle))) => object_name(*handle),
@@ -124,7 +124,7 @@ pub(super) fn pass(pass: &Pass) -> Described {
     ("pass".into(), sizes)
 }
 
-/// Draws of a flush, which are drawn together.
+/// The draws of one flush.
 pub(super) fn draws(batch: &Batch) -> Described {
     let (mut calls, mut vertices) = (0u64, 0u64);
     let mut pipelines: Vec<String> = Vec::new();

@@ -1,4 +1,4 @@
-//! `VkAccelerationStructureKHR`: a name for a range of memory; the structure itself is the bytes
+//! `VkAccelerationStructureKHR`: a handle of a range of memory. The structure itself is the bytes
 //! there.
 
 #![forbid(unsafe_code)]
@@ -29,8 +29,8 @@ pub struct AccelerationStructure {
     pub replayable: Option<ReplayableStructure>,
 }
 
-/// A structure's entry among the device's views, by which its descriptors are the same wherever it
-/// lies.
+/// A structure's entry in the device's view table, which gives it the same descriptors at any
+/// address.
 pub struct ReplayableStructure {
     views: Arc<Views>,
     address: u64,
@@ -59,7 +59,7 @@ impl Drop for ReplayableStructure {
     }
 }
 
-/// Where it is.
+/// The location of the structure.
 pub enum Location {
     /// A buffer, and the offset in it: a multiple of 256.
     Buffer(Ref<Buffer>, u64),
@@ -81,7 +81,7 @@ impl AccelerationStructure {
         }
     }
 
-    /// The range of memory that it names.
+    /// The object's range of memory.
     pub fn storage(&self) -> Storage {
         Storage {
             address: self.address(),
@@ -90,7 +90,7 @@ impl AccelerationStructure {
     }
 }
 
-/// `VkAccelerationStructureNV`: it has memory of its own, and says what building it takes.
+/// `VkAccelerationStructureNV`, which is bound to memory itself and reports the sizes of its build.
 pub struct AccelerationStructureNv {
     pub structure: Ref<AccelerationStructure>,
     pub build_scratch_bytes: u64,
@@ -98,7 +98,7 @@ pub struct AccelerationStructureNv {
 }
 
 impl AccelerationStructureNv {
-    /// Gives it memory.
+    /// Binds the structure to memory.
     pub fn bind(&self, address: u64) {
         if let Location::Memory(bound) = &self.structure.location {
             bound.store(address, Ordering::Relaxed);

@@ -1,9 +1,9 @@
 //! A device's address space, in two parts: one for ordinary memory, one for memory whose addresses
 //! can be captured and replayed.
 //!
-//! A replay of a capture also allocates memory of its own, such as a swapchain's images. In one
-//! part with captured memory, that memory could take addresses that are asked for later (the note
-//! to `VkBufferOpaqueCaptureAddressCreateInfo` asks drivers to keep them apart).
+//! A replay of a capture also allocates ordinary memory, such as a swapchain's images. In the same
+//! part, that memory could take addresses that the replay requests later (the note to
+//! `VkBufferOpaqueCaptureAddressCreateInfo` asks drivers to keep them apart).
 
 use std::ops::Range;
 
@@ -14,30 +14,31 @@ use crate::os::address_space::{release, reserve, reserve_at};
 /// `VkMemoryRequirements::alignment` is smaller).
 pub const GRANULE: u64 = 64 << 10;
 
-/// Where the first device's address space is tried, so that captured addresses can be given again.
+/// The preferred address of the first device's address space, so that captured addresses are
+/// available again.
 const PREFERRED_BASE: u64 = 0x1000_0000_0000;
-/// Fixed places that are tried before any place will do.
+/// Number of fixed addresses to try before any address is accepted.
 const PREFERRED_SLOTS: u64 = 16;
-/// Addresses from one fixed place to the next: both parts of a device.
+/// Distance between fixed addresses: both parts of a device.
 const SLOT_BYTES: u64 = 2 * LARGEST_PART;
-/// Size of a part; halved while the system refuses.
+/// Size of a part, halved until the system grants it.
 const LARGEST_PART: u64 = 1 << 40;
 const SMALLEST_PART: u64 = 1 << 30;
 
-/// Where memory shall lie.
+/// The requested location of memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Placement {
-    /// With ordinary memory.
+    /// In the part for ordinary memory.
     Ordinary,
-    /// Where another process can have the same address for it.
+    /// At an address that another process can request again.
     Replayable,
-    /// At an address that was captured.
+    /// At a captured address.
     At(u64),
 }
 
 impl Placement {
-    /// That of an object: replayable if it has a flag of capture and replay, and at the address
-    /// that was captured, if there is one.
+    /// The placement of an object: replayable if it has a flag of capture and replay, and at the
+    /// captured address if there is one.
     pub fn new(is_replayable: bool, captured: Option<u64>) -> Self {
         match captured {
             Some(address) if address != 0 => Self::At(address),
@@ -50,14 +51,14 @@ impl Placement {
 /// The address space of a device.
 pub struct AddressSpace {
     ordinary: Ranges,
-    /// Reserved with the first memory that is captured or replayed.
+    /// The part for replayable memory, reserved with the first such memory.
     replayable: Option<Ranges>,
     /// All mappings, by address and size.
     mapped: Vec<(u64, u64)>,
 }
 
 impl AddressSpace {
-    /// Reserves the part for ordinary memory; `None` if the system gives no address space.
+    /// Reserves the part for ordinary memory; `None` if the system grants no address space.
     pub fn reserve() -> Option<Self> {
         let (base, size_bytes) = reserve_part(slots())?;
         Some(Self {
@@ -67,8 +68,7 @@ impl AddressSpace {
         })
     }
 
-    /// Takes a range of zero pages; `None` if there is none, or if an address that is asked for is
-    /// taken.
+    /// Allocates a range of zero pages; `None` if there is no room or a requested address is taken.
     pub fn take(&mut self, size_bytes: u64, placement: Placement) -> Option<Taken> {
         match placement {
             Placement::Ordinary => self.ordinary.take(size_bytes),
@@ -94,7 +94,7 @@ impl AddressSpace {
         if replayable.overlaps(addresses) {
             return None;
         }
-        // The device that captured it had its address space elsewhere.
+        // The capturing device had its address space elsewhere.
         let size_bytes = addresses.end - addresses.start;
         let address = reserve_at(addresses.start, size_bytes)?;
         self.mapped.push((address, size_bytes));
@@ -104,8 +104,7 @@ impl AddressSpace {
         })
     }
 
-    /// The part for replayable memory. The first call reserves it, where `captured` lies if it can
-    /// be there.
+    /// The part for replayable memory. The first call reserves it, around `captured` if possible.
     fn replayable(&mut self, captured: Option<u64>) -> &mut Ranges {
         self.replayable.get_or_insert_with(|| {
             let captured = captured.and_then(|address| {
@@ -118,13 +117,13 @@ impl AddressSpace {
                     self.mapped.push((base, size_bytes));
                     Ranges::new(base, size_bytes)
                 }
-                // Captured addresses can still be mapped one by one.
+                // Without a part, captured addresses are mapped one by one.
                 None => Ranges::default(),
             }
         })
     }
 
-    /// Gives back a range that was taken.
+    /// Frees a range.
     pub fn give_back(&mut self, address: u64, size_bytes: u64) {
         if self.ordinary.overlaps(&(address..address + size_bytes)) {
             self.ordinary.give_back(address, size_bytes);
@@ -137,7 +136,8 @@ impl AddressSpace {
 impl Drop for AddressSpace {
     fn drop(&mut self) {
         for &(address, size_bytes) in &self.mapped {
-            // SAFETY: these are this object's own mappings, and the device that used them is gone.
+            // SAFETY: the mappings belong to this object, and the device that used them no longer
+            // exists.
             unsafe { release(address, size_bytes) };
         }
     }
@@ -147,8 +147,8 @@ fn slots() -> impl Iterator<Item = u64> + Clone {
     (0..PREFERRED_SLOTS).map(|slot| PREFERRED_BASE + slot * SLOT_BYTES)
 }
 
-/// Reserves a part of an address space, at the first of `places` that is free, or elsewhere: its
-/// address and its size.
+/// Reserves a part of an address space, at the first free address of `places` or elsewhere. Returns
+/// its address and size.
 fn reserve_part(places: impl Iterator<Item = u64> + Clone) -> Option<(u64, u64)> {
     let mut size_bytes = LARGEST_PART;
     while size_bytes >= SMALLEST_PART {

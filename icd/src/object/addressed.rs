@@ -14,9 +14,9 @@ use super::{
     AccelerationStructure, AccelerationStructureNv, Buffer, DeviceMemory, Image, Micromap,
 };
 
-/// An object that has device addresses. All others are nowhere that shaders could reach.
+/// An object that has device addresses. Shaders cannot reach other objects by address.
 pub trait Addressed {
-    /// Those that it has now: of disjoint images, one a plane that is bound.
+    /// The object's current ranges; a disjoint image has one for each bound plane.
     fn ranges(&self) -> SmallVec<[Range; 1]>;
 }
 
@@ -29,7 +29,7 @@ impl From<Storage> for Range {
     }
 }
 
-/// A range, unless it is that of an unbound object.
+/// The range, unless the object is unbound.
 fn bound(range: Range) -> SmallVec<[Range; 1]> {
     (range.start != 0).then_some(range).into_iter().collect()
 }
@@ -79,10 +79,10 @@ impl Addressed for Micromap {
 /// An event of an object's addresses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AddressEvent {
-    /// The object has them from its creation, before the application has its handle.
+    /// Reported at creation, before the application has the handle.
     Created,
     Bound,
-    /// The object is about to go.
+    /// Reported before the object is destroyed.
     Unbound,
 }
 
@@ -94,7 +94,7 @@ impl AddressReport {
         Self(messengers)
     }
 
-    /// Tells of an object's ranges, each with a message of its own
+    /// Reports an object's ranges, with one message for each
     /// (`VkDeviceAddressBindingCallbackDataEXT`).
     pub fn tell<H: Handle + Copy>(
         &self,

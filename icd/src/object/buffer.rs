@@ -18,12 +18,12 @@ pub struct Buffer {
     pub usage: vk::BufferUsageFlags,
     pub flags: vk::BufferCreateFlags,
     address: AtomicU64,
-    /// Of a sparse buffer.
+    /// The address space of a sparse buffer.
     pub reservation: Option<Arc<Reservation>>,
 }
 
 impl Buffer {
-    /// An unbound buffer.
+    /// Creates an unbound buffer.
     pub fn new(size_bytes: u64, usage: vk::BufferUsageFlags, flags: vk::BufferCreateFlags) -> Self {
         Self {
             size_bytes,
@@ -34,7 +34,7 @@ impl Buffer {
         }
     }
 
-    /// A sparse buffer: it has its address from the start.
+    /// Creates a sparse buffer, which has its address from the start.
     pub fn reserved(self, reservation: Arc<Reservation>) -> Self {
         self.bind(reservation.address());
         Self {
@@ -43,7 +43,7 @@ impl Buffer {
         }
     }
 
-    /// Where the buffer starts, as a device and host address; 0 while unbound.
+    /// The device and host address of the buffer; 0 while unbound.
     pub fn address(&self) -> u64 {
         self.address.load(Ordering::Relaxed)
     }
@@ -75,7 +75,7 @@ impl Buffer {
     }
 }
 
-/// A texel buffer view, resolved to what shaders read.
+/// A texel buffer view, as the descriptor that shaders read.
 pub struct BufferView {
     pub descriptor: ViewEntry<ImageDescriptor>,
 }

@@ -27,7 +27,7 @@ pub fn keeps_modules(flags: vk::PipelineCreateFlags) -> bool {
 /// The captures of a pipeline.
 #[derive(Default)]
 pub struct Captured {
-    /// Of its own stages, until the application releases it.
+    /// The binary of the pipeline's own stages, until the application releases it.
     pub binary: Mutex<Option<PipelineBinary>>,
     /// Programs with their modules, those of linked libraries included.
     programs: Mutex<Vec<StageProgram>>,

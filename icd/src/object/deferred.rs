@@ -1,8 +1,7 @@
-//! Deferred host operations: work that the application's own threads do, as many as join.
+//! Deferred host operations: work on the application's threads that join.
 //!
-//! An operation is a rayon pool without threads. A thread that joins becomes one of the pool's
-//! until the work is done, so everything that builds and compiles in parallel does so here too, on
-//! exactly the threads that were given.
+//! An operation is a rayon pool without threads. A thread that joins becomes a thread of the pool
+//! until the work is done. So parallel builds and compilations run on exactly the joined threads.
 
 #![forbid(unsafe_code)]
 
@@ -18,7 +17,7 @@ use crate::handle::Ref;
 pub struct DeferredOperation(Mutex<DeferredState>);
 
 enum DeferredState {
-    /// With the result of the last command; at first there was none, and that is a success.
+    /// Complete, with the result of the last command; a success before any command.
     Complete(VkResult),
     Pending(Pool),
 }
@@ -30,15 +29,14 @@ impl Default for DeferredState {
 }
 
 struct Pool {
-    /// Dropping it sends the threads back, once the work has ended.
+    /// Dropping it releases the threads once the work has ended.
     _pool: rayon::ThreadPool,
-    /// One for each thread that may still join.
+    /// One entry for each thread that may still join.
     seats: Vec<rayon::ThreadBuilder>,
 }
 
 impl DeferredOperation {
-    /// Leaves `work` to the threads that will join: up to `concurrency` of them have something to
-    /// do.
+    /// Leaves `work` to the threads that will join. It keeps up to `concurrency` threads busy.
     ///
     /// # Errors
     /// `VK_ERROR_OUT_OF_HOST_MEMORY`.
@@ -66,12 +64,12 @@ impl DeferredOperation {
         Ok(())
     }
 
-    /// How many more threads may join (`vkGetDeferredOperationMaxConcurrencyKHR`); none once
-    /// complete.
+    /// The number of threads that may still join (`vkGetDeferredOperationMaxConcurrencyKHR`); 0
+    /// once complete.
     pub fn max_concurrency(&self) -> u32 {
         match &*self.0.lock() {
             DeferredState::Complete(_) => 0,
-            // A pending operation has at least the threads that are in it.
+            // A pending operation counts at least the threads that have joined.
             DeferredState::Pending(pool) => pool.seats.len().max(1) as u32,
         }
     }
@@ -79,7 +77,7 @@ impl DeferredOperation {
     /// The result of the deferred command.
     ///
     /// # Errors
-    /// Its own, or `VK_NOT_READY`.
+    /// The command's error, or `VK_NOT_READY`.
     pub fn result(&self) -> VkResult {
         match &*self.0.lock() {
             DeferredState::Complete(result) => *result,
@@ -90,7 +88,7 @@ impl DeferredOperation {
     /// Works on the operation until it is complete.
     ///
     /// # Errors
-    /// `VK_THREAD_DONE_KHR` if there is nothing left for a further thread.
+    /// `VK_THREAD_DONE_KHR` if there is no work for another thread.
     pub fn join(&self) -> VkResult {
         let seat = match &mut *self.0.lock() {
             DeferredState::Complete(_) => return Ok(()),

@@ -16,12 +16,11 @@ use crate::VkResult;
 use crate::handle::Ref;
 use crate::wave::table::Group;
 
-/// A pipeline that is linked when all its shaders are compiled.
+/// A pipeline that is linked once all its shaders are compiled.
 pub struct DeferredPipeline {
     stages: Vec<DeferredStage>,
     group_infos: Vec<GroupInfo>,
-    /// With the handles that they have once they are linked: those follow from what is to be
-    /// compiled.
+    /// The groups with their final handles, which follow from the sources of the shaders.
     pub groups: Vec<Group>,
     cache: Option<Ref<PipelineCache>>,
     max_recursion_depth: u32,
@@ -35,7 +34,7 @@ struct DeferredStage {
 }
 
 impl DeferredPipeline {
-    /// With nothing compiled.
+    /// Creates the pipeline without compiled shaders.
     pub fn new(
         stages: Vec<ShaderStage>,
         group_infos: Vec<GroupInfo>,
@@ -68,7 +67,7 @@ impl DeferredPipeline {
     /// compile different shaders at once.
     ///
     /// # Errors
-    /// As [`ShaderStage::compile`]; `VK_ERROR_UNKNOWN` for a shader that there is not.
+    /// As [`ShaderStage::compile`]; `VK_ERROR_UNKNOWN` for an invalid shader index.
     pub fn compile(
         &self,
         compiler: &Compiler<'_>,
@@ -96,7 +95,7 @@ impl DeferredPipeline {
         Ok(())
     }
 
-    /// The pipeline, once all is compiled.
+    /// The pipeline; `None` until all shaders are compiled.
     pub fn linked(&self) -> Option<&RayTracingPipeline> {
         self.linked.get()
     }

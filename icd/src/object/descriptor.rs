@@ -1,8 +1,8 @@
 //! Descriptor set layouts, pools and sets.
 //!
-//! A set is two flat arrays of entries that are already resolved to what a shader's access needs:
-//! the plain ones, and the dynamic buffers (whose offsets are applied when they are bound). Entries
-//! are plain data: updating one is a store.
+//! A set is two flat arrays of entries in the form that shader accesses use: the plain entries, and
+//! the dynamic buffers, whose offsets are applied at binding. Entries are plain data: an update is
+//! a store.
 
 use std::collections::HashSet;
 
@@ -18,7 +18,7 @@ use crate::handle::Ref;
 pub struct Binding {
     pub binding: u32,
     pub ty: vk::DescriptorType,
-    /// Descriptors; bytes of an inline uniform block.
+    /// Number of descriptors, or bytes of an inline uniform block.
     pub count: u32,
     pub flags: vk::DescriptorBindingFlags,
     pub immutable_samplers: Vec<Ref<Sampler>>,
@@ -45,7 +45,7 @@ impl Binding {
             .contains(vk::DescriptorBindingFlags::VARIABLE_DESCRIPTOR_COUNT)
     }
 
-    /// Entries in the set: an inline uniform block is one.
+    /// Number of entries in the set; an inline uniform block is one.
     pub fn entry_count(&self) -> u32 {
         if self.is_inline() { 1 } else { self.count }
     }
@@ -53,9 +53,9 @@ impl Binding {
 
 /// A descriptor set layout.
 pub struct DescriptorSetLayout {
-    /// By binding number.
+    /// The bindings by number.
     pub bindings: Vec<Binding>,
-    /// Entries in the plain array and in the dynamic one, the variable-count binding at its
+    /// Number of entries in the plain and the dynamic array, with the variable-count binding at its
     /// largest.
     pub entry_count: u32,
     pub dynamic_count: u32,
@@ -103,7 +103,7 @@ impl DescriptorSetLayout {
         })
     }
 
-    /// Where things are when the set lies in a descriptor buffer.
+    /// Offsets for a set in a descriptor buffer.
     pub fn buffer_layout(&self) -> BufferLayout {
         let entries_bytes = u64::from(self.entry_count) * size_of::<Descriptor>() as u64;
         let inline_bytes =
@@ -129,8 +129,8 @@ impl DescriptorSetLayout {
     }
 }
 
-/// A set in a descriptor buffer: the plain entries, and the inline uniform blocks' bytes. Whichever
-/// has the binding of variable count is last.
+/// The layout of a set in a descriptor buffer: the plain entries and the bytes of inline uniform
+/// blocks. The part with the variable-count binding is last.
 #[derive(Clone, Copy, Debug)]
 pub struct BufferLayout {
     pub entries_offset_bytes: u64,
@@ -139,7 +139,7 @@ pub struct BufferLayout {
 }
 
 impl BufferLayout {
-    /// Where a binding's descriptors (an inline uniform block's bytes) begin.
+    /// Offset of a binding's descriptors, or of an inline uniform block's bytes.
     pub fn offset_of(&self, binding: &Binding) -> u64 {
         if binding.is_inline() {
             self.inline_offset_bytes + u64::from(binding.inline_offset)
@@ -152,10 +152,9 @@ impl BufferLayout {
 /// A descriptor set.
 pub struct DescriptorSet {
     pub layout: Ref<DescriptorSetLayout>,
-    /// Entries of the plain array that exist: fewer than the layout's with a smaller variable
-    /// count.
+    /// Number of entries in the plain array: fewer than the layout's with a smaller variable count.
     pub entry_count: u32,
-    /// Descriptors (or bytes) in the binding of variable count.
+    /// Number of descriptors, or bytes, in the variable-count binding.
     pub variable_count: u32,
     storage: Storage,
 }
@@ -172,12 +171,12 @@ struct Storage {
 // SAFETY: descriptors are plain data; the application orders updates and uses (chapter Resource
 // Descriptors).
 unsafe impl Send for Storage {}
-// SAFETY: as above.
+// SAFETY: as for `Send`.
 unsafe impl Sync for Storage {}
 
 impl Drop for Storage {
     fn drop(&mut self) {
-        // SAFETY: made by `DescriptorSet::new` from boxes of these lengths.
+        // SAFETY: `DescriptorSet::new` made the pointers from boxes of these lengths.
         unsafe {
             drop(Box::from_raw(std::ptr::slice_from_raw_parts_mut(
                 self.entries,
@@ -237,19 +236,19 @@ impl DescriptorSet {
         Ok(set)
     }
 
-    /// Writes what never changes: immutable samplers, and where inline uniform blocks are.
+    /// Writes the constant entries: immutable samplers, and the addresses of inline uniform blocks.
     fn write_fixed(&self) {
         for binding in &self.layout.bindings {
             for (index, sampler) in binding.immutable_samplers.iter().enumerate() {
                 if let Some(entry) = self.entry(binding, index as u32) {
-                    // SAFETY: an entry of this new set.
+                    // SAFETY: the index is one of this new set, which no other thread has yet.
                     unsafe { (*entry).sampler = sampler.descriptor.as_ptr() };
                 }
             }
             if binding.is_inline()
                 && let Some(entry) = self.entry(binding, 0)
             {
-                // SAFETY: as above; the offset is inside the inline data.
+                // SAFETY: as for the sampler; the offset is inside the inline data.
                 unsafe {
                     (*entry).address =
                         self.storage.inline.add(binding.inline_offset as usize) as u64;
@@ -304,7 +303,7 @@ impl DescriptorSet {
         Ok(copy)
     }
 
-    /// Bytes of an inline uniform block, from `offset`; `None` if they are not inside.
+    /// The bytes of an inline uniform block at `offset`; `None` if they are not inside.
     pub fn inline_bytes(&self, binding: &Binding, offset: u32, count: u32) -> Option<*mut u8> {
         let end = offset.checked_add(count)?;
         (binding.is_inline() && end <= binding.count).then(|| {
@@ -315,11 +314,11 @@ impl DescriptorSet {
     }
 }
 
-/// A descriptor pool: it counts, and destroys its sets with itself. What it has room for, it has
-/// for descriptors of any type: applications are found to ask for types that they have not named.
+/// A descriptor pool. It counts descriptors, and destroys its sets with itself. Its space serves
+/// descriptors of any type, since applications allocate types that they have not declared.
 pub struct DescriptorPool {
     pub max_sets: u32,
-    /// Of descriptors of all types and of inline uniform blocks.
+    /// Space for descriptors of all types and for inline uniform blocks.
     pub room_bytes: u64,
     pub state: Mutex<PoolState>,
 }

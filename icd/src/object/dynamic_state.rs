@@ -1,5 +1,5 @@
-//! Which parts of a pipeline's state commands set instead (`VkPipelineDynamicStateCreateInfo`), and
-//! how a bound pipeline's other parts become current.
+//! The dynamic states of a pipeline (`VkPipelineDynamicStateCreateInfo`), and how binding a
+//! pipeline makes its static state current.
 
 #![forbid(unsafe_code)]
 
@@ -79,7 +79,7 @@ const STATES: [(vk::DynamicState, Parts); 51] = {
 pub struct DynamicStates(u64);
 
 impl DynamicStates {
-    /// Those of a pipeline that has `parts`; states of other parts do not count.
+    /// The dynamic states of a pipeline with `parts`; states of other parts are ignored.
     pub fn of(states: &[vk::DynamicState], parts: Parts) -> Self {
         let counts = |&(state, part): &(vk::DynamicState, Parts)| {
             parts.intersects(part) && states.contains(&state)
@@ -88,7 +88,7 @@ impl DynamicStates {
         Self(bits.fold(0, |set, (bit, _)| set | 1 << bit))
     }
 
-    /// Those of either: of parts that are linked.
+    /// The union, for linked parts.
     pub fn union(self, other: Self) -> Self {
         Self(self.0 | other.0)
     }
@@ -100,7 +100,7 @@ impl DynamicStates {
 }
 
 impl GraphicsState {
-    /// Takes over what some parts of a pipeline say (a linked library's).
+    /// Copies the state of some parts of a pipeline, for a linked library.
     pub fn take_parts(&mut self, parts: Parts, from: &Self) {
         if parts.contains(Parts::VERTEX_INPUT_INTERFACE) {
             self.vertex_input = from.vertex_input.clone();
@@ -126,13 +126,12 @@ impl GraphicsState {
         }
     }
 
-    /// Takes over all that is not dynamic in a pipeline whose state is `from`
-    /// (`vkCmdBindPipeline`).
+    /// Copies all static state of a pipeline, whose state is `from` (`vkCmdBindPipeline`).
     pub fn take_static(&mut self, from: &Self, dynamic: DynamicStates) {
         use vk::DynamicState as State;
         let mut new = from.clone();
         self.keep_in(&mut new, |state| dynamic.contains(state));
-        // A count that is static stays, whatever was set.
+        // A static count stays, even if the values were set.
         if dynamic.contains(State::VIEWPORT) {
             new.viewports.viewports = self.viewports.viewports.clone();
         }

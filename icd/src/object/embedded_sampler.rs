@@ -1,5 +1,5 @@
-//! Samplers that programs embed (`VK_EXT_descriptor_heap`), as stored programs have them: a program
-//! that is loaded has no other description of them.
+//! The stored form of samplers that programs embed (`VK_EXT_descriptor_heap`). A loaded program has
+//! no other description of them.
 
 #![forbid(unsafe_code)]
 
@@ -11,7 +11,7 @@ const WORDS: usize = 20;
 /// Bytes of an embedded sampler in data.
 pub const STORED_BYTES: usize = 4 * WORDS;
 
-/// An embedded sampler as data has it.
+/// The stored form of an embedded sampler.
 pub type EmbeddedSampler = [u8; STORED_BYTES];
 
 const FILTERS: [Filter; 2] = [Filter::Nearest, Filter::Linear];
@@ -37,7 +37,7 @@ const COMPARE_OPS: [CompareOp; 8] = [
 
 const REDUCTIONS: [Reduction; 3] = [Reduction::WeightedAverage, Reduction::Min, Reduction::Max];
 
-/// A sampler with its number as data has them.
+/// Encodes a sampler and its number.
 pub fn encode(number: u32, sampler: &SamplerDescriptor) -> EmbeddedSampler {
     let s = sampler;
     let [u, v, w] = s.address_mode.map(|mode| mode as u32);
@@ -71,7 +71,7 @@ pub fn encode(number: u32, sampler: &SamplerDescriptor) -> EmbeddedSampler {
     bytes
 }
 
-/// The number and the sampler; `None` of data that [`encode`] does not make.
+/// Decodes the number and the sampler; `None` for data that [`encode`] cannot produce.
 pub fn decode(bytes: &EmbeddedSampler) -> Option<(u32, SamplerDescriptor)> {
     let mut words = bytes.as_chunks().0.iter().copied().map(u32::from_le_bytes);
     let mut word = || words.next();
@@ -127,7 +127,7 @@ mod tests {
         };
         let stored = encode(9, &sampler);
         assert_eq!(decode(&stored), Some((9, sampler)));
-        // Enumerators and booleans that there are not.
+        // Invalid enumerators and booleans.
         for word in [1, 2, 3, 4, 5, 6, 11, 12, 13, 18, 19] {
             let mut wrong = stored;
             wrong[4 * word] = 8;

@@ -1,10 +1,10 @@
-//! Payloads of semaphores and fences that lie in files, to be shared with other devices and
-//! processes (`VK_KHR_external_semaphore_fd`, `VK_KHR_external_fence_fd` and those of `_win32`;
-//! spec, "Importing Semaphore Payloads"). A file here is a handle of the system.
+//! Payloads of semaphores and fences in files, which are shared with other devices and processes
+//! (`VK_KHR_external_semaphore_fd`, `VK_KHR_external_fence_fd` and those of `_win32`; spec,
+//! "Importing Semaphore Payloads"). A file here is a system handle.
 //!
-//! An opaque file is an event of the system, set while the payload is signaled. A sync
-//! file is someone else's, another driver's or the kernel's, and only imported, for one wait; what
-//! is exported as one has been signaled already, for which the file −1 stands.
+//! An opaque file is a system event, set while the payload is signaled. A sync file belongs to
+//! another driver or the kernel, and is only imported, for one wait. An exported sync file has been
+//! signaled already, so it is the file −1.
 
 use ash::vk;
 use parking_lot::Mutex;
@@ -14,7 +14,7 @@ use crate::os::event::Event;
 use crate::os::handle::{Handle, Sharing};
 use crate::os::section::Refused;
 
-/// The payloads of a semaphore or fence that are not its own.
+/// The external payloads of a semaphore or fence.
 #[derive(Default)]
 pub struct External(Mutex<Payloads>);
 
@@ -38,17 +38,17 @@ pub enum Import {
         file: Handle,
         is_temporary: bool,
     },
-    /// Temporary always. None: −1. Linux alone has such.
+    /// A sync file, always temporary; `None` is −1. Only Linux has sync files.
     #[cfg_attr(windows, allow(dead_code))]
     Sync(Option<Handle>),
 }
 
 impl External {
-    /// None, or a payload that can be exported as an opaque file.
+    /// No payload, or one that can be exported as an opaque file.
     ///
     /// # Errors
-    /// `VK_ERROR_OUT_OF_HOST_MEMORY` where the process can have no more files, `VK_ERROR_UNKNOWN`
-    /// where another object has the name.
+    /// `VK_ERROR_OUT_OF_HOST_MEMORY` if the process cannot open more files; `VK_ERROR_UNKNOWN` if
+    /// another object has the name.
     pub fn new(sharing: Option<Sharing>, is_signaled: bool) -> VkResult<Self> {
         let permanent = sharing.map(|sharing| Event::exportable(is_signaled, &sharing));
         let permanent = permanent.transpose().map_err(|refused| match refused {
@@ -67,7 +67,7 @@ impl External {
         payloads.permanent.is_some() || payloads.temporary.is_some()
     }
 
-    /// Takes over a payload.
+    /// Imports a payload.
     pub fn import(&self, import: Import) {
         let payloads = &mut *self.0.lock();
         match import {
@@ -86,8 +86,8 @@ impl External {
     /// The payload as an opaque file.
     ///
     /// # Errors
-    /// `VK_ERROR_INVALID_EXTERNAL_HANDLE` where there is none, `VK_ERROR_TOO_MANY_OBJECTS` where
-    /// the process can have no more files.
+    /// `VK_ERROR_INVALID_EXTERNAL_HANDLE` if there is none; `VK_ERROR_TOO_MANY_OBJECTS` if the
+    /// process cannot open more files.
     pub fn export(&self) -> VkResult<Handle> {
         let payloads = self.0.lock();
         let event = match (&payloads.temporary, &payloads.permanent) {
@@ -97,7 +97,7 @@ impl External {
         event.export().ok_or(vk::Result::ERROR_TOO_MANY_OBJECTS)
     }
 
-    /// Whether the payload is signaled; none if it lies in no file.
+    /// Whether the payload is signaled; `None` if it is in no file.
     pub fn is_signaled(&self) -> Option<bool> {
         let payloads = self.0.lock();
         match (&payloads.temporary, &payloads.permanent) {
@@ -109,7 +109,7 @@ impl External {
         }
     }
 
-    /// Signals the payload; false if it lies in no file.
+    /// Signals the payload; false if it is in no file.
     pub fn signal(&self) -> bool {
         let payloads = self.0.lock();
         match (&payloads.temporary, &payloads.permanent) {
@@ -132,8 +132,8 @@ impl External {
         true
     }
 
-    /// Resets a fence: a temporary payload is gone, and the permanent one, which stands again, is
-    /// unsignaled. False if that lies in no file.
+    /// Resets a fence: removes a temporary payload, and unsignals the permanent one. False if that
+    /// is in no file.
     pub fn reset(&self) -> bool {
         let payloads = &mut *self.0.lock();
         payloads.temporary = None;

@@ -31,12 +31,12 @@ impl Stages {
         STAGES.iter().position(|&other| other == stage)
     }
 
-    /// Whether a stage is one of drawing.
+    /// Whether a stage takes part in drawing.
     pub fn has(stage: Stage) -> bool {
         Self::place(stage).is_some()
     }
 
-    /// Sets the program of a stage of drawing, or takes it away.
+    /// Sets or removes the program of a drawing stage.
     pub fn set(&mut self, stage: Stage, program: Option<Arc<Program>>) {
         if let Some(place) = Self::place(stage) {
             self.0[place] = program;
@@ -51,13 +51,13 @@ impl Stages {
         self.of(Stage::Vertex).map(|program| &**program)
     }
 
-    /// The control and the evaluation program.
+    /// The tessellation control and evaluation programs.
     pub fn tessellation(&self) -> Option<(&Program, &Program)> {
         let control = self.of(Stage::TessellationControl)?;
         Some((control, self.of(Stage::TessellationEvaluation)?))
     }
 
-    /// Whether there is one of those two without the other: nothing can be drawn.
+    /// Whether only one of the two tessellation programs is bound, so that nothing can be drawn.
     pub fn lacks_tessellation(&self) -> bool {
         let control = self.of(Stage::TessellationControl);
         control.is_some() != self.of(Stage::TessellationEvaluation).is_some()
@@ -67,7 +67,7 @@ impl Stages {
         self.of(Stage::Geometry).map(|program| &**program)
     }
 
-    /// The mesh program, in the place of all stages above.
+    /// The mesh program, which replaces all stages above.
     pub fn mesh(&self) -> Option<&Program> {
         self.of(Stage::Mesh).map(|program| &**program)
     }
@@ -78,7 +78,7 @@ impl Stages {
         self.of(Stage::Task).map(|program| &**program)
     }
 
-    /// Whether a stage may make many primitives of one, or of a workgroup.
+    /// Whether a stage can produce many primitives from one, or from a workgroup.
     pub fn amplifies(&self) -> bool {
         self.geometry().is_some() || self.mesh().is_some()
     }
@@ -98,12 +98,12 @@ impl Stages {
             .map(|program| &**program)
     }
 
-    /// The programs that there are, in the order in which they run.
+    /// The bound programs, in the order in which they run.
     pub fn iter(&self) -> impl Iterator<Item = &Arc<Program>> + Clone {
         self.0.iter().flatten()
     }
 
-    /// Takes over the programs of the stages for which `wanted` holds.
+    /// Copies the programs of the stages for which `wanted` holds.
     fn take(&mut self, from: &Self, wanted: impl Fn(Stage) -> bool) {
         for (place, stage) in STAGES.into_iter().enumerate() {
             if wanted(stage) {
@@ -134,7 +134,7 @@ impl FromIterator<Arc<Program>> for Stages {
 /// A graphics pipeline, or a library with some of its parts (`VK_EXT_graphics_pipeline_library`).
 pub struct GraphicsPipeline {
     pub parts: Parts,
-    /// Of the parts that it has; all else is the default.
+    /// The state of the parts that are there; the rest is the default.
     pub state: GraphicsState,
     pub dynamic: DynamicStates,
     pub stages: Arc<Stages>,
@@ -151,12 +151,12 @@ impl GraphicsPipeline {
         }
     }
 
-    /// Puts a program in its place.
+    /// Sets the program of its stage.
     pub fn set_program(&mut self, stage: Stage, program: Arc<Program>) {
         Arc::make_mut(&mut self.stages).set(stage, Some(program));
     }
 
-    /// Takes over the parts of a library, or those that a pipeline itself comes with.
+    /// Copies the parts of a library, or the pipeline's own parts.
     pub fn link(&mut self, part: &GraphicsPipeline) {
         let new = part.parts & !self.parts;
         self.state.take_parts(new, &part.state);

@@ -1,9 +1,9 @@
-//! The state of a draw besides its shaders, bindings, buffers and attachments: what a graphics
-//! pipeline holds, and what commands set.
+//! The state of a draw except shaders, bindings, buffers and attachments, from graphics pipelines
+//! and from commands.
 //!
-//! A command buffer has one current [`GraphicsState`]. Binding a pipeline copies into it all groups
-//! that are static in that pipeline ([`GraphicsState::take_static`]); `vkCmdSet*` writes single
-//! values. So a draw looks at one structure, wherever its parts come from.
+//! A command buffer has one current [`GraphicsState`]. Binding a pipeline copies the pipeline's
+//! static groups ([`GraphicsState::take_static`]); `vkCmdSet*` writes single values. So a draw
+//! reads one structure, regardless of the source of its parts.
 
 #![forbid(unsafe_code)]
 
@@ -27,7 +27,7 @@ pub const MAX_VERTEX_INPUTS: usize = limits::MAX_VERTEX_INPUTS as usize;
 pub struct VertexBinding {
     pub binding: u32,
     pub stride_bytes: u32,
-    /// Advances by instance; else by vertex.
+    /// The binding advances by instance, otherwise by vertex.
     pub per_instance: bool,
     /// Instances between advances; 0: never.
     pub divisor: u32,
@@ -54,12 +54,12 @@ pub struct VertexInput {
 pub struct Rasterization {
     pub discard: bool,
     pub depth_clamp: bool,
-    /// In the place of the viewport's range (`VK_EXT_depth_clamp_control`).
+    /// Replaces the viewport's depth range (`VK_EXT_depth_clamp_control`).
     pub depth_clamp_range: Option<[f32; 2]>,
-    /// As set, or the opposite of `depth_clamp` where nothing says so
+    /// The set value, or the opposite of `depth_clamp` if none was set
     /// (`VkPipelineRasterizationDepthClipStateCreateInfoEXT`).
     pub depth_clip: bool,
-    /// Nothing says so: `depth_clip` is the opposite of `depth_clamp` whenever that is set.
+    /// No value was set: `depth_clip` follows `depth_clamp`, as its opposite.
     pub depth_clip_follows: bool,
     pub polygon_mode: vk::PolygonMode,
     pub cull_mode: vk::CullModeFlags,
@@ -94,13 +94,13 @@ pub struct Multisample {
     pub sample_mask: u32,
     pub alpha_to_coverage: bool,
     pub alpha_to_one: bool,
-    /// `VkPipelineSampleLocationsStateCreateInfoEXT`: samples lie at these places, in sixteenths of
-    /// a pixel.
+    /// `VkPipelineSampleLocationsStateCreateInfoEXT`: the sample locations, in sixteenths of a
+    /// pixel.
     pub has_locations: bool,
     pub locations: SampleLocations,
 }
 
-/// Places of the samples of each pixel, x and y, in sixteenths from its upper left corner.
+/// The x and y of each sample of a pixel, in sixteenths from the upper left corner.
 pub type SampleLocations = [[u8; 2]; 8];
 
 /// One face of the stencil test.
@@ -139,7 +139,7 @@ pub struct BlendAttachment {
     pub dst_alpha: vk::BlendFactor,
     pub alpha_op: vk::BlendOp,
     pub write_mask: vk::ColorComponentFlags,
-    /// Looked at by advanced operations.
+    /// Used by advanced blend operations.
     pub advanced: AdvancedBlend,
 }
 
@@ -168,7 +168,7 @@ impl Default for AdvancedBlend {
 /// `VkPipelineColorBlendStateCreateInfo`, with `VK_EXT_color_write_enable`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ColorBlend {
-    /// Where it is enabled: what [`Self::set_logic_op`] is.
+    /// The logic operation, if it is enabled; see [`Self::set_logic_op`].
     pub logic_op: Option<vk::LogicOp>,
     /// The operation as it was set, enabled or not.
     pub set_logic_op: vk::LogicOp,
@@ -185,8 +185,8 @@ pub struct Viewports {
     pub scissors: SmallVec<[vk::Rect2D; 1]>,
 }
 
-/// The attachments of a pass that a pipeline has formats for; it neither reads nor writes the
-/// others (`VK_EXT_dynamic_rendering_unused_attachments`).
+/// The attachments for which a pipeline has formats. It neither reads nor writes the others
+/// (`VK_EXT_dynamic_rendering_unused_attachments`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct UsedAttachments {
     /// A bit an attachment.
@@ -195,21 +195,21 @@ pub struct UsedAttachments {
     pub stencil: bool,
 }
 
-/// By location of a fragment output: its colour attachment, or `VK_ATTACHMENT_UNUSED`
+/// The color attachment of each fragment output location, or `VK_ATTACHMENT_UNUSED`
 /// (`VkRenderingAttachmentLocationInfo`).
 pub type ColorLocations = [u32; MAX_COLOR_ATTACHMENTS];
 
-/// The locations at the start of a pass: those of the attachments' own numbers.
+/// The locations at the start of a pass: each attachment has the location of its number.
 pub fn own_locations() -> ColorLocations {
     std::array::from_fn(|location| location as u32)
 }
 
-/// How patches are taken (`VkPipelineTessellationStateCreateInfo`).
+/// Tessellation state (`VkPipelineTessellationStateCreateInfo`).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Tessellation {
     /// Vertices of a patch.
     pub control_points: u32,
-    /// The domain's origin is its lower left corner, not the upper left one.
+    /// The domain's origin is the lower left corner instead of the upper left one.
     pub lower_left: bool,
 }
 
@@ -227,12 +227,12 @@ pub struct GraphicsState {
     pub blend: ColorBlend,
     pub shading_rate: ShadingRate,
     pub color_locations: ColorLocations,
-    /// Complete except for pipelines of dynamic rendering.
+    /// All attachments, except for pipelines of dynamic rendering.
     pub used_attachments: UsedAttachments,
 }
 
 impl GraphicsState {
-    /// Whether draws in either state are the same. Floats are compared by their bits: the sign of a
+    /// Whether both states draw the same. Floats are compared by their bits, since the sign of a
     /// zero can reach an attachment.
     pub fn is_same(&self, other: &Self) -> bool {
         let Self {

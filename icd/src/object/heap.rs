@@ -1,9 +1,9 @@
-//! Samplers of descriptor heaps (`VK_EXT_descriptor_heap`): they are no objects, so the device
-//! keeps each that is described until its own end.
+//! Samplers of descriptor heaps (`VK_EXT_descriptor_heap`). They have no objects, so the device
+//! keeps each described sampler until it is destroyed.
 //!
-//! A program names a sampler that it embeds by a number, which follows from the sampler's contents,
-//! so that stored programs run on other devices. Two samplers with the same number are rare: the
-//! second has the next free one.
+//! A program names an embedded sampler by a number that follows from the sampler's contents, so
+//! that stored programs run on other devices. If two samplers have the same number, which is rare,
+//! the second gets the next free one.
 
 use std::alloc::Layout;
 use std::collections::{HashMap, HashSet};
@@ -27,9 +27,9 @@ use crate::table::limits::MAX_EMBEDDED_SAMPLERS;
 pub struct HeapSamplers {
     views: Arc<Views>,
     known: Mutex<EmbeddedSamplers>,
-    /// Embedded samplers by number, once there is one.
+    /// The table of embedded samplers, created with the first.
     embedded: OnceLock<Entries>,
-    /// Samplers have names, which are the same on every device.
+    /// Samplers get the same keys on every device.
     replays: bool,
     /// Indices of registered border colors. The colors come with each sampler.
     pub border_colors: Mutex<HashSet<u32>>,
@@ -38,14 +38,14 @@ pub struct HeapSamplers {
 #[derive(Default)]
 struct EmbeddedSamplers {
     samplers: Vec<(SamplerDescriptor, Key)>,
-    /// By number: indices of samplers. A sampler may have several numbers.
+    /// The sampler's index for each number. A sampler may have several numbers.
     embedded: HashMap<u32, usize>,
 }
 
-/// Numbers of embedded samplers: many more than there are samplers.
+/// The number range of embedded samplers, much larger than the number of samplers.
 const NUMBERS: u32 = 1 << 20;
 
-/// Descriptors by number, of which the system gives memory for those that are used.
+/// Descriptors by number. The system commits memory only for used pages.
 struct Entries(NonNull<Descriptor>);
 
 // SAFETY: an entry is written once, under the lock, before a program names it.
@@ -100,7 +100,7 @@ impl EmbeddedSamplers {
 }
 
 impl HeapSamplers {
-    /// No samplers. With `replays` the same samplers have the same keys on every device.
+    /// Creates an empty table. With `replays` the same samplers have the same keys on every device.
     pub fn new(views: &Arc<Views>, replays: bool) -> Self {
         Self {
             views: Arc::clone(views),
@@ -122,7 +122,7 @@ impl HeapSamplers {
         Ok(known.samplers[index].1)
     }
 
-    /// The number by which programs name a sampler that they embed.
+    /// The number that programs use for an embedded sampler.
     ///
     /// # Errors
     /// `VK_ERROR_OUT_OF_HOST_MEMORY`, also for more than [`MAX_EMBEDDED_SAMPLERS`].
@@ -140,7 +140,7 @@ impl HeapSamplers {
         Err(vk::Result::ERROR_OUT_OF_HOST_MEMORY)
     }
 
-    /// Gives a free number to a sampler.
+    /// Assigns a free number to a sampler.
     fn put(&self, known: &mut EmbeddedSamplers, number: u32, index: usize) -> VkResult {
         const NO_MEMORY: vk::Result = vk::Result::ERROR_OUT_OF_HOST_MEMORY;
         if known.embedded.len() >= MAX_EMBEDDED_SAMPLERS as usize {
@@ -148,7 +148,7 @@ impl HeapSamplers {
         }
         known.embedded.try_reserve(1).map_err(|_| NO_MEMORY)?;
         if self.embedded.get().is_none() {
-            // The lock is held: there is none yet.
+            // The lock is held, so no other thread creates the table.
             let _ = self.embedded.set(Entries::new().ok_or(NO_MEMORY)?);
         }
         let entries = self.embedded.get().ok_or(NO_MEMORY)?;
@@ -156,21 +156,22 @@ impl HeapSamplers {
             sampler: self.views.samplers.get(known.samplers[index].1),
             ..Descriptor::NULL
         };
-        // SAFETY: the number is one of the table. The lock is held, and no program has it yet.
+        // SAFETY: the number is inside the table. The lock is held, and no program uses the number
+        // yet.
         unsafe { entries.0.add(number as usize).write(descriptor) };
         known.embedded.insert(number, index);
         Ok(())
     }
 
-    /// Whether an embedded sampler of data has its number on this device: it does from now on, if
-    /// the number is free.
+    /// Assigns a stored sampler its number on this device. Returns false if another sampler has the
+    /// number.
     pub fn place(&self, stored: &EmbeddedSampler) -> bool {
         let Some((number, sampler)) = decode(stored).filter(|it| it.0 < NUMBERS) else {
             return false;
         };
         let mut known = self.known.lock();
         match known.embedded.get(&number) {
-            // The bits decide, not whether the numbers are equal: NaN is none.
+            // Bits are compared, because NaN is unequal to itself.
             Some(&index) => encode(number, &known.samplers[index].0) == *stored,
             None => {
                 let index = known.find(&self.views, &sampler, self.replays);

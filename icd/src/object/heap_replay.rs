@@ -1,6 +1,6 @@
-//! Capture and replay of descriptors in heaps (`descriptorHeapCaptureReplay`): the bits of such a
-//! descriptor follow from what it describes, and those of an image also from the image's identity,
-//! which is the image's opaque capture data.
+//! Capture and replay of descriptors in heaps (`descriptorHeapCaptureReplay`). The bits of such a
+//! descriptor follow from its contents; those of an image's descriptor also from the image's
+//! identity, which is its opaque capture data.
 
 #![forbid(unsafe_code)]
 
@@ -28,17 +28,17 @@ struct IdentityAllocator {
     used: HashSet<u32>,
 }
 
-/// The identity of an image; another image may have it when this is dropped.
+/// The identity of an image, free for another image once this is dropped.
 pub struct Identity {
     number: u32,
     of: Arc<Identities>,
 }
 
 impl Identities {
-    /// An identity: `captured`, if there is one.
+    /// Takes an identity: `captured`, if there is one.
     ///
     /// # Errors
-    /// `VK_ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS` if another image has it, or none can have it;
+    /// `VK_ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS` if another image has it, or it is invalid;
     /// `VK_ERROR_OUT_OF_HOST_MEMORY`.
     pub fn take(self: &Arc<Self>, captured: Option<u64>) -> VkResult<Identity> {
         let state = &mut *self.state.lock();
@@ -70,8 +70,7 @@ impl Identity {
         self.number.into()
     }
 
-    /// The name of a view of the image: the same for views that differ only in where the image
-    /// lies.
+    /// The name of a view of the image, independent of the image's address.
     pub fn name(&self, view: &ImageDescriptor) -> Key {
         let view = ImageDescriptor {
             data: std::ptr::null_mut(),
@@ -87,7 +86,7 @@ impl Drop for Identity {
     }
 }
 
-/// A name that follows from contents and from a seed.
+/// A name computed from contents and a seed.
 pub fn name(contents: &impl Debug, seed: u32) -> Key {
     let text = format!("{contents:?}");
     Key::named(xxh3_64_with_seed(text.as_bytes(), seed.into()))

@@ -1,6 +1,5 @@
-//! Images. They are stored linearly: a plane per aspect, in it layers, in each layer samples, in
-//! each sample mip levels. Rows of images that may be resident in parts begin with a page each
-//! ([`resident`](super::resident)).
+//! Images. Storage is linear: planes hold layers, layers hold samples, and samples hold mip levels.
+//! In partially resident images each row starts at a page ([`resident`](super::resident)).
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -22,7 +21,7 @@ use crate::format::{self, PlaneFormat, texel_format};
 use crate::os::address_space::page_bytes;
 use crate::table::limits;
 
-/// Levels, samples and layers start at multiples of this.
+/// Alignment of levels, samples and layers.
 const SUBRESOURCE_ALIGNMENT: u64 = 64;
 
 /// One aspect of an image: color, depth or stencil. A combined depth-stencil format has two planes
@@ -30,18 +29,18 @@ const SUBRESOURCE_ALIGNMENT: u64 = 64;
 #[derive(Clone, Debug)]
 pub struct Plane {
     pub aspect: vk::ImageAspectFlags,
-    /// Which of the image's bindings it lies in: its own, if the image is disjoint.
+    /// The index of the plane's memory binding: each plane of a disjoint image has its own.
     pub binding: usize,
     /// The plane's own format: `D32_SFLOAT` and `S8_UINT` for `D32_SFLOAT_S8_UINT`.
     pub format: vk::Format,
-    /// Of a block in compressed formats; rows are rows of blocks then.
+    /// Size of a texel, or of a block in compressed formats, whose rows are rows of blocks.
     pub texel_size_bytes: u64,
-    /// Of layer 0, sample 0, from the image's start in each level's `offset_bytes`.
+    /// The levels of layer 0, sample 0, with offsets from the image's start.
     pub levels: Vec<Level>,
     /// Texels of a block.
     pub block_extent: [u32; 2],
     pub layer_stride_bytes: u64,
-    /// Between the planes of samples; the layer is `samples` of these.
+    /// Distance between samples; a layer has `samples` of these.
     pub sample_stride_bytes: u64,
 }
 
@@ -58,19 +57,19 @@ pub struct Image {
     pub tiling: vk::ImageTiling,
     pub usage: vk::ImageUsageFlags,
     pub planes: Vec<Plane>,
-    /// Of the first binding.
+    /// Size of the first binding.
     pub size_bytes: u64,
     /// The memory of the image, or of each plane of a disjoint image.
     bindings: Vec<Binding>,
-    /// Of a sparse image.
+    /// The address space of a sparse image.
     pub reservation: Option<Arc<Reservation>>,
-    /// The views that descriptors in heaps name, as long as the image lives.
+    /// Views for descriptors in heaps, kept while the image lives.
     heap_views: Mutex<Vec<ViewEntry<ImageDescriptor>>>,
-    /// Of an image whose descriptors in heaps can be had again, until it is destroyed.
+    /// The identity of an image with replayable descriptors, until the image is destroyed.
     identity: Mutex<Option<Identity>>,
 }
 
-/// A part of an image that is bound as a whole.
+/// A separately bound part of an image.
 struct Binding {
     size_bytes: u64,
     address: AtomicU64,
@@ -132,7 +131,7 @@ impl Image {
         })
     }
 
-    /// An image whose descriptors in heaps can be had again.
+    /// Creates an image with replayable descriptors in heaps.
     pub fn identified(self, identity: Identity) -> Self {
         Self {
             identity: Mutex::new(Some(identity)),
@@ -145,8 +144,8 @@ impl Image {
         self.identity.lock().as_ref().map_or(0, Identity::data)
     }
 
-    /// Gives the identity back, at the image's destruction: recorded commands may hold the image
-    /// longer, but another image may have its identity and its views from now on.
+    /// Frees the identity at the image's destruction. Recorded commands may hold the image longer,
+    /// but another image may take its identity and views from now on.
     pub fn forget_identity(&self) {
         let identity = self.identity.lock().take();
         if identity.is_some() {
@@ -154,7 +153,7 @@ impl Image {
         }
     }
 
-    /// The alignment of memory bindings, and of the place in memory.
+    /// The alignment of memory bindings and of the image's address.
     pub fn alignment(flags: vk::ImageCreateFlags) -> u64 {
         match flags {
             flags if flags.contains(vk::ImageCreateFlags::SPARSE_RESIDENCY) => page_bytes(),
@@ -163,7 +162,7 @@ impl Image {
         }
     }
 
-    /// A sparse image: it has its address from the start.
+    /// Makes the image sparse, with an address from the start.
     pub fn reserved(self, reservation: Arc<Reservation>) -> Self {
         self.bind(reservation.address());
         Self {
@@ -209,13 +208,13 @@ impl Image {
         self.bindings[binding].address.load(Ordering::Relaxed) as *mut u8
     }
 
-    /// Binds the image to an address: of a disjoint image, the plane of an aspect.
+    /// Binds the image, or the aspect's plane of a disjoint image, to an address.
     pub fn bind_plane(&self, aspect: Option<vk::ImageAspectFlags>, address: u64) {
         let binding = &self.bindings[self.binding_of(aspect)];
         binding.address.store(address, Ordering::Relaxed);
     }
 
-    /// Bytes to bind: of a disjoint image, those of the plane of an aspect.
+    /// The size to bind, of the image or of the aspect's plane of a disjoint image.
     pub fn binding_size_bytes(&self, aspect: Option<vk::ImageAspectFlags>) -> u64 {
         self.bindings[self.binding_of(aspect)].size_bytes
     }
@@ -263,7 +262,8 @@ impl Image {
         }
     }
 
-    /// Slices of a 3D image's level that its layers name, `VK_REMAINING_ARRAY_LAYERS` resolved.
+    /// The number of slices of a 3D image's level that a layer range names,
+    /// `VK_REMAINING_ARRAY_LAYERS` resolved.
     pub fn slice_count(&self, layers: &vk::ImageSubresourceLayers) -> u32 {
         let level = |plane: &Plane| plane.levels.get(layers.mip_level as usize).copied();
         match layers.layer_count {
@@ -298,8 +298,7 @@ fn lay_out_plane(
         false => SUBRESOURCE_ALIGNMENT,
     };
     let start = size_bytes.checked_next_multiple_of(alignment)?;
-    // More levels than an image of any size can have (chapter Images, `VkImageCreateInfo`) are an
-    // impossible image.
+    // No size allows more levels than this (chapter Images, `VkImageCreateInfo`).
     if info.mip_levels as usize > MAX_LEVELS {
         return None;
     }
@@ -414,7 +413,7 @@ const ATTACHMENT: vk::FormatFeatureFlags2 = vk::FormatFeatureFlags2::from_raw(
         | vk::FormatFeatureFlags2::DEPTH_STENCIL_ATTACHMENT.as_raw(),
 );
 
-/// Whether a format with these features can be used like this.
+/// Whether a format with these features supports a usage.
 fn supports_usage(
     features: vk::FormatFeatureFlags2,
     usage: vk::ImageUsageFlags,
@@ -467,13 +466,14 @@ fn supports_shape(
         && (!has_slices || ty == vk::ImageType::TYPE_3D)
 }
 
-/// Whether an image can be resident in parts, if it is to be.
+/// Whether an image can be partially resident, if the flags ask for it.
 fn supports_residency(format: vk::Format, ty: vk::ImageType, flags: vk::ImageCreateFlags) -> bool {
     !flags.contains(vk::ImageCreateFlags::SPARSE_RESIDENCY)
         || (ty != vk::ImageType::TYPE_1D && resident::is_divisible(format))
 }
 
-/// Whether an image can have the planes of its format, and disjoint ones if it is to.
+/// Whether an image supports the planes of its format, and disjoint planes if the flags ask for
+/// them.
 fn supports_planes(
     format: vk::Format,
     features: vk::FormatFeatureFlags2,
@@ -491,7 +491,7 @@ fn supports_planes(
         || (ty == vk::ImageType::TYPE_2D && !flags.intersects(not_in_planes))
 }
 
-/// Whether an image can have the blocks of its format: textureCompressionETC2 and
+/// Whether an image supports the blocks of its format: textureCompressionETC2 and
 /// textureCompressionASTC_LDR cover 2D images, textureCompressionBC also 3D.
 fn supports_blocks(format: vk::Format, ty: vk::ImageType, flags: vk::ImageCreateFlags) -> bool {
     match texel_format(format).info().and_then(FormatInfo::blocks) {

@@ -11,7 +11,7 @@ use crate::format;
 use crate::handle::Ref;
 use crate::wave::mask::InvocationMask;
 
-/// An image view, resolved to what shaders read, and the part of the image that commands write.
+/// An image view: the descriptor that shaders read, and the part of the image that commands write.
 pub struct ImageView {
     pub descriptor: ViewEntry<ImageDescriptor>,
     pub image: Ref<Image>,
@@ -20,7 +20,7 @@ pub struct ImageView {
 }
 
 impl ImageView {
-    /// Layers that it has; slices of a 3D image.
+    /// The number of layers, or of slices of a 3D image.
     pub fn layer_count(&self) -> u32 {
         match self.image.image_type {
             vk::ImageType::TYPE_3D => {
@@ -37,7 +37,7 @@ impl ImageView {
         }
     }
 
-    /// Where the texels of a view of `VK_FORMAT_R8_UINT` are that is to be an invocation mask.
+    /// The texels of a `VK_FORMAT_R8_UINT` view, as an invocation mask.
     pub fn invocation_mask(&self) -> InvocationMask {
         let image = &*self.descriptor;
         let level = &image.levels[0];
@@ -50,11 +50,10 @@ impl ImageView {
     }
 }
 
-/// The descriptor through which shaders read a view.
+/// Computes the descriptor of a view.
 ///
 /// # Errors
-/// `VK_ERROR_UNKNOWN` for a range outside the image, and for a format whose texels are of another
-/// size.
+/// `VK_ERROR_UNKNOWN` for a range outside the image, and for a format with another texel size.
 pub fn view_descriptor(
     image: &Image,
     ty: vk::ImageViewType,
@@ -76,7 +75,7 @@ pub fn view_descriptor(
         .levels
         .get(range.base_mip_level as usize)
         .ok_or(OUTSIDE)?;
-    // A 2D view of a 3D image: its layers are the slices of one level.
+    // The layers of a 2D view of a 3D image are the slices of one level.
     let slices = image.image_type == vk::ImageType::TYPE_3D && ty != vk::ImageViewType::TYPE_3D;
     let (layer_stride_bytes, layers) = if slices {
         (first.slice_stride_bytes, first.depth)
@@ -108,7 +107,7 @@ pub fn view_descriptor(
         .aspect
         .intersects(vk::ImageAspectFlags::DEPTH | vk::ImageAspectFlags::STENCIL);
     let data = image.plane_data(plane);
-    // The planes are those of the image, whatever the conversion was made for.
+    // The image decides the planes, not the format of the conversion.
     let planes = format::ycbcr_planes(image.format);
     let conversion = match (conversion, planes) {
         (Some(conversion), Some(planes)) => Some(Conversion {
@@ -123,13 +122,13 @@ pub fn view_descriptor(
             write_planes(&mut levels, image, data, range.base_array_layer);
             vk::Format::from_raw(conversion.planes.planes[0].format.0 as i32)
         }
-        // A conversion that is one only in name: the view's own planes.
+        // A conversion of a single plane keeps the view's format.
         Some(_) => view_format,
         None if is_depth_or_stencil || format::ycbcr_planes(view_format).is_some() => plane.format,
         None => view_format,
     };
-    // Formats of other sizes would reach past the image (VUID-VkImageViewCreateInfo-image-01761,
-    // -01583).
+    // Formats with another texel size would access memory past the image
+    // (VUID-VkImageViewCreateInfo-image-01761, -01583).
     let is_plain = conversion.is_none_or(|it| !it.planes.requires_conversion());
     if is_plain {
         let view_blocks = format::block_extent(format);
@@ -139,7 +138,7 @@ pub fn view_descriptor(
             return Err(OUTSIDE);
         }
     }
-    // Texels stored as pairs are accessed as pairs, except by samples.
+    // Texels that are stored in pairs are accessed in pairs, except by sampling.
     if plane.block_extent == [2, 1] && conversion.is_none() {
         for level in &mut levels {
             level.width = level.width.div_ceil(2);
@@ -308,7 +307,7 @@ mod tests {
         drop(first);
         assert!(!second.as_ptr().is_null());
         assert_eq!(store(Some(Some(key))).err(), Some(taken));
-        // All other keys are an object's until its end.
+        // Every other key belongs to one object until its end.
         let plain = store(None).unwrap();
         plain.release();
         assert!(!plain.as_ptr().is_null());

@@ -1,5 +1,5 @@
-//! Which addresses are memory that the application has: what physical pointers and addresses in
-//! commands may lead to.
+//! The application's live memory: the addresses to which physical pointers and addresses in
+//! commands may lead.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -15,9 +15,9 @@ pub struct LiveMemory(Mutex<LiveRanges>);
 #[derive(Default)]
 struct LiveRanges {
     ranges: Vec<Range>,
-    /// Parts of sparse resources without memory: their ends, by their starts.
+    /// Parts of sparse resources without memory: start to end.
     unbound: BTreeMap<u64, u64>,
-    /// Made of the ranges when they are asked for; gone when those change.
+    /// Computed from the ranges on demand, and discarded when they change.
     reach: Option<(Arc<Reach>, Live)>,
 }
 
@@ -37,7 +37,7 @@ impl LiveRanges {
         })
     }
 
-    /// Takes a range out of the unbound ones.
+    /// Removes a range from the unbound ranges.
     fn cut(&mut self, start: u64, end: u64) {
         while let Some((&first, &last)) = self.unbound.range(..end).next_back()
             && last > start
@@ -54,17 +54,17 @@ impl LiveRanges {
     }
 }
 
-/// The same for shaders' pointers and for structures.
+/// Snapshots for shaders' pointers and for structures.
 fn of_reach(reach: Reach) -> (Arc<Reach>, Live) {
     let ranges = (reach.ranges().iter()).map(|range| (range.start, range.size_bytes));
-    // SAFETY: what is live is readable until it is freed, and the application frees nothing that is
-    // in use. Of what is live everywhere the caller knows what lies there.
+    // SAFETY: live memory is readable until it is freed, and the application frees no memory that
+    // is in use. With everything live, the caller knows the memory.
     let live = unsafe { Live::new(ranges) };
     (Arc::new(reach), live)
 }
 
 impl LiveMemory {
-    /// Where everything is live: for work on memory that is not a device's.
+    /// A set in which all addresses are live, for memory that belongs to no device.
     pub fn everywhere() -> Arc<Self> {
         Arc::new(Self(Mutex::new(LiveRanges {
             reach: Some(of_reach(Reach::everywhere())),
@@ -72,14 +72,14 @@ impl LiveMemory {
         })))
     }
 
-    /// Adds a range; the same one may be added more than once.
+    /// Adds a range. A range may be added more than once.
     pub fn add(&self, start: u64, size_bytes: u64) {
         let mut state = self.0.lock();
         state.ranges.push(Range { start, size_bytes });
         state.reach = None;
     }
 
-    /// Takes a range away that was added.
+    /// Removes an added range.
     pub fn remove(&self, start: u64, size_bytes: u64) {
         let mut state = self.0.lock();
         let gone = Range { start, size_bytes };
@@ -89,12 +89,12 @@ impl LiveMemory {
         }
     }
 
-    /// Notes that a part of a sparse resource has memory.
+    /// Marks a part of a sparse resource as bound.
     pub fn bind(&self, start: u64, size_bytes: u64) {
         self.0.lock().cut(start, start + size_bytes);
     }
 
-    /// Notes that a part of a sparse resource has no memory.
+    /// Marks a part of a sparse resource as unbound.
     pub fn unbind(&self, start: u64, size_bytes: u64) {
         let mut state = self.0.lock();
         state.cut(start, start + size_bytes);
@@ -106,7 +106,7 @@ impl LiveMemory {
         Arc::clone(&self.0.lock().reach().0)
     }
 
-    /// The same, for the memory that structures refer to.
+    /// The current live memory, for references between structures.
     pub fn structures(&self) -> Live {
         self.0.lock().reach().1.clone()
     }

@@ -17,7 +17,7 @@ use crate::os::handle::{Handle, Sharing};
 use crate::os::section::{Refused, Section};
 use crate::table::limits::max_allocations;
 
-/// Bytes in use by all devices of the process: they share the machine.
+/// Bytes in use by all devices of the process, which share the machine.
 static USED_BYTES: AtomicU64 = AtomicU64::new(0);
 
 /// Bytes of the heap in use in this process.
@@ -28,7 +28,7 @@ pub fn used_bytes() -> u64 {
 /// Allocations of this process with mappings of their own.
 static MAPPED: AtomicU32 = AtomicU32::new(0);
 
-/// One of so many that there can be; gives its place back when dropped.
+/// One unit of a bounded count, released when dropped.
 struct AllocationSlot<'a>(Option<&'a AtomicU32>);
 
 impl<'a> AllocationSlot<'a> {
@@ -55,13 +55,13 @@ impl Drop for AllocationSlot<'_> {
     }
 }
 
-/// A device's address space, and what of it is in use.
+/// A device's address space and its used ranges.
 pub struct AddressWindow {
-    /// Bytes that allocations may take together.
+    /// The budget of all allocations together.
     budget_bytes: u64,
     /// Bytes in use, counted with those of other windows.
     used_bytes: &'static AtomicU64,
-    /// How many allocations there are.
+    /// The number of allocations.
     allocations: AtomicU32,
     space: Mutex<AddressSpace>,
     /// Taken ranges and imported host memory.
@@ -108,7 +108,7 @@ impl AddressWindow {
         Ok(address)
     }
 
-    /// Takes a range that counts as no memory.
+    /// Takes a range that does not count as memory.
     ///
     /// # Errors
     /// `VK_ERROR_OUT_OF_DEVICE_MEMORY`, `VK_ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS`.
@@ -119,25 +119,24 @@ impl AddressWindow {
             _ => vk::Result::ERROR_OUT_OF_DEVICE_MEMORY,
         })?;
         if was_used {
-            // Writes after free are discarded.
-            // SAFETY: inside the window, and not taken by any other allocation. Its former mappings
-            // were replaced by zeros.
+            // Writes after free are discarded. SAFETY: the range is inside the window, and no other
+            // allocation has it. Zero pages have replaced its former mappings.
             unsafe { discard(address, size_bytes) };
         }
         self.live.add(address, size_bytes);
         Ok(address)
     }
 
-    /// Gives a range back: its pages read as zeros from now on.
+    /// Frees a range. Its pages read as zeros from now on.
     fn give_back(&self, address: u64, size_bytes: u64) {
         self.give_back_range(address, size_bytes);
         self.used_bytes.fetch_sub(size_bytes, Ordering::Relaxed);
     }
 
-    /// Gives back a range of [`Self::take_range`].
+    /// Frees a range of [`Self::take_range`].
     pub fn give_back_range(&self, address: u64, size_bytes: u64) {
         self.live.remove(address, size_bytes);
-        // SAFETY: inside the window, and its owner has gone.
+        // SAFETY: the range is inside the window, and its owner no longer exists.
         unsafe { replace_by_zeros(address, size_bytes) };
         self.space.lock().give_back(address, size_bytes);
     }
@@ -146,14 +145,14 @@ impl AddressWindow {
 /// An allocation.
 pub struct DeviceMemory {
     pub address: u64,
-    /// As asked for.
+    /// The requested size.
     pub size_bytes: u64,
     backing: Backing,
 }
 
 enum Backing {
-    /// A range of the window. Memory that sparse resources can be bound to, or that is exported or
-    /// imported, has a section, which is mapped there.
+    /// A range of the window. Memory for sparse binding, export or import is a section mapped
+    /// there.
     Window {
         window: Arc<AddressWindow>,
         mapped_bytes: u64,
@@ -163,12 +162,12 @@ enum Backing {
     Host { window: Arc<AddressWindow> },
 }
 
-/// Where an allocation's bytes come from.
+/// The source of an allocation's bytes.
 pub enum Source {
     Fresh,
-    /// Fresh, and sparse resources can be bound to it.
+    /// New memory to which sparse resources can be bound.
     Shared,
-    /// Fresh, and it can be exported.
+    /// New memory that can be exported.
     Exportable(Sharing),
     /// A section that another allocation exported.
     Exported(Handle),
@@ -176,10 +175,10 @@ pub enum Source {
 }
 
 impl DeviceMemory {
-    /// Where a resource of some size lies that is bound at an offset.
+    /// The address of a resource of this size at an offset.
     ///
     /// # Errors
-    /// `VK_ERROR_UNKNOWN` if it would reach past the end: what is bound is memory that is there.
+    /// `VK_ERROR_UNKNOWN` if the resource would reach past the end of the memory.
     pub fn place(&self, offset_bytes: u64, size_bytes: u64) -> VkResult<u64> {
         let end = offset_bytes.checked_add(size_bytes);
         if end.is_none_or(|end| end > self.size_bytes) {
@@ -192,10 +191,9 @@ impl DeviceMemory {
     ///
     /// # Errors
     /// `VK_ERROR_OUT_OF_DEVICE_MEMORY` past the heap's budget; `VK_ERROR_INVALID_EXTERNAL_HANDLE`
-    /// for a section that is too short, can be made shorter or cannot be mapped, for a name that is
-    /// taken, and for a host pointer to what is not there;
-    /// `VK_ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS` if an address that is asked for is taken;
-    /// `VK_ERROR_TOO_MANY_OBJECTS` past [`max_allocations`].
+    /// for a section that is too short, can shrink or cannot be mapped, for a name that is taken,
+    /// and for a host pointer to unmapped memory; `VK_ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS` if a
+    /// requested address is taken; `VK_ERROR_TOO_MANY_OBJECTS` past [`max_allocations`].
     pub fn allocate(
         window: &Arc<AddressWindow>,
         size_bytes: u64,
@@ -257,7 +255,7 @@ impl DeviceMemory {
         Ok(memory)
     }
 
-    /// The section that is mapped there.
+    /// The section that is mapped at the range.
     fn section(&self) -> Option<&Section> {
         match &self.backing {
             Backing::Window { section, .. } => section.as_ref(),
@@ -269,7 +267,7 @@ impl DeviceMemory {
         let Some(section) = self.section() else {
             return Ok(());
         };
-        // SAFETY: the range was just taken from the window, so nothing else uses it.
+        // SAFETY: the range has just been taken from the window, so nothing else uses it.
         let is_mapped = unsafe { section.map(self.address, self.shared_bytes()) };
         match section.handle() {
             _ if is_mapped => Ok(()),
@@ -278,7 +276,7 @@ impl DeviceMemory {
         }
     }
 
-    /// How much of it sparse resources can be bound to.
+    /// The size to which sparse resources can be bound.
     pub fn shared_bytes(&self) -> u64 {
         match &self.backing {
             Backing::Window {
@@ -286,7 +284,8 @@ impl DeviceMemory {
                 mapped_bytes,
                 ..
             } => match section.handle() {
-                // Others may have made it: it is no longer than asked for.
+                // Another process may have created the section, which may be shorter than the
+                // request.
                 Some(_) => self.size_bytes,
                 None => *mapped_bytes,
             },
@@ -294,25 +293,26 @@ impl DeviceMemory {
         }
     }
 
-    /// Maps a part of it at a further address, in place of the pages there; false if the system
-    /// refuses.
+    /// Maps a part of the memory at another address and replaces the pages there; false if the
+    /// system refuses.
     ///
     /// # Safety
     /// The part is within [`Self::shared_bytes`]. The destination is a part of a reservation, and
     /// no reference to it is alive.
     pub unsafe fn alias(&self, offset_bytes: u64, size_bytes: u64, address: u64) -> bool {
-        // SAFETY: the caller's promise; the section is mapped where the memory lies.
+        // SAFETY: the caller passes a part of a reservation without references to it, and the
+        // section is mapped at the memory's range.
         let alias = |section: &Section| unsafe {
             section.alias(self.address, offset_bytes, size_bytes, address)
         };
         self.section().is_some_and(alias)
     }
 
-    /// A new handle of exportable memory.
+    /// Creates a new handle of exportable memory.
     ///
     /// # Errors
-    /// `VK_ERROR_INVALID_EXTERNAL_HANDLE` for other memory, `VK_ERROR_TOO_MANY_OBJECTS` if the
-    /// process can have no more handles.
+    /// `VK_ERROR_INVALID_EXTERNAL_HANDLE` for other memory; `VK_ERROR_TOO_MANY_OBJECTS` if the
+    /// process cannot have more handles.
     pub fn export(&self) -> VkResult<Handle> {
         let section = self.section().filter(|section| section.handle().is_some());
         let section = section.ok_or(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE)?;

@@ -1,4 +1,4 @@
-//! Debug messengers: where an application hears what validation finds.
+//! Debug messengers, which pass validation's findings to the application.
 
 use std::ffi::{CStr, CString, c_void};
 
@@ -7,7 +7,7 @@ use parking_lot::RwLock;
 
 use crate::handle::Ref;
 
-/// `VkDebugUtilsMessengerEXT`: where the application wants to hear.
+/// `VkDebugUtilsMessengerEXT`: a callback of the application.
 pub struct Messenger {
     pub severity: vk::DebugUtilsMessageSeverityFlagsEXT,
     pub types: vk::DebugUtilsMessageTypeFlagsEXT,
@@ -19,7 +19,7 @@ pub struct Messenger {
 // (VkDebugUtilsMessengerCreateInfoEXT).
 unsafe impl Send for Messenger {}
 
-// SAFETY: as above.
+// SAFETY: as for `Send`.
 unsafe impl Sync for Messenger {}
 
 impl Messenger {
@@ -37,7 +37,7 @@ impl Messenger {
 pub struct Messengers(pub RwLock<Vec<Ref<Messenger>>>);
 
 impl Messengers {
-    /// Tells the application, and `TUFF_LOG`, about a failure of validation's kind.
+    /// Reports an error of the validation type to the application and to `TUFF_LOG`.
     pub fn error(&self, id: &CStr, message: &str) {
         log::error!("{message}");
         let _ = self.send(
@@ -48,7 +48,7 @@ impl Messengers {
         );
     }
 
-    /// Whether a messenger listens to this severity and type.
+    /// Whether a messenger accepts this severity and type.
     pub fn hear(
         &self,
         severity: vk::DebugUtilsMessageSeverityFlagsEXT,
@@ -58,7 +58,7 @@ impl Messengers {
         messengers.iter().any(|it| it.listens(severity, types))
     }
 
-    /// Calls every messenger that listens to this severity and type; whether there is one.
+    /// Calls every messenger that accepts this severity and type. Returns whether there is one.
     pub fn send(
         &self,
         severity: vk::DebugUtilsMessageSeverityFlagsEXT,
@@ -73,7 +73,7 @@ impl Messengers {
         self.forward(severity, types, &data)
     }
 
-    /// Passes a message on (`vkSubmitDebugUtilsMessageEXT`).
+    /// Forwards a message of the application (`vkSubmitDebugUtilsMessageEXT`).
     pub fn forward(
         &self,
         severity: vk::DebugUtilsMessageSeverityFlagsEXT,
@@ -86,8 +86,8 @@ impl Messengers {
             if let Some(callback) = messenger.callback
                 && messenger.listens(severity, types)
             {
-                // SAFETY: the application's callback with the data it asked for; the lock is not
-                // held, so it may call back in.
+                // SAFETY: the application gave the callback and its user data for this call. The
+                // lock is not held, so the callback may call the driver.
                 unsafe { callback(severity, types, data, messenger.user_data) };
                 heard = true;
             }

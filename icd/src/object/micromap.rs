@@ -1,4 +1,4 @@
-//! `VkMicromapEXT`: a name for a range of a buffer; the micromap itself is the bytes there.
+//! `VkMicromapEXT`: a handle of a range of a buffer. The micromap itself is the bytes there.
 
 #![forbid(unsafe_code)]
 
@@ -9,13 +9,13 @@ use crate::object::acceleration_structure::Storage;
 /// A micromap object.
 pub struct Micromap {
     pub buffer: Ref<Buffer>,
-    /// Of the micromap in the buffer: a multiple of 256.
+    /// Offset in the buffer: a multiple of 256.
     pub offset: u64,
     pub size_bytes: u64,
 }
 
 impl Micromap {
-    /// The range of memory that it names; at 0 while the buffer is unbound.
+    /// The object's range of memory; at address 0 while the buffer is unbound.
     pub fn storage(&self) -> Storage {
         let address = match self.buffer.address() {
             0 => 0,

@@ -1,4 +1,4 @@
-//! Which pages a part of an image takes that is resident in parts.
+//! The pages of a part of a partially resident image.
 
 #![forbid(unsafe_code)]
 
@@ -7,8 +7,7 @@ use ash::vk;
 use super::Image;
 use crate::os::address_space::page_bytes;
 
-/// Pages one after the other: from the image's first byte, and from the first byte of the memory
-/// that is bound to a part.
+/// A run of pages: its offset in the image, and its offset in the memory bound to a part.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Pages {
     pub image_offset: u64,
@@ -16,8 +15,8 @@ pub struct Pages {
     pub size_bytes: u64,
 }
 
-/// The pages of a part of an image, in the order in which memory is bound to them: along a row,
-/// then row by row, then slice by slice. None if the image has no such part.
+/// The pages of a part of an image, in binding order: along a row, then by row, then by slice.
+/// `None` if the image has no such part.
 pub fn pages(image: &Image, bind: &vk::SparseImageMemoryBind) -> Vec<Pages> {
     spans(image, bind).unwrap_or_default()
 }
@@ -126,7 +125,7 @@ mod tests {
             pages_of(bind(texels as i32, 1, texels, 2)),
             [[3, 0, 1], [5, 1, 1]]
         );
-        // Whole rows are neighbours.
+        // Whole rows are adjacent.
         assert_eq!(pages_of(bind(0, 1, 2 * texels, 3)), [[2, 0, 6]]);
         assert!(pages_of(bind(0, 2, texels, 3)).is_empty());
         assert!(pages_of(bind(2 * texels as i32, 0, 1, 1)).is_empty());

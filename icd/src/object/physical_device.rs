@@ -17,7 +17,7 @@ pub struct PhysicalDevice {
     pub api_version: u32,
     pub messengers: Arc<Messengers>,
     pub instance_extensions: ExtensionSet,
-    /// Threads that a device's commands fan out over.
+    /// Worker threads of a device.
     pub thread_count: usize,
     /// Size of the memory heap.
     pub heap_bytes: u64,
@@ -26,8 +26,8 @@ pub struct PhysicalDevice {
 }
 
 impl PhysicalDevice {
-    /// Looks at the machine. After this and the creation of a device, no file is opened any more: a
-    /// sandbox may refuse it.
+    /// Inspects the machine. After this and the creation of a device the driver opens no more
+    /// files, since a sandbox may refuse that.
     pub fn new(
         api_version: u32,
         messengers: Arc<Messengers>,
@@ -44,8 +44,8 @@ impl PhysicalDevice {
         }
     }
 
-    /// Bytes of the heap that this process can use: what it uses, and what the system and its
-    /// control group have free, up to the heap's size.
+    /// The heap budget of this process: its used bytes plus the free bytes of the system and its
+    /// control group, up to the heap's size.
     pub fn budget_bytes(&self) -> u64 {
         let free = os::memory::free_bytes().unwrap_or(0);
         let free = self
@@ -63,9 +63,9 @@ impl PhysicalDevice {
         }
     }
 
-    /// The device's name, with what decides its speed.
+    /// The device's name, with the properties that determine its speed.
     pub fn name(&self) -> String {
-        // The environment's limit, if it is a good one, binds from now on.
+        // A valid limit from the environment applies from now on.
         let _ = settings::checked();
         let threads = self.thread_count;
         let plural = if threads == 1 { "" } else { "s" };

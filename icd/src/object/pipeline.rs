@@ -48,7 +48,7 @@ impl Pipeline {
         }
     }
 
-    /// Tells its programs what the application calls it. Pipelines that share programs through a
+    /// Gives its programs the application's name for it. Pipelines that share programs through a
     /// cache share their names.
     pub fn set_name(&self, name: &str) {
         for program in self.programs() {
@@ -58,7 +58,7 @@ impl Pipeline {
         }
     }
 
-    /// Its programs, as far as they are compiled.
+    /// The compiled programs.
     pub fn programs(&self) -> Vec<&Arc<Program>> {
         match &self.kind {
             PipelineKind::Compute(program) => vec![program],
@@ -70,7 +70,7 @@ impl Pipeline {
         }
     }
 
-    /// The ray tracing pipeline that it is, as far as that can run.
+    /// The ray tracing pipeline, if all its shaders are compiled.
     pub fn ray_tracing(&self) -> Option<&RayTracingPipeline> {
         match &self.kind {
             PipelineKind::RayTracing(pipeline) => Some(pipeline),
@@ -79,7 +79,7 @@ impl Pipeline {
         }
     }
 
-    /// Its shader groups; none, of other pipelines than those for ray tracing.
+    /// The shader groups; none for other pipelines than ray tracing.
     pub fn groups(&self) -> &[Group] {
         match &self.kind {
             PipelineKind::RayTracing(pipeline) => &pipeline.shaders.groups,

@@ -1,5 +1,5 @@
-//! Pipeline binaries (`VK_KHR_pipeline_binary`): the programs of a pipeline's own stages, in their
-//! order, as data of the form that pipeline caches have.
+//! Pipeline binaries (`VK_KHR_pipeline_binary`): the programs of a pipeline's own stages, in order,
+//! in the data form of pipeline caches.
 
 #![forbid(unsafe_code)]
 
@@ -22,7 +22,7 @@ pub struct StoredModule {
 }
 
 impl StoredModule {
-    /// From what a binary stores: the number of samplers, the samplers, the module.
+    /// Decodes the stored form: the number of samplers, the samplers, the module.
     fn from_stored(key: ProgramKey, stored: &[u8]) -> Option<Self> {
         let (&count, rest) = stored.split_first()?;
         let bytes = usize::from(count) * size_of::<EmbeddedSampler>();
@@ -48,7 +48,7 @@ pub struct PipelineBinary {
 }
 
 impl PipelineBinary {
-    /// The binary of programs that come with their modules; none without programs.
+    /// The binary of programs with modules; `None` without programs.
     pub fn of(programs: &[StageProgram]) -> Option<Self> {
         let stored = |it: &StageProgram| {
             Some(StoredModule {
@@ -61,7 +61,7 @@ impl PipelineBinary {
         (!modules.is_empty()).then_some(Self { modules })
     }
 
-    /// From what [`Self::data`] gave; `None` from any other data.
+    /// Decodes the data of [`Self::data`]; `None` for any other data.
     pub fn with_data(data: &[u8]) -> Option<Self> {
         let stored = |(key, stored): (_, Option<&[u8]>)| StoredModule::from_stored(key, stored?);
         let modules = stored_modules(data).map(stored).collect::<Option<_>>()?;

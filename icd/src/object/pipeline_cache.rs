@@ -1,13 +1,13 @@
-//! Pipeline caches: programs by what they were compiled from, in memory and as data that another
-//! process can start with.
+//! Pipeline caches: programs by the key of their sources, in memory and as data from which another
+//! process can start.
 //!
 //! ```text
 //! VkPipelineCacheHeaderVersionOne | entry…
 //! entry: key, 16 bytes | bytes of the module, u32 | their hash with the key's, u64 | the module (spirv_jit::ir::binary)
 //! ```
 //!
-//! The header's UUID names the compiler that made the data: another compiler's is not read. An
-//! entry that is damaged is left out, and so is one that was cut off.
+//! The header's UUID identifies the compiler that made the data; data of other compilers is
+//! ignored. Damaged and truncated entries are skipped.
 
 #![forbid(unsafe_code)]
 
@@ -32,7 +32,7 @@ pub struct PipelineCache {
     entries: Mutex<HashMap<ProgramKey, Entry>>,
 }
 
-/// A program: in bytes that can be stored, and ready to run once someone has asked for it.
+/// A program in its stored form, and ready to run once it has been requested.
 #[derive(Clone)]
 struct Entry {
     bytes: Arc<[u8]>,
@@ -40,8 +40,8 @@ struct Entry {
 }
 
 impl PipelineCache {
-    /// A cache that starts with what [`Self::data`] gave, as far as it is intact and this
-    /// compiler's.
+    /// Creates a cache from the data of [`Self::data`], if this compiler made it, without damaged
+    /// entries.
     pub fn with_data(data: &[u8]) -> Self {
         let mut entries = HashMap::new();
         for (key, bytes) in stored_modules(data) {
@@ -60,7 +60,8 @@ impl PipelineCache {
         }
     }
 
-    /// The program of a key, with its module's bytes. One that came as data is made ready first.
+    /// The program of a key, with its module's bytes. A program from data is prepared on its first
+    /// request.
     pub fn find(&self, key: &ProgramKey) -> Option<(Arc<Program>, Arc<[u8]>)> {
         let entry = self.entries.lock().get(key).cloned()?;
         if let Some(program) = entry.program {
@@ -89,7 +90,7 @@ impl PipelineCache {
         self.entries.lock().insert(key, entry);
     }
 
-    /// Takes over what another cache has and this one has not.
+    /// Adds the entries of another cache that this one lacks.
     pub fn merge(&self, other: &PipelineCache) {
         let others = other.entries.lock().clone();
         let mut entries = self.entries.lock();
@@ -126,7 +127,7 @@ pub fn store_module(data: &mut Vec<u8>, key: &ProgramKey, bytes: &[u8]) {
     data.extend_from_slice(bytes);
 }
 
-/// The entries of data, each with its module if that is intact; none if another compiler made them.
+/// The intact entries of data, each with its module; none if another compiler made them.
 pub fn stored_modules(data: &[u8]) -> impl Iterator<Item = (ProgramKey, Option<&[u8]>)> {
     let mut rest = match data.split_at_checked(HEADER_BYTES) {
         Some((head, rest)) if head == header() => rest,
@@ -159,8 +160,8 @@ fn hash(key: &ProgramKey, bytes: &[u8]) -> u64 {
     xxh3_64_with_seed(bytes, seed)
 }
 
-/// The first entry's key and module, if intact, and what follows it; `None` at the end, and where
-/// an entry is cut off.
+/// The first entry's key and module, if intact, and the remaining data; `None` at the end and for a
+/// truncated entry.
 fn split_entry(data: &[u8]) -> Option<(ProgramKey, Option<&[u8]>, &[u8])> {
     let (key, data) = data.split_first_chunk::<16>()?;
     let (length, data) = data.split_first_chunk::<4>()?;

@@ -1,4 +1,4 @@
-//! Pipeline layouts: where shaders find their descriptors.
+//! Pipeline layouts: the locations of shaders' descriptors.
 
 #![forbid(unsafe_code)]
 
@@ -8,14 +8,14 @@ use super::DescriptorSetLayout;
 use crate::handle::Ref;
 use crate::table::limits::MAX_DYNAMIC_BUFFERS;
 
-/// Dynamic buffers of a set have numbers of their own: those of set n begin at n times this, so
-/// that a program's places depend on the layouts of the sets that it uses and on no other (pipeline
-/// libraries, shader objects). Twice the limit: uniform and storage buffers.
+/// Number range of a set's dynamic buffers: those of set n begin at n times this. So a program's
+/// numbers depend only on the layouts of the sets that it uses (pipeline libraries, shader
+/// objects). Twice the limit, for uniform and storage buffers.
 pub const DYNAMIC_OF_SET: u32 = 2 * MAX_DYNAMIC_BUFFERS;
 
 /// A pipeline layout.
 pub struct PipelineLayout {
-    /// By set number; `None` where the application gave `VK_NULL_HANDLE`.
+    /// Set layouts by set number; `None` for `VK_NULL_HANDLE`.
     pub sets: Vec<Option<Ref<DescriptorSetLayout>>>,
     pub push_constant_bytes: u32,
 }
@@ -28,7 +28,7 @@ impl PipelineLayout {
         }
     }
 
-    /// Where a shader finds the descriptors of (`set`, `binding`).
+    /// The location of the descriptors of (`set`, `binding`).
     pub fn descriptor_binding(&self, set: u32, binding: u32) -> Option<DescriptorBinding> {
         let layout = self.sets.get(set as usize)?.as_ref()?;
         let binding = layout.binding(binding)?;

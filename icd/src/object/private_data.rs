@@ -1,10 +1,10 @@
-//! Private data: a 64-bit word of the application's for each object and slot.
+//! Private data: a 64-bit word of the application for each object and slot.
 
 #![forbid(unsafe_code)]
 
 use std::collections::HashMap;
 
-/// `VkPrivateDataSlot`: a name for a column of words.
+/// `VkPrivateDataSlot`: identifies one word of every object.
 pub struct PrivateDataSlot {
     pub index: u64,
 }
@@ -17,7 +17,7 @@ pub struct PrivateData {
 }
 
 impl PrivateData {
-    /// A new slot, all words zero.
+    /// Creates a slot with all words zero.
     pub fn new_slot(&mut self) -> PrivateDataSlot {
         self.next_slot += 1;
         PrivateDataSlot {
@@ -25,7 +25,7 @@ impl PrivateData {
         }
     }
 
-    /// Forgets a slot's words.
+    /// Removes a slot's words.
     pub fn remove_slot(&mut self, slot: &PrivateDataSlot) {
         self.words.retain(|key, _| key.0 != slot.index);
     }

@@ -11,12 +11,12 @@ use smallvec::SmallVec;
 use super::sync::Waiting;
 use crate::VkResult;
 
-/// A query pool: 64-bit values of each query, and whether they are there.
+/// A query pool: the 64-bit values of each query and their availability.
 pub struct QueryPool {
     pub ty: vk::QueryType,
     /// Pipeline statistics: one counter for each bit, in the order of the bits.
     pub statistics: vk::QueryPipelineStatisticFlags,
-    /// Those of one query after those of the other.
+    /// The values of all queries, one query after the other.
     values: Vec<AtomicU64>,
     available: Vec<AtomicBool>,
     waiting: Arc<Waiting>,
@@ -30,7 +30,7 @@ fn columns(ty: vk::QueryType, statistics: vk::QueryPipelineStatisticFlags) -> us
 }
 
 impl QueryPool {
-    /// A pool of reset queries.
+    /// Creates a pool of reset queries.
     ///
     /// # Errors
     /// `VK_ERROR_OUT_OF_HOST_MEMORY`.
@@ -63,13 +63,13 @@ impl QueryPool {
         })
     }
 
-    /// How many queries there are.
+    /// The number of queries.
     #[allow(clippy::len_without_is_empty)]
     pub fn len(&self) -> u32 {
         self.available.len() as u32
     }
 
-    /// Values of a query.
+    /// The number of values of a query.
     pub fn columns(&self) -> usize {
         columns(self.ty, self.statistics)
     }
@@ -111,7 +111,7 @@ impl QueryPool {
         }
     }
 
-    /// Waits until the queries are available. Those past the end are not waited for.
+    /// Waits until the queries are available. Queries past the end are ignored.
     ///
     /// # Errors
     /// `VK_ERROR_DEVICE_LOST`.
@@ -119,15 +119,15 @@ impl QueryPool {
         (self.waiting).wait_until(u64::MAX, || self.is_available(first, count))
     }
 
-    /// Whether the queries are available, as far as there are any.
+    /// Whether the existing queries of a range are available.
     pub fn is_available(&self, first: u32, count: u32) -> bool {
         let end = first.saturating_add(count).min(self.len());
         (first..end).all(|index| self.value(index).is_some())
     }
 
     /// The words that `vkGetQueryPoolResults` and `vkCmdCopyQueryPoolResults` write for a query:
-    /// its values, where they are there or partial ones will do, then its availability if that is
-    /// asked for. `None` stands for memory that is left alone.
+    /// its values, if they are available or partial values are allowed, then its availability if
+    /// requested. `None` means that the memory is not written.
     pub fn result_words(
         &self,
         index: u32,
@@ -144,7 +144,7 @@ impl QueryPool {
         words
     }
 
-    /// Words of a query's result, its availability included if that is asked for.
+    /// The number of words of a query's result, with its availability if requested.
     pub fn result_columns(&self, flags: vk::QueryResultFlags) -> u64 {
         let availability = flags.contains(vk::QueryResultFlags::WITH_AVAILABILITY);
         self.columns() as u64 + u64::from(availability)

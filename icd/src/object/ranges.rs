@@ -1,21 +1,20 @@
-//! Which ranges of a window of addresses are free.
+//! The free ranges of an address window.
 //!
-//! A range that was freed rests in a quarantine before it is used again, so that a stale reference
-//! reads zeros there for a while. The quarantine is bounded: what is touched over and over costs
-//! page tables.
+//! A freed range stays in quarantine before it is reused, so that a stale reference reads zeros for
+//! a while. The quarantine is bounded, because repeatedly touching new addresses costs page tables.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::ops::Range;
 
-/// Bytes that may rest. The last few ranges always do, whatever their size.
+/// Largest size of the quarantine. The last few ranges always stay in it, regardless of their size.
 const QUARANTINE_BYTES: u64 = 1 << 30;
 const QUARANTINE_LEAST: usize = 4;
 
-/// A range that was taken.
+/// A taken range.
 #[derive(Debug)]
 pub struct Taken {
     pub address: u64,
-    /// It was freed before.
+    /// The range was used and freed before.
     pub was_used: bool,
 }
 
@@ -25,7 +24,7 @@ pub struct Ranges {
     base: u64,
     next: u64,
     end: u64,
-    /// By start; none of them touch.
+    /// Free ranges by start; no two are adjacent.
     free: BTreeMap<u64, u64>,
     /// Oldest first.
     resting: VecDeque<(u64, u64)>,
@@ -33,7 +32,7 @@ pub struct Ranges {
 }
 
 impl Ranges {
-    /// All of a window is free.
+    /// Creates a window that is all free.
     pub fn new(base: u64, size_bytes: u64) -> Self {
         Self {
             base,
@@ -43,7 +42,7 @@ impl Ranges {
         }
     }
 
-    /// Whether the window has some of the addresses.
+    /// Whether the window overlaps a range.
     pub fn overlaps(&self, addresses: &Range<u64>) -> bool {
         self.base < addresses.end && addresses.start < self.end
     }
@@ -77,7 +76,7 @@ impl Ranges {
         })
     }
 
-    /// Takes certain addresses: of the window, or of the freed ranges.
+    /// Takes a given range, from fresh or from freed addresses.
     pub fn take_at(&mut self, addresses: &Range<u64>) -> Option<Taken> {
         let is_fresh = self.next <= addresses.start && addresses.end <= self.end;
         if self.next < addresses.end && addresses.end <= self.end {
@@ -96,7 +95,7 @@ impl Ranges {
         })
     }
 
-    /// Takes certain addresses, if they are free.
+    /// Takes a given range, if it is free.
     fn take_free_at(&mut self, addresses: &Range<u64>) -> bool {
         let before = self.free.range(..=addresses.start).next_back();
         let Some((start, end)) = before.map(|(&start, &free)| (start, start + free)) else {
@@ -115,14 +114,15 @@ impl Ranges {
         true
     }
 
-    /// Frees a range, which may lie outside the window.
+    /// Frees a range, which may be outside the window.
     pub fn give_back(&mut self, address: u64, size_bytes: u64) {
         self.resting.push_back((address, size_bytes));
         self.resting_bytes += size_bytes;
         self.wake(QUARANTINE_BYTES, QUARANTINE_LEAST);
     }
 
-    /// Ends the rest of the oldest until no more are left than so many bytes, or so few ranges.
+    /// Releases the oldest ranges from quarantine until it holds at most this many bytes, or only
+    /// the last few ranges.
     fn wake(&mut self, bytes: u64, ranges: usize) {
         while self.resting_bytes > bytes && self.resting.len() > ranges {
             let Some((address, size_bytes)) = self.resting.pop_front() else {
@@ -133,7 +133,7 @@ impl Ranges {
         }
     }
 
-    /// Adds a free range, joined with its neighbours.
+    /// Adds a free range and merges it with its neighbors.
     fn add_free(&mut self, mut address: u64, mut size_bytes: u64) {
         if let Some((&start, &before)) = self.free.range(..address).next_back()
             && start + before == address

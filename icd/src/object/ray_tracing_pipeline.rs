@@ -1,5 +1,5 @@
-//! Ray tracing pipelines and pipeline libraries: programs, groups, and the handles that shader
-//! binding tables hold.
+//! Ray tracing pipelines and pipeline libraries: programs, groups, and the handles for shader
+//! binding tables.
 
 #![forbid(unsafe_code)]
 
@@ -18,7 +18,7 @@ pub struct RayTracingPipeline {
     pub shaders: Shaders,
     /// The key of the source of each program, by program index.
     pub keys: Vec<ProgramKey>,
-    /// Ray flags that every trace gets (`SKIP_TRIANGLES`, `SKIP_AABBS`).
+    /// Ray flags added to every trace (`SKIP_TRIANGLES`, `SKIP_AABBS`).
     pub ray_flags: u32,
     pub facts: PipelineFacts,
 }
@@ -29,10 +29,10 @@ pub struct PipelineFacts {
     pub flags: vk::PipelineCreateFlags,
     /// `maxPipelineRayRecursionDepth`.
     pub max_recursion_depth: u32,
-    /// `VK_DYNAMIC_STATE_RAY_TRACING_PIPELINE_STACK_SIZE_KHR`: the command buffer says how large
-    /// the stack is.
+    /// `VK_DYNAMIC_STATE_RAY_TRACING_PIPELINE_STACK_SIZE_KHR`: the command buffer sets the stack
+    /// size.
     pub has_dynamic_stack: bool,
-    /// The stack without that (chapter Pipelines, "Ray Tracing Pipeline Stack").
+    /// The default stack size (chapter Pipelines, "Ray Tracing Pipeline Stack").
     pub default_stack_bytes: u64,
 }
 
@@ -92,8 +92,8 @@ impl RayTracingPipeline {
         }
     }
 
-    /// A shader's stack size in bytes (`vkGetRayTracingShaderGroupStackSizeKHR`); 0 where the group
-    /// has none.
+    /// A shader's stack size in bytes (`vkGetRayTracingShaderGroupStackSizeKHR`); 0 if the group
+    /// lacks the shader.
     pub fn stack_size_bytes(&self, group: u32, shader: vk::ShaderGroupShaderKHR) -> u64 {
         let Some(group) = self.shaders.groups.get(group as usize) else {
             return 0;
@@ -111,7 +111,7 @@ impl RayTracingPipeline {
     }
 }
 
-/// Groups of shaders that are compiled from what the keys name.
+/// Groups of shaders with these keys of their sources.
 pub fn new_groups(infos: &[GroupInfo], keys: &[ProgramKey]) -> Vec<Group> {
     infos.iter().map(|info| new_group(info, keys)).collect()
 }
@@ -146,9 +146,8 @@ fn shifted(group: &Group, first: ProgramIndex) -> Group {
     }
 }
 
-/// A group's handle: a hash of its type and of what its shaders were compiled from. The same group
-/// gets the same handle in any process, which is what replay needs, and in a library and the
-/// pipeline that it is linked into.
+/// A group's handle: a hash of its type and of the sources of its shaders. The same group has the
+/// same handle in any process, as replay requires, and in a library and the pipeline that links it.
 fn handle(ty: vk::RayTracingShaderGroupTypeKHR, group: &Group, keys: &[ProgramKey]) -> Handle {
     let mut content = ty.as_raw().to_le_bytes().to_vec();
     for program in [
@@ -171,8 +170,7 @@ fn handle(ty: vk::RayTracingShaderGroupTypeKHR, group: &Group, keys: &[ProgramKe
     handle
 }
 
-/// The stack of a pipeline that does not leave it to the command buffer: the rule that the
-/// specification suggests.
+/// The default stack size, by the rule that the specification suggests.
 fn default_stack_bytes(programs: &[Arc<Program>], max_recursion_depth: u32) -> u64 {
     let most = |stage| {
         let of_stage = programs.iter().filter(|program| program.stage() == stage);

@@ -8,8 +8,8 @@ use smallvec::SmallVec;
 use super::ImageView;
 use crate::handle::Ref;
 
-/// `VkRenderPass`: what beginning one in a command buffer needs to know. What becomes of contents
-/// that are not stored is as good as what was drawn, so store operations are not kept.
+/// `VkRenderPass`: the data that its commands need. Store operations are not kept, because contents
+/// that need not be stored may be stored as drawn.
 pub struct RenderPass {
     pub attachments: Vec<PassAttachment>,
     pub subpasses: Vec<Subpass>,
@@ -20,27 +20,27 @@ pub struct RenderPass {
 pub struct PassAttachment {
     pub format: vk::Format,
     pub samples: u32,
-    /// Of colour, or of depth.
+    /// Clears color or depth.
     pub clears: bool,
     pub clears_stencil: bool,
     /// `VK_ATTACHMENT_DESCRIPTION_RESOLVE_SKIP_TRANSFER_FUNCTION_BIT_KHR`.
     pub encoded_mean: bool,
 }
 
-/// The way in which samples become one.
+/// The way in which samples are resolved to one.
 #[derive(Clone, Copy, Debug)]
 pub struct ResolveMode {
     /// One mode, or none.
     pub mode: vk::ResolveModeFlags,
-    /// Means of sRGB samples are those of their codes.
+    /// sRGB samples are averaged in encoded form.
     pub encoded_mean: bool,
 }
 
 impl ResolveMode {
-    /// The mean of colours in linear light.
+    /// The mean of colors in linear light.
     pub const AVERAGE: Self = Self::linear(vk::ResolveModeFlags::AVERAGE);
 
-    /// A mode that gives means in linear light.
+    /// A mode with means in linear light.
     pub const fn linear(mode: vk::ResolveModeFlags) -> Self {
         Self {
             mode,
@@ -49,12 +49,12 @@ impl ResolveMode {
     }
 }
 
-/// `VkSubpassDescription`: attachments by index; none where one is unused.
+/// `VkSubpassDescription`: attachments by index; `None` for unused ones.
 #[derive(Clone, Debug, Default)]
 pub struct Subpass {
     /// 0 without multiview.
     pub view_mask: u32,
-    /// Samples that draws have of attachments with one
+    /// Samples per pixel of draws to attachments with one sample
     /// (`VkMultisampledRenderToSingleSampledInfoEXT`), or 1.
     pub samples: u32,
     pub inputs: SmallVec<[Option<u32>; 4]>,
@@ -70,14 +70,14 @@ pub struct Subpass {
 /// `VkSubpassDescriptionDepthStencilResolve`.
 #[derive(Clone, Copy, Debug)]
 pub struct DepthStencilResolve {
-    /// None if only samples of the pass are resolved.
+    /// `None` if only the pass's own samples are resolved.
     pub attachment: Option<u32>,
     pub depth: vk::ResolveModeFlags,
     pub stencil: vk::ResolveModeFlags,
 }
 
 impl Subpass {
-    /// All that it uses.
+    /// All attachments that the subpass uses.
     pub fn attachments(&self) -> impl Iterator<Item = u32> {
         let resolve = (self.depth_stencil_resolve).and_then(|resolve| resolve.attachment);
         (self.inputs.iter().chain(&self.colors).chain(&self.resolves))
@@ -89,7 +89,7 @@ impl Subpass {
 
 /// `VkFramebuffer`.
 pub struct Framebuffer {
-    /// Empty for imageless ones.
+    /// The attachments; empty for imageless framebuffers.
     pub attachments: Vec<Ref<ImageView>>,
     pub extent: [u32; 2],
     pub layers: u32,

@@ -1,8 +1,8 @@
-//! Images that are resident in parts: their blocks.
+//! Sparse blocks of partially resident images.
 //!
-//! Shaders and commands know images as rows. So that a part can be bound apart from its neighbours,
-//! each row begins with a page, and the block that memory is bound to is a page of texels of one
-//! row. Levels of every size are bound like this: there is no mip tail.
+//! Shaders and commands access images by rows. Each row starts at a page, so that parts can be
+//! bound separately: a sparse block is a page of texels of one row. Levels of every size are bound
+//! like this, so there is no mip tail.
 
 #![forbid(unsafe_code)]
 
@@ -42,7 +42,7 @@ pub fn properties(format: vk::Format) -> Vec<vk::SparseImageFormatProperties> {
     planes.iter().map(of).collect()
 }
 
-/// `VkSparseImageMemoryRequirements` of an image; none of one that is bound as a whole.
+/// `VkSparseImageMemoryRequirements` of an image; none for an image that is bound as a whole.
 pub fn requirements(
     flags: vk::ImageCreateFlags,
     format: vk::Format,

@@ -6,7 +6,7 @@ use images::SamplerDescriptor;
 
 use super::view_entry::ViewEntry;
 
-/// A sampler, resolved to what shaders read.
+/// A sampler, as the descriptor that shaders read.
 pub struct Sampler {
     pub descriptor: ViewEntry<SamplerDescriptor>,
 }

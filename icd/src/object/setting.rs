@@ -1,4 +1,4 @@
-//! State that commands set one by one (`vkCmdSet*`).
+//! State that single commands set (`vkCmdSet*`).
 
 #![forbid(unsafe_code)]
 
@@ -79,7 +79,7 @@ pub enum Setting {
     ShadingRate(ShadingRate),
 }
 
-/// Writes values into a list from an index on; it grows where it is too short.
+/// Writes values into a list at an index. The list grows if needed.
 fn set_from<T: Copy + Default>(list: &mut SmallVec<[T; 1]>, first: u32, values: &[T])
 where
     [T; 1]: smallvec::Array<Item = T>,

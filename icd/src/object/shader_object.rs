@@ -23,14 +23,15 @@ pub struct ShaderObject {
     /// A compute shader as a pipeline.
     pub compute: Option<Ref<Pipeline>>,
     key: ProgramKey,
-    /// The samplers that the program has by numbers of the device, fewer than 256.
+    /// The embedded samplers of the program, with their numbers on the device; at most 255.
     embedded: Vec<EmbeddedSampler>,
-    /// With this program alone: its data is the shader's binary, after the key and the samplers.
+    /// A cache with only this program. The shader's binary is the key, the samplers and the cache's
+    /// data.
     cache: PipelineCache,
 }
 
 impl ShaderObject {
-    /// From SPIR-V.
+    /// Creates a shader from SPIR-V.
     ///
     /// # Errors
     /// As [`ShaderStage::compile`].
@@ -53,7 +54,7 @@ impl ShaderObject {
         ))
     }
 
-    /// From what [`Self::binary`] gave.
+    /// Creates a shader from the data of [`Self::binary`].
     ///
     /// # Errors
     /// `VK_INCOMPATIBLE_SHADER_BINARY_EXT`.

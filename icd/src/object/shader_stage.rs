@@ -1,4 +1,4 @@
-//! A shader stage to be compiled, and the way from it to a program through the pipeline cache.
+//! A shader stage and its compilation to a program, through the pipeline cache.
 
 #![forbid(unsafe_code)]
 
@@ -33,14 +33,14 @@ use crate::timeline::{self, Kind};
 pub struct Compiler<'a> {
     /// Capabilities that modules may declare.
     pub capabilities: &'a [Capability],
-    /// Those that the bindings of SPIR-V lack.
+    /// Capabilities that the SPIR-V bindings lack.
     pub newer_capabilities: &'a [NewerCapability],
     pub messengers: &'a Messengers,
     /// Programs count misaligned pointers, for validation.
     pub checks_alignment: bool,
-    /// Ray queries look at micromaps where an execution mode says so.
+    /// Ray queries use micromaps only with an execution mode.
     pub micromaps_by_mode: bool,
-    /// Programs come with their modules' bytes.
+    /// Programs keep their modules' bytes.
     pub keeps_modules: bool,
     /// The samplers that programs embed.
     pub samplers: &'a HeapSamplers,
@@ -50,7 +50,7 @@ pub struct Compiler<'a> {
 #[derive(Clone, Debug)]
 pub struct ShaderStage {
     pub words: Arc<[u32]>,
-    /// Of the module.
+    /// The name of the module.
     pub name: Arc<Name>,
     pub entry_point: String,
     pub stage: Stage,
@@ -62,7 +62,7 @@ pub struct ShaderStage {
     /// `VK_PIPELINE_CREATE_2_64_BIT_INDEXING_BIT_EXT` of the pipeline or library, or
     /// `VK_SHADER_CREATE_64_BIT_INDEXING_BIT_EXT` of the shader.
     pub indexes_in_64_bits: bool,
-    /// Mappings of bindings onto heaps, which name samplers by their places in `embedded`.
+    /// Mappings of bindings to heaps, which name samplers by index in `embedded`.
     pub mappings: Vec<Mapping>,
     pub embedded: Vec<SamplerDescriptor>,
 }
@@ -118,15 +118,15 @@ impl ShaderStage {
             }
         }
         if !self.mappings.is_empty() {
-            // Without memory for a sampler, the compilation fails.
+            // If memory for a sampler is exhausted, the compilation fails later.
             self.numbered(compiler).unwrap_or_default().hash(&mut hash);
-            // The same number may be another sampler's in another process.
+            // A number may belong to another sampler in another process.
             hash.update(format!("{:?}", self.embedded).as_bytes());
         }
         hash.digest128().to_le_bytes()
     }
 
-    /// The mappings, with the numbers of the samplers that they embed.
+    /// The mappings, with the numbers of their embedded samplers.
     fn numbered(&self, compiler: &Compiler<'_>) -> VkResult<Vec<Mapping>> {
         let mut mappings = self.mappings.clone();
         for mapping in &mut mappings {
@@ -152,8 +152,7 @@ impl ShaderStage {
         self.embedded.iter().map(identified).collect()
     }
 
-    /// The origin that reports name for the program. Words that name files or lines are kept
-    /// for it.
+    /// The program's origin for reports. Module words with names of files or lines are kept for it.
     fn origin(&self) -> Origin {
         let is_told = has_lines(&self.words) || file_of(&self.words).is_some();
         Origin {
@@ -168,9 +167,9 @@ impl ShaderStage {
     ///
     /// # Errors
     /// `VK_PIPELINE_COMPILE_REQUIRED` if it is not in the cache and `may_compile` is false;
-    /// `VK_ERROR_OUT_OF_HOST_MEMORY` for a module that would need too much; `VK_ERROR_UNKNOWN` for
-    /// one that is malformed or asks for what is not advertised. The last two are told to the debug
-    /// messengers.
+    /// `VK_ERROR_OUT_OF_HOST_MEMORY` for a module that would need too much memory;
+    /// `VK_ERROR_UNKNOWN` for one that is malformed or needs an unadvertised feature. The debug
+    /// messengers get the last two.
     pub fn compile(
         &self,
         compiler: &Compiler<'_>,
@@ -229,7 +228,7 @@ impl ShaderStage {
         })
     }
 
-    /// Compiles the module, and tells the debug messengers why if it cannot.
+    /// Compiles the module. The debug messengers get the reason of a failure.
     fn compile_module(
         &self,
         compiler: &Compiler<'_>,
@@ -281,11 +280,11 @@ impl ShaderStage {
         Ok(compiled)
     }
 
-    /// Takes the program from a pipeline's binary, whatever the stage's module is.
+    /// Takes the program from a pipeline's binary; the stage's module is ignored.
     ///
     /// # Errors
-    /// `VK_ERROR_UNKNOWN` for a binary of other stages, and if another sampler has the number of
-    /// one that the program embeds.
+    /// `VK_ERROR_UNKNOWN` for a binary of another stage, and if the number of an embedded sampler
+    /// belongs to another sampler.
     pub fn load(&self, compiler: &Compiler<'_>, stored: &StoredModule) -> VkResult<Compiled> {
         if !(stored.embedded.iter()).all(|it| compiler.samplers.place(it)) {
             return Err(vk::Result::ERROR_UNKNOWN);

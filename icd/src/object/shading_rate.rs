@@ -6,18 +6,18 @@ use ash::vk::{self, FragmentShadingRateCombinerOpKHR as Op};
 
 use crate::table::limits::{MAX_COVERAGE_SAMPLES, MAX_FRAGMENT_SIDE};
 
-/// Greatest exponent of a fragment's side.
+/// Largest exponent of a fragment's side.
 const MOST: u8 = MAX_FRAGMENT_SIDE.ilog2() as u8;
 
 /// Size of fragments: powers of two, by their exponents.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Rate {
-    /// Of width and height.
+    /// The exponents of width and height.
     pub logs: [u8; 2],
 }
 
 impl Rate {
-    /// `VkExtent2D`. Of other numbers than powers of two, some rate.
+    /// From a `VkExtent2D`. Values that are no powers of two give an arbitrary rate.
     pub fn of_size(size: vk::Extent2D) -> Self {
         let log = |side: u32| side.trailing_zeros().min(u32::from(MOST)) as u8;
         Self {
@@ -25,29 +25,29 @@ impl Rate {
         }
     }
 
-    /// From its number in shaders and attachments: two bits for each side.
+    /// From the rate's encoding in shaders and attachments: two bits for each side.
     pub fn from_word(word: u32) -> Self {
         Self {
             logs: [(word >> 2 & 3) as u8, (word & 3) as u8],
         }
     }
 
-    /// Its number in shaders (`ShadingRateKHR`).
+    /// The rate's encoding in shaders (`ShadingRateKHR`).
     pub fn word(self) -> u32 {
         u32::from(self.logs[0]) << 2 | u32::from(self.logs[1])
     }
 
-    /// Pixels of the sides.
+    /// Width and height in pixels.
     pub fn pixels(self) -> [usize; 2] {
         self.logs.map(|log| 1 << log)
     }
 
-    /// Whether fragments are pixels.
+    /// Whether fragments are single pixels.
     pub fn is_one(self) -> bool {
         self.logs == [0; 2]
     }
 
-    /// A combiner operation, before its result is made one that there is.
+    /// Applies a combiner operation, before the result is clamped to a supported rate.
     pub fn combine(self, other: Self, op: Op) -> Self {
         let side = |axis: usize| {
             let (a, b) = (self.logs[axis], other.logs[axis]);
@@ -64,8 +64,8 @@ impl Rate {
         }
     }
 
-    /// The rate that draws with so many samples have in its place: the largest area within it, then
-    /// the least aspect ratio.
+    /// The supported rate for a sample count that replaces this one: the largest area within it,
+    /// then the smallest aspect ratio.
     pub fn supported(self, samples: u32) -> Self {
         let fits = |rate: &Rate| {
             rate.logs[0] <= self.logs[0]
@@ -77,11 +77,11 @@ impl Rate {
             (x + y, u8::MAX - x.abs_diff(y))
         };
         let fitting = RATES.into_iter().filter(fits);
-        // Of equals the last one is taken.
+        // The last of equal rates wins.
         fitting.max_by_key(order).unwrap_or_default()
     }
 
-    /// The numbers of samples that it works with (`sampleCounts`).
+    /// The supported sample counts (`sampleCounts`).
     pub fn samples(self) -> vk::SampleCountFlags {
         let [width, height] = self.pixels();
         match width * height {
@@ -110,12 +110,12 @@ pub const RATES: [Rate; 7] = [
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ShadingRate {
     pub pipeline: Rate,
-    /// For the primitive's rate, and for the attachment's.
+    /// The combiners of the primitive's and the attachment's rate.
     pub combiners: [Op; 2],
 }
 
 impl ShadingRate {
-    /// With those sizes and operations.
+    /// Creates the state from sizes and operations.
     pub fn new(size: vk::Extent2D, combiners: [Op; 2]) -> Self {
         Self {
             pipeline: Rate::of_size(size),
@@ -123,7 +123,7 @@ impl ShadingRate {
         }
     }
 
-    /// Whether rates of primitives, and of the attachment, matter.
+    /// Whether the primitive's rate, and the attachment's, have an effect.
     pub fn uses(&self) -> [bool; 2] {
         self.combiners.map(|op| op != Op::KEEP)
     }
@@ -133,7 +133,7 @@ impl ShadingRate {
         self.pipeline.combine(primitive, self.combiners[0])
     }
 
-    /// The rate where the attachment has one, from [`Self::of_primitive`].
+    /// The final rate, from [`Self::of_primitive`] and the attachment's rate.
     pub fn at(&self, primitive: Rate, attachment: Rate, samples: u32) -> Rate {
         primitive
             .combine(attachment, self.combiners[1])

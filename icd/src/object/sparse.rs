@@ -1,8 +1,7 @@
-//! Sparse binding: a resource is address space, and memory is made to show up there.
+//! Sparse binding: a resource is address space into which memory is mapped.
 //!
-//! A page of memory can be seen at several addresses only if its mapping is shared, so memory of
-//! devices with the feature `sparseBinding` is allocated that way. Where nothing is bound, reads
-//! give zeros.
+//! Only shared mappings allow a page of memory at several addresses, so devices with the feature
+//! `sparseBinding` allocate memory that way. Unbound addresses read as zeros.
 
 use std::sync::Arc;
 
@@ -23,11 +22,11 @@ pub struct Reservation {
 }
 
 impl Reservation {
-    /// Takes address space.
+    /// Reserves address space.
     ///
     /// # Errors
-    /// `VK_ERROR_OUT_OF_DEVICE_MEMORY` if there is not so much;
-    /// `VK_ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS` if an address that is asked for is taken.
+    /// `VK_ERROR_OUT_OF_DEVICE_MEMORY` if there is too little;
+    /// `VK_ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS` if a requested address is taken.
     pub fn new(
         window: &Arc<AddressWindow>,
         size_bytes: u64,
@@ -46,7 +45,7 @@ impl Reservation {
         }))
     }
 
-    /// Where the resource starts.
+    /// The resource's address.
     pub fn address(&self) -> u64 {
         self.address
     }
@@ -69,10 +68,10 @@ pub struct SparseBind {
 }
 
 impl SparseBind {
-    /// Performs it.
+    /// Performs the bind.
     ///
     /// # Errors
-    /// Names the fault: a range that is outside, or memory that cannot be bound.
+    /// Describes the mistake: a range outside the resource, or memory that cannot be bound.
     pub fn perform(&self) -> Result<(), &'static str> {
         let inside = |offset: u64, whole: u64| {
             (offset.checked_add(self.size_bytes)).is_some_and(|end| end <= whole)
@@ -88,7 +87,8 @@ impl SparseBind {
         let is_mapped = match &self.memory {
             None => {
                 live.unbind(address, self.size_bytes);
-                // SAFETY: a part of a reservation, whose contents are undefined while it is bound.
+                // SAFETY: the range is part of this resource's reservation, whose contents are
+                // undefined during the bind.
                 unsafe { replace_by_zeros(address, self.size_bytes) }
             }
             Some((memory, offset)) => {

@@ -17,8 +17,8 @@ pub type ProgramKey = [u8; 16];
 pub struct StageProgram {
     pub program: Arc<Program>,
     pub key: ProgramKey,
-    /// Bytes of the module (`spirv_jit::ir::binary`), where the application captures them.
+    /// Bytes of the module (`spirv_jit::ir::binary`), if the application captures them.
     pub module: Option<Arc<[u8]>>,
-    /// The samplers that it embeds, there likewise.
+    /// The embedded samplers, if the application captures the module.
     pub embedded: Arc<[EmbeddedSampler]>,
 }

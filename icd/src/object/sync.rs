@@ -1,4 +1,4 @@
-//! Fences, semaphores and events, and how one waits for them.
+//! Fences, semaphores and events, and waits for them.
 
 #![forbid(unsafe_code)]
 
@@ -12,12 +12,12 @@ use parking_lot::{Condvar, Mutex};
 use super::external_sync::External;
 use crate::VkResult;
 
-/// First and longest pause between two looks of a wait for an object that lies in a file.
+/// First and longest pause between two checks of a wait for an object in a file.
 const FIRST_LOOK: Duration = Duration::from_micros(20);
 const LAST_LOOK: Duration = Duration::from_millis(1);
 
-/// Whether a device is lost. Once it is, it stays so. To a child of the process that made it a
-/// device is lost, too: a fork takes no threads along.
+/// Whether a device is lost, which is permanent. A device is also lost in a forked child of its
+/// process, because a fork does not copy threads.
 pub struct Lost {
     lost: AtomicBool,
     process: u32,
@@ -54,8 +54,8 @@ impl Lost {
     }
 }
 
-/// The one lock and condition variable of all waits of a device, which makes waiting for any of
-/// several objects simple.
+/// The single lock and condition variable of all waits of a device. So a wait for any of several
+/// objects is simple.
 #[derive(Default)]
 pub struct Waiting {
     changed_lock: Mutex<()>,
@@ -71,7 +71,7 @@ impl Waiting {
         self.changed.notify_all();
     }
 
-    /// Waits until `done`, the device is lost, or the time is over.
+    /// Waits until `done` returns true, the device is lost, or the timeout has passed.
     ///
     /// # Errors
     /// `VK_TIMEOUT`, `VK_ERROR_DEVICE_LOST`.
@@ -79,7 +79,7 @@ impl Waiting {
         self.wait(timeout_ns, false, done)
     }
 
-    /// The same for a wait on something `in_files`, which causes no notification.
+    /// Like [`Self::wait_until`], for objects `in_files`, which cause no notification.
     ///
     /// # Errors
     /// As [`Self::wait_until`].
@@ -127,7 +127,7 @@ impl Waiting {
 /// A fence.
 pub struct Fence {
     signaled: AtomicBool,
-    /// Stands before the other, where it is there.
+    /// The external payload, which takes precedence if there is one.
     pub external: External,
 }
 
@@ -161,17 +161,17 @@ impl Fence {
     }
 }
 
-/// A semaphore. A binary one is a counter too: 0 or 1.
+/// A semaphore. A binary semaphore is a counter of 0 or 1.
 pub struct Semaphore {
     pub ty: vk::SemaphoreType,
     value: AtomicU64,
     waiting: Arc<Waiting>,
-    /// Of binary ones; stands before the counter, where it is there.
+    /// The external payload of a binary semaphore, which takes precedence over the counter.
     pub external: External,
 }
 
 impl Semaphore {
-    /// A semaphore of a device; `value` is a timeline's first one.
+    /// Creates a semaphore; `value` is the initial value of a timeline.
     pub fn new(ty: vk::SemaphoreType, value: u64, waiting: Arc<Waiting>) -> Self {
         Self::with(ty, value, waiting, External::default())
     }
@@ -200,8 +200,8 @@ impl Semaphore {
         self.value.load(Ordering::Acquire)
     }
 
-    /// Signals: a binary semaphore becomes 1, a timeline one takes the value. A timeline never goes
-    /// back (chapter Semaphores: signals must increase the value).
+    /// Signals: a binary semaphore becomes 1, a timeline semaphore takes the value. A timeline
+    /// never decreases (chapter Semaphores: signals must increase the value).
     pub fn signal(&self, value: u64) {
         if !self.external.signal() {
             let value = if self.is_binary() { 1 } else { value };
@@ -210,7 +210,7 @@ impl Semaphore {
         self.waiting.notify();
     }
 
-    /// Whether a wait for `value` is over.
+    /// Whether a wait for `value` is complete.
     pub fn has_reached(&self, value: u64) -> bool {
         let external = self.external.is_signaled();
         external.unwrap_or_else(|| self.value() >= if self.is_binary() { 1 } else { value })
@@ -231,7 +231,7 @@ pub struct Event {
 }
 
 impl Event {
-    /// An event of a device, not set.
+    /// Creates an event, not set.
     pub fn new(waiting: Arc<Waiting>) -> Self {
         Self {
             set: AtomicBool::new(false),

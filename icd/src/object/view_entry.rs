@@ -8,16 +8,16 @@ use spirv_jit::views::{Key, StoreError, Table, Views};
 
 use crate::VkResult;
 
-/// An entry of a table of the device's [`Views`], under its key until the object is gone.
-/// Descriptor sets hold the contents' address, which stays readable for the device's life;
-/// descriptors in buffers hold the key.
+/// An entry of the device's [`Views`], under its key while the object lives. Descriptor sets hold
+/// the contents' address, which stays readable for the device's life; descriptors in buffers hold
+/// the key.
 pub struct ViewEntry<T: Copy + 'static> {
     pub key: Key,
-    /// The key of the slot; the same, unless `key` is a name.
+    /// The slot's key; equal to `key`, unless `key` is a name.
     slot: Key,
     views: Arc<Views>,
     table: fn(&Views) -> &Table<T>,
-    /// The table no longer holds the contents under the key for this object.
+    /// The object has freed its key.
     removed: AtomicBool,
 }
 
@@ -30,8 +30,8 @@ pub fn store_failure(error: StoreError) -> vk::Result {
 }
 
 impl<T: Copy> ViewEntry<T> {
-    /// Stores contents; with `replay` under a key that can be asked for again, that which it holds
-    /// if there is one.
+    /// Stores contents. With `replay` the key can be requested again; a key in `replay` is
+    /// requested now.
     ///
     /// # Errors
     /// `VK_ERROR_OUT_OF_HOST_MEMORY`; `VK_ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS` if the key is
@@ -74,9 +74,8 @@ impl<T: Copy> ViewEntry<T> {
         }
     }
 
-    /// Frees a key that can be asked for again, at the object's destruction: framebuffers, recorded
-    /// passes and set layouts may hold the object longer, but a replayed object may have its key
-    /// from now on.
+    /// Frees a replayable key at the object's destruction. Framebuffers, recorded passes and set
+    /// layouts may hold the object longer, but a replayed object may take its key from now on.
     pub fn release(&self) {
         if self.key.is_replayable() {
             self.remove();
@@ -100,9 +99,8 @@ impl<T: Copy> std::ops::Deref for ViewEntry<T> {
 
     fn deref(&self) -> &T {
         let slot = (self.table)(&self.views).slot_of(self.slot);
-        // SAFETY: the slot was filled by `store` and lives as long as the table. It is written
-        // again only after the object's destruction, whose valid usage is that nothing uses the
-        // object any more.
+        // SAFETY: `store` filled the slot, which lives as long as the table. It is written again
+        // only after the object's destruction, when valid usage forbids further uses.
         unsafe { slot.as_ref() }.expect("filled when the object was made")
     }
 }

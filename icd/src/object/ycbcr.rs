@@ -10,7 +10,7 @@ use super::image_view::swizzle;
 use crate::VkResult;
 use crate::format::texel_format;
 
-/// A conversion, resolved to what views hold of it.
+/// A conversion, in the form that views hold.
 pub struct YcbcrConversion {
     pub conversion: Conversion,
 }

@@ -1,11 +1,11 @@
-//! Queues: each has a thread that waits, executes, signals, one submission after the other.
+//! Queues. The thread of a queue waits, executes and signals, one submission after the other.
 //!
 //! ```text
 //! vkQueueSubmit ──> Queue::submit ──> [ pending ] ──> thread: wait for semaphores ──> execute::replay ──> signal semaphores, fence
 //! ```
 //!
-//! A submission may wait for a semaphore that another queue, or the host, signals later: only its
-//! own queue's thread stands still.
+//! A submission may wait for a semaphore that another queue, or the host, signals later. It blocks
+//! only its own queue's thread.
 
 #![forbid(unsafe_code)]
 
@@ -34,23 +34,23 @@ use crate::present::{Request, Swapchain};
 use crate::timeline::{self, Kind};
 use crate::wave::{Cause, Fault, Stopped};
 
-/// Queues that a device can have, all of one family.
+/// The number of queues of a device, all of one family.
 pub const MAX_QUEUES: u32 = 4;
 
-/// Time for the command whose shader aborted to lose the device: 5 seconds.
+/// The time within which the command of an aborted shader must lose the device: 5 seconds.
 const LOSS_PATIENCE_NS: u64 = 5_000_000_000;
 
-/// A batch of work, as `vkQueueSubmit` takes it.
+/// A batch of work of `vkQueueSubmit`.
 #[derive(Default)]
 pub struct Submission {
-    /// Semaphores, and the value of timeline ones.
+    /// Semaphores, with the values of timeline semaphores.
     pub waits: Vec<(Ref<Semaphore>, u64)>,
-    /// Done before the commands, in order.
+    /// Sparse binds, performed in order before the commands.
     pub binds: Vec<SparseBind>,
     pub commands: Vec<Arc<Vec<Command>>>,
     /// Images that are presented after the commands.
     pub presents: Vec<(Ref<Swapchain>, Request)>,
-    /// Signaled when the presentations need the semaphores no more
+    /// Signaled when the presentations no longer need the semaphores
     /// (`VkSwapchainPresentFenceInfoKHR`).
     pub present_fences: Vec<Ref<Fence>>,
     pub signals: Vec<(Ref<Semaphore>, u64)>,
@@ -77,14 +77,14 @@ struct QueueShared {
 #[derive(Default)]
 struct QueueState {
     pending: VecDeque<Submission>,
-    /// Submissions so far, and those of them that are over.
+    /// The number of submissions, and of those that are complete.
     submitted: u64,
     completed: u64,
     closing: bool,
 }
 
 impl Queue {
-    /// An idle queue.
+    /// Creates an idle queue.
     pub fn new(index: u32, engine: Arc<Engine>) -> Self {
         Self {
             index,
@@ -97,7 +97,7 @@ impl Queue {
         }
     }
 
-    /// Puts work in line.
+    /// Appends work.
     ///
     /// # Errors
     /// `VK_ERROR_DEVICE_LOST`; `VK_ERROR_OUT_OF_HOST_MEMORY` if the thread cannot be started.
@@ -130,7 +130,7 @@ impl Queue {
         Ok(())
     }
 
-    /// Waits until everything submitted so far is over.
+    /// Waits until everything submitted so far is complete.
     ///
     /// # Errors
     /// `VK_ERROR_DEVICE_LOST`.
@@ -142,11 +142,11 @@ impl Queue {
         waiting.lost.check()
     }
 
-    /// Ends the queue's thread; work that is still in line is dropped. The device's waits must have
-    /// been ended by [`Engine::shut_down`] before.
+    /// Ends the queue's thread and drops pending work. [`Engine::shut_down`] must have ended the
+    /// device's waits before.
     pub fn close(&self) {
         if self.line.engine.waiting.lost.is_inherited() {
-            // There is no such thread here. Its handle is of no use, and must not be waited for.
+            // This is a forked child: the thread does not exist here and must not be joined.
             std::mem::forget(self.thread.try_lock().and_then(|mut thread| thread.take()));
             return;
         }
@@ -181,8 +181,8 @@ impl QueueShared {
         }
     }
 
-    /// Returns when the device is lost. Where a shader aborted, its own command loses the device,
-    /// perhaps on another queue. If that takes too long, the device is lost here.
+    /// Returns once the device is lost. The command of an aborted shader loses the device, perhaps
+    /// on another queue. If that takes too long, this function loses it.
     fn await_loss(&self) {
         let waited = self.engine.waiting.wait_until(LOSS_PATIENCE_NS, || false);
         if waited == Err(vk::Result::TIMEOUT) {
@@ -240,9 +240,9 @@ impl QueueShared {
         }
         // An application that sees a signal may end the process.
         drop(span);
-        // An application that sees a signal may reset the command buffers, destroy sparse resources
-        // and free their memory, and take the addresses again: the queue drops its references
-        // first.
+        // An application that sees a signal may reset the command buffers, destroy sparse
+        // resources, free their memory and reuse the addresses. So the queue drops its references
+        // before it signals.
         drop((commands, binds));
         if !presents.is_empty() {
             capture::end_frame();

@@ -1,7 +1,7 @@
 //! Copying and serializing acceleration structures: from addresses in recorded commands to the
 //! `traversal` crate.
 //!
-//! Host and device commands end here alike, since a device address is a host address.
+//! Host and device commands use the same functions, since a device address is a host address.
 
 use ash::vk;
 use spirv_jit::reach::Reach;
@@ -12,12 +12,12 @@ use crate::object::acceleration_structure::Storage;
 use crate::table::limits;
 use crate::wave::reachable::{bytes, writable};
 
-/// The bytes in use of the structure at an address, or `None` where none was built.
+/// The used bytes of the structure at an address; `None` if none was built there.
 ///
 /// # Safety
 /// A structure at the address is unchanged for `'a`.
 pub(super) unsafe fn structure_bytes<'a>(live: &Live, address: u64) -> Option<&'a [u8]> {
-    // SAFETY: a structure that was found ends in live memory, and the caller's promise.
+    // SAFETY: a structure that is found ends in live memory, and the caller keeps it unchanged.
     unsafe {
         let size_bytes = Structure::at(address, live)?.size_bytes();
         Some(std::slice::from_raw_parts(
@@ -27,7 +27,7 @@ pub(super) unsafe fn structure_bytes<'a>(live: &Live, address: u64) -> Option<&'
     }
 }
 
-/// The memory of an object; none of it if it is not live.
+/// The memory of an object; empty if it is not live.
 ///
 /// # Safety
 /// The memory is used by nothing else for `'a`.
@@ -39,17 +39,17 @@ pub(super) unsafe fn storage_bytes<'a>(live: &Live, storage: Storage) -> &'a mut
     if size_bytes == 0 || !live.contains(address, size_bytes) {
         return &mut [];
     }
-    // SAFETY: there is memory, and the caller's promise.
+    // SAFETY: the range is live memory, which the caller keeps from other uses.
     unsafe { std::slice::from_raw_parts_mut(address as *mut u8, size_bytes as usize) }
 }
 
 /// `VkCopyAccelerationStructureInfoKHR`.
 ///
 /// # Safety
-/// Both are the memory of acceleration structure objects; the source is built and not written
-/// meanwhile, the destination not used elsewhere.
+/// Both are the memory of acceleration structure objects. The source is built and not written
+/// during the call; the destination is not used elsewhere.
 pub unsafe fn copy(source: Storage, destination: Storage, mode: CopyMode, live: &Live) {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller passes the memory of built structures and keeps other uses away.
     unsafe {
         let Some(source) = structure_bytes(live, source.address) else {
             return;
@@ -74,7 +74,7 @@ pub unsafe fn serialize(
     reach: &Reach,
     live: &Live,
 ) {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller passes the memory of built structures and keeps other uses away.
     unsafe {
         let Some(source) = structure_bytes(live, source.address) else {
             return;
@@ -94,7 +94,7 @@ pub unsafe fn serialize(
 /// # Safety
 /// As [`copy`], and `source`, which lies in `reach`, is as long as its head says.
 pub unsafe fn deserialize(source: u64, destination: Storage, reach: &Reach, live: &Live) {
-    // SAFETY: the caller's promise; the head says how long the rest is.
+    // SAFETY: the caller keeps the source readable for the size that its head says.
     unsafe {
         let head = bytes(reach, source, traversal::Serialized::HEAD_BYTES as u64);
         let Ok(head) = traversal::Serialized::read(head) else {
@@ -107,7 +107,7 @@ pub unsafe fn deserialize(source: u64, destination: Storage, reach: &Reach, live
     }
 }
 
-/// Logs a failure, which leaves the destination undefined.
+/// Logs a failure. The destination is undefined then.
 pub(super) fn report<T, E: std::fmt::Display>(result: Result<T, E>, what: &str) {
     if let Err(error) = result {
         log::error!("{what}: {error}");
@@ -119,7 +119,7 @@ pub(super) fn report<T, E: std::fmt::Display>(result: Result<T, E>, what: &str) 
 /// # Safety
 /// `address` is the memory of an acceleration structure object that is built.
 pub unsafe fn property(address: u64, query_type: vk::QueryType, live: &Live) -> u64 {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller passes the memory of built structures and keeps other uses away.
     unsafe {
         let Some(structure) = Structure::at(address, live) else {
             return 0;
@@ -136,7 +136,7 @@ pub unsafe fn property(address: u64, query_type: vk::QueryType, live: &Live) -> 
             vk::QueryType::ACCELERATION_STRUCTURE_SERIALIZATION_BOTTOM_LEVEL_POINTERS_KHR => {
                 structure.reference_count()
             }
-            // `ACCELERATION_STRUCTURE_SIZE_KHR`: what the structure takes, wherever it is put.
+            // `ACCELERATION_STRUCTURE_SIZE_KHR`: the structure's size, independent of its location.
             _ => structure.size_bytes(),
         }
     }

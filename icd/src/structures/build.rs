@@ -1,6 +1,6 @@
 //! Building acceleration structures: from addresses in recorded commands to the `traversal` crate.
 //!
-//! Host and device commands end here alike, since a device address is a host address.
+//! Host and device commands use the same functions, since a device address is a host address.
 
 use rayon::prelude::*;
 use spirv_jit::reach::Reach;
@@ -20,7 +20,7 @@ use crate::validate::Checks;
 use crate::wave::reachable::{read, readable, writable};
 
 impl Build {
-    /// Memory that this build needs, for its actual primitive counts.
+    /// The memory that this build needs for its actual primitive counts.
     pub fn sizes(&self) -> BuildSizes {
         traversal::build_sizes(
             self.geometries.kind(),
@@ -29,7 +29,7 @@ impl Build {
         )
     }
 
-    /// Scratch memory that it takes.
+    /// The scratch memory of the build.
     fn scratch_bytes(&self) -> u64 {
         let sizes = self.sizes();
         match self.update_from {
@@ -38,18 +38,18 @@ impl Build {
         }
     }
 
-    /// Performs the build or update on the current rayon pool. Structures lie in `live`, all else
-    /// in `reach`.
+    /// Performs the build or update on the current rayon pool. Structures are checked against
+    /// `live`, all other addresses against `reach`.
     ///
     /// # Errors
     /// See [`BuildError`]; the destination's contents are undefined then.
     ///
     /// # Safety
-    /// Every address is readable (geometry) or writable (destination, scratch) as far as the
-    /// specification makes the application promise (valid usage of
-    /// `vkCmdBuildAccelerationStructuresKHR`), and not written by anyone else meanwhile.
+    /// Every address is readable (geometry) or writable (destination, scratch) as the valid usage
+    /// of `vkCmdBuildAccelerationStructuresKHR` requires, and nothing else writes it during the
+    /// call.
     pub unsafe fn execute(&self, reach: &Reach, live: &Live) -> Result<u64, BuildError> {
-        // SAFETY: the caller's promise, for each use below.
+        // SAFETY: the caller keeps the addresses readable or writable, for each use below.
         unsafe {
             let destination = storage_bytes(live, self.destination);
             match &self.geometries {
@@ -70,7 +70,7 @@ impl Build {
                     self.run(Geometries::Motion(&list), destination, (reach, live))
                 }
                 BuildGeometries::Instances(instances) => {
-                    // An array that will be refused for its size is not read first.
+                    // An array that is too large is refused before it is read.
                     if u64::from(instances.count) > traversal::MAX_GEOMETRIES {
                         return Err(BuildError::TooLarge);
                     }
@@ -119,14 +119,14 @@ impl Triangles {
     /// Bounds the geometry's memory and reads its transform.
     ///
     /// # Safety
-    /// Nothing writes the transform meanwhile.
+    /// Nothing writes the transform during the call.
     unsafe fn read(&self, reach: &Reach) -> TriangleGeometry {
         let corners = self.primitive_count as u64 * 3;
         let vertex_count = match self.index_type {
             IndexType::None => self.first_vertex as u64 + corners,
             _ => self.first_vertex as u64 + self.max_vertex as u64 + 1,
         };
-        // The last vertex counts with a whole stride or its own size, whichever is larger.
+        // The last vertex takes a stride or its own size, whichever is larger.
         let vertex_bytes = vertex_count
             .saturating_mul(self.vertex_stride_bytes)
             .saturating_add(MAX_VERTEX_BYTES);
@@ -149,7 +149,7 @@ impl Triangles {
         }
     }
 
-    /// The micromap, with indices for the range's triangles.
+    /// The micromap, with the indices of the range's triangles.
     pub fn bounded_micromap(&self, reach: &Reach) -> Option<GeometryMicromap> {
         let micromap = self.micromap?;
         let last = u64::from(self.primitive_count.saturating_sub(1))
@@ -166,7 +166,7 @@ impl MotionTriangles {
     /// As [`Triangles::read`].
     ///
     /// # Safety
-    /// As there.
+    /// As [`Triangles::read`].
     unsafe fn read(&self, reach: &Reach) -> MotionGeometry {
         // SAFETY: the caller's promise.
         let start = unsafe { self.start.read(reach) };
@@ -200,8 +200,8 @@ fn overlap(one: &[u8], other: &[u8]) -> bool {
     one.start < other.end && other.start < one.end
 }
 
-/// Whether builds of one command write to the same scratch memory. That is not valid, and side by
-/// side they would spoil each other.
+/// Whether builds of one command share scratch memory. That is invalid, and in parallel such builds
+/// would corrupt each other.
 fn share_scratch(builds: &[Build]) -> bool {
     let mut ranges: Vec<_> = (builds.iter())
         .map(|build| {
@@ -216,8 +216,8 @@ fn share_scratch(builds: &[Build]) -> bool {
     ranges.windows(2).any(|pair| pair[1].0 < pair[0].1)
 }
 
-/// Builds side by side: the specification forbids that builds of one command depend on each other.
-/// Structures lie in `live`, all else in `reach`.
+/// Performs builds in parallel: the specification forbids that builds of one command depend on each
+/// other. `live` and `reach` are as for [`Build::execute`].
 pub fn build(builds: &[Build], reach: &Reach, live: &Live, checks: Option<&Checks>) {
     let run = |build: &Build| {
         let _span = timeline::work("structure");
@@ -241,9 +241,9 @@ pub fn build(builds: &[Build], reach: &Reach, live: &Live, checks: Option<&Check
     }
 }
 
-/// How many threads have something to do in these builds.
+/// The number of threads that these builds can keep busy.
 pub fn build_concurrency(builds: &[Build]) -> usize {
-    /// Primitives that are worth a thread.
+    /// The primitives for which a thread pays off.
     const SHARE: u64 = 4096;
     let shares = |build: &Build| build.geometries.primitive_count().div_ceil(SHARE).max(1);
     usize::try_from(builds.iter().map(shares).sum::<u64>()).unwrap_or(usize::MAX)
@@ -252,7 +252,7 @@ pub fn build_concurrency(builds: &[Build]) -> usize {
 /// Reads an indirect build's ranges.
 ///
 /// # Safety
-/// Nothing writes the ranges meanwhile.
+/// Nothing writes the ranges during the call.
 pub(super) unsafe fn with_ranges(
     indirect: &IndirectBuild,
     reach: &Reach,
@@ -262,7 +262,7 @@ pub(super) unsafe fn with_ranges(
     for (index, &max) in indirect.max_primitive_counts.iter().enumerate() {
         let offset = index as u64 * u64::from(indirect.stride_bytes);
         let address = indirect.ranges.wrapping_add(offset);
-        // SAFETY: the caller's promise. What is not there is a range of nothing.
+        // SAFETY: the caller keeps the ranges unwritten. A range outside of memory is empty.
         let range = unsafe { read::<Range>(reach, address) }.unwrap_or_default();
         if let Some(checks) = checks {
             checks.ranges(address, size_of::<Range>() as u64);

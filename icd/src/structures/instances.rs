@@ -18,8 +18,7 @@ struct Record {
 }
 
 impl Instances {
-    /// Bounds the memory. What instances refer to is looked up in `live`, once each, when they are
-    /// built.
+    /// Bounds the memory. The build looks each referenced structure up once in `live`.
     pub fn resolve<'a>(&self, reach: &Reach, live: &'a Live) -> InstanceSource<'a> {
         InstanceSource {
             memory: readable(reach, self.address, self.size_bytes()),
@@ -30,11 +29,10 @@ impl Instances {
         }
     }
 
-    /// The structure that each instance refers to; `None` for an instance that does not lie where
-    /// the array says.
+    /// The structure that each instance refers to; `None` for an instance outside of memory.
     ///
     /// # Safety
-    /// Nothing writes the instances meanwhile.
+    /// Nothing writes the instances during the call.
     pub unsafe fn references(&self, reach: &Reach) -> impl Iterator<Item = Option<u64>> {
         // SAFETY: the caller's promise.
         (0..self.count)
@@ -45,14 +43,14 @@ impl Instances {
         u64::from(self.count) * self.array.stride_bytes()
     }
 
-    /// An array of records whose references are `resolved`, and the instances that are in it; it
-    /// must outlive them. An instance that is not where the array says is inactive.
+    /// An array of records with the references in `resolved`, and the instances in it, which it
+    /// must outlive. An instance outside of memory is inactive.
     ///
     /// # Errors
     /// [`BuildError::OutOfMemory`].
     ///
     /// # Safety
-    /// Nothing writes the instances meanwhile.
+    /// Nothing writes the instances during the call.
     pub unsafe fn copied(
         &self,
         reach: &Reach,
@@ -92,12 +90,12 @@ impl Instances {
     /// Reads a record, through its pointer if the array is one of pointers.
     ///
     /// # Safety
-    /// Nothing writes it meanwhile.
+    /// Nothing writes the record during the call.
     unsafe fn record(&self, reach: &Reach, index: u32) -> Option<Record> {
         let element = self
             .address
             .wrapping_add(u64::from(index) * self.array.stride_bytes());
-        // SAFETY: the caller's promise; all are plain numbers.
+        // SAFETY: the caller keeps the record unwritten; its members are plain numbers.
         unsafe {
             let (address, ty) = match self.array {
                 InstanceArray::Records => (element, 0),

@@ -1,5 +1,5 @@
 //! Building and moving micromaps: from addresses in recorded commands to the `traversal` crate.
-//! Host and device commands end here alike.
+//! Host and device commands use the same functions.
 
 use ash::vk;
 use rayon::prelude::*;
@@ -13,21 +13,22 @@ use crate::object::acceleration_structure::Storage;
 use crate::validate::Checks;
 use crate::wave::reachable::{around, read, readable, writable};
 
-/// Offsets into a micromap's data have 32 bits; the longest states of a triangle follow.
+/// The largest data of a micromap: offsets have 32 bits, and the longest states of a triangle
+/// follow the last.
 const MAX_DATA_BYTES: u64 =
     (1 << 32) + MicromapFormat::FourStates.triangle_bytes(traversal::micromap::MAX_LEVEL);
 
 /// The identifiers at the head of serialized data.
 const HEAD_BYTES: u64 = 32;
 
-/// Scratch memory is not used; an application may make a buffer of the size that it is told, which
-/// cannot be 0.
+/// The reported scratch size. Scratch memory is not used, but an application may create a buffer of
+/// this size, which cannot be 0.
 pub const SCRATCH_BYTES: u64 = 64;
 
 impl MicromapBuild {
     /// # Safety
-    /// Every address is readable or writable as far as the specification makes the application
-    /// promise (valid usage of `vkCmdBuildMicromapsEXT`), and not written by anyone else meanwhile.
+    /// Every address is readable or writable as the valid usage of `vkCmdBuildMicromapsEXT`
+    /// requires, and nothing else writes it during the call.
     unsafe fn execute(&self, reach: &Reach, live: &Live) -> Result<u64, BuildError> {
         let count = self.count();
         let last = u64::from(count.saturating_sub(1)).saturating_mul(self.stride_bytes);
@@ -46,10 +47,11 @@ impl MicromapBuild {
     }
 }
 
-/// Builds side by side: the specification forbids that builds of one command depend on each other.
+/// Performs builds in parallel: the specification forbids that builds of one command depend on each
+/// other.
 ///
 /// # Safety
-/// As the valid usage of `vkCmdBuildMicromapsEXT` has it.
+/// The valid usage of `vkCmdBuildMicromapsEXT` holds.
 pub unsafe fn build(builds: &[MicromapBuild], reach: &Reach, live: &Live, checks: Option<&Checks>) {
     builds.par_iter().for_each(|build| {
         if let Some(checks) = checks {
@@ -61,7 +63,7 @@ pub unsafe fn build(builds: &[MicromapBuild], reach: &Reach, live: &Live, checks
     });
 }
 
-/// Whether a micromap lies at an address.
+/// Whether there is a micromap at an address.
 ///
 /// # Safety
 /// `live` is there during the call.
@@ -70,31 +72,31 @@ pub unsafe fn is_at(live: &Live, address: u64) -> bool {
     unsafe { Micromap::at(address, live) }.is_some()
 }
 
-/// Whether serialized data is that of a micromap: that of other structures has its size there.
+/// Whether serialized data is that of a micromap. Data of acceleration structures has its size at
+/// the same offset.
 ///
 /// # Safety
-/// Nothing writes what lies in `reach` meanwhile.
+/// Nothing writes the memory in `reach` during the call.
 pub unsafe fn is_serialized_at(reach: &Reach, address: u64) -> bool {
     let address = address.wrapping_add(HEAD_BYTES);
     // SAFETY: the caller's promise.
     unsafe { read::<u64>(reach, address) == Some(traversal::micromap::MAGIC) }
 }
 
-/// The bytes in use of the micromap at an address, or `None` where none was built.
+/// The used bytes of the micromap at an address; `None` if none was built there.
 ///
 /// # Safety
 /// A micromap at the address is unchanged for `'a`.
 unsafe fn bytes<'a>(live: &Live, address: u64) -> Option<&'a [u8]> {
-    // SAFETY: a micromap that was found ends in live memory, and the caller's promise.
+    // SAFETY: a micromap that is found ends in live memory, and the caller keeps it unchanged.
     unsafe { Some(Micromap::at(address, live)?.bytes()) }
 }
 
-/// `VkCopyMicromapInfoEXT`: a micromap has nothing to lose by compaction, so both modes do the
-/// same.
+/// `VkCopyMicromapInfoEXT`. A built micromap is compact already, so both modes do the same.
 ///
 /// # Safety
-/// Both are the memory of micromap objects; the source is built and not written meanwhile, the
-/// destination not used elsewhere.
+/// Both are the memory of micromap objects. The source is built and not written during the call;
+/// the destination is not used elsewhere.
 pub unsafe fn copy(source: Storage, destination: Storage, live: &Live) {
     // SAFETY: the caller's promise.
     unsafe {
@@ -136,7 +138,7 @@ pub unsafe fn serialize(
 /// # Safety
 /// As [`copy`], and `source`, which lies in `reach`, is as long as the micromap's header says.
 pub unsafe fn deserialize(source: u64, destination: Storage, reach: &Reach, live: &Live) {
-    // SAFETY: what is reachable is there, and the caller's promise.
+    // SAFETY: reachable memory exists, and the caller keeps the source readable.
     unsafe {
         let source = source.wrapping_add(HEAD_BYTES);
         let Some(source) = bytes(&around(reach, source), source) else {

@@ -64,15 +64,15 @@ pub fn execute(
     }
 }
 
-/// Copies what was built. Serialized bottom levels list blocks of addresses where `in_blocks`: on
-/// devices with `VK_KHR_opacity_micromap`.
+/// Copies a structure or micromap. With `in_blocks`, serialized bottom levels list blocks of
+/// addresses, as on devices with `VK_KHR_opacity_micromap`.
 ///
 /// # Safety
 /// As [`acceleration_structure::copy`], [`serialize`](acceleration_structure::serialize) and
 /// [`deserialize`](acceleration_structure::deserialize).
 pub unsafe fn copy(built: Built, what: BuiltCopy, in_blocks: bool, reach: &Reach, live: &Live) {
     use acceleration_structure as structure;
-    // Serialized data says which command has written it.
+    // The head of serialized data says whether a structure or a micromap follows.
     let uuids = match built {
         Built::Structure => limits::serialization_uuids(),
         Built::Micromap => limits::micromap_uuids(),

@@ -1,4 +1,4 @@
-//! Spheres and linear swept spheres of a build: the memory that they name.
+//! The memory of spheres and linear swept spheres of a build.
 #![forbid(unsafe_code)]
 
 use spirv_jit::reach::Reach;
@@ -9,8 +9,8 @@ use crate::format::structure::MAX_VERTEX_BYTES;
 use crate::wave::reachable::readable;
 
 impl Swept {
-    /// Bounds the geometry's memory. What an index can reach is known from its type alone: the
-    /// structures name no greatest vertex.
+    /// Bounds the geometry's memory. The index type alone bounds the vertices, since the structures
+    /// have no `maxVertex`.
     pub fn resolve(&self, reach: &Reach) -> SweptGeometry {
         let count = u64::from(self.primitive_count);
         let numbers = match self.indexing {
@@ -23,7 +23,7 @@ impl Swept {
             IndexType::U16 => (2, 1 << 16),
             IndexType::U32 => (4, 1 << 32),
         };
-        // One more for the second end of a successive primitive.
+        // One more index for the second end of a successive primitive.
         let vertices = u64::from(self.first_vertex) + reachable + 1;
         let bytes = |address: u64, stride: u64, size: u64| match address {
             0 => 0,

@@ -1,25 +1,25 @@
-//! A file that is a whole JSON array after each write, so that a process that dies leaves one that
+//! A file that holds a complete JSON array after each write, so that the file of a crashed process
 //! can be opened.
 
 use std::fs::File;
 use std::io::{self, Seek, SeekFrom, Write};
 
-/// Behind the last element.
+/// The text after the last element.
 const TAIL: &str = "\n]\n";
 
 /// The file, until a write fails.
 pub struct ArrayFile {
-    /// The setting that asks for it, and what the file is, for messages.
+    /// The setting that asks for the file and the file's purpose, for messages.
     subject: (&'static str, &'static str),
     path: String,
     file: Option<File>,
-    /// Bytes before the tail, or before the last note.
+    /// The offset of the tail, or of the last note.
     size_bytes: u64,
 }
 
 impl ArrayFile {
-    /// An array of one element, in place of any file of that name. `subject`: the setting that asks
-    /// for it, and what the file is.
+    /// Creates an array of one element, and replaces any file of that name. `subject` is the
+    /// setting that asks for it, and the file's purpose.
     pub fn new(subject: (&'static str, &'static str), path: &str, first: &str) -> Self {
         let mut made = Self {
             subject,
@@ -42,7 +42,7 @@ impl ArrayFile {
         self.file.is_some()
     }
 
-    /// Adds elements, each behind a comma; whether more are wanted.
+    /// Adds elements, each after a comma. Returns whether the file accepts more.
     pub fn append(&mut self, elements: &str) -> bool {
         let Some(file) = &mut self.file else {
             return false;
@@ -51,7 +51,7 @@ impl ArrayFile {
         match written {
             Ok(()) => self.size_bytes += elements.len() as u64,
             Err(why) => {
-                // The disk is full: the old end has its place already.
+                // The disk is full. The space of the old end is still allocated.
                 let _ = file.set_len(self.size_bytes);
                 let _ = put(file, self.size_bytes, TAIL);
                 self.give_up(&why);
@@ -60,7 +60,7 @@ impl ArrayFile {
         self.file.is_some()
     }
 
-    /// Replaces the last note, which only the next note follows: elements are not added behind it.
+    /// Replaces the last note. Only another note can follow a note: no elements are added after it.
     pub fn note(&mut self, element: &str) -> bool {
         let size_bytes = self.size_bytes;
         let kept = self.append(element);

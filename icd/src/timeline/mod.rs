@@ -1,4 +1,4 @@
-//! The timeline (`TUFF_TRACE`): what the driver does when, on which thread, in Chrome's trace event
+//! The timeline (`TUFF_TRACE`): the driver's activities by time and thread, in Chrome's trace event
 //! format, which Perfetto opens.
 //!
 //! A [`Span`] becomes one event (`X`) when it is dropped. Spans of a thread nest, since they are
@@ -23,7 +23,7 @@ use file::ArrayFile;
 static ON: AtomicBool = AtomicBool::new(false);
 static TIMELINE: OnceLock<Timeline> = OnceLock::new();
 
-/// Bytes of events that wait, at most.
+/// Largest size of buffered events.
 const WAITING_BYTES: usize = 32 << 10;
 
 struct Timeline {
@@ -35,12 +35,12 @@ struct Timeline {
 
 struct Written {
     file: ArrayFile,
-    /// Events that are not in the file yet, each behind a comma.
+    /// Events that are not in the file yet, each after a comma.
     waiting: String,
 }
 
-/// Begins the timeline of the process. A file that cannot be made is reported once, and there is no
-/// timeline.
+/// Starts the timeline of the process. If the file cannot be created, that is reported once and
+/// there is no timeline.
 pub fn start(path: &str) {
     TIMELINE.get_or_init(|| {
         let process = std::process::id();
@@ -70,10 +70,10 @@ pub fn is_on() -> bool {
 }
 
 impl Timeline {
-    /// Adds an event; with `now`, the file has it and all before it.
+    /// Adds an event; with `now`, writes it and all events before it to the file.
     fn write(&self, event: &Value, now: bool) {
         if std::process::id() != self.process {
-            // A fork has a copy of this, and the same file.
+            // A forked child has a copy of this state and the same open file.
             return;
         }
         let written = &mut *self.written.lock();
@@ -104,7 +104,7 @@ impl Timeline {
         track
     }
 
-    /// Nanoseconds since the beginning.
+    /// Nanoseconds since the start of the timeline.
     fn nanoseconds(&self, at: Instant) -> u64 {
         at.duration_since(self.start).as_nanos() as u64
     }
@@ -154,15 +154,14 @@ impl Kind {
         }
     }
 
-    /// The file has the event at once: with it, a program that dies loses at most the submission
-    /// that it was in.
+    /// The event is written at once, so that a crashing program loses at most its current
+    /// submission.
     fn is_written_now(self) -> bool {
         matches!(self, Self::Submission | Self::Present | Self::Compilation)
     }
 }
 
-/// A piece of work of the calling thread, from its beginning until this is dropped, on the same
-/// thread.
+/// A piece of work of the calling thread, from its start until this is dropped on the same thread.
 #[must_use]
 pub struct Span(Option<Box<Open>>);
 
@@ -232,12 +231,12 @@ impl Drop for Span {
     }
 }
 
-/// Spans that begin and end by commands. Commands may overlap where spans must not: the end of one
-/// ends those that began inside of it, and their own ends do nothing.
+/// Spans that commands begin and end. Labels may overlap but spans must nest: the end of one ends
+/// those that began inside of it, and their own ends do nothing.
 #[derive(Default)]
 pub struct Stack {
     open: Vec<(Kind, Span)>,
-    /// Ends of labels and of passes that are still to come for spans that have ended.
+    /// Pending ends of labels and passes whose spans have ended already.
     ended: [u32; 2],
 }
 
@@ -269,12 +268,12 @@ impl Stack {
         }
     }
 
-    /// Open spans: what [`Self::close_from`] takes later.
+    /// The number of open spans, for [`Self::close_from`].
     pub fn depth(&self) -> usize {
         self.open.len()
     }
 
-    /// Ends all spans but the outer ones.
+    /// Ends all spans except the outer ones.
     pub fn close_from(&mut self, depth: usize) {
         while self.open.len() > depth {
             if let Some((kind, span)) = self.open.pop() {
@@ -293,7 +292,7 @@ impl Drop for Stack {
     }
 }
 
-/// Notes the name of an object by its handle (`vkSetDebugUtilsObjectNameEXT`).
+/// Records the name of an object by its handle (`vkSetDebugUtilsObjectNameEXT`).
 pub fn name_object(handle: u64, name: &str) {
     if let Some(timeline) = TIMELINE.get().filter(|_| is_on()) {
         let mut names = timeline.names.lock();

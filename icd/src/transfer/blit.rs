@@ -1,6 +1,6 @@
-//! Scaled copies with conversion between formats (spec, "Image Copies With Scaling"): the source is
-//! sampled like a shader would, in blocks of 16 texels, and encoded into the destination, rows of
-//! it by all workers.
+//! Scaled copies with conversion between formats (spec, "Image Copies With Scaling"). The source is
+//! sampled as in a shader, 16 texels at a time, and encoded into the destination. All workers share
+//! the rows.
 
 use ash::vk;
 use images::execute::execute_block;
@@ -21,7 +21,7 @@ use crate::format::texel_format;
 use crate::object::Image;
 use crate::wave::Workers;
 
-/// `vkCmdBlitImage`, one region. Mirrored where the corners of one side are swapped.
+/// `vkCmdBlitImage`, one region. Swapped corners on one side mirror it.
 pub fn blit_image(
     workers: &Workers,
     source: &Image,
@@ -47,7 +47,7 @@ pub fn blit_image(
     }
 }
 
-/// A destination's side of the region on one axis, and where its texels' centres lie in the source.
+/// The region's destination texels on one axis, and the source coordinates of their centers.
 #[derive(Clone, Copy)]
 struct BlitAxis {
     /// Destination texels.
@@ -128,7 +128,7 @@ fn blit_surface(
     let Some(z_side) = z_side else {
         return;
     };
-    // Work for as many bytes as a copy takes much longer here.
+    // A blit takes much longer than a copy of as many bytes, so fewer bytes pay off for a worker.
     const COST: u64 = 32;
     let row_bytes = x_side.count as u64 * to.texel_size_bytes as u64;
     let rows = z_side.count as u64 * y_side.count as u64;
@@ -137,8 +137,8 @@ fn blit_surface(
         for row in rows {
             let y = y_side.first + (row % y_side.count as u64) as i64;
             let z = z_side.first + (row / y_side.count as u64) as i64;
-            // SAFETY: source and destination are bound to memory that the application keeps for the
-            // time of execution; sides are clipped to the destination's size.
+            // SAFETY: source and destination are bound to memory that the application keeps during
+            // execution, and the sides are clipped to the destination's size.
             unsafe {
                 if let Some(halved) = &halved {
                     halved.row(y, z);
@@ -156,19 +156,19 @@ fn blit_surface(
     });
 }
 
-/// A blit whose destination's texels each cover two by two of the source's.
+/// A blit in which each destination texel covers two by two source texels.
 struct Halved<'a> {
     halving: Halving,
     from: &'a Surface,
     to: &'a Surface,
-    /// First texels, and how many of the destination are in a row.
+    /// The first texels, and the number of destination texels in a row.
     source: [u32; 3],
     destination: [u32; 3],
     count: usize,
 }
 
 impl<'a> Halved<'a> {
-    /// `None` for other blits, and where texels beyond the source's edge count.
+    /// `None` for other blits, and for those that read texels past the source's edge.
     fn new(
         from: &'a Surface,
         to: &'a Surface,
@@ -199,7 +199,7 @@ impl<'a> Halved<'a> {
         })
     }
 
-    /// A row of the destination.
+    /// Computes a row of the destination.
     ///
     /// # Safety
     /// The row is one of the blit's, and the memory of both images stays allocated during the call.
@@ -210,12 +210,13 @@ impl<'a> Halved<'a> {
         let from_slice = first_z + (slice - to_z);
         let rows = [row, row + 1].map(|row| self.from.texel(x, row, from_slice, 0).cast_const());
         let to = self.to.texel(to_x, to_row, slice, 0);
-        // SAFETY: the caller's promise; `new` found all of the rows inside of the source.
+        // SAFETY: the caller passes a row of the blit, and `new` has checked that all rows are
+        // inside of the source.
         unsafe { self.halving.row(rows, to, self.count) };
     }
 }
 
-/// A row of the destination, with its source coordinates.
+/// Computes a row of the destination from its source coordinates.
 ///
 /// # Safety
 /// The row is the destination's, and the memory of both images stays allocated during the call.
@@ -234,7 +235,8 @@ unsafe fn blit_row(
         let mask = (u32::from(u16::MAX) >> (SUBGROUP_SIZE as u32 - count)) as u16;
         let base = to.texel(x as u32, y as u32, z as u32, 0);
         let offsets = std::array::from_fn(|lane| (lane * to.texel_size_bytes) as u32);
-        // SAFETY: the caller's promise; these lanes' texels are inside the row.
+        // SAFETY: the caller passes a row of the destination, and the texels of active lanes are
+        // inside it.
         unsafe {
             let texels = reader.read(&u, v, w);
             store_block(to.format, base, &offsets, mask, &texels);
@@ -243,7 +245,7 @@ unsafe fn blit_row(
     }
 }
 
-/// The source as a shader would sample it: one level, coordinates in texels, clamped to the edge.
+/// The source, sampled as in a shader: one level, coordinates in texels, clamped to the edge.
 struct Reader {
     op: ImageOp,
     image: ImageDescriptor,
@@ -251,11 +253,12 @@ struct Reader {
     is_volume: bool,
 }
 
-// SAFETY: the image is read alone, and a blit's regions of it and of the destination are apart.
+// SAFETY: the image is only read, and valid usage keeps the region of the destination apart from
+// it.
 unsafe impl Sync for Reader {}
 
 impl Reader {
-    /// Of a level of a `size` in texels.
+    /// The source for a level of `size` texels.
     fn new(
         source: &Image,
         from: &Surface,
@@ -314,13 +317,13 @@ impl Reader {
         }
     }
 
-    /// Texels at 16 coordinates of a row.
+    /// Samples 16 coordinates of a row.
     ///
     /// # Safety
     /// The image's memory stays allocated during the call.
     unsafe fn read(&self, u: &Row, v: f32, w: f32) -> Texels {
         let v = [v.to_bits(); SUBGROUP_SIZE];
-        // A layer's index is the slice's centre less a half.
+        // A layer's index is the slice's center less a half.
         let w = if self.is_volume { w } else { w - 0.5 };
         let w = [w.to_bits(); SUBGROUP_SIZE];
         let mut results = [[0; SUBGROUP_SIZE]; MAX_RESULT_ROWS];

@@ -1,19 +1,17 @@
-//! Copying, filling and updating buffers. Ranges were checked against their buffers when they were
-//! recorded, if they were given as such; ranges given by address are left alone if there is no
-//! memory.
+//! Copies, fills and updates of buffers. Recording has checked ranges of buffers; ranges given by
+//! address are ignored if there is no memory.
 
 use spirv_jit::reach::Reach;
 
 use super::pattern::Pattern;
 
-/// `vkCmdCopyBuffer`, one region. Source and destination may overlap only by mistake; the bytes are
-/// well defined even then.
+/// `vkCmdCopyBuffer`, one region. Overlapping regions are invalid, but still give well-defined
+/// bytes.
 pub fn copy(reach: &Reach, source: u64, destination: u64, size_bytes: u64) {
     if !reach.contains(source, size_bytes) || !reach.contains(destination, size_bytes) {
         return;
     }
-    // SAFETY: both ranges are inside buffers that are bound to memory, which the application keeps
-    // for the time of execution.
+    // SAFETY: both ranges are in reach, and the application keeps their memory during execution.
     unsafe {
         std::ptr::copy(
             source as *const u8,

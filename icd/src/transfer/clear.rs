@@ -14,7 +14,7 @@ pub fn clear_color_image(
     range: &vk::ImageSubresourceRange,
 ) {
     // A 64-bit component takes two words, low and high (VkClearColorValue), as texels do here.
-    // SAFETY: all members are four words, and the format says whether these are floats or integers.
+    // SAFETY: all members of the union are four words, so that each may be read.
     let words = unsafe { value.uint32 };
     clear(image, vk::ImageAspectFlags::COLOR, range, words);
 }
@@ -35,7 +35,7 @@ pub fn clear_depth_stencil_image(
     }
 }
 
-/// The load operation of a view that a pass does not draw into: an area of some of its layers.
+/// Clears an area of some layers of a view that the pass does not draw to.
 pub fn clear_view(
     view: &ImageView,
     aspects_mask: vk::ImageAspectFlags,
@@ -47,7 +47,7 @@ pub fn clear_view(
         let Some(surface) = Surface::of_view(view, aspect) else {
             continue;
         };
-        // SAFETY: all members are words, and the aspect says what they are.
+        // SAFETY: all members of the union are words, so that each may be read.
         let words = unsafe {
             match aspect {
                 vk::ImageAspectFlags::COLOR => value.color.uint32,
@@ -80,7 +80,7 @@ fn clear(
             return;
         };
         let mut region = surface.whole();
-        // Of a 3D image's level, all slices.
+        // All slices of a 3D image's level.
         if image.image_type != vk::ImageType::TYPE_3D {
             region.slice = range.base_array_layer;
             region.slices = image.layer_count(range.base_array_layer, range.layer_count);
@@ -99,7 +99,7 @@ fn fill(surface: &Surface, region: Region, words: [u32; 4]) {
     surface.format.encode(words, &mut texel);
     let pattern = Pattern::new(&texel[..size]);
     let row_bytes = region.width as usize * size;
-    // Rows that are next to each other are one.
+    // Adjacent rows are filled as one.
     let (rows, row_bytes) = match row_bytes as u64 == surface.row_stride_bytes {
         true => (1, row_bytes * region.height as usize),
         false => (region.height, row_bytes),
@@ -108,8 +108,8 @@ fn fill(surface: &Surface, region: Region, words: [u32; 4]) {
         for sample in 0..surface.samples {
             for y in 0..rows {
                 let to = surface.texel(region.x, region.y + y, region.slice + slice, sample);
-                // SAFETY: a row inside the image, which is bound to memory that the application
-                // keeps for the time of execution.
+                // SAFETY: the row is inside the image, which is bound to memory that the
+                // application keeps during execution.
                 unsafe { pattern.fill(to, row_bytes) };
             }
         }

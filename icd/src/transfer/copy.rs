@@ -1,5 +1,5 @@
-//! Copies between images and buffers: bytes as they are (spec, chapter Copy Commands). Regions
-//! outside their image are not copied.
+//! Copies of bytes between images and buffers (spec, chapter Copy Commands). Regions outside their
+//! image are not copied.
 
 use ash::vk;
 
@@ -13,7 +13,7 @@ pub fn copy_image(workers: &Workers, source: &Image, destination: &Image, copy: 
     let from_slices = slice_count(source, &copy.src_subresource, copy.extent.depth);
     let to_slices = slice_count(destination, &copy.dst_subresource, copy.extent.depth);
     let slices = from_slices.min(to_slices);
-    // The extent is in texels of the source; as many blocks are copied on either side.
+    // The extent counts texels of the source. Both sides copy the same number of blocks.
     let extent = blocks(
         copy.extent,
         source.block_extent(copy.src_subresource.aspect_mask),
@@ -74,14 +74,14 @@ fn copy_surface(
             let source = from.texel(from_region.x, from_y, from_slice, sample);
             let (to_y, to_slice) = (to_region.y + y, to_region.slice + slice);
             let destination = to.texel(to_region.x, to_y, to_slice, sample);
-            // SAFETY: both rows lie inside their images, which are bound to memory that the
-            // application keeps for the time of execution. They may overlap in a mistaken copy.
+            // SAFETY: both rows are inside their images, which are bound to memory that the
+            // application keeps during execution. `copy` allows the overlap of an invalid copy.
             unsafe { std::ptr::copy(source, destination, row_bytes) };
         }
     });
 }
 
-/// How a region lies in a buffer (spec, "Buffer and Image Addressing").
+/// The layout of a region in a buffer (spec, "Buffer and Image Addressing").
 struct BufferLayout {
     row_stride_bytes: u64,
     slice_stride_bytes: u64,
@@ -121,7 +121,7 @@ pub fn buffer_size_bytes(image: &Image, copy: &vk::BufferImageCopy) -> Option<u6
         return Some(0);
     }
     let layout = BufferLayout::new(copy, plane.texel_size_bytes, block_extent);
-    // The last row ends with its last texel.
+    // The last row ends with its last texel, not after a stride.
     u64::from(slices - 1)
         .saturating_mul(layout.slice_stride_bytes)
         .checked_add(u64::from(height - 1).saturating_mul(layout.row_stride_bytes))?
@@ -141,8 +141,8 @@ pub fn copy_buffer_to_image(
         destination,
         copy,
         |buffer, image, row_bytes| {
-            // SAFETY: the image's row lies inside it; the buffer's was checked when the command was
-            // recorded; the application keeps the memory of both for the time of execution.
+            // SAFETY: the image's row is inside the image, the region's bytes in the buffer are in
+            // reach, and the application keeps the memory of both during execution.
             unsafe { std::ptr::copy(buffer, image, row_bytes) };
         },
     );

@@ -1,15 +1,15 @@
-//! Converting matrices in memory, on the host and on the device alike.
+//! Converts matrices in memory, for host and device commands.
 
 use spirv_jit::eval::matrix::{narrow, widen};
 use spirv_jit::reach::Reach;
 
 use crate::command::matrix::{Matrix, MatrixConversion};
 
-/// Converts a matrix. Floats are rounded to the nearest, ties to even; components of one kind keep
-/// their bits. A matrix that is not all in reach is left alone.
+/// Converts a matrix. Floats are rounded to the nearest, ties to even; components of the same type
+/// keep their bits. A matrix that is partly out of reach is not converted.
 ///
 /// # Safety
-/// Memory in reach is alive, and nothing else writes it meanwhile.
+/// Memory in reach is alive, and nothing else writes it during the call.
 pub unsafe fn convert(conversion: &MatrixConversion, reach: &Reach) {
     let (from, to) = (&conversion.source, &conversion.destination);
     let are_there = [from, to]
@@ -25,7 +25,8 @@ pub unsafe fn convert(conversion: &MatrixConversion, reach: &Reach) {
                 true => (element, line),
                 false => (line, element),
             };
-            // SAFETY: the matrices are in reach, and the caller's promise.
+            // SAFETY: the matrices are in reach, and the caller keeps their memory alive and
+            // unshared.
             unsafe {
                 let bits = load(from, place);
                 let bits = match from.component == to.component {
@@ -37,23 +38,23 @@ pub unsafe fn convert(conversion: &MatrixConversion, reach: &Reach) {
         }
         if to.is_padded {
             let begin = line * to.stride_bytes + to.elements * to.element_bytes();
-            // SAFETY: the matrix is in reach.
+            // SAFETY: the check above has found the matrix in reach.
             unsafe { clear(to, begin, (line + 1) * to.stride_bytes) };
         }
     }
     if to.is_padded {
-        // SAFETY: the matrix is in reach.
+        // SAFETY: the check above has found the matrix in reach.
         unsafe { clear(to, to.lines * to.stride_bytes, to.size_bytes()) };
     }
 }
 
-/// Clears a matrix's bytes from one to another.
+/// Clears a range of a matrix's bytes.
 ///
 /// # Safety
 /// As [`convert`]; the matrix is in reach.
 unsafe fn clear(matrix: &Matrix, begin: u64, end: u64) {
     let at = (matrix.address + begin) as *mut u8;
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller passes an element or a range inside of the matrix.
     unsafe { at.write_bytes(0, (end - begin) as usize) };
 }
 
@@ -62,10 +63,10 @@ fn address(matrix: &Matrix, (line, element): (u64, u64)) -> u64 {
 }
 
 /// # Safety
-/// As [`convert`]; the element is one of the matrix.
+/// As [`convert`]; the element is in the matrix.
 unsafe fn load(matrix: &Matrix, place: (u64, u64)) -> u32 {
     let at = address(matrix, place);
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller passes an element or a range inside of the matrix.
     unsafe {
         match matrix.element_bytes() {
             1 => (at as *const u8).read().into(),
@@ -79,7 +80,7 @@ unsafe fn load(matrix: &Matrix, place: (u64, u64)) -> u32 {
 /// As [`load`].
 unsafe fn store(matrix: &Matrix, place: (u64, u64), bits: u32) {
     let at = address(matrix, place);
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller passes an element or a range inside of the matrix.
     unsafe {
         match matrix.element_bytes() {
             1 => (at as *mut u8).write(bits as u8),

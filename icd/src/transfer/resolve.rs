@@ -8,7 +8,7 @@ use super::surface::{Region, Surface, region, slice_count};
 use crate::object::Image;
 use crate::object::render_pass::ResolveMode;
 
-/// `vkCmdResolveImage`, one region: each aspect by its mode; of integers the mean is sample zero.
+/// `vkCmdResolveImage`, one region: each aspect by its mode. The mean of integers is sample zero.
 pub fn resolve_image(
     source: &Image,
     destination: &Image,
@@ -59,7 +59,7 @@ pub fn resolve_image(
     }
 }
 
-/// The resolve of an attachment at the end of a pass, one layer.
+/// Resolves one layer of an attachment at the end of a pass.
 pub fn resolve_attachment(
     (from, from_slice): (&Surface, u32),
     (to, to_slice): (&Surface, u32),
@@ -77,9 +77,8 @@ pub fn resolve_attachment(
     resolve_slice((from, region), (to, destination), mode);
 }
 
-/// Resolves one slice, on the current rayon pool: of colours that are not integers, the mean, of
-/// integers sample zero, of depth and stencil as the mode says. The regions are of one size, inside
-/// of their surfaces.
+/// Resolves one slice, on the current rayon pool: colors to their mean, integers to sample zero,
+/// depth and stencil as the mode says. The regions have one size and are inside of their surfaces.
 fn resolve_slice(
     (from, region): (&Surface, Region),
     (to, destination): (&Surface, Region),
@@ -102,14 +101,15 @@ fn resolve_slice(
                 let length = region.width as usize * from.texel_size_bytes;
                 let source = |sample| from.texel(region.x, y, region.slice, sample).cast_const();
                 let target = to.texel(destination.x, to_y, destination.slice, 0);
-                // SAFETY: rows inside the images, as above, and no two of the destination are one.
+                // SAFETY: the rows are inside the images, and each row of the destination is
+                // written by one task.
                 return unsafe { mean_bytes(source, from.samples, target, length) };
             }
             for column in 0..region.width {
                 let x = region.x + column;
                 let texel = |sample| from.texel(x, y, region.slice, sample);
                 let words = |sample| {
-                    // SAFETY: a texel inside the image, as above.
+                    // SAFETY: the texel is inside the image.
                     let bytes =
                         unsafe { std::slice::from_raw_parts(texel(sample), from.texel_size_bytes) };
                     from.format.decode(bytes)
@@ -145,8 +145,8 @@ fn resolve_slice(
         });
 }
 
-/// The opposite of a resolve, one layer: all samples get the value of the only one of the source,
-/// which has the same format.
+/// The opposite of a resolve, for one layer: all samples get the value of the source's single
+/// sample. Both images have the same format.
 pub fn spread(
     (from, from_slice): (&Surface, u32),
     (to, to_slice): (&Surface, u32),
@@ -169,8 +169,8 @@ pub fn spread(
             let source = from.texel(region.x, y, from_slice, 0).cast_const();
             for sample in 0..to.samples {
                 let target = to.texel(region.x, y, to_slice, sample);
-                // SAFETY: rows inside the images, as above; the destination is memory of the
-                // driver's own, and no two of its rows are one.
+                // SAFETY: the rows are inside the images; the destination is the driver's own
+                // memory, and each of its rows is written by one task.
                 unsafe { std::ptr::copy_nonoverlapping(source, target, length) };
             }
         });
@@ -187,7 +187,7 @@ fn area_of(area: &vk::Rect2D, slice: u32) -> Region {
     }
 }
 
-/// Whether texels are unsigned normalized bytes, so that their mean is that of bytes.
+/// Whether texels are unsigned normalized bytes, so that the mean can be taken byte by byte.
 fn is_bytes(format: &FormatInfo) -> bool {
     let mut channels = format.channels.iter();
     let has_bytes = channels.all(|channel| matches!(channel.bits, 0 | 8));
@@ -197,7 +197,7 @@ fn is_bytes(format: &FormatInfo) -> bool {
 /// The mean of a row's samples, byte by byte, to the nearest, ties to even.
 ///
 /// # Safety
-/// `length` bytes are readable from each sample's row on, and writable from `target` on.
+/// `length` bytes are readable at each sample's row, and writable at `target`.
 unsafe fn mean_bytes(
     source: impl Fn(u32) -> *const u8,
     samples: u32,
@@ -226,10 +226,10 @@ unsafe fn mean_bytes(
     }
 }
 
-/// Mean of a texel's samples, or the words of the only one that counts.
+/// The mean of a texel's samples, or the words of the selected sample.
 fn mean(from: &Surface, sample_count: u32, texel: impl Fn(u32) -> *mut u8) -> [u32; 4] {
     let words = |sample: u32| {
-        // SAFETY: a texel inside the image, as above.
+        // SAFETY: the texel is inside the image.
         let bytes = unsafe { std::slice::from_raw_parts(texel(sample), from.texel_size_bytes) };
         from.format.decode(bytes)
     };

@@ -1,4 +1,4 @@
-//! Rows of transfers, dealt out to the device's workers where there is enough to do.
+//! Distributes the rows of large transfers over the device's workers.
 
 use std::ops::Range;
 
@@ -6,13 +6,13 @@ use rayon::iter::{IntoParallelIterator, ParallelIterator};
 
 use crate::wave::Workers;
 
-/// Work of fewer bytes than this is done by the queue's own thread.
+/// Transfers of fewer bytes run on the queue's thread.
 const LEAST_BYTES: u64 = 1 << 17;
-/// Pieces for each worker, so that none waits long for another.
+/// Chunks per worker, for an even load.
 const PIECES_PER_WORKER: u64 = 4;
 
-/// Does `work` for rows `0..count` of so many bytes each, in any order and by any thread; all of it
-/// is done on return.
+/// Calls `work` for ranges that cover the rows `0..count`, in any order and on any thread, and
+/// returns when all are done. Each row has `row_bytes` bytes.
 pub fn for_rows(workers: &Workers, count: u64, row_bytes: u64, work: impl Fn(Range<u64>) + Sync) {
     let threads = workers.current_num_threads() as u64;
     if threads < 2 || count < 2 || count.saturating_mul(row_bytes) < LEAST_BYTES {

@@ -1,6 +1,6 @@
-//! One plane of one mip level of an image, as transfers see it: slices of rows of texels.
+//! A plane of a mip level of an image, in the form for transfers: slices of rows of texels.
 //!
-//! In compressed formats a block counts as a texel.
+//! A block of a compressed format counts as one texel.
 //!
 //! Depth slices of a 3D image and layers of any other are both *slices*: a transfer between the two
 //! kinds pairs them (spec, "Copying Data Between Images").
@@ -13,7 +13,7 @@ use spirv_jit::environment::Samples;
 use crate::format::texel_format;
 use crate::object::{Image, ImageView};
 
-/// Texels of a level of a plane.
+/// The texels of a plane's mip level.
 #[derive(Clone, Copy)]
 pub struct Surface {
     data: *mut u8,
@@ -29,11 +29,11 @@ pub struct Surface {
     sample_stride_bytes: u64,
 }
 
-// SAFETY: a surface is a place in memory that the application keeps for the time of execution; who
-// writes there sees to it that no two threads write one texel.
+// SAFETY: the application keeps the memory during execution, and each transfer writes a texel from
+// one thread only.
 unsafe impl Sync for Surface {}
 
-/// A box of texels of a surface, inside of it.
+/// A box of texels inside of a surface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Region {
     pub x: u32,
@@ -45,7 +45,7 @@ pub struct Region {
 }
 
 impl Surface {
-    /// The level of the plane of one aspect; `None` if there is none or the image is not bound.
+    /// A level of the aspect's plane; `None` if there is none or the image is not bound.
     pub fn new(image: &Image, aspect: vk::ImageAspectFlags, level: u32) -> Option<Self> {
         let plane = image.plane(aspect)?;
         let level = plane.levels.get(level as usize)?;
@@ -77,8 +77,8 @@ impl Surface {
         })
     }
 
-    /// The level of a view that is an attachment, with the view's format; `None` as [`Self::new`],
-    /// and for a format of another size.
+    /// The level of an attachment's view, with the view's format; `None` as for [`Self::new`], and
+    /// for a format of another texel size.
     pub fn of_view(view: &ImageView, aspect: vk::ImageAspectFlags) -> Option<Self> {
         let surface = Self::new(&view.image, aspect, view.range.base_mip_level)?;
         if aspect != vk::ImageAspectFlags::COLOR {
@@ -91,8 +91,8 @@ impl Surface {
         })
     }
 
-    /// A surface of the same size and format with so many samples and slices, and its memory. None
-    /// if memory is short.
+    /// A surface of the same size and format with other counts of samples and slices, and its
+    /// memory. `None` if memory is exhausted.
     pub fn like(&self, samples: u32, slices: u32) -> Option<(Self, Vec<u64>)> {
         let row = (u64::from(self.width) * self.texel_size_bytes as u64).next_multiple_of(16);
         let sample = row.checked_mul(u64::from(self.height))?;
@@ -113,7 +113,7 @@ impl Surface {
         Some((surface, memory))
     }
 
-    /// All of it.
+    /// The whole surface.
     pub fn whole(&self) -> Region {
         Region {
             x: 0,
@@ -125,7 +125,7 @@ impl Surface {
         }
     }
 
-    /// The region as given, if it is inside; a mistaken one is not transferred.
+    /// The region, if it is inside of the surface. Invalid regions are not transferred.
     pub fn inside(&self, region: Region) -> Option<Region> {
         let fits = |first: u32, count: u32, size: u32| {
             first.checked_add(count).is_some_and(|end| end <= size)
@@ -136,7 +136,7 @@ impl Surface {
         inside.then_some(region)
     }
 
-    /// First byte of the texel (x, y) of a sample of a slice. In range if they are.
+    /// Address of the texel (x, y) of a sample of a slice, which the caller keeps in range.
     pub fn texel(&self, x: u32, y: u32, slice: u32, sample: u32) -> *mut u8 {
         let offset = u64::from(slice) * self.slice_stride_bytes
             + u64::from(sample) * self.sample_stride_bytes
@@ -145,7 +145,8 @@ impl Surface {
         self.data.wrapping_add(offset as usize)
     }
 
-    /// The surface, as shaders see it: the samples of the image whose first texel is `single`.
+    /// The surface as a descriptor for shaders: the samples of the image whose first texel is
+    /// `single`.
     pub fn samples_of(&self, single: *const u8) -> Samples {
         Samples {
             single,
@@ -167,7 +168,7 @@ impl Surface {
     }
 }
 
-/// How many blocks cover so many texels.
+/// The number of blocks that cover a number of texels.
 pub fn blocks(extent: vk::Extent3D, [width, height]: [u32; 2]) -> vk::Extent3D {
     vk::Extent3D {
         width: extent.width.div_ceil(width),
@@ -176,9 +177,9 @@ pub fn blocks(extent: vk::Extent3D, [width, height]: [u32; 2]) -> vk::Extent3D {
     }
 }
 
-/// The box that an offset in texels, an extent in blocks and layers name. Slices are counted by the
-/// extent's depth in 3D images and by layers in others; a copy between the two kinds has as many of
-/// either.
+/// The box of an offset in texels, an extent in blocks and layers. The extent's depth counts the
+/// slices of 3D images, and layers count those of others. A copy between the two kinds has the same
+/// number of both.
 pub fn region(
     image: &Image,
     layers: &vk::ImageSubresourceLayers,
@@ -202,7 +203,7 @@ pub fn region(
     })
 }
 
-/// How many slices a region of an image covers.
+/// The number of slices that a region of an image covers.
 pub fn slice_count(image: &Image, layers: &vk::ImageSubresourceLayers, depth: u32) -> u32 {
     if image.image_type == vk::ImageType::TYPE_3D {
         depth
