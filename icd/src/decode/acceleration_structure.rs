@@ -19,8 +19,8 @@ use crate::format::structure::radius_format;
 use crate::format::structure::vertex_format;
 use crate::validate::Checks;
 
-/// The kind of structure that holds these geometries. Without geometries it is triangles, or
-/// instances for a top level.
+/// The kind of structure for these geometries. Without geometries it is triangles, or instances for
+/// a top level.
 ///
 /// # Safety
 /// The info and its geometries are valid.
@@ -28,7 +28,7 @@ pub unsafe fn kind(
     info: &vk::AccelerationStructureBuildGeometryInfoKHR<'_>,
     geometries: &[&vk::AccelerationStructureGeometryKHR<'_>],
 ) -> traversal::Kind {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the info and its geometries are valid.
     let in_motion = |geometry: &&_| unsafe { end_vertices(geometry) }.is_some();
     let is_top = info.ty == vk::AccelerationStructureTypeKHR::TOP_LEVEL;
     let moves = info
@@ -49,13 +49,13 @@ pub unsafe fn kind(
     }
 }
 
-/// Copies a build, without its ranges. Addresses are taken from the `deviceAddress` of each union,
-/// which has the bits of `hostAddress`.
+/// Copies a build, without its ranges. Each union is read as `deviceAddress`, which has the bits of
+/// `hostAddress`.
 ///
 /// # Safety
 /// The info is valid and its handles are alive.
 pub unsafe fn decode_build(info: &vk::AccelerationStructureBuildGeometryInfoKHR<'_>) -> Build {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the info is valid and its handles are alive.
     unsafe {
         let geometries = geometries(info);
         let kind = kind(info, &geometries);
@@ -99,7 +99,7 @@ pub unsafe fn decode_build(info: &vk::AccelerationStructureBuildGeometryInfoKHR<
     }
 }
 
-/// Copies builds with their ranges; those of micromaps, which have none, are left out.
+/// Copies builds with their ranges, except builds of micromaps, which have none.
 ///
 /// # Safety
 /// The infos are valid, their handles are alive, and each has as many ranges as geometries.
@@ -108,7 +108,8 @@ pub unsafe fn decode_builds(
     infos: *const vk::AccelerationStructureBuildGeometryInfoKHR<'_>,
     ranges: *const *const vk::AccelerationStructureBuildRangeInfoKHR,
 ) -> Vec<Build> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the infos are valid, their handles are alive, and each has
+    // as many ranges as geometries.
     unsafe {
         let ranges = slice(ranges, count);
         let decode = |(info, &ranges): (
@@ -143,7 +144,7 @@ const NO_INSTANCES: Instances = Instances {
     count: 0,
 };
 
-/// Where the vertices of a geometry of triangles are at time 1, if they move.
+/// The address of the vertices at time 1 of a geometry of triangles, if they move.
 ///
 /// # Safety
 /// The geometry is valid.
@@ -152,14 +153,15 @@ unsafe fn end_vertices(geometry: &vk::AccelerationStructureGeometryKHR<'_>) -> O
     if geometry.geometry_type != vk::GeometryTypeKHR::TRIANGLES {
         return None;
     }
-    // SAFETY: the caller's promise; triangles are read only of what is one of triangles.
+    // SAFETY: the caller guarantees that the geometry is valid; triangles are read only of what is
+    // one of triangles.
     unsafe {
         let data = find::<Data>(geometry.geometry.triangles.p_next)?;
         Some(data.vertex_data.device_address)
     }
 }
 
-/// Whether a geometry names a micromap.
+/// Whether a geometry has a micromap.
 ///
 /// # Safety
 /// The geometry is valid.
@@ -169,7 +171,8 @@ pub unsafe fn has_micromap(geometry: &vk::AccelerationStructureGeometryKHR<'_>) 
     if geometry.geometry_type != vk::GeometryTypeKHR::TRIANGLES {
         return false;
     }
-    // SAFETY: the caller's promise; triangles are read only of what is one of triangles.
+    // SAFETY: the caller guarantees that the geometry is valid; triangles are read only of what is
+    // one of triangles.
     unsafe {
         let next = geometry.geometry.triangles.p_next;
         find::<Ext>(next).is_some() || find::<Khr>(next).is_some()
@@ -179,7 +182,8 @@ pub unsafe fn has_micromap(geometry: &vk::AccelerationStructureGeometryKHR<'_>) 
 /// # Safety
 /// The geometry is one of triangles.
 unsafe fn triangles(geometry: &vk::AccelerationStructureGeometryKHR<'_>) -> Triangles {
-    // SAFETY: the caller's promise; both members of an address union are 64 bits.
+    // SAFETY: the caller guarantees that the geometry is one of triangles; both members of an
+    // address union are 64 bits.
     unsafe {
         let data = geometry.geometry.triangles;
         Triangles {
@@ -198,10 +202,10 @@ unsafe fn triangles(geometry: &vk::AccelerationStructureGeometryKHR<'_>) -> Tria
     }
 }
 
-/// Spheres and linear swept spheres come in the chain; without their structure there are none.
+/// Spheres and linear swept spheres are in the chain; without their structure there are none.
 ///
 /// # Safety
-/// The geometry is one of them.
+/// The geometry is one of spheres or linear swept spheres.
 unsafe fn swept(geometry: &vk::AccelerationStructureGeometryKHR<'_>) -> Swept {
     let flags = GeometryFlags(geometry.flags.as_raw());
     macro_rules! decode {
@@ -283,9 +287,9 @@ unsafe fn instances(geometry: &vk::AccelerationStructureGeometryKHR<'_>) -> Inst
     }
 }
 
-/// Instance records of a host build, copied with each reference turned from a handle into an
-/// address; the build then reads the copy, which must outlive it. With validation, handles of
-/// nothing are reported, and as good as none.
+/// Copies the instance records of a host build, with each handle replaced by an address. The build
+/// reads the copy, which must outlive it. Validation reports invalid handles, which then count as
+/// null.
 ///
 /// # Errors
 /// `VK_ERROR_OUT_OF_HOST_MEMORY`.
@@ -301,17 +305,19 @@ pub unsafe fn resolve_host_instances(
     let BuildGeometries::Instances(instances) = &mut build.geometries else {
         return Ok(Vec::new());
     };
-    // More than a structure can have are refused by the build.
+    // The build refuses more instances than a structure can have.
     if u64::from(instances.count) > traversal::MAX_GEOMETRIES {
         return Ok(Vec::new());
     }
     let address = |reference| match vk::AccelerationStructureKHR::from_raw(reference) {
         handle if handle == vk::AccelerationStructureKHR::null() => 0,
         _ if checks.is_some_and(|checks| !checks.host_reference(reference, destination)) => 0,
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the build's instances are readable, and each reference
+        // is 0 or a live `VkAccelerationStructureKHR`.
         handle => unsafe { storage(handle) }.address,
     };
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the build's instances are readable, and each reference is
+    // 0 or a live `VkAccelerationStructureKHR`.
     let copied = unsafe { instances.copied(&Reach::everywhere(), address) };
     let (copy, records) = copied.map_err(|_| vk::Result::ERROR_OUT_OF_HOST_MEMORY)?;
     *instances = copy;

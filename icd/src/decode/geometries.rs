@@ -13,7 +13,8 @@ pub unsafe fn geometries<'a>(
     info: &vk::AccelerationStructureBuildGeometryInfoKHR<'a>,
 ) -> Vec<&'a vk::AccelerationStructureGeometryKHR<'a>> {
     let count = info.geometry_count as usize;
-    // SAFETY: the caller's promise; exactly one of the arrays is not null
+    // SAFETY: the caller guarantees that the info's arrays have `geometryCount` elements; exactly
+    // one of the arrays is not null
     // (VUID-VkAccelerationStructureBuildGeometryInfoKHR-pGeometries-03788).
     unsafe {
         if count == 0 {
@@ -33,11 +34,11 @@ pub unsafe fn geometries<'a>(
     }
 }
 
-/// Where an acceleration structure lies.
+/// The memory of an acceleration structure.
 ///
 /// # Safety
 /// The handle is alive.
 pub unsafe fn storage(handle: vk::AccelerationStructureKHR) -> Storage {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the handle is alive.
     unsafe { handle::from_handle::<AccelerationStructure>(handle) }.storage()
 }

@@ -135,7 +135,7 @@ unsafe fn decode_rasterization(
     }
 }
 
-/// The viewports, and what their structures say of depth.
+/// The viewports and their depth settings.
 ///
 /// # Safety
 /// The info is valid.
@@ -204,7 +204,7 @@ unsafe fn decode_fragments(
     }
 }
 
-/// The shader stages of the parts that are there, with their index among the info's stages.
+/// The shader stages of the info's own parts, with their index among the info's stages.
 ///
 /// # Safety
 /// The info is valid.
@@ -245,7 +245,7 @@ fn has_tessellation(stages: &[vk::PipelineShaderStageCreateInfo<'_>]) -> bool {
 /// # Safety
 /// The info is valid.
 unsafe fn tessellation(info: &vk::PipelineTessellationStateCreateInfo<'_>) -> Tessellation {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the info is valid.
     let origin =
         unsafe { find::<vk::PipelineTessellationDomainOriginStateCreateInfo<'_>>(info.p_next) };
     Tessellation {
@@ -263,7 +263,7 @@ unsafe fn own_parts(
     info: &vk::GraphicsPipelineCreateInfo<'_>,
     libraries: &[&GraphicsPipeline],
 ) -> Parts {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the info is valid.
     unsafe {
         let flags = create_flags(info.flags, info.p_next);
         match find::<vk::GraphicsPipelineLibraryCreateInfoEXT>(info.p_next) {
@@ -280,7 +280,7 @@ unsafe fn own_parts(
 unsafe fn libraries<'a>(
     info: &vk::GraphicsPipelineCreateInfo<'_>,
 ) -> VkResult<Vec<&'a GraphicsPipeline>> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the info is valid, and its libraries are alive for `'a`.
     unsafe {
         let Some(info) = find::<vk::PipelineLibraryCreateInfoKHR>(info.p_next) else {
             return Ok(Vec::new());
@@ -296,8 +296,8 @@ unsafe fn libraries<'a>(
     }
 }
 
-/// Whether there may be colour attachments, and one of depth or stencil: only then their state
-/// counts.
+/// Whether there are color attachments, and a depth or stencil attachment. Their state is read only
+/// then.
 ///
 /// # Safety
 /// The info is valid.
@@ -305,7 +305,7 @@ unsafe fn attachments(info: &vk::GraphicsPipelineCreateInfo<'_>, parts: Parts) -
     if !parts.intersects(Parts::FRAGMENT_SHADER | Parts::FRAGMENT_OUTPUT_INTERFACE) {
         return (false, false);
     }
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the info is valid.
     unsafe {
         if let Some(pass) = optional::<RenderPass>(info.render_pass) {
             let subpass = pass.subpasses.get(info.subpass as usize);
@@ -320,12 +320,12 @@ unsafe fn attachments(info: &vk::GraphicsPipelineCreateInfo<'_>, parts: Parts) -
     }
 }
 
-/// The attachments that a pipeline of dynamic rendering has formats for.
+/// The attachments for which a pipeline of dynamic rendering has formats.
 ///
 /// # Safety
 /// The info is valid.
 unsafe fn used_attachments(info: &vk::GraphicsPipelineCreateInfo<'_>) -> UsedAttachments {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the info is valid.
     unsafe {
         let rendering = find::<vk::PipelineRenderingCreateInfo>(info.p_next);
         let colors = rendering.map_or(&[][..], |it| {
@@ -347,7 +347,7 @@ unsafe fn used_attachments(info: &vk::GraphicsPipelineCreateInfo<'_>) -> UsedAtt
 /// # Safety
 /// The info is valid.
 unsafe fn vertex_input(info: &vk::PipelineVertexInputStateCreateInfo<'_>) -> VertexInput {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the info is valid.
     unsafe {
         let divisors = find::<vk::PipelineVertexInputDivisorStateCreateInfoKHR>(info.p_next);
         let divisors = divisors.map_or(&[][..], |it| {
@@ -390,7 +390,7 @@ unsafe fn vertex_input(info: &vk::PipelineVertexInputStateCreateInfo<'_>) -> Ver
 /// # Safety
 /// The info is valid.
 unsafe fn rasterization(info: &vk::PipelineRasterizationStateCreateInfo<'_>) -> Rasterization {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the info is valid.
     unsafe {
         let next = info.p_next;
         let clip = find::<vk::PipelineRasterizationDepthClipStateCreateInfoEXT>(next);
@@ -443,7 +443,7 @@ unsafe fn viewports(
     let is_set = |states: [State; 2]| states.iter().any(|&state| dynamic.contains(state));
     let count = |count: u32| count.min(MAX_VIEWPORTS as u32);
     let mut viewports = Viewports::default();
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the info is valid.
     unsafe {
         if !is_set([State::VIEWPORT, State::VIEWPORT_WITH_COUNT]) {
             let values = slice(info.p_viewports, count(info.viewport_count));
@@ -457,17 +457,18 @@ unsafe fn viewports(
     viewports
 }
 
-/// The range of a mode of `VK_EXT_depth_clamp_control`; none for the viewport's.
+/// The range of a mode of `VK_EXT_depth_clamp_control`; `None` for the viewport's range.
 ///
 /// # Safety
-/// The pointer is to a range if the mode is that of a range, else null or anything.
+/// The pointer leads to a range if the mode is the user-defined range.
 pub unsafe fn depth_clamp_range(
     mode: i32,
     range: *const newer::DepthClampRangeEXT,
 ) -> Option<[f32; 2]> {
     let is_range = mode == newer::DEPTH_CLAMP_MODE_USER_DEFINED_RANGE_EXT;
     let range = if is_range { range } else { std::ptr::null() };
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the pointer is to a range if the mode is that of a range,
+    // else null or anything.
     let range = unsafe { range.as_ref() }?;
     Some([range.min_depth_clamp, range.max_depth_clamp])
 }
@@ -496,7 +497,7 @@ fn depth_stencil(info: &vk::PipelineDepthStencilStateCreateInfo<'_>) -> DepthSte
 /// # Safety
 /// The info is valid.
 unsafe fn multisample(info: &vk::PipelineMultisampleStateCreateInfo<'_>) -> Multisample {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the info is valid.
     let locations = unsafe {
         let info = find::<vk::PipelineSampleLocationsStateCreateInfoEXT>(info.p_next);
         info.map(|it| {
@@ -509,7 +510,7 @@ unsafe fn multisample(info: &vk::PipelineMultisampleStateCreateInfo<'_>) -> Mult
         samples: info.rasterization_samples.as_raw().max(1),
         sample_shading: info.sample_shading_enable != vk::FALSE,
         min_sample_shading: info.min_sample_shading,
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the info is valid.
         sample_mask: unsafe { info.p_sample_mask.as_ref() }
             .copied()
             .unwrap_or(u32::MAX),
@@ -525,7 +526,7 @@ unsafe fn multisample(info: &vk::PipelineMultisampleStateCreateInfo<'_>) -> Mult
 /// # Safety
 /// The info is valid.
 pub unsafe fn sample_locations(info: &vk::SampleLocationsInfoEXT<'_>) -> SampleLocations {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the info is valid.
     let given = unsafe { slice(info.p_sample_locations, info.sample_locations_count) };
     let sixteenths = |at: f32| (at * 16.0).round_ties_even().clamp(0.0, 15.0) as u8;
     let mut locations = SampleLocations::default();
@@ -538,7 +539,7 @@ pub unsafe fn sample_locations(info: &vk::SampleLocationsInfoEXT<'_>) -> SampleL
 /// # Safety
 /// The info is valid.
 unsafe fn color_blend(info: &vk::PipelineColorBlendStateCreateInfo<'_>) -> ColorBlend {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the info is valid.
     let (attachments, enables) = unsafe {
         let enables = find::<vk::PipelineColorWriteCreateInfoEXT>(info.p_next);
         let enables = enables.map_or(&[][..], |it| {
@@ -546,7 +547,7 @@ unsafe fn color_blend(info: &vk::PipelineColorBlendStateCreateInfo<'_>) -> Color
         });
         (slice(info.p_attachments, info.attachment_count), enables)
     };
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the info is valid.
     let advanced = unsafe { find::<vk::PipelineColorBlendAdvancedStateCreateInfoEXT>(info.p_next) };
     let advanced = advanced.map_or_else(AdvancedBlend::default, |it| AdvancedBlend {
         source_premultiplied: it.src_premultiplied != vk::FALSE,
@@ -578,14 +579,14 @@ unsafe fn color_blend(info: &vk::PipelineColorBlendStateCreateInfo<'_>) -> Color
     }
 }
 
-/// `VkPipelineColorWriteCreateInfoEXT`: a bit an attachment. Those that are not named are written.
+/// `VkPipelineColorWriteCreateInfoEXT`: a bit for each attachment. Attachments without an entry are
+/// written.
 pub fn color_write_enables(enables: &[vk::Bool32]) -> u32 {
     let off = (enables.iter().take(32).enumerate()).filter(|(_, enable)| **enable == vk::FALSE);
     off.fold(u32::MAX, |bits, (index, _)| bits & !(1 << index))
 }
 
-/// `VkRenderingAttachmentLocationInfo`: by location its attachment, where the structure has it the
-/// other way round.
+/// `VkRenderingAttachmentLocationInfo`, inverted: the attachment of each location.
 ///
 /// # Safety
 /// The info is valid.
@@ -596,7 +597,7 @@ pub unsafe fn color_locations(info: &vk::RenderingAttachmentLocationInfoKHR<'_>)
     if info.p_color_attachment_locations.is_null() {
         return own_locations();
     }
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the info is valid.
     let given = unsafe { slice(info.p_color_attachment_locations, count) };
     let mut locations = [vk::ATTACHMENT_UNUSED; MAX_COLOR_ATTACHMENTS];
     for (attachment, &location) in (0..).zip(given) {

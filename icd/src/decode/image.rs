@@ -1,5 +1,5 @@
-//! Effective flags and usages of images (spec, "Effective Flags"): those of structures of
-//! `VK_KHR_extended_flags` come before those of the structure that they extend.
+//! Effective flags and usages of images (spec, "Effective Flags"): those in structures of
+//! `VK_KHR_extended_flags` take precedence over those of the structure that they extend.
 
 use std::ffi::c_void;
 
@@ -15,7 +15,7 @@ use crate::object::image::supported_image;
 /// # Safety
 /// The chain is valid.
 unsafe fn create_flags(next: *const c_void, flags: vk::ImageCreateFlags) -> u64 {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the chain is valid.
     let more = unsafe { chain::find::<newer::ImageCreateFlags2CreateInfoKHR<'_>>(next) };
     more.map_or(flags.as_raw().into(), |more| more.flags)
 }
@@ -25,17 +25,17 @@ unsafe fn create_flags(next: *const c_void, flags: vk::ImageCreateFlags) -> u64 
 /// # Safety
 /// The chain is valid.
 unsafe fn usage_flags(next: *const c_void, usage: vk::ImageUsageFlags) -> u64 {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the chain is valid.
     let more = unsafe { chain::find::<newer::ImageUsageFlags2CreateInfoKHR<'_>>(next) };
     more.map_or(usage.as_raw().into(), |more| more.usage)
 }
 
-/// The first 32 flags, which are the old ones; the registry defines no others yet.
+/// The first 32 flags; the registry defines no others yet.
 fn old(flags: u64) -> u32 {
     flags as u32
 }
 
-/// The first 32 flags of a query, where they are all of its flags.
+/// The first 32 flags of a query, if it has no others.
 ///
 /// # Errors
 /// `VK_ERROR_FORMAT_NOT_SUPPORTED` for flags that are unknown here.
@@ -48,7 +48,7 @@ fn known(flags: u64) -> VkResult<u32> {
 /// # Safety
 /// `info` is valid usage of `vkCreateSwapchainKHR`.
 pub unsafe fn swapchain_usage(info: &vk::SwapchainCreateInfoKHR<'_>) -> vk::ImageUsageFlags {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that `info` is valid usage of `vkCreateSwapchainKHR`.
     let usage = unsafe { usage_flags(info.p_next, info.image_usage) };
     vk::ImageUsageFlags::from_raw(old(usage))
 }
@@ -58,7 +58,7 @@ pub unsafe fn swapchain_usage(info: &vk::SwapchainCreateInfoKHR<'_>) -> vk::Imag
 /// # Safety
 /// `info` is valid usage of `vkCreateImage`.
 pub unsafe fn image_info<'a>(info: &vk::ImageCreateInfo<'a>) -> vk::ImageCreateInfo<'a> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that `info` is valid usage of `vkCreateImage`.
     let (flags, usage) = unsafe {
         (
             create_flags(info.p_next, info.flags),
@@ -72,8 +72,7 @@ pub unsafe fn image_info<'a>(info: &vk::ImageCreateInfo<'a>) -> vk::ImageCreateI
     }
 }
 
-/// The capabilities of an image that a query describes: with both of its usages, where stencil has
-/// one of its own.
+/// The capabilities of an image in a query, for both usages if stencil has its own.
 ///
 /// # Errors
 /// `VK_ERROR_FORMAT_NOT_SUPPORTED`.
@@ -83,7 +82,8 @@ pub unsafe fn image_info<'a>(info: &vk::ImageCreateInfo<'a>) -> vk::ImageCreateI
 pub unsafe fn described_image(
     info: &vk::PhysicalDeviceImageFormatInfo2<'_>,
 ) -> VkResult<vk::ImageFormatProperties> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that `info` is valid usage of
+    // `vkGetPhysicalDeviceImageFormatProperties2`.
     let (flags, usage, stencil, stencil2) = unsafe {
         (
             create_flags(info.p_next, info.flags),
@@ -107,15 +107,15 @@ pub unsafe fn described_image(
     supported(usage)
 }
 
-/// The usage of the images that a query of resident planes describes; none if it has flags that are
-/// unknown here.
+/// The usage of the images in a query of sparse planes; `None` with unknown flags.
 ///
 /// # Safety
 /// `info` is valid usage of `vkGetPhysicalDeviceSparseImageFormatProperties2`.
 pub unsafe fn resident_usage(
     info: &vk::PhysicalDeviceSparseImageFormatInfo2<'_>,
 ) -> Option<vk::ImageUsageFlags> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that `info` is valid usage of
+    // `vkGetPhysicalDeviceSparseImageFormatProperties2`.
     let usage = unsafe { usage_flags(info.p_next, info.usage) };
     known(usage).ok().map(vk::ImageUsageFlags::from_raw)
 }

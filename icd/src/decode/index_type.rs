@@ -1,11 +1,11 @@
-//! Types of indices.
+//! Index types.
 
 #![forbid(unsafe_code)]
 
 use ash::vk;
 use traversal::IndexType;
 
-/// Indices that are not there for values that there are not.
+/// The index type; [`IndexType::None`] for invalid values.
 pub fn index_type(ty: vk::IndexType) -> IndexType {
     match ty {
         vk::IndexType::UINT8_KHR => IndexType::U8,

@@ -9,8 +9,8 @@ use crate::ffi::vk;
 use crate::ffi::vk::{ComponentTypeKHR, ConvertCooperativeVectorMatrixInfoNV as Info};
 use crate::table::cooperative_vectors::component;
 
-/// A matrix of a conversion; `None` for one that there is not: of other components, of another
-/// layout, or with lines that overlap.
+/// A matrix of a conversion; `None` for an unsupported component type or layout, and for
+/// overlapping lines.
 fn decode(
     info: &Info<'_>,
     address: u64,
@@ -46,7 +46,7 @@ fn decode(
     })
 }
 
-/// The result of a conversion.
+/// The destination of a conversion.
 pub fn destination(info: &Info<'_>, address: u64) -> Option<Matrix> {
     decode(
         info,
@@ -57,8 +57,8 @@ pub fn destination(info: &Info<'_>, address: u64) -> Option<Matrix> {
     )
 }
 
-/// A conversion from a source of `info.src_size` bytes; `None` where the source is null or longer,
-/// or a component does not become the other.
+/// A conversion from a source of `info.src_size` bytes; `None` if the source is null or longer, or
+/// the component types are not convertible.
 pub fn conversion(info: &Info<'_>, source: u64, destination: Matrix) -> Option<MatrixConversion> {
     let source = decode(
         info,

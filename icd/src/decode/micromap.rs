@@ -11,20 +11,19 @@ use crate::handle;
 use crate::object::Micromap;
 use crate::object::acceleration_structure::Storage;
 
-/// Where a micromap lies.
+/// The memory of a micromap.
 ///
 /// # Safety
 /// The handle is alive.
 pub unsafe fn storage(handle: vk::MicromapEXT) -> Storage {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the handle is alive.
     unsafe { handle::from_handle::<Micromap>(handle) }.storage()
 }
 
-/// The usage counts of a build, through whichever of its two arrays is set. Formats that there are
-/// not are left out.
+/// The usage counts of a build, from the array that is set. Unknown formats are left out.
 ///
 /// # Safety
-/// The array has so many elements.
+/// The set array has `count` elements.
 unsafe fn read_usages(
     count: u32,
     usages: *const vk::MicromapUsageEXT,
@@ -37,8 +36,8 @@ unsafe fn read_usages(
             format: MicromapFormat::of(usage.format)?,
         })
     };
-    // SAFETY: the caller's promise; at most one of the arrays is not null
-    // (VUID-VkMicromapBuildInfoEXT-pUsageCounts-07516).
+    // SAFETY: the caller guarantees that the array has so many elements; at most one of the arrays
+    // is not null (VUID-VkMicromapBuildInfoEXT-pUsageCounts-07516).
     unsafe {
         if usages.is_null() && !pointers.is_null() {
             let pointers = slice(pointers, count);
@@ -54,7 +53,7 @@ unsafe fn read_usages(
 /// # Safety
 /// The info's arrays have `usageCountsCount` elements.
 pub unsafe fn usages(info: &vk::MicromapBuildInfoEXT<'_>) -> Vec<MicromapUsage> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the info's arrays have `usageCountsCount` elements.
     unsafe {
         read_usages(
             info.usage_counts_count,
@@ -64,26 +63,26 @@ pub unsafe fn usages(info: &vk::MicromapBuildInfoEXT<'_>) -> Vec<MicromapUsage> 
     }
 }
 
-/// Whether a structure that is built is a micromap.
+/// Whether a build is one of a micromap.
 ///
 /// # Safety
 /// The info is valid.
 pub unsafe fn is_micromap(info: &vk::AccelerationStructureBuildGeometryInfoKHR<'_>) -> bool {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the info is valid.
     let geometries = unsafe { geometries(info) };
     info.ty == vk::ACCELERATION_STRUCTURE_TYPE_OPACITY_MICROMAP_KHR
         || (geometries.iter()).any(|it| it.geometry_type == vk::GEOMETRY_TYPE_MICROMAP_KHR)
 }
 
-/// The data of a structure's build if that is a micromap; of no triangles if it lacks them.
+/// The micromap data of a structure's build, if it is one; without triangles if they are missing.
 ///
 /// # Safety
-/// The info is valid; its handles are not looked at.
+/// The info is valid; its handles are not used.
 unsafe fn data_of(
     info: &vk::AccelerationStructureBuildGeometryInfoKHR<'_>,
 ) -> Option<vk::AccelerationStructureGeometryMicromapDataKHR<'static>> {
     type Data = vk::AccelerationStructureGeometryMicromapDataKHR<'static>;
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the info is valid; its handles are not looked at.
     unsafe {
         if !is_micromap(info) {
             return None;
@@ -94,14 +93,14 @@ unsafe fn data_of(
     }
 }
 
-/// The usage counts of a structure's build if that is a micromap.
+/// The usage counts of a structure's build, if it is a micromap's.
 ///
 /// # Safety
-/// The info is valid; its handles are not looked at.
+/// The info is valid; its handles are not used.
 pub unsafe fn structure_usages(
     info: &vk::AccelerationStructureBuildGeometryInfoKHR<'_>,
 ) -> Option<Vec<MicromapUsage>> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the info is valid; its handles are not looked at.
     unsafe {
         let data = data_of(info)?;
         Some(read_usages(
@@ -112,14 +111,14 @@ pub unsafe fn structure_usages(
     }
 }
 
-/// Copies a structure's build if that is a micromap.
+/// Copies a structure's build, if it is a micromap's.
 ///
 /// # Safety
 /// The info is valid and its handles are alive.
 pub unsafe fn decode_structure(
     info: &vk::AccelerationStructureBuildGeometryInfoKHR<'_>,
 ) -> Option<MicromapBuild> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the info is valid and its handles are alive.
     unsafe {
         let data = data_of(info)?;
         Some(MicromapBuild {
@@ -137,7 +136,8 @@ pub unsafe fn decode_structure(
 /// # Safety
 /// The info is valid and its handle is alive.
 pub unsafe fn decode_build(info: &vk::MicromapBuildInfoEXT<'_>) -> MicromapBuild {
-    // SAFETY: the caller's promise; both members of an address union are 64 bits.
+    // SAFETY: the caller guarantees that the info is valid and its handle is alive; both members of
+    // an address union are 64 bits.
     unsafe {
         MicromapBuild {
             destination: storage(info.dst_micromap),
@@ -155,7 +155,9 @@ pub unsafe fn decode_build(info: &vk::MicromapBuildInfoEXT<'_>) -> MicromapBuild
 /// `next` is the chain of a valid `VkAccelerationStructureGeometryTrianglesDataKHR` whose handles
 /// are alive.
 pub unsafe fn of_geometry(next: *const std::ffi::c_void) -> Option<GeometryMicromap> {
-    // SAFETY: the caller's promise; both members of an address union are 64 bits.
+    // SAFETY: the caller guarantees that `next` is the chain of a valid
+    // `VkAccelerationStructureGeometryTrianglesDataKHR` whose handles are alive; both members of an
+    // address union are 64 bits.
     unsafe {
         let ext = find::<vk::AccelerationStructureTrianglesOpacityMicromapEXT<'_>>(next);
         let khr = find::<vk::AccelerationStructureTrianglesOpacityMicromapKHR<'_>>(next);
@@ -184,7 +186,7 @@ pub unsafe fn of_geometry(next: *const std::ffi::c_void) -> Option<GeometryMicro
         };
         Some(GeometryMicromap {
             index_type,
-            // The range says for how many triangles.
+            // The range decides the number of triangles.
             indices: traversal::Memory {
                 base: indices as *const u8,
                 bytes: 0,

@@ -1,5 +1,5 @@
-//! C structures of the application to owned values of `command` and `object`: what entry points
-//! call before they act.
+//! Decoders for entry points: C structures of the application to owned values of `command` and
+//! `object`.
 
 pub mod acceleration_structure;
 pub mod geometries;

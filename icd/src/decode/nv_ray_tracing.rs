@@ -20,35 +20,35 @@ use crate::object::pipeline::PipelineKind;
 use crate::object::{AccelerationStructureNv, Buffer, Pipeline, PipelineCache};
 use crate::wave::table::Region;
 
-/// Where a structure lies.
+/// The memory of a structure.
 ///
 /// # Safety
 /// The handle is alive.
 pub unsafe fn storage(handle: vk::AccelerationStructureNV) -> Storage {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the handle is alive.
     let structure = unsafe { from_handle::<AccelerationStructureNv>(handle) };
     structure.structure.storage()
 }
 
-/// Device address of a place in a buffer; 0 of none, and of one without memory.
+/// Device address of an offset in a buffer; 0 without a buffer or its memory.
 ///
 /// # Safety
 /// The handle is null or alive.
 pub unsafe fn place(buffer: vk::Buffer, offset: u64) -> u64 {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the handle is null or alive.
     match unsafe { handle::optional::<Buffer>(buffer) }.map_or(0, |buffer| buffer.address()) {
         0 => 0,
         address => address.wrapping_add(offset),
     }
 }
 
-/// A binding table: from a place in a buffer to its end. That of a buffer without memory has a
-/// size, but no address.
+/// A binding table: from an offset in a buffer to its end. A buffer without memory gives a size but
+/// no address.
 ///
 /// # Safety
 /// The handle is null or alive.
 pub unsafe fn region(buffer: vk::Buffer, offset: u64, stride_bytes: u64) -> Region {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the handle is null or alive.
     unsafe {
         handle::optional::<Buffer>(buffer).map_or_else(Region::default, |object| Region {
             address: place(buffer, offset),
@@ -58,8 +58,7 @@ pub unsafe fn region(buffer: vk::Buffer, offset: u64, stride_bytes: u64) -> Regi
     }
 }
 
-/// The kind of structure that this info describes, and its counts. Of the geometries only counts
-/// are read.
+/// The kind of structure and its counts. Only the counts of the geometries are read.
 ///
 /// # Safety
 /// The info is valid, except for the buffers that it names.
@@ -67,7 +66,7 @@ pub unsafe fn kind_and_counts(info: &vk::AccelerationStructureInfoNV<'_>) -> (Ki
     if is_top(info) {
         return (Kind::Instances, vec![info.instance_count]);
     }
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the info is valid, except for the buffers that it names.
     let geometries = unsafe { slice(info.p_geometries, info.geometry_count) };
     match holds_boxes(geometries) {
         true => {
@@ -91,7 +90,7 @@ fn holds_boxes(geometries: &[vk::GeometryNV<'_>]) -> bool {
     first == Some(vk::GeometryTypeKHR::AABBS)
 }
 
-/// Without indices, the vertices are the corners.
+/// Without indices, each vertex is a corner.
 fn triangle_count(triangles: &vk::GeometryTrianglesNV<'_>) -> u32 {
     match triangles.index_type {
         vk::IndexType::NONE_KHR => triangles.vertex_count / 3,
@@ -99,7 +98,7 @@ fn triangle_count(triangles: &vk::GeometryTrianglesNV<'_>) -> u32 {
     }
 }
 
-/// Copies a build; `instances` is where those of a top level are.
+/// Copies a build. `instances` is the address of a top level's instances.
 ///
 /// # Safety
 /// The info is valid and its handles are alive.
@@ -110,7 +109,7 @@ pub unsafe fn decode_build(
     update_from: Option<Storage>,
     scratch: u64,
 ) -> Build {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the info is valid and its handles are alive.
     let geometries = unsafe { slice(info.p_geometries, info.geometry_count) };
     let geometries = if is_top(info) {
         BuildGeometries::Instances(Instances {
@@ -120,11 +119,11 @@ pub unsafe fn decode_build(
             count: info.instance_count,
         })
     } else if holds_boxes(geometries) {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the info is valid and its handles are alive.
         let aabbs = |it| unsafe { aabbs(it) };
         BuildGeometries::Aabbs(geometries.iter().map(aabbs).collect())
     } else {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the info is valid and its handles are alive.
         let triangles = |it| unsafe { triangles(it) };
         BuildGeometries::Triangles(geometries.iter().map(triangles).collect())
     };
@@ -141,7 +140,7 @@ pub unsafe fn decode_build(
 /// The geometry is valid and its handles are alive.
 unsafe fn triangles(geometry: &vk::GeometryNV<'_>) -> Triangles {
     let data = &geometry.geometry.triangles;
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the geometry is valid and its handles are alive.
     unsafe {
         Triangles {
             flags: GeometryFlags(geometry.flags.as_raw()),
@@ -165,14 +164,14 @@ unsafe fn aabbs(geometry: &vk::GeometryNV<'_>) -> Aabbs {
     let data = &geometry.geometry.aabbs;
     Aabbs {
         flags: GeometryFlags(geometry.flags.as_raw()),
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the geometry is valid and its handles are alive.
         boxes: unsafe { place(data.aabb_data, data.offset) },
         stride_bytes: data.stride.into(),
         primitive_count: data.num_aab_bs,
     }
 }
 
-/// Makes a pipeline: compiled and linked, or deferred.
+/// Creates a pipeline: compiled and linked, or deferred.
 ///
 /// # Errors
 /// As [`create_pipeline`].
@@ -184,7 +183,7 @@ pub unsafe fn create_pipeline_nv(
     cache: Option<&Ref<PipelineCache>>,
     info: &vk::RayTracingPipelineCreateInfoNV<'_>,
 ) -> VkResult<Pipeline> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the info is valid and its handles are alive.
     unsafe {
         let groups: Vec<_> = slice(info.p_groups, info.group_count)
             .iter()
@@ -235,12 +234,13 @@ pub unsafe fn create_pipeline_nv(
     }
 }
 
-/// Says that there is nothing to say of a creation that compiles nothing.
+/// Marks the creation feedback as invalid, for a creation that compiles nothing.
 ///
 /// # Safety
 /// The chain is valid.
 unsafe fn no_feedback(next: *const std::ffi::c_void) {
-    // SAFETY: the caller's promise: the structure's pointers are valid outputs.
+    // SAFETY: the caller guarantees that the chain is valid; the structure's pointers are valid
+    // outputs.
     unsafe {
         let Some(feedback) = find::<vk::PipelineCreationFeedbackCreateInfo<'_>>(next) else {
             return;

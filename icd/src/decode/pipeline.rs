@@ -17,8 +17,8 @@ use crate::object::pipeline_binary::StoredModule;
 use crate::object::shader_stage::{Compiled, Compiler, ShaderStage};
 use crate::object::{Pipeline, PipelineBinary, PipelineCache, PipelineLayout, ShaderModule};
 
-/// A pipeline's creation flags: those of the chained `VkPipelineCreateFlags2CreateInfo` instead,
-/// where there is one. The lower 32 bits.
+/// The lower 32 bits of a pipeline's creation flags. A chained `VkPipelineCreateFlags2CreateInfo`
+/// replaces the flags.
 ///
 /// # Safety
 /// The chain is valid.
@@ -26,7 +26,7 @@ pub unsafe fn create_flags(
     flags: vk::PipelineCreateFlags,
     next: *const std::ffi::c_void,
 ) -> vk::PipelineCreateFlags {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the chain is valid.
     let chained = unsafe { find::<vk::PipelineCreateFlags2CreateInfoKHR<'_>>(next) };
     chained.map_or(flags, |chained| {
         vk::PipelineCreateFlags::from_raw(chained.flags.as_raw() as u32)
@@ -38,7 +38,7 @@ pub unsafe fn create_flags(
 /// # Safety
 /// The chain is valid.
 unsafe fn indexes_in_64_bits(next: *const std::ffi::c_void) -> bool {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the chain is valid.
     let chained = unsafe { find::<vk::PipelineCreateFlags2CreateInfoKHR<'_>>(next) };
     chained.is_some_and(|it| {
         it.flags
@@ -46,20 +46,20 @@ unsafe fn indexes_in_64_bits(next: *const std::ffi::c_void) -> bool {
     })
 }
 
-/// The way to the programs of a pipeline that is being created.
+/// The source of a new pipeline's programs.
 pub struct ProgramSource<'a> {
     compiler: Compiler<'a>,
     cache: Option<&'a PipelineCache>,
-    /// The programs of its binary, by stage: nothing is compiled.
+    /// The programs of its binary, by stage, without compilation.
     stored: Option<&'a [StoredModule]>,
     flags: vk::PipelineCreateFlags,
 }
 
 impl<'a> ProgramSource<'a> {
-    /// The source that a pipeline's flags and chain name.
+    /// The source in a pipeline's flags and chain.
     ///
     /// # Errors
-    /// `VK_ERROR_UNKNOWN` for several binaries: no pipeline has more than one.
+    /// `VK_ERROR_UNKNOWN` for several binaries, since a pipeline has one.
     ///
     /// # Safety
     /// The chain is valid, and its handles are alive for `'a`.
@@ -69,7 +69,8 @@ impl<'a> ProgramSource<'a> {
         flags: vk::PipelineCreateFlags,
         next: *const std::ffi::c_void,
     ) -> VkResult<Self> {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the chain is valid, and its handles are alive for
+        // `'a`.
         let binaries = unsafe {
             let info = find::<newer::PipelineBinaryInfoKHR<'_>>(next);
             info.map_or(&[][..], |it| slice(it.p_pipeline_binaries, it.binary_count))
@@ -92,7 +93,7 @@ impl<'a> ProgramSource<'a> {
         })
     }
 
-    /// The program of a stage, which counts stages that are compiled.
+    /// The program of a stage. Also counts compiled stages.
     ///
     /// # Errors
     /// As [`ShaderStage::compile`] and [`ShaderStage::load`].
@@ -121,29 +122,28 @@ impl<'a> ProgramSource<'a> {
 pub unsafe fn captured_libraries<'a>(
     info: Option<&vk::PipelineLibraryCreateInfoKHR<'_>>,
 ) -> impl Iterator<Item = &'a Captured> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the info is valid, and its libraries are alive for `'a`.
     let libraries =
         unsafe { info.map_or(&[][..], |it| slice(it.p_libraries, it.library_count)) }.to_vec();
     // SAFETY: as above.
     (libraries.into_iter()).map(|library| unsafe { &from_handle::<'a, Pipeline>(library).captured })
 }
 
-/// A pipeline's layout: an empty one where there is none, since its bindings are mapped onto heaps.
+/// A pipeline's layout. Without one it is empty, since the bindings are mapped to heaps.
 ///
 /// # Safety
-/// The handle is null or of a living layout.
+/// The handle is null or that of a live layout.
 pub unsafe fn pipeline_layout(layout: vk::PipelineLayout) -> Ref<PipelineLayout> {
     if layout == vk::PipelineLayout::null() {
         return handle::new(PipelineLayout::new(Vec::new(), 0));
     }
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the handle is null or of a living layout.
     unsafe { handle::retain::<PipelineLayout>(layout) }
 }
 
-/// Copies a stage: its words are shared with the module, or taken from the chained create info
-/// where there is none (`VK_EXT_graphics_pipeline_library`, maintenance5). With neither it has no
-/// words, which only a pipeline with a binary can do without. `next` is the chain of the pipeline's
-/// own creation.
+/// Copies a stage. Its words are shared with the module, or come from a chained create info without
+/// a module (`VK_EXT_graphics_pipeline_library`, maintenance5). A stage with neither has no words,
+/// and needs a pipeline binary. `next` is the chain of the pipeline's create info.
 ///
 /// # Errors
 /// `VK_ERROR_UNKNOWN` for a stage that is not advertised or an entry point name that is not UTF-8.
@@ -154,7 +154,7 @@ pub unsafe fn decode_stage(
     info: &vk::PipelineShaderStageCreateInfo<'_>,
     next: *const std::ffi::c_void,
 ) -> VkResult<ShaderStage> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the info and the chain are valid and the module alive.
     unsafe {
         let (words, name) = match handle::optional::<ShaderModule>(info.module) {
             Some(module) => (Arc::clone(&module.words), Arc::clone(&module.name)),
@@ -184,19 +184,18 @@ pub unsafe fn decode_stage(
 /// # Safety
 /// The name is a string.
 unsafe fn entry_point(name: *const c_char) -> VkResult<String> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the name is a string.
     let name = unsafe { string(name) }.to_str();
     Ok(name.map_err(|_| vk::Result::ERROR_UNKNOWN)?.to_owned())
 }
 
-/// The name that a `VkDebugUtilsObjectNameInfoEXT` in a chain gives to the shader module of a
-/// stage.
+/// The name of a stage's shader module, from a `VkDebugUtilsObjectNameInfoEXT` in the chain.
 ///
 /// # Safety
 /// The chain is valid.
 unsafe fn chained_name(next: *const std::ffi::c_void) -> Arc<Name> {
     let name = Arc::<Name>::default();
-    // SAFETY: the caller's promise; a name is a string or null.
+    // SAFETY: the caller guarantees that the chain is valid; a name is a string or null.
     unsafe {
         let info = find::<vk::DebugUtilsObjectNameInfoEXT<'_>>(next);
         if let Some(info) = info.filter(|info| !info.p_object_name.is_null()) {
@@ -216,7 +215,7 @@ unsafe fn chained_name(next: *const std::ffi::c_void) -> Arc<Name> {
 pub unsafe fn decode_shader(info: &vk::ShaderCreateInfoEXT<'_>) -> VkResult<ShaderStage> {
     let words = u32::try_from(info.code_size / 4);
     let words = words.map_err(|_| vk::Result::ERROR_OUT_OF_HOST_MEMORY)?;
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the info is valid.
     unsafe {
         let Mappings { mappings, embedded } = decode_mappings(info.p_next);
         Ok(ShaderStage {
@@ -236,7 +235,8 @@ pub unsafe fn decode_shader(info: &vk::ShaderCreateInfoEXT<'_>) -> VkResult<Shad
 /// # Safety
 /// The info is null or valid.
 unsafe fn specialization(info: *const vk::SpecializationInfo<'_>) -> Vec<(u32, Vec<u8>)> {
-    // SAFETY: the caller's promise; an entry outside the data is dropped.
+    // SAFETY: the caller guarantees that the info is null or valid; an entry outside the data is
+    // dropped.
     unsafe {
         let Some(info) = info.as_ref() else {
             return Vec::new();
@@ -253,7 +253,7 @@ unsafe fn specialization(info: *const vk::SpecializationInfo<'_>) -> Vec<(u32, V
     }
 }
 
-/// The stage of a program; none of a stage that does not exist here.
+/// The program stage; `None` for an unsupported stage.
 pub fn program_stage(stage: vk::ShaderStageFlags) -> Option<Stage> {
     Some(match stage {
         vk::ShaderStageFlags::COMPUTE => Stage::Compute,

@@ -19,12 +19,12 @@ use crate::object::shader_stage::ShaderStage;
 use crate::object::{Pipeline, PipelineCache};
 use crate::wave::table::Region;
 
-/// `VkStridedDeviceAddressRegionKHR`, or none.
+/// `VkStridedDeviceAddressRegionKHR`; an empty region for null.
 ///
 /// # Safety
-/// The pointer is null or to a valid region.
+/// The pointer is null or leads to a valid region.
 pub unsafe fn region(region: *const vk::StridedDeviceAddressRegionKHR) -> Region {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the pointer is null or to a valid region.
     unsafe { region.as_ref() }.map_or_else(Region::default, |region| Region {
         address: region.device_address,
         stride_bytes: region.stride,
@@ -44,7 +44,7 @@ pub unsafe fn create_pipeline(
     cache: Option<&PipelineCache>,
     info: &vk::RayTracingPipelineCreateInfoKHR<'_>,
 ) -> VkResult<Pipeline> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the info is valid and its handles are alive.
     unsafe {
         let started = Instant::now();
         let layout = pipeline_layout(info.layout);
@@ -149,7 +149,7 @@ pub(super) fn group(info: &vk::RayTracingShaderGroupCreateInfoKHR<'_>) -> GroupI
 /// # Safety
 /// The info is valid.
 unsafe fn has_dynamic_stack(info: &vk::RayTracingPipelineCreateInfoKHR<'_>) -> bool {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the info is valid.
     unsafe {
         info.p_dynamic_state.as_ref().is_some_and(|state| {
             slice(state.p_dynamic_states, state.dynamic_state_count)
@@ -163,7 +163,7 @@ unsafe fn has_dynamic_stack(info: &vk::RayTracingPipelineCreateInfoKHR<'_>) -> b
 unsafe fn libraries<'a>(
     info: &vk::RayTracingPipelineCreateInfoKHR<'_>,
 ) -> VkResult<Vec<&'a RayTracingPipeline>> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the info is valid and its libraries are alive for `'a`.
     unsafe {
         let Some(library_info) = info.p_library_info.as_ref() else {
             return Ok(Vec::new());

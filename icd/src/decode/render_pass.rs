@@ -24,7 +24,7 @@ fn is_clear(op: vk::AttachmentLoadOp) -> bool {
 /// # Safety
 /// The info is valid.
 pub unsafe fn render_pass(info: &vk::RenderPassCreateInfo<'_>) -> RenderPass {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the info is valid.
     unsafe {
         let views = find::<vk::RenderPassMultiviewCreateInfo>(info.p_next)
             .map_or(&[][..], |views| {
@@ -73,7 +73,7 @@ pub unsafe fn render_pass(info: &vk::RenderPassCreateInfo<'_>) -> RenderPass {
 /// # Safety
 /// The info is valid.
 pub unsafe fn render_pass2(info: &vk::RenderPassCreateInfo2<'_>) -> RenderPass {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the info is valid.
     unsafe {
         let attachments = slice(info.p_attachments, info.attachment_count);
         let attachment = |it: &vk::AttachmentDescription2<'_>| PassAttachment {
@@ -121,12 +121,12 @@ pub unsafe fn render_pass2(info: &vk::RenderPassCreateInfo2<'_>) -> RenderPass {
     }
 }
 
-/// Samples that draws have of attachments with one: 1 where nothing says more.
+/// Samples per pixel of draws to attachments with one sample; 1 by default.
 ///
 /// # Safety
 /// The chain is valid.
 unsafe fn pass_samples(next: *const c_void) -> u32 {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the chain is valid.
     let info = unsafe { find::<vk::MultisampledRenderToSingleSampledInfoEXT>(next) };
     let info = info.filter(|it| it.multisampled_render_to_single_sampled_enable != vk::FALSE);
     info.map_or(1, |it| it.rasterization_samples.as_raw().clamp(1, 8))
@@ -137,7 +137,7 @@ unsafe fn pass_samples(next: *const c_void) -> u32 {
 /// # Safety
 /// The info is valid and its handles are alive.
 pub unsafe fn framebuffer(info: &vk::FramebufferCreateInfo<'_>) -> Framebuffer {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the info is valid and its handles are alive.
     unsafe {
         let attachments = match info.flags.contains(vk::FramebufferCreateFlags::IMAGELESS) {
             true => &[],
@@ -157,7 +157,7 @@ pub unsafe fn framebuffer(info: &vk::FramebufferCreateInfo<'_>) -> Framebuffer {
 /// # Safety
 /// The info is valid and its handles are alive.
 pub unsafe fn begin(info: &vk::RenderPassBeginInfo<'_>) -> PassRecorder {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the info is valid and its handles are alive.
     unsafe {
         let framebuffer = from_handle::<Framebuffer>(info.framebuffer);
         let imageless = find::<vk::RenderPassAttachmentBeginInfo>(info.p_next);
@@ -183,7 +183,7 @@ pub unsafe fn begin(info: &vk::RenderPassBeginInfo<'_>) -> PassRecorder {
 /// # Safety
 /// The info is valid and its handles are alive.
 pub unsafe fn rendering(info: &vk::RenderingInfo<'_>) -> Pass {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the info is valid and its handles are alive.
     unsafe {
         let colors = slice(info.p_color_attachments, info.color_attachment_count);
         let resumes = info.flags.contains(vk::RenderingFlags::RESUMING);
@@ -205,12 +205,13 @@ pub unsafe fn rendering(info: &vk::RenderingInfo<'_>) -> Pass {
 }
 
 /// # Safety
-/// The pointer is null or to a valid info, whose handles are alive.
+/// The pointer is null or leads to a valid info, whose handles are alive.
 unsafe fn aspect(
     info: *const vk::RenderingAttachmentInfo<'_>,
     aspect: vk::ImageAspectFlags,
 ) -> Option<Attachment> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the pointer is null or to a valid info, whose handles are
+    // alive.
     let attachment = unsafe { rendering_attachment(info.as_ref()?) }?;
     attachment.view.image.plane(aspect)?;
     Some(attachment)
@@ -219,7 +220,7 @@ unsafe fn aspect(
 /// # Safety
 /// The info is valid and its handles are alive.
 unsafe fn rendering_attachment(info: &vk::RenderingAttachmentInfo<'_>) -> Option<Attachment> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the info is valid and its handles are alive.
     unsafe {
         let view = optional_view(info.image_view)?;
         let flags = find::<newer::RenderingAttachmentFlagsInfoKHR<'_>>(info.p_next);
@@ -244,6 +245,6 @@ unsafe fn rendering_attachment(info: &vk::RenderingAttachmentInfo<'_>) -> Option
 /// # Safety
 /// The handle is null or alive.
 unsafe fn optional_view(view: vk::ImageView) -> Option<Ref<ImageView>> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the handle is null or alive.
     unsafe { optional::<ImageView>(view).map(|_| retain(view)) }
 }

@@ -1,4 +1,4 @@
-//! `VkSamplerCreateInfo` to what shaders read.
+//! `VkSamplerCreateInfo` to a sampler descriptor.
 
 use ash::vk;
 use images::{AddressMode, CompareOp, Filter, Reduction, SamplerDescriptor};
@@ -47,12 +47,13 @@ fn border_color(color: vk::BorderColor) -> [u32; 4] {
     }
 }
 
-/// The border color of a sampler, a custom one where it is given.
+/// The border color of a sampler, or its custom one.
 ///
 /// # Safety
 /// `info` is valid usage of `vkCreateSampler`.
 unsafe fn border(info: &vk::SamplerCreateInfo<'_>) -> [u32; 4] {
-    // SAFETY: the caller's promise. A clear color is four words, whatever they mean.
+    // SAFETY: the caller guarantees that `info` is valid usage of `vkCreateSampler`. A clear color
+    // is four words, whatever they mean.
     unsafe {
         chain::find::<vk::SamplerCustomBorderColorCreateInfoEXT>(info.p_next)
             .filter(|_| info.border_color.as_raw() >= vk::BorderColor::FLOAT_CUSTOM_EXT.as_raw())
@@ -63,12 +64,12 @@ unsafe fn border(info: &vk::SamplerCreateInfo<'_>) -> [u32; 4] {
     }
 }
 
-/// The sampler that an info describes.
+/// Decodes a sampler.
 ///
 /// # Safety
 /// `info` is valid usage of `vkCreateSampler`.
 pub unsafe fn decode_sampler(info: &vk::SamplerCreateInfo<'_>) -> SamplerDescriptor {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that `info` is valid usage of `vkCreateSampler`.
     let (border_color, reduction) = unsafe {
         let reduction = chain::find::<vk::SamplerReductionModeCreateInfo>(info.p_next);
         (border(info), reduction.map(|it| it.reduction_mode))

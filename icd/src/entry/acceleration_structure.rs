@@ -67,7 +67,8 @@ entry! {
             size_bytes: info.size,
             replayable: None,
         };
-        // A structure is where its buffer is: replaying the buffer's address replays it.
+        // A structure's address follows from its buffer's, so replaying the buffer's address is
+        // enough.
         if info.device_address != 0 && info.device_address != made.address() {
             return Err(vk::Result::ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS);
         }
@@ -166,7 +167,7 @@ commands! {
         let infos_of = slice(infos, count).iter();
         let micromaps: Vec<_> = infos_of.filter_map(|info| micromap::decode_structure(info)).collect();
         let builds = decode_builds(count, infos, ranges);
-        // None of one command depends on another.
+        // The builds of one command are independent.
         if !micromaps.is_empty() {
             command_buffer.push(Command::RayTracing(RayTracingCommand::BuildMicromaps(micromaps)))?;
         }

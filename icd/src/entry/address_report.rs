@@ -1,4 +1,4 @@
-//! Entry points tell here which addresses objects have (`VK_EXT_device_address_binding_report`).
+//! Reports of objects' addresses by entry points (`VK_EXT_device_address_binding_report`).
 
 use ash::vk::{self, Handle};
 use spirv_jit::reach::Range;
@@ -7,8 +7,8 @@ use crate::device::Device;
 use crate::handle::{Handled, from_handle, optional};
 use crate::object::addressed::{AddressEvent, Addressed};
 
-/// Tells messengers of all addresses of an object, if the device is to. Of a null handle there is
-/// nothing to tell.
+/// Reports all addresses of an object to the messengers, if the device reports any. Null handles
+/// have none.
 ///
 /// # Safety
 /// The handles are alive.
@@ -17,7 +17,7 @@ pub unsafe fn report<T: Handled + Addressed>(
     object: T::Handle,
     event: AddressEvent,
 ) {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the handles are alive.
     unsafe {
         if let Some(report) = &from_handle::<Device>(device).address_report
             && let Some(found) = optional::<T>(object)
@@ -27,12 +27,12 @@ pub unsafe fn report<T: Handled + Addressed>(
     }
 }
 
-/// As [`report`], of a part that was bound: of a disjoint image, one plane.
+/// As [`report`], for a newly bound part: one plane of a disjoint image.
 ///
 /// # Safety
 /// The device is alive.
 pub unsafe fn report_bound<H: Handle + Copy>(device: vk::Device, object: H, range: Range) {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the device is alive.
     if let Some(report) = unsafe { &from_handle::<Device>(device).address_report } {
         report.tell(object, AddressEvent::Bound, [range]);
     }

@@ -36,14 +36,14 @@ fn is_sparse(flags: vk::BufferCreateFlags) -> bool {
     flags.contains(vk::BufferCreateFlags::SPARSE_BINDING)
 }
 
-/// Where a sparse buffer shall lie. Its capture for descriptor buffers is its address, too.
+/// The placement of a sparse buffer. Its capture data for descriptor buffers is its address, too.
 ///
 /// # Safety
 /// `info` is valid usage of `vkCreateBuffer`.
 unsafe fn sparse_placement(info: &vk::BufferCreateInfo<'_>) -> Placement {
     let replayable = vk::BufferCreateFlags::DEVICE_ADDRESS_CAPTURE_REPLAY
         | vk::BufferCreateFlags::DESCRIPTOR_BUFFER_CAPTURE_REPLAY_EXT;
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that `info` is valid usage of `vkCreateBuffer`.
     let address = unsafe {
         chain::find::<vk::BufferOpaqueCaptureAddressCreateInfo>(info.p_next)
             .map(|captured| captured.opaque_capture_address)
@@ -60,7 +60,7 @@ fn alignment(flags: vk::BufferCreateFlags) -> u64 {
     }
 }
 
-/// Answers a requirements structure and its chain. A dedicated allocation is never needed.
+/// Fills a requirements structure and its chain. A dedicated allocation is never needed.
 ///
 /// # Safety
 /// `out` is valid, with a valid chain.
@@ -69,7 +69,7 @@ pub unsafe fn write_requirements(
     size_bytes: u64,
     alignment: u64,
 ) {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that `out` is valid, with a valid chain.
     unsafe {
         (*out).memory_requirements = requirements(size_bytes, alignment);
         if let Some(dedicated) = chain::find_mut::<vk::MemoryDedicatedRequirements>((*out).p_next) {
@@ -79,7 +79,7 @@ pub unsafe fn write_requirements(
     }
 }
 
-/// Gives a buffer its memory.
+/// Binds a buffer to memory.
 ///
 /// # Safety
 /// The handles are alive.
@@ -89,7 +89,7 @@ unsafe fn bind(
     memory: vk::DeviceMemory,
     offset: u64,
 ) -> VkResult<()> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the handles are alive.
     unsafe {
         let buffer = from_handle::<Buffer>(handle);
         buffer.bind(from_handle::<DeviceMemory>(memory).place(offset, buffer.size_bytes)?);
@@ -99,7 +99,7 @@ unsafe fn bind(
     Ok(())
 }
 
-/// Tells validation of a buffer that has an address.
+/// Registers a buffer with an address for validation.
 fn register(device: &Device, handle: vk::Buffer, buffer: &Buffer) {
     if let Some(validator) = device.validator() {
         let registry = &validator.registry;
@@ -134,7 +134,7 @@ entry! {
             return Err(vk::Result::ERROR_OUT_OF_DEVICE_MEMORY);
         }
         let usage = match chain::find::<vk::BufferUsageFlags2CreateInfoKHR>(info.p_next) {
-            // The first 32 flags are the old ones.
+            // The first 32 flags are those of Vulkan 1.0.
             Some(more) => vk::BufferUsageFlags::from_raw(more.usage.as_raw() as u32),
             None => info.usage,
         };
@@ -200,8 +200,8 @@ entry! {
     }
 
     fn vkGetBufferOpaqueCaptureAddress(_device: vk::Device, info: *const vk::BufferDeviceAddressInfo) -> u64 {
-        // The address follows from that of the memory, which is what is captured; a sparse buffer
-        // has its own.
+        // The address follows from the captured address of the memory; a sparse buffer captures its
+        // own.
         from_handle::<Buffer>((*info).buffer).address()
     }
 
@@ -214,8 +214,8 @@ entry! {
         let device = from_handle::<Device>(device);
         let info = &*info;
         let buffer = from_handle::<Buffer>(info.buffer);
-        // Engines in use ask for more than there is (against
-        // VUID-VkBufferViewCreateInfo-offset-00931): the view ends with the buffer.
+        // The view ends with the buffer, since existing engines request more (against
+        // VUID-VkBufferViewCreateInfo-offset-00931).
         let there = buffer.size_bytes.saturating_sub(info.offset);
         let (data, size_bytes) = buffer.range(info.offset, info.range.min(there))?;
         let format = Format(info.format.as_raw() as u32);

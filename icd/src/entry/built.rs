@@ -11,8 +11,8 @@ use crate::device::Device;
 use crate::handle::from_handle;
 use crate::structures;
 
-/// Whether serialized data can be deserialized here, by the identifiers at its head and those that
-/// are written here.
+/// Whether serialized data can be deserialized: the identifiers at its head must be those that this
+/// driver writes.
 pub fn compatibility_of(
     head: &[u8; 2 * vk::UUID_SIZE],
     ours: [[u8; vk::UUID_SIZE]; 2],
@@ -24,19 +24,19 @@ pub fn compatibility_of(
     }
 }
 
-/// Where the structures and micromaps of a device may lie.
+/// The live memory of a device's structures and micromaps.
 ///
 /// # Safety
 /// The handle is that of a device.
 pub unsafe fn live(device: vk::Device) -> Live {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the handle is that of a device.
     unsafe { from_handle::<Device>(device) }
         .engine
         .memory
         .structures()
 }
 
-/// Copies on the host.
+/// Performs copies on the host.
 ///
 /// # Errors
 /// As [`defer`].
@@ -49,7 +49,7 @@ pub unsafe fn copy(
     built: Built,
     what: BuiltCopy,
 ) -> VkResult {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the handles are alive, and as [`structures::copy`].
     unsafe {
         let live = live(device);
         let in_blocks = from_handle::<Device>(device).engine.serializes_blocks;

@@ -18,9 +18,9 @@ use crate::object::setting::Setting;
 use crate::object::{Buffer, DescriptorSet, Event};
 use crate::timeline;
 
-/// Records a barrier that shaders of draws wait for. Inside a pass, vertex stages and what reads
-/// their parameters run ahead of the fragments of earlier draws, and fragment shaders keep what
-/// they read of uniform blocks.
+/// Records a barrier for shaders of draws. Inside a pass, vertex stages and reads of indirect
+/// parameters run before the fragments of earlier draws, and fragment shaders keep values that they
+/// read from uniform blocks.
 fn barrier(commands: &mut Recording, destination: vk::PipelineStageFlags2) -> VkResult {
     use vk::PipelineStageFlags2 as Stage;
     let stages = Stage::DRAW_INDIRECT
@@ -46,14 +46,14 @@ fn barrier(commands: &mut Recording, destination: vk::PipelineStageFlags2) -> Vk
     Ok(())
 }
 
-/// Starts a secondary command buffer with the heaps and locations of colour attachments that it
-/// inherits. All
-/// else is a promise that nothing here needs: lists are shared by count, and a secondary command
-/// buffer inherits no other state.
+/// Starts a secondary command buffer with the heaps and color attachment locations that it
+/// inherits. The driver needs no other inheritance information: lists are shared by count, and a
+/// secondary command buffer inherits no other state.
 ///
 /// # Safety `info` is valid usage of `vkBeginCommandBuffer` for a secondary command buffer.
 unsafe fn inherit(commands: &mut Recording, info: &vk::CommandBufferBeginInfo<'_>) -> VkResult {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that `info` is valid usage of `vkBeginCommandBuffer` for a
+    // secondary command buffer.
     unsafe {
         let inherited = info.p_inheritance_info.as_ref();
         if let Some(inherited) = inherited {
@@ -70,7 +70,7 @@ unsafe fn inherit(commands: &mut Recording, info: &vk::CommandBufferBeginInfo<'_
     }
 }
 
-/// Records a mark where there is a timeline.
+/// Records a mark, if there is a timeline.
 fn mark(commands: &mut Recording, mark: impl FnOnce() -> Mark) -> VkResult {
     match timeline::is_on() {
         true => commands.push(Command::Mark(mark())),
@@ -81,11 +81,11 @@ fn mark(commands: &mut Recording, mark: impl FnOnce() -> Mark) -> VkResult {
 /// # Safety
 /// `label` is valid.
 unsafe fn label_text(label: *const vk::DebugUtilsLabelEXT<'_>) -> Box<str> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that `label` is valid.
     let text = unsafe { (*label).p_label_name };
     match text.is_null() {
         true => Box::default(),
-        // SAFETY: as above.
+        // SAFETY: as for the label.
         false => unsafe { ffi::string(text) }.to_string_lossy().into(),
     }
 }
@@ -111,7 +111,7 @@ entry! {
         Ok(())
     }
 
-    /// Memory belongs to the buffers, which all may still be used: there is none to trim.
+    /// Memory belongs to the command buffers, which may still be used, so there is nothing to trim.
     fn vkTrimCommandPool(_device: vk::Device, _pool: vk::CommandPool, _flags: vk::CommandPoolTrimFlags) {}
 
     fn vkAllocateCommandBuffers(
@@ -233,7 +233,7 @@ commands! {
     fn vkCmdExecuteCommands(commands, count: u32, buffers: *const vk::CommandBuffer) {
         let lists = ffi::slice(buffers, count).iter().map(|&buffer| {
             let secondary = handle::from_handle::<CommandBuffer>(buffer);
-            // The lock of the buffer that is being recorded is held, and its list not finished.
+            // The buffer itself is being recorded: its lock is held, and its list is not finished.
             if std::ptr::eq(secondary.recording.data_ptr(), commands) {
                 return Err(vk::Result::ERROR_UNKNOWN);
             }
@@ -242,12 +242,12 @@ commands! {
         commands.push(Command::ExecuteCommands(lists.collect::<Result<_, _>>()?))
     }
 
-    /// There is one physical device in a device.
+    /// A device has one physical device.
     fn vkCmdSetDeviceMask(_commands, _mask: u32) {
         Ok(())
     }
 
-    /// Nothing to do outside of passes: see [`execute`](crate::execute).
+    /// Barriers do nothing outside of passes; see [`execute`](crate::execute).
     fn vkCmdPipelineBarrier(
         commands,
         _source_stages: vk::PipelineStageFlags,
@@ -264,7 +264,7 @@ commands! {
         barrier(commands, stages)
     }
 
-    /// As above.
+    /// Like `vkCmdPipelineBarrier`.
     fn vkCmdPipelineBarrier2(commands, info: *const vk::DependencyInfo) {
         let info = &*info;
         let memory = ffi::slice(info.p_memory_barriers, info.memory_barrier_count);
@@ -273,7 +273,7 @@ commands! {
         let stages = (memory.iter().map(|it| it.dst_stage_mask))
             .chain(buffers.iter().map(|it| it.dst_stage_mask))
             .chain(images.iter().map(|it| it.dst_stage_mask));
-        // Barriers of address ranges stand in the chain.
+        // Barriers of address ranges are in the chain.
         let chained = match info.p_next.is_null() {
             true => vk::PipelineStageFlags2::NONE,
             false => vk::PipelineStageFlags2::ALL_COMMANDS,

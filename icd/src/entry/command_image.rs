@@ -1,5 +1,5 @@
-//! Transfer commands on images. Both forms of each record the same command; image layouts mean
-//! nothing here.
+//! Transfer commands on images. Both forms of each record the same command. Image layouts have no
+//! effect.
 
 use ash::vk;
 
@@ -200,12 +200,12 @@ commands! {
     }
 }
 
-/// Where a buffer starts.
+/// The address of a buffer.
 ///
 /// # Safety
 /// The handle is alive.
 unsafe fn address(buffer: vk::Buffer) -> VkResult<u64> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the handle is alive.
     let (address, _) = unsafe { from_handle::<Buffer>(buffer) }.range(0, vk::WHOLE_SIZE)?;
     Ok(address as u64)
 }

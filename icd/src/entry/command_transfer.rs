@@ -39,7 +39,7 @@ commands! {
         size_bytes: vk::DeviceSize,
         word: u32,
     ) {
-        // With VK_WHOLE_SIZE the bytes after the last whole word stay as they are.
+        // With VK_WHOLE_SIZE the bytes after the last whole word are not written.
         let (address, size_bytes) = handle::from_handle::<Buffer>(buffer).range(offset, size_bytes)?;
         commands.push(Command::Transfer(TransferCommand::FillBuffer { address: address as u64, size_bytes, word }))
     }
@@ -67,7 +67,7 @@ unsafe fn copy_buffer(
     destination: vk::Buffer,
     region: vk::BufferCopy,
 ) -> VkResult {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the handles are alive.
     let (source, destination) = unsafe {
         (
             handle::from_handle::<Buffer>(source),

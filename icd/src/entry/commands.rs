@@ -1,4 +1,4 @@
-//! The table of commands: from it come `vkGetInstanceProcAddr` and `vkGetDeviceProcAddr`.
+//! The table of commands, for `vkGetInstanceProcAddr` and `vkGetDeviceProcAddr`.
 
 use std::collections::HashMap;
 use std::sync::OnceLock;
@@ -16,7 +16,7 @@ use super::{
 };
 use crate::ffi::vk;
 
-/// The rows of a name: several, where several extensions bring a command.
+/// The rows of a name: several if several extensions add the command.
 pub fn rows(name: &[u8]) -> impl Iterator<Item = &'static Command> {
     static INDEX: OnceLock<HashMap<&'static [u8], Vec<&'static Command>>> = OnceLock::new();
     let index = INDEX.get_or_init(|| {
@@ -30,7 +30,7 @@ pub fn rows(name: &[u8]) -> impl Iterator<Item = &'static Command> {
     index.get(name).into_iter().flatten().copied()
 }
 
-/// All rows, those of this system included.
+/// All rows, with those of this operating system.
 pub fn table() -> &'static [Command] {
     static TABLE: OnceLock<Vec<Command>> = OnceLock::new();
     TABLE.get_or_init(|| {

@@ -1,6 +1,6 @@
-//! `VK_EXT_debug_utils` on objects: shaders and pipelines know their names, for reports of faults.
-//! The timeline has all names, where there is one. Tags are for layers and tools, which see them on
-//! the way here.
+//! `VK_EXT_debug_utils` on objects. Shaders and pipelines keep their names for fault reports, and
+//! the timeline keeps all names. Tags are for layers and tools, which intercept them before the
+//! driver.
 
 use ash::vk::{self, Handle};
 

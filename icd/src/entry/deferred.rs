@@ -13,11 +13,11 @@ destroy! {
     vkDestroyDeferredOperationKHR: DeferredOperation, DeferredOperationKHR;
 }
 
-/// Performs a command's work now, or leaves it to the operation, if there is one, for up to
+/// Performs a command's work now, or defers it to the operation, if there is one, for up to
 /// `concurrency` threads.
 ///
 /// # Errors
-/// The work's; `VK_OPERATION_DEFERRED_KHR`.
+/// The error of the work; `VK_OPERATION_DEFERRED_KHR`.
 ///
 /// # Safety
 /// The operation is null, or alive and complete.
@@ -29,13 +29,13 @@ pub unsafe fn defer(
     if operation == vk::DeferredOperationKHR::null() {
         return work();
     }
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the operation is null, or alive and complete.
     let operation = unsafe { retain::<DeferredOperation>(operation) };
     DeferredOperation::defer(&operation, concurrency, work)?;
     Err(vk::Result::OPERATION_DEFERRED_KHR)
 }
 
-/// As [`defer`], for work that fans out: over the device's workers, or the threads that join.
+/// As [`defer`], for parallel work on the device's workers or on the threads that join.
 ///
 /// # Errors
 /// `VK_OPERATION_DEFERRED_KHR`, `VK_ERROR_DEVICE_LOST`.
@@ -49,14 +49,14 @@ pub unsafe fn defer_parallel(
     work: impl FnOnce() + Send + 'static,
 ) -> VkResult {
     let workers = &device.engine.workers;
-    // Without workers, or on a lost device, no thread can do the work.
+    // Workers that cannot start, or a lost device, cannot do the work.
     device.engine.waiting.lost.check()?;
     if operation == vk::DeferredOperationKHR::null() {
         workers.install(work);
         return Ok(());
     }
     let threads = concurrency.min(workers.current_num_threads());
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller keeps the promises of `defer`.
     unsafe {
         defer(operation, threads, move || {
             work();

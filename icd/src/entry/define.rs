@@ -1,4 +1,4 @@
-//! How entry points are defined: C functions whose bodies run inside a guard against panics.
+//! Macros for entry points: C functions with a guard against panics.
 
 /// Defines entry points: C functions whose bodies run inside [`guard`](crate::guard::guard). A body
 /// of a function that returns `vk::Result` gives a [`VkResult`](crate::VkResult).

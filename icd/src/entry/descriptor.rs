@@ -25,7 +25,8 @@ destroy! {
 /// # Safety
 /// `info` is valid usage of `vkCreateDescriptorSetLayout`.
 unsafe fn bindings(info: &vk::DescriptorSetLayoutCreateInfo<'_>) -> Vec<Binding> {
-    // SAFETY: the caller's promise; immutable samplers are alive, and used for sampler types alone.
+    // SAFETY: the caller guarantees that `info` is valid usage of `vkCreateDescriptorSetLayout`;
+    // immutable samplers are alive, and used for sampler types alone.
     unsafe {
         let flags = chain::find::<vk::DescriptorSetLayoutBindingFlagsCreateInfo>(info.p_next)
             .map_or(&[][..], |flags| {
@@ -34,7 +35,7 @@ unsafe fn bindings(info: &vk::DescriptorSetLayoutCreateInfo<'_>) -> Vec<Binding>
         let bindings = ffi::slice(info.p_bindings, info.binding_count);
         let mut decoded = Vec::with_capacity(bindings.len());
         for (index, binding) in bindings.iter().enumerate() {
-            // Immutable samplers of a mutable descriptor are ignored: the list has no meaning
+            // Immutable samplers of a mutable descriptor are ignored, since the list has no meaning
             // there.
             let samples = matches!(
                 binding.descriptor_type,
@@ -62,12 +63,12 @@ unsafe fn bindings(info: &vk::DescriptorSetLayoutCreateInfo<'_>) -> Vec<Binding>
     }
 }
 
-/// Takes one set out of a pool.
+/// Frees one set of a pool.
 ///
 /// # Safety
 /// The set is null or a living one of the pool.
 unsafe fn free(state: &mut PoolState, set: vk::DescriptorSet) {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the set is null or a living one of the pool.
     unsafe {
         if state.sets.remove(&set.as_raw())
             && let Some(set) = handle::take::<DescriptorSet>(set)
@@ -80,7 +81,7 @@ unsafe fn free(state: &mut PoolState, set: vk::DescriptorSet) {
 /// Frees all sets of a pool.
 ///
 /// # Safety
-/// The application uses none of them again.
+/// The application does not use the sets again.
 unsafe fn reset(pool: &DescriptorPool) {
     let mut state = pool.state.lock();
     for set in std::mem::take(&mut state.sets) {
@@ -103,7 +104,7 @@ unsafe fn allocate(
     if state.sets.len() >= pool.max_sets as usize {
         return Err(vk::Result::ERROR_OUT_OF_POOL_MEMORY);
     }
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the layout is alive.
     let layout = unsafe { retain::<DescriptorSetLayout>(layout) };
     let set = DescriptorSet::new(layout, variable_count)?;
     let used_bytes = state.used_bytes.saturating_add(set.pool_bytes());

@@ -1,7 +1,7 @@
 //! `VK_EXT_descriptor_buffer`: descriptors in the application's memory.
 //!
-//! A descriptor there is a [`StoredDescriptor`], whatever its type, so that binding a set is naming
-//! its address. It holds no pointer of ours: views and samplers are named by keys.
+//! A descriptor of any type is a [`StoredDescriptor`] there, so a set is bound by its address. It
+//! holds no pointer of the driver: keys name views and samplers.
 
 use std::ffi::c_void;
 
@@ -23,13 +23,13 @@ use crate::object::{
     ImageView, PipelineLayout, Sampler,
 };
 
-/// The address or key that an object captured (`VkOpaqueCaptureDescriptorDataCreateInfoEXT`), to
-/// have it again.
+/// The captured address or key of an object (`VkOpaqueCaptureDescriptorDataCreateInfoEXT`), to be
+/// replayed.
 ///
 /// # Safety
 /// As [`chain::nodes`].
 pub(super) unsafe fn captured(next: *const c_void) -> Option<u64> {
-    // SAFETY: the caller's promise: the data is what a capture wrote.
+    // SAFETY: the caller keeps the promises of `chain::nodes`; the data is what a capture wrote.
     unsafe {
         let info = chain::find::<vk::OpaqueCaptureDescriptorDataCreateInfoEXT>(next)?;
         let data: *const u64 = info.opaque_capture_descriptor_data.cast();
@@ -37,12 +37,12 @@ pub(super) unsafe fn captured(next: *const c_void) -> Option<u64> {
     }
 }
 
-/// A sampler's or image view's part of a descriptor.
+/// The part of a descriptor for a sampler or an image view.
 ///
 /// # Safety
 /// `info` is null or valid; what it names is alive or null.
 unsafe fn image_descriptor(info: *const vk::DescriptorImageInfo) -> StoredDescriptor {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that `info` is null or valid; what it names is alive or null.
     unsafe {
         let view = info
             .as_ref()
@@ -57,28 +57,29 @@ unsafe fn image_descriptor(info: *const vk::DescriptorImageInfo) -> StoredDescri
 /// # Safety
 /// As [`image_descriptor`].
 unsafe fn sampler_key(sampler: vk::Sampler) -> u64 {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller keeps the promises of `image_descriptor`.
     unsafe { optional::<Sampler>(sampler) }.map_or(0, |sampler| sampler.descriptor.key.0)
 }
 
-/// The range that a descriptor other than the null descriptor names.
+/// The range of a descriptor; `None` for the null descriptor.
 ///
 /// # Safety
 /// `info` is null or valid.
 unsafe fn range_of<'a>(
     info: *const vk::DescriptorAddressInfoEXT<'a>,
 ) -> Option<&'a vk::DescriptorAddressInfoEXT<'a>> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that `info` is null or valid.
     unsafe { info.as_ref() }.filter(|info| info.address != 0)
 }
 
-/// The descriptor that a `VkDescriptorGetInfoEXT` describes.
+/// The descriptor for a `VkDescriptorGetInfoEXT`.
 ///
 /// # Safety
 /// Valid usage of `vkGetDescriptorEXT`.
 unsafe fn descriptor(views: &Views, info: &vk::DescriptorGetInfoEXT<'_>) -> StoredDescriptor {
     use vk::DescriptorType as Ty;
-    // SAFETY: the caller's promise: the type says which part of the union there is.
+    // SAFETY: the caller guarantees valid usage of `vkGetDescriptorEXT`; the type says which part
+    // of the union there is.
     unsafe {
         let data = &info.data;
         let null = StoredDescriptor::default();
@@ -158,8 +159,8 @@ entry! {
         info: *const vk::BufferCaptureDescriptorDataInfoEXT,
         data: *mut c_void,
     ) -> vk::Result {
-        // The address follows from that of the memory, which is captured by itself; a sparse buffer
-        // has its own.
+        // The address follows from the captured address of the memory; a sparse buffer captures its
+        // own.
         data.cast::<u64>().write_unaligned(from_handle::<Buffer>((*info).buffer).address());
         Ok(())
     }
@@ -169,7 +170,7 @@ entry! {
         _info: *const vk::ImageCaptureDescriptorDataInfoEXT,
         data: *mut c_void,
     ) -> vk::Result {
-        // Descriptors name views only.
+        // Descriptors refer to views, so images have no capture data.
         data.cast::<u64>().write_unaligned(0);
         Ok(())
     }

@@ -1,7 +1,7 @@
-//! `VK_EXT_descriptor_heap`: descriptors in memory of the application, without sets and objects.
+//! `VK_EXT_descriptor_heap`: descriptors in the application's memory, without sets and objects.
 //!
-//! A descriptor there is a [`StoredDescriptor`], as in a descriptor buffer: it holds no pointer of
-//! ours, and is checked at each use.
+//! A descriptor there is a [`StoredDescriptor`], as in a descriptor buffer. It holds no pointer of
+//! the driver and is checked at each use.
 
 use images::Format;
 use smallvec::SmallVec;
@@ -19,13 +19,13 @@ use crate::ffi::{self, chain, vk};
 use crate::handle::from_handle;
 use crate::object::Image;
 
-/// Writes a descriptor to the host.
+/// Writes a descriptor to host memory.
 ///
 /// # Safety
 /// The range is valid.
 unsafe fn write(descriptor: &StoredDescriptor, to: &vk::HostAddressRangeEXT) {
     let bytes = std::ptr::from_ref(descriptor).cast::<u8>();
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the range is valid.
     unsafe {
         let size = to.size.min(size_of::<StoredDescriptor>());
         to.address.cast::<u8>().copy_from(bytes, size);
@@ -43,7 +43,8 @@ unsafe fn descriptor(
     use vk::DescriptorType as Ty;
     let views = &device.engine.views;
     let null = StoredDescriptor::default();
-    // SAFETY: the caller's promise: the type says which part of the union there is.
+    // SAFETY: the caller guarantees valid usage of `vkWriteResourceDescriptorsEXT`; the type says
+    // which part of the union there is.
     unsafe {
         let data = &info.data;
         Ok(match info.ty {
@@ -68,7 +69,7 @@ unsafe fn descriptor(
                 })
             }
             Ty::ACCELERATION_STRUCTURE_KHR | Ty::ACCELERATION_STRUCTURE_NV => {
-                // The address alone: the same range has the same bits on every device.
+                // The address alone, so that the same range has the same bits on every device.
                 let address = data.p_address_range.as_ref().map_or(0, |it| it.address);
                 StoredDescriptor { address, ..null }
             }
@@ -105,7 +106,7 @@ pub(super) unsafe fn inherit_heaps(
     commands: &mut Recording,
     next: *const std::ffi::c_void,
 ) -> VkResult {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the chain is valid.
     let (samplers, resources) = unsafe {
         type Info<'a> = vk::CommandBufferInheritanceDescriptorHeapInfoEXT<'a>;
         let Some(info) = chain::find::<Info<'_>>(next) else {

@@ -1,4 +1,4 @@
-//! Descriptor updates: from Vulkan's structures to entries that shaders read.
+//! Descriptor updates: decodes Vulkan's structures to entries that shaders read.
 
 use std::ffi::c_void;
 
@@ -15,7 +15,7 @@ use crate::object::{
     DescriptorUpdateTemplate, ImageView, Sampler,
 };
 
-/// A buffer's entry; null if it has no memory or starts past its end.
+/// A buffer's entry; null if the buffer has no memory or the range starts past its end.
 fn buffer_descriptor(buffer: &Buffer, offset: u64, range: u64, dynamic: bool) -> Descriptor {
     let rest = buffer.size_bytes.saturating_sub(offset);
     if buffer.address() == 0 || rest == 0 {
@@ -37,13 +37,13 @@ fn buffer_descriptor(buffer: &Buffer, offset: u64, range: u64, dynamic: bool) ->
     }
 }
 
-/// Writes one entry from the structure or handle that its type takes: `VkDescriptorImageInfo`,
+/// Writes one entry from the structure or handle for its type: `VkDescriptorImageInfo`,
 /// `VkDescriptorBufferInfo`, `VkBufferView`, `VkAccelerationStructureKHR` or
 /// `VkAccelerationStructureNV`.
 ///
 /// # Safety
-/// `source` points to it, and what it names is alive or null. `entry` is of a set that no one else
-/// updates.
+/// `source` points to that structure or handle, and the objects in it are alive or null. `entry`
+/// belongs to a set that nothing else updates.
 unsafe fn write_entry(
     entry: *mut Descriptor,
     binding: &Binding,
@@ -51,7 +51,7 @@ unsafe fn write_entry(
     source: *const u8,
 ) {
     use vk::DescriptorType as Ty;
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that `source` points to it, and what it names is alive or null.
     unsafe {
         if binding.ty == Ty::MUTABLE_EXT {
             // The entry's old descriptor may have used other fields.
@@ -103,8 +103,8 @@ unsafe fn write_entry(
     }
 }
 
-/// The entries from (`binding`, `element`) on; past a binding's end they go on in the next one that
-/// has any ("consecutive binding updates").
+/// The entries from (`binding`, `element`) on. Past a binding's end they continue in the next
+/// nonempty one ("consecutive binding updates").
 fn consecutive(
     set: &DescriptorSet,
     binding: u32,
@@ -124,8 +124,8 @@ fn consecutive(
     })
 }
 
-/// Writes `count` descriptors of a type (bytes, of an inline uniform block) from where `source`
-/// says each is.
+/// Writes `count` descriptors of a type, or bytes of an inline uniform block. `source` returns the
+/// address of each.
 ///
 /// # Safety
 /// As [`write_entry`], for each; for inline uniform blocks `source(0)` points to all bytes.
@@ -136,7 +136,8 @@ unsafe fn write(
     count: u32,
     source: impl Fn(u32) -> *const u8,
 ) {
-    // SAFETY: the caller's promise; the set says where its memory ends.
+    // SAFETY: the caller keeps the promises of `write_entry` for each; for inline uniform blocks
+    // `source(0)` points to all bytes; the set says where its memory ends.
     unsafe {
         if let Some(inline) = set
             .layout
@@ -160,8 +161,8 @@ unsafe fn write(
 /// Valid usage of `vkUpdateDescriptorSets`.
 pub unsafe fn apply_write(set: &DescriptorSet, info: &vk::WriteDescriptorSet<'_>) {
     use vk::DescriptorType as Ty;
-    // SAFETY: the caller's promise: the array that the type takes has as many elements as are
-    // written.
+    // SAFETY: the caller guarantees valid usage of `vkUpdateDescriptorSets`; the array that the
+    // type takes has as many elements as are written.
     unsafe {
         let (start, stride): (*const u8, usize) = match info.descriptor_type {
             Ty::SAMPLER
@@ -231,7 +232,8 @@ pub unsafe fn apply_template(
 ) {
     for entry in &template.entries {
         let start = data.cast::<u8>().wrapping_add(entry.offset);
-        // SAFETY: the caller's promise: the data is laid out as the template says.
+        // SAFETY: the caller guarantees valid usage of `vkUpdateDescriptorSetWithTemplate`; the
+        // data is laid out as the template says.
         unsafe {
             write(
                 set,
@@ -249,7 +251,7 @@ pub unsafe fn apply_template(
 /// # Safety
 /// Valid usage of `vkUpdateDescriptorSets`.
 unsafe fn apply_copy(info: &vk::CopyDescriptorSet<'_>) {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees valid usage of `vkUpdateDescriptorSets`.
     unsafe {
         let source = from_handle::<DescriptorSet>(info.src_set);
         let destination = from_handle::<DescriptorSet>(info.dst_set);
@@ -275,7 +277,7 @@ unsafe fn apply_copy(info: &vk::CopyDescriptorSet<'_>) {
         let from = consecutive(source, info.src_binding, info.src_array_element);
         let to = consecutive(destination, info.dst_binding, info.dst_array_element);
         for ((source, from), (binding, to)) in from.zip(to).take(info.descriptor_count as usize) {
-            // Entries of dynamic buffers are of another form.
+            // Entries of dynamic buffers have another form.
             if source.is_dynamic() != binding.is_dynamic() {
                 continue;
             }

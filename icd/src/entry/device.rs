@@ -17,12 +17,12 @@ use crate::queue::MAX_QUEUES;
 use crate::table::extensions::{ExtensionSet, Kind};
 use crate::table::features;
 
-/// The features of a device that change how it works.
+/// The features that change a device's behavior.
 ///
 /// # Safety
 /// `info` is valid usage of `vkCreateDevice`.
 unsafe fn enabled(info: &vk::DeviceCreateInfo<'_>) -> Enabled {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that `info` is valid usage of `vkCreateDevice`.
     unsafe {
         let chained = ffi::find::<vk::PhysicalDeviceFeatures2>(info.p_next).map(|f| &f.features);
         let validation = ffi::find::<vk::PhysicalDeviceRayTracingValidationFeaturesNV>(info.p_next);
@@ -110,7 +110,7 @@ entry! {
         for (info, out) in ffi::slice(infos, count).iter().zip(timestamps) {
             *out = system::time(info.time_domain);
         }
-        // All were read between here and `start`; one more for the clocks' own period.
+        // All clocks were read between `start` and now; the extra nanosecond is the clocks' period.
         *max_deviation = Clock::Monotonic.now_ns() - start + 1;
         Ok(())
     }

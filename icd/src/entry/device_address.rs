@@ -1,5 +1,5 @@
-//! `VK_KHR_device_address_commands`: memory by its address. Commands are recorded by address in any
-//! case; a null range is left alone. `VK_KHR_copy_memory_indirect`: copies whose parameters are in
+//! `VK_KHR_device_address_commands`: commands on address ranges. All commands are recorded by
+//! address; a null range is ignored. `VK_KHR_copy_memory_indirect`: copies with parameters in
 //! memory.
 
 use super::acceleration_structure::create;
@@ -25,7 +25,7 @@ fn copy_memory(commands: &mut Recording, copy: &vk::DeviceMemoryCopyKHR<'_>) -> 
     }))
 }
 
-/// The copy that a region stands for, from or to the start of its range.
+/// The copy of a region, from or to the start of its range.
 fn image_copy(region: &vk::DeviceMemoryImageCopyKHR<'_>) -> vk::BufferImageCopy {
     vk::BufferImageCopy {
         buffer_offset: 0,

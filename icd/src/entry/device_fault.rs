@@ -1,4 +1,4 @@
-//! `VK_KHR_device_fault` and `VK_EXT_device_fault`: how a device was lost, as far as it is known.
+//! `VK_KHR_device_fault` and `VK_EXT_device_fault`: the known causes of a device's loss.
 
 use std::mem::MaybeUninit;
 
@@ -13,13 +13,13 @@ use crate::ffi::{array, chain, vk as newer};
 use crate::handle::from_handle;
 use crate::wave::{Cause, Fault, Stopped, WildAddress};
 
-/// Vendor fault codes of wild addresses: those of causes come before.
+/// First vendor fault code of invalid addresses; the codes of causes come before.
 const CODE_READ: u64 = 6;
 const CODE_WRITE: u64 = 7;
-/// Vendor fault code of addresses that were not kept.
+/// Vendor fault code for the invalid addresses that were not kept.
 const CODE_DROPPED: u64 = 8;
 
-/// All reports of a device are of the fault that it was lost by.
+/// All reports of a device belong to the fault that lost it.
 const GROUP: u64 = 1;
 
 fn address_info(wild: &WildAddress) -> vk::DeviceFaultAddressInfoEXT {
@@ -29,7 +29,7 @@ fn address_info(wild: &WildAddress) -> vk::DeviceFaultAddressInfoEXT {
             false => vk::DeviceFaultAddressTypeEXT::READ_INVALID,
         },
         reported_address: wild.address,
-        // Known to the byte.
+        // The address is exact.
         address_precision: 1,
     }
 }
@@ -44,7 +44,7 @@ fn vendor_info(description: &str, code: u64, data: u64) -> vk::DeviceFaultVendor
     info
 }
 
-/// The cause, with where it was found.
+/// The cause, with its position in the shader.
 fn cause_info(fault: &Fault) -> vk::DeviceFaultVendorInfoEXT {
     let (place, depth) = match &fault.at {
         Some(at) => (at.to_string(), at.depth),
@@ -58,7 +58,7 @@ fn wild_info(wild: &WildAddress) -> vk::DeviceFaultVendorInfoEXT {
     vendor_info(&wild.place.to_string(), code, wild.address)
 }
 
-/// First the cause, then the wild addresses, then how many more there were.
+/// The cause, then the invalid addresses, then the number of those that were not kept.
 fn vendor_infos(fault: &Fault) -> Vec<vk::DeviceFaultVendorInfoEXT> {
     let dropped = (fault.dropped > 0).then(|| {
         let text = format!("{} earlier invalid addresses were not kept", fault.dropped);
@@ -71,7 +71,7 @@ fn vendor_infos(fault: &Fault) -> Vec<vk::DeviceFaultVendorInfoEXT> {
     .collect()
 }
 
-/// Writes a report of a lost device: a wild address, or the loss, which is the last one.
+/// Writes a report of a lost device: an invalid address, or the loss itself, which comes last.
 fn write_report(fault: &Fault, index: usize, out: &mut newer::DeviceFaultInfoKHR<'_>) {
     out.flags = newer::DEVICE_FAULT_FLAG_VENDOR_KHR;
     out.group_id = GROUP;
@@ -103,7 +103,7 @@ fn write_report(fault: &Fault, index: usize, out: &mut newer::DeviceFaultInfoKHR
     array::write_text(&mut out.description, &description);
 }
 
-/// Writes as many as fit, none to a null pointer, and how many those are.
+/// Writes as many elements as fit, none to a null pointer, and their number.
 ///
 /// # Errors
 /// `VK_INCOMPLETE` if not all fit.
@@ -118,7 +118,7 @@ unsafe fn write_infos<T>(infos: Vec<T>, count: &mut u32, out: *mut T) -> VkResul
     } else {
         out
     };
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that `out` is null or has room for `*count` elements.
     unsafe { enumerate(count, out, infos.into_iter()) }
 }
 
@@ -139,7 +139,8 @@ unsafe fn write_messages(
     }
     let fitting = &all[..abort::whole_messages(all, info.message_data_size)];
     let to = info.p_message_data.cast::<u8>();
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the data pointer is null, or there is room for as many
+    // bytes as `info` says.
     unsafe { to.copy_from_nonoverlapping(fitting.as_ptr(), fitting.len()) };
     info.message_data_size = fitting.len() as u64;
     match fitting.len() == all.len() {
@@ -149,7 +150,7 @@ unsafe fn write_messages(
 }
 
 entry! {
-    /// A device that is not lost has nothing to tell.
+    /// A device that is not lost has no fault.
     fn vkGetDeviceFaultInfoEXT(
         device: vk::Device,
         counts: *mut vk::DeviceFaultCountsEXT,
@@ -173,7 +174,7 @@ entry! {
             None => "the device is not lost".to_owned(),
         };
         array::write_text(&mut info.description, &description);
-        // Both are written as far as there is room, whether the other fits or not.
+        // Each is written as far as there is room, even if the other does not fit.
         let wrote = [
             write_infos(addresses, &mut counts.address_info_count, info.p_address_infos),
             write_infos(vendor, &mut counts.vendor_info_count, info.p_vendor_infos),
@@ -181,8 +182,8 @@ entry! {
         wrote.into_iter().collect()
     }
 
-    /// The reports of a lost device; those of its wild addresses come first. When all are returned,
-    /// there are none left, and nothing to wait for.
+    /// The reports of a lost device, invalid addresses first. Once all have been returned, there
+    /// are no more and no wait.
     fn vkGetDeviceFaultReportsKHR(
         device: vk::Device,
         timeout: u64,
@@ -203,7 +204,7 @@ entry! {
         if is_last { Ok(()) } else { Err(vk::Result::INCOMPLETE) }
     }
 
-    /// There is no vendor binary. Messages are written as far as they fit whole.
+    /// There is no vendor binary. Only whole messages are written.
     fn vkGetDeviceFaultDebugInfoKHR(
         device: vk::Device,
         info: *mut newer::DeviceFaultDebugInfoKHR<'_>,

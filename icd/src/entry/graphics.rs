@@ -1,7 +1,7 @@
 //! Graphics pipelines, render passes and framebuffers. A device without a graphics queue has render
-//! passes and framebuffers, too, since applications create them with the rest; pipelines need such
-//! a queue (VUID-vkCreateGraphicsPipelines-device-09662), and are refused with
-//! `VK_ERROR_VALIDATION_FAILED` and one message.
+//! passes and framebuffers, too, since applications create them anyway. Its graphics pipelines are
+//! refused with `VK_ERROR_VALIDATION_FAILED` and one message
+//! (VUID-vkCreateGraphicsPipelines-device-09662).
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -39,7 +39,7 @@ unsafe fn create_graphics(
     cache: Option<&PipelineCache>,
     info: &vk::GraphicsPipelineCreateInfo<'_>,
 ) -> VkResult<vk::Pipeline> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that `info` is valid usage of `vkCreateGraphicsPipelines`.
     unsafe {
         let start = Instant::now();
         let Decoded {

@@ -12,13 +12,13 @@ use crate::ffi::slice;
 use crate::handle::{optional, retain};
 use crate::object::{Buffer, QueryPool};
 
-/// The address of a place in a buffer, and the bytes from there on, at most `size_bytes`
-/// (`VK_WHOLE_SIZE`: all); none of a null handle.
+/// The address of an offset in a buffer, and the size from there, at most `size_bytes`
+/// (`VK_WHOLE_SIZE`: all). Zeros for a null handle.
 ///
 /// # Safety
 /// The handle is null or alive.
 pub unsafe fn place(buffer: vk::Buffer, offset: u64, size_bytes: u64) -> (u64, u64) {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the handle is null or alive.
     match unsafe { optional::<Buffer>(buffer) } {
         Some(buffer) if buffer.address() != 0 => {
             let rest = buffer.size_bytes.saturating_sub(offset);
@@ -43,7 +43,8 @@ unsafe fn bind_vertex_buffers(
     sizes: *const vk::DeviceSize,
     strides: *const vk::DeviceSize,
 ) -> VkResult {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the arrays are null or have `count` elements; the handles
+    // are null or alive.
     let (buffers, offsets, sizes, strides) = unsafe {
         let (sizes, strides) = (slice(sizes, count), slice(strides, count));
         (slice(buffers, count), slice(offsets, count), sizes, strides)
@@ -51,7 +52,8 @@ unsafe fn bind_vertex_buffers(
     let binding = |(index, &buffer): (usize, &vk::Buffer)| {
         let offset = offsets.get(index).copied().unwrap_or(0);
         let size_bytes = sizes.get(index).copied().unwrap_or(vk::WHOLE_SIZE);
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the arrays are null or have `count` elements; the
+        // handles are null or alive.
         let (address, size_bytes) = unsafe { place(buffer, offset, size_bytes) };
         VertexBinding {
             address,
@@ -73,7 +75,7 @@ unsafe fn bind_index_buffer(
     size_bytes: u64,
     ty: vk::IndexType,
 ) -> VkResult {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the handle is null or alive.
     let (address, size_bytes) = unsafe { place(buffer, offset, size_bytes) };
     let binding = IndexBinding {
         address,
@@ -93,7 +95,7 @@ unsafe fn draw_indirect(
     draws: u32,
     stride_bytes: u32,
 ) -> VkResult {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the handles are alive.
     let at = |(buffer, offset)| unsafe { place(buffer, offset, vk::WHOLE_SIZE) }.0;
     let draw = DrawIndirect {
         numbers,
@@ -283,7 +285,7 @@ commands! {
         push(commands, GraphicsCommand::EndConditional)
     }
 
-    /// Occlusion queries count samples exactly, whether they are to be precise or not.
+    /// Occlusion queries count samples exactly, precise or not.
     fn vkCmdBeginQuery(commands, pool: vk::QueryPool, query: u32, _flags: vk::QueryControlFlags) {
         let pool = retain::<QueryPool>(pool);
         push(commands, GraphicsCommand::BeginQuery { pool, query, stream: 0 })

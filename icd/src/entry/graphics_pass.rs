@@ -11,7 +11,7 @@ use crate::decode::render_pass::{begin, rendering};
 use crate::ffi::slice;
 use crate::object::setting::Setting;
 
-/// Begins the render pass that a recorder stands for.
+/// Begins the first subpass of a recorded render pass.
 fn begin_pass(commands: &mut Recording, recorder: PassRecorder) -> VkResult {
     commands.render_pass = Some(recorder);
     begin_subpass(commands)
@@ -94,8 +94,7 @@ commands! {
         commands.push(Command::Graphics(GraphicsCommand::Set(locations)))
     }
 
-    /// Input attachments are descriptors like any other: their numbers in shaders are those of the
-    /// application.
+    /// Input attachments are ordinary descriptors, so the application's indices need no mapping.
     fn vkCmdSetRenderingInputAttachmentIndicesKHR(
         _commands,
         _info: *const vk::RenderingInputAttachmentIndexInfoKHR<'_>,

@@ -1,4 +1,4 @@
-//! State that is set command by command.
+//! Commands that set dynamic state.
 
 use ash::vk;
 
@@ -17,7 +17,7 @@ fn set(commands: &mut Recording, setting: Setting) -> VkResult {
     commands.push(Command::Graphics(GraphicsCommand::Set(setting)))
 }
 
-/// Viewports or scissors: no more than there can be.
+/// Viewports or scissors, at most as many as supported.
 fn count(count: u32) -> u32 {
     count.min(MAX_VIEWPORTS as u32)
 }
@@ -287,7 +287,7 @@ commands! {
         set(commands, Setting::LowerLeftOrigin(is_lower_left))
     }
 
-    /// Attachments are written where they lie, and read there: loops need no care.
+    /// Attachments are written and read in place, so feedback loops need no handling.
     fn vkCmdSetAttachmentFeedbackLoopEnableEXT(_commands, _aspects: vk::ImageAspectFlags) {
         Ok(())
     }

@@ -1,6 +1,6 @@
-//! `VK_EXT_host_image_copy`: copies by the host, at once. Images are stored linearly, so
-//! `VK_HOST_IMAGE_COPY_MEMCPY_EXT` changes nothing: rows of a whole subresource are as tight in the
-//! image as in memory.
+//! `VK_EXT_host_image_copy`: immediate copies by the host. Images are stored linearly, so
+//! `VK_HOST_IMAGE_COPY_MEMCPY_EXT` has no effect: the rows of a whole subresource are as dense in
+//! the image as in memory.
 
 use std::ffi::c_void;
 
@@ -13,7 +13,7 @@ use crate::handle::from_handle;
 use crate::object::Image;
 use crate::transfer::copy;
 
-/// A region as it would be of a buffer that starts at the host pointer.
+/// The region as one of a buffer that starts at the host pointer.
 fn of_buffer(
     (row_length, image_height): (u32, u32),
     subresource: vk::ImageSubresourceLayers,
@@ -85,7 +85,7 @@ entry! {
         Ok(())
     }
 
-    /// Layouts mean nothing here.
+    /// Layouts have no effect.
     fn vkTransitionImageLayoutEXT(
         _device: vk::Device,
         _count: u32,

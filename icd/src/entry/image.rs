@@ -31,7 +31,7 @@ destroy! {
     vkDestroySamplerYcbcrConversion: YcbcrConversion, SamplerYcbcrConversion;
 }
 
-/// Where a subresource lies, from the image's first byte.
+/// The layout of a subresource, with its offset from the image's first byte.
 pub(super) fn subresource_layout(
     image: &Image,
     subresource: &vk::ImageSubresource,
@@ -51,7 +51,7 @@ pub(super) fn subresource_layout(
     })
 }
 
-/// The descriptor through which shaders read a view.
+/// The descriptor of a view.
 ///
 /// # Errors
 /// `VK_ERROR_UNKNOWN` for an image without memory, and as [`view_descriptor`].
@@ -59,7 +59,7 @@ pub(super) fn subresource_layout(
 /// # Safety
 /// `info` is valid usage of `vkCreateImageView`.
 pub(super) unsafe fn view(info: &vk::ImageViewCreateInfo<'_>) -> VkResult<ImageDescriptor> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that `info` is valid usage of `vkCreateImageView`.
     let (image, min_lod, conversion, slices) = unsafe {
         (
             from_handle::<Image>(info.image),
@@ -91,8 +91,8 @@ fn is_sparse(flags: vk::ImageCreateFlags) -> bool {
     flags.contains(vk::ImageCreateFlags::SPARSE_BINDING)
 }
 
-/// The opaque data that an image captured (`VkOpaqueCaptureDataCreateInfoEXT`), to have the same
-/// descriptors in heaps again.
+/// The captured opaque data of an image (`VkOpaqueCaptureDataCreateInfoEXT`), to replay its
+/// descriptors in heaps.
 ///
 /// # Errors
 /// `VK_ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS` for data of another size.
@@ -100,7 +100,8 @@ fn is_sparse(flags: vk::ImageCreateFlags) -> bool {
 /// # Safety
 /// As [`chain::nodes`].
 unsafe fn captured_image(next: *const std::ffi::c_void) -> VkResult<Option<u64>> {
-    // SAFETY: the caller's promise: the range holds as many bytes as it says.
+    // SAFETY: the caller keeps the promises of `chain::nodes`; the range holds as many bytes as it
+    // says.
     unsafe {
         let info = chain::find::<newer::OpaqueCaptureDataCreateInfoEXT<'_>>(next);
         let Some(range) = info.and_then(|info| info.p_data.as_ref()) else {
@@ -152,7 +153,7 @@ entry! {
             image = image.reserved(reservation);
         }
         *out = handle::create(image);
-        // A sparse image has its addresses already.
+        // A sparse image has its addresses from the start.
         report::<Image>(device, *out, AddressEvent::Created);
         Ok(())
     }
@@ -178,7 +179,8 @@ entry! {
         info: *const vk::DeviceImageMemoryRequirements,
         out: *mut vk::MemoryRequirements2,
     ) {
-        // Valid usage makes the creation succeed; an impossible image asks for more than there is.
+        // With valid usage the creation succeeds. An invalid image reports a size that cannot be
+        // allocated.
         let aspect = (*info).plane_aspect;
         let info = image_info(&*(*info).p_create_info);
         let size_bytes = Image::new(&info)

@@ -1,4 +1,4 @@
-//! Instances and what can be asked without one.
+//! Instances, and queries without one.
 
 use std::ffi::c_char;
 use std::sync::Arc;
@@ -65,7 +65,8 @@ entry! {
         let asked = info.p_application_info.as_ref().map_or(0, |application| application.api_version);
         let api_version = asked.max(vk::API_VERSION_1_0);
         let messengers = Arc::new(Messengers::default());
-        // A messenger in the chain listens to creation and destruction; nothing is said there.
+        // A messenger in the chain is for creation and destruction, during which the driver sends
+        // no messages.
         *out = handle::create(Instance {
             extensions,
             physical_device: handle::new(PhysicalDevice::new(api_version, Arc::clone(&messengers), extensions)),

@@ -10,11 +10,11 @@ use crate::guard::{catch_panic_messages, code, guard};
 use crate::object::Instance;
 use crate::{ffi, handle, logger};
 
-/// Interface versions that are spoken.
+/// Supported interface versions.
 const OLDEST: u32 = 2;
 const NEWEST: u32 = 7;
 
-/// Agrees on an interface version: the loader's, up to ours.
+/// Negotiates the interface version: the loader's, up to the driver's.
 ///
 /// # Safety
 /// `version` is valid.
@@ -35,7 +35,7 @@ pub unsafe extern "system" fn vk_icdNegotiateLoaderICDInterfaceVersion(
     }))
 }
 
-/// Entry points by name: global ones without an instance, all with one.
+/// Entry points by name: only global ones without an instance.
 ///
 /// # Safety
 /// `instance` is null or alive; `name` is a C string.
@@ -82,10 +82,9 @@ pub unsafe extern "system" fn vk_icdGetPhysicalDeviceProcAddr(
     })
 }
 
-/// The interface's own functions, which from version 7 on can be asked for by name.
+/// The functions of the loader interface, which version 7 also looks up by name.
 fn loader_function(name: &[u8]) -> vk::PFN_vkVoidFunction {
-    // SAFETY: `PFN_vkVoidFunction` is the type that such pointers are passed around as; callers
-    // cast back.
+    // SAFETY: `PFN_vkVoidFunction` is the generic type of such pointers; callers cast them back.
     unsafe {
         match name {
             b"vk_icdNegotiateLoaderICDInterfaceVersion" => {

@@ -1,4 +1,4 @@
-//! `VK_KHR_maintenance5`: the commands that belong to no other file.
+//! `VK_KHR_maintenance5`: the commands that fit in no other file.
 
 use ash::vk;
 
@@ -9,12 +9,12 @@ use crate::ffi::chain;
 use crate::handle::from_handle;
 use crate::object::Image;
 
-/// Answers a layout and its chain.
+/// Fills a layout structure and its chain.
 ///
 /// # Safety
 /// `out` is valid, with a valid chain.
 unsafe fn write_layout(out: *mut vk::SubresourceLayout2KHR<'_>, layout: vk::SubresourceLayout) {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that `out` is valid, with a valid chain.
     unsafe {
         (*out).subresource_layout = layout;
         if let Some(memcpy) = chain::find_mut::<vk::SubresourceHostMemcpySizeEXT>((*out).p_next) {
@@ -29,7 +29,7 @@ entry! {
         _info: *const vk::RenderingAreaInfoKHR<'_>,
         out: *mut vk::Extent2D,
     ) {
-        // No area is better than another.
+        // No render area granularity is better than another.
         *out = vk::Extent2D { width: 1, height: 1 };
     }
 

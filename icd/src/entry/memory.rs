@@ -22,8 +22,8 @@ destroy_addressed! {
     vkFreeMemory: DeviceMemory, DeviceMemory;
 }
 
-/// Where an allocation's bytes shall come from. An imported handle is duplicated here; the
-/// application's own, where it gives that away, is closed on success.
+/// The source of an allocation's bytes. An imported handle is duplicated. A handle that the
+/// application transfers is closed on success.
 ///
 /// # Safety
 /// `info` is valid usage of `vkAllocateMemory`.
@@ -31,7 +31,7 @@ unsafe fn source(
     device: &Device,
     info: &vk::MemoryAllocateInfo<'_>,
 ) -> VkResult<(Source, Option<RawHandle>)> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that `info` is valid usage of `vkAllocateMemory`.
     unsafe {
         if let Some(import) = chain::find::<vk::ImportMemoryHostPointerInfoEXT>(info.p_next)
             && !import.handle_type.is_empty()
@@ -50,12 +50,12 @@ unsafe fn source(
     }
 }
 
-/// Where an allocation shall lie.
+/// The placement of an allocation.
 ///
 /// # Safety
 /// `info` is valid usage of `vkAllocateMemory`.
 unsafe fn placement(info: &vk::MemoryAllocateInfo<'_>) -> Placement {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that `info` is valid usage of `vkAllocateMemory`.
     unsafe {
         let flags = chain::find::<vk::MemoryAllocateFlagsInfo>(info.p_next).map(|it| it.flags);
         let replayable = vk::MemoryAllocateFlags::DEVICE_ADDRESS_CAPTURE_REPLAY;
@@ -67,8 +67,7 @@ unsafe fn placement(info: &vk::MemoryAllocateInfo<'_>) -> Placement {
     }
 }
 
-/// Where memory is mapped from an offset on. A size that is too large is left to the application:
-/// it sees no less.
+/// The host address of memory at an offset. A size past the end is not checked.
 ///
 /// # Errors
 /// `VK_ERROR_MEMORY_MAP_FAILED` past the end.
@@ -76,7 +75,7 @@ unsafe fn placement(info: &vk::MemoryAllocateInfo<'_>) -> Placement {
 /// # Safety
 /// The handle is one of memory.
 unsafe fn mapped(memory: vk::DeviceMemory, offset: u64) -> VkResult<*mut c_void> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the handle is one of memory.
     let memory = unsafe { from_handle::<DeviceMemory>(memory) };
     if offset >= memory.size_bytes.max(1) {
         return Err(vk::Result::ERROR_MEMORY_MAP_FAILED);
@@ -116,7 +115,7 @@ entry! {
     }
 
     fn vkUnmapMemory(_device: vk::Device, _memory: vk::DeviceMemory) {
-        // Memory stays where it is.
+        // Memory stays mapped.
     }
 
     fn vkMapMemory2KHR(_device: vk::Device, info: *const vk::MemoryMapInfoKHR, out: *mut *mut c_void) -> vk::Result {
@@ -142,11 +141,11 @@ entry! {
     }
 
     fn vkGetDeviceMemoryCommitment(_device: vk::Device, _memory: vk::DeviceMemory, out: *mut vk::DeviceSize) {
-        // Asked of lazily allocated memory types alone, and there are none.
+        // Only lazily allocated memory types have a commitment, and there are none.
         *out = 0;
     }
 
-    /// All memory is alike: a priority changes nothing.
+    /// All memory is equal, so a priority has no effect.
     fn vkSetDeviceMemoryPriorityEXT(_device: vk::Device, _memory: vk::DeviceMemory, _priority: f32) {}
 
     fn vkGetDeviceMemoryOpaqueCaptureAddress(

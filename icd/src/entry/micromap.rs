@@ -36,7 +36,8 @@ entry! {
             offset: info.offset,
             size_bytes: info.size,
         };
-        // A micromap is where its buffer is: replaying the buffer's address replays it.
+        // A micromap's address follows from its buffer's, so replaying the buffer's address is
+        // enough.
         if info.device_address != 0 && info.device_address != created.storage().address {
             return Err(vk::Result::ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS);
         }
@@ -88,7 +89,7 @@ commands! {
     }
 }
 
-// A micromap has nothing to lose by compaction: both modes do the same.
+// A built micromap is compact already, so both modes do the same.
 built! {
     Micromap, MicromapEXT at storage, vkWriteMicromapsPropertiesEXT, vkCmdWriteMicromapsPropertiesEXT;
     vkCopyMicromapEXT, vkCmdCopyMicromapEXT, CopyMicromapInfoEXT:

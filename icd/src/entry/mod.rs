@@ -50,7 +50,7 @@ pub mod sync;
 pub mod system;
 pub mod transform_feedback;
 
-/// Defines `vkDestroy*` entry points that do nothing but give the handle's count back.
+/// Defines `vkDestroy*` entry points that only release the handle's reference.
 macro_rules! destroy {
     ($($name:ident: $object:ty, $handle:ident;)*) => {
         $crate::entry::define::entry! {

@@ -1,5 +1,5 @@
-//! `VK_NV_ray_tracing`: the commands of before the KHR extensions, on the same structures,
-//! pipelines and dispatches.
+//! `VK_NV_ray_tracing`: the commands before the KHR extensions, on the same structures, pipelines
+//! and dispatches.
 
 use std::ffi::c_void;
 use std::sync::Arc;
@@ -32,12 +32,12 @@ use crate::object::{
 use crate::table::limits::MEMORY_ALIGNMENT;
 use crate::wave::table::Tables;
 
-/// A structure that has no memory yet.
+/// Creates a structure without memory.
 ///
 /// # Safety
 /// The info is valid, except for the buffers that it names.
 unsafe fn create(info: &vk::AccelerationStructureCreateInfoNV<'_>) -> AccelerationStructureNv {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the info is valid, except for the buffers that it names.
     let (kind, counts) = unsafe { kind_and_counts(&info.info) };
     let sizes = traversal::build_sizes(kind, BuildFlags(info.info.flags.as_raw()), &counts);
     let size_bytes = match info.compacted_size {
@@ -96,7 +96,7 @@ entry! {
             Of::UPDATE_SCRATCH => of.update_scratch_bytes,
             _ => return write_requirements(out, of.structure.size_bytes, MEMORY_ALIGNMENT),
         };
-        // Scratch memory is a buffer, which has requirements of its own.
+        // Scratch memory is a buffer with requirements of its own.
         (*out).memory_requirements = vk::MemoryRequirements {
             size: scratch_bytes,
             ..Default::default()

@@ -37,7 +37,7 @@ fn queue_family() -> vk::QueueFamilyProperties {
     }
 }
 
-/// One heap, one type: a device address is a host address.
+/// One heap and one memory type, because a device address is a host address.
 fn memory_properties(device: &PhysicalDevice) -> vk::PhysicalDeviceMemoryProperties {
     let mut properties = vk::PhysicalDeviceMemoryProperties {
         memory_type_count: 1,
@@ -92,7 +92,7 @@ fn external_memory(ty: vk::ExternalMemoryHandleTypeFlags) -> vk::ExternalMemoryP
     }
 }
 
-/// The planes of images that can be resident in parts; none if images like this cannot.
+/// The planes of partially resident images; none if such images are not supported.
 fn resident_planes(
     format: vk::Format,
     ty: vk::ImageType,
@@ -153,7 +153,7 @@ entry! {
         count: *mut u32,
         out: *mut vk::QueueFamilyProperties,
     ) {
-        // Too few elements are no error here: the function returns nothing.
+        // Too few elements are no error, since the function returns nothing.
         let _ = enumerate(count, out, [queue_family()].into_iter());
     }
 
@@ -167,7 +167,7 @@ entry! {
             if let Some(priorities) =
                 chain::find_mut::<vk::QueueFamilyGlobalPriorityPropertiesKHR>(out.p_next)
             {
-                // All are served alike.
+                // All queue priorities are equal.
                 let all = [
                     vk::QueueGlobalPriorityKHR::LOW,
                     vk::QueueGlobalPriorityKHR::MEDIUM,
@@ -178,11 +178,11 @@ entry! {
                 priorities.priorities[..all.len()].copy_from_slice(&all);
             }
             if let Some(transfer) = chain::find_mut::<newer::QueueFamilyOwnershipTransferPropertiesKHR>(out.p_next) {
-                // No layout depends on the family.
+                // No image layout depends on the queue family.
                 transfer.optimal_image_transfer_to_queue_families = u32::MAX;
             }
             if let Some(transfer) = chain::find_mut::<newer::QueueFamilyOptimalImageTransferGranularityPropertiesKHR<'_>>(out.p_next) {
-                // Images are linear: no region is better than another.
+                // Images are linear, so transfers have no granularity.
                 transfer.optimal_image_transfer_granularity = family.min_image_transfer_granularity;
             }
         });
@@ -224,7 +224,7 @@ entry! {
             out3.buffer_features = features.buffer;
         }
         if let Some(out4) = chain::find_mut::<newer::FormatProperties4KHR<'_>>((*out).p_next) {
-            // None is defined yet.
+            // No members are defined yet.
             out4.linear_tiling_features = 0;
             out4.optimal_tiling_features = 0;
             out4.buffer_features = 0;
@@ -263,7 +263,7 @@ entry! {
         }
         (*out).image_format_properties = described_image(&*info)?;
         if let Some(out) = chain::find_mut::<vk::SamplerYcbcrConversionImageFormatProperties>((*out).p_next) {
-            // A descriptor of any other combined image sampler is no smaller.
+            // Descriptors of all combined image samplers have the same size.
             out.combined_image_sampler_descriptor_count = 1;
         }
         if let Some(out) = chain::find_mut::<vk::HostImageCopyDevicePerformanceQueryEXT>((*out).p_next) {

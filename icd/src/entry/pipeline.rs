@@ -33,16 +33,17 @@ destroy! {
 unsafe fn words(info: &vk::ShaderModuleCreateInfo<'_>) -> VkResult<Arc<[u32]>> {
     let count =
         u32::try_from(info.code_size / 4).map_err(|_| vk::Result::ERROR_OUT_OF_HOST_MEMORY)?;
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that `info` is valid usage of `vkCreateShaderModule`.
     Ok(unsafe { ffi::slice(info.p_code, count) }.into())
 }
 
-/// Writes `VkPipelineCreationFeedback` where it is asked for.
+/// Writes `VkPipelineCreationFeedback`, if requested.
 ///
 /// # Safety
 /// `next` is the chain of a pipeline's creation.
 pub unsafe fn write_feedback(next: *const c_void, start: Instant, cache_hits: &[bool]) {
-    // SAFETY: the caller's promise: the structure's pointers are valid outputs.
+    // SAFETY: the caller guarantees that `next` is the chain of a pipeline's creation; the
+    // structure's pointers are valid outputs.
     unsafe {
         let Some(info) = chain::find::<vk::PipelineCreationFeedbackCreateInfo>(next) else {
             return;
@@ -77,7 +78,7 @@ unsafe fn create_compute(
     cache: Option<&PipelineCache>,
     info: &vk::ComputePipelineCreateInfo<'_>,
 ) -> VkResult<vk::Pipeline> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that `info` is valid usage of `vkCreateComputePipelines`.
     unsafe {
         let start = Instant::now();
         let layout = pipeline_layout(info.layout);
@@ -94,9 +95,9 @@ unsafe fn create_compute(
     }
 }
 
-/// Creates pipelines one after the other by the rules of "Multiple Pipeline Creation": those that
-/// fail are null handles, the first failure is the result (an error before
-/// `VK_PIPELINE_COMPILE_REQUIRED`), and a failed one may ask to stop.
+/// Creates pipelines in order by the rules of "Multiple Pipeline Creation": failed ones are null
+/// handles, the first failure is the result (an error before `VK_PIPELINE_COMPILE_REQUIRED`), and
+/// flags of a failed one may stop the creation.
 ///
 /// # Safety
 /// `out` has room for as many handles.
@@ -106,7 +107,7 @@ pub unsafe fn create_each<T>(
     flags: impl Fn(&T) -> vk::PipelineCreateFlags,
     create: impl Fn(&T) -> VkResult<vk::Pipeline>,
 ) -> VkResult {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that `out` has room for as many handles.
     let out = unsafe { array::slice_mut(out, infos.len() as u32) };
     out.fill(vk::Pipeline::null());
     let mut result = Ok(());

@@ -1,4 +1,4 @@
-//! `VK_KHR_pipeline_binary`: a pipeline with stages of its own has one binary, any other has none.
+//! `VK_KHR_pipeline_binary`: a pipeline with its own stages has one binary, any other has none.
 
 use std::ffi::c_void;
 
@@ -32,9 +32,10 @@ fn write_key(out: &mut vk::PipelineBinaryKeyKHR<'_>, key: [u8; 16]) {
 /// As [`decode_stage`].
 ///
 /// # Safety
-/// `info` points to a valid structure that pipelines are created with.
+/// `info` points to a valid create info of a pipeline.
 unsafe fn own_stages(info: *const c_void) -> VkResult<(Vec<ShaderStage>, vk::PipelineLayout)> {
-    // SAFETY: the caller's promise; the type says which structure it is.
+    // SAFETY: the caller guarantees that `info` points to a valid structure that pipelines are
+    // created with; the type says which structure it is.
     unsafe {
         let Some(first) = chain::nodes(info).next() else {
             return Err(vk::Result::ERROR_UNKNOWN);
@@ -76,7 +77,7 @@ entry! {
                 .collect(),
             None => match optional::<Pipeline>(info.pipeline) {
                 Some(pipeline) => pipeline.captured.binary.lock().iter().cloned().map(Some).collect(),
-                // There is no internal cache to look into.
+                // There is no internal cache.
                 None => return Err(vk::PIPELINE_BINARY_MISSING_KHR),
             },
         };
@@ -103,7 +104,7 @@ entry! {
         out: *mut vk::PipelineBinaryKeyKHR<'_>,
     ) -> vk::Result {
         let Some(info) = info.as_ref() else {
-            // Another compiler's binaries are refused.
+            // Binaries of another compiler are refused.
             write_key(&mut *out, pipeline_cache_uuid());
             return Ok(());
         };

@@ -41,7 +41,7 @@ enum Value {
 
 type Statistic = (&'static str, &'static str, Value);
 
-/// The statistics of a program, and of its module where that was captured.
+/// The statistics of a program, and of its module if that was captured.
 fn statistics(program: &Program, module: Option<&Module>) -> Vec<Statistic> {
     let count = |value: usize| Value::Count(value as u64);
     let mut all: Vec<Statistic> = Vec::new();
@@ -128,7 +128,7 @@ fn write_statistic(out: &mut vk::PipelineExecutableStatisticKHR<'_>, statistic: 
     let (name, description, value) = statistic;
     array::write_text(&mut out.name, name);
     array::write_text(&mut out.description, description);
-    // Readers of any member find defined bytes.
+    // All bytes of the union are defined.
     out.value = vk::PipelineExecutableStatisticValueKHR { u64: 0 };
     match value {
         Value::Is(it) => {
@@ -142,10 +142,11 @@ fn write_statistic(out: &mut vk::PipelineExecutableStatisticKHR<'_>, statistic: 
     }
 }
 
-/// A text that an executable is shown as: its name, a description, and the text itself.
+/// A representation of an executable: its name, a description, and the text.
 type Representation = (&'static str, &'static str, String);
 
-/// The texts of a program whose module was captured: the IR, and native code if there is any.
+/// The representations of a program with a captured module: the IR, and native code if there is
+/// any.
 fn representations(program: &Program, module: &Module) -> Vec<Representation> {
     let ir = (
         "IR",
@@ -181,7 +182,8 @@ unsafe fn write_representation(
         text.truncate(room);
         text.last_mut().into_iter().for_each(|last| *last = 0);
     }
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the data is null or has room for as many bytes as the
+    // structure says.
     unsafe { enumerate_bytes(&mut out.data_size, data, |_| (text, all)) }
 }
 
@@ -197,14 +199,14 @@ fn describe(program: &Program, name: &mut [c_char; 256], description: &mut [c_ch
 /// An executable of a pipeline, and its module if that was captured.
 ///
 /// # Errors
-/// `VK_ERROR_UNKNOWN` for one that there is not.
+/// `VK_ERROR_UNKNOWN` for an invalid index.
 ///
 /// # Safety
 /// The info is valid.
 unsafe fn executable<'a>(
     info: &vk::PipelineExecutableInfoKHR<'_>,
 ) -> VkResult<(&'a Program, Option<Module>)> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the info is valid.
     let pipeline = unsafe { from_handle::<'a, Pipeline>(info.pipeline) };
     let programs = pipeline.programs();
     let program = programs.get(info.executable_index as usize);
@@ -238,7 +240,7 @@ entry! {
         enumerate_with(count, out, all.into_iter(), write_statistic)
     }
 
-    /// The optimised IR and native code as text, where the module was captured.
+    /// The optimized IR and native code as text, if the module was captured.
     fn vkGetPipelineExecutableInternalRepresentationsKHR(
         _device: vk::Device,
         info: *const vk::PipelineExecutableInfoKHR<'_>,

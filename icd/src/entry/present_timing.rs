@@ -1,4 +1,4 @@
-//! When presentations are to be seen and were: `VK_EXT_present_timing`.
+//! `VK_EXT_present_timing`: target times and reported times of presentations.
 
 use super::define::entry;
 use crate::ffi::enumerate::enumerate;
@@ -29,7 +29,7 @@ unsafe fn tell(out: &mut vk::PastPresentationTimingEXT<'_>, report: &Report) {
     out.present_id = report.id;
     out.target_time = report.target_ns;
     out.report_complete = vk::TRUE;
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that `out` has room for as many stages as it says.
     let room = unsafe { array::slice_mut(out.p_present_stages, out.present_stage_count) };
     let mut count = 0;
     for (out, stage) in room.iter_mut().zip(report.times()) {
@@ -56,7 +56,7 @@ entry! {
     ) -> vk::Result {
         let (period, now) = from_handle::<Swapchain>(swapchain)
             .timings(|timings| (timings.period_ns(), timings.counter));
-        // All that is known has a fixed rate.
+        // All known displays have a fixed rate.
         (*out).refresh_duration = period;
         (*out).refresh_interval = period;
         if let Some(counter) = counter.as_mut() {
@@ -81,7 +81,7 @@ entry! {
         let mut count = out.time_domain_count;
         let ids = domains().iter().map(|(_, id)| *id);
         let domains = domains().iter().map(|(domain, _)| *domain);
-        // Both arrays have the same room, and the same answer.
+        // Both arrays have the same capacity and count.
         let _ = enumerate(&mut count, out.p_time_domains, domains);
         enumerate(&mut out.time_domain_count, out.p_time_domain_ids, ids)
     }

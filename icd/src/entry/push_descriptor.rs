@@ -1,5 +1,4 @@
-//! `VK_KHR_push_descriptor`: each push binds a new set, so that commands recorded before keep
-//! theirs.
+//! `VK_KHR_push_descriptor`: each push binds a new set, so that earlier commands keep theirs.
 
 use std::ffi::c_void;
 

@@ -58,8 +58,7 @@ commands! {
         commands.push(Command::ResetQueryPool { pool, first, count })
     }
 
-    /// Commands of a queue run one after the other, so the time is that of its turn, whatever the
-    /// stage.
+    /// Commands of a queue run one after the other, so the stage does not matter for a timestamp.
     fn vkCmdWriteTimestamp(commands, _stage: vk::PipelineStageFlags, pool: vk::QueryPool, query: u32) {
         let pool = handle::retain::<QueryPool>(pool);
         commands.push(Command::WriteTimestamp { pool, query })

@@ -1,4 +1,4 @@
-//! Queues: getting them, submitting to them, waiting for them.
+//! Queues: queries, submissions and waits.
 
 use std::sync::Arc;
 
@@ -23,7 +23,7 @@ entry! {
     }
 
     fn vkGetDeviceQueue2(device: vk::Device, info: *const vk::DeviceQueueInfo2, out: *mut vk::Queue) {
-        // A query for flags that no queue was created with gives none.
+        // Flags other than those of the creation match no queue.
         *out = match (*info).flags == handle::from_handle::<Device>(device).queue_flags {
             true => queue(device, (*info).queue_index),
             false => vk::Queue::null(),
@@ -81,12 +81,12 @@ fn queue(device: vk::Device, index: u32) -> vk::Queue {
         .map_or(vk::Queue::null(), handle::handle_of)
 }
 
-/// Puts submissions in line, the fence with the last of them.
+/// Enqueues submissions, the fence with the last one.
 ///
 /// # Safety
 /// The handles are alive.
 unsafe fn submit(queue: vk::Queue, mut submissions: Vec<Submission>, fence: vk::Fence) -> VkResult {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the handles are alive.
     let fence = (!fence.is_null()).then(|| unsafe { handle::retain::<Fence>(fence) });
     match submissions.last_mut() {
         Some(last) => last.fence = fence,
@@ -96,23 +96,22 @@ unsafe fn submit(queue: vk::Queue, mut submissions: Vec<Submission>, fence: vk::
             ..Submission::default()
         }),
     }
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the handles are alive.
     unsafe { handle::from_handle::<Queue>(queue) }.submit(submissions)
 }
 
-/// Bindings of buffers and of whole images; images have no parts of their own to bind. Those of
-/// resources that are not sparse are left out.
+/// Binds of buffers and of opaque images. Binds of resources that are not sparse are ignored.
 ///
 /// # Safety
 /// A valid structure of live handles.
 unsafe fn sparse_binds(info: &vk::BindSparseInfo<'_>) -> Vec<SparseBind> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees a valid structure of live handles.
     unsafe {
         let decode =
             |resource: &Arc<Reservation>, unit: u64, bind: &vk::SparseMemoryBind| SparseBind {
                 resource: Arc::clone(resource),
                 resource_offset: bind.resource_offset,
-                // The end of a resource may be inside its last block.
+                // A resource may end inside its last block.
                 size_bytes: bind.size.next_multiple_of(unit),
                 memory: (!bind.memory.is_null()).then(|| {
                     (
@@ -162,7 +161,7 @@ unsafe fn sparse_binds(info: &vk::BindSparseInfo<'_>) -> Vec<SparseBind> {
 /// # Safety
 /// A valid structure of live handles.
 unsafe fn submission(info: &vk::SubmitInfo<'_>) -> VkResult<Submission> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees a valid structure of live handles.
     unsafe {
         let timeline = ffi::find::<vk::TimelineSemaphoreSubmitInfo>(info.p_next);
         let buffers = ffi::slice(info.p_command_buffers, info.command_buffer_count);
@@ -189,7 +188,7 @@ unsafe fn submission(info: &vk::SubmitInfo<'_>) -> VkResult<Submission> {
 /// # Safety
 /// As [`submission`].
 unsafe fn submission2(info: &vk::SubmitInfo2<'_>) -> VkResult<Submission> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller keeps the promises of `submission`.
     unsafe {
         let semaphore = |info: &vk::SemaphoreSubmitInfo| {
             (handle::retain::<Semaphore>(info.semaphore), info.value)
@@ -215,7 +214,7 @@ unsafe fn submission2(info: &vk::SubmitInfo2<'_>) -> VkResult<Submission> {
 /// # Safety
 /// The handle is alive.
 unsafe fn executable(buffer: vk::CommandBuffer) -> VkResult<Arc<Vec<crate::command::Command>>> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the handle is alive.
     let buffer = unsafe { handle::from_handle::<CommandBuffer>(buffer) };
     buffer.recording.lock().executable()
 }
@@ -223,7 +222,7 @@ unsafe fn executable(buffer: vk::CommandBuffer) -> VkResult<Arc<Vec<crate::comma
 /// # Safety
 /// As [`submission`].
 unsafe fn wait_values<'a>(info: &vk::TimelineSemaphoreSubmitInfo<'a>) -> &'a [u64] {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller keeps the promises of `submission`.
     unsafe {
         ffi::slice(
             info.p_wait_semaphore_values,
@@ -235,7 +234,7 @@ unsafe fn wait_values<'a>(info: &vk::TimelineSemaphoreSubmitInfo<'a>) -> &'a [u6
 /// # Safety
 /// As [`submission`].
 unsafe fn signal_values<'a>(info: &vk::TimelineSemaphoreSubmitInfo<'a>) -> &'a [u64] {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller keeps the promises of `submission`.
     unsafe {
         ffi::slice(
             info.p_signal_semaphore_values,
@@ -244,7 +243,7 @@ unsafe fn signal_values<'a>(info: &vk::TimelineSemaphoreSubmitInfo<'a>) -> &'a [
     }
 }
 
-/// Semaphores with their values; binary ones may have none.
+/// Semaphores with their values, which binary ones may lack.
 ///
 /// # Safety
 /// As [`submission`].
@@ -253,7 +252,7 @@ unsafe fn semaphores(
     count: u32,
     values: Option<&[u64]>,
 ) -> Vec<(handle::Ref<Semaphore>, u64)> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller keeps the promises of `submission`.
     let semaphores = unsafe { ffi::slice(semaphores, count) };
     semaphores
         .iter()
@@ -263,7 +262,7 @@ unsafe fn semaphores(
                 .and_then(|values| values.get(index))
                 .copied()
                 .unwrap_or(0);
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller keeps the promises of `submission`.
             (unsafe { handle::retain::<Semaphore>(semaphore) }, value)
         })
         .collect()

@@ -30,7 +30,8 @@ unsafe fn write_handles(
     data_bytes: usize,
     data: *mut c_void,
 ) -> VkResult {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the pipeline is alive and `data` has room for
+    // `data_bytes`.
     unsafe {
         let groups = from_handle::<Pipeline>(handle).groups();
         let room = data_bytes / HANDLE_SIZE;
@@ -50,7 +51,7 @@ unsafe fn write_handles(
     }
 }
 
-/// `vkCreateRayTracingPipelinesKHR`, now or later.
+/// `vkCreateRayTracingPipelinesKHR`, immediate or deferred.
 struct Creation {
     device: Ref<Device>,
     cache: Option<Ref<PipelineCache>>,
@@ -59,7 +60,7 @@ struct Creation {
 }
 
 impl Creation {
-    /// Threads that have something to do: stages are compiled side by side.
+    /// The number of useful threads, since stages are compiled in parallel.
     fn concurrency(&self) -> usize {
         let stages: usize = self
             .infos
@@ -69,10 +70,10 @@ impl Creation {
         stages.clamp(1, self.device.engine.workers.current_num_threads())
     }
 
-    /// Creates one pipeline after the other, as `create_each` does.
+    /// Creates the pipelines in order, with `create_each`.
     ///
     /// # Safety
-    /// Valid usage of the command; what was passed to it is still there.
+    /// Valid usage of the command; its arguments still exist.
     unsafe fn run(self) -> VkResult {
         let Self {
             device,
@@ -81,7 +82,8 @@ impl Creation {
             pipelines,
         } = self;
         let cache = cache.as_ref().map(|cache| &***cache);
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees valid usage of the command; what was passed to it is still
+        // there.
         unsafe {
             create_each(
                 infos,
@@ -155,7 +157,7 @@ unsafe fn tables(
     hit: *const vk::StridedDeviceAddressRegionKHR,
     callable: *const vk::StridedDeviceAddressRegionKHR,
 ) -> Tables {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the pointers are to valid regions.
     unsafe {
         Tables {
             raygen: region(raygen),
@@ -204,8 +206,8 @@ commands! {
     }
 
     fn vkCmdSetRayTracingPipelineStackSizeKHR(command_buffer, size_bytes: u32) {
-        // Suspended invocations live on the heap, and go on from there when the declared stack is
-        // too small: it is for validation alone.
+        // Suspended invocations live on the heap and continue even if the declared stack is too
+        // small. Only validation uses the stack size.
         command_buffer.push(Command::SetRayTracingStackSize(size_bytes))
     }
 }

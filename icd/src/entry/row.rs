@@ -30,7 +30,7 @@ pub struct Command {
 }
 
 impl Command {
-    /// Whether `vkGetInstanceProcAddr` gives it: instance extensions must be enabled.
+    /// Whether `vkGetInstanceProcAddr` returns it: instance extensions must be enabled.
     pub fn available_to_instance(&self, enabled: ExtensionSet) -> bool {
         match self.availability {
             Availability::Core(_) => true,
@@ -41,8 +41,8 @@ impl Command {
         }
     }
 
-    /// Whether `vkGetDeviceProcAddr` gives it to an application that asked for a version of Vulkan.
-    /// `enabled` has the extensions of the device and of its instance.
+    /// Whether `vkGetDeviceProcAddr` returns it to an application of a Vulkan version. `enabled`
+    /// has the extensions of the device and of its instance.
     pub fn available_to_device(&self, version: u32, enabled: ExtensionSet) -> bool {
         self.level == Level::Device
             && match self.availability {
@@ -52,8 +52,8 @@ impl Command {
     }
 }
 
-/// A row is `Level Availability [| Availability]* PFN_type module::function [as alias];`. That the
-/// function has the PFN's type is checked by the compiler.
+/// A row is `Level Availability [| Availability]* PFN_type module::function [as alias];`. The
+/// compiler checks that the function has the PFN's type.
 macro_rules! commands {
     ($($level:ident $($extension:ident)|+ $pfn:ident $module:ident::$name:ident $(as $alias:ident)?;)*) => {
         /// Adds the rows, one for each availability.
@@ -61,8 +61,8 @@ macro_rules! commands {
         pub fn add_rows(rows: &mut Vec<$crate::entry::row::Command>) {
             $({
                 let function: vk::$pfn = $module::$name;
-                // SAFETY: `PFN_vkVoidFunction` is the type that such pointers are passed around
-                // as; callers cast back.
+                // SAFETY: `PFN_vkVoidFunction` is the generic type of such pointers; callers cast
+                // them back.
                 let function = unsafe { std::mem::transmute::<vk::$pfn, unsafe extern "system" fn()>(function) };
                 let name = commands!(@name $name $($alias)?);
                 let level = $crate::entry::row::Level::$level;

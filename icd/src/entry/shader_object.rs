@@ -23,7 +23,7 @@ destroy! {
     vkDestroyShaderEXT: ShaderObject, ShaderEXT;
 }
 
-/// Creates one shader, from SPIR-V or from what `vkGetShaderBinaryDataEXT` gave.
+/// Creates one shader, from SPIR-V or from the data of `vkGetShaderBinaryDataEXT`.
 ///
 /// # Safety
 /// `info` is valid usage of `vkCreateShadersEXT`.
@@ -31,7 +31,7 @@ unsafe fn create(
     device: &Device,
     info: &vk::ShaderCreateInfoEXT<'_>,
 ) -> VkResult<Ref<ShaderObject>> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that `info` is valid usage of `vkCreateShadersEXT`.
     unsafe {
         let sets = slice(info.p_set_layouts, info.set_layout_count)
             .iter()
@@ -77,7 +77,7 @@ entry! {
         data: *mut c_void,
     ) -> vk::Result {
         let binary = from_handle::<ShaderObject>(shader).binary();
-        // All or nothing.
+        // Either the whole binary is written or nothing.
         enumerate_bytes(size, data.cast(), |room| match binary.len() <= room {
             true => (binary, true),
             false => (Vec::new(), false),
@@ -94,7 +94,7 @@ commands! {
     ) {
         let shaders = slice(shaders, count);
         for (index, &stage) in slice(stages, count).iter().enumerate() {
-            // No array: none of them.
+            // Without an array, the stages are unbound.
             let shader = shaders.get(index).copied().unwrap_or_default();
             let shader = optional::<ShaderObject>(shader).map(|_| retain::<ShaderObject>(shader));
             match program_stage(stage) {
@@ -106,7 +106,7 @@ commands! {
                 Some(stage) if Stages::has(stage) => {
                     commands.push(Command::Graphics(GraphicsCommand::BindShader(stage, shader)))?;
                 }
-                // Stages that are not there are bound to nothing.
+                // Unsupported stages are ignored.
                 _ => {}
             }
         }

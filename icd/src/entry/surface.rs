@@ -1,4 +1,4 @@
-//! Surfaces: `VK_KHR_surface`, the kinds of windows, and what can be presented to them.
+//! Surfaces: `VK_KHR_surface`, the window systems, and surface capabilities.
 
 use std::ffi::c_void;
 
@@ -17,7 +17,7 @@ use crate::present::{
 use crate::table::extensions::Extension;
 use crate::table::limits::MAX_IMAGE_DIMENSION;
 
-/// Formats that a surface can show.
+/// The formats of a surface.
 fn formats(device: &PhysicalDevice) -> Vec<vk::SurfaceFormatKHR> {
     let plain = FORMATS.map(|format| (format, vk::ColorSpaceKHR::SRGB_NONLINEAR));
     let has_spaces = (device.instance_extensions).contains(Extension::EXT_SWAPCHAIN_COLORSPACE);
@@ -30,7 +30,7 @@ fn formats(device: &PhysicalDevice) -> Vec<vk::SurfaceFormatKHR> {
         .collect()
 }
 
-/// Asks a surface, or one without a window for `VK_NULL_HANDLE` (`VK_GOOGLE_surfaceless_query`):
+/// Queries a surface, or a headless one for `VK_NULL_HANDLE` (`VK_GOOGLE_surfaceless_query`), whose
 /// formats and modes are the same.
 ///
 /// # Safety
@@ -39,14 +39,14 @@ unsafe fn ask<R>(
     surface: vk::SurfaceKHR,
     question: impl FnOnce(&Surface) -> VkResult<R>,
 ) -> VkResult<R> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the handle is alive or null.
     match unsafe { optional::<Surface>(surface) } {
         Some(surface) => question(surface),
         None => question(&Surface::headless()),
     }
 }
 
-/// Answers the structures behind `VkSurfaceCapabilities2KHR`.
+/// Fills the structures in the chain of `VkSurfaceCapabilities2KHR`.
 ///
 /// # Safety
 /// A valid chain of output structures.
@@ -55,7 +55,7 @@ unsafe fn fill_capabilities(
     capabilities: &vk::SurfaceCapabilitiesKHR,
     mode: Option<vk::PresentModeKHR>,
 ) {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees a valid chain of output structures.
     unsafe {
         if let Some(out) = chain::find_mut::<vk::SurfaceProtectedCapabilitiesKHR>(next) {
             out.supports_protected = vk::FALSE;
@@ -99,7 +99,7 @@ unsafe fn fill_capabilities(
         if let Some(out) = chain::find_mut::<vk::SurfacePresentModeCompatibilityEXT>(next) {
             let modes: Vec<_> =
                 compatible_modes(mode.unwrap_or(vk::PresentModeKHR::FIFO)).collect();
-            // The command has no code that says that there are more.
+            // The command cannot return `VK_INCOMPLETE`.
             let _ = enumerate(
                 &mut out.present_mode_count,
                 out.p_present_modes,
@@ -205,7 +205,7 @@ entry! {
         count: *mut u32,
         out: *mut vk::Rect2D,
     ) -> vk::Result {
-        // Without a window of its own a surface is as large as a swapchain makes it.
+        // The swapchain decides the size of a headless surface.
         let extent = ask(handle, |surface| surface.capabilities(None))?.current_extent;
         enumerate(count, out, [vk::Rect2D { extent, ..Default::default() }].into_iter())
     }

@@ -1,4 +1,4 @@
-//! Swapchains: `VK_KHR_swapchain` and what adds to it.
+//! Swapchains: `VK_KHR_swapchain` and its extensions.
 
 use std::ffi::c_void;
 use std::sync::Arc;
@@ -23,7 +23,7 @@ use crate::queue::{Queue, Submission};
 /// # Safety
 /// `info` is valid usage of `vkCreateSwapchainKHR`.
 unsafe fn image_info<'a>(info: &vk::SwapchainCreateInfoKHR<'_>) -> vk::ImageCreateInfo<'a> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that `info` is valid usage of `vkCreateSwapchainKHR`.
     let usage = unsafe { swapchain_usage(info) };
     let mutable = info
         .flags
@@ -53,7 +53,7 @@ unsafe fn image_info<'a>(info: &vk::SwapchainCreateInfoKHR<'_>) -> vk::ImageCrea
 /// # Safety
 /// `info` is valid usage of `vkCreateSwapchainKHR`.
 unsafe fn creation<'a>(info: &vk::SwapchainCreateInfoKHR<'a>) -> Creation<'a> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that `info` is valid usage of `vkCreateSwapchainKHR`.
     let (images, scaling) = unsafe {
         (
             image_info(info),
@@ -75,12 +75,12 @@ unsafe fn creation<'a>(info: &vk::SwapchainCreateInfoKHR<'a>) -> Creation<'a> {
     }
 }
 
-/// An array of a structure behind `VkPresentInfoKHR`: element `index`, where it is there.
+/// Element `index` of an array in the chain of `VkPresentInfoKHR`, if the array exists.
 ///
 /// # Safety
 /// `data` is null or has `count` elements.
 unsafe fn element<T: Copy>(data: *const T, count: u32, index: usize) -> Option<T> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that `data` is null or has `count` elements.
     unsafe { slice(data, count) }.get(index).copied()
 }
 
@@ -94,7 +94,8 @@ unsafe fn request(
     index: usize,
     image: u32,
 ) -> Request {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that `info` is valid usage of `vkQueuePresentKHR`, and has a
+    // swapchain `index`.
     unsafe {
         let next = info.p_next;
         let id = chain::find::<vk::PresentIdKHR>(next)
@@ -130,7 +131,7 @@ unsafe fn request(
 /// # Safety
 /// `next` is the chain of valid usage of `vkQueuePresentKHR`.
 unsafe fn present_fences(next: *const c_void) -> Vec<handle::Ref<Fence>> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that `next` is the chain of valid usage of `vkQueuePresentKHR`.
     unsafe {
         let Some(info) = chain::find::<vk::SwapchainPresentFenceInfoEXT>(next) else {
             return Vec::new();
@@ -141,7 +142,7 @@ unsafe fn present_fences(next: *const c_void) -> Vec<handle::Ref<Fence>> {
     }
 }
 
-/// Acquires an image, and signals at once: it comes back when it is not read any more.
+/// Acquires an image and signals at once, since a free image is no longer read.
 ///
 /// # Safety
 /// The handles are alive, or null where that is allowed.
@@ -152,7 +153,7 @@ unsafe fn acquire(
     semaphore: vk::Semaphore,
     fence: vk::Fence,
 ) -> VkResult<(u32, bool)> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the handles are alive, or null where that is allowed.
     unsafe {
         let acquired = from_handle::<Swapchain>(swapchain).acquire(timeout_ns)?;
         if let Some(semaphore) = optional::<Semaphore>(semaphore) {
@@ -224,7 +225,7 @@ entry! {
             for image in &swapchain.images {
                 report::<Image>(device, handle::handle_of(image), AddressEvent::Unbound);
             }
-            // A queue may hold it longer, but not its window.
+            // A queue may hold the swapchain longer, but not its window.
             swapchain.close();
         }
     }
@@ -293,13 +294,13 @@ entry! {
         for (out, &code) in array::slice_mut(info.p_results, info.swapchain_count).iter_mut().zip(&codes) {
             *out = code;
         }
-        // The worst of them: errors are negative, and being suboptimal is not.
+        // The worst result: errors are negative, `VK_SUBOPTIMAL_KHR` is positive.
         let errors = codes.iter().copied().filter(|code| code.as_raw() < 0);
         let others = codes.iter().copied().filter(|code| code.as_raw() > 0);
         errors.chain(others).next().map_or(Ok(()), Err)
     }
 
-    /// No surface here shows more than its colour space says: metadata changes nothing.
+    /// HDR metadata has no effect: no surface shows more than its color space.
     fn vkSetHdrMetadataEXT(
         _device: vk::Device,
         _count: u32,

@@ -124,7 +124,7 @@ entry! {
 
     fn vkGetEventStatus(device: vk::Device, event: vk::Event) -> vk::Result {
         handle::from_handle::<Device>(device).engine.waiting.lost.check()?;
-        // Both answers are successes, so neither goes the way of `Ok`.
+        // Both results are success codes other than `VK_SUCCESS`, which `Ok` cannot express.
         Err(match handle::from_handle::<Event>(event).is_set() {
             true => vk::Result::EVENT_SET,
             false => vk::Result::EVENT_RESET,

@@ -20,12 +20,12 @@ fn push(commands: &mut Recording, command: GraphicsCommand) -> VkResult {
     commands.push(Command::Graphics(command))
 }
 
-/// The address of a counter in a buffer; 0 if there is none, or no room for it.
+/// The address of a counter in a buffer; 0 if there is no counter, or it does not fit.
 ///
 /// # Safety
 /// The handle is null or alive.
 unsafe fn counter(buffer: vk::Buffer, offset: u64) -> u64 {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the handle is null or alive.
     match unsafe { place(buffer, offset, COUNTER_BYTES) } {
         (address, COUNTER_BYTES) => address,
         _ => 0,
@@ -39,17 +39,19 @@ unsafe fn counters(
     buffers: *const vk::Buffer,
     offsets: *const vk::DeviceSize,
 ) -> SmallVec<[u64; 4]> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the arrays are null or have `count` elements; the handles
+    // are null or alive.
     let (buffers, offsets) = unsafe { (slice(buffers, count), slice(offsets, count)) };
     let address = |(index, &buffer): (usize, &vk::Buffer)| {
         let offset = offsets.get(index).copied().unwrap_or(0);
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the arrays are null or have `count` elements; the
+        // handles are null or alive.
         unsafe { counter(buffer, offset) }
     };
     buffers.iter().enumerate().map(address).collect()
 }
 
-/// The same as [`counter`], of an address.
+/// Like [`counter`], for an address.
 fn counter_at(info: &vk::BindTransformFeedbackBuffer2InfoEXT<'_>) -> u64 {
     match info.address_range.size >= COUNTER_BYTES {
         true => info.address_range.address,
@@ -60,7 +62,7 @@ fn counter_at(info: &vk::BindTransformFeedbackBuffer2InfoEXT<'_>) -> u64 {
 /// # Safety
 /// The array is null or has `count` elements.
 unsafe fn counters_at(count: u32, infos: *const c_void) -> SmallVec<[u64; 4]> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the array is null or has `count` elements.
     let infos = unsafe { slice(infos.cast(), count) };
     infos.iter().map(counter_at).collect()
 }

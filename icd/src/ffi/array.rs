@@ -12,7 +12,8 @@ pub unsafe fn slice<'a, T>(data: *const T, count: u32) -> &'a [T] {
     if data.is_null() || count == 0 {
         return &[];
     }
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that `data` is null or points to `count` initialised elements
+    // that live and stay unwritten for `'a`.
     unsafe { std::slice::from_raw_parts(data, count as usize) }
 }
 
@@ -24,7 +25,8 @@ pub unsafe fn bytes<'a>(data: *const c_void, size_bytes: usize) -> &'a [u8] {
     if data.is_null() || size_bytes == 0 {
         return &[];
     }
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that `data` is null or points to `size_bytes` bytes that live
+    // and stay unwritten for `'a`.
     unsafe { std::slice::from_raw_parts(data.cast(), size_bytes) }
 }
 
@@ -36,7 +38,8 @@ pub unsafe fn slice_mut<'a, T>(data: *mut T, count: u32) -> &'a mut [T] {
     if data.is_null() || count == 0 {
         return &mut [];
     }
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that `data` is null or points to `count` elements that nothing
+    // else uses for `'a`.
     unsafe { std::slice::from_raw_parts_mut(data, count as usize) }
 }
 
@@ -48,7 +51,8 @@ pub unsafe fn string<'a>(text: *const c_char) -> &'a CStr {
     if text.is_null() {
         return c"";
     }
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that `text` is null or a NUL-terminated string that lives for
+    // `'a`.
     unsafe { CStr::from_ptr(text) }
 }
 

@@ -11,8 +11,8 @@ use ash::vk;
 pub unsafe fn nodes<'a>(next: *const c_void) -> impl Iterator<Item = &'a vk::BaseInStructure<'a>> {
     let mut node: *const vk::BaseInStructure<'a> = next.cast();
     std::iter::from_fn(move || {
-        // SAFETY: the caller's promise: null, or a structure that begins as `VkBaseInStructure`
-        // does.
+        // SAFETY: the caller guarantees that `next` starts a valid `pNext` chain that lives for
+        // `'a`; null, or a structure that begins as `VkBaseInStructure` does.
         let this = unsafe { node.as_ref() }?;
         node = this.p_next;
         Some(this)
@@ -24,7 +24,8 @@ pub unsafe fn nodes<'a>(next: *const c_void) -> impl Iterator<Item = &'a vk::Bas
 /// # Safety
 /// As [`nodes`].
 pub unsafe fn find<'a, T: vk::TaggedStructure>(next: *const c_void) -> Option<&'a T> {
-    // SAFETY: the caller's promise; the type word says that the structure is a `T`.
+    // SAFETY: the caller keeps the promises of `nodes`; the type word says that the structure is a
+    // `T`.
     unsafe {
         nodes(next)
             .find(|node| node.s_type == T::STRUCTURE_TYPE)
@@ -45,7 +46,8 @@ pub unsafe fn nodes_mut(
             return None;
         }
         let this = node;
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the promises of `nodes`, and guarantees that nothing else uses
+        // the structures for the time of the call.
         node = unsafe { (*this).p_next };
         Some(this)
     })
@@ -56,7 +58,8 @@ pub unsafe fn nodes_mut(
 /// # Safety
 /// As [`nodes_mut`].
 pub unsafe fn find_mut<'a, T: vk::TaggedStructure>(next: *mut c_void) -> Option<&'a mut T> {
-    // SAFETY: the caller's promise; the type word says that the structure is a `T`.
+    // SAFETY: the caller keeps the promises of `nodes_mut`; the type word says that the structure
+    // is a `T`.
     unsafe {
         nodes_mut(next)
             .find(|&node| (*node).s_type == T::STRUCTURE_TYPE)

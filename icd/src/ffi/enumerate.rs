@@ -16,8 +16,8 @@ pub unsafe fn enumerate<T>(
     out: *mut T,
     items: impl ExactSizeIterator<Item = T>,
 ) -> VkResult {
-    // SAFETY: the caller's promise. Elements are written whole, over memory that may be
-    // uninitialised.
+    // SAFETY: the caller guarantees that `count` is valid; `out` is null or has room for `*count`
+    // elements. Elements are written whole, over memory that may be uninitialised.
     unsafe {
         if out.is_null() {
             *count = items.len() as u32;
@@ -51,7 +51,8 @@ pub unsafe fn enumerate_with<T, I>(
     items: impl ExactSizeIterator<Item = I>,
     mut fill: impl FnMut(&mut T, I),
 ) -> VkResult {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller keeps the promises of `enumerate`, and guarantees that the elements are
+    // initialised.
     unsafe {
         let total = items.len() as u32;
         if out.is_null() {
@@ -84,7 +85,8 @@ pub unsafe fn enumerate_bytes(
     out: *mut u8,
     data: impl FnOnce(usize) -> (Vec<u8>, bool),
 ) -> VkResult {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that `size` is valid; `out` is null or has room for `*size`
+    // bytes.
     unsafe {
         if out.is_null() {
             *size = data(usize::MAX).0.len();

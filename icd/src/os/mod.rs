@@ -1,8 +1,8 @@
-//! The operating system: no other module of this crate names `libc` or `std::os`
+//! The operating system. No other module of this crate uses `libc` or `std::os`
 //! (`xtask/tests/system.rs`).
 //!
-//! Each system has a folder with the same modules and items; this file re-exports the one that is
-//! built. The documentation of an item in [`unix`] is the contract for every system. There is no
+//! Each system has a folder with the same modules and items, and this file re-exports the target's
+//! folder. The documentation of an item in [`unix`] is the contract for every system. There is no
 //! dispatch at run time.
 //!
 //! | module | asks the system for |
@@ -20,12 +20,13 @@
 //! | [`window_server`] | memory and sockets of X11 and Wayland: Linux alone |
 //! | `window` | windows, and pixels that are copied to them: Windows alone |
 //!
-//! [`missing`] says why the driver cannot run here, [`HAS_DESCRIPTORS`] whether handles are file
-//! descriptors, as Vulkan's extensions for them want, [`HAS_X11_AND_WAYLAND`] whether windows are
-//! those of [`window_server`], and [`HAS_WIN32`] whether handles and windows are those of Win32.
+//! [`missing`] is the reason why the driver cannot run on this system. [`HAS_DESCRIPTORS`] says
+//! whether handles are file descriptors, as Vulkan's `_fd` extensions require,
+//! [`HAS_X11_AND_WAYLAND`] whether there is a [`window_server`], and [`HAS_WIN32`] whether handles
+//! and windows are those of Win32.
 //!
-//! No item knows Vulkan. A refusal of the system is `None`, `false` or
-//! [`Refused`](section::Refused), and the caller maps it to its own error.
+//! No item uses Vulkan. A system error is `None`, `false` or [`Refused`](section::Refused), which
+//! the caller maps to its own error.
 
 #[cfg(unix)]
 mod unix;

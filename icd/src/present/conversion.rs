@@ -85,7 +85,7 @@ pub fn texel_bytes(format: vk::Format) -> usize {
 /// The texels are readable and aligned to their size.
 pub unsafe fn convert(tier: Tier, texels: Texels, layout: Layout, is_opaque: bool, row: &mut [u8]) {
     assert_eq!(row.len(), texels.count * layout.bytes());
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the texels are readable and aligned to their size.
     unsafe {
         match layout {
             Layout::Argb8888 => to_layout::<Argb8888>(tier, texels, is_opaque, row),
@@ -100,7 +100,7 @@ pub unsafe fn convert(tier: Tier, texels: Texels, layout: Layout, is_opaque: boo
 /// # Safety
 /// As for [`convert`].
 unsafe fn to_layout<L: Words>(tier: Tier, texels: Texels, is_opaque: bool, row: &mut [u8]) {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller keeps the promises of `convert`.
     unsafe {
         match texels.format {
             vk::Format::R16G16B16A16_SFLOAT => floats::<L>(tier, texels, is_opaque, row),
@@ -197,7 +197,8 @@ unsafe fn words<T: Words, L: Words>(tier: Tier, texels: Texels, is_opaque: bool,
         unsafe { body::<T, L>(texels, alpha, row) }
     }
     let alpha = opaque::<L>(is_opaque);
-    // SAFETY: the caller's promise; a tier is one that the machine has (`Tier::best`).
+    // SAFETY: the caller keeps the promises of `convert`; a tier is one that the machine has
+    // (`Tier::best`).
     unsafe {
         match tier {
             #[cfg(target_arch = "x86_64")]

@@ -97,7 +97,7 @@ impl Build {
             flags: self.flags,
             geometries,
         };
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the promises of `Self::execute`.
         unsafe {
             let scratch = writable(reach, self.scratch, self.scratch_bytes());
             if overlap(scratch, destination) {
@@ -141,7 +141,7 @@ impl Triangles {
                 self.indices,
                 corners * index_size_bytes(self.index_type),
             ),
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that nothing writes the transform during the call.
             transform: unsafe { read(reach, self.transform) },
             primitive_count: self.primitive_count,
             flags: self.flags,
@@ -168,7 +168,7 @@ impl MotionTriangles {
     /// # Safety
     /// As [`Triangles::read`].
     unsafe fn read(&self, reach: &Reach) -> MotionGeometry {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the promises of `Triangles::read`.
         let start = unsafe { self.start.read(reach) };
         MotionGeometry {
             start,

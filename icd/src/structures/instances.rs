@@ -34,7 +34,7 @@ impl Instances {
     /// # Safety
     /// Nothing writes the instances during the call.
     pub unsafe fn references(&self, reach: &Reach) -> impl Iterator<Item = Option<u64>> {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that nothing writes the instances during the call.
         (0..self.count)
             .map(|index| unsafe { self.record(reach, index).map(|record| record.reference()) })
     }
@@ -67,7 +67,7 @@ impl Instances {
         room.map_err(|_| BuildError::OutOfMemory)?;
         records.resize(words * self.count as usize, 0u64);
         for (index, place) in records.chunks_exact_mut(words).enumerate() {
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that nothing writes the instances during the call.
             let Some(mut record) = (unsafe { self.record(reach, index as u32) }) else {
                 continue;
             };

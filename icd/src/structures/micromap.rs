@@ -42,7 +42,8 @@ impl MicromapBuild {
             count,
             data: readable(reach, self.data, MAX_DATA_BYTES),
         };
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that every address is readable or writable as the valid
+        // usage of `vkCmdBuildMicromapsEXT` requires, and nothing else writes it during the call.
         unsafe { traversal::build_micromap(&input, storage_bytes(live, self.destination)) }
     }
 }
@@ -55,10 +56,10 @@ impl MicromapBuild {
 pub unsafe fn build(builds: &[MicromapBuild], reach: &Reach, live: &Live, checks: Option<&Checks>) {
     builds.par_iter().for_each(|build| {
         if let Some(checks) = checks {
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that the valid usage of `vkCmdBuildMicromapsEXT` holds.
             unsafe { checks.micromap(build, reach) };
         }
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the valid usage of `vkCmdBuildMicromapsEXT` holds.
         report(unsafe { build.execute(reach, live) }, "micromap build");
     });
 }
@@ -68,7 +69,7 @@ pub unsafe fn build(builds: &[MicromapBuild], reach: &Reach, live: &Live, checks
 /// # Safety
 /// `live` is there during the call.
 pub unsafe fn is_at(live: &Live, address: u64) -> bool {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that `live` is there during the call.
     unsafe { Micromap::at(address, live) }.is_some()
 }
 
@@ -79,7 +80,7 @@ pub unsafe fn is_at(live: &Live, address: u64) -> bool {
 /// Nothing writes the memory in `reach` during the call.
 pub unsafe fn is_serialized_at(reach: &Reach, address: u64) -> bool {
     let address = address.wrapping_add(HEAD_BYTES);
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that nothing writes the memory in `reach` during the call.
     unsafe { read::<u64>(reach, address) == Some(traversal::micromap::MAGIC) }
 }
 
@@ -98,7 +99,7 @@ unsafe fn bytes<'a>(live: &Live, address: u64) -> Option<&'a [u8]> {
 /// Both are the memory of micromap objects. The source is built and not written during the call;
 /// the destination is not used elsewhere.
 pub unsafe fn copy(source: Storage, destination: Storage, live: &Live) {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that both are the memory of micromap objects.
     unsafe {
         let Some(source) = bytes(live, source.address) else {
             return;
@@ -119,7 +120,8 @@ pub unsafe fn serialize(
     reach: &Reach,
     live: &Live,
 ) {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller keeps the promises of `copy`, and guarantees that `destination`, which
+    // lies in `reach`, is writable for the serialized size.
     unsafe {
         let Some(source) = bytes(live, source.address) else {
             return;
@@ -155,7 +157,8 @@ pub unsafe fn deserialize(source: u64, destination: Storage, reach: &Reach, live
 /// # Safety
 /// `address` is the memory of a micromap object that is built.
 pub unsafe fn property(address: u64, query_type: vk::QueryType, live: &Live) -> u64 {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that `address` is the memory of a micromap object that is
+    // built.
     let size_bytes = unsafe { bytes(live, address) }.map_or(0, |bytes| bytes.len() as u64);
     match query_type {
         vk::QueryType::MICROMAP_SERIALIZATION_SIZE_EXT

@@ -77,7 +77,7 @@ pub unsafe fn copy(built: Built, what: BuiltCopy, in_blocks: bool, reach: &Reach
         Built::Structure => limits::serialization_uuids(),
         Built::Micromap => limits::micromap_uuids(),
     };
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller keeps the promises of `acceleration_structure::copy`.
     unsafe {
         let is_micromap = match what {
             BuiltCopy::Whole { source, .. } | BuiltCopy::Serialize { source, .. } => {
@@ -125,7 +125,7 @@ pub unsafe fn copy(built: Built, what: BuiltCopy, in_blocks: bool, reach: &Reach
 /// # Safety
 /// As [`acceleration_structure::property`].
 pub unsafe fn property(of: Built, address: u64, query_type: vk::QueryType, live: &Live) -> u64 {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller keeps the promises of `acceleration_structure::property`.
     unsafe {
         match of {
             Built::Structure if !micromap::is_at(live, address) => {

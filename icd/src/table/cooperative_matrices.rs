@@ -1,4 +1,4 @@
-//! The products of cooperative matrices that shaders may form.
+//! The supported products of cooperative matrices.
 
 #![forbid(unsafe_code)]
 
@@ -6,7 +6,7 @@ use spirv_jit::ir::op::{Component, MatrixProduct};
 
 use crate::ffi::vk;
 
-/// All products: factors of one type, sums of that type or a wider one.
+/// All products: factors of one type, sums of the same or a wider type.
 pub fn products() -> impl ExactSizeIterator<Item = MatrixProduct> {
     const fn product(factor: Component, sum: Component, saturates: bool) -> MatrixProduct {
         MatrixProduct {
@@ -47,7 +47,7 @@ fn component(component: Component) -> vk::ComponentTypeKHR {
     }
 }
 
-/// Writes what the application asks of a product.
+/// Writes the properties of a product.
 pub fn describe(product: &MatrixProduct, out: &mut vk::CooperativeMatrixPropertiesKHR<'_>) {
     let size = MatrixProduct::SIZE as u32;
     (out.m_size, out.n_size, out.k_size) = (size, size, size);

@@ -1,4 +1,4 @@
-//! The products of matrices and cooperative vectors that shaders may form.
+//! The supported products of matrices and cooperative vectors.
 
 #![forbid(unsafe_code)]
 
@@ -7,11 +7,11 @@ use spirv_jit::ir::op::Component;
 use crate::ffi::vk;
 use crate::ffi::vk::ComponentTypeKHR as Type;
 
-/// Types of a product, in the order of `VkCooperativeVectorPropertiesNV`: of the input, its
-/// interpretation, those of matrix and bias, and the result's.
+/// Types of a product, in the order of `VkCooperativeVectorPropertiesNV`: input, input
+/// interpretation, matrix, bias and result.
 type Product = [Type; 5];
 
-/// All products, those that every device with the extension has first
+/// All products, beginning with those that the extension requires
 /// (`VkCooperativeVectorPropertiesNV`).
 pub fn products() -> impl ExactSizeIterator<Item = Product> {
     const F16: Type = Type::FLOAT16;
@@ -50,7 +50,7 @@ pub fn products() -> impl ExactSizeIterator<Item = Product> {
     .into_iter()
 }
 
-/// Writes what the application asks of a product.
+/// Writes the properties of a product.
 pub fn describe(product: Product, out: &mut vk::CooperativeVectorPropertiesNV<'_>) {
     let [input, input_interpretation, matrix, bias, result] = product;
     out.input_type = input;
@@ -61,7 +61,7 @@ pub fn describe(product: Product, out: &mut vk::CooperativeVectorPropertiesNV<'_
     out.transpose = vk::TRUE;
 }
 
-/// The kind of a matrix's components in memory; `None` for those that matrices do not have.
+/// The component type of a matrix in memory; `None` for unsupported types.
 pub fn component(ty: Type) -> Option<Component> {
     Some(match ty {
         Type::FLOAT16 => Component::F16,

@@ -1,4 +1,4 @@
-//! The table of extensions. Whatever stands here works; promoted ones stand here too, because
+//! The table of extensions. Every listed extension works. Promoted ones are listed too, because
 //! applications enable them by name.
 
 #![forbid(unsafe_code)]
@@ -9,7 +9,7 @@ use crate::os;
 
 macro_rules! extensions {
     ($($kind:ident $variant:ident $name:literal $version:literal;)*) => {
-        /// An extension that the driver has.
+        /// A supported extension.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         #[allow(non_camel_case_types)]
         pub enum Extension {
@@ -17,7 +17,7 @@ macro_rules! extensions {
         }
 
         impl Extension {
-            /// All of them, those of other systems included.
+            /// All extensions, with those of other systems.
             pub const ALL: &[Extension] = &[$(Extension::$variant,)*];
 
             /// The extension's name.
@@ -27,7 +27,7 @@ macro_rules! extensions {
                 }
             }
 
-            /// The revision that is implemented (`specVersion`).
+            /// The implemented revision (`specVersion`).
             pub fn version(self) -> u32 {
                 match self {
                     $(Extension::$variant => $version,)*
@@ -44,7 +44,7 @@ macro_rules! extensions {
     };
 }
 
-/// The way in which an extension is enabled.
+/// The kind of object that enables an extension.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     Instance,
@@ -316,7 +316,7 @@ impl ExtensionSet {
         Self(std::array::from_fn(|word| self.0[word] | other.0[word]))
     }
 
-    /// The set that an application asks for by name; `None` if one is not advertised for this kind.
+    /// The set of extensions with these names; `None` if one is not advertised for this kind.
     pub fn from_names<'a>(kind: Kind, names: impl Iterator<Item = &'a CStr>) -> Option<Self> {
         let mut set = Self::default();
         for name in names {

@@ -1,5 +1,5 @@
-//! The table of features: each that works, the structures that name it, and the SPIR-V capabilities
-//! that come with it. A feature that is not here is not supported.
+//! The table of supported features: the structures of each, and the SPIR-V capabilities that it
+//! enables. Features that are not listed are not supported.
 
 use ash::vk::TaggedStructure;
 use rspirv::spirv::Capability;
@@ -25,8 +25,7 @@ macro_rules! features {
             }
         }
 
-        /// Size of a feature structure that is known here, up to the end of its last feature:
-        /// padding may follow, which may hold anything.
+        /// Size of a known feature structure, up to its last feature. Undefined padding may follow.
         fn structure_bytes(ty: vk::StructureType) -> Option<usize> {
             $($(if ty == vk::$structure::STRUCTURE_TYPE {
                 return Some(std::mem::offset_of!(vk::$structure<'_>, _marker));
@@ -42,7 +41,8 @@ macro_rules! features {
         /// # Safety
         /// `node` is a structure of the type that its `sType` says.
         unsafe fn set_supported(node: *mut vk::BaseOutStructure<'_>) {
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that `node` is a structure of the type that its `sType`
+            // says.
             unsafe {
                 let ty = (*node).s_type;
                 $($(if ty == vk::$structure::STRUCTURE_TYPE {
@@ -57,7 +57,7 @@ macro_rules! features {
             $($($(Capability::$capability,)+)?)*
         ];
 
-        /// Those of them that the bindings of SPIR-V lack (`->` in the table).
+        /// Capabilities that the SPIR-V bindings lack (`->` in the table).
         pub const NEWER_CAPABILITIES: &[NewerCapability] = &[
             $($(NewerCapability::$newer,)?)*
         ];
@@ -462,17 +462,17 @@ const BASE_CAPABILITIES: &[Capability] = &[
     Capability::RayTracingNV,
 ];
 
-/// All that a shader module may declare.
+/// All capabilities that a shader module may declare.
 pub fn capabilities() -> Vec<Capability> {
     [BASE_CAPABILITIES, FEATURE_CAPABILITIES].concat()
 }
 
-/// Answers every feature structure of an output chain.
+/// Fills every feature structure of an output chain.
 ///
 /// # Safety
 /// As [`chain::nodes_mut`].
 pub unsafe fn fill_chain(next: *mut std::ffi::c_void) {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller keeps the promises of `chain::nodes_mut`.
     unsafe {
         for node in chain::nodes_mut(next) {
             if let Some(bytes) = structure_bytes((*node).s_type) {
@@ -485,7 +485,7 @@ pub unsafe fn fill_chain(next: *mut std::ffi::c_void) {
     }
 }
 
-/// Checks the features that a device is created with.
+/// Checks the features of a new device.
 ///
 /// # Errors
 /// `VK_ERROR_FEATURE_NOT_PRESENT`.
@@ -493,7 +493,8 @@ pub unsafe fn fill_chain(next: *mut std::ffi::c_void) {
 /// # Safety
 /// `info` is valid usage of `vkCreateDevice`.
 pub unsafe fn check_requested(info: &vk::DeviceCreateInfo<'_>) -> VkResult {
-    // SAFETY: the caller's promise; feature structures are words after their head.
+    // SAFETY: the caller guarantees that `info` is valid usage of `vkCreateDevice`; feature
+    // structures are words after their head.
     unsafe {
         let core2 = chain::find::<vk::PhysicalDeviceFeatures2>(info.p_next).map(|f| &f.features);
         for requested in core2.into_iter().chain(info.p_enabled_features.as_ref()) {

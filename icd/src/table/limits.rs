@@ -8,15 +8,15 @@ use ash::vk;
 
 use crate::os::address_space::max_mappings;
 
-/// Texels along a side of an image: what `images::MAX_LEVELS` has levels for.
+/// Largest side of an image, for which `images::MAX_LEVELS` is enough.
 pub const MAX_IMAGE_DIMENSION: u32 = 16384;
 pub const MAX_IMAGE_DIMENSION_3D: u32 = MAX_IMAGE_DIMENSION;
 pub const MAX_IMAGE_ARRAY_LAYERS: u32 = 2048;
 pub const MAX_PUSH_CONSTANTS_BYTES: u32 = 256;
 /// `maxDescriptorHeapEmbeddedSamplers`.
 pub const MAX_EMBEDDED_SAMPLERS: u32 = 4096;
-/// Descriptors of a kind in a set or in a stage. They are entries of one array each, so there is no
-/// technical bound.
+/// Descriptors of a type in a set or in a stage. They are array entries, so there is no technical
+/// limit.
 pub const MAX_DESCRIPTORS: u32 = 1 << 20;
 pub const MAX_DYNAMIC_BUFFERS: u32 = 32;
 pub const MAX_INLINE_UNIFORM_BYTES: u32 = 4096;
@@ -27,7 +27,7 @@ pub const MAX_WORKGROUP_INVOCATIONS: u32 = spirv_jit::ir::MAX_INVOCATIONS as u32
 pub const MAX_SHARED_BYTES: u32 = 64 << 10;
 /// `maxTaskPayloadSize`.
 pub const MAX_TASK_PAYLOAD_BYTES: u32 = 16 << 10;
-/// Workgroups of task or mesh shaders, in all and per dimension.
+/// Workgroups of task or mesh shaders, in total and per dimension.
 pub const MAX_MESH_WORKGROUPS: u32 = 1 << 22;
 /// `maxMeshOutputVertices` and `maxMeshOutputPrimitives`.
 pub const MAX_MESH_ELEMENTS: u32 = 256;
@@ -39,13 +39,13 @@ pub const MEMORY_ALIGNMENT: u64 = 256;
 pub const PAGE_BYTES: u64 = 4096;
 pub const SAMPLE_COUNTS: vk::SampleCountFlags = vk::SampleCountFlags::from_raw(1 | 2 | 4 | 8);
 
-/// `sampleLocationSampleCounts`: a single sample lies at the pixel's centre.
+/// `sampleLocationSampleCounts`: a single sample is at the pixel's center.
 pub const SAMPLE_LOCATION_COUNTS: vk::SampleCountFlags = vk::SampleCountFlags::from_raw(2 | 4 | 8);
 
 /// `maxVertexInputAttributes` and `maxVertexInputBindings`.
 pub const MAX_VERTEX_INPUTS: u32 = 32;
-/// Pixels along the side of the square that a texel of a shading rate attachment is for. At least
-/// the side of a block of 4×4 fragments, so that a block has one rate.
+/// Side in pixels of the square of a shading rate attachment's texel. At least the side of a block
+/// of 4×4 fragments, so that a block has one rate.
 pub const RATE_TEXEL: u32 = 16;
 /// `maxFragmentSize`: a side.
 pub const MAX_FRAGMENT_SIDE: u32 = 4;
@@ -62,12 +62,12 @@ pub const MAX_POINT_SIZE: f32 = 256.0;
 pub const MAX_LINE_WIDTH: f32 = 64.0;
 /// `maxTessellationGenerationLevel`.
 pub const MAX_TESSELLATION_LEVEL: u32 = 64;
-/// `maxCommandBufferNestingLevel`: each level is a call on the queue's thread.
-/// Reports of a device (`maxDeviceFaultCount`): 64 invalid addresses and the loss.
+/// `maxCommandBufferNestingLevel`: each level is a nested call on the queue's thread. Reports of a
+/// device (`maxDeviceFaultCount`): 64 invalid addresses and the loss.
 pub const MAX_DEVICE_FAULT_COUNT: u32 = 65;
 pub const MAX_COMMAND_BUFFER_NESTING: u32 = 64;
 
-/// Of a device's window, what sparse resources may take together.
+/// Largest address space of all sparse resources of a device.
 pub const SPARSE_ADDRESS_SPACE_BYTES: u64 = 1 << 38;
 
 /// `VkPhysicalDeviceLimits`.
@@ -194,7 +194,7 @@ pub const MAX_GEOMETRIES: u64 = (1 << 24) - 1;
 pub const MAX_PRIMITIVES: u64 = (1 << 29) - 1;
 /// `minAccelerationStructureScratchOffsetAlignment`.
 pub const SCRATCH_ALIGNMENT: u32 = 128;
-/// `maxRayRecursionDepth`: depth costs heap, never stack.
+/// `maxRayRecursionDepth`: recursion uses the heap, never the stack.
 pub const MAX_RAY_RECURSION_DEPTH: u32 = 31;
 
 /// `shaderGroupBaseAlignment`.
@@ -222,14 +222,14 @@ pub fn serialization_uuids() -> [[u8; 16]; 2] {
 /// the newest extensions.
 pub const API_VERSION: u32 = vk::make_api_version(0, 1, 4, 356);
 
-/// Bytes of what captures an object: its address, or that of its descriptor.
+/// Size of capture data: an object's address, or that of its descriptor.
 pub const CAPTURE_BYTES: usize = size_of::<u64>();
 
 /// `shaderGroupHandleSize`.
 pub const HANDLE_SIZE: usize = 32;
 
-/// Allocations that a device can have: each may be two mappings, and the system lets a process have
-/// so many, of which there are others.
+/// Largest number of allocations of a device. Each may need two of the process's limited mappings,
+/// which other libraries use, too.
 pub fn max_allocations() -> u32 {
     static MAX: OnceLock<u32> = OnceLock::new();
     *MAX.get_or_init(|| {

@@ -1,4 +1,4 @@
-//! The tables: each the only place where its kind of thing is listed.
+//! The tables of the driver's capabilities. Each is the only list of its kind.
 
 pub mod cooperative_matrices;
 pub mod cooperative_vectors;

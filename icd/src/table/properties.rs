@@ -308,7 +308,7 @@ fn descriptor_buffer() -> vk::PhysicalDeviceDescriptorBufferPropertiesEXT<'stati
     }
 }
 
-/// Nothing of a heap is reserved, and all descriptors have one size.
+/// No part of a heap is reserved, and all descriptors have the same size.
 fn descriptor_heap() -> vk::PhysicalDeviceDescriptorHeapPropertiesEXT<'static> {
     const SIZE: u64 = DESCRIPTOR_BYTES as u64;
     const MAX_HEAP_BYTES: u64 = 1 << 30;

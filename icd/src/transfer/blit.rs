@@ -327,7 +327,7 @@ impl Reader {
         let w = if self.is_volume { w } else { w - 0.5 };
         let w = [w.to_bits(); SUBGROUP_SIZE];
         let mut results = [[0; SUBGROUP_SIZE]; MAX_RESULT_ROWS];
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the image's memory stays allocated during the call.
         unsafe {
             execute_block(
                 &self.op,

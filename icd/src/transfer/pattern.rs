@@ -31,7 +31,8 @@ impl Pattern {
     /// `count` bytes at `to` are writable, and no other thread uses them during the call.
     pub unsafe fn fill(&self, to: *mut u8, count: usize) {
         let mut done = match self.word {
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that `count` bytes at `to` are writable, and no other
+            // thread uses them during the call.
             Some(word) if count >= LONG => unsafe { fill_words(to, count / 8, word) },
             _ => 0,
         };

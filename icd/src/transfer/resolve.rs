@@ -210,13 +210,15 @@ unsafe fn mean_bytes(
         let count = PART.min(length - start);
         let mut sums = [0u16; PART];
         for sample in 0..samples {
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that `length` bytes are readable at each sample's row,
+            // and writable at `target`.
             let row = unsafe { std::slice::from_raw_parts(source(sample).add(start), count) };
             for (sum, &byte) in sums.iter_mut().zip(row) {
                 *sum += u16::from(byte);
             }
         }
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that `length` bytes are readable at each sample's row, and
+        // writable at `target`.
         let row = unsafe { std::slice::from_raw_parts_mut(target.add(start), count) };
         for (byte, &sum) in row.iter_mut().zip(&sums) {
             let below_half = ((1u16 << shift) >> 1).saturating_sub(1);

@@ -10,10 +10,10 @@ use crate::format::structure::index_size_bytes;
 use crate::wave::reachable::read;
 
 impl Checks {
-    /// Looks at a build with its ranges.
+    /// Checks a build with its ranges.
     ///
     /// # Safety
-    /// Nothing writes what the build reads meanwhile.
+    /// Nothing writes the build's inputs during the call.
     pub unsafe fn build(&self, build: &Build, reach: &Reach) {
         let sizes = build.sizes();
         let scratch = match build.update_from {
@@ -71,7 +71,7 @@ impl Checks {
     }
 
     /// # Safety
-    /// Nothing writes what the build reads meanwhile.
+    /// Nothing writes the build's inputs during the call.
     unsafe fn triangles(&self, list: &Triangles, reach: &Reach) {
         if list.primitive_count == 0 {
             return;
@@ -79,7 +79,7 @@ impl Checks {
         self.input("vertices", list.vertices, vertex_bytes(list), reach);
         if list.transform != 0 {
             self.input("transform", list.transform, 48, reach);
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that nothing writes what the build reads meanwhile.
             let transform = unsafe { read::<[f32; 12]>(reach, list.transform) };
             let finite = transform.is_none_or(|transform| transform.iter().all(|n| n.is_finite()));
             self.require(finite, Rule::TransformFinite, list.transform, || {
@@ -94,7 +94,7 @@ impl Checks {
     }
 
     /// # Safety
-    /// Nothing writes the indices meanwhile.
+    /// Nothing writes the indices during the call.
     unsafe fn indices(&self, list: &Triangles, reach: &Reach) {
         let size = index_size_bytes(list.index_type);
         if size == 0 {
@@ -104,7 +104,7 @@ impl Checks {
         let count = 3 * u64::from(list.primitive_count);
         self.input("indices", list.indices, size * count, reach);
         for i in 0..reach.clip(list.indices, size * count) / size {
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that nothing writes the indices meanwhile.
             let index = unsafe { read_index(list.index_type, reach, list.indices + size * i) };
             let Some(index) = index.filter(|&index| index != restart) else {
                 continue;
@@ -118,10 +118,10 @@ impl Checks {
         }
     }
 
-    /// The structures name no greatest vertex: all that the indices lead to must be there.
+    /// The structures have no `maxVertex`, so every indexed vertex must be in memory.
     ///
     /// # Safety
-    /// Nothing writes the indices meanwhile.
+    /// Nothing writes the indices during the call.
     unsafe fn swept(&self, list: &Swept, reach: &Reach) {
         let primitives = u64::from(list.primitive_count);
         let numbers = match list.indexing {
@@ -141,7 +141,7 @@ impl Checks {
                 (0..=last)
                     .map_while(|i| {
                         let address = list.indices.wrapping_add(i.wrapping_mul(stride));
-                        // SAFETY: the caller's promise.
+                        // SAFETY: the caller guarantees that nothing writes the indices meanwhile.
                         unsafe { read_index(ty, reach, address) }
                     })
                     .max()
@@ -149,14 +149,14 @@ impl Checks {
                     .into()
             }
         };
-        // The second end of a successive primitive is the vertex behind the first.
+        // The second end of a successive primitive is the vertex after the first.
         let second = u64::from(list.indexing == Indexing::Successive);
         let vertex = highest + second + u64::from(list.first_vertex);
         for (what, address, stride) in [
             ("vertices", list.vertices, list.vertex_stride_bytes),
             ("radii", list.radii, list.radius_stride_bytes),
         ] {
-            // The smallest position and the smallest radius that there are.
+            // The sizes of the smallest position and radius formats.
             self.input(
                 what,
                 address,
@@ -189,7 +189,7 @@ impl Checks {
         });
     }
 
-    /// Looks at where an indirect build's ranges are.
+    /// Checks the memory of an indirect build's ranges.
     pub fn ranges(&self, address: u64, size_bytes: u64) {
         use super::registry::BufferCoverage;
         use ash::vk;
@@ -207,7 +207,7 @@ impl Checks {
         }
     }
 
-    /// Looks at a primitive count that an indirect build read.
+    /// Checks a primitive count of an indirect build.
     pub fn range_count(&self, address: u64, count: u32, max: u32) {
         self.require(count <= max, Rule::RangeCount, address, || {
             format!("{count}, of {max}")
@@ -215,12 +215,12 @@ impl Checks {
     }
 }
 
-/// An index of a type, if it is there.
+/// An index, if it is in memory.
 ///
 /// # Safety
 /// Nothing writes it meanwhile.
 unsafe fn read_index(ty: IndexType, reach: &Reach, address: u64) -> Option<u32> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that nothing writes it meanwhile.
     unsafe {
         match ty {
             IndexType::None => None,
@@ -231,7 +231,7 @@ unsafe fn read_index(ty: IndexType, reach: &Reach, address: u64) -> Option<u32> 
     }
 }
 
-/// From the first vertex to the end of the last that the geometry names.
+/// The size from the first vertex to the end of the last.
 fn vertex_bytes(list: &Triangles) -> u64 {
     let last = match list.index_type {
         IndexType::None => {
@@ -239,7 +239,7 @@ fn vertex_bytes(list: &Triangles) -> u64 {
         }
         _ => u64::from(list.max_vertex),
     };
-    // The smallest position that there is: two components of 8 bits.
+    // The smallest position format: two components of 8 bits.
     last.saturating_mul(list.vertex_stride_bytes)
         .saturating_add(2)
 }

@@ -1,4 +1,4 @@
-//! The records that a dispatch meets, and how deep its calls go.
+//! Checks of the records that a dispatch uses, and of its call depth.
 #![forbid(unsafe_code)]
 
 use ash::vk;
@@ -21,14 +21,14 @@ pub struct Lookup<'a> {
     pub need: Need,
     pub region: &'a Region,
     pub index: u32,
-    /// The record, if the index lies in the table.
+    /// The record, if the index is in the table.
     pub record: Option<(Handle, Option<&'a Group>)>,
-    /// Of a hit: whether it is on a box. Spheres count as triangles.
+    /// Whether a hit is on a box. Spheres count as triangles.
     pub is_box: bool,
 }
 
 impl Traced {
-    /// Looks at a record that is met.
+    /// Checks a record that is used.
     pub fn lookup(&self, lookup: &Lookup<'_>) {
         let Lookup {
             need,
@@ -78,7 +78,7 @@ impl Traced {
         }
     }
 
-    /// The rule by which the pipeline promised that there is no null record.
+    /// The rule by which the pipeline excludes null records.
     fn forbids_null(&self, need: Need) -> Option<Rule> {
         use vk::PipelineCreateFlags as Flags;
         let (flag, rule) = match need {
@@ -100,8 +100,8 @@ impl Traced {
         self.facts.flags.contains(flag).then_some(rule)
     }
 
-    /// Looks at a call: the recursion depth of the shader that is called, and the stack of all that
-    /// wait for it, itself included.
+    /// Checks a call: the recursion depth of the called shader, and the stack of it and of all its
+    /// callers.
     pub fn call(&self, place: u64, depth: u32, stack_bytes: u64) {
         let max = self.facts.max_recursion_depth;
         self.checks

@@ -18,10 +18,10 @@ struct MicromapTriangle {
 }
 
 impl Checks {
-    /// Looks at a build.
+    /// Checks a build.
     ///
     /// # Safety
-    /// Nothing writes what the build reads meanwhile.
+    /// Nothing writes the build's inputs during the call.
     pub unsafe fn micromap(&self, build: &MicromapBuild, reach: &Reach) {
         let destination = build.destination;
         self.output(
@@ -38,13 +38,13 @@ impl Checks {
             .saturating_mul(build.stride_bytes)
             .saturating_add(size);
         self.input("micromap triangles", build.triangles, bytes, reach);
-        // How many triangles there may still be of each usage.
+        // The remaining triangles of each usage.
         let mut left: Vec<u32> = build.usages.iter().map(|usage| usage.count).collect();
         for index in 0..=u64::from(last) {
             let address = build
                 .triangles
                 .wrapping_add(index.wrapping_mul(build.stride_bytes));
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that nothing writes what the build reads meanwhile.
             let Some(triangle) = (unsafe { read::<MicromapTriangle>(reach, address) }) else {
                 break;
             };
@@ -79,19 +79,19 @@ impl Checks {
         }
     }
 
-    /// Looks at the micromap of a geometry that is built.
+    /// Checks the micromap of a geometry in a build.
     ///
     /// # Safety
-    /// Nothing writes the indices or the micromap meanwhile.
+    /// Nothing writes the indices or the micromap during the call.
     pub(super) unsafe fn geometry_micromap(&self, list: &Triangles, reach: &Reach) {
         let Some(micromap) = list.bounded_micromap(reach) else {
             return;
         };
-        // SAFETY: there is memory, and the caller's promise.
+        // SAFETY: the range is in memory, and the caller keeps it unwritten.
         let built = unsafe { Micromap::at(micromap.micromap, &around(reach, micromap.micromap)) };
         let count = built.map_or(0, |built| built.triangle_count());
         for index in 0..list.primitive_count {
-            // SAFETY: the indices are bounded, and the caller's promise.
+            // SAFETY: the indices are in memory, and the caller keeps them unwritten.
             let Some(triangle) = (unsafe { micromap.triangle(index) }) else {
                 continue;
             };

@@ -1,9 +1,9 @@
-//! Ray tracing validation, the driver's own: valid usage that only execution can see, reported by
-//! its name in the specification.
+//! The driver's ray tracing validation: valid usage that only execution can check, reported by its
+//! VUID.
 //!
-//! It is on with the feature `rayTracingValidation` (`VK_NV_ray_tracing_validation`) or with
-//! `TUFF_VALIDATE=1`. Where it is off there is no [`Validator`], and what executes looks at one
-//! `Option` per dispatch, call or ray.
+//! The feature `rayTracingValidation` (`VK_NV_ray_tracing_validation`) or `TUFF_VALIDATE=1` enables
+//! it. Otherwise there is no [`Validator`], and execution tests one `Option` per dispatch, call or
+//! ray.
 //!
 //! ```text
 //! rules     the table: each rule, its name by command, what must hold
@@ -15,8 +15,8 @@
 //! micromaps what builds of micromaps read, and what geometries say of theirs
 //! ```
 //!
-//! A rule that is broken is reported once for each place where that happens, when the command is
-//! complete, with how often it happened.
+//! A broken rule is reported once for each place, with the number of occurrences, when the command
+//! is complete.
 
 mod builds;
 mod calls;
@@ -45,15 +45,15 @@ pub use tables::invocations;
 pub struct Validator {
     messengers: Arc<Messengers>,
     pub registry: Registry,
-    /// How often each rule was broken at each place.
+    /// The number of violations of each rule at each place.
     counts: Mutex<BTreeMap<Site, u64>>,
 }
 
-/// A rule, and where it was broken: a number that the rule's check gives its places.
+/// A rule and the place of its violation: a number that the rule's check chooses.
 type Site = (Rule, Caller, u64);
 
 impl Validator {
-    /// One that has seen nothing yet.
+    /// Creates a validator without findings.
     pub fn new(messengers: Arc<Messengers>) -> Self {
         Self {
             messengers,
@@ -62,7 +62,7 @@ impl Validator {
         }
     }
 
-    /// Looks at one command.
+    /// Starts the checks of one command.
     pub fn command(self: &Arc<Self>, caller: Caller) -> Checks {
         Checks {
             validator: Arc::clone(self),
@@ -71,7 +71,7 @@ impl Validator {
         }
     }
 
-    /// Sends a message to debug messengers, or to standard error if there are none.
+    /// Sends a message to the debug messengers, or to standard error if there are none.
     fn send(&self, name: &str, message: &str) {
         let id = CString::new(name).unwrap_or_default();
         let heard = self.messengers.send(
@@ -86,7 +86,7 @@ impl Validator {
     }
 }
 
-/// The broken rules of one command's execution.
+/// The violations of one command's execution.
 pub struct Checks {
     pub validator: Arc<Validator>,
     caller: Caller,
@@ -100,13 +100,13 @@ struct Found {
 }
 
 impl Checks {
-    /// A rule was broken at a place.
+    /// Records a violation of a rule at a place.
     #[cold]
     pub fn broken(&self, rule: Rule, place: u64, detail: impl FnOnce() -> String) {
         self.broken_times(rule, place, 1, detail);
     }
 
-    /// As [`Self::broken`], more than once.
+    /// Records several violations.
     #[cold]
     pub fn broken_times(
         &self,
@@ -123,7 +123,7 @@ impl Checks {
         found.count += count;
     }
 
-    /// As [`Self::broken`] unless something holds.
+    /// Records a violation unless `holds`.
     pub fn require(&self, holds: bool, rule: Rule, place: u64, detail: impl FnOnce() -> String) {
         if !holds {
             self.broken(rule, place, detail);
@@ -172,7 +172,7 @@ mod tests {
             checks.broken(Rule::TraceNan, 3, || "first".into());
             checks.broken(Rule::TraceNan, 3, || unreachable!("not the first"));
             checks.broken(Rule::TraceNan, 4, || "elsewhere".into());
-            // Not a rule of this command.
+            // The command does not have this rule.
             checks.broken(Rule::IndirectSize, 0, String::new);
         }
         let counts = validator.counts.lock();

@@ -1,4 +1,4 @@
-//! Operands of the instructions that trace, and the structures that they name.
+//! Checks of the operands of trace instructions and ray queries, and of their structures.
 #![forbid(unsafe_code)]
 
 use std::collections::HashSet;
@@ -14,20 +14,20 @@ use crate::wave::QueryObserver;
 pub struct Traced {
     pub checks: Checks,
     pub(super) facts: PipelineFacts,
-    /// Bytes that the command buffer set for the stack, or the pipeline's default.
+    /// The stack size in bytes: the command buffer's, or the pipeline's default.
     pub(super) stack_bytes: u64,
-    /// Addresses of the structures that exist.
+    /// Addresses of the live structures.
     structures: HashSet<u64>,
 }
 
-/// Which instruction traces.
+/// The tracing instruction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Instruction {
     pub fills_hit_object: bool,
     pub has_time: bool,
 }
 
-/// The rules of one instruction; those that it does not have are `None`.
+/// The rules of one instruction; `None` for rules that it lacks.
 struct RayRules {
     finite: Rule,
     not_negative: Rule,
@@ -37,7 +37,7 @@ struct RayRules {
     top: Option<Rule>,
     /// A structure with motion needs a pipeline that allows it.
     motion: Option<Rule>,
-    /// The instruction itself needs one.
+    /// The instruction needs motion itself.
     pipeline: Option<Rule>,
     flags: Option<FlagRules>,
 }
@@ -114,7 +114,7 @@ const QUERY: RayRules = RayRules {
 };
 
 impl RayRules {
-    /// Looks at the numbers and flags of a ray.
+    /// Checks the numbers and flags of a ray.
     fn ray(&self, ray: &Ray, require: impl Fn(bool, Rule)) {
         let numbers = || ray.origin.iter().chain(&ray.direction);
         let has_nan = numbers().any(|n| n.is_nan()) || ray.t_min.is_nan() || ray.t_max.is_nan();
@@ -154,12 +154,12 @@ impl RayRules {
 /// One command's ray queries, while it runs.
 pub struct Queried {
     checks: Checks,
-    /// Addresses of the structures that exist.
+    /// Addresses of the live structures.
     structures: HashSet<u64>,
 }
 
 impl Queried {
-    /// With what exists now.
+    /// Takes the structures that are live now.
     pub fn new(checks: Checks) -> Self {
         Self {
             structures: checks.validator.registry.structures(),
@@ -195,7 +195,7 @@ impl Instruction {
 }
 
 impl Traced {
-    /// With what exists now.
+    /// Takes the structures that are live now.
     pub fn new(checks: Checks, facts: PipelineFacts, stack_bytes: Option<u64>) -> Self {
         Self {
             stack_bytes: stack_bytes.unwrap_or(facts.default_stack_bytes),
@@ -205,8 +205,8 @@ impl Traced {
         }
     }
 
-    /// Looks at a ray: flags as the shader gave them, the address that it named, and what lies
-    /// there. `place` tells instructions apart.
+    /// Checks a ray: the shader's flags, the address, and the structure there. `place`
+    /// distinguishes instructions.
     pub fn ray(
         &self,
         instruction: Instruction,
@@ -262,7 +262,7 @@ impl Traced {
         );
     }
 
-    /// Looks at a hit kind that an intersection shader reports.
+    /// Checks a hit kind that an intersection shader reports.
     pub fn hit_kind(&self, place: u64, kind: u32) {
         self.checks.require(kind <= 127, Rule::HitKind, place, || {
             format!("it is {kind}")

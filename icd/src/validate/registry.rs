@@ -1,4 +1,4 @@
-//! Which buffers and acceleration structures are alive, and what the buffers are for.
+//! The live buffers and acceleration structures, and the usage of the buffers.
 #![forbid(unsafe_code)]
 
 use std::collections::{BTreeMap, HashSet};
@@ -14,9 +14,9 @@ use crate::object::AccelerationStructure;
 /// The live objects of a device.
 #[derive(Default)]
 pub struct Registry {
-    /// By address and handle: more than one buffer may lie at an address.
+    /// Buffers by address and handle, since several buffers may have one address.
     buffers: Mutex<BTreeMap<(u64, u64), Buffer>>,
-    /// By handle. Their buffers may get memory later than they are made.
+    /// Structures by handle. Their buffers may be bound to memory after their creation.
     structures: Mutex<BTreeMap<u64, Ref<AccelerationStructure>>>,
 }
 
@@ -29,13 +29,13 @@ struct Buffer {
 /// The state of a range of addresses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BufferCoverage {
-    /// It lies in a buffer as a whole; of the usages, all that one of these buffers has.
+    /// The whole range is in a buffer; the usages are those of all such buffers.
     Inside(vk::BufferUsageFlags),
     Outside,
 }
 
 impl Registry {
-    /// A buffer has memory.
+    /// Adds a buffer that has memory.
     pub fn add_buffer(
         &self,
         handle: u64,
@@ -47,17 +47,17 @@ impl Registry {
         self.buffers.lock().insert((address, handle), buffer);
     }
 
-    /// A buffer is gone.
+    /// Removes a buffer.
     pub fn remove_buffer(&self, handle: u64, address: u64) {
         self.buffers.lock().remove(&(address, handle));
     }
 
-    /// There is a new structure.
+    /// Adds a structure.
     pub fn add_structure(&self, handle: u64, structure: Ref<AccelerationStructure>) {
         self.structures.lock().insert(handle, structure);
     }
 
-    /// A structure is gone.
+    /// Removes a structure.
     pub fn remove_structure(&self, handle: u64) {
         self.structures.lock().remove(&handle);
     }
@@ -67,7 +67,7 @@ impl Registry {
         self.structures.lock().contains_key(&handle)
     }
 
-    /// Addresses of the structures that are alive.
+    /// Addresses of the live structures.
     pub fn structures(&self) -> HashSet<u64> {
         let structures = self.structures.lock();
         structures
@@ -94,7 +94,7 @@ impl Registry {
         known
     }
 
-    /// Where physical pointers may lead: buffers of that usage. `unbound` are the parts of sparse
+    /// The memory for physical pointers: buffers of that usage. `unbound` are the parts of sparse
     /// resources without memory.
     pub fn reach(&self, unbound: Arc<[Range]>) -> Arc<Reach> {
         let usage = vk::BufferUsageFlags::SHADER_DEVICE_ADDRESS;

@@ -1,15 +1,14 @@
-//! The table of rules: what valid usage only execution can see, and the name that each rule has in
-//! the specification.
+//! The table of rules: valid usage that only execution can check, with its VUIDs.
 #![forbid(unsafe_code)]
 
-/// The command whose execution is looked at.
+/// The checked command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Caller {
     TraceRays,
     TraceRaysIndirect,
     TraceRaysIndirect2,
     TraceRaysNv,
-    /// Any other: its rules have one name only.
+    /// Any other command, whose rules have one name only.
     Other,
 }
 
@@ -28,22 +27,22 @@ impl Caller {
 enum Of {
     /// The command that traces.
     Command,
-    /// Where the tables are named: the command, or the structure in memory.
+    /// The source of the tables: the command, or the structure in memory.
     Tables,
-    /// Where the size of the launch is named: the command, or a structure in memory.
+    /// The source of the launch size: the command, or a structure in memory.
     Extent,
     /// The command that reads its parameters from memory.
     Indirect,
     /// `vkCmdTraceRaysNV`, which alone has the rule.
     Nv,
-    /// Nothing: the name is whole.
+    /// No prefix: the name is complete.
     Whole,
 }
 
 const NV: &str = "VUID-vkCmdTraceRaysNV-";
 
 impl Of {
-    /// `None` where the rule does not apply to the command.
+    /// `None` if the rule does not apply to the command.
     fn prefix(self, caller: Caller) -> Option<&'static str> {
         let command = match caller {
             Caller::TraceRays => "VUID-vkCmdTraceRaysKHR-",
@@ -70,7 +69,7 @@ impl Of {
 
 macro_rules! rules {
     ($($of:ident $rule:ident $name:literal $text:literal;)*) => {
-        /// A rule that is checked.
+        /// A checked rule.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
         pub enum Rule {
             $($rule,)*
@@ -131,7 +130,7 @@ rules! {
     Indirect IndirectUsage "indirectDeviceAddress-03633" "the parameters lie in a buffer of indirect buffer usage";
     Indirect IndirectAlignment "indirectDeviceAddress-03634" "the parameters' address is a multiple of 4";
     Indirect IndirectSize "indirectDeviceAddress-03636" "all of the parameters lie in one buffer";
-    // Records that are met.
+    // Records that are used.
     Command ForeignHandle "None-03429" "a shader group handle was queried from the bound pipeline";
     Tables NullMiss "flags-03511" "with NO_NULL_MISS_SHADERS, a miss record that is met is not zero";
     Tables NullAnyHit "flags-03512" "with NO_NULL_ANY_HIT_SHADERS, a hit record that is met for its any-hit shader is not zero";
@@ -223,8 +222,7 @@ impl Rule {
         })
     }
 
-    /// The rule's name in the specification, as the command has it; `None` if it does not apply to
-    /// the command.
+    /// The rule's VUID for a command; `None` if it does not apply to the command.
     pub fn vuid(self, caller: Caller) -> Option<String> {
         if let (Caller::TraceRaysNv, Some(name)) = (caller, self.name_in_nv()) {
             return Some(format!("{NV}{name}"));

@@ -13,7 +13,7 @@ use crate::table::limits::{
 use crate::wave::mask::InvocationMask;
 use crate::wave::table::{Region, Tables};
 
-/// The rules of one table. The ray generation table is one record: it has no stride to speak of.
+/// The rules of one table. The ray generation table has one record, and so no rules about strides.
 struct TableRules {
     name: &'static str,
     memory: Rule,
@@ -52,7 +52,7 @@ const CALLABLE: TableRules = TableRules {
 };
 
 impl Checks {
-    /// Looks at the four tables of a dispatch.
+    /// Checks the four tables of a dispatch.
     pub fn tables(&self, tables: &Tables) {
         self.table(&RAYGEN, &tables.raygen);
         self.table(&MISS, &tables.miss);
@@ -103,7 +103,7 @@ impl Checks {
         }
     }
 
-    /// Looks at the size of a launch.
+    /// Checks the launch size.
     pub fn extent(&self, extent: [u32; 3]) {
         let place = extent.iter().fold(0u64, |sum, &n| sum ^ u64::from(n));
         self.require(
@@ -114,7 +114,7 @@ impl Checks {
         );
     }
 
-    /// Looks at an invocation mask and the launch that it is for.
+    /// Checks an invocation mask against the launch.
     pub fn mask(&self, mask: &InvocationMask, extent: [u32; 3]) {
         let [width, height, depth] = extent;
         let detail = || {
@@ -126,7 +126,7 @@ impl Checks {
         self.require(depth == 1, Rule::MaskDepth, mask.address, detail);
     }
 
-    /// Reports the physical pointers of shaders that led nowhere or were misaligned.
+    /// Reports invalid and misaligned physical pointers of shaders.
     pub fn strays(&self, strays: &[Stray]) {
         for stray in strays {
             let place = stray.program << 32 | stray.site as u64;
@@ -141,7 +141,7 @@ impl Checks {
         }
     }
 
-    /// Looks at where a command's parameters are.
+    /// Checks the memory of a command's parameters.
     pub fn indirect(&self, address: u64, size_bytes: u64) {
         let place = || format!("the parameters are at {address:#x}");
         let is_aligned = address.is_multiple_of(4);
@@ -160,7 +160,7 @@ impl Checks {
     }
 }
 
-/// How many invocations a launch has, unless that is past `maxRayDispatchInvocationCount`.
+/// The number of invocations of a launch; `None` above `maxRayDispatchInvocationCount`.
 pub fn invocations(extent: [u32; 3]) -> Option<u64> {
     extent
         .iter()

@@ -1,5 +1,5 @@
-//! Entry points and clocks that belong to one operating system: the only such part outside of
-//! [`os`](crate::os) and [`present`](crate::present).
+//! Entry points and clocks of one operating system: the only such code outside of [`os`](crate::os)
+//! and [`present`](crate::present).
 
 #[cfg(unix)]
 mod unix;

@@ -1,31 +1,31 @@
 //! Address space: reserved ranges of pages, and their mappings.
 //!
-//! A reserved page reads as zeros and can be written; it takes memory at its first write, so that
-//! a large reservation costs nothing. [`reserve`] and [`release`] make and end a reservation;
-//! [`commit`], [`discard`], [`replace_by_zeros`] and
-//! [`Section::map`](super::section::Section::map) change parts of it.
+//! A reserved page reads as zeros and is writable. It takes memory at its first write, so a large
+//! reservation is free. [`reserve`] and [`release`] create and end a reservation; [`commit`],
+//! [`discard`], [`replace_by_zeros`] and [`Section::map`](super::section::Section::map) change
+//! parts of it.
 //!
-//! Parts are named by addresses, since resources and shaders know nothing else. A system that must
-//! know the mapping of each page (on Windows the section and offset of each view, and where
-//! placeholders are split) keeps a table of its own behind these functions.
+//! Addresses identify parts, since resources and shaders have nothing else. A system that needs the
+//! mapping of each page keeps a table behind these functions: on Windows the section and offset of
+//! each view, and the bounds of placeholders.
 //!
-//! Replacing is one step to other threads: an access to the range meanwhile meets the old pages or
-//! the new ones and never faults. Sparse binding relies on it: it replaces pages that running
-//! shaders may read.
+//! A replacement is atomic for other threads: a concurrent access finds the old or the new pages
+//! and never faults. Sparse binding relies on this, because it replaces pages that running shaders
+//! may read.
 
 use std::sync::OnceLock;
 
-/// Bytes of a page of the system: sections are mapped at multiples of this.
+/// The system's page size, which is the alignment of mapped sections.
 pub fn page_bytes() -> u64 {
     static BYTES: OnceLock<u64> = OnceLock::new();
     *BYTES.get_or_init(|| {
-        // SAFETY: a query without arguments of ours.
+        // SAFETY: the query takes no pointer.
         let bytes = unsafe { libc::sysconf(libc::_SC_PAGESIZE) };
         u64::try_from(bytes).unwrap_or(64 << 10)
     })
 }
 
-/// Mappings that the process may have, of all libraries together.
+/// The number of mappings that the process may have, in all libraries together.
 pub fn max_mappings() -> u32 {
     /// Linux's default.
     const DEFAULT: u32 = 65530;
@@ -34,7 +34,7 @@ pub fn max_mappings() -> u32 {
     limit.unwrap_or(DEFAULT)
 }
 
-/// Reserves address space at a multiple of `alignment_bytes`; `None` if the system has none left.
+/// Reserves address space aligned to `alignment_bytes`; `None` if the system has none left.
 pub fn reserve(size_bytes: u64, alignment_bytes: u64) -> Option<u64> {
     let mapped = map_zero_pages(0, size_bytes.checked_add(alignment_bytes)?, 0)?;
     let address = mapped.next_multiple_of(alignment_bytes);
@@ -48,46 +48,47 @@ pub fn reserve(size_bytes: u64, alignment_bytes: u64) -> Option<u64> {
     Some(address)
 }
 
-/// Reserves the address space from `address` on; `None` if some of it is in use.
+/// Reserves the address space at `address`; `None` if a part of it is in use.
 pub fn reserve_at(address: u64, size_bytes: u64) -> Option<u64> {
     let mapped = map_zero_pages(address, size_bytes, libc::MAP_FIXED_NOREPLACE)?;
     if mapped != address {
-        // Kernels before 4.17 take the flag for a hint.
-        // SAFETY: the mapping was just made and is not used.
+        // Kernels before 4.17 ignore the flag and take the address as a hint. SAFETY: the mapping
+        // was just made and is not used.
         unsafe { release(mapped, size_bytes) };
         return None;
     }
     Some(mapped)
 }
 
-/// Gives a whole reservation back, with all its mappings.
+/// Releases a whole reservation with all its mappings.
 ///
 /// # Safety
-/// It is a reservation of the caller's, and nothing accesses it any more.
+/// The caller owns the reservation, and nothing accesses it any more.
 pub unsafe fn release(address: u64, size_bytes: u64) {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller owns the reservation, and guarantees that nothing accesses it any more.
     unsafe { libc::munmap(address as *mut _, size_bytes as usize) };
 }
 
-/// Promises memory for a part of a reservation; false if the system has not that much left, as far
-/// as it counts promises. Linux does not: it takes memory at the first write, and a control group
-/// or the machine may run out of it then.
+/// Commits memory to a part of a reservation; false if the system refuses. Linux always succeeds:
+/// it takes memory at the first write, and a control group or the machine may run out of it then.
 #[must_use]
 pub fn commit(_address: u64, _size_bytes: u64) -> bool {
     true
 }
 
-/// Discards the contents of a part of a reservation: it reads as zeros, and its memory goes back to
-/// the system.
+/// Discards the contents of a part of a reservation. It reads as zeros afterwards, and the system
+/// gets its memory back.
 ///
 /// # Safety
 /// The part is the caller's, no section is mapped there, and no reference to it is alive.
 pub unsafe fn discard(address: u64, size_bytes: u64) {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the part is the caller's, no section is mapped there, and
+    // no reference to it is alive.
     unsafe { libc::madvise(address as *mut _, size_bytes as usize, libc::MADV_DONTNEED) };
 }
 
-/// Replaces the mappings in a part of a reservation by pages of zeros; false if the system refuses.
+/// Replaces the mappings in a part of a reservation with pages of zeros; false if the system
+/// refuses.
 ///
 /// # Safety
 /// The part is the caller's, and no reference to it is alive.
@@ -96,20 +97,20 @@ pub unsafe fn replace_by_zeros(address: u64, size_bytes: u64) -> bool {
 }
 
 /// Whether all pages of a range are mapped, by any library of the process. Accesses no memory, so
-/// that the address may be any number.
+/// any address is allowed.
 pub fn is_mapped(address: u64, size_bytes: u64) -> bool {
-    /// The smallest page of any system, of which each asks for a byte at most.
+    /// The smallest page size of any system. The call writes at most one byte for each such page.
     const PAGE: u64 = 4096;
     const CHUNK: u64 = PAGE << 12;
     let Some(end) = address.checked_add(size_bytes) else {
         return false;
     };
     let mut resident = [0u8; (CHUNK / PAGE) as usize];
-    // The call takes addresses of the system's own pages, which may be larger, alone.
+    // The call requires addresses aligned to the system's pages, which may be larger.
     let mut at = address & !(page_bytes() - 1);
     while at < end {
         let bytes = (end - at).min(CHUNK);
-        // SAFETY: the call writes a byte for each page; it looks at mappings, not at memory.
+        // SAFETY: the buffer has a byte for each page, and the call reads mappings, not memory.
         let found = unsafe { libc::mincore(at as *mut _, bytes as usize, resident.as_mut_ptr()) };
         if found != 0 {
             return false;
@@ -119,15 +120,15 @@ pub fn is_mapped(address: u64, size_bytes: u64) -> bool {
     address != 0
 }
 
-/// Maps private pages of zeros; their address, unless the system refuses.
+/// Maps private pages of zeros and returns their address, unless the system refuses.
 fn map_zero_pages(address: u64, size_bytes: u64, flags: i32) -> Option<u64> {
     map_anonymous(address, size_bytes, libc::MAP_PRIVATE | flags)
 }
 
-/// Maps pages of no file. With `MAP_FIXED`, the range lies in a reservation of the caller's.
+/// Maps pages without a file. With `MAP_FIXED`, the caller owns a reservation with the range.
 pub(super) fn map_anonymous(address: u64, size_bytes: u64, flags: i32) -> Option<u64> {
-    // SAFETY: either at a place of the system's choice, or one that is free, or (`MAP_FIXED`)
-    // inside a reservation.
+    // SAFETY: the system chooses the address, or it is free, or (`MAP_FIXED`) inside a reservation
+    // of the caller.
     let mapped = unsafe {
         libc::mmap(
             address as *mut _,

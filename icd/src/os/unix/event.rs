@@ -11,15 +11,15 @@ use super::section::Refused;
 pub struct Event(Handle);
 
 impl Event {
-    /// An event; `None` where the process can have no more handles.
+    /// Creates an event; `None` if the process cannot have more handles.
     pub fn new(is_signaled: bool) -> Option<Self> {
         let flags = libc::EFD_CLOEXEC | libc::EFD_NONBLOCK;
-        // SAFETY: a plain system call; the descriptor is owned from its creation on.
+        // SAFETY: the call takes no pointer, and the new descriptor has no other owner.
         let file = unsafe { Handle::created(libc::eventfd(u32::from(is_signaled), flags)) };
         file.map(Self)
     }
 
-    /// An event that others can use.
+    /// Creates an event for other devices and processes.
     ///
     /// # Errors
     /// The system refuses.
@@ -27,8 +27,8 @@ impl Event {
         Self::new(is_signaled).ok_or(Refused::Handles)
     }
 
-    /// An event of another device or process, or a sync file of the kernel's: that has
-    /// [`Self::is_signaled`] alone.
+    /// Imports an event of another device or process, or a sync file of the kernel, which only
+    /// supports [`Self::is_signaled`].
     pub fn from_handle(handle: Handle) -> Self {
         Self(handle)
     }
@@ -38,7 +38,7 @@ impl Event {
         &self.0
     }
 
-    /// A new handle by which others can use it; `None` where the process can have no more.
+    /// A new handle for other users; `None` if the process cannot have more.
     pub fn export(&self) -> Option<Handle> {
         self.0.try_clone()
     }
@@ -46,7 +46,7 @@ impl Event {
     /// Sets the flag, and wakes its waiters.
     pub fn signal(&self) {
         let one = 1u64;
-        // SAFETY: eight bytes, as an `eventfd` wants. It only refuses when its counter is at its
+        // SAFETY: an `eventfd` takes eight bytes. It refuses only when its counter is at its
         // largest, and then the flag is set.
         unsafe { libc::write(self.0.raw(), (&raw const one).cast(), 8) };
     }
@@ -54,29 +54,29 @@ impl Event {
     /// Whether the flag is set. Does not wait.
     pub fn is_signaled(&self) -> bool {
         let mut poll = readable(self.0.raw());
-        // SAFETY: one structure, which is there.
+        // SAFETY: the pointer leads to one structure.
         let ready = unsafe { libc::poll(&raw mut poll, 1, 0) };
         ready == 1 && poll.revents & libc::POLLIN != 0
     }
 
-    /// Clears the flag. An imported file may block, so it is only read when that would not wait.
+    /// Clears the flag. A read of an imported file may block, so it is read only when it is ready.
     pub fn clear(&self) {
         if self.is_signaled() {
             self.empty();
         }
     }
 
-    /// Sleeps until the flag is set, `beside` can be read (or has failed), or the deadline is over;
-    /// whether `beside` can. Clears the flag.
+    /// Sleeps until the flag is set, `beside` is readable (or has failed), or the deadline has
+    /// passed. Returns whether `beside` is readable. Clears the flag.
     pub fn wait(&self, deadline: Option<Instant>, beside: Option<BorrowedHandle<'_>>) -> bool {
-        // A negative descriptor is left out by `poll`.
+        // `poll` ignores a negative descriptor.
         let mut files = [
             readable(self.0.raw()),
             readable(beside.map_or(-1, |file| file.as_raw_fd())),
         ];
         let left = deadline.map(|deadline| deadline.saturating_duration_since(Instant::now()));
         let timeout_ms = left.map_or(-1, milliseconds);
-        // SAFETY: two structures that live here.
+        // SAFETY: the pointer leads to two structures.
         unsafe { libc::poll(files.as_mut_ptr(), 2, timeout_ms) };
         if files[0].revents != 0 {
             self.empty();
@@ -86,7 +86,7 @@ impl Event {
 
     fn empty(&self) {
         let mut count = 0u64;
-        // SAFETY: eight bytes, as an `eventfd` gives.
+        // SAFETY: the buffer has the eight bytes that an `eventfd` returns.
         unsafe { libc::read(self.0.raw(), (&raw mut count).cast(), 8) };
     }
 }

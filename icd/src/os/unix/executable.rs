@@ -4,15 +4,15 @@ use std::ptr::NonNull;
 
 use spirv_jit::native::CodePages;
 
-/// Where the compiler's native code lies.
-// SAFETY: both functions' documentation promises it.
+/// The code memory of the compiler.
+// SAFETY: `map` and `unmap` keep the trait's contract, as they document.
 pub const CODE_PAGES: CodePages = unsafe { CodePages::new(map, unmap) };
 
-/// Copies code into new pages, which are made read-only and executable then. `None` where the
-/// system gives no such pages: too little memory, or a policy (SELinux, seccomp) against them.
+/// Copies code into new pages and makes them read-only and executable. `None` if the system refuses
+/// such pages: too little memory, or a policy (SELinux, seccomp) against them.
 pub fn map(code: &[u8]) -> Option<NonNull<u8>> {
     let length = code.len().max(1);
-    // SAFETY: new pages, which no other code knows yet; they are as long as the copied code.
+    // SAFETY: the pages are new, no other code uses them yet, and they are as long as the code.
     unsafe {
         let start = libc::mmap(
             std::ptr::null_mut(),
@@ -36,11 +36,12 @@ pub fn map(code: &[u8]) -> Option<NonNull<u8>> {
     }
 }
 
-/// Gives the pages of code back.
+/// Frees the pages of code.
 ///
 /// # Safety
 /// [`map`] gave them for code of this length, and nothing runs it any more.
 pub unsafe fn unmap(start: NonNull<u8>, length: usize) {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that [`map`] gave them for code of this length, and nothing
+    // runs it any more.
     unsafe { libc::munmap(start.as_ptr().cast(), length.max(1)) };
 }

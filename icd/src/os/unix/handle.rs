@@ -8,24 +8,25 @@ pub type RawHandle = RawFd;
 /// A handle of another owner that is open for the lifetime.
 pub type BorrowedHandle<'a> = BorrowedFd<'a>;
 
-/// An owned handle: of a section, an event, or an object that another driver or the kernel made.
+/// An owned handle of a section, an event, or an object of another driver or the kernel.
 #[derive(Debug)]
 pub struct Handle(OwnedFd);
 
 impl Handle {
-    /// Another handle of the same object. `None` where the number is no handle or the process can
-    /// have no more of them.
+    /// Duplicates a handle. `None` if the number is no handle or the process cannot have more
+    /// handles.
     pub fn duplicate(raw: RawHandle) -> Option<Self> {
-        // SAFETY: a plain system call that gives a new descriptor, owned from its creation on.
+        // SAFETY: the call takes no pointer, and the new descriptor has no other owner.
         unsafe { Self::created(libc::fcntl(raw, libc::F_DUPFD_CLOEXEC, 0)) }
     }
 
-    /// Takes a handle over. `None` where the number is no handle.
+    /// Takes ownership of a handle. `None` if the number is no handle.
     ///
     /// # Safety
-    /// An open handle is the caller's to give away.
+    /// The caller owns the handle, if it is open, and transfers it.
     pub unsafe fn adopt(raw: RawHandle) -> Option<Self> {
-        // SAFETY: a plain system call; then the descriptor is open, and the caller's promise.
+        // SAFETY: the call takes no pointer. After it the descriptor is open, and the caller
+        // transfers it.
         unsafe {
             Self::created(if libc::fcntl(raw, libc::F_GETFD) < 0 {
                 -1
@@ -35,21 +36,22 @@ impl Handle {
         }
     }
 
-    /// The answer of a system call that makes a descriptor.
+    /// The result of a system call that creates a descriptor.
     ///
     /// # Safety
     /// Unless negative, it is an open descriptor without an owner.
     pub(super) unsafe fn created(raw: RawHandle) -> Option<Self> {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that Unless negative, it is an open descriptor without an
+        // owner.
         (raw >= 0).then(|| Self(unsafe { OwnedFd::from_raw_fd(raw) }))
     }
 
-    /// Another handle of the same object; `None` where the process can have no more.
+    /// Duplicates the handle; `None` if the process cannot have more handles.
     pub fn try_clone(&self) -> Option<Self> {
         self.0.try_clone().ok().map(Self)
     }
 
-    /// The handle, which the caller owns from now on.
+    /// Releases the handle to the caller.
     pub fn into_raw(self) -> RawHandle {
         self.0.into_raw_fd()
     }
@@ -64,7 +66,7 @@ impl Handle {
     }
 }
 
-/// For the libraries of protocols that pass descriptors.
+/// For protocol libraries that pass descriptors.
 impl From<Handle> for OwnedFd {
     fn from(handle: Handle) -> Self {
         handle.0
@@ -79,8 +81,8 @@ pub struct Sharing(());
 /// Closes a handle.
 ///
 /// # Safety
-/// It is the caller's to close.
+/// The caller owns the handle.
 pub unsafe fn close(raw: RawHandle) {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that it is the caller's to close.
     unsafe { libc::close(raw) };
 }

@@ -21,7 +21,7 @@ pub const HAS_X11_AND_WAYLAND: bool = true;
 /// Whether handles and windows are those of Win32.
 pub const HAS_WIN32: bool = false;
 
-/// A need of the driver that this system does not meet; `None` if it meets all.
+/// A requirement of the driver that this system lacks; `None` if it has all.
 pub fn missing() -> Option<&'static str> {
     None
 }

@@ -1,25 +1,24 @@
 //! Processor count and thread affinity (sched_setaffinity(2)).
 
-/// Processors that the process can keep busy: those of its affinity mask, and no more than its
-/// quota of processor time pays for. At least one.
+/// The number of processors that the process can use: those of its affinity mask, limited by its
+/// quota of processor time. At least one.
 pub fn count() -> usize {
     std::thread::available_parallelism().map_or(1, usize::from)
 }
 
-/// A bit for each processor: as many as `cpu_set_t` has room for.
+/// A bit for each processor, as in `cpu_set_t`.
 type Processors = [u64; size_of::<libc::cpu_set_t>() / 8];
 
-/// The processors that a thread may run on. Nothing on machines that have more of them than the
+/// The processors on which a thread may run. Empty on machines with more processors than the
 /// system's type has bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Affinity(Option<Processors>);
 
 impl Affinity {
-    /// That of the calling thread.
+    /// The affinity of the calling thread.
     pub fn of_this_thread() -> Self {
         let mut processors: Processors = Default::default();
-        // SAFETY: the call writes no more bytes than it is told that there are, and any bits are a
-        // number.
+        // SAFETY: the call writes at most the given number of bytes, and any bits are valid.
         let found = unsafe {
             let set = (&raw mut processors).cast();
             libc::sched_getaffinity(0, size_of::<Processors>(), set)
@@ -27,12 +26,12 @@ impl Affinity {
         Self((found == 0).then_some(processors))
     }
 
-    /// Gives it to the calling thread, if that has another one. A thread stays where it is if the
-    /// system refuses.
+    /// Applies the affinity to the calling thread, if it differs. If the system refuses, the thread
+    /// keeps its affinity.
     pub fn apply(&self) {
         let Some(processors) = &self.0 else { return };
         if *self != Self::of_this_thread() {
-            // SAFETY: the call reads as many bytes as it is told that there are.
+            // SAFETY: the call reads the given number of bytes.
             unsafe {
                 let set = std::ptr::from_ref(processors).cast();
                 libc::sched_setaffinity(0, size_of::<Processors>(), set);
@@ -40,7 +39,7 @@ impl Affinity {
         }
     }
 
-    /// The first of its processors alone.
+    /// The affinity with only its first processor.
     #[cfg(test)]
     pub fn first(&self) -> Self {
         let mut is_found = false;

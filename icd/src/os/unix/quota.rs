@@ -5,7 +5,7 @@ use std::os::unix::fs::FileExt;
 use control_group::Groups;
 pub use control_group::Memory;
 
-/// The limits of the process, and its use of them.
+/// The limits and the usage of the process.
 #[derive(Debug)]
 pub struct Quota(Groups);
 
@@ -16,7 +16,7 @@ impl Quota {
         Self(Groups::open(FileExt::read_at))
     }
 
-    /// The limit of memory and what is left of it; `None` where there is no limit.
+    /// The memory limit and the part that is left; `None` without a limit.
     pub fn memory(&self) -> Option<Memory> {
         self.0.memory()
     }

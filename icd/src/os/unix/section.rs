@@ -5,32 +5,32 @@ use std::ffi::CStr;
 use super::address_space::map_anonymous;
 use super::handle::{Handle, Sharing};
 
-/// The resource that the system refuses.
+/// The reason of a refusal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Refused {
-    /// The process can have no more handles.
+    /// The process cannot have more handles.
     Handles,
     Memory,
-    /// Another object has the name. No object of this system has one.
+    /// Another object has the name. Objects of this system have no names.
     #[allow(dead_code)]
     Name,
 }
 
-/// Zeros at first. The memory lives as long as it is mapped somewhere or has a handle.
+/// Shared memory, zero at first. It lives as long as it is mapped or has a handle.
 #[derive(Debug)]
 pub struct Section {
-    /// None: the mappings alone keep it.
+    /// `None` for a private section, which only its mappings keep.
     file: Option<Handle>,
 }
 
 impl Section {
-    /// A section of this process, which cannot be exported. It is mapped once by [`Self::map`], and
-    /// that gives it its size.
+    /// A section of this process, which cannot be exported. [`Self::map`] maps it once and gives it
+    /// its size.
     pub fn private() -> Self {
         Self { file: None }
     }
 
-    /// A section with a handle, of a size that no process can change.
+    /// A section with a handle and a fixed size.
     ///
     /// # Errors
     /// The system refuses.
@@ -39,20 +39,21 @@ impl Section {
         Ok(Self { file: Some(file) })
     }
 
-    /// A section that another device or process exported. From now on its size cannot shrink: an
-    /// access past its end would be a fault. `None` where it can, or is smaller than `size_bytes`.
+    /// Imports a section of another device or process. Its size is sealed against shrinking, since
+    /// an access past its end would fault. `None` if it cannot be sealed or is smaller than
+    /// `size_bytes`.
     pub fn import(file: Handle, size_bytes: u64) -> Option<Self> {
         let is_large = seal(&file, libc::F_SEAL_SHRINK) && file_size(&file) >= size_bytes;
         is_large.then_some(Self { file: Some(file) })
     }
 
-    /// The handle by which others can map it; `None` for a private section.
+    /// The handle for other users; `None` for a private section.
     pub fn handle(&self) -> Option<&Handle> {
         self.file.as_ref()
     }
 
-    /// A new handle by which others can map it; `None` where the process can have no more, and for
-    /// a private section.
+    /// A new handle for other users; `None` if the process cannot have more, and for a private
+    /// section.
     pub fn export(&self) -> Option<Handle> {
         self.handle().and_then(Handle::try_clone)
     }
@@ -61,7 +62,7 @@ impl Section {
     /// refuses.
     ///
     /// # Safety
-    /// The range is a part of a reservation of the caller's, no reference to it is alive, and the
+    /// The caller owns a reservation with the range, no reference to the range is alive, and the
     /// section is as large.
     #[must_use]
     pub unsafe fn map(&self, address: u64, size_bytes: u64) -> bool {
@@ -69,7 +70,8 @@ impl Section {
             return map_anonymous(address, size_bytes, libc::MAP_SHARED | libc::MAP_FIXED)
                 .is_some();
         };
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the range is a part of a reservation of the caller's,
+        // no reference to it is alive, and the section is as large.
         let mapped = unsafe {
             libc::mmap(
                 address as *mut _,
@@ -83,17 +85,18 @@ impl Section {
         mapped != libc::MAP_FAILED
     }
 
-    /// Maps a part of the section at a further address, in place of the pages there; false if the
-    /// system refuses. `view` is the address that [`Self::map`] was given, and `offset` is the
-    /// part's place in the section.
+    /// Maps a part of the section at another address, in place of the pages there; false if the
+    /// system refuses. `view` is the address of [`Self::map`], and `offset` the part's offset in
+    /// the section.
     ///
     /// # Safety
-    /// The section is mapped at `view` and has the part; the range at `address` is a part of a
-    /// reservation of the caller's, and no reference to it is alive.
+    /// The section is mapped at `view` and has the part. The caller owns a reservation with the
+    /// range at `address`, and no reference to the range is alive.
     #[must_use]
     pub unsafe fn alias(&self, view: u64, offset: u64, size_bytes: u64, address: u64) -> bool {
-        // A length of zero makes a second mapping of shared pages (mremap(2)).
-        // SAFETY: the caller's promise.
+        // A length of zero creates a second mapping of shared pages (mremap(2)). SAFETY: the caller
+        // guarantees that the section is mapped at `view` and has the part; the range at `address`
+        // is a part of a reservation of the caller's, and no reference to it is alive.
         let mapped = unsafe {
             libc::mremap(
                 (view + offset) as *mut _,
@@ -107,8 +110,8 @@ impl Section {
     }
 }
 
-/// A file of zeros without a path. Its descriptors allow to read, write and map it, but not to
-/// change its size.
+/// A file of zeros without a path. Its descriptors allow reads, writes and mappings, but no change
+/// of its size.
 pub(super) fn sealed_file(name: &CStr, size_bytes: u64) -> Result<Handle, Refused> {
     let flags = libc::MFD_CLOEXEC | libc::MFD_ALLOW_SEALING;
     // SAFETY: a plain system call; the descriptor is owned from its creation on.
@@ -121,7 +124,7 @@ pub(super) fn sealed_file(name: &CStr, size_bytes: u64) -> Result<Handle, Refuse
     is_sealed.then_some(file).ok_or(Refused::Memory)
 }
 
-/// Seals a file, unless it is sealed so; false for what cannot be.
+/// Seals a file, unless it is sealed already; false for files that cannot be sealed.
 fn seal(file: &Handle, seals: i32) -> bool {
     // SAFETY: plain system calls.
     unsafe {

@@ -1,6 +1,6 @@
 //! Threads.
 
-/// The name that the system has for the calling thread; `None` if it does not say.
+/// The system's name of the calling thread; `None` if it is unknown.
 pub fn name() -> Option<String> {
     std::fs::read_to_string("/proc/thread-self/comm").ok()
 }

@@ -7,7 +7,7 @@ use std::os::fd::AsRawFd;
 use super::handle::Handle;
 use super::section::sealed_file;
 
-/// Memory that a server reads, too.
+/// Memory shared with a server.
 pub struct SharedMemory {
     data: *mut u8,
     size_bytes: usize,
@@ -15,22 +15,22 @@ pub struct SharedMemory {
 }
 
 enum MemoryBacking {
-    /// A file without a name, which the server need not fear to become shorter.
+    /// A file without a name, sealed so that the server is safe from its truncation.
     File(Handle),
-    /// `shmget`: for servers that take no descriptors. The system forgets it with its last user.
+    /// `shmget`, for servers that take no descriptors. The system removes it with its last user.
     Segment(i32),
 }
 
 // SAFETY: the mapping is this object's own.
 unsafe impl Send for SharedMemory {}
-// SAFETY: only `bytes` reaches it, which takes the object for itself.
+// SAFETY: only `bytes` accesses the memory, and it borrows the object exclusively.
 unsafe impl Sync for SharedMemory {}
 
 impl SharedMemory {
     /// A file of zeros; `None` if the system refuses.
     pub fn file(size_bytes: usize) -> Option<Self> {
         let file = sealed_file(c"tuff-window", size_bytes as u64).ok()?;
-        // SAFETY: a mapping of a file of this size at a place of the system's choice.
+        // SAFETY: the file has this size, and the system chooses the address.
         let data = unsafe {
             libc::mmap(
                 std::ptr::null_mut(),
@@ -69,7 +69,7 @@ impl SharedMemory {
         }
     }
 
-    /// The file, to be given to the server.
+    /// The file, for the server.
     pub fn handle(&self) -> Option<&Handle> {
         match &self.kind {
             MemoryBacking::File(file) => Some(file),
@@ -77,7 +77,7 @@ impl SharedMemory {
         }
     }
 
-    /// The segment's number, to be told to the server.
+    /// The segment's id, for the server.
     pub fn segment_id(&self) -> Option<i32> {
         match self.kind {
             MemoryBacking::File(_) => None,
@@ -85,16 +85,16 @@ impl SharedMemory {
         }
     }
 
-    /// Removes the name: the server has attached the segment or never will, and no other process
-    /// must find it.
+    /// Removes the id once the server has attached the segment, or has failed to, so that no other
+    /// process can attach it.
     pub fn unname(&self) {
         if let MemoryBacking::Segment(id) = self.kind {
-            // SAFETY: a plain system call. The segment lives on while it is attached.
+            // SAFETY: the call takes no pointer. The segment lives while it is attached.
             unsafe { libc::shmctl(id, libc::IPC_RMID, std::ptr::null_mut()) };
         }
     }
 
-    /// All of it.
+    /// The whole memory.
     pub fn bytes(&mut self) -> &mut [u8] {
         // SAFETY: the mapping lives as long as the object. The server only reads it.
         unsafe { std::slice::from_raw_parts_mut(self.data, self.size_bytes) }
@@ -114,9 +114,9 @@ impl Drop for SharedMemory {
     }
 }
 
-/// Whether a connection is a socket of this machine.
+/// Whether a connection is a local socket.
 pub fn is_local(connection: &impl AsRawFd) -> bool {
-    // SAFETY: the structure is as large as said, and any bytes are a value of it.
+    // SAFETY: the size is the structure's, and any bytes are valid in it.
     unsafe {
         let mut address: libc::sockaddr_storage = std::mem::zeroed();
         let mut size = size_of::<libc::sockaddr_storage>() as libc::socklen_t;
@@ -126,12 +126,13 @@ pub fn is_local(connection: &impl AsRawFd) -> bool {
     }
 }
 
-/// Frees an allocation that a library of the server made for its caller.
+/// Frees an allocation that a library of the server made for its caller with C's `malloc`.
 ///
 /// # Safety
-/// It is one of C's `malloc`, and nothing uses it any more.
+/// C's `malloc` made the allocation, and nothing uses it any more.
 pub unsafe fn free(allocation: *mut c_void) {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that C's `malloc` made the allocation, and nothing uses it any
+    // more.
     unsafe { libc::free(allocation) };
 }
 

@@ -1,12 +1,12 @@
 //! Address space: reserved ranges of pages, and their mappings.
 //!
-//! A reservation is a row of pieces: placeholders, memory, and views of sections. A placeholder
-//! takes no memory, and the processor faults on access. A handler of exceptions then puts zeroed
-//! memory in its place and lets the access go on, so that every reserved page reads as zeros.
+//! A reservation is a sequence of pieces: placeholders, memory, and views of sections. A
+//! placeholder takes no memory, and an access to it faults. An exception handler then replaces it
+//! with zeroed memory and resumes the access, so that every reserved page reads as zeros.
 //!
-//! The system replaces no piece in one step. The table of pieces stays locked from the first step
-//! to the last; the handler takes the same lock, so that an access that faults in between waits for
-//! the new pages. System calls alone are refused pages without memory.
+//! The system cannot replace a piece in one step. The table of pieces stays locked during all
+//! steps, and the handler takes the same lock, so that a concurrent fault waits for the new pages.
+//! Only system calls fail on pages without memory.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Once};
@@ -29,12 +29,12 @@ use super::placeholder::{self, Functions};
 /// Sections are mapped at multiples of this ("allocation granularity").
 const GRANULE: u64 = 64 << 10;
 
-/// Bytes of a page of the system: sections are mapped at multiples of this.
+/// The system's page size, which is the alignment of mapped sections.
 pub fn page_bytes() -> u64 {
     GRANULE
 }
 
-/// Mappings that the process may have: the system has no limit but memory.
+/// The number of mappings that the process may have, which only memory limits.
 pub fn max_mappings() -> u32 {
     1 << 20
 }
@@ -54,13 +54,13 @@ struct Piece {
     content: Content,
 }
 
-/// All reservations of the process: pieces by address.
+/// The pieces of all reservations of the process, by address.
 struct Pieces(BTreeMap<u64, Piece>);
 
 static PIECES: Mutex<Pieces> = Mutex::new(Pieces(BTreeMap::new()));
 
 impl Pieces {
-    /// The piece that an address lies in.
+    /// The piece that contains an address.
     fn at(&self, address: u64) -> Option<(u64, &Piece)> {
         let (&start, piece) = self.0.range(..=address).next_back()?;
         (address - start < piece.size_bytes).then_some((start, piece))
@@ -74,7 +74,7 @@ impl Pieces {
         self.0.insert(address, piece);
     }
 
-    /// Makes a range placeholders; false if the system refuses.
+    /// Replaces a range with placeholders; false if the system refuses.
     ///
     /// # Safety
     /// The range is a part of a reservation, and no reference to it is alive.
@@ -87,7 +87,8 @@ impl Pieces {
             let piece = piece.clone();
             let last = first + piece.size_bytes;
             let stop = last.min(end);
-            // SAFETY: the caller's promise; parts outside of the range keep what they have.
+            // SAFETY: the caller guarantees that the range is a part of a reservation, and no
+            // reference to it is alive; parts outside of the range keep what they have.
             let is_clear = unsafe {
                 match &piece.content {
                     Content::Placeholder if (first, last) == (at, stop) => true,
@@ -103,12 +104,12 @@ impl Pieces {
                 self.put(first, piece.size_bytes, Content::Placeholder);
                 for (from, size_bytes) in around.into_iter().filter(|(_, bytes)| *bytes != 0) {
                     let offset = offset + (from - first);
-                    // SAFETY: as above: the view again, a part each.
+                    // SAFETY: the view is mapped again, in parts.
                     if !unsafe { self.view(functions, from, size_bytes, section, offset) } {
                         return false;
                     }
                 }
-                // The parts around have split the placeholder.
+                // The other parts have split the placeholder.
                 self.put(at, stop - at, Content::Placeholder);
             } else {
                 for (from, size_bytes) in around.into_iter().filter(|(_, bytes)| *bytes != 0) {
@@ -121,7 +122,7 @@ impl Pieces {
         true
     }
 
-    /// Makes one placeholder of those from `start` to `end`; false if the system refuses.
+    /// Merges the placeholders from `start` to `end`; false if the system refuses.
     fn coalesce(&mut self, start: u64, end: u64) -> bool {
         let first = self.0.get(&start);
         if first.is_some_and(|piece| piece.size_bytes == end - start) {
@@ -137,8 +138,8 @@ impl Pieces {
         true
     }
 
-    /// The placeholders on both sides of a range of placeholders, with it: start and end of all.
-    /// Those of other reservations are not theirs to merge with.
+    /// The start and end of a range of placeholders with the placeholders on both sides.
+    /// Placeholders of other reservations must not be merged.
     fn with_neighbours(&self, start: u64, end: u64, whole: (u64, u64)) -> (u64, u64) {
         let is_free = |piece: &Piece| matches!(piece.content, Content::Placeholder);
         let before = (start > whole.0).then(|| self.at(start - 1)).flatten();
@@ -153,7 +154,7 @@ impl Pieces {
         )
     }
 
-    /// Makes a part of a placeholder one of its own; false if the system refuses.
+    /// Splits a part from a placeholder; false if the system refuses.
     fn separate(&mut self, start: u64, end: u64) -> bool {
         let Some((first, piece)) = self.at(start) else {
             return false;
@@ -174,7 +175,7 @@ impl Pieces {
         true
     }
 
-    /// Puts zeroed memory in place of a part of a placeholder; false if the system has not so much.
+    /// Replaces a part of a placeholder with zeroed memory; false if there is too little.
     fn commit(&mut self, functions: Functions, start: u64, end: u64) -> bool {
         // SAFETY: the process's own placeholder, as the table says.
         let is_there = self.separate(start, end) && unsafe { functions.commit(start, end - start) };
@@ -184,7 +185,7 @@ impl Pieces {
         is_there
     }
 
-    /// Puts a view in place of a part of a placeholder; false if the system refuses.
+    /// Replaces a part of a placeholder with a view; false if the system refuses.
     ///
     /// # Safety
     /// The section is large enough.
@@ -213,7 +214,7 @@ impl Pieces {
 /// Reservations by address, and their sizes.
 static RESERVATIONS: Mutex<BTreeMap<u64, u64>> = Mutex::new(BTreeMap::new());
 
-/// The reservation that an address lies in: where it starts and ends.
+/// The start and end of the reservation that contains an address.
 fn reservation(address: u64) -> Option<(u64, u64)> {
     let reservations = RESERVATIONS.lock();
     let (&start, &size_bytes) = reservations.range(..=address).next_back()?;
@@ -224,14 +225,14 @@ fn round_up(bytes: u64) -> u64 {
     bytes.next_multiple_of(GRANULE)
 }
 
-/// Reserves address space at a multiple of `alignment_bytes`; `None` if the system has none left.
+/// Reserves address space aligned to `alignment_bytes`; `None` if the system has none left.
 pub fn reserve(size_bytes: u64, alignment_bytes: u64) -> Option<u64> {
     reserve_by(size_bytes, |functions, size_bytes| {
         functions.reserve(0, size_bytes, alignment_bytes.max(GRANULE))
     })
 }
 
-/// Reserves the address space from `address` on; `None` if some of it is in use.
+/// Reserves the address space at `address`; `None` if a part of it is in use.
 pub fn reserve_at(address: u64, size_bytes: u64) -> Option<u64> {
     reserve_by(size_bytes, |functions, size_bytes| {
         functions.reserve(address, size_bytes, 0)
@@ -248,17 +249,17 @@ fn reserve_by(size_bytes: u64, reserve: impl FnOnce(Functions, u64) -> Option<u6
     Some(address)
 }
 
-/// Gives a whole reservation back, with all its mappings.
+/// Releases a whole reservation with all its mappings.
 ///
 /// # Safety
-/// It is a reservation of the caller's, and nothing accesses it any more.
+/// The caller owns the reservation, and nothing accesses it any more.
 pub unsafe fn release(address: u64, size_bytes: u64) {
     let end = address + round_up(size_bytes);
     let Some(functions) = Functions::of_system() else {
         return;
     };
     let pieces = &mut *PIECES.lock();
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller owns the reservation, and guarantees that nothing accesses it any more.
     let is_clear = unsafe { pieces.clear(functions, address, end) };
     if is_clear && pieces.coalesce(address, end) {
         // SAFETY: a single placeholder now.
@@ -268,7 +269,7 @@ pub unsafe fn release(address: u64, size_bytes: u64) {
     }
 }
 
-/// Promises memory for a part of a reservation; false if the system has not that much left.
+/// Commits memory to a part of a reservation; false if there is too little.
 #[must_use]
 pub fn commit(address: u64, size_bytes: u64) -> bool {
     let Some(functions) = Functions::of_system() else {
@@ -291,17 +292,19 @@ pub fn commit(address: u64, size_bytes: u64) -> bool {
     true
 }
 
-/// Discards the contents of a part of a reservation: it reads as zeros, and its memory goes back to
-/// the system.
+/// Discards the contents of a part of a reservation. It reads as zeros afterwards, and the system
+/// gets its memory back.
 ///
 /// # Safety
 /// The part is the caller's, no section is mapped there, and no reference to it is alive.
 pub unsafe fn discard(address: u64, size_bytes: u64) {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the part is the caller's, no section is mapped there, and
+    // no reference to it is alive.
     unsafe { replace_by_zeros(address, size_bytes) };
 }
 
-/// Replaces the mappings in a part of a reservation by pages of zeros; false if the system refuses.
+/// Replaces the mappings in a part of a reservation with pages of zeros; false if the system
+/// refuses.
 ///
 /// # Safety
 /// The part is the caller's, and no reference to it is alive.
@@ -311,7 +314,7 @@ pub unsafe fn replace_by_zeros(address: u64, size_bytes: u64) -> bool {
         return false;
     };
     let pieces = &mut *PIECES.lock();
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the part is the caller's, and no reference to it is alive.
     if !unsafe { pieces.clear(functions, address, end) } {
         return false;
     }
@@ -335,7 +338,8 @@ pub(super) unsafe fn replace_by_view(
         return false;
     };
     let pieces = &mut *PIECES.lock();
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the range is a part of a reservation of the caller's, no
+    // reference to it is alive, and the section is as large from the offset on.
     unsafe {
         pieces.clear(functions, address, address + size_bytes)
             && pieces.coalesce(address, address + size_bytes)
@@ -344,7 +348,7 @@ pub(super) unsafe fn replace_by_view(
 }
 
 /// Whether all pages of a range are mapped, by any library of the process. Accesses no memory, so
-/// that the address may be any number.
+/// any address is allowed.
 pub fn is_mapped(address: u64, size_bytes: u64) -> bool {
     let Some(end) = address.checked_add(size_bytes) else {
         return false;
@@ -371,8 +375,8 @@ pub fn is_mapped(address: u64, size_bytes: u64) -> bool {
     address != 0
 }
 
-/// Has [`on_exception`] called first for each exception of the process, from now on. The library
-/// stays mapped: `FreeLibrary` does not remove the handler.
+/// Registers [`on_exception`] as the first handler of the process's exceptions. The library is
+/// pinned, since `FreeLibrary` does not remove the handler.
 fn handle_faults() {
     static ONCE: Once = Once::new();
     const HOW: u32 = GET_MODULE_HANDLE_EX_FLAG_FROM_ADDRESS | GET_MODULE_HANDLE_EX_FLAG_PIN;
@@ -388,7 +392,7 @@ fn handle_faults() {
     });
 }
 
-/// Zeroed memory for pages of a reservation that have none.
+/// Replaces an accessed page of a reservation that has no memory with zeroed memory.
 unsafe extern "system" fn on_exception(exception: *mut EXCEPTION_POINTERS) -> i32 {
     const GO_ON: i32 = -1;
     const SEARCH: i32 = 0;
@@ -409,7 +413,7 @@ unsafe extern "system" fn on_exception(exception: *mut EXCEPTION_POINTERS) -> i3
         None => false,
         Some((_, piece)) => match piece.content {
             Content::Placeholder => pieces.commit(functions, granule, granule + GRANULE),
-            // The access fell into a replacement that is done by now.
+            // A replacement, which is complete by now, caused the fault.
             Content::Memory | Content::View(..) => true,
         },
     };

@@ -7,7 +7,7 @@ use windows_sys::Win32::System::Performance::{QueryPerformanceCounter, QueryPerf
 /// Whether the clocks are those of POSIX.
 pub const IS_POSIX: bool = false;
 
-/// A clock that never goes back, and that all processes of the machine share.
+/// A monotonic clock that all processes of the machine share.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Clock {
     /// The clock of timestamps and of presentation.

@@ -27,17 +27,17 @@ const NEEDS: u32 = EVENT_QUERY_STATE | EVENT_MODIFY_STATE | SYNCHRONIZATION_SYNC
 #[derive(Debug)]
 pub struct Event {
     handle: Handle,
-    /// Of the handles that others get.
+    /// The sharing of handles for other users.
     rights: Rights,
 }
 
 impl Event {
-    /// An event; `None` where the process can have no more handles.
+    /// Creates an event; `None` if the process cannot have more handles.
     pub fn new(is_signaled: bool) -> Option<Self> {
         Self::exportable(is_signaled, &Sharing::default()).ok()
     }
 
-    /// An event that others can use.
+    /// Creates an event for other devices and processes.
     ///
     /// # Errors
     /// The system refuses.
@@ -50,7 +50,7 @@ impl Event {
             SetLastError(ERROR_SUCCESS);
             let event = CreateEventW(security, MANUAL_RESET, is_signaled.into(), sharing.name());
             Handle::new_object(event).ok_or_else(|| match GetLastError() {
-                // An object of another kind has the name.
+                // An object of another type has the name.
                 ERROR_INVALID_HANDLE => Refused::Name,
                 _ => Refused::Handles,
             })
@@ -72,7 +72,7 @@ impl Event {
         &self.handle
     }
 
-    /// A new handle by which others can use it; `None` where the process can have no more.
+    /// A new handle for other users; `None` if the process cannot have more.
     pub fn export(&self) -> Option<Handle> {
         self.handle.share(NEEDS, self.rights)
     }
@@ -94,8 +94,8 @@ impl Event {
         unsafe { ResetEvent(self.handle.raw()) };
     }
 
-    /// Sleeps until the flag is set, `beside` is signaled, or the deadline is over; whether
-    /// `beside` is. Clears the flag.
+    /// Sleeps until the flag is set, `beside` is signaled, or the deadline has passed. Returns
+    /// whether `beside` is signaled. Clears the flag.
     pub fn wait(&self, deadline: Option<Instant>, beside: Option<BorrowedHandle<'_>>) -> bool {
         let beside = beside.map(|handle| handle.as_raw_handle());
         loop {
@@ -115,7 +115,7 @@ impl Event {
             let timeout_ms = left.map_or(INFINITE, milliseconds);
             // SAFETY: so many handles that are open.
             let why = unsafe { WaitForMultipleObjects(count, handles.as_ptr(), 0, timeout_ms) };
-            // Clocks of waits are coarser than the deadline's.
+            // The clock of waits is coarser than that of the deadline.
             let is_early = deadline.is_some_and(|deadline| Instant::now() < deadline);
             let is_alarm = alarm.is_some() && why == WAIT_OBJECT_0 + count - 1;
             if !(why == WAIT_TIMEOUT || is_alarm) || !is_early {
@@ -127,12 +127,12 @@ impl Event {
     }
 }
 
-/// The system's timeouts end at ticks of its clock, some 16 ms apart. This timer, where the system
-/// has it, is as fine as half a millisecond.
+/// System timeouts end at clock ticks, some 16 ms apart. This timer, if the system has it, has a
+/// resolution of half a millisecond.
 struct Alarm(Handle);
 
 impl Alarm {
-    /// A timer of the next refresh or so; `None` for later times, which need none.
+    /// A timer for short waits; `None` for longer waits, which need none.
     fn at(deadline: Instant) -> Option<Self> {
         const NEAR: Duration = Duration::from_millis(100);
         let left = deadline.saturating_duration_since(Instant::now());

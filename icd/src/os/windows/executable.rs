@@ -10,8 +10,8 @@ use windows_sys::Win32::System::Memory::{
 };
 use windows_sys::Win32::System::Threading::GetCurrentProcess;
 
-/// Where the compiler's native code lies.
-// SAFETY: both functions' documentation promises it.
+/// The code memory of the compiler.
+// SAFETY: `map` and `unmap` keep the trait's contract, as they document.
 pub const CODE_PAGES: CodePages = unsafe { CodePages::new(map, unmap) };
 
 /// Copies code into new pages, which are made read-only and executable then. `None` where the
@@ -19,7 +19,7 @@ pub const CODE_PAGES: CodePages = unsafe { CodePages::new(map, unmap) };
 /// prohibited).
 pub fn map(code: &[u8]) -> Option<NonNull<u8>> {
     let length = code.len().max(1);
-    // SAFETY: new pages, which no other code knows yet; they are as long as the copied code.
+    // SAFETY: the pages are new, no other code uses them yet, and they are as long as the code.
     unsafe {
         let how = MEM_RESERVE | MEM_COMMIT;
         let start = VirtualAlloc(std::ptr::null(), length, how, PAGE_READWRITE);
@@ -36,11 +36,12 @@ pub fn map(code: &[u8]) -> Option<NonNull<u8>> {
     }
 }
 
-/// Gives the pages of code back.
+/// Frees the pages of code.
 ///
 /// # Safety
 /// [`map`] gave them for code of this length, and nothing runs it any more.
 pub unsafe fn unmap(start: NonNull<u8>, _length: usize) {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that [`map`] gave them for code of this length, and nothing
+    // runs it any more.
     unsafe { VirtualFree(start.as_ptr().cast(), 0, MEM_RELEASE) };
 }

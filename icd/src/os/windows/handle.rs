@@ -27,7 +27,7 @@ impl Handle {
     /// # Safety
     /// Unless null, it is an open handle without an owner.
     pub(super) unsafe fn created(raw: HANDLE) -> Option<Self> {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that Unless null, it is an open handle without an owner.
         (!raw.is_null()).then(|| Self(unsafe { OwnedHandle::from_raw_handle(raw) }))
     }
 
@@ -57,7 +57,7 @@ impl Handle {
         duplicate(raw, access, false, 0)
     }
 
-    /// Another handle of the same object; `None` where the process can have no more.
+    /// Duplicates the handle; `None` if the process cannot have more handles.
     #[cfg(test)]
     pub fn try_clone(&self) -> Option<Self> {
         self.0.try_clone().ok().map(Self)
@@ -72,7 +72,7 @@ impl Handle {
         }
     }
 
-    /// The handle, which the caller owns from now on.
+    /// Releases the handle to the caller.
     pub fn into_raw(self) -> RawHandle {
         self.0.into_raw_handle()
     }
@@ -106,12 +106,12 @@ fn duplicate(raw: HANDLE, access: u32, is_inherited: bool, options: u32) -> Opti
     }
 }
 
-/// The rights of handles that others get.
+/// The access rights of handles for other users.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Rights {
     /// 0: all.
     access: u32,
-    /// Child processes have the handle, too.
+    /// Child processes inherit the handle.
     is_inherited: bool,
 }
 
@@ -123,7 +123,7 @@ pub struct Sharing {
     access: u32,
 }
 
-/// No name, and what the system has for the rest.
+/// No name, and the system's defaults.
 impl Default for Sharing {
     fn default() -> Self {
         Self {
@@ -135,7 +135,7 @@ impl Default for Sharing {
 }
 
 impl Sharing {
-    /// As an application has it: each may be null, and an access of 0 is all.
+    /// The application's parameters. Each pointer may be null, and an access of 0 means all.
     ///
     /// # Safety
     /// The attributes are valid and the name ends with a zero, as long as this is used.
@@ -179,8 +179,8 @@ pub(super) fn pointer_to(attributes: Option<&SECURITY_ATTRIBUTES>) -> *const SEC
 /// Closes a handle.
 ///
 /// # Safety
-/// It is the caller's to close.
+/// The caller owns the handle.
 pub unsafe fn close(raw: RawHandle) {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that it is the caller's to close.
     unsafe { CloseHandle(raw) };
 }

@@ -2,13 +2,12 @@
 
 use windows_sys::Win32::System::SystemInformation::{GlobalMemoryStatusEx, MEMORYSTATUSEX};
 
-/// Bytes of the machine's memory; `None` if the system does not say.
+/// The machine's memory in bytes; `None` if it is unknown.
 pub fn total_bytes() -> Option<u64> {
     Some(status()?.ullTotalPhys)
 }
 
-/// Bytes of the machine's memory that nothing uses, and that the process can still be promised;
-/// `None` if the system does not say.
+/// The machine's free memory in bytes that the process can still commit; `None` if it is unknown.
 pub fn free_bytes() -> Option<u64> {
     let status = status()?;
     Some(status.ullAvailPhys.min(status.ullAvailPageFile))
@@ -23,5 +22,5 @@ fn status() -> Option<MEMORYSTATUSEX> {
     (unsafe { GlobalMemoryStatusEx(&mut status) } != 0).then_some(status)
 }
 
-/// Gives freed memory back to the system. The system's heap does so by itself.
+/// Returns freed memory to the system, which the system's heap does by itself.
 pub fn trim_heap() {}

@@ -18,7 +18,7 @@ pub const HAS_DESCRIPTORS: bool = false;
 pub const HAS_X11_AND_WAYLAND: bool = false;
 pub const HAS_WIN32: bool = true;
 
-/// A need of the driver that this system does not meet; `None` if it meets all.
+/// A requirement of the driver that this system lacks; `None` if it has all.
 pub fn missing() -> Option<&'static str> {
     match placeholder::Functions::of_system() {
         Some(_) => None,

@@ -1,6 +1,6 @@
-//! Placeholders: reserved address space in pieces, each of which memory or a view of a section can
-//! take the place of (VirtualAlloc2, "Placeholders"). Their functions are not in the first versions
-//! of Windows 10 and are looked up at run time.
+//! Placeholders: pieces of reserved address space that memory or views of sections can replace
+//! (VirtualAlloc2, "Placeholders"). The first versions of Windows 10 lack the functions, so they
+//! are looked up at run time.
 
 use std::ffi::{CStr, c_void};
 use std::sync::OnceLock;
@@ -50,7 +50,7 @@ pub struct Functions {
 /// # Safety
 /// `F` is the type of the function of this name.
 pub unsafe fn system_function<F: Copy>(name: &CStr) -> Option<F> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that `F` is the type of the function of this name.
     unsafe { function_of(c"kernelbase.dll", name) }
 }
 
@@ -114,12 +114,12 @@ impl Functions {
         (!start.is_null()).then_some(start as u64)
     }
 
-    /// Puts zeroed memory in place of a whole placeholder; false if the system has not that much.
+    /// Replaces a whole placeholder with zeroed memory; false if there is too little.
     ///
     /// # Safety
     /// It is the caller's placeholder.
     pub unsafe fn commit(self, address: u64, size_bytes: u64) -> bool {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that it is the caller's placeholder.
         let start = unsafe {
             (self.allocate)(
                 GetCurrentProcess(),
@@ -134,12 +134,13 @@ impl Functions {
         !start.is_null()
     }
 
-    /// Puts a view of a section in place of a whole placeholder; false if the system refuses.
+    /// Replaces a whole placeholder with a view of a section; false if the system refuses.
     ///
     /// # Safety
     /// It is the caller's placeholder, and the handle is one of a section.
     pub unsafe fn map(self, address: u64, size_bytes: u64, section: HANDLE, offset: u64) -> bool {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that it is the caller's placeholder, and the handle is one
+        // of a section.
         let start = unsafe {
             (self.map)(
                 section,
@@ -156,7 +157,7 @@ impl Functions {
         !start.Value.is_null()
     }
 
-    /// Puts a placeholder in place of a whole view; false if the system refuses.
+    /// Replaces a whole view with a placeholder; false if the system refuses.
     ///
     /// # Safety
     /// It is the caller's view, and no reference to it is alive.
@@ -164,40 +165,41 @@ impl Functions {
         let view = MEMORY_MAPPED_VIEW_ADDRESS {
             Value: address as *mut _,
         };
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that it is the caller's view, and no reference to it is
+        // alive.
         unsafe { (self.unmap)(GetCurrentProcess(), view, MEM_PRESERVE_PLACEHOLDER) != 0 }
     }
 }
 
-/// Puts a placeholder of its own in place of memory, or of a part of a larger placeholder; false if
-/// the system refuses.
+/// Replaces memory, or a part of a larger placeholder, with a separate placeholder; false if the
+/// system refuses.
 ///
 /// # Safety
 /// They are the caller's, and no reference to them is alive.
 pub unsafe fn separate(address: u64, size_bytes: u64) -> bool {
     let how = MEM_RELEASE | MEM_PRESERVE_PLACEHOLDER;
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that they are the caller's, and no reference to them is alive.
     unsafe { VirtualFree(address as *mut _, size_bytes as usize, how) != 0 }
 }
 
 /// Bindings have its neighbours alone.
 const MEM_COALESCE_PLACEHOLDERS: u32 = 1;
 
-/// Makes one of neighbouring placeholders that fill the range; false if the system refuses.
+/// Merges the adjacent placeholders that fill the range; false if the system refuses.
 ///
 /// # Safety
 /// They are the caller's.
 pub unsafe fn coalesce(address: u64, size_bytes: u64) -> bool {
     let how = MEM_RELEASE | MEM_COALESCE_PLACEHOLDERS;
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that they are the caller's.
     unsafe { VirtualFree(address as *mut _, size_bytes as usize, how) != 0 }
 }
 
-/// Gives a placeholder's address space back.
+/// Releases a placeholder's address space.
 ///
 /// # Safety
 /// It is the caller's.
 pub unsafe fn release(address: u64) {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that it is the caller's.
     unsafe { VirtualFree(address as *mut _, 0, MEM_RELEASE) };
 }

@@ -12,8 +12,8 @@ use windows_sys::Win32::System::Threading::{
 
 use super::quota::of_job;
 
-/// Processors that the process can keep busy: those of its affinity mask, and no more than its
-/// quota of processor time pays for. At least one.
+/// The number of processors that the process can use: those of its affinity mask, limited by its
+/// quota of processor time. At least one.
 pub fn count() -> usize {
     let all = std::thread::available_parallelism().map_or(1, usize::from);
     let count = process_mask().map_or(all, |mask| mask.count_ones() as usize);
@@ -29,7 +29,7 @@ pub fn count() -> usize {
 /// Rates are hundredths of a percent of all processors.
 const HUNDRED_PERCENT: usize = 10_000;
 
-/// The share of the machine's processor time that the process's job may use.
+/// The share of processor time that the process's job may use.
 fn rate() -> Option<u32> {
     const CAPPED: u32 = JOB_OBJECT_CPU_RATE_CONTROL_ENABLE | JOB_OBJECT_CPU_RATE_CONTROL_HARD_CAP;
     // SAFETY: the structure of this class.
@@ -53,7 +53,7 @@ fn process_mask() -> Option<usize> {
 pub struct Affinity(Option<(u16, usize)>);
 
 impl Affinity {
-    /// That of the calling thread.
+    /// The affinity of the calling thread.
     pub fn of_this_thread() -> Self {
         // SAFETY: a plain system call.
         if unsafe { GetActiveProcessorGroupCount() } > 1 {
@@ -65,8 +65,8 @@ impl Affinity {
         Self((found != 0).then_some((affinity.Group, affinity.Mask)))
     }
 
-    /// Gives it to the calling thread, if that has another one. A thread stays where it is if the
-    /// system refuses.
+    /// Applies the affinity to the calling thread, if it differs. If the system refuses, the thread
+    /// keeps its affinity.
     pub fn apply(&self) {
         let Some((group, mask)) = self.0 else { return };
         if *self != Self::of_this_thread() {
@@ -82,7 +82,7 @@ impl Affinity {
         }
     }
 
-    /// The first of its processors alone.
+    /// The affinity with only its first processor.
     #[cfg(test)]
     pub fn first(&self) -> Self {
         Self(

@@ -9,7 +9,7 @@ use windows_sys::Win32::System::JobObjects::{
 use windows_sys::Win32::System::ProcessStatus::{K32GetProcessMemoryInfo, PROCESS_MEMORY_COUNTERS};
 use windows_sys::Win32::System::Threading::GetCurrentProcess;
 
-/// The limits of the process, and its use of them.
+/// The limits and the usage of the process.
 #[derive(Debug)]
 pub struct Quota(());
 
@@ -19,7 +19,7 @@ impl Quota {
         Self(())
     }
 
-    /// The limit of memory and what this process leaves of it; `None` where there is no limit.
+    /// The memory limit and the part that this process leaves; `None` without a limit.
     pub fn memory(&self) -> Option<Memory> {
         // SAFETY: the structure of this class.
         let limits: JOBOBJECT_EXTENDED_LIMIT_INFORMATION =
@@ -39,7 +39,7 @@ impl Quota {
     }
 }
 
-/// A limit of the job that the process is in; `None` outside of jobs.
+/// A limit of the process's job; `None` outside of jobs.
 ///
 /// # Safety
 /// `T` is the plain structure of the class.
@@ -62,7 +62,7 @@ pub(super) unsafe fn of_job<T: Default>(class: JOBOBJECTINFOCLASS) -> Option<T> 
     found.then_some(limit)
 }
 
-/// Memory that the process was promised.
+/// The process's committed memory.
 fn used_bytes() -> u64 {
     let mut counters = PROCESS_MEMORY_COUNTERS::default();
     let size_bytes = size_of::<PROCESS_MEMORY_COUNTERS>() as u32;

@@ -15,10 +15,10 @@ use windows_sys::Win32::System::Memory::{
 use super::address_space::{page_bytes, replace_by_view};
 use super::handle::{Handle, Rights, Sharing, pointer_to};
 
-/// The resource that the system refuses.
+/// The reason of a refusal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Refused {
-    /// The process can have no more handles.
+    /// The process cannot have more handles.
     Handles,
     Memory,
     /// Another object has the name.
@@ -28,7 +28,7 @@ pub enum Refused {
 /// The rights that drivers need: to map a section, and to write to it.
 const NEEDS: u32 = FILE_MAP_READ | FILE_MAP_WRITE;
 
-/// Zeros at first. The memory lives as long as it is mapped somewhere or has a handle.
+/// Shared memory, zero at first. It lives as long as it is mapped or has a handle.
 #[derive(Debug)]
 pub struct Section {
     /// Filled by [`Self::map`] in a private section.
@@ -39,8 +39,8 @@ pub struct Section {
 }
 
 impl Section {
-    /// A section of this process, which cannot be exported. It is mapped once by [`Self::map`], and
-    /// that gives it its size.
+    /// A section of this process, which cannot be exported. [`Self::map`] maps it once and gives it
+    /// its size.
     pub fn private() -> Self {
         Self {
             file: OnceLock::new(),
@@ -84,14 +84,14 @@ impl Section {
         })
     }
 
-    /// The handle by which others can map it; `None` for a private section.
+    /// The handle for other users; `None` for a private section.
     pub fn handle(&self) -> Option<&Handle> {
         let file = self.file.get().filter(|_| !self.is_private);
         file.map(Arc::as_ref)
     }
 
-    /// A new handle by which others can map it; `None` where the process can have no more, and for
-    /// a private section.
+    /// A new handle for other users; `None` if the process cannot have more, and for a private
+    /// section.
     pub fn export(&self) -> Option<Handle> {
         self.handle()?.share(NEEDS, self.rights)
     }
@@ -100,7 +100,7 @@ impl Section {
     /// refuses.
     ///
     /// # Safety
-    /// The range is a part of a reservation of the caller's, no reference to it is alive, and the
+    /// The caller owns a reservation with the range, no reference to the range is alive, and the
     /// section is as large.
     #[must_use]
     pub unsafe fn map(&self, address: u64, size_bytes: u64) -> bool {
@@ -110,20 +110,23 @@ impl Section {
             };
             self.file.get_or_init(|| file);
         }
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the range is a part of a reservation of the caller's,
+        // no reference to it is alive, and the section is as large.
         unsafe { self.view(0, size_bytes, address) }
     }
 
-    /// Maps a part of the section at a further address, in place of the pages there; false if the
-    /// system refuses. `view` is the address that [`Self::map`] was given, and `offset` is the
-    /// part's place in the section.
+    /// Maps a part of the section at another address, in place of the pages there; false if the
+    /// system refuses. `view` is the address of [`Self::map`], and `offset` the part's offset in
+    /// the section.
     ///
     /// # Safety
-    /// The section is mapped at `view` and has the part; the range at `address` is a part of a
-    /// reservation of the caller's, and no reference to it is alive.
+    /// The section is mapped at `view` and has the part. The caller owns a reservation with the
+    /// range at `address`, and no reference to the range is alive.
     #[must_use]
     pub unsafe fn alias(&self, _view: u64, offset: u64, size_bytes: u64, address: u64) -> bool {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the section is mapped at `view` and has the part; the
+        // range at `address` is a part of a reservation of the caller's, and no reference to it is
+        // alive.
         unsafe { self.view(offset, size_bytes, address) }
     }
 
@@ -133,7 +136,7 @@ impl Section {
         let Some(file) = self.file.get() else {
             return false;
         };
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the promises of `Self::alias`.
         unsafe { replace_by_view(address, size_bytes, file, offset) }
     }
 }

@@ -6,7 +6,7 @@ use windows_sys::core::PWSTR;
 
 use super::placeholder::system_function;
 
-/// The name that the system has for the calling thread; `None` if it does not say.
+/// The system's name of the calling thread; `None` if it is unknown.
 pub fn name() -> Option<String> {
     type GetThreadDescription = unsafe extern "system" fn(HANDLE, *mut PWSTR) -> i32;
     // SAFETY: the type is that of the system's headers. The call gives a text that ends with a zero

@@ -8,7 +8,7 @@ use windows_sys::Win32::Graphics::Gdi::{
 };
 use windows_sys::Win32::UI::WindowsAndMessaging::{GetClientRect, IsIconic};
 
-/// A window of the application's, which may cease to be one at any time.
+/// A window of the application, which may be destroyed at any time.
 #[derive(Clone, Copy, Debug)]
 pub struct Window(HWND);
 
@@ -23,8 +23,8 @@ impl Window {
         Self(window as HWND)
     }
 
-    /// Width and height of the client area in pixels: both 0 where no pixel of it is, as in a
-    /// minimized window. `None` once the window has gone.
+    /// Width and height of the client area in pixels: both 0 if it is empty, as in a minimized
+    /// window. `None` once the window is destroyed.
     pub fn extent(self) -> Option<(u32, u32)> {
         let mut area = RECT::default();
         // SAFETY: plain system calls; the first fills the rectangle.
@@ -40,8 +40,7 @@ impl Window {
         })
     }
 
-    /// How often a second the window's display shows a new picture; `None` where the system does
-    /// not say.
+    /// The refresh rate of the window's display in hertz; `None` if it is unknown.
     pub fn refreshes_per_second(self) -> Option<u32> {
         let rate = self.draw(|context| {
             // SAFETY: a context of the window's.
@@ -51,7 +50,7 @@ impl Window {
         u32::try_from(rate).ok().filter(|&rate| rate > 1)
     }
 
-    /// Uses a context of the window's, without what the application has set in one of its own.
+    /// Uses a device context of the window with default settings.
     fn draw<R>(self, how: impl FnOnce(HDC) -> R) -> Option<R> {
         let kind = DCX_CACHE | DCX_CLIPCHILDREN | DCX_CLIPSIBLINGS;
         // SAFETY: plain system calls; the context is given back by the thread that has got it.
@@ -68,7 +67,7 @@ impl Window {
 }
 
 /// Pixels of 32 bits (blue, green, red, alpha), the upper row first, in memory that GDI reads (a
-/// "DIB section"). It is used by the thread that has made it.
+/// "DIB section"). Only the thread that created it uses it.
 pub struct Bitmap {
     context: HDC,
     bitmap: HBITMAP,
@@ -134,8 +133,8 @@ impl Bitmap {
         }
     }
 
-    /// Copies the pixels to the upper left corner of a window; false if the system refuses, as it
-    /// does once the window has gone. The pixels are read when this returns.
+    /// Copies the pixels to the upper left corner of a window; false if the system refuses, for
+    /// example for a destroyed window. The copy is complete on return.
     pub fn show(&self, window: Window) -> bool {
         let (width, height) = (self.width as i32, self.height as i32);
         let is_copied = window.draw(|context| {

@@ -96,7 +96,8 @@ delegate_noop!(GlobalEvents: WpFifoManagerV1);
 /// # Safety
 /// `display` is a `wl_display *` that stays open as long as the objects made from it.
 unsafe fn connect(display: *mut c_void) -> Connection {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that `display` is a `wl_display *` that stays open as long as
+    // the objects made from it.
     Connection::from_backend(unsafe { Backend::from_foreign_display(display.cast()) })
 }
 

@@ -50,7 +50,8 @@ impl X11Window {
     /// # Safety
     /// `connection` is an `xcb_connection_t *` that outlives the object and its screens.
     pub unsafe fn new(connection: *mut c_void, window: u32) -> VkResult<Self> {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that `connection` is an `xcb_connection_t *` that outlives
+        // the object and its screens.
         let connection = Arc::new(unsafe { Connection::new(connection)? });
         let facts = connection.facts(window).ok();
         Ok(Self(Arc::new(Inner {
@@ -67,7 +68,7 @@ impl X11Window {
 /// # Safety
 /// `connection` is an open `xcb_connection_t *`.
 pub unsafe fn presents_visual(connection: *mut c_void, visual: u32) -> bool {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that `connection` is an open `xcb_connection_t *`.
     let connection = unsafe { Connection::new(connection) };
     connection.is_ok_and(|connection| connection.pixels(visual).is_some())
 }

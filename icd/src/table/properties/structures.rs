@@ -312,7 +312,7 @@ unsafe fn fill_ray_tracing(node: *mut vk::BaseOutStructure<'static>) {
                 max_opacity4_state_subdivision_level: traversal::micromap::MAX_LEVEL,
                 ..Default::default()
             });
-            // Nothing is lost where an application allows it: levels are the same.
+            // Lossy formats have the same levels, since nothing is lost.
             PhysicalDeviceOpacityMicromapPropertiesKHR(vk::PhysicalDeviceOpacityMicromapPropertiesKHR {
                 max_opacity2_state_subdivision_level: traversal::micromap::MAX_LEVEL,
                 max_opacity4_state_subdivision_level: traversal::micromap::MAX_LEVEL,
@@ -355,7 +355,7 @@ unsafe fn fill_shaders(node: *mut vk::BaseOutStructure<'static>) {
                 max_vector_components: limits::MAX_VECTOR_COMPONENTS,
                 ..Default::default()
             });
-            // Arrivals are counted outside of workgroup memory.
+            // Split barriers count arrivals outside of workgroup memory.
             PhysicalDeviceShaderSplitBarrierPropertiesEXT(
                 vk::PhysicalDeviceShaderSplitBarrierPropertiesEXT::default()
             );
@@ -470,7 +470,7 @@ unsafe fn fill_device(node: *mut vk::BaseOutStructure<'static>) {
                 ..Default::default()
             });
             PhysicalDeviceMaintenance9PropertiesKHR(vk::PhysicalDeviceMaintenance9PropertiesKHR {
-                // Slices are rows of pages like layers.
+                // Slices have whole pages, as layers have.
                 image2_d_view_of3_d_sparse: vk::TRUE,
                 default_vertex_attribute_value: vk::DefaultVertexAttributeValueKHR::ZERO_ZERO_ZERO_ZERO,
                 ..Default::default()

@@ -1,4 +1,4 @@
-//! File descriptors: memory, semaphores and fences to share with other devices and processes.
+//! File descriptors, for memory, semaphores and fences shared with other devices and processes.
 
 use std::ffi::{c_int, c_void};
 
@@ -18,14 +18,14 @@ use crate::os::section::Section;
 pub const MEMORY_HANDLES: vk::ExternalMemoryHandleTypeFlags =
     vk::ExternalMemoryHandleTypeFlags::OPAQUE_FD;
 
-/// Those of semaphores.
+/// The handle types of semaphores.
 pub const SEMAPHORE_HANDLES: vk::ExternalSemaphoreHandleTypeFlags =
     vk::ExternalSemaphoreHandleTypeFlags::from_raw(
         vk::ExternalSemaphoreHandleTypeFlags::OPAQUE_FD.as_raw()
             | vk::ExternalSemaphoreHandleTypeFlags::SYNC_FD.as_raw(),
     );
 
-/// Those of fences.
+/// The handle types of fences.
 pub const FENCE_HANDLES: vk::ExternalFenceHandleTypeFlags =
     vk::ExternalFenceHandleTypeFlags::from_raw(
         vk::ExternalFenceHandleTypeFlags::OPAQUE_FD.as_raw()
@@ -37,7 +37,7 @@ pub const FENCE_HANDLES: vk::ExternalFenceHandleTypeFlags =
 /// # Safety
 /// `next` is a valid chain of `VkMemoryAllocateInfo`.
 pub unsafe fn exported_memory(next: *const c_void) -> Option<Sharing> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that `next` is a valid chain of `VkMemoryAllocateInfo`.
     let export = unsafe { chain::find::<vk::ExportMemoryAllocateInfo>(next) }?;
     let opaque = vk::ExternalMemoryHandleTypeFlags::OPAQUE_FD;
     (export.handle_types.contains(opaque)).then(Sharing::default)
@@ -48,7 +48,7 @@ pub unsafe fn exported_memory(next: *const c_void) -> Option<Sharing> {
 /// # Safety
 /// `next` is a valid chain of `VkSemaphoreCreateInfo`.
 pub unsafe fn exported_semaphore(next: *const c_void) -> Option<Sharing> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that `next` is a valid chain of `VkSemaphoreCreateInfo`.
     let export = unsafe { chain::find::<vk::ExportSemaphoreCreateInfo>(next) }?;
     let opaque = vk::ExternalSemaphoreHandleTypeFlags::OPAQUE_FD;
     (export.handle_types.contains(opaque)).then(Sharing::default)
@@ -59,24 +59,24 @@ pub unsafe fn exported_semaphore(next: *const c_void) -> Option<Sharing> {
 /// # Safety
 /// `next` is a valid chain of `VkFenceCreateInfo`.
 pub unsafe fn exported_fence(next: *const c_void) -> Option<Sharing> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that `next` is a valid chain of `VkFenceCreateInfo`.
     let export = unsafe { chain::find::<vk::ExportFenceCreateInfo>(next) }?;
     let opaque = vk::ExternalFenceHandleTypeFlags::OPAQUE_FD;
     (export.handle_types.contains(opaque)).then(Sharing::default)
 }
 
-/// A payload to import, whose file is owned from here on.
+/// A payload to import, which owns its file.
 ///
 /// # Errors
 /// `VK_ERROR_INVALID_EXTERNAL_HANDLE` if it is no file; the file is not owned then.
 ///
 /// # Safety
-/// The file is the application's to give away.
+/// The application owns the file and transfers it.
 unsafe fn import(fd: RawHandle, is_sync: bool, is_temporary: bool) -> VkResult<Import> {
     if is_sync && fd == -1 {
         return Ok(Import::Sync(None));
     }
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the file is the application's to give away.
     let file = unsafe { Handle::adopt(fd) }.ok_or(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE)?;
     Ok(match is_sync {
         true => Import::Sync(Some(file)),
@@ -84,8 +84,8 @@ unsafe fn import(fd: RawHandle, is_sync: bool, is_temporary: bool) -> VkResult<I
     })
 }
 
-/// The memory that an allocation is to import: another handle of it, and the application's own if
-/// that is to be closed on success.
+/// The memory that an allocation imports: a new handle of it, and the application's handle if that
+/// is closed on success.
 ///
 /// # Errors
 /// `VK_ERROR_INVALID_EXTERNAL_HANDLE` if it is no file.
@@ -95,7 +95,7 @@ unsafe fn import(fd: RawHandle, is_sync: bool, is_temporary: bool) -> VkResult<I
 pub unsafe fn imported_memory(
     next: *const c_void,
 ) -> VkResult<Option<(Handle, Option<RawHandle>)>> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that `next` is a valid chain of `VkMemoryAllocateInfo`.
     let import = unsafe { chain::find::<vk::ImportMemoryFdInfoKHR>(next) };
     let Some(import) = import.filter(|import| !import.handle_type.is_empty()) else {
         return Ok(None);
@@ -115,8 +115,8 @@ entry! {
         Ok(())
     }
 
-    /// Sync files come to be when the semaphore has been signaled, for which this waits; exporting
-    /// one is a wait to the semaphore, too.
+    /// A sync file is exported after the semaphore's signal, for which this waits. For the
+    /// semaphore the export is a wait operation.
     fn vkGetSemaphoreFdKHR(device: vk::Device, info: *const vk::SemaphoreGetFdInfoKHR, out: *mut c_int) -> vk::Result {
         let semaphore = from_handle::<Semaphore>((*info).semaphore);
         if (*info).handle_type != vk::ExternalSemaphoreHandleTypeFlags::SYNC_FD {

@@ -12,13 +12,13 @@ use crate::entry::row::commands;
 use crate::ffi::vk;
 use crate::os::clock::Clock;
 
-/// The system's clocks that timestamps can be calibrated to.
+/// The system's time domains for calibrated timestamps.
 pub const TIME_DOMAINS: [vk::TimeDomainKHR; 2] = [
     vk::TimeDomainKHR::CLOCK_MONOTONIC,
     vk::TimeDomainKHR::CLOCK_MONOTONIC_RAW,
 ];
 
-/// The time in a domain: one of [`TIME_DOMAINS`], or that of the device.
+/// The time in a domain: one of [`TIME_DOMAINS`], or the device's.
 pub fn time(domain: vk::TimeDomainKHR) -> u64 {
     match domain {
         vk::TimeDomainKHR::CLOCK_MONOTONIC_RAW => Clock::MonotonicRaw.now_ns(),

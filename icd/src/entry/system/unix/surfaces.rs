@@ -29,7 +29,7 @@ entry! {
     ) -> vk::Result {
         let connection = x11::connection_of((*info).dpy.cast())
             .ok_or(vk::Result::ERROR_INITIALIZATION_FAILED)?;
-        // A window's name has 32 bits, in whatever Xlib keeps it.
+        // A window id has 32 bits, although Xlib's type is wider.
         let window = X11Window::new(connection, (*info).window as u32)?;
         *out = handle::create(Surface::of(Arc::new(window)));
         Ok(())
@@ -70,7 +70,7 @@ entry! {
         _family: u32,
         _display: *mut vk::wl_display,
     ) -> vk::Bool32 {
-        // Every compositor has `wl_shm` and the two formats that are needed.
+        // Every compositor has `wl_shm` and the two required formats.
         vk::TRUE
     }
 }

@@ -1,7 +1,7 @@
-//! Handles: memory, semaphores and fences to share with other devices and processes.
+//! Handles, for memory, semaphores and fences shared with other devices and processes.
 //!
-//! Memory is a section, a payload of a semaphore or fence an event. An import has a handle of its
-//! own and leaves the application's alone (Vulkan 1.4, "Importing Semaphore Payloads").
+//! Memory is a section; the payload of a semaphore or fence is an event. An import has its own
+//! handle and does not close the application's (Vulkan 1.4, "Importing Semaphore Payloads").
 
 use std::ffi::c_void;
 
@@ -23,15 +23,15 @@ const INVALID: vk::Result = vk::Result::ERROR_INVALID_EXTERNAL_HANDLE;
 pub const MEMORY_HANDLES: vk::ExternalMemoryHandleTypeFlags =
     vk::ExternalMemoryHandleTypeFlags::OPAQUE_WIN32;
 
-/// Those of semaphores.
+/// The handle types of semaphores.
 pub const SEMAPHORE_HANDLES: vk::ExternalSemaphoreHandleTypeFlags =
     vk::ExternalSemaphoreHandleTypeFlags::OPAQUE_WIN32;
 
-/// Those of fences.
+/// The handle types of fences.
 pub const FENCE_HANDLES: vk::ExternalFenceHandleTypeFlags =
     vk::ExternalFenceHandleTypeFlags::OPAQUE_WIN32;
 
-/// The sharing that a structure of Vulkan's asks for, or the system's default without one.
+/// The sharing parameters of a Vulkan structure, or the system's defaults without one.
 macro_rules! sharing {
     ($next:ident, $info:ident) => {
         chain::find::<vk::$info>($next).map_or_else(Sharing::default, |info| {
@@ -45,7 +45,8 @@ macro_rules! sharing {
 /// # Safety
 /// `next` is a valid chain of `VkMemoryAllocateInfo`, as long as the result is used.
 pub unsafe fn exported_memory(next: *const c_void) -> Option<Sharing> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that `next` is a valid chain of `VkMemoryAllocateInfo`, as long
+    // as the result is used.
     unsafe {
         let export = chain::find::<vk::ExportMemoryAllocateInfo>(next)?;
         (export.handle_types.contains(MEMORY_HANDLES))
@@ -58,7 +59,8 @@ pub unsafe fn exported_memory(next: *const c_void) -> Option<Sharing> {
 /// # Safety
 /// `next` is a valid chain of `VkSemaphoreCreateInfo`, as long as the result is used.
 pub unsafe fn exported_semaphore(next: *const c_void) -> Option<Sharing> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that `next` is a valid chain of `VkSemaphoreCreateInfo`, as
+    // long as the result is used.
     unsafe {
         let export = chain::find::<vk::ExportSemaphoreCreateInfo>(next)?;
         (export.handle_types.contains(SEMAPHORE_HANDLES))
@@ -71,7 +73,8 @@ pub unsafe fn exported_semaphore(next: *const c_void) -> Option<Sharing> {
 /// # Safety
 /// `next` is a valid chain of `VkFenceCreateInfo`, as long as the result is used.
 pub unsafe fn exported_fence(next: *const c_void) -> Option<Sharing> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that `next` is a valid chain of `VkFenceCreateInfo`, as long as
+    // the result is used.
     unsafe {
         let export = chain::find::<vk::ExportFenceCreateInfo>(next)?;
         (export.handle_types.contains(FENCE_HANDLES))
@@ -79,17 +82,17 @@ pub unsafe fn exported_fence(next: *const c_void) -> Option<Sharing> {
     }
 }
 
-/// The memory that an allocation is to import: another handle of it. The application keeps its own.
+/// The memory that an allocation imports: a new handle of it. The application keeps its own.
 ///
 /// # Errors
-/// `VK_ERROR_INVALID_EXTERNAL_HANDLE` for what is no handle or name, and for other handle types.
+/// `VK_ERROR_INVALID_EXTERNAL_HANDLE` for an invalid handle or name, and for other handle types.
 ///
 /// # Safety
 /// `next` is a valid chain of `VkMemoryAllocateInfo`.
 pub unsafe fn imported_memory(
     next: *const c_void,
 ) -> VkResult<Option<(Handle, Option<RawHandle>)>> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that `next` is a valid chain of `VkMemoryAllocateInfo`.
     let import = unsafe { chain::find::<vk::ImportMemoryWin32HandleInfoKHR>(next) };
     let Some(import) = import.filter(|import| !import.handle_type.is_empty()) else {
         return Ok(None);
@@ -98,7 +101,7 @@ pub unsafe fn imported_memory(
         return Err(INVALID);
     }
     let handle = match import.handle {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that `next` is a valid chain of `VkMemoryAllocateInfo`.
         0 => unsafe { section::named(import.name) },
         handle => Handle::duplicate(handle as RawHandle),
     };
@@ -108,13 +111,13 @@ pub unsafe fn imported_memory(
 /// A payload to import.
 ///
 /// # Errors
-/// `VK_ERROR_INVALID_EXTERNAL_HANDLE` for what is no payload.
+/// `VK_ERROR_INVALID_EXTERNAL_HANDLE` for another kind of object.
 ///
 /// # Safety
 /// The name is null or ends with a zero.
 unsafe fn import(handle: vk::HANDLE, name: vk::LPCWSTR, is_temporary: bool) -> VkResult<Import> {
     let file = match handle {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the name is null or ends with a zero.
         0 => unsafe { event::named(name) },
         handle => event::imported(handle as RawHandle),
     };

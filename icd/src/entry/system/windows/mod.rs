@@ -12,10 +12,10 @@ use crate::entry::row::commands;
 use crate::ffi::vk;
 use crate::os::clock::{Clock, ticks};
 
-/// The system's clocks that timestamps can be calibrated to.
+/// The system's time domains for calibrated timestamps.
 pub const TIME_DOMAINS: [vk::TimeDomainKHR; 1] = [vk::TimeDomainKHR::QUERY_PERFORMANCE_COUNTER];
 
-/// The time in a domain: one of [`TIME_DOMAINS`], or that of the device.
+/// The time in a domain: one of [`TIME_DOMAINS`], or the device's.
 pub fn time(domain: vk::TimeDomainKHR) -> u64 {
     match domain {
         vk::TimeDomainKHR::QUERY_PERFORMANCE_COUNTER => ticks(),
