@@ -25,7 +25,7 @@ impl Memory {
     /// The memory must be readable and unchanged.
     #[inline]
     pub(crate) unsafe fn read<const N: usize>(&self, offset: u64) -> Option<[u8; N]> {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the memory is readable and unchanged.
         unsafe { self.read_integers(offset) }
     }
 

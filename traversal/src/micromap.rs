@@ -185,7 +185,8 @@ pub unsafe fn build_micromap(
         triangles_offset as u64 + u64::from(input.count) * size_of::<TriangleEntry>() as u64;
     let mut end = states_offset;
     for index in 0..input.count {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the memory that `input` names is readable and
+        // unchanged, and does not overlap `destination`.
         let source = unsafe { read_triangle(input, index) };
         let states = source.map_or(&[][..], |(_, _, states)| states);
         let entry = TriangleEntry {
@@ -229,7 +230,7 @@ unsafe fn read_triangle(
     index: u32,
 ) -> Option<(u32, MicromapFormat, &'static [u8])> {
     let place = u64::from(index).checked_mul(input.stride_bytes)?;
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller keeps the promises of `build_micromap`.
     let bytes: [u8; 8] = unsafe { input.triangles.read(place) }?;
     let offset = u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]);
     let level = u32::from(u16::from_le_bytes([bytes[4], bytes[5]]));
@@ -280,7 +281,7 @@ impl Micromap {
     /// `live` is there as long as the value is in use. In [`EVERYWHERE`](crate::EVERYWHERE), an
     /// address other than 0 must be that of a micromap.
     pub unsafe fn at(address: u64, live: &Live) -> Option<Micromap> {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that `live` is there as long as the value is in use.
         unsafe { Micromap::inside(address, live.bytes_from(address)) }
     }
 
@@ -325,7 +326,8 @@ impl Micromap {
     /// # Safety
     /// As for [`Self::at`], for as long as `'a`, and nothing writes them.
     pub unsafe fn bytes<'a>(&self) -> &'a [u8] {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the promises of `Self::at` for as long as `'a`, and nothing
+        // writes them.
         unsafe { std::slice::from_raw_parts(self.base, self.size_bytes as usize) }
     }
 
@@ -376,7 +378,7 @@ pub(crate) unsafe fn opacity_of_word(
     if word >= FIRST_SPECIAL {
         return Opacity::of(!word);
     }
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller keeps the promises of `Micromap::at`.
     unsafe { Micromap::at(address, live) }.map_or(Opacity::UnknownOpaque, |micromap| {
         micromap.opacity(word, barycentrics)
     })

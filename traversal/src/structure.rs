@@ -59,7 +59,8 @@ impl Structure {
     /// [`EVERYWHERE`](crate::EVERYWHERE), an address other than 0 must be that of a structure.
     #[inline(always)]
     pub unsafe fn at(address: u64, live: &Live) -> Option<Structure> {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that `live` is there as long as the value or a
+        // [`Walk`](crate::Walk) on it is in use.
         unsafe { Structure::inside(address, live.bytes_from(address)) }.map(|found| found.0)
     }
 

@@ -86,7 +86,8 @@ impl Survey {
         room: usize,
     ) -> Survey {
         let mut survey = Survey::default();
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the promises of `Walk::new`, and guarantees that `live` is where
+        // the structures may lie.
         unsafe { walker.set_live(live) };
         // SAFETY: likewise.
         let Some(top) = (unsafe { Structure::at(top_level, live) }) else {

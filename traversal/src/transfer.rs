@@ -130,7 +130,7 @@ impl Split {
             block_bytes: usize::from(lists) * (BLOCK_HEAD + 8 * geometries.len()),
             references_start: header.references_offset as usize,
             references_bytes: 8 * structure.reference_count() as usize,
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller keeps the promises of `outside_micromaps`.
             micromaps: unsafe { outside_micromaps(structure, live) },
         }
     }
@@ -178,7 +178,8 @@ unsafe fn outside_micromaps(structure: &Structure, live: &Live) -> Vec<Enclosed>
     addresses
         .into_iter()
         .filter_map(|address| {
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that `live` is there as long as they are in use; see
+            // [`Micromap::at`].
             let micromap = unsafe { Micromap::at(address, live) }?;
             Some(Enclosed { address, micromap })
         })
@@ -194,7 +195,7 @@ unsafe fn outside_micromaps(structure: &Structure, live: &Live) -> Vec<Enclosed>
 /// `live` is there during the call; see [`Micromap::at`].
 pub unsafe fn serialized_size(source: &[u8], live: &Live) -> Result<u64, StructureError> {
     let (structure, header) = Structure::of(source)?;
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that `live` is there during the call; see [`Micromap::at`].
     Ok(unsafe { Split::of(&structure, &header, live) }.serialized_bytes() as u64)
 }
 
@@ -215,7 +216,7 @@ pub unsafe fn serialize(
     live: &Live,
 ) -> Result<u64, StructureError> {
     let (structure, header) = Structure::of(source)?;
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller keeps the promises of `serialized_size`.
     let split = unsafe { Split::of(&structure, &header, live) };
     let bytes = split.serialized_bytes();
     let out = destination
@@ -253,7 +254,7 @@ pub unsafe fn serialize(
     after[..split.size - references_end].copy_from_slice(&source[references_end..split.size]);
     if structure.micromap_bytes() > 0 {
         // A bottom level has no references: the body is the whole blob.
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the promises of `serialized_size`.
         unsafe { enclose(&structure, &split, body) };
     }
     Ok(bytes as u64)
@@ -269,7 +270,7 @@ unsafe fn enclose(structure: &Structure, split: &Split, blob: &mut [u8]) {
     let mut end = split.size;
     let mut offsets = Vec::with_capacity(split.micromaps.len());
     for enclosed in &split.micromaps {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the micromaps are alive and unchanged.
         let bytes = unsafe { enclosed.micromap.bytes() };
         blob[end..end + bytes.len()].copy_from_slice(bytes);
         offsets.push((end - part) as u64);

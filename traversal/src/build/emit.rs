@@ -44,7 +44,7 @@ impl Target<'_> {
     pub unsafe fn leaves_for(&self, primitives: &[Primitive]) -> u32 {
         match self.form {
             Form::Groups => self.leaves_of(primitives.len()),
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that the memory of the geometries is readable.
             Form::Blocks => unsafe { self.block(primitives) }.units(),
         }
     }
@@ -59,7 +59,7 @@ impl Target<'_> {
         };
         Block::of(primitives.iter().map(|primitive| {
             let geometry = &list[primitive.geometry as usize];
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that the memory of the geometries is readable.
             let triangle = unsafe { geometry.triangle(primitive.index) };
             let word = triangle_word(primitive.geometry, geometry);
             (primitive.index, word, triangle.unwrap_or_default())
@@ -73,7 +73,8 @@ impl Target<'_> {
     pub unsafe fn end_blocks(&self, start: u32, end: u32) {
         if self.form == Form::Blocks {
             let first = self.leaf_at::<[u8; BLOCK_UNIT]>(start);
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that they are inside the part, and no other thread
+            // reads or writes them.
             unsafe { first.write_bytes(0, (end - start) as usize) };
         }
     }
@@ -102,10 +103,12 @@ impl Target<'_> {
     /// As for [`Self::write_leaf`]; the memory of the geometries is readable.
     pub unsafe fn write_primitives(&self, primitives: &[Primitive], index: u32) -> (u32, u32) {
         if self.form == Form::Blocks {
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller keeps the promises of `Self::write_leaf`, and guarantees that the
+            // memory of the geometries is readable.
             return unsafe { self.write_block(primitives, index) };
         }
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the promises of `Self::write_leaf`, and guarantees that the
+        // memory of the geometries is readable.
         let word = unsafe { self.write_leaves(primitives, index) };
         (word, self.leaves_of(primitives.len()))
     }
@@ -113,7 +116,7 @@ impl Target<'_> {
     /// # Safety
     /// As for [`Self::write_primitives`].
     unsafe fn write_block(&self, primitives: &[Primitive], index: u32) -> (u32, u32) {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the promises of `Self::write_primitives`.
         let block = unsafe { self.block(primitives) };
         let units = block.units();
         let from = std::ptr::from_ref(&block).cast::<[u8; BLOCK_UNIT]>();
@@ -128,7 +131,7 @@ impl Target<'_> {
         match self.geometries {
             Geometries::Triangles(_) => {
                 for (i, primitives) in primitives.chunks(GROUP).enumerate() {
-                    // SAFETY: the caller's promise.
+                    // SAFETY: the caller keeps the promises of `Self::write_primitives`.
                     unsafe { self.write_group(primitives, index + i as u32) };
                 }
                 let two = if primitives.len() > GROUP {
@@ -144,28 +147,28 @@ impl Target<'_> {
                     primitive: primitive.index,
                     geometry: word(primitive.geometry, list[primitive.geometry as usize].flags),
                 };
-                // SAFETY: the caller's promise.
+                // SAFETY: the caller keeps the promises of `Self::write_primitives`.
                 unsafe { self.write_leaf(index, entry) };
                 child::LEAF | index
             }
             Geometries::Swept(list) => {
                 let primitive = primitives[0];
                 let geometry = &list[primitive.geometry as usize];
-                // SAFETY: the caller's promise.
+                // SAFETY: the caller keeps the promises of `Self::write_primitives`.
                 let read = unsafe { geometry.primitive(primitive.index) };
                 let entry = read.unwrap_or(SweptPrimitive::NOTHING).entry(
                     primitive.index,
                     primitive.geometry,
                     geometry,
                 );
-                // SAFETY: the caller's promise.
+                // SAFETY: the caller keeps the promises of `Self::write_primitives`.
                 unsafe { self.write_leaf(index, entry) };
                 child::LEAF | index
             }
             Geometries::Motion(list) => {
                 let primitive = primitives[0];
                 let geometry = &list[primitive.geometry as usize];
-                // SAFETY: the caller's promise.
+                // SAFETY: the caller keeps the promises of `Self::write_primitives`.
                 unsafe {
                     let entry = geometry.entry(primitive.index, primitive.geometry);
                     self.write_leaf(index, entry);
@@ -179,8 +182,8 @@ impl Target<'_> {
     /// # Safety
     /// As for [`Self::write_primitives`].
     unsafe fn write_group(&self, primitives: &[Primitive], index: u32) {
-        // SAFETY: the caller's promise. It is filled in where it is, as copies of what was just
-        // written number by number are slow.
+        // SAFETY: the caller keeps the promises of `Self::write_primitives`. It is filled in where
+        // it is, as copies of what was just written number by number are slow.
         let group = unsafe {
             self.write_leaf(index, TriangleGroup::EMPTY);
             &mut *self.leaf_at::<TriangleGroup>(index)
@@ -193,7 +196,7 @@ impl Target<'_> {
             };
             let geometry = &list[primitive.geometry as usize];
             group.geometries[lane] = triangle_word(primitive.geometry, geometry);
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller keeps the promises of `Self::write_primitives`.
             if let Some(triangle) = unsafe { geometry.triangle(primitive.index) } {
                 group.set_triangle(lane, &triangle);
                 extent.add(&triangle);
@@ -210,7 +213,7 @@ impl Target<'_> {
     unsafe fn prefetch(&self, primitives: &[Primitive]) {
         if let Geometries::Triangles(list) = self.geometries {
             for primitive in primitives {
-                // SAFETY: the caller's promise.
+                // SAFETY: the caller guarantees that the memory of the geometries is readable.
                 unsafe { list[primitive.geometry as usize].prefetch(primitive.index) };
             }
         }
@@ -252,12 +255,14 @@ impl Target<'_> {
                 next_leaf += subtree[0].wide_leaves;
             }
         }
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the promises of `Self::write_leaf`, and guarantees that
+        // `primitives` are the subtree's.
         unsafe { self.write_node(node_index, &node) };
         let run = |(subtree, first, node_index, leaf_index): BinarySubtree<'_>| {
             let own = &primitives[first as usize..][..subtree[0].count as usize];
             if subtree[0].count <= NEAR && nodes[0].count > NEAR {
-                // SAFETY: the caller's promise.
+                // SAFETY: the caller keeps the promises of `Self::write_leaf`, and guarantees that
+                // `primitives` are the subtree's.
                 unsafe { self.prefetch(own) };
             }
             // SAFETY: the plan gave this subtree these nodes and leaves.

@@ -41,17 +41,20 @@ pub(crate) unsafe fn read(source: &InstanceSource<'_>, index: u32) -> Option<Ins
     let pointer = || unsafe { source.memory.read(offset) }.map(u64::from_le_bytes);
     match source.array {
         InstanceArray::Records => {
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that the memory of `source` is readable and unchanged,
+            // and so are records behind pointers.
             let bytes: [u8; 64] = unsafe { source.memory.read(offset) }?;
             Some(static_instance(&bytes))
         }
         InstanceArray::Pointers => {
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that the memory of `source` is readable and unchanged,
+            // and so are records behind pointers.
             let bytes: [u8; 64] = unsafe { read_behind(pointer()?, source.live) }?;
             Some(static_instance(&bytes))
         }
         InstanceArray::MotionRecords => {
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that the memory of `source` is readable and unchanged,
+            // and so are records behind pointers.
             let bytes: [u8; MOTION_BYTES] = unsafe { source.memory.read(offset) }?;
             let ty = u32::from_le_bytes(bytes[..4].try_into().expect("four bytes"));
             Some(motion_instance(ty, &bytes[8..]))
@@ -87,7 +90,8 @@ const MOTION_BYTES: usize = 152;
 /// `live` is readable, and nothing writes the record.
 unsafe fn read_behind<const N: usize>(address: u64, live: &Live) -> Option<[u8; N]> {
     let record = std::ptr::with_exposed_provenance::<[u8; N]>(address as usize);
-    // SAFETY: the caller's promise; pointers need not be aligned.
+    // SAFETY: the caller guarantees that `live` is readable, and nothing writes the record;
+    // pointers need not be aligned.
     (live.contains(address, N as u64)).then(|| unsafe { record.read_unaligned() })
 }
 
@@ -146,7 +150,7 @@ impl Instance {
     /// # Safety
     /// As for [`Structure::at`].
     pub unsafe fn place(&self, live: &Live) -> Option<Placed> {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the promises of `Structure::at`.
         let (bottom, header) =
             unsafe { Structure::inside(self.reference, live.bytes_from(self.reference)) }?;
         if bottom.kind().is_top() {

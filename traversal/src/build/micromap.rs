@@ -26,7 +26,8 @@ pub(crate) unsafe fn write(list: &[&TriangleGeometry], part: &mut [u8]) {
         };
         let fill = |(chunk, places): (usize, &mut [u8])| {
             for (i, place) in places.chunks_exact_mut(4).enumerate() {
-                // SAFETY: the caller's promise.
+                // SAFETY: the caller guarantees that the memory of the geometries is readable and
+                // unchanged.
                 let word = unsafe { micromap.word((chunk * CHUNK + i) as u32) };
                 place.copy_from_slice(&word.to_le_bytes());
             }

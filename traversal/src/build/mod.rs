@@ -104,7 +104,7 @@ unsafe fn build_to_depth(
             true => unsafe { std::slice::from_raw_parts_mut(nodes.as_mut_ptr().cast(), count) },
             false => &mut *primitives,
         };
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the promises of `build`.
         unsafe { primitive::collect(&input.geometries, input.flags, places) }
     };
     let active = collected.count;
@@ -142,7 +142,8 @@ unsafe fn build_to_depth(
     });
     let mut origin_error = 0.0;
     if let Geometries::Instances(source) = &input.geometries {
-        // SAFETY: the caller's promise; the parts have a record for each instance.
+        // SAFETY: the caller keeps the promises of `build`; the parts have a record for each
+        // instance.
         origin_error = unsafe { refit::write_instances(&target, source) };
     }
     let (nodes, leaves) = (written.node_count, written.leaf_count);
@@ -236,7 +237,8 @@ unsafe fn write_packed(
 /// unchanged.
 unsafe fn write_micromaps(target: &Target<'_>, bytes: u64) {
     let list: Vec<_> = target.geometries.triangle_lists().collect();
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that There are `bytes` after the target's parts, and the memory
+    // of the geometries is readable and unchanged.
     unsafe {
         let start = target.base.add(target.parts.size_bytes as usize);
         micromap::write(&list, std::slice::from_raw_parts_mut(start, bytes as usize));
@@ -279,7 +281,7 @@ unsafe fn plan(
         target.form = form;
         let depth = collapse::plan(nodes, costs, &|first, count| {
             let own = &primitives[first as usize..][..count as usize];
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that the memory of the geometries is readable.
             unsafe { target.leaves_for(own) }
         });
         let mut written = Written {

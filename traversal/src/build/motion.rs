@@ -16,7 +16,7 @@ impl MotionGeometry {
             vertices: self.end_vertices,
             ..self.start
         };
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the geometry's memory is readable and unchanged.
         unsafe { Some([self.start.triangle(index)?, end.triangle(index)?]) }
     }
 
@@ -26,7 +26,7 @@ impl MotionGeometry {
     /// As [`Self::triangles`].
     pub(crate) unsafe fn entry(&self, primitive: u32, geometry: u32) -> MotionEntry {
         MotionEntry {
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller keeps the promises of `Self::triangles`.
             triangles: unsafe { self.triangles(primitive) }.unwrap_or([[[f32::NAN; 3]; 3]; 2]),
             primitive,
             geometry: triangle_word(geometry, &self.start),

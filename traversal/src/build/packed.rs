@@ -81,7 +81,7 @@ impl Target<'_> {
             node.set_bounds(lane, bounds);
             all = all.union(bounds);
         }
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the promises of `Self::write_tree`.
         unsafe { self.write_node(node_index, &node) };
         all
     }

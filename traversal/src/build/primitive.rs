@@ -108,31 +108,36 @@ pub(crate) unsafe fn collect(
         Geometries::Triangles(list) => {
             let counts = list.iter().map(|geometry| geometry.primitive_count);
             fill(primitives, counts, |g, i| {
-                // SAFETY: the caller's promise.
+                // SAFETY: the caller guarantees that the memory of `geometries` is readable and
+                // unchanged.
                 unsafe { triangle_bounds(&list[g], i, updatable) }
             })
         }
         Geometries::Aabbs(list) => {
             let counts = list.iter().map(|geometry| geometry.primitive_count);
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that the memory of `geometries` is readable and
+            // unchanged.
             fill(primitives, counts, |g, i| unsafe { aabb(&list[g], i) })
         }
         Geometries::Swept(list) => {
             let counts = list.iter().map(|geometry| geometry.primitive_count);
             fill(primitives, counts, |g, i| {
-                // SAFETY: the caller's promise.
+                // SAFETY: the caller guarantees that the memory of `geometries` is readable and
+                // unchanged.
                 unsafe { swept_bounds(&list[g], i, updatable) }
             })
         }
         Geometries::Motion(list) => {
             let counts = list.iter().map(|geometry| geometry.start.primitive_count);
             fill(primitives, counts, |g, i| {
-                // SAFETY: the caller's promise.
+                // SAFETY: the caller guarantees that the memory of `geometries` is readable and
+                // unchanged.
                 unsafe { list[g].triangles(i) }.map(|both| motion_bounds(&both))
             })
         }
         Geometries::Instances(source) => fill(primitives, [source.count].into_iter(), |_, i| {
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that the memory of `geometries` is readable and
+            // unchanged.
             unsafe { instance_bounds(source, i) }
         }),
     }
@@ -201,7 +206,7 @@ unsafe fn triangle_bounds(
     index: u32,
     updatable: bool,
 ) -> Option<Bounds> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the geometry's memory is readable and unchanged.
     let triangle = unsafe { geometry.triangle(index) }?;
     let most = (triangle.as_flattened().iter()).fold(0, |most, c| most.max(c.to_bits() & !SIGN));
     if f32::from_bits(most).is_finite() {
@@ -226,7 +231,7 @@ unsafe fn triangle_bounds(
 /// The geometry's memory must be readable and unchanged.
 pub(crate) unsafe fn aabb(geometry: &AabbGeometry, index: u32) -> Option<Bounds> {
     let offset = u64::from(index).checked_mul(geometry.stride_bytes)?;
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the geometry's memory is readable and unchanged.
     let bytes = unsafe { geometry.boxes.read::<24>(offset) }?;
     let float = |i: usize| f32::from_le_bytes(bytes[4 * i..4 * i + 4].try_into().unwrap());
     let bounds = Bounds {
@@ -241,7 +246,7 @@ pub(crate) unsafe fn aabb(geometry: &AabbGeometry, index: u32) -> Option<Bounds>
 /// # Safety
 /// As for [`collect`].
 unsafe fn instance_bounds(source: &InstanceSource<'_>, index: u32) -> Option<Bounds> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller keeps the promises of `collect`.
     let instance = unsafe { super::instance::read(source, index) }?;
     // SAFETY: references are 0 or built bottom levels, by the caller's promise.
     unsafe { instance.place(source.live) }.map(|placed| placed.bounds)

@@ -58,7 +58,7 @@ unsafe fn write_group(group: &mut TriangleGroup, list: &[TriangleGeometry]) {
             continue;
         }
         group.geometries[lane] = triangle_word(number, geometry);
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the geometries' memory is readable.
         if let Some(triangle) = unsafe { geometry.triangle(primitive) } {
             group.set_triangle(lane, &triangle);
             group.lanes |= 1 << lane;
@@ -80,7 +80,8 @@ pub(crate) unsafe fn write_swept(target: &Target<'_>, count: u32, list: &[SweptG
         let Some(geometry) = list.get(number as usize) else {
             return;
         };
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the target has `count` valid entries, and the
+        // geometries' memory is readable.
         let read = unsafe { geometry.primitive(entry.primitive) };
         *entry = read
             .unwrap_or(SweptPrimitive::NOTHING)
@@ -114,7 +115,8 @@ pub(crate) unsafe fn write_motion(target: &Target<'_>, count: u32, list: &[Motio
 /// are 0 or built bottom levels.
 pub(crate) unsafe fn write_instances(target: &Target<'_>, source: &InstanceSource<'_>) -> f32 {
     let write = |index| {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the target has a record for each instance; the
+        // source's memory is readable and its references are 0 or built bottom levels.
         let instance = unsafe { instance::read(source, index) }.unwrap_or(instance::Instance {
             object_to_world: [0.0; 12],
             custom_index_and_mask: 0,
@@ -122,7 +124,8 @@ pub(crate) unsafe fn write_instances(target: &Target<'_>, source: &InstanceSourc
             reference: 0,
             motion: None,
         });
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the target has a record for each instance; the
+        // source's memory is readable and its references are 0 or built bottom levels.
         let placed = unsafe { instance.place(source.live) };
         // SAFETY: there is a record and a table entry for each instance.
         unsafe {
@@ -158,41 +161,49 @@ unsafe fn leaf_bounds(target: &Target<'_>, index: u32, groups: u32) -> Bounds {
     match target.geometries {
         Geometries::Triangles(_) => (index..index + groups)
             .map(|index| {
-                // SAFETY: the caller's promise.
+                // SAFETY: the caller guarantees that the leaf is valid and the geometries' memory
+                // is readable.
                 unsafe { &*target.leaf_at::<TriangleGroup>(index) }.bounds()
             })
             .fold(Bounds::EMPTY, Bounds::union),
         Geometries::Aabbs(list) => {
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that the leaf is valid and the geometries' memory is
+            // readable.
             let entry = unsafe { *target.leaf_at::<crate::layout::BoxEntry>(index) };
             let Some(geometry) = list.get((entry.geometry & geometry_word::INDEX) as usize) else {
                 return Bounds::EMPTY;
             };
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that the leaf is valid and the geometries' memory is
+            // readable.
             unsafe { primitive::aabb(geometry, entry.primitive) }.unwrap_or(Bounds::EMPTY)
         }
         Geometries::Swept(list) => {
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that the leaf is valid and the geometries' memory is
+            // readable.
             let entry = unsafe { *target.leaf_at::<SweptEntry>(index) };
             let Some(geometry) = list.get((entry.geometry & geometry_word::INDEX) as usize) else {
                 return Bounds::EMPTY;
             };
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that the leaf is valid and the geometries' memory is
+            // readable.
             unsafe { geometry.primitive(entry.primitive) }
                 .map_or(Bounds::EMPTY, |primitive| primitive.bounds())
         }
         Geometries::Motion(list) => {
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that the leaf is valid and the geometries' memory is
+            // readable.
             let entry = unsafe { *target.leaf_at::<MotionEntry>(index) };
             let Some(geometry) = list.get((entry.geometry & geometry_word::INDEX) as usize) else {
                 return Bounds::EMPTY;
             };
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that the leaf is valid and the geometries' memory is
+            // readable.
             unsafe { geometry.triangles(entry.primitive) }
                 .map_or(Bounds::EMPTY, |both| motion_bounds(&both))
         }
         Geometries::Instances(source) => {
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that the leaf is valid and the geometries' memory is
+            // readable.
             unsafe {
                 instance::read(source, index)
                     .and_then(|instance| instance.place(source.live))
@@ -216,7 +227,8 @@ pub(crate) struct Refitted {
 /// The target has so many nodes and leaves, no other thread uses them, and the geometries' memory
 /// is readable.
 pub(crate) unsafe fn refit(target: &Target<'_>, nodes: u32, leaves: u32) -> Refitted {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the target has so many nodes and leaves, no other thread
+    // uses them, and the geometries' memory is readable.
     unsafe { visit::<true>(target, nodes, leaves) }
 }
 
@@ -225,7 +237,7 @@ pub(crate) unsafe fn refit(target: &Target<'_>, nodes: u32, leaves: u32) -> Refi
 /// # Safety
 /// As for [`refit`].
 pub(crate) unsafe fn measure(target: &Target<'_>, nodes: u32, leaves: u32) -> f32 {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller keeps the promises of `refit`.
     unsafe { visit::<false>(target, nodes, leaves) }.cost
 }
 
@@ -237,7 +249,7 @@ unsafe fn visit<const REFIT: bool>(target: &Target<'_>, nodes: u32, leaves: u32)
         leaves,
         block_cost: block_cost(target.kind),
     };
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller keeps the promises of `refit`.
     let (bounds, sum) = unsafe {
         pass.subtree(0, nodes, MAX_DEPTH).unwrap_or_else(|| {
             let mut sum = 0.0;
@@ -282,12 +294,12 @@ impl<const REFIT: bool> Pass<'_, REFIT> {
         let mut sum = 0.0;
         if ((end - start) as usize) < FEW {
             for index in (start..end).rev() {
-                // SAFETY: the caller's promise.
+                // SAFETY: the caller keeps the promises of `refit` for these nodes.
                 let (cost, inside) = unsafe { self.node(index, end) };
                 sum += inside.then_some(cost)?;
             }
         } else {
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller keeps the promises of `refit` for these nodes.
             let children = unsafe { NodeAt::new(self.node_at(start)) }.children();
             let mut parts = [(0, 0, None); WIDTH];
             let mut length = 0;
@@ -318,11 +330,11 @@ impl<const REFIT: bool> Pass<'_, REFIT> {
             for part in &parts[..length] {
                 sum += part.2?.1;
             }
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller keeps the promises of `refit` for these nodes.
             let (cost, inside) = unsafe { self.node(start, end) };
             sum += inside.then_some(cost)?;
         }
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the promises of `refit` for these nodes.
         Some((unsafe { (*self.node_at(start)).all_bounds() }, sum))
     }
 
@@ -332,7 +344,7 @@ impl<const REFIT: bool> Pass<'_, REFIT> {
     /// # Safety
     /// As for [`refit`], for this node and those up to `end`.
     unsafe fn node(&self, index: u32, end: u32) -> (f64, bool) {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the promises of `refit` for this node and those up to `end`.
         let node = unsafe { &mut *self.node_at(index) };
         let (mut weights, mut inside) = ([0f32; WIDTH], true);
         for (lane, weight) in weights.iter_mut().enumerate() {

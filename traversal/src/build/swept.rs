@@ -24,7 +24,7 @@ impl SweptGeometry {
     /// The geometry's memory must be readable and unchanged.
     pub(crate) unsafe fn primitive(&self, index: u32) -> Option<SweptPrimitive> {
         let index = u64::from(index);
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the geometry's memory is readable and unchanged.
         let end = |i: u64| unsafe { self.end(i) };
         // SAFETY: likewise.
         let number = |i: u64| unsafe { self.number(i) };
@@ -69,7 +69,7 @@ impl SweptGeometry {
     /// As [`Self::primitive`].
     unsafe fn number(&self, index: u64) -> Option<u64> {
         let offset = index.checked_mul(self.index_stride_bytes)?;
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the promises of `Self::primitive`.
         let number = unsafe {
             match self.index_type {
                 IndexType::None => index,
@@ -88,7 +88,7 @@ impl SweptGeometry {
     unsafe fn end(&self, number: u64) -> Option<([f32; 3], f32)> {
         let offset = number.checked_mul(self.vertex_stride_bytes)?;
         let radius_offset = number.checked_mul(self.radius_stride_bytes)?;
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the promises of `Self::primitive`.
         unsafe {
             let position = self.vertices.read_position(self.vertex_format, offset)?;
             let radius = match self.radius_format {
@@ -160,7 +160,7 @@ pub(crate) unsafe fn swept_bounds(
     index: u32,
     updatable: bool,
 ) -> Option<Bounds> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the geometry's memory is readable and unchanged.
     let primitive = unsafe { geometry.primitive(index) }?;
     (primitive.is_finite() || updatable).then(|| primitive.bounds())
 }

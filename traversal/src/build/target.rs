@@ -24,7 +24,8 @@ impl Target<'_> {
     /// `index` is inside the part, and no other thread reads or writes that node.
     pub unsafe fn write_node(&self, index: u32, node: &Node) {
         let offset = self.parts.nodes_offset as usize + index as usize * size_of::<Node>();
-        // SAFETY: the caller's promise; nodes are aligned to 256 bytes as the blob is.
+        // SAFETY: the caller guarantees that `index` is inside the part, and no other thread reads
+        // or writes that node; nodes are aligned to 256 bytes as the blob is.
         unsafe { self.base.add(offset).cast::<Node>().write(*node) }
     }
 
@@ -39,7 +40,9 @@ impl Target<'_> {
     /// # Safety
     /// `index` is inside the part, `T` is the kind's leaf, and no other thread reads or writes it.
     pub unsafe fn write_leaf<T>(&self, index: u32, leaf: T) {
-        // SAFETY: the caller's promise; leaves are as aligned as their sizes ask, from 256 on.
+        // SAFETY: the caller guarantees that `index` is inside the part, `T` is the kind's leaf,
+        // and no other thread reads or writes it; leaves are as aligned as their sizes ask, from
+        // 256 on.
         unsafe { self.leaf_at::<T>(index).write(leaf) }
     }
 }

@@ -94,7 +94,7 @@ pub unsafe fn update(
     };
     let worn = refitted.cost > WORN * header.cost;
     if worn && super::has_room(input, &shape, destination, scratch) {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the promises of `build`.
         return unsafe { super::build(input, destination, scratch) };
     }
     header.bounds = refitted.bounds;

@@ -85,7 +85,7 @@ impl Memory {
         offset: u64,
     ) -> Option<[f32; 3]> {
         if format == VertexFormat::F32x3 {
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that the memory is readable and unchanged.
             let [x, y, z] = unsafe { self.read_integers::<3, u32>(offset) }?;
             return Some([x, y, z].map(|bits| f32::from_bits(u32::from_le(bits))));
         }
@@ -131,7 +131,7 @@ impl TriangleGeometry {
     #[inline(always)]
     unsafe fn vertex(&self, index: u64) -> Option<[f32; 3]> {
         let offset = index.checked_mul(self.vertex_stride_bytes)?;
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the geometry's memory is readable and unchanged.
         let position = unsafe { self.vertices.read_position(self.vertex_format, offset) }?;
         // A transform could make a NaN, or hide one; what is inactive is decided before it.
         if position[0].is_nan() {
@@ -150,7 +150,7 @@ impl TriangleGeometry {
     #[inline(always)]
     unsafe fn corners(&self, index: u32) -> Option<[u64; 3]> {
         let first = 3 * u64::from(index);
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the geometry's memory is readable and unchanged.
         let corners = unsafe {
             match self.index_type {
                 IndexType::None => [first, first + 1, first + 2],
@@ -171,7 +171,7 @@ impl TriangleGeometry {
     /// The geometry's memory must be readable and unchanged.
     #[inline(always)]
     pub(crate) unsafe fn triangle(&self, index: u32) -> Option<[[f32; 3]; 3]> {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the geometry's memory is readable and unchanged.
         unsafe {
             let [a, b, c] = self.corners(index)?;
             Some([self.vertex(a)?, self.vertex(b)?, self.vertex(c)?])
@@ -187,7 +187,8 @@ impl TriangleGeometry {
         #[cfg(not(target_arch = "x86_64"))]
         let _ = index;
         #[cfg(target_arch = "x86_64")]
-        // SAFETY: the caller's promise; any address may be prefetched.
+        // SAFETY: the caller guarantees that the geometry's memory is readable and unchanged; any
+        // address may be prefetched.
         unsafe {
             use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
             if self.vertices.bytes < FAR_BYTES {

@@ -39,7 +39,7 @@ impl GeometryMicromap {
     /// # Safety
     /// The memory of the indices is readable and unchanged.
     pub unsafe fn triangle(&self, index: u32) -> Option<u32> {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the memory of the indices is readable and unchanged.
         let word = unsafe { self.word(index) };
         (word < FIRST_SPECIAL).then_some(word)
     }
