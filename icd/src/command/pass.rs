@@ -1,8 +1,8 @@
 //! Passes as they are executed: their attachments, load operations and resolves.
 //!
 //! Recording turns each subpass of a render pass into such a pass. An attachment's load operation
-//! goes to the first subpass that uses the attachment (for each view), a resolve to the subpass that
-//! asks for it. So drawing knows one kind of pass.
+//! goes to the first subpass that uses the attachment (for each view), a resolve to the subpass
+//! that asks for it. So drawing handles one kind of pass.
 
 #![forbid(unsafe_code)]
 

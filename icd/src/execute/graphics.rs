@@ -289,7 +289,7 @@ impl<'a> Drawing<'a> {
                 let rects = rects.clone();
                 self.batch.work.push(Work::Clear(Clear { value, rects }));
             };
-            // SAFETY: all members of the union are plain words, so that each may be read; the aspect
+            // SAFETY: all members of the union are plain words, so each may be read; the aspect
             // says which one the application wrote.
             unsafe {
                 if clear.aspects.contains(vk::ImageAspectFlags::COLOR) {
@@ -476,8 +476,8 @@ impl<'a> DrawContext<'_, 'a> {
         Ok(())
     }
 
-    /// Draws with parameters in memory, which are read now: an earlier command wrote them, or a draw
-    /// that the barrier in between has flushed.
+    /// Draws with parameters in memory, which are read now. An earlier command wrote them, or a
+    /// draw that the barrier in between has flushed.
     fn draw_indirect(&mut self, draw: &DrawIndirect) -> Result<(), Failure> {
         let reach = self.engine.memory.reach();
         let count = match draw.count {

@@ -1,4 +1,4 @@
-//! `OpAbortKHR`: an invocation ends, with a message to the device.
+//! `OpAbortKHR`: ends the invocation and sends a message to the device.
 
 use super::Lowerer;
 use super::interface::Verdict;
@@ -11,8 +11,8 @@ use crate::ir::{self, Node, Terminator, Type};
 use crate::parse::NewerCapability;
 
 impl Lowerer<'_> {
-    /// Lowers `OpAbortKHR type, message`. The message is stored as its type lies it out. Helper
-    /// invocations, and those that find no room for a message, only end.
+    /// Lowers `OpAbortKHR type, message`. The message is stored in its type's layout. Helper
+    /// invocations, and those without room for a message, only end.
     pub(super) fn lower_abort(&mut self, operands: &[u32]) -> Result<Terminator, Error> {
         let declared = &self.module.newer_capabilities;
         if !declared.iter().any(|it| it.0 == NewerCapability::AbortKHR) {

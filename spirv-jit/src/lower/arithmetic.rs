@@ -9,20 +9,20 @@ use crate::Error;
 use crate::ir::{self, Type, Value};
 use crate::parse::Instruction;
 
-/// How a SPIR-V operation is one of the IR.
+/// The correspondence of a SPIR-V operation and one of the IR.
 #[derive(Clone, Copy)]
 enum OpMapping {
     Unary(ir::Op),
     Binary(ir::Op),
     Compare(ir::Op),
-    /// The comparison with its operands swapped: the IR has only less.
+    /// The comparison with its operands swapped, since the IR has only less-than.
     Swapped(ir::Op),
     Test(ir::Op),
     /// A shift, whose count may have another width.
     Shift(ir::Op),
 }
 
-/// Operations that are one of the IR's.
+/// Operations with one equivalent in the IR.
 fn row(opcode: Op) -> Option<OpMapping> {
     use OpMapping::{Binary, Compare, Shift, Swapped, Test, Unary};
     Some(match opcode {
@@ -119,7 +119,7 @@ impl Lowerer<'_> {
         }
     }
 
-    /// Operations that are several of the IR's.
+    /// Operations that need several of the IR's.
     fn lower_composed(&mut self, instruction: &Instruction) -> Result<(), Error> {
         let operands = self.module.operands(instruction);
         match instruction.opcode {
@@ -256,7 +256,8 @@ impl Lowerer<'_> {
         self.define_typed(instruction, values)
     }
 
-    /// Operations whose result is a structure of two values: all firsts, then all seconds.
+    /// Operations whose result is a structure of two values: all first members, then all second
+    /// ones.
     fn lower_pair(
         &mut self,
         instruction: &Instruction,
@@ -275,7 +276,7 @@ impl Lowerer<'_> {
             let ty = self.b.ty(a);
             let (first, second) = compute(self, a, b)?;
             firsts.push(first);
-            // A carry is a number.
+            // A carry is an integer.
             seconds.push(match self.b.ty(second) {
                 Type::I1 => {
                     let (one, zero) = (self.b.constant(ty, 1), self.b.constant(ty, 0));

@@ -18,7 +18,7 @@ impl Lowerer<'_> {
                     return self.control_barrier();
                 }
                 self.b.emit_effect(ir::Op::MemoryBarrier, &[])?;
-                // The lanes of a subgroup are together already.
+                // The lanes of a subgroup run together, so there is nothing to wait for.
                 if scope != Scope::Subgroup as u32 && self.request.stage.has_workgroups() {
                     self.b.emit_effect(ir::Op::Barrier, &[])?;
                 }
@@ -38,7 +38,8 @@ impl Lowerer<'_> {
         }
     }
 
-    /// `OpControlBarrierArriveEXT` and `OpControlBarrierWaitEXT`, which are compute shaders' alone.
+    /// `OpControlBarrierArriveEXT` and `OpControlBarrierWaitEXT`, which only compute shaders may
+    /// use.
     fn half_barrier(&mut self, operands: &[u32], half: ir::Op) -> Result<(), Error> {
         let scope = self.constants.unsigned(&self.types, operands[0])?;
         self.b.emit_effect(ir::Op::MemoryBarrier, &[])?;

@@ -1,5 +1,5 @@
-//! Floats of the encoding `BFloat16KHR`: the high half of an f32. Values hold their bits as an i16,
-//! and nothing computes with them but conversions, `OpDot` and products of matrices.
+//! Floats of the encoding `BFloat16KHR`: the high half of an f32. Values hold their bits as an i16.
+//! Only conversions, `OpDot` and matrix products compute with them.
 
 use rspirv::spirv::Op;
 
@@ -91,7 +91,8 @@ impl Lowerer<'_> {
         self.b.emit(ir::Op::UConvert, &[bits], Type::I16)
     }
 
-    /// The bits of an f64 rounded to odd in an f32, so that a second rounding gives what one would.
+    /// The bits of an f64 rounded to odd in an f32, so that a second rounding gives the same result
+    /// as a single one.
     fn odd_bits(&mut self, number: Value) -> Result<Value, Error> {
         let near = self.convert_toward_zero(number, Type::F32)?;
         let back = self.b.emit(ir::Op::FConvert, &[near], Type::F64)?;

@@ -1,5 +1,5 @@
-//! Storage buffers: their places, offsets of 64 bits (`SPV_EXT_shader_64bit_indexing`), and lengths
-//! of arrays at their ends.
+//! Storage buffers: their locations, offsets of 64 bits (`SPV_EXT_shader_64bit_indexing`), and
+//! lengths of runtime arrays.
 
 use rspirv::spirv::StorageClass;
 
@@ -10,13 +10,13 @@ use crate::Error;
 use crate::ir::{self, Type, Value};
 use crate::parse::{Id, Instruction};
 
-/// No buffer has so many bytes: where offsets have 64 bits, larger steps become at least this one,
-/// so that their sum does not wrap.
+/// More bytes than any buffer has. Larger steps of 64-bit offsets are clamped to this, so that
+/// their sum does not wrap.
 const UNREACHABLE: u64 = 1 << 48;
 
 impl Lowerer<'_> {
-    /// Whether offsets in a variable have 64 bits: storage buffers have them, also those that are
-    /// declared as before SPIR-V 1.3.
+    /// Whether offsets in a variable have 64 bits. Storage buffers have them, also in the form
+    /// before SPIR-V 1.3.
     pub(super) fn is_wide(&self, class: StorageClass, pointee: Id) -> Result<bool, Error> {
         let is_storage = match class {
             StorageClass::StorageBuffer => true,

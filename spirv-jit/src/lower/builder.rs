@@ -1,5 +1,5 @@
-//! Builds one IR function: appends typed operations to the body that is open, and keeps what
-//! belongs to the function's head.
+//! Builds one IR function: appends typed operations to the open body, and keeps the function's
+//! head.
 
 use foldhash::{HashMap, HashSet};
 
@@ -19,11 +19,12 @@ pub(super) struct Builder {
     nodes: Vec<Node>,
     constants: HashMap<(Type, u64), Value>,
     references: HashMap<(DescriptorBinding, u32), Value>,
-    /// The descriptors that references name, if known: visible wherever the reference is.
+    /// The known descriptors of references, visible wherever the reference is.
     named: HashMap<Value, Value>,
-    /// Visible everywhere: constants, and descriptors at constant indices with their references.
+    /// The head, visible everywhere: constants, and descriptors at constant indices with their
+    /// references.
     head: Vec<Node>,
-    /// After `head`: initial values of variables of the module.
+    /// The prologue after `head`: initial values of module variables.
     prologue: Vec<Node>,
     prologue_depth: u32,
     head_values: HashSet<Value>,
@@ -76,7 +77,7 @@ impl Builder {
         self.budget.saturating_sub(self.emitted)
     }
 
-    /// Counts operations that were emitted elsewhere.
+    /// Counts operations that another builder has emitted.
     pub fn spend(&mut self, operations: usize) -> Result<(), Error> {
         self.emitted += operations;
         if self.emitted > self.budget {
@@ -101,12 +102,12 @@ impl Builder {
         self.head_values.contains(&value)
     }
 
-    /// Opens a nested body; the outer one goes on after [`Self::close`].
+    /// Opens a nested body. The outer one continues after [`Self::close`].
     pub fn open(&mut self) -> Vec<Node> {
         std::mem::take(&mut self.nodes)
     }
 
-    /// Ends the nested body and goes back to the outer one.
+    /// Ends the nested body and returns to the outer one.
     pub fn close(&mut self, outer: Vec<Node>, end: Terminator) -> Box<Body> {
         let nodes = std::mem::replace(&mut self.nodes, outer);
         Box::new(Body { nodes, end })
@@ -116,8 +117,8 @@ impl Builder {
         self.nodes.push(node);
     }
 
-    /// Opens the function's prologue instead of the open body, which [`Self::leave_prologue`] takes
-    /// back.
+    /// Opens the function's prologue instead of the open body, to which [`Self::leave_prologue`]
+    /// returns.
     pub fn enter_prologue(&mut self) -> Vec<Node> {
         self.prologue_depth += 1;
         if self.prologue_depth > 1 {
@@ -150,7 +151,7 @@ impl Builder {
         value
     }
 
-    /// Whether a value is this constant.
+    /// Whether a value is the constant with these bits.
     pub fn is_float(&self, value: Value, number: f64) -> bool {
         let ty = self.ty(value);
         let bits = float_bits(ty, number);
@@ -235,7 +236,7 @@ impl Builder {
         self.emit_one(Op::DescriptorAt, &[reference], Type::Descriptor)
     }
 
-    /// Allows so many operations more.
+    /// Increases the budget of operations.
     pub fn allow(&mut self, more: usize) {
         self.budget = self.budget.saturating_add(more);
     }
@@ -252,7 +253,7 @@ impl Builder {
         })
     }
 
-    /// Appends an operation whose types the caller vouches for.
+    /// Appends an operation. The caller guarantees its types.
     pub fn emit_unchecked(
         &mut self,
         op: Op,
@@ -275,7 +276,7 @@ impl Builder {
         Ok(values)
     }
 
-    /// The same, of an operation with one result.
+    /// Appends an operation with one result.
     pub fn emit_one(&mut self, op: Op, args: &[Value], result: Type) -> Result<Value, Error> {
         self.spend(1)?;
         let value = self.function.new_value(result);
@@ -293,7 +294,7 @@ impl Builder {
         self.emit_unchecked(op, args, &[]).map(drop)
     }
 
-    /// Appends an elementwise operation; operands of wrong types are the module's fault.
+    /// Appends an elementwise operation. Operands of wrong types are an error of the module.
     pub fn emit(&mut self, op: Op, args: &[Value], result: Type) -> Result<Value, Error> {
         self.check(&op, args, result)?;
         self.emit_one(op, args, result)
@@ -387,7 +388,7 @@ impl Builder {
         }
     }
 
-    /// `a + b`, where an absent term and 0 cost nothing.
+    /// `a + b`; absent terms and 0 emit nothing.
     pub fn add_terms(&mut self, a: Option<Value>, b: u32) -> Result<Value, Error> {
         let constant = self.i32(b);
         match a {

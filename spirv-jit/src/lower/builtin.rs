@@ -8,7 +8,7 @@ use crate::environment::uniform;
 use crate::ir::stage::{Builtin, Stage};
 use crate::ir::{self, InputRow, Type, Value};
 
-/// Where a built-in comes from.
+/// The source of a built-in.
 enum BuiltinSource {
     /// The invocation's input record.
     Record(Builtin),
@@ -16,7 +16,7 @@ enum BuiltinSource {
     Uniform(u32),
     SubgroupSize,
     LaneIndex,
-    /// A mask of the lanes that compare so with this one.
+    /// A mask of the lanes with this relation to the current one.
     LaneMask(BuiltIn),
 }
 
@@ -87,7 +87,7 @@ fn source(built_in: BuiltIn) -> Option<BuiltinSource> {
 }
 
 impl Lowerer<'_> {
-    /// A scalar of a built-in that is not the fragment stage's own, from a word on.
+    /// A scalar of a built-in that other stages have, too, at a word.
     pub(super) fn built_in_scalar(
         &mut self,
         built_in: BuiltIn,
@@ -132,7 +132,7 @@ impl Lowerer<'_> {
             };
         }
         match *source {
-            // There are no samples beyond the first word's.
+            // All samples are in the first word.
             BuiltinSource::Record(Builtin::SampleMask) if word > 0 => Ok(self.b.constant(ty, 0)),
             BuiltinSource::Record(built_in) => {
                 let last = u32::from(built_in.words()) - 1;

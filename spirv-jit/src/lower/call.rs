@@ -1,11 +1,10 @@
-//! Function calls: lowered in place, or to a function of the IR.
+//! Function calls: inlined, or lowered to a function of the IR.
 //!
-//! In place, logical pointers stay known and memory of the caller stays promotable, so that is what
-//! happens to functions that are small or called once. A large function with several call sites
-//! becomes a function of the IR, else code could double with each level of calls. It takes what it
-//! may touch by value and gives it back: the pointees of pointers to per-lane memory, and variables
-//! of the module that it or its callees name. Where two of those could be the same memory, the call
-//! is lowered in place after all.
+//! Functions that are small or called once are inlined: logical pointers stay known, and memory of
+//! the caller stays promotable. A large function with several call sites becomes a function of the
+//! IR, because otherwise code could double with each call level. It takes and returns by value all
+//! memory that it may access: the pointees of pointers to per-lane memory, and module variables of
+//! it and its callees. If two of those could be the same memory, the call is inlined, too.
 
 use foldhash::HashMap;
 use std::collections::BTreeSet;
@@ -23,25 +22,24 @@ use crate::Error;
 use crate::ir::{self, Body, FunctionId, Label, Node, Type, Value};
 use crate::parse::{Id, Instruction, newer};
 
-/// Instructions from which on a function with several call sites is not lowered in place.
+/// Instruction count from which a function with several call sites is not inlined.
 const LARGE: usize = 400;
 
-/// Scalars that a call may take or give.
+/// Largest number of scalars that a call takes or returns.
 const MAX_CARRIED: u64 = 128;
 
 /// The effects of a function and its callees.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Summary {
-    /// Instructions if lowered in place.
+    /// Number of instructions if inlined.
     size: usize,
     /// Per-lane variables of the module.
     variables: BTreeSet<Id>,
-    /// Suspends the wave, or emits vertices or workgroups: such a function is always lowered in
-    /// place.
+    /// Suspends the wave, or emits vertices or workgroups. Such a function is always inlined.
     yields: bool,
 }
 
-/// A function of the IR, and the module variables it takes and gives back.
+/// A function of the IR, and the module variables that it takes and returns.
 #[derive(Clone)]
 pub(super) struct Outlined {
     id: FunctionId,
@@ -66,7 +64,8 @@ fn is_per_lane(class: StorageClass) -> bool {
 }
 
 impl Lowerer<'_> {
-    /// Lowers a call of a function that was decided on. Whether it opened the function's body.
+    /// Lowers a call of a function that has a decision. Returns whether it opened the function's
+    /// body.
     pub(super) fn lower_call(&mut self, instruction: &Instruction) -> Result<bool, Error> {
         let operands = self.module.operands(instruction);
         let callee = operands[0];
@@ -109,8 +108,7 @@ impl Lowerer<'_> {
         }
     }
 
-    /// Ends a callee that was lowered in place: its returns leave a block whose results are the
-    /// returned scalars.
+    /// Ends an inlined callee. Its returns leave a block with the returned scalars as results.
     pub(super) fn finish_inlined(
         &mut self,
         label: Label,
@@ -144,7 +142,7 @@ impl Lowerer<'_> {
         self.define_typed(call, results)
     }
 
-    /// A result is of the type that the function says.
+    /// The result must have the function's type.
     fn check_callee_result(&self, instruction: &Instruction, callee: Id) -> Result<(), Error> {
         let index = self.module.function_index[&callee];
         if self.module.functions[index].result_type == instruction.result_type {
@@ -230,7 +228,7 @@ impl Lowerer<'_> {
                     | Op::TerminateRayNV
                     | Op::Kill
                     | Op::TerminateInvocation => {
-                        // An abort ends the invocation of every stage, with its outputs.
+                        // An abort ends the invocation in every stage and stores the outputs.
                         summary.yields |= module.written_opcode(instruction) == newer::ABORT;
                         summary.variables.extend(self.output_variable());
                     }
@@ -246,8 +244,8 @@ impl Lowerer<'_> {
         Ok(summary)
     }
 
-    /// Decides whether a callee becomes a function of the IR. If it does, opens that function's
-    /// body and returns true: the call comes after that.
+    /// Decides whether a callee becomes a function of the IR. If so, opens that function's body and
+    /// returns true. The call is lowered after that.
     pub(super) fn outline(&mut self, callee: Id) -> Result<bool, Error> {
         if self.outlined.contains_key(&callee) {
             return Ok(false);
@@ -279,7 +277,7 @@ impl Lowerer<'_> {
             let counted = match self.types.kind(ty)? {
                 TypeKind::Pointer { class, pointee } => match class {
                     StorageClass::Input => return Ok(false),
-                    // Arrays of descriptors have no value that stands for them.
+                    // Arrays of descriptors have no value form.
                     StorageClass::UniformConstant
                         if matches!(
                             self.types.kind(*pointee)?,
@@ -301,7 +299,7 @@ impl Lowerer<'_> {
         Ok(leaves <= MAX_CARRIED)
     }
 
-    /// Whether two things that a call takes by value could be the same memory.
+    /// Whether two arguments that a call takes by value could be the same memory.
     fn may_alias(
         &mut self,
         outlined: &Outlined,
@@ -383,7 +381,7 @@ impl Lowerer<'_> {
         self.open_function(callee, plan, return_to, arguments, after)
     }
 
-    /// Ends a function of the IR and goes back to what its first caller had open.
+    /// Ends a function of the IR and returns to the open body of its first caller.
     pub(super) fn finish_outlined(
         &mut self,
         outlining: Outlining,
@@ -404,7 +402,7 @@ impl Lowerer<'_> {
         Ok(())
     }
 
-    /// Per-lane memory that starts with what the caller gives.
+    /// Per-lane memory that starts with the caller's values.
     fn new_carried(
         &mut self,
         pointee: Id,
@@ -426,7 +424,7 @@ impl Lowerer<'_> {
         Ok(values)
     }
 
-    /// The values that a function of the IR gives back behind its result.
+    /// The values that a function of the IR returns after its result.
     pub(super) fn extra_results(&mut self, given: &ExtraResults) -> Result<Vec<Value>, Error> {
         let mut values = Vec::new();
         for pointer in &given.pointers {

@@ -152,9 +152,9 @@ pub const SUPPORTED: &[Capability] = &[
     Capability::LongVectorEXT,
 ];
 
-/// Whether a capability is taken although its feature is off. For the inputs `PrimitiveId`, `Layer`
-/// and `ViewportIndex` of fragment shaders, compilers declare `Geometry` (each needs one of several
-/// capabilities); it enables nothing else in that stage.
+/// Whether a capability is accepted although its feature is disabled. Compilers declare `Geometry`
+/// for the inputs `PrimitiveId`, `Layer` and `ViewportIndex` of fragment shaders (each needs one of
+/// several capabilities). It enables nothing else in that stage.
 fn serves_inputs(capability: Capability, parsed: &ParsedModule) -> bool {
     let mut entries = parsed.entry_points.iter();
     capability == Capability::Geometry && entries.any(|it| it.model == ExecutionModel::Fragment)

@@ -9,7 +9,7 @@ use crate::ir::Type;
 use crate::ir::capture::{CaptureBuffer, CaptureFacts, CaptureWidth, CaptureWord, MAX_STREAMS};
 use crate::parse::Id;
 
-/// An output, or a member of a block, that is captured.
+/// A captured output or block member.
 struct Piece {
     ty: Id,
     /// Its first row in the variable's value.
@@ -67,8 +67,7 @@ impl Lowerer<'_> {
         }
     }
 
-    /// The parts of a variable that are captured. Elements of an array of blocks go to consecutive
-    /// buffers.
+    /// The captured parts of a variable. Elements of an array of blocks go to consecutive buffers.
     fn captured_pieces(&self, id: Id) -> Result<Vec<Piece>, Error> {
         let annotations = &self.module.annotations;
         let pointee = self.variables[&id].pointee;
@@ -110,7 +109,7 @@ impl Lowerer<'_> {
         Ok(pieces)
     }
 
-    /// Notes the words of a piece: scalars one behind the other, each aligned to its size.
+    /// Adds the words of a piece: consecutive scalars, each aligned to its size.
     fn capture(&mut self, id: Id, piece: &Piece, facts: &mut CaptureFacts) -> Result<(), Error> {
         let buffer = match facts.buffers.get_mut(piece.buffer as usize) {
             Some(buffer) if piece.stream < MAX_STREAMS => buffer,

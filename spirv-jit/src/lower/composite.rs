@@ -1,4 +1,4 @@
-//! Composites: their scalars put together, picked and replaced.
+//! Composites: construction, extraction and insertion of scalars.
 
 use rspirv::spirv::Op;
 

@@ -23,7 +23,7 @@ pub(super) enum Contents {
     Null,
     /// The bits of its scalars.
     Bits(Rc<[u64]>),
-    /// Its constituents; one that is repeated stands there once, with how often.
+    /// Its constituents, with repetition counts.
     Composite(Rc<[Id]>, u32),
 }
 
@@ -31,15 +31,15 @@ pub(super) enum Contents {
 #[derive(Default)]
 pub(super) struct Constants {
     pub(super) by_id: IdTable<Constant>,
-    /// The bits of composites that were asked for, some of them.
+    /// A cache of the bits of composites.
     bits: RefCell<IdTable<Rc<[u64]>>>,
-    /// How many scalars those have together.
+    /// The number of scalars in the cache.
     remembered: Cell<u64>,
-    /// Scalars of all constants that are not made of others.
+    /// Scalars of all constants that have no constituents.
     pub(super) total: u64,
 }
 
-/// Scalars that are remembered of composites, at most, and those that other constants may have.
+/// Largest number of scalars in the cache, and in constants without constituents.
 pub(super) const MAX_SCALARS: u64 = 1 << 20;
 
 impl Constants {
@@ -88,7 +88,7 @@ impl Constants {
         }
         let mut bits = Vec::with_capacity(count);
         let mut skipped = first;
-        // Constants, last first, and how many times each stands there.
+        // A stack of constants with repetition counts.
         let mut work = vec![(id, 1u32)];
         while let Some((id, times)) = work.pop() {
             if bits.len() == count {
@@ -96,7 +96,7 @@ impl Constants {
             }
             let constant = self.get(id)?;
             let leaves = types.info(constant.ty)?.leaf_count as usize;
-            // Whole ones that come before the part.
+            // Skips whole constants before the part.
             let whole = match leaves {
                 0 => times,
                 _ => times.min(u32::try_from(skipped / leaves).unwrap_or(u32::MAX)),

@@ -1,5 +1,5 @@
-//! Cooperative matrices: a matrix has 16 rows and columns, a value is a row, and a lane has the
-//! column of its number. What works on single components is lowered as for vectors.
+//! Cooperative matrices. A matrix has 16 rows and columns; a value is a row, and a lane holds the
+//! column of its number. Operations on single components are lowered as for vectors.
 
 use rspirv::spirv::{CooperativeMatrixLayout, CooperativeMatrixOperands, Op};
 use smallvec::SmallVec;
@@ -26,11 +26,11 @@ enum Stride {
     Value(Value),
 }
 
-/// Where the components of a matrix lie.
+/// The location of a matrix's components in memory.
 struct Lines {
     /// The first component of the lane's column.
     pointer: Pointer,
-    /// From one to the next.
+    /// Distance between components.
     stride: Stride,
     ty: Type,
 }
@@ -82,9 +82,9 @@ impl Lowerer<'_> {
             return Err(self.b.invalid("a matrix is not loaded or stored there"));
         }
         let size_bytes = u64::from(ty.size_bytes());
-        // Components in a line follow each other, wherever lines begin.
+        // Components of a line are consecutive, independent of the stride.
         pointer.alignment = pointer.alignment.min(size_bytes.ilog2() as u8);
-        // A stride counts what the pointer leads to.
+        // A stride counts elements of the pointee.
         let (_, pointee) = self.types.pointer(self.type_of(id)?)?;
         let unit = match pointee {
             UNTYPED => 1,
@@ -134,7 +134,7 @@ impl Lowerer<'_> {
         })
     }
 
-    /// The place some bytes further on.
+    /// The location some bytes further.
     fn moved(&mut self, pointer: &Pointer, bytes: Value) -> Result<Pointer, Error> {
         let mut pointer = pointer.clone();
         match &mut pointer.place {
@@ -155,7 +155,7 @@ impl Lowerer<'_> {
         Ok(pointer)
     }
 
-    /// The accesses to a matrix, each with its operands: how, and to how many components.
+    /// The accesses to a matrix, each with its operands, kind and number of components.
     fn accesses(&mut self, lines: Lines) -> Result<Vec<(Access, MatrixOperands, usize)>, Error> {
         let Lines {
             mut pointer,

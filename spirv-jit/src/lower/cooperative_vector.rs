@@ -1,5 +1,5 @@
-//! Cooperative vectors (`SPV_NV_cooperative_vector`): vectors of any number of components, which
-//! are lowered like others, and their products with matrices in memory.
+//! Cooperative vectors (`SPV_NV_cooperative_vector`): vectors of any length, which are lowered like
+//! others, and their products with matrices in memory.
 
 use rspirv::spirv::{CooperativeMatrixOperands, CooperativeVectorMatrixLayout, Op};
 
@@ -12,11 +12,12 @@ use crate::ir::op::{Component, VectorProduct, optimal_stride_bytes};
 use crate::ir::{self, Type, Value};
 use crate::parse::{Id, Instruction};
 
-/// A component type of SPIR-V: how components of the input, the matrix or the bias are read.
+/// A *Component Type* of SPIR-V: the interpretation of components of the input, the matrix or the
+/// bias.
 #[derive(Clone, Copy, PartialEq)]
 enum Interpretation {
     Each(Component),
-    /// Four in a word.
+    /// Four components in a word.
     Packed(Component),
 }
 
@@ -76,11 +77,11 @@ impl Lowerer<'_> {
         }
     }
 
-    /// The place so many bytes behind a pointer to an array.
+    /// The location at a byte offset from a pointer to an array.
     fn vector_place(&mut self, array: Id, offset: Id) -> Result<Pointer, Error> {
         let mut pointer = self.pointer(array)?;
         let bytes = self.scalar(offset)?;
-        // Components follow each other, wherever the vector begins.
+        // Components are consecutive, independent of the offset.
         pointer.alignment = 0;
         match &mut pointer.place {
             MemoryLocation::Shared { offset, .. } | MemoryLocation::Buffer { offset, .. } => {
@@ -177,7 +178,7 @@ impl Lowerer<'_> {
                 None => return Err(self.b.invalid("a matrix in memory lacks its stride")),
             },
             Some(_) => {
-                // The matrix before it is transposed lies in rows.
+                // The matrix before its transposition is stored in rows.
                 let elements = if transposes { rows } else { columns };
                 let element_bytes = matrix.ty().size_bytes();
                 let stride = optimal_stride_bytes(elements.into(), element_bytes.into());
@@ -210,7 +211,7 @@ impl Lowerer<'_> {
         self.define_typed(instruction, &values[..])
     }
 
-    /// The components of an input, which are so many, converted as its interpretation says.
+    /// The components of an input, converted to its interpretation.
     ///
     /// A 16-bit float that is read as one of 8 bits keeps its precision, as it may (Vulkan
     /// Environment for SPIR-V, "Precision of Individual Operations").

@@ -17,8 +17,8 @@ pub(super) const SET: &str = "NonSemantic.DebugPrintf";
 const DEBUG_PRINTF: u32 = 1;
 
 impl Lowerer<'_> {
-    /// Lowers `DebugPrintf format, arguments…`. The message tells a mistake in it: instructions of
-    /// the set make no module invalid.
+    /// Lowers `DebugPrintf format, arguments…`. Mistakes are reported in the message, since
+    /// instructions of the set cannot make a module invalid.
     pub(super) fn lower_debug_printf(&mut self, instruction: &Instruction) -> Result<(), Error> {
         let operands = self.module.operands(instruction);
         let (Some(&DEBUG_PRINTF), Some((&format, ids)), true) = (
@@ -48,7 +48,7 @@ impl Lowerer<'_> {
         self.b.emit_effect(ir::Op::DebugPrintf(table), &words)
     }
 
-    /// The words that tell invocations apart.
+    /// The words that identify an invocation.
     fn invocation_key(&mut self) -> Result<Vec<Value>, Error> {
         let mut words = Vec::new();
         for &(builtin, component) in self.request.stage.key() {
@@ -71,7 +71,7 @@ impl Lowerer<'_> {
         is_string.then(|| decode_string(self.module.operands(definition)))
     }
 
-    /// How an argument is printed.
+    /// The printed form of an argument.
     fn printed_type(&mut self, id: Id) -> Argument {
         let none = Argument {
             ty: None,

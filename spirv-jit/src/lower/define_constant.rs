@@ -28,7 +28,7 @@ impl Constants {
         let operands = module.operands(instruction);
         let bits = |bits: Vec<u64>| Contents::Bits(bits.into());
         let contents = match instruction.opcode {
-            // Zero is where a variable of the workgroup lies.
+            // Zero is the address of a workgroup variable, so it cannot be null.
             Op::ConstantNull if is_of_workgroup(types.pointer(instruction.result_type)) => {
                 bits(vec![u32::MAX.into()])
             }
@@ -113,7 +113,7 @@ impl Constants {
     }
 }
 
-/// A constant must be one that its type can have.
+/// The constant must fit its type.
 fn check(types: &Types, instruction: &Instruction, contents: &Contents) -> Result<(), Error> {
     let info = types.info(instruction.result_type)?;
     let is_null = matches!(contents, Contents::Null);
@@ -126,7 +126,7 @@ fn check(types: &Types, instruction: &Instruction, contents: &Contents) -> Resul
             }
             _ => false,
         },
-        // Only the null constant, which is the null descriptor.
+        // Only the null constant is allowed, which is the null descriptor.
         _ => info.is_opaque && !is_null,
     };
     let count = match contents {
@@ -167,8 +167,8 @@ fn is_data(module: &ParsedModule, instruction: &Instruction) -> bool {
     matches!(opcode, newer::CONSTANT_DATA | newer::SPEC_CONSTANT_DATA)
 }
 
-/// The integers of `OpConstantDataKHR` and `OpSpecConstantDataKHR`, which lie in words, or in what
-/// the pipeline gives, without gaps.
+/// The integers of `OpConstantDataKHR` and `OpSpecConstantDataKHR`, packed in words or in the
+/// pipeline's data.
 fn data(
     module: &ParsedModule,
     types: &Types,

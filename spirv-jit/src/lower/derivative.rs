@@ -8,7 +8,7 @@ use crate::ir::stage::Stage;
 use crate::ir::{self, Value};
 use crate::parse::{Id, Instruction};
 
-/// Along which axis; `None`: the sum of both lengths.
+/// The axis; `None` for the sum of both lengths.
 fn axis(opcode: Op) -> Option<Option<u32>> {
     Some(match opcode {
         Op::DPdx | Op::DPdxFine | Op::DPdxCoarse => Some(0),
@@ -68,8 +68,8 @@ impl Lowerer<'_> {
         self.b.emit_one(op, &[value], ty)
     }
 
-    /// The derivatives of coordinates that an implicit level of detail follows from: all of x, then
-    /// of y. A bias of n is a footprint 2ⁿ times as large.
+    /// The derivatives of coordinates for an implicit level of detail: all in x, then in y. A bias
+    /// of n scales the footprint by 2ⁿ.
     pub(super) fn gradients(
         &mut self,
         coordinates: &[Value],

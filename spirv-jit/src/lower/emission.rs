@@ -13,16 +13,16 @@ use crate::parse::Instruction;
 /// Rows of emitted vertices: far beyond any device's limit.
 const MAX_ROWS: u64 = 1 << 14;
 
-/// How a geometry shader emits.
+/// The emission state of a geometry shader.
 pub(super) struct Emission {
     pub facts: GeometryFacts,
-    /// The number of vertices so far, and for each stream whether its next one starts a strip.
+    /// The number of vertices so far, and for each stream whether its next vertex starts a strip.
     pub variable: VariableId,
 }
 
 impl Lowerer<'_> {
-    /// Of a geometry shader with known outputs: each vertex takes all of them, and the invocation
-    /// leaves their number.
+    /// Sets up the emission of a geometry shader with known outputs. Each vertex stores all
+    /// outputs, and the invocation returns the number of vertices.
     pub(super) fn declare_emission(&mut self) -> Result<(), Error> {
         if self.request.stage != Stage::Geometry {
             return Ok(());

@@ -1,4 +1,4 @@
-//! The entry point: which function, how large a workgroup.
+//! The entry point: its function and the workgroup's size.
 
 use rspirv::spirv::{BuiltIn, Decoration, ExecutionMode, ExecutionModel};
 
@@ -10,7 +10,7 @@ use crate::ir::stage::Stage;
 use crate::parse::{EntryPoint, ParsedModule, newer};
 use crate::request::CompileRequest;
 
-/// The entry point that a request names.
+/// The entry point of a request.
 pub(super) fn find_entry<'a>(
     parsed: &'a ParsedModule,
     request: &CompileRequest<'_>,
@@ -44,13 +44,13 @@ pub(super) fn find_entry<'a>(
 }
 
 impl Lowerer<'_> {
-    /// The entry point's execution modes that the specification names, each with its operands.
+    /// The entry point's execution modes that the bindings have, with their operands.
     pub(super) fn execution_modes(&self) -> impl Iterator<Item = (ExecutionMode, &[u32])> {
         let known = |(mode, operands)| Some((ExecutionMode::from_u32(mode)?, operands));
         self.raw_execution_modes().filter_map(known)
     }
 
-    /// The same by their numbers, with those that are newer than the bindings.
+    /// All execution modes by number, also those that the bindings lack.
     fn raw_execution_modes(&self) -> impl Iterator<Item = (u32, &[u32])> {
         let modes = self.module.execution_modes.iter();
         modes.filter_map(|&index| {
@@ -69,7 +69,7 @@ impl Lowerer<'_> {
             || modes.any(|(mode, _)| mode == ExecutionMode::Shader64BitIndexingEXT)
     }
 
-    /// Whether ray queries leave opacity micromaps aside.
+    /// Whether ray queries ignore opacity micromaps.
     pub(super) fn ignores_micromaps(&self) -> Result<bool, Error> {
         let mut modes = self.raw_execution_modes();
         match modes.find(|&(mode, _)| mode == newer::OPACITY_MICROMAP_ID) {
@@ -78,7 +78,8 @@ impl Lowerer<'_> {
         }
     }
 
-    /// The workgroup's size: the `WorkgroupSize` constant before the execution modes.
+    /// The workgroup's size. The `WorkgroupSize` constant takes precedence over the execution
+    /// modes.
     pub(super) fn local_size(&self) -> Result<[u32; 3], Error> {
         let mut size = [1; 3];
         if !self.request.stage.has_workgroups() {

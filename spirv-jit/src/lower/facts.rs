@@ -1,4 +1,4 @@
-//! Which instructions ask for which facts.
+//! The fact that each instruction reads.
 
 use rspirv::spirv::Op;
 

@@ -19,11 +19,11 @@ pub(super) struct ExtraResults {
     pub(super) carried: Rc<[Id]>,
 }
 
-/// A function that is being lowered.
+/// A function during its lowering.
 pub(super) struct FunctionFrame {
     pub(super) function: usize,
     pub(super) plan: Rc<Plan>,
-    /// The plan's body that is open.
+    /// The open body of the plan.
     pub(super) body: BodyIndex,
     pub(super) labels: Vec<Option<Label>>,
     /// Length of the table of values before this function's.
@@ -34,11 +34,11 @@ pub(super) struct FunctionFrame {
     pub(super) return_to: ReturnTo,
 }
 
-/// A body of a plan that is being emitted.
+/// A body of a plan during its emission.
 pub(super) struct OpenBody {
-    /// The body of the plan that goes on after it.
+    /// The body of the plan that continues after it.
     pub(super) outer: BodyIndex,
-    /// The step that comes next, and the instruction in it.
+    /// The next step and the next instruction in it.
     pub(super) step: usize,
     pub(super) instruction: usize,
     /// The nodes before it in the body of the IR around it.
@@ -48,14 +48,14 @@ pub(super) struct OpenBody {
 
 /// The action at the end of a body.
 pub(super) enum After {
-    /// It is the entry's.
+    /// The body of the entry.
     Entry,
-    /// It is that of a function of the IR.
+    /// The body of a function of the IR.
     Outlined(Box<Outlining>),
-    /// It is that of a function lowered in place, which leaves the label.
+    /// The body of an inlined function, which leaves the label.
     Inlined {
         label: Label,
-        /// Where a large result is.
+        /// The memory of a large result.
         result: Option<Pointer>,
         call: Instruction,
     },
@@ -73,7 +73,7 @@ pub(super) enum After {
     },
 }
 
-/// A callee that becomes a function of the IR, and what goes on after it.
+/// A callee that becomes a function of the IR, and the interrupted state of its caller.
 pub(super) struct Outlining {
     pub(super) callee: Id,
     pub(super) carried: Rc<[Id]>,
@@ -91,19 +91,18 @@ pub(super) struct Scope {
     pub(super) ray_tmax: Option<VariableId>,
 }
 
-/// Where a return goes.
+/// The effect of a return.
 #[derive(Clone)]
 pub(super) enum ReturnTo {
     /// The entry's return ends the invocation.
     End,
-    /// A function lowered in place leaves the block around it, with its result or with that in
-    /// memory.
+    /// An inlined function leaves the block around it, with its result as values or in memory.
     Block(Label, Option<Pointer>),
     /// A function of the IR returns its result and the values that it took.
     Caller(Rc<ExtraResults>),
 }
 
-/// An id that is used beyond the body of its definition.
+/// An id with uses outside of the body of its definition.
 pub(super) struct Escaped {
     pub(super) value: Val,
     pub(super) body: BodyIndex,

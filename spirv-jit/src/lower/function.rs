@@ -1,4 +1,4 @@
-//! Emits a function along its plan, and keeps what its ids are.
+//! Emits a function along its plan, and tracks the values of its ids.
 
 use foldhash::HashMap;
 use std::rc::Rc;
@@ -271,8 +271,8 @@ impl<'a> Lowerer<'a> {
         }
     }
 
-    /// Emits instructions of a block from the one that comes next. Whether that was all: a call
-    /// opens another body.
+    /// Emits instructions of a block, from the next one. Returns false if a call has opened another
+    /// body first.
     fn emit_code(&mut self, index: usize) -> Result<bool, Error> {
         let block = self.block(index);
         let top = self.open.len() - 1;
@@ -295,7 +295,7 @@ impl<'a> Lowerer<'a> {
             } else if instruction.opcode == Op::FunctionCall {
                 self.check_opaque_result(instruction)?;
                 if self.outline(self.module.operands(instruction)[0])? {
-                    // The call itself comes once its function is there.
+                    // The call is emitted once its function exists.
                     self.open[top].instruction -= 1;
                     return Ok(false);
                 }
@@ -325,7 +325,8 @@ impl<'a> Lowerer<'a> {
                 return Err(self.b.invalid("a phi lacks a predecessor"));
             };
             if self.is_large(instruction.result_type) {
-                // The result of a phi is a copy, so that this is no other phi's source.
+                // Reading a phi's result copies it, so a later write cannot change another phi's
+                // source.
                 let phi = self.large_phi(instruction.result, instruction.result_type)?;
                 self.fill_from(phi, source)?;
                 continue;
@@ -340,7 +341,7 @@ impl<'a> Lowerer<'a> {
         Ok(())
     }
 
-    /// The memory that a phi of large values is written to.
+    /// The memory of a phi of large values.
     fn large_phi(&mut self, id: Id, ty: Id) -> Result<Pointer, Error> {
         if let Some(pointer) = self.frame().large_phis.get(&id) {
             return Ok(pointer.clone());
@@ -366,7 +367,7 @@ impl<'a> Lowerer<'a> {
         self.new_rows("", rows)
     }
 
-    /// A variable of some rows, counted against what an invocation may have.
+    /// A variable of some rows, counted against the limit of an invocation.
     pub(super) fn new_rows(&mut self, name: &str, rows: u32) -> Result<VariableId, Error> {
         self.rows += rows as u64;
         if self.rows > MAX_ROWS {
@@ -468,7 +469,7 @@ impl<'a> Lowerer<'a> {
         }
     }
 
-    /// Gives an id its value.
+    /// Sets the value of an id.
     pub(super) fn define(&mut self, id: Id, value: Val) -> Result<(), Error> {
         if !self.frame().plan.escapes.contains(&id) {
             self.values.insert(id, value);
@@ -562,7 +563,7 @@ impl<'a> Lowerer<'a> {
         })
     }
 
-    /// The scalars of an id; pointers become the values that stand for them.
+    /// The scalars of an id; pointers are converted to their value form.
     pub(super) fn leaves(&mut self, id: Id) -> Result<Scalars, Error> {
         match self.value(id)? {
             Val::Scalars(values) => Ok(values),

@@ -1,5 +1,5 @@
-//! Extended instructions: GLSL.std.450 as operations of the IR; sets that only inform are passed
-//! over.
+//! Extended instructions: GLSL.std.450 is lowered to operations of the IR; non-semantic sets are
+//! skipped.
 
 use rspirv::spirv::GlslStd450Op as GLOp;
 
@@ -74,7 +74,7 @@ fn composed(op: GLOp) -> bool {
     )
 }
 
-/// Powers up to this one are multiplied.
+/// Largest integer exponent that is expanded to multiplications.
 const GREATEST_MULTIPLIED_EXPONENT: u32 = 5;
 
 impl Lowerer<'_> {
@@ -173,7 +173,7 @@ impl Lowerer<'_> {
         self.define_typed(instruction, values)
     }
 
-    /// One operation, as exact as was asked for.
+    /// One operation with the requested accuracy.
     fn accurate(&mut self, op: ir::Op, parts: &[Value]) -> Result<Value, Error> {
         let ty = self.b.ty(parts[0]);
         if op == ir::Op::FPow && self.request.accuracy != Accuracy::Exact {
@@ -205,8 +205,8 @@ impl Lowerer<'_> {
         }
     }
 
-    /// A power by squaring: within three units in the last place for exponents up to 5, where
-    /// Vulkan allows what `exp2(n * log2(x))` may lose.
+    /// A power by squaring: within 3 ULP for exponents up to 5, where Vulkan allows the error of
+    /// `exp2(n * log2(x))`.
     fn multiplied(&mut self, x: Value, n: u32) -> Result<Value, Error> {
         let mut square = x;
         let mut power = None;
@@ -274,8 +274,8 @@ impl Lowerer<'_> {
         }
     }
 
-    /// The exponent as i32: one of 64 bits is clamped to what makes every float 0 or infinite
-    /// anyway.
+    /// The exponent as i32. A 64-bit exponent is clamped to values that already turn every float to
+    /// 0 or infinity.
     fn ldexp_exponent(&mut self, exponent: Value) -> Result<Value, Error> {
         let mut exponent = exponent;
         if self.b.ty(exponent) == Type::I64 {
@@ -305,7 +305,7 @@ impl Lowerer<'_> {
         self.b.binary(ir::Op::FMul, square, slope)
     }
 
-    /// Whole and fractional part, both with the argument's sign.
+    /// Integral and fractional part, both with the argument's sign.
     fn lower_modf(
         &mut self,
         instruction: &Instruction,
@@ -317,7 +317,7 @@ impl Lowerer<'_> {
         for &x in parts.iter() {
             let whole = self.b.unary(ir::Op::FTrunc, x)?;
             let fraction = self.b.binary(ir::Op::FSub, x, whole)?;
-            // An infinity has no fraction.
+            // The fraction of an infinity is zero.
             let infinite = self.b.emit(ir::Op::FIsInf, &[x], Type::I1)?;
             let zero = self.b.float(self.b.ty(x), 0.0);
             let fraction = self.b.select(infinite, zero, fraction)?;
@@ -327,7 +327,7 @@ impl Lowerer<'_> {
         self.define_parts(instruction, op == GLOp::Modf, fractions, wholes, operands)
     }
 
-    /// A float that has the same sign as another one or is +0, with that one's sign.
+    /// A float with the sign of another one. It has that sign already, or is +0.
     fn with_sign_of(&mut self, size: Value, signed: Value) -> Result<Value, Error> {
         let ty = self.b.ty(size);
         let [size, signed] = [self.b.as_integer(size)?, self.b.as_integer(signed)?];

@@ -1,4 +1,4 @@
-//! Descriptor heaps: pointers into them, and bindings that are mapped onto them.
+//! Descriptor heaps: pointers into them, and bindings that are mapped to them.
 
 use rspirv::spirv::{BuiltIn, Decoration, StorageClass};
 
@@ -11,14 +11,14 @@ use crate::heap::{DESCRIPTOR_BYTES, HeapPlace, Mapping, Source, Table, Word, res
 use crate::ir::{self, Type, Value};
 use crate::parse::{Id, Instruction};
 
-/// Bits of a packed index that are the image's.
+/// Bits of a packed index for the image.
 const IMAGE_INDEX_BITS: u32 = 20;
 
 /// In the upper half of the value of a pointer to a combined image sampler: the sampler is an
 /// embedded one.
 const EMBEDDED: u32 = 1 << 31;
 
-/// The part of an index in memory that counts.
+/// The used bits of an index in memory.
 #[derive(Clone, Copy)]
 enum IndexPart {
     Whole,
@@ -27,7 +27,7 @@ enum IndexPart {
 }
 
 impl Lowerer<'_> {
-    /// The heap that a variable is, if it is one.
+    /// The heap of a variable, if it is one.
     pub(super) fn heap_of(&self, id: Id) -> Option<Table> {
         match self.module.annotations.id(id, Decoration::BuiltIn)? {
             it if it == BuiltIn::SamplerHeapEXT as u32 => Some(Table::Samplers),
@@ -90,7 +90,7 @@ impl Lowerer<'_> {
         })
     }
 
-    /// The place of a buffer that a mapping backs.
+    /// The location of a buffer with a mapping.
     pub(super) fn mapped_buffer(
         &mut self,
         mapping: &Mapping,
@@ -133,7 +133,7 @@ impl Lowerer<'_> {
         }
     }
 
-    /// The references that a mapped image, sampler or both are as a value.
+    /// The references that are the value of a mapped image, sampler or both.
     fn mapped_references(
         &mut self,
         mapping: &Mapping,
@@ -192,8 +192,8 @@ impl Lowerer<'_> {
         Ok(vec![address])
     }
 
-    /// One value for a pointer to a mapped resource. That to a combined image sampler has the
-    /// image's entry in its lower half, the sampler's in its upper half.
+    /// The value of a pointer to a mapped resource. For a combined image sampler it has the image's
+    /// entry in its lower half and the sampler's in its upper half.
     pub(super) fn mapped_scalar(
         &mut self,
         mapping: &Mapping,
@@ -213,7 +213,7 @@ impl Lowerer<'_> {
         self.b.pack64(image, sampler, Type::I64)
     }
 
-    /// The references that the value of a pointer to a combined image sampler stands for.
+    /// The references of a combined image sampler, from the value of a pointer to it.
     pub(super) fn combined_references(&mut self, pointer: Value) -> Result<Vec<Value>, Error> {
         if self.request.mappings.is_empty() {
             return Ok(vec![pointer, pointer]);
@@ -263,7 +263,7 @@ impl Lowerer<'_> {
                 }
                 IndexPart::Sampler => self.b.binary(ir::Op::LShr, index, bits)?,
             };
-            // An index need not count descriptors: it may count bytes.
+            // An index may count bytes instead of descriptors.
             let stride = place.index_stride_bytes;
             terms.push(match stride % DESCRIPTOR_BYTES {
                 0 => self.b.scale(index, (stride / DESCRIPTOR_BYTES).into())?,
@@ -330,7 +330,7 @@ impl Lowerer<'_> {
         })
     }
 
-    /// A word of 32 or 64 bits that a mapping names.
+    /// A word of 32 or 64 bits for a mapping.
     fn heap_word(&mut self, word: Word, at: Option<Value>, ty: Type) -> Result<Value, Error> {
         let place = self.word_place(word, at)?;
         let pointer = Pointer {

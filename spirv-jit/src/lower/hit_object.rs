@@ -39,9 +39,9 @@ enum Action {
     RecordFromQuery,
     SetRecordIndex,
     CopyAttributes,
-    /// Whether it is of this kind.
+    /// Whether the hit object is of this kind.
     Is(u32),
-    /// These words as they are.
+    /// These words, unchanged.
     Words {
         first: usize,
         count: usize,
@@ -49,7 +49,7 @@ enum Action {
     HitKind,
     /// Whether a primitive of this kind was hit.
     IsPrimitive(u32),
-    /// The first words of a fact, as many as the result has.
+    /// The first words of a fact, as many as the result's type has.
     Fact(Fact),
     ObjectRay {
         origin: bool,
@@ -196,7 +196,7 @@ impl Lowerer<'_> {
         self.define_typed(instruction, result)
     }
 
-    /// `OpReorderThread*` and what has it inside are the ray generation shader's.
+    /// Only ray generation shaders may use `OpReorderThread*` and the instructions that include it.
     fn check_reorder_stage(&self, action: Action) -> Result<(), Error> {
         let reorders = matches!(
             action,
@@ -275,7 +275,7 @@ impl Lowerer<'_> {
         let values = self.load(&payload)?;
         let taken = self.scalars_to_words(&values)?;
         let word_types: Vec<Type> = taken.iter().map(|&word| self.b.ty(word)).collect();
-        // The first sixteen have rows of their own, the rest stand behind the payload.
+        // The first sixteen have rows of their own, the rest follow the payload.
         let (first, rest) = object.split_at(crate::state::IO_DATA_ROW);
         let words = [first, &taken, rest].concat();
         let op = ir::Op::HitObjectExecute;
@@ -284,7 +284,7 @@ impl Lowerer<'_> {
         self.store(&payload, &values)
     }
 
-    /// `hint`: nothing, or the hint and how many of its bits count.
+    /// `hint`: empty, or the hint and its number of bits.
     fn reorder(&mut self, object: Option<&[Value]>, hint: &[Id]) -> Result<(), Error> {
         let (hint, bits) = match *hint {
             [hint, bits] => (self.word(hint)?, self.word(bits)?),

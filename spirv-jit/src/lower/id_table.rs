@@ -1,10 +1,10 @@
-//! Tables by id: ids are dense below the module's bound, so a place is one load away.
+//! Tables by id. Ids are dense below the module's bound, so a look-up is one load.
 
 use crate::parse::Id;
 
-/// Things by id.
+/// Items by id.
 pub(super) struct IdTable<T> {
-    /// Place in `items` by id, plus one.
+    /// Index in `items` by id, plus one.
     places: Vec<u32>,
     items: Vec<(Id, T)>,
 }
@@ -19,12 +19,12 @@ impl<T> Default for IdTable<T> {
 }
 
 impl<T> IdTable<T> {
-    /// The last thing that was put there.
+    /// The last item of an id.
     pub fn get(&self, id: Id) -> Option<&T> {
         self.get_since(id, 0)
     }
 
-    /// The same, if it was put there when the table had that length or a greater one.
+    /// The last item of an id, if it was added at this table length or later.
     pub fn get_since(&self, id: Id, length: usize) -> Option<&T> {
         let place = (*self.places.get(id as usize)? as usize).checked_sub(1)?;
         (place >= length).then(|| &self.items[place].1)
@@ -38,13 +38,13 @@ impl<T> IdTable<T> {
         self.places[id as usize] = self.items.len() as u32;
     }
 
-    /// How many things were put in.
+    /// The number of added items.
     pub fn len(&self) -> usize {
         self.items.len()
     }
 
-    /// Removes the entries that were added since the table had that length, and the ids that were
-    /// replaced meanwhile.
+    /// Removes the items that were added since the table had this length, and restores the ids that
+    /// they replaced.
     pub fn truncate(&mut self, length: usize) {
         for (id, _) in self.items.drain(length..) {
             self.places[id as usize] = 0;

@@ -13,7 +13,7 @@ use crate::ir::stage::{Builtin, Stage};
 use crate::ir::{self, InputRow, Type, Value};
 use crate::parse::{Id, Instruction};
 
-/// Operands behind the image operands' mask, by kind.
+/// Operands after the image operands' mask, by kind.
 #[derive(Default)]
 struct Extras {
     bias: Option<Id>,
@@ -66,11 +66,11 @@ impl Extras {
 struct Sampling {
     projective: bool,
     compares: bool,
-    /// Its level of detail follows from derivatives, where there are any.
+    /// The level of detail is implicit, from derivatives if there are any.
     implicit: bool,
 }
 
-/// An instruction by its plain name, and whether it gives a residency code, too.
+/// An instruction without its sparse variant, and whether it also returns a residency code.
 fn plain(opcode: Op) -> (Op, bool) {
     let plain = match opcode {
         Op::ImageSparseSampleImplicitLod => Op::ImageSampleImplicitLod,
@@ -185,7 +185,7 @@ impl Lowerer<'_> {
                 .invalid("texels are 32-bit floats or 32- or 64-bit integers"));
         };
         Ok(ImageOp {
-            // The layer of an input attachment is the one that is drawn to.
+            // An input attachment is read in the layer of the fragment.
             arrayed: image.arrayed || image.dim == spirv::Dim::DimSubpassData,
             multisampled: image.multisampled,
             texel,
@@ -253,7 +253,7 @@ impl Lowerer<'_> {
         parts.map(|&x| self.b.i32_of(x, true)).collect()
     }
 
-    /// Appends what follows the depth reference, and notes it in the description.
+    /// Appends the operands after the depth reference, and adds them to the description.
     fn push_extras(
         &mut self,
         op: &mut ImageOp,
@@ -334,8 +334,8 @@ impl Lowerer<'_> {
         Ok(values.to_vec())
     }
 
-    /// Performs an operation that reads texels, and defines its instruction's result: the first
-    /// components that it has, behind the residency code if it has one.
+    /// Emits an operation that reads texels, and defines the instruction's result: its components,
+    /// after the residency code if there is one.
     fn define_texel(
         &mut self,
         instruction: &Instruction,
@@ -439,15 +439,15 @@ impl Lowerer<'_> {
             _ => arguments.extend(self.integers(operands[1], op.coordinate_count())?),
         }
         let extras = self.extras(&operands[2..])?;
-        // An image value does not tell which variable it was loaded from.
+        // The variable of an image value is unknown.
         op.volatile = op.kind == ImageOpKind::Read
             && (extras.volatile || self.module.annotations.has_volatile);
         self.push_extras(&mut op, &extras, &mut arguments)?;
         self.define_texel(instruction, op, &arguments)
     }
 
-    /// The texel of an input attachment: the fragment's own, moved by an offset, in the layer that
-    /// is drawn to.
+    /// The texel of an input attachment: the fragment's, moved by an offset, in the fragment's
+    /// layer.
     fn attachment_coordinates(&mut self, offset: Id) -> Result<Vec<Value>, Error> {
         if self.request.stage != Stage::Fragment {
             return Err(self
@@ -540,7 +540,7 @@ impl Lowerer<'_> {
     ) -> Result<(), Error> {
         let (_, pointee) = self.types.pointer(instruction.result_type)?;
         let (pointer, operands) = match instruction.opcode {
-            // It says first what the image is.
+            // Its first operand is the image.
             Op::UntypedImageTexelPointerEXT => (
                 self.pointer(operands[1])?.retyped(operands[0]),
                 &operands[1..],

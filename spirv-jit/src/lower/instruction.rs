@@ -1,4 +1,4 @@
-//! The table of instructions: which group lowers which opcode.
+//! The table of instructions: the group that lowers each opcode.
 
 use rspirv::spirv::Op;
 
@@ -49,7 +49,7 @@ impl Lowerer<'_> {
             Op::Undef => {
                 let info = self.types.info(instruction.result_type)?;
                 if matches!(info.kind, TypeKind::RuntimeArray { .. }) {
-                    // Of unknown length, so that nothing can be taken from it.
+                    // Its length is unknown, so it cannot be loaded.
                     return self.define(instruction.result, Self::scalars(Vec::new()));
                 }
                 let types = self.types.leaves(instruction.result_type)?;
@@ -58,7 +58,7 @@ impl Lowerer<'_> {
             }
             Op::ExtInst | Op::ExtInstWithForwardRefsKHR => self.lower_extended(instruction),
             Op::AssumeTrueKHR => Ok(()),
-            // Invocations that the interlock keeps apart are never in one wave
+            // Invocations that the interlock must separate are never in the same wave
             // (`FragmentFacts::interlock`).
             Op::BeginInvocationInterlockEXT | Op::EndInvocationInterlockEXT => {
                 self.b.emit_effect(ir::Op::MemoryBarrier, &[])

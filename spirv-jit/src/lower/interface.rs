@@ -1,9 +1,9 @@
-//! The entry's variables: what comes in with an invocation, what leaves with it, and how payloads,
-//! attributes and callable data are words.
+//! The entry's variables: inputs and outputs of an invocation, and the word form of payloads,
+//! attributes and callable data.
 //!
-//! A scalar of 32 bits is a word, of 64 bits two (low first), a narrower one or a boolean the low
-//! bits of one; aggregates are their scalars in order. Caller and callee agree because both derive
-//! it from the same declaration.
+//! A scalar of 32 bits is one word, of 64 bits two words (low first); narrower scalars and booleans
+//! are the low bits of a word. Aggregates are their scalars in order. Caller and callee agree
+//! because both derive the form from the same declaration.
 
 use rspirv::spirv::{BuiltIn, Decoration, StorageClass};
 
@@ -16,7 +16,7 @@ use crate::ir::stage::{Builtin, Stage};
 use crate::ir::{self, InputRow, Node, Space, Terminator, Type, Value};
 use crate::parse::Id;
 
-/// How an any-hit invocation ends; the values are those of `ir::Module::output_rows`.
+/// The outcome of an any-hit invocation, as in `ir::Module::output_rows`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Verdict {
     Accept = 0,
@@ -25,7 +25,7 @@ pub(super) enum Verdict {
 }
 
 impl Lowerer<'_> {
-    /// Notes how many words the invocation leaves.
+    /// Sets the number of words that the invocation returns.
     pub(super) fn declare_interface(&mut self) -> Result<(), Error> {
         let words = match self.output_variable() {
             Some(id) => self.variable_words(id)?,
@@ -45,7 +45,7 @@ impl Lowerer<'_> {
         self.clear_shared()
     }
 
-    /// The variable that goes back to the caller.
+    /// The variable that the invocation returns to the caller.
     pub(super) fn output_variable(&self) -> Option<Id> {
         match self.request.stage {
             Stage::AnyHit | Stage::ClosestHit | Stage::Miss => {
@@ -56,7 +56,7 @@ impl Lowerer<'_> {
         }
     }
 
-    /// The entry's variable of a storage class that has one variable at most.
+    /// The entry's variable of a storage class with at most one variable.
     pub(super) fn interface_variable(&self, class: StorageClass) -> Option<Id> {
         let of_class = self.variables.iter().filter(|(_, v)| v.class == class);
         of_class
@@ -233,8 +233,8 @@ impl Lowerer<'_> {
         Ok(Terminator::End(words))
     }
 
-    /// Gives each variable of workgroup memory that the entry may use its place. Blocks that are
-    /// `Aliased` share theirs. The interface of a mesh shader lies before them.
+    /// Assigns an offset to each workgroup variable of the entry. `Aliased` blocks share one. They
+    /// follow the interface of a mesh shader.
     fn place_shared(&mut self) -> Result<(), Error> {
         if !self.request.stage.has_workgroups() {
             return Ok(());
@@ -253,7 +253,7 @@ impl Lowerer<'_> {
             let is_aliased = annotations.id(id, Decoration::Aliased).is_some();
             is_aliased && is_block(self.variables[&id].pointee)
         };
-        // The others lie behind those that lie in one place.
+        // Other variables follow the shared ones.
         ids.sort_by_key(|&id| !is_aliased(id));
         let mut end = base;
         for id in ids {

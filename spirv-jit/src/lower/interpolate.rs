@@ -1,7 +1,7 @@
-//! `interpolateAt*`: a varying elsewhere in the pixel than decorated.
+//! `interpolateAt*`: a varying at another position in the pixel than its decoration's.
 //!
-//! The result is the sum of the vertices' values, weighted by barycentric coordinates at the place
-//! that is asked for.
+//! The result is the sum of the vertices' values, weighted by barycentric coordinates at the
+//! requested position.
 
 use rspirv::spirv::GlslStd450Op as GLOp;
 
@@ -125,7 +125,7 @@ impl Lowerer<'_> {
         Ok(weights)
     }
 
-    /// Where a sample lies, from the pixel's centre.
+    /// The position of a sample, relative to the pixel's center.
     fn sample_offset(&mut self, sample: Id) -> Result<[Value; 2], Error> {
         let sample = self.scalar(sample)?;
         let sample = self.b.i32_of(sample, false)?;

@@ -1,12 +1,12 @@
-//! Where branches meet without a merge instruction that says so: cases that fall through into each
-//! other, and arms of a selection that have a part in common. SPIR-V asks only that such a block
-//! lies in the construct whose header dominates it.
+//! Joins of branches without a merge instruction: cases with fallthrough, and arms of a selection
+//! with a common tail. SPIR-V requires only that the header of the construct dominates such a
+//! block.
 //!
-//! A block that several blocks branch to is lowered once, behind all of them and inside what its
-//! immediate dominator decides about: all ways to it lead through there. In the reverse postorder
-//! of a reducible graph a block comes after all branches to it that go forward, so one pass finds
-//! all dominators. Of a graph that is not reducible it finds others; then some branch finds no
-//! label to go to, and the function is refused.
+//! A join block is lowered once, after all blocks that branch to it and inside the construct of its
+//! immediate dominator, since all paths to it lead through that block. In the reverse postorder of
+//! a reducible graph a block comes after all forward branches to it, so one pass finds all
+//! dominators. In an irreducible graph the pass finds wrong ones; then some branch finds no label,
+//! and the function is refused.
 
 use foldhash::HashMap;
 
@@ -26,7 +26,7 @@ pub(super) fn find_join_points(flow: Flow<'_>) -> HashMap<BlockIndex, Vec<BlockI
         place[block] = at;
     }
     let mut tree = DominatorTree::default();
-    // By place in the order: the nearest dominator so far, and how many blocks branch there.
+    // By position in the order: the nearest dominator so far, and the number of branching blocks.
     let mut dominators: Vec<Option<usize>> = vec![None; order.len()];
     let mut branches = vec![0; order.len()];
     for (at, &block) in order.iter().enumerate() {
@@ -65,7 +65,7 @@ fn announced_by(flow: Flow<'_>, block: BlockIndex) -> impl Iterator<Item = Block
     labels.filter_map(move |label| flow.index(label))
 }
 
-/// By block: a merge instruction names it.
+/// Whether a merge instruction names each block.
 fn find_announced(flow: Flow<'_>) -> Vec<bool> {
     let mut announced = vec![false; flow.function.blocks.len()];
     for block in 0..announced.len() {
@@ -74,8 +74,7 @@ fn find_announced(flow: Flow<'_>) -> Vec<bool> {
     announced
 }
 
-/// Whether several blocks branch to one that no merge instruction names. Hardly any function has
-/// such.
+/// Whether a block without a merge instruction has several predecessors, which is rare.
 fn may_join(flow: Flow<'_>, announced: &[bool]) -> bool {
     let mut branches = vec![0; announced.len()];
     for block in 0..announced.len() {
@@ -89,8 +88,8 @@ fn may_join(flow: Flow<'_>, announced: &[bool]) -> bool {
     })
 }
 
-/// The blocks that the first one leads to, with those that merge instructions name: each before
-/// those that it leads to, back-edges excepted.
+/// The blocks reachable from the first, with those that merge instructions name, in topological
+/// order except back-edges.
 fn reverse_postorder(flow: Flow<'_>) -> Vec<BlockIndex> {
     let next = |block| {
         let mut next = flow.successors(block);
@@ -192,7 +191,7 @@ mod tests {
         let mut parents: Vec<usize> = vec![0];
         tree.push(None);
         for node in 1..2_000 {
-            // Deep and bushy by turns.
+            // The tree alternates between deep and bushy.
             let parent = match random.bool() {
                 true => node - 1,
                 false => random.usize(0..node),

@@ -1,8 +1,7 @@
-//! Values of more scalars than are taken apart: they lie in per-lane memory, each in a place of its
-//! own that nothing writes again, and are filled and copied by loops over the elements of arrays.
+//! Values with too many scalars to take apart. Each has its own per-lane memory, which is written
+//! once, by loops over the elements of arrays.
 //!
-//! How large they may be is the bound of an invocation's frame
-//! ([`MAX_ROWS`](super::types::MAX_ROWS)).
+//! The frame of an invocation bounds their size ([`MAX_ROWS`](super::types::MAX_ROWS)).
 
 use std::rc::Rc;
 
@@ -17,13 +16,13 @@ use crate::ir::op::MAX_TABLE_RESULTS;
 use crate::ir::{self, Node, Terminator, Type, Value};
 use crate::parse::{Id, Instruction};
 
-/// Arrays of more scalars are copied by loops.
+/// Arrays with more scalars are copied by loops.
 const LOOP_FROM: u64 = 64;
 
-/// Elements of an array in one turn of such a loop, at most.
+/// Largest number of array elements in one iteration of such a loop.
 const MAX_ELEMENTS: u64 = 16;
 
-/// Where the contents of a value come from.
+/// The source of a value's contents.
 #[derive(Clone)]
 pub(super) enum ContentsSource {
     Memory(Pointer),
@@ -37,7 +36,7 @@ pub(super) enum ContentsSource {
     },
     /// The same value for each element.
     Element(Rc<ContentsSource>),
-    /// A value that is taken apart.
+    /// A value in scalars.
     Scalars(Rc<[Value]>),
 }
 
@@ -47,7 +46,7 @@ impl Lowerer<'_> {
         self.types.leaf_count(ty) > MAX_LEAVES
     }
 
-    /// Lowers an instruction that makes, takes or moves a large value; false for others.
+    /// Lowers an instruction that produces, uses or moves a large value; false for others.
     pub(super) fn lower_large(&mut self, instruction: &Instruction) -> Result<bool, Error> {
         let operands = self.module.operands(instruction);
         let ty = instruction.result_type;
@@ -165,7 +164,7 @@ impl Lowerer<'_> {
         self.define_typed(instruction, values)
     }
 
-    /// A part by a literal index, which must be there.
+    /// A part by a literal index, which must exist.
     fn part(&mut self, pointer: Pointer, index: u32) -> Result<Pointer, Error> {
         if index >= self.types.element_count(pointer.pointee)? {
             return Err(self.b.invalid("composite index out of range"));
@@ -248,7 +247,7 @@ impl Lowerer<'_> {
         })
     }
 
-    /// Where the contents of an id come from.
+    /// The source of an id's contents.
     pub(super) fn source(&mut self, id: Id) -> Result<ContentsSource, Error> {
         if let Some(ty) = self.constants.find(id).map(|constant| constant.ty)
             && self.is_large(ty)
@@ -267,8 +266,8 @@ impl Lowerer<'_> {
         self.fill(target, source)
     }
 
-    /// Fills memory. It recurses only into elements of arrays of two or more that are themselves
-    /// filled by loops, so its depth is bounded by the logarithm of a frame's bound.
+    /// Fills memory. It recurses only into elements of arrays of two or more that loops fill in
+    /// turn, so its depth is at most logarithmic in the frame's bound.
     pub(super) fn fill(&mut self, target: Pointer, source: ContentsSource) -> Result<(), Error> {
         // Last first.
         let mut work = vec![(target, source)];
@@ -319,7 +318,7 @@ impl Lowerer<'_> {
         Ok(())
     }
 
-    /// Fills the elements of an array, some together in each turn of a loop.
+    /// Fills the elements of an array, several in each iteration of a loop.
     fn fill_array(
         &mut self,
         target: &Pointer,
@@ -348,7 +347,7 @@ impl Lowerer<'_> {
         Ok(())
     }
 
-    /// A loop of so many turns, one or more.
+    /// A loop with this number of iterations, at least one.
     fn emit_turns(
         &mut self,
         turns: u32,

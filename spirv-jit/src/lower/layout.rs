@@ -1,5 +1,5 @@
-//! Where scalars lie in memory that others see: explicit layouts (`Offset`, `ArrayStride`,
-//! `MatrixStride`, `RowMajor`), and natural alignment where a module gives none (workgroup memory).
+//! The layout of scalars in shared memory: explicit layouts (`Offset`, `ArrayStride`,
+//! `MatrixStride`, `RowMajor`), and natural alignment without them (workgroup memory).
 
 use rspirv::spirv::Decoration;
 
@@ -16,7 +16,7 @@ pub(super) struct TypeLayout<'a> {
     pub types: &'a Types,
     pub annotations: &'a Annotations,
     pub constants: &'a Constants,
-    /// `ArrayStride` counts: not in workgroup memory that the compiler lays out.
+    /// Whether `ArrayStride` applies. It does not in workgroup memory that the compiler lays out.
     pub has_strides: bool,
 }
 
@@ -104,8 +104,8 @@ impl TypeLayout<'_> {
         natural.ok_or_else(no_layout)
     }
 
-    /// Bytes from the beginning of a value in memory to the end of its last scalar; `u64::MAX` for
-    /// values of more scalars than [`MAX_ROWS`].
+    /// Bytes from the start of a value in memory to the end of its last scalar; `u64::MAX` for
+    /// values with more scalars than [`MAX_ROWS`].
     pub fn extent(&self, id: Id, shape: Shape) -> Result<u64, Error> {
         if self.types.leaf_count(id) > MAX_ROWS {
             return Ok(u64::MAX);
@@ -113,7 +113,7 @@ impl TypeLayout<'_> {
         let mut end = 0u64;
         let mut work = vec![(id, shape, 0u64)];
         while let Some((id, shape, at)) = work.pop() {
-            // The last of some equal parts lies behind the others.
+            // The last of several equal parts ends last.
             let last = |count: u32, stride: u64| {
                 at.saturating_add(u64::from(count.saturating_sub(1)).saturating_mul(stride))
             };
@@ -149,7 +149,8 @@ impl TypeLayout<'_> {
         /// The remaining work, last first.
         enum Work {
             Type(Id, Shape, u64),
-            /// The contents from a place on, so many times more, so many bytes apart.
+            /// The contents from an index on, with remaining repetitions and their distance in
+            /// bytes.
             Repeat(usize, u32, u64),
         }
         let count = self.types.leaves(id)?.len();

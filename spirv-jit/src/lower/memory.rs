@@ -24,8 +24,7 @@ struct Run {
     offset: u64,
 }
 
-/// Puts scalars that follow each other in memory together. `step` is a scalar's size in the
-/// memory's unit.
+/// Groups scalars that are consecutive in memory. `step` is a scalar's size in the memory's unit.
 fn find_runs(leaves: &[(Type, u64)], step: impl Fn(Type) -> u64) -> Vec<Run> {
     let mut runs: Vec<Run> = Vec::new();
     for (index, &(ty, offset)) in leaves.iter().enumerate() {
@@ -64,7 +63,7 @@ fn stored(ty: Type) -> Type {
 }
 
 impl Lowerer<'_> {
-    /// The scalars behind a pointer.
+    /// Loads the scalars of a pointee.
     pub(super) fn load(&mut self, pointer: &Pointer) -> Result<Values, Error> {
         let ty = pointer.pointee;
         match &pointer.place {
@@ -137,7 +136,7 @@ impl Lowerer<'_> {
         Ok(values)
     }
 
-    /// Replaces what a pointer leads to.
+    /// Stores to a pointee.
     pub(super) fn store(&mut self, pointer: &Pointer, values: &[Value]) -> Result<(), Error> {
         let ty = pointer.pointee;
         let types = self.types.leaves(ty)?;
@@ -205,7 +204,7 @@ impl Lowerer<'_> {
         Ok(())
     }
 
-    /// Address operands of memory some bytes (or rows) behind a pointer.
+    /// Address operands of memory at an offset in bytes, or rows, from a pointer.
     pub(super) fn address(
         &mut self,
         pointer: &Pointer,
@@ -251,8 +250,8 @@ impl Lowerer<'_> {
         })
     }
 
-    /// A descriptor's meaning as a value: image and sampler are references, an acceleration
-    /// structure is a device address.
+    /// A descriptor as a value: references for images and samplers, a device address for an
+    /// acceleration structure.
     fn load_handle(&mut self, pointer: &Pointer) -> Result<Vec<Value>, Error> {
         if let MemoryLocation::Handle {
             binding: Handles::Mapped(at),
@@ -344,8 +343,8 @@ impl Lowerer<'_> {
         }
     }
 
-    /// The type of the data that `OpStore` or `OpCopyMemory` moves: that of the pointer, or of what
-    /// is moved there if the pointer has no type.
+    /// The type of the data that `OpStore` or `OpCopyMemory` moves: the pointer's, or the data's if
+    /// the pointer is untyped.
     pub(super) fn moved_type(&self, instruction: &Instruction) -> Result<Id, Error> {
         let operands = self.module.operands(instruction);
         let pointee = |id: Id| Ok::<_, Error>(self.types.pointer(self.type_of(id)?)?.1);
@@ -373,7 +372,7 @@ impl Lowerer<'_> {
         Ok((target, source))
     }
 
-    /// Copies bytes between memories of bytes: words, where there are whole ones.
+    /// Copies bytes, as whole words where possible.
     fn copy_bytes(&mut self, target: &Pointer, source: &Pointer, bytes: u64) -> Result<(), Error> {
         for pointer in [target, source] {
             if space(pointer) == Space::Private {
@@ -450,8 +449,7 @@ impl Lowerer<'_> {
     }
 }
 
-/// How memory some bytes behind a pointer is accessed: as aligned as the pointer and the distance
-/// are.
+/// The access at an offset from a pointer, with the alignment of the pointer and the offset.
 pub(super) fn access(pointer: &Pointer, offset: u64) -> Access {
     Access {
         space: space(pointer),

@@ -1,6 +1,6 @@
-//! The interface of task and mesh shaders. All of it lies in workgroup memory: first the payload,
-//! which a task shader leaves and a mesh shader finds, then the workgroup's counts, then what a
-//! mesh shader writes of its vertices and primitives, in any order and from any invocation.
+//! The interface of task and mesh shaders, which is in workgroup memory: the payload from task to
+//! mesh shader, then the workgroup's counts, then the outputs of vertices and primitives, which any
+//! invocation may write in any order.
 
 use rspirv::spirv::{BuiltIn, Decoration, ExecutionMode, Op, StorageClass};
 
@@ -111,7 +111,7 @@ impl Lowerer<'_> {
         }
     }
 
-    /// Gives an output of a mesh shader its place.
+    /// Assigns the location of a mesh shader's output.
     fn place_in_mesh(&mut self, id: Id, facts: &mut MeshFacts, end: &mut u64) -> Result<(), Error> {
         let pointee = self.variables[&id].pointee;
         let TypeKind::Array { element, count } = *self.types.kind(pointee)? else {
@@ -123,7 +123,7 @@ impl Lowerer<'_> {
         let stride = self.shared_layout().array_stride(pointee)?;
         let (size, align) = self.shared_layout().natural(pointee)?;
         let start = end.next_multiple_of(align.max(16));
-        // Room for all of them, whatever the array's length.
+        // Room for the largest count, independent of the array's length.
         let elements = match of_primitives {
             true => facts.max_primitives,
             false => facts.max_vertices,
@@ -146,9 +146,8 @@ impl Lowerer<'_> {
         }
     }
 
-    /// Which members of an array's blocks the module names, or whether it names the array at all:
-    /// compilers declare all members of the blocks of built-ins. Values that are never written are
-    /// not there, like those that [`crate::pass::trim_outputs`] removes.
+    /// The used members of an array's blocks, since compilers declare all built-in members. Outputs
+    /// that are never written do not exist, like those that [`crate::pass::trim_outputs`] removes.
     fn used_members(&self, id: Id, element: Id) -> Result<Vec<bool>, Error> {
         let members = match self.types.kind(element)? {
             TypeKind::Struct { members } => members.len(),
@@ -204,7 +203,8 @@ impl Lowerer<'_> {
         self.end_invocation(super::interface::Verdict::Accept)
     }
 
-    /// Stores the workgroup's counts: those of its first invocation. Others store past them.
+    /// Stores the workgroup's counts, which are those of its first invocation. Other invocations
+    /// store to unused memory.
     fn store_counts(&mut self, ids: &[Id]) -> Result<(), Error> {
         let Some(facts) = &self.mesh else {
             return Err(self.b.invalid("there are no counts in this stage"));

@@ -1,4 +1,4 @@
-//! A parsed SPIR-V module to the IR.
+//! Lowers a parsed SPIR-V module to the IR.
 //!
 //! ```text
 //! types, constants ([`types`], [`constants`], [`fold`])  specialized, in order
@@ -9,9 +9,8 @@
 //! ```
 //!
 //! Vectors, matrices and aggregates are taken apart into scalars. A logical pointer is known at
-//! compile time down to its computed parts ([`values`]). An id that is used after the construct
-//! that defines it, and every phi, travels through a variable, which promotion turns into SSA
-//! again.
+//! compile time except its computed parts ([`values`]). An id with uses after the construct that
+//! defines it, and every phi, goes through a variable, which promotion turns into SSA again.
 
 #![forbid(unsafe_code)]
 
@@ -99,7 +98,7 @@ use crate::query::QueryWord;
 use crate::request::CompileRequest;
 use crate::{Error, ir};
 
-/// Lowers what the entry point reaches.
+/// Lowers the code that the entry point reaches.
 ///
 /// # Errors
 /// A request of the module that the IR cannot express, or an ill-typed module.
@@ -143,11 +142,11 @@ struct Lowerer<'a> {
     constants: Constants,
     variables: HashMap<Id, ModuleVariable>,
     plans: HashMap<Id, Rc<Plan>>,
-    /// The entry function: calls are lowered in place.
+    /// The entry function, with inlined calls.
     b: Builder,
-    /// Functions that are being lowered, innermost last.
+    /// The functions in progress, innermost last.
     frames: Vec<FunctionFrame>,
-    /// Bodies that are being emitted, innermost last.
+    /// The bodies in progress, innermost last.
     open: Vec<OpenBody>,
     /// The values of ids, of all frames, innermost last.
     values: IdTable<Val>,
@@ -165,21 +164,20 @@ struct Lowerer<'a> {
     /// Byte offset of each variable of workgroup memory, or of a patch.
     shared: HashMap<Id, u32>,
     shared_size_bytes: u32,
-    /// Where the variables of the shader's own begin in it.
+    /// Offset of the shader's own variables in workgroup memory.
     shared_base: u32,
-    /// The module gives its layout: its variables are blocks
+    /// Workgroup variables are blocks with explicit layout
     /// (`SPV_KHR_workgroup_memory_explicit_layout`).
     lays_out_shared: bool,
     output_rows: u32,
-    /// Of stages of drawing: what each output word is, and the variables that they are of, in
-    /// order.
+    /// Drawing stages: each output word, and the output variables in order.
     outputs: Vec<OutputRow>,
     output_variables: Vec<Id>,
-    /// Of tessellation stages.
+    /// State of tessellation stages.
     tessellation: Option<TessellationFacts>,
-    /// Of task and mesh stages.
+    /// State of task and mesh stages.
     mesh: Option<MeshFacts>,
-    /// Of geometry stages.
+    /// State of geometry stages.
     emission: Option<Emission>,
     /// Input attachments are read.
     reads_attachments: bool,
@@ -190,7 +188,7 @@ struct Lowerer<'a> {
     /// Functions besides the entry.
     functions: Vec<ir::Function>,
     summaries: HashMap<Id, Rc<Summary>>,
-    /// Callees that were decided on; `None` is lowered in place.
+    /// Callees with a decision; `None` is inlined.
     outlined: HashMap<Id, Option<Outlined>>,
     /// Call instructions by callee.
     call_sites: HashMap<Id, u32>,
@@ -202,9 +200,9 @@ struct Lowerer<'a> {
 impl<'a> Lowerer<'a> {
     /// Operations per instruction of the module that lowering may emit, beyond a fixed allowance.
     const GROWTH: usize = 64;
-    /// The same for each component of the longest vector, as far as it is longer than four.
+    /// Extra operations per instruction for each component of the longest vector above four.
     const GROWTH_OF_COMPONENT: usize = 4;
-    /// Operations that lowering may emit for long vectors beyond those, at most.
+    /// Largest extra budget of operations for long vectors.
     const MAX_LONG_GROWTH: usize = 8_000_000;
 
     fn new(
@@ -268,7 +266,8 @@ impl<'a> Lowerer<'a> {
         Ok(lowerer)
     }
 
-    /// Allows more operations where vectors are long: an instruction is some for each component.
+    /// Increases the budget for long vectors, since an instruction emits operations for each
+    /// component.
     fn allow_long_vectors(&mut self) {
         let components = self.types.longest_vector().saturating_sub(4) as usize;
         let more = self.module.instruction_count().saturating_mul(components);
@@ -293,7 +292,7 @@ impl<'a> Lowerer<'a> {
         }
     }
 
-    /// The layout of the memory that a place is in.
+    /// The layout of the memory of a location.
     fn layout_in(&self, place: &MemoryLocation) -> TypeLayout<'_> {
         match place {
             MemoryLocation::Shared { .. } => self.shared_layout(),
@@ -345,7 +344,7 @@ impl<'a> Lowerer<'a> {
                     };
                     self.variables.insert(instruction.result, variable);
                 }
-                // Extended instructions of the module's scope only inform.
+                // Extended instructions at module scope are non-semantic.
                 Op::ExtInst | Op::ExtInstWithForwardRefsKHR => {}
                 _ => {
                     let specialization = self.request.specialization;
@@ -374,7 +373,7 @@ impl<'a> Lowerer<'a> {
         Ok(())
     }
 
-    /// Gives an error the place that is being lowered, where it has none.
+    /// Adds the current source position to an error without one.
     fn locate(&self, mut error: Error) -> Error {
         if error.word_offset.is_none_or(|offset| offset == 0) && self.b.source != 0 {
             error.word_offset = Some(self.b.source);
@@ -410,7 +409,7 @@ impl<'a> Lowerer<'a> {
         })
     }
 
-    /// Refuses call graphs with a cycle; counts the call sites of the rest.
+    /// Refuses recursion, and counts the call sites of each function.
     fn check_calls(&mut self, entry: Id) -> Result<(), Error> {
         // 1: on the path, 2: done.
         let mut state: HashMap<Id, u8> = HashMap::default();

@@ -1,7 +1,7 @@
-//! Images, samplers and pointers that go through a descriptor are not made of other values: what
-//! has such a type comes from something of exactly that type.
+//! Images, samplers and pointers through descriptors cannot be made from other values: a value of
+//! such a type comes from a value or variable of exactly that type.
 //!
-//! A module that breaks this is refused. That it could do no harm otherwise is the IR's doing: see
+//! A module that breaks this rule is refused. The IR keeps such modules harmless in any case: see
 //! [`crate::ir`].
 
 use rspirv::spirv::{Op, StorageClass};
@@ -16,7 +16,7 @@ impl Lowerer<'_> {
         Ok(ty != 0 && self.types.info(ty)?.is_opaque)
     }
 
-    /// Checks where a result of an opaque type comes from.
+    /// Checks the source of a result of an opaque type.
     pub(super) fn check_opaque_result(&self, instruction: &Instruction) -> Result<(), Error> {
         let ty = instruction.result_type;
         if instruction.result == 0 || !self.is_opaque(ty)? {
@@ -58,7 +58,7 @@ impl Lowerer<'_> {
                 let sampled = self.type_of(operands[0])?;
                 self.is_sampled_image_of(sampled, ty)?
             }
-            // Pointers are checked step by step, arguments and results where they are passed.
+            // Pointers are checked at each step, arguments and results at calls and returns.
             Op::AccessChain
             | Op::InBoundsAccessChain
             | Op::PtrAccessChain
@@ -81,9 +81,9 @@ impl Lowerer<'_> {
         self.require_same(same)
     }
 
-    /// Whether a type is that of an image with a sampler. Types of images that differ in `Depth`
-    /// alone are the same here: glslang combines a `texture2D`, whose type is of no depth image,
-    /// with a `samplerShadow` into one that is.
+    /// Whether a type is that of an image with a sampler. Image types that differ only in `Depth`
+    /// are equal here, because glslang combines a `texture2D`, which is no depth image, with a
+    /// `samplerShadow` to a depth image.
     fn is_sampled_image_of(&self, ty: Id, image: Id) -> Result<bool, Error> {
         let TypeKind::SampledImage { image: combined } = *self.types.kind(ty)? else {
             return Ok(false);
@@ -92,7 +92,7 @@ impl Lowerer<'_> {
         Ok(matches!(image, TypeKind::Image(_)) && combined == image)
     }
 
-    /// Checks an id that is passed on as an object of a type: stored, returned, or an argument.
+    /// Checks an id that is stored, returned or passed as an object of a type.
     pub(super) fn check_opaque(&self, id: Id, ty: Id) -> Result<(), Error> {
         if !self.is_opaque(ty)? {
             return Ok(());

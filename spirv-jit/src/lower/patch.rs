@@ -1,5 +1,5 @@
-//! The interface of tessellation shaders. A control shader's inputs and outputs lie in workgroup
-//! memory, patch by patch: its invocations read each other's outputs behind barriers.
+//! The interface of tessellation shaders. A control shader's inputs and outputs are in workgroup
+//! memory, patch by patch, because its invocations read each other's outputs after barriers.
 
 use rspirv::spirv::{BuiltIn, Decoration, ExecutionMode, StorageClass};
 
@@ -23,7 +23,7 @@ impl Lowerer<'_> {
         self.request.stage == Stage::TessellationControl
     }
 
-    /// Notes the facts of a tessellation shader, and places the variables of a control shader.
+    /// Records the facts of a tessellation shader, and places the variables of a control shader.
     pub(super) fn declare_tessellation(&mut self) -> Result<(), Error> {
         let is_evaluation = self.request.stage == Stage::TessellationEvaluation;
         if !self.is_control() && !is_evaluation {
@@ -45,7 +45,7 @@ impl Lowerer<'_> {
             .filter(|&id| self.is_listed(id) && self.entry.interface.contains(&id))
             .collect();
         ids.sort_unstable();
-        // The evaluation shader may be the one that says how many vertices there are.
+        // The evaluation shader may declare the number of vertices.
         let vertices = vertices.or_else(|| ids.iter().find_map(|&id| self.output_vertices(id)));
         control.vertices = vertices.unwrap_or(1);
         if !(1..=MAX_PATCH_VERTICES).contains(&control.vertices) {
@@ -117,7 +117,7 @@ impl Lowerer<'_> {
         annotations.id(id, decoration).is_some() || annotations.member(ty, 0, decoration).is_some()
     }
 
-    /// Gives a variable of a control shader its place: outputs, and inputs of vertices.
+    /// Assigns the location of a control shader's outputs and vertex inputs.
     fn place_in_patch(
         &mut self,
         id: Id,
@@ -141,7 +141,7 @@ impl Lowerer<'_> {
         }
         let (size, align) = self.shared_layout().natural(variable.pointee)?;
         let start = end.next_multiple_of(align.max(16));
-        // Room for all vertices that there may be, whatever the array's length.
+        // Room for the largest number of vertices, independent of the array's length.
         let vertices = match is_input {
             true => MAX_PATCH_VERTICES,
             false => control.vertices,
@@ -163,8 +163,8 @@ impl Lowerer<'_> {
         }
     }
 
-    /// The words of (an element of) a variable that lies in workgroup memory from `start` on. Those
-    /// of a structure's members that are not `used` are left out.
+    /// The words of (an element of) a variable in workgroup memory at `start`, without members that
+    /// are not `used`.
     pub(super) fn memory_words(
         &self,
         id: Id,
@@ -213,7 +213,7 @@ impl Lowerer<'_> {
         Ok(kept)
     }
 
-    /// The place of an input or output of a control or mesh shader that lies in workgroup memory.
+    /// The location of an input or output of a control or mesh shader in workgroup memory.
     pub(super) fn patch_place(&mut self, id: Id) -> Result<Option<MemoryLocation>, Error> {
         let is_there = self.is_control() || self.is_mesh();
         let Some(&constant) = self.shared.get(&id).filter(|_| is_there) else {
@@ -226,7 +226,7 @@ impl Lowerer<'_> {
         Ok(Some(MemoryLocation::Shared { offset, constant }))
     }
 
-    /// Where the memory of the invocation's patch starts, if there are several in a subgroup.
+    /// Offset of the invocation's patch, if a subgroup has several.
     fn patch_offset(&mut self) -> Result<Option<Value>, Error> {
         let facts = self.tessellation.as_ref();
         let control = facts.and_then(|facts| facts.control.as_ref());
@@ -237,7 +237,7 @@ impl Lowerer<'_> {
         self.input(row, Type::I32).map(Some)
     }
 
-    /// Stores the initial values of outputs, which all invocations have before any of them goes on.
+    /// Stores the initial values of outputs before any invocation proceeds.
     fn initialize_outputs(&mut self, ids: &[Id]) -> Result<(), Error> {
         let mut any = false;
         for &id in ids {
@@ -261,7 +261,7 @@ impl Lowerer<'_> {
         }
     }
 
-    /// A barrier of the invocations of a patch. Those of one subgroup are together already.
+    /// A barrier of the invocations of a patch. A single subgroup needs none.
     pub(super) fn control_barrier(&mut self) -> Result<(), Error> {
         self.b.emit_effect(ir::Op::MemoryBarrier, &[])?;
         let facts = self.tessellation.as_ref();

@@ -1,4 +1,4 @@
-//! Where phis take their values from.
+//! The sources of phis.
 #![forbid(unsafe_code)]
 
 use std::collections::hash_map::Entry;
@@ -7,19 +7,19 @@ use foldhash::HashMap;
 
 use crate::parse::Id;
 
-/// Pairs that are looked through for less than a table costs.
+/// The number of pairs up to which a linear search is cheaper than a table.
 const FEW: usize = 8;
 
-/// Values of phis by predecessor. A phi of many has a table: each of its edges would look at all
-/// its pairs otherwise, which takes time by the square of their number.
+/// Values of phis by predecessor. A phi with many pairs has a table, since a search for each edge
+/// would take quadratic time.
 #[derive(Default)]
 pub(super) struct PhiSources {
-    /// By number of the instruction: predecessors and values, in the order of the first.
+    /// By instruction: predecessors and values, sorted by predecessor.
     tables: HashMap<u32, Vec<(Id, Id)>>,
 }
 
 impl PhiSources {
-    /// The value of a phi for a predecessor; of several the first. `pairs`: its operands.
+    /// The (first) value of a phi for a predecessor. `pairs`: its operands.
     pub fn find(&mut self, phi: u32, pairs: &[u32], predecessor: Id) -> Option<Id> {
         let mut each = pairs.chunks_exact(2).map(|pair| (pair[1], pair[0]));
         if pairs.len() <= 2 * FEW {

@@ -1,4 +1,4 @@
-//! Pointers: where variables are, and where access chains lead.
+//! Pointers: locations of variables, and access chains.
 
 use rspirv::spirv::{Decoration, Op, StorageClass};
 
@@ -38,7 +38,7 @@ pub(super) enum Elements {
     Counted(u32),
     /// The elements of a runtime array.
     Open,
-    /// Elements before and behind a pointer: `OpPtrAccessChain` steps both ways.
+    /// Elements before and after a pointer, since `OpPtrAccessChain` steps in both directions.
     Around,
 }
 
@@ -46,13 +46,13 @@ pub(super) enum Elements {
 #[derive(Default)]
 struct Limits {
     index: Option<u64>,
-    /// Of the computed part of the offset.
+    /// Limit of the computed part of the offset.
     offset: Option<u32>,
 }
 
 impl Limits {
     /// Returns the limits of an index into elements of `size` bytes, `stride` bytes apart. The
-    /// elements start at `constant`, or `constant` bytes behind a computed offset.
+    /// elements start at `constant`, or `constant` bytes after a computed offset.
     fn of(
         is_computed: bool,
         constant: u32,
@@ -88,7 +88,7 @@ impl Limits {
 }
 
 impl Lowerer<'_> {
-    /// The pointer that a variable of the module is.
+    /// The pointer of a module variable.
     pub(super) fn module_pointer(&mut self, id: Id) -> Result<Pointer, Error> {
         let variable = self.variables[&id];
         let (class, pointee) = (variable.class, variable.pointee);
@@ -270,10 +270,10 @@ impl Lowerer<'_> {
         })
     }
 
-    /// `OpAccessChain` and its kin.
+    /// `OpAccessChain` and its variants.
     pub(super) fn lower_access_chain(&mut self, instruction: &Instruction) -> Result<(), Error> {
         let mut operands = self.module.operands(instruction);
-        // An untyped chain says first what lies at its base.
+        // The first operand of an untyped chain is the type at its base.
         let mut base_type = None;
         if matches!(
             instruction.opcode,
@@ -375,7 +375,7 @@ impl Lowerer<'_> {
         self.step_by(pointer, index)
     }
 
-    /// Selects the element, component or member that a pointer leads to.
+    /// Steps a pointer to an element, component or member of its pointee.
     pub(super) fn step_by(&mut self, mut pointer: Pointer, index: Index) -> Result<Pointer, Error> {
         let ty = pointer.pointee;
         let kind = self.types.kind(ty)?.clone();
@@ -665,8 +665,7 @@ impl Lowerer<'_> {
         Ok(pointer)
     }
 
-    /// The scalars that stand for a pointer where it must be a value (see
-    /// [`super::types::Types::pointer_leaves`]).
+    /// The value form of a pointer (see [`super::types::Types::pointer_leaves`]).
     pub(super) fn pointer_scalars(&mut self, pointer: &Pointer) -> Result<Vec<Value>, Error> {
         match pointer.place {
             MemoryLocation::Global { address, constant } => {
@@ -711,7 +710,7 @@ impl Lowerer<'_> {
         }
     }
 
-    /// The pointer that scalars stand for.
+    /// The pointer of a value form.
     pub(super) fn pointer_from_scalars(
         &mut self,
         ty: Id,

@@ -94,7 +94,7 @@ impl Lowerer<'_> {
         )
     }
 
-    /// The entry's variable of the first of two classes that has one at a location.
+    /// The entry's variable at a location, in the first of two storage classes that has one.
     fn variable_at(&self, location: Id, classes: [StorageClass; 2]) -> Result<Id, Error> {
         let location = self.constants.unsigned(&self.types, location)?;
         let is_there =
@@ -114,7 +114,7 @@ impl Lowerer<'_> {
             .ok_or_else(|| self.b.invalid("no variable has this location"))
     }
 
-    /// A yield that takes the words of a variable along and brings them back.
+    /// A yield that passes the words of a variable and receives them back.
     fn call_out(&mut self, op: ir::Op, mut words: Vec<Value>, data: Id) -> Result<(), Error> {
         let pointer = self.pointer(data)?;
         let types = self.types.leaves(pointer.pointee)?;

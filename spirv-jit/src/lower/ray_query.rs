@@ -63,7 +63,7 @@ fn is_copied(word: QueryWord, of_triangles: bool) -> bool {
     }
 }
 
-/// The words that a module's getters read, and those that committing in the shader needs.
+/// The words that a module's getters read, and those for commits in the shader.
 pub(super) fn find_query_words(module: &ParsedModule) -> Vec<QueryWord> {
     let mut words = Vec::new();
     let (mut confirms, mut generates) = (false, false);
@@ -89,7 +89,7 @@ pub(super) fn find_query_words(module: &ParsedModule) -> Vec<QueryWord> {
         }
     }
     if generates {
-        // A hit beyond what is committed does not count.
+        // A hit farther than the committed one is ignored.
         words.extend(QueryWord::all(Fact::T, true));
     }
     if confirms || generates {
@@ -107,7 +107,7 @@ pub(super) fn find_query_words(module: &ParsedModule) -> Vec<QueryWord> {
     words
 }
 
-/// The value of an integer constant that nothing can specialize.
+/// The value of an integer constant that cannot be specialized.
 fn literal_of(module: &ParsedModule, id: Id) -> Option<u32> {
     let instruction = module.instruction(module.definition(id)?);
     match instruction.opcode {
@@ -178,7 +178,7 @@ impl Lowerer<'_> {
         }
     }
 
-    /// The row of a word, which is one of the module's.
+    /// The row of a word that the module uses.
     pub(super) fn query_row(&self, word: QueryWord) -> Result<usize, Error> {
         let found = self.query_words.binary_search(&word);
         found
@@ -208,7 +208,7 @@ impl Lowerer<'_> {
         }
         let t_max = words[words.len() - 1];
         self.store_query_rows(query, row::STRUCTURE, &words)?;
-        // Nothing is committed, which getters may ask for before the first step.
+        // Nothing is committed yet, which getters may read before the first step.
         let committed = |fact| QueryWord {
             committed: true,
             fact,
@@ -235,7 +235,7 @@ impl Lowerer<'_> {
         self.set_query_state(query, state::CONFIRMED)
     }
 
-    /// Counts if it is in the ray's interval as it stands.
+    /// The hit counts if it is in the ray's current interval.
     fn generate_intersection(&mut self, query: &Pointer, t: Id) -> Result<(), Error> {
         let t = self.scalar(t)?;
         if self.b.ty(t) != Type::F32 {

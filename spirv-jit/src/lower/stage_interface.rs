@@ -1,8 +1,8 @@
-//! Inputs and outputs of the stages of drawing, word by word: locations, components,
-//! interpolation, and built-ins in variables or in members of blocks.
+//! Inputs and outputs of drawing stages, word by word: locations, components, interpolation, and
+//! built-ins in variables or block members.
 //!
-//! A word's place follows from `Location` and `Component` alone, so that stages are compiled apart
-//! (Vulkan, section "Interface Matching").
+//! The place of a word depends only on `Location` and `Component`, so that stages are compiled
+//! separately (Vulkan, section "Interface Matching").
 
 use std::rc::Rc;
 
@@ -34,7 +34,7 @@ pub(super) struct InterfaceWord {
 
 #[derive(Clone, Copy, Debug)]
 enum WordLocation {
-    /// A word of a value that begins at a location: from word 4 on it lies in the next location.
+    /// A word of a value that begins at a location; word 4 and later are in the next location.
     Location {
         location: u32,
         word: u32,
@@ -60,18 +60,18 @@ struct Interpolation {
 /// How an input is evaluated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) enum Evaluation {
-    /// As its decorations say.
+    /// By its decorations.
     Decorated,
-    /// The same, and `HelperInvocation` as it is now (`Volatile`).
+    /// By its decorations, and `HelperInvocation` with its current value (`Volatile`).
     Volatile,
-    /// Where `interpolateAtCentroid` has it.
+    /// At the position of `interpolateAtCentroid`.
     Centroid,
     /// At a vertex of the primitive.
     Vertex(u8),
 }
 
 impl Evaluation {
-    /// Of a load through a pointer.
+    /// The evaluation of a load through a pointer.
     pub fn of(pointer: &Pointer) -> Self {
         match pointer.volatile {
             true => Evaluation::Volatile,
@@ -80,7 +80,7 @@ impl Evaluation {
     }
 }
 
-/// Where a value begins.
+/// The start of a value.
 #[derive(Clone, Copy)]
 struct Start {
     location: u32,
@@ -89,7 +89,7 @@ struct Start {
     component: u32,
 }
 
-/// Values of one type that follow each other and are to be placed.
+/// Consecutive values of one type to be placed.
 #[derive(Clone, Copy)]
 struct InterfacePart {
     ty: Id,
@@ -118,8 +118,8 @@ impl Interpolation {
 }
 
 impl InterfaceWord {
-    /// How `interpolateAt*` weighs the vertices: by linear coordinates, by perspective-correct
-    /// ones, or not at all.
+    /// The vertex weights of `interpolateAt*`: linear, perspective-correct, or none for flat
+    /// inputs.
     pub fn is_perspective(self) -> Option<bool> {
         match self.how.mode(Type::F32, Evaluation::Decorated) {
             VaryingMode::Smooth(_) => Some(true),
@@ -137,14 +137,14 @@ impl InterfaceWord {
         }
     }
 
-    /// Words of the sample mask behind the first have no samples.
+    /// All samples are in the first word of the sample mask.
     fn is_row(self) -> bool {
         !matches!(self.place, WordLocation::BuiltIn(BuiltIn::SampleMask, 1..))
     }
 }
 
 impl WordLocation {
-    /// Location and component of a word that stages hand each other.
+    /// Location and component of a word between stages.
     fn of_location(location: u32, word: u32) -> (u16, u8) {
         let location = location.saturating_add(word / LOCATION_WORDS);
         let location = u16::try_from(location).unwrap_or(u16::MAX);
@@ -152,7 +152,7 @@ impl WordLocation {
     }
 }
 
-/// The output of vertices that a built-in of a primitive's vertices is.
+/// The vertex output that corresponds to a built-in of a primitive's vertices.
 fn of_vertices(built_in: BuiltIn) -> Option<VaryingPlace> {
     Some(match built_in {
         BuiltIn::Position => VaryingPlace::Position,
@@ -380,7 +380,7 @@ impl Lowerer<'_> {
         Ok(())
     }
 
-    /// Adds the members of a structure to the parts that are to be placed.
+    /// Adds the members of a structure to the pending parts.
     fn push_members(
         &self,
         parts: &mut Vec<InterfacePart>,
@@ -434,7 +434,7 @@ impl Lowerer<'_> {
         let mut next = row as usize;
         for &ty in types.iter() {
             let end = next + ty.rows() as usize;
-            // An index past the end is undefined; the last rows will do.
+            // An index past the end is undefined and clamped to the last rows.
             let first = next.min(words.len().saturating_sub(ty.rows() as usize));
             let rows = words.get(first..first + ty.rows() as usize);
             let rows = rows.ok_or_else(|| self.b.invalid("an input without words"))?;
@@ -444,7 +444,7 @@ impl Lowerer<'_> {
         Ok(values)
     }
 
-    /// Where a copy of an input in per-lane memory has a row.
+    /// The row of an input's copy in per-lane memory.
     pub(super) fn input_place(
         &mut self,
         variable: Id,
@@ -493,7 +493,7 @@ impl Lowerer<'_> {
         if let WordLocation::BuiltIn(built_in, word) = rows[0].place {
             return self.input_built_in(variable, built_in, word, rows[0].how, ty, at);
         }
-        // Attributes and varyings of 16 bits are floats of 32 on their way here.
+        // Attributes and varyings of 16 bits arrive as 32-bit floats.
         let row_type = match ty {
             Type::F16 | Type::F32 => Type::F32,
             _ => Type::I32,
@@ -610,7 +610,7 @@ impl Lowerer<'_> {
         self.helper_at_start()
     }
 
-    /// The outputs of the entry point: their variables, and what each word is.
+    /// The outputs of the entry point: their variables and words.
     pub(super) fn declare_outputs(&mut self) -> Result<(), Error> {
         let mut ids: Vec<Id> = (self.variables.iter())
             .filter(|(_, variable)| variable.class == StorageClass::Output)
@@ -713,7 +713,7 @@ impl Lowerer<'_> {
 
     /// For each scalar of a type, whether it is a signed integer.
     fn push_signs(&self, ty: Id, signs: &mut Vec<bool>) -> Result<(), Error> {
-        // Types, last first, each so many times.
+        // A stack of types with repetition counts.
         let mut parts = vec![(ty, 1)];
         while let Some((ty, count)) = parts.pop() {
             let info = self.types.info(ty)?;

@@ -1,12 +1,10 @@
-//! From the control flow graph to a tree: which block is lowered in which body, and where branches
-//! go.
+//! Turns the control flow graph into a tree: the body of each block, and the target of each branch.
 //!
-//! A SPIR-V function that keeps the rules of structured control flow (SPIR-V specification, section
-//! Structured Control Flow) is walked along its merge instructions. A branch to a block that some
-//! enclosing construct has announced (merge block, continue target, loop header) becomes a `br` to
-//! that construct's label, as does one to a block where branches [join](super::join_points). Any
-//! other block is lowered in place, once. A function that breaks the rules reaches a block twice
-//! and is refused.
+//! The walk follows the merge instructions of structured control flow (SPIR-V specification,
+//! section Structured Control Flow). A branch to a block that an enclosing construct has announced
+//! (merge block, continue target, loop header), or to a [join](super::join_points), becomes a `br`
+//! to that construct's label. Any other block is lowered in place, once. A function that breaks the
+//! rules reaches a block twice and is refused.
 //!
 //! A list of tasks holds the remaining work: a function may nest constructs as deeply as its
 //! size allows.
@@ -25,7 +23,7 @@ pub(super) type BodyIndex = usize;
 /// A label of the plan.
 pub(super) type LabelIndex = usize;
 
-/// The condition of an `if` of the plan.
+/// The condition of a plan's `if`.
 #[derive(Clone, Debug)]
 pub(super) enum Condition {
     /// A boolean id.
@@ -61,14 +59,14 @@ pub(super) enum ControlStep {
 #[derive(Clone, Copy, Debug)]
 pub(super) enum End {
     Br(LabelIndex),
-    /// The terminator of a block that leaves the function or the invocation.
+    /// The terminator of a block that ends the function or the invocation.
     Exit(BlockIndex),
     Unreachable,
 }
 
 #[derive(Debug)]
 pub(super) struct PlanBody {
-    /// The body around it; the root has itself.
+    /// The enclosing body; the root encloses itself.
     parent: BodyIndex,
     pub steps: Vec<ControlStep>,
     pub end: End,
@@ -79,13 +77,13 @@ pub(super) struct PlanBody {
 pub(super) struct Plan {
     pub bodies: Vec<PlanBody>,
     pub labels: usize,
-    /// Ids used where their definition's body has ended: they travel through variables.
+    /// Ids with uses after the end of their definition's body, which need variables.
     pub escapes: HashSet<Id>,
     nesting: Nesting,
 }
 
 impl Plan {
-    /// Whether a body is another one or around it.
+    /// Whether a body is or encloses another one.
     pub fn encloses(&self, outer: BodyIndex, inner: BodyIndex) -> bool {
         self.nesting.encloses(outer, inner)
     }
@@ -100,7 +98,7 @@ struct Nesting {
 
 impl Nesting {
     fn of(bodies: &[PlanBody]) -> Self {
-        // A body is made after the one around it.
+        // A body is created after its enclosing one.
         let mut sizes = vec![1; bodies.len()];
         for (index, body) in bodies.iter().enumerate().skip(1).rev() {
             sizes[body.parent] += sizes[index];
@@ -122,7 +120,7 @@ impl Nesting {
     }
 }
 
-/// Makes the plan of a function.
+/// Creates the plan of a function.
 pub(super) fn plan_function(module: &ParsedModule, function: &Function) -> Result<Plan, Error> {
     if function.blocks.is_empty() {
         return Err(Error::invalid(function.offset, "the function has no body"));
@@ -158,7 +156,7 @@ pub(super) fn plan_function(module: &ParsedModule, function: &Function) -> Resul
 
 /// A part of the walk.
 enum Task {
-    /// Lower a block and all that follows it into a body, until a terminator ends it.
+    /// Lower a block and its successors into a body, until a terminator ends it.
     Walk {
         body: BodyIndex,
         /// The block that the edge comes from, if phis take their values there.
@@ -177,8 +175,7 @@ struct Planner<'a> {
     labels: usize,
     /// Labels that enclosing constructs have announced for a block, innermost last.
     targets: HashMap<BlockIndex, Vec<LabelIndex>>,
-    /// By block: the blocks where branches meet that it decides about, in the order of control
-    /// flow.
+    /// By block: the join blocks that it immediately dominates, in the order of control flow.
     join_points: HashMap<BlockIndex, Vec<BlockIndex>>,
     /// The body that a block is lowered in.
     block_body: Vec<Option<BodyIndex>>,
@@ -216,7 +213,7 @@ impl Planner<'_> {
         self.targets.get(&block)?.last().copied()
     }
 
-    /// Puts tasks before all others: they are performed in this order.
+    /// Adds tasks before all others, to be performed in this order.
     fn next<const N: usize>(&mut self, tasks: [Task; N]) {
         self.tasks.extend(tasks.into_iter().rev());
     }
@@ -382,7 +379,7 @@ impl Planner<'_> {
         }
     }
 
-    /// The code behind the edges from one block, each in a body of its own.
+    /// The code of the edges from one block, each in its own body.
     fn walk_arms<const N: usize>(&mut self, at: BlockIndex, arms: [(BodyIndex, BlockIndex); N]) {
         let from = Some(at);
         self.next(arms.map(|(body, to)| Task::Walk { body, from, to }));
@@ -391,7 +388,7 @@ impl Planner<'_> {
     /// A block without a merge instruction, or the branch of a construct's header.
     fn visit_terminator(&mut self, body: BodyIndex, at: BlockIndex) -> Result<(), Error> {
         let mut body = body;
-        // The last one to come is the outermost.
+        // The last join block is the outermost.
         for join_point in self.join_points.remove(&at).into_iter().flatten().rev() {
             let label = self.new_label();
             let inner = self.open_block(body, label);
@@ -446,8 +443,8 @@ impl Planner<'_> {
         Ok(())
     }
 
-    /// Cases one after the other: lanes that take one leave from inside its `if`. The default comes
-    /// last and needs no test.
+    /// Cases in sequence: lanes that take a case leave from inside its `if`. The default comes last
+    /// and needs no test.
     fn visit_switch(&mut self, body: BodyIndex, at: BlockIndex) -> Result<(), Error> {
         let (default, cases) = self.flow.switch(at)?;
         let mut arms = Vec::with_capacity(cases.len() + 1);

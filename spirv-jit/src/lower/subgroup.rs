@@ -56,7 +56,7 @@ impl Lowerer<'_> {
         if let Some(op) = reduction(instruction.opcode) {
             return self.lower_reduction(instruction, op, operands);
         }
-        // The scope that core instructions have first is always the subgroup.
+        // The first operand of core instructions, the scope, is always the subgroup.
         let scoped = !matches!(
             instruction.opcode,
             Op::SubgroupBallotKHR
@@ -206,8 +206,7 @@ impl Lowerer<'_> {
         }
     }
 
-    /// The bits of a ballot that stand for invocations of the subgroup: searches and counts
-    /// consider no others.
+    /// The bits of a ballot that belong to the subgroup. Searches and counts ignore all others.
     fn ballot_of_lanes(&mut self, id: Id) -> Result<Value, Error> {
         let word = self.ballot_word(id)?;
         let lanes = self.b.i32((1 << LANES) - 1);
@@ -311,7 +310,7 @@ impl Lowerer<'_> {
         self.define_typed(instruction, values)
     }
 
-    /// Instructions that read the value of a lane computed from this one's.
+    /// Instructions that read the value of a computed lane.
     fn lower_shuffle(&mut self, instruction: &Instruction, operands: &[Id]) -> Result<(), Error> {
         let lane = self.b.emit(ir::Op::LaneIndex, &[], Type::I32)?;
         let argument = self.scalar(operands[1])?;

@@ -35,7 +35,8 @@ pub const MAX_COMPONENTS: u32 = 1024;
 /// Components of a vector without it.
 pub(super) const FEW_COMPONENTS: u32 = 4;
 
-/// Scalars of a value that is taken apart; larger ones lie in memory (see [`super::large`]).
+/// Largest number of scalars of a value that is taken apart. Larger values are in memory (see
+/// [`super::large`]).
 pub(super) const MAX_LEAVES: u64 = 1 << 14;
 
 /// `OpTypeImage`.
@@ -103,7 +104,7 @@ pub(super) enum TypeKind {
     },
 }
 
-/// A type and what follows from it.
+/// A type and the facts that follow from it.
 #[derive(Clone, Debug)]
 pub(super) struct TypeInfo {
     pub kind: TypeKind,
@@ -111,15 +112,15 @@ pub(super) struct TypeInfo {
     pub leaf_count: u64,
     /// Rows of private memory, saturated.
     pub rows: u64,
-    /// Images, samplers and pointers that go through a descriptor: their values are references,
-    /// which nothing else may become.
+    /// Images, samplers and pointers through descriptors: their values are references, which no
+    /// other value may become.
     pub is_opaque: bool,
     /// Components of the longest vector in a value.
     pub components: u32,
     /// Locations of a stage's interface that a value takes, saturated.
     pub locations: u32,
     /// Size and alignment in memory without decorations, each scalar aligned to its size; `None`
-    /// for what is not in memory.
+    /// for types without a memory form.
     pub natural: Option<(u64, u64)>,
     /// The same without `ArrayStride`, for workgroup memory that the compiler lays out.
     pub packed: Option<(u64, u64)>,
@@ -133,7 +134,7 @@ pub(super) struct Types {
     pub query_rows: u64,
     /// Offsets in storage buffers have 64 bits (`Shader64BitIndexingEXT`).
     pub has_wide_offsets: bool,
-    /// Components that vectors may have, at least and at most.
+    /// Smallest and largest number of components of vectors.
     pub components: [u32; 2],
     longest_vector: u32,
     leaves: std::cell::RefCell<IdTable<Rc<[Type]>>>,
@@ -174,7 +175,7 @@ impl Types {
         }
     }
 
-    /// Scalars in a value of a type; none if there is no such type.
+    /// The scalars of a value of a type; empty for unknown types.
     pub fn leaf_count(&self, id: Id) -> u64 {
         self.infos.get(id).map_or(0, |info| info.leaf_count)
     }
@@ -315,7 +316,7 @@ impl Types {
         Ok(out)
     }
 
-    /// The same of a type as large as a frame may be.
+    /// The scalars of a type up to the size of a frame.
     pub fn leaves_of_any(&self, id: Id) -> Result<Rc<[Type]>, Error> {
         let info = self.info(id)?;
         if info.leaf_count <= MAX_LEAVES {
@@ -331,7 +332,7 @@ impl Types {
         /// The remaining work, last first.
         enum Work {
             Type(Id),
-            /// The contents from a place on, so many times more.
+            /// The contents from an index on, with remaining repetitions.
             Repeat(usize, u32),
         }
         let mut out = Vec::new();
@@ -387,8 +388,8 @@ impl Types {
         Ok(out)
     }
 
-    /// Adds the type that an instruction declares; `sizes`: the constants that it names, which are
-    /// the length of an array or a vector, or scope, rows, columns and use of a cooperative matrix.
+    /// Adds the type that an instruction declares. `sizes` are its constant operands: the length of
+    /// an array or a vector, or scope, rows, columns and use of a cooperative matrix.
     pub fn declare(
         &mut self,
         module: &ParsedModule,
@@ -507,7 +508,7 @@ fn untyped_pointer(at: u32, class: u32) -> Result<TypeKind, Error> {
     })
 }
 
-/// Memory of bytes: where a type's decorations say how a value lies.
+/// Whether memory of a class has bytes, with a layout from decorations.
 fn has_layout(class: StorageClass) -> bool {
     is_physical(class)
         || matches!(
@@ -519,8 +520,8 @@ fn has_layout(class: StorageClass) -> bool {
         )
 }
 
-/// Pointers that may lie in memory that others see: logical ones are for variables of the
-/// invocation.
+/// Whether pointers of a class may be stored in shared memory. Logical pointers may only be stored
+/// in variables of the invocation.
 pub(super) fn is_physical(class: StorageClass) -> bool {
     matches!(
         class,
@@ -550,7 +551,7 @@ fn scalar(ty: Type, signed: bool) -> TypeKind {
 /// Operands of `OpTypeFloat`: width, and the encoding `BFloat16KHR`.
 const BFLOAT16: &[u32] = &[16, 0];
 
-/// Refuses cooperative matrices other than those that the device says it has.
+/// Refuses cooperative matrices that the device does not advertise.
 fn cooperative_matrix(at: u32, sizes: &[u32]) -> Result<(), Error> {
     let [scope, rows, columns, _] = *sizes else {
         return Err(Error::invalid(at, "a cooperative matrix lacks its sizes"));

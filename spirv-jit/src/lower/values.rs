@@ -16,8 +16,7 @@ pub(super) enum Val {
     /// The scalars of a value in the order of [`super::types::Types::leaves`].
     Scalars(Scalars),
     Pointer(Pointer),
-    /// A value too large to be taken apart, in memory that nothing writes again (see
-    /// [`super::large`]).
+    /// A value too large to take apart, in memory that is written once (see [`super::large`]).
     Kept(Pointer),
 }
 
@@ -60,12 +59,12 @@ impl FromIterator<Value> for Scalars {
     }
 }
 
-/// How the scalars of a matrix or vector lie in memory; 0 = tightly.
+/// The strides of a matrix's or vector's scalars in memory; 0 means tightly packed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Shape {
     pub matrix_stride: u32,
     pub row_major: bool,
-    /// Between the components of a vector: a column of a row-major matrix.
+    /// Distance between the components of a vector that is a column of a row-major matrix.
     pub component_stride: u32,
 }
 
@@ -76,11 +75,12 @@ pub(super) struct Pointer {
     pub place: MemoryLocation,
     pub shape: Shape,
     pub volatile: bool,
-    /// It leads into a uniform block; see [`Access::constant`](crate::ir::op::Access::constant).
+    /// The pointee is in a uniform block; see
+    /// [`Access::constant`](crate::ir::op::Access::constant).
     pub constant: bool,
-    /// log₂ of its alignment, where that is to be checked.
+    /// log₂ of the alignment, if it is checked.
     pub alignment: u8,
-    /// It leads to a storage buffer in a shader with 64-bit indexing.
+    /// The pointee is in a storage buffer of a shader with 64-bit indexing.
     pub is_wide: bool,
 }
 
@@ -88,7 +88,7 @@ pub(super) struct Pointer {
 pub(super) enum MemoryLocation {
     /// A fixed row of per-lane memory of this function.
     Local { local: usize, row: u32 },
-    /// Per-lane memory at a row that is computed.
+    /// Per-lane memory at a computed row.
     Private { row: Value, constant: u32 },
     /// Workgroup memory.
     Shared {
@@ -101,7 +101,7 @@ pub(super) enum MemoryLocation {
         offset: Option<Value>,
         constant: u32,
     },
-    /// The same, of a storage buffer in a shader with 64-bit indexing: offsets are i64.
+    /// The range of a storage buffer in a shader with 64-bit indexing, whose offsets are i64.
     Buffer64 {
         reference: Value,
         offset: Option<Value>,
@@ -124,7 +124,7 @@ pub(super) enum MemoryLocation {
         offset: Option<Value>,
         constant: u32,
     },
-    /// An input, from a row of its value on: a fixed one and a computed one.
+    /// An input, from a row of its value: a fixed part and a computed part.
     Input {
         variable: Id,
         row: u32,
@@ -140,7 +140,7 @@ pub(super) enum MemoryLocation {
     },
 }
 
-/// Where the descriptors of a variable are.
+/// The location of a variable's descriptors.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Handles {
     Bound(DescriptorBinding),
@@ -177,7 +177,7 @@ impl Pointer {
         }
     }
 
-    /// The same place as one of another type.
+    /// The same location with another type.
     pub fn retyped(self, pointee: Id) -> Self {
         if self.pointee == pointee {
             return self;
@@ -189,8 +189,7 @@ impl Pointer {
         }
     }
 
-    /// The computed parts of the place: what must be kept if the pointer outlives the body it was
-    /// made in.
+    /// The computed parts of the location, which must be kept if the pointer outlives its body.
     pub fn values(&self) -> SmallVec<[Value; 8]> {
         match &self.place {
             MemoryLocation::Local { .. } => SmallVec::new(),
@@ -220,7 +219,7 @@ impl Pointer {
         }
     }
 
-    /// The same pointer with its computed parts replaced, in the order of [`Self::values`].
+    /// The pointer with other computed parts, in the order of [`Self::values`].
     pub fn with_values(&self, values: &[Value]) -> Self {
         let mut out = self.clone();
         let mut next = values.iter().copied();
@@ -263,5 +262,5 @@ impl Pointer {
     }
 }
 
-/// Scalars that an instruction has computed.
+/// A value of scalars that an instruction has computed.
 pub(super) type Values = SmallVec<[Value; 4]>;

@@ -1,4 +1,4 @@
-//! Names and decorations by id, decoration groups taken apart.
+//! Names and decorations by id, with decoration groups expanded.
 
 use foldhash::HashMap;
 
@@ -7,7 +7,7 @@ use rspirv::spirv::{Decoration, Op};
 use super::instruction::{Id, Instruction, InstructionTable, decode_string};
 use crate::Error;
 
-/// A decoration's enumerant and its first literal (0 where it has none).
+/// A decoration's enumerant and its first literal, or 0.
 type Note = (u32, u32);
 
 /// Decorations and names of ids and members (`OpName`, `OpDecorate` and others).
@@ -21,8 +21,7 @@ pub struct Annotations {
 }
 
 impl Annotations {
-    /// Decorations that one instruction applies to groups multiply; this many are enough for any
-    /// shader.
+    /// Limit of decorations after the expansion of groups, enough for any shader.
     const MAX_GROUPED: usize = 1 << 20;
 
     /// The first literal of a decoration on an id, or 0 for one without literals.
@@ -30,12 +29,12 @@ impl Annotations {
         find(self.ids.get(&id), decoration)
     }
 
-    /// The same of a structure's member.
+    /// The first literal of a decoration on a structure's member.
     pub fn member(&self, structure: Id, member: u32, decoration: Decoration) -> Option<u32> {
         find(self.members.get(&(structure, member)), decoration)
     }
 
-    /// The name of an id, or nothing.
+    /// The name of an id, or an empty string.
     pub fn name(&self, id: Id) -> &str {
         self.names.get(&id).map_or("", String::as_str)
     }

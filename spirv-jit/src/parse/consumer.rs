@@ -1,5 +1,5 @@
-//! The grammar check: what later steps need of each instruction. Where [`grammar`] is at its end,
-//! `rspirv` parses the instruction.
+//! Checks instructions against the grammar and extracts the data that later steps need. `rspirv`
+//! parses the instructions that [`grammar`] cannot.
 
 use rspirv::binary::{Consumer, DecodeError, ParseAction, ParseState, Parser};
 use rspirv::dr;
@@ -11,7 +11,7 @@ use super::instruction::{Id, Instruction, InstructionTable, decode_string};
 use super::newer;
 use crate::Error;
 
-/// Holds framed words against the grammar.
+/// Checks framed words against the grammar.
 pub(super) fn check_grammar(
     words: &[u32],
     frames: &[InstructionSpan],
@@ -35,8 +35,7 @@ pub(super) fn check_grammar(
             (Op::ExtInstImport, name) if only_informs(&decode_string(name)) => {
                 informing.push(head.result);
             }
-            // Such operands may be literals, and what they name has no effect: the set is the only
-            // use.
+            // Such operands may be literals and have no effect, so only the set counts as a use.
             (Op::ExtInst | Op::ExtInstWithForwardRefsKHR, [set, ..]) if informing.contains(set) => {
                 table.uses.truncate(first_use as usize + 1);
             }
@@ -56,7 +55,7 @@ pub(super) fn check_grammar(
     Ok(table)
 }
 
-/// One instruction: its opcode and head. The ids that it uses go behind `uses`.
+/// Parses one instruction: its opcode and head. Appends the ids that it uses to `uses`.
 fn check_instruction(
     words: &[u32],
     frame: InstructionSpan,
@@ -107,7 +106,7 @@ fn check_instruction(
     })
 }
 
-/// An instruction that is newer than the bindings: the opcode that it is parsed as, and its head.
+/// An instruction that the bindings lack: the opcode of its substitute, and its head.
 fn newer_instruction(opcode: u32, operands: &[u32]) -> Option<(Op, Head)> {
     let stands_for = match opcode {
         newer::CONSTANT_DATA => Op::Constant,
@@ -134,7 +133,7 @@ fn newer_instruction(opcode: u32, operands: &[u32]) -> Option<(Op, Head)> {
     Some((stands_for, head))
 }
 
-/// Ids behind the head of such an instruction.
+/// The ids after the head of such an instruction.
 fn ids(stands_for: Op) -> usize {
     match stands_for {
         Op::TerminateInvocation => 2,
@@ -164,8 +163,8 @@ impl Consumer for Keeper {
     }
 }
 
-/// Lets `rspirv` parse an instruction. It knows one operand of each kind in `OpSpecConstantOp`, so
-/// the operation stands there itself; and it does not get operands that are newer than it.
+/// Parses an instruction with `rspirv`. `OpSpecConstantOp` is replaced by its operation, since
+/// `rspirv` accepts one operand of each kind there, and operands that `rspirv` lacks are removed.
 fn parse(words: &[u32], frame: InstructionSpan) -> Result<dr::Instruction, Error> {
     let at = frame.offset as usize;
     let count = usize::from(frame.count - frame.newer_ids);
@@ -180,8 +179,8 @@ fn parse(words: &[u32], frame: InstructionSpan) -> Result<dr::Instruction, Error
     }
     let bytes: Vec<u8> = module.iter().flat_map(|word| word.to_le_bytes()).collect();
     let mut keeper = Keeper(None);
-    // The framing leaves rspirv no known way to panic; should it find another one, the module is at
-    // fault and not the process.
+    // The framing excludes the known panics of rspirv. Any other panic becomes an error of the
+    // module.
     let outcome = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
         Parser::new(&bytes, &mut keeper).parse()
     }));

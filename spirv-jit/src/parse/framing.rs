@@ -10,24 +10,24 @@ const HEADER_WORDS: usize = 5;
 /// Largest result-id bound (SPIR-V specification, section Universal Limits).
 const MAX_BOUND: u32 = 0x3f_ffff;
 
-/// An instruction's place: offset of its first word, number of words.
+/// An instruction's offset and number of words.
 #[derive(Clone, Copy)]
 pub(super) struct InstructionSpan {
     pub offset: u32,
     pub count: u16,
-    /// `OpSpecConstantOp`, of an operation that it may have.
+    /// `OpSpecConstantOp` with an allowed operation.
     pub is_specialized: bool,
-    /// Ids at the end that `rspirv`'s grammar does not have yet.
+    /// Trailing ids that `rspirv`'s grammar lacks.
     pub newer_ids: u16,
 }
 
-/// Operands that instructions got after the grammar of `rspirv` was made: the hit kind of
-/// `OpHitObjectRecordFromQueryEXT` (revision 3 of `SPV_EXT_shader_invocation_reorder`).
+/// Operands that `rspirv`'s grammar lacks: the hit kind of `OpHitObjectRecordFromQueryEXT`
+/// (revision 3 of `SPV_EXT_shader_invocation_reorder`).
 fn newer_ids(opcode: u32, count: u16) -> u16 {
     (opcode == Op::HitObjectRecordFromQueryEXT as u32 && count == 6) as u16
 }
 
-/// Cuts the words into instructions.
+/// Splits the words into instructions.
 pub(super) fn check_framing(words: &[u32]) -> Result<Vec<InstructionSpan>, Error> {
     if words.len() < HEADER_WORDS || words[0] != spirv::MAGIC_NUMBER {
         return Err(Error::invalid(0, "this is not a SPIR-V module"));
@@ -43,7 +43,7 @@ pub(super) fn check_framing(words: &[u32]) -> Result<Vec<InstructionSpan>, Error
         ));
     }
     let bound = words[3];
-    // Tables are sized by the bound, at 4 bytes an id.
+    // The bound determines the size of tables, with 4 bytes for each id.
     if bound == 0 || bound > MAX_BOUND {
         return Err(Error::invalid(
             3,
@@ -78,8 +78,7 @@ pub(super) fn version(words: &[u32]) -> (u8, u8) {
     ((words[1] >> 16) as u8, (words[1] >> 8) as u8)
 }
 
-/// `OpSpecConstantOp` names an opcode whose operands `rspirv` decodes without asking whether that
-/// makes sense.
+/// Checks the operation of `OpSpecConstantOp`, whose operands `rspirv` decodes unchecked.
 fn check_nested_opcode(words: &[u32], offset: usize, opcode: u32) -> Result<(), Error> {
     if opcode != Op::SpecConstantOp as u32 {
         return Ok(());

@@ -1,7 +1,7 @@
-//! Instructions held against the grammar: `rspirv`'s tables, walked in place.
+//! Checks instructions against `rspirv`'s grammar tables, in place.
 //!
-//! Operand kinds that a walk does not handle, and instructions that it rejects, go to `rspirv`'s
-//! parser, instruction by instruction.
+//! `rspirv`'s parser handles single instructions with other operand kinds, and those that this
+//! check rejects.
 
 use std::sync::OnceLock;
 
@@ -19,7 +19,7 @@ use super::newer;
 /// Grammar entries by opcode.
 struct Index {
     entries: Vec<&'static Entry<'static>>,
-    /// Place in `entries`, plus one.
+    /// Index in `entries`, plus one.
     places: Vec<u16>,
 }
 
@@ -42,26 +42,26 @@ pub(super) fn entry(opcode: u32) -> Option<&'static Entry<'static>> {
         .copied()
 }
 
-/// The specification's name of an opcode, without `Op` in front. The grammar has the names; those
-/// of `Op`'s `Debug` are code of 18 KB for each crate and unit that uses them.
+/// The specification's name of an opcode, without the prefix `Op`. It comes from the grammar,
+/// because `Op`'s `Debug` adds 18 KB of code to each crate and codegen unit that uses it.
 pub(crate) fn opcode_name(opcode: Op) -> &'static str {
     entry(opcode as u32).map_or("?", |entry| entry.opname)
 }
 
-/// Why a walk ended early.
+/// The reason why a walk ended early.
 pub(super) enum Stop {
-    /// The operands are not what the grammar says.
+    /// The operands do not match the grammar.
     Refused,
     /// An operand of a kind that only `rspirv` knows.
     Unknown,
 }
 
-/// Result type and result of an instruction, 0 where it has none.
+/// Result type and result of an instruction, or 0.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Head {
     pub result_type: Id,
     pub result: Id,
-    /// How many of the two it has.
+    /// The number of result words: 0 to 2.
     pub words: u32,
 }
 
@@ -82,7 +82,7 @@ pub(super) struct Widths {
 }
 
 impl Widths {
-    /// Takes notice of an instruction that defines something.
+    /// Records the widths of an instruction's definition.
     pub fn note(&mut self, opcode: Op, head: Head, operands: &[u32]) {
         if matches!(opcode, Op::TypeInt | Op::TypeFloat) {
             let width = operands.first().copied().unwrap_or(0);
@@ -93,7 +93,7 @@ impl Widths {
         }
     }
 
-    /// Words of a literal of a type, where there are literals of it.
+    /// The number of words of a type's literals, if it has literals.
     fn words_of_type(&self, ty: Id) -> Result<usize, Stop> {
         match self.types.get(&ty) {
             None | Some(8 | 16 | 32) => Ok(1),
@@ -109,7 +109,7 @@ impl Widths {
     }
 }
 
-/// Walks the operands of one instruction, and notes the ids among them.
+/// Walks the operands of one instruction and collects their ids.
 pub(super) struct Walk<'a> {
     pub widths: &'a Widths,
     pub uses: &'a mut Vec<Id>,
@@ -134,7 +134,7 @@ impl<'a> Walk<'a> {
         }
     }
 
-    /// An instruction as it stands.
+    /// A whole instruction.
     pub fn instruction(mut self, entry: &Entry<'_>) -> Result<Head, Stop> {
         // Text for people may have any encoding.
         self.readable = matches!(
@@ -151,7 +151,7 @@ impl<'a> Walk<'a> {
         Ok(self.head)
     }
 
-    /// `OpSpecConstantOp` of an operation whose own result type and result stand before its number.
+    /// `OpSpecConstantOp`: the result type and result precede the operation.
     pub fn specialized(mut self, nested: &Entry<'_>) -> Result<Head, Stop> {
         let [result_type, result, _, rest @ ..] = self.rest else {
             return Err(Stop::Refused);
@@ -298,7 +298,7 @@ impl<'a> Walk<'a> {
         }
     }
 
-    /// The operands that an enumerant or a set of bits brings with it.
+    /// The additional operands of an enumerant or a set of bits.
     fn parameters(&mut self, of: &Operand) -> Result<(), Stop> {
         for parameter in of.additional_operands() {
             self.operand(parameter.kind)?;
@@ -306,7 +306,7 @@ impl<'a> Walk<'a> {
         Ok(())
     }
 
-    /// A literal string: up to the word with its zero byte.
+    /// A literal string, up to the word with the zero byte.
     fn string(&mut self) -> Result<(), Stop> {
         let ends = |word: &u32| word.to_le_bytes().contains(&0);
         let last = self.rest.iter().position(ends).ok_or(Stop::Refused)?;

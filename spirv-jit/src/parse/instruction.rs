@@ -1,4 +1,4 @@
-//! Instructions as places in a module's words.
+//! Instructions as offsets into a module's words.
 
 #![forbid(unsafe_code)]
 
@@ -11,13 +11,13 @@ pub type Id = u32;
 #[derive(Clone, Copy, Debug)]
 pub struct Instruction {
     pub opcode: Op,
-    /// 0 where the instruction has none.
+    /// 0 if the instruction has none.
     pub result_type: Id,
-    /// 0 where the instruction has none.
+    /// 0 if the instruction has none.
     pub result: Id,
-    /// Of the instruction's first word.
+    /// Offset of the instruction's first word.
     pub offset: u32,
-    /// Of the first operand after result type and result.
+    /// Offset of the first operand after result type and result.
     pub(super) first_operand: u32,
     pub(super) end: u32,
     pub(super) first_use: u32,

@@ -1,8 +1,8 @@
-//! SPIR-V words to a checked module.
+//! Parses SPIR-V words to a checked module.
 //!
-//! The words are cut into instructions ([`framing`]) and held against the grammar of `rspirv`
-//! ([`consumer`]). Instructions are then kept as offsets into the words, with the ids that they
-//! use, and sorted into sections, functions and blocks ([`module`]).
+//! The words are split into instructions ([`framing`]) and checked against the grammar of `rspirv`
+//! ([`consumer`]). Instructions are stored as offsets into the words, with the ids that they use,
+//! and sorted into sections, functions and blocks ([`module`]).
 
 #![forbid(unsafe_code)]
 
@@ -26,7 +26,7 @@ use crate::Error;
 /// Parses and checks a module.
 ///
 /// # Errors
-/// Malformed words, ids or structure; enumerants that no published SPIR-V has.
+/// Malformed words, ids or structure; enumerants of no published SPIR-V.
 pub fn parse(words: &[u32]) -> Result<ParsedModule, Error> {
     let frames = framing::check_framing(words)?;
     let instructions = consumer::check_grammar(words, &frames)?;

@@ -17,7 +17,7 @@ pub struct EntryPoint {
     pub model: ExecutionModel,
     pub function: Id,
     pub name: String,
-    /// Variables that it lists.
+    /// The interface variables.
     pub interface: Vec<Id>,
     pub offset: u32,
 }
@@ -31,7 +31,7 @@ pub enum Merge {
     Loop(Id, Id),
 }
 
-/// A basic block; debug instructions are left out.
+/// A basic block, without debug instructions.
 #[derive(Clone, Debug)]
 pub struct Block {
     pub label: Id,
@@ -56,14 +56,14 @@ pub struct Function {
     pub offset: u32,
 }
 
-/// A parsed module: grammar, sections and blocks are in order; types are not looked at yet.
+/// A parsed module. Grammar, sections and blocks are checked; types are not.
 pub struct ParsedModule {
     pub words: Vec<u32>,
     pub version: (u8, u8),
     pub bound: u32,
     /// With the word offset of the declaration.
     pub capabilities: Vec<(Capability, u32)>,
-    /// Those that the bindings lack.
+    /// Capabilities that the bindings lack.
     pub newer_capabilities: Vec<(NewerCapability, u32)>,
     /// With the word offset of the declaration.
     pub extensions: Vec<(String, u32)>,
@@ -94,8 +94,8 @@ impl ParsedModule {
         instruction.operands(&self.words)
     }
 
-    /// The opcode in the module's words. [`Instruction::opcode`] is another where the instruction
-    /// is newer than the bindings and is parsed as one that they have.
+    /// The opcode in the module's words. [`Instruction::opcode`] is a substitute for instructions
+    /// that the bindings lack.
     pub(crate) fn written_opcode(&self, instruction: &Instruction) -> u32 {
         self.words[instruction.offset as usize] & 0xffff
     }
@@ -117,7 +117,7 @@ impl ParsedModule {
     }
 }
 
-/// Sorts grammatical instructions into a module.
+/// Sorts checked instructions into a module.
 pub(super) fn sort_module(words: &[u32], table: InstructionTable) -> Result<ParsedModule, Error> {
     let bound = words[3];
     let definitions = index_definitions(&table, bound)?;
@@ -159,7 +159,7 @@ pub(super) fn sort_module(words: &[u32], table: InstructionTable) -> Result<Pars
 fn index_definitions(table: &InstructionTable, bound: u32) -> Result<Vec<u32>, Error> {
     let mut definitions = vec![u32::MAX; bound as usize];
     for (index, instruction) in table.instructions.iter().enumerate() {
-        // Every result has an id in bounds; an opcode without a result leaves 0.
+        // Every result has an id in bounds; opcodes without a result have 0.
         if instruction.result == 0 {
             continue;
         }
@@ -196,7 +196,7 @@ fn check_uses(table: &InstructionTable, definitions: &[u32]) -> Result<(), Error
     Ok(())
 }
 
-/// Debug information and decorations: the ids that they name need not exist.
+/// Debug information and decorations, whose ids need not exist.
 fn is_annotation(opcode: Op) -> bool {
     matches!(
         opcode,
@@ -325,7 +325,7 @@ fn sort_functions(module: &mut ParsedModule, first: usize) -> Result<(), Error> 
             opcode if is_annotation(opcode) || is_debug(opcode) => {}
             opcode => {
                 let (Some(function), Some(block)) = (&mut current, &mut open) else {
-                    // Extended instructions that only inform may stand between functions.
+                    // Non-semantic extended instructions are allowed between functions.
                     if matches!(opcode, Op::ExtInst | Op::ExtInstWithForwardRefsKHR) {
                         continue;
                     }
@@ -355,8 +355,8 @@ fn sort_functions(module: &mut ParsedModule, first: usize) -> Result<(), Error> 
     Ok(())
 }
 
-/// Instructions of `SPV_NV_ray_tracing` that end the invocation, but not their block: nothing
-/// behind them in it is reached.
+/// Instructions of `SPV_NV_ray_tracing` that end the invocation, but not their block. The rest of
+/// the block is unreachable.
 fn ends_invocation(opcode: Op) -> bool {
     matches!(opcode, Op::IgnoreIntersectionNV | Op::TerminateRayNV)
 }

@@ -2,9 +2,9 @@
 
 /// Execution mode of `SPV_KHR_opacity_micromap`; its operand is a boolean constant.
 pub const OPACITY_MICROMAP_ID: u32 = 6031;
-/// Decoration of `SPV_KHR_constant_data`: the data are text. It changes no value.
+/// Decoration of `SPV_KHR_constant_data` for text data. It changes no value.
 pub const UTF_ENCODED: u32 = 5145;
-/// `OpConstantDataKHR`, parsed as an `OpConstant` of as many words as it has.
+/// `OpConstantDataKHR`, parsed as an `OpConstant` with as many words.
 pub const CONSTANT_DATA: u32 = 5147;
 /// `OpSpecConstantDataKHR`, parsed as an `OpSpecConstant`.
 pub const SPEC_CONSTANT_DATA: u32 = 5148;

@@ -1,8 +1,8 @@
-//! Which values are computed right where a branch would copy them to: a loop's parameter, or a
-//! construct's result.
+//! Values that are computed directly in the destination of a branch's copy: a loop's parameter, or
+//! a construct's result.
 //!
-//! Kernels compute inactive lanes of a subgroup too. So a value may only share the row of what it
-//! is copied to if no lane that is inactive where the value is defined still needs that row:
+//! Kernels compute inactive lanes of a subgroup, too. So a value may share the row of its copy only
+//! if no lane that is inactive at the value's definition still needs that row:
 //!
 //! * a loop's parameter, if there is one branch to the loop's start and the value is defined
 //!   directly in the loop's body: all lanes that are in the loop are active there, none waits for
@@ -10,7 +10,7 @@
 //! * an `if`'s result, for values defined directly in the first body, if that has no other branch
 //!   to the construct's end: the lanes of the second body write the row later.
 //!
-//! Whether a parameter's old value is still used afterwards is the allocation's to see.
+//! The allocation checks whether a parameter's old value is still used afterwards.
 
 use foldhash::HashMap;
 
@@ -20,8 +20,8 @@ use crate::ir::{Body, Label, Node, Step, Terminator, Value};
 pub(crate) struct Candidate {
     pub from: Value,
     pub to: Value,
-    /// `to` is a loop's parameter, and may be used before `from` is defined; a construct's result
-    /// is not.
+    /// `to` is a loop's parameter, which may be used before `from` is defined. A construct's result
+    /// may not.
     pub is_parameter: bool,
 }
 
@@ -36,8 +36,7 @@ pub(crate) fn candidates(body: &Body) -> Vec<Candidate> {
 }
 
 struct CoalescingAnalysis<'b> {
-    /// Branches by label, of the constructs that are closed: how many, and what one of them takes
-    /// along.
+    /// By label of closed constructs: the number of branches, and the arguments of one of them.
     branches: HashMap<Label, (u32, &'b [Value])>,
     candidates: Vec<Candidate>,
 }

@@ -1,7 +1,6 @@
-//! Lists of the values that live at each of many positions. Neighbouring lists have most entries in
-//! common. Each list is a tree over numbered slots, and lists share the parts of their trees in
-//! which no slot differs. So all lists together take memory in proportion to the changes between
-//! them, not to positions times values.
+//! Lists of the live values at many positions. Neighboring lists have most entries in common. Each
+//! list is a tree over numbered slots, and lists share equal subtrees. So the memory of all lists
+//! is proportional to the changes between them, not to positions times values.
 #![forbid(unsafe_code)]
 
 use std::ops::Range;
@@ -12,7 +11,7 @@ const WIDTH: usize = 16;
 /// Levels of a tree whose slots are numbered by 32 bits.
 const LEVELS: usize = 8;
 
-/// A list among its [`Lists`].
+/// The id of a list in [`Lists`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct List(u32);
 
@@ -20,12 +19,12 @@ impl List {
     pub const EMPTY: List = List(0);
 }
 
-/// A part of a tree.
+/// A subtree.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Part {
     /// Entries, by number.
     Leaf { first: u32, end: u32 },
-    /// Numbers of parts, among those of all branches.
+    /// Ids of the children, in the array of all branches.
     Branch { first: u32, end: u32 },
 }
 
@@ -49,12 +48,12 @@ impl<T> Default for Lists<T> {
 }
 
 impl<T> Lists<T> {
-    /// Every entry of every list, once for each part that has it.
+    /// Every entry of every list, once for each subtree that has it.
     pub fn entries(&self) -> &[T] {
         &self.entries
     }
 
-    /// Where the entries of a list are, in the order of their slots.
+    /// The ranges of a list's entries, in the order of their slots.
     #[inline]
     pub fn ranges(&self, list: List) -> Ranges<'_, T> {
         Ranges {
@@ -80,9 +79,9 @@ impl<T> Lists<T> {
 /// See [`Lists::ranges`].
 pub(crate) struct Ranges<'l, T> {
     lists: &'l Lists<T>,
-    /// The part at hand.
+    /// The current subtree.
     part: Option<u32>,
-    /// Children of open branches that are still to come.
+    /// Pending children of open branches.
     open: [(u32, u32); LEVELS],
     depth: usize,
 }
@@ -115,15 +114,15 @@ impl<T> Iterator for Ranges<'_, T> {
     }
 }
 
-/// A part that is not among the lists yet.
+/// A subtree that is not stored yet.
 const CHANGED: u32 = u32::MAX;
 
-/// A list that changes from place to place.
+/// A list under construction, which changes from position to position.
 pub(super) struct Changing<T> {
     slots: Vec<Option<T>>,
-    /// By level, leaves first: the number of each part, or [`CHANGED`]. The last level is the root.
+    /// By level, leaves first: the id of each subtree, or [`CHANGED`]. The last level is the root.
     parts: Vec<Vec<u32>>,
-    /// By level: parts that are [`CHANGED`].
+    /// By level: the subtrees that are [`CHANGED`].
     changed: Vec<Vec<usize>>,
 }
 
@@ -138,7 +137,7 @@ impl<T> Default for Changing<T> {
 }
 
 impl<T: Copy> Changing<T> {
-    /// Fills a slot, or empties it.
+    /// Sets or clears a slot.
     pub fn set(&mut self, slot: usize, entry: Option<T>) {
         if self.slots.len() <= slot {
             self.slots.resize(slot + 1, None);
@@ -166,7 +165,7 @@ impl<T: Copy> Changing<T> {
         }
     }
 
-    /// The list as it is now.
+    /// Stores the current list.
     pub fn list(&mut self, lists: &mut Lists<T>) -> List {
         for level in 0..self.parts.len() {
             let (below, here) = self.parts.split_at_mut(level);
@@ -183,7 +182,7 @@ impl<T: Copy> Changing<T> {
     }
 }
 
-/// The children of a part, or the slots of a leaf.
+/// The children of a subtree, or the slots of a leaf.
 fn of_part<T>(below: &[T], at: usize) -> &[T] {
     &below[at * WIDTH..below.len().min((at + 1) * WIDTH)]
 }
@@ -207,7 +206,7 @@ fn branch<T>(below: &[u32], at: usize, lists: &mut Lists<T>) -> u32 {
     let end = lists.children.len() as u32;
     match lists.children[first as usize..] {
         [] => List::EMPTY.0,
-        // A branch of one child is that child.
+        // A branch with one child is that child.
         [only] => {
             lists.children.pop();
             only

@@ -1,22 +1,21 @@
-//! Rows of the state for live values: each value has one as long as it lives.
+//! Allocation of state rows to live values. A value keeps its row while it lives.
 #![forbid(unsafe_code)]
 
 use std::collections::BTreeSet;
 
-/// Rows from 0 on. A value takes the first free row, or the first two neighbours that are free, of
-/// which the first is even.
+/// Rows from 0. A value takes the first free row, or the first free pair with an even first row.
 #[derive(Default)]
 pub(super) struct LiveRows {
-    /// Free rows whose neighbours are taken.
+    /// Free rows with taken neighbors.
     singles: BTreeSet<u32>,
     /// First rows of free pairs below the end.
     pairs: BTreeSet<u32>,
-    /// Behind the last pair that is taken.
+    /// The end of the last taken pair.
     end: u32,
 }
 
 impl LiveRows {
-    /// A row, or two.
+    /// Takes one or two rows.
     pub fn take(&mut self, wide: bool) -> u32 {
         if !wide && let Some(row) = self.singles.pop_first() {
             return row;
@@ -31,7 +30,7 @@ impl LiveRows {
         pair
     }
 
-    /// Gives a row back, or two.
+    /// Frees one or two rows.
     pub fn release(&mut self, row: u32, wide: bool) {
         if !wide && !self.singles.remove(&(row ^ 1)) {
             self.singles.insert(row);
@@ -44,7 +43,7 @@ impl LiveRows {
         }
     }
 
-    /// Behind the last row that is taken.
+    /// The end of the last taken row.
     pub fn end(&self) -> u32 {
         self.end - u32::from(self.end > 0 && self.singles.contains(&(self.end - 1)))
     }

@@ -1,13 +1,13 @@
 //! Live ranges over the tree in its textual order.
 //!
-//! Control flow being structured, a range is one interval of positions, and that is exact enough
-//! for lanes that wait: a value that parked or pending lanes still need has its use at a later
-//! position. Three rules make it so: a value used inside a loop but defined outside lives until the
-//! loop's end; results of a construct live from the construct's start, since lanes write them while
-//! others are still inside; parameters of a loop live through all of it.
+//! Control flow is structured, so a range is one interval of positions. That is exact enough for
+//! waiting lanes: a value that parked or pending lanes still need has a use at a later position.
+//! Three rules ensure this: a value defined outside of a loop and used inside lives until the
+//! loop's end; results of a construct live from its start, since lanes write them while others are
+//! still inside; parameters of a loop live through the whole loop.
 //!
-//! Values from which a descriptor is made live wherever the descriptor does, if a wave can be
-//! suspended there.
+//! Values from which a descriptor is computed live wherever the descriptor lives and a wave can be
+//! suspended.
 //!
 //! Position `p` has two half-steps: operands that may share a row with the result are used at `2p`,
 //! others at `2p + 1`; results are defined at `2p + 1`.
@@ -17,10 +17,10 @@ use std::ops::Range;
 use crate::ir::op::Signature;
 use crate::ir::{Body, Function, Inst, Node, Op, Step, Value};
 
-/// Where a function's values live.
+/// The live ranges of a function's values.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Liveness {
-    /// By value: first and last half-step; `None` for uniform values and those that are nowhere.
+    /// By value: first and last half-step; `None` for uniform and for unused values.
     pub ranges: Vec<Option<(u32, u32)>>,
     /// By value: its last use's half-step, or 0. A range may be longer.
     pub last_use: Vec<u32>,
@@ -29,7 +29,7 @@ pub(crate) struct Liveness {
 }
 
 impl Liveness {
-    /// Of a function, whose uniform values live everywhere.
+    /// Computes the ranges of a function, whose uniform values live everywhere.
     pub fn of(function: &Function, uniform: &[bool]) -> Liveness {
         let mut walk = Walk {
             uniform,
@@ -57,7 +57,7 @@ impl Liveness {
         }
     }
 
-    /// Where a function begins: its parameters live there.
+    /// The start of a function, where its parameters live.
     pub const START: HalfSteps = HalfSteps {
         before: 1,
         after: 1,
@@ -71,7 +71,7 @@ impl Liveness {
         }
     }
 
-    /// Which of some places, in the order of a function, a value lives at.
+    /// The points, in the order of a function, at which a value lives.
     pub fn places(&self, value: Value, places: &[HalfSteps]) -> Range<usize> {
         let Some((start, end)) = self.ranges[value.index()] else {
             return 0..0;
@@ -82,8 +82,8 @@ impl Liveness {
     }
 }
 
-/// A place in a function: a value lives there that starts not after the first half-step and ends
-/// after the second.
+/// A point in a function. A value lives there if it starts at the first half-step or before, and
+/// ends after the second.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct HalfSteps {
     pub before: u32,
@@ -145,7 +145,7 @@ impl Walk<'_> {
                 }
                 Step::Close(Node::Loop { params, .. }) => {
                     self.close_loop(params);
-                    // Nothing comes out of a loop's end: what follows it is not reached.
+                    // The end of a loop is unreachable.
                     steps.skip_rest();
                 }
                 Step::Close(node) => self.close(node.definitions()),
@@ -195,7 +195,7 @@ impl Walk<'_> {
         }
     }
 
-    /// A descriptor that lives across a suspension is made again there: what it is made of lives as
+    /// A descriptor that lives across a suspension is recomputed there, so its operands live as
     /// long.
     fn extend_origins(&mut self) {
         for &(descriptor, from) in &self.descriptors {
@@ -225,7 +225,8 @@ impl Walk<'_> {
     }
 }
 
-/// Whether a result may lie where an operand that dies here lay: elementwise, and all of one width.
+/// Whether a result may reuse the row of an operand that dies here: elementwise operations with one
+/// width.
 fn shares_rows(inst: &Inst) -> bool {
     matches!(
         inst.op.signature(),

@@ -4,13 +4,13 @@
 //! ir ──> uniformity ──> liveness ──> state layout ──> save points
 //! ```
 //!
-//! * [`uniformity`]: what is computed once for a dispatch; [`liveness`]: from where to where values
-//!   live; [`coalesce`]: which may share a place;
-//! * [`save_points`]: where a subgroup can be suspended and what its state holds then; [`state`]:
-//!   how states begin and how lanes move between them.
+//! ** [`uniformity`]: values computed once for a dispatch; [`liveness`]: live ranges; [`coalesce`]:
+//!   values that may share a row;
+//! ** [`save_points`]: points at which a subgroup can be suspended, and the contents of its state;
+//!   [`state`]: initial states, and moves of lanes between states.
 //!
-//! A state that one tier left can be resumed by any other: ids, masks and rows are the plan's. No
-//! tier may fuse instructions across a save point, back-edges included.
+//! Any tier can resume a state of any other, because the plan defines ids, masks and rows. No tier
+//! may fuse instructions across a save point, back-edges included.
 
 mod coalesce;
 mod live_lists;
@@ -69,19 +69,19 @@ pub(crate) struct Plan {
 /// The plan of a function, for emitters.
 #[derive(Debug, PartialEq)]
 pub(crate) struct FunctionPlan {
-    /// By value: the same in the whole dispatch.
+    /// By value: whether it is uniform in the dispatch.
     pub uniform: Vec<bool>,
     pub liveness: Liveness,
     /// First private row of each variable.
     pub variables: Vec<usize>,
     /// The function's first mask, that of its return.
     pub mask_base: usize,
-    /// State rows for live values start here, relative to the first such row.
+    /// The start of the function's state rows for live values, relative to the first such row.
     live_base: usize,
     /// The ends of its values and of its descriptors in [`Kept`]; they begin where those of the
     /// function before end.
     pub kept_ends: (usize, usize),
-    /// Call paths that lead here.
+    /// Number of call paths to the function.
     contexts: u64,
 }
 
@@ -90,7 +90,7 @@ pub(crate) struct Planned<'m> {
     pub module: &'m Module,
     /// Functions that the entry reaches, callers before callees: what is emitted, in this order.
     pub order: Vec<usize>,
-    /// By function; `None` for those that are not reached.
+    /// By function; `None` for unreached ones.
     pub functions: Vec<Option<FunctionPlan>>,
     pub plan: Plan,
 }
@@ -132,13 +132,13 @@ pub(crate) fn plan(module: &Module) -> Result<Planned<'_>, Error> {
 }
 
 impl Planned<'_> {
-    /// A function that is reached.
+    /// A reached function.
     pub fn function(&self, f: usize) -> &FunctionPlan {
         self.functions[f].as_ref().expect("reached")
     }
 
-    /// Whether other live ranges of a function, a tier's own, have the same values alive wherever a
-    /// wave can be suspended.
+    /// Whether a tier's own live ranges of a function have the same live values at every save
+    /// point.
     pub fn agrees(&self, f: usize, liveness: &Liveness) -> bool {
         let planned = &self.function(f).liveness;
         let points = (self.plan.points.iter()).filter(|point| point.function as usize == f);
@@ -154,14 +154,14 @@ impl Planned<'_> {
         })
     }
 
-    /// Masks and private memory of each function: behind those of all its callers.
+    /// Assigns masks and private memory of each function, after those of all its callers.
     fn place_functions(&mut self) -> Result<(), Error> {
         let count = self.module.functions.len();
         let (mut private, mut masks) = (vec![0; count], vec![0; count]);
         for &f in &self.order {
             let function = &self.module.functions[f];
-            // Draws share an environment up to the next barrier. An interlock orders fragments
-            // without one.
+            // Draws share an environment until the next barrier, but an interlock orders fragments
+            // without a barrier.
             let fragment = self.module.fragment;
             let interlock = fragment.and_then(|fragment| fragment.interlock);
             let starts = f == 0 && interlock.is_none();
@@ -273,7 +273,7 @@ fn call_order(module: &Module) -> Result<Vec<usize>, Error> {
     Ok(order)
 }
 
-/// Deepest nesting of masks in a body.
+/// The deepest nesting of masks in a body.
 fn mask_depth(body: &Body) -> usize {
     let (mut depth, mut deepest) = (0, 0);
     for step in body.steps() {
@@ -289,8 +289,8 @@ fn mask_depth(body: &Body) -> usize {
     deepest
 }
 
-/// Masks that a construct has: one for what waits at its label, an `if` also one for the lanes of
-/// its second body.
+/// The number of masks of a construct: one for the lanes that wait at its label; an `if` has
+/// another for the lanes of its second body.
 pub(crate) fn masks_of(node: &Node) -> usize {
     match node {
         Node::Inst(_) => 0,

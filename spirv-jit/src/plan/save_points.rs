@@ -1,5 +1,5 @@
-//! Where a subgroup can be suspended: at yields, at back-edges and where functions begin, when fuel
-//! is out; and what its state holds then.
+//! The points at which a subgroup can be suspended: yields, and back-edges and function starts when
+//! fuel runs out. And the contents of its state there.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -15,7 +15,7 @@ use crate::ir::op::DescriptorBinding;
 use crate::ir::{Body, Inst, Node, Op, Step, Type, Value};
 use crate::state::{IO_DATA_ROW, SiteId, SiteKind};
 
-/// A value that a state holds, and where.
+/// A value in a state, with its row.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Saved {
     pub value: Value,
@@ -34,16 +34,16 @@ pub(crate) enum DescriptorSource {
     Reference,
 }
 
-/// A descriptor that is made again instead of being saved.
+/// A descriptor that is recomputed instead of saved.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Remade {
     pub value: Value,
     pub source: DescriptorSource,
-    /// A value that is saved, or uniform.
+    /// A saved or uniform value.
     pub from: Value,
 }
 
-/// The values that live across a place where a wave can be suspended.
+/// The values that live across a save point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Live {
     /// Of [`Kept::values`].
@@ -63,30 +63,29 @@ impl Live {
     };
 }
 
-/// The values that live across all places, function after function.
+/// The values that live across all save points, function by function.
 #[derive(Debug, Default, PartialEq)]
 pub(crate) struct Kept {
     pub values: Lists<Saved>,
     pub descriptors: Lists<Remade>,
 }
 
-/// A place where a wave can be suspended.
+/// A save point.
 #[derive(Debug, PartialEq)]
 pub(crate) struct SavePoint {
     pub function: u32,
-    /// Position in the function as [`Liveness`](super::Liveness) counts, 0 where it begins.
+    /// Position in the function as in [`Liveness`](super::Liveness); 0 at its start.
     pub position: u32,
     /// Parked and pending masks that are in use, from the program's first.
     pub masks: u32,
     pub live: Live,
-    /// The event, or none for the entry, for back-edges and for where functions begin.
+    /// The event; `None` for the entry, back-edges and function starts.
     pub site: Option<SiteId>,
-    /// Word offset of the SPIR-V instruction that is performed there, or near there; 0 where none
-    /// is known.
+    /// Word offset of the SPIR-V instruction at or near this point; 0 if unknown.
     pub source: u32,
 }
 
-/// A call: how to find it from a call path's number, and what its function needs afterwards.
+/// A call: its part of a call path's number, and the values that its function needs afterwards.
 #[derive(Debug, PartialEq)]
 pub(crate) struct CallSite {
     pub caller: u32,
@@ -96,19 +95,19 @@ pub(crate) struct CallSite {
     pub live: Live,
 }
 
-/// How a yield's results come from the `io` rows.
+/// The form of a yield's results in the `io` rows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Answer {
-    /// One word a result, from this row on.
+    /// One word for each result, from this row.
     Rows(usize),
     /// Row 0 is a verdict (see [`SiteKind::ReportIntersection`]).
     Verdict,
 }
 
-/// How an instruction yields.
+/// The operands of a yielding instruction.
 pub(crate) struct Site {
     pub kind: SiteKind,
-    /// Operands in rows from 0 on; the others stand from [`IO_DATA_ROW`] on.
+    /// The number of operands in rows from 0; the others start at [`IO_DATA_ROW`].
     pub fixed: usize,
     pub answer: Answer,
 }
@@ -166,7 +165,7 @@ impl Site {
     }
 }
 
-/// Where the first instruction of a body comes from.
+/// The source of a body's first instruction.
 fn first_source(body: &Body) -> Option<u32> {
     body.steps().find_map(|step| match step {
         Step::Inst(inst) => (inst.source != 0).then_some(inst.source),
@@ -174,7 +173,7 @@ fn first_source(body: &Body) -> Option<u32> {
     })
 }
 
-/// Finds the save points and call sites of all functions, whose places in the state are known.
+/// Finds the save points and call sites of all functions, after their state layout.
 pub(super) fn find(planned: &mut Planned<'_>) -> Result<(), Error> {
     let mut next_point = 0;
     for f in planned.order.clone() {
@@ -190,7 +189,7 @@ pub(super) fn find(planned: &mut Planned<'_>) -> Result<(), Error> {
             inputs: HashMap::default(),
             living: Living::default(),
         };
-        // Fuel is burnt at the start of each function, except the entry, where states begin.
+        // Each function uses fuel at its start, except the entry, where states begin.
         let live = match f {
             0 => Live::NOTHING,
             _ => builder.live(Liveness::START)?,
@@ -216,24 +215,24 @@ struct SavePointBuilder<'p, 'm> {
     /// Masks that are in use.
     masks: usize,
     position: u32,
-    /// Word offset of the SPIR-V instruction that was passed last.
+    /// Word offset of the last visited SPIR-V instruction.
     source: u32,
-    /// How descriptors are made.
+    /// The operands of descriptors.
     sources: HashMap<Value, (DescriptorSource, Value)>,
     /// Values that are rows of the input record: a state holds them anyway.
     inputs: HashMap<Value, u32>,
     living: Living,
 }
 
-/// The values that live at the place that was passed last.
+/// The live values at the last visited save point.
 #[derive(Default)]
 struct Living {
-    /// How many values, in the order of their starts, have begun.
+    /// The number of values, in the order of their starts, that have begun.
     begun: usize,
-    /// Those that live, by the half-steps of their ends.
+    /// The live values, by the half-steps of their ends.
     ends: BinaryHeap<Reverse<(u32, Value, ListEntry)>>,
     rows: LiveRows,
-    /// Numbers of the values that take no row of their own.
+    /// The values without a row of their own.
     input_slots: LiveRows,
     descriptor_slots: LiveRows,
     saved: Changing<Saved>,
@@ -241,7 +240,7 @@ struct Living {
     remade: Changing<Remade>,
 }
 
-/// Where a value stands in its list.
+/// The index of a value in its list.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum ListEntry {
     Saved(u32),
@@ -260,7 +259,7 @@ impl SavePointBuilder<'_, '_> {
                 Step::Close(node) => {
                     if let Node::Loop { body, .. } = node {
                         let live = self.live(Liveness::across(self.position))?;
-                        // A loop is where it begins.
+                        // A loop's save point is its start.
                         self.source = first_source(body).unwrap_or(self.source);
                         self.point(self.position, None, live)?;
                         steps.skip_rest();
@@ -302,7 +301,7 @@ impl SavePointBuilder<'_, '_> {
     }
 
     fn call(&mut self, callee: usize, position: u32) -> Result<(), Error> {
-        // Any function may be suspended where it begins.
+        // Any function may be suspended at its start.
         let live = self.live(Liveness::across(position))?;
         let plan = self.planned.function(self.function);
         let live_base = plan.live_base + self.living.rows.end() as usize;
@@ -325,7 +324,7 @@ impl SavePointBuilder<'_, '_> {
         Ok(())
     }
 
-    /// The values that live at a place behind the last one, each in the row that it has for life.
+    /// The live values at a save point after the last one. Each keeps its row while it lives.
     fn live(&mut self, place: HalfSteps) -> Result<Live, Error> {
         self.end_values(place);
         self.begin_values(place)?;
@@ -343,7 +342,7 @@ impl SavePointBuilder<'_, '_> {
         })
     }
 
-    /// Frees the slots of values that do not live at a place any more.
+    /// Frees the slots of values that are dead at a save point.
     fn end_values(&mut self, place: HalfSteps) {
         let function = &self.planned.module.functions[self.function];
         let living = &mut self.living;
@@ -368,7 +367,7 @@ impl SavePointBuilder<'_, '_> {
         }
     }
 
-    /// Gives slots to values that have begun since the last place, and live at this one.
+    /// Assigns slots to values that have begun since the last save point and live at this one.
     fn begin_values(&mut self, place: HalfSteps) -> Result<(), Error> {
         let function = &self.planned.module.functions[self.function];
         let plan = &self.planned.plan;

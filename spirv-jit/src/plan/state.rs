@@ -1,5 +1,4 @@
-//! Subgroups' states: how they begin, what stands in their control rows, and how lanes move between
-//! them.
+//! Subgroups' states: their start, their control rows, and moves of lanes between them.
 //!
 //! A state's control rows hold, as words: the resume id, the active lanes, the helper lanes, then
 //! the masks in use, two to a word.
@@ -39,8 +38,8 @@ impl Plan {
         }
     }
 
-    /// Puts a state at the program's entry with these lanes active, of which `helpers` are helper
-    /// invocations, and zeroes its first rows of outputs, as many as there are or `outputs`.
+    /// Sets a state to the program's entry with these active lanes, of which `helpers` are helper
+    /// invocations, and zeroes its first `outputs` output rows, or all of them.
     #[inline]
     pub fn start(
         &self,
@@ -51,21 +50,21 @@ impl Plan {
     ) {
         let state = &mut state[..self.layout.rows];
         state[..self.layout.inputs].fill(AlignedRow::default());
-        // Rows that a program may read or return without writing them have the same contents on
-        // every run. Of operands and answers of yields only the columns of their lanes are read,
-        // which are written first.
+        // Rows that a program may read or return without writing them are initialized, so that runs
+        // are repeatable. Operands and results of yields are written before the columns of their
+        // lanes are read.
         state[self.layout.io..][..self.output_rows.min(outputs)].fill(AlignedRow::default());
         state[self.private..][..self.private_rows].fill(AlignedRow::default());
         state[0].0[1] = active.bits().into();
         state[0].0[2] = helpers.bits().into();
     }
 
-    /// Where a state stands.
+    /// The save point of a state.
     pub fn save_point_of(&self, state: &[AlignedRow]) -> &SavePoint {
         &self.points[self.point_of(state[0].0[0]).0]
     }
 
-    /// Whether a lane is parked or pending in a construct around where a state stands.
+    /// Whether a lane is parked or pending in a construct around a state's save point.
     pub fn has_parked_lanes(&self, state: &[AlignedRow]) -> bool {
         (0..self.save_point_of(state).masks as usize).any(|k| {
             let word = CONTROL_WORDS + k / 2;
@@ -92,7 +91,7 @@ impl Plan {
         {
             to.0 = from.map(|(source, lane)| source[row].0[lane]);
         }
-        // Values of 64 bits are saved as such, over two rows.
+        // Values of 64 bits take two rows.
         let (point, context) = self.point_of(state[0].0[0]);
         let point = &self.points[point];
         let callers = self.path(point.function, context);

@@ -1,22 +1,23 @@
-//! Which values are the same in all invocations of a dispatch: they are computed once per run, in
-//! the prologue, and survive yields for nothing.
+//! Values that are uniform in a dispatch. They are computed once per run, in the prologue, and need
+//! no saving at yields.
 //!
-//! Constants, dispatch words, descriptors, and pure operations on such. Loads count from what
-//! nothing can write meanwhile: push constants, and uniform blocks that every invocation reads
-//! which starts, as do queries of the size of an image that every invocation asks for. A block or
-//! image that no invocation comes to may be one that is gone (`descriptorBindingPartiallyBound`).
+//! These are constants, dispatch words, descriptors, and pure operations on uniform values. Loads
+//! count if nothing can write the memory meanwhile: push constants, and uniform blocks that every
+//! started invocation reads. So do queries of an image's size that every invocation performs. A
+//! block or image that no invocation accesses may have been destroyed
+//! (`descriptorBindingPartiallyBound`).
 
 use foldhash::{HashMap, HashSet};
 
 use crate::ir::op::DescriptorBinding;
 use crate::ir::{Body, Function, Inst, Node, Op, Space, Step, Terminator, Value};
 
-/// Loads of scalars from uniform blocks, at most, that not every invocation performs, but the
-/// prologue does.
+/// Largest number of scalars that the prologue loads from uniform blocks although not every
+/// invocation loads them.
 const MAX_EARLY_SCALARS: usize = 256;
 
-/// Per value of a function: the same in the whole dispatch. `starts`: each invocation starts with
-/// the function, and uniform blocks are not written while such invocations run.
+/// For each value of a function, whether it is uniform in the dispatch. `starts`: each invocation
+/// starts with the function, and nothing writes uniform blocks while such invocations run.
 pub(super) fn find_uniform_values(function: &Function, starts: bool) -> Vec<bool> {
     let values = function.value_types.len();
     let mut analysis = UniformityAnalysis {
@@ -44,11 +45,11 @@ struct DescriptorRef {
     index: Result<u64, Value>,
 }
 
-/// A body on the way of all invocations.
+/// A body on the path of all invocations.
 struct Way {
-    /// All of them enter it or none.
+    /// All or no invocations enter it.
     entered: bool,
-    /// Depth of the outermost construct that lanes have left from inside; 0 is the function.
+    /// Depth of the outermost construct that some lanes have left; 0 is the function.
     left: usize,
 }
 
@@ -56,7 +57,7 @@ struct UniformityAnalysis {
     uniform: Vec<bool>,
     /// The value is the descriptor of the push constants.
     push_constants: Vec<bool>,
-    /// Which descriptor a value is.
+    /// The descriptor of a value.
     blocks: HashMap<Value, DescriptorRef>,
     /// The value is the first of a load from a uniform block, or of a query of an image's size,
     /// that every invocation performs.
@@ -64,7 +65,7 @@ struct UniformityAnalysis {
     /// Uniform blocks that every invocation reads.
     read: HashSet<DescriptorRef>,
     early_scalars: usize,
-    /// By label: how deep its construct is nested, from 1 on.
+    /// By label: the nesting depth of its construct, from 1.
     depths: Vec<usize>,
 }
 
@@ -95,7 +96,7 @@ impl UniformityAnalysis {
         first.is_some_and(|at| self.certain.get(at) == Some(&true))
     }
 
-    /// Marks loads and queries of images' sizes that every invocation performs.
+    /// Marks the loads and image size queries that every invocation performs.
     fn find_certain(&mut self, body: &Body) {
         let mut outer: Vec<Way> = Vec::new();
         let mut here = Way {
@@ -111,13 +112,13 @@ impl UniformityAnalysis {
                     if certain {
                         self.note_certain(inst);
                     }
-                    // An intersection that is accepted may end the search, and a function may end
-                    // the invocation.
+                    // An accepted intersection may end the search, and a function may end the
+                    // invocation.
                     if matches!(inst.op, Op::ReportIntersection | Op::Call(_)) {
                         here.left = 0;
                     }
                 }
-                // It may never end.
+                // A loop may never end.
                 Step::Open(Node::Loop { .. }) => {
                     steps.skip_construct();
                     here.left = 0;

@@ -4,19 +4,19 @@ use std::sync::Mutex;
 
 use super::MAX_KEY_WORDS;
 
-/// Bytes that a message counts, besides its arguments'.
+/// Bytes that count for a message besides its arguments.
 const MESSAGE_BYTES: usize = 16;
 
 /// A message of one invocation.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Record {
-    /// The invocation, by words that sort as invocations do; zeros behind its stage's.
+    /// The invocation, as words that sort in invocation order, padded with zeros.
     pub key: [u32; MAX_KEY_WORDS],
-    /// Tells runs of one invocation apart, where there are several.
+    /// Distinguishes several runs of one invocation.
     pub order: u64,
-    /// The program, by its number.
+    /// The program's number.
     pub program: u64,
-    /// The instruction, by a number of the program's own.
+    /// The instruction's number in the program.
     pub site: u32,
     /// Arguments.
     pub words: Box<[u32]>,
@@ -27,7 +27,7 @@ impl Record {
         MESSAGE_BYTES + size_of_val(&*self.words)
     }
 
-    /// Where it stands among the others. Records of the same place keep their order.
+    /// The sort key of the record. Records with equal keys keep their order.
     fn place(&self) -> MessageOrder {
         (self.key, self.order)
     }
@@ -35,8 +35,8 @@ impl Record {
 
 type MessageOrder = ([u32; MAX_KEY_WORDS], u64);
 
-/// The messages of one dispatch. The first ones in the order of invocations are kept, as many as
-/// fit: they depend on no order of execution.
+/// The messages of one dispatch. It keeps the first ones in invocation order that fit, independent
+/// of the order of execution.
 #[derive(Debug)]
 pub struct Prints {
     limit_bytes: usize,
@@ -49,7 +49,7 @@ struct Kept {
     records: Vec<Record>,
     bytes: usize,
     dropped: u64,
-    /// The first place that did not fit: nothing from there on does.
+    /// The first key that did not fit. No later key fits.
     end: Option<MessageOrder>,
 }
 
@@ -63,7 +63,7 @@ pub struct Taken {
 }
 
 impl Prints {
-    /// Room for messages of so many bytes: 16 for each message, and those of its arguments.
+    /// Creates a buffer of this size in bytes: 16 for each message, plus its arguments.
     pub fn new(limit_bytes: usize) -> Self {
         Self {
             limit_bytes,
@@ -71,7 +71,7 @@ impl Prints {
         }
     }
 
-    /// Adds a message. Those of one invocation come in its order.
+    /// Adds a message. Messages of one invocation are added in order.
     pub fn add(&self, record: Record) {
         let mut kept = self.kept.lock().unwrap_or_else(|it| it.into_inner());
         let is_past = kept.end.is_some_and(|end| record.place() >= end);

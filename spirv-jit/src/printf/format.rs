@@ -1,7 +1,7 @@
-//! A message as text: the conversions of C's `printf` that `debug_printf.md` of the Vulkan
-//! validation layers lists, also of vectors. What is wrong with a format is said in the text.
+//! Formats a message: the conversions of C's `printf` in `debug_printf.md` of the Vulkan validation
+//! layers, also for vectors. The text reports mistakes in a format.
 //!
-//! A conversion that does not fit its argument's type prints the argument as its type has it.
+//! A conversion that does not match its argument's type prints the argument by its type.
 
 use std::fmt::Write;
 use std::iter::Peekable;
@@ -12,13 +12,13 @@ use half::f16;
 use super::{Argument, Message};
 use crate::types::Type;
 
-/// Widths and precisions, at most: a format is no way to fill memory.
+/// Largest width and precision, so that a format cannot exhaust memory.
 const MAX_WIDTH: usize = 256;
 
 /// A conversion: `%[flags][width][.precision][v2|v3|v4][l]conversion`.
 #[derive(Clone, Debug, Default)]
 struct Conversion {
-    /// As it is written, from the percent sign on.
+    /// The source text, from the percent sign.
     text: String,
     left: bool,
     plus: bool,
@@ -31,7 +31,7 @@ struct Conversion {
     letter: char,
 }
 
-/// A number as an invocation left it.
+/// A number from an invocation.
 #[derive(Clone, Copy)]
 struct Number {
     bits: u64,
@@ -71,14 +71,14 @@ impl Message {
     }
 }
 
-/// Arguments that are not printed yet.
+/// The remaining arguments.
 struct Values<'a> {
     arguments: std::slice::Iter<'a, Argument>,
     words: &'a [u32],
 }
 
 impl Values<'_> {
-    /// The components of the next argument; none if there is none.
+    /// The components of the next argument; `None` at the end.
     fn next(&mut self) -> Option<(Argument, Vec<Number>)> {
         let argument = *self.arguments.next()?;
         let (words, rest) = self.words.split_at_checked(argument.words())?;
@@ -98,8 +98,8 @@ impl Values<'_> {
 }
 
 impl Conversion {
-    /// The conversion behind a percent sign, up to its letter. Its letter is `\0` if the format
-    /// ends first.
+    /// The conversion after a percent sign, up to its letter, which is `\0` if the format ends
+    /// first.
     fn parse(chars: &mut Peekable<Chars<'_>>) -> Self {
         let mut it = Self {
             text: "%".into(),
@@ -127,7 +127,7 @@ impl Conversion {
                 it.components = count.to_digit(10);
             }
         }
-        // Lengths say nothing: arguments have types.
+        // Length modifiers are ignored, since arguments have types.
         while let Some(length) = chars.next_if(|&c| matches!(c, 'l' | 'h')) {
             it.text.push(length);
         }
@@ -232,7 +232,7 @@ impl Conversion {
         }
     }
 
-    /// At least as many digits as the precision says.
+    /// Pads to the precision's number of digits.
     fn padded(&self, digits: String) -> String {
         let least = self.precision.unwrap_or(1);
         match digits.as_str() {
@@ -284,7 +284,7 @@ impl Conversion {
         }
     }
 
-    /// `%g`: so many digits in all, in the shorter way.
+    /// `%g`: this many significant digits, in the shorter notation.
     fn shortest(&self, value: f64, digits: usize) -> String {
         let written = exponential(value, digits - 1, false);
         let (mantissa, exponent) = written.split_once('e').unwrap_or((&written, "0"));

@@ -1,20 +1,20 @@
-//! An instruction's message: its format and the types of its arguments, as words that the IR keeps
-//! in a table.
+//! An instruction's message: its format and the types of its arguments, which the IR stores as
+//! words in a table.
 
 use crate::types::Type;
 
 /// An argument of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Argument {
-    /// Type of each component; none for values that are neither a number nor a vector of numbers,
-    /// which leave no words.
+    /// The component type; `None` for values other than numbers and vectors of numbers, which have
+    /// no words.
     pub ty: Option<Type>,
     /// 1 for a scalar.
     pub components: u32,
 }
 
 impl Argument {
-    /// Words that an invocation leaves for it.
+    /// Number of words of the argument.
     pub fn words(self) -> usize {
         let rows = self.ty.map_or(0, |ty| ty.rows() as usize);
         rows * self.components as usize
@@ -24,16 +24,16 @@ impl Argument {
 /// The message of an instruction.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Message {
-    /// None where the module gives no constant string.
+    /// `None` if the module has no constant string.
     pub format: Option<String>,
     pub arguments: Vec<Argument>,
 }
 
-/// Components of an argument, at most: SPIR-V's longest vectors have 16.
+/// Largest number of components of an argument: SPIR-V's longest vectors have 16.
 const MAX_COMPONENTS: u32 = 16;
 
 impl Message {
-    /// Words that an invocation leaves for the arguments.
+    /// Number of words of all arguments.
     pub fn words(&self) -> usize {
         self.arguments.iter().map(|argument| argument.words()).sum()
     }
@@ -59,7 +59,7 @@ impl Message {
         table
     }
 
-    /// The message of a table; none if the words are no such table.
+    /// Decodes a table; `None` for other words.
     pub fn from_table(table: &[u32]) -> Option<Message> {
         let (&size, rest) = table.split_first()?;
         let bytes = size.saturating_sub(1) as usize;

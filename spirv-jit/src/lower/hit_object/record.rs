@@ -1,4 +1,4 @@
-//! Hit objects that are recorded without a trace: misses, hits, and what a ray query has committed.
+//! Hit objects recorded without a trace: misses, hits, and committed intersections of ray queries.
 
 use crate::Error;
 use crate::facts::Fact;
@@ -128,7 +128,7 @@ impl Lowerer<'_> {
         object[word::GEOMETRY] = self.committed_word(&query, Fact::GeometryIndex, 0)?;
         object[word::PRIMITIVE] = self.committed_word(&query, Fact::PrimitiveIndex, 0)?;
         object[word::SLOT] = self.committed_word(&query, Fact::Slot, 0)?;
-        // A box's hit kind and attributes are the shader's to say.
+        // The shader provides the hit kind and the attributes of a box.
         let given = match operands.get(3) {
             Some(&id) => self.word(id)?,
             None => zero,
@@ -165,7 +165,7 @@ impl Lowerer<'_> {
         Ok(self.load_query_rows(query, row, &[ty])?[0])
     }
 
-    /// A hit kind that the shader gives, with what it says of the primitive.
+    /// The shader's hit kind, with the primitive kind that it implies.
     fn typed_hit_kind(&mut self, hit_kind: Value) -> Result<Value, Error> {
         let (mask, limit) = (self.b.i32(0xff), self.b.i32(0xfe));
         let low = self.b.binary(ir::Op::And, hit_kind, mask)?;
