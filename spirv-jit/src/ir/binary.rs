@@ -1,4 +1,4 @@
-//! The IR as bytes, for pipeline caches: [`encode`] and [`decode`] are inverse to each other.
+//! The binary form of the IR, for pipeline caches. [`encode`] and [`decode`] are inverse.
 //!
 //! ```text
 //! header: the text form of the module without its functions
@@ -6,7 +6,8 @@
 //! functions: numbers of seven bits a byte; bodies by the tags below
 //! ```
 //!
-//! Decoded modules are well formed but not yet valid: see [`verify`](super::verify::verify).
+//! Decoded modules are well-formed, but only [`verify`](super::verify::verify) checks their
+//! validity.
 
 use foldhash::HashMap;
 
@@ -30,7 +31,7 @@ const RETURN: u8 = 5;
 const END: u8 = 6;
 const UNREACHABLE: u8 = 7;
 
-/// A module as bytes.
+/// Encodes a module.
 pub fn encode(module: &Module) -> Vec<u8> {
     let mut encoder = Encoder::default();
     encoder.number(module.functions.len() as u64);
@@ -189,10 +190,10 @@ impl Encoder {
     }
 }
 
-/// The module that these bytes are.
+/// Decodes a module.
 ///
 /// # Errors
-/// Bytes that [`encode`] did not make. Never panics, and takes memory in proportion to the bytes.
+/// Bytes that [`encode`] cannot produce. Never panics, and uses memory in proportion to the bytes.
 pub fn decode(bytes: &[u8]) -> Result<Module, String> {
     let mut decoder = Decoder {
         rest: bytes,
@@ -243,7 +244,7 @@ impl<'a> Decoder<'a> {
         u32::try_from(self.number()?).map_err(|_| "a number too large".into())
     }
 
-    /// A number of items that take a byte each or more.
+    /// A count of items of at least one byte each.
     fn count(&mut self) -> Decoded<usize> {
         let count = self.small()? as usize;
         if count > self.rest.len() {
@@ -392,7 +393,7 @@ mod tests {
         assert_eq!(decode(&encode(&module)).unwrap(), module);
     }
 
-    /// Damage gives an error or another module, which the verifier judges; never a panic.
+    /// Damaged bytes give an error or another module, which the verifier checks; never a panic.
     #[test]
     fn damage_is_survived() {
         let bytes = encode(&parse_module(SAMPLE).unwrap());

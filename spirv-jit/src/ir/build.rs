@@ -1,10 +1,10 @@
-//! A tree of bodies made of its parts in the order of the text, without recursion.
+//! Builds a tree of bodies from its parts in textual order, without recursion.
 
 #![forbid(unsafe_code)]
 
 use super::{Body, Node, Terminator};
 
-/// Takes the parts of a body one after the other.
+/// Collects the parts of a body in order.
 #[derive(Default)]
 pub(super) struct BodyBuilder {
     /// Nodes of the innermost open body.
@@ -14,14 +14,14 @@ pub(super) struct BodyBuilder {
 
 struct OpenConstruct {
     construct: Node,
-    /// The nodes before it in the body around it.
+    /// The preceding nodes of the enclosing body.
     nodes: Vec<Node>,
     is_second: bool,
 }
 
-/// The construct that the end of a body belongs to.
+/// The construct to which the end of a body belongs.
 pub(super) enum Ended {
-    /// The first body of an `if`: the second one is open now.
+    /// The first body of an `if`, whose second body is open now.
     First,
     /// A construct.
     Construct,
@@ -29,12 +29,12 @@ pub(super) enum Ended {
 }
 
 impl BodyBuilder {
-    /// Appends a node that is complete.
+    /// Appends a complete node.
     pub fn push(&mut self, node: Node) {
         self.nodes.push(node);
     }
 
-    /// Begins a construct, whose bodies come next: those that it has are replaced.
+    /// Begins a construct. Its bodies come next and replace those of `node`.
     pub fn open(&mut self, construct: Node) {
         self.open.push(OpenConstruct {
             construct,

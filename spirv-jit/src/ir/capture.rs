@@ -1,19 +1,19 @@
-//! The facts of transform feedback: which output words of a vertex go to which place of which
-//! buffer (Vulkan, section "Transform Feedback").
+//! The facts of transform feedback: the buffer and offset of each captured output word (Vulkan,
+//! section "Transform Feedback").
 //!
-//! The text form of each is one word with points in it, as in [`super::interface`].
+//! The text form of each is one dotted word, as in [`super::interface`].
 
 use std::fmt;
 
 use super::interface::OutputRow;
 
-/// Buffers that a shader captures to, at most.
+/// Largest number of buffers of a shader.
 pub const MAX_CAPTURE_BUFFERS: usize = 4;
 
 /// Vertex streams of a geometry shader.
 pub const MAX_STREAMS: u32 = 4;
 
-/// How a captured word lies in memory.
+/// The memory form of a captured word.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum CaptureWidth {
     Word,
@@ -46,10 +46,10 @@ impl CaptureWidth {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct CaptureWord {
     pub buffer: u8,
-    /// Where it lies in the data of a vertex.
+    /// Offset in the data of a vertex.
     pub offset_bytes: u32,
     pub width: CaptureWidth,
-    /// An output that is not there is zero.
+    /// A missing output is zero.
     pub row: OutputRow,
 }
 
@@ -58,20 +58,20 @@ pub struct CaptureWord {
 pub struct CaptureBuffer {
     /// Bytes of a vertex (`XfbStride`).
     pub stride_bytes: u32,
-    /// The stream whose vertices it gets.
+    /// The stream of the captured vertices.
     pub stream: u8,
 }
 
 /// The facts of a shader with the mode `Xfb`.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct CaptureFacts {
-    /// Of the buffers that anything is captured to.
+    /// The buffers with captured words.
     pub buffers: [Option<CaptureBuffer>; MAX_CAPTURE_BUFFERS],
     pub words: Vec<CaptureWord>,
 }
 
 impl CaptureFacts {
-    /// Whether each word lies in the data of a vertex of its buffer.
+    /// Whether each word is inside its buffer's data of a vertex.
     pub fn fits(&self) -> bool {
         let streams = self.buffers.iter().flatten();
         let known = streams
@@ -85,7 +85,7 @@ impl CaptureFacts {
         known && self.words.iter().all(is_inside)
     }
 
-    /// Notes one word of the text form; false if it is none.
+    /// Parses one word of the text form; false if it is invalid.
     pub fn set(&mut self, word: &str) -> bool {
         self.parse(word).is_some()
     }

@@ -1,24 +1,24 @@
-//! The interface between the stages of drawing and the rasterizer: rows of inputs and outputs, and
-//! facts of geometry and fragment shaders.
+//! The interface between drawing stages and the rasterizer: rows of inputs and outputs, and facts
+//! of geometry and fragment shaders.
 //!
-//! The text form of each is one word with points in it; [`fmt::Display`] and [`std::str::FromStr`]
-//! are inverse to each other.
+//! The text form of each is one dotted word. [`fmt::Display`] and [`std::str::FromStr`] are
+//! inverse.
 
 use std::fmt;
 use std::str::FromStr;
 
-/// Where a fragment's varying is evaluated.
+/// The position at which a fragment's varying is evaluated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Position {
     /// The pixel's centre.
     Center,
-    /// Somewhere in the covered part of the pixel (`Centroid`).
+    /// A position in the covered part of the pixel (`Centroid`).
     Centroid,
     /// The invocation's sample (`Sample`).
     Sample,
 }
 
-/// How a fragment's varying follows from the vertices' outputs.
+/// The interpolation of a fragment's varying from the vertices' outputs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum VaryingMode {
     /// The word of the provoking vertex.
@@ -31,7 +31,7 @@ pub enum VaryingMode {
     PerVertex(u8),
 }
 
-/// Which output of the stage before a varying is.
+/// The output of the previous stage that is the source of a varying.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum VaryingPlace {
     Location(u16),
@@ -39,7 +39,7 @@ pub enum VaryingPlace {
     Patch(u16),
     TessLevelOuter,
     TessLevelInner,
-    /// Fragment: a word of the primitive that a mesh shader made (`PerPrimitiveEXT`).
+    /// Fragment: a word of a mesh shader's primitive (`PerPrimitiveEXT`).
     Primitive(u16),
     /// Tessellation evaluation and geometry stage, as `PointSize`.
     Position,
@@ -48,9 +48,9 @@ pub enum VaryingPlace {
     CullDistance,
 }
 
-/// A word of a shader's input that comes from the stage before. All those of a geometry shader are
-/// of a vertex of its primitive ([`VaryingMode::PerVertex`]); those of an evaluation shader are of
-/// a vertex of the patch, or of the whole patch.
+/// An input word from the previous stage. Words of a geometry shader belong to a vertex of its
+/// primitive ([`VaryingMode::PerVertex`]); words of an evaluation shader belong to a vertex of the
+/// patch, or to the patch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Varying {
     pub place: VaryingPlace,
@@ -60,7 +60,7 @@ pub struct Varying {
 }
 
 impl Varying {
-    /// The vertex whose word it is, if it is one vertex's; else 0.
+    /// The vertex of a per-vertex word, otherwise 0.
     pub fn vertex(&self) -> u8 {
         match self.mode {
             VaryingMode::PerVertex(vertex) => vertex,
@@ -68,7 +68,7 @@ impl Varying {
         }
     }
 
-    /// The output of the stage before that it comes from.
+    /// The output of the previous stage.
     pub fn output(&self) -> OutputRow {
         match self.place {
             VaryingPlace::Location(location) => OutputRow::Location {
@@ -102,8 +102,8 @@ pub struct Barycentric {
     pub position: Position,
 }
 
-/// A word that a vertex or fragment invocation leaves at its end, or that a geometry invocation
-/// leaves with each vertex that it emits.
+/// An output word of a vertex or fragment invocation, or of each vertex that a geometry invocation
+/// emits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum OutputRow {
     /// A varying of a stage before rasterization; a colour of the fragment stage, `index` 1 for the
@@ -125,7 +125,7 @@ pub enum OutputRow {
         location: u16,
         component: u8,
     },
-    /// Mesh: which vertex is a corner of the primitive.
+    /// Mesh: the vertex index of a corner of the primitive.
     PrimitiveIndex(u8),
     /// Mesh: not 0 if the primitive is discarded.
     CullPrimitive,
@@ -156,18 +156,18 @@ pub enum Emits {
 /// The facts of a geometry shader that the rasterizer needs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct GeometryFacts {
-    /// Vertices of an input primitive, those that are only adjacent included.
+    /// Vertices of an input primitive, with adjacent ones.
     pub vertices: u32,
     pub emits: Emits,
     /// Invocations for each primitive.
     pub invocations: u32,
-    /// Vertices that an invocation emits, at most.
+    /// Largest number of vertices that an invocation emits.
     pub max_vertices: u32,
-    /// Vertices are of several streams.
+    /// The shader emits to several streams.
     pub streams: bool,
 }
 
-/// The promise of a shader about the depth that it writes (`DepthGreater` and others).
+/// A shader's guarantee about the depth that it writes (`DepthGreater` and others).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum DepthMode {
     Any,
@@ -176,7 +176,7 @@ pub enum DepthMode {
     Unchanged,
 }
 
-/// Which invocations `OpBeginInvocationInterlockEXT` keeps apart.
+/// The invocations that `OpBeginInvocationInterlockEXT` separates.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Interlock {
     PixelOrdered,
@@ -190,13 +190,13 @@ pub enum Interlock {
 pub struct FragmentFacts {
     /// `EarlyFragmentTests`.
     pub early_tests: bool,
-    /// Of the depth that it writes, if it does.
+    /// The mode of the written depth, if the shader writes it.
     pub depth: Option<DepthMode>,
     /// Lanes may become helpers, or end, before the program does.
     pub discards: bool,
     /// Stores or atomics.
     pub writes_memory: bool,
-    /// It runs once a sample: reads `SampleId`, `SamplePosition` or an input that is `Sample`.
+    /// It runs once for each sample: it reads `SampleId`, `SamplePosition` or a `Sample` input.
     pub per_sample: bool,
     /// It reads input attachments.
     pub reads_attachments: bool,
@@ -207,7 +207,7 @@ pub struct FragmentFacts {
     pub full_quads: bool,
     pub writes_sample_mask: bool,
     pub writes_stencil_ref: bool,
-    /// Locations that it writes, a bit each.
+    /// Written locations, a bit each.
     pub color_mask: u32,
     /// It writes the second source of blending.
     pub dual_source: bool,

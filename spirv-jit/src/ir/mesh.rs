@@ -1,26 +1,26 @@
-//! Facts of task and mesh shaders: what lies where in the memory of their workgroups.
+//! Facts of task and mesh shaders: the layout of their workgroup memory.
 //!
-//! The text form of each is one word with points in it, as in [`super::interface`].
+//! The text form of each is one dotted word, as in [`super::interface`].
 
 use std::fmt;
 
 use super::interface::OutputRow;
 use super::tessellation::PatchWord;
 
-/// Vertices, and primitives, of a workgroup of a mesh shader, at most.
+/// Largest number of vertices, and of primitives, of a mesh shader's workgroup.
 pub const MAX_MESH_ELEMENTS: u32 = 1 << 10;
 
-/// Bytes of what workgroups report: three words, and as many that are unused, 16 bytes apart.
+/// Size of a workgroup's counts: three words, padded, 16 bytes apart.
 pub const COUNTS_BYTES: u32 = 32;
 
 /// The facts of a task or mesh shader. A workgroup's memory starts with the payload, which task
-/// shaders leave and mesh shaders find there.
+/// shaders write and mesh shaders read.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct MeshFacts {
     /// Bytes of the payload.
     pub payload_bytes: u32,
-    /// Where the workgroup's counts lie. Task: workgroups of mesh shaders in x, y and z; mesh:
-    /// vertices and primitives.
+    /// Offset of the workgroup's counts. Task: mesh workgroups in x, y and z; mesh: vertices and
+    /// primitives.
     pub counts_offset: u32,
     /// Mesh: vertices of a primitive.
     pub corners: u32,
@@ -28,7 +28,7 @@ pub struct MeshFacts {
     pub max_primitives: u32,
     /// Words of a vertex.
     pub vertices: Vec<PatchWord>,
-    /// Words of a primitive, the places of its vertices among them.
+    /// Words of a primitive, with its vertex indices.
     pub primitives: Vec<PatchWord>,
 }
 
@@ -39,7 +39,7 @@ impl MeshFacts {
         words.map(|word| word.row).collect()
     }
 
-    /// Whether all that it names lies in a workgroup's memory.
+    /// Whether everything is inside a workgroup's memory.
     pub fn fits(&self, is_mesh: bool, shared_size_bytes: u32) -> bool {
         let size = u64::from(shared_size_bytes);
         let is_inside = |words: &[PatchWord], count: u32| {
@@ -59,7 +59,7 @@ impl MeshFacts {
             && is_inside(&self.primitives, self.max_primitives)
     }
 
-    /// Notes one word of the text form; false if it is none.
+    /// Parses one word of the text form; false if it is invalid.
     pub fn set(&mut self, word: &str) -> bool {
         let Some((name, rest)) = word.split_once('.') else {
             return false;

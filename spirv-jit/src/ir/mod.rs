@@ -16,15 +16,14 @@
 //! ## Descriptors
 //!
 //! A `descriptor` is an entry of a bound set, the push constants, or the null descriptor. Only
-//! `descriptor`, `descriptor_at` and `push_constants` give one, and they check what they are given;
-//! only buffer accesses, image operations, `buffer_size` and `descriptor_address` take one. It is
-//! no scalar: it cannot be a constant, be computed, chosen, converted, stored, sent to another
-//! lane, be a parameter or a result, or leave a construct. So whatever a module says, what is
-//! followed as a descriptor is one. A descriptor may be used after a yield: nothing keeps it
-//! meanwhile, it is looked up again from what it was made of. What must be a value like any other
-//! (a pointer that is chosen or stored, an image that is an argument) is a *reference*: an i64 that
-//! any arithmetic may make, since `descriptor_at` checks it (see
-//! [`environment::reference`](crate::environment::reference)).
+//! `descriptor`, `descriptor_at` and `push_constants` produce one, and they check their operands.
+//! Only buffer accesses, image operations, `buffer_size` and `descriptor_address` use one. A
+//! descriptor is no scalar: it cannot be a constant, be computed, selected, converted, stored, sent
+//! to another lane, be a parameter or a result, or leave a construct. So a module can only follow
+//! real descriptors. A descriptor may be used after a yield. It is not saved, but looked up again
+//! from its operands. A descriptor that must be an ordinary value (a pointer that is selected or
+//! stored, an image argument) is a *reference*: an i64 that any arithmetic may produce, since
+//! `descriptor_at` checks it (see [`environment::reference`](crate::environment::reference)).
 //!
 //! ## Control flow
 //!
@@ -39,28 +38,28 @@
 //! ## Lanes and masks
 //!
 //! A lane that takes a `br` is *parked* at that label until every active lane of the wave has left
-//! the construct; then all lanes parked there go on together. This is the merge point, and it is
-//! explicit: reconvergence is maximal. `unreachable` parks lanes for ever, like `end` with all
-//! outputs zero. At a loop, the body runs again with the lanes that took the back-edge until there
-//! are none. `end(v…)` ends the invocation from any depth and any function; its operands are the
+//! the construct; then all lanes parked there continue together. This is the merge point, and it is
+//! explicit: reconvergence is maximal. `unreachable` parks lanes forever, like `end` with all
+//! outputs zero. A loop's body runs again with the lanes that took the back-edge, until there are
+//! none. `end(v…)` ends the invocation from any depth and any function; its operands are the
 //! invocation's output words. Operations have effects only in active lanes; pure operations may be
 //! computed in any lane.
 //!
 //! ## Quads and helper invocations
 //!
-//! Four consecutive lanes are a *quad*: in the fragment stage, and in compute shaders that ask for
-//! it, two by two neighbours in the order (0, 0), (1, 0), (0, 1), (1, 1). `derivative_x`,
-//! `derivative_y` and `subgroup.quad_shuffle` look at the other lanes of the quad; one that is not
-//! active there has no value, and counts as equal to the lane that asks. So these operations depend
-//! on where they stand: they are not pure.
+//! Four consecutive lanes are a *quad*. In the fragment stage, and in compute shaders that request
+//! it, these are two by two neighbors in the order (0, 0), (1, 0), (0, 1), (1, 1). `derivative_x`,
+//! `derivative_y` and `subgroup.quad_shuffle` read the other lanes of the quad. An inactive lane
+//! has no value and counts as equal to the reading lane. So these operations depend on their
+//! position and are not pure.
 //!
-//! A lane of the fragment stage may be a *helper invocation*, from its start or since it executed
-//! `demote`, which cannot be taken back. A helper executes everything: it computes, loads, walks,
-//! suspends, and has neighbours. But its stores (other than to `private` memory and variables), its
-//! atomics and its writes to images change nothing, its atomics give 0 (except atomic loads), and
-//! operations across the subgroup other than `quad_shuffle` leave it out, unless the module
-//! requires full quads or all active lanes of the subgroup are helpers. Its outputs are unused. A
-//! lane that is killed executes `demote`, then `unreachable`.
+//! A lane of the fragment stage may be a *helper invocation*, from its start or after it executes
+//! `demote`, which is permanent. A helper executes everything: it computes, loads, walks, suspends,
+//! and has neighbors. But its stores (other than to `private` memory and variables), its atomics
+//! and its image writes change nothing, and its atomics return 0 (except atomic loads). Subgroup
+//! operations other than `quad_shuffle` ignore it, unless the module requires full quads or all
+//! active lanes of the subgroup are helpers. Its outputs are unused. A killed lane executes
+//! `demote`, then `unreachable`.
 //!
 //! ## Arithmetic
 //!
@@ -73,7 +72,7 @@
 //!
 //! ## Memory
 //!
-//! [`Space`](op::Space) names where an access goes and what its address operands are:
+//! [`Space`](op::Space) names the memory of an access and its address operands:
 //!
 //! | space | address operands | meaning |
 //! |---|---|---|
@@ -84,10 +83,9 @@
 //! | `global` | `address: i64` | a device address, which is a host address: reads where the device has no memory give zero; each word of a load that is partly there may be zero |
 //!
 //! A load or store moves one or more consecutive scalars of one type, tightly packed (in `private`,
-//! consecutive rows), or in `shared` and `buffer` as many bytes apart as a `strided` one says.
-//! Booleans are not storable outside `private`. The row or offset of each scalar is computed modulo
-//! 2^32, in `buffer64` modulo 2^64: an access of several scalars is the same as one access for
-//! each, whatever the address.
+//! consecutive rows); `strided` ones in `shared` and `buffer` have a distance in bytes. Booleans
+//! are not storable outside `private`. The row or offset of each scalar is computed modulo 2^32, in
+//! `buffer64` modulo 2^64: an access of several scalars equals one access for each, at any address.
 //!
 //! A `constant` load is from a uniform block, which nothing writes during a dispatch: it may be
 //! performed once for all invocations.

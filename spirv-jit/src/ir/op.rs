@@ -1,4 +1,4 @@
-//! The table of operations: name, text, signature, effect. Everything else about operations is
+//! The table of operations: name, text, signature, effect. All other properties of operations are
 //! derived from it.
 
 use super::{FunctionId, VariableId};
@@ -9,7 +9,7 @@ pub use crate::types::{
 };
 pub use images::AtomicOp;
 
-/// Where a memory access goes: see the table in the [module's prose](super).
+/// The memory of an access: see the table in the [module's prose](super).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Space {
     Private,
@@ -35,7 +35,7 @@ impl Space {
     }
 }
 
-/// Words that one [`Op::Table`] gives.
+/// Largest number of words that one [`Op::Table`] returns.
 pub const MAX_TABLE_RESULTS: usize = 16;
 
 /// The shape of a pure operation's operands and result.
@@ -67,7 +67,7 @@ pub enum Signature {
     FloatTest,
     /// `(T) -> i32`, T float.
     FloatExponent,
-    /// `(A) -> B`: from what to what the name says, of any widths.
+    /// `(A) -> B`: the kinds of the name, of any widths.
     FloatToInt,
     IntToFloat,
     FloatToFloat,
@@ -213,16 +213,15 @@ macro_rules! elementwise_ops {
 enum Effect {
     /// Nothing, and the same operands give the same results anywhere in the invocation.
     Pure,
-    /// Looks at what may change.
+    /// Reads state that may change.
     Read,
-    /// Changes something, or orders changes.
+    /// Changes state, or orders changes.
     Change,
     /// Suspends the wave.
     Yield,
 }
 
-/// The other operations: `Variant(payload) "text" Effect`; in which rows an operation is all that
-/// its name says, and in which not.
+/// The other operations: `Variant(payload) "text" Effect`. `plain` rows have no payload.
 macro_rules! define_ops {
     ($(($variant:ident, $text:ident, $signature:ident))*) => {
         define_ops! {
@@ -243,11 +242,11 @@ macro_rules! define_ops {
             Pack64 "pack64" Pure;
             /// `(i64 | f64) -> (low: i32, high: i32)`.
             Unpack64 "unpack64" Pure;
-            /// `(descriptor) -> i32 | i64`: size in bytes of what a buffer descriptor covers,
+            /// `(descriptor) -> i32 | i64`: size in bytes of a buffer descriptor's range,
             /// saturated.
             BufferSize "buffer_size" Read;
-            /// `(reference: i64) -> descriptor`: what a reference names; the null descriptor for a
-            /// number that is none.
+            /// `(reference: i64) -> descriptor`: the descriptor of a reference; the null descriptor
+            /// for an invalid one.
             DescriptorAt "descriptor_at" Pure;
             /// `() -> descriptor`: the descriptor that covers the push constants.
             PushConstants "push_constants" Pure;
@@ -256,23 +255,24 @@ macro_rules! define_ops {
             DescriptorAddress "descriptor_address" Read;
             /// `() -> i32`: the lane's index in its subgroup, 0..16.
             LaneIndex "lane_index" Read;
-            /// `(T) -> T`, T float: the difference between the two lanes of the quad that are side
-            /// by side, second less first; 0 unless both are active.
+            /// `(T) -> T`, T float: the difference between the two horizontally adjacent lanes of
+            /// the quad, second less first; 0 unless both are active.
             DerivativeX "derivative_x" Read;
-            /// The same between the two lanes one above the other.
+            /// `(T) -> T`, T float: the same for the two vertically adjacent lanes.
             DerivativeY "derivative_y" Read;
             /// `() -> ()`: the lane becomes a helper invocation.
             Demote "demote" Change;
-            /// `(size: i32) -> i32`: room for an abort message of so many bytes; its place in the
-            /// buffer that [`ABORTS`](crate::environment::reference::ABORTS) names, or
-            /// [`NO_PLACE`](crate::abort::NO_PLACE), which helper invocations get.
+            /// `(size: i32) -> i32`: reserves an abort message of this size in bytes. Returns its
+            /// offset in the buffer of [`ABORTS`](crate::environment::reference::ABORTS), or
+            /// [`NO_PLACE`](crate::abort::NO_PLACE), also for helper invocations.
             AbortMessage "abort_message" Change;
-            /// `(place: i32) -> ()`: the message at a place is complete, and the device is to stop.
+            /// `(place: i32) -> ()`: the message at an offset is complete, and the device must
+            /// stop.
             Abort "abort" Change;
-            /// `(vertex: i32, starts: i32, words…) -> ()`: the outputs of the vertex of that
-            /// number, counted from 0, which the invocation emits; each word i32 or f32. `starts`:
-            /// 1 for the first vertex of a strip, else 0, plus twice the number of the stream. A
-            /// vertex past the module's maximum is dropped.
+            /// `(vertex: i32, starts: i32, words…) -> ()`: emits the outputs of a vertex, by its
+            /// index from 0; each word is i32 or f32. `starts`: 1 for the first vertex of a strip,
+            /// otherwise 0, plus twice the number of the stream. A vertex past the module's maximum
+            /// is dropped.
             Emit "emit" Change;
             /// `() -> i1`: whether the lane is a helper invocation now.
             IsHelper "is_helper" Read;
@@ -292,9 +292,9 @@ macro_rules! define_ops {
             ReorderThread "reorder_thread" Yield;
             /// `() -> ()`: waits for all invocations of the workgroup.
             Barrier "barrier" Yield;
-            /// `() -> ()`: says that the subgroup has come, and goes on.
+            /// `() -> ()`: records the subgroup's arrival and continues.
             BarrierArrive "barrier_arrive" Yield;
-            /// `() -> ()`: waits until each subgroup of the workgroup has come as often as this
+            /// `() -> ()`: waits until each subgroup of the workgroup has arrived as often as this
             /// one, or has ended.
             BarrierWait "barrier_wait" Yield;
             /// `(row: i32) -> i1`: advances the ray query whose object starts at that row of
@@ -316,7 +316,7 @@ macro_rules! define_ops {
             /// `(address…) -> (T, …)`: consecutive scalars of the results' type; `(address…,
             /// stride: i32)` if they are strided.
             Load(Access) "load" Read;
-            /// `(address…, T, …) -> ()`, with a stride as above.
+            /// `(address…, T, …) -> ()`, with a stride as for a load.
             Store(Access) "store" Change;
             /// `(address…, operand…) -> T`: returns the old value. Operands: none for load (result
             /// only), one for most, (value, comparator) for compare-exchange; `Store` has one
@@ -325,8 +325,8 @@ macro_rules! define_ops {
             /// `(index: i32) -> descriptor`: an entry of a binding; an index past the binding's end
             /// gives the null descriptor.
             Descriptor(DescriptorBinding) "descriptor" Pure;
-            /// `(index: i32) -> i64`: the [reference](crate::environment::reference) to what
-            /// `Descriptor` gives.
+            /// `(index: i32) -> i64`: the [reference](crate::environment::reference) to the
+            /// descriptor that `Descriptor` returns.
             DescriptorReference(DescriptorBinding) "descriptor_reference" Pure;
             /// `() -> i32 | f32`: a row of the invocation's input record
             /// ([`Module::inputs`](super::Module::inputs)).
@@ -341,9 +341,9 @@ macro_rules! define_ops {
             /// `(a…, b…, c…) -> (a·b + c…)`: a product of matrices, each value a row:
             /// see [`MatrixProduct`].
             MatrixProduct(MatrixProduct) "matrix_product" Read;
-            /// `(address…, stride: i32, vector…, sums…) -> (sums…)`: the product of a matrix at an
-            /// address, whose lines are so many bytes apart, and a vector; sums are operands where
-            /// the product adds: see [`VectorProduct`].
+            /// `(address…, stride: i32, vector…, sums…) -> (sums…)`: the product of a matrix in
+            /// memory, with a line stride in bytes, and a vector. Sums are operands if the product
+            /// adds: see [`VectorProduct`].
             VectorProduct(VectorProduct, Space) "vector_product" Read;
             /// `(key words…, argument words…) -> ()`: adds a message to the dispatch's
             /// [`Prints`](crate::printf::Prints). The table holds the
@@ -357,7 +357,7 @@ macro_rules! define_ops {
             /// or f32. To a hit object no closest-hit or miss shader runs, and the results begin
             /// with the words that [`TRACED`](crate::hit_object::TRACED) lists.
             TraceRay(Trace) "" Yield;
-            /// A fact that the scheduler has about a hit: `(9 words) -> (words…)`, see
+            /// A fact of the scheduler about a hit: `(9 words) -> (words…)`, see
             /// [`Fact`](crate::facts::Fact).
             HitObjectGet(Fact) "hit_object_get" Yield;
             }
@@ -371,7 +371,7 @@ macro_rules! define_ops {
         }
     ) => {
         /// An operation. The elementwise ones come from
-        /// [`elementwise_ops!`](crate::elementwise_ops); the rest say what they take.
+        /// [`elementwise_ops!`](crate::elementwise_ops); the others document their operands.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
         pub enum Op {
             $(#[doc = stringify!($text)] $variant,)*
@@ -408,7 +408,7 @@ macro_rules! define_ops {
                 }
             }
 
-            /// The operation of that name, if the name says everything.
+            /// The operation of a name, if it has no payload.
             pub fn from_text(text: &str) -> Option<Op> {
                 let mut traces = Trace::ALL.map(Op::TraceRay).into_iter();
                 match text {
@@ -422,7 +422,7 @@ macro_rules! define_ops {
 }
 elementwise_ops!(define_ops);
 
-/// A memory access beyond its operands.
+/// The properties of a memory access besides its operands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Access {
     pub space: Space,
@@ -433,16 +433,15 @@ pub struct Access {
     /// no other variable leads to it unless it is decorated with `Aliased` (SPIR-V, section
     /// 2.18.2).
     pub constant: bool,
-    /// log₂ of what a device address must be a multiple of, where that is to be checked; 0 asks
-    /// nothing.
+    /// log₂ of the required alignment of a device address, if it is checked; otherwise 0.
     pub alignment: u8,
-    /// The scalars are not consecutive, but as many bytes apart as an operand behind the address
-    /// says, an i32: in a buffer or workgroup memory.
+    /// The scalars are not consecutive: an i32 operand after the address is their distance in
+    /// bytes. Only in buffers and workgroup memory.
     pub is_strided: bool,
 }
 
 impl Access {
-    /// An access to memory that no other invocation uses, and that needs no alignment.
+    /// An access to private memory, without alignment.
     pub fn plain(space: Space) -> Self {
         Self {
             space,
@@ -459,7 +458,7 @@ impl Access {
     }
 }
 
-/// Which descriptors an [`Op::Descriptor`] or [`Op::DescriptorReference`] indexes.
+/// The descriptors that an [`Op::Descriptor`] or [`Op::DescriptorReference`] indexes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct DescriptorBinding {
     /// Set number.
@@ -536,9 +535,8 @@ impl Op {
         self.effect() == Effect::Yield
     }
 
-    /// Has no effect but its results and gives the same ones for the same operands anywhere in the
-    /// invocation: may be merged, moved to a dominating place, computed in inactive lanes, or
-    /// removed.
+    /// Has no effect except its results, which depend only on the operands: it may be merged, moved
+    /// to a dominating position, computed in inactive lanes, or removed.
     pub fn is_pure(&self) -> bool {
         self.effect() == Effect::Pure
     }
@@ -552,7 +550,7 @@ impl Op {
         }
     }
 
-    /// How many operands are descriptors: the first ones. No other operation takes any.
+    /// The number of descriptor operands, which come first.
     pub fn descriptor_operands(&self) -> usize {
         match self {
             Op::Load(access) | Op::Store(access) | Op::Atomic(_, access) => {
@@ -565,7 +563,7 @@ impl Op {
         }
     }
 
-    /// Gives a descriptor. No other operation does.
+    /// Whether the operation returns a descriptor.
     pub fn gives_descriptor(&self) -> bool {
         matches!(
             self,

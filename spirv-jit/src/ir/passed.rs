@@ -1,5 +1,5 @@
-//! Programs that compute nothing: each of their outputs is a constant or a row of their inputs. The
-//! outputs can be computed without running the program.
+//! Pass-through programs: each output is a constant or an input row. The outputs can be computed
+//! without running the program.
 
 #![forbid(unsafe_code)]
 
@@ -8,7 +8,7 @@ use std::collections::HashMap;
 use super::module::{Module, Node, Terminator};
 use super::{Op, Value};
 
-/// The source of an output that is not computed.
+/// The source of a passed output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Passed {
     Constant(u32),
@@ -16,7 +16,7 @@ pub enum Passed {
     Input(u32),
 }
 
-/// Each output of a module that computes nothing.
+/// The outputs of a pass-through module.
 pub fn passed(module: &Module) -> Option<Vec<Passed>> {
     let body = &module.functions.first()?.body;
     let mut known: HashMap<Value, Passed> = HashMap::new();

@@ -1,10 +1,10 @@
-//! Shader stages, and what each invocation is given.
+//! Shader stages and the inputs of their invocations.
 
 #![forbid(unsafe_code)]
 
 use crate::facts::Fact;
 
-/// Shader stages (SPIR-V execution models) that exist.
+/// The supported shader stages (SPIR-V execution models).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Stage {
     Compute,
@@ -24,13 +24,13 @@ pub enum Stage {
 }
 
 impl Stage {
-    /// Whether invocations are those of workgroups of the shader's own size.
+    /// Whether invocations form workgroups of the shader's size.
     pub fn has_workgroups(self) -> bool {
         matches!(self, Stage::Compute | Stage::Task | Stage::Mesh)
     }
 
-    /// The input words, each a whole number, that tell the stage's invocations apart and sort them,
-    /// the most significant first; of positions the whole part.
+    /// The integer input words that identify and sort the stage's invocations, the most significant
+    /// first. Positions use the integral part.
     pub fn key(self) -> &'static [(Builtin, u8)] {
         use Builtin::*;
         match self {
@@ -52,7 +52,7 @@ impl Stage {
                 (GlobalInvocationId, 1),
                 (GlobalInvocationId, 0),
             ],
-            // Samples of a pixel that are shaded apart differ in their masks.
+            // Samples of a pixel that are shaded separately differ in their masks.
             Stage::Fragment => &[
                 (AttachmentLayer, 0),
                 (FragCoord, 1),
@@ -97,8 +97,8 @@ fn in_draw(mut name: String, draw: &u32, view: &u32) -> String {
     name
 }
 
-/// Built-in inputs that arrive per lane in the input record. 32-bit words each; vectors and
-/// matrices (column-major) by component.
+/// Built-in inputs in the input record of each lane, as 32-bit words; vectors and matrices
+/// (column-major) by component.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Builtin {
     /// 3 words.
@@ -193,7 +193,7 @@ pub enum Builtin {
 }
 
 impl Builtin {
-    /// Words of the input record that it has.
+    /// Number of words in the input record.
     pub fn words(self) -> u8 {
         match self {
             Builtin::ObjectToWorld | Builtin::WorldToObject => 12,
@@ -218,8 +218,7 @@ impl Builtin {
         }
     }
 
-    /// The fact that a built-in of hit shaders is, in the words of which it has as many as it
-    /// needs.
+    /// The fact of a built-in of hit shaders, which has as many words as it needs.
     pub fn fact(self) -> Option<Fact> {
         Some(match self {
             Builtin::PrimitiveId => Fact::PrimitiveIndex,

@@ -1,7 +1,7 @@
-//! Facts of tessellation shaders: how patches are subdivided, and where the values of a patch lie
-//! in the memory of a control shader.
+//! Facts of tessellation shaders: the subdivision of patches, and the layout of a patch in the
+//! memory of a control shader.
 //!
-//! The text form of each is one word with points in it, as in [`super::interface`].
+//! The text form of each is one dotted word, as in [`super::interface`].
 
 use std::fmt;
 
@@ -27,7 +27,7 @@ pub enum Spacing {
     FractionalOdd,
 }
 
-/// Modes that either tessellation shader may give.
+/// Modes that either tessellation shader may declare.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct TessellationModes {
     pub domain: Option<Domain>,
@@ -38,7 +38,7 @@ pub struct TessellationModes {
 }
 
 impl TessellationModes {
-    /// These modes, and those of the other stage where there are none.
+    /// These modes, with missing ones from the other stage.
     pub fn or(self, other: Self) -> Self {
         Self {
             domain: self.domain.or(other.domain),
@@ -49,7 +49,7 @@ impl TessellationModes {
     }
 }
 
-/// How a word of the interface lies in memory.
+/// The memory form of an interface word.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Width {
     Word,
@@ -75,7 +75,7 @@ impl Width {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct PatchWord {
     pub row: OutputRow,
-    /// Where the first vertex's (or primitive's) lies, or the only one of a patch.
+    /// Offset of the word of the first vertex (or primitive), or of the patch.
     pub offset_bytes: u32,
     /// Bytes between the words of vertices; 0 for a word of the whole patch.
     pub stride_bytes: u32,
@@ -83,7 +83,7 @@ pub struct PatchWord {
 }
 
 impl PatchWord {
-    /// One past the last byte, where so many vertices have it.
+    /// One past the last byte for this number of vertices.
     pub fn end(&self, vertices: u32) -> u64 {
         let last = u64::from(vertices.max(1) - 1) * u64::from(self.stride_bytes);
         u64::from(self.offset_bytes) + last + u64::from(self.width.size_bytes())
@@ -105,8 +105,7 @@ pub struct ControlFacts {
 }
 
 impl ControlFacts {
-    /// Patches whose values lie one behind the other in a workgroup's memory: those that one
-    /// subgroup runs.
+    /// Number of consecutive patches in a workgroup's memory, which one subgroup runs.
     pub fn patches(&self) -> u32 {
         (SUBGROUP_SIZE as u32 / self.vertices.max(1)).max(1)
     }
@@ -116,7 +115,7 @@ impl ControlFacts {
         self.vertices.div_ceil(SUBGROUP_SIZE as u32).max(1)
     }
 
-    /// Whether all that it names lies in the memory of a patch.
+    /// Whether everything is inside the memory of a patch.
     pub fn fits(&self, shared_size_bytes: u32) -> bool {
         let is_inside = |word: &PatchWord, vertices| word.end(vertices) <= self.patch_bytes.into();
         let all = u64::from(self.patch_bytes) * u64::from(self.patches());
@@ -206,7 +205,7 @@ impl fmt::Display for TessellationFacts {
 }
 
 impl TessellationFacts {
-    /// Notes one word of the text form; false if it is none.
+    /// Parses one word of the text form; false if it is invalid.
     pub fn set(&mut self, word: &str) -> bool {
         let modes = &mut self.modes;
         match word {

@@ -1,4 +1,4 @@
-//! Programs that only sample one image, once, and multiply the texel: textured triangles and the
+//! Programs that only sample one image, once, and multiply the texel, as for textured triangles and
 //! boxes of user interfaces. The outputs can be computed from the inputs and the sample without
 //! running the program.
 
@@ -30,7 +30,7 @@ pub struct Tinted {
     /// Rows of inputs.
     pub coordinates: [u32; 2],
     pub outputs: Vec<Tint>,
-    /// A bit per component of the texel that is used.
+    /// A bit for each used component of the texel.
     pub wanted: u8,
 }
 
@@ -40,7 +40,7 @@ pub enum Tint {
     Passed(Passed),
     /// A component of the texel.
     Texel(u8),
-    /// It, multiplied.
+    /// A component of the texel, multiplied.
     Product(u8, Passed),
 }
 
@@ -53,7 +53,7 @@ enum ValueOrigin {
     Slope(usize, Value),
 }
 
-/// The description of a module, if it does nothing else.
+/// The description of a module, if it is such a program.
 pub fn tinted(module: &Module) -> Option<Tinted> {
     let body = &module.functions.first()?.body;
     let mut analysis = TintAnalysis::default();

@@ -1,5 +1,5 @@
-//! The verifier: what every module must satisfy between passes. A module that passes here can be
-//! printed, parsed, optimised and run without further checks.
+//! The verifier: the rules for every module between passes. A verified module can be printed,
+//! parsed, optimized and run without further checks.
 
 use super::interface::{GeometryFacts, VaryingMode, VaryingPlace};
 use super::signature::check_operation;
@@ -11,30 +11,30 @@ use super::{
 use crate::ir::stage::Stage;
 use crate::query::QueryWord;
 
-/// Invocations of a workgroup, at most.
+/// Largest number of invocations of a workgroup.
 pub const MAX_INVOCATIONS: u64 = 1 << 10;
 
-/// Workgroup memory in bytes; devices' limits are below.
+/// Largest workgroup memory in bytes, above the devices' limits.
 pub const MAX_SHARED_BYTES: u32 = 1 << 24;
 
-/// Words of a location: a vertex attribute of four components of 64 bits has so many.
+/// Largest number of words of a location: a vertex attribute with four components of 64 bits.
 const MAX_LOCATION_WORDS: u8 = 8;
 
-/// Words that an invocation may leave.
+/// Largest number of output words of an invocation.
 const MAX_OUTPUT_ROWS: u32 = 1 << 15;
 
 /// Rows of emitted vertices.
 const MAX_EMITTED_ROWS: u64 = 1 << 15;
 
-/// Invocations of a geometry shader for each primitive, at most.
+/// Largest number of geometry shader invocations for each primitive.
 pub const MAX_GEOMETRY_INVOCATIONS: u32 = 127;
 
-/// Checks a module against the rules of the [module's prose](super): types by operation,
-/// descriptors where they may be, visibility of values, labels that enclose their `br`,
-/// terminators, bounds of variables, what the stage has, no recursion.
+/// Checks a module against the rules of the [module's prose](super): types of operations, uses of
+/// descriptors, visibility of values, labels that enclose their `br`, terminators, bounds of
+/// variables, features of the stage, and no recursion.
 ///
 /// # Errors
-/// One sentence that names the function, the place and the rule.
+/// One sentence with the function, the position and the rule.
 pub fn verify(module: &Module) -> Result<(), String> {
     let Some(entry) = module.functions.first() else {
         return Err("a module without an entry function".into());
@@ -111,7 +111,7 @@ pub fn verify(module: &Module) -> Result<(), String> {
     check_call_graph(module)
 }
 
-/// The expectation of a `br` to a label.
+/// The requirements for a `br` to a label.
 #[derive(Clone)]
 enum Target<'a> {
     Unused,
@@ -126,9 +126,9 @@ struct Verifier<'a> {
     is_entry: bool,
     /// Values that may be used here.
     visible: Vec<bool>,
-    /// Values that have a definition somewhere before.
+    /// Values with an earlier definition.
     defined: Vec<bool>,
-    /// The visible values in order of definition: a body's end truncates it.
+    /// The visible values in order of definition, truncated at a body's end.
     scope: Vec<Value>,
     labels: Vec<Target<'a>>,
 }
@@ -158,7 +158,7 @@ impl<'a> Verifier<'a> {
         values.iter().try_for_each(|&value| self.define(value))
     }
 
-    /// Parameters, and results of constructs: anything but descriptors.
+    /// Parameters and results of constructs, which may be anything except descriptors.
     fn define_passed(&mut self, values: &[Value]) -> Result<(), String> {
         self.define_all(values)?;
         match values.iter().find(|&&v| self.ty(v) == Type::Descriptor) {
@@ -198,7 +198,7 @@ impl<'a> Verifier<'a> {
     }
 
     fn check_body(&mut self, body: &'a Body) -> Result<(), String> {
-        // How much was visible before each open body.
+        // The number of visible values before each open body.
         let mut outside = vec![self.scope.len()];
         for step in body.steps() {
             match step {
@@ -254,7 +254,7 @@ impl<'a> Verifier<'a> {
         }
     }
 
-    /// Hides the values that were defined since the scope had that length.
+    /// Hides the values defined since the scope had this length.
     fn leave(&mut self, length: usize) {
         for value in self.scope.drain(length..) {
             self.visible[value.index()] = false;
@@ -353,7 +353,7 @@ impl<'a> Verifier<'a> {
     }
 }
 
-/// A geometry shader takes primitives that there are, and its vertices fit in memory.
+/// A geometry shader must take existing primitives, and its vertices must fit in memory.
 fn check_geometry(facts: &GeometryFacts, outputs: usize) -> Result<(), String> {
     let rows = (u64::from(facts.max_vertices) + 1).saturating_mul(outputs as u64 + 1);
     let fits = matches!(facts.vertices, 1 | 2 | 3 | 4 | 6)
@@ -365,8 +365,8 @@ fn check_geometry(facts: &GeometryFacts, outputs: usize) -> Result<(), String> {
     }
 }
 
-/// Input rows and words of ray queries are such that there are; rows that the rasterizer fills are
-/// in its stages alone.
+/// Input rows and words of ray queries must exist; rows from the rasterizer are allowed only in its
+/// stages.
 fn check_inputs(module: &Module) -> Result<(), String> {
     let fits = module.inputs.iter().all(|row| match row {
         InputRow::Builtin(builtin, word) => *word < builtin.words(),
@@ -412,7 +412,7 @@ fn check_inputs(module: &Module) -> Result<(), String> {
             is_known && (!is_at_location || varying.component < MAX_LOCATION_WORDS)
         }
         InputRow::Barycentric(it) => module.stage == Stage::Fragment && it.vertex < 3,
-        // Past the end of what the caller has they are zero.
+        // Words past the caller's end are zero.
         InputRow::Payload(_) | InputRow::HitAttribute(_) | InputRow::CallableData(_) => true,
     });
     if !fits {
@@ -425,13 +425,12 @@ fn check_inputs(module: &Module) -> Result<(), String> {
     }
 }
 
-/// Whether invocations of the stage are a workgroup, with its memory and barriers.
+/// Whether invocations of the stage form a workgroup, with memory and barriers.
 fn has_shared(stage: Stage) -> bool {
     stage.has_workgroups() || stage == Stage::TessellationControl
 }
 
-/// Checks that the scheduler of the stage's programs can answer the operation, and that they have
-/// its memory.
+/// Checks that the stage's scheduler can answer the operation, and that the stage has its memory.
 fn check_stage(stage: Stage, op: &Op) -> Result<(), String> {
     let traces = matches!(
         stage,
@@ -475,7 +474,7 @@ fn describe(function: &Function, inst: &Inst, message: &str) -> String {
     )
 }
 
-/// Shaders cannot recurse: frames are static.
+/// Shaders cannot recurse, because frames are static.
 fn check_call_graph(module: &Module) -> Result<(), String> {
     let callees: Vec<Vec<FunctionId>> = module.functions.iter().map(called_functions).collect();
     #[derive(Clone, Copy, PartialEq)]

@@ -1,11 +1,10 @@
-//! The walks over the tree of bodies: every analysis and pass that looks at instructions goes by
-//! these. None of them recurses: a module chooses how deeply constructs are nested, and the stack
-//! of a thread is small.
+//! Walks over the tree of bodies, for every analysis and pass. None of them recurses, because a
+//! module chooses the nesting depth and the stack of a thread is small.
 
 use super::build::{BodyBuilder, Ended};
 use super::{Body, Inst, Label, Node, Terminator, Value};
 
-/// The next step on the way through a body and those inside.
+/// A step of the walk through a body and its nested bodies.
 #[derive(Clone, Copy)]
 pub enum Step<'b> {
     Inst(&'b Inst),
@@ -13,35 +12,34 @@ pub enum Step<'b> {
     Open(&'b Node),
     /// An `if` between its bodies.
     Else(&'b Node),
-    /// The end of a body: all of its nodes have been passed.
+    /// The end of a body, after all its nodes.
     End(&'b Body),
     /// A construct, after its last body.
     Close(&'b Node),
 }
 
-/// A walk in the order of the text. The caller keeps what belongs to the open constructs on a stack
-/// of its own.
+/// A walk in textual order. The caller keeps the data of open constructs on its own stack.
 pub struct Steps<'b> {
     open: Vec<OpenBody<'b>>,
 }
 
 struct OpenBody<'b> {
     body: &'b Body,
-    /// Index of the node that comes next; at the number of nodes comes the end, and behind that the
-    /// construct goes on.
+    /// Index of the next node. At the number of nodes comes the end, and after that the construct
+    /// continues.
     next: usize,
-    /// The construct that it is in; `None` at the root.
+    /// The construct of the body; `None` at the root.
     construct: Option<&'b Node>,
     is_second: bool,
 }
 
 impl<'b> Steps<'b> {
-    /// Leaves the construct out whose [`Step::Open`] came last: none of its other steps come.
+    /// Skips the remaining steps of the construct whose [`Step::Open`] came last.
     pub fn skip_construct(&mut self) {
         self.open.pop();
     }
 
-    /// Skips the rest of the innermost open body, its [`Step::End`] included.
+    /// Skips the rest of the innermost open body, with its [`Step::End`].
     pub fn skip_rest(&mut self) {
         if let Some(open) = self.open.last_mut() {
             open.next = open.body.nodes.len() + 1;
@@ -217,7 +215,7 @@ impl Node {
 }
 
 impl Terminator {
-    /// The values that it passes on.
+    /// The values that the terminator passes.
     pub fn operands(&self) -> &[Value] {
         match self {
             Terminator::Br(_, args) | Terminator::Return(args) | Terminator::End(args) => args,
@@ -235,7 +233,7 @@ impl Terminator {
 }
 
 impl Body {
-    /// The way through this body and those inside.
+    /// The walk through this body and its nested bodies.
     pub fn steps(&self) -> Steps<'_> {
         Steps {
             open: vec![OpenBody {
@@ -247,7 +245,7 @@ impl Body {
         }
     }
 
-    /// The nodes of this body and of nested ones, each before its content.
+    /// The nodes of this body and of nested ones, in pre-order.
     pub fn visit<'b>(&'b self, f: &mut impl FnMut(&'b Node)) {
         let mut open = vec![self.nodes.iter()];
         while let Some(nodes) = open.last_mut() {
@@ -326,7 +324,7 @@ impl Body {
     }
 }
 
-/// A body that leads nowhere.
+/// An empty body that ends in `unreachable`.
 impl Default for Body {
     fn default() -> Self {
         Self {
@@ -336,7 +334,7 @@ impl Default for Body {
     }
 }
 
-/// Bodies inside are taken out before they are dropped.
+/// Nested bodies are taken out before the drop, to avoid recursion.
 impl Drop for Body {
     fn drop(&mut self) {
         let mut lists: Vec<Vec<Node>> = Vec::new();

@@ -1,7 +1,6 @@
-//! Compute shaders whose invocations cannot tell which others are in their subgroup: their
-//! subgroups may be filled with several small workgroups. And compute shaders whose workgroups may
-//! wait for each other: each of their workgroups runs by itself. And shaders whose lanes look at
-//! other lanes at all.
+//! Analyses of compute shaders. If invocations cannot observe the other invocations of their
+//! subgroup, several small workgroups may fill a subgroup. If workgroups may wait for each other,
+//! each runs by itself. The last analysis finds shaders whose lanes read other lanes.
 
 #![forbid(unsafe_code)]
 
@@ -12,10 +11,10 @@ use super::op::{AtomicOp, Space};
 use super::stage::{Builtin, Stage};
 use super::{Body, Function, Inst, Op, Step};
 
-/// Whether invocations of different workgroups may share a subgroup: they look at no other lane,
-/// share nothing that a workgroup has one of, and never wait for each other. Lanes of a subgroup go
-/// through loops together, so that one that waits for another there would wait for ever, where a
-/// subgroup that waits for another does not.
+/// Whether invocations of different workgroups may share a subgroup: they read no other lane, use
+/// no state of a workgroup, and never wait for each other. Lanes of a subgroup run loops together,
+/// so a lane that waits for another one would wait forever, while a subgroup that waits for another
+/// one would not.
 pub fn may_share_subgroups(module: &Module) -> bool {
     let sees_subgroups = |input: &InputRow| {
         matches!(
@@ -53,8 +52,8 @@ fn sees_others(inst: &Inst) -> bool {
     )
 }
 
-/// Whether lanes look at other lanes: by derivatives, those that samples take themselves included,
-/// or as subgroups do.
+/// Whether lanes read other lanes: through derivatives, also implicit ones of samples, or subgroup
+/// operations.
 pub fn looks_at_lanes(module: &Module) -> bool {
     let looks = |inst: &Inst| sees_others(inst) || takes_derivatives(inst);
     (module.functions.iter()).any(|function| has(&function.body, looks))
@@ -71,7 +70,7 @@ fn takes_derivatives(inst: &Inst) -> bool {
     is_sampled && matches!(op.lod, LodMode::Implicit | LodMode::Bias)
 }
 
-/// Whether a loop, or a body that may be in one, looks at what others change meanwhile.
+/// Whether a loop, or a body that may be in one, reads state that others change meanwhile.
 fn may_wait(body: &Body, in_loop: bool) -> bool {
     let mut loops = usize::from(in_loop);
     body.steps().any(|step| {
@@ -85,7 +84,7 @@ fn may_wait(body: &Body, in_loop: bool) -> bool {
     })
 }
 
-/// Whether others' writes are seen here, if the shader waits for one.
+/// Whether a wait in the shader can observe others' writes here.
 fn sees_changes(inst: &Inst) -> bool {
     match inst.op {
         Op::Load(access) => access.volatile,
@@ -96,9 +95,9 @@ fn sees_changes(inst: &Inst) -> bool {
     }
 }
 
-/// Whether a workgroup may wait in a loop until another one has done something. A loop sees that by
-/// atomics whose results are used, by volatile loads, by loads from images that shaders write, or
-/// by any load where memory barriers are that belong to no barrier of the workgroup.
+/// Whether a workgroup may wait in a loop for another one. A loop can observe another workgroup
+/// through atomics with used results, volatile loads, loads from written images, or any load if
+/// there are memory barriers that belong to no workgroup barrier.
 pub fn may_wait_for_workgroups(module: &Module) -> bool {
     let writes_images = (module.functions.iter()).any(|function| has(&function.body, writes_image));
     (module.functions.iter().enumerate()).any(|(index, function)| {
@@ -118,7 +117,7 @@ fn waits_in_loop(function: &Function, in_loop: bool, writes_images: bool) -> boo
         .visit_operands(&mut |value| used[value.index()] = true);
     let mut rest = vec![(&function.body, in_loop)];
     while let Some((body, in_loop)) = rest.pop() {
-        // Nothing but memory barriers comes before a barrier of the workgroup.
+        // Only memory barriers precede a barrier of the workgroup.
         let mut leads_to_barrier = false;
         for node in body.nodes.iter().rev() {
             match node {
@@ -158,7 +157,7 @@ fn is_barrier(op: Op) -> bool {
     matches!(op, Op::Barrier | Op::BarrierArrive | Op::BarrierWait)
 }
 
-/// Whether several workgroups have this memory in common.
+/// Whether several workgroups share this memory.
 fn is_between(space: Space) -> bool {
     matches!(space, Space::Buffer | Space::Buffer64 | Space::Global)
 }

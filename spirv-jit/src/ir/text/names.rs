@@ -1,5 +1,4 @@
-//! The words of the text form for everything that is an enumeration. One table each, read in both
-//! directions.
+//! The words of the text form for enumerations: a table each, used in both directions.
 
 use images::{Dim, LodMode};
 
@@ -92,7 +91,7 @@ pub fn product_text(product: &MatrixProduct) -> String {
     format!("{a}, {b}, {sum}{saturates}")
 }
 
-/// The inverse of [`product_text`], the words taken apart.
+/// The inverse of [`product_text`], for split words.
 pub fn product_from_text(words: &[&str]) -> Option<MatrixProduct> {
     let (&[a, b, sum], rest) = words.split_first_chunk::<3>()?;
     Some(MatrixProduct {
@@ -119,7 +118,7 @@ pub fn vector_product_text(product: &VectorProduct) -> String {
     format!("{matrix}, {vector}, {sum}{by_columns}{adds}")
 }
 
-/// The inverse of [`vector_product_text`], the words taken apart.
+/// The inverse of [`vector_product_text`], for split words.
 pub fn vector_product_from_text(words: &[&str]) -> Option<VectorProduct> {
     let (&[matrix, vector, sum], rest) = words.split_first_chunk::<3>()?;
     let (by_columns, adds) = match rest {
@@ -163,7 +162,7 @@ pub fn subgroup_text(op: SubgroupOp) -> (&'static str, String) {
     }
 }
 
-/// The inverse of [`subgroup_text`], the brackets' words taken apart.
+/// The inverse of [`subgroup_text`], for split words of the brackets.
 pub fn subgroup_from_text(name: &str, words: &[&str]) -> Option<SubgroupOp> {
     let plain = |op| words.is_empty().then_some(op);
     let scan = || match words {

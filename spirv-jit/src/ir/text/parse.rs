@@ -1,5 +1,5 @@
-//! Text to module. What it accepts is well-formed text, not a valid module: see
-//! [`verify`](crate::ir::verify::verify).
+//! Parses a module. The result is well-formed, but only [`verify`](crate::ir::verify::verify)
+//! checks its validity.
 
 use images::{Format, ImageOp, ImageOpKind};
 use smallvec::SmallVec;
@@ -16,10 +16,10 @@ use crate::ir::{
 };
 use crate::query::QueryWord;
 
-/// Reads the text form of a module.
+/// Parses the text form of a module.
 ///
 /// # Errors
-/// The line, and the token that was expected there.
+/// The line, and the expected token.
 pub fn parse_module(text: &str) -> Result<Module, String> {
     let mut parser = Parser::new(text)?;
     parser
@@ -27,7 +27,7 @@ pub fn parse_module(text: &str) -> Result<Module, String> {
         .map_err(|message| format!("line {}: {message}", parser.line()))
 }
 
-/// Reads an operation that is no constant: the inverse of [`print_op`](super::print_op).
+/// Parses an operation other than a constant: the inverse of [`print_op`](super::print_op).
 ///
 /// # Errors
 /// As [`parse_module`].
@@ -41,7 +41,7 @@ pub fn parse_op(text: &str) -> Result<Op, String> {
 enum Token<'a> {
     /// A word or a number: letters, digits, `_`, `.`, a leading `-`.
     Word(&'a str),
-    /// Between quotes, escapes still in it.
+    /// A quoted text, with its escapes.
     Quoted(&'a str),
     Sign(char),
 }
@@ -50,7 +50,7 @@ struct Parser<'a> {
     /// Tokens with their lines.
     tokens: Vec<(Token<'a>, usize)>,
     next: usize,
-    /// Of the function being read: types that were given.
+    /// The types of the current function's values.
     types: Vec<Option<Type>>,
     labels: u32,
 }
@@ -404,7 +404,7 @@ impl<'a> Parser<'a> {
             name,
             params,
             results,
-            // A number that was skipped is a value of no instruction.
+            // A skipped number belongs to a value without an instruction.
             value_types: self
                 .types
                 .iter()

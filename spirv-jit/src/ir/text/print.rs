@@ -1,4 +1,4 @@
-//! Module to text.
+//! Prints a module.
 
 use std::fmt::Write;
 
@@ -12,7 +12,8 @@ use crate::ir::{
 };
 use crate::query::QueryWord;
 
-/// Levels that lines are indented by, at most: else text would grow with the square of the nesting.
+/// Largest indentation in levels, because otherwise the text would grow with the square of the
+/// nesting.
 const MAX_INDENT: usize = 40;
 
 /// The text form of a module before its functions.
@@ -99,7 +100,7 @@ fn query_word_text(word: &QueryWord) -> String {
     format!("{of}.{}.{}", word.fact.text(), word.component)
 }
 
-/// A string in quotes, with the few characters escaped that would end it or the line.
+/// A quoted string, with escapes for the characters that would end the string or the line.
 fn quoted(name: &str) -> String {
     let mut text = String::from("\"");
     for character in name.chars() {
@@ -117,7 +118,7 @@ struct Printer<'a> {
     text: &'a mut String,
     indent: usize,
     seen_values: Vec<bool>,
-    /// One more than the greatest label printed.
+    /// One more than the largest printed label.
     label_count: u32,
 }
 
@@ -319,7 +320,7 @@ fn in_parentheses(values: &[Value]) -> String {
     format!("({})", list(values))
 }
 
-/// A constant's number, and its value as a comment where the number is bits.
+/// A constant's number, with its value as a comment if the number is a bit pattern.
 fn constant_text(bits: u64, ty: Type) -> (String, String) {
     let width = ty.bits();
     let unused = 64 - width;
@@ -359,8 +360,7 @@ fn access_text(access: &Access) -> String {
     format!("{space}{strided}{aligned}{constant}{volatile}")
 }
 
-/// The text form of an operation with what stands in its brackets, but without operands and the
-/// bits of constants.
+/// The text form of an operation with its brackets, but without operands and the bits of constants.
 pub fn print_op(op: &Op) -> String {
     let name = op.text();
     match op {
