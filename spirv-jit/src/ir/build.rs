@@ -34,7 +34,7 @@ impl BodyBuilder {
         self.nodes.push(node);
     }
 
-    /// Begins a construct. Its bodies come next and replace those of `node`.
+    /// Begins a construct. Its bodies come next and replace those of `construct`.
     pub fn open(&mut self, construct: Node) {
         self.open.push(OpenConstruct {
             construct,

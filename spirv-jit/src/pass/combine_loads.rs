@@ -1,11 +1,11 @@
 //! Combines loads of neighbouring memory: members of a record that are read by separate loads
 //! are found and checked together.
 //!
-//! Only loads of one body between which nothing is written, no access is ordered and no construct
-//! stands: the lanes and the memory are those of the first load, where the combined one is
-//! performed. It reads from the first byte to the last that the separate loads read, and scalars of
-//! the same widths, so that each is inside its buffer or outside as before, and wraps as before.
-//! But scalars of 64 bits at device addresses may be read as two words.
+//! Only loads of one body are combined, with no writes, ordered accesses or constructs between
+//! them. So the lanes and the memory are those of the first load, at which the combined load is
+//! performed. It reads from the first byte to the last of the separate loads, in scalars of the
+//! same widths, so that each scalar is inside or outside of its buffer, and wraps, as before.
+//! Scalars of 64 bits at device addresses may be read as two words.
 
 use foldhash::HashMap;
 use smallvec::{SmallVec, smallvec};
@@ -15,12 +15,12 @@ use super::effects::Effects;
 use crate::ir::op::Access;
 use crate::ir::{Body, Function, Inst, Node, Op, Space, Type, Value};
 
-/// Bytes of a combined load, at most: those that are loaded for several lanes together.
+/// Largest size of a combined load: the size that is loaded for several lanes together.
 const MAX_BYTES: i64 = 16;
 
 const WORD_BYTES: i64 = 4;
 
-/// Combines loads; whether there were any to combine.
+/// Combines loads. Returns whether it combined any.
 pub fn combine_loads(function: &mut Function) -> bool {
     let mut body = std::mem::take(&mut function.body);
     let mut combiner = Combiner {
@@ -38,7 +38,7 @@ pub fn combine_loads(function: &mut Function) -> bool {
     has_combined
 }
 
-/// A multiple of a value, and a constant, modulo the width; without a base only the constant.
+/// A multiple of a value plus a constant, modulo the width; without a base only the constant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Linear {
     base: Option<Value>,
@@ -49,10 +49,10 @@ struct Linear {
 /// Facts about a value.
 #[derive(Clone, Copy, Default)]
 struct ValueFacts {
-    /// How many instructions stand before the one that gives it; 0 for results and parameters of
+    /// The number of instructions before its definition; 0 for results and parameters of
     /// constructs.
     place: u32,
-    /// Of an integer: how it is made, where that says more than the value itself.
+    /// The computation of an integer, if it is a multiple or a sum.
     linear: Option<Linear>,
 }
 
@@ -64,7 +64,7 @@ struct Family {
     descriptor: Option<Value>,
     base: Option<Value>,
     factor: u64,
-    /// The type of scalars that are combined only with scalars of that type; `None` for words.
+    /// The scalar type, which must be equal; `None` for words, which combine with all words.
     ty: Option<Type>,
 }
 
@@ -86,7 +86,7 @@ impl Candidate {
     }
 }
 
-/// Loads to make one.
+/// Loads to combine.
 struct Group {
     /// In order of address.
     loads: Vec<Candidate>,
@@ -98,12 +98,12 @@ struct Group {
 struct Loads {
     /// The constant of the first one's address.
     constant: u64,
-    /// As [`Family`] has it.
+    /// As in [`Family`].
     ty: Option<Type>,
     loads: Vec<Candidate>,
 }
 
-/// The loads of a stretch of instructions between which they may move.
+/// The loads of a stretch of instructions within which loads may move.
 #[derive(Default)]
 struct Stretch {
     indices: HashMap<Family, usize>,
@@ -114,16 +114,16 @@ struct Stretch {
 struct Combiner<'a> {
     function: &'a mut Function,
     known: Vec<ValueFacts>,
-    /// How many were visited.
+    /// The number of visited instructions.
     instructions: u32,
     has_combined: bool,
     stretch: Stretch,
     here: Here,
-    /// The same of the bodies around.
+    /// The states of the enclosing bodies.
     outer: Vec<Here>,
 }
 
-/// A body that is looked at.
+/// The state of a body.
 #[derive(Default)]
 struct Here {
     /// Nodes so far.
@@ -167,7 +167,7 @@ impl Edit for Combiner<'_> {
 }
 
 impl Combiner<'_> {
-    /// Notes how an instruction's results are made.
+    /// Records the computation of an instruction's results.
     fn learn(&mut self, inst: &Inst) {
         self.instructions += 1;
         for result in &inst.results {
@@ -233,8 +233,8 @@ impl Combiner<'_> {
         let linear = self.linear(address);
         let alone = match ty.size_bytes() {
             4 => None,
-            // Where a buffer ends inside a scalar, all of that reads as zero; device addresses have
-            // no such promise.
+            // If a buffer ends inside a scalar, the whole scalar reads as zero. Device addresses
+            // have no such guarantee.
             8 if access.space == Space::Global => None,
             _ => Some(ty),
         };
@@ -262,7 +262,7 @@ impl Combiner<'_> {
             Type::I32 => apart as u32 as i32 as i64,
             _ => apart as i64,
         };
-        // Nothing that far away is near the first one, and distances must not overflow.
+        // Larger distances cannot be near the first load, and distances must not overflow.
         if distance.unsigned_abs() > i32::MAX as u64 {
             return;
         }
@@ -275,8 +275,7 @@ impl Combiner<'_> {
         });
     }
 
-    /// Puts each combined load where the first of its loads is, and what makes up their results
-    /// where those are.
+    /// Inserts each combined load at its first load, and the conversions of results at each load.
     fn apply(&mut self, body: &mut Body, groups: &[Group]) {
         let mut replacements: HashMap<usize, Vec<Node>> = HashMap::default();
         for group in groups {
@@ -337,7 +336,7 @@ impl Combiner<'_> {
         }
     }
 
-    /// The combined load's results: those of its loads where their type is the same.
+    /// The combined load's results: those of its loads, if the type is the same.
     fn scalars<'n>(
         &mut self,
         group: &Group,
@@ -354,7 +353,7 @@ impl Combiner<'_> {
             .collect()
     }
 
-    /// The address of a group's lowest load, as a value that is there where the first one stands.
+    /// The address of a group's lowest load, as a value that is visible at the first load.
     fn lowest_address<'n>(
         &mut self,
         group: &Group,
@@ -391,13 +390,13 @@ impl Combiner<'_> {
 }
 
 impl Group {
-    /// The load that comes first in the body.
+    /// The first load in the body.
     fn first(&self) -> &Candidate {
         let first = self.loads.iter().min_by_key(|load| load.node);
         first.expect("a group has loads")
     }
 
-    /// Which scalar of the combined load a load's result is, or begins with.
+    /// The index of the combined load's scalar with which a load's result begins.
     fn index(&self, load: &Candidate, result: usize) -> usize {
         let begin = load.distance - self.loads[0].distance;
         let at = begin + result as i64 * load.ty.size_bytes() as i64;
@@ -413,7 +412,7 @@ impl Group {
 }
 
 impl Stretch {
-    /// Finds the loads that are combined, and starts a new stretch.
+    /// Selects the loads to combine, and starts a new stretch.
     fn end(&mut self, groups: &mut Vec<Group>) {
         if self.families.is_empty() {
             return;
@@ -432,7 +431,7 @@ impl Stretch {
     }
 }
 
-/// The first loads of a family, in order of address, that can be combined, if more than one can.
+/// The first loads of a family, in order of address, that can be combined; `None` for a single one.
 fn longest_group(alone: Option<Type>, loads: &[Candidate]) -> Option<Group> {
     let lowest = loads[0].distance;
     let (mut end, mut gap) = (lowest, 0);
@@ -459,7 +458,7 @@ fn longest_group(alone: Option<Type>, loads: &[Candidate]) -> Option<Group> {
     })
 }
 
-/// The type of scalars that make up all of the loads: that of the most, so that few are converted.
+/// The scalar type of a combined load: the most frequent one, so that few are converted.
 fn scalar_type(alone: Option<Type>, loads: &[Candidate]) -> Option<Type> {
     let fits = |size: i64| {
         let distance = |load: &Candidate| load.distance - loads[0].distance;
@@ -483,7 +482,7 @@ fn scalar_type(alone: Option<Type>, loads: &[Candidate]) -> Option<Type> {
     })
 }
 
-/// Whether scalars of so many bytes, some of them in a gap, are loaded for several lanes together.
+/// Whether scalars of this size, some of them in a gap, are loaded for several lanes together.
 fn is_loaded_well(ty: Type, bytes: i64, gap: i64) -> bool {
     match ty.size_bytes() as i64 {
         WORD_BYTES => gap == 0 || bytes == MAX_BYTES,

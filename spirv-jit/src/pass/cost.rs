@@ -1,5 +1,5 @@
-//! The cost of an operation in all lanes, in units of a simple one. Only comparisons between such
-//! sums are meaningful.
+//! The cost of an operation in all lanes, in units of a simple operation. Only comparisons of sums
+//! are meaningful.
 
 use crate::ir::Op;
 

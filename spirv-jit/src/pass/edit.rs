@@ -1,19 +1,20 @@
-//! Going over the nodes of bodies in place: nodes are large, and most of them stay where they are.
+//! Edits the nodes of bodies in place, because nodes are large and most of them stay.
 
 use crate::ir::{Body, Inst, Node, Terminator};
 
-/// The fate of a construct that an [`Edit`] has gone through.
+/// The outcome for a construct after an [`Edit`].
 pub(super) enum Fate {
     Stays,
     Goes,
-    /// It goes, and the body ends there: what follows is not reached.
+    /// The construct is removed and the body ends there, because the rest is unreachable.
     Ends,
 }
 
-/// The work of a pass on its way through a function, in the order of the text. A pass keeps what
-/// belongs to the open constructs on a stack of its own.
+/// The callbacks of a pass for a walk through a function, in textual order. A pass keeps the data
+/// of open constructs on its own stack.
 pub(super) trait Edit {
-    /// An instruction, and a list for nodes that go before it. Whether it stays.
+    /// Called for an instruction, with a list for nodes to insert before it. Returns whether it
+    /// stays.
     fn inst(&mut self, inst: &mut Inst, before: &mut Vec<Node>) -> bool;
 
     /// A construct, before its first body.
@@ -31,13 +32,13 @@ pub(super) trait Edit {
     }
 }
 
-/// A body that is being edited: nodes before `kept` stay, those from `next` on are still to come.
+/// A body during its edit: nodes before `kept` stay, nodes from `next` are pending.
 #[derive(Default)]
 struct EditedBody {
     body: Body,
     kept: usize,
     next: usize,
-    /// Nodes to insert, and before which of those that stay.
+    /// Nodes to insert, with the index of the kept node before which they go.
     inserted: Vec<(usize, Vec<Node>)>,
     /// The second body of an `if` inside is open.
     is_second: bool,
@@ -51,7 +52,7 @@ impl EditedBody {
         }
     }
 
-    /// The next node has been looked at.
+    /// The next node has been visited.
     fn pass(&mut self, stays: bool, before: &mut Vec<Node>) {
         if !before.is_empty() {
             self.inserted.push((self.kept, std::mem::take(before)));
@@ -65,7 +66,7 @@ impl EditedBody {
         self.next += 1;
     }
 
-    /// All nodes have been looked at.
+    /// All nodes have been visited.
     fn finish(&mut self) {
         let nodes = &mut self.body.nodes;
         nodes.truncate(self.kept);
@@ -85,7 +86,7 @@ impl EditedBody {
     }
 }
 
-/// Goes through a body and those inside.
+/// Edits a body and its nested bodies.
 pub(super) fn edit_body(body: &mut Body, pass: &mut impl Edit) {
     let mut before = Vec::new();
     let mut open = EditedBody::new(std::mem::take(body));
@@ -134,8 +135,8 @@ pub(super) fn edit_body(body: &mut Body, pass: &mut impl Edit) {
     }
 }
 
-/// Gives the construct that comes next in a body the one of its bodies that was taken. Returns the
-/// next one of them, if there is one.
+/// Returns a taken body to the next construct, and takes the construct's next body, if there is
+/// one.
 fn put_back(open: &mut EditedBody, done: Body) -> Option<Body> {
     let construct = open.body.nodes.get_mut(open.next)?;
     let has_second = matches!(construct, Node::If { .. }) && !open.is_second;

@@ -7,14 +7,14 @@ use crate::ir::{Body, Op, Space, Step};
 pub struct Effects {
     /// Per-lane memory.
     pub writes_private: bool,
-    /// Memory that others see, or a point where others' writes become visible.
+    /// Shared memory, or a point at which others' writes become visible.
     pub writes_outer: bool,
     /// Suspends the wave.
     pub yields: bool,
 }
 
 impl Effects {
-    /// Of one operation.
+    /// The effects of one operation.
     pub fn of(op: &Op) -> Effects {
         let outer = Effects {
             writes_outer: true,
@@ -29,7 +29,7 @@ impl Effects {
                 writes_private: true,
                 ..Effects::default()
             },
-            // A volatile or atomic load may be what another invocation's writes are waited for by.
+            // A volatile or atomic load may wait for another invocation's writes.
             Op::Load(access) if access.volatile => outer,
             Op::Store(_) | Op::Atomic(..) | Op::MemoryBarrier => outer,
             Op::Image(image) if !image.is_read() || image.volatile => outer,

@@ -1,6 +1,6 @@
-//! One computation for several of the same: pure operations, and reads of memory that nothing can
-//! have changed in between. A value serves where its definition is visible; constants and
-//! dispatch-wide words move to the function's head, where they are visible everywhere.
+//! Merges equal computations: pure operations, and reads of memory that nothing can have changed in
+//! between. A value is reused where its definition is visible. Constants and uniform words move to
+//! the function's head, where they are visible everywhere.
 
 use std::hash::{BuildHasher, Hash, Hasher};
 
@@ -40,21 +40,21 @@ pub fn eliminate_common_subexpressions(function: &mut Function) {
     function.body = body;
 }
 
-/// An operation that has been seen, and is visible here.
+/// A visited operation that is visible here.
 struct Entry {
     hash: u64,
     op: Op,
-    /// Where its operands and then its results begin, and how many there are.
+    /// The start of its operands and results, and their numbers.
     first: u32,
     args: u32,
     results: u32,
-    /// The state of memory that it read; 0 for none.
+    /// The epoch of the memory that it read; 0 for none.
     epoch: u32,
-    /// The entry before it in the same place of the table, plus one.
+    /// The previous entry in the same bucket, plus one.
     shadowed: u32,
 }
 
-/// Numbers of the present states of memory: equal numbers, equal contents.
+/// The current epochs of memory: equal epochs mean equal contents.
 #[derive(Clone, Copy, Default)]
 struct Epochs {
     /// Per-lane memory.
@@ -70,7 +70,7 @@ struct Eliminator<'a> {
     /// Values that are the descriptor of the push constants, which nothing writes.
     push_constants: Vec<bool>,
     hasher: RandomState,
-    /// A hash table of two values a place: the newest entry by the hash's low bits, plus one.
+    /// A hash table with chains: the newest entry by the hash's low bits, plus one.
     newest: Vec<u32>,
     entries: Vec<Entry>,
     /// Operands and results of the entries.
@@ -78,7 +78,7 @@ struct Eliminator<'a> {
     /// Nodes that move to the head of the function.
     head: Vec<Node>,
     dispatch_wide: HashMap<(Op, Type), Value>,
-    /// The function writes images. Another invocation's writes may be waited for by reads of them.
+    /// The function writes images, so reads of images may wait for another invocation's writes.
     writes_images: bool,
     memory: Epochs,
     next_epoch: u32,
@@ -87,7 +87,7 @@ struct Eliminator<'a> {
 
 /// The values known before a construct.
 struct Scope {
-    /// How many entries: definitions inside end with it.
+    /// The number of entries before the construct, whose definitions end with it.
     entries: usize,
     memory: Epochs,
 }
@@ -104,7 +104,7 @@ impl Edit for Eliminator<'_> {
     fn open(&mut self, construct: &mut Node) {
         self.substitution.resolve_all(construct.operands_mut());
         if let Node::Loop { label, .. } = construct {
-            // Any iteration may be the second.
+            // The body may run in a second iteration.
             self.disturb(self.effects[label.index()]);
         }
         self.scopes.push(Scope {
@@ -138,7 +138,7 @@ impl Edit for Eliminator<'_> {
 }
 
 impl Eliminator<'_> {
-    /// Forgets the entries that came since there were that many.
+    /// Removes the entries after this number.
     fn end_definitions(&mut self, begin: usize) {
         for entry in self.entries.drain(begin..).rev() {
             let place = entry.hash as usize & (self.newest.len() - 1);
@@ -243,8 +243,8 @@ impl Eliminator<'_> {
         hasher.finish()
     }
 
-    /// The state of memory that an operation reads, 0 if none; `None` for operations that are not
-    /// to be merged.
+    /// The epoch of the memory that an operation reads, 0 for none; `None` for operations that must
+    /// not be merged.
     fn epoch_of(&self, inst: &Inst) -> Option<u32> {
         match inst.op {
             // Descriptors do not change while a dispatch uses them.
@@ -258,7 +258,7 @@ impl Eliminator<'_> {
                 ImageOpKind::QuerySize | ImageOpKind::QueryLevels | ImageOpKind::QuerySamples => {
                     Some(0)
                 }
-                // Without an explicit level of detail the result depends on neighbours.
+                // With an implicit level of detail the result depends on neighbors.
                 ImageOpKind::Sample | ImageOpKind::Gather(_)
                     if matches!(image.lod, LodMode::Implicit | LodMode::Bias) =>
                 {
@@ -277,7 +277,7 @@ impl Eliminator<'_> {
     }
 }
 
-/// The same in the whole dispatch, and made of nothing.
+/// Uniform in the dispatch, without operands.
 fn is_dispatch_wide(op: &Op) -> bool {
     matches!(op, Op::Const(_) | Op::Uniform(_) | Op::PushConstants)
 }

@@ -17,7 +17,7 @@ pub fn eliminate_dead_code(function: &mut Function) {
         &|value| !live[value.index()],
         &|inst| inst.results.iter().any(|value| live[value.index()]) || rows.keeps(inst),
     );
-    // Loads end with the last scalar that is used.
+    // Loads are cut after the last used scalar.
     function.body.visit_insts_mut(&mut |inst| {
         if matches!(inst.op, Op::Load(access) if !access.volatile) {
             let used = inst.results.iter().rposition(|value| live[value.index()]);
@@ -26,7 +26,7 @@ pub fn eliminate_dead_code(function: &mut Function) {
     });
 }
 
-/// Rows of variables that are read, at fixed places or through an address.
+/// Rows of variables that are read, at fixed rows or through an address.
 struct ReadRows {
     /// `None`: all rows count as read.
     index: Option<RowIndex>,
@@ -169,8 +169,7 @@ impl UseGraph {
     }
 }
 
-/// Removes functions that the entry does not reach, and variables and input rows that no
-/// instruction names.
+/// Removes functions that the entry does not reach, and unused variables and input rows.
 pub fn eliminate_unused_tables(module: &mut Module) {
     eliminate_unused_functions(module);
     let mut used_inputs = vec![false; module.inputs.len()];

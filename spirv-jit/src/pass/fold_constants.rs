@@ -1,4 +1,4 @@
-//! Operations on constants, computed now by the definitions in [`eval`](crate::eval).
+//! Evaluates operations on constants with the definitions in [`eval`](crate::eval).
 
 use crate::eval::{self, f16};
 use crate::ir::{Op, Type};
@@ -62,7 +62,7 @@ macro_rules! with_bits {
     };
 }
 
-/// A scalar as it lies in a constant.
+/// The bits of a scalar in a constant.
 trait Scalar {
     fn read(bits: u64) -> Self;
     fn bits(self) -> u64;
@@ -93,7 +93,7 @@ scalar! {
     f64: bits => f64::from_bits(bits), value => value.to_bits();
 }
 
-/// The result's bits of a row of the table, by its signature.
+/// The bits of the result of an elementwise operation, by its signature.
 macro_rules! fold {
     ($from:ident $to:ident $args:ident $name:ident BitsUnary) => {
         with_bits!($from, |T| eval::$name(T::read($args[0])).bits())
@@ -160,9 +160,9 @@ macro_rules! fold {
 
 macro_rules! define_fold {
     ($(($variant:ident, $name:ident, $signature:ident))*) => {
-        /// The result's bits of a pure operation with one result on constants; `None` where there
-        /// is no such thing. `from` is the type of the operation's main operand (for `select`, the
-        /// chosen ones), `to` the result's.
+        /// The bits of the result of a pure operation with one result on constants; `None` for
+        /// other operations. `from` is the type of the main operand (for `select`, of the selected
+        /// ones), `to` the result's.
         pub fn fold(op: &Op, from: Type, to: Type, args: &[u64]) -> Option<u64> {
             match op {
                 $(Op::$variant => fold!(from to args $name $signature),)*

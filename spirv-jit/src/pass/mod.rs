@@ -1,9 +1,9 @@
-//! IR to better IR. Each pass is a verb-object function in a file of that name; the verifier runs
-//! between passes in debug builds.
+//! Optimization passes on the IR. Each pass is a verb-object function in a file of that name. The
+//! verifier runs between passes in debug builds.
 //!
-//! [`configure`] leaves passes out by name, or all `passes` (`TUFF_DISABLE` of the driver), and
+//! [`configure`] disables passes by name, or all `passes` (`TUFF_DISABLE` of the driver), and
 //! prints every module to standard error (`TUFF_PRINT`): `ir` before the passes, `pass` after them,
-//! and the name of a pass after that one.
+//! and the name of a pass after that pass.
 
 #![forbid(unsafe_code)]
 
@@ -96,14 +96,14 @@ pub const PASSES: &[Pass] = &[
     pass!(Function, tabulate_variables, tabulate_variables),
 ];
 
-/// Passes that always run last, once: later stages rely on their results.
+/// Passes that always run last, once, because later stages rely on their results.
 const LAST: &[Pass] = &[
     pass!(Module, trim_outputs, trim_outputs),
     pass!(Module, trim_workgroup_memory, trim_workgroup_memory),
     pass!(Module, note_effects, note_effects),
 ];
 
-/// The names of all that [`run_pass`] knows.
+/// The names of all passes of [`run_pass`].
 pub fn names() -> impl Iterator<Item = &'static str> {
     PASSES.iter().chain(LAST).map(|pass| pass.name)
 }
@@ -128,7 +128,7 @@ const BEFORE: Stages = &[
     ),
 ];
 
-/// Unrolling, and the passes that gain from it. Loops inside an unrolled one may be next.
+/// Unrolling, and the passes that benefit from it. Nested loops may be unrolled next.
 const ROUND: Stages = &[
     (When::Loops, &[UNROLL]),
     (
@@ -178,27 +178,27 @@ const AFTER: Stages = &[
     (When::Always, &["eliminate_unused_tables"]),
 ];
 
-/// When passes run: if there is, somewhere in the module, ...
+/// The condition of a pass.
 #[derive(Clone, Copy, PartialEq)]
 enum When {
     Always,
-    /// ... an address of a variable;
+    /// The module takes an address of a variable.
     Addresses,
-    /// ... an access to a variable;
+    /// The module accesses a variable.
     Variables,
-    /// ... a loop;
+    /// The module has a loop.
     Loops,
-    /// ... a loop and an address of a variable;
+    /// The module has a loop and takes an address of a variable.
     LoopsAndAddresses,
-    /// ... a loop that got variables of its own;
+    /// A loop has got variables of its own.
     InLoops,
-    /// ... a loop that was unrolled;
+    /// A loop was unrolled.
     Unrolled,
-    /// ... such a loop and an address;
+    /// A loop was unrolled, and the module takes an address of a variable.
     UnrolledAddresses,
-    /// ... such a loop and an access to a variable;
+    /// A loop was unrolled, and the module accesses a variable.
     UnrolledVariables,
-    /// ... a load that others were combined with.
+    /// Loads were combined.
     Combined,
 }
 
@@ -209,7 +209,7 @@ const COMBINE: &str = "combine_loads";
 /// Resolves addresses to rows and removes the rest of them, so that variables can be promoted.
 const ADDRESSES: &[&str] = &["resolve_variable_addresses", "eliminate_dead_code"];
 
-/// All of them in order, as if each had something to do.
+/// All passes in order, as if each had work to do.
 pub fn order() -> impl Iterator<Item = &'static str> {
     let stages = [BEFORE, ROUND, AFTER];
     stages
@@ -235,7 +235,7 @@ pub fn optimize(module: &mut Module) -> Result<(), Error> {
     Ok(())
 }
 
-/// Loops inside each other that are unrolled, at most.
+/// Largest depth of nested loops that are unrolled.
 const MAX_ROUNDS: usize = 3;
 
 fn run_passes(module: &mut Module) {
@@ -290,7 +290,7 @@ fn run_stages(stages: Stages, module: &mut Module) -> bool {
     unrolled
 }
 
-/// Runs a pass that tells whether it found something to do; whether it did in any function.
+/// Runs a pass on all functions. Returns whether it changed any.
 fn run_telling(name: &str, run: fn(&mut ir::Function) -> bool, module: &mut Module) -> bool {
     let mut did = false;
     for function in &mut module.functions {
@@ -306,8 +306,8 @@ pub fn is_switch(name: &str) -> bool {
     name == "passes" || PASSES.iter().any(|pass| pass.name == name)
 }
 
-/// Requests of the process about passes: names of passes to skip, and of passes after which modules
-/// are printed.
+/// The process's configuration: names of passes to skip, and of passes after which modules are
+/// printed.
 #[derive(Default)]
 struct Wishes {
     disabled: Vec<String>,
@@ -316,25 +316,24 @@ struct Wishes {
 
 static WISHES: OnceLock<Wishes> = OnceLock::new();
 
-/// Leaves passes out and prints modules from now on: lists of names, separated by commas, as
-/// `TUFF_DISABLE` and `TUFF_PRINT` have them. The first call counts, and only before a module is
-/// compiled.
+/// Sets the passes to skip and to print after, as comma-separated lists of `TUFF_DISABLE` and
+/// `TUFF_PRINT`. Only the first call has an effect, and only before a module is compiled.
 pub fn configure(disabled: &str, printed: &str) {
     let names = |list: &str| list.split(',').map(|name| name.trim().to_owned()).collect();
-    // A later call changes nothing: modules of one process are compiled alike.
+    // A later call has no effect, so that all modules of a process are compiled alike.
     let _ = WISHES.set(Wishes {
         disabled: names(disabled),
         printed: names(printed),
     });
 }
 
-/// Whether a pass, or all of them, is left out.
+/// Whether a pass, or every pass, is skipped.
 fn disabled(name: &str) -> bool {
     let wishes = WISHES.get_or_init(Wishes::default);
     (wishes.disabled.iter()).any(|switch| switch == name || switch == "passes")
 }
 
-/// Runs one pass by name; whether there is one of that name.
+/// Runs one pass by name. Returns false for an unknown name.
 pub fn run_pass(name: &str, module: &mut Module) -> bool {
     let mut known = PASSES.iter().chain(LAST);
     let Some(pass) = known.find(|pass| pass.name == name) else {

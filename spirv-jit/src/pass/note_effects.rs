@@ -1,9 +1,9 @@
-//! Effects of an optimised fragment shader, which allow early tests or require masks in the
+//! Effects of an optimized fragment shader, which allow early tests or require masks in the
 //! rasterizer.
 
 use crate::ir::{Module, Op, Space};
 
-/// Notes whether invocations may become helpers, and whether they write memory.
+/// Records whether invocations may become helpers, and whether they write memory.
 pub fn note_effects(module: &mut Module) {
     let Some(mut facts) = module.fragment else {
         return;

@@ -1,10 +1,10 @@
-//! Variables of loops. If a loop accesses a variable at fixed rows only, these rows become a
-//! variable of the loop's own, which `promote_variables` can make values, although code outside the
+//! Loop-local variables. If a loop accesses a variable at fixed rows only, these rows become a
+//! separate variable, which `promote_variables` can promote to values, although code outside the
 //! loop takes the address of the whole variable. The rows are copied in before the loop and out
-//! behind it.
+//! after it.
 //!
-//! Loops that suspend the wave other than at a barrier get no variables: rows in memory cost
-//! nothing across a suspension, values would be saved and restored.
+//! Loops that suspend the wave, except at a barrier, get no variables: rows in memory are free
+//! across a suspension, while values would be saved and restored.
 
 use std::collections::BTreeMap;
 
@@ -17,17 +17,17 @@ use crate::ir::{
     VariableId,
 };
 
-/// The most rows that one loop may have as its own.
+/// Largest number of own rows of a loop.
 const MAX_ROWS: usize = 256;
 
-/// The most labels outside that such a loop may branch to: each gets a copy of the rows.
+/// Largest number of outer labels that such a loop may branch to. Each gets a copy of the rows.
 const MAX_EXITS: usize = 4;
 
-/// The most visits of each node, on average, in search of exits: nested loops may each have
-/// variables of their own.
+/// Largest average number of visits of a node in the search for exits, since nested loops may each
+/// have their own variables.
 const MAX_LOOKS: usize = 8;
 
-/// Gives loops variables of their own, outer loops first. Returns whether any loop got one.
+/// Creates loop-local variables, outer loops first. Returns whether it created any.
 pub fn promote_in_loops(function: &mut Function) -> bool {
     let mut survey = Survey::new(function);
     survey.body(&function.body);
@@ -77,14 +77,14 @@ struct Survey<'f> {
     function: &'f Function,
     /// The number of nodes visited.
     position: usize,
-    /// By value: the variable that the value is an address in, at any row.
+    /// By value: the variable into which the value is an address, at any row.
     places: Vec<Option<VariableId>>,
     /// By variable: an address is taken.
     pinned: Vec<bool>,
     /// By variable: positions of accesses through an address, ascending.
     disturbed: Vec<Vec<usize>>,
-    /// Positions of accesses that may be to any variable with an address, and of suspensions that
-    /// no loop's variable may live across; ascending.
+    /// Positions of accesses that may be to any variable with an address, and of suspensions across
+    /// which no loop-local variable may live; ascending.
     barred: Vec<usize>,
     accesses: Vec<RowAccess>,
     /// In ascending order of their beginnings.
@@ -173,7 +173,7 @@ impl<'f> Survey<'f> {
         });
     }
 
-    /// Chooses the rows of each loop: for each variable, the outermost loops that access it at
+    /// Selects the rows of each loop: for each variable, the outermost loops that access it at
     /// fixed rows only.
     fn choose(&self) -> BTreeMap<Label, Vec<Owned>> {
         let mut uses: BTreeMap<(Label, VariableId), BTreeMap<u32, RowUse>> = BTreeMap::new();
@@ -278,7 +278,7 @@ fn place_rows(rows: &BTreeMap<u32, RowUse>) -> Option<BTreeMap<u32, OwnRow>> {
 /// The labels outside that a loop branches to, and the types of their arguments.
 type Exits = Vec<(Label, Vec<Type>)>;
 
-/// A loop that is being rewritten.
+/// A loop during its rewrite.
 struct OpenLoop {
     owned: Vec<Owned>,
     /// The loop's variables, by index in `owned`.
@@ -289,12 +289,12 @@ struct OpenLoop {
 struct LoopRewriter<'f> {
     function: &'f mut Function,
     owned: BTreeMap<Label, Vec<Owned>>,
-    /// By variable: the variable and rows that an enclosing loop has instead.
+    /// By variable: the variable and rows of an enclosing loop that replace it.
     around: Vec<Option<(VariableId, BTreeMap<u32, OwnRow>)>>,
     looks: usize,
     /// The loops around the current node; `None` for a loop without variables of its own.
     open: Vec<Option<OpenLoop>>,
-    /// The end of the current body, if copies behind a loop changed it.
+    /// The end of the current body, if copies after a loop changed it.
     changed_end: Option<Terminator>,
 }
 
@@ -338,7 +338,7 @@ impl Edit for LoopRewriter<'_> {
     }
 }
 
-/// A node in the place of a loop that moved.
+/// A placeholder for a moved loop.
 fn nothing() -> Node {
     Node::Inst(Inst {
         op: Op::Const(0),
@@ -349,7 +349,7 @@ fn nothing() -> Node {
 }
 
 impl LoopRewriter<'_> {
-    /// Makes the variables of a loop.
+    /// Creates the variables of a loop.
     fn enter(&mut self, label: Label, body: &Body) -> Option<OpenLoop> {
         let owned = self.owned.remove(&label)?;
         let exits = self.find_exits(label, body)?;
@@ -394,7 +394,7 @@ impl LoopRewriter<'_> {
         (exits.len() <= MAX_EXITS).then_some(exits)
     }
 
-    /// Surrounds a loop with copies. The body ends behind it, since control never passes a loop's
+    /// Surrounds a loop with copies. The body ends after it, since control never passes a loop's
     /// end.
     fn surround(&mut self, mut node: Node, open: OpenLoop, before: &mut Vec<Node>) {
         let OpenLoop { owned, own, exits } = open;

@@ -1,13 +1,14 @@
-//! Parameters and results of constructs that always hold one value, replaced by it.
+//! Replaces parameters and results of constructs that always hold one value with that value.
 
 use super::substitution::{Substitution, rewrite_function};
 use crate::ir::{Body, Function, Label, Node, Step, Terminator, Value};
 
-/// Rounds after which to stop; each resolves what the one before left between nested loops.
+/// Largest number of rounds. Each resolves the parameters of nested loops that the previous one
+/// left.
 const MAX_ROUNDS: usize = 4;
 
-/// Replaces a block's results that every `br` gives the same outer value, and loop parameters that
-/// never change.
+/// Replaces a block's results for which every `br` passes the same outer value, and loop parameters
+/// that never change.
 pub fn prune_parameters(function: &mut Function) {
     let mut substitution = Substitution::identity(function);
     for round in 0..MAX_ROUNDS {
@@ -55,7 +56,7 @@ impl Incoming {
 
 struct Pruner<'a> {
     substitution: &'a mut Substitution,
-    /// When each value was defined, in tree order: what is used in a construct and was defined
+    /// The position of each definition in tree order. A value used in a construct and defined
     /// before it is visible after it.
     position: Vec<u32>,
     next_position: u32,
@@ -78,7 +79,7 @@ impl Pruner<'_> {
     }
 
     fn walk(&mut self, body: &Body) {
-        // Where each open construct began.
+        // The position at which each open construct began.
         let mut begins = Vec::new();
         for step in body.steps() {
             match step {

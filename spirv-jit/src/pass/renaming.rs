@@ -1,4 +1,4 @@
-//! Copies of bodies under new names: of an iteration.
+//! Copies of bodies with new names, for iterations of unrolled loops.
 
 use crate::ir::{Body, Label, Terminator, Value};
 

@@ -1,5 +1,5 @@
-//! Private accesses whose address is a variable's and a constant, made accesses to a fixed row:
-//! what inlining leaves of pointer parameters.
+//! Turns private accesses with the address of a variable plus a constant into accesses to a fixed
+//! row. Inlining of pointer parameters leaves such accesses.
 
 use smallvec::smallvec;
 
@@ -21,7 +21,7 @@ pub fn resolve_variable_addresses(function: &mut Function) {
 enum AddressFact {
     Nothing,
     Constant(u32),
-    /// That row of a variable.
+    /// The address of this row of a variable.
     VariableRow(VariableId, u32),
 }
 
@@ -62,7 +62,7 @@ impl Resolver<'_> {
         self.known[inst.results[0].index()] = known;
     }
 
-    /// The accesses to fixed rows that an access to private memory stands for.
+    /// The accesses to fixed rows that replace an access to private memory.
     fn resolve(&self, inst: &Inst) -> Option<Vec<Inst>> {
         let (access, scalars) = match inst.op {
             Op::Load(access) => (access, &inst.results[..]),

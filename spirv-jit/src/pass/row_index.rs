@@ -1,20 +1,20 @@
-//! Rows of a function's variables as places in one table.
+//! Indices of all rows of a function's variables in one table.
 
 use crate::ir::{Function, VariableId};
 
-/// Where the rows of each variable begin.
+/// The first index of each variable's rows.
 pub struct RowIndex {
     first: Vec<usize>,
     /// Length of the table.
     pub count: usize,
 }
 
-/// Rows beyond which there is no table: copies of functions with huge variables.
+/// Largest number of rows with a table, for functions with huge variables.
 const MAX_ROWS: usize = 1 << 24;
 
 impl RowIndex {
-    /// Places for the variables that `holds` names, by index: their rows, and one more that is
-    /// none.
+    /// Assigns indices to the variables for which `holds` is true: one for each row, and an extra
+    /// one for no row.
     pub fn new(function: &Function, holds: impl Fn(usize) -> bool) -> Option<Self> {
         let mut index = Self {
             first: Vec::with_capacity(function.variables.len()),
@@ -29,7 +29,7 @@ impl RowIndex {
         (index.count <= MAX_ROWS).then_some(index)
     }
 
-    /// The place of a row of a variable that was named.
+    /// The index of a row of such a variable.
     pub fn place(&self, variable: VariableId, row: u32) -> usize {
         self.first[variable.index()] + row as usize
     }

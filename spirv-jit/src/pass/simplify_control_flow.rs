@@ -1,7 +1,6 @@
-//! Constructs that are not needed: conditions that are constant, blocks that are left in one way at
-//! their end, loops without a back-edge, what follows a construct that nothing comes out of, blocks
-//! around an `if` that decides who leaves them; and `if`s so small that both sides cost less than
-//! the branch.
+//! Removes unnecessary constructs: constant conditions, blocks with a single exit at their end,
+//! loops without a back-edge, unreachable code after a construct, blocks around an `if` that
+//! decides which lanes leave them, and `if`s so small that both sides cost less than the branch.
 
 use smallvec::smallvec;
 
@@ -9,7 +8,7 @@ use super::cost::cost;
 use super::substitution::Substitution;
 use crate::ir::{Body, Function, Inst, Label, Node, Op, Terminator, Value};
 
-/// The most that both sides of an `if` may cost to be computed in all lanes.
+/// Largest cost of both sides of an `if` that is computed in all lanes.
 const MAX_FLAT_COST: u32 = 8;
 
 /// Simplifies control flow, inner constructs first.
@@ -27,26 +26,26 @@ pub fn simplify_control_flow(function: &mut Function) {
 
 struct Simplifier {
     substitution: Substitution,
-    /// Conditions that are known.
+    /// The known conditions.
     constants: Vec<Option<bool>>,
-    /// How many `br` lead to each label.
+    /// The number of `br`s to each label.
     branches: Vec<i32>,
-    /// Bodies that are being simplified, innermost last.
+    /// The bodies in progress, innermost last.
     open: Vec<SimplifiedBody>,
 }
 
-/// A body that is being simplified: its nodes so far, and those that are still to come.
+/// A body in progress: its finished and its pending nodes.
 struct SimplifiedBody {
     body: Box<Body>,
     rest: std::vec::IntoIter<Node>,
-    /// The code behind the blocks that are being written out in this body, innermost last.
+    /// The code after the blocks that are flattened into this body, innermost last.
     after: Vec<After>,
     of: Of,
 }
 
-/// The code behind a block that is left in one way, at its end.
+/// The code after a block with a single exit at its end.
 struct After {
-    /// The values that the block's end passes on, and their names behind it.
+    /// The values that the block's end passes on, and their names after it.
     end: Terminator,
     results: Vec<Value>,
     rest: std::vec::IntoIter<Node>,
@@ -83,14 +82,14 @@ struct IfHead {
     results: Vec<Value>,
 }
 
-/// Whether anything comes after a node.
+/// Whether code after a node is reachable.
 enum Flow {
     On,
     Ends(Terminator),
 }
 
 impl Simplifier {
-    /// Adds the `br`s of a body to the counts, or takes them away.
+    /// Adds the `br`s of a body to the counts, or subtracts them.
     fn count_branches(&mut self, body: &Body, step: i32) {
         body.visit_bodies(&mut |body| {
             if let Terminator::Br(label, _) = body.end {
@@ -132,7 +131,7 @@ impl Simplifier {
     }
 
     fn enter(&mut self, mut body: Box<Body>, of: Of) {
-        // Nodes before the first construct stay in place.
+        // Nodes before the first construct are not moved.
         let is_construct = |node: &Node| !matches!(node, Node::Inst(_));
         let first = body.nodes.iter().position(is_construct);
         let rest = body.nodes.split_off(first.unwrap_or(body.nodes.len()));
@@ -206,8 +205,8 @@ impl Simplifier {
         }
     }
 
-    /// Enters a block. One that is left in one way, at its end, is written out in the body around
-    /// it: a node in such blocks is moved once, not once for each block.
+    /// Enters a block. A block with a single exit at its end is flattened into the enclosing body,
+    /// so a node in nested ones is moved once, not once for each block.
     fn enter_block(&mut self, label: Label, results: Vec<Value>, mut body: Box<Body>) {
         let at_end = matches!(body.end, Terminator::Br(to, _) if to == label);
         match self.open.last_mut() {
@@ -223,8 +222,8 @@ impl Simplifier {
         }
     }
 
-    /// Puts what the innermost body belongs to into the body around it, and leaves that one, too,
-    /// if nothing comes after. Returns the function's body.
+    /// Adds the innermost body's construct to the enclosing body, and leaves that one, too, if the
+    /// rest is unreachable. Returns the function's body at the end.
     fn leave(&mut self) -> Option<Box<Body>> {
         while let Some(SimplifiedBody { body, of, .. }) = self.open.pop() {
             if let Of::Then { head, else_body } = of {
@@ -348,9 +347,8 @@ impl Simplifier {
         Flow::On
     }
 
-    /// Whether a block ends in an `if` of which one side leaves the block for what comes behind it,
-    /// and the other goes on to the block's end, which leads elsewhere. Nothing else leads to
-    /// either label.
+    /// Whether a block ends in an `if` with one side that leaves the block and another that
+    /// continues to the block's end, which leads elsewhere. Nothing else branches to either label.
     fn is_decided_by_if(&self, own: Label, body: &Body) -> bool {
         let Some(Node::If {
             label,
@@ -368,8 +366,8 @@ impl Simplifier {
         decides && self.branches[own.index()] == 1 && self.branches[label.index()] == 1
     }
 
-    /// Puts the `if` in the place of a block that [it decides](Self::is_decided_by_if): what came
-    /// behind it belongs to the side that goes on.
+    /// Replaces a block with the [`if` that decides it](Self::is_decided_by_if). The code after the
+    /// `if` moves to the side that continues.
     fn become_if(&mut self, own: Label, own_results: Vec<Value>, body: Body, out: &mut Vec<Node>) {
         let mut body = body;
         let mut nodes = std::mem::take(&mut body.nodes);
@@ -400,7 +398,7 @@ impl Simplifier {
         out.append(&mut nodes);
     }
 
-    /// Replaces an `if` by both sides and choices, where that is cheaper; whether it did.
+    /// Replaces an `if` with both sides and selects, if that is cheaper. Returns whether it did.
     fn flatten(
         &mut self,
         condition: Value,

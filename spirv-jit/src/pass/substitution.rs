@@ -1,23 +1,23 @@
-//! Shared by passes that replace values and drop constructs' parameters.
+//! Substitution of values, for passes that replace values and drop parameters of constructs.
 
 use super::edit::{Edit, Fate, edit_body};
 use crate::ir::{Body, Function, Inst, Label, Node, Terminator, Value};
 
-/// Which value stands for which. A definition dominates its uses and so does what replaces it; a
-/// forward walk that enters replacements as it goes therefore sees final values only.
+/// The replacement of each value. A definition dominates its uses, and so does its replacement. So
+/// a forward walk that adds replacements on the way finds only final values.
 pub struct Substitution {
     replacements: Vec<Value>,
 }
 
 impl Substitution {
-    /// Every value stands for itself.
+    /// Creates the identity.
     pub fn identity(function: &Function) -> Self {
         Self {
             replacements: (0..function.value_types.len() as u32).map(Value).collect(),
         }
     }
 
-    /// The value that `value` stands for; new values stand for themselves.
+    /// The replacement of `value`; new values have none.
     pub fn resolve(&self, mut value: Value) -> Value {
         while let Some(&next) = self.replacements.get(value.index()) {
             if next == value {
@@ -28,7 +28,7 @@ impl Substitution {
         value
     }
 
-    /// From here on `value` is `replacement`.
+    /// Replaces `value` with `replacement` from here on.
     pub fn replace(&mut self, value: Value, replacement: Value) {
         self.replacements[value.index()] = self.resolve(replacement);
     }
@@ -51,8 +51,8 @@ impl Substitution {
 }
 
 /// Rewrites a function in one walk: resolves operands, drops the parameters and results of
-/// constructs that `is_dropped` names together with what is passed to them, and keeps the
-/// instructions that `keeps` says.
+/// constructs for which `is_dropped` holds with their arguments, and keeps the instructions for
+/// which `keeps` holds.
 pub fn rewrite_function(
     function: &mut Function,
     substitution: &Substitution,
@@ -72,7 +72,7 @@ struct SubstitutionRewriter<'a> {
     substitution: &'a Substitution,
     is_dropped: &'a dyn Fn(Value) -> bool,
     keeps: &'a dyn Fn(&Inst) -> bool,
-    /// Per label: which of its values are dropped; empty if none.
+    /// Per label: whether each of its values is dropped; empty if none.
     dropped: Vec<Vec<bool>>,
 }
 

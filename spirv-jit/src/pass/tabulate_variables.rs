@@ -1,5 +1,5 @@
-//! Variables that hold constants, made tables: `const vec2 disk[64] = vec2[](…)`, which shaders
-//! write out at each invocation's start and then only read by an index.
+//! Turns variables of constants into tables: `const vec2 disk[64] = vec2[](…)`, which shaders
+//! initialize in each invocation and then only read by an index.
 
 use smallvec::smallvec;
 
@@ -7,10 +7,10 @@ use super::edit::{Edit, edit_body};
 use crate::ir::op::MAX_TABLE_RESULTS;
 use crate::ir::{Body, Function, Inst, Node, Op, Space, Step, Type, Value, VariableId};
 
-/// Larger variables stay variables.
+/// Largest variable that becomes a table.
 const MAX_ROWS: u32 = 1 << 14;
 
-/// Makes tables of the variables that qualify, and takes their stores away.
+/// Creates tables for the variables that qualify, and removes their stores.
 pub fn tabulate_variables(function: &mut Function) {
     let contents = find(function);
     let mut tables = vec![None; contents.len()];
@@ -30,8 +30,8 @@ pub fn tabulate_variables(function: &mut Function) {
     edit_body(&mut function.body, &mut rewriter);
 }
 
-/// The contents of each variable from its last store on, if they are the same in all invocations
-/// and every other use is a later load.
+/// The contents of each variable after its last store, if they are uniform and every other use is a
+/// later load.
 fn find(function: &Function) -> Vec<Option<Vec<u32>>> {
     let mut analysis = TableAnalysis {
         function,
@@ -55,7 +55,7 @@ fn find(function: &Function) -> Vec<Option<Vec<u32>>> {
 struct TableAnalysis<'f> {
     function: &'f Function,
     constants: Vec<Option<u32>>,
-    /// By value: the variable of which it is an address, at whatever row.
+    /// By value: the variable into which it is an address, at any row.
     places: Vec<Option<VariableId>>,
     /// By variable: its rows; `None` if it is no table.
     contents: Vec<Option<Vec<u32>>>,
@@ -68,7 +68,7 @@ impl TableAnalysis<'_> {
         let mut depth = 0;
         for step in body.steps() {
             match step {
-                // Every invocation comes to the outermost body, once.
+                // Every invocation runs the outermost body once.
                 Step::Inst(inst) => self.inst(inst, depth == 0),
                 Step::Open(node) => {
                     depth += 1;
@@ -86,7 +86,7 @@ impl TableAnalysis<'_> {
         }
     }
 
-    /// The value goes where it is not followed.
+    /// The value has a use that is not analyzed.
     fn give_up(&mut self, value: Value) {
         if let Some(variable) = self.places[value.index()] {
             self.contents[variable.index()] = None;
@@ -119,7 +119,7 @@ impl TableAnalysis<'_> {
                     _ => *contents = None,
                 }
             }
-            // Promotion has taken those that could be known.
+            // Promotion has already handled fixed rows.
             Op::VarLoad(variable, _) => self.contents[variable.index()] = None,
             Op::Load(access) if access.space == Space::Private => {
                 let word =

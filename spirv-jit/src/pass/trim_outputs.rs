@@ -1,6 +1,6 @@
-//! Outputs of vertices that are always zero say nothing: what reads one that is not there
-//! gets zero, distances of zero clip nothing, and layer and viewport are zero by themselves.
-//! Compilers declare all of `gl_PerVertex`, whether a shader writes it or not.
+//! Removes vertex outputs that are always zero. A missing output reads as zero, distances of zero
+//! clip nothing, and layer and viewport default to zero. Compilers declare all of `gl_PerVertex`,
+//! even if a shader does not write it.
 
 use crate::ir::interface::OutputRow;
 use crate::ir::stage::Stage;
@@ -9,8 +9,7 @@ use crate::ir::{Module, Node, Op, Terminator, Value};
 /// Operands of an emission before its words.
 const BEFORE_WORDS: usize = 2;
 
-/// Removes the words that are constants of zero wherever an invocation ends with them or emits
-/// them.
+/// Removes the words that are constant zero at every end and emission of an invocation.
 pub fn trim_outputs(module: &mut Module) {
     let emits = module.stage == Stage::Geometry;
     let ends_with_vertex = matches!(module.stage, Stage::Vertex | Stage::TessellationEvaluation);

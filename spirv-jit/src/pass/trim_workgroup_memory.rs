@@ -1,6 +1,6 @@
-//! Workgroup memory that no instruction accesses has the size 0. Shaders declare more than they
-//! use, and a workgroup with memory shares no subgroup with others. Other stages keep theirs: the
-//! rasterizer reads the outputs of task and mesh shaders from it.
+//! Sets the size of unused workgroup memory to 0. Shaders declare more than they use, and a
+//! workgroup with memory cannot share a subgroup with others. Other stages keep their memory, since
+//! the rasterizer reads the outputs of task and mesh shaders from it.
 
 #![forbid(unsafe_code)]
 

@@ -1,7 +1,7 @@
-//! Loops that count from a constant to a constant in a few steps, written out, so that what depends
-//! on the counter becomes constant too.
+//! Unrolls loops that count from a constant to a constant in a few steps, so that values computed
+//! from the counter become constant, too.
 //!
-//! Each iteration becomes a block that the back-edges leave; lanes wait at its end as they did at
+//! Each iteration becomes a block that the back-edges leave. Lanes wait at its end as they did at
 //! the loop's head. Loops that yield stay, so that waves in different iterations can still be
 //! merged.
 
@@ -14,20 +14,20 @@ use super::fold_constants::fold;
 use super::renaming::Renaming;
 use crate::ir::{Body, Function, Inst, Label, Node, Op, Space, Step, Terminator, Type, Value};
 
-/// Iterations written out.
+/// Largest number of unrolled iterations.
 const MAX_ITERATIONS: usize = 32;
 
-/// Nodes that one loop may become.
+/// Largest number of nodes of an unrolled loop.
 const MAX_NODES: usize = 400;
 
-/// The same of a loop whose counter is an index in per-lane memory: where indices are constant,
-/// values take its place.
+/// Largest number of nodes of an unrolled loop whose counter is an index into per-lane memory: with
+/// constant indices, values replace the memory.
 const MAX_NODES_OF_INDEX: usize = 1_200;
 
-/// Nodes that a function may always grow by.
+/// The growth in nodes that is always allowed.
 const BUDGET_FLOOR: usize = 2_048;
 
-/// Unrolls inner loops first. Returns whether there was one to unroll.
+/// Unrolls loops, inner ones first. Returns whether it unrolled any.
 pub fn unroll_loops(function: &mut Function) -> bool {
     let mut body = std::mem::take(&mut function.body);
     let count = function.value_types.len();
@@ -59,7 +59,7 @@ fn count_nodes(body: &Body) -> usize {
 
 /// A loop's counter.
 struct Counts {
-    /// Which of the parameters it is.
+    /// The index of the parameter.
     param: usize,
     /// Its values.
     counts: Vec<u64>,
@@ -73,7 +73,7 @@ struct Unroller<'a> {
     sums: Vec<Option<(Value, u64)>>,
     /// Addresses of variables.
     addresses: Vec<bool>,
-    /// The identity, but while an iteration is copied.
+    /// The identity, except while an iteration is copied.
     renaming: Renaming,
     budget: usize,
 }
@@ -94,7 +94,7 @@ impl Edit for Unroller<'_> {
             && let Some(counts) = self.find_counts(*label, params, init, body)
         {
             self.unroll(*label, params, init, body, &counts, before);
-            // Nothing comes out of a loop at its end.
+            // The end of a loop is unreachable.
             return Fate::Ends;
         }
         Fate::Stays
@@ -121,8 +121,8 @@ impl Unroller<'_> {
         self.constants.get(value.index()).copied().flatten()
     }
 
-    /// The counter's value in each iteration, the last being the one that leaves; `None` unless
-    /// these are a few constants.
+    /// The counter's value in each iteration, ending with the value that leaves the loop; `None`
+    /// unless these are a few constants.
     fn find_counts(
         &mut self,
         label: Label,
@@ -164,7 +164,7 @@ impl Unroller<'_> {
             }
             count = fold(&Op::IAdd, ty, ty, &[count, step])?;
             counts.push(count);
-            // The last one is no more than the exit: a single iteration takes the loop's place.
+            // The last iteration is only the exit: a single iteration replaces the loop.
             let iterations = counts.len() - 1;
             let fits = iterations == 1 || counts.len() * size <= most;
             if iterations > MAX_ITERATIONS || !fits || iterations * size > self.budget {
@@ -178,7 +178,7 @@ impl Unroller<'_> {
         })
     }
 
-    /// Whether a loop accesses per-lane memory at an address that is constant where the counter is.
+    /// Whether a loop accesses per-lane memory at an address that is constant if the counter is.
     fn indexes(&self, counter: Value, body: &Body) -> bool {
         let mut follows = HashSet::new();
         follows.insert(counter);
@@ -224,7 +224,7 @@ impl Unroller<'_> {
         })
     }
 
-    /// Writes the iterations out, the last of them as far as the exit.
+    /// Emits the iterations, the last one only up to the exit.
     fn unroll(
         &mut self,
         label: Label,
@@ -296,7 +296,7 @@ impl Unroller<'_> {
             .resize(renaming.labels.len(), Effects::default());
     }
 
-    /// Constants and sums in copies, for the loops around.
+    /// Constants and sums in copies, for enclosing loops.
     fn learn_copies(&mut self, nodes: &[Node]) {
         for node in nodes {
             if let Node::Inst(inst) = node {
@@ -309,15 +309,15 @@ impl Unroller<'_> {
     }
 }
 
-/// The test that every iteration makes first.
+/// The first test of every iteration.
 struct Exit<'b> {
     comparison: &'b Inst,
-    /// The outcome with which lanes leave the loop.
+    /// The outcome for which lanes leave the loop.
     leaves_if: bool,
 }
 
-/// Finds the `if` near a loop's head of which one side leaves the loop and the other goes on, with
-/// nothing but operations before it, if its condition compares something with a constant.
+/// Finds the `if` near a loop's head with one side that leaves the loop and another that continues,
+/// if only operations precede it and its condition compares a value with a constant.
 fn find_exit(label: Label, body: &Body, is_constant: impl Fn(Value) -> bool) -> Option<Exit<'_>> {
     let mut insts = Vec::new();
     for node in &body.nodes {
@@ -335,7 +335,7 @@ fn find_exit(label: Label, body: &Body, is_constant: impl Fn(Value) -> bool) -> 
                     comparison.op,
                     Op::SLt | Op::SLe | Op::ULt | Op::ULe | Op::IEq | Op::INe
                 );
-                // Whether a side leaves is a walk through all of it.
+                // The check of a side walks through all of it.
                 if !compares || !comparison.args.iter().any(|&arg| is_constant(arg)) {
                     return None;
                 }

@@ -1,4 +1,4 @@
-//! Which rows of variables become values, and of which type.
+//! The cells: rows of variables that become values, with their types.
 
 use crate::ir::{Function, Op, Type, VariableId};
 use crate::pass::row_index::RowIndex;
@@ -16,9 +16,9 @@ struct RowAccess {
 /// The outcome of one access.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Promotion {
-    /// Stays an access to memory.
+    /// The access stays in memory.
     Keep,
-    /// Is the cell, of the same width.
+    /// The access is that of a cell of the same width.
     Cell(u32),
     /// A 64-bit access of this 32-bit cell (the low word) and the next.
     Pair(u32),
@@ -82,7 +82,7 @@ pub fn find_cells(function: &Function) -> Cells {
             at += 1;
             continue;
         }
-        // Rows that 64-bit accesses tie together are decided together.
+        // Rows that 64-bit accesses connect are decided together.
         let length = uses[at..].iter().take_while(|row| row.low != 0).count() + 1;
         let group = at..at + length;
         place_group(&uses[group.clone()], &mut types, &mut placed[group]);
@@ -122,7 +122,7 @@ fn collect_accesses(function: &Function, accesses: &mut Vec<RowAccess>, pinned: 
     });
 }
 
-/// Makes cells of a run of rows if their accesses can be told in values.
+/// Creates cells for a run of rows, if values can express all their accesses.
 fn place_group(group: &[RowUse], types: &mut Vec<Type>, placed: &mut [Promotion]) {
     const WORDS: u8 = 1 << Type::I32 as u8 | 1 << Type::F32 as u8;
     let first = group[0];
@@ -142,8 +142,8 @@ fn place_group(group: &[RowUse], types: &mut Vec<Type>, placed: &mut [Promotion]
     }
 }
 
-/// The type of a row that is accessed with all types of a set: the only one, or the integer of
-/// their common width.
+/// The type of a row with a set of access types: the only one, or the integer of their common
+/// width.
 pub fn one_type(set: u8) -> Option<Type> {
     let numbers = Type::NUMBERS.iter().copied();
     let mut types = numbers.filter(|&ty| set & 1 << ty as u8 != 0);

@@ -1,5 +1,5 @@
-//! Which cells a construct must hand on: those that are stored inside it and may be read after it
-//! (or, for a loop, in its next iteration).
+//! The cells that a construct must pass on: those that are stored inside it and may be read after
+//! it (or, for a loop, in its next iteration).
 
 use super::cells::{Cells, Promotion};
 use crate::ir::{Body, Label, Node, Op, Step, Terminator};
@@ -22,13 +22,13 @@ enum Event {
     Exit,
 }
 
-/// Cells that a construct may have to hand on.
+/// Candidates that a construct may have to pass on.
 #[derive(Clone, Default)]
 pub struct Candidates {
     /// Cells stored inside, in order.
     pub stored: Vec<u32>,
-    /// Of each: whether it may be read after the construct (in a loop: from its head on), going
-    /// round no enclosing loop.
+    /// For each, whether it may be read after the construct (in a loop: from its head), without
+    /// another iteration of an enclosing loop.
     pub live: Vec<bool>,
 }
 
@@ -116,12 +116,12 @@ fn mark_live(events: &[Event], cell_count: usize, candidates: &mut [Candidates])
                 candidates[label.index()].mark(&live);
                 at_label[label.index()] = Some(live.clone());
             }
-            // Of what goes round the loop nothing is known yet; see `EnterLoop`.
+            // The loop-carried cells are unknown yet; see `EnterLoop`.
             Event::LeaveLoop(label) => {
                 at_label[label.index()] = Some(CellSet::empty(cell_count));
             }
-            // Liveness at the head is now exact: the back-edge adds only what passes through from
-            // the head itself.
+            // Liveness at the head is exact now: the back-edge adds only cells that pass through
+            // from the head itself.
             Event::EnterLoop(label) => candidates[label.index()].mark(&live),
             Event::EnterBlock => {}
             Event::Else => at_else.push(live.clone()),

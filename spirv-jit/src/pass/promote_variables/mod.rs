@@ -1,6 +1,5 @@
-//! Variables to values: fixed rows of variables whose address is never taken become SSA values,
-//! passed on by the arguments of `br` and by loop parameters. A row that was never stored reads as
-//! zero.
+//! Promotes variables to values: fixed rows of variables without a taken address become SSA values,
+//! which arguments of `br` and loop parameters pass on. A row that was never stored reads as zero.
 
 mod cells;
 mod liveness;
@@ -15,10 +14,10 @@ use super::edit::{Edit, Fate, edit_body};
 use super::substitution::Substitution;
 use crate::ir::{Body, Function, Inst, Node, Op, Terminator, Type, Value};
 
-/// Bodies times cells beyond which a function's variables stay in memory.
+/// Limit of bodies times cells. Above it a function's variables stay in memory.
 const BUDGET: usize = 1 << 32;
 
-/// Promotes what can be promoted.
+/// Promotes all possible rows.
 pub fn promote_variables(function: &mut Function) {
     let cells = find_cells(function);
     if cells.types.is_empty() || cells.types.len() * (function.labels as usize + 1) > BUDGET {
@@ -51,15 +50,15 @@ struct Promoter<'a> {
     substitution: Substitution,
     /// The current value of each cell; `None` is zero.
     current: Vec<Option<Value>>,
-    /// Former contents of `current`, to go back to at the end of a construct.
+    /// Former contents of `current`, to be restored at the end of a construct.
     log: Vec<(u32, Option<Value>)>,
     /// Length of the log where each open construct begins.
     begins: Vec<usize>,
-    /// How many of the loops around this place have the cell as a parameter.
+    /// The number of enclosing loops that have the cell as a parameter.
     around: Vec<u32>,
-    /// Cells that a `br` to the label hands on.
+    /// Cells that a `br` to the label passes on.
     handed_on: Vec<Vec<u32>>,
-    /// The zero of each type, once asked for.
+    /// The zero constant of each type, created on demand.
     zeros: [Option<Value>; 8],
     next_access: usize,
 }
@@ -170,10 +169,10 @@ impl Promoter<'_> {
         }
     }
 
-    /// Replaces a load by what the cell holds, or makes a store's operand that; with conversions
-    /// where types differ.
+    /// Replaces a load with the cell's value, or sets the cell to a store's operand, with
+    /// conversions between different types.
     ///
-    /// Whether the access stays; what replaces it goes to `nodes`.
+    /// Returns whether the access stays. Its replacement goes to `nodes`.
     #[inline(never)]
     fn promote_access(&mut self, inst: &mut Inst, nodes: &mut Vec<Node>) -> bool {
         let promotion = self.cells.promotions[self.next_access];
@@ -224,7 +223,7 @@ impl Promoter<'_> {
         false
     }
 
-    /// Puts the zeros that were asked for at the head of the function.
+    /// Inserts the created zeros at the head of the function.
     fn define_zeros(&self, body: &mut Body) {
         let zeros = self.zeros.iter().flatten().map(|&zero| {
             Node::Inst(Inst {

@@ -1,5 +1,5 @@
-//! Rules for floats: only what gives the same bits for every operand, infinities, zeros of both
-//! signs and denormals included; of NaNs only that they are NaNs.
+//! Rules for floats. They give the same bits for every operand, infinities, zeros of both signs and
+//! denormals included. A NaN must stay a NaN.
 
 use super::{Is, Outcome, Simplifier, becomes};
 use crate::ir::{Op, Type, Value};
@@ -94,7 +94,7 @@ fn significand_bits(ty: Type) -> u32 {
     }
 }
 
-/// The greatest finite exponent, which is also the bias.
+/// The largest finite exponent, which is also the bias.
 fn bias(ty: Type) -> u64 {
     match ty {
         Type::F16 => 15,
@@ -107,7 +107,7 @@ fn one(ty: Type) -> u64 {
     bias(ty) << significand_bits(ty)
 }
 
-/// 1/x for a power of two whose inverse is one too, both normal.
+/// 1/x for a normal power of two with a normal inverse.
 fn exact_inverse(bits: u64, ty: Type) -> Option<u64> {
     let sign = bits & sign_bit(ty);
     let magnitude = bits ^ sign;

@@ -34,7 +34,7 @@ impl Simplifier<'_> {
         self.constant_operand(op, a, k?, ty)
     }
 
-    /// A sum or difference whose operands are such, of which terms cancel out.
+    /// A sum or difference of sums and differences with terms that cancel.
     fn cancel_terms(&mut self, op: &Op, a: Value, b: Value, ty: Type) -> Option<Outcome> {
         if !matches!(op, Op::IAdd | Op::ISub) || ty == Type::I1 {
             return None;
@@ -56,7 +56,7 @@ impl Simplifier<'_> {
         }
     }
 
-    /// The values that add up to one, and whether each is added or taken away.
+    /// The terms of a value, and whether each is added or subtracted.
     fn terms(&self, value: Value) -> SmallVec<[(Value, bool); 4]> {
         match self.pure(value) {
             Some((Op::IAdd, [x, y, _])) => smallvec![(x, true), (y, true)],
@@ -96,7 +96,7 @@ impl Simplifier<'_> {
         }
     }
 
-    /// A field at a constant place is a shift and a mask.
+    /// A field at a constant offset is a shift and a mask.
     fn extract_rules(&mut self, op: &Op, args: &[Value], ty: Type) -> Option<Outcome> {
         let offset = self.constant(args[1])?;
         let count = self.constant(args[2])?;
@@ -138,7 +138,7 @@ impl Simplifier<'_> {
             };
         }
         match (op, k) {
-            // Nothing is below zero, and only zero is not above it.
+            // No unsigned value is below zero, and only zero is not above it.
             (Op::ULt, 0) => return Some(Outcome::Constant(0)),
             (Op::ULe, 0) => return becomes(Op::IEq, &[a, b]),
             (Op::ULt, 1) => {
@@ -147,7 +147,7 @@ impl Simplifier<'_> {
             }
             _ => {}
         }
-        // A choice between constants, compared: a boolean that went through an integer.
+        // A comparison of a select between constants: a boolean that was converted to an integer.
         let (Op::Select, choice) = self.pure(a)? else {
             return None;
         };

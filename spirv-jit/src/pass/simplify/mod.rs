@@ -1,5 +1,5 @@
-//! Cheaper operations with the same results: constants folded, identities that hold bit for bit
-//! (IEEE included, NaN payloads aside), packing and casting that undo each other.
+//! Replaces operations with cheaper ones of the same results: constant folding, identities that
+//! hold bit for bit (IEEE included, NaN payloads excepted), and inverse packing and casting.
 
 mod float_rules;
 mod int_rules;
@@ -12,7 +12,7 @@ use super::fold_constants::fold;
 use super::substitution::Substitution;
 use crate::ir::{Body, Function, Inst, Node, Op, Type, Value};
 
-/// Simplifies operations in one walk, in which operands are final before what uses them.
+/// Simplifies operations in one walk, in which operands are final before their uses.
 pub fn simplify(function: &mut Function) {
     let mut body = std::mem::take(&mut function.body);
     let mut simplifier = Simplifier {
@@ -26,14 +26,14 @@ pub fn simplify(function: &mut Function) {
     simplifier.function.body = body;
 }
 
-/// How a value was made, as far as rules look.
+/// The definition of a value, for the rules.
 #[derive(Clone, Copy, Debug)]
 enum Definition {
     Opaque,
     Constant(u64),
     /// A word of the input record.
     Input(u32),
-    /// A pure operation with one result: its place among those.
+    /// A pure operation with one result, by its index.
     Pure(u32),
     /// A word of a 64-bit value.
     Word {
@@ -48,7 +48,7 @@ enum Outcome {
     Is(Value),
     /// The result is this constant.
     Constant(u64),
-    /// The result is this operation's, to be looked at again.
+    /// The result is that of this operation, which is simplified again.
     Becomes(Op, SmallVec<[Value; 4]>),
 }
 
@@ -58,10 +58,9 @@ struct Simplifier<'a> {
     function: &'a mut Function,
     substitution: Substitution,
     definitions: Vec<Definition>,
-    /// Pure operations with one result and up to three operands, the first of them in the places
-    /// that are left.
+    /// Pure operations with one result and up to three operands.
     pure: Vec<(Op, [Value; 3])>,
-    /// Instructions to put before the one at hand.
+    /// Instructions to insert before the current one.
     emitted: Vec<Node>,
 }
 
@@ -93,8 +92,8 @@ impl Simplifier<'_> {
             return self.simplify_unpack(inst);
         }
         let result = inst.results[0];
-        // Each rule brings an operation nearer to its end form; the bound is for rules that would
-        // disagree.
+        // Each rule brings an operation closer to its normal form. The bound stops rules that
+        // contradict each other.
         for _ in 0..8 {
             let ty = self.function.ty(result);
             let outcome = self
@@ -212,7 +211,7 @@ impl Simplifier<'_> {
         }
     }
 
-    /// The operation and operands that a value comes from, if pure.
+    /// The pure operation and operands that define a value.
     fn pure(&self, value: Value) -> Option<(Op, [Value; 3])> {
         match self.definition(value) {
             Definition::Pure(place) => Some(self.pure[*place as usize]),
@@ -220,7 +219,7 @@ impl Simplifier<'_> {
         }
     }
 
-    /// The operand of a unary operation that a value comes from.
+    /// The operand of the unary operation that defines a value.
     fn operand_of(&self, value: Value, wanted: &Op) -> Option<Value> {
         let (op, args) = self.pure(value)?;
         (op == *wanted).then_some(args[0])

@@ -1,4 +1,4 @@
-//! Rules for what moves bits about: choices, casts, widths, packing; and for references to
+//! Rules for operations that move bits: selects, casts, widths, packing; and for references to
 //! descriptors.
 
 use super::{Definition, Is, Outcome, Simplifier, becomes};
@@ -22,7 +22,7 @@ impl Simplifier<'_> {
                 if self.ty(a) == ty {
                     return Some(Is(a));
                 }
-                // There and back by way of a wider type.
+                // A conversion to a wider type and back.
                 let x = self.operand_of(a, &Op::FConvert)?;
                 let wider = self.ty(a).bits() > ty.bits();
                 (wider && self.ty(x) == ty).then_some(Is(x))
@@ -71,7 +71,7 @@ impl Simplifier<'_> {
                 return becomes(Op::And, &[condition, x]);
             }
         }
-        // The same condition once more.
+        // A nested select with the same condition.
         match self.pure(x) {
             Some((Op::Select, inner)) if inner[0] == condition => {
                 return becomes(Op::Select, &[condition, inner[1], y]);
@@ -139,14 +139,14 @@ impl Simplifier<'_> {
                 let x = args[0];
                 let origin = self.ty(x).bits();
                 if narrows {
-                    // Truncation sees nothing of an extension above the result's width.
+                    // Truncation removes the bits of an extension above the result's width.
                     return match ty.bits() {
                         width if width == origin => Some(Is(x)),
                         width if width < origin => becomes(Op::UConvert, &[x]),
                         _ => becomes(inner, &[x]),
                     };
                 }
-                // Two extensions of one kind; after a zero extension the sign is zero.
+                // Two extensions of the same kind. After a zero extension the sign is zero.
                 let extended = origin < from.bits();
                 if extended && (inner == *op || inner == Op::UConvert) {
                     return becomes(inner, &[x]);
