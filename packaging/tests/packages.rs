@@ -1,32 +1,18 @@
 //! Packages of binaries that this test makes up: what is inside, and that the same input gives the
 //! same bytes.
 
+mod scratch;
+
 use std::collections::BTreeMap;
 use std::fs;
 use std::io::Read;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Command, Output};
+
+use scratch::Scratch;
 
 const VERSION: &str = env!("CARGO_PKG_VERSION");
 const ARCHITECTURE: &str = std::env::consts::ARCH;
-
-/// A folder of its own, gone at the end.
-struct Scratch(PathBuf);
-
-impl Scratch {
-    fn new(name: &str) -> Scratch {
-        let name = format!("tuff-packages-{}-{name}", std::process::id());
-        let folder = std::env::temp_dir().join(name);
-        fs::create_dir_all(&folder).expect("a folder can be made");
-        Scratch(folder)
-    }
-}
-
-impl Drop for Scratch {
-    fn drop(&mut self) {
-        let _ = fs::remove_dir_all(&self.0);
-    }
-}
 
 /// Packs the packaging program itself as driver, program and loader.
 fn pack(scratch: &Path, out: &Path, glibc: &str) -> Output {
@@ -81,7 +67,7 @@ fn listed(gzip: &[u8]) -> BTreeMap<String, (u32, u64)> {
 
 #[test]
 fn tarballs_have_what_an_installation_has() {
-    let scratch = Scratch::new("tarball");
+    let scratch = Scratch::new("packages-tarball");
     let out = scratch.0.join("out");
     packed(&scratch.0, &out);
     let name = format!("tuff-vulkan-{VERSION}-linux-{ARCHITECTURE}");
@@ -109,7 +95,7 @@ fn tarballs_have_what_an_installation_has() {
 
 #[test]
 fn debian_packages_have_control_and_data() {
-    let scratch = Scratch::new("deb");
+    let scratch = Scratch::new("packages-deb");
     let out = scratch.0.join("out");
     packed(&scratch.0, &out);
     let architecture = Command::new("dpkg").arg("--print-architecture").output();
@@ -174,7 +160,7 @@ fn debian_packages_have_control_and_data() {
 
 #[test]
 fn wheels_record_their_files() {
-    let scratch = Scratch::new("wheel");
+    let scratch = Scratch::new("packages-wheel");
     let out = scratch.0.join("out");
     packed(&scratch.0, &out);
     let name = format!("tuff_vulkan-{VERSION}-py3-none-manylinux_2_99_{ARCHITECTURE}.whl");
@@ -220,7 +206,7 @@ fn wheels_record_their_files() {
 
 #[test]
 fn the_same_input_gives_the_same_bytes() {
-    let scratch = Scratch::new("twice");
+    let scratch = Scratch::new("packages-twice");
     let (first, second) = (scratch.0.join("first"), scratch.0.join("second"));
     packed(&scratch.0, &first);
     packed(&scratch.0, &second);
@@ -231,7 +217,7 @@ fn the_same_input_gives_the_same_bytes() {
 
 #[test]
 fn a_promise_of_glibc_is_checked() {
-    let scratch = Scratch::new("glibc");
+    let scratch = Scratch::new("packages-glibc");
     let output = pack(&scratch.0, &scratch.0.join("out"), "2.1");
     let errors = String::from_utf8_lossy(&output.stderr);
     assert!(!output.status.success());

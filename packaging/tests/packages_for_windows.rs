@@ -1,28 +1,19 @@
 //! Packages for Windows, of binaries that this test makes up byte by byte.
 
+mod scratch;
+
 use std::fs;
 use std::io::Read;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Command, Output};
+
+use scratch::Scratch;
 
 const VERSION: &str = env!("CARGO_PKG_VERSION");
 
-/// A folder of its own, gone at the end. Its name has a space and letters outside of ASCII.
-struct Scratch(PathBuf);
-
-impl Scratch {
-    fn new(name: &str) -> Scratch {
-        let name = format!("tuff windows-{}-{name} Jürgen ż", std::process::id());
-        let folder = std::env::temp_dir().join(name);
-        fs::create_dir_all(&folder).expect("a folder can be made");
-        Scratch(folder)
-    }
-}
-
-impl Drop for Scratch {
-    fn drop(&mut self) {
-        let _ = fs::remove_dir_all(&self.0);
-    }
+/// A folder whose name has a space and letters outside of ASCII.
+fn scratch(name: &str) -> Scratch {
+    Scratch::new(&format!("windows {name} Jürgen ż"))
 }
 
 /// A library of Windows (PE Format) with one import.
@@ -159,7 +150,7 @@ const FILES: [&str; 8] = [
 
 #[test]
 fn zips_and_wheels_have_what_an_installation_has() {
-    let scratch = Scratch::new("files");
+    let scratch = scratch("files");
     let out = scratch.0.join("out");
     packed(&scratch.0, &out);
     let name = format!("tuff-vulkan-{VERSION}-windows-x86_64");
@@ -209,7 +200,7 @@ fn zips_and_wheels_have_what_an_installation_has() {
 
 #[test]
 fn the_same_input_gives_the_same_bytes() {
-    let scratch = Scratch::new("twice");
+    let scratch = scratch("twice");
     let (first, second) = (scratch.0.join("first"), scratch.0.join("second"));
     packed(&scratch.0, &first);
     // Times in binaries are in seconds.
@@ -221,7 +212,7 @@ fn the_same_input_gives_the_same_bytes() {
 
 #[test]
 fn what_some_windows_10_lacks_is_refused() {
-    let scratch = Scratch::new("imports");
+    let scratch = scratch("imports");
     let out = scratch.0.join("out");
     for (library_name, function) in [
         ("libgcc_s_seh-1.dll", "_Unwind_Resume"),
@@ -248,7 +239,7 @@ fn what_some_windows_10_lacks_is_refused() {
 
 #[test]
 fn a_file_where_the_folder_should_be_is_named() {
-    let scratch = Scratch::new("file");
+    let scratch = scratch("file");
     let out = scratch.0.join("out");
     fs::write(&out, "").expect("written");
     let output = pack(&scratch.0, &out, &library("KERNEL32.dll", "ExitProcess"));

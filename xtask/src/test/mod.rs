@@ -84,12 +84,10 @@ pub fn test(options: &Options) -> Result<ExitCode> {
 fn on_another_driver(options: &Options, manifest: &Path) -> Result<ExitCode> {
     system::require(&[&COMPILER, &LOADER, &XVFB])?;
     let skips = Skips::new()?;
-    let mut around = Surroundings {
-        variables: Command::new("cargo"),
-        stack: Stack::Usual,
-    };
-    skips.tell(&mut around.variables);
-    select_other(&mut around.variables, manifest)?;
+    let mut command = Command::new("cargo");
+    skips.tell(&mut command);
+    select_other(&mut command, manifest)?;
+    let around = Surroundings::of(&command, Stack::Usual);
     let mut cargo = black_box_packages();
     cargo.args(["--package", "window"]);
     let programs = programs::build(cargo, &options.arguments, |_| Some(&around))?;
@@ -130,18 +128,12 @@ fn programs_on(driver: &Driver, options: &Options, skips: &Skips) -> Result<Vec<
         outer.env("TUFF_TIMEOUT", "300");
     }
     if options.deep {
-        for variables in [&mut inner, &mut outer] {
-            variables.env("TUFF_DEEP", DEEP_ROUNDS);
+        for command in [&mut inner, &mut outer] {
+            command.env("TUFF_DEEP", DEEP_ROUNDS);
         }
     }
-    let inner = Surroundings {
-        variables: inner,
-        stack: Stack::Small,
-    };
-    let outer = Surroundings {
-        variables: outer,
-        stack: Stack::Usual,
-    };
+    let inner = Surroundings::of(&inner, Stack::Small);
+    let outer = Surroundings::of(&outer, Stack::Usual);
     let surroundings = |folder: &str| match folder {
         BY_HAND => None,
         _ if BLACK_BOX.contains(&folder) => Some(&outer),

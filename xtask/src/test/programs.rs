@@ -113,11 +113,21 @@ fn variables(command: &Command) -> Vec<(String, Option<String>)> {
         .collect()
 }
 
-/// The surroundings of the programs of some packages.
+/// The environment in which the programs of some packages run.
 pub struct Surroundings {
-    /// The variables that this command sets and removes.
-    pub variables: Command,
-    pub stack: Stack,
+    /// Variables to set, or to remove if they have no value.
+    variables: Vec<(String, Option<String>)>,
+    stack: Stack,
+}
+
+impl Surroundings {
+    /// The variables that a command sets and removes, and a stack.
+    pub fn of(command: &Command, stack: Stack) -> Self {
+        Self {
+            variables: variables(command),
+            stack,
+        }
+    }
 }
 
 /// Builds test programs by a command of cargo, which is to end with `--no-run`. `surroundings`
@@ -147,7 +157,7 @@ pub fn build<'a>(
         let package = program.folder.file_name().and_then(|it| it.to_str());
         if let Some(around) = package.and_then(&surroundings) {
             programs.push(Program {
-                variables: variables(&around.variables),
+                variables: around.variables.clone(),
                 stack: around.stack,
                 ..program
             });
