@@ -1,8 +1,8 @@
-//! Turning the binary tree into an 8-wide one at the least expected cost.
+//! Collapses the binary tree to an 8-wide one with the smallest expected cost.
 //!
 //! Dynamic programming from the leaves up (Ylitie, Karras, Laine 2017, section 3.2): for each
-//! subtree the least cost of handing its primitives to a parent as 1 … 7 children is known from
-//! those of its two halves. The decisions are kept in the nodes, the costs only on the way up.
+//! subtree, the smallest cost as 1 … 7 children of a parent follows from those of its two halves.
+//! Nodes keep the decisions; costs exist only on the way up.
 
 use rayon::prelude::*;
 
@@ -10,7 +10,7 @@ use super::tree::{BinaryNode, children, children_mut};
 use crate::layout::WIDTH;
 use crate::pool::in_pool;
 
-/// The cost of a step of the walk.
+/// The costs of steps of the walk.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Costs {
     /// Testing the children of a node.
@@ -19,25 +19,25 @@ pub(crate) struct Costs {
     pub block: f32,
     /// Primitives of a block.
     pub block_size: u32,
-    /// Primitives of a leaf, at most.
+    /// Largest number of primitives of a leaf.
     pub leaf_max: u32,
-    /// Subtrees of at most so many primitives become leaves whatever the cost says.
+    /// Subtrees of at most this many primitives always become leaves.
     pub leaf_forced: u32,
     /// Scale of areas; see [`super::tree::SplitRules`].
     pub scale: f32,
 }
 
-/// A decision for handing a subtree up as one child: a leaf.
+/// The decision for a subtree as one child: a leaf.
 const LEAF: u8 = 0x80;
-/// A decision for handing it up as i > 1 children: as i − 1.
+/// The decision for a subtree as i > 1 children: use i − 1.
 const FEWER: u8 = 0x80;
 
-/// Subtrees with more primitives than this are planned side by side.
+/// Subtrees with more primitives than this are planned in parallel.
 const PARALLEL: u32 = 8192;
 
-/// Plans the whole tree: fills in decisions, then sizes, where `leaves` says how many leaves of the
-/// blob some consecutive primitives take as one child: the first of them, and how many. Returns the
-/// levels of nodes.
+/// Plans the whole tree: fills in decisions, then sizes. `leaves` returns the number of the blob's
+/// leaves for consecutive primitives as one child, from the first primitive and their number.
+/// Returns the levels of nodes.
 pub(crate) fn plan(
     nodes: &mut [BinaryNode],
     costs: &Costs,
@@ -47,7 +47,7 @@ pub(crate) fn plan(
     measure(nodes, 0, leaves)
 }
 
-/// `result[i]`: least cost of the subtree as up to i + 1 children.
+/// `result[i]`: smallest cost of the subtree as up to i + 1 children.
 fn decide(nodes: &mut [BinaryNode], costs: &Costs) -> [f32; 7] {
     let area = nodes[0].area(costs.scale);
     let count = nodes[0].count;
@@ -67,9 +67,8 @@ fn decide(nodes: &mut [BinaryNode], costs: &Costs) -> [f32; 7] {
     } else {
         (decide(left, costs), decide(right, costs))
     };
-    // The best way to make i + 2 children out of both halves, and how many go to the left one. A
-    // leaf costs the same however many children it may be, and others cost less the more they may
-    // be.
+    // The best division of i + 2 children between both halves. A leaf costs the same for any number
+    // of children; other subtrees cost less with more children.
     let share = |i: usize| {
         if is_leaf[0] {
             return (left[0] + right[i], 0);
@@ -113,7 +112,7 @@ pub(crate) struct Children<'a> {
 }
 
 impl<'a> Children<'a> {
-    /// The children of the wide node that stands for a subtree; the subtree itself if it is a leaf.
+    /// The children of a subtree's wide node; the subtree itself if it is a leaf.
     pub fn of(nodes: &'a [BinaryNode]) -> Children<'a> {
         let mut found = Children {
             list: [&[]; WIDTH],
@@ -139,7 +138,7 @@ impl<'a> Children<'a> {
         self.length += 1;
     }
 
-    /// Adds both halves, which share i + 2 children, k + 1 of them the left one's.
+    /// Adds both halves, with i + 2 children together and k + 1 for the left one.
     fn distribute(&mut self, nodes: &'a [BinaryNode], k: u8, i: usize, first: u32) {
         let (left, right) = children(nodes);
         let k = usize::from(k);
@@ -167,13 +166,13 @@ pub(crate) fn is_leaf(nodes: &[BinaryNode]) -> bool {
     nodes[0].decisions[0] & LEAF != 0
 }
 
-/// Fills in how many nodes and leaves each wide subtree has. Returns its levels of nodes.
+/// Fills in the numbers of nodes and leaves of each wide subtree. Returns its levels of nodes.
 fn measure(
     nodes: &mut [BinaryNode],
     first: u32,
     leaves: &(impl Fn(u32, u32) -> u32 + Sync),
 ) -> u32 {
-    // Offsets first: the children borrow the slice that is to be written.
+    // Offsets are computed first, because the children borrow the slice that is written.
     let mut offsets = [(0, 0, 0); WIDTH];
     let mut length = 0;
     for (child, own_first) in Children::of(nodes).iter() {

@@ -1,15 +1,15 @@
-//! Boxes as eight numbers whose lesser ones count: one vector where the machine has such.
+//! Boxes as eight numbers that unite by minimum, in one vector if the machine has them.
 
 use crate::layout::Bounds;
 
-/// The lower corner, a zero, the upper corner with opposite sign, and another zero (or infinities,
-/// where there is nothing). The box around two boxes is the lesser of each number.
+/// The lower corner, a zero, the negated upper corner, and another zero (infinities in an empty
+/// box). The union of two boxes is the minimum of each number.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(32))]
 pub(crate) struct Corners(pub [f32; 8]);
 
 impl Corners {
-    /// Holds nothing.
+    /// The empty box.
     pub const EMPTY: Corners = Corners([f32::INFINITY; 8]);
 
     pub fn of(bounds: &Bounds) -> Corners {
@@ -25,7 +25,7 @@ impl Corners {
         }
     }
 
-    /// The box around both.
+    /// The union of both boxes.
     #[inline(always)]
     pub fn join(mut self, other: &Corners) -> Corners {
         for i in 0..8 {
@@ -34,14 +34,14 @@ impl Corners {
         self
     }
 
-    /// Twice the center, and zero.
+    /// Twice the center, followed by zero.
     #[inline(always)]
     pub fn center(&self) -> [f32; 4] {
         let c = &self.0;
         [c[0] - c[4], c[1] - c[5], c[2] - c[6], c[3] - c[7]]
     }
 
-    /// The box that is a point.
+    /// The box of a point.
     #[inline(always)]
     pub fn point([x, y, z, w]: [f32; 4]) -> Corners {
         Corners([x, y, z, w, -x, -y, -z, -w])
@@ -63,7 +63,7 @@ impl Corners {
     }
 }
 
-/// The lesser, or `b` if one is NaN: one instruction.
+/// The minimum, or `b` if one is NaN: one instruction.
 #[inline(always)]
 fn lesser(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }

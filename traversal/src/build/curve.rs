@@ -1,7 +1,6 @@
-//! A tree in a hurry: primitives are sorted along a Morton curve (Lauterbach et al. 2009) once, and
-//! each split is the cheapest by the surface area heuristic among those that cut the curve in two.
-//! Nothing moves any more after the sort. Where the curve does not tell primitives apart, the
-//! binned builder takes over.
+//! The fast builder. It sorts primitives along a Morton curve once (Lauterbach et al. 2009), and
+//! each split is the cheapest cut of the curve by the surface area heuristic. Primitives do not
+//! move after the sort. The binned builder handles primitives with equal codes.
 
 #[cfg(target_arch = "x86_64")]
 use lanes::Tier;
@@ -20,7 +19,7 @@ use super::vector::Avx2Bounds;
 
 /// Bits of a code for each axis.
 const BITS: u32 = 10;
-/// Codes that share so many leading bits are as good as equal.
+/// Codes with this many equal leading bits count as equal.
 const SHARED: u32 = 3 * BITS - 6;
 /// Fewer primitives than this are not worth sorting.
 const WORTH_SORTING: usize = 256;
@@ -37,8 +36,8 @@ impl Curve {
         let [x, y, z, _] = extent.centers.edges();
         let size = x.max(y).max(z);
         let [a, b, c, ..] = extent.centers.0;
-        // The same on all axes, so that cells are cubes; just below a power of two, so that the
-        // last center is inside.
+        // The same scale on all axes, so that cells are cubes; just below a power of two, so that
+        // the last center is inside.
         let cells = (1 << BITS) as f32 * 0.9999;
         let factor = if size > 1.0e-36 { cells / size } else { 0.0 };
         Curve {
@@ -69,11 +68,11 @@ impl Curve {
     }
 }
 
-/// Digits of the sort: codes of 30 bits go through it three times.
+/// Bits of a digit of the sort: codes of 30 bits take three passes.
 const DIGIT: u32 = 10;
 const PLACES: usize = 1 << DIGIT;
 
-/// Sorts keys whose upper halves are codes; returns them in one of both places.
+/// Sorts keys with codes in their upper halves; returns them in one of both buffers.
 fn sort<'a>(keys: &'a mut [u64], spare: &'a mut [u64]) -> &'a [u64] {
     if in_pool() && rayon::current_num_threads() > 1 {
         // No two are equal, so the order is the same.
@@ -103,7 +102,7 @@ fn sort<'a>(keys: &'a mut [u64], spare: &'a mut [u64]) -> &'a [u64] {
     from
 }
 
-/// Copies primitives into the order of the curve; both halves of `keys` have a place for each.
+/// Copies primitives into the order of the curve. Both halves of `keys` have an element for each.
 fn arrange(from: &[Primitive], to: &mut [Primitive], curve: &Curve, keys: [&mut [u64]; 2]) {
     let [keys, spare] = keys;
     let encode = |(chunk, (keys, from)): (usize, (&mut [u64], &[Primitive]))| {
@@ -129,7 +128,7 @@ fn arrange(from: &[Primitive], to: &mut [Primitive], curve: &Curve, keys: [&mut 
     }
 }
 
-/// A tree that is being made.
+/// A tree under construction.
 struct Growth<'a> {
     curve: Curve,
     blocks: Blocks<'a>,
@@ -137,8 +136,8 @@ struct Growth<'a> {
 }
 
 /// Builds the tree of primitives into `nodes` (2n − 1 of them). The primitives are at the front of
-/// the nodes' memory, and are sorted into `primitives`; `blocks` has the places that
-/// [`block_count`](super::sweep::block_count) asks for. The tree is the same on every machine.
+/// the nodes' memory, and are sorted into `primitives`. `blocks` has
+/// [`block_count`](super::sweep::block_count) elements. The tree is the same on every machine.
 pub(crate) fn build(
     primitives: &mut [Primitive],
     nodes: &mut [BinaryNode],
@@ -248,8 +247,8 @@ fn grow_portable(
     grow::<PortableBounds>(growth, primitives, first, nodes, corners, depth, instances);
 }
 
-/// Builds the tree of the stretch from `first` on. Inlined into one function for each instruction
-/// set, which is also who builds the subtrees.
+/// Builds the tree of the range from `first`. Inlined into a function for each instruction set,
+/// which also builds the subtrees.
 #[inline(always)]
 fn grow<V: Vector>(
     growth: &Growth<'_>,
@@ -302,7 +301,7 @@ fn grow<V: Vector>(
     }
 }
 
-/// [`arrange`] with memory of its own.
+/// [`arrange`] with its own memory.
 #[cfg(test)]
 pub(crate) fn arrange_for_test(from: &[Primitive], to: &mut [Primitive]) {
     let (mut one, mut other) = (vec![0; from.len()], vec![0; from.len()]);

@@ -1,4 +1,4 @@
-//! Writing nodes and leaves into the destination.
+//! Writes nodes and leaves to the destination.
 
 use super::Shape;
 use super::collapse::{self, Children};
@@ -16,14 +16,14 @@ use crate::layout::{
 use crate::pool::in_pool;
 use crate::structure::Kind;
 
-/// Subtrees with more primitives than this are written side by side.
+/// Subtrees with more primitives than this are written in parallel.
 const PARALLEL: u32 = 8192;
-/// Subtrees of so many primitives have their vertices brought near before they are written.
+/// Subtrees of this many primitives have their vertices prefetched before they are written.
 const NEAR: u32 = 64;
 
 impl Target<'_> {
-    /// Lays out the parts for what is to be written; a top level has one record an instance, active
-    /// or not.
+    /// Lays out the parts of the structure. A top level has one record for each instance, active or
+    /// not.
     pub fn lay_out(&mut self, shape: &Shape, written: &mut Written) {
         if self.kind.is_top() {
             written.leaf_count = shape.primitives as u32;
@@ -37,7 +37,7 @@ impl Target<'_> {
         );
     }
 
-    /// Leaves that the primitives of one child need in the target's form.
+    /// The number of leaves for the primitives of one child in the target's form.
     ///
     /// # Safety
     /// The memory of the geometries is readable.
@@ -66,7 +66,7 @@ impl Target<'_> {
         }))
     }
 
-    /// Fills the units from `start` to `end`, which are there to be read after the last block.
+    /// Fills the units from `start` to `end`, which reads past the last block may access.
     ///
     /// # Safety
     /// They are inside the part, and no other thread reads or writes them.
@@ -79,7 +79,7 @@ impl Target<'_> {
         }
     }
 
-    /// Groups or other leaves that `count` primitives of one child need.
+    /// The number of groups or other leaves for `count` primitives of one child.
     pub fn leaves_of(&self, count: usize) -> u32 {
         match self.kind {
             Kind::Triangles => count.div_ceil(GROUP) as u32,
@@ -87,7 +87,7 @@ impl Target<'_> {
         }
     }
 
-    /// Primitives of one child, at most.
+    /// Largest number of primitives of one child.
     pub fn leaf_max(&self) -> usize {
         match self.kind {
             Kind::Triangles => LEAF_TRIANGLES,
@@ -95,9 +95,8 @@ impl Target<'_> {
         }
     }
 
-    /// Writes one child's primitives from leaf `index` on; returns the word for the child and how
-    /// many leaves it took. (An instance's leaf is its record, which stands at the instance's own
-    /// index.)
+    /// Writes one child's primitives from leaf `index`. Returns the word for the child and the
+    /// number of leaves. (An instance's leaf is its record, at the instance's own index.)
     ///
     /// # Safety
     /// As for [`Self::write_leaf`]; the memory of the geometries is readable.
@@ -206,7 +205,7 @@ impl Target<'_> {
         group.margin = extent.margin();
     }
 
-    /// Has vertices brought near that are about to be written.
+    /// Prefetches the vertices that are written next.
     ///
     /// # Safety
     /// The memory of the geometries is readable.

@@ -18,7 +18,7 @@ pub(super) struct Written {
 /// Writes the header and the geometry table, and zeros in the gaps between parts.
 ///
 /// # Safety
-/// The target's parts are inside memory that is the caller's to write.
+/// The target's parts are inside memory that the caller may write.
 pub(super) unsafe fn write_head(
     target: &Target<'_>,
     input: &BuildInput<'_>,

@@ -17,11 +17,11 @@ pub(crate) struct Instance {
     pub sbt_offset_and_flags: u32,
     /// Address of the bottom level; 0: inactive.
     pub reference: u64,
-    /// How it moves, if it does; the transform is that of time 0.
+    /// The motion, if any; the transform is that of time 0.
     pub motion: Option<Motion>,
 }
 
-/// Where an active instance is.
+/// The position of an active instance.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Placed {
     pub world_to_object: [f32; 12],
@@ -103,7 +103,7 @@ fn word(bytes: &[u8], index: usize) -> u32 {
     )
 }
 
-/// The four words behind the transform of every kind of record.
+/// The four words after the transform in every kind of record.
 fn with_transform(object_to_world: [f32; 12], words: &[u8]) -> Instance {
     Instance {
         object_to_world,
@@ -144,8 +144,8 @@ fn motion_instance(ty: u32, bytes: &[u8]) -> Instance {
 }
 
 impl Instance {
-    /// Where the instance is; `None` if it is inactive: no bottom level in `live` or an empty one,
-    /// or a transform that is not finite or has no inverse.
+    /// The position of the instance; `None` if it is inactive: no bottom level in `live` or an
+    /// empty one, or a transform that is not finite or has no inverse.
     ///
     /// # Safety
     /// As for [`Structure::at`].
@@ -169,12 +169,12 @@ impl Instance {
         Some(Placed {
             world_to_object: start.world_to_object,
             bounds: all,
-            // Between the ends the condition may be worse.
+            // The condition number may be larger between the ends.
             origin_error: 4.0 * start.origin_error.max(end.origin_error),
         })
     }
 
-    /// The record to store where instances may move.
+    /// The record to store if instances may move.
     pub fn motion_record(&self, record: InstanceRecord) -> MotionInstanceRecord {
         let active = record.words.state & instance_state::ACTIVE != 0;
         let mut out = MotionInstanceRecord {
@@ -259,7 +259,7 @@ fn place(object_to_world: &[f32; 12], object_bounds: &Bounds) -> Option<Placed> 
     for (row, terms) in m.iter().enumerate() {
         (min[row], max[row]) = (terms[3], terms[3]);
         for (axis, &factor) in terms[..3].iter().enumerate() {
-            // Zero times an infinite box is nothing, not NaN.
+            // Zero times an infinite box must be zero, not NaN.
             if factor != 0.0 {
                 let a = factor * f64::from(object_bounds.min[axis]);
                 let b = factor * f64::from(object_bounds.max[axis]);

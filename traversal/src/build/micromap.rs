@@ -1,15 +1,15 @@
-//! The part of a bottom level that says where its triangles find their opacity.
+//! The part of a bottom level with the references to its triangles' opacity.
 
 use rayon::prelude::*;
 
 use crate::input::TriangleGeometry;
 use crate::pool::in_pool;
 
-/// Words written by one task.
+/// Number of words that one task writes.
 const CHUNK: usize = 16384;
 
-/// Writes the references and words of the geometries; `part` is as long as they take. Geometries
-/// without a micromap have a reference of 0 and words that nothing reads.
+/// Writes the references and words of the geometries, which fill `part`. Geometries without a
+/// micromap have a reference of 0 and unused words.
 ///
 /// # Safety
 /// The memory of the geometries is readable and unchanged.

@@ -1,9 +1,9 @@
 //! Building and updating structures.
 //!
 //! A build collects a box for each active primitive, sorts them into a binary tree (`tree`),
-//! decides how that becomes an 8-wide one (`collapse`), and writes it (`emit`). All of its
-//! working memory is the caller's scratch; the heap is not used. Where the tree would not fit the
-//! size that was promised, or would be too deep, a packed one is written that always does.
+//! decides how that becomes an 8-wide one (`collapse`), and writes it (`emit`). All of its working
+//! memory is the caller's scratch; the heap is not used. If the tree would exceed the promised size
+//! or depth, a packed tree is written, which always fits.
 
 mod collapse;
 mod corners;
@@ -47,13 +47,13 @@ use target::Target;
 use tree::BinaryNode;
 pub use update::update;
 
-/// Geometries of one structure and instances of a top level, at most.
+/// Largest number of geometries of one structure, and of instances of a top level.
 pub const MAX_GEOMETRIES: u64 = (1 << 24) - 1;
-/// Primitives of a bottom level, at most.
+/// Largest number of primitives of a bottom level.
 pub const MAX_PRIMITIVES: u64 = (1 << 29) - 1;
 
-/// Builds a structure into `destination` (256-byte aligned) and returns how many of its bytes it
-/// uses: the compacted size.
+/// Builds a structure into `destination` (256-byte aligned) and returns its size, which is the
+/// compacted size.
 ///
 /// # Safety
 /// The memory that `input` names must be readable and unchanged during the call, must not overlap
@@ -99,8 +99,8 @@ unsafe fn build_to_depth(
     let along_curve = input.flags.contains(BuildFlags::PREFER_FAST_BUILD);
     let collected = {
         let places = match along_curve {
-            // They are sorted from there into their places.
-            // SAFETY: nodes are larger and as aligned, and both are plain numbers.
+            // The sort moves them from there to `primitives`. SAFETY: nodes are larger and as
+            // aligned, and both are plain numbers.
             true => unsafe { std::slice::from_raw_parts_mut(nodes.as_mut_ptr().cast(), count) },
             false => &mut *primitives,
         };
@@ -245,7 +245,8 @@ unsafe fn write_micromaps(target: &Target<'_>, bytes: u64) {
     }
 }
 
-/// Whether a structure is written with [`Form::Blocks`]. Updates may part what shares vertices.
+/// Whether a structure is written with [`Form::Blocks`]. Updates may separate shared vertices, so
+/// they exclude it.
 fn takes_blocks(shape: &Shape, flags: BuildFlags, collected: &Collected) -> bool {
     shape.kind == Kind::Triangles
         && flags.contains(BuildFlags::LOW_MEMORY)
@@ -254,11 +255,11 @@ fn takes_blocks(shape: &Shape, flags: BuildFlags, collected: &Collected) -> bool
         && !collected.limited
 }
 
-/// Fewer triangles take no less memory in blocks, as there has to be room after the last.
+/// Fewer triangles save no memory in blocks, since there must be room after the last block.
 const WORTH_BLOCKS: usize = 32;
 
-/// Plans the wide tree so that it fits what was promised, in the target's form if that does; `None`
-/// if none does.
+/// Plans the wide tree so that it fits in the promised size, preferably in the target's form;
+/// `None` if no form fits.
 ///
 /// # Safety
 /// The memory of the geometries is readable.
@@ -270,7 +271,7 @@ unsafe fn plan(
     costs: &Costs,
 ) -> Option<Written> {
     let promised = structure_bytes(shape.kind, shape.geometries, shape.primitives);
-    // Fuller leaves are at some cost to the walk.
+    // Fuller leaves make walks slower.
     let full = Costs {
         leaf_forced: costs.leaf_max,
         ..*costs
@@ -291,7 +292,7 @@ unsafe fn plan(
             bounds: nodes[0].bounds(),
             cost: 0.0,
         };
-        // Slots of triangles have to be numbers.
+        // The slots of triangles must fit in a child's index.
         let has_slots = form == Form::Groups || written.leaf_count < child::INDEX / 2 - BLOCK_UNITS;
         if form == Form::Blocks && has_slots {
             written.leaf_count += BLOCK_UNITS;
@@ -304,7 +305,7 @@ unsafe fn plan(
     None
 }
 
-/// Builds the binary tree and says what collapsing it costs.
+/// Builds the binary tree and returns the costs for its collapse.
 fn grow(
     kind: Kind,
     flags: BuildFlags,
@@ -351,7 +352,7 @@ const NODE_COST: f32 = 1.0;
 /// The cost of testing a block of a leaf.
 fn block_cost(kind: Kind) -> f32 {
     match kind {
-        // Cheap blocks make fuller leaves; between 0.5 and 2 the walk does not feel the difference.
+        // Cheap blocks make fuller leaves. Values between 0.5 and 2 give the same speed of walks.
         Kind::Triangles => 0.3,
         Kind::Aabbs | Kind::Swept | Kind::Motion => 2.0,
         Kind::Instances | Kind::MotionInstances => 4.0,

@@ -1,4 +1,4 @@
-//! Reading triangles that move.
+//! Reads triangles with motion.
 
 use crate::input::{MotionGeometry, TriangleGeometry};
 use crate::layout::{Bounds, MotionEntry};
@@ -20,7 +20,7 @@ impl MotionGeometry {
         unsafe { Some([self.start.triangle(index)?, end.triangle(index)?]) }
     }
 
-    /// The structure's entry for a triangle; an inactive triangle lies nowhere.
+    /// The structure's entry for a triangle; an inactive triangle has no position.
     ///
     /// # Safety
     /// As [`Self::triangles`].
@@ -34,7 +34,7 @@ impl MotionGeometry {
     }
 }
 
-/// Everything between two triangles.
+/// The bounds of all positions between two triangles.
 pub(crate) fn motion_bounds(triangles: &[[[f32; 3]; 3]; 2]) -> Bounds {
     sanitized_triangle_bounds(&triangles[0]).union(sanitized_triangle_bounds(&triangles[1]))
 }

@@ -1,4 +1,4 @@
-//! The smallest and the flattest tree, for what fits no better one.
+//! The smallest and flattest tree, for inputs for which no better tree fits.
 
 use super::primitive::Primitive;
 use super::split;
@@ -37,7 +37,7 @@ impl Target<'_> {
         }
     }
 
-    /// Primitives of each child but the last: the smallest full subtree of which eight suffice.
+    /// Primitives of each child except the last: the smallest full subtree of which eight suffice.
     fn packed_child(&self, count: usize) -> usize {
         let mut size = self.leaf_max();
         while size * WIDTH < count {
@@ -46,8 +46,8 @@ impl Target<'_> {
         size
     }
 
-    /// Writes a tree of full nodes over full leaves: the smallest and the flattest there is.
-    /// Returns its box.
+    /// Writes a tree of full nodes over full leaves, the smallest and flattest possible. Returns
+    /// its box.
     ///
     /// # Safety
     /// As for [`Self::write_tree`].

@@ -25,12 +25,12 @@ pub(crate) struct Primitive {
 
 const INACTIVE: u32 = u32::MAX;
 
-/// Coordinates beyond this count as this while primitives are sorted, so that everything the
-/// builders compute is finite. The true boxes are put in at the end.
+/// Coordinates are clamped to this while primitives are sorted, so that all intermediate results
+/// are finite. The exact boxes are stored at the end.
 pub(crate) const FAR: f32 = 1.0e37;
 
 impl Primitive {
-    /// Notes in `limited` whether the box had to be.
+    /// Clamps the box, and records in `limited` whether that changed it.
     fn new(bounds: Bounds, geometry: u32, index: u32, limited: &AtomicBool) -> Primitive {
         let mut primitive = Primitive {
             min: bounds.min,
@@ -66,8 +66,8 @@ impl Primitive {
         self.min[axis] - self.negative_max[axis]
     }
 
-    /// The box. What stands for the indices is zero: as numbers they would be denormal, and those
-    /// cost a hundred times as much.
+    /// The box, with zeros in place of the indices: as floats they would be denormal, which is a
+    /// hundred times slower.
     #[inline(always)]
     pub fn corners(&self) -> Corners {
         // SAFETY: of the same size and alignment, and any bits are a u32.
@@ -79,7 +79,7 @@ impl Primitive {
     }
 }
 
-/// The words of a primitive that are numbers.
+/// The float words of a primitive.
 const COORDINATES: [u32; 8] = [!0, !0, !0, 0, !0, !0, !0, 0];
 
 /// Primitives handled by one task.
@@ -89,11 +89,11 @@ pub(crate) const CHUNK: usize = 4096;
 pub(crate) struct Collected {
     /// Number of active primitives.
     pub count: usize,
-    /// Some boxes reach beyond [`FAR`].
+    /// Some boxes extend past [`FAR`].
     pub limited: bool,
 }
 
-/// Fills the front of `primitives` with the active ones, in order. `primitives` has a place for
+/// Fills the front of `primitives` with the active ones, in order. `primitives` has an element for
 /// each primitive, active or not.
 ///
 /// # Safety
@@ -196,7 +196,7 @@ fn fill(
 const SIGN: u32 = 1 << 31;
 
 /// The box of an active triangle. A triangle with an infinite coordinate can never be hit, so it is
-/// left out, unless an update might move it: then its box is what is finite of it.
+/// left out, unless an update might move it: then its box is the finite part.
 ///
 /// # Safety
 /// The geometry's memory must be readable and unchanged.
@@ -210,7 +210,7 @@ unsafe fn triangle_bounds(
     let triangle = unsafe { geometry.triangle(index) }?;
     let most = (triangle.as_flattened().iter()).fold(0, |most, c| most.max(c.to_bits() & !SIGN));
     if f32::from_bits(most).is_finite() {
-        // There is no NaN, so comparisons do, which are faster than `min` and `max`.
+        // There are no NaNs, so comparisons suffice, which are faster than `min` and `max`.
         let [a, b, c] = triangle;
         let lesser = |a: f32, b: f32| if a < b { a } else { b };
         let greater = |a: f32, b: f32| if a > b { a } else { b };
@@ -225,7 +225,7 @@ unsafe fn triangle_bounds(
     }
 }
 
-/// An active box: `min x` is a number, and it does not end before it starts.
+/// An active box: `min x` is no NaN, and no maximum is below its minimum.
 ///
 /// # Safety
 /// The geometry's memory must be readable and unchanged.

@@ -1,7 +1,7 @@
-//! The same tree over new positions: leaves are written again, boxes are refitted around them, and
-//! it is measured what walks are expected to cost now.
+//! Refits a tree to new positions: writes leaves again, recomputes boxes, and measures the expected
+//! cost of walks.
 //!
-//! A blob may have been written into: whatever a node says is checked before it is followed.
+//! The application may have written into the blob, so each node is checked before it is followed.
 
 use rayon::prelude::*;
 
@@ -17,10 +17,10 @@ use crate::layout::{
 };
 use crate::pool::in_pool;
 
-/// So many leaves or nodes are one task.
+/// Number of leaves or nodes of one task.
 const FEW: usize = 1024;
 
-/// Calls `write` with each index below `count`, side by side if there are many.
+/// Calls `write` with each index below `count`, in parallel if there are many.
 fn for_each(count: u32, write: impl Fn(u32) + Send + Sync) {
     if in_pool() && count as usize > FEW {
         (0..count).into_par_iter().with_min_len(FEW).for_each(write);
@@ -48,7 +48,7 @@ unsafe fn write_group(group: &mut TriangleGroup, list: &[TriangleGeometry]) {
     let mut extent = Extent::default();
     group.lanes = 0;
     for lane in 0..GROUP {
-        // Nothing is known of lanes without a triangle, and of leaves that no node leads to.
+        // Lanes without a triangle, and leaves of no node, may hold any values.
         let number = group.geometries[lane] & geometry_word::INDEX;
         let Some(geometry) = list.get(number as usize) else {
             continue;
@@ -217,22 +217,22 @@ unsafe fn leaf_bounds(target: &Target<'_>, index: u32, groups: u32) -> Bounds {
 #[derive(Clone, Copy)]
 pub(crate) struct Refitted {
     pub bounds: Bounds,
-    /// The cost that is to be expected of a ray that meets the bounds (surface area heuristic).
+    /// The expected cost of a ray that hits the bounds (surface area heuristic).
     pub cost: f32,
 }
 
 /// Recomputes every box, children before parents.
 ///
 /// # Safety
-/// The target has so many nodes and leaves, no other thread uses them, and the geometries' memory
-/// is readable.
+/// The target has these numbers of nodes and leaves, no other thread uses them, and the geometries'
+/// memory is readable.
 pub(crate) unsafe fn refit(target: &Target<'_>, nodes: u32, leaves: u32) -> Refitted {
     // SAFETY: the caller guarantees that the target has so many nodes and leaves, no other thread
     // uses them, and the geometries' memory is readable.
     unsafe { visit::<true>(target, nodes, leaves) }
 }
 
-/// Looks at every box without changing it.
+/// Measures every box without changing it.
 ///
 /// # Safety
 /// As for [`refit`].
@@ -269,7 +269,7 @@ unsafe fn visit<const REFIT: bool>(target: &Target<'_>, nodes: u32, leaves: u32)
     }
 }
 
-/// A pass over all nodes, which refits them or only looks.
+/// A pass over all nodes, which refits or only measures them.
 struct Pass<'a, const REFIT: bool> {
     target: &'a Target<'a>,
     leaves: u32,
@@ -284,8 +284,8 @@ impl<const REFIT: bool> Pass<'_, REFIT> {
     }
 
     /// Visits the nodes from `start` up to `end`, a subtree in the order in which builds write it.
-    /// `None`, with some of its nodes visited, if it is none, or has more levels than `depth`. Sums
-    /// are made in the same order on any number of threads.
+    /// `None`, with some nodes visited, if it is no such subtree or has more levels than `depth`.
+    /// The order of summation does not depend on the number of threads.
     ///
     /// # Safety
     /// As for [`refit`], for these nodes.
@@ -338,8 +338,8 @@ impl<const REFIT: bool> Pass<'_, REFIT> {
         Some((unsafe { (*self.node_at(start)).all_bounds() }, sum))
     }
 
-    /// Visits a node after its children, which are after it and before `end`: others count as
-    /// empty. Returns what its children cost and whether all of them were there.
+    /// Visits a node after its children, which must be after it and before `end`; others count as
+    /// empty. Returns the cost of its children and whether all of them were valid.
     ///
     /// # Safety
     /// As for [`refit`], for this node and those up to `end`.
@@ -348,11 +348,11 @@ impl<const REFIT: bool> Pass<'_, REFIT> {
         let node = unsafe { &mut *self.node_at(index) };
         let (mut weights, mut inside) = ([0f32; WIDTH], true);
         for (lane, weight) in weights.iter_mut().enumerate() {
-            // SAFETY: the node is there. Its words may change meanwhile.
+            // SAFETY: the node is inside the part. Its words may change meanwhile.
             let word = unsafe { NodeAt::new(node) }.child(lane);
             let mut bounds = Bounds::EMPTY;
             if word == child::NONE {
-                // Empty it is.
+                // The child counts as empty.
             } else if word & child::LEAF != 0 {
                 let groups = if word & child::TWO_GROUPS != 0 { 2 } else { 1 };
                 let first = word & child::INDEX;
@@ -378,15 +378,14 @@ impl<const REFIT: bool> Pass<'_, REFIT> {
     }
 }
 
-/// The sum of half the surfaces of a node's boxes, weighted. Infinite or 0 where numbers are out of
-/// all proportion.
+/// The weighted sum of half the surfaces of a node's boxes. Infinite or 0 on overflow or underflow.
 fn weighted_area(node: &Node, weights: &[f32; WIDTH]) -> f32 {
     let [x0, x1, y0, y1, z0, z1] = &node.bounds;
     let mut areas = [0f32; WIDTH];
     for (lane, area) in areas.iter_mut().enumerate() {
         let edge = |low: &[f32; WIDTH], high: &[f32; WIDTH]| {
             let edge = high[lane] - low[lane];
-            // Not so where there is nothing.
+            // Except for empty boxes.
             if edge > 0.0 { edge } else { 0.0 }
         };
         let (x, y, z) = (edge(x0, x1), edge(y0, y1), edge(z0, z1));

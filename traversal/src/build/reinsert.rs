@@ -1,9 +1,9 @@
-//! Putting badly placed subtrees elsewhere (Meister and Bittner 2018): the top of a binary tree,
-//! where a split by planes had to part what is large from what is near, is taken apart and each
-//! piece put where it makes boxes grow least.
+//! Reinserts badly placed subtrees (Meister and Bittner 2018). The top of a binary tree, where
+//! plane splits had to separate large primitives from near ones, is taken apart, and each piece is
+//! inserted where it enlarges boxes least.
 //!
-//! That helps where sizes differ: walls around furniture. Where they do not, nothing moves, and it
-//! has cost next to nothing.
+//! This helps if sizes differ, as with walls around furniture. Otherwise nothing moves, at almost
+//! no cost.
 
 use rayon::join;
 
@@ -14,7 +14,7 @@ use super::tree::{BinaryNode, PARALLEL};
 use crate::pool::in_pool;
 use crate::structure::Kind;
 
-/// A node of the top of the tree; one without children stands for the subtree that hangs there.
+/// A node of the top of the tree. A node without children represents a whole subtree.
 #[derive(Clone, Copy)]
 #[repr(C, align(32))]
 pub(crate) struct Piece {
@@ -23,11 +23,11 @@ pub(crate) struct Piece {
     parent: u32,
     /// The root's index, which is never a child, if there are no children.
     children: [u32; 2],
-    /// Of a subtree that hangs there: where its nodes are.
+    /// The nodes of a represented subtree.
     nodes: u32,
     /// Nodes below and including this one, packed.
     size: u32,
-    /// Of a subtree that hangs there: its first primitive.
+    /// The first primitive of a represented subtree.
     first: u32,
     /// Primitives below.
     count: u32,
@@ -35,30 +35,32 @@ pub(crate) struct Piece {
 
 const ROOT: u32 = 0;
 
-/// Fewer primitives have nothing to gain.
+/// Fewer primitives gain nothing.
 const FEW: u64 = 64;
-/// Pieces, at most: they are moved by one thread.
+/// Largest number of pieces, since one thread moves them.
 const MOST: u64 = 16384;
-/// How often every piece is looked at, at most.
+/// Largest number of rounds over all pieces.
 const ROUNDS: usize = 3;
-/// From one look at the tree's top for what is large to the next.
+/// Rounds between searches of the tree's top for large nodes.
 const FINER: f32 = 0.7;
 /// Minimum share of the tree top's cost that is worth another round and a new tree layout.
 const WORTHWHILE: f32 = 0.01;
-/// Levels of the top, at most.
+/// Largest number of levels of the top.
 const DEEPEST: usize = 128;
-/// Levels of a binary tree, at most: from [`super::tree::HEURISTIC_DEPTH`] on its splits halve.
+/// Largest number of levels of a binary tree: from [`super::tree::HEURISTIC_DEPTH`] its splits
+/// halve.
 const MOST_LEVELS: usize = super::tree::HEURISTIC_DEPTH as usize + 34;
 const WRITTEN: &str = "the scratch memory was written during a build";
-/// Nothing is hung deeper by itself: what is large attracts what is small in long rows.
+/// The depth for insertions. Nothing is inserted deeper, because large nodes would collect small
+/// ones in long chains.
 const DEEP: u32 = 40;
 
-/// Places for pieces that a tree of so many primitives takes, and for nodes beyond two for each
-/// primitive.
+/// The number of pieces for a tree of this many primitives, and the number of nodes besides two for
+/// each primitive.
 pub(crate) fn places(kind: Kind, count: u64) -> (u64, u64) {
     match kind {
         _ if count < FEW => (0, 0),
-        // Leaves hold several, so that two trees have room where one is grown.
+        // Leaves hold several primitives, so two trees have room in the memory of one.
         Kind::Triangles => ((count / 32 + 16).min(MOST), 0),
         // Instances overlap more than anything else. All nodes are pieces.
         kind if kind.is_top() => ((2 * count).min(MOST), count.min(MOST / 2)),
@@ -95,8 +97,8 @@ pub(crate) fn improve<'a>(
         return nodes;
     }
     let size = top.measure((ROOT, 0), nodes) as usize;
-    // The new tree goes to the end of the memory; before it, what it is made of is put together,
-    // then primitives.
+    // The new tree goes to the end of the memory. Its parts, and then primitives, are collected
+    // before it.
     let room = nodes.len() - size;
     if top.hanging_size() > room || count > room {
         return nodes;
@@ -161,7 +163,7 @@ impl<'a> Top<'a> {
                 }
                 i += 1;
             }
-            // Points and lines have no area.
+            // Points and lines have zero area.
             is_all |= least < f32::MIN_POSITIVE;
         }
         Top {
@@ -183,7 +185,7 @@ impl<'a> Top<'a> {
         if left == piece { right } else { left }
     }
 
-    /// Puts a piece where it costs least. Returns how much less than before.
+    /// Inserts a piece at the position of smallest cost. Returns the gain.
     fn improve(&mut self, piece: u32) -> f32 {
         let place = self.best_place(piece);
         if let Some((sibling, _)) = place {
@@ -192,8 +194,7 @@ impl<'a> Top<'a> {
         place.map_or(0.0, |(_, gain)| gain)
     }
 
-    /// Which piece should be the sibling of another, and how much less the boxes above them have of
-    /// surface then.
+    /// The best sibling for a piece, and the gain in surface of the boxes above.
     fn best_place(&self, piece: u32) -> Option<(u32, f32)> {
         let own = self.at(piece);
         let parent = own.parent;
@@ -201,8 +202,8 @@ impl<'a> Top<'a> {
             return None;
         }
         let mut best = (ROOT, 0.0);
-        // Upwards from its place, and from each node there down the other side. What is gained so
-        // far is that boxes need not hold it any more.
+        // The search goes upwards from the piece, and from each node there down the other side. The
+        // gain so far is that of the boxes that no longer contain the piece.
         let mut gained = self.at(parent).area;
         let mut pivot = parent;
         let mut other = self.sibling(piece);
@@ -323,8 +324,8 @@ impl<'a> Top<'a> {
         hanging.map(|piece| piece.size as usize).sum()
     }
 
-    /// Moves the nodes of what hangs there together at the front. `order` has a place for each
-    /// piece.
+    /// Moves the nodes of represented subtrees together at the front. `order` has an element for
+    /// each piece.
     fn pack(&mut self, nodes: &mut [BinaryNode], order: &mut [u32]) {
         let hanging = (0..self.pieces.len() as u32).filter(|&piece| !self.at(piece).has_children());
         let mut length = 0;
@@ -332,7 +333,7 @@ impl<'a> Top<'a> {
             *place = piece;
             length += 1;
         }
-        // Each moves to the front of where it is, over those before.
+        // Each subtree moves forward, over gaps before it.
         let order = &mut order[..length];
         order.sort_unstable_by_key(|&piece| self.at(piece).nodes);
         let mut end = 0;
@@ -397,14 +398,14 @@ impl Piece {
     }
 }
 
-/// Pieces lie in the application's memory: a write there during a build can make a ring of them,
-/// which must end in an error before the stack overflows. [`Top::is_too_deep`] has checked all of
-/// them before.
+/// Pieces are in the application's memory. A write there during a build can make a cycle, which
+/// must end in an error before the stack overflows. [`Top::is_too_deep`] has checked all of them
+/// before.
 fn check_depth(level: usize) {
     assert!(level <= DEEPEST, "{WRITTEN}");
 }
 
-/// Does both, side by side if that is worth it.
+/// Runs both, in parallel if that pays off.
 fn both(count: u32, one: impl FnOnce() + Send, other: impl FnOnce() + Send) {
     if count > PARALLEL as u32 && in_pool() {
         join(one, other);

@@ -1,4 +1,4 @@
-//! How much memory builds take, and what scratch memory is made of.
+//! The memory sizes of builds, and the layout of scratch memory.
 
 use super::Shape;
 use super::corners::Corners;
@@ -21,11 +21,11 @@ pub struct BuildSizes {
     pub update_scratch_bytes: u64,
 }
 
-/// Alignment that scratch memory is brought to inside; its size has room for that.
+/// Alignment inside of scratch memory. Its size has room for the alignment.
 const SCRATCH_ALIGNMENT: usize = 64;
 
-/// How much memory a build of `kind` needs whose geometry `i` has at most
-/// `max_primitive_counts[i]` primitives. For instances, there is one geometry.
+/// The memory of a build of `kind` whose geometry `i` has at most `max_primitive_counts[i]`
+/// primitives. For instances, there is one geometry.
 ///
 /// Never decreases when a count or the number of geometries increases.
 pub fn build_sizes(kind: Kind, flags: BuildFlags, max_primitive_counts: &[u32]) -> BuildSizes {
@@ -34,7 +34,7 @@ pub fn build_sizes(kind: Kind, flags: BuildFlags, max_primitive_counts: &[u32]) 
     BuildSizes {
         structure_bytes: structure_bytes(kind, max_primitive_counts.len() as u64, count),
         build_scratch_bytes: scratch + SCRATCH_ALIGNMENT as u64,
-        // A refit works in place; what it does not suit any more is built anew.
+        // A refit works in place. A worn structure is rebuilt.
         update_scratch_bytes: if flags.contains(BuildFlags::ALLOW_UPDATE) {
             scratch + SCRATCH_ALIGNMENT as u64
         } else {
@@ -43,7 +43,7 @@ pub fn build_sizes(kind: Kind, flags: BuildFlags, max_primitive_counts: &[u32]) 
     }
 }
 
-/// How many places of each kind the scratch memory has.
+/// The number of elements of each kind in scratch memory.
 struct Places {
     primitives: u64,
     nodes: u64,
@@ -87,7 +87,7 @@ pub(super) fn structure_bytes(kind: Kind, geometries: u64, primitives: u64) -> u
     let node = size_of::<Node>() as u64;
     let leaf = leaf_bytes(kind, Form::Groups);
     let (each, extra) = match kind {
-        // 48 bytes in full groups, 256 / 56 of nodes; the rest is for sparser leaves.
+        // 48 bytes in full groups and 256 / 56 of nodes; the rest is for sparser leaves.
         Kind::Triangles => (96, 3072),
         // 256 / 7 of nodes.
         _ => (leaf + 64, 3072),
@@ -104,7 +104,7 @@ pub(super) fn structure_bytes(kind: Kind, geometries: u64, primitives: u64) -> u
     (fixed + sparse.min(dense).max(node)).next_multiple_of(256)
 }
 
-/// Whether memory suffices for a build, and not only for a refit.
+/// Whether memory suffices for a build, not only for a refit.
 pub(super) fn has_room(
     input: &BuildInput<'_>,
     shape: &Shape,
@@ -116,7 +116,7 @@ pub(super) fn has_room(
         && carve(scratch, shape, input.flags).is_some()
 }
 
-/// The scratch memory: places for primitives, for a binary tree over them, and for boxes beside it.
+/// The scratch memory: primitives, a binary tree over them, and boxes.
 pub(super) struct Workspace<'a> {
     pub primitives: &'a mut [Primitive],
     pub nodes: &'a mut [BinaryNode],
@@ -146,10 +146,10 @@ pub(super) fn carve<'a>(
     }
 }
 
-/// Takes places for `count` of a type from the front of memory, which has to be aligned to them.
+/// Takes `count` elements of a type from the front of memory, which must be aligned to the type.
 ///
 /// # Safety
-/// Any bytes will do for a `T`.
+/// Any bytes are a valid `T`.
 unsafe fn take<'a, T>(memory: &mut &'a mut [u8], count: u64) -> Option<&'a mut [T]> {
     let count = count as usize;
     let (taken, rest) = std::mem::take(memory).split_at_mut_checked(count * size_of::<T>())?;

@@ -1,19 +1,19 @@
-//! Where a set of primitives is split: binned planes by the surface area heuristic (Wald 2007).
+//! Splits of a set of primitives: binned planes by the surface area heuristic (Wald 2007).
 
 use super::corners::Corners;
 use super::primitive::Primitive;
 use super::vector::{PortableBounds, Vector};
 
-/// How splits are chosen.
+/// The rules for splits.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SplitRules {
-    /// Primitives that one step of the walk tests at once.
+    /// Number of primitives that one step of the walk tests.
     pub block: u32,
     /// Fewer primitives than this are not split.
     pub stop: usize,
-    /// One over the extent of everything, so that areas neither over- nor underflow.
+    /// The reciprocal of the total extent, so that areas neither overflow nor underflow.
     pub scale: f32,
-    /// Planes across the longest axis are all that is looked at.
+    /// Only planes across the longest axis are tested.
     pub hurry: bool,
 }
 
@@ -32,14 +32,14 @@ impl SplitRules {
 }
 
 impl SplitRules {
-    /// Blocks are 2 to the power of this.
+    /// log₂ of the block size.
     #[inline(always)]
     pub fn shift(&self) -> u32 {
         self.block.trailing_zeros()
     }
 }
 
-/// An extent below this is none: its reciprocal could overflow.
+/// A smaller extent counts as zero, since its reciprocal could overflow.
 const TINY: f32 = 1.0e-36;
 
 /// The box of some primitives and the box of their centers.
@@ -156,7 +156,7 @@ impl<const BINS: usize> Bins<BINS> {
     /// The box around some bins of an axis.
     #[inline(always)]
     fn side<V: Vector>(&self, bins: std::ops::Range<usize>, axis: usize) -> Corners {
-        // A closure would not have the instruction set.
+        // A closure would not inherit the instruction set.
         let mut sum = V::of(&Corners::EMPTY);
         for bin in &self.boxes[bins] {
             sum = sum.join(V::of(&bin[axis]));
@@ -165,8 +165,8 @@ impl<const BINS: usize> Bins<BINS> {
     }
 }
 
-/// More primitives than this are binned in two rows: neighbours often fall into the same bin, which
-/// would have them wait for each other.
+/// More primitives than this are binned in two rows, because neighbors often fall into the same bin
+/// and would wait for each other.
 const TWO_ROWS: usize = 240;
 
 /// The cheapest plane; `None` if all centers fall into one bin.
@@ -204,7 +204,7 @@ pub(crate) fn choose<V: Vector, const BINS: usize>(
     let mut side = Side::<V>::new();
     for (i, &right_cost) in right_cost.iter().enumerate().skip(1) {
         let cost = side.add(&bins.boxes[i - 1], &bins.counts[i - 1], rules);
-        // An empty side's cost is not a number, or infinite.
+        // An empty side's cost is NaN or infinite.
         V::lower(&mut best, V::add(cost, right_cost), i as f32);
     }
     let [costs, planes] = best.map(V::numbers);
@@ -285,7 +285,7 @@ pub(crate) fn choose_quickly<V: Vector, const BINS: usize>(
     for i in 1..BINS {
         sum = sum.join(V::of(&boxes[i - 1]));
         count += counts[i - 1];
-        // An empty side's cost is not a number, or infinite.
+        // An empty side's cost is NaN or infinite.
         let cost = cost(&sum.corners(), count, rules) + right_cost[i];
         if cost < best.0 && count > 0 && (count as usize) < primitives.len() {
             best = (cost, i);
@@ -323,7 +323,7 @@ pub(crate) fn partition<V: Vector>(
 ) -> (usize, Extent, Extent) {
     let axis = split.axis;
     let (base, factor) = (split.binning.base[axis], split.binning.factor[axis]);
-    // Half of the primitives are left in no order, so a branch here would be guessed wrong often.
+    // Branch-free: the sides are in random order, so a branch would mispredict often.
     let mut centers = [V::of(&Corners::EMPTY); 2];
     let plane = split.plane;
     let mut middle = 0;
@@ -342,8 +342,8 @@ pub(crate) fn partition<V: Vector>(
     (middle, left, right)
 }
 
-/// Splits in the middle of the longest axis' order; where centers coincide, in the middle of the
-/// order there is.
+/// Splits at the median of the longest axis; if centers coincide, in the middle of the current
+/// order.
 pub(crate) fn halve<V: Vector>(
     primitives: &mut [Primitive],
     extent: &Extent,
@@ -367,7 +367,7 @@ fn longest([x, y, z, _]: [f32; 4]) -> usize {
     }
 }
 
-/// Puts the primitives before position `middle` of the order along `axis` in front of it.
+/// Moves the first `middle` primitives of the order along `axis` to the front.
 fn sort_middle(primitives: &mut [Primitive], middle: usize, axis: usize) {
     primitives.select_nth_unstable_by(middle, |a, b| {
         (a.center(axis).total_cmp(&b.center(axis)))

@@ -1,7 +1,7 @@
-//! Cheapest cuts through primitives in the order of a curve.
+//! Finds the cheapest cuts of primitives in curve order.
 //!
-//! Large ranges are swept block by block, then between the two blocks around the best plane; boxes
-//! of 16, 256, … neighbours are made before.
+//! Large ranges are swept block by block, then between the two blocks around the best plane. Boxes
+//! of 16, 256, … neighbors are computed before.
 
 use std::mem::MaybeUninit;
 
@@ -10,14 +10,15 @@ use super::primitive::Primitive;
 use super::split::SplitRules;
 use super::vector::Vector;
 
-/// Neighbours on the curve whose box is made before, and blocks of a block, as a power of two.
+/// log₂ of the number of neighbors in a block with a precomputed box, and of blocks in a larger
+/// block.
 const BLOCK: u32 = 4;
 /// Sizes of blocks.
 const LEVELS: usize = 6;
-/// Blocks that a sweep goes through, at most.
+/// Largest number of blocks of a sweep.
 const SWEPT: usize = 64;
 
-/// Boxes that a tree over `count` primitives needs beside it.
+/// The number of boxes for a tree over `count` primitives.
 pub(crate) fn block_count(count: u64) -> u64 {
     (1..=LEVELS as u32)
         .map(|level| count >> (BLOCK * level))
@@ -52,15 +53,15 @@ impl<'a> Blocks<'a> {
     }
 }
 
-/// A stretch of the curve.
+/// A range of the curve.
 pub(crate) struct Stretch<'a> {
     pub blocks: &'a Blocks<'a>,
     pub primitives: &'a [Primitive],
-    /// Where on the curve the first one is.
+    /// The curve index of the first element.
     pub first: usize,
 }
 
-/// A cut through a stretch, what it costs, and the boxes of both sides.
+/// A cut of a range, its cost, and the boxes of both sides.
 #[derive(Clone, Copy)]
 pub(crate) struct Cut<V> {
     cost: f32,
@@ -184,7 +185,7 @@ impl Stretch<'_> {
         best
     }
 
-    /// The cheapest cut, nearly.
+    /// An almost cheapest cut.
     #[inline(always)]
     pub fn cut<V: Vector>(&self, rules: &SplitRules) -> Cut<V> {
         if self.primitives.len() < SWEPT {
@@ -196,7 +197,7 @@ impl Stretch<'_> {
             level += 1;
         }
         let mut shift = BLOCK * level as u32;
-        // The first and the last place between blocks that leaves something on either side.
+        // The first and the last block boundary with elements on both sides.
         let low = |shift: u32| ((start >> shift) + 1) << shift;
         let high = |shift: u32| ((end - 1) >> shift) << shift;
         let mut cut = self.sweep(low(shift), high(shift), level, rules);

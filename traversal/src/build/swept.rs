@@ -1,4 +1,4 @@
-//! Reading spheres and linear swept spheres from the caller's memory.
+//! Reads spheres and linear swept spheres from the caller's memory.
 
 use crate::input::{EndCaps, Indexing, RadiusFormat, SweptGeometry};
 use crate::layout::{Bounds, SweptEntry, swept_flags};
@@ -7,7 +7,7 @@ use crate::memory::IndexType;
 use super::vertex::half_to_f32;
 use super::words::word;
 
-/// A primitive as it is in the structure's space.
+/// A primitive in the structure's space.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct SweptPrimitive {
     pub positions: [[f32; 3]; 2],
@@ -17,8 +17,8 @@ pub(crate) struct SweptPrimitive {
 }
 
 impl SweptGeometry {
-    /// Primitive `index`. `None` if it is inactive: a component or a radius is NaN, or something
-    /// lies outside the memory.
+    /// Primitive `index`. `None` if it is inactive: a component or a radius is NaN, or a part is
+    /// outside the memory.
     ///
     /// # Safety
     /// The geometry's memory must be readable and unchanged.
@@ -63,7 +63,7 @@ impl SweptGeometry {
         (!inactive).then_some(it)
     }
 
-    /// The number of the vertex and radius that place `index` of the list names.
+    /// The vertex and radius number of element `index` of the list.
     ///
     /// # Safety
     /// As [`Self::primitive`].
@@ -150,8 +150,8 @@ impl SweptPrimitive {
     }
 }
 
-/// The box of an active primitive. One that reaches infinity can never be met, so it is left out,
-/// unless an update might move it.
+/// The box of an active primitive. A primitive with an infinite extent can never be hit, so it is
+/// left out, unless an update might move it.
 ///
 /// # Safety
 /// The geometry's memory must be readable and unchanged.

@@ -1,10 +1,10 @@
-//! Where a structure is written.
+//! The destination of a structure.
 
 use crate::input::Geometries;
 use crate::layout::{Form, Node, Parts};
 use crate::structure::Kind;
 
-/// The parts of a blob that is being written. Tasks write disjoint ranges of it.
+/// The parts of a blob during a build. Tasks write disjoint ranges.
 #[derive(Clone, Copy)]
 pub(crate) struct Target<'a> {
     pub base: *mut u8,
@@ -14,9 +14,9 @@ pub(crate) struct Target<'a> {
     pub geometries: &'a Geometries<'a>,
 }
 
-// SAFETY: tasks share it to write, but each writes nodes and leaves of its own only.
+// SAFETY: tasks share the target, but each writes only its own nodes and leaves.
 unsafe impl Send for Target<'_> {}
-// SAFETY: as above.
+// SAFETY: as for `Send`.
 unsafe impl Sync for Target<'_> {}
 
 impl Target<'_> {
@@ -29,7 +29,7 @@ impl Target<'_> {
         unsafe { self.base.add(offset).cast::<Node>().write(*node) }
     }
 
-    /// Where a leaf is.
+    /// The address of a leaf.
     pub fn leaf_at<T>(&self, index: u32) -> *mut T {
         self.base
             .wrapping_add(self.parts.leaves_offset as usize)

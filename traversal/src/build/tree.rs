@@ -1,8 +1,8 @@
 //! A binary tree over primitives by the surface area heuristic, in the caller's scratch memory.
 //!
-//! Top down, by the splits of [`super::split`]. A subtree of n primitives has room for
-//! 2n − 1 nodes from its root on, whatever its shape: the place of a node depends on
-//! the primitives alone and never on which thread came first.
+//! Top down, with the splits of [`super::split`]. A subtree of n primitives has room for 2n − 1
+//! nodes from its root, for any shape. So the position of a node depends only on the primitives,
+//! not on the timing of threads.
 
 #[cfg(target_arch = "x86_64")]
 use lanes::Tier;
@@ -16,9 +16,9 @@ use super::vector::{PortableBounds, Vector};
 use crate::layout::Bounds;
 use crate::pool::in_pool;
 
-/// A node of the binary tree. The left child is the next node; nodes of a subtree lie together, and
-/// so do its primitives. Subtrees of up to [`PARALLEL`] primitives that [`build`] makes have no
-/// gaps between their nodes.
+/// A node of the binary tree. The left child is the next node; the nodes of a subtree are
+/// contiguous, and so are its primitives. Subtrees of up to [`PARALLEL`] primitives from [`build`]
+/// have no gaps between their nodes.
 #[derive(Clone, Copy, Debug, Default)]
 #[repr(C, align(16))]
 pub(crate) struct BinaryNode {
@@ -33,7 +33,7 @@ pub(crate) struct BinaryNode {
     /// The decisions of [`super::collapse`].
     pub decisions: [u8; 7],
     reserved: u8,
-    /// How far away the right child is; 0 without children.
+    /// Distance to the right child; 0 without children.
     right: u32,
 }
 
@@ -63,12 +63,12 @@ impl BinaryNode {
         self.right == 0
     }
 
-    /// How far away its right child is.
+    /// Distance to the right child.
     pub fn right(&self) -> usize {
         self.right as usize
     }
 
-    /// Gives it children: the next node, and one so far away.
+    /// Sets the children: the next node, and the node at this distance.
     pub fn set_right(&mut self, distance: usize) {
         self.right = distance as u32;
     }
@@ -94,13 +94,13 @@ pub(crate) fn children(nodes: &[BinaryNode]) -> (&[BinaryNode], &[BinaryNode]) {
     nodes[1..].split_at(nodes[0].right() - 1)
 }
 
-/// From this depth on, splits halve the number of primitives: bounds the depth of the recursion.
+/// The depth from which splits halve the number of primitives, to bound the recursion.
 pub(super) const HEURISTIC_DEPTH: u32 = 64;
-/// Subtrees with more primitives than this are built side by side.
+/// Subtrees with more primitives than this are built in parallel.
 pub(crate) const PARALLEL: usize = 2048;
 
-/// Builds the tree of `primitives`, whose extent is given, into `nodes` (2n − 1 of them) and sorts
-/// the primitives into the order of its leaves. The tree is the same on every machine.
+/// Builds the tree of `primitives`, with this extent, into `nodes` (2n − 1 of them), and sorts the
+/// primitives into the order of its leaves. The tree is the same on every machine.
 pub(crate) fn build(
     primitives: &mut [Primitive],
     nodes: &mut [BinaryNode],
@@ -144,7 +144,7 @@ unsafe fn extent_avx2(primitives: &[Primitive]) -> Extent {
     Extent::of::<Avx2Bounds>(primitives)
 }
 
-/// One of the two instances of [`subtree`]; returns how many nodes there are.
+/// One of the two instances of [`subtree`]; returns the number of nodes.
 ///
 /// # Safety
 /// The machine has the instruction set.
@@ -175,8 +175,7 @@ pub(crate) fn subtree_portable(
     subtree::<PortableBounds>(primitives, nodes, rules, extent, depth, subtree_portable)
 }
 
-/// Inlined into one function for each instruction set, `again`, which is also who builds the
-/// subtrees.
+/// Inlined into a function for each instruction set, `again`, which also builds the subtrees.
 #[inline(always)]
 fn subtree<V: Vector>(
     primitives: &mut [Primitive],
@@ -212,7 +211,7 @@ fn subtree<V: Vector>(
     };
     let (left, right) = primitives.split_at_mut(middle);
     let sizes = if count > PARALLEL {
-        // Each side has room for whatever it becomes.
+        // Each side has room for any shape.
         nodes[0].set_right(2 * middle);
         let (left_nodes, right_nodes) = nodes[1..].split_at_mut(2 * middle - 1);
         // SAFETY: the machine that runs this has the instruction set.

@@ -1,4 +1,4 @@
-//! Updates: the same tree over new positions, as long as it suits them.
+//! Updates: refit of a tree to new positions, while the tree still suits them.
 
 use super::target::Target;
 use super::{BuildError, Shape, refit};
@@ -6,16 +6,15 @@ use crate::input::{BuildFlags, BuildInput, Geometries};
 use crate::layout::{Form, Header, Parts, micromap_part_bytes};
 use crate::structure::Structure;
 
-/// How much dearer walks may become by updates before a structure is built anew.
+/// The factor by which updates may increase the cost of walks before a structure is rebuilt.
 const WORN: f32 = 2.0;
 
 /// Updates a structure: same geometries and primitive counts, new positions, transforms and
 /// instances. `source` is the structure to start from; `None` updates `destination` in place.
 ///
-/// Boxes are refitted around the new positions and the tree stays. Where that makes a structure
-/// that walks are expected to take more than [`WORN`] times as long through as when it was built,
-/// it is built anew, if `destination` and `scratch` are as large as
-/// [`build_sizes`](super::build_sizes) says for a build.
+/// Boxes are refitted to the new positions and the tree stays. If the expected cost of walks is
+/// more than [`WORN`] times that of the original build, the structure is rebuilt, provided
+/// `destination` and `scratch` have the sizes of [`build_sizes`](super::build_sizes) for a build.
 ///
 /// # Safety
 /// As for [`build`](super::build).
@@ -46,7 +45,7 @@ pub unsafe fn update(
     if shape.micromap_bytes > 0 {
         leave_micromaps(destination)?;
     }
-    // Children have to come after their parents, and leaves to name primitives that there are.
+    // Children must come after their parents, and leaves must name existing primitives.
     crate::structure::validate(destination).map_err(|_| BuildError::Source)?;
     let (structure, header) = Structure::of(destination).map_err(|_| BuildError::Source)?;
     if structure.kind() != shape.kind
@@ -103,7 +102,7 @@ pub unsafe fn update(
     Ok(header.size_bytes)
 }
 
-/// Makes a structure forget the micromaps that it holds itself: the update names others.
+/// Removes a structure's own micromaps, since the update names others.
 fn leave_micromaps(destination: &mut [u8]) -> Result<(), BuildError> {
     if destination.len() < size_of::<Header>() {
         return Err(BuildError::Source);

@@ -16,36 +16,36 @@ use super::primitive::Primitive;
 /// functions that have it, which are called where the machine has it.
 pub(crate) unsafe trait Vector: Copy {
     fn of(corners: &Corners) -> Self;
-    /// A primitive's box. What stands for the indices is zero: as numbers they would be denormal,
-    /// and those cost a hundred times as much.
+    /// A primitive's box, with zeros in place of the indices: as floats they would be denormal,
+    /// which is a hundred times slower.
     fn of_primitive(primitive: &Primitive) -> Self;
     fn corners(self) -> Corners;
-    /// The lesser of each number, or that of `other` if they are equal: the box around both.
+    /// The union of both boxes: the minimum of each number, or that of `other` if they are equal.
     fn join(self, other: Self) -> Self;
-    /// A box's center, twice as far out, as a box.
+    /// Twice a box's center, as a box.
     fn center(self) -> Self;
-    /// The box if it is `wanted`, and otherwise nothing.
+    /// The box if `wanted`, otherwise the empty box.
     fn only_if(self, wanted: bool) -> Self;
     /// (`self` − `base`) · `factor` of the lower corner, rounded toward 0. All are inside i32.
     fn places(self, base: &[f32; 4], factor: &[f32; 4]) -> [i32; 4];
-    /// Four numbers, one for each axis and one that means nothing.
+    /// Four numbers: one for each axis, and an unused one.
     type Four: Copy;
     /// Four counts, likewise.
     type Counts: Copy;
 
     fn counts(counts: &[u32; 4]) -> Self::Counts;
     fn add_counts(one: Self::Counts, other: Self::Counts) -> Self::Counts;
-    /// Half the surfaces of three boxes whose edges are multiplied by `scale`, times the number of
-    /// blocks of 2^`shift` that hold so many.
+    /// Half the surfaces of three boxes, with edges multiplied by `scale`, times the number of
+    /// blocks of 2^`shift` for the counts.
     fn costs(boxes: [Self; 3], scale: f32, counts: Self::Counts, shift: u32) -> Self::Four;
     fn add(one: Self::Four, other: Self::Four) -> Self::Four;
-    /// Replaces what is greater than `cost`, and where it was found.
+    /// Replaces larger costs with `cost`, and their position.
     fn lower(least: &mut [Self::Four; 2], cost: Self::Four, place: f32);
     fn four(number: f32) -> Self::Four;
     fn numbers(four: Self::Four) -> [f32; 4];
 }
 
-/// Everywhere.
+/// The portable implementation.
 #[derive(Clone, Copy)]
 pub(crate) struct PortableBounds([f32; 8]);
 
@@ -144,14 +144,14 @@ unsafe impl Vector for PortableBounds {
 /// The identity of [`Vector::only_if`]: infinity makes a box empty.
 const LEAST: [f32; 2] = [f32::INFINITY, f32::NEG_INFINITY];
 
-/// Where there is AVX2.
+/// The implementation with AVX2.
 #[cfg(target_arch = "x86_64")]
 #[derive(Clone, Copy)]
 pub(crate) struct Avx2Bounds(__m256);
 
 #[cfg(target_arch = "x86_64")]
 impl Avx2Bounds {
-    /// The lengths of the edges, and a number that means nothing.
+    /// The lengths of the edges, and an unused number.
     #[inline(always)]
     fn edges(self) -> __m128 {
         // SAFETY: the trait's promise.

@@ -1,4 +1,4 @@
-//! Reading positions, indices and triangles from the caller's memory.
+//! Reads positions, indices and triangles from the caller's memory.
 
 use crate::input::{TriangleGeometry, VertexFormat};
 use crate::layout::Bounds;
@@ -119,12 +119,12 @@ pub(crate) fn transform_point(matrix: &[f32; 12], point: [f32; 3]) -> [f32; 3] {
     })
 }
 
-/// Less memory than this stays near by itself.
+/// Smaller memory stays in the cache without prefetching.
 #[cfg(target_arch = "x86_64")]
 const FAR_BYTES: usize = 1 << 20;
 
 impl TriangleGeometry {
-    /// A vertex as it is in the structure's space; `None` outside the memory.
+    /// A vertex in the structure's space; `None` outside the memory.
     ///
     /// # Safety
     /// The geometry's memory must be readable and unchanged.
@@ -133,7 +133,7 @@ impl TriangleGeometry {
         let offset = index.checked_mul(self.vertex_stride_bytes)?;
         // SAFETY: the caller guarantees that the geometry's memory is readable and unchanged.
         let position = unsafe { self.vertices.read_position(self.vertex_format, offset) }?;
-        // A transform could make a NaN, or hide one; what is inactive is decided before it.
+        // A transform could create or hide a NaN, so activity is decided before it.
         if position[0].is_nan() {
             return None;
         }
@@ -178,7 +178,7 @@ impl TriangleGeometry {
         }
     }
 
-    /// Has the vertices of a triangle brought near, where the machine can.
+    /// Prefetches the vertices of a triangle, if the machine can.
     ///
     /// # Safety
     /// The geometry's memory must be readable and unchanged.

@@ -1,4 +1,4 @@
-//! How the triangles of a geometry find their opacity.
+//! The opacity references of a geometry's triangles.
 
 use super::{FIRST_SPECIAL, Opacity};
 
@@ -13,14 +13,14 @@ pub struct GeometryMicromap {
     pub index_type: IndexType,
     /// An index for each triangle of the geometry.
     pub indices: Memory,
-    /// Bytes from one index to the next; may be 0.
+    /// Stride of the indices in bytes; may be 0.
     pub index_stride_bytes: u64,
     /// Added to each index that is not special.
     pub base_triangle: u32,
-    /// Address of a built micromap, or 0 where all indices are special.
+    /// Address of a built micromap, or 0 if all indices are special.
     pub micromap: u64,
-    /// Whether serialized structures list that address, for the application to replace
-    /// (`VK_KHR_opacity_micromap`), and do not take the micromap along.
+    /// Whether serialized structures list that address, which the application replaces
+    /// (`VK_KHR_opacity_micromap`), instead of containing the micromap.
     pub listed: bool,
 }
 
@@ -33,8 +33,8 @@ impl GeometryMicromap {
         }
     }
 
-    /// The micromap's triangle for the geometry's triangle `index`; none where one state stands for
-    /// all of it.
+    /// The micromap's triangle for the geometry's triangle `index`; `None` if one state applies to
+    /// the whole triangle.
     ///
     /// # Safety
     /// The memory of the indices is readable and unchanged.
@@ -44,8 +44,7 @@ impl GeometryMicromap {
         (word < FIRST_SPECIAL).then_some(word)
     }
 
-    /// The word that a bottom level keeps for triangle `index`. Where there is no index, a shader
-    /// is asked.
+    /// The word that a bottom level keeps for triangle `index`. Without an index, a shader decides.
     ///
     /// # Safety
     /// The memory of the indices is readable and unchanged.
