@@ -1,5 +1,5 @@
-//! Architectures that Tuff is built for. Programs of another one than this machine's are compiled
-//! by its cross compiler, and run by QEMU.
+//! Target architectures. A cross compiler compiles programs for another architecture than this
+//! machine's, and QEMU runs them.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -26,7 +26,7 @@ pub enum Target {
     Windows,
 }
 
-/// The variable by which QEMU limits the address space of its program.
+/// The variable with which QEMU limits the address space of its program.
 const ADDRESS_SPACE: &str = "QEMU_RESERVED_VA";
 
 impl Architecture {
@@ -36,7 +36,7 @@ impl Architecture {
         all.into_iter().find(|it| it.is_here())
     }
 
-    /// By Rust's name, which is also that of GNU's tools and of QEMU.
+    /// Rust's name, which GNU's tools and QEMU also use.
     pub fn name(self) -> &'static str {
         match self {
             Architecture::X86_64 => "x86_64",
@@ -44,12 +44,12 @@ impl Architecture {
         }
     }
 
-    /// Whether it is this machine's own.
+    /// Whether it is this machine's architecture.
     pub fn is_here(self) -> bool {
         self.name() == std::env::consts::ARCH
     }
 
-    /// By Debian's name.
+    /// Debian's name.
     fn debian_name(self) -> &'static str {
         match self {
             Architecture::X86_64 => "amd64",
@@ -74,7 +74,7 @@ impl Emulation {
     /// Looks for the tools and for the loader.
     ///
     /// # Errors
-    /// One of them is not there: the message says what to install.
+    /// One of them is missing. The message says what to install.
     pub fn new(architecture: Architecture) -> Result<Emulation> {
         let name = architecture.name();
         for program in [format!("{name}-linux-gnu-g++"), format!("qemu-{name}")] {
@@ -98,7 +98,7 @@ impl Emulation {
         })
     }
 
-    /// Has cargo build for the architecture, and run what it built.
+    /// Makes cargo build for the architecture and run the programs.
     pub fn select_for(&self, cargo: &mut Command) {
         let name = self.architecture.name();
         let platform = self.architecture.platform();
@@ -115,11 +115,11 @@ impl Emulation {
         // Where Debian's cross compiler has the architecture's C library.
         cargo.env("QEMU_LD_PREFIX", format!("/usr/{name}-linux-gnu"));
         cargo.env("LD_LIBRARY_PATH", &self.loader);
-        // Layers that are installed here are of this machine's architecture: the loader would name
-        // them, and fail to load them.
+        // Installed layers are for this machine's architecture, so the loader would fail to load
+        // them.
         cargo.env("VK_LAYER_PATH", &self.loader);
-        // The emulator keeps a note of each page: of the terabyte that a device would reserve they
-        // take it half a minute.
+        // The emulator has a record for each page, which takes half a minute for the terabyte that
+        // a device would reserve.
         if std::env::var_os(ADDRESS_SPACE).is_none() {
             cargo.env(ADDRESS_SPACE, "16G");
         }
@@ -140,7 +140,7 @@ impl Loader {
     /// The one that is installed for an architecture.
     ///
     /// # Errors
-    /// There is none, or it comes without a licence: the message says what to install.
+    /// There is none, or it has no licence. The message says what to install.
     pub fn of(architecture: Architecture) -> Result<Loader> {
         Self::below(Path::new("/"), architecture)
     }
@@ -159,7 +159,7 @@ impl Loader {
                  sudo apt-get install libvulkan1:{debian}` brings it"
             );
         };
-        // Debian and what follows it, Fedora, Arch.
+        // Debian and its derivatives, Fedora, Arch.
         let licences = [
             "usr/share/doc/libvulkan1/copyright",
             "usr/share/licenses/vulkan-loader/LICENSE.txt",
@@ -178,7 +178,7 @@ impl Loader {
     /// A library that the user names, with its licence beside it.
     ///
     /// # Errors
-    /// One of them is not there.
+    /// One of them is missing.
     pub fn named(library: &Path) -> Result<Loader> {
         let library = std::path::absolute(library).context("the loader's path")?;
         ensure!(library.is_file(), "there is no {}", library.display());

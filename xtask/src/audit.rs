@@ -9,7 +9,7 @@ use clap::Args;
 
 use crate::{prose, workspace};
 
-/// Where packages put the registry.
+/// The registry's path in packages.
 const USUAL: &str = "/usr/share/vulkan/registry/vk.xml";
 
 #[derive(Args)]
@@ -23,7 +23,7 @@ pub struct Options {
 }
 
 /// Checks the style, then runs the tests that compare the tables with a registry, which must exist,
-/// and with files of profiles.
+/// and with profiles.
 pub fn audit(options: &Options) -> Result<ExitCode> {
     let findings = prose::findings()?;
     ensure!(

@@ -21,7 +21,7 @@ pub struct Options {
 }
 
 pub fn bench(options: &Options) -> Result<ExitCode> {
-    // Before minutes of building.
+    // Checked before a build of minutes.
     for manifest in manifests(&options.arguments) {
         existing(Path::new(manifest))?;
     }
@@ -46,7 +46,7 @@ pub fn bench(options: &Options) -> Result<ExitCode> {
     workspace::run(bench)
 }
 
-/// Manifests of other drivers that a bench is to open.
+/// Manifests of other drivers for a bench.
 fn manifests(arguments: &[String]) -> impl Iterator<Item = &str> {
     let before = std::iter::once("").chain(arguments.iter().map(String::as_str));
     before.zip(arguments).filter_map(|(before, argument)| {

@@ -1,5 +1,5 @@
-//! `cargo xtask demo`: builds the driver and the demo, or its window, and lets the one draw on the
-//! other.
+//! `cargo xtask demo`: builds the driver and the demo, or its window, and runs the demo on the
+//! driver.
 
 use std::path::PathBuf;
 use std::process::{Command, ExitCode};
@@ -12,7 +12,7 @@ use crate::driver::{Driver, select_other};
 use crate::system::{self, COMPILER, LOADER};
 use crate::workspace;
 
-/// Samples per pixel of a picture that is not told otherwise.
+/// Default samples per pixel of a picture.
 const SPP: u32 = 16;
 
 #[derive(Args)]
@@ -56,7 +56,7 @@ pub struct Options {
 }
 
 pub fn demo(options: &Options) -> Result<ExitCode> {
-    // Before minutes of building.
+    // Checked before a build of minutes.
     if let Some(scene) = &options.scene {
         ensure!(scene.exists(), "there is no {}", scene.display());
     }
@@ -101,8 +101,7 @@ pub fn demo(options: &Options) -> Result<ExitCode> {
     workspace::run(demo)
 }
 
-/// Builds one of the two programs, which will see the driver that was asked for, with what both
-/// understand.
+/// Builds one of the two programs, with the selected driver and the common options.
 fn program(name: &str, options: &Options) -> Result<Command> {
     system::require(&[&COMPILER, &LOADER])?;
     let mut program = workspace::program(name)?;

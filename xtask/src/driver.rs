@@ -1,4 +1,4 @@
-//! The built driver and the manifest by which the Vulkan loader finds it.
+//! The built driver and its manifest for the Vulkan loader.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -18,7 +18,7 @@ pub const MANIFEST: &str = "tuff_icd.json";
 const API_VERSION: &str = "1.4.356";
 const TEMPLATE: &str = include_str!("../../manifests/tuff_icd.json.in");
 
-/// A driver that is ready to be loaded.
+/// A driver, ready to be loaded.
 pub struct Driver {
     /// The shared library, absolute.
     pub library: PathBuf,
@@ -37,7 +37,7 @@ impl Driver {
         Self::to_be_built()
     }
 
-    /// Writes the manifest of the driver that a build in release mode makes.
+    /// Writes the manifest of the driver of a release build.
     pub fn to_be_built() -> Result<Driver> {
         let target = workspace::target()?;
         let library = target.join("release").join(LIBRARY);
@@ -70,13 +70,13 @@ impl Driver {
         Ok((driver, workspace::program(program)?))
     }
 
-    /// Makes a program see this driver and no other.
+    /// Makes a program find only this driver.
     pub fn select_for(&self, program: &mut Command) {
         select(program, &self.manifest);
     }
 }
 
-/// Makes a program see the driver of this manifest, an absolute path, and no other.
+/// Makes a program find only the driver of this manifest, an absolute path.
 fn select(program: &mut Command, manifest: &Path) {
     for (name, value) in environment(manifest) {
         program.env(name, value);
@@ -84,16 +84,16 @@ fn select(program: &mut Command, manifest: &Path) {
     program.env_remove("VK_ADD_DRIVER_FILES");
 }
 
-/// Makes a program see another driver than Tuff and no other.
+/// Makes a program find only another driver than Tuff.
 pub fn select_other(program: &mut Command, manifest: &Path) -> Result<()> {
     select(program, &existing(manifest)?);
     Ok(())
 }
 
-/// The absolute path of a manifest that is there.
+/// The absolute path of an existing manifest.
 ///
 /// # Errors
-/// It is not.
+/// The manifest does not exist.
 pub fn existing(manifest: &Path) -> Result<PathBuf> {
     let absolute = std::path::absolute(manifest).context("the manifest's path")?;
     ensure!(
@@ -104,8 +104,8 @@ pub fn existing(manifest: &Path) -> Result<PathBuf> {
     Ok(absolute)
 }
 
-/// The variables by which loaders find a driver: `VK_DRIVER_FILES` for current ones,
-/// `VK_ICD_FILENAMES` for those before 1.3.207.
+/// The loader's variables for drivers: `VK_DRIVER_FILES` for current loaders, `VK_ICD_FILENAMES`
+/// for those before 1.3.207.
 pub fn environment(manifest: &Path) -> [(&'static str, &Path); 2] {
     [
         ("VK_DRIVER_FILES", manifest),

@@ -1,5 +1,5 @@
-//! The environment that the user had. Cargo and rustup change it before `cargo xtask` starts: what
-//! this program starts must not see that.
+//! The user's environment. Cargo and rustup change it before `cargo xtask` starts, and programs
+//! that this one starts must not see the changes.
 
 use std::ffi::{OsStr, OsString};
 use std::path::{Path, PathBuf};
@@ -14,15 +14,15 @@ type Variables = Vec<(OsString, OsString)>;
 /// The variables that cargo and rustup had set.
 static OF_CARGO: OnceLock<Variables> = OnceLock::new();
 
-/// The folders in which libraries are looked for.
+/// The search path of libraries.
 const LIBRARIES: &str = "LD_LIBRARY_PATH";
 
-/// Takes out of this process's environment what cargo and rustup put there.
+/// Removes the changes of cargo and rustup from this process's environment.
 ///
 /// # Safety
-/// No other thread runs yet: the environment is the process's own.
+/// No other thread runs, so nothing else accesses the environment.
 pub unsafe fn restore() {
-    // A program whose place is not known was not started by cargo.
+    // A program with an unknown path was not started by cargo.
     let Ok(target) = workspace::target() else {
         return;
     };
@@ -40,12 +40,12 @@ pub unsafe fn restore() {
             }
         }
     }
-    // It is called once, at the start.
+    // The function is called once, at the start.
     let _ = OF_CARGO.set(changed);
 }
 
-/// Gives cargo what it had set itself: the toolchain above all. Without it a build may find another
-/// compiler than this one did.
+/// Restores cargo's own variables, above all the toolchain. Without them a build may find another
+/// compiler.
 pub fn give_back(cargo: &mut Command) {
     cargo.envs(OF_CARGO.get().into_iter().flatten().cloned());
 }
@@ -56,8 +56,7 @@ pub fn of_cargo(name: &str) -> Option<&'static OsStr> {
     set.find(|(set, _)| set == name).map(|(_, value)| &**value)
 }
 
-/// Of the variables that a program sees under `cargo run`, those that the user had, with the values
-/// that they had.
+/// The user's variables, with their original values, from the environment under `cargo run`.
 ///
 /// `cargo run` sets all that is taken out here (The Cargo Book, "Environment Variables", and
 /// rustup's `Toolchain::set_env`). Two things cannot be told from the user's own and stay:
@@ -68,7 +67,7 @@ fn users(found: &Variables, target: &Path) -> Variables {
         let mut found = found.iter();
         found.find(|(it, _)| it == name).map(|(_, value)| &**value)
     };
-    // Started by its path, this program has the user's environment already.
+    // A program started by its path has the user's environment already.
     if value("CARGO_PKG_NAME") != Some(OsStr::new(env!("CARGO_PKG_NAME"))) {
         return found.clone();
     }

@@ -28,7 +28,7 @@ pub struct Options {
     targets: Vec<String>,
 }
 
-/// Where builds with AddressSanitizer go: by the side of the others, whose flags differ.
+/// The folder of builds with AddressSanitizer, beside the others with different flags.
 const PLATFORM: &str = "x86_64-unknown-linux-gnu";
 
 pub fn fuzz(options: &Options) -> Result<ExitCode> {
@@ -56,8 +56,8 @@ pub fn fuzz(options: &Options) -> Result<ExitCode> {
     workspace::run(fuzz)
 }
 
-/// A run of so many cases of each target, as a part of the tests; built as they are: the shader
-/// compiler that both need, in C++, is not built a second time.
+/// A run of a number of cases of each target, as a part of the tests. It is built like them, so
+/// that the shared shader compiler, in C++, is not built again.
 pub fn of_tests(driver: &Driver, cases: u64) -> Result<Command> {
     let mut build = workspace::cargo();
     build.args(["build", "--workspace", "--bin", "fuzz"]);
@@ -72,7 +72,7 @@ pub fn of_tests(driver: &Driver, cases: u64) -> Result<Command> {
     Ok(fuzz)
 }
 
-/// Cargo with a compiler that takes flags of nightly ones, and the flags.
+/// Cargo with a compiler that accepts nightly flags, and the flags.
 fn sanitizing(flags: &str) -> Command {
     let mut cargo = workspace::cargo();
     // The sanitizer's runtime lies with every toolchain; the stable one takes the flag with this.
@@ -109,7 +109,7 @@ fn with_address_sanitizer() -> Result<Command> {
     let manifest = target.join("tuff_icd.json");
     let built = target.join(PLATFORM).join("release");
     write_manifest(&manifest, &built.join(LIBRARY))?;
-    // The next ordinary build puts its own program in that place.
+    // The next ordinary build replaces this program.
     let own = target.join("fuzz");
     std::fs::copy(workspace::target()?.join("release/fuzz"), &own)
         .with_context(|| format!("copying to {}", own.display()))?;

@@ -19,7 +19,7 @@ pub struct Options {
     prefix: Option<PathBuf>,
 }
 
-/// Where the two files lie.
+/// The paths of the two files.
 struct Places {
     prefix: PathBuf,
     library: PathBuf,
@@ -72,7 +72,7 @@ pub fn install(options: &Options) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Removes what `install` put there, and the folders that are empty then.
+/// Removes the files of `install` and the folders that are empty afterwards.
 pub fn uninstall(options: &Options) -> Result<ExitCode> {
     let places = options.places()?;
     let mut removed = false;
@@ -99,15 +99,15 @@ pub fn uninstall(options: &Options) -> Result<ExitCode> {
 fn remove_empty_folders(file: &Path, prefix: &Path) {
     let inside = |folder: &&Path| folder.starts_with(prefix) && *folder != prefix;
     for folder in file.ancestors().skip(1).take_while(inside) {
-        // The first that is not empty ends it.
+        // The first nonempty folder ends the loop.
         if fs::remove_dir(folder).is_err() {
             break;
         }
     }
 }
 
-/// Takes the debug information out of a copy. A system without the tool keeps it: the library is
-/// larger, and works.
+/// Strips the debug information from a copy. Without the tool the library is larger, and still
+/// works.
 fn strip(library: &Path) {
     let stripped = Command::new("strip").arg(library).status();
     if !stripped.is_ok_and(|status| status.success()) {

@@ -121,10 +121,11 @@ fn main() -> ExitCode {
     })
 }
 
-/// A reader that has seen enough (`cargo xtask info | head`) ends this program by SIGPIPE, as it
-/// ends others. Rust's programs start with that signal ignored, and panic when they print.
+/// A reader that closes its end (`cargo xtask info | head`) ends this program by SIGPIPE, like
+/// other programs. Rust's programs ignore that signal by default, and would panic at the next
+/// print.
 fn end_with_the_reader() {
-    // SAFETY: the default action is no handler of ours, and no other thread runs yet.
+    // SAFETY: the default action installs no handler, and no other thread runs yet.
     unsafe { libc::signal(libc::SIGPIPE, libc::SIG_DFL) };
 }
 

@@ -1,4 +1,4 @@
-//! `cargo xtask package`: builds the driver for old and new systems alike, or for Windows, and
+//! `cargo xtask package`: builds the driver, for old and new Linux systems or for Windows, and
 //! packs it.
 
 use std::path::{Path, PathBuf};
@@ -11,9 +11,9 @@ use crate::architecture::{Architecture, Loader, Target};
 use crate::driver::{LIBRARY, MANIFEST, manifest_text};
 use crate::{system, windows, workspace};
 
-/// Where the library lies, seen from the manifest's folder.
+/// The library's path relative to the manifest's folder.
 const LIBRARY_FROM_MANIFEST: &str = "../../../lib/tuff/libvulkan_tuff.so";
-/// On Windows, whose loader knows a path by this separator.
+/// The path on Windows, whose loader recognizes paths by this separator.
 const DLL_FROM_MANIFEST: &str = r"..\..\..\lib\tuff\vulkan_tuff.dll";
 /// The tool that cross-compiles against an old glibc.
 const ZIGBUILD: &str = "cargo-zigbuild";
@@ -72,7 +72,7 @@ fn for_linux(options: &Options, architecture: Architecture) -> Result<ExitCode> 
         "{strip} is needed: install binutils-{}-linux-gnu",
         architecture.name()
     );
-    // Before minutes of building.
+    // Checked before a build of minutes.
     let loader = match named_loader(options)? {
         Some(named) => named,
         None => {
@@ -125,7 +125,7 @@ fn for_windows(options: &Options) -> Result<ExitCode> {
     workspace::run(packaging)
 }
 
-/// The loader that the user names, or that none is wanted; none where the user says nothing.
+/// The user's choice of a loader, or of none; `None` without a choice.
 fn named_loader(options: &Options) -> Result<Option<Option<Loader>>> {
     match &options.loader {
         Some(none) if none.as_os_str() == "none" => Ok(Some(None)),
@@ -134,8 +134,8 @@ fn named_loader(options: &Options) -> Result<Option<Option<Loader>>> {
     }
 }
 
-/// The program that packs, with what it is told for every system. It is of the tests' profile, as
-/// they build it: packing takes seconds.
+/// The packing program with its common arguments. It has the profile of the tests, which build it,
+/// too; packing takes seconds.
 fn packaging(
     options: &Options,
     library_from_manifest: &str,
@@ -161,7 +161,7 @@ fn packaging(
     Ok(packaging)
 }
 
-/// Driver and program for an old glibc, each built alone; the folder that they lie in.
+/// Builds driver and program for an old glibc, each alone. Returns their folder.
 fn build(folder: &Path, old: &str, architecture: Architecture) -> Result<PathBuf> {
     let platform = architecture.platform();
     for package in ["icd", "tuff"] {

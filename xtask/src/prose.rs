@@ -1,5 +1,5 @@
 //! The house style of comments and pages, as far as a program can check it: lines of 100 columns,
-//! and none of the phrases that make a reader go back.
+//! and no phrases that readers have to read twice.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -11,7 +11,7 @@ use crate::workspace;
 /// Columns of a comment line, indentation included.
 const COLUMNS: usize = 100;
 
-/// Phrases that sentences do without, in lower case.
+/// Banned phrases, in lower case.
 const PHRASES: [&str; 8] = [
     "whoever",
     "whomever",

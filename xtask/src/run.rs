@@ -1,4 +1,4 @@
-//! `cargo xtask env` and `cargo xtask run`: other people's programs on Tuff.
+//! `cargo xtask env` and `cargo xtask run`: the user's programs on Tuff.
 
 use std::ffi::{OsStr, OsString};
 use std::os::unix::fs::PermissionsExt;
@@ -25,7 +25,7 @@ pub struct Options {
     program: Vec<OsString>,
 }
 
-/// Runs a program with the driver selected; its exit code becomes ours.
+/// Runs a program on the driver, and returns its exit code.
 pub fn run(options: &Options) -> Result<ExitCode> {
     let (name, arguments) = options.program.split_first().context("no program given")?;
     // Before minutes of building.
@@ -39,7 +39,7 @@ pub fn run(options: &Options) -> Result<ExitCode> {
 }
 
 impl Options {
-    /// The driver's variables that options stand for.
+    /// The driver's variables for the options.
     fn variables(&self) -> impl Iterator<Item = (&'static str, &OsString)> {
         let pixel = self.capture_pixel.iter();
         let folder = self.capture.iter();
@@ -47,8 +47,7 @@ impl Options {
     }
 }
 
-/// Sees to it that a program can be started: by its path, or by a name that a folder of `search`
-/// has.
+/// Checks that a program can be started, by its path or by a name in a folder of `search`.
 fn require_program(name: &OsStr, search: Option<&OsStr>) -> Result<()> {
     let shown = name.display();
     if name.as_encoded_bytes().contains(&b'/') {

@@ -1,5 +1,5 @@
-//! Black-box tests that did not run, because the device lacks what they need: the tests list them
-//! in a file.
+//! Black-box tests that were skipped because the device lacks a feature. The tests list them in a
+//! file.
 
 use std::fs;
 use std::path::PathBuf;

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Result, bail};
 
-/// Something of the system that a command cannot do without.
+/// A system requirement of a command.
 #[derive(Debug)]
 pub struct Need {
     name: &'static str,
@@ -25,7 +25,8 @@ pub const COMPILER: Need = Need {
 /// The Vulkan loader: the library between applications and drivers.
 pub const LOADER: Need = Need {
     name: "the Vulkan loader (libvulkan.so.1)",
-    // SAFETY: the loader's initialisers only set up its own state, and it is closed again at once.
+    // SAFETY: the loader's initializers only set up its own state, and the library is closed again
+    // at once.
     is_there: || unsafe { libloading::Library::new("libvulkan.so.1") }.is_ok(),
     packages: [
         "libvulkan1",
@@ -47,7 +48,7 @@ pub const XVFB: Need = Need {
     ],
 };
 
-/// Python with what makes fresh environments, for the test of the wheel.
+/// Python with the module for virtual environments, for the test of the wheel.
 pub const PYTHON: Need = Need {
     name: "Python with venv and pip",
     is_there: || {
@@ -58,15 +59,15 @@ pub const PYTHON: Need = Need {
     packages: ["python3-venv", "python3-pip", "python", "python3-pip"],
 };
 
-/// Whether packages may be installed: the user did not say `--no-install`.
+/// Whether packages may be installed: false with `--no-install`.
 static MAY_INSTALL: AtomicBool = AtomicBool::new(true);
 
-/// Leaves all installing to the user.
+/// Disables installation.
 pub fn install_nothing() {
     MAY_INSTALL.store(false, Ordering::Relaxed);
 }
 
-/// Installs the missing packages, where this program may.
+/// Installs the missing packages, if allowed.
 ///
 /// # Errors
 /// Something is missing; the message says what to install.
@@ -93,7 +94,7 @@ pub fn require(needs: &[&Need]) -> Result<()> {
     }
 }
 
-/// The beginning of a command line that an administrator runs; none if this user is none.
+/// The prefix of a command line with administrator rights; `None` if the user has none.
 fn administrator() -> Option<&'static str> {
     // SAFETY: a plain system call.
     if unsafe { libc::geteuid() } == 0 {
@@ -102,12 +103,12 @@ fn administrator() -> Option<&'static str> {
     is_success(Command::new("sudo").args(["-n", "true"])).then_some("sudo -n ")
 }
 
-/// The packages that bring something, for one of the package managers.
+/// The packages with a requirement, for one of the package managers.
 fn packages(needs: &[&Need], manager: usize) -> Vec<&'static str> {
     needs.iter().map(|need| need.packages[manager]).collect()
 }
 
-/// Installs packages; the caller looks for them to see whether that succeeded.
+/// Installs packages. The caller checks whether that succeeded.
 fn install(prefix: &str, packages: &[&str]) {
     let apt = |arguments: &[&str]| {
         let mut words = prefix.split_whitespace().chain(["env"]);
@@ -152,7 +153,7 @@ pub fn is_program(name: &str) -> bool {
     places.into_iter().any(|place: PathBuf| place.is_file())
 }
 
-/// Whether a program can be started and ends well, without a word.
+/// Whether a program starts and succeeds, with its output discarded.
 fn is_success(program: &mut Command) -> bool {
     let status = program.stdout(Stdio::null()).stderr(Stdio::null()).status();
     status.is_ok_and(|status| status.success())
@@ -162,7 +163,7 @@ fn is_success(program: &mut Command) -> bool {
 mod tests {
     use super::*;
 
-    /// Something that no machine has.
+    /// A requirement that no machine meets.
     const NOTHING: Need = Need {
         name: "the philosopher's stone",
         is_there: || false,

@@ -6,7 +6,7 @@ use anyhow::Result;
 
 use crate::workspace;
 
-/// Runs the test that holds the table against the rules, in the mood to write it.
+/// Runs the test that compares the table with the rules, in the mode that writes the table.
 pub fn write() -> Result<ExitCode> {
     let mut cargo = workspace::cargo();
     cargo.args([

@@ -1,4 +1,4 @@
-//! Programs for Windows, which cargo builds here by mingw.
+//! Builds programs for Windows with cargo and mingw.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -17,7 +17,7 @@ pub const LOADER: &str = "vulkan-1.dll";
 /// The compiler of C that links.
 const LINKER: &str = "x86_64-w64-mingw32-gcc";
 
-/// How cargo gets Rust's library for the platform.
+/// The source of Rust's library for the platform.
 #[derive(Debug, PartialEq, Eq)]
 enum Library {
     Installed,
@@ -29,7 +29,7 @@ impl Library {
     /// That of the compiler in a folder.
     ///
     /// # Errors
-    /// It has none: the message says what to install.
+    /// There is none. The message says what to install.
     fn of(sysroot: &Path) -> Result<Library> {
         let rustlib = sysroot.join("lib/rustlib");
         if rustlib.join(PLATFORM).join("lib").is_dir() {
@@ -49,7 +49,7 @@ impl Library {
 /// below the platform's name.
 ///
 /// # Errors
-/// The linker or Rust's library is not there: the message says what to install.
+/// The linker or Rust's library is missing. The message says what to install.
 pub fn cargo(command: &str) -> Result<Command> {
     ensure!(
         system::is_program(LINKER),

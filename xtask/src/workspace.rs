@@ -1,4 +1,4 @@
-//! Where things lie, and how cargo is called.
+//! Folders of the workspace, and calls of cargo.
 
 use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
@@ -15,7 +15,7 @@ pub fn root() -> &'static Path {
         .expect("xtask lies in the workspace")
 }
 
-/// Cargo's target directory, wherever the user's configuration puts it: this program runs from
+/// Cargo's target directory, for any user configuration, since this program runs from
 /// `<target>/<profile>/xtask`.
 pub fn target() -> Result<PathBuf> {
     let program = std::env::current_exe().context("where xtask lies")?;
@@ -41,7 +41,7 @@ pub fn build_release(packages: &[&str]) -> Result<()> {
     Ok(())
 }
 
-/// Builds a package in release mode while other builds tell how far they are.
+/// Builds a package in release mode while other builds print their progress.
 pub fn build_release_quietly(package: &str) -> Result<()> {
     let mut build = build_command(package);
     build.arg("--quiet");
@@ -63,12 +63,12 @@ fn build_command(package: &str) -> Command {
     cargo
 }
 
-/// A program that was built in release mode.
+/// The path of a program of a release build.
 pub fn program(name: &str) -> Result<Command> {
     Ok(Command::new(target()?.join("release").join(name)))
 }
 
-/// Runs a program to its end, which becomes ours.
+/// Runs a program and returns its exit code.
 pub fn run(mut program: Command) -> Result<ExitCode> {
     let status = program
         .status()
@@ -76,7 +76,7 @@ pub fn run(mut program: Command) -> Result<ExitCode> {
     Ok(exit_code(status))
 }
 
-/// The exit code of this program for a child's end.
+/// The exit code for a child's exit status.
 fn exit_code(status: ExitStatus) -> ExitCode {
     match (status.code(), status.signal()) {
         (Some(code), _) => ExitCode::from(u8::try_from(code).unwrap_or(1)),
@@ -90,7 +90,7 @@ fn exit_code(status: ExitStatus) -> ExitCode {
     }
 }
 
-/// A path as a person would type it from here, where that is shorter.
+/// A path relative to the current folder, if that is shorter.
 pub fn shown(path: &Path) -> PathBuf {
     std::env::current_dir()
         .ok()

@@ -1,9 +1,9 @@
 //! `cargo xtask apps`: applications that the user has built, on two drivers in turn.
 //!
-//! Nothing is fetched. A folder is a set of applications: its file `apps.txt` names one a line, as
-//! a shell would start it from that folder (`name: command and arguments`, `#` before remarks);
-//! without the file, every program in it is one, started with the arguments behind `--`. An
-//! application's speed is the frame rate that it prints, else the time that it takes.
+//! Nothing is downloaded. A folder is a set of applications. Its file `apps.txt` has one on each
+//! line, as a shell would start it from that folder (`name: command and arguments`, `#` before
+//! remarks). Without the file, every program in the folder is one, started with the arguments after
+//! `--`. An application's speed is the frame rate that it prints, or else its run time.
 
 mod once;
 mod picture;
@@ -81,7 +81,7 @@ pub fn apps(options: &Options) -> Result<ExitCode> {
         let least = ratios.iter().copied().fold(f64::INFINITY, f64::min);
         println!("0 against 1: {mean:.2}× in the geometric mean, {least:.2}× at least");
     }
-    // An application that failed on either driver has no ratio.
+    // An application that fails on either driver has no ratio.
     Ok(match ratios.len() == applications.len() {
         true => ExitCode::SUCCESS,
         false => ExitCode::FAILURE,
@@ -149,7 +149,7 @@ impl Line {
     }
 }
 
-/// How pictures of the same name differ, at most.
+/// The largest difference of pictures with the same name.
 fn pictures(first: &[Picture], second: &[Picture]) -> String {
     let mut worst: Option<(f64, &str)> = None;
     for picture in first {

@@ -1,4 +1,4 @@
-//! An application, and one run of it.
+//! An application and one run of it.
 
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -13,7 +13,7 @@ use crate::driver;
 /// The list of a folder's applications.
 const LIST: &str = "apps.txt";
 
-/// A program with its arguments, and where it is started.
+/// A program with its arguments and working folder.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Application {
     pub name: String,
@@ -24,13 +24,13 @@ pub struct Application {
 /// The outcome of one run.
 #[derive(Default)]
 pub struct RunOutcome {
-    /// Why it did not come to its end.
+    /// The reason of a failure.
     pub failure: Option<String>,
     /// Frames a second, as it printed them.
     pub frames: Option<f64>,
     pub wall_seconds: f64,
     pub processor_seconds: f64,
-    /// The pictures that it wrote into its folder.
+    /// The pictures written to its folder.
     pub pictures: Vec<Picture>,
 }
 
@@ -66,7 +66,7 @@ impl Application {
         Ok(found)
     }
 
-    /// Runs it on the driver of a manifest, for as many seconds at most.
+    /// Runs the application on the driver of a manifest, with a time limit in seconds.
     pub fn run(&self, manifest: &Path, through: Option<&str>, patience: u64) -> Result<RunOutcome> {
         let mut words = through.unwrap_or_default().split_whitespace();
         let mut words: Vec<&str> = words.by_ref().collect();
@@ -90,7 +90,7 @@ impl Application {
         let mut pipe = child.stdout.take().context("the output")?;
         let reader = std::thread::spawn(move || {
             let mut text = Vec::new();
-            // Output up to an error counts.
+            // Output before a read error is used.
             let _ = pipe.read_to_end(&mut text);
             text
         });
@@ -137,7 +137,7 @@ fn is_program(path: &Path) -> Result<bool> {
     Ok(data.is_file() && data.permissions().mode() & 0o111 != 0 && !is_library)
 }
 
-/// Waits for a child; says why, if it did not succeed in time.
+/// Waits for a child. Returns the reason if it did not succeed in time.
 fn wait(child: &mut Child, patience: Duration) -> Result<Option<String>> {
     let start = Instant::now();
     loop {
@@ -153,7 +153,7 @@ fn wait(child: &mut Child, patience: Duration) -> Result<Option<String>> {
     }
 }
 
-/// The last number that a line gives as frames a second: `fps: 25.3`, `25.3 fps`, `FPS = 25`.
+/// The last frame rate of a line: `fps: 25.3`, `25.3 fps`, `FPS = 25`.
 fn frames(text: &str) -> Option<f64> {
     let number = |word: &str| -> Option<f64> {
         let word = word.trim_matches(|c: char| !c.is_ascii_digit());

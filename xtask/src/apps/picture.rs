@@ -1,4 +1,4 @@
-//! Pictures that applications write: PNG, and PPM of 8 bits.
+//! Pictures of applications: PNG, and PPM of 8 bits.
 
 use std::fs::File;
 use std::io::BufReader;
@@ -16,7 +16,8 @@ pub struct Picture {
 }
 
 impl Picture {
-    /// The mean difference of channels, of their range; `None` for pictures of different sizes.
+    /// The mean difference of channels, as a fraction of their range; `None` for pictures of
+    /// different sizes.
     pub fn distance(&self, other: &Picture) -> Option<f64> {
         if self.size != other.size || self.channels.len() != other.channels.len() {
             return None;
@@ -27,7 +28,7 @@ impl Picture {
     }
 }
 
-/// The pictures in a folder that were written since a time, by name.
+/// The pictures in a folder that are newer than a time, by name.
 pub fn written_since(folder: &Path, time: SystemTime) -> Result<Vec<Picture>> {
     let mut found = Vec::new();
     for entry in std::fs::read_dir(folder)? {

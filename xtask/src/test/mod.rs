@@ -1,4 +1,4 @@
-//! `cargo xtask test`: everything that shows the driver right.
+//! `cargo xtask test`: all tests of the driver.
 
 mod programs;
 mod run;
@@ -42,16 +42,16 @@ pub struct Options {
     arguments: Vec<String>,
 }
 
-/// Most programs that run at a time, however many processors there are: some take a gigabyte.
+/// Largest number of programs that run at a time, since some take a gigabyte.
 const MOST_AT_A_TIME: usize = 4;
 
-/// The folders of the packages whose tests see nothing but Vulkan.
+/// The folders of the packages whose tests use only Vulkan.
 const BLACK_BOX: [&str; 4] = ["tests", "workloads", "demo", "window"];
 
 /// The folder of the package whose tests need a person or another program.
 const BY_HAND: &str = "by-hand";
 
-/// How many times as many rounds property tests make with `--deep`.
+/// The factor of property test rounds with `--deep`.
 const DEEP_ROUNDS: &str = "20";
 
 /// Cases of each target of the fuzzer, and with `--deep`.
@@ -102,7 +102,7 @@ fn everything(options: &Options) -> Result<ExitCode> {
     println!("Building the driver and the tests");
     let skips = Skips::new()?;
     let driver = Driver::to_be_built()?;
-    // Each build has times in which it keeps one processor busy.
+    // Each build has phases that use only one processor.
     let (built, programs) = std::thread::scope(|scope| {
         let build = scope.spawn(|| workspace::build_release_quietly("icd"));
         let programs = programs_on(&driver, options, &skips);
@@ -110,7 +110,7 @@ fn everything(options: &Options) -> Result<ExitCode> {
     });
     built.map_err(|_| anyhow!("the thread that builds the driver panicked"))??;
     let passed = run_all(options, programs?)?;
-    // Tuff has all that there are tests of.
+    // Tuff supports every feature that tests need.
     let all_ran = skips.print()? == 0;
     Ok(code(passed && all_ran))
 }
@@ -122,7 +122,7 @@ fn programs_on(driver: &Driver, options: &Options, skips: &Skips) -> Result<Vec<
     skips.tell(&mut outer);
     driver.select_for(&mut outer);
     outer.env("TUFF_UNDER_TEST", "1");
-    // A dispatch that hangs loses its device after this time. No dispatch of the tests takes as
+    // A dispatch that hangs loses its device after this time. No dispatch of the tests takes that
     // long, even on a loaded machine.
     if std::env::var_os("TUFF_TIMEOUT").is_none() {
         outer.env("TUFF_TIMEOUT", "300");
@@ -139,16 +139,16 @@ fn programs_on(driver: &Driver, options: &Options, skips: &Skips) -> Result<Vec<
         _ if BLACK_BOX.contains(&folder) => Some(&outer),
         _ => Some(&inner),
     };
-    // All packages at once: built in parts, those that both parts use would be built twice, for the
-    // features that each part asks for.
+    // All packages at once. In two builds, shared packages would be built twice, with different
+    // features.
     let mut cargo = workspace::cargo();
     cargo.args(["test", "--workspace"]);
     let mut all = programs::build(cargo, &options.arguments, surroundings)?;
-    // A name of a test asks for that test alone.
+    // A test's name selects only that test.
     if options.arguments.iter().all(|word| word.starts_with('-')) {
         let fuzz = fuzz::of_tests(driver, FUZZ_CASES[usize::from(options.deep)])?;
         all.push(Program::alone("fuzz", &fuzz));
-        // Cargo alone knows the examples of documentation.
+        // Only cargo can run the examples of documentation.
         let mut examples = workspace::cargo();
         examples.args(["test", "--workspace", "--doc", "--quiet"]);
         all.push(Program::alone("documentation", &examples));
@@ -156,7 +156,7 @@ fn programs_on(driver: &Driver, options: &Options, skips: &Skips) -> Result<Vec<
     Ok(all)
 }
 
-/// Runs programs and prints what came of them; whether all succeeded.
+/// Runs programs and prints the results. Returns whether all succeeded.
 fn run_all(options: &Options, programs: Vec<Program>) -> Result<bool> {
     let processors = std::thread::available_parallelism().map_or(1, usize::from);
     let target = workspace::target()?;
@@ -180,8 +180,8 @@ fn code(passed: bool) -> ExitCode {
     }
 }
 
-/// The same for another architecture: without tools of this machine and without nonsense. What its
-/// loader has no layer for is skipped.
+/// The tests for another architecture, without this machine's tools and without fuzzing. Tests that
+/// need a layer that its loader lacks are skipped.
 fn emulated(options: &Options, architecture: Architecture) -> Result<ExitCode> {
     let emulation = Emulation::new(architecture)?;
     let driver = Driver::build_for(architecture, &emulation)?;

@@ -10,15 +10,14 @@ use serde_json::Value;
 
 use crate::environment;
 
-/// Something that runs to its end, well or badly: a program of tests, or one that is a test as a
-/// whole.
+/// A program that succeeds or fails: a program of tests, or a program that is a single test.
 pub struct Program {
-    /// As it is told: `icd`, `traversal/packets`.
+    /// The name for output: `icd`, `traversal/packets`.
     pub name: String,
     executable: PathBuf,
-    /// Where it runs: the folder of its package, as under cargo.
+    /// The working folder: that of its package, as under cargo.
     folder: PathBuf,
-    /// The names of its tests; none of a program that is one.
+    /// The names of its tests; empty for a single test.
     pub tests: Vec<String>,
     arguments: Vec<String>,
     variables: Vec<(String, Option<String>)>,
@@ -28,9 +27,9 @@ pub struct Program {
 /// The stack of a program's first thread, on which its tests run.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub enum Stack {
-    /// The system's resources.
+    /// The system's limit.
     Usual,
-    /// As small as that of any thread of Rust's: what needs more would fail in applications.
+    /// As small as that of Rust's threads, since code that needs more would fail in applications.
     Small,
 }
 
@@ -60,10 +59,10 @@ impl Program {
         command
     }
 
-    /// A program of tests, run as this command says.
+    /// A program of tests, run like this command.
     ///
     /// # Errors
-    /// It does not tell its tests.
+    /// It does not list its tests.
     #[cfg(test)]
     pub fn of_tests(name: &str, command: &Command) -> Result<Program> {
         let mut program = Program::alone(name, command);
@@ -71,7 +70,7 @@ impl Program {
         Ok(program)
     }
 
-    /// A program that is a test as a whole, run as this command says.
+    /// A program that is a single test, run like this command.
     pub fn alone(name: &str, command: &Command) -> Program {
         let text = |word: &std::ffi::OsStr| word.to_string_lossy().into_owned();
         Program {
@@ -130,12 +129,12 @@ impl Surroundings {
     }
 }
 
-/// Builds test programs by a command of cargo, which is to end with `--no-run`. `surroundings`
-/// says by the folder of a package how its programs run, or that they do not. They run the tests
-/// that `arguments` choose, as the programs understand them.
+/// Builds test programs with a cargo command, to which it adds `--no-run`. `surroundings` returns
+/// the environment for the programs of a package's folder; `None` leaves them out. `arguments` are
+/// arguments of the programs, which select the tests.
 ///
 /// # Errors
-/// A program cannot be built, or does not tell its tests.
+/// A program cannot be built, or does not list its tests.
 pub fn build<'a>(
     mut cargo: Command,
     arguments: &[String],
@@ -186,8 +185,8 @@ fn program(message: &Value, arguments: &[String]) -> Option<Program> {
         ("bin", name) => format!("{package}/{name} (program)"),
         _ => package.to_owned(),
     };
-    // Two tests of older validation layers do not bear each other (1.3.239 was seen to crash:
-    // Vulkan-ValidationLayers issue 4391).
+    // Two concurrent tests crash some older validation layers (1.3.239: Vulkan-ValidationLayers
+    // issue 4391).
     let mut words = arguments.to_vec();
     if !(words.iter()).any(|word| word.starts_with("--test-threads")) {
         words.push("--test-threads=1".into());

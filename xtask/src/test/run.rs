@@ -1,7 +1,6 @@
-//! Runs test programs, some at a time, and tells how far they are.
+//! Runs test programs, several at a time, and prints their progress.
 //!
-//! Each program runs its tests one after the other, so that a test's time is known by when the next
-//! one starts.
+//! Each program runs its tests one after the other, so a test's time ends when the next one starts.
 
 use std::collections::VecDeque;
 use std::fs::File;
@@ -17,21 +16,21 @@ use anyhow::{Context, Result};
 use super::programs::Program;
 use super::times::Times;
 
-/// After so much silence it is told what runs.
+/// After this time without output, the running tests are printed.
 const SILENCE: Duration = Duration::from_secs(30);
 
-/// How often it is looked what programs say.
+/// The interval at which output is read.
 const LOOK: Duration = Duration::from_millis(20);
 
-/// How many of the slowest tests are named.
+/// Number of slowest tests to print.
 const SLOWEST: usize = 10;
 
-/// How programs are run.
+/// The options of a run.
 pub struct Order {
     pub at_a_time: usize,
-    /// Prints the output of programs even if they succeed.
+    /// Prints the output of successful programs, too.
     pub is_loud: bool,
-    /// Where a file keeps what each of them said.
+    /// The folder of their output files.
     pub folder: PathBuf,
 }
 
@@ -40,13 +39,12 @@ pub struct Order {
 pub struct Outcome {
     /// Programs that failed, by name.
     pub failed: Vec<String>,
-    /// Each test, or program that is one, and how long it took.
+    /// Each test, or single-test program, with its time.
     tests: Vec<(Duration, String)>,
 }
 
 impl Outcome {
-    /// Lines for the end: the slowest tests, failed programs, and counts. A failed program counts
-    /// once.
+    /// The summary: the slowest tests, failed programs, and counts. A failed program counts once.
     pub fn text(mut self) -> String {
         self.tests.sort_by(|a, b| b.cmp(a));
         let mut lines = vec!["The slowest tests:".to_owned()];
@@ -62,10 +60,10 @@ impl Outcome {
     }
 }
 
-/// A program that runs.
+/// A running program.
 struct Running {
     name: String,
-    /// The test that it is at, and since when.
+    /// The current test and its start.
     test: Option<(String, Instant)>,
     started: Instant,
     tests_done: usize,
@@ -77,7 +75,7 @@ struct Board {
     running: Vec<Running>,
     programs_done: usize,
     tests_done: usize,
-    /// Of all programs that are done, together.
+    /// Totals of all finished programs.
     seconds_done: f64,
     outcome: Outcome,
     times: Times,
@@ -87,13 +85,13 @@ struct Board {
 enum News {
     Done {
         line: String,
-        /// The output of a failed program, or of one that is to be printed.
+        /// The output of a failed program, or of one with printed output.
         said: Option<String>,
     },
     Over,
 }
 
-/// Runs programs, some at a time and the longest first, and prints each as it ends.
+/// Runs programs, several at a time and the longest first, and prints each at its end.
 ///
 /// # Errors
 /// A program cannot be started.
@@ -101,7 +99,7 @@ pub fn run(mut programs: Vec<Program>, times: Times, order: &Order) -> Result<Ou
     std::fs::create_dir_all(&order.folder)
         .with_context(|| format!("making {}", order.folder.display()))?;
     let at_a_time = order.at_a_time;
-    // Those that nothing is known of may be long.
+    // Programs without a known time may be long.
     let length = |program: &Program| times.of(&program.name).unwrap_or(f64::MAX);
     programs.sort_by(|a, b| length(b).total_cmp(&length(a)));
     let all = (
@@ -163,7 +161,7 @@ pub fn run(mut programs: Vec<Program>, times: Times, order: &Order) -> Result<Ou
     Ok(board.outcome)
 }
 
-/// How far all is.
+/// The progress of the whole run.
 fn head(
     board: &Board,
     (programs, tests): (usize, usize),
@@ -214,7 +212,7 @@ fn lock(board: &Mutex<Board>) -> MutexGuard<'_, Board> {
     board.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Runs programs as long as any wait.
+/// Runs programs until none is left.
 fn run_some(board: &Mutex<Board>, news: &Sender<News>, order: &Order) -> Result<()> {
     loop {
         let program = {
@@ -264,10 +262,10 @@ fn run_some(board: &Mutex<Board>, news: &Sender<News>, order: &Order) -> Result<
     }
 }
 
-/// Runs a program to its end: how it ended, all that it said, and the time of each test.
+/// Runs a program. Returns its status, its output, and the time of each test.
 ///
-/// It writes to a file: who holds the end of a pipe could go on, a server that a test left behind
-/// for instance.
+/// The output goes to a file, because another process could keep a pipe open, for example a server
+/// that a test left running.
 fn run_one(
     program: &Program,
     order: &Order,
@@ -310,10 +308,10 @@ fn run_one(
     Ok((status, text, named.collect()))
 }
 
-/// Sees by what a program says which test it is at. Programs that tests start may say the same of
-/// the same test.
+/// Finds the current test from a program's output. Programs that tests start may print the same
+/// test again.
 struct Watch<'a> {
-    /// Those that have not started.
+    /// The tests that have not started.
     waiting: Vec<&'a str>,
     current: Option<(String, Instant)>,
     took: Vec<(Duration, String)>,
@@ -330,7 +328,7 @@ impl<'a> Watch<'a> {
         }
     }
 
-    /// Looks at more bytes; whether a test has started.
+    /// Reads more bytes. Returns whether a test has started.
     fn look(&mut self, bytes: &[u8], now: Instant) -> bool {
         let mut is_new = false;
         for &byte in bytes {
@@ -346,7 +344,7 @@ impl<'a> Watch<'a> {
         is_new
     }
 
-    /// The line at hand may say that a test starts.
+    /// The current line may be the start of a test.
     fn start(&mut self, now: Instant) -> bool {
         let line = String::from_utf8_lossy(&self.line);
         let Some(rest) = line.strip_prefix("test ") else {
@@ -378,7 +376,7 @@ impl<'a> Watch<'a> {
 mod tests {
     use super::*;
 
-    /// Bytes of a program, a test of which runs itself again.
+    /// Output of a program with a test that runs the program again.
     #[test]
     fn tests_are_timed_by_when_the_next_one_starts() {
         let names = ["a::first", "b::alone", "c::last"].map(str::to_owned);
@@ -416,7 +414,7 @@ mod tests {
             shell.args(["-c", line]).current_dir(&folder);
             Program::alone(name, &shell)
         };
-        // A child of a program that goes on is not waited for.
+        // A program's child that continues to run is not waited for.
         let programs = vec![
             shell("good", "sleep 60 & exit 0"),
             shell("bad", "echo why >&2; exit 3"),

@@ -1,4 +1,4 @@
-//! How long programs of tests took when they ran last: from it follows how long is left.
+//! The times of test programs in their last run, to estimate the remaining time.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -24,8 +24,8 @@ impl Times {
         }
     }
 
-    /// Notes how long something took, for this run and the next. A file that cannot be written
-    /// loses the estimate alone.
+    /// Records a time, for this run and the next. If the file cannot be written, only the estimate
+    /// is lost.
     pub fn note(&mut self, name: &str, took: Duration) {
         self.seconds.insert(name.into(), took.as_secs_f64());
         let lines = self.seconds.iter();
@@ -35,14 +35,14 @@ impl Times {
         let _ = std::fs::write(&self.file, lines);
     }
 
-    /// Seconds that something took, if that is known.
+    /// The recorded seconds, if any.
     pub fn of(&self, name: &str) -> Option<f64> {
         self.seconds.get(name).copied()
     }
 
-    /// About how many seconds are left for these programs, each with its number of tests, when so
-    /// many run at a time. `tests_done` tests took `seconds_done` of all programs together so far:
-    /// what is not known takes as long for each test. None where nothing is known.
+    /// An estimate of the remaining seconds for these programs, each with its number of tests, with
+    /// this many at a time. So far `tests_done` tests took `seconds_done` of all programs together.
+    /// Programs without a recorded time take the average for each test. `None` without any data.
     pub fn left(
         &self,
         programs: &[(&str, usize)],
@@ -79,7 +79,7 @@ mod tests {
         let times = Times::read(&file);
         std::fs::remove_file(&file).unwrap();
         assert_eq!(times.of("of two words"), Some(1.5));
-        // The longest program is as long as it is, however many run beside it.
+        // The longest program bounds the time, even if others run in parallel.
         let both = [("a", 3), ("of two words", 1)];
         assert_eq!(times.left(&both, 1, (0, 0.0)), Some(5.5));
         assert_eq!(times.left(&both, 2, (0, 0.0)), Some(4.0));

@@ -1,9 +1,9 @@
 //! `cargo xtask test --target x86_64-pc-windows-gnu`: the driver and the tests as programs for
 //! Windows, run by Wine through the Khronos loader.
 //!
-//! That loader ignores variables in processes with an administrator's rights, which all have under
-//! Wine: the driver is registered, in a Wine of the target folder. The loader reads the registry
-//! only where DXGI starts, which needs a display.
+//! That loader ignores variables in processes with administrator rights, which all processes have
+//! under Wine. So the driver is registered in a Wine prefix in the target folder. The loader reads
+//! the registry only if DXGI starts, which needs a display.
 
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
@@ -19,14 +19,14 @@ use crate::{system, workspace};
 /// The variable by which tests find the compiler of GLSL.
 const GLSL_SERVER: &str = "TUFF_GLSL_SERVER";
 
-/// Where the loader finds drivers.
+/// The registry key of drivers.
 const DRIVERS: &str = r"HKLM\SOFTWARE\Khronos\Vulkan\Drivers";
 
-/// Wine's DXGI starts without OpenGL so. With it, programs take long to end once they have passed,
-/// and Wine kills them on a busy machine: the exit status is 137.
+/// This setting starts Wine's DXGI without OpenGL. With OpenGL, programs take long to end after
+/// they have passed, and Wine kills them on a busy machine with exit status 137.
 const DIRECT3D: &str = r"HKCU\Software\Wine\Direct3D";
 
-/// The black-box tests that run without `--deep`: what depends on the system most.
+/// The black-box tests that run without `--deep`: those that depend most on the system.
 const CHOSEN: [&str; 13] = [
     "compute",
     "descriptors",
@@ -139,7 +139,7 @@ fn set_wine(program: &mut Command) -> Result<()> {
     Ok(())
 }
 
-/// Makes a driver the only one that is registered, and sets Wine up.
+/// Registers a driver as the only one, and sets Wine up.
 fn register(manifest: &Path) -> Result<()> {
     let reg = |arguments: &[&str]| -> Result<ExitStatus> {
         let mut reg = Command::new("wine");
@@ -168,7 +168,7 @@ fn run(mut tests: Command, compiler: &Compiler, order: &Order) -> Result<ExitCod
     workspace::run(tests)
 }
 
-/// A path of this machine, as programs under Wine see it.
+/// A path of this machine in the form for programs under Wine.
 fn on_drive(path: &Path) -> String {
     format!("Z:{}", path.display()).replace('/', "\\")
 }
@@ -218,7 +218,7 @@ impl Drop for Compiler {
 /// The loader that an argument names.
 ///
 /// # Errors
-/// None is named: the message says what to do.
+/// There is none. The message says what to do.
 pub fn named(loader: Option<&PathBuf>) -> Result<&Path> {
     loader.map(PathBuf::as_path).context(
         "Wine's own Vulkan loader does not find drivers of Windows: build the Khronos loader \
