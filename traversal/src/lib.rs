@@ -80,6 +80,7 @@
 //! global pool is never started. The result does not depend on the number of threads.
 
 pub mod build;
+pub mod cost;
 mod error;
 pub mod input;
 mod layout;
@@ -95,6 +96,7 @@ pub mod transfer;
 pub mod walk;
 
 pub use build::{BuildSizes, MAX_GEOMETRIES, build, build_sizes, micromap_bytes, update};
+pub use cost::RayCost;
 pub use error::{BuildError, StructureError};
 pub use input::{
     AabbGeometry, BuildFlags, BuildInput, EndCaps, Geometries, GeometryFlags, Indexing,
@@ -109,7 +111,9 @@ pub use micromap::{
     build_micromap, copy_micromap, micromap_size,
 };
 pub use ray::{Hit, Ray, Swept, ray_flags};
-pub use structure::{Kind, Structure, validate};
+pub use structure::{
+    Content, InstanceContent, Kind, PrimitiveShape, Structure, StructureFacts, validate,
+};
 pub use survey::{Fate, Met, Survey};
 pub use transfer::{
     Serialized, compact_into, compacted_size, copy_into, deserialize, serialize, serialized_size,

@@ -1,5 +1,6 @@
 //! A structure as its users see it: what it holds, what an instance is, whether it is sound.
 
+mod contents;
 mod head;
 mod hits;
 mod kind;
@@ -15,6 +16,7 @@ use crate::layout::{
 };
 use crate::live::Live;
 use crate::motion::{Transforms, invert, transform_at};
+pub use contents::{Content, InstanceContent, PrimitiveShape, StructureFacts};
 use head::{check_header, check_parts};
 pub use kind::Kind;
 pub use validate::validate;

@@ -5,6 +5,7 @@ use super::entry::{Entry, STACK};
 use super::kernel::Kernel;
 use super::leaf::{Leaf, Triangles};
 use super::level::{Entered, Level, only_instance};
+use super::meter::Meter;
 use super::opaque::{End, Nearest, Opaque, Pending};
 use super::options::Specialisation;
 use super::{Event, Walk, Walker, test_leaf};
@@ -17,11 +18,12 @@ use crate::structure::Kind;
 /// # Safety
 /// The machine has the kernel's instruction set.
 #[inline(always)]
-pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
+pub(crate) unsafe fn run<K: Kernel, M: Meter, const ANY: bool>(
     walk: &mut Walk,
     walker: &mut Walker,
     entered: &mut Entered,
     fuel: &mut u64,
+    meter: &mut M,
 ) -> Event {
     let without = walker.without();
     let Walker {
@@ -93,7 +95,8 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
         let node_count = level.structure.node_count();
         let fetch_ahead = node_count > LARGE && !without.contains(Specialisation::Prefetch);
         let is_triangles = level.structure.kind() == Kind::Triangles;
-        let all_opaque = in_bottom
+        let all_opaque = !M::COUNTS
+            && in_bottom
             && is_triangles
             && instance.all_opaque
             && space.scale == 1.0
@@ -163,10 +166,12 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
                 left -= 1;
                 // Words of leaves are above every index of a node.
                 if word >= node_count {
+                    meter.visit_leaf(&level.structure, word);
                     break;
                 }
                 // SAFETY: below the count.
                 let node = unsafe { level.structure.node_at(word) };
+                meter.visit_node(node);
                 if length > STACK - WIDTH {
                     // Deeper than any structure that was built: corrupt.
                     continue 'next;

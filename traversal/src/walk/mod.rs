@@ -44,6 +44,7 @@ mod leaf;
 mod level;
 mod list;
 mod meeting;
+pub(crate) mod meter;
 mod micromap;
 mod motion;
 mod opaque;
@@ -71,6 +72,7 @@ use crate::ray::{Hit, Ray, ray_flags};
 use entry::Entry;
 pub use flights::{Flight, Flights, Start};
 use level::Entered;
+use meter::Meter;
 pub use options::{Accuracy, Options, Specialisation, Switches};
 pub use probe::TriangleTest;
 pub use rows::{HitRows, Lanes, RayRows, Words};
@@ -213,6 +215,17 @@ impl Walk {
     /// unit of `fuel`.
     pub fn resume(&mut self, walker: &mut Walker, verdict: Verdict, fuel: &mut u64) -> Event {
         run::run(self, verdict, walker, &mut { Entered::NOTHING }, fuel)
+    }
+
+    /// The same, with each visit told to a meter.
+    pub(crate) fn resume_metered(
+        &mut self,
+        walker: &mut Walker,
+        verdict: Verdict,
+        fuel: &mut u64,
+        meter: &mut impl Meter,
+    ) -> Event {
+        run::run_metered(self, verdict, walker, fuel, meter)
     }
 
     /// Applies a verdict; whether that ends the walk.

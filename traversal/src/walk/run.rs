@@ -5,6 +5,7 @@ use lanes::Tier;
 
 use super::kernel::Kernel;
 use super::level::Entered;
+use super::meter::{Meter, Unmetered};
 use super::portable::PortableKernel;
 use super::{Event, Verdict, Walk, WalkState, Walker, descend};
 
@@ -59,6 +60,20 @@ unsafe fn run_avx2(
     unsafe { run_with::<super::avx::Avx<false>>(walk, verdict, walker, entered, fuel) }
 }
 
+/// [`run`] with a meter. All instruction sets visit the same nodes, so this needs no version for
+/// each.
+pub(crate) fn run_metered(
+    walk: &mut Walk,
+    verdict: Verdict,
+    walker: &mut Walker,
+    fuel: &mut u64,
+    meter: &mut impl Meter,
+) -> Event {
+    let entered = &mut { Entered::NOTHING };
+    // SAFETY: every machine has plain Rust.
+    unsafe { run_all::<PortableKernel, _>(walk, verdict, walker, entered, fuel, meter) }
+}
+
 /// [`run`] with a kernel.
 ///
 /// # Safety
@@ -71,6 +86,23 @@ pub(crate) unsafe fn run_with<K: Kernel>(
     entered: &mut Entered,
     fuel: &mut u64,
 ) -> Event {
+    // SAFETY: the caller's promise.
+    unsafe { run_all::<K, _>(walk, verdict, walker, entered, fuel, &mut Unmetered) }
+}
+
+/// [`run`] with a kernel and a meter.
+///
+/// # Safety
+/// The machine has the kernel's instruction set.
+#[inline(always)]
+unsafe fn run_all<K: Kernel, M: Meter>(
+    walk: &mut Walk,
+    verdict: Verdict,
+    walker: &mut Walker,
+    entered: &mut Entered,
+    fuel: &mut u64,
+    meter: &mut M,
+) -> Event {
     if walk.is_over(verdict) {
         walk.state = WalkState::Done;
         return Event::Done;
@@ -78,9 +110,9 @@ pub(crate) unsafe fn run_with<K: Kernel>(
     // SAFETY: the caller's promise.
     let event = unsafe {
         if walk.terminates_on_first_hit() {
-            descend::run::<K, true>(walk, walker, entered, fuel)
+            descend::run::<K, M, true>(walk, walker, entered, fuel, meter)
         } else {
-            descend::run::<K, false>(walk, walker, entered, fuel)
+            descend::run::<K, M, false>(walk, walker, entered, fuel, meter)
         }
     };
     walk.state = WalkState::after(event);

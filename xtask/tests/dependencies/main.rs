@@ -119,6 +119,7 @@ const HOUSES: [House; 4] = [
         name: "traversal",
         order: &[
             "survey",
+            "cost",
             "transfer",
             "build",
             "walk",

@@ -1,0 +1,122 @@
+//! The cost of a ray by itself: for reports. No walk needs this.
+//!
+//! The ray is walked once more, alone, from the nearest child to the farthest, without the
+//! shortcuts that depend on the machine. Every instruction set visits the same nodes, so the counts
+//! are those of the ray and of the structures, and of nothing else.
+
+use crate::layout::{NodeAt, child};
+use crate::live::Live;
+use crate::ray::{Hit, Ray};
+use crate::structure::{Kind, Structure};
+use crate::walk::meter::Meter;
+use crate::walk::{Event, Verdict, Walk, Walker};
+
+/// Visits of one ray, at most.
+const FUEL: u64 = 1 << 24;
+
+/// Counts of one ray by itself.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct RayCost {
+    /// Nodes and leaves that are visited; an instance is a leaf of a top level.
+    pub steps: u32,
+    /// Boxes of nodes' children that the ray is held against.
+    pub box_tests: u32,
+    /// Triangles and round primitives of the leaves that are visited.
+    pub primitive_tests: u32,
+    /// Triangles and round primitives that are not opaque, where the walk stops.
+    pub any_hit_candidates: u32,
+    /// Boxes of geometries, where the walk stops.
+    pub box_candidates: u32,
+    /// There were more visits than are counted.
+    pub is_cut: bool,
+}
+
+impl RayCost {
+    /// Walks a ray, cast at a time in [0, 1], to its hit. Of the candidates that shaders decide on,
+    /// the hit is accepted and all others are ignored: those before it were ignored, or it would
+    /// not be the hit. So the counts do not depend on the decisions behind it.
+    ///
+    /// # Safety
+    /// As for [`Walk::new`]; `live` is where the structures may lie.
+    pub unsafe fn new(
+        walker: &mut Walker,
+        top_level: u64,
+        ray: &Ray,
+        time: f32,
+        live: &Live,
+        hit: Option<&Hit>,
+    ) -> RayCost {
+        let mut cost = RayCost::default();
+        // SAFETY: the caller's promise.
+        let mut walk = unsafe {
+            walker.set_live(live);
+            Walk::new(top_level, ray)
+        };
+        walk.set_time(time);
+        let is_hit = |candidate: &Hit| hit.is_some_and(|hit| key(candidate) == key(hit));
+        let (mut verdict, mut fuel) = (Verdict::Continue, FUEL);
+        loop {
+            let event = walk.resume_metered(walker, verdict, &mut fuel, &mut cost);
+            verdict = Verdict::Continue;
+            match event {
+                Event::Done => break,
+                Event::OutOfFuel => {
+                    cost.is_cut = true;
+                    break;
+                }
+                Event::AnyHitCandidate => {
+                    cost.any_hit_candidates += 1;
+                    if is_hit(walk.candidate()) {
+                        verdict = Verdict::Accept;
+                    }
+                }
+                Event::ProceduralCandidate => {
+                    cost.box_candidates += 1;
+                    if let Some(hit) = hit.filter(|_| is_hit(walk.candidate())) {
+                        walk.commit_procedural(hit.t, hit.hit_kind);
+                    }
+                }
+            }
+        }
+        cost
+    }
+}
+
+/// The primitive of a hit.
+fn key(hit: &Hit) -> (u32, u32, u32, bool) {
+    (
+        hit.instance_index,
+        hit.geometry_index,
+        hit.primitive_index,
+        hit.is_built_in(),
+    )
+}
+
+impl Meter for RayCost {
+    const COUNTS: bool = true;
+
+    #[inline]
+    fn visit_node(&mut self, node: NodeAt<'_>) {
+        self.steps += 1;
+        let words = node.children();
+        self.box_tests += words.iter().filter(|&&word| word != child::NONE).count() as u32;
+    }
+
+    #[inline]
+    fn visit_leaf(&mut self, structure: &Structure, word: u32) {
+        if word & child::LEAF == 0 || word == child::NONE {
+            return;
+        }
+        self.steps += 1;
+        self.primitive_tests += match structure.kind() {
+            Kind::Triangles => {
+                let mut room = None;
+                let groups = structure.leaf_groups(word, &mut room, |block, _| block.lanes());
+                groups.map_or(0, |(_, lanes)| lanes.count_ones())
+            }
+            Kind::Swept | Kind::Motion => 1,
+            // The box was tested where its leaf's node was.
+            Kind::Aabbs | Kind::Instances | Kind::MotionInstances => 0,
+        };
+    }
+}

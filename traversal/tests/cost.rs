@@ -1,0 +1,139 @@
+//! The cost of a ray by itself, expected from where primitives are.
+
+use scenes::*;
+use traversal::*;
+
+fn cost(top: &Bytes, ray: &Ray, hit: Option<&Hit>) -> RayCost {
+    // SAFETY: the structures are alive.
+    unsafe {
+        RayCost::new(
+            &mut Walker::new(),
+            top.address(),
+            ray,
+            0.0,
+            &EVERYWHERE,
+            hit,
+        )
+    }
+}
+
+/// A triangle at a height, which rays along z at (0.25, 0.25) meet.
+fn triangle(z: f32, opaque: bool) -> Mesh {
+    Mesh {
+        vertices: vec![[0.0, 0.0, z], [1.0, 0.0, z], [0.0, 1.0, z]],
+        indices: vec![[0, 1, 2]],
+        opaque,
+    }
+}
+
+fn up(x: f32) -> Ray {
+    ray([x, 0.25, 0.0], [0.0, 0.0, 1.0])
+}
+
+#[test]
+fn one_triangle_costs_a_node_and_a_leaf() {
+    let scene = Scene::new(&[triangle(1.0, true)], 0);
+    let hit = RayCost {
+        steps: 2,
+        box_tests: 1,
+        primitive_tests: 1,
+        ..RayCost::default()
+    };
+    assert_eq!(cost(&scene.top, &up(0.25), None), hit);
+    // In the triangle's box, but not in the triangle.
+    let ray = Ray {
+        origin: [0.9, 0.9, 0.0],
+        ..up(0.0)
+    };
+    assert_eq!(cost(&scene.top, &ray, None), hit);
+    let beside = RayCost {
+        steps: 1,
+        box_tests: 1,
+        ..RayCost::default()
+    };
+    assert_eq!(cost(&scene.top, &up(5.0), None), beside);
+    let nowhere = [f32::NAN, f32::INFINITY].map(|x| cost(&scene.top, &up(x), None));
+    assert_eq!(nowhere, [RayCost::default(); 2]);
+}
+
+#[test]
+fn instances_are_leaves_of_the_top_level() {
+    let bottom = build_meshes(&[triangle(1.0, true)], 0);
+    let place = |x: f32| {
+        let transform = [1.0, 0.0, 0.0, x, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0];
+        InstanceRecord::new(&bottom, transform)
+    };
+    let top = build_instances(&[place(0.0), place(10.0)], 0);
+    let one = RayCost {
+        steps: 4,
+        box_tests: 3,
+        primitive_tests: 1,
+        ..RayCost::default()
+    };
+    assert_eq!(cost(&top, &up(0.25), None), one);
+    assert_eq!(cost(&top, &up(10.25), None), one);
+    let between = RayCost {
+        steps: 1,
+        box_tests: 2,
+        ..RayCost::default()
+    };
+    assert_eq!(cost(&top, &up(5.0), None), between);
+}
+
+#[test]
+fn candidates_are_counted_as_far_as_the_hit() {
+    let heights = [1.0, 2.0, 3.0];
+    let scene = Scene::new(&heights.map(|z| triangle(z, false)), 0);
+    let all = cost(&scene.top, &up(0.25), None);
+    assert_eq!((all.any_hit_candidates, all.box_candidates), (3, 0));
+    assert_eq!(all.primitive_tests, 3);
+    // The first is the hit: the walk stops there at the latest, and asks about none behind it then.
+    let first = Hit {
+        triangle: true,
+        ..Hit::NONE
+    };
+    let asked = cost(&scene.top, &up(0.25), Some(&first)).any_hit_candidates;
+    assert!((1..=3).contains(&asked), "{asked}");
+
+    let boxes = [
+        [0.0, 0.0, 1.0, 1.0, 1.0, 2.0],
+        [0.0, 0.0, 3.0, 1.0, 1.0, 4.0],
+        [5.0, 0.0, 3.0, 6.0, 1.0, 4.0],
+    ];
+    let bottom = build_boxes(&boxes, false, 0);
+    let identity = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0];
+    let top = build_instances(&[InstanceRecord::new(&bottom, identity)], 0);
+    let all = cost(&top, &up(0.25), None);
+    assert_eq!((all.any_hit_candidates, all.box_candidates), (0, 2));
+    let near = Hit {
+        t: 1.5,
+        ..Hit::NONE
+    };
+    assert_eq!(cost(&top, &up(0.25), Some(&near)).box_candidates, 1);
+}
+
+/// The nearest hit of a walk that counts is the one of a walk that does not, and what it visits
+/// does not depend on the instruction set of its walker.
+#[test]
+fn costs_are_the_same_on_every_machine() {
+    let mut random = Random(7);
+    let scene = Scene::new(&[Mesh::icosphere(3, true, |point| point)], 0);
+    for _ in 0..200 {
+        let origin = narrow(random.vector() * 3.0);
+        let ray = ray(origin, narrow(random.direction()));
+        let hit = closest(&scene.top, &ray);
+        let of = |tier| {
+            let mut walker = Walker::with_tier(tier)?;
+            // SAFETY: the scene is alive.
+            let cost = unsafe {
+                let at = scene.top.address();
+                RayCost::new(&mut walker, at, &ray, 0.0, &EVERYWHERE, hit.as_ref())
+            };
+            Some(cost)
+        };
+        let portable = of(Tier::Portable).expect("every machine has it");
+        let best = of(Tier::best()).expect("the best one is there");
+        assert_eq!(portable, best);
+        assert!(hit.is_none() || portable.primitive_tests > 0);
+    }
+}
