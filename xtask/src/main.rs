@@ -1,5 +1,5 @@
 //! The commands a person types: `cargo xtask demo | test | fuzz | bench | apps | chart |
-//! precision | watertight | profile | audit | vuids | env | run | info | install |
+//! precision | watertight | profile | audit | vuids | env | run | info | view | install |
 //! uninstall | package`.
 
 mod apps;
@@ -22,6 +22,7 @@ mod skips;
 mod slang;
 mod system;
 mod test;
+mod view;
 mod vuids;
 mod watertight;
 mod windows;
@@ -65,6 +66,8 @@ enum Command {
     Uninstall(install::Options),
     /// Show the loader, drivers and limits that programs find here, and how to fix problems
     Info(info::Options),
+    /// Make a page of a capture, and a picture of each map, and open it where a browser is
+    View(view::Options),
     /// Build what users install: a Python wheel, a Debian package and a tarball; for Windows a zip
     Package(package::Options),
     /// Measure: `bench traversal` compares walks and builds with Embree's
@@ -104,6 +107,7 @@ fn main() -> ExitCode {
         Command::Install(options) => install::install(&options),
         Command::Uninstall(options) => install::uninstall(&options),
         Command::Info(options) => info::info(&options),
+        Command::View(options) => view::view(&options),
         Command::Package(options) => package::package(&options),
         Command::Bench(options) => bench::bench(&options),
         Command::Apps(options) => apps::apps(&options),

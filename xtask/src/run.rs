@@ -17,8 +17,8 @@ pub struct Options {
     /// Tell what the rays of this pixel do: `x,y` or `x,y,z` (TUFF_CAPTURE_PIXEL)
     #[arg(long, value_name = "X,Y")]
     capture_pixel: Option<OsString>,
-    /// The folder for that; without, it goes to standard error (TUFF_CAPTURE)
-    #[arg(long, value_name = "FOLDER", requires = "capture_pixel")]
+    /// The folder for that; without a pixel, for maps of all rays (TUFF_CAPTURE)
+    #[arg(long, value_name = "FOLDER")]
     capture: Option<OsString>,
     /// The program and its arguments
     #[arg(required = true, trailing_var_arg = true, value_name = "PROGRAM")]
@@ -111,7 +111,8 @@ mod tests {
             parse("run --capture-pixel 3,4 --capture here -- sh --capture x").unwrap();
         assert_eq!(variables, ["TUFF_CAPTURE_PIXEL=3,4", "TUFF_CAPTURE=here"]);
         assert_eq!(words, 3);
-        assert!(parse("run --capture here sh").is_err());
+        let (variables, _) = parse("run --capture here -- sh").unwrap();
+        assert_eq!(variables, ["TUFF_CAPTURE=here"]);
     }
 
     #[test]

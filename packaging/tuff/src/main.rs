@@ -1,5 +1,5 @@
-//! `tuff run | env | info`, on Windows `install | uninstall`, too: what comes with the driver in
-//! every package.
+//! `tuff run | env | info | view`, on Windows `install | uninstall`, too: what comes with the
+//! driver in every package.
 //!
 //! Nothing here renders. It points Vulkan's loader at the driver beside this program, and tells
 //! what programs then find.
@@ -14,6 +14,7 @@ mod registered;
 #[cfg(any(windows, test))]
 mod registration;
 mod shell;
+mod view;
 
 use std::ffi::OsString;
 use std::io::Write;
@@ -49,6 +50,12 @@ enum Command {
         #[arg(long, value_name = "VERSION", num_args = 0..=1, require_equals = true, default_missing_value = "1.4.0.0",
             value_parser = refusals::conformance_version)]
         conformance: Option<String>,
+        /// Tell what the rays of this pixel do: `x,y` or `x,y,z` (TUFF_CAPTURE_PIXEL)
+        #[arg(long, value_name = "X,Y")]
+        capture_pixel: Option<OsString>,
+        /// The folder for that; without a pixel, for maps of all rays (TUFF_CAPTURE)
+        #[arg(long, value_name = "FOLDER")]
+        capture: Option<OsString>,
         /// The program and its arguments
         #[arg(required = true, trailing_var_arg = true, value_name = "PROGRAM")]
         program: Vec<OsString>,
@@ -70,6 +77,14 @@ enum Command {
     Uninstall,
     /// Tell what programs find here: loader, drivers, limits; and what mends what is wrong
     Info,
+    /// Make a page of a capture, and a picture of each map, and open it where a browser is
+    View {
+        /// The folder of the capture: `tuff run --capture FOLDER` writes it
+        folder: PathBuf,
+        /// Do not open the page
+        #[arg(long)]
+        no_open: bool,
+    },
     /// Print the devices that this process finds, for `info`
     #[command(hide = true)]
     Probe,
@@ -89,12 +104,27 @@ fn done(arguments: &Arguments) -> Result<ExitCode> {
         info::probe::print();
         return Ok(ExitCode::SUCCESS);
     }
+    if let Command::View { folder, no_open } = &arguments.command {
+        return view::view(folder, !no_open);
+    }
     let installation = Installation::find(arguments.manifest.as_deref())?;
     match &arguments.command {
         Command::Run {
             program,
             conformance,
-        } => program::run(&installation, program, conformance.as_deref()),
+            capture_pixel,
+            capture,
+        } => {
+            let settings = [
+                (
+                    refusals::CONFORMANCE,
+                    conformance.as_ref().map(OsString::from),
+                ),
+                ("TUFF_CAPTURE_PIXEL", capture_pixel.clone()),
+                ("TUFF_CAPTURE", capture.clone()),
+            ];
+            program::run(&installation, program, &settings)
+        }
         Command::Env { shell } => {
             // A shell that evaluates nothing is better off than one that is pointed nowhere.
             installation.library().map_err(program::with_what_mends)?;
@@ -123,7 +153,7 @@ fn done(arguments: &Arguments) -> Result<ExitCode> {
             Ok(ExitCode::SUCCESS)
         }
         Command::Info => Ok(info::print(&installation)),
-        Command::Probe => unreachable!("done above"),
+        Command::Probe | Command::View { .. } => unreachable!("done above"),
     }
 }
 

@@ -10,21 +10,21 @@ use anyhow::{Context, Result};
 
 use crate::installation::Installation;
 use crate::registered::{self, Registered};
-use crate::{loader, os, refusals};
+use crate::{loader, os};
 
 /// The exit codes of shells for a missing program, and for one that cannot be started.
 const NOT_FOUND: u8 = 127;
 const NOT_EXECUTABLE: u8 = 126;
 
-/// Becomes the program, to which the driver reports the conformance version if one is given;
-/// returns only where that is not possible.
+/// Becomes the program, with those settings of the driver that have a value; returns only where
+/// that is not possible.
 ///
 /// # Errors
 /// The driver or a loader is not there: the program would not find Vulkan.
 pub fn run(
     installation: &Installation,
     words: &[OsString],
-    conformance: Option<&str>,
+    settings: &[(&str, Option<OsString>)],
 ) -> Result<ExitCode> {
     installation.library().map_err(with_what_mends)?;
     let (name, arguments) = words.split_first().context("no program given")?;
@@ -53,8 +53,10 @@ pub fn run(
     program.args(arguments);
     program.env_remove("VK_ADD_DRIVER_FILES");
     program.envs(installation.variables());
-    if let Some(version) = conformance {
-        program.env(refusals::CONFORMANCE, version);
+    for (name, value) in settings {
+        if let Some(value) = value {
+            program.env(name, value);
+        }
     }
     Err(os::become_program(&mut program, name))
         .with_context(|| format!("starting {}", path.display()))

@@ -1,0 +1,166 @@
+//! A capture as the driver has written it: `maps.json` with the files that it names, and
+//! `pixel.json`. docs/debugging.md describes both.
+
+use std::fs;
+use std::path::{Component, Path};
+
+use anyhow::{Context, Result, bail, ensure};
+use serde_json::Value;
+
+/// All of a folder.
+#[derive(Debug, Default)]
+pub struct Capture {
+    /// The program's name, if it is known.
+    pub program: Option<String>,
+    pub commands: Vec<MapCommand>,
+    /// Commands past the driver's limits.
+    pub dropped: u64,
+    /// Elements of `pixel.json`.
+    pub paths: Vec<Value>,
+}
+
+/// A command, and the maps of it.
+#[derive(Debug)]
+pub struct MapCommand {
+    /// Its entry in `maps.json`, without the maps.
+    pub entry: Value,
+    /// Numbers in x, y and z.
+    pub size: [u32; 3],
+    pub maps: Vec<Map>,
+}
+
+/// A number for each invocation that is kept.
+#[derive(Debug)]
+pub struct Map {
+    pub name: String,
+    /// `ray`: of each ray by itself; `run`: of the way that was taken.
+    pub of: String,
+    /// Its file in the folder; one of zeros has none.
+    pub file: Option<String>,
+    /// Bytes of a number.
+    pub width: usize,
+    /// Little endian, x fastest.
+    pub bytes: Vec<u8>,
+}
+
+impl Map {
+    /// The numbers.
+    pub fn values(&self) -> impl Iterator<Item = u32> + '_ {
+        self.bytes.chunks_exact(self.width).map(|bytes| {
+            let mut word = [0; 4];
+            word[..bytes.len()].copy_from_slice(bytes);
+            u32::from_le_bytes(word)
+        })
+    }
+}
+
+impl Capture {
+    /// # Errors
+    /// The folder has no capture, or one that is not sound.
+    pub fn read(folder: &Path) -> Result<Capture> {
+        let mut capture = Capture::default();
+        let (maps, pixel) = (folder.join("maps.json"), folder.join("pixel.json"));
+        if !maps.exists() && !pixel.exists() {
+            bail!(
+                "{} has no capture: run the program with TUFF_CAPTURE={0}",
+                folder.display()
+            );
+        }
+        if maps.exists() {
+            let context = || format!("reading {}", maps.display());
+            capture.read_maps(folder, &maps).with_context(context)?;
+        }
+        if pixel.exists() {
+            let elements = elements(&pixel).with_context(|| format!("reading {}", pixel.display()));
+            capture.paths = elements?;
+        }
+        Ok(capture)
+    }
+
+    fn read_maps(&mut self, folder: &Path, list: &Path) -> Result<()> {
+        for mut entry in elements(list)? {
+            if let Some(program) = entry["program"].as_str() {
+                self.program = Some(program.to_owned());
+            }
+            if let Some(dropped) = entry["dropped_commands"].as_u64() {
+                self.dropped = dropped;
+            }
+            let Value::Array(maps) = entry["maps"].take() else {
+                continue;
+            };
+            let size: [u32; 3] =
+                serde_json::from_value(entry["size"].clone()).context("the size of a command")?;
+            let maps = maps.iter().map(|map| read_map(folder, map, size));
+            self.commands.push(MapCommand {
+                maps: maps.collect::<Result<_>>()?,
+                size,
+                entry,
+            });
+        }
+        Ok(())
+    }
+}
+
+/// The elements of a file that is an array.
+fn elements(path: &Path) -> Result<Vec<Value>> {
+    Ok(serde_json::from_slice(&fs::read(path)?)?)
+}
+
+fn read_map(folder: &Path, entry: &Value, size: [u32; 3]) -> Result<Map> {
+    let text = |key: &str| entry[key].as_str().map(str::to_owned);
+    let name = text("name").context("the name of a map")?;
+    let count = (size.iter()).try_fold(1usize, |product, &size| product.checked_mul(size as usize));
+    let count = count.context("the size of a map")?;
+    let file = text("file");
+    let width = match text("type").as_deref() {
+        Some("|u1") => 1,
+        Some("<u2") => 2,
+        Some("<u4") => 4,
+        other => bail!("{name} has the type {other:?}"),
+    };
+    let bytes = match &file {
+        None => Vec::new(),
+        Some(file) => {
+            let inside = |part| matches!(part, Component::Normal(_));
+            ensure!(
+                Path::new(file).components().all(inside),
+                "{file} is outside"
+            );
+            let path = folder.join(file);
+            let context = || format!("reading {}", path.display());
+            numbers(&fs::read(&path).with_context(context)?, width * count)
+                .with_context(|| format!("{} is not what maps.json says", path.display()))?
+        }
+    };
+    Ok(Map {
+        of: text("of").context("what a map is of")?,
+        name,
+        file,
+        width,
+        bytes,
+    })
+}
+
+/// So many bytes behind the head of a file in NumPy's format.
+fn numbers(file: &[u8], length: usize) -> Option<Vec<u8>> {
+    let (magic, rest) = file.split_at_checked(8)?;
+    let (head, rest) = rest.split_at_checked(2)?;
+    let head = usize::from(u16::from_le_bytes([head[0], head[1]]));
+    let data = rest.get(head..)?;
+    (magic == b"\x93NUMPY\x01\x00" && data.len() == length).then(|| data.to_vec())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_that_are_cut_off_are_found_out() {
+        let whole = b"\x93NUMPY\x01\x00\x04\x00 {}\n\x07\x08";
+        assert_eq!(numbers(whole, 2), Some(vec![7, 8]));
+        for length in 0..whole.len() {
+            assert_eq!(numbers(&whole[..length], 2), None);
+        }
+        assert_eq!(numbers(b"\x93NUMPY\x02\x00\x00\x00\x07\x08", 2), None);
+    }
+}

@@ -1,0 +1,298 @@
+//! `tuff view`: the pictures of a capture's maps, and its page as Chromium shows it.
+
+use std::fs;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+use serde_json::{Value, json};
+
+/// The capture's size.
+const SIZE: [u32; 3] = [40, 20, 1];
+/// The pixel whose path was captured.
+const PIXEL: [u32; 2] = [12, 7];
+
+/// A folder of its own for a test.
+fn folder(name: &str) -> PathBuf {
+    let name = format!("tuff-view-{}-{name}", std::process::id());
+    let folder = std::env::temp_dir().join(name);
+    let _ = fs::remove_dir_all(&folder);
+    fs::create_dir_all(folder.join("command-0000")).expect("a temporary folder");
+    folder
+}
+
+fn view(folder: &Path) -> std::process::Output {
+    let mut tuff = Command::new(env!("CARGO_BIN_EXE_tuff"));
+    tuff.arg("view").arg(folder).arg("--no-open");
+    tuff.output().expect("tuff runs")
+}
+
+/// The number of rays of a pixel, and that of its nanoseconds.
+fn numbers(x: u32, y: u32) -> [u32; 2] {
+    [(x + y) % 7, 1000 * x + 100_000 * y]
+}
+
+/// A file as NumPy writes it.
+fn npy(descr: &str, width: usize, which: usize) -> Vec<u8> {
+    let [x, y, z] = SIZE;
+    let mut head =
+        format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': ({z}, {y}, {x}), }}");
+    while (head.len() + 11) % 64 != 0 {
+        head.push(' ');
+    }
+    head.push('\n');
+    let mut file = b"\x93NUMPY\x01\x00".to_vec();
+    file.extend((head.len() as u16).to_le_bytes());
+    file.extend(head.bytes());
+    for y in 0..y {
+        for x in 0..x {
+            file.extend(&numbers(x, y)[which].to_le_bytes()[..width]);
+        }
+    }
+    file
+}
+
+/// A capture of one command with three maps and a path.
+fn capture(name: &str) -> PathBuf {
+    let folder = folder(name);
+    let write = |name: &str, bytes: &[u8]| fs::write(folder.join(name), bytes).expect("a file");
+    write("command-0000/rays.npy", &npy("|u1", 1, 0));
+    write("command-0000/nanoseconds.npy", &npy("<u4", 4, 1));
+    let map = |name: &str, of: &str, ty: &str, file: Value| {
+        let mut map = json!({ "name": name, "of": of, "most": 1, "sum": 1, "type": ty });
+        map["file"] = file;
+        map
+    };
+    let maps = json!([{ "version": 1, "program": "demo </script>" }, {
+        "command": 0, "frame": 3, "kind": "trace", "pipeline": "scene",
+        "first": [0, 0, 0], "extent": SIZE, "step": [1, 1, 1], "size": SIZE, "stopped": false,
+        "structures": [{
+            "address": "0x100", "kind": "instances", "active_instances": 3, "bytes": 1280,
+            "depth": 1, "left_out_of_file": 0, "file": "structure-7.glb",
+            "bottom_levels": [{
+                "address": "0x200", "kind": "triangles", "primitives": 4321, "geometries": 1,
+                "instances": 3, "bytes": 99, "depth": 2, "nodes": 5, "flags": [],
+            }],
+        }],
+        "maps": [
+            map("rays", "ray", "|u1", json!("command-0000/rays.npy")),
+            map("steps", "ray", "|u1", Value::Null),
+            map("nanoseconds", "run", "<u4", json!("command-0000/nanoseconds.npy")),
+        ],
+    }]);
+    write("maps.json", maps.to_string().as_bytes());
+    let [x, y] = PIXEL;
+    let path = json!([{ "version": 1 }, {
+        "command": 0, "frame": 3, "kind": "trace", "extent": SIZE, "invocation": [x, y, 0],
+        "rays": [{
+            "parent": null, "instruction": "trace", "origin": [0.5, 0.25, 0.0],
+            "direction": [0.0, 0.0, 1.0], "hit": { "t": 2.5 }, "shader": { "stage": "ClosestHit" },
+            "met": [{ "t": 2.5, "primitive_kind": "triangle", "primitive": 4, "geometry": 0,
+                "instance": 9, "outcome": "committed" }],
+        }],
+    }]);
+    write("pixel.json", path.to_string().as_bytes());
+    folder
+}
+
+#[test]
+fn maps_become_pictures() {
+    let folder = capture("pictures");
+    let output = view(&folder);
+    assert!(output.status.success(), "{output:?}");
+    let told = String::from_utf8_lossy(&output.stdout);
+    assert!(told.trim_end().ends_with("index.html"), "{told}");
+    let picture = fs::File::open(folder.join("command-0000/rays.png")).expect("a picture");
+    let decoder = png::Decoder::new(std::io::BufReader::new(picture));
+    let reader = decoder.read_info().expect("a PNG");
+    assert_eq!(
+        (reader.info().width, reader.info().height),
+        (SIZE[0], SIZE[1])
+    );
+    assert!(
+        !folder.join("command-0000/steps.png").exists(),
+        "zeros have no picture"
+    );
+    let _ = fs::remove_dir_all(&folder);
+}
+
+#[test]
+fn what_is_no_capture_is_refused() {
+    let folder = folder("none");
+    let output = view(&folder);
+    let told = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(
+        !output.status.success() && told.contains("has no capture"),
+        "{told}"
+    );
+    for (maps, expected) in [
+        ("[{\"version\": 1}", "reading"),
+        (
+            r#"[{"size":[2,2,1],"maps":[{"name":"rays","of":"ray","type":"|u1","file":"../x"}]}]"#,
+            "outside",
+        ),
+        (
+            r#"[{"size":[2,2,1],"maps":[{"name":"rays","of":"ray","type":"<f4","file":"x"}]}]"#,
+            "type",
+        ),
+    ] {
+        fs::write(folder.join("maps.json"), maps).expect("a file");
+        let output = view(&folder);
+        let told = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(
+            !output.status.success() && told.contains(expected),
+            "{told}"
+        );
+        assert!(!folder.join("index.html").exists());
+    }
+    let _ = fs::remove_dir_all(&folder);
+}
+
+/// The first of the browsers that are installed.
+fn chromium() -> Option<PathBuf> {
+    let folders: Vec<PathBuf> = std::env::split_paths(&std::env::var_os("PATH")?).collect();
+    let names = ["chromium", "chromium-browser", "google-chrome"];
+    let paths = names
+        .iter()
+        .flat_map(|name| folders.iter().map(move |folder| folder.join(name)));
+    paths.into_iter().find(|path| path.is_file())
+}
+
+/// Before all else on the page: remembers what goes wrong. Events that no pointer has caused cannot
+/// be captured.
+const FIRST: &str = r#"<script>
+window.problems = [];
+addEventListener("error", (event) => problems.push(event.message));
+addEventListener("unhandledrejection", (event) => problems.push(String(event.reason)));
+console.error = (...words) => problems.push(words.join(" "));
+HTMLCanvasElement.prototype.setPointerCapture = () => {};
+</script>"#;
+
+/// Does what a person does, and leaves what that shows as JSON.
+const LAST: &str = r#"<script type="module">
+while (document.body.dataset.ready === undefined) {
+  await new Promise((done) => setTimeout(done, 10));
+}
+const canvas = document.querySelector("figure[data-map=rays] canvas");
+const at = (x, y) => {
+  const box = canvas.getBoundingClientRect();
+  const [right, down] = [((x + 0.5) * box.width) / 40, ((y + 0.5) * box.height) / 20];
+  return { clientX: box.left + right, clientY: box.top + down };
+};
+const point = (kind, x, y) =>
+  canvas.dispatchEvent(new PointerEvent(kind, { ...at(x, y), pointerId: 1, bubbles: true }));
+const click = (x, y) => { point("pointerdown", x, y); point("pointerup", x, y); };
+const press = (key, more) =>
+  canvas.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true, ...more }));
+const value = (map) => document.querySelector(`[data-value=${map}]`)?.textContent;
+const text = (id) => document.getElementById(id).textContent;
+const values = () => [text("place"), value("rays"), value("steps"), value("nanoseconds")];
+const titles = [...document.querySelectorAll("figcaption b")].map((title) => title.textContent);
+const result = { titles };
+point("pointermove", 31, 17);
+result.hover = values();
+click(31, 17);
+result.other = text("path");
+press("ArrowLeft");
+press("ArrowUp", { shiftKey: true });
+result.keys = values();
+click(12, 7);
+result.path = text("path");
+press("+");
+press("+");
+const drawn = (name) => document.querySelector(`figure[data-map=${name}] canvas`).toDataURL();
+const before = drawn("nanoseconds");
+press("Home");
+result.linked = before !== drawn("nanoseconds");
+document.getElementById("colours").value = "cividis";
+document.getElementById("colours").dispatchEvent(new Event("change"));
+result.colours = before !== drawn("nanoseconds");
+const drawings = [...document.querySelectorAll("canvas, svg")];
+result.labels = drawings.every((one) => one.getAttribute("aria-label"));
+result.structures = text("structures");
+result.problems = problems;
+const place = document.createElement("pre");
+place.id = "result";
+place.textContent = JSON.stringify(result);
+document.body.replaceChildren(place);
+</script>"#;
+
+#[test]
+fn the_page_shows_the_numbers_in_chromium() {
+    let Some(chromium) = chromium() else {
+        // The test program keeps what passing tests print, but not what is written past it.
+        let line = b"skipped: the_page_shows_the_numbers_in_chromium needs Chromium\n";
+        let _ = std::io::stderr().write_all(line);
+        return;
+    };
+    let folder = capture("chromium");
+    assert!(view(&folder).status.success());
+    let page = fs::read_to_string(folder.join("index.html")).expect("the page");
+    let page = page.replacen("<head>", &format!("<head>{FIRST}"), 1);
+    let page = page.replacen("</body>", &format!("{LAST}</body>"), 1);
+    let path = folder.join("driven.html");
+    fs::write(&path, page).expect("a file");
+    let mut browser = Command::new(chromium);
+    browser.args(["--headless", "--no-sandbox", "--disable-gpu", "--dump-dom"]);
+    browser.args(["--window-size=1280,900", "--virtual-time-budget=20000"]);
+    browser.arg(format!(
+        "--user-data-dir={}",
+        folder.join("profile").display()
+    ));
+    browser
+        .arg(format!("file://{}", path.display()))
+        .stderr(Stdio::null());
+    let output = browser.output().expect("Chromium runs");
+    let dom = String::from_utf8_lossy(&output.stdout).into_owned();
+    let _ = fs::remove_dir_all(&folder);
+    let shown =
+        (dom.split_once("<pre id=\"result\">")).and_then(|(_, rest)| rest.split_once("</pre>"));
+    let Some((shown, _)) = shown else {
+        panic!("the page did not come to its end: {dom}");
+    };
+    let shown = shown
+        .replace("&lt;", "<")
+        .replace("&gt;", ">")
+        .replace("&amp;", "&");
+    let shown: Value = serde_json::from_str(&shown).expect("JSON");
+    assert_eq!(shown["problems"], json!([]));
+    assert_eq!(
+        shown["titles"],
+        json!(["Rays", "Traversal steps", "Nanoseconds"])
+    );
+    let values = |x: u32, y: u32| {
+        let [rays, time] = numbers(x, y);
+        // Numbers have commas.
+        let time = format!("{time}");
+        let (thousands, rest) = time.split_at(time.len() - 3);
+        let time = match thousands.len() {
+            4.. => {
+                let (millions, thousands) = thousands.split_at(thousands.len() - 3);
+                format!("{millions},{thousands},{rest}")
+            }
+            _ => format!("{thousands},{rest}"),
+        };
+        json!([format!("({x}, {y}, 0)"), rays.to_string(), "0", time])
+    };
+    assert_eq!(shown["hover"], values(31, 17));
+    assert_eq!(shown["keys"], values(30, 7));
+    let told = shown["other"].as_str().expect("text");
+    assert!(told.contains("TUFF_CAPTURE_PIXEL=31,17,0 "), "{told}");
+    assert!(told.contains("TUFF_CAPTURE_FRAMES=3 demo"), "{told}");
+    let path = shown["path"].as_str().expect("text");
+    assert!(path.contains("hit at t = 2.5, ClosestHit shader"), "{path}");
+    assert!(
+        path.contains("triangle 4 of geometry 0, instance 9: committed"),
+        "{path}"
+    );
+    let structures = shown["structures"].as_str().expect("text");
+    assert!(
+        structures.contains("3 instances, 1,280 bytes"),
+        "{structures}"
+    );
+    assert!(structures.contains("structure-7.glb"), "{structures}");
+    assert!(structures.contains("triangles4,3213992"), "{structures}");
+    for key in ["linked", "colours", "labels"] {
+        assert_eq!(shown[key], true, "{key}");
+    }
+}
