@@ -48,25 +48,26 @@ pub struct Settings {
     pub prints: Option<usize>,
     /// The file of the timeline (`TUFF_TRACE`).
     pub trace: Option<&'static str>,
-    /// The invocation whose rays are captured (`TUFF_CAPTURE_PIXEL`).
-    pub capture: Option<CapturePixel>,
+    /// Captures (`TUFF_CAPTURE`, `TUFF_CAPTURE_PIXEL`).
+    pub capture: Option<CaptureSettings>,
     /// The value of `VkPhysicalDeviceDriverProperties::conformanceVersion` (`TUFF_CONFORMANCE`).
     /// Zeros, the default, claim nothing.
     pub conformance: ConformanceVersion,
 }
 
-/// An invocation whose rays are captured.
+/// Whose rays are captured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct CapturePixel {
-    /// Launch index, or global invocation index.
-    pub invocation: [u32; 3],
+pub struct CaptureSettings {
+    /// The launch index, or global invocation index, whose rays are told one by one
+    /// (`TUFF_CAPTURE_PIXEL`); unset: all invocations are counted.
+    pub invocation: Option<[u32; 3]>,
     /// Where the files are written (`TUFF_CAPTURE`); unset: text goes to standard error.
     pub folder: Option<&'static str>,
     /// The first frame and the last (`TUFF_CAPTURE_FRAMES`); unset: all.
     frames: Option<[u64; 2]>,
 }
 
-impl CapturePixel {
+impl CaptureSettings {
     /// The frames of which commands are captured, counted in presents.
     pub fn frames(&self) -> RangeInclusive<u64> {
         let [first, last] = self.frames.unwrap_or([0, u64::MAX]);
@@ -76,16 +77,15 @@ impl CapturePixel {
     /// # Errors
     /// As [`Settings::parse`].
     fn read(read: &Read<'_>) -> Result<Option<Self>, String> {
-        let pixel = read.parsed("TUFF_CAPTURE_PIXEL", PIXEL, invocation)?;
+        let invocation = read.parsed("TUFF_CAPTURE_PIXEL", PIXEL, invocation)?;
         let frames = read.parsed("TUFF_CAPTURE_FRAMES", FRAMES, frames)?;
         let folder = (read.value)("TUFF_CAPTURE");
-        let Some(invocation) = pixel else {
-            return match (folder, frames) {
-                (Some(_), _) => Err(without_pixel("TUFF_CAPTURE")),
-                (None, Some(_)) => Err(without_pixel("TUFF_CAPTURE_FRAMES")),
-                (None, None) => Ok(None),
+        if invocation.is_none() && folder.is_none() {
+            return match frames {
+                Some(_) => Err(WITHOUT_CAPTURE.into()),
+                None => Ok(None),
             };
-        };
+        }
         Ok(Some(Self {
             invocation,
             // Settings are read once.
@@ -95,9 +95,8 @@ impl CapturePixel {
     }
 }
 
-fn without_pixel(name: &str) -> String {
-    format!("{name}: without TUFF_CAPTURE_PIXEL nothing is captured")
-}
+const WITHOUT_CAPTURE: &str =
+    "TUFF_CAPTURE_FRAMES: without TUFF_CAPTURE or TUFF_CAPTURE_PIXEL nothing is captured";
 
 /// The switch for [`Settings::opaque_without_any_hit`].
 const NO_ANY_HIT: &str = "no_any_hit";
@@ -162,7 +161,7 @@ impl Settings {
             prints: prints.then(|| print_bytes.unwrap_or(PRINT_BYTES)),
             // Settings are read once.
             trace: value("TUFF_TRACE").map(|path| &*path.leak()),
-            capture: CapturePixel::read(&read)?,
+            capture: CaptureSettings::read(&read)?,
             conformance: (read.parsed("TUFF_CONFORMANCE", CONFORMANCE, conformance)?)
                 .unwrap_or_default(),
             walks: Options {
@@ -408,7 +407,7 @@ mod tests {
         let pixel = |values: &[(&str, &str)]| parse(values).map(|it| it.capture);
         assert_eq!(pixel(&[]), Ok(None));
         let plain = pixel(&[("TUFF_CAPTURE_PIXEL", "3, 4")]).unwrap().unwrap();
-        assert_eq!((plain.invocation, plain.folder), ([3, 4, 0], None));
+        assert_eq!((plain.invocation, plain.folder), (Some([3, 4, 0]), None));
         assert_eq!(plain.frames(), 0..=u64::MAX);
         let set = pixel(&[
             ("TUFF_CAPTURE_PIXEL", "3,4,5"),
@@ -416,13 +415,13 @@ mod tests {
             ("TUFF_CAPTURE_FRAMES", "10..12"),
         ]);
         let set = set.unwrap().unwrap();
-        assert_eq!((set.invocation, set.folder), ([3, 4, 5], Some("here")));
+        let place = (Some([3, 4, 5]), Some("here"));
+        assert_eq!((set.invocation, set.folder), place);
         assert_eq!(set.frames(), 10..=12);
-        for name in ["TUFF_CAPTURE", "TUFF_CAPTURE_FRAMES"] {
-            let message = pixel(&[(name, "7")]).unwrap_err();
-            let expected = format!("{name}: without TUFF_CAPTURE_PIXEL nothing is captured");
-            assert_eq!(message, expected);
-        }
+        let maps = pixel(&[("TUFF_CAPTURE", "here")]).unwrap().unwrap();
+        assert_eq!((maps.invocation, maps.folder), (None, Some("here")));
+        let message = pixel(&[("TUFF_CAPTURE_FRAMES", "7")]).unwrap_err();
+        assert_eq!(message, WITHOUT_CAPTURE);
     }
 
     #[test]

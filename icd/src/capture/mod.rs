@@ -1,15 +1,20 @@
-//! Captures (`TUFF_CAPTURE_PIXEL`): the rays of one invocation of each command that traces, what
-//! they met, which shaders they called, and the binding table as it was read; as text and as JSON.
+//! Captures. With `TUFF_CAPTURE_PIXEL`: the rays of one invocation of each command that traces,
+//! what they met, which shaders they called, and the binding table as it was read; as text and as
+//! JSON. With `TUFF_CAPTURE` alone: [maps], which count the work of all invocations.
 //!
-//! A [`Recording`] observes one command and writes when it is complete. Without the setting a
+//! A [`Recording`] observes one command and writes when it is complete. Without the settings a
 //! command costs one comparison, and its rays nothing. What is on a ray's line is looked up after
 //! the command, in the structures as they are then: no command changes them while it traces.
 
+mod gltf;
 mod json;
+mod maps;
 mod meeting;
+mod npy;
 mod output;
 mod path;
 mod recorder;
+mod structures;
 mod table;
 mod text;
 
@@ -21,9 +26,10 @@ use spirv_jit::Program;
 use spirv_jit::program::SiteKind;
 use traversal::{Live, Ray, Survey, ray_flags};
 
-use crate::settings::{CapturePixel, settings};
+use crate::settings::{CaptureSettings, settings};
 use crate::wave::observer::{Observer, TableKind};
 use crate::wave::table::{self as binding, Shaders, Tables};
+use maps::MapRecording;
 use meeting::{Meetings, meetings};
 use output::Output;
 use path::Path;
@@ -41,9 +47,9 @@ static CAPTURE: OnceLock<Option<Capture>> = OnceLock::new();
 /// Presents so far.
 static FRAME: AtomicU64 = AtomicU64::new(0);
 
-/// The captures of the process.
+/// The captures of a pixel.
 struct Capture {
-    pixel: CapturePixel,
+    invocation: [u32; 3],
     process: u32,
     state: Mutex<CaptureProgress>,
 }
@@ -63,15 +69,16 @@ pub fn end_frame() {
     FRAME.fetch_add(1, Ordering::Relaxed);
 }
 
-/// The capture, if the setting asks for one.
+/// The capture of a pixel, if the settings ask for one.
 fn capture() -> Option<&'static Capture> {
-    let pixel = settings().capture?;
+    let settings = settings().capture?;
+    let invocation = settings.invocation?;
     let made = || {
         Some(Capture {
-            pixel,
+            invocation,
             process: std::process::id(),
             state: Mutex::new(CaptureProgress {
-                output: Output::new(&pixel),
+                output: Output::new(&settings, invocation),
                 commands: 0,
                 captured: 0,
                 dropped: 0,
@@ -84,7 +91,13 @@ fn capture() -> Option<&'static Capture> {
 }
 
 /// A command that is being captured.
-pub struct Recording {
+pub enum Recording {
+    Pixel(PixelRecording),
+    Maps(MapRecording),
+}
+
+/// A command of which one invocation is captured.
+pub struct PixelRecording {
     recorder: Recorder,
     number: u64,
     frame: u64,
@@ -117,15 +130,15 @@ pub struct Traced<'a> {
 
 /// Begins to record a trace of so many invocations, if it is to be captured.
 pub fn trace(shaders: &Shaders, extent: [u32; 3]) -> Option<Recording> {
-    let capture = capture()?;
+    let settings = settings().capture?;
     let programs = shaders.programs.iter().map(|program| &**program);
-    capture.begin("trace", [0; 3], extent, programs)
+    begin(&settings, "trace", [0; 3], extent, programs)
 }
 
 /// Begins to record a dispatch of workgroups, if it is to be captured: if its shader has ray
 /// queries.
 pub fn dispatch(program: &Program, base: [u32; 3], count: [u32; 3]) -> Option<Recording> {
-    let capture = capture()?;
+    let settings = settings().capture?;
     if !program.sites().contains(&SiteKind::RayQueryProceed) {
         return None;
     }
@@ -133,23 +146,51 @@ pub fn dispatch(program: &Program, base: [u32; 3], count: [u32; 3]) -> Option<Re
     let invocations =
         |groups: [u32; 3]| [0, 1, 2].map(|i: usize| groups[i].saturating_mul(size[i]));
     let (first, extent) = (invocations(base), invocations(count));
-    capture.begin("dispatch", first, extent, std::iter::once(program))
+    begin(
+        &settings,
+        "dispatch",
+        first,
+        extent,
+        std::iter::once(program),
+    )
+}
+
+fn begin<'a>(
+    settings: &CaptureSettings,
+    what: &'static str,
+    first: [u32; 3],
+    extent: [u32; 3],
+    programs: impl Iterator<Item = &'a Program>,
+) -> Option<Recording> {
+    let frame = FRAME.load(Ordering::Relaxed);
+    let is_wanted = settings.frames().contains(&frame);
+    // The files are made even if no command is written to them.
+    match settings.invocation {
+        Some(_) => {
+            let capture = capture()?;
+            is_wanted.then(|| capture.begin(frame, what, first, extent, programs))?
+        }
+        None => {
+            let maps = maps::maps(settings)?;
+            is_wanted.then(|| maps.begin(frame, what, first, extent))?
+        }
+    }
 }
 
 impl Capture {
     fn begin<'a>(
         &self,
+        frame: u64,
         what: &'static str,
         first: [u32; 3],
         extent: [u32; 3],
         programs: impl Iterator<Item = &'a Program>,
     ) -> Option<Recording> {
-        let frame = FRAME.load(Ordering::Relaxed);
-        let (pixel, state) = (&self.pixel, &mut *self.state.lock());
-        if !pixel.frames().contains(&frame) || !state.output.is_open() {
+        let state = &mut *self.state.lock();
+        if !state.output.is_open() {
             return None;
         }
-        let invocation = pixel.invocation;
+        let invocation = self.invocation;
         let is_inside = (0..3).all(|axis| {
             let place = invocation[axis].checked_sub(first[axis]);
             place.is_some_and(|place| place < extent[axis])
@@ -172,20 +213,23 @@ impl Capture {
         }
         state.captured += 1;
         let stages = programs.map(|program| program.stage()).collect();
-        Some(Recording {
+        Some(Recording::Pixel(PixelRecording {
             recorder: Recorder::new(invocation, stages),
             number,
             frame,
             what,
             extent,
-        })
+        }))
     }
 }
 
 impl Recording {
     /// The observer for the command.
     pub fn observer(&self) -> &dyn Observer {
-        &self.recorder
+        match self {
+            Self::Pixel(recording) => &recording.recorder,
+            Self::Maps(recording) => recording,
+        }
     }
 
     /// Writes what was seen of a command that is complete, or `stopped`. Structures lie in `live`.
@@ -199,10 +243,33 @@ impl Recording {
         live: &Live,
         stopped: bool,
     ) {
+        match self {
+            // SAFETY: the caller's promise.
+            Self::Pixel(recording) => unsafe { recording.finish(programs, traced, live, stopped) },
+            Self::Maps(recording) => {
+                let named = recording.structures().into_iter();
+                // SAFETY: likewise.
+                let structures = named.filter_map(|at| unsafe { structures::describe(at, live) });
+                maps::finish(recording, programs, structures, stopped);
+            }
+        }
+    }
+}
+
+impl PixelRecording {
+    /// # Safety
+    /// As for [`Recording::finish`].
+    unsafe fn finish<'a>(
+        self,
+        programs: impl Iterator<Item = &'a Program>,
+        traced: Option<Traced<'a>>,
+        live: &Live,
+        stopped: bool,
+    ) {
         let Some(capture) = capture() else {
             return;
         };
-        let invocation = self.recorder.invocation();
+        let invocation = self.recorder.observed();
         let (path, lookups) = self.recorder.finish();
         let mut walker = settings().walker();
         let surveys = path.rays.iter().map(|ray| {

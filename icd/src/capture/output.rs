@@ -10,11 +10,11 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
-use crate::settings::CapturePixel;
+use crate::settings::CaptureSettings;
 use crate::timeline::file::ArrayFile;
 
 /// The setting of the folder, for messages.
-const FOLDER: &str = "TUFF_CAPTURE";
+pub const FOLDER: &str = "TUFF_CAPTURE";
 
 /// The place of the text.
 enum Text {
@@ -33,8 +33,8 @@ pub struct Output {
 
 impl Output {
     /// Makes the files, in place of earlier ones. Those that cannot be made are reported.
-    pub fn new(pixel: &CapturePixel) -> Self {
-        let Some(folder) = pixel.folder.map(Path::new) else {
+    pub fn new(settings: &CaptureSettings, invocation: [u32; 3]) -> Self {
+        let Some(folder) = settings.folder.map(Path::new) else {
             return Self {
                 text: Text::StandardError,
                 json: None,
@@ -58,7 +58,7 @@ impl Output {
             }
         };
         let path = folder.join("pixel.json");
-        let first = json!({ "version": 1, "invocation": pixel.invocation });
+        let first = json!({ "version": 1, "invocation": invocation });
         let file = ArrayFile::new(
             (FOLDER, "the capture"),
             &path.to_string_lossy(),

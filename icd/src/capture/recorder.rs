@@ -8,6 +8,7 @@ use parking_lot::Mutex;
 use spirv_jit::program::Stage;
 
 use super::path::Path;
+use crate::wave::launch_counts::LaunchCounts;
 use crate::wave::observer::{LookupPurpose, Observation, Observer, TableKind};
 
 /// How often rays have looked up each record, by table and index.
@@ -46,6 +47,11 @@ impl Recorder {
         }
     }
 
+    /// The observed invocation.
+    pub fn observed(&self) -> [u32; 3] {
+        self.invocation
+    }
+
     /// The path and the lookups that it has seen.
     pub fn finish(self) -> (Path, Lookups) {
         (self.path.into_inner(), self.lookups.into_inner())
@@ -53,8 +59,12 @@ impl Recorder {
 }
 
 impl Observer for Recorder {
-    fn invocation(&self) -> [u32; 3] {
-        self.invocation
+    fn invocation(&self) -> Option<[u32; 3]> {
+        Some(self.invocation)
+    }
+
+    fn counts(&self) -> Option<&LaunchCounts> {
+        None
     }
 
     fn observe(&self, event: Observation) {

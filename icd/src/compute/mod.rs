@@ -27,10 +27,10 @@ use rayon::prelude::*;
 use spirv_jit::environment::Environment;
 use spirv_jit::program::{AlignedRow, Builtin, InputRow, Row};
 use spirv_jit::{Program, SUBGROUP_SIZE};
-use waves::{Runner, Subgroups};
+use waves::{Runner, SeenSubgroups, Subgroups};
 
 use crate::timeline;
-use crate::trace::Seen;
+use crate::wave::launch_counts::{Cells, LaunchCounts};
 use crate::wave::observer::Observer;
 use crate::wave::{Limits, Stopped, StoppedAt, Workers};
 
@@ -257,6 +257,7 @@ impl<'a> Plan<'a> {
         } = self.dispatch;
         let first = step * self.workgroups_per_step;
         let last = (first + self.workgroups_per_step).min(self.workgroups);
+        let seen = (self.dispatch.observer).map(|observer| self.seen(observer, first, last));
         runner.begin(program, self.subgroups((last - first) as usize), limits)?;
         let mut states = runner.states();
         if self.packed {
@@ -267,7 +268,7 @@ impl<'a> Plan<'a> {
             for state in states {
                 self.start_packed(state, &mut next, last);
             }
-            return runner.run_seen(program, environment, limits, self.seen(first, last));
+            return runner.run_seen(program, environment, limits, seen.as_ref());
         }
         for workgroup in first..last {
             let id = self.workgroup_id(workgroup);
@@ -280,13 +281,61 @@ impl<'a> Plan<'a> {
                 self.starter.start(program, state, id, subgroup, &given);
             }
         }
-        runner.run_seen(program, environment, limits, self.seen(first, last))
+        runner.run_seen(program, environment, limits, seen.as_ref())
     }
 
-    /// The subgroup and the lane of the observed invocation, if it is one of a step's workgroups.
-    fn seen(&self, first: u64, last: u64) -> Option<(usize, Seen<'a>)> {
-        let observer = self.dispatch.observer?;
-        let invocation = observer.invocation();
+    /// The observer's view of a step's workgroups.
+    #[cold]
+    fn seen(&self, observer: &'a dyn Observer, first: u64, last: u64) -> SeenSubgroups<'a> {
+        let one = self.place_of(observer.invocation(), first, last);
+        SeenSubgroups {
+            one: one.map(|(subgroup, lane)| (subgroup, observer, lane)),
+            counted: (observer.counts()).map(|counts| (counts, self.cells(counts, first, last))),
+        }
+    }
+
+    /// The cells of the invocations of a step's workgroups, by subgroup.
+    fn cells(&self, counts: &LaunchCounts, first: u64, last: u64) -> Vec<Cells> {
+        let size = self.dispatch.program.local_size();
+        let of_workgroup = match self.packed {
+            true => self.invocations,
+            false => self.starter.subgroups_per_workgroup * SUBGROUP_SIZE,
+        };
+        let subgroups = self.subgroups((last - first) as usize).count;
+        let mut cells = vec![[None; SUBGROUP_SIZE]; subgroups];
+        for (place, cell) in cells.as_flattened_mut().iter_mut().enumerate() {
+            let workgroup = first + (place / of_workgroup) as u64;
+            let index = place % of_workgroup;
+            if workgroup >= last || index >= self.invocations {
+                continue;
+            }
+            let index = match self.dispatch.program.quads() {
+                true => index_in_quads(index as u32, size[0], size[1]),
+                false => index as u32,
+            };
+            let local = [
+                index % size[0],
+                index / size[0] % size[1],
+                index / (size[0] * size[1]),
+            ];
+            let id = self.workgroup_id(workgroup);
+            let invocation = [0, 1, 2].map(|axis: usize| {
+                let before = id[axis].wrapping_mul(size[axis]);
+                before.wrapping_add(local[axis])
+            });
+            *cell = counts.kept.cell(invocation);
+        }
+        cells
+    }
+
+    /// The subgroup and the lane of an invocation, if it is one of a step's workgroups.
+    fn place_of(
+        &self,
+        invocation: Option<[u32; 3]>,
+        first: u64,
+        last: u64,
+    ) -> Option<(usize, usize)> {
+        let invocation = invocation?;
         let size = self.dispatch.program.local_size();
         let mut workgroup = 0u64;
         for axis in [2, 1, 0] {
@@ -309,7 +358,7 @@ impl<'a> Plan<'a> {
             placed == index
         })? as usize;
         let before = (workgroup - first) as usize;
-        let (subgroup, lane) = match self.packed {
+        Some(match self.packed {
             true => {
                 let place = before * self.invocations + place;
                 (place / SUBGROUP_SIZE, place % SUBGROUP_SIZE)
@@ -318,8 +367,7 @@ impl<'a> Plan<'a> {
                 before * self.starter.subgroups_per_workgroup + place / SUBGROUP_SIZE,
                 place % SUBGROUP_SIZE,
             ),
-        };
-        Some((subgroup, Seen { observer, lane }))
+        })
     }
 
     /// Starts a subgroup of the next invocations of the workgroups before `last`.

@@ -4,6 +4,8 @@
 //! caller owns a [`Runner`], calls [`Runner::begin`], starts each of [`Runner::states`] and fills
 //! its inputs, calls [`Runner::run`], and reads the outputs there.
 
+use std::time::Instant;
+
 use spirv_jit::Program;
 use spirv_jit::environment::Environment;
 use spirv_jit::interp::Frame;
@@ -12,7 +14,9 @@ use traversal::Walker;
 
 use crate::os::memory::trim_heap;
 use crate::settings::settings;
-use crate::trace::{Owned, Queries, Seen};
+use crate::trace::{Counted, Owned, Queries, Seen};
+use crate::wave::launch_counts::{Cells, LaunchCounts};
+use crate::wave::observer::Observer;
 use crate::wave::{Limits, Share, Stopped, StoppedAt};
 
 /// Fuel of a wave between two checks of the limits.
@@ -273,7 +277,7 @@ impl Runner {
         self.run_seen(program, environment, limits, None)
     }
 
-    /// Like [`Self::run`], with an observer of the ray queries of one lane.
+    /// Like [`Self::run`], with an observer of the subgroups.
     ///
     /// # Panics
     /// As [`Self::run`].
@@ -285,7 +289,7 @@ impl Runner {
         program: &Program,
         environment: &Environment,
         limits: &Limits,
-        seen: Option<(usize, Seen<'_>)>,
+        seen: Option<&SeenSubgroups<'_>>,
     ) -> Result<(), Stopped> {
         assert_eq!(self.program, program.number(), "begun with another program");
         let run = Run {
@@ -413,6 +417,7 @@ impl Runner {
             0 => &[],
             _ => &shared[..members.len()],
         };
+        let started = run.seen.map(|_| Instant::now());
         // SAFETY: the command's bindings keep the environment's data alive, and the application
         // keeps the memory that the data points to. Each workgroup's memory has the program's size,
         // and the states are the program's.
@@ -428,6 +433,9 @@ impl Runner {
                 fuel,
             )
         };
+        if let Some((seen, started)) = run.seen.zip(started) {
+            seen.count_time(started, members);
+        }
         events.map_err(|_| Stopped::OutOfMemory)
     }
 
@@ -461,7 +469,7 @@ impl Runner {
                             state,
                             &mut self.waiting[member],
                             run.limits,
-                            run.seen_of(member),
+                            run.seen.map(|seen| seen.of(member)),
                         )?;
                         Status::Ready
                     }
@@ -567,16 +575,40 @@ struct Run<'a> {
     program: &'a Program,
     environment: &'a Environment,
     limits: &'a Limits,
-    /// The observed subgroup and its lane.
-    seen: Option<(usize, Seen<'a>)>,
+    seen: Option<&'a SeenSubgroups<'a>>,
 }
 
-impl<'a> Run<'a> {
-    /// The observed lane of a subgroup.
-    fn seen_of(&self, subgroup: usize) -> Option<Seen<'a>> {
-        self.seen
-            .filter(|(observed, _)| *observed == subgroup)
-            .map(|(_, seen)| seen)
+/// An observer's view of subgroups.
+pub struct SeenSubgroups<'a> {
+    /// The observed subgroup and its lane.
+    pub one: Option<(usize, &'a dyn Observer, usize)>,
+    /// Counts of invocations, and the cells of each subgroup's lanes.
+    pub counted: Option<(&'a LaunchCounts, Vec<Cells>)>,
+}
+
+impl SeenSubgroups<'_> {
+    fn of(&self, subgroup: usize) -> Seen<'_> {
+        let one = self.one.filter(|(observed, ..)| *observed == subgroup);
+        let counted = self.counted.as_ref();
+        Seen {
+            one: one.map(|(_, observer, lane)| (observer, lane)),
+            counted: counted.map(|(counts, cells)| Counted {
+                counts,
+                cells: cells[subgroup],
+            }),
+        }
+    }
+
+    /// Members of a wave have run: their lanes share the time.
+    #[cold]
+    fn count_time(&self, started: Instant, members: &[usize]) {
+        let Some((counts, cells)) = &self.counted else {
+            return;
+        };
+        let time = started.elapsed();
+        let cells = members.iter().flat_map(|&member| cells[member]).flatten();
+        let lanes = cells.clone().count() as u32;
+        counts.add_time(time, cells, lanes);
     }
 }
 

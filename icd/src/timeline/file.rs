@@ -68,6 +68,12 @@ impl ArrayFile {
         kept
     }
 
+    /// Ends the file as it is, for a reason that is told.
+    pub fn end(&mut self, why: &str) {
+        log::error!("{}: {why}", self.subject.0);
+        self.file = None;
+    }
+
     fn give_up(&mut self, why: &io::Error) {
         let (setting, what) = self.subject;
         log::error!("{setting}: {}: {why}; {what} ends here", self.path);

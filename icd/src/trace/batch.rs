@@ -28,6 +28,7 @@ use super::rays::RayGroup;
 use super::slab::Slab;
 use super::stats::Tally;
 use super::subgroup::{Role, Subgroup, SubgroupIndex, Turn};
+use super::walked::Counting;
 use crate::os::memory::trim_heap;
 use crate::settings::settings;
 use crate::wave::table::ProgramIndex;
@@ -133,6 +134,8 @@ pub struct Batch<'a> {
     /// Waves until the next look at the limits: a shader that always yields never runs out of fuel.
     patience: u32,
     tally: Option<Tally>,
+    /// Counts of each invocation, where a capture keeps them.
+    pub(super) counting: Option<Counting<'a>>,
 }
 
 impl Drop for Batch<'_> {
@@ -183,6 +186,7 @@ impl<'a> Batch<'a> {
             unchecked_bytes: 0,
             patience: PATIENCE,
             tally: Tally::new(dispatch.shaders.programs.len()),
+            counting: Counting::new(dispatch.observer),
         }
     }
 
@@ -288,7 +292,9 @@ impl<'a> Batch<'a> {
     /// Walks all rays to their ends, with the shaders that decide on their candidates.
     fn trace_rays_to_their_ends(&mut self) -> Result<(), Stopped> {
         loop {
+            let started = self.start_clock();
             self.advance_walks()?;
+            self.count_walks(started)?;
             if self.ready[Turn::Deciders as usize].is_empty() {
                 if self.deciding.is_empty() {
                     return Ok(());
@@ -453,7 +459,9 @@ impl<'a> Batch<'a> {
     }
 
     fn run_wave(&mut self, program: ProgramIndex, wave: &[SubgroupIndex]) -> Result<(), Stopped> {
+        let started = self.start_clock();
         let events = self.run_to_events(program, wave)?;
+        self.count_wave(started, wave);
         for (&index, event) in wave.iter().zip(events.iter()) {
             self.act_on(index, event)?;
         }
@@ -553,7 +561,7 @@ impl<'a> Batch<'a> {
     /// Advances the ray queries of a subgroup, which then goes on.
     fn proceed(&mut self, index: SubgroupIndex) -> Result<(), Stopped> {
         let seen = match self.is_watched {
-            true => self.seen(index),
+            true => Some(self.seen(index)),
             false => None,
         };
         let worker = &mut *self.worker;

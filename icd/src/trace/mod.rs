@@ -19,6 +19,7 @@ mod answers;
 mod batch;
 mod calls;
 mod checked;
+mod counted;
 mod direct;
 mod facts;
 mod fill_plan;
@@ -37,6 +38,7 @@ mod stopped;
 mod subgroup;
 #[cfg(test)]
 mod tests;
+mod walked;
 mod walks;
 mod watched;
 
@@ -54,7 +56,7 @@ use crate::wave::observer::Observer;
 use crate::wave::table::{self, Live, Shaders, Tables};
 use crate::wave::{Limits, Stopped, Workers};
 pub use grid::Grid;
-pub use queries::{Owned, Queries, Seen};
+pub use queries::{Counted, Owned, Queries, Seen};
 
 /// One `vkCmdTraceRays*`, whatever command it came from.
 pub struct Dispatch<'a> {

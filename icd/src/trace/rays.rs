@@ -94,6 +94,11 @@ impl RayGroup {
         self.flight.hits.found = LaneMask::NONE;
     }
 
+    /// Whether nothing is walked.
+    pub fn is_recorded(&self) -> bool {
+        self.is_recorded
+    }
+
     /// The operands of rays that come from hit objects.
     pub fn recorded_mut(&mut self) -> &mut Operands {
         self.recorded.get_or_insert_default()

@@ -48,7 +48,7 @@ impl Batch<'_> {
     }
 
     /// Invocations that wait for one, directly and indirectly.
-    fn depth(&self, mut role: Role, mut of: LaneRef) -> u32 {
+    pub(super) fn depth(&self, mut role: Role, mut of: LaneRef) -> u32 {
         let mut depth = 0;
         while role != Role::RayGeneration {
             depth += 1;

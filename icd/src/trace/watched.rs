@@ -21,7 +21,7 @@ impl<'a> Batch<'a> {
     /// subgroup.
     fn observed(&self, index: SubgroupIndex, lanes: LaneMask) -> Option<(&'a dyn Observer, usize)> {
         let observer = self.dispatch.observer?;
-        let [x, y, z] = observer.invocation();
+        let [x, y, z] = observer.invocation()?;
         if z != self.layer {
             return None;
         }
@@ -30,13 +30,15 @@ impl<'a> Batch<'a> {
         Some((observer, here.iter().next()?))
     }
 
-    /// The observed lane of a subgroup whose queries proceed.
+    /// The observer's view of a subgroup whose queries proceed.
     #[cold]
-    pub(super) fn seen(&self, index: SubgroupIndex) -> Option<Seen<'a>> {
+    pub(super) fn seen(&self, index: SubgroupIndex) -> Seen<'a> {
         let subgroup = &self.worker.subgroups[index];
         let program = &self.dispatch.shaders.programs[subgroup.program as usize];
-        let (observer, lane) = self.observed(index, program.event_mask(&subgroup.rows))?;
-        Some(Seen { observer, lane })
+        Seen {
+            one: self.observed(index, program.event_mask(&subgroup.rows)),
+            counted: self.counted(index),
+        }
     }
 
     /// Rays of lanes look up records.
@@ -82,6 +84,9 @@ impl<'a> Batch<'a> {
     /// The observed ray of a group that starts, if it is there.
     #[cold]
     pub(super) fn watch_ray(&self, index: u32, instruction: Instruction) {
+        if instruction != Instruction::HitObjectExecute {
+            self.count_rays(index);
+        }
         let group = &self.worker.ray_groups[index];
         let Some((observer, lane)) = self.observed(group.caller, group.in_flight) else {
             return;
@@ -201,6 +206,7 @@ impl<'a> Batch<'a> {
     /// The walks of a group are over.
     #[cold]
     pub(super) fn watch_end_of_walks(&mut self, index: u32, records: &Row) {
+        self.note_walks(index);
         let group = &self.worker.ray_groups[index];
         let lanes = group.in_flight;
         let operands = group.operands(&self.worker.subgroups);
@@ -292,6 +298,7 @@ impl<'a> Batch<'a> {
     #[cold]
     pub(super) fn watch_start(&self, index: SubgroupIndex, records: &[u64; SUBGROUP_SIZE]) {
         let subgroup = &self.worker.subgroups[index];
+        self.count_call(index);
         let Some((observer, lane)) = self.observed(index, subgroup.lanes) else {
             return;
         };

@@ -2,6 +2,7 @@
 
 mod budget;
 mod fault;
+pub mod launch_counts;
 mod lent_thread;
 mod limits;
 pub mod mask;

@@ -1,22 +1,27 @@
-//! Observers of the rays of one invocation of a command, and of the records that all of its rays
-//! look up. Schedulers call an observer where there is one; without, they do not take those paths.
+//! Observers of a command: of the rays of one invocation and of the records that all rays look up,
+//! or of counts of all invocations. Schedulers call an observer where there is one; without, they
+//! do not take those paths.
 
 use spirv_jit::origin::CodeLocation;
 use traversal::{Hit, Ray};
 
+use super::launch_counts::LaunchCounts;
 use super::table::ProgramIndex;
 
 /// An observer of one command. Its calls about one invocation come in the invocation's order, from
 /// one thread.
 pub trait Observer: Send + Sync {
-    /// The invocation: launch index, or global invocation index.
-    fn invocation(&self) -> [u32; 3];
+    /// The invocation whose events are observed: launch index, or global invocation index.
+    fn invocation(&self) -> Option<[u32; 3]>;
 
     /// Something happens to the invocation, its rays or the shaders that they call.
     fn observe(&self, event: Observation);
 
     /// Rays of any invocations look up a record of a table.
     fn look_up(&self, table: TableKind, index: u32, purpose: LookupPurpose, rays: u32);
+
+    /// Counts of all invocations, where they are kept.
+    fn counts(&self) -> Option<&LaunchCounts>;
 }
 
 /// A region of a binding table.

@@ -10,7 +10,6 @@ mod waiting;
 
 use lanes::{LaneMask, Tier};
 use spirv_jit::Program;
-use spirv_jit::origin::CodeLocation;
 use spirv_jit::program::AlignedRow;
 use spirv_jit::query::{row, state};
 use traversal::{Flight, Flights, RayRows, Start, Walker, ray_flags};
@@ -19,7 +18,8 @@ use super::facts::{Lanes, addresses};
 use super::lanes::put_word;
 use crate::wave::{Limits, Stopped};
 use describe::{describe_candidates, describe_committed, shows_committed};
-pub use seen::Seen;
+use seen::View;
+pub use seen::{Counted, Seen};
 pub use waiting::Owned;
 use waiting::Waiting;
 
@@ -45,8 +45,7 @@ struct Context<'a> {
     program: &'a Program,
     limits: &'a Limits,
     owned: &'a mut Owned,
-    /// The lane that an observer sees, and where the shader stands.
-    seen: Option<(Seen<'a>, CodeLocation)>,
+    view: Option<View<'a>>,
 }
 
 /// The queries of lanes whose objects lie in the same rows.
@@ -76,7 +75,7 @@ impl Queries {
         let io = program.layout().io;
         let mask = program.event_mask(rows);
         let first = rows[io].0;
-        let seen = seen.map(|seen| (seen, program.place_of(rows)));
+        let view = seen.and_then(|seen| View::new(seen, || program.place_of(rows)));
         let private = program.private_rows(rows);
         let tier = self.tier;
         let mut context = Context {
@@ -85,7 +84,7 @@ impl Queries {
             program,
             limits,
             owned,
-            seen,
+            view,
         };
         // Lanes that stand at a candidate.
         let (mut rest, mut stand) = (mask, LaneMask::NONE);
@@ -98,6 +97,9 @@ impl Queries {
                 let mut object = Object { first: place, rows };
                 stand |= self.proceed_together(&mut context, &mut object, lanes)?;
             }
+        }
+        if let Some(view) = context.view {
+            view.finish(context.walker, limits, mask);
         }
         put_word(tier, &mut rows[io].0, 0, mask);
         put_word(tier, &mut rows[io].0, 1, mask & stand);
@@ -134,8 +136,8 @@ impl Queries {
         if context.limits.queried.is_some() {
             check(context, object, lanes);
         }
-        if let Some((seen, place)) = &context.seen {
-            seen.start(place, object, lanes);
+        if let Some(view) = &context.view {
+            view.start(object, lanes);
         }
         // Together, rays that their first hit ends may find another one: nothing is to show which.
         let ends =
@@ -161,8 +163,8 @@ impl Queries {
             flight,
             lanes,
         );
-        if let Some((seen, _)) = &context.seen {
-            seen.settled(object, flight, lanes);
+        if let Some(view) = &mut context.view {
+            view.settled(object, flight, lanes);
         }
         self.waiting.keep(object.first, context.owned)?;
         Ok(stand)
@@ -189,8 +191,8 @@ impl Queries {
         object.set_state(context.tier, going - waiting, state::OVER);
         let going = going & waiting;
         flight.hold(waiting - going);
-        if let Some((seen, _)) = &context.seen {
-            seen.decision(object, flight, going);
+        if let Some(view) = &context.view {
+            view.decision(object, flight, going);
         }
         decide(flight, object, going);
         let mut one = One {
@@ -211,8 +213,8 @@ impl Queries {
             flight,
             going,
         );
-        if let Some((seen, _)) = &context.seen {
-            seen.settled(object, flight, going);
+        if let Some(view) = &mut context.view {
+            view.settled(object, flight, going);
         }
         // Also of lanes that are over, which the shader may have ended.
         let over = lanes - stand;

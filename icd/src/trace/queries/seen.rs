@@ -1,37 +1,82 @@
-//! An observer's view of one lane's ray queries. Nothing here runs without an observer.
+//! An observer's view of a subgroup's ray queries. Nothing here runs without an observer.
+
+use std::time::Instant;
 
 use lanes::LaneMask;
 use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::origin::CodeLocation;
 use spirv_jit::query::{row, state};
-use traversal::{Flight, RayRows};
+use traversal::{Flight, RayRows, Walker};
 
 use super::{Object, load};
+use crate::wave::Limits;
+use crate::wave::launch_counts::{Cells, LaunchCounts, WalkedRay};
 use crate::wave::observer::{Instruction, Observation, Observer, QueryDecision, RayStart};
 
-/// The lane of a subgroup that an observer sees.
+/// An observer's view of a subgroup.
 #[derive(Clone, Copy)]
 pub struct Seen<'a> {
-    pub observer: &'a dyn Observer,
-    pub lane: usize,
+    /// The observed lane.
+    pub one: Option<(&'a dyn Observer, usize)>,
+    pub counted: Option<Counted<'a>>,
 }
 
-impl Seen<'_> {
-    /// A query's ray starts.
+/// Counts of invocations, and where a subgroup's lanes are among them.
+#[derive(Clone, Copy)]
+pub struct Counted<'a> {
+    pub counts: &'a LaunchCounts,
+    pub cells: Cells,
+}
+
+/// A view of queries that proceed.
+pub(super) struct View<'a> {
+    one: Option<(&'a dyn Observer, usize, CodeLocation)>,
+    counted: Option<Counted<'a>>,
+    started: Option<Instant>,
+    walked: Vec<WalkedRay>,
+}
+
+impl<'a> View<'a> {
+    /// `None` where nothing is seen. `place`: where the shader stands.
     #[cold]
-    pub(super) fn start(&self, place: &CodeLocation, object: &Object<'_>, lanes: LaneMask) {
-        if !lanes.contains(self.lane) {
-            return;
+    pub fn new(seen: Seen<'a>, place: impl FnOnce() -> CodeLocation) -> Option<Self> {
+        if seen.one.is_none() && seen.counted.is_none() {
+            return None;
         }
+        Some(Self {
+            one: seen.one.map(|(observer, lane)| (observer, lane, place())),
+            counted: seen.counted,
+            started: seen.counted.map(|_| Instant::now()),
+            walked: Vec::new(),
+        })
+    }
+
+    /// A query's rays start.
+    #[cold]
+    pub fn start(&self, object: &Object<'_>, lanes: LaneMask) {
         let mut rays = RayRows::NONE;
         load(object.rows, &mut rays);
-        self.observer.observe(Observation::Ray(Box::new(RayStart {
+        if let Some(Counted { counts, cells }) = &self.counted {
+            counts.note_structures(lanes.iter().map(|lane| rays.top_level[lane]));
+            for lane in lanes {
+                if let Some(cell) = cells[lane] {
+                    counts.start_ray(cell, &rays.ray(lane), 0);
+                }
+            }
+        }
+        let Some((observer, lane, place)) = &self.one else {
+            return;
+        };
+        if !lanes.contains(*lane) {
+            return;
+        }
+        observer.observe(Observation::Ray(Box::new(RayStart {
             instruction: Instruction::RayQuery(object.first),
             place: place.clone(),
-            ray: rays.ray(self.lane),
+            ray: rays.ray(*lane),
             pipeline_flags: 0,
             time: 0.0,
-            structure: rays.top_level[self.lane],
+            structure: rays.top_level[*lane],
             operands: None,
             payload: Vec::new(),
         })));
@@ -39,39 +84,71 @@ impl Seen<'_> {
 
     /// The shader has decided about a candidate, which is still there.
     #[cold]
-    pub(super) fn decision(&self, object: &Object<'_>, flight: &Flight, lanes: LaneMask) {
-        if !lanes.contains(self.lane) {
+    pub fn decision(&self, object: &Object<'_>, flight: &Flight, lanes: LaneMask) {
+        let Some((observer, lane)) = self.observed(lanes) else {
             return;
-        }
-        let is_built_in = flight.candidates().built_in().contains(self.lane);
-        let decision = match object.rows[row::STATE].0[self.lane] {
+        };
+        let is_built_in = flight.candidates().built_in().contains(lane);
+        let decision = match object.rows[row::STATE].0[lane] {
             state::CONFIRMED if is_built_in => QueryDecision::Confirmed,
             state::GENERATED if !is_built_in => {
-                let t = f32::from_bits(object.rows[row::GENERATED_T].0[self.lane]);
-                let counts = flight.counts(LaneMask::of(self.lane), &[t; SUBGROUP_SIZE]);
+                let t = f32::from_bits(object.rows[row::GENERATED_T].0[lane]);
+                let counts = flight.counts(LaneMask::of(lane), &[t; SUBGROUP_SIZE]);
                 QueryDecision::Generated(t, !counts.is_empty())
             }
             _ => QueryDecision::Ignored,
         };
         let object = object.first;
-        self.observer
-            .observe(Observation::QueryDecision { object, decision });
+        observer.observe(Observation::QueryDecision { object, decision });
     }
 
-    /// The ray stands at a candidate, or has ended.
+    /// Rays stand at candidates, or have ended.
     #[cold]
-    pub(super) fn settled(&self, object: &Object<'_>, flight: &Flight, lanes: LaneMask) {
-        if !lanes.contains(self.lane) {
-            return;
+    pub fn settled(&mut self, object: &Object<'_>, flight: &Flight, lanes: LaneMask) {
+        if let Some(Counted { cells, .. }) = &self.counted {
+            let mut rays = RayRows::NONE;
+            load(object.rows, &mut rays);
+            for lane in lanes - flight.candidates().found {
+                self.walked.extend(cells[lane].map(|cell| WalkedRay {
+                    cell,
+                    structure: rays.top_level[lane],
+                    ray: rays.ray(lane),
+                    time: 0.0,
+                    hit: flight.hits.get(lane),
+                }));
+            }
         }
+        let Some((observer, lane)) = self.observed(lanes) else {
+            return;
+        };
         let object = object.first;
-        self.observer
-            .observe(match flight.candidates().get(self.lane) {
-                Some(hit) => Observation::QueryCandidate { object, hit },
-                None => Observation::QueryOver {
-                    object,
-                    hit: flight.hits.get(self.lane),
-                },
-            });
+        observer.observe(match flight.candidates().get(lane) {
+            Some(hit) => Observation::QueryCandidate { object, hit },
+            None => Observation::QueryOver {
+                object,
+                hit: flight.hits.get(lane),
+            },
+        });
+    }
+
+    fn observed(&self, lanes: LaneMask) -> Option<(&'a dyn Observer, usize)> {
+        let &(observer, lane, _) = self.one.as_ref()?;
+        lanes.contains(lane).then_some((observer, lane))
+    }
+
+    /// The queries of lanes have proceeded: they share the time, and those that are over are walked
+    /// once more.
+    #[cold]
+    pub fn finish(self, walker: &mut Walker, limits: &Limits, lanes: LaneMask) {
+        let (Some(Counted { counts, cells }), Some(started)) = (self.counted, self.started) else {
+            return;
+        };
+        let time = started.elapsed();
+        let counted = lanes.iter().filter_map(|lane| cells[lane]);
+        counts.add_time(time, counted, lanes.count());
+        for walked in &self.walked {
+            // SAFETY: structures stay until the dispatch is complete, as for the first walk.
+            unsafe { counts.add_walk(walked, walker, &limits.live) };
+        }
     }
 }

@@ -1,0 +1,99 @@
+//! Files of whole numbers in NumPy's format (NEP 1, version 1.0), which `numpy.load` reads.
+
+#![forbid(unsafe_code)]
+
+/// Bytes that the head of a file is a multiple of.
+const ALIGNMENT: usize = 64;
+/// The magic string, the version and the length of the description.
+const PREFIX_BYTES: usize = 10;
+
+/// The type of the numbers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Width {
+    One,
+    Two,
+    Four,
+}
+
+impl Width {
+    /// The narrowest that has room for a number.
+    pub fn of(most: u32) -> Self {
+        match most {
+            0..=0xFF => Self::One,
+            0x100..=0xFFFF => Self::Two,
+            _ => Self::Four,
+        }
+    }
+
+    /// NumPy's name of the type, little endian.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::One => "|u1",
+            Self::Two => "<u2",
+            Self::Four => "<u4",
+        }
+    }
+
+    /// Bytes of a number.
+    pub fn size_bytes(self) -> usize {
+        match self {
+            Self::One => 1,
+            Self::Two => 2,
+            Self::Four => 4,
+        }
+    }
+}
+
+/// A file of numbers, the last dimension fastest, none of which is too large for the width.
+pub fn file(shape: [u32; 3], width: Width, numbers: impl ExactSizeIterator<Item = u32>) -> Vec<u8> {
+    let [depth, height, row] = shape;
+    let mut head = format!(
+        "{{'descr': '{}', 'fortran_order': False, 'shape': ({depth}, {height}, {row}), }}",
+        width.name()
+    );
+    // Spaces up to the newline.
+    let end = (PREFIX_BYTES + head.len() + 1).next_multiple_of(ALIGNMENT);
+    while PREFIX_BYTES + head.len() + 1 < end {
+        head.push(' ');
+    }
+    head.push('\n');
+    let mut bytes = Vec::with_capacity(end + numbers.len() * width.size_bytes());
+    bytes.extend(b"\x93NUMPY\x01\x00");
+    // The description is shorter than 200 bytes.
+    bytes.extend((head.len() as u16).to_le_bytes());
+    bytes.extend(head.as_bytes());
+    for number in numbers {
+        bytes.extend(&number.to_le_bytes()[..width.size_bytes()]);
+    }
+    bytes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// As NEP 1 describes the format.
+    #[test]
+    fn files_are_what_the_format_says() {
+        for (most, width) in [(7, 1), (0x1234, 2), (0x0001_0203, 4)] {
+            let numbers = [0, 1, 2, 3, 4, most];
+            let file = file([1, 2, 3], Width::of(most), numbers.into_iter());
+            assert_eq!(&file[..8], b"\x93NUMPY\x01\x00");
+            let length = usize::from(u16::from_le_bytes([file[8], file[9]]));
+            assert_eq!((PREFIX_BYTES + length) % ALIGNMENT, 0);
+            let head = std::str::from_utf8(&file[10..10 + length]).expect("it is ASCII");
+            assert!(head.is_ascii() && head.ends_with('\n'), "{head:?}");
+            assert!(head.contains("'shape': (1, 2, 3), "), "{head}");
+            assert!(head.contains("'fortran_order': False"), "{head}");
+            assert!(head.contains(&format!("u{width}'")), "{head}");
+            let data = &file[10 + length..];
+            assert_eq!(data.len(), 6 * width);
+            let read = data.chunks(width).map(|bytes| {
+                let number =
+                    |number, (place, byte): (usize, &u8)| number | u32::from(*byte) << (8 * place);
+                bytes.iter().enumerate().fold(0, number)
+            });
+            assert_eq!(read.collect::<Vec<u32>>(), numbers);
+        }
+    }
+}

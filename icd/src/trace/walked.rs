@@ -1,0 +1,67 @@
+//! The rays of a batch whose walks are over, where a capture counts them: each is walked once more,
+//! by itself.
+
+use std::time::Duration;
+
+use traversal::Walker;
+
+use crate::wave::launch_counts::{Counter, LaunchCounts, WalkedRay};
+use crate::wave::observer::Observer;
+use crate::wave::{Limits, Stopped};
+
+/// Rays that are walked once more between two looks at the limits.
+const RAYS_BETWEEN_LOOKS: usize = 256;
+
+/// The counts of a batch, and the rays that are to be walked once more.
+pub struct Counting<'a> {
+    pub counts: &'a LaunchCounts,
+    pub walked: Vec<WalkedRay>,
+    /// Time of walks that no ray has ended in.
+    unshared: Duration,
+}
+
+impl<'a> Counting<'a> {
+    /// For a batch, if its observer keeps counts.
+    pub fn new(observer: Option<&'a dyn Observer>) -> Option<Self> {
+        let counts = observer?.counts()?;
+        Some(Self {
+            counts,
+            walked: Vec::new(),
+            unshared: Duration::ZERO,
+        })
+    }
+
+    /// Counts the walks that are over. Their time is shared by their steps.
+    ///
+    /// # Errors
+    /// A limit was reached.
+    pub fn count_walks(
+        &mut self,
+        time: Duration,
+        walker: &mut Walker,
+        limits: &Limits,
+    ) -> Result<(), Stopped> {
+        self.unshared += time;
+        if self.walked.is_empty() {
+            return Ok(());
+        }
+        let mut steps = Vec::with_capacity(self.walked.len());
+        for rays in self.walked.chunks(RAYS_BETWEEN_LOOKS) {
+            limits.check()?;
+            for walked in rays {
+                // SAFETY: structures stay until the dispatch is complete, as for the first walk.
+                let cost = unsafe { self.counts.add_walk(walked, walker, &limits.live) };
+                // Each takes the time of a step at least.
+                steps.push(u64::from(cost) + 1);
+            }
+        }
+        let (all, nanoseconds) = (steps.iter().sum::<u64>(), self.unshared.as_nanos());
+        for (walked, steps) in self.walked.drain(..).zip(steps) {
+            let share = nanoseconds * u128::from(steps) / u128::from(all);
+            let share = u32::try_from(share).unwrap_or(u32::MAX);
+            (self.counts).add(Counter::Nanoseconds, walked.cell, share);
+        }
+        self.unshared = Duration::ZERO;
+        Ok(())
+    }
+}
