@@ -3,7 +3,7 @@
 #![deny(unsafe_code)]
 
 use std::collections::BTreeSet;
-use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::time::Duration;
 
 use parking_lot::Mutex;
@@ -135,6 +135,8 @@ pub struct LaunchCounts {
     counts: Vec<AtomicU32>,
     /// Addresses of the top levels that rays name.
     structures: Mutex<BTreeSet<u64>>,
+    /// The one that was added last: most rays name it, too.
+    latest_structure: AtomicU64,
 }
 
 impl LaunchCounts {
@@ -148,6 +150,7 @@ impl LaunchCounts {
             kept,
             counts,
             structures: Mutex::default(),
+            latest_structure: AtomicU64::new(0),
         })
     }
 
@@ -217,16 +220,15 @@ impl LaunchCounts {
 
     /// Notes the top levels that rays name.
     pub fn note_structures(&self, addresses: impl Iterator<Item = u64>) {
-        let mut last = 0;
         for address in addresses {
-            if address == last {
+            if address == self.latest_structure.load(Ordering::Relaxed) {
                 continue;
             }
-            last = address;
             let mut structures = self.structures.lock();
             if structures.len() < MAX_STRUCTURES {
                 structures.insert(address);
             }
+            self.latest_structure.store(address, Ordering::Relaxed);
         }
     }
 

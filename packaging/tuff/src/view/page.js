@@ -64,6 +64,9 @@ function table(name) {
 
 const count = (command) => command.size[0] * command.size[1] * command.size[2];
 const number = (value) => value.toLocaleString("en");
+// A float of the driver's; those that are not finite are text.
+const float = (value) => (typeof value === "number" ? String(Number(value.toPrecision(7))) : value);
+const vector = (values) => `(${values.map(float).join(", ")})`;
 
 // The numbers of a map: bytes of each number are in planes, the lowest first.
 async function unpack(map, command) {
@@ -284,14 +287,14 @@ function showPath() {
   list.start = 0;
   for (const ray of path.rays) {
     const item = document.createElement("li");
-    const hit = ray.hit ? `hit at t = ${ray.hit.t}` : "miss";
+    const hit = ray.hit ? `hit at t = ${float(ray.hit.t)}` : "miss";
     const shader = ray.shader ? `, ${ray.shader.stage} shader` : "";
     const parent = ray.parent === null ? "" : ` in a shader of ray ${ray.parent}`;
-    item.textContent = `${ray.instruction}${parent}: from (${ray.origin.join(", ")}) along (${ray.direction.join(", ")}): ${hit}${shader}`;
+    item.textContent = `${ray.instruction}${parent}: from ${vector(ray.origin)} along ${vector(ray.direction)}: ${hit}${shader}`;
     const met = document.createElement("ul");
     for (const one of ray.met ?? []) {
       const part = document.createElement("li");
-      const t = one.t === null ? "" : `t = ${one.t}: `;
+      const t = one.t === null ? "" : `t = ${float(one.t)}: `;
       part.textContent = `${t}${one.primitive_kind} ${one.primitive} of geometry ${one.geometry}, instance ${one.instance}: ${one.outcome}`;
       met.append(part);
     }
