@@ -331,13 +331,8 @@ impl Micromap {
         unsafe { std::slice::from_raw_parts(self.base, self.size_bytes as usize) }
     }
 
-    /// The opacity of a triangle at a point. Where the micromap says nothing, a shader is asked.
-    pub(crate) fn opacity(&self, triangle: u32, barycentrics: [f32; 2]) -> Opacity {
-        self.state(triangle, barycentrics)
-            .map_or(Opacity::UnknownOpaque, Opacity::of)
-    }
-
-    fn state(&self, triangle: u32, barycentrics: [f32; 2]) -> Option<u32> {
+    /// A triangle's states; `None` where the micromap says nothing of it.
+    fn triangle(&self, triangle: u32) -> Option<TriangleStates> {
         if triangle >= self.triangle_count {
             return None;
         }
@@ -351,37 +346,73 @@ impl Micromap {
         };
         let format = MicromapFormat::of(entry.format.into())?;
         let level = u32::from(entry.level);
-        if level > MAX_LEVEL {
-            return None;
-        }
-        let bit = part_index(barycentrics, level) * format.bits();
-        let place = entry.offset.checked_add(u64::from(bit / 8))?;
-        if place >= self.size_bytes {
-            return None;
-        }
-        // SAFETY: inside the size.
-        let byte = unsafe { self.base.add(place as usize).read_volatile() };
-        Some(u32::from(byte) >> (bit % 8) & ((1 << format.bits()) - 1))
+        (level <= MAX_LEVEL).then_some(TriangleStates {
+            micromap: *self,
+            offset: entry.offset,
+            level,
+            bits: format.bits(),
+        })
     }
 }
 
-/// Opacity by a word of a bottom level: special, or a triangle of the micromap at `address`.
-///
-/// # Safety
-/// As for [`Micromap::at`].
-pub(crate) unsafe fn opacity_of_word(
-    address: u64,
-    word: u32,
-    barycentrics: [f32; 2],
-    live: &Live,
-) -> Opacity {
-    if word >= FIRST_SPECIAL {
-        return Opacity::of(!word);
+/// The states of a triangle of a micromap, to be read.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct TriangleStates {
+    micromap: Micromap,
+    offset: u64,
+    level: u32,
+    /// Of one state.
+    bits: u32,
+}
+
+impl TriangleStates {
+    /// The opacity at a point. Where the micromap ends before it, a shader is asked.
+    #[inline(always)]
+    pub fn opacity(&self, barycentrics: [f32; 2]) -> Opacity {
+        let bit = part_index(barycentrics, self.level) * self.bits;
+        let place = self.offset.checked_add(u64::from(bit / 8));
+        let Some(place) = place.filter(|&place| place < self.micromap.size_bytes) else {
+            return Opacity::UnknownOpaque;
+        };
+        // SAFETY: inside the size.
+        let byte = unsafe { self.micromap.base.add(place as usize).read_volatile() };
+        Opacity::of(u32::from(byte) >> (bit % 8) & ((1 << self.bits) - 1))
     }
-    // SAFETY: the caller keeps the promises of `Micromap::at`.
-    unsafe { Micromap::at(address, live) }.map_or(Opacity::UnknownOpaque, |micromap| {
-        micromap.opacity(word, barycentrics)
-    })
+}
+
+/// Where a triangle finds its opacity.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum TriangleOpacity {
+    Everywhere(Opacity),
+    ByParts(TriangleStates),
+}
+
+impl TriangleOpacity {
+    /// Where nothing says more: a shader is asked.
+    pub const UNKNOWN: TriangleOpacity = TriangleOpacity::Everywhere(Opacity::UnknownOpaque);
+
+    /// By a word of a bottom level: special, or a triangle of the micromap at `address`.
+    ///
+    /// # Safety
+    /// As for [`Micromap::at`].
+    pub unsafe fn of_word(address: u64, word: u32, live: &Live) -> TriangleOpacity {
+        if word >= FIRST_SPECIAL {
+            return TriangleOpacity::Everywhere(Opacity::of(!word));
+        }
+        // SAFETY: the caller keeps the promises of `Micromap::at`.
+        unsafe { Micromap::at(address, live) }
+            .and_then(|micromap| micromap.triangle(word))
+            .map_or(TriangleOpacity::UNKNOWN, TriangleOpacity::ByParts)
+    }
+
+    /// The opacity at a point.
+    #[inline(always)]
+    pub fn at(&self, barycentrics: [f32; 2]) -> Opacity {
+        match self {
+            TriangleOpacity::Everywhere(opacity) => *opacity,
+            TriangleOpacity::ByParts(states) => states.opacity(barycentrics),
+        }
+    }
 }
 
 /// Checks everything that a lookup relies on.

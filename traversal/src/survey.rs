@@ -186,12 +186,9 @@ impl Look<'_> {
         let facts = InstanceFacts::new(hit.instance_index, &words, self.ray);
         let word = geometry_word_of(&bottom, hit.geometry_index);
         let micromap = (hit.triangle && facts.uses_micromap(word)).then(|| {
-            bottom.micromap_opacity(
-                hit.geometry_index,
-                hit.primitive_index,
-                hit.barycentrics,
-                self.live,
-            )
+            bottom
+                .micromap_opacity(hit.geometry_index, hit.primitive_index, self.live)
+                .at(hit.barycentrics)
         });
         let is_front = hit.hit_kind == facts.hit_kind(true);
         let skips = match bottom.kind() {

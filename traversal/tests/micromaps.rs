@@ -1,5 +1,6 @@
 //! Micromaps: closed meshes stay closed, and structures take their micromaps along.
 
+use scenes::groups::Groups;
 use scenes::*;
 use traversal::*;
 
@@ -223,6 +224,15 @@ fn corrupt_micromaps_are_walked_to_the_end() {
     let (mut bottom, top) = deserialized(&data);
     let good = bottom.to_vec();
     let part = good.len() - 4096.min(good.len() / 4);
+    let aside = |i: usize| {
+        [
+            0.3 + 0.01 * (i % 4) as f32,
+            0.2 + 0.01 * (i / 4) as f32,
+            1.0,
+        ]
+    };
+    let together: Vec<_> = (0..64).map(|i| ray([0.0; 3], aside(i % 16))).collect();
+    let mut walker = Walker::new();
     for _ in 0..300 {
         for _ in 0..4 {
             let place = part + (random.unit() * (good.len() - part) as f64) as usize;
@@ -235,8 +245,18 @@ fn corrupt_micromaps_are_walked_to_the_end() {
         for ray in rays.iter().step_by(97) {
             closest(&top, ray);
         }
+        // Those that go together, and those that do not.
+        for rays in [&together, &rays] {
+            let accept = |_: &RayRows, flight: &mut Flight| {
+                flight.accept(flight.candidates().found);
+            };
+            // SAFETY: the structures are alive.
+            unsafe { Groups::new(&top, rays, accept).trace(&mut walker, usize::MAX) };
+        }
         bottom.copy_from_slice(&good);
     }
+    let counts = walker.counts();
+    assert!(counts.together >= 4, "{counts:?}");
 }
 
 /// How many rays hit, and how many meet candidates.

@@ -4,25 +4,24 @@ use super::Structure;
 use crate::error::StructureError;
 use crate::layout::{ALIGNMENT, Header, micromap_part_bytes, micromap_reference};
 use crate::live::Live;
-use crate::micromap::{Opacity, opacity_of_word, validate_micromap};
+use crate::micromap::{TriangleOpacity, validate_micromap};
 
 impl Structure {
-    /// The opacity that a geometry's micromap gives a point of a triangle. Where the structure says
-    /// nothing, a shader is asked.
-    #[cold]
-    #[inline(never)]
+    /// The opacity of a geometry's triangle by its micromap. Where the structure says nothing, a
+    /// shader is asked.
     pub(crate) fn micromap_opacity(
         &self,
         geometry: u32,
         primitive: u32,
-        barycentrics: [f32; 2],
         live: &Live,
-    ) -> Opacity {
-        self.micromap_word(geometry, primitive)
-            .map_or(Opacity::UnknownOpaque, |(address, word)| {
+    ) -> TriangleOpacity {
+        self.micromap_word(geometry, primitive).map_or(
+            TriangleOpacity::UNKNOWN,
+            |(address, word)| {
                 // SAFETY: the contract of `at`.
-                unsafe { opacity_of_word(address, word, barycentrics, live) }
-            })
+                unsafe { TriangleOpacity::of_word(address, word, live) }
+            },
+        )
     }
 
     /// The word that says where a geometry's micromap is.

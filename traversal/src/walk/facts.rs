@@ -23,8 +23,10 @@ pub(crate) struct InstanceFacts {
     /// Every triangle that is hit counts: all are opaque, none by a micromap, and none is culled
     /// for its facing.
     pub all_opaque: bool,
-    /// Triangles that are hit count by their geometry alone: none is culled, or has a micromap.
+    /// No triangle is culled.
     pub is_plain: bool,
+    /// Micromaps may say where triangles are opaque.
+    pub has_micromaps: bool,
 }
 
 /// Whether flags make everything opaque, or not opaque: by the ray's two lowest bits (`OPAQUE`,
@@ -49,6 +51,7 @@ impl InstanceFacts {
         opaque: None,
         all_opaque: false,
         is_plain: false,
+        has_micromaps: false,
     };
 
     #[inline(always)]
@@ -65,6 +68,7 @@ impl InstanceFacts {
             opaque: FORCED[by_ray as usize][by_instance as usize],
             all_opaque: false,
             is_plain: false,
+            has_micromaps: false,
         }
     }
 
@@ -82,12 +86,13 @@ impl InstanceFacts {
                 | ray_flags::CULL_FRONT_FACING_TRIANGLES
                 | ray_flags::CULL_OPAQUE
                 | ray_flags::CULL_NO_OPAQUE);
-        if culls == 0 {
-            self.is_plain = structure.micromap_bytes() == 0 || self.ignores_micromaps();
-            self.all_opaque = !not_opaque && self.is_plain;
+        self.has_micromaps = structure.micromap_bytes() != 0 && !self.ignores_micromaps();
+        self.is_plain = culls == 0;
+        if self.is_plain {
+            self.all_opaque = !not_opaque && !self.has_micromaps;
             return opaque || not_opaque;
         }
-        (self.all_opaque, self.is_plain) = (false, false);
+        self.all_opaque = false;
         opaque && culls & ray_flags::CULL_OPAQUE == 0
             || not_opaque && culls & ray_flags::CULL_NO_OPAQUE == 0
     }
@@ -101,6 +106,19 @@ impl InstanceFacts {
     #[inline(always)]
     pub fn opacity(&self, geometry: u32) -> Option<bool> {
         self.unless_culled(geometry & geometry_word::OPAQUE != 0)
+    }
+
+    /// Whether micromaps say of all points that they are opaque or transparent: then no shader is
+    /// asked about triangles that have one.
+    pub fn is_settled(&self) -> bool {
+        let two_states = self.opaque == Some(true) || self.sees_two_states();
+        self.is_plain && self.has_micromaps && two_states && self.opaque != Some(false)
+    }
+
+    /// Whether streams take rays through triangles: shaders are asked about few, if any.
+    pub fn suits_streams(&self) -> bool {
+        let by_micromap = self.is_plain && self.has_micromaps && self.opaque != Some(false);
+        self.all_opaque || by_micromap
     }
 
     /// Whether a micromap decides what is opaque of a geometry.
@@ -125,13 +143,16 @@ impl InstanceFacts {
 
     /// An opacity with as many states as this ray sees.
     fn micromap_state(&self, opacity: Opacity) -> Opacity {
-        let two_states = self.flags & instance_flags::FORCE_OPACITY_MICROMAP_2_STATE != 0
-            || self.ray_flags & ray_flags::FORCE_OPACITY_MICROMAP_2_STATE != 0;
-        if two_states {
+        if self.sees_two_states() {
             opacity.in_two_states()
         } else {
             opacity
         }
+    }
+
+    fn sees_two_states(&self) -> bool {
+        self.flags & instance_flags::FORCE_OPACITY_MICROMAP_2_STATE != 0
+            || self.ray_flags & ray_flags::FORCE_OPACITY_MICROMAP_2_STATE != 0
     }
 
     #[inline(always)]

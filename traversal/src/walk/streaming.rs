@@ -29,8 +29,8 @@ impl Walker {
 
     /// Adds rays to a stream, to be traced with others by [`Self::trace_streams`]; returns which.
     /// Those are rays of ordinary length through the same top level as those in it, with the same
-    /// flags and mask; where it has one instance, that holds triangles that all count. None are
-    /// added where the machine has no AVX2. Their hits are none so far.
+    /// flags and mask; where it has one instance, that holds triangles that all count, or by their
+    /// micromaps. None are added where the machine has no AVX2. Their hits are none so far.
     ///
     /// # Safety
     /// As for [`Walk::new`], for every ray, until they are traced.

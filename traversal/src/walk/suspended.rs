@@ -125,6 +125,11 @@ impl SuspendedLeaf {
         word: 0,
         rest: [LaneMask::NONE; LEAF_TRIANGLES],
     };
+
+    /// Rays have been tested against all of it.
+    pub fn is_over(&self) -> bool {
+        self.rest.iter().all(|lanes| lanes.is_empty())
+    }
 }
 
 impl Default for Suspended {

@@ -9,10 +9,12 @@ use super::rays::Rays;
 #[cfg(target_arch = "x86_64")]
 use super::rays::{load, store};
 #[cfg(target_arch = "x86_64")]
-use super::triangle::{intersect_triangle, test_triangle};
+use super::triangle::{intersect_triangle, take_hits, test_triangle};
 use crate::layout::{Block, TriangleGroup};
 #[cfg(target_arch = "x86_64")]
 use crate::layout::{GROUP, LEAF_TRIANGLES, child, geometry_word};
+#[cfg(target_arch = "x86_64")]
+use crate::micromap::TriangleStates;
 #[cfg(target_arch = "x86_64")]
 use crate::ray::Hit;
 #[cfg(target_arch = "x86_64")]
@@ -24,23 +26,29 @@ use crate::walk::decide::Rim;
 use crate::walk::facts::InstanceFacts;
 use crate::walk::found::Found;
 #[cfg(target_arch = "x86_64")]
+use crate::walk::level::Level;
+#[cfg(target_arch = "x86_64")]
+use crate::walk::micromap::{Seen, opacity_at};
+#[cfg(target_arch = "x86_64")]
 use crate::walk::rows::HitRows;
 use crate::walk::rows::Lanes;
 #[cfg(target_arch = "x86_64")]
 use crate::walk::suspended::SuspendedLeaf;
 use crate::walk::triangle::intersect;
 
-/// Tests the opaque triangles of a leaf, and notes at which others rays have to look.
+/// Tests the opaque triangles of a leaf, and the opaque parts of triangles with micromaps; notes at
+/// which others rays have to look.
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
 pub(super) fn test_some(
     rays: &Rays,
-    structure: &Structure,
+    level: &Level,
     facts: &InstanceFacts,
     (word, lanes): (u32, LaneMask),
     t_far: f32,
     found: &mut Found,
 ) -> SuspendedLeaf {
+    let structure = &level.structure;
     let mut leaf = SuspendedLeaf {
         word,
         ..SuspendedLeaf::EMPTY
@@ -55,16 +63,96 @@ pub(super) fn test_some(
         let i = rest.trailing_zeros() as usize % LEAF_TRIANGLES;
         rest &= rest - 1;
         let (group, lane) = (groups[i / GROUP], i % GROUP);
-        match facts.opacity(group.geometries[lane]) {
-            Some(true) => {
-                let slot = first_slot + i as u32;
-                test_triangle(rays, structure, (group, lane), slot, lanes, found);
+        let (place, slot) = ((group, lane), first_slot + i as u32);
+        match Seen::of(level, facts, group.geometries[lane], group.primitives[lane]) {
+            Seen::Opaque => test_triangle(rays, structure, place, slot, lanes, found),
+            Seen::Candidate => leaf.rest[i] = lanes,
+            Seen::Not => {}
+            Seen::ByParts(states) => {
+                let seen = (facts, &states);
+                leaf.rest[i] = test_parts(rays, structure, seen, place, slot, lanes, found);
             }
-            Some(false) => leaf.rest[i] = lanes,
-            None => {}
         }
     }
     leaf
+}
+
+/// Tests a triangle with a micromap: takes the hits of opaque parts, and returns the rays that meet
+/// parts about which a shader is asked.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+fn test_parts(
+    rays: &Rays,
+    structure: &Structure,
+    (facts, states): (&InstanceFacts, &TriangleStates),
+    place: (&TriangleGroup, usize),
+    slot: u32,
+    lanes: LaneMask,
+    found: &mut Found,
+) -> LaneMask {
+    let t_far = load(&found.t);
+    let Some(mut meeting) = intersect_triangle(rays, place, lanes, t_far) else {
+        return LaneMask::NONE;
+    };
+    let mut asked = LaneMask::NONE;
+    let near = LaneMask::from_bits(_mm512_cmp_ps_mask::<_CMP_LE_OQ>(meeting.t, t_far));
+    let met = meeting.lanes & near;
+    if !met.is_empty() {
+        let mut weights = [[0.0; PACKET]; 2];
+        for (row, weight) in weights.iter_mut().zip(meeting.weights) {
+            store(row, weight);
+        }
+        meeting.lanes = LaneMask::NONE;
+        for lane in met {
+            let opaque = opacity_at(states, facts, [weights[0][lane], weights[1][lane]]);
+            meeting.lanes.set(lane, opaque == Some(true));
+            asked.set(lane, opaque == Some(false));
+        }
+        take_hits(structure, slot, &meeting, t_far, found);
+    }
+    if !meeting.undecided.is_empty() {
+        let triangle = place.0.triangle(place.1);
+        let seen = (facts, states);
+        asked |= test_parts_exactly(
+            rays,
+            structure,
+            seen,
+            &triangle,
+            slot,
+            meeting.undecided,
+            found,
+        );
+    }
+    asked
+}
+
+/// As [`test_parts`], one ray after the other, where rays meet edges and vertices.
+#[cfg(target_arch = "x86_64")]
+#[cold]
+#[inline(never)]
+fn test_parts_exactly(
+    rays: &Rays,
+    structure: &Structure,
+    (facts, states): (&InstanceFacts, &TriangleStates),
+    triangle: &[[f32; 3]; 3],
+    slot: u32,
+    lanes: LaneMask,
+    found: &mut Found,
+) -> LaneMask {
+    let mut asked = LaneMask::NONE;
+    for lane in lanes {
+        let Some(hit) = intersect(&rays.beams.space(lane), triangle, Rim::Included) else {
+            continue;
+        };
+        if hit.t > rays.beams.t_min[lane] {
+            match opacity_at(states, facts, hit.barycentrics) {
+                Some(true) => found.offer(structure, lane, slot, &hit),
+                Some(false) => asked.insert(lane),
+                None => {}
+            }
+        }
+    }
+    asked
 }
 
 /// As [`Block::expand`], with what is known of the triangles besides.

@@ -28,7 +28,7 @@ pub(super) enum Entering {
 pub(super) enum Way {
     /// Triangles that all count.
     Opaque,
-    /// Triangles, some of which are candidates.
+    /// Triangles, some of which are candidates, or in part.
     Mixed,
     Boxes,
 }
@@ -135,7 +135,7 @@ impl Packet<'_> {
         let asks = again || self.suspended.is_some();
         let way = match bottom.structure.kind() {
             Kind::Triangles if instance.all_opaque => Way::Opaque,
-            Kind::Triangles if instance.is_plain && asks => Way::Mixed,
+            Kind::Triangles if instance.is_plain && (asks || instance.is_settled()) => Way::Mixed,
             Kind::Aabbs if asks => Way::Boxes,
             _ => return Entering::Unusual,
         };
@@ -173,7 +173,12 @@ impl Packet<'_> {
             if stands {
                 return true;
             }
-            let PacketSpace { bottom, rays, .. } = &mut walker.packet;
+            let Walker {
+                packet,
+                bottom: level,
+                ..
+            } = &mut *walker;
+            let PacketSpace { bottom, rays, .. } = packet;
             // SAFETY: as above.
             let next = unsafe { K::next_leaf(self, rays, &structure, bottom) };
             let Some((word, here, t_far)) = next else {
@@ -186,7 +191,11 @@ impl Packet<'_> {
                 Way::Mixed => {
                     suspended_leaf =
                         // SAFETY: as above.
-                        unsafe { K::test_some(rays, &structure, &facts, leaf, t_far, found) };
+                        unsafe { K::test_some(rays, level, &facts, leaf, t_far, found) };
+                    if self.suspended.is_none() && !suspended_leaf.is_over() {
+                        // A geometry without a micromap: the attempt ends.
+                        self.patience = 0;
+                    }
                 }
                 Way::Boxes => {
                     if self.stands_at_box(walker, &facts, instance, word, here) {

@@ -95,13 +95,14 @@ pub(super) trait PacketKernel: Sized {
         found: &mut Found,
     );
 
-    /// Tests the opaque triangles of a leaf, and notes at which others rays have to look.
+    /// Tests the opaque triangles of a leaf, and the opaque parts of triangles with micromaps;
+    /// notes at which others rays have to look.
     ///
     /// # Safety
     /// As above.
     unsafe fn test_some(
         rays: &mut Rays,
-        structure: &Structure,
+        level: &Level,
         facts: &InstanceFacts,
         leaf: (u32, LaneMask),
         t_far: f32,

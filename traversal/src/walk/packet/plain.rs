@@ -20,6 +20,7 @@ use crate::walk::found::Found;
 use crate::walk::group_hits::GroupHits;
 use crate::walk::kernel::Kernel;
 use crate::walk::level::Level;
+use crate::walk::micromap::{Seen, opacity_at};
 use crate::walk::rows::{HitRows, Lanes, RayRows, Words};
 use crate::walk::space::{max, min};
 use crate::walk::suspended::{Progress, Suspended, SuspendedLeaf};
@@ -210,12 +211,13 @@ unsafe fn test_leaf<P: PacketKernel, K: Kernel>(
 #[inline(always)]
 unsafe fn test_some<P: PacketKernel, K: Kernel>(
     rays: &mut Rays,
-    structure: &Structure,
+    level: &Level,
     facts: &InstanceFacts,
     (word, lanes): (u32, LaneMask),
     t_far: f32,
     found: &mut Found,
 ) -> SuspendedLeaf {
+    let structure = &level.structure;
     let mut leaf = SuspendedLeaf {
         word,
         ..SuspendedLeaf::EMPTY
@@ -228,13 +230,19 @@ unsafe fn test_some<P: PacketKernel, K: Kernel>(
     // SAFETY: the caller's promise.
     let mut rest = there & unsafe { P::test_triangles(rays, groups, t_far) };
     let (mut opaque, mut others) = (0, 0);
+    let mut by_parts = [None; LEAF_TRIANGLES];
     while rest != 0 {
         let i = rest.trailing_zeros() as usize % LEAF_TRIANGLES;
         rest &= rest - 1;
-        match facts.opacity(groups[i / GROUP].geometries[i % GROUP]) {
-            Some(true) => opaque |= 1 << i,
-            Some(false) => others |= 1 << i,
-            None => {}
+        let (group, lane) = (groups[i / GROUP], i % GROUP);
+        match Seen::of(level, facts, group.geometries[lane], group.primitives[lane]) {
+            Seen::Opaque => opaque |= 1 << i,
+            Seen::Candidate => others |= 1 << i,
+            Seen::Not => {}
+            Seen::ByParts(states) => {
+                others |= 1 << i;
+                by_parts[i] = Some(states);
+            }
         }
     }
     if others == 0 {
@@ -253,10 +261,15 @@ unsafe fn test_some<P: PacketKernel, K: Kernel>(
         while mask != 0 {
             let i = mask.trailing_zeros() as usize % LEAF_TRIANGLES;
             mask &= mask - 1;
-            if others >> i & 1 != 0 {
-                leaf.rest[i].insert(lane);
-            } else {
-                found.offer(structure, lane, first_slot + i as u32, &hit_of(&hits, i));
+            let hit = hit_of(&hits, i);
+            let is_opaque = match &by_parts[i] {
+                Some(states) => opacity_at(states, facts, hit.barycentrics),
+                None => Some(others >> i & 1 == 0),
+            };
+            match is_opaque {
+                Some(true) => found.offer(structure, lane, first_slot + i as u32, &hit),
+                Some(false) => leaf.rest[i].insert(lane),
+                None => {}
             }
         }
         rays.hits[lane] = hits;
@@ -457,14 +470,14 @@ macro_rules! plain {
             $(#[$feature])?
             unsafe fn test_some(
                 rays: &mut Rays,
-                structure: &Structure,
+                level: &Level,
                 facts: &InstanceFacts,
                 leaf: (u32, LaneMask),
                 t_far: f32,
                 found: &mut Found,
             ) -> SuspendedLeaf {
                 // SAFETY: as above.
-                unsafe { test_some::<$name, $kernel>(rays, structure, facts, leaf, t_far, found) }
+                unsafe { test_some::<$name, $kernel>(rays, level, facts, leaf, t_far, found) }
             }
 
             $(#[$feature])?

@@ -114,6 +114,24 @@ pub(super) fn test_triangle(
     let Some(meeting) = intersect_triangle(rays, place, lanes, t_far) else {
         return;
     };
+    take_hits(structure, slot, &meeting, t_far, found);
+    if !meeting.undecided.is_empty() {
+        let triangle = place.0.triangle(place.1);
+        test_exactly(rays, structure, &triangle, slot, meeting.undecided, found);
+    }
+}
+
+/// Takes hits with a triangle that are inside for sure, where they are to be preferred to what
+/// there is. `t_far`: the distances of that.
+#[inline]
+#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+pub(super) fn take_hits(
+    structure: &Structure,
+    slot: u32,
+    meeting: &TriangleHits,
+    t_far: __m512,
+    found: &mut Found,
+) {
     let (accepted, t) = (meeting.lanes.bits(), meeting.t);
     let mut nearer = accepted & _mm512_cmp_ps_mask::<_CMP_LT_OQ>(t, t_far);
     let ties = accepted & _mm512_cmp_ps_mask::<_CMP_EQ_OQ>(t, t_far) & found.hit.bits();
@@ -135,10 +153,6 @@ pub(super) fn test_triangle(
             _mm512_mask_storeu_epi32(instances, nearer, instance);
         }
         found.mark(LaneMask::from_bits(nearer), meeting.front);
-    }
-    if !meeting.undecided.is_empty() {
-        let triangle = place.0.triangle(place.1);
-        test_exactly(rays, structure, &triangle, slot, meeting.undecided, found);
     }
 }
 

@@ -114,14 +114,14 @@ impl PacketKernel for Avx512 {
     #[inline(always)]
     unsafe fn test_some(
         rays: &mut Rays,
-        structure: &Structure,
+        level: &Level,
         facts: &InstanceFacts,
         leaf: (u32, LaneMask),
         t_far: f32,
         found: &mut Found,
     ) -> SuspendedLeaf {
         // SAFETY: as above.
-        unsafe { candidates::test_some(rays, structure, facts, leaf, t_far, found) }
+        unsafe { candidates::test_some(rays, level, facts, leaf, t_far, found) }
     }
 
     #[inline(always)]

@@ -62,7 +62,7 @@ impl LeafVisitor for Top<'_> {
         let Some(record) = self.top.structure.instance(index) else {
             return;
         };
-        if !self.instance.all_opaque
+        if !self.instance.suits_streams()
             || self.bottom.structure.kind() != Kind::Triangles
             || record.words.state & instance_state::MOVING != 0
         {
@@ -107,7 +107,7 @@ impl LeafVisitor for Top<'_> {
         };
         // SAFETY: the caller's promise.
         unsafe {
-            if inner.rays.len() < FEW {
+            if inner.rays.len() < FEW && place.instance.all_opaque {
                 let all = inner.all();
                 place.go_singly::<ANY, WIDE>(inner, &all, fuel);
             } else {

@@ -1,11 +1,11 @@
-//! Rays in a bottom level of triangles that all count.
+//! Rays in a bottom level of triangles that all count, or by their micromaps.
 
 use std::arch::x86_64::*;
 
 use super::lists::{List, Stream};
 use super::octant_stacks::LeafVisitor;
 use super::rays::{self, StreamRay, View};
-use crate::layout::{LEAF_TRIANGLES, MARGIN_RISE, Margin, TriangleGroup, child};
+use crate::layout::{GROUP, LEAF_TRIANGLES, MARGIN_RISE, Margin, TriangleGroup, child};
 use crate::ray::Hit;
 use crate::structure::Structure;
 use crate::walk::avx::Avx;
@@ -15,6 +15,7 @@ use crate::walk::facts::InstanceFacts;
 use crate::walk::group_hits::GroupHits;
 use crate::walk::kernel::Kernel;
 use crate::walk::level::Level;
+use crate::walk::micromap::{Seen, opacity_at};
 use crate::walk::opaque::{End, Nearest, Opaque, Pending};
 use crate::walk::{block, group};
 
@@ -121,6 +122,16 @@ impl LeafVisitor for Bottom<'_> {
                     continue;
                 }
                 let [second, third] = &found.barycentrics;
+                if instance.has_micromaps {
+                    match opacity(bottom, instance, groups, i, [second[i], third[i]]) {
+                        Some(true) => {}
+                        None => continue,
+                        Some(false) => {
+                            ray.leave();
+                            break;
+                        }
+                    }
+                }
                 *best = Nearest {
                     t_min: best.t_min,
                     t,
@@ -144,6 +155,9 @@ impl LeafVisitor for Bottom<'_> {
         list: &List,
         fuel: &mut u64,
     ) {
+        if !self.instance.all_opaque {
+            return stream.split(list);
+        }
         for i in 0..list.count as usize {
             let index = rays::index(stream.words[list.first as usize + i]);
             let (ray, best) = (&mut stream.rays[index], &mut stream.best[index]);
@@ -176,6 +190,31 @@ impl LeafVisitor for Bottom<'_> {
                 End::Finished => ray.shorten(best.t),
             }
         }
+    }
+}
+
+/// Whether a triangle of a leaf is opaque at a point, in a structure with micromaps; `None` if it
+/// is no candidate there.
+#[cold]
+#[inline(never)]
+fn opacity(
+    level: &Level,
+    instance: &InstanceFacts,
+    groups: [&TriangleGroup; 2],
+    i: usize,
+    barycentrics: [f32; 2],
+) -> Option<bool> {
+    let (group, lane) = (groups[i / GROUP], i % GROUP);
+    match Seen::of(
+        level,
+        instance,
+        group.geometries[lane],
+        group.primitives[lane],
+    ) {
+        Seen::Not => None,
+        Seen::Opaque => Some(true),
+        Seen::Candidate => Some(false),
+        Seen::ByParts(states) => opacity_at(&states, instance, barycentrics),
     }
 }
 

@@ -10,8 +10,9 @@
 //! of the walk; and rays that end with their first hit visit children in the same order as by
 //! themselves. So the hits are the same bits.
 //!
-//! Cases that a stream does not handle (non-opaque triangles, boxes, motion, rays of unusual
-//! length, an end of fuel) go to single walks that start anew.
+//! Triangles with micromaps are looked up where they are met. Cases that a stream does not handle
+//! (candidates, boxes, motion, rays of unusual length, an end of fuel) go to single walks that
+//! start anew.
 
 mod instances;
 mod leaf;
@@ -110,7 +111,8 @@ impl Walker {
         }
     }
 
-    /// Enters an instance, if a ray has business there and its triangles all count.
+    /// Enters an instance, if a ray has business there and its triangles all count, or by their
+    /// micromaps.
     ///
     /// # Safety
     /// As for [`Walk::new`].
@@ -124,7 +126,7 @@ impl Walker {
         // SAFETY: the caller's promise.
         let admits = unsafe { bottom.admit(instance, top, index, ray) };
         admits
-            && instance.all_opaque
+            && instance.suits_streams()
             && bottom.structure.kind() == Kind::Triangles
             && (top.structure.instance_words(index))
                 .is_some_and(|words| words.state & instance_state::MOVING == 0)
