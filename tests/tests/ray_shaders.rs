@@ -470,3 +470,90 @@ fn shaders_of_every_kind_run_long() {
         assert_eq!(result, run(x, if i < 16 { LONG } else { 2 }), "{i}");
     }
 }
+
+/// Any-hit shaders that run for long, look at other lanes or have effects are asked about each layer
+/// once.
+#[test]
+fn any_hit_shaders_see_each_layer_once() {
+    let name = "any_hit_shaders_see_each_layer_once";
+    let settings: [&[(&str, &str)]; 4] = [
+        &[],
+        &[("TUFF_DIRECT", "0")],
+        &[("TUFF_WAVE", "1")],
+        &[("TUFF_WAVE", "4"), ("TUFF_TIER", "portable")],
+    ];
+    if !settings.iter().any(|variables| alone(name, variables)) {
+        return;
+    }
+    const SIZE: u32 = 40;
+    const LAYERS: u32 = 6;
+    const LONG: u32 = 20_000;
+    let gpu = Gpu::new();
+    // Rays that ignore all layers sum them up; of others, the nearest that is taken counts.
+    let raygen = "layout(location = 0) rayPayloadEXT uvec2 payload;
+        void main() {
+            uint i = gl_LaunchIDEXT.y * gl_LaunchSizeEXT.x + gl_LaunchIDEXT.x;
+            payload = uvec2(0u, i);
+            traceRayEXT(world, 0u, 0xff, 0, 0, 0, vec3(0), 0.0, vec3(0, 0, 1), 100.0, 0);
+            results[i] = payload.x;
+        }";
+    let incoming = "layout(location = 0) rayPayloadInEXT uvec2 payload;";
+    let hit = format!("{incoming} void main() {{ payload.x = uint(gl_PrimitiveID); }}");
+    let miss = format!("{incoming} void main() {{ payload.x += 7u; }}");
+    let any_hit = |head: &str, effect: &str| {
+        format!(
+            "{head} {incoming}
+            void main() {{
+                uint layer = uint(gl_PrimitiveID), x = layer;
+                uint turns = payload.y % 50u == 4u && layer == 2u ? {LONG}u : 2u;
+                for (uint k = 0u; k < turns; k++) x = x * 1664525u + 1013904223u;
+                payload.x += x;
+                {effect}
+                if (payload.y % 2u == 0u || layer < payload.y / 2u % {LAYERS}u) {{
+                    ignoreIntersectionEXT;
+                }}
+            }}"
+        )
+    };
+    let shaders = [
+        any_hit("", ""),
+        any_hit(
+            "#extension GL_KHR_shader_subgroup_ballot : enable\n",
+            "if (subgroupBallot(true) == uvec4(0)) payload.x = 0u;",
+        ),
+        any_hit(
+            RESULTS,
+            &format!(
+                "if (layer == 0u) atomicAdd(results[{SIZE}u * {SIZE}u + payload.y % 2u], 1u);"
+            ),
+        ),
+    ];
+    for (kind, shader) in shaders.iter().enumerate() {
+        let flags = vk::GeometryFlagsKHR::NO_DUPLICATE_ANY_HIT_INVOCATION;
+        let world = gpu.scene(&[Geometry::triangles(&layers(LAYERS), flags)]);
+        let count = SIZE * SIZE;
+        let results = Case::new(&format!("{WORLD}{RESULTS}{raygen}"))
+            .miss(&miss)
+            .hit(&hit)
+            .any_hit(shader)
+            .words(&gpu, world, [SIZE, SIZE, 1], count as usize + 2);
+        for i in 0..count {
+            let seen = |layer: u32| {
+                let turns = if i % 50 == 4 && layer == 2 { LONG } else { 2 };
+                (0..turns).fold(layer, |x, _| {
+                    x.wrapping_mul(1_664_525).wrapping_add(1_013_904_223)
+                })
+            };
+            let expected = match i % 2 {
+                0 => (0..LAYERS).fold(7, |sum: u32, layer| sum.wrapping_add(seen(layer))),
+                _ => i / 2 % LAYERS,
+            };
+            assert_eq!(results[i as usize], expected, "{kind}: {i}");
+        }
+        if kind == 2 {
+            // Those that take a nearer layer first may never meet it.
+            let [all, some] = [results[count as usize], results[count as usize + 1]];
+            assert!(all == count / 2 && some <= count / 2, "{all} {some}");
+        }
+    }
+}
