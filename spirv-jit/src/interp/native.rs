@@ -50,10 +50,18 @@ pub(super) unsafe fn run_loop(m: &mut Machine<'_>, i: &Instr) {
     // Only the regions that there are are written.
     let mut context = MaybeUninit::<LoopContext>::uninit();
     let context = context.as_mut_ptr();
+    let mut private = [std::ptr::null_mut::<u8>(); NO_LANES.len()];
     // SAFETY: as the caller promises; subgroups are the wave's, whose frames follow one another.
     // Descriptors are uniform: the same in every lane. A plan has at most `MAX_REGIONS` regions.
     unsafe {
         (*context).fuel = fuel;
+        (*context).private_rows = m.plan.private_rows as u32;
+        if plan.is_private {
+            for &subgroup in m.listed() {
+                let s = subgroup as usize;
+                private[s] = m.state_row(s, m.plan.private).cast();
+            }
+        }
         let regions = (&raw mut (*context).regions).cast::<Region>();
         for (k, &operand) in plan.regions.iter().enumerate() {
             let descriptor = m.environment.descriptor(m.lane(operand, 0, 0, true));
@@ -69,6 +77,7 @@ pub(super) unsafe fn run_loop(m: &mut Machine<'_>, i: &Instr) {
             rest = &rest[count..];
             let frame = m.vectors.add(subgroup as usize * m.frame_bytes);
             let lanes = lanes.as_mut_ptr().cast::<LaneMask>().add(subgroup as usize);
+            (*context).private = private.as_ptr().add(subgroup as usize);
             let all = count / plan.together;
             let done = all * plan.together;
             if all != 0 {

@@ -2,13 +2,16 @@
 //! leaves its register when it is used no more or when another is needed sooner (Belady 1966).
 
 use super::encode::{
-    Assembler, Base, Encoding, Memory, Opcode, Operand, Register, SCRATCH_WORD, ZEROING, opcode,
+    Assembler, Base, Encoding, Memory, Opcode, Operand, Register, ZEROING, opcode,
 };
-use super::opcodes::KMOV_OUT;
 
 mod carry;
+mod private;
+mod words;
 
-pub(super) use carry::{Carried, allocate_turn};
+pub(super) use carry::{Alike, Carried, allocate_turn};
+#[cfg(test)]
+pub(super) use words::{broadcast_word, first_word};
 
 /// A value of the stretch: one register's worth.
 pub(super) type Virtual = u32;
@@ -56,24 +59,48 @@ pub(super) enum Form {
     /// `reg = op(the mask of active lanes)`, into a vector or a mask register.
     OfLanes,
     /// Loads words at the places that the first operand says, in lanes of the second, which is used
-    /// no more; zeros elsewhere. The immediate is the region's number. With a third operand, the
-    /// distances of words that lie one behind another: such are loaded at once.
+    /// no more; zeros elsewhere. The immediate is the region's number. With a third operand, words
+    /// that lie one behind another are loaded at once: with AVX-512 the distances of such words,
+    /// with AVX2 the lanes whose words lie so behind the first lane's.
     Gather,
     /// In all lanes the word so many bytes behind the place that the operand's first lane says;
-    /// zero if that is outside. The immediate is the region's number. AVX-512 only.
+    /// zero if that is outside. The immediate is the region's number.
     LoadOne(u32),
     /// `reg = op(vvvv, rm)` of the second and the third operand in lanes of the first, zeros
     /// elsewhere. AVX-512 only.
     Zeroing,
     /// `rm = op(reg)` of the second operand in lanes of the first, zeros elsewhere. AVX-512 only.
     ReverseZeroing,
-    /// A mask of all lanes or of none, from a mask: see [`Vote`].
+    /// All lanes or none, from a condition: see [`Vote`].
     OfVote(Vote),
-    /// The bits of a mask in each lane of a vector.
+    /// A bit for each lane of a condition, or of two halves' conditions, in each lane of a vector.
     OfBits,
+    /// In each lane the number of the first lane of two halves' conditions. AVX2 only.
+    OfFirst,
+    /// Loads a private row, of this number or that of the operand's first lane. The immediate is
+    /// the subgroup's number among those that take a loop together, as in the next three.
+    LoadRow(Option<u32>),
+    /// Stores the second operand, in lanes of the first, to such a row; the third operand has its
+    /// number. The result's register is scratch.
+    StoreRow(Option<u32>),
+    /// As [`Form::Gather`], at places from the first private row on.
+    GatherRows,
+    /// Stores the third operand, in lanes of the second, at such places.
+    ScatterRows,
     /// Stores the second operand, in lanes of the first, to the result's place in memory; the
     /// result's register is scratch.
     Leave,
+}
+
+impl Form {
+    /// Whether the result's register is written before all operands are read.
+    fn writes_first(self) -> bool {
+        use Form::*;
+        matches!(
+            self,
+            Leave | Gather | GatherRows | ScatterRows | StoreRow(_)
+        )
+    }
 }
 
 /// When a vote gives all lanes.
@@ -96,6 +123,8 @@ pub(super) struct Step {
     /// The last of its operation: results that are kept are stored behind it, and no sooner, since
     /// their rows may be operands'.
     pub ends: bool,
+    /// The half of the subgroup that it computes, where code takes both; `None`: both at once.
+    pub half: Option<i32>,
 }
 
 pub(super) const LOAD: Opcode = opcode(1, 0, 0, 0x10);
@@ -157,7 +186,18 @@ struct Allocation<'a> {
     held: Vec<Virtual>,
     /// Of the operation that is being written.
     results: Vec<Virtual>,
+    /// Values without a row may leave their registers for the stack.
+    may_spill: bool,
+    /// Of the stack, that values have left their registers for.
+    stack_bytes: i32,
+    /// How often one did, or came back.
+    spills: usize,
+    /// Where steps put registers aside on the stack.
+    aside: Option<i32>,
 }
+
+/// Of a loop's part of the stack, at most.
+const MOST_STACK_BYTES: i32 = 2048;
 
 impl<'a> Allocation<'a> {
     /// Nothing is in a register yet. `first`: by value, when it is first used.
@@ -177,6 +217,10 @@ impl<'a> Allocation<'a> {
             masks: (1..8).rev().collect(),
             held: Vec::new(),
             results: Vec::new(),
+            may_spill: false,
+            stack_bytes: 0,
+            spills: 0,
+            aside: None,
         }
     }
 
@@ -235,10 +279,9 @@ impl<'a> Allocation<'a> {
         if step.form == Form::MultiplyAdd {
             let dying = [0, 1, 2].map(|k| memory != Some(k) && dies(self, k));
             self.multiply_add(step, operands, memory, dying)?;
-        } else if matches!(step.form, Form::Leave | Form::Gather) {
-            // The result's register is written before the operands are read.
+        } else if step.form.writes_first() {
             let to = self.take_apart(step.to, from, &operands)?;
-            self.write(step, to, operands, memory);
+            self.write(step, to, operands, memory)?;
             for k in 0..from.len() {
                 if dies(self, k) {
                     self.release(from[k]);
@@ -251,13 +294,19 @@ impl<'a> Allocation<'a> {
                 }
             }
             let to = self.take(step.to, from)?;
-            self.write(step, to, operands, memory);
+            self.write(step, to, operands, memory)?;
         }
         self.results.push(step.to);
         Ok(())
     }
 
-    fn write(&mut self, step: &Step, to: Register, operands: [Operand; 3], memory: Option<usize>) {
+    fn write(
+        &mut self,
+        step: &Step,
+        to: Register,
+        operands: [Operand; 3],
+        memory: Option<usize>,
+    ) -> Result<(), TooManyLive> {
         let register = |operand: Operand| match operand {
             Operand::Register(register) => register,
             Operand::Memory(_) => unreachable!("in a register"),
@@ -303,19 +352,23 @@ impl<'a> Allocation<'a> {
             }
             Form::OfVote(vote) => self.vote(to, register(a), vote),
             Form::OfBits => {
-                self.assembler
-                    .mask(KMOV_OUT, (SCRATCH_WORD, 0, a), false, None);
-                let word = Operand::Register(SCRATCH_WORD);
-                self.assembler.vector(step.op, (to, 0, word), 0, None);
+                let lanes = [a, b].map(register);
+                self.bits(to, &lanes[..step.count]);
             }
+            Form::OfFirst => self.first_lane(to, [register(a), register(b)]),
             Form::Gather => {
                 let steps = (step.count == 3).then(|| register(c));
                 self.gather(step, to, [register(a), register(b)], steps);
             }
             Form::LoadOne(behind) => self.load_one(step, to, register(a), behind),
+            Form::LoadRow(row) => self.load_row(step, to, row, register(a)),
+            Form::StoreRow(row) => self.store_row(step, (to, row), operands.map(register)),
+            Form::GatherRows => self.gather_rows(step, to, [a, b].map(register)),
+            Form::ScatterRows => return self.scatter_rows(step, operands.map(register)),
             Form::Leave => self.leave(step, to, register(a), register(b)),
             Form::MultiplyAdd => unreachable!("has its own function"),
         }
+        Ok(())
     }
 
     /// `a * b + c` in the place of an operand that is used no more, or of a copy.
@@ -423,6 +476,7 @@ impl<'a> Allocation<'a> {
         }
         let register = self.take(value, from)?;
         let home = self.values[value as usize].home.ok_or(TooManyLive)?;
+        self.spills += matches!(home, Memory::At(Base::Stack, _)) as usize;
         let home = Operand::Memory(home);
         match self.values[value as usize].class {
             Class::Vector => self.assembler.vector(LOAD, (register, 0, home), 0, None),
@@ -449,16 +503,19 @@ impl<'a> Allocation<'a> {
             Some(register) => register,
             None => {
                 let can_leave = |&&other: &&Virtual| {
-                    // Values without a place in memory stay.
-                    self.values[other as usize].class == class
-                        && self.values[other as usize].home.is_some()
-                        && !from.contains(&other)
-                        && !self.results.contains(&other)
+                    let info = &self.values[other as usize];
+                    // The row of a result may still be an operand's.
+                    let has_place = match info.home {
+                        None | Some(Memory::At(Base::Stack, _)) => self.may_spill,
+                        Some(_) => !self.results.contains(&other),
+                    };
+                    info.class == class && has_place && !from.contains(&other)
                 };
                 let last = (self.held.iter())
                     .filter(can_leave)
                     .max_by_key(|&&other| self.next[other as usize]);
                 let &last = last.ok_or(TooManyLive)?;
+                self.give_home(last)?;
                 if !self.values[last as usize].is_home {
                     self.store(last)?;
                 }
@@ -469,6 +526,20 @@ impl<'a> Allocation<'a> {
         };
         self.put(value, register);
         Ok(register)
+    }
+
+    /// A place of the stack for a value that has none in memory.
+    fn give_home(&mut self, value: Virtual) -> Result<(), TooManyLive> {
+        let info = &mut self.values[value as usize];
+        if info.home.is_none() {
+            info.home = Some(Memory::At(Base::Stack, self.stack_bytes));
+            self.stack_bytes += self.assembler.encoding.vector_bytes();
+            self.spills += 1;
+        }
+        match self.stack_bytes <= MOST_STACK_BYTES {
+            true => Ok(()),
+            false => Err(TooManyLive),
+        }
     }
 
     fn put(&mut self, value: Virtual, register: Register) {

@@ -43,6 +43,10 @@ pub(super) enum Base {
     Lanes = 10,
     /// `rbx`: a word that a loop loads.
     Word = 3,
+    /// `rbp`: the stack's part for values of a loop that leave their registers and have no row.
+    Stack = 5,
+    /// `r13`: a subgroup's first private row, within a step of a loop.
+    Private = 13,
     /// `r14`: what a loop is given besides, [`LoopContext`](crate::native::LoopContext).
     Context = 14,
 }
@@ -55,6 +59,16 @@ pub(super) enum Memory {
     Pool(u32),
 }
 
+impl Memory {
+    /// So many bytes behind; constants stay where they are.
+    pub fn behind(self, bytes: i32) -> Memory {
+        match self {
+            Memory::At(base, displacement) => Memory::At(base, displacement + bytes),
+            Memory::Pool(_) => self,
+        }
+    }
+}
+
 /// A vector behind the code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Constant {
@@ -62,7 +76,7 @@ pub(super) enum Constant {
     Word(u32),
     /// In each lane the bit that it has in masks.
     LaneBits,
-    /// In each lane a word of its own. [`Encoding::Evex`] only: lanes of halves differ.
+    /// In each lane a word of its own; [`Encoding::Vex`] takes those of the first eight.
     Words([u32; SUBGROUP_SIZE]),
 }
 
@@ -104,6 +118,7 @@ pub(super) const OVERFLOW: u8 = 0;
 pub(super) const ZERO: u8 = 4;
 pub(super) const NOT_ZERO: u8 = 5;
 pub(super) const NOT_NEGATIVE: u8 = 9;
+pub(super) const NOT_CARRY: u8 = 3;
 
 /// Code that is being written.
 pub(super) struct Assembler {
@@ -249,17 +264,18 @@ impl Assembler {
         self.land_at(jump, target);
     }
 
-    /// `ebx` = the first lane of a vector, which AVX-512 has.
-    pub fn first_word(&mut self, from: Register) {
-        // vmovd ebx, from
+    /// `rbx` = the address of the lane that `rbx` numbers, of lanes at a distance from a pointer.
+    pub fn lane_address(&mut self, base: Base, displacement: i32, is_wide: bool) {
+        let scale = 2 + is_wide as u8;
+        let base = base as u8;
+        // lea rbx, [base + rbx * lane + displacement]
         self.bytes.extend([
-            0x62,
-            not_if(from & 8 != 0) << 7 | 0b11 << 5 | not_if(from & 16 != 0) << 4 | 1,
-            0x7d,
-            0x08,
-            0x7e,
-            0xc3 | (from & 7) << 3,
+            0x48 | base >> 3,
+            0x8d,
+            0x80 | SCRATCH_WORD << 3 | 4,
+            scale << 6 | SCRATCH_WORD << 3 | base & 7,
         ]);
+        self.bytes.extend(displacement.to_le_bytes());
     }
 
     /// A jump to a place that is named later.

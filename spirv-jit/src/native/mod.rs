@@ -31,7 +31,7 @@ pub use listing::NativeCounts;
 pub(crate) use listing::{Listed, ListedTurns, count, text};
 pub(crate) use memory::Executable;
 pub use memory::{CodePages, provide};
-pub(crate) use stretch::{Lanes, Merged, Place, Row, Stretch, Turns};
+pub(crate) use stretch::{Lanes, Merged, Place, PrivateRow, Row, Stretch, Turns};
 
 /// A stretch: the first subgroup's frame, the uniform rows, how many subgroups follow one another,
 /// how many bytes their frames are apart, and the subgroups' masks of active lanes.
@@ -94,6 +94,10 @@ pub(crate) const MAX_REGIONS: usize = 8;
 pub(crate) struct LoopContext {
     /// Fuel; below zero where it is out.
     pub fuel: i64,
+    /// The first private row of each subgroup, of those that code comes to next.
+    pub private: *const *mut u8,
+    /// How many private rows there are.
+    pub private_rows: u32,
     pub regions: [Region; MAX_REGIONS],
 }
 
@@ -101,6 +105,10 @@ pub(crate) struct LoopContext {
 static ZEROS: u32 = 0;
 
 impl LoopContext {
+    /// How far behind the context's start fields are.
+    const PRIVATE: i32 = std::mem::offset_of!(LoopContext, private) as i32;
+    const PRIVATE_ROWS: i32 = std::mem::offset_of!(LoopContext, private_rows) as i32;
+
     /// How far behind the context's start the last offsets of a region are.
     const fn last(region: usize) -> i32 {
         (std::mem::offset_of!(LoopContext, regions) + region * size_of::<Region>()) as i32

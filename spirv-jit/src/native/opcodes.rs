@@ -97,6 +97,8 @@ pub(super) const MOVMSKPS: Opcode = opcode(F, NONE, 0, 0x50);
 /// Stores lanes of 64 bits, where masks count them.
 pub(super) const STORE_WIDE: Opcode = opcode(F, X66, 1, 0x11);
 pub(super) const PGATHERDD: Opcode = opcode(F38, X66, 0, 0x90);
+/// AVX-512 only.
+pub(super) const PSCATTERDD: Opcode = opcode(F38, X66, 0, 0xa0);
 pub(super) const KADD: Opcode = opcode(F, NONE, 0, 0x4a);
 /// Lanes that the first operand numbers, of the second.
 pub(super) const PERMD: Opcode = opcode(F38, X66, 0, 0x36);
@@ -114,5 +116,24 @@ pub(super) const PBROADCASTD_OF: Opcode = opcode(F38, X66, 0, 0x7c);
 pub(super) const PTESTMD: Opcode = opcode(F38, X66, 0, 0x27);
 /// From a general register to a mask register.
 pub(super) const KMOV_IN: Opcode = opcode(F, NONE, 0, 0x92);
+/// Quarters of both operands, as the immediate says; AVX2.
+pub(super) const PERM2I128: Opcode = opcode(F3A, X66, 0, 0x46);
+/// Within each quarter, words that the second operand numbers.
+pub(super) const PERMILPS: Opcode = opcode(F38, X66, 0, 0x0c);
+/// Within each quarter, bytes from so many places on of the second operand, the first behind it.
+pub(super) const PALIGNR: Opcode = opcode(F3A, X66, 0, 0x0f);
+/// Words of the first or the second operand, as the immediate says.
+pub(super) const PBLENDD: Opcode = opcode(F3A, X66, 0, 0x02);
+pub(super) const PSHUFB: Opcode = opcode(F38, X66, 0, 0x00);
+pub(super) const PADDB: Opcode = opcode(F, X66, 0, 0xfc);
+pub(super) const PMADDUBSW: Opcode = opcode(F38, X66, 0, 0x04);
+pub(super) const PMADDWD: Opcode = opcode(F, X66, 0, 0xf5);
+/// Loads words in lanes of the first operand's signs, zeros elsewhere.
+pub(super) const MASKMOVPS: Opcode = opcode(F38, X66, 0, 0x2c);
+/// From a general register to the first lane, and back.
+pub(super) const MOVD_IN: Opcode = opcode(F, X66, 0, 0x6e);
+pub(super) const MOVD_OUT: Opcode = opcode(F, X66, 0, 0x7e);
+pub(super) const PBROADCASTQ_VEX: Opcode = opcode(F38, X66, 0, 0x59);
+pub(super) const PBROADCASTQ: Opcode = opcode(F38, X66, 1, 0x59);
 pub(super) const POPCNTD: Opcode = opcode(F38, X66, 0, 0x55);
 pub(super) const LZCNTD: Opcode = opcode(F38, X66, 0, 0x44);

@@ -10,10 +10,12 @@ use crate::ir::{Op, Type, Value};
 
 mod across;
 mod lower;
+mod private;
 #[cfg(test)]
 mod tests;
 mod turns;
 
+pub(crate) use private::PrivateRow;
 pub(crate) use turns::{Lanes, Merged, Turns};
 
 /// The row of a value in a frame, or among uniform rows.
@@ -52,7 +54,8 @@ pub(crate) struct Stretch {
     steps: Vec<Step>,
     infos: Vec<Info>,
     pool: Vec<Constant>,
-    held: HashMap<Value, Held>,
+    /// By half of the subgroup where code takes both at once, else the first alone.
+    held: [HashMap<Value, Held>; 2],
     /// Results that have rows.
     results: Vec<(Value, Held)>,
     /// The active lanes, once they were asked for.
@@ -86,7 +89,7 @@ impl Stretch {
             steps: Vec::new(),
             infos: Vec::new(),
             pool: Vec::new(),
-            held: HashMap::default(),
+            held: Default::default(),
             results: Vec::new(),
             lanes: None,
             operations: 0,
@@ -112,7 +115,7 @@ impl Stretch {
     pub fn take_back(&mut self, mark: Mark) {
         self.steps.truncate(mark.steps);
         for (value, _) in self.results.drain(mark.results..) {
-            self.held.remove(&value);
+            self.held[0].remove(&value);
         }
         self.operations = mark.operations;
     }
@@ -238,6 +241,21 @@ impl Stretch {
         self.infos.len() as u32 - 1
     }
 
+    /// Index of the half that is being written.
+    fn side(&self) -> usize {
+        self.half.unwrap_or(0) as usize
+    }
+
+    /// The registers of a value, if it has some.
+    fn known(&self, value: Value) -> Option<Held> {
+        self.held[self.side()].get(&value).copied()
+    }
+
+    fn hold(&mut self, value: Value, held: Held) {
+        let side = self.side();
+        self.held[side].insert(value, held);
+    }
+
     fn class_of(&self, ty: Type) -> Class {
         match (ty, self.encoding) {
             (Type::I1, Encoding::Evex) => Class::Mask,
@@ -266,7 +284,7 @@ impl Stretch {
     }
 
     fn operand(&mut self, place: &Place) -> Held {
-        if let Some(&held) = self.held.get(&place.value) {
+        if let Some(held) = self.known(place.value) {
             return held;
         }
         let class = self.class_of(place.ty);
@@ -278,7 +296,11 @@ impl Stretch {
             2 => Held::Two(part(self, 0), part(self, 1)),
             _ => Held::One(part(self, 0)),
         };
-        self.held.insert(place.value, held);
+        self.hold(place.value, held);
+        if let Row::Uniform(_) = place.row {
+            // The same in both halves.
+            self.held[1].insert(place.value, held);
+        }
         held
     }
 
@@ -294,6 +316,7 @@ impl Stretch {
             count: from.len(),
             immediate: None,
             ends: false,
+            half: self.half,
         });
         to
     }

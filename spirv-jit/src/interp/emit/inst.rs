@@ -224,7 +224,7 @@ impl Emitter<'_> {
             .ok_or_else(|| Error::invalid(source, "no such variable"))
     }
 
-    fn variable_access(
+    pub(super) fn variable_access(
         &self,
         variable: VariableId,
         row: u32,

@@ -1,4 +1,5 @@
-//! Loops as native code: those whose bodies are pure operations, branches, and loads of words.
+//! Loops as native code: those whose bodies are pure operations, operations across lanes, branches,
+//! loads of words, and private memory.
 
 use foldhash::HashSet;
 use smallvec::SmallVec;
@@ -11,15 +12,17 @@ use crate::interp::native;
 use crate::interp::operand::Operand;
 use crate::ir::op::{Access, SubgroupOp};
 use crate::ir::stage::Stage;
-use crate::ir::{Body, Inst, Label, Node, Op, Space, Step, Terminator, Value};
-use crate::native::{Encoding, Lanes, ListedTurns, MAX_REGIONS, Merged, Place, Row, Turns};
+use crate::ir::{Body, Inst, Label, Node, Op, Space, Step, Terminator, Type, Value, VariableId};
+use crate::native::{
+    Encoding, Lanes, ListedTurns, MAX_REGIONS, Merged, Place, PrivateRow, Row, Turns,
+};
 use crate::plan::takes_helpers;
 
 /// Operations in branches, at most: code computes all of them in each turn, whichever way lanes go.
 const MOST_IN_BRANCHES: usize = 96;
 
-/// Parameters of loops that both halves of a subgroup take together, at most: more have too few
-/// registers.
+/// Parameters of loops that both halves of a subgroup take together, at most, without those that
+/// are the same in all lanes: more have too few registers.
 const MOST_PAIRED: usize = 4;
 
 /// Operations of a turn of all subgroups that take it together, at most: a processor looks so far
@@ -43,6 +46,7 @@ struct Written {
     /// As [`LoopPlan`] has them.
     left_to: u32,
     regions: Vec<Operand>,
+    is_private: bool,
 }
 
 /// A construct inside the loop.
@@ -72,6 +76,24 @@ struct Ways<'m> {
     of_words: HashSet<Value>,
 }
 
+/// Whether there are operations that need to know a subgroup's lanes: across lanes, or on private
+/// memory.
+fn needs_both_halves(body: &Body) -> bool {
+    body.steps().any(|step| match step {
+        Step::Inst(inst) => match inst.op {
+            Op::Load(access) | Op::Store(access) => access.space == Space::Private,
+            Op::Subgroup(_) | Op::VarLoad(..) | Op::VarStore(..) => true,
+            _ => false,
+        },
+        _ => false,
+    })
+}
+
+/// Whether a private row holds all of a value.
+fn is_row(place: &Place) -> bool {
+    place.ty.rows() == 1 && place.ty != Type::I1
+}
+
 /// How many loads of a loop are from places that other loads of the loop decide.
 fn indirect_loads(node: &Node) -> usize {
     let Node::Loop { body, .. } = node else {
@@ -90,7 +112,8 @@ fn indirect_loads(node: &Node) -> usize {
             match step {
                 Step::Inst(inst) => {
                     let depends = inst.args.iter().any(|arg| loaded.contains(arg));
-                    let is_load = matches!(inst.op, Op::Load(_));
+                    let is_load =
+                        matches!(inst.op, Op::Load(access) if access.space != Space::Private);
                     loads += (is_load && depends) as usize;
                     if is_load || depends {
                         loaded.extend(&inst.results);
@@ -150,6 +173,7 @@ impl<'m> Emitter<'m> {
             together,
             single: turns.single,
             regions: single.regions,
+            is_private: single.is_private,
         });
         code.extend(single.code);
         self.push_native(&code, single.operations.max(1), Some(turns), run);
@@ -177,13 +201,15 @@ impl<'m> Emitter<'m> {
             ..
         } = self.turns(node, subgroups)?;
         let copies = turns.copies();
-        let operations = turns.stretch.operations() / copies;
+        let is_private = turns.is_private();
+        let operations = turns.operations() / copies;
         Some(Written {
             code: turns.assemble(Self::fuel_of(operations))?,
             operations,
             branches: branches / copies,
             left_to: left_to?,
             regions,
+            is_private,
         })
     }
 
@@ -198,11 +224,16 @@ impl<'m> Emitter<'m> {
             return None;
         };
         let encoding = self.native.as_ref()?.encoding();
+        let alike = alike(node, |value| self.operand(value).is_uniform());
         let (params, indices): (Vec<Place>, Vec<usize>) = (params.iter().enumerate())
             .filter(|&(_, &param)| self.operand(param) != Operand::NONE)
             .map(|(k, &param)| (self.place(param), k))
             .unzip();
-        let is_paired = params.len() <= MOST_PAIRED;
+        let entered: Vec<(Place, bool)> = (params.iter())
+            .map(|&param| (param, alike.contains(&param.value)))
+            .collect();
+        let of_lanes = entered.iter().filter(|(_, is_alike)| !is_alike);
+        let is_paired = of_lanes.count() <= MOST_PAIRED || needs_both_halves(body);
         if subgroups > 1 && !is_paired && encoding == Encoding::Vex {
             return None;
         }
@@ -213,7 +244,7 @@ impl<'m> Emitter<'m> {
             branches: 0,
             left_to: None,
             regions: Vec::new(),
-            alike: alike(node, |value| self.operand(value).is_uniform()),
+            alike,
             of_words: HashSet::default(),
         };
         for copy in 0..ways.turns.copies() {
@@ -224,7 +255,7 @@ impl<'m> Emitter<'m> {
                 pending: None,
             };
             ways.open.push(first);
-            ways.lanes = Some(ways.turns.begin(copy, &params));
+            ways.lanes = Some(ways.turns.begin(copy, &entered));
             self.follow(body, &params, &indices, &mut ways)?;
             let (lanes, ends) = ways.open.pop()?.joined?;
             ways.turns.end(lanes, &ends);
@@ -255,15 +286,22 @@ impl<'m> Emitter<'m> {
                     }
                     let performed = match inst.op {
                         Op::Load(access) => self.load(access, inst, ways).is_some(),
+                        Op::Store(access) => self.store(access, inst, ways).is_some(),
+                        Op::VarLoad(variable, row) => {
+                            let row = self.fixed_row(variable, row, inst);
+                            (row.and_then(|row| self.load_private(row, inst, ways))).is_some()
+                        }
+                        Op::VarStore(variable, row) => {
+                            let row = self.fixed_row(variable, row, inst);
+                            (row.and_then(|row| self.store_private(row, &inst.args, ways)))
+                                .is_some()
+                        }
                         Op::Subgroup(op) => self.across(op, inst, ways).is_some(),
                         Op::LaneIndex => {
                             let result = self.place(inst.results[0]);
                             ways.turns.lane_index(&result).is_some()
                         }
-                        _ => {
-                            self.fold(inst, ways).is_some()
-                                || self.perform(&mut ways.turns.stretch, inst)
-                        }
+                        _ => self.fold(inst, ways).is_some() || self.write(inst, ways).is_some(),
                     };
                     if !performed || in_branches > MOST_IN_BRANCHES {
                         return None;
@@ -313,8 +351,67 @@ impl<'m> Emitter<'m> {
         Some(())
     }
 
-    /// A load of words, in memory that all lanes share.
+    /// A store to private memory.
+    fn store(&self, access: Access, inst: &Inst, ways: &mut Ways<'m>) -> Option<()> {
+        let (&row, values) = inst.args.split_first()?;
+        match access.space {
+            Space::Private if !access.is_strided => {
+                self.store_private(self.private_row(row, ways), values, ways)
+            }
+            _ => None,
+        }
+    }
+
+    /// The private row that a value names.
+    fn private_row(&self, row: Value, ways: &Ways<'m>) -> PrivateRow {
+        let place = self.place(row);
+        match ways.alike.contains(&row) || self.operand(row).is_uniform() {
+            true => PrivateRow::Alike(place),
+            false => PrivateRow::Apart(place),
+        }
+    }
+
+    fn fixed_row(&self, variable: VariableId, row: u32, inst: &Inst) -> Option<PrivateRow> {
+        let ty = self
+            .body_function()
+            .ty(*inst.results.first().or(inst.args.first())?);
+        let row = self.variable_access(variable, row, ty, inst).ok()?;
+        Some(PrivateRow::Fixed(row))
+    }
+
+    fn load_private(&self, row: PrivateRow, inst: &Inst, ways: &mut Ways<'m>) -> Option<()> {
+        let results = self.results(inst);
+        if !results.iter().flatten().all(is_row) {
+            return None;
+        }
+        let rows = (row, self.planned.plan.private_rows as u32);
+        ways.turns.load_private(ways.lanes?, rows, &results)
+    }
+
+    fn store_private(&self, row: PrivateRow, values: &[Value], ways: &mut Ways<'m>) -> Option<()> {
+        let values: SmallVec<[Place; 4]> = values.iter().map(|&value| self.place(value)).collect();
+        if !values.iter().all(is_row) {
+            return None;
+        }
+        let rows = (row, self.planned.plan.private_rows as u32);
+        ways.turns.store_private(ways.lanes?, rows, &values)
+    }
+
+    /// The results of an instruction, those that are used.
+    fn results(&self, inst: &Inst) -> SmallVec<[Option<Place>; 4]> {
+        (inst.results.iter())
+            .map(|&result| {
+                let place = self.place(result);
+                (place.row != Row::Nowhere).then_some(place)
+            })
+            .collect()
+    }
+
+    /// A load of words.
     fn load(&self, access: Access, inst: &Inst, ways: &mut Ways<'m>) -> Option<()> {
+        if let (Space::Private, &[row]) = (access.space, &inst.args[..]) {
+            return self.load_private(self.private_row(row, ways), inst, ways);
+        }
         let region = match (access.space, &inst.args[..]) {
             (Space::Buffer, [descriptor, _]) if !access.volatile => self.operand(*descriptor),
             _ => return None,
@@ -331,18 +428,13 @@ impl<'m> Emitter<'m> {
             ways.regions.push(region);
         }
         let offset = self.place(*inst.args.last()?);
-        let results: SmallVec<[Option<Place>; 4]> = (inst.results.iter())
-            .map(|&result| {
-                let place = self.place(result);
-                (place.row != Row::Nowhere).then_some(place)
-            })
-            .collect();
+        let results = self.results(inst);
         let is_word = |place: &Place| place.ty.rows() == 1 && place.ty.size_bytes() == 4;
         if !results.iter().flatten().all(is_word) {
             return None;
         }
         match ways.alike.contains(inst.args.last()?) {
-            true => (ways.turns).load_at_one_place(ways.lanes?, number, &offset, &results),
+            true => (ways.turns).load_at_one_place(number, &offset, &results),
             false => {
                 let is_run = ways.of_words.contains(inst.args.last()?);
                 (ways.turns).load(ways.lanes?, number, (&offset, is_run), &results)
@@ -365,6 +457,17 @@ impl<'m> Emitter<'m> {
                 .any(|(offset, other)| ways.of_words.contains(&offset) && is_alike(other)),
             _ => false,
         }
+    }
+
+    /// An operation on each lane by itself.
+    fn write(&self, inst: &Inst, ways: &mut Ways<'m>) -> Option<()> {
+        let is_alike = inst
+            .results
+            .iter()
+            .all(|result| ways.alike.contains(result));
+        (ways.turns).perform(&inst.results, is_alike, |stretch| {
+            self.perform(stretch, inst)
+        })
     }
 
     /// An operation on values that are known for each lane.

@@ -1,10 +1,10 @@
 //! Registers of a loop: what one turn hands to the next stays in registers as far as those suffice,
 //! and in its row of the frame where they do not.
 
+use super::words::{broadcast_word, first_word};
 use super::*;
-use crate::SUBGROUP_SIZE;
 use crate::native::LoopContext;
-use crate::native::encode::{NOT_ZERO, OVERFLOW, ZERO};
+use crate::native::encode::{NOT_CARRY, NOT_ZERO, OVERFLOW, SCRATCH_WORD, ZERO};
 use crate::native::opcodes::*;
 
 /// A value that a turn takes from the turn before.
@@ -15,17 +15,63 @@ pub(in crate::native) struct Carried {
     /// Lanes that are in the loop: the first turn's are the active ones, whose mask is so many
     /// bytes behind the first one.
     pub lanes: Option<i32>,
-    /// Where it is between two turns; `None`: in its row.
+    /// The same in all lanes that are in the loop.
+    pub alike: Option<Alike>,
+    /// Where it is between two turns; `None`: in its place in memory.
     pub register: Option<Register>,
+    /// Its place in memory.
+    pub home: Option<Memory>,
+}
+
+impl Carried {
+    pub fn new(before: Virtual, after: Virtual) -> Carried {
+        Carried {
+            before,
+            after,
+            lanes: None,
+            alike: None,
+            register: None,
+            home: None,
+        }
+    }
+}
+
+/// A value that is the same in all lanes that are in the loop. When the loop is entered, code takes
+/// it from the first of them into all lanes, those that are not in the loop, too: so they agree
+/// from then on.
+pub(in crate::native) struct Alike {
+    /// Where the first lane's scalar is.
+    pub first: Memory,
+    /// The scalars have 64 bits.
+    pub is_wide: bool,
+    /// Code takes one half after the other: masks have eight bits.
+    pub is_half: bool,
+    /// The mask of active lanes is so many bytes behind the first one.
+    pub mask: i32,
+    /// The register's rows in both halves; twice the same where there is one.
+    pub rows: [Memory; 2],
 }
 
 /// A comparison of [`PCMPD`].
 const NOT_EQUAL: u8 = 4;
 
+/// Of the stack's part of a loop.
+const STACK_ALIGNMENT: i32 = 64;
+
 /// Registers that are left to a turn's own values.
 const LEFT: usize = 6;
 
-/// Writes the first turn's beginning, then the turn. Gives where turns begin.
+/// A turn that is written.
+pub(in crate::native) struct Turn {
+    /// Where turns begin.
+    pub head: usize,
+    /// Of the stack.
+    pub stack_bytes: i32,
+    /// How often a value goes there or comes back.
+    pub spills: usize,
+}
+
+/// Writes the first turn's beginning, then the turn.
 ///
 /// `bits`: the vector of lanes' bits in masks, for [`Encoding::Vex`].
 pub(in crate::native) fn allocate_turn(
@@ -34,13 +80,14 @@ pub(in crate::native) fn allocate_turn(
     carried: &mut [Carried],
     bits: Memory,
     assembler: &mut Assembler,
-) -> Result<usize, TooManyLive> {
+) -> Result<Turn, TooManyLive> {
     let mut behind = vec![NEVER; values.len()];
     for value in &*carried {
         behind[value.after as usize] = steps.len() as u32;
     }
     let (after, first) = next_uses(steps, behind);
     let mut a = Allocation::new(values, first, assembler);
+    a.may_spill = true;
     let mut uses = vec![0u32; a.values.len()];
     for step in steps {
         (step.from[..step.count].iter()).for_each(|&value| uses[value as usize] += 1);
@@ -55,20 +102,32 @@ pub(in crate::native) fn allocate_turn(
     });
     for k in order {
         let value = &mut carried[k];
+        value.home = a.values[value.before as usize].home;
         let is_lanes = value.lanes.is_some();
         let free = match a.values[value.before as usize].class {
             Class::Vector if a.vectors.len() > LEFT => &mut a.vectors,
             Class::Mask if is_lanes => &mut a.masks,
             _ if is_lanes => return Err(TooManyLive),
-            _ => continue,
+            _ => {
+                a.give_home(value.before)?;
+                value.home = a.values[value.before as usize].home;
+                if let Some(alike) = &value.alike {
+                    let free = *a.vectors.last().ok_or(TooManyLive)?;
+                    let home = Operand::Memory(value.home.ok_or(TooManyLive)?);
+                    level(a.assembler, free, alike);
+                    a.assembler.vector(STORE, (free, 0, home), 0, None);
+                    a.values[value.before as usize].is_home = true;
+                }
+                continue;
+            }
         };
         let register = free.pop().ok_or(TooManyLive)?;
         value.register = Some(register);
-        match value.lanes {
-            Some(half) => enter(a.assembler, register, half, bits),
-            None => {
-                let home = a.values[value.before as usize].home.ok_or(TooManyLive)?;
-                let home = Operand::Memory(home);
+        match (value.lanes, &value.alike) {
+            (Some(half), _) => enter(a.assembler, register, half, bits),
+            (None, Some(alike)) => level(a.assembler, register, alike),
+            (None, None) => {
+                let home = Operand::Memory(value.home.ok_or(TooManyLive)?);
                 a.assembler.vector(LOAD, (register, 0, home), 0, None);
             }
         }
@@ -85,7 +144,35 @@ pub(in crate::native) fn allocate_turn(
     let head = a.assembler.bytes.len();
     a.steps(steps, after)?;
     a.hand_on(carried)?;
-    Ok(head)
+    Ok(Turn {
+        head,
+        stack_bytes: a.stack_bytes + STACK_ALIGNMENT,
+        spills: a.spills,
+    })
+}
+
+/// The scalar of the first lane that is in the loop, in all lanes of a register.
+fn level(a: &mut Assembler, to: Register, alike: &Alike) {
+    let Memory::At(base, displacement) = alike.first else {
+        unreachable!("a row of the frame");
+    };
+    let (load, top) = match alike.is_half {
+        true => (0xb6, 1u32 << 7),
+        false => (0xb7, 1 << 15),
+    };
+    // movzx ebx, [r10 + mask]; or ebx, the last lane; tzcnt ebx, ebx
+    a.bytes.extend([0x41, 0x0f, load, 0x5a, alike.mask as u8]);
+    a.bytes.extend([0x81, 0xcb]);
+    a.bytes.extend(top.to_le_bytes());
+    a.bytes.extend([0xf3, 0x0f, 0xbc, 0xdb]);
+    a.lane_address(base, displacement, alike.is_wide);
+    let first = Operand::Memory(Memory::At(Base::Word, 0));
+    let broadcast = match (alike.is_wide, a.encoding) {
+        (false, _) => PBROADCASTD,
+        (true, Encoding::Vex) => PBROADCASTQ_VEX,
+        (true, Encoding::Evex) => PBROADCASTQ,
+    };
+    a.vector(broadcast, (to, 0, first), 0, None);
 }
 
 /// The lanes that are in the loop at first.
@@ -102,17 +189,44 @@ fn enter(a: &mut Assembler, register: Register, half: i32, bits: Memory) {
     }
 }
 
-/// Bytes from a run's first word to its last one.
-const LAST_OF_RUN: i32 = 4 * (SUBGROUP_SIZE as i32 - 1);
+/// Bytes from a run's first word to its last one, which a register holds.
+fn last_of_run(encoding: Encoding) -> i32 {
+    encoding.vector_bytes() - 4
+}
 
 /// Puts the place of a run's last word into `rbx`. Jumps where lanes' words lie otherwise, and
-/// where places overflow within the run.
+/// where places overflow within the run. `which`: as [`Form::Gather`] says.
 fn find_run(
     a: &mut Assembler,
     to: Register,
     [index, lanes]: [Register; 2],
-    steps: Register,
+    which: Register,
 ) -> [usize; 2] {
+    let apart = match a.encoding {
+        Encoding::Vex => {
+            let lanes = Operand::Register(lanes);
+            a.vector(TESTPS, (which, 0, lanes), 0, None);
+            let apart = a.jump_ahead(NOT_CARRY);
+            first_word(a, index);
+            apart
+        }
+        Encoding::Evex => first_of_run(a, to, [index, lanes], which),
+    };
+    // add ebx, the run's last word
+    a.bytes.extend([0x83, 0xc3, last_of_run(a.encoding) as u8]);
+    let over = a.jump_ahead(OVERFLOW);
+    // movsxd rbx, ebx
+    a.bytes.extend([0x48, 0x63, 0xdb]);
+    [apart, over]
+}
+
+/// Puts the place of a run's first word into `ebx`, and jumps where lanes' words lie otherwise.
+fn first_of_run(
+    a: &mut Assembler,
+    to: Register,
+    [index, lanes]: [Register; 2],
+    steps: Register,
+) -> usize {
     /// No mask for instructions, but they write it.
     const DIFFERENT: Register = 0;
     let register = Operand::Register;
@@ -126,13 +240,29 @@ fn find_run(
     );
     a.mask(KORTESTW, (DIFFERENT, 0, register(DIFFERENT)), false, None);
     let apart = a.jump_ahead(NOT_ZERO);
-    a.first_word(SCRATCH);
-    // add ebx, LAST_OF_RUN
-    a.bytes.extend([0x83, 0xc3, LAST_OF_RUN as u8]);
-    let over = a.jump_ahead(OVERFLOW);
-    // movsxd rbx, ebx
-    a.bytes.extend([0x48, 0x63, 0xdb]);
-    [apart, over]
+    first_word(a, SCRATCH);
+    apart
+}
+
+/// A general register = a bit for each lane of a condition.
+fn bits_of(a: &mut Assembler, to: Register, lanes: Register) {
+    let lanes = Operand::Register(lanes);
+    match a.encoding {
+        Encoding::Vex => a.vector(MOVMSKPS, (to, 0, lanes), 0, None),
+        Encoding::Evex => a.mask(KMOV_OUT, (to, 0, lanes), false, None),
+    }
+}
+
+/// `ebx` = a bit for each lane of a condition, or of both halves'.
+fn word_of(a: &mut Assembler, lanes: &[Register]) {
+    /// Which loops use for frames only with AVX-512.
+    const EAX: Register = 0;
+    bits_of(a, SCRATCH_WORD, lanes[0]);
+    if let &[_, upper] = lanes {
+        bits_of(a, EAX, upper);
+        // shl eax, 8; or ebx, eax
+        a.bytes.extend([0xc1, 0xe0, 8, 0x09, 0xc3]);
+    }
 }
 
 impl Allocation<'_> {
@@ -236,15 +366,10 @@ impl Allocation<'_> {
         Ok(())
     }
 
-    /// All lanes or none, as a vote on a mask says.
+    /// All lanes or none, as a vote on a condition says.
     pub(super) fn vote(&mut self, to: Register, lanes: Register, vote: Vote) {
         let a = &mut *self.assembler;
-        a.mask(
-            KMOV_OUT,
-            (SCRATCH_WORD, 0, Operand::Register(lanes)),
-            false,
-            None,
-        );
+        bits_of(a, SCRATCH_WORD, lanes);
         // The carry says whether there are lanes, or whether there are none.
         match vote {
             // neg ebx
@@ -255,7 +380,26 @@ impl Allocation<'_> {
         // sbb ebx, ebx
         a.bytes.extend([0x19, 0xdb]);
         let word = Operand::Register(SCRATCH_WORD);
-        a.mask(KMOV_IN, (to, 0, word), false, None);
+        match a.encoding {
+            Encoding::Vex => broadcast_word(a, to),
+            Encoding::Evex => a.mask(KMOV_IN, (to, 0, word), false, None),
+        }
+    }
+
+    /// A bit for each lane of conditions, in each lane of a vector.
+    pub(super) fn bits(&mut self, to: Register, lanes: &[Register]) {
+        let a = &mut *self.assembler;
+        word_of(a, lanes);
+        broadcast_word(a, to);
+    }
+
+    /// The number of the first lane of conditions, in each lane of a vector.
+    pub(super) fn first_lane(&mut self, to: Register, lanes: [Register; 2]) {
+        let a = &mut *self.assembler;
+        word_of(a, &lanes);
+        // tzcnt ebx, ebx
+        a.bytes.extend([0xf3, 0x0f, 0xbc, 0xdb]);
+        broadcast_word(a, to);
     }
 
     /// Loads words of a region; the result's register is none of the operands'.
@@ -273,8 +417,12 @@ impl Allocation<'_> {
             // add rbx, [r14 + region]
             a.bytes.extend([0x49, 0x03, 0x9e]);
             a.bytes.extend(LoopContext::base(region).to_le_bytes());
-            let first = Operand::Memory(Memory::At(Base::Word, -LAST_OF_RUN));
-            a.vector(LOAD, (to, 0, first), lanes | ZEROING, None);
+            let first = Memory::At(Base::Word, -last_of_run(a.encoding));
+            let first = Operand::Memory(first);
+            match a.encoding {
+                Encoding::Vex => a.vector(MASKMOVPS, (to, lanes, first), 0, None),
+                Encoding::Evex => a.vector(LOAD, (to, 0, first), lanes | ZEROING, None),
+            }
             let done = a.jump();
             a.land(apart);
             a.land(over);
@@ -294,7 +442,7 @@ impl Allocation<'_> {
     pub(super) fn load_one(&mut self, step: &Step, to: Register, place: Register, behind: u32) {
         let a = &mut *self.assembler;
         let region = step.immediate.unwrap_or(0).into();
-        a.first_word(place);
+        first_word(a, place);
         // Signed numbers in the order of unsigned ones: add ebx, 2^31 + behind
         a.bytes.extend([0x81, 0xc3]);
         a.bytes.extend((1 << 31 | behind).to_le_bytes());

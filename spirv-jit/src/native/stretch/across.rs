@@ -1,10 +1,13 @@
-//! Operations across the lanes of a subgroup, in loops with AVX-512, where a register holds all of
-//! a subgroup's lanes. What each must give, [`eval::subgroup`](crate::eval::subgroup) says.
+//! Operations across the lanes of a subgroup, in loops that take all of a subgroup's lanes at once:
+//! in one register with AVX-512, in two with AVX2. What each must give,
+//! [`eval::subgroup`](crate::eval::subgroup) says.
 //!
 //! Lanes that take part are those that have come to the operation. Sums and products of floats have
 //! no code: their lanes combine one after another.
 
-use super::lower::{float, int};
+use smallvec::SmallVec;
+
+use super::lower::{LEFT, RIGHT, float, int};
 use super::turns::{Lanes, Turns};
 use super::{Held, Place, Stretch};
 use crate::SUBGROUP_SIZE;
@@ -17,7 +20,17 @@ use crate::native::opcodes::*;
 
 const LANES: u32 = SUBGROUP_SIZE as u32;
 
-/// How [`SHUFFLE_QUARTERS`] and [`PSHUFD`] change places of halves, and of neighbours in each half.
+/// Lanes of one of the registers of AVX2, and of a quarter of a subgroup.
+const HALF: usize = SUBGROUP_SIZE / 2;
+const QUARTER: usize = SUBGROUP_SIZE / 4;
+
+/// The registers of all lanes of a value, in the order of lanes.
+type Registers = SmallVec<[Virtual; 4]>;
+
+/// A word of each lane.
+type LaneWords = [u32; SUBGROUP_SIZE];
+
+/// How instructions change places of halves, and of neighbours in each half.
 const HALVES: u8 = 0x4e;
 const NEIGHBOURS: u8 = 0xb1;
 
@@ -66,34 +79,79 @@ impl Turns {
         if [a.ty, b.ty, result.ty] != [Type::I32; 3] {
             return None;
         }
-        let [a, b] = [self.known_words(&a)?, self.known_words(&b)?];
+        let [a, b] = [self.words_of(&a)?, self.words_of(&b)?];
         self.hold_words(std::array::from_fn(|lane| call(a[lane], b[lane])), result)
     }
 
-    fn hold_words(&mut self, words: [u32; SUBGROUP_SIZE], result: &Place) -> Option<()> {
+    fn hold_words(&mut self, words: LaneWords, result: &Place) -> Option<()> {
+        let sides = self.sides();
         let s = &mut self.stretch;
-        if s.encoding == Encoding::Vex {
+        if s.encoding == Encoding::Vex && sides == 1 {
+            // Halves take turns of their own.
             return None;
         }
-        let held = s.constant(Constant::Words(words));
-        s.held.insert(result.value, Held::One(held));
+        for (side, register) in s.known_words(words).into_iter().enumerate() {
+            s.held[side].insert(result.value, Held::One(register));
+        }
         Some(())
     }
 
-    fn known_words(&self, place: &Place) -> Option<[u32; SUBGROUP_SIZE]> {
+    /// The words that a value has in each lane, where that is known.
+    fn words_of(&self, place: &Place) -> Option<LaneWords> {
         let s = &self.stretch;
         if let Some(&constant) = place.constant.as_ref() {
             return Some([constant as u32; SUBGROUP_SIZE]);
         }
-        let &Held::One(held) = s.held.get(&place.value)? else {
-            return None;
-        };
-        match s.infos[held as usize].home {
-            Some(Memory::Pool(index)) => match s.pool[index as usize] {
-                Constant::Words(words) => Some(words),
-                _ => None,
-            },
-            _ => None,
+        let mut words = [0; SUBGROUP_SIZE];
+        let lanes = SUBGROUP_SIZE / self.sides();
+        for (held, words) in s.held.iter().zip(words.chunks_mut(lanes)) {
+            let &Held::One(register) = held.get(&place.value)? else {
+                return None;
+            };
+            let Some(Memory::Pool(index)) = s.infos[register as usize].home else {
+                return None;
+            };
+            match s.pool[index as usize] {
+                Constant::Words(known) => words.copy_from_slice(&known[..lanes]),
+                Constant::Word(word) => words.fill(word),
+                Constant::LaneBits => return None,
+            }
+        }
+        Some(words)
+    }
+
+    /// The registers of all lanes of a value.
+    fn registers(&mut self, place: &Place) -> Registers {
+        let is_paired = self.sides() == 2;
+        let s = &mut self.stretch;
+        let mut registers = Registers::new();
+        for half in 0..=is_paired as i32 {
+            s.half = is_paired.then_some(half);
+            registers.extend(s.operand(place).parts());
+        }
+        s.half = None;
+        registers
+    }
+
+    /// Notes where a result is.
+    fn give(&mut self, place: &Place, registers: &[Virtual]) {
+        let is_paired = self.sides() == 2;
+        let s = &mut self.stretch;
+        let is_same = |both: &[Virtual]| both.first() == both.last();
+        for (half, registers) in registers.chunks(place.ty.rows() as usize).enumerate() {
+            s.half = is_paired.then_some(half as i32);
+            s.give(
+                place,
+                match *registers {
+                    [a, b] => Held::Two(a, b),
+                    _ => Held::One(registers[0]),
+                },
+            );
+        }
+        s.half = None;
+        if is_paired && is_same(registers) {
+            // Both halves have it.
+            s.infos[registers[0] as usize].home = None;
         }
     }
 
@@ -105,13 +163,10 @@ impl Turns {
         operands: &[Place],
         result: &Place,
     ) -> Option<()> {
-        if self.stretch.encoding == Encoding::Vex {
+        let sides = self.sides();
+        if self.stretch.encoding == Encoding::Vex && sides == 1 {
             return None;
         }
-        let from = match (op, operands.get(1)) {
-            (SubgroupOp::Shuffle | SubgroupOp::QuadShuffle, Some(from)) => self.known_words(from),
-            _ => None,
-        };
         let takes_conditions = matches!(op, SubgroupOp::All | SubgroupOp::Any | SubgroupOp::Ballot);
         if operands
             .iter()
@@ -119,196 +174,448 @@ impl Turns {
         {
             return None;
         }
+        let from = match (op, operands.get(1)) {
+            (SubgroupOp::Shuffle | SubgroupOp::QuadShuffle, Some(from)) => self.words_of(from),
+            _ => None,
+        };
+        let held: Vec<Registers> = operands.iter().map(|place| self.registers(place)).collect();
+        let lanes = &lanes.0[..sides];
+        let ty = operands.first().map(|place| place.ty);
+        let is_word = operands.iter().all(|place| place.ty.rows() == 1);
         let s = &mut self.stretch;
-        let held: Vec<Held> = operands.iter().map(|place| s.operand(place)).collect();
-        let given = match (op, &held[..]) {
-            (SubgroupOp::Elect, _) => Held::One(s.lowest(lanes.0)),
-            (SubgroupOp::All, &[Held::One(a)]) => {
-                let others = s.masks(KANDN, &[a, lanes.0]);
-                Held::One(s.vote(Vote::None, others))
+        let given = match (op, &held[..], ty) {
+            (SubgroupOp::Elect, ..) => s.lowest(lanes),
+            (SubgroupOp::All, [a], _) => {
+                let others = s.by_lanes(a, lanes, Stretch::second_alone);
+                s.vote(Vote::None, &others)
             }
-            (SubgroupOp::Any, &[Held::One(a)]) => {
-                let some = s.masks(KAND, &[a, lanes.0]);
-                Held::One(s.vote(Vote::Some, some))
+            (SubgroupOp::Any, [a], _) => {
+                let some = s.by_lanes(a, lanes, Stretch::both);
+                s.vote(Vote::Some, &some)
             }
-            (SubgroupOp::Ballot, &[Held::One(a)]) => {
-                let some = s.masks(KAND, &[a, lanes.0]);
-                Held::One(s.bits_of(some))
+            (SubgroupOp::Ballot, [a], _) => {
+                let some = s.by_lanes(a, lanes, Stretch::both);
+                let bits = s.bits_of(&some);
+                Registers::from_elem(bits, sides)
             }
-            (SubgroupOp::AllEqual, &[Held::One(a)]) if operands[0].ty != Type::F16 => {
-                let first = s.broadcast_first(lanes.0, a);
-                let same = match operands[0].ty {
+            (SubgroupOp::AllEqual, [a], Some(ty)) if is_word && ty != Type::F16 => {
+                let first = s.broadcast_first(lanes, a);
+                let same = s.by_lanes(a, &first, |s, a, first| match ty {
                     Type::F32 => s.condition(CMPPS, a, first, float::EQ),
-                    _ => s.condition(PCMPD, a, first, int::EQ),
-                };
-                let others = s.masks(KANDN, &[same, lanes.0]);
-                Held::One(s.vote(Vote::None, others))
+                    _ => s.compare_words(a, first, int::EQ, true),
+                });
+                let others = s.by_lanes(&same, lanes, Stretch::second_alone);
+                s.vote(Vote::None, &others)
             }
-            (SubgroupOp::BroadcastFirst, &[Held::One(a)]) => {
-                Held::One(s.broadcast_first(lanes.0, a))
+            (SubgroupOp::BroadcastFirst, [a], _) if is_word => s.broadcast_first(lanes, a),
+            (SubgroupOp::Shuffle, [a, b], _) if is_word => s.shuffle(a, b, from),
+            (SubgroupOp::QuadShuffle, [a, b], _) if is_word => s.quad_shuffle(lanes, a, b, from),
+            (SubgroupOp::Reduce { op, cluster }, [a], Some(ty)) => {
+                s.reduce(lanes, op, cluster.into(), ty, a)?
             }
-            (SubgroupOp::Shuffle, &[Held::One(a), Held::One(b)]) => {
-                let is_inside =
-                    |words: [u32; SUBGROUP_SIZE]| words.iter().all(|&lane| lane < LANES);
-                Held::One(match from.is_some_and(is_inside) {
-                    true => s.binary(PERMD, b, a),
-                    false => {
-                        let end = s.words(LANES);
-                        let inside = s.condition(PCMPUD, b, end, int::LT);
-                        s.step(Class::Vector, PERMD, Form::Zeroing, &[inside, b, a])
-                    }
-                })
+            (SubgroupOp::InclusiveScan(op), [a], Some(ty)) if is_word => {
+                s.scan(lanes, op, true, ty, a)?
             }
-            (SubgroupOp::QuadShuffle, &[Held::One(a), Held::One(b)]) => {
-                // Numbers past the last lane have no bit among lanes.
-                let bits = match from {
-                    Some(words) => s.constant(Constant::Words(
-                        words.map(|lane| 1u32.checked_shl(lane).unwrap_or(0)),
-                    )),
-                    None => {
-                        let one = s.words(1);
-                        s.binary(PSLLVD, one, b)
-                    }
-                };
-                let active = s.bits_of(lanes.0);
-                let is_active = s.step(Class::Mask, PTESTMD, Form::Binary, &[active, bits]);
-                let other = s.binary(PERMD, b, a);
-                Held::One(s.select(is_active, other, a))
-            }
-            (SubgroupOp::Reduce { op, cluster }, &[held]) => {
-                s.reduce(lanes.0, op, cluster.into(), operands[0].ty, held)?
-            }
-            (SubgroupOp::InclusiveScan(op), &[Held::One(a)]) => {
-                Held::One(s.scan(lanes.0, op, true, operands[0].ty, a)?)
-            }
-            (SubgroupOp::ExclusiveScan(op), &[Held::One(a)]) => {
-                Held::One(s.scan(lanes.0, op, false, operands[0].ty, a)?)
+            (SubgroupOp::ExclusiveScan(op), [a], Some(ty)) if is_word => {
+                s.scan(lanes, op, false, ty, a)?
             }
             _ => return None,
         };
-        s.give(result, given);
-        s.operations += 1;
-        s.end_operation();
+        self.give(result, &given);
+        self.stretch.operations += 1;
+        self.stretch.end_operation();
         Some(())
     }
 }
 
+/// What operations across lanes are made of. Each takes registers of all lanes.
 impl Stretch {
-    /// The lowest lane of a mask; none of none.
-    fn lowest(&mut self, lanes: Virtual) -> Virtual {
-        let ones = self.masks(KXNOR, &[lanes, lanes]);
-        let less = self.masks(KADD, &[lanes, ones]);
-        self.masks(KANDN, &[less, lanes])
-    }
-
-    fn vote(&mut self, vote: Vote, lanes: Virtual) -> Virtual {
-        self.step(Class::Mask, KMOV_IN, Form::OfVote(vote), &[lanes])
-    }
-
-    /// A bit for each lane of a mask, in all lanes.
-    fn bits_of(&mut self, lanes: Virtual) -> Virtual {
-        self.step(Class::Vector, PBROADCASTD_OF, Form::OfBits, &[lanes])
-    }
-
-    /// The word of the lowest lane of a mask, in all lanes.
-    fn broadcast_first(&mut self, lanes: Virtual, a: Virtual) -> Virtual {
-        let from = [lanes, a];
-        let first = self.step(Class::Vector, PCOMPRESSD, Form::ReverseZeroing, &from);
-        self.step(Class::Vector, PBROADCASTD, Form::Registers, &[first])
-    }
-
-    /// Combines the lanes of a mask in each cluster of so many.
-    fn reduce(
+    /// An operation on each register.
+    fn by_lanes(
         &mut self,
-        lanes: Virtual,
-        op: ReduceOp,
-        cluster: usize,
-        ty: Type,
-        held: Held,
-    ) -> Option<Held> {
-        let (op, neutral) = combination(op, ty)?;
-        match held {
-            Held::One(a) => {
-                let neutral = self.words(neutral as u32);
-                let mut all = self.select(lanes, a, neutral);
-                for step in [8, 4, 2, 1].into_iter().filter(|&step| step < cluster) {
-                    let other = match step {
-                        8 => self.quarters(all, HALVES),
-                        4 => self.quarters(all, NEIGHBOURS),
-                        2 => self.step_with(PSHUFD, Form::Unary, &[all], HALVES),
-                        _ => self.step_with(PSHUFD, Form::Unary, &[all], NEIGHBOURS),
-                    };
-                    all = self.combine(&op, ty, all, other)?;
+        a: &[Virtual],
+        b: &[Virtual],
+        mut write: impl FnMut(&mut Stretch, Virtual, Virtual) -> Virtual,
+    ) -> Registers {
+        a.iter().zip(b).map(|(&a, &b)| write(self, a, b)).collect()
+    }
+
+    /// Words that are known when code is written.
+    fn known_words(&mut self, words: LaneWords) -> Registers {
+        let lanes = self.encoding.vector_bytes() as usize / 4;
+        (words.chunks(lanes))
+            .map(|words| match words.iter().all(|&word| word == words[0]) {
+                true => self.words(words[0]),
+                false => {
+                    let mut all = [0; SUBGROUP_SIZE];
+                    all[..lanes].copy_from_slice(words);
+                    self.constant(Constant::Words(all))
                 }
-                Some(Held::One(all))
+            })
+            .collect()
+    }
+
+    /// The lowest lane of a condition; none of none.
+    fn lowest(&mut self, lanes: &[Virtual]) -> Registers {
+        if let &[lanes] = lanes {
+            let ones = self.masks(KXNOR, &[lanes, lanes]);
+            let less = self.masks(KADD, &[lanes, ones]);
+            return Registers::from_slice(&[self.masks(KANDN, &[less, lanes])]);
+        }
+        let bits = self.bits_of(lanes);
+        let zero = self.words(0);
+        let negative = self.binary(PSUBD, zero, bits);
+        let lowest = self.commutative(PAND, bits, negative);
+        let each = self.known_words(std::array::from_fn(|lane| 1 << lane));
+        (each.into_iter())
+            .map(|bit| {
+                let own = self.commutative(PAND, lowest, bit);
+                self.commutative(PCMPEQD, own, bit)
+            })
+            .collect()
+    }
+
+    /// All lanes or none.
+    fn vote(&mut self, vote: Vote, lanes: &[Virtual]) -> Registers {
+        let all = (lanes.iter().copied())
+            .reduce(|a, b| self.either(a, b))
+            .expect("lanes");
+        let class = self.class_of(Type::I1);
+        let voted = self.step(class, KMOV_IN, Form::OfVote(vote), &[all]);
+        Registers::from_elem(voted, lanes.len())
+    }
+
+    /// A bit for each lane of a condition, in all lanes.
+    fn bits_of(&mut self, lanes: &[Virtual]) -> Virtual {
+        self.step(Class::Vector, PBROADCASTD_OF, Form::OfBits, lanes)
+    }
+
+    /// The word of the lowest lane of a condition, in all lanes.
+    fn broadcast_first(&mut self, lanes: &[Virtual], a: &[Virtual]) -> Registers {
+        if let (&[lanes], &[a]) = (lanes, a) {
+            let from = [lanes, a];
+            let first = self.step(Class::Vector, PCOMPRESSD, Form::ReverseZeroing, &from);
+            let first = self.step(Class::Vector, PBROADCASTD, Form::Registers, &[first]);
+            return Registers::from_slice(&[first]);
+        }
+        let first = self.step(Class::Vector, PBROADCASTD, Form::OfFirst, lanes);
+        self.permute(a, &[first; 2])
+    }
+
+    /// The words of the lanes that some name by the lowest bits of theirs.
+    fn permute(&mut self, a: &[Virtual], from: &[Virtual]) -> Registers {
+        let mut given = Registers::new();
+        for (k, &from_lane) in from.iter().enumerate() {
+            if k > 0 && from[k - 1] == from_lane {
+                given.push(given[k - 1]);
+                continue;
             }
-            Held::Two(a, b) => {
-                let (opcode, form) = self.wide_opcode(&op, ty)?;
-                // All lanes of both words: the wide ones that are neutral.
-                let neutral = match neutral {
-                    0 => self.words(0),
-                    u64::MAX => self.words(u32::MAX),
-                    _ => return None,
-                };
-                let masks = self.wide_lanes(lanes);
-                let mut parts = [(masks[0], a), (masks[1], b)]
-                    .map(|(lanes, part)| self.select_wide(lanes, part, neutral));
-                if cluster > 8 {
-                    let both = self.step(Class::Vector, opcode, form, &parts);
-                    parts = [both; 2];
+            given.push(match *a {
+                [low, high] if low != high => {
+                    let [low, high] = [low, high].map(|half| self.binary(PERMD, from_lane, half));
+                    let is_high = self.shift(PSHIFTD, LEFT, from_lane, 31 - HALF.ilog2());
+                    self.select(is_high, high, low)
                 }
-                let count = if cluster > 8 { 1 } else { 2 };
-                for part in &mut parts[..count] {
-                    for step in [4, 2, 1].into_iter().filter(|&step| step < cluster) {
-                        let other = match step {
-                            4 => self.quarters(*part, HALVES),
-                            2 => self.quarters(*part, NEIGHBOURS),
-                            _ => self.step_with(PSHUFD, Form::Unary, &[*part], HALVES),
-                        };
-                        *part = self.step(Class::Vector, opcode, form, &[*part, other]);
-                    }
+                _ => self.binary(PERMD, from_lane, a[0]),
+            });
+        }
+        given
+    }
+
+    /// As [`Self::permute`], by lanes that are known when code is written, all below 16.
+    fn permute_known(&mut self, a: &[Virtual], from: LaneWords) -> Registers {
+        let &[low, high] = a else {
+            let from = self.known_words(from);
+            return self.permute(a, &from);
+        };
+        let mut given = Registers::new();
+        for half in [0, 1] {
+            let own: [u32; HALF] = std::array::from_fn(|lane| from[half * HALF + lane]);
+            match half == 1 && own[..] == from[..HALF] {
+                true => given.push(given[0]),
+                false => given.push(self.permute_half(low, high, own)),
+            }
+        }
+        given
+    }
+
+    /// A half of a permutation.
+    fn permute_half(&mut self, low: Virtual, high: Virtual, from: [u32; HALF]) -> Virtual {
+        let quarter = |lane: u32| lane / QUARTER as u32;
+        let is_quarters = (from.chunks(QUARTER))
+            .all(|lanes| lanes.iter().all(|&lane| quarter(lane) == quarter(lanes[0])));
+        if !is_quarters {
+            let index = self.known_words(std::array::from_fn(|lane| from[lane % HALF]))[0];
+            let is_high = (from.iter().enumerate()).fold(0, |bits, (lane, &from)| {
+                bits | (from as usize / HALF) << lane
+            });
+            return match is_high {
+                0 => self.binary(PERMD, index, low),
+                0xff => self.binary(PERMD, index, high),
+                _ => {
+                    let [low, high] = [low, high].map(|half| self.binary(PERMD, index, half));
+                    self.step_with(PBLENDD, Form::Binary, &[low, high], is_high as u8)
                 }
-                if cluster > 8 {
-                    // Rows of their own.
-                    parts[1] = self.copy(parts[0]);
-                }
-                Some(Held::Two(parts[0], parts[1]))
+            };
+        }
+        let quarters = [quarter(from[0]), quarter(from[QUARTER])];
+        let chosen = match quarters {
+            [0, 1] => low,
+            [2, 3] => high,
+            [first, second] => {
+                let how = (first | second << 4) as u8;
+                self.step_with(PERM2I128, Form::Binary, &[low, high], how)
+            }
+        };
+        let within = from.map(|lane| lane % QUARTER as u32);
+        let places = |lanes: &[u32]| {
+            lanes
+                .iter()
+                .rev()
+                .fold(0, |places, lane| places << 2 | lane)
+        };
+        const IN_PLACE: u32 = 0b11_10_01_00;
+        match [places(&within[..QUARTER]), places(&within[QUARTER..])] {
+            [IN_PLACE, IN_PLACE] => chosen,
+            [first, second] if first == second => {
+                self.step_with(PSHUFD, Form::Unary, &[chosen], first as u8)
+            }
+            _ => {
+                let places = self.known_words(std::array::from_fn(|lane| within[lane % HALF]))[0];
+                self.binary(PERMILPS, chosen, places)
             }
         }
     }
 
-    /// Combines the lanes of a mask up to each lane; without the lane itself unless `inclusive`.
+    /// The words of the lanes that some name; zero for numbers past the last.
+    fn shuffle(&mut self, a: &[Virtual], b: &[Virtual], from: Option<LaneWords>) -> Registers {
+        match (from, self.encoding) {
+            (Some(from), _) if from.iter().all(|&lane| lane < LANES) => self.permute_known(a, from),
+            (Some(from), Encoding::Vex) => {
+                let inside = from.map(|lane| if lane < LANES { u32::MAX } else { 0 });
+                let words = self.permute_known(a, from.map(|lane| lane % LANES));
+                let inside = self.known_words(inside);
+                self.by_lanes(&words, &inside, Stretch::both)
+            }
+            (None, Encoding::Vex) => {
+                let words = self.permute(a, b);
+                self.by_lanes(&words, b, |s, word, from| {
+                    let inside = s.is_lane(from);
+                    s.both(inside, word)
+                })
+            }
+            (_, Encoding::Evex) => {
+                let end = self.words(LANES);
+                let inside = self.condition(PCMPUD, b[0], end, int::LT);
+                let from = [inside, b[0], a[0]];
+                let words = self.step(Class::Vector, PERMD, Form::Zeroing, &from);
+                Registers::from_slice(&[words])
+            }
+        }
+    }
+
+    /// Whether words are numbers of lanes. AVX2 only.
+    fn is_lane(&mut self, a: Virtual) -> Virtual {
+        let above = self.shift(PSHIFTD, RIGHT, a, LANES.ilog2());
+        let zero = self.words(0);
+        self.commutative(PCMPEQD, above, zero)
+    }
+
+    /// The words of the lanes that some name, where those take part; else the lanes' own.
+    fn quad_shuffle(
+        &mut self,
+        lanes: &[Virtual],
+        a: &[Virtual],
+        b: &[Virtual],
+        from: Option<LaneWords>,
+    ) -> Registers {
+        if let (&[lanes], &[a], &[b]) = (lanes, a, b) {
+            // Numbers past the last lane have no bit among lanes.
+            let bits = match from {
+                Some(words) => {
+                    self.known_words(words.map(|lane| 1u32.checked_shl(lane).unwrap_or(0)))[0]
+                }
+                None => {
+                    let one = self.words(1);
+                    self.binary(PSLLVD, one, b)
+                }
+            };
+            let active = self.bits_of(&[lanes]);
+            let is_active = self.step(Class::Mask, PTESTMD, Form::Binary, &[active, bits]);
+            let other = self.binary(PERMD, b, a);
+            return Registers::from_slice(&[self.select(is_active, other, a)]);
+        }
+        let (others, active) = match from {
+            // An inactive lane is as good as its own word.
+            Some(from) => {
+                let inside = from.map(|lane| if lane < LANES { u32::MAX } else { 0 });
+                let from = from.map(|lane| lane % LANES);
+                let others = self.permute_known(a, from);
+                let mut active = self.permute_known(lanes, from);
+                if inside.contains(&0) {
+                    let inside = self.known_words(inside);
+                    active = self.by_lanes(&active, &inside, Stretch::both);
+                }
+                (others, active)
+            }
+            None => {
+                let (others, active) = (self.permute(a, b), self.permute(lanes, b));
+                let active = self.by_lanes(&active, b, |s, active, from| {
+                    let inside = s.is_lane(from);
+                    s.both(inside, active)
+                });
+                (others, active)
+            }
+        };
+        (0..a.len())
+            .map(|k| self.select(active[k], others[k], a[k]))
+            .collect()
+    }
+
+    /// Registers with a scalar that changes no other in all lanes but some.
+    fn with_neutral(
+        &mut self,
+        lanes: &[Virtual],
+        neutral: Virtual,
+        is_wide: bool,
+        a: &[Virtual],
+    ) -> Registers {
+        if !is_wide {
+            let pairs = lanes.iter().zip(a);
+            return pairs
+                .map(|(&lanes, &a)| self.select(lanes, a, neutral))
+                .collect();
+        }
+        let mut masks = Registers::new();
+        for &lanes in lanes {
+            masks.extend(self.wide_lanes(lanes));
+        }
+        let pairs = masks.iter().zip(a);
+        pairs
+            .map(|(&lanes, &a)| self.select_wide(lanes, a, neutral))
+            .collect()
+    }
+
+    /// Combines the lanes of a condition in each cluster of so many.
+    fn reduce(
+        &mut self,
+        lanes: &[Virtual],
+        op: ReduceOp,
+        cluster: usize,
+        ty: Type,
+        a: &[Virtual],
+    ) -> Option<Registers> {
+        let (op, neutral) = combination(op, ty)?;
+        let is_wide = ty.rows() == 2;
+        let neutral = match neutral {
+            0 => self.words(0),
+            u64::MAX => self.words(u32::MAX),
+            _ if is_wide => return None,
+            _ => self.words(neutral as u32),
+        };
+        let mut all = self.with_neutral(lanes, neutral, is_wide, a);
+        let in_register = self.encoding.vector_bytes() as usize / if is_wide { 8 } else { 4 };
+        let mut step = cluster / 2;
+        while step >= in_register {
+            // With the register that is so many further on, which has the same result.
+            let distance = step / in_register;
+            for k in 0..all.len() {
+                all[k] = match k & distance {
+                    0 => self.combine(&op, ty, all[k], all[k + distance])?,
+                    _ => all[k - distance],
+                };
+            }
+            step /= 2;
+        }
+        while step > 0 {
+            let before = all.clone();
+            for k in 0..all.len() {
+                let same = before[..k].iter().position(|&other| other == before[k]);
+                all[k] = match same {
+                    Some(same) => all[same],
+                    None => {
+                        let other = self.exchange(before[k], step * if is_wide { 8 } else { 4 });
+                        self.combine(&op, ty, before[k], other)?
+                    }
+                };
+            }
+            step /= 2;
+        }
+        Some(all)
+    }
+
+    /// Changes places of groups of so many bytes within a register.
+    fn exchange(&mut self, a: Virtual, bytes: usize) -> Virtual {
+        match (bytes, self.encoding) {
+            (4, _) => self.step_with(PSHUFD, Form::Unary, &[a], NEIGHBOURS),
+            (8, _) => self.step_with(PSHUFD, Form::Unary, &[a], HALVES),
+            (16, Encoding::Vex) => self.step_with(PERMQ, Form::Unary, &[a], HALVES),
+            (16, Encoding::Evex) => self.quarters(a, NEIGHBOURS),
+            _ => self.quarters(a, HALVES),
+        }
+    }
+
+    /// Combines the lanes of a condition up to each lane; without the lane itself unless
+    /// `inclusive`.
     fn scan(
         &mut self,
-        lanes: Virtual,
+        lanes: &[Virtual],
         op: ReduceOp,
         inclusive: bool,
         ty: Type,
-        a: Virtual,
-    ) -> Option<Virtual> {
+        a: &[Virtual],
+    ) -> Option<Registers> {
         // The result for no lanes is the neutral number of integers alone.
         if ty.is_float() {
             return None;
         }
         let (op, neutral) = combination(op, ty)?;
         let neutral = self.words(neutral as u32);
-        let mut all = self.select(lanes, a, neutral);
-        let behind = |s: &mut Self, all, step: usize| {
-            let from = [all, neutral];
-            s.step_with(ALIGND, Form::Binary, &from, (SUBGROUP_SIZE - step) as u8)
-        };
+        let mut all = self.with_neutral(lanes, neutral, false, a);
         for step in [1, 2, 4, 8] {
-            let before = behind(self, all, step);
-            all = self.combine(&op, ty, before, all)?;
+            let before = self.behind(&all, neutral, step);
+            for (before, own) in before.into_iter().zip(&mut all) {
+                if before != neutral {
+                    *own = self.combine(&op, ty, before, *own)?;
+                }
+            }
         }
         Some(match inclusive {
             true => all,
-            false => behind(self, all, 1),
+            false => self.behind(&all, neutral, 1),
         })
+    }
+
+    /// The words of the lanes so many before each; `first` where there are none.
+    fn behind(&mut self, all: &[Virtual], first: Virtual, step: usize) -> Registers {
+        let &[low, high] = all else {
+            let from = [all[0], first];
+            let how = (SUBGROUP_SIZE - step) as u8;
+            return Registers::from_slice(&[self.step_with(ALIGND, Form::Binary, &from, how)]);
+        };
+        if step == HALF {
+            return Registers::from_slice(&[first, low]);
+        }
+        let pairs = [(first, low), (low, high)].into_iter();
+        pairs
+            .map(|(before, own)| {
+                // The quarter before each.
+                let before = self.step_with(PERM2I128, Form::Binary, &[before, own], 0x21);
+                let bytes = 4 * (QUARTER - step % QUARTER) as u8;
+                match step {
+                    QUARTER => before,
+                    _ => self.step_with(PALIGNR, Form::Binary, &[own, before], bytes),
+                }
+            })
+            .collect()
     }
 
     /// An operation on two registers' lanes.
     fn combine(&mut self, op: &Op, ty: Type, a: Virtual, b: Virtual) -> Option<Virtual> {
+        if ty.rows() == 2 {
+            let (op, form) = self.wide_opcode(op, ty)?;
+            return Some(self.step(Class::Vector, op, form, &[a, b]));
+        }
         let place = Place {
             value: crate::ir::Value(u32::MAX),
             ty,

@@ -6,7 +6,7 @@ use smallvec::SmallVec;
 use super::{Held, Place, Stretch};
 use crate::ir::{Op, Type};
 use crate::native::allocate::{Class, Form, MOVE, Virtual};
-use crate::native::encode::{Encoding, Opcode};
+use crate::native::encode::{Constant, Encoding, Opcode};
 use crate::native::opcodes::*;
 
 /// Numbers of shifts by one count for all lanes.
@@ -50,7 +50,13 @@ impl Stretch {
     }
 
     /// A condition: a comparison of integers.
-    fn compare_words(&mut self, a: Virtual, b: Virtual, how: u8, signed: bool) -> Virtual {
+    pub(super) fn compare_words(
+        &mut self,
+        a: Virtual,
+        b: Virtual,
+        how: u8,
+        signed: bool,
+    ) -> Virtual {
         if self.encoding == Encoding::Evex {
             let op = if signed { PCMPD } else { PCMPUD };
             return self.condition(op, a, b, how);
@@ -90,16 +96,45 @@ impl Stretch {
         self.step(Class::Mask, op, Form::OfMasks, from)
     }
 
+    /// As [`Self::select`], of conditions.
+    pub(super) fn select_condition(&mut self, which: Virtual, a: Virtual, b: Virtual) -> Virtual {
+        let chosen = self.both(which, a);
+        let other = self.second_alone(which, b);
+        self.either(chosen, other)
+    }
+
+    /// Where both of two conditions hold.
+    pub(super) fn both(&mut self, a: Virtual, b: Virtual) -> Virtual {
+        match self.encoding {
+            Encoding::Evex => self.masks(KAND, &[a, b]),
+            Encoding::Vex => self.commutative(PAND, a, b),
+        }
+    }
+
+    /// Where one of two conditions holds.
+    pub(super) fn either(&mut self, a: Virtual, b: Virtual) -> Virtual {
+        match self.encoding {
+            Encoding::Evex => self.masks(KOR, &[a, b]),
+            Encoding::Vex => self.commutative(POR, a, b),
+        }
+    }
+
+    /// Where the second of two conditions holds, and the first does not.
+    pub(super) fn second_alone(&mut self, a: Virtual, b: Virtual) -> Virtual {
+        match self.encoding {
+            Encoding::Evex => self.masks(KANDN, &[a, b]),
+            Encoding::Vex => self.binary(PANDN, a, b),
+        }
+    }
+
     /// Both operands are conditions: mask registers with AVX-512.
     fn logic(&mut self, op: &Op, a: Virtual, b: Virtual) -> Option<Virtual> {
         let evex = self.encoding == Encoding::Evex;
         Some(match op {
-            Op::And if evex => self.masks(KAND, &[a, b]),
-            Op::Or if evex => self.masks(KOR, &[a, b]),
+            Op::And => self.both(a, b),
+            Op::Or => self.either(a, b),
             Op::Xor | Op::INe if evex => self.masks(KXOR, &[a, b]),
             Op::IEq if evex => self.masks(KXNOR, &[a, b]),
-            Op::And => self.commutative(PAND, a, b),
-            Op::Or => self.commutative(POR, a, b),
             Op::Xor | Op::INe => self.commutative(PXOR, a, b),
             Op::IEq => {
                 let differ = self.commutative(PXOR, a, b);
@@ -166,10 +201,12 @@ impl Stretch {
     /// How many bits are set, or the number of the lowest or the highest one; all ones if there is
     /// none.
     fn count_bits(&mut self, op: &Op, ty: Type, a: Virtual) -> Option<Virtual> {
-        if !self.has_counts || !matches!(ty, Type::I8 | Type::I16 | Type::I32) {
+        let is_by_steps = self.encoding == Encoding::Vex;
+        if !(self.has_counts || is_by_steps) || !matches!(ty, Type::I8 | Type::I16 | Type::I32) {
             return None;
         }
         let marked = match op {
+            Op::BitCount if is_by_steps => return Some(self.set_bits(a)),
             Op::BitCount => return Some(self.unary(POPCNTD, a)),
             Op::FindLsb => {
                 let zero = self.words(0);
@@ -184,9 +221,44 @@ impl Stretch {
             }
             _ => a,
         };
+        if is_by_steps {
+            return Some(self.highest_bit(marked));
+        }
         let above = self.unary(LZCNTD, marked);
         let last = self.words(31);
         Some(self.binary(PSUBD, last, above))
+    }
+
+    /// How many bits are set: of each four by a table, whose words are summed up.
+    fn set_bits(&mut self, a: Virtual) -> Virtual {
+        const OF_FOUR: [u32; 4] = [0x0201_0100, 0x0302_0201, 0x0302_0201, 0x0403_0302];
+        let table = std::array::from_fn(|lane| OF_FOUR[lane % 4]);
+        let table = self.constant(Constant::Words(table));
+        let low = self.and(a, 0x0f0f_0f0f);
+        let high = self.shift(PSHIFTD, RIGHT, a, 4);
+        let high = self.and(high, 0x0f0f_0f0f);
+        let [low, high] = [low, high].map(|four| self.binary(PSHUFB, table, four));
+        let of_bytes = self.commutative(PADDB, low, high);
+        let ones = self.words(0x0101_0101);
+        let of_pairs = self.binary(PMADDUBSW, of_bytes, ones);
+        let ones = self.words(0x0001_0001);
+        self.binary(PMADDWD, of_pairs, ones)
+    }
+
+    /// The number of the highest bit, by the exponent of a float; all ones if there is none.
+    fn highest_bit(&mut self, a: Virtual) -> Virtual {
+        // Without the bit below the highest one, so that rounding does not carry.
+        let below = self.shift(PSHIFTD, RIGHT, a, 1);
+        let number = self.binary(PANDN, below, a);
+        let number = self.unary(CVTDQ2PS, number);
+        let exponent = self.shift(PSHIFTD, RIGHT, number, 23);
+        let bias = self.words(127);
+        let bit = self.binary(PSUBD, exponent, bias);
+        let none = self.words(u32::MAX);
+        let bit = self.commutative(PMAXSD, bit, none);
+        // Negative numbers have the last one.
+        let last = self.words(31);
+        self.select(a, last, bit)
     }
 
     fn unsigned_to_float(&mut self, a: Virtual) -> Virtual {
@@ -413,7 +485,7 @@ impl Stretch {
         for (k, part) in held.parts().enumerate() {
             self.infos[part as usize].home = self.home(place, k as i32);
         }
-        self.held.insert(place.value, held);
+        self.hold(place.value, held);
         self.results.push((place.value, held));
     }
 
@@ -421,13 +493,10 @@ impl Stretch {
         let from = places.last()?.ty;
         match (op, held) {
             (Op::Select, &[Held::One(condition), Held::One(a), Held::One(b)]) => {
-                if to == Type::I1 && self.encoding == Encoding::Evex {
-                    let chosen = self.masks(KAND, &[condition, a]);
-                    let not = self.masks(KNOT, &[condition]);
-                    let other = self.masks(KAND, &[not, b]);
-                    return Some(Held::One(self.masks(KOR, &[chosen, other])));
-                }
-                Some(Held::One(self.select(condition, a, b)))
+                Some(Held::One(match self.class_of(to) {
+                    Class::Mask => self.select_condition(condition, a, b),
+                    Class::Vector => self.select(condition, a, b),
+                }))
             }
             (Op::Pack64, &[Held::One(low), Held::One(high)]) => {
                 let (Held::Two(a, b), Held::Two(x, y)) =

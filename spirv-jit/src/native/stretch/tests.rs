@@ -150,6 +150,18 @@ fn in_vex() -> Vec<Listed> {
         listed!(SHUFPS, "vshufps", "r v m i").immediate(0x88),
         listed!(PANDN, "vpandn", "r v m"),
         listed!(TESTPS, "vtestps", "r m"),
+        listed!(PERMD, "vpermd", "r v m"),
+        listed!(PSHUFD, "vpshufd", "r m i").immediate(0xb1),
+        listed!(PERM2I128, "vperm2i128", "r v m i").immediate(0x21),
+        listed!(PERMILPS, "vpermilps", "r v m"),
+        listed!(PALIGNR, "vpalignr", "r v m i").immediate(12),
+        listed!(PBLENDD, "vpblendd", "r v m i").immediate(0xf0),
+        listed!(PSHUFB, "vpshufb", "r v m"),
+        listed!(PADDB, "vpaddb", "r v m"),
+        listed!(PMADDUBSW, "vpmaddubsw", "r v m"),
+        listed!(PMADDWD, "vpmaddwd", "r v m"),
+        listed!(PBROADCASTD, "vpbroadcastd", "r mx"),
+        listed!(PBROADCASTQ_VEX, "vpbroadcastq", "r mx"),
     ]);
     list
 }
@@ -189,6 +201,7 @@ fn in_evex() -> Vec<Listed> {
         listed!(ALIGND, "valignd", "r v m i").immediate(15),
         listed!(PCOMPRESSD, "vpcompressd", "mr r").zeroing(),
         listed!(PBROADCASTD, "vpbroadcastd", "r mx"),
+        listed!(PBROADCASTQ, "vpbroadcastq", "r mx"),
         listed!(PTESTMD, "vptestmd", "rk v m"),
     ]);
     list
@@ -243,7 +256,9 @@ fn memory_text(base: Base, displacement: i32) -> String {
         Base::FourthFrame => "rax",
         Base::Lanes => "r10",
         Base::Word => "rbx",
+        Base::Private => "r13",
         Base::Context => "r14",
+        Base::Stack => "rbp",
     };
     match displacement {
         0 => format!("[{base}]"),
@@ -540,6 +555,10 @@ fn every_opcode_is_listed() {
         listed!(PBROADCASTD_OF, "vpbroadcastd", ""),
         listed!(MOVMSKPS, "vmovmskps", ""),
         listed!(PGATHERDD, "vpgatherdd", ""),
+        listed!(PSCATTERDD, "vpscatterdd", ""),
+        listed!(MASKMOVPS, "vmaskmovps", ""),
+        listed!(MOVD_IN, "vmovd", ""),
+        listed!(MOVD_OUT, "vmovd", ""),
     ];
     let lists = [in_vex(), in_evex(), of_masks(), of_lanes];
     let names: Vec<&str> = lists

@@ -1,4 +1,4 @@
-//! Loops without suspensions, calls and stores, in native code.
+//! Loops without suspensions, calls and stores to shared memory, in native code.
 //!
 //! A subgroup takes all its turns, then the next one does. Up to four subgroups take their turns
 //! together where registers suffice, so that none waits for its own results. Masks of lanes say
@@ -10,32 +10,46 @@
 use super::lower::int;
 use super::{Class, Form, Held, Place, Row, Stretch, Virtual};
 use crate::ir::{Type, Value};
-use crate::native::allocate::{Carried, STORE, allocate_turn};
+use crate::native::allocate::{Alike, Carried, LOAD, STORE, Step, allocate_turn};
 use crate::native::encode::{
     Assembler, Base, Constant, Encoding, Memory, NOT_NEGATIVE, NOT_ZERO, Operand, ZERO,
 };
 use crate::native::opcodes::*;
 use crate::native::{LoopContext, STAYING};
 
-/// Lanes on one of the ways through a turn.
+/// Lanes on one of the ways through a turn: a condition for each half of the subgroup, or twice the
+/// same where code takes one register of lanes at a time.
 #[derive(Clone, Copy)]
-pub(crate) struct Lanes(pub(super) Virtual);
+pub(crate) struct Lanes(pub(super) [Virtual; 2]);
 
-/// A value that depends on the way that lanes came.
+/// A value that depends on the way that lanes came, by halves as [`Lanes`].
 #[derive(Clone, Copy)]
-pub(crate) struct Merged(Held);
+pub(crate) struct Merged([Held; 2]);
+
+/// A parameter of the turn that is being written.
+struct Entered {
+    held: [Held; 2],
+    place: Place,
+    is_alike: bool,
+}
+
+/// Instructions, at least, of a turn of several subgroups for each that moves a value to or from
+/// the stack.
+const STEPS_OF_SPILL: usize = 8;
 
 /// A loop on its way to instructions.
 pub(crate) struct Turns {
-    pub stretch: Stretch,
+    pub(super) stretch: Stretch,
     carried: Vec<Carried>,
-    /// Parameters and lanes of the half that is being written.
-    entered: Vec<Held>,
-    /// Both halves of a subgroup take their turns together, so that one need not wait for the
-    /// other's results.
+    lanes: Option<Lanes>,
+    params: Vec<Entered>,
+    /// Both halves of a subgroup take their turns together: neither need wait for the other's
+    /// results, and operations across lanes see both.
     is_paired: bool,
     /// Subgroups that do so.
     subgroups: usize,
+    /// Private memory is accessed.
+    pub(super) is_private: bool,
 }
 
 impl Turns {
@@ -45,18 +59,27 @@ impl Turns {
         Turns {
             stretch: Stretch::new(encoding),
             carried: Vec::new(),
-            entered: Vec::new(),
+            lanes: None,
+            params: Vec::new(),
             is_paired: (is_paired || subgroups > 1) && encoding == Encoding::Vex,
             subgroups,
+            is_private: false,
         }
     }
 
-    /// How often a turn is written.
+    /// How often a turn is written: for each subgroup that takes it.
     pub fn copies(&self) -> usize {
-        match self.is_paired {
-            true => 2 * self.subgroups,
-            false => self.subgroups,
-        }
+        self.subgroups
+    }
+
+    /// Operations of all copies.
+    pub fn operations(&self) -> usize {
+        self.stretch.operations
+    }
+
+    /// Whether private memory is accessed.
+    pub fn is_private(&self) -> bool {
+        self.is_private
     }
 
     /// Half subgroups that take a turn together.
@@ -67,67 +90,180 @@ impl Turns {
         }
     }
 
-    /// Begins a turn, or another copy of it; gives the lanes that take it.
-    pub fn begin(&mut self, copy: usize, params: &[Place]) -> Lanes {
+    /// Registers that hold a word of each lane of a subgroup.
+    pub(super) fn sides(&self) -> usize {
+        1 + self.is_paired as usize
+    }
+
+    /// Writes the same for each half of a subgroup.
+    pub(super) fn by_halves<T: Copy>(
+        &mut self,
+        mut write: impl FnMut(&mut Stretch, usize) -> Option<T>,
+    ) -> Option<[T; 2]> {
+        let is_paired = self.is_paired;
         let s = &mut self.stretch;
-        (s.half, s.subgroup) = match self.is_paired {
-            true => (Some(copy as i32 % 2), copy / 2),
-            false => (None, copy),
-        };
-        s.held.clear();
-        s.results.clear();
-        let lanes = s.value(s.class_of(Type::I1), None, false);
-        self.entered = vec![Held::One(lanes)];
-        for param in params {
-            let held = s.operand(param);
-            self.entered.push(held);
+        s.half = is_paired.then_some(0);
+        let low = write(s, 0)?;
+        if !is_paired {
+            return Some([low; 2]);
         }
-        Lanes(lanes)
+        let operations = s.operations;
+        s.half = Some(1);
+        let high = write(s, 1)?;
+        (s.half, s.operations) = (None, operations);
+        Some([low, high])
+    }
+
+    /// Writes an operation whose results are the same in all lanes that come to it: for one half,
+    /// and the other has the same registers. All its operands are the same in all lanes of a
+    /// subgroup, so that its results are, too, whichever lanes come to it.
+    fn once<T>(
+        &mut self,
+        results: &[Value],
+        write: impl FnOnce(&mut Stretch) -> Option<T>,
+    ) -> Option<T> {
+        let s = &mut self.stretch;
+        s.half = self.is_paired.then_some(0);
+        let first = s.infos.len();
+        let written = write(s)?;
+        s.half = None;
+        if self.is_paired {
+            for info in &mut s.infos[first..] {
+                if !matches!(
+                    info.home,
+                    Some(Memory::Pool(_) | Memory::At(Base::Uniforms, _))
+                ) {
+                    // Code for the other half comes later, when the row may hold another value.
+                    (info.home, info.is_home) = (None, false);
+                }
+            }
+            for &result in results {
+                if let Some(&held) = s.held[0].get(&result) {
+                    s.held[1].insert(result, held);
+                }
+            }
+        }
+        Some(written)
+    }
+
+    /// Writes an operation without memory. `is_alike`: its results are the same in all lanes that
+    /// come to it, because its operands are.
+    pub fn perform(
+        &mut self,
+        results: &[Value],
+        is_alike: bool,
+        write: impl Fn(&mut Stretch) -> bool,
+    ) -> Option<()> {
+        match is_alike {
+            true => self.once(results, |s| write(s).then_some(())),
+            false => self.by_halves(|s, _| write(s).then_some(())).map(|_| ()),
+        }
+    }
+
+    /// Begins a turn of a subgroup; gives the lanes that take it. Parameters that are `alike` are
+    /// the same in all lanes that do.
+    pub fn begin(&mut self, subgroup: usize, params: &[(Place, bool)]) -> Lanes {
+        self.stretch.subgroup = subgroup;
+        self.stretch.held = Default::default();
+        self.stretch.results.clear();
+        let lanes = self.by_halves(|s, _| Some(s.value(s.class_of(Type::I1), None, false)));
+        let lanes = Lanes(lanes.expect("a register for each half"));
+        self.lanes = Some(lanes);
+        self.params.clear();
+        for &(place, is_alike) in params {
+            let held = match is_alike {
+                true => {
+                    let held = self.once(&[place.value], |s| Some(s.operand(&place)));
+                    held.map(|held| [held; 2])
+                }
+                false => self.by_halves(|s, _| Some(s.operand(&place))),
+            };
+            self.params.push(Entered {
+                held: held.expect("registers for each half"),
+                place,
+                is_alike,
+            });
+        }
+        lanes
     }
 
     /// Ends a turn: the lanes that take the next one, and its parameters.
     pub fn end(&mut self, lanes: Lanes, params: &[Merged]) {
-        let ends = std::iter::once(Held::One(lanes.0)).chain(params.iter().map(|param| param.0));
-        // Bytes from the first mask.
-        let mask = 2 * self.stretch.subgroup as i32 + self.stretch.half.unwrap_or(0);
-        for (k, (before, after)) in self.entered.iter().zip(ends).enumerate() {
-            for (before, after) in before.parts().zip(after.parts()) {
-                self.carried.push(Carried {
-                    before,
-                    after,
-                    lanes: (k == 0).then_some(mask),
-                    register: None,
-                });
+        let sides = self.sides();
+        let subgroup = self.stretch.subgroup as i32;
+        let entered = self.lanes.expect("a turn has begun").0;
+        for half in 0..sides {
+            // Bytes from the first mask.
+            let mask = 2 * subgroup + half as i32;
+            self.carried.push(Carried {
+                lanes: Some(mask),
+                ..Carried::new(entered[half], lanes.0[half])
+            });
+        }
+        for (param, after) in std::mem::take(&mut self.params).iter().zip(params) {
+            if param.is_alike {
+                self.end_alike(param, after.0[0]);
+                continue;
             }
+            for (before, after) in param.held.iter().zip(&after.0).take(sides) {
+                for (before, after) in before.parts().zip(after.parts()) {
+                    self.carried.push(Carried::new(before, after));
+                }
+            }
+        }
+    }
+
+    /// A parameter that is the same in all lanes: it is brought there when the loop is entered, and
+    /// its rows are written when the fuel is out.
+    fn end_alike(&mut self, param: &Entered, after: Held) {
+        let is_paired = self.is_paired;
+        let s = &mut self.stretch;
+        let mut homes = [None; 2];
+        for (half, home) in homes.iter_mut().enumerate() {
+            s.half = is_paired.then_some(half as i32);
+            *home = s.home(&param.place, 0);
+        }
+        s.half = None;
+        let ([Some(first), Some(second)], is_wide) = (homes, param.place.ty.rows() == 2) else {
+            unreachable!("a parameter has a row");
+        };
+        for (k, (before, after)) in param.held[0].parts().zip(after.parts()).enumerate() {
+            let behind = k as i32 * s.encoding.vector_bytes();
+            self.carried.push(Carried {
+                alike: Some(Alike {
+                    first,
+                    is_wide,
+                    is_half: s.encoding == Encoding::Vex && !is_paired,
+                    mask: 2 * s.subgroup as i32,
+                    rows: [first.behind(behind), second.behind(behind)],
+                }),
+                ..Carried::new(before, after)
+            });
         }
     }
 
     /// The lanes of some where a condition holds, and where it does not.
     pub fn split(&mut self, lanes: Lanes, condition: &Place) -> Option<[Lanes; 2]> {
-        let s = &mut self.stretch;
-        let Held::One(condition) = s.operand(condition) else {
-            return None;
-        };
-        let [yes, no] = match s.encoding {
-            Encoding::Evex => [KAND, KANDN].map(|op| s.masks(op, &[condition, lanes.0])),
-            Encoding::Vex => [
-                s.commutative(PAND, condition, lanes.0),
-                s.binary(PANDN, condition, lanes.0),
-            ],
-        };
-        s.end_operation();
-        Some([Lanes(yes), Lanes(no)])
+        let both = self.by_halves(|s, half| {
+            let Held::One(condition) = s.operand(condition) else {
+                return None;
+            };
+            let yes = s.both(condition, lanes.0[half]);
+            let no = s.second_alone(condition, lanes.0[half]);
+            s.end_operation();
+            Some([yes, no])
+        })?;
+        Some([0, 1].map(|which| Lanes(both.map(|half| half[which]))))
     }
 
     /// Lanes that come together.
     pub fn join(&mut self, a: Lanes, b: Lanes) -> Lanes {
-        let s = &mut self.stretch;
-        let both = match s.encoding {
-            Encoding::Evex => s.masks(KOR, &[a.0, b.0]),
-            Encoding::Vex => s.commutative(POR, a.0, b.0),
-        };
-        s.end_operation();
-        Lanes(both)
+        let both = self.by_halves(|s, half| {
+            let both = s.either(a.0[half], b.0[half]);
+            s.end_operation();
+            Some(both)
+        });
+        Lanes(both.expect("a register for each half"))
     }
 
     /// The value of `result` when lanes have come to its construct's end with `from`, and others
@@ -139,41 +275,24 @@ impl Turns {
         others: Option<Merged>,
         result: &Place,
     ) -> Merged {
-        let s = &mut self.stretch;
-        let new = s.operand(from);
-        let class = s.class_of(from.ty);
-        let merged = match (new, others.map(|others| others.0)) {
-            (Held::One(new), Some(Held::One(old))) => Held::One(match class {
-                Class::Vector => s.select(lanes.0, new, old),
-                Class::Mask => {
-                    let new = s.masks(KAND, &[lanes.0, new]);
-                    let old = s.masks(KANDN, &[lanes.0, old]);
-                    s.masks(KOR, &[new, old])
-                }
-            }),
-            (Held::Two(a, b), Some(Held::Two(x, y))) => {
-                let [low, high] = s.wide_lanes(lanes.0);
-                Held::Two(s.select_wide(low, a, x), s.select_wide(high, b, y))
-            }
-            (Held::One(new), _) if class == Class::Mask => Held::One(s.masks(KAND, &[new, new])),
-            (Held::One(new), _) => Held::One(s.copy(new)),
-            (Held::Two(a, b), _) => Held::Two(s.copy(a), s.copy(b)),
-        };
-        for (k, part) in merged.parts().enumerate() {
-            s.infos[part as usize].home = s.home(result, k as i32);
-        }
-        s.end_operation();
-        Merged(merged)
+        let merged = self.by_halves(|s, half| {
+            let others = others.map(|others| others.0[half]);
+            Some(s.merge(lanes.0[half], from, others, result))
+        });
+        Merged(merged.expect("registers for each half"))
     }
 
     /// A value as it is, where all lanes come by one way.
     pub fn only(&mut self, from: &Place) -> Merged {
-        Merged(self.stretch.operand(from))
+        let held = self.by_halves(|s, _| Some(s.operand(from)));
+        Merged(held.expect("registers for each half"))
     }
 
     /// The construct's result from here on.
     pub fn define(&mut self, result: Value, merged: Merged) {
-        self.stretch.held.insert(result, merged.0);
+        for (held, merged) in self.stretch.held.iter_mut().zip(merged.0) {
+            held.insert(result, merged);
+        }
     }
 
     /// Words that lanes load from a region, one behind another from an offset on. Words that are
@@ -185,104 +304,87 @@ impl Turns {
         (offset, is_run): (&Place, bool),
         results: &[Option<Place>],
     ) -> Option<()> {
-        let s = &mut self.stretch;
-        let Held::One(offset) = s.operand(offset) else {
-            return None;
-        };
-        let at = Memory::At(Base::Context, LoopContext::last(region));
-        let last = s.value(Class::Vector, Some(at), true);
-        for (k, result) in results.iter().enumerate() {
-            let Some(result) = result else {
-                continue;
+        self.by_halves(|s, half| {
+            let Held::One(offset) = s.operand(offset) else {
+                return None;
             };
-            // Signed numbers in the order of unsigned ones.
-            let start = s.words((1 << 31) + 4 * k as u32);
-            let offset = s.commutative(PADDD, offset, start);
-            let inside = match s.encoding {
-                Encoding::Evex => {
-                    let inside = s.condition(PCMPD, offset, last, int::LE);
-                    s.masks(KAND, &[inside, lanes.0])
-                }
-                Encoding::Vex => {
-                    let outside = s.binary(PCMPGTD, offset, last);
-                    s.binary(PANDN, outside, lanes.0)
-                }
-            };
-            let to = match (s.encoding, is_run && results.len() == 1) {
-                (Encoding::Evex, true) => {
-                    let words = std::array::from_fn(|lane| 4 * lane as u32);
-                    let steps = s.constant(Constant::Words(words));
-                    let from = [offset, inside, steps];
-                    s.step(Class::Vector, PGATHERDD, Form::Gather, &from)
-                }
-                _ => s.step(Class::Vector, PGATHERDD, Form::Gather, &[offset, inside]),
-            };
-            s.steps.last_mut().expect("pushed").immediate = Some(region as u8);
-            s.give(result, Held::One(to));
-            s.operations += 1;
-            s.end_operation();
-        }
+            let at = Memory::At(Base::Context, LoopContext::last(region));
+            let last = s.value(Class::Vector, Some(at), true);
+            for (k, result) in results.iter().enumerate() {
+                let Some(result) = result else {
+                    continue;
+                };
+                // Signed numbers in the order of unsigned ones.
+                let start = s.words((1 << 31) + 4 * k as u32);
+                let offset = s.commutative(PADDD, offset, start);
+                let inside = s.inside(offset, last, lanes.0[half]);
+                let to = match is_run && results.len() == 1 {
+                    true => s.gather_run(offset, inside),
+                    false => s.step(Class::Vector, PGATHERDD, Form::Gather, &[offset, inside]),
+                };
+                s.steps.last_mut().expect("pushed").immediate = Some(region as u8);
+                s.give(result, Held::One(to));
+                s.operations += 1;
+                s.end_operation();
+            }
+            Some(())
+        })?;
         Some(())
     }
 
-    /// As [`Self::load`], of an offset that is the same in all of the lanes.
+    /// As [`Self::load`], of an offset that is the same in all of the lanes, because of how it was
+    /// computed.
     pub fn load_at_one_place(
         &mut self,
-        lanes: Lanes,
         region: usize,
         offset: &Place,
         results: &[Option<Place>],
     ) -> Option<()> {
-        let s = &mut self.stretch;
-        if s.encoding == Encoding::Vex {
-            return self.load(lanes, region, (offset, false), results);
-        }
-        let Held::One(offset) = s.operand(offset) else {
-            return None;
-        };
-        // Other lanes have offsets of their own.
-        let from = [lanes.0, offset];
-        let first = s.step(Class::Vector, PCOMPRESSD, Form::ReverseZeroing, &from);
-        for (k, result) in results.iter().enumerate() {
-            let Some(result) = result else {
-                continue;
+        let values: Vec<Value> = results.iter().flatten().map(|place| place.value).collect();
+        self.once(&values, |s| {
+            let Held::One(offset) = s.operand(offset) else {
+                return None;
             };
-            let form = Form::LoadOne(4 * k as u32);
-            let to = s.step(Class::Vector, PBROADCASTD, form, &[first]);
-            s.steps.last_mut().expect("pushed").immediate = Some(region as u8);
-            s.give(result, Held::One(to));
-            s.operations += 1;
-            s.end_operation();
-        }
-        Some(())
+            for (k, result) in results.iter().enumerate() {
+                let Some(result) = result else {
+                    continue;
+                };
+                let form = Form::LoadOne(4 * k as u32);
+                let to = s.step(Class::Vector, PBROADCASTD, form, &[offset]);
+                s.steps.last_mut().expect("pushed").immediate = Some(region as u8);
+                s.give(result, Held::One(to));
+                s.operations += 1;
+                s.end_operation();
+            }
+            Some(())
+        })
     }
 
     /// Lanes leave the loop and take `from` along to a row.
     pub fn leave(&mut self, lanes: Lanes, from: &Place, row: Row) {
-        let s = &mut self.stretch;
-        let value = s.operand(from);
-        let place = Place { row, ..*from };
-        let (op, lanes) = match (value, s.encoding) {
-            (Held::One(_), _) => (STORE, [lanes.0; 2]),
-            (Held::Two(..), Encoding::Vex) => (STORE, s.wide_lanes(lanes.0)),
-            (Held::Two(..), Encoding::Evex) => (STORE_WIDE, s.wide_lanes(lanes.0)),
-        };
-        for (k, part) in value.parts().enumerate() {
-            let home = s.home(&place, k as i32);
-            let step = s.step(Class::Vector, op, Form::Leave, &[lanes[k], part]);
-            s.infos[step as usize].home = home;
-        }
-        s.operations += 1;
-        s.end_operation();
+        let left = self.by_halves(|s, half| {
+            s.leave(lanes.0[half], from, row);
+            Some(())
+        });
+        left.expect("a register for each half");
     }
 
     /// The code: see [`LoopCode`](crate::native::LoopCode). Each turn of a subgroup takes twice
-    /// `fuel`. `None`: more values live at once than there are registers for.
+    /// `fuel`. `None`: more values live at once than there are registers and rows for, or several
+    /// subgroups have too few registers.
     pub fn assemble(mut self, fuel: u32) -> Option<Vec<u8>> {
         let (encoding, halves, subgroups) = (self.stretch.encoding, self.halves(), self.subgroups);
         let mut a = Assembler::new(encoding);
-        // push rbx; push r14; mov r14, r9; mov r11, [r14]; mov r10, r8
-        a.bytes.extend([0x53, 0x41, 0x56, 0x4d, 0x89, 0xce]);
+        // push rbx; push rbp; push r13; push r14
+        a.bytes.extend([0x53, 0x55, 0x41, 0x55, 0x41, 0x56]);
+        // sub rsp, bytes of the stack; lea rbp, [rsp + 63]; and rbp, -64
+        a.bytes.extend([0x48, 0x81, 0xec]);
+        let stack_size = a.bytes.len();
+        a.bytes.extend([0; 4]);
+        a.bytes
+            .extend([0x48, 0x8d, 0x6c, 0x24, 63, 0x48, 0x83, 0xe5, 0xc0]);
+        // mov r14, r9; mov r11, [r14]; mov r10, r8
+        a.bytes.extend([0x4d, 0x89, 0xce]);
         a.bytes.extend([0x4d, 0x8b, 0x1e, 0x4d, 0x89, 0xc2]);
         let start = a.bytes.len();
         if halves == 1 {
@@ -302,11 +404,13 @@ impl Turns {
         let half = a.bytes.len();
         let bits = self.stretch.constant(Constant::LaneBits);
         let bits = self.stretch.infos[bits as usize].home?;
-        let homes: Vec<Option<Memory>> = (self.carried.iter().map(|value| value.before as usize))
-            .map(|value| self.stretch.infos[value].home)
-            .collect();
-        let (steps, infos) = (&self.stretch.steps, self.stretch.infos);
-        let head = allocate_turn(steps, infos, &mut self.carried, bits, &mut a).ok()?;
+        let steps = halves_apart(self.stretch.steps);
+        let infos = self.stretch.infos;
+        let turn = allocate_turn(&steps, infos, &mut self.carried, bits, &mut a).ok()?;
+        if subgroups > 1 && turn.spills * STEPS_OF_SPILL > steps.len() {
+            return None;
+        }
+        let (head, stack_bytes) = (turn.head, turn.stack_bytes);
 
         // On to the next turn with lanes that stay.
         let lanes = |value: &&Carried| value.lanes.is_some();
@@ -333,9 +437,17 @@ impl Turns {
         a.land_at(next, head);
 
         // The fuel is out.
-        for (value, home) in self.carried.iter().zip(homes) {
-            if let (Some(register), Some(home), None) = (value.register, home, value.lanes) {
-                a.vector(STORE, (register, 0, Operand::Memory(home)), 0, None);
+        for value in &self.carried {
+            let Some(register) = value.register else {
+                continue;
+            };
+            let rows = match &value.alike {
+                Some(alike) if alike.rows[0] != alike.rows[1] => alike.rows.to_vec(),
+                Some(alike) => vec![alike.rows[0]],
+                None => value.home.into_iter().collect(),
+            };
+            for row in rows {
+                a.vector(STORE, (register, 0, Operand::Memory(row)), 0, None);
             }
         }
         for value in masks {
@@ -355,6 +467,17 @@ impl Turns {
                 }
             }
         }
+        // No register holds anything any more.
+        for value in &self.carried {
+            if let (None, Some(home), Some(alike)) = (value.register, value.home, &value.alike)
+                && alike.rows[0] != home
+            {
+                a.vector(LOAD, (0, 0, Operand::Memory(home)), 0, None);
+                for row in alike.rows {
+                    a.vector(STORE, (0, 0, Operand::Memory(row)), 0, None);
+                }
+            }
+        }
         a.land(none?);
 
         // add r10, a byte for each eight lanes
@@ -365,19 +488,118 @@ impl Turns {
                 .extend([0x49, 0x83, 0xc0, 32, 0x49, 0x83, 0xc1, 64, 0xff, 0xc8]);
             a.jump_if_not_zero(half);
         }
+        if self.is_private {
+            // add qword [r14 + private], subgroups * a pointer
+            a.bytes.extend([0x49, 0x83, 0x86]);
+            a.bytes.extend(LoopContext::PRIVATE.to_le_bytes());
+            a.bytes.push(8 * subgroups as u8);
+        }
         // lea rdi, [rdi + subgroups * rcx]; dec rdx
         let scale = subgroups.trailing_zeros() as u8;
         a.bytes
             .extend([0x48, 0x8d, 0x3c, scale << 6 | 0x0f, 0x48, 0xff, 0xca]);
         a.jump_if_not_zero(start);
-        // mov [r14], r11; pop r14; pop rbx; vzeroupper; ret
-        a.bytes.extend([0x4d, 0x89, 0x1e, 0x41, 0x5e, 0x5b]);
+        // mov [r14], r11; add rsp, bytes of the stack; pop r14; pop r13; pop rbp; pop rbx
+        a.bytes.extend([0x4d, 0x89, 0x1e, 0x48, 0x81, 0xc4]);
+        a.bytes.extend(stack_bytes.to_le_bytes());
+        a.bytes.extend([0x41, 0x5e, 0x41, 0x5d, 0x5d, 0x5b]);
+        a.bytes[stack_size..stack_size + 4].copy_from_slice(&stack_bytes.to_le_bytes());
+        // vzeroupper; ret
         a.bytes.extend([0xc5, 0xf8, 0x77, 0xc3]);
         Some(a.finish(&self.stretch.pool))
     }
 }
 
+/// All that one half does before what the other does, up to each step that takes both.
+fn halves_apart(steps: Vec<Step>) -> Vec<Step> {
+    let mut apart = Vec::with_capacity(steps.len());
+    let mut second = Vec::new();
+    for step in steps {
+        match step.half {
+            Some(0) => apart.push(step),
+            Some(_) => second.push(step),
+            None => {
+                apart.append(&mut second);
+                apart.push(step);
+            }
+        }
+    }
+    apart.append(&mut second);
+    apart
+}
+
 impl Stretch {
+    /// See [`Turns::merge`].
+    fn merge(&mut self, lanes: Virtual, from: &Place, others: Option<Held>, to: &Place) -> Held {
+        let new = self.operand(from);
+        let class = self.class_of(from.ty);
+        let merged = match (new, others) {
+            (Held::One(new), Some(Held::One(old))) => Held::One(match class {
+                Class::Vector => self.select(lanes, new, old),
+                Class::Mask => self.select_condition(lanes, new, old),
+            }),
+            (Held::Two(a, b), Some(Held::Two(x, y))) => {
+                let [low, high] = self.wide_lanes(lanes);
+                Held::Two(self.select_wide(low, a, x), self.select_wide(high, b, y))
+            }
+            (Held::One(new), _) if class == Class::Mask => Held::One(self.both(new, new)),
+            (Held::One(new), _) => Held::One(self.copy(new)),
+            (Held::Two(a, b), _) => Held::Two(self.copy(a), self.copy(b)),
+        };
+        for (k, part) in merged.parts().enumerate() {
+            self.infos[part as usize].home = self.home(to, k as i32);
+        }
+        self.end_operation();
+        merged
+    }
+
+    /// See [`Turns::leave`].
+    fn leave(&mut self, lanes: Virtual, from: &Place, row: Row) {
+        let value = self.operand(from);
+        let place = Place { row, ..*from };
+        let (op, lanes) = match (value, self.encoding) {
+            (Held::One(_), _) => (STORE, [lanes; 2]),
+            (Held::Two(..), Encoding::Vex) => (STORE, self.wide_lanes(lanes)),
+            (Held::Two(..), Encoding::Evex) => (STORE_WIDE, self.wide_lanes(lanes)),
+        };
+        for (k, part) in value.parts().enumerate() {
+            let home = self.home(&place, k as i32);
+            let step = self.step(Class::Vector, op, Form::Leave, &[lanes[k], part]);
+            self.infos[step as usize].home = home;
+        }
+        self.operations += 1;
+        self.end_operation();
+    }
+
+    /// The lanes of some whose word, at an offset less 2³¹, is inside.
+    fn inside(&mut self, offset: Virtual, last: Virtual, lanes: Virtual) -> Virtual {
+        match self.encoding {
+            Encoding::Evex => {
+                let inside = self.condition(PCMPD, offset, last, int::LE);
+                self.masks(KAND, &[inside, lanes])
+            }
+            Encoding::Vex => {
+                let outside = self.binary(PCMPGTD, offset, last);
+                self.binary(PANDN, outside, lanes)
+            }
+        }
+    }
+
+    /// Gathers words, or loads them at once where they lie one behind another.
+    fn gather_run(&mut self, offset: Virtual, lanes: Virtual) -> Virtual {
+        let steps = self.constant(Constant::Words(std::array::from_fn(|lane| 4 * lane as u32)));
+        let which = match self.encoding {
+            Encoding::Evex => steps,
+            Encoding::Vex => {
+                let start = self.binary(PSUBD, offset, steps);
+                let first = self.step(Class::Vector, PBROADCASTD, Form::Registers, &[start]);
+                self.commutative(PCMPEQD, start, first)
+            }
+        };
+        let from = [offset, lanes, which];
+        self.step(Class::Vector, PGATHERDD, Form::Gather, &from)
+    }
+
     /// Lanes as masks of lanes of 64 bits: the lower and the upper ones.
     pub(super) fn wide_lanes(&mut self, lanes: Virtual) -> [Virtual; 2] {
         match self.encoding {

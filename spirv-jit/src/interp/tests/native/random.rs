@@ -49,6 +49,10 @@ const FLOAT_TEST: &[&str] = &["fis_nan", "fis_inf"];
 /// The descriptor of the memory that is there to load from.
 const MEMORY: &str = "v0";
 
+/// The types of scalars in private variables of [`VARIABLE_ROWS`] rows each.
+const VARIABLES: [Type; 4] = [I32, F32, I16, I64];
+const VARIABLE_ROWS: usize = 10;
+
 const INPUTS: usize = 7;
 const OUTPUTS: usize = 8;
 
@@ -62,6 +66,8 @@ struct Maker {
     is_plain: bool,
     /// Loops have operations across lanes, and count bits.
     is_across: bool,
+    /// Loops access private memory.
+    is_private: bool,
 }
 
 /// The last operations of a list left out, which have no native code.
@@ -80,6 +86,7 @@ impl Maker {
             reach,
             is_plain: false,
             is_across: false,
+            is_private: false,
         }
     }
 
@@ -329,6 +336,7 @@ impl Maker {
     fn operations(&mut self, most: usize) {
         for _ in 0..self.random.usize(..=most) {
             match self.random.u32(..if self.is_across { 12 } else { 8 }) {
+                1 if self.is_private => self.private(),
                 0 => self.load(),
                 8..11 => self.across(),
                 11 => {
@@ -406,6 +414,41 @@ impl Maker {
         let nothing = self.w.constant(ty, 0);
         let result = self.w.op(ty, "select", &[&is_active, &result, &nothing]);
         self.show(ty, result);
+    }
+
+    /// An access to private memory: to rows that lanes name, mostly such that exist, or to one that
+    /// is fixed. Each variable holds scalars of one type.
+    fn private(&mut self) {
+        let variable = self.random.usize(..VARIABLES.len());
+        let ty = VARIABLES[variable];
+        if self.random.u32(..3) == 0 {
+            let row = self.random.u32(..4) * 2;
+            if self.random.bool() {
+                let value = self.pick(ty);
+                return self.write(&format!("var.store[var{variable}, {row}] {value}\n"));
+            }
+            let (names, text) = self.defined(&[ty]);
+            self.write(&format!("{text} = var.load[var{variable}, {row}]\n"));
+            return self.show(ty, names[0].clone());
+        }
+        let mut row = self.pick(I32);
+        if self.random.u32(..8) != 0 {
+            let some = self.w.constant(I32, 6);
+            row = self.w.op(I32, "and", &[&row, &some]);
+        } else {
+            let past = self.w.constant(I32, 1 << 20);
+            row = self.w.op(I32, "or", &[&row, &past]);
+        }
+        let first = self.w.line(I32, &format!("var.address[var{variable}]"));
+        let row = self.w.op(I32, "iadd", &[&first, &row]);
+        let types = vec![ty; self.random.usize(1..=2)];
+        if self.random.bool() {
+            let values = self.picks(&types);
+            return self.write(&format!("store.private {row}, {values}\n"));
+        }
+        let (names, text) = self.defined(&types);
+        self.write(&format!("{text} = load.private {row}\n"));
+        self.values.extend(types.into_iter().zip(names));
     }
 
     /// Words from memory that lanes mostly hit.
@@ -515,12 +558,18 @@ fn branch(label: u32, operands: &str) -> String {
 }
 
 /// A program with a loop, its text, and which of its outputs are floats.
-fn program_with_loop(seed: u64, is_across: bool) -> (Module, String, Vec<bool>) {
+fn program_with_loop(seed: u64, [is_across, is_private]: [bool; 2]) -> (Module, String, Vec<bool>) {
     let mut m = Maker::new(seed);
     m.is_plain = m.random.u32(..4) != 0;
+    if is_private {
+        for variable in 0..VARIABLES.len() {
+            m.write(&format!("var{variable}: {VARIABLE_ROWS} rows zero\n"));
+        }
+    }
     m.inputs();
     m.operations(6);
     m.is_across = is_across;
+    m.is_private = is_private;
     m.turns();
     m.operations(3);
     let (outputs, floats) = m.outputs();
@@ -603,22 +652,36 @@ fn seeds(cases: u32) -> (u64, u64) {
 const HANDED_ON_FROM_ROWS: [u64; 5] = [12496, 20620, 20960, 40855, 51035];
 
 /// Compares a program with a loop in all tiers; whether the loop is native code in the best one.
-fn agrees_with_loop(seed: u64, is_across: bool) -> u64 {
-    let (module, text, floats) = program_with_loop(seed, is_across);
+fn agrees_with_loop(seed: u64, kinds: [bool; 2]) -> u64 {
+    let (module, text, floats) = program_with_loop(seed, kinds);
     agrees(&module, &floats, seed, &text);
     let program = Program::with_tier(&module, TierKind::best()).unwrap();
     program.native_loops() as u64
 }
 
-/// As [`native_loops_give_what_the_interpreter_gives`], with operations across lanes: on AVX-512
-/// they are native code, too.
+/// As [`native_loops_give_what_the_interpreter_gives`], with operations across lanes.
 #[test]
 fn native_loops_combine_lanes_as_the_interpreter_does() {
     let (first, cases) = seeds(300);
     let native: u64 = (first..first + cases)
-        .map(|seed| agrees_with_loop(seed, true))
+        .map(|seed| agrees_with_loop(seed, [true, false]))
         .sum();
-    if TierKind::best() == TierKind::Avx512 {
+    if lanes::Tier::available().len() > 1 {
+        assert!(
+            native * 5 > cases || cases < 100,
+            "{native} of {cases} loops are native code"
+        );
+    }
+}
+
+/// As [`native_loops_give_what_the_interpreter_gives`], with private memory.
+#[test]
+fn native_loops_access_private_memory_as_the_interpreter_does() {
+    let (first, cases) = seeds(300);
+    let native: u64 = (first..first + cases)
+        .map(|seed| agrees_with_loop(seed, [seed % 4 == 0, true]))
+        .sum();
+    if lanes::Tier::available().len() > 1 {
         assert!(
             native * 5 > cases || cases < 100,
             "{native} of {cases} loops are native code"
@@ -632,7 +695,7 @@ fn native_loops_give_what_the_interpreter_gives() {
     let (first, cases) = seeds(300);
     let mut native = 0;
     for seed in (first..first + cases).chain(HANDED_ON_FROM_ROWS) {
-        native += agrees_with_loop(seed, false);
+        native += agrees_with_loop(seed, [false; 2]);
     }
     if lanes::Tier::available().len() > 1 {
         assert!(

@@ -19,23 +19,44 @@ fn memory_of_loops_is_at_the_pointers_that_code_was_given() {
         let at = |value: u32, ty| place(value, ty, Row::Frame(2 * value as usize));
         let (counter, sum) = (at(0, Type::I32), at(1, Type::I64));
         for copy in 0..turns.copies() {
-            let lanes = turns.begin(copy, &[counter, sum]);
+            let lanes = turns.begin(copy, &[(counter, false), (sum, copy % 2 == 1)]);
             let (less, word, wide) = (at(2, Type::I1), at(3, Type::I32), at(4, Type::I64));
             let bound = at(5, Type::I32);
-            assert!(turns.stretch.perform(&Op::ULt, &[counter, bound], &[less]));
+            let operation = |turns: &mut Turns, op: Op, from: &[Place], to: Place| {
+                let written = turns.perform(&[to.value], false, |stretch| {
+                    stretch.perform(&op, from, &[to]) && {
+                        stretch.end_operation();
+                        true
+                    }
+                });
+                written.unwrap();
+            };
+            operation(&mut turns, Op::ULt, &[counter, bound], less);
             let [stay, go] = turns.split(lanes, &less).unwrap();
             turns.leave(go, &sum, Row::Frame(20));
             let place = (&counter, true);
             turns.load(stay, 3, place, &[Some(word)]).unwrap();
-            assert!(turns.stretch.perform(&Op::UConvert, &[word], &[wide]));
-            turns.stretch.end_operation();
+            turns
+                .load_at_one_place(2, &bound, &[Some(at(6, Type::I32))])
+                .unwrap();
+            operation(&mut turns, Op::UConvert, &[word], wide);
             let ends = [turns.only(&word), turns.only(&wide)];
             turns.end(stay, &ends);
         }
         let copies = turns.copies();
         let all = function(&turns.assemble(1).unwrap());
         let end = all.iter().position(|(_, text)| text == "ret").unwrap();
-        let pointers = [R::RDI, R::RSI, R::R8, R::R9, R::RAX, R::R10, R::R14];
+        let pointers = [
+            R::RDI,
+            R::RSI,
+            R::R8,
+            R::R9,
+            R::RAX,
+            R::R10,
+            R::R13,
+            R::R14,
+            R::RBP,
+        ];
         let frames = [
             "lea r8,[rdi+rcx]",
             "lea r9,[rdi+rcx*2]",
@@ -54,12 +75,15 @@ fn memory_of_loops_is_at_the_pointers_that_code_was_given() {
         let expected = (frames[..subgroups - 1].iter()).chain([&next[subgroups.ilog2() as usize]]);
         assert_eq!(frames_written, expected.copied().collect::<Vec<_>>());
         let mut gathers = 0;
-        for (instruction, text) in &all[..end] {
+        // The first and the last instructions are of the stack.
+        for (instruction, text) in &all[7..end] {
             let is_gather = text.starts_with("vpgatherdd");
             gathers += is_gather as usize;
             let has_memory =
                 (0..instruction.op_count()).any(|k| instruction.op_kind(k) == OpKind::Memory);
-            if has_memory && !is_frame(text) {
+            // The address of a lane of a row.
+            let is_lane = text.starts_with("lea rbx,[") && text.contains("+rbx*");
+            if has_memory && !is_frame(text) && !is_lane {
                 let base = instruction.memory_base();
                 assert!(
                     pointers.contains(&base) && instruction.memory_index() == R::None
@@ -69,13 +93,21 @@ fn memory_of_loops_is_at_the_pointers_that_code_was_given() {
                 );
             }
         }
-        assert_eq!(gathers, copies);
+        let halves = 1 + (encoding == Encoding::Vex && is_paired) as usize;
+        assert_eq!(gathers, copies * halves);
         let text = |k: usize| &all[k].1[..];
-        let saved = ["push rbx", "push r14"];
-        assert_eq!([text(0), text(1)], saved);
-        assert_eq!([text(end - 3), text(end - 2)], ["pop r14", "pop rbx"]);
+        let saved = ["push rbx", "push rbp", "push r13", "push r14"];
+        assert_eq!([text(0), text(1), text(2), text(3)], saved);
+        let (begins, stack) = text(4).split_once(',').unwrap();
+        assert_eq!(begins, "sub rsp");
+        let aligned = ["lea rbp,[rsp+3Fh]", "and rbp,0FFFFFFFFFFFFFFC0h"];
+        assert_eq!([text(5), text(6)], aligned);
+        assert_eq!(text(end - 6), format!("add rsp,{stack}"));
+        let restored = ["pop r14", "pop r13", "pop rbp", "pop rbx"];
+        let last: Vec<&str> = (end - 5..end - 1).map(text).collect();
+        assert_eq!(last, restored);
         let is_of_stack = |(_, text): &(_, String)| text.contains("rsp") || text.contains("push");
-        assert!(!all[2..end].iter().any(is_of_stack));
+        assert!(!all[7..end - 6].iter().any(is_of_stack));
     }
 }
 
@@ -107,6 +139,41 @@ fn gathers_are_decoded_as_they_were_encoded() {
             let given = ["dword ", "yword ", "zword "].iter();
             let given = given.fold(all[0].1.clone(), |text, size| text.replace(size, ""));
             assert_eq!(given, format!("vpgatherdd {text}"));
+        }
+    }
+}
+
+/// Words between general registers and vectors, addresses of lanes, and masked loads.
+#[test]
+fn words_of_lanes_are_decoded_as_they_were_encoded() {
+    for encoding in BOTH {
+        for &reg in registers(encoding) {
+            let mut a = Assembler::new(encoding);
+            first_word(&mut a, reg);
+            let mut expected = vec![format!("vmovd ebx,xmm{reg}")];
+            if encoding == Encoding::Vex {
+                broadcast_word(&mut a, reg);
+                expected.push(format!("vmovd xmm{reg},ebx"));
+                expected.push(format!("vpbroadcastd ymm{reg},xmm{reg}"));
+                let last = Operand::Memory(Memory::At(Base::Word, -28));
+                a.vector(MASKMOVPS, (reg, 9, last), 0, None);
+                expected.push(format!("vmaskmovps ymm{reg},ymm9,yword [rbx-1Ch]"));
+            }
+            let all = decoded(&a.bytes);
+            let text: Vec<String> = all.into_iter().map(|(_, text)| text).collect();
+            assert_eq!(text, expected);
+        }
+        for base in [Base::Frame, Base::Half, Base::WideHalf, Base::FourthFrame] {
+            for is_wide in [false, true] {
+                let mut a = Assembler::new(encoding);
+                a.lane_address(base, 0x1240, is_wide);
+                let name = memory_text(base, 0).replace(['[', ']'], "");
+                let bytes = 4 << is_wide as u32;
+                let expected = format!("lea rbx,[{name}+rbx*{bytes}+1240h]");
+                let all = decoded(&a.bytes);
+                let text: Vec<String> = all.into_iter().map(|(_, text)| text).collect();
+                assert_eq!(text, [expected]);
+            }
         }
     }
 }
