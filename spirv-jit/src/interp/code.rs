@@ -132,8 +132,8 @@ pub(super) struct LoopPlan {
     pub single: usize,
     /// Memory that it loads from: descriptors that are uniform.
     pub regions: Vec<Operand>,
-    /// Code accesses private memory.
-    pub is_private: bool,
+    /// Code accesses memory of a subgroup's own.
+    pub takes_own: bool,
 }
 
 /// Where a wave goes on after a call.

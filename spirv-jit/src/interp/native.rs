@@ -6,7 +6,7 @@ use lanes::LaneMask;
 
 use super::control::mask;
 use super::machine::{Instr, Machine, NO_LANES, occupied};
-use crate::native::{Code, LoopCode, LoopContext, Region, STAYING};
+use crate::native::{Code, LoopCode, LoopContext, Own, Region, STAYING, WORKGROUP, ZEROS};
 
 /// Where a stretch's code is, in an instruction's two words.
 pub(super) fn words(address: u64) -> (u32, u32) {
@@ -50,23 +50,33 @@ pub(super) unsafe fn run_loop(m: &mut Machine<'_>, i: &Instr) {
     // Only the regions that there are are written.
     let mut context = MaybeUninit::<LoopContext>::uninit();
     let context = context.as_mut_ptr();
-    let mut private = [std::ptr::null_mut::<u8>(); NO_LANES.len()];
+    const NONE: Own = Own {
+        private: std::ptr::null_mut(),
+        workgroup: std::ptr::null(),
+    };
+    let mut own = [NONE; NO_LANES.len()];
     // SAFETY: as the caller promises; subgroups are the wave's, whose frames follow one another.
     // Descriptors are uniform: the same in every lane. A plan has at most `MAX_REGIONS` regions.
     unsafe {
         (*context).fuel = fuel;
         (*context).private_rows = m.plan.private_rows as u32;
-        if plan.is_private {
-            for &subgroup in m.listed() {
-                let s = subgroup as usize;
-                private[s] = m.state_row(s, m.plan.private).cast();
-            }
-        }
+        (*context).zeros = &raw const ZEROS;
         let regions = (&raw mut (*context).regions).cast::<Region>();
         for (k, &operand) in plan.regions.iter().enumerate() {
             let descriptor = m.environment.descriptor(m.lane(operand, 0, 0, true));
             let base = descriptor.address as *const u8;
             (regions.add(k)).write(Region::new(base, descriptor.size_bytes));
+        }
+        if plan.takes_own {
+            for &subgroup in m.listed() {
+                let (base, size_bytes) = m.workgroup_memory(subgroup);
+                let region = Region::new(base, size_bytes);
+                (regions.add(WORKGROUP)).write(region);
+                own[subgroup as usize] = Own {
+                    private: m.state_row(subgroup as usize, m.plan.private).cast(),
+                    workgroup: region.base(),
+                };
+            }
         }
         let together = std::mem::transmute::<usize, LoopCode>(address(i));
         let single = std::mem::transmute::<usize, LoopCode>(address(i) + plan.single);
@@ -77,7 +87,7 @@ pub(super) unsafe fn run_loop(m: &mut Machine<'_>, i: &Instr) {
             rest = &rest[count..];
             let frame = m.vectors.add(subgroup as usize * m.frame_bytes);
             let lanes = lanes.as_mut_ptr().cast::<LaneMask>().add(subgroup as usize);
-            (*context).private = private.as_ptr().add(subgroup as usize);
+            (*context).own = own.as_ptr().add(subgroup as usize);
             let all = count / plan.together;
             let done = all * plan.together;
             if all != 0 {

@@ -63,9 +63,13 @@ pub(super) enum Form {
     /// that lie one behind another are loaded at once: with AVX-512 the distances of such words,
     /// with AVX2 the lanes whose words lie so behind the first lane's.
     Gather,
-    /// In all lanes the word so many bytes behind the place that the operand's first lane says;
-    /// zero if that is outside. The immediate is the region's number.
-    LoadOne(u32),
+    /// In all lanes the first of words that lie from `first` to `last` bytes behind the place that
+    /// the operand's first lane says; zero if that is outside. The immediate is the region's
+    /// number.
+    LoadOne { first: u32, last: u32 },
+    /// In all lanes the word so many bytes before the last of those words. Directly behind such a
+    /// step.
+    LoadNext(u32),
     /// `reg = op(vvvv, rm)` of the second and the third operand in lanes of the first, zeros
     /// elsewhere. AVX-512 only.
     Zeroing,
@@ -77,8 +81,7 @@ pub(super) enum Form {
     OfBits,
     /// In each lane the number of the first lane of two halves' conditions. AVX2 only.
     OfFirst,
-    /// Loads a private row, of this number or that of the operand's first lane. The immediate is
-    /// the subgroup's number among those that take a loop together, as in the next three.
+    /// Loads a private row, of this number or that of the operand's first lane.
     LoadRow(Option<u32>),
     /// Stores the second operand, in lanes of the first, to such a row; the third operand has its
     /// number. The result's register is scratch.
@@ -123,6 +126,8 @@ pub(super) struct Step {
     /// The last of its operation: results that are kept are stored behind it, and no sooner, since
     /// their rows may be operands'.
     pub ends: bool,
+    /// The subgroup's number among those that take a loop together.
+    pub subgroup: u8,
     /// The half of the subgroup that it computes, where code takes both; `None`: both at once.
     pub half: Option<i32>,
 }
@@ -360,7 +365,10 @@ impl<'a> Allocation<'a> {
                 let steps = (step.count == 3).then(|| register(c));
                 self.gather(step, to, [register(a), register(b)], steps);
             }
-            Form::LoadOne(behind) => self.load_one(step, to, register(a), behind),
+            Form::LoadOne { first, last } => {
+                return self.load_one(step, to, register(a), [first, last]);
+            }
+            Form::LoadNext(before) => self.load_next(to, before),
             Form::LoadRow(row) => self.load_row(step, to, row, register(a)),
             Form::StoreRow(row) => self.store_row(step, (to, row), operands.map(register)),
             Form::GatherRows => self.gather_rows(step, to, [a, b].map(register)),

@@ -45,7 +45,7 @@ pub(super) enum Base {
     Word = 3,
     /// `rbp`: the stack's part for values of a loop that leave their registers and have no row.
     Stack = 5,
-    /// `r13`: a subgroup's first private row, within a step of a loop.
+    /// `r13`: where a step of a loop finds memory, such as a subgroup's first private row.
     Private = 13,
     /// `r14`: what a loop is given besides, [`LoopContext`](crate::native::LoopContext).
     Context = 14,
@@ -119,6 +119,7 @@ pub(super) const ZERO: u8 = 4;
 pub(super) const NOT_ZERO: u8 = 5;
 pub(super) const NOT_NEGATIVE: u8 = 9;
 pub(super) const NOT_CARRY: u8 = 3;
+pub(super) const GREATER: u8 = 15;
 
 /// Code that is being written.
 pub(super) struct Assembler {

@@ -62,52 +62,64 @@ pub(crate) struct Region {
     last: [i32; SUBGROUP_SIZE],
     /// The address of the offset 2³¹, whether that is inside or not.
     base: *const u8,
-    /// How far a word of zeros is behind that.
-    zero: isize,
 }
 
 impl Region {
-    fn at(last: i32, start: *const u8) -> Region {
-        let base = start.wrapping_add(1 << 31);
-        let zero = (&raw const ZEROS).addr().wrapping_sub(base.addr());
+    /// Of so many bytes, of which words are loaded that are inside as a whole.
+    pub fn new(base: *const u8, size_bytes: u64) -> Region {
+        let (last, base) = match size_bytes.min(1 << 32).checked_sub(4) {
+            Some(last) => ((last as u32 ^ 1 << 31) as i32, base),
+            None => (i32::MIN, (&raw const ZEROS).cast()),
+        };
         Region {
             last: [last; SUBGROUP_SIZE],
-            base,
-            zero: zero.cast_signed(),
+            base: base.wrapping_add(1 << 31),
         }
     }
 
-    /// Of so many bytes, of which words are loaded that are inside as a whole.
-    pub fn new(base: *const u8, size_bytes: u64) -> Region {
-        match size_bytes.min(1 << 32).checked_sub(4) {
-            Some(last) => Region::at((last as u32 ^ 1 << 31) as i32, base),
-            None => Region::at(i32::MIN, (&raw const ZEROS).cast()),
-        }
+    /// The address of the offset 2³¹.
+    pub fn base(&self) -> *const u8 {
+        self.base
     }
 }
 
-/// A loop loads from so many regions, at most.
+/// A loop loads from so many buffers, at most.
 pub(crate) const MAX_REGIONS: usize = 8;
+
+/// The number of workgroup memory among regions. Each subgroup has a base of its own.
+pub(crate) const WORKGROUP: usize = MAX_REGIONS;
+
+/// Memory of a subgroup's own that a loop accesses: by subgroup, of those that code comes to next.
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub(crate) struct Own {
+    /// The first private row.
+    pub private: *mut u8,
+    /// Workgroup memory, as [`Region`] has bases.
+    pub workgroup: *const u8,
+}
 
 /// Fuel and memory of a loop.
 #[repr(C, align(64))]
 pub(crate) struct LoopContext {
     /// Fuel; below zero where it is out.
     pub fuel: i64,
-    /// The first private row of each subgroup, of those that code comes to next.
-    pub private: *const *mut u8,
+    pub own: *const Own,
     /// How many private rows there are.
     pub private_rows: u32,
-    pub regions: [Region; MAX_REGIONS],
+    /// Where loads of one word read that are not inside.
+    pub zeros: *const u32,
+    pub regions: [Region; MAX_REGIONS + 1],
 }
 
 /// The word of regions that have none.
-static ZEROS: u32 = 0;
+pub(crate) static ZEROS: u32 = 0;
 
 impl LoopContext {
     /// How far behind the context's start fields are.
-    const PRIVATE: i32 = std::mem::offset_of!(LoopContext, private) as i32;
+    const OWN: i32 = std::mem::offset_of!(LoopContext, own) as i32;
     const PRIVATE_ROWS: i32 = std::mem::offset_of!(LoopContext, private_rows) as i32;
+    const ZEROS: i32 = std::mem::offset_of!(LoopContext, zeros) as i32;
 
     /// How far behind the context's start the last offsets of a region are.
     const fn last(region: usize) -> i32 {
@@ -117,11 +129,6 @@ impl LoopContext {
     /// The same of its base.
     const fn base(region: usize) -> i32 {
         Self::last(region) + std::mem::offset_of!(Region, base) as i32
-    }
-
-    /// The same of the distance to a word of zeros.
-    const fn zero(region: usize) -> i32 {
-        Self::last(region) + std::mem::offset_of!(Region, zero) as i32
     }
 }
 

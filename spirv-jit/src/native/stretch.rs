@@ -316,6 +316,7 @@ impl Stretch {
             count: from.len(),
             immediate: None,
             ends: false,
+            subgroup: self.subgroup as u8,
             half: self.half,
         });
         to

@@ -78,7 +78,9 @@ fn turn(
 /// Whether an operation gives all lanes the same if its operands are the same.
 fn keeps_alike(inst: &Inst) -> bool {
     match inst.op {
-        Op::Load(access) => access.space == Space::Buffer && !access.volatile,
+        Op::Load(access) => {
+            matches!(access.space, Space::Buffer | Space::Shared) && !access.volatile
+        }
         _ => inst.op.is_pure(),
     }
 }

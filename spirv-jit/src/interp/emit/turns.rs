@@ -14,7 +14,7 @@ use crate::ir::op::{Access, SubgroupOp};
 use crate::ir::stage::Stage;
 use crate::ir::{Body, Inst, Label, Node, Op, Space, Step, Terminator, Type, Value, VariableId};
 use crate::native::{
-    Encoding, Lanes, ListedTurns, MAX_REGIONS, Merged, Place, PrivateRow, Row, Turns,
+    Encoding, Lanes, ListedTurns, MAX_REGIONS, Merged, Place, PrivateRow, Row, Turns, WORKGROUP,
 };
 use crate::plan::takes_helpers;
 
@@ -33,6 +33,10 @@ const MOST_OPERATIONS: usize = 256;
 /// another. With fewer, the interpreter is faster: its operations of several subgroups overlap.
 const LEAST_BRANCHES: usize = 3;
 
+/// Operations of a turn, at least, with which such a loop is native code with fewer branches, too:
+/// so many do not wait for each other.
+const LEAST_ALONE: usize = 32;
+
 /// Operations of a turn, at least, for each load from a place that another load decides: gathers of
 /// words that lie apart are slower than the interpreter's loads.
 const OPERATIONS_OF_LOAD: usize = 16;
@@ -46,7 +50,7 @@ struct Written {
     /// As [`LoopPlan`] has them.
     left_to: u32,
     regions: Vec<Operand>,
-    is_private: bool,
+    takes_own: bool,
 }
 
 /// A construct inside the loop.
@@ -150,7 +154,9 @@ impl<'m> Emitter<'m> {
         };
         let together = (self.most_together(&single).iter())
             .find_map(|&count| Some((count, self.assemble_turns(node, count)?)));
-        let is_slow = together.is_none() && single.branches < LEAST_BRANCHES;
+        let is_slow = together.is_none()
+            && single.branches < LEAST_BRANCHES
+            && single.operations < LEAST_ALONE;
         if is_slow || single.operations < OPERATIONS_OF_LOAD * indirect_loads(node) {
             return false;
         }
@@ -173,7 +179,7 @@ impl<'m> Emitter<'m> {
             together,
             single: turns.single,
             regions: single.regions,
-            is_private: single.is_private,
+            takes_own: single.takes_own,
         });
         code.extend(single.code);
         self.push_native(&code, single.operations.max(1), Some(turns), run);
@@ -201,7 +207,7 @@ impl<'m> Emitter<'m> {
             ..
         } = self.turns(node, subgroups)?;
         let copies = turns.copies();
-        let is_private = turns.is_private();
+        let takes_own = turns.takes_own();
         let operations = turns.operations() / copies;
         Some(Written {
             code: turns.assemble(Self::fuel_of(operations))?,
@@ -209,7 +215,7 @@ impl<'m> Emitter<'m> {
             branches: branches / copies,
             left_to: left_to?,
             regions,
-            is_private,
+            takes_own,
         })
     }
 
@@ -412,21 +418,12 @@ impl<'m> Emitter<'m> {
         if let (Space::Private, &[row]) = (access.space, &inst.args[..]) {
             return self.load_private(self.private_row(row, ways), inst, ways);
         }
-        let region = match (access.space, &inst.args[..]) {
-            (Space::Buffer, [descriptor, _]) if !access.volatile => self.operand(*descriptor),
+        let number = match (access.space, &inst.args[..]) {
+            _ if access.volatile => return None,
+            (Space::Buffer, [descriptor, _]) => self.region(*descriptor, ways)?,
+            (Space::Shared, [_]) => WORKGROUP,
             _ => return None,
         };
-        if !region.is_uniform() {
-            return None;
-        }
-        let known = ways.regions.iter().position(|&other| other == region);
-        let number = known.unwrap_or(ways.regions.len());
-        if number == MAX_REGIONS {
-            return None;
-        }
-        if known.is_none() {
-            ways.regions.push(region);
-        }
         let offset = self.place(*inst.args.last()?);
         let results = self.results(inst);
         let is_word = |place: &Place| place.ty.rows() == 1 && place.ty.size_bytes() == 4;
@@ -440,6 +437,23 @@ impl<'m> Emitter<'m> {
                 (ways.turns).load(ways.lanes?, number, (&offset, is_run), &results)
             }
         }
+    }
+
+    /// The number of a buffer among a loop's regions.
+    fn region(&self, descriptor: Value, ways: &mut Ways<'m>) -> Option<usize> {
+        let region = self.operand(descriptor);
+        if !region.is_uniform() {
+            return None;
+        }
+        let known = ways.regions.iter().position(|&other| other == region);
+        let number = known.unwrap_or(ways.regions.len());
+        if number == MAX_REGIONS {
+            return None;
+        }
+        if known.is_none() {
+            ways.regions.push(region);
+        }
+        Some(number)
     }
 
     /// Whether lanes with neighbouring numbers have offsets of neighbouring words.

@@ -95,6 +95,9 @@ fn run(program: Program, seed: u64, subgroups: usize) -> Outputs {
     let subgroups = subgroups.min(program.max_wave_subgroups());
     let mut bench = Bench::of(program, subgroups);
     bench.environment.push_constants = memory();
+    for (k, word) in bench.shared.iter_mut().enumerate() {
+        *word = (k as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    }
     for row in 0..bench.program.inputs().len() {
         bench.input(row, |lane| word(seed, row, lane));
     }

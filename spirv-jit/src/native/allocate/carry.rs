@@ -1,11 +1,12 @@
 //! Registers of a loop: what one turn hands to the next stays in registers as far as those suffice,
 //! and in its row of the frame where they do not.
 
+use super::private::own;
 use super::words::{broadcast_word, first_word};
 use super::*;
-use crate::native::LoopContext;
-use crate::native::encode::{NOT_CARRY, NOT_ZERO, OVERFLOW, SCRATCH_WORD, ZERO};
+use crate::native::encode::{GREATER, NOT_CARRY, NOT_ZERO, OVERFLOW, SCRATCH_WORD, ZERO};
 use crate::native::opcodes::*;
+use crate::native::{LoopContext, Own, WORKGROUP};
 
 /// A value that a turn takes from the turn before.
 pub(in crate::native) struct Carried {
@@ -244,6 +245,40 @@ fn first_of_run(
     apart
 }
 
+/// `r13` = the address of the offset 2³¹ of a step's region.
+fn region_base(a: &mut Assembler, step: &Step) {
+    let region: usize = step.immediate.unwrap_or(0).into();
+    if region == WORKGROUP {
+        return own(a, step.subgroup, std::mem::offset_of!(Own, workgroup));
+    }
+    // mov r13, [r14 + region]
+    a.bytes.extend([0x4d, 0x8b, 0xae]);
+    a.bytes.extend(LoopContext::base(region).to_le_bytes());
+}
+
+/// Compares `ebx` with the last offset of a step's region.
+fn compare_last(a: &mut Assembler, step: &Step) {
+    let region = step.immediate.unwrap_or(0).into();
+    // cmp ebx, [r14 + last]
+    a.bytes.extend([0x41, 0x3b, 0x9e]);
+    a.bytes.extend(LoopContext::last(region).to_le_bytes());
+}
+
+/// `rbx` = the address of the word so many bytes behind the place that a vector's first lane says,
+/// of the region whose base `r13` is; that of zeros if it is outside.
+fn word_address(a: &mut Assembler, step: &Step, place: Register, behind: u32) {
+    first_word(a, place);
+    // Signed numbers in the order of unsigned ones: add ebx, 2^31 + behind
+    a.bytes.extend([0x81, 0xc3]);
+    a.bytes.extend((1 << 31 | behind).to_le_bytes());
+    compare_last(a, step);
+    // movsxd rbx, ebx; lea rbx, [r13 + rbx]; cmovg rbx, [r14 + zeros]
+    a.bytes.extend([0x48, 0x63, 0xdb]);
+    a.bytes.extend([0x49, 0x8d, 0x5c, 0x1d, 0]);
+    a.bytes.extend([0x49, 0x0f, 0x4f, 0x9e]);
+    a.bytes.extend(LoopContext::ZEROS.to_le_bytes());
+}
+
 /// A general register = a bit for each lane of a condition.
 fn bits_of(a: &mut Assembler, to: Register, lanes: Register) {
     let lanes = Operand::Register(lanes);
@@ -276,6 +311,10 @@ impl Allocation<'_> {
                 return Err(TooManyLive);
             }
             let home = self.values[value.before as usize].home.ok_or(TooManyLive)?;
+            let after = &self.values[value.after as usize];
+            if after.is_home && after.home == Some(home) {
+                continue;
+            }
             self.bring(value.after, &[value.after])?;
             let info = &mut self.values[value.after as usize];
             let (own, was_home) = (info.home.replace(home), info.is_home);
@@ -411,12 +450,11 @@ impl Allocation<'_> {
         steps: Option<Register>,
     ) {
         let a = &mut *self.assembler;
-        let region = step.immediate.unwrap_or(0).into();
         let done = steps.map(|steps| {
             let [apart, over] = find_run(a, to, [index, lanes], steps);
-            // add rbx, [r14 + region]
-            a.bytes.extend([0x49, 0x03, 0x9e]);
-            a.bytes.extend(LoopContext::base(region).to_le_bytes());
+            region_base(a, step);
+            // add rbx, r13
+            a.bytes.extend([0x4c, 0x01, 0xeb]);
             let first = Memory::At(Base::Word, -last_of_run(a.encoding));
             let first = Operand::Memory(first);
             match a.encoding {
@@ -428,9 +466,9 @@ impl Allocation<'_> {
             a.land(over);
             done
         });
-        // mov rbx, [r14 + region]
-        a.bytes.extend([0x49, 0x8b, 0x9e]);
-        a.bytes.extend(LoopContext::base(region).to_le_bytes());
+        region_base(a, step);
+        // mov rbx, r13
+        a.bytes.extend([0x4c, 0x89, 0xeb]);
         a.vector(PXOR, (to, to, Operand::Register(to)), 0, None);
         a.gather(step.op, to, index, lanes);
         if let Some(done) = done {
@@ -438,23 +476,60 @@ impl Allocation<'_> {
         }
     }
 
-    /// Loads one word for all lanes.
-    pub(super) fn load_one(&mut self, step: &Step, to: Register, place: Register, behind: u32) {
+    /// Loads one word for all lanes. `rbx` stays the address of the last of the words.
+    pub(super) fn load_one(
+        &mut self,
+        step: &Step,
+        to: Register,
+        place: Register,
+        [first, last]: [u32; 2],
+    ) -> Result<(), TooManyLive> {
+        if first == last {
+            let a = &mut *self.assembler;
+            region_base(a, step);
+            word_address(a, step, place, first);
+            self.load_next(to, 0);
+            return Ok(());
+        }
+        let [aside, _] = self.aside()?;
         let a = &mut *self.assembler;
-        let region = step.immediate.unwrap_or(0).into();
+        region_base(a, step);
+        // Signed numbers in the order of unsigned ones: add ebx, 2^31 + first
         first_word(a, place);
-        // Signed numbers in the order of unsigned ones: add ebx, 2^31 + behind
         a.bytes.extend([0x81, 0xc3]);
-        a.bytes.extend((1 << 31 | behind).to_le_bytes());
-        // cmp ebx, [r14 + last]; movsxd rbx, ebx; cmovg rbx, [r14 + zero]; add rbx, [r14 + base]
-        a.bytes.extend([0x41, 0x3b, 0x9e]);
-        a.bytes.extend(LoopContext::last(region).to_le_bytes());
-        a.bytes.extend([0x48, 0x63, 0xdb, 0x49, 0x0f, 0x4f, 0x9e]);
-        a.bytes.extend(LoopContext::zero(region).to_le_bytes());
-        a.bytes.extend([0x49, 0x03, 0x9e]);
-        a.bytes.extend(LoopContext::base(region).to_le_bytes());
-        let word = Operand::Memory(Memory::At(Base::Word, 0));
-        a.vector(step.op, (to, 0, word), 0, None);
+        a.bytes.extend((1 << 31 | first).to_le_bytes());
+        // add ebx, distance to the last word
+        a.bytes.extend([0x81, 0xc3]);
+        a.bytes.extend((last - first).to_le_bytes());
+        let over = a.jump_ahead(OVERFLOW);
+        compare_last(a, step);
+        let outside = a.jump_ahead(GREATER);
+        // movsxd rbx, ebx; add rbx, r13
+        a.bytes.extend([0x48, 0x63, 0xdb, 0x4c, 0x01, 0xeb]);
+        let done = a.jump();
+        a.land(over);
+        a.land(outside);
+        for word in (first..=last).step_by(4) {
+            word_address(a, step, place, word);
+            // mov ebx, [rbx]; mov [rbp + aside], ebx
+            a.bytes.extend([0x8b, 0x1b, 0x89, 0x9d]);
+            a.bytes
+                .extend((aside + (word - first) as i32).to_le_bytes());
+        }
+        // lea rbx, [rbp + the last word]
+        a.bytes.extend([0x48, 0x8d, 0x9d]);
+        a.bytes
+            .extend((aside + (last - first) as i32).to_le_bytes());
+        a.land(done);
+        self.load_next(to, last - first);
+        Ok(())
+    }
+
+    /// Loads a word so many bytes before `rbx` for all lanes.
+    pub(super) fn load_next(&mut self, to: Register, before: u32) {
+        let word = Memory::At(Base::Word, -(before as i32));
+        let word = Operand::Memory(word);
+        self.assembler.vector(PBROADCASTD, (to, 0, word), 0, None);
     }
 
     /// Writes a value in some lanes to memory, for code behind the loop.

@@ -2,9 +2,9 @@
 
 use super::words::first_word;
 use super::*;
-use crate::native::LoopContext;
 use crate::native::encode::{NOT_CARRY, NOT_ZERO};
 use crate::native::opcodes::*;
+use crate::native::{LoopContext, Own};
 
 /// Bytes of a register with [`Encoding::Vex`].
 const HALF_BYTES: i32 = 32;
@@ -12,12 +12,11 @@ const HALF_BYTES: i32 = 32;
 impl Allocation<'_> {
     /// `r13` = the first private row of the step's subgroup.
     fn private(&mut self, step: &Step) {
-        let a = &mut *self.assembler;
-        // mov r13, [r14 + private]; mov r13, [r13 + 8 * subgroup]
-        a.bytes.extend([0x4d, 0x8b, 0xae]);
-        a.bytes.extend(LoopContext::PRIVATE.to_le_bytes());
-        let subgroup = step.immediate.unwrap_or(0);
-        a.bytes.extend([0x4d, 0x8b, 0x6d, 8 * subgroup]);
+        own(
+            self.assembler,
+            step.subgroup,
+            std::mem::offset_of!(Own, private),
+        );
     }
 
     /// The row of a step in memory, and where code jumps from if there is none. `fixed`: its
@@ -133,7 +132,7 @@ impl Allocation<'_> {
     }
 
     /// Two registers' worth of the stack, for no longer than a step.
-    fn aside(&mut self) -> Result<[i32; 2], TooManyLive> {
+    pub(super) fn aside(&mut self) -> Result<[i32; 2], TooManyLive> {
         let first = *self.aside.get_or_insert_with(|| {
             let first = self.stack_bytes;
             self.stack_bytes += 2 * HALF_BYTES;
@@ -144,6 +143,15 @@ impl Allocation<'_> {
             false => Err(TooManyLive),
         }
     }
+}
+
+/// `r13` = a field of memory of a subgroup's own.
+pub(super) fn own(a: &mut Assembler, subgroup: u8, field: usize) {
+    // mov r13, [r14 + own]; mov r13, [r13 + the subgroup's + field]
+    a.bytes.extend([0x4d, 0x8b, 0xae]);
+    a.bytes.extend(LoopContext::OWN.to_le_bytes());
+    let at = subgroup as usize * size_of::<Own>() + field;
+    a.bytes.extend([0x4d, 0x8b, 0x6d, at as u8]);
 }
 
 /// Stores a word at a place behind `r13`; both lie on the stack.

@@ -2,8 +2,8 @@
 //! in one register with AVX-512, in two with AVX2. What each must give,
 //! [`eval::subgroup`](crate::eval::subgroup) says.
 //!
-//! Lanes that take part are those that have come to the operation. Sums and products of floats have
-//! no code: their lanes combine one after another.
+//! Lanes that take part are those that have come to the operation. Sums and products of floats
+//! combine lanes one after another; scans of floats have no code.
 
 use smallvec::SmallVec;
 
@@ -48,6 +48,8 @@ fn combination(op: ReduceOp, ty: Type) -> Option<(Op, u64)> {
         ReduceOp::And if !is_float => (Op::And, ones),
         ReduceOp::Or if !is_float => (Op::Or, 0),
         ReduceOp::Xor if !is_float => (Op::Xor, 0),
+        ReduceOp::FAdd if ty == Type::F32 => (Op::FAdd, (-0f32).to_bits().into()),
+        ReduceOp::FMul if ty == Type::F32 => (Op::FMul, 1f32.to_bits().into()),
         // Any number is chosen before a NaN.
         ReduceOp::FMin if ty == Type::F32 => (Op::FMin, f32::NAN.to_bits().into()),
         ReduceOp::FMax if ty == Type::F32 => (Op::FMax, f32::NAN.to_bits().into()),
@@ -514,6 +516,9 @@ impl Stretch {
             _ => self.words(neutral as u32),
         };
         let mut all = self.with_neutral(lanes, neutral, is_wide, a);
+        if let Op::FAdd | Op::FMul = op {
+            return self.reduce_in_order(&op, ty, cluster, &all);
+        }
         let in_register = self.encoding.vector_bytes() as usize / if is_wide { 8 } else { 4 };
         let mut step = cluster / 2;
         while step >= in_register {
@@ -542,6 +547,31 @@ impl Stretch {
             step /= 2;
         }
         Some(all)
+    }
+
+    /// Combines the lanes of each cluster one after another, as rounding asks.
+    fn reduce_in_order(
+        &mut self,
+        op: &Op,
+        ty: Type,
+        cluster: usize,
+        all: &[Virtual],
+    ) -> Option<Registers> {
+        let lane = |number| std::array::from_fn(|lane| (lane / cluster * cluster + number) as u32);
+        let mut reduced = self.permute_known(all, lane(0));
+        for number in 1..cluster {
+            let next = self.permute_known(all, lane(number));
+            let is_same = reduced.first() == reduced.last() && next.first() == next.last();
+            let first = self.combine(op, ty, reduced[0], next[0])?;
+            for k in 1..reduced.len() {
+                reduced[k] = match is_same {
+                    true => first,
+                    false => self.combine(op, ty, reduced[k], next[k])?,
+                };
+            }
+            reduced[0] = first;
+        }
+        Some(reduced)
     }
 
     /// Changes places of groups of so many bytes within a register.

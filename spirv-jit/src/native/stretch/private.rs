@@ -22,8 +22,8 @@ pub(crate) enum PrivateRow {
 }
 
 impl Turns {
-    /// Loads words of rows that follow one another, of which there are so many in all. Words of rows
-    /// past the last are zero.
+    /// Loads words of rows that follow one another, of which there are so many in all. Words of
+    /// rows past the last are zero.
     pub fn load_private(
         &mut self,
         lanes: Lanes,
@@ -129,10 +129,7 @@ impl Stretch {
             (Form::GatherRows, _) => PGATHERDD,
             _ => PSCATTERDD,
         };
-        let to = self.step(Class::Vector, op, form, from);
-        let subgroup = self.subgroup as u8;
-        self.steps.last_mut().expect("pushed").immediate = Some(subgroup);
-        to
+        self.step(Class::Vector, op, form, from)
     }
 }
 
@@ -140,7 +137,7 @@ impl Turns {
     /// Notes that rows are accessed; `None` where halves take turns of their own, which have no
     /// number.
     fn takes_private(&mut self) -> Option<()> {
-        self.is_private = true;
+        self.takes_own = true;
         let is_apart = self.stretch.encoding == Encoding::Vex && self.sides() == 1;
         (!is_apart).then_some(())
     }

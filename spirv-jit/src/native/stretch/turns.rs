@@ -15,7 +15,7 @@ use crate::native::encode::{
     Assembler, Base, Constant, Encoding, Memory, NOT_NEGATIVE, NOT_ZERO, Operand, ZERO,
 };
 use crate::native::opcodes::*;
-use crate::native::{LoopContext, STAYING};
+use crate::native::{LoopContext, Own, STAYING, WORKGROUP};
 
 /// Lanes on one of the ways through a turn: a condition for each half of the subgroup, or twice the
 /// same where code takes one register of lanes at a time.
@@ -37,6 +37,9 @@ struct Entered {
 /// the stack.
 const STEPS_OF_SPILL: usize = 8;
 
+/// Bytes that are loaded at one place, at most, before a place is computed again.
+const MOST_AT_ONCE: u32 = 64;
+
 /// A loop on its way to instructions.
 pub(crate) struct Turns {
     pub(super) stretch: Stretch,
@@ -48,8 +51,8 @@ pub(crate) struct Turns {
     is_paired: bool,
     /// Subgroups that do so.
     subgroups: usize,
-    /// Private memory is accessed.
-    pub(super) is_private: bool,
+    /// Memory of a subgroup's own is accessed.
+    pub(super) takes_own: bool,
 }
 
 impl Turns {
@@ -63,7 +66,7 @@ impl Turns {
             params: Vec::new(),
             is_paired: (is_paired || subgroups > 1) && encoding == Encoding::Vex,
             subgroups,
-            is_private: false,
+            takes_own: false,
         }
     }
 
@@ -77,9 +80,9 @@ impl Turns {
         self.stretch.operations
     }
 
-    /// Whether private memory is accessed.
-    pub fn is_private(&self) -> bool {
-        self.is_private
+    /// Whether memory of a subgroup's own is accessed.
+    pub fn takes_own(&self) -> bool {
+        self.takes_own
     }
 
     /// Half subgroups that take a turn together.
@@ -304,6 +307,7 @@ impl Turns {
         (offset, is_run): (&Place, bool),
         results: &[Option<Place>],
     ) -> Option<()> {
+        self.takes_own |= region == WORKGROUP;
         self.by_halves(|s, half| {
             let Held::One(offset) = s.operand(offset) else {
                 return None;
@@ -340,22 +344,35 @@ impl Turns {
         offset: &Place,
         results: &[Option<Place>],
     ) -> Option<()> {
-        let values: Vec<Value> = results.iter().flatten().map(|place| place.value).collect();
+        self.takes_own |= region == WORKGROUP;
+        let used: Vec<(u32, Place)> = (0..)
+            .zip(results)
+            .filter_map(|(k, result)| result.map(|result| (4 * k, result)))
+            .collect();
+        let values: Vec<Value> = used.iter().map(|(_, place)| place.value).collect();
         self.once(&values, |s| {
             let Held::One(offset) = s.operand(offset) else {
                 return None;
             };
-            for (k, result) in results.iter().enumerate() {
-                let Some(result) = result else {
-                    continue;
+            let mut words = 0..0;
+            for &(behind, result) in &used {
+                let is_next = words.contains(&behind);
+                if !is_next {
+                    let near = used.iter().map(|&(at, _)| at);
+                    let last = near.filter(|at| (behind..behind + MOST_AT_ONCE).contains(at));
+                    words = behind..last.max().expect("the word itself") + 4;
+                }
+                let (first, last) = (behind, words.end - 4);
+                let (form, from) = match is_next {
+                    false => (Form::LoadOne { first, last }, &[offset][..]),
+                    true => (Form::LoadNext(last - behind), &[][..]),
                 };
-                let form = Form::LoadOne(4 * k as u32);
-                let to = s.step(Class::Vector, PBROADCASTD, form, &[offset]);
+                let to = s.step(Class::Vector, PBROADCASTD, form, from);
                 s.steps.last_mut().expect("pushed").immediate = Some(region as u8);
-                s.give(result, Held::One(to));
+                s.give(&result, Held::One(to));
                 s.operations += 1;
-                s.end_operation();
             }
+            s.end_operation();
             Some(())
         })
     }
@@ -488,11 +505,11 @@ impl Turns {
                 .extend([0x49, 0x83, 0xc0, 32, 0x49, 0x83, 0xc1, 64, 0xff, 0xc8]);
             a.jump_if_not_zero(half);
         }
-        if self.is_private {
-            // add qword [r14 + private], subgroups * a pointer
+        if self.takes_own {
+            // add qword [r14 + own], that of the subgroups
             a.bytes.extend([0x49, 0x83, 0x86]);
-            a.bytes.extend(LoopContext::PRIVATE.to_le_bytes());
-            a.bytes.push(8 * subgroups as u8);
+            a.bytes.extend(LoopContext::OWN.to_le_bytes());
+            a.bytes.push((size_of::<Own>() * subgroups) as u8);
         }
         // lea rdi, [rdi + subgroups * rcx]; dec rdx
         let scale = subgroups.trailing_zeros() as u8;

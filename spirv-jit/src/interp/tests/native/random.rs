@@ -52,6 +52,17 @@ const MEMORY: &str = "v0";
 /// The types of scalars in private variables of [`VARIABLE_ROWS`] rows each.
 const VARIABLES: [Type; 4] = [I32, F32, I16, I64];
 const VARIABLE_ROWS: usize = 10;
+const SHARED_BYTES: usize = 236;
+/// Inputs of a stage with workgroup memory.
+const WORKGROUP_INPUTS: [&str; INPUTS] = [
+    "global_invocation_id.0",
+    "global_invocation_id.1",
+    "global_invocation_id.2",
+    "local_invocation_id.0",
+    "local_invocation_id.1",
+    "local_invocation_id.2",
+    "local_invocation_index.0",
+];
 
 const INPUTS: usize = 7;
 const OUTPUTS: usize = 8;
@@ -66,7 +77,7 @@ struct Maker {
     is_plain: bool,
     /// Loops have operations across lanes, and count bits.
     is_across: bool,
-    /// Loops access private memory.
+    /// Loops access private memory and workgroup memory.
     is_private: bool,
 }
 
@@ -369,7 +380,7 @@ impl Maker {
                 self.emit(ty, "subgroup.broadcast_first", &[ty]);
             }
             6 => {
-                let name = self.choose(&["fmin", "fmax", "fadd"]);
+                let name = self.choose(&["fmin", "fmax", "fadd", "fmul"]);
                 let name = format!("subgroup.reduce[{name}, {}]", 1 << self.random.u32(..5));
                 self.emit(F32, &name, &[F32]);
             }
@@ -466,7 +477,11 @@ impl Maker {
         };
         let types = vec![ty; self.random.usize(1..=4)];
         let (names, text) = self.defined(&types);
-        self.write(&format!("{text} = load.buffer {MEMORY}, {offset}\n"));
+        let from = match self.is_private && self.random.bool() {
+            true => format!("shared {offset}"),
+            false => format!("buffer {MEMORY}, {offset}"),
+        };
+        self.write(&format!("{text} = load.{from}\n"));
         self.values.extend(types.into_iter().zip(names));
     }
 
@@ -562,6 +577,11 @@ fn program_with_loop(seed: u64, [is_across, is_private]: [bool; 2]) -> (Module, 
     let mut m = Maker::new(seed);
     m.is_plain = m.random.u32(..4) != 0;
     if is_private {
+        m.w.text = format!(
+            "module compute\ninputs {}\noutput_rows {OUTPUTS}\nlocal_size 64, 1, 1\n\
+            shared {SHARED_BYTES}\nfunc f0 {{\n",
+            WORKGROUP_INPUTS.join(", ")
+        );
         for variable in 0..VARIABLES.len() {
             m.write(&format!("var{variable}: {VARIABLE_ROWS} rows zero\n"));
         }
@@ -674,7 +694,8 @@ fn native_loops_combine_lanes_as_the_interpreter_does() {
     }
 }
 
-/// As [`native_loops_give_what_the_interpreter_gives`], with private memory.
+/// As [`native_loops_give_what_the_interpreter_gives`], with private memory and workgroup
+/// memory.
 #[test]
 fn native_loops_access_private_memory_as_the_interpreter_does() {
     let (first, cases) = seeds(300);

@@ -1,6 +1,7 @@
 //! Instructions of loops: the memory that they touch, and gathers.
 
 use super::*;
+use crate::native::WORKGROUP;
 
 /// Loops touch what stretches do, and besides: masks of lanes, what they are given, and the words
 /// that they gather at `rbx`. Only their first and last instructions touch the stack.
@@ -40,6 +41,12 @@ fn memory_of_loops_is_at_the_pointers_that_code_was_given() {
                 .load_at_one_place(2, &bound, &[Some(at(6, Type::I32))])
                 .unwrap();
             operation(&mut turns, Op::UConvert, &[word], wide);
+            if is_paired || encoding == Encoding::Evex {
+                let rows = (PrivateRow::Apart(word), 5);
+                turns.store_private(stay, rows, &[word]).unwrap();
+                let more = [Some(at(7, Type::I32)), None, Some(at(8, Type::F32))];
+                turns.load_at_one_place(WORKGROUP, &bound, &more).unwrap();
+            }
             let ends = [turns.only(&word), turns.only(&wide)];
             turns.end(stay, &ends);
         }
@@ -81,8 +88,9 @@ fn memory_of_loops_is_at_the_pointers_that_code_was_given() {
             gathers += is_gather as usize;
             let has_memory =
                 (0..instruction.op_count()).any(|k| instruction.op_kind(k) == OpKind::Memory);
-            // The address of a lane of a row.
-            let is_lane = text.starts_with("lea rbx,[") && text.contains("+rbx*");
+            // The address of a lane of a row, or of a word of a region or a private row.
+            let is_lane = text.starts_with("lea rbx,[") && text.contains("+rbx")
+                || text.contains("[r13+rbx]");
             if has_memory && !is_frame(text) && !is_lane {
                 let base = instruction.memory_base();
                 assert!(
