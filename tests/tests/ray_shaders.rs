@@ -471,8 +471,8 @@ fn shaders_of_every_kind_run_long() {
     }
 }
 
-/// Any-hit shaders that run for long, look at other lanes or have effects are asked about each layer
-/// once.
+/// Any-hit shaders that run for long, look at other lanes or have effects are asked about each
+/// layer once.
 #[test]
 fn any_hit_shaders_see_each_layer_once() {
     let name = "any_hit_shaders_see_each_layer_once";
