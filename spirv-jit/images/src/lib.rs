@@ -21,6 +21,7 @@ pub mod residency;
 mod rows;
 mod sample;
 mod srgb;
+mod stores;
 #[cfg(test)]
 mod tests;
 pub mod texels;

@@ -61,7 +61,7 @@ impl<'a> Plain<'a> {
     }
 
     /// The operation, the image and its format.
-    pub(super) fn parts(&self) -> (&ImageOp, &ImageDescriptor, &FormatInfo) {
+    pub(super) fn parts(&self) -> (&'a ImageOp, &'a ImageDescriptor, &'a FormatInfo) {
         (self.op, self.image, self.info)
     }
 

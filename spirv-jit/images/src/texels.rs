@@ -4,11 +4,11 @@
 //! Here, too, there are no closures over vectors: those would not be compiled for the vectors'
 //! instruction set.
 
-use lanes::vector::Vector;
+use lanes::vector::{QUADS, Vector};
 use lanes::{LANES, Tier, map};
 
 use super::format::block::{self, Texels};
-use super::format::layout::{Channel, FormatInfo, Numeric};
+use super::format::layout::{Channel, Codec, FormatInfo, Numeric};
 use super::srgb;
 
 /// From the exponent of E5B9G9R9, whose bias is 15 and whose mantissas are integers of 9 bits, to
@@ -67,6 +67,45 @@ fn all_ones(bits: u8) -> i32 {
 /// The texels' 32-bit words; what lies behind the format's size is zero.
 #[inline(always)]
 fn encode<V: Vector>(v: V, info: &FormatInfo, texels: &[V::I; 4]) -> [V::I; 4] {
+    let none = v.splat_i(0);
+    let [r, g, b, a] = *texels;
+    match info.codec {
+        Codec::Unorm8(4) => [bytes(v, [r, g, b, a]), none, none, none],
+        Codec::Bgra8 => [bytes(v, [b, g, r, a]), none, none, none],
+        Codec::Half(4) => [halves(v, r, g), halves(v, b, a), none, none],
+        Codec::Half(2) => [halves(v, r, g), none, none, none],
+        Codec::Words(4) => [r, g, b, a],
+        Codec::Words(2) => [r, g, none, none],
+        Codec::Words(1) => [r, none, none, none],
+        _ => encode_channels(v, info, texels),
+    }
+}
+
+/// Four numbers as bytes, the first one lowest.
+#[inline(always)]
+fn bytes<V: Vector>(v: V, components: [V::I; 4]) -> V::I {
+    let low = v.or_i(byte(v, components[0], 0), byte(v, components[1], 8));
+    let high = v.or_i(byte(v, components[2], 16), byte(v, components[3], 24));
+    v.or_i(low, high)
+}
+
+/// A number as a byte, at a place in its word.
+#[inline(always)]
+fn byte<V: Vector>(v: V, component: V::I, shift: u32) -> V::I {
+    let number = v.max(v.bits_to_f(component), v.splat(0.0));
+    v.left_i(v.scaled(v.min(number, v.splat(1.0)), 255.0), shift)
+}
+
+/// Two numbers as 16-bit floats, the first one lowest.
+#[inline(always)]
+fn halves<V: Vector>(v: V, low: V::I, high: V::I) -> V::I {
+    let high = v.left_i(v.to_half(v.bits_to_f(high)), 16);
+    v.or_i(v.to_half(v.bits_to_f(low)), high)
+}
+
+/// [`encode`] of any format for vectors, channel by channel.
+#[inline(always)]
+fn encode_channels<V: Vector>(v: V, info: &FormatInfo, texels: &[V::I; 4]) -> [V::I; 4] {
     let mut words = [v.splat_i(0); 4];
     for (component, channel) in info.channels.iter().enumerate() {
         if channel.bits == 0 {
@@ -271,6 +310,57 @@ fn is_row<V: Vector>(v: V, offsets: V::I, first: u32, size_bytes: u32) -> bool {
     v.ne_i(v.sub_i(offsets, steps), v.splat_i(first as i32)) == 0
 }
 
+/// The stride between the rows of a 4×4 block of texels of `SIZE` bytes, if the lanes' texels are
+/// one, as [`QUADS`] has it.
+#[inline(always)]
+fn block_stride<V: Vector, const SIZE: u32>(
+    v: V,
+    offsets: V::I,
+    places: &[u32; LANES],
+) -> Option<usize> {
+    let stride = places[2].wrapping_sub(places[0]);
+    // Rows that overlap are not stored in the order of lanes; offsets are less than 2^31.
+    if !(4 * SIZE..1 << 31).contains(&stride) {
+        return None;
+    }
+    let columns = v.left_i(v.load_i(&QUADS[0]), SIZE.trailing_zeros());
+    let rows = v.mul_i(v.load_i(&QUADS[1]), v.splat_i(stride as i32));
+    let block = v.add_i(v.add_i(columns, rows), v.splat_i(places[0] as i32));
+    (v.ne_i(offsets, block) == 0).then_some(stride as usize)
+}
+
+/// Stores the texels of a 4×4 block, if the lanes' texels of `SIZE` bytes are one.
+///
+/// # Safety
+/// As [`store`], of all lanes.
+#[inline(always)]
+unsafe fn store_block_of<V: Vector, const SIZE: u32>(
+    v: V,
+    base: *mut u8,
+    offsets: V::I,
+    places: &[u32; LANES],
+    words: &[V::I; 4],
+) -> bool {
+    let Some(stride) = block_stride::<V, SIZE>(v, offsets, places) else {
+        return false;
+    };
+    // SAFETY: the caller's promise: the bytes are those of the lanes' texels, which are distinct.
+    // Each offset is less than 2^31 and so is the stride, so offsets of rows do not wrap.
+    unsafe {
+        let at = base.add(places[0] as usize);
+        match SIZE {
+            2 => v.store_quads_of_shorts(words[0], at, stride),
+            4 => v.store_quads(words[0], at, stride),
+            8 => v.store_quads_of_pairs(words[0], words[1], at, stride),
+            _ => {
+                let quads = [0, 4, 8, 12].map(|lane: usize| base.add(places[lane] as usize));
+                v.put_each_quad::<4>(*words, u16::MAX, quads, stride);
+            }
+        }
+    }
+    true
+}
+
 /// Stores a texel in each lane of `mask`, in lane order; the format is one for vectors.
 ///
 /// # Safety
@@ -286,13 +376,28 @@ pub(crate) unsafe fn store<V: Vector>(
     texels: &[V::I; 4],
 ) {
     let words = encode(v, info, texels);
+    let mut places = [0; LANES];
+    v.store_i(offsets, &mut places);
+    if mask == u16::MAX {
+        // SAFETY: the caller's promise.
+        let is_stored = unsafe {
+            match info.size_bytes {
+                2 => store_block_of::<V, 2>(v, base, offsets, &places, &words),
+                4 => store_block_of::<V, 4>(v, base, offsets, &places, &words),
+                8 => store_block_of::<V, 8>(v, base, offsets, &places, &words),
+                16 => store_block_of::<V, 16>(v, base, offsets, &places, &words),
+                _ => false,
+            }
+        };
+        if is_stored {
+            return;
+        }
+    }
     let mut rows = [[0; LANES]; 4];
     let count = (info.size_bytes as usize).div_ceil(4);
     for (word, row) in words.iter().zip(&mut rows[..count]) {
         v.store_i(*word, row);
     }
-    let mut places = [0; LANES];
-    v.store_i(offsets, &mut places);
     let is_row = mask == u16::MAX && is_row(v, offsets, places[0], info.size_bytes as u32);
     // SAFETY: the caller's promise.
     unsafe {

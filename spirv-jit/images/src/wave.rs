@@ -10,6 +10,7 @@ use super::operands::Operands;
 use super::plain::Plain;
 pub(super) use super::rows::of_one;
 pub use super::rows::{MAX_OPERANDS, Rows, Wave};
+use super::stores::Stores;
 use super::words::WordLoads;
 
 lanes::vectors! {
@@ -140,6 +141,10 @@ lanes::vectors! {
     pub unsafe fn store<V>(v, plain: &Plain<'_>, wave: &Wave<'_>) -> usize {
         // SAFETY: the caller's promise.
         unsafe {
+            if let Some(stores) = Stores::new(plain, wave) {
+                stores.store(v, wave);
+                return wave.subgroups.len();
+            }
             for index in 0..wave.subgroups.len() {
                 let mask = wave.mask(index);
                 let (rows, count) = rows(wave, index);

@@ -12,10 +12,10 @@ use super::{Dim, ImageDescriptor, ImageOp, LodMode};
 
 /// An axis of an image, or its layers.
 #[derive(Clone, Copy)]
-struct ImageAxis {
-    operand: usize,
-    size: u32,
-    stride_bytes: u32,
+pub(super) struct ImageAxis {
+    pub operand: usize,
+    pub size: u32,
+    pub stride_bytes: u32,
 }
 
 /// The value of a result.
@@ -160,7 +160,7 @@ impl WordLoads {
 ///
 /// # Safety
 /// As [`WordLoads::new`].
-unsafe fn level(op: &ImageOp, wave: &Wave<'_>) -> Option<usize> {
+pub(super) unsafe fn level(op: &ImageOp, wave: &Wave<'_>) -> Option<usize> {
     if op.lod != LodMode::Lod {
         return Some(0);
     }
@@ -170,7 +170,8 @@ unsafe fn level(op: &ImageOp, wave: &Wave<'_>) -> Option<usize> {
     (row.iter().all(|&level| level == row[0])).then_some(row[0] as usize)
 }
 
-fn axes(
+/// The axes of a level as an operation has coordinates for them, and how many these are.
+pub(super) fn axes(
     op: &ImageOp,
     image: &ImageDescriptor,
     info: &FormatInfo,

@@ -95,6 +95,7 @@ const HOUSES: [House; 4] = [
             "ycbcr",
             "block",
             "wave",
+            "stores",
             "words",
             "plain",
             "fast",

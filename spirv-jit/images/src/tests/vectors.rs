@@ -110,14 +110,24 @@ fn words(seed: u64) -> Texels {
     texels
 }
 
-/// Places of sixteen texels: a row, rows of a tile, or anywhere; no two overlap.
+/// Places of sixteen texels: a row, a 4×4 block whose rows may overlap, upwards or downwards, or
+/// anywhere.
 fn any_places() -> impl Strategy<Value = [u32; 16]> {
+    let block = (0u32..21, 0u32..20, any::<bool>(), 0usize..16).prop_map(
+        |(stride, first, downwards, moved)| {
+            std::array::from_fn(|at| {
+                let lane = at as u32;
+                let x = (lane & 1) | (lane >> 2 & 1) << 1;
+                let y = (lane >> 1 & 1) | (lane >> 3) << 1;
+                let y = if downwards { 3 - y } else { y };
+                // One lane may be elsewhere.
+                first + x + y * stride + u32::from(at == moved && first % 2 == 0)
+            })
+        },
+    );
     prop_oneof![
         Just(std::array::from_fn(|lane| lane as u32)),
-        Just(std::array::from_fn(|lane| {
-            let lane = lane as u32;
-            (lane & 1) | (lane >> 2 & 1) << 1 | (lane >> 1 & 1) << 4 | (lane >> 3) << 5
-        })),
+        block,
         Just((0u32..100).collect::<Vec<_>>())
             .prop_shuffle()
             .prop_map(|all| std::array::from_fn(|lane| all[lane])),
