@@ -326,7 +326,8 @@ impl Program {
     /// # Panics
     /// The state is smaller than [`StateLayout::rows`].
     pub fn start(&self, state: &mut [AlignedRow], active: LaneMask) {
-        self.plan.start(state, active, LaneMask::NONE, usize::MAX);
+        let lanes = (active, LaneMask::NONE);
+        self.plan.start(self.number, state, lanes, usize::MAX);
     }
 
     /// As [`Self::start`] for a fragment program: `helpers`, some of the active lanes, are helper
@@ -342,7 +343,8 @@ impl Program {
         outputs: Option<usize>,
     ) {
         let outputs = outputs.unwrap_or(usize::MAX);
-        self.plan.start(state, active, helpers, outputs);
+        self.plan
+            .start(self.number, state, (active, helpers), outputs);
     }
 
     /// Lanes of a fragment program's ended state that are helper invocations: from the start, or

@@ -557,3 +557,58 @@ fn any_hit_shaders_see_each_layer_once() {
         }
     }
 }
+
+/// Traces and calls by turns: what one leaves is not what the next is given.
+#[test]
+fn traces_and_calls_take_turns() {
+    let gpu = Gpu::new();
+    let world = gpu.scene(&[Geometry::opaque(&layers(2))]);
+    const SIZE: [u32; 2] = [36, 20];
+    let raygen = format!(
+        "layout(location = 0) rayPayloadEXT uint payload;
+        layout(location = 1) callableDataEXT uint data;
+        void main() {{
+            uint i = gl_LaunchIDEXT.y * {}u + gl_LaunchIDEXT.x, sum = 0u;
+            for (uint turn = 0u; turn < 4u; turn++) {{
+                payload = turn;
+                traceRayEXT(world, 0u, 0xff, 0, 0, 0, vec3(0), turn % 2u == 0u ? 0.0 : 1.5,
+                    vec3(0, 0, 1), 10.0, 0);
+                sum = sum * 31u + payload;
+                data = i + turn;
+                executeCallableEXT(turn % 2u, 1);
+                sum = sum * 31u + data;
+                if (turn == i % 4u) break;
+                traceRayEXT(world, 0u, 0xff, 0, 0, 0, vec3(0), 0.5, vec3(0, 0, -1), 10.0, 0);
+                sum = sum * 31u + payload;
+            }}
+            results[i] = sum;
+        }}",
+        SIZE[0]
+    );
+    let hit = "layout(location = 0) rayPayloadInEXT uint payload;
+        void main() { payload = payload * 10u + uint(gl_PrimitiveID) + 3u; }";
+    let callable = |body: &str| {
+        format!("layout(location = 0) callableDataInEXT uint data; void main() {{ {body} }}")
+    };
+    let count = SIZE[0] * SIZE[1];
+    let results = Case::with_words(&raygen)
+        .hit(hit)
+        .callable(&callable("data += 17u;"))
+        .callable(&callable("data *= 5u;"))
+        .words(&gpu, world, [SIZE[0], SIZE[1], 1], count as usize);
+    for i in 0..count {
+        let mut sum = 0u32;
+        let mut add = |word: u32| sum = sum.wrapping_mul(31).wrapping_add(word);
+        for turn in 0..=i % 4 {
+            add(turn * 10 + turn % 2 + 3);
+            add(match turn % 2 {
+                0 => i + turn + 17,
+                _ => (i + turn) * 5,
+            });
+            if turn < i % 4 {
+                add(u32::MAX);
+            }
+        }
+        assert_eq!(results[i as usize], sum, "{i}");
+    }
+}

@@ -8,7 +8,7 @@ use super::machine::{Instr, Machine, NO_LANES};
 use super::operand::Operand;
 use super::tier::Kernel;
 use crate::SUBGROUP_SIZE;
-use crate::plan::{CONTROL_WORDS, List, Live};
+use crate::plan::{CONTROL_WORDS, HeldOperands, List, Live};
 use crate::state::{Event, IO_DATA_ROW};
 
 /// Saves masks and live values as point `point` says, and stops with `event`.
@@ -198,19 +198,75 @@ impl Kernel for Yield {
     unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
         let first = i.x as usize;
         let (count, fixed) = (i.b.raw() as usize, i.c.raw() as usize);
-        for (k, &operand) in m.code.operands[first..first + count].iter().enumerate() {
-            let row = if k < fixed {
-                k
-            } else {
-                IO_DATA_ROW + k - fixed
-            };
-            // SAFETY: as the caller promises.
-            unsafe { write_io(m, operand, row) };
-        }
-        let site = m.code.points[i.y as usize].site;
-        let event = site.map_or(Event::OutOfFuel, Event::Yield);
         // SAFETY: as the caller promises.
-        unsafe { suspend(m, i.y, event) };
+        unsafe {
+            for (k, &operand) in m.code.operands[first..first + count].iter().enumerate() {
+                let row = if k < fixed {
+                    k
+                } else {
+                    IO_DATA_ROW + k - fixed
+                };
+                write_io(m, operand, row);
+            }
+            for &subgroup in m.listed() {
+                *HeldOperands::of(m.states[subgroup as usize]) = HeldOperands::default();
+            }
+            suspend_at_site(m, i.y);
+        }
+    }
+}
+
+/// # Safety
+/// As [`suspend`].
+#[inline(always)]
+unsafe fn suspend_at_site(m: &mut Machine<'_>, point: u32) {
+    let site = m.code.points[point as usize].site;
+    let event = site.map_or(Event::OutOfFuel, Event::Yield);
+    // SAFETY: as the caller promises.
+    unsafe { suspend(m, point, event) };
+}
+
+/// As [`Yield`], for yields that leave their first `c` operands in the io rows, in programs without
+/// outputs: those that are uniform in the dispatch are written where they do not stand yet.
+pub(super) struct YieldAgain;
+
+impl Kernel for YieldAgain {
+    #[inline(always)]
+    unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
+        let first = i.x as usize;
+        let (count, fixed) = (i.b.raw() as usize, i.c.raw() as usize);
+        let (operands, data) = m.code.operands[first..first + count].split_at(fixed);
+        let here = HeldOperands {
+            program: m.program,
+            environment: m.environment.number,
+            point: i.y.into(),
+        };
+        // SAFETY: as the caller promises. Nothing else is written to the io rows of such a program
+        // while a state holds its operands.
+        unsafe {
+            let stand = |&s: &u16| *HeldOperands::of(m.states[s as usize]) == here;
+            let all_stand = m.listed().iter().all(stand);
+            for (row, &operand) in operands.iter().enumerate() {
+                if !operand.is_uniform() {
+                    write_io(m, operand, row);
+                } else if !all_stand {
+                    // In all lanes: others may be active when it is not written.
+                    let from = &*m.row(operand).0.cast::<Row>();
+                    for &subgroup in m.listed() {
+                        *m.state_row(subgroup as usize, m.plan.layout.io + row) = *from;
+                    }
+                }
+            }
+            for (row, &operand) in data.iter().enumerate() {
+                write_io(m, operand, IO_DATA_ROW + row);
+            }
+            if !all_stand {
+                for &subgroup in m.listed() {
+                    *HeldOperands::of(m.states[subgroup as usize]) = here;
+                }
+            }
+            suspend_at_site(m, i.y);
+        }
     }
 }
 

@@ -26,7 +26,7 @@ pub(crate) use coalesce::{Candidate, candidates};
 pub(crate) use live_lists::List;
 pub(crate) use liveness::Liveness;
 pub(crate) use save_points::{Answer, CallSite, DescriptorSource, Kept, Live, SavePoint, Site};
-pub(crate) use state::CONTROL_WORDS;
+pub(crate) use state::{CONTROL_WORDS, HeldOperands};
 
 use crate::Error;
 use crate::error::ErrorKind;

@@ -1,7 +1,7 @@
 //! Subgroups' states: their start, their control rows, and moves of lanes between them.
 //!
-//! A state's control rows hold, as words: the resume id, the active lanes, the helper lanes, then
-//! the masks in use, two to a word.
+//! A state's control rows hold, as words: the resume id, the active lanes, the helper lanes, the
+//! [`HeldOperands`] that its io rows hold, then the masks in use, two to a word.
 
 use lanes::{AlignedRow, LaneMask};
 
@@ -9,7 +9,35 @@ use super::{CallSite, Plan, SavePoint};
 use crate::SUBGROUP_SIZE;
 
 /// Words of control before the masks.
-pub(crate) const CONTROL_WORDS: usize = 3;
+pub(crate) const CONTROL_WORDS: usize = HELD_OPERANDS + size_of::<HeldOperands>() / 4;
+
+/// The control word where [`HeldOperands`] begin.
+const HELD_OPERANDS: usize = 4;
+
+/// The yield whose operands that are uniform in a dispatch stand in a state's io rows, in all
+/// lanes. The default is none.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(C)]
+pub(crate) struct HeldOperands {
+    /// Number of the program.
+    pub program: u64,
+    /// Number of the environment.
+    pub environment: u64,
+    /// Of the plan's points.
+    pub point: u64,
+}
+
+impl HeldOperands {
+    /// The place in a state.
+    ///
+    /// # Safety
+    /// `state` is the first word of a state, which is aligned like rows.
+    #[inline(always)]
+    pub unsafe fn of<'s>(state: *mut u32) -> &'s mut HeldOperands {
+        // SAFETY: as the caller promises; any bits are operands, and every state has these words.
+        unsafe { &mut *state.add(HELD_OPERANDS).cast() }
+    }
+}
 
 impl Plan {
     /// The save point of a resume id, and the call path's number.
@@ -38,23 +66,30 @@ impl Plan {
         }
     }
 
-    /// Sets a state to the program's entry with these active lanes, of which `helpers` are helper
-    /// invocations, and zeroes its first `outputs` output rows, or all of them.
+    /// Sets a state to the entry of program `number`, whose plan this is, with these active lanes, of
+    /// which `helpers` are helper invocations, and zeroes its first `outputs` output rows, or all of
+    /// them.
     #[inline]
     pub fn start(
         &self,
+        number: u64,
         state: &mut [AlignedRow],
-        active: LaneMask,
-        helpers: LaneMask,
+        (active, helpers): (LaneMask, LaneMask),
         outputs: usize,
     ) {
         let state = &mut state[..self.layout.rows];
-        state[..self.layout.inputs].fill(AlignedRow::default());
+        // SAFETY: a state's first row.
+        let operands = *unsafe { HeldOperands::of(state.as_mut_ptr().cast()) };
+        zero(&mut state[..self.layout.inputs]);
+        if operands.program == number && self.output_rows == 0 {
+            // SAFETY: as above.
+            *unsafe { HeldOperands::of(state.as_mut_ptr().cast()) } = operands;
+        }
         // Rows that a program may read or return without writing them are initialized, so that runs
         // are repeatable. Operands and results of yields are written before the columns of their
         // lanes are read.
-        state[self.layout.io..][..self.output_rows.min(outputs)].fill(AlignedRow::default());
-        state[self.private..][..self.private_rows].fill(AlignedRow::default());
+        zero(&mut state[self.layout.io..][..self.output_rows.min(outputs)]);
+        zero(&mut state[self.private..][..self.private_rows]);
         state[0].0[1] = active.bits().into();
         state[0].0[2] = helpers.bits().into();
     }
@@ -116,6 +151,20 @@ impl Plan {
                 }
             }
         }
+    }
+}
+
+/// Zeroes rows: few of them without a call.
+#[inline(always)]
+fn zero(rows: &mut [AlignedRow]) {
+    const ZERO: AlignedRow = AlignedRow([0; SUBGROUP_SIZE]);
+    match rows {
+        [] => {}
+        [a] => *a = ZERO,
+        [a, b] => (*a, *b) = (ZERO, ZERO),
+        [a, b, c] => (*a, *b, *c) = (ZERO, ZERO, ZERO),
+        [a, b, c, d] => (*a, *b, *c, *d) = (ZERO, ZERO, ZERO, ZERO),
+        _ => rows.fill(ZERO),
     }
 }
 

@@ -516,6 +516,12 @@ impl<'m> Emitter<'m> {
             SiteKind::Barrier | SiteKind::BarrierArrive | SiteKind::BarrierWait => {
                 self.kernel::<yields::Barrier>()
             }
+            // Answered elsewhere than in the rows of the operands.
+            SiteKind::TraceRay { trace, .. }
+                if !trace.to_hit_object && self.module.output_rows == 0 =>
+            {
+                self.kernel::<yields::YieldAgain>()
+            }
             _ => self.kernel::<yields::Yield>(),
         };
         self.push(Instr {

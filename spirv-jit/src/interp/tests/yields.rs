@@ -1,10 +1,15 @@
 //! Suspending and resuming: in loops, in calls, in waves that change, and for lack of fuel.
 
-use lanes::LaneMask;
+use lanes::{AlignedRow, LaneMask, Tier as TierKind};
 
 use super::{Bench, on_tiers};
+use crate::environment::Environment;
+use crate::interp::Frame;
 use crate::ir::op::Trace;
-use crate::state::{Event, IO_DATA_ROW, SiteKind};
+use crate::ir::text::parse_module;
+use crate::ir::verify::verify;
+use crate::program::Program;
+use crate::state::{Event, IO_DATA_ROW, SiteKind, Wave};
 
 const TRACED: SiteKind = SiteKind::TraceRay {
     trace: Trace::new(false, false),
@@ -276,4 +281,101 @@ fn rays_carry_their_operands() {
         assert_eq!(bench.io(0)[20], 28);
         assert_eq!(bench.run(&mut 0), Event::End);
     });
+}
+
+/// A ray generation shader with `inputs` input rows, whose rays' flags are `flags` plus a number of
+/// the environment's.
+fn ray_generation(inputs: usize, flags: u32) -> Program {
+    let rows = vec!["launch_id.0"; inputs].join(", ");
+    let text = format!(
+        "module ray_generation
+        inputs {rows}
+        output_rows 0
+        func f0 {{
+            v0: i32 = input[{}]
+            v1: i32 = uniform[0]
+            v2: i32 = const {flags}
+            v3: i32 = iadd v1, v2
+            v4: f32 = const 0x3f800000
+            v5: f32 = uto_f v0
+            v6: i32 = trace_ray v1, v1, v3, v2, v0, v2, v2, v4, v4, v5, v4, v4, v4, v5, v4, v2
+            v7: i32 = trace_ray v2, v1, v1, v2, v0, v2, v6, v4, v4, v5, v4, v4, v4, v5, v4, v3
+            end
+        }}",
+        inputs - 1
+    );
+    let module = parse_module(&text).unwrap();
+    verify(&module).unwrap();
+    Program::with_tier(&module, TierKind::best()).unwrap()
+}
+
+/// Operands that are uniform in a dispatch are right in all lanes of states that are used again: by
+/// their program with other lanes, by another one, in another environment.
+#[test]
+fn uniform_operands_of_traces_are_right_in_states_used_again() {
+    const STATES: usize = 3;
+    let flags = [100, 5000];
+    let programs = [ray_generation(1, flags[0]), ray_generation(4, flags[1])];
+    let rows = programs
+        .iter()
+        .map(|program| program.layout().rows)
+        .max()
+        .unwrap();
+    let mut states = vec![vec![AlignedRow([0xdead_beef; 16]); rows]; STATES];
+    let mut frames = [Frame::default(), Frame::default()];
+    let environment = |number: u32| {
+        let mut environment = Environment::unbound();
+        environment.uniforms[0] = number;
+        environment
+    };
+    let environments = [environment(7), environment(40)];
+    let mut random = fastrand::Rng::with_seed(5);
+    for _ in 0..500 {
+        let (p, e) = (random.usize(..2), random.usize(..2));
+        let (program, environment) = (&programs[p], &environments[e]);
+        let layout = program.layout();
+        let states = &mut states[..random.usize(1..=STATES)];
+        for state in states.iter_mut() {
+            let lanes = match random.bool() {
+                true => LaneMask::ALL,
+                false => LaneMask::from_bits(random.u16(..)),
+            };
+            program.start(state, lanes);
+            for row in &mut state[layout.inputs..layout.io] {
+                row.0 = std::array::from_fn(|lane| lane as u32 + 1);
+            }
+        }
+        for turn in 0..3 {
+            let mut wave: Vec<&mut [AlignedRow]> =
+                states.iter_mut().map(|state| &mut state[..]).collect();
+            let mut wave = Wave {
+                states: &mut wave,
+                shared: &[],
+                is_whole: false,
+                environment,
+            };
+            // SAFETY: the environment names no memory.
+            unsafe { program.run(&mut frames[e], &mut wave, &mut 1000) }.unwrap();
+            let (number, flags) = (environment.uniforms[0], flags[p]);
+            for state in states.iter_mut().filter(|_| turn < 2) {
+                for lane in program.event_mask(state) {
+                    let x = lane as u32 + 1;
+                    let io = |row: usize| state[layout.io + row].0[lane];
+                    let (one, float) = (1f32.to_bits(), (x as f32).to_bits());
+                    let ray = [one, one, float, one, one, one, float, one];
+                    let words = match turn {
+                        0 => [number, number, number + flags, flags, x, flags, flags],
+                        _ => [flags, number, number, flags, x, flags, 3 * flags],
+                    };
+                    let payload = [flags, number + flags][turn];
+                    let rows = words.into_iter().chain(ray).chain([payload]);
+                    let places = (0..15).chain([IO_DATA_ROW]);
+                    for (place, word) in places.zip(rows) {
+                        assert_eq!(io(place), word, "row {place}, lane {lane}, trace {turn}");
+                    }
+                    state[layout.io + IO_DATA_ROW].0[lane] *= 3;
+                }
+            }
+        }
+    }
 }
