@@ -330,6 +330,15 @@ impl Program {
         self.plan.start(self.number, state, lanes, usize::MAX);
     }
 
+    /// As [`Self::start`], for outputs that go elsewhere ([`Wave::outputs_to`]): none are zeroed.
+    ///
+    /// # Panics
+    /// As [`Self::start`].
+    pub fn start_without_outputs(&self, state: &mut [AlignedRow], active: LaneMask) {
+        self.plan
+            .start(self.number, state, (active, LaneMask::NONE), 0);
+    }
+
     /// As [`Self::start`] for a fragment program: `helpers`, some of the active lanes, are helper
     /// invocations; `outputs`: as [`Frame::outputs`](crate::Frame::outputs).
     ///
@@ -492,8 +501,10 @@ impl Program {
     /// `wave.environment` every table has as many descriptors as it says, each of them as
     /// [`Descriptor`](crate::environment::Descriptor) has it, with memory, images and samplers that
     /// are there; `reach` holds memory that may be read and written. Other threads may write all
-    /// that meanwhile, except descriptors. States hold what [`Self::start`] and earlier runs of
-    /// this program left there, besides inputs and answers.
+    /// that meanwhile, except descriptors. Each of `wave.outputs_to` that is not null points to
+    /// [`Self::output_rows`] rows, of which nothing else uses the subgroup's lanes. States hold
+    /// what [`Self::start`] and earlier runs of this program left there, besides inputs and
+    /// answers.
     ///
     /// # Errors
     /// The frame's memory was refused; nothing was run.
@@ -541,9 +552,15 @@ impl Events {
         std::iter::repeat_n(self.all, self.count)
     }
 
+    /// The event that all subgroups came to: a wave stays together.
+    #[inline]
+    pub fn all(&self) -> Event {
+        self.all
+    }
+
     /// Whether a subgroup came to an event.
     #[inline]
     pub fn contains(&self, event: Event) -> bool {
-        self.iter().any(|other| other == event)
+        self.all == event
     }
 }

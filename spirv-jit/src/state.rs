@@ -104,5 +104,9 @@ pub struct Wave<'a> {
     /// are in it, and have come to split barriers equally often. Barriers that all of them come to
     /// are no events then: the wave goes on in place.
     pub is_whole: bool,
+    /// Rows that take the outputs of each subgroup's lanes, as many as the program has outputs,
+    /// instead of its `io` rows; subgroups with different lanes may share rows. Null: its `io`
+    /// rows. Empty: those of each subgroup.
+    pub outputs_to: &'a [*mut AlignedRow],
     pub environment: &'a Environment,
 }

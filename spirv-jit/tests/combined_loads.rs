@@ -167,6 +167,7 @@ fn run(tier: Tier, module: &Module, lanes: LaneMask, offsets: &[u32; LANES]) -> 
         states: &mut [&mut state[..]],
         shared: &[shared.as_mut_ptr().cast()],
         is_whole: false,
+        outputs_to: &[],
         environment: &environment,
     };
     // SAFETY: what the environment and `shared` name are the vectors above.

@@ -121,6 +121,7 @@ fn calls_burn_fuel() {
             states: &mut states,
             shared: &[],
             is_whole: false,
+            outputs_to: &[],
             environment: &environment,
         };
         // SAFETY: nothing is bound, and the program shares no memory.

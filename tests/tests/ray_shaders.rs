@@ -471,6 +471,201 @@ fn shaders_of_every_kind_run_long() {
     }
 }
 
+/// Hit, miss and callable shaders exchange the components of what they are given, write one of
+/// them, or end before they write any; a tile has lanes of all kinds.
+#[test]
+fn payloads_are_exchanged_in_place() {
+    let name = "payloads_are_exchanged_in_place";
+    let settings: [&[(&str, &str)]; 4] = [
+        &[],
+        &[("TUFF_DIRECT", "0")],
+        &[("TUFF_WAVE", "1")],
+        &[("TUFF_TIER", "portable")],
+    ];
+    if !settings.iter().any(|variables| alone(name, variables)) {
+        return;
+    }
+    const KINDS: u32 = 6;
+    const SIZE: [u32; 2] = [52, 40];
+    let gpu = Gpu::new();
+    let world = gpu.scene(&[Geometry::opaque(&layers(1))]);
+    // Tiles of one kind, and tiles of two.
+    let raygen = format!(
+        "layout(location = 0) rayPayloadEXT uvec4 payload;
+        void main() {{
+            uvec2 at = gl_LaunchIDEXT.xy;
+            uint i = at.y * {}u + at.x;
+            uint kind = (at.x / 4u + (at.y % 8u < 4u ? 0u : at.y / 2u)) % {KINDS}u;
+            for (uint turn = 0u; turn < 2u; turn++) {{
+                payload = uvec4(i, kind, 3u * i, 7u * i + turn);
+                vec3 direction = vec3(0, 0, kind == 5u ? -1 : 1);
+                traceRayEXT(world, 0u, 0xff, 0, 0, 0, vec3(0), 0.0, direction, 10.0, 0);
+                for (uint k = 0u; k < 4u; k++) results[8u * i + 4u * turn + k] = payload[k];
+            }}
+        }}",
+        SIZE[0]
+    );
+    let hit = "
+        layout(location = 0) rayPayloadInEXT uvec4 payload;
+        layout(location = 0) callableDataEXT uvec3 data;
+        void main() {
+            uint kind = payload.y;
+            if (kind == 0u && payload.x % 3u == 0u) return;
+            if (kind == 1u) { payload.z = payload.w; return; }
+            if (kind == 2u) { payload = payload.wzyx; return; }
+            if (kind == 3u) {
+                data = payload.xzw;
+                executeCallableEXT(0, 0);
+                payload.xzw = data;
+                return;
+            }
+            payload = payload.yzwx;
+        }";
+    let miss = "
+        layout(location = 0) rayPayloadInEXT uvec4 payload;
+        void main() { payload.xw = payload.wx; }";
+    let callable = "
+        layout(location = 0) callableDataInEXT uvec3 data;
+        void main() {
+            if (data.x % 5u == 0u) return;
+            data = data.zxy;
+        }";
+    let count = SIZE[0] * SIZE[1];
+    let size = [SIZE[0], SIZE[1], 1];
+    let results = Case::new(&format!("{WORLD}{RESULTS}{raygen}"))
+        .miss(miss)
+        .hit(hit)
+        .callable(callable)
+        .words(&gpu, world, size, 8 * count as usize);
+    for (i, results) in (0..count).zip(results.chunks(8)) {
+        let (x, y) = (i % SIZE[0], i / SIZE[0]);
+        let kind = (x / 4 + if y % 8 < 4 { 0 } else { y / 2 }) % KINDS;
+        for (turn, result) in (0..2).zip(results.chunks(4)) {
+            let [a, b, c, d] = [i, kind, 3 * i, 7 * i + turn];
+            let expected = match kind {
+                0 if i % 3 == 0 => [a, b, c, d],
+                1 => [a, b, d, d],
+                2 => [d, c, b, a],
+                3 if i % 5 == 0 => [a, b, c, d],
+                3 => [d, b, a, c],
+                5 => [d, b, c, a],
+                _ => [b, c, d, a],
+            };
+            assert_eq!(
+                result, expected,
+                "launch {x}, {y}, kind {kind}, turn {turn}"
+            );
+        }
+    }
+}
+
+/// Shaders may be declared with longer payloads and data than their callers have: what they write
+/// beyond these reaches no other variable.
+#[test]
+fn payloads_longer_than_those_of_callers_stay_apart() {
+    let name = "payloads_longer_than_those_of_callers_stay_apart";
+    let settings: [&[(&str, &str)]; 2] = [&[], &[("TUFF_DIRECT", "0")]];
+    if !settings.iter().any(|variables| alone(name, variables)) {
+        return;
+    }
+    const COUNT: u32 = 100;
+    let gpu = Gpu::new();
+    let world = gpu.scene(&[Geometry::opaque(&layers(1))]);
+    let raygen = format!(
+        "layout(location = 0) rayPayloadEXT uint payload;
+        layout(location = 1) callableDataEXT uint data;
+        void main() {{
+            uint i = gl_LaunchIDEXT.x;
+            uint kept[5] = uint[](i, 2u * i, 3u * i, 5u * i, 7u * i);
+            uint sum = 0u;
+            for (uint turn = 0u; turn < 3u; turn++) {{
+                payload = i + turn;
+                vec3 direction = vec3(0, 0, i / 16u % 2u == 0u ? 1 : -1);
+                traceRayEXT(world, 0u, 0xff, 0, 0, 0, vec3(0), 0.0, direction, 10.0, 0);
+                data = i;
+                executeCallableEXT(0, 1);
+                sum += kept[(turn + i) % 5u];
+            }}
+            results[i] = sum + (payload & 0u) + (data & 0u);
+            results[{COUNT}u + i] = i;
+        }}"
+    );
+    let long = |declaration: &str| {
+        format!(
+            "layout(location = 0) {declaration} uint words[1024];
+            void main() {{
+                for (uint k = 0u; k < 1024u; k++) words[k] = words[k] * 3u + 0xabcd0000u + k;
+            }}"
+        )
+    };
+    let results = Case::new(&format!("{WORLD}{RESULTS}{raygen}"))
+        .miss(&long("rayPayloadInEXT"))
+        .hit(&long("rayPayloadInEXT"))
+        .callable(&long("callableDataInEXT"))
+        .words(&gpu, world, [COUNT, 1, 1], 2 * COUNT as usize);
+    for i in 0..COUNT {
+        let kept = [i, 2 * i, 3 * i, 5 * i, 7 * i];
+        let sum: u32 = (0..3).map(|turn| kept[((turn + i) % 5) as usize]).sum();
+        assert_eq!(results[i as usize], sum, "{i}");
+        assert_eq!(results[(COUNT + i) as usize], i);
+    }
+}
+
+/// Traces and calls by turns: what one leaves is not what the next is given.
+#[test]
+fn traces_and_calls_take_turns() {
+    let gpu = Gpu::new();
+    let world = gpu.scene(&[Geometry::opaque(&layers(2))]);
+    const SIZE: [u32; 2] = [36, 20];
+    let raygen = format!(
+        "layout(location = 0) rayPayloadEXT uint payload;
+        layout(location = 1) callableDataEXT uint data;
+        void main() {{
+            uint i = gl_LaunchIDEXT.y * {}u + gl_LaunchIDEXT.x, sum = 0u;
+            for (uint turn = 0u; turn < 4u; turn++) {{
+                payload = turn;
+                traceRayEXT(world, 0u, 0xff, 0, 0, 0, vec3(0), turn % 2u == 0u ? 0.0 : 1.5,
+                    vec3(0, 0, 1), 10.0, 0);
+                sum = sum * 31u + payload;
+                data = i + turn;
+                executeCallableEXT(turn % 2u, 1);
+                sum = sum * 31u + data;
+                if (turn == i % 4u) break;
+                traceRayEXT(world, 0u, 0xff, 0, 0, 0, vec3(0), 0.5, vec3(0, 0, -1), 10.0, 0);
+                sum = sum * 31u + payload;
+            }}
+            results[i] = sum;
+        }}",
+        SIZE[0]
+    );
+    let hit = "layout(location = 0) rayPayloadInEXT uint payload;
+        void main() { payload = payload * 10u + uint(gl_PrimitiveID) + 3u; }";
+    let callable = |body: &str| {
+        format!("layout(location = 0) callableDataInEXT uint data; void main() {{ {body} }}")
+    };
+    let count = SIZE[0] * SIZE[1];
+    let results = Case::with_words(&raygen)
+        .hit(hit)
+        .callable(&callable("data += 17u;"))
+        .callable(&callable("data *= 5u;"))
+        .words(&gpu, world, [SIZE[0], SIZE[1], 1], count as usize);
+    for i in 0..count {
+        let mut sum = 0u32;
+        let mut add = |word: u32| sum = sum.wrapping_mul(31).wrapping_add(word);
+        for turn in 0..=i % 4 {
+            add(turn * 10 + turn % 2 + 3);
+            add(match turn % 2 {
+                0 => i + turn + 17,
+                _ => (i + turn) * 5,
+            });
+            if turn < i % 4 {
+                add(u32::MAX);
+            }
+        }
+        assert_eq!(results[i as usize], sum, "{i}");
+    }
+}
+
 /// Any-hit shaders that run for long, look at other lanes or have effects are asked about each
 /// layer once.
 #[test]
@@ -555,60 +750,5 @@ fn any_hit_shaders_see_each_layer_once() {
             let [all, some] = [results[count as usize], results[count as usize + 1]];
             assert!(all == count / 2 && some <= count / 2, "{all} {some}");
         }
-    }
-}
-
-/// Traces and calls by turns: what one leaves is not what the next is given.
-#[test]
-fn traces_and_calls_take_turns() {
-    let gpu = Gpu::new();
-    let world = gpu.scene(&[Geometry::opaque(&layers(2))]);
-    const SIZE: [u32; 2] = [36, 20];
-    let raygen = format!(
-        "layout(location = 0) rayPayloadEXT uint payload;
-        layout(location = 1) callableDataEXT uint data;
-        void main() {{
-            uint i = gl_LaunchIDEXT.y * {}u + gl_LaunchIDEXT.x, sum = 0u;
-            for (uint turn = 0u; turn < 4u; turn++) {{
-                payload = turn;
-                traceRayEXT(world, 0u, 0xff, 0, 0, 0, vec3(0), turn % 2u == 0u ? 0.0 : 1.5,
-                    vec3(0, 0, 1), 10.0, 0);
-                sum = sum * 31u + payload;
-                data = i + turn;
-                executeCallableEXT(turn % 2u, 1);
-                sum = sum * 31u + data;
-                if (turn == i % 4u) break;
-                traceRayEXT(world, 0u, 0xff, 0, 0, 0, vec3(0), 0.5, vec3(0, 0, -1), 10.0, 0);
-                sum = sum * 31u + payload;
-            }}
-            results[i] = sum;
-        }}",
-        SIZE[0]
-    );
-    let hit = "layout(location = 0) rayPayloadInEXT uint payload;
-        void main() { payload = payload * 10u + uint(gl_PrimitiveID) + 3u; }";
-    let callable = |body: &str| {
-        format!("layout(location = 0) callableDataInEXT uint data; void main() {{ {body} }}")
-    };
-    let count = SIZE[0] * SIZE[1];
-    let results = Case::with_words(&raygen)
-        .hit(hit)
-        .callable(&callable("data += 17u;"))
-        .callable(&callable("data *= 5u;"))
-        .words(&gpu, world, [SIZE[0], SIZE[1], 1], count as usize);
-    for i in 0..count {
-        let mut sum = 0u32;
-        let mut add = |word: u32| sum = sum.wrapping_mul(31).wrapping_add(word);
-        for turn in 0..=i % 4 {
-            add(turn * 10 + turn % 2 + 3);
-            add(match turn % 2 {
-                0 => i + turn + 17,
-                _ => (i + turn) * 5,
-            });
-            if turn < i % 4 {
-                add(u32::MAX);
-            }
-        }
-        assert_eq!(results[i as usize], sum, "{i}");
     }
 }

@@ -428,6 +428,7 @@ impl Runner {
                     states: &mut states[..members.len()],
                     shared,
                     is_whole,
+                    outputs_to: &[],
                     environment: run.environment,
                 },
                 fuel,

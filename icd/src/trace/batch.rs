@@ -488,15 +488,17 @@ impl<'a> Batch<'a> {
                     unsafe { std::slice::from_raw_parts_mut(rows.as_mut_ptr(), rows.len()) }
                 }
             });
-        self.run_states(program, &mut states[..wave.len()])
+        self.run_states(program, &mut states[..wave.len()], &[])
             .inspect_err(|_| self.note_stop(wave[0]))
     }
 
-    /// The same for states of a program.
+    /// The same for states of a program; `outputs_to`: see [`Wave::outputs_to`], rows of callers
+    /// that wait.
     pub(super) fn run_states<'s>(
         &mut self,
         program: ProgramIndex,
         states: &'s mut [&'s mut [AlignedRow]],
+        outputs_to: &'s [*mut AlignedRow],
     ) -> Result<Events, Stopped>
     where
         'a: 's,
@@ -521,6 +523,7 @@ impl<'a> Batch<'a> {
                     states,
                     shared: &[],
                     is_whole: false,
+                    outputs_to,
                     environment: self.dispatch.environment,
                 },
                 &mut fuel,

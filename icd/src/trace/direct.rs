@@ -13,6 +13,7 @@
 //! partners in subgroups are those of a batch without lines (`TUFF_DIRECT=0`), round by round.
 
 use std::mem::{replace, take};
+use std::ptr::null_mut;
 
 use lanes::{LaneMask, by_lane};
 use spirv_jit::Program;
@@ -248,8 +249,11 @@ impl Batch<'_> {
         let room = self.make_line_room(0, layout.rows * calls.len(), &mut states);
         room.inspect_err(|_| self.note_call(calls[0].role, calls[0].of()))?;
         let plan = line.plan(program, compiled);
-        for (call, state) in calls.iter().zip(states.chunks_exact_mut(layout.rows)) {
-            compiled.start(state, call.lanes);
+        let mut outputs_to = [null_mut(); MAX_SUBGROUPS];
+        for (place, call) in calls.iter().enumerate() {
+            let state = &mut states[place * layout.rows..][..layout.rows];
+            outputs_to[place] = self.payload_rows(compiled, call.group);
+            start_in_place(compiled, state, call.lanes, outputs_to[place]);
             self.fill_in_place(compiled, call, plan, state);
         }
         // Those that stand at one point, by their numbers.
@@ -257,16 +261,19 @@ impl Batch<'_> {
         let mut count = calls.len();
         while count > 0 {
             let of = (&**compiled, program);
-            let event = self.run_numbered(of, &mut states, &running[..count], 1)?;
+            let numbers = &running[..count];
+            let event = self.run_numbered(of, &mut states, (numbers, &outputs_to), 1)?;
             let mut going_on = 0;
             for at in 0..count {
                 let (place, call) = (running[at], &calls[running[at]]);
                 let state = &mut states[place * layout.rows..][..layout.rows];
                 match event {
                     Event::End => {
-                        let outputs = &state[layout.io..][..compiled.output_rows() as usize];
-                        let caller = self.worker.ray_groups[call.group].caller;
-                        self.copy_outputs(outputs, call.lanes, caller, None);
+                        if outputs_to[place].is_null() {
+                            let outputs = &state[layout.io..][..compiled.output_rows() as usize];
+                            let caller = self.worker.ray_groups[call.group].caller;
+                            self.copy_outputs(outputs, call.lanes, caller, None);
+                        }
                         self.finish_rays(call.group, call.lanes);
                     }
                     Event::Yield(_) if self.nest(compiled, place, state, line) => {
@@ -296,25 +303,29 @@ impl Batch<'_> {
         Ok(())
     }
 
-    /// Runs some of a list of states of a program to their next event, which is one for all;
-    /// `depth`: calls around them.
+    /// Runs some of a list of states of a program to their next event, which is one for all.
+    /// `numbers`: which ones, and where the outputs of all go ([`Wave::outputs_to`]); `depth`:
+    /// calls around them.
+    ///
+    /// [`Wave::outputs_to`]: spirv_jit::program::Wave::outputs_to
     fn run_numbered(
         &mut self,
         (compiled, program): (&Program, ProgramIndex),
         states: &mut [AlignedRow],
-        numbers: &[usize],
+        (numbers, all_outputs_to): (&[usize], &[*mut AlignedRow; MAX_SUBGROUPS]),
         depth: u32,
     ) -> Result<Event, Stopped> {
         let rows = compiled.layout().rows;
         let mut wave: [&mut [AlignedRow]; MAX_SUBGROUPS] = std::array::from_fn(|_| &mut [][..]);
+        let mut outputs_to = [null_mut(); MAX_SUBGROUPS];
         let mut count = 0;
         for (number, state) in states.chunks_exact_mut(rows).enumerate() {
             if numbers.get(count) == Some(&number) {
-                wave[count] = state;
+                (wave[count], outputs_to[count]) = (state, all_outputs_to[number]);
                 count += 1;
             }
         }
-        let events = self.run_states(program, &mut wave[..count]);
+        let events = self.run_states(program, &mut wave[..count], &outputs_to[..count]);
         let first = &states[numbers[0] * rows..][..rows];
         let events = events.inspect_err(|_| self.note_in_line(compiled, first, depth))?;
         let checked = self.look_at_limits(&events);
@@ -400,10 +411,19 @@ impl Batch<'_> {
                 let room = self.make_line_room(1, rows * wave.len(), &mut inner);
                 let outer = &states[wave[0].caller * layout.rows..][..layout.rows];
                 room.inspect_err(|_| self.note_in_line(caller, outer, 1))?;
-                for (call, state) in wave.iter().zip(inner.chunks_exact_mut(rows)) {
-                    compiled.start(state, call.lanes);
+                // Callers stand at one call.
+                let words = data_words(caller, outer);
+                let fits = compiled.output_rows() as usize <= words;
+                let mut outputs_to = [null_mut(); MAX_SUBGROUPS];
+                for (to, call) in outputs_to.iter_mut().zip(wave).filter(|_| fits) {
+                    let first = call.caller * layout.rows + layout.io + IO_DATA_ROW;
+                    *to = states[first..][..words].as_mut_ptr();
+                }
+                for (at, call) in wave.iter().enumerate() {
+                    let state = &mut inner[at * rows..][..rows];
+                    start_in_place(compiled, state, call.lanes, outputs_to[at]);
                     let outer = &states[call.caller * layout.rows..][..layout.rows];
-                    let data = &outer[layout.io + IO_DATA_ROW..][..data_words(caller, outer)];
+                    let data = &outer[layout.io + IO_DATA_ROW..][..words];
                     let Some(plan) = line.plan(program, compiled) else {
                         continue;
                     };
@@ -413,18 +433,24 @@ impl Batch<'_> {
                 }
                 let numbers: [usize; MAX_SUBGROUPS] = std::array::from_fn(|place| place);
                 let of = (&**compiled, program);
-                let event = self.run_numbered(of, &mut inner, &numbers[..wave.len()], 2)?;
+                let numbers = (&numbers[..wave.len()], &outputs_to);
+                let event = self.run_numbered(of, &mut inner, numbers, 2)?;
                 for (at, (call, state)) in wave.iter().zip(inner.chunks_exact(rows)).enumerate() {
+                    let outer = &mut states[call.caller * layout.rows..][..layout.rows];
+                    let data = &mut outer[layout.io + IO_DATA_ROW..][..words];
                     if event != Event::End {
                         answered &= !(1 << call.caller);
-                        late.push((first + chunk * width + at, state.to_vec()));
+                        let mut state = state.to_vec();
+                        if fits {
+                            self.bring_outputs(compiled, &mut state, call.lanes, data);
+                        }
+                        late.push((first + chunk * width + at, state));
+                        continue;
+                    }
+                    if fits {
                         continue;
                     }
                     let outputs = &state[compiled.layout().io..];
-                    let outputs = &outputs[..compiled.output_rows() as usize];
-                    let outer = &mut states[call.caller * layout.rows..][..layout.rows];
-                    let words = outputs.len().min(data_words(caller, outer));
-                    let data = &mut outer[layout.io + IO_DATA_ROW..];
                     copy_lanes(self.dispatch.tier, data, &outputs[..words], call.lanes);
                 }
             }
@@ -505,6 +531,34 @@ impl Batch<'_> {
         fill_by_plan(self.dispatch.tier, plan, &subject, inputs);
     }
 
+    /// The rows of the payload of the caller of rays, if they take all outputs of a callee: null if
+    /// they do not.
+    fn payload_rows(&mut self, callee: &Program, group: u32) -> *mut AlignedRow {
+        let caller = self.worker.ray_groups[group].caller;
+        let caller = &mut self.worker.subgroups[caller];
+        if callee.output_rows() > caller.data_words {
+            return null_mut();
+        }
+        let program = &self.dispatch.shaders.programs[caller.program as usize];
+        let first = program.layout().io + IO_DATA_ROW;
+        caller.rows[first..][..caller.data_words as usize].as_mut_ptr()
+    }
+
+    /// Gives a state in place its own outputs, from the rows of the caller's data that have taken
+    /// them: those of lanes that have ended.
+    fn bring_outputs(
+        &self,
+        program: &Program,
+        state: &mut [AlignedRow],
+        lanes: LaneMask,
+        data: &[AlignedRow],
+    ) {
+        let ended = lanes - program.event_mask(state);
+        let outputs = &data[..program.output_rows() as usize];
+        let to = &mut state[program.layout().io..];
+        copy_lanes(self.dispatch.tier, to, outputs, ended);
+    }
+
     /// Makes a subgroup of a hit or miss shader that has not ended.
     fn leave_line(
         &mut self,
@@ -514,10 +568,17 @@ impl Batch<'_> {
     ) -> Result<SubgroupIndex, Stopped> {
         let index = self.new_subgroup(program, call.role, call.lanes);
         let index = index.inspect_err(|_| self.note_call(call.role, call.of()))?;
+        let compiled = &self.dispatch.shaders.programs[program as usize];
         let caller = self.worker.ray_groups[call.group].caller;
         let launch = self.worker.subgroups[caller].launch;
+        let mut state = state.to_vec();
+        if !self.payload_rows(compiled, call.group).is_null() {
+            let sources = self.sources();
+            let payload = sources.data_of(caller);
+            self.bring_outputs(compiled, &mut state, call.lanes, payload);
+        }
         let subgroup = &mut self.worker.subgroups[index];
-        subgroup.rows[..state.len()].copy_from_slice(state);
+        subgroup.rows[..state.len()].copy_from_slice(&state);
         subgroup.of = by_lane(|lane| LaneRef::new(call.group, lane));
         (subgroup.launch, subgroup.is_in_place) = (launch, true);
         Ok(index)
@@ -528,6 +589,19 @@ impl Batch<'_> {
 /// with others of the batch, in their step of the round.
 fn is_worth_a_wave(subgroups: usize, members: usize) -> bool {
     subgroups > 0 && 4 * subgroups >= 3 * members
+}
+
+/// Starts a callee whose outputs go to these rows, or null: into its state.
+fn start_in_place(
+    program: &Program,
+    state: &mut [AlignedRow],
+    lanes: LaneMask,
+    outputs_to: *mut AlignedRow,
+) {
+    match outputs_to.is_null() {
+        true => program.start(state, lanes),
+        false => program.start_without_outputs(state, lanes),
+    }
 }
 
 /// Words of callable data of a state that stands at a call.

@@ -165,6 +165,7 @@ fn run_group(program: &Program, group: u32, environment: &Environment, shared: &
                 states: &mut one,
                 shared: &[shared.as_mut_ptr().cast()],
                 is_whole: false,
+                outputs_to: &[],
                 environment,
             };
             // SAFETY: the environment is of memory that outlives it, `shared` is large enough.

@@ -143,6 +143,7 @@ fn run_to_end(
             states: &mut [&mut state[..]],
             shared: &[],
             is_whole: false,
+            outputs_to: &[],
             environment: &environment,
         };
         // SAFETY: the environment is of memory that outlives it, and there is no workgroup memory.

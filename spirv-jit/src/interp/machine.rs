@@ -123,6 +123,8 @@ pub(super) struct Machine<'p> {
     pub shared: &'p [*mut u8],
     /// See [`Wave::is_whole`](crate::state::Wave::is_whole).
     pub is_whole: bool,
+    /// See [`Wave::outputs_to`](crate::state::Wave::outputs_to).
+    pub outputs_to: &'p [*mut AlignedRow],
     /// Of the frame.
     pub order: u64,
     /// Rows of outputs that are read, the first ones.
@@ -290,6 +292,21 @@ impl Machine<'_> {
     pub unsafe fn state_row(&self, subgroup: usize, row: usize) -> *mut [u32; SUBGROUP_SIZE] {
         // SAFETY: `run` checked the states' lengths.
         unsafe { self.states[subgroup].add(row * SUBGROUP_SIZE).cast() }
+    }
+
+    /// The row that takes an output of a subgroup.
+    ///
+    /// # Safety
+    /// The program has that output.
+    #[inline(always)]
+    pub unsafe fn output_row(&self, subgroup: usize, row: usize) -> *mut [u32; SUBGROUP_SIZE] {
+        // SAFETY: `run` checked the states' lengths, and its caller has rows for all outputs.
+        unsafe {
+            match self.outputs_to.get(subgroup) {
+                Some(rows) if !rows.is_null() => rows.add(row).cast(),
+                _ => self.state_row(subgroup, self.plan.layout.io + row),
+            }
+        }
     }
 
     /// Runs until an event.

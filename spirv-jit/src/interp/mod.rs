@@ -187,6 +187,7 @@ impl Code {
             subgroups,
             shared: wave.shared,
             is_whole: wave.is_whole,
+            outputs_to: wave.outputs_to,
             order: frame.order,
             outputs: frame.outputs.unwrap_or(usize::MAX),
             near: Cell::new(wave.environment.reach.likely()),

@@ -334,8 +334,8 @@ impl Kernel for ReadVerdict {
     }
 }
 
-/// Writes outputs that are read: operands `x..` (count in `b`) to the io rows from 0 in active
-/// lanes; without operands, zeros to `c` rows.
+/// Writes outputs that are read: operands `x..` (count in `b`) to the rows of outputs from 0 in
+/// active lanes; without operands, zeros to `c` rows.
 pub(super) struct WriteOutputs;
 
 impl Kernel for WriteOutputs {
@@ -344,16 +344,22 @@ impl Kernel for WriteOutputs {
         let first = i.x as usize;
         let count = (i.b.raw() as usize).min(m.outputs);
         let end = (i.c.raw() as usize).min(m.outputs);
+        let operands = &m.code.operands[first..first + count];
         // SAFETY: as the caller promises.
         unsafe {
-            for (row, &operand) in m.code.operands[first..first + count].iter().enumerate() {
-                write_io(m, operand, row);
-            }
-            for row in count..end {
-                for &subgroup in m.listed() {
-                    let s = subgroup as usize;
-                    let to = &mut *m.state_row(s, m.plan.layout.io + row);
-                    blend(to, &[0; SUBGROUP_SIZE], m.active[s]);
+            for &subgroup in m.listed() {
+                let s = subgroup as usize;
+                let to = m.output_row(s, 0);
+                for (row, &operand) in operands.iter().enumerate() {
+                    let (base, step) = m.row(operand);
+                    blend(
+                        &mut *to.add(row),
+                        &*base.add(s * step).cast::<Row>(),
+                        m.active[s],
+                    );
+                }
+                for row in count..end {
+                    blend(&mut *to.add(row), &[0; SUBGROUP_SIZE], m.active[s]);
                 }
             }
         }

@@ -206,6 +206,7 @@ fn execute_program(
                 states: &mut slices,
                 shared: &[shared.as_mut_ptr().cast(); 2],
                 is_whole: false,
+                outputs_to: &[],
                 environment: &environment,
             };
             // SAFETY: what the environment and `shared` name are the vectors above.

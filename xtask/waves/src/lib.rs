@@ -76,6 +76,7 @@ impl Waves {
                 states: &mut states,
                 shared: &[],
                 is_whole: false,
+                outputs_to: &[],
                 environment: &environment,
             };
             // SAFETY: nothing is bound, and programs that are measured follow no pointers and share

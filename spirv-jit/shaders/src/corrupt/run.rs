@@ -126,6 +126,7 @@ pub fn run(program: &Program, random: &mut Rng, margin: usize) {
             states: &mut slices,
             shared: &[shared.as_mut_ptr().cast(); 2],
             is_whole: false,
+            outputs_to: &[],
             environment: &environment,
         };
         // SAFETY: what the environment and `shared` name is alive, and as large as they say.

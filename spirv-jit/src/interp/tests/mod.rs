@@ -100,6 +100,7 @@ impl Bench {
             states: &mut states,
             shared: &shared,
             is_whole: self.is_whole,
+            outputs_to: &[],
             environment: &self.environment,
         };
         // SAFETY: what the environment names is the bench's.

@@ -352,6 +352,7 @@ fn uniform_operands_of_traces_are_right_in_states_used_again() {
                 states: &mut wave,
                 shared: &[],
                 is_whole: false,
+                outputs_to: &[],
                 environment,
             };
             // SAFETY: the environment names no memory.
@@ -378,4 +379,76 @@ fn uniform_operands_of_traces_are_right_in_states_used_again() {
             }
         }
     }
+}
+
+/// Outputs go to other rows than a state's, in the lanes that end: there at once where some end
+/// early.
+#[test]
+fn outputs_go_elsewhere() {
+    let text = "module closest_hit
+        inputs payload.0, payload.1
+        output_rows 2
+        func f0 {
+            v0: i32 = input[0]
+            v1: i32 = input[1]
+            v2: i32 = const 1
+            v3: i32 = and v0, v2
+            v4: i1 = ieq v3, v2
+            if v4, L0 { end(v1, v0) } else { br L0 }
+            v5: i32 = execute_callable v0, v1
+            end(v0, v5)
+        }";
+    on_tiers(|tier| {
+        let mut bench = Bench::new(text, tier, 3);
+        bench.input(0, |lane| lane as u32);
+        bench.input(1, |lane| 1000 + lane as u32);
+        let lanes = LaneMask::from_bits(0x7ff7);
+        for state in &mut bench.states {
+            bench.program.start_without_outputs(state, lanes);
+        }
+        bench.input(0, |lane| lane as u32);
+        bench.input(1, |lane| 1000 + lane as u32);
+        let mut taken = [[AlignedRow([77; 16]); 2]; 2];
+        let [first, second] = &mut taken;
+        // The middle one keeps its own.
+        let outputs_to = [
+            first.as_mut_ptr(),
+            std::ptr::null_mut(),
+            second.as_mut_ptr(),
+        ];
+        for turn in 0..2 {
+            let mut states: Vec<&mut [AlignedRow]> = bench
+                .states
+                .iter_mut()
+                .map(|state| &mut state[..])
+                .collect();
+            let mut wave = Wave {
+                states: &mut states,
+                shared: &[],
+                is_whole: false,
+                outputs_to: &outputs_to,
+                environment: &bench.environment,
+            };
+            // SAFETY: the environment names no memory; there are two rows for two outputs.
+            let events = unsafe { bench.program.run(&mut bench.frame, &mut wave, &mut 1000) };
+            assert_eq!(events.unwrap().all() == Event::End, turn == 1);
+            if turn == 0 {
+                bench.answer(IO_DATA_ROW, |_, word| word + 5);
+            }
+        }
+        let own = bench.program.layout().io;
+        let own = [0, 1].map(|row| bench.states[1][own + row]);
+        for (s, rows) in [taken[0], own, taken[1]].iter().enumerate() {
+            for lane in 0..16 {
+                let (x, y) = ((16 * s + lane) as u32, (1000 + 16 * s + lane) as u32);
+                let expected = match (lanes.contains(lane), x % 2) {
+                    (false, _) if s == 1 => continue,
+                    (false, _) => [77, 77],
+                    (true, 1) => [y, x],
+                    (true, _) => [x, y + 5],
+                };
+                assert_eq!([rows[0].0[lane], rows[1].0[lane]], expected, "{s}, {lane}");
+            }
+        }
+    });
 }
