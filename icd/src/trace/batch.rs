@@ -20,6 +20,7 @@ use traversal::Walker;
 
 use super::Dispatch;
 use super::calls::{Calls, Records};
+use super::fill_plan::FillPlan;
 use super::grid::Grid;
 use super::inputs::{Callee, Sources, fill};
 use super::line::{Line, Noted};
@@ -231,6 +232,8 @@ impl<'a> Batch<'a> {
         let grid = self.grid;
         let width = self.wave_width(raygen);
         let (mut line, mut others) = (Vec::with_capacity(width), Vec::new());
+        let program = &self.dispatch.shaders.programs[raygen as usize];
+        let (plan, inputs) = (FillPlan::new(program), program.layout().inputs);
         for place in grid.tiles(index) {
             let subgroup = self.new_subgroup(raygen, Role::RayGeneration, LaneMask::ALL)?;
             let launch = &mut self.worker.subgroups[subgroup].launch;
@@ -241,7 +244,6 @@ impl<'a> Batch<'a> {
                 }
             }
             if lanes != LaneMask::ALL {
-                let program = &self.dispatch.shaders.programs[raygen as usize];
                 let started = &mut self.worker.subgroups[subgroup];
                 started.lanes = lanes;
                 program.start(&mut started.rows, lanes);
@@ -250,7 +252,14 @@ impl<'a> Batch<'a> {
                 self.give_back(subgroup);
                 continue;
             }
-            self.fill_inputs(subgroup, &[record; SUBGROUP_SIZE]);
+            match &plan {
+                Some(plan) => {
+                    let started = &mut self.worker.subgroups[subgroup];
+                    let rows = &mut started.rows[inputs..];
+                    plan.fill_launches(&started.launch, (self.layer, record), rows);
+                }
+                None => self.fill_inputs(subgroup, &[record; SUBGROUP_SIZE]),
+            }
             if !self.is_direct {
                 self.make_ready(subgroup);
                 continue;

@@ -36,18 +36,8 @@ impl Batch<'_> {
     pub(super) fn is_for_line(&self, index: SubgroupIndex, site: SiteKind) -> bool {
         let subgroup = &self.worker.subgroups[index];
         let program = &self.dispatch.shaders.programs[subgroup.program as usize];
-        let is_trace = matches!(
-            site,
-            SiteKind::TraceRay {
-                trace: Trace {
-                    to_hit_object: false,
-                    ..
-                },
-                ..
-            }
-        );
         self.is_direct
-            && is_trace
+            && line_trace(site).is_some()
             && subgroup.role == Role::RayGeneration
             && !program.event_mask(&subgroup.rows).is_empty()
     }
@@ -77,6 +67,17 @@ impl Batch<'_> {
     ) -> Result<(), Stopped> {
         let compiled = &self.dispatch.shaders.programs[raygen as usize];
         let events = self.run_to_events(raygen, line)?;
+        let checked = self.look_at_limits(&events);
+        checked.inspect_err(|_| self.note_stop(line[0]))?;
+        let trace = match events.all() {
+            Event::Yield(site) => line_trace(compiled.sites()[site.0 as usize]),
+            _ => None,
+        };
+        if let Some((trace, payload_words)) = trace.filter(|_| self.are_for_line(compiled, line)) {
+            self.answer_line(raygen, line, trace, payload_words)?;
+            line.clear();
+            return Ok(());
+        }
         for (&index, event) in line.iter().zip(events.iter()) {
             match event {
                 Event::End => self.end(index),
@@ -88,10 +89,18 @@ impl Batch<'_> {
                 _ => others.push(Noted { index, event }),
             }
         }
-        let checked = self.look_at_limits(&events);
-        checked.inspect_err(|_| self.note_stop(line[0]))?;
         line.clear();
         self.answer_lines()
+    }
+
+    /// Whether lines are taken on, and each of these subgroups has lanes at its event.
+    fn are_for_line(&self, program: &Program, line: &[SubgroupIndex]) -> bool {
+        let has_lanes = |&index: &SubgroupIndex| {
+            !program
+                .event_mask(&self.worker.subgroups[index].rows)
+                .is_empty()
+        };
+        self.is_direct && line.iter().all(has_lanes)
     }
 
     /// Answers the subgroups that stand at traces, line by line.
@@ -120,11 +129,7 @@ impl Batch<'_> {
                 .take_while(|index| at(index) == here);
             let (line, others) = rest.split_at(alike.count());
             rest = others;
-            if let Some(SiteKind::TraceRay {
-                trace,
-                payload_words,
-            }) = compiled.site_of(here)
-            {
+            if let Some((trace, payload_words)) = compiled.site_of(here).and_then(line_trace) {
                 self.answer_line(program, line, trace, payload_words)?;
             }
         }
@@ -582,6 +587,17 @@ impl Batch<'_> {
         subgroup.of = by_lane(|lane| LaneRef::new(call.group, lane));
         (subgroup.launch, subgroup.is_in_place) = (launch, true);
         Ok(index)
+    }
+}
+
+/// The trace of a site, and the words of its payload, if lines are answered there.
+fn line_trace(site: SiteKind) -> Option<(Trace, u32)> {
+    match site {
+        SiteKind::TraceRay {
+            trace,
+            payload_words,
+        } if !trace.to_hit_object => Some((trace, payload_words)),
+        _ => None,
     }
 }
 

@@ -1,5 +1,5 @@
 //! Fill plans: the rows that the inputs of a hit or miss shader are, if its invocations run in the
-//! lanes of their rays. Found once for a program and a batch.
+//! lanes of their rays; and those of ray generation shaders. Found once for a program and a batch.
 
 use lanes::{LaneMask, by_lane};
 use spirv_jit::program::{AlignedRow, Builtin, InputRow, Row};
@@ -51,8 +51,8 @@ pub struct Subject<'a> {
 }
 
 impl FillPlan {
-    /// The plan of a closest-hit, miss or callable shader, if each of its inputs is a row that is
-    /// there.
+    /// The plan of a ray generation, closest-hit, miss or callable shader, if each of its inputs is
+    /// a row that is there.
     pub fn new(program: &Program) -> Option<FillPlan> {
         let sources: Option<Vec<Source>> = program.inputs().iter().map(source).collect();
         let sources = sources?;
@@ -69,6 +69,25 @@ impl FillPlan {
     #[inline]
     pub fn applies(&self, group: &RayGroup, lanes: LaneMask) -> bool {
         !self.has_weights || (lanes - group.flight.hits.built_in()).is_empty()
+    }
+
+    /// Fills the inputs of a ray generation shader's invocations, whose plan this is.
+    pub fn fill_launches(
+        &self,
+        launch: &Launches,
+        (layer, record): (u32, u64),
+        rows: &mut [AlignedRow],
+    ) {
+        for (row, &source) in rows.iter_mut().zip(&self.sources) {
+            row.0 = match source {
+                Source::LaunchColumn => launch.x,
+                Source::LaunchRow => launch.y,
+                Source::LaunchLayer => [layer; SUBGROUP_SIZE],
+                Source::Record(word) => record_word(record, word),
+                // Those of rays and callers: it has none.
+                _ => [0; SUBGROUP_SIZE],
+            };
+        }
     }
 
     #[inline(always)]

@@ -114,6 +114,9 @@ impl Waiting {
     /// Forgets the rays of a subgroup.
     #[inline]
     pub fn release(&mut self, owned: &mut Owned) {
+        if owned.0.is_empty() {
+            return;
+        }
         self.count -= owned.0.len();
         self.spare
             .extend(owned.0.drain(..).map(|(_, flight)| flight));
