@@ -156,9 +156,12 @@ impl<'a> Geometry<'a> {
                     starts: rows(0),
                     words: (0..self.places.words).map(|word| rows(1 + word)).collect(),
                 };
-                for (lane, invocation) in lanes_of(first).enumerate() {
+                let lanes = lanes_of(first);
+                let base = self.copy(&emitted, lanes.len(), first_word, outputs)?;
+                for ((lane, invocation), base) in lanes.enumerate().zip(base) {
                     let from = &input.primitives[invocation / self.facts.invocations as usize];
-                    self.collect(&emitted, lane, from, first_word, outputs, primitives)?;
+                    let words = &outputs[first_word..];
+                    self.collect(&emitted, lane, from, base, words, primitives)?;
                 }
             }
         }
@@ -205,27 +208,61 @@ impl<'a> Geometry<'a> {
         }
     }
 
-    /// Appends the vertices and the primitives of an invocation.
+    /// Vertices that an invocation emitted.
+    fn count(&self, emitted: &Emitted<'_>, lane: usize) -> usize {
+        emitted.counts.0[lane].min(self.facts.max_vertices) as usize
+    }
+
+    /// Appends the vertices of the first `lanes` invocations of a subgroup, one invocation behind
+    /// the other. Gives the number of each one's first vertex, counted from `first_word`.
+    fn copy(
+        &self,
+        emitted: &Emitted<'_>,
+        lanes: usize,
+        first_word: usize,
+        outputs: &mut Vec<u32>,
+    ) -> Result<[usize; SUBGROUP_SIZE], Stopped> {
+        let words = self.places.words;
+        let mut total = (outputs.len() - first_word).checked_div(words).unwrap_or(0);
+        let mut base = [0; SUBGROUP_SIZE];
+        let mut counts = [0; SUBGROUP_SIZE];
+        for lane in 0..lanes {
+            base[lane] = total;
+            counts[lane] = self.count(emitted, lane);
+            total += counts[lane];
+        }
+        let end = first_word + total * words;
+        (outputs.try_reserve(end - outputs.len())).map_err(|_| Stopped::OutOfMemory)?;
+        outputs.resize(end, 0);
+        let most = counts.into_iter().max().unwrap_or(0);
+        let to = &mut outputs[first_word..];
+        for vertex in 0..most {
+            for (word, rows) in emitted.words.iter().enumerate() {
+                let row = &rows[vertex].0;
+                for lane in 0..lanes {
+                    if vertex < counts[lane] {
+                        to[(base[lane] + vertex) * words + word] = row[lane];
+                    }
+                }
+            }
+        }
+        Ok(base)
+    }
+
+    /// Appends the primitives of an invocation, whose first vertex is `base`. `words`: of all
+    /// vertices.
     fn collect(
         &self,
         emitted: &Emitted<'_>,
         lane: usize,
         from: &Assembled,
-        first_word: usize,
-        outputs: &mut Vec<u32>,
+        base: usize,
+        words: &[u32],
         primitives: &mut Vec<Assembled>,
     ) -> Result<(), Stopped> {
-        let count = emitted.counts.0[lane].min(self.facts.max_vertices) as usize;
-        let words = self.places.words;
-        let out_of_memory = |_| Stopped::OutOfMemory;
-        outputs.try_reserve(count * words).map_err(out_of_memory)?;
-        primitives.try_reserve(count).map_err(out_of_memory)?;
-        let base = (outputs.len() - first_word).checked_div(words).unwrap_or(0);
-        let start = outputs.len();
-        for vertex in 0..count {
-            outputs.extend(emitted.words.iter().map(|rows| rows[vertex].0[lane]));
-        }
-        let vertices = &outputs[start..];
+        let count = self.count(emitted, lane);
+        (primitives.try_reserve(count)).map_err(|_| Stopped::OutOfMemory)?;
+        let stride = self.places.words;
         let topology = emitted_topology(&self.facts);
         let provoking = topology::provoking(topology, self.last);
         let starts = &emitted.starts[..count];
@@ -254,7 +291,7 @@ impl<'a> Geometry<'a> {
                     primitives.push(Assembled {
                         vertices: strip.map(|vertex| (base + vertex) as u32),
                         primitive_id: match self.places.primitive_id {
-                            Some(word) => vertices[corner * words + usize::from(word)],
+                            Some(word) => words[(base + corner) * stride + usize::from(word)],
                             None => from.primitive_id,
                         },
                         common: from.common,
