@@ -13,7 +13,7 @@ const SIDE: usize = crate::raster::TILE as usize / 2;
 const BLOCKS: usize = SIDE / 2;
 
 /// Quads of a block from which on it takes a subgroup of its own.
-const OWN: u32 = 3;
+pub const OWN: u32 = 3;
 
 /// Which primitive a quad is of.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -199,17 +199,18 @@ impl Packs {
         (0..4).any(|quad| quads >> quad & 1 != 0 && self.last(quad_place(place, quad)) != 0)
     }
 
-    /// Adds the fragments of a block. `joins`: to quads of other primitives, too.
-    pub fn add(&mut self, found: &Found<'_>, joins: bool) {
-        if !joins {
+    /// Adds the fragments of a block. `joins`: to quads of other primitives, too; the block takes a
+    /// subgroup of its own from so many quads on.
+    pub fn add(&mut self, found: &Found<'_>, joins: Option<u32>) {
+        let Some(own) = joins else {
             return self.add_with(found, |_| ());
-        }
+        };
         if self.join_block(found) {
             return;
         }
         let quads = quads_of(found.lanes);
-        if quads.count_ones() >= OWN {
-            return self.add_with(found, |_| ());
+        if quads.count_ones() >= own {
+            return self.add_block(found, quads);
         }
         for quad in 0..4 {
             if quads >> quad & 1 != 0 && !self.join_quad(found, quad) {
@@ -293,29 +294,34 @@ impl Packs {
     pub fn add_with(&mut self, found: &Found<'_>, mut went: impl FnMut(Went)) {
         let quads = quads_of(found.lanes);
         if quads.count_ones() >= OWN {
-            // All four quads, even if there are three: to come later than they must does no harm.
-            self.blocks[block(found.place)] = self.note(self.packs.len());
             went(Went {
                 pack: self.packs.len(),
                 quad: None,
             });
-            self.packs.push(Pack {
-                places: Places::block(found.place, found.layer, found.area),
-                origins: [found.origin; 4],
-                is_uniform: true,
-                sample: [found.sample; 4],
-                masks: *found.masks,
-                coverage: *found.coverage,
-                quads,
-                joined: 0,
-            });
-            return;
+            return self.add_block(found, quads);
         }
         for quad in 0..4 {
             if quads >> quad & 1 != 0 {
                 went(self.add_quad(found, quad));
             }
         }
+    }
+
+    /// Adds a pack that is all of a block, and has some of its quads.
+    #[inline(always)]
+    fn add_block(&mut self, found: &Found<'_>, quads: u32) {
+        // All four quads, even if there are fewer: to come later than they must does no harm.
+        self.blocks[block(found.place)] = self.note(self.packs.len());
+        self.packs.push(Pack {
+            places: Places::block(found.place, found.layer, found.area),
+            origins: [found.origin; 4],
+            is_uniform: true,
+            sample: [found.sample; 4],
+            masks: *found.masks,
+            coverage: *found.coverage,
+            quads,
+            joined: 0,
+        });
     }
 
     fn add_quad(&mut self, found: &Found<'_>, quad: usize) -> Went {

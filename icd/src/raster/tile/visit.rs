@@ -10,7 +10,7 @@ use super::clear::clear_tile;
 use super::coarse::{Gather, Of};
 use super::coverage::{Block, Covered, Square, convex, listed};
 use super::direct;
-use super::pack::{Found, Origin, Pack, Packs};
+use super::pack::{Found, OWN, Origin, Pack, Packs};
 use super::parts::Wave;
 use super::passed::Part;
 use super::plan::{Fragment, Order, Plan, Plans};
@@ -80,6 +80,8 @@ pub struct Visit<'a> {
     pub(super) worker: &'a mut TileWorker,
     pub(super) bounds: Bounds,
     pub(super) current: Option<Current<'a>>,
+    /// Quads of a block from which on it takes a subgroup of its own, if fragments may join.
+    own: u32,
     /// The sample of the draw's program, if the program does little else.
     sampling: Option<Sampling<'a>>,
     counts: Counts,
@@ -98,6 +100,7 @@ impl TileWorker {
             worker: self,
             bounds: round.grid.bounds(tile),
             current: None,
+            own: OWN,
             sampling: None,
             counts: Counts::default(),
         };
@@ -125,13 +128,16 @@ impl<'a> Visit<'a> {
                 let shape = &chunk.shapes[first as usize];
                 rest = others;
                 let second = others.first().filter(|&&second| second == first + 1);
-                if let Some(second) = second.map(|&second| &chunk.shapes[second as usize])
-                    && shape.bounds == second.bounds
+                let second = second.map(|&second| &chunk.shapes[second as usize]);
+                let second = second.filter(|second| shape.bounds == second.bounds);
+                if let Some(second) = second
                     && self.pair(chunk, shape, second)?
                 {
                     rest = &others[1..];
                     continue;
                 }
+                // The second one of a rectangle will cover what is left of the first one's blocks.
+                self.own = if second.is_some() { 1 } else { OWN };
                 self.shape(index, chunk, shape)?;
             }
         }
@@ -440,7 +446,7 @@ impl<'a> Visit<'a> {
     fn add(&mut self, fragment: &Fragment<'_>, found: &Found<'_>) -> Result<(), Stopped> {
         let packs = &mut self.worker.packs;
         if !fragment.per_sample {
-            packs.add(found, fragment.joins);
+            packs.add(found, fragment.joins.then_some(self.own));
         } else {
             let masks = found.masks.iter().enumerate();
             for (sample, &mask) in masks.filter(|(_, mask)| **mask != 0) {
@@ -452,7 +458,7 @@ impl<'a> Visit<'a> {
                     masks: &masks,
                     ..*found
                 };
-                packs.add(&found, false);
+                packs.add(&found, None);
             }
         }
         // A block adds at most four subgroups, or as many as samples.

@@ -10,7 +10,7 @@ use super::support::{
 use crate::object::graphics_state::GraphicsState;
 use crate::raster::Work;
 use crate::raster::primitive::{Bounds, Edge, PlaneEquation};
-use crate::raster::tile::pack::{Found, Origin, Packs};
+use crate::raster::tile::pack::{Found, OWN, Origin, Packs};
 use crate::raster::tile::samples::{MAX_SAMPLES, standard};
 
 const COLOR: vk::ImageAspectFlags = vk::ImageAspectFlags::COLOR;
@@ -206,7 +206,7 @@ fn add(packs: &mut Packs, record: u32, lanes: u16) -> usize {
         masks: &masks,
         coverage: &masks,
     };
-    packs.add(&found, true);
+    packs.add(&found, Some(OWN));
     packs.packs.len()
 }
 
