@@ -40,17 +40,21 @@ impl Bounds {
 }
 
 /// Which samples a primitive covers.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Coverage {
-    /// The samples inside all of the first `count` edges: triangles (3), and rectangles of points
-    /// and lines (4).
-    Convex { edges: [Edge; 4], count: u8 },
+    /// The samples inside a triangle of these corners, in fixed point, whichever way round they go.
+    Triangle([[i32; 2]; 3]),
+    /// The samples inside of an upright rectangle, in fixed point: points.
+    Upright { least: [i32; 2], greatest: [i32; 2] },
+    /// The samples inside four edges of [`Chunk::edges`], by their index: lines.
+    Rectangle(u32),
     /// All samples of the pixels `first..first + count` of [`Chunk::pixels`], each of them once, in
     /// the order of columns (`is_x`) or of rows: Bresenham lines.
     Pixels { first: u32, count: u32, is_x: bool },
 }
 
-/// A part of the screen that a primitive covers.
+/// A part of the screen that a primitive covers. Tiles read shapes and records in another order
+/// than they were written in: both are small.
 #[derive(Clone, Copy, Debug)]
 pub struct Shape {
     /// Index in [`Chunk::records`].
@@ -58,6 +62,76 @@ pub struct Shape {
     pub coverage: Coverage,
     /// Nothing is covered outside; within the scissor and the render area.
     pub bounds: Bounds,
+}
+
+impl Shape {
+    /// The edges that its samples are inside of, and how many there are.
+    #[inline(always)]
+    pub fn edges(&self, chunk: &Chunk) -> ([Edge; 4], usize) {
+        match self.coverage {
+            Coverage::Triangle(corners) => (triangle_edges(corners), 3),
+            Coverage::Upright {
+                least: [left, top],
+                greatest: [right, bottom],
+            } => {
+                let edges = [
+                    edge(1, 0, -i64::from(left)),
+                    edge(0, 1, -i64::from(top)),
+                    edge(-1, 0, i64::from(right)),
+                    edge(0, -1, i64::from(bottom)),
+                ];
+                (edges, 4)
+            }
+            Coverage::Rectangle(index) => match chunk.edges.get(index as usize) {
+                Some(edges) => (*edges, 4),
+                None => ([Edge::default(); 4], 0),
+            },
+            Coverage::Pixels { .. } => ([Edge::default(); 4], 0),
+        }
+    }
+}
+
+/// An edge with that direction into its inside; samples on it are inside of one of two neighbours.
+#[inline(always)]
+pub fn edge(a: i32, b: i32, c: i64) -> Edge {
+    let owns = a > 0 || (a == 0 && b > 0);
+    Edge {
+        a,
+        b,
+        c: c - i64::from(!owns),
+    }
+}
+
+/// Twice the area; positive if the corners go round clockwise (y is down).
+#[inline(always)]
+pub fn area(corners: [[i32; 2]; 3]) -> i64 {
+    let [a, b, c] = corners;
+    let difference = |p: i32, q: i32| i64::from(p) - i64::from(q);
+    difference(b[0], a[0]) * difference(c[1], a[1])
+        - difference(c[0], a[0]) * difference(b[1], a[1])
+}
+
+/// The edge from one corner of a triangle to the next; `sign` is that of its area.
+#[inline(always)]
+fn side(from: [i32; 2], to: [i32; 2], sign: i32) -> Edge {
+    let a = (from[1] - to[1]) * sign;
+    let b = (to[0] - from[0]) * sign;
+    let c = i64::from(a) * i64::from(from[0]) + i64::from(b) * i64::from(from[1]);
+    edge(a, b, -c)
+}
+
+/// The edges of a triangle, the first three; its area is not 0.
+#[inline(always)]
+pub fn triangle_edges(corners: [[i32; 2]; 3]) -> [Edge; 4] {
+    let sign = if area(corners) > 0 { 1 } else { -1 };
+    let [p, q, r] = corners;
+    // Written out: a closure would be called.
+    [
+        side(p, q, sign),
+        side(q, r, sign),
+        side(r, p, sign),
+        Edge::default(),
+    ]
 }
 
 /// `at + dx * (x - x0) + dy * (y - y0)`, for pixel coordinates from the record's `origin` on;
@@ -77,37 +151,42 @@ pub struct Record {
     /// `PrimitiveId`.
     pub primitive_id: u32,
     /// The layer that is drawn to: `Layer`, or the view's number in a pass with views.
-    pub layer: u32,
-    pub view_index: u32,
-    pub viewport: u32,
+    pub layer: u16,
+    pub view_index: u8,
+    pub viewport: u8,
     /// Counter-clockwise or clockwise as the state says: `FrontFacing`, and the side of the stencil
     /// test.
     pub front: bool,
+    /// All w are 1: perspective-correct coordinates are the linear ones, whose sum is 1.
+    pub is_affine: bool,
+    /// The vertex that provides flat varyings.
+    pub provoking: u8,
     /// Index of each vertex's first word in [`Chunk::outputs`]. A line has its second vertex twice,
     /// a point one vertex three times.
     pub vertices: [u32; 3],
-    /// The vertex that provides flat varyings.
-    pub provoking: u8,
     /// Index of the first word in [`Chunk::outputs`] that a mesh program gave to the primitive.
     pub words: u32,
     /// The pixel that planes start at: its centre has coordinates 0, 0.
-    pub origin: [i32; 2],
+    pub origin: [i16; 2],
     /// Depth after viewport and bias, before clamping to the viewport's range and to the format's.
     pub depth: PlaneEquation,
-    /// Clamps of depth where the state asks for them: the viewport's least and greatest depth.
-    pub depth_range: [f32; 2],
     /// For vertex i: λᵢ / wᵢ, λ the linear barycentric coordinate on the screen.
     /// Perspective-correct coordinates are these divided by their sum, which is 1 / w
     /// (`FragCoord.w`).
     pub perspective: [PlaneEquation; 3],
-    /// All w are 1: perspective-correct coordinates are the linear ones, whose sum is 1.
-    pub is_affine: bool,
-    /// λᵢ (`NoPerspective`).
-    pub linear: [PlaneEquation; 3],
+    /// Index in [`Chunk::linear`], unless it is affine.
+    pub linear: u32,
+    /// Index in [`Chunk::extras`], of a point or a smooth line.
+    pub extra: u32,
+}
+
+/// The data of points and smooth lines.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Extra {
     /// `PointCoord` of a point. Of a smooth line: the distances of a pixel's centre from its
     /// middle, across and along it, in pixels.
     pub point_coord: [PlaneEquation; 2],
-    /// Half the width and half the length of a smooth line, in pixels; zeros for other primitives.
+    /// Half the width and half the length of a smooth line, in pixels; zeros of a point.
     pub half: [f32; 2],
 }
 
@@ -131,6 +210,11 @@ pub struct Chunk {
     /// In primitive order.
     pub shapes: Vec<Shape>,
     pub records: Vec<Record>,
+    /// Edges of lines' rectangles.
+    pub edges: Vec<[Edge; 4]>,
+    /// λᵢ (`NoPerspective`) of records that are not affine.
+    pub linear: Vec<[PlaneEquation; 3]>,
+    pub extras: Vec<Extra>,
     /// Outputs of vertices, [`Program::output_rows`](spirv_jit::Program::output_rows) words a
     /// vertex, as `Program::outputs` lists them. Those of a mesh program's primitives follow.
     pub outputs: Vec<u32>,
@@ -143,7 +227,50 @@ pub struct Chunk {
     pub captured_vertices: Vec<u32>,
 }
 
+/// Of records without such data.
+static NONE: Extra = Extra {
+    point_coord: [PlaneEquation::ZERO; 2],
+    half: [0.0; 2],
+};
+
+impl PlaneEquation {
+    const ZERO: Self = Self {
+        at: 0.0,
+        dx: 0.0,
+        dy: 0.0,
+    };
+}
+
 impl Chunk {
+    /// Empties all lists.
+    pub fn clear(&mut self) {
+        self.clear = None;
+        self.shapes.clear();
+        self.records.clear();
+        self.edges.clear();
+        self.linear.clear();
+        self.extras.clear();
+        self.outputs.clear();
+        self.pixels.clear();
+        self.captured.clear();
+        self.captured_vertices.clear();
+    }
+
+    /// λᵢ of a record (`NoPerspective`).
+    #[inline(always)]
+    pub fn linear_of<'a>(&'a self, record: &'a Record) -> &'a [PlaneEquation; 3] {
+        match record.is_affine {
+            true => &record.perspective,
+            false => (self.linear.get(record.linear as usize)).unwrap_or(&record.perspective),
+        }
+    }
+
+    /// What points and smooth lines have; zeros for others.
+    #[inline(always)]
+    pub fn extra_of(&self, record: &Record) -> &Extra {
+        self.extras.get(record.extra as usize).unwrap_or(&NONE)
+    }
+
     /// Bytes of its lists whose length does not follow from the number of primitives, and of all of
     /// them where a geometry shader made more than a job has or vertices are captured.
     pub fn list_bytes(&self) -> usize {
@@ -152,6 +279,9 @@ impl Chunk {
             true => {
                 size_of_val(&*self.records)
                     + size_of_val(&*self.shapes)
+                    + size_of_val(&*self.edges)
+                    + size_of_val(&*self.linear)
+                    + size_of_val(&*self.extras)
                     + size_of_val(&*self.outputs)
             }
             false => 0,

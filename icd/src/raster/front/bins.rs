@@ -3,7 +3,7 @@
 #![forbid(unsafe_code)]
 
 use crate::raster::TILE;
-use crate::raster::primitive::{Bins, Bounds, Coverage, Edge, Grid, Shape};
+use crate::raster::primitive::{Bins, Bounds, Chunk, Edge, Grid, Shape};
 
 use super::screen::PIXEL;
 use crate::wave::Stopped;
@@ -14,7 +14,7 @@ const SMALL: u32 = 2;
 
 /// Calls with each tile that a shape may touch.
 #[inline(always)]
-fn each_tile(grid: &Grid, shape: &Shape, mut visit: impl FnMut(usize)) {
+fn each_tile(grid: &Grid, chunk: &Chunk, shape: &Shape, mut visit: impl FnMut(usize)) {
     let Bounds {
         left,
         top,
@@ -27,12 +27,11 @@ fn each_tile(grid: &Grid, shape: &Shape, mut visit: impl FnMut(usize)) {
     if left == right && top == bottom {
         return visit((top * grid.columns + left) as usize);
     }
-    let edges: &[Edge] = match &shape.coverage {
-        Coverage::Convex { edges, count } if right - left + bottom - top >= SMALL => {
-            &edges[..usize::from(*count)]
-        }
-        _ => &[],
+    let (edges, count) = match right - left + bottom - top >= SMALL {
+        true => shape.edges(chunk),
+        false => ([Edge::default(); 4], 0),
     };
+    let edges = &edges[..count];
     for row in top..=bottom {
         for column in left..=right {
             let x = i64::from((grid.left + column) * TILE) * i64::from(PIXEL);
@@ -55,7 +54,15 @@ fn each_tile(grid: &Grid, shape: &Shape, mut visit: impl FnMut(usize)) {
 ///
 /// # Errors
 /// When there is no memory for them.
-pub fn fill(bins: &mut Bins, grid: &Grid, shapes: &[Shape]) -> Result<(), Stopped> {
+pub fn fill(grid: &Grid, chunk: &mut Chunk) -> Result<(), Stopped> {
+    let mut bins = std::mem::take(&mut chunk.bins);
+    let filled = fill_bins(&mut bins, grid, chunk);
+    chunk.bins = bins;
+    filled
+}
+
+fn fill_bins(bins: &mut Bins, grid: &Grid, chunk: &Chunk) -> Result<(), Stopped> {
+    let shapes = &chunk.shapes;
     bins.starts.clear();
     bins.shapes.clear();
     if shapes.is_empty() {
@@ -68,7 +75,7 @@ pub fn fill(bins: &mut Bins, grid: &Grid, shapes: &[Shape]) -> Result<(), Stoppe
     bins.starts.resize(grid.len() + 2, 0);
     let counts = &mut bins.starts[2..];
     for shape in shapes {
-        each_tile(grid, shape, |tile| counts[tile] += 1);
+        each_tile(grid, chunk, shape, |tile| counts[tile] += 1);
     }
     let mut total = 0;
     for count in counts.iter_mut() {
@@ -79,7 +86,7 @@ pub fn fill(bins: &mut Bins, grid: &Grid, shapes: &[Shape]) -> Result<(), Stoppe
     bins.shapes.resize(total as usize, 0);
     let next = &mut bins.starts[1..];
     for (index, shape) in shapes.iter().enumerate() {
-        each_tile(grid, shape, |tile| {
+        each_tile(grid, chunk, shape, |tile| {
             bins.shapes[next[tile] as usize] = index as u32;
             next[tile] += 1;
         });

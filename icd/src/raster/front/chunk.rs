@@ -132,13 +132,8 @@ impl ChunkWorker {
     /// # Errors
     /// When a limit stopped it.
     pub fn run(&mut self, round: &Round<'_>, job: &Job, chunk: &mut Chunk) -> Result<(), Stopped> {
+        chunk.clear();
         chunk.clear = job.clear;
-        chunk.shapes.clear();
-        chunk.records.clear();
-        chunk.outputs.clear();
-        chunk.pixels.clear();
-        chunk.captured.clear();
-        chunk.captured_vertices.clear();
         let draw_of = |index: u32| draw_of(round.work, index);
         if let Some(workgroups) = &job.workgroups {
             let index = workgroups.tasks.draw;
@@ -169,7 +164,7 @@ impl ChunkWorker {
                 self.draw(round, draw, index, &ChunkSource::Spans(spans), chunk)?;
             }
         }
-        bins::fill(&mut chunk.bins, &round.grid, &chunk.shapes)
+        bins::fill(&round.grid, chunk)
     }
 
     /// Runs the control or task shader for the patches or workgroups of a job.

@@ -71,9 +71,6 @@ pub struct Facts {
     /// Triangles with positive area are front-facing.
     pub positive_is_front: bool,
     pub polygon_mode: vk::PolygonMode,
-    pub depth_clamp: bool,
-    /// The range of the clamp, if it is not the viewport's.
-    pub depth_clamp_range: Option<[f32; 2]>,
     pub bias: Option<Bias>,
     pub lines: Lines,
     /// Layers that can be drawn to.
@@ -154,8 +151,6 @@ impl Facts {
             cull_negative,
             positive_is_front,
             polygon_mode: rasterization.polygon_mode,
-            depth_clamp: rasterization.depth_clamp,
-            depth_clamp_range: rasterization.depth_clamp_range,
             bias: bias(state, depth),
             lines: Lines {
                 bresenham: rasterization.line_mode == vk::LineRasterizationModeEXT::BRESENHAM,

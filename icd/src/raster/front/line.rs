@@ -9,8 +9,8 @@ use super::clip;
 use super::facts::View;
 use super::planes::{Planes, Wide};
 use super::screen::{PIXEL, ScreenVertex, code, pixels};
-use super::set_up::{Corners, Primitive, SetUp, edge, is_empty};
-use crate::raster::primitive::{Bounds, Coverage, Edge, Shape};
+use super::set_up::{Corners, Primitive, SetUp, is_empty};
+use crate::raster::primitive::{Bounds, Coverage, Edge, Extra, Shape, edge};
 
 /// A line on the screen, in fixed point.
 #[derive(Clone, Copy, Debug)]
@@ -319,19 +319,22 @@ impl SetUp<'_> {
         if lines.smooth
             && let Some(record) = self.chunk.records.last_mut()
         {
-            record.point_coord = from_middle(segment, length, origin).map(Wide::narrow);
-            record.half = [width, length].map(|it| (it / 2.0 / f64::from(PIXEL)) as f32);
+            record.extra = self.chunk.extras.len() as u32;
+            self.chunk.extras.push(Extra {
+                point_coord: from_middle(segment, length, origin).map(Wide::narrow),
+                half: [width, length].map(|it| (it / 2.0 / f64::from(PIXEL)) as f32),
+            });
         }
         let mut add = |start: f64, end: f64| {
             // Dashes fade at the ends of the line alone.
             let start = if start == 0.0 { -halo } else { start };
             let end = if end == length { end + halo } else { end };
+            let rectangle = self.chunk.edges.len() as u32;
+            let edges = segment.rectangle(length, width + 2.0 * halo, start, end);
+            self.chunk.edges.push(edges);
             self.chunk.shapes.push(Shape {
                 record: record as u32,
-                coverage: Coverage::Convex {
-                    edges: segment.rectangle(length, width + 2.0 * halo, start, end),
-                    count: 4,
-                },
+                coverage: Coverage::Rectangle(rectangle),
                 bounds,
             });
         };

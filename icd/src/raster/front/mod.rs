@@ -67,7 +67,7 @@ const FEW_PRIMITIVES: u32 = 192;
 const FIRST_ROUND: usize = 16;
 
 /// Chunks of a round for each worker: enough that all have something to do to the end. A chunk of
-/// small triangles is half a megabyte, and the tiles should find it in a cache.
+/// small triangles is a quarter of a megabyte, and the tiles should find it in a cache.
 const CHUNKS_OF_WORKER: usize = 8;
 
 /// Bytes of lists (tiles' shapes, lines' pixels) that a round should stay below.

@@ -4,8 +4,8 @@
 
 use super::planes::{Planes, Wide};
 use super::screen::{PIXEL, ScreenVertex, code, pixels};
-use super::set_up::{Primitive, SetUp, edge, is_empty};
-use crate::raster::primitive::{Bounds, Coverage, Edge, Shape};
+use super::set_up::{Primitive, SetUp, is_empty};
+use crate::raster::primitive::{Bounds, Coverage, Extra, Shape};
 
 /// `pointSizeRange`.
 pub const POINT_SIZES: [f32; 2] = [1.0, 256.0];
@@ -68,16 +68,17 @@ impl SetUp<'_> {
             }
             .narrow()
         };
-        self.chunk.records[record as usize].point_coord = [coordinate(0), coordinate(1)];
-        let edges: [Edge; 4] = [
-            edge(1, 0, -i64::from(left)),
-            edge(0, 1, -i64::from(top)),
-            edge(-1, 0, i64::from(right)),
-            edge(0, -1, i64::from(bottom)),
-        ];
+        self.chunk.records[record as usize].extra = self.chunk.extras.len() as u32;
+        self.chunk.extras.push(Extra {
+            point_coord: [coordinate(0), coordinate(1)],
+            half: [0.0; 2],
+        });
         self.chunk.shapes.push(Shape {
             record,
-            coverage: Coverage::Convex { edges, count: 4 },
+            coverage: Coverage::Upright {
+                least: [left, top],
+                greatest: [right, bottom],
+            },
             bounds,
         });
     }

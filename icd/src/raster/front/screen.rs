@@ -33,8 +33,6 @@ pub struct Screen {
     pub offset: [f64; 2],
     pub depth_scale: f64,
     pub depth_offset: f64,
-    /// Least and greatest depth of the viewport.
-    pub depth_range: [f32; 2],
     /// The pixels whose centres are inside.
     pub inside: Bounds,
     /// The viewport's sides lie between pixels: no sample of a pixel inside is outside.
@@ -68,10 +66,6 @@ impl Screen {
             } else {
                 near
             },
-            depth_range: [
-                viewport.min_depth.min(viewport.max_depth),
-                viewport.max_depth.max(viewport.min_depth),
-            ],
             inside: Bounds {
                 left: pixel(left),
                 top: pixel(top),

@@ -6,7 +6,7 @@ use super::clip::{self, MAX_CLIP_DISTANCES};
 use super::facts::Facts;
 use super::planes::{Planes, Wide};
 use super::screen::{Clip, ScreenVertex};
-use crate::raster::primitive::{Bounds, Chunk, Edge, PlaneEquation, Record};
+use crate::raster::primitive::{Bounds, Chunk, PlaneEquation, Record};
 
 /// The facts of a primitive that set-up needs besides its vertices.
 #[derive(Clone, Copy, Debug, Default)]
@@ -53,17 +53,6 @@ pub struct SetUp<'a> {
     pub clipped: u64,
 }
 
-/// An edge with that direction into its inside; samples on it are inside of one of two neighbours.
-#[inline(always)]
-pub fn edge(a: i32, b: i32, c: i64) -> Edge {
-    let owns = a > 0 || (a == 0 && b > 0);
-    Edge {
-        a,
-        b,
-        c: c - i64::from(!owns),
-    }
-}
-
 /// Whether there are pixels.
 #[inline(always)]
 pub fn is_empty(bounds: &Bounds) -> bool {
@@ -86,32 +75,30 @@ impl SetUp<'_> {
         depth_offset: f64,
     ) -> u32 {
         let index = self.chunk.records.len() as u32;
-        let view = &self.facts.views[primitive.viewport as usize];
         let mut depth = planes.depth;
         depth.at += depth_offset;
+        let is_affine = planes.perspective == planes.linear;
+        let linear = self.chunk.linear.len() as u32;
+        if !is_affine {
+            self.chunk.linear.push(narrow(&planes.linear));
+        }
         self.chunk.records.push(Record {
             draw: primitive.draw,
             primitive_id: primitive.primitive_id,
-            layer: primitive.layer,
-            view_index: primitive.view_index,
-            viewport: primitive.viewport,
+            // There are fewer layers, views, viewports, and pixels along a side of an attachment.
+            layer: primitive.layer as u16,
+            view_index: primitive.view_index as u8,
+            viewport: primitive.viewport as u8,
             front,
-            vertices: primitive.vertices,
+            is_affine,
             provoking: primitive.provoking,
+            vertices: primitive.vertices,
             words: primitive.words,
-            origin: planes.origin,
+            origin: [planes.origin[0] as i16, planes.origin[1] as i16],
             depth: depth.narrow(),
-            depth_range: if self.facts.depth_clamp {
-                let range = self.facts.depth_clamp_range;
-                range.unwrap_or(view.screen.depth_range)
-            } else {
-                [f32::NEG_INFINITY, f32::INFINITY]
-            },
             perspective: narrow(&planes.perspective),
-            is_affine: planes.perspective == planes.linear,
-            linear: narrow(&planes.linear),
-            point_coord: Default::default(),
-            half: [0.0; 2],
+            linear,
+            extra: u32::MAX,
         });
         index
     }

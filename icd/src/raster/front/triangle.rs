@@ -7,19 +7,11 @@ use ash::vk;
 use super::clip;
 use super::planes::{self, Planes};
 use super::screen::{PIXEL, Screen, ScreenVertex, code, pixels};
-use super::set_up::{Corners, Primitive, SetUp, edge, is_empty};
-use crate::raster::primitive::{Bounds, Coverage, Edge, Shape};
+use super::set_up::{Corners, Primitive, SetUp, is_empty};
+use crate::raster::primitive::{Bounds, Coverage, Edge, Shape, area, triangle_edges};
 
 /// A place on the screen in fixed point.
 type FixedPoint = [i32; 2];
-
-/// Twice the area; positive if the vertices go round clockwise (y is down).
-#[inline(always)]
-fn area(a: FixedPoint, b: FixedPoint, c: FixedPoint) -> i64 {
-    let difference = |p: i32, q: i32| i64::from(p) - i64::from(q);
-    difference(b[0], a[0]) * difference(c[1], a[1])
-        - difference(c[0], a[0]) * difference(b[1], a[1])
-}
 
 /// The pixels that samples of a triangle can be in.
 #[inline(always)]
@@ -37,36 +29,23 @@ fn around(places: [FixedPoint; 3], centers_only: bool) -> Bounds {
     }
 }
 
-/// The edges of a triangle with positive or negative area.
-#[inline(always)]
-fn edges(places: [FixedPoint; 3], is_positive: bool) -> [Edge; 4] {
-    let side = |from: FixedPoint, to: FixedPoint| {
-        let sign = if is_positive { 1 } else { -1 };
-        let a = (from[1] - to[1]) * sign;
-        let b = (to[0] - from[0]) * sign;
-        let c = i64::from(a) * i64::from(from[0]) + i64::from(b) * i64::from(from[1]);
-        edge(a, b, -c)
-    };
-    let [p, q, r] = places;
-    [side(p, q), side(q, r), side(r, p), Edge::default()]
-}
-
 /// Whether a triangle has none of the centres of its pixels; false without a look where those are
 /// more than two, of which it mostly has one.
 #[inline(always)]
-fn passes_between([p, q, r, _]: &[Edge; 4], bounds: &Bounds) -> bool {
+fn passes_between(corners: [FixedPoint; 3], bounds: &Bounds) -> bool {
     const FEW: i32 = 2;
     let (width, height) = (bounds.right - bounds.left, bounds.bottom - bounds.top);
     if width > FEW || height > FEW || width * height > FEW {
         return false;
     }
+    let [p, q, r, _] = triangle_edges(corners);
     let center = |pixel: i32| i64::from(pixel) * i64::from(PIXEL) + i64::from(PIXEL / 2);
     for y in bounds.top..bounds.bottom {
         for x in bounds.left..bounds.right {
             let (x, y) = (center(x), center(y));
             let at = |edge: &Edge| i64::from(edge.a) * x + i64::from(edge.b) * y + edge.c;
             // Not negative is what a sample inside an edge is.
-            if at(p) | at(q) | at(r) >= 0 {
+            if at(&p) | at(&q) | at(&r) >= 0 {
                 return false;
             }
         }
@@ -101,12 +80,11 @@ impl SetUp<'_> {
         let places = [[a.x, a.y], [b.x, b.y], [c.x, c.y]];
         let around = around(places, self.facts.centers_only);
         let bounds = around.intersection(view.clipped);
-        let area = area(places[0], places[1], places[2]);
+        let area = area(places);
         if is_empty(&bounds) | self.is_culled(area) {
             return;
         }
-        let edges = edges(places, area > 0);
-        if self.facts.centers_only && passes_between(&edges, &bounds) {
+        if self.facts.centers_only && passes_between(places, &bounds) {
             return;
         }
         let origin = origin(around, &view.screen);
@@ -116,7 +94,7 @@ impl SetUp<'_> {
         let record = self.push_record(primitive, front, &planes, offset);
         self.chunk.shapes.push(Shape {
             record,
-            coverage: Coverage::Convex { edges, count: 3 },
+            coverage: Coverage::Triangle(places),
             bounds,
         });
     }
@@ -170,7 +148,7 @@ impl SetUp<'_> {
         };
         let whole: i64 = rest
             .windows(2)
-            .map(|pair| area(first, pair[0], pair[1]))
+            .map(|pair| area([first, pair[0], pair[1]]))
             .sum();
         if self.is_culled(whole) {
             return;
@@ -180,7 +158,7 @@ impl SetUp<'_> {
         let origin = origin(hull, &screen);
         let planes = if all & code::NOWHERE == 0 {
             let [a, b, c] = corners.screen.map(|vertex| [vertex.x, vertex.y]);
-            match area(a, b, c) {
+            match area([a, b, c]) {
                 0 => planes::of_homogeneous(&screen, &corners.positions, &corners.screen, origin),
                 area => planes::of_triangle(&corners.screen, area, origin),
             }
@@ -200,7 +178,7 @@ impl SetUp<'_> {
         let record = self.push_record(primitive, front, &planes, offset);
         for pair in rest.windows(2) {
             let piece = [first, pair[0], pair[1]];
-            let area = area(first, pair[0], pair[1]);
+            let area = area(piece);
             let bounds = around(piece, facts.centers_only).intersection(clipped);
             // Snapped, a polygon may have a corner that points inwards: what it folds over is
             // covered by others.
@@ -209,10 +187,7 @@ impl SetUp<'_> {
             }
             self.chunk.shapes.push(Shape {
                 record,
-                coverage: Coverage::Convex {
-                    edges: edges(piece, area > 0),
-                    count: 3,
-                },
+                coverage: Coverage::Triangle(piece),
                 bounds,
             });
         }

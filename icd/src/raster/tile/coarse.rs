@@ -327,7 +327,7 @@ impl Gather {
         untested: &[[u16; MAX_SAMPLES]],
     ) {
         let rate = coarse.of_primitive(part.record, part.outputs);
-        let layer = part.record.layer;
+        let layer = part.record.layer.into();
         let mut kind = coarse.kind(rate, part.corner, layer);
         for (index, block) in covered.blocks.iter().enumerate() {
             let untested = untested.get(index).unwrap_or(&block.masks);

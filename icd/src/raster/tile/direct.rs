@@ -15,7 +15,6 @@ use super::plan::Plan;
 use super::samples::{Counts, MAX_SAMPLES, count};
 use super::texels::{Pattern, Places, fill, load_word, store, store_word};
 use crate::raster::Target;
-use crate::raster::primitive::Record;
 
 lanes::vectors! {
     /// Tests a primitive's fragments and writes their colours and depths.
@@ -104,7 +103,7 @@ impl<V: Vector> DirectPrimitive<'_, V> {
     #[inline(always)]
     unsafe fn paint(&self, covered: &Covered, counts: &mut Counts) {
         let Self { plan, part, .. } = self;
-        let layer = part.record.layer;
+        let layer = part.record.layer.into();
         let mut whole = [0; MAX_SAMPLES];
         for (sample, mask) in whole.iter_mut().enumerate().take(plan.samples as usize) {
             if plan.sample_mask >> sample & 1 != 0 {
@@ -209,7 +208,7 @@ impl<V: Vector> DirectPrimitive<'_, V> {
     #[inline(always)]
     unsafe fn lay(&self, source_over: &SourceOver<V>, target: &Target, [x, y]: [i32; 2], size: u8) {
         let (v, surface) = (self.v, &target.surface);
-        let slice = target.first_layer + self.part.record.layer;
+        let slice = target.first_layer + u32::from(self.part.record.layer);
         let mut row = surface.texel(x as u32, y as u32, slice, 0);
         // A copy, that stays in registers.
         let source_over = *source_over;
@@ -230,7 +229,7 @@ impl<V: Vector> DirectPrimitive<'_, V> {
     #[inline(always)]
     fn column(&self, x: i32) -> V::F {
         let (v, record) = (self.v, self.part.record);
-        let from_x = v.splat_i(x.wrapping_sub(record.origin[0]));
+        let from_x = v.splat_i(x.wrapping_sub(record.origin[0].into()));
         let x = v.to_f(v.add_i(from_x, v.load_i(&IN_ROW[0])));
         v.add(v.splat(record.depth.at), v.mul(v.splat(record.depth.dx), x))
     }
@@ -243,7 +242,7 @@ impl<V: Vector> DirectPrimitive<'_, V> {
             Some(column) => Some(self.depths_of_row(column, places.y[0])),
             None if places.pattern == Pattern::Block => {
                 let from = [places.x[0], places.y[0]];
-                let range = plan.clamps_depth.then_some(record.depth_range);
+                let range = plan.depth_range(record);
                 Some(depths(
                     self.v,
                     record,
@@ -261,11 +260,11 @@ impl<V: Vector> DirectPrimitive<'_, V> {
     #[inline(always)]
     fn depths_of_row(&self, column: V::F, y: i32) -> V::F {
         let (v, record) = (self.v, self.part.record);
-        let y = y.wrapping_sub(record.origin[1]) as f32;
+        let y = y.wrapping_sub(record.origin[1].into()) as f32;
         let depths = v.add(column, v.splat(record.depth.dy * y));
-        match self.plan.clamps_depth {
-            true => clamped(v, depths, record.depth_range),
-            false => depths,
+        match self.plan.depth_range(record) {
+            Some(range) => clamped(v, depths, range),
+            None => depths,
         }
     }
 
@@ -286,7 +285,7 @@ impl<V: Vector> DirectPrimitive<'_, V> {
         let steps = steps_of(places);
         let mut lanes = 0;
         let front = if record.front { u16::MAX } else { 0 };
-        let range = plan.clamps_depth.then_some(record.depth_range);
+        let range = plan.depth_range(record);
         for (sample, mask) in masks.iter_mut().enumerate().take(plan.samples as usize) {
             let mut left = *mask;
             if left != 0 && !plan.tests.is_empty() {
@@ -347,8 +346,8 @@ impl<V: Vector> DirectPrimitive<'_, V> {
             }
             return;
         }
-        let x = v.splat_i(from[0].wrapping_sub(record.origin[0]));
-        let y = v.splat_i(from[1].wrapping_sub(record.origin[1]));
+        let x = v.splat_i(from[0].wrapping_sub(record.origin[0].into()));
+        let y = v.splat_i(from[1].wrapping_sub(record.origin[1].into()));
         let at = [
             v.to_f(v.add_i(x, v.load_i(&steps[0]))),
             v.to_f(v.add_i(y, v.load_i(&steps[1]))),
@@ -394,7 +393,7 @@ impl<V: Vector> DirectPrimitive<'_, V> {
             return v.splat_i(value.word as i32);
         }
         let is_perspective = value.change == Change::Perspective;
-        let weights = weights.of(v, self.part.record, is_perspective);
+        let weights = weights.of(v, self.part, is_perspective);
         let others = [v.splat(value.others[0]), v.splat(value.others[1])];
         v.bits_of(interpolate(
             v,
@@ -415,7 +414,8 @@ struct LazyBarycentrics<V: Vector> {
 
 impl<V: Vector> LazyBarycentrics<V> {
     #[inline(always)]
-    fn of(&mut self, v: V, record: &Record, perspective: bool) -> [V::F; 2] {
+    fn of(&mut self, v: V, part: &Part<'_>, perspective: bool) -> [V::F; 2] {
+        let Part { record, linear, .. } = *part;
         let perspective = perspective && !record.is_affine;
         let known = match perspective {
             true => &mut self.perspective,
@@ -434,8 +434,8 @@ impl<V: Vector> LazyBarycentrics<V> {
                 perspective_weights(v, planes)
             }
             false => [
-                plane_at(v, &record.linear[1], self.at),
-                plane_at(v, &record.linear[2], self.at),
+                plane_at(v, &linear[1], self.at),
+                plane_at(v, &linear[2], self.at),
             ],
         };
         *known = Some(found);

@@ -60,23 +60,24 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
         }
     }
 
-    /// A value of each lane's record.
+    /// A value of each lane's quad.
     #[inline(always)]
-    fn of_records(&self, value: impl Fn(&Record) -> u32) -> V::I {
-        let [first, second, third, fourth] = self.fragments.records;
+    fn by_quad(&self, value: impl Fn(usize) -> u32) -> V::I {
         match UNIFORM {
-            true => self.v.splat_i(value(first) as i32),
-            false => {
-                let words = [value(first), value(second), value(third), value(fourth)];
-                self.v.quads(&words)
-            }
+            true => self.v.splat_i(value(0) as i32),
+            false => self.v.quads(&[value(0), value(1), value(2), value(3)]),
         }
     }
 
+    /// A value of each lane's record.
     #[inline(always)]
-    fn number_of_records(&self, value: impl Fn(&Record) -> f32) -> V::F {
-        self.v
-            .bits_to_f(self.of_records(|record| value(record).to_bits()))
+    fn of_records(&self, value: impl Fn(&Record) -> u32) -> V::I {
+        self.by_quad(|quad| value(self.fragments.records[quad]))
+    }
+
+    #[inline(always)]
+    fn number_by_quad(&self, value: impl Fn(usize) -> f32) -> V::F {
+        (self.v).bits_to_f(self.by_quad(|quad| value(quad).to_bits()))
     }
 
     /// A word of a vertex, or of the primitive, of each lane's record, by its first word.
@@ -86,7 +87,11 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
         let of = |quad: usize| {
             let record = fragments.records[quad];
             let place = first(record).wrapping_add(word) as usize;
-            fragments.outputs[quad].get(place).copied().unwrap_or(0)
+            fragments.chunks[quad]
+                .outputs
+                .get(place)
+                .copied()
+                .unwrap_or(0)
         };
         // Not in a loop: that would put them together in memory, where a load waits for the stores.
         match UNIFORM {
@@ -152,8 +157,8 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
     #[inline(always)]
     fn coordinates(&self, position: Position) -> [V::F; 2] {
         let v = self.v;
-        let origin_x = self.of_records(|record| record.origin[0] as u32);
-        let origin_y = self.of_records(|record| record.origin[1] as u32);
+        let origin_x = self.of_records(|record| i32::from(record.origin[0]) as u32);
+        let origin_y = self.of_records(|record| i32::from(record.origin[1]) as u32);
         let x = v.sub_i(self.of_quads(&self.fragments.x), origin_x);
         let y = v.sub_i(self.of_quads(&self.fragments.y), origin_y);
         // Exact: records start within 2²¹ pixels, and halves fit beside that.
@@ -167,20 +172,21 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
     }
 
     #[inline(always)]
-    fn plane(&self, [x, y]: [V::F; 2], plane: impl Fn(&Record) -> PlaneEquation) -> V::F {
+    fn plane(&self, [x, y]: [V::F; 2], plane: impl Fn(usize) -> PlaneEquation) -> V::F {
         let v = self.v;
-        let at = self.number_of_records(|record| plane(record).at);
-        let dx = self.number_of_records(|record| plane(record).dx);
-        let dy = self.number_of_records(|record| plane(record).dy);
+        let at = self.number_by_quad(|quad| plane(quad).at);
+        let dx = self.number_by_quad(|quad| plane(quad).dx);
+        let dy = self.number_by_quad(|quad| plane(quad).dy);
         v.add(v.add(at, v.mul(dx, x)), v.mul(dy, y))
     }
 
     #[inline(always)]
     fn perspective(&self, at: [V::F; 2]) -> [V::F; 3] {
+        let records = &self.fragments.records;
         [
-            self.plane(at, |record| record.perspective[0]),
-            self.plane(at, |record| record.perspective[1]),
-            self.plane(at, |record| record.perspective[2]),
+            self.plane(at, |quad| records[quad].perspective[0]),
+            self.plane(at, |quad| records[quad].perspective[1]),
+            self.plane(at, |quad| records[quad].perspective[2]),
         ]
     }
 
@@ -193,9 +199,20 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
 
     #[inline(always)]
     fn linear(&self, at: [V::F; 2]) -> [V::F; 2] {
+        let fragments = self.fragments;
+        if UNIFORM {
+            let linear = fragments.linear(0);
+            return [self.plane(at, |_| linear[1]), self.plane(at, |_| linear[2])];
+        }
+        let linear = [
+            fragments.linear(0),
+            fragments.linear(1),
+            fragments.linear(2),
+            fragments.linear(3),
+        ];
         [
-            self.plane(at, |record| record.linear[1]),
-            self.plane(at, |record| record.linear[2]),
+            self.plane(at, |quad| linear[quad][1]),
+            self.plane(at, |quad| linear[quad][2]),
         ]
     }
 
@@ -316,7 +333,7 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
             InputRowSource::CoordY => self.coordinate(&fragments.y, 1),
             InputRowSource::Depth => {
                 let at = self.coordinates(position);
-                v.bits_of(self.plane(at, |record| record.depth))
+                v.bits_of(self.plane(at, |quad| fragments.records[quad].depth))
             }
             InputRowSource::InverseW => {
                 let at = self.coordinates(position);
@@ -324,7 +341,11 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
             }
             InputRowSource::PointCoord(axis) => {
                 let at = self.coordinates(position);
-                v.bits_of(self.plane(at, |record| record.point_coord[axis]))
+                let extra = |quad: usize| {
+                    let record = fragments.records[quad];
+                    fragments.chunks[quad].extra_of(record)
+                };
+                v.bits_of(self.plane(at, |quad| extra(quad).point_coord[axis]))
             }
             InputRowSource::SampleId => {
                 let [a, b, c, d] = fragments.sample;
@@ -336,10 +357,10 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
             }
             InputRowSource::SampleMask => v.load_i(&self.sample_mask()),
             InputRowSource::Front => self.of_records(|record| u32::from(record.front)),
-            InputRowSource::Layer => self.of_records(|record| record.layer),
-            InputRowSource::Viewport => self.of_records(|record| record.viewport),
+            InputRowSource::Layer => self.of_records(|record| record.layer.into()),
+            InputRowSource::Viewport => self.of_records(|record| record.viewport.into()),
             InputRowSource::Primitive => self.of_records(|record| record.primitive_id),
-            InputRowSource::View => self.of_records(|record| record.view_index),
+            InputRowSource::View => self.of_records(|record| record.view_index.into()),
             InputRowSource::SampleLocations(axis) => v.splat_i(self.inputs.packed[axis] as i32),
             InputRowSource::Planes(perspective, index) => self.planes(perspective, index),
         }
@@ -370,17 +391,18 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
 
     #[inline(always)]
     fn planes(&self, perspective: bool, index: usize) -> V::I {
-        let plane = |record: &Record| match perspective {
-            true => record.perspective[index % 3],
-            false => record.linear[index % 3],
+        let fragments = self.fragments;
+        let plane = |quad: usize| match perspective {
+            true => fragments.records[quad].perspective[index % 3],
+            false => fragments.linear(quad)[index % 3],
         };
         match index / 3 {
             0 => {
                 let at = self.coordinates(Position::Center);
                 self.v.bits_of(self.plane(at, plane))
             }
-            1 => self.of_records(|record| plane(record).dx.to_bits()),
-            _ => self.of_records(|record| plane(record).dy.to_bits()),
+            1 => self.by_quad(|quad| plane(quad).dx.to_bits()),
+            _ => self.by_quad(|quad| plane(quad).dy.to_bits()),
         }
     }
 }

@@ -9,7 +9,7 @@ use super::interpolation::number;
 use super::lanes::{LANE_X, LANE_Y, Row};
 use super::samples::Locations;
 use crate::object::shading_rate::Rate;
-use crate::raster::primitive::Record;
+use crate::raster::primitive::{Chunk, PlaneEquation, Record};
 
 /// One row of inputs.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -140,8 +140,8 @@ pub type Steps = SmallVec<[[f32; 3]; 16]>;
 /// Sixteen fragments: four quads of one or several primitives.
 pub struct Fragments<'a> {
     pub records: [&'a Record; 4],
-    /// Outputs of the vertices of each quad's chunk.
-    pub outputs: [&'a [u32]; 4],
+    /// Of each quad's record.
+    pub chunks: [&'a Chunk; 4],
     /// First pixels of the quads.
     pub x: [i32; 4],
     pub y: [i32; 4],
@@ -149,6 +149,14 @@ pub struct Fragments<'a> {
     pub sample: [u8; 4],
     /// Covered lanes, by sample.
     pub coverage: &'a [u16],
+}
+
+impl<'a> Fragments<'a> {
+    /// λᵢ of a quad's record (`NoPerspective`).
+    #[inline(always)]
+    pub fn linear(&self, quad: usize) -> &'a [PlaneEquation; 3] {
+        self.chunks[quad].linear_of(self.records[quad])
+    }
 }
 
 impl Inputs {
@@ -242,7 +250,7 @@ impl Inputs {
 
     /// The steps from which the varyings of one primitive's fragments are computed.
     pub fn steps(&self, fragments: &Fragments<'_>, steps: &mut Steps) {
-        let (record, outputs) = (fragments.records[0], fragments.outputs[0]);
+        let (record, outputs) = (fragments.records[0], &fragments.chunks[0].outputs[..]);
         steps.clear();
         for fill in &self.fills {
             let InputRowSource::Varying(word, _) = *fill else {

@@ -58,8 +58,8 @@ pub fn depths<V: Vector>(
     range: Option<[f32; 2]>,
 ) -> V::F {
     let [inside_x, inside_y] = from_center(location);
-    let from_x = v.splat_i(x.wrapping_sub(record.origin[0]));
-    let from_y = v.splat_i(y.wrapping_sub(record.origin[1]));
+    let from_x = v.splat_i(x.wrapping_sub(record.origin[0].into()));
+    let from_y = v.splat_i(y.wrapping_sub(record.origin[1].into()));
     let x = v.to_f(v.add_i(from_x, v.load_i(&steps[0])));
     let y = v.to_f(v.add_i(from_y, v.load_i(&steps[1])));
     let at = [v.add(v.splat(inside_x), x), v.add(v.splat(inside_y), y)];

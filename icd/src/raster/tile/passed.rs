@@ -8,7 +8,7 @@ use smallvec::SmallVec;
 use super::inputs::{Inputs, Slope};
 use super::lanes::rows_of;
 use super::output::Output;
-use crate::raster::primitive::{Bounds, Record};
+use crate::raster::primitive::{Bounds, Chunk, PlaneEquation, Record};
 
 /// The result of fragments without a program run.
 pub struct Passed {
@@ -26,6 +26,8 @@ pub type Texels = SmallVec<[[u32; 4]; 2]>;
 /// A primitive in a tile.
 pub struct Part<'a> {
     pub record: &'a Record,
+    /// Its λᵢ ([`Chunk::linear_of`]).
+    pub linear: &'a [PlaneEquation; 3],
     /// Outputs of its vertices.
     pub outputs: &'a [u32],
     /// The tile's first pixel.
@@ -120,6 +122,20 @@ pub fn texels_of<V: Vector>(v: V, output: &Output, values: &[Value]) -> Option<T
     Some(texels)
 }
 
+impl<'a> Part<'a> {
+    /// A primitive of a chunk in a tile that starts at a corner.
+    #[inline(always)]
+    pub fn new(chunk: &'a Chunk, record: &'a Record, corner: [i32; 2], area: &'a Bounds) -> Self {
+        Self {
+            record,
+            linear: chunk.linear_of(record),
+            outputs: &chunk.outputs,
+            corner,
+            area,
+        }
+    }
+}
+
 impl Part<'_> {
     #[inline(always)]
     fn word(&self, vertex: usize, word: u32) -> u32 {
@@ -140,10 +156,10 @@ impl Part<'_> {
             Slope::PerVertex(word, vertex) => self.word(vertex, word),
             Slope::OfPrimitive(word) => self.word_from(record.words, word),
             Slope::Front => u32::from(record.front),
-            Slope::Layer => record.layer,
-            Slope::Viewport => record.viewport,
+            Slope::Layer => record.layer.into(),
+            Slope::Viewport => record.viewport.into(),
             Slope::Primitive => record.primitive_id,
-            Slope::View => record.view_index,
+            Slope::View => record.view_index.into(),
             Slope::Varying(word, perspective) => {
                 let at = |vertex: usize| f32::from_bits(self.word(vertex, word));
                 let first = at(0);

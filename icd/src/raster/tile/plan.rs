@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use ash::vk;
 use lanes::Tier;
 use spirv_jit::Program;
 use spirv_jit::program::FragmentFacts;
@@ -14,7 +15,9 @@ use super::passed::Passed;
 use super::samples::Locations;
 use super::tinted::Sampled;
 use crate::compute::waves::subgroups_at_once;
+use crate::object::graphics_state::{GraphicsState, MAX_VIEWPORTS};
 use crate::object::shading_rate::Rate;
+use crate::raster::primitive::Record;
 use crate::raster::{Chunk, Draw, Targets, Work};
 
 /// When the tests are done.
@@ -44,8 +47,8 @@ pub struct Plan<'a> {
     pub locations: Locations,
     /// Samples that the state lets pass.
     pub sample_mask: u32,
-    /// Depths are clamped to the viewport's range.
-    pub clamps_depth: bool,
+    /// By viewport: the range that depths are clamped to; none where they are not.
+    depth_ranges: Vec<[f32; 2]>,
 }
 
 /// The program of a plan.
@@ -139,9 +142,31 @@ impl<'a> Plan<'a> {
             samples,
             locations,
             sample_mask: multisample.sample_mask,
-            clamps_depth: state.rasterization.depth_clamp,
+            depth_ranges: depth_ranges(state),
         }
     }
+
+    /// The range that depths of a primitive are clamped to.
+    #[inline(always)]
+    pub fn depth_range(&self, record: &Record) -> Option<[f32; 2]> {
+        let range = self.depth_ranges.get(usize::from(record.viewport));
+        range.copied()
+    }
+}
+
+/// The ranges of [`Plan::depth_range`].
+fn depth_ranges(state: &GraphicsState) -> Vec<[f32; 2]> {
+    let rasterization = &state.rasterization;
+    if !rasterization.depth_clamp {
+        return Vec::new();
+    }
+    let of_viewport = |viewport: &vk::Viewport| {
+        let (near, far) = (viewport.min_depth, viewport.max_depth);
+        [near.min(far), far.max(near)]
+    };
+    let range = |viewport| (rasterization.depth_clamp_range).unwrap_or(of_viewport(viewport));
+    let viewports = state.viewports.viewports.iter();
+    viewports.take(MAX_VIEWPORTS).map(range).collect()
 }
 
 /// Tests run after a program whose effects or outputs depend on their order (spec, "Early Fragment

@@ -9,7 +9,7 @@ use lanes::vector::Vector;
 use super::coverage::NARROW;
 use super::lanes::{COLUMNS, IN_BLOCK, IN_ROW, ROWS};
 use super::texels::{Pattern, Places};
-use crate::raster::primitive::{Bounds, Coverage, Edge, Shape};
+use crate::raster::primitive::{Bounds, Edge};
 
 /// Units of the screen's fixed point in a pixel.
 const PIXEL: i32 = 256;
@@ -30,10 +30,7 @@ fn line(edge: &Edge) -> i64 {
 }
 
 /// The level, the upright and the slanted edge of a triangle that has one of each.
-fn sides(shape: &Shape) -> Option<[&Edge; 3]> {
-    let Coverage::Convex { edges, count: 3 } = &shape.coverage else {
-        return None;
-    };
+fn sides(edges: &[Edge; 4]) -> Option<[&Edge; 3]> {
     let edges = &edges[..3];
     let level = edges.iter().find(|edge| edge.a == 0)?;
     let upright = edges.iter().find(|edge| edge.b == 0)?;
@@ -42,10 +39,10 @@ fn sides(shape: &Shape) -> Option<[&Edge; 3]> {
 }
 
 impl Rectangle {
-    /// Of two triangles that share their longest side and have right angles between upright and
+    /// Of the edges of two triangles that share their longest side and have right angles between upright and
     /// level ones. Coverage is by pixels' centres, inside `clip`, which lies inside both triangles'
     /// bounds.
-    pub fn of(first: &Shape, second: &Shape, clip: &Bounds) -> Option<Self> {
+    pub fn of(first: &[Edge; 4], second: &[Edge; 4], clip: &Bounds) -> Option<Self> {
         let [level, upright, diagonal] = sides(first)?;
         let [other_level, other_upright, other_diagonal] = sides(second)?;
         let height = i64::from(diagonal.a.unsigned_abs());

@@ -34,13 +34,13 @@ lanes::vectors! {
         blocks: &mut [Block],
     ) {
         let front = if record.front { u16::MAX } else { 0 };
-        let range = plan.clamps_depth.then_some(record.depth_range);
+        let range = plan.depth_range(record);
         let locations = &plan.locations;
         let is_early = plan.order == Order::Early && plan.samples == 1;
         let plain = plan.tests.plain().filter(|_| is_early);
         for block in blocks {
             let place = block.place(corner);
-            let places = Places::block(place, record.layer, area);
+            let places = Places::block(place, record.layer.into(), area);
             if let (Some(plain), Pattern::Block) = (plain, places.pattern) {
                 let depths = depths(v, record, place, &IN_BLOCK, locations[0], range);
                 // SAFETY: the caller's promise; the block lies in the render area.
@@ -219,14 +219,16 @@ fn fade(fragments: &Fragments<'_>, alpha: &mut Row) {
     for (lane, alpha) in alpha.iter_mut().enumerate() {
         let quad = lane / 4;
         let record = fragments.records[quad];
-        if record.half[0] == 0.0 {
+        let extra = fragments.chunks[quad].extra_of(record);
+        if extra.half[0] == 0.0 {
             continue;
         }
         let [x, y] = [(fragments.x, LANE_X), (fragments.y, LANE_Y)]
             .map(|(first, step)| first[quad].wrapping_add(step[lane] & 1));
-        let [x, y] = [(x, 0), (y, 1)].map(|(at, axis)| at.wrapping_sub(record.origin[axis]) as f32);
+        let [x, y] =
+            [(x, 0), (y, 1)].map(|(at, axis)| at.wrapping_sub(record.origin[axis].into()) as f32);
         let covered = |axis: usize| {
-            let (plane, half) = (&record.point_coord[axis], record.half[axis]);
+            let (plane, half) = (&extra.point_coord[axis], extra.half[axis]);
             let from = plane.at + plane.dx * x + plane.dy * y;
             let (least, most) = ((from - 0.5).max(-half), (from + 0.5).min(half));
             (most - least).max(0.0)
@@ -237,26 +239,26 @@ fn fade(fragments: &Fragments<'_>, alpha: &mut Row) {
 
 /// The record of a primitive, and the words of its chunk's vertices.
 #[inline(always)]
-fn record_of(chunks: &[Chunk], origin: Origin) -> (&Record, &[u32]) {
+fn record_of(chunks: &[Chunk], origin: Origin) -> (&Record, &Chunk) {
     let chunk = &chunks[origin.chunk as usize];
-    (&chunk.records[origin.record as usize], &chunk.outputs)
+    (&chunk.records[origin.record as usize], chunk)
 }
 
 impl<'a> Fragments<'a> {
     /// Makes them those of one primitive.
     #[inline(always)]
     fn set_origin(&mut self, chunks: &'a [Chunk], origin: Origin) {
-        let (record, outputs) = record_of(chunks, origin);
-        (self.records, self.outputs) = ([record; 4], [outputs; 4]);
+        let (record, chunk) = record_of(chunks, origin);
+        (self.records, self.chunks) = ([record; 4], [chunk; 4]);
     }
 }
 
 /// The fragments of a subgroup.
 fn fragments_of<'a>(chunks: &'a [Chunk], pack: &'a Pack) -> Fragments<'a> {
-    let (record, outputs) = record_of(chunks, pack.origins[0]);
+    let (record, chunk) = record_of(chunks, pack.origins[0]);
     let mut fragments = Fragments {
         records: [record; 4],
-        outputs: [outputs; 4],
+        chunks: [chunk; 4],
         x: pack.places.x,
         y: pack.places.y,
         sample: pack.sample,
@@ -264,8 +266,8 @@ fn fragments_of<'a>(chunks: &'a [Chunk], pack: &'a Pack) -> Fragments<'a> {
     };
     if !pack.is_uniform {
         for (quad, &origin) in pack.origins.iter().enumerate().skip(1) {
-            let (record, outputs) = record_of(chunks, origin);
-            (fragments.records[quad], fragments.outputs[quad]) = (record, outputs);
+            let (record, chunk) = record_of(chunks, origin);
+            (fragments.records[quad], fragments.chunks[quad]) = (record, chunk);
         }
     }
     fragments
@@ -284,8 +286,9 @@ fn depths_of_pack(
     for lane in 0..16 {
         let quad = lane / 4;
         let record = fragments.records[quad];
-        let from =
-            |at: i32, origin: i32, step: i32| at.wrapping_sub(origin).wrapping_add(step & 1) as f32;
+        let from = |at: i32, origin: i16, step: i32| {
+            at.wrapping_sub(origin.into()).wrapping_add(step & 1) as f32
+        };
         let x = inside_x + from(fragments.x[quad], record.origin[0], LANE_X[lane]);
         let y = inside_y + from(fragments.y[quad], record.origin[1], LANE_Y[lane]);
         let plane = &record.depth;
@@ -293,7 +296,7 @@ fn depths_of_pack(
             Some(written) => f32::from_bits(written[lane]),
             None => plane.at + plane.dx * x + plane.dy * y,
         };
-        let range = plan.clamps_depth.then_some(record.depth_range);
+        let range = plan.depth_range(record);
         depths[lane] = clamp(value, range).to_bits();
     }
     depths

@@ -18,7 +18,7 @@ use super::passed::{Change, Part, Value};
 use super::rectangle::{Cells, EdgeTest, Rectangle};
 use super::samples::Counts;
 use super::texels::{Pattern, Places, load_word, store_word};
-use crate::raster::primitive::{Bounds, Edge, Record};
+use crate::raster::primitive::{Bounds, Edge, PlaneEquation, Record};
 
 /// How a program's fragments are worked off that way.
 pub struct Sampled<'a> {
@@ -112,7 +112,7 @@ lanes::vectors! {
             Primitive::new(sampled, parts[1]),
         ];
         let painter = SampledPrimitives::new(v, kind, output, sampled, sampling);
-        let cells = rectangle.cells(limit, parts[0].record.layer);
+        let cells = rectangle.cells(limit, parts[0].record.layer.into());
         // SAFETY: the caller's promise.
         unsafe {
             match primitives[0].is_like(&primitives[1]) {
@@ -171,7 +171,7 @@ impl<'a> Fragments<'a> {
             covered,
             corner: part.corner,
             area: part.area,
-            layer: part.record.layer,
+            layer: part.record.layer.into(),
             square: 0,
             given: 0,
             block: 0,
@@ -205,6 +205,7 @@ impl Iterator for Fragments<'_> {
 /// The data from which a primitive's fragments are computed.
 struct Primitive<'a> {
     record: &'a Record,
+    linear: &'a [PlaneEquation; 3],
     /// The slopes of the factors of texels, by row of outputs, then both coordinates.
     values: SmallVec<[Value; 8]>,
     perspective: bool,
@@ -219,6 +220,7 @@ impl<'a> Primitive<'a> {
         }
         Self {
             record: part.record,
+            linear: part.linear,
             values,
             perspective: sampled.perspective && !part.record.is_affine,
         }
@@ -388,8 +390,8 @@ impl<'a, V: Vector> SampledPrimitives<'a, V> {
             Pattern::Row => &IN_ROW,
             _ => &IN_BLOCK,
         };
-        let x = v.splat_i(places.x[0].wrapping_sub(record.origin[0]));
-        let y = v.splat_i(places.y[0].wrapping_sub(record.origin[1]));
+        let x = v.splat_i(places.x[0].wrapping_sub(record.origin[0].into()));
+        let y = v.splat_i(places.y[0].wrapping_sub(record.origin[1].into()));
         let at = [
             v.to_f(v.add_i(x, v.load_i(&steps[0]))),
             v.to_f(v.add_i(y, v.load_i(&steps[1]))),
@@ -404,8 +406,8 @@ impl<'a, V: Vector> SampledPrimitives<'a, V> {
                 perspective_weights(v, planes)
             }
             false => [
-                plane_at(v, &record.linear[1], at),
-                plane_at(v, &record.linear[2], at),
+                plane_at(v, &primitive.linear[1], at),
+                plane_at(v, &primitive.linear[2], at),
             ],
         }
     }

@@ -19,7 +19,7 @@ use super::samples::{Counts, Location, MAX_SAMPLES, any, count};
 use super::shading::{finish, start, test_blocks};
 use super::tinted::{self, Sampled};
 use crate::compute::waves::{Runner, Subgroups};
-use crate::raster::primitive::{Bounds, Coverage, Grid, Record, Shape};
+use crate::raster::primitive::{Bounds, Coverage, Grid, Record, Shape, triangle_edges};
 use crate::raster::{Chunk, Context, Counters, Draw, Targets, Work};
 use crate::wave::Stopped;
 
@@ -193,7 +193,7 @@ impl<'a> Visit<'a> {
         let record = &chunk.records[shape.record as usize];
         let clip = (shape.bounds).intersection(self.bounds.intersection(self.round.area));
         let is_outside = clip.left >= clip.right || clip.top >= clip.bottom;
-        if is_outside || record.layer >= self.round.targets.layers {
+        if is_outside || u32::from(record.layer) >= self.round.targets.layers {
             return Ok(());
         }
         let Some(current) = self.take_draw(record.draw)? else {
@@ -206,12 +206,8 @@ impl<'a> Visit<'a> {
             chunk: index,
             record: shape.record,
         };
-        let part = Part {
-            record,
-            outputs: &chunk.outputs,
-            corner: [self.bounds.left, self.bounds.top],
-            area: &self.round.area,
-        };
+        let corner = [self.bounds.left, self.bounds.top];
+        let part = Part::new(chunk, record, corner, &self.round.area);
         let sampled = current.plan.sampled.as_ref().zip(self.sampling.as_ref());
         let result = match (&current.plan.passed, sampled) {
             (Some(passed), _) => {
@@ -237,7 +233,7 @@ impl<'a> Visit<'a> {
             (None, None) => match &current.plan.coarse {
                 None => self.fragments(current, origin, record, &mut covered),
                 Some(coarse) => {
-                    let layer = record.layer;
+                    let layer = record.layer.into();
                     let of = Of { origin, layer };
                     self.coarse_fragments(current, coarse, of, &part, &mut covered)
                 }
@@ -264,21 +260,24 @@ impl<'a> Visit<'a> {
             && !sampling.takes_derivatives();
         let is_one = records.iter().all(|it| it.draw == current.index)
             && records[0].layer == records[1].layer
-            && records[0].layer < self.round.targets.layers;
+            && u32::from(records[0].layer) < self.round.targets.layers;
         if !is_plain || !is_one {
             return Ok(false);
         }
         let limit = self.bounds.intersection(self.round.area);
         let clip = first.bounds.intersection(limit);
-        let Some(rectangle) = Rectangle::of(first, second, &clip) else {
+        let triangles = [first, second].map(|shape| match shape.coverage {
+            Coverage::Triangle(corners) => Some(triangle_edges(corners)),
+            _ => None,
+        });
+        let [Some(a), Some(b)] = triangles else {
             return Ok(false);
         };
-        let part = |record| Part {
-            record,
-            outputs: &chunk.outputs,
-            corner: [self.bounds.left, self.bounds.top],
-            area: &self.round.area,
+        let Some(rectangle) = Rectangle::of(&a, &b, &clip) else {
+            return Ok(false);
         };
+        let corner = [self.bounds.left, self.bounds.top];
+        let part = |record| Part::new(chunk, record, corner, &self.round.area);
         let tier = self.round.tier;
         if current.is_counted {
             self.counts.samples += rectangle.area();
@@ -310,29 +309,29 @@ impl<'a> Visit<'a> {
         locations: &[Location],
         covered: &mut Covered,
     ) {
-        match &shape.coverage {
-            Coverage::Convex { edges, count } => {
-                let edges = &edges[..usize::from(*count).min(4)];
-                convex(
-                    self.round.tier,
-                    edges,
-                    &self.bounds,
-                    clip,
-                    locations,
-                    covered,
-                );
-            }
+        match shape.coverage {
             Coverage::Pixels { first, count, is_x } => {
-                let (first, count) = (*first as usize, *count as usize);
+                let (first, count) = (first as usize, count as usize);
                 let list = chunk.pixels.get(first..).unwrap_or_default();
                 let list = &list[..count.min(list.len())];
                 listed(
                     list,
-                    *is_x,
+                    is_x,
                     &self.bounds,
                     clip,
                     locations.len() as u32,
                     &mut covered.blocks,
+                );
+            }
+            _ => {
+                let (edges, count) = shape.edges(chunk);
+                convex(
+                    self.round.tier,
+                    &edges[..count],
+                    &self.bounds,
+                    clip,
+                    locations,
+                    covered,
                 );
             }
         }
@@ -427,7 +426,7 @@ impl<'a> Visit<'a> {
             let found = Found {
                 origin,
                 place: block.place([self.bounds.left, self.bounds.top]),
-                layer: record.layer,
+                layer: record.layer.into(),
                 area: &self.round.area,
                 sample: 0,
                 lanes,
@@ -543,12 +542,19 @@ impl<'a> Visit<'a> {
 }
 
 /// Asks for what the shapes that follow the first of a list need: the shapes themselves, and the
-/// records of those that were asked for before.
+/// records and edges of those that were asked for before.
 #[inline(always)]
 fn fetch_ahead(chunk: &Chunk, shapes: &[u32]) {
     let shape = |ahead: usize| chunk.shapes.get(*shapes.get(ahead)? as usize);
-    if let Some(record) = shape(AHEAD).and_then(|it| chunk.records.get(it.record as usize)) {
-        lanes::prefetch(record);
+    if let Some(next) = shape(AHEAD) {
+        if let Some(record) = chunk.records.get(next.record as usize) {
+            lanes::prefetch(record);
+        }
+        if let Coverage::Rectangle(index) = next.coverage
+            && let Some(edges) = chunk.edges.get(index as usize)
+        {
+            lanes::prefetch(edges);
+        }
     }
     if let Some(shape) = shape(2 * AHEAD) {
         lanes::prefetch(shape);

@@ -6,7 +6,7 @@ use super::super::bins::fill;
 use super::super::facts::{DepthFormat, Facts};
 use super::*;
 use crate::raster::TILE;
-use crate::raster::primitive::{Bins, Grid};
+use crate::raster::primitive::Grid;
 
 #[test]
 fn bins_have_the_shapes_of_their_samples() {
@@ -40,8 +40,8 @@ fn bins_have_the_shapes_of_their_samples() {
         chunk.records.extend(one.records);
     }
     let grid = Grid::of(&area);
-    let mut bins = Bins::default();
-    assert!(fill(&mut bins, &grid, &chunk.shapes).is_ok());
+    assert!(fill(&grid, &mut chunk).is_ok());
+    let bins = &chunk.bins;
     assert_eq!(bins.starts.len(), grid.len() + 1);
     for tile in 0..grid.len() {
         let shapes = bins.shapes_of(tile);
@@ -57,7 +57,9 @@ fn bins_have_the_shapes_of_their_samples() {
                     ]
                 })
             });
-            let is_seen = samples.into_iter().any(|[x, y]| covers(shape, x, y));
+            let is_seen = samples
+                .into_iter()
+                .any(|[x, y]| covers(&chunk, shape, x, y));
             assert!(!is_seen || listed(index), "tile {tile}, shape {index}");
         }
     }

@@ -46,7 +46,8 @@ fn planes_of_clipped_triangles_are_those_of_whole_ones() {
         for i in 0..3 {
             let (a, b) = (&whole_record.perspective[i], &cut_record.perspective[i]);
             assert!(!differ(a, b));
-            assert!(!differ(&whole_record.linear[i], &cut_record.linear[i]));
+            let linear = (whole.linear_of(whole_record), cut.linear_of(cut_record));
+            assert!(!differ(&linear.0[i], &linear.1[i]));
         }
         compared += 1;
     }
@@ -141,10 +142,10 @@ fn barycentric_coordinates_are_within_what_is_covered() {
             for y in bounds.top..bounds.bottom {
                 for x in bounds.left..bounds.right {
                     let (sample_x, sample_y) = (256 * i64::from(x) + 128, 256 * i64::from(y) + 128);
-                    if !covers(shape, sample_x, sample_y) {
+                    if !covers(&chunk, shape, sample_x, sample_y) {
                         continue;
                     }
-                    for plane in &record.linear {
+                    for plane in chunk.linear_of(record) {
                         let share = value(plane, record, f64::from(x) + 0.5, f64::from(y) + 0.5);
                         assert!((-1e-3..=1.001).contains(&share), "{share}");
                         compared += 1;

@@ -3,6 +3,7 @@
 use ash::vk;
 
 use super::*;
+use crate::raster::primitive::Coverage;
 
 /// Twice the area, in 128 bits.
 fn area_of(a: [i64; 2], b: [i64; 2], c: [i64; 2]) -> i128 {

@@ -320,7 +320,7 @@ fn vertices_are_shaded_once() {
     assert!(views.contains(&0) && views.contains(&2) && !views.contains(&1));
     for chunk in &chunks {
         for record in &chunk.records {
-            assert_eq!(record.layer, record.view_index);
+            assert_eq!(record.layer, u16::from(record.view_index));
         }
     }
 }

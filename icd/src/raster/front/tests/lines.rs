@@ -69,7 +69,9 @@ fn whole_lines_are_lines() {
         let (from, to) = (position(), position());
         let drawn = |draw: fn(&mut SetUp<'_>, &Primitive, &Corners<'_>)| {
             let chunk = set_up_with(&facts, [from, to, to], Default::default(), draw);
-            format!("{:?} {:?} {:?}", chunk.shapes, chunk.records, chunk.pixels)
+            let planes = (&chunk.linear, &chunk.extras);
+            let shapes = (&chunk.shapes, &chunk.edges, &chunk.pixels);
+            format!("{:?} {planes:?} {shapes:?}", chunk.records)
         };
         let slowly = drawn(|set_up, primitive, corners| {
             set_up.line(primitive, corners, [0, 1], true, 0.0);

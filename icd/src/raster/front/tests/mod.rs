@@ -19,7 +19,7 @@ use super::facts::{DepthFormat, Facts};
 use super::screen::{Clip, ScreenVertex, project};
 use super::set_up::{Corners, Primitive, SetUp};
 use crate::object::graphics_state::GraphicsState;
-use crate::raster::primitive::{Chunk, Coverage, Shape};
+use crate::raster::primitive::{Chunk, Shape};
 pub use fastrand::Rng as Random;
 
 /// Pixels of a side of the tests' screen.
@@ -103,15 +103,14 @@ pub fn triangle(facts: &Facts, positions: [Clip; 3]) -> Chunk {
 }
 
 /// Whether a shape of edges covers a sample, in fixed-point units.
-pub fn covers(shape: &Shape, x: i64, y: i64) -> bool {
+pub fn covers(chunk: &Chunk, shape: &Shape, x: i64, y: i64) -> bool {
     let bounds = shape.bounds;
     let (pixel_x, pixel_y) = ((x >> 8) as i32, (y >> 8) as i32);
-    let Coverage::Convex { edges, count } = &shape.coverage else {
-        panic!("not a shape of edges");
-    };
+    let (edges, count) = shape.edges(chunk);
+    assert_ne!(count, 0, "not a shape of edges");
     (bounds.left..bounds.right).contains(&pixel_x)
         && (bounds.top..bounds.bottom).contains(&pixel_y)
-        && edges[..usize::from(*count)].iter().all(|edge| {
+        && edges[..count].iter().all(|edge| {
             i128::from(edge.a) * i128::from(x)
                 + i128::from(edge.b) * i128::from(y)
                 + i128::from(edge.c)
@@ -124,7 +123,7 @@ pub fn coverage(chunk: &Chunk, x: i64, y: i64) -> usize {
     chunk
         .shapes
         .iter()
-        .filter(|shape| covers(shape, x, y))
+        .filter(|shape| covers(chunk, shape, x, y))
         .count()
 }
 

@@ -9,7 +9,7 @@ use super::support::{
     COMPARE, Canvas, Random, chunk_of, draw, edges, halve_and_double, pass_on, run, targets,
 };
 use crate::object::graphics_state::GraphicsState;
-use crate::raster::primitive::{Edge, PlaneEquation};
+use crate::raster::primitive::PlaneEquation;
 use crate::raster::tile::samples::{fixed_point, from_center, standard};
 use crate::raster::{Targets, Work};
 
@@ -48,10 +48,10 @@ const FACTORS: [BlendFactor; 7] = [
 
 /// A triangle and the numbers at its corners.
 pub struct Drawn {
-    pub edges: [Edge; 4],
+    pub corners: [[i32; 2]; 3],
     pub depth: PlaneEquation,
     pub linear: [PlaneEquation; 2],
-    pub origin: [i32; 2],
+    pub origin: [i16; 2],
     pub colors: [[f32; 4]; 3],
 }
 
@@ -69,10 +69,10 @@ impl Drawn {
         let (depth, linear) = (plane(), [plane(), plane()]);
         let colors = [(); 3].map(|()| [(); 4].map(|()| random.f32() * 1.5 - 0.25));
         Self {
-            edges: edges(corners),
+            corners,
             depth,
             linear,
-            origin: extent.map(|it| random.i64(0..i64::from(it)) as i32),
+            origin: extent.map(|it| random.i64(0..i64::from(it)) as i16),
             colors: match random.i64(0..2) {
                 0 => [colors[0]; 3],
                 _ => colors,
@@ -82,14 +82,14 @@ impl Drawn {
 
     fn covers(&self, [x, y]: [i32; 2], [sx, sy]: [i32; 2]) -> bool {
         let (x, y) = (i128::from(x * 256 + sx), i128::from(y * 256 + sy));
-        self.edges[..3]
+        edges(self.corners)[..3]
             .iter()
             .all(|edge| i128::from(edge.a) * x + i128::from(edge.b) * y + i128::from(edge.c) >= 0)
     }
 
     fn plane(&self, plane: &PlaneEquation, [x, y]: [i32; 2], [sx, sy]: [f32; 2]) -> f32 {
-        let x = sx + (x - self.origin[0]) as f32;
-        let y = sy + (y - self.origin[1]) as f32;
+        let x = sx + (x - i32::from(self.origin[0])) as f32;
+        let y = sy + (y - i32::from(self.origin[1])) as f32;
         plane.at + plane.dx * x + plane.dy * y
     }
 
@@ -312,7 +312,7 @@ fn check(random: &mut Random, runs: bool) {
         let targets = targets_of(&color_drawn, depth_drawn.as_ref());
         let shapes = drawn.iter().map(|it| {
             let colors = it.colors.map(|color| color.map(f32::to_bits));
-            (it.edges, it.depth, it.linear, it.origin, colors)
+            (it.corners, it.depth, it.linear, it.origin, colors)
         });
         let chunk = chunk_of(0, &targets, shapes);
         // The same numbers, from a program that has to run.

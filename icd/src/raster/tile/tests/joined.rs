@@ -115,7 +115,7 @@ fn check(random: &mut Random, samples: u32, is_tested: bool) {
                 let words = [first, second, third].map(|it| it.map(f32::to_bits));
                 let linear = [plane(0.0, 1.0, 0.0), plane(0.0, 0.0, 1.0)];
                 let depth = plane(it.depth, 0.0, 0.0);
-                (edges(it.corners), depth, linear, [0, 0], words)
+                (it.corners, depth, linear, [0, 0], words)
             });
             let mut chunk = chunk_of(0, &targets, shapes);
             for (shape, it) in chunk.shapes.iter_mut().zip(some) {

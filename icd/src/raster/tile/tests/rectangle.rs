@@ -3,7 +3,7 @@
 use lanes::vector::{Portable, Vector};
 
 use super::support::{Random, edges};
-use crate::raster::primitive::{Bounds, Coverage, Edge, Shape};
+use crate::raster::primitive::{Bounds, Edge};
 use crate::raster::tile::lanes::{LANE_X, LANE_Y};
 use crate::raster::tile::rectangle::{EdgeTest, Rectangle};
 use crate::raster::tile::texels::Pattern;
@@ -24,21 +24,7 @@ pub fn halves(least: [i32; 2], greatest: [i32; 2], falls: bool) -> [[[i32; 2]; 3
     }
 }
 
-fn shape(corners: [[i32; 2]; 3], bounds: Bounds) -> Shape {
-    Shape {
-        record: 0,
-        coverage: Coverage::Convex {
-            edges: edges(corners),
-            count: 3,
-        },
-        bounds,
-    }
-}
-
-fn covers(shape: &Shape, x: i32, y: i32) -> bool {
-    let Coverage::Convex { edges, .. } = &shape.coverage else {
-        return false;
-    };
+fn covers(edges: &[Edge; 4], x: i32, y: i32) -> bool {
     let inside = |edge: &Edge| {
         let (x, y) = (i64::from(256 * x + 128), i64::from(256 * y + 128));
         i64::from(edge.a) * x + i64::from(edge.b) * y + edge.c >= 0
@@ -77,7 +63,7 @@ fn cells_are_the_pixels_of_both_triangles() {
             limit.right -= random.i64(0..64) as i32;
             limit.top += random.i64(0..64) as i32;
         }
-        let [first, second] = corners.map(|corners| shape(corners, limit));
+        let [first, second] = corners.map(edges);
         let found = Rectangle::of(&first, &second, &limit).expect("they are a rectangle");
         let side = EdgeTest::new(v, &found.diagonal);
         let mut seen = [[None; 64]; 64];
@@ -127,7 +113,7 @@ fn others_are_no_rectangles() {
     };
     let pairs = halves([256, 512], [2560, 5120], true);
     let is_rectangle = |corners: [[[i32; 2]; 3]; 2]| {
-        let [first, second] = corners.map(|corners| shape(corners, bounds));
+        let [first, second] = corners.map(edges);
         Rectangle::of(&first, &second, &bounds).is_some()
     };
     assert!(is_rectangle(pairs));

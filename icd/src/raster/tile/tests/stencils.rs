@@ -92,6 +92,10 @@ fn fragments_pass_and_write_what_the_tables_say() {
         };
         let mut state = GraphicsState::default();
         state.multisample.samples = samples;
+        state.viewports.viewports.push(vk::Viewport {
+            max_depth: 1.0,
+            ..vk::Viewport::default()
+        });
         state.rasterization.depth_clamp = chance(2) == 0;
         let tests = &mut state.depth_stencil;
         tests.stencil = [face(&mut chance), face(&mut chance)];

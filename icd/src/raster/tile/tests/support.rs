@@ -280,10 +280,7 @@ pub fn chunk(draw: u32, targets: &Targets, triangles: &[Triangle]) -> Chunk {
         };
         chunk.shapes.push(Shape {
             record: chunk.records.len() as u32,
-            coverage: Coverage::Convex {
-                edges: edges(triangle.corners),
-                count: 3,
-            },
+            coverage: Coverage::Triangle(triangle.corners),
             bounds: whole,
         });
         chunk.records.push(Record {
@@ -298,37 +295,36 @@ pub fn chunk(draw: u32, targets: &Targets, triangles: &[Triangle]) -> Chunk {
             words: 0,
             origin: [0, 0],
             depth: flat(triangle.depth),
-            depth_range: [0.0, 1.0],
             perspective: [flat(1.0), flat(0.0), flat(0.0)],
             is_affine: false,
-            linear: [flat(1.0), flat(0.0), flat(0.0)],
-            point_coord: [flat(0.0); 2],
-            half: [0.0; 2],
+            linear: chunk.linear.len() as u32,
+            extra: u32::MAX,
         });
+        chunk.linear.push([flat(1.0), flat(0.0), flat(0.0)]);
     }
     chunk.bins = bins(targets, chunk.shapes.len());
     chunk
 }
 
-/// Edges, depth, the linear coordinates of the second and third vertex, their origin, and the
+/// Corners, depth, the linear coordinates of the second and third vertex, their origin, and the
 /// vertices' words of location 0.
 pub type Sloped = (
-    [Edge; 4],
+    [[i32; 2]; 3],
     PlaneEquation,
     [PlaneEquation; 2],
-    [i32; 2],
+    [i16; 2],
     [[u32; 4]; 3],
 );
 
 /// A chunk of triangles with slopes, of one draw.
 pub fn chunk_of(draw: u32, targets: &Targets, shapes: impl Iterator<Item = Sloped>) -> Chunk {
     let mut whole = Chunk::default();
-    for (edges, depth, linear, origin, words) in shapes {
+    for (corners, depth, linear, origin, words) in shapes {
         let mut one = chunk(draw, targets, &[Triangle::everywhere(0.0, [0; 4])]);
         let first = whole.outputs.len() as u32;
         whole.outputs.extend(words.into_iter().flatten());
         let (mut shape, mut record) = (one.shapes.remove(0), one.records.remove(0));
-        shape.coverage = Coverage::Convex { edges, count: 3 };
+        shape.coverage = Coverage::Triangle(corners);
         shape.record = whole.records.len() as u32;
         let area = &targets.area;
         shape.bounds.left = area.offset.x;
@@ -338,7 +334,10 @@ pub fn chunk_of(draw: u32, targets: &Targets, shapes: impl Iterator<Item = Slope
         record.vertices = [first, first + 4, first + 8];
         record.depth = depth;
         record.origin = origin;
-        record.linear = [PlaneEquation::default(), linear[0], linear[1]];
+        record.linear = whole.linear.len() as u32;
+        whole
+            .linear
+            .push([PlaneEquation::default(), linear[0], linear[1]]);
         whole.shapes.push(shape);
         whole.records.push(record);
     }

@@ -10,7 +10,7 @@ use std::sync::Arc;
 
 use super::direct::{Drawn, state};
 use super::rectangle::halves;
-use super::support::{Canvas, Random, chunk_of, draw, edges, program, run, targets};
+use super::support::{Canvas, Random, chunk_of, draw, program, run, targets};
 use crate::raster::Work;
 
 /// Texels of a level's side, at most.
@@ -124,7 +124,7 @@ fn boxed(random: &mut Random, extent: [u32; 2]) -> [Drawn; 2] {
     let greatest = least.map(|it| it + random.i64(1..reach) as i32);
     let corners = halves(least, greatest, random.i64(0..2) == 0);
     for (drawn, corners) in drawn.iter_mut().zip(corners) {
-        drawn.edges = edges(corners);
+        drawn.corners = corners;
     }
     if random.i64(0..3) == 0 {
         // One colour, one texel.
@@ -176,11 +176,12 @@ fn check(random: &mut Random) {
             let targets = targets(Some(&color), Some(&depth));
             let shapes = drawn.iter().map(|it| {
                 let colors = it.colors.map(|color| color.map(f32::to_bits));
-                (it.edges, it.depth, it.linear, it.origin, colors)
+                (it.corners, it.depth, it.linear, it.origin, colors)
             });
             let mut chunk = chunk_of(0, &targets, shapes);
-            for record in &mut chunk.records {
-                record.is_affine = is_affine;
+            for record in chunk.records.iter_mut().filter(|_| is_affine) {
+                record.perspective = chunk.linear[record.linear as usize];
+                record.is_affine = true;
             }
             let program = sampling(is_direct, alpha);
             assert_eq!(program.tinted().is_some(), is_direct);
