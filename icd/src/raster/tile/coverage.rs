@@ -13,7 +13,7 @@ use smallvec::SmallVec;
 
 use super::lanes::{COLUMNS, IN_BLOCK, LANE_X, LANE_Y, ROWS, Row, negative};
 use super::samples::{CENTER, Location, MAX_SAMPLES, fixed_point, masks_of};
-use crate::raster::primitive::{Bounds, Edge};
+use crate::raster::primitive::{Bounds, Edge, triangle_edges};
 
 /// A 4×4 block of pixels with covered samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -33,6 +33,51 @@ pub struct Square {
     pub y: u8,
     /// Pixels of a side: 16, or those of a tile.
     pub size: u8,
+}
+
+/// The blocks of a small shape, with one sample a pixel.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct SmallBlocks {
+    blocks: [SmallBlock; SMALL as usize],
+    count: usize,
+}
+
+/// As [`Block`], with one sample a pixel.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct SmallBlock {
+    pub x: u8,
+    pub y: u8,
+    pub lanes: u16,
+}
+
+impl SmallBlocks {
+    /// Those with covered samples.
+    pub fn covered(&self) -> &[SmallBlock] {
+        &self.blocks[..self.count]
+    }
+}
+
+/// A list of blocks with one sample a pixel.
+trait ListOfBlocks {
+    fn add(&mut self, x: i32, y: i32, lanes: u16);
+}
+
+impl ListOfBlocks for Vec<Block> {
+    #[inline(always)]
+    fn add(&mut self, x: i32, y: i32, lanes: u16) {
+        self.push(Block::new(x, y, lanes.into()));
+    }
+}
+
+impl ListOfBlocks for SmallBlocks {
+    #[inline(always)]
+    fn add(&mut self, x: i32, y: i32, lanes: u16) {
+        if let Some(block) = self.blocks.get_mut(self.count) {
+            let (x, y) = (x as u8, y as u8);
+            *block = SmallBlock { x, y, lanes };
+            self.count += 1;
+        }
+    }
 }
 
 /// Coverage of a tile by a shape, without overlaps.
@@ -378,7 +423,7 @@ fn scan_centers<V: Vector, const N: usize>(
     edges: [&Edge; N],
     corner: [i64; 2],
     clip: &Bounds,
-    blocks: &mut Vec<Block>,
+    blocks: &mut impl ListOfBlocks,
 ) {
     let steps = [v.load_i(&IN_BLOCK[0]), v.load_i(&IN_BLOCK[1])];
     let mut sides = [v.splat_i(0); N];
@@ -396,10 +441,17 @@ fn scan_centers<V: Vector, const N: usize>(
             if outside != u16::MAX {
                 let mask = inside(clip, x, y) & !outside;
                 if mask != 0 {
-                    blocks.push(Block::new(x, y, mask.into()));
+                    blocks.add(x, y, mask);
                 }
             }
         }
+    }
+}
+
+lanes::vectors! {
+    /// The blocks of a small clip that a triangle touches, with one sample a pixel.
+    fn scan_triangle<V>(v, edges: [&Edge; 3], corner: [i64; 2], clip: &Bounds, blocks: &mut SmallBlocks) {
+        scan_centers(v, edges, corner, clip, blocks);
     }
 }
 
@@ -583,6 +635,55 @@ lanes::vectors! {
     }
 }
 
+/// A clip that lies in a tile, from the tile's corner.
+#[inline(always)]
+fn in_tile(clip: &Bounds, tile: &Bounds) -> Bounds {
+    Bounds {
+        left: clip.left - tile.left,
+        top: clip.top - tile.top,
+        right: clip.right - tile.left,
+        bottom: clip.bottom - tile.top,
+    }
+}
+
+/// Whether 32 bits hold what edges are inside a tile.
+#[inline(always)]
+fn are_narrow(edges: &[Edge]) -> bool {
+    let steps = |edge: &Edge| u64::from(edge.a.unsigned_abs()) + u64::from(edge.b.unsigned_abs());
+    edges.iter().all(|edge| steps(edge) <= NARROW)
+}
+
+/// Whether a clip touches few blocks.
+#[inline(always)]
+fn is_small(clip: &Bounds) -> bool {
+    let blocks = |from: i32, to: i32| (to - (from & !3) + 3) / 4;
+    blocks(clip.left, clip.right) * blocks(clip.top, clip.bottom) <= SMALL
+}
+
+/// What a triangle covers of a tile inside a clip, which lies in the tile, with one sample a pixel;
+/// none if that is large.
+#[inline(always)]
+pub fn small_triangle(
+    tier: lanes::Tier,
+    corners: [[i32; 2]; 3],
+    tile: &Bounds,
+    clip: &Bounds,
+) -> Option<SmallBlocks> {
+    let clip = in_tile(clip, tile);
+    if !is_small(&clip) {
+        return None;
+    }
+    let edges = triangle_edges(corners);
+    if !are_narrow(&edges[..3]) {
+        return None;
+    }
+    let corner = [tile.left.into(), tile.top.into()];
+    let mut blocks = SmallBlocks::default();
+    let [first, second, third, _] = &edges;
+    scan_triangle(tier, [first, second, third], corner, &clip, &mut blocks);
+    Some(blocks)
+}
+
 /// Appends what a convex shape covers of a tile inside a clip, which lies in the tile.
 pub fn convex(
     tier: lanes::Tier,
@@ -593,17 +694,9 @@ pub fn convex(
     covered: &mut Covered,
 ) {
     let corner = [tile.left.into(), tile.top.into()];
-    let clip = Bounds {
-        left: clip.left - tile.left,
-        top: clip.top - tile.top,
-        right: clip.right - tile.left,
-        bottom: clip.bottom - tile.top,
-    };
-    let steps = |edge: &Edge| u64::from(edge.a.unsigned_abs()) + u64::from(edge.b.unsigned_abs());
-    let is_narrow = edges.iter().all(|edge| steps(edge) <= NARROW);
-    let blocks = |from: i32, to: i32| (to - (from & !3) + 3) / 4;
-    let is_small = blocks(clip.left, clip.right) * blocks(clip.top, clip.bottom) <= SMALL;
-    if is_narrow && is_small {
+    let clip = in_tile(clip, tile);
+    let is_narrow = are_narrow(edges);
+    if is_narrow && is_small(&clip) {
         scan_small(tier, edges, corner, &clip, locations, &mut covered.blocks);
     } else if is_narrow {
         scan_narrow(tier, edges, corner, &clip, locations, covered);

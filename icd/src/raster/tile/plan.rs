@@ -47,6 +47,8 @@ pub struct Plan<'a> {
     pub locations: Locations,
     /// Samples that the state lets pass.
     pub sample_mask: u32,
+    /// Fragments of one sample go from coverage to the program without a test, and may join.
+    is_plain: bool,
     /// By viewport: the range that depths are clamped to; none where they are not.
     depth_ranges: Vec<[f32; 2]>,
 }
@@ -131,11 +133,19 @@ impl<'a> Plan<'a> {
                 subgroups: subgroups_at_once(program),
             }
         });
+        let is_plain = program.as_ref().is_some_and(|program| program.joins)
+            && passed.is_none()
+            && sampled.is_none()
+            && coarse.is_none()
+            && tests.is_empty()
+            && samples == 1
+            && multisample.sample_mask & 1 != 0;
         Self {
             program,
             passed,
             sampled,
             coarse,
+            is_plain,
             order,
             tests,
             output,
@@ -144,6 +154,12 @@ impl<'a> Plan<'a> {
             sample_mask: multisample.sample_mask,
             depth_ranges: depth_ranges(state),
         }
+    }
+
+    /// The program, where nothing stands between coverage and it.
+    #[inline(always)]
+    pub fn plain(&self) -> Option<&Fragment<'a>> {
+        self.program.as_ref().filter(|_| self.is_plain)
     }
 
     /// The range that depths of a primitive are clamped to.

@@ -8,14 +8,14 @@ use spirv_jit::interp::tinted::Sampling;
 
 use super::clear::clear_tile;
 use super::coarse::{Gather, Of};
-use super::coverage::{Block, Covered, Square, convex, listed};
+use super::coverage::{Block, Covered, SmallBlocks, Square, convex, listed, small_triangle};
 use super::direct;
 use super::pack::{Found, OWN, Origin, Pack, Packs};
 use super::parts::Wave;
 use super::passed::Part;
 use super::plan::{Fragment, Order, Plan, Plans};
 use super::rectangle::Rectangle;
-use super::samples::{Counts, Location, MAX_SAMPLES, any, count};
+use super::samples::{Counts, Location, MAX_SAMPLES, any, count, masks_of};
 use super::shading::{finish, start, test_blocks};
 use super::tinted::{self, Sampled};
 use crate::compute::waves::{Runner, Subgroups};
@@ -199,13 +199,20 @@ impl<'a> Visit<'a> {
         let Some(current) = self.take_draw(record.draw)? else {
             return Ok(());
         };
-        let mut covered = std::mem::take(&mut self.worker.covered);
-        covered.clear();
-        self.cover(chunk, shape, &clip, &current.plan.locations, &mut covered);
         let origin = Origin {
             chunk: index,
             record: shape.record,
         };
+        if let (Some(fragment), Coverage::Triangle(corners)) =
+            (current.plan.plain(), shape.coverage)
+            && let Some(blocks) = small_triangle(self.round.tier, corners, &self.bounds, &clip)
+        {
+            let layer = record.layer.into();
+            return self.small_fragments(current, fragment, origin, layer, &blocks);
+        }
+        let mut covered = std::mem::take(&mut self.worker.covered);
+        covered.clear();
+        self.cover(chunk, shape, &clip, &current.plan.locations, &mut covered);
         let corner = [self.bounds.left, self.bounds.top];
         let part = Part::new(chunk, record, corner, &self.round.area);
         let sampled = current.plan.sampled.as_ref().zip(self.sampling.as_ref());
@@ -335,6 +342,42 @@ impl<'a> Visit<'a> {
                 );
             }
         }
+    }
+
+    /// Adds the fragments of a small triangle that no test comes before to the wave.
+    fn small_fragments(
+        &mut self,
+        current: Current<'a>,
+        fragment: &Fragment<'_>,
+        origin: Origin,
+        layer: u32,
+        blocks: &SmallBlocks,
+    ) -> Result<(), Stopped> {
+        for block in blocks.covered() {
+            let lanes = block.lanes;
+            if current.is_counted {
+                self.counts.samples += u64::from(lanes.count_ones());
+            }
+            let masks = masks_of(lanes.into());
+            let found = Found {
+                origin,
+                place: [
+                    self.bounds.left + i32::from(block.x),
+                    self.bounds.top + i32::from(block.y),
+                ],
+                layer,
+                area: &self.round.area,
+                sample: 0,
+                lanes,
+                masks: &masks,
+                coverage: &masks,
+            };
+            self.worker.packs.add(&found, Some(self.own));
+            if self.worker.packs.packs.len() >= fragment.subgroups {
+                self.run_wave()?;
+            }
+        }
+        Ok(())
     }
 
     /// Tests the fragments of a program, as far as that comes first, and adds those that are left
