@@ -52,11 +52,11 @@ pub unsafe fn describe(address: u64, live: &Live) -> Option<DescribedStructure> 
     }
     let bottom_levels = bottoms.iter().filter_map(|(address, bottom)| {
         let bottom = bottom.as_ref()?;
-        let mut told = told(*address, &bottom.structure, &bottom.facts);
-        told["instances"] = bottom.instances.into();
-        Some(told)
+        let mut object = to_json(*address, &bottom.structure, &bottom.facts);
+        object["instances"] = bottom.instances.into();
+        Some(object)
     });
-    let mut facts = told(address, &top, &facts);
+    let mut facts = to_json(address, &top, &facts);
     facts["bottom_levels"] = bottom_levels.collect();
     facts["active_instances"] = active.into();
     facts["left_out_of_file"] = scene.left_out.into();
@@ -66,7 +66,7 @@ pub unsafe fn describe(address: u64, live: &Live) -> Option<DescribedStructure> 
     })
 }
 
-fn told(address: u64, structure: &Structure, facts: &StructureFacts) -> Value {
+fn to_json(address: u64, structure: &Structure, facts: &StructureFacts) -> Value {
     let kind = match structure.kind() {
         Kind::Triangles => "triangles",
         Kind::Aabbs => "boxes",

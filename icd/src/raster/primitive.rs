@@ -265,7 +265,7 @@ impl Chunk {
         }
     }
 
-    /// What points and smooth lines have; zeros for others.
+    /// The values of points and smooth lines; zeros for others.
     #[inline(always)]
     pub fn extra_of(&self, record: &Record) -> &Extra {
         self.extras.get(record.extra as usize).unwrap_or(&NONE)

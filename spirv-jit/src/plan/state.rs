@@ -66,9 +66,9 @@ impl Plan {
         }
     }
 
-    /// Sets a state to the entry of program `number`, whose plan this is, with these active lanes, of
-    /// which `helpers` are helper invocations, and zeroes its first `outputs` output rows, or all of
-    /// them.
+    /// Sets a state to the entry of program `number`, whose plan this is, with these active lanes,
+    /// of which `helpers` are helper invocations, and zeroes its first `outputs` output rows, or
+    /// all of them.
     #[inline]
     pub fn start(
         &self,

@@ -660,8 +660,8 @@ fn is_small(clip: &Bounds) -> bool {
     blocks(clip.left, clip.right) * blocks(clip.top, clip.bottom) <= SMALL
 }
 
-/// What a triangle covers of a tile inside a clip, which lies in the tile, with one sample a pixel;
-/// none if that is large.
+/// The coverage of a triangle in a tile, inside a clip that lies in the tile, with one sample a
+/// pixel; none if it is large.
 #[inline(always)]
 pub fn small_triangle(
     tier: lanes::Tier,

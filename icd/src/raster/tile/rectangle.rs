@@ -39,9 +39,9 @@ fn sides(edges: &[Edge; 4]) -> Option<[&Edge; 3]> {
 }
 
 impl Rectangle {
-    /// Of the edges of two triangles that share their longest side and have right angles between upright and
-    /// level ones. Coverage is by pixels' centres, inside `clip`, which lies inside both triangles'
-    /// bounds.
+    /// From the edges of two triangles that share their longest side and have right angles between
+    /// upright and level sides. Coverage is by pixels' centres, inside `clip`, which lies inside
+    /// both triangles' bounds.
     pub fn of(first: &[Edge; 4], second: &[Edge; 4], clip: &Bounds) -> Option<Self> {
         let [level, upright, diagonal] = sides(first)?;
         let [other_level, other_upright, other_diagonal] = sides(second)?;

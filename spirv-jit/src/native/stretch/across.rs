@@ -230,7 +230,7 @@ impl Turns {
     }
 }
 
-/// What operations across lanes are made of. Each takes registers of all lanes.
+/// The parts of operations across lanes. Each takes registers of all lanes.
 impl Stretch {
     /// An operation on each register.
     fn by_lanes(
