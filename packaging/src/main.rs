@@ -63,7 +63,7 @@ struct Arguments {
 }
 
 /// The most bytes that a stripped driver may have.
-const MAX_DRIVER_BYTES: usize = 14_500_000;
+const MAX_DRIVER_BYTES: usize = 15_000_000;
 
 /// The system that packages are for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -69,34 +69,18 @@ pub(crate) fn run_metered<M: Meter>(
     meter: &mut M,
 ) -> Event {
     match walker.options.tier {
+        // One kernel for both: reports are no reason for more code.
         #[cfg(target_arch = "x86_64")]
-        // SAFETY: a walker has this tier only on machines that have the instruction set.
-        Tier::Avx512 => unsafe { run_metered_avx512(walk, verdict, walker, fuel, meter) },
-        #[cfg(target_arch = "x86_64")]
-        // SAFETY: likewise.
-        Tier::Avx2 => unsafe { run_metered_avx2(walk, verdict, walker, fuel, meter) },
+        // SAFETY: a walker has these tiers only on machines that have AVX2.
+        Tier::Avx512 | Tier::Avx2 => unsafe {
+            run_metered_avx2(walk, verdict, walker, fuel, meter)
+        },
         _ => {
             let entered = &mut { Entered::NOTHING };
             // SAFETY: every machine has plain Rust.
             unsafe { run_all::<PortableKernel, M>(walk, verdict, walker, entered, fuel, meter) }
         }
     }
-}
-
-/// # Safety
-/// The machine has these features.
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
-unsafe fn run_metered_avx512<M: Meter>(
-    walk: &mut Walk,
-    verdict: Verdict,
-    walker: &mut Walker,
-    fuel: &mut u64,
-    meter: &mut M,
-) -> Event {
-    let entered = &mut { Entered::NOTHING };
-    // SAFETY: the caller's promise.
-    unsafe { run_all::<super::avx::Avx<true>, M>(walk, verdict, walker, entered, fuel, meter) }
 }
 
 /// # Safety
