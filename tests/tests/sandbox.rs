@@ -174,7 +174,10 @@ fn refuse_threads() -> bool {
 
 /// Runs a test in a process of its own, whose devices have three workers. True in that process.
 fn by_itself(test: &str) -> bool {
-    alone(test, &[("TUFF_THREADS", "3")])
+    // Else glibc's `free` looks at /proc/sys/vm/overcommit_memory when it first gives back memory
+    // of a thread that is not the main one, as this test's is (malloc/arena.c).
+    let one_heap = ("GLIBC_TUNABLES", "glibc.malloc.arena_max=1");
+    alone(test, &[("TUFF_THREADS", "3"), one_heap])
 }
 
 /// The threads of this process.
