@@ -213,6 +213,45 @@ fn subgroup_operations() {
     );
 }
 
+/// Rotations of vectors within clusters, in a loop whose turns branch.
+#[test]
+fn vectors_rotate_within_clusters() {
+    let rotated = |delta: &str| {
+        let cases: String = [1, 2, 4, 8, 16]
+            .map(|size| {
+                format!("case {size}u: w = subgroupClusteredRotate(v, {delta}, {size}u); break;")
+            })
+            .concat();
+        format!(
+            "uvec4 v = uvec4(x, x * 3u + 1u, x ^ 85u, ~x); r = 0u;
+             for (uint size = 1u; size <= gl_SubgroupSize; size *= 2u) {{
+                 uvec4 w;
+                 switch (size) {{ {cases} }}
+                 r = r * 31u + w.x + w.y * 7u + w.z * 13u + w.w * 17u;
+             }}"
+        )
+    };
+    // A number that is known when code is written, and one that is not.
+    for delta in ["5u", "(gl_NumWorkGroups.x + 1u)"] {
+        check(
+            "#extension GL_KHR_shader_subgroup_rotate : require\n",
+            &rotated(delta),
+            &ramp(),
+            |i, _| {
+                [1, 2, 4, 8, 16].iter().fold(0u32, |r, size| {
+                    let x = (i & !(size - 1)) | ((i + 5) & (size - 1));
+                    let words = [x, x * 3 + 1, x ^ 85, !x];
+                    let sum = [1u32, 7, 13, 17].iter().zip(words);
+                    let sum = sum.fold(0u32, |sum, (k, word)| {
+                        sum.wrapping_add(word.wrapping_mul(*k))
+                    });
+                    r.wrapping_mul(31).wrapping_add(sum)
+                })
+            },
+        );
+    }
+}
+
 #[test]
 fn packing_and_conversions() {
     check(

@@ -223,6 +223,16 @@ impl Turns {
             }
             _ => return None,
         };
+        // A result has a register of its own, although lanes may keep their own words.
+        let copied = given.iter().map(|&register| {
+            let is_operand = held.iter().any(|operand| operand.contains(&register));
+            if is_operand {
+                s.copy(register)
+            } else {
+                register
+            }
+        });
+        let given: Registers = copied.collect();
         self.give(result, &given);
         self.stretch.operations += 1;
         self.stretch.end_operation();

@@ -401,8 +401,10 @@ impl Maker {
     /// The value of another lane: zero where that one does not come here, or is none.
     fn shuffle(&mut self) {
         let index = self.w.line(I32, "lane_index");
-        let other = match self.random.u32(..3) {
-            0 => self.pick(I32),
+        let other = match self.random.u32(..6) {
+            0 | 1 => self.pick(I32),
+            // Each lane's own.
+            2 => self.w.constant(I32, 0),
             _ => self.constant(I32),
         };
         let few = self.w.constant(I32, self.random.u64(..4) * 8 + 7);
