@@ -502,8 +502,8 @@ impl Program {
     /// [`Descriptor`](crate::environment::Descriptor) has it, with memory, images and samplers that
     /// are there; `reach` holds memory that may be read and written. Other threads may write all
     /// that meanwhile, except descriptors. Each of `wave.outputs_to` that is not null points to
-    /// [`Self::output_rows`] rows, of which nothing else uses the subgroup's lanes. States hold
-    /// what [`Self::start`] and earlier runs of this program left there, besides inputs and
+    /// [`Self::output_rows`] rows, of which nothing else uses the subgroup's lanes. [`Self::start`]
+    /// and earlier runs of this program have written the states; the caller has added inputs and
     /// answers.
     ///
     /// # Errors

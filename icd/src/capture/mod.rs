@@ -1,6 +1,6 @@
-//! Captures. With `TUFF_CAPTURE_PIXEL`: the rays of one invocation of each command that traces,
-//! what they met, which shaders they called, and the binding table as it was read; as text and as
-//! JSON. With `TUFF_CAPTURE` alone: [maps], which count the work of all invocations.
+//! Captures. `TUFF_CAPTURE_PIXEL` writes the path of one invocation of each command that traces:
+//! its rays, the primitives on their lines, their shaders, and the binding table, as text and JSON.
+//! `TUFF_CAPTURE` alone writes [maps], which count the work of all invocations.
 //!
 //! A [`Recording`] observes one command and writes when it is complete. Without the settings a
 //! command costs one comparison, and its rays nothing. What is on a ray's line is looked up after

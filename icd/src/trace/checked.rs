@@ -2,10 +2,10 @@
 
 use lanes::LaneMask;
 use spirv_jit::SUBGROUP_SIZE;
-use traversal::{Hit, Ray, RayRows};
+use traversal::{Hit, Ray};
 
 use super::batch::Batch;
-use super::rays::{load_rays, operand, record_indices, structure_in};
+use super::rays::{operand, record_indices, structure_in};
 use super::subgroup::{LaneRef, Role, SubgroupIndex};
 use crate::validate::{Instruction, Lookup, Need, Traced};
 use crate::wave::table::{Live, ProgramIndex};
@@ -16,14 +16,7 @@ impl Batch<'_> {
     pub(super) fn check_rays(&self, traced: &Traced, index: u32, instruction: Instruction) {
         let group = &self.worker.ray_groups[index];
         let operands = group.operands(&self.worker.subgroups);
-        let mut rays = RayRows::NONE;
-        load_rays(
-            self.dispatch.tier,
-            group,
-            operands,
-            self.dispatch,
-            &mut rays,
-        );
+        let rays = group.rays(operands, self.dispatch);
         for lane in group.in_flight {
             let as_given = Ray {
                 flags: operands[operand::FLAGS].0[lane],

@@ -3,11 +3,9 @@
 use std::time::Instant;
 
 use spirv_jit::SUBGROUP_SIZE;
-use traversal::RayRows;
 
 use super::batch::Batch;
 use super::queries::Counted;
-use super::rays::load_rays;
 use super::subgroup::{Role, SubgroupIndex};
 use crate::wave::Stopped;
 use crate::wave::launch_counts::{Cells, Counter, LaunchCounts, WalkedRay};
@@ -51,14 +49,7 @@ impl<'a> Batch<'a> {
         let caller = &self.worker.subgroups[group.caller];
         let cells = self.cells(counts, group.caller);
         let operands = group.operands(&self.worker.subgroups);
-        let mut rays = RayRows::NONE;
-        load_rays(
-            self.dispatch.tier,
-            group,
-            operands,
-            self.dispatch,
-            &mut rays,
-        );
+        let rays = group.rays(operands, self.dispatch);
         counts.note_structures(group.in_flight.iter().map(|lane| rays.top_level[lane]));
         for lane in group.in_flight {
             if let Some(cell) = cells[lane] {
@@ -80,14 +71,7 @@ impl<'a> Batch<'a> {
         }
         let cells = self.cells(counts, group.caller);
         let operands = group.operands(&self.worker.subgroups);
-        let mut rays = RayRows::NONE;
-        load_rays(
-            self.dispatch.tier,
-            group,
-            operands,
-            self.dispatch,
-            &mut rays,
-        );
+        let rays = group.rays(operands, self.dispatch);
         let walked = group.in_flight.iter().filter_map(|lane| {
             Some(WalkedRay {
                 cell: cells[lane]?,

@@ -94,6 +94,14 @@ impl RayGroup {
         self.flight.hits.found = LaneMask::NONE;
     }
 
+    /// The rays, for reports.
+    #[cold]
+    pub fn rays(&self, operands: &Operands, dispatch: &Dispatch<'_>) -> RayRows {
+        let mut rays = RayRows::NONE;
+        load_rays(dispatch.tier, self, operands, dispatch, &mut rays);
+        rays
+    }
+
     /// Whether nothing is walked.
     pub fn is_recorded(&self) -> bool {
         self.is_recorded

@@ -3,11 +3,11 @@
 use lanes::LaneMask;
 use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::program::{IO_DATA_ROW, Row, Trace};
-use traversal::{Ray, RayRows};
+use traversal::Ray;
 
 use super::batch::Batch;
 use super::queries::Seen;
-use super::rays::{alike, load_rays, operand, record_indices, skips_closest_hit, structure_in};
+use super::rays::{alike, operand, record_indices, skips_closest_hit, structure_in};
 use super::subgroup::{LaneRef, Role, SubgroupIndex};
 use crate::validate::{self, Need};
 use crate::wave::observer::{
@@ -94,9 +94,7 @@ impl<'a> Batch<'a> {
         let caller = &self.worker.subgroups[group.caller];
         let program = &self.dispatch.shaders.programs[caller.program as usize];
         let operands = group.operands(&self.worker.subgroups);
-        let mut rays = RayRows::NONE;
-        let tier = self.dispatch.tier;
-        load_rays(tier, group, operands, self.dispatch, &mut rays);
+        let rays = group.rays(operands, self.dispatch);
         let word = |row: usize| operands[row].0[lane];
         let executes = instruction == Instruction::HitObjectExecute;
         observer.observe(Observation::Ray(Box::new(RayStart {

@@ -681,6 +681,16 @@ fn agrees_with_loop(seed: u64, kinds: [bool; 2]) -> u64 {
     program.native_loops() as u64
 }
 
+/// One in `share` loops is native code, or more, where a tier has any.
+fn are_native(native: u64, cases: u64, share: u64) {
+    if lanes::Tier::available().len() > 1 {
+        assert!(
+            native * share > cases || cases < 100,
+            "{native} of {cases} loops are native code"
+        );
+    }
+}
+
 /// As [`native_loops_give_what_the_interpreter_gives`], with operations across lanes.
 #[test]
 fn native_loops_combine_lanes_as_the_interpreter_does() {
@@ -688,12 +698,7 @@ fn native_loops_combine_lanes_as_the_interpreter_does() {
     let native: u64 = (first..first + cases)
         .map(|seed| agrees_with_loop(seed, [true, false]))
         .sum();
-    if lanes::Tier::available().len() > 1 {
-        assert!(
-            native * 5 > cases || cases < 100,
-            "{native} of {cases} loops are native code"
-        );
-    }
+    are_native(native, cases, 5);
 }
 
 /// As [`native_loops_give_what_the_interpreter_gives`], with private memory and workgroup
@@ -704,12 +709,7 @@ fn native_loops_access_private_memory_as_the_interpreter_does() {
     let native: u64 = (first..first + cases)
         .map(|seed| agrees_with_loop(seed, [seed % 4 == 0, true]))
         .sum();
-    if lanes::Tier::available().len() > 1 {
-        assert!(
-            native * 5 > cases || cases < 100,
-            "{native} of {cases} loops are native code"
-        );
-    }
+    are_native(native, cases, 5);
 }
 
 /// Loops, as native code in one piece, and by single turns where the fuel is short.
@@ -720,12 +720,7 @@ fn native_loops_give_what_the_interpreter_gives() {
     for seed in (first..first + cases).chain(HANDED_ON_FROM_ROWS) {
         native += agrees_with_loop(seed, [false; 2]);
     }
-    if lanes::Tier::available().len() > 1 {
-        assert!(
-            native * 4 > cases || cases < 100,
-            "{native} of {cases} loops are native code"
-        );
-    }
+    are_native(native, cases, 4);
 }
 
 #[test]
