@@ -456,6 +456,8 @@ const BASE_CAPABILITIES: &[Capability] = &[
     Capability::DerivativeControl,
     Capability::SampleMaskPostDepthCoverage,
     Capability::DenormPreserve,
+    // Without effect: see docs/capabilities.md.
+    Capability::DenormFlushToZero,
     Capability::SignedZeroInfNanPreserve,
     Capability::RoundingModeRTE,
     // `VK_NV_ray_tracing` has no features.

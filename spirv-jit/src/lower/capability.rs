@@ -73,6 +73,8 @@ pub const SUPPORTED: &[Capability] = &[
     Capability::WorkgroupMemoryExplicitLayout8BitAccessKHR,
     Capability::WorkgroupMemoryExplicitLayout16BitAccessKHR,
     Capability::DenormPreserve,
+    // Without effect: see docs/capabilities.md.
+    Capability::DenormFlushToZero,
     Capability::SignedZeroInfNanPreserve,
     Capability::RoundingModeRTE,
     Capability::FloatControls2,

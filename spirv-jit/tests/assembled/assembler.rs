@@ -32,8 +32,8 @@ pub struct Assembler {
     pub given: u32,
     /// Invocations: one at first.
     pub invocations: u32,
-    /// Execution modes without operands.
-    pub modes: Vec<ExecutionMode>,
+    /// Execution modes and their operands.
+    pub modes: Vec<(ExecutionMode, &'static [u32])>,
 }
 
 /// One instruction.
@@ -299,8 +299,9 @@ impl Assembler {
             Op::ExecutionMode,
             &[&[self.main, mode], &size[..]].concat(),
         );
-        for mode in self.modes {
-            put(&mut words, Op::ExecutionMode, &[self.main, mode as u32]);
+        for (mode, operands) in self.modes {
+            let head = [self.main, mode as u32];
+            put(&mut words, Op::ExecutionMode, &[&head, operands].concat());
         }
         for part in [self.annotations, self.globals, self.functions, self.body] {
             words.extend(part);

@@ -25,7 +25,7 @@ impl Wide {
         let mut a = Assembler::new();
         a.capability(Capability::Int64);
         a.capability(Capability::Shader64BitIndexingEXT);
-        a.modes.push(ExecutionMode::Shader64BitIndexingEXT);
+        a.modes.push((ExecutionMode::Shader64BitIndexingEXT, &[]));
         let long = a.global(Op::TypeInt, &[64, 0]);
         let pointer = a.pointer(StorageClass::StorageBuffer, a.word);
         Self { a, long, pointer }

@@ -6,6 +6,7 @@ mod bfloat16;
 mod constant_data;
 mod cooperative_matrices;
 mod cooperative_vectors;
+mod denormals;
 mod depth;
 mod heaps;
 mod indexing;
