@@ -1,4 +1,4 @@
-//! The Debian package: the tree below `/usr`, as deb(5) has it.
+//! The Debian package: the tree below `/usr`, in the format of deb(5).
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -13,7 +13,7 @@ use crate::{PackageSystem, Release};
 /// Writes `tuff-vulkan_VERSION_ARCHITECTURE.deb`.
 ///
 /// # Errors
-/// The file cannot be written, or the binaries are of another system.
+/// The file cannot be written, or the binaries are for another system.
 pub fn write(tree: &Tree, release: &Release, out: &Path) -> Result<PathBuf> {
     let PackageSystem::Linux {
         glibc,
@@ -28,7 +28,7 @@ pub fn write(tree: &Tree, release: &Release, out: &Path) -> Result<PathBuf> {
         other => other,
     };
     let mut installed = tree.below("usr");
-    // Debian Policy 12.5: licences of a package lie in its file `copyright`.
+    // Debian Policy 12.5: a package's file `copyright` has its licences.
     let copyright: String = (tree.files())
         .filter(|(path, _)| path.starts_with("share/doc/"))
         .map(|(path, entry)| {
@@ -76,7 +76,7 @@ fn depends(glibc: GlibcVersion, needs_libgcc: bool) -> String {
     depends
 }
 
-/// The fields of Debian Policy 5.3.
+/// The control fields (Debian Policy 5.3).
 fn control_file(installed: &Tree, version: &str, architecture: &str, depends: &str) -> String {
     let kilobytes: usize = installed
         .files()

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use sha2::{Digest, Sha256};
 
-/// Of the bytes, in binary.
+/// The sum of bytes, in binary.
 pub fn sha256(bytes: &[u8]) -> Vec<u8> {
     Sha256::digest(bytes).to_vec()
 }
@@ -15,7 +15,7 @@ pub fn hexadecimal(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// Base64 for URLs without padding (RFC 4648, section 5), as wheels have it.
+/// Base64 for URLs without padding (RFC 4648, section 5), the form in wheels.
 pub fn base64(bytes: &[u8]) -> String {
     const ALPHABET: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789-_";
     let digits = |chunk: &[u8]| {
@@ -29,8 +29,8 @@ pub fn base64(bytes: &[u8]) -> String {
     bytes.chunks(3).map(digits).collect()
 }
 
-/// Writes `SHA256SUMS`, which `sha256sum --check` reads. Packages that it named before, of another
-/// architecture, stay in it as long as they lie there.
+/// Writes `SHA256SUMS`, which `sha256sum --check` reads. Earlier entries for packages of another
+/// architecture stay while those packages exist.
 ///
 /// # Errors
 /// A file cannot be read or written.

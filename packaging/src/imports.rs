@@ -1,4 +1,4 @@
-//! The libraries that binaries of Windows are linked with: every Windows 10 has them.
+//! The imports of Windows binaries. Every version of Windows 10 has them.
 
 use anyhow::{Context, Result};
 use object::LittleEndian;
@@ -6,8 +6,8 @@ use object::read::pe::PeFile64;
 
 use crate::tree::{Entry, Tree};
 
-/// Libraries of every Windows 10. Those that start with [`SETS`] are sets of interfaces that the
-/// system itself maps to its libraries.
+/// Libraries of every version of Windows 10. Names that start with [`SETS`] are API sets, which the
+/// system maps to its libraries.
 const LIBRARIES: [&str; 23] = [
     "advapi32.dll",
     "bcrypt.dll",
@@ -35,8 +35,8 @@ const LIBRARIES: [&str; 23] = [
 ];
 const SETS: [&str; 2] = ["api-ms-win-core-", "api-ms-win-crt-"];
 
-/// Functions that came with versions of Windows 10 after the first: a library that is linked with
-/// one does not load on older systems, and so cannot say what it needs.
+/// Functions of later versions of Windows 10. A library that imports one does not load on older
+/// systems, and so cannot report the missing function.
 const NEWER: [&str; 10] = [
     "CreateFileMapping2",
     "GetThreadDescription",
@@ -50,10 +50,10 @@ const NEWER: [&str; 10] = [
     "VirtualAllocFromApp",
 ];
 
-/// The imports that some Windows 10 may lack, each with the file that has it.
+/// The imports that some version of Windows 10 lacks, each with the file that has it.
 ///
 /// # Errors
-/// A file of the tree whose name says that it is a binary is none.
+/// A file with the name of a binary is not one.
 pub fn missing(tree: &Tree) -> Result<Vec<String>> {
     let mut missing = Vec::new();
     for (path, Entry { bytes, .. }) in tree.files().filter(|(path, _)| is_binary(path)) {
@@ -74,7 +74,7 @@ fn is_binary(path: &str) -> bool {
     [".dll", ".exe"].iter().any(|ending| path.ends_with(ending))
 }
 
-/// Libraries and their functions, of which those that are imported by number have none but that.
+/// Libraries and their functions. Functions that are imported by number have only the number.
 fn imports(bytes: &[u8]) -> Result<Vec<(String, String)>> {
     let file = PeFile64::parse(bytes)?;
     let mut imports = Vec::new();

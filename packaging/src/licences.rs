@@ -1,4 +1,4 @@
-//! Licences of the project, and of every crate that is linked into what is packaged.
+//! Licences of the project and of every crate in the packaged binaries.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -10,7 +10,7 @@ use serde_json::Value;
 /// Names and texts: the project's own, and `THIRD-PARTY.txt`.
 ///
 /// # Errors
-/// Cargo does not tell what is linked, or a crate of somebody else has no licence.
+/// Cargo does not list the linked crates, or a crate of another project has no licence.
 pub fn all(root: &Path, packages: &[&str], platform: &str) -> Result<Vec<(String, String)>> {
     let mut licences = Vec::new();
     for name in ["LICENSE-MIT", "LICENSE-APACHE"] {
@@ -34,7 +34,7 @@ fn third_party(root: &Path, packages: &[&str], platform: &str) -> Result<String>
          packages for old systems LLVM's libunwind (Apache-2.0 WITH LLVM-exception), in those for Windows the start-up code\n\
          of mingw-w64 (public domain and MIT) and libgcc (GPL-3.0 WITH GCC-exception-3.1).\n",
     );
-    // A text that many crates share, word for word, stands once.
+    // A text that several crates share is written once.
     let mut seen = BTreeSet::new();
     let crates = metadata["packages"]
         .as_array()
@@ -74,7 +74,7 @@ fn third_party(root: &Path, packages: &[&str], platform: &str) -> Result<String>
     Ok(text)
 }
 
-/// The text of a licence that a crate names, but has no file of.
+/// The text of a licence that a crate names without including a file.
 fn without_file(root: &Path, licence: &str, authors: &[&str]) -> Result<String> {
     let names = |wanted: &str| licence.split([' ', '/']).any(|word| word == wanted);
     if names("Apache-2.0") {
@@ -93,7 +93,7 @@ fn without_file(root: &Path, licence: &str, authors: &[&str]) -> Result<String> 
     ))
 }
 
-/// Crates that packages are linked with on a platform, as `NAME vVERSION`.
+/// Crates that are linked into packages on a platform, as `NAME vVERSION`.
 fn linked(root: &Path, packages: &[&str], platform: &str) -> Result<BTreeSet<String>> {
     let mut arguments = vec![
         "tree", "--locked", "--edges", "normal", "--prefix", "none", "--format", "{p}", "--target",
@@ -122,7 +122,7 @@ fn cargo(root: &Path, arguments: &[&str]) -> Result<String> {
     String::from_utf8(output.stdout).context("cargo prints UTF-8")
 }
 
-/// Files of a crate whose names say that they are licences or notices, and their texts.
+/// Files of a crate with the names of licences or notices, and their texts.
 fn licence_files(folder: &Path) -> Result<Vec<(String, String)>> {
     let entries =
         std::fs::read_dir(folder).with_context(|| format!("reading {}", folder.display()))?;

@@ -6,8 +6,8 @@
 //!                                                └──> wheel (inside the Python package)
 //! ```
 //!
-//! The same input gives the same bytes: files stand in order, and their times are
-//! `SOURCE_DATE_EPOCH` or a fixed day.
+//! The same input gives the same bytes: files are sorted, and their times are `SOURCE_DATE_EPOCH`
+//! or a fixed day.
 
 mod deb;
 mod hash;
@@ -62,7 +62,7 @@ struct Arguments {
     out: PathBuf,
 }
 
-/// The most bytes that a stripped driver may have.
+/// The largest size of a stripped driver in bytes.
 const MAX_DRIVER_BYTES: usize = 15_000_000;
 
 /// The system that packages are for.
@@ -71,7 +71,7 @@ pub enum PackageSystem {
     Linux {
         /// The glibc version that the binaries need.
         glibc: GlibcVersion,
-        /// Whether they are linked with the compiler's library for unwinding.
+        /// Whether they are linked with the compiler's unwinding library.
         needs_libgcc: bool,
     },
     Windows,
@@ -161,7 +161,7 @@ fn package(arguments: &Arguments) -> Result<()> {
         );
     }
     let needed_glibc = symbols::newest_glibc(&tree, &scratch)?;
-    // A system that is older than the loader has to have one: `tuff info` says so there.
+    // Systems older than the packed loader need a loader of their own; `tuff info` reports that.
     let loaders_glibc = symbols::newest_glibc(&with_loader.only(paths.loader), &scratch)?;
     let release = Release {
         version: env!("CARGO_PKG_VERSION").into(),
@@ -230,7 +230,7 @@ fn installed_files(
     Ok(tree)
 }
 
-/// The same files and the Vulkan loader, if there is one to pack.
+/// The same files, and the Vulkan loader if one is packed.
 fn with_loader(arguments: &Arguments, paths: &InstallPaths, tree: &Tree) -> Result<Tree> {
     let mut with_loader = tree.clone();
     if let (Some(loader), Some(licence)) = (&arguments.loader, &arguments.loader_licence) {
@@ -249,9 +249,10 @@ fn print_sizes(packages: &[PathBuf]) -> Result<()> {
     Ok(())
 }
 
-/// Checks that the binaries for Linux need no more than the packages promise.
+/// Checks that the binaries for Linux need no newer glibc than the packages declare, and not the
+/// system's libm. Returns what they need.
 fn needs_on_linux(tree: &Tree, promised: GlibcVersion, scratch: &Path) -> Result<PackageSystem> {
-    // Its functions give other bits in other versions, and on other architectures.
+    // Functions of libm give different bits in different versions and on different architectures.
     ensure!(
         !symbols::is_linked_with(tree, "libm.so.6", scratch)?,
         "the driver is linked with the system's libm"
@@ -272,8 +273,8 @@ fn read(path: &PathBuf) -> Result<Vec<u8>> {
     std::fs::read(path).with_context(|| format!("reading {}", path.display()))
 }
 
-/// The time that all files get: that of reproducible builds, or the first day that a zip file can
-/// name.
+/// The time of all files: `SOURCE_DATE_EPOCH` of reproducible builds, or the first day that a zip
+/// file can represent.
 fn time(source_date_epoch: Option<&str>) -> Result<u64> {
     const FIRST_DAY: u64 = 315_532_800;
     let Some(text) = source_date_epoch else {

@@ -1,7 +1,7 @@
-//! Debug information goes into files of its own, and what binaries need of glibc is read from their
-//! symbols.
+//! Separates debug information into files of its own, and reads the glibc version that binaries
+//! need from their symbols.
 //!
-//! The tools are those of GNU binutils, which come with every C++ compiler on Linux.
+//! The tools are from GNU binutils, which come with every C++ compiler on Linux.
 
 use std::fmt;
 use std::path::Path;
@@ -15,21 +15,22 @@ use crate::tree::{Entry, Tree};
 /// A binary and its debug information.
 pub struct Separated {
     pub stripped: Vec<u8>,
-    /// A file name that debuggers look for, and its contents.
+    /// The file name that debuggers search for, and the contents.
     pub debug: (String, Vec<u8>),
 }
 
-/// The tools that change binaries of an architecture.
+/// The binutils for an architecture.
 pub struct Tools {
     /// The prefix of their names.
     prefix: String,
-    /// The time that binaries of Windows get, in seconds since 1970.
+    /// The time to write into Windows binaries, in seconds since 1970.
     time: u64,
 }
 
 impl Tools {
-    /// Those of an architecture, by Rust's name, for Linux or Windows: another one's than this
-    /// machine's have its name before theirs. Those of x86-64 know its binaries of Windows, too.
+    /// The tools for an architecture, by Rust's name, for Linux or Windows. Tools for another
+    /// architecture than this machine's have a prefix with its name. The tools of x86-64 also read
+    /// Windows binaries.
     pub fn of(architecture: &str, is_windows: bool, time: u64) -> Tools {
         let of_windows = format!("{architecture}-w64-mingw32-");
         let folders = std::env::var_os("PATH").unwrap_or_default();
@@ -49,7 +50,7 @@ impl Tools {
         Command::new(format!("{}{name}", self.prefix))
     }
 
-    /// Takes a binary apart, by way of files in `scratch`.
+    /// Separates a binary's debug information, with files in `scratch`.
     ///
     /// # Errors
     /// The binary or one of the tools is not there.
@@ -68,11 +69,11 @@ impl Tools {
                 .arg(binary)
                 .arg(&debug),
         )?;
-        // The link holds a sum of the debug file.
+        // The link contains a checksum of the debug file.
         let debug_bytes = self.timed(&debug)?;
         std::fs::write(&debug, &debug_bytes)?;
         tool(self.tool("strip").arg("--strip-unneeded").arg(&stripped))?;
-        // The link names the file without a folder: the command runs where it lies.
+        // The link names the file without a folder, so the command runs in the file's folder.
         let mut link = self.tool("objcopy");
         link.current_dir(scratch)
             .arg(format!("--add-gnu-debuglink={debug_name}"))
@@ -84,10 +85,10 @@ impl Tools {
         })
     }
 
-    /// The bytes of a binary. Those of Windows name the time at which the tools wrote them, in the
-    /// COFF header behind the signature, and a sum that only drivers of the kernel need (PE Format,
-    /// "COFF File Header", "Optional Header Windows-Specific Fields"): they get the release's time
-    /// and no sum.
+    /// The bytes of a binary. Windows binaries contain the time at which the tools wrote them, in
+    /// the COFF header after the signature, and a checksum that only kernel drivers need (PE
+    /// Format, "COFF File Header", "Optional Header Windows-Specific Fields"). They get the
+    /// release's time and no checksum.
     fn timed(&self, path: &Path) -> Result<Vec<u8>> {
         const TIME: usize = 8;
         const SUM: usize = 4 + 20 + 64;
@@ -133,7 +134,7 @@ impl FromStr for GlibcVersion {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        // Some symbols have a third number, which counts for nothing here: 2.2.5.
+        // Some symbols have a third number, which is ignored here: 2.2.5.
         let mut numbers = text.splitn(3, '.').map(|number| number.parse().ok());
         match (numbers.next().flatten(), numbers.next().flatten()) {
             (Some(major), Some(minor)) => Ok(GlibcVersion { major, minor }),
@@ -142,7 +143,7 @@ impl FromStr for GlibcVersion {
     }
 }
 
-/// The newest glibc that a binary of the tree asks for; none if none asks.
+/// The newest glibc version that a binary of the tree requires; `None` if none requires one.
 ///
 /// # Errors
 /// A tool is not there.
@@ -187,7 +188,7 @@ fn binaries(tree: &Tree) -> impl Iterator<Item = (&str, &Entry)> {
     (tree.files()).filter(|(_, entry)| entry.bytes.starts_with(b"\x7fELF"))
 }
 
-/// The newest version in what `readelf --version-info` prints.
+/// The newest version in the output of `readelf --version-info`.
 fn asked_for(text: &str) -> Option<GlibcVersion> {
     text.split("Name: GLIBC_")
         .skip(1)
@@ -214,7 +215,7 @@ mod tests {
         assert!("two".parse::<GlibcVersion>().is_err());
     }
 
-    /// On this very program.
+    /// The test program itself is the binary.
     #[test]
     fn binaries_are_taken_apart() {
         let scratch = std::env::temp_dir().join(format!("tuff-symbols-{}", std::process::id()));

@@ -50,7 +50,7 @@ pub fn write(tree: &Tree, release: &Release, out: &Path) -> Result<PathBuf> {
     )
 }
 
-/// Writes debug information of the binaries, for debuggers that are told the folder.
+/// Writes the binaries' debug information, for debuggers with the folder in their search path.
 ///
 /// # Errors
 /// The file cannot be written.

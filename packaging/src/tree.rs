@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-/// A file's bytes, and whether it can be run.
+/// A file's bytes, and whether it is executable.
 #[derive(Clone, Debug)]
 pub struct Entry {
     pub bytes: Vec<u8>,
@@ -33,7 +33,7 @@ impl Entry {
     }
 }
 
-/// Files by their paths, which use `/` and have no leading one.
+/// Files by their paths, with `/` between folders and none at the start.
 #[derive(Clone, Debug, Default)]
 pub struct Tree(BTreeMap<String, Entry>);
 
@@ -49,7 +49,7 @@ impl Tree {
         self.0.iter().map(|(path, entry)| (path.as_str(), entry))
     }
 
-    /// All folders above files, each before what is inside.
+    /// All folders of files, each before its contents.
     pub fn folders(&self) -> BTreeSet<&str> {
         let above = |path: &'_ str| {
             path.rmatch_indices('/')
@@ -61,7 +61,7 @@ impl Tree {
             .collect()
     }
 
-    /// The file of this path alone, if it is there.
+    /// A tree with only the file of this path, if it exists.
     pub fn only(&self, path: &str) -> Tree {
         let file = self.0.get_key_value(path);
         Tree(

@@ -7,9 +7,9 @@ use anyhow::{Context, Result};
 use crate::tree::{Entry, Tree};
 use crate::{PackageSystem, Release, hash, zipfile};
 
-/// The distribution's name, as file names have it.
+/// The distribution's name in file names.
 const NAME: &str = "tuff_vulkan";
-/// Where the tree goes, inside the Python package `tuff`.
+/// The tree's folder inside the Python package `tuff`.
 const PREFIX: &str = "tuff/prefix";
 
 /// Writes `tuff_vulkan-VERSION-py3-none-PLATFORM.whl`, with the Python sources of `sources`.
@@ -51,7 +51,7 @@ pub fn write(tree: &Tree, release: &Release, sources: &Path, out: &Path) -> Resu
     Ok(path)
 }
 
-/// The compatibility tag: any Python 3, and a Linux with this glibc or a newer one (PEP 600), or
+/// The compatibility tag: any Python 3, and Linux with at least this glibc version (PEP 600), or
 /// Windows (PEP 425).
 fn tag(release: &Release) -> String {
     let architecture = &release.architecture;
@@ -119,7 +119,7 @@ fn add_sources(wheel: &mut Tree, sources: &Path, folder: &str) -> Result<()> {
     Ok(())
 }
 
-/// Every file with its hash and size; the record itself has neither.
+/// Every file with its hash and size, except the record itself, which has neither.
 fn record(wheel: &Tree, info: &str) -> String {
     let mut text = String::new();
     for (path, Entry { bytes, .. }) in wheel.files() {

@@ -1,4 +1,4 @@
-//! Zip files, which wheels are and which Windows opens.
+//! Zip files: the format of wheels, and the archive that Windows opens.
 
 use std::io::{Cursor, Write};
 use std::path::{Path, PathBuf};
@@ -9,7 +9,7 @@ use zip::write::SimpleFileOptions;
 use crate::Release;
 use crate::tree::{Entry, Tree};
 
-/// Writes the zip that can be unpacked anywhere, of a system that has no tarballs.
+/// Writes the relocatable zip, for systems without tarballs.
 ///
 /// # Errors
 /// The file cannot be written.
@@ -17,7 +17,7 @@ pub fn write(tree: &Tree, release: &Release, out: &Path) -> Result<PathBuf> {
     write_below(&release.name(), tree, release, out)
 }
 
-/// Writes debug information of the binaries, for debuggers that are told the folder.
+/// Writes the binaries' debug information, for debuggers with the folder in their search path.
 ///
 /// # Errors
 /// The file cannot be written.
@@ -37,10 +37,10 @@ fn write_below(name: &str, tree: &Tree, release: &Release, out: &Path) -> Result
     Ok(path)
 }
 
-/// A zip of files, in the order that they come in.
+/// A zip of files, in their given order.
 ///
 /// # Errors
-/// A zip file cannot name a file or the time.
+/// A zip file cannot represent a file's name or the time.
 pub fn packed<'a>(files: impl Iterator<Item = (&'a str, &'a Entry)>, time: u64) -> Result<Vec<u8>> {
     let mut zip = zip::ZipWriter::new(Cursor::new(Vec::new()));
     for (path, entry) in files {

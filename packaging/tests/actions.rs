@@ -1,5 +1,5 @@
-//! The GitHub action and the project's workflow: their shell steps run, or at least parse, and name
-//! only what is declared.
+//! The GitHub action and the project's workflow: their shell steps run, or at least parse, and use
+//! only declared names.
 
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
@@ -19,7 +19,7 @@ fn yaml(path: &str) -> Yaml {
     documents.remove(0)
 }
 
-/// All that a file runs: the shell of each step.
+/// The shell code of each step of a file.
 fn scripts(yaml: &Yaml, found: &mut Vec<String>) {
     match yaml {
         Yaml::Hash(hash) => {
@@ -94,7 +94,7 @@ impl Runner {
             std::env::temp_dir().join(format!("tuff-action-{}-{name}", std::process::id()));
         let runner = Runner(folder);
         fs::create_dir_all(runner.0.join("temp")).expect("a folder can be made");
-        // The tarball of a release, as far as the step uses it.
+        // The part of a release's tarball that the step uses.
         runner.write("tuff-0/share/vulkan/icd.d/tuff_icd.json", "{}");
         let program = "#!/bin/sh\n[ \"$*\" = 'env --shell sh' ] || exit 1\nhere=$(cd \"$(dirname \"$0\")/..\" && pwd)\n\
             echo \"export VK_DRIVER_FILES='$here/m.json'\"\n\
@@ -194,8 +194,7 @@ fn a_path_is_taken() {
 #[test]
 fn releases_are_fetched_and_checked() {
     let runner = Runner::new("release");
-    // In place of the network: copies from a folder, and fails for what is not there, as `curl
-    // --fail` does.
+    // Replaces the network: copies from a folder, and fails for missing files like `curl --fail`.
     let curl = "#!/bin/bash\nwhile [ $# -gt 1 ]; do [ \"$1\" = --output ] && out=$2; shift; done\n\
         cp \"${1#http://here}\" \"$out\" 2>/dev/null || exit 22\n";
     runner.write_program("programs/curl", curl);
@@ -235,7 +234,7 @@ fn releases_are_fetched_and_checked() {
     );
 }
 
-/// On Windows the shell is that of Git, the runner's folders have its separators, and the driver is
+/// On Windows the shell is Git's, the runner's folders have Windows' separators, and the driver is
 /// registered.
 #[test]
 fn runners_of_windows_get_a_registered_driver() {
@@ -244,10 +243,10 @@ fn runners_of_windows_get_a_registered_driver() {
         "programs/uname",
         "#!/bin/sh\n[ \"$1\" = -m ] && echo x86_64 || echo MINGW64_NT-10.0-26100\n",
     );
-    // Of two forms of a path the one of Windows has a letter before it.
+    // Windows' form of a path starts with a drive letter.
     let cygpath = "#!/bin/sh\n[ \"$1\" = --windows ] && echo \"D:$2\" || echo \"${2#D:}\"\n";
     runner.write_program("programs/cygpath", cygpath);
-    // As the zip's only folder; the archive itself is not needed.
+    // The zip's only folder, unpacked; the archive itself is not needed.
     let unzip = format!(
         "#!/bin/sh\ncp -r '{}' \"$4\"/\n",
         runner.0.join("tuff-1").display()

@@ -1,5 +1,4 @@
-//! Packages of binaries that this test makes up: what is inside, and that the same input gives the
-//! same bytes.
+//! Packages of substitute binaries: their contents, and that the same input gives the same bytes.
 
 mod scratch;
 
@@ -100,7 +99,7 @@ fn debian_packages_have_control_and_data() {
     packed(&scratch.0, &out);
     let architecture = Command::new("dpkg").arg("--print-architecture").output();
     let architecture = match (&architecture, ARCHITECTURE) {
-        // Where there is dpkg, it is asked how it calls this machine.
+        // If dpkg exists, it gives this machine's name.
         (Ok(output), _) => String::from_utf8_lossy(&output.stdout).trim().to_owned(),
         (Err(_), "x86_64") => "amd64".into(),
         (Err(_), "aarch64") => "arm64".into(),
@@ -116,7 +115,7 @@ fn debian_packages_have_control_and_data() {
         part.read_to_end(&mut bytes).expect("its bytes");
         parts.push((name, bytes));
     }
-    // deb(5): these three, in this order.
+    // deb(5): these three members, in this order.
     let names: Vec<&str> = parts.iter().map(|(name, _)| name.as_str()).collect();
     assert_eq!(names, ["debian-binary", "control.tar.gz", "data.tar.gz"]);
     assert_eq!(parts[0].1, b"2.0\n");
@@ -127,7 +126,7 @@ fn debian_packages_have_control_and_data() {
         "usr/share/vulkan/icd.d/tuff_icd.json",
         "usr/share/doc/tuff-vulkan/copyright",
     ] {
-        // tar's crate leaves out the leading `./`, which the file has.
+        // The crate `tar` omits the leading `./` of the file's paths.
         let has = data.contains_key(path) || data.contains_key(&format!("./{path}"));
         assert!(has, "no {path} in {data:?}");
     }

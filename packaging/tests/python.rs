@@ -1,11 +1,11 @@
-//! The Python package as it runs on Windows, whose interfaces are replaced by made-up ones. The
-//! wheel on Linux is tested by packaging/python/tests.
+//! The Python package on Windows, with substitutes for Windows' interfaces. packaging/python/tests
+//! tests the wheel on Linux.
 
 use std::path::Path;
 use std::process::Command;
 
-/// Makes Python's modules look like those of Windows: `rights` is the integrity level, `registered`
-/// the manifests in the registry, and `has_loader` tells of the system's loader.
+/// Replaces Python's modules by substitutes for those of Windows: `rights` is the integrity level,
+/// `registered` the manifests in the registry, and `has_loader` whether the system has a loader.
 const WINDOWS: &str = r#"
 import ctypes, os, sys, types, subprocess, signal
 sys.path.insert(0, sys.argv[1])

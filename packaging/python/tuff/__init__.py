@@ -7,7 +7,7 @@
     import slangpy
 
 The command ``tuff run -- PROGRAM`` (or ``python -m tuff run -- PROGRAM``) does the same for any program, and ``tuff info``
-tells what programs find, and what mends what is wrong.
+tells what Vulkan programs find, and how to fix problems.
 """
 
 import ctypes
@@ -23,20 +23,20 @@ _PREFIX = Path(__file__).resolve().parent / "prefix"
 
 _IS_WINDOWS = sys.platform == "win32"
 
-#: The name by which programs open the Vulkan loader.
+#: The name with which programs open the Vulkan loader.
 _LOADER = "vulkan-1.dll" if _IS_WINDOWS else "libvulkan.so.1"
 
 #: The variable with the folders of libraries.
 _LIBRARY_FOLDERS = "PATH" if _IS_WINDOWS else "LD_LIBRARY_PATH"
 
-#: What brings a loader to this system.
+#: The command that installs a loader on this system.
 _INSTALL_LOADER = (
     "`winget install KhronosGroup.VulkanRT`"
     if _IS_WINDOWS
     else "`apt-get install libvulkan1`, or as your distribution names it"
 )
 
-#: What was opened stays open.
+#: The loader that was opened, which stays open.
 _opened: Optional[ctypes.CDLL] = None
 
 
@@ -51,7 +51,7 @@ def program() -> Path:
 
 
 def loader() -> Optional[Path]:
-    """The Vulkan loader that came along, for systems that have none; ``None`` where none came."""
+    """The package's Vulkan loader, for systems without one; ``None`` if the package has none."""
     path = _PREFIX / "lib" / "tuff" / "loader" / _LOADER
     return path if path.exists() else None
 

@@ -1,4 +1,4 @@
-//! Where the driver lies, and the variables that point the loader at it.
+//! The location of the driver, and the variables that point the loader at it.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -10,22 +10,22 @@ use crate::{loader, os};
 
 /// The manifest below the folder that a package is unpacked to.
 const MANIFEST: &str = "share/vulkan/icd.d/tuff_icd.json";
-/// The loader that some packages bring, for systems without one.
+/// The loader in some packages, for systems without one.
 const LOADER_FOLDER: &str = "lib/tuff/loader";
 
 /// The files of one package.
 pub struct Installation {
-    /// The manifest; it may not be there.
+    /// The manifest's path; the file may be missing.
     pub manifest: PathBuf,
-    /// The folder of the loader that came along; or why it does not serve.
+    /// The folder of the package's loader; or why it does not work.
     pub own_loader: Result<PathBuf, String>,
 }
 
 impl Installation {
-    /// The one that `manifest` belongs to, or else this program.
+    /// The installation of `manifest`, or else of this program.
     ///
     /// # Errors
-    /// This program's own place is not known.
+    /// This program's own path is not known.
     pub fn find(manifest: Option<&Path>) -> Result<Installation> {
         let program = std::env::current_exe().context("where this program lies")?;
         // PREFIX/bin/tuff.
@@ -33,7 +33,7 @@ impl Installation {
             .ancestors()
             .nth(2)
             .context("a folder above this program's")?;
-        // On Windows with its own separators.
+        // On Windows with Windows' separators.
         let own =
             |path: &str| std::path::absolute(prefix.join(path)).context("this program's path");
         let loader = own(LOADER_FOLDER)?;
@@ -46,7 +46,7 @@ impl Installation {
         })
     }
 
-    /// Whether a loader that programs find is the one that came along, as after `tuff env`.
+    /// Whether a loader that programs find is the package's own, as after `tuff env`.
     pub fn brought(&self, found: &loader::System) -> bool {
         let real = |path: &Path| std::fs::canonicalize(path).ok();
         let own =
@@ -57,7 +57,7 @@ impl Installation {
     /// The library that the manifest names.
     ///
     /// # Errors
-    /// The manifest is not there, or no manifest, or the library is not there.
+    /// The manifest is missing or not a manifest, or the library is missing.
     pub fn library(&self) -> Result<PathBuf> {
         let shown = self.manifest.display();
         let text = std::fs::read_to_string(&self.manifest)
@@ -66,8 +66,8 @@ impl Installation {
             serde_json::from_str(&text).with_context(|| format!("{shown} is no manifest"))?;
         let named = (json["ICD"]["library_path"].as_str())
             .with_context(|| format!("{shown} names no library"))?;
-        // A name with a folder is relative to the manifest's; one without is searched for by the
-        // system.
+        // A name with a folder is relative to the manifest. The system searches for a name without
+        // one.
         let library = PathBuf::from(named);
         if !os::names_a_folder(library.as_os_str()) {
             return Ok(library);
@@ -79,8 +79,8 @@ impl Installation {
     }
 
     /// Variables that make programs see Tuff and no other driver: `VK_DRIVER_FILES` for loaders
-    /// since 1.3.207, `VK_ICD_FILENAMES` for older ones, and the path to the loader that came along
-    /// where the system has none.
+    /// since 1.3.207, `VK_ICD_FILENAMES` for older ones, and the path to the package's loader if
+    /// the system has none.
     pub fn variables(&self) -> Vec<(&'static str, OsString)> {
         let manifest = self.manifest.clone().into_os_string();
         let mut variables = vec![
@@ -102,7 +102,7 @@ impl Installation {
         variables
     }
 
-    /// The folder of the loader that came along, where the system has none.
+    /// The folder of the package's loader, if the system has none.
     fn needed_loader(&self) -> Option<&Path> {
         let own = self.own_loader.as_ref().ok();
         own.filter(|_| loader::System::find().is_none())
@@ -113,7 +113,7 @@ impl Installation {
     pub fn exports(&self, shell: Shell) -> String {
         let mut lines = vec![shell.unset("VK_ADD_DRIVER_FILES")];
         for (name, value) in self.variables() {
-            // Shells of Unix on Windows have a `PATH` of their own form.
+            // Unix shells on Windows have their own form of `PATH`.
             lines.push(match self.needed_loader() {
                 Some(folder) if shell == Shell::Sh && name == "PATH" => format!(
                     "{}; export PATH=\"$PATH:$(cygpath \"$folder\")\"; unset folder",

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use crate::os;
 
-/// The name by which programs open it.
+/// The name with which programs open it.
 pub const LIBRARY: &str = match cfg!(windows) {
     true => "vulkan-1.dll",
     false => "libvulkan.so.1",
@@ -13,12 +13,12 @@ pub const LIBRARY: &str = match cfg!(windows) {
 
 /// The loader that programs find without help.
 pub struct System {
-    /// Where it lies, if that can be told.
+    /// Its path, if known.
     pub path: Option<PathBuf>,
 }
 
 impl System {
-    /// Looks for it as programs do.
+    /// Searches for it as programs do.
     pub fn find() -> Option<System> {
         // SAFETY: the loader's initialisers only set up its own state.
         let library = unsafe { libloading::Library::new(LIBRARY) }.ok()?;
@@ -29,11 +29,11 @@ impl System {
     }
 }
 
-/// Whether the loader in a folder serves here. It is a distribution's, and may need a newer C
-/// library than this system has; one that the system's own makes needless is not tried.
+/// Whether the loader in a folder works here. It comes from a distribution, and may need a newer C
+/// library than this system has. It is not tried if the system has its own.
 ///
 /// # Errors
-/// It is not there or cannot be loaded, and why.
+/// The reason why it is missing or cannot be loaded.
 pub fn usable(folder: &Path) -> Result<(), String> {
     let file = folder.join(LIBRARY);
     if !file.exists() {

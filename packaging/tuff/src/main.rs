@@ -1,8 +1,8 @@
-//! `tuff run | env | info | view`, on Windows `install | uninstall`, too: what comes with the
-//! driver in every package.
+//! `tuff run | env | info | view`, on Windows also `install | uninstall`: the program that comes
+//! with the driver in every package.
 //!
-//! Nothing here renders. It points Vulkan's loader at the driver beside this program, and tells
-//! what programs then find.
+//! Nothing here renders. The program points Vulkan's loader at the driver beside it, and reports
+//! the devices that programs then find.
 
 mod info;
 mod installation;
@@ -75,7 +75,8 @@ enum Command {
     /// Take out what `install` registered; the files stay. With --manifest: another installation's
     #[cfg(windows)]
     Uninstall,
-    /// Tell what programs find here: loader, drivers, limits; and what mends what is wrong
+    /// Print what Vulkan programs will find on this machine (loader, drivers, limits), and how to
+    /// fix problems
     Info,
     /// Make a page of a capture, and a picture of each map, and open it where a browser is
     View {
@@ -126,8 +127,8 @@ fn done(arguments: &Arguments) -> Result<ExitCode> {
             program::run(&installation, program, &settings)
         }
         Command::Env { shell } => {
-            // A shell that evaluates nothing is better off than one that is pointed nowhere.
-            installation.library().map_err(program::with_what_mends)?;
+            // Printing nothing is better for the shell than lines that point to a missing driver.
+            installation.library().map_err(program::with_fix)?;
             program::tell_of_rights(&installation);
             let lines = installation.exports(*shell);
             match shell {
@@ -141,7 +142,7 @@ fn done(arguments: &Arguments) -> Result<ExitCode> {
         }
         #[cfg(windows)]
         Command::Install => {
-            installation.library().map_err(program::with_what_mends)?;
+            installation.library().map_err(program::with_fix)?;
             let lines = registration::install(&registration::System, &installation.manifest)?;
             print((lines.join("\n") + "\n").as_bytes());
             Ok(ExitCode::SUCCESS)
@@ -157,8 +158,8 @@ fn done(arguments: &Arguments) -> Result<ExitCode> {
     }
 }
 
-/// Prints on standard output. A reader that has seen enough (`tuff info | more`) ends this program
-/// where the system does not (`os::end_with_the_reader`).
+/// Prints to standard output. If the reader closes its end (`tuff info | more`), this program ends,
+/// unless the system has ended it already (`os::end_with_the_reader`).
 pub fn print(text: &[u8]) {
     let mut out = std::io::stdout().lock();
     if out.write_all(text).and_then(|()| out.flush()).is_err() {

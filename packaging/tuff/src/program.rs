@@ -1,5 +1,5 @@
-//! `tuff run`: becomes another program, with the driver selected; on Windows, where no program
-//! becomes another one, runs it and ends as it does.
+//! `tuff run`: becomes another program, with the driver selected. On Windows, where a program
+//! cannot become another one, it runs that and returns its exit code.
 
 use std::ffi::{OsStr, OsString};
 use std::io::Read;
@@ -16,17 +16,16 @@ use crate::{loader, os};
 const NOT_FOUND: u8 = 127;
 const NOT_EXECUTABLE: u8 = 126;
 
-/// Becomes the program, with those settings of the driver that have a value; returns only where
-/// that is not possible.
+/// Becomes the program, with the given settings of the driver. Returns only on failure.
 ///
 /// # Errors
-/// The driver or a loader is not there: the program would not find Vulkan.
+/// The driver or a loader is missing, so the program would not find Vulkan.
 pub fn run(
     installation: &Installation,
     words: &[OsString],
     settings: &[(&str, Option<OsString>)],
 ) -> Result<ExitCode> {
-    installation.library().map_err(with_what_mends)?;
+    installation.library().map_err(with_fix)?;
     let (name, arguments) = words.split_first().context("no program given")?;
     let path = match find(name, std::env::var_os("PATH").as_deref()) {
         Ok(path) => path,
@@ -62,8 +61,8 @@ pub fn run(
         .with_context(|| format!("starting {}", path.display()))
 }
 
-/// Says that programs of this process do not see variables, where that is so and the driver is not
-/// registered for them.
+/// Warns if programs of this process ignore the variables and the driver is not registered for
+/// them.
 pub fn tell_of_rights(installation: &Installation) {
     let is_own = |it: &Registered| it.is_for_all_users && it.is_of(&installation.manifest);
     if os::variables_are_ignored() && !registered::all().iter().any(is_own) {
@@ -75,13 +74,13 @@ pub fn tell_of_rights(installation: &Installation) {
 }
 
 /// Adds the problem of the installed driver, and its fix, to an error.
-pub fn with_what_mends(error: anyhow::Error) -> anyhow::Error {
+pub fn with_fix(error: anyhow::Error) -> anyhow::Error {
     anyhow::anyhow!(
         "{error:#}: install Tuff again, or name its manifest by --manifest FILE; `tuff info` tells more"
     )
 }
 
-/// The file that a name means; or else an exit code, and what is wrong.
+/// The file that a name refers to; or an exit code and the problem.
 fn find(name: &OsStr, search: Option<&OsStr>) -> Result<PathBuf, (u8, String)> {
     let path = match os::names_a_folder(name) {
         true => {
@@ -113,14 +112,14 @@ fn find(name: &OsStr, search: Option<&OsStr>) -> Result<PathBuf, (u8, String)> {
     }
 }
 
-/// Whether a file that begins so is an ELF program of class 32 (System V ABI, ELF header) or a PE
-/// program for an i386 (PE Format, "COFF File Header"). Programs of .NET, which have a CLI header,
-/// run on any processor and say i386, too.
+/// Whether a file with these first bytes is an ELF program of class 32 (System V ABI, ELF header)
+/// or a PE program for an i386 (PE Format, "COFF File Header"). Programs of .NET have a CLI header:
+/// they declare i386, too, but run on any processor.
 fn is_32_bit(head: &[u8]) -> bool {
     const I386: &[u8] = &0x014c_u16.to_le_bytes();
     const PE32: &[u8] = &0x010b_u16.to_le_bytes();
-    /// From the signature: behind it the COFF header, then the optional header, in which the data
-    /// directories start.
+    /// Offsets from the signature. The COFF header follows it, then the optional header with the
+    /// data directories.
     const OPTIONAL: usize = 4 + 20;
     const CLI_DIRECTORY: usize = OPTIONAL + 96 + 14 * 8;
     if head.starts_with(b"\x7fELF") {
@@ -148,7 +147,7 @@ mod tests {
         assert!(is_32_bit(b"\x7fELF\x01\x01\x01"));
         assert!(!is_32_bit(b"\x7fELF\x02\x01\x01"));
         assert!(!is_32_bit(b""));
-        // Of PE Format: the signature's place at 0x3c, the machine behind the signature.
+        // PE Format: the signature's offset is at 0x3c, and the machine follows the signature.
         let program = |machine: u16, magic: u16, cli: u32| {
             let mut head = vec![0; 0x200];
             head[..2].copy_from_slice(b"MZ");

@@ -1,10 +1,10 @@
-//! Programs that refuse a driver for what it says of itself. A driver does not see which program
-//! asks, so `tuff info` lists them.
+//! Programs that refuse a driver because of its properties. A driver cannot see which program asks,
+//! so `tuff info` lists them.
 
-/// The variable by which the driver is told which conformance version to report.
+/// The variable with the conformance version that the driver reports.
 pub const CONFORMANCE: &str = "TUFF_CONFORMANCE";
 
-/// Programs that want a conformance version other than 0.0.0.0. docs/ci.md has the same list.
+/// Programs that require a conformance version other than 0.0.0.0. docs/ci.md has the same list.
 pub const WANT_A_CONFORMANCE_VERSION: [&str; 4] = [
     "Firefox's WebGPU",
     "SDL3's GPU interface",
@@ -12,7 +12,7 @@ pub const WANT_A_CONFORMANCE_VERSION: [&str; 4] = [
     "wgpu-py with pygfx",
 ];
 
-/// Programs that print a name for the vendor's number, and know none for 0. docs/ci.md has the same
+/// Programs that print a name for the vendor's number, and have none for 0. docs/ci.md has the same
 /// list.
 pub const PRINT_THE_VENDOR: [&str; 1] = ["ANGLE (WebGL in Chromium) prints `NULL`"];
 
@@ -35,10 +35,10 @@ pub fn lines(conformance: Option<&str>) -> Vec<String> {
     lines
 }
 
-/// Accepts what the driver does: four numbers below 256.
+/// Accepts the same values as the driver: four numbers below 256.
 ///
 /// # Errors
-/// The text is something else.
+/// The text is no such version.
 pub fn conformance_version(text: &str) -> Result<String, String> {
     let numbers: Vec<_> = text.split('.').map(str::parse::<u8>).collect();
     match numbers.len() == 4 && numbers.iter().all(Result::is_ok) {

@@ -9,7 +9,7 @@ pub struct Registered {
 }
 
 impl Registered {
-    /// Whether it is this manifest's. It may be registered by its folder's short name.
+    /// Whether the entry is for this manifest, which may be registered by its folder's short name.
     pub fn is_of(&self, manifest: &Path) -> bool {
         let real = |path: &Path| std::fs::canonicalize(path).ok();
         let own = real(Path::new(&self.manifest));

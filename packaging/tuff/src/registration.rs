@@ -1,13 +1,13 @@
 //! `tuff install` and `tuff uninstall` on Windows: drivers are named in the registry.
 //!
-//! The Khronos loader reads drivers of `HKEY_LOCAL_MACHINE` alone (Vulkan-Loader,
-//! `loader_windows.c`: the other half is for layers). Where this user may not write there, the
-//! user's half gets the same value for loaders that read it, and the user's variable
+//! The Khronos loader reads drivers only from `HKEY_LOCAL_MACHINE` (Vulkan-Loader,
+//! `loader_windows.c`: it reads `HKEY_CURRENT_USER` for layers). If this user may not write there,
+//! `HKEY_CURRENT_USER` gets the same value for loaders that read it, and the user's variable
 //! `VK_ADD_DRIVER_FILES` names the manifest for the Khronos loader since 1.3.207. Programs with an
 //! administrator's rights read neither.
 //!
-//! The loader reads names of values in the system's code page, and takes them for UTF-8: paths are
-//! registered in ASCII, by the folder's short name if it has one.
+//! The loader reads names of values in the system's code page, but interprets them as UTF-8. So
+//! paths are registered in ASCII, by the folder's short name if it has one.
 
 use std::io::{self, ErrorKind};
 use std::path::Path;
@@ -16,13 +16,13 @@ use anyhow::{Context, Result, bail};
 
 use crate::os::Hive;
 
-/// The variable that adds drivers to those of the registry.
+/// The variable with drivers in addition to those of the registry.
 pub const VARIABLE: &str = "VK_ADD_DRIVER_FILES";
 const SEPARATOR: &str = ";";
 /// The file name of Tuff's manifests.
 const NAME: &str = "tuff_icd.json";
 
-/// The part of Windows' registry that is asked and changed.
+/// The part of Windows' registry that is read and changed.
 pub trait Registry {
     /// The manifests of the enabled drivers.
     ///
@@ -44,7 +44,7 @@ pub trait Registry {
     fn set_variable(&self, value: Option<&str>) -> io::Result<()>;
 }
 
-/// This machine's.
+/// This machine's registry.
 #[cfg(windows)]
 pub struct System;
 
@@ -75,7 +75,7 @@ impl Registry for System {
     }
 }
 
-/// Registers a manifest for all users or, without the rights for that, for this one. Returns the
+/// Registers a manifest for all users or, without the rights for that, for this user. Returns the
 /// lines to print.
 ///
 /// # Errors
@@ -98,7 +98,7 @@ pub fn install(registry: &dyn Registry, manifest: &Path) -> Result<Vec<String>> 
         match registry.register(Hive::Machine, &manifest) {
             Ok(()) => {
                 add(format!("registered for all users: {manifest}"));
-                // Found twice, the driver would be loaded twice.
+                // A driver with two entries would be loaded twice.
                 forget_users(registry, &manifest)?;
             }
             Err(error) if error.kind() == ErrorKind::PermissionDenied => {
@@ -141,11 +141,11 @@ pub fn install(registry: &dyn Registry, manifest: &Path) -> Result<Vec<String>> 
 const MEND_RIGHTS: &str =
     "say `tuff install` in a console that was opened by `Run as administrator`";
 
-/// Takes a manifest, which need not be there any more, out of the registry. Returns the lines to
+/// Removes a manifest, which may be missing as a file, from the registry. Returns the lines to
 /// print.
 ///
 /// # Errors
-/// It is not registered, or may not be taken out by this user.
+/// It is not registered, or this user may not remove it.
 pub fn uninstall(registry: &dyn Registry, manifest: &Path) -> Result<Vec<String>> {
     let manifest = in_ascii(registry, manifest)
         .with_context(|| format!("{} is not registered", manifest.display()))?;
@@ -189,13 +189,13 @@ pub fn of_tuff(registry: &dyn Registry) -> Vec<(Hive, String)> {
     found
 }
 
-/// A manifest's path as it is registered; none if there is no form of it in ASCII.
+/// A manifest's path in its registered form; `None` if it has no form in ASCII.
 fn in_ascii(registry: &dyn Registry, manifest: &Path) -> Option<String> {
     let ascii = |path: &str| path.is_ascii().then(|| path.to_owned());
     if let Some(path) = manifest.to_str().and_then(ascii) {
         return Some(path);
     }
-    // Of the folder alone: the manifest may be gone, and is known by its name.
+    // Only the folder's short name is needed: the manifest may be missing, and its name is known.
     let name = manifest
         .file_name()
         .and_then(|name| name.to_str())
@@ -207,7 +207,7 @@ fn in_ascii(registry: &dyn Registry, manifest: &Path) -> Option<String> {
     ))
 }
 
-/// Paths of Windows do not tell capital letters from small ones.
+/// Windows' paths are case-insensitive.
 fn is_same(a: &str, b: &str) -> bool {
     let plain = |path: &str| path.replace('/', "\\").to_lowercase();
     plain(a) == plain(b)
@@ -220,7 +220,7 @@ fn is_tuffs(manifest: &str) -> bool {
         .is_some_and(|name| is_same(name, NAME))
 }
 
-/// A manifest as it is written in a list.
+/// A manifest in the form of a list's entry.
 fn spelled<'a>(list: &'a [String], manifest: &str) -> Option<&'a str> {
     let mut list = list.iter();
     list.find(|it| is_same(it, manifest)).map(String::as_str)
@@ -232,7 +232,8 @@ fn others(registry: &dyn Registry, manifest: &str) -> Vec<String> {
     all.filter(|other| !is_same(other, manifest)).collect()
 }
 
-/// Takes a manifest out of the user's half and variable; tells whether it was there.
+/// Removes a manifest from `HKEY_CURRENT_USER` and the user's variable. Returns whether it was
+/// there.
 fn forget_users(registry: &dyn Registry, manifest: &str) -> Result<bool> {
     let mut was_there = false;
     if let Some(name) = spelled(&registry.drivers(Hive::User)?, manifest) {
@@ -329,7 +330,7 @@ mod tests {
             is_administrators: true,
             ..Fake::default()
         };
-        // Separators of Linux, where this test runs, too.
+        // Linux's separators, because this test also runs there.
         let manifest = Path::new("C:/Users/Jürgen Żak/tuff_icd.json");
         let error = format!("{:#}", install(&registry, manifest).unwrap_err());
         assert!(
@@ -361,7 +362,7 @@ mod tests {
         let lines = install(&registry, Path::new(MANIFEST)).unwrap();
         assert_eq!(lines, [format!("registered for all users: {MANIFEST}")]);
         assert_eq!(*registry.machine.borrow(), [MANIFEST]);
-        // A driver that is found twice is loaded twice.
+        // A driver with two entries is loaded twice.
         assert!(registry.user.borrow().is_empty());
         assert_eq!(registry.variable().as_deref(), Some(r"C:\other.json"));
         let again = install(&registry, Path::new(MANIFEST)).unwrap();
@@ -399,7 +400,7 @@ mod tests {
     fn what_all_users_have_needs_an_administrator() {
         let registry = Fake::default();
         registry.machine.borrow_mut().push(MANIFEST.into());
-        // It is there already, which needs no rights.
+        // It is registered already, so no rights are needed.
         let lines = install(&registry, Path::new(MANIFEST)).unwrap();
         assert!(lines[0].contains("for all users already"), "{lines:?}");
         let error = format!(

@@ -1,4 +1,4 @@
-//! Lines that a shell evaluates: how each quotes, sets and removes variables.
+//! Lines for shells to evaluate: the syntax of each for quoting, setting and removing variables.
 
 use std::ffi::OsStr;
 use std::fmt::Write;
@@ -16,7 +16,7 @@ pub enum Shell {
 }
 
 impl Shell {
-    /// The usual one of this system.
+    /// The usual shell of this system.
     pub const HERE: Shell = match cfg!(windows) {
         true => Shell::Powershell,
         false => Shell::Sh,
@@ -28,13 +28,13 @@ impl Shell {
         match self {
             Shell::Sh => format!("export {name}='{}'", text.replace('\'', r"'\''")),
             Shell::Powershell => format!("$env:{name} = {}", powershell_expression(&text)),
-            // Paths of Windows have no quotation marks. A line of `for /f` is not searched for
-            // variables again.
+            // Windows' paths contain no quotation marks. `for /f` does not expand variables in its
+            // lines.
             Shell::Cmd => format!("set \"{name}={text}\""),
         }
     }
 
-    /// The line that removes a variable, which may not be set.
+    /// The line that removes a variable, even if it is not set.
     pub fn unset(self, name: &str) -> String {
         match self {
             Shell::Sh => format!("unset {name}"),
@@ -55,8 +55,8 @@ impl Shell {
     }
 }
 
-/// A text in ASCII alone, whatever code page the pipe to PowerShell has: other letters stand as
-/// their numbers.
+/// A text in ASCII, because the code page of the pipe to PowerShell is unknown: other characters
+/// are written as their numbers.
 fn powershell_expression(text: &str) -> String {
     let mut expression = String::from("'");
     let mut is_open = true;
@@ -106,12 +106,13 @@ mod tests {
             set(Shell::Powershell, r"C:\Jürgen\ż"),
             r"$env:NAME = 'C:\J' + [char]0x00fc + 'rgen\' + [char]0x017c"
         );
-        // Letters outside of the first plane are pairs; a first letter stands after an empty text.
+        // Characters outside the first plane are surrogate pairs. A first character follows an
+        // empty text.
         assert_eq!(
             set(Shell::Powershell, "🌋"),
             "$env:NAME = '' + [char]0xd83c + [char]0xdf0b"
         );
-        // PowerShell takes curved quotation marks for straight ones.
+        // PowerShell treats curved quotation marks as straight ones.
         assert!(set(Shell::Powershell, "a’b").is_ascii());
         assert_eq!(set(Shell::Powershell, ""), "$env:NAME = ''");
     }

@@ -1,4 +1,4 @@
-//! The program as a shell sees it: its exit codes, and what it says where.
+//! The program as a shell sees it: its exit codes, and its output on each stream.
 
 #![cfg(unix)]
 
@@ -6,7 +6,7 @@ use std::fs;
 use std::path::PathBuf;
 use std::process::{Command, Output};
 
-/// A folder with a manifest and the library that it names, gone at the end.
+/// A folder with a manifest and the library that it names, removed at the end.
 struct Installed(PathBuf);
 
 impl Installed {
@@ -106,7 +106,7 @@ fn a_conformance_version_is_for_one_program() {
         (vec!["run", "--", "sh", "-c", code], ""),
     ] {
         let output = installed.tuff(&words);
-        // Where there is no loader at all, nothing is run.
+        // Without any loader, nothing is run.
         if output.status.success() {
             assert_eq!(String::from_utf8_lossy(&output.stdout), expected);
         } else {

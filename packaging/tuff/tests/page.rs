@@ -1,4 +1,4 @@
-//! `tuff view`: the pictures of a capture's maps, and its page as Chromium shows it.
+//! `tuff view`: the pictures of a capture's maps, and its page in Chromium.
 
 use std::fs;
 use std::io::Write;
@@ -27,12 +27,12 @@ fn view(folder: &Path) -> std::process::Output {
     tuff.output().expect("tuff runs")
 }
 
-/// The number of rays of a pixel, and that of its nanoseconds.
+/// A pixel's number of rays, and of nanoseconds.
 fn numbers(x: u32, y: u32) -> [u32; 2] {
     [(x + y) % 7, 1000 * x + 100_000 * y]
 }
 
-/// A file as NumPy writes it.
+/// A file in NumPy's format.
 fn npy(descr: &str, width: usize, which: usize) -> Vec<u8> {
     let [x, y, z] = SIZE;
     let mut head =
@@ -148,7 +148,7 @@ fn what_is_no_capture_is_refused() {
     let _ = fs::remove_dir_all(&folder);
 }
 
-/// The first of the browsers that are installed.
+/// The first installed browser.
 fn chromium() -> Option<PathBuf> {
     let folders: Vec<PathBuf> = std::env::split_paths(&std::env::var_os("PATH")?).collect();
     let names = ["chromium", "chromium-browser", "google-chrome"];
@@ -158,8 +158,7 @@ fn chromium() -> Option<PathBuf> {
     paths.into_iter().find(|path| path.is_file())
 }
 
-/// Before all else on the page: remembers what goes wrong. Events that no pointer has caused cannot
-/// be captured.
+/// The first script of the page: it records errors. Synthetic pointer events cannot be captured.
 const FIRST: &str = r#"<script>
 window.problems = [];
 addEventListener("error", (event) => problems.push(event.message));
@@ -168,7 +167,7 @@ console.error = (...words) => problems.push(words.join(" "));
 HTMLCanvasElement.prototype.setPointerCapture = () => {};
 </script>"#;
 
-/// Does what a person does, and leaves what that shows as JSON.
+/// Performs a user's actions, and writes the results as JSON.
 const LAST: &str = r#"<script type="module">
 while (document.body.dataset.ready === undefined) {
   await new Promise((done) => setTimeout(done, 10));
@@ -220,7 +219,7 @@ document.body.replaceChildren(place);
 #[test]
 fn the_page_shows_the_numbers_in_chromium() {
     let Some(chromium) = chromium() else {
-        // The test program keeps what passing tests print, but not what is written past it.
+        // The test harness captures the output of passing tests, but not direct writes.
         let line = b"skipped: the_page_shows_the_numbers_in_chromium needs Chromium\n";
         let _ = std::io::stderr().write_all(line);
         return;

@@ -1,4 +1,4 @@
-//! Output that is not read to its end: `tuff info | head`.
+//! Output with a reader that stops early: `tuff info | head`.
 
 #![cfg(unix)]
 

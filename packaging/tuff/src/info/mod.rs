@@ -1,4 +1,4 @@
-//! `tuff info`: what programs find here, and what is wrong, each with what mends it.
+//! `tuff info`: the devices that programs find on this machine, and problems with their fixes.
 
 pub mod probe;
 mod problems;
@@ -12,26 +12,26 @@ use problems::Problem;
 
 /// The observations.
 pub struct Seen {
-    /// The driver's library, or what is wrong with it.
+    /// The driver's library, or the problem with it.
     pub library: Result<std::path::PathBuf, String>,
     pub system_loader: Option<loader::System>,
-    /// Whether the package brought a loader that serves here; or why not.
+    /// Whether the package has a loader that works here; or why not.
     pub own_loader: Result<(), String>,
-    /// With `tuff run`.
+    /// Devices under `tuff run`.
     pub selected: probe::Found,
-    /// Without it.
+    /// Devices without it.
     pub unselected: probe::Found,
-    /// The process's control group, where that has a limit.
+    /// The process's control group, if that has a limit.
     pub group: Option<control_group::Memory>,
-    /// Variables that matter to loader and driver, and their values.
+    /// Variables that loader or driver read, and their values.
     pub variables: Vec<(String, String)>,
-    /// Whether the loader ignores them in programs that start from here.
+    /// Whether the loader ignores them in programs that are started from this one.
     pub are_variables_ignored: bool,
-    /// Manifests of Tuff in Windows' registry, and the users that they are for.
+    /// Manifests of Tuff in Windows' registry, and their users.
     pub registered: Vec<Registered>,
 }
 
-/// Prints all that is known; fails where programs cannot use Tuff.
+/// Prints all observations; fails if programs cannot use Tuff.
 pub fn print(installation: &Installation) -> ExitCode {
     let seen = Seen {
         library: installation.library().map_err(|error| format!("{error:#}")),
@@ -78,6 +78,18 @@ fn variables() -> Vec<(String, String)> {
     set.sort();
     set
 }
+
+/// The programs for which the loader ignores its variables.
+const IGNORED_VARIABLES: &str = match cfg!(windows) {
+    true => {
+        "Programs that run as administrator ignore VK_DRIVER_FILES and VK_ICD_FILENAMES: they find only\n\
+         drivers that are registered for all users (tuff install)."
+    }
+    false => {
+        "Programs with more rights than their user (setuid, file capabilities) ignore VK_DRIVER_FILES and\n\
+         VK_ICD_FILENAMES: they find only drivers that are installed for the whole system."
+    }
+};
 
 fn text(installation: &Installation, seen: &Seen) -> String {
     let mut lines = vec![format!("Tuff {}", env!("CARGO_PKG_VERSION"))];
@@ -146,19 +158,7 @@ fn text(installation: &Installation, seen: &Seen) -> String {
         .find(|(name, value)| name == refusals::CONFORMANCE && !value.is_empty())
         .map(|(_, value)| value.as_str());
     lines.extend(refusals::lines(conformance));
-    lines.push(
-        match cfg!(windows) {
-            true => {
-                "Programs that run as administrator ignore VK_DRIVER_FILES and VK_ICD_FILENAMES: they find only\n\
-                 drivers that are registered for all users (tuff install)."
-            }
-            false => {
-                "Programs with more rights than their user (setuid, file capabilities) ignore VK_DRIVER_FILES and\n\
-                 VK_ICD_FILENAMES: they find only drivers that are installed for the whole system."
-            }
-        }
-        .into(),
-    );
+    lines.push(IGNORED_VARIABLES.into());
     lines.join("\n") + "\n"
 }
 

@@ -28,14 +28,15 @@ impl Device {
 /// The findings of a process.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Found {
-    /// The highest version of Vulkan that the loader knows; none where there is no loader.
+    /// The highest Vulkan version of the loader; `None` without a loader.
     pub loader_version: Option<String>,
     pub devices: Vec<Device>,
-    /// Messages of loader and drivers on standard error, and the process's end if it failed.
+    /// Messages of loader and drivers on standard error, and the process's exit status if it
+    /// failed.
     pub said: Vec<String>,
 }
 
-/// Runs this program again as `tuff probe`, with more variables.
+/// Runs this program again as `tuff probe`, with additional variables.
 pub fn ask(variables: &[(&'static str, std::ffi::OsString)]) -> Found {
     let program = std::env::current_exe().unwrap_or_else(|_| Path::new("tuff").into());
     let mut child = Command::new(program);
@@ -82,7 +83,7 @@ fn read(text: &str) -> Found {
     found
 }
 
-/// Prints what this process finds, a line a thing.
+/// Prints the findings of this process, one in each line.
 pub fn print() {
     // SAFETY: the loader's initialisers only set up its own state.
     let Ok(entry) = (unsafe { ash::Entry::load() }) else {
@@ -112,7 +113,7 @@ pub fn print() {
                 .to_string_lossy();
             let queue = [vk::DeviceQueueCreateInfo::default().queue_priorities(&[1.0])];
             let device = vk::DeviceCreateInfo::default().queue_create_infos(&queue);
-            // Another driver's device may take seconds, and is not asked about.
+            // No device of another driver is created, because that may take seconds.
             let created = match name.starts_with("Tuff (") {
                 false => "not tried".into(),
                 true => match instance.create_device(physical, &device, None) {

@@ -4,7 +4,7 @@ use super::Seen;
 use crate::shell::Shell;
 use crate::{loader, os};
 
-/// Something wrong.
+/// A problem and its fix.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Problem {
     pub what: String,
@@ -13,10 +13,10 @@ pub struct Problem {
 
 /// The first loader that reads `VK_DRIVER_FILES`.
 const DRIVER_FILES_SINCE: [u32; 3] = [1, 3, 207];
-/// Below this a scene of ordinary size does not fit.
+/// Scenes of ordinary size need at least this heap.
 const SMALL_HEAP_BYTES: u64 = 192 << 20;
 
-/// Everything that is wrong, what matters most first.
+/// All problems, the most important first.
 pub fn find(seen: &Seen) -> Vec<Problem> {
     let mut problems = Vec::new();
     let mut add = |what: String, mend: String| problems.push(Problem { what, mend });
@@ -80,6 +80,12 @@ pub fn find(seen: &Seen) -> Vec<Problem> {
     }
     of_variables(seen, &mut add);
     of_registry(seen, &mut add);
+    of_order(seen, &mut add);
+    problems
+}
+
+/// Another device that comes before Tuff.
+fn of_order(seen: &Seen, add: &mut dyn FnMut(String, String)) {
     let unselected = &seen.unselected.devices;
     if let Some(place) = unselected
         .iter()
@@ -98,10 +104,9 @@ pub fn find(seen: &Seen) -> Vec<Problem> {
             ),
         );
     }
-    problems
 }
 
-/// Variables that lead the loader astray.
+/// Variables that mislead the loader.
 fn of_variables(seen: &Seen, add: &mut dyn FnMut(String, String)) {
     let value = |wanted: &str| {
         let found = seen.variables.iter().find(|(name, _)| name == wanted);
@@ -143,7 +148,7 @@ fn of_variables(seen: &Seen, add: &mut dyn FnMut(String, String)) {
     }
 }
 
-/// Entries of Windows' registry, and the rights without which programs find Tuff by those alone.
+/// Entries of Windows' registry. Programs with an administrator's rights find Tuff only by them.
 fn of_registry(seen: &Seen, add: &mut dyn FnMut(String, String)) {
     for entry in &seen.registered {
         if !std::path::Path::new(&entry.manifest).exists() {
@@ -223,7 +228,7 @@ mod tests {
     #[test]
     fn nothing_is_wrong_where_nothing_is() {
         assert_eq!(find(&well()), []);
-        // The package's loader serves where the system has none.
+        // The package's loader is used if the system has none.
         let slim = Seen {
             system_loader: None,
             own_loader: Ok(()),

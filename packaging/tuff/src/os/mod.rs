@@ -11,11 +11,11 @@ pub use unix::*;
 #[cfg(windows)]
 pub use windows::*;
 
-/// A half of Windows' registry.
+/// A root key of Windows' registry.
 #[cfg(any(windows, test))]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Hive {
-    /// `HKEY_LOCAL_MACHINE`, which administrators write.
+    /// `HKEY_LOCAL_MACHINE`, which only administrators can write.
     Machine,
     /// `HKEY_CURRENT_USER`.
     User,

@@ -1,4 +1,4 @@
-//! A capture as the driver has written it: `maps.json` with the files that it names, and
+//! A capture that the driver has written: `maps.json` with the files that it names, and
 //! `pixel.json`. docs/debugging.md describes both.
 
 use std::fs;
@@ -7,37 +7,37 @@ use std::path::{Component, Path};
 use anyhow::{Context, Result, bail, ensure};
 use serde_json::Value;
 
-/// All of a folder.
+/// The contents of a folder.
 #[derive(Debug, Default)]
 pub struct Capture {
     /// The program's name, if it is known.
     pub program: Option<String>,
     pub commands: Vec<MapCommand>,
-    /// Commands past the driver's limits.
+    /// The number of commands beyond the driver's limits.
     pub dropped: u64,
     /// Elements of `pixel.json`.
     pub paths: Vec<Value>,
 }
 
-/// A command, and the maps of it.
+/// A command and its maps.
 #[derive(Debug)]
 pub struct MapCommand {
     /// Its entry in `maps.json`, without the maps.
     pub entry: Value,
-    /// Numbers in x, y and z.
+    /// The counts of numbers in x, y and z.
     pub size: [u32; 3],
     pub maps: Vec<Map>,
 }
 
-/// A number for each invocation that is kept.
+/// A map: a number for each recorded invocation.
 #[derive(Debug)]
 pub struct Map {
     pub name: String,
-    /// `ray`: of each ray by itself; `run`: of the way that was taken.
+    /// `ray`: for each ray by itself; `run`: for the launch as it ran.
     pub of: String,
-    /// Its file in the folder; one of zeros has none.
+    /// The map's file in the folder; a map of zeros has none.
     pub file: Option<String>,
-    /// Bytes of a number.
+    /// The size of a number in bytes.
     pub width: usize,
     /// Little endian, x fastest.
     pub bytes: Vec<u8>,
@@ -56,7 +56,7 @@ impl Map {
 
 impl Capture {
     /// # Errors
-    /// The folder has no capture, or one that is not sound.
+    /// The folder has no capture, or an invalid one.
     pub fn read(folder: &Path) -> Result<Capture> {
         let mut capture = Capture::default();
         let (maps, pixel) = (folder.join("maps.json"), folder.join("pixel.json"));
@@ -141,7 +141,7 @@ fn read_map(folder: &Path, entry: &Value, size: [u32; 3]) -> Result<Map> {
     })
 }
 
-/// So many bytes behind the head of a file in NumPy's format.
+/// This many bytes after the header of a file in NumPy's format.
 fn numbers(file: &[u8], length: usize) -> Option<Vec<u8>> {
     let (magic, rest) = file.split_at_checked(8)?;
     let (head, rest) = rest.split_at_checked(2)?;

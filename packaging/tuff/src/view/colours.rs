@@ -1,8 +1,7 @@
-//! Colours of numbers: viridis, of which people with any colour vision see the order, and which
-//! keeps it in greys.
+//! Colours of numbers: viridis. Its order is visible with any colour vision, and in greys.
 
 /// Polynomials that approximate viridis (Nathaniel Smith, Stéfan van der Walt) within 2 of 255,
-/// fitted by Matt Zucker; public domain. The page has the same.
+/// fitted by Matt Zucker; public domain. The page uses the same ones.
 const VIRIDIS: [[f64; 3]; 7] = [
     [0.277_727_327_2, 0.005_407_344_5, 0.334_099_805_3],
     [0.105_093_043_1, 1.404_613_529_9, 1.384_590_162_6],
@@ -29,7 +28,7 @@ pub fn viridis(number: f64) -> [u8; 3] {
 mod tests {
     use super::*;
 
-    /// Against entries of Matplotlib's table.
+    /// The colours match entries of Matplotlib's table.
     #[test]
     fn colours_are_those_of_the_table() {
         for (number, expected) in [

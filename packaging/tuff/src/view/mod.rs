@@ -16,7 +16,7 @@ use capture::Capture;
 /// The page's name in the folder.
 const PAGE: &str = "index.html";
 
-/// Writes the page and the pictures of a capture, and opens the page where there is a browser.
+/// Writes the page and the pictures of a capture, and opens the page if there is a browser.
 ///
 /// # Errors
 /// There is no capture, or its folder cannot be written.
@@ -41,7 +41,7 @@ pub fn view(folder: &Path, opens: bool) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Writes a file that is whole once it has its name.
+/// Writes a file atomically: under another name first, which is then changed.
 fn write(path: &Path, bytes: &[u8]) -> Result<()> {
     let mut partial = PathBuf::from(path);
     partial.set_extension("part");
@@ -54,7 +54,8 @@ fn write(path: &Path, bytes: &[u8]) -> Result<()> {
     written.with_context(|| format!("writing {}", path.display()))
 }
 
-/// Opens a page, if a program for that is there. Its path was printed, so nothing is said if not.
+/// Opens a page if there is a program for that. A failure is not reported, because the path is
+/// printed.
 fn open(page: &Path) {
     let mut program = match cfg!(windows) {
         true => {

@@ -1,4 +1,4 @@
-//! The page: one file, with all of a capture inside. It needs no network.
+//! The page: one file with a whole capture. It needs no network.
 
 use std::io::Write;
 use std::path::Path;
@@ -17,7 +17,7 @@ const SCRIPT: &str = include_str!("page.js");
 /// The page of the capture in a folder.
 ///
 /// # Errors
-/// There is no memory.
+/// Out of memory.
 pub fn of(capture: &Capture, folder: &Path) -> Result<String> {
     let commands = capture.commands.iter().map(command);
     let data = json!({
@@ -30,7 +30,7 @@ pub fn of(capture: &Capture, folder: &Path) -> Result<String> {
     Ok(filled(&data))
 }
 
-/// The page with its data. In a script, `</` would end it.
+/// The page with its data, in which `</` is escaped: it would end the script.
 fn filled(data: &Value) -> String {
     let data = data.to_string().replace("</", "<\\/");
     let parts = [
@@ -62,7 +62,7 @@ fn command(command: &MapCommand) -> Result<Value> {
     Ok(entry)
 }
 
-/// The numbers, the first byte of each, then the second, and so on; compressed (RFC 1950), as text.
+/// The numbers as text: the first byte of each, then the second, and so on, compressed (RFC 1950).
 fn packed(map: &Map) -> Result<String> {
     let mut encoder = ZlibEncoder::new(Vec::new(), Compression::default());
     for byte in 0..map.width {

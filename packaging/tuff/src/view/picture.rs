@@ -5,11 +5,11 @@ use anyhow::{Context, Result};
 use super::capture::Map;
 use super::colours::viridis;
 
-/// Part of the numbers that are not beyond the last colour. Few large ones would leave the others
-/// one colour.
+/// The share of numbers within the range of colours. Otherwise a few large ones would leave the
+/// others one colour.
 const SHOWN: f64 = 0.999;
 
-/// A picture of a map; layers are below each other.
+/// A picture of a map, with its layers one below the other.
 ///
 /// # Errors
 /// The map is too large for the format.
@@ -33,7 +33,7 @@ pub fn of(map: &Map, [width, height, depth]: [u32; 3]) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// The number from which on the last colour is taken.
+/// The smallest number with the last colour.
 fn end_of_scale(mut values: Vec<u32>) -> u32 {
     let Some(last) = values.len().checked_sub(1) else {
         return 0;
