@@ -3,7 +3,7 @@
 use ash::vk;
 
 use crate::words::{MISS, RESULTS, WORLD};
-use crate::{Bound, Buffer, Gpu, Group, Record, Set, Stage, Structure, StructureNv, Table};
+use crate::{Bound, Buffer, Gpu, Group, Rays, Record, Set, Stage, Structure, Table, glsl};
 
 /// Shaders of a pipeline, their groups, and a set. Groups are numbered in the order they come, the
 /// ray generation shader's is 0; bindings are numbered from 0, too. A shader that several groups
@@ -156,11 +156,6 @@ impl Case {
         gpu.trace(&gpu.rays(self), &self.table(), size);
     }
 
-    /// The same by `VK_NV_ray_tracing`.
-    pub fn trace_nv(&self, gpu: &Gpu, size: [u32; 3]) {
-        gpu.trace_nv(&gpu.rays_nv(self), &self.table(), size);
-    }
-
     /// Traces in a world, and reads so many words that the shaders left.
     pub fn words(self, gpu: &Gpu, world: Structure, size: [u32; 3], words: usize) -> Vec<u32> {
         let output = gpu.buffer(4 * words as u64);
@@ -169,15 +164,40 @@ impl Case {
     }
 }
 
-impl From<Structure> for Bound {
-    fn from(structure: Structure) -> Bound {
-        Bound::Structure(structure.handle)
+impl Gpu {
+    pub fn rays(&self, case: &Case) -> Rays {
+        let words: Vec<(Stage, Vec<u32>)> = (case.shaders.iter())
+            .map(|(stage, source)| (*stage, glsl(*stage, source)))
+            .collect();
+        let set = case.set(self);
+        self.rays_of_words(&words, &case.groups, case.recursion, set, case.flags)
+    }
+
+    /// Traces straight rays along z at (x + 0.25, 0.25) for x in 0..count; returns each hit's
+    /// distance, or −1.
+    pub fn depths(&self, world: Structure, count: u32) -> Vec<f32> {
+        let raygen = r"
+        layout(set = 0, binding = 0) uniform accelerationStructureEXT world;
+        layout(set = 0, binding = 1, std430) buffer R { float results[]; };
+        layout(location = 0) rayPayloadEXT float t;
+        void main() {
+            vec3 origin = vec3(float(gl_LaunchIDEXT.x) + 0.25, 0.25, 0.0);
+            traceRayEXT(world, 0u, 0xff, 0, 0, 0, origin, 0.0, vec3(0, 0, 1), 1e9, 0);
+            results[gl_LaunchIDEXT.x] = t;
+        }";
+        let miss = "layout(location = 0) rayPayloadInEXT float t; void main() { t = -1.0; }";
+        let hit = "layout(location = 0) rayPayloadInEXT float t; void main() { t = gl_HitTEXT; }";
+        let output = self.buffer(4 * u64::from(count));
+        let case = Case::new(raygen).miss(miss).hit(hit);
+        let case = case.bind(world).bind(output);
+        case.trace(self, [count, 1, 1]);
+        output.read()
     }
 }
 
-impl From<StructureNv> for Bound {
-    fn from(structure: StructureNv) -> Bound {
-        Bound::StructureNv(structure.handle)
+impl From<Structure> for Bound {
+    fn from(structure: Structure) -> Bound {
+        Bound::Structure(structure.handle)
     }
 }
 

@@ -6,7 +6,7 @@ use ash::{nv, vk};
 use crate::acceleration::instance_records;
 use crate::gpu::Made;
 use crate::trace::group_info;
-use crate::{Buffer, Case, Geometry, Gpu, Instance, Rays, Record, Stage, Structure, Table};
+use crate::{Bound, Buffer, Case, Geometry, Gpu, Instance, Rays, Record, Stage, Structure, Table};
 use crate::{Set, glsl_nv};
 
 type BuildFlags = vk::BuildAccelerationStructureFlagsKHR;
@@ -18,6 +18,19 @@ pub struct StructureNv {
     pub handle: vk::AccelerationStructureNV,
     /// The reference that instances use.
     pub reference: u64,
+}
+
+impl From<StructureNv> for Bound {
+    fn from(structure: StructureNv) -> Bound {
+        Bound::StructureNv(structure.handle)
+    }
+}
+
+impl Case {
+    /// [`Case::trace`] by `VK_NV_ray_tracing`.
+    pub fn trace_nv(&self, gpu: &Gpu, size: [u32; 3]) {
+        gpu.trace_nv(&gpu.rays_nv(self), &self.table(), size);
+    }
 }
 
 impl StructureNv {

@@ -4,7 +4,7 @@ use ash::vk;
 use bytemuck::Pod;
 
 use crate::gpu::Made;
-use crate::{Buffer, Case, Gpu, Set, Stage, Structure, glsl};
+use crate::{Buffer, Gpu, Set, Stage};
 
 /// A shader group: numbers of the pipeline's shaders.
 #[derive(Clone, Copy, Debug, Default)]
@@ -87,14 +87,6 @@ impl Table {
 }
 
 impl Gpu {
-    pub fn rays(&self, case: &Case) -> Rays {
-        let words: Vec<(Stage, Vec<u32>)> = (case.shaders.iter())
-            .map(|(stage, source)| (*stage, glsl(*stage, source)))
-            .collect();
-        let set = case.set(self);
-        self.rays_of_words(&words, &case.groups, case.recursion, set, case.flags)
-    }
-
     /// A pipeline of SPIR-V that uses one set.
     pub fn rays_of_words(
         &self,
@@ -293,27 +285,6 @@ impl Gpu {
             stride: stride as u64,
             size: (records.len() * stride) as u64,
         }
-    }
-
-    /// Traces straight rays along z at (x + 0.25, 0.25) for x in 0..count; returns each hit's
-    /// distance, or −1.
-    pub fn depths(&self, world: Structure, count: u32) -> Vec<f32> {
-        let raygen = r"
-        layout(set = 0, binding = 0) uniform accelerationStructureEXT world;
-        layout(set = 0, binding = 1, std430) buffer R { float results[]; };
-        layout(location = 0) rayPayloadEXT float t;
-        void main() {
-            vec3 origin = vec3(float(gl_LaunchIDEXT.x) + 0.25, 0.25, 0.0);
-            traceRayEXT(world, 0u, 0xff, 0, 0, 0, origin, 0.0, vec3(0, 0, 1), 1e9, 0);
-            results[gl_LaunchIDEXT.x] = t;
-        }";
-        let miss = "layout(location = 0) rayPayloadInEXT float t; void main() { t = -1.0; }";
-        let hit = "layout(location = 0) rayPayloadInEXT float t; void main() { t = gl_HitTEXT; }";
-        let output = self.buffer(4 * u64::from(count));
-        let case = Case::new(raygen).miss(miss).hit(hit);
-        let case = case.bind(world).bind(output);
-        case.trace(self, [count, 1, 1]);
-        output.read()
     }
 }
 

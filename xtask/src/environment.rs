@@ -6,8 +6,6 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::OnceLock;
 
-use crate::workspace;
-
 /// Variables, in any order.
 type Variables = Vec<(OsString, OsString)>;
 
@@ -17,17 +15,14 @@ static OF_CARGO: OnceLock<Variables> = OnceLock::new();
 /// The search path of libraries.
 const LIBRARIES: &str = "LD_LIBRARY_PATH";
 
-/// Removes the changes of cargo and rustup from this process's environment.
+/// Removes the changes of cargo and rustup from this process's environment. `target` is cargo's
+/// target directory.
 ///
 /// # Safety
 /// No other thread runs, so nothing else accesses the environment.
-pub unsafe fn restore() {
-    // A program with an unknown path was not started by cargo.
-    let Ok(target) = workspace::target() else {
-        return;
-    };
+pub unsafe fn restore(target: &Path) {
     let found: Variables = std::env::vars_os().collect();
-    let users = users(&found, &target);
+    let users = users(&found, target);
     let changed = found.into_iter().filter(|it| !users.contains(it));
     let changed: Variables = changed.collect();
     for (name, _) in &changed {

@@ -92,8 +92,11 @@ enum Command {
 
 fn main() -> ExitCode {
     end_with_the_reader();
-    // SAFETY: no other thread runs yet.
-    unsafe { environment::restore() };
+    // A program with an unknown path was not started by cargo.
+    if let Ok(target) = workspace::target() {
+        // SAFETY: no other thread runs yet.
+        unsafe { environment::restore(&target) };
+    }
     let arguments = Arguments::parse();
     if arguments.no_install {
         system::install_nothing();

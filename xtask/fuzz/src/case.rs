@@ -3,10 +3,16 @@
 use anyhow::{Context, Result, bail};
 use fastrand::Rng;
 
-use crate::targets::{self, FuzzTarget};
+use crate::world::World;
 
 /// Steps of a case, at most.
 const MOST: u32 = 16;
+
+/// A kind of nonsense.
+pub struct FuzzTarget {
+    pub name: &'static str,
+    pub run: fn(&World, &Case),
+}
 
 /// A case by name.
 #[derive(Clone)]
@@ -19,8 +25,11 @@ pub struct Which {
 }
 
 impl Which {
-    /// Of `TARGET:SEED:NUMBER` or `TARGET:SEED:NUMBER:STEP,STEP…`.
-    pub fn parse(text: &str) -> Result<Which> {
+    /// Of `TARGET:SEED:NUMBER` or `TARGET:SEED:NUMBER:STEP,STEP…`. `named` finds the target.
+    pub fn parse(
+        text: &str,
+        named: impl FnOnce(&str) -> Result<&'static FuzzTarget>,
+    ) -> Result<Which> {
         let parts: Vec<&str> = text.split(':').collect();
         let (&[target, seed, number], rest) = parts.split_first_chunk().context("a case's name")?;
         let kept = match rest {
@@ -30,7 +39,7 @@ impl Which {
             _ => bail!("{text} names no case"),
         };
         Ok(Which {
-            target: targets::named(&[target.into()])?[0],
+            target: named(target)?,
             seed: seed.parse()?,
             number: number.parse()?,
             kept,

@@ -82,13 +82,13 @@ fn run(arguments: &Arguments) -> Result<ExitCode> {
             case,
             count,
             progress,
-        }) => child::run(&Which::parse(case)?, *count, Some(progress)),
+        }) => child::run(&Which::parse(case, targets::named)?, *count, Some(progress)),
         Some(Command::Again { .. }) if std::env::var_os(parent::TIMEOUT_NAME).is_none() => {
             parent::again()
         }
-        Some(Command::Again { case }) => child::run(&Which::parse(case)?, 1, None),
+        Some(Command::Again { case }) => child::run(&Which::parse(case, targets::named)?, 1, None),
         None => {
-            let targets = targets::named(&arguments.targets)?;
+            let targets = targets::all_named(&arguments.targets)?;
             let amount = match arguments.cases {
                 Some(cases) => Amount::Cases(cases),
                 None => Amount::Time(Duration::from_secs_f64(60.0 * arguments.minutes)),

@@ -8,9 +8,8 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
 
-use crate::case::Which;
+use crate::case::{FuzzTarget, Which};
 use crate::child::progress_text;
-use crate::targets::FuzzTarget;
 use crate::world::World;
 
 /// How long a child runs, mostly, once its first case is done: on a loaded machine a device and its

@@ -6,6 +6,7 @@
 //! interpreter's best tier, each against a reference of 64 bits. An error past what Vulkan allows,
 //! or past our own bound, fails the run.
 
+mod format;
 mod functions;
 mod kernel;
 mod measure;

@@ -2,7 +2,7 @@
 
 use spirv_jit::ir::Type;
 
-use super::measure::Format;
+use super::format::Format;
 
 /// The operands of a sample, as bits. The same index gives the same ones.
 pub fn operands(index: u64, format: Format) -> [u32; 3] {

@@ -2,8 +2,9 @@
 
 use std::fmt::Write;
 
+use super::format::{F16, F32, Format};
 use super::functions::{Allowance, Domain, SEVERAL, UNARY};
-use super::measure::{self, F16, F32, Format, Options, Worst};
+use super::measure::{self, Options, Worst};
 
 #[derive(Debug)]
 pub struct OperationError {

@@ -2,9 +2,9 @@
 //!
 //! A path is followed through imports and re-exports to the file that defines what it names. So a
 //! `pub use` is no use of a file, and a type that lies elsewhere counts where it lies. A folder's
-//! own file (`mod.rs`, `lib.rs` or the file of the folder's name) holds what its files share and
-//! calls them: its use of them does not count. Tests (`#[cfg(test)]`) may use what they like.
-//! Method calls name no file.
+//! own file (`mod.rs`, `lib.rs`, `main.rs` or the file of the folder's name) holds what its files
+//! share and calls them: its use of them does not count. Tests (`#[cfg(test)]`) may use what they
+//! like. Method calls name no file.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -12,6 +12,7 @@ use std::path::{Path, PathBuf};
 
 use proc_macro2::{Spacing, TokenStream, TokenTree};
 use syn::ext::IdentExt;
+use syn::punctuated::Punctuated;
 use syn::visit::{self, Visit};
 
 use crate::{collect, module_of};
@@ -123,7 +124,8 @@ impl Files {
 
 /// Whether a file lies in the folder whose own file is `face`.
 fn lies_under(file: &Path, face: &Path) -> bool {
-    let folder = match face.ends_with("mod.rs") || face.ends_with("lib.rs") {
+    let is_inside = |name| face.ends_with(name);
+    let folder = match ["mod.rs", "lib.rs", "main.rs"].into_iter().any(is_inside) {
         true => face
             .parent()
             .expect("a file lies in a folder")
@@ -177,7 +179,16 @@ fn resolve(
             let through = [import, behind].concat();
             return resolve(scopes, &at, &through, depth + 1);
         }
-        let mut globs = scope.globs.iter();
+        // A glob of another crate brings no name of this one.
+        let is_own = |glob: &&Vec<String>| {
+            let first = &glob[0];
+            let module = [at.as_slice(), std::slice::from_ref(first)].concat();
+            matches!(first.as_str(), "crate" | "self" | "super")
+                || scopes.contains_key(&module)
+                || scope.items.contains(first)
+                || scope.imports.contains_key(first)
+        };
+        let mut globs = scope.globs.iter().filter(is_own);
         let found = globs.find_map(|glob| {
             let through = [glob.as_slice(), rest].concat();
             resolve(scopes, &at, &through, depth + 1)
@@ -273,8 +284,15 @@ fn is_test(attributes: &[syn::Attribute]) -> bool {
     attributes.any(|attribute| {
         attribute.path().is_ident("cfg")
             && attribute
-                .parse_args::<syn::Ident>()
-                .is_ok_and(|condition| condition == "test")
+                .parse_args()
+                .is_ok_and(|condition: syn::Meta| match &condition {
+                    syn::Meta::List(list) if list.path.is_ident("all") => {
+                        let all = Punctuated::<syn::Meta, syn::Token![,]>::parse_terminated;
+                        (list.parse_args_with(all))
+                            .is_ok_and(|all| all.iter().any(|one| one.path().is_ident("test")))
+                    }
+                    condition => condition.path().is_ident("test"),
+                })
     })
 }
 

@@ -7,7 +7,7 @@ use canvas::plotters::coord::Shift;
 use canvas::plotters::prelude::*;
 use canvas::{Drawing, FONT, failed, save, short};
 
-use crate::compare::{Measurement, Results};
+use crate::results::{Measurement, Results};
 
 /// Draws `ratios` and each curve into the folder, as SVG and as PNG.
 pub fn draw(results: &Results, folder: &Path) -> Result<()> {

@@ -1,13 +1,12 @@
 //! Drivers against each other: every measurement in a process of its own, the drivers in turn.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use anyhow::{Context, Result, bail, ensure};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::de::DeserializeOwned;
-use serde::{Deserialize, Serialize};
 
 use crate::formats;
 use crate::measure::{
@@ -15,7 +14,9 @@ use crate::measure::{
 };
 use crate::operations;
 use crate::report;
-use crate::workload::{self, Bounds};
+use crate::results::{Measurement, Results};
+use crate::table;
+use crate::workload::Bounds;
 use crate::world::Scale;
 
 #[derive(clap::Args)]
@@ -54,33 +55,6 @@ pub struct Options {
     /// Where to draw charts, as SVG and PNG
     #[arg(long, value_name = "FOLDER")]
     charts: Option<PathBuf>,
-}
-
-/// One workload at one scale, on every driver.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct Measurement {
-    pub name: String,
-    pub unit: String,
-    /// The group of its speed: `traversal`, `shading`, `launching`, `building`, `programs`,
-    /// `drawing`, `operations` or `driver`.
-    pub bounds: String,
-    pub scale: Scale,
-    pub threads: Option<u32>,
-    /// For each driver its samples, one a round; empty where it lacks what is needed.
-    pub samples: Vec<Vec<Sample>>,
-    /// Why no time is given, where the drivers' pictures differ.
-    pub disagreement: Option<String>,
-}
-
-/// All that one call measured.
-#[derive(Debug, Default, Serialize, Deserialize)]
-pub struct Results {
-    pub drivers: Vec<String>,
-    pub machine: String,
-    pub date: String,
-    pub table: Vec<Measurement>,
-    /// Curves: the measurements of each in order, by what varies.
-    pub curves: BTreeMap<String, Vec<Measurement>>,
 }
 
 /// A thing to measure.
@@ -216,7 +190,7 @@ fn tasks(options: &Options) -> Result<Vec<Task>> {
             .map(|name| task(name, "Mop/s", "operations"))
             .collect());
     }
-    let mut tasks: Vec<Task> = workload::all()
+    let mut tasks: Vec<Task> = table::all()
         .map(|workload| {
             let bounds = match workload.bounds {
                 Bounds::Traversal => "traversal",

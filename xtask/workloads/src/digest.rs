@@ -5,7 +5,8 @@ use std::hash::{DefaultHasher, Hasher};
 use anyhow::{Context, Result};
 use tuff_tests::Gpu;
 
-use crate::workload::{self, Prepared};
+use crate::table;
+use crate::workload::Prepared;
 use crate::world::Scale;
 
 #[derive(clap::Args)]
@@ -17,7 +18,7 @@ pub struct Options {
 /// Prints a line for each workload: its name and the digests of two turns.
 pub fn digest(options: &Options) -> Result<()> {
     let gpu = Gpu::without_validation();
-    for workload in workload::all() {
+    for workload in table::all() {
         let Some(prepared) = (workload.prepare)(&gpu, &options.scale) else {
             continue;
         };

@@ -21,8 +21,10 @@ mod profile;
 mod programs;
 mod reference;
 mod report;
+mod results;
 mod scene;
 mod shader;
+mod table;
 mod workload;
 mod world;
 
@@ -66,7 +68,7 @@ fn main() -> ExitCode {
         Command::Probe(options) => probe::probe(&options),
         Command::Reference(options) => reference::reference(&options),
         Command::List => {
-            for workload in workload::all() {
+            for workload in table::all() {
                 println!("{:12} {}", workload.name, workload.about);
             }
             Ok(())

@@ -9,7 +9,8 @@ use tuff_tests::{Gpu, Group, Stage, vk};
 
 use crate::operations;
 use crate::shader;
-use crate::workload::{self, Prepared, path_parts};
+use crate::table;
+use crate::workload::{Prepared, path_parts};
 use crate::world::Scale;
 
 /// The result of one process; it goes to the parent as a line of JSON.
@@ -60,7 +61,7 @@ pub fn measure(options: &Options) -> Result<()> {
         FIRST_PIXEL => first_pixel(&options.scale),
         name => match operations::named(name) {
             Some(operation) => turns(options, |gpu, scale| operation.prepare(gpu, scale))?,
-            None => turns(options, workload::named(name)?.prepare)?,
+            None => turns(options, table::named(name)?.prepare)?,
         },
     };
     println!("{}", serde_json::to_string(&sample)?);
@@ -212,7 +213,7 @@ fn first_pixel(scale: &Scale) -> Option<Sample> {
     drop(path_parts());
     let (start, processor) = (Instant::now(), processor_seconds());
     let gpu = Gpu::without_validation();
-    let workload = workload::named("path").ok()?;
+    let workload = table::named("path").ok()?;
     let prepared = (workload.prepare)(&gpu, scale)?;
     gpu.submit(prepared.turn).expect("the launch runs");
     let seconds = start.elapsed().as_secs_f64();

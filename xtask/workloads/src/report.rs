@@ -2,8 +2,8 @@
 
 use std::fmt::Write as _;
 
-use crate::compare::{Measurement, Results};
 use crate::measure::Sample;
+use crate::results::{Measurement, Results};
 
 /// Median and spread of a driver's turns.
 #[derive(Clone, Copy, Debug)]

@@ -14,14 +14,7 @@ mod transfers;
 
 use anyhow::{Context, Result};
 
-use crate::case::Case;
-use crate::world::World;
-
-/// A kind of nonsense.
-pub struct FuzzTarget {
-    pub name: &'static str,
-    pub run: fn(&World, &Case),
-}
+use crate::case::FuzzTarget;
 
 const TARGETS: [FuzzTarget; 12] = [
     FuzzTarget {
@@ -74,17 +67,19 @@ const TARGETS: [FuzzTarget; 12] = [
     },
 ];
 
+static ALL: &[FuzzTarget] = &TARGETS;
+
 /// Targets by name; all if none is named.
-pub fn named(names: &[String]) -> Result<Vec<&'static FuzzTarget>> {
-    static ALL: &[FuzzTarget] = &TARGETS;
-    if names.is_empty() {
-        return Ok(ALL.iter().collect());
+pub fn all_named(names: &[String]) -> Result<Vec<&'static FuzzTarget>> {
+    match names {
+        [] => Ok(ALL.iter().collect()),
+        names => names.iter().map(|name| named(name)).collect(),
     }
-    let find = |name: &String| {
-        let all: Vec<&str> = ALL.iter().map(|target| target.name).collect();
-        ALL.iter()
-            .find(|target| target.name == name)
-            .with_context(|| format!("{name} is none of {}", all.join(", ")))
-    };
-    names.iter().map(find).collect()
+}
+
+/// The target of this name.
+pub fn named(name: &str) -> Result<&'static FuzzTarget> {
+    let all: Vec<&str> = ALL.iter().map(|target| target.name).collect();
+    (ALL.iter().find(|target| target.name == name))
+        .with_context(|| format!("{name} is none of {}", all.join(", ")))
 }

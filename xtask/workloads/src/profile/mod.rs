@@ -13,7 +13,7 @@ use inferno::flamegraph;
 use pprof::ProfilerGuardBuilder;
 use tuff_tests::Gpu;
 
-use crate::workload;
+use crate::table;
 use crate::world::Scale;
 use stacks::Stacks;
 
@@ -37,7 +37,7 @@ pub struct Options {
 
 /// Writes the flame graph, and prints the share of each part of the driver as a Markdown table.
 pub fn profile(options: &Options) -> Result<()> {
-    let workload = workload::named(&options.name)?;
+    let workload = table::named(&options.name)?;
     let gpu = Gpu::without_validation();
     let prepared = (workload.prepare)(&gpu, &options.scale);
     let prepared = prepared.context("the driver lacks what the workload needs")?;
