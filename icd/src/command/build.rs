@@ -6,7 +6,7 @@ use traversal::{BuildFlags, GeometryFlags, GeometryMicromap, IndexType, Kind, Ve
 
 use super::instances::Instances;
 use super::range::Range;
-use super::swept::Swept;
+use super::swept_sphere::Swept;
 use crate::object::acceleration_structure::Storage;
 
 /// A `VkAccelerationStructureBuildGeometryInfoKHR` and its ranges, copied.

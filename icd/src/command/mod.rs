@@ -18,7 +18,7 @@ pub mod pass;
 mod pool;
 pub mod range;
 pub mod ray_tracing;
-pub mod swept;
+pub mod swept_sphere;
 mod transfer;
 
 use std::sync::Arc;

@@ -12,7 +12,7 @@ use crate::VkResult;
 use crate::command::build::{Aabbs, Build, BuildGeometries, MotionTriangles, Triangles};
 use crate::command::instances::Instances;
 use crate::command::range::Range;
-use crate::command::swept::Swept;
+use crate::command::swept_sphere::Swept;
 use crate::ffi::vk::Handle as _;
 use crate::ffi::{find, slice, vk};
 use crate::format::structure::radius_format;

@@ -41,28 +41,30 @@ enum Value {
 
 type Statistic = (&'static str, &'static str, Value);
 
+fn module_statistics(module: &Module) -> [Statistic; 2] {
+    let mut operations = 0;
+    for function in &module.functions {
+        (function.body).visit(&mut |node| operations += u64::from(matches!(node, Node::Inst(_))));
+    }
+    [
+        (
+            "Operations",
+            "Operations of the optimised IR",
+            Value::Count(operations),
+        ),
+        (
+            "Functions",
+            "Functions that were not inlined",
+            Value::Count(module.functions.len() as u64),
+        ),
+    ]
+}
+
 /// The statistics of a program, and of its module if that was captured.
 fn statistics(program: &Program, module: Option<&Module>) -> Vec<Statistic> {
     let count = |value: usize| Value::Count(value as u64);
     let mut all: Vec<Statistic> = Vec::new();
-    if let Some(module) = module {
-        let mut operations = 0;
-        for function in &module.functions {
-            (function.body)
-                .visit(&mut |node| operations += usize::from(matches!(node, Node::Inst(_))));
-        }
-        let functions = module.functions.len();
-        all.push((
-            "Operations",
-            "Operations of the optimised IR",
-            count(operations),
-        ));
-        all.push((
-            "Functions",
-            "Functions that were not inlined",
-            count(functions),
-        ));
-    }
+    all.extend(module.into_iter().flat_map(module_statistics));
     let rows = program.layout().rows;
     let lane_bytes = program.stack_size_bytes() as usize;
     let frame_bytes = program.frame_bytes(1);

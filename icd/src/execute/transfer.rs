@@ -31,19 +31,15 @@ pub(super) fn perform(engine: &Engine, command: &TransferCommand) -> Result<(), 
             source,
             destination,
             regions,
-        } => regions
-            .iter()
+        } => (regions.iter())
             .for_each(|region| copy::copy_image(&engine.workers, source, destination, region)),
         TransferCommand::CopyBufferToImage {
             source,
             destination,
             regions,
-        } => regions
-            .iter()
-            .filter(|region| has_bytes(engine, *source, destination, region))
-            .for_each(|region| {
-                copy::copy_buffer_to_image(&engine.workers, *source, destination, region);
-            }),
+        } => within_reach(engine, *source, destination, regions).for_each(|region| {
+            copy::copy_buffer_to_image(&engine.workers, *source, destination, region);
+        }),
         TransferCommand::ConvertMatrices(conversions) => convert_matrices(engine, conversions)?,
         &TransferCommand::CopyMemoryIndirect { parameters, count } => {
             copy_indirect(engine, parameters, count)?;
@@ -57,12 +53,9 @@ pub(super) fn perform(engine: &Engine, command: &TransferCommand) -> Result<(), 
             source,
             destination,
             regions,
-        } => regions
-            .iter()
-            .filter(|region| has_bytes(engine, *destination, source, region))
-            .for_each(|region| {
-                copy::copy_image_to_buffer(&engine.workers, source, *destination, region);
-            }),
+        } => within_reach(engine, *destination, source, regions).for_each(|region| {
+            copy::copy_image_to_buffer(&engine.workers, source, *destination, region);
+        }),
         TransferCommand::BlitImage {
             source,
             destination,
@@ -86,18 +79,26 @@ pub(super) fn perform(engine: &Engine, command: &TransferCommand) -> Result<(), 
             image,
             value,
             ranges,
-        } => ranges
-            .iter()
-            .for_each(|range| clear::clear_color_image(image, value, range)),
+        } => (ranges.iter()).for_each(|range| clear::clear_color_image(image, value, range)),
         TransferCommand::ClearDepthStencilImage {
             image,
             value,
             ranges,
-        } => ranges
-            .iter()
-            .for_each(|range| clear::clear_depth_stencil_image(image, value, range)),
+        } => {
+            (ranges.iter()).for_each(|range| clear::clear_depth_stencil_image(image, value, range))
+        }
     }
     Ok(())
+}
+
+/// The regions of which a buffer has all bytes in reachable memory.
+fn within_reach<'r>(
+    engine: &Engine,
+    buffer: u64,
+    image: &Image,
+    regions: &'r [vk::BufferImageCopy],
+) -> impl Iterator<Item = &'r vk::BufferImageCopy> {
+    (regions.iter()).filter(move |region| has_bytes(engine, buffer, image, region))
 }
 
 /// Whether all bytes of a buffer that a region touches are in reachable memory.

@@ -204,6 +204,13 @@ impl GraphicsState {
         }
         let op = new.blend.set_logic_op;
         new.blend.logic_op = new.blend.logic_op.map(|_| op);
+        self.keep_stencil_in(new, &dynamic);
+        self.keep_attachments_in(new, &dynamic);
+    }
+
+    /// Writes the dynamic state of both faces into `new`.
+    fn keep_stencil_in(&self, new: &mut Self, dynamic: &impl Fn(vk::DynamicState) -> bool) {
+        use vk::DynamicState as State;
         for (to, from) in (new.depth_stencil.stencil.iter_mut()).zip(&self.depth_stencil.stencil) {
             if dynamic(State::STENCIL_COMPARE_MASK) {
                 to.compare_mask = from.compare_mask;
@@ -219,12 +226,12 @@ impl GraphicsState {
                 (to.depth_fail, to.compare) = (from.depth_fail, from.compare);
             }
         }
-        for (to, from) in new
-            .blend
-            .attachments
-            .iter_mut()
-            .zip(&self.blend.attachments)
-        {
+    }
+
+    /// Writes the dynamic state of the color attachments into `new`.
+    fn keep_attachments_in(&self, new: &mut Self, dynamic: &impl Fn(vk::DynamicState) -> bool) {
+        use vk::DynamicState as State;
+        for (to, from) in (new.blend.attachments.iter_mut()).zip(&self.blend.attachments) {
             if dynamic(State::COLOR_BLEND_ENABLE_EXT) {
                 to.enable = from.enable;
             }

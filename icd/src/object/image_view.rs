@@ -4,7 +4,7 @@ use ash::vk;
 use images::ycbcr::Conversion;
 use images::{Dim, Format, ImageDescriptor, Level, MAX_LEVELS};
 
-use super::image::Image;
+use super::image::{Image, Plane};
 use super::view_entry::ViewEntry;
 use crate::VkResult;
 use crate::format;
@@ -71,10 +71,7 @@ pub fn view_descriptor(
     let level_count = image
         .level_count(range.base_mip_level, range.level_count)
         .min(MAX_LEVELS as u32);
-    let first = plane
-        .levels
-        .get(range.base_mip_level as usize)
-        .ok_or(OUTSIDE)?;
+    let first = (plane.levels.get(range.base_mip_level as usize)).ok_or(OUTSIDE)?;
     // The layers of a 2D view of a 3D image are the slices of one level.
     let slices = image.image_type == vk::ImageType::TYPE_3D && ty != vk::ImageViewType::TYPE_3D;
     let (layer_stride_bytes, layers) = if slices {
@@ -84,39 +81,19 @@ pub fn view_descriptor(
     };
     let remaining = layers.checked_sub(range.base_array_layer).ok_or(OUTSIDE)?;
     let layer_count = range.layer_count.min(remaining);
-    let base_bytes = layer_stride_bytes * u64::from(range.base_array_layer);
-    let mut levels = [Level::default(); MAX_LEVELS];
     let from = &plane.levels[range.base_mip_level as usize..][..level_count as usize];
-    // A view of blocks as texels has as many texels as there are blocks ("Image Views",
-    // BLOCK_TEXEL_VIEW_COMPATIBLE).
-    let [block_width, block_height] = match format::block_extent(view_format) {
-        [1, 1] => format::block_extent(plane.format),
-        _ => [1, 1],
-    };
-    for (to, from) in levels.iter_mut().zip(from) {
-        *to = *from;
-        to.offset_bytes += base_bytes;
-        to.width = to.width.div_ceil(block_width);
-        to.height = to.height.div_ceil(block_height);
+    let mut levels = view_levels(from, plane.format, view_format);
+    for level in &mut levels[..from.len()] {
+        level.offset_bytes += layer_stride_bytes * u64::from(range.base_array_layer);
         if slices {
-            to.depth = 1;
+            level.depth = 1;
         }
     }
     let (dim, arrayed) = dim_of(ty);
-    let is_depth_or_stencil = plane
-        .aspect
-        .intersects(vk::ImageAspectFlags::DEPTH | vk::ImageAspectFlags::STENCIL);
+    let depth_or_stencil = vk::ImageAspectFlags::DEPTH | vk::ImageAspectFlags::STENCIL;
+    let is_depth_or_stencil = plane.aspect.intersects(depth_or_stencil);
     let data = image.plane_data(plane);
-    // The image decides the planes, not the format of the conversion.
-    let planes = format::ycbcr_planes(image.format);
-    let conversion = match (conversion, planes) {
-        (Some(conversion), Some(planes)) => Some(Conversion {
-            planes,
-            ..conversion
-        }),
-        (Some(conversion), None) if conversion.planes.requires_conversion() => None,
-        (conversion, _) => conversion,
-    };
+    let conversion = conversion_of(image.format, conversion);
     let format = match &conversion {
         Some(conversion) if conversion.planes.requires_conversion() => {
             write_planes(&mut levels, image, data, range.base_array_layer);
@@ -129,14 +106,8 @@ pub fn view_descriptor(
     };
     // Formats with another texel size would access memory past the image
     // (VUID-VkImageViewCreateInfo-image-01761, -01583).
-    let is_plain = conversion.is_none_or(|it| !it.planes.requires_conversion());
-    if is_plain {
-        let view_blocks = format::block_extent(format);
-        let fits = format::texel_size_bytes(format) == plane.texel_size_bytes
-            && (view_blocks == [1, 1] || view_blocks == format::block_extent(plane.format));
-        if !fits {
-            return Err(OUTSIDE);
-        }
+    if conversion.is_none_or(|it| !it.planes.requires_conversion()) && !fits(plane, format) {
+        return Err(OUTSIDE);
     }
     // Texels that are stored in pairs are accessed in pairs, except by sampling.
     if plane.block_extent == [2, 1] && conversion.is_none() {
@@ -160,6 +131,42 @@ pub fn view_descriptor(
         levels,
         conversion,
     })
+}
+
+/// The levels of a view, with their sizes in the view's texels. A view of blocks as texels has as
+/// many texels as there are blocks ("Image Views", BLOCK_TEXEL_VIEW_COMPATIBLE).
+fn view_levels(from: &[Level], plane: vk::Format, view: vk::Format) -> [Level; MAX_LEVELS] {
+    let [block_width, block_height] = match format::block_extent(view) {
+        [1, 1] => format::block_extent(plane),
+        _ => [1, 1],
+    };
+    let mut levels = [Level::default(); MAX_LEVELS];
+    for (to, from) in levels.iter_mut().zip(from) {
+        *to = *from;
+        to.width = to.width.div_ceil(block_width);
+        to.height = to.height.div_ceil(block_height);
+    }
+    levels
+}
+
+/// The conversion of a view with the image's planes: the image decides them, not the format of the
+/// conversion.
+fn conversion_of(image: vk::Format, conversion: Option<Conversion>) -> Option<Conversion> {
+    match (conversion, format::ycbcr_planes(image)) {
+        (Some(conversion), Some(planes)) => Some(Conversion {
+            planes,
+            ..conversion
+        }),
+        (Some(conversion), None) if conversion.planes.requires_conversion() => None,
+        (conversion, _) => conversion,
+    }
+}
+
+/// Whether texels of a view's format are as large as the plane's, and blocks the same.
+fn fits(plane: &Plane, view: vk::Format) -> bool {
+    let blocks = format::block_extent(view);
+    format::texel_size_bytes(view) == plane.texel_size_bytes
+        && (blocks == [1, 1] || blocks == format::block_extent(plane.format))
 }
 
 /// The dimensions of a view, and whether it is an array.

@@ -197,27 +197,12 @@ impl GraphicsState {
             }
             Setting::BlendEquations(first, values) => {
                 for (attachment, equation) in from(&mut blend.attachments, *first).zip(values) {
-                    *attachment = BlendAttachment {
-                        src_color: equation.src_color_blend_factor,
-                        dst_color: equation.dst_color_blend_factor,
-                        color_op: equation.color_blend_op,
-                        src_alpha: equation.src_alpha_blend_factor,
-                        dst_alpha: equation.dst_alpha_blend_factor,
-                        alpha_op: equation.alpha_blend_op,
-                        ..*attachment
-                    };
+                    attachment.set_equation(equation);
                 }
             }
             Setting::AdvancedBlends(first, values) => {
                 for (attachment, value) in from(&mut blend.attachments, *first).zip(values) {
-                    attachment.color_op = value.advanced_blend_op;
-                    attachment.alpha_op = value.advanced_blend_op;
-                    attachment.advanced = AdvancedBlend {
-                        source_premultiplied: value.src_premultiplied != vk::FALSE,
-                        destination_premultiplied: value.dst_premultiplied != vk::FALSE,
-                        overlap: value.blend_overlap,
-                        clamps: value.clamp_results != vk::FALSE,
-                    };
+                    attachment.set_advanced(value);
                 }
             }
             Setting::WriteMasks(first, values) => {
@@ -228,6 +213,31 @@ impl GraphicsState {
             &Setting::ColorLocations(locations) => self.color_locations = locations,
             &Setting::ShadingRate(rate) => self.shading_rate = rate,
         }
+    }
+}
+
+impl BlendAttachment {
+    fn set_equation(&mut self, equation: &vk::ColorBlendEquationEXT) {
+        *self = BlendAttachment {
+            src_color: equation.src_color_blend_factor,
+            dst_color: equation.dst_color_blend_factor,
+            color_op: equation.color_blend_op,
+            src_alpha: equation.src_alpha_blend_factor,
+            dst_alpha: equation.dst_alpha_blend_factor,
+            alpha_op: equation.alpha_blend_op,
+            ..*self
+        };
+    }
+
+    fn set_advanced(&mut self, value: &vk::ColorBlendAdvancedEXT) {
+        self.color_op = value.advanced_blend_op;
+        self.alpha_op = value.advanced_blend_op;
+        self.advanced = AdvancedBlend {
+            source_premultiplied: value.src_premultiplied != vk::FALSE,
+            destination_premultiplied: value.dst_premultiplied != vk::FALSE,
+            overlap: value.blend_overlap,
+            clamps: value.clamp_results != vk::FALSE,
+        };
     }
 }
 

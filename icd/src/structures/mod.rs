@@ -4,7 +4,7 @@ pub mod acceleration_structure;
 pub mod build;
 mod instances;
 pub mod micromap;
-mod swept;
+mod swept_sphere;
 
 use ash::vk;
 use spirv_jit::reach::Reach;

@@ -552,7 +552,7 @@ impl<'a> Batch<'a> {
                 match program.sites()[site.0 as usize] {
                     SiteKind::RayQueryProceed => self.proceed(index)?,
                     kind if self.is_for_line(index, kind) => self.standing.push(index),
-                    kind => self.answer(index, kind)?,
+                    kind => self.act_on_yield(index, kind)?,
                 }
             }
         }

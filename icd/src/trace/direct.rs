@@ -399,20 +399,13 @@ impl Batch<'_> {
         nested.sort_by_key(|call| call.program);
         let layout = caller.layout();
         let mut late: Vec<(usize, Vec<AlignedRow>)> = Vec::new();
-        for (first, of_program) in
-            nested
-                .chunk_by(|a, b| a.program == b.program)
-                .scan(0, |next, calls| {
-                    let first = *next;
-                    *next += calls.len();
-                    Some((first, calls))
-                })
-        {
+        let mut first = 0;
+        for of_program in nested.chunk_by(|a, b| a.program == b.program) {
             let program = of_program[0].program;
             let compiled = &self.dispatch.shaders.programs[program as usize];
             let rows = compiled.layout().rows;
             let width = self.wave_width(program);
-            for (chunk, wave) in of_program.chunks(width).enumerate() {
+            for wave in of_program.chunks(width) {
                 let room = self.make_line_room(1, rows * wave.len(), &mut inner);
                 let outer = &states[wave[0].caller * layout.rows..][..layout.rows];
                 room.inspect_err(|_| self.note_in_line(caller, outer, 1))?;
@@ -449,7 +442,7 @@ impl Batch<'_> {
                         if fits {
                             self.bring_outputs(compiled, &mut state, call.lanes, data);
                         }
-                        late.push((first + chunk * width + at, state));
+                        late.push((first + at, state));
                         continue;
                     }
                     if fits {
@@ -458,12 +451,30 @@ impl Batch<'_> {
                     let outputs = &state[compiled.layout().io..];
                     copy_lanes(self.dispatch.tier, data, &outputs[..words], call.lanes);
                 }
+                first += wave.len();
             }
         }
-        let mut waiting: Option<(usize, SubgroupIndex)> = None;
         late.sort_by_key(|(call, _)| nested[*call].caller);
+        let late = late.into_iter().map(|(call, state)| (&nested[call], state));
+        self.move_out_of_line((caller, caller_index), calls, states, late)?;
+        nested.clear();
+        line.nested = nested;
+        line.states[1] = inner;
+        Ok(answered)
+    }
+
+    /// Moves callables that ran out of fuel, with their states, to subgroups of their own. Their
+    /// callers leave the line and wait for them.
+    fn move_out_of_line<'c>(
+        &mut self,
+        (caller, caller_index): (&Program, ProgramIndex),
+        calls: &[InPlace],
+        states: &[AlignedRow],
+        late: impl Iterator<Item = (&'c Nested, Vec<AlignedRow>)>,
+    ) -> Result<(), Stopped> {
+        let layout = caller.layout();
+        let mut waiting: Option<(usize, SubgroupIndex)> = None;
         for (call, state) in late {
-            let call = &nested[call];
             let index = match waiting {
                 Some((place, index)) if place == call.caller => index,
                 _ => {
@@ -484,10 +495,7 @@ impl Batch<'_> {
             (subgroup.launch, subgroup.is_in_place) = (launch, true);
             self.make_ready(callee);
         }
-        nested.clear();
-        line.nested = nested;
-        line.states[1] = inner;
-        Ok(answered)
+        Ok(())
     }
 
     /// Fills the inputs of a hit or miss shader.

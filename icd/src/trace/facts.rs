@@ -1,5 +1,5 @@
 //! Facts about hits ([`Fact`]) for built-ins of hit shaders, ray queries and hit objects. Hits hold
-//! most of them ([`take`]); the rest is in the structures ([`Told`]).
+//! most of them ([`take`]); the rest is in the structures ([`CachedFacts`]).
 
 use std::cell::OnceCell;
 
@@ -142,7 +142,7 @@ impl Matrices {
 
 /// Facts from structures about the hits of some lanes, looked up once, on demand.
 #[derive(Default)]
-pub struct Told {
+pub struct CachedFacts {
     object_to_world: OnceCell<Matrices>,
     world_to_object: OnceCell<Matrices>,
     /// Rows of the rays in the instances' spaces.
@@ -152,7 +152,7 @@ pub struct Told {
     ends: OnceCell<Lanes<([[f32; 3]; 2], [f32; 2])>>,
 }
 
-impl Told {
+impl CachedFacts {
     /// A word of a fact that structures tell: see [`Self::write_row`].
     pub fn row(
         &self,

@@ -8,7 +8,7 @@ use spirv_jit::{Program, SUBGROUP_SIZE};
 use traversal::{Hit, Structure, Swept};
 
 use super::batch::{Batch, Worker};
-use super::facts::{Lanes, OfHit, Subjects, Told, hit_word, take};
+use super::facts::{CachedFacts, Lanes, OfHit, Subjects, hit_word, take};
 use super::rays::{Operands, RayGroup, operand, record_indices};
 use super::subgroup::{Subgroup, SubgroupIndex};
 use crate::wave::observer::Instruction;
@@ -51,7 +51,7 @@ impl Batch<'_> {
         group.record();
         let mut empty = LaneMask::NONE;
         for lane in lanes {
-            let object = Object::of_execute(subgroup, program, lane);
+            let object = HitObject::of_execute(subgroup, program, lane);
             if object.state() == kind::EMPTY {
                 empty.insert(lane);
                 continue;
@@ -110,7 +110,7 @@ impl Batch<'_> {
     pub(super) fn answer_fact(&mut self, index: SubgroupIndex, lane: usize, fact: Fact) {
         let subgroup = &mut self.worker.subgroups[index];
         let program = &self.dispatch.shaders.programs[subgroup.program as usize];
-        let mut object = Object([0; word::COUNT]);
+        let mut object = HitObject([0; word::COUNT]);
         for (row, &index) in IDENTITY.iter().enumerate() {
             object.0[index] = subgroup.io(program, row, lane);
         }
@@ -132,14 +132,14 @@ impl Batch<'_> {
                 answer[1] = (data >> 32) as u32;
             }
             _ => {
-                let subject = Known {
+                let subject = HitObjectSubject {
                     hit: object.hit(limits),
                     object: &object,
                 };
-                let told = Told::default();
+                let cached = CachedFacts::default();
                 for (component, word) in answer[..fact.words()].iter_mut().enumerate() {
                     *word = take(fact, component, OfHit(&subject.hit))
-                        .unwrap_or_else(|| told.row(&subject, limits, fact, component)[0]);
+                        .unwrap_or_else(|| cached.row(&subject, limits, fact, component)[0]);
                 }
             }
         }
@@ -181,9 +181,9 @@ fn found_by(group: &RayGroup, operands: &Operands, record: u32, lane: usize) -> 
 }
 
 /// The words of one lane's hit object.
-struct Object([u32; word::COUNT]);
+struct HitObject([u32; word::COUNT]);
 
-impl Object {
+impl HitObject {
     /// As an execute instruction has it: see `SiteKind::HitObjectExecute`.
     fn of_execute(subgroup: &Subgroup, program: &Program, lane: usize) -> Self {
         let behind = subgroup.data_words as usize;
@@ -239,12 +239,12 @@ impl Object {
 }
 
 /// The contents of a hit object, as lane 0.
-struct Known<'a> {
+struct HitObjectSubject<'a> {
     hit: Hit,
-    object: &'a Object,
+    object: &'a HitObject,
 }
 
-impl Subjects for Known<'_> {
+impl Subjects for HitObjectSubject<'_> {
     fn lanes(&self) -> LaneMask {
         LaneMask::of(0)
     }

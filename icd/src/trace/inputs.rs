@@ -7,7 +7,7 @@ use spirv_jit::{Program, SUBGROUP_SIZE};
 use traversal::{Hit, HitRows};
 
 use super::Dispatch;
-use super::facts::{Lanes, Subjects, Take, Told, take};
+use super::facts::{CachedFacts, Lanes, Subjects, Take, take};
 use super::grid::Launches;
 use super::lanes::{bits_of, floats};
 use super::rays::{Operands, RayGroup, Report, operand};
@@ -83,7 +83,7 @@ impl Sources<'_> {
                     of: subgroup.of,
                     rays: &rays,
                     is_about_candidates: subgroup.role.turn() == Turn::Deciders,
-                    told: &Told::default(),
+                    cached: &CachedFacts::default(),
                 };
                 let callers = match subgroup.is_in_place {
                     true => Callers::InPlace(self.data_of(hits.rays.group(0).caller)),
@@ -223,7 +223,7 @@ struct HitLanes<'a> {
     rays: &'a Rays<'a>,
     /// The hits are candidates, not what was found in the end, if anything was.
     is_about_candidates: bool,
-    told: &'a Told,
+    cached: &'a CachedFacts,
 }
 
 impl<'a> HitLanes<'a> {
@@ -326,7 +326,7 @@ impl<'a> HitLanes<'a> {
                     return false;
                 };
                 if take(fact, component, (self, &mut *to)).is_none() {
-                    (self.told).write_row(self, self.dispatch.limits, fact, component, to);
+                    (self.cached).write_row(self, self.dispatch.limits, fact, component, to);
                 }
                 return true;
             }

@@ -15,7 +15,6 @@
 //! an event. Recursion therefore costs heap, never native stack, and callees are repacked across
 //! all waves of the batch.
 
-mod answers;
 mod batch;
 mod calls;
 mod checked;
@@ -41,6 +40,7 @@ mod tests;
 mod walked;
 mod walks;
 mod watched;
+mod yields;
 
 use std::sync::Mutex;
 

@@ -5,7 +5,7 @@ use traversal::{IndexType, Indexing};
 
 use super::{Checks, Rule};
 use crate::command::build::{Build, BuildGeometries, Triangles};
-use crate::command::swept::Swept;
+use crate::command::swept_sphere::Swept;
 use crate::format::structure::index_size_bytes;
 use crate::wave::reachable::read;
 

@@ -103,73 +103,41 @@ unsafe fn sample_body(
     mask: u16,
     results: &mut [Row],
 ) {
-    let mut place = place(op, operands, image, info);
-    let spatial = if op.dim == Dim::Cube {
-        2
-    } else {
-        op.spatial_count()
-    };
+    let place = place(op, operands, image, info);
     let is_gather = matches!(op.kind, ImageOpKind::Gather(_));
-    let mut lod = if is_gather {
-        // The base level.
-        lod::Lod {
-            lambda: [0.0; LANES],
-            anisotropy: None,
-        }
-    } else {
-        lod::lod(op, operands, image, sampler)
-    };
-    if info.numeric.is_integer() {
-        lod.anisotropy = None;
-    }
-    let lambda = if is_gather {
-        lod.lambda
-    } else {
-        lod::clamp(&lod.lambda, sampler, operands.min_lod)
-    };
-    let levels = match is_gather {
-        // The base level, whatever the view's least level of detail.
-        true => lambda,
-        false => lod::levels(&lambda, image),
-    };
-    // Integers are never blended.
-    let is_linear = !info.numeric.is_integer();
-    let mipmap_mode = if is_gather || !is_linear {
-        Filter::Nearest
-    } else {
-        sampler.mipmap_mode
-    };
-    let (level, level_weight) = lod::split(mipmap_mode, &levels);
-
-    let mut magnified = 0u16;
+    let levels = ChosenLevels::new(op, operands, image, info, sampler);
+    let (mut magnified, mut between) = (0u16, 0u16);
     let mut is_uniform = true;
     let first = mask.trailing_zeros() as usize & 15;
-    let mut between = 0u16;
     for lane in 0..LANES {
         let is_active = mask >> lane & 1 == 1;
-        magnified |= ((lambda[lane] <= 0.0) as u16) << lane;
-        between |= ((level_weight[lane] > 0.0) as u16) << lane;
-        is_uniform &= !is_active | (level[lane] == level[first]);
+        magnified |= ((levels.lambda[lane] <= 0.0) as u16) << lane;
+        between |= ((levels.weight[lane] > 0.0) as u16) << lane;
+        is_uniform &= !is_active | (levels.level[lane] == levels.level[first]);
     }
-    let filter_of = |filter: Filter| if is_linear { filter } else { Filter::Nearest };
-    let groups = if is_gather {
-        [(Filter::Linear, mask), (Filter::Linear, 0)]
-    } else if sampler.mag_filter == sampler.min_filter {
-        [(filter_of(sampler.mag_filter), mask), (Filter::Nearest, 0)]
-    } else {
-        [
-            (filter_of(sampler.mag_filter), mask & magnified),
-            (filter_of(sampler.min_filter), mask & !magnified),
-        ]
-    };
-    let level_passes = 1 + (between & mask != 0) as usize;
-    let sample_passes = match &lod.anisotropy {
+    let groups = filter_groups(info, sampler, is_gather, (mask, magnified));
+    let sample_passes = match &levels.anisotropy {
         Some(anisotropy) => anisotropy.passes(mask),
         None => 1,
     };
-    let last_level = image.level_count as i32 - 1;
     let centre = place.coordinates;
-    let sum_of = reduction_of(sampler, is_gather);
+    let mut sample = BlockSample {
+        op,
+        operands,
+        image,
+        info,
+        sampler,
+        spatial: match op.dim {
+            Dim::Cube => 2,
+            _ => op.spatial_count(),
+        },
+        place,
+        levels,
+        common_level: is_uniform.then_some(first),
+        between,
+        passes: 1 + (between & mask != 0) as usize,
+        sum: reduction_of(sampler, is_gather),
+    };
 
     let mut total = [[0; LANES]; 4];
     for (filter, group) in groups {
@@ -178,66 +146,23 @@ unsafe fn sample_body(
         }
         let mut value = [[0; LANES]; 4];
         for sample_index in 0..sample_passes {
-            if let Some(anisotropy) = &lod.anisotropy {
-                for axis in 0..spatial {
-                    for lane in 0..LANES {
-                        // Samples i = 1..=N at i / (N + 1) - 1/2 along the axis.
-                        let count = anisotropy.count[lane];
-                        let i = (sample_index + 1).min(count) as f32;
-                        let along = i / (count + 1) as f32 - 0.5;
-                        place.coordinates[axis][lane] =
-                            centre[axis][lane] + along * anisotropy.axis[axis][lane];
-                    }
-                }
-            }
-            let taking = match &lod.anisotropy {
+            let taking = match &sample.levels.anisotropy {
                 Some(anisotropy) => group & anisotropy.taking(sample_index),
                 None => group,
             };
-            let mut texels = [[0; LANES]; 4];
-            for pass in 0..level_passes {
-                let pass_level = map(&level, |d| (d + pass as i32).min(last_level));
-                let pass_level = if is_uniform {
-                    [pass_level[first]; LANES]
-                } else {
-                    pass_level
-                };
-                let lanes = LevelLanes::new(image, &pass_level, is_uniform);
-                let footprint = Footprint {
-                    op,
-                    image,
-                    info,
-                    sampler,
-                    filter,
-                    spatial,
-                    level: &lanes,
-                    place: &place,
-                    lanes: if pass == 0 { taking } else { taking & between },
-                };
-                // SAFETY: the caller's promise.
-                let of_level = unsafe { footprint.texels(operands, sum_of) };
-                if pass == 0 {
-                    texels = of_level;
-                } else {
-                    for (a, b) in texels.iter_mut().zip(&of_level) {
-                        combine(a, b, &level_weight, sum_of);
-                    }
-                }
-            }
-            match &lod.anisotropy {
+            sample.move_to_sample(&centre, sample_index);
+            // SAFETY: the caller's promise.
+            let texels = unsafe { sample.texels(filter, taking) };
+            match &sample.levels.anisotropy {
                 Some(anisotropy) if sample_index > 0 => {
-                    accumulate(&mut value, &texels, sample_index, &anisotropy.count, sum_of);
+                    let (count, sum) = (&anisotropy.count, sample.sum);
+                    accumulate(&mut value, &texels, sample_index, count, sum);
                 }
                 _ => value = texels,
             }
         }
-        if let (Some(anisotropy), Sum::Average) = (&lod.anisotropy, sum_of) {
-            for row in &mut value {
-                for lane in 0..LANES {
-                    let mean = f32::from_bits(row[lane]) / anisotropy.count[lane] as f32;
-                    row[lane] = mean.to_bits();
-                }
-            }
+        if let (Some(anisotropy), Sum::Average) = (&sample.levels.anisotropy, sample.sum) {
+            divide(&mut value, &anisotropy.count);
         }
         for (total, value) in total.iter_mut().zip(&value) {
             for lane in 0..LANES {
@@ -247,19 +172,185 @@ unsafe fn sample_body(
             }
         }
     }
+    put_results(op, image, info, &mut total, results);
+}
 
+/// The levels that lanes sample.
+struct ChosenLevels {
+    /// The level of detail after the sampler's clamp.
+    lambda: Floats,
+    /// The level, and the weight of the next one.
+    level: Ints,
+    weight: Floats,
+    anisotropy: Option<lod::Anisotropy>,
+}
+
+impl ChosenLevels {
+    #[inline(always)]
+    fn new(
+        op: &ImageOp,
+        operands: &Operands<'_>,
+        image: &ImageDescriptor,
+        info: &FormatInfo,
+        sampler: &SamplerDescriptor,
+    ) -> ChosenLevels {
+        if matches!(op.kind, ImageOpKind::Gather(_)) {
+            // The base level, whatever the view's least level of detail.
+            let (level, weight) = lod::split(Filter::Nearest, &[0.0; LANES]);
+            return ChosenLevels {
+                lambda: [0.0; LANES],
+                level,
+                weight,
+                anisotropy: None,
+            };
+        }
+        let lod = lod::lod(op, operands, image, sampler);
+        let lambda = lod::clamp(&lod.lambda, sampler, operands.min_lod);
+        let levels = lod::levels(&lambda, image);
+        // Integers are never blended.
+        let is_integer = info.numeric.is_integer();
+        let mipmap_mode = match is_integer {
+            true => Filter::Nearest,
+            false => sampler.mipmap_mode,
+        };
+        let (level, weight) = lod::split(mipmap_mode, &levels);
+        ChosenLevels {
+            lambda,
+            level,
+            weight,
+            anisotropy: lod.anisotropy.filter(|_| !is_integer),
+        }
+    }
+}
+
+/// The filters of a sample, each with its lanes: magnified lanes may have another one than the rest
+/// of `mask`.
+#[inline(always)]
+fn filter_groups(
+    info: &FormatInfo,
+    sampler: &SamplerDescriptor,
+    is_gather: bool,
+    (mask, magnified): (u16, u16),
+) -> [(Filter, u16); 2] {
+    // Integers are never blended.
+    let is_linear = !info.numeric.is_integer();
+    let filter_of = |filter: Filter| if is_linear { filter } else { Filter::Nearest };
+    if is_gather {
+        [(Filter::Linear, mask), (Filter::Linear, 0)]
+    } else if sampler.mag_filter == sampler.min_filter {
+        [(filter_of(sampler.mag_filter), mask), (Filter::Nearest, 0)]
+    } else {
+        [
+            (filter_of(sampler.mag_filter), mask & magnified),
+            (filter_of(sampler.min_filter), mask & !magnified),
+        ]
+    }
+}
+
+/// A sample of a block of lanes.
+struct BlockSample<'a> {
+    op: &'a ImageOp,
+    operands: &'a Operands<'a>,
+    image: &'a ImageDescriptor,
+    info: &'a FormatInfo,
+    sampler: &'a SamplerDescriptor,
+    /// Axes that are filtered.
+    spatial: usize,
+    place: SampleCoordinates,
+    levels: ChosenLevels,
+    /// A lane whose level all active lanes have.
+    common_level: Option<usize>,
+    /// Lanes between two levels.
+    between: u16,
+    /// Levels that some active lane samples: one or two.
+    passes: usize,
+    sum: Sum,
+}
+
+impl BlockSample<'_> {
+    /// Moves the coordinates to an anisotropic sample around the centre.
+    #[inline(always)]
+    fn move_to_sample(&mut self, centre: &[Floats; 3], sample_index: i32) {
+        let Some(anisotropy) = &self.levels.anisotropy else {
+            return;
+        };
+        for axis in 0..self.spatial {
+            for lane in 0..LANES {
+                // Samples i = 1..=N at i / (N + 1) - 1/2 along the axis.
+                let count = anisotropy.count[lane];
+                let i = (sample_index + 1).min(count) as f32;
+                let along = i / (count + 1) as f32 - 0.5;
+                self.place.coordinates[axis][lane] =
+                    centre[axis][lane] + along * anisotropy.axis[axis][lane];
+            }
+        }
+    }
+
+    /// The filtered texels of some lanes, blended between two levels.
+    ///
+    /// # Safety
+    /// As [`sample`].
+    #[inline(always)]
+    unsafe fn texels(&self, filter: Filter, lanes: u16) -> Texels {
+        let last_level = self.image.level_count as i32 - 1;
+        let mut texels = [[0; LANES]; 4];
+        for pass in 0..self.passes {
+            let level = map(&self.levels.level, |d| (d + pass as i32).min(last_level));
+            let level = match self.common_level {
+                Some(lane) => [level[lane]; LANES],
+                None => level,
+            };
+            let level_lanes = LevelLanes::new(self.image, &level, self.common_level.is_some());
+            let footprint = Footprint {
+                op: self.op,
+                image: self.image,
+                info: self.info,
+                sampler: self.sampler,
+                filter,
+                spatial: self.spatial,
+                level: &level_lanes,
+                place: &self.place,
+                lanes: if pass == 0 {
+                    lanes
+                } else {
+                    lanes & self.between
+                },
+            };
+            // SAFETY: the caller's promise.
+            let of_level = unsafe { footprint.texels(self.operands, self.sum) };
+            if pass == 0 {
+                texels = of_level;
+            } else {
+                for (a, b) in texels.iter_mut().zip(&of_level) {
+                    combine(a, b, &self.levels.weight, self.sum);
+                }
+            }
+        }
+        texels
+    }
+}
+
+/// Writes the results of texels in units.
+#[inline(always)]
+fn put_results(
+    op: &ImageOp,
+    image: &ImageDescriptor,
+    info: &FormatInfo,
+    total: &mut Texels,
+    results: &mut [Row],
+) {
     match op.kind {
         ImageOpKind::Gather(component) => {
             if !op.depth_compare {
-                finish_gather(image, info, component, &mut total);
+                finish_gather(image, info, component, total);
             }
-            put_texels(op, info, &total, results);
+            put_texels(op, info, total, results);
         }
         _ if op.depth_compare => results[0] = total[0],
         _ => {
-            block::finish(info, &mut total);
-            swizzle(image, info, &mut total);
-            put_texels(op, info, &total, results);
+            block::finish(info, total);
+            swizzle(image, info, total);
+            put_texels(op, info, total, results);
         }
     }
 }
@@ -330,6 +421,17 @@ fn accumulate(value: &mut Texels, texels: &Texels, sample_index: i32, count: &In
     }
 }
 
+/// The means of summed anisotropic samples.
+#[inline(always)]
+fn divide(value: &mut Texels, count: &Ints) {
+    for row in value {
+        for lane in 0..LANES {
+            let mean = f32::from_bits(row[lane]) / count[lane] as f32;
+            row[lane] = mean.to_bits();
+        }
+    }
+}
+
 /// Texels around the lanes' places at one level.
 struct Footprint<'a> {
     op: &'a ImageOp,
@@ -378,10 +480,6 @@ impl Footprint<'_> {
     /// The image's memory stays allocated during the call.
     #[inline(always)]
     unsafe fn texels(&self, operands: &Operands<'_>, sum: Sum) -> Texels {
-        let component = match self.op.kind {
-            ImageOpKind::Gather(component) => component,
-            _ => 0,
-        };
         let offset_of = |axis: usize, tap: usize| -> Option<Ints> {
             let index = if self.op.has_offsets {
                 tap * self.spatial + axis
@@ -424,22 +522,7 @@ impl Footprint<'_> {
             fill_corners(&mut taps, &corners);
         }
         match sum {
-            Sum::Gather => {
-                // (0, 1), (1, 1), (1, 0), (0, 0); own offsets in their order.
-                let order = match self.op.has_offsets {
-                    true => [0, 1, 2, 3],
-                    false => [2, 3, 1, 0],
-                };
-                let component = match self.op.depth_compare {
-                    true => 0,
-                    false => self.image.swizzle[component as usize & 3] as usize & 3,
-                };
-                let mut four = [[0; LANES]; 4];
-                for (row, tap) in four.iter_mut().zip(order) {
-                    *row = taps[tap][component];
-                }
-                four
-            }
+            Sum::Gather => self.gathered(&taps),
             _ => {
                 let mut left = tap_count;
                 for axis in axes.iter().take(self.spatial) {
@@ -460,6 +543,61 @@ impl Footprint<'_> {
                 taps[0]
             }
         }
+    }
+
+    /// The component of a gather in its four texels: of (0, 1), (1, 1), (1, 0), (0, 0), or by
+    /// offsets of its own in their order.
+    #[inline(always)]
+    fn gathered(&self, taps: &[Texels; 8]) -> Texels {
+        let order = match self.op.has_offsets {
+            true => [0, 1, 2, 3],
+            false => [2, 3, 1, 0],
+        };
+        let component = match self.op.kind {
+            ImageOpKind::Gather(component) if !self.op.depth_compare => {
+                self.image.swizzle[component as usize & 3] as usize & 3
+            }
+            _ => 0,
+        };
+        let mut four = [[0; LANES]; 4];
+        for (row, tap) in four.iter_mut().zip(order) {
+            *row = taps[tap][component];
+        }
+        four
+    }
+
+    /// The byte offsets of texels by their indices and layers.
+    #[inline(always)]
+    fn texel_offsets(&self, [x, y, z]: [&Ints; 3], layer: &Ints) -> Offsets {
+        let mut offsets: Offsets = self.level.offset_bytes;
+        let texel_bytes = self.info.size_bytes as u64;
+        if self.info.blocks().is_some() {
+            for lane in 0..LANES {
+                let (x, y) = (x[lane] as u32, y[lane] as u32);
+                let row_stride_bytes = self.level.row_stride_bytes[lane];
+                offsets[lane] += self.info.texel_offset(x, y, row_stride_bytes);
+            }
+        } else {
+            for lane in 0..LANES {
+                offsets[lane] += x[lane] as u32 as u64 * texel_bytes;
+            }
+            if self.spatial >= 2 {
+                for lane in 0..LANES {
+                    offsets[lane] += y[lane] as u32 as u64 * self.level.row_stride_bytes[lane];
+                }
+            }
+        }
+        if self.spatial == 3 {
+            for lane in 0..LANES {
+                offsets[lane] += z[lane] as u32 as u64 * self.level.slice_stride_bytes[lane];
+            }
+        }
+        if self.op.arrayed || self.op.dim == Dim::Cube {
+            for lane in 0..LANES {
+                offsets[lane] += layer[lane] as u32 as u64 * self.image.layer_stride_bytes;
+            }
+        }
+        offsets
     }
 
     /// One texel per lane, and the lanes whose texel lies past a cube's corner.
@@ -501,34 +639,7 @@ impl Footprint<'_> {
                 }
             }
         }
-        let mut offsets: Offsets = self.level.offset_bytes;
-        let texel_bytes = self.info.size_bytes as u64;
-        if self.info.blocks().is_some() {
-            for lane in 0..LANES {
-                let (x, y) = (x[lane] as u32, y[lane] as u32);
-                let row_stride_bytes = self.level.row_stride_bytes[lane];
-                offsets[lane] += self.info.texel_offset(x, y, row_stride_bytes);
-            }
-        } else {
-            for lane in 0..LANES {
-                offsets[lane] += x[lane] as u32 as u64 * texel_bytes;
-            }
-            if self.spatial >= 2 {
-                for lane in 0..LANES {
-                    offsets[lane] += y[lane] as u32 as u64 * self.level.row_stride_bytes[lane];
-                }
-            }
-        }
-        if self.spatial == 3 {
-            for lane in 0..LANES {
-                offsets[lane] += z[lane] as u32 as u64 * self.level.slice_stride_bytes[lane];
-            }
-        }
-        if self.op.arrayed || self.op.dim == Dim::Cube {
-            for lane in 0..LANES {
-                offsets[lane] += layer[lane] as u32 as u64 * self.image.layer_stride_bytes;
-            }
-        }
+        let offsets = self.texel_offsets([&x, &y, &z], &layer);
         if let Some(residency) = residency {
             let outside = (0..).zip(border).fold(corners, |lanes, (lane, is_border)| {
                 lanes | u16::from(is_border) << lane

@@ -64,6 +64,48 @@ pub struct Conversion {
 const FIRST: u32 = 1_000_156_000;
 const FIRST_444: u32 = 1_000_330_000;
 
+/// Formats of planes. Rows: of 8, 10, 12 and 16 bits; one, two and four components.
+const SINGLE_PLANES: [[Format; 3]; 4] = [
+    [Format::R8_UNORM, Format::R8G8_UNORM, Format::R8G8B8A8_UNORM],
+    [
+        Format::R10X6_UNORM_PACK16,
+        Format::R10X6G10X6_UNORM_2PACK16,
+        Format::R10X6G10X6B10X6A10X6_UNORM_4PACK16,
+    ],
+    [
+        Format::R12X4_UNORM_PACK16,
+        Format::R12X4G12X4_UNORM_2PACK16,
+        Format::R12X4G12X4B12X4A12X4_UNORM_4PACK16,
+    ],
+    [
+        Format::R16_UNORM,
+        Format::R16G16_UNORM,
+        Format::R16G16B16A16_UNORM,
+    ],
+];
+
+/// The planes of a multi-planar format.
+#[derive(Clone, Copy)]
+enum PlaneLayout {
+    /// Luma before chroma in a pair of texels, or behind.
+    Pairs {
+        luma: u8,
+    },
+    Three([bool; 2]),
+    Two([bool; 2]),
+}
+
+/// Layouts of one size of components, in the order of the formats' numbers.
+const ORDER: [PlaneLayout; 7] = [
+    PlaneLayout::Pairs { luma: 0 },
+    PlaneLayout::Pairs { luma: 1 },
+    PlaneLayout::Three([true, true]),
+    PlaneLayout::Two([true, true]),
+    PlaneLayout::Three([true, false]),
+    PlaneLayout::Two([true, false]),
+    PlaneLayout::Three([false, false]),
+];
+
 impl Planes {
     const NONE: Plane = Plane {
         format: Format::UNDEFINED,
@@ -90,45 +132,7 @@ impl Planes {
 
     /// The planes of a format; `None` for formats that do not exist here.
     pub fn of(format: Format) -> Option<Planes> {
-        // Rows: of 8, 10, 12 and 16 bits; one, two and four components.
-        const FORMATS: [[Format; 3]; 4] = [
-            [Format::R8_UNORM, Format::R8G8_UNORM, Format::R8G8B8A8_UNORM],
-            [
-                Format::R10X6_UNORM_PACK16,
-                Format::R10X6G10X6_UNORM_2PACK16,
-                Format::R10X6G10X6B10X6A10X6_UNORM_4PACK16,
-            ],
-            [
-                Format::R12X4_UNORM_PACK16,
-                Format::R12X4G12X4_UNORM_2PACK16,
-                Format::R12X4G12X4B12X4A12X4_UNORM_4PACK16,
-            ],
-            [
-                Format::R16_UNORM,
-                Format::R16G16_UNORM,
-                Format::R16G16B16A16_UNORM,
-            ],
-        ];
-        // In the order of the numbers: within each size, these.
-        #[derive(Clone, Copy)]
-        enum Layout {
-            /// Luma before chroma in a pair of texels, or behind.
-            Pairs {
-                luma: u8,
-            },
-            Three([bool; 2]),
-            Two([bool; 2]),
-        }
-        use Layout::{Pairs, Three, Two};
-        const ORDER: [Layout; 7] = [
-            Pairs { luma: 0 },
-            Pairs { luma: 1 },
-            Three([true, true]),
-            Two([true, true]),
-            Three([true, false]),
-            Two([true, false]),
-            Three([false, false]),
-        ];
+        use PlaneLayout::{Pairs, Three, Two};
         let (size, layout) = match format.0 {
             n @ FIRST_444.. if n < FIRST_444 + 4 => ((n - FIRST_444) as usize, Two([false, false])),
             n @ FIRST.. if n < FIRST + 34 => match n - FIRST {
@@ -141,7 +145,7 @@ impl Planes {
             },
             _ => return Self::whole(format),
         };
-        let [one, two, four] = FORMATS[size];
+        let [one, two, four] = SINGLE_PLANES[size];
         let plane = |format, memory, halved, components| Plane {
             format,
             memory,

@@ -9,7 +9,7 @@ use crate::eval::f16;
 use crate::types::{Component, MatrixProduct, VectorProduct};
 
 /// A matrix by its rows.
-pub type Rows = [Row; MatrixProduct::SIZE];
+pub type MatrixRows = [Row; MatrixProduct::SIZE];
 
 /// A component of a factor as an f32, which holds each exactly.
 pub fn widen(component: Component, bits: u32) -> f32 {
@@ -74,7 +74,7 @@ pub fn vector_product(
 }
 
 /// The product of matrices.
-pub fn product(product: &MatrixProduct, [a, b, c]: [&Rows; 3]) -> Rows {
+pub fn product(product: &MatrixProduct, [a, b, c]: [&MatrixRows; 3]) -> MatrixRows {
     let element = |row: usize, column: usize| {
         let c = c[row][column];
         let is_float = product.sum.is_float();

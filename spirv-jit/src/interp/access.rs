@@ -114,7 +114,7 @@ trait Copying: 'static {
         memory: (*mut u8, u64),
         offsets: &Row,
         active: LaneMask,
-        rows: gather::Rows<N>,
+        rows: gather::RowPointers<N>,
     ) -> LaneMask;
     /// A scalar of each lane, side by side in memory.
     ///
@@ -147,7 +147,7 @@ impl Copying for In {
         (base, size_bytes): (*mut u8, u64),
         offsets: &Row,
         active: LaneMask,
-        rows: gather::Rows<N>,
+        rows: gather::RowPointers<N>,
     ) -> LaneMask {
         // SAFETY: as the caller promises.
         unsafe { G::load::<T, N>((base, size_bytes), offsets, active, rows) }
@@ -184,7 +184,7 @@ impl Copying for Out {
         memory: (*mut u8, u64),
         offsets: &Row,
         active: LaneMask,
-        rows: gather::Rows<N>,
+        rows: gather::RowPointers<N>,
     ) -> LaneMask {
         // SAFETY: as the caller promises.
         unsafe { G::store::<T, N>(memory, offsets, active, rows) }
@@ -392,7 +392,7 @@ unsafe fn copy_block<C: Copying, G: Gather, T: Lane, const N: usize>(
     (base, size_bytes): (*mut u8, u64),
     offsets: &Row,
     active: LaneMask,
-    rows: gather::Rows<N>,
+    rows: gather::RowPointers<N>,
     (count, row): (usize, impl Fn(usize) -> *mut u8),
 ) -> LaneMask {
     if N != 0 {

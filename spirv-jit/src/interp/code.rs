@@ -103,8 +103,8 @@ pub(super) struct Saved {
     pub wide: bool,
 }
 
-/// Where a wave goes on after a save point, and what the plan says of it.
-pub(super) struct Place {
+/// The code at which a wave resumes after a save point, with the plan's data about the point.
+pub(super) struct ResumeTarget {
     pub pc: u32,
     pub function: u32,
     pub masks: u32,

@@ -92,7 +92,7 @@ impl Fusion {
 
     /// Finds the pairs of a function.
     pub fn find(function: &Function, uniform: &[bool]) -> Fusion {
-        let mut finder = Finder {
+        let mut search = PairSearch {
             function,
             uniform,
             uses: vec![0; function.value_types.len()],
@@ -101,20 +101,21 @@ impl Fusion {
                 absorbed: vec![false; function.value_types.len()],
             },
         };
-        (function.body).visit_operands(&mut |value| finder.uses[value.index()] += 1);
-        (function.body).visit_bodies(&mut |body| finder.look_at(body));
-        finder.fusion
+        (function.body).visit_operands(&mut |value| search.uses[value.index()] += 1);
+        (function.body).visit_bodies(&mut |body| search.look_at(body));
+        search.fusion
     }
 }
 
-struct Finder<'f> {
+/// A walk over a function that collects its pairs.
+struct PairSearch<'f> {
     function: &'f Function,
     uniform: &'f [bool],
     uses: Vec<u32>,
     fusion: Fusion,
 }
 
-impl<'f> Finder<'f> {
+impl<'f> PairSearch<'f> {
     /// Pairs stand in one body.
     fn look_at(&mut self, body: &'f Body) {
         // Instructions since the last node of another kind, by their results.

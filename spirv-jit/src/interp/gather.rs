@@ -17,7 +17,7 @@ use crate::SUBGROUP_SIZE;
 mod x86;
 
 /// Where scalars go: rows of lanes of 32 bits, for scalars of 64 bits of 64 bits.
-pub(super) type Rows<const N: usize> = [*mut u8; N];
+pub(super) type RowPointers<const N: usize> = [*mut u8; N];
 
 /// How the offsets of a subgroup's lanes lie.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -45,7 +45,7 @@ pub(super) trait Gather: Tier + Sized {
         memory: (*const u8, u64),
         offsets: &Row,
         active: LaneMask,
-        rows: Rows<N>,
+        rows: RowPointers<N>,
     ) -> LaneMask {
         // SAFETY: as the caller promises.
         unsafe { load::<Self, T, N>(memory, offsets, active, rows) }
@@ -60,7 +60,7 @@ pub(super) trait Gather: Tier + Sized {
         memory: (*mut u8, u64),
         offsets: &Row,
         active: LaneMask,
-        rows: Rows<N>,
+        rows: RowPointers<N>,
     ) -> LaneMask {
         // SAFETY: as the caller promises.
         unsafe { store::<Self, T, N>(memory, offsets, active, rows) }
@@ -82,14 +82,22 @@ pub(super) trait Gather: Tier + Sized {
     ///
     /// # Safety
     /// There are as many scalars at each place, and the rows are a frame's.
-    unsafe fn load_apart<T: Lane, const N: usize>(base: *const u8, offsets: &Row, rows: Rows<N>);
+    unsafe fn load_apart<T: Lane, const N: usize>(
+        base: *const u8,
+        offsets: &Row,
+        rows: RowPointers<N>,
+    );
 
     /// Stores `N` scalars of each lane, one behind another at the lane's offset from `base`, in the
     /// lanes' order.
     ///
     /// # Safety
     /// As [`Self::load_apart`].
-    unsafe fn store_apart<T: Lane, const N: usize>(base: *mut u8, offsets: &Row, rows: Rows<N>);
+    unsafe fn store_apart<T: Lane, const N: usize>(
+        base: *mut u8,
+        offsets: &Row,
+        rows: RowPointers<N>,
+    );
 }
 
 /// The highest offset that scalars of `total` bytes together may have in `size_bytes` bytes.
@@ -112,7 +120,7 @@ pub(super) unsafe fn load<G: Gather, T: Lane, const N: usize>(
     (base, size_bytes): (*const u8, u64),
     offsets: &Row,
     active: LaneMask,
-    rows: Rows<N>,
+    rows: RowPointers<N>,
 ) -> LaneMask {
     let total = (N * size_of::<T>()) as u32;
     // SAFETY: as the caller promises; offsets are checked.
@@ -172,7 +180,7 @@ pub(super) unsafe fn store<G: Gather, T: Lane, const N: usize>(
     (base, size_bytes): (*mut u8, u64),
     offsets: &Row,
     active: LaneMask,
-    rows: Rows<N>,
+    rows: RowPointers<N>,
 ) -> LaneMask {
     let total = (N * size_of::<T>()) as u32;
     let Some(last) = last(size_bytes, total) else {
@@ -239,7 +247,7 @@ pub(super) unsafe fn straddling<G: Gather>(
 /// # Safety
 /// The rows are a frame's.
 #[inline(always)]
-unsafe fn clear<T: Lane, const N: usize>(rows: Rows<N>, kept: LaneMask) {
+unsafe fn clear<T: Lane, const N: usize>(rows: RowPointers<N>, kept: LaneMask) {
     for row in rows {
         // SAFETY: as the caller promises.
         let row = unsafe { &mut *row.cast::<[T::Slot; SUBGROUP_SIZE]>() };
@@ -260,7 +268,7 @@ unsafe fn clear<T: Lane, const N: usize>(rows: Rows<N>, kept: LaneMask) {
 /// # Safety
 /// There are as many scalars at the address; the rows are a frame's.
 #[inline(always)]
-pub(super) unsafe fn load_run<T: Lane, const N: usize>(at: *const u8, rows: Rows<N>) {
+pub(super) unsafe fn load_run<T: Lane, const N: usize>(at: *const u8, rows: RowPointers<N>) {
     // SAFETY: as the caller promises.
     unsafe {
         if N == 1 {
@@ -307,7 +315,7 @@ impl Gather for Portable {
         memory: (*const u8, u64),
         offsets: &Row,
         active: LaneMask,
-        rows: Rows<N>,
+        rows: RowPointers<N>,
     ) -> LaneMask {
         // SAFETY: as the caller promises.
         unsafe { load::<Self, T, N>(memory, offsets, active, rows) }
@@ -318,7 +326,7 @@ impl Gather for Portable {
         memory: (*mut u8, u64),
         offsets: &Row,
         active: LaneMask,
-        rows: Rows<N>,
+        rows: RowPointers<N>,
     ) -> LaneMask {
         // SAFETY: as the caller promises.
         unsafe { store::<Self, T, N>(memory, offsets, active, rows) }
@@ -373,7 +381,11 @@ impl Gather for Portable {
     }
 
     #[cfg_attr(target_arch = "x86_64", inline(never))]
-    unsafe fn load_apart<T: Lane, const N: usize>(base: *const u8, offsets: &Row, rows: Rows<N>) {
+    unsafe fn load_apart<T: Lane, const N: usize>(
+        base: *const u8,
+        offsets: &Row,
+        rows: RowPointers<N>,
+    ) {
         #[cfg(target_arch = "x86_64")]
         // SAFETY: as the caller promises; every x86-64 processor has SSE2.
         unsafe {
@@ -387,7 +399,11 @@ impl Gather for Portable {
     }
 
     #[cfg_attr(target_arch = "x86_64", inline(never))]
-    unsafe fn store_apart<T: Lane, const N: usize>(base: *mut u8, offsets: &Row, rows: Rows<N>) {
+    unsafe fn store_apart<T: Lane, const N: usize>(
+        base: *mut u8,
+        offsets: &Row,
+        rows: RowPointers<N>,
+    ) {
         #[cfg(target_arch = "x86_64")]
         // SAFETY: as the caller promises; every x86-64 processor has SSE2.
         unsafe {
@@ -409,7 +425,7 @@ impl Gather for Portable {
 unsafe fn store_singly<T: Lane, const N: usize>(
     base: *mut u8,
     offsets: &Row,
-    rows: Rows<N>,
+    rows: RowPointers<N>,
     active: LaneMask,
 ) {
     for lane in active {
@@ -428,7 +444,11 @@ unsafe fn store_singly<T: Lane, const N: usize>(
 /// # Safety
 /// As there.
 #[inline(always)]
-unsafe fn load_singly<T: Lane, const N: usize>(base: *const u8, offsets: &Row, rows: Rows<N>) {
+unsafe fn load_singly<T: Lane, const N: usize>(
+    base: *const u8,
+    offsets: &Row,
+    rows: RowPointers<N>,
+) {
     for (lane, &offset) in offsets.iter().enumerate() {
         for (scalar, row) in rows.into_iter().enumerate() {
             // SAFETY: as the caller promises.

@@ -44,9 +44,9 @@ fn in_tier<T: Tier>(op: &ImageOp) -> Handler {
     if fast::may_apply(op) {
         T::handler::<Sample<T>>()
     } else if plain::may_apply(op) && op.kind == ImageOpKind::Write {
-        T::handler::<Access<T, true>>()
+        T::handler::<PlainAccess<T, true>>()
     } else if plain::may_apply(op) {
-        T::handler::<Access<T, false>>()
+        T::handler::<PlainAccess<T, false>>()
     } else if op.is_size_query() {
         query
     } else {
@@ -386,9 +386,9 @@ pub(super) unsafe fn resolve<'p>(
 
 /// A load or store that [`plain::may_apply`] to: subgroups whose lanes share an image take the
 /// short way, if that serves for it.
-struct Access<T, const WRITES: bool>(PhantomData<T>);
+struct PlainAccess<T, const WRITES: bool>(PhantomData<T>);
 
-impl<T: Tier, const WRITES: bool> Kernel for Access<T, WRITES> {
+impl<T: Tier, const WRITES: bool> Kernel for PlainAccess<T, WRITES> {
     #[inline(always)]
     unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
         let plan = &m.code.images[i.x as usize];

@@ -11,8 +11,8 @@ use std::cell::Cell;
 use lanes::{AlignedRow, LaneMask};
 
 use super::code::{
-    AccessPlan, AtomicPlan, ImagePlan, LoopPlan, PhysicalAccess, Place, PrintPlan, ProductPlan,
-    Remade, Return, Saved, SubgroupPlan, VectorPlan,
+    AccessPlan, AtomicPlan, ImagePlan, LoopPlan, PhysicalAccess, PrintPlan, ProductPlan, Remade,
+    ResumeTarget, Return, Saved, SubgroupPlan, VectorPlan,
 };
 use super::operand::Operand;
 use crate::SUBGROUP_SIZE;
@@ -64,7 +64,7 @@ pub(crate) struct Code {
     pub(super) saved: Vec<Saved>,
     pub(super) remade: Vec<Remade>,
     /// In the plan's order.
-    pub(super) points: Vec<Place>,
+    pub(super) points: Vec<ResumeTarget>,
     pub(super) calls: Vec<Return>,
     pub(super) loops: Vec<LoopPlan>,
     /// Ascending by `pc`.

@@ -34,14 +34,14 @@ fn private_in<G: Gather>(ty: Type, store: bool) -> Handler {
 }
 
 /// The private rows that lanes access.
-enum Rows {
+enum PrivateRows {
     /// All lanes access this row.
     One(u32),
     /// Byte offsets of the lanes' words from the first private row, and the lanes whose row exists.
     /// Offsets in other lanes are valid, too.
     Apart(Row, LaneMask),
     /// No lane's row exists.
-    Nowhere,
+    Missing,
 }
 
 /// Finds the private rows of some lanes, at least one. Each access takes `count` consecutive rows,
@@ -50,9 +50,14 @@ enum Rows {
 /// # Safety
 /// As for [`Gather`].
 #[inline(always)]
-unsafe fn find_rows<G: Gather>(m: &Machine<'_>, rows: &Row, lanes: LaneMask, count: u32) -> Rows {
+unsafe fn find_rows<G: Gather>(
+    m: &Machine<'_>,
+    rows: &Row,
+    lanes: LaneMask,
+    count: u32,
+) -> PrivateRows {
     let Some(last) = (m.plan.private_rows as u32).checked_sub(count) else {
-        return Rows::Nowhere;
+        return PrivateRows::Missing;
     };
     // SAFETY: as the caller promises.
     unsafe {
@@ -62,17 +67,17 @@ unsafe fn find_rows<G: Gather>(m: &Machine<'_>, rows: &Row, lanes: LaneMask, cou
             Layout::Outside(lanes) => {
                 inside &= lanes;
                 if inside.is_empty() {
-                    return Rows::Nowhere;
+                    return PrivateRows::Missing;
                 }
                 filled = G::fill(&filled, inside);
             }
-            Layout::Same => return Rows::One(filled[0]),
+            Layout::Same => return PrivateRows::One(filled[0]),
             _ => {}
         }
         for k in 0..SUBGROUP_SIZE {
             filled[k] = filled[k] * size_of::<Row>() as u32 + k as u32 * size_of::<u32>() as u32;
         }
-        Rows::Apart(filled, inside)
+        PrivateRows::Apart(filled, inside)
     }
 }
 
@@ -98,12 +103,12 @@ impl<G: Gather, const ROWS: usize> Kernel for LoadPrivate<G, ROWS> {
                     }
                     let mut words = [[0; SUBGROUP_SIZE]; ROWS];
                     match find_rows::<G>(m, &rows, m.active[s], ROWS as u32) {
-                        Rows::One(row) => {
+                        PrivateRows::One(row) => {
                             for (part, words) in words.iter_mut().enumerate() {
                                 *words = *base.add(row as usize + part);
                             }
                         }
-                        Rows::Apart(offsets, inside) => {
+                        PrivateRows::Apart(offsets, inside) => {
                             let offsets = std::hint::black_box(&raw const offsets);
                             for (part, words) in words.iter_mut().enumerate() {
                                 let to = [words.as_mut_ptr().cast::<u8>()];
@@ -114,7 +119,7 @@ impl<G: Gather, const ROWS: usize> Kernel for LoadPrivate<G, ROWS> {
                                 }
                             }
                         }
-                        Rows::Nowhere => {}
+                        PrivateRows::Missing => {}
                     }
                     if ROWS == 1 {
                         *m.block::<u32>(result, subgroup) = words[0];
@@ -161,12 +166,12 @@ impl<G: Gather, const ROWS: usize> Kernel for StorePrivate<G, ROWS> {
                         }
                     }
                     match find_rows::<G>(m, &rows, m.active[s], ROWS as u32) {
-                        Rows::One(row) => {
+                        PrivateRows::One(row) => {
                             for (part, words) in words.iter().enumerate() {
                                 blend(&mut *base.add(row as usize + part), words, m.active[s]);
                             }
                         }
-                        Rows::Apart(offsets, inside) => {
+                        PrivateRows::Apart(offsets, inside) => {
                             let offsets = &*std::hint::black_box(&raw const offsets);
                             for (part, words) in words.iter().enumerate() {
                                 let to = base.add(part).cast::<u8>();
@@ -182,7 +187,7 @@ impl<G: Gather, const ROWS: usize> Kernel for StorePrivate<G, ROWS> {
                                 }
                             }
                         }
-                        Rows::Nowhere => {}
+                        PrivateRows::Missing => {}
                     }
                 }
             }

@@ -166,26 +166,9 @@ impl Lowerer<'_> {
         if !product.is_valid() {
             return Err(self.no_vector_product());
         }
-        let stride = match layout {
-            Some(
-                CooperativeVectorMatrixLayout::RowMajorNV
-                | CooperativeVectorMatrixLayout::ColumnMajorNV,
-            ) => match operands.get(rest + 4) {
-                Some(&id) => {
-                    let stride = self.scalar(id)?;
-                    self.b.i32_of(stride, false)?
-                }
-                None => return Err(self.b.invalid("a matrix in memory lacks its stride")),
-            },
-            Some(_) => {
-                // The matrix before its transposition is stored in rows.
-                let elements = if transposes { rows } else { columns };
-                let element_bytes = matrix.ty().size_bytes();
-                let stride = optimal_stride_bytes(elements.into(), element_bytes.into());
-                self.b.i32(stride as u32)
-            }
-            None => return Err(self.b.invalid("no such layout of matrices")),
-        };
+        // The matrix before its transposition is stored in rows.
+        let elements = if transposes { rows } else { columns };
+        let stride = self.matrix_stride(layout, operands.get(rest + 4), elements, matrix)?;
 
         let pointer = self.vector_place(operands[2], operands[3])?;
         if let MemoryLocation::Shared { .. } = pointer.place {
@@ -195,20 +178,52 @@ impl Lowerer<'_> {
         args.push(stride);
         args.extend(vector.0);
         if adds {
-            let bias = self.interpretation(operands[7])?;
-            let place = self.vector_place(operands[5], operands[6])?;
-            let is_of_sum = match bias {
-                Interpretation::Each(bias) => bias.ty() == ty && bias.is_float() == ty.is_float(),
-                Interpretation::Packed(_) => false,
-            };
-            if !is_of_sum {
-                return Err(self.no_vector_product());
-            }
-            args.extend(self.load_vector(&place, (ty, count))?);
+            args.extend(self.bias(operands, (ty, count))?);
         }
         let op = ir::Op::VectorProduct(product, space(&pointer));
         let values = self.b.emit_unchecked(op, &args, &vec![ty; count])?;
         self.define_typed(instruction, &values[..])
+    }
+
+    /// The distance in bytes between the rows or columns of a matrix in memory: an operand, or by
+    /// the size of its `elements` in an optimal layout.
+    fn matrix_stride(
+        &mut self,
+        layout: Option<CooperativeVectorMatrixLayout>,
+        operand: Option<&u32>,
+        elements: u32,
+        matrix: Component,
+    ) -> Result<Value, Error> {
+        use CooperativeVectorMatrixLayout::{ColumnMajorNV, RowMajorNV};
+        match (layout, operand) {
+            (Some(RowMajorNV | ColumnMajorNV), Some(&id)) => {
+                let stride = self.scalar(id)?;
+                self.b.i32_of(stride, false)
+            }
+            (Some(RowMajorNV | ColumnMajorNV), None) => {
+                Err(self.b.invalid("a matrix in memory lacks its stride"))
+            }
+            (Some(_), _) => {
+                let element_bytes = matrix.ty().size_bytes();
+                let stride = optimal_stride_bytes(elements.into(), element_bytes.into());
+                Ok(self.b.i32(stride as u32))
+            }
+            (None, _) => Err(self.b.invalid("no such layout of matrices")),
+        }
+    }
+
+    /// The bias of a product with components of this type, which its own must have.
+    fn bias(&mut self, operands: &[u32], (ty, count): (Type, usize)) -> Result<Values, Error> {
+        let bias = self.interpretation(operands[7])?;
+        let place = self.vector_place(operands[5], operands[6])?;
+        let is_of_sum = match bias {
+            Interpretation::Each(bias) => bias.ty() == ty && bias.is_float() == ty.is_float(),
+            Interpretation::Packed(_) => false,
+        };
+        if !is_of_sum {
+            return Err(self.no_vector_product());
+        }
+        self.load_vector(&place, (ty, count))
     }
 
     /// The components of an input, converted to its interpretation.

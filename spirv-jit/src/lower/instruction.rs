@@ -46,16 +46,7 @@ impl Lowerer<'_> {
                 let values = self.leaves(self.module.operands(instruction)[0])?;
                 self.define_typed(instruction, values.to_vec())
             }
-            Op::Undef => {
-                let info = self.types.info(instruction.result_type)?;
-                if matches!(info.kind, TypeKind::RuntimeArray { .. }) {
-                    // Its length is unknown, so it cannot be loaded.
-                    return self.define(instruction.result, Self::scalars(Vec::new()));
-                }
-                let types = self.types.leaves(instruction.result_type)?;
-                let zeros: Vec<_> = types.iter().map(|&ty| self.b.constant(ty, 0)).collect();
-                self.define(instruction.result, Self::scalars(zeros))
-            }
+            Op::Undef => self.lower_undef(instruction),
             Op::ExtInst | Op::ExtInstWithForwardRefsKHR => self.lower_extended(instruction),
             Op::AssumeTrueKHR => Ok(()),
             // Invocations that the interlock must separate are never in the same wave
@@ -186,6 +177,17 @@ impl Lowerer<'_> {
             opcode if super::ray_query::is_ray_query(opcode) => self.lower_ray_query(instruction),
             _ => self.lower_arithmetic(instruction),
         }
+    }
+
+    fn lower_undef(&mut self, instruction: &Instruction) -> Result<(), Error> {
+        let info = self.types.info(instruction.result_type)?;
+        if matches!(info.kind, TypeKind::RuntimeArray { .. }) {
+            // Its length is unknown, so it cannot be loaded.
+            return self.define(instruction.result, Self::scalars(Vec::new()));
+        }
+        let types = self.types.leaves(instruction.result_type)?;
+        let zeros: Vec<_> = types.iter().map(|&ty| self.b.constant(ty, 0)).collect();
+        self.define(instruction.result, Self::scalars(zeros))
     }
 
     /// An opcode that no group lowers.

@@ -53,37 +53,19 @@ impl Lowerer<'_> {
         match instruction.opcode {
             Op::Variable => {
                 let (_, pointee) = self.types.pointer(ty)?;
-                let Some(&initializer) = operands.get(1) else {
-                    return Ok(false);
-                };
-                if !self.is_large(pointee) {
-                    return Ok(false);
+                match operands.get(1) {
+                    Some(&initializer) if self.is_large(pointee) => {
+                        self.lower_large_variable(instruction, pointee, initializer)?;
+                    }
+                    _ => return Ok(false),
                 }
-                self.check_opaque(initializer, pointee)?;
-                let name = self.module.annotations.name(instruction.result).to_owned();
-                let pointer = self.new_place(&name, pointee)?;
-                let source = self.source(initializer)?;
-                self.fill(pointer.clone(), source)?;
-                self.define(instruction.result, Val::Pointer(pointer))?;
             }
             Op::Store | Op::CopyMemory => {
                 let moved = self.moved_type(instruction)?;
                 if !self.is_large(moved) {
                     return Ok(false);
                 }
-                let (target, source) = match instruction.opcode {
-                    Op::Store => {
-                        let target = self.pointer_to(operands[0], moved)?;
-                        let target = self.with_access(target, &operands[2..]);
-                        self.check_opaque(operands[1], target.pointee)?;
-                        (target, self.source(operands[1])?)
-                    }
-                    _ => {
-                        let (target, source) = self.copied(instruction)?;
-                        (target, ContentsSource::Memory(source))
-                    }
-                };
-                self.fill(target, source)?;
+                self.lower_large_move(instruction, operands, moved)?;
             }
             Op::CompositeExtract => {
                 let whole = self.type_of(operands[0])?;
@@ -132,6 +114,43 @@ impl Lowerer<'_> {
             _ => return Ok(false),
         }
         Ok(true)
+    }
+
+    /// A variable with an initializer.
+    fn lower_large_variable(
+        &mut self,
+        instruction: &Instruction,
+        pointee: Id,
+        initializer: Id,
+    ) -> Result<(), Error> {
+        self.check_opaque(initializer, pointee)?;
+        let name = self.module.annotations.name(instruction.result).to_owned();
+        let pointer = self.new_place(&name, pointee)?;
+        let source = self.source(initializer)?;
+        self.fill(pointer.clone(), source)?;
+        self.define(instruction.result, Val::Pointer(pointer))
+    }
+
+    /// A store or a copy in memory.
+    fn lower_large_move(
+        &mut self,
+        instruction: &Instruction,
+        operands: &[u32],
+        moved: Id,
+    ) -> Result<(), Error> {
+        let (target, source) = match instruction.opcode {
+            Op::Store => {
+                let target = self.pointer_to(operands[0], moved)?;
+                let target = self.with_access(target, &operands[2..]);
+                self.check_opaque(operands[1], target.pointee)?;
+                (target, self.source(operands[1])?)
+            }
+            _ => {
+                let (target, source) = self.copied(instruction)?;
+                (target, ContentsSource::Memory(source))
+            }
+        };
+        self.fill(target, source)
     }
 
     /// A part of a large value.

@@ -50,26 +50,29 @@ fn reduction(opcode: Op) -> Option<ReduceOp> {
     })
 }
 
+/// Whether the first operand is a scope, as in core instructions: always the subgroup.
+fn has_scope(opcode: Op) -> bool {
+    !matches!(
+        opcode,
+        Op::SubgroupBallotKHR
+            | Op::SubgroupFirstInvocationKHR
+            | Op::SubgroupAllKHR
+            | Op::SubgroupAnyKHR
+            | Op::SubgroupAllEqualKHR
+            | Op::SubgroupReadInvocationKHR
+            | Op::GroupNonUniformPartitionEXT
+            | Op::GroupNonUniformQuadAllKHR
+            | Op::GroupNonUniformQuadAnyKHR
+    )
+}
+
 impl Lowerer<'_> {
     pub(super) fn lower_subgroup(&mut self, instruction: &Instruction) -> Result<(), Error> {
         let operands = self.module.operands(instruction);
         if let Some(op) = reduction(instruction.opcode) {
             return self.lower_reduction(instruction, op, operands);
         }
-        // The first operand of core instructions, the scope, is always the subgroup.
-        let scoped = !matches!(
-            instruction.opcode,
-            Op::SubgroupBallotKHR
-                | Op::SubgroupFirstInvocationKHR
-                | Op::SubgroupAllKHR
-                | Op::SubgroupAnyKHR
-                | Op::SubgroupAllEqualKHR
-                | Op::SubgroupReadInvocationKHR
-                | Op::GroupNonUniformPartitionEXT
-                | Op::GroupNonUniformQuadAllKHR
-                | Op::GroupNonUniformQuadAnyKHR
-        );
-        let operands = &operands[scoped as usize..];
+        let operands = &operands[has_scope(instruction.opcode) as usize..];
         let values = match instruction.opcode {
             Op::GroupNonUniformElect => vec![self.across(SubgroupOp::Elect, &[], Type::I1)?],
             Op::GroupNonUniformAll | Op::SubgroupAllKHR => {
@@ -80,22 +83,17 @@ impl Lowerer<'_> {
                 let condition = self.bool_scalar(operands[0])?;
                 vec![self.across(SubgroupOp::Any, &[condition], Type::I1)?]
             }
-            Op::GroupNonUniformQuadAllKHR | Op::GroupNonUniformQuadAnyKHR => {
+            Op::GroupNonUniformQuadAllKHR => {
                 let condition = self.bool_scalar(operands[0])?;
-                let op = match instruction.opcode {
-                    Op::GroupNonUniformQuadAllKHR => ir::Op::And,
-                    _ => ir::Op::Or,
-                };
-                vec![self.across_quad(op, condition)?]
+                vec![self.across_quad(ir::Op::And, condition)?]
+            }
+            Op::GroupNonUniformQuadAnyKHR => {
+                let condition = self.bool_scalar(operands[0])?;
+                vec![self.across_quad(ir::Op::Or, condition)?]
             }
             Op::GroupNonUniformAllEqual | Op::SubgroupAllEqualKHR => {
-                let mut all = self.b.bool(true);
-                for &part in self.leaves(operands[0])?.iter() {
-                    let part = self.lane_word(part)?;
-                    let equal = self.across(SubgroupOp::AllEqual, &[part], Type::I1)?;
-                    all = self.b.binary(ir::Op::And, all, equal)?;
-                }
-                vec![all]
+                let all = self.b.bool(true);
+                vec![self.all_parts(operands[0], SubgroupOp::AllEqual, all)?]
             }
             Op::GroupNonUniformBroadcastFirst | Op::SubgroupFirstInvocationKHR => {
                 self.per_part(operands[0], |lowerer, part| {
@@ -110,12 +108,8 @@ impl Lowerer<'_> {
                 vec![word, zero, zero, zero]
             }
             Op::GroupNonUniformPartitionEXT => {
-                let mut word = self.b.i32((1 << LANES) - 1);
-                for &part in self.leaves(operands[0])?.iter() {
-                    let part = self.lane_word(part)?;
-                    let same = self.across(SubgroupOp::Match, &[part], Type::I32)?;
-                    word = self.b.binary(ir::Op::And, word, same)?;
-                }
+                let all = self.b.i32((1 << LANES) - 1);
+                let word = self.all_parts(operands[0], SubgroupOp::Match, all)?;
                 let zero = self.b.i32(0);
                 vec![word, zero, zero, zero]
             }
@@ -147,6 +141,18 @@ impl Lowerer<'_> {
             _ => return self.lower_shuffle(instruction, operands),
         };
         self.define_typed(instruction, values)
+    }
+
+    /// The conjunction of an operation's results for the scalars of a value. `all` is the result
+    /// for none.
+    fn all_parts(&mut self, value: u32, op: SubgroupOp, all: Value) -> Result<Value, Error> {
+        let mut result = all;
+        for &part in self.leaves(value)?.iter() {
+            let part = self.lane_word(part)?;
+            let of_part = self.across(op, &[part], self.b.ty(all))?;
+            result = self.b.binary(ir::Op::And, result, of_part)?;
+        }
+        Ok(result)
     }
 
     fn across(&mut self, op: SubgroupOp, args: &[Value], result: Type) -> Result<Value, Error> {

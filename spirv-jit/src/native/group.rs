@@ -3,7 +3,7 @@
 
 use foldhash::HashMap;
 
-use super::{Encoding, Place, Row, Stretch};
+use super::{Encoding, IrOperand, Stretch, ValueRow};
 use crate::ir::{Body, Inst, Module, Node, Op, Type, Value};
 
 /// Instructions that change places among themselves: more would keep more values alive at once.
@@ -19,25 +19,25 @@ pub(crate) fn group(module: &mut Module, encoding: Encoding) {
                 constants.insert(inst.results[0], bits);
             }
         });
-        let known = Known {
+        let scheduler = Scheduler {
             types: &function.value_types,
             constants,
             encoding,
         };
         function
             .body
-            .visit_bodies_mut(&mut |body| known.group_body(body));
+            .visit_bodies_mut(&mut |body| scheduler.group_body(body));
     }
 }
 
-/// The facts about a function's values.
-struct Known<'f> {
+/// Reorders instructions by these facts about a function's values.
+struct Scheduler<'f> {
     types: &'f [Type],
     constants: HashMap<Value, u64>,
     encoding: Encoding,
 }
 
-impl Known<'_> {
+impl Scheduler<'_> {
     fn group_body(&self, body: &mut Body) {
         let nodes = std::mem::take(&mut body.nodes);
         body.nodes.reserve(nodes.len());
@@ -107,11 +107,11 @@ impl Known<'_> {
         if !inst.op.is_pure() {
             return false;
         }
-        let places = |values: &[Value]| -> Vec<Place> {
-            let place = |&value: &Value| Place {
+        let places = |values: &[Value]| -> Vec<IrOperand> {
+            let place = |&value: &Value| IrOperand {
                 value,
                 ty: self.types[value.index()],
-                row: Row::Nowhere,
+                row: ValueRow::Forwarded,
                 constant: self.constants.get(&value).copied(),
             };
             values.iter().map(place).collect()

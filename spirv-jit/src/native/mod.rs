@@ -31,7 +31,7 @@ pub use listing::NativeCounts;
 pub(crate) use listing::{Listed, ListedTurns, count, text};
 pub(crate) use memory::Executable;
 pub use memory::{CodePages, provide};
-pub(crate) use stretch::{Lanes, Merged, Place, PrivateRow, Row, Stretch, Turns};
+pub(crate) use stretch::{IrOperand, Lanes, Merged, PrivateRow, Stretch, Turns, ValueRow};
 
 /// A stretch: the first subgroup's frame, the uniform rows, how many subgroups follow one another,
 /// how many bytes their frames are apart, and the subgroups' masks of active lanes.

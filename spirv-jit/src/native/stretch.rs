@@ -20,19 +20,19 @@ pub(crate) use turns::{Lanes, Merged, Turns};
 
 /// The row of a value in a frame, or among uniform rows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Row {
+pub(crate) enum ValueRow {
     Frame(usize),
     Uniform(usize),
     /// A result that only the next operation of the stretch takes.
-    Nowhere,
+    Forwarded,
 }
 
 /// An operand or a result.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Place {
+pub(crate) struct IrOperand {
     pub value: Value,
     pub ty: Type,
-    pub row: Row,
+    pub row: ValueRow,
     /// Its constant value.
     pub constant: Option<u64>,
 }
@@ -121,7 +121,7 @@ impl Stretch {
     }
 
     /// Appends an operation; false, and nothing is changed, if it has no native code.
-    pub fn perform(&mut self, op: &Op, operands: &[Place], results: &[Place]) -> bool {
+    pub fn perform(&mut self, op: &Op, operands: &[IrOperand], results: &[IrOperand]) -> bool {
         let mark = self.mark();
         if self.lower(op, operands, results).is_none() {
             self.take_back(mark);
@@ -140,12 +140,12 @@ impl Stretch {
     }
 
     /// Copies a value of 32-bit lanes to a row; where `is_masked`, in active lanes alone.
-    pub fn copy_to(&mut self, from: &Place, row: Row, is_masked: bool) {
+    pub fn copy_to(&mut self, from: &IrOperand, row: ValueRow, is_masked: bool) {
         let Held::One(new) = self.operand(from) else {
             unreachable!("lanes of 64 bits are left to the interpreter");
         };
         let class = self.class_of(from.ty);
-        let home = self.home(&Place { row, ..*from }, 0);
+        let home = self.home(&IrOperand { row, ..*from }, 0);
         let to = match (is_masked, class) {
             (true, _) => {
                 let lanes = self.active_lanes();
@@ -263,14 +263,14 @@ impl Stretch {
         }
     }
 
-    fn home(&self, place: &Place, part: i32) -> Option<Memory> {
+    fn home(&self, place: &IrOperand, part: i32) -> Option<Memory> {
         let offset = part * self.encoding.vector_bytes();
         let frame = FRAMES[self.subgroup];
         Some(match (place.row, self.encoding) {
             // All lanes of uniform rows are equal.
-            (Row::Uniform(row), _) => Memory::At(Base::Uniforms, row as i32 * 64),
-            (Row::Frame(row), Encoding::Evex) => Memory::At(frame, row as i32 * 64 + offset),
-            (Row::Frame(row), Encoding::Vex) => {
+            (ValueRow::Uniform(row), _) => Memory::At(Base::Uniforms, row as i32 * 64),
+            (ValueRow::Frame(row), Encoding::Evex) => Memory::At(frame, row as i32 * 64 + offset),
+            (ValueRow::Frame(row), Encoding::Vex) => {
                 let row = row as i32 * 64;
                 match (self.half, place.ty.rows()) {
                     (None, 2) => Memory::At(Base::WideHalf, row + offset),
@@ -279,11 +279,11 @@ impl Stretch {
                     (Some(half), _) => Memory::At(frame, row + 32 * half),
                 }
             }
-            (Row::Nowhere, _) => return None,
+            (ValueRow::Forwarded, _) => return None,
         })
     }
 
-    fn operand(&mut self, place: &Place) -> Held {
+    fn operand(&mut self, place: &IrOperand) -> Held {
         if let Some(held) = self.known(place.value) {
             return held;
         }
@@ -297,7 +297,7 @@ impl Stretch {
             _ => Held::One(part(self, 0)),
         };
         self.hold(place.value, held);
-        if let Row::Uniform(_) = place.row {
+        if let ValueRow::Uniform(_) = place.row {
             // The same in both halves.
             self.held[1].insert(place.value, held);
         }

@@ -56,6 +56,39 @@ pub struct Function {
     pub offset: u32,
 }
 
+impl Block {
+    /// An empty block of a label.
+    fn new(label: &Instruction) -> Block {
+        Block {
+            label: label.result,
+            offset: label.offset,
+            instructions: Vec::new(),
+            merge: None,
+            terminator: 0,
+        }
+    }
+}
+
+impl Function {
+    /// A function without parameters and blocks.
+    fn new(instruction: &Instruction, function_type: Id) -> Function {
+        Function {
+            id: instruction.result,
+            result_type: instruction.result_type,
+            function_type,
+            params: Vec::new(),
+            blocks: Vec::new(),
+            block_index: HashMap::default(),
+            offset: instruction.offset,
+        }
+    }
+
+    fn push(&mut self, block: Block) {
+        self.block_index.insert(block.label, self.blocks.len());
+        self.blocks.push(block);
+    }
+}
+
 /// A parsed module. Grammar, sections and blocks are checked; types are not.
 pub struct ParsedModule {
     pub words: Vec<u32>,
@@ -286,15 +319,7 @@ fn sort_functions(module: &mut ParsedModule, first: usize) -> Result<(), Error> 
         }
         match instruction.opcode {
             Op::Function if current.is_none() => {
-                current = Some(Function {
-                    id: instruction.result,
-                    result_type: instruction.result_type,
-                    function_type: operands[1],
-                    params: Vec::new(),
-                    blocks: Vec::new(),
-                    block_index: HashMap::default(),
-                    offset,
-                });
+                current = Some(Function::new(&instruction, operands[1]));
             }
             Op::FunctionParameter => match &mut current {
                 Some(function) if open.is_none() && function.blocks.is_empty() => {
@@ -312,13 +337,7 @@ fn sort_functions(module: &mut ParsedModule, first: usize) -> Result<(), Error> 
             },
             Op::Label => match &current {
                 Some(_) if open.is_none() => {
-                    open = Some(Block {
-                        label: instruction.result,
-                        offset,
-                        instructions: Vec::new(),
-                        merge: None,
-                        terminator: 0,
-                    });
+                    open = Some(Block::new(&instruction));
                 }
                 _ => return Err(misplaced()),
             },
@@ -340,9 +359,9 @@ fn sort_functions(module: &mut ParsedModule, first: usize) -> Result<(), Error> 
                     _ if is_terminator(opcode) => {
                         is_dead = ends_invocation(opcode);
                         block.terminator = index as u32;
-                        let next = function.blocks.len();
-                        function.block_index.insert(block.label, next);
-                        function.blocks.extend(open.take());
+                        if let Some(block) = open.take() {
+                            function.push(block);
+                        }
                     }
                     _ => block.instructions.push(index as u32),
                 }

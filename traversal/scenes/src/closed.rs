@@ -385,14 +385,7 @@ pub fn faults(
             .collect();
         let mut ways = all_ways(&solid_scene.top, &rays).into_iter();
         let (_, first) = ways.next().expect("there is one");
-        for (name, hits) in ways {
-            for (i, (hit, expected)) in hits.iter().zip(&first).enumerate() {
-                if hit != expected {
-                    faults.unequal += 1;
-                    println!("{name}: {hit:?}, not {expected:?}: {:?}", rays[i]);
-                }
-            }
-        }
+        faults.unequal += unequal(ways, &first, &rays);
         for (i, (ray, hit)) in rays.iter().zip(&first).enumerate() {
             let mut found = walkers
                 .iter_mut()
@@ -401,22 +394,14 @@ pub fn faults(
             faults.unequal += found.filter(|found| *found != first).count() as u64;
             let found = first;
             let met = placement.is_exact().then(|| surface.intersect(&given[i]));
-            let right = match (family.shape, inside) {
-                (Shape::Convex, true) => found.len() == 1,
-                (Shape::Convex, false) => found.is_empty() || found.len() == 2,
-                (Shape::Closed, inside) => found.len() % 2 == usize::from(inside),
-                (Shape::Open, _) => true,
-            } && met.is_none_or(|met| met.crossings == found.len());
+            let right = is_right_count(family.shape, inside, found.len())
+                && met.is_none_or(|met| met.crossings == found.len());
             // A mesh that owns no part of a ray may still touch it.
             let some = start.closed && inside
                 || !found.is_empty()
                 || met.is_some_and(|met| met.nearest.is_some());
             let nearest = found.iter().map(|hit| hit.t).min_by(f32::total_cmp);
-            let lost = match (hit, nearest) {
-                (None, _) => some,
-                (Some(hit), Some(nearest)) => hit.t > nearest,
-                (Some(_), None) => false,
-            };
+            let lost = hit.map_or(some, |hit| nearest.is_some_and(|nearest| hit.t > nearest));
             let wrong = met.is_some_and(|met| {
                 !agrees(&met, hit.as_ref())
                     || i % SAMPLE == 0 && !is_exactly(&met, &solid, &given[i])
@@ -435,6 +420,34 @@ pub fn faults(
         }
     }
     faults
+}
+
+/// Prints and counts hits of other ways that differ from the first one's.
+fn unequal(
+    ways: impl Iterator<Item = (String, Vec<Option<Hit>>)>,
+    first: &[Option<Hit>],
+    rays: &[Ray],
+) -> u64 {
+    let mut unequal = 0;
+    for (name, hits) in ways {
+        for (i, (hit, expected)) in hits.iter().zip(first).enumerate() {
+            if hit != expected {
+                unequal += 1;
+                println!("{name}: {hit:?}, not {expected:?}: {:?}", rays[i]);
+            }
+        }
+    }
+    unequal
+}
+
+/// Whether a ray from inside or outside may cross a shape so many times.
+fn is_right_count(shape: Shape, inside: bool, crossings: usize) -> bool {
+    match (shape, inside) {
+        (Shape::Convex, true) => crossings == 1,
+        (Shape::Convex, false) => crossings == 0 || crossings == 2,
+        (Shape::Closed, inside) => crossings % 2 == usize::from(inside),
+        (Shape::Open, _) => true,
+    }
 }
 
 /// Whether a hit is where the nearest is.

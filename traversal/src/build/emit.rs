@@ -4,7 +4,7 @@ use super::Shape;
 use super::collapse::{self, Children};
 use super::head::Written;
 use super::primitive::Primitive;
-use super::swept::SweptPrimitive;
+use super::swept_sphere::SweptPrimitive;
 use super::target::Target;
 use super::tree::BinaryNode;
 use super::words::{triangle_word, word};

@@ -7,21 +7,21 @@
 
 mod collapse;
 mod corners;
-mod curve;
 mod emit;
 mod head;
 mod instance;
 mod micromap;
+mod morton;
 mod motion;
 mod packed;
 mod primitive;
 mod refit;
 mod reinsert;
+mod sah_sweep;
 mod shape;
 mod sizes;
 mod split;
-mod sweep;
-mod swept;
+mod swept_sphere;
 mod target;
 mod tree;
 mod update;
@@ -88,28 +88,9 @@ unsafe fn build_to_depth(
     {
         return Err(BuildError::Destination);
     }
-    let count = shape.primitives as usize;
-    let Workspace {
-        primitives,
-        nodes,
-        blocks,
-        pieces,
-        order,
-    } = carve(scratch, &shape, input.flags).ok_or(BuildError::Scratch)?;
-    let along_curve = input.flags.contains(BuildFlags::PREFER_FAST_BUILD);
-    let collected = {
-        let places = match along_curve {
-            // The sort moves them from there to `primitives`. SAFETY: nodes are larger and as
-            // aligned, and both are plain numbers.
-            true => unsafe { std::slice::from_raw_parts_mut(nodes.as_mut_ptr().cast(), count) },
-            false => &mut *primitives,
-        };
-        // SAFETY: the caller keeps the promises of `build`.
-        unsafe { primitive::collect(&input.geometries, input.flags, places) }
-    };
-    let active = collected.count;
-    let primitives = &mut primitives[..active];
-
+    let mut workspace = carve(scratch, &shape, input.flags).ok_or(BuildError::Scratch)?;
+    // SAFETY: the caller keeps the promises of `build`.
+    let collected = unsafe { collect(input, &shape, &mut workspace) };
     let mut target = Target {
         base: destination.as_mut_ptr(),
         parts: Parts::new(shape.kind, Form::Groups, shape.geometries, 1, 0),
@@ -117,29 +98,18 @@ unsafe fn build_to_depth(
         form: Form::Groups,
         geometries: &input.geometries,
     };
-    let mut written = None;
-    // A tree that is too deep with subtrees that moved is built again without moves.
-    for moves in [true, false] {
-        if active == 0 || written.is_some() || (!moves && pieces.is_empty()) {
-            continue;
-        }
-        let grown = &mut nodes[..2 * active - 1];
-        let costs = grow(shape.kind, input.flags, primitives, grown, blocks);
-        let tree = match moves {
-            true => reinsert::improve(primitives, nodes, (&mut *pieces, &mut *order), &costs),
-            false => &mut *nodes,
-        };
-        if takes_blocks(&shape, input.flags, &collected) {
-            target.form = Form::Blocks;
-        }
-        // SAFETY: the caller keeps the geometries' memory readable; the destination has the
-        // promised size.
-        written = unsafe { write_wide(&mut target, &shape, tree, primitives, &costs, max_depth) };
-    }
-    let mut written = written.unwrap_or_else(|| {
-        // SAFETY: the destination has the promised size.
-        unsafe { write_packed(&mut target, &shape, primitives) }
-    });
+    // SAFETY: the caller keeps the geometries' memory readable; the destination has the promised
+    // size.
+    let mut written = unsafe {
+        grow_and_write(
+            &mut target,
+            &shape,
+            input.flags,
+            &collected,
+            workspace,
+            max_depth,
+        )
+    };
     let mut origin_error = 0.0;
     if let Geometries::Instances(source) = &input.geometries {
         // SAFETY: the caller keeps the promises of `build`; the parts have a record for each
@@ -164,6 +134,73 @@ unsafe fn build_to_depth(
     unsafe { write_head(&target, input, &shape, &written, origin_error) };
     debug_assert_eq!(crate::validate(destination), Ok(()));
     Ok(target.parts.size_bytes + shape.micromap_bytes)
+}
+
+/// Collects the active primitives.
+///
+/// # Safety
+/// As for [`build`].
+unsafe fn collect(
+    input: &BuildInput<'_>,
+    shape: &Shape,
+    workspace: &mut Workspace<'_>,
+) -> Collected {
+    let count = shape.primitives as usize;
+    let places = match input.flags.contains(BuildFlags::PREFER_FAST_BUILD) {
+        // The sort moves them from there to `primitives`. SAFETY: nodes are larger and as aligned,
+        // and both are plain numbers.
+        true => unsafe {
+            std::slice::from_raw_parts_mut(workspace.nodes.as_mut_ptr().cast(), count)
+        },
+        false => &mut *workspace.primitives,
+    };
+    // SAFETY: the caller keeps the promises of `build`.
+    unsafe { primitive::collect(&input.geometries, input.flags, places) }
+}
+
+/// Builds the tree over the collected primitives and writes it, or a packed one.
+///
+/// # Safety
+/// The memory of the geometries is readable, and the destination has the promised size.
+unsafe fn grow_and_write(
+    target: &mut Target<'_>,
+    shape: &Shape,
+    flags: BuildFlags,
+    collected: &Collected,
+    workspace: Workspace<'_>,
+    max_depth: u32,
+) -> Written {
+    let Workspace {
+        primitives,
+        nodes,
+        blocks,
+        pieces,
+        order,
+    } = workspace;
+    let active = collected.count;
+    let primitives = &mut primitives[..active];
+    // A tree that is too deep with subtrees that moved is built again without moves.
+    for moves in [true, false] {
+        if active == 0 || (!moves && pieces.is_empty()) {
+            continue;
+        }
+        let grown = &mut nodes[..2 * active - 1];
+        let costs = grow(shape.kind, flags, primitives, grown, blocks);
+        let tree = match moves {
+            true => reinsert::improve(primitives, nodes, (&mut *pieces, &mut *order), &costs),
+            false => &mut *nodes,
+        };
+        if takes_blocks(shape, flags, collected) {
+            target.form = Form::Blocks;
+        }
+        // SAFETY: the caller's promise.
+        let written = unsafe { write_wide(target, shape, tree, primitives, &costs, max_depth) };
+        if let Some(written) = written {
+            return written;
+        }
+    }
+    // SAFETY: the destination has the promised size.
+    unsafe { write_packed(target, shape, primitives) }
 }
 
 /// Collapses a binary tree and writes it. Writes nothing and returns `None` if it would be larger
@@ -333,7 +370,7 @@ fn grow(
     };
     let rules = SplitRules::new(block, leaf_forced as usize + 1, hurry, &extent);
     match hurry {
-        true => curve::build(primitives, nodes, blocks, &rules, &extent),
+        true => morton::build(primitives, nodes, blocks, &rules, &extent),
         false => tree::build(primitives, nodes, &rules, extent),
     }
     Costs {

@@ -1,7 +1,7 @@
 //! The builders' input: a box around each active primitive, and the primitive's index.
 
 use super::motion::motion_bounds;
-use super::swept::swept_bounds;
+use super::swept_sphere::swept_bounds;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 

@@ -6,7 +6,7 @@
 use rayon::prelude::*;
 
 use super::motion::motion_bounds;
-use super::swept::SweptPrimitive;
+use super::swept_sphere::SweptPrimitive;
 use super::target::Target;
 use super::words::triangle_word;
 use super::{NODE_COST, block_cost, instance, primitive};

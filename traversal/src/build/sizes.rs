@@ -4,7 +4,7 @@ use super::Shape;
 use super::corners::Corners;
 use super::primitive::Primitive;
 use super::reinsert::{self, Piece};
-use super::sweep;
+use super::sah_sweep;
 use super::tree::BinaryNode;
 use crate::input::{BuildFlags, BuildInput};
 use crate::layout::{Form, Node, Parts, leaf_bytes, micromap_part_bytes};
@@ -61,7 +61,11 @@ impl Places {
         Places {
             primitives: count,
             nodes: 2 * count + spare_nodes,
-            blocks: if hurry { sweep::block_count(count) } else { 0 },
+            blocks: if hurry {
+                sah_sweep::block_count(count)
+            } else {
+                0
+            },
             pieces,
         }
     }

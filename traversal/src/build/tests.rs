@@ -165,11 +165,12 @@ fn instruction_sets_do_not_show() {
             let extent = tree::extent(&primitives);
             let rules = SplitRules::new(4, 5, along_curve, &extent);
             let mut nodes = vec![BinaryNode::default(); 2 * boxes.len() - 1];
-            let mut blocks = vec![Corners::EMPTY; sweep::block_count(boxes.len() as u64) as usize];
+            let mut blocks =
+                vec![Corners::EMPTY; sah_sweep::block_count(boxes.len() as u64) as usize];
             let (primitives, nodes) = (&mut primitives[..], &mut nodes[..]);
             match (along_curve, vectors) {
                 (true, _) => {
-                    curve::grow_all(primitives, nodes, &mut blocks, &rules, &extent, vectors);
+                    morton::grow_all(primitives, nodes, &mut blocks, &rules, &extent, vectors);
                 }
                 (false, true) => tree::build(primitives, nodes, &rules, extent),
                 (false, false) => tree::build_portable(primitives, nodes, &rules, extent),
@@ -194,7 +195,7 @@ fn primitives_are_sorted_along_the_curve() {
     unsafe { primitive::collect(&Geometries::Aabbs(&list), BuildFlags(0), &mut from) };
     let sorted = || {
         let mut to = from.clone();
-        curve::arrange_for_test(&from, &mut to);
+        morton::arrange_for_test(&from, &mut to);
         to.iter()
             .map(|primitive| primitive.index)
             .collect::<Vec<_>>()

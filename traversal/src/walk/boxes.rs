@@ -259,7 +259,8 @@ unsafe fn go<K: Kernel>(
         hits.start(rays, lanes);
         if any && lanes.count() >= MANY {
             // SAFETY: the caller's promise.
-            lanes = unsafe { way.meeting::<K>(&suspended.slabs, lanes, &rays.t_max, &mut left) };
+            lanes =
+                unsafe { way.hits_any_box::<K>(&suspended.slabs, lanes, &rays.t_max, &mut left) };
         }
         for lane in lanes {
             let walk = suspended.room(lane);

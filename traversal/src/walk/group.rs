@@ -9,8 +9,8 @@
 
 use std::arch::x86_64::*;
 
-use super::decide;
-use super::decide::Rim;
+use super::edge_side;
+use super::edge_side::Rim;
 use super::group_hits::GroupHits;
 use super::sight::Sight;
 use super::triangle::{Intersection, ORDINARY, ROOM, rounding};
@@ -179,7 +179,7 @@ impl Rest {
             let in_interval = |t: f32| t_min < t && t <= t_far;
             let triangle = groups[lane / GROUP].triangle(lane % GROUP);
             if self.placed & bit != 0 {
-                let front = decide::faces(origin, direction, &triangle, Rim::Included);
+                let front = edge_side::faces(origin, direction, &triangle, Rim::Included);
                 if front == Some(self.positive & bit != 0) {
                     found.front = found.front & !bit | self.positive & bit;
                     hits |= if in_interval(found.t[lane]) { bit } else { 0 };
@@ -190,7 +190,7 @@ impl Rest {
                 }
             }
             let Some((front, t, weights)) =
-                decide::intersect_exactly(origin, direction, &triangle, Rim::Included)
+                edge_side::intersect_exactly(origin, direction, &triangle, Rim::Included)
             else {
                 continue;
             };
@@ -569,7 +569,7 @@ unsafe fn edge(p: ShearedVertex, q: ShearedVertex) -> __m256 {
 mod tests {
     use super::*;
     use crate::walk::beams::Beams;
-    use crate::walk::decide::tests::{KINDS, Random, case, count};
+    use crate::walk::edge_side::tests::{KINDS, Random, case, count};
     use crate::walk::sight::LaneOf;
     use crate::walk::space::Space;
     use lanes::Tier;

@@ -1,6 +1,6 @@
 //! Where a ray meets the triangles of a leaf.
 
-use super::decide::Rim;
+use super::edge_side::Rim;
 use super::space::Space;
 use super::triangle::{Intersection, intersect};
 use crate::layout::{GROUP, LEAF_TRIANGLES, TriangleGroup};

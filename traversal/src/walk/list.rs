@@ -7,15 +7,16 @@ use lanes::Tier;
 use super::beams::WorldRays;
 use super::children::LARGE;
 use super::entry::Entry;
+use super::facts::InstanceFacts;
 use super::kernel::Kernel;
-use super::level::{Entered, only_instance};
+use super::level::{Entered, Level, only_instance};
 use super::opaque::{End, Nearest, Opaque, Pending};
 use super::options::Specialisation;
 use super::portable::PortableKernel;
 use super::rows::{HitRows, RayRows};
 use super::{Event, Verdict, Walk, WalkState, Walker, run};
-use crate::layout::instance_state;
-use crate::ray::ray_flags;
+use crate::layout::{InstanceRecord, instance_state};
+use crate::ray::{Ray, ray_flags};
 use crate::structure::Kind;
 
 /// Fewer rays are set up one by one for less.
@@ -145,25 +146,10 @@ impl Turns<'_, '_> {
         let first = self.lanes.first();
         let (address, ray) = (rays.top_level[first], rays.ray(first));
         // SAFETY: the contract of `Walk::new`.
-        let index = unsafe { top.enter_top(address) }
-            .then(|| only_instance(top))
-            .flatten();
-        let Some(index) = index else {
+        let only = unsafe { enter_only_opaque(address, &ray, top, bottom, instance) };
+        let Some((index, record)) = only else {
             return LaneMask::NONE;
         };
-        // SAFETY: as above.
-        if !unsafe { bottom.admit(instance, top, index, &ray) } {
-            return LaneMask::NONE;
-        }
-        let Some(record) = top.structure.instance(index) else {
-            return LaneMask::NONE;
-        };
-        if !instance.all_opaque
-            || bottom.structure.kind() != Kind::Triangles
-            || record.words.state & instance_state::MOVING != 0
-        {
-            return LaneMask::NONE;
-        }
         let alike = rays.alike(first, self.lanes);
         let sound = beams.set_up(&WorldRays::new(rays, alike), &record);
         let fetches_ahead =
@@ -212,4 +198,32 @@ impl Turns<'_, '_> {
         }
         sound
     }
+}
+
+/// Enters the only instance of a top level, with its index and record, if it holds triangles that
+/// all count.
+///
+/// # Safety
+/// The contract of [`Walk::new`] for the ray.
+#[inline(always)]
+unsafe fn enter_only_opaque(
+    address: u64,
+    ray: &Ray,
+    top: &mut Level,
+    bottom: &mut Level,
+    instance: &mut InstanceFacts,
+) -> Option<(u32, InstanceRecord)> {
+    // SAFETY: the caller's promise.
+    let index = unsafe { top.enter_top(address) }
+        .then(|| only_instance(top))
+        .flatten()?;
+    // SAFETY: as above.
+    if !unsafe { bottom.admit(instance, top, index, ray) } {
+        return None;
+    }
+    let record = top.structure.instance(index)?;
+    let fits = instance.all_opaque
+        && bottom.structure.kind() == Kind::Triangles
+        && record.words.state & instance_state::MOVING == 0;
+    fits.then_some((index, record))
 }

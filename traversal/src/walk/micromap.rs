@@ -1,7 +1,7 @@
 //! Triangles whose opacity depends on where they are met.
 #![forbid(unsafe_code)]
 
-use super::decide::Rim;
+use super::edge_side::Rim;
 use super::facts::InstanceFacts;
 use super::level::Level;
 use super::space::Space;

@@ -22,6 +22,7 @@
 //! }
 //! ```
 
+mod any_box;
 #[cfg(target_arch = "x86_64")]
 mod avx;
 mod beams;
@@ -29,8 +30,8 @@ mod beams;
 mod block;
 mod boxes;
 mod children;
-mod decide;
 mod descend;
+mod edge_side;
 mod entry;
 mod expansion;
 pub(crate) mod facts;
@@ -43,7 +44,6 @@ mod kernel;
 mod leaf;
 mod level;
 mod list;
-mod meeting;
 pub(crate) mod meter;
 mod micromap;
 mod motion;
@@ -62,7 +62,7 @@ mod space;
 mod stream;
 mod streaming;
 mod suspended;
-mod swept;
+mod swept_sphere;
 mod test_leaf;
 mod triangle;
 mod walk_opaque;

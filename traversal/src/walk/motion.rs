@@ -1,7 +1,7 @@
 //! Triangles that move: the test of those that do not, where they are at the ray's time.
 #![forbid(unsafe_code)]
 
-use super::decide::Rim;
+use super::edge_side::Rim;
 use super::facts::InstanceFacts;
 use super::leaf::Leaf;
 use super::level::Level;

@@ -1,6 +1,6 @@
 //! The test of single triangles by itself, for those who measure it.
 
-use super::decide::Rim;
+use super::edge_side::Rim;
 use super::options::Accuracy;
 use super::space::Space;
 use super::triangle::intersect;

@@ -1,12 +1,12 @@
 //! Tests the primitives of leaves: from primitives to candidates and hits.
 
-use super::decide::Rim;
+use super::edge_side::Rim;
 use super::facts::InstanceFacts;
 use super::kernel::Kernel;
 use super::leaf::{Leaf, Triangles};
 use super::level::Level;
 use super::triangle::intersect;
-use super::{Event, Walk, micromap, motion, swept};
+use super::{Event, Walk, micromap, motion, swept_sphere};
 use crate::layout::{Block, GROUP, TriangleGroup, child, geometry_word};
 use crate::ray::{HIT_KIND_BACK_FACING_TRIANGLE, HIT_KIND_FRONT_FACING_TRIANGLE, Hit};
 use crate::structure::Kind;
@@ -21,7 +21,7 @@ pub(crate) fn test_other(
     t_far: &mut f32,
 ) -> Leaf {
     match level.structure.kind() {
-        Kind::Swept => return swept::test_leaf(walk, level, instance, word, t_far),
+        Kind::Swept => return swept_sphere::test_leaf(walk, level, instance, word, t_far),
         Kind::Motion => return motion::test_leaf(walk, level, instance, word, t_far),
         _ => {}
     }

@@ -1,20 +1,19 @@
 //! The ray-triangle test: exact decisions, then distances and weights.
 //!
 //! Vertices are moved to the ray's origin and sheared so that the ray is the z axis (Woop, Benthin,
-//! Wald 2013), in f32. Edge functions that exceed a bound for everything that was rounded on the
-//! way ([`Margin`]) have the signs of the determinants of the numbers that were given; where they
-//! do not exceed it, those are computed ([`decide`](super::decide)). So which triangles are hit
-//! depends on nothing but the ray and the triangles, no ray passes between two that share an edge,
-//! and what is hit is inside the boxes that are around it. docs/watertightness.md has the whole
-//! proof.
+//! Wald 2013), in f32. Edge functions that exceed a bound for all rounding errors ([`Margin`]) have
+//! the signs of the exact determinants of the inputs; otherwise those are computed
+//! ([`edge_side`](super::edge_side)). So the hit triangles depend only on the ray and the
+//! triangles, no ray passes between two that share an edge, and each hit is inside the boxes around
+//! its triangle. docs/watertightness.md has the whole proof.
 //!
 //! Distances and weights come from the edge functions in f32 where a bound of their errors is
 //! small, else from f64.
 //!
 //! An opaque triangle includes its rim. Where any-hit shaders count, a shared edge or vertex must
-//! belong to one triangle: see [`decide`](super::decide).
+//! belong to one triangle: see [`edge_side`](super::edge_side).
 
-use super::decide::{self, Rim};
+use super::edge_side::{self, Rim};
 use super::space::Space;
 use crate::layout::{Bounds, Margin};
 
@@ -232,7 +231,8 @@ fn intersect_exactly(
     // The work of a test of several triangles after its bounds have decided.
     match estimate_hit(space, flat, edges) {
         HitEstimate::At(t, barycentrics) => {
-            let front = decide::faces(first(space.origin), first(space.direction), triangle, rim)?;
+            let front =
+                edge_side::faces(first(space.origin), first(space.direction), triangle, rim)?;
             if front != (whole > 0.0) {
                 return intersect_unrounded(space, triangle, rim);
             }
@@ -255,7 +255,7 @@ fn first([x, y, z, _]: [f32; 4]) -> [f32; 3] {
 #[inline(never)]
 fn intersect_unrounded(space: &Space, triangle: &[[f32; 3]; 3], rim: Rim) -> Option<Intersection> {
     let (front, t, weights) =
-        decide::intersect_exactly(first(space.origin), first(space.direction), triangle, rim)?;
+        edge_side::intersect_exactly(first(space.origin), first(space.direction), triangle, rim)?;
     Some(Intersection {
         t: t_in_slab(space, triangle, t as f32),
         barycentrics: weights.map(|weight| weight as f32),

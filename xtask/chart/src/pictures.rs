@@ -1,6 +1,6 @@
 //! One picture by every accuracy and driver, held against the same paths in f64.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use canvas::{Mark, Point, short};
@@ -57,51 +57,69 @@ fn write_png(path: &Path, scale: &Scale, pixels: &[[f32; 4]]) -> Result<()> {
     Ok(())
 }
 
-pub fn measure(options: &Options, report: &mut Report) -> Result<()> {
-    let Some((tuff, others)) = options.icds.split_first() else {
-        eprintln!("no driver is given: no pictures");
-        return Ok(());
-    };
-    let (scale, rounds) = if options.quick {
-        let scale = Scale {
-            width: 160,
-            height: 90,
-            triangles: 20_000,
-            instances: 32,
-            no_any_hit: false,
-        };
-        (scale, 2)
-    } else {
-        let scale = Scale {
-            width: 480,
-            height: 270,
-            triangles: 200_000,
-            instances: 256,
-            no_any_hit: false,
-        };
-        (scale, 5)
-    };
-    std::fs::create_dir_all(&options.out)?;
-    let raw = options.out.join("picture.raw");
-    workload::reference(options, &scale, &raw)?;
-    let truth = workload::read(&raw)?;
-    write_png(&options.out.join("picture-f64.png"), &scale, &truth)?;
+const QUICK: Scale = Scale {
+    width: 160,
+    height: 90,
+    triangles: 20_000,
+    instances: 32,
+    no_any_hit: false,
+};
+
+const WHOLE: Scale = Scale {
+    width: 480,
+    height: 270,
+    triangles: 200_000,
+    instances: 256,
+    no_any_hit: false,
+};
+
+/// A driver with settings, and the name of its picture; empty until its first picture names it.
+type PictureRun<'a> = (String, &'a Path, Vec<(&'static str, &'static str)>);
+
+/// The first driver in each accuracy, and the others as they are.
+fn contestants<'a>(tuff: &'a Path, others: &'a [PathBuf]) -> Vec<PictureRun<'a>> {
     let accuracies = ["fast", "spec", "exact"];
-    let mut contestants: Vec<(String, &Path, Vec<(&str, &str)>)> = accuracies
+    let mut contestants: Vec<PictureRun<'_>> = accuracies
         .into_iter()
-        .map(|name| {
-            (
-                format!("Tuff {name}"),
-                tuff.as_path(),
-                vec![("TUFF_ACCURACY", name)],
-            )
-        })
+        .map(|name| (format!("Tuff {name}"), tuff, vec![("TUFF_ACCURACY", name)]))
         .collect();
     contestants.extend(
         others
             .iter()
             .map(|icd| (String::new(), icd.as_path(), Vec::new())),
     );
+    contestants
+}
+
+/// A picture in the chart, by its cost and error.
+fn point(name: &str, x: f64, y: f64) -> Point {
+    Point {
+        label: name.to_owned(),
+        x,
+        y,
+        mark: match name {
+            "Tuff spec" => Mark::Default,
+            name if name.starts_with("Tuff") => Mark::Ours,
+            _ => Mark::Other,
+        },
+    }
+}
+
+pub fn measure(options: &Options, report: &mut Report) -> Result<()> {
+    let Some((tuff, others)) = options.icds.split_first() else {
+        eprintln!("no driver is given: no pictures");
+        return Ok(());
+    };
+    let (scale, rounds) = match options.quick {
+        true => (QUICK, 2),
+        false => (WHOLE, 5),
+    };
+    std::fs::create_dir_all(&options.out)?;
+    let raw = options.out.join("picture.raw");
+    workload::reference(options, &scale, &raw)?;
+    let truth = workload::read(&raw)?;
+    write_png(&options.out.join("picture-f64.png"), &scale, &truth)?;
+    let mut contestants = contestants(tuff, others);
     let mut times = vec![f64::INFINITY; contestants.len()];
     let mut differences = Vec::new();
     for round in 0..rounds {
@@ -139,16 +157,7 @@ pub fn measure(options: &Options, report: &mut Report) -> Result<()> {
         ] {
             report.number("pictures", name, what, value);
         }
-        points.push(Point {
-            label: name.clone(),
-            x: time * 1e3,
-            y: off.rmse,
-            mark: match name.as_str() {
-                "Tuff spec" => Mark::Default,
-                name if name.starts_with("Tuff") => Mark::Ours,
-                _ => Mark::Other,
-            },
-        });
+        points.push(point(name, time * 1e3, off.rmse));
     }
     let columns = [
         "ms of processor time",

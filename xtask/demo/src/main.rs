@@ -67,27 +67,7 @@ fn main() -> Result<()> {
         rows > 0,
         "there are more tiles than rows: this one has none"
     );
-    if let Some(threads) = arguments.threads {
-        // SAFETY: no other thread runs yet.
-        unsafe { std::env::set_var("TUFF_THREADS", threads.to_string()) };
-        rayon::ThreadPoolBuilder::new()
-            .num_threads(threads as usize)
-            .build_global()?;
-    }
-    let make_scene = || match &arguments.scene {
-        Some(path) => Scene::from_gltf(path),
-        None => Ok(Scene::landscape()),
-    };
-    let start_vulkan = || {
-        let wish = vulkan::Wish {
-            draws: arguments.compare,
-            ..Default::default()
-        };
-        vulkan::Context::new(arguments.driver.as_deref(), wish)
-    };
-    let (scene, context) = rayon::join(make_scene, start_vulkan);
-    let (scene, context) = (scene?, context?);
-    ensure!(!scene.instances.is_empty(), "the scene is empty");
+    let (scene, context) = start(&arguments)?;
     let first_column = match arguments.compare {
         true => width / 2,
         false => 0,
@@ -116,23 +96,7 @@ fn main() -> Result<()> {
         scene.textures.len(),
     );
     let left = match first_column > 0 {
-        true => {
-            let rasterizer = Rasterizer::new(&world, &scene)?;
-            let drawing = Drawing::new(&rasterizer, &renderer)?;
-            let area = vk::Rect2D::default()
-                .offset(vk::Offset2D::default().y(first_row as i32))
-                .extent(vk::Extent2D {
-                    width: first_column,
-                    height: rows,
-                });
-            let started = Instant::now();
-            let pixels = drawing.radiance(area)?;
-            eprintln!(
-                "{first_column}x{rows} rasterized in {:.2} s",
-                started.elapsed().as_secs_f64()
-            );
-            pixels
-        }
+        true => rasterize_left(&world, &scene, &renderer, settings)?,
         false => Vec::new(),
     };
     let bar = ProgressBar::new(
@@ -144,17 +108,11 @@ fn main() -> Result<()> {
     bar.finish_and_clear();
     if first_column > 0 {
         let lines = rendering.radiance.chunks_exact_mut(width as usize);
-        for (line, drawn) in lines.zip(left.chunks_exact(first_column as usize)) {
-            line[..drawn.len()].copy_from_slice(drawn);
-        }
+        lay_left(lines, left.chunks_exact(first_column as usize));
     }
-    picture::write_png(
-        &arguments.out,
-        (width, rows),
-        &rendering.radiance,
-        scene.exposure,
-    )
-    .context("the picture")?;
+    let (size, exposure) = ((width, rows), scene.exposure);
+    picture::write_png(&arguments.out, size, &rendering.radiance, exposure)
+        .context("the picture")?;
     drop(renderer);
     drop(world);
     drop(pipeline);
@@ -173,6 +131,64 @@ fn main() -> Result<()> {
         arguments.out.display(),
     );
     Ok(())
+}
+
+/// The scene, and Vulkan, with the threads that the arguments allow.
+fn start(arguments: &Arguments) -> Result<(Scene, vulkan::Context)> {
+    if let Some(threads) = arguments.threads {
+        // SAFETY: no other thread runs yet.
+        unsafe { std::env::set_var("TUFF_THREADS", threads.to_string()) };
+        rayon::ThreadPoolBuilder::new()
+            .num_threads(threads as usize)
+            .build_global()?;
+    }
+    let make_scene = || match &arguments.scene {
+        Some(path) => Scene::from_gltf(path),
+        None => Ok(Scene::landscape()),
+    };
+    let start_vulkan = || {
+        let wish = vulkan::Wish {
+            draws: arguments.compare,
+            ..Default::default()
+        };
+        vulkan::Context::new(arguments.driver.as_deref(), wish)
+    };
+    let (scene, context) = rayon::join(make_scene, start_vulkan);
+    let (scene, context) = (scene?, context?);
+    ensure!(!scene.instances.is_empty(), "the scene is empty");
+    Ok((scene, context))
+}
+
+/// Lays drawn lines over the first columns of traced ones.
+fn lay_left<'l>(
+    lines: impl Iterator<Item = &'l mut [[f32; 4]]>,
+    drawn: impl Iterator<Item = &'l [[f32; 4]]>,
+) {
+    for (line, drawn) in lines.zip(drawn) {
+        line[..drawn.len()].copy_from_slice(drawn);
+    }
+}
+
+/// The columns that are drawn instead of traced, for a comparison.
+fn rasterize_left(
+    world: &DeviceScene,
+    scene: &Scene,
+    renderer: &Renderer,
+    settings: Settings,
+) -> Result<Vec<[f32; 4]>> {
+    let rasterizer = Rasterizer::new(world, scene)?;
+    let drawing = Drawing::new(&rasterizer, renderer)?;
+    let (width, height) = (settings.first_column, settings.rows);
+    let area = vk::Rect2D::default()
+        .offset(vk::Offset2D::default().y(settings.first_row as i32))
+        .extent(vk::Extent2D { width, height });
+    let started = Instant::now();
+    let pixels = drawing.radiance(area)?;
+    eprintln!(
+        "{width}x{height} rasterized in {:.2} s",
+        started.elapsed().as_secs_f64()
+    );
+    Ok(pixels)
 }
 
 /// The pipeline, by way of a cache file if there is to be one.

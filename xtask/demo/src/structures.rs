@@ -38,39 +38,7 @@ pub fn build_structures<'a>(
     let (vertices, indices) = (vertices.address(), indices.address());
     let boxes = boxes_buffer.address();
 
-    let triangles = |mesh: &crate::scene::Mesh| {
-        let own = &scene.geometries[mesh.first_geometry as usize..][..mesh.geometry_count as usize];
-        let geometries = own.iter().map(|geometry| {
-            let material = &scene.materials[geometry.material as usize];
-            let tested = material.alpha_cutoff > 0.0 || material.kind == kind::GLASS;
-            let data = TrianglesData::default()
-                .vertex_format(vk::Format::R32G32B32_SFLOAT)
-                .vertex_data(Address {
-                    device_address: vertices,
-                })
-                .vertex_stride(size_of::<Vertex>() as u64)
-                // The range's first vertex is added to each index: the greatest sum counts.
-                .max_vertex(geometry.first_vertex + geometry.vertex_count - 1)
-                .index_type(vk::IndexType::UINT32)
-                .index_data(Address {
-                    device_address: indices,
-                });
-            vk::AccelerationStructureGeometryKHR::default()
-                .geometry_type(vk::GeometryTypeKHR::TRIANGLES)
-                .geometry(GeometryData { triangles: data })
-                .flags(opaque_unless(tested))
-        });
-        let ranges = own.iter().map(|geometry| {
-            vk::AccelerationStructureBuildRangeInfoKHR::default()
-                .primitive_count(geometry.index_count / 3)
-                .primitive_offset(geometry.first_index * 4)
-                .first_vertex(geometry.first_vertex)
-        });
-        BlasInput {
-            geometries: geometries.collect(),
-            ranges: ranges.collect(),
-        }
-    };
+    let triangles = |mesh| mesh_input(scene, mesh, vertices, indices);
     let procedural = |(i, procedural): (usize, &crate::scene::Procedural)| {
         let material = &scene.materials[procedural.material as usize];
         let data = AabbsData::default()
@@ -104,6 +72,46 @@ pub fn build_structures<'a>(
         .collect();
     structures.push(build_tlas(context, &instances)?);
     Ok(structures)
+}
+
+/// The geometries of a mesh. `vertices` and `indices` are the addresses of all meshes' data.
+fn mesh_input<'g>(
+    scene: &Scene,
+    mesh: &crate::scene::Mesh,
+    vertices: u64,
+    indices: u64,
+) -> BlasInput<'g> {
+    let own = &scene.geometries[mesh.first_geometry as usize..][..mesh.geometry_count as usize];
+    let geometries = own.iter().map(|geometry| {
+        let material = &scene.materials[geometry.material as usize];
+        let tested = material.alpha_cutoff > 0.0 || material.kind == kind::GLASS;
+        let data = TrianglesData::default()
+            .vertex_format(vk::Format::R32G32B32_SFLOAT)
+            .vertex_data(Address {
+                device_address: vertices,
+            })
+            .vertex_stride(size_of::<Vertex>() as u64)
+            // The range's first vertex is added to each index: the greatest sum counts.
+            .max_vertex(geometry.first_vertex + geometry.vertex_count - 1)
+            .index_type(vk::IndexType::UINT32)
+            .index_data(Address {
+                device_address: indices,
+            });
+        vk::AccelerationStructureGeometryKHR::default()
+            .geometry_type(vk::GeometryTypeKHR::TRIANGLES)
+            .geometry(GeometryData { triangles: data })
+            .flags(opaque_unless(tested))
+    });
+    let ranges = own.iter().map(|geometry| {
+        vk::AccelerationStructureBuildRangeInfoKHR::default()
+            .primitive_count(geometry.index_count / 3)
+            .primitive_offset(geometry.first_index * 4)
+            .first_vertex(geometry.first_vertex)
+    });
+    BlasInput {
+        geometries: geometries.collect(),
+        ranges: ranges.collect(),
+    }
 }
 
 fn opaque_unless(tested: bool) -> vk::GeometryFlagsKHR {

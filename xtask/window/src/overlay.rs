@@ -45,6 +45,33 @@ pub struct Overlay<'a> {
     points: [f32; 2],
 }
 
+/// The attributes of a [`Vertex`].
+fn attributes() -> [vk::VertexInputAttributeDescription; 3] {
+    let attribute = |location: u32, format: vk::Format, offset: usize| {
+        vk::VertexInputAttributeDescription::default()
+            .location(location)
+            .format(format)
+            .offset(offset as u32)
+    };
+    [
+        attribute(
+            0,
+            vk::Format::R32G32_SFLOAT,
+            std::mem::offset_of!(Vertex, pos),
+        ),
+        attribute(
+            1,
+            vk::Format::R32G32_SFLOAT,
+            std::mem::offset_of!(Vertex, uv),
+        ),
+        attribute(
+            2,
+            vk::Format::R8G8B8A8_UNORM,
+            std::mem::offset_of!(Vertex, color),
+        ),
+    ]
+}
+
 impl<'a> Overlay<'a> {
     /// For images of a format.
     pub fn new(context: &'a Context, color: vk::Format) -> Result<Overlay<'a>> {
@@ -89,29 +116,7 @@ impl<'a> Overlay<'a> {
         let strides = [vk::VertexInputBindingDescription::default()
             .stride(size_of::<Vertex>() as u32)
             .input_rate(vk::VertexInputRate::VERTEX)];
-        let attribute = |location: u32, format: vk::Format, offset: usize| {
-            vk::VertexInputAttributeDescription::default()
-                .location(location)
-                .format(format)
-                .offset(offset as u32)
-        };
-        let attributes = [
-            attribute(
-                0,
-                vk::Format::R32G32_SFLOAT,
-                std::mem::offset_of!(Vertex, pos),
-            ),
-            attribute(
-                1,
-                vk::Format::R32G32_SFLOAT,
-                std::mem::offset_of!(Vertex, uv),
-            ),
-            attribute(
-                2,
-                vk::Format::R8G8B8A8_UNORM,
-                std::mem::offset_of!(Vertex, color),
-            ),
-        ];
+        let attributes = attributes();
         let input = DrawInput {
             vertex: shader!("panel.vert"),
             fragment: shader!("panel.frag"),

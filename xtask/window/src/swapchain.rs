@@ -42,6 +42,44 @@ pub enum Outcome {
     SurfaceLost,
 }
 
+impl Outcome {
+    /// The window shows the picture.
+    pub fn was_presented(self) -> bool {
+        matches!(self, Self::Presented | Self::Misfit { presented: true })
+    }
+}
+
+/// Opaque composition, or another kind that the surface has.
+fn alpha_of(capabilities: &vk::SurfaceCapabilitiesKHR) -> vk::CompositeAlphaFlagsKHR {
+    let opaque = vk::CompositeAlphaFlagsKHR::OPAQUE;
+    let offered = capabilities.supported_composite_alpha;
+    match offered.contains(opaque) {
+        true => opaque,
+        false => vk::CompositeAlphaFlagsKHR::from_raw(1 << offered.as_raw().trailing_zeros()),
+    }
+}
+
+/// The extent of images for a window of this size.
+fn extent_of(
+    capabilities: &vk::SurfaceCapabilitiesKHR,
+    (width, height): (u32, u32),
+) -> vk::Extent2D {
+    match capabilities.current_extent {
+        // The swapchain decides, as on Wayland.
+        vk::Extent2D {
+            width: u32::MAX,
+            height: u32::MAX,
+        } => {
+            let (min, max) = (capabilities.min_image_extent, capabilities.max_image_extent);
+            vk::Extent2D {
+                width: width.clamp(min.width, max.width),
+                height: height.clamp(min.height, max.height),
+            }
+        }
+        extent => extent,
+    }
+}
+
 impl<'a> Swapchain<'a> {
     /// Images of the window's size, in place of `old`; nothing while the window has no area.
     ///
@@ -69,20 +107,7 @@ impl<'a> Swapchain<'a> {
             Ok(asked) => asked,
             Err(error) => return Ok(Err(error)),
         };
-        let extent = match capabilities.current_extent {
-            // The swapchain decides, as on Wayland.
-            vk::Extent2D {
-                width: u32::MAX,
-                height: u32::MAX,
-            } => {
-                let (min, max) = (capabilities.min_image_extent, capabilities.max_image_extent);
-                vk::Extent2D {
-                    width: width.clamp(min.width, max.width),
-                    height: height.clamp(min.height, max.height),
-                }
-            }
-            extent => extent,
-        };
+        let extent = extent_of(&capabilities, (width, height));
         if width == 0 || height == 0 || extent.width == 0 || extent.height == 0 {
             return Ok(Ok(None));
         }
@@ -97,12 +122,7 @@ impl<'a> Swapchain<'a> {
             0 => u32::MAX,
             most => most,
         };
-        let opaque = vk::CompositeAlphaFlagsKHR::OPAQUE;
-        let offered = capabilities.supported_composite_alpha;
-        let alpha = match offered.contains(opaque) {
-            true => opaque,
-            false => vk::CompositeAlphaFlagsKHR::from_raw(1 << offered.as_raw().trailing_zeros()),
-        };
+        let alpha = alpha_of(&capabilities);
         let info = vk::SwapchainCreateInfoKHR::default()
             .surface(surface.handle)
             .min_image_count((capabilities.min_image_count + 1).min(most))
@@ -134,7 +154,17 @@ impl<'a> Swapchain<'a> {
                 acquired: device.create_semaphore(&semaphore, None)?,
                 functions,
             };
-            for image in swapchain.functions.get_swapchain_images(handle)? {
+            swapchain.add_images()?;
+            Ok(Ok(Some(swapchain)))
+        }
+    }
+
+    /// Adds the swapchain's images, each with a view and a semaphore.
+    fn add_images(&mut self) -> Result<()> {
+        let semaphore = vk::SemaphoreCreateInfo::default();
+        // SAFETY: the swapchain is alive, and so are its images.
+        unsafe {
+            for image in self.functions.get_swapchain_images(self.handle)? {
                 let range = vk::ImageSubresourceRange::default()
                     .aspect_mask(vk::ImageAspectFlags::COLOR)
                     .level_count(1)
@@ -142,16 +172,16 @@ impl<'a> Swapchain<'a> {
                 let view = vk::ImageViewCreateInfo::default()
                     .image(image)
                     .view_type(vk::ImageViewType::TYPE_2D)
-                    .format(format.format)
+                    .format(self.format)
                     .subresource_range(range);
-                swapchain.images.push(SwapchainImage {
+                self.images.push(SwapchainImage {
                     image,
-                    view: device.create_image_view(&view, None)?,
-                    drawn: device.create_semaphore(&semaphore, None)?,
+                    view: self.context.device.create_image_view(&view, None)?,
+                    drawn: self.context.device.create_semaphore(&semaphore, None)?,
                 });
             }
-            Ok(Ok(Some(swapchain)))
         }
+        Ok(())
     }
 
     /// Draws a picture by what `record` records, waits for that, and presents it.

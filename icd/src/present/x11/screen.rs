@@ -193,6 +193,88 @@ impl X11Screen {
         }
         Ok(())
     }
+
+    /// Sends a pixmap to the server's Present extension.
+    fn present(&mut self, pixmap: u32, frame: &Frame<'_>) -> Result<(), SurfaceLost> {
+        let Timing::Present {
+            events,
+            under_way,
+            last_msc,
+            ..
+        } = &mut self.timing
+        else {
+            return Ok(());
+        };
+        // Frames of the previous swapchain may still wait for their refresh. They come
+        // first.
+        let is_own = |number| under_way.iter().any(|frame| frame.number == number);
+        let when = match events.has_others(is_own) {
+            true => When::NextRefresh,
+            false => frame.when,
+        };
+        let number = events.begin()?;
+        let sent_ns = timestamp_ns();
+        let (options, target_msc) = match when {
+            When::NextRefresh | When::Replaceable => (PresentOption::COPY, 0),
+            When::NextRefreshOrLate => (PresentOption::COPY | PresentOption::ASYNC, *last_msc + 1),
+            When::AtOnce => (PresentOption::COPY | PresentOption::ASYNC, 0),
+        };
+        let is_in_order = !options.contains(PresentOption::ASYNC);
+        let x = &self.connection.x;
+        x.present_pixmap(
+            self.window,
+            pixmap,
+            number,
+            0,
+            0,
+            0,
+            0,
+            0,
+            0,
+            0,
+            options.into(),
+            target_msc,
+            0,
+            0,
+            // Servers up to 21.1 crash with notifies for other windows.
+            &[],
+        )
+        .map_err(|_| SurfaceLost)?
+        .ignore_error();
+        under_way.push(UnderWay {
+            number,
+            serial: frame.serial,
+            index: frame.index,
+            since: Instant::now(),
+            sent_ns,
+            is_in_order,
+        });
+        self.look()
+    }
+
+    /// Copies a pixmap to the window at once.
+    fn copy(&mut self, pixmap: u32, frame: &Frame<'_>) -> Result<(), SurfaceLost> {
+        let extent = self.buffer_extent();
+        let Timing::Clock { next, shown } = &mut self.timing else {
+            return Ok(());
+        };
+        let (width, height) = (extent.width as u16, extent.height as u16);
+        let x = &self.connection.x;
+        x.copy_area(pixmap, self.window, self.gc, 0, 0, 0, 0, width, height)
+            .map_err(|_| SurfaceLost)?
+            .ignore_error();
+        let now = Instant::now();
+        *next = match frame.when {
+            When::AtOnce => now,
+            // Unused refreshes have passed.
+            _ => (*next + REFRESH).max(now),
+        };
+        *shown = Some(frame.serial);
+        // The server replies in order: after this reply it has copied the pixmap.
+        self.look()?;
+        self.pending.push(ScreenEvent::Free { index: frame.index });
+        Ok(())
+    }
 }
 
 impl Screen for X11Screen {
@@ -211,78 +293,9 @@ impl Screen for X11Screen {
         };
         let pixmap = buffers.fill(&self.pictures, frame.index, self.gc)?;
         self.buffers = Some(buffers);
-        let x = &self.connection.x;
-        match &mut self.timing {
-            Timing::Present {
-                events,
-                under_way,
-                last_msc,
-                ..
-            } => {
-                // Frames of the previous swapchain may still wait for their refresh. They come
-                // first.
-                let is_own = |number| under_way.iter().any(|frame| frame.number == number);
-                let when = match events.has_others(is_own) {
-                    true => When::NextRefresh,
-                    false => frame.when,
-                };
-                let number = events.begin()?;
-                let sent_ns = timestamp_ns();
-                let (options, target_msc) = match when {
-                    When::NextRefresh | When::Replaceable => (PresentOption::COPY, 0),
-                    When::NextRefreshOrLate => {
-                        (PresentOption::COPY | PresentOption::ASYNC, *last_msc + 1)
-                    }
-                    When::AtOnce => (PresentOption::COPY | PresentOption::ASYNC, 0),
-                };
-                let is_in_order = !options.contains(PresentOption::ASYNC);
-                x.present_pixmap(
-                    self.window,
-                    pixmap,
-                    number,
-                    0,
-                    0,
-                    0,
-                    0,
-                    0,
-                    0,
-                    0,
-                    options.into(),
-                    target_msc,
-                    0,
-                    0,
-                    // Servers up to 21.1 crash with notifies for other windows.
-                    &[],
-                )
-                .map_err(|_| SurfaceLost)?
-                .ignore_error();
-                under_way.push(UnderWay {
-                    number,
-                    serial: frame.serial,
-                    index: frame.index,
-                    since: Instant::now(),
-                    sent_ns,
-                    is_in_order,
-                });
-                self.look()
-            }
-            Timing::Clock { next, shown } => {
-                let (width, height) = (extent.width as u16, extent.height as u16);
-                x.copy_area(pixmap, self.window, self.gc, 0, 0, 0, 0, width, height)
-                    .map_err(|_| SurfaceLost)?
-                    .ignore_error();
-                let now = Instant::now();
-                *next = match frame.when {
-                    When::AtOnce => now,
-                    // Unused refreshes have passed.
-                    _ => (*next + REFRESH).max(now),
-                };
-                *shown = Some(frame.serial);
-                // The server replies in order: after this reply it has copied the pixmap.
-                self.look()?;
-                self.pending.push(ScreenEvent::Free { index: frame.index });
-                Ok(())
-            }
+        match self.timing {
+            Timing::Present { .. } => self.present(pixmap, frame),
+            Timing::Clock { .. } => self.copy(pixmap, frame),
         }
     }
 

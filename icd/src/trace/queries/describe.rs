@@ -7,7 +7,7 @@ use spirv_jit::program::{AlignedRow, Row};
 use spirv_jit::query::{QueryWord, row};
 use traversal::{Hit, HitRows};
 
-use super::super::facts::{Lanes, Subjects, Take, Told, take};
+use super::super::facts::{CachedFacts, Lanes, Subjects, Take, take};
 use super::super::lanes::put_lanes;
 use super::floats;
 use crate::wave::Limits;
@@ -55,7 +55,7 @@ lanes::vectors! {
         limits: &Limits,
     ) {
         let (rays, to) = object.split_at_mut(row::WORDS);
-        let (rows, told) = (Rows { rays, hits, lanes }, Told::default());
+        let (rows, cached) = (Rows { rays, hits, lanes }, CachedFacts::default());
         for (to, word) in to[at..].iter_mut().zip(words) {
             let (fact, component) = (word.fact, word.component as usize);
             let mut from = [0; SUBGROUP_SIZE];
@@ -64,7 +64,7 @@ lanes::vectors! {
             } else if let Some(row) = take(fact, component, &rows) {
                 from = row;
             } else {
-                told.write_row(&rows, limits, fact, component, &mut from);
+                cached.write_row(&rows, limits, fact, component, &mut from);
             }
             put_lanes(v, &mut to.0, &from, lanes);
         }

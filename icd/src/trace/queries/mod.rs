@@ -48,8 +48,8 @@ struct Context<'a> {
     view: Option<View<'a>>,
 }
 
-/// The queries of lanes whose objects lie in the same rows.
-struct Object<'a> {
+/// The queries of lanes whose query objects are in the same rows.
+struct QueryRows<'a> {
     /// Its first row, among the private ones.
     first: u32,
     rows: &'a mut [AlignedRow],
@@ -94,7 +94,7 @@ impl Queries {
             rest -= lanes;
             let size = row::WORDS + program.query_words().len();
             if let Some(rows) = private.get_mut(place as usize..place as usize + size) {
-                let mut object = Object { first: place, rows };
+                let mut object = QueryRows { first: place, rows };
                 stand |= self.proceed_together(&mut context, &mut object, lanes)?;
             }
         }
@@ -111,7 +111,7 @@ impl Queries {
     fn proceed_together(
         &mut self,
         context: &mut Context<'_>,
-        object: &mut Object<'_>,
+        object: &mut QueryRows<'_>,
         lanes: LaneMask,
     ) -> Result<LaneMask, Stopped> {
         let ready = lanes & object.lanes_at(state::READY);
@@ -129,7 +129,7 @@ impl Queries {
     fn start(
         &mut self,
         context: &mut Context<'_>,
-        object: &mut Object<'_>,
+        object: &mut QueryRows<'_>,
         lanes: LaneMask,
     ) -> Result<LaneMask, Stopped> {
         self.waiting.forget(object.first, lanes, context.owned);
@@ -175,7 +175,7 @@ impl Queries {
     fn advance(
         &mut self,
         context: &mut Context<'_>,
-        object: &mut Object<'_>,
+        object: &mut QueryRows<'_>,
         lanes: LaneMask,
     ) -> Result<LaneMask, Stopped> {
         let asked = [state::CANDIDATE, state::CONFIRMED, state::GENERATED];
@@ -249,7 +249,7 @@ impl Queries {
 /// Records the results of queries' rays; returns the lanes that stand at a candidate.
 fn settle(
     (tier, program, limits): (Tier, &Program, &Limits),
-    object: &mut Object<'_>,
+    object: &mut QueryRows<'_>,
     flight: &mut Flight,
     lanes: LaneMask,
 ) -> LaneMask {
@@ -266,7 +266,7 @@ fn settle(
 }
 
 /// Applies what the shader has decided about candidates; nonsense counts as nothing.
-fn decide(flight: &mut Flight, object: &Object<'_>, lanes: LaneMask) {
+fn decide(flight: &mut Flight, object: &QueryRows<'_>, lanes: LaneMask) {
     let built_in = flight.candidates().built_in();
     let confirmed = object.lanes_at(state::CONFIRMED) & lanes & built_in;
     if !confirmed.is_empty() {
@@ -281,7 +281,7 @@ fn decide(flight: &mut Flight, object: &Object<'_>, lanes: LaneMask) {
 }
 
 #[cold]
-fn check(context: &Context<'_>, object: &Object<'_>, lanes: LaneMask) {
+fn check(context: &Context<'_>, object: &QueryRows<'_>, lanes: LaneMask) {
     let Some(queried) = &context.limits.queried else {
         return;
     };
@@ -344,7 +344,7 @@ fn floats(object: &[AlignedRow], row: usize) -> Lanes<f32> {
     super::lanes::floats(&object[row].0)
 }
 
-impl Object<'_> {
+impl QueryRows<'_> {
     /// Lanes whose query stands at a state.
     #[inline]
     fn lanes_at(&self, state: u32) -> LaneMask {

@@ -8,7 +8,7 @@ use spirv_jit::origin::CodeLocation;
 use spirv_jit::query::{row, state};
 use traversal::{Flight, RayRows, Walker};
 
-use super::{Object, load};
+use super::{QueryRows, load};
 use crate::wave::Limits;
 use crate::wave::launch_counts::{Cells, LaunchCounts, WalkedRay};
 use crate::wave::observer::{Instruction, Observation, Observer, QueryDecision, RayStart};
@@ -53,7 +53,7 @@ impl<'a> View<'a> {
 
     /// A query's rays start.
     #[cold]
-    pub fn start(&self, object: &Object<'_>, lanes: LaneMask) {
+    pub fn start(&self, object: &QueryRows<'_>, lanes: LaneMask) {
         let mut rays = RayRows::NONE;
         load(object.rows, &mut rays);
         if let Some(Counted { counts, cells }) = &self.counted {
@@ -84,7 +84,7 @@ impl<'a> View<'a> {
 
     /// The shader has decided about a candidate, which is still there.
     #[cold]
-    pub fn decision(&self, object: &Object<'_>, flight: &Flight, lanes: LaneMask) {
+    pub fn decision(&self, object: &QueryRows<'_>, flight: &Flight, lanes: LaneMask) {
         let Some((observer, lane)) = self.observed(lanes) else {
             return;
         };
@@ -104,7 +104,7 @@ impl<'a> View<'a> {
 
     /// Rays stand at candidates, or have ended.
     #[cold]
-    pub fn settled(&mut self, object: &Object<'_>, flight: &Flight, lanes: LaneMask) {
+    pub fn settled(&mut self, object: &QueryRows<'_>, flight: &Flight, lanes: LaneMask) {
         if let Some(Counted { cells, .. }) = &self.counted {
             let mut rays = RayRows::NONE;
             load(object.rows, &mut rays);

@@ -121,6 +121,41 @@ impl Fast<'_> {
         }
     }
 
+    /// A coordinate in texels. Periodic modes reduce it, others clamp it near the level.
+    #[inline(always)]
+    fn texel_along<V: Vector>(
+        &self,
+        v: V,
+        mode: AddressMode,
+        coordinate: V::F,
+        size: V::I,
+    ) -> V::F {
+        let size = v.to_f(size);
+        let half = v.splat(if self.is_nearest { 0.0 } else { 0.5 });
+        match mode {
+            // Reduced before scaling, which loses nothing.
+            AddressMode::Repeat => {
+                let fraction = v.sub(coordinate, v.floor(coordinate));
+                v.sub(v.mul(fraction, size), half)
+            }
+            AddressMode::MirroredRepeat => {
+                let periods = v.floor(v.mul(coordinate, v.splat(0.5)));
+                let period = v.sub(coordinate, v.mul(v.splat(2.0), periods));
+                v.sub(v.mul(period, size), half)
+            }
+            // Far enough outside for both texels to be the edge's.
+            _ => {
+                let reach = v.add(size, v.splat(64.0));
+                let least = v.sub(v.splat(0.0), reach);
+                let texels = match self.sampler.unnormalized_coordinates {
+                    true => coordinate,
+                    false => v.mul(coordinate, size),
+                };
+                v.min(v.max(v.sub(texels, half), least), reach)
+            }
+        }
+    }
+
     /// `offset`, in texels, comes from an operation that has one.
     #[inline(always)]
     pub(super) fn axis<V: Vector>(
@@ -136,30 +171,7 @@ impl Fast<'_> {
             block_shift,
             looked_at,
         } = along;
-        let size_f = v.to_f(size);
-        let half = v.splat(if self.is_nearest { 0.0 } else { 0.5 });
-        let texel = match mode {
-            // Periodic: reduced before scaling, which loses nothing.
-            AddressMode::Repeat => {
-                let fraction = v.sub(coordinate, v.floor(coordinate));
-                v.sub(v.mul(fraction, size_f), half)
-            }
-            AddressMode::MirroredRepeat => {
-                let periods = v.floor(v.mul(coordinate, v.splat(0.5)));
-                let period = v.sub(coordinate, v.mul(v.splat(2.0), periods));
-                v.sub(v.mul(period, size_f), half)
-            }
-            // Far enough outside for both texels to be the edge's.
-            _ => {
-                let reach = v.add(size_f, v.splat(64.0));
-                let least = v.sub(v.splat(0.0), reach);
-                let texels = match self.sampler.unnormalized_coordinates {
-                    true => coordinate,
-                    false => v.mul(coordinate, size_f),
-                };
-                v.min(v.max(v.sub(texels, half), least), reach)
-            }
-        };
+        let texel = self.texel_along(v, mode, coordinate, size);
         let floor = v.floor(texel);
         let mut first = v.to_i(floor);
         if offset.is_some() || self.is_gather() {

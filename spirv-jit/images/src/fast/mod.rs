@@ -87,33 +87,8 @@ impl<'a> Fast<'a> {
             _ => op.spatial_count(),
         };
         let modes = &sampler.address_mode[..spatial];
-        let modes_fit = !is_cube || !sampler.non_seamless && !sampler.unnormalized_coordinates;
+        let applies = Self::applies(op, image, info, sampler, modes);
         let is_gather = op.kind != ImageOpKind::Sample;
-        let kind_fits = match is_gather {
-            // They take the base level, which may be outside of the view.
-            true => image.has_level(0),
-            false => {
-                sampler.mag_filter == sampler.min_filter
-                    && sampler.reduction == Reduction::WeightedAverage
-            }
-        };
-        // One texel of one level, or gathered ones: nothing is computed with them.
-        let takes_integers = !info.is_wide()
-            && (is_gather
-                || sampler.mag_filter == Filter::Nearest
-                    && (sampler.mipmap_mode == Filter::Nearest || image.level_count == 1)
-                    && !lod::is_anisotropic(sampler));
-        let applies = may_apply(op)
-            && modes_fit
-            // Those are clamped, by valid usage.
-            && (!sampler.unnormalized_coordinates
-                || modes.iter().all(|mode| *mode == AddressMode::ClampToEdge))
-            && kind_fits
-            && (!info.numeric.is_integer() || takes_integers)
-            // Blocks of four by four, or texels.
-            && matches!(info.block_extent(), [1, 1] | [4, 4])
-            && image.conversion.is_none()
-            && image.size_bytes <= i32::MAX as u64;
         let srgb = matches!(info.codec, Codec::Srgb8Rgba | Codec::Srgb8Bgra);
         let bytes = srgb || matches!(info.codec, Codec::Unorm8(4) | Codec::Bgra8);
         let in_order = image.swizzle == [0, 1, 2, 3];
@@ -166,6 +141,44 @@ impl<'a> Fast<'a> {
             gathers_words,
             has_more,
         })
+    }
+
+    /// Whether a sample or gather that [`may_apply`] is fast with this image and sampler.
+    fn applies(
+        op: &ImageOp,
+        image: &ImageDescriptor,
+        info: &FormatInfo,
+        sampler: &SamplerDescriptor,
+        modes: &[AddressMode],
+    ) -> bool {
+        let is_cube = op.dim == Dim::Cube;
+        let is_gather = op.kind != ImageOpKind::Sample;
+        let modes_fit = !is_cube || !sampler.non_seamless && !sampler.unnormalized_coordinates;
+        let kind_fits = match is_gather {
+            // They take the base level, which may be outside of the view.
+            true => image.has_level(0),
+            false => {
+                sampler.mag_filter == sampler.min_filter
+                    && sampler.reduction == Reduction::WeightedAverage
+            }
+        };
+        // One texel of one level, or gathered ones: nothing is computed with them.
+        let takes_integers = !info.is_wide()
+            && (is_gather
+                || sampler.mag_filter == Filter::Nearest
+                    && (sampler.mipmap_mode == Filter::Nearest || image.level_count == 1)
+                    && !lod::is_anisotropic(sampler));
+        may_apply(op)
+            && modes_fit
+            // Those are clamped, by valid usage.
+            && (!sampler.unnormalized_coordinates
+                || modes.iter().all(|mode| *mode == AddressMode::ClampToEdge))
+            && kind_fits
+            && (!info.numeric.is_integer() || takes_integers)
+            // Blocks of four by four, or texels.
+            && matches!(info.block_extent(), [1, 1] | [4, 4])
+            && image.conversion.is_none()
+            && image.size_bytes <= i32::MAX as u64
     }
 
     #[inline(always)]

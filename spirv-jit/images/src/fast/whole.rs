@@ -13,7 +13,7 @@ use super::super::lod;
 use super::super::operands::Operands;
 use super::super::{AddressMode, CompareOp, ImageDescriptor, ImageOpKind, LodMode, cube, sample};
 use super::axis::{Along, Axis};
-use super::levels::{Levels, levels_of};
+use super::levels::{Anisotropy, Levels, levels_of};
 use super::taps::{Taps, index_in_block};
 use super::{Components, Fast, Offsets};
 
@@ -88,22 +88,7 @@ impl Fast<'_> {
     ) -> Components<V> {
         let offsets = self.offsets(v, operands);
         let mut place = self.place(v, operands.coordinates);
-        let (mut lambda, mut anisotropy) = (None, None);
-        if self.op.lod == LodMode::Grad && self.takes_derivatives() {
-            if self.is_cube {
-                let lod = lod::from_gradients(self.op, operands, self.image, self.sampler);
-                lambda = Some(v.load(&lod::words(&lod.lambda)));
-            } else {
-                let mut derivatives = [[v.splat(0.0); 3]; 2];
-                for (screen, along) in derivatives.iter_mut().enumerate() {
-                    for axis in 0..self.spatial {
-                        along[axis] = v.load(operands.lod[screen * self.spatial + axis]);
-                    }
-                }
-                let footprint = self.footprint(v, derivatives);
-                (lambda, anisotropy) = (Some(footprint.lambda), footprint.anisotropy);
-            }
-        }
+        let (lambda, anisotropy) = self.lod_of_gradients(v, operands);
         #[expect(clippy::manual_map, reason = "closures are not compiled for the tier")]
         let reference = match operands.depth_reference {
             Some(row) => Some(self.reference(v, row)),
@@ -165,6 +150,31 @@ impl Fast<'_> {
                 return total;
             }
         }
+    }
+
+    /// The level of detail by the operands' gradients, with the axis of anisotropic samples; `None`
+    /// without gradients.
+    #[inline(always)]
+    fn lod_of_gradients<V: Vector>(
+        &self,
+        v: V,
+        operands: &Operands<'_>,
+    ) -> (Option<V::F>, Option<Anisotropy<V>>) {
+        if self.op.lod != LodMode::Grad || !self.takes_derivatives() {
+            return (None, None);
+        }
+        if self.is_cube {
+            let lod = lod::from_gradients(self.op, operands, self.image, self.sampler);
+            return (Some(v.load(&lod::words(&lod.lambda))), None);
+        }
+        let mut derivatives = [[v.splat(0.0); 3]; 2];
+        for (screen, along) in derivatives.iter_mut().enumerate() {
+            for axis in 0..self.spatial {
+                along[axis] = v.load(operands.lod[screen * self.spatial + axis]);
+            }
+        }
+        let footprint = self.footprint(v, derivatives);
+        (Some(footprint.lambda), footprint.anisotropy)
     }
 
     /// A gather in the lanes of `mask`: the component, or the comparison with a reference, of the

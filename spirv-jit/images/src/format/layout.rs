@@ -83,8 +83,97 @@ pub struct FormatInfo {
     pub(crate) decoded_in_vectors: bool,
 }
 
+/// The components in a format's name.
+struct NamedComponents {
+    /// Letters and bits.
+    order: [(u8, u8); 8],
+    count: usize,
+    /// Bits of all.
+    bits: u16,
+    /// The position in the name after them.
+    end: usize,
+    has_depth: bool,
+    has_stencil: bool,
+}
+
+impl NamedComponents {
+    const fn read(text: &[u8]) -> NamedComponents {
+        let mut found = NamedComponents {
+            order: [(0, 0); 8],
+            count: 0,
+            bits: 0,
+            end: 0,
+            has_depth: false,
+            has_stencil: false,
+        };
+        loop {
+            if text[found.end] == b'_' {
+                // Only the depth formats separate their components.
+                if text[found.end + 1] == b'D' && is_digit(text[found.end + 2]) {
+                    found.end += 1;
+                } else {
+                    return found;
+                }
+            }
+            let letter = text[found.end];
+            found.end += 1;
+            let mut bits = 0;
+            while found.end < text.len() && is_digit(text[found.end]) {
+                bits = bits * 10 + (text[found.end] - b'0');
+                found.end += 1;
+            }
+            found.order[found.count] = (letter, bits);
+            found.count += 1;
+            found.bits += bits as u16;
+            found.has_depth |= letter == b'D';
+            found.has_stencil |= letter == b'S';
+        }
+    }
+
+    /// The bits of R, G, B and A in a texel of the format of this name.
+    const fn channels(&self, text: &[u8]) -> [Channel; 4] {
+        // Several packed words are components one after the other.
+        let packed = contains(text, b"PACK");
+        let words = contains(text, b"2PACK") || contains(text, b"4PACK");
+        let mut word = 0;
+        let mut channels = [Channel { offset: 0, bits: 0 }; 4];
+        let mut offset = if packed { self.bits } else { 0 };
+        let mut index = 0;
+        while index < self.count {
+            let (letter, bits) = self.order[index];
+            if packed {
+                offset -= bits as u16;
+            }
+            let component = match letter {
+                b'R' | b'D' | b'S' => 0,
+                b'G' => 1,
+                b'B' => 2,
+                b'A' => 3,
+                // X: unused; E: the shared exponent.
+                _ => 4,
+            };
+            if component < 4 {
+                channels[component] = Channel {
+                    offset: match words {
+                        // The padding below is as wide as a word lacks.
+                        true => 16 * word + 16 - bits,
+                        false => offset as u8,
+                    },
+                    bits,
+                };
+                word += 1;
+            }
+            if !packed {
+                offset += bits as u16;
+            }
+            index += 1;
+        }
+        channels
+    }
+}
+
 impl FormatInfo {
-    /// Components present.
+    /// NamedComponents present.
     pub const fn component_count(&self) -> usize {
         let mut count = 0;
         let mut index = 0;
@@ -141,71 +230,11 @@ impl FormatInfo {
         if contains(text, b"_BLOCK") {
             return Self::parse_compressed(name);
         }
-        // Several packed words are components one after the other.
-        let packed = contains(text, b"PACK");
-        let words = contains(text, b"2PACK") || contains(text, b"4PACK");
-        let mut word = 0;
-        let mut order = [(0u8, 0u8); 8];
-        let mut count = 0;
-        let mut total = 0u16;
-        let mut at = 0;
-        let (mut has_depth, mut has_stencil) = (false, false);
-        loop {
-            if text[at] == b'_' {
-                // Only the depth formats separate their components.
-                if text[at + 1] == b'D' && is_digit(text[at + 2]) {
-                    at += 1;
-                } else {
-                    break;
-                }
-            }
-            let letter = text[at];
-            at += 1;
-            let mut bits = 0;
-            while at < text.len() && is_digit(text[at]) {
-                bits = bits * 10 + (text[at] - b'0');
-                at += 1;
-            }
-            order[count] = (letter, bits);
-            count += 1;
-            total += bits as u16;
-            has_depth |= letter == b'D';
-            has_stencil |= letter == b'S';
-        }
-        has_stencil |= contains(text, b"_S8_");
-        let mut channels = [Channel { offset: 0, bits: 0 }; 4];
-        let mut offset = if packed { total } else { 0 };
-        let mut index = 0;
-        while index < count {
-            let (letter, bits) = order[index];
-            if packed {
-                offset -= bits as u16;
-            }
-            let component = match letter {
-                b'R' | b'D' | b'S' => 0,
-                b'G' => 1,
-                b'B' => 2,
-                b'A' => 3,
-                // X: unused; E: the shared exponent.
-                _ => 4,
-            };
-            if component < 4 {
-                channels[component] = Channel {
-                    offset: match words {
-                        // The padding below is as wide as a word lacks.
-                        true => 16 * word + 16 - bits,
-                        false => offset as u8,
-                    },
-                    bits,
-                };
-                word += 1;
-            }
-            if !packed {
-                offset += bits as u16;
-            }
-            index += 1;
-        }
-        let numeric = numeric(text, at + 1);
+        let found = NamedComponents::read(text);
+        let channels = found.channels(text);
+        let numeric = numeric(text, found.end + 1);
+        let (total, has_depth) = (found.bits, found.has_depth);
+        let has_stencil = found.has_stencil || contains(text, b"_S8_");
         // A 24-bit depth takes a 32-bit word even where its name does not pad it.
         let size_bytes = if total == 24 && has_depth {
             4

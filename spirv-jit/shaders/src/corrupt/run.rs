@@ -50,14 +50,10 @@ impl Guarded {
     }
 }
 
-/// Runs a program as one wave, with a buffer, images and samplers bound everywhere but in each
-/// fifth binding, and with nonsense for all that it is given and answered. `margin` words around
-/// each buffer are looked at afterwards; none where a sanitizer watches its ends.
-pub fn run(program: &Program, random: &mut Rng, margin: usize) {
-    let [mut buffer, mut texels, mut pushed] = [(); 3].map(|()| Guarded::new(random, margin));
-    let size_bytes = 4 * WORDS as u64;
+/// An image of 16 × 16 texels.
+fn picture(data: *mut u8, size_bytes: u64) -> ImageDescriptor {
     let mut picture = ImageDescriptor {
-        data: texels.start().cast(),
+        data,
         size_bytes,
         format: RGBA8,
         level_count: 1,
@@ -73,6 +69,16 @@ pub fn run(program: &Program, random: &mut Rng, margin: usize) {
         slice_stride_bytes: size_bytes,
         ..picture.levels[0]
     };
+    picture
+}
+
+/// Runs a program as one wave, with a buffer, images and samplers bound everywhere but in each
+/// fifth binding, and with nonsense for all that it is given and answered. `margin` words around
+/// each buffer are looked at afterwards; none where a sanitizer watches its ends.
+pub fn run(program: &Program, random: &mut Rng, margin: usize) {
+    let [mut buffer, mut texels, mut pushed] = [(); 3].map(|()| Guarded::new(random, margin));
+    let size_bytes = 4 * WORDS as u64;
+    let picture = picture(texels.start().cast(), size_bytes);
     let list = ImageDescriptor::texel_buffer(picture.data, size_bytes, RGBA8);
     let sampler = SamplerDescriptor::DEFAULT;
     let entries: Vec<Descriptor> = (0..512)

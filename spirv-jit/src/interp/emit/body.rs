@@ -5,7 +5,7 @@ use smallvec::SmallVec;
 
 use super::{Emitter, Move, Target, instr};
 use crate::Error;
-use crate::interp::code::{Place, Return};
+use crate::interp::code::{ResumeTarget, Return};
 use crate::interp::kernels::{Copy, MaskedCopy};
 use crate::interp::machine::{Handler, Instr};
 use crate::interp::operand::Operand;
@@ -452,7 +452,7 @@ impl<'m> Emitter<'m> {
             "emitted in another order than planned"
         );
         let (pc, live) = (at.0 as u32, point.live);
-        self.code.points.push(Place {
+        self.code.points.push(ResumeTarget {
             pc,
             function: point.function,
             masks: point.masks,

@@ -6,7 +6,7 @@ use crate::interp::machine::Instr;
 use crate::interp::native;
 use crate::interp::operand::Operand;
 use crate::ir::{Inst, Value};
-use crate::native::{Encoding, Executable, Listed, ListedTurns, Place, Row, Stretch};
+use crate::native::{Encoding, Executable, IrOperand, Listed, ListedTurns, Stretch, ValueRow};
 
 /// Fewer operations are left to the interpreter: one call costs as much as another.
 const LEAST_OPERATIONS: usize = 2;
@@ -110,7 +110,7 @@ impl<'m> Emitter<'m> {
         let mut open = native.take_open();
         for m in moves {
             let from = self.place(m.value.expect("has code"));
-            (open.stretch).copy_to(&from, Row::Frame(m.to.index()), m.masked);
+            (open.stretch).copy_to(&from, ValueRow::Frame(m.to.index()), m.masked);
         }
         open.moves = moves.to_vec();
         open.in_place = in_place.iter().filter_map(|m| m.value).collect();
@@ -126,10 +126,10 @@ impl<'m> Emitter<'m> {
         if let Some(pair) = self.placed().fusion.of(inst) {
             let taken = inst.args[pair.side as usize];
             let operands: Vec<Value> = pair.operands[..2].iter().flatten().copied().collect();
-            let result = Place {
+            let result = IrOperand {
                 value: taken,
                 ty: pair.ty,
-                row: Row::Nowhere,
+                row: ValueRow::Forwarded,
                 constant: None,
             };
             if !stretch.perform(&pair.first, &places(&operands), &[result]) {
@@ -144,10 +144,10 @@ impl<'m> Emitter<'m> {
         performed
     }
 
-    pub(super) fn place(&self, value: Value) -> Place {
+    pub(super) fn place(&self, value: Value) -> IrOperand {
         let operand = self.operand(value);
         let (row, constant) = match operand {
-            Operand::NONE => (Row::Nowhere, None),
+            Operand::NONE => (ValueRow::Forwarded, None),
             _ if operand.is_uniform() => {
                 let constant = self.code.constants.get(operand.index()).map(|row| {
                     let [low, high, ..] = row.0;
@@ -156,11 +156,11 @@ impl<'m> Emitter<'m> {
                         _ => low as u64,
                     }
                 });
-                (Row::Uniform(operand.index()), constant)
+                (ValueRow::Uniform(operand.index()), constant)
             }
-            _ => (Row::Frame(operand.index()), None),
+            _ => (ValueRow::Frame(operand.index()), None),
         };
-        Place {
+        IrOperand {
             value,
             ty: self.body_function().ty(value),
             row,

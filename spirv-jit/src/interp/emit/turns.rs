@@ -14,7 +14,8 @@ use crate::ir::op::{Access, SubgroupOp};
 use crate::ir::stage::Stage;
 use crate::ir::{Body, Inst, Label, Node, Op, Space, Step, Terminator, Type, Value, VariableId};
 use crate::native::{
-    Encoding, Lanes, ListedTurns, MAX_REGIONS, Merged, Place, PrivateRow, Row, Turns, WORKGROUP,
+    Encoding, IrOperand, Lanes, ListedTurns, MAX_REGIONS, Merged, PrivateRow, Turns, ValueRow,
+    WORKGROUP,
 };
 use crate::plan::takes_helpers;
 
@@ -94,7 +95,7 @@ fn needs_both_halves(body: &Body) -> bool {
 }
 
 /// Whether a private row holds all of a value.
-fn is_row(place: &Place) -> bool {
+fn is_row(place: &IrOperand) -> bool {
     place.ty.rows() == 1 && place.ty != Type::I1
 }
 
@@ -231,11 +232,11 @@ impl<'m> Emitter<'m> {
         };
         let encoding = self.native.as_ref()?.encoding();
         let alike = alike(node, |value| self.operand(value).is_uniform());
-        let (params, indices): (Vec<Place>, Vec<usize>) = (params.iter().enumerate())
+        let (params, indices): (Vec<IrOperand>, Vec<usize>) = (params.iter().enumerate())
             .filter(|&(_, &param)| self.operand(param) != Operand::NONE)
             .map(|(k, &param)| (self.place(param), k))
             .unzip();
-        let entered: Vec<(Place, bool)> = (params.iter())
+        let entered: Vec<(IrOperand, bool)> = (params.iter())
             .map(|&param| (param, alike.contains(&param.value)))
             .collect();
         let of_lanes = entered.iter().filter(|(_, is_alike)| !is_alike);
@@ -273,7 +274,7 @@ impl<'m> Emitter<'m> {
     fn follow(
         &self,
         body: &'m Body,
-        params: &[Place],
+        params: &[IrOperand],
         indices: &[usize],
         ways: &mut Ways<'m>,
     ) -> Option<()> {
@@ -395,7 +396,8 @@ impl<'m> Emitter<'m> {
     }
 
     fn store_private(&self, row: PrivateRow, values: &[Value], ways: &mut Ways<'m>) -> Option<()> {
-        let values: SmallVec<[Place; 4]> = values.iter().map(|&value| self.place(value)).collect();
+        let values: SmallVec<[IrOperand; 4]> =
+            values.iter().map(|&value| self.place(value)).collect();
         if !values.iter().all(is_row) {
             return None;
         }
@@ -404,11 +406,11 @@ impl<'m> Emitter<'m> {
     }
 
     /// The results of an instruction, those that are used.
-    fn results(&self, inst: &Inst) -> SmallVec<[Option<Place>; 4]> {
+    fn results(&self, inst: &Inst) -> SmallVec<[Option<IrOperand>; 4]> {
         (inst.results.iter())
             .map(|&result| {
                 let place = self.place(result);
-                (place.row != Row::Nowhere).then_some(place)
+                (place.row != ValueRow::Forwarded).then_some(place)
             })
             .collect()
     }
@@ -426,7 +428,7 @@ impl<'m> Emitter<'m> {
         };
         let offset = self.place(*inst.args.last()?);
         let results = self.results(inst);
-        let is_word = |place: &Place| place.ty.rows() == 1 && place.ty.size_bytes() == 4;
+        let is_word = |place: &IrOperand| place.ty.rows() == 1 && place.ty.size_bytes() == 4;
         if !results.iter().flatten().all(is_word) {
             return None;
         }
@@ -499,7 +501,7 @@ impl<'m> Emitter<'m> {
         if self.module.stage == Stage::Fragment && !takes_helpers(self.module, op) {
             return None;
         }
-        let operands: SmallVec<[Place; 2]> = inst.args.iter().map(|&v| self.place(v)).collect();
+        let operands: SmallVec<[IrOperand; 2]> = inst.args.iter().map(|&v| self.place(v)).collect();
         let result = self.place(*inst.results.first()?);
         ways.turns.across(ways.lanes?, op, &operands, &result)
     }
@@ -516,7 +518,7 @@ impl<'m> Emitter<'m> {
         &self,
         lanes: Lanes,
         end: &Terminator,
-        params: &[Place],
+        params: &[IrOperand],
         indices: &[usize],
         ways: &mut Ways<'m>,
     ) -> Option<()> {
@@ -533,7 +535,7 @@ impl<'m> Emitter<'m> {
                 let row = self.operand(to);
                 if row != Operand::NONE {
                     let from = self.place(from);
-                    ways.turns.leave(lanes, &from, Row::Frame(row.index()));
+                    ways.turns.leave(lanes, &from, ValueRow::Frame(row.index()));
                 }
             }
             return Some(());
@@ -541,14 +543,14 @@ impl<'m> Emitter<'m> {
         let open = &mut ways.open[depth];
         let before = open.joined.take();
         let is_loop = depth == 0;
-        let results: Vec<Place> = match is_loop {
+        let results: Vec<IrOperand> = match is_loop {
             true => params.to_vec(),
             false => {
                 let kept = self.kept(open.results);
                 (kept.iter().map(|&k| self.place(open.results[k]))).collect()
             }
         };
-        let args: Vec<Place> = match is_loop {
+        let args: Vec<IrOperand> = match is_loop {
             true => indices.iter().map(|&k| self.place(args[k])).collect(),
             false => {
                 let kept = self.kept(open.results);
@@ -561,8 +563,8 @@ impl<'m> Emitter<'m> {
                 let others = before.as_ref().map(|(_, results)| results[k]);
                 if is_loop {
                     // The row may still be read.
-                    let nowhere = Place {
-                        row: Row::Nowhere,
+                    let nowhere = IrOperand {
+                        row: ValueRow::Forwarded,
                         ..*result
                     };
                     return match (others, ways.open.len()) {

@@ -4,7 +4,7 @@ use std::arch::x86_64::*;
 
 use lanes::{LaneMask, Row};
 
-use super::{Gather, Layout, Rows, load_singly, store_singly};
+use super::{Gather, Layout, RowPointers, load_singly, store_singly};
 use crate::SUBGROUP_SIZE;
 use crate::interp::kernels::Lane;
 use crate::interp::tier::{Avx2, Avx512};
@@ -168,7 +168,7 @@ register! {
 pub(super) unsafe fn load_apart<R: Register, T: Lane, const N: usize>(
     base: *const u8,
     offsets: &Row,
-    rows: Rows<N>,
+    rows: RowPointers<N>,
 ) {
     // SAFETY: as the caller promises.
     unsafe {
@@ -207,7 +207,7 @@ macro_rules! join {
 unsafe fn load_quarters<R: Register, T: Lane, const N: usize>(
     base: *const u8,
     offsets: &Row,
-    rows: Rows<N>,
+    rows: RowPointers<N>,
     first: usize,
 ) {
     // SAFETY: as the caller promises.
@@ -323,7 +323,7 @@ unsafe fn load_quarters<R: Register, T: Lane, const N: usize>(
 unsafe fn load_pairs<R: Register, const N: usize>(
     base: *const u8,
     offsets: &Row,
-    rows: Rows<N>,
+    rows: RowPointers<N>,
     first: usize,
 ) {
     // SAFETY: as the caller promises.
@@ -358,7 +358,7 @@ unsafe fn load_pairs<R: Register, const N: usize>(
 pub(super) unsafe fn store_apart<R: Register, T: Lane, const N: usize>(
     base: *mut u8,
     offsets: &Row,
-    rows: Rows<N>,
+    rows: RowPointers<N>,
 ) {
     // SAFETY: as the caller promises.
     unsafe {
@@ -381,7 +381,7 @@ pub(super) unsafe fn store_apart<R: Register, T: Lane, const N: usize>(
 unsafe fn store_quarters<R: Register, T: Lane, const N: usize>(
     base: *mut u8,
     offsets: &Row,
-    rows: Rows<N>,
+    rows: RowPointers<N>,
     first: usize,
 ) {
     // SAFETY: as the caller promises.
@@ -499,13 +499,21 @@ impl Gather for Avx512 {
     }
 
     #[inline(always)]
-    unsafe fn load_apart<T: Lane, const N: usize>(base: *const u8, offsets: &Row, rows: Rows<N>) {
+    unsafe fn load_apart<T: Lane, const N: usize>(
+        base: *const u8,
+        offsets: &Row,
+        rows: RowPointers<N>,
+    ) {
         // SAFETY: as the caller promises.
         unsafe { load_apart::<__m512i, T, N>(base, offsets, rows) }
     }
 
     #[inline(always)]
-    unsafe fn store_apart<T: Lane, const N: usize>(base: *mut u8, offsets: &Row, rows: Rows<N>) {
+    unsafe fn store_apart<T: Lane, const N: usize>(
+        base: *mut u8,
+        offsets: &Row,
+        rows: RowPointers<N>,
+    ) {
         // SAFETY: as the caller promises.
         unsafe { store_apart::<__m512i, T, N>(base, offsets, rows) }
     }
@@ -598,13 +606,21 @@ impl Gather for Avx2 {
     }
 
     #[inline(always)]
-    unsafe fn load_apart<T: Lane, const N: usize>(base: *const u8, offsets: &Row, rows: Rows<N>) {
+    unsafe fn load_apart<T: Lane, const N: usize>(
+        base: *const u8,
+        offsets: &Row,
+        rows: RowPointers<N>,
+    ) {
         // SAFETY: as the caller promises.
         unsafe { load_apart::<__m256i, T, N>(base, offsets, rows) }
     }
 
     #[inline(always)]
-    unsafe fn store_apart<T: Lane, const N: usize>(base: *mut u8, offsets: &Row, rows: Rows<N>) {
+    unsafe fn store_apart<T: Lane, const N: usize>(
+        base: *mut u8,
+        offsets: &Row,
+        rows: RowPointers<N>,
+    ) {
         // SAFETY: as the caller promises.
         unsafe { store_apart::<__m256i, T, N>(base, offsets, rows) }
     }

@@ -11,14 +11,13 @@ use lanes::LaneMask;
 
 use super::participants;
 use crate::SUBGROUP_SIZE;
+use crate::eval::subgroup::Lanes;
 use crate::eval::{Float, Int};
 use crate::interp::kernels::{Binary, Lane, ops};
 use crate::interp::machine::{Handler, Instr, Machine};
 use crate::interp::tier::{Kernel, Portable, Tier};
 use crate::ir::Type;
 use crate::ir::op::{ReduceOp, SubgroupOp};
-
-type Lanes<T> = [T; SUBGROUP_SIZE];
 
 /// A combining operation on scalars of a type.
 trait Combining<T>: Binary<T, T, T> + 'static {

@@ -57,28 +57,28 @@ impl Random {
     }
 }
 
-/// Rows of lanes of 64 bits at most, which lie as a frame's do: at a multiple of any scalar's size.
+/// Rows of lanes of 64 bits at most, aligned like those of a frame for scalars of any size.
 #[repr(align(64))]
-struct Rows([[u8; 8 * SUBGROUP_SIZE]; MOST]);
+struct RowBuffer([[u8; 8 * SUBGROUP_SIZE]; MOST]);
 
 /// Loads and stores of `count` scalars of a type in a tier: one body tests all of them.
-struct Access {
+struct AccessKind {
     count: usize,
     size: usize,
     slot: usize,
-    load: unsafe fn((*const u8, u64), &Row, LaneMask, &mut Rows) -> LaneMask,
-    store: unsafe fn((*mut u8, u64), &Row, LaneMask, &mut Rows) -> LaneMask,
+    load: unsafe fn((*const u8, u64), &Row, LaneMask, &mut RowBuffer) -> LaneMask,
+    store: unsafe fn((*mut u8, u64), &Row, LaneMask, &mut RowBuffer) -> LaneMask,
 }
 
-impl Access {
-    fn of<G: Gather, T: Lane, const N: usize>() -> Access {
+impl AccessKind {
+    fn of<G: Gather, T: Lane, const N: usize>() -> AccessKind {
         /// # Safety
         /// As [`gather::load`].
         unsafe fn load<G: Gather, T: Lane, const N: usize>(
             from: (*const u8, u64),
             offsets: &Row,
             active: LaneMask,
-            rows: &mut Rows,
+            rows: &mut RowBuffer,
         ) -> LaneMask {
             let to = std::array::from_fn(|k| rows.0[k].as_mut_ptr());
             // SAFETY: as the caller promises; rows are as long as those of 64-bit lanes.
@@ -90,13 +90,13 @@ impl Access {
             to: (*mut u8, u64),
             offsets: &Row,
             active: LaneMask,
-            rows: &mut Rows,
+            rows: &mut RowBuffer,
         ) -> LaneMask {
             let from = std::array::from_fn(|k| rows.0[k].as_mut_ptr());
             // SAFETY: as for `load`.
             unsafe { gather::store::<G, T, N>(to, offsets, active, from) }
         }
-        Access {
+        AccessKind {
             count: N,
             size: size_of::<T>(),
             slot: size_of::<T::Slot>(),
@@ -106,27 +106,27 @@ impl Access {
     }
 
     /// All of a tier.
-    fn all<G: Gather>() -> Vec<Access> {
+    fn all<G: Gather>() -> Vec<AccessKind> {
         macro_rules! of_all_counts {
             ($($scalar:ty)*) => {
                 vec![$(
-                    Access::of::<G, $scalar, 1>(),
-                    Access::of::<G, $scalar, 2>(),
-                    Access::of::<G, $scalar, 3>(),
-                    Access::of::<G, $scalar, 4>(),
+                    AccessKind::of::<G, $scalar, 1>(),
+                    AccessKind::of::<G, $scalar, 2>(),
+                    AccessKind::of::<G, $scalar, 3>(),
+                    AccessKind::of::<G, $scalar, 4>(),
                 )*]
             };
         }
         let mut all = of_all_counts!(u8 u16 u32 u64);
         // As many as fill four words.
-        all.extend([Access::of::<G, u8, 16>(), Access::of::<G, u16, 8>()]);
+        all.extend([AccessKind::of::<G, u8, 16>(), AccessKind::of::<G, u16, 8>()]);
         all
     }
 }
 
-fn accesses_of(access: &Access, random: &mut Random) {
+fn accesses_of(access: &AccessKind, random: &mut Random) {
     let memory: Vec<u8> = (0..SIZE_BYTES).map(|_| random.below(256) as u8).collect();
-    let &Access {
+    let &AccessKind {
         count, size, slot, ..
     } = access;
     for _ in 0..400 {
@@ -139,7 +139,7 @@ fn accesses_of(access: &Access, random: &mut Random) {
         let is_inside = |lane: usize| offsets[lane] as usize + count * size <= size_bytes;
         let outside = active - LaneMask::from_fn(is_inside);
 
-        let mut rows = Rows([[BEFORE; 8 * SUBGROUP_SIZE]; MOST]);
+        let mut rows = RowBuffer([[BEFORE; 8 * SUBGROUP_SIZE]; MOST]);
         let from = (memory.as_ptr(), size_bytes as u64);
         // SAFETY: the machine has the tier.
         let left = unsafe { (access.load)(from, &offsets, active, &mut rows) };
@@ -179,14 +179,14 @@ fn accesses_of(access: &Access, random: &mut Random) {
 
 fn accesses<G: Gather>() {
     let random = &mut Random(7);
-    for access in Access::all::<G>() {
+    for access in AccessKind::all::<G>() {
         accesses_of(&access, random);
     }
 }
 
 /// Scalars in 4 GiB, at offsets of all 32 bits.
-fn far_accesses_of(access: &Access, memory: &Sparse, random: &mut Random) {
-    let &Access {
+fn far_accesses_of(access: &AccessKind, memory: &Sparse, random: &mut Random) {
+    let &AccessKind {
         count, size, slot, ..
     } = access;
     let total = (count * size) as u32;
@@ -202,7 +202,7 @@ fn far_accesses_of(access: &Access, memory: &Sparse, random: &mut Random) {
     ];
     for offsets in layouts {
         for active in [LaneMask::ALL, random.some_lanes()] {
-            let mut rows = Rows([[0; 8 * SUBGROUP_SIZE]; MOST]);
+            let mut rows = RowBuffer([[0; 8 * SUBGROUP_SIZE]; MOST]);
             for byte in rows.0.as_flattened_mut() {
                 *byte = random.below(256) as u8;
             }
@@ -210,7 +210,7 @@ fn far_accesses_of(access: &Access, memory: &Sparse, random: &mut Random) {
             // SAFETY: the machine has the tier.
             let left = unsafe { (access.store)(at, &offsets, active, &mut rows) };
             assert!(left.is_empty(), "{offsets:x?}");
-            let mut loaded = Rows([[BEFORE; 8 * SUBGROUP_SIZE]; MOST]);
+            let mut loaded = RowBuffer([[BEFORE; 8 * SUBGROUP_SIZE]; MOST]);
             let from = (at.0.cast_const(), at.1);
             // SAFETY: as above.
             let left = unsafe { (access.load)(from, &offsets, active, &mut loaded) };
@@ -248,7 +248,7 @@ fn far_accesses_of(access: &Access, memory: &Sparse, random: &mut Random) {
 fn far_accesses<G: Gather>() {
     let memory = &Sparse::new(1 << 32);
     let random = &mut Random(13);
-    for access in Access::all::<G>() {
+    for access in AccessKind::all::<G>() {
         far_accesses_of(&access, memory, random);
     }
 }

@@ -6,7 +6,7 @@ use std::fmt::Write;
 use super::numbers::Random;
 use super::{Bench, on_tiers};
 use crate::eval::f16;
-use crate::eval::matrix::{self, Rows};
+use crate::eval::matrix::{self, MatrixRows};
 use crate::eval::narrow::bfloat16_from_f32;
 use crate::ir::Type;
 use crate::ir::op::{Component, MatrixProduct};
@@ -89,9 +89,9 @@ fn program(product: &MatrixProduct) -> String {
 }
 
 /// The results of a product of matrices, the same on every tier.
-fn run(product: &MatrixProduct, matrices: [&Rows; 3]) -> Rows {
+fn run(product: &MatrixProduct, matrices: [&MatrixRows; 3]) -> MatrixRows {
     let text = program(product);
-    let mut results: Option<Rows> = None;
+    let mut results: Option<MatrixRows> = None;
     on_tiers(|tier| {
         let mut bench = Bench::new(&text, tier, 2);
         for row in 0..3 * SIZE {
@@ -100,7 +100,7 @@ fn run(product: &MatrixProduct, matrices: [&Rows; 3]) -> Rows {
         bench.run_to_end();
         let rows: Vec<Vec<u32>> = (0..SIZE).map(|row| bench.io(row)).collect();
         for lanes in [0..SIZE, SIZE..2 * SIZE] {
-            let found: Rows = std::array::from_fn(|row| {
+            let found: MatrixRows = std::array::from_fn(|row| {
                 std::array::from_fn(|lane| match rows[row][lanes.start + lane] {
                     // The payload of a NaN is unspecified.
                     bits if is_nan(product.sum, bits) => u32::MAX,
@@ -118,7 +118,7 @@ fn run(product: &MatrixProduct, matrices: [&Rows; 3]) -> Rows {
 }
 
 impl Random {
-    fn matrix(&mut self, mut component: impl FnMut(u64) -> u32) -> Rows {
+    fn matrix(&mut self, mut component: impl FnMut(u64) -> u32) -> MatrixRows {
         std::array::from_fn(|_| std::array::from_fn(|_| component(self.next())))
     }
 }
@@ -146,7 +146,7 @@ fn every_product_of_small_numbers_is_exact() {
         };
         let kinds = [product.a, product.b, product.sum];
         let [a, b, c] = kinds.map(|kind| random.matrix(|bits| number(kind, bits) as u32));
-        let of = |rows: &Rows, kind: Component| {
+        let of = |rows: &MatrixRows, kind: Component| {
             rows.map(|row| row.map(|n| encode(kind, (n as i32).into())))
         };
         let encoded = [of(&a, kinds[0]), of(&b, kinds[1]), of(&c, kinds[2])];

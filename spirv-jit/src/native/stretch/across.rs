@@ -9,7 +9,7 @@ use smallvec::SmallVec;
 
 use super::lower::{LEFT, RIGHT, float, int};
 use super::turns::{Lanes, Turns};
-use super::{Held, Place, Stretch};
+use super::{Held, IrOperand, Stretch};
 use crate::SUBGROUP_SIZE;
 use crate::eval;
 use crate::ir::op::{ReduceOp, SubgroupOp};
@@ -59,12 +59,12 @@ fn combination(op: ReduceOp, ty: Type) -> Option<(Op, u64)> {
 
 impl Turns {
     /// The lanes' numbers.
-    pub fn lane_index(&mut self, result: &Place) -> Option<()> {
+    pub fn lane_index(&mut self, result: &IrOperand) -> Option<()> {
         self.hold_words(std::array::from_fn(|lane| lane as u32), result)
     }
 
     /// An operation on words that are known when code is written, such as lanes' numbers.
-    pub fn fold(&mut self, op: &Op, operands: &[Place], result: &Place) -> Option<()> {
+    pub fn fold(&mut self, op: &Op, operands: &[IrOperand], result: &IrOperand) -> Option<()> {
         let call = match op {
             Op::And => eval::and::<u32>,
             Op::Or => eval::or::<u32>,
@@ -85,7 +85,7 @@ impl Turns {
         self.hold_words(std::array::from_fn(|lane| call(a[lane], b[lane])), result)
     }
 
-    fn hold_words(&mut self, words: LaneWords, result: &Place) -> Option<()> {
+    fn hold_words(&mut self, words: LaneWords, result: &IrOperand) -> Option<()> {
         let sides = self.sides();
         let s = &mut self.stretch;
         if s.encoding == Encoding::Vex && sides == 1 {
@@ -99,7 +99,7 @@ impl Turns {
     }
 
     /// The words that a value has in each lane, where that is known.
-    fn words_of(&self, place: &Place) -> Option<LaneWords> {
+    fn words_of(&self, place: &IrOperand) -> Option<LaneWords> {
         let s = &self.stretch;
         if let Some(&constant) = place.constant.as_ref() {
             return Some([constant as u32; SUBGROUP_SIZE]);
@@ -123,7 +123,7 @@ impl Turns {
     }
 
     /// The registers of all lanes of a value.
-    fn registers(&mut self, place: &Place) -> Registers {
+    fn registers(&mut self, place: &IrOperand) -> Registers {
         let is_paired = self.sides() == 2;
         let s = &mut self.stretch;
         let mut registers = Registers::new();
@@ -136,7 +136,7 @@ impl Turns {
     }
 
     /// Notes where a result is.
-    fn give(&mut self, place: &Place, registers: &[Virtual]) {
+    fn give(&mut self, place: &IrOperand, registers: &[Virtual]) {
         let is_paired = self.sides() == 2;
         let s = &mut self.stretch;
         let is_same = |both: &[Virtual]| both.first() == both.last();
@@ -162,8 +162,8 @@ impl Turns {
         &mut self,
         lanes: Lanes,
         op: SubgroupOp,
-        operands: &[Place],
-        result: &Place,
+        operands: &[IrOperand],
+        result: &IrOperand,
     ) -> Option<()> {
         let sides = self.sides();
         if self.stretch.encoding == Encoding::Vex && sides == 1 {
@@ -656,10 +656,10 @@ impl Stretch {
             let (op, form) = self.wide_opcode(op, ty)?;
             return Some(self.step(Class::Vector, op, form, &[a, b]));
         }
-        let place = Place {
+        let place = IrOperand {
             value: crate::ir::Value(u32::MAX),
             ty,
-            row: super::Row::Nowhere,
+            row: super::ValueRow::Forwarded,
             constant: None,
         };
         match self.lower_binary(op, ty, ty, [&place, &place], a, b)? {

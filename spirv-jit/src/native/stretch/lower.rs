@@ -3,7 +3,7 @@
 
 use smallvec::SmallVec;
 
-use super::{Held, Place, Stretch};
+use super::{Held, IrOperand, Stretch};
 use crate::ir::{Op, Type};
 use crate::native::allocate::{Class, Form, MOVE, Virtual};
 use crate::native::encode::{Constant, Encoding, Opcode};
@@ -156,14 +156,14 @@ impl Stretch {
         self.select(is_nan, a, least)
     }
 
-    fn extreme(&mut self, op: &Op, [x, y]: [&Place; 2], a: Virtual, b: Virtual) -> Virtual {
+    fn extreme(&mut self, op: &Op, [x, y]: [&IrOperand; 2], a: Virtual, b: Virtual) -> Virtual {
         let (op, zeros) = match op {
             Op::FMin => (MINPS, POR),
             _ => (MAXPS, PAND),
         };
         // The instruction gives its second operand if the two are equal or one of them is a NaN: as
         // it must with a number but zero there.
-        let is_plain = |place: &Place| {
+        let is_plain = |place: &IrOperand| {
             let number = place.constant.map(|bits| f32::from_bits(bits as u32));
             number.is_some_and(|number| {
                 let gives_itself = op == MAXPS && number.to_bits() == 0;
@@ -458,7 +458,12 @@ impl Stretch {
         })
     }
 
-    pub(super) fn lower(&mut self, op: &Op, operands: &[Place], results: &[Place]) -> Option<()> {
+    pub(super) fn lower(
+        &mut self,
+        op: &Op,
+        operands: &[IrOperand],
+        results: &[IrOperand],
+    ) -> Option<()> {
         if *op == Op::Unpack64 {
             let Held::Two(a, b) = self.operand(&operands[0]) else {
                 return None;
@@ -481,7 +486,7 @@ impl Stretch {
 
     /// Notes where a result is. It is made in the last steps, so that no row of an operand is lost
     /// before.
-    pub(super) fn give(&mut self, place: &Place, held: Held) {
+    pub(super) fn give(&mut self, place: &IrOperand, held: Held) {
         for (k, part) in held.parts().enumerate() {
             self.infos[part as usize].home = self.home(place, k as i32);
         }
@@ -489,7 +494,13 @@ impl Stretch {
         self.results.push((place.value, held));
     }
 
-    fn lower_one(&mut self, op: &Op, places: &[Place], to: Type, held: &[Held]) -> Option<Held> {
+    fn lower_one(
+        &mut self,
+        op: &Op,
+        places: &[IrOperand],
+        to: Type,
+        held: &[Held],
+    ) -> Option<Held> {
         let from = places.last()?.ty;
         match (op, held) {
             (Op::Select, &[Held::One(condition), Held::One(a), Held::One(b)]) => {
@@ -619,7 +630,7 @@ impl Stretch {
         op: &Op,
         from: Type,
         to: Type,
-        places: [&Place; 2],
+        places: [&IrOperand; 2],
         a: Virtual,
         b: Virtual,
     ) -> Option<Held> {
@@ -691,7 +702,7 @@ impl Stretch {
         op: &Op,
         from: Type,
         to: Type,
-        places: &[Place],
+        places: &[IrOperand],
         held: &[Held],
     ) -> Option<Held> {
         let &[Held::Two(a0, a1), Held::Two(b0, b1)] = held else {

@@ -3,7 +3,7 @@
 
 use super::lower::{LEFT, int};
 use super::turns::{Lanes, Turns};
-use super::{Class, Form, Held, Place, Stretch, Virtual};
+use super::{Class, Form, Held, IrOperand, Stretch, Virtual};
 use crate::SUBGROUP_SIZE;
 use crate::native::encode::{Constant, Encoding};
 use crate::native::opcodes::*;
@@ -17,8 +17,8 @@ pub(crate) enum PrivateRow {
     /// This one exists.
     Fixed(u32),
     /// All lanes name the same.
-    Alike(Place),
-    Apart(Place),
+    Alike(IrOperand),
+    Apart(IrOperand),
 }
 
 impl Turns {
@@ -28,7 +28,7 @@ impl Turns {
         &mut self,
         lanes: Lanes,
         (row, rows): (PrivateRow, u32),
-        results: &[Option<Place>],
+        results: &[Option<IrOperand>],
     ) -> Option<()> {
         self.takes_private()?;
         self.by_halves(|s, half| {
@@ -58,7 +58,7 @@ impl Turns {
         &mut self,
         lanes: Lanes,
         (row, rows): (PrivateRow, u32),
-        values: &[Place],
+        values: &[IrOperand],
     ) -> Option<()> {
         self.takes_private()?;
         self.by_halves(|s, half| {

@@ -579,8 +579,8 @@ fn every_opcode_is_listed() {
     assert!(count > 50, "{count}");
 }
 
-fn place(value: u32, ty: Type, row: Row) -> Place {
-    Place {
+fn place(value: u32, ty: Type, row: ValueRow) -> IrOperand {
+    IrOperand {
         value: Value(value),
         ty,
         row,
@@ -605,9 +605,9 @@ fn functions_walk_over_frames() {
     let text = |encoding| {
         let mut stretch = Stretch::new(encoding);
         let f32 = |value, row| place(value, Type::F32, row);
-        let (a, b) = (f32(0, Row::Frame(1)), f32(1, Row::Frame(300)));
-        let one = f32(2, Row::Uniform(5));
-        let (product, sum) = (f32(3, Row::Frame(1)), f32(4, Row::Frame(2)));
+        let (a, b) = (f32(0, ValueRow::Frame(1)), f32(1, ValueRow::Frame(300)));
+        let one = f32(2, ValueRow::Uniform(5));
+        let (product, sum) = (f32(3, ValueRow::Frame(1)), f32(4, ValueRow::Frame(2)));
         assert!(stretch.perform(&Op::FMul, &[a, b], &[product]));
         stretch.end_operation();
         assert!(stretch.perform(&Op::FAdd, &[product, one], &[sum]));
@@ -637,14 +637,14 @@ fn functions_walk_over_frames() {
 fn copies_change_active_lanes() {
     let text = |encoding| {
         let mut stretch = Stretch::new(encoding);
-        let i32 = |value, row| place(value, Type::I32, Row::Frame(row));
+        let i32 = |value, row| place(value, Type::I32, ValueRow::Frame(row));
         let (a, b, sum) = (i32(0, 1), i32(1, 2), i32(2, 3));
-        let holds = place(3, Type::I1, Row::Frame(4));
+        let holds = place(3, Type::I1, ValueRow::Frame(4));
         assert!(stretch.perform(&Op::IAdd, &[a, b], &[sum]));
         stretch.end_operation();
-        stretch.copy_to(&sum, Row::Frame(5), true);
-        stretch.copy_to(&holds, Row::Frame(6), true);
-        stretch.copy_to(&a, Row::Frame(7), false);
+        stretch.copy_to(&sum, ValueRow::Frame(5), true);
+        stretch.copy_to(&holds, ValueRow::Frame(6), true);
+        stretch.copy_to(&a, ValueRow::Frame(7), false);
         assert_eq!(stretch.operations(), 4);
         let code = stretch.assemble(|_| false).unwrap();
         let text: Vec<String> = function(&code).into_iter().map(|(_, text)| text).collect();
@@ -681,7 +681,7 @@ fn memory_is_at_the_pointers_that_code_was_given() {
     use iced_x86::Register as R;
     for encoding in BOTH {
         let mut stretch = Stretch::new(encoding);
-        let at = |value: u32, ty| place(value, ty, Row::Frame(2 * value as usize));
+        let at = |value: u32, ty| place(value, ty, ValueRow::Frame(2 * value as usize));
         let mut count = 0;
         for (k, op) in [
             Op::IAdd,
@@ -739,13 +739,13 @@ fn what_has_neither_register_nor_row_has_no_code() {
     for encoding in BOTH {
         let assembled = |count: u32| {
             let mut stretch = Stretch::new(encoding);
-            let from = |value| place(value, Type::I32, Row::Frame(value as usize));
+            let from = |value| place(value, Type::I32, ValueRow::Frame(value as usize));
             for k in 0..count {
-                let nowhere = place(100 + k, Type::I32, Row::Nowhere);
+                let nowhere = place(100 + k, Type::I32, ValueRow::Forwarded);
                 assert!(stretch.perform(&Op::IAdd, &[from(k), from(k + 1)], &[nowhere]));
             }
             for k in 0..count {
-                let nowhere = place(100 + k, Type::I32, Row::Nowhere);
+                let nowhere = place(100 + k, Type::I32, ValueRow::Forwarded);
                 assert!(stretch.perform(&Op::IAdd, &[nowhere, from(k)], &[from(200 + k)]));
             }
             stretch.end_operation();

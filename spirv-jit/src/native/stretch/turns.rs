@@ -8,7 +8,7 @@
 //! the rows, and the interpreter suspends the wave as behind any turn.
 
 use super::lower::int;
-use super::{Class, Form, Held, Place, Row, Stretch, Virtual};
+use super::{Class, Form, Held, IrOperand, Stretch, ValueRow, Virtual};
 use crate::ir::{Type, Value};
 use crate::native::allocate::{Alike, Carried, LOAD, STORE, Step, allocate_turn};
 use crate::native::encode::{
@@ -29,7 +29,7 @@ pub(crate) struct Merged([Held; 2]);
 /// A parameter of the turn that is being written.
 struct Entered {
     held: [Held; 2],
-    place: Place,
+    place: IrOperand,
     is_alike: bool,
 }
 
@@ -165,7 +165,7 @@ impl Turns {
 
     /// Begins a turn of a subgroup; gives the lanes that take it. Parameters that are `alike` are
     /// the same in all lanes that do.
-    pub fn begin(&mut self, subgroup: usize, params: &[(Place, bool)]) -> Lanes {
+    pub fn begin(&mut self, subgroup: usize, params: &[(IrOperand, bool)]) -> Lanes {
         self.stretch.subgroup = subgroup;
         self.stretch.held = Default::default();
         self.stretch.results.clear();
@@ -246,7 +246,7 @@ impl Turns {
     }
 
     /// The lanes of some where a condition holds, and where it does not.
-    pub fn split(&mut self, lanes: Lanes, condition: &Place) -> Option<[Lanes; 2]> {
+    pub fn split(&mut self, lanes: Lanes, condition: &IrOperand) -> Option<[Lanes; 2]> {
         let both = self.by_halves(|s, half| {
             let Held::One(condition) = s.operand(condition) else {
                 return None;
@@ -274,9 +274,9 @@ impl Turns {
     pub fn merge(
         &mut self,
         lanes: Lanes,
-        from: &Place,
+        from: &IrOperand,
         others: Option<Merged>,
-        result: &Place,
+        result: &IrOperand,
     ) -> Merged {
         let merged = self.by_halves(|s, half| {
             let others = others.map(|others| others.0[half]);
@@ -286,7 +286,7 @@ impl Turns {
     }
 
     /// A value as it is, where all lanes come by one way.
-    pub fn only(&mut self, from: &Place) -> Merged {
+    pub fn only(&mut self, from: &IrOperand) -> Merged {
         let held = self.by_halves(|s, _| Some(s.operand(from)));
         Merged(held.expect("registers for each half"))
     }
@@ -304,8 +304,8 @@ impl Turns {
         &mut self,
         lanes: Lanes,
         region: usize,
-        (offset, is_run): (&Place, bool),
-        results: &[Option<Place>],
+        (offset, is_run): (&IrOperand, bool),
+        results: &[Option<IrOperand>],
     ) -> Option<()> {
         self.takes_own |= region == WORKGROUP;
         self.by_halves(|s, half| {
@@ -341,11 +341,11 @@ impl Turns {
     pub fn load_at_one_place(
         &mut self,
         region: usize,
-        offset: &Place,
-        results: &[Option<Place>],
+        offset: &IrOperand,
+        results: &[Option<IrOperand>],
     ) -> Option<()> {
         self.takes_own |= region == WORKGROUP;
-        let used: Vec<(u32, Place)> = (0..)
+        let used: Vec<(u32, IrOperand)> = (0..)
             .zip(results)
             .filter_map(|(k, result)| result.map(|result| (4 * k, result)))
             .collect();
@@ -378,7 +378,7 @@ impl Turns {
     }
 
     /// Lanes leave the loop and take `from` along to a row.
-    pub fn leave(&mut self, lanes: Lanes, from: &Place, row: Row) {
+    pub fn leave(&mut self, lanes: Lanes, from: &IrOperand, row: ValueRow) {
         let left = self.by_halves(|s, half| {
             s.leave(lanes.0[half], from, row);
             Some(())
@@ -547,7 +547,13 @@ fn halves_apart(steps: Vec<Step>) -> Vec<Step> {
 
 impl Stretch {
     /// See [`Turns::merge`].
-    fn merge(&mut self, lanes: Virtual, from: &Place, others: Option<Held>, to: &Place) -> Held {
+    fn merge(
+        &mut self,
+        lanes: Virtual,
+        from: &IrOperand,
+        others: Option<Held>,
+        to: &IrOperand,
+    ) -> Held {
         let new = self.operand(from);
         let class = self.class_of(from.ty);
         let merged = match (new, others) {
@@ -571,9 +577,9 @@ impl Stretch {
     }
 
     /// See [`Turns::leave`].
-    fn leave(&mut self, lanes: Virtual, from: &Place, row: Row) {
+    fn leave(&mut self, lanes: Virtual, from: &IrOperand, row: ValueRow) {
         let value = self.operand(from);
-        let place = Place { row, ..*from };
+        let place = IrOperand { row, ..*from };
         let (op, lanes) = match (value, self.encoding) {
             (Held::One(_), _) => (STORE, [lanes; 2]),
             (Held::Two(..), Encoding::Vex) => (STORE, self.wide_lanes(lanes)),

@@ -21,7 +21,7 @@ use crate::ray::Hit;
 use crate::structure::Structure;
 #[cfg(target_arch = "x86_64")]
 use crate::walk::PACKET;
-use crate::walk::decide::Rim;
+use crate::walk::edge_side::Rim;
 #[cfg(target_arch = "x86_64")]
 use crate::walk::facts::InstanceFacts;
 use crate::walk::found::Found;

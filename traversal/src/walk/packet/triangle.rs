@@ -9,7 +9,7 @@ use crate::layout::{GROUP, LEAF_TRIANGLES, MARGIN_RISE, TriangleGroup, child};
 use crate::structure::Structure;
 use crate::walk::beams::AXIS;
 use crate::walk::block;
-use crate::walk::decide::Rim;
+use crate::walk::edge_side::Rim;
 use crate::walk::found::Found;
 use crate::walk::group;
 use crate::walk::group_hits::GroupHits;

@@ -18,6 +18,7 @@ use traversal::{BuildFlags, Ray, Tier};
 use embree::{Embree, Quality};
 use rays::RayKind;
 use scene::{RECIPES, Recipe};
+use scenes::Mesh;
 use table::{EngineRates, Table};
 use tuff::{How, StructureMemory, Tuff};
 
@@ -164,56 +165,15 @@ fn run_scene(
         .collect();
     for _ in 0..options.builds {
         for (row, (_, who)) in rows.iter_mut().zip(&contestants) {
-            let seconds = match (who, embree) {
-                (Contestant::Embree(quality, robust), Some(embree)) => {
-                    timed(|| embree.build(&scene.mesh, *quality, *robust)).0
-                }
-                (
-                    Contestant::Tuff(flags)
-                    | Contestant::Packets(flags)
-                    | Contestant::Lists(flags)
-                    | Contestant::Singly(flags),
-                    _,
-                ) => {
-                    let mut place = StructureMemory::new(&scene.mesh, *flags);
-                    timed(|| place.build(&scene.mesh)).0
-                }
-                _ => continue,
-            };
-            row.build.push(triangles as f64 / seconds);
+            if let Some(seconds) = build_seconds(who, embree, &scene.mesh) {
+                row.build.push(triangles as f64 / seconds);
+            }
         }
     }
-
     let mut engines = Vec::new();
     for (row, (_, who)) in rows.iter_mut().zip(&contestants) {
-        match (who, embree) {
-            (Contestant::Embree(quality, robust), Some(embree)) => {
-                let before = embree.bytes();
-                let built = embree.build(&scene.mesh, *quality, *robust)?;
-                row.bytes = (embree.bytes() - before) as f64 / triangles as f64;
-                engines.push(Engine::Embree(built));
-            }
-            (
-                Contestant::Tuff(flags)
-                | Contestant::Packets(flags)
-                | Contestant::Lists(flags)
-                | Contestant::Singly(flags),
-                _,
-            ) => {
-                let tuff = Tuff::new(&scene.mesh, StructureMemory::new(&scene.mesh, *flags))?;
-                row.bytes = tuff.bytes as f64 / triangles as f64;
-                row.reported = tuff.reported.map(|bytes| bytes as f64 / triangles as f64);
-                engines.push(match who {
-                    Contestant::Packets(_) => Engine::Tuff(Box::new(tuff), How::Packets),
-                    Contestant::Lists(_) => Engine::Tuff(Box::new(tuff), How::Lists),
-                    Contestant::Singly(_) => Engine::Singly(Box::new(tuff)),
-                    _ => Engine::Tuff(Box::new(tuff), How::Streams),
-                });
-            }
-            _ => {}
-        }
+        engines.extend(engine(who, embree, &scene.mesh, row)?);
     }
-
     let reference = Tuff::new(&scene.mesh, StructureMemory::new(&scene.mesh, 0))?;
     let primary = rays::primary(&scene, options.size);
     let (shadow, diffuse) = rays::secondary(&scene, &reference, &primary);
@@ -235,6 +195,62 @@ fn run_scene(
     }
     table.add(scene.name, triangles, rows);
     Ok(())
+}
+
+/// The time of one build; `None` for Embree without the library.
+fn build_seconds(who: &Contestant, embree: Option<&Embree>, mesh: &Mesh) -> Option<f64> {
+    Some(match (who, embree) {
+        (Contestant::Embree(quality, robust), Some(embree)) => {
+            timed(|| embree.build(mesh, *quality, *robust)).0
+        }
+        (
+            Contestant::Tuff(flags)
+            | Contestant::Packets(flags)
+            | Contestant::Lists(flags)
+            | Contestant::Singly(flags),
+            _,
+        ) => {
+            let mut place = StructureMemory::new(mesh, *flags);
+            timed(|| place.build(mesh)).0
+        }
+        _ => return None,
+    })
+}
+
+/// An engine with the mesh built, and its sizes in `row`; `None` for Embree without the library.
+fn engine<'e>(
+    who: &Contestant,
+    embree: Option<&'e Embree>,
+    mesh: &'e Mesh,
+    row: &mut EngineRates,
+) -> Result<Option<Engine<'e>>> {
+    let triangles = mesh.indices.len() as f64;
+    match (who, embree) {
+        (Contestant::Embree(quality, robust), Some(embree)) => {
+            let before = embree.bytes();
+            let built = embree.build(mesh, *quality, *robust)?;
+            row.bytes = (embree.bytes() - before) as f64 / triangles;
+            Ok(Some(Engine::Embree(built)))
+        }
+        (
+            Contestant::Tuff(flags)
+            | Contestant::Packets(flags)
+            | Contestant::Lists(flags)
+            | Contestant::Singly(flags),
+            _,
+        ) => {
+            let tuff = Tuff::new(mesh, StructureMemory::new(mesh, *flags))?;
+            row.bytes = tuff.bytes as f64 / triangles;
+            row.reported = tuff.reported.map(|bytes| bytes as f64 / triangles);
+            Ok(Some(match who {
+                Contestant::Packets(_) => Engine::Tuff(Box::new(tuff), How::Packets),
+                Contestant::Lists(_) => Engine::Tuff(Box::new(tuff), How::Lists),
+                Contestant::Singly(_) => Engine::Singly(Box::new(tuff)),
+                _ => Engine::Tuff(Box::new(tuff), How::Streams),
+            }))
+        }
+        _ => Ok(None),
+    }
 }
 
 /// Engines may differ in rays along edges: one in ten thousand.

@@ -142,6 +142,52 @@ fn bunny() -> SceneParts {
     (mesh, [1.9, 1.1, 2.3], [0.0, 0.0, 0.0], [3.0, 5.0, 2.0])
 }
 
+/// Tables with vases, each with chairs.
+fn add_tables(mesh: &mut Mesh, random: &mut Rng) {
+    for (x, z) in [(2.5, 2.5), (6.5, 2.2), (4.5, 5.5)] {
+        mesh.cuboid([x - 0.8, 0.72, z - 0.5], [x + 0.8, 0.76, z + 0.5]);
+        for (dx, dz) in [(-0.7, -0.4), (0.7, -0.4), (-0.7, 0.4), (0.7, 0.4)] {
+            mesh.lathe(vec3(x + dx, 0.0, z + dz), 24, 4, |_| 0.035, 0.72);
+            let (cx, cz) = (x + 1.3 * dx, z + 2.2 * dz);
+            mesh.cuboid([cx - 0.2, 0.42, cz - 0.2], [cx + 0.2, 0.46, cz + 0.2]);
+            let back = cz + 0.18f32.copysign(dz);
+            mesh.cuboid([cx - 0.2, 0.46, back - 0.02], [cx + 0.2, 1.0, back + 0.02]);
+            for (lx, lz) in [(-0.17, -0.17), (0.17, -0.17), (-0.17, 0.17), (0.17, 0.17)] {
+                mesh.lathe(vec3(cx + lx, 0.0, cz + lz), 12, 2, |_| 0.02, 0.42);
+            }
+        }
+        for i in 0..3 {
+            let aside = between(random, -0.3, 0.3);
+            let at = vec3(x - 0.5 + 0.5 * i as f32, 0.76, z + aside);
+            let waist = between(random, 0.3, 0.6);
+            mesh.lathe(
+                at,
+                40,
+                36,
+                |v| 0.09 - 0.06 * (PI * (v / waist).min(1.4)).sin(),
+                0.35,
+            );
+        }
+    }
+}
+
+/// Shelves full of books.
+fn add_shelves(mesh: &mut Mesh, random: &mut Rng) {
+    for shelf in 0..5 {
+        let y = 0.4 + 0.55 * shelf as f32;
+        mesh.cuboid([7.0, y - 0.03, 7.6], [9.8, y, 8.0]);
+        let mut x = 7.05;
+        while x < 9.7 {
+            let (width, height) = (between(random, 0.015, 0.06), between(random, 0.2, 0.4));
+            mesh.cuboid(
+                [x, y, 7.65],
+                [x + width, y + height, between(random, 7.85, 7.98)],
+            );
+            x += width + 0.002;
+        }
+    }
+}
+
 /// A furnished room seen from a corner: walls of two triangles, vases of thousands.
 fn interior() -> SceneParts {
     let mut mesh = opaque();
@@ -159,49 +205,8 @@ fn interior() -> SceneParts {
             vec3(x + fold, 0.2 + 3.0 * v, z + 1.8 * u)
         });
     }
-    // Tables with vases, each with chairs.
-    for (x, z) in [(2.5, 2.5), (6.5, 2.2), (4.5, 5.5)] {
-        mesh.cuboid([x - 0.8, 0.72, z - 0.5], [x + 0.8, 0.76, z + 0.5]);
-        for (dx, dz) in [(-0.7, -0.4), (0.7, -0.4), (-0.7, 0.4), (0.7, 0.4)] {
-            mesh.lathe(vec3(x + dx, 0.0, z + dz), 24, 4, |_| 0.035, 0.72);
-            let (cx, cz) = (x + 1.3 * dx, z + 2.2 * dz);
-            mesh.cuboid([cx - 0.2, 0.42, cz - 0.2], [cx + 0.2, 0.46, cz + 0.2]);
-            let back = cz + 0.18f32.copysign(dz);
-            mesh.cuboid([cx - 0.2, 0.46, back - 0.02], [cx + 0.2, 1.0, back + 0.02]);
-            for (lx, lz) in [(-0.17, -0.17), (0.17, -0.17), (-0.17, 0.17), (0.17, 0.17)] {
-                mesh.lathe(vec3(cx + lx, 0.0, cz + lz), 12, 2, |_| 0.02, 0.42);
-            }
-        }
-        for i in 0..3 {
-            let aside = between(&mut random, -0.3, 0.3);
-            let at = vec3(x - 0.5 + 0.5 * i as f32, 0.76, z + aside);
-            let waist = between(&mut random, 0.3, 0.6);
-            mesh.lathe(
-                at,
-                40,
-                36,
-                |v| 0.09 - 0.06 * (PI * (v / waist).min(1.4)).sin(),
-                0.35,
-            );
-        }
-    }
-    // Shelves full of books.
-    for shelf in 0..5 {
-        let y = 0.4 + 0.55 * shelf as f32;
-        mesh.cuboid([7.0, y - 0.03, 7.6], [9.8, y, 8.0]);
-        let mut x = 7.05;
-        while x < 9.7 {
-            let (width, height) = (
-                between(&mut random, 0.015, 0.06),
-                between(&mut random, 0.2, 0.4),
-            );
-            mesh.cuboid(
-                [x, y, 7.65],
-                [x + width, y + height, between(&mut random, 7.85, 7.98)],
-            );
-            x += width + 0.002;
-        }
-    }
+    add_tables(&mut mesh, &mut random);
+    add_shelves(&mut mesh, &mut random);
     // A sofa of cushions, a rug with pile, lamps, a plant.
     for i in 0..4 {
         let center = vec3(1.0 + 0.75 * i as f32, 0.45, 7.2);

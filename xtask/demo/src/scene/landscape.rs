@@ -126,7 +126,7 @@ impl LandscapeParts {
     }
 }
 
-fn plant_trees(scene: &mut Scene, trees: &[Tree]) {
+fn tree_models(scene: &mut Scene, trees: &[Tree]) -> Vec<Model> {
     let textured = |texture: u32| Material {
         base_texture: texture,
         ..Material::default()
@@ -147,7 +147,7 @@ fn plant_trees(scene: &mut Scene, trees: &[Tree]) {
     let olive = foliage(LEAVES, Vec3::new(1.3, 1.05, 0.8), 0.4);
     let autumn = foliage(AUTUMN_LEAVES, Vec3::ONE, 0.4);
     let needles = foliage(NEEDLES, Vec3::ONE, 0.2);
-    let models: Vec<Model> = [
+    [
         (&trees[0], green),
         (&trees[1], olive),
         (&trees[2], green),
@@ -157,8 +157,11 @@ fn plant_trees(scene: &mut Scene, trees: &[Tree]) {
     ]
     .into_iter()
     .map(|(tree, leaves)| scene.add_mesh(&[(&tree.wood, bark), (&tree.leaves, leaves)]))
-    .collect();
+    .collect()
+}
 
+fn plant_trees(scene: &mut Scene, trees: &[Tree]) {
+    let models = tree_models(scene, trees);
     let mut random = Random::new(7);
     let mut planted: Vec<(f32, f32, f32)> = Vec::new();
     let plant = |scene: &mut Scene, model: usize, x: f32, z: f32, size: f32, turn: f32| {
@@ -258,46 +261,83 @@ fn sow_grass(scene: &mut Scene, tufts: &[Part]) {
     }
 }
 
+/// The materials of the sculptures.
+struct SculptureMaterials {
+    stone: u32,
+    marble: u32,
+    gold: u32,
+    copper: u32,
+    chrome: u32,
+    clear: u32,
+    blue: u32,
+    amber: u32,
+}
+
+impl SculptureMaterials {
+    fn new(scene: &mut Scene) -> Self {
+        let stone = scene.add_material(Material {
+            base_color: Vec3::ONE,
+            base_texture: SLABS,
+            ..Material::default()
+        });
+        let marble = scene.add_material(Material {
+            base_color: Vec3::new(0.62, 0.58, 0.51),
+            roughness: 0.8,
+            ..Material::default()
+        });
+        let gold = scene.add_material(Material {
+            base_color: Vec3::new(1.0, 0.72, 0.30),
+            roughness: 0.16,
+            metallic: 1.0,
+            ..Material::default()
+        });
+        let copper = scene.add_material(Material {
+            base_color: Vec3::new(0.93, 0.50, 0.36),
+            roughness: 0.34,
+            metallic: 0.75,
+            ..Material::default()
+        });
+        let chrome = scene.add_material(Material {
+            base_color: Vec3::new(0.93, 0.94, 0.95),
+            roughness: 0.03,
+            metallic: 1.0,
+            ..Material::default()
+        });
+        let glass = |absorption: Vec3| Material {
+            kind: kind::GLASS,
+            base_color: Vec3::ONE,
+            roughness: 0.0,
+            absorption,
+            ior: 1.5,
+            ..Material::default()
+        };
+        let clear = scene.add_material(glass(Vec3::new(0.05, 0.02, 0.03)));
+        let blue = scene.add_material(glass(Vec3::new(2.6, 0.9, 0.25)));
+        let amber = scene.add_material(glass(Vec3::new(0.2, 1.1, 4.0)));
+        Self {
+            stone,
+            marble,
+            gold,
+            copper,
+            chrome,
+            clear,
+            blue,
+            amber,
+        }
+    }
+}
+
 fn set_sculptures(scene: &mut Scene, knot: &Part) {
-    let stone = scene.add_material(Material {
-        base_color: Vec3::ONE,
-        base_texture: SLABS,
-        ..Material::default()
-    });
-    let marble = scene.add_material(Material {
-        base_color: Vec3::new(0.62, 0.58, 0.51),
-        roughness: 0.8,
-        ..Material::default()
-    });
-    let gold = scene.add_material(Material {
-        base_color: Vec3::new(1.0, 0.72, 0.30),
-        roughness: 0.16,
-        metallic: 1.0,
-        ..Material::default()
-    });
-    let copper = scene.add_material(Material {
-        base_color: Vec3::new(0.93, 0.50, 0.36),
-        roughness: 0.34,
-        metallic: 0.75,
-        ..Material::default()
-    });
-    let chrome = scene.add_material(Material {
-        base_color: Vec3::new(0.93, 0.94, 0.95),
-        roughness: 0.03,
-        metallic: 1.0,
-        ..Material::default()
-    });
-    let glass = |absorption: Vec3| Material {
-        kind: kind::GLASS,
-        base_color: Vec3::ONE,
-        roughness: 0.0,
-        absorption,
-        ior: 1.5,
-        ..Material::default()
-    };
-    let clear = scene.add_material(glass(Vec3::new(0.05, 0.02, 0.03)));
-    let blue = scene.add_material(glass(Vec3::new(2.6, 0.9, 0.25)));
-    let amber = scene.add_material(glass(Vec3::new(0.2, 1.1, 4.0)));
+    let SculptureMaterials {
+        stone,
+        marble,
+        gold,
+        copper,
+        chrome,
+        clear,
+        blue,
+        amber,
+    } = SculptureMaterials::new(scene);
 
     // A terrace of slabs on the lawn; everything stands on it.
     let floor = height(0.0, 3.0) + 0.22;
@@ -306,29 +346,16 @@ fn set_sculptures(scene: &mut Scene, knot: &Part) {
         let model = scene.add_mesh(&[(&shapes::block(half, bevel), material)]);
         scene.place(model, Affine3A::from_translation(centre));
     };
-    block(
-        scene,
-        Vec3::new(6.8, 0.6, 3.4),
-        0.05,
-        stone,
-        at(-0.2, -0.6, 3.2),
-    );
-    block(
-        scene,
-        Vec3::new(7.3, 0.5, 3.9),
-        0.05,
-        stone,
-        at(-0.2, -0.68, 3.2),
-    );
+    for (half, y) in [
+        (Vec3::new(6.8, 0.6, 3.4), -0.6),
+        (Vec3::new(7.3, 0.5, 3.9), -0.68),
+    ] {
+        block(scene, half, 0.05, stone, at(-0.2, y, 3.2));
+    }
 
     // Menger's sponge in copper, on a corner of its plinth.
-    block(
-        scene,
-        Vec3::new(1.0, 0.28, 1.0),
-        0.04,
-        marble,
-        at(-4.4, 0.28, 2.6),
-    );
+    let plinth = Vec3::new(1.0, 0.28, 1.0);
+    block(scene, plinth, 0.04, marble, at(-4.4, 0.28, 2.6));
     let sponge = scene.add_procedural(Procedural {
         shape: Shape::Sponge,
         centre: Vec3::ZERO,
@@ -341,13 +368,7 @@ fn set_sculptures(scene: &mut Scene, knot: &Part) {
     );
 
     // The knot in gold.
-    block(
-        scene,
-        Vec3::new(1.0, 0.28, 1.0),
-        0.04,
-        marble,
-        at(4.1, 0.28, 2.6),
-    );
+    block(scene, plinth, 0.04, marble, at(4.1, 0.28, 2.6));
     let knot = scene.add_mesh(&[(knot, gold)]);
     scene.place(
         knot,

@@ -89,6 +89,51 @@ pub fn build_tlas<'a>(
     Ok(built.remove(0))
 }
 
+/// A structure that is not yet built, and the size of its scratch memory.
+fn create<'a>(
+    context: &'a Context,
+    level: vk::AccelerationStructureTypeKHR,
+    input: &BlasInput,
+    info: &vk::AccelerationStructureBuildGeometryInfoKHR,
+) -> Result<(AccelerationStructure<'a>, u64)> {
+    let counts: Vec<u32> = input
+        .ranges
+        .iter()
+        .map(|range| range.primitive_count)
+        .collect();
+    let mut sizes = vk::AccelerationStructureBuildSizesInfoKHR::default();
+    // SAFETY: there is one count for each geometry.
+    unsafe {
+        context.acceleration.get_acceleration_structure_build_sizes(
+            vk::AccelerationStructureBuildTypeKHR::DEVICE,
+            info,
+            &counts,
+            &mut sizes,
+        );
+    }
+    let buffer = Buffer::new(
+        context,
+        sizes.acceleration_structure_size,
+        vk::BufferUsageFlags::ACCELERATION_STRUCTURE_STORAGE_KHR,
+    )?;
+    let create = vk::AccelerationStructureCreateInfoKHR::default()
+        .buffer(buffer.handle)
+        .size(sizes.acceleration_structure_size)
+        .ty(level);
+    // SAFETY: the buffer is as large as the structure, and lives beside it.
+    let handle = unsafe {
+        context
+            .acceleration
+            .create_acceleration_structure(&create, None)
+    }?;
+    let structure = AccelerationStructure {
+        context,
+        handle,
+        _buffer: buffer,
+    };
+    Ok((structure, sizes.build_scratch_size))
+}
+
 fn build<'a>(
     context: &'a Context,
     level: vk::AccelerationStructureTypeKHR,
@@ -105,44 +150,11 @@ fn build<'a>(
             .flags(vk::BuildAccelerationStructureFlagsKHR::PREFER_FAST_TRACE)
             .mode(vk::BuildAccelerationStructureModeKHR::BUILD)
             .geometries(&input.geometries);
-        let counts: Vec<u32> = input
-            .ranges
-            .iter()
-            .map(|range| range.primitive_count)
-            .collect();
-        let mut sizes = vk::AccelerationStructureBuildSizesInfoKHR::default();
-        // SAFETY: there is one count for each geometry.
-        unsafe {
-            context.acceleration.get_acceleration_structure_build_sizes(
-                vk::AccelerationStructureBuildTypeKHR::DEVICE,
-                &info,
-                &counts,
-                &mut sizes,
-            );
-        }
-        let buffer = Buffer::new(
-            context,
-            sizes.acceleration_structure_size,
-            vk::BufferUsageFlags::ACCELERATION_STRUCTURE_STORAGE_KHR,
-        )?;
-        let create = vk::AccelerationStructureCreateInfoKHR::default()
-            .buffer(buffer.handle)
-            .size(sizes.acceleration_structure_size)
-            .ty(level);
-        // SAFETY: the buffer is as large as the structure, and lives beside it.
-        let handle = unsafe {
-            context
-                .acceleration
-                .create_acceleration_structure(&create, None)
-        }?;
-        structures.push(AccelerationStructure {
-            context,
-            handle,
-            _buffer: buffer,
-        });
-        infos.push(info.dst_acceleration_structure(handle));
+        let (structure, scratch_bytes) = create(context, level, input, &info)?;
+        infos.push(info.dst_acceleration_structure(structure.handle));
+        structures.push(structure);
         scratch_offsets.push(scratch_size);
-        scratch_size += sizes.build_scratch_size.next_multiple_of(alignment);
+        scratch_size += scratch_bytes.next_multiple_of(alignment);
     }
     let scratch = Buffer::new(
         context,

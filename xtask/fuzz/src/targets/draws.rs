@@ -700,12 +700,10 @@ unsafe fn step(
         base_array_layer: near(rng, 1),
         layer_count: near(rng, target.layers),
     };
-    let draws = world.guarded[1].buffer.handle;
     let mut op = || vk::FragmentShadingRateCombinerOpKHR::from_raw(rng.i32(0..6));
     let combiners = [op(), op()];
     let size = [near(rng, 4), near(rng, 4)];
     (world.gpu).set_shading_rate(commands, size, combiners);
-    let meshes = ash::ext::mesh_shader::Device::new(&world.gpu.instance, device);
     // SAFETY: the caller's promise.
     unsafe {
         device.cmd_set_viewport(commands, 0, &[viewport]);
@@ -713,6 +711,22 @@ unsafe fn step(
         device.cmd_bind_vertex_buffers(commands, 0, &[buffer], &[offset]);
         let kind = one_of(rng, &[vk::IndexType::UINT16, vk::IndexType::UINT32]);
         device.cmd_bind_index_buffer(commands, buffer, offset, kind);
+        if !draw(world, rng, commands) {
+            device.cmd_clear_attachments(commands, &[clear], &[rect]);
+        }
+    }
+}
+
+/// Draws by one of the commands; false in one of twelve cases, without a command.
+///
+/// # Safety
+/// The commands are being recorded, in a pass.
+unsafe fn draw(world: &World, rng: &mut Rng, commands: vk::CommandBuffer) -> bool {
+    let device = &world.gpu.device;
+    let draws = world.guarded[1].buffer.handle;
+    let meshes = ash::ext::mesh_shader::Device::new(&world.gpu.instance, device);
+    // SAFETY: the caller's promise.
+    unsafe {
         let commands_at = MARGIN + u64::from(rng.u32(0..800) & !3);
         let stride = 4 * rng.u32(4..9);
         match rng.u32(0..12) {
@@ -747,7 +761,8 @@ unsafe fn step(
                 let count = rng.u32(0..4);
                 meshes.cmd_draw_mesh_tasks_indirect(commands, draws, commands_at, count, stride);
             }
-            _ => device.cmd_clear_attachments(commands, &[clear], &[rect]),
+            _ => return false,
         }
     }
+    true
 }

@@ -4,15 +4,15 @@ use std::time::{Duration, Instant};
 
 use anyhow::Result;
 use ash::vk;
-use demo::vulkan::{change_layout, viewport};
+use demo::vulkan::{Context, change_layout, viewport};
 use egui::ViewportId;
 use winit::event_loop::ActiveEventLoop;
 
 use super::App;
 use super::open::Open;
 use crate::panel::{News, lay_out};
-use crate::progress::Sight;
-use crate::swapchain::Outcome;
+use crate::progress::{Progress, Sight};
+use crate::swapchain::{Outcome, SwapchainImage};
 
 /// A stutter moves the camera no farther than this.
 const LONGEST_STEP: Duration = Duration::from_millis(200);
@@ -68,41 +68,14 @@ impl App<'_> {
         let size = (swapchain.extent.width, swapchain.extent.height);
         overlay.prepare(&output.textures_delta, &meshes, size, scale)?;
 
-        let (context, area) = (self.studio.context, vk::Rect2D::from(swapchain.extent));
+        let context = self.studio.context;
         let exposure = self.studio.scene.exposure * self.choices.stops.exp2();
         open.window.pre_present_notify();
         let outcome = swapchain.present(self.commands, self.finished, |commands, shown| {
-            let image = (shown.image, vk::ImageAspectFlags::COLOR);
-            let attached = vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL;
-            // The barrier is for all memory that was written: for what was traced and drawn, too.
-            change_layout(
-                context,
-                commands,
-                image,
-                vk::ImageLayout::UNDEFINED,
-                attached,
-            );
-            let colors = [vk::RenderingAttachmentInfo::default()
-                .image_view(shown.view)
-                .image_layout(attached)
-                .load_op(vk::AttachmentLoadOp::DONT_CARE)
-                .store_op(vk::AttachmentStoreOp::STORE)];
-            let rendering = vk::RenderingInfo::default()
-                .render_area(area)
-                .layer_count(1)
-                .color_attachments(&colors);
-            let device = &context.device;
-            // SAFETY: the command buffer is recording, and what it uses outlives its execution.
-            unsafe {
-                device.cmd_begin_rendering(commands, &rendering);
-                device.cmd_set_viewport(commands, 0, &[viewport(size)]);
-                device.cmd_set_scissor(commands, 0, &[area]);
+            record(context, commands, &shown, size, || {
                 show.record(commands, progress, exposure);
                 overlay.record(commands);
-                device.cmd_end_rendering(commands);
-            }
-            let presented = vk::ImageLayout::PRESENT_SRC_KHR;
-            change_layout(context, commands, image, attached, presented);
+            });
         })?;
         match outcome {
             Outcome::Presented => self.presented += 1,
@@ -113,29 +86,14 @@ impl App<'_> {
             Outcome::Late => {}
             Outcome::SurfaceLost => return self.lose_surface(),
         }
-        let was_presented = !matches!(
-            outcome,
-            Outcome::Late | Outcome::Misfit { presented: false }
-        );
+        let was_presented = outcome.was_presented();
         if was_presented {
             self.last_presented = Instant::now();
             self.was_lost = false;
         }
         let is_done = progress.is_done(order.spp);
         if is_done && was_presented && !self.has_told {
-            let (corner, size) = (panel.min * scale, panel.size() * scale);
-            println!(
-                "window: {}x{}, {} samples, {:.1} Mrays/s, traced from column {split}; \
-                 panel at {},{}, {}x{}",
-                progress.size.0,
-                progress.size.1,
-                progress.samples,
-                progress.rays_per_second / 1e6,
-                corner.x.floor(),
-                corner.y.floor(),
-                size.x.ceil(),
-                size.y.ceil(),
-            );
+            print_done(progress, split, (panel.min * scale, panel.size() * scale));
             self.has_told = true;
         }
         self.has_told &= is_done;
@@ -154,4 +112,64 @@ impl App<'_> {
         self.sleep(events, then);
         Ok(())
     }
+}
+
+/// Records a picture over all of an image that is presented.
+fn record(
+    context: &Context,
+    commands: vk::CommandBuffer,
+    shown: &SwapchainImage,
+    size: (u32, u32),
+    draw: impl FnOnce(),
+) {
+    let area = vk::Rect2D::from(vk::Extent2D {
+        width: size.0,
+        height: size.1,
+    });
+    let image = (shown.image, vk::ImageAspectFlags::COLOR);
+    let attached = vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL;
+    // The barrier is for all memory that was written: for what was traced and drawn, too.
+    change_layout(
+        context,
+        commands,
+        image,
+        vk::ImageLayout::UNDEFINED,
+        attached,
+    );
+    let colors = [vk::RenderingAttachmentInfo::default()
+        .image_view(shown.view)
+        .image_layout(attached)
+        .load_op(vk::AttachmentLoadOp::DONT_CARE)
+        .store_op(vk::AttachmentStoreOp::STORE)];
+    let rendering = vk::RenderingInfo::default()
+        .render_area(area)
+        .layer_count(1)
+        .color_attachments(&colors);
+    let device = &context.device;
+    // SAFETY: the command buffer is recording, and what it uses outlives its execution.
+    unsafe {
+        device.cmd_begin_rendering(commands, &rendering);
+        device.cmd_set_viewport(commands, 0, &[viewport(size)]);
+        device.cmd_set_scissor(commands, 0, &[area]);
+        draw();
+        device.cmd_end_rendering(commands);
+    }
+    let presented = vk::ImageLayout::PRESENT_SRC_KHR;
+    change_layout(context, commands, image, attached, presented);
+}
+
+/// Prints the figures of a complete picture, with the panel's place in pixels.
+fn print_done(progress: &Progress, split: u32, (corner, size): (egui::Pos2, egui::Vec2)) {
+    println!(
+        "window: {}x{}, {} samples, {:.1} Mrays/s, traced from column {split}; \
+         panel at {},{}, {}x{}",
+        progress.size.0,
+        progress.size.1,
+        progress.samples,
+        progress.rays_per_second / 1e6,
+        corner.x.floor(),
+        corner.y.floor(),
+        size.x.ceil(),
+        size.y.ceil(),
+    );
 }

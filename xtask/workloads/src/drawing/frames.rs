@@ -228,6 +228,31 @@ fn reference(width: u32, height: u32, windows: &[Window]) -> Vec<[u8; 4]> {
     picture.into_iter().map(bytes).collect()
 }
 
+/// The corners and indices of all items' boxes.
+fn boxes(windows: &[Window]) -> (Vec<Corner>, Vec<u16>) {
+    let (mut corners, mut indices) = (Vec::new(), Vec::new());
+    for item in windows.iter().flat_map(|window| &window.items) {
+        let first = corners.len() as u16;
+        for (right, bottom) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
+            let place = [
+                item.left + right * item.width,
+                item.top + bottom * item.height,
+            ];
+            let at = match item.texel {
+                Some([u, v]) => [u + right * item.width, v + bottom * item.height],
+                None => [8, 8],
+            };
+            corners.push(Corner {
+                place: place.map(|it| it as f32),
+                at: at.map(|it| it as f32 / ATLAS as f32),
+                color: item.color,
+            });
+        }
+        indices.extend([0, 1, 2, 2, 1, 3].map(|corner| first + corner));
+    }
+    (corners, indices)
+}
+
 /// Ten frames as immediate-mode interfaces draw them: one vertex buffer, 192 windows with a scissor
 /// and a draw each.
 pub fn interface(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
@@ -250,26 +275,7 @@ pub fn interface(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
         .min_filter(vk::Filter::LINEAR);
     let set = gpu.set_of(&[Bound::Sampled(atlas.view, gpu.sampler(&sampler))]);
     let windows = windows(width, height);
-    let (mut corners, mut indices) = (Vec::new(), Vec::new());
-    for item in windows.iter().flat_map(|window| &window.items) {
-        let first = corners.len() as u16;
-        for (right, bottom) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
-            let place = [
-                item.left + right * item.width,
-                item.top + bottom * item.height,
-            ];
-            let at = match item.texel {
-                Some([u, v]) => [u + right * item.width, v + bottom * item.height],
-                None => [8, 8],
-            };
-            corners.push(Corner {
-                place: place.map(|it| it as f32),
-                at: at.map(|it| it as f32 / ATLAS as f32),
-                color: item.color,
-            });
-        }
-        indices.extend([0, 1, 2, 2, 1, 3].map(|corner| first + corner));
-    }
+    let (corners, indices) = boxes(&windows);
     let (vertices, indices) = (gpu.buffer_with(&corners), gpu.buffer_with(&indices));
     let mut painting = Painting::new(gpu, BOX, GLYPH, RGBA);
     painting.layout = gpu.layout(&[set.layout]);

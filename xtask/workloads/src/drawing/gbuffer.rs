@@ -58,19 +58,8 @@ pub fn normals(mesh: &Mesh) -> Vec<[f32; 3]> {
     normals.into_iter().map(unit).collect()
 }
 
-pub fn geometry(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
-    if !draws(gpu) {
-        return None;
-    }
-    let meshes = [scene::hills(scale.triangles), scene::ball(4)];
-    let mut places = vec![Affine3A::IDENTITY];
-    places.extend(
-        scene::placements(scale.instances, 1)
-            .iter()
-            .map(|it| it.transform),
-    );
-    let colors = [RGBA, NORMALS, PLACES].map(|format| canvas(gpu, scale, format));
-    let depth = canvas(gpu, scale, vk::Format::D32_SFLOAT);
+/// Writes color, normal and position of instances.
+fn painting(gpu: &Gpu) -> Painting<'_> {
     let mut painting = Painting::new(gpu, VERTEX, FRAGMENT, RGBA);
     painting.colors = vec![RGBA, NORMALS, PLACES];
     painting.blend = vec![painting.blend[0]; 3];
@@ -100,6 +89,23 @@ pub fn geometry(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
         attribute(3, 2, PLACES, 16),
         attribute(4, 2, PLACES, 32),
     ];
+    painting
+}
+
+pub fn geometry(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
+    if !draws(gpu) {
+        return None;
+    }
+    let meshes = [scene::hills(scale.triangles), scene::ball(4)];
+    let mut places = vec![Affine3A::IDENTITY];
+    places.extend(
+        scene::placements(scale.instances, 1)
+            .iter()
+            .map(|it| it.transform),
+    );
+    let colors = [RGBA, NORMALS, PLACES].map(|format| canvas(gpu, scale, format));
+    let depth = canvas(gpu, scale, vk::Format::D32_SFLOAT);
+    let painting = painting(gpu);
     let pipeline = gpu.painting(&painting);
     let buffers = meshes.each_ref().map(|mesh| {
         let corners = gpu.buffer_with(&mesh.corners);

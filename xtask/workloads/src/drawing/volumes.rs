@@ -157,6 +157,69 @@ fn with_meshes(mut painting: Painting<'_>, depth: vk::Format) -> Painting<'_> {
     painting
 }
 
+/// The square below the balls.
+fn ground(gpu: &Gpu) -> Drawable {
+    let square = [
+        (-REACH, -REACH),
+        (REACH, -REACH),
+        (-REACH, REACH),
+        (REACH, REACH),
+    ];
+    Drawable {
+        vertices: [
+            gpu.buffer_with(&square.map(|(x, z)| [x, 0.0, z])),
+            gpu.buffer_with(&[[0.0f32, 1.0, 0.0]; 4]),
+            gpu.buffer_with(&[[0.0f32, 0.0, 0.0, 1.0]]),
+        ],
+        indices: gpu.buffer_with(&[0u32, 1, 2, 2, 1, 3]),
+        count: 6,
+        instances: 1,
+    }
+}
+
+/// Counts the beginnings and ends of shadow volumes before the scene in the stencil.
+fn volumes<'t>(gpu: &Gpu, dark: &'t str, geometry: &'t str, depth: vk::Format) -> Painting<'t> {
+    let mut volumes = with_meshes(Painting::new(gpu, PLACES, dark, RGBA), depth);
+    volumes.attributes.retain(|it| it.location != 1);
+    volumes.fragment = None;
+    volumes.geometry = Some(geometry);
+    volumes.topology = vk::PrimitiveTopology::TRIANGLE_LIST_WITH_ADJACENCY;
+    volumes.blend[0].color_write_mask = vk::ColorComponentFlags::empty();
+    let counts = |op| {
+        vk::StencilOpState::default()
+            .compare_op(vk::CompareOp::ALWAYS)
+            .depth_fail_op(op)
+            .compare_mask(0xFF)
+            .write_mask(0xFF)
+    };
+    volumes.depth_stencil = vk::PipelineDepthStencilStateCreateInfo::default()
+        .depth_test_enable(true)
+        .depth_compare_op(vk::CompareOp::LESS_OR_EQUAL)
+        .stencil_test_enable(true)
+        .front(counts(vk::StencilOp::DECREMENT_AND_WRAP))
+        .back(counts(vk::StencilOp::INCREMENT_AND_WRAP));
+    volumes
+}
+
+/// Adds light where the stencil is zero.
+fn lit_painting<'t>(gpu: &Gpu, lit: &'t str, depth: vk::Format) -> Painting<'t> {
+    let mut painting = with_meshes(Painting::new(gpu, VERTEX, lit, RGBA), depth);
+    painting.blend[0] = painting.blend[0]
+        .blend_enable(true)
+        .src_color_blend_factor(vk::BlendFactor::ONE)
+        .dst_color_blend_factor(vk::BlendFactor::ONE);
+    let unshadowed = vk::StencilOpState::default()
+        .compare_op(vk::CompareOp::EQUAL)
+        .compare_mask(0xFF);
+    painting.depth_stencil = vk::PipelineDepthStencilStateCreateInfo::default()
+        .depth_test_enable(true)
+        .depth_compare_op(vk::CompareOp::EQUAL)
+        .stencil_test_enable(true)
+        .front(unshadowed)
+        .back(unshadowed);
+    painting
+}
+
 /// The scene dark, then the volumes into the stencil where the scene is before them, then light
 /// where as many begin as end.
 pub fn shadows(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
@@ -176,40 +239,8 @@ pub fn shadows(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
     let mut first = with_meshes(Painting::new(gpu, VERTEX, &dark, RGBA), depth.format);
     first.depth_stencil = nearer();
 
-    let mut volumes = with_meshes(Painting::new(gpu, PLACES, &dark, RGBA), depth.format);
-    volumes.attributes.retain(|it| it.location != 1);
-    volumes.fragment = None;
-    volumes.geometry = Some(&geometry);
-    volumes.topology = vk::PrimitiveTopology::TRIANGLE_LIST_WITH_ADJACENCY;
-    volumes.blend[0].color_write_mask = vk::ColorComponentFlags::empty();
-    let counts = |op| {
-        vk::StencilOpState::default()
-            .compare_op(vk::CompareOp::ALWAYS)
-            .depth_fail_op(op)
-            .compare_mask(0xFF)
-            .write_mask(0xFF)
-    };
-    volumes.depth_stencil = vk::PipelineDepthStencilStateCreateInfo::default()
-        .depth_test_enable(true)
-        .depth_compare_op(vk::CompareOp::LESS_OR_EQUAL)
-        .stencil_test_enable(true)
-        .front(counts(vk::StencilOp::DECREMENT_AND_WRAP))
-        .back(counts(vk::StencilOp::INCREMENT_AND_WRAP));
-
-    let mut last = with_meshes(Painting::new(gpu, VERTEX, &lit, RGBA), depth.format);
-    last.blend[0] = last.blend[0]
-        .blend_enable(true)
-        .src_color_blend_factor(vk::BlendFactor::ONE)
-        .dst_color_blend_factor(vk::BlendFactor::ONE);
-    let unshadowed = vk::StencilOpState::default()
-        .compare_op(vk::CompareOp::EQUAL)
-        .compare_mask(0xFF);
-    last.depth_stencil = vk::PipelineDepthStencilStateCreateInfo::default()
-        .depth_test_enable(true)
-        .depth_compare_op(vk::CompareOp::EQUAL)
-        .stencil_test_enable(true)
-        .front(unshadowed)
-        .back(unshadowed);
+    let volumes = volumes(gpu, &dark, &geometry, depth.format);
+    let last = lit_painting(gpu, &lit, depth.format);
     let pipelines = [&first, &volumes, &last].map(|painting| gpu.painting(painting));
 
     let mesh = scene::ball(3).welded();
@@ -229,22 +260,7 @@ pub fn shadows(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
     };
     let solid = of_balls(&mesh.indices);
     let casting = of_balls(&adjacent(&mesh));
-    let square = [
-        (-REACH, -REACH),
-        (REACH, -REACH),
-        (-REACH, REACH),
-        (REACH, REACH),
-    ];
-    let ground = Drawable {
-        vertices: [
-            gpu.buffer_with(&square.map(|(x, z)| [x, 0.0, z])),
-            gpu.buffer_with(&[[0.0f32, 1.0, 0.0]; 4]),
-            gpu.buffer_with(&[[0.0f32, 0.0, 0.0, 1.0]]),
-        ],
-        indices: gpu.buffer_with(&[0u32, 1, 2, 2, 1, 3]),
-        count: 6,
-        instances: 1,
-    };
+    let ground = ground(gpu);
     let pass = Pass {
         colors: &[color],
         clears: &[[0.0; 4]],

@@ -266,6 +266,38 @@ pub fn source(prefix: &str, access: Access, shape: Shape) -> String {
     )
 }
 
+/// Fills a level of this size with texels.
+fn fill_level(
+    gpu: &Gpu,
+    row: &FormatEntry,
+    image: vk::Image,
+    level: u32,
+    [side, depth, layers]: [u32; 3],
+) {
+    let blocks = |side: u32| (side.div_ceil(row.block_side())) as usize;
+    let count = blocks(side) * blocks(side) * depth as usize * layers as usize;
+    let buffer = gpu.buffer_with(&row.texels(count));
+    let copy = vk::BufferImageCopy::default()
+        .image_subresource(
+            vk::ImageSubresourceLayers::default()
+                .aspect_mask(row.aspects()[0])
+                .mip_level(level)
+                .layer_count(layers),
+        )
+        .image_extent(vk::Extent3D {
+            width: side,
+            height: side,
+            depth,
+        });
+    gpu.run(|commands| {
+        let general = vk::ImageLayout::GENERAL;
+        // SAFETY: the command buffer is being recorded, and the buffer covers the level.
+        unsafe {
+            (gpu.device).cmd_copy_buffer_to_image(commands, buffer.handle, image, general, &[copy]);
+        }
+    });
+}
+
 /// A filled image and the view that is sampled.
 fn image(
     gpu: &Gpu,
@@ -325,36 +357,9 @@ fn image(
         .level_count(levels)
         .layer_count(layers);
     gpu.to_general(image, range.aspect_mask(sampled | other));
-    let blocks = |side: u32| (side.div_ceil(row.block_side())) as usize;
     for level in 0..levels {
         let [side, depth] = [side, depth].map(|side| (side >> level).max(1));
-        let count = blocks(side) * blocks(side) * depth as usize * layers as usize;
-        let buffer = gpu.buffer_with(&row.texels(count));
-        let copy = vk::BufferImageCopy::default()
-            .image_subresource(
-                vk::ImageSubresourceLayers::default()
-                    .aspect_mask(sampled)
-                    .mip_level(level)
-                    .layer_count(layers),
-            )
-            .image_extent(vk::Extent3D {
-                width: side,
-                height: side,
-                depth,
-            });
-        gpu.run(|commands| {
-            let general = vk::ImageLayout::GENERAL;
-            // SAFETY: the command buffer is being recorded, and the buffer covers the level.
-            unsafe {
-                (gpu.device).cmd_copy_buffer_to_image(
-                    commands,
-                    buffer.handle,
-                    image,
-                    general,
-                    &[copy],
-                );
-            }
-        });
+        fill_level(gpu, row, image, level, [side, depth, layers]);
     }
     let info = vk::ImageViewCreateInfo::default()
         .image(image)

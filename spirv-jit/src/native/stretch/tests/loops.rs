@@ -17,13 +17,13 @@ fn memory_of_loops_is_at_the_pointers_that_code_was_given() {
         (Encoding::Evex, false, 4),
     ] {
         let mut turns = Turns::new(encoding, is_paired, subgroups);
-        let at = |value: u32, ty| place(value, ty, Row::Frame(2 * value as usize));
+        let at = |value: u32, ty| place(value, ty, ValueRow::Frame(2 * value as usize));
         let (counter, sum) = (at(0, Type::I32), at(1, Type::I64));
         for copy in 0..turns.copies() {
             let lanes = turns.begin(copy, &[(counter, false), (sum, copy % 2 == 1)]);
             let (less, word, wide) = (at(2, Type::I1), at(3, Type::I32), at(4, Type::I64));
             let bound = at(5, Type::I32);
-            let operation = |turns: &mut Turns, op: Op, from: &[Place], to: Place| {
+            let operation = |turns: &mut Turns, op: Op, from: &[IrOperand], to: IrOperand| {
                 let written = turns.perform(&[to.value], false, |stretch| {
                     stretch.perform(&op, from, &[to]) && {
                         stretch.end_operation();
@@ -34,7 +34,7 @@ fn memory_of_loops_is_at_the_pointers_that_code_was_given() {
             };
             operation(&mut turns, Op::ULt, &[counter, bound], less);
             let [stay, go] = turns.split(lanes, &less).unwrap();
-            turns.leave(go, &sum, Row::Frame(20));
+            turns.leave(go, &sum, ValueRow::Frame(20));
             let place = (&counter, true);
             turns.load(stay, 3, place, &[Some(word)]).unwrap();
             turns

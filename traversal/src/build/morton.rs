@@ -8,8 +8,8 @@ use rayon::prelude::*;
 
 use super::corners::Corners;
 use super::primitive::{CHUNK, Primitive};
+use super::sah_sweep::{Blocks, Stretch};
 use super::split::{Extent, SplitRules};
-use super::sweep::{Blocks, Stretch};
 use super::tree::{self, BinaryNode, HEURISTIC_DEPTH, PARALLEL, Subtree};
 use super::vector::{PortableBounds, Vector};
 use crate::pool::in_pool;
@@ -137,7 +137,7 @@ struct Growth<'a> {
 
 /// Builds the tree of primitives into `nodes` (2n − 1 of them). The primitives are at the front of
 /// the nodes' memory, and are sorted into `primitives`. `blocks` has
-/// [`block_count`](super::sweep::block_count) elements. The tree is the same on every machine.
+/// [`block_count`](super::sah_sweep::block_count) elements. The tree is the same on every machine.
 pub(crate) fn build(
     primitives: &mut [Primitive],
     nodes: &mut [BinaryNode],

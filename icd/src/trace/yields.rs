@@ -7,14 +7,20 @@ use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::program::{AlignedRow, IO_DATA_ROW, Row, SiteKind, Trace};
 
 use super::batch::{Batch, Worker};
+use super::calls::Records;
 use super::lanes::{copy_lanes, copy_row, floats, put_word};
 use super::rays::{Report, alike, record_indices};
-use super::subgroup::{LaneRef, Role, SubgroupIndex, by_index, in_place, lanes_named};
+use super::subgroup::{Callee, LaneRef, Role, SubgroupIndex, by_index, in_place, lanes_named};
 use crate::wave::Stopped;
+use crate::wave::table::{Live, Shaders};
 
 impl Batch<'_> {
     /// Starts what a yield asks for, lane by lane.
-    pub(super) fn answer(&mut self, index: SubgroupIndex, site: SiteKind) -> Result<(), Stopped> {
+    pub(super) fn act_on_yield(
+        &mut self,
+        index: SubgroupIndex,
+        site: SiteKind,
+    ) -> Result<(), Stopped> {
         let subgroup = &mut self.worker.subgroups[index];
         let program = &self.dispatch.shaders.programs[subgroup.program as usize];
         let mask = program.event_mask(&subgroup.rows);
@@ -188,41 +194,26 @@ impl Batch<'_> {
         let group = &mut ray_groups[group_index];
         let counts = group.flight.counts(lanes, &t);
         let candidates = group.flight.candidates();
-        let mut undecided = counts - candidates.opaque();
-        let mut asked = LaneMask::NONE;
-        let mut callees: SmallVec<[_; 1]> = SmallVec::new();
+        let undecided = counts - candidates.opaque();
+        let mut callees = SmallVec::new();
         if !undecided.is_empty() {
             let hit_records = record_indices(tier, candidates, group.operands(subgroups));
-            while !undecided.is_empty() {
-                let record = hit_records[undecided.first()];
-                let alike = alike(&hit_records, undecided);
-                undecided -= alike;
-                let found = records.find(shaders, &self.dispatch.tables.hit, record);
-                if let Some((program, record)) =
-                    found.and_then(|(group, record)| Some((group.any_hit?, record)))
-                {
-                    asked |= alike;
-                    callees.push(((program, Role::AnyHitOfReport, record), alike));
-                }
-            }
+            let shaders = (shaders, &self.dispatch.tables.hit);
+            callees = any_hit_calls(shaders, records, &hit_records, undecided);
         }
+        let asked = (callees.iter()).fold(LaneMask::NONE, |asked, (_, lanes)| asked | *lanes);
         let committed = counts - asked;
         let mut over = LaneMask::NONE;
         if !committed.is_empty() {
             if attribute_words > 0 {
                 let attributes = &mut group.procedural_mut().attributes;
                 for (attribute, row) in attributes.iter_mut().zip(words) {
-                    match of {
-                        None => copy_row(tier, attribute, &row.0, committed),
-                        Some(of) => {
-                            copy_row(tier, attribute, &spread(&row.0, reporters, of), committed)
-                        }
-                    }
+                    let row = of.map_or(row.0, |of| spread(&row.0, reporters, of));
+                    copy_row(tier, attribute, &row, committed);
                 }
             }
             over = group.flight.report(committed, &t, &kinds);
         }
-        let ray_of = |lane: usize| of.map_or(lane, |of| of[lane].lane());
         let mut verdicts = [0; SUBGROUP_SIZE];
         put_word(tier, &mut verdicts, 1, committed);
         put_word(tier, &mut verdicts, 2, over);
@@ -237,16 +228,9 @@ impl Batch<'_> {
             }
         }
         for lane in reporters - answered {
-            let ray = ray_of(lane);
-            let mut report = Report {
-                t: t[ray],
-                hit_kind: kinds[ray] as u8,
-                reporter: LaneRef::new(index, lane),
-                ..Report::default()
-            };
-            for (attribute, row) in report.attributes.iter_mut().zip(words) {
-                *attribute = row.0[lane];
-            }
+            let ray = of.map_or(lane, |of| of[lane].lane());
+            let (t, hit_kind) = (t[ray], kinds[ray] as u8);
+            let report = report_of(LaneRef::new(index, lane), t, hit_kind, words);
             group.procedural_mut().reports[ray] = report;
         }
         copy_row(tier, &mut subgroups[index].rows[io].0, &verdicts, answered);
@@ -408,6 +392,43 @@ impl Batch<'_> {
             }
         }
     }
+}
+
+/// The any-hit shaders that decide about reported hits, each with its rays. Rays without one are in
+/// none.
+fn any_hit_calls(
+    (shaders, table): (&Shaders, &Live),
+    records: &mut Records,
+    hit_records: &Row,
+    mut undecided: LaneMask,
+) -> SmallVec<[(Callee, LaneMask); 1]> {
+    let mut calls = SmallVec::new();
+    while !undecided.is_empty() {
+        let record = hit_records[undecided.first()];
+        let alike = alike(hit_records, undecided);
+        undecided -= alike;
+        let found = records.find(shaders, table, record);
+        if let Some((program, record)) =
+            found.and_then(|(group, record)| Some((group.any_hit?, record)))
+        {
+            calls.push(((program, Role::AnyHitOfReport, record), alike));
+        }
+    }
+    calls
+}
+
+/// A report that waits for an any-hit shader, with the reporter's attributes.
+fn report_of(reporter: LaneRef, t: f32, hit_kind: u8, attributes: &[AlignedRow]) -> Report {
+    let mut report = Report {
+        t,
+        hit_kind,
+        reporter,
+        ..Report::default()
+    };
+    for (attribute, row) in report.attributes.iter_mut().zip(attributes) {
+        *attribute = row.0[reporter.lane()];
+    }
+    report
 }
 
 /// Puts numbers of lanes where their rays are.

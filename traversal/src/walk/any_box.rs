@@ -157,7 +157,7 @@ impl BoxLevel<'_> {
     /// # Safety
     /// The machine has the kernel's instruction set.
     #[inline(always)]
-    pub unsafe fn meeting<K: Kernel>(
+    pub unsafe fn hits_any_box<K: Kernel>(
         &self,
         slabs: &Slabs,
         lanes: LaneMask,

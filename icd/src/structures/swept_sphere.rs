@@ -4,7 +4,7 @@
 use spirv_jit::reach::Reach;
 use traversal::{IndexType, Indexing, SweptGeometry};
 
-use crate::command::swept::Swept;
+use crate::command::swept_sphere::Swept;
 use crate::format::structure::MAX_VERTEX_BYTES;
 use crate::wave::reachable::readable;
 
