@@ -18,23 +18,35 @@
 //! computed by hand. Besides, every module runs on made-up inputs as it is, after its passes and
 //! after all passes, and must do the same.
 //!
+//! `native avx2` in place of `pass` expects the listing of the module's native code. `lower` expects
+//! the IR of SPIR-V in the syntax of `spirv-as`: a compute shader's body, between the declarations
+//! in `filetests/lower/prelude.txt` and the store of `%result`. Lines above one that says `main` are
+//! more declarations. A `run` line then gives the words `%x` and `%y`, and the result.
+//!
 //! `TUFF_BLESS=1 cargo test -p spirv-jit --test filetests` rewrites the expectations; read the
 //! difference before you commit it.
 
 mod observe;
+mod spirv_text;
 
 use std::path::{Path, PathBuf};
 
 use observe::{Outcome, execute, execute_on};
-use spirv_jit::Tier;
+use shaders::compute::{Memory, dispatch};
 use spirv_jit::ir::text::{parse_module, print_module};
 use spirv_jit::ir::{Module, verify};
 use spirv_jit::pass::{self, optimize, run_pass};
+use spirv_jit::program::Stage;
+use spirv_jit::{Program, Tier};
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("filetests")
+}
 
 fn files() -> Vec<PathBuf> {
-    let directory = Path::new(env!("CARGO_MANIFEST_DIR")).join("filetests");
-    let mut files: Vec<PathBuf> = std::fs::read_dir(directory)
-        .unwrap()
+    let mut files: Vec<PathBuf> = ["", "lower", "native"]
+        .into_iter()
+        .flat_map(|folder| std::fs::read_dir(root().join(folder)).unwrap())
         .map(|entry| entry.unwrap().path())
         .filter(|path| path.extension().is_some_and(|extension| extension == "ir"))
         .collect();
@@ -42,10 +54,17 @@ fn files() -> Vec<PathBuf> {
     files
 }
 
-/// A case's parts: comment, `pass` and `run` lines, input, expectation.
+/// What is done with the input.
+enum Task<'a> {
+    Pass(Vec<&'a str>),
+    Lower,
+    Native(Tier),
+}
+
+/// A case's parts: comment, task and `run` lines, input, expectation.
 struct FileTest<'a> {
     head: &'a str,
-    passes: Vec<&'a str>,
+    task: Task<'a>,
     /// Inputs and outputs.
     runs: Vec<(Vec<u32>, Vec<u32>)>,
     input: &'a str,
@@ -53,20 +72,21 @@ struct FileTest<'a> {
 }
 
 fn split_case(text: &str) -> Result<FileTest<'_>, String> {
-    let head_end = text.find("\nmodule ").ok_or("no module")? + 1;
+    let head_end = text.find("\n\n").ok_or("no input")? + 2;
     let (head, rest) = text.split_at(head_end);
-    let passes = head.lines().find_map(|line| line.strip_prefix("pass "));
+    let task = head.lines().find_map(|line| match line.split_once(' ') {
+        None if line == "lower" => Some(Task::Lower),
+        Some(("native", "avx2")) => Some(Task::Native(Tier::Avx2)),
+        Some(("pass", passes)) => Some(Task::Pass(passes.split(',').map(str::trim).collect())),
+        _ => None,
+    });
     let (input, expectation) = match rest.split_once("\nexpect\n") {
         Some((input, expectation)) => (input, expectation.trim_start()),
         None => (rest, ""),
     };
     Ok(FileTest {
         head,
-        passes: passes
-            .ok_or("no `pass` line")?
-            .split(',')
-            .map(str::trim)
-            .collect(),
+        task: task.ok_or("no line says what to do")?,
         runs: head
             .lines()
             .filter_map(|line| line.strip_prefix("run "))
@@ -93,17 +113,72 @@ fn parse_run(line: &str) -> Result<(Vec<u32>, Vec<u32>), String> {
     Ok((words(inputs)?, words(outputs)?))
 }
 
-/// The module after the passes, as text.
-fn apply(case: &FileTest<'_>) -> Result<String, String> {
+/// What comes out of a case; `None` for native code of a tier that the machine lacks.
+fn apply(case: &FileTest<'_>) -> Result<Option<String>, String> {
+    if let Task::Lower = case.task {
+        return lowered(case).map(Some);
+    }
     let mut module = parse_module(case.input)?;
     verify(&module)?;
-    for pass in &case.passes {
-        if !run_pass(pass, &mut module) {
-            return Err(format!("no pass `{pass}`"));
+    if let Task::Pass(passes) = &case.task {
+        for pass in passes {
+            if !run_pass(pass, &mut module) {
+                return Err(format!("no pass `{pass}`"));
+            }
+            verify(&module).map_err(|message| format!("after {pass}: {message}"))?;
         }
-        verify(&module).map_err(|message| format!("after {pass}: {message}"))?;
     }
     check_runs(case, &module)?;
+    let Task::Native(tier) = case.task else {
+        return Ok(Some(print_module(&module)));
+    };
+    if !Tier::available().contains(&tier) {
+        return Ok(None);
+    }
+    shaders::code_pages::allow_native_code();
+    let program = Program::with_tier(&module, tier).map_err(|error| error.to_string())?;
+    Ok(Some(program.native_text().unwrap_or_default()))
+}
+
+/// The IR of a case in SPIR-V.
+fn lowered(case: &FileTest<'_>) -> Result<String, String> {
+    let prelude = std::fs::read_to_string(root().join("lower/prelude.txt")).unwrap();
+    let (declarations, body) = match case.input.split_once("main\n") {
+        Some((declarations, body)) => (declarations, body),
+        None => ("", case.input),
+    };
+    let (before, after) = prelude
+        .split_once("BODY\n")
+        .ok_or("no place for the body")?;
+    let (types, start) = before
+        .split_once("DECLARATIONS\n")
+        .ok_or("no place for more")?;
+    let text = [types, declarations, start, body, "\n", after].concat();
+    let words = spirv_text::assemble(&text)?;
+    let module = shaders::lower(&shaders::request(Stage::Compute, &words));
+    let module = module.map_err(|error| error.to_string())?;
+    let mut optimised = module.clone();
+    optimize(&mut optimised).map_err(|error| error.to_string())?;
+    let mut programs = Vec::new();
+    for module in [&module, &optimised] {
+        for &tier in Tier::available() {
+            let program = Program::with_tier(module, tier).map_err(|error| error.to_string())?;
+            programs.push((tier, program));
+        }
+    }
+    for (inputs, outputs) in &case.runs {
+        for (tier, program) in &programs {
+            let mut memory = Memory {
+                buffers: vec![(0, inputs.clone()), (16, vec![0; outputs.len()])],
+                ..Memory::default()
+            };
+            dispatch(program, 1, &mut memory);
+            let found = &memory.buffers[1].1;
+            if found != outputs {
+                return Err(format!("{inputs:x?} gives {found:x?} on {tier:?}"));
+            }
+        }
+    }
     Ok(print_module(&module))
 }
 
@@ -156,7 +231,8 @@ fn each_pass_has_a_case() {
         .collect();
     let cases: Vec<FileTest<'_>> = texts.iter().map(|text| split_case(text).unwrap()).collect();
     for pass in pass::names() {
-        let has_case = cases.iter().any(|case| case.passes.contains(&pass));
+        let has_case = (cases.iter())
+            .any(|case| matches!(&case.task, Task::Pass(passes) if passes.contains(&pass)));
         assert!(has_case, "{pass}");
     }
 }
@@ -166,12 +242,13 @@ fn files_give_what_they_expect() {
     let bless = std::env::var_os("TUFF_BLESS").is_some();
     let mut failures = Vec::new();
     let files = files();
-    assert!(!files.is_empty());
+    assert!(files.len() >= 150, "the files are found");
     for path in &files {
         let text = std::fs::read_to_string(path).unwrap();
         let outcome = split_case(&text).and_then(|case| Ok((apply(&case)?, case)));
         let (output, case) = match outcome {
-            Ok(outcome) => outcome,
+            Ok((Some(output), case)) => (output, case),
+            Ok((None, _)) => continue,
             Err(message) => {
                 failures.push(format!("{}: {message}", path.display()));
                 continue;
