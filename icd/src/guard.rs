@@ -2,10 +2,11 @@
 
 use std::cell::RefCell;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::{Mutex, Once};
+use std::sync::Once;
 
 use ash::vk;
 use log::Level;
+use parking_lot::Mutex;
 
 use crate::VkResult;
 use crate::float_environment::DefaultEnvironment;
@@ -61,9 +62,7 @@ pub fn catch_panic_messages() {
             let place = info.location().map(|place| format!(" at {place}"));
             let place = place.unwrap_or_default();
             log::debug!("panic{place}");
-            if let Ok(mut last) = LAST_PANIC_AT.lock() {
-                last.clone_from(&place);
-            }
+            LAST_PANIC_AT.lock().clone_from(&place);
             PANICKED_AT.with(|at| *at.borrow_mut() = place);
         }));
     });
@@ -72,10 +71,8 @@ pub fn catch_panic_messages() {
 /// The message of a panic, and where it was: on this thread, or else the last on any.
 pub fn panic_text(payload: &(dyn std::any::Any + Send)) -> String {
     let mut place = PANICKED_AT.with(|at| std::mem::take(&mut *at.borrow_mut()));
-    if place.is_empty()
-        && let Ok(last) = LAST_PANIC_AT.lock()
-    {
-        place.clone_from(&last);
+    if place.is_empty() {
+        place.clone_from(&LAST_PANIC_AT.lock());
     }
     format!("{}{place}", panic_message(payload))
 }

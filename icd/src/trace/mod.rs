@@ -42,9 +42,8 @@ mod walks;
 mod watched;
 mod yields;
 
-use std::sync::Mutex;
-
 use ::lanes::Tier;
+use parking_lot::Mutex;
 use rayon::prelude::*;
 use spirv_jit::environment::Environment;
 use spirv_jit::program::SiteKind;
@@ -118,11 +117,7 @@ impl Tracer {
     }
 
     fn lease(&self) -> Lease<'_> {
-        let idle = self
-            .idle
-            .lock()
-            .unwrap_or_else(|poisoned| poisoned.into_inner())
-            .pop();
+        let idle = self.idle.lock().pop();
         Lease {
             worker: Some(idle.unwrap_or_default()),
             tracer: self,
@@ -161,11 +156,7 @@ impl Drop for Lease<'_> {
         if let Some(worker) = self.worker.take()
             && !std::thread::panicking()
         {
-            self.tracer
-                .idle
-                .lock()
-                .unwrap_or_else(|poisoned| poisoned.into_inner())
-                .push(worker);
+            self.tracer.idle.lock().push(worker);
         }
     }
 }

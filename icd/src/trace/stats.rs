@@ -4,8 +4,8 @@
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
-use std::sync::{Mutex, PoisonError};
 
+use parking_lot::Mutex;
 use spirv_jit::program::AlignedRow;
 use spirv_jit::{Program, SUBGROUP_SIZE};
 
@@ -49,7 +49,7 @@ impl Tally {
 
     /// Adds the batch to the total.
     pub fn close<'p>(&mut self, program: impl Fn(usize) -> &'p Program) {
-        let mut total = TOTAL.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut total = TOTAL.lock();
         for (index, counts) in std::mem::take(&mut self.0).into_iter().enumerate() {
             if counts.waves > 0 {
                 let program = program(index);
@@ -86,7 +86,7 @@ fn stage_name(program: &Program) -> &'static str {
 
 /// Prints the table, if there is something in it, and starts over.
 pub fn print() {
-    let total = std::mem::take(&mut *TOTAL.lock().unwrap_or_else(PoisonError::into_inner));
+    let total = std::mem::take(&mut *TOTAL.lock());
     if !total.is_empty() {
         eprint!("{}", table(&total));
     }

@@ -125,7 +125,9 @@ impl Lowerer<'_> {
         if !matches!(ty, Type::I32 | Type::F32) {
             return Err(self.b.invalid("a built-in has the wrong type"));
         }
-        if let (BuiltinSource::Record(Builtin::RayTmax), Some(variable)) = (source, self.ray_tmax) {
+        if let (BuiltinSource::Record(Builtin::RayTmax), Some(variable)) =
+            (source, self.stage.ray_tmax)
+        {
             return match ty {
                 Type::F32 => self.b.emit(ir::Op::VarLoad(variable, 0), &[], ty),
                 _ => Err(self.b.invalid("a built-in has the wrong type")),

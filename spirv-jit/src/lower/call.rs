@@ -81,7 +81,7 @@ impl Lowerer<'_> {
             self.check_opaque(argument, ty)?;
         }
         self.check_callee_result(instruction, callee)?;
-        match self.outlined.get(&callee).cloned().flatten() {
+        match self.calls.outlined.get(&callee).cloned().flatten() {
             Some(outlined) if !self.may_alias(&outlined, callee, &arguments)? => {
                 let results = self.emit_call(&outlined, callee, &arguments)?;
                 self.b.source = instruction.offset;
@@ -172,19 +172,19 @@ impl Lowerer<'_> {
     fn summary(&mut self, function: Id) -> Result<Rc<Summary>, Error> {
         let mut open = vec![function];
         while let Some(&next) = open.last() {
-            if !self.summaries.contains_key(&next) {
+            if !self.calls.summaries.contains_key(&next) {
                 let mut missing = self.callees(next)?;
-                missing.retain(|callee| !self.summaries.contains_key(callee));
+                missing.retain(|callee| !self.calls.summaries.contains_key(callee));
                 if !missing.is_empty() {
                     open.append(&mut missing);
                     continue;
                 }
                 let summary = self.summarize(next)?;
-                self.summaries.insert(next, Rc::new(summary));
+                self.calls.summaries.insert(next, Rc::new(summary));
             }
             open.pop();
         }
-        Ok(self.summaries[&function].clone())
+        Ok(self.calls.summaries[&function].clone())
     }
 
     /// The effects of a function whose callees have summaries.
@@ -200,7 +200,7 @@ impl Lowerer<'_> {
                 summary.size = summary.size.saturating_add(1);
                 match instruction.opcode {
                     Op::FunctionCall => {
-                        let callee = &self.summaries[&module.operands(instruction)[0]];
+                        let callee = &self.calls.summaries[&module.operands(instruction)[0]];
                         summary.size = summary.size.saturating_add(callee.size);
                         summary.yields |= callee.yields;
                         summary.variables.extend(&callee.variables);
@@ -247,22 +247,22 @@ impl Lowerer<'_> {
     /// Decides whether a callee becomes a function of the IR. If so, opens that function's body and
     /// returns true. The call is lowered after that.
     pub(super) fn outline(&mut self, callee: Id) -> Result<bool, Error> {
-        if self.outlined.contains_key(&callee) {
+        if self.calls.outlined.contains_key(&callee) {
             return Ok(false);
         }
         let summary = self.summary(callee)?;
-        let sites = self.call_sites.get(&callee).copied().unwrap_or(0);
+        let sites = self.calls.call_sites.get(&callee).copied().unwrap_or(0);
         let fits = summary.size >= LARGE
             && !self.is_control()
             && !self.is_mesh()
             && sites > 1
             && !summary.yields
-            && self.ray_tmax.is_none()
+            && self.stage.ray_tmax.is_none()
             && self.is_carried_small(callee, &summary)?;
         if fits {
             self.open_outlined(callee, &summary)?;
         } else {
-            self.outlined.insert(callee, None);
+            self.calls.outlined.insert(callee, None);
         }
         Ok(fits)
     }
@@ -329,11 +329,14 @@ impl Lowerer<'_> {
     fn swap_scope(&mut self, scope: &mut Scope) {
         std::mem::swap(&mut self.b, &mut scope.builder);
         std::mem::swap(&mut self.frames, &mut scope.frames);
-        std::mem::swap(&mut self.locals, &mut scope.locals);
-        std::mem::swap(&mut self.module_locals, &mut scope.module_locals);
-        std::mem::swap(&mut self.input_locals, &mut scope.input_locals);
-        std::mem::swap(&mut self.helper_at_start, &mut scope.helper_at_start);
-        std::mem::swap(&mut self.ray_tmax, &mut scope.ray_tmax);
+        std::mem::swap(&mut self.private.locals, &mut scope.locals);
+        std::mem::swap(&mut self.private.module_locals, &mut scope.module_locals);
+        std::mem::swap(&mut self.interface.input_locals, &mut scope.input_locals);
+        std::mem::swap(
+            &mut self.interface.helper_at_start,
+            &mut scope.helper_at_start,
+        );
+        std::mem::swap(&mut self.stage.ray_tmax, &mut scope.ray_tmax);
     }
 
     /// Begins a callee as a function of its own.
@@ -369,7 +372,7 @@ impl Lowerer<'_> {
         for &id in carried.iter() {
             let pointee = self.variables[&id].pointee;
             let (local, _) = self.new_carried(pointee, &mut results)?;
-            self.module_locals.insert(id, local);
+            self.private.module_locals.insert(id, local);
         }
         self.b.function.results = results;
         let after = After::Outlined(Box::new(Outlining {
@@ -395,10 +398,12 @@ impl Lowerer<'_> {
         self.swap_scope(&mut scope);
         let spent = self.b.remaining() - scope.builder.remaining();
         self.b.spend(spent)?;
-        self.functions.push(scope.builder.finish(end));
+        self.calls.functions.push(scope.builder.finish(end));
         // The entry is function 0.
-        let id = FunctionId(self.functions.len() as u32);
-        self.outlined.insert(callee, Some(Outlined { id, carried }));
+        let id = FunctionId(self.calls.functions.len() as u32);
+        self.calls
+            .outlined
+            .insert(callee, Some(Outlined { id, carried }));
         Ok(())
     }
 

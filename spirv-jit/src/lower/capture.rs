@@ -54,7 +54,7 @@ impl Lowerer<'_> {
             return Ok(None);
         }
         let mut facts = CaptureFacts::default();
-        for id in self.output_variables.clone() {
+        for id in self.interface.output_variables.clone() {
             for piece in self.captured_pieces(id)? {
                 self.capture(id, &piece, &mut facts)?;
             }

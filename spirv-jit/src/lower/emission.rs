@@ -28,18 +28,18 @@ impl Lowerer<'_> {
             return Ok(());
         }
         let facts = self.geometry_facts()?;
-        let words = self.outputs.len() as u64 + 1;
+        let words = self.interface.outputs.len() as u64 + 1;
         if (u64::from(facts.max_vertices) + 1).saturating_mul(words) > MAX_ROWS {
             return Err(budget("a geometry shader emits too many vertices"));
         }
-        self.output_rows = 1;
+        self.interface.output_rows = 1;
         let streams = if facts.streams { MAX_STREAMS } else { 1 };
         let variable = self.new_rows("emitted", 1 + streams)?;
         let (zero, one) = (self.b.i32(0), self.b.i32(1));
         let mut words = vec![zero];
         words.resize(1 + streams as usize, one);
         self.store_rows(variable, &words)?;
-        self.emission = Some(Emission { facts, variable });
+        self.stage.emission = Some(Emission { facts, variable });
         Ok(())
     }
 
@@ -81,7 +81,7 @@ impl Lowerer<'_> {
             &[stream, ..] => self.constants.unsigned(&self.types, stream)?,
             [] => 0,
         };
-        let Some(emission) = &self.emission else {
+        let Some(emission) = &self.stage.emission else {
             return Err(self.b.invalid("only geometry shaders emit vertices"));
         };
         let (variable, most) = (emission.variable, emission.facts.max_vertices);

@@ -14,7 +14,7 @@ impl Lowerer<'_> {
             return None;
         }
         let mut facts = FragmentFacts {
-            reads_attachments: self.reads_attachments,
+            reads_attachments: self.interface.reads_attachments,
             ..FragmentFacts::default()
         };
         let mut mode = DepthMode::Any;
@@ -41,7 +41,7 @@ impl Lowerer<'_> {
                 _ => {}
             }
         }
-        for row in &self.outputs {
+        for row in &self.interface.outputs {
             match *row {
                 OutputRow::Location {
                     location, index, ..
@@ -55,7 +55,7 @@ impl Lowerer<'_> {
                 _ => {}
             }
         }
-        facts.per_sample = self.inputs.iter().any(|row| match row {
+        facts.per_sample = self.interface.inputs.iter().any(|row| match row {
             InputRow::Builtin(Builtin::SampleId | Builtin::SamplePosition, _) => true,
             InputRow::Varying(varying) => matches!(
                 varying.mode,

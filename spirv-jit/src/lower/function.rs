@@ -369,8 +369,8 @@ impl<'a> Lowerer<'a> {
 
     /// A variable of some rows, counted against the limit of an invocation.
     pub(super) fn new_rows(&mut self, name: &str, rows: u32) -> Result<VariableId, Error> {
-        self.rows += rows as u64;
-        if self.rows > MAX_ROWS {
+        self.private.rows += rows as u64;
+        if self.private.rows > MAX_ROWS {
             return Err(too_many_rows());
         }
         Ok(self.b.new_variable(name, rows))
@@ -655,7 +655,7 @@ impl<'a> Lowerer<'a> {
         if parts.is_empty() {
             parts.push((0, self.new_rows(name, 1)?));
         }
-        self.locals.push(Local { parts });
-        Ok(self.locals.len() - 1)
+        self.private.locals.push(Local { parts });
+        Ok(self.private.locals.len() - 1)
     }
 }

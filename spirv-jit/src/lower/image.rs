@@ -454,7 +454,7 @@ impl Lowerer<'_> {
                 .b
                 .invalid("only fragment shaders read input attachments"));
         }
-        self.reads_attachments = true;
+        self.interface.reads_attachments = true;
         let offset = self.integers(offset, 2)?;
         let mut coordinates = Vec::with_capacity(3);
         for (axis, offset) in (0..2).zip(offset) {

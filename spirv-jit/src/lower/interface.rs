@@ -31,7 +31,7 @@ impl Lowerer<'_> {
             Some(id) => self.variable_words(id)?,
             None => 0,
         };
-        self.output_rows = words + (self.request.stage == Stage::AnyHit) as u32;
+        self.interface.output_rows = words + (self.request.stage == Stage::AnyHit) as u32;
         if self.is_rasterized() {
             if !self.is_control() && !self.is_mesh() {
                 self.declare_outputs()?;
@@ -85,7 +85,7 @@ impl Lowerer<'_> {
         let variable = self.new_rows("ray_tmax", 1)?;
         let first = self.input(InputRow::Builtin(Builtin::RayTmax, 0), Type::F32)?;
         self.store_rows(variable, &[first])?;
-        self.ray_tmax = Some(variable);
+        self.stage.ray_tmax = Some(variable);
         Ok(())
     }
 
@@ -100,13 +100,13 @@ impl Lowerer<'_> {
     /// Per-lane memory of a module variable; its first contents are stored in the function's
     /// prologue.
     pub(super) fn module_local(&mut self, id: Id) -> Result<usize, Error> {
-        if let Some(&local) = self.module_locals.get(&id) {
+        if let Some(&local) = self.private.module_locals.get(&id) {
             return Ok(local);
         }
         let variable = self.variables[&id];
         let name = self.module.annotations.name(id).to_owned();
         let local = self.new_local(&name, variable.pointee)?;
-        self.module_locals.insert(id, local);
+        self.private.module_locals.insert(id, local);
         let pointer = Pointer::new(variable.pointee, MemoryLocation::Local { local, row: 0 });
         let incoming: Option<fn(u32) -> InputRow> = match variable.class {
             StorageClass::IncomingRayPayloadKHR => Some(InputRow::Payload),
@@ -152,10 +152,10 @@ impl Lowerer<'_> {
 
     /// A row of the input record.
     pub(super) fn input(&mut self, row: InputRow, ty: Type) -> Result<Value, Error> {
-        let next = self.inputs.len() as u32;
-        let index = *self.input_index.entry(row).or_insert(next);
+        let next = self.interface.inputs.len() as u32;
+        let index = *self.interface.input_index.entry(row).or_insert(next);
         if index == next {
-            self.inputs.push(row);
+            self.interface.inputs.push(row);
         }
         Ok(self.b.emit_unchecked(ir::Op::Input(index), &[], &[ty])?[0])
     }
@@ -213,7 +213,7 @@ impl Lowerer<'_> {
 
     /// Ends the invocation with its output words.
     pub(super) fn end_invocation(&mut self, verdict: Verdict) -> Result<Terminator, Error> {
-        if let Some(emission) = &self.emission {
+        if let Some(emission) = &self.stage.emission {
             let count = ir::Op::VarLoad(emission.variable, 0);
             let count = self.b.emit(count, &[], Type::I32)?;
             return Ok(Terminator::End(vec![count]));
@@ -239,8 +239,8 @@ impl Lowerer<'_> {
         if !self.request.stage.has_workgroups() {
             return Ok(());
         }
-        let base = u64::from(self.shared_size_bytes);
-        self.shared_base = self.shared_size_bytes;
+        let base = u64::from(self.workgroup.size_bytes);
+        self.workgroup.base = self.workgroup.size_bytes;
         let mut ids: Vec<Id> = self.variables.keys().copied().collect();
         ids.sort_unstable();
         ids.retain(|&id| {
@@ -248,7 +248,7 @@ impl Lowerer<'_> {
         });
         let annotations = &self.module.annotations;
         let is_block = |pointee| annotations.id(pointee, Decoration::Block).is_some();
-        self.lays_out_shared = (ids.iter()).any(|id| is_block(self.variables[id].pointee));
+        self.workgroup.has_layout = (ids.iter()).any(|id| is_block(self.variables[id].pointee));
         let is_aliased = |id: Id| {
             let is_aliased = annotations.id(id, Decoration::Aliased).is_some();
             is_aliased && is_block(self.variables[&id].pointee)
@@ -262,13 +262,13 @@ impl Lowerer<'_> {
                 true => base,
                 false => end.next_multiple_of(align.max(16)),
             };
-            self.shared.insert(id, start as u32);
+            self.workgroup.offsets.insert(id, start as u32);
             end = end.max(start.saturating_add(size));
             if end > ir::MAX_SHARED_BYTES.into() {
                 return Err(budget("the shader has too much workgroup memory"));
             }
         }
-        self.shared_size_bytes = end.next_multiple_of(16) as u32;
+        self.workgroup.size_bytes = end.next_multiple_of(16) as u32;
         Ok(())
     }
 
@@ -279,16 +279,16 @@ impl Lowerer<'_> {
             let variable = &self.variables[id];
             variable.class == StorageClass::Workgroup && variable.initializer.is_some()
         };
-        if !self.shared.keys().any(initialized) {
+        if !self.workgroup.offsets.keys().any(initialized) {
             return Ok(());
         }
         let size: u32 = self.local_size()?.iter().product();
         let index = InputRow::Builtin(Builtin::LocalInvocationIndex, 0);
         let index = self.input(index, Type::I32)?;
         let first = self.b.scale(index, 16)?;
-        let base = self.b.i32(self.shared_base);
+        let base = self.b.i32(self.workgroup.base);
         let first = self.b.binary(ir::Op::IAdd, first, base)?;
-        let (step, end) = (self.b.i32(16 * size), self.b.i32(self.shared_size_bytes));
+        let (step, end) = (self.b.i32(16 * size), self.b.i32(self.workgroup.size_bytes));
         let zero = self.b.i32(0);
         let (done, again, check) = (self.b.new_label(), self.b.new_label(), self.b.new_label());
         let at = self.b.function.new_value(Type::I32);
@@ -333,7 +333,7 @@ impl Lowerer<'_> {
             let message = format!("there is no workgroup memory in a {stage:?} shader");
             return Err(self.b.invalid(message));
         }
-        let found = self.shared.get(&id).copied();
+        let found = self.workgroup.offsets.get(&id).copied();
         found.ok_or_else(|| {
             self.b
                 .invalid("the entry point does not list this variable")

@@ -72,7 +72,7 @@ impl Lowerer<'_> {
                 let mut values = Values::with_capacity(types.len());
                 let mut at = *row;
                 for &ty in types.iter() {
-                    let (variable, row) = self.locals[*local].find(at);
+                    let (variable, row) = self.private.locals[*local].find(at);
                     let op = ir::Op::VarLoad(variable, row);
                     values.push(self.b.emit_one(op, &[], ty)?);
                     at += ty.rows();
@@ -154,7 +154,7 @@ impl Lowerer<'_> {
             MemoryLocation::Local { local, row } => {
                 let mut at = *row;
                 for (&ty, &value) in types.iter().zip(values) {
-                    let (variable, row) = self.locals[*local].find(at);
+                    let (variable, row) = self.private.locals[*local].find(at);
                     self.b
                         .emit_effect(ir::Op::VarStore(variable, row), &[value])?;
                     at += ty.rows();

@@ -53,7 +53,7 @@ impl Lowerer<'_> {
         for id in self.listed(StorageClass::TaskPayloadWorkgroupEXT) {
             let pointee = self.variables[&id].pointee;
             let (size, _) = self.shared_layout().natural(pointee)?;
-            self.shared.insert(id, end as u32);
+            self.workgroup.offsets.insert(id, end as u32);
             end = end.saturating_add(size).next_multiple_of(16);
             self.check_memory(end)?;
         }
@@ -65,8 +65,8 @@ impl Lowerer<'_> {
                 self.place_in_mesh(id, &mut facts, &mut end)?;
             }
         }
-        self.shared_size_bytes = end as u32;
-        self.mesh = Some(facts);
+        self.workgroup.size_bytes = end as u32;
+        self.stage.mesh = Some(facts);
         Ok(())
     }
 
@@ -132,7 +132,7 @@ impl Lowerer<'_> {
         let after = start.saturating_add(size.saturating_add(more.saturating_mul(stride)));
         self.check_memory(after)?;
         *end = after.next_multiple_of(16);
-        self.shared.insert(id, start as u32);
+        self.workgroup.offsets.insert(id, start as u32);
         let used = self.used_members(id, element)?;
         let words = self.memory_words(id, element, start, stride, &used)?;
         let kept = match of_primitives {
@@ -206,7 +206,7 @@ impl Lowerer<'_> {
     /// Stores the workgroup's counts, which are those of its first invocation. Other invocations
     /// store to unused memory.
     fn store_counts(&mut self, ids: &[Id]) -> Result<(), Error> {
-        let Some(facts) = &self.mesh else {
+        let Some(facts) = &self.stage.mesh else {
             return Err(self.b.invalid("there are no counts in this stage"));
         };
         let (at, past) = (facts.counts_offset, facts.counts_offset + COUNTS_BYTES / 2);

@@ -150,51 +150,78 @@ struct Lowerer<'a> {
     open: Vec<OpenBody>,
     /// The values of ids, of all frames, innermost last.
     values: IdTable<Val>,
+    phi_sources: PhiSources,
+    /// The contents of ray query objects after their fixed rows, in order.
+    query_words: Vec<QueryWord>,
+    private: PrivateMemory,
+    workgroup: WorkgroupMemory,
+    interface: EntryInterface,
+    stage: StageState,
+    calls: Calls,
+}
+
+/// Per-lane memory.
+#[derive(Default)]
+struct PrivateMemory {
     locals: Vec<Local>,
-    /// Per-lane memory of module variables, made at their first use.
+    /// Memory of module variables, made at their first use.
     module_locals: HashMap<Id, usize>,
+    /// Rows so far.
+    rows: u64,
+}
+
+/// Workgroup memory, or a patch.
+#[derive(Default)]
+struct WorkgroupMemory {
+    /// Byte offset of each variable.
+    offsets: HashMap<Id, u32>,
+    size_bytes: u32,
+    /// Offset of the shader's own variables.
+    base: u32,
+    /// Variables are blocks with explicit layout (`SPV_KHR_workgroup_memory_explicit_layout`).
+    has_layout: bool,
+}
+
+/// Inputs and outputs of the entry point.
+#[derive(Default)]
+struct EntryInterface {
     /// The contents of each row of an input or output variable.
-    interfaces: HashMap<Id, Rc<[InterfaceWord]>>,
+    words: HashMap<Id, Rc<[InterfaceWord]>>,
+    inputs: Vec<InputRow>,
+    input_index: HashMap<InputRow, u32>,
     /// Copies of inputs in per-lane memory, for computed indices.
     input_locals: HashMap<(Id, Evaluation), usize>,
     /// `HelperInvocation` of a shader that may demote.
     helper_at_start: Option<ir::Value>,
-    inputs: Vec<InputRow>,
-    input_index: HashMap<InputRow, u32>,
-    /// Byte offset of each variable of workgroup memory, or of a patch.
-    shared: HashMap<Id, u32>,
-    shared_size_bytes: u32,
-    /// Offset of the shader's own variables in workgroup memory.
-    shared_base: u32,
-    /// Workgroup variables are blocks with explicit layout
-    /// (`SPV_KHR_workgroup_memory_explicit_layout`).
-    lays_out_shared: bool,
     output_rows: u32,
     /// Drawing stages: each output word, and the output variables in order.
     outputs: Vec<OutputRow>,
     output_variables: Vec<Id>,
-    /// State of tessellation stages.
-    tessellation: Option<TessellationFacts>,
-    /// State of task and mesh stages.
-    mesh: Option<MeshFacts>,
-    /// State of geometry stages.
-    emission: Option<Emission>,
     /// Input attachments are read.
     reads_attachments: bool,
-    /// The contents of ray query objects after their fixed rows, in order.
-    query_words: Vec<QueryWord>,
+}
+
+/// The state of single stages.
+#[derive(Default)]
+struct StageState {
+    tessellation: Option<TessellationFacts>,
+    /// Task and mesh stages.
+    mesh: Option<MeshFacts>,
+    /// Geometry stages.
+    emission: Option<Emission>,
     /// `RayTmaxKHR` of an intersection shader that reads it.
     ray_tmax: Option<ir::VariableId>,
-    /// Functions besides the entry.
+}
+
+/// Functions besides the entry, and the calls of them.
+#[derive(Default)]
+struct Calls {
     functions: Vec<ir::Function>,
     summaries: HashMap<Id, Rc<Summary>>,
     /// Callees with a decision; `None` is inlined.
     outlined: HashMap<Id, Option<Outlined>>,
     /// Call instructions by callee.
     call_sites: HashMap<Id, u32>,
-    phi_sources: PhiSources,
-    /// Rows of private memory so far.
-    rows: u64,
 }
 
 impl<'a> Lowerer<'a> {
@@ -223,32 +250,13 @@ impl<'a> Lowerer<'a> {
             frames: Vec::new(),
             open: Vec::new(),
             values: IdTable::default(),
-            locals: Vec::new(),
-            module_locals: HashMap::default(),
-            interfaces: HashMap::default(),
-            input_locals: HashMap::default(),
-            helper_at_start: None,
-            inputs: Vec::new(),
-            input_index: HashMap::default(),
-            shared: HashMap::default(),
-            shared_size_bytes: 0,
-            shared_base: 0,
-            lays_out_shared: false,
-            output_rows: 0,
-            outputs: Vec::new(),
-            output_variables: Vec::new(),
-            tessellation: None,
-            mesh: None,
-            emission: None,
-            reads_attachments: false,
-            query_words: ray_query::find_query_words(module),
-            ray_tmax: None,
-            functions: Vec::new(),
-            summaries: HashMap::default(),
-            outlined: HashMap::default(),
-            call_sites: HashMap::default(),
             phi_sources: PhiSources::default(),
-            rows: 0,
+            query_words: ray_query::find_query_words(module),
+            private: PrivateMemory::default(),
+            workgroup: WorkgroupMemory::default(),
+            interface: EntryInterface::default(),
+            stage: StageState::default(),
+            calls: Calls::default(),
         };
         lowerer.types.query_rows = Self::query_rows(&lowerer.query_words);
         lowerer.types.has_wide_offsets = lowerer.indexes_in_64_bits();
@@ -287,7 +295,7 @@ impl<'a> Lowerer<'a> {
     /// The layout of workgroup memory.
     fn shared_layout(&self) -> TypeLayout<'_> {
         TypeLayout {
-            has_strides: self.lays_out_shared,
+            has_strides: self.workgroup.has_layout,
             ..self.layout()
         }
     }
@@ -382,25 +390,25 @@ impl<'a> Lowerer<'a> {
     }
 
     fn finish(mut self, end: ir::Terminator) -> Result<ir::Module, Error> {
-        let (local_size, shared_size_bytes) = (self.local_size()?, self.shared_size_bytes);
+        let (local_size, shared_size_bytes) = (self.local_size()?, self.workgroup.size_bytes);
         let has_workgroups = self.request.stage.has_workgroups();
         let quads = has_workgroups && self.derivative_group() == Some(true);
         let fragment = self.fragment_facts();
         let capture = self.capture_facts()?;
-        let geometry = self.emission.as_ref().map(|emission| emission.facts);
+        let geometry = self.stage.emission.as_ref().map(|emission| emission.facts);
         let builder = std::mem::replace(&mut self.b, Builder::new("", 0));
         let mut functions = vec![builder.finish(end)];
-        functions.append(&mut self.functions);
+        functions.append(&mut self.calls.functions);
         Ok(ir::Module {
             stage: self.request.stage,
             functions,
-            inputs: self.inputs,
+            inputs: self.interface.inputs,
             query_words: self.query_words,
-            output_rows: self.output_rows,
-            outputs: self.outputs,
-            tessellation: self.tessellation,
+            output_rows: self.interface.output_rows,
+            outputs: self.interface.outputs,
+            tessellation: self.stage.tessellation,
             geometry,
-            mesh: self.mesh,
+            mesh: self.stage.mesh,
             capture,
             fragment,
             local_size,
@@ -421,7 +429,7 @@ impl<'a> Lowerer<'a> {
                 path.pop();
                 continue;
             };
-            *self.call_sites.entry(callee).or_default() += 1;
+            *self.calls.call_sites.entry(callee).or_default() += 1;
             match state.get(&callee) {
                 Some(1) => return Err(Error::invalid(0, "a function calls itself")),
                 Some(_) => {}

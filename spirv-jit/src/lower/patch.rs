@@ -35,7 +35,7 @@ impl Lowerer<'_> {
             control: None,
         };
         if is_evaluation {
-            self.tessellation = Some(facts);
+            self.stage.tessellation = Some(facts);
             return Ok(());
         }
         let mut control = ControlFacts::default();
@@ -56,9 +56,9 @@ impl Lowerer<'_> {
             self.place_in_patch(id, &mut control, &mut end)?;
         }
         control.patch_bytes = end.next_multiple_of(16) as u32;
-        self.shared_size_bytes = control.patch_bytes * control.patches();
+        self.workgroup.size_bytes = control.patch_bytes * control.patches();
         facts.control = Some(control);
-        self.tessellation = Some(facts);
+        self.stage.tessellation = Some(facts);
         self.initialize_outputs(&ids)
     }
 
@@ -151,7 +151,7 @@ impl Lowerer<'_> {
         if *end > (ir::MAX_SHARED_BYTES / SUBGROUP_SIZE as u32).into() {
             return Err(budget("the values of a patch are too large"));
         }
-        self.shared.insert(id, start as u32);
+        self.workgroup.offsets.insert(id, start as u32);
         let kept = match is_input {
             true => &mut control.inputs,
             false => &mut control.outputs,
@@ -216,7 +216,7 @@ impl Lowerer<'_> {
     /// The location of an input or output of a control or mesh shader in workgroup memory.
     pub(super) fn patch_place(&mut self, id: Id) -> Result<Option<MemoryLocation>, Error> {
         let is_there = self.is_control() || self.is_mesh();
-        let Some(&constant) = self.shared.get(&id).filter(|_| is_there) else {
+        let Some(&constant) = self.workgroup.offsets.get(&id).filter(|_| is_there) else {
             return Ok(None);
         };
         let offset = match self.is_control() {
@@ -228,7 +228,7 @@ impl Lowerer<'_> {
 
     /// Offset of the invocation's patch, if a subgroup has several.
     fn patch_offset(&mut self) -> Result<Option<Value>, Error> {
-        let facts = self.tessellation.as_ref();
+        let facts = self.stage.tessellation.as_ref();
         let control = facts.and_then(|facts| facts.control.as_ref());
         if control.is_some_and(|control| control.patches() == 1) {
             return Ok(None);
@@ -264,7 +264,7 @@ impl Lowerer<'_> {
     /// A barrier of the invocations of a patch. A single subgroup needs none.
     pub(super) fn control_barrier(&mut self) -> Result<(), Error> {
         self.b.emit_effect(ir::Op::MemoryBarrier, &[])?;
-        let facts = self.tessellation.as_ref();
+        let facts = self.stage.tessellation.as_ref();
         let control = facts.and_then(|facts| facts.control.as_ref());
         if control.is_some_and(|control| control.subgroups() > 1) {
             self.b.emit_effect(ir::Op::Barrier, &[])?;

@@ -655,7 +655,7 @@ impl Lowerer<'_> {
             pointer.place = self.input_place(variable, Evaluation::Decorated, row, index)?;
         }
         if let MemoryLocation::Local { local, row } = pointer.place {
-            let (variable, row) = self.locals[local].find(row);
+            let (variable, row) = self.private.locals[local].find(row);
             let address = ir::Op::VarAddress(variable);
             pointer.place = MemoryLocation::Private {
                 row: self.b.emit(address, &[], Type::I32)?,

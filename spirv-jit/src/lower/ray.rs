@@ -140,7 +140,7 @@ impl Lowerer<'_> {
         }
         let op = ir::Op::ReportIntersection;
         let accepted = self.b.emit_unchecked(op, &words, &[Type::I1])?;
-        if let Some(variable) = self.ray_tmax {
+        if let Some(variable) = self.stage.ray_tmax {
             let before = self.load_rows(variable, &[Type::F32])?[0];
             let after = self.b.select(accepted[0], t, before)?;
             self.store_rows(variable, &[after])?;

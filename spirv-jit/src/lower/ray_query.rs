@@ -333,7 +333,7 @@ impl Lowerer<'_> {
             let place = first + index;
             let mut value = match query.place {
                 MemoryLocation::Local { local, row } => {
-                    let (variable, row) = self.locals[local].find(row + place as u32);
+                    let (variable, row) = self.private.locals[local].find(row + place as u32);
                     let op = ir::Op::VarLoad(variable, row);
                     self.b.emit_unchecked(op, &[], &[ty])?[0]
                 }
@@ -361,7 +361,8 @@ impl Lowerer<'_> {
         for (index, &value) in values.iter().enumerate() {
             match query.place {
                 MemoryLocation::Local { local, row } => {
-                    let (variable, row) = self.locals[local].find(row + (first + index) as u32);
+                    let (variable, row) =
+                        self.private.locals[local].find(row + (first + index) as u32);
                     let op = ir::Op::VarStore(variable, row);
                     self.b.emit_effect(op, &[value])?;
                 }

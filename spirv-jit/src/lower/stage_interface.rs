@@ -179,11 +179,11 @@ impl Lowerer<'_> {
 
     /// The contents of each row of a variable's value.
     pub(super) fn interface_words(&mut self, id: Id) -> Result<Rc<[InterfaceWord]>, Error> {
-        if let Some(words) = self.interfaces.get(&id) {
+        if let Some(words) = self.interface.words.get(&id) {
             return Ok(words.clone());
         }
         let words: Rc<[InterfaceWord]> = self.find_interface_words(id)?.into();
-        self.interfaces.insert(id, words.clone());
+        self.interface.words.insert(id, words.clone());
         Ok(words)
     }
 
@@ -456,7 +456,7 @@ impl Lowerer<'_> {
         let Some(index) = index else {
             return Ok(MemoryLocation::Local { local, row });
         };
-        let (variable, row) = self.locals[local].find(row);
+        let (variable, row) = self.private.locals[local].find(row);
         let address = ir::Op::VarAddress(variable);
         let first = self.b.emit(address, &[], Type::I32)?;
         Ok(MemoryLocation::Private {
@@ -466,12 +466,12 @@ impl Lowerer<'_> {
     }
 
     fn input_local(&mut self, variable: Id, at: Evaluation) -> Result<usize, Error> {
-        if let Some(&local) = self.input_locals.get(&(variable, at)) {
+        if let Some(&local) = self.interface.input_locals.get(&(variable, at)) {
             return Ok(local);
         }
         let pointee = self.variables[&variable].pointee;
         let local = self.new_local("", pointee)?;
-        self.input_locals.insert((variable, at), local);
+        self.interface.input_locals.insert((variable, at), local);
         let pointer = Pointer::new(pointee, MemoryLocation::Local { local, row: 0 });
         let nodes = self.b.enter_prologue();
         let stored = self
@@ -600,13 +600,13 @@ impl Lowerer<'_> {
 
     /// Whether the invocation was a helper when it started.
     fn helper_at_start(&mut self) -> Result<Value, Error> {
-        if let Some(helper) = self.helper_at_start {
+        if let Some(helper) = self.interface.helper_at_start {
             return Ok(helper);
         }
         let nodes = self.b.enter_prologue();
         let helper = self.b.emit(ir::Op::IsHelper, &[], Type::I1);
         self.b.leave_prologue(nodes);
-        self.helper_at_start = Some(helper?);
+        self.interface.helper_at_start = Some(helper?);
         self.helper_at_start()
     }
 
@@ -622,15 +622,15 @@ impl Lowerer<'_> {
             for &word in self.interface_words(id)?.iter() {
                 if word.is_row() {
                     let row = self.output_row(word)?;
-                    self.outputs.push(row);
+                    self.interface.outputs.push(row);
                 }
             }
-            if self.outputs.len() > MAX_WORDS {
+            if self.interface.outputs.len() > MAX_WORDS {
                 return Err(budget("a stage's interface is too large"));
             }
         }
-        self.output_variables = ids;
-        self.output_rows = self.outputs.len() as u32;
+        self.interface.output_variables = ids;
+        self.interface.output_rows = self.interface.outputs.len() as u32;
         Ok(())
     }
 
@@ -691,8 +691,8 @@ impl Lowerer<'_> {
 
     /// The values of all output words. Scalars of less than 32 bits are extended.
     pub(super) fn output_words(&mut self) -> Result<Vec<Value>, Error> {
-        let mut words = Vec::with_capacity(self.outputs.len());
-        for id in self.output_variables.clone() {
+        let mut words = Vec::with_capacity(self.interface.outputs.len());
+        for id in self.interface.output_variables.clone() {
             let pointer = self.module_pointer(id)?;
             let rows = self.interface_words(id)?;
             let mut signs = Vec::new();
