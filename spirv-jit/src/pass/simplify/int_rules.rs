@@ -1,9 +1,15 @@
 //! Rules for integers and booleans.
 
-use super::{Becomes, Is, Outcome, Simplifier, becomes, mask};
+use super::{Becomes, Definition, Is, Outcome, Simplifier, becomes, mask};
 use crate::ir::{Op, Type, Value};
 use crate::pass::fold_constants::fold;
 use smallvec::{SmallVec, smallvec};
+
+/// Terms of a sum in which some may cancel, at most.
+const MOST_TERMS: usize = 6;
+
+/// Terms that are replaced by theirs, at most.
+const MOST_REPLACED: usize = 8;
 
 impl Simplifier<'_> {
     pub(super) fn apply_int_rules(&mut self, op: &Op, args: &[Value], ty: Type) -> Option<Outcome> {
@@ -34,30 +40,52 @@ impl Simplifier<'_> {
         self.constant_operand(op, a, k?, ty)
     }
 
-    /// A sum or difference of sums and differences with terms that cancel.
+    /// A sum or difference of sums and differences with terms that cancel. Of the terms, that which
+    /// was computed last is replaced by its own terms: no other can have been computed from it.
     fn cancel_terms(&mut self, op: &Op, a: Value, b: Value, ty: Type) -> Option<Outcome> {
         if !matches!(op, Op::IAdd | Op::ISub) || ty == Type::I1 {
             return None;
         }
-        let mut terms = self.terms(a);
-        for (value, is_positive) in self.terms(b) {
-            let is_positive = is_positive == (*op == Op::IAdd);
-            let opposite = (value, !is_positive);
-            match terms.iter().position(|&term| term == opposite) {
-                Some(index) => drop(terms.swap_remove(index)),
-                None => terms.push((value, is_positive)),
+        let mut terms: SmallVec<[(Value, bool); MOST_TERMS]> = SmallVec::new();
+        let mut more: SmallVec<[(Value, bool); 2]> = smallvec![(a, true), (b, *op == Op::IAdd)];
+        for _ in 0..MOST_REPLACED {
+            for (value, is_positive) in more {
+                let opposite = (value, !is_positive);
+                match terms.iter().position(|&term| term == opposite) {
+                    Some(index) => drop(terms.swap_remove(index)),
+                    None => terms.push((value, is_positive)),
+                }
             }
+            match terms[..] {
+                [] => return Some(Outcome::Constant(0)),
+                [(value, true)] => return Some(Is(value)),
+                [(value, false)] => return becomes(Op::INeg, &[value]),
+                _ if terms.len() >= MOST_TERMS => return None,
+                _ => {}
+            }
+            let (_, last) = (terms.iter().enumerate())
+                .filter_map(|(index, &(value, _))| Some((self.place_of_sum(value)?, index)))
+                .max()?;
+            let (value, is_positive) = terms.swap_remove(last);
+            more = self.terms(value);
+            (more.iter_mut()).for_each(|(_, is_added)| *is_added = *is_added == is_positive);
         }
-        match terms[..] {
-            [] => Some(Outcome::Constant(0)),
-            [(value, true)] => Some(Is(value)),
-            [(value, false)] => becomes(Op::INeg, &[value]),
+        None
+    }
+
+    /// Where a sum stands among pure operations.
+    fn place_of_sum(&self, value: Value) -> Option<u32> {
+        match self.definition(value) {
+            Definition::Pure(place) => {
+                let (op, _) = self.pure[*place as usize];
+                matches!(op, Op::IAdd | Op::ISub | Op::INeg).then_some(*place)
+            }
             _ => None,
         }
     }
 
     /// The terms of a value, and whether each is added or subtracted.
-    fn terms(&self, value: Value) -> SmallVec<[(Value, bool); 4]> {
+    fn terms(&self, value: Value) -> SmallVec<[(Value, bool); 2]> {
         match self.pure(value) {
             Some((Op::IAdd, [x, y, _])) => smallvec![(x, true), (y, true)],
             Some((Op::ISub, [x, y, _])) => smallvec![(x, true), (y, false)],
