@@ -45,6 +45,8 @@ pub(super) const PADDD: Opcode = opcode(F, X66, 0, 0xfe);
 pub(super) const PADDQ: Opcode = opcode(F, X66, 1, 0xd4);
 pub(super) const PSUBD: Opcode = opcode(F, X66, 0, 0xfa);
 pub(super) const PSUBQ: Opcode = opcode(F, X66, 1, 0xfb);
+/// Of the lower words of lanes of 64 bits.
+pub(super) const PMULUDQ: Opcode = opcode(F, X66, 1, 0xf4);
 pub(super) const PMULLD: Opcode = opcode(F38, X66, 0, 0x40);
 pub(super) const PMULLQ: Opcode = opcode(F38, X66, 1, 0x40);
 pub(super) const PAND: Opcode = opcode(F, X66, 0, 0xdb);

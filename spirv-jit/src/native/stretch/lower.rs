@@ -692,6 +692,12 @@ impl Stretch {
         match (op, to) {
             (Op::UConvert | Op::SConvert, Type::I32) => Some(Held::One(self.low_words(a, b))),
             (Op::Bitcast, _) => Some(Held::Two(self.copy(a), self.copy(b))),
+            (Op::INeg, Type::I64) => {
+                let zero = self.words(0);
+                let [a, b] = [a, b].map(|part| self.binary(PSUBQ, zero, part));
+                Some(Held::Two(a, b))
+            }
+            (Op::Not, Type::I64) => Some(Held::Two(self.not(a), self.not(b))),
             (Op::FSqrt, Type::F64) => Some(Held::Two(self.unary(SQRTPD, a), self.unary(SQRTPD, b))),
             _ => None,
         }
@@ -720,12 +726,27 @@ impl Stretch {
             let [a0, a1] = [a0, a1].map(|part| self.shift(PSHIFTQ, number, part, count));
             return Some(Held::Two(a0, a1));
         }
+        if (op, to, self.encoding) == (&Op::IMul, Type::I64, Encoding::Vex) {
+            let low = self.product_by_words(a0, b0);
+            return Some(Held::Two(low, self.product_by_words(a1, b1)));
+        }
         let (op, form) = self.wide_opcode(op, to)?;
         let low = self.step(Class::Vector, op, form, &[a0, b0]);
         Some(Held::Two(
             low,
             self.step(Class::Vector, op, form, &[a1, b1]),
         ))
+    }
+
+    /// A product of integers of 64 bits, from products of their words.
+    fn product_by_words(&mut self, a: Virtual, b: Virtual) -> Virtual {
+        let [upper_a, upper_b] = [a, b].map(|part| self.shift(PSHIFTQ, RIGHT, part, 32));
+        let left = self.commutative(PMULUDQ, upper_a, b);
+        let right = self.commutative(PMULUDQ, upper_b, a);
+        let upper = self.commutative(PADDQ, left, right);
+        let upper = self.shift(PSHIFTQ, LEFT, upper, 32);
+        let lower = self.commutative(PMULUDQ, a, b);
+        self.commutative(PADDQ, lower, upper)
     }
 
     /// The instruction that performs an operation on lanes of 64 bits.

@@ -104,6 +104,7 @@ fn in_both() -> Vec<Listed> {
         listed!(PSUBD, "vpsubd", "r v m"),
         listed!(PSUBQ, "vpsubq", "r v m"),
         listed!(PMULLD, "vpmulld", "r v m"),
+        listed!(PMULUDQ, "vpmuludq", "r v m"),
         listed!(PMINSD, "vpminsd", "r v m"),
         listed!(PMAXSD, "vpmaxsd", "r v m"),
         listed!(PMINUD, "vpminud", "r v m"),
