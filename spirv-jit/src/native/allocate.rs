@@ -6,6 +6,7 @@ use super::encode::{
 };
 
 mod carry;
+mod gather;
 mod private;
 mod words;
 
@@ -59,10 +60,15 @@ pub(super) enum Form {
     /// `reg = op(the mask of active lanes)`, into a vector or a mask register.
     OfLanes,
     /// Loads words at the places that the first operand says, in lanes of the second, which is used
-    /// no more; zeros elsewhere. The immediate is the region's number. With a third operand, words
-    /// that lie one behind another are loaded at once: with AVX-512 the distances of such words,
-    /// with AVX2 the lanes whose words lie so behind the first lane's.
-    Gather,
+    /// no more; zeros elsewhere. The immediate is the region's number. With a third operand,
+    /// multiples of a distance, words that have this distance are loaded without a gather; with
+    /// AVX-512 only words that lie one behind another. With AVX2 the same word of all lanes is
+    /// loaded at once.
+    Gather(u32),
+    /// Loads up to four words that lie one behind another, the first one at the places that the
+    /// first operand says, in lanes of the second; zeros elsewhere. The third operand is the
+    /// constant four. The immediate is the region's number. AVX2 only.
+    LoadFours,
     /// In all lanes the first of words that lie from `first` to `last` bytes behind the place that
     /// the operand's first lane says; zero if that is outside. The immediate is the region's
     /// number.
@@ -81,6 +87,8 @@ pub(super) enum Form {
     OfBits,
     /// In each lane the number of the first lane of two halves' conditions. AVX2 only.
     OfFirst,
+    /// In all lanes `op` of all lanes of two halves, one after another. AVX2 only.
+    InOrder,
     /// Loads a private row, of this number or that of the operand's first lane.
     LoadRow(Option<u32>),
     /// Stores the second operand, in lanes of the first, to such a row; the third operand has its
@@ -101,7 +109,7 @@ impl Form {
         use Form::*;
         matches!(
             self,
-            Leave | Gather | GatherRows | ScatterRows | StoreRow(_)
+            Leave | Gather(_) | GatherRows | ScatterRows | StoreRow(_)
         )
     }
 }
@@ -120,6 +128,8 @@ pub(super) struct Step {
     pub op: Opcode,
     pub form: Form,
     pub to: Virtual,
+    /// Further results, of [`Form::LoadFours`].
+    pub more: [Option<Virtual>; 3],
     pub from: [Virtual; 3],
     pub count: usize,
     pub immediate: Option<u8>,
@@ -240,6 +250,9 @@ impl<'a> Allocation<'a> {
     }
 
     fn step(&mut self, step: &Step, after: [u32; 3]) -> Result<(), TooManyLive> {
+        if step.form == Form::LoadFours {
+            return self.load_fours(step, after);
+        }
         let from = &step.from[..step.count];
         // Which operand stays in memory: the last, if nothing else will want it in a register.
         let in_memory = |a: &Self, k: usize| {
@@ -261,6 +274,7 @@ impl<'a> Allocation<'a> {
             },
             Form::Blend => 1,
             Form::Zeroing => 2,
+            Form::Gather(_) if step.count == 3 && self.assembler.encoding == Encoding::Vex => 2,
             _ => usize::MAX,
         };
         let memory = (memory != usize::MAX && in_memory(self, memory)).then_some(memory);
@@ -361,10 +375,11 @@ impl<'a> Allocation<'a> {
                 self.bits(to, &lanes[..step.count]);
             }
             Form::OfFirst => self.first_lane(to, [register(a), register(b)]),
-            Form::Gather => {
-                let steps = (step.count == 3).then(|| register(c));
-                self.gather(step, to, [register(a), register(b)], steps);
+            Form::Gather(distance) => {
+                let steps = (step.count == 3).then_some((distance, c));
+                return self.gather(step, to, [register(a), register(b)], steps);
             }
+            Form::InOrder => return self.in_order(step.op, to, [register(a), register(b)]),
             Form::LoadOne { first, last } => {
                 return self.load_one(step, to, register(a), [first, last]);
             }
@@ -374,7 +389,7 @@ impl<'a> Allocation<'a> {
             Form::GatherRows => self.gather_rows(step, to, [a, b].map(register)),
             Form::ScatterRows => return self.scatter_rows(step, operands.map(register)),
             Form::Leave => self.leave(step, to, register(a), register(b)),
-            Form::MultiplyAdd => unreachable!("has its own function"),
+            Form::MultiplyAdd | Form::LoadFours => unreachable!("has its own function"),
         }
         Ok(())
     }
@@ -548,6 +563,19 @@ impl<'a> Allocation<'a> {
             true => Ok(()),
             false => Err(TooManyLive),
         }
+    }
+
+    /// A value for no longer than a step.
+    fn temporary(&mut self) -> Virtual {
+        self.values.push(Info {
+            class: Class::Vector,
+            home: None,
+            is_home: false,
+            keep: false,
+        });
+        self.registers.push(None);
+        self.next.push(NEVER);
+        self.values.len() as Virtual - 1
     }
 
     fn put(&mut self, value: Virtual, register: Register) {

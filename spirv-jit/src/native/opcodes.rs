@@ -78,6 +78,19 @@ pub(super) const PMOVQD: Opcode = opcode(F38, XF3, 0, 0x35);
 pub(super) const EXTRACT_HALF: Opcode = opcode(F3A, X66, 1, 0x3b);
 pub(super) const INSERT_HALF: Opcode = opcode(F3A, X66, 1, 0x3a);
 pub(super) const EXTRACT_128: Opcode = opcode(F3A, X66, 0, 0x39);
+pub(super) const INSERT_128: Opcode = opcode(F3A, X66, 0, 0x38);
+/// A word into one of the first four lanes.
+pub(super) const PINSRD: Opcode = opcode(F3A, X66, 0, 0x22);
+/// Of first lanes alone.
+pub(super) const MOVSS: Opcode = opcode(F, XF3, 0, 0x10);
+pub(super) const ADDSS: Opcode = opcode(F, XF3, 0, 0x58);
+pub(super) const MULSS: Opcode = opcode(F, XF3, 0, 0x59);
+pub(super) const UNPCKLPS: Opcode = opcode(F, NONE, 0, 0x14);
+pub(super) const UNPCKHPS: Opcode = opcode(F, NONE, 0, 0x15);
+pub(super) const UNPCKLPD: Opcode = opcode(F, X66, 0, 0x14);
+pub(super) const UNPCKHPD: Opcode = opcode(F, X66, 0, 0x15);
+/// Whether the operands have bits in common, and whether the second has some besides.
+pub(super) const PTEST: Opcode = opcode(F38, X66, 0, 0x17);
 pub(super) const PACKUSDW: Opcode = opcode(F38, X66, 0, 0x2b);
 pub(super) const PERMQ: Opcode = opcode(F3A, X66, 1, 0x00);
 pub(super) const SHUFPS: Opcode = opcode(F, NONE, 0, 0xc6);

@@ -312,6 +312,7 @@ impl Stretch {
             op,
             form,
             to,
+            more: [None; 3],
             from: operands,
             count: from.len(),
             immediate: None,

@@ -1,7 +1,7 @@
 //! Loops as native code: those whose bodies are pure operations, operations across lanes, branches,
 //! loads of words, and private memory.
 
-use foldhash::HashSet;
+use foldhash::{HashMap, HashSet};
 use smallvec::SmallVec;
 
 use super::alike::alike;
@@ -77,8 +77,13 @@ struct Ways<'m> {
     regions: Vec<Operand>,
     /// Values that are the same in all lanes that come to them.
     alike: HashSet<Value>,
-    /// Multiples of four, and what lanes have in common added: offsets of words by their numbers.
-    of_words: HashSet<Value>,
+    /// Products with constants, and what lanes have in common added: how far apart the values of
+    /// neighbouring lanes are, if those were multiplied that are one apart.
+    distances: HashMap<Value, u32>,
+    /// Words that are not greater than a number.
+    bounds: HashMap<Value, u32>,
+    /// Values that operations and branches take.
+    used: HashSet<Value>,
 }
 
 /// Whether there are operations that need to know a subgroup's lanes: across lanes, or on private
@@ -92,6 +97,26 @@ fn needs_both_halves(body: &Body) -> bool {
         },
         _ => false,
     })
+}
+
+/// The values that a body's operations and branches take.
+fn used(body: &Body) -> HashSet<Value> {
+    let mut used = HashSet::default();
+    for step in body.steps() {
+        match step {
+            Step::Inst(inst) => used.extend(&inst.args),
+            Step::Open(Node::If { condition, .. }) => {
+                used.insert(*condition);
+            }
+            Step::End(body) => {
+                if let Terminator::Br(_, args) = &body.end {
+                    used.extend(args);
+                }
+            }
+            _ => {}
+        }
+    }
+    used
 }
 
 /// Whether a private row holds all of a value.
@@ -252,7 +277,9 @@ impl<'m> Emitter<'m> {
             left_to: None,
             regions: Vec::new(),
             alike,
-            of_words: HashSet::default(),
+            distances: HashMap::default(),
+            bounds: HashMap::default(),
+            used: used(body),
         };
         for copy in 0..ways.turns.copies() {
             let first = Open {
@@ -284,13 +311,20 @@ impl<'m> Emitter<'m> {
             match step {
                 Step::Inst(inst) => {
                     let in_prologue = inst.results.first().is_some_and(|r| uniform[r.index()]);
-                    if in_prologue || self.placed().fusion.absorbs(inst) || ways.lanes.is_none() {
+                    if in_prologue || ways.lanes.is_none() {
+                        continue;
+                    }
+                    if let &[result] = &inst.results[..] {
+                        let distance = self.distance(inst, ways);
+                        ways.distances
+                            .extend(distance.map(|distance| (result, distance)));
+                        ways.bounds
+                            .extend(self.bound(inst).map(|bound| (result, bound)));
+                    }
+                    if self.placed().fusion.absorbs(inst) {
                         continue;
                     }
                     in_branches += (ways.open.len() > 1) as usize;
-                    if self.is_of_words(inst, ways) {
-                        ways.of_words.extend(&inst.results);
-                    }
                     let performed = match inst.op {
                         Op::Load(access) => self.load(access, inst, ways).is_some(),
                         Op::Store(access) => self.store(access, inst, ways).is_some(),
@@ -387,7 +421,7 @@ impl<'m> Emitter<'m> {
     }
 
     fn load_private(&self, row: PrivateRow, inst: &Inst, ways: &mut Ways<'m>) -> Option<()> {
-        let results = self.results(inst);
+        let results = self.results(inst, ways);
         if !results.iter().flatten().all(is_row) {
             return None;
         }
@@ -406,12 +440,9 @@ impl<'m> Emitter<'m> {
     }
 
     /// The results of an instruction, those that are used.
-    fn results(&self, inst: &Inst) -> SmallVec<[Option<IrOperand>; 4]> {
+    fn results(&self, inst: &Inst, ways: &Ways<'m>) -> SmallVec<[Option<IrOperand>; 4]> {
         (inst.results.iter())
-            .map(|&result| {
-                let place = self.place(result);
-                (place.row != ValueRow::Forwarded).then_some(place)
-            })
+            .map(|result| ways.used.contains(result).then(|| self.place(*result)))
             .collect()
     }
 
@@ -427,7 +458,7 @@ impl<'m> Emitter<'m> {
             _ => return None,
         };
         let offset = self.place(*inst.args.last()?);
-        let results = self.results(inst);
+        let results = self.results(inst, ways);
         let is_word = |place: &IrOperand| place.ty.rows() == 1 && place.ty.size_bytes() == 4;
         if !results.iter().flatten().all(is_word) {
             return None;
@@ -435,8 +466,13 @@ impl<'m> Emitter<'m> {
         match ways.alike.contains(inst.args.last()?) {
             true => (ways.turns).load_at_one_place(number, &offset, &results),
             false => {
-                let is_run = ways.of_words.contains(inst.args.last()?);
-                (ways.turns).load(ways.lanes?, number, (&offset, is_run), &results)
+                let distance = ways.distances.get(inst.args.last()?).copied();
+                (ways.turns).load(
+                    ways.lanes?,
+                    number,
+                    (&offset, distance.unwrap_or(0)),
+                    &results,
+                )
             }
         }
     }
@@ -458,20 +494,44 @@ impl<'m> Emitter<'m> {
         Some(number)
     }
 
-    /// Whether lanes with neighbouring numbers have offsets of neighbouring words.
-    fn is_of_words(&self, inst: &Inst, ways: &Ways<'m>) -> bool {
+    /// See [`Ways::bounds`].
+    fn bound(&self, inst: &Inst) -> Option<u32> {
         let &[a, b] = &inst.args[..] else {
-            return false;
+            return None;
         };
-        let constant = |value| self.place(value).constant;
-        let is_alike = |value| ways.alike.contains(&value) || self.operand(value).is_uniform();
         match inst.op {
-            Op::Shl => constant(b) == Some(2),
-            Op::IMul => constant(a) == Some(4) || constant(b) == Some(4),
-            Op::IAdd => [(a, b), (b, a)]
-                .into_iter()
-                .any(|(offset, other)| ways.of_words.contains(&offset) && is_alike(other)),
-            _ => false,
+            Op::And | Op::UMin => {
+                let constants = [a, b]
+                    .into_iter()
+                    .filter_map(|value| self.place(value).constant);
+                constants.min()?.try_into().ok()
+            }
+            _ => None,
+        }
+    }
+
+    /// See [`Ways::distances`].
+    fn distance(&self, inst: &Inst, ways: &Ways<'m>) -> Option<u32> {
+        let &[a, b] = &inst.args[..] else {
+            return None;
+        };
+        let constant = |value| Some(self.place(value).constant? as u32);
+        let is_alike = |value| ways.alike.contains(&value) || self.operand(value).is_uniform();
+        let known = |value| ways.distances.get(&value).copied();
+        match inst.op {
+            Op::Shl => known(a)
+                .unwrap_or(1)
+                .checked_mul(1u32.checked_shl(constant(b)?)?),
+            Op::IMul => {
+                let (factor, other) = match (constant(a), constant(b)) {
+                    (Some(factor), _) => (factor, b),
+                    (_, factor) => (factor?, a),
+                };
+                known(other).unwrap_or(1).checked_mul(factor)
+            }
+            Op::IAdd if is_alike(a) => known(b),
+            Op::IAdd if is_alike(b) => known(a),
+            _ => None,
         }
     }
 
@@ -491,6 +551,15 @@ impl<'m> Emitter<'m> {
         let &[a, b] = &inst.args[..] else {
             return None;
         };
+        if let Some(pair) = self.placed().fusion.of(inst) {
+            let taken = inst.args[pair.side as usize];
+            let &[Some(a), Some(b), _] = &pair.operands else {
+                return None;
+            };
+            let operands = [self.place(a), self.place(b)];
+            ways.turns
+                .fold(&pair.first, &operands, &self.place(taken))?;
+        }
         let operands = [self.place(a), self.place(b)];
         let result = self.place(*inst.results.first()?);
         ways.turns.fold(&inst.op, &operands, &result)
@@ -503,7 +572,9 @@ impl<'m> Emitter<'m> {
         }
         let operands: SmallVec<[IrOperand; 2]> = inst.args.iter().map(|&v| self.place(v)).collect();
         let result = self.place(*inst.results.first()?);
-        ways.turns.across(ways.lanes?, op, &operands, &result)
+        let most = inst.args.last().and_then(|last| ways.bounds.get(last));
+        let most = most.copied().unwrap_or(u32::MAX);
+        (ways.turns).across(ways.lanes?, op, &operands, most, &result)
     }
 
     /// Which of some values have rows.

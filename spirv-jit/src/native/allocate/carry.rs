@@ -1,12 +1,11 @@
 //! Registers of a loop: what one turn hands to the next stays in registers as far as those suffice,
 //! and in its row of the frame where they do not.
 
-use super::private::own;
-use super::words::{broadcast_word, first_word};
+use super::words::broadcast_word;
 use super::*;
-use crate::native::encode::{GREATER, NOT_CARRY, NOT_ZERO, OVERFLOW, SCRATCH_WORD, ZERO};
+use crate::SUBGROUP_SIZE;
+use crate::native::encode::{SCRATCH_WORD, ZERO};
 use crate::native::opcodes::*;
-use crate::native::{LoopContext, Own, WORKGROUP};
 
 /// A value that a turn takes from the turn before.
 pub(in crate::native) struct Carried {
@@ -52,9 +51,6 @@ pub(in crate::native) struct Alike {
     /// The register's rows in both halves; twice the same where there is one.
     pub rows: [Memory; 2],
 }
-
-/// A comparison of [`PCMPD`].
-const NOT_EQUAL: u8 = 4;
 
 /// Of the stack's part of a loop.
 const STACK_ALIGNMENT: i32 = 64;
@@ -188,95 +184,6 @@ fn enter(a: &mut Assembler, register: Register, half: i32, bits: Memory) {
             a.vector(PCMPEQD, (register, register, bits), 0, None);
         }
     }
-}
-
-/// Bytes from a run's first word to its last one, which a register holds.
-fn last_of_run(encoding: Encoding) -> i32 {
-    encoding.vector_bytes() - 4
-}
-
-/// Puts the place of a run's last word into `rbx`. Jumps where lanes' words lie otherwise, and
-/// where places overflow within the run. `which`: as [`Form::Gather`] says.
-fn find_run(
-    a: &mut Assembler,
-    to: Register,
-    [index, lanes]: [Register; 2],
-    which: Register,
-) -> [usize; 2] {
-    let apart = match a.encoding {
-        Encoding::Vex => {
-            let lanes = Operand::Register(lanes);
-            a.vector(TESTPS, (which, 0, lanes), 0, None);
-            let apart = a.jump_ahead(NOT_CARRY);
-            first_word(a, index);
-            apart
-        }
-        Encoding::Evex => first_of_run(a, to, [index, lanes], which),
-    };
-    // add ebx, the run's last word
-    a.bytes.extend([0x83, 0xc3, last_of_run(a.encoding) as u8]);
-    let over = a.jump_ahead(OVERFLOW);
-    // movsxd rbx, ebx
-    a.bytes.extend([0x48, 0x63, 0xdb]);
-    [apart, over]
-}
-
-/// Puts the place of a run's first word into `ebx`, and jumps where lanes' words lie otherwise.
-fn first_of_run(
-    a: &mut Assembler,
-    to: Register,
-    [index, lanes]: [Register; 2],
-    steps: Register,
-) -> usize {
-    /// No mask for instructions, but they write it.
-    const DIFFERENT: Register = 0;
-    let register = Operand::Register;
-    a.vector(PSUBD, (to, index, register(steps)), 0, None);
-    a.vector(PBROADCASTD, (SCRATCH, 0, register(to)), 0, None);
-    a.vector(
-        PCMPD,
-        (DIFFERENT, to, register(SCRATCH)),
-        lanes,
-        Some(NOT_EQUAL),
-    );
-    a.mask(KORTESTW, (DIFFERENT, 0, register(DIFFERENT)), false, None);
-    let apart = a.jump_ahead(NOT_ZERO);
-    first_word(a, SCRATCH);
-    apart
-}
-
-/// `r13` = the address of the offset 2³¹ of a step's region.
-fn region_base(a: &mut Assembler, step: &Step) {
-    let region: usize = step.immediate.unwrap_or(0).into();
-    if region == WORKGROUP {
-        return own(a, step.subgroup, std::mem::offset_of!(Own, workgroup));
-    }
-    // mov r13, [r14 + region]
-    a.bytes.extend([0x4d, 0x8b, 0xae]);
-    a.bytes.extend(LoopContext::base(region).to_le_bytes());
-}
-
-/// Compares `ebx` with the last offset of a step's region.
-fn compare_last(a: &mut Assembler, step: &Step) {
-    let region = step.immediate.unwrap_or(0).into();
-    // cmp ebx, [r14 + last]
-    a.bytes.extend([0x41, 0x3b, 0x9e]);
-    a.bytes.extend(LoopContext::last(region).to_le_bytes());
-}
-
-/// `rbx` = the address of the word so many bytes behind the place that a vector's first lane says,
-/// of the region whose base `r13` is; that of zeros if it is outside.
-fn word_address(a: &mut Assembler, step: &Step, place: Register, behind: u32) {
-    first_word(a, place);
-    // Signed numbers in the order of unsigned ones: add ebx, 2^31 + behind
-    a.bytes.extend([0x81, 0xc3]);
-    a.bytes.extend((1 << 31 | behind).to_le_bytes());
-    compare_last(a, step);
-    // movsxd rbx, ebx; lea rbx, [r13 + rbx]; cmovg rbx, [r14 + zeros]
-    a.bytes.extend([0x48, 0x63, 0xdb]);
-    a.bytes.extend([0x49, 0x8d, 0x5c, 0x1d, 0]);
-    a.bytes.extend([0x49, 0x0f, 0x4f, 0x9e]);
-    a.bytes.extend(LoopContext::ZEROS.to_le_bytes());
 }
 
 /// A general register = a bit for each lane of a condition.
@@ -441,95 +348,25 @@ impl Allocation<'_> {
         broadcast_word(a, to);
     }
 
-    /// Loads words of a region; the result's register is none of the operands'.
-    pub(super) fn gather(
+    /// Combines the first lanes of a register with all other lanes of two halves.
+    pub(super) fn in_order(
         &mut self,
-        step: &Step,
+        op: Opcode,
         to: Register,
-        [index, lanes]: [Register; 2],
-        steps: Option<Register>,
-    ) {
-        let a = &mut *self.assembler;
-        let done = steps.map(|steps| {
-            let [apart, over] = find_run(a, to, [index, lanes], steps);
-            region_base(a, step);
-            // add rbx, r13
-            a.bytes.extend([0x4c, 0x01, 0xeb]);
-            let first = Memory::At(Base::Word, -last_of_run(a.encoding));
-            let first = Operand::Memory(first);
-            match a.encoding {
-                Encoding::Vex => a.vector(MASKMOVPS, (to, lanes, first), 0, None),
-                Encoding::Evex => a.vector(LOAD, (to, 0, first), lanes | ZEROING, None),
-            }
-            let done = a.jump();
-            a.land(apart);
-            a.land(over);
-            done
-        });
-        region_base(a, step);
-        // mov rbx, r13
-        a.bytes.extend([0x4c, 0x89, 0xeb]);
-        a.vector(PXOR, (to, to, Operand::Register(to)), 0, None);
-        a.gather(step.op, to, index, lanes);
-        if let Some(done) = done {
-            a.land(done);
-        }
-    }
-
-    /// Loads one word for all lanes. `rbx` stays the address of the last of the words.
-    pub(super) fn load_one(
-        &mut self,
-        step: &Step,
-        to: Register,
-        place: Register,
-        [first, last]: [u32; 2],
+        halves: [Register; 2],
     ) -> Result<(), TooManyLive> {
-        if first == last {
-            let a = &mut *self.assembler;
-            region_base(a, step);
-            word_address(a, step, place, first);
-            self.load_next(to, 0);
-            return Ok(());
-        }
-        let [aside, _] = self.aside()?;
+        let aside = self.aside()?;
         let a = &mut *self.assembler;
-        region_base(a, step);
-        // Signed numbers in the order of unsigned ones: add ebx, 2^31 + first
-        first_word(a, place);
-        a.bytes.extend([0x81, 0xc3]);
-        a.bytes.extend((1 << 31 | first).to_le_bytes());
-        // add ebx, distance to the last word
-        a.bytes.extend([0x81, 0xc3]);
-        a.bytes.extend((last - first).to_le_bytes());
-        let over = a.jump_ahead(OVERFLOW);
-        compare_last(a, step);
-        let outside = a.jump_ahead(GREATER);
-        // movsxd rbx, ebx; add rbx, r13
-        a.bytes.extend([0x48, 0x63, 0xdb, 0x4c, 0x01, 0xeb]);
-        let done = a.jump();
-        a.land(over);
-        a.land(outside);
-        for word in (first..=last).step_by(4) {
-            word_address(a, step, place, word);
-            // mov ebx, [rbx]; mov [rbp + aside], ebx
-            a.bytes.extend([0x8b, 0x1b, 0x89, 0x9d]);
-            a.bytes
-                .extend((aside + (word - first) as i32).to_le_bytes());
+        let memory = |at| Operand::Memory(Memory::At(Base::Stack, at));
+        for (half, at) in halves.into_iter().zip(aside) {
+            a.vector(STORE, (half, 0, memory(at)), 0, None);
         }
-        // lea rbx, [rbp + the last word]
-        a.bytes.extend([0x48, 0x8d, 0x9d]);
-        a.bytes
-            .extend((aside + (last - first) as i32).to_le_bytes());
-        a.land(done);
-        self.load_next(to, last - first);
+        a.mask(MOVSS, (to, 0, memory(aside[0])), false, None);
+        for lane in 1..SUBGROUP_SIZE as i32 {
+            a.mask(op, (to, to, memory(aside[0] + 4 * lane)), false, None);
+        }
+        a.vector(PBROADCASTD, (to, 0, Operand::Register(to)), 0, None);
         Ok(())
-    }
-
-    /// Loads a word so many bytes before `rbx` for all lanes.
-    pub(super) fn load_next(&mut self, to: Register, before: u32) {
-        let word = Memory::At(Base::Word, -(before as i32));
-        let word = Operand::Memory(word);
-        self.assembler.vector(PBROADCASTD, (to, 0, word), 0, None);
     }
 
     /// Writes a value in some lanes to memory, for code behind the loop.

@@ -157,12 +157,14 @@ impl Turns {
         }
     }
 
-    /// A subgroup operation in which some lanes take part; `None` where it has no code.
+    /// A subgroup operation in which some lanes take part; `None` where it has no code. `most`: no
+    /// lane's last operand is greater.
     pub fn across(
         &mut self,
         lanes: Lanes,
         op: SubgroupOp,
         operands: &[IrOperand],
+        most: u32,
         result: &IrOperand,
     ) -> Option<()> {
         let sides = self.sides();
@@ -210,7 +212,7 @@ impl Turns {
                 s.vote(Vote::None, &others)
             }
             (SubgroupOp::BroadcastFirst, [a], _) if is_word => s.broadcast_first(lanes, a),
-            (SubgroupOp::Shuffle, [a, b], _) if is_word => s.shuffle(a, b, from),
+            (SubgroupOp::Shuffle, [a, b], _) if is_word => s.shuffle(a, b, from, most),
             (SubgroupOp::QuadShuffle, [a, b], _) if is_word => s.quad_shuffle(lanes, a, b, from),
             (SubgroupOp::Reduce { op, cluster }, [a], Some(ty)) => {
                 s.reduce(lanes, op, cluster.into(), ty, a)?
@@ -400,7 +402,14 @@ impl Stretch {
     }
 
     /// The words of the lanes that some name; zero for numbers past the last.
-    fn shuffle(&mut self, a: &[Virtual], b: &[Virtual], from: Option<LaneWords>) -> Registers {
+    /// None of those is greater than `most`.
+    fn shuffle(
+        &mut self,
+        a: &[Virtual],
+        b: &[Virtual],
+        from: Option<LaneWords>,
+        most: u32,
+    ) -> Registers {
         match (from, self.encoding) {
             (Some(from), _) if from.iter().all(|&lane| lane < LANES) => self.permute_known(a, from),
             (Some(from), Encoding::Vex) => {
@@ -409,6 +418,8 @@ impl Stretch {
                 let inside = self.known_words(inside);
                 self.by_lanes(&words, &inside, Stretch::both)
             }
+            (None, Encoding::Vex) if most < HALF as u32 => self.permute(&a[..1], b),
+            (None, Encoding::Vex) if most < LANES => self.permute(a, b),
             (None, Encoding::Vex) => {
                 let words = self.permute(a, b);
                 self.by_lanes(&words, b, |s, word, from| {
@@ -567,6 +578,14 @@ impl Stretch {
         cluster: usize,
         all: &[Virtual],
     ) -> Option<Registers> {
+        let scalar = match op {
+            Op::FAdd => ADDSS,
+            _ => MULSS,
+        };
+        if let (&[low, high], SUBGROUP_SIZE) = (all, cluster) {
+            let combined = self.step(Class::Vector, scalar, Form::InOrder, &[low, high]);
+            return Some(Registers::from_elem(combined, all.len()));
+        }
         let lane = |number| std::array::from_fn(|lane| (lane / cluster * cluster + number) as u32);
         let mut reduced = self.permute_known(all, lane(0));
         for number in 1..cluster {

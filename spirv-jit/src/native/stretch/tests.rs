@@ -146,6 +146,12 @@ fn in_vex() -> Vec<Listed> {
         listed!(PCMPGTD, "vpcmpgtd", "r v m"),
         listed!(BLENDVPS, "vblendvps", "r v m s").immediate(0xd0),
         listed!(EXTRACT_128, "vextracti128", "mh r i").immediate(1),
+        listed!(INSERT_128, "vinserti128", "r v mh i").immediate(1),
+        listed!(UNPCKLPS, "vunpcklps", "r v m"),
+        listed!(UNPCKHPS, "vunpckhps", "r v m"),
+        listed!(UNPCKLPD, "vunpcklpd", "r v m"),
+        listed!(UNPCKHPD, "vunpckhpd", "r v m"),
+        listed!(PTEST, "vptest", "r m"),
         listed!(PACKUSDW, "vpackusdw", "r v m"),
         listed!(PERMQ, "vpermq", "r m i").immediate(0xd8),
         listed!(SHUFPS, "vshufps", "r v m i").immediate(0x88),
@@ -560,6 +566,10 @@ fn every_opcode_is_listed() {
         listed!(MASKMOVPS, "vmaskmovps", ""),
         listed!(MOVD_IN, "vmovd", ""),
         listed!(MOVD_OUT, "vmovd", ""),
+        listed!(PINSRD, "vpinsrd", ""),
+        listed!(MOVSS, "vmovss", ""),
+        listed!(ADDSS, "vaddss", ""),
+        listed!(MULSS, "vmulss", ""),
     ];
     let lists = [in_vex(), in_evex(), of_masks(), of_lanes];
     let names: Vec<&str> = lists

@@ -7,6 +7,8 @@
 //! when none of its lanes stays, or when the fuel is out: then the values for the next turn are in
 //! the rows, and the interpreter suspends the wave as behind any turn.
 
+use smallvec::SmallVec;
+
 use super::lower::int;
 use super::{Class, Form, Held, IrOperand, Stretch, ValueRow, Virtual};
 use crate::ir::{Type, Value};
@@ -39,6 +41,12 @@ const STEPS_OF_SPILL: usize = 8;
 
 /// Bytes that are loaded at one place, at most, before a place is computed again.
 const MOST_AT_ONCE: u32 = 64;
+
+/// Bytes between the words of neighbouring lanes that are loaded without a gather, at most.
+const MOST_DISTANCE: u32 = 1 << 16;
+
+/// Words of a lane that are loaded at once, at most.
+const FOUR: usize = 4;
 
 /// A loop on its way to instructions.
 pub(crate) struct Turns {
@@ -299,12 +307,12 @@ impl Turns {
     }
 
     /// Words that lanes load from a region, one behind another from an offset on. Words that are
-    /// not inside are zero. `is_run`: those of one lane after the other may lie so, too.
+    /// not inside are zero. `distance`: how far neighbouring lanes' words may be apart.
     pub fn load(
         &mut self,
         lanes: Lanes,
         region: usize,
-        (offset, is_run): (&IrOperand, bool),
+        (offset, distance): (&IrOperand, u32),
         results: &[Option<IrOperand>],
     ) -> Option<()> {
         self.takes_own |= region == WORKGROUP;
@@ -314,21 +322,29 @@ impl Turns {
             };
             let at = Memory::At(Base::Context, LoopContext::last(region));
             let last = s.value(Class::Vector, Some(at), true);
-            for (k, result) in results.iter().enumerate() {
-                let Some(result) = result else {
+            let mut word = 0;
+            while word < results.len() {
+                let near = &results[word..results.len().min(word + FOUR)];
+                let Some(result) = &near[0] else {
+                    word += 1;
                     continue;
                 };
                 // Signed numbers in the order of unsigned ones.
-                let start = s.words((1 << 31) + 4 * k as u32);
-                let offset = s.commutative(PADDD, offset, start);
-                let inside = s.inside(offset, last, lanes.0[half]);
-                let to = match is_run && results.len() == 1 {
-                    true => s.gather_run(offset, inside),
-                    false => s.step(Class::Vector, PGATHERDD, Form::Gather, &[offset, inside]),
-                };
-                s.steps.last_mut().expect("pushed").immediate = Some(region as u8);
-                s.give(result, Held::One(to));
-                s.operations += 1;
+                let start = s.words((1 << 31) + 4 * word as u32);
+                let lanes = lanes.0[half];
+                match near.iter().flatten().count() {
+                    2.. if s.encoding == Encoding::Vex => {
+                        let place = s.commutative(PADDD, offset, start);
+                        s.load_fours(place, lanes, region, near);
+                        word += FOUR;
+                    }
+                    _ => {
+                        let place = s.commutative(PADDD, offset, start);
+                        let inside = s.inside(place, last, lanes);
+                        s.gather(place, inside, distance, region, result);
+                        word += 1;
+                    }
+                }
                 s.end_operation();
             }
             Some(())
@@ -608,19 +624,55 @@ impl Stretch {
         }
     }
 
-    /// Gathers words, or loads them at once where they lie one behind another.
-    fn gather_run(&mut self, offset: Virtual, lanes: Virtual) -> Virtual {
-        let steps = self.constant(Constant::Words(std::array::from_fn(|lane| 4 * lane as u32)));
-        let which = match self.encoding {
-            Encoding::Evex => steps,
-            Encoding::Vex => {
-                let start = self.binary(PSUBD, offset, steps);
-                let first = self.step(Class::Vector, PBROADCASTD, Form::Registers, &[start]);
-                self.commutative(PCMPEQD, start, first)
-            }
+    /// Gathers words, or loads them without a gather where they have a distance.
+    fn gather(
+        &mut self,
+        place: Virtual,
+        lanes: Virtual,
+        distance: u32,
+        region: usize,
+        result: &IrOperand,
+    ) {
+        let mut from = SmallVec::<[Virtual; 3]>::from_slice(&[place, lanes]);
+        let has_code = match self.encoding {
+            Encoding::Vex => (4..=MOST_DISTANCE).contains(&distance),
+            Encoding::Evex => distance == 4,
         };
-        let from = [offset, lanes, which];
-        self.step(Class::Vector, PGATHERDD, Form::Gather, &from)
+        if has_code {
+            let steps = std::array::from_fn(|lane| distance * lane as u32);
+            from.push(self.constant(Constant::Words(steps)));
+        }
+        let to = self.step(Class::Vector, PGATHERDD, Form::Gather(distance), &from);
+        self.steps.last_mut().expect("pushed").immediate = Some(region as u8);
+        self.give(result, Held::One(to));
+        self.operations += 1;
+    }
+
+    /// Loads words that lie one behind another; the first of up to four is used.
+    fn load_fours(
+        &mut self,
+        place: Virtual,
+        lanes: Virtual,
+        region: usize,
+        results: &[Option<IrOperand>],
+    ) {
+        let fours = self.words(4);
+        let from = [place, lanes, fours];
+        let first = self.step(Class::Vector, PGATHERDD, Form::LoadFours, &from);
+        let mut more = [None; FOUR - 1];
+        for (k, result) in results.iter().enumerate() {
+            let Some(result) = result else {
+                continue;
+            };
+            let to = match k.checked_sub(1) {
+                None => first,
+                Some(k) => *more[k].insert(self.value(Class::Vector, None, false)),
+            };
+            self.give(result, Held::One(to));
+            self.operations += 1;
+        }
+        let step = self.steps.last_mut().expect("pushed");
+        (step.more, step.immediate) = (more, Some(region as u8));
     }
 
     /// Lanes as masks of lanes of 64 bits: the lower and the upper ones.

@@ -79,6 +79,8 @@ struct Maker {
     is_across: bool,
     /// Loops access private memory and workgroup memory.
     is_private: bool,
+    /// Loads of loops are from places that depend on lanes' numbers.
+    is_spaced: bool,
 }
 
 /// The last operations of a list left out, which have no native code.
@@ -98,6 +100,7 @@ impl Maker {
             is_plain: false,
             is_across: false,
             is_private: false,
+            is_spaced: false,
         }
     }
 
@@ -466,8 +469,12 @@ impl Maker {
 
     /// Words from memory that lanes mostly hit.
     fn load(&mut self) {
-        let mut offset = self.pick(I32);
-        if self.random.u32(..4) != 0 {
+        let is_spaced = self.is_spaced && self.random.u32(..4) != 0;
+        let mut offset = match is_spaced {
+            true => self.spaced(),
+            false => self.pick(I32),
+        };
+        if self.random.u32(..4) != 0 && !is_spaced {
             let size = self.w.constant(I32, 255);
             offset = self.w.op(I32, "and", &[&offset, &size]);
         }
@@ -485,6 +492,28 @@ impl Maker {
         };
         self.write(&format!("{text} = load.{from}\n"));
         self.values.extend(types.into_iter().zip(names));
+    }
+
+    /// Offsets that have a distance from lane to lane, or are the same, now and then near the end of
+    /// all offsets.
+    fn spaced(&mut self) -> String {
+        let lane = self.w.line(I32, "lane_index");
+        let (name, by) = match self.random.u32(..8) {
+            0 => ("lshr", 4),
+            1..4 => ("shl", self.random.u64(0..5)),
+            _ => ("imul", self.choose(&[3, 4, 8, 12, 20, 24, 28, 0xffff_fffc])),
+        };
+        let by = self.w.constant(I32, by);
+        let offset = self.w.op(I32, name, &[&lane, &by]);
+        let first = match self.random.u32(..6) {
+            0 => self.w.constant(I32, 0xffff_fff0),
+            1 => self.pick(I32),
+            _ => {
+                let first = self.random.u64(0..48);
+                self.w.constant(I32, first)
+            }
+        };
+        self.w.op(I32, "iadd", &[&offset, &first])
     }
 
     /// Operands of a `br`: some of what is there.
@@ -575,7 +604,10 @@ fn branch(label: u32, operands: &str) -> String {
 }
 
 /// A program with a loop, its text, and which of its outputs are floats.
-fn program_with_loop(seed: u64, [is_across, is_private]: [bool; 2]) -> (Module, String, Vec<bool>) {
+fn program_with_loop(
+    seed: u64,
+    [is_across, is_private, is_spaced]: [bool; 3],
+) -> (Module, String, Vec<bool>) {
     let mut m = Maker::new(seed);
     m.is_plain = m.random.u32(..4) != 0;
     if is_private {
@@ -591,7 +623,7 @@ fn program_with_loop(seed: u64, [is_across, is_private]: [bool; 2]) -> (Module, 
     m.inputs();
     m.operations(6);
     m.is_across = is_across;
-    m.is_private = is_private;
+    (m.is_private, m.is_spaced) = (is_private, is_spaced);
     m.turns();
     m.operations(3);
     let (outputs, floats) = m.outputs();
@@ -674,7 +706,7 @@ fn seeds(cases: u32) -> (u64, u64) {
 const HANDED_ON_FROM_ROWS: [u64; 5] = [12496, 20620, 20960, 40855, 51035];
 
 /// Compares a program with a loop in all tiers; whether the loop is native code in the best one.
-fn agrees_with_loop(seed: u64, kinds: [bool; 2]) -> u64 {
+fn agrees_with_loop(seed: u64, kinds: [bool; 3]) -> u64 {
     let (module, text, floats) = program_with_loop(seed, kinds);
     agrees(&module, &floats, seed, &text);
     let program = Program::with_tier(&module, TierKind::best()).unwrap();
@@ -696,7 +728,7 @@ fn are_native(native: u64, cases: u64, share: u64) {
 fn native_loops_combine_lanes_as_the_interpreter_does() {
     let (first, cases) = seeds(300);
     let native: u64 = (first..first + cases)
-        .map(|seed| agrees_with_loop(seed, [true, false]))
+        .map(|seed| agrees_with_loop(seed, [true, false, false]))
         .sum();
     are_native(native, cases, 5);
 }
@@ -707,7 +739,18 @@ fn native_loops_combine_lanes_as_the_interpreter_does() {
 fn native_loops_access_private_memory_as_the_interpreter_does() {
     let (first, cases) = seeds(300);
     let native: u64 = (first..first + cases)
-        .map(|seed| agrees_with_loop(seed, [seed % 4 == 0, true]))
+        .map(|seed| agrees_with_loop(seed, [seed % 4 == 0, true, false]))
+        .sum();
+    are_native(native, cases, 5);
+}
+
+/// As [`native_loops_give_what_the_interpreter_gives`], with loads from places that have a distance
+/// from lane to lane.
+#[test]
+fn native_loops_load_words_at_distances_as_the_interpreter_does() {
+    let (first, cases) = seeds(300);
+    let native: u64 = (first..first + cases)
+        .map(|seed| agrees_with_loop(seed, [false, seed % 2 == 0, true]))
         .sum();
     are_native(native, cases, 5);
 }
@@ -718,7 +761,7 @@ fn native_loops_give_what_the_interpreter_gives() {
     let (first, cases) = seeds(300);
     let mut native = 0;
     for seed in (first..first + cases).chain(HANDED_ON_FROM_ROWS) {
-        native += agrees_with_loop(seed, [false; 2]);
+        native += agrees_with_loop(seed, [false; 3]);
     }
     are_native(native, cases, 4);
 }

@@ -35,7 +35,7 @@ fn memory_of_loops_is_at_the_pointers_that_code_was_given() {
             operation(&mut turns, Op::ULt, &[counter, bound], less);
             let [stay, go] = turns.split(lanes, &less).unwrap();
             turns.leave(go, &sum, ValueRow::Frame(20));
-            let place = (&counter, true);
+            let place = (&counter, 4);
             turns.load(stay, 3, place, &[Some(word)]).unwrap();
             turns
                 .load_at_one_place(2, &bound, &[Some(at(6, Type::I32))])
@@ -166,6 +166,20 @@ fn words_of_lanes_are_decoded_as_they_were_encoded() {
                 let last = Operand::Memory(Memory::At(Base::Word, -28));
                 a.vector(MASKMOVPS, (reg, 9, last), 0, None);
                 expected.push(format!("vmaskmovps ymm{reg},ymm9,yword [rbx-1Ch]"));
+                // First lanes alone, which the longer form would not be.
+                for (op, text, immediate) in [
+                    (MOVSS, "vmovss xmm{}", None),
+                    (ADDSS, "vaddss xmm{},xmm{}", None),
+                    (MULSS, "vmulss xmm{},xmm{}", None),
+                    (MOVD_IN, "vmovd xmm{}", None),
+                    (PINSRD, "vpinsrd xmm{},xmm{}", Some(2)),
+                ] {
+                    let second = if text.contains(',') { reg } else { 0 };
+                    a.mask(op, (reg, second, last), false, immediate);
+                    let text = text.replace("{}", &reg.to_string());
+                    let lane = if immediate.is_some() { ",2" } else { "" };
+                    expected.push(format!("{text},dword [rbx-1Ch]{lane}"));
+                }
             }
             let all = decoded(&a.bytes);
             let text: Vec<String> = all.into_iter().map(|(_, text)| text).collect();
