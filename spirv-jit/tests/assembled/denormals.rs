@@ -18,6 +18,10 @@ fn denormals_are_kept_where_flushing_is_asked_for() {
     let twice = a.make(float, Op::FAdd, &[number, number]);
     let result = a.make(a.word, Op::Bitcast, &[twice]);
     // The double of a denormal has the double of its bits.
-    let cases = [(1, 2), (0x0040_0000, 0x0080_0000), (0x3f80_0000, 0x4000_0000)];
+    let cases = [
+        (1, 2),
+        (0x0040_0000, 0x0080_0000),
+        (0x3f80_0000, 0x4000_0000),
+    ];
     expect(&a.finish(result), &cases);
 }
