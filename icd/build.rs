@@ -7,7 +7,7 @@ use std::path::Path;
 fn main() {
     println!("cargo:rerun-if-changed=build.rs");
     // Worker threads and thread-local destructors may outlive the last `dlclose`: the code must
-    // stay mapped. Elsewhere `os` sees to it.
+    // stay mapped. On Windows `os::library` keeps it.
     if env::var_os("CARGO_CFG_UNIX").is_some() {
         println!("cargo:rustc-cdylib-link-arg=-Wl,-z,nodelete");
     }

@@ -8,6 +8,7 @@ use ash::vk;
 use crate::entry::commands::{self, Level};
 use crate::guard::{catch_panic_messages, code, guard};
 use crate::object::Instance;
+use crate::os::library::keep_loaded;
 use crate::{ffi, handle, logger};
 
 /// Supported interface versions.
@@ -29,6 +30,7 @@ pub unsafe extern "system" fn vk_icdNegotiateLoaderICDInterfaceVersion(
             return Err(vk::Result::ERROR_INCOMPATIBLE_DRIVER);
         }
         *version = NEWEST.min(*version);
+        keep_loaded();
         logger::start();
         catch_panic_messages();
         Ok(())

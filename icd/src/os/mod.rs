@@ -12,6 +12,7 @@
 //! | [`event`] | flags that threads and processes wait for |
 //! | [`executable`] | pages of native code |
 //! | [`handle`] | handles that pass between drivers and processes: file descriptors on Linux |
+//! | [`library`] | keeping this library loaded |
 //! | [`memory`] | the machine's memory |
 //! | [`processors`] | processor count and thread affinity |
 //! | [`quota`] | limits of the process: control groups, job objects |

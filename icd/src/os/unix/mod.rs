@@ -5,6 +5,7 @@ pub mod clock;
 pub mod event;
 pub mod executable;
 pub mod handle;
+pub mod library;
 pub mod memory;
 pub mod processors;
 pub mod quota;

@@ -16,14 +16,12 @@ use windows_sys::Win32::Foundation::EXCEPTION_ACCESS_VIOLATION;
 use windows_sys::Win32::System::Diagnostics::Debug::{
     AddVectoredExceptionHandler, EXCEPTION_POINTERS,
 };
-use windows_sys::Win32::System::LibraryLoader::{
-    GET_MODULE_HANDLE_EX_FLAG_FROM_ADDRESS, GET_MODULE_HANDLE_EX_FLAG_PIN, GetModuleHandleExW,
-};
 use windows_sys::Win32::System::Memory::{
     MEM_COMMIT, MEMORY_BASIC_INFORMATION, PAGE_GUARD, PAGE_NOACCESS, VirtualQuery,
 };
 
 use super::handle::Handle;
+use super::library::keep_loaded;
 use super::placeholder::{self, Functions};
 
 /// Sections are mapped at multiples of this ("allocation granularity").
@@ -375,20 +373,14 @@ pub fn is_mapped(address: u64, size_bytes: u64) -> bool {
     address != 0
 }
 
-/// Registers [`on_exception`] as the first handler of the process's exceptions. The library is
-/// pinned, since `FreeLibrary` does not remove the handler.
+/// Registers [`on_exception`] as the first handler of the process's exceptions. The library stays
+/// loaded, since `FreeLibrary` does not remove the handler.
 fn handle_faults() {
     static ONCE: Once = Once::new();
-    const HOW: u32 = GET_MODULE_HANDLE_EX_FLAG_FROM_ADDRESS | GET_MODULE_HANDLE_EX_FLAG_PIN;
     ONCE.call_once(|| {
-        let mut module = std::ptr::null_mut();
-        let own = on_exception as *const () as *const u16;
-        // SAFETY: an address of this library, and a function that the system can call on any
-        // thread.
-        unsafe {
-            GetModuleHandleExW(HOW, own, &mut module);
-            AddVectoredExceptionHandler(1, Some(on_exception));
-        }
+        keep_loaded();
+        // SAFETY: a function that the system can call on any thread.
+        unsafe { AddVectoredExceptionHandler(1, Some(on_exception)) };
     });
 }
 

@@ -6,6 +6,7 @@ pub mod clock;
 pub mod event;
 pub mod executable;
 pub mod handle;
+pub mod library;
 pub mod memory;
 mod placeholder;
 pub mod processors;
