@@ -10,6 +10,8 @@
 ))]
 
 use std::ffi::{c_int, c_long, c_void};
+use std::io::{Read, Seek};
+use std::os::fd::AsRawFd;
 
 use ash::khr;
 use tuff_tests::*;
@@ -372,6 +374,57 @@ fn work_goes_on_in_a_sandbox() {
         check(&gpu, build_on_host(&gpu, false));
         check(&gpu, build_on_host(&gpu, true));
     }
+}
+
+/// No page becomes executable (`PR_SET_MDWE`, since Linux 6.3): shaders are interpreted, and one
+/// line says so.
+#[test]
+fn refused_code_is_reported_once() {
+    if !alone(
+        "refused_code_is_reported_once",
+        &[("TUFF_TIER", ""), ("TUFF_NATIVE", ""), ("TUFF_LOG", "")],
+    ) {
+        return;
+    }
+    #[cfg(target_arch = "x86_64")]
+    let has_native_code = is_x86_feature_detected!("avx2");
+    #[cfg(not(target_arch = "x86_64"))]
+    let has_native_code = false;
+    let Some(gpu) = gpu() else { return };
+    const SET_MDWE: c_int = 65;
+    const REFUSE_EXEC_GAIN: c_long = 1;
+    const NONE: c_long = 0;
+    // SAFETY: plain numbers.
+    let set = unsafe { libc::prctl(SET_MDWE, REFUSE_EXEC_GAIN, NONE, NONE, NONE) };
+    // Older processors have no native code, and older kernels no such refusal.
+    if !has_native_code || set != 0 {
+        return;
+    }
+    let mut said = std::fs::File::options();
+    let path = std::env::temp_dir().join(format!("tuff-refused-{}", std::process::id()));
+    let mut said = said
+        .read(true)
+        .write(true)
+        .create_new(true)
+        .open(&path)
+        .expect("a file");
+    std::fs::remove_file(&path).expect("removed");
+    // SAFETY: descriptors of this process, which has this one test.
+    unsafe {
+        let errors = libc::dup(2);
+        libc::dup2(said.as_raw_fd(), 2);
+        compute(&gpu);
+        compute(&gpu);
+        libc::dup2(errors, 2);
+    }
+    let mut text = String::new();
+    said.rewind().expect("a file");
+    said.read_to_string(&mut text).expect("text");
+    let lines: Vec<&str> = text.lines().collect();
+    assert!(
+        matches!(lines[..], [line] if line.contains("refuses executable pages")),
+        "{text}"
+    );
 }
 
 #[test]

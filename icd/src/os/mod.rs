@@ -39,5 +39,16 @@ pub use unix::*;
 #[cfg(windows)]
 pub use windows::*;
 
+/// Reports, once, that the system refuses executable pages.
+fn report_refused_code() {
+    static ONCE: std::sync::Once = std::sync::Once::new();
+    ONCE.call_once(|| {
+        log::error!(
+            "the system refuses executable pages, by a policy or for too little memory: shaders are \
+             interpreted, with the same results; TUFF_NATIVE=0 has the same effect without this line"
+        );
+    });
+}
+
 #[cfg(test)]
 mod tests;
