@@ -42,13 +42,15 @@ pub fn find(seen: &Seen) -> Vec<Problem> {
     }
     let tuff = seen.selected.devices.iter().find(|device| device.is_tuff());
     match tuff {
+        // `of_registry` says why, and what helps.
+        None if is_hidden_from_administrators(seen) => {}
         None if seen.library.is_ok()
             && (seen.system_loader.is_some() || seen.own_loader.is_ok()) =>
         {
             add(
                 format!(
                     "the loader does not load the driver: {}",
-                    seen.selected.said.join("; ")
+                    each_once(&seen.selected.said).join("; ")
                 ),
                 "with the variable VK_LOADER_DEBUG=all `tuff run -- vulkaninfo --summary` tells every step"
                     .into(),
@@ -58,7 +60,7 @@ pub fn find(seen: &Seen) -> Vec<Problem> {
             format!(
                 "no device can be created: {}; {}",
                 device.created,
-                seen.selected.said.join("; ")
+                each_once(&seen.selected.said).join("; ")
             ),
             match cfg!(windows) {
                 true => "give the process more memory: a larger page file, or a larger limit of its job object",
@@ -167,14 +169,30 @@ fn of_registry(seen: &Seen, add: &mut dyn FnMut(String, String)) {
             format!("tuff --manifest \"{}\" uninstall", last.manifest),
         );
     }
-    let is_found = |found: &super::probe::Found| found.devices.iter().any(|it| it.is_tuff());
-    let is_for_all_users = seen.registered.iter().any(|it| it.is_for_all_users);
-    if seen.are_variables_ignored && !is_for_all_users && !is_found(&seen.selected) {
+    if is_hidden_from_administrators(seen) {
         add(
             "this process runs as administrator: the loader ignores VK_DRIVER_FILES and drivers of one user".into(),
             "tuff install".into(),
         );
     }
+}
+
+/// Whether the loader ignores what would lead this process to Tuff.
+fn is_hidden_from_administrators(seen: &Seen) -> bool {
+    let is_for_all_users = seen.registered.iter().any(|it| it.is_for_all_users);
+    let is_found = seen.selected.devices.iter().any(|it| it.is_tuff());
+    seen.are_variables_ignored && !is_for_all_users && !is_found
+}
+
+/// Lines without those that came before: the loader repeats some for each folder and key.
+fn each_once(lines: &[String]) -> Vec<&str> {
+    let mut once: Vec<&str> = Vec::new();
+    for line in lines {
+        if !once.contains(&line.as_str()) {
+            once.push(line);
+        }
+    }
+    once
 }
 
 fn numbers(version: &str) -> [u32; 3] {
@@ -253,8 +271,10 @@ mod tests {
         );
         let mut seen = well();
         seen.selected.devices.clear();
-        seen.selected.said.push("libgcc_s.so.1: cannot open".into());
+        let line = || "libgcc_s.so.1: cannot open".to_owned();
+        seen.selected.said.extend([line(), line()]);
         expect(&seen, "libgcc_s.so.1: cannot open", "VK_LOADER_DEBUG");
+        assert_eq!(find(&seen)[0].what.matches("libgcc_s").count(), 1);
         let mut seen = well();
         seen.selected.devices[0].created = "ERROR_INITIALIZATION_FAILED".into();
         seen.selected
@@ -299,6 +319,8 @@ mod tests {
         assert!(!find(&seen).iter().any(|it| it.mend == "tuff install"));
         seen.registered.clear();
         expect(&seen, "runs as administrator", "tuff install");
+        let others = find(&seen);
+        assert!(!others.iter().any(|it| it.what.contains("does not load")));
     }
 
     #[test]
