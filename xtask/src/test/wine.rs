@@ -99,7 +99,10 @@ pub fn test(order: &Order) -> Result<ExitCode> {
     let program = run(program, &compiler, order)?;
     let mut tests = cargo("test")?;
     tests.args(["--package", "tuff-tests"]);
-    if !order.is_whole {
+    if order.is_whole {
+        // The digests of pictures, and the demo.
+        tests.args(["--package", "workloads", "--package", "demo"]);
+    } else {
         for name in CHOSEN {
             tests.args(["--test", name]);
         }

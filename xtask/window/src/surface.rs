@@ -19,6 +19,7 @@ pub fn extensions(display: &impl HasDisplayHandle) -> Result<[&'static CStr; 2]>
         RawDisplayHandle::Xlib(_) => khr::xlib_surface::NAME,
         RawDisplayHandle::Xcb(_) => khr::xcb_surface::NAME,
         RawDisplayHandle::Wayland(_) => khr::wayland_surface::NAME,
+        RawDisplayHandle::Windows(_) => khr::win32_surface::NAME,
         other => bail!("windows of {other:?} are unknown here"),
     };
     Ok([khr::surface::NAME, own])
@@ -63,6 +64,13 @@ impl<'a> Surface<'a> {
                         .surface(window.surface.as_ptr());
                     khr::wayland_surface::Instance::new(entry, instance)
                         .create_wayland_surface(&info, None)?
+                }
+                (RawDisplayHandle::Windows(_), RawWindowHandle::Win32(window)) => {
+                    let info = vk::Win32SurfaceCreateInfoKHR::default()
+                        .hinstance(window.hinstance.map_or(0, |module| module.get()))
+                        .hwnd(window.hwnd.get());
+                    khr::win32_surface::Instance::new(entry, instance)
+                        .create_win32_surface(&info, None)?
                 }
                 (display, _) => bail!("windows of {display:?} are unknown here"),
             }

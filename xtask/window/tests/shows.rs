@@ -1,6 +1,8 @@
 //! Compares the window with the demo's pictures computed off screen: the rasterized picture left of
 //! the split, the traced one right of it; resized and hidden, too. Closing the window ends the
-//! program.
+//! program. On X11: tests/tests/win32_windows.rs tests windows of Windows.
+
+#![cfg(unix)]
 
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, ExitStatus, Stdio};

@@ -17,6 +17,7 @@ mod mips;
 mod network;
 mod operations;
 mod probe;
+#[cfg(unix)]
 mod profile;
 mod programs;
 mod reference;
@@ -25,6 +26,7 @@ mod results;
 mod scene;
 mod shader;
 mod table;
+mod usage;
 mod workload;
 mod world;
 
@@ -47,6 +49,7 @@ enum Command {
     /// Measure one format on the one driver that the loader finds
     Format(formats::Options),
     /// Sample one workload on the one driver that the loader finds, and draw where its time goes
+    #[cfg(unix)]
     Profile(profile::Options),
     /// Print digests of every workload's picture, drawn twice
     Digest(digest::Options),
@@ -63,6 +66,7 @@ fn main() -> ExitCode {
         Command::Compare(options) => compare::compare(&options),
         Command::Measure(options) => measure::measure(&options),
         Command::Format(options) => formats::measure(&options),
+        #[cfg(unix)]
         Command::Profile(options) => profile::profile(&options),
         Command::Digest(options) => digest::digest(&options),
         Command::Probe(options) => probe::probe(&options),

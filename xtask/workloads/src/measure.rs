@@ -10,6 +10,7 @@ use tuff_tests::{Gpu, Group, Stage, vk};
 use crate::operations;
 use crate::shader;
 use crate::table;
+use crate::usage::{peak_bytes, processor_seconds};
 use crate::workload::{Prepared, path_parts};
 use crate::world::Scale;
 
@@ -225,26 +226,6 @@ fn first_pixel(scale: &Scale) -> Option<Sample> {
         peak_bytes: peak_bytes(),
         ..Sample::default()
     })
-}
-
-/// User and system time of this process so far.
-pub fn processor_seconds() -> f64 {
-    let usage = usage();
-    let seconds = |time: libc::timeval| time.tv_sec as f64 + time.tv_usec as f64 * 1e-6;
-    seconds(usage.ru_utime) + seconds(usage.ru_stime)
-}
-
-fn peak_bytes() -> u64 {
-    usage().ru_maxrss as u64 * 1024
-}
-
-fn usage() -> libc::rusage {
-    // SAFETY: `rusage` is plain data, and the call fills it.
-    unsafe {
-        let mut usage: libc::rusage = std::mem::zeroed();
-        libc::getrusage(libc::RUSAGE_SELF, &mut usage);
-        usage
-    }
 }
 
 #[cfg(test)]

@@ -1,8 +1,6 @@
 //! Scenes from glTF files: meshes, nodes as instances, materials, textures and the first camera.
 
 use std::collections::HashMap;
-use std::ffi::OsString;
-use std::os::unix::ffi::OsStringExt;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
@@ -125,7 +123,8 @@ fn decoded(uri: &str) -> PathBuf {
             None => tail,
         };
     }
-    PathBuf::from(OsString::from_vec(bytes))
+    // URIs of glTF encode UTF-8 (glTF 2.0, section 2.8).
+    String::from_utf8_lossy(&bytes).into_owned().into()
 }
 
 fn empty_scene() -> Scene {

@@ -42,6 +42,12 @@ pub struct Wish<'w> {
 /// How long to wait for any one piece of work.
 pub const PATIENCE_NS: u64 = 600_000_000_000;
 
+/// The file name of the Vulkan loader.
+const LOADER: &str = match cfg!(windows) {
+    true => "vulkan-1.dll",
+    false => "libvulkan.so.1",
+};
+
 const EXTENSIONS: [&CStr; 3] = [
     khr::acceleration_structure::NAME,
     khr::ray_tracing_pipeline::NAME,
@@ -150,7 +156,7 @@ fn open(driver: Option<&Path>) -> Result<ash::Entry> {
     }
     match driver {
         Some(library) => open_driver(library),
-        None => bail!("there is no Vulkan loader (libvulkan.so.1), and no driver was given"),
+        None => bail!("there is no Vulkan loader ({LOADER}), and no driver was given"),
     }
 }
 

@@ -13,7 +13,7 @@ pub use compare::compare;
 use serde::{Deserialize, Serialize};
 use tuff_tests::Gpu;
 
-use crate::measure::processor_seconds;
+use crate::usage::processor_seconds;
 
 /// Accesses of an invocation.
 const TURNS: u32 = 16;
