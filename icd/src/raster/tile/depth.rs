@@ -6,8 +6,9 @@
 use ash::vk::{CompareOp, StencilOp};
 use lanes::vector::{Task, Vector};
 
+use super::bytes::{load_bytes, store_bytes};
 use super::lanes::Row;
-use super::texels::{Places, load, store};
+use super::texels::{Pattern, Places, load, store};
 use crate::object::graphics_state::{DepthStencil, StencilFace};
 use crate::raster::{Target, Targets};
 
@@ -388,8 +389,15 @@ impl<V: Vector> Task<V> for StencilTest<'_> {
             ..
         } = self;
         let none = v.splat_i(0);
+        let is_whole = matches!(places.pattern, Pattern::Row | Pattern::Block);
+        let is_bytes = is_whole && stencil.target.surface.texel_size_bytes == 1;
         // SAFETY: the caller's promise.
-        let [old, ..] = unsafe { load(v, &stencil.target, places, sample, mask) };
+        let old = unsafe {
+            match is_bytes {
+                true => load_bytes(v, &stencil.target, places, sample),
+                false => load(v, &stencil.target, places, sample, mask)[0],
+            }
+        };
         let (mut new, mut passed) = (old, 0);
         for (face, facing) in stencil.faces.iter().zip([self.front, !self.front]) {
             let lanes = mask & facing;
@@ -419,9 +427,15 @@ impl<V: Vector> Task<V> for StencilTest<'_> {
             }
         }
         if mask & v.ne_i(new, old) != 0 {
-            let words = [new, none, none, none];
-            // SAFETY: the caller's promise.
-            unsafe { store(v, &stencil.target, places, sample, mask, &words) };
+            // SAFETY: the caller's promise. Other lanes keep what was loaded.
+            unsafe {
+                if is_bytes {
+                    store_bytes(v, &stencil.target, places, sample, new);
+                } else {
+                    let words = [new, none, none, none];
+                    store(v, &stencil.target, places, sample, mask, &words);
+                }
+            }
         }
         passed
     }

@@ -14,6 +14,7 @@
 
 mod advanced;
 mod blend;
+mod bytes;
 mod clear;
 mod coarse;
 mod color;

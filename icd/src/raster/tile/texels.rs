@@ -66,7 +66,7 @@ pub type TexelWords = [Row; 4];
 
 /// The first byte of a quad's texels.
 #[inline(always)]
-fn quad(target: &Target, places: &Places, quad: usize, sample: u32) -> *mut u8 {
+pub(super) fn quad(target: &Target, places: &Places, quad: usize, sample: u32) -> *mut u8 {
     let slice = target.first_layer + places.layer[quad];
     let (x, y) = (places.x[quad] as u32, places.y[quad] as u32);
     target.surface.texel(x, y, slice, sample)

@@ -391,6 +391,32 @@ impl Vector for Avx2 {
         }
     }
     #[inline(always)]
+    fn of_bytes(self, [low, high]: [u64; 2]) -> I {
+        // SAFETY: the token.
+        unsafe {
+            [
+                _mm256_cvtepu8_epi32(_mm_cvtsi64_si128(low as i64)),
+                _mm256_cvtepu8_epi32(_mm_cvtsi64_si128(high as i64)),
+            ]
+        }
+    }
+    #[inline(always)]
+    fn to_bytes(self, [a, b]: I) -> [u64; 2] {
+        // SAFETY: the token.
+        unsafe {
+            let byte = _mm256_set1_epi32(0xff);
+            let (a, b) = (_mm256_and_si256(a, byte), _mm256_and_si256(b, byte));
+            // Within halves of a register: the middle ones change places.
+            let shorts = _mm256_permute4x64_epi64::<0b11_01_10_00>(_mm256_packus_epi32(a, b));
+            let bytes = _mm_packus_epi16(
+                _mm256_castsi256_si128(shorts),
+                _mm256_extracti128_si256::<1>(shorts),
+            );
+            let (low, high) = (_mm_cvtsi128_si64(bytes), _mm_extract_epi64::<1>(bytes));
+            [low as u64, high as u64]
+        }
+    }
+    #[inline(always)]
     unsafe fn load_each_quad(self, at: [*const u8; 4], stride_bytes: usize) -> I {
         // SAFETY: the token, and the caller's promise.
         unsafe {

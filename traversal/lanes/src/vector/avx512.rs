@@ -192,6 +192,22 @@ impl Vector for Avx512 {
     }
 
     #[inline(always)]
+    fn of_bytes(self, [low, high]: [u64; 2]) -> I {
+        // SAFETY: the token.
+        unsafe { _mm512_cvtepu8_epi32(_mm_set_epi64x(high as i64, low as i64)) }
+    }
+
+    #[inline(always)]
+    fn to_bytes(self, a: I) -> [u64; 2] {
+        // SAFETY: the token.
+        unsafe {
+            let bytes = _mm512_cvtepi32_epi8(a);
+            let (low, high) = (_mm_cvtsi128_si64(bytes), _mm_extract_epi64::<1>(bytes));
+            [low as u64, high as u64]
+        }
+    }
+
+    #[inline(always)]
     unsafe fn load_each_quad(self, at: [*const u8; 4], stride_bytes: usize) -> I {
         // SAFETY: the token, and the caller's promise.
         unsafe {

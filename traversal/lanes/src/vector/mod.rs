@@ -229,6 +229,12 @@ pub trait Vector: Copy {
     /// Eight bytes are writable at `at` and 1 to 3 strides behind it.
     unsafe fn store_quads_of_shorts(self, a: Self::I, at: *mut u8, stride_bytes: usize);
 
+    /// The bytes of two words of 64 bits, the first in the lowest bits, as words.
+    fn of_bytes(self, bytes: [u64; 2]) -> Self::I;
+
+    /// The low bytes of words, where [`Self::of_bytes`] takes them from.
+    fn to_bytes(self, a: Self::I) -> [u64; 2];
+
     /// The words of four quads, from the first bytes of their first rows on.
     ///
     /// # Safety

@@ -329,6 +329,22 @@ impl Vector for Portable {
         }
     }
     #[inline(always)]
+    fn of_bytes(self, bytes: [u64; 2]) -> I {
+        let mut out = [0; LANES];
+        for lane in 0..LANES {
+            out[lane] = (bytes[lane / 8] >> (lane % 8 * 8) & 0xff) as i32;
+        }
+        out
+    }
+    #[inline(always)]
+    fn to_bytes(self, a: I) -> [u64; 2] {
+        let mut bytes = [0; 2];
+        for lane in 0..LANES {
+            bytes[lane / 8] |= (a[lane] as u64 & 0xff) << (lane % 8 * 8);
+        }
+        bytes
+    }
+    #[inline(always)]
     unsafe fn load_each_quad(self, at: [*const u8; 4], stride_bytes: usize) -> I {
         let mut out = [0; LANES];
         for lane in 0..LANES {

@@ -241,6 +241,31 @@ fn shorts_are_quads_of_four_rows() {
     }
 }
 
+struct Bytes;
+
+impl TierTest for Bytes {
+    #[inline(always)]
+    unsafe fn run<V: Vector>(&mut self, v: V) {
+        let bytes: [u8; 16] = std::array::from_fn(|lane| (250 - 17 * lane as i32) as u8);
+        let [low, high] = [0, 8].map(|from| {
+            let bytes = bytes[from..from + 8].try_into().unwrap();
+            u64::from_le_bytes(bytes)
+        });
+        let mut row = [0; 16];
+        let words = v.of_bytes([low, high]);
+        v.store_i(words, &mut row);
+        assert_eq!(row, bytes.map(u32::from));
+        // The upper bits are not taken.
+        let words = v.or_i(words, v.splat_i(-0x100));
+        assert_eq!(v.to_bytes(words), [low, high]);
+    }
+}
+
+#[test]
+fn bytes_are_lanes_in_order() {
+    in_every_tier(&mut Bytes);
+}
+
 /// Puts texels of so many words to quads anywhere.
 struct EachQuad {
     words: usize,
