@@ -11,16 +11,20 @@ pub fn prefetch<T>(value: &T) {
         prefetch_line(address.wrapping_add(offset));
     }
     // A value that does not start at a line's start may end in one line more.
-    prefetch_line(address.wrapping_add(size_of::<T>().saturating_sub(1)));
+    if size_of::<T>() > align_of::<T>() {
+        prefetch_line(address.wrapping_add(size_of::<T>() - 1));
+    }
 }
 
+/// Asks for the cache line of an address that is read or written soon. The address need not be
+/// valid.
 #[inline(always)]
-fn prefetch_line(address: *const i8) {
+pub fn prefetch_line<T>(address: *const T) {
     #[cfg(target_arch = "x86_64")]
     // SAFETY: a hint; addresses need not be valid.
     unsafe {
         use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
-        _mm_prefetch::<_MM_HINT_T0>(address);
+        _mm_prefetch::<_MM_HINT_T0>(address.cast());
     }
     #[cfg(not(target_arch = "x86_64"))]
     let _ = address;

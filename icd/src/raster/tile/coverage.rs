@@ -55,6 +55,10 @@ impl SmallBlocks {
     pub fn covered(&self) -> &[SmallBlock] {
         &self.blocks[..self.count]
     }
+
+    pub fn covered_mut(&mut self) -> &mut [SmallBlock] {
+        &mut self.blocks[..self.count]
+    }
 }
 
 /// A list of blocks with one sample a pixel.
@@ -306,7 +310,7 @@ fn cells_in(clip: &Bounds, x: i32, y: i32, size: i32) -> (u16, u16) {
 
 /// Lanes of the block at (x, y) that lie in the clip.
 #[inline(always)]
-fn inside(clip: &Bounds, x: i32, y: i32) -> u16 {
+pub fn inside(clip: &Bounds, x: i32, y: i32) -> u16 {
     let end = |at: i32, from: i32| (at - from).clamp(0, 4) as usize;
     COLUMNS[end(clip.left, x)][end(clip.right, x)] & ROWS[end(clip.top, y)][end(clip.bottom, y)]
 }
@@ -405,11 +409,16 @@ fn scan_words<W: EdgeInteger>(
 }
 
 /// Blocks that a clip touches up to which they are looked at one by one.
-const SMALL: i32 = 16;
+pub const SMALL: i32 = 16;
 
 /// An edge's values at the only samples of a block's pixels, in the tile's first block.
 #[inline(always)]
-fn narrow_side<V: Vector>(v: V, edge: &Edge, corner: [i64; 2], [columns, rows]: [V::I; 2]) -> V::I {
+pub fn narrow_side<V: Vector>(
+    v: V,
+    edge: &Edge,
+    corner: [i64; 2],
+    [columns, rows]: [V::I; 2],
+) -> V::I {
     let constant = at_sample::<i32>(edge, at_corner(edge, corner), CENTER);
     let across = v.mul_i(v.splat_i(edge.a), columns);
     let pixels = v.add_i(across, v.mul_i(v.splat_i(edge.b), rows));
@@ -637,7 +646,7 @@ lanes::vectors! {
 
 /// A clip that lies in a tile, from the tile's corner.
 #[inline(always)]
-fn in_tile(clip: &Bounds, tile: &Bounds) -> Bounds {
+pub fn in_tile(clip: &Bounds, tile: &Bounds) -> Bounds {
     Bounds {
         left: clip.left - tile.left,
         top: clip.top - tile.top,
@@ -655,7 +664,7 @@ fn are_narrow(edges: &[Edge]) -> bool {
 
 /// Whether a clip touches few blocks.
 #[inline(always)]
-fn is_small(clip: &Bounds) -> bool {
+pub fn is_small(clip: &Bounds) -> bool {
     let blocks = |from: i32, to: i32| (to - (from & !3) + 3) / 4;
     blocks(clip.left, clip.right) * blocks(clip.top, clip.bottom) <= SMALL
 }

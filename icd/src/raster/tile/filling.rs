@@ -11,18 +11,19 @@ use crate::raster::primitive::{PlaneEquation, Record};
 
 impl Inputs {
     /// Fills the input rows of a subgroup of one primitive, with its [`Self::steps`]; or some of
-    /// their lanes.
+    /// their lanes, without the rows of `held`, a bit each, that hold what they shall.
     #[inline(always)]
     pub fn fill_uniform<V: Vector>(
         &self,
         v: V,
         fragments: &Fragments<'_>,
         steps: &Steps,
-        lanes: u16,
+        (lanes, held): (u16, u64),
         rows: &mut [AlignedRow],
     ) {
-        let mut filling = Filling::<V, true>::new(v, self, fragments, steps);
-        filling.lanes = lanes;
+        let mut filling = Filling::<V, true>::new(v, self, fragments, &steps.rows);
+        (filling.lanes, filling.held) = (lanes, held);
+        filling.constant = steps.constant;
         filling.fill(rows);
     }
 
@@ -31,6 +32,12 @@ impl Inputs {
     pub fn fill_mixed<V: Vector>(&self, v: V, fragments: &Fragments<'_>, rows: &mut [AlignedRow]) {
         Filling::<V, false>::new(v, self, fragments, &[]).fill(rows);
     }
+}
+
+/// Whether a row is one of the first ones that have a bit.
+#[inline(always)]
+fn is_in(rows: u64, row: usize) -> bool {
+    rows >> (row & 63) & 1 != 0
 }
 
 /// Rows of a subgroup while they are filled. `UNIFORM`: of one record.
@@ -42,6 +49,9 @@ struct Filling<'a, V: Vector, const UNIFORM: bool> {
     steps: &'a [[f32; 3]],
     /// The lanes that are filled.
     lanes: u16,
+    /// Rows that are not filled, and those whose varying is constant: a bit each.
+    held: u64,
+    constant: u64,
     /// By index of [`BarycentricMode`]: the coordinates of the second and third vertex, once they
     /// are known.
     weights: [Option<[V::F; 2]>; 6],
@@ -56,6 +66,8 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
             fragments,
             steps,
             lanes: u16::MAX,
+            held: 0,
+            constant: 0,
             weights: [None; 6],
         }
     }
@@ -271,6 +283,11 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
         let weights = self.weights(common);
         for (index, (row, fill)) in rows.iter_mut().zip(&inputs.fills).enumerate() {
             let words = match *fill {
+                InputRowSource::Varying(..) if is_in(self.held, index) => continue,
+                InputRowSource::Varying(..) if is_in(self.constant, index) => {
+                    let [first, ..] = self.steps[index];
+                    self.v.bits_of(self.v.splat(first))
+                }
                 InputRowSource::Varying(word, _) => self.varying(index, word, weights),
                 _ => self.row(index, fill),
             };

@@ -63,6 +63,8 @@ impl BarycentricMode {
 /// How rows are filled: a program's inputs, or the outputs of one that computes nothing.
 pub struct Inputs {
     pub(super) fills: Vec<InputRowSource>,
+    /// The rows that are varyings, and their words.
+    varyings: Vec<(usize, u32)>,
     /// The coordinates of the varyings, where all have the same.
     pub(super) common: Option<BarycentricMode>,
     /// Samples of a fragment.
@@ -104,6 +106,16 @@ fn common(fills: &[InputRowSource]) -> Option<BarycentricMode> {
     weights.all(|other| other == first).then_some(first)
 }
 
+/// The rows that are varyings, and their words.
+fn varyings(fills: &[InputRowSource]) -> Vec<(usize, u32)> {
+    let of_rows = fills.iter().enumerate();
+    let words = of_rows.filter_map(|(row, fill)| match *fill {
+        InputRowSource::Varying(word, _) => Some((row, word)),
+        _ => None,
+    });
+    words.collect()
+}
+
 fn slope(fill: &InputRowSource) -> Option<Slope> {
     Some(match *fill {
         InputRowSource::Constant(word) => Slope::Constant(word),
@@ -133,9 +145,47 @@ fn sees_coverage(fill: &InputRowSource) -> bool {
     }
 }
 
-/// By row of inputs, of a varying: its value at a primitive's first vertex, and the differences of
-/// the others.
-pub type Steps = SmallVec<[[f32; 3]; 16]>;
+/// The varyings of one primitive.
+#[derive(Default)]
+pub struct Steps {
+    /// By row of inputs, of a varying: its value at the first vertex, and the differences of the
+    /// others. Other rows hold anything.
+    pub rows: SmallVec<[[f32; 3]; 16]>,
+    /// A bit each of the first rows: the varying is what it is at the first vertex everywhere, to
+    /// the bit.
+    pub constant: u64,
+}
+
+impl Steps {
+    /// The rows that are constant in both, with the same value.
+    pub fn shared(&self, other: &Self) -> u64 {
+        let mut shared = self.constant & other.constant;
+        let mut left = shared;
+        while left != 0 {
+            let row = left.trailing_zeros() as usize;
+            left &= left - 1;
+            let [first, second] = [self.rows[row][0], other.rows[row][0]];
+            if first.to_bits() != second.to_bits() {
+                shared &= !(1 << row);
+            }
+        }
+        shared
+    }
+}
+
+/// Bits of −0.
+const NEGATIVE_ZERO: u32 = 0x8000_0000;
+
+/// Numbers of planes up to which all sums and products in the coordinates of pixels are finite.
+const TAME: f32 = 1e20;
+
+/// Whether the weights of a primitive's vertices are finite at all pixels.
+#[inline(always)]
+fn is_tame(record: &Record) -> bool {
+    let [_, second, third] = &record.perspective;
+    let size = |it: &PlaneEquation| it.at.abs() + it.dx.abs() + it.dy.abs();
+    record.is_affine && size(second) + size(third) < TAME
+}
 
 /// Sixteen fragments: four quads of one or several primitives.
 pub struct Fragments<'a> {
@@ -210,6 +260,7 @@ impl Inputs {
         let fills: Vec<InputRowSource> = fragment.inputs().iter().map(fill).collect();
         Self {
             common: common(&fills),
+            varyings: varyings(&fills),
             fills,
             locations,
             packed,
@@ -232,6 +283,7 @@ impl Inputs {
         let fills: Vec<InputRowSource> = outputs.iter().map(fill).collect();
         Self {
             common: common(&fills),
+            varyings: varyings(&fills),
             fills,
             ..*self
         }
@@ -251,19 +303,23 @@ impl Inputs {
     /// The steps from which the varyings of one primitive's fragments are computed.
     pub fn steps(&self, fragments: &Fragments<'_>, steps: &mut Steps) {
         let (record, outputs) = (fragments.records[0], &fragments.chunks[0].outputs[..]);
-        steps.clear();
-        for fill in &self.fills {
-            let InputRowSource::Varying(word, _) = *fill else {
-                steps.push([0.0; 3]);
-                continue;
-            };
+        steps.rows.resize(self.fills.len(), [0.0; 3]);
+        let rows = &mut steps.rows[..];
+        let mut constant = 0;
+        for &(row, word) in &self.varyings {
             let [first, second, third] = [
                 number(outputs, record.vertices[0].wrapping_add(word)),
                 number(outputs, record.vertices[1].wrapping_add(word)),
                 number(outputs, record.vertices[2].wrapping_add(word)),
             ];
-            steps.push([first, second - first, third - first]);
+            let (second, third) = (second - first, third - first);
+            rows[row] = [first, second, third];
+            // A negative zero plus a positive one is a positive one.
+            let is_constant = (second == 0.0) & (third == 0.0) & (first.to_bits() != NEGATIVE_ZERO);
+            constant |= u64::from(is_constant) << (row & 63);
         }
+        let is_exact = rows.len() <= 64 && is_tame(record);
+        steps.constant = if is_exact { constant } else { 0 };
     }
 }
 

@@ -23,6 +23,7 @@ mod depth;
 mod direct;
 mod filling;
 mod gathering;
+mod halves;
 mod inputs;
 mod interpolation;
 mod lanes;

@@ -12,7 +12,7 @@ use super::blend::blend;
 use super::color::{Color, color};
 use super::lanes::{Floats, LANE_X, LANE_Y, floats_of, lanes_where, numbers, words};
 use super::samples::MAX_SAMPLES;
-use super::texels::{Places, load};
+use super::texels::{Places, fetch, load};
 use crate::object::graphics_state::{GraphicsState, MAX_COLOR_ATTACHMENTS};
 use crate::raster::Targets;
 
@@ -165,6 +165,14 @@ impl Output {
         let is_plain =
             |color: &Color| color.blend.is_none() && color.writes_all && color.logic_op.is_none();
         self.colors.iter().all(is_plain)
+    }
+
+    /// Asks for texels that fragments of one sample a pixel are written to soon.
+    #[inline(always)]
+    pub fn fetch(&self, places: &Places) {
+        for color in &self.colors {
+            fetch(&color.target, places);
+        }
     }
 
     /// Whether [`Self::write_bytes`] serves for all attachments, and all fragments that a program

@@ -4,7 +4,7 @@
 //! those along the edges that primitives share.
 
 use super::lanes::{lanes_of, quads_of};
-use super::samples::{MAX_SAMPLES, any};
+use super::samples::{MAX_SAMPLES, any, masks_of};
 use super::texels::{Pattern, Places};
 use crate::raster::primitive::Bounds;
 
@@ -215,6 +215,34 @@ impl Packs {
         for quad in 0..4 {
             if quads >> quad & 1 != 0 && !self.join_quad(found, quad) {
                 self.add_quad(found, quad);
+            }
+        }
+    }
+
+    /// Adds the fragments of a block of two primitives, of which `of_first` are the first one's and
+    /// the others the second one's; `found` is of both, with the first one's origin.
+    pub fn add_halves(&mut self, found: &Found<'_>, of_first: u16, second: Origin) {
+        let of_second = found.lanes & !of_first;
+        if self.of_wave(self.blocks[block(found.place)]) == 0 {
+            let origin = if of_first == 0 { second } else { found.origin };
+            self.add_block(&Found { origin, ..*found }, quads_of(found.lanes));
+            if of_first != 0 && of_second != 0 {
+                self.join(self.packs.len() - 1, second, of_second, false);
+            }
+            return;
+        }
+        // One after the other, into the lanes that earlier primitives leave free.
+        for (origin, lanes) in [(found.origin, of_first), (second, of_second)] {
+            if lanes != 0 {
+                let masks = &masks_of(lanes.into());
+                let found = Found {
+                    origin,
+                    lanes,
+                    masks,
+                    coverage: masks,
+                    ..*found
+                };
+                self.add(&found, Some(1));
             }
         }
     }

@@ -47,7 +47,10 @@ pub struct Plan<'a> {
     pub locations: Locations,
     /// Samples that the state lets pass.
     pub sample_mask: u32,
-    /// Fragments of one sample go from coverage to the program without a test, and may join.
+    /// Fragments of one sample go from coverage to the program, with nothing between but a depth
+    /// test.
+    is_small: bool,
+    /// They do so without a test, and may join.
     is_plain: bool,
     /// By viewport: the range that depths are clamped to; none where they are not.
     depth_ranges: Vec<[f32; 2]>,
@@ -133,18 +136,23 @@ impl<'a> Plan<'a> {
                 subgroups: subgroups_at_once(program),
             }
         });
-        let is_plain = program.as_ref().is_some_and(|program| program.joins)
+        let runs = |it: &Fragment<'_>| !(it.is_serial || it.per_sample || it.sees_coverage);
+        let is_small = program.as_ref().is_some_and(runs)
+            && order == Order::Early
             && passed.is_none()
             && sampled.is_none()
             && coarse.is_none()
-            && tests.is_empty()
+            && (tests.is_empty() || tests.plain().is_some())
             && samples == 1
             && multisample.sample_mask & 1 != 0;
+        let may_join = program.as_ref().is_some_and(|program| program.joins);
+        let is_plain = is_small && may_join && tests.is_empty();
         Self {
             program,
             passed,
             sampled,
             coarse,
+            is_small,
             is_plain,
             order,
             tests,
@@ -154,6 +162,12 @@ impl<'a> Plan<'a> {
             sample_mask: multisample.sample_mask,
             depth_ranges: depth_ranges(state),
         }
+    }
+
+    /// The program, where at most a depth test stands between coverage and it.
+    #[inline(always)]
+    pub fn small(&self) -> Option<&Fragment<'a>> {
+        self.program.as_ref().filter(|_| self.is_small)
     }
 
     /// The program, where nothing stands between coverage and it.

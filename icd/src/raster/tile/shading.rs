@@ -6,11 +6,12 @@ use spirv_jit::Program;
 use spirv_jit::program::AlignedRow;
 
 use super::coarse::Spread;
-use super::coverage::Block;
-use super::depth::Tested;
+use super::coverage::{Block, SmallBlocks};
+use super::depth::{Plain, Tested};
 use super::inputs::{Fragments, Inputs, Steps};
 use super::interpolation::{clamp, depths};
 use super::lanes::{IN_BLOCK, LANE_X, LANE_Y, Row, lanes_of};
+use super::output::Output;
 use super::pack::{Joined, Origin, Pack};
 use super::plan::{Order, Plan};
 use super::samples::{Counts, MAX_SAMPLES, any, count, from_center, masks_of};
@@ -73,6 +74,38 @@ lanes::vectors! {
 }
 
 lanes::vectors! {
+    /// Does the only test of the blocks of a small triangle, which lie in the render area.
+    ///
+    /// # Safety
+    /// As [`test_blocks`].
+    pub unsafe fn test_small<V>(
+        v,
+        plan: &Plan<'_>,
+        plain: Plain<'_>,
+        record: &Record,
+        corner: [i32; 2],
+        area: &Bounds,
+        blocks: &mut SmallBlocks,
+    ) {
+        let range = plan.depth_range(record);
+        for block in blocks.covered_mut() {
+            let place = [corner[0] + i32::from(block.x), corner[1] + i32::from(block.y)];
+            let places = Places::block(place, record.layer.into(), area);
+            let depths = depths(v, record, place, &IN_BLOCK, plan.locations[0], range);
+            // SAFETY: the caller's promise.
+            block.lanes = unsafe { plain.run(v, &places, depths, block.lanes) };
+        }
+    }
+}
+
+/// The steps of a primitive's varyings.
+#[derive(Default)]
+struct KnownSteps {
+    origin: Option<Origin>,
+    steps: Steps,
+}
+
+lanes::vectors! {
     /// Puts a wave's subgroups at the program's entry, with their inputs. `joined`: of the packs;
     /// `spread`: of packs whose fragments are of several pixels.
     pub fn start<V>(
@@ -80,7 +113,7 @@ lanes::vectors! {
         chunks: &[Chunk],
         program: &Program,
         inputs: &Inputs,
-        outputs: usize,
+        output: &Output,
         packs: &[Pack],
         joined: &[Joined],
         spread: &[Spread],
@@ -88,22 +121,24 @@ lanes::vectors! {
         counts: &mut Counts,
     ) {
         let first = program.layout().inputs;
-        // Of the packs' own primitives, and of those that joined: most of a wave is of few.
-        let mut steps = [Steps::new(), Steps::new()];
-        let mut steps_of = [None; 2];
+        // The primitives of the pack before and of this one: most of a wave is of few.
+        let mut known = [KnownSteps::default(), KnownSteps::default()];
+        let mut of_pack = 0;
         for (index, (pack, state)) in packs.iter().zip(runner.states()).enumerate() {
             let (active, covered) = (pack.active(), pack.covered());
             let helpers = LaneMask::from_bits(active & !covered);
             let active = LaneMask::from_bits(active);
-            program.start_fragments(state, active, helpers, Some(outputs));
+            program.start_fragments(state, active, helpers, Some(output.rows));
             counts.invocations += u64::from(covered.count_ones());
             let rows = &mut state[first..];
-            let (mut lanes, mut next, mut turn) = (u16::MAX, pack.joined, 0);
             let mut fragments = fragments_of(chunks, pack);
-            if let Some(spread) = spread.get(index) {
-                fragments.coverage = spread.coverage();
+            match spread.get(index) {
+                Some(spread) => fragments.coverage = spread.coverage(),
+                None => output.fetch(&pack.places),
             }
-            let mut origin = pack.origins[0];
+            let (mut origin, mut lanes, mut next) = (pack.origins[0], u16::MAX, pack.joined);
+            // Constant rows, which are the same in all lanes so far.
+            let mut held = 0;
             if !pack.is_uniform {
                 inputs.fill_mixed(v, &fragments, rows);
                 lanes = 0;
@@ -111,17 +146,30 @@ lanes::vectors! {
             // One loop for both, so that filling stands in the code once.
             loop {
                 if lanes != 0 {
-                    if steps_of[turn] != Some(origin) {
-                        steps_of[turn] = Some(origin);
-                        inputs.steps(&fragments, &mut steps[turn]);
+                    let is_own = lanes == u16::MAX;
+                    let mut place = 1 - of_pack;
+                    if known[of_pack].origin == Some(origin) {
+                        place = of_pack;
+                    } else if known[place].origin != Some(origin) {
+                        let it = &mut known[place];
+                        it.origin = Some(origin);
+                        inputs.steps(&fragments, &mut it.steps);
                     }
-                    inputs.fill_uniform(v, &fragments, &steps[turn], lanes, rows);
+                    let steps = &known[place].steps;
+                    if is_own {
+                        of_pack = place;
+                    } else if held != 0 {
+                        held &= known[of_pack].steps.shared(steps);
+                    }
+                    inputs.fill_uniform(v, &fragments, steps, (lanes, held), rows);
+                    if is_own {
+                        held = steps.constant;
+                    }
                 }
                 let Some(it) = joined.get((next as usize).wrapping_sub(1)) else {
                     break;
                 };
                 Joined { origin, lanes, next } = *it;
-                turn = 1;
                 fragments.set_origin(chunks, origin);
             }
         }

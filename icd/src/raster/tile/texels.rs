@@ -255,6 +255,20 @@ unsafe fn store_as<T: Texel>(
     }
 }
 
+/// Asks for texels of the first sample that are read or written soon.
+#[inline(always)]
+pub fn fetch(target: &Target, places: &Places) {
+    let (at, stride) = quads(target, places, 0);
+    let is_block = places.pattern == Pattern::Block;
+    for (quad, first) in at.into_iter().enumerate() {
+        // Two quads of a block lie in the same lines.
+        if !is_block || quad % 2 == 0 {
+            lanes::prefetch_line(first.cast_const());
+            lanes::prefetch_line(first.wrapping_add(stride).cast_const());
+        }
+    }
+}
+
 /// Loads the texels of a sample of the pixels of a mask; other lanes hold anything.
 ///
 /// # Safety

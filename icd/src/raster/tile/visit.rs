@@ -10,13 +10,14 @@ use super::clear::clear_tile;
 use super::coarse::{Gather, Of};
 use super::coverage::{Block, Covered, SmallBlocks, Square, convex, listed, small_triangle};
 use super::direct;
+use super::halves::halves;
 use super::pack::{Found, OWN, Origin, Pack, Packs};
 use super::parts::Wave;
 use super::passed::Part;
 use super::plan::{Fragment, Order, Plan, Plans};
 use super::rectangle::Rectangle;
 use super::samples::{Counts, Location, MAX_SAMPLES, any, count, masks_of};
-use super::shading::{finish, start, test_blocks};
+use super::shading::{finish, start, test_blocks, test_small};
 use super::tinted::{self, Sampled};
 use crate::compute::waves::{Runner, Subgroups};
 use crate::raster::primitive::{Bounds, Coverage, Grid, Record, Shape, triangle_edges};
@@ -79,6 +80,8 @@ pub struct Visit<'a> {
     pub(super) round: &'a Round<'a>,
     pub(super) worker: &'a mut TileWorker,
     pub(super) bounds: Bounds,
+    /// The tile lies in the render area.
+    is_whole: bool,
     pub(super) current: Option<Current<'a>>,
     /// Quads of a block from which on it takes a subgroup of its own, if fragments may join.
     own: u32,
@@ -95,10 +98,12 @@ impl TileWorker {
     pub fn visit(&mut self, round: &Round<'_>, tile: usize) -> Result<(), Stopped> {
         self.packs.clear();
         self.gather.clear();
+        let bounds = round.grid.bounds(tile);
         let mut visit = Visit {
             round,
             worker: self,
-            bounds: round.grid.bounds(tile),
+            bounds,
+            is_whole: bounds.intersection(round.area) == bounds,
             current: None,
             own: OWN,
             sampling: None,
@@ -131,8 +136,9 @@ impl<'a> Visit<'a> {
                 let second = second.map(|&second| &chunk.shapes[second as usize]);
                 let second = second.filter(|second| shape.bounds == second.bounds);
                 if let Some(second) = second
-                    && self.pair(chunk, shape, second)?
+                    && self.pair(index, chunk, shape, second)?
                 {
+                    fetch_ahead(chunk, others);
                     rest = &others[1..];
                     continue;
                 }
@@ -204,9 +210,16 @@ impl<'a> Visit<'a> {
             record: shape.record,
         };
         if let (Some(fragment), Coverage::Triangle(corners)) =
-            (current.plan.plain(), shape.coverage)
-            && let Some(blocks) = small_triangle(self.round.tier, corners, &self.bounds, &clip)
+            (current.plan.small(), shape.coverage)
+            && (self.is_whole || current.plan.tests.is_empty())
+            && let Some(mut blocks) = small_triangle(self.round.tier, corners, &self.bounds, &clip)
         {
+            if let Some(plain) = current.plan.tests.plain() {
+                let (tier, plan) = (self.round.tier, current.plan);
+                let (corner, area) = ([self.bounds.left, self.bounds.top], &self.round.area);
+                // SAFETY: the whole tile lies in the render area; for the rest, as below.
+                unsafe { test_small(tier, plan, plain, record, corner, area, &mut blocks) };
+            }
             let layer = record.layer.into();
             return self.small_fragments(current, fragment, origin, layer, &blocks);
         }
@@ -250,13 +263,28 @@ impl<'a> Visit<'a> {
         result
     }
 
-    /// Draws two shapes as one, if they are a rectangle, what they leave is sampled, and neither
-    /// tests nor levels need whole quads of each; else gives false.
-    fn pair(&mut self, chunk: &Chunk, first: &Shape, second: &Shape) -> Result<bool, Stopped> {
+    /// Draws two shapes as one, if they are a rectangle and either go into subgroups without a test
+    /// or are sampled, where neither tests nor levels need whole quads of each; else gives false.
+    fn pair(
+        &mut self,
+        index: u32,
+        chunk: &Chunk,
+        first: &Shape,
+        second: &Shape,
+    ) -> Result<bool, Stopped> {
         let records = [first, second].map(|shape| &chunk.records[shape.record as usize]);
         let Some(current) = self.take_draw(records[0].draw)? else {
             return Ok(false);
         };
+        let is_one = records.iter().all(|it| it.draw == current.index)
+            && records[0].layer == records[1].layer
+            && u32::from(records[0].layer) < self.round.targets.layers;
+        if !is_one {
+            return Ok(false);
+        }
+        if let Some(fragment) = current.plan.plain() {
+            return self.small_halves(current, fragment, index, records[0].layer, [first, second]);
+        }
         let (Some(sampled), Some(sampling)) = (&current.plan.sampled, &self.sampling) else {
             return Ok(false);
         };
@@ -265,10 +293,7 @@ impl<'a> Visit<'a> {
             && plan.samples == 1
             && plan.sample_mask & 1 != 0
             && !sampling.takes_derivatives();
-        let is_one = records.iter().all(|it| it.draw == current.index)
-            && records[0].layer == records[1].layer
-            && u32::from(records[0].layer) < self.round.targets.layers;
-        if !is_plain || !is_one {
+        if !is_plain {
             return Ok(false);
         }
         let limit = self.bounds.intersection(self.round.area);
@@ -304,6 +329,56 @@ impl<'a> Visit<'a> {
                 &limit,
                 &mut self.counts,
             );
+        }
+        Ok(true)
+    }
+
+    /// Adds the fragments of two small triangles that no test comes before to the wave, if they are
+    /// a rectangle; else gives false.
+    fn small_halves(
+        &mut self,
+        current: Current<'a>,
+        fragment: &Fragment<'_>,
+        chunk: u32,
+        layer: u16,
+        shapes: [&Shape; 2],
+    ) -> Result<bool, Stopped> {
+        let [Coverage::Triangle(first), Coverage::Triangle(second)] =
+            [shapes[0].coverage, shapes[1].coverage]
+        else {
+            return Ok(false);
+        };
+        let clip = (shapes[0].bounds).intersection(self.bounds.intersection(self.round.area));
+        if clip.left >= clip.right || clip.top >= clip.bottom {
+            return Ok(true);
+        }
+        let Some(blocks) = halves(self.round.tier, [&first, &second], &self.bounds, &clip) else {
+            return Ok(false);
+        };
+        let [origin, other] =
+            [shapes[0].record, shapes[1].record].map(|record| Origin { chunk, record });
+        for block in blocks.covered() {
+            if current.is_counted {
+                self.counts.samples += u64::from(block.lanes.count_ones());
+            }
+            let masks = masks_of(block.lanes.into());
+            let found = Found {
+                origin,
+                place: [
+                    self.bounds.left + i32::from(block.x),
+                    self.bounds.top + i32::from(block.y),
+                ],
+                layer: layer.into(),
+                area: &self.round.area,
+                sample: 0,
+                lanes: block.lanes,
+                masks: &masks,
+                coverage: &masks,
+            };
+            self.worker.packs.add_halves(&found, block.first, other);
+            if self.worker.packs.packs.len() >= fragment.subgroups {
+                self.run_wave()?;
+            }
         }
         Ok(true)
     }
@@ -344,7 +419,7 @@ impl<'a> Visit<'a> {
         }
     }
 
-    /// Adds the fragments of a small triangle that no test comes before to the wave.
+    /// Adds the fragments of a small triangle to the wave, after their test.
     fn small_fragments(
         &mut self,
         current: Current<'a>,
@@ -355,6 +430,9 @@ impl<'a> Visit<'a> {
     ) -> Result<(), Stopped> {
         for block in blocks.covered() {
             let lanes = block.lanes;
+            if lanes == 0 {
+                continue;
+            }
             if current.is_counted {
                 self.counts.samples += u64::from(lanes.count_ones());
             }
@@ -372,7 +450,8 @@ impl<'a> Visit<'a> {
                 masks: &masks,
                 coverage: &masks,
             };
-            self.worker.packs.add(&found, Some(self.own));
+            let joins = fragment.joins.then_some(self.own);
+            self.worker.packs.add(&found, joins);
             if self.worker.packs.packs.len() >= fragment.subgroups {
                 self.run_wave()?;
             }
@@ -556,7 +635,7 @@ impl<'a> Visit<'a> {
             chunks,
             program,
             kind.map_or(&fragment.inputs, |kind| &kind.inputs),
-            outputs,
+            &current.plan.output,
             packs,
             &waiting.joined,
             &gather.packs,

@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use ash::vk;
 
+use super::rectangle::halves;
 use super::support::{
     Canvas, Random, chunk_of, draw, edges, halve_and_double, program, run, targets,
 };
@@ -71,6 +72,11 @@ fn check(random: &mut Random, samples: u32, is_tested: bool) {
         for _ in 0..4 {
             let middle = SIZE.map(|it| random.i32(0..it as i32 * 256));
             triangles.push([(); 3].map(|()| middle.map(|it| it + random.i32(-3000..3000))));
+        }
+        for _ in 0..30 {
+            let least = SIZE.map(|it| random.i32(-2000..it as i32 * 256));
+            let greatest = least.map(|it| it + random.i32(1..4000));
+            triangles.extend(halves(least, greatest, random.bool()));
         }
     }
     let area =

@@ -5,6 +5,7 @@ mod clears;
 mod colors;
 mod coverage;
 mod direct;
+mod halves;
 mod joined;
 mod order;
 mod rectangle;
