@@ -225,16 +225,7 @@ impl Turns {
             }
             _ => return None,
         };
-        // A result has a register of its own, although lanes may keep their own words.
-        let copied = given.iter().map(|&register| {
-            let is_operand = held.iter().any(|operand| operand.contains(&register));
-            if is_operand {
-                s.copy(register)
-            } else {
-                register
-            }
-        });
-        let given: Registers = copied.collect();
+        let given = s.apart_from(&held, &given);
         self.give(result, &given);
         self.stretch.operations += 1;
         self.stretch.end_operation();
@@ -244,6 +235,18 @@ impl Turns {
 
 /// The parts of operations across lanes. Each takes registers of all lanes.
 impl Stretch {
+    /// The registers of a result, copied where they are an operand's because lanes keep their own
+    /// words: a result has registers of its own.
+    fn apart_from(&mut self, operands: &[Registers], given: &[Virtual]) -> Registers {
+        let own = given.iter().map(|&register| {
+            match operands.iter().any(|operand| operand.contains(&register)) {
+                true => self.copy(register),
+                false => register,
+            }
+        });
+        own.collect()
+    }
+
     /// An operation on each register.
     fn by_lanes(
         &mut self,
