@@ -494,8 +494,8 @@ impl Maker {
         self.values.extend(types.into_iter().zip(names));
     }
 
-    /// Offsets that have a distance from lane to lane, or are the same, now and then near the end of
-    /// all offsets.
+    /// Offsets that have a distance from lane to lane, or are the same, some of them near the end
+    /// of all offsets.
     fn spaced(&mut self) -> String {
         let lane = self.w.line(I32, "lane_index");
         let (name, by) = match self.random.u32(..8) {
