@@ -8,6 +8,7 @@ use std::time::Duration;
 
 use ash::{ext, khr, nv, vk};
 
+use crate::has;
 use crate::optional::Optional;
 use crate::patience::PATIENCE_NS;
 
@@ -48,6 +49,8 @@ pub struct Gpu {
     pub has_host_commands: bool,
     /// `accelerationStructureCaptureReplay`, enabled.
     pub replays_structures: bool,
+    /// `rayTracingPipelineShaderGroupHandleCaptureReplay`, enabled.
+    pub replays_handles: bool,
     debug: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
     complaints: Arc<Mutex<Vec<String>>>,
     /// The objects to destroy, oldest first.
@@ -85,8 +88,10 @@ struct Opening {
     validate: bool,
     /// With the driver's own validation.
     by_driver: bool,
-    /// With capture and replay of addresses.
+    /// With capture and replay of addresses and of shader group handles.
     replays: bool,
+    /// With headless surfaces and swapchains, and with no extension newer than ray tracing.
+    presents: bool,
     /// Without an extension that the device has.
     without: Option<&'static CStr>,
 }
@@ -112,6 +117,24 @@ impl Gpu {
         gpu.with("bufferDeviceAddressCaptureReplay", |gpu| {
             gpu.features12.buffer_device_address_capture_replay == vk::TRUE
         })
+    }
+
+    /// A device with ray tracing and swapchains of headless surfaces, without later extensions:
+    /// tools that are layers pass on only what they know.
+    #[track_caller]
+    pub fn presenting() -> Option<Gpu> {
+        // SAFETY: the loader's initialisers only set up its own state.
+        let entry = unsafe { ash::Entry::load() }.expect("there is a Vulkan loader");
+        if !has(
+            "VK_EXT_headless_surface",
+            extends(&entry, ext::headless_surface::NAME),
+        ) {
+            return None;
+        }
+        Some(Gpu::open(Opening {
+            presents: true,
+            ..Opening::default()
+        }))
     }
 
     /// Without the layer, and with the driver's own ray tracing validation
@@ -182,6 +205,7 @@ impl Gpu {
             validate,
             by_driver,
             replays,
+            presents,
             without,
         } = opening;
         // SAFETY: the loader's initialisers only set up its own state.
@@ -189,7 +213,7 @@ impl Gpu {
         let complaints = Arc::new(Mutex::new(Vec::new()));
         let layer = validation_version(&entry).filter(|_| validate);
         let has_layer = layer.is_some();
-        let instance = create_instance(&entry, has_layer);
+        let instance = create_instance(&entry, has_layer, presents);
         let debug = (has_layer || by_driver).then(|| listen(&entry, &instance, &complaints));
         // SAFETY: the handles passed are of this instance, and the chains outlive the calls.
         unsafe {
@@ -223,20 +247,13 @@ impl Gpu {
             if !replays {
                 features12.buffer_device_address_capture_replay = 0;
                 structure.acceleration_structure_capture_replay = 0;
+                pipeline.ray_tracing_pipeline_shader_group_handle_capture_replay = 0;
             }
-            pipeline.ray_tracing_pipeline_shader_group_handle_capture_replay = 0;
             pipeline.ray_tracing_pipeline_shader_group_handle_capture_replay_mixed = 0;
 
             let offered = instance
                 .enumerate_device_extension_properties(physical)
                 .expect("extensions can be enumerated");
-            let has = |name: &CStr| {
-                let since = crate::newer::NEWER.iter().find(|newer| newer.0 == name);
-                let hidden = since.is_some_and(|since| layer.is_some_and(|layer| layer < since.1))
-                    || without == Some(name);
-                let mut names = offered.iter().map(|e| e.extension_name_as_c_str());
-                !hidden && names.any(|n| n.is_ok_and(|n| n == name))
-            };
             let wanted = [
                 khr::acceleration_structure::NAME,
                 khr::ray_tracing_pipeline::NAME,
@@ -246,6 +263,14 @@ impl Gpu {
                 nv::ray_tracing::NAME,
                 ext::sample_locations::NAME,
             ];
+            let has = |name: &CStr| {
+                let since = crate::newer::NEWER.iter().find(|newer| newer.0 == name);
+                let hidden = since.is_some_and(|since| layer.is_some_and(|layer| layer < since.1))
+                    || without == Some(name)
+                    || presents && !wanted.contains(&name);
+                let mut names = offered.iter().map(|e| e.extension_name_as_c_str());
+                !hidden && names.any(|n| n.is_ok_and(|n| n == name))
+            };
             let mut optional = Optional::of(&instance, physical, has);
             if !replays {
                 optional.heaps.descriptor_heap_capture_replay = vk::FALSE;
@@ -257,6 +282,7 @@ impl Gpu {
                 .into_iter()
                 .filter(|name| has(name))
                 .chain(Optional::names(has))
+                .chain(presents.then_some(khr::swapchain::NAME))
                 .map(CStr::as_ptr)
                 .collect();
             let queues = [vk::DeviceQueueCreateInfo::default()
@@ -327,6 +353,8 @@ impl Gpu {
                 structure_properties,
                 has_host_commands: structure.acceleration_structure_host_commands == vk::TRUE,
                 replays_structures: structure.acceleration_structure_capture_replay == vk::TRUE,
+                replays_handles: pipeline.ray_tracing_pipeline_shader_group_handle_capture_replay
+                    == vk::TRUE,
                 entry,
                 instance,
                 physical,
@@ -556,7 +584,16 @@ fn validation_version(entry: &ash::Entry) -> Option<u32> {
     found.map(|layer| layer.spec_version)
 }
 
-fn create_instance(entry: &ash::Entry, has_layer: bool) -> ash::Instance {
+/// Whether an instance can have an extension.
+fn extends(entry: &ash::Entry, name: &CStr) -> bool {
+    // SAFETY: a plain query.
+    let offered = unsafe { entry.enumerate_instance_extension_properties(None) };
+    let offered = offered.unwrap_or_default();
+    let mut names = offered.iter().map(|it| it.extension_name_as_c_str());
+    names.any(|it| it == Ok(name))
+}
+
+fn create_instance(entry: &ash::Entry, has_layer: bool, presents: bool) -> ash::Instance {
     let application = vk::ApplicationInfo::default()
         .application_name(c"tuff-tests")
         .api_version(vk::API_VERSION_1_3);
@@ -564,16 +601,10 @@ fn create_instance(entry: &ash::Entry, has_layer: bool) -> ash::Instance {
         .then_some(VALIDATION.as_ptr())
         .into_iter()
         .collect();
-    // SAFETY: a plain query.
-    let offered = unsafe { entry.enumerate_instance_extension_properties(None) };
-    let has_debug = offered
-        .unwrap_or_default()
-        .iter()
-        .any(|extension| extension.extension_name_as_c_str() == Ok(ext::debug_utils::NAME));
-    let extensions: Vec<*const c_char> = has_debug
-        .then_some(ext::debug_utils::NAME.as_ptr())
-        .into_iter()
-        .collect();
+    let debug = extends(entry, ext::debug_utils::NAME).then_some(ext::debug_utils::NAME.as_ptr());
+    let surfaces = [khr::surface::NAME, ext::headless_surface::NAME].map(CStr::as_ptr);
+    let surfaces = surfaces.into_iter().filter(|_| presents);
+    let extensions: Vec<*const c_char> = debug.into_iter().chain(surfaces).collect();
     let info = vk::InstanceCreateInfo::default()
         .application_info(&application)
         .enabled_layer_names(&layers)
