@@ -1,6 +1,8 @@
 //! Capture and replay: objects that are made again get the addresses that were captured, whatever
 //! else was allocated before.
 
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
 use tuff_tests::*;
 
 /// Carries the captured addresses to another process.
@@ -8,6 +10,14 @@ const CAPTURED: &str = "TUFF_TESTS_CAPTURED";
 
 /// Bytes of the buffers that are captured.
 const SIZES: [u64; 6] = [64, 100_000, 1 << 20, 64 << 10, 300_000, 4];
+
+/// Held during a test: captured addresses are free only while no other device of the process has
+/// them.
+static DEVICES: Mutex<()> = Mutex::new(());
+
+fn no_other_device() -> MutexGuard<'static, ()> {
+    DEVICES.lock().unwrap_or_else(PoisonError::into_inner)
+}
 
 /// The captured addresses of a buffer: that of its memory, and its own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -300,6 +310,7 @@ fn write_and_read(gpu: &Gpu, made: &[Replayable]) {
 
 #[test]
 fn captured_addresses_are_had_again_on_another_device() {
+    let _alone = no_other_device();
     let Some(gpu) = Gpu::replaying() else { return };
     let capture = Capture::new(&gpu);
     drop(gpu);
@@ -309,6 +320,7 @@ fn captured_addresses_are_had_again_on_another_device() {
 #[test]
 fn captured_addresses_are_had_again_in_another_process() {
     const TEST: &str = "captured_addresses_are_had_again_in_another_process";
+    let _alone = no_other_device();
     let Some(gpu) = Gpu::replaying() else { return };
     match std::env::var(CAPTURED) {
         Ok(text) => Capture::from_text(&text).replay(&gpu),
@@ -322,6 +334,7 @@ fn captured_addresses_are_had_again_in_another_process() {
 /// A structure lies in its buffer: where that has another address, the structure's cannot be had.
 #[test]
 fn a_structure_elsewhere_does_not_get_its_address() {
+    let _alone = no_other_device();
     let Some(gpu) = Gpu::replaying() else { return };
     if !has("accelerationStructureCaptureReplay", gpu.replays_structures) {
         return;
@@ -338,4 +351,138 @@ fn a_structure_elsewhere_does_not_get_its_address() {
         second,
         Some(vk::Result::ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS)
     );
+}
+
+/// A pipeline whose callables answer 10, 11 and 12, with group handles for capture. `again` is the
+/// captured handles.
+fn callables(gpu: &Gpu, again: Option<&[u8]>) -> (Rays, Buffer) {
+    let raygen = r"
+    layout(set = 0, binding = 0, std430) buffer R { uint results[]; };
+    layout(location = 0) callableDataEXT uint data;
+    void main() {
+        executeCallableEXT(gl_LaunchIDEXT.x, 0);
+        results[gl_LaunchIDEXT.x] = data;
+    }";
+    let mut shaders = vec![(Stage::RayGeneration, glsl(Stage::RayGeneration, raygen))];
+    shaders.extend((10..13).map(|answer| {
+        let source = format!(
+            "layout(location = 0) callableDataInEXT uint data; void main() {{ data = {answer}; }}"
+        );
+        (Stage::Callable, glsl(Stage::Callable, &source))
+    }));
+    let names: Vec<vk::ShaderModule> = shaders.iter().map(|(_, it)| gpu.module(it)).collect();
+    let stages = shaders.iter().zip(&names).map(|((stage, _), &module)| {
+        vk::PipelineShaderStageCreateInfo::default()
+            .stage(stage.flag())
+            .module(module)
+            .name(c"main")
+    });
+    let stages: Vec<_> = stages.collect();
+    let properties = &gpu.pipeline_properties;
+    let size_bytes = properties.shader_group_handle_capture_replay_size as usize;
+    let groups = (0..shaders.len()).map(|index| {
+        let info = vk::RayTracingShaderGroupCreateInfoKHR::default()
+            .ty(vk::RayTracingShaderGroupTypeKHR::GENERAL)
+            .general_shader(index as u32)
+            .closest_hit_shader(vk::SHADER_UNUSED_KHR)
+            .any_hit_shader(vk::SHADER_UNUSED_KHR)
+            .intersection_shader(vk::SHADER_UNUSED_KHR);
+        match again {
+            Some(handles) => info
+                .shader_group_capture_replay_handle(handles[index * size_bytes..].as_ptr().cast()),
+            None => info,
+        }
+    });
+    let groups: Vec<_> = groups.collect();
+    let output = gpu.buffer(12);
+    let set = gpu.set_of(&[output.into()]);
+    let layout = gpu.layout(&[set.layout]);
+    let info = vk::RayTracingPipelineCreateInfoKHR::default()
+        .flags(vk::PipelineCreateFlags::RAY_TRACING_SHADER_GROUP_HANDLE_CAPTURE_REPLAY_KHR)
+        .stages(&stages)
+        .groups(&groups)
+        .max_pipeline_ray_recursion_depth(1)
+        .layout(layout);
+    // SAFETY: the structures and the handles that they point to outlive the call.
+    let made = unsafe {
+        gpu.ray_tracing.create_ray_tracing_pipelines(
+            vk::DeferredOperationKHR::null(),
+            vk::PipelineCache::null(),
+            &[info],
+            None,
+        )
+    };
+    let pipeline = made.map_err(|(_, error)| error).expect("a pipeline")[0];
+    gpu.keep_pipeline(pipeline);
+    (gpu.rays_of(pipeline, layout, set, groups.len()), output)
+}
+
+/// The handles of the groups for capture and those in binding tables, one behind the other.
+fn captured_handles(gpu: &Gpu) -> [Vec<u8>; 2] {
+    let (rays, _) = callables(gpu, None);
+    let count = rays.handles.len() as u32;
+    let size_bytes = gpu
+        .pipeline_properties
+        .shader_group_handle_capture_replay_size;
+    // SAFETY: the pipeline has these groups, and the flag for capture.
+    let captured = unsafe {
+        gpu.ray_tracing
+            .get_ray_tracing_capture_replay_shader_group_handles(
+                rays.pipeline,
+                0,
+                count,
+                (count * size_bytes) as usize,
+            )
+    };
+    [captured.expect("captured handles"), rays.handles.concat()]
+}
+
+/// A binding table of the captured process works after other pipelines were made.
+fn replay_handles(gpu: &Gpu, [captured, handles]: [Vec<u8>; 2]) {
+    let world = gpu.scene(&[Geometry::opaque(&[
+        [0.0, 0.0, 1.0],
+        [1.0, 0.0, 1.0],
+        [0.0, 1.0, 1.0],
+    ])]);
+    assert_eq!(gpu.depths(world, 2), [1.0, -1.0]);
+    let (mut rays, output) = callables(gpu, Some(&captured));
+    assert_eq!(rays.handles.concat(), handles);
+    let size_bytes = handles.len() / rays.handles.len();
+    rays.handles = handles.chunks(size_bytes).map(<[u8]>::to_vec).collect();
+    let table = Table {
+        raygen: Record::of(0),
+        callable: (1..4).map(Record::of).collect(),
+        ..Table::default()
+    };
+    gpu.trace(&rays, &table, [3, 1, 1]);
+    assert_eq!(output.read::<u32>(), [10, 11, 12]);
+}
+
+#[test]
+fn captured_group_handles_are_had_again_in_another_process() {
+    const TEST: &str = "captured_group_handles_are_had_again_in_another_process";
+    let _alone = no_other_device();
+    let Some(gpu) = Gpu::replaying() else { return };
+    if !has(
+        "rayTracingPipelineShaderGroupHandleCaptureReplay",
+        gpu.replays_handles,
+    ) {
+        return;
+    }
+    let to_text = |bytes: &[u8]| bytes.iter().map(|it| format!("{it:02x}")).collect();
+    let from_text = |text: &str| {
+        let digits = (0..text.len()).step_by(2).map(|at| &text[at..at + 2]);
+        let bytes = digits.map(|it| u8::from_str_radix(it, 16).expect("a byte"));
+        bytes.collect::<Vec<u8>>()
+    };
+    match std::env::var(CAPTURED) {
+        Ok(text) => {
+            let (captured, handles) = text.split_once(' ').expect("two lists");
+            replay_handles(&gpu, [captured, handles].map(from_text));
+        }
+        Err(_) => {
+            let both: [String; 2] = captured_handles(&gpu).map(|it| to_text(&it));
+            alone(TEST, &[(CAPTURED, &both.join(" "))]);
+        }
+    }
 }
