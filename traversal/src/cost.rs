@@ -8,6 +8,7 @@ use crate::layout::{NodeAt, child};
 use crate::live::Live;
 use crate::ray::{Hit, Ray};
 use crate::structure::{Kind, Structure};
+use crate::walk::level::Entered;
 use crate::walk::meter::Meter;
 use crate::walk::{Event, Verdict, Walk, Walker};
 
@@ -31,32 +32,55 @@ pub struct RayCost {
     pub is_cut: bool,
 }
 
-impl RayCost {
+/// Walks rays one after the other for their costs. The walker does nothing else meanwhile.
+pub struct RayCosts<'a> {
+    walker: &'a mut Walker,
+    walk: Walk,
+    /// By the ray before.
+    entered: Entered,
+}
+
+impl<'a> RayCosts<'a> {
+    /// For structures that may lie in `live`.
+    ///
+    /// # Safety
+    /// That memory is there as long as the walker walks, until another is set.
+    pub unsafe fn new(walker: &'a mut Walker, live: &Live) -> Self {
+        // SAFETY: the caller's promise.
+        unsafe { walker.set_live(live) };
+        Self {
+            walker,
+            walk: Walk::OVER,
+            entered: Entered::NOTHING,
+        }
+    }
+
     /// Walks a ray, cast at a time in [0, 1], to its hit. Of the candidates that shaders decide on,
     /// the hit is accepted and all others are ignored: those before it were ignored, or it would
     /// not be the hit. So the counts do not depend on the decisions behind it.
     ///
     /// # Safety
-    /// As for [`Walk::new`]; `live` is where the structures may lie.
-    pub unsafe fn new(
-        walker: &mut Walker,
+    /// As for [`Walk::new`], until the last ray is walked.
+    pub unsafe fn of(
+        &mut self,
         top_level: u64,
         ray: &Ray,
         time: f32,
-        live: &Live,
         hit: Option<&Hit>,
     ) -> RayCost {
         let mut cost = RayCost::default();
+        let Self {
+            walker,
+            walk,
+            entered,
+        } = self;
         // SAFETY: the caller's promise.
-        let mut walk = unsafe {
-            walker.set_live(live);
-            Walk::new(top_level, ray)
-        };
+        unsafe { walk.restart(top_level, ray) };
         walk.set_time(time);
         let is_hit = |candidate: &Hit| hit.is_some_and(|hit| key(candidate) == key(hit));
         let (mut verdict, mut fuel) = (Verdict::Continue, FUEL);
         loop {
-            let event = walk.resume_metered(walker, verdict, &mut fuel, &mut cost);
+            let event = walk.resume_metered(walker, entered, verdict, &mut fuel, &mut cost);
             verdict = Verdict::Continue;
             match event {
                 Event::Done => break,
@@ -118,5 +142,11 @@ impl Meter for RayCost {
             // The box was tested where its leaf's node was.
             Kind::Aabbs | Kind::Instances | Kind::MotionInstances => 0,
         };
+    }
+
+    #[inline]
+    fn visit_triangles(&mut self, count: u32) {
+        self.steps += 1;
+        self.primitive_tests += count;
     }
 }

@@ -96,7 +96,7 @@ pub mod transfer;
 pub mod walk;
 
 pub use build::{BuildSizes, MAX_GEOMETRIES, build, build_sizes, micromap_bytes, update};
-pub use cost::RayCost;
+pub use cost::{RayCost, RayCosts};
 pub use error::{BuildError, StructureError};
 pub use input::{
     AabbGeometry, BuildFlags, BuildInput, EndCaps, Geometries, GeometryFlags, Indexing,
@@ -112,7 +112,7 @@ pub use micromap::{
 };
 pub use ray::{Hit, Ray, Swept, ray_flags};
 pub use structure::{
-    Content, InstanceContent, Kind, PrimitiveShape, Structure, StructureFacts, validate,
+    BoxLevel, Content, InstanceContent, Kind, PrimitiveShape, Structure, StructureFacts, validate,
 };
 pub use survey::{Fate, Met, Survey};
 pub use transfer::{

@@ -16,7 +16,7 @@ use crate::layout::{
 };
 use crate::live::Live;
 use crate::motion::{Transforms, invert, transform_at};
-pub use contents::{Content, InstanceContent, PrimitiveShape, StructureFacts};
+pub use contents::{BoxLevel, Content, InstanceContent, PrimitiveShape, StructureFacts};
 use head::{check_header, check_parts};
 pub use kind::Kind;
 pub use validate::validate;

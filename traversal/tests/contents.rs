@@ -44,6 +44,46 @@ fn triangles_are_those_of_the_geometries() {
     }
 }
 
+/// Each level's boxes lie in those of the level above, and together in the bounds; the last level's
+/// are leaves, and all triangles lie in leaves.
+#[test]
+fn boxes_of_levels_enclose_those_below() {
+    let mesh = Mesh::icosphere(3, true, |point| point);
+    let bytes = build_meshes(std::slice::from_ref(&mesh), 0);
+    let (structure, facts) = described(&bytes);
+    let levels = structure.box_levels(usize::MAX);
+    assert_eq!(levels.len() as u32, facts.depth);
+    let is_in = |[least, most]: &[[f32; 3]; 2], [from, to]: &[[f32; 3]; 2]| {
+        (0..3).all(|axis| from[axis] <= least[axis] && most[axis] <= to[axis])
+    };
+    let mut above = vec![facts.bounds.expect("there is something")];
+    for level in &levels {
+        assert_eq!(level.count, level.boxes.len() as u64);
+        // Boxes may reach out by their rounding alone.
+        let wider =
+            |[least, most]: &[[f32; 3]; 2]| [least.map(|c| c - 1e-3), most.map(|c| c + 1e-3)];
+        let outer: Vec<_> = above.iter().map(wider).collect();
+        for one in &level.boxes {
+            assert!(outer.iter().any(|outer| is_in(one, outer)), "{one:?}");
+        }
+        above.clone_from(&level.boxes);
+    }
+    let boxes: Vec<_> = levels.iter().flat_map(|level| &level.boxes).collect();
+    for index in 0..mesh.indices.len() {
+        let corners = mesh.triangle(index);
+        let is_around =
+            |one: &[[f32; 3]; 2]| corners.iter().all(|&corner| is_in(&[corner, corner], one));
+        assert!(boxes.iter().any(|one| is_around(one)), "{corners:?}");
+    }
+    let some = structure.box_levels(5);
+    assert_eq!(some.len(), levels.len());
+    for (some, all) in some.iter().zip(&levels) {
+        assert_eq!(some.count, all.count);
+        assert_eq!(some.boxes.len(), all.boxes.len().min(5));
+        assert!(some.boxes.iter().all(|one| all.boxes.contains(one)));
+    }
+}
+
 #[test]
 fn boxes_and_instances_are_those_of_the_input() {
     let boxes = [

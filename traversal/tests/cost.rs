@@ -5,16 +5,7 @@ use traversal::*;
 
 fn cost(top: &Bytes, ray: &Ray, hit: Option<&Hit>) -> RayCost {
     // SAFETY: the structures are alive.
-    unsafe {
-        RayCost::new(
-            &mut Walker::new(),
-            top.address(),
-            ray,
-            0.0,
-            &EVERYWHERE,
-            hit,
-        )
-    }
+    unsafe { RayCosts::new(&mut Walker::new(), &EVERYWHERE).of(top.address(), ray, 0.0, hit) }
 }
 
 /// A triangle at a height, which rays along z at (0.25, 0.25) meet.
@@ -112,28 +103,57 @@ fn candidates_are_counted_as_far_as_the_hit() {
     assert_eq!(cost(&top, &up(0.25), Some(&near)).box_candidates, 1);
 }
 
-/// The nearest hit of a walk that counts is the one of a walk that does not, and what it visits
-/// does not depend on the instruction set of its walker.
+/// Visits of a walk that counts depend neither on the instruction set of its walker, nor on
+/// shortcuts through opaque triangles, nor on the rays before.
 #[test]
 fn costs_are_the_same_on_every_machine() {
     let mut random = Random(7);
-    let scene = Scene::new(&[Mesh::icosphere(3, true, |point| point)], 0);
-    for _ in 0..200 {
-        let origin = narrow(random.vector() * 3.0);
-        let ray = ray(origin, narrow(random.direction()));
-        let hit = closest(&scene.top, &ray);
-        let of = |tier| {
-            let mut walker = Walker::with_tier(tier)?;
-            // SAFETY: the scene is alive.
-            let cost = unsafe {
-                let at = scene.top.address();
-                RayCost::new(&mut walker, at, &ray, 0.0, &EVERYWHERE, hit.as_ref())
+    let ball = |size: f64, opaque| Mesh::icosphere(3, opaque, |point| point * size);
+    let one = Scene::new(&[ball(1.0, true)], 0);
+    let two = Scene::new(&[ball(0.8, true), ball(1.0, false)], 0);
+    let place = |x: f32, scale: f32| {
+        let transform = [
+            scale, 0.0, 0.0, x, 0.0, scale, 0.0, 0.0, 0.0, 0.0, scale, 0.0,
+        ];
+        InstanceRecord::new(&one.bottom, transform)
+    };
+    let many = build_instances(&[place(-2.0, 1.0), place(0.5, 0.5), place(2.0, 3.0)], 0);
+    for top in [&one.top, &two.top, &many] {
+        let rays = (0..300).map(|index| Ray {
+            flags: match index % 3 {
+                0 => ray_flags::TERMINATE_ON_FIRST_HIT,
+                _ => 0,
+            },
+            ..ray(narrow(random.vector() * 3.0), narrow(random.direction()))
+        });
+        let rays: Vec<Ray> = rays.collect();
+        let hits: Vec<_> = rays.iter().map(|ray| closest(top, ray)).collect();
+        let of = |options| {
+            let mut walker = Walker::with(options)?;
+            // SAFETY: the scene is alive, here and below.
+            let mut costs = unsafe { RayCosts::new(&mut walker, &EVERYWHERE) };
+            let cost = |(ray, hit): (&Ray, &Option<Hit>)| unsafe {
+                costs.of(top.address(), ray, 0.0, hit.as_ref())
             };
-            Some(cost)
+            Some(rays.iter().zip(&hits).map(cost).collect::<Vec<_>>())
         };
-        let portable = of(Tier::Portable).expect("every machine has it");
-        let best = of(Tier::best()).expect("the best one is there");
-        assert_eq!(portable, best);
-        assert!(hit.is_none() || portable.primitive_tests > 0);
+        let best = of(Options::default()).expect("the best tier is there");
+        let portable = Options {
+            tier: Tier::Portable,
+            ..Options::default()
+        };
+        assert_eq!(of(portable).as_ref(), Some(&best));
+        let plain = Options {
+            without: [Specialisation::Opaque].into_iter().collect(),
+            ..Options::default()
+        };
+        assert_eq!(of(plain).as_ref(), Some(&best));
+        let alone: Vec<RayCost> = (rays.iter().zip(&hits))
+            .map(|(ray, hit)| cost(top, ray, hit.as_ref()))
+            .collect();
+        assert_eq!(alone, best);
+        let is_met =
+            |(hit, cost): (&Option<Hit>, &RayCost)| hit.is_none() || cost.primitive_tests > 0;
+        assert!(hits.iter().zip(&best).all(is_met));
     }
 }

@@ -6,7 +6,6 @@
 
 #![forbid(unsafe_code)]
 
-use std::collections::BTreeSet;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
@@ -14,18 +13,19 @@ use std::sync::OnceLock;
 use parking_lot::Mutex;
 use serde_json::{Value, json};
 use spirv_jit::Program;
-use xxhash_rust::xxh3::xxh3_64;
 
 use super::Recording;
 use super::npy::{self, Width};
 use super::output::FOLDER;
-use super::structures::DescribedStructure;
+use super::structures::{DescribedStructure, KnownStructures};
 use crate::settings::{CaptureSettings, settings};
 use crate::timeline::file::ArrayFile;
-use crate::wave::launch_counts::{Counter, KeptInvocations, LaunchCounts, MOST_INVOCATIONS};
+use crate::wave::launch_counts::{
+    Counter, FinishedCounts, KeptInvocations, LaunchCounts, MOST_INVOCATIONS,
+};
 use crate::wave::observer::{LookupPurpose, Observation, Observer, TableKind};
 
-/// Commands that are captured, at most.
+/// Commands of a kind that are captured, at most.
 const MAX_COMMANDS: u64 = 64;
 /// Bytes of files after which no command is captured any more.
 const MAX_BYTES: u64 = 2 << 30;
@@ -41,14 +41,45 @@ pub struct Maps {
 
 struct MapProgress {
     list: ArrayFile,
-    /// Commands within the wanted frames.
-    commands: u64,
-    captured: u64,
+    /// Traces and dispatches within the wanted frames, and passes.
+    commands: [u64; 2],
     dropped: u64,
     /// Of the files.
     bytes: u64,
-    /// Hashes of the structures that are written.
-    structures: BTreeSet<u64>,
+    structures: KnownStructures,
+}
+
+impl MapProgress {
+    /// Notes behind all elements how many commands are dropped, if any are.
+    fn note_dropped(&mut self) {
+        if self.dropped > 0 {
+            let note = json!({ "dropped_commands": self.dropped });
+            self.list.note(&format!(",\n{note}"));
+        }
+    }
+}
+
+/// A kind of command that is captured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CommandKind {
+    Trace,
+    Dispatch,
+    Pass,
+}
+
+impl CommandKind {
+    fn is_pass(self) -> bool {
+        self == Self::Pass
+    }
+
+    /// Its name in JSON.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Trace => "trace",
+            Self::Dispatch => "dispatch",
+            Self::Pass => "pass",
+        }
+    }
 }
 
 /// A command whose invocations are counted.
@@ -56,14 +87,7 @@ pub struct MapRecording {
     counts: LaunchCounts,
     number: u64,
     frame: u64,
-    what: &'static str,
-}
-
-impl MapRecording {
-    /// Addresses of the top levels that rays have named.
-    pub fn structures(&self) -> Vec<u64> {
-        self.counts.structures()
-    }
+    kind: CommandKind,
 }
 
 impl Observer for MapRecording {
@@ -102,11 +126,10 @@ pub fn maps(settings: &CaptureSettings) -> Option<&'static Maps> {
             process: std::process::id(),
             progress: Mutex::new(MapProgress {
                 list,
-                commands: 0,
-                captured: 0,
+                commands: [0; 2],
                 dropped: 0,
                 bytes: 0,
-                structures: BTreeSet::new(),
+                structures: KnownStructures::default(),
             }),
         })
     };
@@ -119,7 +142,7 @@ impl Maps {
     pub fn begin(
         &self,
         frame: u64,
-        what: &'static str,
+        kind: CommandKind,
         first: [u32; 3],
         extent: [u32; 3],
     ) -> Option<Recording> {
@@ -130,32 +153,32 @@ impl Maps {
         if !progress.list.is_open() {
             return None;
         }
-        let number = progress.commands;
-        progress.commands += 1;
+        let commands = &mut progress.commands[usize::from(kind.is_pass())];
+        let number = *commands;
+        *commands += 1;
         let kept = KeptInvocations::new(first, extent, MOST_INVOCATIONS);
-        let has_room = progress.captured < MAX_COMMANDS && progress.bytes < MAX_BYTES;
-        let Some(counts) = has_room.then(|| LaunchCounts::new(kept)).flatten() else {
+        let has_room = number < MAX_COMMANDS && progress.bytes < MAX_BYTES;
+        let made = || LaunchCounts::new(kept, !kind.is_pass());
+        let Some(counts) = has_room.then(made).flatten() else {
             progress.dropped += 1;
-            let dropped = progress.dropped;
-            let note = json!({ "dropped_commands": dropped });
-            progress.list.note(&format!(",\n{note}"));
+            progress.note_dropped();
             return None;
         };
-        progress.captured += 1;
         Some(Recording::Maps(MapRecording {
             counts,
             number,
             frame,
-            what,
+            kind,
         }))
     }
 }
 
-/// Writes the maps of a command that is complete, or `stopped`.
+/// Writes the maps of a command that is complete, or `stopped`. `describe`: the top level at an
+/// address.
 pub fn finish<'a>(
     recording: MapRecording,
     programs: impl Iterator<Item = &'a Program>,
-    structures: impl Iterator<Item = DescribedStructure>,
+    describe: impl Fn(&mut KnownStructures, u64) -> Option<DescribedStructure>,
     stopped: bool,
 ) {
     let Some(maps) = settings().capture.as_ref().and_then(maps) else {
@@ -169,10 +192,19 @@ pub fn finish<'a>(
         counts,
         number,
         frame,
-        what,
+        kind,
     } = recording;
-    let written = write_all(maps, &mut progress, &counts, number, structures);
-    let (entries, structures) = match written {
+    let addresses = counts.structures();
+    let described = (addresses.into_iter())
+        .filter_map(|address| describe(&mut progress.structures, address))
+        .collect();
+    let counts = counts.finish();
+    let written = write_all(maps, &mut progress, &counts, (kind, number), described);
+    let WrittenCommand {
+        maps: entries,
+        structures,
+        first_rays,
+    } = match written {
         Ok(written) => written,
         Err(why) => {
             let said = format!("{}: {why}; the capture ends here", maps.folder.display());
@@ -190,7 +222,7 @@ pub fn finish<'a>(
     let command = json!({
         "command": number,
         "frame": frame,
-        "kind": what,
+        "kind": kind.name(),
         "pipeline": pipeline.as_deref(),
         "first": first,
         "extent": extent,
@@ -199,38 +231,60 @@ pub fn finish<'a>(
         "stopped": stopped,
         "structures": structures,
         "maps": entries,
+        "first_rays": first_rays,
     });
     progress.list.append(&format!(",\n{command}"));
+    progress.note_dropped();
 }
 
-/// Writes the files of a command; returns the entries of its maps and structures.
+/// Entries of a command in the list, whose files are written.
+struct WrittenCommand {
+    maps: Vec<Value>,
+    structures: Vec<Value>,
+    first_rays: Value,
+}
+
+/// Writes the files of a command.
 fn write_all(
     maps: &Maps,
     progress: &mut MapProgress,
-    counts: &LaunchCounts,
-    number: u64,
-    structures: impl Iterator<Item = DescribedStructure>,
-) -> io::Result<(Vec<Value>, Vec<Value>)> {
-    let folder = format!("command-{number:04}");
+    counts: &FinishedCounts,
+    (kind, number): (CommandKind, u64),
+    described: Vec<DescribedStructure>,
+) -> io::Result<WrittenCommand> {
+    let (name, counters) = match kind.is_pass() {
+        true => ("pass", &Counter::OF_PASSES[..]),
+        false => ("command", &Counter::OF_LAUNCHES[..]),
+    };
+    let folder = format!("{name}-{number:04}");
     let mut entries = Vec::new();
-    for counter in Counter::ALL {
+    for &counter in counters {
         let (entry, bytes) = write(maps, &folder, counts, counter)?;
         entries.push(entry);
         progress.bytes += bytes;
     }
-    let mut described = Vec::new();
-    for DescribedStructure { mut facts, file } in structures {
-        // One that has not changed since another command is the same file.
-        let hash = xxh3_64(&file);
-        let name = format!("structure-{hash:016x}.glb");
-        if progress.structures.insert(hash) {
+    let mut first_rays = Value::Null;
+    if let Some(first) = counts.first_rays() {
+        let [x, y, z] = first.kept.size;
+        let bytes = npy::floats(&[z, y, x], first.lines.into_iter());
+        let file = format!("{folder}/first_rays.npy");
+        write_whole(&maps.folder.join(&file), &bytes)?;
+        progress.bytes += bytes.len() as u64;
+        first_rays = json!({ "file": file, "step": first.kept.step, "size": first.kept.size });
+    }
+    let mut structures = Vec::new();
+    for DescribedStructure { facts, files } in described {
+        for (name, file) in files {
             write_whole(&maps.folder.join(&name), &file)?;
             progress.bytes += file.len() as u64;
         }
-        facts["file"] = name.into();
-        described.push(facts);
+        structures.push(facts);
     }
-    Ok((entries, described))
+    Ok(WrittenCommand {
+        maps: entries,
+        structures,
+        first_rays,
+    })
 }
 
 /// Writes one map; returns its entry in the list, and how many bytes were written. One of zeros
@@ -238,12 +292,12 @@ fn write_all(
 fn write(
     maps: &Maps,
     folder: &str,
-    counts: &LaunchCounts,
+    counts: &FinishedCounts,
     counter: Counter,
 ) -> io::Result<(Value, u64)> {
     let values = counts.values(counter);
-    let most = values.clone().max().unwrap_or(0);
-    let sum: u64 = values.clone().map(u64::from).sum();
+    let most = values.iter().copied().max().unwrap_or(0);
+    let sum: u64 = values.iter().map(|&value| u64::from(value)).sum();
     let (name, of) = described(counter);
     let width = Width::of(most);
     let mut entry = json!({
@@ -279,7 +333,7 @@ fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
     written
 }
 
-/// Counts of each ray by itself.
+/// Counts of each ray or pixel by itself.
 const ALONE: &str = "ray";
 /// Counts and times of the way that was taken.
 const RUN: &str = "run";
@@ -302,5 +356,8 @@ fn described(counter: Counter) -> (&'static str, &'static str) {
         Counter::AnyHitShaders => ("any_hit_shaders", RUN),
         Counter::IntersectionShaders => ("intersection_shaders", RUN),
         Counter::Nanoseconds => ("nanoseconds", RUN),
+        Counter::Primitives => ("primitives", ALONE),
+        Counter::FailedTests => ("failed_tests", ALONE),
+        Counter::FragmentShaders => ("fragment_shaders", ALONE),
     }
 }

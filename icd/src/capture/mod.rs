@@ -29,11 +29,13 @@ use traversal::{Live, Ray, Survey, ray_flags};
 use crate::settings::{CaptureSettings, settings};
 use crate::wave::observer::{Observer, TableKind};
 use crate::wave::table::{self as binding, Shaders, Tables};
-use maps::MapRecording;
+use maps::{CommandKind, MapRecording};
 use meeting::{Meetings, meetings};
 use output::Output;
 use path::Path;
 use recorder::Recorder;
+use structures::KnownStructures;
+pub use structures::{note_build, note_copy, start_build};
 use table::ReadRegion;
 
 /// Commands that are captured, at most.
@@ -132,7 +134,7 @@ pub struct Traced<'a> {
 pub fn trace(shaders: &Shaders, extent: [u32; 3]) -> Option<Recording> {
     let settings = settings().capture?;
     let programs = shaders.programs.iter().map(|program| &**program);
-    begin(&settings, "trace", [0; 3], extent, programs)
+    begin(&settings, CommandKind::Trace, [0; 3], extent, programs)
 }
 
 /// Begins to record a dispatch of workgroups, if it is to be captured: if its shader has ray
@@ -148,16 +150,33 @@ pub fn dispatch(program: &Program, base: [u32; 3], count: [u32; 3]) -> Option<Re
     let (first, extent) = (invocations(base), invocations(count));
     begin(
         &settings,
-        "dispatch",
+        CommandKind::Dispatch,
         first,
         extent,
         std::iter::once(program),
     )
 }
 
+/// Whether passes are captured.
+pub fn takes_passes() -> bool {
+    settings().capture.is_some_and(|it| it.invocation.is_none())
+}
+
+/// Begins to record a pass that draws to some pixels and layers, if it is to be captured.
+pub fn pass(first: [u32; 3], extent: [u32; 3]) -> Option<Recording> {
+    let settings = settings().capture.filter(|_| takes_passes())?;
+    begin(
+        &settings,
+        CommandKind::Pass,
+        first,
+        extent,
+        std::iter::empty(),
+    )
+}
+
 fn begin<'a>(
     settings: &CaptureSettings,
-    what: &'static str,
+    kind: CommandKind,
     first: [u32; 3],
     extent: [u32; 3],
     programs: impl Iterator<Item = &'a Program>,
@@ -168,11 +187,11 @@ fn begin<'a>(
     match settings.invocation {
         Some(_) => {
             let capture = capture()?;
-            is_wanted.then(|| capture.begin(frame, what, first, extent, programs))?
+            is_wanted.then(|| capture.begin(frame, kind.name(), first, extent, programs))?
         }
         None => {
             let maps = maps::maps(settings)?;
-            is_wanted.then(|| maps.begin(frame, what, first, extent))?
+            is_wanted.then(|| maps.begin(frame, kind, first, extent))?
         }
     }
 }
@@ -247,10 +266,10 @@ impl Recording {
             // SAFETY: the caller's promise.
             Self::Pixel(recording) => unsafe { recording.finish(programs, traced, live, stopped) },
             Self::Maps(recording) => {
-                let named = recording.structures().into_iter();
                 // SAFETY: likewise.
-                let structures = named.filter_map(|at| unsafe { structures::describe(at, live) });
-                maps::finish(recording, programs, structures, stopped);
+                let describe =
+                    |known: &mut KnownStructures, at| unsafe { known.describe(at, live) };
+                maps::finish(recording, programs, describe, stopped);
             }
         }
     }

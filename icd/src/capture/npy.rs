@@ -1,4 +1,4 @@
-//! Files of whole numbers in NumPy's format (NEP 1, version 1.0), which `numpy.load` reads.
+//! Files of numbers in NumPy's format (NEP 1, version 1.0), which `numpy.load` reads.
 
 #![forbid(unsafe_code)]
 
@@ -44,27 +44,45 @@ impl Width {
     }
 }
 
+/// NumPy's name of `f32`.
+const FLOAT: &str = "<f4";
+
 /// A file of numbers, the last dimension fastest, none of which is too large for the width.
-pub fn file(shape: [u32; 3], width: Width, numbers: impl ExactSizeIterator<Item = u32>) -> Vec<u8> {
+pub fn file(shape: [u32; 3], width: Width, numbers: &[u32]) -> Vec<u8> {
     let [depth, height, row] = shape;
-    let mut head = format!(
-        "{{'descr': '{}', 'fortran_order': False, 'shape': ({depth}, {height}, {row}), }}",
-        width.name()
-    );
+    let shape = format!("{depth}, {height}, {row}");
+    let mut bytes = head(width.name(), &shape, numbers.len() * width.size_bytes());
+    match width {
+        Width::One => bytes.extend(numbers.iter().map(|&number| number as u8)),
+        Width::Two => bytes.extend(numbers.iter().flat_map(|&it| (it as u16).to_le_bytes())),
+        Width::Four => bytes.extend(numbers.iter().flat_map(|it| it.to_le_bytes())),
+    }
+    bytes
+}
+
+/// A file of floats: the shape's last dimension has `N`.
+pub fn floats<const N: usize>(shape: &[u32], rows: impl Iterator<Item = [f32; N]>) -> Vec<u8> {
+    let shape: String = shape.iter().map(|size| format!("{size}, ")).collect();
+    let rows: Vec<[f32; N]> = rows.collect();
+    let mut bytes = head(FLOAT, &format!("{shape}{N}"), rows.len() * N * 4);
+    bytes.extend((rows.as_flattened().iter()).flat_map(|number| number.to_le_bytes()));
+    bytes
+}
+
+/// The head of a file, with room for so many bytes of numbers.
+fn head(descr: &str, shape: &str, size_bytes: usize) -> Vec<u8> {
+    let mut head = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': ({shape}), }}");
     // Spaces up to the newline.
     let end = (PREFIX_BYTES + head.len() + 1).next_multiple_of(ALIGNMENT);
     while PREFIX_BYTES + head.len() + 1 < end {
         head.push(' ');
     }
     head.push('\n');
-    let mut bytes = Vec::with_capacity(end + numbers.len() * width.size_bytes());
+    let mut bytes = Vec::with_capacity(end + size_bytes);
     bytes.extend(b"\x93NUMPY\x01\x00");
     // The description is shorter than 200 bytes.
     bytes.extend((head.len() as u16).to_le_bytes());
     bytes.extend(head.as_bytes());
-    for number in numbers {
-        bytes.extend(&number.to_le_bytes()[..width.size_bytes()]);
-    }
     bytes
 }
 
@@ -77,7 +95,7 @@ mod tests {
     fn files_are_what_the_format_says() {
         for (most, width) in [(7, 1), (0x1234, 2), (0x0001_0203, 4)] {
             let numbers = [0, 1, 2, 3, 4, most];
-            let file = file([1, 2, 3], Width::of(most), numbers.into_iter());
+            let file = file([1, 2, 3], Width::of(most), &numbers);
             assert_eq!(&file[..8], b"\x93NUMPY\x01\x00");
             let length = usize::from(u16::from_le_bytes([file[8], file[9]]));
             assert_eq!((PREFIX_BYTES + length) % ALIGNMENT, 0);
@@ -95,5 +113,15 @@ mod tests {
             });
             assert_eq!(read.collect::<Vec<u32>>(), numbers);
         }
+        let file = floats(
+            &[2],
+            [[1.5, -2.0, 3.0], [0.25, 0.0, f32::INFINITY]].into_iter(),
+        );
+        let length = usize::from(u16::from_le_bytes([file[8], file[9]]));
+        let head = std::str::from_utf8(&file[10..10 + length]).expect("it is ASCII");
+        assert!(head.contains("'descr': '<f4', 'fortran_order': False, 'shape': (2, 3), "));
+        let numbers = file[10 + length..].chunks(4);
+        let numbers = numbers.map(|it| f32::from_le_bytes(it.try_into().expect("four bytes")));
+        assert!(numbers.eq([1.5, -2.0, 3.0, 0.25, 0.0, f32::INFINITY]));
     }
 }

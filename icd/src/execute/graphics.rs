@@ -16,8 +16,10 @@ use super::capture::{self, CaptureBuffers};
 use super::engine::Engine;
 use super::pass::Active;
 use super::query::ActiveQuery;
+use super::recorded::RecordedPass;
 use super::samples::Samples;
 use super::{Failure, check_aborted, note_strays, prints, spans};
+use crate::capture as recording;
 use crate::command::GraphicsCommand;
 use crate::command::graphics::{
     BindVertexBuffers, Draw, DrawByteCount, DrawIndirect, DrawMulti, IndexBinding, Numbers,
@@ -204,6 +206,8 @@ pub struct Drawing<'a> {
     capture: Option<Arc<Capture>>,
     /// Samples of the suspended pass.
     kept_samples: Vec<Samples>,
+    /// The pass, if it is captured.
+    recorded: RecordedPass,
 }
 
 impl<'a> Drawing<'a> {
@@ -222,10 +226,14 @@ impl<'a> Drawing<'a> {
             return Ok(());
         };
         let (limits, reach) = (engine.limits(), engine.memory.reach());
+        if recording::takes_passes() {
+            self.recorded.begin(&active.targets, &self.batch);
+        }
         let context = Context {
             workers: &engine.workers,
             limits: &limits,
             reach: &reach,
+            counts: self.recorded.counts(),
         };
         let prints = std::mem::take(&mut self.prints);
         let watched = match engine.wild.is_some() || engine.aborts.is_some() || prints {
@@ -236,6 +244,9 @@ impl<'a> Drawing<'a> {
         let drawn = engine
             .rasterizer
             .flush(context, &active.targets, &mut self.batch);
+        if drawn.is_err() {
+            self.recorded.finish(engine, true);
+        }
         for (environment, stages) in &watched {
             if let Some(strays) = &environment.strays {
                 note_strays(engine, None, strays, stages.iter());
@@ -265,6 +276,7 @@ impl<'a> Drawing<'a> {
 
     fn end_pass(&mut self, engine: &Engine) -> Result<(), Failure> {
         self.flush(engine)?;
+        self.recorded.finish(engine, false);
         match self.active.take() {
             Some(active) if active.pass.suspends => self.kept_samples = active.keep(),
             Some(active) => active.resolve(&engine.workers),

@@ -17,6 +17,7 @@ mod pass;
 mod prints;
 pub mod query;
 pub mod ray_tracing;
+mod recorded;
 mod samples;
 mod spans;
 mod transfer;

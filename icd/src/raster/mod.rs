@@ -32,6 +32,7 @@ use crate::object::graphics_state::{
     GraphicsState, MAX_COLOR_ATTACHMENTS, MAX_VERTEX_INPUTS, UsedAttachments,
 };
 use crate::transfer::surface::Surface;
+use crate::wave::launch_counts::LaunchCounts;
 use crate::wave::{Limits, Stopped, Workers};
 pub use capture::Capture;
 pub use primitive::Chunk;
@@ -244,6 +245,8 @@ pub struct Context<'a> {
     pub limits: &'a Limits,
     /// Where vertex and index buffers may lie.
     pub reach: &'a spirv_jit::reach::Reach,
+    /// Counts of each pixel, where a capture keeps them.
+    pub counts: Option<&'a LaunchCounts>,
 }
 
 /// The device's memory for drawing, kept from one flush to the next.

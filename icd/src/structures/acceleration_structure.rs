@@ -7,6 +7,7 @@ use ash::vk;
 use spirv_jit::reach::Reach;
 use traversal::{Live, Structure};
 
+use crate::capture;
 use crate::command::ray_tracing::CopyMode;
 use crate::object::acceleration_structure::Storage;
 use crate::table::limits;
@@ -49,6 +50,7 @@ pub(super) unsafe fn storage_bytes<'a>(live: &Live, storage: Storage) -> &'a mut
 /// Both are the memory of acceleration structure objects. The source is built and not written
 /// during the call; the destination is not used elsewhere.
 pub unsafe fn copy(source: Storage, destination: Storage, mode: CopyMode, live: &Live) {
+    capture::note_copy(Some(source.address), destination.address);
     // SAFETY: the caller passes the memory of built structures and keeps other uses away.
     unsafe {
         let Some(source) = structure_bytes(live, source.address) else {
@@ -94,6 +96,7 @@ pub unsafe fn serialize(
 /// # Safety
 /// As [`copy`], and `source`, which lies in `reach`, is as long as its head says.
 pub unsafe fn deserialize(source: u64, destination: Storage, reach: &Reach, live: &Live) {
+    capture::note_copy(None, destination.address);
     // SAFETY: the caller keeps the source readable for the size that its head says.
     unsafe {
         let head = bytes(reach, source, traversal::Serialized::HEAD_BYTES as u64);

@@ -11,6 +11,7 @@ use traversal::{
 
 use super::acceleration_structure::report;
 use super::acceleration_structure::{storage_bytes, structure_bytes};
+use crate::capture;
 use crate::command::build::{Aabbs, Build, BuildGeometries, MotionTriangles, Triangles};
 use crate::command::range::Range;
 use crate::command::ray_tracing::IndirectBuild;
@@ -49,6 +50,20 @@ impl Build {
     /// of `vkCmdBuildAccelerationStructuresKHR` requires, and nothing else writes it during the
     /// call.
     pub unsafe fn execute(&self, reach: &Reach, live: &Live) -> Result<u64, BuildError> {
+        let started = capture::start_build();
+        // SAFETY: the caller's promise.
+        let built = unsafe { self.perform(reach, live) };
+        capture::note_build(
+            self.destination.address,
+            self.update_from.is_some(),
+            started,
+        );
+        built
+    }
+
+    /// # Safety
+    /// As [`Self::execute`].
+    unsafe fn perform(&self, reach: &Reach, live: &Live) -> Result<u64, BuildError> {
         // SAFETY: the caller keeps the addresses readable or writable, for each use below.
         unsafe {
             let destination = storage_bytes(live, self.destination);

@@ -60,7 +60,8 @@ impl ArrayFile {
         self.file.is_some()
     }
 
-    /// Replaces the last note. Only another note can follow a note: no elements are added after it.
+    /// Replaces the last note. Another note or elements that follow take its place, and must not be
+    /// shorter.
     pub fn note(&mut self, element: &str) -> bool {
         let size_bytes = self.size_bytes;
         let kept = self.append(element);

@@ -2,8 +2,6 @@
 
 use std::time::Instant;
 
-use spirv_jit::SUBGROUP_SIZE;
-
 use super::batch::Batch;
 use super::queries::Counted;
 use super::subgroup::{Role, SubgroupIndex};
@@ -31,12 +29,7 @@ impl<'a> Batch<'a> {
 
     fn cells(&self, counts: &LaunchCounts, index: SubgroupIndex) -> Cells {
         let launch = &self.worker.subgroups[index].launch;
-        let cell = |lane: usize| {
-            counts
-                .kept
-                .cell([launch.x[lane], launch.y[lane], self.layer])
-        };
-        std::array::from_fn::<_, SUBGROUP_SIZE, _>(cell)
+        counts.kept.cells(&launch.x, &launch.y, self.layer)
     }
 
     /// Rays of a group begin.
@@ -62,29 +55,27 @@ impl<'a> Batch<'a> {
     /// The walks of a group are over; they are counted behind those of the others.
     #[cold]
     pub(super) fn note_walks(&mut self, index: u32) {
-        let Some(counts) = self.launch_counts() else {
+        let Some(mut counting) = self.counting.take() else {
             return;
         };
         let group = &self.worker.ray_groups[index];
-        if group.is_recorded() {
-            return;
+        if !group.is_recorded() {
+            let cells = self.cells(counting.counts, group.caller);
+            let operands = group.operands(&self.worker.subgroups);
+            let rays = group.rays(operands, self.dispatch);
+            for lane in group.in_flight {
+                if let Some(cell) = cells[lane] {
+                    counting.walked.push(WalkedRay {
+                        cell,
+                        structure: rays.top_level[lane],
+                        ray: rays.ray(lane),
+                        time: rays.time[lane],
+                        hit: group.flight.hits.get(lane),
+                    });
+                }
+            }
         }
-        let cells = self.cells(counts, group.caller);
-        let operands = group.operands(&self.worker.subgroups);
-        let rays = group.rays(operands, self.dispatch);
-        let walked = group.in_flight.iter().filter_map(|lane| {
-            Some(WalkedRay {
-                cell: cells[lane]?,
-                structure: rays.top_level[lane],
-                ray: rays.ray(lane),
-                time: rays.time[lane],
-                hit: group.flight.hits.get(lane),
-            })
-        });
-        let walked: Vec<WalkedRay> = walked.collect();
-        if let Some(counting) = &mut self.counting {
-            counting.walked.extend(walked);
-        }
+        self.counting = Some(counting);
     }
 
     /// Counts the walks that are over. Their time is shared by their steps.

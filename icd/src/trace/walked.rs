@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use traversal::Walker;
+use traversal::{RayCosts, Walker};
 
 use crate::wave::launch_counts::{Counter, LaunchCounts, WalkedRay};
 use crate::wave::observer::Observer;
@@ -46,11 +46,13 @@ impl<'a> Counting<'a> {
             return Ok(());
         }
         let mut steps = Vec::with_capacity(self.walked.len());
+        // SAFETY: the memory is there until the dispatch is complete, and no walk goes on after it.
+        let mut costs = unsafe { RayCosts::new(walker, &limits.live) };
         for rays in self.walked.chunks(RAYS_BETWEEN_LOOKS) {
             limits.check()?;
             for walked in rays {
                 // SAFETY: structures stay until the dispatch is complete, as for the first walk.
-                let cost = unsafe { self.counts.add_walk(walked, walker, &limits.live) };
+                let cost = unsafe { self.counts.add_walk(walked, &mut costs) };
                 // Each takes the time of a step at least.
                 steps.push(u64::from(cost) + 1);
             }

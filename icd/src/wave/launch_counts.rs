@@ -8,10 +8,17 @@ use std::time::Duration;
 
 use parking_lot::Mutex;
 use spirv_jit::SUBGROUP_SIZE;
-use traversal::{Hit, Live, Ray, RayCost, Walker};
+use spirv_jit::program::Row;
+use traversal::{Hit, Ray, RayCosts};
 
 /// Invocations of a command that are kept, at most: of more, one in a few is.
 pub const MOST_INVOCATIONS: u64 = 1 << 22;
+
+/// Invocations whose first rays are kept, at most.
+const MOST_LINES: u64 = 1 << 16;
+
+/// Numbers of a line: origin and direction.
+const LINE: usize = 6;
 
 /// Structures that are told apart, at most.
 const MAX_STRUCTURES: usize = 256;
@@ -34,11 +41,19 @@ pub enum Counter {
     AnyHitShaders,
     IntersectionShaders,
     Nanoseconds,
+    /// Primitives that cover a sample of the pixel.
+    Primitives,
+    /// Fragments none of whose samples passes the depth and stencil tests.
+    FailedTests,
+    FragmentShaders,
 }
 
+/// Counts of an invocation.
+const SLOTS: usize = 15;
+
 impl Counter {
-    /// All, in the order of their numbers.
-    pub const ALL: [Counter; 15] = [
+    /// Those of traces and dispatches.
+    pub const OF_LAUNCHES: [Counter; SLOTS] = [
         Counter::Rays,
         Counter::Steps,
         Counter::BoxTests,
@@ -55,6 +70,34 @@ impl Counter {
         Counter::IntersectionShaders,
         Counter::Nanoseconds,
     ];
+
+    /// Those of passes.
+    pub const OF_PASSES: [Counter; 12] = [
+        Counter::Primitives,
+        Counter::FailedTests,
+        Counter::FragmentShaders,
+        Counter::Rays,
+        Counter::Steps,
+        Counter::BoxTests,
+        Counter::PrimitiveTests,
+        Counter::AnyHitCandidates,
+        Counter::BoxCandidates,
+        Counter::NanRays,
+        Counter::InfiniteRays,
+        Counter::Nanoseconds,
+    ];
+
+    /// The place among the counts of an invocation. Those of passes alone take the places of those
+    /// that passes do without.
+    #[inline(always)]
+    const fn slot(self) -> usize {
+        match self {
+            Counter::Primitives => Counter::ClosestHits as usize,
+            Counter::FailedTests => Counter::Misses as usize,
+            Counter::FragmentShaders => Counter::Callables as usize,
+            _ => self as usize,
+        }
+    }
 }
 
 /// The place of an invocation among those that are kept.
@@ -80,6 +123,7 @@ pub struct WalkedRay {
 pub struct KeptInvocations {
     pub first: [u32; 3],
     pub extent: [u32; 3],
+    /// Powers of two.
     pub step: [u32; 3],
     /// How many there are, in each direction.
     pub size: [u32; 3],
@@ -118,12 +162,18 @@ impl KeptInvocations {
         let mut cell = 0;
         for axis in [2, 1, 0] {
             let place = invocation[axis].wrapping_sub(self.first[axis]);
-            if place >= self.extent[axis] || !place.is_multiple_of(self.step[axis]) {
+            let step = self.step[axis];
+            if place >= self.extent[axis] || place & (step - 1) != 0 {
                 return None;
             }
-            cell = cell * self.size[axis] + place / self.step[axis];
+            cell = cell * self.size[axis] + (place >> step.trailing_zeros());
         }
         Some(Cell(cell))
+    }
+
+    /// Where the lanes of a subgroup are kept: invocations of one layer.
+    pub fn cells(&self, x: &Row, y: &Row, z: u32) -> Cells {
+        std::array::from_fn(|lane| self.cell([x[lane], y[lane], z]))
     }
 }
 
@@ -131,8 +181,14 @@ impl KeptInvocations {
 #[derive(Debug)]
 pub struct LaunchCounts {
     pub kept: KeptInvocations,
-    /// Counter by counter.
+    /// How many are kept.
+    length: usize,
+    /// Slot by slot.
     counts: Vec<AtomicU32>,
+    /// Where the first rays of some invocations are kept, by cell.
+    kept_lines: KeptInvocations,
+    /// Bits of their origins and directions; NaN before there is one.
+    lines: Vec<[AtomicU32; LINE]>,
     /// Addresses of the top levels that rays name.
     structures: Mutex<BTreeSet<u64>>,
     /// The one that was added last: most rays name it, too.
@@ -140,22 +196,30 @@ pub struct LaunchCounts {
 }
 
 impl LaunchCounts {
-    /// Zeros; `None` where there is no memory for them.
-    pub fn new(kept: KeptInvocations) -> Option<Self> {
-        let length = kept.count().checked_mul(Counter::ALL.len())?;
+    /// Zeros; `None` where there is no memory for them. `has_lines`: first rays are kept, too.
+    pub fn new(kept: KeptInvocations, has_lines: bool) -> Option<Self> {
+        let length = kept.count();
+        let numbers = length.checked_mul(SLOTS)?;
         let mut counts = Vec::new();
-        counts.try_reserve_exact(length).ok()?;
-        counts.resize_with(length, AtomicU32::default);
+        counts.try_reserve_exact(numbers).ok()?;
+        counts.resize_with(numbers, AtomicU32::default);
+        let kept_lines = KeptInvocations::new([0; 3], kept.size, MOST_LINES);
+        let none = || [0; LINE].map(|_| AtomicU32::new(f32::NAN.to_bits()));
+        let count = if has_lines { kept_lines.count() } else { 0 };
         Some(Self {
             kept,
+            length,
             counts,
+            kept_lines,
+            lines: std::iter::repeat_with(none).take(count).collect(),
             structures: Mutex::default(),
             latest_structure: AtomicU64::new(0),
         })
     }
 
+    #[inline(always)]
     fn count(&self, counter: Counter, cell: Cell) -> &AtomicU32 {
-        &self.counts[counter as usize * self.kept.count() + cell.0 as usize]
+        &self.counts[counter.slot() * self.length + cell.0 as usize]
     }
 
     /// Adds to a count.
@@ -177,26 +241,50 @@ impl LaunchCounts {
 
     /// A ray begins, of an invocation that so many others wait for.
     pub fn start_ray(&self, cell: Cell, ray: &Ray, depth: u32) {
+        let rays = self.count(Counter::Rays, cell);
+        if rays.load(Ordering::Relaxed) == 0 && !self.lines.is_empty() {
+            self.keep_line(cell, ray);
+        }
         self.add(Counter::Rays, cell, 1);
         let highest = self.count(Counter::Depth, cell);
         if depth > highest.load(Ordering::Relaxed) {
             highest.store(depth, Ordering::Relaxed);
         }
-        let ends = [ray.t_min, ray.t_max];
-        let line = ray.origin.iter().chain(&ray.direction);
-        if line.clone().chain(&ends).any(|number| number.is_nan()) {
+        // Of the bits without a sign, those of infinities are the least that are not finite.
+        let bits = |number: f32| number.to_bits() & 0x7FFF_FFFF;
+        let line = (ray.origin.iter().chain(&ray.direction))
+            .fold(bits(ray.t_min), |most, &number| most.max(bits(number)));
+        let infinite = f32::INFINITY.to_bits();
+        if line > infinite || ray.t_max.is_nan() {
             self.add(Counter::NanRays, cell, 1);
-        } else if line.clone().any(|number| number.is_infinite()) || ray.t_min.is_infinite() {
+        } else if line == infinite {
             self.add(Counter::InfiniteRays, cell, 1);
+        }
+    }
+
+    /// Keeps the line of an invocation's first ray, if its cell is one of some.
+    fn keep_line(&self, cell: Cell, ray: &Ray) {
+        let [width, height, _] = self.kept.size;
+        let [x, y, z] = [
+            cell.0 % width,
+            cell.0 / width % height,
+            cell.0 / width / height,
+        ];
+        if let Some(Cell(place)) = self.kept_lines.cell([x, y, z])
+            && let Some(line) = self.lines.get(place as usize)
+        {
+            for (to, from) in line.iter().zip(ray.origin.iter().chain(&ray.direction)) {
+                to.store(from.to_bits(), Ordering::Relaxed);
+            }
         }
     }
 
     /// Walks a ray once more, by itself. Returns its steps.
     ///
     /// # Safety
-    /// As for [`RayCost::new`].
+    /// As for [`RayCosts::of`].
     #[expect(unsafe_code, reason = "passed on to its caller")]
-    pub unsafe fn add_walk(&self, walked: &WalkedRay, walker: &mut Walker, live: &Live) -> u32 {
+    pub unsafe fn add_walk(&self, walked: &WalkedRay, costs: &mut RayCosts<'_>) -> u32 {
         let &WalkedRay {
             cell,
             structure,
@@ -205,7 +293,7 @@ impl LaunchCounts {
             ref hit,
         } = walked;
         // SAFETY: the caller's promise.
-        let cost = unsafe { RayCost::new(walker, structure, ray, time, live, hit.as_ref()) };
+        let cost = unsafe { costs.of(structure, ray, time, hit.as_ref()) };
         for (counter, number) in [
             (Counter::Steps, cost.steps),
             (Counter::BoxTests, cost.box_tests),
@@ -213,7 +301,9 @@ impl LaunchCounts {
             (Counter::AnyHitCandidates, cost.any_hit_candidates),
             (Counter::BoxCandidates, cost.box_candidates),
         ] {
-            self.add(counter, cell, number);
+            if number != 0 {
+                self.add(counter, cell, number);
+            }
         }
         cost.steps
     }
@@ -237,11 +327,49 @@ impl LaunchCounts {
         self.structures.lock().iter().copied().collect()
     }
 
-    /// A count of all invocations that are kept, x fastest.
-    pub fn values(&self, counter: Counter) -> impl ExactSizeIterator<Item = u32> + Clone + '_ {
+    /// The counts of all invocations that are kept.
+    pub fn finish(self) -> FinishedCounts {
+        FinishedCounts {
+            kept: self.kept,
+            counts: self.counts.into_iter().map(AtomicU32::into_inner).collect(),
+            first_rays: FirstRays {
+                kept: self.kept_lines,
+                lines: (self.lines.into_iter())
+                    .map(|line| line.map(|bits| f32::from_bits(bits.into_inner())))
+                    .collect(),
+            },
+        }
+    }
+}
+
+/// Counts that no longer change.
+pub struct FinishedCounts {
+    pub kept: KeptInvocations,
+    counts: Vec<u32>,
+    first_rays: FirstRays,
+}
+
+/// Lines of the first rays of some cells.
+#[derive(Clone)]
+pub struct FirstRays {
+    /// Which cells, counted from the first.
+    pub kept: KeptInvocations,
+    /// Origin and direction; NaN of invocations without a ray.
+    pub lines: Vec<[f32; LINE]>,
+}
+
+impl FinishedCounts {
+    /// A count of all invocations, x fastest.
+    pub fn values(&self, counter: Counter) -> &[u32] {
         let length = self.kept.count();
-        let counts = &self.counts[counter as usize * length..][..length];
-        counts.iter().map(|count| count.load(Ordering::Relaxed))
+        &self.counts[counter.slot() * length..][..length]
+    }
+
+    /// The first rays, if any invocation has traced one and they are kept.
+    pub fn first_rays(&self) -> Option<FirstRays> {
+        let is_there = |line: &[f32; LINE]| line.iter().any(|number| !number.is_nan());
+        let has_any = self.first_rays.lines.iter().any(is_there);
+        has_any.then(|| self.first_rays.clone())
     }
 }
 
@@ -250,9 +378,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn counters_stand_in_the_order_of_their_numbers() {
-        for (number, counter) in Counter::ALL.into_iter().enumerate() {
-            assert_eq!(counter as usize, number);
+    fn each_counter_of_a_command_has_a_slot() {
+        for counters in [&Counter::OF_LAUNCHES[..], &Counter::OF_PASSES] {
+            let slots: BTreeSet<usize> = counters.iter().map(|counter| counter.slot()).collect();
+            assert_eq!(slots.len(), counters.len());
+            assert!(slots.iter().all(|&slot| slot < SLOTS));
         }
     }
 
@@ -279,7 +409,7 @@ mod tests {
     #[test]
     fn rays_without_a_place_are_told_apart() {
         let kept = KeptInvocations::new([0; 3], [2, 1, 1], 8);
-        let counts = LaunchCounts::new(kept).expect("there is memory");
+        let counts = LaunchCounts::new(kept, true).expect("there is memory");
         let cell = kept.cell([1, 0, 0]).expect("it is kept");
         let ray = Ray {
             t_max: f32::INFINITY,
@@ -296,12 +426,16 @@ mod tests {
         for (ray, depth) in [(ray, 1), (nan, 3), (infinite, 2)] {
             counts.start_ray(cell, &ray, depth);
         }
-        let of = |counter| counts.values(counter).collect::<Vec<_>>();
+        let counts = counts.finish();
+        let first = counts.first_rays().expect("a ray was traced").lines;
+        assert_eq!(first[1], [0.0; 6]);
+        assert!(first[0].iter().all(|number| number.is_nan()));
+        let of = |counter| counts.values(counter);
         assert_eq!(of(Counter::Rays), [0, 3]);
         assert_eq!(of(Counter::Depth), [0, 3]);
         assert_eq!(
             (of(Counter::NanRays), of(Counter::InfiniteRays)),
-            (vec![0, 1], vec![0, 1])
+            (&[0, 1][..], &[0, 1][..])
         );
     }
 }

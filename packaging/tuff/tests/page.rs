@@ -52,12 +52,35 @@ fn npy(descr: &str, width: usize, which: usize) -> Vec<u8> {
     file
 }
 
+/// Floats as NumPy writes them.
+fn floats(shape: &str, rows: impl Iterator<Item = [f32; 6]>) -> Vec<u8> {
+    let mut head = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({shape}, 6), }}");
+    while (head.len() + 11) % 64 != 0 {
+        head.push(' ');
+    }
+    head.push('\n');
+    let mut file = b"\x93NUMPY\x01\x00".to_vec();
+    file.extend((head.len() as u16).to_le_bytes());
+    file.extend(head.bytes());
+    file.extend(rows.flatten().flat_map(f32::to_le_bytes));
+    file
+}
+
 /// A capture of one command with three maps and a path.
 fn capture(name: &str) -> PathBuf {
     let folder = folder(name);
     let write = |name: &str, bytes: &[u8]| fs::write(folder.join(name), bytes).expect("a file");
     write("command-0000/rays.npy", &npy("|u1", 1, 0));
     write("command-0000/nanoseconds.npy", &npy("<u4", 4, 1));
+    // A camera without perspective: the first ray of each second pixel, through the middle of two.
+    let lines = (0..10).flat_map(|y| (0..20).map(move |x| (x, y)));
+    let lines = lines.map(|(x, y)| [2.0 * x as f32, 2.0 * y as f32, 0.0, 0.0, 0.0, 1.0]);
+    write("command-0000/first_rays.npy", &floats("1, 10, 20", lines));
+    let boxes = [
+        [0.0, 0.0, 0.0, 40.0, 20.0, 5.0],
+        [1.0, 1.0, 0.0, 9.0, 9.0, 2.0],
+    ];
+    write("boxes-1.npy", &floats("2", boxes.into_iter()));
     let map = |name: &str, of: &str, ty: &str, file: Value| {
         let mut map = json!({ "name": name, "of": of, "most": 1, "sum": 1, "type": ty });
         map["file"] = file;
@@ -69,9 +92,14 @@ fn capture(name: &str) -> PathBuf {
         "structures": [{
             "address": "0x100", "kind": "instances", "active_instances": 3, "bytes": 1280,
             "depth": 1, "left_out_of_file": 0, "file": "structure-7.glb",
+            "flags": ["PREFER_FAST_TRACE"], "build_nanoseconds": 2_500_000, "is_update": true,
+            "boxes": { "file": "boxes-1.npy", "levels": [
+                { "boxes": 1, "kept": 1 }, { "boxes": 1000, "kept": 1 },
+            ] },
             "bottom_levels": [{
                 "address": "0x200", "kind": "triangles", "primitives": 4321, "geometries": 1,
-                "instances": 3, "bytes": 99, "depth": 2, "nodes": 5, "flags": [],
+                "instances": 3, "bytes": 99, "depth": 2, "nodes": 5, "flags": ["LOW_MEMORY"],
+                "build_nanoseconds": 1_500_000, "is_update": false,
             }],
         }],
         "maps": [
@@ -79,17 +107,35 @@ fn capture(name: &str) -> PathBuf {
             map("steps", "ray", "|u1", Value::Null),
             map("nanoseconds", "run", "<u4", json!("command-0000/nanoseconds.npy")),
         ],
+        "first_rays": {
+            "file": "command-0000/first_rays.npy", "step": [2, 2, 1], "size": [20, 10, 1],
+        },
     }]);
     write("maps.json", maps.to_string().as_bytes());
     let [x, y] = PIXEL;
     let path = json!([{ "version": 1 }, {
         "command": 0, "frame": 3, "kind": "trace", "extent": SIZE, "invocation": [x, y, 0],
         "rays": [{
-            "parent": null, "instruction": "trace", "origin": [0.5, 0.25, 0.0],
+            "parent": null, "instruction": "trace", "origin": [12.0, 7.0, 0.0],
             "direction": [0.0, 0.0, 1.0], "hit": { "t": 2.5 }, "shader": { "stage": "ClosestHit" },
             "met": [{ "t": 2.5, "primitive_kind": "triangle", "primitive": 4, "geometry": 0,
                 "instance": 9, "outcome": "committed" }],
+        }, {
+            "parent": 0, "instruction": "trace", "origin": [12.0, 6.5, 2.5],
+            "direction": [1.0, 0.0, 0.0], "hit": { "t": 20.25 }, "met": [],
+        }, {
+            "parent": 1, "instruction": "trace", "origin": [32.25, 6.5, 2.5],
+            "direction": [0.0, 0.0, "nan"], "hit": null, "met": [],
         }],
+        "table": { "hit": {
+            "address": "0x300", "stride": 32, "size": 64, "record_count": 2, "records": [
+                { "index": 0, "names": "a group", "candidates": 0, "calls": 1, "used": true,
+                    "group": { "group": 2, "closest_hit": {
+                        "stage": "ClosestHit", "name": "floor",
+                    } } },
+                { "index": 1, "names": "no group of this pipeline", "group": null, "used": false },
+            ],
+        } },
     }]);
     write("pixel.json", path.to_string().as_bytes());
     folder
@@ -196,7 +242,30 @@ press("ArrowLeft");
 press("ArrowUp", { shiftKey: true });
 result.keys = values();
 click(12, 7);
+const drawnPath = () => document.querySelector("[id=path] ol > li[title]");
+for (let i = 0; i < 1000 && !drawnPath(); i++) {
+  await new Promise((done) => setTimeout(done, 10));
+}
 result.path = text("path");
+result.seen = [...document.querySelectorAll("[id=path] ol > li")].map((item) => item.title);
+// The second ray's colour is on the line between the pixels where its ends are seen.
+const line = at(22, 6);
+const box = canvas.getBoundingClientRect();
+const pixels = canvas.getContext("2d").getImageData(
+  Math.round(((line.clientX - box.left) * canvas.width) / box.width),
+  Math.round(((line.clientY - box.top) * canvas.height) / box.height) - 8, 1, 16).data;
+result.line = false;
+for (let i = 0; i < pixels.length; i += 4) {
+  result.line ||= pixels[i] === 230 && pixels[i + 1] === 159 && pixels[i + 2] === 0;
+}
+const space = document.getElementById("space");
+const boxes = space.toDataURL();
+result.boxes = [text("space-told")];
+const pressed = (key) => space.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true }));
+pressed("ArrowLeft");
+result.turned = space.toDataURL() !== boxes;
+pressed("PageDown");
+result.boxes.push(text("space-told"));
 press("+");
 press("+");
 const drawn = (name) => document.querySelector(`figure[data-map=${name}] canvas`).toDataURL();
@@ -216,12 +285,35 @@ place.textContent = JSON.stringify(result);
 document.body.replaceChildren(place);
 </script>"#;
 
+/// The first of the browsers that are installed; a line says where there is none.
+fn browser(test: &str) -> Option<PathBuf> {
+    let found = chromium();
+    if found.is_none() {
+        // The test program keeps what passing tests print, but not what is written past it.
+        let line = format!("skipped: {test} needs Chromium\n");
+        let _ = std::io::stderr().write_all(line.as_bytes());
+    }
+    found
+}
+
+/// A driven page as Chromium leaves it.
+fn driven(chromium: &Path, folder: &Path, page: &str) -> String {
+    let path = folder.join("driven.html");
+    fs::write(&path, page).expect("a file");
+    let mut browser = Command::new(chromium);
+    browser.args(["--headless", "--no-sandbox", "--disable-gpu", "--dump-dom"]);
+    browser.args(["--window-size=1280,900", "--virtual-time-budget=20000"]);
+    let profile = folder.join("profile");
+    browser.arg(format!("--user-data-dir={}", profile.display()));
+    let page = format!("file://{}", path.display());
+    let output = browser.arg(page).stderr(Stdio::null()).output();
+    let dom = output.expect("Chromium runs").stdout;
+    String::from_utf8_lossy(&dom).into_owned()
+}
+
 #[test]
 fn the_page_shows_the_numbers_in_chromium() {
-    let Some(chromium) = chromium() else {
-        // The test harness captures the output of passing tests, but not direct writes.
-        let line = b"skipped: the_page_shows_the_numbers_in_chromium needs Chromium\n";
-        let _ = std::io::stderr().write_all(line);
+    let Some(chromium) = browser("the_page_shows_the_numbers_in_chromium") else {
         return;
     };
     let folder = capture("chromium");
@@ -229,20 +321,7 @@ fn the_page_shows_the_numbers_in_chromium() {
     let page = fs::read_to_string(folder.join("index.html")).expect("the page");
     let page = page.replacen("<head>", &format!("<head>{FIRST}"), 1);
     let page = page.replacen("</body>", &format!("{LAST}</body>"), 1);
-    let path = folder.join("driven.html");
-    fs::write(&path, page).expect("a file");
-    let mut browser = Command::new(chromium);
-    browser.args(["--headless", "--no-sandbox", "--disable-gpu", "--dump-dom"]);
-    browser.args(["--window-size=1280,900", "--virtual-time-budget=20000"]);
-    browser.arg(format!(
-        "--user-data-dir={}",
-        folder.join("profile").display()
-    ));
-    browser
-        .arg(format!("file://{}", path.display()))
-        .stderr(Stdio::null());
-    let output = browser.output().expect("Chromium runs");
-    let dom = String::from_utf8_lossy(&output.stdout).into_owned();
+    let dom = driven(&chromium, &folder, &page);
     let _ = fs::remove_dir_all(&folder);
     let shown =
         (dom.split_once("<pre id=\"result\">")).and_then(|(_, rest)| rest.split_once("</pre>"));
@@ -290,8 +369,46 @@ fn the_page_shows_the_numbers_in_chromium() {
         "{structures}"
     );
     assert!(structures.contains("structure-7.glb"), "{structures}");
-    assert!(structures.contains("triangles4,3213992"), "{structures}");
-    for key in ["linked", "colours", "labels"] {
+    for words in [
+        "triangles4,32139921.50 ms",
+        "0x200: LOW_MEMORY",
+        "updated in 2.50 ms, PREFER_FAST_TRACE",
+    ] {
+        assert!(structures.contains(words), "{structures}");
+    }
+    for words in [
+        "hit region at 0x300: 2 records, stride 32, size 64",
+        "record 0: group 2: ClosestHit shader “floor” (candidates: 0, calls: 1)",
+        "record 1: no group of this pipeline (never looked up)",
+    ] {
+        assert!(path.contains(words), "{path}");
+    }
+    assert!(
+        path.starts_with("2 of 3 rays are drawn over the maps"),
+        "{path}"
+    );
+    assert_eq!(
+        shown["seen"],
+        json!([
+            "seen from (12, 7) to (12, 7)",
+            "seen from (12, 6) to (32, 6)",
+            "seen from (32, 6) to outside",
+        ])
+    );
+    let boxes = |told: &str| {
+        format!(
+            "{told} of top level 0x100: the world, and 3 rays of the path; \
+             those that miss are dashed."
+        )
+    };
+    assert_eq!(
+        shown["boxes"],
+        json!([
+            boxes("1 box, 1 level below the root"),
+            boxes("1 of 1,000 boxes, 2 levels below the root"),
+        ])
+    );
+    for key in ["linked", "colours", "labels", "line", "turned"] {
         assert_eq!(shown[key], true, "{key}");
     }
 }

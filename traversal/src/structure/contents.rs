@@ -2,7 +2,7 @@
 
 use super::{Kind, Structure};
 use crate::input::BuildFlags;
-use crate::layout::{Block, GROUP, WIDTH, child, geometry_word, instance_state};
+use crate::layout::{Block, GROUP, MAX_DEPTH, WIDTH, child, geometry_word, instance_state};
 use crate::live::Live;
 
 /// Facts about a whole structure.
@@ -35,6 +35,15 @@ pub enum PrimitiveShape {
     Triangle([[f32; 3]; 3]),
     /// Least and greatest coordinates: of a box, or around a round primitive.
     Box([[f32; 3]; 2]),
+}
+
+/// Boxes of nodes' children, so many levels below the root.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct BoxLevel {
+    /// Least and greatest coordinates, for all times.
+    pub boxes: Vec<[[f32; 3]; 2]>,
+    /// Boxes that there are; of more than were asked for, `boxes` has an even choice.
+    pub count: u64,
 }
 
 /// An instance of a top level.
@@ -96,6 +105,49 @@ impl Structure {
             })
         });
         leaves.flat_map(|(word, bounds)| self.leaf_contents(word, bounds))
+    }
+
+    /// The boxes of each level of nodes, at most so many a level: in the space of a bottom level,
+    /// or of the world.
+    pub fn box_levels(&self, most: usize) -> Vec<BoxLevel> {
+        let (mut nodes, mut levels) = (vec![0], Vec::new());
+        // Corrupt nodes may lead back to each other.
+        let mut left = self.node_count();
+        while levels.len() < MAX_DEPTH as usize {
+            let (mut below, mut boxes) = (Vec::new(), Vec::new());
+            for index in nodes {
+                let Some(node) = self.node(index).filter(|_| left > 0) else {
+                    continue;
+                };
+                left -= 1;
+                for place in 0..WIDTH {
+                    let word = node.child(place);
+                    if word == child::NONE {
+                        continue;
+                    }
+                    let bound =
+                        |side: usize| [0, 1, 2].map(|axis| node.bound(2 * axis + side, place));
+                    boxes.push([bound(0), bound(1)]);
+                    if word & child::LEAF == 0 {
+                        below.push(word);
+                    }
+                }
+            }
+            if boxes.is_empty() {
+                break;
+            }
+            let count = boxes.len();
+            if count > most {
+                let chosen = (0..most).map(|index| boxes[index * count / most]);
+                boxes = chosen.collect();
+            }
+            levels.push(BoxLevel {
+                boxes,
+                count: count as u64,
+            });
+            nodes = below;
+        }
+        levels
     }
 
     fn leaf_contents(&self, word: u32, bounds: [[f32; 3]; 2]) -> Vec<Content> {

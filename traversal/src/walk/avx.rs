@@ -11,6 +11,7 @@ use super::group;
 use super::group_hits::GroupHits;
 use super::kernel::{Kernel, T_MARGIN};
 use super::leaf::{Leaf, Triangles};
+use super::meter::{Meter, Unmetered};
 use super::opaque::{End, Nearest, Opaque, Pending};
 use super::sight::LaneOf;
 use super::slabs::Slabs;
@@ -273,6 +274,19 @@ impl<const WIDE: bool> Kernel for Avx<WIDE> {
     }
 
     #[inline(always)]
+    unsafe fn walk_opaque_metered<M: Meter, const ANY: bool>(
+        way: &Opaque<'_>,
+        best: &mut Nearest,
+        pending: &mut Pending<'_>,
+        found: &mut GroupHits,
+        fuel: &mut u64,
+        meter: &mut M,
+    ) -> End {
+        // SAFETY: the caller promises AVX2.
+        unsafe { walk_opaque_metered::<M, ANY>(way, best, pending, found, fuel, meter) }
+    }
+
+    #[inline(always)]
     unsafe fn test_leaf(leaf: &Triangles<'_>, walk: &mut Walk, t_far: &mut f32) -> Leaf {
         // SAFETY: the caller promises AVX2.
         unsafe { test_leaf(leaf, walk, t_far) }
@@ -412,7 +426,23 @@ unsafe fn walk_opaque<const ANY: bool>(
     fuel: &mut u64,
 ) -> End {
     // SAFETY: the caller's promise.
-    unsafe { way.run::<Avx<false>, ANY>(best, pending, found, fuel) }
+    unsafe { way.run::<Avx<false>, _, ANY>(best, pending, found, fuel, &mut Unmetered) }
+}
+
+/// # Safety
+/// The machine has AVX2.
+#[inline(never)]
+#[target_feature(enable = "avx2,bmi1,bmi2")]
+unsafe fn walk_opaque_metered<M: Meter, const ANY: bool>(
+    way: &Opaque<'_>,
+    best: &mut Nearest,
+    pending: &mut Pending<'_>,
+    found: &mut GroupHits,
+    fuel: &mut u64,
+    meter: &mut M,
+) -> End {
+    // SAFETY: the caller's promise.
+    unsafe { way.run::<Avx<false>, M, ANY>(best, pending, found, fuel, meter) }
 }
 
 /// # Safety
@@ -427,5 +457,5 @@ unsafe fn walk_opaque_wide<const ANY: bool>(
     fuel: &mut u64,
 ) -> End {
     // SAFETY: the caller's promise.
-    unsafe { way.run::<Avx<true>, ANY>(best, pending, found, fuel) }
+    unsafe { way.run::<Avx<true>, _, ANY>(best, pending, found, fuel, &mut Unmetered) }
 }

@@ -95,8 +95,7 @@ pub(crate) unsafe fn run<K: Kernel, M: Meter, const ANY: bool>(
         let node_count = level.structure.node_count();
         let fetch_ahead = node_count > LARGE && !without.contains(Specialisation::Prefetch);
         let is_triangles = level.structure.kind() == Kind::Triangles;
-        let all_opaque = !M::COUNTS
-            && in_bottom
+        let all_opaque = in_bottom
             && is_triangles
             && instance.all_opaque
             && space.scale == 1.0
@@ -117,11 +116,18 @@ pub(crate) unsafe fn run<K: Kernel, M: Meter, const ANY: bool>(
                 floor,
                 length,
             };
+            let (best, pending) = (&mut best, &mut pending);
             // SAFETY: the caller's promise.
-            let end =
-                unsafe { K::walk_opaque::<ANY>(&way, &mut best, &mut pending, hits, &mut left) };
+            let end = unsafe {
+                match M::COUNTS {
+                    true => K::walk_opaque_metered::<M, ANY>(
+                        &way, best, pending, hits, &mut left, meter,
+                    ),
+                    false => K::walk_opaque::<ANY>(&way, best, pending, hits, &mut left),
+                }
+            };
             length = pending.length;
-            if let Some(hit) = way.hit(&best) {
+            if let Some(hit) = way.hit(best) {
                 (walk.hit, walk.has_hit) = (hit, true);
             }
             match end {

@@ -5,6 +5,7 @@ use super::beams::Beams;
 use super::entry::Entry;
 use super::group_hits::GroupHits;
 use super::leaf::{Leaf, Triangles};
+use super::meter::Meter;
 use super::opaque::{End, Nearest, Opaque, Pending};
 use super::slabs::Slabs;
 use super::space::Space;
@@ -122,6 +123,19 @@ pub(crate) trait Kernel {
         pending: &mut Pending<'_>,
         found: &mut GroupHits,
         fuel: &mut u64,
+    ) -> End;
+
+    /// The same with a meter.
+    ///
+    /// # Safety
+    /// The machine has the instruction set.
+    unsafe fn walk_opaque_metered<M: Meter, const ANY: bool>(
+        way: &Opaque<'_>,
+        best: &mut Nearest,
+        pending: &mut Pending<'_>,
+        found: &mut GroupHits,
+        fuel: &mut u64,
+        meter: &mut M,
     ) -> End;
 
     /// [`Triangles::test`] with this kernel, as a function of its own: the loop over nodes needs

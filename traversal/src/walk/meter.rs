@@ -13,6 +13,9 @@ pub(crate) trait Meter {
 
     /// `word`: a child's word of a leaf that may be none.
     fn visit_leaf(&mut self, structure: &Structure, word: u32);
+
+    /// A leaf of triangles, whose count is known.
+    fn visit_triangles(&mut self, count: u32);
 }
 
 /// Counts nothing.
@@ -26,4 +29,7 @@ impl Meter for Unmetered {
 
     #[inline(always)]
     fn visit_leaf(&mut self, _: &Structure, _: u32) {}
+
+    #[inline(always)]
+    fn visit_triangles(&mut self, _: u32) {}
 }

@@ -42,7 +42,7 @@ mod group;
 mod group_hits;
 mod kernel;
 mod leaf;
-mod level;
+pub(crate) mod level;
 mod list;
 pub(crate) mod meter;
 mod micromap;
@@ -217,15 +217,16 @@ impl Walk {
         run::run(self, verdict, walker, &mut { Entered::NOTHING }, fuel)
     }
 
-    /// The same, with each visit told to a meter.
+    /// The same, with each visit told to a meter. What the walk before entered may be in `entered`.
     pub(crate) fn resume_metered(
         &mut self,
         walker: &mut Walker,
+        entered: &mut Entered,
         verdict: Verdict,
         fuel: &mut u64,
         meter: &mut impl Meter,
     ) -> Event {
-        run::run_metered(self, verdict, walker, fuel, meter)
+        run::run_metered(self, verdict, walker, entered, fuel, meter)
     }
 
     /// Applies a verdict; whether that ends the walk.

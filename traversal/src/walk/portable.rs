@@ -7,6 +7,7 @@ use super::entry::Entry;
 use super::group_hits::GroupHits;
 use super::kernel::{Kernel, T_MARGIN};
 use super::leaf::{Leaf, Triangles};
+use super::meter::{Meter, Unmetered};
 use super::opaque::{End, Nearest, Opaque, Pending};
 use super::slabs::Slabs;
 use super::space::{Space, max, min};
@@ -162,7 +163,20 @@ impl Kernel for PortableKernel {
         fuel: &mut u64,
     ) -> End {
         // SAFETY: every machine has plain Rust.
-        unsafe { way.run::<PortableKernel, ANY>(best, pending, found, fuel) }
+        unsafe { way.run::<PortableKernel, _, ANY>(best, pending, found, fuel, &mut Unmetered) }
+    }
+
+    #[inline(never)]
+    unsafe fn walk_opaque_metered<M: Meter, const ANY: bool>(
+        way: &Opaque<'_>,
+        best: &mut Nearest,
+        pending: &mut Pending<'_>,
+        found: &mut GroupHits,
+        fuel: &mut u64,
+        meter: &mut M,
+    ) -> End {
+        // SAFETY: every machine has plain Rust.
+        unsafe { way.run::<PortableKernel, M, ANY>(best, pending, found, fuel, meter) }
     }
 
     #[inline(never)]

@@ -60,11 +60,12 @@ unsafe fn run_avx2(
     unsafe { run_with::<super::avx::Avx<false>>(walk, verdict, walker, entered, fuel) }
 }
 
-/// [`run`] with a meter, from a walk's own state alone.
+/// [`run`] with a meter.
 pub(crate) fn run_metered<M: Meter>(
     walk: &mut Walk,
     verdict: Verdict,
     walker: &mut Walker,
+    entered: &mut Entered,
     fuel: &mut u64,
     meter: &mut M,
 ) -> Event {
@@ -73,13 +74,10 @@ pub(crate) fn run_metered<M: Meter>(
         #[cfg(target_arch = "x86_64")]
         // SAFETY: a walker has these tiers only on machines that have AVX2.
         Tier::Avx512 | Tier::Avx2 => unsafe {
-            run_metered_avx2(walk, verdict, walker, fuel, meter)
+            run_metered_avx2(walk, verdict, walker, entered, fuel, meter)
         },
-        _ => {
-            let entered = &mut { Entered::NOTHING };
-            // SAFETY: every machine has plain Rust.
-            unsafe { run_all::<PortableKernel, M>(walk, verdict, walker, entered, fuel, meter) }
-        }
+        // SAFETY: every machine has plain Rust.
+        _ => unsafe { run_all::<PortableKernel, M>(walk, verdict, walker, entered, fuel, meter) },
     }
 }
 
@@ -91,10 +89,10 @@ unsafe fn run_metered_avx2<M: Meter>(
     walk: &mut Walk,
     verdict: Verdict,
     walker: &mut Walker,
+    entered: &mut Entered,
     fuel: &mut u64,
     meter: &mut M,
 ) -> Event {
-    let entered = &mut { Entered::NOTHING };
     // SAFETY: the caller's promise.
     unsafe { run_all::<super::avx::Avx<false>, M>(walk, verdict, walker, entered, fuel, meter) }
 }

@@ -5,6 +5,7 @@ use super::children::fetch;
 use super::entry::{Entry, STACK};
 use super::group_hits::GroupHits;
 use super::kernel::Kernel;
+use super::meter::Meter;
 use super::opaque::{End, Nearest, Opaque, Pending};
 use crate::layout::{LEAF_TRIANGLES, WIDTH, child};
 
@@ -15,12 +16,13 @@ impl Opaque<'_> {
     /// # Safety
     /// The machine has the kernel's instruction set.
     #[inline(always)]
-    pub unsafe fn run<K: Kernel, const ANY: bool>(
+    pub unsafe fn run<K: Kernel, M: Meter, const ANY: bool>(
         &self,
         best: &mut Nearest,
         pending: &mut Pending<'_>,
         found: &mut GroupHits,
         fuel: &mut u64,
+        meter: &mut M,
     ) -> End {
         let node_count = self.structure.node_count();
         let mut room = None;
@@ -73,6 +75,7 @@ impl Opaque<'_> {
                 // SAFETY: below the count, and the caller's promise.
                 let (node, (mask, near)) = unsafe {
                     let node = self.structure.node_at(word);
+                    meter.visit_node(node);
                     (node, K::intersect_node::<false>(&beam, node))
                 };
                 if mask == 0 {
@@ -106,6 +109,7 @@ impl Opaque<'_> {
             let Some((groups, lanes)) = groups else {
                 continue 'next;
             };
+            meter.visit_triangles(lanes.count_ones());
             // SAFETY: the caller's promise.
             let mut mask = unsafe {
                 K::intersect_leaf(

@@ -10,7 +10,7 @@ use crate::wave::Stopped;
 
 impl<'a> Visit<'a> {
     /// As [`Self::fragments`], of several pixels.
-    pub(super) fn coarse_fragments(
+    pub(super) fn coarse_fragments<const COUNTED: bool>(
         &mut self,
         current: Current<'a>,
         coarse: &Coarse,
@@ -30,7 +30,7 @@ impl<'a> Visit<'a> {
             self.worker.gather.of = Some(of);
         }
         covered.split(current.plan.samples);
-        self.test(
+        self.test::<COUNTED>(
             current,
             coarse.sees_untested,
             part.record,

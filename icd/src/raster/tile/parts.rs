@@ -14,6 +14,7 @@ use crate::compute::waves::{Runner, Subgroups};
 use crate::object::shading_rate::Rate;
 use crate::raster::Chunk;
 use crate::raster::primitive::Bounds;
+use crate::wave::launch_counts::LaunchCounts;
 use crate::wave::{Limits, Stopped};
 
 /// A wave whose fragments are of several pixels.
@@ -25,6 +26,8 @@ pub struct Wave<'a> {
     pub rate: Rate,
     pub area: &'a Bounds,
     pub limits: &'a Limits,
+    /// Counts of each pixel, where a capture keeps them.
+    pub counted: Option<&'a LaunchCounts>,
 }
 
 impl Gather {
@@ -79,7 +82,18 @@ impl Gather {
             }
             let (tier, chunks, states) = (wave.tier, wave.chunks, &mut self.states);
             // SAFETY: the caller's promise: the masks are those of blocks.
-            unsafe { finish(tier, chunks, plan, program, states, &self.parts, counts) };
+            unsafe {
+                finish(
+                    tier,
+                    chunks,
+                    plan,
+                    program,
+                    states,
+                    &self.parts,
+                    counts,
+                    wave.counted,
+                );
+            }
         }
         Ok(())
     }

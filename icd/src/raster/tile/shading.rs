@@ -13,12 +13,14 @@ use super::interpolation::{clamp, depths};
 use super::lanes::{IN_BLOCK, LANE_X, LANE_Y, Row, lanes_of};
 use super::output::Output;
 use super::pack::{Joined, Origin, Pack};
+use super::pixels::count_lanes;
 use super::plan::{Order, Plan};
 use super::samples::{Counts, MAX_SAMPLES, any, count, from_center, masks_of};
 use super::texels::{Pattern, Places};
 use crate::compute::waves::Runner;
 use crate::raster::Chunk;
 use crate::raster::primitive::{Bounds, Record};
+use crate::wave::launch_counts::{Counter, LaunchCounts};
 
 lanes::vectors! {
     /// Does the tests of blocks that come before the program.
@@ -177,7 +179,8 @@ lanes::vectors! {
 }
 
 lanes::vectors! {
-    /// Late tests of a wave's fragments, and their colours.
+    /// Late tests of a wave's fragments, and their colours. `counted`: counts of each pixel, where
+    /// a capture keeps them.
     ///
     /// # Safety
     /// As [`test_blocks`].
@@ -189,6 +192,7 @@ lanes::vectors! {
         runner: &mut Runner,
         packs: &[Pack],
         counts: &mut Counts,
+        counted: Option<&LaunchCounts>,
     ) {
         let io = program.layout().io;
         if plan.order == Order::Early && plan.output.is_bytes() {
@@ -218,7 +222,14 @@ lanes::vectors! {
             }
             if plan.order != Order::Early {
                 // SAFETY: the caller's promise.
-                unsafe { test_late(v, chunks, plan, rows, pack, &mut masks) };
+                unsafe {
+                    let tested = any(&masks);
+                    test_late(v, chunks, plan, rows, pack, &mut masks);
+                    if let Some(counted) = counted {
+                        let failed = tested & !any(&masks);
+                        count_lanes(counted, Counter::FailedTests, &pack.places, failed);
+                    }
+                }
                 counts.samples += count(&masks);
             }
             // SAFETY: as above.

@@ -50,7 +50,7 @@ pub struct Round<'a> {
 #[derive(Default)]
 pub struct TileWorker {
     runner: Runner,
-    covered: Covered,
+    pub(super) covered: Covered,
     /// Blocks' masks before the tests.
     pub(super) coverage: Vec<[u16; MAX_SAMPLES]>,
     pub(super) packs: Packs,
@@ -110,14 +110,23 @@ impl TileWorker {
             counts: Counts::default(),
         };
         for (index, chunk) in (0..).zip(round.chunks) {
-            visit.chunk(index, chunk, tile)?;
+            match round.context.counts {
+                None => visit.chunk::<false>(index, chunk, tile)?,
+                Some(_) => visit.chunk::<true>(index, chunk, tile)?,
+            }
         }
         visit.finish_draw()
     }
 }
 
 impl<'a> Visit<'a> {
-    fn chunk(&mut self, index: u32, chunk: &Chunk, tile: usize) -> Result<(), Stopped> {
+    /// `COUNTED`: a capture counts pixels.
+    fn chunk<const COUNTED: bool>(
+        &mut self,
+        index: u32,
+        chunk: &Chunk,
+        tile: usize,
+    ) -> Result<(), Stopped> {
         if let Some(clear) = chunk.clear {
             self.finish_draw()?;
             if let Some(Work::Clear(clear)) = self.round.work.get(clear as usize) {
@@ -135,7 +144,7 @@ impl<'a> Visit<'a> {
                 let second = others.first().filter(|&&second| second == first + 1);
                 let second = second.map(|&second| &chunk.shapes[second as usize]);
                 let second = second.filter(|second| shape.bounds == second.bounds);
-                if let Some(second) = second
+                if let Some(second) = second.filter(|_| !COUNTED)
                     && self.pair(index, chunk, shape, second)?
                 {
                     fetch_ahead(chunk, others);
@@ -144,7 +153,7 @@ impl<'a> Visit<'a> {
                 }
                 // The second one of a rectangle will cover what is left of the first one's blocks.
                 self.own = if second.is_some() { 1 } else { OWN };
-                self.shape(index, chunk, shape)?;
+                self.shape::<COUNTED>(index, chunk, shape)?;
             }
         }
         Ok(())
@@ -195,7 +204,12 @@ impl<'a> Visit<'a> {
         Ok(())
     }
 
-    fn shape(&mut self, index: u32, chunk: &Chunk, shape: &Shape) -> Result<(), Stopped> {
+    fn shape<const COUNTED: bool>(
+        &mut self,
+        index: u32,
+        chunk: &Chunk,
+        shape: &Shape,
+    ) -> Result<(), Stopped> {
         let record = &chunk.records[shape.record as usize];
         let clip = (shape.bounds).intersection(self.bounds.intersection(self.round.area));
         let is_outside = clip.left >= clip.right || clip.top >= clip.bottom;
@@ -209,6 +223,9 @@ impl<'a> Visit<'a> {
             chunk: index,
             record: shape.record,
         };
+        if COUNTED {
+            return self.counted_shape(current, chunk, origin, shape, &clip);
+        }
         if let (Some(fragment), Coverage::Triangle(corners)) =
             (current.plan.small(), shape.coverage)
             && (self.is_whole || current.plan.tests.is_empty())
@@ -251,11 +268,11 @@ impl<'a> Visit<'a> {
                 Ok(())
             }
             (None, None) => match &current.plan.coarse {
-                None => self.fragments(current, origin, record, &mut covered),
+                None => self.fragments::<false>(current, origin, record, &mut covered),
                 Some(coarse) => {
                     let layer = record.layer.into();
                     let of = Of { origin, layer };
-                    self.coarse_fragments(current, coarse, of, &part, &mut covered)
+                    self.coarse_fragments::<false>(current, coarse, of, &part, &mut covered)
                 }
             },
         };
@@ -383,7 +400,7 @@ impl<'a> Visit<'a> {
         Ok(true)
     }
 
-    fn cover(
+    pub(super) fn cover(
         &self,
         chunk: &Chunk,
         shape: &Shape,
@@ -461,7 +478,7 @@ impl<'a> Visit<'a> {
 
     /// Tests the fragments of a program, as far as that comes first, and adds those that are left
     /// to the wave.
-    fn fragments(
+    pub(super) fn fragments<const COUNTED: bool>(
         &mut self,
         current: Current<'a>,
         origin: Origin,
@@ -474,7 +491,8 @@ impl<'a> Visit<'a> {
         };
         covered.split(plan.samples);
         if !fragment.is_serial {
-            return self.some_fragments(current, fragment, origin, record, &mut covered.blocks);
+            let blocks = &mut covered.blocks;
+            return self.some_fragments::<COUNTED>(current, fragment, origin, record, blocks);
         }
         // A fragment sees what those before it left: all of it, before its own tests.
         for block in &mut covered.blocks {
@@ -483,14 +501,14 @@ impl<'a> Visit<'a> {
                 self.run_wave()?;
             }
             let block = std::slice::from_mut(block);
-            self.some_fragments(current, fragment, origin, record, block)?;
+            self.some_fragments::<COUNTED>(current, fragment, origin, record, block)?;
         }
         Ok(())
     }
 
     /// Does the tests of blocks that come before the program. If `sees_coverage`, keeps the blocks'
     /// masks from before the tests.
-    pub(super) fn test(
+    pub(super) fn test<const COUNTED: bool>(
         &mut self,
         Current {
             plan, is_counted, ..
@@ -510,6 +528,10 @@ impl<'a> Visit<'a> {
                 }
             }
         }
+        let untested: Vec<u16> = match COUNTED {
+            true => blocks.iter().map(|block| any(&block.masks)).collect(),
+            false => Vec::new(),
+        };
         let coverage = &mut self.worker.coverage;
         coverage.clear();
         if plan.order != Order::Late && !plan.tests.is_empty() {
@@ -521,13 +543,16 @@ impl<'a> Visit<'a> {
             unsafe { test_blocks(self.round.tier, plan, record, corner, area, blocks) };
         }
         if plan.order == Order::Early && is_counted {
-            for block in blocks {
+            for block in &*blocks {
                 self.counts.samples += count(&block.masks);
             }
         }
+        if COUNTED {
+            self.count_failed(blocks, &untested, record.layer.into());
+        }
     }
 
-    fn some_fragments(
+    fn some_fragments<const COUNTED: bool>(
         &mut self,
         current: Current<'a>,
         fragment: &Fragment<'_>,
@@ -535,7 +560,7 @@ impl<'a> Visit<'a> {
         record: &Record,
         blocks: &mut [Block],
     ) -> Result<(), Stopped> {
-        self.test(current, fragment.sees_coverage, record, blocks);
+        self.test::<COUNTED>(current, fragment.sees_coverage, record, blocks);
         let coverage = std::mem::take(&mut self.worker.coverage);
         let mut result = Ok(());
         for (index, block) in blocks.iter().enumerate() {
@@ -616,18 +641,23 @@ impl<'a> Visit<'a> {
     ) -> Result<(), Stopped> {
         let program = fragment.program;
         let (tier, chunks) = (self.round.tier, self.round.chunks);
+        let (limits, counted) = (self.round.context.limits, self.round.context.counts);
+        let outputs = current.plan.output.rows;
+        let coarse = current.plan.coarse.as_ref();
+        let kind = coarse.map(|coarse| &coarse.kinds[self.worker.gather.kind]);
+        if let Some(kind) = kind {
+            Gather::to_pixels(packs, kind.rate);
+        }
+        let seen = match counted {
+            Some(_) => self.seen_packs(packs, kind.map(|kind| kind.rate)),
+            None => None,
+        };
         let TileWorker {
             runner,
             gather,
             packs: waiting,
             ..
         } = &mut *self.worker;
-        let limits = self.round.context.limits;
-        let outputs = current.plan.output.rows;
-        let kind = (current.plan.coarse.as_ref()).map(|coarse| &coarse.kinds[gather.kind]);
-        if let Some(kind) = kind {
-            Gather::to_pixels(packs, kind.rate);
-        }
         runner.begin(program, Subgroups::apart(packs.len()), limits)?;
         runner.set_outputs(Some(outputs));
         start(
@@ -642,11 +672,11 @@ impl<'a> Visit<'a> {
             runner,
             &mut self.counts,
         );
-        runner.run(program, &current.draw.environment, limits)?;
+        runner.run_seen(program, &current.draw.environment, limits, seen.as_ref())?;
         let (plan, counts) = (current.plan, &mut self.counts);
         let Some(kind) = kind else {
             // SAFETY: as for direct fragments: these come from blocks, too.
-            unsafe { finish(tier, chunks, plan, program, runner, packs, counts) };
+            unsafe { finish(tier, chunks, plan, program, runner, packs, counts, counted) };
             return Ok(());
         };
         let wave = Wave {
@@ -657,6 +687,7 @@ impl<'a> Visit<'a> {
             rate: kind.rate,
             area: &self.round.area,
             limits,
+            counted,
         };
         // SAFETY: as above.
         unsafe { gather.finish(&wave, packs, runner, counts) }

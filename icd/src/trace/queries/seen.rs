@@ -6,7 +6,7 @@ use lanes::LaneMask;
 use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::origin::CodeLocation;
 use spirv_jit::query::{row, state};
-use traversal::{Flight, RayRows, Walker};
+use traversal::{Flight, RayCosts, RayRows, Walker};
 
 use super::{QueryRows, load};
 use crate::wave::Limits;
@@ -146,9 +146,11 @@ impl<'a> View<'a> {
         let time = started.elapsed();
         let counted = lanes.iter().filter_map(|lane| cells[lane]);
         counts.add_time(time, counted, lanes.count());
+        // SAFETY: the memory is there until the dispatch is complete, and no walk goes on after it.
+        let mut costs = unsafe { RayCosts::new(walker, &limits.live) };
         for walked in &self.walked {
             // SAFETY: structures stay until the dispatch is complete, as for the first walk.
-            unsafe { counts.add_walk(walked, walker, &limits.live) };
+            unsafe { counts.add_walk(walked, &mut costs) };
         }
     }
 }

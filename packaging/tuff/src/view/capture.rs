@@ -1,6 +1,7 @@
 //! A capture that the driver has written: `maps.json` with the files that it names, and
 //! `pixel.json`. docs/debugging.md describes both.
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Component, Path};
 
@@ -17,6 +18,8 @@ pub struct Capture {
     pub dropped: u64,
     /// Elements of `pixel.json`.
     pub paths: Vec<Value>,
+    /// Files of floats that commands name: first rays and boxes. Little endian.
+    pub floats: BTreeMap<String, Vec<u8>>,
 }
 
 /// A command and its maps.
@@ -90,6 +93,7 @@ impl Capture {
             };
             let size: [u32; 3] =
                 serde_json::from_value(entry["size"].clone()).context("the size of a command")?;
+            self.read_floats(folder, &entry)?;
             let maps = maps.iter().map(|map| read_map(folder, map, size));
             self.commands.push(MapCommand {
                 maps: maps.collect::<Result<_>>()?,
@@ -99,6 +103,40 @@ impl Capture {
         }
         Ok(())
     }
+}
+
+impl Capture {
+    /// Reads the files of floats that a command's entry names.
+    fn read_floats(&mut self, folder: &Path, entry: &Value) -> Result<()> {
+        let list = |value: &Value| value.as_array().cloned().unwrap_or_default();
+        let mut files = vec![entry["first_rays"]["file"].clone()];
+        for top in list(&entry["structures"]) {
+            files.push(top["boxes"]["file"].clone());
+            let bottoms = list(&top["bottom_levels"]);
+            files.extend(bottoms.iter().map(|bottom| bottom["boxes"]["file"].clone()));
+        }
+        for file in files.iter().filter_map(Value::as_str) {
+            if self.floats.contains_key(file) {
+                continue;
+            }
+            let bytes = read_file(folder, file)?;
+            let data = data(&bytes).filter(|data| data.len().is_multiple_of(4));
+            let data = data.with_context(|| format!("{file} has no floats"))?;
+            self.floats.insert(file.to_owned(), data.to_vec());
+        }
+        Ok(())
+    }
+}
+
+/// A file inside of the folder.
+fn read_file(folder: &Path, file: &str) -> Result<Vec<u8>> {
+    let inside = |part| matches!(part, Component::Normal(_));
+    ensure!(
+        Path::new(file).components().all(inside),
+        "{file} is outside"
+    );
+    let path = folder.join(file);
+    fs::read(&path).with_context(|| format!("reading {}", path.display()))
 }
 
 /// The elements of a file that is an array.
@@ -120,17 +158,8 @@ fn read_map(folder: &Path, entry: &Value, size: [u32; 3]) -> Result<Map> {
     };
     let bytes = match &file {
         None => Vec::new(),
-        Some(file) => {
-            let inside = |part| matches!(part, Component::Normal(_));
-            ensure!(
-                Path::new(file).components().all(inside),
-                "{file} is outside"
-            );
-            let path = folder.join(file);
-            let context = || format!("reading {}", path.display());
-            numbers(&fs::read(&path).with_context(context)?, width * count)
-                .with_context(|| format!("{} is not what maps.json says", path.display()))?
-        }
+        Some(file) => numbers(&read_file(folder, file)?, width * count)
+            .with_context(|| format!("{file} is not what maps.json says"))?,
     };
     Ok(Map {
         of: text("of").context("what a map is of")?,
@@ -143,11 +172,17 @@ fn read_map(folder: &Path, entry: &Value, size: [u32; 3]) -> Result<Map> {
 
 /// This many bytes after the header of a file in NumPy's format.
 fn numbers(file: &[u8], length: usize) -> Option<Vec<u8>> {
+    let data = data(file).filter(|data| data.len() == length)?;
+    Some(data.to_vec())
+}
+
+/// The numbers behind the head of a file in NumPy's format.
+fn data(file: &[u8]) -> Option<&[u8]> {
     let (magic, rest) = file.split_at_checked(8)?;
     let (head, rest) = rest.split_at_checked(2)?;
     let head = usize::from(u16::from_le_bytes([head[0], head[1]]));
     let data = rest.get(head..)?;
-    (magic == b"\x93NUMPY\x01\x00" && data.len() == length).then(|| data.to_vec())
+    (magic == b"\x93NUMPY\x01\x00").then_some(data)
 }
 
 #[cfg(test)]

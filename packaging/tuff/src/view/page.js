@@ -21,9 +21,17 @@ const TITLES = {
   any_hit_shaders: "Any-hit shaders",
   intersection_shaders: "Intersection shaders",
   nanoseconds: "Nanoseconds",
+  primitives: "Primitives",
+  failed_tests: "Failed depth and stencil tests",
+  fragment_shaders: "Fragment shaders",
 };
-const OF = { ray: "each ray by itself, the same on every machine", run: "the way really taken" };
-const SHOWN_FIRST = ["rays", "steps", "primitive_tests", "nanoseconds"];
+const RUN = "the way really taken";
+const OF = { ray: "each ray by itself, the same on every machine", run: RUN };
+const OF_PASSES = { ray: "each pixel by itself, the same on every machine", run: RUN };
+const SHOWN_FIRST = [
+  ...["rays", "steps", "primitive_tests", "nanoseconds"],
+  ...["primitives", "failed_tests", "fragment_shaders"],
+];
 
 // Polynomials in [0, 1], one row a power, one column a channel.
 const VIRIDIS = [
@@ -68,28 +76,41 @@ const number = (value) => value.toLocaleString("en");
 const float = (value) => (typeof value === "number" ? String(Number(value.toPrecision(7))) : value);
 const vector = (values) => `(${values.map(float).join(", ")})`;
 
-// The numbers of a map: bytes of each number are in planes, the lowest first.
-async function unpack(map, command) {
-  const length = count(command);
+// Numbers of so many bytes: bytes of each number are in planes, the lowest first.
+async function unpack(data, width, length) {
   const values = new Uint32Array(length);
-  if (map.data === null) {
+  if (data === null) {
     return values;
   }
-  const text = atob(map.data);
-  const packed = Uint8Array.from(text, (letter) => letter.charCodeAt(0));
+  const text = atob(data);
+  const packed = new Uint8Array(text.length);
+  for (let i = 0; i < text.length; i++) {
+    packed[i] = text.charCodeAt(i);
+  }
   const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));
   const bytes = new Uint8Array(await new Response(stream).arrayBuffer());
-  for (let plane = 0; plane < map.width; plane++) {
-    const factor = 2 ** (8 * plane);
+  for (let plane = 0; plane < width; plane++) {
+    const at = plane * length;
     for (let i = 0; i < length; i++) {
-      values[i] += bytes[plane * length + i] * factor;
+      values[i] |= bytes[at + i] << (8 * plane);
     }
   }
   return values;
 }
 
+// The floats of a file.
+const floatFiles = new Map();
+function floats(name) {
+  if (!floatFiles.has(name)) {
+    const { data: packed, length } = data.floats[name];
+    const words = unpack(packed, 4, length);
+    floatFiles.set(name, words.then((values) => new Float32Array(values.buffer)));
+  }
+  return floatFiles.get(name);
+}
+
 function numbersOf(map, command) {
-  map.values ??= unpack(map, command);
+  map.values ??= unpack(map.data, map.width, count(command));
   return map.values;
 }
 
@@ -101,7 +122,54 @@ const state = {
   view: { x: 0, y: 0, zoom: 1, whole: true },
   place: null,
   figures: [],
+  // The path that is shown, and where the ends of its rays are seen.
+  path: null,
+  places: [],
 };
+
+// Numbers in ascending order; quickly where few differ, as in most maps.
+function sortedNumbers(values) {
+  let most = 0;
+  for (let i = 0; i < values.length; i++) {
+    most = Math.max(most, values[i]);
+  }
+  if (most >= 1 << 20) {
+    return values.slice().sort();
+  }
+  const counts = new Uint32Array(most + 1);
+  for (let i = 0; i < values.length; i++) {
+    counts[values[i]]++;
+  }
+  const sorted = new Uint32Array(values.length);
+  let at = 0;
+  for (let value = 0; value <= most; value++) {
+    sorted.fill(value, at, at + counts[value]);
+    at += counts[value];
+  }
+  return sorted;
+}
+
+function sumOf(values) {
+  let sum = 0;
+  for (let i = 0; i < values.length; i++) {
+    sum += values[i];
+  }
+  return sum;
+}
+
+// The place of the first of ascending numbers that is at least some number.
+function firstFrom(sorted, number) {
+  let [from, to] = [0, sorted.length];
+  while (from < to) {
+    const middle = (from + to) >> 1;
+    if (sorted[middle] < number) {
+      from = middle + 1;
+    } else {
+      to = middle;
+    }
+  }
+  return from;
+}
 
 // A map as it is shown.
 class Figure {
@@ -109,12 +177,12 @@ class Figure {
     Object.assign(this, { map, command, values });
     const layer = command.size[0] * command.size[1];
     this.layer = values.subarray(layer * state.layer, layer * (state.layer + 1));
-    const sorted = this.layer.slice().sort();
+    const sorted = sortedNumbers(this.layer);
     this.most = sorted[sorted.length - 1] ?? 0;
     // Few large numbers would leave the others one colour.
     this.end = Math.max(sorted[Math.ceil((sorted.length - 1) * 0.999)] ?? 0, 1);
     this.median = sorted[(sorted.length - 1) >> 1] ?? 0;
-    this.sum = this.layer.reduce((sum, value) => sum + value, 0);
+    this.sum = sumOf(this.layer);
     this.element = document.createElement("figure");
     this.element.dataset.map = map.name;
     const title = TITLES[map.name] ?? map.name;
@@ -124,7 +192,8 @@ class Figure {
       <div class="scale"><span>0</span><i></i><span></span></div><div class="histogram"></div>`;
     const [name, of] = this.element.querySelectorAll("b, small");
     name.textContent = title;
-    of.textContent = `${number(this.sum)} in all · most ${number(this.most)} · of ${OF[map.of] ?? map.of}`;
+    const texts = command.kind === "pass" ? OF_PASSES : OF;
+    of.textContent = `${number(this.sum)} in all · most ${number(this.most)} · of ${texts[map.of] ?? map.of}`;
     this.element.querySelectorAll(".scale span")[1].textContent =
       this.end < this.most ? `${number(this.end)} and more` : number(this.end);
     this.canvas = this.element.querySelector("canvas");
@@ -138,10 +207,8 @@ class Figure {
   // Bars of equal parts of the scale. Heights are logarithms: rare numbers show.
   histogram(sorted) {
     const bars = 48;
-    const counts = new Array(bars).fill(0);
-    for (const value of sorted) {
-      counts[Math.min(Math.floor((value / (this.end + 1)) * bars), bars - 1)]++;
-    }
+    const edges = Array.from({ length: bars }, (_, i) => firstFrom(sorted, (i * (this.end + 1)) / bars));
+    const counts = edges.map((from, i) => (edges[i + 1] ?? sorted.length) - from);
     const highest = Math.log1p(Math.max(...counts));
     const shapes = counts.map((many, i) => {
       const height = highest > 0 ? (Math.log1p(many) / highest) * 40 : 0;
@@ -159,14 +226,17 @@ class Figure {
   paint(colours, logarithmic) {
     const [width, height] = this.command.size;
     const image = new ImageData(width, height);
-    const end = logarithmic ? Math.log1p(this.end) : this.end;
-    for (let i = 0; i < this.layer.length; i++) {
-      const value = logarithmic ? Math.log1p(this.layer[i]) : this.layer[i];
-      const index = Math.min(Math.round((value / end) * 255), 255) * 3;
-      image.data[4 * i] = colours[index];
-      image.data[4 * i + 1] = colours[index + 1];
-      image.data[4 * i + 2] = colours[index + 2];
-      image.data[4 * i + 3] = 255;
+    const words = new Uint32Array(256);
+    const bytes = new Uint8Array(words.buffer);
+    for (let i = 0; i < 256; i++) {
+      bytes.set([colours[3 * i], colours[3 * i + 1], colours[3 * i + 2], 255], 4 * i);
+    }
+    const pixels = new Uint32Array(image.data.buffer);
+    const { layer } = this;
+    const scale = 255 / (logarithmic ? Math.log1p(this.end) : this.end);
+    for (let i = 0; i < layer.length; i++) {
+      const value = logarithmic ? Math.log1p(layer[i]) : layer[i];
+      pixels[i] = words[Math.min((value * scale + 0.5) | 0, 255)];
     }
     this.picture.getContext("2d").putImageData(image, 0, 0);
     const stops = [0, 0.25, 0.5, 0.75, 1].map((x) => {
@@ -196,6 +266,7 @@ class Figure {
       context.strokeStyle = "#fff";
       context.strokeRect(left, top, side, side);
     }
+    drawPath(context);
   }
 }
 
@@ -260,7 +331,7 @@ function select(place) {
 }
 
 // Shows the path of the selected pixel, or the command that captures it.
-function showPath() {
+async function showPath() {
   const index = launchIndex(state.place);
   const { frame, kind, extent, command } = state.command;
   const captured = data.paths.filter(
@@ -274,6 +345,14 @@ function showPath() {
   const path = captured.find((one) => one.command === command) ?? captured[0];
   const place = find("path");
   place.replaceChildren();
+  state.path = path ?? null;
+  state.places = [];
+  drawSpace();
+  draw();
+  if (kind === "pass") {
+    place.textContent = "Rays of drawing are counted, and have no path.";
+    return;
+  }
   if (!path) {
     const told = document.createElement("p");
     told.textContent = `The path of (${index.join(", ")}) is not captured. This captures it; then make the page anew:`;
@@ -289,19 +368,37 @@ function showPath() {
     const item = document.createElement("li");
     const hit = ray.hit ? `hit at t = ${float(ray.hit.t)}` : "miss";
     const shader = ray.shader ? `, ${ray.shader.stage} shader` : "";
+    const record = ray.record === undefined ? "" : `, record ${ray.record}${ray.shader ? "" : ": no shader runs"}`;
     const parent = ray.parent === null ? "" : ` in a shader of ray ${ray.parent}`;
-    item.textContent = `${ray.instruction}${parent}: from ${vector(ray.origin)} along ${vector(ray.direction)}: ${hit}${shader}`;
+    const interval = ray.t_min === undefined ? "" : `, t from ${float(ray.t_min)} to ${float(ray.t_max)}`;
+    const flags = ray.flag_names?.length ? `, ${ray.flag_names.join(", ")}` : "";
+    item.textContent = `${ray.instruction}${parent}: from ${vector(ray.origin)} along ${vector(ray.direction)}${interval}${flags}: ${hit}${shader}${record}`;
     const met = document.createElement("ul");
     for (const one of ray.met ?? []) {
       const part = document.createElement("li");
       const t = one.t === null ? "" : `t = ${float(one.t)}: `;
-      part.textContent = `${t}${one.primitive_kind} ${one.primitive} of geometry ${one.geometry}, instance ${one.instance}: ${one.outcome}`;
+      part.textContent = `${t}${one.primitive_kind} ${one.primitive} of geometry ${one.geometry}, instance ${one.instance}: ${one.outcome}${one.opaque ? " (opaque)" : ""}`;
       met.append(part);
     }
     item.append(met);
     list.append(item);
   }
-  place.append(list);
+  const told = document.createElement("p");
+  place.append(told, list, ...tableOf(path));
+  const places = await placesOf(path, state.command);
+  if (state.path !== path) {
+    return;
+  }
+  state.places = places;
+  const seen = places.filter((one) => one.from && one.to).length;
+  told.textContent = places.length
+    ? `${seen} of ${path.rays.length} rays are drawn over the maps, where their ends are seen along the first rays of the launch, also through surfaces; all are drawn among the boxes.`
+    : "The first rays of the launch are not captured; the path is drawn among the boxes.";
+  places.forEach((one, i) => {
+    const text = (at) => (at ? `(${at.join(", ")})` : "outside");
+    list.children[i].title = `seen from ${text(one.from)} to ${text(one.to)}`;
+  });
+  draw();
 }
 
 // A cell of a table, or its head.
@@ -311,16 +408,29 @@ function cell(text, kind = "td") {
   return made;
 }
 
+const milliseconds = (nanoseconds) => `${(nanoseconds / 1e6).toPrecision(3)} ms`;
+
+// The time of a structure's build, if it is known.
+function built(structure) {
+  const time = structure.build_nanoseconds;
+  if (typeof time !== "number") {
+    return "";
+  }
+  return `, ${structure.is_update ? "updated" : "built"} in ${milliseconds(time)}`;
+}
+
+const flagsOf = (structure) => (structure.flags?.length ? `, ${structure.flags.join(", ")}` : "");
+
 // Lists the structures that the command's rays name.
 function showStructures() {
   const place = find("structures");
   place.replaceChildren();
   for (const top of state.command.structures ?? []) {
     const told = document.createElement("p");
-    told.textContent = `Top level at ${top.address}: ${number(top.active_instances)} instances, ${number(top.bytes)} bytes, depth ${top.depth}${top.left_out_of_file ? `; ${number(top.left_out_of_file)} primitives or instances are not in the file` : ""}. As glTF: ${top.file}`;
+    told.textContent = `Top level at ${top.address}: ${number(top.active_instances)} instances, ${number(top.bytes)} bytes, depth ${top.depth}${built(top)}${flagsOf(top)}${top.left_out_of_file ? `; ${number(top.left_out_of_file)} primitives or instances are not in the file` : ""}. As glTF: ${top.file}`;
     const table = document.createElement("table");
     const head = document.createElement("tr");
-    head.append(...["bottom level", "primitives", "instances", "bytes", "depth"].map((text) => cell(text, "th")));
+    head.append(...["bottom level", "primitives", "instances", "bytes", "depth", "build"].map((text) => cell(text, "th")));
     table.append(head);
     const bottoms = [...top.bottom_levels].sort((a, b) => b.bytes - a.bytes);
     for (const bottom of bottoms.slice(0, 100)) {
@@ -328,8 +438,15 @@ function showStructures() {
       row.title = `${bottom.address}, ${bottom.geometries} geometries, ${bottom.nodes} nodes, ${bottom.flags.join(", ") || "no flags"}`;
       const kind = cell(bottom.kind, "th");
       const numbers = [bottom.primitives, bottom.instances, bottom.bytes, bottom.depth];
+      const time = bottom.build_nanoseconds;
       row.append(kind, ...numbers.map((value) => cell(number(value))));
+      row.append(cell(typeof time === "number" ? milliseconds(time) : "—"));
       table.append(row);
+      const flags = document.createElement("tr");
+      const all = cell(`${bottom.address}: ${bottom.flags.join(", ") || "no flags"}${bottom.is_update ? ", updated" : ""}`);
+      all.colSpan = 6;
+      flags.append(all);
+      table.append(flags);
     }
     place.append(told, table);
     if (bottoms.length > 100) {
@@ -441,7 +558,7 @@ async function show() {
 
 function choose(index) {
   const command = data.commands[index];
-  Object.assign(state, { command, layer: 0, place: null });
+  Object.assign(state, { command, layer: 0, place: null, path: null, places: [] });
   state.view.whole = true;
   find("place").textContent = "—";
   find("values").replaceChildren();
@@ -468,6 +585,7 @@ function choose(index) {
   });
   find("shown").replaceChildren(find("shown").firstElementChild, ...boxes);
   showStructures();
+  showBoxes();
   show();
 }
 
@@ -477,7 +595,9 @@ find("controls").addEventListener("submit", (event) => event.preventDefault());
 find("command").append(
   ...data.commands.map((command, i) => {
     const of = command.pipeline ? ` of “${command.pipeline}”` : "";
-    const text = `frame ${command.frame}, command ${command.command}: ${command.kind} ${command.extent.join(" × ")}${of}`;
+    const name = command.kind === "pass" ? "pass" : "command";
+    const what = command.kind === "pass" ? "" : `${command.kind} `;
+    const text = `frame ${command.frame}, ${name} ${command.command}: ${what}${command.extent.join(" × ")}${of}`;
     return new Option(text, i);
   }),
 );
@@ -492,9 +612,10 @@ find("scale").addEventListener("change", paint);
 find("closer").addEventListener("click", () => zoom(1.5));
 find("farther").addEventListener("click", () => zoom(1 / 1.5));
 find("whole").addEventListener("click", whole);
+listenToSpace();
 addEventListener("resize", () => state.command && fit());
 if (data.commands.length > 0) {
   choose(0);
 } else {
-  find("note").textContent = "No command that traces rays was captured in the wanted frames.";
+  find("note").textContent = "No command that traces rays and no pass was captured in the wanted frames.";
 }

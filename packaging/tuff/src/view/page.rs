@@ -6,13 +6,14 @@ use std::path::Path;
 use anyhow::Result;
 use flate2::Compression;
 use flate2::write::ZlibEncoder;
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
 
-use super::capture::{Capture, Map, MapCommand};
+use super::capture::{Capture, MapCommand};
 
 const PAGE: &str = include_str!("page.html");
 const STYLE: &str = include_str!("page.css");
-const SCRIPT: &str = include_str!("page.js");
+/// The first defines what the second uses.
+const SCRIPT: &str = concat!(include_str!("space.js"), "\n", include_str!("page.js"));
 
 /// The page of the capture in a folder.
 ///
@@ -20,12 +21,18 @@ const SCRIPT: &str = include_str!("page.js");
 /// Out of memory.
 pub fn of(capture: &Capture, folder: &Path) -> Result<String> {
     let commands = capture.commands.iter().map(command);
+    let floats = capture.floats.iter().map(|(name, bytes)| {
+        let file = json!({ "length": bytes.len() / 4, "data": packed(bytes, 4)? });
+        Ok((name.clone(), file))
+    });
+    let floats: Map<String, Value> = floats.collect::<Result<_>>()?;
     let data = json!({
         "program": capture.program,
         "folder": folder.to_string_lossy(),
         "dropped": capture.dropped,
         "commands": commands.collect::<Result<Vec<_>>>()?,
         "paths": capture.paths,
+        "floats": floats,
     });
     Ok(filled(&data))
 }
@@ -55,18 +62,19 @@ fn command(command: &MapCommand) -> Result<Value> {
             "name": map.name,
             "of": map.of,
             "width": map.width,
-            "data": if map.bytes.is_empty() { Value::Null } else { packed(map)?.into() },
+            "data": if map.bytes.is_empty() { Value::Null } else { packed(&map.bytes, map.width)?.into() },
         }))
     });
     entry["maps"] = maps.collect::<Result<Vec<Value>>>()?.into();
     Ok(entry)
 }
 
-/// The numbers as text: the first byte of each, then the second, and so on, compressed (RFC 1950).
-fn packed(map: &Map) -> Result<String> {
+/// Numbers of so many bytes, the first byte of each, then the second, and so on; compressed (RFC
+/// 1950), as text.
+fn packed(bytes: &[u8], width: usize) -> Result<String> {
     let mut encoder = ZlibEncoder::new(Vec::new(), Compression::default());
-    for byte in 0..map.width {
-        let plane = map.bytes.iter().skip(byte).step_by(map.width);
+    for byte in 0..width {
+        let plane = bytes.iter().skip(byte).step_by(width);
         encoder.write_all(&plane.copied().collect::<Vec<u8>>())?;
     }
     Ok(base64(&encoder.finish()?))

@@ -134,6 +134,7 @@ fn chunks(
         workers: &workers,
         limits,
         reach,
+        counts: None,
     };
     let front = FrontEnd::default();
     let mut rounds = Rounds::new(work, targets);
@@ -475,6 +476,7 @@ fn a_draw_of_all_vertices_is_stopped() {
             workers: &workers,
             limits: &limits,
             reach: &Reach::everywhere(),
+            counts: None,
         };
         let stopped = loop {
             match front.next_round(context, &targets, &work, &mut rounds) {

@@ -373,6 +373,7 @@ pub fn run_within(
         workers: &workers,
         limits,
         reach: &Reach::default(),
+        counts: None,
     };
     Tiles::default().run(context, targets, work, chunks)
 }

@@ -1,22 +1,24 @@
 //! `TUFF_CAPTURE` without a pixel: what each invocation's rays cost, expected from where the
 //! triangles are.
 
-use std::collections::BTreeMap;
+mod reading;
+
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
+use std::sync::atomic::{AtomicU32, Ordering};
 
+use reading::{Captured, read};
 use serde_json::{Value, json};
 use tuff_tests::*;
 
 /// Says in a child what to do there.
 const CHILD: &str = "TUFF_TEST_MAPS";
 
-/// Maps of the way that was taken: the other counts are those of each ray by itself.
-const OF_THE_RUN: [&str; 3] = ["any_hit_shaders", "intersection_shaders", "nanoseconds"];
-
-/// A folder of its own for a test's capture.
+/// A folder of its own for a test's capture: several tests capture the same work.
 fn folder(name: &str) -> PathBuf {
-    let name = format!("tuff-maps-{}-{name}", std::process::id());
+    static COUNT: AtomicU32 = AtomicU32::new(0);
+    let count = COUNT.fetch_add(1, Ordering::Relaxed);
+    let name = format!("tuff-maps-{}-{count}-{name}", std::process::id());
     std::env::temp_dir().join(name)
 }
 
@@ -41,27 +43,6 @@ fn results(output: &Output) -> Vec<String> {
     lines.map(|(_, words)| words.to_owned()).collect()
 }
 
-/// A captured command: its entry in the list, and its maps by name.
-struct Captured {
-    entry: Value,
-    /// JSON of the structures' files.
-    scenes: Vec<Value>,
-    maps: BTreeMap<String, Vec<u32>>,
-}
-
-impl Captured {
-    fn map(&self, name: &str) -> &[u32] {
-        &self.maps[name]
-    }
-
-    /// The maps that every machine has alike.
-    fn alone(&self) -> BTreeMap<&str, &[u32]> {
-        let maps = (self.maps.iter()).map(|(name, map)| (name.as_str(), map.as_slice()));
-        maps.filter(|(name, _)| !OF_THE_RUN.contains(name))
-            .collect()
-    }
-}
-
 /// Captures work in a child, with the same results as without.
 fn captured(what: &str, more: &[(&str, &str)]) -> Vec<Captured> {
     let (results_with, commands) = captured_with(what, more);
@@ -84,77 +65,6 @@ fn captured_with(what: &str, more: &[(&str, &str)]) -> (Vec<String>, Vec<Capture
     (results(&output), commands)
 }
 
-fn read(folder: &Path) -> Vec<Captured> {
-    let json = std::fs::read_to_string(folder.join("maps.json")).expect("maps.json");
-    let mut all: Vec<Value> = serde_json::from_str(&json).expect("an array in JSON");
-    assert_eq!(all.remove(0)["version"], 1);
-    let commands = all.into_iter().filter(|entry| entry["maps"].is_array());
-    let commands = commands.map(|entry| {
-        let sizes: Vec<u64> = serde_json::from_value(entry["size"].clone()).expect("three sizes");
-        let count = sizes.iter().product::<u64>() as usize;
-        let maps = entry["maps"].as_array().expect("a list").iter().map(|map| {
-            let numbers = match map["file"].as_str() {
-                None => vec![0; count],
-                Some(file) => {
-                    let bytes = std::fs::read(folder.join(file)).expect("a map's file");
-                    numbers(&bytes, map["type"].as_str().expect("a type"), &sizes)
-                }
-            };
-            assert_eq!(numbers.len(), count);
-            assert_eq!(map["most"], json!(numbers.iter().max()), "{map}");
-            let sum: u64 = numbers.iter().map(|&number| u64::from(number)).sum();
-            assert_eq!(map["sum"], json!(sum), "{map}");
-            let name = map["name"].as_str().expect("a name").to_owned();
-            let expected = match OF_THE_RUN.contains(&&*name) {
-                true => "run",
-                false => "ray",
-            };
-            assert_eq!(map["of"], expected, "{map}");
-            (name, numbers)
-        });
-        let maps = maps.collect();
-        let structures = entry["structures"].as_array().expect("a list").iter();
-        let scenes = structures.map(|it| gltf(&folder.join(it["file"].as_str().expect("a file"))));
-        let scenes = scenes.collect();
-        Captured {
-            entry,
-            scenes,
-            maps,
-        }
-    });
-    commands.collect()
-}
-
-/// The JSON of a binary glTF file.
-fn gltf(path: &Path) -> Value {
-    let bytes = std::fs::read(path).expect("a structure's file");
-    assert_eq!(&bytes[..4], b"glTF");
-    let word = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().expect("four bytes"));
-    assert_eq!(word(8) as usize, bytes.len());
-    serde_json::from_slice(&bytes[20..20 + word(12) as usize]).expect("JSON")
-}
-
-/// Numbers of a file as `numpy.load` reads them.
-fn numbers(bytes: &[u8], descr: &str, sizes: &[u64]) -> Vec<u32> {
-    let [width, height, depth] = sizes else {
-        panic!("{sizes:?}");
-    };
-    assert_eq!(&bytes[..8], b"\x93NUMPY\x01\x00");
-    let data = 10 + usize::from(u16::from_le_bytes([bytes[8], bytes[9]]));
-    let head = std::str::from_utf8(&bytes[10..data]).expect("it is ASCII");
-    let shape = format!(
-        "'descr': '{descr}', 'fortran_order': False, 'shape': ({depth}, {height}, {width}), "
-    );
-    assert!(head.contains(&shape), "{head} has {shape}");
-    let size = descr[2..].parse().expect("bytes of a number");
-    let number = |bytes: &[u8]| {
-        let mut word = [0; 4];
-        word[..size].copy_from_slice(bytes);
-        u32::from_le_bytes(word)
-    };
-    bytes[data..].chunks(size).map(number).collect()
-}
-
 /// A triangle at a height, which rays along z at (0.25, 0.25) meet.
 fn triangle(z: f32) -> [[f32; 3]; 3] {
     [[0.0, 0.0, z], [1.0, 0.0, z], [0.0, 1.0, z]]
@@ -174,6 +84,8 @@ fn work_in_a_child() {
         Some("callables") => callables(&gpu),
         Some("queries") => queries(&gpu),
         Some("many") => many(&gpu),
+        Some("passes") => passes(&gpu),
+        Some("large") => large(&gpu),
         Some("die") => {
             one_triangle(&gpu);
             std::process::abort();
@@ -279,6 +191,16 @@ fn rays_are_counted_where_they_are_traced() {
     let time = command.map("nanoseconds");
     assert!(time.iter().any(|&number| number > 0));
     assert_eq!(command.maps.len(), 15);
+    assert_eq!(entry["first_rays"]["step"], json!([1, 1, 1]));
+    assert_eq!(entry["first_rays"]["size"], json!([40, 30, 1]));
+    for (index, line) in command.first_rays.chunks(6).enumerate() {
+        let (x, y) = ((index % 40) as f32, (index / 40) as f32);
+        match (x, y) {
+            (7.0, 5.0) => assert!(line[1].is_nan()),
+            (39.0, 29.0) => assert_eq!(line[0], f32::NEG_INFINITY),
+            _ => assert_eq!(line, [x + 0.125, y + 0.125, 0.0, 0.0, 0.0, 1.0]),
+        }
+    }
 }
 
 #[test]
@@ -370,6 +292,25 @@ fn structures_are_written_as_they_were_built() {
         bottom["bounds"],
         json!([[1.0, 1.0, 2.0], [2.2f32, 2.2f32, 2.0]])
     );
+    for built in [structure, bottom] {
+        assert!(built["build_nanoseconds"].as_u64() > Some(0), "{built}");
+        assert_eq!(built["is_update"], false);
+        assert_eq!(built["boxes"]["levels"], json!([{ "boxes": 1, "kept": 1 }]));
+    }
+    // Boxes are as large as what is in them, rounded outwards.
+    let exact = [1.0, 1.0, 2.0, 2.2f32, 2.2, 2.0];
+    assert_eq!(commands[0].boxes.len(), 2);
+    for boxes in &commands[0].boxes {
+        assert_eq!(boxes.len(), 6);
+        for (axis, (bound, exact)) in boxes.iter().zip(exact).enumerate() {
+            let inside = if axis < 3 {
+                bound - exact
+            } else {
+                exact - bound
+            };
+            assert!((-1e-3..=0.0).contains(&inside), "{boxes:?}");
+        }
+    }
     let scene = &commands[0].scenes[0];
     assert_eq!(scene["nodes"].as_array().map(Vec::len), Some(1));
     let primitive = &scene["meshes"][0]["primitives"][0];
@@ -501,6 +442,170 @@ fn callables_are_counted() {
     assert_eq!(commands[0].map("rays"), [0; 40]);
 }
 
+/// Three passes into 40 × 30 pixels. In the first, a triangle over all of them traces rays by ray
+/// queries, as many as its row says; one behind it is drawn to the left half and fails the depth
+/// test. The second has a program that computes nothing, the third has none. A fourth only clears.
+fn passes(gpu: &Gpu) -> Vec<u32> {
+    let world = gpu.scene(&[Geometry::opaque(&triangle(1.0))]);
+    let set = gpu.set_of(&[world.into()]);
+    let vertex = "
+        layout(push_constant) uniform Push { float depth; };
+        void main() {
+            vec2 at = vec2(gl_VertexIndex == 1 ? 3.0 : -1.0, gl_VertexIndex == 2 ? 3.0 : -1.0);
+            gl_Position = vec4(at, depth, 1.0);
+        }";
+    let fragment = "
+        #extension GL_EXT_ray_query : require
+        layout(set = 0, binding = 0) uniform accelerationStructureEXT world;
+        layout(location = 0) out vec4 color;
+        void main() {
+            uint found = 0u;
+            for (uint i = 0u; i < 1u + uint(gl_FragCoord.y) % 3u; i++) {
+                rayQueryEXT query;
+                rayQueryInitializeEXT(query, world, 0u, 0xff,
+                    vec3(gl_FragCoord.x < 10.0 ? 0.25 : 9.0, 0.25, 0), 0.0, vec3(0, 0, 1), 50.0);
+                rayQueryProceedEXT(query);
+                found += rayQueryGetIntersectionTypeEXT(query, true);
+            }
+            color = vec4(float(found) / 8.0);
+        }";
+    let canvas = gpu.canvas(RGBA, 40, 30);
+    let depth = gpu.canvas(vk::Format::D32_SFLOAT, 40, 30);
+    let mut painting = Painting::new(gpu, vertex, fragment, RGBA);
+    painting.layout = gpu.layout(&[set.layout]);
+    painting.depth = vk::Format::D32_SFLOAT;
+    painting.depth_stencil = (painting.depth_stencil)
+        .depth_test_enable(true)
+        .depth_write_enable(true)
+        .depth_compare_op(vk::CompareOp::LESS);
+    let traced = gpu.painting(&painting);
+    painting.fragment = Some(WHITE);
+    let plain = gpu.painting(&painting);
+    let mut alone = painting.clone();
+    (alone.fragment, alone.colors, alone.blend) = (None, Vec::new(), Vec::new());
+    let alone = gpu.painting(&alone);
+    let pass = Pass {
+        depth: Some(depth),
+        clear_depth: Some((1.0, 0)),
+        ..Pass::black(&canvas)
+    };
+    let draw = |commands, pipeline, depth: f32| {
+        gpu.bind(commands, pipeline);
+        gpu.push(commands, painting.layout, &depth);
+        gpu.draw_vertices(commands, 3);
+    };
+    let mut words = Vec::new();
+    let mut keep = || words.extend(gpu.colors(&canvas).into_iter().map(u32::from_le_bytes));
+    gpu.draw(&pass, |commands| {
+        gpu.bind_set(commands, painting.layout, set.handle);
+        draw(commands, traced, 0.25);
+        let half = vk::Rect2D::default().extent(vk::Extent2D {
+            width: 20,
+            height: 30,
+        });
+        // SAFETY: the command buffer is being recorded.
+        unsafe { gpu.device.cmd_set_scissor(commands, 0, &[half]) };
+        draw(commands, traced, 0.75);
+    });
+    keep();
+    gpu.draw(&pass, |commands| draw(commands, plain, 0.5));
+    keep();
+    let depths = Pass {
+        colors: &[],
+        clears: &[],
+        ..pass
+    };
+    gpu.draw(&depths, |commands| draw(commands, alone, 0.5));
+    gpu.draw(&pass, |_| ());
+    words
+}
+
+#[test]
+fn pixels_of_passes_are_counted() {
+    if !is_tuff() {
+        return;
+    }
+    let commands = captured("passes", &[]);
+    assert_eq!(commands.len(), 3, "one that only clears is none");
+    for (number, command) in commands.iter().enumerate() {
+        assert_eq!(command.entry["kind"], "pass");
+        assert_eq!(command.entry["command"], json!(number));
+        assert_eq!(command.entry["extent"], json!([40, 30, 1]));
+        assert_eq!(command.maps.len(), 12);
+        assert!(command.first_rays.is_empty());
+    }
+    let map = |of: &dyn Fn(u32, u32) -> u32| -> Vec<u32> {
+        (0..30)
+            .flat_map(|y| (0..40).map(move |x| (x, y)))
+            .map(|(x, y)| of(x, y))
+            .collect()
+    };
+    let left = |x: u32, number: u32| if x < 10 { number } else { 0 };
+    let [traced, plain, alone] = &commands[..] else {
+        panic!("three passes");
+    };
+    for (name, expected) in [
+        ("primitives", map(&|x, _| 1 + u32::from(x < 20))),
+        ("failed_tests", map(&|x, _| u32::from(x < 20))),
+        ("fragment_shaders", map(&|_, _| 1)),
+        ("rays", map(&|_, y| 1 + y % 3)),
+        ("steps", map(&|x, y| (1 + y % 3) * (1 + left(x, 1)))),
+        ("box_tests", map(&|_, y| 1 + y % 3)),
+        ("primitive_tests", map(&|x, y| left(x, 1 + y % 3))),
+        ("any_hit_candidates", map(&|_, _| 0)),
+        ("nan_rays", map(&|_, _| 0)),
+    ] {
+        assert_eq!(traced.map(name), expected, "{name}");
+    }
+    assert!(traced.map("nanoseconds").iter().any(|&time| time > 0));
+    assert_eq!(traced.entry["structures"][0]["active_instances"], 1);
+    for (command, shaders) in [(plain, 1), (alone, 0)] {
+        assert_eq!(command.map("primitives"), [1; 1200]);
+        assert_eq!(command.map("failed_tests"), [0; 1200]);
+        assert_eq!(command.map("fragment_shaders"), [shaders; 1200]);
+        assert_eq!(command.map("rays"), [0; 1200]);
+    }
+}
+
+/// 2²³ invocations of a compute shader, one in 2¹⁶ of which traces a ray.
+fn large(gpu: &Gpu) -> Vec<u32> {
+    let world = gpu.scene(&[Geometry::opaque(&triangle(1.0))]);
+    let output = gpu.buffer(4 * 128);
+    let source = r"
+    #extension GL_EXT_ray_query : require
+    layout(local_size_x = 1024) in;
+    layout(set = 0, binding = 0) uniform accelerationStructureEXT world;
+    layout(set = 0, binding = 1, std430) buffer R { uint results[]; };
+    void main() {
+        uint id = gl_GlobalInvocationID.x;
+        if (id % 65536u != 0u) { return; }
+        rayQueryEXT query;
+        rayQueryInitializeEXT(query, world, 0u, 0xff, vec3(0.25, 0.25, 0), 0.0, vec3(0, 0, 1), 9.0);
+        rayQueryProceedEXT(query);
+        results[id / 65536u] = 1u + rayQueryGetIntersectionTypeEXT(query, true);
+    }";
+    let bindings: [(u32, &[Bound]); 2] = [(0, &[world.into()]), (1, &[output.into()])];
+    gpu.compute_with(source, &bindings, [1 << 13, 1, 1]);
+    output.read()
+}
+
+#[test]
+fn large_launches_are_sampled() {
+    if !is_tuff() {
+        return;
+    }
+    let commands = captured("large", &[]);
+    let entry = &commands[0].entry;
+    assert_eq!(entry["extent"], json!([1 << 23, 1, 1]));
+    assert_eq!(
+        (&entry["step"], &entry["size"]),
+        (&json!([2, 1, 1]), &json!([1 << 22, 1, 1]))
+    );
+    let rays = commands[0].map("rays");
+    let by_place = (0..1 << 22).map(|place| u32::from(place % (1 << 15) == 0));
+    assert!(rays.iter().copied().eq(by_place));
+}
+
 /// Seventy commands.
 fn many(gpu: &Gpu) -> Vec<u32> {
     let world = gpu.scene(&[Geometry::opaque(&triangle(1.0))]);
@@ -582,5 +687,35 @@ fn what_cannot_be_written_is_told_once() {
     let text = run(&folder, &folder);
     assert!(text.contains("the capture ends here"), "{text}");
     assert_eq!(read(&folder).len(), 0);
+    let _ = std::fs::remove_dir_all(&folder);
+}
+
+/// No file may grow beyond a few blocks, as on a disk that is full: the maps of bytes are written,
+/// that of words is not.
+#[cfg(unix)]
+#[test]
+fn a_full_disk_ends_the_capture() {
+    if !is_tuff() {
+        return;
+    }
+    let folder = folder("full");
+    let alone = results(&child("triangle", &[]));
+    let mut child = Command::new("/bin/sh");
+    let program = std::env::current_exe().expect("this program");
+    let limited = "trap '' XFSZ; ulimit -f 4; exec \"$0\" --exact work_in_a_child --nocapture";
+    child.arg("-c").arg(limited).arg(program);
+    child.env(CHILD, "triangle").env("TUFF_CAPTURE", &folder);
+    let output = child.output().expect("a shell");
+    assert!(output.status.success(), "{output:?}");
+    assert_eq!(results(&output), alone);
+    let text = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(text.matches("the capture ends here").count(), 1, "{text}");
+    assert_eq!(read(&folder).len(), 0, "the list is whole");
+    let part = |entry: std::io::Result<std::fs::DirEntry>| {
+        let path = entry.expect("an entry").path();
+        path.extension().is_some_and(|it| it == "part")
+    };
+    let maps = std::fs::read_dir(folder.join("command-0000")).expect("a folder");
+    assert!(!maps.into_iter().any(part), "parts of files are removed");
     let _ = std::fs::remove_dir_all(&folder);
 }
