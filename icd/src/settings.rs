@@ -13,7 +13,7 @@ use log::LevelFilter;
 use spirv_jit::{Accuracy, pass};
 use traversal::{Options, Specialisation, Walker};
 
-use crate::os::executable::CODE_PAGES;
+use crate::os::CODE_PAGES;
 use crate::timeline;
 
 /// The settings of the process.

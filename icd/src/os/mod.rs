@@ -29,6 +29,11 @@
 //! No item uses Vulkan. A system error is `None`, `false` or [`Refused`](section::Refused), which
 //! the caller maps to its own error.
 
+use std::ptr::NonNull;
+use std::sync::Once;
+
+use spirv_jit::native::CodePages;
+
 #[cfg(unix)]
 mod unix;
 #[cfg(windows)]
@@ -39,15 +44,24 @@ pub use unix::*;
 #[cfg(windows)]
 pub use windows::*;
 
-/// Reports, once, that the system refuses executable pages.
-fn report_refused_code() {
-    static ONCE: std::sync::Once = std::sync::Once::new();
-    ONCE.call_once(|| {
-        log::error!(
-            "the system refuses executable pages, by a policy or for too little memory: shaders are \
-             interpreted, with the same results; TUFF_NATIVE=0 has the same effect without this line"
-        );
-    });
+/// The code memory of the compiler.
+// SAFETY: `executable::map` and `unmap` keep the trait's contract, as they document.
+pub const CODE_PAGES: CodePages = unsafe { CodePages::new(map_code, executable::unmap) };
+
+/// As [`executable::map`], and reports, once, that the system refuses executable pages.
+fn map_code(code: &[u8]) -> Option<NonNull<u8>> {
+    static ONCE: Once = Once::new();
+    let pages = executable::map(code);
+    if pages.is_none() {
+        ONCE.call_once(|| {
+            log::error!(
+                "the system refuses executable pages, by a policy or for too little memory: \
+                 shaders are interpreted, with the same results; TUFF_NATIVE=0 has the same effect \
+                 without this line"
+            );
+        });
+    }
+    pages
 }
 
 #[cfg(test)]

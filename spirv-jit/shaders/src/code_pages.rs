@@ -5,11 +5,16 @@
 #[cfg_attr(windows, path = "../../../icd/src/os/windows/executable.rs")]
 mod executable;
 
+use spirv_jit::native::CodePages;
+
 pub use executable::{map, unmap};
+
+// SAFETY: `map` and `unmap` keep the trait's contract, as they document.
+const CODE_PAGES: CodePages = unsafe { CodePages::new(map, unmap) };
 
 /// Has programs that are made from now on run native code.
 pub fn allow_native_code() {
-    spirv_jit::native::provide(Some(executable::CODE_PAGES));
+    spirv_jit::native::provide(Some(CODE_PAGES));
 }
 
 #[cfg(all(test, feature = "glsl", target_arch = "x86_64"))]

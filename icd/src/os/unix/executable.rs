@@ -2,14 +2,8 @@
 
 use std::ptr::NonNull;
 
-use spirv_jit::native::CodePages;
-
-/// The code memory of the compiler.
-// SAFETY: `map` and `unmap` keep the trait's contract, as they document.
-pub const CODE_PAGES: CodePages = unsafe { CodePages::new(map, unmap) };
-
 /// Copies code into new pages and makes them read-only and executable. `None` if the system refuses
-/// such pages: too little memory, or a policy (SELinux, seccomp) against them, which is reported.
+/// such pages: too little memory, or a policy (SELinux, seccomp) against them.
 pub fn map(code: &[u8]) -> Option<NonNull<u8>> {
     let length = code.len().max(1);
     // SAFETY: the pages are new, no other code uses them yet, and they are as long as the code.
@@ -29,7 +23,6 @@ pub fn map(code: &[u8]) -> Option<NonNull<u8>> {
         start.copy_from_nonoverlapping(NonNull::from(code).cast(), code.len());
         let rights = libc::PROT_READ | libc::PROT_EXEC;
         if libc::mprotect(start.as_ptr().cast(), length, rights) != 0 {
-            super::super::report_refused_code();
             unmap(start, code.len());
             return None;
         }

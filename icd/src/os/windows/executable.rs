@@ -10,13 +10,9 @@ use windows_sys::Win32::System::Memory::{
 };
 use windows_sys::Win32::System::Threading::GetCurrentProcess;
 
-/// The code memory of the compiler.
-// SAFETY: `map` and `unmap` keep the trait's contract, as they document.
-pub const CODE_PAGES: CodePages = unsafe { CodePages::new(map, unmap) };
-
 /// Copies code into new pages, which are made read-only and executable then. `None` where the
 /// system gives no such pages: too little memory, or a policy against them (dynamic code
-/// prohibited), which is reported.
+/// prohibited).
 pub fn map(code: &[u8]) -> Option<NonNull<u8>> {
     let length = code.len().max(1);
     // SAFETY: the pages are new, no other code uses them yet, and they are as long as the code.
@@ -28,7 +24,6 @@ pub fn map(code: &[u8]) -> Option<NonNull<u8>> {
         let mut before = 0;
         let pages = start.as_ptr().cast();
         if VirtualProtect(pages, length, PAGE_EXECUTE_READ, &mut before) == 0 {
-            super::super::report_refused_code();
             unmap(start, code.len());
             return None;
         }
