@@ -18,10 +18,11 @@
 //! computed by hand. Besides, every module runs on made-up inputs as it is, after its passes and
 //! after all passes, and must do the same.
 //!
-//! `native avx2` in place of `pass` expects the listing of the module's native code. `lower` expects
-//! the IR of SPIR-V in the syntax of `spirv-as`: a compute shader's body, between the declarations
-//! in `filetests/lower/prelude.txt` and the store of `%result`. Lines above one that says `main` are
-//! more declarations. A `run` line then gives the words `%x` and `%y`, and the result.
+//! `native avx2` in place of `pass` expects the listing of the module's native code. `lower`
+//! expects the IR of SPIR-V in the syntax of `spirv-as`: a compute shader's body, between the
+//! declarations in `filetests/lower/prelude.txt` and the store of `%result`. Lines above one that
+//! says `main` are more declarations. A `run` line then gives the words `%x` and `%y`, and the
+//! result.
 //!
 //! `TUFF_BLESS=1 cargo test -p spirv-jit --test filetests` rewrites the expectations; read the
 //! difference before you commit it.
@@ -54,7 +55,7 @@ fn files() -> Vec<PathBuf> {
     files
 }
 
-/// What is done with the input.
+/// A file's task.
 enum Task<'a> {
     Pass(Vec<&'a str>),
     Lower,
@@ -113,7 +114,7 @@ fn parse_run(line: &str) -> Result<(Vec<u32>, Vec<u32>), String> {
     Ok((words(inputs)?, words(outputs)?))
 }
 
-/// What comes out of a case; `None` for native code of a tier that the machine lacks.
+/// The output of a case; `None` for native code of a tier that the machine lacks.
 fn apply(case: &FileTest<'_>) -> Result<Option<String>, String> {
     if let Task::Lower = case.task {
         return lowered(case).map(Some);

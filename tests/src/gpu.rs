@@ -97,6 +97,12 @@ struct Opening {
 }
 
 impl Gpu {
+    /// The device, if it has what a test needs.
+    #[track_caller]
+    pub fn with(self, what: &str, there: impl FnOnce(&Gpu) -> bool) -> Option<Gpu> {
+        has(what, there(&self)).then_some(self)
+    }
+
     /// The first device, with validation where it is installed.
     #[expect(clippy::new_without_default, reason = "opening a device is no default")]
     pub fn new() -> Gpu {

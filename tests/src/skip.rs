@@ -5,8 +5,6 @@ use std::fs::OpenOptions;
 use std::io::Write;
 use std::panic::Location;
 
-use crate::Gpu;
-
 /// Names a file that gets a line for each test that does not run.
 const LIST: &str = "TUFF_TEST_SKIPS";
 
@@ -17,14 +15,6 @@ pub fn has(what: &str, there: bool) -> bool {
         note(what, Location::caller());
     }
     there
-}
-
-impl Gpu {
-    /// The device, if it has what a test needs.
-    #[track_caller]
-    pub fn with(self, what: &str, there: impl FnOnce(&Gpu) -> bool) -> Option<Gpu> {
-        has(what, there(&self)).then_some(self)
-    }
 }
 
 fn note(what: &str, place: &Location<'_>) {

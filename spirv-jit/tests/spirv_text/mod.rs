@@ -1,5 +1,5 @@
-//! SPIR-V as text, in the syntax of the disassemblers: `%sum = OpIAdd %uint %x %y`, an instruction a
-//! line. Masks are numbers or `None`.
+//! SPIR-V as text, in the syntax of the disassemblers: `%sum = OpIAdd %uint %x %y`, an instruction
+//! a line. Masks are numbers or `None`.
 
 use std::collections::HashMap;
 use std::str::FromStr;

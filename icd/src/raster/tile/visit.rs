@@ -293,6 +293,9 @@ impl<'a> Visit<'a> {
         let Some(current) = self.take_draw(records[0].draw)? else {
             return Ok(false);
         };
+        if current.plan.plain().is_none() && current.plan.sampled.is_none() {
+            return Ok(false);
+        }
         let is_one = records.iter().all(|it| it.draw == current.index)
             && records[0].layer == records[1].layer
             && u32::from(records[0].layer) < self.round.targets.layers;
@@ -351,7 +354,8 @@ impl<'a> Visit<'a> {
     }
 
     /// Adds the fragments of two small triangles that no test comes before to the wave, if they are
-    /// a rectangle; else gives false.
+    /// a rectangle; else gives false. Apart from the loop over shapes, which it would make slower.
+    #[inline(never)]
     fn small_halves(
         &mut self,
         current: Current<'a>,
