@@ -404,6 +404,7 @@ impl<'a> Visit<'a> {
         Ok(true)
     }
 
+    #[inline(always)]
     pub(super) fn cover(
         &self,
         chunk: &Chunk,
