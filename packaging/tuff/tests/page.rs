@@ -32,11 +32,9 @@ fn numbers(x: u32, y: u32) -> [u32; 2] {
     [(x + y) % 7, 1000 * x + 100_000 * y]
 }
 
-/// A file in NumPy's format.
-fn npy(descr: &str, width: usize, which: usize) -> Vec<u8> {
-    let [x, y, z] = SIZE;
-    let mut head =
-        format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': ({z}, {y}, {x}), }}");
+/// The head of a file that NumPy reads, version 1.0 of its format.
+fn npy_head(descr: &str, shape: &str) -> Vec<u8> {
+    let mut head = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': ({shape}), }}");
     while (head.len() + 11) % 64 != 0 {
         head.push(' ');
     }
@@ -44,6 +42,13 @@ fn npy(descr: &str, width: usize, which: usize) -> Vec<u8> {
     let mut file = b"\x93NUMPY\x01\x00".to_vec();
     file.extend((head.len() as u16).to_le_bytes());
     file.extend(head.bytes());
+    file
+}
+
+/// A file in NumPy's format.
+fn npy(descr: &str, width: usize, which: usize) -> Vec<u8> {
+    let [x, y, z] = SIZE;
+    let mut file = npy_head(descr, &format!("{z}, {y}, {x}"));
     for y in 0..y {
         for x in 0..x {
             file.extend(&numbers(x, y)[which].to_le_bytes()[..width]);
@@ -54,14 +59,7 @@ fn npy(descr: &str, width: usize, which: usize) -> Vec<u8> {
 
 /// Floats as NumPy writes them.
 fn floats(shape: &str, rows: impl Iterator<Item = [f32; 6]>) -> Vec<u8> {
-    let mut head = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({shape}, 6), }}");
-    while (head.len() + 11) % 64 != 0 {
-        head.push(' ');
-    }
-    head.push('\n');
-    let mut file = b"\x93NUMPY\x01\x00".to_vec();
-    file.extend((head.len() as u16).to_le_bytes());
-    file.extend(head.bytes());
+    let mut file = npy_head("<f4", &format!("{shape}, 6"));
     file.extend(rows.flatten().flat_map(f32::to_le_bytes));
     file
 }
