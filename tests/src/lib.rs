@@ -73,7 +73,7 @@ pub use patience::{PATIENCE, PATIENCE_NS, comes, enough};
 pub use present_times::{PresentTimes, PresentationTiming, Stages};
 pub use presenter::{Asked, Chain, Presenter, red_first, screen_picture};
 pub use shader::{Stage, glsl, glsl_nv};
-pub use skip::has;
+pub use skip::{has, has_program};
 pub use trace::{Group, Rays, Record, Table};
 #[cfg(windows)]
 pub use win32_window::Win32Window;

@@ -287,7 +287,7 @@ fn a_replay_shows_the_captured_pictures() {
     if std::env::var_os(CAPTURED).is_some() {
         return run_program();
     }
-    if !has("GFXReconstruct", is_installed()) || Gpu::presenting().is_none() {
+    if !has_program("GFXReconstruct", is_installed()) || Gpu::presenting().is_none() {
         return;
     }
     let name = format!("tuff-recordings-{}", std::process::id());

@@ -1,5 +1,5 @@
-//! Black-box tests that were skipped because the device lacks a feature. The tests list them in a
-//! file.
+//! Black-box tests that were skipped because the device lacks a feature, or the machine an optional
+//! program. The tests list them in a file.
 
 use std::fs;
 use std::path::PathBuf;
@@ -25,13 +25,35 @@ impl Skips {
         tests.env("TUFF_TEST_SKIPS", &self.0);
     }
 
-    /// Prints the entries of the list; returns their count.
+    /// Prints the entries of the list. Returns the number of tests that need a feature which the
+    /// device lacks.
     pub fn print(&self) -> Result<usize> {
         let list = fs::read_to_string(&self.0).context("reading the list of skipped tests")?;
         let mut lines: Vec<_> = list.lines().collect();
         lines.sort_unstable();
         println!("{} black-box tests did not run", lines.len());
         lines.iter().for_each(|line| println!("    {line}"));
-        Ok(lines.len())
+        Ok(count_features(&lines))
+    }
+}
+
+fn count_features(lines: &[&str]) -> usize {
+    let is_feature = |line: &&&str| line.starts_with("skipped: ");
+    lines.iter().filter(is_feature).count()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The lines are those of `tests/src/skip.rs`.
+    #[test]
+    fn a_missing_program_is_no_missing_feature() {
+        let program = "not installed: a_replay needs GFXReconstruct";
+        assert_eq!(count_features(&[program]), 0);
+        assert_eq!(
+            count_features(&[program, "skipped: lines needs wide lines"]),
+            1
+        );
     }
 }

@@ -110,7 +110,7 @@ fn everything(options: &Options) -> Result<ExitCode> {
     });
     built.map_err(|_| anyhow!("the thread that builds the driver panicked"))??;
     let passed = run_all(options, programs?)?;
-    // Tuff supports every feature that tests need.
+    // Tuff supports every feature that tests need. Programs that tests need are optional.
     let all_ran = skips.print()? == 0;
     Ok(code(passed && all_ran))
 }
