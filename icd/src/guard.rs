@@ -98,8 +98,9 @@ pub fn refused(name: &str, code: vk::Result) {
     }
 }
 
-/// The code of a command's result; an error is [said](refused).
-pub fn logged_code(name: &str, result: VkResult) -> vk::Result {
+/// As [`guard`], for entry points that return `VkResult`. An error is [logged](refused).
+pub fn guard_result(name: &str, body: impl FnOnce() -> VkResult) -> vk::Result {
+    let result = guard(name, body);
     if let Err(code) = result {
         refused(name, code);
     }

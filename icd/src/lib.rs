@@ -7,8 +7,8 @@
 //!           validate ──> command ──> object ──> format ──> wave ──> table ──> ffi ──> os
 //! ```
 //!
-//! [`entry::loader`] has the three symbols that the shared library exports; [`entry::commands`]
-//! names every entry point.
+//! [`entry::loader`] has the three symbols that the shared library exports and finds commands by
+//! name; [`entry::commands`] is their table.
 
 mod capture;
 pub mod command;

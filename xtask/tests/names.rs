@@ -143,3 +143,27 @@ fn retired_names_are_gone() {
     }
     assert!(findings.is_empty(), "{}", findings.join("\n"));
 }
+
+#[test]
+fn entry_points_give_the_guard_their_own_names() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let mut count = 0;
+    for path in FILES.keys() {
+        let Some(file) = path.strip_prefix("icd/src/entry/") else {
+            continue;
+        };
+        let text = fs::read_to_string(root.join(path)).expect("a source file can be read");
+        for rest in text.split("extern \"system\" fn ").skip(1) {
+            let name = rest.split('(').next().expect("a part, if an empty one");
+            // A function without a body has no guard.
+            let Some((_, body)) = rest.split_once(" {\n") else {
+                continue;
+            };
+            if let Some(guarded) = body.split('"').nth(1) {
+                assert_eq!(name, guarded, "{file}");
+                count += 1;
+            }
+        }
+    }
+    assert!(count > 400, "the entry points are found: {count}");
+}

@@ -69,7 +69,7 @@ fn names_of_the_system_are_found_wherever_they_stand() {
         "use {std::{os::fd}, core::mem};",
         "use ::std::os;",
         "fn f() -> std::os::fd::RawFd { 0 }",
-        "entry! { fn f() { libc::close(0); } }",
+        "table! { fn f() { libc::close(0); } }",
         "#[cfg(unix)] use std::os::fd::OwnedFd;",
         "#[cfg(test)] mod tests { use super::*; } fn f() { libc::close(0); }",
         "#[cfg(test)] use std::fs; use libc::close;",

@@ -37,17 +37,3 @@ pub unsafe fn report_bound<H: Handle + Copy>(device: vk::Device, object: H, rang
         report.tell(object, AddressEvent::Bound, [range]);
     }
 }
-
-/// Defines `vkDestroy*` entry points of objects that have addresses.
-macro_rules! destroy_addressed {
-    ($($name:ident: $object:ty, $handle:ident;)*) => {
-        $crate::entry::define::entry! {
-            $(fn $name(device: vk::Device, handle: vk::$handle, _allocator: *const vk::AllocationCallbacks) {
-                let event = $crate::object::addressed::AddressEvent::Unbound;
-                $crate::entry::address_report::report::<$object>(device, handle, event);
-                drop($crate::handle::take::<$object>(handle));
-            })*
-        }
-    };
-}
-pub(super) use destroy_addressed;

@@ -4,12 +4,11 @@ use ash::vk::{self, Handle};
 use images::{Format, ImageDescriptor};
 
 use super::address_report::report;
-use super::define::entry;
 use super::descriptor_buffer::captured;
-use super::destroy;
 use crate::VkResult;
 use crate::device::Device;
 use crate::ffi::{self, chain};
+use crate::guard::{guard, guard_result};
 use crate::handle::{self, from_handle};
 use crate::object::address_space::GRANULE;
 use crate::object::address_space::Placement;
@@ -19,8 +18,14 @@ use crate::object::view_entry::ViewEntry;
 use crate::object::{Buffer, BufferView, DeviceMemory};
 use crate::table::limits::{MAX_BUFFER_BYTES, MEMORY_ALIGNMENT};
 
-destroy! {
-    vkDestroyBufferView: BufferView, BufferView;
+pub(crate) unsafe extern "system" fn vkDestroyBufferView(
+    _device: vk::Device,
+    handle: vk::BufferView,
+    _allocator: *const vk::AllocationCallbacks,
+) {
+    guard("vkDestroyBufferView", move || {
+        drop(handle::take::<BufferView>(handle))
+    })
 }
 
 /// Memory requirements of a resource.
@@ -112,23 +117,32 @@ fn register(device: &Device, handle: vk::Buffer, buffer: &Buffer) {
     }
 }
 
-entry! {
-    fn vkDestroyBuffer(device: vk::Device, buffer: vk::Buffer, _allocator: *const vk::AllocationCallbacks) {
-        if let (Some(object), Some(validator)) =
-            (handle::optional::<Buffer>(buffer), from_handle::<Device>(device).validator())
-        {
-            validator.registry.remove_buffer(buffer.as_raw(), object.address());
+pub(crate) unsafe extern "system" fn vkDestroyBuffer(
+    device: vk::Device,
+    buffer: vk::Buffer,
+    _allocator: *const vk::AllocationCallbacks,
+) {
+    guard("vkDestroyBuffer", move || {
+        if let (Some(object), Some(validator)) = (
+            handle::optional::<Buffer>(buffer),
+            from_handle::<Device>(device).validator(),
+        ) {
+            validator
+                .registry
+                .remove_buffer(buffer.as_raw(), object.address());
         }
         report::<Buffer>(device, buffer, AddressEvent::Unbound);
         drop(handle::take::<Buffer>(buffer));
-    }
+    })
+}
 
-    fn vkCreateBuffer(
-        device: vk::Device,
-        info: *const vk::BufferCreateInfo,
-        _allocator: *const vk::AllocationCallbacks,
-        out: *mut vk::Buffer,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkCreateBuffer(
+    device: vk::Device,
+    info: *const vk::BufferCreateInfo,
+    _allocator: *const vk::AllocationCallbacks,
+    out: *mut vk::Buffer,
+) -> vk::Result {
+    guard_result("vkCreateBuffer", move || {
         let info = &*info;
         if info.size > MAX_BUFFER_BYTES {
             return Err(vk::Result::ERROR_OUT_OF_DEVICE_MEMORY);
@@ -146,45 +160,67 @@ entry! {
         }
         *out = handle::create(buffer);
         if is_sparse {
-            register(from_handle::<Device>(device), *out, from_handle::<Buffer>(*out));
+            register(
+                from_handle::<Device>(device),
+                *out,
+                from_handle::<Buffer>(*out),
+            );
             report::<Buffer>(device, *out, AddressEvent::Created);
         }
         Ok(())
-    }
+    })
+}
 
-    fn vkGetBufferMemoryRequirements(_device: vk::Device, buffer: vk::Buffer, out: *mut vk::MemoryRequirements) {
+pub(crate) unsafe extern "system" fn vkGetBufferMemoryRequirements(
+    _device: vk::Device,
+    buffer: vk::Buffer,
+    out: *mut vk::MemoryRequirements,
+) {
+    guard("vkGetBufferMemoryRequirements", move || {
         let buffer = from_handle::<Buffer>(buffer);
         *out = requirements(buffer.size_bytes, alignment(buffer.flags));
-    }
+    })
+}
 
-    fn vkGetBufferMemoryRequirements2(
-        _device: vk::Device,
-        info: *const vk::BufferMemoryRequirementsInfo2,
-        out: *mut vk::MemoryRequirements2,
-    ) {
+pub(crate) unsafe extern "system" fn vkGetBufferMemoryRequirements2(
+    _device: vk::Device,
+    info: *const vk::BufferMemoryRequirementsInfo2,
+    out: *mut vk::MemoryRequirements2,
+) {
+    guard("vkGetBufferMemoryRequirements2", move || {
         let buffer = from_handle::<Buffer>((*info).buffer);
         write_requirements(out, buffer.size_bytes, alignment(buffer.flags));
-    }
+    })
+}
 
-    fn vkGetDeviceBufferMemoryRequirements(
-        _device: vk::Device,
-        info: *const vk::DeviceBufferMemoryRequirements,
-        out: *mut vk::MemoryRequirements2,
-    ) {
+pub(crate) unsafe extern "system" fn vkGetDeviceBufferMemoryRequirements(
+    _device: vk::Device,
+    info: *const vk::DeviceBufferMemoryRequirements,
+    out: *mut vk::MemoryRequirements2,
+) {
+    guard("vkGetDeviceBufferMemoryRequirements", move || {
         let info = &*(*info).p_create_info;
         write_requirements(out, info.size, alignment(info.flags));
-    }
+    })
+}
 
-    fn vkBindBufferMemory(
-        device: vk::Device,
-        buffer: vk::Buffer,
-        memory: vk::DeviceMemory,
-        offset: vk::DeviceSize,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkBindBufferMemory(
+    device: vk::Device,
+    buffer: vk::Buffer,
+    memory: vk::DeviceMemory,
+    offset: vk::DeviceSize,
+) -> vk::Result {
+    guard_result("vkBindBufferMemory", move || {
         bind(device, buffer, memory, offset)
-    }
+    })
+}
 
-    fn vkBindBufferMemory2(device: vk::Device, count: u32, infos: *const vk::BindBufferMemoryInfo) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkBindBufferMemory2(
+    device: vk::Device,
+    count: u32,
+    infos: *const vk::BindBufferMemoryInfo,
+) -> vk::Result {
+    guard_result("vkBindBufferMemory2", move || {
         for info in ffi::slice(infos, count) {
             let bound = bind(device, info.buffer, info.memory, info.memory_offset);
             if let Some(status) = ffi::find::<vk::BindMemoryStatusKHR<'_>>(info.p_next) {
@@ -193,24 +229,36 @@ entry! {
             bound?;
         }
         Ok(())
-    }
+    })
+}
 
-    fn vkGetBufferDeviceAddress(_device: vk::Device, info: *const vk::BufferDeviceAddressInfo) -> vk::DeviceAddress {
+pub(crate) unsafe extern "system" fn vkGetBufferDeviceAddress(
+    _device: vk::Device,
+    info: *const vk::BufferDeviceAddressInfo,
+) -> vk::DeviceAddress {
+    guard("vkGetBufferDeviceAddress", move || {
         from_handle::<Buffer>((*info).buffer).address()
-    }
+    })
+}
 
-    fn vkGetBufferOpaqueCaptureAddress(_device: vk::Device, info: *const vk::BufferDeviceAddressInfo) -> u64 {
+pub(crate) unsafe extern "system" fn vkGetBufferOpaqueCaptureAddress(
+    _device: vk::Device,
+    info: *const vk::BufferDeviceAddressInfo,
+) -> u64 {
+    guard("vkGetBufferOpaqueCaptureAddress", move || {
         // The address follows from the captured address of the memory; a sparse buffer captures its
         // own.
         from_handle::<Buffer>((*info).buffer).address()
-    }
+    })
+}
 
-    fn vkCreateBufferView(
-        device: vk::Device,
-        info: *const vk::BufferViewCreateInfo,
-        _allocator: *const vk::AllocationCallbacks,
-        out: *mut vk::BufferView,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkCreateBufferView(
+    device: vk::Device,
+    info: *const vk::BufferViewCreateInfo,
+    _allocator: *const vk::AllocationCallbacks,
+    out: *mut vk::BufferView,
+) -> vk::Result {
+    guard_result("vkCreateBufferView", move || {
         let device = from_handle::<Device>(device);
         let info = &*info;
         let buffer = from_handle::<Buffer>(info.buffer);
@@ -224,5 +272,5 @@ entry! {
             descriptor: ViewEntry::store(&device.engine.views, |it| &it.images, descriptor, None)?,
         });
         Ok(())
-    }
+    })
 }

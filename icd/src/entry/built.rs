@@ -1,5 +1,7 @@
 //! Copies and property queries, which acceleration structures and micromaps share.
 
+use std::ffi::c_void;
+
 use ash::vk;
 use spirv_jit::reach::Reach;
 use traversal::Live;
@@ -7,9 +9,11 @@ use traversal::Live;
 use super::deferred::defer;
 use crate::VkResult;
 use crate::command::ray_tracing::{Built, BuiltCopy};
+use crate::command::{Command, RayTracingCommand, Recording};
 use crate::device::Device;
-use crate::handle::from_handle;
-use crate::structures;
+use crate::handle::{from_handle, retain};
+use crate::object::QueryPool;
+use crate::{ffi, structures};
 
 /// Whether serialized data can be deserialized: the identifiers at its head must be those that this
 /// driver writes.
@@ -60,64 +64,48 @@ pub unsafe fn copy(
     }
 }
 
-/// Defines entry points on the host and on the device: those that write properties, and those of
-/// each copy, which the expression decodes.
-macro_rules! built {
-    (
-        $of:ident, $handle:ident at $storage:ident, $write:ident, $cmd_write:ident;
-        $($copy:ident, $cmd_copy:ident, $info:ident: |$it:ident| $what:expr;)*
-    ) => {
-        entry! {
-            fn $write(
-                device: vk::Device,
-                count: u32,
-                handles: *const vk::$handle,
-                query_type: vk::QueryType,
-                data_bytes: usize,
-                data: *mut std::ffi::c_void,
-                stride_bytes: usize,
-            ) -> vk::Result {
-                let live = $crate::entry::built::live(device);
-                let values = slice(handles, count).iter().map(|&handle| {
-                    $crate::structures::property(Built::$of, $storage(handle).address, query_type, &live)
-                });
-                $crate::ffi::write_strided(values, data, data_bytes, stride_bytes)
-            }
-
-            $(fn $copy(
-                device: vk::Device,
-                operation: vk::DeferredOperationKHR,
-                info: *const vk::$info<'_>,
-            ) -> vk::Result {
-                let $it = &*info;
-                $crate::entry::built::copy(device, operation, Built::$of, $what)
-            })*
-        }
-
-        commands! {
-            fn $cmd_write(
-                commands,
-                count: u32,
-                handles: *const vk::$handle,
-                query_type: vk::QueryType,
-                pool: vk::QueryPool,
-                first: u32,
-            ) {
-                let addresses = slice(handles, count).iter().map(|&handle| $storage(handle).address);
-                commands.push(Command::RayTracing(RayTracingCommand::WriteProperties {
-                    of: Built::$of,
-                    addresses: addresses.collect(),
-                    query_type,
-                    pool: retain::<$crate::object::QueryPool>(pool),
-                    first,
-                }))
-            }
-
-            $(fn $cmd_copy(commands, info: *const vk::$info<'_>) {
-                let $it = &*info;
-                commands.push(Command::RayTracing(RayTracingCommand::Copy(Built::$of, $what)))
-            })*
-        }
-    };
+/// Writes a property of each object to the application's memory.
+///
+/// # Safety
+/// The device is alive, the addresses are those of built objects, and `data` has `data_bytes`.
+pub unsafe fn write_properties(
+    device: vk::Device,
+    of: Built,
+    addresses: impl Iterator<Item = u64>,
+    query_type: vk::QueryType,
+    (data, data_bytes, stride_bytes): (*mut c_void, usize, usize),
+) -> VkResult {
+    // SAFETY: the caller guarantees that the device is alive, the addresses are those of built
+    // objects, and `data` has `data_bytes`.
+    unsafe {
+        let live = live(device);
+        let values = addresses.map(|it| structures::property(of, it, query_type, &live));
+        ffi::write_strided(values, data, data_bytes, stride_bytes)
+    }
 }
-pub(super) use built;
+
+/// Records a write of properties to queries.
+///
+/// # Safety
+/// The query pool is alive.
+pub unsafe fn record_properties(
+    commands: &mut Recording,
+    of: Built,
+    addresses: impl Iterator<Item = u64>,
+    query_type: vk::QueryType,
+    (pool, first): (vk::QueryPool, u32),
+) -> VkResult {
+    commands.push(Command::RayTracing(RayTracingCommand::WriteProperties {
+        of,
+        addresses: addresses.collect(),
+        query_type,
+        // SAFETY: the caller guarantees that the query pool is alive.
+        pool: unsafe { retain::<QueryPool>(pool) },
+        first,
+    }))
+}
+
+/// Records a copy.
+pub fn record_copy(commands: &mut Recording, of: Built, copy: BuiltCopy) -> VkResult {
+    commands.push(Command::RayTracing(RayTracingCommand::Copy(of, copy)))
+}

@@ -3,9 +3,9 @@
 use ash::vk::{self, Handle};
 use smallvec::SmallVec;
 
-use super::define::{commands, entry};
 use super::descriptor_heap::inherit_heaps;
 use super::push_descriptor::bind_points;
+use super::record::record;
 use crate::VkResult;
 use crate::command::{
     BindDescriptorSets, Command, CommandBuffer, CommandPool, GraphicsCommand, Mark, Recording,
@@ -13,6 +13,7 @@ use crate::command::{
 };
 use crate::decode::graphics::color_locations;
 use crate::ffi;
+use crate::guard::{guard, guard_result};
 use crate::handle;
 use crate::object::setting::Setting;
 use crate::object::{Buffer, DescriptorSet, Event};
@@ -90,50 +91,81 @@ unsafe fn label_text(label: *const vk::DebugUtilsLabelEXT<'_>) -> Box<str> {
     }
 }
 
-entry! {
-    fn vkCreateCommandPool(
-        _device: vk::Device,
-        _info: *const vk::CommandPoolCreateInfo,
-        _allocator: *const vk::AllocationCallbacks,
-        out: *mut vk::CommandPool,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkCreateCommandPool(
+    _device: vk::Device,
+    _info: *const vk::CommandPoolCreateInfo,
+    _allocator: *const vk::AllocationCallbacks,
+    out: *mut vk::CommandPool,
+) -> vk::Result {
+    guard_result("vkCreateCommandPool", move || {
         *out = handle::create(CommandPool::default());
         Ok(())
-    }
+    })
+}
 
-    fn vkDestroyCommandPool(_device: vk::Device, pool: vk::CommandPool, _allocator: *const vk::AllocationCallbacks) {
+pub(crate) unsafe extern "system" fn vkDestroyCommandPool(
+    _device: vk::Device,
+    pool: vk::CommandPool,
+    _allocator: *const vk::AllocationCallbacks,
+) {
+    guard("vkDestroyCommandPool", move || {
         drop(handle::take::<CommandPool>(pool));
-    }
+    })
+}
 
-    fn vkResetCommandPool(_device: vk::Device, pool: vk::CommandPool, flags: vk::CommandPoolResetFlags) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkResetCommandPool(
+    _device: vk::Device,
+    pool: vk::CommandPool,
+    flags: vk::CommandPoolResetFlags,
+) -> vk::Result {
+    guard_result("vkResetCommandPool", move || {
         let keep_memory = !flags.contains(vk::CommandPoolResetFlags::RELEASE_RESOURCES);
         handle::from_handle::<CommandPool>(pool).reset(keep_memory);
         Ok(())
-    }
+    })
+}
 
-    /// Memory belongs to the command buffers, which may still be used, so there is nothing to trim.
-    fn vkTrimCommandPool(_device: vk::Device, _pool: vk::CommandPool, _flags: vk::CommandPoolTrimFlags) {}
+/// Memory belongs to the command buffers, which may still be used, so there is nothing to trim.
+pub(crate) unsafe extern "system" fn vkTrimCommandPool(
+    _device: vk::Device,
+    _pool: vk::CommandPool,
+    _flags: vk::CommandPoolTrimFlags,
+) {
+}
 
-    fn vkAllocateCommandBuffers(
-        _device: vk::Device,
-        info: *const vk::CommandBufferAllocateInfo,
-        out: *mut vk::CommandBuffer,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkAllocateCommandBuffers(
+    _device: vk::Device,
+    info: *const vk::CommandBufferAllocateInfo,
+    out: *mut vk::CommandBuffer,
+) -> vk::Result {
+    guard_result("vkAllocateCommandBuffers", move || {
         let pool = handle::from_handle::<CommandPool>((*info).command_pool);
         for index in 0..(*info).command_buffer_count {
             out.add(index as usize).write(pool.allocate((*info).level));
         }
         Ok(())
-    }
+    })
+}
 
-    fn vkFreeCommandBuffers(_device: vk::Device, pool: vk::CommandPool, count: u32, buffers: *const vk::CommandBuffer) {
+pub(crate) unsafe extern "system" fn vkFreeCommandBuffers(
+    _device: vk::Device,
+    pool: vk::CommandPool,
+    count: u32,
+    buffers: *const vk::CommandBuffer,
+) {
+    guard("vkFreeCommandBuffers", move || {
         let pool = handle::from_handle::<CommandPool>(pool);
         for &buffer in ffi::slice(buffers, count) {
             pool.free(buffer);
         }
-    }
+    })
+}
 
-    fn vkBeginCommandBuffer(buffer: vk::CommandBuffer, info: *const vk::CommandBufferBeginInfo) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkBeginCommandBuffer(
+    buffer: vk::CommandBuffer,
+    info: *const vk::CommandBufferBeginInfo,
+) -> vk::Result {
+    guard_result("vkBeginCommandBuffer", move || {
         let name = buffer.as_raw();
         let buffer = handle::from_handle::<CommandBuffer>(buffer);
         let mut recording = buffer.recording.lock();
@@ -143,63 +175,90 @@ entry! {
             vk::CommandBufferLevel::SECONDARY => inherit(&mut recording, &*info),
             _ => Ok(()),
         }
-    }
-
-    fn vkEndCommandBuffer(buffer: vk::CommandBuffer) -> vk::Result {
-        handle::from_handle::<CommandBuffer>(buffer).recording.lock().finish()
-    }
-
-    fn vkResetCommandBuffer(buffer: vk::CommandBuffer, flags: vk::CommandBufferResetFlags) -> vk::Result {
-        let keep_memory = !flags.contains(vk::CommandBufferResetFlags::RELEASE_RESOURCES);
-        handle::from_handle::<CommandBuffer>(buffer).recording.lock().reset(keep_memory);
-        Ok(())
-    }
+    })
 }
 
-commands! {
-    fn vkCmdBindPipeline(commands, _bind_point: vk::PipelineBindPoint, pipeline: vk::Pipeline) {
-        commands.push(Command::BindPipeline(handle::retain(pipeline)))
-    }
+pub(crate) unsafe extern "system" fn vkEndCommandBuffer(buffer: vk::CommandBuffer) -> vk::Result {
+    guard_result("vkEndCommandBuffer", move || {
+        handle::from_handle::<CommandBuffer>(buffer)
+            .recording
+            .lock()
+            .finish()
+    })
+}
 
-    fn vkCmdBindDescriptorSets(
-        commands,
-        bind_point: vk::PipelineBindPoint,
-        _layout: vk::PipelineLayout,
-        first_set: u32,
-        set_count: u32,
-        sets: *const vk::DescriptorSet,
-        offset_count: u32,
-        offsets: *const u32,
-    ) {
-        let sets = ffi::slice(sets, set_count).iter().map(|&set| {
-            handle::optional::<DescriptorSet>(set).map(|_| handle::retain(set))
-        });
+pub(crate) unsafe extern "system" fn vkResetCommandBuffer(
+    buffer: vk::CommandBuffer,
+    flags: vk::CommandBufferResetFlags,
+) -> vk::Result {
+    guard_result("vkResetCommandBuffer", move || {
+        let keep_memory = !flags.contains(vk::CommandBufferResetFlags::RELEASE_RESOURCES);
+        handle::from_handle::<CommandBuffer>(buffer)
+            .recording
+            .lock()
+            .reset(keep_memory);
+        Ok(())
+    })
+}
+
+pub(crate) unsafe extern "system" fn vkCmdBindPipeline(
+    commands: vk::CommandBuffer,
+    _bind_point: vk::PipelineBindPoint,
+    pipeline: vk::Pipeline,
+) {
+    record("vkCmdBindPipeline", commands, move |commands| {
+        commands.push(Command::BindPipeline(handle::retain(pipeline)))
+    })
+}
+
+pub(crate) unsafe extern "system" fn vkCmdBindDescriptorSets(
+    commands: vk::CommandBuffer,
+    bind_point: vk::PipelineBindPoint,
+    _layout: vk::PipelineLayout,
+    first_set: u32,
+    set_count: u32,
+    sets: *const vk::DescriptorSet,
+    offset_count: u32,
+    offsets: *const u32,
+) {
+    record("vkCmdBindDescriptorSets", commands, move |commands| {
+        let sets = ffi::slice(sets, set_count)
+            .iter()
+            .map(|&set| handle::optional::<DescriptorSet>(set).map(|_| handle::retain(set)));
         commands.push(Command::BindDescriptorSets(BindDescriptorSets {
             bind_point,
             first_set,
             sets: sets.collect(),
             dynamic_offsets: SmallVec::from_slice(ffi::slice(offsets, offset_count)),
         }))
-    }
+    })
+}
 
-    fn vkCmdPushConstants(
-        commands,
-        _layout: vk::PipelineLayout,
-        _stages: vk::ShaderStageFlags,
-        offset: u32,
-        size_bytes: u32,
-        values: *const std::ffi::c_void,
-    ) {
+pub(crate) unsafe extern "system" fn vkCmdPushConstants(
+    commands: vk::CommandBuffer,
+    _layout: vk::PipelineLayout,
+    _stages: vk::ShaderStageFlags,
+    offset: u32,
+    size_bytes: u32,
+    values: *const std::ffi::c_void,
+) {
+    record("vkCmdPushConstants", commands, move |commands| {
         let bytes = SmallVec::from_slice(ffi::slice(values.cast(), size_bytes));
         commands.push(Command::PushConstants { offset, bytes })
-    }
+    })
+}
 
-    fn vkCmdBindDescriptorSets2KHR(commands, info: *const vk::BindDescriptorSetsInfoKHR<'_>) {
+pub(crate) unsafe extern "system" fn vkCmdBindDescriptorSets2KHR(
+    commands: vk::CommandBuffer,
+    info: *const vk::BindDescriptorSetsInfoKHR<'_>,
+) {
+    record("vkCmdBindDescriptorSets2KHR", commands, move |commands| {
         let info = &*info;
         let offsets = ffi::slice(info.p_dynamic_offsets, info.dynamic_offset_count);
         for bind_point in bind_points(info.stage_flags) {
             let sets = ffi::slice(info.p_descriptor_sets, info.descriptor_set_count).iter();
-            let sets = sets.map(|&set| handle::optional::<DescriptorSet>(set).map(|_| handle::retain(set)));
+            let sets = sets
+                .map(|&set| handle::optional::<DescriptorSet>(set).map(|_| handle::retain(set)));
             commands.push(Command::BindDescriptorSets(BindDescriptorSets {
                 bind_point,
                 first_set: info.first_set,
@@ -208,29 +267,74 @@ commands! {
             }))?;
         }
         Ok(())
-    }
+    })
+}
 
-    fn vkCmdPushConstants2KHR(commands, info: *const vk::PushConstantsInfoKHR<'_>) {
+pub(crate) unsafe extern "system" fn vkCmdPushConstants2KHR(
+    commands: vk::CommandBuffer,
+    info: *const vk::PushConstantsInfoKHR<'_>,
+) {
+    record("vkCmdPushConstants2KHR", commands, move |commands| {
         let info = &*info;
         let bytes = SmallVec::from_slice(ffi::slice(info.p_values.cast(), info.size));
-        commands.push(Command::PushConstants { offset: info.offset, bytes })
-    }
+        commands.push(Command::PushConstants {
+            offset: info.offset,
+            bytes,
+        })
+    })
+}
 
-    fn vkCmdDispatch(commands, x: u32, y: u32, z: u32) {
-        commands.push(Command::Dispatch { base: [0; 3], count: [x, y, z] })
-    }
+pub(crate) unsafe extern "system" fn vkCmdDispatch(
+    commands: vk::CommandBuffer,
+    x: u32,
+    y: u32,
+    z: u32,
+) {
+    record("vkCmdDispatch", commands, move |commands| {
+        commands.push(Command::Dispatch {
+            base: [0; 3],
+            count: [x, y, z],
+        })
+    })
+}
 
-    fn vkCmdDispatchBase(commands, base_x: u32, base_y: u32, base_z: u32, x: u32, y: u32, z: u32) {
-        commands.push(Command::Dispatch { base: [base_x, base_y, base_z], count: [x, y, z] })
-    }
+pub(crate) unsafe extern "system" fn vkCmdDispatchBase(
+    commands: vk::CommandBuffer,
+    base_x: u32,
+    base_y: u32,
+    base_z: u32,
+    x: u32,
+    y: u32,
+    z: u32,
+) {
+    record("vkCmdDispatchBase", commands, move |commands| {
+        commands.push(Command::Dispatch {
+            base: [base_x, base_y, base_z],
+            count: [x, y, z],
+        })
+    })
+}
 
-    fn vkCmdDispatchIndirect(commands, buffer: vk::Buffer, offset: vk::DeviceSize) {
+pub(crate) unsafe extern "system" fn vkCmdDispatchIndirect(
+    commands: vk::CommandBuffer,
+    buffer: vk::Buffer,
+    offset: vk::DeviceSize,
+) {
+    record("vkCmdDispatchIndirect", commands, move |commands| {
         let size_bytes = size_of::<vk::DispatchIndirectCommand>() as u64;
         let (address, _) = handle::from_handle::<Buffer>(buffer).range(offset, size_bytes)?;
-        commands.push(Command::DispatchIndirect { address: address as u64 })
-    }
+        commands.push(Command::DispatchIndirect {
+            address: address as u64,
+        })
+    })
+}
 
-    fn vkCmdExecuteCommands(commands, count: u32, buffers: *const vk::CommandBuffer) {
+pub(crate) unsafe extern "system" fn vkCmdExecuteCommands(
+    commands: vk::CommandBuffer,
+    count: u32,
+    buffers: *const vk::CommandBuffer,
+) {
+    record("vkCmdExecuteCommands", commands, move |commands| {
         let lists = ffi::slice(buffers, count).iter().map(|&buffer| {
             let secondary = handle::from_handle::<CommandBuffer>(buffer);
             // The buffer itself is being recorded: its lock is held, and its list is not finished.
@@ -240,36 +344,49 @@ commands! {
             secondary.recording.lock().executable()
         });
         commands.push(Command::ExecuteCommands(lists.collect::<Result<_, _>>()?))
-    }
+    })
+}
 
-    /// A device has one physical device.
-    fn vkCmdSetDeviceMask(_commands, _mask: u32) {
-        Ok(())
-    }
+/// A device has one physical device.
+pub(crate) unsafe extern "system" fn vkCmdSetDeviceMask(commands: vk::CommandBuffer, _mask: u32) {
+    record("vkCmdSetDeviceMask", commands, move |_| Ok(()))
+}
 
-    /// Barriers do nothing outside of passes; see [`execute`](crate::execute).
-    fn vkCmdPipelineBarrier(
-        commands,
-        _source_stages: vk::PipelineStageFlags,
-        destination_stages: vk::PipelineStageFlags,
-        _flags: vk::DependencyFlags,
-        _memory_count: u32,
-        _memory: *const vk::MemoryBarrier,
-        _buffer_count: u32,
-        _buffers: *const vk::BufferMemoryBarrier,
-        _image_count: u32,
-        _images: *const vk::ImageMemoryBarrier,
-    ) {
+/// Barriers do nothing outside of passes; see [`execute`](crate::execute).
+pub(crate) unsafe extern "system" fn vkCmdPipelineBarrier(
+    commands: vk::CommandBuffer,
+    _source_stages: vk::PipelineStageFlags,
+    destination_stages: vk::PipelineStageFlags,
+    _flags: vk::DependencyFlags,
+    _memory_count: u32,
+    _memory: *const vk::MemoryBarrier,
+    _buffer_count: u32,
+    _buffers: *const vk::BufferMemoryBarrier,
+    _image_count: u32,
+    _images: *const vk::ImageMemoryBarrier,
+) {
+    record("vkCmdPipelineBarrier", commands, move |commands| {
         let stages = vk::PipelineStageFlags2::from_raw(u64::from(destination_stages.as_raw()));
         barrier(commands, stages)
-    }
+    })
+}
 
-    /// Like `vkCmdPipelineBarrier`.
-    fn vkCmdPipelineBarrier2(commands, info: *const vk::DependencyInfo) {
+/// Like `vkCmdPipelineBarrier`.
+pub(crate) unsafe extern "system" fn vkCmdPipelineBarrier2(
+    commands: vk::CommandBuffer,
+    info: *const vk::DependencyInfo,
+) {
+    record("vkCmdPipelineBarrier2", commands, move |commands| {
         let info = &*info;
         let memory = ffi::slice(info.p_memory_barriers, info.memory_barrier_count);
-        let buffers = ffi::slice(info.p_buffer_memory_barriers, info.buffer_memory_barrier_count);
-        let images = ffi::slice(info.p_image_memory_barriers, info.image_memory_barrier_count);
+        let buffers = ffi::slice(
+            info.p_buffer_memory_barriers,
+            info.buffer_memory_barrier_count,
+        );
+        let images = ffi::slice(
+            info.p_image_memory_barriers,
+            info.image_memory_barrier_count,
+        );
         let stages = (memory.iter().map(|it| it.dst_stage_mask))
             .chain(buffers.iter().map(|it| it.dst_stage_mask))
             .chain(images.iter().map(|it| it.dst_stage_mask));
@@ -279,58 +396,107 @@ commands! {
             false => vk::PipelineStageFlags2::ALL_COMMANDS,
         };
         barrier(commands, stages.fold(chained, |all, it| all | it))
-    }
+    })
+}
 
-    fn vkCmdSetEvent(commands, event: vk::Event, _stages: vk::PipelineStageFlags) {
+pub(crate) unsafe extern "system" fn vkCmdSetEvent(
+    commands: vk::CommandBuffer,
+    event: vk::Event,
+    _stages: vk::PipelineStageFlags,
+) {
+    record("vkCmdSetEvent", commands, move |commands| {
         commands.push(Command::SetEvent(handle::retain(event)))
-    }
+    })
+}
 
-    fn vkCmdSetEvent2(commands, event: vk::Event, _info: *const vk::DependencyInfo) {
+pub(crate) unsafe extern "system" fn vkCmdSetEvent2(
+    commands: vk::CommandBuffer,
+    event: vk::Event,
+    _info: *const vk::DependencyInfo,
+) {
+    record("vkCmdSetEvent2", commands, move |commands| {
         commands.push(Command::SetEvent(handle::retain(event)))
-    }
+    })
+}
 
-    fn vkCmdResetEvent(commands, event: vk::Event, _stages: vk::PipelineStageFlags) {
+pub(crate) unsafe extern "system" fn vkCmdResetEvent(
+    commands: vk::CommandBuffer,
+    event: vk::Event,
+    _stages: vk::PipelineStageFlags,
+) {
+    record("vkCmdResetEvent", commands, move |commands| {
         commands.push(Command::ResetEvent(handle::retain(event)))
-    }
+    })
+}
 
-    fn vkCmdResetEvent2(commands, event: vk::Event, _stages: vk::PipelineStageFlags2) {
+pub(crate) unsafe extern "system" fn vkCmdResetEvent2(
+    commands: vk::CommandBuffer,
+    event: vk::Event,
+    _stages: vk::PipelineStageFlags2,
+) {
+    record("vkCmdResetEvent2", commands, move |commands| {
         commands.push(Command::ResetEvent(handle::retain(event)))
-    }
+    })
+}
 
-    fn vkCmdWaitEvents(
-        commands,
-        event_count: u32,
-        events: *const vk::Event,
-        _source_stages: vk::PipelineStageFlags,
-        _destination_stages: vk::PipelineStageFlags,
-        _memory_count: u32,
-        _memory: *const vk::MemoryBarrier,
-        _buffer_count: u32,
-        _buffers: *const vk::BufferMemoryBarrier,
-        _image_count: u32,
-        _images: *const vk::ImageMemoryBarrier,
-    ) {
-        let events = copied(ffi::slice(events, event_count), |&event| handle::retain::<Event>(event))?;
+pub(crate) unsafe extern "system" fn vkCmdWaitEvents(
+    commands: vk::CommandBuffer,
+    event_count: u32,
+    events: *const vk::Event,
+    _source_stages: vk::PipelineStageFlags,
+    _destination_stages: vk::PipelineStageFlags,
+    _memory_count: u32,
+    _memory: *const vk::MemoryBarrier,
+    _buffer_count: u32,
+    _buffers: *const vk::BufferMemoryBarrier,
+    _image_count: u32,
+    _images: *const vk::ImageMemoryBarrier,
+) {
+    record("vkCmdWaitEvents", commands, move |commands| {
+        let events = copied(ffi::slice(events, event_count), |&event| {
+            handle::retain::<Event>(event)
+        })?;
         commands.push(Command::WaitEvents(events))?;
         barrier(commands, vk::PipelineStageFlags2::ALL_COMMANDS)
-    }
+    })
+}
 
-    fn vkCmdWaitEvents2(commands, event_count: u32, events: *const vk::Event, _infos: *const vk::DependencyInfo) {
-        let events = copied(ffi::slice(events, event_count), |&event| handle::retain::<Event>(event))?;
+pub(crate) unsafe extern "system" fn vkCmdWaitEvents2(
+    commands: vk::CommandBuffer,
+    event_count: u32,
+    events: *const vk::Event,
+    _infos: *const vk::DependencyInfo,
+) {
+    record("vkCmdWaitEvents2", commands, move |commands| {
+        let events = copied(ffi::slice(events, event_count), |&event| {
+            handle::retain::<Event>(event)
+        })?;
         commands.push(Command::WaitEvents(events))?;
         barrier(commands, vk::PipelineStageFlags2::ALL_COMMANDS)
-    }
+    })
+}
 
-    /// Labels are for tools between the application and the driver, and for the timeline.
-    fn vkCmdBeginDebugUtilsLabelEXT(commands, label: *const vk::DebugUtilsLabelEXT) {
+/// Labels are for tools between the application and the driver, and for the timeline.
+pub(crate) unsafe extern "system" fn vkCmdBeginDebugUtilsLabelEXT(
+    commands: vk::CommandBuffer,
+    label: *const vk::DebugUtilsLabelEXT,
+) {
+    record("vkCmdBeginDebugUtilsLabelEXT", commands, move |commands| {
         mark(commands, || Mark::Begin(label_text(label)))
-    }
+    })
+}
 
-    fn vkCmdEndDebugUtilsLabelEXT(commands) {
+pub(crate) unsafe extern "system" fn vkCmdEndDebugUtilsLabelEXT(commands: vk::CommandBuffer) {
+    record("vkCmdEndDebugUtilsLabelEXT", commands, move |commands| {
         mark(commands, || Mark::End)
-    }
+    })
+}
 
-    fn vkCmdInsertDebugUtilsLabelEXT(commands, label: *const vk::DebugUtilsLabelEXT) {
+pub(crate) unsafe extern "system" fn vkCmdInsertDebugUtilsLabelEXT(
+    commands: vk::CommandBuffer,
+    label: *const vk::DebugUtilsLabelEXT,
+) {
+    record("vkCmdInsertDebugUtilsLabelEXT", commands, move |commands| {
         mark(commands, || Mark::Insert(label_text(label)))
-    }
+    })
 }

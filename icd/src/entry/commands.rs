@@ -1,10 +1,7 @@
-//! The table of commands, for `vkGetInstanceProcAddr` and `vkGetDeviceProcAddr`.
+//! The table of commands. [`loader`](super::loader) finds them by name, and has the rows of the
+//! functions that do so.
 
-use std::collections::HashMap;
-use std::sync::OnceLock;
-
-use super::row::commands;
-pub use super::row::{Availability, Command, Level};
+use super::row::command_table;
 use super::{
     acceleration_structure, buffer, command, command_image, command_transfer, cooperative_vector,
     debug, deferred, descriptor, descriptor_buffer, descriptor_heap, descriptor_set, device,
@@ -12,36 +9,11 @@ use super::{
     graphics_state, host_image_copy, image, instance, maintenance5, memory, micromap,
     nv_ray_tracing, physical_device, pipeline, pipeline_binary, pipeline_executable,
     present_timing, push_descriptor, query, queue, ray_tracing, shader_object, surface, swapchain,
-    sync, system, transform_feedback,
+    sync, transform_feedback,
 };
 use crate::ffi::vk;
 
-/// The rows of a name: several if several extensions add the command.
-pub fn rows(name: &[u8]) -> impl Iterator<Item = &'static Command> {
-    static INDEX: OnceLock<HashMap<&'static [u8], Vec<&'static Command>>> = OnceLock::new();
-    let index = INDEX.get_or_init(|| {
-        let mut index: HashMap<_, Vec<_>> = HashMap::new();
-        for command in table() {
-            let rows = index.entry(command.name.as_bytes()).or_default();
-            rows.push(command);
-        }
-        index
-    });
-    index.get(name).into_iter().flatten().copied()
-}
-
-/// All rows, with those of this operating system.
-pub fn table() -> &'static [Command] {
-    static TABLE: OnceLock<Vec<Command>> = OnceLock::new();
-    TABLE.get_or_init(|| {
-        let mut rows = Vec::new();
-        add_rows(&mut rows);
-        system::add_rows(&mut rows);
-        rows
-    })
-}
-
-commands! {
+command_table! {
     Instance EXT_DEBUG_UTILS PFN_vkCreateDebugUtilsMessengerEXT instance::vkCreateDebugUtilsMessengerEXT;
     Global Core PFN_vkCreateInstance instance::vkCreateInstance;
     Instance EXT_DEBUG_UTILS PFN_vkDestroyDebugUtilsMessengerEXT instance::vkDestroyDebugUtilsMessengerEXT;
@@ -52,7 +24,6 @@ commands! {
     Instance Core11 PFN_vkEnumeratePhysicalDeviceGroups instance::vkEnumeratePhysicalDeviceGroups;
     Instance KHR_DEVICE_GROUP_CREATION PFN_vkEnumeratePhysicalDeviceGroups instance::vkEnumeratePhysicalDeviceGroups as vkEnumeratePhysicalDeviceGroupsKHR;
     Instance Core PFN_vkEnumeratePhysicalDevices instance::vkEnumeratePhysicalDevices;
-    Instance Core PFN_vkGetInstanceProcAddr instance::vkGetInstanceProcAddr;
     Instance EXT_DEBUG_UTILS PFN_vkSubmitDebugUtilsMessageEXT instance::vkSubmitDebugUtilsMessageEXT;
 
     PhysicalDevice Core PFN_vkEnumerateDeviceExtensionProperties physical_device::vkEnumerateDeviceExtensionProperties;
@@ -109,7 +80,6 @@ commands! {
     Device KHR_DEVICE_GROUP PFN_vkGetDeviceGroupPeerMemoryFeatures device::vkGetDeviceGroupPeerMemoryFeatures as vkGetDeviceGroupPeerMemoryFeaturesKHR;
     Device Core13 PFN_vkGetDeviceImageSparseMemoryRequirements image::vkGetDeviceImageSparseMemoryRequirements;
     Device KHR_MAINTENANCE_4 PFN_vkGetDeviceImageSparseMemoryRequirements image::vkGetDeviceImageSparseMemoryRequirements as vkGetDeviceImageSparseMemoryRequirementsKHR;
-    Device Core PFN_vkGetDeviceProcAddr device::vkGetDeviceProcAddr;
     Device Core13 PFN_vkGetPrivateData device::vkGetPrivateData;
     Device EXT_PRIVATE_DATA PFN_vkGetPrivateData device::vkGetPrivateData as vkGetPrivateDataEXT;
     Device Core13 PFN_vkSetPrivateData device::vkSetPrivateData;

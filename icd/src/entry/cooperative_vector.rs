@@ -2,29 +2,40 @@
 
 use spirv_jit::reach::Reach;
 
-use super::define::{commands, entry};
+use super::record::record;
 use crate::command::{Command, TransferCommand};
 use crate::decode::matrix::{conversion, destination};
 use crate::ffi::enumerate::enumerate_with;
 use crate::ffi::{slice, vk};
+use crate::guard::guard_result;
 use crate::table::cooperative_vectors;
 use crate::transfer::matrix;
 
-entry! {
-    fn vkGetPhysicalDeviceCooperativeVectorPropertiesNV(
-        _device: vk::PhysicalDevice,
-        count: *mut u32,
-        out: *mut vk::CooperativeVectorPropertiesNV<'_>,
-    ) -> vk::Result {
-        enumerate_with(count, out, cooperative_vectors::products(), |out, product| {
-            cooperative_vectors::describe(product, out);
-        })
-    }
+pub(crate) unsafe extern "system" fn vkGetPhysicalDeviceCooperativeVectorPropertiesNV(
+    _device: vk::PhysicalDevice,
+    count: *mut u32,
+    out: *mut vk::CooperativeVectorPropertiesNV<'_>,
+) -> vk::Result {
+    guard_result(
+        "vkGetPhysicalDeviceCooperativeVectorPropertiesNV",
+        move || {
+            enumerate_with(
+                count,
+                out,
+                cooperative_vectors::products(),
+                |out, product| {
+                    cooperative_vectors::describe(product, out);
+                },
+            )
+        },
+    )
+}
 
-    fn vkConvertCooperativeVectorMatrixNV(
-        _device: vk::Device,
-        info: *const vk::ConvertCooperativeVectorMatrixInfoNV<'_>,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkConvertCooperativeVectorMatrixNV(
+    _device: vk::Device,
+    info: *const vk::ConvertCooperativeVectorMatrixInfoNV<'_>,
+) -> vk::Result {
+    guard_result("vkConvertCooperativeVectorMatrixNV", move || {
         let info = &*info;
         let size_bytes = &mut *info.p_dst_size;
         let to = destination(info, info.dst_data.device_address);
@@ -41,20 +52,26 @@ entry! {
         matrix::convert(&conversion, &Reach::everywhere());
         *size_bytes = to.size_bytes() as usize;
         Ok(())
-    }
+    })
 }
 
-commands! {
-    fn vkCmdConvertCooperativeVectorMatrixNV(
+pub(crate) unsafe extern "system" fn vkCmdConvertCooperativeVectorMatrixNV(
+    commands: vk::CommandBuffer,
+    count: u32,
+    infos: *const vk::ConvertCooperativeVectorMatrixInfoNV<'_>,
+) {
+    record(
+        "vkCmdConvertCooperativeVectorMatrixNV",
         commands,
-        count: u32,
-        infos: *const vk::ConvertCooperativeVectorMatrixInfoNV<'_>,
-    ) {
-        let conversions = slice(infos, count).iter().filter_map(|info| {
-            let to = destination(info, info.dst_data.device_address)?;
-            let fits = to.size_bytes() <= *info.p_dst_size as u64;
-            conversion(info, info.src_data.device_address, to).filter(|_| fits)
-        });
-        commands.push(Command::Transfer(TransferCommand::ConvertMatrices(conversions.collect())))
-    }
+        move |commands| {
+            let conversions = slice(infos, count).iter().filter_map(|info| {
+                let to = destination(info, info.dst_data.device_address)?;
+                let fits = to.size_bytes() <= *info.p_dst_size as u64;
+                conversion(info, info.src_data.device_address, to).filter(|_| fits)
+            });
+            commands.push(Command::Transfer(TransferCommand::ConvertMatrices(
+                conversions.collect(),
+            )))
+        },
+    )
 }

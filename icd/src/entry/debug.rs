@@ -4,14 +4,17 @@
 
 use ash::vk::{self, Handle};
 
-use super::define::entry;
 use crate::ffi::string;
+use crate::guard::guard_result;
 use crate::handle::from_handle;
 use crate::object::{AccelerationStructure, Pipeline, ShaderModule, ShaderObject};
 use crate::timeline;
 
-entry! {
-    fn vkSetDebugUtilsObjectNameEXT(_device: vk::Device, info: *const vk::DebugUtilsObjectNameInfoEXT) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkSetDebugUtilsObjectNameEXT(
+    _device: vk::Device,
+    info: *const vk::DebugUtilsObjectNameInfoEXT,
+) -> vk::Result {
+    guard_result("vkSetDebugUtilsObjectNameEXT", move || {
         let info = &*info;
         let name = match info.p_object_name.is_null() {
             true => Default::default(),
@@ -41,9 +44,12 @@ entry! {
         }
         timeline::name_object(info.object_handle, &name);
         Ok(())
-    }
+    })
+}
 
-    fn vkSetDebugUtilsObjectTagEXT(_device: vk::Device, _info: *const vk::DebugUtilsObjectTagInfoEXT) -> vk::Result {
-        Ok(())
-    }
+pub(crate) unsafe extern "system" fn vkSetDebugUtilsObjectTagEXT(
+    _device: vk::Device,
+    _info: *const vk::DebugUtilsObjectTagInfoEXT,
+) -> vk::Result {
+    vk::Result::SUCCESS
 }

@@ -2,15 +2,20 @@
 
 use ash::vk;
 
-use super::define::entry;
-use super::destroy;
 use crate::VkResult;
 use crate::device::Device;
+use crate::guard::{guard, guard_result};
 use crate::handle::{self, from_handle, retain};
 use crate::object::DeferredOperation;
 
-destroy! {
-    vkDestroyDeferredOperationKHR: DeferredOperation, DeferredOperationKHR;
+pub(crate) unsafe extern "system" fn vkDestroyDeferredOperationKHR(
+    _device: vk::Device,
+    handle: vk::DeferredOperationKHR,
+    _allocator: *const vk::AllocationCallbacks,
+) {
+    guard("vkDestroyDeferredOperationKHR", move || {
+        drop(handle::take::<DeferredOperation>(handle))
+    })
 }
 
 /// Performs a command's work now, or defers it to the operation, if there is one, for up to
@@ -65,25 +70,40 @@ pub unsafe fn defer_parallel(
     }
 }
 
-entry! {
-    fn vkCreateDeferredOperationKHR(
-        _device: vk::Device,
-        _allocator: *const vk::AllocationCallbacks,
-        out: *mut vk::DeferredOperationKHR,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkCreateDeferredOperationKHR(
+    _device: vk::Device,
+    _allocator: *const vk::AllocationCallbacks,
+    out: *mut vk::DeferredOperationKHR,
+) -> vk::Result {
+    guard_result("vkCreateDeferredOperationKHR", move || {
         *out = handle::create(DeferredOperation::default());
         Ok(())
-    }
+    })
+}
 
-    fn vkGetDeferredOperationMaxConcurrencyKHR(_device: vk::Device, operation: vk::DeferredOperationKHR) -> u32 {
+pub(crate) unsafe extern "system" fn vkGetDeferredOperationMaxConcurrencyKHR(
+    _device: vk::Device,
+    operation: vk::DeferredOperationKHR,
+) -> u32 {
+    guard("vkGetDeferredOperationMaxConcurrencyKHR", move || {
         from_handle::<DeferredOperation>(operation).max_concurrency()
-    }
+    })
+}
 
-    fn vkGetDeferredOperationResultKHR(_device: vk::Device, operation: vk::DeferredOperationKHR) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkGetDeferredOperationResultKHR(
+    _device: vk::Device,
+    operation: vk::DeferredOperationKHR,
+) -> vk::Result {
+    guard_result("vkGetDeferredOperationResultKHR", move || {
         from_handle::<DeferredOperation>(operation).result()
-    }
+    })
+}
 
-    fn vkDeferredOperationJoinKHR(_device: vk::Device, operation: vk::DeferredOperationKHR) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkDeferredOperationJoinKHR(
+    _device: vk::Device,
+    operation: vk::DeferredOperationKHR,
+) -> vk::Result {
+    guard_result("vkDeferredOperationJoinKHR", move || {
         from_handle::<DeferredOperation>(operation).join()
-    }
+    })
 }

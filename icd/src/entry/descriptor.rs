@@ -3,10 +3,9 @@
 use ash::vk;
 use ash::vk::Handle;
 
-use super::define::entry;
-use super::destroy;
 use crate::VkResult;
 use crate::ffi::{self, array, chain};
+use crate::guard::{guard, guard_result};
 use crate::handle::{self, from_handle, retain};
 use crate::object::descriptor::{Binding, PoolState, pool_bytes};
 use crate::object::{
@@ -15,9 +14,24 @@ use crate::object::{
 };
 use crate::table::limits::{MAX_DESCRIPTORS, MAX_INLINE_UNIFORM_BYTES};
 
-destroy! {
-    vkDestroyDescriptorSetLayout: DescriptorSetLayout, DescriptorSetLayout;
-    vkDestroyDescriptorUpdateTemplate: DescriptorUpdateTemplate, DescriptorUpdateTemplate;
+pub(crate) unsafe extern "system" fn vkDestroyDescriptorSetLayout(
+    _device: vk::Device,
+    handle: vk::DescriptorSetLayout,
+    _allocator: *const vk::AllocationCallbacks,
+) {
+    guard("vkDestroyDescriptorSetLayout", move || {
+        drop(handle::take::<DescriptorSetLayout>(handle))
+    })
+}
+
+pub(crate) unsafe extern "system" fn vkDestroyDescriptorUpdateTemplate(
+    _device: vk::Device,
+    handle: vk::DescriptorUpdateTemplate,
+    _allocator: *const vk::AllocationCallbacks,
+) {
+    guard("vkDestroyDescriptorUpdateTemplate", move || {
+        drop(handle::take::<DescriptorUpdateTemplate>(handle))
+    })
 }
 
 /// Decodes a set layout's bindings.
@@ -117,42 +131,63 @@ unsafe fn allocate(
     Ok(set)
 }
 
-entry! {
-    fn vkCreateDescriptorSetLayout(
-        _device: vk::Device,
-        info: *const vk::DescriptorSetLayoutCreateInfo,
-        _allocator: *const vk::AllocationCallbacks,
-        out: *mut vk::DescriptorSetLayout,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkCreateDescriptorSetLayout(
+    _device: vk::Device,
+    info: *const vk::DescriptorSetLayoutCreateInfo,
+    _allocator: *const vk::AllocationCallbacks,
+    out: *mut vk::DescriptorSetLayout,
+) -> vk::Result {
+    guard_result("vkCreateDescriptorSetLayout", move || {
         let info = &*info;
         *out = handle::create(DescriptorSetLayout::new(bindings(info), info.flags)?);
         Ok(())
-    }
+    })
+}
 
-    fn vkGetDescriptorSetLayoutSupport(
-        _device: vk::Device,
-        info: *const vk::DescriptorSetLayoutCreateInfo,
-        out: *mut vk::DescriptorSetLayoutSupport,
-    ) {
+pub(crate) unsafe extern "system" fn vkGetDescriptorSetLayoutSupport(
+    _device: vk::Device,
+    info: *const vk::DescriptorSetLayoutCreateInfo,
+    out: *mut vk::DescriptorSetLayoutSupport,
+) {
+    guard("vkGetDescriptorSetLayoutSupport", move || {
         let bindings = bindings(&*info);
         let variable = bindings.iter().find(|binding| binding.is_variable());
-        let fixed: u64 = bindings.iter().filter(|binding| !binding.is_variable()).map(|b| u64::from(b.entry_count())).sum();
+        let fixed: u64 = bindings
+            .iter()
+            .filter(|binding| !binding.is_variable())
+            .map(|b| u64::from(b.entry_count()))
+            .sum();
         let rest = u64::from(MAX_DESCRIPTORS).saturating_sub(fixed) as u32;
-        let most = |binding: &Binding| if binding.is_inline() { MAX_INLINE_UNIFORM_BYTES } else { rest };
-        if let Some(out) = chain::find_mut::<vk::DescriptorSetVariableDescriptorCountLayoutSupport>((*out).p_next) {
+        let most = |binding: &Binding| {
+            if binding.is_inline() {
+                MAX_INLINE_UNIFORM_BYTES
+            } else {
+                rest
+            }
+        };
+        if let Some(out) =
+            chain::find_mut::<vk::DescriptorSetVariableDescriptorCountLayoutSupport>((*out).p_next)
+        {
             out.max_variable_descriptor_count = variable.map_or(0, most);
         }
-        let inline = bindings.iter().all(|binding| !binding.is_inline() || binding.count <= MAX_INLINE_UNIFORM_BYTES);
-        let total: u64 = bindings.iter().map(|binding| u64::from(binding.entry_count())).sum();
+        let inline = bindings
+            .iter()
+            .all(|binding| !binding.is_inline() || binding.count <= MAX_INLINE_UNIFORM_BYTES);
+        let total: u64 = bindings
+            .iter()
+            .map(|binding| u64::from(binding.entry_count()))
+            .sum();
         (*out).supported = (inline && total <= u64::from(MAX_DESCRIPTORS)).into();
-    }
+    })
+}
 
-    fn vkCreateDescriptorPool(
-        _device: vk::Device,
-        info: *const vk::DescriptorPoolCreateInfo,
-        _allocator: *const vk::AllocationCallbacks,
-        out: *mut vk::DescriptorPool,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkCreateDescriptorPool(
+    _device: vk::Device,
+    info: *const vk::DescriptorPoolCreateInfo,
+    _allocator: *const vk::AllocationCallbacks,
+    out: *mut vk::DescriptorPool,
+) -> vk::Result {
+    guard_result("vkCreateDescriptorPool", move || {
         let info = &*info;
         let sizes = ffi::slice(info.p_pool_sizes, info.pool_size_count).iter();
         let room = sizes.map(|size| pool_bytes(size.ty, size.descriptor_count));
@@ -162,40 +197,53 @@ entry! {
             state: parking_lot::Mutex::default(),
         });
         Ok(())
-    }
+    })
+}
 
-    fn vkDestroyDescriptorPool(
-        _device: vk::Device,
-        pool: vk::DescriptorPool,
-        _allocator: *const vk::AllocationCallbacks,
-    ) {
+pub(crate) unsafe extern "system" fn vkDestroyDescriptorPool(
+    _device: vk::Device,
+    pool: vk::DescriptorPool,
+    _allocator: *const vk::AllocationCallbacks,
+) {
+    guard("vkDestroyDescriptorPool", move || {
         if let Some(pool) = handle::take::<DescriptorPool>(pool) {
             reset(&pool);
         }
-    }
+    })
+}
 
-    fn vkResetDescriptorPool(
-        _device: vk::Device,
-        pool: vk::DescriptorPool,
-        _flags: vk::DescriptorPoolResetFlags,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkResetDescriptorPool(
+    _device: vk::Device,
+    pool: vk::DescriptorPool,
+    _flags: vk::DescriptorPoolResetFlags,
+) -> vk::Result {
+    guard_result("vkResetDescriptorPool", move || {
         reset(from_handle::<DescriptorPool>(pool));
         Ok(())
-    }
+    })
+}
 
-    fn vkAllocateDescriptorSets(
-        _device: vk::Device,
-        info: *const vk::DescriptorSetAllocateInfo,
-        out: *mut vk::DescriptorSet,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkAllocateDescriptorSets(
+    _device: vk::Device,
+    info: *const vk::DescriptorSetAllocateInfo,
+    out: *mut vk::DescriptorSet,
+) -> vk::Result {
+    guard_result("vkAllocateDescriptorSets", move || {
         let info = &*info;
         let pool = from_handle::<DescriptorPool>(info.descriptor_pool);
         let layouts = ffi::slice(info.p_set_layouts, info.descriptor_set_count);
         let out = array::slice_mut(out, info.descriptor_set_count);
-        let counts = chain::find::<vk::DescriptorSetVariableDescriptorCountAllocateInfo>(info.p_next)
-            .map_or(&[][..], |counts| ffi::slice(counts.p_descriptor_counts, counts.descriptor_set_count));
+        let counts =
+            chain::find::<vk::DescriptorSetVariableDescriptorCountAllocateInfo>(info.p_next)
+                .map_or(&[][..], |counts| {
+                    ffi::slice(counts.p_descriptor_counts, counts.descriptor_set_count)
+                });
         for index in 0..layouts.len() {
-            match allocate(pool, layouts[index], counts.get(index).copied().unwrap_or(0)) {
+            match allocate(
+                pool,
+                layouts[index],
+                counts.get(index).copied().unwrap_or(0),
+            ) {
                 Ok(set) => out[index] = set,
                 Err(code) => {
                     let mut state = pool.state.lock();
@@ -208,36 +256,44 @@ entry! {
             }
         }
         Ok(())
-    }
+    })
+}
 
-    fn vkFreeDescriptorSets(
-        _device: vk::Device,
-        pool: vk::DescriptorPool,
-        count: u32,
-        sets: *const vk::DescriptorSet,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkFreeDescriptorSets(
+    _device: vk::Device,
+    pool: vk::DescriptorPool,
+    count: u32,
+    sets: *const vk::DescriptorSet,
+) -> vk::Result {
+    guard_result("vkFreeDescriptorSets", move || {
         let pool = from_handle::<DescriptorPool>(pool);
         let mut state = pool.state.lock();
         for &set in ffi::slice(sets, count) {
             free(&mut state, set);
         }
         Ok(())
-    }
+    })
+}
 
-    fn vkCreateDescriptorUpdateTemplate(
-        _device: vk::Device,
-        info: *const vk::DescriptorUpdateTemplateCreateInfo,
-        _allocator: *const vk::AllocationCallbacks,
-        out: *mut vk::DescriptorUpdateTemplate,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkCreateDescriptorUpdateTemplate(
+    _device: vk::Device,
+    info: *const vk::DescriptorUpdateTemplateCreateInfo,
+    _allocator: *const vk::AllocationCallbacks,
+    out: *mut vk::DescriptorUpdateTemplate,
+) -> vk::Result {
+    guard_result("vkCreateDescriptorUpdateTemplate", move || {
         let info = &*info;
         let push = info.template_type == vk::DescriptorUpdateTemplateType::PUSH_DESCRIPTORS_KHR;
         *out = handle::create(DescriptorUpdateTemplate {
-            entries: ffi::slice(info.p_descriptor_update_entries, info.descriptor_update_entry_count).to_vec(),
+            entries: ffi::slice(
+                info.p_descriptor_update_entries,
+                info.descriptor_update_entry_count,
+            )
+            .to_vec(),
             bind_point: info.pipeline_bind_point,
             set: info.set,
             layout: push.then(|| retain::<PipelineLayout>(info.pipeline_layout)),
         });
         Ok(())
-    }
+    })
 }

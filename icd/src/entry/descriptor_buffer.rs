@@ -11,12 +11,13 @@ use smallvec::SmallVec;
 use spirv_jit::environment::{Descriptor, StoredDescriptor};
 use spirv_jit::views::Views;
 
-use super::define::{commands, entry};
 use super::push_descriptor::bind_points;
+use super::record::record;
 use crate::VkResult;
 use crate::command::{BindDescriptorBuffer, BindDescriptorSets, Command, Recording};
 use crate::device::Device;
 use crate::ffi::{self, chain};
+use crate::guard::{guard, guard_result};
 use crate::handle::{self, Ref, from_handle, optional};
 use crate::object::{
     AccelerationStructure, AccelerationStructureNv, Buffer, DescriptorSet, DescriptorSetLayout,
@@ -123,91 +124,118 @@ unsafe fn descriptor(views: &Views, info: &vk::DescriptorGetInfoEXT<'_>) -> Stor
     }
 }
 
-entry! {
-    fn vkGetDescriptorSetLayoutSizeEXT(
-        _device: vk::Device,
-        layout: vk::DescriptorSetLayout,
-        size: *mut vk::DeviceSize,
-    ) {
-        *size = from_handle::<DescriptorSetLayout>(layout).buffer_layout().size_bytes;
-    }
+pub(crate) unsafe extern "system" fn vkGetDescriptorSetLayoutSizeEXT(
+    _device: vk::Device,
+    layout: vk::DescriptorSetLayout,
+    size: *mut vk::DeviceSize,
+) {
+    guard("vkGetDescriptorSetLayoutSizeEXT", move || {
+        *size = from_handle::<DescriptorSetLayout>(layout)
+            .buffer_layout()
+            .size_bytes;
+    })
+}
 
-    fn vkGetDescriptorSetLayoutBindingOffsetEXT(
-        _device: vk::Device,
-        layout: vk::DescriptorSetLayout,
-        binding: u32,
-        offset: *mut vk::DeviceSize,
-    ) {
+pub(crate) unsafe extern "system" fn vkGetDescriptorSetLayoutBindingOffsetEXT(
+    _device: vk::Device,
+    layout: vk::DescriptorSetLayout,
+    binding: u32,
+    offset: *mut vk::DeviceSize,
+) {
+    guard("vkGetDescriptorSetLayoutBindingOffsetEXT", move || {
         let layout = from_handle::<DescriptorSetLayout>(layout);
-        *offset = layout.binding(binding).map_or(0, |binding| layout.buffer_layout().offset_of(binding));
-    }
+        *offset = layout
+            .binding(binding)
+            .map_or(0, |binding| layout.buffer_layout().offset_of(binding));
+    })
+}
 
-    fn vkGetDescriptorEXT(
-        device: vk::Device,
-        info: *const vk::DescriptorGetInfoEXT,
-        data_size: usize,
-        data: *mut c_void,
-    ) {
+pub(crate) unsafe extern "system" fn vkGetDescriptorEXT(
+    device: vk::Device,
+    info: *const vk::DescriptorGetInfoEXT,
+    data_size: usize,
+    data: *mut c_void,
+) {
+    guard("vkGetDescriptorEXT", move || {
         let views = &from_handle::<Device>(device).engine.views;
         let descriptor = descriptor(views, &*info);
         let bytes = std::ptr::from_ref(&descriptor).cast::<u8>();
-        data.cast::<u8>().copy_from(bytes, data_size.min(size_of::<StoredDescriptor>()));
-    }
+        data.cast::<u8>()
+            .copy_from(bytes, data_size.min(size_of::<StoredDescriptor>()));
+    })
+}
 
-    fn vkGetBufferOpaqueCaptureDescriptorDataEXT(
-        _device: vk::Device,
-        info: *const vk::BufferCaptureDescriptorDataInfoEXT,
-        data: *mut c_void,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkGetBufferOpaqueCaptureDescriptorDataEXT(
+    _device: vk::Device,
+    info: *const vk::BufferCaptureDescriptorDataInfoEXT,
+    data: *mut c_void,
+) -> vk::Result {
+    guard_result("vkGetBufferOpaqueCaptureDescriptorDataEXT", move || {
         // The address follows from the captured address of the memory; a sparse buffer captures its
         // own.
-        data.cast::<u64>().write_unaligned(from_handle::<Buffer>((*info).buffer).address());
+        data.cast::<u64>()
+            .write_unaligned(from_handle::<Buffer>((*info).buffer).address());
         Ok(())
-    }
+    })
+}
 
-    fn vkGetImageOpaqueCaptureDescriptorDataEXT(
-        _device: vk::Device,
-        _info: *const vk::ImageCaptureDescriptorDataInfoEXT,
-        data: *mut c_void,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkGetImageOpaqueCaptureDescriptorDataEXT(
+    _device: vk::Device,
+    _info: *const vk::ImageCaptureDescriptorDataInfoEXT,
+    data: *mut c_void,
+) -> vk::Result {
+    guard_result("vkGetImageOpaqueCaptureDescriptorDataEXT", move || {
         // Descriptors refer to views, so images have no capture data.
         data.cast::<u64>().write_unaligned(0);
         Ok(())
-    }
+    })
+}
 
-    fn vkGetImageViewOpaqueCaptureDescriptorDataEXT(
-        _device: vk::Device,
-        info: *const vk::ImageViewCaptureDescriptorDataInfoEXT,
-        data: *mut c_void,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkGetImageViewOpaqueCaptureDescriptorDataEXT(
+    _device: vk::Device,
+    info: *const vk::ImageViewCaptureDescriptorDataInfoEXT,
+    data: *mut c_void,
+) -> vk::Result {
+    guard_result("vkGetImageViewOpaqueCaptureDescriptorDataEXT", move || {
         let view = from_handle::<ImageView>((*info).image_view);
         data.cast::<u64>().write_unaligned(view.descriptor.key.0);
         Ok(())
-    }
+    })
+}
 
-    fn vkGetSamplerOpaqueCaptureDescriptorDataEXT(
-        _device: vk::Device,
-        info: *const vk::SamplerCaptureDescriptorDataInfoEXT,
-        data: *mut c_void,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkGetSamplerOpaqueCaptureDescriptorDataEXT(
+    _device: vk::Device,
+    info: *const vk::SamplerCaptureDescriptorDataInfoEXT,
+    data: *mut c_void,
+) -> vk::Result {
+    guard_result("vkGetSamplerOpaqueCaptureDescriptorDataEXT", move || {
         let sampler = from_handle::<Sampler>((*info).sampler);
         data.cast::<u64>().write_unaligned(sampler.descriptor.key.0);
         Ok(())
-    }
+    })
+}
 
-    fn vkGetAccelerationStructureOpaqueCaptureDescriptorDataEXT(
-        device: vk::Device,
-        info: *const vk::AccelerationStructureCaptureDescriptorDataInfoEXT,
-        data: *mut c_void,
-    ) -> vk::Result {
-        let structure = optional::<AccelerationStructure>((*info).acceleration_structure);
-        let older = optional::<AccelerationStructureNv>((*info).acceleration_structure_nv);
-        let structure = structure.or(older.map(|older| &*older.structure));
-        let address = structure.map_or(0, |structure| structure.address());
-        let key = from_handle::<Device>(device).engine.views.structure_key(address);
-        data.cast::<u64>().write_unaligned(key.map_or(address, |key| key.0));
-        Ok(())
-    }
+pub(crate) unsafe extern "system" fn vkGetAccelerationStructureOpaqueCaptureDescriptorDataEXT(
+    device: vk::Device,
+    info: *const vk::AccelerationStructureCaptureDescriptorDataInfoEXT,
+    data: *mut c_void,
+) -> vk::Result {
+    guard_result(
+        "vkGetAccelerationStructureOpaqueCaptureDescriptorDataEXT",
+        move || {
+            let structure = optional::<AccelerationStructure>((*info).acceleration_structure);
+            let older = optional::<AccelerationStructureNv>((*info).acceleration_structure_nv);
+            let structure = structure.or(older.map(|older| &*older.structure));
+            let address = structure.map_or(0, |structure| structure.address());
+            let key = from_handle::<Device>(device)
+                .engine
+                .views
+                .structure_key(address);
+            data.cast::<u64>()
+                .write_unaligned(key.map_or(address, |key| key.0));
+            Ok(())
+        },
+    )
 }
 
 /// A pipeline layout's set layout.
@@ -253,61 +281,98 @@ fn bind_samplers(
     }))
 }
 
-commands! {
-    fn vkCmdBindDescriptorBuffersEXT(
-        commands,
-        count: u32,
-        infos: *const vk::DescriptorBufferBindingInfoEXT,
-    ) {
-        commands.descriptor_buffers = ffi::slice(infos, count).iter().map(|info| info.address).collect();
+pub(crate) unsafe extern "system" fn vkCmdBindDescriptorBuffersEXT(
+    commands: vk::CommandBuffer,
+    count: u32,
+    infos: *const vk::DescriptorBufferBindingInfoEXT,
+) {
+    record("vkCmdBindDescriptorBuffersEXT", commands, move |commands| {
+        commands.descriptor_buffers = ffi::slice(infos, count)
+            .iter()
+            .map(|info| info.address)
+            .collect();
         Ok(())
-    }
+    })
+}
 
-    fn vkCmdSetDescriptorBufferOffsetsEXT(
+pub(crate) unsafe extern "system" fn vkCmdSetDescriptorBufferOffsetsEXT(
+    commands: vk::CommandBuffer,
+    bind_point: vk::PipelineBindPoint,
+    layout: vk::PipelineLayout,
+    first_set: u32,
+    count: u32,
+    buffers: *const u32,
+    offsets: *const vk::DeviceSize,
+) {
+    record(
+        "vkCmdSetDescriptorBufferOffsetsEXT",
         commands,
-        bind_point: vk::PipelineBindPoint,
-        layout: vk::PipelineLayout,
-        first_set: u32,
-        count: u32,
-        buffers: *const u32,
-        offsets: *const vk::DeviceSize,
-    ) {
-        let layout = from_handle::<PipelineLayout>(layout);
-        let (buffers, offsets) = (ffi::slice(buffers, count), ffi::slice(offsets, count));
-        set_offsets(commands, bind_point, layout, first_set, buffers, offsets)
-    }
+        move |commands| {
+            let layout = from_handle::<PipelineLayout>(layout);
+            let (buffers, offsets) = (ffi::slice(buffers, count), ffi::slice(offsets, count));
+            set_offsets(commands, bind_point, layout, first_set, buffers, offsets)
+        },
+    )
+}
 
-    fn vkCmdSetDescriptorBufferOffsets2EXT(
+pub(crate) unsafe extern "system" fn vkCmdSetDescriptorBufferOffsets2EXT(
+    commands: vk::CommandBuffer,
+    info: *const vk::SetDescriptorBufferOffsetsInfoEXT<'_>,
+) {
+    record(
+        "vkCmdSetDescriptorBufferOffsets2EXT",
         commands,
-        info: *const vk::SetDescriptorBufferOffsetsInfoEXT<'_>,
-    ) {
-        let info = &*info;
-        let layout = from_handle::<PipelineLayout>(info.layout);
-        let buffers = ffi::slice(info.p_buffer_indices, info.set_count);
-        let offsets = ffi::slice(info.p_offsets, info.set_count);
-        for point in bind_points(info.stage_flags) {
-            set_offsets(commands, point, layout, info.first_set, buffers, offsets)?;
-        }
-        Ok(())
-    }
+        move |commands| {
+            let info = &*info;
+            let layout = from_handle::<PipelineLayout>(info.layout);
+            let buffers = ffi::slice(info.p_buffer_indices, info.set_count);
+            let offsets = ffi::slice(info.p_offsets, info.set_count);
+            for point in bind_points(info.stage_flags) {
+                set_offsets(commands, point, layout, info.first_set, buffers, offsets)?;
+            }
+            Ok(())
+        },
+    )
+}
 
-    fn vkCmdBindDescriptorBufferEmbeddedSamplersEXT(
+pub(crate) unsafe extern "system" fn vkCmdBindDescriptorBufferEmbeddedSamplersEXT(
+    commands: vk::CommandBuffer,
+    bind_point: vk::PipelineBindPoint,
+    layout: vk::PipelineLayout,
+    set: u32,
+) {
+    record(
+        "vkCmdBindDescriptorBufferEmbeddedSamplersEXT",
         commands,
-        bind_point: vk::PipelineBindPoint,
-        layout: vk::PipelineLayout,
-        set: u32,
-    ) {
-        bind_samplers(commands, bind_point, from_handle::<PipelineLayout>(layout), set)
-    }
+        move |commands| {
+            bind_samplers(
+                commands,
+                bind_point,
+                from_handle::<PipelineLayout>(layout),
+                set,
+            )
+        },
+    )
+}
 
-    fn vkCmdBindDescriptorBufferEmbeddedSamplers2EXT(
+pub(crate) unsafe extern "system" fn vkCmdBindDescriptorBufferEmbeddedSamplers2EXT(
+    commands: vk::CommandBuffer,
+    info: *const vk::BindDescriptorBufferEmbeddedSamplersInfoEXT<'_>,
+) {
+    record(
+        "vkCmdBindDescriptorBufferEmbeddedSamplers2EXT",
         commands,
-        info: *const vk::BindDescriptorBufferEmbeddedSamplersInfoEXT<'_>,
-    ) {
-        let info = &*info;
-        for point in bind_points(info.stage_flags) {
-            bind_samplers(commands, point, from_handle::<PipelineLayout>(info.layout), info.set)?;
-        }
-        Ok(())
-    }
+        move |commands| {
+            let info = &*info;
+            for point in bind_points(info.stage_flags) {
+                bind_samplers(
+                    commands,
+                    point,
+                    from_handle::<PipelineLayout>(info.layout),
+                    info.set,
+                )?;
+            }
+            Ok(())
+        },
+    )
 }

@@ -8,14 +8,15 @@ use smallvec::SmallVec;
 use spirv_jit::environment::{Descriptor, StoredDescriptor};
 use spirv_jit::heap::{DESCRIPTOR_BYTES, Table};
 
-use super::define::{commands, entry};
 use super::image::view;
+use super::record::record;
 use crate::VkResult;
 use crate::command::{BindHeap, Command, Recording};
 use crate::decode::sampler::decode_sampler;
 use crate::device::Device;
 use crate::ffi::array::slice_mut;
 use crate::ffi::{self, chain, vk};
+use crate::guard::{guard, guard_result};
 use crate::handle::from_handle;
 use crate::object::Image;
 
@@ -125,49 +126,61 @@ pub(super) unsafe fn inherit_heaps(
     Ok(())
 }
 
-entry! {
-    fn vkGetPhysicalDeviceDescriptorSizeEXT(
-        _physical: vk::PhysicalDevice,
-        _ty: vk::DescriptorType,
-    ) -> vk::DeviceSize {
+pub(crate) unsafe extern "system" fn vkGetPhysicalDeviceDescriptorSizeEXT(
+    _physical: vk::PhysicalDevice,
+    _ty: vk::DescriptorType,
+) -> vk::DeviceSize {
+    guard("vkGetPhysicalDeviceDescriptorSizeEXT", move || {
         vk::DeviceSize::from(DESCRIPTOR_BYTES)
-    }
+    })
+}
 
-    fn vkWriteSamplerDescriptorsEXT(
-        device: vk::Device,
-        count: u32,
-        samplers: *const vk::SamplerCreateInfo<'_>,
-        descriptors: *const vk::HostAddressRangeEXT,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkWriteSamplerDescriptorsEXT(
+    device: vk::Device,
+    count: u32,
+    samplers: *const vk::SamplerCreateInfo<'_>,
+    descriptors: *const vk::HostAddressRangeEXT,
+) -> vk::Result {
+    guard_result("vkWriteSamplerDescriptorsEXT", move || {
         let known = &from_handle::<Device>(device).engine.heap_samplers;
         let targets = ffi::slice(descriptors, count);
         for (info, to) in ffi::slice(samplers, count).iter().zip(targets) {
             let sampler = known.key(&decode_sampler(info))?.0;
-            write(&StoredDescriptor { sampler, ..StoredDescriptor::default() }, to);
+            write(
+                &StoredDescriptor {
+                    sampler,
+                    ..StoredDescriptor::default()
+                },
+                to,
+            );
         }
         Ok(())
-    }
+    })
+}
 
-    fn vkWriteResourceDescriptorsEXT(
-        device: vk::Device,
-        count: u32,
-        resources: *const vk::ResourceDescriptorInfoEXT<'_>,
-        descriptors: *const vk::HostAddressRangeEXT,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkWriteResourceDescriptorsEXT(
+    device: vk::Device,
+    count: u32,
+    resources: *const vk::ResourceDescriptorInfoEXT<'_>,
+    descriptors: *const vk::HostAddressRangeEXT,
+) -> vk::Result {
+    guard_result("vkWriteResourceDescriptorsEXT", move || {
         let device = from_handle::<Device>(device);
         let targets = ffi::slice(descriptors, count);
         for (info, to) in ffi::slice(resources, count).iter().zip(targets) {
             write(&descriptor(device, info)?, to);
         }
         Ok(())
-    }
+    })
+}
 
-    fn vkGetImageOpaqueCaptureDataEXT(
-        _device: vk::Device,
-        count: u32,
-        images: *const vk::Image,
-        data: *mut vk::HostAddressRangeEXT,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkGetImageOpaqueCaptureDataEXT(
+    _device: vk::Device,
+    count: u32,
+    images: *const vk::Image,
+    data: *mut vk::HostAddressRangeEXT,
+) -> vk::Result {
+    guard_result("vkGetImageOpaqueCaptureDataEXT", move || {
         let targets = slice_mut(data, count);
         for (&image, to) in ffi::slice(images, count).iter().zip(targets) {
             let captured = from_handle::<Image>(image).capture_data().to_ne_bytes();
@@ -175,16 +188,24 @@ entry! {
             to.address.cast::<u8>().copy_from(captured.as_ptr(), size);
         }
         Ok(())
-    }
+    })
+}
 
-    fn vkRegisterCustomBorderColorEXT(
-        device: vk::Device,
-        _color: *const vk::SamplerCustomBorderColorCreateInfoEXT<'_>,
-        wants_index: vk::Bool32,
-        index: *mut u32,
-    ) -> vk::Result {
-        let mut colors = from_handle::<Device>(device).engine.heap_samplers.border_colors.lock();
-        colors.try_reserve(1).map_err(|_| vk::Result::ERROR_OUT_OF_HOST_MEMORY)?;
+pub(crate) unsafe extern "system" fn vkRegisterCustomBorderColorEXT(
+    device: vk::Device,
+    _color: *const vk::SamplerCustomBorderColorCreateInfoEXT<'_>,
+    wants_index: vk::Bool32,
+    index: *mut u32,
+) -> vk::Result {
+    guard_result("vkRegisterCustomBorderColorEXT", move || {
+        let mut colors = from_handle::<Device>(device)
+            .engine
+            .heap_samplers
+            .border_colors
+            .lock();
+        colors
+            .try_reserve(1)
+            .map_err(|_| vk::Result::ERROR_OUT_OF_HOST_MEMORY)?;
         if wants_index != vk::FALSE {
             let taken = vk::Result::ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS;
             return colors.insert(*index).then_some(()).ok_or(taken);
@@ -193,25 +214,51 @@ entry! {
         *index = free.ok_or(vk::Result::ERROR_TOO_MANY_OBJECTS)?;
         colors.insert(*index);
         Ok(())
-    }
-
-    fn vkUnregisterCustomBorderColorEXT(device: vk::Device, index: u32) {
-        from_handle::<Device>(device).engine.heap_samplers.border_colors.lock().remove(&index);
-    }
+    })
 }
 
-commands! {
-    fn vkCmdBindSamplerHeapEXT(commands, info: *const vk::BindHeapInfoEXT<'_>) {
+pub(crate) unsafe extern "system" fn vkUnregisterCustomBorderColorEXT(
+    device: vk::Device,
+    index: u32,
+) {
+    guard("vkUnregisterCustomBorderColorEXT", move || {
+        from_handle::<Device>(device)
+            .engine
+            .heap_samplers
+            .border_colors
+            .lock()
+            .remove(&index);
+    })
+}
+
+pub(crate) unsafe extern "system" fn vkCmdBindSamplerHeapEXT(
+    commands: vk::CommandBuffer,
+    info: *const vk::BindHeapInfoEXT<'_>,
+) {
+    record("vkCmdBindSamplerHeapEXT", commands, move |commands| {
         bind_heap(commands, Table::Samplers, &*info)
-    }
+    })
+}
 
-    fn vkCmdBindResourceHeapEXT(commands, info: *const vk::BindHeapInfoEXT<'_>) {
+pub(crate) unsafe extern "system" fn vkCmdBindResourceHeapEXT(
+    commands: vk::CommandBuffer,
+    info: *const vk::BindHeapInfoEXT<'_>,
+) {
+    record("vkCmdBindResourceHeapEXT", commands, move |commands| {
         bind_heap(commands, Table::Resources, &*info)
-    }
+    })
+}
 
-    fn vkCmdPushDataEXT(commands, info: *const vk::PushDataInfoEXT<'_>) {
+pub(crate) unsafe extern "system" fn vkCmdPushDataEXT(
+    commands: vk::CommandBuffer,
+    info: *const vk::PushDataInfoEXT<'_>,
+) {
+    record("vkCmdPushDataEXT", commands, move |commands| {
         let info = &*info;
         let bytes: &[u8] = ffi::slice(info.data.address.cast(), info.data.size as u32);
-        commands.push(Command::PushConstants { offset: info.offset, bytes: SmallVec::from_slice(bytes) })
-    }
+        commands.push(Command::PushConstants {
+            offset: info.offset,
+            bytes: SmallVec::from_slice(bytes),
+        })
+    })
 }

@@ -5,9 +5,9 @@ use std::ffi::c_void;
 use ash::vk;
 use spirv_jit::environment::Descriptor;
 
-use super::define::entry;
 use crate::execute::bindings::DynamicBuffer;
 use crate::ffi::{self, chain};
+use crate::guard::guard;
 use crate::handle::{from_handle, optional};
 use crate::object::descriptor::Binding;
 use crate::object::{
@@ -290,32 +290,34 @@ unsafe fn apply_copy(info: &vk::CopyDescriptorSet<'_>) {
     }
 }
 
-entry! {
-    fn vkUpdateDescriptorSets(
-        _device: vk::Device,
-        write_count: u32,
-        writes: *const vk::WriteDescriptorSet,
-        copy_count: u32,
-        copies: *const vk::CopyDescriptorSet,
-    ) {
+pub(crate) unsafe extern "system" fn vkUpdateDescriptorSets(
+    _device: vk::Device,
+    write_count: u32,
+    writes: *const vk::WriteDescriptorSet,
+    copy_count: u32,
+    copies: *const vk::CopyDescriptorSet,
+) {
+    guard("vkUpdateDescriptorSets", move || {
         for info in ffi::slice(writes, write_count) {
             apply_write(from_handle::<DescriptorSet>(info.dst_set), info);
         }
         for info in ffi::slice(copies, copy_count) {
             apply_copy(info);
         }
-    }
+    })
+}
 
-    fn vkUpdateDescriptorSetWithTemplate(
-        _device: vk::Device,
-        set: vk::DescriptorSet,
-        template: vk::DescriptorUpdateTemplate,
-        data: *const c_void,
-    ) {
+pub(crate) unsafe extern "system" fn vkUpdateDescriptorSetWithTemplate(
+    _device: vk::Device,
+    set: vk::DescriptorSet,
+    template: vk::DescriptorUpdateTemplate,
+    data: *const c_void,
+) {
+    guard("vkUpdateDescriptorSetWithTemplate", move || {
         apply_template(
             from_handle::<DescriptorSet>(set),
             from_handle::<DescriptorUpdateTemplate>(template),
             data,
         );
-    }
+    })
 }

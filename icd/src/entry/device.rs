@@ -1,15 +1,12 @@
 //! Devices.
 
-use std::ffi::c_char;
-
 use ash::vk;
 
-use super::define::entry;
 use super::system;
 use crate::device::Device;
 use crate::device::Enabled;
-use crate::entry::commands;
 use crate::ffi::{self, array, vk as newer};
+use crate::guard::{guard, guard_result};
 use crate::handle::{self, from_handle};
 use crate::object::{PhysicalDevice, PrivateDataSlot};
 use crate::os::clock::Clock;
@@ -52,59 +49,77 @@ unsafe fn enabled(info: &vk::DeviceCreateInfo<'_>) -> Enabled {
     }
 }
 
-entry! {
-    fn vkCreateDevice(
-        physical: vk::PhysicalDevice,
-        info: *const vk::DeviceCreateInfo,
-        _allocator: *const vk::AllocationCallbacks,
-        out: *mut vk::Device,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkCreateDevice(
+    physical: vk::PhysicalDevice,
+    info: *const vk::DeviceCreateInfo,
+    _allocator: *const vk::AllocationCallbacks,
+    out: *mut vk::Device,
+) -> vk::Result {
+    guard_result("vkCreateDevice", move || {
         let physical = from_handle::<PhysicalDevice>(physical);
         let info = &*info;
-        let names = ffi::slice(info.pp_enabled_extension_names, info.enabled_extension_count);
-        let extensions = ExtensionSet::from_names(Kind::Device, names.iter().map(|&name| ffi::string(name)))
-            .ok_or(vk::Result::ERROR_EXTENSION_NOT_PRESENT)?;
+        let names = ffi::slice(
+            info.pp_enabled_extension_names,
+            info.enabled_extension_count,
+        );
+        let extensions =
+            ExtensionSet::from_names(Kind::Device, names.iter().map(|&name| ffi::string(name)))
+                .ok_or(vk::Result::ERROR_EXTENSION_NOT_PRESENT)?;
         features::check_requested(info)?;
         let queues = ffi::slice(info.p_queue_create_infos, info.queue_create_info_count);
-        if queues.iter().any(|queue| queue.queue_family_index != 0 || queue.queue_count > MAX_QUEUES) {
+        if queues
+            .iter()
+            .any(|queue| queue.queue_family_index != 0 || queue.queue_count > MAX_QUEUES)
+        {
             return Err(vk::Result::ERROR_INITIALIZATION_FAILED);
         }
-        let queue_count = queues.iter().map(|queue| queue.queue_count).max().unwrap_or(0);
-        *out = handle::create(Device::new(physical, extensions, queue_count, enabled(info))?);
+        let queue_count = queues
+            .iter()
+            .map(|queue| queue.queue_count)
+            .max()
+            .unwrap_or(0);
+        *out = handle::create(Device::new(
+            physical,
+            extensions,
+            queue_count,
+            enabled(info),
+        )?);
         Ok(())
-    }
+    })
+}
 
-    fn vkDestroyDevice(device: vk::Device, _allocator: *const vk::AllocationCallbacks) {
+pub(crate) unsafe extern "system" fn vkDestroyDevice(
+    device: vk::Device,
+    _allocator: *const vk::AllocationCallbacks,
+) {
+    guard("vkDestroyDevice", move || {
         drop(handle::take::<Device>(device));
-    }
+    })
+}
 
-    fn vkGetDeviceProcAddr(device: vk::Device, name: *const c_char) -> vk::PFN_vkVoidFunction {
-        let device = from_handle::<Device>(device);
-        let mut rows = commands::rows(ffi::string(name).to_bytes());
-        let command = rows.find(|it| it.available_to_device(device.api_version, device.extensions));
-        Some(command?.function)
-    }
-
-    fn vkGetDeviceGroupPeerMemoryFeatures(
-        _device: vk::Device,
-        _heap: u32,
-        _local: u32,
-        _remote: u32,
-        out: *mut vk::PeerMemoryFeatureFlags,
-    ) {
+pub(crate) unsafe extern "system" fn vkGetDeviceGroupPeerMemoryFeatures(
+    _device: vk::Device,
+    _heap: u32,
+    _local: u32,
+    _remote: u32,
+    out: *mut vk::PeerMemoryFeatureFlags,
+) {
+    guard("vkGetDeviceGroupPeerMemoryFeatures", move || {
         *out = vk::PeerMemoryFeatureFlags::COPY_SRC
             | vk::PeerMemoryFeatureFlags::COPY_DST
             | vk::PeerMemoryFeatureFlags::GENERIC_SRC
             | vk::PeerMemoryFeatureFlags::GENERIC_DST;
-    }
+    })
+}
 
-    fn vkGetCalibratedTimestampsKHR(
-        _device: vk::Device,
-        count: u32,
-        infos: *const vk::CalibratedTimestampInfoKHR,
-        timestamps: *mut u64,
-        max_deviation: *mut u64,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkGetCalibratedTimestampsKHR(
+    _device: vk::Device,
+    count: u32,
+    infos: *const vk::CalibratedTimestampInfoKHR,
+    timestamps: *mut u64,
+    max_deviation: *mut u64,
+) -> vk::Result {
+    guard_result("vkGetCalibratedTimestampsKHR", move || {
         let start = Clock::Monotonic.now_ns();
         let timestamps = array::slice_mut(timestamps, count);
         for (info, out) in ffi::slice(infos, count).iter().zip(timestamps) {
@@ -113,50 +128,64 @@ entry! {
         // All clocks were read between `start` and now; the extra nanosecond is the clocks' period.
         *max_deviation = Clock::Monotonic.now_ns() - start + 1;
         Ok(())
-    }
+    })
+}
 
-    fn vkCreatePrivateDataSlot(
-        device: vk::Device,
-        _info: *const vk::PrivateDataSlotCreateInfo,
-        _allocator: *const vk::AllocationCallbacks,
-        out: *mut vk::PrivateDataSlot,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkCreatePrivateDataSlot(
+    device: vk::Device,
+    _info: *const vk::PrivateDataSlotCreateInfo,
+    _allocator: *const vk::AllocationCallbacks,
+    out: *mut vk::PrivateDataSlot,
+) -> vk::Result {
+    guard_result("vkCreatePrivateDataSlot", move || {
         let device = from_handle::<Device>(device);
         *out = handle::create(device.private_data.lock().new_slot());
         Ok(())
-    }
+    })
+}
 
-    fn vkDestroyPrivateDataSlot(
-        device: vk::Device,
-        slot: vk::PrivateDataSlot,
-        _allocator: *const vk::AllocationCallbacks,
-    ) {
+pub(crate) unsafe extern "system" fn vkDestroyPrivateDataSlot(
+    device: vk::Device,
+    slot: vk::PrivateDataSlot,
+    _allocator: *const vk::AllocationCallbacks,
+) {
+    guard("vkDestroyPrivateDataSlot", move || {
         let device = from_handle::<Device>(device);
         if let Some(slot) = handle::take::<PrivateDataSlot>(slot) {
             device.private_data.lock().remove_slot(&slot);
         }
-    }
+    })
+}
 
-    fn vkSetPrivateData(
-        device: vk::Device,
-        _ty: vk::ObjectType,
-        object: u64,
-        slot: vk::PrivateDataSlot,
-        data: u64,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkSetPrivateData(
+    device: vk::Device,
+    _ty: vk::ObjectType,
+    object: u64,
+    slot: vk::PrivateDataSlot,
+    data: u64,
+) -> vk::Result {
+    guard_result("vkSetPrivateData", move || {
         let device = from_handle::<Device>(device);
-        device.private_data.lock().set(from_handle::<PrivateDataSlot>(slot), object, data);
+        device
+            .private_data
+            .lock()
+            .set(from_handle::<PrivateDataSlot>(slot), object, data);
         Ok(())
-    }
+    })
+}
 
-    fn vkGetPrivateData(
-        device: vk::Device,
-        _ty: vk::ObjectType,
-        object: u64,
-        slot: vk::PrivateDataSlot,
-        data: *mut u64,
-    ) {
+pub(crate) unsafe extern "system" fn vkGetPrivateData(
+    device: vk::Device,
+    _ty: vk::ObjectType,
+    object: u64,
+    slot: vk::PrivateDataSlot,
+    data: *mut u64,
+) {
+    guard("vkGetPrivateData", move || {
         let device = from_handle::<Device>(device);
-        *data = device.private_data.lock().word(from_handle::<PrivateDataSlot>(slot), object);
-    }
+        *data = device
+            .private_data
+            .lock()
+            .word(from_handle::<PrivateDataSlot>(slot), object);
+    })
 }

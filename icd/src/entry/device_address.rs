@@ -3,12 +3,13 @@
 //! memory.
 
 use super::acceleration_structure::create;
-use super::define::{commands, entry};
+use super::record::record;
 use crate::VkResult;
 use crate::command::{Command, CopyQueryPoolResults, Parameters, Recording, TransferCommand};
 use crate::device::Device;
 use crate::ffi;
 use crate::ffi::vk;
+use crate::guard::guard_result;
 use crate::handle::{from_handle, retain};
 use crate::object::acceleration_structure::Location;
 use crate::object::{AccelerationStructure, Image, QueryPool};
@@ -37,22 +38,25 @@ fn image_copy(region: &vk::DeviceMemoryImageCopyKHR<'_>) -> vk::BufferImageCopy 
     }
 }
 
-entry! {
-    fn vkCreateAccelerationStructure2KHR(
-        device: vk::Device,
-        info: *const vk::AccelerationStructureCreateInfo2KHR<'_>,
-        _allocator: *const vk::AllocationCallbacks<'_>,
-        structure: *mut vk::AccelerationStructureKHR,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkCreateAccelerationStructure2KHR(
+    device: vk::Device,
+    info: *const vk::AccelerationStructureCreateInfo2KHR<'_>,
+    _allocator: *const vk::AllocationCallbacks<'_>,
+    structure: *mut vk::AccelerationStructureKHR,
+) -> vk::Result {
+    guard_result("vkCreateAccelerationStructure2KHR", move || {
         let info = &*info;
-        *structure = create(from_handle::<Device>(device), AccelerationStructure {
-            ty: info.ty,
-            location: Location::Address(info.address_range.address),
-            size_bytes: info.address_range.size,
-            replayable: None,
-        });
+        *structure = create(
+            from_handle::<Device>(device),
+            AccelerationStructure {
+                ty: info.ty,
+                location: Location::Address(info.address_range.address),
+                size_bytes: info.address_range.size,
+                replayable: None,
+            },
+        );
         Ok(())
-    }
+    })
 }
 
 fn parameters(range: vk::StridedDeviceAddressRangeKHR) -> Parameters {
@@ -62,107 +66,166 @@ fn parameters(range: vk::StridedDeviceAddressRangeKHR) -> Parameters {
     }
 }
 
-commands! {
-    fn vkCmdCopyMemoryIndirectKHR(commands, info: *const vk::CopyMemoryIndirectInfoKHR<'_>) {
+pub(crate) unsafe extern "system" fn vkCmdCopyMemoryIndirectKHR(
+    commands: vk::CommandBuffer,
+    info: *const vk::CopyMemoryIndirectInfoKHR<'_>,
+) {
+    record("vkCmdCopyMemoryIndirectKHR", commands, move |commands| {
         let info = &*info;
         commands.push(Command::Transfer(TransferCommand::CopyMemoryIndirect {
             parameters: parameters(info.copy_address_range),
             count: info.copy_count,
         }))
-    }
+    })
+}
 
-    fn vkCmdCopyMemoryToImageIndirectKHR(commands, info: *const vk::CopyMemoryToImageIndirectInfoKHR<'_>) {
-        let info = &*info;
-        commands.push(Command::Transfer(TransferCommand::CopyMemoryToImageIndirect {
-            parameters: parameters(info.copy_address_range),
-            destination: retain::<Image>(info.dst_image),
-            layers: ffi::slice(info.p_image_subresources, info.copy_count).to_vec(),
-        }))
-    }
-
-    fn vkCmdCopyMemoryKHR(commands, info: *const vk::CopyDeviceMemoryInfoKHR<'_>) {
-        let regions = ffi::slice((*info).p_regions, (*info).region_count);
-        regions.iter().try_for_each(|region| copy_memory(commands, region))
-    }
-
-    fn vkCmdCopyMemoryToImageKHR(commands, info: *const vk::CopyDeviceMemoryImageInfoKHR<'_>) {
-        let regions = ffi::slice((*info).p_regions, (*info).region_count);
-        regions.iter().filter(|region| region.address_range.address != 0).try_for_each(|region| {
-            commands.push(Command::Transfer(TransferCommand::CopyBufferToImage {
-                source: region.address_range.address,
-                destination: retain::<Image>((*info).image),
-                regions: vec![image_copy(region)],
-            }))
-        })
-    }
-
-    fn vkCmdCopyImageToMemoryKHR(commands, info: *const vk::CopyDeviceMemoryImageInfoKHR<'_>) {
-        let regions = ffi::slice((*info).p_regions, (*info).region_count);
-        regions.iter().filter(|region| region.address_range.address != 0).try_for_each(|region| {
-            commands.push(Command::Transfer(TransferCommand::CopyImageToBuffer {
-                source: retain::<Image>((*info).image),
-                destination: region.address_range.address,
-                regions: vec![image_copy(region)],
-            }))
-        })
-    }
-
-    fn vkCmdUpdateMemoryKHR(
+pub(crate) unsafe extern "system" fn vkCmdCopyMemoryToImageIndirectKHR(
+    commands: vk::CommandBuffer,
+    info: *const vk::CopyMemoryToImageIndirectInfoKHR<'_>,
+) {
+    record(
+        "vkCmdCopyMemoryToImageIndirectKHR",
         commands,
-        range: *const vk::DeviceAddressRangeKHR,
-        _flags: vk::AddressCommandFlagsKHR,
-        size_bytes: vk::DeviceSize,
-        data: *const std::ffi::c_void,
-    ) {
+        move |commands| {
+            let info = &*info;
+            commands.push(Command::Transfer(
+                TransferCommand::CopyMemoryToImageIndirect {
+                    parameters: parameters(info.copy_address_range),
+                    destination: retain::<Image>(info.dst_image),
+                    layers: ffi::slice(info.p_image_subresources, info.copy_count).to_vec(),
+                },
+            ))
+        },
+    )
+}
+
+pub(crate) unsafe extern "system" fn vkCmdCopyMemoryKHR(
+    commands: vk::CommandBuffer,
+    info: *const vk::CopyDeviceMemoryInfoKHR<'_>,
+) {
+    record("vkCmdCopyMemoryKHR", commands, move |commands| {
+        let regions = ffi::slice((*info).p_regions, (*info).region_count);
+        regions
+            .iter()
+            .try_for_each(|region| copy_memory(commands, region))
+    })
+}
+
+pub(crate) unsafe extern "system" fn vkCmdCopyMemoryToImageKHR(
+    commands: vk::CommandBuffer,
+    info: *const vk::CopyDeviceMemoryImageInfoKHR<'_>,
+) {
+    record("vkCmdCopyMemoryToImageKHR", commands, move |commands| {
+        let regions = ffi::slice((*info).p_regions, (*info).region_count);
+        regions
+            .iter()
+            .filter(|region| region.address_range.address != 0)
+            .try_for_each(|region| {
+                commands.push(Command::Transfer(TransferCommand::CopyBufferToImage {
+                    source: region.address_range.address,
+                    destination: retain::<Image>((*info).image),
+                    regions: vec![image_copy(region)],
+                }))
+            })
+    })
+}
+
+pub(crate) unsafe extern "system" fn vkCmdCopyImageToMemoryKHR(
+    commands: vk::CommandBuffer,
+    info: *const vk::CopyDeviceMemoryImageInfoKHR<'_>,
+) {
+    record("vkCmdCopyImageToMemoryKHR", commands, move |commands| {
+        let regions = ffi::slice((*info).p_regions, (*info).region_count);
+        regions
+            .iter()
+            .filter(|region| region.address_range.address != 0)
+            .try_for_each(|region| {
+                commands.push(Command::Transfer(TransferCommand::CopyImageToBuffer {
+                    source: retain::<Image>((*info).image),
+                    destination: region.address_range.address,
+                    regions: vec![image_copy(region)],
+                }))
+            })
+    })
+}
+
+pub(crate) unsafe extern "system" fn vkCmdUpdateMemoryKHR(
+    commands: vk::CommandBuffer,
+    range: *const vk::DeviceAddressRangeKHR,
+    _flags: vk::AddressCommandFlagsKHR,
+    size_bytes: vk::DeviceSize,
+    data: *const std::ffi::c_void,
+) {
+    record("vkCmdUpdateMemoryKHR", commands, move |commands| {
         let range = *range;
         if range.address == 0 {
             return Ok(());
         }
         let bytes = ffi::slice::<u8>(data.cast(), size_bytes.min(range.size) as u32).into();
-        commands.push(Command::Transfer(TransferCommand::UpdateBuffer { address: range.address, bytes }))
-    }
+        commands.push(Command::Transfer(TransferCommand::UpdateBuffer {
+            address: range.address,
+            bytes,
+        }))
+    })
+}
 
-    fn vkCmdFillMemoryKHR(
-        commands,
-        range: *const vk::DeviceAddressRangeKHR,
-        _flags: vk::AddressCommandFlagsKHR,
-        word: u32,
-    ) {
+pub(crate) unsafe extern "system" fn vkCmdFillMemoryKHR(
+    commands: vk::CommandBuffer,
+    range: *const vk::DeviceAddressRangeKHR,
+    _flags: vk::AddressCommandFlagsKHR,
+    word: u32,
+) {
+    record("vkCmdFillMemoryKHR", commands, move |commands| {
         let vk::DeviceAddressRangeKHR { address, size } = *range;
         if address == 0 {
             return Ok(());
         }
-        commands.push(Command::Transfer(TransferCommand::FillBuffer { address, size_bytes: size, word }))
-    }
+        commands.push(Command::Transfer(TransferCommand::FillBuffer {
+            address,
+            size_bytes: size,
+            word,
+        }))
+    })
+}
 
-    fn vkCmdDispatchIndirect2KHR(commands, info: *const vk::DispatchIndirect2InfoKHR<'_>) {
+pub(crate) unsafe extern "system" fn vkCmdDispatchIndirect2KHR(
+    commands: vk::CommandBuffer,
+    info: *const vk::DispatchIndirect2InfoKHR<'_>,
+) {
+    record("vkCmdDispatchIndirect2KHR", commands, move |commands| {
         let address = (*info).address_range.address;
         if address == 0 {
             return Ok(());
         }
         commands.push(Command::DispatchIndirect { address })
-    }
+    })
+}
 
-    fn vkCmdCopyQueryPoolResultsToMemoryKHR(
+pub(crate) unsafe extern "system" fn vkCmdCopyQueryPoolResultsToMemoryKHR(
+    commands: vk::CommandBuffer,
+    pool: vk::QueryPool,
+    first: u32,
+    count: u32,
+    range: *const vk::StridedDeviceAddressRangeKHR,
+    _flags: vk::AddressCommandFlagsKHR,
+    flags: vk::QueryResultFlags,
+) {
+    record(
+        "vkCmdCopyQueryPoolResultsToMemoryKHR",
         commands,
-        pool: vk::QueryPool,
-        first: u32,
-        count: u32,
-        range: *const vk::StridedDeviceAddressRangeKHR,
-        _flags: vk::AddressCommandFlagsKHR,
-        flags: vk::QueryResultFlags,
-    ) {
-        let range = *range;
-        if range.address == 0 {
-            return Ok(());
-        }
-        commands.push(Command::CopyQueryPoolResults(CopyQueryPoolResults {
-            pool: retain::<QueryPool>(pool),
-            first,
-            count,
-            address: range.address,
-            stride_bytes: range.stride,
-            flags,
-        }))
-    }
+        move |commands| {
+            let range = *range;
+            if range.address == 0 {
+                return Ok(());
+            }
+            commands.push(Command::CopyQueryPoolResults(CopyQueryPoolResults {
+                pool: retain::<QueryPool>(pool),
+                first,
+                count,
+                address: range.address,
+                stride_bytes: range.stride,
+                flags,
+            }))
+        },
+    )
 }

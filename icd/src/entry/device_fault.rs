@@ -5,11 +5,11 @@ use std::mem::MaybeUninit;
 use ash::vk;
 use spirv_jit::abort;
 
-use super::define::entry;
 use crate::VkResult;
 use crate::device::Device;
 use crate::ffi::enumerate::{enumerate, enumerate_with};
 use crate::ffi::{array, chain, vk as newer};
+use crate::guard::guard_result;
 use crate::handle::from_handle;
 use crate::wave::{Cause, Fault, Stopped, WildAddress};
 
@@ -149,18 +149,21 @@ unsafe fn write_messages(
     }
 }
 
-entry! {
-    /// A device that is not lost has no fault.
-    fn vkGetDeviceFaultInfoEXT(
-        device: vk::Device,
-        counts: *mut vk::DeviceFaultCountsEXT,
-        info: *mut vk::DeviceFaultInfoEXT,
-    ) -> vk::Result {
+/// A device that is not lost has no fault.
+pub(crate) unsafe extern "system" fn vkGetDeviceFaultInfoEXT(
+    device: vk::Device,
+    counts: *mut vk::DeviceFaultCountsEXT,
+    info: *mut vk::DeviceFaultInfoEXT,
+) -> vk::Result {
+    guard_result("vkGetDeviceFaultInfoEXT", move || {
         let fault = from_handle::<Device>(device).engine.fault();
         let counts = &mut *counts;
         counts.vendor_binary_size = 0;
         let (addresses, vendor) = match &fault {
-            Some(fault) => (fault.wild.iter().map(address_info).collect(), vendor_infos(fault)),
+            Some(fault) => (
+                fault.wild.iter().map(address_info).collect(),
+                vendor_infos(fault),
+            ),
             None => (Vec::new(), Vec::new()),
         };
         if info.is_null() {
@@ -176,20 +179,26 @@ entry! {
         array::write_text(&mut info.description, &description);
         // Each is written as far as there is room, even if the other does not fit.
         let wrote = [
-            write_infos(addresses, &mut counts.address_info_count, info.p_address_infos),
+            write_infos(
+                addresses,
+                &mut counts.address_info_count,
+                info.p_address_infos,
+            ),
             write_infos(vendor, &mut counts.vendor_info_count, info.p_vendor_infos),
         ];
         wrote.into_iter().collect()
-    }
+    })
+}
 
-    /// The reports of a lost device, invalid addresses first. Once all have been returned, there
-    /// are no more and no wait.
-    fn vkGetDeviceFaultReportsKHR(
-        device: vk::Device,
-        timeout: u64,
-        count: *mut u32,
-        out: *mut newer::DeviceFaultInfoKHR<'_>,
-    ) -> vk::Result {
+/// The reports of a lost device, invalid addresses first. Once all have been returned, there
+/// are no more and no wait.
+pub(crate) unsafe extern "system" fn vkGetDeviceFaultReportsKHR(
+    device: vk::Device,
+    timeout: u64,
+    count: *mut u32,
+    out: *mut newer::DeviceFaultInfoKHR<'_>,
+) -> vk::Result {
+    guard_result("vkGetDeviceFaultReportsKHR", move || {
         let engine = &from_handle::<Device>(device).engine;
         let waited = engine.wait_for_reports(timeout);
         let left = waited.inspect_err(|_| *count = 0)?;
@@ -197,18 +206,28 @@ entry! {
             *count = left;
             return Ok(());
         }
-        let Some(fault) = engine.fault() else { return Ok(()) };
+        let Some(fault) = engine.fault() else {
+            return Ok(());
+        };
         let taken = engine.take_reports(*count);
         let is_last = taken.end == fault.report_count();
-        enumerate_with(count, out, taken, |out, index| write_report(&fault, index as usize, out))?;
-        if is_last { Ok(()) } else { Err(vk::Result::INCOMPLETE) }
-    }
+        enumerate_with(count, out, taken, |out, index| {
+            write_report(&fault, index as usize, out)
+        })?;
+        if is_last {
+            Ok(())
+        } else {
+            Err(vk::Result::INCOMPLETE)
+        }
+    })
+}
 
-    /// There is no vendor binary. Only whole messages are written.
-    fn vkGetDeviceFaultDebugInfoKHR(
-        device: vk::Device,
-        info: *mut newer::DeviceFaultDebugInfoKHR<'_>,
-    ) -> vk::Result {
+/// There is no vendor binary. Only whole messages are written.
+pub(crate) unsafe extern "system" fn vkGetDeviceFaultDebugInfoKHR(
+    device: vk::Device,
+    info: *mut newer::DeviceFaultDebugInfoKHR<'_>,
+) -> vk::Result {
+    guard_result("vkGetDeviceFaultDebugInfoKHR", move || {
         let engine = &from_handle::<Device>(device).engine;
         (*info).vendor_binary_size = 0;
         let next = (*info).p_next;
@@ -216,5 +235,5 @@ entry! {
             Some(info) => engine.with_abort_messages(|all| write_messages(all, info)),
             None => Ok(()),
         }
-    }
+    })
 }

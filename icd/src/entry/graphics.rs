@@ -8,8 +8,6 @@ use std::time::Instant;
 
 use ash::vk;
 
-use super::define::entry;
-use super::destroy;
 use super::pipeline::create_each;
 use crate::VkResult;
 use crate::decode::graphics::{Decoded, decode};
@@ -19,15 +17,31 @@ use crate::decode::render_pass::{framebuffer, render_pass, render_pass2};
 use crate::device::Device;
 use crate::ffi::array::slice_mut;
 use crate::ffi::{find, slice};
+use crate::guard::{guard, guard_result};
 use crate::handle::{self, Ref, from_handle, optional, retain};
 use crate::object::captured::Captured;
 use crate::object::graphics_pipeline::GraphicsPipeline;
 use crate::object::pipeline::PipelineKind;
 use crate::object::{Framebuffer, Pipeline, PipelineCache, PipelineLayout, RenderPass};
 
-destroy! {
-    vkDestroyFramebuffer: Framebuffer, Framebuffer;
-    vkDestroyRenderPass: RenderPass, RenderPass;
+pub(crate) unsafe extern "system" fn vkDestroyFramebuffer(
+    _device: vk::Device,
+    handle: vk::Framebuffer,
+    _allocator: *const vk::AllocationCallbacks,
+) {
+    guard("vkDestroyFramebuffer", move || {
+        drop(handle::take::<Framebuffer>(handle))
+    })
+}
+
+pub(crate) unsafe extern "system" fn vkDestroyRenderPass(
+    _device: vk::Device,
+    handle: vk::RenderPass,
+    _allocator: *const vk::AllocationCallbacks,
+) {
+    guard("vkDestroyRenderPass", move || {
+        drop(handle::take::<RenderPass>(handle))
+    })
 }
 
 /// Creates one graphics pipeline, or a library.
@@ -87,15 +101,15 @@ unsafe fn create_graphics(
     }
 }
 
-entry! {
-    fn vkCreateGraphicsPipelines(
-        device: vk::Device,
-        cache: vk::PipelineCache,
-        count: u32,
-        infos: *const vk::GraphicsPipelineCreateInfo,
-        _allocator: *const vk::AllocationCallbacks,
-        out: *mut vk::Pipeline,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkCreateGraphicsPipelines(
+    device: vk::Device,
+    cache: vk::PipelineCache,
+    count: u32,
+    infos: *const vk::GraphicsPipelineCreateInfo,
+    _allocator: *const vk::AllocationCallbacks,
+    out: *mut vk::Pipeline,
+) -> vk::Result {
+    guard_result("vkCreateGraphicsPipelines", move || {
         let device = from_handle::<Device>(device);
         let cache = optional::<PipelineCache>(cache).map(|cache| &**cache);
         create_each(
@@ -104,39 +118,54 @@ entry! {
             |info| create_flags(info.flags, info.p_next),
             |info| create_graphics(device, cache, info),
         )
-    }
+    })
+}
 
-    fn vkCreateRenderPass(
-        _device: vk::Device,
-        info: *const vk::RenderPassCreateInfo,
-        _allocator: *const vk::AllocationCallbacks,
-        out: *mut vk::RenderPass,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkCreateRenderPass(
+    _device: vk::Device,
+    info: *const vk::RenderPassCreateInfo,
+    _allocator: *const vk::AllocationCallbacks,
+    out: *mut vk::RenderPass,
+) -> vk::Result {
+    guard_result("vkCreateRenderPass", move || {
         *out = handle::create(render_pass(&*info));
         Ok(())
-    }
+    })
+}
 
-    fn vkCreateRenderPass2(
-        _device: vk::Device,
-        info: *const vk::RenderPassCreateInfo2,
-        _allocator: *const vk::AllocationCallbacks,
-        out: *mut vk::RenderPass,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkCreateRenderPass2(
+    _device: vk::Device,
+    info: *const vk::RenderPassCreateInfo2,
+    _allocator: *const vk::AllocationCallbacks,
+    out: *mut vk::RenderPass,
+) -> vk::Result {
+    guard_result("vkCreateRenderPass2", move || {
         *out = handle::create(render_pass2(&*info));
         Ok(())
-    }
+    })
+}
 
-    fn vkCreateFramebuffer(
-        _device: vk::Device,
-        info: *const vk::FramebufferCreateInfo,
-        _allocator: *const vk::AllocationCallbacks,
-        out: *mut vk::Framebuffer,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkCreateFramebuffer(
+    _device: vk::Device,
+    info: *const vk::FramebufferCreateInfo,
+    _allocator: *const vk::AllocationCallbacks,
+    out: *mut vk::Framebuffer,
+) -> vk::Result {
+    guard_result("vkCreateFramebuffer", move || {
         *out = handle::create(framebuffer(&*info));
         Ok(())
-    }
+    })
+}
 
-    fn vkGetRenderAreaGranularity(_device: vk::Device, _render_pass: vk::RenderPass, out: *mut vk::Extent2D) {
-        *out = vk::Extent2D { width: 1, height: 1 };
-    }
+pub(crate) unsafe extern "system" fn vkGetRenderAreaGranularity(
+    _device: vk::Device,
+    _render_pass: vk::RenderPass,
+    out: *mut vk::Extent2D,
+) {
+    guard("vkGetRenderAreaGranularity", move || {
+        *out = vk::Extent2D {
+            width: 1,
+            height: 1,
+        };
+    })
 }

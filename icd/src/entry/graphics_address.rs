@@ -2,7 +2,7 @@
 
 use std::ffi::c_void;
 
-use super::define::commands;
+use super::record::record;
 use crate::VkResult;
 use crate::command::graphics::{
     BindVertexBuffers, DrawIndirect, IndexBinding, Numbers, VertexBinding,
@@ -44,8 +44,11 @@ fn draw_indirect_count(
     push(commands, GraphicsCommand::DrawIndirect(draw))
 }
 
-commands! {
-    fn vkCmdBindIndexBuffer3KHR(commands, info: *const c_void) {
+pub(crate) unsafe extern "system" fn vkCmdBindIndexBuffer3KHR(
+    commands: vk::CommandBuffer,
+    info: *const c_void,
+) {
+    record("vkCmdBindIndexBuffer3KHR", commands, move |commands| {
         let info = &*info.cast::<vk::BindIndexBuffer3InfoKHR<'_>>();
         let binding = IndexBinding {
             address: info.address_range.address,
@@ -53,47 +56,107 @@ commands! {
             ty: info.index_type,
         };
         push(commands, GraphicsCommand::BindIndexBuffer(binding))
-    }
+    })
+}
 
-    fn vkCmdBindVertexBuffers3KHR(commands, first: u32, count: u32, infos: *const c_void) {
+pub(crate) unsafe extern "system" fn vkCmdBindVertexBuffers3KHR(
+    commands: vk::CommandBuffer,
+    first: u32,
+    count: u32,
+    infos: *const c_void,
+) {
+    record("vkCmdBindVertexBuffers3KHR", commands, move |commands| {
         let infos = slice(infos.cast::<vk::BindVertexBuffer3InfoKHR<'_>>(), count);
         let buffers = infos.iter().map(|info| VertexBinding {
             address: info.address_range.address,
             size_bytes: info.address_range.size,
             stride_bytes: (info.set_stride != vk::FALSE).then_some(info.address_range.stride),
         });
-        let bind = Box::new(BindVertexBuffers { first, buffers: buffers.collect() });
+        let bind = Box::new(BindVertexBuffers {
+            first,
+            buffers: buffers.collect(),
+        });
         push(commands, GraphicsCommand::BindVertexBuffers(bind))
-    }
+    })
+}
 
-    fn vkCmdBeginConditionalRendering2EXT(commands, info: *const c_void) {
-        let info = &*info.cast::<vk::ConditionalRenderingBeginInfo2EXT<'_>>();
-        let inverted = info.flags.contains(vk::ConditionalRenderingFlagsEXT::INVERTED);
-        let address = info.address_range.address;
-        push(commands, GraphicsCommand::BeginConditional { address, inverted })
-    }
+pub(crate) unsafe extern "system" fn vkCmdBeginConditionalRendering2EXT(
+    commands: vk::CommandBuffer,
+    info: *const c_void,
+) {
+    record(
+        "vkCmdBeginConditionalRendering2EXT",
+        commands,
+        move |commands| {
+            let info = &*info.cast::<vk::ConditionalRenderingBeginInfo2EXT<'_>>();
+            let inverted = info
+                .flags
+                .contains(vk::ConditionalRenderingFlagsEXT::INVERTED);
+            let address = info.address_range.address;
+            push(
+                commands,
+                GraphicsCommand::BeginConditional { address, inverted },
+            )
+        },
+    )
+}
 
-    fn vkCmdDrawIndirect2KHR(commands, info: *const c_void) {
+pub(crate) unsafe extern "system" fn vkCmdDrawIndirect2KHR(
+    commands: vk::CommandBuffer,
+    info: *const c_void,
+) {
+    record("vkCmdDrawIndirect2KHR", commands, move |commands| {
         draw_indirect(commands, Numbers::Vertices, &*info.cast())
-    }
+    })
+}
 
-    fn vkCmdDrawIndexedIndirect2KHR(commands, info: *const c_void) {
+pub(crate) unsafe extern "system" fn vkCmdDrawIndexedIndirect2KHR(
+    commands: vk::CommandBuffer,
+    info: *const c_void,
+) {
+    record("vkCmdDrawIndexedIndirect2KHR", commands, move |commands| {
         draw_indirect(commands, Numbers::Indices, &*info.cast())
-    }
+    })
+}
 
-    fn vkCmdDrawIndirectCount2KHR(commands, info: *const c_void) {
+pub(crate) unsafe extern "system" fn vkCmdDrawIndirectCount2KHR(
+    commands: vk::CommandBuffer,
+    info: *const c_void,
+) {
+    record("vkCmdDrawIndirectCount2KHR", commands, move |commands| {
         draw_indirect_count(commands, Numbers::Vertices, &*info.cast())
-    }
+    })
+}
 
-    fn vkCmdDrawIndexedIndirectCount2KHR(commands, info: *const c_void) {
-        draw_indirect_count(commands, Numbers::Indices, &*info.cast())
-    }
+pub(crate) unsafe extern "system" fn vkCmdDrawIndexedIndirectCount2KHR(
+    commands: vk::CommandBuffer,
+    info: *const c_void,
+) {
+    record(
+        "vkCmdDrawIndexedIndirectCount2KHR",
+        commands,
+        move |commands| draw_indirect_count(commands, Numbers::Indices, &*info.cast()),
+    )
+}
 
-    fn vkCmdDrawMeshTasksIndirect2EXT(commands, info: *const c_void) {
-        draw_indirect(commands, Numbers::Workgroups, &*info.cast())
-    }
+pub(crate) unsafe extern "system" fn vkCmdDrawMeshTasksIndirect2EXT(
+    commands: vk::CommandBuffer,
+    info: *const c_void,
+) {
+    record(
+        "vkCmdDrawMeshTasksIndirect2EXT",
+        commands,
+        move |commands| draw_indirect(commands, Numbers::Workgroups, &*info.cast()),
+    )
+}
 
-    fn vkCmdDrawMeshTasksIndirectCount2EXT(commands, info: *const c_void) {
-        draw_indirect_count(commands, Numbers::Workgroups, &*info.cast())
-    }
+pub(crate) unsafe extern "system" fn vkCmdDrawMeshTasksIndirectCount2EXT(
+    commands: vk::CommandBuffer,
+    info: *const c_void,
+) {
+    record(
+        "vkCmdDrawMeshTasksIndirectCount2EXT",
+        commands,
+        move |commands| draw_indirect_count(commands, Numbers::Workgroups, &*info.cast()),
+    )
 }

@@ -2,7 +2,7 @@
 
 use ash::vk;
 
-use super::define::commands;
+use super::record::record;
 use crate::VkResult;
 use crate::command::graphics::{
     BindVertexBuffers, Draw, DrawIndirect, DrawMulti, IndexBinding, Numbers, VertexBinding,
@@ -107,192 +107,358 @@ unsafe fn draw_indirect(
     push(commands, GraphicsCommand::DrawIndirect(draw))
 }
 
-commands! {
-    fn vkCmdBindVertexBuffers(
-        commands,
-        first: u32,
-        count: u32,
-        buffers: *const vk::Buffer,
-        offsets: *const vk::DeviceSize,
-    ) {
+pub(crate) unsafe extern "system" fn vkCmdBindVertexBuffers(
+    commands: vk::CommandBuffer,
+    first: u32,
+    count: u32,
+    buffers: *const vk::Buffer,
+    offsets: *const vk::DeviceSize,
+) {
+    record("vkCmdBindVertexBuffers", commands, move |commands| {
         let none = std::ptr::null();
         bind_vertex_buffers(commands, first, count, buffers, offsets, none, none)
-    }
+    })
+}
 
-    fn vkCmdBindVertexBuffers2(
-        commands,
-        first: u32,
-        count: u32,
-        buffers: *const vk::Buffer,
-        offsets: *const vk::DeviceSize,
-        sizes: *const vk::DeviceSize,
-        strides: *const vk::DeviceSize,
-    ) {
+pub(crate) unsafe extern "system" fn vkCmdBindVertexBuffers2(
+    commands: vk::CommandBuffer,
+    first: u32,
+    count: u32,
+    buffers: *const vk::Buffer,
+    offsets: *const vk::DeviceSize,
+    sizes: *const vk::DeviceSize,
+    strides: *const vk::DeviceSize,
+) {
+    record("vkCmdBindVertexBuffers2", commands, move |commands| {
         bind_vertex_buffers(commands, first, count, buffers, offsets, sizes, strides)
-    }
+    })
+}
 
-    fn vkCmdBindIndexBuffer(commands, buffer: vk::Buffer, offset: vk::DeviceSize, ty: vk::IndexType) {
+pub(crate) unsafe extern "system" fn vkCmdBindIndexBuffer(
+    commands: vk::CommandBuffer,
+    buffer: vk::Buffer,
+    offset: vk::DeviceSize,
+    ty: vk::IndexType,
+) {
+    record("vkCmdBindIndexBuffer", commands, move |commands| {
         bind_index_buffer(commands, buffer, offset, vk::WHOLE_SIZE, ty)
-    }
+    })
+}
 
-    fn vkCmdSetPrimitiveRestartIndexEXT(commands, index: u32) {
-        push(commands, GraphicsCommand::RestartIndex(index))
-    }
-
-    fn vkCmdBindIndexBuffer2KHR(
+pub(crate) unsafe extern "system" fn vkCmdSetPrimitiveRestartIndexEXT(
+    commands: vk::CommandBuffer,
+    index: u32,
+) {
+    record(
+        "vkCmdSetPrimitiveRestartIndexEXT",
         commands,
-        buffer: vk::Buffer,
-        offset: vk::DeviceSize,
-        size: vk::DeviceSize,
-        ty: vk::IndexType,
-    ) {
+        move |commands| push(commands, GraphicsCommand::RestartIndex(index)),
+    )
+}
+
+pub(crate) unsafe extern "system" fn vkCmdBindIndexBuffer2KHR(
+    commands: vk::CommandBuffer,
+    buffer: vk::Buffer,
+    offset: vk::DeviceSize,
+    size: vk::DeviceSize,
+    ty: vk::IndexType,
+) {
+    record("vkCmdBindIndexBuffer2KHR", commands, move |commands| {
         bind_index_buffer(commands, buffer, offset, size, ty)
-    }
+    })
+}
 
-    fn vkCmdDraw(commands, count: u32, instances: u32, first: u32, first_instance: u32) {
-        let draw = Draw { indexed: false, first, count, vertex_offset: 0, first_instance, instances };
+pub(crate) unsafe extern "system" fn vkCmdDraw(
+    commands: vk::CommandBuffer,
+    count: u32,
+    instances: u32,
+    first: u32,
+    first_instance: u32,
+) {
+    record("vkCmdDraw", commands, move |commands| {
+        let draw = Draw {
+            indexed: false,
+            first,
+            count,
+            vertex_offset: 0,
+            first_instance,
+            instances,
+        };
         push(commands, GraphicsCommand::Draw(draw))
-    }
+    })
+}
 
-    fn vkCmdDrawIndexed(
-        commands,
-        count: u32,
-        instances: u32,
-        first: u32,
-        vertex_offset: i32,
-        first_instance: u32,
-    ) {
-        let draw = Draw { indexed: true, first, count, vertex_offset, first_instance, instances };
+pub(crate) unsafe extern "system" fn vkCmdDrawIndexed(
+    commands: vk::CommandBuffer,
+    count: u32,
+    instances: u32,
+    first: u32,
+    vertex_offset: i32,
+    first_instance: u32,
+) {
+    record("vkCmdDrawIndexed", commands, move |commands| {
+        let draw = Draw {
+            indexed: true,
+            first,
+            count,
+            vertex_offset,
+            first_instance,
+            instances,
+        };
         push(commands, GraphicsCommand::Draw(draw))
-    }
+    })
+}
 
-    fn vkCmdDrawMultiEXT(
-        commands,
-        count: u32,
-        infos: *const vk::MultiDrawInfoEXT,
-        instances: u32,
-        first_instance: u32,
-        stride: u32,
-    ) {
+pub(crate) unsafe extern "system" fn vkCmdDrawMultiEXT(
+    commands: vk::CommandBuffer,
+    count: u32,
+    infos: *const vk::MultiDrawInfoEXT,
+    instances: u32,
+    first_instance: u32,
+    stride: u32,
+) {
+    record("vkCmdDrawMultiEXT", commands, move |commands| {
         let info = |index: &u32| {
             let info = &*infos.byte_add(*index as usize * stride as usize);
             (info.first_vertex, info.vertex_count, 0)
         };
         let indices: Vec<u32> = (0..count).collect();
         let draws = copied(&indices, info)?.into();
-        let draw = Box::new(DrawMulti { indexed: false, draws, first_instance, instances });
+        let draw = Box::new(DrawMulti {
+            indexed: false,
+            draws,
+            first_instance,
+            instances,
+        });
         push(commands, GraphicsCommand::DrawMulti(draw))
-    }
+    })
+}
 
-    fn vkCmdDrawMultiIndexedEXT(
-        commands,
-        count: u32,
-        infos: *const vk::MultiDrawIndexedInfoEXT,
-        instances: u32,
-        first_instance: u32,
-        stride: u32,
-        vertex_offset: *const i32,
-    ) {
+pub(crate) unsafe extern "system" fn vkCmdDrawMultiIndexedEXT(
+    commands: vk::CommandBuffer,
+    count: u32,
+    infos: *const vk::MultiDrawIndexedInfoEXT,
+    instances: u32,
+    first_instance: u32,
+    stride: u32,
+    vertex_offset: *const i32,
+) {
+    record("vkCmdDrawMultiIndexedEXT", commands, move |commands| {
         let common = vertex_offset.as_ref().copied();
         let info = |index: &u32| {
             let info = &*infos.byte_add(*index as usize * stride as usize);
-            (info.first_index, info.index_count, common.unwrap_or(info.vertex_offset))
+            (
+                info.first_index,
+                info.index_count,
+                common.unwrap_or(info.vertex_offset),
+            )
         };
         let indices: Vec<u32> = (0..count).collect();
         let draws = copied(&indices, info)?.into();
-        let draw = Box::new(DrawMulti { indexed: true, draws, first_instance, instances });
+        let draw = Box::new(DrawMulti {
+            indexed: true,
+            draws,
+            first_instance,
+            instances,
+        });
         push(commands, GraphicsCommand::DrawMulti(draw))
-    }
+    })
+}
 
-    fn vkCmdDrawIndirect(commands, buffer: vk::Buffer, offset: vk::DeviceSize, draws: u32, stride: u32) {
-        draw_indirect(commands, Numbers::Vertices, (buffer, offset), None, draws, stride)
-    }
+pub(crate) unsafe extern "system" fn vkCmdDrawIndirect(
+    commands: vk::CommandBuffer,
+    buffer: vk::Buffer,
+    offset: vk::DeviceSize,
+    draws: u32,
+    stride: u32,
+) {
+    record("vkCmdDrawIndirect", commands, move |commands| {
+        draw_indirect(
+            commands,
+            Numbers::Vertices,
+            (buffer, offset),
+            None,
+            draws,
+            stride,
+        )
+    })
+}
 
-    fn vkCmdDrawIndexedIndirect(
-        commands,
-        buffer: vk::Buffer,
-        offset: vk::DeviceSize,
-        draws: u32,
-        stride: u32,
-    ) {
-        draw_indirect(commands, Numbers::Indices, (buffer, offset), None, draws, stride)
-    }
+pub(crate) unsafe extern "system" fn vkCmdDrawIndexedIndirect(
+    commands: vk::CommandBuffer,
+    buffer: vk::Buffer,
+    offset: vk::DeviceSize,
+    draws: u32,
+    stride: u32,
+) {
+    record("vkCmdDrawIndexedIndirect", commands, move |commands| {
+        draw_indirect(
+            commands,
+            Numbers::Indices,
+            (buffer, offset),
+            None,
+            draws,
+            stride,
+        )
+    })
+}
 
-    fn vkCmdDrawIndirectCount(
-        commands,
-        buffer: vk::Buffer,
-        offset: vk::DeviceSize,
-        count_buffer: vk::Buffer,
-        count_offset: vk::DeviceSize,
-        draws: u32,
-        stride: u32,
-    ) {
+pub(crate) unsafe extern "system" fn vkCmdDrawIndirectCount(
+    commands: vk::CommandBuffer,
+    buffer: vk::Buffer,
+    offset: vk::DeviceSize,
+    count_buffer: vk::Buffer,
+    count_offset: vk::DeviceSize,
+    draws: u32,
+    stride: u32,
+) {
+    record("vkCmdDrawIndirectCount", commands, move |commands| {
         let count = Some((count_buffer, count_offset));
-        draw_indirect(commands, Numbers::Vertices, (buffer, offset), count, draws, stride)
-    }
+        draw_indirect(
+            commands,
+            Numbers::Vertices,
+            (buffer, offset),
+            count,
+            draws,
+            stride,
+        )
+    })
+}
 
-    fn vkCmdDrawIndexedIndirectCount(
-        commands,
-        buffer: vk::Buffer,
-        offset: vk::DeviceSize,
-        count_buffer: vk::Buffer,
-        count_offset: vk::DeviceSize,
-        draws: u32,
-        stride: u32,
-    ) {
+pub(crate) unsafe extern "system" fn vkCmdDrawIndexedIndirectCount(
+    commands: vk::CommandBuffer,
+    buffer: vk::Buffer,
+    offset: vk::DeviceSize,
+    count_buffer: vk::Buffer,
+    count_offset: vk::DeviceSize,
+    draws: u32,
+    stride: u32,
+) {
+    record("vkCmdDrawIndexedIndirectCount", commands, move |commands| {
         let count = Some((count_buffer, count_offset));
-        draw_indirect(commands, Numbers::Indices, (buffer, offset), count, draws, stride)
-    }
+        draw_indirect(
+            commands,
+            Numbers::Indices,
+            (buffer, offset),
+            count,
+            draws,
+            stride,
+        )
+    })
+}
 
-    fn vkCmdDrawMeshTasksEXT(commands, x: u32, y: u32, z: u32) {
+pub(crate) unsafe extern "system" fn vkCmdDrawMeshTasksEXT(
+    commands: vk::CommandBuffer,
+    x: u32,
+    y: u32,
+    z: u32,
+) {
+    record("vkCmdDrawMeshTasksEXT", commands, move |commands| {
         push(commands, GraphicsCommand::DrawMeshes([x, y, z]))
-    }
+    })
+}
 
-    fn vkCmdDrawMeshTasksIndirectEXT(
+pub(crate) unsafe extern "system" fn vkCmdDrawMeshTasksIndirectEXT(
+    commands: vk::CommandBuffer,
+    buffer: vk::Buffer,
+    offset: vk::DeviceSize,
+    draws: u32,
+    stride: u32,
+) {
+    record("vkCmdDrawMeshTasksIndirectEXT", commands, move |commands| {
+        draw_indirect(
+            commands,
+            Numbers::Workgroups,
+            (buffer, offset),
+            None,
+            draws,
+            stride,
+        )
+    })
+}
+
+pub(crate) unsafe extern "system" fn vkCmdDrawMeshTasksIndirectCountEXT(
+    commands: vk::CommandBuffer,
+    buffer: vk::Buffer,
+    offset: vk::DeviceSize,
+    count_buffer: vk::Buffer,
+    count_offset: vk::DeviceSize,
+    draws: u32,
+    stride: u32,
+) {
+    record(
+        "vkCmdDrawMeshTasksIndirectCountEXT",
         commands,
-        buffer: vk::Buffer,
-        offset: vk::DeviceSize,
-        draws: u32,
-        stride: u32,
-    ) {
-        draw_indirect(commands, Numbers::Workgroups, (buffer, offset), None, draws, stride)
-    }
+        move |commands| {
+            let count = Some((count_buffer, count_offset));
+            draw_indirect(
+                commands,
+                Numbers::Workgroups,
+                (buffer, offset),
+                count,
+                draws,
+                stride,
+            )
+        },
+    )
+}
 
-    fn vkCmdDrawMeshTasksIndirectCountEXT(
+pub(crate) unsafe extern "system" fn vkCmdBeginConditionalRenderingEXT(
+    commands: vk::CommandBuffer,
+    info: *const vk::ConditionalRenderingBeginInfoEXT<'_>,
+) {
+    record(
+        "vkCmdBeginConditionalRenderingEXT",
         commands,
-        buffer: vk::Buffer,
-        offset: vk::DeviceSize,
-        count_buffer: vk::Buffer,
-        count_offset: vk::DeviceSize,
-        draws: u32,
-        stride: u32,
-    ) {
-        let count = Some((count_buffer, count_offset));
-        draw_indirect(commands, Numbers::Workgroups, (buffer, offset), count, draws, stride)
-    }
+        move |commands| {
+            let info = &*info;
+            let (address, _) = place(info.buffer, info.offset, vk::WHOLE_SIZE);
+            let inverted = info
+                .flags
+                .contains(vk::ConditionalRenderingFlagsEXT::INVERTED);
+            push(
+                commands,
+                GraphicsCommand::BeginConditional { address, inverted },
+            )
+        },
+    )
+}
 
-    fn vkCmdBeginConditionalRenderingEXT(
+pub(crate) unsafe extern "system" fn vkCmdEndConditionalRenderingEXT(commands: vk::CommandBuffer) {
+    record(
+        "vkCmdEndConditionalRenderingEXT",
         commands,
-        info: *const vk::ConditionalRenderingBeginInfoEXT<'_>,
-    ) {
-        let info = &*info;
-        let (address, _) = place(info.buffer, info.offset, vk::WHOLE_SIZE);
-        let inverted = info.flags.contains(vk::ConditionalRenderingFlagsEXT::INVERTED);
-        push(commands, GraphicsCommand::BeginConditional { address, inverted })
-    }
+        move |commands| push(commands, GraphicsCommand::EndConditional),
+    )
+}
 
-    fn vkCmdEndConditionalRenderingEXT(commands) {
-        push(commands, GraphicsCommand::EndConditional)
-    }
-
-    /// Occlusion queries count samples exactly, precise or not.
-    fn vkCmdBeginQuery(commands, pool: vk::QueryPool, query: u32, _flags: vk::QueryControlFlags) {
+/// Occlusion queries count samples exactly, precise or not.
+pub(crate) unsafe extern "system" fn vkCmdBeginQuery(
+    commands: vk::CommandBuffer,
+    pool: vk::QueryPool,
+    query: u32,
+    _flags: vk::QueryControlFlags,
+) {
+    record("vkCmdBeginQuery", commands, move |commands| {
         let pool = retain::<QueryPool>(pool);
-        push(commands, GraphicsCommand::BeginQuery { pool, query, stream: 0 })
-    }
+        push(
+            commands,
+            GraphicsCommand::BeginQuery {
+                pool,
+                query,
+                stream: 0,
+            },
+        )
+    })
+}
 
-    fn vkCmdEndQuery(commands, pool: vk::QueryPool, query: u32) {
+pub(crate) unsafe extern "system" fn vkCmdEndQuery(
+    commands: vk::CommandBuffer,
+    pool: vk::QueryPool,
+    query: u32,
+) {
+    record("vkCmdEndQuery", commands, move |commands| {
         let pool = retain::<QueryPool>(pool);
         push(commands, GraphicsCommand::EndQuery { pool, query })
-    }
+    })
 }

@@ -2,7 +2,7 @@
 
 use ash::vk;
 
-use super::define::commands;
+use super::record::record;
 use crate::VkResult;
 use crate::command::pass::{AttachmentClear, AttachmentClears, PassRecorder};
 use crate::command::{Command, GraphicsCommand, Recording};
@@ -40,75 +40,119 @@ fn end_pass(commands: &mut Recording) -> VkResult {
     end_subpass(commands)
 }
 
-commands! {
-    fn vkCmdBeginRenderPass(commands, info: *const vk::RenderPassBeginInfo<'_>, _contents: vk::SubpassContents) {
+pub(crate) unsafe extern "system" fn vkCmdBeginRenderPass(
+    commands: vk::CommandBuffer,
+    info: *const vk::RenderPassBeginInfo<'_>,
+    _contents: vk::SubpassContents,
+) {
+    record("vkCmdBeginRenderPass", commands, move |commands| {
         begin_pass(commands, begin(&*info))
-    }
+    })
+}
 
-    fn vkCmdBeginRenderPass2(
-        commands,
-        info: *const vk::RenderPassBeginInfo<'_>,
-        _begin: *const vk::SubpassBeginInfo<'_>,
-    ) {
+pub(crate) unsafe extern "system" fn vkCmdBeginRenderPass2(
+    commands: vk::CommandBuffer,
+    info: *const vk::RenderPassBeginInfo<'_>,
+    _begin: *const vk::SubpassBeginInfo<'_>,
+) {
+    record("vkCmdBeginRenderPass2", commands, move |commands| {
         begin_pass(commands, begin(&*info))
-    }
+    })
+}
 
-    fn vkCmdNextSubpass(commands, _contents: vk::SubpassContents) {
+pub(crate) unsafe extern "system" fn vkCmdNextSubpass(
+    commands: vk::CommandBuffer,
+    _contents: vk::SubpassContents,
+) {
+    record("vkCmdNextSubpass", commands, move |commands| {
         next_subpass(commands)
-    }
+    })
+}
 
-    fn vkCmdNextSubpass2(
-        commands,
-        _begin: *const vk::SubpassBeginInfo<'_>,
-        _end: *const vk::SubpassEndInfo<'_>,
-    ) {
+pub(crate) unsafe extern "system" fn vkCmdNextSubpass2(
+    commands: vk::CommandBuffer,
+    _begin: *const vk::SubpassBeginInfo<'_>,
+    _end: *const vk::SubpassEndInfo<'_>,
+) {
+    record("vkCmdNextSubpass2", commands, move |commands| {
         next_subpass(commands)
-    }
+    })
+}
 
-    fn vkCmdEndRenderPass(commands) {
+pub(crate) unsafe extern "system" fn vkCmdEndRenderPass(commands: vk::CommandBuffer) {
+    record("vkCmdEndRenderPass", commands, move |commands| {
         end_pass(commands)
-    }
+    })
+}
 
-    fn vkCmdEndRenderPass2(commands, _info: *const vk::SubpassEndInfo<'_>) {
+pub(crate) unsafe extern "system" fn vkCmdEndRenderPass2(
+    commands: vk::CommandBuffer,
+    _info: *const vk::SubpassEndInfo<'_>,
+) {
+    record("vkCmdEndRenderPass2", commands, move |commands| {
         end_pass(commands)
-    }
+    })
+}
 
-    fn vkCmdBeginRendering(commands, info: *const vk::RenderingInfo<'_>) {
+pub(crate) unsafe extern "system" fn vkCmdBeginRendering(
+    commands: vk::CommandBuffer,
+    info: *const vk::RenderingInfo<'_>,
+) {
+    record("vkCmdBeginRendering", commands, move |commands| {
         let pass = Box::new(rendering(&*info));
         commands.push(Command::Graphics(GraphicsCommand::BeginPass(pass)))
-    }
+    })
+}
 
-    fn vkCmdEndRendering(commands) {
+pub(crate) unsafe extern "system" fn vkCmdEndRendering(commands: vk::CommandBuffer) {
+    record("vkCmdEndRendering", commands, move |commands| {
         commands.push(Command::Graphics(GraphicsCommand::EndPass))
-    }
+    })
+}
 
-    fn vkCmdEndRendering2KHR(commands, _info: *const std::ffi::c_void) {
+pub(crate) unsafe extern "system" fn vkCmdEndRendering2KHR(
+    commands: vk::CommandBuffer,
+    _info: *const std::ffi::c_void,
+) {
+    record("vkCmdEndRendering2KHR", commands, move |commands| {
         commands.push(Command::Graphics(GraphicsCommand::EndPass))
-    }
+    })
+}
 
-    fn vkCmdSetRenderingAttachmentLocationsKHR(
+pub(crate) unsafe extern "system" fn vkCmdSetRenderingAttachmentLocationsKHR(
+    commands: vk::CommandBuffer,
+    info: *const vk::RenderingAttachmentLocationInfoKHR<'_>,
+) {
+    record(
+        "vkCmdSetRenderingAttachmentLocationsKHR",
         commands,
-        info: *const vk::RenderingAttachmentLocationInfoKHR<'_>,
-    ) {
-        let locations = Setting::ColorLocations(color_locations(&*info));
-        commands.push(Command::Graphics(GraphicsCommand::Set(locations)))
-    }
+        move |commands| {
+            let locations = Setting::ColorLocations(color_locations(&*info));
+            commands.push(Command::Graphics(GraphicsCommand::Set(locations)))
+        },
+    )
+}
 
-    /// Input attachments are ordinary descriptors, so the application's indices need no mapping.
-    fn vkCmdSetRenderingInputAttachmentIndicesKHR(
-        _commands,
-        _info: *const vk::RenderingInputAttachmentIndexInfoKHR<'_>,
-    ) {
-        Ok(())
-    }
-
-    fn vkCmdClearAttachments(
+/// Input attachments are ordinary descriptors, so the application's indices need no mapping.
+pub(crate) unsafe extern "system" fn vkCmdSetRenderingInputAttachmentIndicesKHR(
+    commands: vk::CommandBuffer,
+    _info: *const vk::RenderingInputAttachmentIndexInfoKHR<'_>,
+) {
+    record(
+        "vkCmdSetRenderingInputAttachmentIndicesKHR",
         commands,
-        count: u32,
-        attachments: *const vk::ClearAttachment,
-        rect_count: u32,
-        rects: *const vk::ClearRect,
-    ) {
+        move |_| Ok(()),
+    )
+}
+
+pub(crate) unsafe extern "system" fn vkCmdClearAttachments(
+    commands: vk::CommandBuffer,
+    count: u32,
+    attachments: *const vk::ClearAttachment,
+    rect_count: u32,
+    rects: *const vk::ClearRect,
+) {
+    record("vkCmdClearAttachments", commands, move |commands| {
         let clears = slice(attachments, count).iter().map(|it| AttachmentClear {
             aspects: it.aspect_mask,
             attachment: it.color_attachment,
@@ -119,5 +163,5 @@ commands! {
             rects: slice(rects, rect_count).iter().copied().collect(),
         });
         commands.push(Command::Graphics(GraphicsCommand::ClearAttachments(clears)))
-    }
+    })
 }

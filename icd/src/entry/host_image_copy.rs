@@ -6,9 +6,9 @@ use std::ffi::c_void;
 
 use ash::vk;
 
-use super::define::entry;
 use crate::device::Device;
 use crate::ffi::slice;
+use crate::guard::guard_result;
 use crate::handle::from_handle;
 use crate::object::Image;
 use crate::transfer::copy;
@@ -34,44 +34,61 @@ fn address(pointer: *const c_void) -> u64 {
     pointer as u64
 }
 
-entry! {
-    fn vkCopyMemoryToImageEXT(
-        device: vk::Device,
-        info: *const vk::CopyMemoryToImageInfoEXT<'_>,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkCopyMemoryToImageEXT(
+    device: vk::Device,
+    info: *const vk::CopyMemoryToImageInfoEXT<'_>,
+) -> vk::Result {
+    guard_result("vkCopyMemoryToImageEXT", move || {
         let workers = &from_handle::<Device>(device).engine.workers;
         let info = &*info;
         let image = from_handle::<Image>(info.dst_image);
         for region in slice(info.p_regions, info.region_count) {
             let lengths = (region.memory_row_length, region.memory_image_height);
-            let copy = of_buffer(lengths, region.image_subresource, region.image_offset, region.image_extent);
+            let copy = of_buffer(
+                lengths,
+                region.image_subresource,
+                region.image_offset,
+                region.image_extent,
+            );
             copy::copy_buffer_to_image(workers, address(region.p_host_pointer), image, &copy);
         }
         Ok(())
-    }
+    })
+}
 
-    fn vkCopyImageToMemoryEXT(
-        device: vk::Device,
-        info: *const vk::CopyImageToMemoryInfoEXT<'_>,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkCopyImageToMemoryEXT(
+    device: vk::Device,
+    info: *const vk::CopyImageToMemoryInfoEXT<'_>,
+) -> vk::Result {
+    guard_result("vkCopyImageToMemoryEXT", move || {
         let workers = &from_handle::<Device>(device).engine.workers;
         let info = &*info;
         let image = from_handle::<Image>(info.src_image);
         for region in slice(info.p_regions, info.region_count) {
             let lengths = (region.memory_row_length, region.memory_image_height);
-            let copy = of_buffer(lengths, region.image_subresource, region.image_offset, region.image_extent);
+            let copy = of_buffer(
+                lengths,
+                region.image_subresource,
+                region.image_offset,
+                region.image_extent,
+            );
             copy::copy_image_to_buffer(workers, image, address(region.p_host_pointer), &copy);
         }
         Ok(())
-    }
+    })
+}
 
-    fn vkCopyImageToImageEXT(
-        device: vk::Device,
-        info: *const vk::CopyImageToImageInfoEXT<'_>,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkCopyImageToImageEXT(
+    device: vk::Device,
+    info: *const vk::CopyImageToImageInfoEXT<'_>,
+) -> vk::Result {
+    guard_result("vkCopyImageToImageEXT", move || {
         let workers = &from_handle::<Device>(device).engine.workers;
         let info = &*info;
-        let (source, destination) = (from_handle::<Image>(info.src_image), from_handle::<Image>(info.dst_image));
+        let (source, destination) = (
+            from_handle::<Image>(info.src_image),
+            from_handle::<Image>(info.dst_image),
+        );
         for region in slice(info.p_regions, info.region_count) {
             let copy = vk::ImageCopy {
                 src_subresource: region.src_subresource,
@@ -83,14 +100,14 @@ entry! {
             copy::copy_image(workers, source, destination, &copy);
         }
         Ok(())
-    }
+    })
+}
 
-    /// Layouts have no effect.
-    fn vkTransitionImageLayoutEXT(
-        _device: vk::Device,
-        _count: u32,
-        _transitions: *const vk::HostImageLayoutTransitionInfoEXT<'_>,
-    ) -> vk::Result {
-        Ok(())
-    }
+/// Layouts have no effect.
+pub(crate) unsafe extern "system" fn vkTransitionImageLayoutEXT(
+    _device: vk::Device,
+    _count: u32,
+    _transitions: *const vk::HostImageLayoutTransitionInfoEXT<'_>,
+) -> vk::Result {
+    vk::Result::SUCCESS
 }

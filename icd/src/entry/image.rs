@@ -7,15 +7,14 @@ use spirv_jit::views::Key;
 
 use super::address_report::{report, report_bound};
 use super::buffer::{requirements, write_requirements};
-use super::define::entry;
 use super::descriptor_buffer::captured;
-use super::destroy;
 use crate::VkResult;
 use crate::decode::image::image_info;
 use crate::decode::sampler::decode_sampler;
 use crate::device::Device;
 use crate::ffi::enumerate::enumerate_with;
 use crate::ffi::{self, chain, enumerate, vk as newer};
+use crate::guard::{guard, guard_result};
 use crate::handle::{self, from_handle};
 use crate::object::address_space::Placement;
 use crate::object::addressed::AddressEvent;
@@ -27,8 +26,14 @@ use crate::object::{DeviceMemory, Image, ImageView, Sampler, YcbcrConversion};
 use crate::present::Swapchain;
 use crate::table::limits::CAPTURE_BYTES;
 
-destroy! {
-    vkDestroySamplerYcbcrConversion: YcbcrConversion, SamplerYcbcrConversion;
+pub(crate) unsafe extern "system" fn vkDestroySamplerYcbcrConversion(
+    _device: vk::Device,
+    handle: vk::SamplerYcbcrConversion,
+    _allocator: *const vk::AllocationCallbacks,
+) {
+    guard("vkDestroySamplerYcbcrConversion", move || {
+        drop(handle::take::<YcbcrConversion>(handle))
+    })
 }
 
 /// The layout of a subresource, with its offset from the image's first byte.
@@ -114,36 +119,57 @@ unsafe fn captured_image(next: *const std::ffi::c_void) -> VkResult<Option<u64>>
     }
 }
 
-entry! {
-    fn vkDestroyImage(device: vk::Device, image: vk::Image, _allocator: *const vk::AllocationCallbacks) {
+pub(crate) unsafe extern "system" fn vkDestroyImage(
+    device: vk::Device,
+    image: vk::Image,
+    _allocator: *const vk::AllocationCallbacks,
+) {
+    guard("vkDestroyImage", move || {
         if let Some(image) = handle::optional::<Image>(image) {
             image.forget_identity();
         }
         report::<Image>(device, image, AddressEvent::Unbound);
         drop(handle::take::<Image>(image));
-    }
+    })
+}
 
-    fn vkDestroyImageView(_device: vk::Device, view: vk::ImageView, _allocator: *const vk::AllocationCallbacks) {
+pub(crate) unsafe extern "system" fn vkDestroyImageView(
+    _device: vk::Device,
+    view: vk::ImageView,
+    _allocator: *const vk::AllocationCallbacks,
+) {
+    guard("vkDestroyImageView", move || {
         if let Some(view) = handle::take::<ImageView>(view) {
             view.descriptor.release();
         }
-    }
+    })
+}
 
-    fn vkDestroySampler(_device: vk::Device, sampler: vk::Sampler, _allocator: *const vk::AllocationCallbacks) {
+pub(crate) unsafe extern "system" fn vkDestroySampler(
+    _device: vk::Device,
+    sampler: vk::Sampler,
+    _allocator: *const vk::AllocationCallbacks,
+) {
+    guard("vkDestroySampler", move || {
         if let Some(sampler) = handle::take::<Sampler>(sampler) {
             sampler.descriptor.release();
         }
-    }
+    })
+}
 
-    fn vkCreateImage(
-        device: vk::Device,
-        info: *const vk::ImageCreateInfo,
-        _allocator: *const vk::AllocationCallbacks,
-        out: *mut vk::Image,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkCreateImage(
+    device: vk::Device,
+    info: *const vk::ImageCreateInfo,
+    _allocator: *const vk::AllocationCallbacks,
+    out: *mut vk::Image,
+) -> vk::Result {
+    guard_result("vkCreateImage", move || {
         let info = image_info(&*info);
         let mut image = Image::new(&info)?;
-        if info.flags.contains(vk::ImageCreateFlags::DESCRIPTOR_BUFFER_CAPTURE_REPLAY_EXT) {
+        if info
+            .flags
+            .contains(vk::ImageCreateFlags::DESCRIPTOR_BUFFER_CAPTURE_REPLAY_EXT)
+        {
             let identities = &from_handle::<Device>(device).engine.image_identities;
             image = image.identified(identities.take(captured_image(info.p_next)?)?);
         }
@@ -156,84 +182,112 @@ entry! {
         // A sparse image has its addresses from the start.
         report::<Image>(device, *out, AddressEvent::Created);
         Ok(())
-    }
+    })
+}
 
-    fn vkGetImageMemoryRequirements(_device: vk::Device, image: vk::Image, out: *mut vk::MemoryRequirements) {
+pub(crate) unsafe extern "system" fn vkGetImageMemoryRequirements(
+    _device: vk::Device,
+    image: vk::Image,
+    out: *mut vk::MemoryRequirements,
+) {
+    guard("vkGetImageMemoryRequirements", move || {
         let image = from_handle::<Image>(image);
         *out = requirements(image.size_bytes, Image::alignment(image.flags));
-    }
+    })
+}
 
-    fn vkGetImageMemoryRequirements2(
-        _device: vk::Device,
-        info: *const vk::ImageMemoryRequirementsInfo2,
-        out: *mut vk::MemoryRequirements2,
-    ) {
+pub(crate) unsafe extern "system" fn vkGetImageMemoryRequirements2(
+    _device: vk::Device,
+    info: *const vk::ImageMemoryRequirementsInfo2,
+    out: *mut vk::MemoryRequirements2,
+) {
+    guard("vkGetImageMemoryRequirements2", move || {
         let image = from_handle::<Image>((*info).image);
         let plane = chain::find::<vk::ImagePlaneMemoryRequirementsInfo>((*info).p_next);
         let size_bytes = image.binding_size_bytes(plane.map(|plane| plane.plane_aspect));
         write_requirements(out, size_bytes, Image::alignment(image.flags));
-    }
+    })
+}
 
-    fn vkGetDeviceImageMemoryRequirements(
-        _device: vk::Device,
-        info: *const vk::DeviceImageMemoryRequirements,
-        out: *mut vk::MemoryRequirements2,
-    ) {
+pub(crate) unsafe extern "system" fn vkGetDeviceImageMemoryRequirements(
+    _device: vk::Device,
+    info: *const vk::DeviceImageMemoryRequirements,
+    out: *mut vk::MemoryRequirements2,
+) {
+    guard("vkGetDeviceImageMemoryRequirements", move || {
         // With valid usage the creation succeeds. An invalid image reports a size that cannot be
         // allocated.
         let aspect = (*info).plane_aspect;
         let info = image_info(&*(*info).p_create_info);
-        let size_bytes = Image::new(&info)
-            .map_or(1 << 62, |image| image.binding_size_bytes(Some(aspect)));
+        let size_bytes =
+            Image::new(&info).map_or(1 << 62, |image| image.binding_size_bytes(Some(aspect)));
         write_requirements(out, size_bytes, Image::alignment(info.flags));
-    }
+    })
+}
 
-    fn vkGetImageSparseMemoryRequirements(
-        _device: vk::Device,
-        image: vk::Image,
-        count: *mut u32,
-        out: *mut vk::SparseImageMemoryRequirements,
-    ) {
+pub(crate) unsafe extern "system" fn vkGetImageSparseMemoryRequirements(
+    _device: vk::Device,
+    image: vk::Image,
+    count: *mut u32,
+    out: *mut vk::SparseImageMemoryRequirements,
+) {
+    guard("vkGetImageSparseMemoryRequirements", move || {
         let image = from_handle::<Image>(image);
         let all = resident::requirements(image.flags, image.format, image.mip_levels);
         let _ = enumerate(count, out, all.into_iter());
-    }
+    })
+}
 
-    fn vkGetImageSparseMemoryRequirements2(
-        _device: vk::Device,
-        info: *const vk::ImageSparseMemoryRequirementsInfo2,
-        count: *mut u32,
-        out: *mut vk::SparseImageMemoryRequirements2,
-    ) {
+pub(crate) unsafe extern "system" fn vkGetImageSparseMemoryRequirements2(
+    _device: vk::Device,
+    info: *const vk::ImageSparseMemoryRequirementsInfo2,
+    count: *mut u32,
+    out: *mut vk::SparseImageMemoryRequirements2,
+) {
+    guard("vkGetImageSparseMemoryRequirements2", move || {
         let image = from_handle::<Image>((*info).image);
         let all = resident::requirements(image.flags, image.format, image.mip_levels);
-        let _ = enumerate_with(count, out, all.into_iter(), |out, it| out.memory_requirements = it);
-    }
+        let _ = enumerate_with(count, out, all.into_iter(), |out, it| {
+            out.memory_requirements = it
+        });
+    })
+}
 
-    fn vkGetDeviceImageSparseMemoryRequirements(
-        _device: vk::Device,
-        info: *const vk::DeviceImageMemoryRequirements,
-        count: *mut u32,
-        out: *mut vk::SparseImageMemoryRequirements2,
-    ) {
+pub(crate) unsafe extern "system" fn vkGetDeviceImageSparseMemoryRequirements(
+    _device: vk::Device,
+    info: *const vk::DeviceImageMemoryRequirements,
+    count: *mut u32,
+    out: *mut vk::SparseImageMemoryRequirements2,
+) {
+    guard("vkGetDeviceImageSparseMemoryRequirements", move || {
         let info = image_info(&*(*info).p_create_info);
         let all = resident::requirements(info.flags, info.format, info.mip_levels);
-        let _ = enumerate_with(count, out, all.into_iter(), |out, it| out.memory_requirements = it);
-    }
+        let _ = enumerate_with(count, out, all.into_iter(), |out, it| {
+            out.memory_requirements = it
+        });
+    })
+}
 
-    fn vkBindImageMemory(
-        device: vk::Device,
-        image: vk::Image,
-        memory: vk::DeviceMemory,
-        offset: vk::DeviceSize,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkBindImageMemory(
+    device: vk::Device,
+    image: vk::Image,
+    memory: vk::DeviceMemory,
+    offset: vk::DeviceSize,
+) -> vk::Result {
+    guard_result("vkBindImageMemory", move || {
         let bound = from_handle::<Image>(image);
         bound.bind(from_handle::<DeviceMemory>(memory).place(offset, bound.size_bytes)?);
         report::<Image>(device, image, AddressEvent::Bound);
         Ok(())
-    }
+    })
+}
 
-    fn vkBindImageMemory2(device: vk::Device, count: u32, infos: *const vk::BindImageMemoryInfo) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkBindImageMemory2(
+    device: vk::Device,
+    count: u32,
+    infos: *const vk::BindImageMemoryInfo,
+) -> vk::Result {
+    guard_result("vkBindImageMemory2", move || {
         for info in ffi::slice(infos, count) {
             let status = ffi::find::<vk::BindMemoryStatusKHR<'_>>(info.p_next);
             if let Some(status) = status {
@@ -251,65 +305,87 @@ entry! {
                 let start = address?;
                 image.bind_plane(aspect, start);
                 report_bound(device, info.image, Range { start, size_bytes });
-            } else if let Some(from) = ffi::find::<vk::BindImageMemorySwapchainInfoKHR>(info.p_next) {
+            } else if let Some(from) = ffi::find::<vk::BindImageMemorySwapchainInfoKHR>(info.p_next)
+            {
                 let images = &from_handle::<Swapchain>(from.swapchain).images;
-                let shared = images.get(from.image_index as usize).ok_or(vk::Result::ERROR_UNKNOWN)?;
+                let shared = images
+                    .get(from.image_index as usize)
+                    .ok_or(vk::Result::ERROR_UNKNOWN)?;
                 image.bind(shared.data() as u64);
                 report::<Image>(device, info.image, AddressEvent::Bound);
             }
         }
         Ok(())
-    }
+    })
+}
 
-    fn vkGetImageSubresourceLayout(
-        _device: vk::Device,
-        image: vk::Image,
-        subresource: *const vk::ImageSubresource,
-        out: *mut vk::SubresourceLayout,
-    ) {
+pub(crate) unsafe extern "system" fn vkGetImageSubresourceLayout(
+    _device: vk::Device,
+    image: vk::Image,
+    subresource: *const vk::ImageSubresource,
+    out: *mut vk::SubresourceLayout,
+) {
+    guard("vkGetImageSubresourceLayout", move || {
         *out = subresource_layout(from_handle::<Image>(image), &*subresource).unwrap_or_default();
-    }
+    })
+}
 
-    fn vkCreateImageView(
-        device: vk::Device,
-        info: *const vk::ImageViewCreateInfo,
-        _allocator: *const vk::AllocationCallbacks,
-        out: *mut vk::ImageView,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkCreateImageView(
+    device: vk::Device,
+    info: *const vk::ImageViewCreateInfo,
+    _allocator: *const vk::AllocationCallbacks,
+    out: *mut vk::ImageView,
+) -> vk::Result {
+    guard_result("vkCreateImageView", move || {
         let device = from_handle::<Device>(device);
         let info = &*info;
         let descriptor = view(info)?;
-        let replays = info.flags.contains(vk::ImageViewCreateFlags::DESCRIPTOR_BUFFER_CAPTURE_REPLAY_EXT);
+        let replays = info
+            .flags
+            .contains(vk::ImageViewCreateFlags::DESCRIPTOR_BUFFER_CAPTURE_REPLAY_EXT);
         let replay = replays.then(|| captured(info.p_next).map(Key));
-        let descriptor = ViewEntry::store(&device.engine.views, |it| &it.images, descriptor, replay)?;
+        let descriptor =
+            ViewEntry::store(&device.engine.views, |it| &it.images, descriptor, replay)?;
         let (image, range) = (handle::retain(info.image), info.subresource_range);
-        *out = handle::create(ImageView { descriptor, image, format: info.format, range });
+        *out = handle::create(ImageView {
+            descriptor,
+            image,
+            format: info.format,
+            range,
+        });
         Ok(())
-    }
+    })
+}
 
-    fn vkCreateSamplerYcbcrConversion(
-        _device: vk::Device,
-        info: *const vk::SamplerYcbcrConversionCreateInfo,
-        _allocator: *const vk::AllocationCallbacks,
-        out: *mut vk::SamplerYcbcrConversion,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkCreateSamplerYcbcrConversion(
+    _device: vk::Device,
+    info: *const vk::SamplerYcbcrConversionCreateInfo,
+    _allocator: *const vk::AllocationCallbacks,
+    out: *mut vk::SamplerYcbcrConversion,
+) -> vk::Result {
+    guard_result("vkCreateSamplerYcbcrConversion", move || {
         *out = handle::create(YcbcrConversion::new(&*info)?);
         Ok(())
-    }
+    })
+}
 
-    fn vkCreateSampler(
-        device: vk::Device,
-        info: *const vk::SamplerCreateInfo,
-        _allocator: *const vk::AllocationCallbacks,
-        out: *mut vk::Sampler,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkCreateSampler(
+    device: vk::Device,
+    info: *const vk::SamplerCreateInfo,
+    _allocator: *const vk::AllocationCallbacks,
+    out: *mut vk::Sampler,
+) -> vk::Result {
+    guard_result("vkCreateSampler", move || {
         let device = from_handle::<Device>(device);
         let info = &*info;
         let contents = decode_sampler(info);
-        let replays = info.flags.contains(vk::SamplerCreateFlags::DESCRIPTOR_BUFFER_CAPTURE_REPLAY_EXT);
+        let replays = info
+            .flags
+            .contains(vk::SamplerCreateFlags::DESCRIPTOR_BUFFER_CAPTURE_REPLAY_EXT);
         let replay = replays.then(|| captured(info.p_next).map(Key));
-        let descriptor = ViewEntry::store(&device.engine.views, |it| &it.samplers, contents, replay)?;
+        let descriptor =
+            ViewEntry::store(&device.engine.views, |it| &it.samplers, contents, replay)?;
         *out = handle::create(Sampler { descriptor });
         Ok(())
-    }
+    })
 }

@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use ash::vk;
 
-use super::define::entry;
 use crate::ffi::{self, array, enumerate};
+use crate::guard::{guard, guard_result};
 use crate::handle;
 use crate::object::messenger::Messengers;
 use crate::object::{Instance, Messenger, PhysicalDevice};
@@ -27,72 +27,105 @@ pub fn extension_properties(extension: Extension) -> vk::ExtensionProperties {
     properties
 }
 
-entry! {
-    fn vkEnumerateInstanceVersion(version: *mut u32) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkEnumerateInstanceVersion(version: *mut u32) -> vk::Result {
+    guard_result("vkEnumerateInstanceVersion", move || {
         *version = API_VERSION;
         Ok(())
-    }
+    })
+}
 
-    fn vkEnumerateInstanceLayerProperties(count: *mut u32, out: *mut vk::LayerProperties) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkEnumerateInstanceLayerProperties(
+    count: *mut u32,
+    out: *mut vk::LayerProperties,
+) -> vk::Result {
+    guard_result("vkEnumerateInstanceLayerProperties", move || {
         enumerate(count, out, [].into_iter())
-    }
+    })
+}
 
-    fn vkEnumerateInstanceExtensionProperties(
-        layer: *const c_char,
-        count: *mut u32,
-        out: *mut vk::ExtensionProperties,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkEnumerateInstanceExtensionProperties(
+    layer: *const c_char,
+    count: *mut u32,
+    out: *mut vk::ExtensionProperties,
+) -> vk::Result {
+    guard_result("vkEnumerateInstanceExtensionProperties", move || {
         if !layer.is_null() {
             return Err(vk::Result::ERROR_LAYER_NOT_PRESENT);
         }
         let all: Vec<_> = extensions::of_kind(Kind::Instance).collect();
         enumerate(count, out, all.into_iter().map(extension_properties))
-    }
+    })
+}
 
-    fn vkCreateInstance(
-        info: *const vk::InstanceCreateInfo,
-        _allocator: *const vk::AllocationCallbacks,
-        out: *mut vk::Instance,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkCreateInstance(
+    info: *const vk::InstanceCreateInfo,
+    _allocator: *const vk::AllocationCallbacks,
+    out: *mut vk::Instance,
+) -> vk::Result {
+    guard_result("vkCreateInstance", move || {
         if let Some(what) = os::missing() {
             log::error!("the driver needs {what}");
             return Err(vk::Result::ERROR_INCOMPATIBLE_DRIVER);
         }
         let info = &*info;
-        let names = ffi::slice(info.pp_enabled_extension_names, info.enabled_extension_count);
-        let extensions = ExtensionSet::from_names(Kind::Instance, names.iter().map(|&name| ffi::string(name)))
-            .ok_or(vk::Result::ERROR_EXTENSION_NOT_PRESENT)?;
-        let asked = info.p_application_info.as_ref().map_or(0, |application| application.api_version);
+        let names = ffi::slice(
+            info.pp_enabled_extension_names,
+            info.enabled_extension_count,
+        );
+        let extensions =
+            ExtensionSet::from_names(Kind::Instance, names.iter().map(|&name| ffi::string(name)))
+                .ok_or(vk::Result::ERROR_EXTENSION_NOT_PRESENT)?;
+        let asked = info
+            .p_application_info
+            .as_ref()
+            .map_or(0, |application| application.api_version);
         let api_version = asked.max(vk::API_VERSION_1_0);
         let messengers = Arc::new(Messengers::default());
         // A messenger in the chain is for creation and destruction, during which the driver sends
         // no messages.
         *out = handle::create(Instance {
             extensions,
-            physical_device: handle::new(PhysicalDevice::new(api_version, Arc::clone(&messengers), extensions)),
+            physical_device: handle::new(PhysicalDevice::new(
+                api_version,
+                Arc::clone(&messengers),
+                extensions,
+            )),
             messengers,
         });
         Ok(())
-    }
+    })
+}
 
-    fn vkDestroyInstance(instance: vk::Instance, _allocator: *const vk::AllocationCallbacks) {
+pub(crate) unsafe extern "system" fn vkDestroyInstance(
+    instance: vk::Instance,
+    _allocator: *const vk::AllocationCallbacks,
+) {
+    guard("vkDestroyInstance", move || {
         drop(handle::take::<Instance>(instance));
-    }
+    })
+}
 
-    fn vkGetInstanceProcAddr(instance: vk::Instance, name: *const c_char) -> vk::PFN_vkVoidFunction {
-        super::loader::vk_icdGetInstanceProcAddr(instance, name)
-    }
-
-    fn vkEnumeratePhysicalDevices(instance: vk::Instance, count: *mut u32, out: *mut vk::PhysicalDevice) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkEnumeratePhysicalDevices(
+    instance: vk::Instance,
+    count: *mut u32,
+    out: *mut vk::PhysicalDevice,
+) -> vk::Result {
+    guard_result("vkEnumeratePhysicalDevices", move || {
         let instance = handle::from_handle::<Instance>(instance);
-        enumerate(count, out, [handle::handle_of(&instance.physical_device)].into_iter())
-    }
+        enumerate(
+            count,
+            out,
+            [handle::handle_of(&instance.physical_device)].into_iter(),
+        )
+    })
+}
 
-    fn vkEnumeratePhysicalDeviceGroups(
-        instance: vk::Instance,
-        count: *mut u32,
-        out: *mut vk::PhysicalDeviceGroupProperties,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkEnumeratePhysicalDeviceGroups(
+    instance: vk::Instance,
+    count: *mut u32,
+    out: *mut vk::PhysicalDeviceGroupProperties,
+) -> vk::Result {
+    guard_result("vkEnumeratePhysicalDeviceGroups", move || {
         let instance = handle::from_handle::<Instance>(instance);
         let device = handle::handle_of(&instance.physical_device);
         ffi::enumerate::enumerate_with(count, out, [device].into_iter(), |group, device| {
@@ -101,14 +134,16 @@ entry! {
             group.physical_devices[0] = device;
             group.subset_allocation = vk::FALSE;
         })
-    }
+    })
+}
 
-    fn vkCreateDebugUtilsMessengerEXT(
-        instance: vk::Instance,
-        info: *const vk::DebugUtilsMessengerCreateInfoEXT,
-        _allocator: *const vk::AllocationCallbacks,
-        out: *mut vk::DebugUtilsMessengerEXT,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkCreateDebugUtilsMessengerEXT(
+    instance: vk::Instance,
+    info: *const vk::DebugUtilsMessengerCreateInfoEXT,
+    _allocator: *const vk::AllocationCallbacks,
+    out: *mut vk::DebugUtilsMessengerEXT,
+) -> vk::Result {
+    guard_result("vkCreateDebugUtilsMessengerEXT", move || {
         let instance = handle::from_handle::<Instance>(instance);
         let info = &*info;
         let messenger = handle::new(Messenger {
@@ -120,25 +155,35 @@ entry! {
         instance.messengers.0.write().push(Arc::clone(&messenger));
         *out = handle::into_handle(messenger);
         Ok(())
-    }
+    })
+}
 
-    fn vkDestroyDebugUtilsMessengerEXT(
-        instance: vk::Instance,
-        messenger: vk::DebugUtilsMessengerEXT,
-        _allocator: *const vk::AllocationCallbacks,
-    ) {
+pub(crate) unsafe extern "system" fn vkDestroyDebugUtilsMessengerEXT(
+    instance: vk::Instance,
+    messenger: vk::DebugUtilsMessengerEXT,
+    _allocator: *const vk::AllocationCallbacks,
+) {
+    guard("vkDestroyDebugUtilsMessengerEXT", move || {
         let instance = handle::from_handle::<Instance>(instance);
         if let Some(messenger) = handle::take::<Messenger>(messenger) {
-            instance.messengers.0.write().retain(|other| !Arc::ptr_eq(other, &messenger));
+            instance
+                .messengers
+                .0
+                .write()
+                .retain(|other| !Arc::ptr_eq(other, &messenger));
         }
-    }
+    })
+}
 
-    fn vkSubmitDebugUtilsMessageEXT(
-        instance: vk::Instance,
-        severity: vk::DebugUtilsMessageSeverityFlagsEXT,
-        types: vk::DebugUtilsMessageTypeFlagsEXT,
-        data: *const vk::DebugUtilsMessengerCallbackDataEXT,
-    ) {
-        handle::from_handle::<Instance>(instance).messengers.forward(severity, types, &*data);
-    }
+pub(crate) unsafe extern "system" fn vkSubmitDebugUtilsMessageEXT(
+    instance: vk::Instance,
+    severity: vk::DebugUtilsMessageSeverityFlagsEXT,
+    types: vk::DebugUtilsMessageTypeFlagsEXT,
+    data: *const vk::DebugUtilsMessengerCallbackDataEXT,
+) {
+    guard("vkSubmitDebugUtilsMessageEXT", move || {
+        handle::from_handle::<Instance>(instance)
+            .messengers
+            .forward(severity, types, &*data);
+    })
 }

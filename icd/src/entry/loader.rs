@@ -1,11 +1,16 @@
-//! The loader's interface (Khronos "LoaderDriverInterface"): the three symbols that the shared
-//! library exports.
+//! Commands by name, and the loader's interface (Khronos "LoaderDriverInterface"): the three
+//! symbols that the shared library exports.
 
+use std::collections::HashMap;
 use std::ffi::c_char;
+use std::sync::OnceLock;
 
 use ash::vk;
 
-use crate::entry::commands::{self, Level};
+use super::row::command_table;
+pub use super::row::{Availability, Command, Level};
+use super::{commands, system};
+use crate::device::Device;
 use crate::guard::{catch_panic_messages, code, guard};
 use crate::object::Instance;
 use crate::os::library::keep_loaded;
@@ -53,8 +58,8 @@ pub unsafe extern "system" fn vk_icdGetInstanceProcAddr(
         if let Some(function) = loader_function(name.to_bytes()) {
             return Some(function);
         }
-        let mut rows = commands::rows(name.to_bytes());
-        let command = rows.find(|command| match instance {
+        let mut found = rows(name.to_bytes());
+        let command = found.find(|command| match instance {
             None => command.level == Level::Global,
             Some(instance) => command.available_to_instance(instance.extensions),
         });
@@ -75,12 +80,65 @@ pub unsafe extern "system" fn vk_icdGetPhysicalDeviceProcAddr(
         // SAFETY: the loader's promise.
         let (instance, name) =
             unsafe { (handle::optional::<Instance>(instance), ffi::string(name)) };
-        let mut rows = commands::rows(name.to_bytes());
-        let available = |command: &&commands::Command| {
+        let mut found = rows(name.to_bytes());
+        let available = |command: &&Command| {
             command.level == Level::PhysicalDevice
                 && instance.is_none_or(|it| command.available_to_instance(it.extensions))
         };
-        Some(rows.find(available)?.function)
+        Some(found.find(available)?.function)
+    })
+}
+
+pub(crate) unsafe extern "system" fn vkGetInstanceProcAddr(
+    instance: vk::Instance,
+    name: *const c_char,
+) -> vk::PFN_vkVoidFunction {
+    guard("vkGetInstanceProcAddr", move || {
+        vk_icdGetInstanceProcAddr(instance, name)
+    })
+}
+
+pub(crate) unsafe extern "system" fn vkGetDeviceProcAddr(
+    device: vk::Device,
+    name: *const c_char,
+) -> vk::PFN_vkVoidFunction {
+    guard("vkGetDeviceProcAddr", move || {
+        let device = handle::from_handle::<Device>(device);
+        let mut found = rows(ffi::string(name).to_bytes());
+        let command =
+            found.find(|it| it.available_to_device(device.api_version, device.extensions));
+        Some(command?.function)
+    })
+}
+
+command_table! {
+    Instance Core PFN_vkGetInstanceProcAddr self::vkGetInstanceProcAddr;
+    Device Core PFN_vkGetDeviceProcAddr self::vkGetDeviceProcAddr;
+}
+
+/// The rows of a name: several if several extensions add the command.
+pub fn rows(name: &[u8]) -> impl Iterator<Item = &'static Command> {
+    static INDEX: OnceLock<HashMap<&'static [u8], Vec<&'static Command>>> = OnceLock::new();
+    let index = INDEX.get_or_init(|| {
+        let mut index: HashMap<_, Vec<_>> = HashMap::new();
+        for command in table() {
+            let rows = index.entry(command.name.as_bytes()).or_default();
+            rows.push(command);
+        }
+        index
+    });
+    index.get(name).into_iter().flatten().copied()
+}
+
+/// All rows, with those of this operating system.
+pub fn table() -> &'static [Command] {
+    static TABLE: OnceLock<Vec<Command>> = OnceLock::new();
+    TABLE.get_or_init(|| {
+        let mut rows = Vec::new();
+        commands::add_rows(&mut rows);
+        system::add_rows(&mut rows);
+        add_rows(&mut rows);
+        rows
     })
 }
 

@@ -4,12 +4,12 @@ use std::ffi::c_void;
 
 use ash::vk;
 
-use super::address_report::{destroy_addressed, report};
-use super::define::entry;
+use super::address_report::report;
 use super::system::{exported_memory, imported_memory};
 use crate::VkResult;
 use crate::device::Device;
 use crate::ffi::chain;
+use crate::guard::{guard, guard_result};
 use crate::handle::{self, from_handle};
 use crate::object::DeviceMemory;
 use crate::object::address_space::Placement;
@@ -18,8 +18,15 @@ use crate::object::memory::Source;
 use crate::os::handle::{RawHandle, close};
 use crate::table::limits::PAGE_BYTES;
 
-destroy_addressed! {
-    vkFreeMemory: DeviceMemory, DeviceMemory;
+pub(crate) unsafe extern "system" fn vkFreeMemory(
+    device: vk::Device,
+    handle: vk::DeviceMemory,
+    _allocator: *const vk::AllocationCallbacks,
+) {
+    guard("vkFreeMemory", move || {
+        report::<DeviceMemory>(device, handle, AddressEvent::Unbound);
+        drop(handle::take::<DeviceMemory>(handle));
+    })
 }
 
 /// The source of an allocation's bytes. An imported handle is duplicated. A handle that the
@@ -83,88 +90,123 @@ unsafe fn mapped(memory: vk::DeviceMemory, offset: u64) -> VkResult<*mut c_void>
     Ok((memory.address + offset) as *mut c_void)
 }
 
-entry! {
-    fn vkAllocateMemory(
-        device: vk::Device,
-        info: *const vk::MemoryAllocateInfo,
-        _allocator: *const vk::AllocationCallbacks,
-        out: *mut vk::DeviceMemory,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkAllocateMemory(
+    device: vk::Device,
+    info: *const vk::MemoryAllocateInfo,
+    _allocator: *const vk::AllocationCallbacks,
+    out: *mut vk::DeviceMemory,
+) -> vk::Result {
+    guard_result("vkAllocateMemory", move || {
         let owner = from_handle::<Device>(device);
         let info = &*info;
         let (source, imported) = source(owner, info)?;
-        let memory = DeviceMemory::allocate(&owner.window, info.allocation_size, source, placement(info))?;
+        let memory =
+            DeviceMemory::allocate(&owner.window, info.allocation_size, source, placement(info))?;
         if let Some(imported) = imported {
             close(imported);
         }
         *out = handle::create(memory);
         report::<DeviceMemory>(device, *out, AddressEvent::Created);
         Ok(())
-    }
+    })
+}
 
-    fn vkMapMemory(
-        _device: vk::Device,
-        memory: vk::DeviceMemory,
-        offset: vk::DeviceSize,
-        _size: vk::DeviceSize,
-        _flags: vk::MemoryMapFlags,
-        out: *mut *mut c_void,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkMapMemory(
+    _device: vk::Device,
+    memory: vk::DeviceMemory,
+    offset: vk::DeviceSize,
+    _size: vk::DeviceSize,
+    _flags: vk::MemoryMapFlags,
+    out: *mut *mut c_void,
+) -> vk::Result {
+    guard_result("vkMapMemory", move || {
         *out = mapped(memory, offset)?;
         Ok(())
-    }
+    })
+}
 
-    fn vkUnmapMemory(_device: vk::Device, _memory: vk::DeviceMemory) {
+pub(crate) unsafe extern "system" fn vkUnmapMemory(_device: vk::Device, _memory: vk::DeviceMemory) {
+    guard("vkUnmapMemory", move || {
         // Memory stays mapped.
-    }
+    })
+}
 
-    fn vkMapMemory2KHR(_device: vk::Device, info: *const vk::MemoryMapInfoKHR, out: *mut *mut c_void) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkMapMemory2KHR(
+    _device: vk::Device,
+    info: *const vk::MemoryMapInfoKHR,
+    out: *mut *mut c_void,
+) -> vk::Result {
+    guard_result("vkMapMemory2KHR", move || {
         *out = mapped((*info).memory, (*info).offset)?;
         Ok(())
-    }
+    })
+}
 
-    fn vkUnmapMemory2KHR(_device: vk::Device, _info: *const vk::MemoryUnmapInfoKHR) -> vk::Result {
-        Ok(())
-    }
+pub(crate) unsafe extern "system" fn vkUnmapMemory2KHR(
+    _device: vk::Device,
+    _info: *const vk::MemoryUnmapInfoKHR,
+) -> vk::Result {
+    vk::Result::SUCCESS
+}
 
-    fn vkFlushMappedMemoryRanges(_device: vk::Device, _count: u32, _ranges: *const vk::MappedMemoryRange) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkFlushMappedMemoryRanges(
+    _device: vk::Device,
+    _count: u32,
+    _ranges: *const vk::MappedMemoryRange,
+) -> vk::Result {
+    guard_result("vkFlushMappedMemoryRanges", move || {
         // The one memory type is coherent.
         Ok(())
-    }
+    })
+}
 
-    fn vkInvalidateMappedMemoryRanges(
-        _device: vk::Device,
-        _count: u32,
-        _ranges: *const vk::MappedMemoryRange,
-    ) -> vk::Result {
-        Ok(())
-    }
+pub(crate) unsafe extern "system" fn vkInvalidateMappedMemoryRanges(
+    _device: vk::Device,
+    _count: u32,
+    _ranges: *const vk::MappedMemoryRange,
+) -> vk::Result {
+    vk::Result::SUCCESS
+}
 
-    fn vkGetDeviceMemoryCommitment(_device: vk::Device, _memory: vk::DeviceMemory, out: *mut vk::DeviceSize) {
+pub(crate) unsafe extern "system" fn vkGetDeviceMemoryCommitment(
+    _device: vk::Device,
+    _memory: vk::DeviceMemory,
+    out: *mut vk::DeviceSize,
+) {
+    guard("vkGetDeviceMemoryCommitment", move || {
         // Only lazily allocated memory types have a commitment, and there are none.
         *out = 0;
-    }
+    })
+}
 
-    /// All memory is equal, so a priority has no effect.
-    fn vkSetDeviceMemoryPriorityEXT(_device: vk::Device, _memory: vk::DeviceMemory, _priority: f32) {}
+/// All memory is equal, so a priority has no effect.
+pub(crate) unsafe extern "system" fn vkSetDeviceMemoryPriorityEXT(
+    _device: vk::Device,
+    _memory: vk::DeviceMemory,
+    _priority: f32,
+) {
+}
 
-    fn vkGetDeviceMemoryOpaqueCaptureAddress(
-        _device: vk::Device,
-        info: *const vk::DeviceMemoryOpaqueCaptureAddressInfo,
-    ) -> u64 {
+pub(crate) unsafe extern "system" fn vkGetDeviceMemoryOpaqueCaptureAddress(
+    _device: vk::Device,
+    info: *const vk::DeviceMemoryOpaqueCaptureAddressInfo,
+) -> u64 {
+    guard("vkGetDeviceMemoryOpaqueCaptureAddress", move || {
         from_handle::<DeviceMemory>((*info).memory).address
-    }
+    })
+}
 
-    fn vkGetMemoryHostPointerPropertiesEXT(
-        _device: vk::Device,
-        _ty: vk::ExternalMemoryHandleTypeFlags,
-        pointer: *const c_void,
-        out: *mut vk::MemoryHostPointerPropertiesEXT,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkGetMemoryHostPointerPropertiesEXT(
+    _device: vk::Device,
+    _ty: vk::ExternalMemoryHandleTypeFlags,
+    pointer: *const c_void,
+    out: *mut vk::MemoryHostPointerPropertiesEXT,
+) -> vk::Result {
+    guard_result("vkGetMemoryHostPointerPropertiesEXT", move || {
         if !(pointer as u64).is_multiple_of(PAGE_BYTES) {
             return Err(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE);
         }
         (*out).memory_type_bits = 1;
         Ok(())
-    }
+    })
 }

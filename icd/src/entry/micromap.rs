@@ -1,17 +1,20 @@
 //! `VK_EXT_opacity_micromap`: objects, sizes, and the commands on the host and on the device.
 
+use std::ffi::c_void;
+
 use ash::vk;
 use spirv_jit::reach::Reach;
 
-use super::address_report::{destroy_addressed, report};
-use super::built::{built, compatibility_of};
+use super::address_report::report;
+use super::built::{self, compatibility_of};
 use super::deferred::defer_parallel;
-use super::define::{commands, entry};
+use super::record::record;
 use crate::command::ray_tracing::{Built, BuiltCopy, CopyMode};
 use crate::command::{Command, RayTracingCommand};
 use crate::decode::micromap::{decode_build, storage, usages};
 use crate::device::Device;
 use crate::ffi::slice;
+use crate::guard::{guard, guard_result};
 use crate::handle::{self, from_handle, retain};
 use crate::object::addressed::AddressEvent;
 use crate::object::{Buffer, Micromap};
@@ -19,17 +22,24 @@ use crate::structures::micromap as execute;
 use crate::table::limits;
 use crate::validate::Caller;
 
-destroy_addressed! {
-    vkDestroyMicromapEXT: Micromap, MicromapEXT;
+pub(crate) unsafe extern "system" fn vkDestroyMicromapEXT(
+    device: vk::Device,
+    handle: vk::MicromapEXT,
+    _allocator: *const vk::AllocationCallbacks,
+) {
+    guard("vkDestroyMicromapEXT", move || {
+        report::<Micromap>(device, handle, AddressEvent::Unbound);
+        drop(handle::take::<Micromap>(handle));
+    })
 }
 
-entry! {
-    fn vkCreateMicromapEXT(
-        device: vk::Device,
-        info: *const vk::MicromapCreateInfoEXT<'_>,
-        _allocator: *const vk::AllocationCallbacks<'_>,
-        micromap: *mut vk::MicromapEXT,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkCreateMicromapEXT(
+    device: vk::Device,
+    info: *const vk::MicromapCreateInfoEXT<'_>,
+    _allocator: *const vk::AllocationCallbacks<'_>,
+    micromap: *mut vk::MicromapEXT,
+) -> vk::Result {
+    guard_result("vkCreateMicromapEXT", move || {
         let info = &*info;
         let created = Micromap {
             buffer: retain::<Buffer>(info.buffer),
@@ -44,58 +54,220 @@ entry! {
         *micromap = handle::create(created);
         report::<Micromap>(device, *micromap, AddressEvent::Created);
         Ok(())
-    }
+    })
+}
 
-    fn vkGetMicromapBuildSizesEXT(
-        _device: vk::Device,
-        _build_type: vk::AccelerationStructureBuildTypeKHR,
-        info: *const vk::MicromapBuildInfoEXT<'_>,
-        sizes: *mut vk::MicromapBuildSizesInfoEXT<'_>,
-    ) {
+pub(crate) unsafe extern "system" fn vkGetMicromapBuildSizesEXT(
+    _device: vk::Device,
+    _build_type: vk::AccelerationStructureBuildTypeKHR,
+    info: *const vk::MicromapBuildInfoEXT<'_>,
+    sizes: *mut vk::MicromapBuildSizesInfoEXT<'_>,
+) {
+    guard("vkGetMicromapBuildSizesEXT", move || {
         (*sizes).micromap_size = traversal::micromap_size(usages(&*info)).unwrap_or(u64::MAX);
         (*sizes).build_scratch_size = execute::SCRATCH_BYTES;
         // Structures refer to micromaps.
         (*sizes).discardable = vk::FALSE;
-    }
+    })
+}
 
-    fn vkGetDeviceMicromapCompatibilityEXT(
-        _device: vk::Device,
-        info: *const vk::MicromapVersionInfoEXT<'_>,
-        compatibility: *mut vk::AccelerationStructureCompatibilityKHR,
-    ) {
+pub(crate) unsafe extern "system" fn vkGetDeviceMicromapCompatibilityEXT(
+    _device: vk::Device,
+    info: *const vk::MicromapVersionInfoEXT<'_>,
+    compatibility: *mut vk::AccelerationStructureCompatibilityKHR,
+) {
+    guard("vkGetDeviceMicromapCompatibilityEXT", move || {
         *compatibility = compatibility_of(&*(*info).p_version_data, limits::micromap_uuids());
-    }
+    })
+}
 
-    fn vkBuildMicromapsEXT(
-        device: vk::Device,
-        operation: vk::DeferredOperationKHR,
-        count: u32,
-        infos: *const vk::MicromapBuildInfoEXT<'_>,
-    ) -> vk::Result {
-        let builds: Vec<_> = slice(infos, count).iter().map(|info| decode_build(info)).collect();
+pub(crate) unsafe extern "system" fn vkBuildMicromapsEXT(
+    device: vk::Device,
+    operation: vk::DeferredOperationKHR,
+    count: u32,
+    infos: *const vk::MicromapBuildInfoEXT<'_>,
+) -> vk::Result {
+    guard_result("vkBuildMicromapsEXT", move || {
+        let builds: Vec<_> = slice(infos, count)
+            .iter()
+            .map(|info| decode_build(info))
+            .collect();
         let device = from_handle::<Device>(device);
         let checks = device.engine.checks(Caller::Other);
         let live = device.engine.memory.structures();
         defer_parallel(device, operation, builds.len(), move || {
             execute::build(&builds, &Reach::everywhere(), &live, checks.as_ref());
         })
+    })
+}
+
+pub(crate) unsafe extern "system" fn vkCmdBuildMicromapsEXT(
+    command_buffer: vk::CommandBuffer,
+    count: u32,
+    infos: *const vk::MicromapBuildInfoEXT<'_>,
+) {
+    record(
+        "vkCmdBuildMicromapsEXT",
+        command_buffer,
+        move |command_buffer| {
+            let builds = slice(infos, count).iter().map(|info| decode_build(info));
+            command_buffer.push(Command::RayTracing(RayTracingCommand::BuildMicromaps(
+                builds.collect(),
+            )))
+        },
+    )
+}
+
+/// A copy from micromap to micromap. Built micromaps are compact, so both modes do the same.
+///
+/// # Safety
+/// The handles are alive.
+unsafe fn decode_copy(info: &vk::CopyMicromapInfoEXT<'_>) -> BuiltCopy {
+    // SAFETY: the caller guarantees that the handles are alive.
+    unsafe {
+        BuiltCopy::Whole {
+            source: storage(info.src),
+            destination: storage(info.dst),
+            mode: CopyMode::Clone,
+        }
     }
 }
 
-commands! {
-    fn vkCmdBuildMicromapsEXT(command_buffer, count: u32, infos: *const vk::MicromapBuildInfoEXT<'_>) {
-        let builds = slice(infos, count).iter().map(|info| decode_build(info));
-        command_buffer.push(Command::RayTracing(RayTracingCommand::BuildMicromaps(builds.collect())))
+/// A copy from a micromap to serialized data.
+///
+/// # Safety
+/// The handles are alive.
+unsafe fn decode_serialization(info: &vk::CopyMicromapToMemoryInfoEXT<'_>) -> BuiltCopy {
+    // SAFETY: the caller guarantees that the handles are alive.
+    unsafe {
+        BuiltCopy::Serialize {
+            source: storage(info.src),
+            destination: info.dst.device_address,
+        }
     }
 }
 
-// A built micromap is compact already, so both modes do the same.
-built! {
-    Micromap, MicromapEXT at storage, vkWriteMicromapsPropertiesEXT, vkCmdWriteMicromapsPropertiesEXT;
-    vkCopyMicromapEXT, vkCmdCopyMicromapEXT, CopyMicromapInfoEXT:
-        |info| BuiltCopy::Whole { source: storage(info.src), destination: storage(info.dst), mode: CopyMode::Clone };
-    vkCopyMicromapToMemoryEXT, vkCmdCopyMicromapToMemoryEXT, CopyMicromapToMemoryInfoEXT:
-        |info| BuiltCopy::Serialize { source: storage(info.src), destination: info.dst.device_address };
-    vkCopyMemoryToMicromapEXT, vkCmdCopyMemoryToMicromapEXT, CopyMemoryToMicromapInfoEXT:
-        |info| BuiltCopy::Deserialize { source: info.src.device_address, destination: storage(info.dst) };
+/// A copy from serialized data to a micromap.
+///
+/// # Safety
+/// The handles are alive.
+unsafe fn decode_deserialization(info: &vk::CopyMemoryToMicromapInfoEXT<'_>) -> BuiltCopy {
+    // SAFETY: the caller guarantees that the handles are alive.
+    unsafe {
+        BuiltCopy::Deserialize {
+            source: info.src.device_address,
+            destination: storage(info.dst),
+        }
+    }
+}
+
+pub(crate) unsafe extern "system" fn vkWriteMicromapsPropertiesEXT(
+    device: vk::Device,
+    count: u32,
+    handles: *const vk::MicromapEXT,
+    query_type: vk::QueryType,
+    data_bytes: usize,
+    data: *mut c_void,
+    stride_bytes: usize,
+) -> vk::Result {
+    guard_result("vkWriteMicromapsPropertiesEXT", move || {
+        let addresses = slice(handles, count)
+            .iter()
+            .map(|&handle| storage(handle).address);
+        let out = (data, data_bytes, stride_bytes);
+        built::write_properties(device, Built::Micromap, addresses, query_type, out)
+    })
+}
+
+pub(crate) unsafe extern "system" fn vkCopyMicromapEXT(
+    device: vk::Device,
+    operation: vk::DeferredOperationKHR,
+    info: *const vk::CopyMicromapInfoEXT<'_>,
+) -> vk::Result {
+    guard_result("vkCopyMicromapEXT", move || {
+        built::copy(device, operation, Built::Micromap, decode_copy(&*info))
+    })
+}
+
+pub(crate) unsafe extern "system" fn vkCopyMicromapToMemoryEXT(
+    device: vk::Device,
+    operation: vk::DeferredOperationKHR,
+    info: *const vk::CopyMicromapToMemoryInfoEXT<'_>,
+) -> vk::Result {
+    guard_result("vkCopyMicromapToMemoryEXT", move || {
+        built::copy(
+            device,
+            operation,
+            Built::Micromap,
+            decode_serialization(&*info),
+        )
+    })
+}
+
+pub(crate) unsafe extern "system" fn vkCopyMemoryToMicromapEXT(
+    device: vk::Device,
+    operation: vk::DeferredOperationKHR,
+    info: *const vk::CopyMemoryToMicromapInfoEXT<'_>,
+) -> vk::Result {
+    guard_result("vkCopyMemoryToMicromapEXT", move || {
+        built::copy(
+            device,
+            operation,
+            Built::Micromap,
+            decode_deserialization(&*info),
+        )
+    })
+}
+
+pub(crate) unsafe extern "system" fn vkCmdWriteMicromapsPropertiesEXT(
+    commands: vk::CommandBuffer,
+    count: u32,
+    handles: *const vk::MicromapEXT,
+    query_type: vk::QueryType,
+    pool: vk::QueryPool,
+    first: u32,
+) {
+    record(
+        "vkCmdWriteMicromapsPropertiesEXT",
+        commands,
+        move |commands| {
+            let addresses = slice(handles, count)
+                .iter()
+                .map(|&handle| storage(handle).address);
+            built::record_properties(
+                commands,
+                Built::Micromap,
+                addresses,
+                query_type,
+                (pool, first),
+            )
+        },
+    )
+}
+
+pub(crate) unsafe extern "system" fn vkCmdCopyMicromapEXT(
+    commands: vk::CommandBuffer,
+    info: *const vk::CopyMicromapInfoEXT<'_>,
+) {
+    record("vkCmdCopyMicromapEXT", commands, move |commands| {
+        built::record_copy(commands, Built::Micromap, decode_copy(&*info))
+    })
+}
+
+pub(crate) unsafe extern "system" fn vkCmdCopyMicromapToMemoryEXT(
+    commands: vk::CommandBuffer,
+    info: *const vk::CopyMicromapToMemoryInfoEXT<'_>,
+) {
+    record("vkCmdCopyMicromapToMemoryEXT", commands, move |commands| {
+        built::record_copy(commands, Built::Micromap, decode_serialization(&*info))
+    })
+}
+
+pub(crate) unsafe extern "system" fn vkCmdCopyMemoryToMicromapEXT(
+    commands: vk::CommandBuffer,
+    info: *const vk::CopyMemoryToMicromapInfoEXT<'_>,
+) {
+    record("vkCmdCopyMemoryToMicromapEXT", commands, move |commands| {
+        built::record_copy(commands, Built::Micromap, decode_deserialization(&*info))
+    })
 }

@@ -1,5 +1,13 @@
 //! Entry points, by the object that they act on. Each decodes its C structures, calls one method
-//! and encodes the result.
+//! and encodes the result. Bodies run inside [`guard`](crate::guard::guard), which stops panics at
+//! the C boundary, or inside [`record`](record::record); [`commands`] is the table of all.
+//!
+//! # Safety
+//! The application keeps each command's valid usage: handles are alive and of their type, pointers
+//! are valid for their counts, chains are well formed, and externally synchronized objects are not
+//! used elsewhere. Entry points rely on nothing else, so they need no blocks of their own.
+
+#![allow(unsafe_op_in_unsafe_fn, non_snake_case)]
 
 pub mod acceleration_structure;
 pub mod address_report;
@@ -12,7 +20,6 @@ pub mod commands;
 pub mod cooperative_vector;
 pub mod debug;
 pub mod deferred;
-mod define;
 pub mod descriptor;
 pub mod descriptor_buffer;
 pub mod descriptor_heap;
@@ -42,6 +49,7 @@ pub mod push_descriptor;
 pub mod query;
 pub mod queue;
 pub mod ray_tracing;
+mod record;
 mod row;
 pub mod shader_object;
 pub mod surface;
@@ -49,15 +57,3 @@ pub mod swapchain;
 pub mod sync;
 pub mod system;
 pub mod transform_feedback;
-
-/// Defines `vkDestroy*` entry points that only release the handle's reference.
-macro_rules! destroy {
-    ($($name:ident: $object:ty, $handle:ident;)*) => {
-        $crate::entry::define::entry! {
-            $(fn $name(_device: vk::Device, handle: vk::$handle, _allocator: *const vk::AllocationCallbacks) {
-                drop($crate::handle::take::<$object>(handle));
-            })*
-        }
-    };
-}
-use destroy;

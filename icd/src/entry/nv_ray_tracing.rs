@@ -11,8 +11,8 @@ use traversal::BuildFlags;
 use super::acceleration_structure::copy_mode;
 use super::address_report::report;
 use super::buffer::write_requirements;
-use super::define::{commands, entry};
 use super::pipeline::create_each;
+use super::record::record;
 use crate::command::ray_tracing::{Built, BuiltCopy};
 use crate::command::{Command, RayTracingCommand};
 use crate::decode::nv_ray_tracing::{
@@ -21,6 +21,7 @@ use crate::decode::nv_ray_tracing::{
 use crate::decode::pipeline::create_flags;
 use crate::device::Device;
 use crate::ffi::slice;
+use crate::guard::{guard, guard_result};
 use crate::handle::{self, from_handle, optional, retain};
 use crate::object::acceleration_structure::Location;
 use crate::object::addressed::AddressEvent;
@@ -56,13 +57,13 @@ unsafe fn create(info: &vk::AccelerationStructureCreateInfoNV<'_>) -> Accelerati
     }
 }
 
-entry! {
-    fn vkCreateAccelerationStructureNV(
-        device: vk::Device,
-        info: *const vk::AccelerationStructureCreateInfoNV<'_>,
-        _allocator: *const vk::AllocationCallbacks<'_>,
-        out: *mut vk::AccelerationStructureNV,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkCreateAccelerationStructureNV(
+    device: vk::Device,
+    info: *const vk::AccelerationStructureCreateInfoNV<'_>,
+    _allocator: *const vk::AllocationCallbacks<'_>,
+    out: *mut vk::AccelerationStructureNV,
+) -> vk::Result {
+    guard_result("vkCreateAccelerationStructureNV", move || {
         let created = create(&*info);
         let structure = Arc::clone(&created.structure);
         *out = handle::create(created);
@@ -70,44 +71,53 @@ entry! {
             validator.registry.add_structure((*out).as_raw(), structure);
         }
         Ok(())
-    }
+    })
+}
 
-    fn vkDestroyAccelerationStructureNV(
-        device: vk::Device,
-        structure: vk::AccelerationStructureNV,
-        _allocator: *const vk::AllocationCallbacks<'_>,
-    ) {
+pub(crate) unsafe extern "system" fn vkDestroyAccelerationStructureNV(
+    device: vk::Device,
+    structure: vk::AccelerationStructureNV,
+    _allocator: *const vk::AllocationCallbacks<'_>,
+) {
+    guard("vkDestroyAccelerationStructureNV", move || {
         if let Some(validator) = from_handle::<Device>(device).validator() {
             validator.registry.remove_structure(structure.as_raw());
         }
         report::<AccelerationStructureNv>(device, structure, AddressEvent::Unbound);
         drop(handle::take::<AccelerationStructureNv>(structure));
-    }
+    })
+}
 
-    fn vkGetAccelerationStructureMemoryRequirementsNV(
-        _device: vk::Device,
-        info: *const vk::AccelerationStructureMemoryRequirementsInfoNV<'_>,
-        out: *mut vk::MemoryRequirements2KHR<'_>,
-    ) {
-        use vk::AccelerationStructureMemoryRequirementsTypeNV as Of;
-        let of = from_handle::<AccelerationStructureNv>((*info).acceleration_structure);
-        let scratch_bytes = match (*info).ty {
-            Of::BUILD_SCRATCH => of.build_scratch_bytes,
-            Of::UPDATE_SCRATCH => of.update_scratch_bytes,
-            _ => return write_requirements(out, of.structure.size_bytes, MEMORY_ALIGNMENT),
-        };
-        // Scratch memory is a buffer with requirements of its own.
-        (*out).memory_requirements = vk::MemoryRequirements {
-            size: scratch_bytes,
-            ..Default::default()
-        };
-    }
+pub(crate) unsafe extern "system" fn vkGetAccelerationStructureMemoryRequirementsNV(
+    _device: vk::Device,
+    info: *const vk::AccelerationStructureMemoryRequirementsInfoNV<'_>,
+    out: *mut vk::MemoryRequirements2KHR<'_>,
+) {
+    guard(
+        "vkGetAccelerationStructureMemoryRequirementsNV",
+        move || {
+            use vk::AccelerationStructureMemoryRequirementsTypeNV as Of;
+            let of = from_handle::<AccelerationStructureNv>((*info).acceleration_structure);
+            let scratch_bytes = match (*info).ty {
+                Of::BUILD_SCRATCH => of.build_scratch_bytes,
+                Of::UPDATE_SCRATCH => of.update_scratch_bytes,
+                _ => return write_requirements(out, of.structure.size_bytes, MEMORY_ALIGNMENT),
+            };
+            // Scratch memory is a buffer with requirements of its own.
+            (*out).memory_requirements = vk::MemoryRequirements {
+                size: scratch_bytes,
+                ..Default::default()
+            };
+        },
+    )
+}
 
-    fn vkBindAccelerationStructureMemoryNV(
-        device: vk::Device,
-        count: u32,
-        infos: *const vk::BindAccelerationStructureMemoryInfoNV<'_>,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkBindAccelerationStructureMemoryNV(
+    device: vk::Device,
+    count: u32,
+    infos: *const vk::BindAccelerationStructureMemoryInfoNV<'_>,
+) -> vk::Result {
+    guard_result("vkBindAccelerationStructureMemoryNV", move || {
         for info in slice(infos, count) {
             let memory = from_handle::<DeviceMemory>(info.memory);
             let made = from_handle::<AccelerationStructureNv>(info.acceleration_structure);
@@ -116,29 +126,34 @@ entry! {
             report::<AccelerationStructureNv>(device, bound, AddressEvent::Bound);
         }
         Ok(())
-    }
+    })
+}
 
-    fn vkGetAccelerationStructureHandleNV(
-        _device: vk::Device,
-        structure: vk::AccelerationStructureNV,
-        size_bytes: usize,
-        data: *mut c_void,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkGetAccelerationStructureHandleNV(
+    _device: vk::Device,
+    structure: vk::AccelerationStructureNV,
+    size_bytes: usize,
+    data: *mut c_void,
+) -> vk::Result {
+    guard_result("vkGetAccelerationStructureHandleNV", move || {
         if size_bytes < size_of::<u64>() {
             return Err(vk::Result::ERROR_UNKNOWN);
         }
-        data.cast::<u64>().write_unaligned(storage(structure).address);
+        data.cast::<u64>()
+            .write_unaligned(storage(structure).address);
         Ok(())
-    }
+    })
+}
 
-    fn vkCreateRayTracingPipelinesNV(
-        device: vk::Device,
-        cache: vk::PipelineCache,
-        count: u32,
-        infos: *const vk::RayTracingPipelineCreateInfoNV<'_>,
-        _allocator: *const vk::AllocationCallbacks<'_>,
-        pipelines: *mut vk::Pipeline,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkCreateRayTracingPipelinesNV(
+    device: vk::Device,
+    cache: vk::PipelineCache,
+    count: u32,
+    infos: *const vk::RayTracingPipelineCreateInfoNV<'_>,
+    _allocator: *const vk::AllocationCallbacks<'_>,
+    pipelines: *mut vk::Pipeline,
+) -> vk::Result {
+    guard_result("vkCreateRayTracingPipelinesNV", move || {
         let device = from_handle::<Device>(device);
         let cache = (cache != vk::PipelineCache::null()).then(|| retain::<PipelineCache>(cache));
         create_each(
@@ -147,97 +162,129 @@ entry! {
             |info| create_flags(info.flags, info.p_next),
             |info| create_pipeline_nv(device, cache.as_ref(), info).map(handle::create),
         )
-    }
+    })
+}
 
-    fn vkCompileDeferredNV(device: vk::Device, pipeline: vk::Pipeline, shader: u32) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkCompileDeferredNV(
+    device: vk::Device,
+    pipeline: vk::Pipeline,
+    shader: u32,
+) -> vk::Result {
+    guard_result("vkCompileDeferredNV", move || {
         let pipeline = from_handle::<Pipeline>(pipeline);
         match &pipeline.kind {
             PipelineKind::Deferred(deferred) => {
                 let device = from_handle::<Device>(device);
-                deferred.compile(&device.compiler(), &pipeline.layout, &pipeline.captured, shader)
+                deferred.compile(
+                    &device.compiler(),
+                    &pipeline.layout,
+                    &pipeline.captured,
+                    shader,
+                )
             }
             _ => Err(vk::Result::ERROR_UNKNOWN),
         }
-    }
+    })
 }
 
-commands! {
-    fn vkCmdBuildAccelerationStructureNV(
+pub(crate) unsafe extern "system" fn vkCmdBuildAccelerationStructureNV(
+    command_buffer: vk::CommandBuffer,
+    info: *const vk::AccelerationStructureInfoNV<'_>,
+    instance_data: vk::Buffer,
+    instance_offset: vk::DeviceSize,
+    update: vk::Bool32,
+    destination: vk::AccelerationStructureNV,
+    source: vk::AccelerationStructureNV,
+    scratch: vk::Buffer,
+    scratch_offset: vk::DeviceSize,
+) {
+    record(
+        "vkCmdBuildAccelerationStructureNV",
         command_buffer,
-        info: *const vk::AccelerationStructureInfoNV<'_>,
-        instance_data: vk::Buffer,
-        instance_offset: vk::DeviceSize,
-        update: vk::Bool32,
-        destination: vk::AccelerationStructureNV,
-        source: vk::AccelerationStructureNV,
-        scratch: vk::Buffer,
-        scratch_offset: vk::DeviceSize,
-    ) {
-        let source = match update {
-            vk::FALSE => None,
-            _ => optional::<AccelerationStructureNv>(source),
-        };
-        let build = decode_build(
-            &*info,
-            place(instance_data, instance_offset),
-            storage(destination),
-            source.map(|source| source.structure.storage()),
-            place(scratch, scratch_offset),
-        );
-        command_buffer.push(Command::RayTracing(RayTracingCommand::Build(vec![build])))
-    }
+        move |command_buffer| {
+            let source = match update {
+                vk::FALSE => None,
+                _ => optional::<AccelerationStructureNv>(source),
+            };
+            let build = decode_build(
+                &*info,
+                place(instance_data, instance_offset),
+                storage(destination),
+                source.map(|source| source.structure.storage()),
+                place(scratch, scratch_offset),
+            );
+            command_buffer.push(Command::RayTracing(RayTracingCommand::Build(vec![build])))
+        },
+    )
+}
 
-    fn vkCmdCopyAccelerationStructureNV(
+pub(crate) unsafe extern "system" fn vkCmdCopyAccelerationStructureNV(
+    command_buffer: vk::CommandBuffer,
+    destination: vk::AccelerationStructureNV,
+    source: vk::AccelerationStructureNV,
+    mode: vk::CopyAccelerationStructureModeKHR,
+) {
+    record(
+        "vkCmdCopyAccelerationStructureNV",
         command_buffer,
-        destination: vk::AccelerationStructureNV,
-        source: vk::AccelerationStructureNV,
-        mode: vk::CopyAccelerationStructureModeKHR,
-    ) {
-        command_buffer.push(Command::RayTracing(RayTracingCommand::Copy(
-            Built::Structure,
-            BuiltCopy::Whole {
-                source: storage(source),
-                destination: storage(destination),
-                mode: copy_mode(mode),
-            },
-        )))
-    }
+        move |command_buffer| {
+            command_buffer.push(Command::RayTracing(RayTracingCommand::Copy(
+                Built::Structure,
+                BuiltCopy::Whole {
+                    source: storage(source),
+                    destination: storage(destination),
+                    mode: copy_mode(mode),
+                },
+            )))
+        },
+    )
+}
 
-    fn vkCmdWriteAccelerationStructuresPropertiesNV(
+pub(crate) unsafe extern "system" fn vkCmdWriteAccelerationStructuresPropertiesNV(
+    command_buffer: vk::CommandBuffer,
+    count: u32,
+    structures: *const vk::AccelerationStructureNV,
+    query_type: vk::QueryType,
+    pool: vk::QueryPool,
+    first: u32,
+) {
+    record(
+        "vkCmdWriteAccelerationStructuresPropertiesNV",
         command_buffer,
-        count: u32,
-        structures: *const vk::AccelerationStructureNV,
-        query_type: vk::QueryType,
-        pool: vk::QueryPool,
-        first: u32,
-    ) {
-        let structures = slice(structures, count);
-        command_buffer.push(Command::RayTracing(RayTracingCommand::WriteProperties {
-            of: Built::Structure,
-            addresses: structures.iter().map(|&structure| storage(structure).address).collect(),
-            query_type,
-            pool: retain::<QueryPool>(pool),
-            first,
-        }))
-    }
+        move |command_buffer| {
+            let structures = slice(structures, count);
+            command_buffer.push(Command::RayTracing(RayTracingCommand::WriteProperties {
+                of: Built::Structure,
+                addresses: structures
+                    .iter()
+                    .map(|&structure| storage(structure).address)
+                    .collect(),
+                query_type,
+                pool: retain::<QueryPool>(pool),
+                first,
+            }))
+        },
+    )
+}
 
-    fn vkCmdTraceRaysNV(
-        command_buffer,
-        raygen: vk::Buffer,
-        raygen_offset: vk::DeviceSize,
-        miss: vk::Buffer,
-        miss_offset: vk::DeviceSize,
-        miss_stride: vk::DeviceSize,
-        hit: vk::Buffer,
-        hit_offset: vk::DeviceSize,
-        hit_stride: vk::DeviceSize,
-        callable: vk::Buffer,
-        callable_offset: vk::DeviceSize,
-        callable_stride: vk::DeviceSize,
-        width: u32,
-        height: u32,
-        depth: u32,
-    ) {
+pub(crate) unsafe extern "system" fn vkCmdTraceRaysNV(
+    command_buffer: vk::CommandBuffer,
+    raygen: vk::Buffer,
+    raygen_offset: vk::DeviceSize,
+    miss: vk::Buffer,
+    miss_offset: vk::DeviceSize,
+    miss_stride: vk::DeviceSize,
+    hit: vk::Buffer,
+    hit_offset: vk::DeviceSize,
+    hit_stride: vk::DeviceSize,
+    callable: vk::Buffer,
+    callable_offset: vk::DeviceSize,
+    callable_stride: vk::DeviceSize,
+    width: u32,
+    height: u32,
+    depth: u32,
+) {
+    record("vkCmdTraceRaysNV", command_buffer, move |command_buffer| {
         let tables = Tables {
             raygen: region(raygen, raygen_offset, 0),
             miss: region(miss, miss_offset, miss_stride),
@@ -245,6 +292,9 @@ commands! {
             callable: region(callable, callable_offset, callable_stride),
         };
         let extent = [width, height, depth];
-        command_buffer.push(Command::RayTracing(RayTracingCommand::TraceRaysNv { tables, extent }))
-    }
+        command_buffer.push(Command::RayTracing(RayTracingCommand::TraceRaysNv {
+            tables,
+            extent,
+        }))
+    })
 }

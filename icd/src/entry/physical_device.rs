@@ -4,13 +4,13 @@ use std::ffi::c_char;
 
 use ash::vk;
 
-use super::define::entry;
 use super::instance::extension_properties;
 use super::system;
 use crate::decode::image::{described_image, resident_usage};
 use crate::ffi::enumerate::enumerate_with;
 use crate::ffi::{chain, enumerate, vk as newer};
 use crate::format;
+use crate::guard::{guard, guard_result};
 use crate::handle::from_handle;
 use crate::object::PhysicalDevice;
 use crate::object::image::supported_image;
@@ -107,61 +107,87 @@ fn resident_planes(
     }
 }
 
-entry! {
-    fn vkEnumerateDeviceExtensionProperties(
-        _device: vk::PhysicalDevice,
-        layer: *const c_char,
-        count: *mut u32,
-        out: *mut vk::ExtensionProperties,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkEnumerateDeviceExtensionProperties(
+    _device: vk::PhysicalDevice,
+    layer: *const c_char,
+    count: *mut u32,
+    out: *mut vk::ExtensionProperties,
+) -> vk::Result {
+    guard_result("vkEnumerateDeviceExtensionProperties", move || {
         if !layer.is_null() {
             return Err(vk::Result::ERROR_LAYER_NOT_PRESENT);
         }
         let all: Vec<_> = extensions::of_kind(Kind::Device).collect();
         enumerate(count, out, all.into_iter().map(extension_properties))
-    }
+    })
+}
 
-    fn vkEnumerateDeviceLayerProperties(
-        _device: vk::PhysicalDevice,
-        count: *mut u32,
-        out: *mut vk::LayerProperties,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkEnumerateDeviceLayerProperties(
+    _device: vk::PhysicalDevice,
+    count: *mut u32,
+    out: *mut vk::LayerProperties,
+) -> vk::Result {
+    guard_result("vkEnumerateDeviceLayerProperties", move || {
         enumerate(count, out, [].into_iter())
-    }
+    })
+}
 
-    fn vkGetPhysicalDeviceProperties(device: vk::PhysicalDevice, out: *mut vk::PhysicalDeviceProperties) {
+pub(crate) unsafe extern "system" fn vkGetPhysicalDeviceProperties(
+    device: vk::PhysicalDevice,
+    out: *mut vk::PhysicalDeviceProperties,
+) {
+    guard("vkGetPhysicalDeviceProperties", move || {
         *out = properties::core(&from_handle::<PhysicalDevice>(device).machine());
-    }
+    })
+}
 
-    fn vkGetPhysicalDeviceProperties2(device: vk::PhysicalDevice, out: *mut vk::PhysicalDeviceProperties2) {
+pub(crate) unsafe extern "system" fn vkGetPhysicalDeviceProperties2(
+    device: vk::PhysicalDevice,
+    out: *mut vk::PhysicalDeviceProperties2,
+) {
+    guard("vkGetPhysicalDeviceProperties2", move || {
         let machine = from_handle::<PhysicalDevice>(device).machine();
         (*out).properties = properties::core(&machine);
         properties::fill_chain(&machine, (*out).p_next);
-    }
+    })
+}
 
-    fn vkGetPhysicalDeviceFeatures(_device: vk::PhysicalDevice, out: *mut vk::PhysicalDeviceFeatures) {
+pub(crate) unsafe extern "system" fn vkGetPhysicalDeviceFeatures(
+    _device: vk::PhysicalDevice,
+    out: *mut vk::PhysicalDeviceFeatures,
+) {
+    guard("vkGetPhysicalDeviceFeatures", move || {
         *out = features::core_features();
-    }
+    })
+}
 
-    fn vkGetPhysicalDeviceFeatures2(_device: vk::PhysicalDevice, out: *mut vk::PhysicalDeviceFeatures2) {
+pub(crate) unsafe extern "system" fn vkGetPhysicalDeviceFeatures2(
+    _device: vk::PhysicalDevice,
+    out: *mut vk::PhysicalDeviceFeatures2,
+) {
+    guard("vkGetPhysicalDeviceFeatures2", move || {
         (*out).features = features::core_features();
         features::fill_chain((*out).p_next);
-    }
+    })
+}
 
-    fn vkGetPhysicalDeviceQueueFamilyProperties(
-        _device: vk::PhysicalDevice,
-        count: *mut u32,
-        out: *mut vk::QueueFamilyProperties,
-    ) {
+pub(crate) unsafe extern "system" fn vkGetPhysicalDeviceQueueFamilyProperties(
+    _device: vk::PhysicalDevice,
+    count: *mut u32,
+    out: *mut vk::QueueFamilyProperties,
+) {
+    guard("vkGetPhysicalDeviceQueueFamilyProperties", move || {
         // Too few elements are no error, since the function returns nothing.
         let _ = enumerate(count, out, [queue_family()].into_iter());
-    }
+    })
+}
 
-    fn vkGetPhysicalDeviceQueueFamilyProperties2(
-        _device: vk::PhysicalDevice,
-        count: *mut u32,
-        out: *mut vk::QueueFamilyProperties2,
-    ) {
+pub(crate) unsafe extern "system" fn vkGetPhysicalDeviceQueueFamilyProperties2(
+    _device: vk::PhysicalDevice,
+    count: *mut u32,
+    out: *mut vk::QueueFamilyProperties2,
+) {
+    guard("vkGetPhysicalDeviceQueueFamilyProperties2", move || {
         let _ = enumerate_with(count, out, [queue_family()].into_iter(), |out, family| {
             out.queue_family_properties = family;
             if let Some(priorities) =
@@ -177,45 +203,66 @@ entry! {
                 priorities.priority_count = all.len() as u32;
                 priorities.priorities[..all.len()].copy_from_slice(&all);
             }
-            if let Some(transfer) = chain::find_mut::<newer::QueueFamilyOwnershipTransferPropertiesKHR>(out.p_next) {
+            if let Some(transfer) =
+                chain::find_mut::<newer::QueueFamilyOwnershipTransferPropertiesKHR>(out.p_next)
+            {
                 // No image layout depends on the queue family.
                 transfer.optimal_image_transfer_to_queue_families = u32::MAX;
             }
-            if let Some(transfer) = chain::find_mut::<newer::QueueFamilyOptimalImageTransferGranularityPropertiesKHR<'_>>(out.p_next) {
+            if let Some(transfer) = chain::find_mut::<
+                newer::QueueFamilyOptimalImageTransferGranularityPropertiesKHR<'_>,
+            >(out.p_next)
+            {
                 // Images are linear, so transfers have no granularity.
                 transfer.optimal_image_transfer_granularity = family.min_image_transfer_granularity;
             }
         });
-    }
+    })
+}
 
-    fn vkGetPhysicalDeviceMemoryProperties(device: vk::PhysicalDevice, out: *mut vk::PhysicalDeviceMemoryProperties) {
+pub(crate) unsafe extern "system" fn vkGetPhysicalDeviceMemoryProperties(
+    device: vk::PhysicalDevice,
+    out: *mut vk::PhysicalDeviceMemoryProperties,
+) {
+    guard("vkGetPhysicalDeviceMemoryProperties", move || {
         *out = memory_properties(from_handle::<PhysicalDevice>(device));
-    }
+    })
+}
 
-    fn vkGetPhysicalDeviceMemoryProperties2(device: vk::PhysicalDevice, out: *mut vk::PhysicalDeviceMemoryProperties2) {
+pub(crate) unsafe extern "system" fn vkGetPhysicalDeviceMemoryProperties2(
+    device: vk::PhysicalDevice,
+    out: *mut vk::PhysicalDeviceMemoryProperties2,
+) {
+    guard("vkGetPhysicalDeviceMemoryProperties2", move || {
         let device = from_handle::<PhysicalDevice>(device);
         (*out).memory_properties = memory_properties(device);
-        if let Some(budget) = chain::find_mut::<vk::PhysicalDeviceMemoryBudgetPropertiesEXT>((*out).p_next) {
+        if let Some(budget) =
+            chain::find_mut::<vk::PhysicalDeviceMemoryBudgetPropertiesEXT>((*out).p_next)
+        {
             budget.heap_budget = [0; vk::MAX_MEMORY_HEAPS];
             budget.heap_usage = [0; vk::MAX_MEMORY_HEAPS];
             budget.heap_usage[0] = used_bytes();
             budget.heap_budget[0] = device.budget_bytes();
         }
-    }
+    })
+}
 
-    fn vkGetPhysicalDeviceFormatProperties(
-        _device: vk::PhysicalDevice,
-        format: vk::Format,
-        out: *mut vk::FormatProperties,
-    ) {
+pub(crate) unsafe extern "system" fn vkGetPhysicalDeviceFormatProperties(
+    _device: vk::PhysicalDevice,
+    format: vk::Format,
+    out: *mut vk::FormatProperties,
+) {
+    guard("vkGetPhysicalDeviceFormatProperties", move || {
         *out = format_properties(format);
-    }
+    })
+}
 
-    fn vkGetPhysicalDeviceFormatProperties2(
-        _device: vk::PhysicalDevice,
-        format: vk::Format,
-        out: *mut vk::FormatProperties2,
-    ) {
+pub(crate) unsafe extern "system" fn vkGetPhysicalDeviceFormatProperties2(
+    _device: vk::PhysicalDevice,
+    format: vk::Format,
+    out: *mut vk::FormatProperties2,
+) {
+    guard("vkGetPhysicalDeviceFormatProperties2", move || {
         (*out).format_properties = format_properties(format);
         if let Some(out3) = chain::find_mut::<vk::FormatProperties3>((*out).p_next) {
             let features = format::features(format);
@@ -233,40 +280,50 @@ entry! {
             // Samples of every format are resolved in the same way as those of other attachments.
             out.optimal = vk::TRUE;
         }
-    }
+    })
+}
 
-    fn vkGetPhysicalDeviceImageFormatProperties(
-        _device: vk::PhysicalDevice,
-        format: vk::Format,
-        ty: vk::ImageType,
-        tiling: vk::ImageTiling,
-        usage: vk::ImageUsageFlags,
-        flags: vk::ImageCreateFlags,
-        out: *mut vk::ImageFormatProperties,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkGetPhysicalDeviceImageFormatProperties(
+    _device: vk::PhysicalDevice,
+    format: vk::Format,
+    ty: vk::ImageType,
+    tiling: vk::ImageTiling,
+    usage: vk::ImageUsageFlags,
+    flags: vk::ImageCreateFlags,
+    out: *mut vk::ImageFormatProperties,
+) -> vk::Result {
+    guard_result("vkGetPhysicalDeviceImageFormatProperties", move || {
         *out = vk::ImageFormatProperties::default();
         *out = supported_image(format, ty, tiling, usage, flags)?;
         Ok(())
-    }
+    })
+}
 
-    fn vkGetPhysicalDeviceImageFormatProperties2(
-        _device: vk::PhysicalDevice,
-        info: *const vk::PhysicalDeviceImageFormatInfo2,
-        out: *mut vk::ImageFormatProperties2,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkGetPhysicalDeviceImageFormatProperties2(
+    _device: vk::PhysicalDevice,
+    info: *const vk::PhysicalDeviceImageFormatInfo2,
+    out: *mut vk::ImageFormatProperties2,
+) -> vk::Result {
+    guard_result("vkGetPhysicalDeviceImageFormatProperties2", move || {
         (*out).image_format_properties = vk::ImageFormatProperties::default();
         let external = chain::find::<vk::PhysicalDeviceExternalImageFormatInfo>((*info).p_next)
-            .map_or(vk::ExternalMemoryHandleTypeFlags::empty(), |external| external.handle_type);
+            .map_or(vk::ExternalMemoryHandleTypeFlags::empty(), |external| {
+                external.handle_type
+            });
         let external_properties = external_memory(external);
         if !external.is_empty() && external_properties.external_memory_features.is_empty() {
             return Err(vk::Result::ERROR_FORMAT_NOT_SUPPORTED);
         }
         (*out).image_format_properties = described_image(&*info)?;
-        if let Some(out) = chain::find_mut::<vk::SamplerYcbcrConversionImageFormatProperties>((*out).p_next) {
+        if let Some(out) =
+            chain::find_mut::<vk::SamplerYcbcrConversionImageFormatProperties>((*out).p_next)
+        {
             // Descriptors of all combined image samplers have the same size.
             out.combined_image_sampler_descriptor_count = 1;
         }
-        if let Some(out) = chain::find_mut::<vk::HostImageCopyDevicePerformanceQueryEXT>((*out).p_next) {
+        if let Some(out) =
+            chain::find_mut::<vk::HostImageCopyDevicePerformanceQueryEXT>((*out).p_next)
+        {
             out.optimal_device_access = vk::TRUE;
             out.identical_memory_layout = vk::TRUE;
         }
@@ -274,78 +331,110 @@ entry! {
             out.external_memory_properties = external_properties;
         }
         Ok(())
-    }
+    })
+}
 
-    fn vkGetPhysicalDeviceSparseImageFormatProperties(
-        _device: vk::PhysicalDevice,
-        format: vk::Format,
-        ty: vk::ImageType,
-        samples: vk::SampleCountFlags,
-        usage: vk::ImageUsageFlags,
-        tiling: vk::ImageTiling,
-        count: *mut u32,
-        out: *mut vk::SparseImageFormatProperties,
-    ) {
-        let all = resident_planes(format, ty, samples, usage, tiling);
-        let _ = enumerate(count, out, all.into_iter());
-    }
+pub(crate) unsafe extern "system" fn vkGetPhysicalDeviceSparseImageFormatProperties(
+    _device: vk::PhysicalDevice,
+    format: vk::Format,
+    ty: vk::ImageType,
+    samples: vk::SampleCountFlags,
+    usage: vk::ImageUsageFlags,
+    tiling: vk::ImageTiling,
+    count: *mut u32,
+    out: *mut vk::SparseImageFormatProperties,
+) {
+    guard(
+        "vkGetPhysicalDeviceSparseImageFormatProperties",
+        move || {
+            let all = resident_planes(format, ty, samples, usage, tiling);
+            let _ = enumerate(count, out, all.into_iter());
+        },
+    )
+}
 
-    fn vkGetPhysicalDeviceSparseImageFormatProperties2(
-        _device: vk::PhysicalDevice,
-        info: *const vk::PhysicalDeviceSparseImageFormatInfo2,
-        count: *mut u32,
-        out: *mut vk::SparseImageFormatProperties2,
-    ) {
-        let info = &*info;
-        let planes = |usage| resident_planes(info.format, info.ty, info.samples, usage, info.tiling);
-        let all = resident_usage(info).map_or_else(Vec::new, planes);
-        let _ = enumerate_with(count, out, all.into_iter(), |out, it| out.properties = it);
-    }
+pub(crate) unsafe extern "system" fn vkGetPhysicalDeviceSparseImageFormatProperties2(
+    _device: vk::PhysicalDevice,
+    info: *const vk::PhysicalDeviceSparseImageFormatInfo2,
+    count: *mut u32,
+    out: *mut vk::SparseImageFormatProperties2,
+) {
+    guard(
+        "vkGetPhysicalDeviceSparseImageFormatProperties2",
+        move || {
+            let info = &*info;
+            let planes =
+                |usage| resident_planes(info.format, info.ty, info.samples, usage, info.tiling);
+            let all = resident_usage(info).map_or_else(Vec::new, planes);
+            let _ = enumerate_with(count, out, all.into_iter(), |out, it| out.properties = it);
+        },
+    )
+}
 
-    fn vkGetPhysicalDeviceMultisamplePropertiesEXT(
-        _device: vk::PhysicalDevice,
-        samples: vk::SampleCountFlags,
-        out: *mut vk::MultisamplePropertiesEXT<'_>,
-    ) {
+pub(crate) unsafe extern "system" fn vkGetPhysicalDeviceMultisamplePropertiesEXT(
+    _device: vk::PhysicalDevice,
+    samples: vk::SampleCountFlags,
+    out: *mut vk::MultisamplePropertiesEXT<'_>,
+) {
+    guard("vkGetPhysicalDeviceMultisamplePropertiesEXT", move || {
         let side = u32::from(limits::SAMPLE_LOCATION_COUNTS.contains(samples));
-        (*out).max_sample_location_grid_size = vk::Extent2D { width: side, height: side };
-    }
+        (*out).max_sample_location_grid_size = vk::Extent2D {
+            width: side,
+            height: side,
+        };
+    })
+}
 
-    fn vkGetPhysicalDeviceFragmentShadingRatesKHR(
-        _device: vk::PhysicalDevice,
-        count: *mut u32,
-        out: *mut vk::PhysicalDeviceFragmentShadingRateKHR<'_>,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkGetPhysicalDeviceFragmentShadingRatesKHR(
+    _device: vk::PhysicalDevice,
+    count: *mut u32,
+    out: *mut vk::PhysicalDeviceFragmentShadingRateKHR<'_>,
+) -> vk::Result {
+    guard_result("vkGetPhysicalDeviceFragmentShadingRatesKHR", move || {
         enumerate_with(count, out, RATES.into_iter(), |out, rate| {
             let [width, height] = rate.pixels().map(|side| side as u32);
             out.sample_counts = rate.samples();
             out.fragment_size = vk::Extent2D { width, height };
         })
-    }
+    })
+}
 
-    fn vkGetPhysicalDeviceCooperativeMatrixPropertiesKHR(
-        _device: vk::PhysicalDevice,
-        count: *mut u32,
-        out: *mut vk::CooperativeMatrixPropertiesKHR<'_>,
-    ) -> vk::Result {
-        enumerate_with(count, out, cooperative_matrices::products(), |out, product| {
-            cooperative_matrices::describe(&product, out);
-        })
-    }
+pub(crate) unsafe extern "system" fn vkGetPhysicalDeviceCooperativeMatrixPropertiesKHR(
+    _device: vk::PhysicalDevice,
+    count: *mut u32,
+    out: *mut vk::CooperativeMatrixPropertiesKHR<'_>,
+) -> vk::Result {
+    guard_result(
+        "vkGetPhysicalDeviceCooperativeMatrixPropertiesKHR",
+        move || {
+            enumerate_with(
+                count,
+                out,
+                cooperative_matrices::products(),
+                |out, product| {
+                    cooperative_matrices::describe(&product, out);
+                },
+            )
+        },
+    )
+}
 
-    fn vkGetPhysicalDeviceExternalBufferProperties(
-        _device: vk::PhysicalDevice,
-        info: *const vk::PhysicalDeviceExternalBufferInfo,
-        out: *mut vk::ExternalBufferProperties,
-    ) {
+pub(crate) unsafe extern "system" fn vkGetPhysicalDeviceExternalBufferProperties(
+    _device: vk::PhysicalDevice,
+    info: *const vk::PhysicalDeviceExternalBufferInfo,
+    out: *mut vk::ExternalBufferProperties,
+) {
+    guard("vkGetPhysicalDeviceExternalBufferProperties", move || {
         (*out).external_memory_properties = external_memory((*info).handle_type);
-    }
+    })
+}
 
-    fn vkGetPhysicalDeviceExternalFenceProperties(
-        _device: vk::PhysicalDevice,
-        info: *const vk::PhysicalDeviceExternalFenceInfo,
-        out: *mut vk::ExternalFenceProperties,
-    ) {
+pub(crate) unsafe extern "system" fn vkGetPhysicalDeviceExternalFenceProperties(
+    _device: vk::PhysicalDevice,
+    info: *const vk::PhysicalDeviceExternalFenceInfo,
+    out: *mut vk::ExternalFenceProperties,
+) {
+    guard("vkGetPhysicalDeviceExternalFenceProperties", move || {
         use vk::ExternalFenceFeatureFlags as Feature;
         let all = system::FENCE_HANDLES;
         let (features, own, all) = match (*info).handle_type {
@@ -355,44 +444,61 @@ entry! {
         (*out).export_from_imported_handle_types = own;
         (*out).compatible_handle_types = all;
         (*out).external_fence_features = features;
-    }
+    })
+}
 
-    fn vkGetPhysicalDeviceExternalSemaphoreProperties(
-        _device: vk::PhysicalDevice,
-        info: *const vk::PhysicalDeviceExternalSemaphoreInfo,
-        out: *mut vk::ExternalSemaphoreProperties,
-    ) {
-        use vk::ExternalSemaphoreFeatureFlags as Feature;
-        let all = system::SEMAPHORE_HANDLES;
-        let is_timeline = chain::find::<vk::SemaphoreTypeCreateInfo>((*info).p_next)
-            .is_some_and(|info| info.semaphore_type == vk::SemaphoreType::TIMELINE);
-        let (features, own, all) = match (*info).handle_type {
-            ty if all.contains(ty) && !is_timeline => (Feature::EXPORTABLE | Feature::IMPORTABLE, ty, all),
-            _ => Default::default(),
-        };
-        (*out).export_from_imported_handle_types = own;
-        (*out).compatible_handle_types = all;
-        (*out).external_semaphore_features = features;
-    }
+pub(crate) unsafe extern "system" fn vkGetPhysicalDeviceExternalSemaphoreProperties(
+    _device: vk::PhysicalDevice,
+    info: *const vk::PhysicalDeviceExternalSemaphoreInfo,
+    out: *mut vk::ExternalSemaphoreProperties,
+) {
+    guard(
+        "vkGetPhysicalDeviceExternalSemaphoreProperties",
+        move || {
+            use vk::ExternalSemaphoreFeatureFlags as Feature;
+            let all = system::SEMAPHORE_HANDLES;
+            let is_timeline = chain::find::<vk::SemaphoreTypeCreateInfo>((*info).p_next)
+                .is_some_and(|info| info.semaphore_type == vk::SemaphoreType::TIMELINE);
+            let (features, own, all) = match (*info).handle_type {
+                ty if all.contains(ty) && !is_timeline => {
+                    (Feature::EXPORTABLE | Feature::IMPORTABLE, ty, all)
+                }
+                _ => Default::default(),
+            };
+            (*out).export_from_imported_handle_types = own;
+            (*out).compatible_handle_types = all;
+            (*out).external_semaphore_features = features;
+        },
+    )
+}
 
-    fn vkGetPhysicalDeviceToolProperties(
-        _device: vk::PhysicalDevice,
-        count: *mut u32,
-        out: *mut vk::PhysicalDeviceToolProperties,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkGetPhysicalDeviceToolProperties(
+    _device: vk::PhysicalDevice,
+    count: *mut u32,
+    out: *mut vk::PhysicalDeviceToolProperties,
+) -> vk::Result {
+    guard_result("vkGetPhysicalDeviceToolProperties", move || {
         enumerate(count, out, [].into_iter())
-    }
+    })
+}
 
-    fn vkGetPhysicalDeviceCalibrateableTimeDomainsKHR(
-        _device: vk::PhysicalDevice,
-        count: *mut u32,
-        out: *mut vk::TimeDomainKHR,
-    ) -> vk::Result {
-        let domains: Vec<_> = [vk::TimeDomainKHR::DEVICE]
-            .into_iter()
-            .chain(system::TIME_DOMAINS)
-            .chain([newer::TIME_DOMAIN_PRESENT_STAGE_LOCAL_EXT, newer::TIME_DOMAIN_SWAPCHAIN_LOCAL_EXT])
-            .collect();
-        enumerate(count, out, domains.into_iter())
-    }
+pub(crate) unsafe extern "system" fn vkGetPhysicalDeviceCalibrateableTimeDomainsKHR(
+    _device: vk::PhysicalDevice,
+    count: *mut u32,
+    out: *mut vk::TimeDomainKHR,
+) -> vk::Result {
+    guard_result(
+        "vkGetPhysicalDeviceCalibrateableTimeDomainsKHR",
+        move || {
+            let domains: Vec<_> = [vk::TimeDomainKHR::DEVICE]
+                .into_iter()
+                .chain(system::TIME_DOMAINS)
+                .chain([
+                    newer::TIME_DOMAIN_PRESENT_STAGE_LOCAL_EXT,
+                    newer::TIME_DOMAIN_SWAPCHAIN_LOCAL_EXT,
+                ])
+                .collect();
+            enumerate(count, out, domains.into_iter())
+        },
+    )
 }

@@ -6,24 +6,56 @@ use std::time::Instant;
 
 use ash::vk;
 
-use super::define::entry;
-use super::destroy;
 use crate::VkResult;
 use crate::decode::pipeline::{ProgramSource, create_flags, decode_stage, pipeline_layout};
 use crate::device::Device;
 use crate::ffi::enumerate::enumerate_bytes;
 use crate::ffi::{self, array, chain};
+use crate::guard::{guard, guard_result};
 use crate::handle::{self, from_handle, optional, retain};
 use crate::object::captured::Captured;
 use crate::object::pipeline::PipelineKind;
 use crate::object::shader_stage::Compiled;
 use crate::object::{DescriptorSetLayout, Pipeline, PipelineCache, PipelineLayout, ShaderModule};
 
-destroy! {
-    vkDestroyShaderModule: ShaderModule, ShaderModule;
-    vkDestroyPipelineLayout: PipelineLayout, PipelineLayout;
-    vkDestroyPipelineCache: PipelineCache, PipelineCache;
-    vkDestroyPipeline: Pipeline, Pipeline;
+pub(crate) unsafe extern "system" fn vkDestroyShaderModule(
+    _device: vk::Device,
+    handle: vk::ShaderModule,
+    _allocator: *const vk::AllocationCallbacks,
+) {
+    guard("vkDestroyShaderModule", move || {
+        drop(handle::take::<ShaderModule>(handle))
+    })
+}
+
+pub(crate) unsafe extern "system" fn vkDestroyPipelineLayout(
+    _device: vk::Device,
+    handle: vk::PipelineLayout,
+    _allocator: *const vk::AllocationCallbacks,
+) {
+    guard("vkDestroyPipelineLayout", move || {
+        drop(handle::take::<PipelineLayout>(handle))
+    })
+}
+
+pub(crate) unsafe extern "system" fn vkDestroyPipelineCache(
+    _device: vk::Device,
+    handle: vk::PipelineCache,
+    _allocator: *const vk::AllocationCallbacks,
+) {
+    guard("vkDestroyPipelineCache", move || {
+        drop(handle::take::<PipelineCache>(handle))
+    })
+}
+
+pub(crate) unsafe extern "system" fn vkDestroyPipeline(
+    _device: vk::Device,
+    handle: vk::Pipeline,
+    _allocator: *const vk::AllocationCallbacks,
+) {
+    guard("vkDestroyPipeline", move || {
+        drop(handle::take::<Pipeline>(handle))
+    })
 }
 
 /// The words of a module.
@@ -127,80 +159,102 @@ pub unsafe fn create_each<T>(
     result
 }
 
-entry! {
-    fn vkCreateShaderModule(
-        _device: vk::Device,
-        info: *const vk::ShaderModuleCreateInfo,
-        _allocator: *const vk::AllocationCallbacks,
-        out: *mut vk::ShaderModule,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkCreateShaderModule(
+    _device: vk::Device,
+    info: *const vk::ShaderModuleCreateInfo,
+    _allocator: *const vk::AllocationCallbacks,
+    out: *mut vk::ShaderModule,
+) -> vk::Result {
+    guard_result("vkCreateShaderModule", move || {
         *out = handle::create(ShaderModule {
             words: words(&*info)?,
             name: Arc::default(),
         });
         Ok(())
-    }
+    })
+}
 
-    fn vkCreatePipelineLayout(
-        _device: vk::Device,
-        info: *const vk::PipelineLayoutCreateInfo,
-        _allocator: *const vk::AllocationCallbacks,
-        out: *mut vk::PipelineLayout,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkCreatePipelineLayout(
+    _device: vk::Device,
+    info: *const vk::PipelineLayoutCreateInfo,
+    _allocator: *const vk::AllocationCallbacks,
+    out: *mut vk::PipelineLayout,
+) -> vk::Result {
+    guard_result("vkCreatePipelineLayout", move || {
         let info = &*info;
-        let sets = ffi::slice(info.p_set_layouts, info.set_layout_count).iter().map(|&layout| {
-            (layout != vk::DescriptorSetLayout::null()).then(|| retain::<DescriptorSetLayout>(layout))
-        });
+        let sets = ffi::slice(info.p_set_layouts, info.set_layout_count)
+            .iter()
+            .map(|&layout| {
+                (layout != vk::DescriptorSetLayout::null())
+                    .then(|| retain::<DescriptorSetLayout>(layout))
+            });
         let ranges = ffi::slice(info.p_push_constant_ranges, info.push_constant_range_count);
-        let push_constant_bytes = ranges.iter().map(|range| range.offset.saturating_add(range.size)).max().unwrap_or(0);
+        let push_constant_bytes = ranges
+            .iter()
+            .map(|range| range.offset.saturating_add(range.size))
+            .max()
+            .unwrap_or(0);
         *out = handle::create(PipelineLayout::new(sets.collect(), push_constant_bytes));
         Ok(())
-    }
+    })
+}
 
-    fn vkCreatePipelineCache(
-        _device: vk::Device,
-        info: *const vk::PipelineCacheCreateInfo,
-        _allocator: *const vk::AllocationCallbacks,
-        out: *mut vk::PipelineCache,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkCreatePipelineCache(
+    _device: vk::Device,
+    info: *const vk::PipelineCacheCreateInfo,
+    _allocator: *const vk::AllocationCallbacks,
+    out: *mut vk::PipelineCache,
+) -> vk::Result {
+    guard_result("vkCreatePipelineCache", move || {
         let data = array::bytes((*info).p_initial_data, (*info).initial_data_size);
         *out = handle::create(PipelineCache::with_data(data));
         Ok(())
-    }
+    })
+}
 
-    fn vkGetPipelineCacheData(
-        _device: vk::Device,
-        cache: vk::PipelineCache,
-        size: *mut usize,
-        data: *mut c_void,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkGetPipelineCacheData(
+    _device: vk::Device,
+    cache: vk::PipelineCache,
+    size: *mut usize,
+    data: *mut c_void,
+) -> vk::Result {
+    guard_result("vkGetPipelineCacheData", move || {
         let cache = from_handle::<PipelineCache>(cache);
         enumerate_bytes(size, data.cast(), |room| cache.data(room))
-    }
+    })
+}
 
-    fn vkMergePipelineCaches(
-        _device: vk::Device,
-        destination: vk::PipelineCache,
-        count: u32,
-        sources: *const vk::PipelineCache,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkMergePipelineCaches(
+    _device: vk::Device,
+    destination: vk::PipelineCache,
+    count: u32,
+    sources: *const vk::PipelineCache,
+) -> vk::Result {
+    guard_result("vkMergePipelineCaches", move || {
         let destination = from_handle::<PipelineCache>(destination);
         for &source in ffi::slice(sources, count) {
             destination.merge(from_handle::<PipelineCache>(source));
         }
         Ok(())
-    }
+    })
+}
 
-    fn vkCreateComputePipelines(
-        device: vk::Device,
-        cache: vk::PipelineCache,
-        count: u32,
-        infos: *const vk::ComputePipelineCreateInfo,
-        _allocator: *const vk::AllocationCallbacks,
-        out: *mut vk::Pipeline,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkCreateComputePipelines(
+    device: vk::Device,
+    cache: vk::PipelineCache,
+    count: u32,
+    infos: *const vk::ComputePipelineCreateInfo,
+    _allocator: *const vk::AllocationCallbacks,
+    out: *mut vk::Pipeline,
+) -> vk::Result {
+    guard_result("vkCreateComputePipelines", move || {
         let device = from_handle::<Device>(device);
         let cache = optional::<PipelineCache>(cache).map(|cache| &**cache);
-        create_each(ffi::slice(infos, count), out, |info| create_flags(info.flags, info.p_next), |info| create_compute(device, cache, info))
-    }
+        create_each(
+            ffi::slice(infos, count),
+            out,
+            |info| create_flags(info.flags, info.p_next),
+            |info| create_compute(device, cache, info),
+        )
+    })
 }

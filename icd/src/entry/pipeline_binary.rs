@@ -4,21 +4,26 @@ use std::ffi::c_void;
 
 use ash::vk::{Handle, TaggedStructure};
 
-use super::define::entry;
-use super::destroy;
 use crate::VkResult;
 use crate::decode::graphics;
 use crate::decode::pipeline::decode_stage;
 use crate::device::Device;
 use crate::ffi::{array, chain, slice, vk};
+use crate::guard::{guard, guard_result};
 use crate::handle::{self, from_handle, optional, retain};
 use crate::object::pipeline_binary::key_of;
 use crate::object::shader_stage::ShaderStage;
 use crate::object::{Pipeline, PipelineBinary, PipelineLayout};
 use crate::table::properties::pipeline_cache_uuid;
 
-destroy! {
-    vkDestroyPipelineBinaryKHR: PipelineBinary, PipelineBinaryKHR;
+pub(crate) unsafe extern "system" fn vkDestroyPipelineBinaryKHR(
+    _device: vk::Device,
+    handle: vk::PipelineBinaryKHR,
+    _allocator: *const vk::AllocationCallbacks,
+) {
+    guard("vkDestroyPipelineBinaryKHR", move || {
+        drop(handle::take::<PipelineBinary>(handle))
+    })
 }
 
 fn write_key(out: &mut vk::PipelineBinaryKeyKHR<'_>, key: [u8; 16]) {
@@ -62,13 +67,13 @@ unsafe fn own_stages(info: *const c_void) -> VkResult<(Vec<ShaderStage>, vk::Pip
     }
 }
 
-entry! {
-    fn vkCreatePipelineBinariesKHR(
-        _device: vk::Device,
-        info: *const vk::PipelineBinaryCreateInfoKHR<'_>,
-        _allocator: *const vk::AllocationCallbacks<'_>,
-        out: *mut vk::PipelineBinaryHandlesInfoKHR<'_>,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkCreatePipelineBinariesKHR(
+    _device: vk::Device,
+    info: *const vk::PipelineBinaryCreateInfoKHR<'_>,
+    _allocator: *const vk::AllocationCallbacks<'_>,
+    out: *mut vk::PipelineBinaryHandlesInfoKHR<'_>,
+) -> vk::Result {
+    guard_result("vkCreatePipelineBinariesKHR", move || {
         let (info, out) = (&*info, &mut *out);
         let made: Vec<Option<PipelineBinary>> = match info.p_keys_and_data_info.as_ref() {
             Some(stored) => slice(stored.p_pipeline_binary_data, stored.binary_count)
@@ -76,7 +81,14 @@ entry! {
                 .map(|it| PipelineBinary::with_data(array::bytes(it.p_data, it.data_size)))
                 .collect(),
             None => match optional::<Pipeline>(info.pipeline) {
-                Some(pipeline) => pipeline.captured.binary.lock().iter().cloned().map(Some).collect(),
+                Some(pipeline) => pipeline
+                    .captured
+                    .binary
+                    .lock()
+                    .iter()
+                    .cloned()
+                    .map(Some)
+                    .collect(),
                 // There is no internal cache.
                 None => return Err(vk::PIPELINE_BINARY_MISSING_KHR),
             },
@@ -87,7 +99,11 @@ entry! {
         }
         let (count, room) = (made.len(), out.pipeline_binary_count);
         let places = array::slice_mut(out.p_pipeline_binaries, room);
-        let mut result = if count > places.len() { Err(vk::Result::INCOMPLETE) } else { Ok(()) };
+        let mut result = if count > places.len() {
+            Err(vk::Result::INCOMPLETE)
+        } else {
+            Ok(())
+        };
         out.pipeline_binary_count = count.min(places.len()) as u32;
         for (place, binary) in places.iter_mut().zip(made) {
             *place = binary.map_or(Handle::from_raw(0), handle::create);
@@ -96,13 +112,15 @@ entry! {
             }
         }
         result
-    }
+    })
+}
 
-    fn vkGetPipelineKeyKHR(
-        device: vk::Device,
-        info: *const vk::PipelineCreateInfoKHR<'_>,
-        out: *mut vk::PipelineBinaryKeyKHR<'_>,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkGetPipelineKeyKHR(
+    device: vk::Device,
+    info: *const vk::PipelineCreateInfoKHR<'_>,
+    out: *mut vk::PipelineBinaryKeyKHR<'_>,
+) -> vk::Result {
+    guard_result("vkGetPipelineKeyKHR", move || {
         let Some(info) = info.as_ref() else {
             // Binaries of another compiler are refused.
             write_key(&mut *out, pipeline_cache_uuid());
@@ -119,33 +137,41 @@ entry! {
         }
         write_key(&mut *out, key_of(&content));
         Ok(())
-    }
+    })
+}
 
-    fn vkGetPipelineBinaryDataKHR(
-        _device: vk::Device,
-        info: *const vk::PipelineBinaryDataInfoKHR<'_>,
-        key: *mut vk::PipelineBinaryKeyKHR<'_>,
-        size: *mut usize,
-        out: *mut c_void,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkGetPipelineBinaryDataKHR(
+    _device: vk::Device,
+    info: *const vk::PipelineBinaryDataInfoKHR<'_>,
+    key: *mut vk::PipelineBinaryKeyKHR<'_>,
+    size: *mut usize,
+    out: *mut c_void,
+) -> vk::Result {
+    guard_result("vkGetPipelineBinaryDataKHR", move || {
         let data = from_handle::<PipelineBinary>((*info).pipeline_binary).data();
         let room = std::mem::replace(&mut *size, data.len());
         if !out.is_null() {
             if room < data.len() {
                 return Err(vk::ERROR_NOT_ENOUGH_SPACE_KHR);
             }
-            out.cast::<u8>().copy_from_nonoverlapping(data.as_ptr(), data.len());
+            out.cast::<u8>()
+                .copy_from_nonoverlapping(data.as_ptr(), data.len());
         }
         write_key(&mut *key, key_of(&data));
         Ok(())
-    }
+    })
+}
 
-    fn vkReleaseCapturedPipelineDataKHR(
-        _device: vk::Device,
-        info: *const vk::ReleaseCapturedPipelineDataInfoKHR<'_>,
-        _allocator: *const vk::AllocationCallbacks<'_>,
-    ) -> vk::Result {
-        *from_handle::<Pipeline>((*info).pipeline).captured.binary.lock() = None;
+pub(crate) unsafe extern "system" fn vkReleaseCapturedPipelineDataKHR(
+    _device: vk::Device,
+    info: *const vk::ReleaseCapturedPipelineDataInfoKHR<'_>,
+    _allocator: *const vk::AllocationCallbacks<'_>,
+) -> vk::Result {
+    guard_result("vkReleaseCapturedPipelineDataKHR", move || {
+        *from_handle::<Pipeline>((*info).pipeline)
+            .captured
+            .binary
+            .lock() = None;
         Ok(())
-    }
+    })
 }

@@ -7,10 +7,10 @@ use spirv_jit::ir::{Module, Node, text};
 use spirv_jit::program::Stage;
 use spirv_jit::{Program, SUBGROUP_SIZE};
 
-use super::define::entry;
 use crate::VkResult;
 use crate::ffi::array;
 use crate::ffi::enumerate::{enumerate_bytes, enumerate_with};
+use crate::guard::guard_result;
 use crate::handle::from_handle;
 use crate::object::Pipeline;
 
@@ -216,45 +216,52 @@ unsafe fn executable<'a>(
     Ok((program, pipeline.captured.module(program)))
 }
 
-entry! {
-    fn vkGetPipelineExecutablePropertiesKHR(
-        _device: vk::Device,
-        info: *const vk::PipelineInfoKHR<'_>,
-        count: *mut u32,
-        out: *mut vk::PipelineExecutablePropertiesKHR<'_>,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkGetPipelineExecutablePropertiesKHR(
+    _device: vk::Device,
+    info: *const vk::PipelineInfoKHR<'_>,
+    count: *mut u32,
+    out: *mut vk::PipelineExecutablePropertiesKHR<'_>,
+) -> vk::Result {
+    guard_result("vkGetPipelineExecutablePropertiesKHR", move || {
         let programs = from_handle::<Pipeline>((*info).pipeline).programs();
         enumerate_with(count, out, programs.into_iter(), |out, program| {
             out.stages = stage_flag(program.stage());
             out.subgroup_size = SUBGROUP_SIZE as u32;
             describe(program, &mut out.name, &mut out.description);
         })
-    }
+    })
+}
 
-    fn vkGetPipelineExecutableStatisticsKHR(
-        _device: vk::Device,
-        info: *const vk::PipelineExecutableInfoKHR<'_>,
-        count: *mut u32,
-        out: *mut vk::PipelineExecutableStatisticKHR<'_>,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkGetPipelineExecutableStatisticsKHR(
+    _device: vk::Device,
+    info: *const vk::PipelineExecutableInfoKHR<'_>,
+    count: *mut u32,
+    out: *mut vk::PipelineExecutableStatisticKHR<'_>,
+) -> vk::Result {
+    guard_result("vkGetPipelineExecutableStatisticsKHR", move || {
         let (program, module) = executable(&*info)?;
         let all = statistics(program, module.as_ref());
         enumerate_with(count, out, all.into_iter(), write_statistic)
-    }
+    })
+}
 
-    /// The optimized IR and native code as text, if the module was captured.
-    fn vkGetPipelineExecutableInternalRepresentationsKHR(
-        _device: vk::Device,
-        info: *const vk::PipelineExecutableInfoKHR<'_>,
-        count: *mut u32,
-        out: *mut vk::PipelineExecutableInternalRepresentationKHR<'_>,
-    ) -> vk::Result {
-        let (program, module) = executable(&*info)?;
-        let all = module.map_or_else(Vec::new, |module| representations(program, &module));
-        let mut written = Ok(());
-        enumerate_with(count, out, all.into_iter(), |out, representation| {
-            written = written.and(write_representation(out, representation));
-        })?;
-        written
-    }
+/// The optimized IR and native code as text, if the module was captured.
+pub(crate) unsafe extern "system" fn vkGetPipelineExecutableInternalRepresentationsKHR(
+    _device: vk::Device,
+    info: *const vk::PipelineExecutableInfoKHR<'_>,
+    count: *mut u32,
+    out: *mut vk::PipelineExecutableInternalRepresentationKHR<'_>,
+) -> vk::Result {
+    guard_result(
+        "vkGetPipelineExecutableInternalRepresentationsKHR",
+        move || {
+            let (program, module) = executable(&*info)?;
+            let all = module.map_or_else(Vec::new, |module| representations(program, &module));
+            let mut written = Ok(());
+            enumerate_with(count, out, all.into_iter(), |out, representation| {
+                written = written.and(write_representation(out, representation));
+            })?;
+            written
+        },
+    )
 }

@@ -1,8 +1,8 @@
 //! `VK_EXT_present_timing`: target times and reported times of presentations.
 
-use super::define::entry;
 use crate::ffi::enumerate::enumerate;
 use crate::ffi::{array, vk};
+use crate::guard::guard_result;
 use crate::handle::from_handle;
 use crate::present::Swapchain;
 use crate::present::timing::{Report, Target, Timing, domains};
@@ -39,21 +39,23 @@ unsafe fn tell(out: &mut vk::PastPresentationTimingEXT<'_>, report: &Report) {
     out.present_stage_count = count;
 }
 
-entry! {
-    fn vkSetSwapchainPresentTimingQueueSizeEXT(
-        _device: vk::Device,
-        swapchain: vk::SwapchainKHR,
-        size: u32,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkSetSwapchainPresentTimingQueueSizeEXT(
+    _device: vk::Device,
+    swapchain: vk::SwapchainKHR,
+    size: u32,
+) -> vk::Result {
+    guard_result("vkSetSwapchainPresentTimingQueueSizeEXT", move || {
         from_handle::<Swapchain>(swapchain).timings(|timings| timings.resize(size))
-    }
+    })
+}
 
-    fn vkGetSwapchainTimingPropertiesEXT(
-        _device: vk::Device,
-        swapchain: vk::SwapchainKHR,
-        out: *mut vk::SwapchainTimingPropertiesEXT,
-        counter: *mut u64,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkGetSwapchainTimingPropertiesEXT(
+    _device: vk::Device,
+    swapchain: vk::SwapchainKHR,
+    out: *mut vk::SwapchainTimingPropertiesEXT,
+    counter: *mut u64,
+) -> vk::Result {
+    guard_result("vkGetSwapchainTimingPropertiesEXT", move || {
         let (period, now) = from_handle::<Swapchain>(swapchain)
             .timings(|timings| (timings.period_ns(), timings.counter));
         // All known displays have a fixed rate.
@@ -66,14 +68,16 @@ entry! {
             0 => Err(vk::Result::NOT_READY),
             _ => Ok(()),
         }
-    }
+    })
+}
 
-    fn vkGetSwapchainTimeDomainPropertiesEXT(
-        _device: vk::Device,
-        _swapchain: vk::SwapchainKHR,
-        out: *mut vk::SwapchainTimeDomainPropertiesEXT,
-        counter: *mut u64,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkGetSwapchainTimeDomainPropertiesEXT(
+    _device: vk::Device,
+    _swapchain: vk::SwapchainKHR,
+    out: *mut vk::SwapchainTimeDomainPropertiesEXT,
+    counter: *mut u64,
+) -> vk::Result {
+    guard_result("vkGetSwapchainTimeDomainPropertiesEXT", move || {
         if let Some(counter) = counter.as_mut() {
             *counter = 1;
         }
@@ -84,13 +88,15 @@ entry! {
         // Both arrays have the same capacity and count.
         let _ = enumerate(&mut count, out.p_time_domains, domains);
         enumerate(&mut out.time_domain_count, out.p_time_domain_ids, ids)
-    }
+    })
+}
 
-    fn vkGetPastPresentationTimingEXT(
-        _device: vk::Device,
-        info: *const vk::PastPresentationTimingInfoEXT,
-        out: *mut vk::PastPresentationTimingPropertiesEXT,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkGetPastPresentationTimingEXT(
+    _device: vk::Device,
+    info: *const vk::PastPresentationTimingInfoEXT,
+    out: *mut vk::PastPresentationTimingPropertiesEXT,
+) -> vk::Result {
+    guard_result("vkGetPastPresentationTimingEXT", move || {
         let (info, out) = (&*info, &mut *out);
         let room = array::slice_mut(out.p_presentation_timings, out.presentation_timing_count);
         let is_question = out.p_presentation_timings.is_null();
@@ -105,6 +111,10 @@ entry! {
             }
         });
         out.presentation_timing_count = count;
-        if is_all { Ok(()) } else { Err(vk::Result::INCOMPLETE) }
-    }
+        if is_all {
+            Ok(())
+        } else {
+            Err(vk::Result::INCOMPLETE)
+        }
+    })
 }

@@ -5,8 +5,8 @@ use std::ffi::c_void;
 use ash::vk;
 use smallvec::SmallVec;
 
-use super::define::commands;
 use super::descriptor_set::{apply_template, apply_write};
+use super::record::record;
 use crate::VkResult;
 use crate::command::{BindDescriptorSets, Command, Recording};
 use crate::ffi;
@@ -57,36 +57,59 @@ fn push(
     }))
 }
 
-commands! {
-    fn vkCmdPushDescriptorSetKHR(
-        commands,
-        bind_point: vk::PipelineBindPoint,
-        layout: vk::PipelineLayout,
-        set: u32,
-        count: u32,
-        writes: *const vk::WriteDescriptorSet,
-    ) {
-        push(commands, bind_point, from_handle::<PipelineLayout>(layout), set, |pushed| {
-            for write in ffi::slice(writes, count) {
-                apply_write(pushed, write);
-            }
-        })
-    }
+pub(crate) unsafe extern "system" fn vkCmdPushDescriptorSetKHR(
+    commands: vk::CommandBuffer,
+    bind_point: vk::PipelineBindPoint,
+    layout: vk::PipelineLayout,
+    set: u32,
+    count: u32,
+    writes: *const vk::WriteDescriptorSet,
+) {
+    record("vkCmdPushDescriptorSetKHR", commands, move |commands| {
+        push(
+            commands,
+            bind_point,
+            from_handle::<PipelineLayout>(layout),
+            set,
+            |pushed| {
+                for write in ffi::slice(writes, count) {
+                    apply_write(pushed, write);
+                }
+            },
+        )
+    })
+}
 
-    fn vkCmdPushDescriptorSetWithTemplateKHR(
+pub(crate) unsafe extern "system" fn vkCmdPushDescriptorSetWithTemplateKHR(
+    commands: vk::CommandBuffer,
+    template: vk::DescriptorUpdateTemplate,
+    layout: vk::PipelineLayout,
+    set: u32,
+    data: *const c_void,
+) {
+    record(
+        "vkCmdPushDescriptorSetWithTemplateKHR",
         commands,
-        template: vk::DescriptorUpdateTemplate,
-        layout: vk::PipelineLayout,
-        set: u32,
-        data: *const c_void,
-    ) {
-        let template = from_handle::<DescriptorUpdateTemplate>(template);
-        push(commands, template.bind_point, from_handle::<PipelineLayout>(layout), set, |pushed| {
-            apply_template(pushed, template, data);
-        })
-    }
+        move |commands| {
+            let template = from_handle::<DescriptorUpdateTemplate>(template);
+            push(
+                commands,
+                template.bind_point,
+                from_handle::<PipelineLayout>(layout),
+                set,
+                |pushed| {
+                    apply_template(pushed, template, data);
+                },
+            )
+        },
+    )
+}
 
-    fn vkCmdPushDescriptorSet2KHR(commands, info: *const vk::PushDescriptorSetInfoKHR<'_>) {
+pub(crate) unsafe extern "system" fn vkCmdPushDescriptorSet2KHR(
+    commands: vk::CommandBuffer,
+    info: *const vk::PushDescriptorSetInfoKHR<'_>,
+) {
+    record("vkCmdPushDescriptorSet2KHR", commands, move |commands| {
         let info = &*info;
         let layout = from_handle::<PipelineLayout>(info.layout);
         for point in bind_points(info.stage_flags) {
@@ -97,17 +120,23 @@ commands! {
             })?;
         }
         Ok(())
-    }
+    })
+}
 
-    fn vkCmdPushDescriptorSetWithTemplate2KHR(
+pub(crate) unsafe extern "system" fn vkCmdPushDescriptorSetWithTemplate2KHR(
+    commands: vk::CommandBuffer,
+    info: *const vk::PushDescriptorSetWithTemplateInfoKHR<'_>,
+) {
+    record(
+        "vkCmdPushDescriptorSetWithTemplate2KHR",
         commands,
-        info: *const vk::PushDescriptorSetWithTemplateInfoKHR<'_>,
-    ) {
-        let info = &*info;
-        let template = from_handle::<DescriptorUpdateTemplate>(info.descriptor_update_template);
-        let layout = from_handle::<PipelineLayout>(info.layout);
-        push(commands, template.bind_point, layout, info.set, |pushed| {
-            apply_template(pushed, template, info.p_data);
-        })
-    }
+        move |commands| {
+            let info = &*info;
+            let template = from_handle::<DescriptorUpdateTemplate>(info.descriptor_update_template);
+            let layout = from_handle::<PipelineLayout>(info.layout);
+            push(commands, template.bind_point, layout, info.set, |pushed| {
+                apply_template(pushed, template, info.p_data);
+            })
+        },
+    )
 }

@@ -5,11 +5,11 @@ use std::sync::Arc;
 use ash::vk;
 use ash::vk::Handle;
 
-use super::define::entry;
 use crate::VkResult;
 use crate::command::CommandBuffer;
 use crate::device::Device;
 use crate::ffi;
+use crate::guard::{guard, guard_result};
 use crate::handle;
 use crate::object::address_space::GRANULE;
 use crate::object::page_binds::pages;
@@ -17,58 +17,115 @@ use crate::object::sparse::{Reservation, SparseBind};
 use crate::object::{Buffer, DeviceMemory, Fence, Image, Semaphore};
 use crate::queue::{Queue, Submission};
 
-entry! {
-    fn vkGetDeviceQueue(device: vk::Device, _family: u32, index: u32, out: *mut vk::Queue) {
+pub(crate) unsafe extern "system" fn vkGetDeviceQueue(
+    device: vk::Device,
+    _family: u32,
+    index: u32,
+    out: *mut vk::Queue,
+) {
+    guard("vkGetDeviceQueue", move || {
         *out = queue(device, index);
-    }
+    })
+}
 
-    fn vkGetDeviceQueue2(device: vk::Device, info: *const vk::DeviceQueueInfo2, out: *mut vk::Queue) {
+pub(crate) unsafe extern "system" fn vkGetDeviceQueue2(
+    device: vk::Device,
+    info: *const vk::DeviceQueueInfo2,
+    out: *mut vk::Queue,
+) {
+    guard("vkGetDeviceQueue2", move || {
         // Flags other than those of the creation match no queue.
         *out = match (*info).flags == handle::from_handle::<Device>(device).queue_flags {
             true => queue(device, (*info).queue_index),
             false => vk::Queue::null(),
         };
-    }
+    })
+}
 
-    fn vkQueueSubmit(queue: vk::Queue, count: u32, infos: *const vk::SubmitInfo, fence: vk::Fence) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkQueueSubmit(
+    queue: vk::Queue,
+    count: u32,
+    infos: *const vk::SubmitInfo,
+    fence: vk::Fence,
+) -> vk::Result {
+    guard_result("vkQueueSubmit", move || {
         let submissions = ffi::slice(infos, count).iter().map(|info| submission(info));
         submit(queue, submissions.collect::<VkResult<_>>()?, fence)
-    }
+    })
+}
 
-    fn vkQueueSubmit2(queue: vk::Queue, count: u32, infos: *const vk::SubmitInfo2, fence: vk::Fence) -> vk::Result {
-        let submissions = ffi::slice(infos, count).iter().map(|info| submission2(info));
+pub(crate) unsafe extern "system" fn vkQueueSubmit2(
+    queue: vk::Queue,
+    count: u32,
+    infos: *const vk::SubmitInfo2,
+    fence: vk::Fence,
+) -> vk::Result {
+    guard_result("vkQueueSubmit2", move || {
+        let submissions = ffi::slice(infos, count)
+            .iter()
+            .map(|info| submission2(info));
         submit(queue, submissions.collect::<VkResult<_>>()?, fence)
-    }
+    })
+}
 
-    fn vkQueueBindSparse(queue: vk::Queue, count: u32, infos: *const vk::BindSparseInfo, fence: vk::Fence) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkQueueBindSparse(
+    queue: vk::Queue,
+    count: u32,
+    infos: *const vk::BindSparseInfo,
+    fence: vk::Fence,
+) -> vk::Result {
+    guard_result("vkQueueBindSparse", move || {
         let submissions = ffi::slice(infos, count).iter().map(|info| {
             let timeline = ffi::find::<vk::TimelineSemaphoreSubmitInfo>(info.p_next);
             Submission {
-                waits: semaphores(info.p_wait_semaphores, info.wait_semaphore_count, timeline.map(|info| wait_values(info))),
-                signals: semaphores(info.p_signal_semaphores, info.signal_semaphore_count, timeline.map(|info| signal_values(info))),
+                waits: semaphores(
+                    info.p_wait_semaphores,
+                    info.wait_semaphore_count,
+                    timeline.map(|info| wait_values(info)),
+                ),
+                signals: semaphores(
+                    info.p_signal_semaphores,
+                    info.signal_semaphore_count,
+                    timeline.map(|info| signal_values(info)),
+                ),
                 binds: sparse_binds(info),
                 ..Submission::default()
             }
         });
         submit(queue, submissions.collect(), fence)
-    }
+    })
+}
 
-    fn vkQueueWaitIdle(queue: vk::Queue) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkQueueWaitIdle(queue: vk::Queue) -> vk::Result {
+    guard_result("vkQueueWaitIdle", move || {
         handle::from_handle::<Queue>(queue).wait_idle()
-    }
+    })
+}
 
-    fn vkDeviceWaitIdle(device: vk::Device) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkDeviceWaitIdle(device: vk::Device) -> vk::Result {
+    guard_result("vkDeviceWaitIdle", move || {
         let device = handle::from_handle::<Device>(device);
-        device.queues.iter().try_for_each(|queue| queue.wait_idle())?;
+        device
+            .queues
+            .iter()
+            .try_for_each(|queue| queue.wait_idle())?;
         device.engine.waiting.lost.check()
-    }
+    })
+}
 
-    /// Labels are for tools between the application and the driver; the driver keeps none.
-    fn vkQueueBeginDebugUtilsLabelEXT(_queue: vk::Queue, _label: *const vk::DebugUtilsLabelEXT) {}
+/// Labels are for tools between the application and the driver; the driver keeps none.
+pub(crate) unsafe extern "system" fn vkQueueBeginDebugUtilsLabelEXT(
+    _queue: vk::Queue,
+    _label: *const vk::DebugUtilsLabelEXT,
+) {
+}
 
-    fn vkQueueEndDebugUtilsLabelEXT(_queue: vk::Queue) {}
+pub(crate) unsafe extern "system" fn vkQueueEndDebugUtilsLabelEXT(_queue: vk::Queue) {}
 
-    fn vkQueueInsertDebugUtilsLabelEXT(_queue: vk::Queue, _label: *const vk::DebugUtilsLabelEXT) {}
+pub(crate) unsafe extern "system" fn vkQueueInsertDebugUtilsLabelEXT(
+    _queue: vk::Queue,
+    _label: *const vk::DebugUtilsLabelEXT,
+) {
 }
 
 fn queue(device: vk::Device, index: u32) -> vk::Queue {

@@ -5,8 +5,8 @@ use std::ffi::c_void;
 use ash::vk;
 
 use super::deferred::defer;
-use super::define::{commands, entry};
 use super::pipeline::create_each;
+use super::record::record;
 use crate::VkResult;
 use crate::command::{Command, RayTracingCommand};
 use crate::decode::pipeline::create_flags;
@@ -14,6 +14,7 @@ use crate::decode::ray_tracing::{create_pipeline, region};
 use crate::device::Device;
 use crate::ffi::array::slice_mut;
 use crate::ffi::slice;
+use crate::guard::{guard, guard_result};
 use crate::handle::{self, Ref, from_handle, retain};
 use crate::object::ImageView;
 use crate::object::{Pipeline, PipelineCache};
@@ -95,16 +96,16 @@ impl Creation {
     }
 }
 
-entry! {
-    fn vkCreateRayTracingPipelinesKHR(
-        device: vk::Device,
-        operation: vk::DeferredOperationKHR,
-        cache: vk::PipelineCache,
-        count: u32,
-        infos: *const vk::RayTracingPipelineCreateInfoKHR<'_>,
-        _allocator: *const vk::AllocationCallbacks<'_>,
-        pipelines: *mut vk::Pipeline,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkCreateRayTracingPipelinesKHR(
+    device: vk::Device,
+    operation: vk::DeferredOperationKHR,
+    cache: vk::PipelineCache,
+    count: u32,
+    infos: *const vk::RayTracingPipelineCreateInfoKHR<'_>,
+    _allocator: *const vk::AllocationCallbacks<'_>,
+    pipelines: *mut vk::Pipeline,
+) -> vk::Result {
+    guard_result("vkCreateRayTracingPipelinesKHR", move || {
         let creation = Creation {
             device: retain(device),
             cache: (cache != vk::PipelineCache::null()).then(|| retain(cache)),
@@ -114,39 +115,46 @@ entry! {
         let threads = creation.concurrency();
         // The data that the arguments point to stays valid until the operation is complete.
         defer(operation, threads, move || creation.run())
-    }
+    })
+}
 
-    fn vkGetRayTracingShaderGroupHandlesKHR(
-        _device: vk::Device,
-        pipeline: vk::Pipeline,
-        first: u32,
-        count: u32,
-        data_bytes: usize,
-        data: *mut c_void,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkGetRayTracingShaderGroupHandlesKHR(
+    _device: vk::Device,
+    pipeline: vk::Pipeline,
+    first: u32,
+    count: u32,
+    data_bytes: usize,
+    data: *mut c_void,
+) -> vk::Result {
+    guard_result("vkGetRayTracingShaderGroupHandlesKHR", move || {
         write_handles(pipeline, first, count, data_bytes, data)
-    }
+    })
+}
 
-    fn vkGetRayTracingCaptureReplayShaderGroupHandlesKHR(
-        _device: vk::Device,
-        pipeline: vk::Pipeline,
-        first: u32,
-        count: u32,
-        data_bytes: usize,
-        data: *mut c_void,
-    ) -> vk::Result {
-        write_handles(pipeline, first, count, data_bytes, data)
-    }
+pub(crate) unsafe extern "system" fn vkGetRayTracingCaptureReplayShaderGroupHandlesKHR(
+    _device: vk::Device,
+    pipeline: vk::Pipeline,
+    first: u32,
+    count: u32,
+    data_bytes: usize,
+    data: *mut c_void,
+) -> vk::Result {
+    guard_result(
+        "vkGetRayTracingCaptureReplayShaderGroupHandlesKHR",
+        move || write_handles(pipeline, first, count, data_bytes, data),
+    )
+}
 
-    fn vkGetRayTracingShaderGroupStackSizeKHR(
-        _device: vk::Device,
-        handle: vk::Pipeline,
-        group: u32,
-        shader: vk::ShaderGroupShaderKHR,
-    ) -> vk::DeviceSize {
+pub(crate) unsafe extern "system" fn vkGetRayTracingShaderGroupStackSizeKHR(
+    _device: vk::Device,
+    handle: vk::Pipeline,
+    group: u32,
+    shader: vk::ShaderGroupShaderKHR,
+) -> vk::DeviceSize {
+    guard("vkGetRayTracingShaderGroupStackSizeKHR", move || {
         let pipeline = from_handle::<Pipeline>(handle).ray_tracing();
         pipeline.map_or(0, |pipeline| pipeline.stack_size_bytes(group, shader))
-    }
+    })
 }
 
 /// # Safety
@@ -168,46 +176,88 @@ unsafe fn tables(
     }
 }
 
-commands! {
-    fn vkCmdTraceRaysKHR(
-        command_buffer,
-        raygen: *const vk::StridedDeviceAddressRegionKHR,
-        miss: *const vk::StridedDeviceAddressRegionKHR,
-        hit: *const vk::StridedDeviceAddressRegionKHR,
-        callable: *const vk::StridedDeviceAddressRegionKHR,
-        width: u32,
-        height: u32,
-        depth: u32,
-    ) {
+pub(crate) unsafe extern "system" fn vkCmdTraceRaysKHR(
+    command_buffer: vk::CommandBuffer,
+    raygen: *const vk::StridedDeviceAddressRegionKHR,
+    miss: *const vk::StridedDeviceAddressRegionKHR,
+    hit: *const vk::StridedDeviceAddressRegionKHR,
+    callable: *const vk::StridedDeviceAddressRegionKHR,
+    width: u32,
+    height: u32,
+    depth: u32,
+) {
+    record("vkCmdTraceRaysKHR", command_buffer, move |command_buffer| {
         let tables = tables(raygen, miss, hit, callable);
         let extent = [width, height, depth];
-        command_buffer.push(Command::RayTracing(RayTracingCommand::TraceRays { tables, extent }))
-    }
+        command_buffer.push(Command::RayTracing(RayTracingCommand::TraceRays {
+            tables,
+            extent,
+        }))
+    })
+}
 
-    fn vkCmdTraceRaysIndirectKHR(
+pub(crate) unsafe extern "system" fn vkCmdTraceRaysIndirectKHR(
+    command_buffer: vk::CommandBuffer,
+    raygen: *const vk::StridedDeviceAddressRegionKHR,
+    miss: *const vk::StridedDeviceAddressRegionKHR,
+    hit: *const vk::StridedDeviceAddressRegionKHR,
+    callable: *const vk::StridedDeviceAddressRegionKHR,
+    address: vk::DeviceAddress,
+) {
+    record(
+        "vkCmdTraceRaysIndirectKHR",
         command_buffer,
-        raygen: *const vk::StridedDeviceAddressRegionKHR,
-        miss: *const vk::StridedDeviceAddressRegionKHR,
-        hit: *const vk::StridedDeviceAddressRegionKHR,
-        callable: *const vk::StridedDeviceAddressRegionKHR,
-        address: vk::DeviceAddress,
-    ) {
-        let tables = tables(raygen, miss, hit, callable);
-        command_buffer.push(Command::RayTracing(RayTracingCommand::TraceRaysIndirect { tables, address }))
-    }
+        move |command_buffer| {
+            let tables = tables(raygen, miss, hit, callable);
+            command_buffer.push(Command::RayTracing(RayTracingCommand::TraceRaysIndirect {
+                tables,
+                address,
+            }))
+        },
+    )
+}
 
-    fn vkCmdTraceRaysIndirect2KHR(command_buffer, address: vk::DeviceAddress) {
-        command_buffer.push(Command::RayTracing(RayTracingCommand::TraceRaysIndirect2 { address }))
-    }
+pub(crate) unsafe extern "system" fn vkCmdTraceRaysIndirect2KHR(
+    command_buffer: vk::CommandBuffer,
+    address: vk::DeviceAddress,
+) {
+    record(
+        "vkCmdTraceRaysIndirect2KHR",
+        command_buffer,
+        move |command_buffer| {
+            command_buffer.push(Command::RayTracing(RayTracingCommand::TraceRaysIndirect2 {
+                address,
+            }))
+        },
+    )
+}
 
-    fn vkCmdBindInvocationMaskHUAWEI(command_buffer, view: vk::ImageView, _layout: vk::ImageLayout) {
-        let mask = handle::optional::<ImageView>(view).map(|view| view.invocation_mask());
-        command_buffer.push(Command::BindInvocationMask(mask))
-    }
+pub(crate) unsafe extern "system" fn vkCmdBindInvocationMaskHUAWEI(
+    command_buffer: vk::CommandBuffer,
+    view: vk::ImageView,
+    _layout: vk::ImageLayout,
+) {
+    record(
+        "vkCmdBindInvocationMaskHUAWEI",
+        command_buffer,
+        move |command_buffer| {
+            let mask = handle::optional::<ImageView>(view).map(|view| view.invocation_mask());
+            command_buffer.push(Command::BindInvocationMask(mask))
+        },
+    )
+}
 
-    fn vkCmdSetRayTracingPipelineStackSizeKHR(command_buffer, size_bytes: u32) {
-        // Suspended invocations live on the heap and continue even if the declared stack is too
-        // small. Only validation uses the stack size.
-        command_buffer.push(Command::SetRayTracingStackSize(size_bytes))
-    }
+pub(crate) unsafe extern "system" fn vkCmdSetRayTracingPipelineStackSizeKHR(
+    command_buffer: vk::CommandBuffer,
+    size_bytes: u32,
+) {
+    record(
+        "vkCmdSetRayTracingPipelineStackSizeKHR",
+        command_buffer,
+        move |command_buffer| {
+            // Suspended invocations live on the heap and continue even if the declared stack is too
+            // small. Only validation uses the stack size.
+            command_buffer.push(Command::SetRayTracingStackSize(size_bytes))
+        },
+    )
 }

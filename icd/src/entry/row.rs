@@ -54,7 +54,7 @@ impl Command {
 
 /// A row is `Level Availability [| Availability]* PFN_type module::function [as alias];`. The
 /// compiler checks that the function has the PFN's type.
-macro_rules! commands {
+macro_rules! command_table {
     ($($level:ident $($extension:ident)|+ $pfn:ident $module:ident::$name:ident $(as $alias:ident)?;)*) => {
         /// Adds the rows, one for each availability.
         #[allow(unused_variables)]
@@ -64,9 +64,9 @@ macro_rules! commands {
                 // SAFETY: `PFN_vkVoidFunction` is the generic type of such pointers; callers cast
                 // them back.
                 let function = unsafe { std::mem::transmute::<vk::$pfn, unsafe extern "system" fn()>(function) };
-                let name = commands!(@name $name $($alias)?);
+                let name = command_table!(@name $name $($alias)?);
                 let level = $crate::entry::row::Level::$level;
-                let availabilities = [$(commands!(@availability $extension)),+];
+                let availabilities = [$(command_table!(@availability $extension)),+];
                 rows.extend(availabilities.map(|availability| {
                     $crate::entry::row::Command { name, level, availability, function }
                 }));
@@ -85,4 +85,4 @@ macro_rules! commands {
     };
 }
 
-pub(super) use commands;
+pub(super) use command_table;

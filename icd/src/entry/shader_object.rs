@@ -5,8 +5,7 @@ use std::ffi::c_void;
 use ash::vk;
 use spirv_jit::program::Stage;
 
-use super::define::{commands, entry};
-use super::destroy;
+use super::record::record;
 use crate::VkResult;
 use crate::command::{Command, GraphicsCommand};
 use crate::decode::pipeline::{decode_shader, program_stage};
@@ -14,13 +13,20 @@ use crate::device::Device;
 use crate::ffi::array::{bytes, slice_mut};
 use crate::ffi::enumerate::enumerate_bytes;
 use crate::ffi::slice;
+use crate::guard::{guard, guard_result};
 use crate::handle::{self, Ref, from_handle, optional, retain};
 use crate::object::graphics_pipeline::Stages;
 use crate::object::shader_object::ShaderObject;
 use crate::object::{DescriptorSetLayout, PipelineLayout};
 
-destroy! {
-    vkDestroyShaderEXT: ShaderObject, ShaderEXT;
+pub(crate) unsafe extern "system" fn vkDestroyShaderEXT(
+    _device: vk::Device,
+    handle: vk::ShaderEXT,
+    _allocator: *const vk::AllocationCallbacks,
+) {
+    guard("vkDestroyShaderEXT", move || {
+        drop(handle::take::<ShaderObject>(handle))
+    })
 }
 
 /// Creates one shader, from SPIR-V or from the data of `vkGetShaderBinaryDataEXT`.
@@ -53,14 +59,14 @@ unsafe fn create(
     }
 }
 
-entry! {
-    fn vkCreateShadersEXT(
-        device: vk::Device,
-        count: u32,
-        infos: *const vk::ShaderCreateInfoEXT<'_>,
-        _allocator: *const vk::AllocationCallbacks<'_>,
-        out: *mut vk::ShaderEXT,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkCreateShadersEXT(
+    device: vk::Device,
+    count: u32,
+    infos: *const vk::ShaderCreateInfoEXT<'_>,
+    _allocator: *const vk::AllocationCallbacks<'_>,
+    out: *mut vk::ShaderEXT,
+) -> vk::Result {
+    guard_result("vkCreateShadersEXT", move || {
         let device = from_handle::<Device>(device);
         let out = slice_mut(out, count);
         out.fill(vk::ShaderEXT::null());
@@ -68,30 +74,32 @@ entry! {
             *out = handle::into_handle(create(device, info)?);
         }
         Ok(())
-    }
+    })
+}
 
-    fn vkGetShaderBinaryDataEXT(
-        _device: vk::Device,
-        shader: vk::ShaderEXT,
-        size: *mut usize,
-        data: *mut c_void,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkGetShaderBinaryDataEXT(
+    _device: vk::Device,
+    shader: vk::ShaderEXT,
+    size: *mut usize,
+    data: *mut c_void,
+) -> vk::Result {
+    guard_result("vkGetShaderBinaryDataEXT", move || {
         let binary = from_handle::<ShaderObject>(shader).binary();
         // Either the whole binary is written or nothing.
         enumerate_bytes(size, data.cast(), |room| match binary.len() <= room {
             true => (binary, true),
             false => (Vec::new(), false),
         })
-    }
+    })
 }
 
-commands! {
-    fn vkCmdBindShadersEXT(
-        commands,
-        count: u32,
-        stages: *const vk::ShaderStageFlags,
-        shaders: *const vk::ShaderEXT,
-    ) {
+pub(crate) unsafe extern "system" fn vkCmdBindShadersEXT(
+    commands: vk::CommandBuffer,
+    count: u32,
+    stages: *const vk::ShaderStageFlags,
+    shaders: *const vk::ShaderEXT,
+) {
+    record("vkCmdBindShadersEXT", commands, move |commands| {
         let shaders = slice(shaders, count);
         for (index, &stage) in slice(stages, count).iter().enumerate() {
             // Without an array, the stages are unbound.
@@ -104,12 +112,14 @@ commands! {
                     }
                 }
                 Some(stage) if Stages::has(stage) => {
-                    commands.push(Command::Graphics(GraphicsCommand::BindShader(stage, shader)))?;
+                    commands.push(Command::Graphics(GraphicsCommand::BindShader(
+                        stage, shader,
+                    )))?;
                 }
                 // Unsupported stages are ignored.
                 _ => {}
             }
         }
         Ok(())
-    }
+    })
 }

@@ -4,10 +4,10 @@ use std::ffi::c_void;
 
 use ash::vk::Handle;
 
-use super::define::entry;
 use crate::VkResult;
 use crate::ffi::enumerate::enumerate_with;
 use crate::ffi::{chain, enumerate, vk};
+use crate::guard::{guard, guard_result};
 use crate::handle::{self, from_handle, optional};
 use crate::object::PhysicalDevice;
 use crate::present::{
@@ -109,104 +109,138 @@ unsafe fn fill_capabilities(
     }
 }
 
-entry! {
-    fn vkCreateHeadlessSurfaceEXT(
-        _instance: vk::Instance,
-        _info: *const vk::HeadlessSurfaceCreateInfoEXT,
-        _allocator: *const vk::AllocationCallbacks,
-        out: *mut vk::SurfaceKHR,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkCreateHeadlessSurfaceEXT(
+    _instance: vk::Instance,
+    _info: *const vk::HeadlessSurfaceCreateInfoEXT,
+    _allocator: *const vk::AllocationCallbacks,
+    out: *mut vk::SurfaceKHR,
+) -> vk::Result {
+    guard_result("vkCreateHeadlessSurfaceEXT", move || {
         *out = handle::create(Surface::headless());
         Ok(())
-    }
+    })
+}
 
-    fn vkDestroySurfaceKHR(
-        _instance: vk::Instance,
-        surface: vk::SurfaceKHR,
-        _allocator: *const vk::AllocationCallbacks,
-    ) {
+pub(crate) unsafe extern "system" fn vkDestroySurfaceKHR(
+    _instance: vk::Instance,
+    surface: vk::SurfaceKHR,
+    _allocator: *const vk::AllocationCallbacks,
+) {
+    guard("vkDestroySurfaceKHR", move || {
         if let Some(surface) = handle::take::<Surface>(surface) {
             surface.close();
         }
-    }
+    })
+}
 
-    fn vkGetPhysicalDeviceSurfaceSupportKHR(
-        _device: vk::PhysicalDevice,
-        _family: u32,
-        handle: vk::SurfaceKHR,
-        out: *mut vk::Bool32,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkGetPhysicalDeviceSurfaceSupportKHR(
+    _device: vk::PhysicalDevice,
+    _family: u32,
+    handle: vk::SurfaceKHR,
+    out: *mut vk::Bool32,
+) -> vk::Result {
+    guard_result("vkGetPhysicalDeviceSurfaceSupportKHR", move || {
         *out = ask(handle, Surface::is_presentable)?.into();
         Ok(())
-    }
+    })
+}
 
-    fn vkGetPhysicalDeviceSurfaceCapabilitiesKHR(
-        _device: vk::PhysicalDevice,
-        handle: vk::SurfaceKHR,
-        out: *mut vk::SurfaceCapabilitiesKHR,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkGetPhysicalDeviceSurfaceCapabilitiesKHR(
+    _device: vk::PhysicalDevice,
+    handle: vk::SurfaceKHR,
+    out: *mut vk::SurfaceCapabilitiesKHR,
+) -> vk::Result {
+    guard_result("vkGetPhysicalDeviceSurfaceCapabilitiesKHR", move || {
         *out = ask(handle, |surface| surface.capabilities(None))?;
         Ok(())
-    }
+    })
+}
 
-    fn vkGetPhysicalDeviceSurfaceCapabilities2KHR(
-        _device: vk::PhysicalDevice,
-        info: *const vk::PhysicalDeviceSurfaceInfo2KHR,
-        out: *mut vk::SurfaceCapabilities2KHR,
-    ) -> vk::Result {
-        let mode = chain::find::<vk::SurfacePresentModeEXT>((*info).p_next).map(|info| info.present_mode);
+pub(crate) unsafe extern "system" fn vkGetPhysicalDeviceSurfaceCapabilities2KHR(
+    _device: vk::PhysicalDevice,
+    info: *const vk::PhysicalDeviceSurfaceInfo2KHR,
+    out: *mut vk::SurfaceCapabilities2KHR,
+) -> vk::Result {
+    guard_result("vkGetPhysicalDeviceSurfaceCapabilities2KHR", move || {
+        let mode =
+            chain::find::<vk::SurfacePresentModeEXT>((*info).p_next).map(|info| info.present_mode);
         let capabilities = ask((*info).surface, |surface| surface.capabilities(mode))?;
         (*out).surface_capabilities = capabilities;
         fill_capabilities((*out).p_next, &capabilities, mode);
-        if let Some(out) = chain::find_mut::<vk::PresentTimingSurfaceCapabilitiesEXT>((*out).p_next) {
+        if let Some(out) = chain::find_mut::<vk::PresentTimingSurfaceCapabilitiesEXT>((*out).p_next)
+        {
             out.present_timing_supported = vk::TRUE;
             out.present_at_absolute_time_supported = vk::TRUE;
             out.present_at_relative_time_supported = vk::TRUE;
             out.present_stage_queries = ask((*info).surface, Surface::timed_stages)?;
         }
         Ok(())
-    }
+    })
+}
 
-    fn vkGetPhysicalDeviceSurfaceFormatsKHR(
-        device: vk::PhysicalDevice,
-        handle: vk::SurfaceKHR,
-        count: *mut u32,
-        out: *mut vk::SurfaceFormatKHR,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkGetPhysicalDeviceSurfaceFormatsKHR(
+    device: vk::PhysicalDevice,
+    handle: vk::SurfaceKHR,
+    count: *mut u32,
+    out: *mut vk::SurfaceFormatKHR,
+) -> vk::Result {
+    guard_result("vkGetPhysicalDeviceSurfaceFormatsKHR", move || {
         ask(handle, Surface::window)?;
-        enumerate(count, out, formats(from_handle::<PhysicalDevice>(device)).into_iter())
-    }
+        enumerate(
+            count,
+            out,
+            formats(from_handle::<PhysicalDevice>(device)).into_iter(),
+        )
+    })
+}
 
-    fn vkGetPhysicalDeviceSurfaceFormats2KHR(
-        device: vk::PhysicalDevice,
-        info: *const vk::PhysicalDeviceSurfaceInfo2KHR,
-        count: *mut u32,
-        out: *mut vk::SurfaceFormat2KHR,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkGetPhysicalDeviceSurfaceFormats2KHR(
+    device: vk::PhysicalDevice,
+    info: *const vk::PhysicalDeviceSurfaceInfo2KHR,
+    count: *mut u32,
+    out: *mut vk::SurfaceFormat2KHR,
+) -> vk::Result {
+    guard_result("vkGetPhysicalDeviceSurfaceFormats2KHR", move || {
         ask((*info).surface, Surface::window)?;
         let all = formats(from_handle::<PhysicalDevice>(device)).into_iter();
         enumerate_with(count, out, all, |out, format| out.surface_format = format)
-    }
+    })
+}
 
-    fn vkGetPhysicalDeviceSurfacePresentModesKHR(
-        _device: vk::PhysicalDevice,
-        handle: vk::SurfaceKHR,
-        count: *mut u32,
-        out: *mut vk::PresentModeKHR,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkGetPhysicalDeviceSurfacePresentModesKHR(
+    _device: vk::PhysicalDevice,
+    handle: vk::SurfaceKHR,
+    count: *mut u32,
+    out: *mut vk::PresentModeKHR,
+) -> vk::Result {
+    guard_result("vkGetPhysicalDeviceSurfacePresentModesKHR", move || {
         ask(handle, Surface::window)?;
-        let modes: &[_] = if handle.is_null() { &SURFACELESS_MODES } else { &MODES };
+        let modes: &[_] = if handle.is_null() {
+            &SURFACELESS_MODES
+        } else {
+            &MODES
+        };
         enumerate(count, out, modes.iter().copied())
-    }
+    })
+}
 
-    fn vkGetPhysicalDevicePresentRectanglesKHR(
-        _device: vk::PhysicalDevice,
-        handle: vk::SurfaceKHR,
-        count: *mut u32,
-        out: *mut vk::Rect2D,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkGetPhysicalDevicePresentRectanglesKHR(
+    _device: vk::PhysicalDevice,
+    handle: vk::SurfaceKHR,
+    count: *mut u32,
+    out: *mut vk::Rect2D,
+) -> vk::Result {
+    guard_result("vkGetPhysicalDevicePresentRectanglesKHR", move || {
         // The swapchain decides the size of a headless surface.
         let extent = ask(handle, |surface| surface.capabilities(None))?.current_extent;
-        enumerate(count, out, [vk::Rect2D { extent, ..Default::default() }].into_iter())
-    }
+        enumerate(
+            count,
+            out,
+            [vk::Rect2D {
+                extent,
+                ..Default::default()
+            }]
+            .into_iter(),
+        )
+    })
 }

@@ -4,13 +4,13 @@ use std::ffi::c_void;
 use std::sync::Arc;
 
 use super::address_report::report;
-use super::define::entry;
 use super::present_timing;
 use crate::VkResult;
 use crate::decode::image::swapchain_usage;
 use crate::device::Device;
 use crate::ffi::enumerate::enumerate;
 use crate::ffi::{array, chain, slice, vk};
+use crate::guard::{guard, guard_result};
 use crate::handle::{self, from_handle, optional, retain};
 use crate::object::addressed::AddressEvent;
 use crate::object::{Fence, Image, Semaphore};
@@ -174,32 +174,36 @@ fn suboptimal(is_suboptimal: bool) -> VkResult {
     }
 }
 
-entry! {
-    fn vkGetDeviceGroupPresentCapabilitiesKHR(
-        _device: vk::Device,
-        out: *mut vk::DeviceGroupPresentCapabilitiesKHR,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkGetDeviceGroupPresentCapabilitiesKHR(
+    _device: vk::Device,
+    out: *mut vk::DeviceGroupPresentCapabilitiesKHR,
+) -> vk::Result {
+    guard_result("vkGetDeviceGroupPresentCapabilitiesKHR", move || {
         (*out).present_mask = [0; vk::MAX_DEVICE_GROUP_SIZE];
         (*out).present_mask[0] = 1;
         (*out).modes = vk::DeviceGroupPresentModeFlagsKHR::LOCAL;
         Ok(())
-    }
+    })
+}
 
-    fn vkGetDeviceGroupSurfacePresentModesKHR(
-        _device: vk::Device,
-        _surface: vk::SurfaceKHR,
-        out: *mut vk::DeviceGroupPresentModeFlagsKHR,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkGetDeviceGroupSurfacePresentModesKHR(
+    _device: vk::Device,
+    _surface: vk::SurfaceKHR,
+    out: *mut vk::DeviceGroupPresentModeFlagsKHR,
+) -> vk::Result {
+    guard_result("vkGetDeviceGroupSurfacePresentModesKHR", move || {
         *out = vk::DeviceGroupPresentModeFlagsKHR::LOCAL;
         Ok(())
-    }
+    })
+}
 
-    fn vkCreateSwapchainKHR(
-        device: vk::Device,
-        info: *const vk::SwapchainCreateInfoKHR,
-        _allocator: *const vk::AllocationCallbacks,
-        out: *mut vk::SwapchainKHR,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkCreateSwapchainKHR(
+    device: vk::Device,
+    info: *const vk::SwapchainCreateInfoKHR,
+    _allocator: *const vk::AllocationCallbacks,
+    out: *mut vk::SwapchainKHR,
+) -> vk::Result {
+    guard_result("vkCreateSwapchainKHR", move || {
         let owner = from_handle::<Device>(device);
         let info = &*info;
         let surface = from_handle::<Surface>(info.surface);
@@ -214,13 +218,15 @@ entry! {
         surface.add(&swapchain);
         *out = handle::into_handle(swapchain);
         Ok(())
-    }
+    })
+}
 
-    fn vkDestroySwapchainKHR(
-        device: vk::Device,
-        swapchain: vk::SwapchainKHR,
-        _allocator: *const vk::AllocationCallbacks,
-    ) {
+pub(crate) unsafe extern "system" fn vkDestroySwapchainKHR(
+    device: vk::Device,
+    swapchain: vk::SwapchainKHR,
+    _allocator: *const vk::AllocationCallbacks,
+) {
+    guard("vkDestroySwapchainKHR", move || {
         if let Some(swapchain) = handle::take::<Swapchain>(swapchain) {
             for image in &swapchain.images {
                 report::<Image>(device, handle::handle_of(image), AddressEvent::Unbound);
@@ -228,43 +234,60 @@ entry! {
             // A queue may hold the swapchain longer, but not its window.
             swapchain.close();
         }
-    }
+    })
+}
 
-    fn vkGetSwapchainImagesKHR(
-        _device: vk::Device,
-        swapchain: vk::SwapchainKHR,
-        count: *mut u32,
-        out: *mut vk::Image,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkGetSwapchainImagesKHR(
+    _device: vk::Device,
+    swapchain: vk::SwapchainKHR,
+    count: *mut u32,
+    out: *mut vk::Image,
+) -> vk::Result {
+    guard_result("vkGetSwapchainImagesKHR", move || {
         let images = &from_handle::<Swapchain>(swapchain).images;
         enumerate(count, out, images.iter().map(handle::handle_of))
-    }
+    })
+}
 
-    fn vkAcquireNextImageKHR(
-        device: vk::Device,
-        swapchain: vk::SwapchainKHR,
-        timeout_ns: u64,
-        semaphore: vk::Semaphore,
-        fence: vk::Fence,
-        out: *mut u32,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkAcquireNextImageKHR(
+    device: vk::Device,
+    swapchain: vk::SwapchainKHR,
+    timeout_ns: u64,
+    semaphore: vk::Semaphore,
+    fence: vk::Fence,
+    out: *mut u32,
+) -> vk::Result {
+    guard_result("vkAcquireNextImageKHR", move || {
         let (index, is_suboptimal) = acquire(device, swapchain, timeout_ns, semaphore, fence)?;
         *out = index;
         suboptimal(is_suboptimal)
-    }
+    })
+}
 
-    fn vkAcquireNextImage2KHR(
-        device: vk::Device,
-        info: *const vk::AcquireNextImageInfoKHR,
-        out: *mut u32,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkAcquireNextImage2KHR(
+    device: vk::Device,
+    info: *const vk::AcquireNextImageInfoKHR,
+    out: *mut u32,
+) -> vk::Result {
+    guard_result("vkAcquireNextImage2KHR", move || {
         let info = &*info;
-        let (index, is_suboptimal) = acquire(device, info.swapchain, info.timeout, info.semaphore, info.fence)?;
+        let (index, is_suboptimal) = acquire(
+            device,
+            info.swapchain,
+            info.timeout,
+            info.semaphore,
+            info.fence,
+        )?;
         *out = index;
         suboptimal(is_suboptimal)
-    }
+    })
+}
 
-    fn vkQueuePresentKHR(queue: vk::Queue, info: *const vk::PresentInfoKHR) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkQueuePresentKHR(
+    queue: vk::Queue,
+    info: *const vk::PresentInfoKHR,
+) -> vk::Result {
+    guard_result("vkQueuePresentKHR", move || {
         let info = &*info;
         let semaphores = slice(info.p_wait_semaphores, info.wait_semaphore_count);
         let swapchains = slice(info.p_swapchains, info.swapchain_count);
@@ -283,7 +306,10 @@ entry! {
             }
         }
         let submitted = from_handle::<Queue>(queue).submit([Submission {
-            waits: semaphores.iter().map(|&semaphore| (retain::<Semaphore>(semaphore), 1)).collect(),
+            waits: semaphores
+                .iter()
+                .map(|&semaphore| (retain::<Semaphore>(semaphore), 1))
+                .collect(),
             presents,
             present_fences: present_fences(info.p_next),
             ..Submission::default()
@@ -291,51 +317,66 @@ entry! {
         if let Err(code) = submitted {
             codes.fill(code);
         }
-        for (out, &code) in array::slice_mut(info.p_results, info.swapchain_count).iter_mut().zip(&codes) {
+        for (out, &code) in array::slice_mut(info.p_results, info.swapchain_count)
+            .iter_mut()
+            .zip(&codes)
+        {
             *out = code;
         }
         // The worst result: errors are negative, `VK_SUBOPTIMAL_KHR` is positive.
         let errors = codes.iter().copied().filter(|code| code.as_raw() < 0);
         let others = codes.iter().copied().filter(|code| code.as_raw() > 0);
         errors.chain(others).next().map_or(Ok(()), Err)
-    }
+    })
+}
 
-    /// HDR metadata has no effect: no surface shows more than its color space.
-    fn vkSetHdrMetadataEXT(
-        _device: vk::Device,
-        _count: u32,
-        _swapchains: *const vk::SwapchainKHR,
-        _metadata: *const vk::HdrMetadataEXT<'_>,
-    ) {}
+/// HDR metadata has no effect: no surface shows more than its color space.
+pub(crate) unsafe extern "system" fn vkSetHdrMetadataEXT(
+    _device: vk::Device,
+    _count: u32,
+    _swapchains: *const vk::SwapchainKHR,
+    _metadata: *const vk::HdrMetadataEXT<'_>,
+) {
+}
 
-    fn vkReleaseSwapchainImagesEXT(
-        _device: vk::Device,
-        info: *const vk::ReleaseSwapchainImagesInfoEXT,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkReleaseSwapchainImagesEXT(
+    _device: vk::Device,
+    info: *const vk::ReleaseSwapchainImagesInfoEXT,
+) -> vk::Result {
+    guard_result("vkReleaseSwapchainImagesEXT", move || {
         let info = &*info;
         let images = slice(info.p_image_indices, info.image_index_count);
         from_handle::<Swapchain>(info.swapchain).release(images);
         Ok(())
-    }
+    })
+}
 
-    fn vkGetSwapchainStatusKHR(_device: vk::Device, swapchain: vk::SwapchainKHR) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkGetSwapchainStatusKHR(
+    _device: vk::Device,
+    swapchain: vk::SwapchainKHR,
+) -> vk::Result {
+    guard_result("vkGetSwapchainStatusKHR", move || {
         from_handle::<Swapchain>(swapchain).status()
-    }
+    })
+}
 
-    fn vkWaitForPresentKHR(
-        _device: vk::Device,
-        swapchain: vk::SwapchainKHR,
-        id: u64,
-        timeout_ns: u64,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkWaitForPresentKHR(
+    _device: vk::Device,
+    swapchain: vk::SwapchainKHR,
+    id: u64,
+    timeout_ns: u64,
+) -> vk::Result {
+    guard_result("vkWaitForPresentKHR", move || {
         from_handle::<Swapchain>(swapchain).wait_for_present(id, timeout_ns)
-    }
+    })
+}
 
-    fn vkWaitForPresent2KHR(
-        _device: vk::Device,
-        swapchain: vk::SwapchainKHR,
-        info: *const vk::PresentWait2InfoKHR,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkWaitForPresent2KHR(
+    _device: vk::Device,
+    swapchain: vk::SwapchainKHR,
+    info: *const vk::PresentWait2InfoKHR,
+) -> vk::Result {
+    guard_result("vkWaitForPresent2KHR", move || {
         from_handle::<Swapchain>(swapchain).wait_for_present((*info).present_id, (*info).timeout)
-    }
+    })
 }

@@ -4,8 +4,8 @@ use std::ffi::c_void;
 
 use smallvec::SmallVec;
 
-use super::define::commands;
 use super::graphics_draw::place;
+use super::record::record;
 use crate::VkResult;
 use crate::command::graphics::{CaptureBinding, DrawByteCount};
 use crate::command::{Command, GraphicsCommand, Recording};
@@ -67,101 +67,212 @@ unsafe fn counters_at(count: u32, infos: *const c_void) -> SmallVec<[u64; 4]> {
     infos.iter().map(counter_at).collect()
 }
 
-commands! {
-    fn vkCmdBindTransformFeedbackBuffersEXT(
+pub(crate) unsafe extern "system" fn vkCmdBindTransformFeedbackBuffersEXT(
+    commands: vk::CommandBuffer,
+    first: u32,
+    count: u32,
+    buffers: *const vk::Buffer,
+    offsets: *const vk::DeviceSize,
+    sizes: *const vk::DeviceSize,
+) {
+    record(
+        "vkCmdBindTransformFeedbackBuffersEXT",
         commands,
-        first: u32,
-        count: u32,
-        buffers: *const vk::Buffer,
-        offsets: *const vk::DeviceSize,
-        sizes: *const vk::DeviceSize,
-    ) {
-        let sizes = slice(sizes, count);
-        let bound = slice(buffers, count).iter().zip(slice(offsets, count)).enumerate();
-        let buffers = bound.map(|(index, (&buffer, &offset))| {
-            place(buffer, offset, sizes.get(index).copied().unwrap_or(vk::WHOLE_SIZE))
-        });
-        let binding = CaptureBinding { first, buffers: buffers.collect() };
-        push(commands, GraphicsCommand::BindCaptureBuffers(Box::new(binding)))
-    }
+        move |commands| {
+            let sizes = slice(sizes, count);
+            let bound = slice(buffers, count)
+                .iter()
+                .zip(slice(offsets, count))
+                .enumerate();
+            let buffers = bound.map(|(index, (&buffer, &offset))| {
+                place(
+                    buffer,
+                    offset,
+                    sizes.get(index).copied().unwrap_or(vk::WHOLE_SIZE),
+                )
+            });
+            let binding = CaptureBinding {
+                first,
+                buffers: buffers.collect(),
+            };
+            push(
+                commands,
+                GraphicsCommand::BindCaptureBuffers(Box::new(binding)),
+            )
+        },
+    )
+}
 
-    fn vkCmdBeginTransformFeedbackEXT(
+pub(crate) unsafe extern "system" fn vkCmdBeginTransformFeedbackEXT(
+    commands: vk::CommandBuffer,
+    first: u32,
+    count: u32,
+    buffers: *const vk::Buffer,
+    offsets: *const vk::DeviceSize,
+) {
+    record(
+        "vkCmdBeginTransformFeedbackEXT",
         commands,
-        first: u32,
-        count: u32,
-        buffers: *const vk::Buffer,
-        offsets: *const vk::DeviceSize,
-    ) {
-        push(commands, GraphicsCommand::BeginCapture(first, counters(count, buffers, offsets)))
-    }
+        move |commands| {
+            push(
+                commands,
+                GraphicsCommand::BeginCapture(first, counters(count, buffers, offsets)),
+            )
+        },
+    )
+}
 
-    fn vkCmdEndTransformFeedbackEXT(
-        commands,
-        first: u32,
-        count: u32,
-        buffers: *const vk::Buffer,
-        offsets: *const vk::DeviceSize,
-    ) {
-        push(commands, GraphicsCommand::EndCapture(first, counters(count, buffers, offsets)))
-    }
+pub(crate) unsafe extern "system" fn vkCmdEndTransformFeedbackEXT(
+    commands: vk::CommandBuffer,
+    first: u32,
+    count: u32,
+    buffers: *const vk::Buffer,
+    offsets: *const vk::DeviceSize,
+) {
+    record("vkCmdEndTransformFeedbackEXT", commands, move |commands| {
+        push(
+            commands,
+            GraphicsCommand::EndCapture(first, counters(count, buffers, offsets)),
+        )
+    })
+}
 
-    fn vkCmdDrawIndirectByteCountEXT(
-        commands,
-        instances: u32,
-        first_instance: u32,
-        buffer: vk::Buffer,
-        offset: vk::DeviceSize,
-        offset_bytes: u32,
-        stride_bytes: u32,
-    ) {
+pub(crate) unsafe extern "system" fn vkCmdDrawIndirectByteCountEXT(
+    commands: vk::CommandBuffer,
+    instances: u32,
+    first_instance: u32,
+    buffer: vk::Buffer,
+    offset: vk::DeviceSize,
+    offset_bytes: u32,
+    stride_bytes: u32,
+) {
+    record("vkCmdDrawIndirectByteCountEXT", commands, move |commands| {
         let counter = counter(buffer, offset);
-        let draw = DrawByteCount { first_instance, instances, counter, offset_bytes, stride_bytes };
-        push(commands, GraphicsCommand::DrawByteCount(draw))
-    }
-
-    fn vkCmdBindTransformFeedbackBuffers2EXT(commands, first: u32, count: u32, infos: *const c_void) {
-        let infos = slice(infos.cast::<vk::BindTransformFeedbackBuffer2InfoEXT<'_>>(), count);
-        let range = |info: &vk::BindTransformFeedbackBuffer2InfoEXT<'_>| {
-            (info.address_range.address, info.address_range.size)
+        let draw = DrawByteCount {
+            first_instance,
+            instances,
+            counter,
+            offset_bytes,
+            stride_bytes,
         };
-        let binding = CaptureBinding { first, buffers: infos.iter().map(range).collect() };
-        push(commands, GraphicsCommand::BindCaptureBuffers(Box::new(binding)))
-    }
-
-    fn vkCmdBeginTransformFeedback2EXT(commands, first: u32, count: u32, infos: *const c_void) {
-        push(commands, GraphicsCommand::BeginCapture(first, counters_at(count, infos)))
-    }
-
-    fn vkCmdEndTransformFeedback2EXT(commands, first: u32, count: u32, infos: *const c_void) {
-        push(commands, GraphicsCommand::EndCapture(first, counters_at(count, infos)))
-    }
-
-    fn vkCmdDrawIndirectByteCount2EXT(
-        commands,
-        instances: u32,
-        first_instance: u32,
-        info: *const c_void,
-        offset_bytes: u32,
-        stride_bytes: u32,
-    ) {
-        let counter = counter_at(&*info.cast());
-        let draw = DrawByteCount { first_instance, instances, counter, offset_bytes, stride_bytes };
         push(commands, GraphicsCommand::DrawByteCount(draw))
-    }
+    })
+}
 
-    fn vkCmdBeginQueryIndexedEXT(
+pub(crate) unsafe extern "system" fn vkCmdBindTransformFeedbackBuffers2EXT(
+    commands: vk::CommandBuffer,
+    first: u32,
+    count: u32,
+    infos: *const c_void,
+) {
+    record(
+        "vkCmdBindTransformFeedbackBuffers2EXT",
         commands,
-        pool: vk::QueryPool,
-        query: u32,
-        _flags: vk::QueryControlFlags,
-        stream: u32,
-    ) {
-        let pool = retain::<QueryPool>(pool);
-        push(commands, GraphicsCommand::BeginQuery { pool, query, stream })
-    }
+        move |commands| {
+            let infos = slice(
+                infos.cast::<vk::BindTransformFeedbackBuffer2InfoEXT<'_>>(),
+                count,
+            );
+            let range = |info: &vk::BindTransformFeedbackBuffer2InfoEXT<'_>| {
+                (info.address_range.address, info.address_range.size)
+            };
+            let binding = CaptureBinding {
+                first,
+                buffers: infos.iter().map(range).collect(),
+            };
+            push(
+                commands,
+                GraphicsCommand::BindCaptureBuffers(Box::new(binding)),
+            )
+        },
+    )
+}
 
-    fn vkCmdEndQueryIndexedEXT(commands, pool: vk::QueryPool, query: u32, _stream: u32) {
+pub(crate) unsafe extern "system" fn vkCmdBeginTransformFeedback2EXT(
+    commands: vk::CommandBuffer,
+    first: u32,
+    count: u32,
+    infos: *const c_void,
+) {
+    record(
+        "vkCmdBeginTransformFeedback2EXT",
+        commands,
+        move |commands| {
+            push(
+                commands,
+                GraphicsCommand::BeginCapture(first, counters_at(count, infos)),
+            )
+        },
+    )
+}
+
+pub(crate) unsafe extern "system" fn vkCmdEndTransformFeedback2EXT(
+    commands: vk::CommandBuffer,
+    first: u32,
+    count: u32,
+    infos: *const c_void,
+) {
+    record("vkCmdEndTransformFeedback2EXT", commands, move |commands| {
+        push(
+            commands,
+            GraphicsCommand::EndCapture(first, counters_at(count, infos)),
+        )
+    })
+}
+
+pub(crate) unsafe extern "system" fn vkCmdDrawIndirectByteCount2EXT(
+    commands: vk::CommandBuffer,
+    instances: u32,
+    first_instance: u32,
+    info: *const c_void,
+    offset_bytes: u32,
+    stride_bytes: u32,
+) {
+    record(
+        "vkCmdDrawIndirectByteCount2EXT",
+        commands,
+        move |commands| {
+            let counter = counter_at(&*info.cast());
+            let draw = DrawByteCount {
+                first_instance,
+                instances,
+                counter,
+                offset_bytes,
+                stride_bytes,
+            };
+            push(commands, GraphicsCommand::DrawByteCount(draw))
+        },
+    )
+}
+
+pub(crate) unsafe extern "system" fn vkCmdBeginQueryIndexedEXT(
+    commands: vk::CommandBuffer,
+    pool: vk::QueryPool,
+    query: u32,
+    _flags: vk::QueryControlFlags,
+    stream: u32,
+) {
+    record("vkCmdBeginQueryIndexedEXT", commands, move |commands| {
+        let pool = retain::<QueryPool>(pool);
+        push(
+            commands,
+            GraphicsCommand::BeginQuery {
+                pool,
+                query,
+                stream,
+            },
+        )
+    })
+}
+
+pub(crate) unsafe extern "system" fn vkCmdEndQueryIndexedEXT(
+    commands: vk::CommandBuffer,
+    pool: vk::QueryPool,
+    query: u32,
+    _stream: u32,
+) {
+    record("vkCmdEndQueryIndexedEXT", commands, move |commands| {
         let pool = retain::<QueryPool>(pool);
         push(commands, GraphicsCommand::EndQuery { pool, query })
-    }
+    })
 }

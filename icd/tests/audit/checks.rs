@@ -4,7 +4,7 @@
 use std::collections::{BTreeMap, BTreeSet, HashSet};
 
 use ash::vk;
-use vulkan_tuff::entry::commands::{self, Availability, Level};
+use vulkan_tuff::entry::loader::{self, Availability, Level};
 use vulkan_tuff::table::extensions::{Extension, Kind, of_system};
 use vulkan_tuff::table::features;
 use vulkan_tuff::table::limits::API_VERSION;
@@ -69,7 +69,7 @@ pub fn run(registry: &Registry) -> CheckReport {
     audit.report.summary = format!(
         "{} extensions, {} commands, {structures} structures",
         of_system().count(),
-        commands::table().len(),
+        loader::table().len(),
     );
     audit.report
 }
@@ -165,13 +165,13 @@ impl Audit<'_> {
         for (who, availability, require) in self.required() {
             for command in &require.commands {
                 asked.entry(command).or_default().push(availability);
-                let is_there = commands::rows(command.as_bytes()).next().is_some();
+                let is_there = loader::rows(command.as_bytes()).next().is_some();
                 if !is_there && !CONDITIONAL.contains(&&**command) {
                     missing.push(format!("{who} has {command}, the table has not"));
                 }
             }
         }
-        for row in commands::table() {
+        for row in loader::table() {
             match asked.get(row.name) {
                 Some(by) if by.contains(&row.availability) => {}
                 _ if self.is_newer(row.availability) => {}

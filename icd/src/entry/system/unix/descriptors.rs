@@ -6,8 +6,8 @@ use ash::vk;
 
 use crate::VkResult;
 use crate::device::Device;
-use crate::entry::define::entry;
 use crate::ffi::chain;
+use crate::guard::guard_result;
 use crate::handle::from_handle;
 use crate::object::external_sync::Import;
 use crate::object::{DeviceMemory, Fence, Semaphore};
@@ -105,42 +105,68 @@ pub unsafe fn imported_memory(
     Ok(Some((copy, Some(import.fd))))
 }
 
-entry! {
-    fn vkImportSemaphoreFdKHR(_device: vk::Device, info: *const vk::ImportSemaphoreFdInfoKHR) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkImportSemaphoreFdKHR(
+    _device: vk::Device,
+    info: *const vk::ImportSemaphoreFdInfoKHR,
+) -> vk::Result {
+    guard_result("vkImportSemaphoreFdKHR", move || {
         let info = &*info;
         let is_temporary = info.flags.contains(vk::SemaphoreImportFlags::TEMPORARY);
         let is_sync = info.handle_type == vk::ExternalSemaphoreHandleTypeFlags::SYNC_FD;
         let semaphore = from_handle::<Semaphore>(info.semaphore);
-        semaphore.external.import(import(info.fd, is_sync, is_temporary)?);
+        semaphore
+            .external
+            .import(import(info.fd, is_sync, is_temporary)?);
         Ok(())
-    }
+    })
+}
 
-    /// A sync file is exported after the semaphore's signal, for which this waits. For the
-    /// semaphore the export is a wait operation.
-    fn vkGetSemaphoreFdKHR(device: vk::Device, info: *const vk::SemaphoreGetFdInfoKHR, out: *mut c_int) -> vk::Result {
+/// A sync file is exported after the semaphore's signal, for which this waits. For the
+/// semaphore the export is a wait operation.
+pub(crate) unsafe extern "system" fn vkGetSemaphoreFdKHR(
+    device: vk::Device,
+    info: *const vk::SemaphoreGetFdInfoKHR,
+    out: *mut c_int,
+) -> vk::Result {
+    guard_result("vkGetSemaphoreFdKHR", move || {
         let semaphore = from_handle::<Semaphore>((*info).semaphore);
         if (*info).handle_type != vk::ExternalSemaphoreHandleTypeFlags::SYNC_FD {
             *out = semaphore.external.export()?.into_raw();
             return Ok(());
         }
         let waiting = &from_handle::<Device>(device).engine.waiting;
-        waiting.wait(u64::MAX, semaphore.external.is_there(), || semaphore.has_reached(1))?;
+        waiting.wait(u64::MAX, semaphore.external.is_there(), || {
+            semaphore.has_reached(1)
+        })?;
         semaphore.consume();
         *out = -1;
         Ok(())
-    }
+    })
+}
 
-    fn vkImportFenceFdKHR(_device: vk::Device, info: *const vk::ImportFenceFdInfoKHR) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkImportFenceFdKHR(
+    _device: vk::Device,
+    info: *const vk::ImportFenceFdInfoKHR,
+) -> vk::Result {
+    guard_result("vkImportFenceFdKHR", move || {
         let info = &*info;
         let is_temporary = info.flags.contains(vk::FenceImportFlags::TEMPORARY);
         let is_sync = info.handle_type == vk::ExternalFenceHandleTypeFlags::SYNC_FD;
         let fence = from_handle::<Fence>(info.fence);
-        fence.external.import(import(info.fd, is_sync, is_temporary)?);
+        fence
+            .external
+            .import(import(info.fd, is_sync, is_temporary)?);
         Ok(())
-    }
+    })
+}
 
-    /// As [`vkGetSemaphoreFdKHR`]; exporting a sync file resets the fence.
-    fn vkGetFenceFdKHR(device: vk::Device, info: *const vk::FenceGetFdInfoKHR, out: *mut c_int) -> vk::Result {
+/// As [`vkGetSemaphoreFdKHR`]; exporting a sync file resets the fence.
+pub(crate) unsafe extern "system" fn vkGetFenceFdKHR(
+    device: vk::Device,
+    info: *const vk::FenceGetFdInfoKHR,
+    out: *mut c_int,
+) -> vk::Result {
+    guard_result("vkGetFenceFdKHR", move || {
         let fence = from_handle::<Fence>((*info).fence);
         if (*info).handle_type != vk::ExternalFenceHandleTypeFlags::SYNC_FD {
             *out = fence.external.export()?.into_raw();
@@ -151,22 +177,32 @@ entry! {
         fence.set(false);
         *out = -1;
         Ok(())
-    }
+    })
+}
 
-    fn vkGetMemoryFdKHR(_device: vk::Device, info: *const vk::MemoryGetFdInfoKHR, out: *mut c_int) -> vk::Result {
-        *out = from_handle::<DeviceMemory>((*info).memory).export()?.into_raw();
+pub(crate) unsafe extern "system" fn vkGetMemoryFdKHR(
+    _device: vk::Device,
+    info: *const vk::MemoryGetFdInfoKHR,
+    out: *mut c_int,
+) -> vk::Result {
+    guard_result("vkGetMemoryFdKHR", move || {
+        *out = from_handle::<DeviceMemory>((*info).memory)
+            .export()?
+            .into_raw();
         Ok(())
-    }
+    })
+}
 
-    fn vkGetMemoryFdPropertiesKHR(
-        _device: vk::Device,
-        _ty: vk::ExternalMemoryHandleTypeFlags,
-        fd: c_int,
-        out: *mut vk::MemoryFdPropertiesKHR,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkGetMemoryFdPropertiesKHR(
+    _device: vk::Device,
+    _ty: vk::ExternalMemoryHandleTypeFlags,
+    fd: c_int,
+    out: *mut vk::MemoryFdPropertiesKHR,
+) -> vk::Result {
+    guard_result("vkGetMemoryFdPropertiesKHR", move || {
         let section = Handle::duplicate(fd).and_then(|handle| Section::import(handle, 1));
         section.ok_or(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE)?;
         (*out).memory_type_bits = 1;
         Ok(())
-    }
+    })
 }

@@ -8,7 +8,7 @@ pub use descriptors::{
     exported_semaphore, imported_memory,
 };
 
-use crate::entry::row::commands;
+use crate::entry::row::command_table;
 use crate::ffi::vk;
 use crate::os::clock::Clock;
 
@@ -26,7 +26,7 @@ pub fn time(domain: vk::TimeDomainKHR) -> u64 {
     }
 }
 
-commands! {
+command_table! {
     Device KHR_EXTERNAL_FENCE_FD PFN_vkGetFenceFdKHR descriptors::vkGetFenceFdKHR;
     Device KHR_EXTERNAL_FENCE_FD PFN_vkImportFenceFdKHR descriptors::vkImportFenceFdKHR;
     Device KHR_EXTERNAL_SEMAPHORE_FD PFN_vkGetSemaphoreFdKHR descriptors::vkGetSemaphoreFdKHR;

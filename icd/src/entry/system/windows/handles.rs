@@ -8,8 +8,8 @@ use std::ffi::c_void;
 use ash::vk;
 
 use crate::VkResult;
-use crate::entry::define::entry;
 use crate::ffi::chain;
+use crate::guard::guard_result;
 use crate::handle::from_handle;
 use crate::object::external_sync::Import;
 use crate::object::{DeviceMemory, Fence, Semaphore};
@@ -127,72 +127,94 @@ unsafe fn import(handle: vk::HANDLE, name: vk::LPCWSTR, is_temporary: bool) -> V
     })
 }
 
-entry! {
-    fn vkImportSemaphoreWin32HandleKHR(
-        _device: vk::Device,
-        info: *const vk::ImportSemaphoreWin32HandleInfoKHR,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkImportSemaphoreWin32HandleKHR(
+    _device: vk::Device,
+    info: *const vk::ImportSemaphoreWin32HandleInfoKHR,
+) -> vk::Result {
+    guard_result("vkImportSemaphoreWin32HandleKHR", move || {
         let info = &*info;
         let is_temporary = info.flags.contains(vk::SemaphoreImportFlags::TEMPORARY);
         if info.handle_type != SEMAPHORE_HANDLES {
             return Err(INVALID);
         }
         let semaphore = from_handle::<Semaphore>(info.semaphore);
-        semaphore.external.import(import(info.handle, info.name, is_temporary)?);
+        semaphore
+            .external
+            .import(import(info.handle, info.name, is_temporary)?);
         Ok(())
-    }
+    })
+}
 
-    fn vkGetSemaphoreWin32HandleKHR(
-        _device: vk::Device,
-        info: *const vk::SemaphoreGetWin32HandleInfoKHR,
-        out: *mut vk::HANDLE,
-    ) -> vk::Result {
-        *out = from_handle::<Semaphore>((*info).semaphore).external.export()?.into_raw() as vk::HANDLE;
+pub(crate) unsafe extern "system" fn vkGetSemaphoreWin32HandleKHR(
+    _device: vk::Device,
+    info: *const vk::SemaphoreGetWin32HandleInfoKHR,
+    out: *mut vk::HANDLE,
+) -> vk::Result {
+    guard_result("vkGetSemaphoreWin32HandleKHR", move || {
+        *out = from_handle::<Semaphore>((*info).semaphore)
+            .external
+            .export()?
+            .into_raw() as vk::HANDLE;
         Ok(())
-    }
+    })
+}
 
-    fn vkImportFenceWin32HandleKHR(
-        _device: vk::Device,
-        info: *const vk::ImportFenceWin32HandleInfoKHR,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkImportFenceWin32HandleKHR(
+    _device: vk::Device,
+    info: *const vk::ImportFenceWin32HandleInfoKHR,
+) -> vk::Result {
+    guard_result("vkImportFenceWin32HandleKHR", move || {
         let info = &*info;
         let is_temporary = info.flags.contains(vk::FenceImportFlags::TEMPORARY);
         if info.handle_type != FENCE_HANDLES {
             return Err(INVALID);
         }
         let fence = from_handle::<Fence>(info.fence);
-        fence.external.import(import(info.handle, info.name, is_temporary)?);
+        fence
+            .external
+            .import(import(info.handle, info.name, is_temporary)?);
         Ok(())
-    }
+    })
+}
 
-    fn vkGetFenceWin32HandleKHR(
-        _device: vk::Device,
-        info: *const vk::FenceGetWin32HandleInfoKHR,
-        out: *mut vk::HANDLE,
-    ) -> vk::Result {
-        *out = from_handle::<Fence>((*info).fence).external.export()?.into_raw() as vk::HANDLE;
+pub(crate) unsafe extern "system" fn vkGetFenceWin32HandleKHR(
+    _device: vk::Device,
+    info: *const vk::FenceGetWin32HandleInfoKHR,
+    out: *mut vk::HANDLE,
+) -> vk::Result {
+    guard_result("vkGetFenceWin32HandleKHR", move || {
+        *out = from_handle::<Fence>((*info).fence)
+            .external
+            .export()?
+            .into_raw() as vk::HANDLE;
         Ok(())
-    }
+    })
+}
 
-    fn vkGetMemoryWin32HandleKHR(
-        _device: vk::Device,
-        info: *const vk::MemoryGetWin32HandleInfoKHR,
-        out: *mut vk::HANDLE,
-    ) -> vk::Result {
-        *out = from_handle::<DeviceMemory>((*info).memory).export()?.into_raw() as vk::HANDLE;
+pub(crate) unsafe extern "system" fn vkGetMemoryWin32HandleKHR(
+    _device: vk::Device,
+    info: *const vk::MemoryGetWin32HandleInfoKHR,
+    out: *mut vk::HANDLE,
+) -> vk::Result {
+    guard_result("vkGetMemoryWin32HandleKHR", move || {
+        *out = from_handle::<DeviceMemory>((*info).memory)
+            .export()?
+            .into_raw() as vk::HANDLE;
         Ok(())
-    }
+    })
+}
 
-    fn vkGetMemoryWin32HandlePropertiesKHR(
-        _device: vk::Device,
-        _ty: vk::ExternalMemoryHandleTypeFlags,
-        handle: vk::HANDLE,
-        out: *mut vk::MemoryWin32HandlePropertiesKHR,
-    ) -> vk::Result {
+pub(crate) unsafe extern "system" fn vkGetMemoryWin32HandlePropertiesKHR(
+    _device: vk::Device,
+    _ty: vk::ExternalMemoryHandleTypeFlags,
+    handle: vk::HANDLE,
+    out: *mut vk::MemoryWin32HandlePropertiesKHR,
+) -> vk::Result {
+    guard_result("vkGetMemoryWin32HandlePropertiesKHR", move || {
         let handle = Handle::duplicate(handle as RawHandle);
         let section = handle.and_then(|handle| Section::import(handle, 1));
         section.ok_or(INVALID)?;
         (*out).memory_type_bits = 1;
         Ok(())
-    }
+    })
 }

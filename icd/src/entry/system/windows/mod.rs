@@ -8,7 +8,7 @@ pub use handles::{
     exported_semaphore, imported_memory,
 };
 
-use crate::entry::row::commands;
+use crate::entry::row::command_table;
 use crate::ffi::vk;
 use crate::os::clock::{Clock, ticks};
 
@@ -23,7 +23,7 @@ pub fn time(domain: vk::TimeDomainKHR) -> u64 {
     }
 }
 
-commands! {
+command_table! {
     Device KHR_EXTERNAL_FENCE_WIN32 PFN_vkGetFenceWin32HandleKHR handles::vkGetFenceWin32HandleKHR;
     Device KHR_EXTERNAL_FENCE_WIN32 PFN_vkImportFenceWin32HandleKHR handles::vkImportFenceWin32HandleKHR;
     Device KHR_EXTERNAL_SEMAPHORE_WIN32 PFN_vkGetSemaphoreWin32HandleKHR handles::vkGetSemaphoreWin32HandleKHR;
