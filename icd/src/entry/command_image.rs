@@ -5,9 +5,9 @@ use ash::vk;
 
 use super::record::record;
 use crate::VkResult;
-use crate::command::{Command, TransferCommand, copied};
+use crate::command::{Command, Recording, TransferCommand, copied};
 use crate::ffi::{self, vk as newer};
-use crate::handle::{self, from_handle};
+use crate::handle::{from_handle, retain};
 use crate::object::render_pass::ResolveMode;
 use crate::object::{Buffer, Image};
 
@@ -21,11 +21,8 @@ pub(crate) unsafe extern "system" fn vkCmdCopyImage(
     regions: *const vk::ImageCopy,
 ) {
     record("vkCmdCopyImage", commands, move |commands| {
-        commands.push(Command::Transfer(TransferCommand::CopyImage {
-            source: handle::retain::<Image>(source),
-            destination: handle::retain::<Image>(destination),
-            regions: copied(ffi::slice(regions, count), |&region| region)?,
-        }))
+        let regions = copied(ffi::slice(regions, count), |&region| region)?;
+        copy_image(commands, source, destination, regions)
     })
 }
 
@@ -35,19 +32,8 @@ pub(crate) unsafe extern "system" fn vkCmdCopyImage2(
 ) {
     record("vkCmdCopyImage2", commands, move |commands| {
         let info = &*info;
-        commands.push(Command::Transfer(TransferCommand::CopyImage {
-            source: handle::retain::<Image>(info.src_image),
-            destination: handle::retain::<Image>(info.dst_image),
-            regions: copied(ffi::slice(info.p_regions, info.region_count), |region| {
-                vk::ImageCopy {
-                    src_subresource: region.src_subresource,
-                    src_offset: region.src_offset,
-                    dst_subresource: region.dst_subresource,
-                    dst_offset: region.dst_offset,
-                    extent: region.extent,
-                }
-            })?,
-        }))
+        let regions = copied(ffi::slice(info.p_regions, info.region_count), image_copy)?;
+        copy_image(commands, info.src_image, info.dst_image, regions)
     })
 }
 
@@ -60,11 +46,8 @@ pub(crate) unsafe extern "system" fn vkCmdCopyBufferToImage(
     regions: *const vk::BufferImageCopy,
 ) {
     record("vkCmdCopyBufferToImage", commands, move |commands| {
-        commands.push(Command::Transfer(TransferCommand::CopyBufferToImage {
-            source: address(source)?,
-            destination: handle::retain::<Image>(destination),
-            regions: copied(ffi::slice(regions, count), |&region| region)?,
-        }))
+        let regions = copied(ffi::slice(regions, count), |&region| region)?;
+        copy_buffer_to_image(commands, source, destination, regions)
     })
 }
 
@@ -74,14 +57,9 @@ pub(crate) unsafe extern "system" fn vkCmdCopyBufferToImage2(
 ) {
     record("vkCmdCopyBufferToImage2", commands, move |commands| {
         let info = &*info;
-        commands.push(Command::Transfer(TransferCommand::CopyBufferToImage {
-            source: address(info.src_buffer)?,
-            destination: handle::retain::<Image>(info.dst_image),
-            regions: copied(
-                ffi::slice(info.p_regions, info.region_count),
-                buffer_image_copy,
-            )?,
-        }))
+        let regions = ffi::slice(info.p_regions, info.region_count);
+        let regions = copied(regions, buffer_image_copy)?;
+        copy_buffer_to_image(commands, info.src_buffer, info.dst_image, regions)
     })
 }
 
@@ -94,11 +72,8 @@ pub(crate) unsafe extern "system" fn vkCmdCopyImageToBuffer(
     regions: *const vk::BufferImageCopy,
 ) {
     record("vkCmdCopyImageToBuffer", commands, move |commands| {
-        commands.push(Command::Transfer(TransferCommand::CopyImageToBuffer {
-            source: handle::retain::<Image>(source),
-            destination: address(destination)?,
-            regions: copied(ffi::slice(regions, count), |&region| region)?,
-        }))
+        let regions = copied(ffi::slice(regions, count), |&region| region)?;
+        copy_image_to_buffer(commands, source, destination, regions)
     })
 }
 
@@ -108,14 +83,9 @@ pub(crate) unsafe extern "system" fn vkCmdCopyImageToBuffer2(
 ) {
     record("vkCmdCopyImageToBuffer2", commands, move |commands| {
         let info = &*info;
-        commands.push(Command::Transfer(TransferCommand::CopyImageToBuffer {
-            source: handle::retain::<Image>(info.src_image),
-            destination: address(info.dst_buffer)?,
-            regions: copied(
-                ffi::slice(info.p_regions, info.region_count),
-                buffer_image_copy,
-            )?,
-        }))
+        let regions = ffi::slice(info.p_regions, info.region_count);
+        let regions = copied(regions, buffer_image_copy)?;
+        copy_image_to_buffer(commands, info.src_image, info.dst_buffer, regions)
     })
 }
 
@@ -130,12 +100,8 @@ pub(crate) unsafe extern "system" fn vkCmdBlitImage(
     filter: vk::Filter,
 ) {
     record("vkCmdBlitImage", commands, move |commands| {
-        commands.push(Command::Transfer(TransferCommand::BlitImage {
-            source: handle::retain::<Image>(source),
-            destination: handle::retain::<Image>(destination),
-            regions: copied(ffi::slice(regions, count), |&region| region)?,
-            filter,
-        }))
+        let regions = copied(ffi::slice(regions, count), |&region| region)?;
+        blit_image(commands, source, destination, regions, filter)
     })
 }
 
@@ -145,19 +111,14 @@ pub(crate) unsafe extern "system" fn vkCmdBlitImage2(
 ) {
     record("vkCmdBlitImage2", commands, move |commands| {
         let info = &*info;
-        commands.push(Command::Transfer(TransferCommand::BlitImage {
-            source: handle::retain::<Image>(info.src_image),
-            destination: handle::retain::<Image>(info.dst_image),
-            regions: copied(ffi::slice(info.p_regions, info.region_count), |region| {
-                vk::ImageBlit {
-                    src_subresource: region.src_subresource,
-                    src_offsets: region.src_offsets,
-                    dst_subresource: region.dst_subresource,
-                    dst_offsets: region.dst_offsets,
-                }
-            })?,
-            filter: info.filter,
-        }))
+        let regions = copied(ffi::slice(info.p_regions, info.region_count), image_blit)?;
+        blit_image(
+            commands,
+            info.src_image,
+            info.dst_image,
+            regions,
+            info.filter,
+        )
     })
 }
 
@@ -171,13 +132,8 @@ pub(crate) unsafe extern "system" fn vkCmdResolveImage(
     regions: *const vk::ImageResolve,
 ) {
     record("vkCmdResolveImage", commands, move |commands| {
-        commands.push(Command::Transfer(TransferCommand::ResolveImage {
-            source: handle::retain::<Image>(source),
-            destination: handle::retain::<Image>(destination),
-            regions: copied(ffi::slice(regions, count), |&region| region)?,
-            stencil: ResolveMode::linear(vk::ResolveModeFlags::SAMPLE_ZERO),
-            other: ResolveMode::AVERAGE,
-        }))
+        let regions = copied(ffi::slice(regions, count), |&region| region)?;
+        resolve_image(commands, source, destination, regions, None)
     })
 }
 
@@ -188,30 +144,8 @@ pub(crate) unsafe extern "system" fn vkCmdResolveImage2(
     record("vkCmdResolveImage2", commands, move |commands| {
         let info = &*info;
         let modes = ffi::find::<newer::ResolveImageModeInfoKHR<'_>>(info.p_next);
-        let mut other = ResolveMode::AVERAGE;
-        let mut stencil = vk::ResolveModeFlags::SAMPLE_ZERO;
-        if let Some(modes) = modes {
-            other = ResolveMode {
-                mode: modes.resolve_mode,
-                encoded_mean: modes.flags & newer::RESOLVE_IMAGE_SKIP_TRANSFER_FUNCTION_KHR != 0,
-            };
-            stencil = modes.stencil_resolve_mode;
-        }
-        commands.push(Command::Transfer(TransferCommand::ResolveImage {
-            source: handle::retain::<Image>(info.src_image),
-            destination: handle::retain::<Image>(info.dst_image),
-            regions: copied(ffi::slice(info.p_regions, info.region_count), |region| {
-                vk::ImageResolve {
-                    src_subresource: region.src_subresource,
-                    src_offset: region.src_offset,
-                    dst_subresource: region.dst_subresource,
-                    dst_offset: region.dst_offset,
-                    extent: region.extent,
-                }
-            })?,
-            stencil: ResolveMode::linear(stencil),
-            other,
-        }))
+        let regions = copied(ffi::slice(info.p_regions, info.region_count), image_resolve)?;
+        resolve_image(commands, info.src_image, info.dst_image, regions, modes)
     })
 }
 
@@ -225,7 +159,7 @@ pub(crate) unsafe extern "system" fn vkCmdClearColorImage(
 ) {
     record("vkCmdClearColorImage", commands, move |commands| {
         commands.push(Command::Transfer(TransferCommand::ClearColorImage {
-            image: handle::retain::<Image>(image),
+            image: retain::<Image>(image),
             value: *value,
             ranges: copied(ffi::slice(ranges, count), |&range| range)?,
         }))
@@ -242,11 +176,112 @@ pub(crate) unsafe extern "system" fn vkCmdClearDepthStencilImage(
 ) {
     record("vkCmdClearDepthStencilImage", commands, move |commands| {
         commands.push(Command::Transfer(TransferCommand::ClearDepthStencilImage {
-            image: handle::retain::<Image>(image),
+            image: retain::<Image>(image),
             value: *value,
             ranges: copied(ffi::slice(ranges, count), |&range| range)?,
         }))
     })
+}
+
+/// # Safety
+/// The handles are alive.
+unsafe fn copy_image(
+    commands: &mut Recording,
+    source: vk::Image,
+    destination: vk::Image,
+    regions: Vec<vk::ImageCopy>,
+) -> VkResult {
+    // SAFETY: the caller guarantees that the handles are alive.
+    let (source, destination) = unsafe { (retain(source), retain(destination)) };
+    commands.push(Command::Transfer(TransferCommand::CopyImage {
+        source,
+        destination,
+        regions,
+    }))
+}
+
+/// # Safety
+/// The handles are alive.
+unsafe fn copy_buffer_to_image(
+    commands: &mut Recording,
+    source: vk::Buffer,
+    destination: vk::Image,
+    regions: Vec<vk::BufferImageCopy>,
+) -> VkResult {
+    // SAFETY: the caller guarantees that the handles are alive.
+    let (source, destination) = unsafe { (address(source)?, retain(destination)) };
+    commands.push(Command::Transfer(TransferCommand::CopyBufferToImage {
+        source,
+        destination,
+        regions,
+    }))
+}
+
+/// # Safety
+/// The handles are alive.
+unsafe fn copy_image_to_buffer(
+    commands: &mut Recording,
+    source: vk::Image,
+    destination: vk::Buffer,
+    regions: Vec<vk::BufferImageCopy>,
+) -> VkResult {
+    // SAFETY: the caller guarantees that the handles are alive.
+    let (source, destination) = unsafe { (retain(source), address(destination)?) };
+    commands.push(Command::Transfer(TransferCommand::CopyImageToBuffer {
+        source,
+        destination,
+        regions,
+    }))
+}
+
+/// # Safety
+/// The handles are alive.
+unsafe fn blit_image(
+    commands: &mut Recording,
+    source: vk::Image,
+    destination: vk::Image,
+    regions: Vec<vk::ImageBlit>,
+    filter: vk::Filter,
+) -> VkResult {
+    // SAFETY: the caller guarantees that the handles are alive.
+    let (source, destination) = unsafe { (retain(source), retain(destination)) };
+    commands.push(Command::Transfer(TransferCommand::BlitImage {
+        source,
+        destination,
+        regions,
+        filter,
+    }))
+}
+
+/// Without modes, colors and depth are averaged, and stencil values are those of sample 0.
+///
+/// # Safety
+/// The handles are alive.
+unsafe fn resolve_image(
+    commands: &mut Recording,
+    source: vk::Image,
+    destination: vk::Image,
+    regions: Vec<vk::ImageResolve>,
+    modes: Option<&newer::ResolveImageModeInfoKHR<'_>>,
+) -> VkResult {
+    let mut other = ResolveMode::AVERAGE;
+    let mut stencil = vk::ResolveModeFlags::SAMPLE_ZERO;
+    if let Some(modes) = modes {
+        other = ResolveMode {
+            mode: modes.resolve_mode,
+            encoded_mean: modes.flags & newer::RESOLVE_IMAGE_SKIP_TRANSFER_FUNCTION_KHR != 0,
+        };
+        stencil = modes.stencil_resolve_mode;
+    }
+    // SAFETY: the caller guarantees that the handles are alive.
+    let (source, destination) = unsafe { (retain(source), retain(destination)) };
+    commands.push(Command::Transfer(TransferCommand::ResolveImage {
+        source,
+        destination,
+        regions,
+        stencil: ResolveMode::linear(stencil),
+        other,
+    }))
 }
 
 /// The address of a buffer.
@@ -257,6 +292,35 @@ unsafe fn address(buffer: vk::Buffer) -> VkResult<u64> {
     // SAFETY: the caller guarantees that the handle is alive.
     let (address, _) = unsafe { from_handle::<Buffer>(buffer) }.range(0, vk::WHOLE_SIZE)?;
     Ok(address as u64)
+}
+
+fn image_copy(region: &vk::ImageCopy2<'_>) -> vk::ImageCopy {
+    vk::ImageCopy {
+        src_subresource: region.src_subresource,
+        src_offset: region.src_offset,
+        dst_subresource: region.dst_subresource,
+        dst_offset: region.dst_offset,
+        extent: region.extent,
+    }
+}
+
+fn image_blit(region: &vk::ImageBlit2<'_>) -> vk::ImageBlit {
+    vk::ImageBlit {
+        src_subresource: region.src_subresource,
+        src_offsets: region.src_offsets,
+        dst_subresource: region.dst_subresource,
+        dst_offsets: region.dst_offsets,
+    }
+}
+
+fn image_resolve(region: &vk::ImageResolve2<'_>) -> vk::ImageResolve {
+    vk::ImageResolve {
+        src_subresource: region.src_subresource,
+        src_offset: region.src_offset,
+        dst_subresource: region.dst_subresource,
+        dst_offset: region.dst_offset,
+        extent: region.extent,
+    }
 }
 
 fn buffer_image_copy(region: &vk::BufferImageCopy2<'_>) -> vk::BufferImageCopy {
