@@ -17,21 +17,22 @@
 
 #[cfg(test)]
 mod tests;
-pub mod waves;
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use lanes::LaneMask;
 use parking_lot::Mutex;
 use rayon::prelude::*;
 use spirv_jit::environment::Environment;
-use spirv_jit::program::{AlignedRow, Builtin, InputRow, Row};
+use spirv_jit::program::AlignedRow;
 use spirv_jit::{Program, SUBGROUP_SIZE};
-use waves::{Runner, SeenSubgroups, Subgroups};
 
 use crate::timeline;
 use crate::wave::launch_counts::{Cells, LaunchCounts};
 use crate::wave::observer::Observer;
+use crate::wave::runner::{Runner, SeenSubgroups, Subgroups, has_barriers};
+use crate::wave::workgroups::{
+    DrawParameters, STEP_SHARED_BYTES, Starter, index_in_quads, workgroup_id,
+};
 use crate::wave::{Limits, Stopped, StoppedAt, Workers};
 
 /// Largest number of steps that a worker takes at once.
@@ -42,9 +43,6 @@ const CHUNKS_PER_WORKER: u64 = 8;
 
 /// Largest number of invocations of workgroups that share subgroups: that of the largest workgroup.
 const PACKED_INVOCATIONS: usize = 1024;
-
-/// Largest workgroup memory of a step with several workgroups, so that it stays in a cache.
-pub const STEP_SHARED_BYTES: usize = 256 << 10;
 
 /// A dispatch of any `vkCmdDispatch*` command.
 pub struct Dispatch<'a> {
@@ -138,40 +136,6 @@ struct Plan<'a> {
     steps: u64,
 }
 
-/// The start of the subgroups of a program's workgroups.
-pub struct Starter {
-    pub subgroups_per_workgroup: usize,
-    /// Lanes of a workgroup's last subgroup.
-    last_lanes: LaneMask,
-    first_input: usize,
-    /// The source of each input row.
-    inputs: Vec<Input>,
-    /// Input rows of each subgroup of the workgroup with id 0.
-    local_rows: Vec<Row>,
-}
-
-/// Inputs of the workgroups of a draw, which a dispatch does not have.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct DrawParameters {
-    pub num_workgroups: [u32; 3],
-    pub draw_index: u32,
-    pub view: u32,
-}
-
-/// The value to add to a local input row, which depends on the workgroup's id.
-#[derive(Clone, Copy)]
-enum Input {
-    Local,
-    /// A component of the id, times a factor.
-    Workgroup {
-        component: usize,
-        factor: u32,
-    },
-    NumWorkgroups(usize),
-    DrawIndex,
-    View,
-}
-
 /// An invocation of a dispatch.
 struct Invocation {
     /// Linear index, x fastest.
@@ -188,7 +152,7 @@ impl<'a> Plan<'a> {
         let starter = Starter::new(program);
         let subgroups_per_workgroup = starter.subgroups_per_workgroup;
         let shared_bytes = program.shared_size_bytes() as usize;
-        let meets = shared_bytes > 0 || waves::has_barriers(program);
+        let meets = shared_bytes > 0 || has_barriers(program);
         // This many workgroups fill subgroups without empty lanes.
         let filling = SUBGROUP_SIZE >> invocations.trailing_zeros().min(SUBGROUP_SIZE.ilog2());
         let packed = filling > 1
@@ -386,167 +350,8 @@ impl<'a> Plan<'a> {
                 id = self.workgroup_id(next.workgroup);
             }
         }
-        (self.dispatch.program).start(state, LaneMask::full(lanes));
-        let Starter {
-            first_input,
-            inputs,
-            local_rows,
-            ..
-        } = &self.starter;
-        let rows = &mut state[*first_input..][..inputs.len()];
-        for (i, (row, input)) in rows.iter_mut().zip(inputs).enumerate() {
-            for lane in 0..lanes {
-                let (subgroup, column) =
-                    (indices[lane] / SUBGROUP_SIZE, indices[lane] % SUBGROUP_SIZE);
-                let local = local_rows[subgroup * inputs.len() + i][column];
-                row.0[lane] = match *input {
-                    Input::Workgroup { component, factor } => {
-                        local.wrapping_add(ids[lane][component].wrapping_mul(factor))
-                    }
-                    _ => local,
-                };
-            }
-        }
+        let (indices, ids) = (&indices[..lanes], &ids[..lanes]);
+        let program = self.dispatch.program;
+        self.starter.start_packed(program, state, indices, ids);
     }
-}
-
-/// Workgroup id of a linear index into a grid, x fastest.
-pub fn workgroup_id(index: u64, base: [u32; 3], count: [u32; 3]) -> [u32; 3] {
-    let [x, y, _] = count.map(u64::from);
-    let [base_x, base_y, base_z] = base;
-    [
-        base_x.wrapping_add((index % x) as u32),
-        base_y.wrapping_add((index / x % y) as u32),
-        base_z.wrapping_add((index / x / y) as u32),
-    ]
-}
-
-impl Starter {
-    /// The start of a program with workgroups.
-    pub fn new(program: &Program) -> Self {
-        let local_size = program.local_size();
-        let invocations = local_size.iter().map(|&n| n as usize).product::<usize>();
-        let subgroups_per_workgroup = invocations.div_ceil(SUBGROUP_SIZE).max(1);
-        let last = invocations - (subgroups_per_workgroup - 1) * SUBGROUP_SIZE;
-        let inputs = program.inputs();
-        let local_rows = (0..subgroups_per_workgroup)
-            .flat_map(|subgroup| {
-                inputs.iter().map(move |&input| {
-                    local_row(
-                        input,
-                        subgroup,
-                        subgroups_per_workgroup,
-                        local_size,
-                        program.quads(),
-                    )
-                })
-            })
-            .collect();
-        Self {
-            subgroups_per_workgroup,
-            last_lanes: LaneMask::full(last.min(SUBGROUP_SIZE)),
-            first_input: program.layout().inputs,
-            inputs: inputs
-                .iter()
-                .map(|&input| workgroup_input(input, local_size))
-                .collect(),
-            local_rows,
-        }
-    }
-
-    /// Starts a subgroup of a workgroup.
-    pub fn start(
-        &self,
-        program: &Program,
-        state: &mut [AlignedRow],
-        workgroup_id: [u32; 3],
-        subgroup: usize,
-        given: &DrawParameters,
-    ) {
-        let is_last = subgroup + 1 == self.subgroups_per_workgroup;
-        let lanes = if is_last {
-            self.last_lanes
-        } else {
-            LaneMask::ALL
-        };
-        program.start(state, lanes);
-        let local = &self.local_rows[subgroup * self.inputs.len()..];
-        for ((row, input), local) in state[self.first_input..]
-            .iter_mut()
-            .zip(&self.inputs)
-            .zip(local)
-        {
-            row.0 = match *input {
-                Input::Local => *local,
-                Input::Workgroup { component, factor } => {
-                    let first = workgroup_id[component].wrapping_mul(factor);
-                    local.map(|word| word.wrapping_add(first))
-                }
-                Input::NumWorkgroups(component) => [given.num_workgroups[component]; SUBGROUP_SIZE],
-                Input::DrawIndex => [given.draw_index; SUBGROUP_SIZE],
-                Input::View => [given.view; SUBGROUP_SIZE],
-            };
-        }
-    }
-}
-
-fn workgroup_input(input: InputRow, local_size: [u32; 3]) -> Input {
-    match input {
-        InputRow::Builtin(Builtin::WorkgroupId, component) => Input::Workgroup {
-            component: component as usize,
-            factor: 1,
-        },
-        InputRow::Builtin(Builtin::GlobalInvocationId, component) => Input::Workgroup {
-            component: component as usize,
-            factor: local_size[component as usize],
-        },
-        InputRow::Builtin(Builtin::NumWorkgroups, component) => {
-            Input::NumWorkgroups(usize::from(component.min(2)))
-        }
-        InputRow::Builtin(Builtin::DrawIndex, _) => Input::DrawIndex,
-        InputRow::Builtin(Builtin::ViewIndex, _) => Input::View,
-        _ => Input::Local,
-    }
-}
-
-/// `LocalInvocationIndex` of the `count`th invocation in an order that keeps the invocations of a
-/// quad consecutive.
-fn index_in_quads(count: u32, size_x: u32, size_y: u32) -> u32 {
-    let (quad, corner) = (count / 4, count % 4);
-    let (quads_x, quads_y) = ((size_x / 2).max(1), (size_y / 2).max(1));
-    let x = quad % quads_x * 2 + corner % 2;
-    let y = quad / quads_x % quads_y * 2 + corner / 2;
-    let z = quad / (quads_x * quads_y);
-    (z * size_y + y) * size_x + x
-}
-
-/// An input row in the workgroup with id 0.
-fn local_row(
-    input: InputRow,
-    subgroup: usize,
-    subgroup_count: usize,
-    local_size: [u32; 3],
-    quads: bool,
-) -> Row {
-    let [size_x, size_y, _] = local_size.map(|n| n.max(1));
-    std::array::from_fn(|lane| {
-        let mut index = (subgroup * SUBGROUP_SIZE + lane) as u32;
-        if quads {
-            index = index_in_quads(index, size_x, size_y);
-        }
-        match input {
-            InputRow::Builtin(
-                Builtin::LocalInvocationId | Builtin::GlobalInvocationId,
-                component,
-            ) => match component {
-                0 => index % size_x,
-                1 => index / size_x % size_y,
-                _ => index / (size_x * size_y),
-            },
-            InputRow::Builtin(Builtin::LocalInvocationIndex, _) => index,
-            InputRow::Builtin(Builtin::SubgroupId, _) => subgroup as u32,
-            InputRow::Builtin(Builtin::NumSubgroups, _) => subgroup_count as u32,
-            _ => 0,
-        }
-    })
 }

@@ -24,7 +24,6 @@ use super::fill_plan::FillPlan;
 use super::grid::Grid;
 use super::inputs::{Callee, Sources, fill};
 use super::line::{Line, Noted};
-use super::queries::Queries;
 use super::rays::RayGroup;
 use super::slab::Slab;
 use super::stats::Tally;
@@ -32,6 +31,7 @@ use super::subgroup::{Role, Subgroup, SubgroupIndex, Turn};
 use super::walked::Counting;
 use crate::os::memory::trim_heap;
 use crate::settings::settings;
+use crate::wave::queries::Queries;
 use crate::wave::table::ProgramIndex;
 use crate::wave::{Share, Stopped};
 

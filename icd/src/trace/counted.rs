@@ -3,10 +3,10 @@
 use std::time::Instant;
 
 use super::batch::Batch;
-use super::queries::Counted;
 use super::subgroup::{Role, SubgroupIndex};
 use crate::wave::Stopped;
 use crate::wave::launch_counts::{Cells, Counter, LaunchCounts, WalkedRay};
+use crate::wave::queries::Counted;
 
 impl<'a> Batch<'a> {
     /// When something begins whose time counts.

@@ -24,11 +24,11 @@ use super::batch::Batch;
 use super::fill_plan::{FillPlan, Subject, fill_by_plan};
 use super::forming::MANY;
 use super::inputs::{self, fill};
-use super::lanes::copy_lanes;
 use super::line::{InPlace, Line, Nested, Noted};
 use super::rays::alike;
 use super::subgroup::{LaneRef, Role, SubgroupIndex, Turn};
 use crate::wave::Stopped;
+use crate::wave::rows::copy_lanes;
 use crate::wave::table::ProgramIndex;
 
 impl Batch<'_> {

@@ -6,8 +6,8 @@ use spirv_jit::program::{AlignedRow, Builtin, InputRow, Row};
 use spirv_jit::{Program, SUBGROUP_SIZE};
 
 use super::grid::Launches;
-use super::lanes::bits_of;
 use super::rays::{Operands, RayGroup, operand};
+use crate::wave::rows::bits_of;
 use crate::wave::table::HANDLE_SIZE;
 
 /// The row that an input is.

@@ -8,9 +8,9 @@ use spirv_jit::{Program, SUBGROUP_SIZE};
 use traversal::{Hit, Structure, Swept};
 
 use super::batch::{Batch, Worker};
-use super::facts::{CachedFacts, Lanes, OfHit, Subjects, hit_word, take};
 use super::rays::{Operands, RayGroup, operand, record_indices};
 use super::subgroup::{Subgroup, SubgroupIndex};
+use crate::wave::hit_facts::{CachedFacts, Lanes, OfHit, Subjects, hit_word, take};
 use crate::wave::observer::Instruction;
 use crate::wave::table::HANDLE_SIZE;
 use crate::wave::{Limits, Stopped};

@@ -7,12 +7,12 @@ use spirv_jit::{Program, SUBGROUP_SIZE};
 use traversal::{Hit, HitRows};
 
 use super::Dispatch;
-use super::facts::{CachedFacts, Lanes, Subjects, Take, take};
 use super::grid::Launches;
-use super::lanes::{bits_of, floats};
 use super::rays::{Operands, RayGroup, Report, operand};
 use super::slab::Slab;
 use super::subgroup::{LaneRef, Role, Subgroup, SubgroupIndex, Turn};
+use crate::wave::hit_facts::{CachedFacts, Lanes, Subjects, Take, take};
+use crate::wave::rows::{bits_of, floats};
 use crate::wave::table::HANDLE_SIZE;
 
 /// The sources of inputs.

@@ -20,15 +20,12 @@ mod calls;
 mod checked;
 mod counted;
 mod direct;
-mod facts;
 mod fill_plan;
 mod forming;
 mod grid;
 mod hit_object;
 mod inputs;
-mod lanes;
 mod line;
-mod queries;
 mod rays;
 mod reorder;
 mod slab;
@@ -42,7 +39,7 @@ mod walks;
 mod watched;
 mod yields;
 
-use ::lanes::Tier;
+use lanes::Tier;
 use parking_lot::Mutex;
 use rayon::prelude::*;
 use spirv_jit::environment::Environment;
@@ -55,7 +52,6 @@ use crate::wave::observer::Observer;
 use crate::wave::table::{self, Live, Shaders, Tables};
 use crate::wave::{Limits, Stopped, Workers};
 pub use grid::Grid;
-pub use queries::{Counted, Owned, Queries, Seen};
 
 /// One `vkCmdTraceRays*`, whatever command it came from.
 pub struct Dispatch<'a> {

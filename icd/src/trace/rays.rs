@@ -7,9 +7,9 @@ use spirv_jit::program::{AlignedRow, IO_DATA_ROW, Row};
 use traversal::{Flight, HitRows, RayRows, ray_flags};
 
 use super::Dispatch;
-use super::lanes::floats;
 use super::slab::Slab;
 use super::subgroup::{LaneRef, Subgroup, SubgroupIndex};
+use crate::wave::rows::floats;
 
 /// `maxRayHitAttributeSize` in words.
 pub const MAX_ATTRIBUTE_WORDS: usize = 8;

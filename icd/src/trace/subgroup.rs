@@ -6,8 +6,8 @@ use spirv_jit::program::AlignedRow;
 use spirv_jit::{Program, SUBGROUP_SIZE};
 
 use super::grid::Launches;
-use super::queries::Owned;
 use crate::wave::Stopped;
+use crate::wave::queries::Owned;
 use crate::wave::table::ProgramIndex;
 
 /// The shader that is called, what for, and the address of its record.

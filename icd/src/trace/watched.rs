@@ -6,7 +6,6 @@ use spirv_jit::program::{IO_DATA_ROW, Row, Trace};
 use traversal::Ray;
 
 use super::batch::Batch;
-use super::queries::Seen;
 use super::rays::{alike, operand, record_indices, skips_closest_hit, structure_in};
 use super::subgroup::{LaneRef, Role, SubgroupIndex};
 use crate::validate::{self, Need};
@@ -14,6 +13,7 @@ use crate::wave::observer::{
     Instruction, LookupPurpose, Observation, Observer, RayStart, ReportVerdict, Reported,
     TableKind, TableOperands,
 };
+use crate::wave::queries::Seen;
 use crate::wave::table::ProgramIndex;
 
 impl<'a> Batch<'a> {

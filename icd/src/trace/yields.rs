@@ -8,10 +8,10 @@ use spirv_jit::program::{AlignedRow, IO_DATA_ROW, Row, SiteKind, Trace};
 
 use super::batch::{Batch, Worker};
 use super::calls::Records;
-use super::lanes::{copy_lanes, copy_row, floats, put_word};
 use super::rays::{Report, alike, record_indices};
 use super::subgroup::{Callee, LaneRef, Role, SubgroupIndex, by_index, in_place, lanes_named};
 use crate::wave::Stopped;
+use crate::wave::rows::{copy_lanes, copy_row, floats, put_word};
 use crate::wave::table::{Live, Shaders};
 
 impl Batch<'_> {

@@ -7,10 +7,9 @@ use std::time::{Duration, Instant};
 
 use spirv_jit::environment::{Descriptor, DescriptorSet, Environment, MAX_SETS};
 use spirv_jit::ir::text::parse_module;
-use spirv_jit::program::{Builtin, InputRow};
 use spirv_jit::{Program, SUBGROUP_SIZE};
 
-use super::{Dispatch, Dispatcher, index_in_quads, local_row};
+use super::{Dispatch, Dispatcher};
 use crate::wave::Workers;
 use crate::wave::{Limits, Stopped};
 
@@ -68,32 +67,6 @@ fn words(out: &[AtomicU32]) -> Vec<u32> {
     out.iter()
         .map(|word| word.load(Ordering::Relaxed))
         .collect()
-}
-
-#[test]
-fn local_ids_count_x_first() {
-    let row = |builtin, component, subgroup| {
-        local_row(
-            InputRow::Builtin(builtin, component),
-            subgroup,
-            2,
-            [3, 4, 2],
-            false,
-        )
-    };
-    // Invocation 17 of 3 × 4 × 2: 17 = 2 + 3 × (1 + 4 × 1).
-    assert_eq!(row(Builtin::LocalInvocationId, 0, 1)[1], 2);
-    assert_eq!(row(Builtin::LocalInvocationId, 1, 1)[1], 1);
-    assert_eq!(row(Builtin::LocalInvocationId, 2, 1)[1], 1);
-    assert_eq!(row(Builtin::LocalInvocationIndex, 0, 1)[1], 17);
-    assert_eq!(row(Builtin::SubgroupId, 0, 1)[1], 1);
-    assert_eq!(row(Builtin::NumSubgroups, 0, 1)[1], 2);
-    // Sixteen invocations of 4 × 6: the first four, then those to their right.
-    let corners: Vec<u32> = (0..6).map(|i| index_in_quads(i, 4, 6)).collect();
-    assert_eq!(corners, [0, 1, 4, 5, 2, 3]);
-    let mut all: Vec<u32> = (0..24).map(|i| index_in_quads(i, 4, 6)).collect();
-    all.sort_unstable();
-    assert!(all.into_iter().eq(0..24));
 }
 
 #[test]

@@ -26,9 +26,9 @@ use super::streams;
 use super::topology::{self, Assembled, PrimitiveKind};
 use super::vertices::{Shaded, Unique, shade};
 use super::{Expanded, draw_of};
-use crate::compute::waves::Runner;
 use crate::raster::primitive::Grid;
 use crate::raster::{Chunk, Draw, Targets, Work};
+use crate::wave::runner::Runner;
 use crate::wave::{Limits, Stopped};
 
 /// A worker's memory.

@@ -12,7 +12,7 @@ use super::fetch::Common;
 use super::outputs::OutputPlaces;
 use super::topology::{self, Assembled};
 use super::vertices::SUBGROUPS;
-use crate::compute::waves::{Runner, Subgroups, subgroups_at_once};
+use crate::wave::runner::{Runner, Subgroups, subgroups_at_once};
 use crate::wave::{Limits, Stopped};
 
 /// Vertices that the primitives of a job may become, at most, unless a single one may become more.

@@ -20,9 +20,9 @@ use super::outputs::OutputPlaces;
 use super::patches::get;
 use super::topology::{self, Assembled};
 use super::vertices::SUBGROUPS;
-use crate::compute::waves::{Runner, Subgroups, subgroups_at_once};
-use crate::compute::{DrawParameters, STEP_SHARED_BYTES, Starter, workgroup_id};
 use crate::raster::CHUNK_PRIMITIVES;
+use crate::wave::runner::{Runner, Subgroups, subgroups_at_once};
+use crate::wave::workgroups::{DrawParameters, STEP_SHARED_BYTES, Starter, workgroup_id};
 use crate::wave::{Limits, Stopped};
 
 /// Workgroups of a job, at most.

@@ -21,9 +21,9 @@ use super::fetch::Common;
 use super::tessellate::{Subdivision, Tessellation};
 use super::topology::Assembled;
 use super::vertices::SUBGROUPS;
-use crate::compute::waves::{Runner, Subgroups, subgroups_at_once};
 use crate::object::graphics_pipeline::Stages;
 use crate::object::graphics_state::GraphicsState;
+use crate::wave::runner::{Runner, Subgroups, subgroups_at_once};
 use crate::wave::{Limits, Stopped};
 
 /// Patches of a job, and words that its control shaders leave, at most, unless a single patch has

@@ -11,7 +11,7 @@ use super::clip::MAX_CLIP_DISTANCES;
 use super::outputs::OutputPlaces;
 use super::project::Projection;
 use super::screen::{Clip, Screen, ScreenVertex, Volume, project};
-use crate::compute::waves::{Runner, Subgroups, subgroups_at_once};
+use crate::wave::runner::{Runner, Subgroups, subgroups_at_once};
 use crate::wave::{Limits, Stopped};
 
 /// Subgroups that run together, at most: their states stay in a cache.

@@ -11,12 +11,12 @@ use super::pixels::{cells_of, count_lanes};
 use super::samples::any;
 use super::texels::Places;
 use super::visit::{Current, Visit};
-use crate::compute::waves::SeenSubgroups;
 use crate::object::shading_rate::Rate;
 use crate::raster::Chunk;
 use crate::raster::primitive::{Bounds, Shape};
 use crate::wave::Stopped;
 use crate::wave::launch_counts::{Counter, LaunchCounts};
+use crate::wave::runner::SeenSubgroups;
 
 impl<'a> Visit<'a> {
     /// Works a shape off with counts.

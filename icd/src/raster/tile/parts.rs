@@ -10,11 +10,11 @@ use super::plan::Plan;
 use super::samples::{Counts, MAX_SAMPLES, any};
 use super::shading::finish;
 use super::texels::{Pattern, Places};
-use crate::compute::waves::{Runner, Subgroups};
 use crate::object::shading_rate::Rate;
 use crate::raster::Chunk;
 use crate::raster::primitive::Bounds;
 use crate::wave::launch_counts::LaunchCounts;
+use crate::wave::runner::{Runner, Subgroups};
 use crate::wave::{Limits, Stopped};
 
 /// A wave whose fragments are of several pixels.

@@ -14,11 +14,11 @@ use super::output::Output;
 use super::passed::Passed;
 use super::samples::Locations;
 use super::tinted::Sampled;
-use crate::compute::waves::subgroups_at_once;
 use crate::object::graphics_state::{GraphicsState, MAX_VIEWPORTS};
 use crate::object::shading_rate::Rate;
 use crate::raster::primitive::Record;
 use crate::raster::{Chunk, Draw, Targets, Work};
+use crate::wave::runner::subgroups_at_once;
 
 /// When the tests are done.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -17,10 +17,10 @@ use super::pixels::count_lanes;
 use super::plan::{Order, Plan};
 use super::samples::{Counts, MAX_SAMPLES, any, count, from_center, masks_of};
 use super::texels::{Pattern, Places};
-use crate::compute::waves::Runner;
 use crate::raster::Chunk;
 use crate::raster::primitive::{Bounds, Record};
 use crate::wave::launch_counts::{Counter, LaunchCounts};
+use crate::wave::runner::Runner;
 
 lanes::vectors! {
     /// Does the tests of blocks that come before the program.

@@ -19,10 +19,10 @@ use super::rectangle::Rectangle;
 use super::samples::{Counts, Location, MAX_SAMPLES, any, count, masks_of};
 use super::shading::{finish, start, test_blocks, test_small};
 use super::tinted::{self, Sampled};
-use crate::compute::waves::{Runner, Subgroups};
 use crate::raster::primitive::{Bounds, Coverage, Grid, Record, Shape, triangle_edges};
 use crate::raster::{Chunk, Context, Counters, Draw, Targets, Work};
 use crate::wave::Stopped;
+use crate::wave::runner::{Runner, Subgroups};
 
 /// Shapes between two looks at the limits.
 const SHAPES: usize = 1024;

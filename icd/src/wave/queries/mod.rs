@@ -14,9 +14,10 @@ use spirv_jit::program::AlignedRow;
 use spirv_jit::query::{row, state};
 use traversal::{Flight, Flights, RayRows, Start, Walker, ray_flags};
 
-use super::facts::{Lanes, addresses};
-use super::lanes::put_word;
-use crate::wave::{Limits, Stopped};
+use super::fault::Stopped;
+use super::hit_facts::{Lanes, addresses};
+use super::limits::Limits;
+use super::rows::put_word;
 use describe::{describe_candidates, describe_committed, shows_committed};
 use seen::View;
 pub use seen::{Counted, Seen};
@@ -341,7 +342,7 @@ fn load(object: &[AlignedRow], rays: &mut RayRows) {
 
 /// A row of an object as floats.
 fn floats(object: &[AlignedRow], row: usize) -> Lanes<f32> {
-    super::lanes::floats(&object[row].0)
+    super::rows::floats(&object[row].0)
 }
 
 impl QueryRows<'_> {

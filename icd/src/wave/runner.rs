@@ -12,12 +12,14 @@ use spirv_jit::interp::Frame;
 use spirv_jit::program::{AlignedRow, Event, Events, MAX_SUBGROUPS, ResumePoint, SiteKind, Wave};
 use traversal::Walker;
 
+use super::budget::Share;
+use super::fault::{Stopped, StoppedAt};
+use super::launch_counts::{Cells, LaunchCounts};
+use super::limits::Limits;
+use super::observer::Observer;
+use super::queries::{Counted, Owned, Queries, Seen};
 use crate::os::memory::trim_heap;
 use crate::settings::settings;
-use crate::trace::{Counted, Owned, Queries, Seen};
-use crate::wave::launch_counts::{Cells, LaunchCounts};
-use crate::wave::observer::Observer;
-use crate::wave::{Limits, Share, Stopped, StoppedAt};
 
 /// Fuel of a wave between two checks of the limits.
 const FUEL: u64 = 1 << 16;

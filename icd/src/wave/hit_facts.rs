@@ -11,8 +11,8 @@ use spirv_jit::program::Row;
 use traversal::ray::HIT_KIND_FRONT_FACING_TRIANGLE;
 use traversal::{Hit, HitRows, Structure, Swept};
 
-use super::lanes::bits_of;
-use crate::wave::Limits;
+use super::limits::Limits;
+use super::rows::bits_of;
 
 /// One of each lane.
 pub type Lanes<T> = [T; SUBGROUP_SIZE];

@@ -7,10 +7,10 @@ use spirv_jit::program::{AlignedRow, Row};
 use spirv_jit::query::{QueryWord, row};
 use traversal::{Hit, HitRows};
 
-use super::super::facts::{CachedFacts, Lanes, Subjects, Take, take};
-use super::super::lanes::put_lanes;
 use super::floats;
 use crate::wave::Limits;
+use crate::wave::hit_facts::{CachedFacts, Lanes, Subjects, Take, take};
+use crate::wave::rows::put_lanes;
 
 /// Writes what getters read of the candidates of lanes.
 pub(super) fn describe_candidates(
