@@ -2,6 +2,7 @@
 //! `object`.
 
 pub mod acceleration_structure;
+pub mod descriptor_update;
 pub mod geometries;
 pub mod graphics;
 mod heap;

@@ -5,10 +5,10 @@ use std::ffi::c_void;
 use ash::vk;
 use smallvec::SmallVec;
 
-use super::descriptor_set::{apply_template, apply_write};
 use super::record::record;
 use crate::VkResult;
 use crate::command::{BindDescriptorSets, Command, Recording};
+use crate::decode::descriptor_update::{apply_template, apply_write};
 use crate::ffi;
 use crate::handle::{Ref, from_handle};
 use crate::object::{DescriptorSet, DescriptorUpdateTemplate, PipelineLayout};

@@ -18,50 +18,6 @@ use crate::wave::mask::InvocationMask;
 /// `maxPushConstantsSize`.
 const PUSH_CONSTANT_BYTES: usize = 256;
 
-/// A dynamic buffer in a set, before its offset is known.
-pub struct DynamicBuffer {
-    pub address: u64,
-    /// `VK_WHOLE_SIZE`: to the end of the buffer.
-    pub range: u64,
-    /// Bytes from the address to the end of the buffer, which bound every offset.
-    pub rest: u64,
-}
-
-impl DynamicBuffer {
-    /// Encodes the buffer as an entry of a set, which programs never read.
-    pub fn stored(&self) -> Descriptor {
-        Descriptor {
-            address: self.address,
-            size_bytes: self.range,
-            image: std::ptr::without_provenance(self.rest as usize),
-            ..Descriptor::NULL
-        }
-    }
-
-    /// Decodes such an entry.
-    fn of(entry: &Descriptor) -> DynamicBuffer {
-        DynamicBuffer {
-            address: entry.address,
-            range: entry.size_bytes,
-            rest: entry.image.addr() as u64,
-        }
-    }
-
-    /// The descriptor that programs read: the null descriptor without a buffer, or past its end.
-    fn at(&self, offset: u32) -> Descriptor {
-        let offset = u64::from(offset);
-        let size_bytes = self.range.min(self.rest.saturating_sub(offset));
-        if size_bytes == 0 {
-            return Descriptor::NULL;
-        }
-        Descriptor {
-            address: self.address + offset,
-            size_bytes,
-            ..Descriptor::NULL
-        }
-    }
-}
-
 /// Bound pipelines and descriptor sets by bind point, and the push constants, which all bind points
 /// share.
 #[derive(Default)]
@@ -391,9 +347,9 @@ impl BindPoint<'_> {
             for entry in 0..set.layout.dynamic_count as usize {
                 // SAFETY: the set has as many dynamic entries as its layout says, and the
                 // application does not update it while it is in use.
-                let descriptor = unsafe { *set.dynamic().add(entry) };
+                let buffer = unsafe { *set.dynamic().add(entry) };
                 let offset = offsets.next().copied().unwrap_or(0);
-                dynamic.push(DynamicBuffer::of(&descriptor).at(offset));
+                dynamic.push(buffer.at(offset));
             }
         }
     }
@@ -444,34 +400,5 @@ impl BindPoint<'_> {
                 .resize(number * DYNAMIC_OF_SET as usize, Descriptor::NULL);
             self.dynamic.extend_from_slice(dynamic);
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn dynamic_offsets_lead_no_further_than_the_buffer() {
-        let buffer = |range, rest| DynamicBuffer {
-            address: 0x1000,
-            range,
-            rest,
-        };
-        let found = |range, rest, offset| {
-            let entry = buffer(range, rest).stored();
-            let found = DynamicBuffer::of(&entry).at(offset);
-            assert!(found.image.is_null() && found.sampler.is_null());
-            (found.address, found.size_bytes)
-        };
-        assert_eq!(found(64, 256, 0), (0x1000, 64));
-        assert_eq!(found(64, 256, 192), (0x10C0, 64));
-        assert_eq!(found(64, 256, 224), (0x10E0, 32));
-        assert_eq!(found(64, 256, 256), (0, 0));
-        assert_eq!(found(64, 256, u32::MAX), (0, 0));
-        assert_eq!(found(vk::WHOLE_SIZE, 256, 16), (0x1010, 240));
-        assert_eq!(found(vk::WHOLE_SIZE, 256, 1 << 31), (0, 0));
-        let null = DynamicBuffer::of(&Descriptor::NULL).at(u32::MAX);
-        assert_eq!((null.address, null.size_bytes), (0, 0));
     }
 }

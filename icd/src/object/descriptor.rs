@@ -1,8 +1,8 @@
 //! Descriptor set layouts, pools and sets.
 //!
-//! A set is two flat arrays of entries in the form that shader accesses use: the plain entries, and
-//! the dynamic buffers, whose offsets are applied at binding. Entries are plain data: an update is
-//! a store.
+//! A set is two flat arrays: the plain entries, in the form that shader accesses use, and the
+//! dynamic buffers, whose offsets are applied at binding. Both are plain data: an update is a
+//! store.
 
 use std::collections::HashSet;
 
@@ -91,7 +91,7 @@ impl DescriptorSetLayout {
                     .ok_or(too_many)?;
             }
         }
-        // A set has both in one array.
+        // Together they have indices of 32 bits, too.
         let all = entry_count.checked_add(dynamic_count);
         all.ok_or(vk::Result::ERROR_OUT_OF_HOST_MEMORY)?;
         Ok(Self {
@@ -149,6 +149,39 @@ impl BufferLayout {
     }
 }
 
+/// A dynamic buffer in a set, before its offset is known. The default is the null descriptor.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct DynamicBuffer {
+    pub address: u64,
+    /// `VK_WHOLE_SIZE`: to the end of the buffer.
+    pub range: u64,
+    /// Bytes from the address to the end of the buffer, which bound every offset.
+    pub rest: u64,
+}
+
+impl DynamicBuffer {
+    /// The descriptor that programs read: the null descriptor without a buffer, or past its end.
+    pub fn at(&self, offset: u32) -> Descriptor {
+        let offset = u64::from(offset);
+        let size_bytes = self.range.min(self.rest.saturating_sub(offset));
+        if size_bytes == 0 {
+            return Descriptor::NULL;
+        }
+        Descriptor {
+            address: self.address + offset,
+            size_bytes,
+            ..Descriptor::NULL
+        }
+    }
+}
+
+/// An entry of a set, to read or write.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Entry {
+    Plain(*mut Descriptor),
+    Dynamic(*mut DynamicBuffer),
+}
+
 /// A descriptor set.
 pub struct DescriptorSet {
     pub layout: Ref<DescriptorSetLayout>,
@@ -164,6 +197,8 @@ pub struct DescriptorSet {
 struct Storage {
     entries: *mut Descriptor,
     len: usize,
+    dynamic: *mut DynamicBuffer,
+    dynamic_len: usize,
     inline: *mut u8,
     inline_len: usize,
 }
@@ -181,6 +216,10 @@ impl Drop for Storage {
             drop(Box::from_raw(std::ptr::slice_from_raw_parts_mut(
                 self.entries,
                 self.len,
+            )));
+            drop(Box::from_raw(std::ptr::slice_from_raw_parts_mut(
+                self.dynamic,
+                self.dynamic_len,
             )));
             drop(Box::from_raw(std::ptr::slice_from_raw_parts_mut(
                 self.inline.cast::<Inline>(),
@@ -217,12 +256,13 @@ impl DescriptorSet {
             _ => 0,
         };
         let entry_count = layout.entry_count - cut;
-        let len = (entry_count + layout.dynamic_count) as usize;
+        let (len, dynamic_len) = (entry_count as usize, layout.dynamic_count as usize);
         let inline_len = layout.inline_bytes as usize / 16;
-        let entries = fallible_box(Descriptor::NULL, len)?;
         let storage = Storage {
-            entries,
+            entries: fallible_box(Descriptor::NULL, len)?,
             len,
+            dynamic: fallible_box(DynamicBuffer::default(), dynamic_len)?,
+            dynamic_len,
             inline: fallible_box(Inline([0; 16]), inline_len)?.cast(),
             inline_len,
         };
@@ -240,13 +280,13 @@ impl DescriptorSet {
     fn write_fixed(&self) {
         for binding in &self.layout.bindings {
             for (index, sampler) in binding.immutable_samplers.iter().enumerate() {
-                if let Some(entry) = self.entry(binding, index as u32) {
+                if let Some(Entry::Plain(entry)) = self.entry(binding, index as u32) {
                     // SAFETY: the index is one of this new set, which no other thread has yet.
                     unsafe { (*entry).sampler = sampler.descriptor.as_ptr() };
                 }
             }
             if binding.is_inline()
-                && let Some(entry) = self.entry(binding, 0)
+                && let Some(Entry::Plain(entry)) = self.entry(binding, 0)
             {
                 // SAFETY: as for the sampler; the offset is inside the inline data.
                 unsafe {
@@ -263,25 +303,24 @@ impl DescriptorSet {
         self.storage.entries
     }
 
-    /// The dynamic buffers' entries, without offsets.
-    pub fn dynamic(&self) -> *const Descriptor {
-        self.storage.entries.wrapping_add(self.entry_count as usize)
+    /// The dynamic buffers, without offsets.
+    pub fn dynamic(&self) -> *const DynamicBuffer {
+        self.storage.dynamic
     }
 
-    /// An entry to write; `None` past the end.
-    pub fn entry(&self, binding: &Binding, index: u32) -> Option<*mut Descriptor> {
+    /// An entry of a binding; `None` past the end.
+    pub fn entry(&self, binding: &Binding, index: u32) -> Option<Entry> {
         if index >= binding.entry_count() {
             return None;
         }
         let index = binding.first.checked_add(index)?;
         if binding.is_dynamic() {
-            return Some(
-                self.storage
-                    .entries
-                    .wrapping_add((self.entry_count + index) as usize),
-            );
+            return Some(Entry::Dynamic(
+                self.storage.dynamic.wrapping_add(index as usize),
+            ));
         }
-        (index < self.entry_count).then(|| self.storage.entries.wrapping_add(index as usize))
+        (index < self.entry_count)
+            .then(|| Entry::Plain(self.storage.entries.wrapping_add(index as usize)))
     }
 
     /// A copy with its own memory.
@@ -295,6 +334,9 @@ impl DescriptorSet {
             copy.storage
                 .entries
                 .copy_from_nonoverlapping(self.storage.entries, self.storage.len);
+            copy.storage
+                .dynamic
+                .copy_from_nonoverlapping(self.storage.dynamic, self.storage.dynamic_len);
             copy.storage
                 .inline
                 .copy_from_nonoverlapping(self.storage.inline, self.storage.inline_len * 16);
@@ -399,16 +441,39 @@ mod tests {
         let last = set.layout.binding(5).unwrap();
         assert_eq!(
             set.entry(last, 2),
-            Some(set.entries().wrapping_add(7).cast_mut())
+            Some(Entry::Plain(set.entries().wrapping_add(7).cast_mut()))
         );
         assert!(set.entry(last, 3).is_none());
         let dynamic = set.layout.binding(1).unwrap();
         assert_eq!(
             set.entry(dynamic, 1),
-            Some(set.dynamic().wrapping_add(1).cast_mut())
+            Some(Entry::Dynamic(set.dynamic().wrapping_add(1).cast_mut()))
         );
         let inline = set.layout.binding(3).unwrap();
         assert!(set.inline_bytes(inline, 16, 4).is_some());
         assert!(set.inline_bytes(inline, 16, 8).is_none());
+    }
+
+    #[test]
+    fn dynamic_offsets_lead_no_further_than_the_buffer() {
+        let found = |range, rest, offset| {
+            let buffer = DynamicBuffer {
+                address: 0x1000,
+                range,
+                rest,
+            };
+            let found = buffer.at(offset);
+            assert!(found.image.is_null() && found.sampler.is_null());
+            (found.address, found.size_bytes)
+        };
+        assert_eq!(found(64, 256, 0), (0x1000, 64));
+        assert_eq!(found(64, 256, 192), (0x10C0, 64));
+        assert_eq!(found(64, 256, 224), (0x10E0, 32));
+        assert_eq!(found(64, 256, 256), (0, 0));
+        assert_eq!(found(64, 256, u32::MAX), (0, 0));
+        assert_eq!(found(vk::WHOLE_SIZE, 256, 16), (0x1010, 240));
+        assert_eq!(found(vk::WHOLE_SIZE, 256, 1 << 31), (0, 0));
+        let null = DynamicBuffer::default().at(u32::MAX);
+        assert_eq!((null.address, null.size_bytes), (0, 0));
     }
 }
