@@ -17,7 +17,8 @@ pub mod micromap;
 pub mod pass;
 mod pool;
 pub mod range;
-pub mod ray_tracing;
+mod ray_tracing;
+pub mod structures;
 pub mod swept_sphere;
 mod transfer;
 
@@ -36,6 +37,7 @@ pub use graphics::GraphicsCommand;
 pub use matrix::MatrixConversion;
 pub use pool::CommandPool;
 pub use ray_tracing::RayTracingCommand;
+pub use structures::StructureCommand;
 pub use transfer::{Parameters, TransferCommand};
 
 crate::handle::handled!(
@@ -90,6 +92,7 @@ pub enum Command {
     WaitEvents(Vec<Ref<Event>>),
     ExecuteCommands(Vec<Arc<Vec<Command>>>),
     Transfer(TransferCommand),
+    Structure(StructureCommand),
     RayTracing(RayTracingCommand),
     Graphics(GraphicsCommand),
 }

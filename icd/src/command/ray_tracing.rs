@@ -1,90 +1,17 @@
-//! Commands on acceleration structures and micromaps, and ray tracing dispatches.
+//! Ray tracing dispatches.
 
 #![forbid(unsafe_code)]
 
-use ash::vk;
-
-use super::build::Build;
-use super::micromap::MicromapBuild;
-use crate::handle::Ref;
-use crate::object::QueryPool;
-use crate::object::acceleration_structure::Storage;
 use crate::wave::table::Tables;
 
-/// A recorded command of the ray tracing extensions.
+/// A recorded dispatch of rays.
 pub enum RayTracingCommand {
-    /// `vkCmdBuildAccelerationStructuresKHR`.
-    Build(Vec<Build>),
-    /// `vkCmdBuildAccelerationStructuresIndirectKHR`.
-    BuildIndirect(Vec<IndirectBuild>),
-    /// `vkCmdBuildMicromapsEXT`.
-    BuildMicromaps(Vec<MicromapBuild>),
-    Copy(Built, BuiltCopy),
-    /// `vkCmdWriteAccelerationStructuresPropertiesKHR`, `vkCmdWriteMicromapsPropertiesEXT`.
-    WriteProperties {
-        of: Built,
-        addresses: Vec<u64>,
-        query_type: vk::QueryType,
-        pool: Ref<QueryPool>,
-        first: u32,
-    },
     /// `vkCmdTraceRaysKHR`.
-    TraceRays {
-        tables: Tables,
-        extent: [u32; 3],
-    },
+    TraceRays { tables: Tables, extent: [u32; 3] },
     /// `vkCmdTraceRaysNV`.
-    TraceRaysNv {
-        tables: Tables,
-        extent: [u32; 3],
-    },
+    TraceRaysNv { tables: Tables, extent: [u32; 3] },
     /// `vkCmdTraceRaysIndirectKHR`: the address of a `VkTraceRaysIndirectCommandKHR`.
-    TraceRaysIndirect {
-        tables: Tables,
-        address: u64,
-    },
+    TraceRaysIndirect { tables: Tables, address: u64 },
     /// `vkCmdTraceRaysIndirect2KHR`: the address of a `VkTraceRaysIndirectCommand2KHR`.
-    TraceRaysIndirect2 {
-        address: u64,
-    },
-}
-
-/// A build with ranges in memory, which an earlier command may write.
-pub struct IndirectBuild {
-    /// The build, before its ranges are read.
-    pub build: Build,
-    /// Device address of the first `VkAccelerationStructureBuildRangeInfoKHR`.
-    pub ranges: u64,
-    pub stride_bytes: u32,
-    /// For each geometry, the largest primitive count of its range.
-    pub max_primitive_counts: Vec<u32>,
-}
-
-/// A structure or micromap that a build writes.
-#[derive(Clone, Copy)]
-pub enum Built {
-    Structure,
-    Micromap,
-}
-
-/// A copy of a structure or micromap.
-#[derive(Clone, Copy)]
-pub enum BuiltCopy {
-    /// `vkCmdCopyAccelerationStructureKHR`, `vkCmdCopyMicromapEXT`.
-    Whole {
-        source: Storage,
-        destination: Storage,
-        mode: CopyMode,
-    },
-    /// `vkCmdCopyAccelerationStructureToMemoryKHR`, `vkCmdCopyMicromapToMemoryEXT`.
-    Serialize { source: Storage, destination: u64 },
-    /// `vkCmdCopyMemoryToAccelerationStructureKHR`, `vkCmdCopyMemoryToMicromapEXT`.
-    Deserialize { source: u64, destination: Storage },
-}
-
-/// The mode of a copy between two structures or micromaps.
-#[derive(Clone, Copy)]
-pub enum CopyMode {
-    Clone,
-    Compact,
+    TraceRaysIndirect2 { address: u64 },
 }

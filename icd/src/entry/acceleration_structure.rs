@@ -14,8 +14,8 @@ use super::deferred::defer_parallel;
 use super::descriptor_buffer::captured;
 use super::record::record;
 use crate::VkResult;
-use crate::command::ray_tracing::{Built, BuiltCopy, CopyMode, IndirectBuild};
-use crate::command::{Command, RayTracingCommand};
+use crate::command::structures::{Built, BuiltCopy, CopyMode, IndirectBuild};
+use crate::command::{Command, StructureCommand};
 use crate::decode::acceleration_structure::{
     decode_build, decode_builds, has_micromap, kind, resolve_host_instances,
 };
@@ -181,15 +181,15 @@ pub(crate) unsafe extern "system" fn vkBuildAccelerationStructuresKHR(
 }
 
 pub(crate) unsafe extern "system" fn vkCmdBuildAccelerationStructuresKHR(
-    command_buffer: vk::CommandBuffer,
+    commands: vk::CommandBuffer,
     count: u32,
     infos: *const vk::AccelerationStructureBuildGeometryInfoKHR<'_>,
     ranges: *const *const vk::AccelerationStructureBuildRangeInfoKHR,
 ) {
     record(
         "vkCmdBuildAccelerationStructuresKHR",
-        command_buffer,
-        move |command_buffer| {
+        commands,
+        move |commands| {
             let infos_of = slice(infos, count).iter();
             let micromaps: Vec<_> = infos_of
                 .filter_map(|info| micromap::decode_structure(info))
@@ -197,20 +197,20 @@ pub(crate) unsafe extern "system" fn vkCmdBuildAccelerationStructuresKHR(
             let builds = decode_builds(count, infos, ranges);
             // The builds of one command are independent.
             if !micromaps.is_empty() {
-                command_buffer.push(Command::RayTracing(RayTracingCommand::BuildMicromaps(
+                commands.push(Command::Structure(StructureCommand::BuildMicromaps(
                     micromaps,
                 )))?;
             }
             if builds.is_empty() {
                 return Ok(());
             }
-            command_buffer.push(Command::RayTracing(RayTracingCommand::Build(builds)))
+            commands.push(Command::Structure(StructureCommand::Build(builds)))
         },
     )
 }
 
 pub(crate) unsafe extern "system" fn vkCmdBuildAccelerationStructuresIndirectKHR(
-    command_buffer: vk::CommandBuffer,
+    commands: vk::CommandBuffer,
     count: u32,
     infos: *const vk::AccelerationStructureBuildGeometryInfoKHR<'_>,
     addresses: *const vk::DeviceAddress,
@@ -219,8 +219,8 @@ pub(crate) unsafe extern "system" fn vkCmdBuildAccelerationStructuresIndirectKHR
 ) {
     record(
         "vkCmdBuildAccelerationStructuresIndirectKHR",
-        command_buffer,
-        move |command_buffer| {
+        commands,
+        move |commands| {
             let (addresses, strides) = (slice(addresses, count), slice(strides, count));
             let counts = slice(max_primitive_counts, count);
             let infos = slice(infos, count).iter().enumerate();
@@ -231,7 +231,7 @@ pub(crate) unsafe extern "system" fn vkCmdBuildAccelerationStructuresIndirectKHR
                 stride_bytes: strides[index],
                 max_primitive_counts: slice(counts[index], info.geometry_count).to_vec(),
             });
-            command_buffer.push(Command::RayTracing(RayTracingCommand::BuildIndirect(
+            commands.push(Command::Structure(StructureCommand::BuildIndirect(
                 builds.collect(),
             )))
         },

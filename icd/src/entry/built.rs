@@ -8,8 +8,8 @@ use traversal::Live;
 
 use super::deferred::defer;
 use crate::VkResult;
-use crate::command::ray_tracing::{Built, BuiltCopy};
-use crate::command::{Command, RayTracingCommand, Recording};
+use crate::command::structures::{Built, BuiltCopy};
+use crate::command::{Command, Recording, StructureCommand};
 use crate::device::Device;
 use crate::handle::{from_handle, retain};
 use crate::object::QueryPool;
@@ -95,7 +95,7 @@ pub unsafe fn record_properties(
     query_type: vk::QueryType,
     (pool, first): (vk::QueryPool, u32),
 ) -> VkResult {
-    commands.push(Command::RayTracing(RayTracingCommand::WriteProperties {
+    commands.push(Command::Structure(StructureCommand::WriteProperties {
         of,
         addresses: addresses.collect(),
         query_type,
@@ -107,5 +107,5 @@ pub unsafe fn record_properties(
 
 /// Records a copy.
 pub fn record_copy(commands: &mut Recording, of: Built, copy: BuiltCopy) -> VkResult {
-    commands.push(Command::RayTracing(RayTracingCommand::Copy(of, copy)))
+    commands.push(Command::Structure(StructureCommand::Copy(of, copy)))
 }

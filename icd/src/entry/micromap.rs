@@ -9,8 +9,8 @@ use super::address_report::report;
 use super::built::{self, compatibility_of};
 use super::deferred::defer_parallel;
 use super::record::record;
-use crate::command::ray_tracing::{Built, BuiltCopy, CopyMode};
-use crate::command::{Command, RayTracingCommand};
+use crate::command::structures::{Built, BuiltCopy, CopyMode};
+use crate::command::{Command, StructureCommand};
 use crate::decode::micromap::{decode_build, storage, usages};
 use crate::device::Device;
 use crate::ffi::slice;
@@ -102,20 +102,16 @@ pub(crate) unsafe extern "system" fn vkBuildMicromapsEXT(
 }
 
 pub(crate) unsafe extern "system" fn vkCmdBuildMicromapsEXT(
-    command_buffer: vk::CommandBuffer,
+    commands: vk::CommandBuffer,
     count: u32,
     infos: *const vk::MicromapBuildInfoEXT<'_>,
 ) {
-    record(
-        "vkCmdBuildMicromapsEXT",
-        command_buffer,
-        move |command_buffer| {
-            let builds = slice(infos, count).iter().map(|info| decode_build(info));
-            command_buffer.push(Command::RayTracing(RayTracingCommand::BuildMicromaps(
-                builds.collect(),
-            )))
-        },
-    )
+    record("vkCmdBuildMicromapsEXT", commands, move |commands| {
+        let builds = slice(infos, count).iter().map(|info| decode_build(info));
+        commands.push(Command::Structure(StructureCommand::BuildMicromaps(
+            builds.collect(),
+        )))
+    })
 }
 
 /// A copy from micromap to micromap. Built micromaps are compact, so both modes do the same.

@@ -13,8 +13,8 @@ use super::address_report::report;
 use super::buffer::write_requirements;
 use super::pipeline::create_each;
 use super::record::record;
-use crate::command::ray_tracing::{Built, BuiltCopy};
-use crate::command::{Command, RayTracingCommand};
+use crate::command::structures::{Built, BuiltCopy};
+use crate::command::{Command, RayTracingCommand, StructureCommand};
 use crate::decode::nv_ray_tracing::{
     create_pipeline_nv, decode_build, kind_and_counts, place, region, storage,
 };
@@ -188,7 +188,7 @@ pub(crate) unsafe extern "system" fn vkCompileDeferredNV(
 }
 
 pub(crate) unsafe extern "system" fn vkCmdBuildAccelerationStructureNV(
-    command_buffer: vk::CommandBuffer,
+    commands: vk::CommandBuffer,
     info: *const vk::AccelerationStructureInfoNV<'_>,
     instance_data: vk::Buffer,
     instance_offset: vk::DeviceSize,
@@ -200,8 +200,8 @@ pub(crate) unsafe extern "system" fn vkCmdBuildAccelerationStructureNV(
 ) {
     record(
         "vkCmdBuildAccelerationStructureNV",
-        command_buffer,
-        move |command_buffer| {
+        commands,
+        move |commands| {
             let source = match update {
                 vk::FALSE => None,
                 _ => optional::<AccelerationStructureNv>(source),
@@ -213,22 +213,22 @@ pub(crate) unsafe extern "system" fn vkCmdBuildAccelerationStructureNV(
                 source.map(|source| source.structure.storage()),
                 place(scratch, scratch_offset),
             );
-            command_buffer.push(Command::RayTracing(RayTracingCommand::Build(vec![build])))
+            commands.push(Command::Structure(StructureCommand::Build(vec![build])))
         },
     )
 }
 
 pub(crate) unsafe extern "system" fn vkCmdCopyAccelerationStructureNV(
-    command_buffer: vk::CommandBuffer,
+    commands: vk::CommandBuffer,
     destination: vk::AccelerationStructureNV,
     source: vk::AccelerationStructureNV,
     mode: vk::CopyAccelerationStructureModeKHR,
 ) {
     record(
         "vkCmdCopyAccelerationStructureNV",
-        command_buffer,
-        move |command_buffer| {
-            command_buffer.push(Command::RayTracing(RayTracingCommand::Copy(
+        commands,
+        move |commands| {
+            commands.push(Command::Structure(StructureCommand::Copy(
                 Built::Structure,
                 BuiltCopy::Whole {
                     source: storage(source),
@@ -241,7 +241,7 @@ pub(crate) unsafe extern "system" fn vkCmdCopyAccelerationStructureNV(
 }
 
 pub(crate) unsafe extern "system" fn vkCmdWriteAccelerationStructuresPropertiesNV(
-    command_buffer: vk::CommandBuffer,
+    commands: vk::CommandBuffer,
     count: u32,
     structures: *const vk::AccelerationStructureNV,
     query_type: vk::QueryType,
@@ -250,10 +250,10 @@ pub(crate) unsafe extern "system" fn vkCmdWriteAccelerationStructuresPropertiesN
 ) {
     record(
         "vkCmdWriteAccelerationStructuresPropertiesNV",
-        command_buffer,
-        move |command_buffer| {
+        commands,
+        move |commands| {
             let structures = slice(structures, count);
-            command_buffer.push(Command::RayTracing(RayTracingCommand::WriteProperties {
+            commands.push(Command::Structure(StructureCommand::WriteProperties {
                 of: Built::Structure,
                 addresses: structures
                     .iter()
@@ -268,7 +268,7 @@ pub(crate) unsafe extern "system" fn vkCmdWriteAccelerationStructuresPropertiesN
 }
 
 pub(crate) unsafe extern "system" fn vkCmdTraceRaysNV(
-    command_buffer: vk::CommandBuffer,
+    commands: vk::CommandBuffer,
     raygen: vk::Buffer,
     raygen_offset: vk::DeviceSize,
     miss: vk::Buffer,
@@ -284,7 +284,7 @@ pub(crate) unsafe extern "system" fn vkCmdTraceRaysNV(
     height: u32,
     depth: u32,
 ) {
-    record("vkCmdTraceRaysNV", command_buffer, move |command_buffer| {
+    record("vkCmdTraceRaysNV", commands, move |commands| {
         let tables = Tables {
             raygen: region(raygen, raygen_offset, 0),
             miss: region(miss, miss_offset, miss_stride),
@@ -292,7 +292,7 @@ pub(crate) unsafe extern "system" fn vkCmdTraceRaysNV(
             callable: region(callable, callable_offset, callable_stride),
         };
         let extent = [width, height, depth];
-        command_buffer.push(Command::RayTracing(RayTracingCommand::TraceRaysNv {
+        commands.push(Command::RayTracing(RayTracingCommand::TraceRaysNv {
             tables,
             extent,
         }))

@@ -177,7 +177,7 @@ unsafe fn tables(
 }
 
 pub(crate) unsafe extern "system" fn vkCmdTraceRaysKHR(
-    command_buffer: vk::CommandBuffer,
+    commands: vk::CommandBuffer,
     raygen: *const vk::StridedDeviceAddressRegionKHR,
     miss: *const vk::StridedDeviceAddressRegionKHR,
     hit: *const vk::StridedDeviceAddressRegionKHR,
@@ -186,10 +186,10 @@ pub(crate) unsafe extern "system" fn vkCmdTraceRaysKHR(
     height: u32,
     depth: u32,
 ) {
-    record("vkCmdTraceRaysKHR", command_buffer, move |command_buffer| {
+    record("vkCmdTraceRaysKHR", commands, move |commands| {
         let tables = tables(raygen, miss, hit, callable);
         let extent = [width, height, depth];
-        command_buffer.push(Command::RayTracing(RayTracingCommand::TraceRays {
+        commands.push(Command::RayTracing(RayTracingCommand::TraceRays {
             tables,
             extent,
         }))
@@ -197,67 +197,55 @@ pub(crate) unsafe extern "system" fn vkCmdTraceRaysKHR(
 }
 
 pub(crate) unsafe extern "system" fn vkCmdTraceRaysIndirectKHR(
-    command_buffer: vk::CommandBuffer,
+    commands: vk::CommandBuffer,
     raygen: *const vk::StridedDeviceAddressRegionKHR,
     miss: *const vk::StridedDeviceAddressRegionKHR,
     hit: *const vk::StridedDeviceAddressRegionKHR,
     callable: *const vk::StridedDeviceAddressRegionKHR,
     address: vk::DeviceAddress,
 ) {
-    record(
-        "vkCmdTraceRaysIndirectKHR",
-        command_buffer,
-        move |command_buffer| {
-            let tables = tables(raygen, miss, hit, callable);
-            command_buffer.push(Command::RayTracing(RayTracingCommand::TraceRaysIndirect {
-                tables,
-                address,
-            }))
-        },
-    )
+    record("vkCmdTraceRaysIndirectKHR", commands, move |commands| {
+        let tables = tables(raygen, miss, hit, callable);
+        commands.push(Command::RayTracing(RayTracingCommand::TraceRaysIndirect {
+            tables,
+            address,
+        }))
+    })
 }
 
 pub(crate) unsafe extern "system" fn vkCmdTraceRaysIndirect2KHR(
-    command_buffer: vk::CommandBuffer,
+    commands: vk::CommandBuffer,
     address: vk::DeviceAddress,
 ) {
-    record(
-        "vkCmdTraceRaysIndirect2KHR",
-        command_buffer,
-        move |command_buffer| {
-            command_buffer.push(Command::RayTracing(RayTracingCommand::TraceRaysIndirect2 {
-                address,
-            }))
-        },
-    )
+    record("vkCmdTraceRaysIndirect2KHR", commands, move |commands| {
+        commands.push(Command::RayTracing(RayTracingCommand::TraceRaysIndirect2 {
+            address,
+        }))
+    })
 }
 
 pub(crate) unsafe extern "system" fn vkCmdBindInvocationMaskHUAWEI(
-    command_buffer: vk::CommandBuffer,
+    commands: vk::CommandBuffer,
     view: vk::ImageView,
     _layout: vk::ImageLayout,
 ) {
-    record(
-        "vkCmdBindInvocationMaskHUAWEI",
-        command_buffer,
-        move |command_buffer| {
-            let mask = handle::optional::<ImageView>(view).map(|view| view.invocation_mask());
-            command_buffer.push(Command::BindInvocationMask(mask))
-        },
-    )
+    record("vkCmdBindInvocationMaskHUAWEI", commands, move |commands| {
+        let mask = handle::optional::<ImageView>(view).map(|view| view.invocation_mask());
+        commands.push(Command::BindInvocationMask(mask))
+    })
 }
 
 pub(crate) unsafe extern "system" fn vkCmdSetRayTracingPipelineStackSizeKHR(
-    command_buffer: vk::CommandBuffer,
+    commands: vk::CommandBuffer,
     size_bytes: u32,
 ) {
     record(
         "vkCmdSetRayTracingPipelineStackSizeKHR",
-        command_buffer,
-        move |command_buffer| {
+        commands,
+        move |commands| {
             // Suspended invocations live on the heap and continue even if the declared stack is too
             // small. Only validation uses the stack size.
-            command_buffer.push(Command::SetRayTracingStackSize(size_bytes))
+            commands.push(Command::SetRayTracingStackSize(size_bytes))
         },
     )
 }

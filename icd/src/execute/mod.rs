@@ -16,10 +16,11 @@ mod graphics;
 mod pass;
 mod prints;
 pub mod query;
-pub mod ray_tracing;
+mod ray_tracing;
 mod recorded;
 mod samples;
 mod spans;
+mod structures;
 mod transfer;
 
 use std::sync::Arc;
@@ -29,14 +30,13 @@ use spirv_jit::Program;
 use spirv_jit::reach::Strays;
 
 use crate::capture::{self as recording, Recording};
-use crate::command::{Command, RayTracingCommand};
+use crate::command::Command;
 use crate::compute;
 use crate::object::pipeline::PipelineKind;
 use crate::timeline::{self, Kind};
 use crate::validate::{Caller, Checks};
 use crate::wave::{Fault, Stopped, StoppedAt, reachable};
 use graphics::{Current, DrawContext, Drawing};
-use ray_tracing::Access;
 
 pub use bindings::Bindings;
 pub use engine::{Engine, Watch};
@@ -188,7 +188,8 @@ fn perform<'a>(mut context: DrawContext<'_, 'a>, command: &'a Command) -> Result
                 .iter()
                 .try_for_each(|list| replay(engine, drawing, list))?;
         }
-        Command::RayTracing(command) => run_ray_tracing(engine, bindings, command)?,
+        Command::Structure(command) => structures::perform(engine, command),
+        Command::RayTracing(command) => ray_tracing::perform(engine, bindings, command)?,
         Command::Graphics(command) => context.perform(command)?,
     }
     Ok(())
@@ -295,38 +296,4 @@ fn check_aborted<'a>(
         ..Stopped::Aborted.into()
     }
     .into())
-}
-
-/// Commands of the ray tracing extensions.
-fn run_ray_tracing(
-    engine: &Engine,
-    bindings: &mut Bindings<'_>,
-    command: &RayTracingCommand,
-) -> Result<(), Failure> {
-    let limits = engine.limits();
-    let surroundings = engine.surroundings();
-    let checks = engine.checks(match command {
-        RayTracingCommand::TraceRays { .. } => Caller::TraceRays,
-        RayTracingCommand::TraceRaysNv { .. } => Caller::TraceRaysNv,
-        RayTracingCommand::TraceRaysIndirect { .. } => Caller::TraceRaysIndirect,
-        RayTracingCommand::TraceRaysIndirect2 { .. } => Caller::TraceRaysIndirect2,
-        _ => Caller::Other,
-    });
-    // The launch size may be in memory. The code that reads it writes it to the environment.
-    let mask = bindings.invocation_mask;
-    let stack_bytes = bindings.stack_bytes;
-    let bind_point = vk::PipelineBindPoint::RAY_TRACING_KHR;
-    let bound = bindings.environment(bind_point, [0; 3], &surroundings);
-    let bound = bound.map(|(pipeline, environment)| ray_tracing::Bound {
-        pipeline: pipeline.ray_tracing(),
-        environment,
-        mask,
-        stack_bytes,
-        limits: &limits,
-    });
-    let access = Access {
-        surroundings: &surroundings,
-        checks,
-    };
-    ray_tracing::execute(command, access, bound, engine)
 }

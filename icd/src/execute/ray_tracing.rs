@@ -1,95 +1,72 @@
-//! Performs the commands of the ray tracing extensions.
+//! Performs dispatches of rays.
 
 use ash::vk;
 use lanes::Tier;
-use spirv_jit::environment::{Environment, uniform};
+use spirv_jit::reach::Reach;
 
+use super::bindings::Bindings;
 use super::engine::Engine;
 use super::{Failure, check_aborted, note_strays, prints, spans};
 use crate::capture::{self, Recording};
 use crate::command::RayTracingCommand;
-use crate::object::ray_tracing_pipeline::RayTracingPipeline;
 use crate::settings::settings;
-use crate::structures;
 use crate::timeline::{self, Kind};
 use crate::trace::Dispatch;
-use crate::validate::{Checks, Traced, invocations};
-use crate::wave::Limits;
+use crate::validate::{Caller, Checks, Traced, invocations};
 use crate::wave::Surroundings;
-use crate::wave::mask::{InvocationMask, LiveMask};
+use crate::wave::mask::LiveMask;
 use crate::wave::reachable::read;
 use crate::wave::table::{Region, Tables};
 
-/// The bindings of the ray tracing bind point.
-pub struct Bound<'a> {
-    pub pipeline: Option<&'a RayTracingPipeline>,
-    pub environment: Environment,
-    pub limits: &'a Limits,
-    pub mask: Option<InvocationMask>,
-    pub stack_bytes: Option<u32>,
-}
-
-/// The memory that a command's addresses may point into, and the reporter of invalid addresses.
-pub struct Access<'a> {
-    pub surroundings: &'a Surroundings,
-    /// Validation, if it is enabled.
-    pub checks: Option<Checks>,
-}
-
-/// Performs a command, with the device's workers where it is large.
+/// Performs a dispatch, with the device's workers where it is large.
 ///
 /// # Errors
-/// A limit stopped a dispatch: the device is lost.
-pub fn execute(
-    command: &RayTracingCommand,
-    access: Access<'_>,
-    bound: Option<Bound<'_>>,
+/// A limit stopped it: the device is lost.
+pub fn perform(
     engine: &Engine,
+    bindings: &mut Bindings<'_>,
+    command: &RayTracingCommand,
 ) -> Result<(), Failure> {
-    let reach = &*access.surroundings.reach;
-    let live = &access.surroundings.live;
-    let checks = access.checks.as_ref();
-    // SAFETY, for each block: addresses in reach lead to memory, and the application does not use
-    // it otherwise while the command is performed.
-    match *command {
-        RayTracingCommand::TraceRays { ref tables, extent }
-        | RayTracingCommand::TraceRaysNv { ref tables, extent } => {
-            trace_rays(tables, extent, access, bound, engine)
+    let surroundings = engine.surroundings();
+    let checks = engine.checks(match command {
+        RayTracingCommand::TraceRays { .. } => Caller::TraceRays,
+        RayTracingCommand::TraceRaysNv { .. } => Caller::TraceRaysNv,
+        RayTracingCommand::TraceRaysIndirect { .. } => Caller::TraceRaysIndirect,
+        RayTracingCommand::TraceRaysIndirect2 { .. } => Caller::TraceRaysIndirect2,
+    });
+    match parameters(command, &surroundings.reach, checks.as_ref()) {
+        Some((tables, extent)) => {
+            trace_rays(engine, bindings, &surroundings, checks, &tables, extent)
         }
-        RayTracingCommand::TraceRaysIndirect {
-            ref tables,
-            address,
-        } => {
+        None => Ok(()),
+    }
+}
+
+/// The tables and the extent of a dispatch. Those in memory are read when the command executes,
+/// since an earlier command may have written them; `None` if their address is invalid.
+fn parameters(
+    command: &RayTracingCommand,
+    reach: &Reach,
+    checks: Option<&Checks>,
+) -> Option<(Tables, [u32; 3])> {
+    match *command {
+        RayTracingCommand::TraceRays { tables, extent }
+        | RayTracingCommand::TraceRaysNv { tables, extent } => Some((tables, extent)),
+        RayTracingCommand::TraceRaysIndirect { tables, address } => {
             if let Some(checks) = checks {
                 checks.indirect(address, size_of::<[u32; 3]>() as u64);
             }
-            // SAFETY: as for the first block. The words are read when the command executes, since
-            // an earlier command may have written them.
-            match unsafe { read(reach, address) } {
-                Some(extent) => trace_rays(tables, extent, access, bound, engine),
-                None => Ok(()),
-            }
+            // SAFETY: addresses in reach lead to memory, and the application does not use it
+            // otherwise while the command is performed.
+            Some((tables, unsafe { read(reach, address) }?))
         }
         RayTracingCommand::TraceRaysIndirect2 { address } => {
             type Parameters = vk::TraceRaysIndirectCommand2KHR;
             if let Some(checks) = checks {
                 checks.indirect(address, size_of::<Parameters>() as u64);
             }
-            // SAFETY: as above.
-            match unsafe { read::<Parameters>(reach, address) } {
-                Some(command) => {
-                    let (tables, extent) = indirect2(&command);
-                    trace_rays(&tables, extent, access, bound, engine)
-                }
-                None => Ok(()),
-            }
-        }
-        _ => {
-            let _span = timeline::span(Kind::Build, || spans::build(command));
-            engine.workers.install(|| {
-                structures::execute(command, engine.serializes_blocks, reach, live, checks)
-            });
-            Ok(())
+            // SAFETY: as for the extent alone.
+            unsafe { read::<Parameters>(reach, address) }.map(|command| indirect2(&command))
         }
     }
 }
@@ -128,24 +105,24 @@ fn indirect2(command: &vk::TraceRaysIndirectCommand2KHR) -> (Tables, [u32; 3]) {
 }
 
 fn trace_rays(
+    engine: &Engine,
+    bindings: &mut Bindings<'_>,
+    surroundings: &Surroundings,
+    checks: Option<Checks>,
     tables: &Tables,
     extent: [u32; 3],
-    access: Access<'_>,
-    bound: Option<Bound<'_>>,
-    engine: &Engine,
 ) -> Result<(), Failure> {
-    let Some(Bound {
-        pipeline: Some(pipeline),
-        mut environment,
-        mask,
-        stack_bytes,
-        limits,
-    }) = bound
+    let limits = &engine.limits();
+    let (mask, stack_bytes) = (bindings.invocation_mask, bindings.stack_bytes);
+    let bind_point = vk::PipelineBindPoint::RAY_TRACING_KHR;
+    let Some((pipeline, mut environment)) = bindings.environment(bind_point, extent, surroundings)
     else {
         return Ok(());
     };
-    let surroundings = access.surroundings;
-    let checks = access.checks.map(|checks| {
+    let Some(pipeline) = pipeline.ray_tracing() else {
+        return Ok(());
+    };
+    let checks = checks.map(|checks| {
         checks.tables(tables);
         checks.extent(extent);
         if let Some(mask) = &mask {
@@ -158,8 +135,6 @@ fn trace_rays(
         log::error!("a dispatch of {extent:?} rays is past maxRayDispatchInvocationCount");
         return Ok(());
     }
-    let launch = uniform::LAUNCH_SIZE as usize;
-    environment.uniforms[launch..launch + 3].copy_from_slice(&extent);
     let programs = pipeline.shaders.programs.iter();
     if pipeline.shaders.prints {
         environment.prints = prints::of(programs.clone());

@@ -8,7 +8,7 @@ use spirv_jit::Program;
 
 use crate::command::build::{Build, BuildGeometries};
 use crate::command::pass::Pass;
-use crate::command::{Command, Mark, RayTracingCommand};
+use crate::command::{Command, Mark, StructureCommand};
 use crate::handle::handle_of;
 use crate::object::ray_tracing_pipeline::RayTracingPipeline;
 use crate::raster::{Batch, Work};
@@ -57,13 +57,13 @@ pub(super) fn trace(pipeline: &RayTracingPipeline, extent: [u32; 3]) -> Describe
 }
 
 /// Builds and copies of structures.
-pub(super) fn build(command: &RayTracingCommand) -> Described {
+pub(super) fn build(command: &StructureCommand) -> Described {
     match command {
-        RayTracingCommand::Build(builds) => {
+        StructureCommand::Build(builds) => {
             let builds: Vec<Value> = builds.iter().map(one_build).collect();
             ("build".into(), json!({ "structures": builds }))
         }
-        RayTracingCommand::BuildIndirect(builds) => {
+        StructureCommand::BuildIndirect(builds) => {
             let builds = builds.iter().map(|it| {
                 let name = object_name(it.build.destination.address);
                 let primitives = it.max_primitive_counts.iter().map(|&n| u64::from(n));
@@ -72,12 +72,12 @@ pub(super) fn build(command: &RayTracingCommand) -> Described {
             let builds: Vec<Value> = builds.collect();
             ("build".into(), json!({ "structures": builds }))
         }
-        RayTracingCommand::BuildMicromaps(builds) => {
+        StructureCommand::BuildMicromaps(builds) => {
             let counts: Vec<u32> = builds.iter().map(|build| build.count()).collect();
             ("build micromaps".into(), json!({ "triangles": counts }))
         }
-        RayTracingCommand::Copy(..) => ("copy structure".into(), json!({})),
-        _ => ("structure properties".into(), json!({})),
+        StructureCommand::Copy(..) => ("copy structure".into(), json!({})),
+        StructureCommand::WriteProperties { .. } => ("structure properties".into(), json!({})),
     }
 }
 

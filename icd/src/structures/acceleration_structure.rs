@@ -8,7 +8,7 @@ use spirv_jit::reach::Reach;
 use traversal::{Live, Structure};
 
 use crate::capture;
-use crate::command::ray_tracing::CopyMode;
+use crate::command::structures::CopyMode;
 use crate::object::acceleration_structure::Storage;
 use crate::table::limits;
 use crate::wave::reachable::{bytes, writable};

@@ -14,7 +14,7 @@ use super::acceleration_structure::{storage_bytes, structure_bytes};
 use crate::capture;
 use crate::command::build::{Aabbs, Build, BuildGeometries, MotionTriangles, Triangles};
 use crate::command::range::Range;
-use crate::command::ray_tracing::IndirectBuild;
+use crate::command::structures::IndirectBuild;
 use crate::format::structure::{MAX_VERTEX_BYTES, index_size_bytes};
 use crate::timeline;
 use crate::validate::Checks;

@@ -10,25 +10,25 @@ use ash::vk;
 use spirv_jit::reach::Reach;
 use traversal::Live;
 
-use crate::command::RayTracingCommand;
-use crate::command::ray_tracing::{Built, BuiltCopy};
+use crate::command::StructureCommand;
+use crate::command::structures::{Built, BuiltCopy};
 use crate::table::limits;
 use crate::validate::Checks;
 use build::{build, with_ranges};
 
 /// Performs a command on structures, on the current rayon pool; `in_blocks` as in [`copy`].
 pub fn execute(
-    command: &RayTracingCommand,
+    command: &StructureCommand,
     in_blocks: bool,
     reach: &Reach,
     live: &Live,
     checks: Option<&Checks>,
 ) {
-    // SAFETY, for each block: as in `execute`.
     match command {
-        RayTracingCommand::Build(builds) => build(builds, reach, live, checks),
-        RayTracingCommand::BuildIndirect(builds) => {
-            // SAFETY: as above.
+        StructureCommand::Build(builds) => build(builds, reach, live, checks),
+        StructureCommand::BuildIndirect(builds) => {
+            // SAFETY: the application keeps structures and their memory until the command is
+            // complete, and does not use them otherwise meanwhile.
             let with_ranges = |build| unsafe { with_ranges(build, reach, checks) };
             build(
                 &builds.iter().map(with_ranges).collect::<Vec<_>>(),
@@ -37,15 +37,17 @@ pub fn execute(
                 checks,
             );
         }
-        RayTracingCommand::BuildMicromaps(builds) => {
-            // SAFETY: as above.
+        StructureCommand::BuildMicromaps(builds) => {
+            // SAFETY: the application keeps structures and their memory until the command is
+            // complete, and does not use them otherwise meanwhile.
             unsafe { micromap::build(builds, reach, live, checks) };
         }
-        // SAFETY: as above.
-        &RayTracingCommand::Copy(built, what) => unsafe {
+        // SAFETY: the application keeps structures and their memory until the command is
+        // complete, and does not use them otherwise meanwhile.
+        &StructureCommand::Copy(built, what) => unsafe {
             copy(built, what, in_blocks, reach, live);
         },
-        RayTracingCommand::WriteProperties {
+        StructureCommand::WriteProperties {
             of,
             addresses,
             query_type,
@@ -53,14 +55,11 @@ pub fn execute(
             first,
         } => {
             for (index, &address) in (*first..).zip(addresses) {
-                // SAFETY: as above.
+                // SAFETY: the application keeps structures and their memory until the command is
+                // complete, and does not use them otherwise meanwhile.
                 pool.write(index, unsafe { property(*of, address, *query_type, live) });
             }
         }
-        RayTracingCommand::TraceRays { .. }
-        | RayTracingCommand::TraceRaysNv { .. }
-        | RayTracingCommand::TraceRaysIndirect { .. }
-        | RayTracingCommand::TraceRaysIndirect2 { .. } => {}
     }
 }
 
