@@ -4,7 +4,7 @@ use ash::vk;
 use bytemuck::Pod;
 
 use crate::gpu::Made;
-use crate::{Buffer, Gpu, Stage, flat_info, glsl};
+use crate::{Buffer, Gpu, Stage, flat_info, glsl, stage_flag};
 
 /// An attachment in the general layout, with a view of all of it.
 #[derive(Clone, Copy, Debug)]
@@ -300,7 +300,7 @@ impl Gpu {
             .iter()
             .map(|(stage, words)| {
                 vk::PipelineShaderStageCreateInfo::default()
-                    .stage(stage.flag())
+                    .stage(stage_flag(*stage))
                     .module(self.module(words))
                     .name(c"main")
             })
@@ -485,7 +485,7 @@ impl Gpu {
         let info = vk::ShaderCreateInfoEXT::default()
             .flags(flags)
             .set_layouts(sets)
-            .stage(stage.flag())
+            .stage(stage_flag(stage))
             .next_stage(next)
             .code_type(code_type)
             .code(code)

@@ -72,7 +72,7 @@ pub use optional::Optional;
 pub use patience::{PATIENCE, PATIENCE_NS, comes, enough};
 pub use present_times::{PresentTimes, PresentationTiming, Stages};
 pub use presenter::{Asked, Chain, Presenter, red_first, screen_picture};
-pub use shader::{Stage, glsl, glsl_nv};
+pub use shader::{Stage, glsl, glsl_nv, stage_flag};
 pub use skip::{has, has_program};
 pub use trace::{Group, Rays, Record, Table};
 #[cfg(windows)]

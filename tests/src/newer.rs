@@ -1,4 +1,7 @@
 //! Vulkan's types: those of `ash`, and the structures that are newer than it.
+//!
+//! The driver has its own declarations. These are written from the registry a second time, so that
+//! a wrong member in one of the two fails a test.
 
 use std::ffi::{CStr, c_char, c_void};
 use std::marker::PhantomData;
@@ -136,151 +139,6 @@ pub const GEOMETRY_TYPE_SPHERES_NV: GeometryTypeKHR = GeometryTypeKHR::from_raw(
 pub const GEOMETRY_TYPE_LINEAR_SWEPT_SPHERES_NV: GeometryTypeKHR =
     GeometryTypeKHR::from_raw(1_000_429_005);
 
-#[repr(C)]
-#[derive(Clone, Copy)]
-pub struct PhysicalDeviceRayTracingLinearSweptSpheresFeaturesNV<'a> {
-    pub s_type: StructureType,
-    pub p_next: *mut c_void,
-    pub spheres: Bool32,
-    pub linear_swept_spheres: Bool32,
-    pub _marker: PhantomData<&'a ()>,
-}
-
-impl Default for PhysicalDeviceRayTracingLinearSweptSpheresFeaturesNV<'_> {
-    fn default() -> Self {
-        Self {
-            s_type: StructureType::from_raw(1_000_429_008),
-            p_next: std::ptr::null_mut(),
-            spheres: FALSE,
-            linear_swept_spheres: FALSE,
-            _marker: PhantomData,
-        }
-    }
-}
-
-// SAFETY: the registry says so.
-unsafe impl ExtendsPhysicalDeviceFeatures2
-    for PhysicalDeviceRayTracingLinearSweptSpheresFeaturesNV<'_>
-{
-}
-
-#[repr(C)]
-#[derive(Clone, Copy)]
-pub struct PhysicalDeviceDeviceAddressCommandsFeaturesKHR<'a> {
-    pub s_type: StructureType,
-    pub p_next: *mut c_void,
-    pub device_address_commands: Bool32,
-    pub _marker: PhantomData<&'a ()>,
-}
-
-impl Default for PhysicalDeviceDeviceAddressCommandsFeaturesKHR<'_> {
-    fn default() -> Self {
-        Self {
-            s_type: StructureType::from_raw(1_000_318_006),
-            p_next: std::ptr::null_mut(),
-            device_address_commands: FALSE,
-            _marker: PhantomData,
-        }
-    }
-}
-
-// SAFETY: the registry says so.
-unsafe impl ExtendsPhysicalDeviceFeatures2 for PhysicalDeviceDeviceAddressCommandsFeaturesKHR<'_> {}
-
-#[repr(C)]
-#[derive(Clone, Copy)]
-pub struct PhysicalDeviceOpacityMicromapFeaturesKHR<'a> {
-    pub s_type: StructureType,
-    pub p_next: *mut c_void,
-    pub micromap: Bool32,
-    pub _marker: PhantomData<&'a ()>,
-}
-
-impl Default for PhysicalDeviceOpacityMicromapFeaturesKHR<'_> {
-    fn default() -> Self {
-        Self {
-            s_type: StructureType::from_raw(1_000_623_000),
-            p_next: std::ptr::null_mut(),
-            micromap: FALSE,
-            _marker: PhantomData,
-        }
-    }
-}
-
-// SAFETY: the registry says so.
-unsafe impl ExtendsPhysicalDeviceFeatures2 for PhysicalDeviceOpacityMicromapFeaturesKHR<'_> {}
-
-#[repr(C)]
-#[derive(Clone, Copy)]
-pub struct PhysicalDeviceMaintenance8FeaturesKHR<'a> {
-    pub s_type: StructureType,
-    pub p_next: *mut c_void,
-    pub maintenance8: Bool32,
-    pub _marker: PhantomData<&'a ()>,
-}
-
-impl Default for PhysicalDeviceMaintenance8FeaturesKHR<'_> {
-    fn default() -> Self {
-        Self {
-            s_type: StructureType::from_raw(1_000_574_000),
-            p_next: std::ptr::null_mut(),
-            maintenance8: FALSE,
-            _marker: PhantomData,
-        }
-    }
-}
-
-// SAFETY: the registry says so.
-unsafe impl ExtendsPhysicalDeviceFeatures2 for PhysicalDeviceMaintenance8FeaturesKHR<'_> {}
-
-#[repr(C)]
-#[derive(Clone, Copy)]
-pub struct PhysicalDeviceMaintenance9FeaturesKHR<'a> {
-    pub s_type: StructureType,
-    pub p_next: *mut c_void,
-    pub maintenance9: Bool32,
-    pub _marker: PhantomData<&'a ()>,
-}
-
-impl Default for PhysicalDeviceMaintenance9FeaturesKHR<'_> {
-    fn default() -> Self {
-        Self {
-            s_type: StructureType::from_raw(1_000_584_000),
-            p_next: std::ptr::null_mut(),
-            maintenance9: FALSE,
-            _marker: PhantomData,
-        }
-    }
-}
-
-// SAFETY: the registry says so.
-unsafe impl ExtendsPhysicalDeviceFeatures2 for PhysicalDeviceMaintenance9FeaturesKHR<'_> {}
-
-#[repr(C)]
-#[derive(Clone, Copy)]
-pub struct PhysicalDeviceCopyMemoryIndirectFeaturesKHR<'a> {
-    pub s_type: StructureType,
-    pub p_next: *mut c_void,
-    pub indirect_memory_copy: Bool32,
-    pub indirect_memory_to_image_copy: Bool32,
-    pub _marker: PhantomData<&'a ()>,
-}
-
-impl Default for PhysicalDeviceCopyMemoryIndirectFeaturesKHR<'_> {
-    fn default() -> Self {
-        Self {
-            s_type: StructureType::from_raw(1_000_549_000),
-            p_next: std::ptr::null_mut(),
-            indirect_memory_copy: FALSE,
-            indirect_memory_to_image_copy: FALSE,
-            _marker: PhantomData,
-        }
-    }
-}
-
-// SAFETY: the registry says so.
-unsafe impl ExtendsPhysicalDeviceFeatures2 for PhysicalDeviceCopyMemoryIndirectFeaturesKHR<'_> {}
-
 /// Structures of features alone.
 macro_rules! features {
     ($($name:ident $ty:literal { $($field:ident)* })*) => {$(
@@ -310,6 +168,19 @@ macro_rules! features {
 }
 
 features! {
+    PhysicalDeviceRayTracingLinearSweptSpheresFeaturesNV 1_000_429_008 {
+        spheres linear_swept_spheres
+    }
+    PhysicalDeviceDeviceAddressCommandsFeaturesKHR 1_000_318_006 { device_address_commands }
+    PhysicalDeviceOpacityMicromapFeaturesKHR 1_000_623_000 { micromap }
+    PhysicalDeviceMaintenance8FeaturesKHR 1_000_574_000 { maintenance8 }
+    PhysicalDeviceMaintenance9FeaturesKHR 1_000_584_000 { maintenance9 }
+    PhysicalDeviceCopyMemoryIndirectFeaturesKHR 1_000_549_000 {
+        indirect_memory_copy indirect_memory_to_image_copy
+    }
+    PhysicalDeviceDescriptorHeapFeaturesEXT 1_000_135_009 {
+        descriptor_heap descriptor_heap_capture_replay
+    }
     PhysicalDeviceCooperativeVectorFeaturesNV 1_000_491_000 {
         cooperative_vector cooperative_vector_training
     }
@@ -330,31 +201,6 @@ features! {
     PhysicalDeviceMaintenance11FeaturesKHR 1_000_657_000 { maintenance11 }
     PhysicalDeviceExtendedFlagsFeaturesKHR 1_000_668_004 { extended_flags }
 }
-
-#[repr(C)]
-#[derive(Clone, Copy)]
-pub struct PhysicalDeviceDescriptorHeapFeaturesEXT<'a> {
-    pub s_type: StructureType,
-    pub p_next: *mut c_void,
-    pub descriptor_heap: Bool32,
-    pub descriptor_heap_capture_replay: Bool32,
-    pub _marker: PhantomData<&'a ()>,
-}
-
-impl Default for PhysicalDeviceDescriptorHeapFeaturesEXT<'_> {
-    fn default() -> Self {
-        Self {
-            s_type: StructureType::from_raw(1_000_135_009),
-            p_next: std::ptr::null_mut(),
-            descriptor_heap: FALSE,
-            descriptor_heap_capture_replay: FALSE,
-            _marker: PhantomData,
-        }
-    }
-}
-
-// SAFETY: the registry says so.
-unsafe impl ExtendsPhysicalDeviceFeatures2 for PhysicalDeviceDescriptorHeapFeaturesEXT<'_> {}
 
 #[repr(C)]
 #[derive(Clone, Copy)]

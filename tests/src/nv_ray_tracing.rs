@@ -7,7 +7,7 @@ use crate::acceleration::instance_records;
 use crate::gpu::Made;
 use crate::trace::group_info;
 use crate::{Bound, Buffer, Case, Geometry, Gpu, Instance, Rays, Record, Stage, Structure, Table};
-use crate::{Set, glsl_nv};
+use crate::{Set, glsl_nv, stage_flag};
 
 type BuildFlags = vk::BuildAccelerationStructureFlagsKHR;
 type Needs = vk::AccelerationStructureMemoryRequirementsTypeNV;
@@ -254,7 +254,7 @@ impl Gpu {
         let compile = |(stage, source): &(Stage, String)| {
             let module = self.module(&glsl_nv(*stage, source));
             vk::PipelineShaderStageCreateInfo::default()
-                .stage(stage.flag())
+                .stage(stage_flag(*stage))
                 .module(module)
                 .name(c"main")
         };

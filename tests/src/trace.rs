@@ -4,7 +4,7 @@ use ash::vk;
 use bytemuck::Pod;
 
 use crate::gpu::Made;
-use crate::{Buffer, Gpu, Set, Stage};
+use crate::{Buffer, Gpu, Set, Stage, stage_flag};
 
 /// A shader group: numbers of the pipeline's shaders.
 #[derive(Clone, Copy, Debug, Default)]
@@ -186,7 +186,7 @@ impl Gpu {
             .zip(&modules)
             .map(|((stage, _), module)| {
                 let mut info = vk::PipelineShaderStageCreateInfo::default()
-                    .stage(stage.flag())
+                    .stage(stage_flag(*stage))
                     .module(*module)
                     .name(c"main");
                 info.p_next = next;

@@ -109,7 +109,7 @@ impl Parts {
     ) -> Result<vk::Pipeline, vk::Result> {
         let stage = |(stage, module): &(Stage, vk::ShaderModule)| {
             vk::PipelineShaderStageCreateInfo::default()
-                .stage(stage.flag())
+                .stage(stage_flag(*stage))
                 .module(*module)
                 .name(c"main")
         };

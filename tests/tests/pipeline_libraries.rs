@@ -39,7 +39,7 @@ impl Parts<'_> {
             .iter()
             .map(|&(stage, source)| {
                 vk::PipelineShaderStageCreateInfo::default()
-                    .stage(stage.flag())
+                    .stage(stage_flag(stage))
                     .module(self.gpu.module(&glsl(stage, source)))
                     .name(c"main")
             })

@@ -373,7 +373,7 @@ fn callables(gpu: &Gpu, again: Option<&[u8]>) -> (Rays, Buffer) {
     let names: Vec<vk::ShaderModule> = shaders.iter().map(|(_, it)| gpu.module(it)).collect();
     let stages = shaders.iter().zip(&names).map(|((stage, _), &module)| {
         vk::PipelineShaderStageCreateInfo::default()
-            .stage(stage.flag())
+            .stage(stage_flag(*stage))
             .module(module)
             .name(c"main")
     });

@@ -358,7 +358,7 @@ fn mesh_shaders_are_bound() {
             );
             // SAFETY: the command buffer is being recorded, and the shaders are of this device.
             unsafe {
-                objects.cmd_bind_shaders(commands, &between.map(Stage::flag), &bound);
+                objects.cmd_bind_shaders(commands, &between.map(stage_flag), &bound);
                 meshes.cmd_draw_mesh_tasks(commands, 1, 1, 1);
             }
         });

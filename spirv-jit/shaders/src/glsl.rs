@@ -1,6 +1,6 @@
 //! GLSL to modules.
 
-use glsl::Version;
+use glsl::{Version, compile_with};
 use spirv_jit::program::Stage;
 
 /// Extensions that every test shader may use.
@@ -43,54 +43,38 @@ const RASTER_EXTENSIONS: &[&str] = &[
     "GL_ARB_shader_viewport_layer_array",
 ];
 
-/// The name that glslang's program gives the files of a stage.
-fn name(stage: Stage) -> &'static str {
+/// The stage as the compiler of GLSL names it.
+fn stage_of_glsl(stage: Stage) -> glsl::Stage {
     match stage {
-        Stage::Compute => "comp",
-        Stage::RayGeneration => "rgen",
-        Stage::Miss => "rmiss",
-        Stage::ClosestHit => "rchit",
-        Stage::AnyHit => "rahit",
-        Stage::Intersection => "rint",
-        Stage::Callable => "rcall",
-        Stage::Vertex => "vert",
-        Stage::TessellationControl => "tesc",
-        Stage::TessellationEvaluation => "tese",
-        Stage::Geometry => "geom",
-        Stage::Task => "task",
-        Stage::Mesh => "mesh",
-        Stage::Fragment => "frag",
+        Stage::Compute => glsl::Stage::Compute,
+        Stage::RayGeneration => glsl::Stage::RayGeneration,
+        Stage::Miss => glsl::Stage::Miss,
+        Stage::ClosestHit => glsl::Stage::ClosestHit,
+        Stage::AnyHit => glsl::Stage::AnyHit,
+        Stage::Intersection => glsl::Stage::Intersection,
+        Stage::Callable => glsl::Stage::Callable,
+        Stage::Vertex => glsl::Stage::Vertex,
+        Stage::TessellationControl => glsl::Stage::TessellationControl,
+        Stage::TessellationEvaluation => glsl::Stage::TessellationEvaluation,
+        Stage::Geometry => glsl::Stage::Geometry,
+        Stage::Task => glsl::Stage::Task,
+        Stage::Mesh => glsl::Stage::Mesh,
+        Stage::Fragment => glsl::Stage::Fragment,
     }
 }
 
 /// Compiles GLSL without its version line.
 pub fn glsl(stage: Stage, source: &str) -> Vec<u32> {
-    let mut text = String::from("#version 460\n");
-    for extension in EXTENSIONS {
-        text += &format!("#extension {extension} : enable\n");
-    }
-    let draws = matches!(
-        stage,
-        Stage::Vertex
-            | Stage::TessellationControl
-            | Stage::TessellationEvaluation
-            | Stage::Geometry
-            | Stage::Task
-            | Stage::Mesh
-            | Stage::Fragment
-    );
-    if draws {
-        for extension in RASTER_EXTENSIONS {
-            text += &format!("#extension {extension} : enable\n");
+    let stage = stage_of_glsl(stage);
+    let mut extensions = EXTENSIONS.to_vec();
+    if stage.is_of_draws() {
+        extensions.extend(RASTER_EXTENSIONS);
+        if stage.is_of_meshes() {
+            extensions.push("GL_EXT_mesh_shader");
         }
-        if matches!(stage, Stage::Task | Stage::Mesh | Stage::Fragment) {
-            text += "#extension GL_EXT_mesh_shader : enable\n";
-        }
-    } else if stage != Stage::Compute {
-        text += "#extension GL_EXT_ray_tracing : enable\n";
-        text += "#extension GL_EXT_ray_tracing_position_fetch : enable\n";
+    } else if stage != glsl::Stage::Compute {
+        extensions.push("GL_EXT_ray_tracing");
+        extensions.push("GL_EXT_ray_tracing_position_fetch");
     }
-    text += source;
-    glsl::compile(name(stage), Version::V1_6, &text)
-        .unwrap_or_else(|error| panic!("{error}\n{text}"))
+    compile_with(stage, Version::V1_6, &extensions, source)
 }

@@ -10,12 +10,14 @@
 #[cfg(not(windows))]
 mod compiler;
 mod server;
+mod stage;
 
 #[cfg(not(windows))]
 pub use compiler::compile;
 #[cfg(windows)]
 pub use server::ask as compile;
 pub use server::{ERROR, SERVER, WORDS, answer, ask};
+pub use stage::Stage;
 
 /// Versions of SPIR-V to compile to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,4 +39,17 @@ impl Version {
     fn of_name(name: &str) -> Option<Version> {
         Self::ALL.into_iter().find(|version| version.name() == name)
     }
+}
+
+/// Compiles GLSL without its version line. Extensions are enabled before it.
+///
+/// # Panics
+/// With glslang's message and the text.
+pub fn compile_with(stage: Stage, version: Version, extensions: &[&str], source: &str) -> Vec<u32> {
+    let mut text = String::from("#version 460\n");
+    for extension in extensions {
+        text += &format!("#extension {extension} : enable\n");
+    }
+    text += source;
+    compile(stage.name(), version, &text).unwrap_or_else(|error| panic!("{error}\n{text}"))
 }
