@@ -14,35 +14,32 @@
 //! Waves that need no partners are taken on directly ([`direct`](super::direct)), within the round.
 
 use lanes::LaneMask;
-use spirv_jit::program::{AlignedRow, Event, Events, MAX_SUBGROUPS, ResumePoint, SiteKind, Wave};
+use spirv_jit::program::{AlignedRow, Event, Events, MAX_SUBGROUPS, SiteKind, Wave};
 use spirv_jit::{SUBGROUP_SIZE, interp::Frame};
 use traversal::Walker;
 
 use super::Dispatch;
+use super::batch_memory::BatchMemory;
 use super::calls::{Calls, Records};
 use super::fill_plan::FillPlan;
 use super::grid::Grid;
 use super::inputs::{Callee, Sources, fill};
-use super::line::{Line, Noted};
+use super::line::{Line, LineLists};
 use super::rays::RayGroup;
+use super::ready::{Ready, ReadyLists};
 use super::slab::Slab;
 use super::stats::Tally;
 use super::subgroup::{Role, Subgroup, SubgroupIndex, Turn};
+use super::walk_lists::WalkLists;
 use super::walked::Counting;
 use crate::os::memory::trim_heap;
 use crate::settings::settings;
+use crate::wave::Stopped;
 use crate::wave::queries::Queries;
 use crate::wave::table::ProgramIndex;
-use crate::wave::{Share, Stopped};
 
 /// Fuel of one run between two looks at the limits.
 const FUEL: u64 = 1 << 16;
-
-/// Waves between two looks at the limits.
-const PATIENCE: u32 = 256;
-
-/// Bytes of new subgroup states between two looks at the limits: clearing them burns no fuel.
-const STATE_BYTES: usize = 64 << 20;
 
 /// Memory that a worker may keep between batches, in bytes of subgroup states; memory beyond that
 /// is released after a deep recursion.
@@ -77,13 +74,6 @@ impl Default for Worker {
     }
 }
 
-/// Subgroups of one program that stand at one point.
-pub(super) struct Ready {
-    program: ProgramIndex,
-    point: ResumePoint,
-    subgroups: Vec<SubgroupIndex>,
-}
-
 /// A batch being turned.
 pub struct Batch<'a> {
     pub(super) dispatch: &'a Dispatch<'a>,
@@ -91,49 +81,20 @@ pub struct Batch<'a> {
     /// The layer of its launches.
     pub(super) layer: u32,
     pub(super) worker: &'a mut Worker,
-    /// By [`Turn`].
-    pub(super) ready: [Vec<Ready>; Turn::COUNT],
-    /// By [`Turn`]: where the last one came, if that list is still there.
-    latest: [usize; Turn::COUNT],
-    /// Lists of ready subgroups that are not in use, for their memory.
-    spare: Vec<Vec<SubgroupIndex>>,
-    /// Groups of rays whose walks begin.
-    pub(super) starting: Vec<u32>,
-    /// The same, of rays that are known not to go together.
-    pub(super) apart: Vec<u32>,
-    /// Groups of rays about all of whose candidates shaders have decided.
-    pub(super) going_on: Vec<u32>,
+    pub(super) ready: ReadyLists,
+    /// Groups of rays that are to walk.
+    pub(super) walks: WalkLists,
     /// Calls of shaders that decide on candidates.
     pub(super) deciding: Calls,
     /// Calls of hit, miss and callable shaders.
     pub(super) calls: Calls,
     /// Subgroups that stand at a reorder instruction.
     pub(super) reordering: Vec<SubgroupIndex>,
-    /// Whether lines of ray generation shaders are taken on directly; see
-    /// [`direct`](super::direct).
-    pub(super) is_direct: bool,
+    /// Subgroups of lines.
+    pub(super) lines: LineLists,
     /// Validation or an observer sees what happens.
     pub(super) is_watched: bool,
-    /// A line is being answered.
-    pub(super) in_line: bool,
-    /// Subgroups at traces and calls that are to be answered as lines.
-    pub(super) standing: Vec<SubgroupIndex>,
-    /// How far subgroups of lines came in this round.
-    pub(super) noted: Vec<Noted>,
-    /// The same, of hit and miss shaders.
-    pub(super) noted_callees: Vec<Noted>,
-    /// Of subgroup states in flight.
-    pub(super) state_bytes: usize,
-    /// Of the longest frame of a wave so far.
-    frame_bytes: usize,
-    /// Of the most states of a line's callees so far, by depth.
-    line_bytes: [usize; 2],
-    /// Their share of the device's budget.
-    share: Share,
-    /// Bytes of states made since the last look at the limits.
-    unchecked_bytes: usize,
-    /// Waves until the next look at the limits: a shader that always yields never runs out of fuel.
-    patience: u32,
+    pub(super) memory: BatchMemory,
     tally: Option<Tally>,
     /// Counts of each invocation, where a capture keeps them.
     pub(super) counting: Option<Counting<'a>>,
@@ -141,7 +102,7 @@ pub struct Batch<'a> {
 
 impl Drop for Batch<'_> {
     fn drop(&mut self) {
-        if self.share.bytes() > KEPT_BYTES {
+        if self.memory.bytes() > KEPT_BYTES {
             *self.worker = Worker::default();
             trim_heap();
         }
@@ -165,27 +126,14 @@ impl<'a> Batch<'a> {
             grid,
             layer: 0,
             worker,
-            ready: Default::default(),
-            latest: [0; Turn::COUNT],
-            spare: Vec::new(),
-            starting: Vec::new(),
-            apart: Vec::new(),
-            going_on: Vec::new(),
+            ready: ReadyLists::default(),
+            walks: WalkLists::default(),
             deciding: Calls::default(),
             calls: Calls::default(),
             reordering: Vec::new(),
-            is_direct: settings().direct && !dispatch.is_watched(),
+            lines: LineLists::new(settings().direct && !dispatch.is_watched()),
             is_watched: dispatch.is_watched(),
-            in_line: false,
-            standing: Vec::new(),
-            noted: Vec::new(),
-            noted_callees: Vec::new(),
-            state_bytes: 0,
-            frame_bytes: 0,
-            line_bytes: [0; 2],
-            share: Share::default(),
-            unchecked_bytes: 0,
-            patience: PATIENCE,
+            memory: BatchMemory::default(),
             tally: Tally::new(dispatch.shaders.programs.len()),
             counting: Counting::new(dispatch.observer),
         }
@@ -260,7 +208,7 @@ impl<'a> Batch<'a> {
                 }
                 None => self.fill_inputs(subgroup, &[record; SUBGROUP_SIZE]),
             }
-            if !self.is_direct {
+            if !self.lines.is_direct {
                 self.make_ready(subgroup);
                 continue;
             }
@@ -272,7 +220,7 @@ impl<'a> Batch<'a> {
         if !line.is_empty() {
             self.start_line(raygen, &mut line, &mut others)?;
         }
-        match self.is_direct {
+        match self.lines.is_direct {
             true => self.finish_start(others),
             false => self.run_launches(),
         }
@@ -283,19 +231,16 @@ impl<'a> Batch<'a> {
         let subgroup = &mut self.worker.subgroups[index];
         subgroup.lanes = LaneMask::NONE;
         let program = &self.dispatch.shaders.programs[subgroup.program as usize];
-        self.state_bytes -= program.layout().rows * size_of::<AlignedRow>();
+        let bytes = program.layout().rows * size_of::<AlignedRow>();
+        self.memory.remove_state(bytes);
         self.worker.subgroups.remove(index);
     }
 
     /// Something other than a reordering is to be done.
     fn is_busy(&self) -> bool {
-        let is_ready = self.ready.iter().any(|ready| !ready.is_empty());
-        let walks = [&self.starting, &self.apart, &self.going_on];
-        let has_walks = walks.iter().any(|groups| !groups.is_empty());
         let is_called = !(self.calls.is_empty() && self.deciding.is_empty());
-        let noted = [&self.noted, &self.noted_callees];
-        let has_lines = !self.standing.is_empty() || noted.iter().any(|noted| !noted.is_empty());
-        is_ready || has_walks || is_called || has_lines
+        let is_idle = self.ready.is_empty() && self.walks.is_empty() && self.lines.is_empty();
+        is_called || !is_idle
     }
 
     /// Walks all rays to their ends, with the shaders that decide on their candidates.
@@ -304,7 +249,7 @@ impl<'a> Batch<'a> {
             let started = self.start_clock();
             self.advance_walks()?;
             self.count_walks(started)?;
-            if self.ready[Turn::Deciders as usize].is_empty() {
+            if self.ready.has_none(Turn::Deciders) {
                 if self.deciding.is_empty() {
                     return Ok(());
                 }
@@ -328,22 +273,9 @@ impl<'a> Batch<'a> {
         Ok(index)
     }
 
-    /// Counts a subgroup's state, and looks at the limits now and then.
+    /// Counts a subgroup's state.
     pub(super) fn take_state_bytes(&mut self, bytes: usize) -> Result<(), Stopped> {
-        self.state_bytes += bytes;
-        self.take_bytes()?;
-        self.unchecked_bytes += bytes;
-        if self.unchecked_bytes > STATE_BYTES {
-            self.unchecked_bytes = 0;
-            self.dispatch.limits.check()?;
-        }
-        Ok(())
-    }
-
-    /// Takes bytes of the device's budget for states and frame.
-    fn take_bytes(&mut self) -> Result<(), Stopped> {
-        let bytes = self.state_bytes + self.frame_bytes + self.line_bytes.iter().sum::<usize>();
-        self.share.grow_to(bytes, &self.dispatch.limits.memory)
+        self.memory.add_state(bytes, self.dispatch.limits)
     }
 
     /// Makes room for states of callees in a line.
@@ -354,10 +286,7 @@ impl<'a> Batch<'a> {
         states: &mut Vec<AlignedRow>,
     ) -> Result<(), Stopped> {
         let bytes = rows * size_of::<AlignedRow>();
-        if bytes > self.line_bytes[depth] {
-            self.line_bytes[depth] = bytes;
-            self.take_bytes()?;
-        }
+        (self.memory).add_line(depth, bytes, self.dispatch.limits)?;
         if rows > states.len() {
             let room = states.try_reserve(rows - states.len());
             room.map_err(|_| Stopped::OutOfMemory)?;
@@ -399,30 +328,12 @@ impl<'a> Batch<'a> {
         let subgroup = &self.worker.subgroups[index];
         let program = subgroup.program;
         let point = self.dispatch.shaders.programs[program as usize].resume_point(&subgroup.rows);
-        let turn = subgroup.role.turn() as usize;
-        let (ready, latest) = (&mut self.ready[turn], &mut self.latest[turn]);
-        let is_there = |r: &Ready| (r.program, r.point) == (program, point);
-        // Most come where the one before came.
-        if !ready.get(*latest).is_some_and(is_there) {
-            *latest = ready.iter().position(is_there).unwrap_or_else(|| {
-                ready.push(Ready {
-                    program,
-                    point,
-                    subgroups: self.spare.pop().unwrap_or_default(),
-                });
-                ready.len() - 1
-            });
-        }
-        ready[*latest].subgroups.push(index);
+        (self.ready).add(subgroup.role.turn(), program, point, index);
     }
 
     /// Runs all whose turn it is until each waits or has ended.
     fn run_ready(&mut self, turn: Turn) -> Result<(), Stopped> {
-        let turn = turn as usize;
-        while let Some(fullest) =
-            (0..self.ready[turn].len()).max_by_key(|&i| self.ready[turn][i].subgroups.len())
-        {
-            let ready = self.ready[turn].swap_remove(fullest);
+        while let Some(ready) = self.ready.take_fullest(turn) {
             self.run_subgroups(ready)?;
         }
         Ok(())
@@ -431,8 +342,7 @@ impl<'a> Batch<'a> {
     /// Runs ray generation shaders until each waits or has ended. Those that come back from a
     /// shader call are moved together first.
     pub(super) fn run_launches(&mut self) -> Result<(), Stopped> {
-        let turn = Turn::Launches as usize;
-        for mut ready in std::mem::take(&mut self.ready[turn]) {
+        for mut ready in self.ready.take(Turn::Launches) {
             self.compact(ready.program, ready.point, &mut ready.subgroups)?;
             self.run_subgroups(ready)?;
         }
@@ -454,8 +364,7 @@ impl<'a> Batch<'a> {
         for wave in subgroups.chunks(width) {
             self.run_wave(program, wave)?;
         }
-        subgroups.clear();
-        self.spare.push(subgroups);
+        self.ready.recycle(subgroups);
         Ok(())
     }
 
@@ -514,10 +423,7 @@ impl<'a> Batch<'a> {
     {
         let compiled = &self.dispatch.shaders.programs[program as usize];
         let frame_bytes = compiled.frame_bytes(states.len());
-        if frame_bytes > self.frame_bytes {
-            self.frame_bytes = frame_bytes;
-            self.take_bytes()?;
-        }
+        (self.memory).add_frame(frame_bytes, self.dispatch.limits)?;
         if let Some(tally) = &mut self.tally {
             tally.count(program, compiled, states);
         }
@@ -551,7 +457,7 @@ impl<'a> Batch<'a> {
                 let program = &self.dispatch.shaders.programs[subgroup.program as usize];
                 match program.sites()[site.0 as usize] {
                     SiteKind::RayQueryProceed => self.proceed(index)?,
-                    kind if self.is_for_line(index, kind) => self.standing.push(index),
+                    kind if self.is_for_line(index, kind) => self.lines.standing.push(index),
                     kind => self.act_on_yield(index, kind)?,
                 }
             }
@@ -561,13 +467,7 @@ impl<'a> Batch<'a> {
 
     /// Looks at the limits after a wave, now and then and where fuel has run out.
     pub(super) fn look_at_limits(&mut self, events: &Events) -> Result<(), Stopped> {
-        self.patience -= 1;
-        if events.contains(Event::OutOfFuel) || self.patience == 0 {
-            self.patience = PATIENCE;
-            self.dispatch.limits.check()
-        } else {
-            Ok(())
-        }
+        self.memory.check_after(events, self.dispatch.limits)
     }
 
     /// Advances the ray queries of a subgroup, which then goes on.

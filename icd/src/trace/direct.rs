@@ -36,7 +36,7 @@ impl Batch<'_> {
     pub(super) fn is_for_line(&self, index: SubgroupIndex, site: SiteKind) -> bool {
         let subgroup = &self.worker.subgroups[index];
         let program = &self.dispatch.shaders.programs[subgroup.program as usize];
-        self.is_direct
+        self.lines.is_direct
             && line_trace(site).is_some()
             && subgroup.role == Role::RayGeneration
             && !program.event_mask(&subgroup.rows).is_empty()
@@ -54,7 +54,7 @@ impl Batch<'_> {
     pub(super) fn goes_on_in_line(&self, index: SubgroupIndex) -> bool {
         let subgroup = &self.worker.subgroups[index];
         let program = &self.dispatch.shaders.programs[subgroup.program as usize];
-        self.in_line && program.event_mask(&subgroup.rows) == LaneMask::ALL
+        self.lines.is_answered && program.event_mask(&subgroup.rows) == LaneMask::ALL
     }
 
     /// Runs new subgroups to their first events, and answers those at a trace as a line. Other
@@ -84,7 +84,7 @@ impl Batch<'_> {
                 Event::Yield(site)
                     if self.is_for_line(index, compiled.sites()[site.0 as usize]) =>
                 {
-                    self.standing.push(index);
+                    self.lines.standing.push(index);
                 }
                 _ => others.push(Noted { index, event }),
             }
@@ -100,12 +100,12 @@ impl Batch<'_> {
                 .event_mask(&self.worker.subgroups[index].rows)
                 .is_empty()
         };
-        self.is_direct && line.iter().all(has_lanes)
+        self.lines.is_direct && line.iter().all(has_lanes)
     }
 
     /// Answers the subgroups that stand at traces, line by line.
     pub(super) fn answer_lines(&mut self) -> Result<(), Stopped> {
-        let mut standing = take(&mut self.standing);
+        let mut standing = take(&mut self.lines.standing);
         let Some(&first) = standing.first() else {
             return Ok(());
         };
@@ -134,7 +134,7 @@ impl Batch<'_> {
             }
         }
         standing.clear();
-        self.standing = standing;
+        self.lines.standing = standing;
         Ok(())
     }
 
@@ -154,10 +154,10 @@ impl Batch<'_> {
             (subgroup.pending, subgroup.data_words) = (lanes, payload_words);
             groups.push(self.start_rays(index, lanes, trace));
         }
-        self.in_line = true;
+        self.lines.is_answered = true;
         self.walk_together(&groups)?;
         self.run_calls_in_place(members.len())?;
-        self.in_line = false;
+        self.lines.is_answered = false;
         groups.clear();
         self.worker.line.groups = groups;
         let mut wave = [0; MAX_SUBGROUPS];
@@ -181,7 +181,7 @@ impl Batch<'_> {
         for (&index, event) in wave.iter().zip(events.iter()) {
             match event {
                 Event::End => self.end(index),
-                _ => self.noted.push(Noted { index, event }),
+                _ => self.lines.noted.push(Noted { index, event }),
             }
         }
         let checked = self.look_at_limits(&events);
@@ -190,7 +190,7 @@ impl Batch<'_> {
 
     /// Does what the events of hit and miss shaders that lines noted call for.
     pub(super) fn act_on_noted_callees(&mut self) -> Result<(), Stopped> {
-        for Noted { index, event } in take(&mut self.noted_callees) {
+        for Noted { index, event } in take(&mut self.lines.noted_callees) {
             self.act_on(index, event)?;
         }
         Ok(())
@@ -199,21 +199,21 @@ impl Batch<'_> {
     /// Finishes the step in which ray generation shaders start, before which lines have answered
     /// some in the round that follows: `others` are those that came to other events than a trace.
     pub(super) fn finish_start(&mut self, others: Vec<Noted>) -> Result<(), Stopped> {
-        let turn = Turn::Launches as usize;
-        let noted = replace(&mut self.noted, others);
-        let answered = take(&mut self.ready[turn]);
+        let noted = replace(&mut self.lines.noted, others);
+        let answered = self.ready.take(Turn::Launches);
         self.run_launches()?;
-        (self.noted, self.ready[turn]) = (noted, answered);
+        self.lines.noted = noted;
+        self.ready.put_back(Turn::Launches, answered);
         Ok(())
     }
 
     /// Does what the events of ray generation shaders that lines noted call for.
     pub(super) fn act_on_noted(&mut self) -> Result<(), Stopped> {
-        let mut noted = take(&mut self.noted);
+        let mut noted = take(&mut self.lines.noted);
         for Noted { index, event } in noted.drain(..) {
             self.act_on(index, event)?;
         }
-        self.noted = noted;
+        self.lines.noted = noted;
         Ok(())
     }
 
@@ -291,7 +291,7 @@ impl Batch<'_> {
                     }
                     Event::Yield(_) => {
                         let index = self.leave_line(program, call, state)?;
-                        self.noted_callees.push(Noted { index, event });
+                        self.lines.noted_callees.push(Noted { index, event });
                     }
                 }
             }

@@ -27,7 +27,7 @@ impl Batch<'_> {
     ) -> Result<(), Stopped> {
         let (program, role, record) = callee;
         if lanes.count() >= MANY {
-            if self.in_line && self.runs_in_line(program, role) {
+            if self.lines.is_answered && self.runs_in_line(program, role) {
                 self.worker.line.call(callee, caller, lanes);
                 return Ok(());
             }

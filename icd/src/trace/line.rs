@@ -14,6 +14,37 @@ pub struct Noted {
     pub event: Event,
 }
 
+/// The subgroups of a batch's lines.
+pub struct LineLists {
+    /// Whether lines of ray generation shaders are taken on directly; see
+    /// [`direct`](super::direct).
+    pub is_direct: bool,
+    /// A line is being answered.
+    pub is_answered: bool,
+    /// Subgroups at traces and calls that are to be answered as lines.
+    pub standing: Vec<SubgroupIndex>,
+    /// How far subgroups of lines came in this round.
+    pub noted: Vec<Noted>,
+    /// The same, of hit and miss shaders.
+    pub noted_callees: Vec<Noted>,
+}
+
+impl LineLists {
+    pub fn new(is_direct: bool) -> Self {
+        Self {
+            is_direct,
+            is_answered: false,
+            standing: Vec::new(),
+            noted: Vec::new(),
+            noted_callees: Vec::new(),
+        }
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.standing.is_empty() && self.noted.is_empty() && self.noted_callees.is_empty()
+    }
+}
+
 /// A worker's memory for the line that is being answered.
 #[derive(Default)]
 pub struct Line {

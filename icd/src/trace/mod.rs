@@ -16,6 +16,7 @@
 //! all waves of the batch.
 
 mod batch;
+mod batch_memory;
 mod calls;
 mod checked;
 mod counted;
@@ -27,6 +28,7 @@ mod hit_object;
 mod inputs;
 mod line;
 mod rays;
+mod ready;
 mod reorder;
 mod slab;
 pub mod stats;
@@ -34,6 +36,7 @@ mod stopped;
 mod subgroup;
 #[cfg(test)]
 mod tests;
+mod walk_lists;
 mod walked;
 mod walks;
 mod watched;

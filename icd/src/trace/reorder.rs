@@ -267,7 +267,7 @@ impl Batch<'_> {
         let compiled = &self.dispatch.shaders.programs[program as usize];
         let bytes = compiled.layout().rows * size_of::<AlignedRow>();
         for index in places.drain(count.min(places.len())..) {
-            self.state_bytes -= bytes;
+            self.memory.remove_state(bytes);
             self.worker.subgroups.remove(index);
         }
         while places.len() < count {

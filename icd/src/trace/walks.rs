@@ -47,20 +47,20 @@ impl Batch<'_> {
     pub(super) fn advance_walks(&mut self) -> Result<(), Stopped> {
         let walker = self.worker.walker.take();
         let mut walker = walker.expect("it is there between traces");
-        let starting = std::mem::take(&mut self.starting);
-        let apart = std::mem::take(&mut self.apart);
+        let starting = std::mem::take(&mut self.walks.starting);
+        let apart = std::mem::take(&mut self.walks.apart);
         // SAFETY: the application keeps the structures that a trace may reach built and bound until
         // the dispatch is complete (VUID-vkCmdTraceRaysKHR-None-03429 and the build commands'
         // rules); so here and below.
         let mut advanced = unsafe { walker.trace(&starting, &apart, self) };
-        (self.starting, self.apart) = (recycled(starting), recycled(apart));
+        (self.walks.starting, self.walks.apart) = (recycled(starting), recycled(apart));
         // Those about whose candidates no shader has a say can go on again at once.
-        while advanced.is_ok() && !self.going_on.is_empty() {
-            let going_on = std::mem::take(&mut self.going_on);
+        while advanced.is_ok() && !self.walks.going_on.is_empty() {
+            let going_on = std::mem::take(&mut self.walks.going_on);
             // SAFETY: as above.
             advanced = unsafe { walker.resume(&going_on, self) };
-            if self.going_on.is_empty() {
-                self.going_on = recycled(going_on);
+            if self.walks.going_on.is_empty() {
+                self.walks.going_on = recycled(going_on);
             }
         }
         self.worker.walker = Some(walker);
@@ -72,10 +72,10 @@ impl Batch<'_> {
     pub(super) fn walk_together(&mut self, groups: &[u32]) -> Result<(), Stopped> {
         let walker = self.worker.walker.take();
         let mut walker = walker.expect("it is there between traces");
-        let mut apart = std::mem::take(&mut self.apart);
+        let mut apart = std::mem::take(&mut self.walks.apart);
         // SAFETY: as in `advance_walks`.
         let walked = unsafe { walker.trace_together(groups, &mut apart, self) };
-        self.apart = apart;
+        self.walks.apart = apart;
         self.worker.walker = Some(walker);
         walked
     }
@@ -114,7 +114,7 @@ impl Batch<'_> {
         }
         self.worker.ray_groups[index].undecided = undecided;
         if undecided.is_empty() {
-            self.going_on.push(index);
+            self.walks.going_on.push(index);
         }
         for (callee, lanes) in callees {
             self.call(callee, index, lanes)?;
@@ -127,7 +127,7 @@ impl Batch<'_> {
         let group = &mut self.worker.ray_groups[index];
         group.undecided -= lanes;
         if group.undecided.is_empty() {
-            self.going_on.push(index);
+            self.walks.going_on.push(index);
         }
     }
 

@@ -48,7 +48,7 @@ impl Batch<'_> {
         match site {
             SiteKind::TraceRay { trace, .. } => {
                 let group = self.start_rays(index, mask, trace);
-                self.starting.push(group);
+                self.walks.starting.push(group);
             }
             SiteKind::HitObjectExecute { .. } => return self.execute_hit_objects(index, mask),
             SiteKind::ReportIntersection { attribute_words } => {
