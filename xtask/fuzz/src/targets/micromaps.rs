@@ -25,6 +25,56 @@ fn usages(rng: &mut Rng) -> Vec<vk::MicromapUsageEXT> {
         .collect()
 }
 
+fn anywhere(world: &World, rng: &mut Rng) -> vk::DeviceOrHostAddressConstKHR {
+    vk::DeviceOrHostAddressConstKHR {
+        device_address: address(world, rng),
+    }
+}
+
+/// A build of a micromap from data anywhere.
+fn build_info<'a>(
+    world: &World,
+    rng: &mut Rng,
+    micromap: vk::MicromapEXT,
+    usages: &'a [vk::MicromapUsageEXT],
+    scratch: vk::DeviceAddress,
+) -> vk::MicromapBuildInfoEXT<'a> {
+    vk::MicromapBuildInfoEXT::default()
+        .ty(vk::MicromapTypeEXT::OPACITY_MICROMAP)
+        .flags(vk::BuildMicromapFlagsEXT::from_raw(rng.u32(0..8)))
+        .mode(vk::BuildMicromapModeEXT::BUILD)
+        .dst_micromap(micromap)
+        .usage_counts(usages)
+        .data(anywhere(world, rng))
+        .triangle_array(anywhere(world, rng))
+        .triangle_array_stride(modest(rng))
+        .scratch_data(vk::DeviceOrHostAddressKHR {
+            device_address: scratch,
+        })
+}
+
+/// The use of a micromap by triangles, with indices anywhere.
+fn use_of<'a>(
+    world: &World,
+    rng: &mut Rng,
+    micromap: vk::MicromapEXT,
+    usages: &'a [vk::MicromapUsageEXT],
+) -> vk::AccelerationStructureTrianglesOpacityMicromapEXT<'a> {
+    let index_types = [
+        vk::IndexType::NONE_KHR,
+        vk::IndexType::UINT8_KHR,
+        vk::IndexType::UINT16,
+        vk::IndexType::UINT32,
+    ];
+    vk::AccelerationStructureTrianglesOpacityMicromapEXT::default()
+        .index_type(index_types[rng.usize(0..index_types.len())])
+        .index_buffer(anywhere(world, rng))
+        .index_stride(modest(rng))
+        .base_triangle(modest(rng) as u32)
+        .usage_counts(usages)
+        .micromap(micromap)
+}
+
 pub fn run(world: &World, case: &Case) {
     let gpu = &world.gpu;
     if gpu.optional.micromap.micromap == vk::FALSE {
@@ -32,39 +82,13 @@ pub fn run(world: &World, case: &Case) {
     }
     let mut rng = case.common();
     fill(world, &mut rng);
-    let at = |rng: &mut Rng| vk::DeviceOrHostAddressConstKHR {
-        device_address: address(world, rng),
-    };
     for mut rng in case.steps().take(4) {
         let rng = &mut rng;
         let usages = usages(rng);
         let micromap = gpu.empty_micromap(SIZE_BYTES);
         let scratch = gpu.buffer(1 << 16);
-        let info = vk::MicromapBuildInfoEXT::default()
-            .ty(vk::MicromapTypeEXT::OPACITY_MICROMAP)
-            .flags(vk::BuildMicromapFlagsEXT::from_raw(rng.u32(0..8)))
-            .mode(vk::BuildMicromapModeEXT::BUILD)
-            .dst_micromap(micromap)
-            .usage_counts(&usages)
-            .data(at(rng))
-            .triangle_array(at(rng))
-            .triangle_array_stride(modest(rng))
-            .scratch_data(vk::DeviceOrHostAddressKHR {
-                device_address: scratch.address,
-            });
-        let index_types = [
-            vk::IndexType::NONE_KHR,
-            vk::IndexType::UINT8_KHR,
-            vk::IndexType::UINT16,
-            vk::IndexType::UINT32,
-        ];
-        let mut chained = vk::AccelerationStructureTrianglesOpacityMicromapEXT::default()
-            .index_type(index_types[rng.usize(0..index_types.len())])
-            .index_buffer(at(rng))
-            .index_stride(modest(rng))
-            .base_triangle(modest(rng) as u32)
-            .usage_counts(&usages)
-            .micromap(micromap);
+        let info = build_info(world, rng, micromap, &usages, scratch.address);
+        let mut chained = use_of(world, rng, micromap, &usages);
         let triangles = vk::AccelerationStructureGeometryTrianglesDataKHR::default()
             .vertex_format(vk::Format::R32G32B32_SFLOAT)
             .vertex_data(vk::DeviceOrHostAddressConstKHR {

@@ -7,10 +7,11 @@ use ash::vk;
 use demo::vulkan::{Context, change_layout, viewport};
 use egui::ViewportId;
 use winit::event_loop::ActiveEventLoop;
+use winit::window::Window;
 
 use super::App;
 use super::open::Open;
-use crate::panel::{News, lay_out};
+use crate::panel::{Choices, News, lay_out};
 use crate::progress::{Progress, Sight};
 use crate::swapchain::{Outcome, SwapchainImage};
 
@@ -18,14 +19,18 @@ use crate::swapchain::{Outcome, SwapchainImage};
 const LONGEST_STEP: Duration = Duration::from_millis(200);
 
 impl App<'_> {
+    /// The time, and the seconds by which the camera moves on.
+    fn step(&mut self) -> (Instant, f32) {
+        let now = Instant::now();
+        let step = (now - self.last_frame).min(LONGEST_STEP);
+        self.last_frame = now;
+        (now, step.as_secs_f32())
+    }
+
     /// Computes a part of the picture and shows the picture so far.
     pub(super) fn redraw(&mut self, events: &ActiveEventLoop) -> Result<()> {
-        let now = Instant::now();
-        let step = (now - self.last_frame).min(LONGEST_STEP).as_secs_f32();
-        self.last_frame = now;
-        let minimized = |open: &Open| open.window.is_minimized() == Some(true);
-        if self.is_hidden || self.open.as_ref().is_none_or(minimized) || !self.fit()? {
-            // An event comes when it is seen again.
+        let (now, step) = self.step();
+        if self.is_hidden || self.open.as_ref().is_none_or(is_unseen) || !self.fit()? {
             return Ok(());
         }
         let extent = self.studio.scene.extent;
@@ -55,24 +60,16 @@ impl App<'_> {
             samples: progress.samples,
             rays_per_second: progress.rays_per_second,
         };
-        let input = open.egui.take_egui_input(&open.window);
-        let egui = open.egui.egui_ctx().clone();
-        let mut panel = egui::Rect::NOTHING;
-        let output = egui.run(input, |context| {
-            panel = lay_out(context, &mut self.choices, &news);
-        });
-        open.egui
-            .handle_platform_output(&open.window, output.platform_output);
+        let (output, panel) = run_panel(&mut open.egui, &open.window, &mut self.choices, &news);
         let scale = output.pixels_per_point;
-        let meshes = egui.tessellate(output.shapes, scale);
+        let meshes = open.egui.egui_ctx().tessellate(output.shapes, scale);
         let size = (swapchain.extent.width, swapchain.extent.height);
         overlay.prepare(&output.textures_delta, &meshes, size, scale)?;
 
-        let context = self.studio.context;
         let exposure = self.studio.scene.exposure * self.choices.stops.exp2();
         open.window.pre_present_notify();
         let outcome = swapchain.present(self.commands, self.finished, |commands, shown| {
-            record(context, commands, &shown, size, || {
+            record(self.studio.context, commands, &shown, size, || {
                 show.record(commands, progress, exposure);
                 overlay.record(commands);
             });
@@ -94,9 +91,8 @@ impl App<'_> {
         let is_done = progress.is_done(order.spp);
         if is_done && was_presented && !self.has_told {
             print_done(progress, split, (panel.min * scale, panel.size() * scale));
-            self.has_told = true;
         }
-        self.has_told &= is_done;
+        self.has_told = is_done && (self.has_told || was_presented);
         if order.frames.is_some_and(|frames| self.presented >= frames) {
             events.exit();
             return Ok(());
@@ -112,6 +108,27 @@ impl App<'_> {
         self.sleep(events, then);
         Ok(())
     }
+}
+
+/// Runs the panel. Returns its output and its rectangle, in points.
+fn run_panel(
+    egui: &mut egui_winit::State,
+    window: &Window,
+    choices: &mut Choices,
+    news: &News,
+) -> (egui::FullOutput, egui::Rect) {
+    let input = egui.take_egui_input(window);
+    let mut panel = egui::Rect::NOTHING;
+    let mut output = (egui.egui_ctx().clone()).run(input, |context| {
+        panel = lay_out(context, choices, news);
+    });
+    egui.handle_platform_output(window, std::mem::take(&mut output.platform_output));
+    (output, panel)
+}
+
+/// Whether nothing is drawn in a window now. An event comes when it is seen again.
+fn is_unseen(open: &Open<'_>) -> bool {
+    open.window.is_minimized() == Some(true)
 }
 
 /// Records a picture over all of an image that is presented.
