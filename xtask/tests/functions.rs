@@ -37,16 +37,14 @@ const LOOPS: [(&str, &str); 9] = [
 ];
 
 /// Functions that are still to be taken apart. This list may only shrink.
-const LEFT: [(&str, &str); 11] = [
+const LEFT: [(&str, &str); 9] = [
     ("icd/src/capture/path.rs", "add"),
     ("icd/src/raster/front/assemble.rs", "assemble"),
     ("icd/src/raster/front/bresenham.rs", "bresenham"),
     ("icd/src/raster/front/chunk.rs", "set_up"),
     ("icd/src/raster/front/cut.rs", "add"),
     ("icd/src/raster/front/line.rs", "segment"),
-    ("icd/src/raster/front/mod.rs", "next_round"),
     ("icd/src/raster/tile/direct.rs", "paint"),
-    ("icd/src/raster/tile/plan.rs", "new"),
     ("spirv-jit/src/interp/emit/turns.rs", "follow"),
     ("spirv-jit/src/native/stretch/turns.rs", "assemble"),
 ];

@@ -114,6 +114,19 @@ impl Rounds {
             chunks: FIRST_ROUND,
         }
     }
+
+    /// Chooses the number of chunks of the next round by the bytes of these.
+    fn adapt(&mut self, chunks: &[Chunk], threads: usize) {
+        let bytes = chunks.iter().map(Chunk::list_bytes).sum::<usize>();
+        let most = (threads * CHUNKS_OF_WORKER).clamp(FIRST_ROUND, ROUND_CHUNKS);
+        self.chunks = if bytes > ROUND_BYTES {
+            (self.chunks / 2).max(1)
+        } else if bytes < ROUND_BYTES / 4 {
+            (self.chunks * 2).min(most)
+        } else {
+            self.chunks
+        };
+    }
 }
 
 /// A draw of a batch.
@@ -150,11 +163,29 @@ impl FrontEnd {
             limits: context.limits,
             grid: rounds.grid,
         };
+        let jobs = self.next_jobs(context, &round, &cutter, rounds)?;
+        if jobs.is_empty() {
+            return Ok(None);
+        }
+        let chunks = self.run_jobs(context, &round, &jobs)?;
+        capture::write(context, work, &chunks);
+        rounds.adapt(&chunks, context.workers.current_num_threads());
+        Ok(Some(chunks))
+    }
+
+    /// The jobs of the next round: those that wait first.
+    fn next_jobs(
+        &self,
+        context: Context<'_>,
+        round: &Round<'_>,
+        cutter: &Cutter<'_>,
+        rounds: &mut Rounds,
+    ) -> Result<Vec<Job>, Stopped> {
         let mut jobs: Vec<Job> = Vec::new();
         while jobs.len() < rounds.chunks {
             match rounds.waiting.front_mut() {
                 Some(QueuedWork::Tasks(cursor)) => {
-                    let draw = draw_of(work, cursor.draw());
+                    let draw = draw_of(round.work, cursor.draw());
                     match draw.and_then(|draw| cursor.next(longest_chunk(draw))) {
                         Some((workgroups, count)) => jobs.push(Job {
                             workgroups: Some(workgroups),
@@ -177,44 +208,38 @@ impl FrontEnd {
                 None => break,
                 Some(job) if job.expands => {
                     let room = rounds.chunks - jobs.len();
-                    self.divide(context, &round, &cutter, rounds, job, room)?;
+                    self.divide(context, round, cutter, rounds, job, room)?;
                 }
                 Some(job) => jobs.push(job),
             }
         }
-        if jobs.is_empty() {
-            return Ok(None);
-        }
+        Ok(jobs)
+    }
+
+    /// Runs jobs, each to a chunk, in order.
+    fn run_jobs(
+        &self,
+        context: Context<'_>,
+        round: &Round<'_>,
+        jobs: &[Job],
+    ) -> Result<Vec<Chunk>, Stopped> {
         let make = |job: &Job| {
             let _span = timeline::work("primitives");
             let mut worker = self.idle.lock().pop().unwrap_or_default();
             let mut chunk = self.spare.lock().pop().unwrap_or_default();
-            worker.run(&round, job, &mut chunk)?;
+            worker.run(round, job, &mut chunk)?;
             worker.rest();
             self.idle.lock().push(worker);
             Ok(chunk)
         };
         let primitives: u32 = jobs.iter().map(|job| job.primitives).sum();
         let are_few = primitives <= FEW_PRIMITIVES && !jobs.iter().any(|job| job.amplifies);
-        let chunks: Vec<Chunk> = if jobs.len() == 1 || are_few {
-            jobs.iter().map(make).collect::<Result<_, _>>()?
-        } else {
-            context
-                .workers
-                .install(|| jobs.par_iter().map(make).collect::<Result<_, _>>())?
-        };
-        capture::write(context, work, &chunks);
-        let bytes = chunks.iter().map(Chunk::list_bytes).sum::<usize>();
-        let threads = context.workers.current_num_threads();
-        let most = (threads * CHUNKS_OF_WORKER).clamp(FIRST_ROUND, ROUND_CHUNKS);
-        rounds.chunks = if bytes > ROUND_BYTES {
-            (rounds.chunks / 2).max(1)
-        } else if bytes < ROUND_BYTES / 4 {
-            (rounds.chunks * 2).min(most)
-        } else {
-            rounds.chunks
-        };
-        Ok(Some(chunks))
+        if jobs.len() == 1 || are_few {
+            return jobs.iter().map(make).collect();
+        }
+        context
+            .workers
+            .install(|| jobs.par_iter().map(make).collect())
     }
 
     /// Runs the control or task shaders of a job and of those that follow it, up to `room` jobs.

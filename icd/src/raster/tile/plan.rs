@@ -73,6 +73,29 @@ pub struct Fragment<'a> {
     pub subgroups: usize,
 }
 
+impl<'a> Fragment<'a> {
+    fn new(
+        program: &'a Program,
+        inputs: Inputs,
+        facts: &FragmentFacts,
+        (per_sample, samples): (bool, u32),
+        may_join: bool,
+    ) -> Self {
+        let is_serial = facts.reads_attachments || facts.interlock.is_some();
+        let is_plain = !(is_serial || facts.writes_memory || facts.full_quads || per_sample);
+        let sees_coverage = inputs.see_coverage();
+        Self {
+            program,
+            per_sample: per_sample && samples > 1,
+            is_serial,
+            sees_coverage: sees_coverage && !facts.post_depth_coverage,
+            inputs,
+            joins: may_join && is_plain && !sees_coverage && !program.looks_at_lanes(),
+            subgroups: subgroups_at_once(program),
+        }
+    }
+}
+
 impl<'a> Plan<'a> {
     /// Of a draw in a pass.
     pub fn new(tier: Tier, targets: &Targets, draw: &'a Draw) -> Self {
@@ -109,10 +132,9 @@ impl<'a> Plan<'a> {
             let outputs = program.passed().filter(|_| !has_effects && !per_sample);
             outputs.map(|outputs| inputs.passed(outputs))
         });
+        let passes = order == Order::Early && !output.drops_samples();
         let passed = match &rows {
-            _ if coarse.is_some() => None,
-            _ if order != Order::Early || output.drops_samples() => None,
-            _ if output.smooth_alpha.is_some() => None,
+            _ if coarse.is_some() || !passes || output.smooth_alpha.is_some() => None,
             Some(None) => None,
             Some(Some(rows)) => Passed::new(tier, Some(rows), &output),
             None => Passed::new(tier, None, &output),
@@ -123,18 +145,8 @@ impl<'a> Plan<'a> {
         let sampled = (tinted.zip(inputs.as_ref()))
             .and_then(|(tinted, inputs)| Sampled::new(tinted, inputs, &output));
         let program = fragment.zip(inputs).map(|(program, inputs)| {
-            let is_serial = facts.reads_attachments || facts.interlock.is_some();
-            let is_plain = !(is_serial || facts.writes_memory || facts.full_quads || per_sample);
-            let is_seen = inputs.see_coverage() || output.smooth_alpha.is_some();
-            Fragment {
-                program,
-                per_sample: per_sample && samples > 1,
-                is_serial,
-                sees_coverage: inputs.see_coverage() && !facts.post_depth_coverage,
-                inputs,
-                joins: is_plain && !is_seen && order == Order::Early && !program.looks_at_lanes(),
-                subgroups: subgroups_at_once(program),
-            }
+            let may_join = order == Order::Early && output.smooth_alpha.is_none();
+            Fragment::new(program, inputs, &facts, (per_sample, samples), may_join)
         });
         let runs = |it: &Fragment<'_>| !(it.is_serial || it.per_sample || it.sees_coverage);
         let is_small = program.as_ref().is_some_and(runs)
