@@ -10,29 +10,23 @@ use super::rays::Rays;
 use super::rays::{load, store};
 #[cfg(target_arch = "x86_64")]
 use super::triangle::{intersect_triangle, take_hits, test_triangle};
-use crate::layout::{Block, TriangleGroup};
+use crate::layout::{Block, TriangleGroup, geometry_word};
 #[cfg(target_arch = "x86_64")]
-use crate::layout::{GROUP, LEAF_TRIANGLES, child, geometry_word};
+use crate::layout::{GROUP, LEAF_TRIANGLES, child};
 #[cfg(target_arch = "x86_64")]
 use crate::micromap::TriangleStates;
-#[cfg(target_arch = "x86_64")]
 use crate::ray::Hit;
 #[cfg(target_arch = "x86_64")]
 use crate::structure::Structure;
-#[cfg(target_arch = "x86_64")]
 use crate::walk::PACKET;
 use crate::walk::edge_side::Rim;
-#[cfg(target_arch = "x86_64")]
 use crate::walk::facts::InstanceFacts;
 use crate::walk::found::Found;
 #[cfg(target_arch = "x86_64")]
 use crate::walk::level::Level;
 #[cfg(target_arch = "x86_64")]
 use crate::walk::micromap::{Seen, opacity_at};
-#[cfg(target_arch = "x86_64")]
-use crate::walk::rows::HitRows;
-use crate::walk::rows::Lanes;
-#[cfg(target_arch = "x86_64")]
+use crate::walk::rows::{HitRows, Lanes};
 use crate::walk::suspended::SuspendedLeaf;
 use crate::walk::triangle::intersect;
 
@@ -176,8 +170,7 @@ pub(super) fn next_candidates(
     candidates: &mut HitRows,
 ) {
     candidates.found = LaneMask::NONE;
-    let rest = (leaf.rest.iter()).fold(LaneMask::NONE, |all, &lanes| all | lanes) & live;
-    if rest.is_empty() {
+    if !has_rest(leaf, live) {
         return;
     }
     let mut room = None;
@@ -195,17 +188,7 @@ pub(super) fn next_candidates(
         let Some(meeting) = intersect_triangle(rays, (group, lane), lanes, load(&found.t)) else {
             continue;
         };
-        let slot = first_slot + i as u32;
-        let hit = Hit {
-            geometry_index: group.geometries[lane] & geometry_word::INDEX,
-            primitive_index: group.primitives[lane],
-            slot,
-            ..facts.hit()
-        };
-        let mut place = IntersectionRows {
-            t: [0.0; PACKET],
-            barycentrics: [[0.0; PACKET]; 2],
-        };
+        let mut place = IntersectionRows::ZERO;
         store(&mut place.t, meeting.t);
         for (weights, weight) in place.barycentrics.iter_mut().zip(meeting.weights) {
             store(weights, weight);
@@ -220,8 +203,30 @@ pub(super) fn next_candidates(
             met |= exactly.0;
             front = (front - meeting.undecided) | exactly.1;
         }
-        let kinds = [false, true].map(|front| facts.hit_kind(front));
-        candidates.set_triangle((met, front), &hit, &place.t, &place.barycentrics, kinds);
+        let hit = candidate(facts, (group, lane), first_slot + i as u32);
+        place.write((met, front), &hit, facts, candidates);
+    }
+}
+
+/// Whether rays of `live` still have triangles to look at in a leaf.
+#[inline(always)]
+pub(super) fn has_rest(leaf: &SuspendedLeaf, live: LaneMask) -> bool {
+    let rest = (leaf.rest.iter()).fold(LaneMask::NONE, |all, &lanes| all | lanes) & live;
+    !rest.is_empty()
+}
+
+/// The part of a candidate that all rays at a triangle share.
+#[inline(always)]
+pub(super) fn candidate(
+    facts: &InstanceFacts,
+    (group, lane): (&TriangleGroup, usize),
+    slot: u32,
+) -> Hit {
+    Hit {
+        geometry_index: group.geometries[lane] & geometry_word::INDEX,
+        primitive_index: group.primitives[lane],
+        slot,
+        ..facts.hit()
     }
 }
 
@@ -232,6 +237,24 @@ pub(super) struct IntersectionRows {
 }
 
 impl IntersectionRows {
+    pub const ZERO: Self = Self {
+        t: [0.0; PACKET],
+        barycentrics: [[0.0; PACKET]; 2],
+    };
+
+    /// Writes the candidates of the rays that meet the triangle, and of those that see its front.
+    #[inline(always)]
+    pub fn write(
+        &self,
+        (met, front): (LaneMask, LaneMask),
+        hit: &Hit,
+        facts: &InstanceFacts,
+        candidates: &mut HitRows,
+    ) {
+        let kinds = [false, true].map(|front| facts.hit_kind(front));
+        candidates.set_triangle((met, front), hit, &self.t, &self.barycentrics, kinds);
+    }
+
     /// One ray after the other, by the rule that gives an edge to one of its triangles. Returns
     /// those that meet the triangle nearer than what was found, and those of them that see its
     /// front.

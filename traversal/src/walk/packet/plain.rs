@@ -3,16 +3,13 @@
 
 use lanes::LaneMask;
 
-use super::candidates::{IntersectionRows, in_full};
+use super::candidates::{IntersectionRows, candidate, has_rest, in_full};
 use super::kernel::{PacketKernel, compiled};
 use super::rays::{Rays, STEEP};
 #[cfg(target_arch = "x86_64")]
 use super::vectors;
 use super::{Packet, Stack, portable};
-use crate::layout::{
-    GROUP, InstanceRecord, LEAF_TRIANGLES, NodeAt, TriangleGroup, WIDTH, child, geometry_word,
-};
-use crate::ray::Hit;
+use crate::layout::{GROUP, InstanceRecord, LEAF_TRIANGLES, NodeAt, TriangleGroup, WIDTH, child};
 use crate::structure::Structure;
 use crate::walk::beams::{AXIS, ROW, WorldRays};
 use crate::walk::facts::InstanceFacts;
@@ -301,8 +298,7 @@ unsafe fn next_candidates<K: Kernel>(
     candidates: &mut HitRows,
 ) {
     candidates.found = LaneMask::NONE;
-    let rest = (leaf.rest.iter()).fold(LaneMask::NONE, |all, &lanes| all | lanes) & live;
-    if rest.is_empty() {
+    if !has_rest(leaf, live) {
         return;
     }
     let mut room = None;
@@ -317,10 +313,7 @@ unsafe fn next_candidates<K: Kernel>(
         }
         leaf.rest[i] -= lanes;
         let (group, lane) = (groups[i / GROUP], i % GROUP);
-        let mut place = IntersectionRows {
-            t: [0.0; PACKET],
-            barycentrics: [[0.0; PACKET]; 2],
-        };
+        let mut place = IntersectionRows::ZERO;
         let [mut met, mut front, mut undecided] = [LaneMask::NONE; 3];
         for lane in lanes {
             let hit = if rays.hits_of == leaf.word {
@@ -351,14 +344,8 @@ unsafe fn next_candidates<K: Kernel>(
             met |= exactly.0;
             front |= exactly.1;
         }
-        let hit = Hit {
-            geometry_index: group.geometries[lane] & geometry_word::INDEX,
-            primitive_index: group.primitives[lane],
-            slot: first_slot + i as u32,
-            ..facts.hit()
-        };
-        let kinds = [false, true].map(|front| facts.hit_kind(front));
-        candidates.set_triangle((met, front), &hit, &place.t, &place.barycentrics, kinds);
+        let hit = candidate(facts, (group, lane), first_slot + i as u32);
+        place.write((met, front), &hit, facts, candidates);
     }
 }
 
