@@ -164,19 +164,7 @@ impl Cutter<'_> {
             if looks % 4096 == 0 {
                 self.limits.check()?;
             }
-            if call.count == 0 || cursor.instance >= call.instances {
-                cursor.call += 1;
-                cursor.instance = 0;
-                continue;
-            }
-            if cursor.view >= views {
-                cursor.instance += 1;
-                cursor.view = 0;
-                continue;
-            }
-            if cursor.start >= u64::from(call.count) {
-                cursor.view += 1;
-                (cursor.start, cursor.id) = (0, 0);
+            if cursor.carry(call, views) {
                 continue;
             }
             let end = match cursor.end {
@@ -195,18 +183,7 @@ impl Cutter<'_> {
                 Some(_) => longest.min(mesh::share(call.count.into())),
                 None => longest,
             };
-            let budget = (CHUNK_PRIMITIVES as u32).saturating_sub(*cost + SPAN_COST);
-            let rest = count - cursor.primitive;
-            let taken = if longest > CHUNK_PRIMITIVES as u32 {
-                // A strip that stays whole has a job of its own.
-                if job.spans.is_empty() {
-                    rest.min(longest)
-                } else {
-                    0
-                }
-            } else {
-                rest.min(budget).min(longest.saturating_sub(job.primitives))
-            };
+            let taken = fitting(job, count - cursor.primitive, longest, *cost);
             if taken == 0 {
                 return Ok(false);
             }
@@ -274,6 +251,19 @@ impl Cutter<'_> {
     }
 }
 
+/// How many of `rest` primitives fit in a job, whose spans cost `cost` so far.
+fn fitting(job: &Job, rest: u32, longest: u32, cost: u32) -> u32 {
+    if longest <= CHUNK_PRIMITIVES as u32 {
+        let budget = (CHUNK_PRIMITIVES as u32).saturating_sub(cost + SPAN_COST);
+        return rest.min(budget).min(longest.saturating_sub(job.primitives));
+    }
+    // A strip that stays whole has a job of its own.
+    match job.spans.is_empty() {
+        true => rest.min(longest),
+        false => 0,
+    }
+}
+
 /// Complete primitives of a segment of that many vertices.
 fn count(draw: &Draw, vertices: u32) -> u32 {
     if draw.stages.mesh().is_some() {
@@ -325,6 +315,26 @@ pub fn longest_chunk(draw: &Draw) -> u32 {
         LISTED_PRIMITIVES
     } else {
         CHUNK_PRIMITIVES as u32
+    }
+}
+
+impl Cursor {
+    /// Goes to the next view, instance or call if it is past the end of the current one. Returns
+    /// whether it did.
+    fn carry(&mut self, call: &DrawCall, views: u32) -> bool {
+        if call.count == 0 || self.instance >= call.instances {
+            self.call += 1;
+            self.instance = 0;
+        } else if self.view >= views {
+            self.instance += 1;
+            self.view = 0;
+        } else if self.start >= u64::from(call.count) {
+            self.view += 1;
+            (self.start, self.id) = (0, 0);
+        } else {
+            return false;
+        }
+        true
     }
 }
 

@@ -6,7 +6,7 @@
 use smallvec::SmallVec;
 
 use super::clip;
-use super::facts::View;
+use super::facts::{Lines, View};
 use super::planes::{Planes, Wide};
 use super::screen::{PIXEL, ScreenVertex, code, pixels};
 use super::set_up::{Corners, Primitive, SetUp, is_empty};
@@ -278,30 +278,9 @@ impl SetUp<'_> {
         } else {
             0.0
         };
-        // The reach of a wide line past its end points.
-        let reach = if lines.smooth {
-            width / 2.0 + f64::from(PIXEL)
-        } else if lines.bresenham {
-            width.max(f64::from(PIXEL))
-        } else {
-            width / 2.0
-        };
-        let around = around(segment, reach.ceil() as i32, self.facts.centers_only);
-        // Lines end at the viewport where their middle does; no need to cut them off there while
-        // they are thin.
-        let beyond = if lines.width > 1.0 {
-            (lines.width / 2.0).ceil() as i32
-        } else {
-            0
-        } + i32::from(lines.smooth);
-        let inside = view.screen.inside;
-        let inside = Bounds {
-            left: inside.left.saturating_sub(beyond),
-            top: inside.top.saturating_sub(beyond),
-            right: inside.right.saturating_add(beyond),
-            bottom: inside.bottom.saturating_add(beyond),
-        };
-        let limits = view.scissor.intersection(inside);
+        let reach = reach(lines, width).ceil() as i32;
+        let around = around(segment, reach, self.facts.centers_only);
+        let limits = view.scissor.intersection(inside(lines, view));
         let bounds = around.intersection(limits);
         let length = segment.length();
         let stippled = self.stippled;
@@ -350,6 +329,36 @@ impl SetUp<'_> {
         if self.chunk.shapes.len() == shapes {
             self.chunk.records.truncate(record);
         }
+    }
+}
+
+/// How far a line of a width reaches past its end points.
+#[inline(always)]
+fn reach(lines: &Lines, width: f64) -> f64 {
+    if lines.smooth {
+        width / 2.0 + f64::from(PIXEL)
+    } else if lines.bresenham {
+        width.max(f64::from(PIXEL))
+    } else {
+        width / 2.0
+    }
+}
+
+/// The pixels to which a viewport cuts lines. Lines end there where their middle does; thin lines
+/// need not be cut off.
+#[inline(always)]
+fn inside(lines: &Lines, view: &View) -> Bounds {
+    let beyond = if lines.width > 1.0 {
+        (lines.width / 2.0).ceil() as i32
+    } else {
+        0
+    } + i32::from(lines.smooth);
+    let inside = view.screen.inside;
+    Bounds {
+        left: inside.left.saturating_sub(beyond),
+        top: inside.top.saturating_sub(beyond),
+        right: inside.right.saturating_add(beyond),
+        bottom: inside.bottom.saturating_add(beyond),
     }
 }
 
