@@ -7,6 +7,7 @@
 use lanes::vector::{QUADS, Vector};
 use lanes::{LANES, Tier, map};
 
+use super::decode::quotient_of_code;
 use super::format::block::{self, Texels};
 use super::format::layout::{Channel, Codec, FormatInfo, Numeric};
 use super::srgb;
@@ -241,7 +242,12 @@ fn encode_ufloat<V: Vector>(v: V, number: V::F, mantissa: u32) -> V::I {
 /// are before the division, where [`block::unit_scale`] is not 1. Components that the format lacks
 /// or that are not wanted are left zero.
 #[inline(always)]
-fn decode<V: Vector>(v: V, info: &FormatInfo, words: &[V::I; 4], wanted: Wanted) -> [V::I; 4] {
+pub(super) fn decode<V: Vector>(
+    v: V,
+    info: &FormatInfo,
+    words: &[V::I; 4],
+    wanted: Wanted,
+) -> [V::I; 4] {
     let mut texels = [v.splat_i(0); 4];
     for (component, channel) in info.channels.iter().enumerate() {
         if channel.bits == 0 || !wanted.has(component) {
@@ -276,7 +282,6 @@ fn decode_component<V: Vector>(
     [code, signed]: [V::I; 2],
 ) -> V::I {
     let bits = info.channels[component].bits;
-    let ones = all_ones(bits);
     let number = match info.numeric {
         Numeric::Uint => return code,
         Numeric::Sint => return signed,
@@ -285,9 +290,9 @@ fn decode_component<V: Vector>(
             return v.gather(srgb::LINEAR.words().as_ptr().cast(), v.left_i(code, 2));
         },
         Numeric::Unorm if block::unit_scale(info) != 1.0 => v.to_f(code),
-        Numeric::Unorm | Numeric::Srgb => v.div(v.to_f(code), v.splat(ones as f32)),
+        Numeric::Unorm | Numeric::Srgb => quotient_of_code(v, v.to_f(code), bits),
         Numeric::Snorm => {
-            let number = v.div(v.to_f(signed), v.splat((ones >> 1) as f32));
+            let number = quotient_of_code(v, v.to_f(signed), bits - 1);
             v.max(number, v.splat(-1.0))
         }
         Numeric::Uscaled => v.to_f(code),

@@ -85,38 +85,39 @@ fn modulo<V: Vector>(v: V, i: V::I, size: V::I) -> V::I {
 
 impl Fast<'_> {
     /// The index of the nearest texel, inside the level: [`Axis::index`] of a sample that takes one
-    /// texel, not moved by an offset.
+    /// texel.
     #[inline(always)]
     pub(super) fn nearest<V: Vector>(
         &self,
         v: V,
         mode: AddressMode,
-        coordinate: V::F,
+        (coordinate, offset): (V::F, Option<V::I>),
         size: V::I,
     ) -> V::I {
         let size_f = v.to_f(size);
         let last = v.sub_i(size, v.splat_i(1));
         let zero = v.splat(0.0);
         match mode {
-            AddressMode::Repeat => {
+            AddressMode::Repeat if offset.is_none() => {
                 let fraction = v.sub(coordinate, v.floor(coordinate));
                 // From 0 to `size`, to which a fraction just below 1 is rounded; or of no number.
                 let i = v.max_i(v.to_i(v.mul(fraction, size_f)), v.splat_i(0));
                 v.sub_i(i, v.and_i(size, v.sign_i(v.sub_i(last, i))))
             }
-            AddressMode::ClampToEdge if !self.sampler.unnormalized_coordinates => {
+            AddressMode::ClampToEdge
+                if offset.is_none() && !self.sampler.unnormalized_coordinates =>
+            {
                 let texel = v.max(v.mul(coordinate, size_f), zero);
                 v.to_i(v.min(texel, v.to_f(last)))
             }
             _ => {
-                let place = (coordinate, None);
                 let along = Along {
                     size,
                     stride: size,
                     block_shift: 0,
                     looked_at: 0,
                 };
-                self.axis(v, mode, place, along).index[0]
+                self.axis(v, mode, (coordinate, offset), along).index[0]
             }
         }
     }

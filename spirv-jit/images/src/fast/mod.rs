@@ -9,13 +9,13 @@ mod taps;
 mod texels;
 mod whole;
 
-use lanes::vector::Vector;
+use lanes::vector::{FourOf, Vector};
 use lanes::{LANES, Row};
 
 use super::decode::Decoder;
-use super::format::FormatInfo;
 use super::format::block::{self, Texels};
 use super::format::layout::Codec;
+use super::format::{FormatInfo, Numeric};
 use super::lod;
 use super::operands::Operands;
 use super::{
@@ -60,6 +60,8 @@ pub struct Fast<'a> {
     decoder: Decoder,
     /// One load serves for two neighbours.
     pairs: bool,
+    /// Of linear samples of four numbers a texel, most of them wanted: a kind of [`FourOf`].
+    four_of: Option<u8>,
     /// Nearest texels need no more than [`texels::load`](super::texels::load).
     is_loaded: bool,
     /// Binary logarithm of a block's width and height.
@@ -67,7 +69,7 @@ pub struct Fast<'a> {
     has_border: bool,
     /// Several samples along a footprint, by derivatives.
     is_anisotropic: bool,
-    /// A gather from a plane of texels of a word each.
+    /// A gather from a plane, of a component that lies in one word.
     gathers_words: bool,
     /// There is more to do than [`planes`] has code for: see [`Whole`].
     has_more: bool,
@@ -96,11 +98,12 @@ impl<'a> Fast<'a> {
         let is_anisotropic =
             !is_gather && !is_cube && op.lod == LodMode::Grad && lod::is_anisotropic(sampler);
         let decoder = Decoder::of(info);
+        let is_of_words = matches!(decoder, Decoder::Fields | Decoder::Halves | Decoder::Words)
+            && matches!(info.size_bytes, 4 | 8 | 16);
         let gathers_words = is_gather
             && !is_cube
             && !op.depth_compare
-            && (has_words(info)
-                || decoder == Decoder::Fields && info.size_bytes == 4 && !has_border);
+            && (has_words(info) || is_of_words && !has_border);
         let has_levels = image.level_count != 1;
         let has_more = match (is_gather, spatial) {
             (true, _) => false,
@@ -135,6 +138,10 @@ impl<'a> Fast<'a> {
                 && info.blocks().is_none()
                 && info.size_bytes.is_power_of_two(),
             is_loaded: info.decoded_in_vectors && !has_border,
+            four_of: match is_gather || op.depth_compare || has_border {
+                true => None,
+                false => four_of(info).filter(|_| !in_order || wanted.count_ones() >= 2),
+            },
             block_shift: if info.blocks().is_some() { 2 } else { 0 },
             has_border,
             is_anisotropic,
@@ -212,6 +219,18 @@ impl<'a> Fast<'a> {
 #[inline(always)]
 fn has_words(info: &FormatInfo) -> bool {
     info.codec == Codec::Words(1) && info.size_bytes == 4
+}
+
+/// How the four components of texels lie, where [`Vector::blend_neighbours`] blends such.
+#[inline(always)]
+fn four_of(info: &FormatInfo) -> Option<u8> {
+    match info.codec {
+        Codec::Unorm8(4) | Codec::Bgra8 => Some(FourOf::BYTES),
+        Codec::Unorm16(4) => Some(FourOf::SHORTS),
+        Codec::Half(4) => Some(FourOf::HALVES),
+        Codec::Words(4) if info.numeric == Numeric::Sfloat => Some(FourOf::WORDS),
+        _ => None,
+    }
 }
 
 /// The sample of a lane, in units (see [`block`]).

@@ -8,7 +8,7 @@ use std::hint::assert_unchecked;
 use lanes::quad;
 use lanes::vector::{Task, Vector};
 
-use super::super::decode::Field;
+use super::super::decode::{Decoder, Field};
 use super::super::rows::Wave;
 use super::super::{AddressMode, LodMode};
 use super::axis::{Along, Axis};
@@ -41,7 +41,7 @@ mod texels {
     /// Depths, compared before they are weighed.
     pub const COMPARED: u8 = 4;
     pub const ANY: u8 = 5;
-    /// Words of the four texels, each by itself.
+    /// A word of each of the four texels.
     pub const GATHERED: u8 = 6;
     /// The nearest texel, of four bytes as in [`BYTES`] and [`SRGB`].
     pub const NEAREST_BYTES: u8 = 7;
@@ -50,6 +50,21 @@ mod texels {
     pub const GATHERED_ANY: u8 = 9;
     /// Any format, in three dimensions.
     pub const VOLUME: u8 = 10;
+    /// The nearest texel, of any format that is [`is_loaded`](super::Fast::is_loaded).
+    pub const NEAREST: u8 = 11;
+    /// The same in three dimensions.
+    pub const NEAREST_IN_VOLUME: u8 = 12;
+
+    pub const fn is_nearest(texels: u8) -> bool {
+        matches!(
+            texels,
+            NEAREST_BYTES | NEAREST_SRGB | NEAREST | NEAREST_IN_VOLUME
+        )
+    }
+
+    pub const fn is_volume(texels: u8) -> bool {
+        matches!(texels, VOLUME | NEAREST_IN_VOLUME)
+    }
 }
 
 struct Planes<'a, 'b, const LEVELS: u8, const MODE: u8, const TEXELS: u8>(
@@ -78,7 +93,7 @@ impl<V: Vector, const LEVELS: u8, const MODE: u8, const TEXELS: u8> Task<V>
                 TEXELS == texels::GATHERED_ANY
                     || fast.op.depth_compare == (TEXELS == texels::COMPARED),
             );
-            assert_unchecked(fast.spatial == if TEXELS == texels::VOLUME { 3 } else { 2 });
+            assert_unchecked(fast.spatial == if texels::is_volume(TEXELS) { 3 } else { 2 });
             if LEVELS == levels::ONE {
                 assert_unchecked(is_gather || !fast.has_levels());
             }
@@ -95,9 +110,14 @@ impl<V: Vector, const LEVELS: u8, const MODE: u8, const TEXELS: u8> Task<V>
                     assert_unchecked(fast.srgb == (TEXELS == texels::NEAREST_SRGB));
                     assert_unchecked(fast.straight == (TEXELS == texels::NEAREST_BYTES));
                 }
+                texels::NEAREST | texels::NEAREST_IN_VOLUME => {
+                    assert_unchecked(fast.is_nearest && fast.is_loaded && fast.block_shift == 0);
+                }
+                texels::ANY | texels::VOLUME if V::IS_MACHINES && LEVELS != levels::ANISOTROPIC => {
+                    assert_unchecked(!(fast.is_nearest && fast.is_loaded));
+                }
                 texels::GATHERED => {
-                    assert_unchecked(!fast.is_nearest && fast.info.size_bytes == 4);
-                    assert_unchecked(fast.block_shift == 0);
+                    assert_unchecked(!fast.is_nearest && fast.block_shift == 0);
                 }
                 _ => {}
             }
@@ -121,16 +141,16 @@ impl<V: Vector, const LEVELS: u8, const MODE: u8, const TEXELS: u8> Task<V>
                     true => [
                         Some(v.load_i(wave.offset(fast.op, subgroup, 0))),
                         Some(v.load_i(wave.offset(fast.op, subgroup, 1))),
-                        match TEXELS {
-                            texels::VOLUME => Some(v.load_i(wave.offset(fast.op, subgroup, 2))),
-                            _ => None,
+                        match texels::is_volume(TEXELS) {
+                            true => Some(v.load_i(wave.offset(fast.op, subgroup, 2))),
+                            false => None,
                         },
                     ],
                     false => [None; 3],
                 };
-                let r = match TEXELS {
-                    texels::VOLUME => v.load(wave.operand(subgroup, 2)),
-                    _ => v.splat(0.0),
+                let r = match texels::is_volume(TEXELS) {
+                    true => v.load(wave.operand(subgroup, 2)),
+                    false => v.splat(0.0),
                 };
                 let places = [(s, offsets[0]), (t, offsets[1]), (r, offsets[2])];
                 if TEXELS == texels::GATHERED_ANY {
@@ -165,7 +185,11 @@ impl<V: Vector, const LEVELS: u8, const MODE: u8, const TEXELS: u8> Task<V>
                 }
                 if TEXELS == texels::GATHERED {
                     let [x, y, _] = &axes::<V, MODE>(fast, v, &first, places, mask);
-                    let mut words = fast.four_words(v, &first, layer, [x, y], mask);
+                    let field = gathered_field(fast);
+                    let mut words = match fast.info.size_bytes {
+                        4 => fast.four_words(v, &first, layer, [x, y], mask),
+                        _ => fast.a_word_each(v, &first, layer, [x, y]),
+                    };
                     if fast.has_border {
                         let border = v.splat_i(fast.gathered_border() as i32);
                         let (columns, rows) = (x.inside, y.inside);
@@ -175,7 +199,13 @@ impl<V: Vector, const LEVELS: u8, const MODE: u8, const TEXELS: u8> Task<V>
                         words[3] = v.select(columns[1] & rows[1], words[3], border);
                     }
                     // (0, 1), (1, 1), (1, 0), (0, 0).
-                    let gathered = match gathered_field(fast) {
+                    let gathered = match field {
+                        Some(field) if fast.decoder == Decoder::Halves => [
+                            field.half(v, words[2], true),
+                            field.half(v, words[3], true),
+                            field.half(v, words[1], true),
+                            field.half(v, words[0], true),
+                        ],
                         Some(field) => [
                             field.fixed(v, words[2]),
                             field.fixed(v, words[3]),
@@ -192,7 +222,7 @@ impl<V: Vector, const LEVELS: u8, const MODE: u8, const TEXELS: u8> Task<V>
                     wave.put_numbers(v, subgroup, fast.gathered_values(v, gathered));
                     continue;
                 }
-                if LEVELS == levels::ONE || TEXELS == texels::VOLUME && !fast.has_levels() {
+                if LEVELS == levels::ONE || texels::is_volume(TEXELS) && !fast.has_levels() {
                     let sampled = of_level::<V, MODE, TEXELS>(fast, v, &first, layer, places, mask);
                     wave.put_numbers(v, subgroup, fast.finish(v, sampled));
                     continue;
@@ -250,11 +280,11 @@ impl<V: Vector, const LEVELS: u8, const MODE: u8, const TEXELS: u8> Task<V>
     }
 }
 
-/// The part of a word that a gather takes.
+/// The part of a word that a gather takes; none where it takes words as they are.
 #[inline(always)]
 fn gathered_field(fast: &Fast<'_>) -> Option<Field> {
     let component = gathered_component(&fast.op.kind, fast.image)?;
-    let is_part = !fast.has_words() && fast.info.channels[component].bits != 0;
+    let is_part = fast.decoder != Decoder::Words && fast.info.channels[component].bits != 0;
     is_part.then(|| Field::of(fast.info, component))
 }
 
@@ -427,14 +457,23 @@ unsafe fn of_level<V: Vector, const MODE: u8, const TEXELS: u8>(
     places: [AxisCoordinate<V>; 3],
     mask: u16,
 ) -> Components<V> {
-    if let (texels::NEAREST_BYTES | texels::NEAREST_SRGB, [(s, None), (t, None), _]) =
-        (TEXELS, places)
-    {
+    if texels::is_nearest(TEXELS) {
+        let [s, t, r] = places;
         let [mode_s, mode_t] = modes::<MODE>(fast);
         let column = fast.nearest(v, mode_s, s, levels.width);
         let row = fast.nearest(v, mode_t, t, levels.height);
         // SAFETY: the caller's promise.
-        return unsafe { fast.nearest_bytes(v, levels, layer, [column, row], mask) };
+        return unsafe {
+            match TEXELS {
+                texels::NEAREST_IN_VOLUME => {
+                    let slice = fast.nearest(v, fast.sampler.address_mode[2], r, levels.depth);
+                    let slice = v.mul_i(slice, levels.slice_stride);
+                    fast.nearest_of(v, levels, v.add_i(layer, slice), [column, row], mask)
+                }
+                texels::NEAREST => fast.nearest_of(v, levels, layer, [column, row], mask),
+                _ => fast.nearest_bytes(v, levels, layer, [column, row], mask),
+            }
+        };
     }
     let axes = axes::<V, MODE>(fast, v, levels, places, mask);
     // SAFETY: the caller's promise.
@@ -501,6 +540,7 @@ impl Fast<'_> {
         use AddressMode::{ClampToEdge, Repeat};
         debug_assert!(self.is_of_planes::<V>());
         let texels = match self.is_nearest {
+            true if self.is_loaded && !self.srgb && !self.straight => texels::NEAREST,
             _ if !self.srgb && !self.straight => texels::ANY,
             false if self.srgb => texels::SRGB,
             false => texels::BYTES,
@@ -537,7 +577,10 @@ impl Fast<'_> {
                 return run!(ONE GATHERED_ANY ANY);
             }
             if self.spatial == 3 {
-                return run!(MANY VOLUME ANY);
+                return match self.is_nearest && self.is_loaded {
+                    true => run!(MANY NEAREST_IN_VOLUME ANY),
+                    false => run!(MANY VOLUME ANY),
+                };
             }
             if self.op.depth_compare {
                 return run!(ONE COMPARED ANY);
@@ -558,7 +601,9 @@ impl Fast<'_> {
                 }
                 (levels::ONE, texels::NEAREST_SRGB, mode::CLAMP) => run!(ONE NEAREST_SRGB CLAMP),
                 (levels::ONE, texels::NEAREST_SRGB, mode::REPEAT) => run!(ONE NEAREST_SRGB REPEAT),
+                (levels::ONE, texels, _) if texels::is_nearest(texels) => run!(ONE NEAREST ANY),
                 (levels::ONE, ..) => run!(ONE ANY ANY),
+                (levels::MANY, texels, _) if texels::is_nearest(texels) => run!(MANY NEAREST ANY),
                 (levels::MANY, texels::BYTES, _) => run!(MANY BYTES ANY),
                 (levels::MANY, texels::SRGB, _) => run!(MANY SRGB ANY),
                 (levels::MANY, ..) => run!(MANY ANY ANY),

@@ -4,7 +4,7 @@
 use std::mem::MaybeUninit;
 
 use lanes::LANES;
-use lanes::vector::{Task, Vector};
+use lanes::vector::{FourOf, Task, Vector};
 
 use super::super::decode::{Decoder, Field, expand};
 use super::super::format::block;
@@ -117,7 +117,9 @@ impl Fast<'_> {
                 at = v.add_i(at, z.offsets[line >> 1]);
             }
             taps.offsets[2 * line] = MaybeUninit::new(v.add_i(at, x.offsets[0]));
-            taps.offsets[2 * line + 1] = MaybeUninit::new(v.add_i(at, x.offsets[1]));
+            if !taps.in_pairs {
+                taps.offsets[2 * line + 1] = MaybeUninit::new(v.add_i(at, x.offsets[1]));
+            }
         }
         if self.block_shift != 0 {
             for tap in 0..count {
@@ -149,6 +151,28 @@ impl Fast<'_> {
         let fast = self;
         // SAFETY: the caller's promise; words are fetched before they are looked at.
         unsafe {
+            macro_rules! neighbours {
+                ($kind:ident) => {
+                    match taps.count {
+                        4 => v.apart(Neighbours::<V, { FourOf::$kind }, 2> { fast, taps: &*taps }),
+                        _ => v.apart(Neighbours::<V, { FourOf::$kind }, 4> { fast, taps: &*taps }),
+                    }
+                };
+            }
+            // The constant alone decides: where it is false, nothing behind it is compiled.
+            if V::BLENDS_NEIGHBOURS
+                && taps.in_pairs
+                && matches!(taps.count, 4 | 8)
+                && let Some(kind) = self.four_of
+            {
+                let blended = match kind {
+                    FourOf::BYTES => neighbours!(BYTES),
+                    FourOf::SHORTS => neighbours!(SHORTS),
+                    FourOf::HALVES => neighbours!(HALVES),
+                    _ => neighbours!(WORDS),
+                };
+                return self.in_order(blended);
+            }
             macro_rules! fetch {
                 ($size:literal) => {
                     v.apart(Fetch::<V, $size> {
@@ -188,6 +212,30 @@ impl Fast<'_> {
                 }
             }
             blend!(WORDS)
+        }
+    }
+}
+
+/// Blends texels of four components that lie in pairs, in so many lines.
+struct Neighbours<'a, 'b, V: Vector, const KIND: u8, const LINES: usize> {
+    fast: &'b Fast<'a>,
+    taps: &'b Taps<V>,
+}
+
+impl<V: Vector, const KIND: u8, const LINES: usize> Task<V> for Neighbours<'_, '_, V, KIND, LINES> {
+    type Output = Components<V>;
+
+    #[inline(always)]
+    unsafe fn run(self, v: V) -> Components<V> {
+        let Neighbours { fast, taps } = self;
+        let base = fast.image.data.cast_const();
+        let mut offsets = [v.splat_i(0); LINES];
+        // SAFETY: the caller's promise: lines have left texels in the image, and right neighbours.
+        unsafe {
+            for (line, at) in offsets.iter_mut().enumerate() {
+                *at = taps.offsets[2 * line].assume_init();
+            }
+            v.blend_neighbours::<KIND, LINES>(base, offsets, taps.weights)
         }
     }
 }

@@ -11,6 +11,7 @@ use super::super::texels::{self, Wanted};
 use super::axis::Axis;
 use super::levels::Levels;
 use super::taps::Taps;
+use super::whole::gathered_component;
 use super::{Components, Fast};
 
 /// A byte of each of four texels, linear between them.
@@ -82,6 +83,41 @@ impl Fast<'_> {
         }
     }
 
+    /// The texels at columns and rows, where [`Fast::is_loaded`].
+    ///
+    /// # Safety
+    /// As [`Self::weighted`]: the indices are of texels of the levels.
+    #[inline(always)]
+    pub(super) unsafe fn nearest_of<V: Vector>(
+        &self,
+        v: V,
+        levels: &Levels<'_, V>,
+        layer: V::I,
+        indices: [V::I; 2],
+        mask: u16,
+    ) -> Components<V> {
+        let info = self.info;
+        // SAFETY: the caller's promise.
+        unsafe {
+            if info.size_bytes == 4
+                && let Some(word) = self.nearest_word(v, levels, indices, mask)
+            {
+                return match self.has_words() {
+                    true => [v.bits_to_f(word), v.splat(0.0), v.splat(0.0), v.splat(0.0)],
+                    false => v.apart(Decode { info, word }),
+                };
+            }
+            let row = v.mul_i(indices[1], levels.row_stride);
+            let column = v.mul_i(indices[0], v.splat_i(info.size_bytes as i32));
+            let at = v.add_i(v.add_i(levels.offset, layer), v.add_i(row, column));
+            v.apart(Load {
+                info,
+                data: self.image.data,
+                at,
+            })
+        }
+    }
+
     /// The nearest texel, where [`Fast::is_loaded`].
     ///
     /// # Safety
@@ -108,7 +144,7 @@ impl Fast<'_> {
 
     /// Components in memory's order, as the format has them.
     #[inline(always)]
-    fn in_order<F>(&self, [a, b, c, d]: [F; 4]) -> [F; 4] {
+    pub(super) fn in_order<F>(&self, [a, b, c, d]: [F; 4]) -> [F; 4] {
         match self.info.codec {
             Codec::Bgra8 => [c, b, a, d],
             _ => [a, b, c, d],
@@ -167,6 +203,39 @@ impl Fast<'_> {
                     self.words(v, rows, x, texel_bytes)
                 }
             }
+        }
+    }
+
+    /// The word of each of the four texels around each lane that holds the gathered component, or
+    /// the first one.
+    ///
+    /// # Safety
+    /// As [`Self::weighted`]; texels have no fewer than four bytes.
+    #[inline(always)]
+    pub(super) unsafe fn a_word_each<V: Vector>(
+        &self,
+        v: V,
+        levels: &Levels<'_, V>,
+        layer: V::I,
+        [x, y]: [&Axis<V>; 2],
+    ) -> [V::I; 4] {
+        let base = self.image.data.cast_const();
+        // A component that the format lacks has bit 0.
+        let word = match gathered_component(&self.op.kind, self.image) {
+            Some(component) => self.info.channels[component].offset / 32,
+            None => 0,
+        };
+        let offset = v.add_i(levels.offset, layer);
+        let rows = [v.add_i(offset, y.offsets[0]), v.add_i(offset, y.offsets[1])];
+        // SAFETY: the caller's promise.
+        unsafe {
+            let base = base.add(4 * usize::from(word));
+            [
+                v.gather(base, v.add_i(rows[0], x.offsets[0])),
+                v.gather(base, v.add_i(rows[0], x.offsets[1])),
+                v.gather(base, v.add_i(rows[1], x.offsets[0])),
+                v.gather(base, v.add_i(rows[1], x.offsets[1])),
+            ]
         }
     }
 
@@ -252,7 +321,8 @@ impl Fast<'_> {
     #[inline(always)]
     fn one_level<'l, V: Vector>(&self, levels: &Levels<'l, V>) -> Option<&'l Level> {
         let level = levels.one?;
-        let serves = !self.op.arrayed && !self.is_cube && level.width >= 8 && level.height >= 5;
+        let is_plane = self.spatial == 2 && !self.op.arrayed && !self.is_cube;
+        let serves = is_plane && level.width >= 8 && level.height >= 5;
         serves.then_some(level)
     }
 
@@ -405,6 +475,28 @@ impl Fast<'_> {
                 _ => [a, b, c],
             };
         }
+    }
+}
+
+/// Texels of a word.
+struct Decode<'a, I> {
+    info: &'a FormatInfo,
+    word: I,
+}
+
+impl<V: Vector> Task<V> for Decode<'_, V::I> {
+    type Output = Components<V>;
+
+    #[inline(always)]
+    unsafe fn run(self, v: V) -> Self::Output {
+        let zero = v.splat_i(0);
+        let words = texels::decode(v, self.info, &[self.word, zero, zero, zero], Wanted::ALL);
+        [
+            v.bits_to_f(words[0]),
+            v.bits_to_f(words[1]),
+            v.bits_to_f(words[2]),
+            v.bits_to_f(words[3]),
+        ]
     }
 }
 

@@ -2,6 +2,7 @@
 
 use std::arch::x86_64::*;
 
+use super::neighbours::blend_neighbours;
 use super::quads::{half_of_pairs, put_quads, put_quads_of_shorts, quad_at, quads_of_shorts};
 use super::{Line, Task, Vector};
 use crate::{Row, Tier, quad};
@@ -34,6 +35,7 @@ impl Vector for Avx2 {
     type I = I;
 
     const TIER: Tier = Tier::Avx2;
+    const BLENDS_NEIGHBOURS: bool = true;
 
     #[inline(always)]
     unsafe fn new() -> Self {
@@ -536,6 +538,17 @@ impl Vector for Avx2 {
             [low[2], high[2]],
             [low[3], high[3]],
         ]
+    }
+
+    #[inline(always)]
+    unsafe fn blend_neighbours<const KIND: u8, const LINES: usize>(
+        self,
+        base: *const u8,
+        offsets: [I; LINES],
+        weights: [F; 3],
+    ) -> [F; 4] {
+        // SAFETY: the token, and the caller's promise.
+        unsafe { blend_neighbours::<KIND, LINES>(base, offsets, weights) }
     }
 
     #[inline(always)]

@@ -9,6 +9,8 @@
 mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
+#[cfg(target_arch = "x86_64")]
+mod neighbours;
 mod portable;
 #[cfg(target_arch = "x86_64")]
 mod quads;
@@ -99,6 +101,8 @@ pub trait Vector: Copy {
     /// Whether operations are instructions of the machine: versions of code for the common cases
     /// are worth their place.
     const IS_MACHINES: bool = true;
+    /// Whether [`Self::blend_neighbours`] is faster than a blend of each component by itself.
+    const BLENDS_NEIGHBOURS: bool = false;
     /// The tier of the instruction set.
     const TIER: Tier;
 
@@ -313,6 +317,47 @@ pub trait Vector: Copy {
     /// Sixteen bytes are readable at each.
     unsafe fn gather_quads(self, base: *const u8, offsets: Self::I) -> [Self::I; 4];
 
+    /// Texels of four components around sixteen places, linear between them: in two lines, or in
+    /// four, which are two slices (`LINES`). An offset is that of a line's left texel; the right
+    /// neighbour lies behind it. The weights are those of the right texel, the next line, and the
+    /// next slice. `KIND` is one of [`FourOf`]. Components come in memory's order.
+    ///
+    /// # Safety
+    /// Both texels of each line are readable in every lane.
+    #[inline(always)]
+    unsafe fn blend_neighbours<const KIND: u8, const LINES: usize>(
+        self,
+        base: *const u8,
+        offsets: [Self::I; LINES],
+        weights: [Self::F; 3],
+    ) -> [Self::F; 4] {
+        let mut blended = [self.splat(0.0); 4];
+        for (component, number) in blended.iter_mut().enumerate() {
+            let mut lines = [self.splat(0.0); LINES];
+            for (line, at) in lines.iter_mut().zip(offsets) {
+                // SAFETY: the caller's promise.
+                let (left, right) = unsafe {
+                    (
+                        component_at::<Self, KIND>(self, base, at, component),
+                        component_at::<Self, KIND>(
+                            self,
+                            base.add(FourOf::texel_bytes(KIND)),
+                            at,
+                            component,
+                        ),
+                    )
+                };
+                *line = self.lerp(left, right, weights[0]);
+            }
+            *number = self.lerp(lines[0], lines[1], weights[1]);
+            if LINES == 4 {
+                let behind = self.lerp(lines[2 % LINES], lines[3 % LINES], weights[1]);
+                *number = self.lerp(*number, behind, weights[2]);
+            }
+        }
+        blended
+    }
+
     /// The numbers that a table has for the three lower bytes of words.
     #[inline(always)]
     fn bytes_in<const N: usize>(self, table: &ByteTable, words: [Self::I; N]) -> [[Self::F; 3]; N] {
@@ -347,6 +392,52 @@ pub const QUADS: [Row; 2] = [
     [0, 1, 0, 1, 2, 3, 2, 3, 0, 1, 0, 1, 2, 3, 2, 3],
     [0, 0, 1, 1, 0, 0, 1, 1, 2, 2, 3, 3, 2, 2, 3, 3],
 ];
+
+/// The components of texels that [`Vector::blend_neighbours`] blends.
+pub struct FourOf;
+
+impl FourOf {
+    /// Bytes without a sign, as integers.
+    pub const BYTES: u8 = 0;
+    /// 16-bit numbers without a sign, as integers.
+    pub const SHORTS: u8 = 1;
+    /// 16-bit floats; signalling NaNs become quiet.
+    pub const HALVES: u8 = 2;
+    /// 32-bit floats.
+    pub const WORDS: u8 = 3;
+
+    const fn texel_bytes(kind: u8) -> usize {
+        match kind {
+            FourOf::BYTES => 4,
+            FourOf::SHORTS | FourOf::HALVES => 8,
+            _ => 16,
+        }
+    }
+}
+
+/// A component of the texels at byte offsets.
+///
+/// # Safety
+/// The texels are readable.
+#[inline(always)]
+unsafe fn component_at<V: Vector, const KIND: u8>(
+    v: V,
+    base: *const u8,
+    offsets: V::I,
+    component: usize,
+) -> V::F {
+    // SAFETY: the caller's promise.
+    unsafe {
+        match KIND {
+            FourOf::BYTES => v.to_f(v.gather_scalars::<u8>(base.add(component), offsets)),
+            FourOf::SHORTS => v.to_f(v.gather_scalars::<u16>(base.add(2 * component), offsets)),
+            FourOf::HALVES => {
+                v.quiet_half_to_f(v.gather_scalars::<u16>(base.add(2 * component), offsets))
+            }
+            _ => v.bits_to_f(v.gather(base.add(4 * component), offsets)),
+        }
+    }
+}
 
 /// Words by a byte, once in their order and once as the planes of their bytes, which permutes take.
 #[repr(align(64))]

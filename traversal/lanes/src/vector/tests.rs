@@ -322,3 +322,87 @@ fn texels_of_masks_are_put_to_quads_anywhere() {
         }
     }
 }
+
+/// Blends texels of a kind, in so many lines.
+struct Neighbours<const KIND: u8, const LINES: usize>;
+
+impl<const KIND: u8, const LINES: usize> Neighbours<KIND, LINES> {
+    /// A component of the texel at a place.
+    fn component(memory: &[u8], at: usize, component: usize) -> f32 {
+        let short = |at: usize| u16::from_le_bytes([memory[at], memory[at + 1]]);
+        match KIND {
+            FourOf::BYTES => f32::from(memory[at + component]),
+            FourOf::SHORTS => f32::from(short(at + 2 * component)),
+            FourOf::HALVES => crate::halves::half_to_f32(short(at + 2 * component)),
+            _ => {
+                let at = at + 4 * component;
+                f32::from_le_bytes(memory[at..at + 4].try_into().unwrap())
+            }
+        }
+    }
+}
+
+impl<const KIND: u8, const LINES: usize> TierTest for Neighbours<KIND, LINES> {
+    #[inline(always)]
+    unsafe fn run<V: Vector>(&mut self, v: V) {
+        let mut random = fastrand::Rng::with_seed(u64::from(KIND));
+        let mut memory = vec![0; 4096];
+        // Finite numbers of each kind: a half's exponent is less than 31, a float's less than 255.
+        for (index, byte) in memory.iter_mut().enumerate() {
+            *byte = random.u8(..);
+            let is_top = match KIND {
+                FourOf::HALVES => index % 2 == 1,
+                FourOf::WORDS => index % 4 == 3,
+                _ => false,
+            };
+            *byte &= if is_top { 0x3b } else { 0xff };
+        }
+        let size = [4, 8, 8, 16][usize::from(KIND)];
+        let offsets: [Row; LINES] =
+            std::array::from_fn(|_| std::array::from_fn(|_| size * random.u32(..4096 / size - 1)));
+        let weights: [[f32; 16]; 3] =
+            std::array::from_fn(|_| std::array::from_fn(|_| random.f32()));
+        let mut rows = [[0; 16]; 4];
+        // SAFETY: two texels are in the memory from each offset on.
+        unsafe {
+            let offsets = offsets.map(|row| v.load_i(&row));
+            let weights = weights.map(|row| v.load(&row.map(f32::to_bits)));
+            let blended = v.blend_neighbours::<KIND, LINES>(memory.as_ptr(), offsets, weights);
+            for (row, numbers) in rows.iter_mut().zip(blended) {
+                v.store(numbers, row);
+            }
+        }
+        let lerp = |a: f32, b: f32, weight: f32| a + weight * (b - a);
+        for (component, row) in rows.iter().enumerate() {
+            for lane in 0..16 {
+                let [x, y, z] = weights.map(|row| row[lane]);
+                let line = |line: usize| {
+                    let at = offsets[line][lane] as usize;
+                    let left = Self::component(&memory, at, component);
+                    lerp(
+                        left,
+                        Self::component(&memory, at + size as usize, component),
+                        x,
+                    )
+                };
+                let mut expected = lerp(line(0), line(1), y);
+                if LINES == 4 {
+                    expected = lerp(expected, lerp(line(2), line(3), y), z);
+                }
+                assert_eq!(row[lane], expected.to_bits(), "{component} of lane {lane}");
+            }
+        }
+    }
+}
+
+#[test]
+fn neighbours_are_blended_in_lines_and_slices() {
+    in_every_tier(&mut Neighbours::<{ FourOf::BYTES }, 2>);
+    in_every_tier(&mut Neighbours::<{ FourOf::BYTES }, 4>);
+    in_every_tier(&mut Neighbours::<{ FourOf::SHORTS }, 2>);
+    in_every_tier(&mut Neighbours::<{ FourOf::SHORTS }, 4>);
+    in_every_tier(&mut Neighbours::<{ FourOf::HALVES }, 2>);
+    in_every_tier(&mut Neighbours::<{ FourOf::HALVES }, 4>);
+    in_every_tier(&mut Neighbours::<{ FourOf::WORDS }, 2>);
+    in_every_tier(&mut Neighbours::<{ FourOf::WORDS }, 4>);
+}
