@@ -126,10 +126,11 @@ impl<V: Vector> Sources<'_, V> {
     }
 }
 
-/// The commonest way to blend fixed-point colours: what is there keeps the rest of the source's
-/// alpha, and the two are added.
+/// The commonest way to blend colours: the stored colour keeps the rest of the source's alpha, and
+/// the two are added.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Over {
+    range: Range,
     /// The source's components, and its alpha, are multiplied with its alpha first.
     times_alpha: [bool; 2],
 }
@@ -144,7 +145,7 @@ impl Over {
         let is_known = (factors.iter())
             .all(|factor| [BlendFactor::ONE, BlendFactor::SRC_ALPHA].contains(factor));
         let times_alpha = factors.map(|factor| factor == BlendFactor::SRC_ALPHA);
-        (adds && keeps_rest && is_known && range == Range::Unorm).then_some(Self { times_alpha })
+        (adds && keeps_rest && is_known).then_some(Self { range, times_alpha })
     }
 
     /// Whether a component is multiplied with the source's alpha.
@@ -155,8 +156,8 @@ impl Over {
     /// As [`blend`].
     #[inline(always)]
     pub fn blend<V: Vector>(self, v: V, source: &[V::F; 4], destination: &[V::F; 4]) -> [V::F; 4] {
-        let [mut r, mut g, mut b, alpha] = Range::Unorm.clamp_colors(v, source);
-        let rest = Range::Unorm.clamp(v, v.sub(v.splat(1.0), alpha));
+        let [mut r, mut g, mut b, alpha] = self.range.clamp_colors(v, source);
+        let rest = self.range.clamp(v, v.sub(v.splat(1.0), alpha));
         let mut a = alpha;
         if self.times_alpha[0] {
             (r, g, b) = (v.mul(r, alpha), v.mul(g, alpha), v.mul(b, alpha));
