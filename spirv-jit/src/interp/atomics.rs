@@ -249,26 +249,28 @@ where
 
 /// The addresses that lanes of a subgroup access.
 struct Places {
+    /// By lane, where they differ.
     at: [*mut u8; SUBGROUP_SIZE],
     /// Lanes whose address is inside the memory and aligned.
     inside: LaneMask,
-    /// All these lanes have the same address.
-    is_one: bool,
+    /// The address of all these lanes, where they have the same.
+    one: Option<*mut u8>,
 }
 
 /// Finds the addresses of some lanes of a subgroup, at least one.
 ///
 /// # Safety
 /// The operands are the plan's; the subgroup is one of the wave's, and the lanes are active.
-#[inline(always)]
+#[inline(never)]
 unsafe fn find_places(
     m: &Machine<'_>,
     space: Space,
     address: &[Operand],
     (subgroup, lanes): (u16, LaneMask),
     size: u64,
-) -> Places {
-    let mut at = [std::ptr::null_mut::<u8>(); SUBGROUP_SIZE];
+    places: &mut Places,
+) {
+    (places.inside, places.one) = (LaneMask::NONE, None);
     // SAFETY: as the caller promises.
     unsafe {
         let shares = match space {
@@ -276,45 +278,52 @@ unsafe fn find_places(
             _ => space == Space::Shared,
         };
         if !shares {
-            let mut inside = LaneMask::NONE;
             let mut is_one = true;
             for lane in lanes {
                 let place = region(m, space, address, subgroup, lane).at(0, size);
                 let place = place.filter(|place| (*place as u64).is_multiple_of(size));
                 if let Some(place) = place {
-                    is_one &= inside.is_empty() || at[inside.first()] == place;
-                    at[lane] = place;
-                    inside.insert(lane);
+                    let inside = places.inside;
+                    is_one &= inside.is_empty() || places.at[inside.first()] == place;
+                    places.at[lane] = place;
+                    places.inside.insert(lane);
                 }
             }
-            return Places { at, inside, is_one };
+            if is_one && !places.inside.is_empty() {
+                places.one = Some(places.at[places.inside.first()]);
+            }
+            return;
         }
         let region = region(m, space, address, subgroup, lanes.first());
         let offsets = &*m.block::<u32>(address[address.len() - 1], subgroup);
-        let mut places: Row = [0; SUBGROUP_SIZE];
-        for k in 0..SUBGROUP_SIZE {
-            at[k] = region.base.wrapping_add(offsets[k] as usize);
-            places[k] = (region.base as u32).wrapping_add(offsets[k]);
-        }
-        let aligned = !LaneMask::with_any(&places, size as u32 - 1);
         let Some(last) = region.size_bytes.min(1 << 32).checked_sub(size) else {
-            let inside = LaneMask::NONE;
-            return Places {
-                at,
-                inside,
-                is_one: false,
-            };
+            return;
         };
-        let filled = Portable::fill(offsets, lanes);
-        let (inside, is_one) = match Portable::layout(&filled, last as u32, 0) {
-            Layout::Outside(inside) => (lanes & inside, false),
-            layout => (lanes, layout == Layout::Same),
+        let filled;
+        let filled = match lanes {
+            LaneMask::ALL => offsets,
+            _ => {
+                filled = Portable::fill(offsets, lanes);
+                &filled
+            }
         };
-        Places {
-            at,
-            inside: inside & aligned,
-            is_one,
+        places.inside = match Portable::layout(filled, last as u32, 0) {
+            Layout::Same => {
+                let place = region.base.add(filled[0] as usize);
+                if (place as u64).is_multiple_of(size) {
+                    (places.inside, places.one) = (lanes, Some(place));
+                }
+                return;
+            }
+            Layout::Outside(inside) => lanes & inside,
+            _ => lanes,
+        };
+        let mut low: Row = [0; SUBGROUP_SIZE];
+        for k in 0..SUBGROUP_SIZE {
+            places.at[k] = region.base.wrapping_add(offsets[k] as usize);
+            low[k] = (region.base as u32).wrapping_add(offsets[k]);
         }
+        places.inside -= LaneMask::with_any(&low, size as u32 - 1);
     }
 }
 
@@ -328,6 +337,13 @@ impl<O: Atomic<T>, T: Cell> Kernel for Performing<O, T> {
         let operands = &m.code.operands[plan.operands as usize..];
         let (address, values) = operands.split_at(plan.space.address_operands());
         let count = value_count(plan.op);
+        let mut places = Places {
+            at: [std::ptr::null_mut(); SUBGROUP_SIZE],
+            inside: LaneMask::NONE,
+            one: None,
+        };
+        let mut old = [T::ZERO; SUBGROUP_SIZE];
+        let none = [T::Slot::default(); SUBGROUP_SIZE];
         for &subgroup in m.listed() {
             let active = m.active[subgroup as usize];
             let lanes = match O::READS {
@@ -337,24 +353,27 @@ impl<O: Atomic<T>, T: Cell> Kernel for Performing<O, T> {
             // SAFETY: as the caller promises; addresses are checked, and other shader threads
             // access the memory only by atomics or as the application allows.
             unsafe {
-                let mut old = [T::ZERO; SUBGROUP_SIZE];
+                places.inside = LaneMask::NONE;
                 if !lanes.is_empty() {
                     let size = size_of::<T>() as u64;
-                    let places = find_places(m, plan.space, address, (subgroup, lanes), size);
+                    let lanes = (subgroup, lanes);
+                    find_places(m, plan.space, address, lanes, size, &mut places);
                     let operand = |k: usize| match k < count {
-                        true => *m.block::<T::Slot>(values[k], subgroup),
-                        false => [T::Slot::default(); SUBGROUP_SIZE],
+                        true => m.block::<T::Slot>(values[k], subgroup).cast_const(),
+                        false => &raw const none,
                     };
                     let operands = [operand(0), operand(1)];
-                    perform::<O, T>(&places, plan.space == Space::Shared, &operands, &mut old);
+                    perform::<O, T>(&places, plan.space == Space::Shared, operands, &mut old);
                 }
                 if O::GIVES {
                     let results = &mut *m.block::<T::Slot>(i.d, subgroup);
                     for lane in 0..SUBGROUP_SIZE {
-                        results[lane] = match active.contains(lane) {
-                            true => old[lane].write(),
-                            false => results[lane],
-                        };
+                        if active.contains(lane) {
+                            results[lane] = match places.inside.contains(lane) {
+                                true => old[lane].write(),
+                                false => T::ZERO.write(),
+                            };
+                        }
                     }
                 }
             }
@@ -362,30 +381,35 @@ impl<O: Atomic<T>, T: Cell> Kernel for Performing<O, T> {
     }
 }
 
-/// Performs a subgroup's atomics in lane order and writes the old contents.
+/// Performs a subgroup's atomics in lane order and gives the old contents.
 ///
 /// # Safety
-/// The addresses may be written. If they are the worker's own, no other thread accesses them.
+/// The addresses may be written. If they are the worker's own, no other thread accesses them. The
+/// operands are rows of `T`.
 #[inline(always)]
 unsafe fn perform<O: Atomic<T>, T: Cell>(
     places: &Places,
     are_own: bool,
-    [values, comparators]: &[[T::Slot; SUBGROUP_SIZE]; 2],
+    [values, comparators]: [*const [T::Slot; SUBGROUP_SIZE]; 2],
     old: &mut [T; SUBGROUP_SIZE],
 ) {
     let inside = places.inside;
-    let operands = |lane: usize| (T::read(values[lane]), T::read(comparators[lane]));
+    // SAFETY: as the caller promises.
+    let operands =
+        |lane: usize| unsafe { (T::read((*values)[lane]), T::read((*comparators)[lane])) };
     // SAFETY: as the caller promises.
     unsafe {
-        if places.is_one && !O::READS && inside.count() > 1 {
-            let at = places.at[inside.first()].cast::<T>();
+        if let Some(at) = places.one.filter(|_| !O::READS && inside.count() > 1) {
+            let at = at.cast::<T>();
             let mut before = if are_own { at.read() } else { T::load(at) };
             loop {
                 let mut now = before;
-                for lane in inside {
-                    let (value, comparator) = operands(lane);
-                    old[lane] = now;
-                    now = O::update(now, value, comparator);
+                for lane in 0..SUBGROUP_SIZE {
+                    if inside.contains(lane) {
+                        let (value, comparator) = operands(lane);
+                        old[lane] = now;
+                        now = O::update(now, value, comparator);
+                    }
                 }
                 if are_own {
                     return at.write(now);
@@ -396,8 +420,11 @@ unsafe fn perform<O: Atomic<T>, T: Cell>(
                 }
             }
         }
-        for lane in inside {
-            let at = places.at[lane].cast::<T>();
+        for lane in 0..SUBGROUP_SIZE {
+            if !inside.contains(lane) {
+                continue;
+            }
+            let at = places.one.unwrap_or(places.at[lane]).cast::<T>();
             let (value, comparator) = operands(lane);
             old[lane] = match are_own {
                 true => {
