@@ -25,6 +25,7 @@ pub(super) enum Class {
     Mask,
 }
 
+#[derive(Clone, Copy)]
 pub(super) struct Info {
     pub class: Class,
     /// Where it is in memory, or may be put.
@@ -104,6 +105,23 @@ pub(super) enum Form {
 }
 
 impl Form {
+    /// Whether all that a step does is its result.
+    pub fn only_computes(self) -> bool {
+        use Form::*;
+        matches!(
+            self,
+            Binary
+                | Commutative
+                | Unary
+                | Registers
+                | Reverse
+                | Extended(_)
+                | MultiplyAdd
+                | Blend
+                | OfMasks
+        )
+    }
+
     /// Whether the result's register is written before all operands are read.
     fn writes_first(self) -> bool {
         use Form::*;
@@ -124,6 +142,7 @@ pub(super) enum Vote {
 }
 
 /// An instruction of the stretch.
+#[derive(Clone, Copy)]
 pub(super) struct Step {
     pub op: Opcode,
     pub form: Form,
@@ -159,14 +178,16 @@ const NEVER: u32 = u32::MAX;
 #[derive(Debug)]
 pub(super) struct TooManyLive;
 
-/// Writes the steps.
+/// Writes the steps. Gives how many values left their registers for their rows.
 pub(super) fn allocate(
     steps: &[Step],
     values: Vec<Info>,
     assembler: &mut Assembler,
-) -> Result<(), TooManyLive> {
+) -> Result<usize, TooManyLive> {
     let (after, first) = next_uses(steps, vec![NEVER; values.len()]);
-    Allocation::new(values, first, assembler).steps(steps, after)
+    let mut allocation = Allocation::new(values, first, assembler);
+    allocation.steps(steps, after)?;
+    Ok(allocation.evictions)
 }
 
 /// By step, when its operands are used again; by value, when it is first used. `next`: when it is
@@ -207,6 +228,8 @@ struct Allocation<'a> {
     stack_bytes: i32,
     /// How often one did, or came back.
     spills: usize,
+    /// How often a value left its register for its row.
+    evictions: usize,
     /// Where steps put registers aside on the stack.
     aside: Option<i32>,
 }
@@ -235,6 +258,7 @@ impl<'a> Allocation<'a> {
             may_spill: false,
             stack_bytes: 0,
             spills: 0,
+            evictions: 0,
             aside: None,
         }
     }
@@ -358,7 +382,8 @@ impl<'a> Allocation<'a> {
                     .mask(step.op, operands, step.count == 2, step.immediate);
             }
             Form::OfLanes => {
-                let lanes = Operand::Memory(Memory::At(Base::Lanes, 0));
+                let behind = 2 * i32::from(step.subgroup) + step.half.unwrap_or(0);
+                let lanes = Operand::Memory(Memory::At(Base::Lanes, behind));
                 match encoding {
                     Encoding::Vex => vector((to, 0, lanes), 0, None),
                     Encoding::Evex => self.assembler.mask(step.op, (to, 0, lanes), false, None),
@@ -540,6 +565,7 @@ impl<'a> Allocation<'a> {
                 let &last = last.ok_or(TooManyLive)?;
                 self.give_home(last)?;
                 if !self.values[last as usize].is_home {
+                    self.evictions += 1;
                     self.store(last)?;
                 }
                 let register = self.registers[last as usize].take().ok_or(TooManyLive)?;

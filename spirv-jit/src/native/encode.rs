@@ -118,10 +118,12 @@ pub(super) const OVERFLOW: u8 = 0;
 pub(super) const ZERO: u8 = 4;
 pub(super) const NOT_ZERO: u8 = 5;
 pub(super) const NOT_NEGATIVE: u8 = 9;
+pub(super) const CARRY: u8 = 2;
 pub(super) const NOT_CARRY: u8 = 3;
 pub(super) const GREATER: u8 = 15;
 
 /// Code that is being written.
+#[derive(Clone)]
 pub(super) struct Assembler {
     pub encoding: Encoding,
     pub bytes: Vec<u8>,

@@ -9,14 +9,17 @@ use super::opcodes::*;
 use crate::ir::{Op, Type, Value};
 
 mod across;
+mod halves;
 mod lower;
 mod private;
 #[cfg(test)]
 mod tests;
 mod turns;
+mod weave;
 
 pub(crate) use private::PrivateRow;
 pub(crate) use turns::{Lanes, Merged, Turns};
+use weave::Woven;
 
 /// The row of a value in a frame, or among uniform rows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -61,6 +64,8 @@ pub(crate) struct Stretch {
     /// The active lanes, once they were asked for.
     lanes: Option<Virtual>,
     operations: usize,
+    /// Values of 16-bit floats of which other forms are in registers.
+    half_forms: Vec<halves::HalfForms>,
     /// The half of the subgroup that is computed, where code takes both halves at once; AVX2 only.
     half: Option<i32>,
     /// The subgroup's number among those that take a loop together.
@@ -93,6 +98,7 @@ impl Stretch {
             results: Vec::new(),
             lanes: None,
             operations: 0,
+            half_forms: Vec::new(),
             half: None,
             subgroup: 0,
         }
@@ -114,6 +120,7 @@ impl Stretch {
     /// Takes back what came behind a mark.
     pub fn take_back(&mut self, mark: Mark) {
         self.steps.truncate(mark.steps);
+        self.forget_half_forms(mark.steps);
         for (value, _) in self.results.drain(mark.results..) {
             self.held[0].remove(&value);
         }
@@ -197,13 +204,28 @@ impl Stretch {
                 }
             }
         }
+        let is_kept = self.infos.iter().map(|info| info.keep).collect();
+        let steps = without_unused(std::mem::take(&mut self.steps), is_kept);
         let mut a = Assembler::new(self.encoding);
-        let halves = self.encoding == Encoding::Vex;
-        let has_lanes = self.lanes.is_some();
-        if has_lanes {
+        if self.lanes.is_some() {
             // mov r10, r8
             a.bytes.extend([0x4d, 0x89, 0xc2]);
         }
+        let woven = self.write_woven(&steps, &mut a);
+        if !matches!(woven, Some(Woven::All)) {
+            self.write_single(&steps, &mut a)?;
+        }
+        if let Some(Woven::Pairs { done }) = woven {
+            a.land(done);
+        }
+        // vzeroupper; ret
+        a.bytes.extend([0xc5, 0xf8, 0x77, 0xc3]);
+        Some(a.finish(&self.pool))
+    }
+
+    /// Code for one subgroup after another.
+    fn write_single(&mut self, steps: &[Step], a: &mut Assembler) -> Option<()> {
+        let halves = self.encoding == Encoding::Vex;
         let start = a.bytes.len();
         if halves {
             // mov r8, rdi; mov r9, rdi; mov eax, 2
@@ -211,8 +233,8 @@ impl Stretch {
                 .extend([0x49, 0x89, 0xf8, 0x49, 0x89, 0xf9, 0xb8, 2, 0, 0, 0]);
         }
         let half = a.bytes.len();
-        allocate(&self.steps, self.infos, &mut a).ok()?;
-        if has_lanes {
+        allocate(steps, std::mem::take(&mut self.infos), a).ok()?;
+        if self.lanes.is_some() {
             // add r10, a byte for each eight lanes
             let step = self.encoding.vector_bytes() as u8 / 32;
             a.bytes.extend([0x49, 0x83, 0xc2, step]);
@@ -226,9 +248,7 @@ impl Stretch {
         // add rdi, rcx; dec rdx
         a.bytes.extend([0x48, 0x01, 0xcf, 0x48, 0xff, 0xca]);
         a.jump_if_not_zero(start);
-        // vzeroupper; ret
-        a.bytes.extend([0xc5, 0xf8, 0x77, 0xc3]);
-        Some(a.finish(&self.pool))
+        Some(())
     }
 
     fn value(&mut self, class: Class, home: Option<Memory>, is_home: bool) -> Virtual {
@@ -373,6 +393,26 @@ impl Stretch {
         // 8: without the exception for what is not an integer.
         self.step_with(ROUNDPS, Form::Unary, &[a], 8 | how)
     }
+}
+
+/// The steps without those whose results neither a step nor code behind them takes. `is_used`: by
+/// value, whether code behind them does.
+fn without_unused(steps: Vec<Step>, mut is_used: Vec<bool>) -> Vec<Step> {
+    let mut used = Vec::with_capacity(steps.len());
+    let mut ends = false;
+    for mut step in steps.into_iter().rev() {
+        ends |= step.ends;
+        if !is_used[step.to as usize] && step.form.only_computes() {
+            continue;
+        }
+        step.ends = std::mem::take(&mut ends);
+        for &value in &step.from[..step.count] {
+            is_used[value as usize] = true;
+        }
+        used.push(step);
+    }
+    used.reverse();
+    used
 }
 
 impl Held {

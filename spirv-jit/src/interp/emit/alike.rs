@@ -2,6 +2,8 @@
 
 use foldhash::{HashMap, HashSet};
 
+use crate::SUBGROUP_SIZE;
+use crate::ir::op::SubgroupOp;
 use crate::ir::{Inst, Node, Op, Space, Step, Terminator, Value};
 
 /// Values that a loop defines and that are the same in all lanes of a subgroup that come to them.
@@ -48,9 +50,8 @@ fn turn(
     let mut handed_on: HashMap<Value, Value> = HashMap::default();
     for step in body.steps() {
         match step {
-            Step::Inst(inst) if keeps_alike(inst) => {
-                let mut args = inst.args.iter();
-                if args.all(|arg| found.contains(arg) || is_uniform(*arg)) {
+            Step::Inst(inst) => {
+                if gives_alike(inst, |arg| found.contains(&arg) || is_uniform(arg)) {
                     found.extend(&inst.results);
                 }
             }
@@ -75,12 +76,18 @@ fn turn(
     (found, lost)
 }
 
-/// Whether an operation gives all lanes the same if its operands are the same.
-fn keeps_alike(inst: &Inst) -> bool {
+/// Whether an operation gives all lanes the same. `is_alike` tells operands that are the same.
+fn gives_alike(inst: &Inst, is_alike: impl Fn(Value) -> bool) -> bool {
+    use SubgroupOp::*;
+    let are_alike = || inst.args.iter().all(|&arg| is_alike(arg));
     match inst.op {
         Op::Load(access) => {
-            matches!(access.space, Space::Buffer | Space::Shared) && !access.volatile
+            let is_shared = matches!(access.space, Space::Buffer | Space::Shared);
+            is_shared && !access.volatile && are_alike()
         }
-        _ => inst.op.is_pure(),
+        Op::Subgroup(All | Any | AllEqual | Ballot | BroadcastFirst) => true,
+        Op::Subgroup(Reduce { cluster, .. }) => usize::from(cluster) == SUBGROUP_SIZE,
+        Op::Subgroup(Shuffle) => is_alike(inst.args[1]),
+        _ => inst.op.is_pure() && are_alike(),
     }
 }

@@ -1,6 +1,7 @@
 //! Native code against the interpreter: straight programs on every tier, as native code and
 //! interpreted, give what the interpreter gives on the portable one.
 
+mod chains;
 mod listed;
 mod loops;
 mod random;

@@ -8,6 +8,7 @@ use crate::native::encode::{SCRATCH_WORD, ZERO};
 use crate::native::opcodes::*;
 
 /// A value that a turn takes from the turn before.
+#[derive(Clone)]
 pub(in crate::native) struct Carried {
     /// In this turn, and what it is in the next.
     pub before: Virtual,
@@ -39,6 +40,7 @@ impl Carried {
 /// A value that is the same in all lanes that are in the loop. When the loop is entered, code takes
 /// it from the first of them into all lanes, those that are not in the loop, too: so they agree
 /// from then on.
+#[derive(Clone)]
 pub(in crate::native) struct Alike {
     /// Where the first lane's scalar is.
     pub first: Memory,
@@ -66,6 +68,8 @@ pub(in crate::native) struct Turn {
     pub stack_bytes: i32,
     /// How often a value goes there or comes back.
     pub spills: usize,
+    /// How often one leaves its register for memory.
+    pub evictions: usize,
 }
 
 /// Writes the first turn's beginning, then the turn.
@@ -145,6 +149,7 @@ pub(in crate::native) fn allocate_turn(
         head,
         stack_bytes: a.stack_bytes + STACK_ALIGNMENT,
         spills: a.spills,
+        evictions: a.evictions,
     })
 }
 

@@ -313,7 +313,7 @@ impl Stretch {
     }
 
     /// The upper half of a vector's lanes, in the lower.
-    fn upper(&mut self, a: Virtual) -> Virtual {
+    pub(super) fn upper(&mut self, a: Virtual) -> Virtual {
         match self.encoding {
             Encoding::Evex => self.step_with(EXTRACT_HALF, Form::Reverse, &[a], 1),
             Encoding::Vex => self.step_with(EXTRACT_128, Form::Reverse, &[a], 1),
@@ -341,23 +341,6 @@ impl Stretch {
                 self.step_with(PERMQ, Form::Registers, &[mixed], 0b11_01_10_00)
             }
         }
-    }
-
-    fn half_to_float(&mut self, a: Virtual) -> Virtual {
-        let halves = match self.encoding {
-            Encoding::Evex => self.step(Class::Vector, PMOVDW, Form::Reverse, &[a]),
-            Encoding::Vex => {
-                let mixed = self.step(Class::Vector, PACKUSDW, Form::Registers, &[a, a]);
-                self.step_with(PERMQ, Form::Registers, &[mixed], 0b11_01_10_00)
-            }
-        };
-        self.step(Class::Vector, CVTPH2PS, Form::Registers, &[halves])
-    }
-
-    fn float_to_half(&mut self, a: Virtual) -> Virtual {
-        // 0: to nearest even.
-        let halves = self.step_with(CVTPS2PH, Form::Reverse, &[a], 0);
-        self.step(Class::Vector, PMOVZXWD, Form::Registers, &[halves])
     }
 
     /// An operation on 16-bit floats, each in the lower half of a lane whose upper half is zero.
@@ -738,9 +721,27 @@ impl Stretch {
         ))
     }
 
+    /// The upper words of lanes of 64 bits, where products take the lower ones. A factor is often
+    /// that of the product before.
+    fn upper_words(&mut self, a: Virtual) -> Virtual {
+        /// Steps of two registers' products: further ones would keep too many registers.
+        const NEAR: usize = 24;
+        let side = (self.half, self.subgroup as u8);
+        let known = self.steps.iter().rev().take(NEAR).find(|step| {
+            (step.op, step.form, step.immediate) == (PSHIFTQ, Form::Extended(RIGHT), Some(32))
+                && (step.half, step.subgroup) == side
+                && step.from[0] == a
+                && self.infos[step.to as usize].home.is_none()
+        });
+        match known {
+            Some(step) => step.to,
+            None => self.shift(PSHIFTQ, RIGHT, a, 32),
+        }
+    }
+
     /// A product of integers of 64 bits, from products of their words.
     fn product_by_words(&mut self, a: Virtual, b: Virtual) -> Virtual {
-        let [upper_a, upper_b] = [a, b].map(|part| self.shift(PSHIFTQ, RIGHT, part, 32));
+        let [upper_a, upper_b] = [a, b].map(|part| self.upper_words(part));
         let left = self.commutative(PMULUDQ, upper_a, b);
         let right = self.commutative(PMULUDQ, upper_b, a);
         let upper = self.commutative(PADDQ, left, right);

@@ -10,7 +10,8 @@
 use smallvec::SmallVec;
 
 use super::lower::int;
-use super::{Class, Form, Held, IrOperand, Stretch, ValueRow, Virtual};
+use super::weave::{in_turn, waits};
+use super::{Class, Form, Held, IrOperand, Stretch, ValueRow, Virtual, without_unused};
 use crate::ir::{Type, Value};
 use crate::native::allocate::{Alike, Carried, LOAD, STORE, Step, allocate_turn};
 use crate::native::encode::{
@@ -38,6 +39,10 @@ struct Entered {
 /// Instructions, at least, of a turn of several subgroups for each that moves a value to or from
 /// the stack.
 const STEPS_OF_SPILL: usize = 8;
+
+/// Instructions, at least, of a turn whose subgroups and halves take its operations in turn, for
+/// each that moves a value to or from memory.
+const STEPS_OF_MOVE: usize = 16;
 
 /// Bytes that are loaded at one place, at most, before a place is computed again.
 const MOST_AT_ONCE: u32 = 64;
@@ -437,12 +442,34 @@ impl Turns {
         let half = a.bytes.len();
         let bits = self.stretch.constant(Constant::LaneBits);
         let bits = self.stretch.infos[bits as usize].home?;
-        let steps = halves_apart(self.stretch.steps);
         let infos = self.stretch.infos;
-        let turn = allocate_turn(&steps, infos, &mut self.carried, bits, &mut a).ok()?;
-        if subgroups > 1 && turn.spills * STEPS_OF_SPILL > steps.len() {
-            return None;
+        let mut is_used: Vec<bool> = infos.iter().map(|info| info.keep).collect();
+        for value in &self.carried {
+            is_used[value.after as usize] = true;
         }
+        let steps = without_unused(self.stretch.steps, is_used);
+        let waits = self.is_paired && waits(&steps, infos.len(), halves as usize);
+        let woven = waits.then(|| in_turn(&steps, subgroups)).and_then(|steps| {
+            let (mut carried, mut attempt) = (self.carried.clone(), a.clone());
+            let turn = allocate_turn(&steps, infos.clone(), &mut carried, bits, &mut attempt);
+            let turn = turn.ok()?;
+            let moves = turn.spills + turn.evictions;
+            (moves * STEPS_OF_MOVE <= steps.len()).then_some((turn, carried, attempt))
+        });
+        let turn = match woven {
+            Some((turn, carried, attempt)) => {
+                (self.carried, a) = (carried, attempt);
+                turn
+            }
+            None => {
+                let steps = halves_apart(steps);
+                let turn = allocate_turn(&steps, infos, &mut self.carried, bits, &mut a).ok()?;
+                if subgroups > 1 && turn.spills * STEPS_OF_SPILL > steps.len() {
+                    return None;
+                }
+                turn
+            }
+        };
         let (head, stack_bytes) = (turn.head, turn.stack_bytes);
 
         // On to the next turn with lanes that stay.

@@ -1,0 +1,211 @@
+//! Stretches whose operations wait for each other.
+//!
+//! A processor overlaps the end of one half of a subgroup with the start of the next, as far as it
+//! looks ahead. In a long chain of dependent operations this is not far enough. So the operations
+//! of both halves alternate, and those of two subgroups if registers suffice. The same goes for the
+//! turns of loops. AVX2 only.
+
+use super::{FRAMES, Stretch};
+use crate::native::allocate::{Info, Step, Virtual, allocate};
+use crate::native::encode::{Assembler, Base, CARRY, Encoding, Memory, NOT_CARRY, ZERO};
+use crate::native::opcodes::*;
+
+/// Steps that a processor looks ahead.
+const STEPS_AHEAD: u32 = 128;
+
+/// Steps that a processor starts in a cycle.
+const STEPS_AT_ONCE: u32 = 3;
+
+/// Steps of woven code, at most: more would not stay in the cache of instructions.
+const MOST_STEPS: usize = 4096;
+
+/// Steps, at least, for each value that leaves its register for its row.
+const STEPS_OF_EVICTION: usize = 8;
+
+/// Cycles until a step's result is available.
+fn latency(step: &Step) -> u32 {
+    match step.op {
+        DIVPS | SQRTPS | DIVPD | SQRTPD => 12,
+        ADDPS | SUBPS | MULPS | FMAPS | ADDPD | SUBPD | MULPD | FMAPD | ROUNDPS => 4,
+        CVTDQ2PS | CVTTPS2DQ | CVTPH2PS | CVTPS2PH | PMULLD | PMULUDQ => 4,
+        PERMQ | EXTRACT_128 | PMOVZXWD | PMOVZXDQ | PMOVSXDQ => 4,
+        _ => 1,
+    }
+}
+
+/// The number of chains of steps that keeps a processor busy, and the number it has anyway.
+struct Need {
+    /// Chains at once with which no unit waits.
+    wanted: u32,
+    /// Chains within the processor's reach if they stand one after another.
+    overlapped: u32,
+}
+
+/// The need of steps that consist of so many equal chains.
+fn need(steps: &[Step], values: usize, chains: usize) -> Need {
+    let mut ready = vec![0u32; values];
+    let mut longest = 0;
+    for step in steps {
+        let from = &step.from[..step.count];
+        let start = from.iter().map(|&value| ready[value as usize]).max();
+        let end = start.unwrap_or(0) + latency(step);
+        ready[step.to as usize] = end;
+        longest = longest.max(end);
+    }
+    let length = (steps.len() / chains).max(1) as u32;
+    Need {
+        wanted: longest * STEPS_AT_ONCE / length,
+        overlapped: (STEPS_AHEAD / length).max(1),
+    }
+}
+
+/// Whether a processor waits for results in a loop's turn that so many halves of subgroups take one
+/// after another.
+pub(super) fn waits(steps: &[Step], values: usize, halves: usize) -> bool {
+    let need = need(steps, values, halves);
+    need.wanted > need.overlapped && halves as u32 > need.overlapped
+}
+
+/// The steps of a turn with the operations of all subgroups alternating; those of halves do.
+pub(super) fn in_turn(steps: &[Step], subgroups: usize) -> Vec<Step> {
+    let of_subgroup = |subgroup: usize| {
+        let own = steps
+            .iter()
+            .filter(|step| step.subgroup as usize == subgroup);
+        own.copied().collect::<Vec<Step>>()
+    };
+    let all: Vec<Vec<Step>> = (0..subgroups).map(of_subgroup).collect();
+    let mut operations: Vec<_> = (all.iter())
+        .map(|steps| steps.split_inclusive(|step| step.ends))
+        .collect();
+    let mut woven = Vec::with_capacity(steps.len());
+    while woven.len() < steps.len() {
+        let next = operations.iter_mut().filter_map(Iterator::next);
+        next.for_each(|operation| woven.extend_from_slice(operation));
+    }
+    woven
+}
+
+/// The steps of both halves of so many subgroups, alternating by operation.
+fn weave(steps: &[Step], infos: &[Info], subgroups: usize) -> (Vec<Step>, Vec<Info>) {
+    let is_shared = |info: &Info| {
+        let is_constant = |home| matches!(home, Memory::Pool(_) | Memory::At(Base::Uniforms, _));
+        info.is_home && info.home.is_some_and(is_constant)
+    };
+    let mut woven_infos = Vec::new();
+    let shared: Vec<Option<Virtual>> = (infos.iter())
+        .map(|info| {
+            is_shared(info).then(|| {
+                woven_infos.push(*info);
+                woven_infos.len() as Virtual - 1
+            })
+        })
+        .collect();
+    let halves: Vec<(usize, i32)> = (0..subgroups).flat_map(|s| [(s, 0), (s, 1)]).collect();
+    let mut numbers: Vec<Vec<Virtual>> = Vec::new();
+    for &(subgroup, half) in &halves {
+        let frame = FRAMES[subgroup];
+        let own = |info: &Info| Info {
+            home: info.home.map(|home| match home {
+                Memory::At(Base::Half, row) => Memory::At(frame, row + 32 * half),
+                Memory::At(Base::WideHalf, row) => Memory::At(frame, row + 64 * half),
+                other => other,
+            }),
+            ..*info
+        };
+        let of_half = shared.iter().zip(infos).map(|(shared, info)| {
+            shared.unwrap_or_else(|| {
+                woven_infos.push(own(info));
+                woven_infos.len() as Virtual - 1
+            })
+        });
+        numbers.push(of_half.collect());
+    }
+    let mut woven = Vec::with_capacity(steps.len() * halves.len());
+    for operation in steps.split_inclusive(|step| step.ends) {
+        for (numbers, &(subgroup, half)) in numbers.iter().zip(&halves) {
+            woven.extend(operation.iter().map(|step| Step {
+                to: numbers[step.to as usize],
+                from: step.from.map(|value| numbers[value as usize]),
+                subgroup: subgroup as u8,
+                half: Some(half),
+                ..*step
+            }));
+        }
+    }
+    (woven, woven_infos)
+}
+
+impl Stretch {
+    /// Writes woven code, if a processor waits without it and registers suffice. Gives whether
+    /// code for one subgroup must follow, and the jump over that.
+    pub(super) fn write_woven(&self, steps: &[Step], a: &mut Assembler) -> Option<Woven> {
+        if self.encoding != Encoding::Vex {
+            return None;
+        }
+        let need = need(steps, self.infos.len(), 1);
+        if need.wanted <= need.overlapped {
+            return None;
+        }
+        let gains = |subgroups: &usize| {
+            let halves = 2 * *subgroups as u32;
+            halves > need.overlapped && (halves == 2 || need.wanted > 2)
+        };
+        [2, 1].into_iter().filter(gains).find_map(|subgroups| {
+            let mut attempt = a.clone();
+            let woven = self.write_together(steps, subgroups, &mut attempt)?;
+            *a = attempt;
+            Some(woven)
+        })
+    }
+
+    fn write_together(&self, steps: &[Step], subgroups: usize, a: &mut Assembler) -> Option<Woven> {
+        if steps.len() * 2 * subgroups > MOST_STEPS {
+            return None;
+        }
+        let (steps, infos) = weave(steps, &self.infos, subgroups);
+        let is_pair = subgroups == 2;
+        let single = is_pair.then(|| {
+            // cmp rdx, 2; jb
+            a.bytes.extend([0x48, 0x83, 0xfa, 2]);
+            a.jump_ahead(CARRY)
+        });
+        let start = a.bytes.len();
+        if is_pair {
+            // lea r8, [rdi + rcx]
+            a.bytes.extend([0x4c, 0x8d, 0x04, 0x0f]);
+        }
+        let evictions = allocate(&steps, infos, a).ok()?;
+        if evictions * STEPS_OF_EVICTION > steps.len() {
+            return None;
+        }
+        if self.lanes.is_some() {
+            // add r10, two bytes for each subgroup
+            a.bytes.extend([0x49, 0x83, 0xc2, 2 * subgroups as u8]);
+        }
+        let Some(single) = single else {
+            // add rdi, rcx; dec rdx
+            a.bytes.extend([0x48, 0x01, 0xcf, 0x48, 0xff, 0xca]);
+            a.jump_if_not_zero(start);
+            return Some(Woven::All);
+        };
+        // lea rdi, [rdi + 2 rcx]; sub rdx, 2; cmp rdx, 2
+        a.bytes.extend([0x48, 0x8d, 0x3c, 0x4f]);
+        a.bytes.extend([0x48, 0x83, 0xea, 2, 0x48, 0x83, 0xfa, 2]);
+        let again = a.jump_ahead(NOT_CARRY);
+        a.land_at(again, start);
+        // test rdx, rdx; jz
+        a.bytes.extend([0x48, 0x85, 0xd2]);
+        let done = a.jump_ahead(ZERO);
+        a.land(single);
+        Some(Woven::Pairs { done })
+    }
+}
+
+/// Woven code that was written.
+pub(super) enum Woven {
+    /// For all subgroups.
+    All,
+    /// For pairs: code for one subgroup follows, over which a jump leads.
+    Pairs { done: usize },
+}
