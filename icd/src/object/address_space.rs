@@ -8,7 +8,7 @@
 use std::ops::Range;
 
 use super::ranges::{Ranges, Taken};
-use crate::os::address_space::{release, reserve, reserve_at};
+use crate::os::address_space::{CHEAP_BYTES, release, reserve, reserve_at};
 
 /// Allocations are multiples of this, and start at multiples of it (at least a page;
 /// `VkMemoryRequirements::alignment` is smaller).
@@ -21,9 +21,14 @@ const PREFERRED_BASE: u64 = 0x1000_0000_0000;
 const PREFERRED_SLOTS: u64 = 16;
 /// Distance between fixed addresses: both parts of a device.
 const SLOT_BYTES: u64 = 2 * LARGEST_PART;
-/// Size of a part, halved until the system grants it.
 const LARGEST_PART: u64 = 1 << 40;
-const SMALLEST_PART: u64 = 1 << 30;
+/// Size of a part's first window, halved until the system grants it.
+const FIRST_WINDOW: u64 = if CHEAP_BYTES < LARGEST_PART {
+    CHEAP_BYTES
+} else {
+    LARGEST_PART
+};
+const SMALLEST_WINDOW: u64 = 1 << 30;
 
 /// The requested location of memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -50,29 +55,113 @@ impl Placement {
 
 /// The address space of a device.
 pub struct AddressSpace {
-    ordinary: Ranges,
+    ordinary: AddressPart,
     /// The part for replayable memory, reserved with the first such memory.
-    replayable: Option<Ranges>,
+    replayable: Option<AddressPart>,
     /// All mappings, by address and size.
     mapped: Vec<(u64, u64)>,
+}
+
+/// A part of an address space. It starts with one window, and gets another one when it is full, up
+/// to [`LARGEST_PART`] in all. Where large reservations are cheap the first window has that size.
+#[derive(Default)]
+struct AddressPart {
+    /// The latest is the last.
+    windows: Vec<Ranges>,
+    /// The start of the first window.
+    base: u64,
+    /// The end of the latest window.
+    end: u64,
+    size_bytes: u64,
+}
+
+impl AddressPart {
+    /// Reserves the first window, at the first free address of `places` or elsewhere; `None` if the
+    /// system grants no address space. `size_bytes` is halved until the system grants it.
+    fn reserve(
+        mut size_bytes: u64,
+        places: impl Iterator<Item = u64> + Clone,
+        mapped: &mut Vec<(u64, u64)>,
+    ) -> Option<Self> {
+        while size_bytes >= SMALLEST_WINDOW {
+            let place = places
+                .clone()
+                .find_map(|place| reserve_at(place, size_bytes))
+                .or_else(|| reserve(size_bytes, GRANULE));
+            if let Some(base) = place {
+                let mut part = Self {
+                    base,
+                    ..Self::default()
+                };
+                part.add(base, size_bytes, mapped);
+                return Some(part);
+            }
+            size_bytes /= 2;
+        }
+        None
+    }
+
+    fn add(&mut self, address: u64, size_bytes: u64, mapped: &mut Vec<(u64, u64)>) {
+        mapped.push((address, size_bytes));
+        self.windows.push(Ranges::new(address, size_bytes));
+        self.end = address + size_bytes;
+        self.size_bytes += size_bytes;
+    }
+
+    /// Adds a window that has room for `size_bytes` and doubles the part; false if the part is as
+    /// large as parts can be, or the system grants no more.
+    fn grow(&mut self, size_bytes: u64, mapped: &mut Vec<(u64, u64)>) -> bool {
+        if !(1..LARGEST_PART).contains(&self.size_bytes) || size_bytes > LARGEST_PART {
+            return false;
+        }
+        let size_bytes = self.size_bytes.max(size_bytes.next_power_of_two());
+        // Behind the latest window, but not where another part may start.
+        let is_apart = self.end + size_bytes <= self.base + LARGEST_PART;
+        let place = is_apart.then(|| reserve_at(self.end, size_bytes)).flatten();
+        let place = place.or_else(|| reserve(size_bytes, GRANULE));
+        if let Some(address) = place {
+            self.add(address, size_bytes, mapped);
+        }
+        place.is_some()
+    }
+
+    /// Takes a range of the latest window that has room, or of a new one.
+    fn take(&mut self, size_bytes: u64, mapped: &mut Vec<(u64, u64)>) -> Option<Taken> {
+        let mut windows = self.windows.iter_mut().rev();
+        let taken = windows.find_map(|window| window.take(size_bytes));
+        taken.or_else(|| {
+            self.grow(size_bytes, mapped)
+                .then(|| self.windows.last_mut()?.take(size_bytes))
+                .flatten()
+        })
+    }
+
+    /// The window that overlaps a range.
+    fn window(&mut self, addresses: &Range<u64>) -> Option<&mut Ranges> {
+        let mut windows = self.windows.iter_mut();
+        windows.find(|window| window.overlaps(addresses))
+    }
 }
 
 impl AddressSpace {
     /// Reserves the part for ordinary memory; `None` if the system grants no address space.
     pub fn reserve() -> Option<Self> {
-        let (base, size_bytes) = reserve_part(slots())?;
+        let mut mapped = Vec::new();
         Some(Self {
-            ordinary: Ranges::new(base, size_bytes),
+            ordinary: AddressPart::reserve(FIRST_WINDOW, slots(), &mut mapped)?,
             replayable: None,
-            mapped: vec![(base, size_bytes)],
+            mapped,
         })
     }
 
     /// Allocates a range of zero pages; `None` if there is no room or a requested address is taken.
     pub fn take(&mut self, size_bytes: u64, placement: Placement) -> Option<Taken> {
         match placement {
-            Placement::Ordinary => self.ordinary.take(size_bytes),
-            Placement::Replayable => self.replayable(None).take(size_bytes),
+            Placement::Ordinary => self.ordinary.take(size_bytes, &mut self.mapped),
+            Placement::Replayable => {
+                let (part, mapped) = self.replayable(None);
+                part.take(size_bytes, mapped)
+            }
             Placement::At(address) => {
                 let end = address.checked_add(size_bytes)?;
                 self.take_at(&(address..end))
@@ -84,14 +173,16 @@ impl AddressSpace {
         if !addresses.start.is_multiple_of(GRANULE) {
             return None;
         }
-        if self.ordinary.overlaps(addresses) {
-            return self.ordinary.take_at(addresses);
+        if let Some(window) = self.ordinary.window(addresses) {
+            return window.take_at(addresses);
         }
-        let replayable = self.replayable(Some(addresses.start));
-        if let Some(taken) = replayable.take_at(addresses) {
+        let (replayable, _) = self.replayable(Some(addresses.start));
+        // A window also has freed ranges that were mapped one by one.
+        let mut windows = replayable.windows.iter_mut();
+        if let Some(taken) = windows.find_map(|window| window.take_at(addresses)) {
             return Some(taken);
         }
-        if replayable.overlaps(addresses) {
+        if replayable.window(addresses).is_some() {
             return None;
         }
         // The capturing device had its address space elsewhere.
@@ -104,31 +195,40 @@ impl AddressSpace {
         })
     }
 
-    /// The part for replayable memory. The first call reserves it, around `captured` if possible.
-    fn replayable(&mut self, captured: Option<u64>) -> &mut Ranges {
-        self.replayable.get_or_insert_with(|| {
+    /// The part for replayable memory, and the list of mappings. The first call reserves the part,
+    /// around `captured` if possible.
+    fn replayable(&mut self, captured: Option<u64>) -> (&mut AddressPart, &mut Vec<(u64, u64)>) {
+        let part = self.replayable.get_or_insert_with(|| {
             let captured = captured.and_then(|address| {
                 let slot = address.checked_sub(PREFERRED_BASE)? / SLOT_BYTES;
                 (slot < PREFERRED_SLOTS).then_some(PREFERRED_BASE + slot * SLOT_BYTES)
             });
             let places = captured.into_iter().chain(slots());
-            match reserve_part(places.map(|slot| slot + LARGEST_PART)) {
-                Some((base, size_bytes)) => {
-                    self.mapped.push((base, size_bytes));
-                    Ranges::new(base, size_bytes)
+            let places = places.map(|slot| slot + LARGEST_PART);
+            // Without a part, captured addresses are mapped one by one.
+            AddressPart::reserve(FIRST_WINDOW, places, &mut self.mapped).unwrap_or_else(|| {
+                AddressPart {
+                    windows: vec![Ranges::default()],
+                    ..AddressPart::default()
                 }
-                // Without a part, captured addresses are mapped one by one.
-                None => Ranges::default(),
-            }
-        })
+            })
+        });
+        (part, &mut self.mapped)
     }
 
     /// Frees a range.
     pub fn give_back(&mut self, address: u64, size_bytes: u64) {
-        if self.ordinary.overlaps(&(address..address + size_bytes)) {
-            self.ordinary.give_back(address, size_bytes);
-        } else {
-            self.replayable(None).give_back(address, size_bytes);
+        let addresses = address..address + size_bytes;
+        if let Some(window) = self.ordinary.window(&addresses) {
+            return window.give_back(address, size_bytes);
+        }
+        let (replayable, _) = self.replayable(None);
+        if let Some(window) = replayable.window(&addresses) {
+            return window.give_back(address, size_bytes);
+        }
+        // Mapped one by one.
+        if let Some(window) = replayable.windows.first_mut() {
+            window.give_back(address, size_bytes);
         }
     }
 }
@@ -147,26 +247,50 @@ fn slots() -> impl Iterator<Item = u64> + Clone {
     (0..PREFERRED_SLOTS).map(|slot| PREFERRED_BASE + slot * SLOT_BYTES)
 }
 
-/// Reserves a part of an address space, at the first free address of `places` or elsewhere. Returns
-/// its address and size.
-fn reserve_part(places: impl Iterator<Item = u64> + Clone) -> Option<(u64, u64)> {
-    let mut size_bytes = LARGEST_PART;
-    while size_bytes >= SMALLEST_PART {
-        let place = places
-            .clone()
-            .find_map(|place| reserve_at(place, size_bytes))
-            .or_else(|| reserve(size_bytes, GRANULE));
-        if let Some(base) = place {
-            return Some((base, size_bytes));
-        }
-        size_bytes /= 2;
-    }
-    None
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn full_parts_grow_up_to_their_largest_size() {
+        let mut mapped = Vec::new();
+        let nowhere = std::iter::empty();
+        let mut part = AddressPart::reserve(SMALLEST_WINDOW, nowhere, &mut mapped).unwrap();
+        let mut taken = Vec::new();
+        // The last one is larger than all windows before it.
+        for size_bytes in [SMALLEST_WINDOW / 4; 24]
+            .into_iter()
+            .chain([SMALLEST_WINDOW * 16])
+        {
+            let address = part.take(size_bytes, &mut mapped).unwrap().address;
+            taken.push((address, address + size_bytes));
+            let window = part.window(&(address..address + size_bytes)).unwrap();
+            assert!(window.overlaps(&(address + size_bytes - 1..address + size_bytes)));
+        }
+        taken.sort_unstable();
+        assert!(taken.windows(2).all(|pair| pair[0].1 <= pair[1].0));
+        assert_eq!(mapped.len(), 5);
+        // A freed range stays in its window.
+        let (first, end) = taken[0];
+        part.window(&(first..end))
+            .unwrap()
+            .give_back(first, end - first);
+        assert_eq!(
+            part.window(&(first..end))
+                .unwrap()
+                .take_at(&(first..end))
+                .unwrap()
+                .address,
+            first
+        );
+        // The part is smaller than a part can be, and larger afterwards.
+        assert!(part.take(LARGEST_PART, &mut mapped).is_some());
+        assert!(part.take(LARGEST_PART, &mut mapped).is_none());
+        for (address, size_bytes) in mapped {
+            // SAFETY: the test's own mappings, which nothing else uses.
+            unsafe { release(address, size_bytes) };
+        }
+    }
 
     #[test]
     fn captured_addresses_stay_free_for_them() {

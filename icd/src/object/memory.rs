@@ -89,8 +89,8 @@ impl AddressWindow {
         }))
     }
 
-    /// Takes a range of zero pages.
-    fn take(&self, size_bytes: u64, placement: Placement) -> VkResult<u64> {
+    /// Takes a range of zero pages. A section brings its own memory.
+    fn take(&self, size_bytes: u64, placement: Placement, has_section: bool) -> VkResult<u64> {
         self.used_bytes
             .fetch_update(Ordering::Relaxed, Ordering::Relaxed, |used| {
                 used.checked_add(size_bytes)
@@ -101,7 +101,7 @@ impl AddressWindow {
             self.used_bytes.fetch_sub(size_bytes, Ordering::Relaxed);
         });
         let address = taken?;
-        if !commit(address, size_bytes) {
+        if !has_section && !commit(address, size_bytes) {
             self.give_back(address, size_bytes);
             return Err(vk::Result::ERROR_OUT_OF_DEVICE_MEMORY);
         }
@@ -237,7 +237,7 @@ impl DeviceMemory {
         let place = AllocationSlot::take(&window.allocations)?;
         let mapping = (section.as_ref()).map(|_| AllocationSlot::take(&MAPPED));
         let mapping = mapping.transpose()?;
-        let address = window.take(mapped_bytes, placement)?;
+        let address = window.take(mapped_bytes, placement, section.is_some())?;
         place.keep();
         if let Some(mapping) = mapping {
             mapping.keep();

@@ -34,6 +34,9 @@ pub fn max_mappings() -> u32 {
     limit.unwrap_or(DEFAULT)
 }
 
+/// The size up to which a reservation costs little time and memory: any size.
+pub const CHEAP_BYTES: u64 = u64::MAX;
+
 /// Reserves address space aligned to `alignment_bytes`; `None` if the system has none left.
 pub fn reserve(size_bytes: u64, alignment_bytes: u64) -> Option<u64> {
     let mapped = map_zero_pages(0, size_bytes.checked_add(alignment_bytes)?, 0)?;

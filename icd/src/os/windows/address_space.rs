@@ -223,6 +223,11 @@ fn round_up(bytes: u64) -> u64 {
     bytes.next_multiple_of(GRANULE)
 }
 
+/// The size up to which a reservation costs little time and memory. Wine keeps a byte for each
+/// reserved page of 4 KB, and writes all of them at the reservation and at the release: 4 MB here,
+/// 256 MB for a terabyte. On Windows any size is cheap.
+pub const CHEAP_BYTES: u64 = 16 << 30;
+
 /// Reserves address space aligned to `alignment_bytes`; `None` if the system has none left.
 pub fn reserve(size_bytes: u64, alignment_bytes: u64) -> Option<u64> {
     reserve_by(size_bytes, |functions, size_bytes| {
