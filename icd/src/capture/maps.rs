@@ -23,7 +23,7 @@ use crate::timeline::file::ArrayFile;
 use crate::wave::launch_counts::{
     Counter, FinishedCounts, KeptInvocations, LaunchCounts, MOST_INVOCATIONS,
 };
-use crate::wave::observer::{LookupPurpose, Observation, Observer, TableKind};
+use crate::wave::observer::Observer;
 
 /// Commands of a kind that are captured, at most.
 const MAX_COMMANDS: u64 = 64;
@@ -91,14 +91,6 @@ pub struct MapRecording {
 }
 
 impl Observer for MapRecording {
-    fn invocation(&self) -> Option<[u32; 3]> {
-        None
-    }
-
-    fn observe(&self, _: Observation) {}
-
-    fn look_up(&self, _: TableKind, _: u32, _: LookupPurpose, _: u32) {}
-
     fn counts(&self) -> Option<&LaunchCounts> {
         Some(&self.counts)
     }

@@ -8,8 +8,9 @@ use parking_lot::Mutex;
 use spirv_jit::program::Stage;
 
 use super::path::Path;
-use crate::wave::launch_counts::LaunchCounts;
-use crate::wave::observer::{LookupPurpose, Observation, Observer, TableKind};
+use crate::wave::observer::{
+    Interests, LookupPurpose, Observation, Observer, RecordLookup, TableKind,
+};
 
 /// How often rays have looked up each record, by table and index.
 pub type Lookups = BTreeMap<(TableKind, u32), RecordUse>;
@@ -59,12 +60,15 @@ impl Recorder {
 }
 
 impl Observer for Recorder {
-    fn invocation(&self) -> Option<[u32; 3]> {
-        Some(self.invocation)
+    fn interests(&self) -> Interests {
+        Interests {
+            lookups: true,
+            ..Interests::default()
+        }
     }
 
-    fn counts(&self) -> Option<&LaunchCounts> {
-        None
+    fn invocation(&self) -> Option<[u32; 3]> {
+        Some(self.invocation)
     }
 
     fn observe(&self, event: Observation) {
@@ -72,16 +76,21 @@ impl Observer for Recorder {
         self.path.lock().add(event, stage);
     }
 
-    fn look_up(&self, table: TableKind, index: u32, purpose: LookupPurpose, rays: u32) {
+    fn look_up(&self, lookup: &RecordLookup<'_>) {
         let mut lookups = self.lookups.lock();
-        let key = (table, index);
+        let key = (lookup.purpose.table(), lookup.index);
         if lookups.len() == MAX_INDICES && !lookups.contains_key(&key) {
             return;
         }
-        let found = lookups.entry(key).or_default();
-        match purpose {
-            LookupPurpose::Candidate => found.candidates += u64::from(rays),
-            LookupPurpose::Call => found.calls += u64::from(rays),
+        let (found, rays) = (lookups.entry(key).or_default(), u64::from(lookup.rays));
+        match lookup.purpose {
+            LookupPurpose::AnyHit | LookupPurpose::Intersection => found.candidates += rays,
+            // The record of the candidate, once more.
+            LookupPurpose::AnyHitOfReport => {}
+            LookupPurpose::ClosestHit
+            | LookupPurpose::SkippedClosestHit
+            | LookupPurpose::Miss
+            | LookupPurpose::Callable => found.calls += rays,
         }
     }
 }

@@ -25,9 +25,8 @@ use crate::raster::Rasterizer;
 use crate::settings::settings;
 use crate::trace::Tracer;
 use crate::validate::{Caller, Checks, Queried, Validator};
-use crate::wave::{
-    Budget, Cause, Fault, Limits, QueryObserver, Returned, Surroundings, WildAddresses, Workers,
-};
+use crate::wave::observer::Observer;
+use crate::wave::{Budget, Cause, Fault, Limits, Returned, Surroundings, WildAddresses, Workers};
 
 /// The device's workers and their memory, its waits, and the state of its loss.
 pub struct Engine {
@@ -145,9 +144,9 @@ impl Engine {
                 .and_then(|timeout| Instant::now().checked_add(timeout)),
             live: self.memory.structures(),
             memory: Arc::clone(&self.budget),
-            queried: self
+            query_observer: self
                 .checks(Caller::Other)
-                .map(|checks| Arc::new(Queried::new(checks)) as Arc<dyn QueryObserver>),
+                .map(|checks| Arc::new(Queried::new(checks)) as Arc<dyn Observer>),
             stopped_at: OnceLock::new(),
         }
     }
@@ -200,6 +199,11 @@ impl Engine {
         text.push('\n');
         // A closed standard error must not end the process.
         let _ = std::io::stderr().write_all(text.as_bytes());
+    }
+
+    /// The observer of invalid addresses, if the device records them.
+    pub fn wild_observer(&self) -> Option<&dyn Observer> {
+        self.wild.as_ref().map(|wild| wild as &dyn Observer)
     }
 
     /// Validation of one command, if it is enabled.

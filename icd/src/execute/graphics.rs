@@ -18,7 +18,7 @@ use super::pass::Active;
 use super::query::ActiveQuery;
 use super::recorded::RecordedPass;
 use super::samples::Samples;
-use super::{Failure, check_aborted, note_strays, prints, spans};
+use super::{Failure, check_aborted, prints, show_strays, spans};
 use crate::capture as recording;
 use crate::command::GraphicsCommand;
 use crate::command::graphics::{
@@ -248,8 +248,10 @@ impl<'a> Drawing<'a> {
             self.recorded.finish(engine, true);
         }
         for (environment, stages) in &watched {
-            if let Some(strays) = &environment.strays {
-                note_strays(engine, None, strays, stages.iter());
+            if let Some((observer, strays)) =
+                engine.wild_observer().zip(environment.strays.as_ref())
+            {
+                show_strays(observer, strays, stages.iter());
             }
             if let Some(prints) = &environment.prints {
                 prints::print(engine, prints, stages.iter());

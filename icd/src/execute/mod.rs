@@ -34,7 +34,8 @@ use crate::command::Command;
 use crate::compute;
 use crate::object::pipeline::PipelineKind;
 use crate::timeline::{self, Kind};
-use crate::validate::{Caller, Checks};
+use crate::wave::observer::Observer;
+use crate::wave::observers::Observers;
 use crate::wave::{Fault, Stopped, StoppedAt, reachable};
 use graphics::{Current, DrawContext, Drawing};
 
@@ -235,8 +236,8 @@ fn run_dispatch(
         unsafe { recording.finish(programs, None, &surroundings.live, ran.is_err()) };
     }
     if let Some(strays) = &surroundings.strays {
-        let checks = engine.checks(Caller::Other);
-        note_strays(engine, checks.as_ref(), strays, std::iter::once(program));
+        let observers = [limits.query_observer.as_deref(), engine.wild_observer()];
+        show_strays(&Observers::new(observers), strays, std::iter::once(program));
     }
     if let Some(prints) = &environment.prints {
         prints::print(engine, prints, std::iter::once(program));
@@ -255,19 +256,16 @@ fn run_dispatch(
     Ok(())
 }
 
-/// Passes invalid addresses that a command's shaders used to validation and to the fault report.
-fn note_strays<'a>(
-    engine: &Engine,
-    checks: Option<&Checks>,
+/// Shows invalid addresses that a command's shaders used to its observers.
+fn show_strays<'a>(
+    observers: &dyn Observer,
     strays: &Strays,
-    programs: impl Iterator<Item = &'a Arc<Program>> + Clone,
+    programs: impl Iterator<Item = &'a Arc<Program>>,
 ) {
     let strays = strays.take();
-    if let Some(checks) = checks {
-        checks.strays(&strays);
-    }
-    if let Some(wild) = &engine.wild {
-        wild.add(&strays, programs);
+    if !strays.is_empty() {
+        let programs: Vec<&Program> = programs.map(|program| &**program).collect();
+        observers.strays(&strays, &programs);
     }
 }
 

@@ -6,15 +6,19 @@ use spirv_jit::reach::Reach;
 
 use super::bindings::Bindings;
 use super::engine::Engine;
-use super::{Failure, check_aborted, note_strays, prints, spans};
+use super::{Failure, check_aborted, prints, show_strays, spans};
 use crate::capture::{self, Recording};
 use crate::command::RayTracingCommand;
+use crate::object::ray_tracing_pipeline::RayTracingPipeline;
 use crate::settings::settings;
 use crate::timeline::{self, Kind};
 use crate::trace::Dispatch;
+use crate::trace::stats::Occupancy;
 use crate::validate::{Caller, Checks, Traced, invocations};
 use crate::wave::Surroundings;
-use crate::wave::mask::LiveMask;
+use crate::wave::mask::{InvocationMask, LiveMask};
+use crate::wave::observer::Observer;
+use crate::wave::observers::Observers;
 use crate::wave::reachable::read;
 use crate::wave::table::{Region, Tables};
 
@@ -104,6 +108,22 @@ fn indirect2(command: &vk::TraceRaysIndirectCommand2KHR) -> (Tables, [u32; 3]) {
     (tables, [command.width, command.height, command.depth])
 }
 
+/// Checks the tables, the extent and the mask of a launch. Returns the checks for its execution.
+fn check_launch(
+    checks: Checks,
+    (tables, extent, mask): (&Tables, [u32; 3], Option<&InvocationMask>),
+    pipeline: &RayTracingPipeline,
+    stack_bytes: Option<u32>,
+) -> Traced {
+    checks.tables(tables);
+    checks.extent(extent);
+    if let Some(mask) = mask {
+        checks.mask(mask, extent);
+    }
+    let stack_bytes = stack_bytes.filter(|_| pipeline.facts.has_dynamic_stack);
+    Traced::new(checks, pipeline.facts, stack_bytes.map(u64::from))
+}
+
 fn trace_rays(
     engine: &Engine,
     bindings: &mut Bindings<'_>,
@@ -122,15 +142,8 @@ fn trace_rays(
     let Some(pipeline) = pipeline.ray_tracing() else {
         return Ok(());
     };
-    let checks = checks.map(|checks| {
-        checks.tables(tables);
-        checks.extent(extent);
-        if let Some(mask) = &mask {
-            checks.mask(mask, extent);
-        }
-        let stack_bytes = stack_bytes.filter(|_| pipeline.facts.has_dynamic_stack);
-        Traced::new(checks, pipeline.facts, stack_bytes.map(u64::from))
-    });
+    let launch = (tables, extent, mask.as_ref());
+    let checks = checks.map(|it| check_launch(it, launch, pipeline, stack_bytes));
     if invocations(extent).is_none() {
         log::error!("a dispatch of {extent:?} rays is past maxRayDispatchInvocationCount");
         return Ok(());
@@ -140,6 +153,13 @@ fn trace_rays(
         environment.prints = prints::of(programs.clone());
     }
     let recording = capture::trace(&pipeline.shaders, extent);
+    let occupancy = Occupancy::new(&pipeline.shaders);
+    let observers = Observers::new([
+        checks.as_ref().map(|checks| checks as &dyn Observer),
+        recording.as_ref().map(Recording::observer),
+        occupancy.as_ref().map(|counts| counts as &dyn Observer),
+        engine.wild_observer(),
+    ]);
     let dispatch = Dispatch {
         shaders: &pipeline.shaders,
         tier: Tier::best(),
@@ -156,12 +176,15 @@ fn trace_rays(
         // SAFETY: as above.
         mask: mask.and_then(|mask| unsafe { LiveMask::new(mask, &surroundings.reach) }),
         limits,
-        checks: checks.as_ref(),
-        observer: recording.as_ref().map(Recording::observer),
+        observer: observers.all(),
     };
     let _span = timeline::span(Kind::Trace, || spans::trace(pipeline, extent));
     let traced = engine.tracer.trace_rays(&dispatch, &engine.workers);
     let live_tables = dispatch.tables;
+    if let Some(strays) = &surroundings.strays {
+        show_strays(&observers, strays, programs.clone());
+    }
+    drop(observers);
     if let Some(recording) = recording {
         let table = capture::Traced {
             shaders: &pipeline.shaders,
@@ -171,10 +194,6 @@ fn trace_rays(
         let programs = programs.clone().map(|program| &**program);
         // SAFETY: as above.
         unsafe { recording.finish(programs, Some(table), &surroundings.live, traced.is_err()) };
-    }
-    if let Some(strays) = &surroundings.strays {
-        let checks = checks.as_ref().map(|traced| &traced.checks);
-        note_strays(engine, checks, strays, programs.clone());
     }
     if let Some(prints) = &environment.prints {
         prints::print(engine, prints, programs.clone());

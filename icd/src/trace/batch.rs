@@ -15,7 +15,7 @@
 
 use lanes::LaneMask;
 use spirv_jit::program::{AlignedRow, Event, Events, MAX_SUBGROUPS, SiteKind, Wave};
-use spirv_jit::{SUBGROUP_SIZE, interp::Frame};
+use spirv_jit::{Program, SUBGROUP_SIZE, interp::Frame};
 use traversal::Walker;
 
 use super::Dispatch;
@@ -28,13 +28,13 @@ use super::line::{Line, LineLists};
 use super::rays::RayGroup;
 use super::ready::{Ready, ReadyLists};
 use super::slab::Slab;
-use super::stats::Tally;
 use super::subgroup::{Role, Subgroup, SubgroupIndex, Turn};
 use super::walk_lists::WalkLists;
 use super::walked::Counting;
 use crate::os::memory::trim_heap;
 use crate::settings::settings;
 use crate::wave::Stopped;
+use crate::wave::observer::{Observer, StartedWave};
 use crate::wave::queries::Queries;
 use crate::wave::table::ProgramIndex;
 
@@ -92,10 +92,11 @@ pub struct Batch<'a> {
     pub(super) reordering: Vec<SubgroupIndex>,
     /// Subgroups of lines.
     pub(super) lines: LineLists,
-    /// Validation or an observer sees what happens.
+    /// An observer takes events of rays.
     pub(super) is_watched: bool,
     pub(super) memory: BatchMemory,
-    tally: Option<Tally>,
+    /// The observer, if it takes events of waves.
+    wave_observer: Option<&'a dyn Observer>,
     /// Counts of each invocation, where a capture keeps them.
     pub(super) counting: Option<Counting<'a>>,
 }
@@ -134,7 +135,7 @@ impl<'a> Batch<'a> {
             lines: LineLists::new(settings().direct && !dispatch.is_watched()),
             is_watched: dispatch.is_watched(),
             memory: BatchMemory::default(),
-            tally: Tally::new(dispatch.shaders.programs.len()),
+            wave_observer: (dispatch.observer).filter(|it| it.interests().waves),
             counting: Counting::new(dispatch.observer),
         }
     }
@@ -164,9 +165,6 @@ impl<'a> Batch<'a> {
             self.worker.subgroups.is_empty() && self.worker.ray_groups.is_empty(),
             "a batch ends with invocations in flight"
         );
-        if let Some(tally) = &mut self.tally {
-            tally.close(|index| &self.dispatch.shaders.programs[index]);
-        }
         Ok(())
     }
 
@@ -424,8 +422,8 @@ impl<'a> Batch<'a> {
         let compiled = &self.dispatch.shaders.programs[program as usize];
         let frame_bytes = compiled.frame_bytes(states.len());
         (self.memory).add_frame(frame_bytes, self.dispatch.limits)?;
-        if let Some(tally) = &mut self.tally {
-            tally.count(program, compiled, states);
+        if let Some(observer) = self.wave_observer {
+            show_wave(observer, (program, compiled), states);
         }
         let mut fuel = FUEL;
         // SAFETY: the command's bindings keep what the environment names, and the application keeps
@@ -492,4 +490,19 @@ impl<'a> Batch<'a> {
         self.make_ready(index);
         Ok(())
     }
+}
+
+/// A wave of a program is about to run.
+#[cold]
+fn show_wave(
+    observer: &dyn Observer,
+    (index, program): (ProgramIndex, &Program),
+    states: &[&mut [AlignedRow]],
+) {
+    let lanes = states.iter().map(|state| program.event_mask(state).count());
+    observer.wave(&StartedWave {
+        program: index,
+        subgroups: states.len() as u32,
+        lanes: lanes.sum(),
+    });
 }

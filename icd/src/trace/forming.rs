@@ -61,7 +61,7 @@ impl Batch<'_> {
     ) -> Result<(), Stopped> {
         let of = by_lane(|lane| LaneRef::new(caller, lane));
         if self.is_watched {
-            self.watch_calls((program, role), lanes.iter().map(|lane| of[lane]));
+            self.show_calls((program, role), lanes.iter().map(|lane| of[lane]));
         }
         let index = self.new_subgroup(program, role, lanes);
         let index = index.inspect_err(|_| self.note_call(role, of[0]))?;
@@ -118,7 +118,7 @@ impl Batch<'_> {
         calls: &[Call],
     ) -> Result<(), Stopped> {
         if self.is_watched {
-            self.watch_calls((program, role), calls.iter().map(|call| call.of));
+            self.show_calls((program, role), calls.iter().map(|call| call.of));
         }
         let lanes = LaneMask::full(calls.len());
         let index = self.new_subgroup(program, role, lanes);

@@ -18,9 +18,9 @@
 mod batch;
 mod batch_memory;
 mod calls;
-mod checked;
 mod counted;
 mod direct;
+mod every_ray;
 mod fill_plan;
 mod forming;
 mod grid;
@@ -49,7 +49,6 @@ use spirv_jit::environment::Environment;
 use spirv_jit::program::SiteKind;
 
 use crate::timeline;
-use crate::validate::Traced;
 use crate::wave::mask::LiveMask;
 use crate::wave::observer::Observer;
 use crate::wave::table::{self, Live, Shaders, Tables};
@@ -72,9 +71,7 @@ pub struct Dispatch<'a> {
     pub takes_all_hits: bool,
     pub mask: Option<LiveMask>,
     pub limits: &'a Limits,
-    /// Validation, where it is on.
-    pub checks: Option<&'a Traced>,
-    /// Captures, where they are on.
+    /// Validation, captures and statistics, where they are on.
     pub observer: Option<&'a dyn Observer>,
 }
 
@@ -125,9 +122,9 @@ impl Tracer {
 }
 
 impl Dispatch<'_> {
-    /// Validation or an observer sees what happens. Lines are then not taken on directly.
+    /// An observer takes events of rays. Lines are then not taken on directly.
     fn is_watched(&self) -> bool {
-        self.checks.is_some() || self.observer.is_some()
+        (self.observer).is_some_and(|observer| observer.watches_rays())
     }
 
     /// The ray generation shader and its record.

@@ -4,13 +4,14 @@
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use parking_lot::Mutex;
-use spirv_jit::program::AlignedRow;
 use spirv_jit::{Program, SUBGROUP_SIZE};
 
 use crate::settings::settings;
-use crate::wave::table::ProgramIndex;
+use crate::wave::observer::{Interests, Observer, StartedWave};
+use crate::wave::table::Shaders;
 
 /// The counts of one shader's runs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -22,43 +23,68 @@ struct Counts {
     lanes: u64,
 }
 
-/// The counts of one batch, by program; present only if statistics are on.
-#[derive(Default)]
-pub struct Tally(Vec<Counts>);
+/// Counts of one command, by program of its pipeline.
+pub struct Occupancy<'a> {
+    shaders: &'a Shaders,
+    counts: Vec<SharedCounts>,
+}
+
+/// [`Counts`] that all workers add to.
+#[derive(Debug, Default)]
+struct SharedCounts {
+    waves: AtomicU64,
+    subgroups: AtomicU64,
+    lanes: AtomicU64,
+}
 
 /// All of the process, by stage and the program's number.
 static TOTAL: Mutex<BTreeMap<(&'static str, u64), Counts>> = Mutex::new(BTreeMap::new());
 
-impl Tally {
-    /// Counts for a batch of a dispatch with so many programs; `None` if statistics are off.
-    pub fn new(programs: usize) -> Option<Tally> {
-        settings()
-            .stats
-            .then(|| Tally(vec![Counts::default(); programs]))
+impl<'a> Occupancy<'a> {
+    /// Counts for a command with these shaders; `None` if statistics are off.
+    pub fn new(shaders: &'a Shaders) -> Option<Self> {
+        settings().stats.then(|| Self {
+            shaders,
+            counts: (shaders.programs.iter())
+                .map(|_| SharedCounts::default())
+                .collect(),
+        })
     }
+}
 
-    /// Notes a wave that is about to run.
-    pub fn count(&mut self, index: ProgramIndex, program: &Program, states: &[&mut [AlignedRow]]) {
-        let counts = &mut self.0[index as usize];
-        counts.waves += 1;
-        counts.subgroups += states.len() as u64;
-        for state in states {
-            counts.lanes += u64::from(program.event_mask(state).count());
+impl Observer for Occupancy<'_> {
+    fn interests(&self) -> Interests {
+        Interests {
+            waves: true,
+            ..Interests::default()
         }
     }
 
-    /// Adds the batch to the total.
-    pub fn close<'p>(&mut self, program: impl Fn(usize) -> &'p Program) {
+    fn wave(&self, wave: &StartedWave) {
+        let counts = &self.counts[wave.program as usize];
+        for (count, number) in [
+            (&counts.waves, 1),
+            (&counts.subgroups, wave.subgroups),
+            (&counts.lanes, wave.lanes),
+        ] {
+            count.fetch_add(number.into(), Ordering::Relaxed);
+        }
+    }
+}
+
+impl Drop for Occupancy<'_> {
+    /// Adds the command to the total.
+    fn drop(&mut self) {
         let mut total = TOTAL.lock();
-        for (index, counts) in std::mem::take(&mut self.0).into_iter().enumerate() {
-            if counts.waves > 0 {
-                let program = program(index);
+        for (counts, program) in self.counts.iter_mut().zip(&self.shaders.programs) {
+            let waves = *counts.waves.get_mut();
+            if waves > 0 {
                 let sum = total
                     .entry((stage_name(program), program.number()))
                     .or_default();
-                sum.waves += counts.waves;
-                sum.subgroups += counts.subgroups;
-                sum.lanes += counts.lanes;
+                sum.waves += waves;
+                sum.subgroups += *counts.subgroups.get_mut();
+                sum.lanes += *counts.lanes.get_mut();
             }
         }
     }

@@ -367,7 +367,6 @@ fn every_kind_of_shader_call_returns_to_its_caller() {
         takes_all_hits: false,
         mask: None,
         limits: &Limits::default(),
-        checks: None,
         observer: None,
     };
     Tracer::default()
@@ -446,7 +445,6 @@ fn is_stopped(text: &str) {
         takes_all_hits: false,
         mask: None,
         limits: &limits,
-        checks: None,
         observer: None,
     };
     assert_eq!(

@@ -1,4 +1,5 @@
-//! The calls of validation and of an observer during a batch. Nothing here runs without either.
+//! The calls of an observer during a batch. Nothing here runs without one that takes events of
+//! rays.
 
 use lanes::LaneMask;
 use spirv_jit::SUBGROUP_SIZE;
@@ -6,15 +7,13 @@ use spirv_jit::program::{IO_DATA_ROW, Row, Trace};
 use traversal::Ray;
 
 use super::batch::Batch;
-use super::rays::{alike, operand, record_indices, skips_closest_hit, structure_in};
-use super::subgroup::{LaneRef, Role, SubgroupIndex};
-use crate::validate::{self, Need};
+use super::rays::{operand, record_indices, skips_closest_hit, structure_in};
+use super::subgroup::{Role, SubgroupIndex};
 use crate::wave::observer::{
     Instruction, LookupPurpose, Observation, Observer, RayStart, ReportVerdict, Reported,
-    TableKind, TableOperands,
+    TableOperands,
 };
 use crate::wave::queries::Seen;
-use crate::wave::table::ProgramIndex;
 
 impl<'a> Batch<'a> {
     /// The observer and the lane of the observed invocation, if it is one of some lanes of a
@@ -41,20 +40,6 @@ impl<'a> Batch<'a> {
         }
     }
 
-    /// Rays of lanes look up records.
-    fn look_up(&self, kind: TableKind, indices: &Row, purpose: LookupPurpose, lanes: LaneMask) {
-        let Some(observer) = self.dispatch.observer else {
-            return;
-        };
-        let mut rest = lanes;
-        while !rest.is_empty() {
-            let index = indices[rest.first()];
-            let same = alike(indices, rest);
-            rest -= same;
-            observer.look_up(kind, index, purpose, same.count());
-        }
-    }
-
     /// Words of the payload or callable data that a lane of a subgroup keeps for what it waits for.
     fn data_of_lane(&self, index: SubgroupIndex, lane: usize) -> Vec<u32> {
         let sources = self.sources();
@@ -65,20 +50,12 @@ impl<'a> Batch<'a> {
     /// Rays that a trace instruction has started.
     #[cold]
     pub(super) fn watch_rays(&self, index: u32, trace: Trace) {
-        if let Some(traced) = self.dispatch.checks {
-            let instruction = validate::Instruction {
-                fills_hit_object: trace.to_hit_object,
-                has_time: trace.motion,
-            };
-            self.check_rays(traced, index, instruction);
-        }
-        self.watch_ray(
-            index,
-            match trace.to_hit_object {
-                true => Instruction::HitObjectTrace,
-                false => Instruction::TraceRay,
-            },
-        );
+        let instruction = match trace.to_hit_object {
+            true => Instruction::HitObjectTrace,
+            false => Instruction::TraceRay,
+        };
+        self.show_rays(index, instruction);
+        self.watch_ray(index, instruction);
     }
 
     /// The observed ray of a group that starts, if it is there.
@@ -122,16 +99,12 @@ impl<'a> Batch<'a> {
         let group = &self.worker.ray_groups[index];
         let candidates = group.flight.candidates();
         let triangles = candidates.built_in();
-        if let Some(traced) = self.dispatch.checks {
-            for lane in lanes {
-                let need = match triangles.contains(lane) {
-                    true => Need::AnyHit,
-                    false => Need::Intersection,
-                };
-                self.check_hit_record(traced, need, records[lane], &candidates.hit(lane));
-            }
+        for (purpose, lanes) in [
+            (LookupPurpose::AnyHit, lanes & triangles),
+            (LookupPurpose::Intersection, lanes - triangles),
+        ] {
+            self.show_lookups(purpose, records, lanes, lanes - triangles);
         }
-        self.look_up(TableKind::Hit, records, LookupPurpose::Candidate, lanes);
         let Some((_, lane)) = self.observed(group.caller, lanes) else {
             return;
         };
@@ -162,11 +135,7 @@ impl<'a> Batch<'a> {
         lanes: LaneMask,
         attribute_words: usize,
     ) {
-        if let Some(traced) = self.dispatch.checks {
-            for lane in lanes {
-                self.check_report(traced, index, lane);
-            }
-        }
+        self.show_reports(index, lanes);
         let Some((_, lane)) = self.observed(index, lanes) else {
             return;
         };
@@ -211,19 +180,19 @@ impl<'a> Batch<'a> {
         let hits = group.flight.hits.found & lanes;
         let silent = hits & skips_closest_hit(operands);
         let fills = group.fills_hit_object;
-        if let Some(traced) = self.dispatch.checks.filter(|_| !fills) {
-            for lane in lanes - silent {
-                match group.flight.hits.get(lane) {
-                    Some(hit) => {
-                        self.check_hit_record(traced, Need::ClosestHit, records[lane], &hit)
-                    }
-                    None => self.check_record(traced, Need::Miss, records[lane]),
-                }
-            }
-        }
         if !fills {
-            self.look_up(TableKind::Hit, records, LookupPurpose::Call, hits);
-            self.look_up(TableKind::Miss, records, LookupPurpose::Call, lanes - hits);
+            let boxes = hits.iter().filter(|&lane| {
+                let hit = group.flight.hits.get(lane);
+                hit.is_some_and(|hit| !hit.is_built_in())
+            });
+            let boxes = boxes.fold(LaneMask::NONE, |boxes, lane| boxes | LaneMask::of(lane));
+            for (purpose, lanes) in [
+                (LookupPurpose::ClosestHit, hits - silent),
+                (LookupPurpose::SkippedClosestHit, silent),
+                (LookupPurpose::Miss, lanes - hits),
+            ] {
+                self.show_lookups(purpose, records, lanes, boxes);
+            }
         }
         let Some((_, lane)) = self.observed(group.caller, lanes) else {
             return;
@@ -261,12 +230,7 @@ impl<'a> Batch<'a> {
         callables: &Row,
         lanes: LaneMask,
     ) {
-        if let Some(traced) = self.dispatch.checks {
-            for lane in lanes {
-                self.check_record(traced, Need::Callable, callables[lane]);
-            }
-        }
-        self.look_up(TableKind::Callable, callables, LookupPurpose::Call, lanes);
+        self.show_lookups(LookupPurpose::Callable, callables, lanes, LaneMask::NONE);
         let Some((_, lane)) = self.observed(index, lanes) else {
             return;
         };
@@ -276,20 +240,6 @@ impl<'a> Batch<'a> {
             index: callables[lane],
             shader: found.and_then(|(group, _)| group.general),
         });
-    }
-
-    /// Calls of shaders for lanes, each for what `of` names.
-    #[cold]
-    pub(super) fn watch_calls(
-        &self,
-        (program, role): (ProgramIndex, Role),
-        calls: impl Iterator<Item = LaneRef>,
-    ) {
-        if let Some(traced) = self.dispatch.checks {
-            for of in calls {
-                self.check_call(traced, program, role, of);
-            }
-        }
     }
 
     /// A called subgroup is about to run.

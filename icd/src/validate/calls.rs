@@ -4,41 +4,26 @@
 use ash::vk;
 
 use super::{Rule, Traced};
-use crate::wave::table::{Group, GroupKind, HANDLE_SIZE, Handle, Region};
-
-/// The purpose of a record look-up.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Need {
-    AnyHit,
-    ClosestHit,
-    Intersection,
-    Miss,
-    Callable,
-}
-
-/// A record that is looked up.
-pub struct Lookup<'a> {
-    pub need: Need,
-    pub region: &'a Region,
-    pub index: u32,
-    /// The record, if the index is in the table.
-    pub record: Option<(Handle, Option<&'a Group>)>,
-    /// Whether a hit is on a box. Spheres count as triangles.
-    pub is_box: bool,
-}
+use crate::wave::observer::{LookupPurpose, RecordLookup, ShaderCall};
+use crate::wave::table::{GroupKind, HANDLE_SIZE};
 
 impl Traced {
     /// Checks a record that is used.
-    pub fn lookup(&self, lookup: &Lookup<'_>) {
-        let Lookup {
-            need,
+    pub(super) fn check_lookup(&self, lookup: &RecordLookup<'_>) {
+        let RecordLookup {
+            purpose,
             region,
             index,
+            rays,
             ..
         } = *lookup;
+        if purpose == LookupPurpose::SkippedClosestHit {
+            return;
+        }
+        let need = need(purpose);
         let detail = || {
             format!(
-                "record {index} for {need:?}, in the table at {:#x}",
+                "record {index} for {need}, in the table at {:#x}",
                 region.address
             )
         };
@@ -48,61 +33,64 @@ impl Traced {
         let is_zero = lookup
             .record
             .is_none_or(|(handle, _)| handle == [0; HANDLE_SIZE]);
-        if let Some(rule) = self.forbids_null(need) {
-            self.checks.require(!is_zero, rule, place, detail);
+        let require = |holds: bool, rule| {
+            if !holds {
+                self.checks
+                    .broken_times(rule, place, u64::from(rays), detail);
+            }
+        };
+        if let Some(rule) = self.forbids_null(purpose) {
+            require(!is_zero, rule);
         }
         let Some((_, group)) = lookup.record else {
             let is_there = region.address == 0 || region.size_bytes == 0;
-            return self
-                .checks
-                .require(is_there, Rule::RecordRange, place, detail);
+            return require(is_there, Rule::RecordRange);
         };
         if is_zero {
             return;
         }
         let Some(group) = group else {
-            return self.checks.broken(Rule::ForeignHandle, place, detail);
+            return require(false, Rule::ForeignHandle);
         };
-        match (need, group.kind) {
-            (Need::Miss | Need::Callable, _) => {}
+        match (purpose, group.kind) {
+            (LookupPurpose::Miss | LookupPurpose::Callable, _) => {}
             (_, kind) if lookup.is_box => {
-                let right = kind == GroupKind::Procedural;
-                self.checks
-                    .require(right, Rule::GroupOfBoxes, place, detail);
+                require(kind == GroupKind::Procedural, Rule::GroupOfBoxes);
             }
-            (_, kind) => {
-                let right = kind == GroupKind::Triangles;
-                self.checks
-                    .require(right, Rule::GroupOfTriangles, place, detail);
-            }
+            (_, kind) => require(kind == GroupKind::Triangles, Rule::GroupOfTriangles),
         }
     }
 
     /// The rule by which the pipeline excludes null records.
-    fn forbids_null(&self, need: Need) -> Option<Rule> {
+    fn forbids_null(&self, purpose: LookupPurpose) -> Option<Rule> {
         use vk::PipelineCreateFlags as Flags;
-        let (flag, rule) = match need {
-            Need::AnyHit => (
+        let (flag, rule) = match purpose {
+            LookupPurpose::AnyHit | LookupPurpose::AnyHitOfReport => (
                 Flags::RAY_TRACING_NO_NULL_ANY_HIT_SHADERS_KHR,
                 Rule::NullAnyHit,
             ),
-            Need::ClosestHit => (
+            LookupPurpose::ClosestHit | LookupPurpose::SkippedClosestHit => (
                 Flags::RAY_TRACING_NO_NULL_CLOSEST_HIT_SHADERS_KHR,
                 Rule::NullClosestHit,
             ),
-            Need::Intersection => (
+            LookupPurpose::Intersection => (
                 Flags::RAY_TRACING_NO_NULL_INTERSECTION_SHADERS_KHR,
                 Rule::NullIntersection,
             ),
-            Need::Miss => (Flags::RAY_TRACING_NO_NULL_MISS_SHADERS_KHR, Rule::NullMiss),
-            Need::Callable => return None,
+            LookupPurpose::Miss => (Flags::RAY_TRACING_NO_NULL_MISS_SHADERS_KHR, Rule::NullMiss),
+            LookupPurpose::Callable => return None,
         };
         self.facts.flags.contains(flag).then_some(rule)
     }
 
     /// Checks a call: the recursion depth of the called shader, and the stack of it and of all its
     /// callers.
-    pub fn call(&self, place: u64, depth: u32, stack_bytes: u64) {
+    pub(super) fn check_call(&self, call: &ShaderCall) {
+        let ShaderCall {
+            place,
+            depth,
+            stack_bytes,
+        } = *call;
         let max = self.facts.max_recursion_depth;
         self.checks
             .require(depth <= max, Rule::Recursion, place, || {
@@ -113,5 +101,16 @@ impl Traced {
             .require(stack_bytes <= there, Rule::StackSize, place, || {
                 format!("{stack_bytes} bytes are taken, {there} are there; execution goes on")
             });
+    }
+}
+
+/// The kind of shader that a record is looked up for, as messages name it.
+fn need(purpose: LookupPurpose) -> &'static str {
+    match purpose {
+        LookupPurpose::AnyHit | LookupPurpose::AnyHitOfReport => "AnyHit",
+        LookupPurpose::Intersection => "Intersection",
+        LookupPurpose::ClosestHit | LookupPurpose::SkippedClosestHit => "ClosestHit",
+        LookupPurpose::Miss => "Miss",
+        LookupPurpose::Callable => "Callable",
     }
 }

@@ -35,8 +35,7 @@ use parking_lot::Mutex;
 
 use crate::object::messenger::Messengers;
 
-pub use calls::{Lookup, Need};
-pub use rays::{Instruction, Queried, Traced};
+pub use rays::{Queried, Traced};
 pub use registry::Registry;
 pub use rules::{Caller, Rule};
 pub use tables::invocations;

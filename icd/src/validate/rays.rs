@@ -4,11 +4,15 @@
 use std::collections::HashSet;
 
 use ash::vk;
+use spirv_jit::Program;
+use spirv_jit::reach::Stray;
 use traversal::{Kind, Ray, ray_flags};
 
 use super::{Checks, Rule};
 use crate::object::ray_tracing_pipeline::PipelineFacts;
-use crate::wave::QueryObserver;
+use crate::wave::observer::{
+    Instruction, Interests, Observer, RecordLookup, ShaderCall, StartedRay,
+};
 
 /// One command's dispatch, while it runs.
 pub struct Traced {
@@ -18,13 +22,6 @@ pub struct Traced {
     pub(super) stack_bytes: u64,
     /// Addresses of the live structures.
     structures: HashSet<u64>,
-}
-
-/// The tracing instruction.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Instruction {
-    pub fills_hit_object: bool,
-    pub has_time: bool,
 }
 
 /// The rules of one instruction; `None` for rules that it lacks.
@@ -168,9 +165,23 @@ impl Queried {
     }
 }
 
-impl QueryObserver for Queried {
+impl Observer for Queried {
+    fn interests(&self) -> Interests {
+        Interests {
+            rays: true,
+            ..Interests::default()
+        }
+    }
+
     #[cold]
-    fn ray(&self, place: u64, ray: &Ray, structure: u64, kind: Option<Kind>) {
+    fn ray(&self, started: &StartedRay) {
+        let &StartedRay {
+            place,
+            ref ray,
+            structure,
+            kind,
+            ..
+        } = started;
         let detail = || format!("{ray:?}, structure {structure:#x}");
         let require = |holds, rule| self.checks.require(holds, rule, place, detail);
         QUERY.ray(ray, require);
@@ -182,15 +193,50 @@ impl QueryObserver for Queried {
             require(kind.is_top(), Rule::QueryTop);
         }
     }
+
+    fn strays(&self, strays: &[Stray], _: &[&Program]) {
+        self.checks.strays(strays);
+    }
 }
 
-impl Instruction {
-    fn rules(self) -> &'static RayRules {
-        match (self.fills_hit_object, self.has_time) {
-            (true, _) => &HIT_OBJECT,
-            (false, true) => &MOTION,
-            (false, false) => &TRACE,
+/// The rules of the instruction that starts a ray.
+fn rules(started: &StartedRay) -> &'static RayRules {
+    match (started.instruction, started.has_time) {
+        (Instruction::HitObjectTrace, _) => &HIT_OBJECT,
+        (_, true) => &MOTION,
+        (_, false) => &TRACE,
+    }
+}
+
+impl Observer for Traced {
+    fn interests(&self) -> Interests {
+        Interests {
+            rays: true,
+            lookups: true,
+            waves: false,
         }
+    }
+
+    fn ray(&self, ray: &StartedRay) {
+        self.check_ray(ray);
+    }
+
+    fn hit_kind(&self, place: u64, kind: u32) {
+        self.checks.require(kind <= 127, Rule::HitKind, place, || {
+            format!("it is {kind}")
+        });
+    }
+
+    fn call(&self, call: &ShaderCall) {
+        self.check_call(call);
+    }
+
+    fn look_up(&self, lookup: &RecordLookup<'_>) {
+        self.check_lookup(lookup);
+    }
+
+    fn strays(&self, strays: &[Stray], _: &[&Program]) {
+        self.checks.strays(strays);
     }
 }
 
@@ -205,22 +251,22 @@ impl Traced {
         }
     }
 
-    /// Checks a ray: the shader's flags, the address, and the structure there. `place`
-    /// distinguishes instructions.
-    pub fn ray(
-        &self,
-        instruction: Instruction,
-        place: u64,
-        ray: &Ray,
-        time: f32,
-        structure: u64,
-        kind: Option<Kind>,
-    ) {
-        let rules = instruction.rules();
+    /// Checks a ray: the shader's flags, the address, and the structure there.
+    fn check_ray(&self, started: &StartedRay) {
+        let &StartedRay {
+            has_time,
+            place,
+            ref ray,
+            time,
+            structure,
+            kind,
+            ..
+        } = started;
+        let rules = rules(started);
         let detail = || format!("{ray:?}, time {time}, structure {structure:#x}");
         let require = |holds, rule| self.checks.require(holds, rule, place, detail);
         rules.ray(ray, require);
-        if let Some(rule) = rules.time.filter(|_| instruction.has_time) {
+        if let Some(rule) = rules.time.filter(|_| has_time) {
             require((0.0..=1.0).contains(&time), rule);
         }
         if let Some(rules) = rules.flags.and_then(|flags| flags.with_pipeline) {
@@ -235,7 +281,7 @@ impl Traced {
             .contains(vk::PipelineCreateFlags::RAY_TRACING_ALLOW_MOTION_NV);
         let in_motion = kind == Some(Kind::MotionInstances);
         if let (Some(rule), Some(kind)) = (rules.top, kind) {
-            require(kind.is_top() && (in_motion || !instruction.has_time), rule);
+            require(kind.is_top() && (in_motion || !has_time), rule);
         }
         if let Some(rule) = rules.motion.filter(|_| in_motion) {
             require(allows_motion, rule);
@@ -260,12 +306,5 @@ impl Traced {
                 && pipeline_skips(Pipeline::RAY_TRACING_SKIP_TRIANGLES_KHR)),
             boxes,
         );
-    }
-
-    /// Checks a hit kind that an intersection shader reports.
-    pub fn hit_kind(&self, place: u64, kind: u32) {
-        self.checks.require(kind <= 127, Rule::HitKind, place, || {
-            format!("it is {kind}")
-        });
     }
 }

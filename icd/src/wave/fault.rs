@@ -5,7 +5,6 @@
 
 use std::fmt;
 use std::ops::Range;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use parking_lot::Mutex;
@@ -13,6 +12,7 @@ use spirv_jit::Program;
 use spirv_jit::origin::CodeLocation;
 use spirv_jit::reach::Stray;
 
+use super::observer::Observer;
 use crate::table::limits::MAX_DEVICE_FAULT_COUNT;
 
 /// Why a command was given up: the device is lost.
@@ -106,15 +106,20 @@ struct Kept {
 }
 
 impl WildAddresses {
+    /// Adds the kept addresses to a report, the latest last.
+    pub fn tell(&self, fault: &mut Fault) {
+        let kept = self.0.lock();
+        fault.wild.clone_from(&kept.addresses);
+        fault.dropped = kept.dropped;
+    }
+}
+
+impl Observer for WildAddresses {
     /// Adds what programs did. Misaligned pointers and those of other programs are left out.
-    pub fn add<'a>(
-        &self,
-        strays: &[Stray],
-        programs: impl Iterator<Item = &'a Arc<Program>> + Clone,
-    ) {
+    fn strays(&self, strays: &[Stray], programs: &[&Program]) {
         let mut kept = self.0.lock();
         for stray in strays.iter().filter(|stray| stray.alignment == 0) {
-            let mut programs = programs.clone();
+            let mut programs = programs.iter();
             let program = programs.find(|program| program.number() == stray.program);
             if let Some((place, writes)) = program.and_then(|it| it.place_of_access(stray.site)) {
                 let instruction = (stray.program, stray.site);
@@ -134,13 +139,6 @@ impl WildAddresses {
                 kept.dropped += u64::from(is_full);
             }
         }
-    }
-
-    /// Adds the kept addresses to a report, the latest last.
-    pub fn tell(&self, fault: &mut Fault) {
-        let kept = self.0.lock();
-        fault.wild.clone_from(&kept.addresses);
-        fault.dropped = kept.dropped;
     }
 }
 

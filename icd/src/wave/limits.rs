@@ -6,10 +6,11 @@ use std::time::Instant;
 use spirv_jit::abort::Aborts;
 use spirv_jit::reach::{Reach, Strays};
 use spirv_jit::views::Views;
-use traversal::{EVERYWHERE, Kind, Live, Ray, Structure};
+use traversal::{EVERYWHERE, Live, Structure};
 
 use super::budget::Budget;
 use super::fault::{Fault, Stopped, StoppedAt};
+use super::observer::Observer;
 
 /// The memory and objects that a command's addresses may reach.
 pub struct Surroundings {
@@ -26,13 +27,6 @@ pub struct Surroundings {
     pub views: Arc<Views>,
 }
 
-/// Who wants to see the rays of a dispatch's queries: validation, where it is on.
-pub trait QueryObserver: Send + Sync {
-    /// The ray that a query starts with, the address of a structure that it names, and what lies
-    /// there. `place` tells programs apart.
-    fn ray(&self, place: u64, ray: &Ray, structure: u64, kind: Option<Kind>);
-}
-
 /// Limits that end a dispatch which does not end by itself, and that bound its memory accesses.
 pub struct Limits {
     /// Set from outside to make every worker stop at its next budget check.
@@ -45,8 +39,8 @@ pub struct Limits {
     pub live: Live,
     /// The memory budget of invocations in flight, shared with other dispatches.
     pub memory: Arc<Budget>,
-    /// Validation of ray queries, where it is on.
-    pub queried: Option<Arc<dyn QueryObserver>>,
+    /// The observer of ray queries in all stages: validation, where it is on.
+    pub query_observer: Option<Arc<dyn Observer>>,
     /// Where it was stopped, as the first to notice says.
     pub stopped_at: OnceLock<StoppedAt>,
 }
@@ -60,7 +54,7 @@ impl Default for Limits {
             deadline: None,
             live: EVERYWHERE.clone(),
             memory: Arc::default(),
-            queried: None,
+            query_observer: None,
             stopped_at: OnceLock::new(),
         }
     }

@@ -9,6 +9,7 @@ mod lent_thread;
 mod limits;
 pub mod mask;
 pub mod observer;
+pub mod observers;
 pub mod queries;
 pub mod reachable;
 pub mod rows;
@@ -19,5 +20,5 @@ pub mod workgroups;
 
 pub use budget::{Budget, Share};
 pub use fault::{Cause, Fault, Returned, Stopped, StoppedAt, WildAddress, WildAddresses};
-pub use limits::{Limits, QueryObserver, Surroundings};
+pub use limits::{Limits, Surroundings};
 pub use workers::Workers;

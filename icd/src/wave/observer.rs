@@ -1,27 +1,120 @@
-//! Observers of a command: of the rays of one invocation and of the records that all rays look up,
-//! or of counts of all invocations. Schedulers call an observer where there is one; without, they
-//! do not take those paths.
+//! Observers of a command: validation, statistics, captures, and the list of invalid addresses.
+//! Schedulers call an observer where there is one; without, they do not take those paths.
 
+use spirv_jit::Program;
 use spirv_jit::origin::CodeLocation;
-use traversal::{Hit, Ray};
+use spirv_jit::reach::Stray;
+use traversal::{Hit, Kind, Ray};
 
 use super::launch_counts::LaunchCounts;
-use super::table::ProgramIndex;
+use super::table::{Group, Handle, ProgramIndex, Region};
 
-/// An observer of one command. Its calls about one invocation come in the invocation's order, from
-/// one thread.
+/// An observer of a command. Each takes some events and leaves out the others.
 pub trait Observer: Send + Sync {
+    /// Events of all invocations that are prepared for it.
+    fn interests(&self) -> Interests {
+        Interests::default()
+    }
+
     /// The invocation whose events are observed: launch index, or global invocation index.
-    fn invocation(&self) -> Option<[u32; 3]>;
+    fn invocation(&self) -> Option<[u32; 3]> {
+        None
+    }
 
-    /// Something happens to the invocation, its rays or the shaders that they call.
-    fn observe(&self, event: Observation);
-
-    /// Rays of any invocations look up a record of a table.
-    fn look_up(&self, table: TableKind, index: u32, purpose: LookupPurpose, rays: u32);
+    /// Something happens to that invocation, its rays or the shaders that they call. Calls come in
+    /// the invocation's order, from one thread.
+    fn observe(&self, _: Observation) {}
 
     /// Counts of all invocations, where they are kept.
-    fn counts(&self) -> Option<&LaunchCounts>;
+    fn counts(&self) -> Option<&LaunchCounts> {
+        None
+    }
+
+    /// A ray starts ([`Interests::rays`]).
+    fn ray(&self, _: &StartedRay) {}
+
+    /// An intersection shader reports a hit kind ([`Interests::rays`]). `place` is the number of
+    /// its program.
+    fn hit_kind(&self, _place: u64, _kind: u32) {}
+
+    /// A shader is about to be called ([`Interests::rays`]).
+    fn call(&self, _: &ShaderCall) {}
+
+    /// Rays look up a record of a table ([`Interests::lookups`]).
+    fn look_up(&self, _: &RecordLookup<'_>) {}
+
+    /// A wave of a ray tracing pipeline is about to run ([`Interests::waves`]).
+    fn wave(&self, _: &StartedWave) {}
+
+    /// The command is complete, and these accesses of its programs went wrong.
+    fn strays(&self, _: &[Stray], _: &[&Program]) {}
+
+    /// Whether it takes events of rays: schedulers then do without lines.
+    fn watches_rays(&self) -> bool {
+        let Interests { rays, lookups, .. } = self.interests();
+        rays || lookups || self.invocation().is_some() || self.counts().is_some()
+    }
+}
+
+/// Kinds of events of all invocations. What no observer takes is not prepared.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Interests {
+    /// Rays, reported hit kinds and calls of shaders.
+    pub rays: bool,
+    /// Records that rays look up.
+    pub lookups: bool,
+    /// Waves of ray tracing pipelines.
+    pub waves: bool,
+}
+
+/// A ray that a shader starts.
+#[derive(Clone, Copy, Debug)]
+pub struct StartedRay {
+    pub instruction: Instruction,
+    /// The instruction has a time.
+    pub has_time: bool,
+    /// The number of the shader's program.
+    pub place: u64,
+    /// As given.
+    pub ray: Ray,
+    pub time: f32,
+    /// The address of a structure, as given.
+    pub structure: u64,
+    /// The kind of the structure there.
+    pub kind: Option<Kind>,
+}
+
+/// A call of a shader.
+#[derive(Clone, Copy, Debug)]
+pub struct ShaderCall {
+    /// The number of its program.
+    pub place: u64,
+    /// Depth of recursion.
+    pub depth: u32,
+    /// Stack of it and of its callers.
+    pub stack_bytes: u64,
+}
+
+/// A wave that is about to run.
+#[derive(Clone, Copy, Debug)]
+pub struct StartedWave {
+    pub program: ProgramIndex,
+    pub subgroups: u32,
+    /// Active lanes.
+    pub lanes: u32,
+}
+
+/// A record that rays look up.
+pub struct RecordLookup<'a> {
+    pub purpose: LookupPurpose,
+    pub region: &'a Region,
+    pub index: u32,
+    /// The record's handle, if the index is in the region, and the group that it names.
+    pub record: Option<(Handle, Option<&'a Group>)>,
+    /// Whether a hit is on a box. Spheres count as triangles.
+    pub is_box: bool,
+    /// How many rays do so at once.
+    pub rays: u32,
 }
 
 /// A region of a binding table.
@@ -36,11 +129,28 @@ pub enum TableKind {
 /// The reason for which a record is looked up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum LookupPurpose {
-    /// For the shader that decides on a candidate.
-    Candidate,
-    /// For the shader at the end of a ray, or for a callable; rays that skip the closest-hit shader
-    /// count, too.
-    Call,
+    /// For the shader that decides on a triangle or a round primitive.
+    AnyHit,
+    /// For the shader that looks for hits in a box.
+    Intersection,
+    /// For the shader that decides on a hit that an intersection shader has reported.
+    AnyHitOfReport,
+    ClosestHit,
+    /// The ray skips its closest-hit shader.
+    SkippedClosestHit,
+    Miss,
+    Callable,
+}
+
+impl LookupPurpose {
+    /// The region of the record.
+    pub fn table(self) -> TableKind {
+        match self {
+            Self::Miss => TableKind::Miss,
+            Self::Callable => TableKind::Callable,
+            _ => TableKind::Hit,
+        }
+    }
 }
 
 /// The instruction that a ray comes from.

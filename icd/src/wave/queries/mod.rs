@@ -17,6 +17,7 @@ use traversal::{Flight, Flights, RayRows, Start, Walker, ray_flags};
 use super::fault::Stopped;
 use super::hit_facts::{Lanes, addresses};
 use super::limits::Limits;
+use super::observer::{Instruction, StartedRay};
 use super::rows::put_word;
 use describe::{describe_candidates, describe_committed, shows_committed};
 use seen::View;
@@ -134,8 +135,8 @@ impl Queries {
         lanes: LaneMask,
     ) -> Result<LaneMask, Stopped> {
         self.waiting.forget(object.first, lanes, context.owned);
-        if context.limits.queried.is_some() {
-            check(context, object, lanes);
+        if context.limits.query_observer.is_some() {
+            show_rays(context, object, lanes);
         }
         if let Some(view) = &context.view {
             view.start(object, lanes);
@@ -281,17 +282,26 @@ fn decide(flight: &mut Flight, object: &QueryRows<'_>, lanes: LaneMask) {
     }
 }
 
+/// Rays of queries start, for the observer of queries.
 #[cold]
-fn check(context: &Context<'_>, object: &QueryRows<'_>, lanes: LaneMask) {
-    let Some(queried) = &context.limits.queried else {
+fn show_rays(context: &Context<'_>, object: &QueryRows<'_>, lanes: LaneMask) {
+    let Some(observer) = &context.limits.query_observer else {
         return;
     };
     let mut rays = RayRows::NONE;
     load(object.rows, &mut rays);
     for lane in lanes {
-        let named = rays.top_level[lane];
-        let kind = (context.limits.structure(named)).map(|structure| structure.kind());
-        queried.ray(context.program.number(), &rays.ray(lane), named, kind);
+        let structure = rays.top_level[lane];
+        let found = context.limits.structure(structure);
+        observer.ray(&StartedRay {
+            instruction: Instruction::RayQuery(object.first),
+            has_time: false,
+            place: context.program.number(),
+            ray: rays.ray(lane),
+            time: 0.0,
+            structure,
+            kind: found.map(|structure| structure.kind()),
+        });
     }
 }
 
