@@ -249,6 +249,7 @@ fn write_all(
         false => ("command", &Counter::OF_LAUNCHES[..]),
     };
     let folder = format!("{name}-{number:04}");
+    std::fs::create_dir_all(maps.folder.join(&folder))?;
     let mut entries = Vec::new();
     for &counter in counters {
         let (entry, bytes) = write(maps, &folder, counts, counter)?;
@@ -258,7 +259,7 @@ fn write_all(
     let mut first_rays = Value::Null;
     if let Some(first) = counts.first_rays() {
         let [x, y, z] = first.kept.size;
-        let bytes = npy::floats(&[z, y, x], first.lines.into_iter());
+        let bytes = npy::floats(&[z, y, x], &first.lines);
         let file = format!("{folder}/first_rays.npy");
         write_whole(&maps.folder.join(&file), &bytes)?;
         progress.bytes += bytes.len() as u64;
@@ -313,9 +314,6 @@ fn write(
 
 /// Writes a file that is whole once it has its name.
 fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
-    if let Some(folder) = path.parent() {
-        std::fs::create_dir_all(folder)?;
-    }
     let partial = path.with_extension("part");
     let written = std::fs::write(&partial, bytes).and_then(|()| std::fs::rename(&partial, path));
     if written.is_err() {

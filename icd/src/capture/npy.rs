@@ -54,18 +54,30 @@ pub fn file(shape: [u32; 3], width: Width, numbers: &[u32]) -> Vec<u8> {
     let mut bytes = head(width.name(), &shape, numbers.len() * width.size_bytes());
     match width {
         Width::One => bytes.extend(numbers.iter().map(|&number| number as u8)),
-        Width::Two => bytes.extend(numbers.iter().flat_map(|&it| (it as u16).to_le_bytes())),
-        Width::Four => bytes.extend(numbers.iter().flat_map(|it| it.to_le_bytes())),
+        Width::Two => extend(&mut bytes, numbers, |&number| (number as u16).to_le_bytes()),
+        Width::Four => extend(&mut bytes, numbers, |number| number.to_le_bytes()),
     }
     bytes
 }
 
+/// Adds numbers of `N` bytes each. Into room that is there, which takes a fraction of the time of
+/// an iterator over single bytes.
+fn extend<T, const N: usize>(bytes: &mut Vec<u8>, numbers: &[T], write: impl Fn(&T) -> [u8; N]) {
+    let start = bytes.len();
+    bytes.resize(start + numbers.len() * N, 0);
+    let (places, _) = bytes[start..].as_chunks_mut::<N>();
+    for (place, number) in places.iter_mut().zip(numbers) {
+        *place = write(number);
+    }
+}
+
 /// A file of floats: the shape's last dimension has `N`.
-pub fn floats<const N: usize>(shape: &[u32], rows: impl Iterator<Item = [f32; N]>) -> Vec<u8> {
+pub fn floats<const N: usize>(shape: &[u32], rows: &[[f32; N]]) -> Vec<u8> {
     let shape: String = shape.iter().map(|size| format!("{size}, ")).collect();
-    let rows: Vec<[f32; N]> = rows.collect();
     let mut bytes = head(FLOAT, &format!("{shape}{N}"), rows.len() * N * 4);
-    bytes.extend((rows.as_flattened().iter()).flat_map(|number| number.to_le_bytes()));
+    extend(&mut bytes, rows.as_flattened(), |number| {
+        number.to_le_bytes()
+    });
     bytes
 }
 
@@ -113,10 +125,7 @@ mod tests {
             });
             assert_eq!(read.collect::<Vec<u32>>(), numbers);
         }
-        let file = floats(
-            &[2],
-            [[1.5, -2.0, 3.0], [0.25, 0.0, f32::INFINITY]].into_iter(),
-        );
+        let file = floats(&[2], &[[1.5, -2.0, 3.0], [0.25, 0.0, f32::INFINITY]]);
         let length = usize::from(u16::from_le_bytes([file[8], file[9]]));
         let head = std::str::from_utf8(&file[10..10 + length]).expect("it is ASCII");
         assert!(head.contains("'descr': '<f4', 'fortran_order': False, 'shape': (2, 3), "));

@@ -19,7 +19,8 @@ pub const FOLDER: &str = "TUFF_CAPTURE";
 /// The place of the text.
 enum Text {
     StandardError,
-    File(PathBuf, File),
+    /// The file and the bytes of whole commands in it.
+    File(PathBuf, File, u64),
     /// It could not be written.
     Nowhere,
 }
@@ -51,7 +52,7 @@ impl Output {
         }
         let path = folder.join("pixel.txt");
         let text = match File::create(&path) {
-            Ok(file) => Text::File(path, file),
+            Ok(file) => Text::File(path, file, 0),
             Err(why) => {
                 log::error!("{FOLDER}: {}: {why}; there is no text", path.display());
                 Text::Nowhere
@@ -115,12 +116,15 @@ impl Output {
             Text::Nowhere => {}
             // A closed standard error is no reason to end the process.
             Text::StandardError => drop(std::io::stderr().write_all(text.as_bytes())),
-            Text::File(path, file) => {
-                if let Err(why) = file.write_all(text.as_bytes()) {
+            Text::File(path, file, size_bytes) => match file.write_all(text.as_bytes()) {
+                Ok(()) => *size_bytes += text.len() as u64,
+                Err(why) => {
+                    // The disk is full: what was written of this text does not stay.
+                    let _ = file.set_len(*size_bytes);
                     log::error!("{FOLDER}: {}: {why}; the text ends here", path.display());
                     self.text = Text::Nowhere;
                 }
-            }
+            },
         }
         self.bytes += text.len();
     }

@@ -224,7 +224,8 @@ fn add_boxes(facts: &mut Value, structure: &Structure, files: &mut Vec<(String, 
     if kept == 0 {
         return;
     }
-    let file = npy::floats(&[kept as u32], rows);
+    let rows: Vec<[f32; 6]> = rows.collect();
+    let file = npy::floats(&[kept as u32], &rows);
     let name = format!("boxes-{:016x}.npy", xxh3_64(&file));
     let level = |level: &BoxLevel| json!({ "boxes": level.count, "kept": level.boxes.len() });
     facts["boxes"] = json!({

@@ -54,14 +54,13 @@ impl<'a> Counting<'a> {
                 // SAFETY: structures stay until the dispatch is complete, as for the first walk.
                 let cost = unsafe { self.counts.add_walk(walked, &mut costs) };
                 // Each takes the time of a step at least.
-                steps.push(u64::from(cost) + 1);
+                steps.push(f64::from(cost) + 1.0);
             }
         }
-        let (all, nanoseconds) = (steps.iter().sum::<u64>(), self.unshared.as_nanos());
+        let all: f64 = steps.iter().sum();
+        let each = self.unshared.as_nanos() as f64 / all;
         for (walked, steps) in self.walked.drain(..).zip(steps) {
-            let share = nanoseconds * u128::from(steps) / u128::from(all);
-            let share = u32::try_from(share).unwrap_or(u32::MAX);
-            (self.counts).add(Counter::Nanoseconds, walked.cell, share);
+            (self.counts).add(Counter::Nanoseconds, walked.cell, (each * steps) as u32);
         }
         self.unshared = Duration::ZERO;
         Ok(())

@@ -3,6 +3,7 @@
 #![deny(unsafe_code)]
 
 use std::collections::BTreeSet;
+use std::num::NonZeroU32;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::time::Duration;
 
@@ -100,9 +101,20 @@ impl Counter {
     }
 }
 
-/// The place of an invocation among those that are kept.
+/// The place of an invocation among those that are kept, plus one: so 16 optional ones are a row.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Cell(u32);
+pub struct Cell(NonZeroU32);
+
+impl Cell {
+    fn at(place: u32) -> Self {
+        Self(NonZeroU32::MIN.saturating_add(place))
+    }
+
+    #[inline(always)]
+    fn place(self) -> u32 {
+        self.0.get() - 1
+    }
+}
 
 /// The cells of the lanes of a subgroup.
 pub type Cells = [Option<Cell>; SUBGROUP_SIZE];
@@ -168,12 +180,29 @@ impl KeptInvocations {
             }
             cell = cell * self.size[axis] + (place >> step.trailing_zeros());
         }
-        Some(Cell(cell))
+        Some(Cell::at(cell))
     }
 
     /// Where the lanes of a subgroup are kept: invocations of one layer.
     pub fn cells(&self, x: &Row, y: &Row, z: u32) -> Cells {
-        std::array::from_fn(|lane| self.cell([x[lane], y[lane], z]))
+        let Some(Cell(layer)) = self.cell([self.first[0], self.first[1], z]) else {
+            return [None; SUBGROUP_SIZE];
+        };
+        let [width, ..] = self.size;
+        let shift = self.step.map(u32::trailing_zeros);
+        // Without branches, for all lanes at once.
+        let places: Row = std::array::from_fn(|lane| {
+            let across = x[lane].wrapping_sub(self.first[0]);
+            let down = y[lane].wrapping_sub(self.first[1]);
+            let is_inside = (across < self.extent[0]) & (down < self.extent[1]);
+            let between = across & (self.step[0] - 1) | down & (self.step[1] - 1);
+            let place = (down >> shift[1])
+                .wrapping_mul(width)
+                .wrapping_add(across >> shift[0])
+                .wrapping_add(layer.get());
+            if is_inside & (between == 0) { place } else { 0 }
+        });
+        places.map(|place| NonZeroU32::new(place).map(Cell))
     }
 }
 
@@ -219,7 +248,7 @@ impl LaunchCounts {
 
     #[inline(always)]
     fn count(&self, counter: Counter, cell: Cell) -> &AtomicU32 {
-        &self.counts[counter.slot() * self.length + cell.0 as usize]
+        &self.counts[counter.slot() * self.length + cell.place() as usize]
     }
 
     /// Adds to a count.
@@ -265,13 +294,9 @@ impl LaunchCounts {
     /// Keeps the line of an invocation's first ray, if its cell is one of some.
     fn keep_line(&self, cell: Cell, ray: &Ray) {
         let [width, height, _] = self.kept.size;
-        let [x, y, z] = [
-            cell.0 % width,
-            cell.0 / width % height,
-            cell.0 / width / height,
-        ];
-        if let Some(Cell(place)) = self.kept_lines.cell([x, y, z])
-            && let Some(line) = self.lines.get(place as usize)
+        let (row, x) = (cell.place() / width, cell.place() % width);
+        if let Some(cell) = self.kept_lines.cell([x, row % height, row / height])
+            && let Some(line) = self.lines.get(cell.place() as usize)
         {
             for (to, from) in line.iter().zip(ray.origin.iter().chain(&ray.direction)) {
                 to.store(from.to_bits(), Ordering::Relaxed);
@@ -350,7 +375,6 @@ pub struct FinishedCounts {
 }
 
 /// Lines of the first rays of some cells.
-#[derive(Clone)]
 pub struct FirstRays {
     /// Which cells, counted from the first.
     pub kept: KeptInvocations,
@@ -366,10 +390,10 @@ impl FinishedCounts {
     }
 
     /// The first rays, if any invocation has traced one and they are kept.
-    pub fn first_rays(&self) -> Option<FirstRays> {
+    pub fn first_rays(&self) -> Option<&FirstRays> {
         let is_there = |line: &[f32; LINE]| line.iter().any(|number| !number.is_nan());
         let has_any = self.first_rays.lines.iter().any(is_there);
-        has_any.then(|| self.first_rays.clone())
+        has_any.then_some(&self.first_rays)
     }
 }
 
@@ -390,7 +414,7 @@ mod tests {
     fn large_launches_are_sampled() {
         let all = KeptInvocations::new([0; 3], [640, 480, 1], MOST_INVOCATIONS);
         assert_eq!((all.step, all.size), ([1; 3], [640, 480, 1]));
-        let cell = |kept: &KeptInvocations, at| kept.cell(at).map(|cell| cell.0);
+        let cell = |kept: &KeptInvocations, at| kept.cell(at).map(Cell::place);
         assert_eq!(cell(&all, [3, 2, 0]), Some(1283));
         assert_eq!(cell(&all, [640, 2, 0]), None);
         let one = [1 << 30, 1, 1];
@@ -427,7 +451,8 @@ mod tests {
             counts.start_ray(cell, &ray, depth);
         }
         let counts = counts.finish();
-        let first = counts.first_rays().expect("a ray was traced").lines;
+        let first = counts.first_rays().expect("a ray was traced");
+        let first = &first.lines;
         assert_eq!(first[1], [0.0; 6]);
         assert!(first[0].iter().all(|number| number.is_nan()));
         let of = |counter| counts.values(counter);
