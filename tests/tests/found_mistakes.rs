@@ -140,6 +140,10 @@ fn self_intersections_hit_the_triangle_that_they_start_from() {
     let misses = speckled.iter().filter(|&&is_lit| is_lit == 1).count() as u64;
     assert_eq!(sum(&maps, "miss_shaders"), misses);
     assert!(text.contains("TerminateOnFirstHitKHR"), "{text}");
+    assert_eq!(
+        missing_quotes("Finding a self-intersection", &text),
+        [""; 0]
+    );
 }
 
 /// A leaf before a wall. The any-hit shader cuts holes into the leaf, through which the wall is
@@ -184,8 +188,10 @@ fn opaque_geometries_have_no_candidates_for_any_hit_shaders() {
     let met = &command["rays"][0]["met"][0];
     assert_eq!(met["outcome"], "committed");
     assert!(text.contains("opaque: committed"), "{text}");
-    let (maps, text, _) = captured("not opaque", 0);
+    let (maps, mended, _) = captured("not opaque", 0);
     assert_eq!(sum(&maps, "any_hit_candidates"), number as u64);
     assert_eq!(sum(&maps, "any_hit_shaders"), number as u64);
-    assert!(text.contains("ignored"), "{text}");
+    assert!(mended.contains("ignored"), "{mended}");
+    let section = "Finding a missed any-hit";
+    assert_eq!(missing_quotes(section, &(text + &mended)), [""; 0]);
 }

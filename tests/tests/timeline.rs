@@ -264,3 +264,72 @@ fn a_file_that_cannot_be_written_is_told_once() {
         assert!(told[0].contains(path), "{told:?}");
     }
 }
+
+/// The first file of a name in the folders of programs.
+fn program(names: &[&str]) -> Option<PathBuf> {
+    let path = std::env::var_os("PATH")?;
+    let folders: Vec<PathBuf> = std::env::split_paths(&path).collect();
+    let paths = (names.iter()).flat_map(|name| folders.iter().map(move |it| it.join(name)));
+    paths.into_iter().find(|path| path.is_file())
+}
+
+/// The page of speedscope, as `npm install --global speedscope` leaves it: its command is a link
+/// into the package.
+fn speedscope() -> Option<PathBuf> {
+    let command = program(&["speedscope"])?.canonicalize().ok()?;
+    let page = command.parent()?.join("../dist/release/index.html");
+    page.canonicalize().ok()
+}
+
+/// speedscope reads the file in Chromium, in the way of its own command: each thread is a track.
+#[test]
+fn speedscope_shows_each_thread() {
+    let chromium = program(&["chromium", "chromium-browser", "google-chrome"]);
+    let tools = chromium.zip(speedscope());
+    if !is_tuff() || !has_program("speedscope and Chromium", tools.is_some()) {
+        return;
+    }
+    let Some((chromium, page)) = tools else {
+        return;
+    };
+    let path = file("speedscope");
+    assert!(child("all", &path.to_string_lossy()).status.success());
+    let text = std::fs::read_to_string(&path).expect("the file is there");
+    let _ = std::fs::remove_file(&path);
+    let events: Vec<Value> = serde_json::from_str(&text).expect("an array in JSON");
+    let folder = path.with_extension("folder");
+    std::fs::create_dir_all(&folder).expect("a folder can be made");
+    let script = folder.join("timeline.js");
+    let literal = Value::from(text);
+    let load = format!("speedscope.loadFileFromBase64(\"timeline.json\", btoa({literal}))");
+    std::fs::write(&script, load).expect("a file");
+    let mut browser = Command::new(chromium);
+    browser.args([
+        "--headless",
+        "--no-sandbox",
+        "--dump-dom",
+        "--virtual-time-budget=20000",
+    ]);
+    browser.args([
+        "--allow-file-access-from-files",
+        "--enable-unsafe-swiftshader",
+    ]);
+    let profile = folder.join("profile");
+    browser.arg(format!("--user-data-dir={}", profile.display()));
+    let (page, script) = (page.display(), script.display());
+    browser.arg(format!("file://{page}#localProfilePath={script}"));
+    let output = browser.output().expect("Chromium runs");
+    let _ = std::fs::remove_dir_all(&folder);
+    let shown = String::from_utf8_lossy(&output.stdout);
+    let names = (events.iter().filter(|event| event["name"] == "thread_name"))
+        .filter_map(|event| event["args"]["name"].as_str());
+    let threads: Vec<&str> = names.collect();
+    assert!(threads.contains(&"tuff-queue-0"), "{threads:?}");
+    for thread in threads {
+        assert!(
+            shown.contains(&format!(", {thread} (tid ")),
+            "{thread}: {shown}"
+        );
+    }
+    assert!(!shown.contains("Something went wrong"), "{shown}");
+}

@@ -1,9 +1,10 @@
 //! `tuff view`: the pictures of a capture's maps, and its page in Chromium.
 
 use std::fs;
-use std::io::Write;
+use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use std::time::Duration;
 
 use serde_json::{Value, json};
 
@@ -409,4 +410,129 @@ fn the_page_shows_the_numbers_in_chromium() {
     for key in ["linked", "colours", "labels", "line", "turned"] {
         assert_eq!(shown[key], true, "{key}");
     }
+}
+
+/// A capture of 1280 × 720 invocations, with as many maps as the driver writes of a trace.
+fn large_capture(name: &str) -> PathBuf {
+    const SIZE: [u32; 3] = [1280, 720, 1];
+    let folder = folder(name);
+    let shape = "1, 720, 1280";
+    let write = |name: &str, bytes: &[u8]| fs::write(folder.join(name), bytes).expect("a file");
+    let names = [
+        ("rays", 1),
+        ("steps", 2),
+        ("box_tests", 2),
+        ("primitive_tests", 2),
+        ("any_hit_candidates", 1),
+        ("box_candidates", 1),
+        ("depth", 1),
+        ("closest_hit_shaders", 1),
+        ("miss_shaders", 1),
+        ("callable_shaders", 1),
+        ("any_hit_shaders", 1),
+        ("intersection_shaders", 1),
+        ("nanoseconds", 4),
+    ];
+    let maps = names.map(|(name, width)| {
+        let ty = ["|u1", "<u2", "", "<u4"][width - 1];
+        let mut bytes = npy_head(ty, shape);
+        let mut noise = 1u32;
+        for _ in 0..SIZE[0] * SIZE[1] {
+            // Every map is as hard to pack as noise of five bits, or of ten.
+            noise = noise.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            bytes.extend(&(noise >> if width == 1 { 27 } else { 22 }).to_le_bytes()[..width]);
+        }
+        let file = format!("command-0000/{name}.npy");
+        write(&file, &bytes);
+        json!({ "name": name, "of": "ray", "most": 1023, "sum": 1, "type": ty, "file": file })
+    });
+    let command = json!({
+        "command": 0, "frame": 0, "kind": "trace", "pipeline": "scene", "first": [0, 0, 0],
+        "extent": SIZE, "step": [1, 1, 1], "size": SIZE, "stopped": false, "structures": [],
+        "maps": maps, "first_rays": null,
+    });
+    write(
+        "maps.json",
+        json!([{ "version": 1 }, command]).to_string().as_bytes(),
+    );
+    folder
+}
+
+/// Tells on the console when the page is shown, by the clock of the browser.
+const CLOCK: &str = r#"<script type="module">
+while (document.body.dataset.ready === undefined) {
+  await new Promise((done) => setTimeout(done, 5));
+}
+requestAnimationFrame(() => requestAnimationFrame(() => {
+  console.log(`shown after ${performance.now()} ms`);
+}));
+</script>"#;
+
+/// Milliseconds from the start of a page's navigation until it is shown.
+fn opening_time(chromium: &Path, folder: &Path, page: &Path) -> f64 {
+    let mut browser = Command::new(chromium);
+    browser.args(["--headless", "--no-sandbox", "--disable-gpu"]);
+    browser.args(["--enable-logging=stderr", "--remote-debugging-port=0"]);
+    browser.arg(format!(
+        "--user-data-dir={}",
+        folder.join("profile").display()
+    ));
+    browser.arg(format!("file://{}", page.display()));
+    let browser = browser.stdout(Stdio::null()).stderr(Stdio::piped()).spawn();
+    let mut browser = browser.expect("Chromium runs");
+    let told = BufReader::new(browser.stderr.take().expect("its messages"));
+    let (sender, receiver) = std::sync::mpsc::channel();
+    let reader = std::thread::spawn(move || {
+        let time = told.lines().map_while(Result::ok).find_map(|line| {
+            let (_, rest) = line.split_once("shown after ")?;
+            rest.split(' ').next()?.parse::<f64>().ok()
+        });
+        // The other end is gone after a minute.
+        let _ = sender.send(time);
+    });
+    let time = receiver.recv_timeout(Duration::from_secs(60));
+    browser.kill().expect("it can be ended");
+    browser.wait().expect("it ends");
+    reader.join().expect("no panic");
+    (time.ok().flatten()).expect("the page is shown within a minute")
+}
+
+#[test]
+fn a_capture_of_1280_by_720_opens_within_two_seconds() {
+    let Some(chromium) = browser("a_capture_of_1280_by_720_opens_within_two_seconds") else {
+        return;
+    };
+    let folder = large_capture("large");
+    assert!(view(&folder).status.success());
+    let path = folder.join("index.html");
+    let page = fs::read_to_string(&path).expect("the page");
+    let page = page.replacen("</body>", &format!("{CLOCK}</body>"), 1);
+    fs::write(&path, page).expect("a file");
+    // One of some: other tests run meanwhile.
+    let mut tries = (0..12).map(|_| opening_time(&chromium, &folder, &path));
+    let is_fast = tries.any(|milliseconds| milliseconds < 2000.0);
+    let _ = fs::remove_dir_all(&folder);
+    assert!(is_fast, "none of twelve tries took less than two seconds");
+}
+
+/// A program that dies before its first command is complete leaves a list without commands.
+#[test]
+fn a_capture_without_commands_is_a_page() {
+    let folder = folder("empty");
+    let list = r#"[{"version":1,"program":"demo"},{"dropped_commands":3}]"#;
+    fs::write(folder.join("maps.json"), list).expect("a file");
+    let output = view(&folder);
+    assert!(output.status.success(), "{output:?}");
+    let page = fs::read_to_string(folder.join("index.html")).expect("the page");
+    if let Some(chromium) = browser("a_capture_without_commands_is_a_page") {
+        let last = r#"<script type="module">
+            document.body.dataset.problems = JSON.stringify(problems);
+        </script>"#;
+        let page = page.replacen("<head>", &format!("<head>{FIRST}"), 1);
+        let page = page.replacen("</body>", &format!("{last}</body>"), 1);
+        let dom = driven(&chromium, &folder, &page);
+        assert!(dom.contains("data-problems=\"[]\""), "{dom}");
+        assert!(dom.contains("No command that traces rays"), "{dom}");
+    }
+    let _ = fs::remove_dir_all(&folder);
 }
