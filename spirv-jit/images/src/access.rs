@@ -267,9 +267,12 @@ macro_rules! integer_atomic {
                 AtomicOp::And => texel.fetch_and(value, SeqCst),
                 AtomicOp::Or => texel.fetch_or(value, SeqCst),
                 AtomicOp::Xor => texel.fetch_xor(value, SeqCst),
-                AtomicOp::FAdd | AtomicOp::FMin | AtomicOp::FMax => {
-                    update(&|old| $float(op, old, value))
-                }
+                AtomicOp::FAdd
+                | AtomicOp::FMin
+                | AtomicOp::FMax
+                | AtomicOp::FAddFlushed
+                | AtomicOp::FMinFlushed
+                | AtomicOp::FMaxFlushed => update(&|old| $float(op, old, value)),
             }
         }
     };
@@ -278,6 +281,11 @@ macro_rules! integer_atomic {
 /// f32 addition, minimum and maximum on bits; a NaN operand of a minimum or maximum gives the
 /// other.
 fn float_32(op: AtomicOp, old: u32, value: u32) -> u32 {
+    if let Some(plain) = op.unflushed() {
+        let bits = float_32(plain, old, value);
+        let is_denormal = bits & f32::INFINITY.to_bits() == 0;
+        return if is_denormal { bits & 1 << 31 } else { bits };
+    }
     let (a, b) = (f32::from_bits(old), f32::from_bits(value));
     match op {
         AtomicOp::FAdd => (a + b).to_bits(),

@@ -282,6 +282,28 @@ pub enum AtomicOp {
     FAdd,
     FMin,
     FMax,
+    /// The same for f32, with a denormal result flushed to zero.
+    FAddFlushed,
+    FMinFlushed,
+    FMaxFlushed,
+}
+
+impl AtomicOp {
+    /// The operation that flushes denormal results of this one.
+    pub fn flushed(self) -> AtomicOp {
+        match self {
+            AtomicOp::FAdd => AtomicOp::FAddFlushed,
+            AtomicOp::FMin => AtomicOp::FMinFlushed,
+            AtomicOp::FMax => AtomicOp::FMaxFlushed,
+            other => other,
+        }
+    }
+
+    /// Of an operation that flushes, the one that does not.
+    pub fn unflushed(self) -> Option<AtomicOp> {
+        let plain = [AtomicOp::FAdd, AtomicOp::FMin, AtomicOp::FMax];
+        plain.into_iter().find(|plain| plain.flushed() == self)
+    }
 }
 
 /// The kind of an image operation.

@@ -27,6 +27,7 @@ pub trait Native: Fast + Copy + PartialOrd + std::fmt::Debug + 'static {
     fn sqrt(self) -> Self;
     fn copysign(self, sign: Self) -> Self;
     fn quantize_f16(self) -> Self;
+    fn flush_denormal(self) -> Self;
     fn frexp(self) -> (Self, i32);
     fn ldexp(self, exponent: i32) -> Self;
     fn pow(self, b: Self) -> Self;
@@ -138,6 +139,13 @@ macro_rules! impl_native {
                 // `OpQuantizeToF16`: what is not representable as a normal number is zero.
                 let flushed = if rounded & 0x7c00 == 0 { rounded & 0x8000 } else { rounded };
                 narrow::f32_from_f16(f16::from_bits(flushed)) as $f
+            }
+            #[inline(always)]
+            fn flush_denormal(self) -> Self {
+                const EXPONENT: $u = ((1 << ($u::BITS - 1 - $mantissa)) - 1) << $mantissa;
+                const SIGN: $u = 1 << ($u::BITS - 1);
+                let bits = self.to_bits();
+                $f::from_bits(if bits & EXPONENT == 0 { bits & SIGN } else { bits })
             }
             #[inline(always)]
             fn frexp(self) -> (Self, i32) {
@@ -326,6 +334,7 @@ float_unary! {
     fexp2 exp2
     flog2 log2
     fquantize_f16 quantize_f16
+    fflush_denormal flush_denormal
     fsin_fast sin_fast
     fcos_fast cos_fast
     ftan_fast tan_fast

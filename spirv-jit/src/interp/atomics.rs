@@ -18,7 +18,7 @@ use super::operand::Operand;
 use super::region::region;
 use super::tier::{Kernel, Portable, Tier};
 use crate::SUBGROUP_SIZE;
-use crate::eval::{Float, Int};
+use crate::eval::{self, Float, Int};
 use crate::ir::op::AtomicOp;
 use crate::ir::{Space, Type};
 
@@ -48,6 +48,9 @@ pub(super) fn handler(op: AtomicOp, ty: Type) -> Option<Handler> {
         AtomicOp::FAdd => return of_floats::<ops::fadd>(ty),
         AtomicOp::FMin => return of_floats::<ops::fmin>(ty),
         AtomicOp::FMax => return of_floats::<ops::fmax>(ty),
+        AtomicOp::FAddFlushed => of_flushed::<ops::fadd>(),
+        AtomicOp::FMinFlushed => of_flushed::<ops::fmin>(),
+        AtomicOp::FMaxFlushed => of_flushed::<ops::fmax>(),
     })
 }
 
@@ -57,6 +60,10 @@ fn of_bits<O: Atomic<u16> + Atomic<u32> + Atomic<u64>>(ty: Type) -> Handler {
         64 => Portable::handler::<Performing<O, u64>>(),
         _ => Portable::handler::<Performing<O, u32>>(),
     }
+}
+
+fn of_flushed<O: Binary<f32, f32, f32> + 'static>() -> Handler {
+    Portable::handler::<Performing<UpdateFloat<Flushed<O>, f32>, u32>>()
 }
 
 fn of_floats<O>(ty: Type) -> Option<Handler>
@@ -244,6 +251,16 @@ where
     #[inline(always)]
     fn update(old: F::Bits, value: F::Bits, _: F::Bits) -> F::Bits {
         O::call(F::from_bits(old), F::from_bits(value)).bits()
+    }
+}
+
+/// An operation whose denormal results are flushed.
+struct Flushed<O>(PhantomData<O>);
+
+impl<O: Binary<f32, f32, f32>> Binary<f32, f32, f32> for Flushed<O> {
+    #[inline(always)]
+    fn call(a: f32, b: f32) -> f32 {
+        eval::fflush_denormal(O::call(a, b))
     }
 }
 

@@ -68,7 +68,9 @@
 //! remainder 0. Floating point is IEEE 754 binary, round to nearest even, denormals kept, one
 //! rounding per operation; `ffma` alone is fused. NaN payloads are unspecified. `fmin`/`fmax`
 //! return the operand that is a number if one is NaN, and order −0 below +0. Float to integer
-//! truncates, saturates, and NaN gives 0. The one definition of each is in [`crate::eval`].
+//! truncates, saturates, and NaN gives 0. Where a shader asks for flushed denormals, lowering puts
+//! `fflush_denormal` behind the results that must be flushed (`lower/denormals.rs`); no other
+//! operation flushes. The one definition of each is in [`crate::eval`].
 //!
 //! ## Memory
 //!

@@ -168,6 +168,8 @@ macro_rules! elementwise_ops {
             (FLog2, flog2, FloatFunction)
             (FQuantizeF16, fquantize_f16, FloatFunction)
             (FFrexpMantissa, ffrexp_mantissa, FloatFunction)
+            // Zero of the same sign for a denormal, otherwise the operand.
+            (FFlushDenormal, fflush_denormal, FloatFunction)
             // The same functions at less cost and with more error, as `eval::fast` bounds it for
             // f32.
             (FSinFast, fsin_fast, FloatFunction)

@@ -448,6 +448,7 @@ fn check_atomic(kind: AtomicOp, operands: &[Type], results: &[Type]) -> Checked 
         AtomicOp::FAdd | AtomicOp::FMin | AtomicOp::FMax => {
             require(first.is_float(), "not a float")
         }
+        _ if kind.unflushed().is_some() => require(first == Type::F32, "not a 32-bit float"),
         AtomicOp::Load | AtomicOp::Store | AtomicOp::Exchange => Ok(()),
         _ => require(!first.is_float(), "not an integer"),
     }

@@ -63,6 +63,10 @@ impl Lowerer<'_> {
         if wrong {
             return Err(self.b.invalid("an atomic operation has the wrong type"));
         }
+        let op = match self.is_flushed(instruction.opcode) && ty == Type::F32 {
+            true => op.flushed(),
+            false => op,
+        };
         let result = match &pointer.place {
             MemoryLocation::Texel { .. } => self.texel_atomic(&pointer, op, &arguments)?,
             _ => self.memory_atomic(&pointer, op, &arguments, ty)?,
@@ -134,13 +138,17 @@ impl Lowerer<'_> {
             AtomicOp::And => Some(ir::Op::And),
             AtomicOp::Or => Some(ir::Op::Or),
             AtomicOp::Xor => Some(ir::Op::Xor),
-            AtomicOp::FAdd => Some(ir::Op::FAdd),
-            AtomicOp::FMin => Some(ir::Op::FMin),
-            AtomicOp::FMax => Some(ir::Op::FMax),
+            AtomicOp::FAdd | AtomicOp::FAddFlushed => Some(ir::Op::FAdd),
+            AtomicOp::FMin | AtomicOp::FMinFlushed => Some(ir::Op::FMin),
+            AtomicOp::FMax | AtomicOp::FMaxFlushed => Some(ir::Op::FMax),
         };
         let new = match binary {
             Some(op) => self.b.binary(op, old, arguments[0])?,
             None => arguments[0],
+        };
+        let new = match op.unflushed() {
+            Some(_) => self.b.unary(ir::Op::FFlushDenormal, new)?,
+            None => new,
         };
         self.store(pointer, &[new])?;
         Ok(old)

@@ -37,6 +37,8 @@ pub(super) struct Constants {
     remembered: Cell<u64>,
     /// Scalars of all constants that have no constituents.
     pub(super) total: u64,
+    /// 32-bit denormals are flushed, also in specialization constants that convert.
+    pub(super) flushes_denormals: bool,
 }
 
 /// Largest number of scalars in the cache, and in constants without constituents.

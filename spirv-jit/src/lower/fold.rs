@@ -5,6 +5,7 @@ use std::rc::Rc;
 use rspirv::spirv::Op;
 
 use super::constants::{Constants, truncate};
+use super::denormals::flushed;
 use super::types::Types;
 use crate::Error;
 use crate::eval;
@@ -79,7 +80,14 @@ pub(super) fn fold_operation(
                 let is_bfloat16 = [ty, instruction.result_type].map(|ty| types.is_bfloat16(ty));
                 let fold = |&bits: &u64| fold_float((from, result), is_bfloat16, bits);
                 let folded: Option<Vec<u64>> = first.iter().map(fold).collect();
-                return folded.ok_or_else(|| Error::invalid(at, "OpFConvert cannot be folded"));
+                let mut folded =
+                    folded.ok_or_else(|| Error::invalid(at, "OpFConvert cannot be folded"))?;
+                if constants.flushes_denormals && result == Type::F32 {
+                    for bits in &mut folded {
+                        *bits = flushed(*bits as u32).into();
+                    }
+                }
+                return Ok(folded);
             }
             let lane =
                 |bits: &[u64], index: usize| bits.get(index).or(bits.first()).copied().unwrap_or(0);

@@ -425,7 +425,11 @@ impl Lowerer<'_> {
             let message = format!("the result of Op{name} has another type");
             return Err(self.b.invalid(message));
         }
-        self.define(instruction.result, Val::Scalars(values.into()))
+        let scalars = match self.is_flushed(instruction.opcode) {
+            true => self.flush_denormals(values)?,
+            false => values.into(),
+        };
+        self.define(instruction.result, Val::Scalars(scalars))
     }
 
     /// The scalars of a variable's initializer.

@@ -32,6 +32,7 @@ mod cooperative_matrix;
 mod cooperative_vector;
 mod debug_printf;
 mod define_constant;
+mod denormals;
 mod derivative;
 mod emission;
 mod entry;
@@ -260,6 +261,7 @@ impl<'a> Lowerer<'a> {
         };
         lowerer.types.query_rows = Self::query_rows(&lowerer.query_words);
         lowerer.types.has_wide_offsets = lowerer.indexes_in_64_bits();
+        lowerer.constants.flushes_denormals = lowerer.has_flush_mode();
         let has = |wanted: Capability| module.capabilities.iter().any(|it| it.0 == wanted);
         lowerer.types.components = if has(Capability::LongVectorEXT) {
             [1, MAX_VECTOR_COMPONENTS]

@@ -93,7 +93,8 @@ pub fn render(rows: &[OperationError], options: &Options) -> String {
         last place (ULP): 0.5 is correct rounding. \"Share\" is the greatest share of the allowance that any\n\
         input uses.\n\n\
         All tiers of the interpreter give the same bits; denormals are kept, and count here as any other\n\
-        number.\n\n\
+        number. Where an entry point asks for it (`DenormFlushToZero`), results of 32 bits that are denormal\n\
+        become zeros of the same sign, after the function; operands are not flushed.\n\n\
         What Vulkan derives from an expression of other functions is allowed at least what the last of them\n\
         is. A power whose exponent is a constant from 1 to 5 is multiplied, but with `TUFF_ACCURACY=exact`:\n\
         up to 2.9 ULP, where Vulkan allows 3 and 2.8 for each unit of the exponent.\n"

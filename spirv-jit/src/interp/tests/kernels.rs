@@ -290,7 +290,7 @@ fn floats() {
         };
     }
     floats!(float_unary: fneg fabs fsign ffloor fceil ftrunc fround_even fround ffract fsqrt);
-    floats!(float_unary: finverse_sqrt fquantize_f16 ffrexp_mantissa);
+    floats!(float_unary: finverse_sqrt fquantize_f16 ffrexp_mantissa fflush_denormal);
     macro_rules! ternary {
         ($f:ident, $t:ty) => {
             check(stringify!($f), &[<$t>::TYPE; 3], <$t>::TYPE, |[a, b, c]| {

@@ -64,7 +64,8 @@ names!(Builtin, builtin_text, builtin_from_text:
 names!(AtomicOp, atomic_text, atomic_from_text:
     Load = "load", Store = "store", Exchange = "exchange", CompareExchange = "compare_exchange",
     IAdd = "iadd", ISub = "isub", SMin = "smin", SMax = "smax", UMin = "umin", UMax = "umax",
-    And = "and", Or = "or", Xor = "xor", FAdd = "fadd", FMin = "fmin", FMax = "fmax");
+    And = "and", Or = "or", Xor = "xor", FAdd = "fadd", FMin = "fmin", FMax = "fmax",
+    FAddFlushed = "fadd_flushed", FMinFlushed = "fmin_flushed", FMaxFlushed = "fmax_flushed");
 
 names!(ReduceOp, reduce_text, reduce_from_text:
     IAdd = "iadd", FAdd = "fadd", IMul = "imul", FMul = "fmul", SMin = "smin", UMin = "umin", FMin = "fmin",

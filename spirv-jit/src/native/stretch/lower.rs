@@ -412,6 +412,7 @@ impl Stretch {
                 let floor = self.round(a, 1);
                 self.binary(SUBPS, a, floor)
             }
+            Op::FFlushDenormal => self.flush_denormal(a),
             Op::FIsNan => self.compare(a, a, float::UNORDERED),
             Op::FIsInf => {
                 let size = self.and(a, !(1 << 31));
@@ -420,6 +421,21 @@ impl Stretch {
             }
             _ => return None,
         })
+    }
+
+    /// The sign alone where the exponent's bits are zeros.
+    fn flush_denormal(&mut self, a: Virtual) -> Virtual {
+        let exponent = self.words(f32::INFINITY.to_bits());
+        if self.encoding == Encoding::Evex {
+            let is_normal = self.step(Class::Mask, PTESTMD, Form::Binary, &[a, exponent]);
+            let sign = self.and(a, 1 << 31);
+            return self.select(is_normal, a, sign);
+        }
+        let exponent = self.commutative(PAND, a, exponent);
+        let zero = self.words(0);
+        let is_denormal = self.commutative(PCMPEQD, exponent, zero);
+        let magnitude = self.shift(PSHIFTD, RIGHT, is_denormal, 1);
+        self.binary(PANDN, magnitude, a)
     }
 
     /// An operation on two 32-bit floats that gives one, or a condition.

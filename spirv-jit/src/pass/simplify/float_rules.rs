@@ -4,6 +4,9 @@
 use super::{Is, Outcome, Simplifier, becomes};
 use crate::ir::{Op, Type, Value};
 
+/// Operations between a flush and the operation whose result is never denormal.
+const FLUSH_DEPTH: u32 = 4;
+
 impl Simplifier<'_> {
     pub(super) fn apply_float_rules(
         &mut self,
@@ -27,6 +30,9 @@ impl Simplifier<'_> {
                     _ => None,
                 }
             }
+            // A 16-bit float is computed as f32, where it is not denormal.
+            Op::FFlushDenormal if ty == Type::F16 => Some(Is(a)),
+            Op::FFlushDenormal if self.is_never_denormal(a, FLUSH_DEPTH) => Some(Is(a)),
             Op::FMin | Op::FMax if a == args[1] => Some(Is(a)),
             Op::FAdd | Op::FSub => self.sum_rules(op, a, args[1], ty),
             Op::FMul | Op::FDiv => self.product_rules(op, a, args[1], ty),
@@ -37,6 +43,59 @@ impl Simplifier<'_> {
             }
             _ => None,
         }
+    }
+
+    /// Whether an f32 or f64 is known not to be denormal. `depth` bounds the operations that are
+    /// looked at one behind another.
+    fn is_never_denormal(&self, value: Value, depth: u32) -> bool {
+        let ty = self.ty(value);
+        if let Some(bits) = self.constant(value) {
+            let magnitude = bits & !sign_bit(ty);
+            return magnitude == 0 || magnitude >> significand_bits(ty) != 0;
+        }
+        let Some((op, args)) = self.pure(value) else {
+            return false;
+        };
+        let is_one_of = |values: &[Value]| {
+            depth > 0 && (values.iter()).all(|&value| self.is_never_denormal(value, depth - 1))
+        };
+        match op {
+            // Whole numbers.
+            Op::FFloor | Op::FCeil | Op::FTrunc | Op::FRoundEven | Op::FRound | Op::FSign => true,
+            Op::SToF | Op::UToF => true,
+            Op::FFlushDenormal | Op::FQuantizeF16 => true,
+            // The root of the least denormal number is normal, as is the inverse of the greatest
+            // number's.
+            Op::FSqrt | Op::FInverseSqrt | Op::FFrexpMantissa => true,
+            Op::FConvert => ty.bits() > self.ty(args[0]).bits(),
+            // Numbers that nearly cancel a greater one are multiples of the least normal number.
+            Op::FAdd | Op::FSub => args[..2].iter().any(|&it| self.is_above_tiny(it)),
+            // No smaller than the operand.
+            Op::FMul => self.is_at_least_one(args[1], false) && is_one_of(&args[..1]),
+            Op::FDiv => self.is_at_least_one(args[1], true) && is_one_of(&args[..1]),
+            Op::FNeg | Op::FAbs | Op::FFract => is_one_of(&args[..1]),
+            Op::FMin | Op::FMax => is_one_of(&args[..2]),
+            Op::Select => is_one_of(&args[1..]),
+            _ => false,
+        }
+    }
+
+    /// A constant whose last place is twice the least normal number or more.
+    fn is_above_tiny(&self, value: Value) -> bool {
+        let ty = self.ty(value);
+        let magnitude = self.constant(value).map(|bits| bits & !sign_bit(ty));
+        let above = u64::from(significand_bits(ty) + 2) << significand_bits(ty);
+        magnitude.is_some_and(|magnitude| magnitude >= above)
+    }
+
+    /// A constant of magnitude 1 or more, or the inverse of such.
+    fn is_at_least_one(&self, value: Value, is_inverse: bool) -> bool {
+        let ty = self.ty(value);
+        let magnitude = self.constant(value).map(|bits| bits & !sign_bit(ty));
+        magnitude.is_some_and(|magnitude| match is_inverse {
+            true => magnitude <= one(ty),
+            false => magnitude >= one(ty),
+        })
     }
 
     fn sum_rules(&mut self, op: &Op, a: Value, b: Value, ty: Type) -> Option<Outcome> {
