@@ -671,3 +671,48 @@ fn smooth_lines_fade_at_their_sides() {
         }
     }
 }
+
+/// The bias by the slope shows in `FragCoord`, with a depth attachment and without.
+#[test]
+fn depths_are_biased_without_an_attachment() {
+    let Some(gpu) = Gpu::new().drawing() else {
+        return;
+    };
+    // Depths from 0.25 on, 1/32 a pixel.
+    let vertex = "
+        void main() {
+            vec2 at = vec2(gl_VertexIndex == 1 ? 3.0 : -1.0, gl_VertexIndex == 2 ? 3.0 : -1.0);
+            gl_Position = vec4(at, 0.25 + (at.x + 1.0) / 8.0, 1.0);
+        }";
+    let fragment = "
+        layout(location = 0) out float depth;
+        void main() { depth = gl_FragCoord.z; }";
+    let format = vk::Format::R32_SFLOAT;
+    let canvas = gpu.canvas(format, 8, 1);
+    let depth = gpu.canvas(vk::Format::D32_SFLOAT, 8, 1);
+    for depth in [None, Some(depth)] {
+        let mut painting = Painting::new(&gpu, vertex, fragment, format);
+        painting.rasterization = painting
+            .rasterization
+            .depth_bias_enable(true)
+            .depth_bias_slope_factor(2.0);
+        painting.depth = depth.map_or(vk::Format::UNDEFINED, |it| it.format);
+        let pipeline = gpu.painting(&painting);
+        let pass = Pass {
+            depth,
+            ..Pass::black(&canvas)
+        };
+        gpu.draw(&pass, |commands| {
+            gpu.bind(commands, pipeline);
+            gpu.draw_vertices(commands, 3);
+        });
+        for (x, bytes) in gpu.colors(&canvas).into_iter().enumerate() {
+            let expected = 0.25 + (x as f32 + 0.5) / 32.0 + 2.0 / 32.0;
+            let found = f32::from_le_bytes(bytes);
+            assert!(
+                (found - expected).abs() < 1e-4,
+                "{x}: {found}, not {expected}"
+            );
+        }
+    }
+}

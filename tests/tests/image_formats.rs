@@ -445,3 +445,92 @@ fn the_host_copies_images() {
         assert_eq!(back, [9, 10, 11, 17, 18, 19].map(|i| 0x101 * i));
     }
 }
+
+/// Views of single planes are attachments of the plane's size.
+#[test]
+fn planes_are_attachments() {
+    let format = F::G8_B8R8_2PLANE_420_UNORM;
+    let info = flat_info(format, 6, 4)
+        .flags(vk::ImageCreateFlags::MUTABLE_FORMAT | vk::ImageCreateFlags::EXTENDED_USAGE)
+        .usage(BOTH_COPIES | vk::ImageUsageFlags::COLOR_ATTACHMENT);
+    let Some(gpu) = Gpu::new().drawing() else {
+        return;
+    };
+    let Some(gpu) = gpu.with("attachments with planes", |gpu| {
+        // SAFETY: a plain query.
+        let properties = unsafe {
+            gpu.instance.get_physical_device_image_format_properties(
+                gpu.physical,
+                format,
+                info.image_type,
+                info.tiling,
+                info.usage,
+                info.flags,
+            )
+        };
+        properties.is_ok() && gpu.features11.sampler_ycbcr_conversion == vk::TRUE
+    }) else {
+        return;
+    };
+    let handle = image(&gpu, &info, vk::ImageAspectFlags::COLOR);
+    let planes = [
+        (vk::ImageAspectFlags::PLANE_0, F::R8_UNORM, [6, 4], 1),
+        (vk::ImageAspectFlags::PLANE_1, F::R8G8_UNORM, [3, 2], 2),
+    ];
+    let fragment = "
+        layout(location = 0) out vec4 color;
+        void main() {
+            vec2 at = floor(gl_FragCoord.xy);
+            color = vec4(1.0 + at.x + 16.0 * at.y, 200.0 - at.x, 0.0, 0.0) / 255.0;
+        }";
+    let canvases = planes.map(|(aspects, format, [width, height], _)| {
+        let range = vk::ImageSubresourceRange::default()
+            .aspect_mask(aspects)
+            .level_count(1)
+            .layer_count(1);
+        let view = vk::ImageViewCreateInfo::default()
+            .image(handle)
+            .view_type(vk::ImageViewType::TYPE_2D)
+            .format(format)
+            .subresource_range(range);
+        Canvas {
+            image: handle,
+            view: gpu.view(&view),
+            format,
+            aspects,
+            width,
+            height,
+            layers: 1,
+            samples: 1,
+        }
+    });
+    for canvas in &canvases {
+        let pipeline = gpu.painting(&Painting::new(&gpu, COVER, fragment, canvas.format));
+        gpu.paint(canvas, pipeline, |commands| gpu.draw_vertices(commands, 3));
+    }
+    for (aspect, _, [width, height], components) in planes {
+        let buffer = gpu.buffer(24);
+        gpu.run(|commands| {
+            // SAFETY: the buffer holds the plane.
+            unsafe {
+                gpu.device.cmd_copy_image_to_buffer(
+                    commands,
+                    handle,
+                    vk::ImageLayout::GENERAL,
+                    buffer.handle,
+                    &[whole(aspect, width, height)],
+                );
+            }
+        });
+        let texel = |i: u32| {
+            let (x, y) = ((i % width) as u8, (i / width) as u8);
+            [1 + x + 16 * y, 200 - x].into_iter().take(components)
+        };
+        let expected: Vec<u8> = (0..width * height).flat_map(texel).collect();
+        assert_eq!(
+            buffer.read::<u8>()[..expected.len()],
+            expected,
+            "{aspect:?}"
+        );
+    }
+}

@@ -78,12 +78,14 @@ impl Surface {
     }
 
     /// The level of an attachment's view, with the view's format; `None` as for [`Self::new`], and
-    /// for a format of another texel size.
+    /// for a format of another texel size. A view of a plane of a multi-planar image is a color
+    /// attachment.
     pub fn of_view(view: &ImageView, aspect: vk::ImageAspectFlags) -> Option<Self> {
-        let surface = Self::new(&view.image, aspect, view.range.base_mip_level)?;
+        let level = view.range.base_mip_level;
         if aspect != vk::ImageAspectFlags::COLOR {
-            return Some(surface);
+            return Self::new(&view.image, aspect, level);
         }
+        let surface = Self::new(&view.image, view.range.aspect_mask, level)?;
         let format = texel_format(view.format);
         (format.size_bytes() == surface.texel_size_bytes).then_some(Self {
             format: format.info()?,

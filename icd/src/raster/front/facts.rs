@@ -167,10 +167,11 @@ impl Facts {
     }
 }
 
-/// Spec, "Depth Bias Computation".
+/// Spec, "Depth Bias Computation". Without a depth attachment the bias shows in `FragCoord`; the
+/// unit, which is undefined then, is that of 32-bit floats.
 fn bias(state: &GraphicsState, depth: DepthFormat) -> Option<Bias> {
     let rasterization = &state.rasterization;
-    if !rasterization.depth_bias || depth == DepthFormat::None {
+    if !rasterization.depth_bias {
         return None;
     }
     let unorm = |bits: u8| BiasUnit::Constant(f64::from_bits((1023 - u64::from(bits)) << 52));
