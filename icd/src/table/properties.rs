@@ -124,6 +124,7 @@ fn vulkan12() -> vk::PhysicalDeviceVulkan12Properties<'static> {
         shader_denorm_preserve_float16: vk::TRUE,
         shader_denorm_preserve_float32: vk::TRUE,
         shader_denorm_preserve_float64: vk::TRUE,
+        shader_denorm_flush_to_zero_float32: vk::TRUE,
         shader_rounding_mode_rte_float16: vk::TRUE,
         shader_rounding_mode_rte_float32: vk::TRUE,
         shader_rounding_mode_rte_float64: vk::TRUE,
