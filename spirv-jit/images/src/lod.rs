@@ -188,10 +188,11 @@ pub(super) fn levels(lambda: &Floats, image: &ImageDescriptor) -> Floats {
     })
 }
 
-/// The nearest level to d' (`nearest(d') = ⌈d' + 0.5⌉ - 1`).
+/// The nearest level to d'; of two, the smaller image, as Direct3D requires. Vulkan allows both
+/// (`nearest(d')`).
 #[inline(always)]
 pub(super) fn nearest(level: f32) -> f32 {
-    ((level + 0.5).ceil() - 1.0).max(0.0)
+    (level + 0.5).floor()
 }
 
 #[inline(always)]

@@ -300,7 +300,8 @@ impl Subdivision {
             }
         });
         if self.is_whole() {
-            out.vertices.extend([0, 1, 2, 0, 2, 3]);
+            // Vulkan leaves the diagonal open; it is that of Direct3D.
+            out.vertices.extend([0, 1, 3, 1, 2, 3]);
             return out;
         }
         let [columns, rows] = self.inner.map(|edge| edge.inner(self.spacing).places());

@@ -161,10 +161,8 @@ impl Fast<'_> {
     ) -> (V::I, V::F) {
         let levels = self.levels_of_detail(v, lod, lambda);
         match self.sampler.mipmap_mode {
-            // ⌈d' + 0.5⌉ - 1.
             Filter::Nearest => {
-                let up = v.ceil(v.add(levels, v.splat(0.5)));
-                let level = v.max(v.sub(up, v.splat(1.0)), v.splat(0.0));
+                let level = v.floor(v.add(levels, v.splat(0.5)));
                 (v.to_i(level), v.splat(0.0))
             }
             Filter::Linear => {
