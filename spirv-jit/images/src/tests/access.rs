@@ -185,6 +185,18 @@ fn atomics_return_the_old_value_in_lane_order() {
         [results[0][0], results[0][1]].map(f32::from_bits),
         [1.5, 1.75]
     );
+    // A denormal stays, or is flushed with its sign.
+    let [first, less] = [f32::MIN_POSITIVE, -1.5 * f32::MIN_POSITIVE].map(row);
+    let exchange = ImageOp::plain(ImageOpKind::Atomic(AtomicOp::Exchange), Dim::Buffer);
+    for (kind, left) in [
+        (AtomicOp::FAdd, 0x8040_0000),
+        (AtomicOp::FAddFlushed, 0x8000_0000),
+    ] {
+        let op = ImageOp::plain(ImageOpKind::Atomic(kind), Dim::Buffer);
+        run(&exchange, &image.descriptor, None, 1, &[[1; 16], first]);
+        run(&op, &image.descriptor, None, 1, &[[1; 16], less]);
+        assert_eq!(image.words(0, 0, [1, 0, 0])[0], left);
+    }
     // Outside: dropped, and the old value is zero.
     let results = run(&op, &image.descriptor, None, 1, &[[4; 16], row(0.25)]);
     assert_eq!(results[0][0], 0);

@@ -547,3 +547,38 @@ fn short_footprints_are_sampled_once() {
     // Two of them two texels apart.
     assert_ne!(sampled(2.0, 0.1), sampled(1.0, 1.0));
 }
+
+/// Of two levels that are equally near, the smaller image is sampled: Direct3D 11 rounds levels of
+/// detail up from a half on, and Vulkan allows it.
+#[test]
+fn ties_of_levels_go_to_the_smaller_image() {
+    let image = Image::new(Format::R32_SFLOAT, Dim::D2, [4, 4, 1], 3, 1, 5);
+    let s = SamplerDescriptor {
+        mag_filter: Filter::Nearest,
+        min_filter: Filter::Nearest,
+        mipmap_mode: Filter::Nearest,
+        ..sampler()
+    };
+    let op = ImageOp {
+        lod: LodMode::Lod,
+        ..ImageOp::plain(ImageOpKind::Sample, Dim::D2)
+    };
+    let cases = [
+        (0.0, 0),
+        (0.49, 0),
+        (0.5, 1),
+        (1.0, 1),
+        (1.49, 1),
+        (1.5, 2),
+        (2.0, 2),
+        (9.5, 2),
+    ];
+    let lods = std::array::from_fn(|lane| f32::to_bits(cases[lane % cases.len()].0));
+    let rows = [row(0.1), row(0.1), lods];
+    let results = run(&op, &image.descriptor, Some(&s), u16::MAX, &rows);
+    for (lane, &word) in results[0].iter().enumerate() {
+        let (lod, level) = cases[lane % cases.len()];
+        let expected = image.texel(level, 0, [0; 3])[0];
+        assert_eq!(f32::from_bits(word) as f64, expected, "{lod}");
+    }
+}

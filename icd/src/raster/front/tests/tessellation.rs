@@ -241,3 +241,14 @@ fn counts_are_as_written() {
     assert_eq!(count(Domain::Quads, 1e9, 1e9), (8192, 65 * 65));
     assert_eq!(count(Domain::Triangles, 64.0, 64.0), (6144, 3169));
 }
+
+/// Direct3D divides an undivided quad along the diagonal from (1, 0) to (0, 1).
+#[test]
+fn whole_quads_have_the_diagonal_of_direct3d() {
+    let quad = Subdivision::new(Domain::Quads, Spacing::Equal, [1.0; 4], [1.0; 2]);
+    let made = quad.expect("no level is zero").tessellate(false, false);
+    let corners = |it: [u16; 3]| it.map(|it| made.coordinates[it as usize]);
+    let corners: Vec<_> = triangles(&made).map(corners).collect();
+    let [low, right, up, high] = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0]];
+    assert_eq!(corners, [[low, right, up], [right, high, up]]);
+}
