@@ -88,16 +88,10 @@ static CODES: [Divisor; 25] = {
     divisors
 };
 
-/// A code of so many bits, without a sign or with one bit more for it, over its greatest value.
+/// A code of up to 24 bits over its greatest value; a code with a sign has one bit more.
 #[inline(always)]
 pub(super) fn quotient_of_code<V: Vector>(v: V, code: V::F, bits: u8) -> V::F {
-    match CODES.get(usize::from(bits)) {
-        Some(divisor) => divisor.quotient(v, code),
-        None => v.div(
-            code,
-            v.splat(u32::MAX.unbounded_shr(32 - u32::from(bits)) as f32),
-        ),
-    }
+    CODES[usize::from(bits) % CODES.len()].quotient(v, code)
 }
 
 /// Sixteen divisors, of which a lane's index picks one.

@@ -220,7 +220,7 @@ impl Fast<'_> {
         [x, y]: [&Axis<V>; 2],
     ) -> [V::I; 4] {
         let base = self.image.data.cast_const();
-        // A component that the format lacks has bit 0.
+        // A component that the format lacks has the offset 0.
         let word = match gathered_component(&self.op.kind, self.image) {
             Some(component) => self.info.channels[component].offset / 32,
             None => 0,
