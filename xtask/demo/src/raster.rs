@@ -380,7 +380,7 @@ impl<'r, 'a> Drawing<'r, 'a> {
                 }
             })
             .context("rasterizing")?;
-        Ok(buffer.read(pixels))
+        buffer.read(pixels)
     }
 }
 

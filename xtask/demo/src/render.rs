@@ -306,10 +306,10 @@ impl<'a> Renderer<'a> {
         })
     }
 
-    /// Looks from elsewhere from now on; nothing that uses the renderer may be in flight.
-    pub fn look(&mut self, scene: &Scene, camera: &Camera) {
+    /// Sets the camera of all later samples; nothing that uses the renderer may be in flight.
+    pub fn look(&mut self, scene: &Scene, camera: &Camera) -> Result<()> {
         let frame = frame(scene, camera, self.settings);
-        self.frame.write(0, bytemuck::bytes_of(&frame));
+        self.frame.write(0, bytemuck::bytes_of(&frame))
     }
 
     /// Traces every sample; `progress` hears how many pixel samples have been added.
@@ -362,8 +362,8 @@ impl<'a> Renderer<'a> {
         let rows_before = width as usize * top as usize;
         let pixels = rows_before + width as usize * height as usize;
         Ok(Rendering {
-            radiance: self.radiance.read(pixels).split_off(rows_before),
-            rays: self.rays(),
+            radiance: self.radiance.read(pixels)?.split_off(rows_before),
+            rays: self.rays()?,
             first_pixel: first_pixel.context("nothing was rendered")?,
             seconds,
         })
@@ -371,16 +371,14 @@ impl<'a> Renderer<'a> {
 
     /// Rays of all kinds that were traced for the rows and columns that are rendered; nothing may
     /// be in flight.
-    pub fn rays(&self) -> u64 {
+    pub fn rays(&self) -> Result<u64> {
         let settings = &self.settings;
         let width = settings.width as usize;
         let rows = settings.first_row as usize..(settings.first_row + settings.rows) as usize;
-        let counts = self.ray_counts.read::<u32>(rows.end * width);
-        (counts[rows.start * width..].chunks_exact(width))
-            .flat_map(|row| &row[settings.first_column as usize..])
-            .copied()
-            .map(u64::from)
-            .sum()
+        let counts = self.ray_counts.read::<u32>(rows.end * width)?;
+        let of_rows = (counts[rows.start * width..].chunks_exact(width))
+            .flat_map(|row| &row[settings.first_column as usize..]);
+        Ok(of_rows.copied().map(u64::from).sum())
     }
 
     fn record(&self, commands: vk::CommandBuffer, step: (u32, u32, u32)) -> Result<()> {

@@ -258,11 +258,11 @@ fn fill<'a, T: bytemuck::Pod>(
 ) -> Result<()> {
     let bytes: &[u8] = bytemuck::cast_slice(items);
     match buffer {
-        Some(buffer) if buffer.size_bytes() >= bytes.len() as u64 => buffer.write(0, bytes),
+        Some(buffer) if buffer.size_bytes() >= bytes.len() as u64 => buffer.write(0, bytes)?,
         _ => {
             let size = bytes.len().next_power_of_two() as u64;
             let mut larger = Buffer::new(context, size, usage)?;
-            larger.write(0, bytes);
+            larger.write(0, bytes)?;
             *buffer = Some(larger);
         }
     }

@@ -89,10 +89,10 @@ impl<'a> Layer<'a> {
         Ok(Layer { renderer, drawing })
     }
 
-    fn look(&mut self, scene: &Scene, sight: &Sight, first_column: u32) {
+    fn look(&mut self, scene: &Scene, sight: &Sight, first_column: u32) -> Result<()> {
         self.renderer.settings.bounces = sight.bounces;
         self.renderer.settings.first_column = first_column;
-        self.renderer.look(scene, &sight.camera);
+        self.renderer.look(scene, &sight.camera)
     }
 }
 
@@ -143,14 +143,14 @@ impl<'a> Progress<'a> {
             tracing_seconds: 0.0,
             rays_per_second: 0.0,
         };
-        progress.start(sight);
+        progress.start(sight)?;
         Ok(progress)
     }
 
     /// Starts anew; nothing may be in flight.
-    pub fn start(&mut self, sight: Sight) {
-        self.whole.look(self.scene, &sight, sight.split);
-        self.small.look(self.scene, &sight, 0);
+    pub fn start(&mut self, sight: Sight) -> Result<()> {
+        self.whole.look(self.scene, &sight, sight.split)?;
+        self.small.look(self.scene, &sight, 0)?;
         // The small picture has both halves whole: it need not know of the split.
         let old = std::mem::replace(&mut self.sight, sight);
         self.small_is_done &= Sight {
@@ -162,6 +162,7 @@ impl<'a> Progress<'a> {
         self.samples = 0;
         self.next_row = 0;
         self.tracing_seconds = 0.0;
+        Ok(())
     }
 
     /// Rows right of the split that have a sample.
@@ -230,7 +231,7 @@ impl<'a> Progress<'a> {
             if self.next_row == height {
                 self.next_row = 0;
                 self.samples += 1;
-                self.rays_per_second = self.whole.renderer.rays() as f64 / self.tracing_seconds;
+                self.rays_per_second = self.whole.renderer.rays()? as f64 / self.tracing_seconds;
             }
         }
         Ok(())

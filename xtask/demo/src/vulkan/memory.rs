@@ -7,12 +7,14 @@ use bytemuck::Pod;
 use super::Context;
 use crate::scene::{Texture, Wrap};
 
-/// A buffer in memory that stays mapped.
+/// A buffer in memory that the host can see, mapped only while the host reads or writes it.
+///
+/// RenderDoc records each change of mapped memory as a write of the host, also one that a launch
+/// made while it was running.
 pub struct Buffer<'a> {
     context: &'a Context,
     pub handle: vk::Buffer,
     memory: vk::DeviceMemory,
-    mapped: *mut u8,
     size_bytes: u64,
 }
 
@@ -28,19 +30,16 @@ impl<'a> Buffer<'a> {
             .size(size_bytes)
             .usage(usage | vk::BufferUsageFlags::SHADER_DEVICE_ADDRESS);
         let device = &context.device;
-        // SAFETY: the handles are of this device; the memory is bound once, and mapped whole.
+        // SAFETY: the handles are of this device; the memory is bound once.
         unsafe {
             let handle = device.create_buffer(&info, None)?;
             let needs = device.get_buffer_memory_requirements(handle);
             let memory = allocate(context, needs, true).context("memory for a buffer")?;
             device.bind_buffer_memory(handle, memory, 0)?;
-            let mapped =
-                device.map_memory(memory, 0, vk::WHOLE_SIZE, vk::MemoryMapFlags::empty())?;
             Ok(Buffer {
                 context,
                 handle,
                 memory,
-                mapped: mapped.cast(),
                 size_bytes,
             })
         }
@@ -54,33 +53,47 @@ impl<'a> Buffer<'a> {
     ) -> Result<Buffer<'a>> {
         let bytes: &[u8] = bytemuck::cast_slice(items);
         let mut buffer = Buffer::new(context, bytes.len() as u64, usage)?;
-        buffer.write(0, bytes);
+        buffer.write(0, bytes)?;
         Ok(buffer)
     }
 
-    /// Copies bytes in; the device must not be using them.
-    pub fn write(&mut self, offset: usize, bytes: &[u8]) {
+    /// Copies bytes in; the device must not be using them. Fails where memory cannot be mapped.
+    pub fn write(&mut self, offset: usize, bytes: &[u8]) -> Result<()> {
         assert!(offset + bytes.len() <= self.size_bytes as usize);
-        // SAFETY: the range lies inside the mapping, and no other reference to it exists.
-        unsafe {
-            self.mapped
-                .add(offset)
-                .copy_from_nonoverlapping(bytes.as_ptr(), bytes.len());
-        }
+        let copy = |mapped: *mut u8| {
+            // SAFETY: the range lies inside the mapping, and no other reference to it exists.
+            unsafe {
+                mapped
+                    .add(offset)
+                    .copy_from_nonoverlapping(bytes.as_ptr(), bytes.len())
+            }
+        };
+        self.with_mapping(copy)
     }
 
-    /// Copies out what the device has written; it must be done with it.
-    pub fn read<T: Pod>(&self, count: usize) -> Vec<T> {
+    /// Copies out bytes that the device has finished writing. Fails where memory cannot be mapped.
+    pub fn read<T: Pod>(&self, count: usize) -> Result<Vec<T>> {
         let bytes = count * size_of::<T>();
         assert!(bytes <= self.size_bytes as usize);
         let mut items = vec![T::zeroed(); count];
         let target: &mut [u8] = bytemuck::cast_slice_mut(&mut items);
         // SAFETY: the range lies inside the mapping, and `target` is our own.
-        unsafe {
-            self.mapped
-                .copy_to_nonoverlapping(target.as_mut_ptr(), bytes);
-        }
-        items
+        let copy = |mapped: *mut u8| unsafe {
+            mapped.copy_to_nonoverlapping(target.as_mut_ptr(), bytes);
+        };
+        self.with_mapping(copy)?;
+        Ok(items)
+    }
+
+    /// Calls `copy` with the address of the buffer's memory, which is valid during the call.
+    fn with_mapping(&self, copy: impl FnOnce(*mut u8)) -> Result<()> {
+        let (device, flags) = (&self.context.device, vk::MemoryMapFlags::empty());
+        // SAFETY: the memory is of this device and is mapped only here.
+        let mapped = unsafe { device.map_memory(self.memory, 0, vk::WHOLE_SIZE, flags) };
+        copy(mapped.context("mapping a buffer")?.cast());
+        // SAFETY: it is mapped, and `copy` no longer uses it.
+        unsafe { device.unmap_memory(self.memory) };
+        Ok(())
     }
 
     pub fn size_bytes(&self) -> u64 {
@@ -96,7 +109,7 @@ impl<'a> Buffer<'a> {
 
 impl Drop for Buffer<'_> {
     fn drop(&mut self) {
-        // SAFETY: the device is idle when buffers go; nothing refers to the mapping.
+        // SAFETY: the device is idle when buffers go.
         unsafe {
             self.context.device.destroy_buffer(self.handle, None);
             self.context.device.free_memory(self.memory, None);

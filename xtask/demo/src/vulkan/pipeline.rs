@@ -226,7 +226,7 @@ fn binding_table<'a>(
     for (region, count) in counts.into_iter().enumerate() {
         for i in 0..count {
             let offset = (address - start) as usize + i * record as usize;
-            table.write(offset, &handles[group * size..][..size]);
+            table.write(offset, &handles[group * size..][..size])?;
             group += 1;
         }
         regions[region] = vk::StridedDeviceAddressRegionKHR {

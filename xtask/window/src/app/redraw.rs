@@ -51,7 +51,7 @@ impl App<'_> {
             split,
         };
         if progress.sight != sight {
-            progress.start(sight);
+            progress.start(sight)?;
         }
         progress.advance(order.spp)?;
 
