@@ -268,7 +268,7 @@ impl Rasterizer {
         batch: &mut Batch,
     ) -> Result<(), Stopped> {
         let work = std::mem::take(&mut batch.work);
-        let mut rounds = front::Rounds::new(&work, targets);
+        let mut rounds = front::Rounds::new(targets, context.workers.current_num_threads());
         while let Some(chunks) = self
             .front
             .next_round(context, targets, &work, &mut rounds)?

@@ -42,6 +42,8 @@ mod walks;
 mod watched;
 mod yields;
 
+use std::sync::atomic::{AtomicUsize, Ordering};
+
 use lanes::Tier;
 use parking_lot::Mutex;
 use rayon::prelude::*;
@@ -101,13 +103,26 @@ impl Tracer {
             dispatch.limits.check()?;
             batch::Batch::new(dispatch, &grid, worker.worker()).run(raygen, record, index)
         };
-        match grid.batch_count() {
+        let count = grid.batch_count();
+        let next = AtomicUsize::new(0);
+        let work = || {
+            let mut worker = self.lease();
+            loop {
+                match next.fetch_add(1, Ordering::Relaxed) {
+                    index if index < count => run(&mut worker, index)
+                        .inspect_err(|_| next.store(count, Ordering::Relaxed))?,
+                    _ => return Ok(()),
+                }
+            }
+        };
+        match count.min(workers.current_num_threads()) {
             0 => Ok(()),
-            1 => run(&mut self.lease(), 0),
-            count => workers.install(|| {
-                (0..count)
+            1 => work(),
+            tasks => workers.install(|| {
+                (0..tasks)
                     .into_par_iter()
-                    .try_for_each_init(|| self.lease(), run)
+                    .with_max_len(1)
+                    .try_for_each(|_| work())
             }),
         }
     }

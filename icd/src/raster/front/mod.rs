@@ -63,8 +63,13 @@ use crate::wave::Stopped;
 /// Primitives of a round that are less work than waking others up.
 const FEW_PRIMITIVES: u32 = 192;
 
-/// Chunks of a batch's first round: later ones have more, as long as they take little memory.
+/// Chunks of a batch's first round, at least: later ones have more, as long as they take little
+/// memory.
 const FIRST_ROUND: usize = 16;
+
+/// Chunks of the first round for each worker. The tiles of a round wait for all of its chunks, and
+/// the next round for all tiles, so many workers need few rounds.
+const FIRST_CHUNKS_OF_WORKER: usize = 2;
 
 /// Chunks of a round for each worker: enough that all have something to do to the end. A chunk of
 /// small triangles is a quarter of a megabyte, and the tiles should find it in a cache.
@@ -105,13 +110,13 @@ pub struct Rounds {
 }
 
 impl Rounds {
-    /// At the batch's start.
-    pub fn new(_work: &[Work], targets: &Targets) -> Self {
+    /// At the start of a batch that `threads` workers share.
+    pub fn new(targets: &Targets, threads: usize) -> Self {
         Self {
             cursor: Cursor::default(),
             waiting: VecDeque::new(),
             grid: Grid::of(&targets.area),
-            chunks: FIRST_ROUND,
+            chunks: (threads * FIRST_CHUNKS_OF_WORKER).clamp(FIRST_ROUND, ROUND_CHUNKS),
         }
     }
 

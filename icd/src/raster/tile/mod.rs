@@ -18,6 +18,7 @@ mod bytes;
 mod clear;
 mod coarse;
 mod color;
+mod costs;
 mod counted;
 mod coverage;
 mod depth;
@@ -44,15 +45,18 @@ mod tinted;
 mod visit;
 
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Instant;
 
 use ::lanes::Tier;
 use parking_lot::Mutex;
 use rayon::prelude::*;
+use smallvec::SmallVec;
 
 use super::primitive::{Bounds, Grid};
 use super::{Chunk, Context, Targets, Work};
 use crate::timeline;
 use crate::wave::Stopped;
+use costs::Costs;
 use plan::Plans;
 use visit::{Round, TileWorker};
 
@@ -63,6 +67,7 @@ const LITTLE: u64 = 1 << 12;
 #[derive(Default)]
 pub struct Tiles {
     idle: Mutex<Vec<TileWorker>>,
+    costs: Costs,
 }
 
 impl Tiles {
@@ -95,9 +100,13 @@ impl Tiles {
             let mut bins = chunks.iter().map(|chunk| chunk.bins.shapes_of(*tile));
             has_clears || bins.any(|shapes| !shapes.is_empty())
         };
-        let busy: Vec<usize> = (0..grid.len()).filter(is_busy).collect();
+        let mut busy: Vec<usize> = (0..grid.len()).filter(is_busy).collect();
         if busy.is_empty() {
             return Ok(());
+        }
+        let threads = context.workers.current_num_threads();
+        if busy.len().min(threads) > 1 {
+            self.costs.sort(&grid, &mut busy);
         }
         let tier = Tier::best();
         let round = Round {
@@ -114,16 +123,21 @@ impl Tiles {
         let work_off = || {
             let _span = timeline::work("tiles");
             let mut worker = self.idle.lock().pop().unwrap_or_default();
+            let mut measured: SmallVec<[(usize, u32); 64]> = SmallVec::new();
+            let mut begin = Instant::now();
             while let Some(&tile) = busy.get(next.fetch_add(1, Ordering::Relaxed)) {
                 worker
                     .visit(&round, tile)
                     .inspect_err(|_| next.store(busy.len(), Ordering::Relaxed))?;
+                let end = Instant::now();
+                measured.push((tile, (end - begin).as_nanos() as u32));
+                begin = end;
             }
+            self.costs.keep(&grid, &measured);
             worker.rest();
             self.idle.lock().push(worker);
             Ok(())
         };
-        let threads = context.workers.current_num_threads();
         match busy.len().min(threads) {
             0 | 1 => work_off(),
             _ if !has_clears && is_little(chunks) => work_off(),

@@ -137,7 +137,7 @@ fn chunks(
         counts: None,
     };
     let front = FrontEnd::default();
-    let mut rounds = Rounds::new(work, targets);
+    let mut rounds = Rounds::new(targets, threads);
     let mut all = Vec::new();
     while let Some(chunks) = front.next_round(context, targets, work, &mut rounds)? {
         all.extend(chunks);
@@ -471,7 +471,7 @@ fn a_draw_of_all_vertices_is_stopped() {
         let work = [Work::Draw(draw)];
         let workers = Workers::new(2);
         let (front, targets) = (FrontEnd::default(), targets(0));
-        let mut rounds = Rounds::new(&work, &targets);
+        let mut rounds = Rounds::new(&targets, 2);
         let context = Context {
             workers: &workers,
             limits: &limits,
