@@ -43,14 +43,17 @@ mod watched;
 mod yields;
 
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Instant;
 
 use lanes::Tier;
 use parking_lot::Mutex;
 use rayon::prelude::*;
+use smallvec::SmallVec;
 use spirv_jit::environment::Environment;
 use spirv_jit::program::SiteKind;
 
 use crate::timeline;
+use crate::wave::costs::Costs;
 use crate::wave::mask::LiveMask;
 use crate::wave::observer::Observer;
 use crate::wave::table::{self, Live, Shaders, Tables};
@@ -77,10 +80,15 @@ pub struct Dispatch<'a> {
     pub observer: Option<&'a dyn Observer>,
 }
 
+/// Batches of a dispatch whose order follows from their times, at most.
+const SORTED_BATCHES: usize = 1 << 16;
+
 /// The workers' memory, kept from one dispatch to the next.
 #[derive(Default)]
 pub struct Tracer {
     idle: Mutex<Vec<Box<batch::Worker>>>,
+    /// Of batches, by the extent and the shaders' address.
+    costs: Costs<([u32; 3], usize)>,
 }
 
 impl Tracer {
@@ -104,21 +112,41 @@ impl Tracer {
             batch::Batch::new(dispatch, &grid, worker.worker()).run(raygen, record, index)
         };
         let count = grid.batch_count();
+        let tasks = count.min(workers.current_num_threads());
+        let key = (dispatch.extent, std::ptr::from_ref(dispatch.shaders).addr());
+        let is_sorted = tasks > 1 && count <= SORTED_BATCHES;
+        let mut order: Vec<usize> = Vec::new();
+        if is_sorted {
+            order.extend(0..count);
+            self.costs.sort(key, &mut order);
+        }
         let next = AtomicUsize::new(0);
         let work = || {
             let mut worker = self.lease();
+            let mut measured: SmallVec<[(usize, u32); 64]> = SmallVec::new();
+            let mut begin = Instant::now();
             loop {
-                match next.fetch_add(1, Ordering::Relaxed) {
-                    index if index < count => run(&mut worker, index)
-                        .inspect_err(|_| next.store(count, Ordering::Relaxed))?,
-                    _ => return Ok(()),
+                let index = next.fetch_add(1, Ordering::Relaxed);
+                if index >= count {
+                    break;
+                }
+                let batch = order.get(index).copied().unwrap_or(index);
+                run(&mut worker, batch).inspect_err(|_| next.store(count, Ordering::Relaxed))?;
+                if is_sorted {
+                    let end = Instant::now();
+                    measured.push((batch, (end - begin).as_nanos() as u32));
+                    begin = end;
                 }
             }
+            if is_sorted {
+                self.costs.keep(key, count, &measured);
+            }
+            Ok(())
         };
-        match count.min(workers.current_num_threads()) {
+        match tasks {
             0 => Ok(()),
             1 => work(),
-            tasks => workers.install(|| {
+            _ => workers.install(|| {
                 (0..tasks)
                     .into_par_iter()
                     .with_max_len(1)

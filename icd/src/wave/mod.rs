@@ -2,6 +2,7 @@
 //! queries, workers, limits, reachable memory, shader tables.
 
 mod budget;
+pub mod costs;
 mod fault;
 pub mod hit_facts;
 pub mod launch_counts;

@@ -18,7 +18,6 @@ mod bytes;
 mod clear;
 mod coarse;
 mod color;
-mod costs;
 mod counted;
 mod coverage;
 mod depth;
@@ -56,7 +55,7 @@ use super::primitive::{Bounds, Grid};
 use super::{Chunk, Context, Targets, Work};
 use crate::timeline;
 use crate::wave::Stopped;
-use costs::Costs;
+use crate::wave::costs::Costs;
 use plan::Plans;
 use visit::{Round, TileWorker};
 
@@ -67,7 +66,7 @@ const LITTLE: u64 = 1 << 12;
 #[derive(Default)]
 pub struct Tiles {
     idle: Mutex<Vec<TileWorker>>,
-    costs: Costs,
+    costs: Costs<Grid>,
 }
 
 impl Tiles {
@@ -106,7 +105,7 @@ impl Tiles {
         }
         let threads = context.workers.current_num_threads();
         if busy.len().min(threads) > 1 {
-            self.costs.sort(&grid, &mut busy);
+            self.costs.sort(grid, &mut busy);
         }
         let tier = Tier::best();
         let round = Round {
@@ -133,7 +132,7 @@ impl Tiles {
                 measured.push((tile, (end - begin).as_nanos() as u32));
                 begin = end;
             }
-            self.costs.keep(&grid, &measured);
+            self.costs.keep(grid, grid.len(), &measured);
             worker.rest();
             self.idle.lock().push(worker);
             Ok(())
